@@ -1,0 +1,319 @@
+//! The pinhole camera with Brown–Conrady lens distortion; a projector is the same, read backwards.
+//!
+//! Source: thesis eq. 2.62–2.73; the distortion has OpenCV's meaning (k1, k2, p1, p2, k3 there; here k and p apart).
+
+use nalgebra::{
+    Isometry3, Matrix2, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3,
+};
+use thiserror::Error;
+
+/// Largest deviation of R·Rᵀ from the identity that a rotation from a file may have.
+///
+/// Calibration files carry six to eight digits, so honest ones stay below 1e-5; a scaled or sheared matrix does not.
+pub const ROTATION_TOLERANCE: f64 = 1e-4;
+
+/// Newton steps to invert the distortion: it doubles the digits each time, five pass 1e-12 from any sane start.
+const UNDISTORT_STEPS: usize = 20;
+
+/// What is wrong with a camera.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum CameraError {
+    /// Image size zero or beyond 65 535.
+    #[error("image size {width_px} × {height_px} px is outside 1 … 65535")]
+    Size {
+        /// Columns.
+        width_px: u32,
+        /// Rows.
+        height_px: u32,
+    },
+    /// Focal length not finite or not positive.
+    #[error("focal length {0} px must be a positive number")]
+    FocalLength(f64),
+    /// A parameter is NaN or infinite.
+    #[error("{0} must be a finite number")]
+    NotFinite(&'static str),
+    /// The rotation is not orthonormal.
+    #[error(
+        "rotation is not orthonormal: largest entry of R·Rᵀ − 1 is {deviation:.2e}, limit {ROTATION_TOLERANCE:.0e}"
+    )]
+    NotOrthonormal {
+        /// Largest deviation.
+        deviation: f64,
+    },
+    /// The rotation has determinant −1.
+    #[error("rotation is a mirror (determinant {0:.3}); a camera pose needs determinant +1")]
+    Mirrored(f64),
+}
+
+/// Lens distortion in normalised image coordinates (eq. 2.71–2.73).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct BrownConrady {
+    /// Radial coefficients k1, k2, k3.
+    pub k: [f64; 3],
+    /// Tangential coefficients p1, p2.
+    pub p: [f64; 2],
+}
+
+impl BrownConrady {
+    /// Distorts a normalised point.
+    pub fn distort(&self, ideal: Vector2<f64>) -> Vector2<f64> {
+        let (x, y) = (ideal.x, ideal.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (self.k[0] + r2 * (self.k[1] + r2 * self.k[2]));
+        let [p1, p2] = self.p;
+        Vector2::new(
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        )
+    }
+
+    /// Derivative of [`Self::distort`] by the ideal point.
+    pub fn jacobian(&self, ideal: Vector2<f64>) -> Matrix2<f64> {
+        let (x, y) = (ideal.x, ideal.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (self.k[0] + r2 * (self.k[1] + r2 * self.k[2]));
+        let slope = 2.0 * (self.k[0] + r2 * (2.0 * self.k[1] + r2 * 3.0 * self.k[2]));
+        let [p1, p2] = self.p;
+        let cross = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y;
+        Matrix2::new(
+            radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x,
+            cross,
+            cross,
+            radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x,
+        )
+    }
+
+    /// Inverts [`Self::distort`] by Newton's method to 1e-13; `None` where the lens model folds over.
+    pub fn undistort(&self, distorted: Vector2<f64>) -> Option<Vector2<f64>> {
+        let mut ideal = distorted;
+        for _ in 0..UNDISTORT_STEPS {
+            let residual = self.distort(ideal) - distorted;
+            if residual.amax() < 1e-14 {
+                break;
+            }
+            let jacobian = self.jacobian(ideal);
+            // Beyond the fold the determinant changes sign: no ideal point belongs to this pixel.
+            if jacobian.determinant() <= 0.0 {
+                return None;
+            }
+            ideal -= jacobian.try_inverse()? * residual;
+        }
+        let error = (self.distort(ideal) - distorted).amax();
+        (error < 1e-12).then_some(ideal)
+    }
+}
+
+/// A half line in the world frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ray {
+    /// Start, mm.
+    pub origin_mm: Point3<f64>,
+    /// Unit direction.
+    pub direction: Vector3<f64>,
+}
+
+/// A camera, or a projector as an inverse camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Camera {
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// fx, fy.
+    pub focal_px: [f64; 2],
+    /// cx, cy.
+    pub principal_point_px: [f64; 2],
+    /// Skew s of the matrix K = [fx s cx; 0 fy cy; 0 0 1].
+    pub skew: f64,
+    /// Lens.
+    pub distortion: BrownConrady,
+    /// X_camera = R X_world + t, t in mm.
+    pub camera_from_world: Isometry3<f64>,
+}
+
+impl Camera {
+    /// Checks sizes and numbers.
+    ///
+    /// # Errors
+    /// Names the first parameter that no real camera can have.
+    pub fn check(&self) -> Result<(), CameraError> {
+        let (width_px, height_px) = (self.width_px, self.height_px);
+        if !(1..=65_535).contains(&width_px) || !(1..=65_535).contains(&height_px) {
+            return Err(CameraError::Size { width_px, height_px });
+        }
+        if let Some(bad) = self.focal_px.iter().find(|f| !f.is_finite() || **f <= 0.0) {
+            return Err(CameraError::FocalLength(*bad));
+        }
+        let finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
+        let named: [(&'static str, bool); 5] = [
+            ("principal point", finite(&self.principal_point_px)),
+            ("skew", self.skew.is_finite()),
+            ("distortion k", finite(&self.distortion.k)),
+            ("distortion p", finite(&self.distortion.p)),
+            ("translation", finite(self.camera_from_world.translation.vector.as_slice())),
+        ];
+        named.iter().find(|(_, ok)| !ok).map_or(Ok(()), |(name, _)| Err(CameraError::NotFinite(name)))
+    }
+
+    /// The matrix K.
+    pub fn matrix(&self) -> Matrix3<f64> {
+        let [fx, fy] = self.focal_px;
+        let [cx, cy] = self.principal_point_px;
+        Matrix3::new(fx, self.skew, cx, 0.0, fy, cy, 0.0, 0.0, 1.0)
+    }
+
+    /// Distorted normalised coordinates to pixel.
+    pub fn pixel_from_distorted(&self, distorted: Vector2<f64>) -> Point2<f64> {
+        Point2::new(
+            self.focal_px[0] * distorted.x + self.skew * distorted.y + self.principal_point_px[0],
+            self.focal_px[1] * distorted.y + self.principal_point_px[1],
+        )
+    }
+
+    /// Pixel to distorted normalised coordinates.
+    pub fn distorted_from_pixel(&self, pixel: Point2<f64>) -> Vector2<f64> {
+        let y = (pixel.y - self.principal_point_px[1]) / self.focal_px[1];
+        Vector2::new((pixel.x - self.principal_point_px[0] - self.skew * y) / self.focal_px[0], y)
+    }
+
+    /// Ideal normalised coordinates (X/Z, Y/Z in the camera frame) to pixel.
+    pub fn pixel_from_normalised(&self, ideal: Vector2<f64>) -> Point2<f64> {
+        self.pixel_from_distorted(self.distortion.distort(ideal))
+    }
+
+    /// Pixel to ideal normalised coordinates; `None` where the lens model folds over.
+    pub fn normalised_from_pixel(&self, pixel: Point2<f64>) -> Option<Vector2<f64>> {
+        self.distortion.undistort(self.distorted_from_pixel(pixel))
+    }
+
+    /// World point (mm) to pixel; `None` behind the camera. The pixel may lie outside the image.
+    pub fn project(&self, world_mm: &Point3<f64>) -> Option<Point2<f64>> {
+        let camera_mm = self.camera_from_world * world_mm;
+        (camera_mm.z > 1e-9).then(|| {
+            self.pixel_from_normalised(Vector2::new(camera_mm.x / camera_mm.z, camera_mm.y / camera_mm.z))
+        })
+    }
+
+    /// Whether a pixel lies on the sensor (its outer half pixels included).
+    pub fn contains(&self, pixel: Point2<f64>) -> bool {
+        pixel.x >= -0.5
+            && pixel.y >= -0.5
+            && pixel.x <= f64::from(self.width_px) - 0.5
+            && pixel.y <= f64::from(self.height_px) - 0.5
+    }
+
+    /// Optical centre in the world frame, mm.
+    pub fn centre_mm(&self) -> Point3<f64> {
+        self.camera_from_world.inverse() * Point3::origin()
+    }
+
+    /// The ray of sight of a pixel in the world frame; `None` where the lens model folds over.
+    pub fn ray(&self, pixel: Point2<f64>) -> Option<Ray> {
+        let ideal = self.normalised_from_pixel(pixel)?;
+        let direction = self.camera_from_world.rotation.inverse() * Vector3::new(ideal.x, ideal.y, 1.0);
+        Some(Ray { origin_mm: self.centre_mm(), direction: direction.normalize() })
+    }
+}
+
+/// A pose from a rotation matrix (row by row) and a translation in mm.
+///
+/// The nearest rotation is taken, so that the digits lost in a file do not leave a sheared frame.
+///
+/// # Errors
+/// A matrix that is no rotation: mirrored, scaled, sheared, or not finite.
+pub fn pose(rotation: [[f64; 3]; 3], translation_mm: [f64; 3]) -> Result<Isometry3<f64>, CameraError> {
+    let matrix = Matrix3::from_row_slice(rotation.as_flattened());
+    if matrix.iter().any(|v| !v.is_finite()) {
+        return Err(CameraError::NotFinite("rotation"));
+    }
+    if translation_mm.iter().any(|v| !v.is_finite()) {
+        return Err(CameraError::NotFinite("translation"));
+    }
+    let deviation = (matrix * matrix.transpose() - Matrix3::identity()).amax();
+    if deviation > ROTATION_TOLERANCE {
+        return Err(CameraError::NotOrthonormal { deviation });
+    }
+    let determinant = matrix.determinant();
+    if determinant < 0.0 {
+        return Err(CameraError::Mirrored(determinant));
+    }
+    let rotation =
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(orthonormal(matrix)));
+    Ok(Isometry3::from_parts(Translation3::from(Vector3::from(translation_mm)), rotation))
+}
+
+/// The rotation nearest to a matrix that is almost one (its polar factor).
+fn orthonormal(matrix: Matrix3<f64>) -> Matrix3<f64> {
+    let mut nearest = matrix;
+    // Newton iteration for the polar factor, R ← (R + R⁻ᵀ)/2: quadratic, so four steps pass 1e-16 from 1e-4.
+    for _ in 0..4 {
+        if let Some(inverse) = nearest.try_inverse() {
+            nearest = (nearest + inverse.transpose()) * 0.5;
+        }
+    }
+    nearest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lens() -> BrownConrady {
+        BrownConrady { k: [-0.12, 0.08, -0.01], p: [4e-4, -3e-4] }
+    }
+
+    #[test]
+    fn undistort_inverts_distort() {
+        for i in -10..=10 {
+            for j in -10..=10 {
+                let ideal = Vector2::new(f64::from(i) * 0.03, f64::from(j) * 0.03);
+                let back = lens().undistort(lens().distort(ideal)).unwrap();
+                assert!((back - ideal).amax() < 1e-12, "{ideal} came back as {back}");
+            }
+        }
+    }
+
+    #[test]
+    fn jacobian_agrees_with_differences() {
+        let at = Vector2::new(0.21, -0.17);
+        let h = 1e-6;
+        let numeric = |d: Vector2<f64>| (lens().distort(at + d) - lens().distort(at - d)) / (2.0 * h);
+        let jacobian = lens().jacobian(at);
+        assert!((jacobian.column(0) - numeric(Vector2::new(h, 0.0))).amax() < 1e-9);
+        assert!((jacobian.column(1) - numeric(Vector2::new(0.0, h))).amax() < 1e-9);
+    }
+
+    #[test]
+    fn a_folded_lens_gives_no_point_instead_of_a_wrong_one() {
+        let folded = BrownConrady { k: [-1.0, 0.0, 0.0], p: [0.0; 2] };
+        assert_eq!(folded.undistort(Vector2::new(0.9, 0.9)), None);
+    }
+
+    #[test]
+    fn a_pixel_and_its_ray_agree() {
+        let camera = Camera {
+            width_px: 1124,
+            height_px: 750,
+            focal_px: [2330.0, 2328.0],
+            principal_point_px: [560.0, 377.0],
+            skew: 0.3,
+            distortion: lens(),
+            camera_from_world: Isometry3::new(Vector3::new(10.0, -20.0, 500.0), Vector3::new(0.1, 0.5, -0.3)),
+        };
+        camera.check().unwrap();
+        let pixel = Point2::new(931.25, 77.5);
+        let ray = camera.ray(pixel).unwrap();
+        let again = camera.project(&(ray.origin_mm + ray.direction * 480.0)).unwrap();
+        assert!((again - pixel).amax() < 1e-9);
+    }
+
+    #[test]
+    fn poses_that_are_none_are_refused() {
+        let mirror = [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        assert!(matches!(pose(mirror, [0.0; 3]), Err(CameraError::Mirrored(_))));
+        let scaled = [[1.1, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        assert!(matches!(pose(scaled, [0.0; 3]), Err(CameraError::NotOrthonormal { .. })));
+        let broken = [[f64::NAN, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        assert!(matches!(pose(broken, [0.0; 3]), Err(CameraError::NotFinite(_))));
+    }
+}

@@ -1,0 +1,83 @@
+//! A frame: what a camera saw while one pattern was projected.
+
+/// Grey values, row by row, without padding.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Pixels<'a> {
+    /// 8 bits per pixel.
+    Mono8(&'a [u8]),
+    /// 9 to 16 bits per pixel, in the low bits.
+    Mono16(&'a [u16]),
+}
+
+impl Pixels<'_> {
+    /// Number of pixels.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Mono8(values) => values.len(),
+            Self::Mono16(values) => values.len(),
+        }
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Grey value of one pixel, DN.
+    pub fn get(&self, index: usize) -> f32 {
+        match self {
+            Self::Mono8(values) => f32::from(values[index]),
+            Self::Mono16(values) => f32::from(values[index]),
+        }
+    }
+}
+
+/// A frame that lives elsewhere: in shared memory, in a decoded file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrameView<'a> {
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// The grey value at which the sensor is full: 255, 1023, 4095, 65535.
+    pub full_scale_dn: u16,
+    /// width × height values.
+    pub pixels: Pixels<'a>,
+}
+
+/// Grey values that a frame owns.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PixelBuffer {
+    /// 8 bits per pixel.
+    Mono8(Vec<u8>),
+    /// 9 to 16 bits per pixel, in the low bits.
+    Mono16(Vec<u16>),
+}
+
+/// A frame that owns its pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// The grey value at which the sensor is full.
+    pub full_scale_dn: u16,
+    /// width × height values.
+    pub pixels: PixelBuffer,
+}
+
+impl Frame {
+    /// Borrows the frame.
+    pub fn view(&self) -> FrameView<'_> {
+        FrameView {
+            width_px: self.width_px,
+            height_px: self.height_px,
+            full_scale_dn: self.full_scale_dn,
+            pixels: match &self.pixels {
+                PixelBuffer::Mono8(values) => Pixels::Mono8(values),
+                PixelBuffer::Mono16(values) => Pixels::Mono16(values),
+            },
+        }
+    }
+}

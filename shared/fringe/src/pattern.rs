@@ -1,0 +1,377 @@
+//! Projected patterns and their order: the `sequence` of a recording.
+//!
+//! Projector coordinates count pixels, 0 is the centre of the first column (axis x) or row (axis y).
+
+use crate::math::{cos, wrap_positive_rad};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+use thiserror::Error;
+
+/// The direction along which a pattern varies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Axis {
+    /// Along projector columns: vertical fringes.
+    X,
+    /// Along projector rows: horizontal fringes.
+    Y,
+}
+
+/// The sense in which the phase steps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum Direction {
+    /// Step i shows cos(2πx/p − 2πi/N): the fringes move towards larger x.
+    #[default]
+    #[serde(rename = "+")]
+    Forward,
+    /// Step i shows cos(2πx/p + 2πi/N).
+    #[serde(rename = "-")]
+    Backward,
+}
+
+impl Direction {
+    /// +1 or −1.
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::Forward => 1.0,
+            Self::Backward => -1.0,
+        }
+    }
+}
+
+/// How the stripes of a code are numbered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Code {
+    /// Reflected binary: neighbours differ in one bit.
+    #[default]
+    Gray,
+    /// Plain binary.
+    Binary,
+}
+
+/// What a bit frame is compared with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Threshold {
+    /// The mean of the white and the black frame of the same sequence.
+    WhiteBlack,
+    /// The background A of the first sine set on the same axis.
+    SineMean,
+    /// The frame of the complementary set (`invert = true`) with the same axis, bits and stripe.
+    Complement,
+}
+
+/// A group of frames that belong together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "set", rename_all = "lowercase", deny_unknown_fields)]
+pub enum PatternSet {
+    /// Phase-stepped sinusoids: A + B cos(2πx/period − 2πi/steps − first_step).
+    Sine {
+        /// Direction of change.
+        axis: Axis,
+        /// Projector pixels per 2π.
+        period_px: f64,
+        /// Number of frames N ≥ 3.
+        steps: u32,
+        /// Phase step of frame 0, rad.
+        #[serde(default, skip_serializing_if = "is_zero")]
+        first_step_rad: f64,
+        /// Sense of the steps.
+        #[serde(default, skip_serializing_if = "is_default")]
+        direction: Direction,
+    },
+    /// Stripe number as bits, most significant first.
+    Gray {
+        /// Direction of change.
+        axis: Axis,
+        /// Number of frames.
+        bits: u32,
+        /// Projector pixels per stripe: the period of the sines, or half of it for a code without jumps.
+        stripe_px: f64,
+        /// Black and white exchanged.
+        #[serde(default, skip_serializing_if = "is_default")]
+        invert: bool,
+        /// Numbering.
+        #[serde(default, skip_serializing_if = "is_default")]
+        code: Code,
+        /// What the bits are compared with. When absent: a complementary set if the sequence has one, else white and
+        /// black if it has both, else the mean of the sines.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        threshold: Option<Threshold>,
+    },
+    /// All on.
+    White {},
+    /// All off.
+    Black {},
+    /// Phase-coded fringe order (eq. 2.59–2.61).
+    Stair {
+        /// Direction of change.
+        axis: Axis,
+        /// Projector pixels per stair: the period of the sines.
+        stair_px: f64,
+        /// Number of frames N ≥ 3.
+        steps: u32,
+    },
+    /// Grey ramp from black to white over the projector.
+    Ramp {
+        /// Direction of change.
+        axis: Axis,
+    },
+    /// Random dots; cannot be generated, only recorded and ignored.
+    Random {
+        /// Number of frames.
+        #[serde(default = "one")]
+        frames: u32,
+    },
+}
+
+fn one() -> u32 {
+    1
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde's signature
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+/// What is wrong with a pattern set; the caller adds where it stands.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum PatternError {
+    /// Fewer than three steps.
+    #[error("steps = {steps}: a phase needs at least 3 steps (and at most 64)")]
+    Steps {
+        /// As written.
+        steps: u32,
+    },
+    /// Not a length.
+    #[error("{key} = {value}: must be a finite number of at least {least} projector pixels")]
+    Length {
+        /// The key.
+        key: &'static str,
+        /// As written.
+        value: f64,
+        /// Smallest meaningful value.
+        least: f64,
+    },
+    /// Too few or too many bits.
+    #[error("bits = {bits}: must be 1 to 16")]
+    Bits {
+        /// As written.
+        bits: u32,
+    },
+    /// NaN or infinite first step.
+    #[error("first_step_rad must be a finite number")]
+    FirstStep,
+    /// The generator does not know this set.
+    #[error("set \"{0}\" can be recorded but not generated")]
+    NotGenerated(&'static str),
+}
+
+impl PatternSet {
+    /// Name as in the recording.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Sine { .. } => "sine",
+            Self::Gray { .. } => "gray",
+            Self::White {} => "white",
+            Self::Black {} => "black",
+            Self::Stair { .. } => "stair",
+            Self::Ramp { .. } => "ramp",
+            Self::Random { .. } => "random",
+        }
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        (match self {
+            Self::Sine { steps, .. } | Self::Stair { steps, .. } => *steps,
+            Self::Gray { bits, .. } => *bits,
+            Self::White {} | Self::Black {} | Self::Ramp { .. } => 1,
+            Self::Random { frames } => *frames,
+        }) as usize
+    }
+
+    /// The axis along which it varies, if it does.
+    pub fn axis(&self) -> Option<Axis> {
+        match self {
+            Self::Sine { axis, .. }
+            | Self::Gray { axis, .. }
+            | Self::Stair { axis, .. }
+            | Self::Ramp { axis } => Some(*axis),
+            Self::White {} | Self::Black {} | Self::Random { .. } => None,
+        }
+    }
+
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// Names the key that no decoder could use.
+    pub fn check(&self) -> Result<(), PatternError> {
+        let length = |key, value: f64, least: f64| {
+            if value.is_finite() && value >= least {
+                Ok(())
+            } else {
+                Err(PatternError::Length { key, value, least })
+            }
+        };
+        match self {
+            Self::Sine { period_px, steps, first_step_rad, .. } => {
+                length("period_px", *period_px, 2.0)?;
+                if !first_step_rad.is_finite() {
+                    return Err(PatternError::FirstStep);
+                }
+                check_steps(*steps)
+            }
+            Self::Gray { bits, stripe_px, .. } => {
+                length("stripe_px", *stripe_px, 1.0)?;
+                if (1..=16).contains(bits) { Ok(()) } else { Err(PatternError::Bits { bits: *bits }) }
+            }
+            Self::Stair { stair_px, steps, .. } => {
+                length("stair_px", *stair_px, 2.0)?;
+                check_steps(*steps)
+            }
+            Self::White {} | Self::Black {} | Self::Ramp { .. } | Self::Random { .. } => Ok(()),
+        }
+    }
+
+    /// Ideal intensity 0 … 1 of one frame at a projector coordinate along the set's axis.
+    ///
+    /// `step` counts from 0 inside the set; `size_px` is the projector's extent along the axis.
+    ///
+    /// # Errors
+    /// [`PatternError::NotGenerated`] for random dots.
+    pub fn intensity(&self, step: usize, coordinate_px: f64, size_px: u32) -> Result<f64, PatternError> {
+        Ok(match self {
+            Self::Sine { period_px, steps, first_step_rad, direction, .. } => {
+                let shift_rad = direction.sign() * (TAU * step as f64 / f64::from(*steps) + first_step_rad);
+                0.5 + 0.5 * cos(TAU * coordinate_px / period_px - shift_rad)
+            }
+            Self::Gray { bits, stripe_px, invert, code, .. } => {
+                let column = (coordinate_px + 0.5).floor().max(0.0);
+                let stripe = (column / stripe_px).floor() as u32;
+                let number = if *code == Code::Gray { stripe ^ (stripe >> 1) } else { stripe };
+                let bit = (number >> (*bits as usize - 1 - step)) & 1;
+                f64::from(bit ^ u32::from(*invert))
+            }
+            Self::White {} => 1.0,
+            Self::Black {} => 0.0,
+            Self::Stair { stair_px, steps, .. } => {
+                let column = (coordinate_px + 0.5).floor().max(0.0);
+                let stairs = (f64::from(size_px) / stair_px).ceil();
+                let phase_rad = -std::f64::consts::PI + TAU * ((column / stair_px).floor() + 0.5) / stairs;
+                0.5 + 0.5 * cos(wrap_positive_rad(phase_rad - TAU * step as f64 / f64::from(*steps)))
+            }
+            Self::Ramp { .. } => (coordinate_px / f64::from(size_px.max(2) - 1)).clamp(0.0, 1.0),
+            Self::Random { .. } => return Err(PatternError::NotGenerated("random")),
+        })
+    }
+
+    /// The 8-bit values that a projector shows along the set's axis, one per column (or row).
+    ///
+    /// # Errors
+    /// As [`Self::intensity`].
+    pub fn columns_u8(&self, step: usize, size_px: u32) -> Result<Vec<u8>, PatternError> {
+        (0..size_px)
+            .map(|column| Ok((self.intensity(step, f64::from(column), size_px)? * 255.0).round() as u8))
+            .collect()
+    }
+}
+
+fn check_steps(steps: u32) -> Result<(), PatternError> {
+    if (3..=64).contains(&steps) { Ok(()) } else { Err(PatternError::Steps { steps }) }
+}
+
+/// Finds set and step of a frame number that runs through the sets in order.
+pub fn locate(sequence: &[PatternSet], frame: usize) -> Option<(usize, usize)> {
+    let mut first = 0;
+    for (index, set) in sequence.iter().enumerate() {
+        if frame < first + set.frames() {
+            return Some((index, frame - first));
+        }
+        first += set.frames();
+    }
+    None
+}
+
+/// Number of frames of a sequence.
+pub fn frame_count(sequence: &[PatternSet]) -> usize {
+    sequence.iter().map(PatternSet::frames).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SINE: PatternSet = PatternSet::Sine {
+        axis: Axis::X,
+        period_px: 16.0,
+        steps: 10,
+        first_step_rad: 0.0,
+        direction: Direction::Forward,
+    };
+
+    #[test]
+    fn the_phase_of_a_sine_is_zero_at_the_centre_of_the_first_column() {
+        assert_eq!(SINE.intensity(0, 0.0, 608).unwrap(), 1.0);
+        assert!(SINE.intensity(0, 8.0, 608).unwrap() < 1e-15);
+        assert!((SINE.intensity(5, 8.0, 608).unwrap() - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn neighbouring_gray_stripes_differ_in_one_bit() {
+        let gray = PatternSet::Gray {
+            axis: Axis::X,
+            bits: 6,
+            stripe_px: 16.0,
+            invert: false,
+            code: Code::Gray,
+            threshold: None,
+        };
+        let bits = |x: f64| (0..6).map(|b| gray.intensity(b, x, 608).unwrap() as u8).collect::<Vec<_>>();
+        for stripe in 0..37 {
+            let (a, b) = (bits(f64::from(stripe) * 16.0), bits(f64::from(stripe + 1) * 16.0));
+            assert_eq!(a.iter().zip(&b).filter(|(a, b)| a != b).count(), 1, "stripe {stripe}");
+        }
+        // A code edge lies half a column before the phase zero of its stripe.
+        assert_ne!(bits(15.49), bits(15.51));
+        assert_eq!(bits(15.51), bits(16.0));
+    }
+
+    #[test]
+    fn a_sequence_is_written_as_in_the_contract() {
+        #[derive(Serialize, Deserialize)]
+        struct Holder {
+            sequence: Vec<PatternSet>,
+        }
+        let text = r#"sequence = [
+            { set = "sine", axis = "x", period_px = 16.0, steps = 10 },
+            { set = "gray", axis = "x", bits = 6, stripe_px = 16.0 },
+            { set = "white" }, { set = "black" },
+        ]"#;
+        let holder: Holder = toml::from_str(text).unwrap();
+        assert_eq!(holder.sequence[0], SINE);
+        assert_eq!(frame_count(&holder.sequence), 18);
+        assert_eq!(locate(&holder.sequence, 10), Some((1, 0)));
+        assert_eq!(locate(&holder.sequence, 17), Some((3, 0)));
+        assert_eq!(locate(&holder.sequence, 18), None);
+        let again: Holder = toml::from_str(&toml::to_string(&holder).unwrap()).unwrap();
+        assert_eq!(again.sequence, holder.sequence);
+        assert!(toml::from_str::<Holder>(r#"sequence = [{ set = "white", axis = "x" }]"#).is_err());
+    }
+
+    #[test]
+    fn sets_that_no_decoder_can_use_are_refused() {
+        let PatternSet::Sine { axis, period_px, first_step_rad, direction, .. } = SINE else {
+            unreachable!()
+        };
+        let two = PatternSet::Sine { axis, period_px, steps: 2, first_step_rad, direction };
+        assert_eq!(two.check(), Err(PatternError::Steps { steps: 2 }));
+        let nan = PatternSet::Sine { axis, period_px: f64::NAN, steps: 4, first_step_rad, direction };
+        assert!(nan.check().is_err());
+    }
+}

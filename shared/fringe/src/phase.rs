@@ -1,0 +1,109 @@
+//! Absolute phase maps: what a decoder gives and a matcher takes.
+
+use crate::pattern::Axis;
+
+/// What all planes of a phase map share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PhaseInfo {
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// The projector axis that the phase tells.
+    pub axis: Axis,
+    /// Projector pixels per 2π: projector coordinate = phase · period / 2π.
+    pub period_px: f64,
+}
+
+impl PhaseInfo {
+    /// Number of pixels.
+    pub fn len(&self) -> usize {
+        self.width_px as usize * self.height_px as usize
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// A phase map that lives elsewhere, in shared memory for instance. All planes are row by row, without padding.
+#[derive(Debug, Clone, Copy)]
+pub struct PhaseView<'a> {
+    /// Size, axis, period.
+    pub info: PhaseInfo,
+    /// Absolute phase, rad; NaN where not valid.
+    pub phase_rad: &'a [f32],
+    /// Standard uncertainty of the phase, rad; NaN where not valid.
+    pub sigma_rad: &'a [f32],
+    /// Modulation B, DN.
+    pub modulation: &'a [f32],
+    /// 1 where the phase may be used, else 0.
+    pub valid: &'a [u8],
+}
+
+/// The same, to be written.
+#[derive(Debug)]
+pub struct PhaseViewMut<'a> {
+    /// Size, axis, period.
+    pub info: PhaseInfo,
+    /// Absolute phase, rad; NaN where not valid.
+    pub phase_rad: &'a mut [f32],
+    /// Standard uncertainty of the phase, rad; NaN where not valid.
+    pub sigma_rad: &'a mut [f32],
+    /// Modulation B, DN.
+    pub modulation: &'a mut [f32],
+    /// 1 where the phase may be used, else 0.
+    pub valid: &'a mut [u8],
+}
+
+/// A phase map that owns its planes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PhaseMap {
+    /// Size, axis, period.
+    pub info: PhaseInfo,
+    /// Absolute phase, rad; NaN where not valid.
+    pub phase_rad: Vec<f32>,
+    /// Standard uncertainty of the phase, rad; NaN where not valid.
+    pub sigma_rad: Vec<f32>,
+    /// Modulation B, DN.
+    pub modulation: Vec<f32>,
+    /// 1 where the phase may be used, else 0.
+    pub valid: Vec<u8>,
+}
+
+impl PhaseMap {
+    /// A map without any valid pixel.
+    pub fn new(info: PhaseInfo) -> Self {
+        let n = info.len();
+        Self {
+            info,
+            phase_rad: vec![f32::NAN; n],
+            sigma_rad: vec![f32::NAN; n],
+            modulation: vec![0.0; n],
+            valid: vec![0; n],
+        }
+    }
+
+    /// Borrows the map.
+    pub fn view(&self) -> PhaseView<'_> {
+        PhaseView {
+            info: self.info,
+            phase_rad: &self.phase_rad,
+            sigma_rad: &self.sigma_rad,
+            modulation: &self.modulation,
+            valid: &self.valid,
+        }
+    }
+
+    /// Borrows the map to write it.
+    pub fn view_mut(&mut self) -> PhaseViewMut<'_> {
+        PhaseViewMut {
+            info: self.info,
+            phase_rad: &mut self.phase_rad,
+            sigma_rad: &mut self.sigma_rad,
+            modulation: &mut self.modulation,
+            valid: &mut self.valid,
+        }
+    }
+}

@@ -1,0 +1,1 @@
+//! Shared-memory transport: the only crate that speaks to iceoryx2.

@@ -1,0 +1,1 @@
+//! Files of the cell: the only crate that touches disk and environment.

@@ -1,0 +1,1 @@
+//! Digital twin: scenes, ray casting, sensor and projector models.
