@@ -1,1 +1,13 @@
 //! Files of the cell: the only crate that touches disk and environment.
+//!
+//! Every reader checks what it reads and names file, line, key, value, limit and remedy ([`error::FileError`]); every
+//! writer leaves a complete file or none ([`atomic`]).
+
+pub mod atomic;
+pub mod config;
+pub mod document;
+pub mod error;
+pub mod hash;
+pub mod name;
+pub mod rig_file;
+mod sequence;

@@ -1,0 +1,220 @@
+//! The cell configuration: one page of TOML that says what the whole cell is.
+//!
+//! Two stages: `RawConfig` is what is written (unknown keys refused), [`Config`] is what is meant (every reference
+//! resolved, every gap found). A [`Config`] that exists can be run.
+//!
+//! ```toml
+//! format = "fringecell-config/1"
+//! name = "demo"                       # [a-z0-9-]{1,32}: the runtime root and the service prefix derive from it
+//! rig = "demo-rig.toml"               # what the measuring side knows; paths are relative to this file
+//! plan = "artefact.plan.toml"         # optional inspection plan
+//! cycles = 5                          # optional; absent: until stopped
+//! pairs = ["pair1"]                   # optional; absent: all pairs of the rig file
+//! [limits]                            # all optional, defaults as in [`Limits`]
+//! stage_budget_ms = 5000
+//! [[projector]]
+//! name = "proj1"
+//! driver = "twin"                     # twin | recording
+//! width_px = 608                      # width, height, cameras, sequence: with driver "recording" they may be left
+//! height_px = 684                     # out and are then those of the recording
+//! cameras = ["cam1", "cam2"]
+//! sequence = [{ set = "sine", axis = "x", period_px = 16.0, steps = 10 }, …]
+//! [[camera]]
+//! name = "cam1"
+//! driver = "twin"
+//! [decode]                            # settings of decode, matching, fusion: all optional
+//! [twin]                              # needed by the twin drivers
+//! scene = "artefact.scene.toml"
+//! rig = "demo-rig.toml"               # optional: the true rig, with projectors; absent: the rig above
+//! seed = 1
+//! settings = {}                       # optional
+//! [recording]                         # needed by the recording drivers
+//! path = "scan1"
+//! rate_hz = 0                         # 0: as fast as possible
+//! loop = true                         # begin again at the end
+//! [schedule]
+//! cores = 2
+//! pin = false
+//! ```
+
+mod check;
+mod raw;
+
+use crate::document::{Document, read_text};
+use crate::error::FileError;
+use fringe::pattern::PatternSet;
+use fringe::rig::Rig;
+use std::path::{Path, PathBuf};
+
+/// Value of `format` in a configuration.
+pub const CONFIG_FORMAT: &str = "fringecell-config/1";
+
+/// A cell, checked and with every file resolved.
+#[derive(Debug, Clone)]
+pub struct Config {
+    /// The file itself, for messages that point into it.
+    pub document: Document,
+    /// SHA-256 of its bytes.
+    pub sha256: String,
+    /// Cell name: `[a-z0-9-]{1,32}`.
+    pub name: String,
+    /// Number of cycles; `None`: until stopped.
+    pub cycles: Option<u32>,
+    /// What the measuring side knows. Its pairs are those that the cell runs, in the order of the rig file, each
+    /// with its projector.
+    pub rig: Rig,
+    /// Where the rig was read from.
+    pub rig_path: PathBuf,
+    /// SHA-256 of the rig file.
+    pub rig_sha256: String,
+    /// Inspection plan.
+    pub plan: Option<TextFile>,
+    /// Budgets and restart policy.
+    pub limits: Limits,
+    /// What lights, in the order of projection.
+    pub projectors: Vec<ProjectorConfig>,
+    /// What looks.
+    pub cameras: Vec<CameraConfig>,
+    /// `[decode]`, as written.
+    pub decode: toml::Table,
+    /// `[matching]`, as written.
+    pub matching: toml::Table,
+    /// `[fusion]`, as written.
+    pub fusion: toml::Table,
+    /// The digital twin; present whenever a driver needs it.
+    pub twin: Option<TwinConfig>,
+    /// The recording to play; present whenever a driver needs it.
+    pub recording: Option<RecordingConfig>,
+    /// Cores.
+    pub schedule: ScheduleConfig,
+}
+
+/// Where frames come from or patterns go to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Driver {
+    /// The digital twin.
+    Twin,
+    /// A folder of frames.
+    Recording,
+}
+
+/// A text file that another part of the program reads.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TextFile {
+    /// Absolute.
+    pub path: PathBuf,
+    /// Contents.
+    pub text: String,
+}
+
+/// A projector of the cell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProjectorConfig {
+    /// Unique among projectors and cameras.
+    pub name: String,
+    /// Driver.
+    pub driver: Driver,
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// Who looks while it is on.
+    pub cameras: Vec<String>,
+    /// What it shows.
+    pub sequence: Vec<PatternSet>,
+}
+
+/// A camera of the cell.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CameraConfig {
+    /// As in the rig file.
+    pub name: String,
+    /// Driver.
+    pub driver: Driver,
+    /// Columns, from the rig file.
+    pub width_px: u32,
+    /// Rows, from the rig file.
+    pub height_px: u32,
+}
+
+/// Budgets and restart policy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// A stage without progress for this long while it has work is hung, ms. Default 5000.
+    pub stage_budget_ms: u64,
+    /// A cycle that has not ended by then is ended, ms. Default 20 000.
+    pub cycle_deadline_ms: u64,
+    /// A stage must report ready this long after its start, ms. Default 20 000.
+    pub start_ms: u64,
+    /// A stage that was asked to stop is killed after this long, ms. Default 3000.
+    pub stop_ms: u64,
+    /// Restarts of one stage within the window before the cell gives up. Default 5.
+    pub restarts_max: u32,
+    /// The window, ms. Default 60 000.
+    pub restart_window_ms: u64,
+}
+
+/// What the twin simulates.
+#[derive(Debug, Clone)]
+pub struct TwinConfig {
+    /// The scene file; the twin crate parses it.
+    pub scene: TextFile,
+    /// The true rig, with projectors. The measuring side must not look at it.
+    pub rig: Rig,
+    /// Where the true rig was read from.
+    pub rig_path: PathBuf,
+    /// Seed of all noise.
+    pub seed: u64,
+    /// `settings`, as written.
+    pub settings: toml::Table,
+}
+
+/// The recording that the recording drivers play.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordingConfig {
+    /// Absolute.
+    pub path: PathBuf,
+    /// Frames per second; 0: as fast as possible.
+    pub rate_hz: f64,
+    /// Begin again at the end.
+    pub repeat: bool,
+}
+
+/// Cores.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ScheduleConfig {
+    /// Cores to plan for. Default 2. A constant of the cell, not of the machine: the schedule depends on it.
+    pub cores: u32,
+    /// Pin each stage to its planned core. Default false.
+    pub pin: bool,
+}
+
+impl Config {
+    /// Reads and checks a configuration and every file that it names.
+    ///
+    /// # Errors
+    /// The first fault, with file, line, key, value, limit and remedy.
+    pub fn load(path: &Path) -> Result<Self, FileError> {
+        check::load(path)
+    }
+
+    /// A projector by name.
+    pub fn projector(&self, name: &str) -> Option<&ProjectorConfig> {
+        self.projectors.iter().find(|projector| projector.name == name)
+    }
+
+    /// A camera by name.
+    pub fn camera(&self, name: &str) -> Option<&CameraConfig> {
+        self.cameras.iter().find(|camera| camera.name == name)
+    }
+}
+
+impl TextFile {
+    /// Reads a text file.
+    ///
+    /// # Errors
+    /// As [`read_text`].
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        Ok(Self { path: path.to_owned(), text: read_text(path)? })
+    }
+}

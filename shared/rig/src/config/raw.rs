@@ -1,0 +1,89 @@
+//! The cell configuration as written; unknown keys are refused here, meaning is checked in `check`.
+
+use fringe::pattern::PatternSet;
+use serde::Deserialize;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawConfig {
+    #[serde(rename = "format")]
+    _format: String,
+    pub name: String,
+    pub rig: String,
+    pub plan: Option<String>,
+    pub cycles: Option<u32>,
+    pub pairs: Option<Vec<String>>,
+    #[serde(default)]
+    pub limits: RawLimits,
+    #[serde(default)]
+    pub projector: Vec<RawProjector>,
+    #[serde(default)]
+    pub camera: Vec<RawCamera>,
+    #[serde(default)]
+    pub decode: toml::Table,
+    #[serde(default)]
+    pub matching: toml::Table,
+    #[serde(default)]
+    pub fusion: toml::Table,
+    pub twin: Option<RawTwin>,
+    pub recording: Option<RawRecording>,
+    #[serde(default)]
+    pub schedule: RawSchedule,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawLimits {
+    pub stage_budget_ms: Option<u64>,
+    pub cycle_deadline_ms: Option<u64>,
+    pub start_ms: Option<u64>,
+    pub stop_ms: Option<u64>,
+    pub restarts_max: Option<u64>,
+    pub restart_window_ms: Option<u64>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawProjector {
+    pub name: String,
+    pub driver: String,
+    pub width_px: Option<u32>,
+    pub height_px: Option<u32>,
+    pub cameras: Option<Vec<String>>,
+    pub sequence: Option<Vec<PatternSet>>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawCamera {
+    pub name: String,
+    pub driver: String,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawTwin {
+    pub scene: String,
+    pub rig: Option<String>,
+    #[serde(default)]
+    pub seed: u64,
+    #[serde(default)]
+    pub settings: toml::Table,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawRecording {
+    pub path: String,
+    #[serde(default)]
+    pub rate_hz: f64,
+    #[serde(default, rename = "loop")]
+    pub repeat: bool,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawSchedule {
+    pub cores: Option<u32>,
+    pub pin: Option<bool>,
+}
