@@ -15,8 +15,14 @@
 
 pub mod camera;
 pub mod cloud;
+pub mod fit;
 pub mod frame;
+pub mod matching;
 pub mod math;
+mod normals;
+mod parallel;
 pub mod pattern;
 pub mod phase;
+pub mod rectify;
 pub mod rig;
+pub mod surface;

@@ -1,0 +1,115 @@
+//! The adjustment: Gauss–Newton with Levenberg–Marquardt as its safety net.
+
+use nalgebra::{SVector, Vector3};
+
+use super::FitError;
+use super::centred::tree;
+use super::linear::Normal;
+
+/// Most iterations. Good starts need five to ten; a cap of a few degrees some thirty.
+const MAX_ITERATIONS: usize = 200;
+
+/// Damping after the first step that made things worse, relative to the unit diagonal.
+const FIRST_DAMPING: f64 = 1e-3;
+
+/// A step that moves the surface by less than this part of the extent is in the terminal phase: the sum of squares no
+/// longer tells better from worse (its relative resolution is 1e-16), the step itself does.
+const TERMINAL: f64 = 1e-9;
+
+/// A surface or curve with P free parameters, given in a chart about its present state.
+pub(super) trait Model<const P: usize>: Clone {
+    /// Signed distance of a point, mm.
+    fn deviation(&self, point: &Vector3<f64>) -> f64;
+    /// Residuals of a point with their derivatives by the chart's parameters; their squares are what is minimised.
+    fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, P>));
+    /// The model after a step in the chart.
+    fn moved(&self, step: &SVector<f64, P>) -> Self;
+}
+
+/// Normal equations of a model.
+pub(super) fn normal<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) -> Normal<P> {
+    tree(
+        points,
+        &|leaf| {
+            let mut sums = Normal::zero();
+            for point in leaf {
+                model.rows(point, &mut |residual, derivatives| sums.add(residual, derivatives));
+            }
+            sums
+        },
+        &|a: Normal<P>, b: Normal<P>| a.join(&b),
+    )
+}
+
+/// Where the adjustment ended.
+pub(super) struct Adjusted<M, const P: usize> {
+    /// The fitted model.
+    pub model: M,
+    /// Its normal equations.
+    pub normal: Normal<P>,
+}
+
+/// Minimises the sum of squares from a start.
+///
+/// # Errors
+/// Singular normal equations at the end, or no convergence.
+pub(super) fn adjust<M: Model<P>, const P: usize>(
+    element: &'static str,
+    start: M,
+    points: &[Vector3<f64>],
+) -> Result<Adjusted<M, P>, FitError> {
+    let squares: f64 =
+        tree(points, &|leaf| leaf.iter().map(Vector3::norm_squared).sum(), &|a: f64, b: f64| a + b);
+    let extent_mm = (squares / points.len().max(1) as f64).sqrt();
+    let mut state = Adjusted { normal: normal(&start, points), model: start };
+    let mut damping = 0.0;
+    let mut last_mm = f64::INFINITY;
+    for _ in 0..MAX_ITERATIONS {
+        let Some(step) = state.normal.step(damping) else {
+            damping = raise(damping);
+            if damping > 1e6 {
+                return Err(singular(element));
+            }
+            continue;
+        };
+        let model = state.model.moved(&step);
+        let next = Adjusted { normal: normal(&model, points), model };
+        let moved_mm = surface_step(&state.normal, &step);
+        if moved_mm <= TERMINAL * extent_mm && damping == 0.0 {
+            let settled = moved_mm <= 1e-16 * extent_mm || moved_mm >= 0.5 * last_mm;
+            last_mm = moved_mm;
+            state = next;
+            if settled {
+                return Ok(state);
+            }
+        } else if next.normal.sum <= state.normal.sum {
+            last_mm = moved_mm;
+            state = next;
+            damping = if damping < 1e-6 { 0.0 } else { damping * 0.1 };
+        } else {
+            // A sum of squares that is NaN also ends here: the comparison above is then false.
+            damping = raise(damping);
+        }
+        if damping > 1e12 {
+            break;
+        }
+    }
+    Err(FitError::NoConvergence { element, iterations: MAX_ITERATIONS })
+}
+
+/// The next larger damping.
+fn raise(damping: f64) -> f64 {
+    if damping == 0.0 { FIRST_DAMPING } else { damping * 10.0 }
+}
+
+/// Root mean square motion of the surface under the points by a step, mm.
+fn surface_step<const P: usize>(normal: &Normal<P>, step: &SVector<f64, P>) -> f64 {
+    let matrix = normal.symmetric();
+    let square: f64 = (0..P).map(|i| step[i] * (0..P).map(|j| matrix[(i, j)] * step[j]).sum::<f64>()).sum();
+    (square.max(0.0) / normal.rows.max(1) as f64).sqrt()
+}
+
+/// The error of singular normal equations.
+pub(super) fn singular(element: &'static str) -> FitError {
+    FitError::Degenerate { element, why: "a direction in which it can move changes no distance" }
+}

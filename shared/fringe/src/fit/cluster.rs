@@ -1,0 +1,94 @@
+//! Covariance when the noise of neighbouring points is correlated.
+//!
+//! Neighbouring points of a matched pair share pixels of the right camera, and slow phase errors run over several
+//! millimetres: n points carry less than n points' worth of information. Sums of the scores Jᵀr over cells keep what
+//! is correlated inside a cell: C = A⁻¹ (Σ_cells s sᵀ) A⁻¹ with A = JᵀJ (Liang & Zeger 1986, the sandwich), times
+//! G/(G − 1) · (n − 1)/(n − p) for few cells.
+
+use nalgebra::{SMatrix, SVector, Vector3};
+
+use super::adjust::{Adjusted, Model, singular};
+use super::linear::product;
+use super::{FitError, FitSettings};
+
+/// Fewest cells from which the sandwich is trusted: with G cells its own relative error is about 1/√(2 G).
+const FEWEST_CELLS: usize = 20;
+
+/// Cells along one axis that fit into a third of the key.
+const CELLS_PER_AXIS: f64 = 2_097_151.0;
+
+/// Covariance of the chart's parameters and the number of cells it rests on (0: points taken as independent).
+///
+/// `limit_mm` is the largest |residual| kept when points were rejected. Trimming at c weakens the normal matrix by the
+/// points that a small motion pushes across c: A = JᵀJ · (1 − c · h(c)/n), h the density of |r| (counted over the last
+/// tenth below c). Without this the uncertainty of a trimmed fit would be 20 % too small for Gaussian noise.
+///
+/// # Errors
+/// Singular normal equations.
+pub(super) fn covariance<M: Model<P>, const P: usize>(
+    element: &'static str,
+    adjusted: &Adjusted<M, P>,
+    points: &[Vector3<f64>],
+    settings: &FitSettings,
+    trimmed: bool,
+) -> Result<(SMatrix<f64, P, P>, usize), FitError> {
+    let inverse = adjusted.normal.inverse().ok_or_else(|| singular(element))?;
+    let rows = adjusted.normal.rows as f64;
+    let freedom = rows - P as f64;
+    let shrink = if trimmed { trimming_shrink(&adjusted.model, points) } else { 1.0 };
+    let (meat, cells) = match settings.cluster_mm {
+        Some(edge_mm) => cell_scores(&adjusted.model, points, edge_mm),
+        None => (SMatrix::zeros(), 0),
+    };
+    if cells < FEWEST_CELLS.max(2 * P) {
+        return Ok((inverse * (adjusted.normal.sum / freedom / (shrink * shrink)), 0));
+    }
+    let few = cells as f64 / (cells - 1) as f64 * (rows - 1.0) / freedom;
+    let sandwich = product(&product(&inverse, &meat), &inverse) * (few / (shrink * shrink));
+    Ok(((sandwich + sandwich.transpose()) * 0.5, cells))
+}
+
+/// 1 − c · h(c)/n, see [`covariance`].
+fn trimming_shrink<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) -> f64 {
+    let sizes: Vec<f64> = points.iter().map(|p| model.deviation(p).abs()).collect();
+    let limit = sizes.iter().copied().fold(0.0, f64::max);
+    let near = sizes.iter().filter(|s| **s > 0.9 * limit).count();
+    // Below one half the count would say that most points sit at the limit: no noise distribution does that.
+    (1.0 - near as f64 / 0.1 / points.len().max(1) as f64).max(0.5)
+}
+
+/// Σ over cells of the outer products of the cells' scores, and the number of cells.
+fn cell_scores<M: Model<P>, const P: usize>(
+    model: &M,
+    points: &[Vector3<f64>],
+    edge_mm: f64,
+) -> (SMatrix<f64, P, P>, usize) {
+    let lowest = points.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
+    let axis_key = |value: f64| (value / edge_mm).clamp(0.0, CELLS_PER_AXIS) as u64;
+    let mut keyed: Vec<(u64, u32)> = points
+        .iter()
+        .enumerate()
+        .map(|(index, p)| {
+            let offset = p - lowest;
+            let key = (axis_key(offset.x) << 42) | (axis_key(offset.y) << 21) | axis_key(offset.z);
+            (key, index as u32)
+        })
+        .collect();
+    keyed.sort_unstable();
+    let mut meat = SMatrix::zeros();
+    let mut cells = 0;
+    for cell in keyed.chunk_by(|a, b| a.0 == b.0) {
+        let mut score = SVector::<f64, P>::zeros();
+        for (_, index) in cell {
+            model
+                .rows(&points[*index as usize], &mut |residual, derivatives| score += derivatives * residual);
+        }
+        for column in 0..P {
+            for row in 0..P {
+                meat[(row, column)] += score[row] * score[column];
+            }
+        }
+        cells += 1;
+    }
+    (meat, cells)
+}

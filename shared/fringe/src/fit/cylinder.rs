@@ -1,0 +1,105 @@
+//! The cylinder.
+
+use nalgebra::{Point3, SVector, Vector3};
+use serde::Serialize;
+
+use super::adjust::Model;
+use super::axis::{Axis, best_of, directions, thinned, worst_tilt_rad};
+use super::centred::Principal;
+use super::circle::algebraic_circle;
+use super::form::{Form, Residuals};
+use super::solve::solve;
+use super::sphere::LARGEST_RADIUS_RATIO;
+use super::{FitError, FitSettings};
+
+const ELEMENT: &str = "cylinder";
+
+/// A fitted cylinder.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CylinderFit {
+    /// Point of the axis nearest to the centroid of the points, mm.
+    pub axis_point_mm: [f64; 3],
+    /// Unit direction of the axis; its largest component is positive.
+    pub axis_direction: [f64; 3],
+    /// Diameter, mm.
+    pub diameter_mm: f64,
+    /// Points and form.
+    #[serde(flatten)]
+    pub form: Form,
+    /// Standard uncertainty of the axis' place at `axis_point_mm`, across the axis in its worst direction, mm.
+    pub u_axis_point_mm: f64,
+    /// Standard uncertainty of the direction about its worst axis, rad.
+    pub u_axis_direction_rad: f64,
+    /// Standard uncertainty of the diameter, mm.
+    pub u_diameter_mm: f64,
+    /// Cells behind the uncertainties; 0 when points counted as independent.
+    pub cells: usize,
+    /// Residual of each point given.
+    #[serde(skip)]
+    pub residuals: Residuals,
+}
+
+/// Fits a cylinder.
+///
+/// # Errors
+/// Fewer than 6 points, points on one line or in one plane, no convergence; see [`FitError`].
+pub fn cylinder(points: &[Point3<f64>], settings: &FitSettings) -> Result<CylinderFit, FitError> {
+    let solution = solve(ELEMENT, 6, points, settings, start)?;
+    let (axis, covariance) = (solution.model.axis, solution.covariance);
+    let sign = if axis.direction[axis.direction.iamax()] < 0.0 { -1.0 } else { 1.0 };
+    Ok(CylinderFit {
+        axis_point_mm: (solution.centroid + axis.point).into(),
+        axis_direction: (axis.direction * sign).into(),
+        diameter_mm: 2.0 * solution.model.radius,
+        form: solution.form,
+        u_axis_point_mm: worst_tilt_rad(covariance.fixed_view::<2, 2>(2, 2).into_owned()),
+        u_axis_direction_rad: worst_tilt_rad(covariance.fixed_view::<2, 2>(0, 0).into_owned()),
+        u_diameter_mm: 2.0 * covariance[(4, 4)].max(0.0).sqrt(),
+        cells: solution.cells,
+        residuals: solution.residuals,
+    })
+}
+
+/// Parameters: two tilts, two shifts, radius.
+#[derive(Debug, Clone)]
+struct Cylinder {
+    axis: Axis,
+    radius: f64,
+}
+
+impl Model<5> for Cylinder {
+    fn deviation(&self, point: &Vector3<f64>) -> f64 {
+        self.axis.see(point).radius - self.radius
+    }
+
+    fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 5>)) {
+        let seen = self.axis.see(point);
+        let [a, b] = seen.out;
+        // A tilt moves the axis at height h by h per radian, a shift by one; the surface moves with it.
+        let derivatives = SVector::from([-seen.height * a, -seen.height * b, -a, -b, -1.0]);
+        add(seen.radius - self.radius, &derivatives);
+    }
+
+    fn moved(&self, step: &SVector<f64, 5>) -> Self {
+        let (axis, _) = self.axis.moved([step[0], step[1]], [step[2], step[3]]);
+        Self { axis, radius: self.radius + step[4] }
+    }
+}
+
+/// Start: for many directions the algebraic circle of the points seen along them; the best few adjusted.
+fn start(points: &[Vector3<f64>]) -> Result<Cylinder, FitError> {
+    let principal = Principal::new(points);
+    if principal.coplanar() {
+        let why = if principal.collinear() { "they lie on one line" } else { "they lie in one plane" };
+        return Err(FitError::Degenerate { element: ELEMENT, why });
+    }
+    let thin = thinned(points);
+    let candidates = directions(points).into_iter().filter_map(|direction| {
+        let (point, radius) = algebraic_circle(&thin, &direction)?;
+        Some(Cylinder { axis: Axis::new(point, direction), radius })
+    });
+    let best = best_of(ELEMENT, candidates, &thin);
+    // Candidates of endless radius are planes in disguise.
+    best.filter(|m| m.radius.abs() < LARGEST_RADIUS_RATIO * principal.extents_mm[2])
+        .ok_or(FitError::Degenerate { element: ELEMENT, why: "the points show no curvature" })
+}

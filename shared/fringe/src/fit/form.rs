@@ -1,0 +1,90 @@
+//! What remains between points and fitted element.
+
+use serde::Serialize;
+
+use super::centred::tree;
+
+/// Form deviation of the points used, each statistic with its definition in its name.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Form {
+    /// Points used in the fit (the rejected ones not counted).
+    pub points: usize,
+    /// Points rejected by the stated fraction.
+    pub rejected: usize,
+    /// Largest less smallest residual, mm (the probing form of VDI/VDE 2634 is this range).
+    pub form_range_mm: f64,
+    /// Sample standard deviation (n − 1) of the residuals, mm.
+    pub form_sigma_mm: f64,
+    /// Width of the narrowest interval that holds ⌈0.95 n⌉ of the n residuals, mm.
+    pub form_d95_mm: f64,
+}
+
+/// Residual of each point given to a fit.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Residuals {
+    /// Signed orthogonal distance, mm; positive outside (on the side of the normal, of a plane).
+    pub deviation_mm: Vec<f64>,
+    /// Whether the point was used.
+    pub used: Vec<bool>,
+}
+
+impl Residuals {
+    /// Residuals of the points used, in their order.
+    pub fn of_used(&self) -> Vec<f64> {
+        self.deviation_mm.iter().zip(&self.used).filter(|(_, used)| **used).map(|(d, _)| *d).collect()
+    }
+
+    /// Form statistics.
+    pub(super) fn form(&self) -> Form {
+        let mut sorted = self.of_used();
+        let points = sorted.len();
+        let sum = |f: &dyn Fn(f64) -> f64| {
+            tree(&sorted, &|leaf| leaf.iter().map(|r| f(*r)).sum::<f64>(), &|a: f64, b: f64| a + b)
+        };
+        let mean = sum(&|r| r) / points.max(1) as f64;
+        let variance = sum(&|r| (r - mean) * (r - mean)) / points.saturating_sub(1).max(1) as f64;
+        sorted.sort_unstable_by(f64::total_cmp);
+        Form {
+            points,
+            rejected: self.used.len() - points,
+            form_range_mm: width(&sorted, points),
+            form_sigma_mm: variance.sqrt(),
+            form_d95_mm: width(&sorted, (95 * points).div_ceil(100)),
+        }
+    }
+}
+
+/// Width of the narrowest interval that holds `count` of the sorted values.
+fn width(sorted: &[f64], count: usize) -> f64 {
+    if count == 0 {
+        return 0.0;
+    }
+    sorted.windows(count).map(|w| w[count - 1] - w[0]).fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn form_statistics_follow_their_definitions() {
+        // 19 residuals 0 … 18 and one far away: ⌈0.95 · 20⌉ = 19 points, so the interval leaves the far one out.
+        let mut deviation_mm: Vec<f64> = (0..19).map(f64::from).collect();
+        deviation_mm.push(1000.0);
+        let form = Residuals { used: vec![true; 20], deviation_mm }.form();
+        assert_eq!((form.points, form.rejected), (20, 0));
+        assert_eq!(form.form_range_mm, 1000.0);
+        assert_eq!(form.form_d95_mm, 18.0);
+        let mean = 1171.0 / 20.0;
+        let squares: f64 =
+            (0..19).map(|i| (f64::from(i) - mean).powi(2)).sum::<f64>() + (1000.0f64 - mean).powi(2);
+        assert!((form.form_sigma_mm - (squares / 19.0).sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn rejected_points_do_not_count() {
+        let residuals = Residuals { deviation_mm: vec![-1.0, 5.0, 1.0], used: vec![true, false, true] };
+        let form = residuals.form();
+        assert_eq!((form.points, form.rejected, form.form_range_mm), (2, 1, 2.0));
+    }
+}

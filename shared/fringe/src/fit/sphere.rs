@@ -1,0 +1,215 @@
+//! The sphere, of free or given diameter.
+
+use nalgebra::{Matrix4, Point3, SVector, Vector3, Vector4};
+use serde::Serialize;
+
+use super::adjust::{Model, adjust};
+use super::centred::{Centred, Principal, tree};
+use super::form::{Form, Residuals};
+use super::linear::Normal;
+use super::solve::{Solution, solve};
+use super::{FitError, FitSettings};
+
+const ELEMENT: &str = "sphere";
+
+/// A radius beyond this many extents: the points show no curvature (a sagitta below 1e-5 of their extent).
+pub(super) const LARGEST_RADIUS_RATIO: f64 = 1e5;
+
+/// A fitted sphere.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SphereFit {
+    /// Centre, mm.
+    pub center_mm: [f64; 3],
+    /// Diameter, mm.
+    pub diameter_mm: f64,
+    /// Points and form.
+    #[serde(flatten)]
+    pub form: Form,
+    /// Standard uncertainty of the centre, mm.
+    pub u_center_mm: [f64; 3],
+    /// Standard uncertainty of the diameter, mm; 0 when it was given.
+    pub u_diameter_mm: f64,
+    /// Cells behind the uncertainties; 0 when points counted as independent.
+    pub cells: usize,
+    /// Covariance of (x, y, z, radius), mm².
+    #[serde(skip)]
+    pub covariance_mm2: Matrix4<f64>,
+    /// Residual of each point given.
+    #[serde(skip)]
+    pub residuals: Residuals,
+}
+
+impl SphereFit {
+    /// Centre as a point.
+    pub fn center(&self) -> Point3<f64> {
+        Point3::from(self.center_mm)
+    }
+
+    /// Standard uncertainty of g · (centre, radius), mm.
+    pub fn u_along_mm(&self, gradient: &Vector4<f64>) -> f64 {
+        (self.covariance_mm2 * gradient).dot(gradient).max(0.0).sqrt()
+    }
+}
+
+/// Fits a sphere of free diameter.
+///
+/// # Errors
+/// Fewer than 5 points, coplanar points, no convergence; see [`FitError`].
+pub fn sphere(points: &[Point3<f64>], settings: &FitSettings) -> Result<SphereFit, FitError> {
+    let solution = solve(ELEMENT, 5, points, settings, algebraic)?;
+    let radius = solution.model.radius;
+    if !radius.is_finite() || radius >= LARGEST_RADIUS_RATIO * spread(&solution, points) {
+        return Err(FitError::Degenerate { element: ELEMENT, why: "the points show no curvature" });
+    }
+    let covariance = solution.covariance;
+    Ok(result(solution.centroid + solution.model.center, radius, covariance, solution))
+}
+
+/// Fits the centre of a sphere of known diameter.
+///
+/// # Errors
+/// Fewer than 4 points, coplanar points, a diameter that is not positive; see [`FitError`].
+pub fn sphere_of_diameter(
+    points: &[Point3<f64>],
+    diameter_mm: f64,
+    settings: &FitSettings,
+) -> Result<SphereFit, FitError> {
+    check_diameter(diameter_mm)?;
+    let solution = solve(ELEMENT, 4, points, settings, |centred| {
+        let free = algebraic(centred)?;
+        Ok(FixedSphere { center: free.center, radius: 0.5 * diameter_mm })
+    })?;
+    let covariance = Matrix4::from_fn(|r, c| if r < 3 && c < 3 { solution.covariance[(r, c)] } else { 0.0 });
+    Ok(result(solution.centroid + solution.model.center, 0.5 * diameter_mm, covariance, solution))
+}
+
+/// Centre of a sphere of known diameter from a start that is known too: for the coarse search, where the points are
+/// soiled and the algebraic start would follow the dirt.
+///
+/// # Errors
+/// See [`FitError`].
+pub(crate) fn sphere_centre_near(
+    points: &[Point3<f64>],
+    diameter_mm: f64,
+    start_mm: &Point3<f64>,
+) -> Result<Point3<f64>, FitError> {
+    check_diameter(diameter_mm)?;
+    if points.len() < 4 {
+        return Err(FitError::TooFewPoints { element: ELEMENT, points: points.len(), needs: 4 });
+    }
+    let centred = Centred::new(ELEMENT, points)?;
+    let start = FixedSphere { center: start_mm.coords - centred.centroid, radius: 0.5 * diameter_mm };
+    let adjusted = adjust(ELEMENT, start, &centred.points)?;
+    Ok(Point3::from(centred.centroid + adjusted.model.center))
+}
+
+/// Refuses a diameter that no sphere has.
+fn check_diameter(diameter_mm: f64) -> Result<(), FitError> {
+    if diameter_mm > 0.0 && diameter_mm <= super::COORDINATE_LIMIT_MM {
+        return Ok(());
+    }
+    Err(FitError::Setting { key: "diameter_mm", value: diameter_mm, limits: "0 … 1e7 mm, zero excluded" })
+}
+
+/// Root mean square distance of the points from their centroid, mm.
+fn spread<M, const P: usize>(solution: &Solution<M, P>, points: &[Point3<f64>]) -> f64 {
+    let squares: f64 = tree(
+        points,
+        &|leaf| leaf.iter().map(|p| (p.coords - solution.centroid).norm_squared()).sum(),
+        &|a: f64, b: f64| a + b,
+    );
+    (squares / points.len().max(1) as f64).sqrt()
+}
+
+/// Fills the result.
+fn result<M, const P: usize>(
+    center: Vector3<f64>,
+    radius: f64,
+    covariance_mm2: Matrix4<f64>,
+    solution: Solution<M, P>,
+) -> SphereFit {
+    let u = covariance_mm2.diagonal().map(|v| v.max(0.0).sqrt());
+    SphereFit {
+        center_mm: center.into(),
+        diameter_mm: 2.0 * radius,
+        form: solution.form,
+        u_center_mm: [u.x, u.y, u.z],
+        u_diameter_mm: 2.0 * u.w,
+        cells: solution.cells,
+        covariance_mm2,
+        residuals: solution.residuals,
+    }
+}
+
+/// Parameters: centre, radius.
+#[derive(Debug, Clone)]
+struct FreeSphere {
+    center: Vector3<f64>,
+    radius: f64,
+}
+
+impl Model<4> for FreeSphere {
+    fn deviation(&self, point: &Vector3<f64>) -> f64 {
+        (point - self.center).norm() - self.radius
+    }
+
+    fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 4>)) {
+        let (distance, away) = polar(&(point - self.center));
+        add(distance - self.radius, &Vector4::new(-away.x, -away.y, -away.z, -1.0));
+    }
+
+    fn moved(&self, step: &SVector<f64, 4>) -> Self {
+        Self { center: self.center + step.xyz(), radius: self.radius + step.w }
+    }
+}
+
+/// Parameters: centre.
+#[derive(Debug, Clone)]
+struct FixedSphere {
+    center: Vector3<f64>,
+    radius: f64,
+}
+
+impl Model<3> for FixedSphere {
+    fn deviation(&self, point: &Vector3<f64>) -> f64 {
+        (point - self.center).norm() - self.radius
+    }
+
+    fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 3>)) {
+        let (distance, away) = polar(&(point - self.center));
+        add(distance - self.radius, &-away);
+    }
+
+    fn moved(&self, step: &SVector<f64, 3>) -> Self {
+        Self { center: self.center + step, radius: self.radius }
+    }
+}
+
+/// Length and direction; a vector without length has the direction zero, so that it pulls nowhere.
+pub(super) fn polar(vector: &Vector3<f64>) -> (f64, Vector3<f64>) {
+    let length = vector.norm();
+    if length > 0.0 { (length, vector / length) } else { (0.0, Vector3::zeros()) }
+}
+
+/// Algebraic start: |p|² = 2 c·p + (R² − c²) is linear in c and the bracket.
+fn algebraic(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
+    let principal = Principal::new(points);
+    if principal.coplanar() {
+        let why = if principal.collinear() { "they lie on one line" } else { "they lie in one plane" };
+        return Err(FitError::Degenerate { element: ELEMENT, why });
+    }
+    let normal: Normal<4> = tree(
+        points,
+        &|leaf| {
+            let mut sums = Normal::zero();
+            for p in leaf {
+                sums.add(-p.norm_squared(), &Vector4::new(2.0 * p.x, 2.0 * p.y, 2.0 * p.z, 1.0));
+            }
+            sums
+        },
+        &|a: Normal<4>, b: Normal<4>| a.join(&b),
+    );
+    let step = normal.step(0.0).ok_or_else(|| super::adjust::singular(ELEMENT))?;
+    let center = step.xyz();
+    Ok(FreeSphere { center, radius: (step.w + center.norm_squared()).max(0.0).sqrt() })
+}
