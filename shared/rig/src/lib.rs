@@ -8,6 +8,10 @@ pub mod config;
 pub mod document;
 pub mod error;
 pub mod hash;
+pub mod image_file;
 pub mod name;
+pub mod recording;
 pub mod rig_file;
 mod sequence;
+#[cfg(test)]
+mod testing;

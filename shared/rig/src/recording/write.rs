@@ -1,0 +1,197 @@
+//! Writing a recording: frames first, `recording.toml` last, so that one that was broken off is recognisable.
+
+use super::{RECORDING_FILE, RECORDING_FORMAT};
+use crate::atomic;
+use crate::error::{FileError, Problem};
+use crate::image_file::write_png;
+use crate::name::{check_name, duplicate};
+use crate::rig_file::quoted;
+use fringe::frame::FrameView;
+use fringe::pattern::{PatternSet, frame_count};
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// What will be recorded of one projector.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProjectorRecord {
+    /// Unique.
+    pub name: String,
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// Who looks.
+    pub cameras: Vec<String>,
+    /// What it shows.
+    pub sequence: Vec<PatternSet>,
+    /// For 16-bit frames of cameras that are full below 65535, by camera. [`RecordingWriter`] fills it in.
+    pub full_scale_dn: BTreeMap<String, u16>,
+}
+
+/// Writes a recording frame by frame, in any order.
+#[derive(Debug)]
+pub struct RecordingWriter {
+    folder: PathBuf,
+    projectors: Vec<ProjectorRecord>,
+    /// Which frames are written, by projector and camera.
+    written: Vec<Vec<Vec<bool>>>,
+    /// Size and full scale of each camera, from its first frame.
+    sizes: BTreeMap<String, (u32, u32, u16)>,
+}
+
+impl RecordingWriter {
+    /// Makes the folders. The folder itself may exist but must be empty.
+    ///
+    /// # Errors
+    /// A folder that holds something, names that cannot be folders, a place that cannot be written.
+    pub fn create(folder: &Path, projectors: &[ProjectorRecord]) -> Result<Self, FileError> {
+        let at = |problem| FileError::new(folder, problem, "");
+        let cameras = projectors.iter().flat_map(|projector| &projector.cameras);
+        for name in projectors.iter().map(|projector| &projector.name).chain(cameras) {
+            check_name(name).map_err(at)?;
+        }
+        if let Some((_, name)) = duplicate(projectors.iter().map(|projector| projector.name.as_str())) {
+            return Err(at(Problem::Duplicate { kind: "projector", name: name.to_owned() }));
+        }
+        refuse_used(folder)?;
+        for projector in projectors {
+            for camera in &projector.cameras {
+                atomic::create_dir(&folder.join("frames").join(&projector.name).join(camera))?;
+            }
+        }
+        let empty = |projector: &ProjectorRecord| {
+            vec![vec![false; frame_count(&projector.sequence)]; projector.cameras.len()]
+        };
+        Ok(Self {
+            folder: folder.to_owned(),
+            written: projectors.iter().map(empty).collect(),
+            projectors: projectors.to_vec(),
+            sizes: BTreeMap::new(),
+        })
+    }
+
+    /// Writes one frame.
+    ///
+    /// # Errors
+    /// Unknown names, a number beyond the sequence, a frame written twice or of another size, a full disk.
+    pub fn write(
+        &mut self,
+        projector: &str,
+        camera: &str,
+        frame: usize,
+        view: &FrameView<'_>,
+    ) -> Result<(), FileError> {
+        let place = self.folder.join("frames").join(projector).join(camera).join(format!("{frame:03}.png"));
+        let at = |problem| FileError::new(&place, problem, "");
+        let found = self.projectors.iter().position(|p| p.name == projector).and_then(|p| {
+            let camera = self.projectors[p].cameras.iter().position(|name| name == camera)?;
+            Some((p, camera))
+        });
+        let slot = found.and_then(|(p, c)| self.written[p][c].get_mut(frame));
+        let Some(slot) = slot else {
+            return Err(at(Problem::Unsupported("belongs to no frame of the sequence".into())));
+        };
+        let size = (view.width_px, view.height_px, view.full_scale_dn);
+        let first = *self.sizes.entry(camera.to_owned()).or_insert(size);
+        if size != first {
+            return Err(at(Problem::Disagreement {
+                what: "frames",
+                here: format!("this one has {} × {} px, full at {} DN", size.0, size.1, size.2),
+                there: format!("the first one had {} × {} px, {} DN", first.0, first.1, first.2),
+            }));
+        }
+        write_png(&place, view)?;
+        *slot = true;
+        Ok(())
+    }
+
+    /// Writes `recording.toml`, which makes the folder a recording.
+    ///
+    /// # Errors
+    /// A frame was never written; a full disk.
+    pub fn finish(mut self, provenance: &toml::Table) -> Result<PathBuf, FileError> {
+        for (projector, cameras) in self.projectors.iter().zip(&self.written) {
+            for (camera, frames) in projector.cameras.iter().zip(cameras) {
+                let missing = frames.iter().filter(|written| !**written).count();
+                if missing > 0 {
+                    let problem = Problem::Missing(format!(
+                        "{missing} of {} frames of camera \"{camera}\" under \"{}\"",
+                        frames.len(),
+                        projector.name
+                    ));
+                    return Err(FileError::new(&self.folder, problem, "the recording was broken off"));
+                }
+            }
+        }
+        for projector in &mut self.projectors {
+            let scales = projector.cameras.iter().filter_map(|name| {
+                let (_, _, full) = self.sizes.get(name)?;
+                (![255, u16::MAX].contains(full)).then(|| (name.clone(), *full))
+            });
+            projector.full_scale_dn = scales.collect();
+        }
+        let text = recording_text(&self.projectors, provenance);
+        let path = self.folder.join(RECORDING_FILE);
+        atomic::write(&path, text.as_bytes())?;
+        Ok(path)
+    }
+}
+
+fn refuse_used(folder: &Path) -> Result<(), FileError> {
+    if !folder.exists() {
+        return Ok(());
+    }
+    let mut entries =
+        std::fs::read_dir(folder).map_err(|source| FileError::io(folder, "list the folder", source))?;
+    if entries.next().is_none() {
+        return Ok(());
+    }
+    let problem = Problem::Unsupported("is not empty".into());
+    Err(FileError::new(folder, problem, "a recording is written to a new or empty folder"))
+}
+
+/// The text of `recording.toml`.
+pub fn recording_text(projectors: &[ProjectorRecord], provenance: &toml::Table) -> String {
+    let mut out = format!("format = \"{RECORDING_FORMAT}\"\n");
+    for projector in projectors {
+        let cameras = projector.cameras.iter().map(|name| quoted(name)).collect::<Vec<_>>().join(", ");
+        let _ = write!(
+            out,
+            "\n[[projector]]\nname = {}\nwidth_px = {}\nheight_px = {}\ncameras = [{cameras}]\n",
+            quoted(&projector.name),
+            projector.width_px,
+            projector.height_px,
+        );
+        if !projector.full_scale_dn.is_empty() {
+            let scales = projector.full_scale_dn.iter().map(|(name, dn)| format!("{} = {dn}", quoted(name)));
+            let _ = writeln!(out, "full_scale_dn = {{ {} }}", scales.collect::<Vec<_>>().join(", "));
+        }
+        out.push_str("sequence = [\n");
+        for set in &projector.sequence {
+            let _ = writeln!(out, "  {},", set_text(set));
+        }
+        out.push_str("]\n");
+    }
+    if !provenance.is_empty() {
+        let mut holder = toml::Table::new();
+        holder.insert("provenance".into(), toml::Value::Table(provenance.clone()));
+        let _ = write!(out, "\n{holder}");
+    }
+    out
+}
+
+/// One set as an inline table, `set` and `axis` in front as in the contract.
+fn set_text(set: &PatternSet) -> String {
+    // A set is a flat table of numbers and words, which TOML can always hold.
+    let table = toml::Table::try_from(set).unwrap_or_default();
+    let rank = |key: &str| match key {
+        "set" => 0,
+        "axis" => 1,
+        _ => 2,
+    };
+    let mut entries: Vec<(&String, &toml::Value)> = table.iter().collect();
+    entries.sort_by_key(|(key, _)| rank(key));
+    let parts: Vec<String> = entries.iter().map(|(key, value)| format!("{key} = {value}")).collect();
+    format!("{{ {} }}", parts.join(", "))
+}
