@@ -1,0 +1,318 @@
+//! The twin of a cell: a scene, a rig, and the imperfections between them.
+
+use crate::pose;
+use crate::random::Normal;
+use crate::scene::Scene;
+use crate::settings::{SettingError, TwinSettings};
+use crate::trace::{Lit, Placed, Row, Sway, Tracer};
+use fringe::camera::{Camera, CameraError};
+use fringe::pattern::PatternError;
+use fringe::rig::{Named, Rig};
+use nalgebra::{Isometry3, Point2, Point3, Vector3};
+use std::sync::Arc;
+use thiserror::Error;
+
+use crate::light::LARGEST_SIDE_PX;
+
+/// Rays per camera beyond which the planes would not fit a workstation: 16 times a 16-megapixel camera.
+const MOST_RAYS: u64 = 1 << 28;
+
+/// Why the twin cannot do what it is asked.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum TwinError {
+    /// A setting outside its range.
+    #[error("twin settings")]
+    Setting(#[from] SettingError),
+    /// A camera or projector that cannot be.
+    #[error("camera \"{name}\"")]
+    Camera {
+        /// Which one.
+        name: String,
+        /// What is wrong.
+        source: CameraError,
+    },
+    /// Nothing to see with.
+    #[error("the rig has no {0}; the twin needs at least one")]
+    Missing(&'static str),
+    /// A projector too large for the coordinate's format.
+    #[error(
+        "projector \"{name}\" has {width_px} × {height_px} px; the twin takes at most {LARGEST_SIDE_PX} along a side"
+    )]
+    ProjectorSize {
+        /// Which one.
+        name: String,
+        /// Columns.
+        width_px: u32,
+        /// Rows.
+        height_px: u32,
+    },
+    /// Too many rays.
+    #[error("camera \"{name}\" with subsamples = {subsamples} needs {rays} rays, limit {MOST_RAYS}")]
+    Rays {
+        /// Which one.
+        name: String,
+        /// As set.
+        subsamples: u32,
+        /// Rays.
+        rays: u64,
+    },
+    /// A name that the rig does not have.
+    #[error("no {kind} \"{name}\" here; there are: {known}")]
+    Unknown {
+        /// camera or projector.
+        kind: &'static str,
+        /// As asked.
+        name: String,
+        /// Those that are.
+        known: String,
+    },
+    /// The optical centre lies in the part.
+    #[error("\"{name}\" stands inside body \"{body}\" in cycle {cycle}; move it out of the part")]
+    Inside {
+        /// Camera or projector.
+        name: String,
+        /// The body.
+        body: String,
+        /// The cycle.
+        cycle: u64,
+    },
+    /// A pattern that cannot be generated.
+    #[error("frame {frame} of projector \"{projector}\"")]
+    Pattern {
+        /// Which projector.
+        projector: String,
+        /// Number in the sequence.
+        frame: usize,
+        /// What is wrong.
+        source: PatternError,
+    },
+    /// A frame beyond the sequence.
+    #[error("frame {frame} does not exist: the sequence of projector \"{projector}\" has {count} frames")]
+    Frame {
+        /// Which projector.
+        projector: String,
+        /// As asked.
+        frame: usize,
+        /// Frames there are.
+        count: usize,
+    },
+    /// A pixel buffer of another size or depth.
+    #[error("the buffer holds {given}, the frame needs {needed}")]
+    Buffer {
+        /// As given.
+        given: String,
+        /// As needed.
+        needed: String,
+    },
+}
+
+/// What views and renderers share.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    pub settings: TwinSettings,
+    pub projectors: Vec<Named>,
+    pub normal: Normal,
+}
+
+/// A cell in software. It knows the truth and shows only what cameras see.
+#[derive(Debug, Clone)]
+pub struct Twin {
+    scene: Scene,
+    cameras: Vec<Named>,
+    pub(crate) shared: Arc<Shared>,
+}
+
+/// One camera's sight of one pose: the geometry, ready to be lit.
+#[derive(Debug, Clone)]
+pub struct View {
+    pub(crate) shared: Arc<Shared>,
+    pub(crate) camera: usize,
+    pub(crate) cycle: u64,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    /// Indices of the traced projectors.
+    pub(crate) lamps: Vec<usize>,
+    /// Albedo per ray.
+    pub(crate) ambient: Vec<f32>,
+    /// Per ray and traced projector.
+    pub(crate) lit: Vec<Lit>,
+    /// Likewise; empty without vibration.
+    pub(crate) sway: Vec<Sway>,
+}
+
+/// What a ray of sight truly meets.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TruthPoint {
+    /// In the world frame, mm.
+    pub world_mm: Point3<f64>,
+    /// In the part frame, mm.
+    pub part_mm: Point3<f64>,
+    /// Outward unit normal in the world frame.
+    pub normal: Vector3<f64>,
+    /// Index of the body, in the order of [`Scene::body_names`].
+    pub body: usize,
+    /// Face of the body.
+    pub face: u32,
+}
+
+impl Twin {
+    /// Joins scene, settings and the true rig (cameras and projectors; pairs do not matter).
+    ///
+    /// # Errors
+    /// Settings out of range, impossible cameras, a rig without camera or projector.
+    pub fn new(scene: &Scene, settings: TwinSettings, rig: &Rig) -> Result<Self, TwinError> {
+        settings.check()?;
+        for (kind, list) in [("camera", &rig.cameras), ("projector", &rig.projectors)] {
+            if list.is_empty() {
+                return Err(TwinError::Missing(kind));
+            }
+        }
+        for Named { name, camera } in rig.cameras.iter().chain(&rig.projectors) {
+            camera.check().map_err(|source| TwinError::Camera { name: name.clone(), source })?;
+        }
+        let subsamples = settings.subsamples;
+        for Named { name, camera } in &rig.cameras {
+            let rays =
+                u64::from(camera.width_px) * u64::from(camera.height_px) * u64::from(subsamples).pow(2);
+            if rays > MOST_RAYS {
+                return Err(TwinError::Rays { name: name.clone(), subsamples, rays });
+            }
+        }
+        for Named { name, camera: Camera { width_px, height_px, .. } } in &rig.projectors {
+            let (width_px, height_px) = (*width_px, *height_px);
+            if width_px.max(height_px) > LARGEST_SIDE_PX {
+                return Err(TwinError::ProjectorSize { name: name.clone(), width_px, height_px });
+            }
+        }
+        let projectors = rig.projectors.clone();
+        let shared = Arc::new(Shared { settings, projectors, normal: Normal::default() });
+        Ok(Self { scene: scene.without_truth(), cameras: rig.cameras.clone(), shared })
+    }
+
+    /// The settings.
+    pub fn settings(&self) -> &TwinSettings {
+        &self.shared.settings
+    }
+
+    /// Where the part stands in a cycle: world_from_part.
+    pub fn pose(&self, cycle: u64) -> Isometry3<f64> {
+        pose::of_cycle(&self.shared.settings, cycle)
+    }
+
+    /// Traces a camera with all projectors.
+    ///
+    /// # Errors
+    /// An unknown camera; a camera or projector inside of the part.
+    pub fn view(&self, camera: &str, cycle: u64) -> Result<View, TwinError> {
+        let names: Vec<_> = self.shared.projectors.iter().map(|p| p.name.as_str()).collect();
+        self.view_lit_by(camera, &names, cycle)
+    }
+
+    /// Traces a camera with some projectors: less time and memory when a pair has one of its own.
+    ///
+    /// # Errors
+    /// As [`Self::view`], and unknown projectors.
+    pub fn view_lit_by(&self, camera: &str, projectors: &[&str], cycle: u64) -> Result<View, TwinError> {
+        let index = index_of("camera", &self.cameras, camera)?;
+        let lamps = projectors
+            .iter()
+            .map(|name| index_of("projector", &self.shared.projectors, name))
+            .collect::<Result<Vec<_>, _>>()?;
+        let size = &self.cameras[index].camera;
+        let (width, height) = (size.width_px as usize, size.height_px as usize);
+        let rays = width * height * (self.shared.settings.subsamples as usize).pow(2);
+        let swaying = if self.shared.settings.vibration_um > 0.0 { rays * lamps.len() } else { 0 };
+        let mut view = View {
+            shared: Arc::clone(&self.shared),
+            camera: index,
+            cycle,
+            width,
+            height,
+            ambient: vec![0.0; rays],
+            lit: vec![Lit::default(); rays * lamps.len()],
+            sway: vec![Sway::default(); swaying],
+            lamps,
+        };
+        self.retrace(&mut view, cycle)?;
+        Ok(view)
+    }
+
+    /// Traces a view again for another cycle, in the memory it has.
+    ///
+    /// # Errors
+    /// A camera or projector inside of the part.
+    pub fn retrace(&self, view: &mut View, cycle: u64) -> Result<(), TwinError> {
+        let tracer = self.tracer(view.camera, &view.lamps, cycle)?;
+        view.cycle = cycle;
+        let rays = view.ambient.len() / view.height;
+        let lamps = view.lamps.len();
+        let mut lit = view.lit.chunks_mut((rays * lamps).max(1));
+        let mut sway = view.sway.chunks_mut((rays * lamps).max(1));
+        let rows = view
+            .ambient
+            .chunks_mut(rays)
+            .enumerate()
+            .map(|(y, ambient)| Row {
+                y,
+                ambient,
+                lit: lit.next().unwrap_or(&mut []),
+                sway: sway.next().unwrap_or(&mut []),
+            })
+            .collect();
+        tracer.run(rows);
+        Ok(())
+    }
+
+    fn tracer(&self, camera: usize, lamps: &[usize], cycle: u64) -> Result<Tracer<'_>, TwinError> {
+        let world_from_part = self.pose(cycle);
+        let aim = self.scene.centre_mm();
+        let place = |named: &Named| {
+            let reference_mm = (named.camera.centre_mm() - aim).norm();
+            let placed = Placed::new(&named.camera, &world_from_part, reference_mm);
+            match self.scene.holder(&placed.centre) {
+                Some(body) => Err(TwinError::Inside { name: named.name.clone(), body: body.into(), cycle }),
+                None => Ok(placed),
+            }
+        };
+        Ok(Tracer {
+            scene: &self.scene,
+            camera: place(&self.cameras[camera])?,
+            projectors: lamps.iter().map(|i| place(&self.shared.projectors[*i])).collect::<Result<_, _>>()?,
+            world_from_part,
+            subsamples: self.shared.settings.subsamples as usize,
+        })
+    }
+
+    /// What the ray of a pixel truly meets; `None` beside the part. For judging a measurement, not for making one.
+    ///
+    /// # Errors
+    /// As [`Self::view`].
+    pub fn truth_point(
+        &self,
+        camera: &str,
+        cycle: u64,
+        pixel: Point2<f64>,
+    ) -> Result<Option<TruthPoint>, TwinError> {
+        let index = index_of("camera", &self.cameras, camera)?;
+        let tracer = self.tracer(index, &[], cycle)?;
+        let hit = tracer
+            .camera
+            .direction(pixel.x, pixel.y)
+            .and_then(|d| self.scene.first_hit(&tracer.camera.centre, &d));
+        Ok(hit.map(|hit| TruthPoint {
+            world_mm: tracer.world_from_part * hit.point_mm,
+            part_mm: hit.point_mm,
+            normal: tracer.world_from_part.rotation * hit.normal,
+            body: hit.body,
+            face: hit.face,
+        }))
+    }
+}
+
+pub(crate) fn index_of(kind: &'static str, list: &[Named], name: &str) -> Result<usize, TwinError> {
+    list.iter().position(|n| n.name == name).ok_or_else(|| TwinError::Unknown {
+        kind,
+        name: name.into(),
+        known: list.iter().map(|n| n.name.as_str()).collect::<Vec<_>>().join(", "),
+    })
+}

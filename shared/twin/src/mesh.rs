@@ -1,0 +1,246 @@
+//! Triangle meshes: from STL bytes, hit by rays, asked for the nearest point.
+
+use crate::bvh::{Aabb, Bvh};
+use crate::solid::{Contact, Nearest};
+use nalgebra::{Point3, Vector3};
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use thiserror::Error;
+
+/// Two neighbouring triangles that bend by more than this share an edge of the part; below, it is the facetting of a
+/// curved face (CAD systems export with 5° to 15° chords). Cosine of 25°.
+const CREASE_COSINE: f64 = 0.906;
+
+/// More triangles than this would not fit the tree's 32-bit numbers with room to spare.
+const MOST_TRIANGLES: usize = 50_000_000;
+
+/// What is wrong with a mesh.
+#[derive(Debug, Error, Clone, PartialEq, Eq)]
+pub enum MeshError {
+    /// Not an STL, or cut off.
+    #[error("the STL cannot be read ({0}); is it complete, and is it STL?")]
+    Unreadable(String),
+    /// A corner is NaN or infinite.
+    #[error("triangle {triangle} of the STL has a corner that is not a finite number")]
+    NotFinite {
+        /// Counted from 0.
+        triangle: usize,
+    },
+    /// Nothing to hit.
+    #[error("the mesh has no triangle of positive area ({given} given)")]
+    Empty {
+        /// Triangles before those without area were left out.
+        given: usize,
+    },
+    /// Beyond what the tree can number.
+    #[error("the mesh has {given} triangles, limit {MOST_TRIANGLES}; thin it out")]
+    TooLarge {
+        /// Number of triangles.
+        given: usize,
+    },
+}
+
+#[derive(Debug, Clone, PartialEq)]
+struct Triangle {
+    /// As given: neighbours share their bits, which corner + u would lose.
+    corners: [Point3<f64>; 3],
+    /// Second minus first corner.
+    u: Vector3<f64>,
+    /// Third minus first corner.
+    v: Vector3<f64>,
+    normal: Vector3<f64>,
+}
+
+impl Triangle {
+    fn new([a, b, c]: [Point3<f64>; 3]) -> Option<Self> {
+        let (u, v) = (b - a, c - a);
+        let normal = u.cross(&v);
+        // Relative: a sliver of 1e-12 of its own size squared has no direction left in its normal.
+        let size = u.norm_squared().max(v.norm_squared());
+        (normal.norm() > 1e-12 * size && size > 0.0).then(|| Self {
+            corners: [a, b, c],
+            u,
+            v,
+            normal: normal.normalize(),
+        })
+    }
+
+    /// Möller & Trumbore, Fast minimum storage ray–triangle intersection, 1997; from both sides.
+    fn hit(&self, origin: &Point3<f64>, d: &Vector3<f64>) -> Option<f64> {
+        let across = d.cross(&self.v);
+        let determinant = self.u.dot(&across);
+        if determinant == 0.0 {
+            return None;
+        }
+        let from_corner = origin - self.corners[0];
+        let a = from_corner.dot(&across) / determinant;
+        let q = from_corner.cross(&self.u);
+        let b = d.dot(&q) / determinant;
+        // A hair outside still counts, so that no ray slips between two neighbours.
+        (a >= -1e-12 && b >= -1e-12 && a + b <= 1.0 + 1e-12).then(|| self.v.dot(&q) / determinant)
+    }
+
+    /// Ericson, Real-time collision detection, section 5.1.5.
+    fn nearest(&self, p: &Point3<f64>) -> Point3<f64> {
+        let w = p - self.corners[0];
+        let (uu, uv, vv) = (self.u.norm_squared(), self.u.dot(&self.v), self.v.norm_squared());
+        let (wu, wv) = (w.dot(&self.u), w.dot(&self.v));
+        let determinant = uu * vv - uv * uv;
+        let a = (vv * wu - uv * wv) / determinant;
+        let b = (uu * wv - uv * wu) / determinant;
+        if a >= 0.0 && b >= 0.0 && a + b <= 1.0 {
+            return self.corners[0] + self.u * a + self.v * b;
+        }
+        let [c0, c1, c2] = self.corners;
+        [(c0, c1), (c1, c2), (c2, c0)]
+            .map(|(from, to)| nearest_on_segment(from, to, p))
+            .into_iter()
+            .min_by(|x, y| (p - x).norm_squared().total_cmp(&(p - y).norm_squared()))
+            .unwrap_or(c0)
+    }
+}
+
+fn nearest_on_segment(from: Point3<f64>, to: Point3<f64>, p: &Point3<f64>) -> Point3<f64> {
+    let along = to - from;
+    let s = (p - from).dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE);
+    from + along * s.clamp(0.0, 1.0)
+}
+
+/// A triangle mesh with its trees. Face numbers are triangle numbers after those without area were left out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mesh {
+    triangles: Vec<Triangle>,
+    tree: Bvh,
+    creases: Vec<(Point3<f64>, Point3<f64>)>,
+    crease_tree: Bvh,
+}
+
+impl Mesh {
+    /// Reads a binary or ASCII STL; lengths in the file times `scale` are mm.
+    ///
+    /// # Errors
+    /// Truncated or foreign bytes, corners that are not finite, no triangle with an area.
+    pub fn from_stl(bytes: &[u8], scale: f64) -> Result<Self, MeshError> {
+        let unreadable = |e: std::io::Error| MeshError::Unreadable(e.to_string());
+        let mut cursor = Cursor::new(bytes);
+        let reader = stl_io::create_stl_reader(&mut cursor).map_err(unreadable)?;
+        let mut corners = Vec::new();
+        for triangle in reader {
+            let vertices = triangle.map_err(unreadable)?.vertices;
+            corners.push(vertices.map(|v| Point3::from(v.0.map(|c| f64::from(c) * scale))));
+            if corners.len() > MOST_TRIANGLES {
+                return Err(MeshError::TooLarge { given: corners.len() });
+            }
+        }
+        Self::from_corners(&corners)
+    }
+
+    /// Builds a mesh of triangles whose corners run counter-clockwise when seen from outside.
+    ///
+    /// # Errors
+    /// As [`Self::from_stl`].
+    pub fn from_corners(corners: &[[Point3<f64>; 3]]) -> Result<Self, MeshError> {
+        let finite = |c: &[Point3<f64>; 3]| c.iter().all(|p| p.iter().all(|x| x.is_finite()));
+        if let Some(triangle) = corners.iter().position(|c| !finite(c)) {
+            return Err(MeshError::NotFinite { triangle });
+        }
+        let triangles: Vec<_> = corners.iter().filter_map(|c| Triangle::new(*c)).collect();
+        if triangles.is_empty() {
+            return Err(MeshError::Empty { given: corners.len() });
+        }
+        if triangles.len() > MOST_TRIANGLES {
+            return Err(MeshError::TooLarge { given: triangles.len() });
+        }
+        let boxes: Vec<_> = triangles.iter().map(|t| Aabb::of(&t.corners)).collect();
+        let creases = creases(&triangles);
+        let crease_boxes: Vec<_> = creases.iter().map(|(a, b)| Aabb::of(&[*a, *b])).collect();
+        Ok(Self { triangles, tree: Bvh::new(&boxes), creases, crease_tree: Bvh::new(&crease_boxes) })
+    }
+
+    /// Number of triangles.
+    pub fn triangles(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// The first triangle a ray meets beyond `least_mm`; the normal points against the ray.
+    pub fn enter(&self, origin: &Point3<f64>, d: &Vector3<f64>, least_mm: f64) -> Option<Contact> {
+        let mut best: Option<(f64, u32)> = None;
+        self.tree.along_ray(origin, d, f64::INFINITY, |item, limit| {
+            match self.triangles[item as usize].hit(origin, d) {
+                // On a shared edge the lower number wins: the tree's order must not show.
+                Some(t)
+                    if t > least_mm && best.is_none_or(|(near, i)| t < near || (t == near && item < i)) =>
+                {
+                    best = Some((t, item));
+                    t
+                }
+                _ => limit,
+            }
+        });
+        best.map(|(t_mm, face)| {
+            let normal = self.triangles[face as usize].normal;
+            let normal = if normal.dot(d) > 0.0 { -normal } else { normal };
+            Contact { t_mm, normal, face }
+        })
+    }
+
+    /// Whether anything lies on the ray between `least_mm` and `limit_mm`.
+    pub fn blocks(&self, origin: &Point3<f64>, d: &Vector3<f64>, least_mm: f64, limit_mm: f64) -> bool {
+        let mut blocked = false;
+        self.tree.along_ray(origin, d, limit_mm, |item, limit| {
+            blocked |=
+                self.triangles[item as usize].hit(origin, d).is_some_and(|t| t > least_mm && t < limit_mm);
+            if blocked { -1.0 } else { limit }
+        });
+        blocked
+    }
+
+    /// The nearest surface point; the sign is that of the nearest triangle's side.
+    pub fn nearest(&self, p: &Point3<f64>) -> Nearest {
+        let mut best = (f64::INFINITY, 0_u32, *p);
+        self.tree.around_point(p, f64::INFINITY, |item, limit| {
+            let foot = self.triangles[item as usize].nearest(p);
+            let distance = (p - foot).norm();
+            if distance < best.0 || (distance == best.0 && item < best.1) {
+                best = (distance, item, foot);
+            }
+            limit.min(distance)
+        });
+        let (distance, face, foot_mm) = best;
+        let outside = self.triangles[face as usize].normal.dot(&(p - foot_mm)) >= 0.0;
+        let mut edge_mm = f64::INFINITY;
+        self.crease_tree.around_point(&foot_mm, f64::INFINITY, |item, limit| {
+            let (a, b) = self.creases[item as usize];
+            edge_mm = edge_mm.min((foot_mm - nearest_on_segment(a, b, &foot_mm)).norm());
+            limit.min(edge_mm)
+        });
+        Nearest { signed_mm: if outside { distance } else { -distance }, foot_mm, face, edge_mm }
+    }
+
+    /// Centre and radius of a sphere that holds the mesh, mm.
+    pub fn bounding_sphere(&self) -> (Point3<f64>, f64) {
+        self.tree.bounds().map_or((Point3::origin(), 0.0), |b| (b.centre(), 0.5 * (b.high - b.low).norm()))
+    }
+}
+
+/// Edges where the surface bends, ends, or branches.
+fn creases(triangles: &[Triangle]) -> Vec<(Point3<f64>, Point3<f64>)> {
+    let key = |p: &Point3<f64>| [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
+    let mut owners: BTreeMap<_, (Vec<usize>, Point3<f64>, Point3<f64>)> = BTreeMap::new();
+    for (index, triangle) in triangles.iter().enumerate() {
+        let [a, b, c] = triangle.corners;
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            let (x, y) = (key(&from), key(&to));
+            let name = if x <= y { (x, y) } else { (y, x) };
+            owners.entry(name).or_insert_with(|| (Vec::new(), from, to)).0.push(index);
+        }
+    }
+    owners
+        .into_values()
+        .filter(|(faces, ..)| match faces.as_slice() {
+            [a, b] => triangles[*a].normal.dot(&triangles[*b].normal) < CREASE_COSINE,
+            _ => true,
+        })
+        .map(|(_, from, to)| (from, to))
+        .collect()
+}

@@ -1,0 +1,254 @@
+//! Frames: the traced geometry, lit by a pattern, seen by a sensor.
+//!
+//! Order of the physics: light of the pattern (response, chip, blur) → reflected → averaged over the pixel → lens
+//! blur → shot and read noise → saturation → quantisation.
+
+use crate::blur;
+use crate::cell::{Shared, Twin, TwinError, View, index_of};
+use crate::light::{FIXED_BITS, Light, pixel};
+use crate::pose;
+use crate::random::Key;
+use crate::trace::{Lit, Sway};
+use fringe::pattern::{PatternSet, frame_count, locate};
+use nalgebra::{Point2, Vector3};
+use std::sync::Arc;
+
+/// Tells the noise apart from the other draws of a seed.
+const NOISE: u64 = 3;
+
+/// Fraction of full scale that a reflectance of 1 gives at exposure 1 and at the reference distance.
+const NOMINAL_SIGNAL: f64 = 0.85;
+
+/// Variance of an even distribution over one pixel, px².
+const FOOTPRINT_PX2: f64 = 1.0 / 12.0;
+
+/// Grey values to be written, row by row.
+#[derive(Debug)]
+pub enum PixelsMut<'a> {
+    /// 8 bits per pixel.
+    Mono8(&'a mut [u8]),
+    /// 10 to 16 bits per pixel, in the low bits.
+    Mono16(&'a mut [u16]),
+}
+
+impl PixelsMut<'_> {
+    fn describe(&self) -> (usize, bool) {
+        match self {
+            Self::Mono8(values) => (values.len(), true),
+            Self::Mono16(values) => (values.len(), false),
+        }
+    }
+}
+
+/// Renders the frames of one projector's sequence. All tables are made beforehand; after the first frame of a size
+/// nothing is allocated but one padded row.
+#[derive(Debug, Clone)]
+pub struct Renderer {
+    shared: Arc<Shared>,
+    projector: usize,
+    first: usize,
+    lights: Vec<Light>,
+    taps: Vec<f32>,
+    image: Vec<f32>,
+    spare: Vec<f32>,
+}
+
+impl Twin {
+    /// Prepares all frames of a sequence of a projector.
+    ///
+    /// # Errors
+    /// An unknown projector, a set that cannot be generated.
+    pub fn renderer(&self, projector: &str, sequence: &[PatternSet]) -> Result<Renderer, TwinError> {
+        Renderer::new(&self.shared, projector, sequence, 0..frame_count(sequence))
+    }
+}
+
+impl View {
+    /// Columns.
+    pub fn width_px(&self) -> u32 {
+        self.width as u32
+    }
+
+    /// Rows.
+    pub fn height_px(&self) -> u32 {
+        self.height as u32
+    }
+
+    /// Grey value at which the sensor is full.
+    pub fn full_scale_dn(&self) -> u16 {
+        self.shared.settings.full_scale_dn()
+    }
+
+    /// Renders one frame. For many frames a [`Renderer`] saves the tables.
+    ///
+    /// # Errors
+    /// As [`Renderer::render`].
+    pub fn render(
+        &self,
+        projector: &str,
+        sequence: &[PatternSet],
+        frame: usize,
+        out: PixelsMut,
+    ) -> Result<(), TwinError> {
+        Renderer::new(&self.shared, projector, sequence, frame..frame + 1)?.render(self, frame, out)
+    }
+
+    /// The true projector coordinate of a pixel's centre; `None` where the projector does not light it. With several
+    /// rays per pixel, that of the middle one. For judging a measurement, not for making one.
+    ///
+    /// # Errors
+    /// A projector that this view was not traced with.
+    pub fn truth_coordinate(&self, projector: &str, index: usize) -> Result<Option<Point2<f64>>, TwinError> {
+        let slot = self.slot(index_of("projector", &self.shared.projectors, projector)?)?;
+        let rays = (self.shared.settings.subsamples as usize).pow(2);
+        let lit = self.lit.get((index * rays + rays / 2) * self.lamps.len() + slot);
+        Ok(lit.filter(|l| l.gain > 0.0).map(|l| Point2::new(pixel(l.u), pixel(l.v))))
+    }
+
+    fn slot(&self, projector: usize) -> Result<usize, TwinError> {
+        self.lamps.iter().position(|l| *l == projector).ok_or_else(|| {
+            let name = |i: &usize| self.shared.projectors[*i].name.clone();
+            TwinError::Unknown {
+                kind: "traced projector",
+                name: name(&projector),
+                known: self.lamps.iter().map(name).collect::<Vec<_>>().join(", "),
+            }
+        })
+    }
+}
+
+impl Renderer {
+    fn new(
+        shared: &Arc<Shared>,
+        projector: &str,
+        sequence: &[PatternSet],
+        frames: std::ops::Range<usize>,
+    ) -> Result<Self, TwinError> {
+        let index = index_of("projector", &shared.projectors, projector)?;
+        let camera = &shared.projectors[index].camera;
+        let first = frames.start;
+        let lights = frames
+            .map(|frame| {
+                let (set, step) = locate(sequence, frame).ok_or_else(|| TwinError::Frame {
+                    projector: projector.into(),
+                    frame,
+                    count: frame_count(sequence),
+                })?;
+                let size_px = [camera.width_px, camera.height_px];
+                Light::new(&sequence[set], step, size_px, &shared.settings)
+                    .map_err(|source| TwinError::Pattern { projector: projector.into(), frame, source })
+            })
+            .collect::<Result<_, _>>()?;
+        let settings = &shared.settings;
+        let footprint =
+            if settings.pixel_footprint && settings.subsamples == 1 { FOOTPRINT_PX2 } else { 0.0 };
+        let taps = blur::taps(settings.camera_blur_px * settings.camera_blur_px + footprint);
+        let (image, spare) = (Vec::new(), Vec::new());
+        Ok(Self { shared: Arc::clone(shared), projector: index, first, lights, taps, image, spare })
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.lights.len()
+    }
+
+    /// Renders one frame of the sequence.
+    ///
+    /// # Errors
+    /// A frame beyond the sequence, a view that was not traced with this projector, a buffer of another size or depth.
+    pub fn render(&mut self, view: &View, frame: usize, out: PixelsMut) -> Result<(), TwinError> {
+        let bits = self.shared.settings.bits;
+        let (len, is_8bit) = out.describe();
+        let pixels = view.width * view.height;
+        if len != pixels || is_8bit != (bits == 8) {
+            let depth = |eight: bool| if eight { "8-bit" } else { "16-bit" };
+            return Err(TwinError::Buffer {
+                given: format!("{len} {} pixels", depth(is_8bit)),
+                needed: format!("{pixels} {} pixels", depth(bits == 8)),
+            });
+        }
+        self.irradiance(view, frame)?;
+        self.add_noise(view, frame);
+        let full = f32::from(self.shared.settings.full_scale_dn());
+        // Clamped first: black and saturation are the ends of the range, and NaN cannot occur.
+        let dn = |value: &f32| value.clamp(0.0, 1.0) * full + 0.5;
+        match out {
+            PixelsMut::Mono8(out) => out.iter_mut().zip(&self.image).for_each(|(o, v)| *o = dn(v) as u8),
+            PixelsMut::Mono16(out) => out.iter_mut().zip(&self.image).for_each(|(o, v)| *o = dn(v) as u16),
+        }
+        Ok(())
+    }
+
+    /// The frame before noise and quantisation, as a fraction of full scale; may exceed 1 where it saturates.
+    ///
+    /// # Errors
+    /// As [`Self::render`].
+    pub fn irradiance(&mut self, view: &View, frame: usize) -> Result<&[f32], TwinError> {
+        let unknown = || TwinError::Frame {
+            projector: self.shared.projectors[self.projector].name.clone(),
+            frame,
+            count: self.first + self.lights.len(),
+        };
+        let light = frame.checked_sub(self.first).and_then(|i| self.lights.get(i)).ok_or_else(unknown)?;
+        let slot = view.slot(self.projector)?;
+        self.image.resize(view.width * view.height, 0.0);
+        self.spare.resize(view.width * view.height, 0.0);
+        let settings = &self.shared.settings;
+        let lamps = view.lamps.len();
+        let rays = (settings.subsamples as usize).pow(2);
+        let exposure = (settings.exposure * NOMINAL_SIGNAL / rays as f64) as f32;
+        let (ambient, black) = (settings.ambient as f32, settings.black_level as f32);
+        let shift = pose::vibration_mm(settings, &self.shared.normal, view.cycle, self.projector, frame);
+        let shift = shift.map(|c| c as f32);
+        let lit = view.lit.chunks_exact(lamps * rays);
+        let seen = |index: usize, ray: usize, lit: &Lit| {
+            let at = index * rays + ray;
+            let (u, v) = match view.sway.get(at * lamps + slot) {
+                Some(sway) => moved(lit, sway, &shift),
+                None => (lit.u, lit.v),
+            };
+            lit.gain * light.at(u, v) + ambient * view.ambient[at]
+        };
+        for (index, (out, lit)) in self.image.iter_mut().zip(lit).enumerate() {
+            let mut sum = 0.0;
+            for ray in 0..rays {
+                sum += seen(index, ray, &lit[ray * lamps + slot]);
+            }
+            *out = exposure * sum + black;
+        }
+        blur::blur(&mut self.image, &mut self.spare, view.width, &self.taps);
+        Ok(&self.image)
+    }
+
+    /// Shot noise (variance = electrons) and read noise.
+    fn add_noise(&mut self, view: &View, frame: usize) {
+        let settings = &self.shared.settings;
+        let full_well = settings.full_well_e as f32;
+        let shot = if settings.shot_noise { 1.0 / full_well } else { 0.0 };
+        let read = (settings.read_noise_e as f32 / full_well).powi(2);
+        if shot == 0.0 && read == 0.0 {
+            return;
+        }
+        let key = Key::new(settings.seed)
+            .with(NOISE)
+            .with(view.cycle)
+            .with(view.camera as u64)
+            .with(self.projector as u64)
+            .with(frame as u64);
+        let normal = &self.shared.normal;
+        for (index, value) in self.image.iter_mut().enumerate() {
+            let variance = value.max(0.0) * shot + read;
+            *value += variance.sqrt() * normal.draw(key.bits(index as u64));
+        }
+    }
+}
+
+/// Projector coordinate of a ray while the part is displaced.
+fn moved(lit: &Lit, sway: &Sway, shift: &Vector3<f32>) -> (u32, u32) {
+    let along = |rate: &[f32; 3]| {
+        let px = rate[0] * shift.x + rate[1] * shift.y + rate[2] * shift.z;
+        (px * (1_u32 << FIXED_BITS) as f32) as i64
+    };
+    let add = |at: u32, delta: i64| (i64::from(at) + delta).clamp(0, i64::from(u32::MAX)) as u32;
+    (add(lit.u, along(&sway.u)), add(lit.v, along(&sway.v)))
+}

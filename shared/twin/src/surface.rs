@@ -1,0 +1,107 @@
+//! How a surface reflects at a point.
+
+use crate::random::Key;
+use fringe::math::pow;
+use nalgebra::{Point3, Vector3};
+
+/// A checkerboard on the plane z = 0 of a body.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Checkerboard {
+    /// Inner corners along x.
+    pub columns: u32,
+    /// Inner corners along y.
+    pub rows: u32,
+    /// Side of a square, mm.
+    pub pitch_mm: f64,
+    /// Albedo of the dark squares as a fraction of the light ones'.
+    pub dark: f64,
+}
+
+impl Checkerboard {
+    /// Factor on the albedo. Inner corner (i, j) lies at ((i − (columns−1)/2)·pitch, (j − (rows−1)/2)·pitch); the
+    /// square that ends at corner (0, 0) is dark; outside of the (columns+1)×(rows+1) squares it is light.
+    fn factor(&self, x_mm: f64, y_mm: f64) -> f64 {
+        let cell = |at_mm: f64, corners: u32| {
+            let index = (at_mm / self.pitch_mm + 0.5 * f64::from(corners + 1)).floor();
+            (index >= 0.0 && index <= f64::from(corners)).then_some(index as i64)
+        };
+        match (cell(x_mm, self.columns), cell(y_mm, self.rows)) {
+            (Some(i), Some(j)) if (i + j) % 2 == 0 => self.dark,
+            _ => 1.0,
+        }
+    }
+}
+
+/// A surface: Lambertian with a grainy albedo, and a specular lobe.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Surface {
+    /// Lambertian reflectance.
+    pub albedo: f64,
+    /// Relative amplitude of the albedo's texture.
+    pub texture: f64,
+    /// Grain of the texture, mm.
+    pub texture_mm: f64,
+    /// Strength of the specular lobe, in units of reflectance.
+    pub specular: f64,
+    /// Exponent of the specular lobe.
+    pub shininess: f64,
+    /// Squares on the face z = 0.
+    pub checkerboard: Option<Checkerboard>,
+    /// Stream of the texture.
+    pub key: Key,
+}
+
+impl Surface {
+    /// Albedo at a point of the body frame.
+    pub fn albedo_at(&self, p: &Point3<f64>) -> f64 {
+        let mut albedo = self.albedo;
+        if self.texture > 0.0 {
+            albedo *= 1.0 + self.texture * grain(self.key, &(p / self.texture_mm));
+        }
+        if let Some(board) = &self.checkerboard
+            && p.z > -1e-6
+        {
+            albedo *= board.factor(p.x, p.y);
+        }
+        albedo
+    }
+
+    /// Reflectance times cosine for light from `to_light` seen from `to_eye` (unit vectors); zero from behind.
+    ///
+    /// Lambert plus Blinn–Phong (Blinn, Models of light reflection, 1977), the lobe weighted with the cosine too.
+    pub fn shade(
+        &self,
+        albedo: f64,
+        normal: &Vector3<f64>,
+        to_light: &Vector3<f64>,
+        to_eye: &Vector3<f64>,
+    ) -> f64 {
+        let cosine = normal.dot(to_light);
+        if cosine <= 0.0 {
+            return 0.0;
+        }
+        let lobe = match (to_light + to_eye).try_normalize(1e-12) {
+            Some(half) if self.specular > 0.0 => {
+                self.specular * pow(normal.dot(&half).max(0.0), self.shininess)
+            }
+            _ => 0.0,
+        };
+        cosine * (albedo + lobe)
+    }
+}
+
+/// Solid value noise, −1 … 1: even draws on a unit lattice, smoothly interpolated (Perlin's 3t² − 2t³).
+fn grain(key: Key, p: &Point3<f64>) -> f64 {
+    let cell = p.map(f64::floor);
+    let s = (p - cell).map(|t| t * t * (3.0 - 2.0 * t));
+    let corner = |dx: i64, dy: i64, dz: i64| {
+        let [x, y, z] = [cell.x as i64 + dx, cell.y as i64 + dy, cell.z as i64 + dz];
+        key.symmetric(
+            (x & 0x1f_ffff) as u64 | ((y & 0x1f_ffff) as u64) << 21 | ((z & 0x1f_ffff) as u64) << 42,
+        )
+    };
+    let mix = |a: f64, b: f64, t: f64| a + (b - a) * t;
+    let along_x = |dy, dz| mix(corner(0, dy, dz), corner(1, dy, dz), s.x);
+    let along_y = |dz| mix(along_x(0, dz), along_x(1, dz), s.y);
+    mix(along_y(0), along_y(1), s.z)
+}

@@ -1,0 +1,143 @@
+//! Tracing: per pixel, what a camera sees and where in each projector's image it lies. Done once per pose.
+
+use crate::light;
+use crate::scene::Scene;
+use fringe::camera::Camera;
+use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
+use rayon::prelude::*;
+
+/// Half step of the difference quotient along a ray, mm: its error is below 1e-8 of the slope.
+const SLOPE_STEP_MM: f64 = 0.01;
+
+/// What one projector does to one ray.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[repr(C)]
+pub(crate) struct Lit {
+    /// Projector column, fixed point.
+    pub u: u32,
+    /// Projector row, fixed point.
+    pub v: u32,
+    /// Light reflected to the camera per light sent; zero in the shadow.
+    pub gain: f32,
+}
+
+/// How the projector coordinate of a ray changes when the part moves, px per mm in the world frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[repr(C)]
+pub(crate) struct Sway {
+    pub u: [f32; 3],
+    pub v: [f32; 3],
+}
+
+/// A camera or projector seen from the part.
+#[derive(Debug, Clone)]
+pub(crate) struct Placed {
+    camera: Camera,
+    part_from_camera: Matrix3<f64>,
+    pub centre: Point3<f64>,
+    /// Squared distance at which its light counts as 1, mm².
+    pub reference_mm2: f64,
+}
+
+impl Placed {
+    pub fn new(camera: &Camera, world_from_part: &Isometry3<f64>, reference_mm: f64) -> Self {
+        let mut camera = camera.clone();
+        camera.camera_from_world *= world_from_part;
+        let inverse = camera.camera_from_world.inverse();
+        Self {
+            part_from_camera: inverse.rotation.to_rotation_matrix().into_inner(),
+            centre: Point3::from(inverse.translation.vector),
+            reference_mm2: reference_mm * reference_mm,
+            camera,
+        }
+    }
+
+    /// Direction of a pixel's ray in the part frame.
+    pub fn direction(&self, x: f64, y: f64) -> Option<Vector3<f64>> {
+        let ideal = self.camera.normalised_from_pixel(Point2::new(x, y))?;
+        Some((self.part_from_camera * Vector3::new(ideal.x, ideal.y, 1.0)).normalize())
+    }
+
+    /// Pixel of a point of the part frame, if it lies on the chip.
+    pub fn pixel(&self, p: &Point3<f64>) -> Option<Point2<f64>> {
+        self.camera.project(p).filter(|q| self.camera.contains(*q))
+    }
+}
+
+/// One row of the planes.
+pub(crate) struct Row<'a> {
+    pub y: usize,
+    pub ambient: &'a mut [f32],
+    pub lit: &'a mut [Lit],
+    pub sway: &'a mut [Sway],
+}
+
+/// Everything that tracing needs.
+pub(crate) struct Tracer<'a> {
+    pub scene: &'a Scene,
+    pub camera: Placed,
+    pub projectors: Vec<Placed>,
+    pub world_from_part: Isometry3<f64>,
+    pub subsamples: usize,
+}
+
+impl Tracer<'_> {
+    /// Fills all rows. Rows are independent, so the number of threads does not show.
+    pub fn run(&self, rows: Vec<Row>) {
+        rows.into_par_iter().for_each(|mut row| self.row(&mut row));
+    }
+
+    fn row(&self, row: &mut Row) {
+        let n = self.subsamples;
+        let projectors = self.projectors.len();
+        let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
+        for (index, ambient) in row.ambient.iter_mut().enumerate() {
+            let (x, s) = (index / (n * n), index % (n * n));
+            let lit = &mut row.lit[index * projectors..(index + 1) * projectors];
+            let sway = row.sway.get_mut(index * projectors..(index + 1) * projectors).unwrap_or(&mut []);
+            lit.fill(Lit::default());
+            sway.fill(Sway::default());
+            *ambient = self.sample(x as f64 + offset(s % n), row.y as f64 + offset(s / n), lit, sway);
+        }
+    }
+
+    /// Traces one ray; returns the albedo, zero where it meets nothing.
+    fn sample(&self, x: f64, y: f64, lit: &mut [Lit], sway: &mut [Sway]) -> f32 {
+        let Some(direction) = self.camera.direction(x, y) else { return 0.0 };
+        let Some(hit) = self.scene.first_hit(&self.camera.centre, &direction) else { return 0.0 };
+        let body = self.scene.body(hit.body);
+        let albedo = body.surface.albedo_at(&body.local(&hit.point_mm));
+        for (index, projector) in self.projectors.iter().enumerate() {
+            let way = projector.centre - hit.point_mm;
+            let distance_mm2 = way.norm_squared();
+            let shade = body.surface.shade(albedo, &hit.normal, &(way / distance_mm2.sqrt()), &-direction);
+            if shade <= 0.0 {
+                continue;
+            }
+            let Some(at) = projector.pixel(&hit.point_mm) else { continue };
+            if self.scene.is_shadowed(&hit, &projector.centre) {
+                continue;
+            }
+            let gain = (shade * projector.reference_mm2 / distance_mm2) as f32;
+            lit[index] = Lit { u: light::fixed(at.x), v: light::fixed(at.y), gain };
+            if let Some(sway) = sway.get_mut(index) {
+                *sway = self.sway(projector, &hit.point_mm, &hit.normal, &direction);
+            }
+        }
+        albedo as f32
+    }
+
+    /// The part moves by δ; the ray then meets the displaced face at t + n·δ / n·d, to first order.
+    fn sway(&self, projector: &Placed, p: &Point3<f64>, normal: &Vector3<f64>, d: &Vector3<f64>) -> Sway {
+        let step = d * SLOPE_STEP_MM;
+        let (Some(far), Some(near)) =
+            (projector.camera.project(&(p + step)), projector.camera.project(&(p - step)))
+        else {
+            return Sway::default();
+        };
+        let slope = (far - near) / (2.0 * SLOPE_STEP_MM);
+        let along_normal = self.world_from_part.rotation * normal / normal.dot(d);
+        let of = |rate: f64| (along_normal * rate).map(|c| c as f32).into();
+        Sway { u: of(slope.x), v: of(slope.y) }
+    }
+}
