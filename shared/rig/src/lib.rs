@@ -10,7 +10,9 @@ pub mod error;
 pub mod hash;
 pub mod image_file;
 pub mod name;
+pub mod ply;
 pub mod recording;
+pub mod result;
 pub mod rig_file;
 mod sequence;
 #[cfg(test)]

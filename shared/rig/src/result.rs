@@ -1,0 +1,154 @@
+//! `result.json`: what one cycle measured, with keys that other programs rely on.
+
+use crate::atomic;
+use crate::document::read_text;
+use crate::error::{FileError, Problem};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Outcome of a cycle that did all it should; anything else is the reason why not.
+pub const OUTCOME_OK: &str = "ok";
+
+/// The outcome of one cycle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CycleResult {
+    /// Number of the cycle, from 0.
+    pub cycle: u64,
+    /// [`OUTCOME_OK`] or the reason.
+    pub outcome: String,
+    /// Over all features; absent when nothing was judged.
+    pub verdict: Option<ResultVerdict>,
+    /// In the order of the inspection plan.
+    pub features: Vec<FeatureResult>,
+    /// In the order of the schedule.
+    pub stages: Vec<StageResult>,
+    /// From the last frame to the verdict, ns; absent when there was none.
+    pub latency_ns: Option<u64>,
+    /// Of each stage's output, hexadecimal.
+    pub hashes: BTreeMap<String, String>,
+    /// Further keys: number of points, overlaps, rig, version.
+    #[serde(flatten)]
+    pub more: BTreeMap<String, serde_json::Value>,
+}
+
+/// A judgement against a tolerance, with the measurement's uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ResultVerdict {
+    /// Surely within.
+    Pass,
+    /// The uncertainty reaches over a limit.
+    Indeterminate,
+    /// Surely outside.
+    Fail,
+}
+
+/// One feature of a cycle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FeatureResult {
+    /// As in the plan.
+    pub name: String,
+    /// In `unit`; absent when it could not be measured.
+    pub value: Option<f64>,
+    /// `mm`, `deg`.
+    pub unit: String,
+    /// Standard uncertainty, in `unit`.
+    pub u: Option<f64>,
+    /// Lower limit, in `unit`.
+    pub lower: Option<f64>,
+    /// Upper limit, in `unit`.
+    pub upper: Option<f64>,
+    /// Absent when the plan sets no limit or there is no value.
+    pub verdict: Option<ResultVerdict>,
+    /// Why there is no value.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+}
+
+/// Times of one stage in one cycle.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StageResult {
+    /// As in the schedule.
+    pub name: String,
+    /// Waiting for input, ns.
+    pub wait_ns: u64,
+    /// Working, ns.
+    pub compute_ns: u64,
+}
+
+/// Writes any machine-readable result as JSON, complete or not at all. A NaN or infinity becomes `null`.
+///
+/// # Errors
+/// A value that JSON cannot hold (a map with keys that are no text), or a place that cannot be written.
+pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), FileError> {
+    let mut text = serde_json::to_string_pretty(value)
+        .map_err(|error| FileError::new(path, Problem::Syntax(error.to_string()), ""))?;
+    text.push('\n');
+    atomic::write(path, text.as_bytes())
+}
+
+/// Reads JSON.
+///
+/// # Errors
+/// Absent, not JSON, or other keys than meant; the message tells the line.
+pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, FileError> {
+    serde_json::from_str(&read_text(path)?).map_err(|error| {
+        let mut fault = FileError::new(path, Problem::Syntax(error.to_string()), "");
+        fault.line = Some(error.line()).filter(|line| *line > 0);
+        fault
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn result() -> CycleResult {
+        CycleResult {
+            cycle: 3,
+            outcome: OUTCOME_OK.into(),
+            verdict: Some(ResultVerdict::Indeterminate),
+            features: vec![FeatureResult {
+                name: "sphere1".into(),
+                value: Some(0.1 + 0.2),
+                unit: "mm".into(),
+                u: Some(1.0 / 3.0),
+                lower: None,
+                upper: Some(22.0),
+                verdict: Some(ResultVerdict::Pass),
+                reason: None,
+            }],
+            stages: vec![StageResult { name: "decode cam1".into(), wait_ns: 1, compute_ns: u64::MAX }],
+            latency_ns: Some(5),
+            hashes: BTreeMap::from([("cloud/fused".into(), "00ff".into())]),
+            more: BTreeMap::from([("points".into(), 7.into())]),
+        }
+    }
+
+    #[test]
+    fn a_result_comes_back_digit_by_digit_with_the_keys_of_the_contract() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("result.json");
+        write_json(&path, &result()).unwrap();
+        assert_eq!(read_json::<CycleResult>(&path).unwrap(), result());
+        let value: serde_json::Value = read_json(&path).unwrap();
+        for key in ["cycle", "outcome", "verdict", "features", "stages", "latency_ns", "hashes", "points"] {
+            assert!(value.get(key).is_some(), "{key}");
+        }
+        for key in ["name", "value", "unit", "u", "lower", "upper", "verdict"] {
+            assert!(value["features"][0].get(key).is_some(), "{key}");
+        }
+        assert_eq!(value["verdict"], "indeterminate");
+    }
+
+    #[test]
+    fn damaged_json_is_told_with_its_line() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("result.json");
+        std::fs::write(&path, "{\n \"cycle\": \n").unwrap();
+        let error = read_json::<CycleResult>(&path).unwrap_err().to_string();
+        assert!(error.contains("result.json:3: "), "{error}");
+    }
+}
