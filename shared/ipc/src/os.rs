@@ -1,0 +1,85 @@
+//! The few calls to the kernel that the standard library does not have.
+#![allow(unsafe_code)]
+
+use std::io;
+use std::path::Path;
+
+/// The monotonic clock that all processes of a machine share, ns.
+pub fn now_ns() -> u64 {
+    let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
+    // SAFETY: `now` is a valid timespec that lives through the call; CLOCK_MONOTONIC exists on every Linux.
+    unsafe { libc::clock_gettime(libc::CLOCK_MONOTONIC, &raw mut now) };
+    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
+/// Asks the kernel to kill this process when its parent dies, so that a killed supervisor leaves no orphan.
+///
+/// Returns whether the parent still is `parent_pid`: it may have died before the call.
+///
+/// # Errors
+/// The kernel's refusal.
+pub fn die_with_parent(parent_pid: u32) -> io::Result<bool> {
+    // SAFETY: PR_SET_PDEATHSIG takes a signal number and touches no memory of ours.
+    let code = unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL as libc::c_ulong, 0, 0, 0) };
+    if code != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    Ok(std::os::unix::process::parent_id() == parent_pid)
+}
+
+/// Free bytes of a file system.
+///
+/// # Errors
+/// The kernel's, or a path with a zero byte.
+pub fn free_bytes(path: &Path) -> io::Result<u64> {
+    use std::os::unix::ffi::OsStrExt;
+    let c_path = std::ffi::CString::new(path.as_os_str().as_bytes())?;
+    // SAFETY: an all-zero statvfs is a valid value of that plain C struct.
+    let mut stat: libc::statvfs = unsafe { std::mem::zeroed() };
+    // SAFETY: the path is a zero-terminated string and `stat` a valid struct, both alive through the call.
+    if unsafe { libc::statvfs(c_path.as_ptr(), &raw mut stat) } != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
+}
+
+/// Keeps this process on some processors. Threads that it starts later inherit them.
+///
+/// # Errors
+/// The kernel's refusal, for instance when none of the processors exists.
+pub fn pin(cores: &[usize]) -> io::Result<()> {
+    // SAFETY: an all-zero cpu_set_t is the empty set.
+    let mut set: libc::cpu_set_t = unsafe { std::mem::zeroed() };
+    for &core in cores.iter().filter(|&&core| core < libc::CPU_SETSIZE as usize) {
+        // SAFETY: the core number is inside the set.
+        unsafe { libc::CPU_SET(core, &mut set) };
+    }
+    // SAFETY: 0 is this thread, the size is that of the set passed.
+    if unsafe { libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), &raw const set) } != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    Ok(())
+}
+
+/// Makes this process ignore the interrupt key; the supervisor tells it when to stop.
+pub fn ignore_interrupts() {
+    // SAFETY: setting a disposition to SIG_IGN runs no handler of ours.
+    unsafe { libc::signal(libc::SIGINT, libc::SIG_IGN) };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_clock_does_not_go_backwards() {
+        let (a, b) = (now_ns(), now_ns());
+        assert!(0 < a && a <= b);
+    }
+
+    #[test]
+    fn free_space_is_asked_of_the_right_file_system() {
+        assert!(free_bytes(Path::new("/dev/shm")).is_ok());
+        assert!(free_bytes(Path::new("/no/such/place")).is_err());
+    }
+}

@@ -1,0 +1,194 @@
+//! From bytes in shared memory to the views of `fringe`, and back. Nothing is copied.
+//!
+//! A phase payload holds four planes one after another: phase f32, sigma f32, modulation f32, validity u8. A frame or a
+//! cloud is one array. All of them start at a multiple of 64 bytes, so the casts cannot fail for honest messages.
+
+use crate::error::MessageError;
+use crate::header::{Cloud, Frame, Header, Phase};
+use fringe::cloud::Point;
+use fringe::frame::{FrameView, Pixels};
+use fringe::phase::{PhaseView, PhaseViewMut};
+
+/// Checks that a payload is as long as its header says.
+///
+/// # Errors
+/// [`MessageError::Length`], or what makes the header itself impossible.
+pub fn check<H: Header>(header: &H, payload: &[u8]) -> Result<(), MessageError> {
+    let announced = header.payload_bytes()?;
+    if announced == payload.len() {
+        Ok(())
+    } else {
+        Err(MessageError::Length { announced, present: payload.len() })
+    }
+}
+
+/// A frame as the decoder takes it.
+///
+/// # Errors
+/// A header that contradicts its payload.
+pub fn frame<'a>(header: &Frame, payload: &'a [u8]) -> Result<FrameView<'a>, MessageError> {
+    check(header, payload)?;
+    let pixels =
+        if header.bytes_per_px == 1 { Pixels::Mono8(payload) } else { Pixels::Mono16(cast(payload)?) };
+    Ok(FrameView {
+        width_px: header.width_px,
+        height_px: header.height_px,
+        full_scale_dn: header.full_scale_dn as u16,
+        pixels,
+    })
+}
+
+/// A phase map as the matcher takes it.
+///
+/// # Errors
+/// A header that contradicts its payload.
+pub fn phase<'a>(header: &Phase, payload: &'a [u8]) -> Result<PhaseView<'a>, MessageError> {
+    check(header, payload)?;
+    let info = header.info()?;
+    let plane = 4 * info.len();
+    let (phase_bytes, rest) = payload.split_at(plane);
+    let (sigma_bytes, rest) = rest.split_at(plane);
+    let (modulation_bytes, valid) = rest.split_at(plane);
+    Ok(PhaseView {
+        info,
+        phase_rad: cast(phase_bytes)?,
+        sigma_rad: cast(sigma_bytes)?,
+        modulation: cast(modulation_bytes)?,
+        valid,
+    })
+}
+
+/// A phase map as the decoder writes it.
+///
+/// # Errors
+/// A header that contradicts its payload.
+pub fn phase_mut<'a>(header: &Phase, payload: &'a mut [u8]) -> Result<PhaseViewMut<'a>, MessageError> {
+    check(header, payload)?;
+    let info = header.info()?;
+    let plane = 4 * info.len();
+    let (phase_bytes, rest) = payload.split_at_mut(plane);
+    let (sigma_bytes, rest) = rest.split_at_mut(plane);
+    let (modulation_bytes, valid) = rest.split_at_mut(plane);
+    Ok(PhaseViewMut {
+        info,
+        phase_rad: cast_mut(phase_bytes)?,
+        sigma_rad: cast_mut(sigma_bytes)?,
+        modulation: cast_mut(modulation_bytes)?,
+        valid,
+    })
+}
+
+/// The points that a cloud message holds.
+///
+/// # Errors
+/// A header that contradicts its payload.
+pub fn points<'a>(header: &Cloud, payload: &'a [u8]) -> Result<&'a [Point], MessageError> {
+    check(header, payload)?;
+    Ok(&cast::<Point>(payload)?[..header.points as usize])
+}
+
+/// The text of an event or a result.
+///
+/// # Errors
+/// [`MessageError::Count`] for a text longer than its payload, [`MessageError::Text`] for bytes that are no text.
+pub fn text(text_bytes: u32, payload: &[u8]) -> Result<&str, MessageError> {
+    let bytes = payload
+        .get(..text_bytes as usize)
+        .ok_or(MessageError::Count { used: text_bytes.into(), capacity: payload.len() as u64 })?;
+    std::str::from_utf8(bytes).map_err(|_| MessageError::Text)
+}
+
+/// All the room of a cloud payload.
+///
+/// # Errors
+/// [`MessageError::Alignment`] for bytes that are no whole number of points.
+pub fn room(payload: &mut [u8]) -> Result<&mut [Point], MessageError> {
+    cast_mut(payload)
+}
+
+/// The pixels of a 16-bit frame, to be written.
+///
+/// # Errors
+/// [`MessageError::Alignment`] for an odd number of bytes.
+pub fn mono16_mut(payload: &mut [u8]) -> Result<&mut [u16], MessageError> {
+    cast_mut(payload)
+}
+
+fn cast<T: bytemuck::AnyBitPattern>(bytes: &[u8]) -> Result<&[T], MessageError> {
+    bytemuck::try_cast_slice(bytes).map_err(|_| MessageError::Alignment)
+}
+
+fn cast_mut<T: bytemuck::Pod>(bytes: &mut [u8]) -> Result<&mut [T], MessageError> {
+    bytemuck::try_cast_slice_mut(bytes).map_err(|_| MessageError::Alignment)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::header::{Event, PHASE_BYTES_PER_PX};
+
+    /// Memory aligned like a loan.
+    fn aligned(words: usize) -> Vec<u64> {
+        vec![0; words]
+    }
+
+    #[test]
+    fn a_frame_is_taken_only_when_header_and_payload_agree() {
+        let honest =
+            Frame { width_px: 4, height_px: 2, bytes_per_px: 2, full_scale_dn: 4095, ..Frame::default() };
+        let memory = aligned(4);
+        let bytes: &[u8] = bytemuck::cast_slice(&memory);
+        assert_eq!(frame(&honest, &bytes[..16]).unwrap().pixels.len(), 8);
+        assert_eq!(frame(&honest, &bytes[..15]), Err(MessageError::Length { announced: 16, present: 15 }));
+        for lie in [
+            Frame { bytes_per_px: 3, ..honest },
+            Frame { bytes_per_px: 0, ..honest },
+            Frame { full_scale_dn: 0, ..honest },
+            Frame { full_scale_dn: 70_000, ..honest },
+            Frame { full_scale_dn: 256, bytes_per_px: 1, height_px: 4, ..honest },
+            Frame { width_px: u32::MAX, height_px: u32::MAX, ..honest },
+            Frame { width_px: 0, ..honest },
+        ] {
+            assert!(frame(&lie, &bytes[..16]).is_err(), "{lie:?}");
+        }
+    }
+
+    #[test]
+    fn the_planes_of_a_phase_map_lie_apart_and_read_back_as_written() {
+        let header = Phase { width_px: 3, height_px: 1, period_px: 16.0, axis: 1, ..Phase::default() };
+        let mut memory = aligned(5);
+        let bytes: &mut [u8] = &mut bytemuck::cast_slice_mut(&mut memory)[..3 * PHASE_BYTES_PER_PX];
+        let map = phase_mut(&header, bytes).unwrap();
+        map.phase_rad.copy_from_slice(&[1.0, 2.0, 3.0]);
+        map.sigma_rad.copy_from_slice(&[4.0, 5.0, 6.0]);
+        map.modulation.copy_from_slice(&[7.0, 8.0, 9.0]);
+        map.valid.copy_from_slice(&[1, 0, 1]);
+        let view = phase(&header, bytes).unwrap();
+        assert_eq!(view.phase_rad, [1.0, 2.0, 3.0]);
+        assert_eq!(view.sigma_rad, [4.0, 5.0, 6.0]);
+        assert_eq!(view.modulation, [7.0, 8.0, 9.0]);
+        assert_eq!(view.valid, [1, 0, 1]);
+        assert!(phase(&Phase { axis: 2, ..header }, bytes).is_err());
+        assert!(phase(&Phase { width_px: 4, ..header }, bytes).is_err());
+    }
+
+    #[test]
+    fn a_cloud_cannot_claim_more_points_than_it_has_room_for() {
+        let memory = aligned(2 * size_of::<Point>() / 8);
+        let bytes: &[u8] = bytemuck::cast_slice(&memory);
+        let header = Cloud { capacity: 2, points: 1, ..Cloud::default() };
+        assert_eq!(points(&header, bytes).unwrap().len(), 1);
+        assert_eq!(
+            points(&Cloud { points: 3, ..header }, bytes),
+            Err(MessageError::Count { used: 3, capacity: 2 })
+        );
+        assert!(points(&Cloud { capacity: 3, ..header }, bytes).is_err());
+    }
+
+    #[test]
+    fn unknown_commands_and_kinds_are_refused() {
+        assert!(crate::header::Control { cycle: 1, command: 9 }.command().is_err());
+        assert!(Event { kind: 9, ..Event::default() }.kind().is_err());
+        assert!(Event { text_bytes: u32::MAX, ..Event::default() }.payload_bytes().is_err());
+    }
+}
