@@ -244,10 +244,8 @@ impl<H: Header> Publisher<H> {
     /// A header without possible payload, or no free slot of that size.
     pub fn loan(&self, header: H) -> Result<Loan<'_, H>, IpcError> {
         let bytes = header.payload_bytes().map_err(|source| self.message_error(source))?;
-        let mut sample = self
-            .publisher
-            .loan_slice_uninit(bytes)
-            .map_err(|e| service_error("loaning from", &self.topic, e))?;
+        let mut sample =
+            self.port.loan_slice_uninit(bytes).map_err(|e| service_error("loaning from", &self.topic, e))?;
         *sample.user_header_mut() = header;
         // SAFETY: the payload lies in a mapping of tmpfs, whose bytes always have a value (zero, or those of an earlier
         // message), and every bit pattern is a valid u8.
