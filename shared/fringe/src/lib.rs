@@ -26,3 +26,5 @@ pub mod phase;
 pub mod rectify;
 pub mod rig;
 pub mod surface;
+#[cfg(test)]
+mod testing;

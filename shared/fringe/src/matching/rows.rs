@@ -1,0 +1,233 @@
+//! The coarse stage on one rectified row: continuous runs of phase, searched by a monotone walk.
+//!
+//! A row falls into runs: neighbouring valid cells whose phase steps are small and of one sense. Within a run each
+//! phase has one place (up to noise), so a cursor that walks with the left pixels finds it in amortised constant
+//! time; and phases that two runs share are found as such, which makes ambiguity visible instead of silent.
+
+/// A continuous, monotone stretch of a row: a bracket lies between any two of its neighbouring cells.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Run {
+    /// Smallest phase, rad.
+    low: f32,
+    /// Largest phase, rad.
+    high: f32,
+    /// Largest `high` of this and all earlier runs of the sorted row: ends the search.
+    high_so_far: f32,
+    /// First cell.
+    start: u32,
+    /// Last cell.
+    end: u32,
+    /// Where the last walk ended.
+    cursor: u32,
+    /// Whether the phase grows with the column.
+    rising: bool,
+}
+
+/// What separates runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct StepLimits {
+    /// Largest step between neighbours of a run, rad.
+    pub max_rad: f32,
+    /// Largest step against the sense of a run, rad: noise may do that, surfaces may not.
+    pub back_rad: f32,
+}
+
+/// One rectified row, prepared for the search. The buffers are reused from row to row.
+#[derive(Debug, Default, Clone)]
+pub(super) struct Row {
+    phase_rad: Vec<f32>,
+    runs: Vec<Run>,
+    hot: usize,
+}
+
+impl Row {
+    /// A row of at most `width` cells.
+    pub fn with_capacity(width: usize) -> Self {
+        // A run has at least two cells.
+        Self { phase_rad: Vec::with_capacity(width), runs: Vec::with_capacity(width / 2 + 1), hot: 0 }
+    }
+
+    /// Takes the phase of a row (NaN where not valid) and cuts it into runs.
+    pub fn fill(&mut self, phase_rad: impl Iterator<Item = f32>, limits: StepLimits) {
+        self.phase_rad.clear();
+        self.phase_rad.extend(phase_rad);
+        self.runs.clear();
+        self.hot = 0;
+        let mut start = 0;
+        for cell in 1..=self.phase_rad.len() {
+            if cell == self.phase_rad.len() || !continues(&self.phase_rad, start, cell, limits) {
+                self.close(start, cell - 1);
+                start = cell;
+            }
+        }
+        self.runs.sort_unstable_by(|a, b| a.low.total_cmp(&b.low).then(a.start.cmp(&b.start)));
+        let mut high_so_far = f32::NEG_INFINITY;
+        for run in &mut self.runs {
+            high_so_far = high_so_far.max(run.high);
+            run.high_so_far = high_so_far;
+        }
+    }
+
+    fn close(&mut self, start: usize, end: usize) {
+        if end <= start {
+            return;
+        }
+        let cells = &self.phase_rad[start..=end];
+        let (low, high) = cells
+            .iter()
+            .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+        self.runs.push(Run {
+            low,
+            high,
+            high_so_far: high,
+            start: start as u32,
+            end: end as u32,
+            cursor: start as u32,
+            rising: cells[cells.len() - 1] > cells[0],
+        });
+    }
+
+    /// Calls `visit` with the fractional column of every place where the row takes this phase, one per run.
+    ///
+    /// A run that contains the column `near` is searched from there, another one from where its last search ended.
+    #[inline]
+    pub fn find(&mut self, phase_rad: f32, near: Option<f64>, mut visit: impl FnMut(f64)) {
+        let Some(last) = self.runs.len().checked_sub(1) else { return };
+        // The number of runs that begin below the phase changes little from pixel to pixel: walk, do not search.
+        let mut hot = self.hot.min(last);
+        while hot < last && self.runs[hot + 1].low <= phase_rad {
+            hot += 1;
+        }
+        while hot > 0 && self.runs[hot].low > phase_rad {
+            hot -= 1;
+        }
+        self.hot = hot;
+        for run in self.runs[..=hot].iter_mut().rev() {
+            if run.high_so_far < phase_rad {
+                break;
+            }
+            if run.low <= phase_rad && phase_rad <= run.high {
+                if let Some(near) = near
+                    && near >= f64::from(run.start)
+                    && near <= f64::from(run.end)
+                {
+                    run.cursor = near as u32;
+                }
+                if let Some(column) = run.walk(&self.phase_rad, phase_rad) {
+                    visit(column);
+                }
+            }
+        }
+    }
+}
+
+/// Whether `cell` belongs to the run that began at `start` and reached the cell before.
+fn continues(phase: &[f32], start: usize, cell: usize, limits: StepLimits) -> bool {
+    let step = phase[cell] - phase[cell - 1];
+    // NaN on either side fails the comparison.
+    let joined = step.abs() <= limits.max_rad;
+    if !joined {
+        return false;
+    }
+    let progress = phase[cell - 1] - phase[start];
+    let against = step * progress < 0.0;
+    !(against && step.abs() > limits.back_rad && progress.abs() > limits.back_rad)
+}
+
+impl Run {
+    /// Walks from the cursor to the bracket of a phase and interpolates in it; `None` where only the noise of the ends
+    /// reaches that far.
+    #[inline]
+    fn walk(&mut self, phase: &[f32], wanted: f32) -> Option<f64> {
+        let (first, last) = (self.start as usize, self.end as usize - 1);
+        let below = |cell: usize| if self.rising { phase[cell] < wanted } else { phase[cell] > wanted };
+        let mut cell = (self.cursor as usize).clamp(first, last);
+        while cell < last && below(cell + 1) {
+            cell += 1;
+        }
+        while cell > first && !below(cell) && phase[cell] != wanted {
+            cell -= 1;
+        }
+        self.cursor = cell as u32;
+        let (from, to) = (f64::from(phase[cell]), f64::from(phase[cell + 1]));
+        let wanted = f64::from(wanted);
+        let inside = (from <= wanted && wanted <= to) || (to <= wanted && wanted <= from);
+        // Neighbouring cells may show the same native pixel: any place between them is as good.
+        let fraction = if from == to { 0.5 } else { (wanted - from) / (to - from) };
+        inside.then_some(cell as f64 + fraction)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const LIMITS: StepLimits = StepLimits { max_rad: 1.0, back_rad: 0.1 };
+
+    fn row(phase: &[f32]) -> Row {
+        let mut row = Row::with_capacity(phase.len());
+        row.fill(phase.iter().copied(), LIMITS);
+        row
+    }
+
+    fn places(row: &mut Row, phase: f32) -> Vec<f64> {
+        let mut found = Vec::new();
+        row.find(phase, None, |column| found.push(column));
+        found.sort_by(f64::total_cmp);
+        found
+    }
+
+    #[test]
+    fn rising_and_falling_runs_are_found_and_edges_are_not_bridged() {
+        let nan = f32::NAN;
+        let mut row = row(&[0.0, 0.5, 1.0, nan, 2.0, 2.5, 9.0, 8.5, 8.0, 1.0, 0.75, 0.5]);
+        assert_eq!(places(&mut row, 0.25), [0.5]);
+        assert_eq!(places(&mut row, 1.5), [] as [f64; 0], "the mask edge is no bracket");
+        assert_eq!(places(&mut row, 5.0), [] as [f64; 0], "the depth step is no bracket");
+        assert_eq!(places(&mut row, 8.25), [7.5]);
+        assert_eq!(places(&mut row, 0.625), [1.25, 10.5], "both places are told");
+    }
+
+    #[test]
+    fn rows_without_runs_find_nothing() {
+        for phase in [&[][..], &[1.0], &[f32::NAN; 5], &[0.0, 5.0, 10.0]] {
+            assert_eq!(places(&mut row(phase), 1.0), [] as [f64; 0]);
+        }
+    }
+
+    #[test]
+    fn a_constant_phase_is_one_place_at_most() {
+        let mut row = row(&[3.0; 20]);
+        assert!(places(&mut row, 3.0).len() <= 1);
+        assert!(places(&mut row, 2.9).is_empty());
+    }
+
+    proptest! {
+        /// The walk finds what an exhaustive search finds, whatever the order of the questions.
+        #[test]
+        fn the_walk_equals_the_exhaustive_search(
+            steps in prop::collection::vec((0.01_f32..0.9, 0_u8..12), 2..200),
+            questions in prop::collection::vec(-5.0_f32..120.0, 1..50),
+            falling in any::<bool>(),
+        ) {
+            let sign = if falling { -1.0 } else { 1.0 };
+            let mut phase = Vec::new();
+            let mut value = if falling { 100.0 } else { 0.0 };
+            for (step, kind) in &steps {
+                value += sign * if *kind == 0 { step + 2.0 } else { *step };
+                phase.push(if *kind == 1 { f32::NAN } else { value });
+            }
+            let mut row = row(&phase);
+            for question in questions {
+                let brute: Vec<f64> = phase.windows(2).enumerate().filter_map(|(cell, pair)| {
+                    let (low, high) = (pair[0].min(pair[1]), pair[0].max(pair[1]));
+                    let bracket = (pair[1] - pair[0]).abs() <= LIMITS.max_rad && low <= question && question < high;
+                    bracket.then(|| cell as f64
+                        + (f64::from(question) - f64::from(pair[0])) / (f64::from(pair[1]) - f64::from(pair[0])))
+                }).collect();
+                prop_assert_eq!(places(&mut row, question), brute);
+            }
+        }
+    }
+}

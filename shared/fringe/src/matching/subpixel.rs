@@ -1,0 +1,413 @@
+//! The fine stage: the place on the exact epipolar curve where the right phase equals the left one.
+//!
+//! The right phase is read on its native grid, never resampled. Where a 4 × 4 neighbourhood is valid and one smooth
+//! surface, it is the least-squares quadratic over it: exact for quadratics, so free of the chord error that linear
+//! interpolation has on curved surfaces, and with less noise (see [`Patch::variance_factor`]). Elsewhere it is
+//! bilinear over 2 × 2 pixels. Nothing is interpolated across a mask edge or a jump.
+
+use crate::rectify::EpipolarCurve;
+use serde::{Deserialize, Serialize};
+
+/// How the right phase is read between pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Interpolation {
+    /// Least-squares quadratic over 4 × 4 pixels, bilinear where there is no such neighbourhood.
+    #[default]
+    Quadratic,
+    /// Third-degree Lagrange polynomials over 4 × 4 pixels, bilinear where there is no such neighbourhood.
+    Cubic,
+    /// Bilinear everywhere.
+    Bilinear,
+}
+
+/// Residual of the quadratic beyond the noise that one surface may have, as a share of the phase step per pixel.
+///
+/// A depth step of h pixels of phase leaves a residual of 0.22 h; creases of real parts leave 0.02.
+const MAX_ROUGHNESS: f32 = 0.1;
+
+/// Residuals of this many phase sigmas are noise: 16 samples less 6 parameters scatter by a factor of 1 ± 0.22.
+const MAX_NOISE: f32 = 2.0;
+
+/// In the fallback the bracketing step may exceed that of its neighbours by this factor; a jump of one and a half
+/// pixels exceeds it.
+const MAX_STEP_RATIO: f32 = 2.5;
+
+/// A place beyond its own 2 × 2 cell by more than this is looked up in the next cell, px.
+const CELL_MARGIN: f64 = 0.1;
+
+/// The fine solution may lie this far from the coarse one, px: rounding to rows and columns moves it by less.
+const MAX_SHIFT_PX: f64 = 2.5;
+
+/// Exact evaluations of the curve per point; the second one already agrees to 1e-6 px.
+const MAX_STEPS: usize = 5;
+
+/// The right view, masked: phase is NaN where it may not be used.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RightPhase<'a> {
+    pub phase_rad: &'a [f32],
+    pub sigma_rad: &'a [f32],
+    pub width: usize,
+    pub height: usize,
+}
+
+/// A solution.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Crossing {
+    /// Rectified abscissa.
+    pub x: f64,
+    /// Derivative of the right phase along the curve, rad per unit of x.
+    pub slope: f64,
+    /// Variance of the interpolated right phase, rad².
+    pub variance: f64,
+    /// Nearest native pixel.
+    pub pixel: usize,
+    /// Whether the bilinear fallback was used.
+    pub bilinear: bool,
+}
+
+/// The local model of the phase minus the wanted one, around the centre of a 2 × 2 cell, in pixels (ξ, η):
+/// a + bξ ξ + bη η + cξξ (ξ² − 5/4) + cξη ξη + cηη (η² − 5/4); a bilinear patch has no square terms.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Patch {
+    a: f32,
+    b: [f32; 2],
+    c: [f32; 3],
+    kind: Interpolation,
+}
+
+/// Finds the crossing nearest to the coarse abscissa; `None` where no continuous surface supports one.
+///
+/// `pitch` is the rectified length of a pixel, `sigma` the left phase's uncertainty.
+pub(super) fn solve(
+    right: &RightPhase,
+    curve: &EpipolarCurve,
+    wanted: f32,
+    coarse: f64,
+    pitch: f64,
+    interpolation: Interpolation,
+) -> Option<Crossing> {
+    let mut x = coarse;
+    let mut cell = None;
+    for _ in 0..MAX_STEPS {
+        let at = curve.at(x);
+        let (column, row, xi, eta) = right.cell(at.pixel, cell)?;
+        let (patch, pixel) = right.patch(column, row, [xi, eta], at.tangent, wanted, interpolation)?;
+        cell = Some((column, row));
+        let (value, slope) = patch.along([xi, eta], at.tangent);
+        let step = -value / slope;
+        // A vanishing slope gives an infinite step, or NaN: no crossing.
+        let sane = step.abs() <= 2.0 * MAX_SHIFT_PX * pitch;
+        if !sane {
+            return None;
+        }
+        x += step;
+        if step.abs() < 1e-3 * pitch {
+            let sigma = f64::from(right.sigma_rad[pixel]);
+            let variance = patch.variance_factor(xi, eta) * sigma * sigma;
+            let near = (x - coarse).abs() <= MAX_SHIFT_PX * pitch;
+            return near.then_some(Crossing {
+                x,
+                slope,
+                variance,
+                pixel,
+                bilinear: patch.kind == Interpolation::Bilinear,
+            });
+        }
+    }
+    None
+}
+
+impl RightPhase<'_> {
+    /// The 2 × 2 cell of a place (its top-left pixel) and the offset from the cell's centre. The last cell is kept
+    /// while the place stays close to it, or the walk between two cells would never end.
+    #[inline]
+    fn cell(&self, pixel: [f64; 2], last: Option<(usize, usize)>) -> Option<(usize, usize, f64, f64)> {
+        let [u, v] = pixel;
+        if let Some((column, row)) = last {
+            let (xi, eta) = (u - column as f64 - 0.5, v - row as f64 - 0.5);
+            if xi.abs() <= 0.5 + CELL_MARGIN && eta.abs() <= 0.5 + CELL_MARGIN {
+                return Some((column, row, xi, eta));
+            }
+        }
+        // NaN fails these comparisons. The last column and row are the ends of their last cell.
+        let (right, bottom) = (self.width as f64 - 1.0, self.height as f64 - 1.0);
+        if !(u >= 0.0 && v >= 0.0 && u <= right && v <= bottom) || self.width < 2 || self.height < 2 {
+            return None;
+        }
+        let (column, row) = ((u as usize).min(self.width - 2), (v as usize).min(self.height - 2));
+        Some((column, row, u - column as f64 - 0.5, v - row as f64 - 0.5))
+    }
+
+    #[inline]
+    fn patch(
+        &self,
+        column: usize,
+        row: usize,
+        offset: [f64; 2],
+        tangent: [f64; 2],
+        wanted: f32,
+        interpolation: Interpolation,
+    ) -> Option<(Patch, usize)> {
+        let nearest =
+            (row + usize::from(offset[1] > 0.0)) * self.width + column + usize::from(offset[0] > 0.0);
+        let inner = column >= 1 && row >= 1 && column + 2 < self.width && row + 2 < self.height;
+        if inner && interpolation != Interpolation::Bilinear {
+            let samples = self.gather(column, row, wanted);
+            // The nearest pixel may be invalid only if the samples have a NaN, which the test of roughness refuses.
+            let smooth = Patch::quadratic(&samples, self.sigma_rad[nearest]);
+            if let Some(patch) = smooth {
+                let chosen = if interpolation == Interpolation::Cubic {
+                    Patch::cubic(&samples, offset)
+                } else {
+                    patch
+                };
+                return Some((chosen, nearest));
+            }
+        }
+        Some((self.bilinear(column, row, tangent, wanted)?, nearest))
+    }
+
+    /// The 4 × 4 samples around a cell, less the wanted phase.
+    #[inline]
+    fn gather(&self, column: usize, row: usize, wanted: f32) -> [[f32; 4]; 4] {
+        let mut samples = [[0.0; 4]; 4];
+        for (line, out) in samples.iter_mut().enumerate() {
+            let start = (row + line - 1) * self.width + column - 1;
+            let values = &self.phase_rad[start..start + 4];
+            for (value, out) in values.iter().zip(out) {
+                *out = value - wanted;
+            }
+        }
+        samples
+    }
+
+    /// Bilinear model of a cell; `None` across a mask edge, a jump, or where no neighbour vouches for the step.
+    fn bilinear(&self, column: usize, row: usize, tangent: [f64; 2], wanted: f32) -> Option<Patch> {
+        let read = |du: isize, dv: isize| -> f32 {
+            let (u, v) = (column as isize + du, row as isize + dv);
+            let inside = u >= 0 && v >= 0 && (u as usize) < self.width && (v as usize) < self.height;
+            if inside { self.phase_rad[v as usize * self.width + u as usize] - wanted } else { f32::NAN }
+        };
+        let [p00, p10, p01, p11] = [read(0, 0), read(1, 0), read(0, 1), read(1, 1)];
+        let patch = Patch {
+            a: (p00 + p10 + p01 + p11) / 4.0,
+            b: [(p10 - p00 + p11 - p01) / 2.0, (p01 - p00 + p11 - p10) / 2.0],
+            c: [0.0, p11 - p10 - p01 + p00, 0.0],
+            kind: Interpolation::Bilinear,
+        };
+        if !patch.a.is_finite() {
+            return None;
+        }
+        let columns = tangent[0].abs() >= tangent[1].abs();
+        // Mean step of both lines, `at` cells along the dominant direction from this one.
+        let step = |at: isize| {
+            if columns {
+                (read(at + 1, 0) - read(at, 0) + read(at + 1, 1) - read(at, 1)) / 2.0
+            } else {
+                (read(0, at + 1) - read(0, at) + read(1, at + 1) - read(1, at)) / 2.0
+            }
+        };
+        let sigma = self.sigma_rad[row * self.width + column];
+        let here = step(0);
+        let vouched =
+            [step(-1), step(1)].iter().any(|s| here.abs() <= MAX_STEP_RATIO * s.abs() + 4.0 * sigma);
+        let untwisted = patch.c[1].abs() <= 0.5 * here.abs() + 8.0 * sigma;
+        (vouched && untwisted).then_some(patch)
+    }
+}
+
+impl Patch {
+    /// Least-squares quadratic over 4 × 4 samples at ±1/2, ±3/2 by orthogonal polynomials; `None` where the samples
+    /// are not all valid, or rougher than noise and one smooth surface explain.
+    #[inline]
+    fn quadratic(samples: &[[f32; 4]; 4], sigma: f32) -> Option<Patch> {
+        let (mut a, mut bx, mut by, mut cxx, mut cxy, mut cyy, mut squares) =
+            (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
+        for (line, y) in samples.iter().zip([-1.5_f32, -0.5, 0.5, 1.5]) {
+            let [p, q, r, s] = *line;
+            let (inner, outer) = (q + r, p + s);
+            let zeroth = inner + outer;
+            let first = 1.5 * (s - p) + 0.5 * (r - q);
+            a += zeroth;
+            bx += first;
+            by += y * zeroth;
+            cxx += outer - inner;
+            cxy += y * first;
+            cyy += (y * y - 1.25) * zeroth;
+            squares += p * p + q * q + r * r + s * s;
+        }
+        // Norms of the polynomials: Σ1 = 16, Σξ² = 20, Σ(ξ² − 5/4)² = 16, Σξ²η² = 25.
+        let explained =
+            a * a / 16.0 + (bx * bx + by * by) / 20.0 + (cxx * cxx + cyy * cyy) / 16.0 + cxy * cxy / 25.0;
+        let (a, bx, by, cxx, cxy, cyy) = (a / 16.0, bx / 20.0, by / 20.0, cxx / 16.0, cxy / 25.0, cyy / 16.0);
+        let residual = (squares - explained) / 10.0;
+        let noise = MAX_NOISE * sigma;
+        // The cancellation in `residual` is good to 1e-6 of the squares: allow for it.
+        let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * (bx * bx + by * by) + 1e-6 * squares;
+        // NaN (a masked sample) fails the comparison.
+        (residual <= limit).then_some(Patch {
+            a,
+            b: [bx, by],
+            c: [cxx, cxy, cyy],
+            kind: Interpolation::Quadratic,
+        })
+    }
+
+    /// Third-degree Lagrange interpolation, expanded to second order around the place where it is read.
+    fn cubic(samples: &[[f32; 4]; 4], offset: [f64; 2]) -> Patch {
+        let (wx, sx) = lagrange(offset[0] as f32);
+        let (wy, sy) = lagrange(offset[1] as f32);
+        let sum = |columns: &[f32; 4], rows: &[f32; 4]| -> f32 {
+            let line = |values: &[f32; 4]| values.iter().zip(columns).map(|(v, w)| v * w).sum::<f32>();
+            samples.iter().zip(rows).map(|(values, w)| w * line(values)).sum()
+        };
+        let (value, gx, gy) = (sum(&wx, &wy), sum(&sx, &wy), sum(&wx, &sy));
+        let (xi, eta) = (offset[0] as f32, offset[1] as f32);
+        Patch { a: value - gx * xi - gy * eta, b: [gx, gy], c: [0.0; 3], kind: Interpolation::Cubic }
+    }
+
+    /// Value and slope along a tangent.
+    #[inline]
+    fn along(&self, offset: [f64; 2], tangent: [f64; 2]) -> (f64, f64) {
+        let [xi, eta] = offset;
+        let [bx, by] = self.b.map(f64::from);
+        let [cxx, cxy, cyy] = self.c.map(f64::from);
+        let value = f64::from(self.a)
+            + bx * xi
+            + by * eta
+            + cxx * (xi * xi - 1.25)
+            + cxy * xi * eta
+            + cyy * (eta * eta - 1.25);
+        let gx = bx + 2.0 * cxx * xi + cxy * eta;
+        let gy = by + 2.0 * cyy * eta + cxy * xi;
+        (value, gx * tangent[0] + gy * tangent[1])
+    }
+
+    /// Sum of squared weights: the variance of the read phase over that of a pixel.
+    ///
+    /// Means over the cell: quadratic 0.242, bilinear 4/9, cubic 0.60.
+    #[inline]
+    pub(super) fn variance_factor(&self, xi: f64, eta: f64) -> f64 {
+        let (x2, y2) = (xi * xi, eta * eta);
+        match self.kind {
+            Interpolation::Quadratic => {
+                let (px, py) = (x2 - 1.25, y2 - 1.25);
+                0.0625 * (1.0 + px * px + py * py) + 0.05 * (x2 + y2) + 0.04 * x2 * y2
+            }
+            Interpolation::Bilinear => (0.5 + 2.0 * x2) * (0.5 + 2.0 * y2),
+            Interpolation::Cubic => {
+                let squares = |t: f64| lagrange(t as f32).0.iter().map(|w| f64::from(w * w)).sum::<f64>();
+                squares(xi) * squares(eta)
+            }
+        }
+    }
+}
+
+/// Lagrange weights over −3/2, −1/2, 1/2, 3/2 and their derivatives.
+fn lagrange(t: f32) -> ([f32; 4], [f32; 4]) {
+    let (t2, t3) = (t * t, t * t * t);
+    let weights = [
+        (-1.0 / 16.0) + t / 24.0 + t2 / 4.0 - t3 / 6.0,
+        (9.0 / 16.0) - 9.0 * t / 8.0 - t2 / 4.0 + t3 / 2.0,
+        (9.0 / 16.0) + 9.0 * t / 8.0 - t2 / 4.0 - t3 / 2.0,
+        (-1.0 / 16.0) - t / 24.0 + t2 / 4.0 + t3 / 6.0,
+    ];
+    let slopes = [
+        1.0 / 24.0 + t / 2.0 - t2 / 2.0,
+        -9.0 / 8.0 - t / 2.0 + 1.5 * t2,
+        9.0 / 8.0 - t / 2.0 - 1.5 * t2,
+        -1.0 / 24.0 + t / 2.0 + t2 / 2.0,
+    ];
+    (weights, slopes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sampled(f: impl Fn(f64, f64) -> f64) -> [[f32; 4]; 4] {
+        let mut samples = [[0.0; 4]; 4];
+        for (row, line) in samples.iter_mut().enumerate() {
+            for (column, value) in line.iter_mut().enumerate() {
+                *value = f(column as f64 - 1.5, row as f64 - 1.5) as f32;
+            }
+        }
+        samples
+    }
+
+    const PLACES: [[f64; 2]; 5] = [[0.0, 0.0], [0.5, -0.5], [-0.31, 0.2], [0.1, 0.47], [-0.5, -0.5]];
+
+    #[test]
+    fn quadratics_are_reproduced_exactly() {
+        let f = |x: f64, y: f64| 0.3 + 0.25 * x - 0.03 * y + 0.004 * x * x - 0.003 * x * y + 0.002 * y * y;
+        let patch = Patch::quadratic(&sampled(f), 0.0).unwrap();
+        for [xi, eta] in PLACES {
+            let (value, slope) = patch.along([xi, eta], [1.0, 0.0]);
+            assert!((value - f(xi, eta)).abs() < 1e-7);
+            assert!((slope - (0.25 + 0.008 * xi - 0.003 * eta)).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn cubics_are_reproduced_by_lagrange() {
+        let f = |x: f64, y: f64| 0.3 + 0.25 * x - 0.03 * y + 0.004 * x * x * x - 0.003 * x * y * y;
+        for [xi, eta] in PLACES {
+            let patch = Patch::cubic(&sampled(f), [xi, eta]);
+            let (value, slope) = patch.along([xi, eta], [1.0, 0.0]);
+            assert!((value - f(xi, eta)).abs() < 1e-6);
+            assert!((slope - (0.25 + 0.012 * xi * xi - 0.003 * eta * eta)).abs() < 1e-5);
+        }
+    }
+
+    /// The factor equals the sum of squared responses to unit impulses, computed from the model itself.
+    #[test]
+    fn the_variance_factor_is_the_sum_of_squared_weights() {
+        for kind in [Interpolation::Quadratic, Interpolation::Cubic] {
+            for [xi, eta] in PLACES {
+                let mut sum = 0.0;
+                for pixel in 0..16 {
+                    let mut samples = [[0.0; 4]; 4];
+                    samples[pixel / 4][pixel % 4] = 1.0;
+                    let patch = match kind {
+                        Interpolation::Cubic => Patch::cubic(&samples, [xi, eta]),
+                        _ => Patch::quadratic(&samples, 10.0).unwrap(),
+                    };
+                    let weight = patch.along([xi, eta], [0.0, 0.0]).0;
+                    sum += weight * weight;
+                }
+                let patch = Patch { a: 0.0, b: [0.0; 2], c: [0.0; 3], kind };
+                assert!((sum - patch.variance_factor(xi, eta)).abs() < 1e-5, "{kind:?} at {xi}, {eta}");
+            }
+        }
+    }
+
+    #[test]
+    fn mean_noise_of_the_three_ways_is_as_documented() {
+        for (kind, wanted) in [
+            (Interpolation::Quadratic, 0.242),
+            (Interpolation::Bilinear, 4.0 / 9.0),
+            (Interpolation::Cubic, 0.602),
+        ] {
+            let patch = Patch { a: 0.0, b: [0.0; 2], c: [0.0; 3], kind };
+            let n = 100;
+            let place = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
+            let mean = (0..n * n).map(|i| patch.variance_factor(place(i % n), place(i / n))).sum::<f64>()
+                / (n * n) as f64;
+            assert!((mean - wanted).abs() < 0.002, "{kind:?}: {mean}");
+        }
+    }
+
+    #[test]
+    fn jumps_and_masks_are_refused_while_noise_passes() {
+        let ramp = |x: f64, _: f64| 0.25 * x;
+        let step = |x: f64, y: f64| ramp(x, y) + if x > 0.0 { 0.25 } else { 0.0 };
+        assert!(Patch::quadratic(&sampled(ramp), 0.01).is_some());
+        assert!(Patch::quadratic(&sampled(step), 0.01).is_none(), "one pixel of depth step");
+        let mut masked = sampled(ramp);
+        masked[3][0] = f32::NAN;
+        assert!(Patch::quadratic(&masked, 0.01).is_none());
+        let crease = |x: f64, _: f64| if x > 0.0 { 0.3 * x } else { 0.2 * x };
+        assert!(Patch::quadratic(&sampled(crease), 0.0).is_some(), "a crease is one surface");
+    }
+}

@@ -1,0 +1,263 @@
+//! Surface normals from the neighbours on the pixel grid.
+//!
+//! A plane n·X = c has the inverse depth q = (n·d)/c along the line of sight d = (x, y, 1). So the least-squares plane of q
+//! over a window, turned into derivatives by x and y, gives n ∝ (∂q/∂x, ∂q/∂y, q − x ∂q/∂x − y ∂q/∂y): exact on planes,
+//! and on curved surfaces exact to second order where the window is symmetric.
+
+use crate::surface::{Sample, View};
+use nalgebra::{Matrix2, Vector2, Vector3};
+
+/// A partial window needs so many samples for a plane: twice the three unknowns.
+const MIN_SAMPLES: usize = 6;
+
+/// When two samples lie on the same surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Link {
+    /// Largest relative change of the inverse depth per pixel.
+    pub max_step: f64,
+}
+
+impl Link {
+    /// Whether two samples `distance` pixels apart lie on the same surface; never for absent ones.
+    #[inline]
+    pub fn joins(self, a: &Sample, b: &Sample, distance: usize) -> bool {
+        // Three sigmas of both, so that noise alone does not tear a surface.
+        let noise = 3.0 * f64::from(a.sigma + b.sigma);
+        // NaN fails the comparison.
+        (a.inverse_depth - b.inverse_depth).abs()
+            <= self.max_step * distance as f64 * a.inverse_depth.abs() + noise
+    }
+}
+
+/// Plane of the inverse depth over a window: value at the centre and derivatives by column and row.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Plane {
+    value: f64,
+    by_column: f64,
+    by_row: f64,
+}
+
+/// Unit normal at a pixel in the view frame, towards the camera; `None` where the neighbours do not give one.
+#[inline]
+pub(crate) fn normal(
+    view: &View,
+    samples: &[Sample],
+    pixel: usize,
+    link: Link,
+    half: usize,
+) -> Option<Vector3<f64>> {
+    let (column, row) = (pixel % view.width, pixel / view.width);
+    let inner = column >= half && row >= half && column + half < view.width && row + half < view.height;
+    let full = if !inner {
+        None
+    } else if half == 2 {
+        full_window::<2>(view.width, samples, pixel, link)
+    } else {
+        full_window::<1>(view.width, samples, pixel, link)
+    };
+    let plane = match full {
+        Some(plane) => plane,
+        None => partial_window(view, samples, pixel, link, half)?,
+    };
+    let [x, y] = view.directions[pixel];
+    let (by_column, by_row) = (derivative(view, pixel, column, 1, view.width), {
+        derivative(view, pixel, row, view.width, view.height)
+    });
+    // q_u = q_x x_u + q_y y_u, q_v = q_x x_v + q_y y_v.
+    let jacobian = Matrix2::new(by_column.x, by_column.y, by_row.x, by_row.y);
+    let gradient = jacobian.try_inverse()? * Vector2::new(plane.by_column, plane.by_row);
+    let normal = -Vector3::new(gradient.x, gradient.y, plane.value - x * gradient.x - y * gradient.y);
+    let unit = normal.try_normalize(1e-300)?;
+    unit.z.is_finite().then_some(unit)
+}
+
+/// Derivative of the direction table by one grid coordinate, from both neighbours or one of them.
+#[inline]
+fn derivative(view: &View, pixel: usize, coordinate: usize, stride: usize, count: usize) -> Vector2<f64> {
+    let at = |index: usize| Vector2::from(view.directions[index]);
+    let low = coordinate > 0 && view.directions[pixel - stride][0].is_finite();
+    let high = coordinate + 1 < count && view.directions[pixel + stride][0].is_finite();
+    match (low, high) {
+        (true, true) => (at(pixel + stride) - at(pixel - stride)) * 0.5,
+        (false, true) => at(pixel + stride) - at(pixel),
+        (true, false) => at(pixel) - at(pixel - stride),
+        (false, false) => Vector2::repeat(f64::NAN),
+    }
+}
+
+/// The fit over a window of which every sample is on the surface; else `None`.
+#[inline]
+fn full_window<const HALF: usize>(
+    width: usize,
+    samples: &[Sample],
+    pixel: usize,
+    link: Link,
+) -> Option<Plane> {
+    let centre = &samples[pixel];
+    let (mut sum, mut by_column, mut by_row) = (0.0, 0.0, 0.0);
+    let mut worst = 0.0_f64;
+    let mut row = -(HALF as f64);
+    let mut start = pixel - HALF * width - HALF;
+    for _ in 0..=2 * HALF {
+        let mut line = 0.0;
+        let mut column = -(HALF as f64);
+        for sample in &samples[start..=start + 2 * HALF] {
+            let difference = sample.inverse_depth - centre.inverse_depth;
+            worst = worst.max(difference.abs());
+            line += difference;
+            by_column += column * difference;
+            column += 1.0;
+        }
+        sum += line;
+        by_row += row * line;
+        row += 1.0;
+        start += width;
+    }
+    // One bound for the window, that of its nearest ring: stricter than `joins` pixel by pixel, and the partial fit
+    // takes what fails it. An absent sample makes the sum NaN.
+    let limit = link.max_step * centre.inverse_depth.abs() + 6.0 * f64::from(centre.sigma);
+    let side = (2 * HALF + 1) as f64;
+    // Σi² over the window: side · 2 · Σ_{1..HALF} i².
+    let squares = side * (HALF * (HALF + 1) * (2 * HALF + 1)) as f64 / 3.0;
+    (sum.is_finite() && worst <= limit).then_some(Plane {
+        value: centre.inverse_depth + sum / (side * side),
+        by_column: by_column / squares,
+        by_row: by_row / squares,
+    })
+}
+
+/// The fit over those samples of a window that lie on the surface of its centre.
+fn partial_window(view: &View, samples: &[Sample], pixel: usize, link: Link, half: usize) -> Option<Plane> {
+    let (column, row) = (pixel % view.width, pixel / view.width);
+    let centre = &samples[pixel];
+    let mut n = 0.0;
+    let (mut su, mut sv, mut suu, mut suv, mut svv) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    let (mut sq, mut suq, mut svq) = (0.0, 0.0, 0.0);
+    for line in row.saturating_sub(half)..(row + half + 1).min(view.height) {
+        for place in column.saturating_sub(half)..(column + half + 1).min(view.width) {
+            let sample = &samples[line * view.width + place];
+            let distance = line.abs_diff(row).max(place.abs_diff(column));
+            if !link.joins(centre, sample, distance) {
+                continue;
+            }
+            let (u, v) = (place as f64 - column as f64, line as f64 - row as f64);
+            let q = sample.inverse_depth - centre.inverse_depth;
+            n += 1.0;
+            su += u;
+            sv += v;
+            suu += u * u;
+            suv += u * v;
+            svv += v * v;
+            sq += q;
+            suq += u * q;
+            svq += v * q;
+        }
+    }
+    if n < MIN_SAMPLES as f64 {
+        return None;
+    }
+    let (cuu, cuv, cvv) = (suu - su * su / n, suv - su * sv / n, svv - sv * sv / n);
+    let (cuq, cvq) = (suq - su * sq / n, svq - sv * sq / n);
+    let determinant = cuu * cvv - cuv * cuv;
+    // Samples in a line leave the slope across it open.
+    if determinant < 0.05 * n * n {
+        return None;
+    }
+    let by_column = (cvv * cuq - cuv * cvq) / determinant;
+    let by_row = (cuu * cvq - cuv * cuq) / determinant;
+    let value = centre.inverse_depth + (sq - by_column * su - by_row * sv) / n;
+    Some(Plane { value, by_column, by_row })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3, Point3};
+    use proptest::prelude::*;
+
+    const SIDE: usize = 9;
+    const PITCH: f64 = 1.0 / 2330.0;
+    const LINK: Link = Link { max_step: 5.67 * PITCH };
+
+    /// Lines of sight of a patch of a distorted image, well off the axis.
+    fn directions() -> Vec<[f64; 2]> {
+        let lens = crate::camera::BrownConrady { k: [-0.08, 0.05, 0.0], p: [2e-4, -1e-4] };
+        (0..SIDE * SIDE)
+            .map(|i| {
+                let (u, v) = ((i % SIDE) as f64, (i / SIDE) as f64);
+                let ideal = lens.undistort(Vector2::new(0.2 + u * PITCH, -0.12 + v * PITCH)).unwrap();
+                [ideal.x, ideal.y]
+            })
+            .collect()
+    }
+
+    fn view(directions: &[[f64; 2]]) -> View<'_> {
+        View {
+            width: SIDE,
+            height: SIDE,
+            directions,
+            pitch: PITCH,
+            world_from_sight: Matrix3::identity(),
+            origin_mm: Point3::origin(),
+        }
+    }
+
+    fn plane(directions: &[[f64; 2]], normal: Vector3<f64>, distance_mm: f64) -> Vec<Sample> {
+        directions
+            .iter()
+            .map(|[x, y]| Sample {
+                inverse_depth: normal.dot(&Vector3::new(*x, *y, 1.0)) / -distance_mm,
+                sigma: 0.0,
+                modulation: 1.0,
+            })
+            .collect()
+    }
+
+    proptest! {
+        /// On a plane the normal is exact, with a full window, at the border, and beside a hole.
+        #[test]
+        fn planes_have_their_normal_everywhere(tx in -0.9_f64..0.9, ty in -0.9_f64..0.9, hole in 0..SIDE * SIDE) {
+            let directions = directions();
+            let normal = Vector3::new(tx, ty, -1.0).normalize();
+            let mut samples = plane(&directions, normal, 400.0);
+            samples[hole] = Sample::NONE;
+            for half in [1, 2] {
+                for pixel in (0..SIDE * SIDE).filter(|p| *p != hole) {
+                    if let Some(found) = super::normal(&view(&directions), &samples, pixel, LINK, half) {
+                        // One-sided differences of the table at the border see the distortion's curvature.
+                        prop_assert!((found - normal).norm() < 2e-4, "{} beside {}", found, normal);
+                    } else {
+                        prop_assert!(half == 1, "no normal at {}", pixel);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_step_does_not_bend_the_normal() {
+        let directions = directions();
+        let normal = Vector3::new(0.3, -0.2, -1.0).normalize();
+        let mut samples = plane(&directions, normal, 400.0);
+        let behind = plane(&directions, normal, 420.0);
+        for pixel in (0..SIDE * SIDE).filter(|p| p % SIDE > 4) {
+            samples[pixel] = behind[pixel];
+        }
+        for pixel in 0..SIDE * SIDE {
+            let found = super::normal(&view(&directions), &samples, pixel, LINK, 2).unwrap();
+            assert!((found - normal).norm() < 2e-4, "{found} at {pixel}");
+        }
+    }
+
+    #[test]
+    fn too_few_neighbours_give_none() {
+        let directions = directions();
+        let mut samples = plane(&directions, -Vector3::z(), 400.0);
+        for (pixel, sample) in samples.iter_mut().enumerate() {
+            if pixel / SIDE != 4 {
+                *sample = Sample::NONE;
+            }
+        }
+        assert_eq!(super::normal(&view(&directions), &samples, 4 * SIDE + 4, LINK, 2), None, "a single line");
+    }
+}

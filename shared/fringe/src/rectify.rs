@@ -1,0 +1,419 @@
+//! Epipolar geometry of a pair without resampling: the rectified frame, and the exact way to and from the native grids.
+//!
+//! The rectified frame has its x axis along the baseline (left → right optical centre), its z axis along the mean
+//! optical axis made orthogonal to it, and its origin in the left centre. In it a point X has the rectified
+//! normalised coordinates (X/Z, Y/Z) in the left view and ((X − b)/Z, Y/Z) in the right one: the same y, and a
+//! disparity b/Z along x. (Thesis 2.1.5; rectification as in Fusiello 2000, but no image is ever warped: the left
+//! pixels carry a table of exact coordinates, and an epipolar line is a curve on the native right grid.)
+//!
+//! A vertical baseline needs no special case: its rectified rows run along image columns.
+
+use crate::camera::Camera;
+use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
+use rayon::prelude::*;
+use thiserror::Error;
+
+/// Rectified coordinates beyond this (75° off the axis) are not used: the grid would explode near the epipole.
+const MAX_TANGENT: f64 = 3.7;
+
+/// A baseline shorter than this does not tell depth, mm.
+const MIN_BASELINE_MM: f64 = 1e-6;
+
+/// Marks a grid cell that no native pixel belongs to.
+pub const NO_PIXEL: u32 = u32::MAX;
+
+/// Why a pair has no usable epipolar geometry.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum RectifyError {
+    /// Both optical centres coincide.
+    #[error("the optical centres are {baseline_mm:.3e} mm apart: a pair needs a baseline")]
+    NoBaseline {
+        /// Distance of the centres, mm.
+        baseline_mm: f64,
+    },
+    /// One camera (nearly) sees the other one.
+    #[error(
+        "the {side} image contains its epipole, at normalised ({x:.3}, {y:.3}): the cameras look along their \
+         baseline, and rows cannot be matched; place them side by side"
+    )]
+    EpipoleInView {
+        /// "left" or "right".
+        side: &'static str,
+        /// Ideal normalised coordinates of the epipole.
+        x: f64,
+        /// The same, y.
+        y: f64,
+    },
+    /// The optical axes are opposite.
+    #[error("the optical axes point away from each other ({angle_deg:.0}° apart, limit 150°)")]
+    Opposed {
+        /// Angle between the axes, degrees.
+        angle_deg: f64,
+    },
+    /// The lens model folds over in the whole image.
+    #[error("no pixel of the {side} camera has a ray: its distortion folds over everywhere")]
+    NoRays {
+        /// "left" or "right".
+        side: &'static str,
+    },
+}
+
+/// A camera seen from the rectified frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RectifiedCamera {
+    /// The camera.
+    pub camera: Camera,
+    /// Rotation of rectified directions into the camera frame.
+    pub camera_from_rectified: Matrix3<f64>,
+}
+
+impl RectifiedCamera {
+    /// Exact rectified normalised coordinates of a pixel; `None` without a ray or too far off the axis.
+    pub fn rectified_from_pixel(&self, pixel: Point2<f64>) -> Option<[f64; 2]> {
+        let ideal = self.camera.normalised_from_pixel(pixel)?;
+        let direction = self.camera_from_rectified.transpose() * Vector3::new(ideal.x, ideal.y, 1.0);
+        if direction.z <= 0.0 {
+            return None;
+        }
+        let (x, y) = (direction.x / direction.z, direction.y / direction.z);
+        (x.abs() < MAX_TANGENT && y.abs() < MAX_TANGENT).then_some([x, y])
+    }
+
+    /// The epipolar curve of rectified ordinate y on the native grid.
+    pub fn curve(&self, y: f64) -> EpipolarCurve<'_> {
+        let m = &self.camera_from_rectified;
+        EpipolarCurve {
+            camera: &self.camera,
+            base: m * Vector3::new(0.0, y, 1.0),
+            along: Vector3::new(m[(0, 0)], m[(1, 0)], m[(2, 0)]),
+        }
+    }
+
+    /// Rectified coordinates of all pixels, row by row; NaN where there are none.
+    pub fn table(&self) -> Vec<[f64; 2]> {
+        let width = self.camera.width_px as usize;
+        let mut table = vec![[f64::NAN; 2]; width * self.camera.height_px as usize];
+        table.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
+            for (column, cell) in line.iter_mut().enumerate() {
+                let pixel = Point2::new(column as f64, row as f64);
+                *cell = self.rectified_from_pixel(pixel).unwrap_or([f64::NAN; 2]);
+            }
+        });
+        table
+    }
+}
+
+/// An epipolar line as it runs over the native, distorted grid of a camera.
+#[derive(Debug, Clone, Copy)]
+pub struct EpipolarCurve<'a> {
+    camera: &'a Camera,
+    base: Vector3<f64>,
+    along: Vector3<f64>,
+}
+
+/// A place on an epipolar curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CurvePoint {
+    /// Native pixel.
+    pub pixel: [f64; 2],
+    /// Its derivative by the rectified abscissa.
+    pub tangent: [f64; 2],
+}
+
+impl EpipolarCurve<'_> {
+    /// Rotates, projects, distorts: closed form, exact. Not finite where the direction leaves the front half space.
+    #[inline]
+    pub fn at(&self, x: f64) -> CurvePoint {
+        let direction = self.base + self.along * x;
+        let inverse_z = if direction.z > 0.0 { 1.0 / direction.z } else { f64::NAN };
+        let ideal = Vector2::new(direction.x * inverse_z, direction.y * inverse_z);
+        let slope = Vector2::new(
+            (self.along.x - ideal.x * self.along.z) * inverse_z,
+            (self.along.y - ideal.y * self.along.z) * inverse_z,
+        );
+        let lens = &self.camera.distortion;
+        let distorted = self.camera.pixel_from_distorted(lens.distort(ideal));
+        let turned = lens.jacobian(ideal) * slope;
+        let [fx, fy] = self.camera.focal_px;
+        CurvePoint {
+            pixel: [distorted.x, distorted.y],
+            tangent: [fx * turned.x + self.camera.skew * turned.y, fy * turned.y],
+        }
+    }
+}
+
+/// The rectified frame of a pair.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rectification {
+    /// Left view.
+    pub left: RectifiedCamera,
+    /// Right view.
+    pub right: RectifiedCamera,
+    /// Distance of the optical centres, mm.
+    pub baseline_mm: f64,
+    /// Rotation of rectified directions into the world.
+    pub world_from_rectified: Matrix3<f64>,
+    /// Left optical centre in the world, mm.
+    pub origin_mm: Point3<f64>,
+    /// Pixels per unit of rectified coordinates: the mean focal length.
+    pub focal_px: f64,
+}
+
+impl Rectification {
+    /// Builds the frame.
+    ///
+    /// # Errors
+    /// No baseline, opposed cameras, or an epipole inside an image.
+    pub fn new(left: &Camera, right: &Camera) -> Result<Self, RectifyError> {
+        let (origin_mm, other) = (left.centre_mm(), right.centre_mm());
+        let baseline = other - origin_mm;
+        let baseline_mm = baseline.norm();
+        // Written so that a NaN is refused too.
+        if baseline_mm.is_nan() || baseline_mm < MIN_BASELINE_MM {
+            return Err(RectifyError::NoBaseline { baseline_mm });
+        }
+        let x = baseline / baseline_mm;
+        let axes =
+            [left, right].map(|camera| camera.camera_from_world.rotation.inverse() * Vector3::<f64>::z());
+        let cosine = axes[0].dot(&axes[1]).clamp(-1.0, 1.0);
+        // cos 150°: beyond it the mean axis has no direction worth the name.
+        if cosine < -0.866 {
+            return Err(RectifyError::Opposed { angle_deg: crate::math::acos(cosine).to_degrees() });
+        }
+        for (side, camera) in [("left", left), ("right", right)] {
+            refuse_epipole(side, camera, x)?;
+        }
+        let mean = axes[0] + axes[1];
+        let Some(z) = (mean - x * mean.dot(&x)).try_normalize(1e-9) else {
+            return Err(RectifyError::EpipoleInView { side: "left", x: 0.0, y: 0.0 });
+        };
+        let world_from_rectified = Matrix3::from_columns(&[x, z.cross(&x), z]);
+        let rectified = |camera: &Camera| RectifiedCamera {
+            camera: camera.clone(),
+            camera_from_rectified: camera.camera_from_world.rotation.to_rotation_matrix().matrix()
+                * world_from_rectified,
+        };
+        let focal_px = [left, right].iter().flat_map(|c| c.focal_px).sum::<f64>() / 4.0;
+        Ok(Self {
+            left: rectified(left),
+            right: rectified(right),
+            baseline_mm,
+            world_from_rectified,
+            origin_mm,
+            focal_px,
+        })
+    }
+}
+
+/// Refuses a camera whose image (as a rectangle of ideal coordinates) contains the direction of the baseline.
+fn refuse_epipole(
+    side: &'static str,
+    camera: &Camera,
+    world_baseline: Vector3<f64>,
+) -> Result<(), RectifyError> {
+    let direction = camera.camera_from_world.rotation * world_baseline;
+    if direction.z.abs() < 1e-9 {
+        return Ok(());
+    }
+    let (x, y) = (direction.x / direction.z, direction.y / direction.z);
+    let (right, bottom) = (f64::from(camera.width_px) - 0.5, f64::from(camera.height_px) - 0.5);
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for i in 0..=16 {
+        let t = f64::from(i) / 16.0;
+        let (u, v) = (-0.5 + t * (right + 0.5), -0.5 + t * (bottom + 0.5));
+        for (u, v) in [(u, -0.5), (u, bottom), (-0.5, v), (right, v)] {
+            if let Some(ideal) = camera.normalised_from_pixel(Point2::new(u, v)) {
+                low = [low[0].min(ideal.x), low[1].min(ideal.y)];
+                high = [high[0].max(ideal.x), high[1].max(ideal.y)];
+            }
+        }
+    }
+    if low[0] > high[0] {
+        return Err(RectifyError::NoRays { side });
+    }
+    let inside = x >= low[0] && x <= high[0] && y >= low[1] && y <= high[1];
+    if inside { Err(RectifyError::EpipoleInView { side, x, y }) } else { Ok(()) }
+}
+
+/// A rectified raster that only tells which native pixel lies nearest to each of its cells.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RectifiedGrid {
+    /// Cells per unit of rectified coordinates.
+    pub focal_px: f64,
+    /// Rectified abscissa of column 0.
+    pub x0: f64,
+    /// Rectified ordinate of row 0.
+    pub y0: f64,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Native pixel of each cell, row by row, or [`NO_PIXEL`].
+    pub index: Vec<u32>,
+}
+
+impl RectifiedGrid {
+    /// Builds the map of a camera for the given rows; `table` is its [`RectifiedCamera::table`].
+    pub fn new(
+        camera: &RectifiedCamera,
+        table: &[[f64; 2]],
+        focal_px: f64,
+        y0: f64,
+        height: usize,
+    ) -> RectifiedGrid {
+        let (low, high) = range(table, 0).unwrap_or((0.0, 0.0));
+        let width = ((high - low) * focal_px).ceil() as usize + 1;
+        let mut index = vec![NO_PIXEL; width * height];
+        index.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
+            let y = y0 + row as f64 / focal_px;
+            let curve = camera.curve(y);
+            for (column, cell) in line.iter_mut().enumerate() {
+                let x = low + column as f64 / focal_px;
+                *cell = nearest(&camera.camera, table, curve.at(x).pixel, [x, y], focal_px);
+            }
+        });
+        RectifiedGrid { focal_px, x0: low, y0, width, height, index }
+    }
+
+    /// Fractional column of a rectified abscissa.
+    #[inline]
+    pub fn column(&self, x: f64) -> f64 {
+        (x - self.x0) * self.focal_px
+    }
+
+    /// Rectified abscissa of a fractional column.
+    #[inline]
+    pub fn abscissa(&self, column: f64) -> f64 {
+        self.x0 + column / self.focal_px
+    }
+}
+
+/// Smallest and largest finite entry of one coordinate of a table.
+pub fn range(table: &[[f64; 2]], coordinate: usize) -> Option<(f64, f64)> {
+    let (low, high) = table.iter().map(|entry| entry[coordinate]).fold(
+        (f64::INFINITY, f64::NEG_INFINITY),
+        |(low, high), v| {
+            (low.min(v), high.max(v)) // min and max skip NaN
+        },
+    );
+    (low <= high).then_some((low, high))
+}
+
+/// The native pixel nearest to a place; [`NO_PIXEL`] outside the image and where the lens model has folded back into it.
+fn nearest(camera: &Camera, table: &[[f64; 2]], pixel: [f64; 2], rectified: [f64; 2], focal_px: f64) -> u32 {
+    let (u, v) = (pixel[0].round(), pixel[1].round());
+    // NaN fails each of these comparisons.
+    if !(u >= 0.0 && v >= 0.0 && u < f64::from(camera.width_px) && v < f64::from(camera.height_px)) {
+        return NO_PIXEL;
+    }
+    let index = v as usize * camera.width_px as usize + u as usize;
+    let [x, y] = table[index];
+    let off = (x - rectified[0]).abs().max((y - rectified[1]).abs()) * focal_px;
+    if off < 2.0 { index as u32 } else { NO_PIXEL }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::BrownConrady;
+    use nalgebra::{Isometry3, UnitQuaternion};
+
+    fn camera(centre: [f64; 3], roll: f64) -> Camera {
+        let eye = Point3::from(centre);
+        let look = Isometry3::from_parts(
+            nalgebra::Translation3::identity(),
+            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll),
+        );
+        // look_at_rh looks along −z with y up: half a turn about x makes it z forward, y down.
+        let forward = Isometry3::rotation(Vector3::x() * std::f64::consts::PI);
+        Camera {
+            width_px: 320,
+            height_px: 240,
+            focal_px: [700.0, 702.0],
+            principal_point_px: [155.0, 122.0],
+            skew: 0.2,
+            distortion: BrownConrady { k: [-0.1, 0.05, 0.01], p: [3e-4, -2e-4] },
+            camera_from_world: look * forward * Isometry3::look_at_rh(&eye, &Point3::origin(), &Vector3::y()),
+        }
+    }
+
+    #[test]
+    fn both_views_agree_on_the_ordinate_and_their_disparity_is_baseline_over_depth() {
+        for (offset, roll) in
+            [([110.0, 6.0, 480.0], 0.1), ([5.0, 110.0, 500.0], 0.0), ([-110.0, 0.0, 490.0], -0.2)]
+        {
+            let (left, right) = (camera([-offset[0], 3.0, 500.0], 0.05), camera(offset, roll));
+            let pair = Rectification::new(&left, &right).unwrap();
+            for world in [[20.0, -10.0, 30.0], [-25.0, 30.0, -20.0], [0.0, 0.0, 0.0]] {
+                let world = Point3::from(world);
+                let l = pair.left.rectified_from_pixel(left.project(&world).unwrap()).unwrap();
+                let r = pair.right.rectified_from_pixel(right.project(&world).unwrap()).unwrap();
+                assert!((l[1] - r[1]).abs() < 1e-12, "rows differ: {l:?} {r:?}");
+                let depth = pair.baseline_mm / (l[0] - r[0]);
+                let again =
+                    pair.origin_mm + pair.world_from_rectified * Vector3::new(l[0], l[1], 1.0) * depth;
+                assert!((again - world).norm() < 1e-8, "{world} came back as {again}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_curve_is_the_forward_model_and_its_tangent_the_derivative() {
+        let (left, right) = (camera([-100.0, 0.0, 500.0], 0.1), camera([100.0, 20.0, 480.0], -0.1));
+        let pair = Rectification::new(&left, &right).unwrap();
+        let pixel = Point2::new(201.5, 33.25);
+        let [x, y] = pair.right.rectified_from_pixel(pixel).unwrap();
+        let here = pair.right.curve(y).at(x);
+        assert!((here.pixel[0] - pixel.x).abs() < 1e-9 && (here.pixel[1] - pixel.y).abs() < 1e-9);
+        let h = 1e-6;
+        let (low, high) = (pair.right.curve(y).at(x - h), pair.right.curve(y).at(x + h));
+        for axis in 0..2 {
+            let numeric = (high.pixel[axis] - low.pixel[axis]) / (2.0 * h);
+            assert!((numeric - here.tangent[axis]).abs() < 1e-5 * numeric.abs().max(1.0));
+        }
+    }
+
+    #[test]
+    fn a_grid_cell_names_the_nearest_pixel() {
+        let (left, right) = (camera([-100.0, 0.0, 500.0], 0.0), camera([100.0, 0.0, 500.0], 0.0));
+        let pair = Rectification::new(&left, &right).unwrap();
+        let table = pair.right.table();
+        let (low, high) = range(&table, 1).unwrap();
+        let height = ((high - low) * pair.focal_px) as usize + 1;
+        let grid = RectifiedGrid::new(&pair.right, &table, pair.focal_px, low, height);
+        let mut seen = 0;
+        for row in (0..height).step_by(7) {
+            for column in (0..grid.width).step_by(5) {
+                let index = grid.index[row * grid.width + column];
+                if index == NO_PIXEL {
+                    continue;
+                }
+                seen += 1;
+                let cell = [grid.abscissa(column as f64), grid.y0 + row as f64 / grid.focal_px];
+                let [x, y] = table[index as usize];
+                let distance = (x - cell[0]).hypot_px(y - cell[1]) * pair.focal_px;
+                assert!(distance < 0.85, "cell ({column}, {row}) is {distance} px from its pixel");
+            }
+        }
+        assert!(seen > 1000, "only {seen} cells");
+    }
+
+    trait HypotPx {
+        fn hypot_px(self, other: f64) -> f64;
+    }
+    impl HypotPx for f64 {
+        fn hypot_px(self, other: f64) -> f64 {
+            (self * self + other * other).sqrt()
+        }
+    }
+
+    #[test]
+    fn impossible_pairs_are_refused() {
+        let left = camera([0.0, 0.0, 500.0], 0.0);
+        assert!(matches!(Rectification::new(&left, &left), Err(RectifyError::NoBaseline { .. })));
+        let ahead = camera([0.0, 0.0, 400.0], 0.0);
+        assert!(matches!(Rectification::new(&left, &ahead), Err(RectifyError::EpipoleInView { .. })));
+        let behind = camera([10.0, 0.0, -500.0], 0.0);
+        assert!(matches!(Rectification::new(&left, &behind), Err(RectifyError::Opposed { .. })));
+    }
+}

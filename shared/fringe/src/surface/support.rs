@@ -1,0 +1,168 @@
+//! Which points belong to a surface: spikes have too few neighbours, crumbs are patches that are too small.
+
+use super::{PartCount, Sample, SurfaceBuilder, View};
+use crate::normals::Link;
+use crate::parallel::for_parts;
+
+impl SurfaceBuilder {
+    /// Clears samples with fewer than `min_neighbours` of eight neighbours on the same surface; returns how many.
+    ///
+    /// All are judged by the samples as they came, so that the order of the pixels does not matter.
+    pub(super) fn drop_spikes(&mut self, view: &View, samples: &mut [Sample], link: Link) -> u32 {
+        let wanted = self.settings.min_neighbours;
+        let judged: &[Sample] = samples;
+        for_parts(&self.row_parts, &mut self.keep, &mut self.counts, &|part, keep, count| {
+            *count = PartCount::default();
+            let first = self.row_parts[part];
+            for (offset, keep) in keep.iter_mut().enumerate() {
+                let pixel = first + offset;
+                let valid = judged[pixel].inverse_depth.is_finite();
+                let supported = valid && neighbours(view, judged, pixel, link) >= wanted;
+                count.spikes += u32::from(valid && !supported);
+                *keep = u8::from(supported);
+            }
+        });
+        for (sample, keep) in samples.iter_mut().zip(&self.keep) {
+            if *keep == 0 {
+                *sample = Sample::NONE;
+            }
+        }
+        self.counts.iter().map(|c| c.spikes).sum()
+    }
+
+    /// Clears patches of fewer than `min_patch_points` connected samples; returns how many samples.
+    ///
+    /// Connected means: beside or above each other on the same surface. A union-find forest over pixels, the root of
+    /// each tree its first pixel.
+    pub(super) fn drop_crumbs(&mut self, width: usize, samples: &mut [Sample], link: Link) -> u32 {
+        let wanted = self.settings.min_patch_points;
+        if wanted <= 1 {
+            return 0;
+        }
+        self.connect(width, samples, link);
+        let mut dropped = 0;
+        for (pixel, sample) in samples.iter_mut().enumerate() {
+            if sample.inverse_depth.is_finite() {
+                let root = find(&mut self.parents, pixel as u32);
+                if self.sizes[root as usize] < wanted {
+                    *sample = Sample::NONE;
+                    dropped += 1;
+                }
+            }
+        }
+        dropped
+    }
+
+    fn connect(&mut self, width: usize, samples: &[Sample], link: Link) {
+        for pixel in 0..samples.len() {
+            let sample = samples[pixel];
+            if !sample.inverse_depth.is_finite() {
+                continue;
+            }
+            self.parents[pixel] = pixel as u32;
+            self.sizes[pixel] = 1;
+            // A pixel in column 0 has no left neighbour, one in row 0 none above.
+            let mut tree = None;
+            if pixel % width > 0 && link.joins(&sample, &samples[pixel - 1], 1) {
+                let root = find(&mut self.parents, pixel as u32 - 1);
+                self.parents[pixel] = root;
+                self.sizes[root as usize] += 1;
+                tree = Some(root);
+            }
+            if pixel >= width && link.joins(&sample, &samples[pixel - width], 1) {
+                let above = find(&mut self.parents, (pixel - width) as u32);
+                self.unite(tree.unwrap_or(pixel as u32), above);
+            }
+        }
+    }
+
+    fn unite(&mut self, a: u32, b: u32) {
+        if a != b {
+            let (root, child) = (a.min(b), a.max(b));
+            self.parents[child as usize] = root;
+            self.sizes[root as usize] += self.sizes[child as usize];
+        }
+    }
+}
+
+/// Number of neighbours on the same surface.
+fn neighbours(view: &View, samples: &[Sample], pixel: usize, link: Link) -> u32 {
+    let (column, row) = (pixel % view.width, pixel / view.width);
+    let columns = column.saturating_sub(1)..(column + 2).min(view.width);
+    let mut count = 0;
+    for line in row.saturating_sub(1)..(row + 2).min(view.height) {
+        let start = line * view.width;
+        for other in &samples[start + columns.start..start + columns.end] {
+            count += u32::from(link.joins(&samples[pixel], other, 1));
+        }
+    }
+    // The pixel itself was counted.
+    count - 1
+}
+
+/// Root of a tree, halving the path on the way.
+fn find(parents: &mut [u32], mut node: u32) -> u32 {
+    while parents[node as usize] != node {
+        let parent = parents[node as usize];
+        parents[node as usize] = parents[parent as usize];
+        node = parents[node as usize];
+    }
+    node
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::SurfaceSettings;
+    use super::*;
+    use nalgebra::{Matrix3, Point3};
+
+    const LINK: Link = Link { max_step: 0.01 };
+
+    fn drawn(picture: &[&str]) -> (usize, Vec<Sample>) {
+        let value = |c: u8| match c {
+            b'.' => f64::NAN,
+            digit => 0.002 + 0.001 * f64::from(digit - b'0'),
+        };
+        let samples = picture.iter().flat_map(|line| line.bytes()).map(|c| Sample {
+            inverse_depth: value(c),
+            sigma: 0.0,
+            modulation: 1.0,
+        });
+        (picture[0].len(), samples.collect())
+    }
+
+    fn kept(picture: &[&str], settings: SurfaceSettings) -> (Vec<String>, u32, u32) {
+        let (width, mut samples) = drawn(picture);
+        let mut builder = SurfaceBuilder::new(width, picture.len(), settings);
+        let directions = vec![[0.0; 2]; samples.len()];
+        let view = View {
+            width,
+            height: picture.len(),
+            directions: &directions,
+            pitch: 0.001,
+            world_from_sight: Matrix3::identity(),
+            origin_mm: Point3::origin(),
+        };
+        let spikes = builder.drop_spikes(&view, &mut samples, LINK);
+        let crumbs = builder.drop_crumbs(width, &mut samples, LINK);
+        let mark = |s: &Sample| if s.inverse_depth.is_finite() { '#' } else { '.' };
+        (samples.chunks(width).map(|line| line.iter().map(mark).collect()).collect(), spikes, crumbs)
+    }
+
+    #[test]
+    fn a_spike_goes_and_a_corner_stays() {
+        let settings = SurfaceSettings { min_patch_points: 1, ..SurfaceSettings::default() };
+        let (picture, spikes, _) = kept(&["11111...", "11311..1", "11111...", "11111.11"], settings);
+        assert_eq!(picture, ["#####...", "##.##...", "#####...", "#####..."]);
+        assert_eq!(spikes, 4);
+    }
+
+    #[test]
+    fn small_patches_go_even_when_they_touch_another_surface() {
+        let settings =
+            SurfaceSettings { min_neighbours: 0, min_patch_points: 5, ..SurfaceSettings::default() };
+        let (picture, _, crumbs) = kept(&["11122.1", "1.122.1", "1.1...1", "111..11"], settings);
+        assert_eq!(picture, ["###...#", "#.#...#", "#.#...#", "###..##"], "rings and hooks are connected");
+        assert_eq!(crumbs, 4);
+    }
+}
