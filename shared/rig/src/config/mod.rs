@@ -38,10 +38,16 @@
 //! ```
 
 mod check;
+mod graph;
+mod light;
+mod limits;
 mod raw;
+#[cfg(test)]
+mod tests;
 
 use crate::document::{Document, read_text};
 use crate::error::FileError;
+use crate::recording::Recording;
 use fringe::pattern::PatternSet;
 use fringe::rig::Rig;
 use std::path::{Path, PathBuf};
@@ -170,10 +176,10 @@ pub struct TwinConfig {
 }
 
 /// The recording that the recording drivers play.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct RecordingConfig {
-    /// Absolute.
-    pub path: PathBuf,
+    /// Opened and checked; its folder is absolute.
+    pub recording: Recording,
     /// Frames per second; 0: as fast as possible.
     pub rate_hz: f64,
     /// Begin again at the end.

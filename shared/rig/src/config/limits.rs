@@ -1,0 +1,63 @@
+//! Numbers with limits.
+
+use super::check::value;
+use super::raw::RawLimits;
+use super::{Limits, ScheduleConfig};
+use crate::document::Document;
+use crate::error::{FileError, Problem};
+
+/// Longest time that a limit may be set to, ms: a day. Longer ones are typing errors.
+const TIME_LIMIT_MS: u64 = 86_400_000;
+
+pub(super) fn cycles(document: &Document, cycles: Option<u32>) -> Result<Option<u32>, FileError> {
+    match cycles {
+        Some(0) => {
+            let problem = value(0, "at least 1");
+            Err(document.fault("cycles", problem, "leave the key out to run until stopped"))
+        }
+        other => Ok(other),
+    }
+}
+
+pub(super) fn limits(document: &Document, raw: &RawLimits) -> Result<Limits, FileError> {
+    let time = |key: &str, given: Option<u64>, default: u64| match given.unwrap_or(default) {
+        good @ 1..=TIME_LIMIT_MS => Ok(good),
+        bad => {
+            let problem = value(bad, format!("1 … {TIME_LIMIT_MS} ms"));
+            Err(document.fault(&format!("limits.{key}"), problem, format!("the default is {default}")))
+        }
+    };
+    let restarts = raw.restarts_max.unwrap_or(5);
+    let Some(restarts_max) = u32::try_from(restarts).ok().filter(|count| *count <= 1000) else {
+        return Err(document.fault("limits.restarts_max", value(restarts, "0 … 1000"), "the default is 5"));
+    };
+    let limits = Limits {
+        stage_budget_ms: time("stage_budget_ms", raw.stage_budget_ms, 5_000)?,
+        cycle_deadline_ms: time("cycle_deadline_ms", raw.cycle_deadline_ms, 20_000)?,
+        start_ms: time("start_ms", raw.start_ms, 20_000)?,
+        stop_ms: time("stop_ms", raw.stop_ms, 3_000)?,
+        restarts_max,
+        restart_window_ms: time("restart_window_ms", raw.restart_window_ms, 60_000)?,
+    };
+    if limits.stage_budget_ms > limits.cycle_deadline_ms {
+        let problem = Problem::Disagreement {
+            what: "limits",
+            here: format!("a stage may take {} ms", limits.stage_budget_ms),
+            there: format!("the whole cycle must end within {} ms", limits.cycle_deadline_ms),
+        };
+        return Err(document.fault("limits.stage_budget_ms", problem, "raise cycle_deadline_ms"));
+    }
+    Ok(limits)
+}
+
+pub(super) fn schedule(
+    document: &Document,
+    cores: Option<u32>,
+    pin: Option<bool>,
+) -> Result<ScheduleConfig, FileError> {
+    let cores = cores.unwrap_or(2);
+    if !(1..=1024).contains(&cores) {
+        return Err(document.fault("schedule.cores", value(cores, "1 … 1024"), "the default is 2"));
+    }
+    Ok(ScheduleConfig { cores, pin: pin.unwrap_or(false) })
+}
