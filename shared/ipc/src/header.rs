@@ -10,8 +10,8 @@ use fringe::pattern::Axis;
 use fringe::phase::PhaseInfo;
 use iceoryx2::prelude::ZeroCopySend;
 
-/// Longest text in an event, bytes.
-pub const MAX_TEXT_BYTES: usize = 1024;
+/// Longest text in an event, bytes: a report with a hundred overlaps fits.
+pub const MAX_TEXT_BYTES: usize = 16 * 1024;
 
 /// Largest result that the inspection may send, bytes: 1 MB is ten thousand features.
 pub const MAX_RESULT_BYTES: usize = 1 << 20;

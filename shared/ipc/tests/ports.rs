@@ -144,7 +144,7 @@ fn nothing_is_left_when_the_last_one_goes() {
     let prefix = name.prefix();
     let left: Vec<_> = std::fs::read_dir("/dev/shm")
         .unwrap()
-        .filter_map(|e| e.ok())
+        .filter_map(Result::ok)
         .map(|e| e.file_name().to_string_lossy().into_owned())
         .filter(|f| f.contains(name.as_str()) || f.starts_with(&prefix))
         .collect();
