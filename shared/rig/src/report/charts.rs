@@ -1,0 +1,295 @@
+//! Drawings of the report as SVG: they scale, print sharply and carry real text.
+
+use fringe::math::exp;
+
+use super::colour::{ColourMap, hex};
+use super::number::{self, count, fixed, milliseconds, signed};
+use super::page::{Page, Text};
+use super::picture::{Ends, share};
+use super::statistics::Summary;
+use super::{Activity, FeatureRow, Mark, Span};
+
+const INK: &str = "#1f2933";
+const SOFT: &str = "#5b6875";
+const LINE: &str = "#d5dbe1";
+const COMPUTE: &str = "#0b5cad";
+const WAIT: &str = "#ccd5de";
+
+/// Bars of the histogram: even, so that zero lies between two of them.
+const BINS: usize = 60;
+
+/// Where a value lies between its limits, with its uncertainty; nothing without an upper limit or a value.
+pub fn tolerance(page: &mut Page, feature: &FeatureRow, uncertainty: Option<f64>) {
+    let (Some(upper), true) = (feature.upper, feature.value.is_finite()) else {
+        return page.put(format_args!("{}", number::NONE));
+    };
+    // A form deviation has no lower limit; zero is its natural end.
+    let lower = feature.lower.unwrap_or(0.0);
+    if !(upper - lower).is_finite() || upper <= lower {
+        return page.put(format_args!("{}", number::NONE));
+    }
+    let place = |value: f64| (25.0 + 90.0 * (value - lower) / (upper - lower)).clamp(3.0, 137.0);
+    let (x, u) = (place(feature.value), uncertainty.unwrap_or(0.0));
+    let (left, right) = (place(feature.value - u), place(feature.value + u));
+    page.put(format_args!(
+        "<svg width=\"140\" height=\"18\" viewBox=\"0 0 140 18\" role=\"img\" aria-label=\"place of the value between its \
+         limits\"><rect x=\"25\" y=\"6\" width=\"90\" height=\"6\" fill=\"#e3e8ed\"/><path d=\"M0 9H140\" stroke=\"{LINE}\"/>"
+    ));
+    for (at, present) in [(25, feature.lower.is_some()), (115, true)] {
+        if present {
+            page.put(format_args!("<path d=\"M{at} 2V16\" stroke=\"{SOFT}\" stroke-width=\"1.5\"/>"));
+        }
+    }
+    page.put(format_args!(
+        "<path d=\"M{left:.1} 9H{right:.1}M{left:.1} 6V12M{right:.1} 6V12\" stroke=\"{INK}\" stroke-width=\"1.2\" fill=\"none\"/>\
+         <circle cx=\"{x:.1}\" cy=\"9\" r=\"3\" fill=\"{INK}\"/></svg>"
+    ));
+}
+
+/// A colour bar with values and unit, to stand below a picture.
+pub fn colour_bar(page: &mut Page, map: ColourMap, ends: Ends, title: &str, with_sign: bool) {
+    let id = page.fresh_id();
+    page.put(format_args!(
+        "<svg class=\"bar\" viewBox=\"0 0 600 58\" role=\"img\" aria-label=\"colour bar\"><defs><linearGradient id=\"{id}\">"
+    ));
+    let table = map.table();
+    for (i, colour) in table.iter().enumerate() {
+        let offset = i as f64 / (table.len() - 1) as f64;
+        page.put(format_args!("<stop offset=\"{offset:.4}\" stop-color=\"{}\"/>", hex(*colour)));
+    }
+    page.put(format_args!(
+        "</linearGradient></defs><rect x=\"30\" y=\"6\" width=\"540\" height=\"13\" fill=\"url(#{id})\" stroke=\"{SOFT}\" \
+         stroke-width=\"0.5\"/>"
+    ));
+    for (value, text) in bar_labels(map, ends, with_sign) {
+        let x = 30.0 + 540.0 * share(value, ends);
+        page.put(format_args!(
+            "<path d=\"M{x:.1} 19V24\" stroke=\"{INK}\"/><text x=\"{x:.1}\" y=\"38\" font-size=\"13\" \
+             text-anchor=\"middle\">{text}</text>"
+        ));
+    }
+    page.put(format_args!(
+        "<text x=\"300\" y=\"55\" font-size=\"13\" text-anchor=\"middle\">{}</text></svg>\n",
+        Text(title)
+    ));
+}
+
+/// Values of a colour bar and how they are written.
+fn bar_labels(map: ColourMap, ends: Ends, with_sign: bool) -> Vec<(f64, String)> {
+    if map == ColourMap::Cyclic {
+        let quarters = ["0", "π/2", "π", "3π/2", "2π"].into_iter().enumerate();
+        let value = |i: usize| ends.low + (ends.high - ends.low) * i as f64 / 4.0;
+        return quarters.map(|(i, text)| (value(i), text.to_owned())).collect();
+    }
+    let (values, digits) = number::ticks(ends.low, ends.high, 6);
+    let text = |v: f64| if with_sign { signed(v, digits) } else { fixed(v, digits) };
+    values.into_iter().map(|v| (v, text(v))).collect()
+}
+
+/// Histogram of deviations with mean, standard deviation and the normal distribution that has both.
+pub fn histogram(page: &mut Page, deviations_mm: &[f64], summary: &Summary, half_range_mm: f64) {
+    const LEFT: f64 = 74.0;
+    const RIGHT: f64 = 980.0;
+    const TOP: f64 = 34.0;
+    const BASE: f64 = 250.0;
+    let bins = bins(deviations_mm, half_range_mm);
+    let highest = bins.iter().copied().max().unwrap_or(0).max(1) as f64;
+    let x = |mm: f64| LEFT + (RIGHT - LEFT) * (0.5 + mm / (2.0 * half_range_mm));
+    let y = |n: f64| BASE - (BASE - TOP) * (n / (highest * 1.05)).min(1.0);
+    page.put(format_args!(
+        "<div class=\"chart\"><svg viewBox=\"0 0 1000 302\" role=\"img\" aria-label=\"histogram of deviations\">\n"
+    ));
+    let (values, _) = number::ticks(0.0, highest, 4);
+    for value in values {
+        let at = y(value);
+        page.put(format_args!(
+            "<path d=\"M{LEFT} {at:.1}H{RIGHT}\" stroke=\"#e9edf0\"/><text x=\"{:.1}\" y=\"{:.1}\" font-size=\"13\" \
+             text-anchor=\"end\">{}</text>\n",
+            LEFT - 8.0,
+            at + 4.5,
+            count(value as u64)
+        ));
+    }
+    let width_mm = 2.0 * half_range_mm / BINS as f64;
+    for (i, n) in bins.iter().enumerate().filter(|(_, n)| **n > 0) {
+        let low_mm = -half_range_mm + width_mm * i as f64;
+        let colour = ColourMap::Diverging.colour((i as f64 + 0.5) / BINS as f64);
+        page.put(format_args!(
+            "<rect x=\"{:.2}\" y=\"{:.2}\" width=\"{:.2}\" height=\"{:.2}\" fill=\"{}\" stroke=\"#7b8794\" \
+             stroke-width=\"0.6\"/>",
+            x(low_mm),
+            y(*n as f64),
+            x(low_mm + width_mm) - x(low_mm),
+            BASE - y(*n as f64),
+            hex(colour)
+        ));
+    }
+    normal_curve(page, summary, half_range_mm, &x, &y);
+    histogram_axis(page, half_range_mm, summary, &x);
+    page.put(format_args!("</svg></div>\n"));
+}
+
+/// Counts between −range and +range; the last bin includes its upper end.
+fn bins(deviations_mm: &[f64], half_range_mm: f64) -> [u64; BINS] {
+    let mut bins = [0; BINS];
+    for deviation in deviations_mm.iter().filter(|d| d.abs() <= half_range_mm) {
+        let place = (0.5 + deviation / (2.0 * half_range_mm)) * BINS as f64;
+        bins[(place as usize).min(BINS - 1)] += 1;
+    }
+    bins
+}
+
+fn normal_curve(
+    page: &mut Page,
+    summary: &Summary,
+    half_range_mm: f64,
+    x: &dyn Fn(f64) -> f64,
+    y: &dyn Fn(f64) -> f64,
+) {
+    let (Some(mean), Some(sd)) = (summary.mean, summary.sd.filter(|sd| *sd > 0.0)) else {
+        return;
+    };
+    let width_mm = 2.0 * half_range_mm / BINS as f64;
+    let peak = summary.count as f64 * width_mm / (sd * std::f64::consts::TAU.sqrt());
+    page.put(format_args!("<path d=\""));
+    for step in 0..=180 {
+        let mm = half_range_mm * (f64::from(step) / 90.0 - 1.0);
+        let z = (mm - mean) / sd;
+        let letter = if step == 0 { 'M' } else { 'L' };
+        page.put(format_args!("{letter}{:.1} {:.1}", x(mm), y(peak * exp(-0.5 * z * z))));
+    }
+    page.put(format_args!(
+        "\" fill=\"none\" stroke=\"{INK}\" stroke-width=\"1.4\" stroke-dasharray=\"5 3\"/>\n"
+    ));
+}
+
+fn histogram_axis(page: &mut Page, half_range_mm: f64, summary: &Summary, x: &dyn Fn(f64) -> f64) {
+    page.put(format_args!("<path d=\"M74 250H980\" stroke=\"{INK}\"/>\n"));
+    let (values, digits) = number::ticks(-half_range_mm * 1e3, half_range_mm * 1e3, 8);
+    for value in values {
+        let at = x(value * 1e-3);
+        page.put(format_args!(
+            "<path d=\"M{at:.1} 250v5\" stroke=\"{INK}\"/><text x=\"{at:.1}\" y=\"270\" font-size=\"13\" \
+             text-anchor=\"middle\">{}</text>\n",
+            signed(value, digits)
+        ));
+    }
+    page.put(format_args!(
+        "<text x=\"527\" y=\"293\" font-size=\"13\" text-anchor=\"middle\">Deviation, µm</text>\
+         <text x=\"16\" y=\"142\" font-size=\"13\" text-anchor=\"middle\" transform=\"rotate(-90 16 142)\">Points</text>\n"
+    ));
+    let in_um = |value: Option<f64>| value.map(|v| v * 1e3);
+    if let Some(mean) = summary.mean.filter(|mean| mean.abs() <= half_range_mm) {
+        page.put(format_args!(
+            "<path d=\"M{0:.1} 26V250\" stroke=\"{INK}\" stroke-width=\"1.4\"/>\n",
+            x(mean)
+        ));
+    }
+    let text = format!(
+        "mean {} µm   sd {} µm   n {}",
+        in_um(summary.mean).map_or_else(|| number::NONE.to_owned(), |m| signed(m, 2)),
+        number::optional(in_um(summary.sd), 2),
+        count(summary.count as u64)
+    );
+    page.put(format_args!(
+        "<text x=\"980\" y=\"18\" font-size=\"14\" font-weight=\"600\" text-anchor=\"end\" xml:space=\"preserve\">{}</text>\n",
+        Text(&text)
+    ));
+}
+
+/// What each stage did in the last cycle.
+pub fn timeline(page: &mut Page, spans: &[Span], marks: &[Mark]) {
+    let (Some(start), Some(end)) =
+        (spans.iter().map(|s| s.start_ns).min(), spans.iter().map(|s| s.end_ns).max())
+    else {
+        return;
+    };
+    let mut stages: Vec<&str> = Vec::new();
+    for span in spans {
+        if !stages.contains(&span.stage.as_str()) {
+            stages.push(&span.stage);
+        }
+    }
+    let length_ns = end.saturating_sub(start).max(1) as f64;
+    let x = |at: u64| 150.0 + 830.0 * (at.saturating_sub(start) as f64 / length_ns).min(1.0);
+    let base = 30.0 + 24.0 * stages.len() as f64;
+    page.section("Stage timeline of the last cycle");
+    page.put(format_args!(
+        "<ul class=\"legend\"><li><i style=\"background:{COMPUTE}\"></i>compute</li>\
+         <li><i style=\"background:{WAIT}\"></i>wait</li></ul>\n\
+         <div class=\"chart\"><svg viewBox=\"0 0 1000 {:.0}\" role=\"img\" aria-label=\"stage timeline\">\n",
+        base + 46.0
+    ));
+    time_axis(page, length_ns, base);
+    for (row, stage) in stages.iter().enumerate() {
+        let top = 30.0 + 24.0 * row as f64;
+        page.put(format_args!(
+            "<text x=\"140\" y=\"{:.1}\" font-size=\"13\" text-anchor=\"end\">{}</text>\n",
+            top + 15.5,
+            Text(stage)
+        ));
+        for span in spans.iter().filter(|s| s.stage == *stage) {
+            bar(page, span, x(span.start_ns), x(span.end_ns.max(span.start_ns)), top);
+        }
+    }
+    for mark in marks.iter().filter(|m| (start..=end).contains(&m.at_ns)) {
+        let at = x(mark.at_ns);
+        let anchor = if at > 850.0 { "end" } else { "start" };
+        page.put(format_args!(
+            "<path d=\"M{at:.1} 20V{base:.1}\" stroke=\"#ad1f1f\" stroke-dasharray=\"3 2\"/>\
+             <text x=\"{at:.1}\" y=\"14\" font-size=\"12.5\" text-anchor=\"{anchor}\" style=\"fill:#ad1f1f\">{}</text>\n",
+            Text(&mark.name)
+        ));
+    }
+    page.put(format_args!("</svg></div>\n"));
+    page.end_section();
+}
+
+fn bar(page: &mut Page, span: &Span, left: f64, right: f64, top: f64) {
+    let (colour, word, inset) = match span.activity {
+        Activity::Compute => (COMPUTE, "compute", 3.0),
+        Activity::Wait => (WAIT, "wait", 7.0),
+    };
+    // A span too short to be seen is drawn half a unit wide: it happened.
+    page.put(format_args!(
+        "<rect x=\"{left:.2}\" y=\"{:.1}\" width=\"{:.2}\" height=\"{:.1}\" fill=\"{colour}\"><title>{}: {word} {} ms</title></rect>\n",
+        top + inset,
+        (right - left).max(0.5),
+        24.0 - 2.0 * inset,
+        Text(&span.stage),
+        milliseconds(Some(span.end_ns.saturating_sub(span.start_ns)))
+    ));
+}
+
+fn time_axis(page: &mut Page, length_ns: f64, base: f64) {
+    let length_ms = length_ns * 1e-6;
+    let (values, digits) = number::ticks(0.0, length_ms, 10);
+    for value in values {
+        let at = 150.0 + 830.0 * value / length_ms;
+        page.put(format_args!(
+            "<path d=\"M{at:.1} 26V{:.1}\" stroke=\"#e3e8ed\"/><text x=\"{at:.1}\" y=\"{:.1}\" font-size=\"13\" \
+             text-anchor=\"middle\">{}</text>\n",
+            base + 4.0,
+            base + 20.0,
+            fixed(value, digits)
+        ));
+    }
+    page.put(format_args!(
+        "<path d=\"M150 {base:.1}H980\" stroke=\"{INK}\"/><text x=\"565\" y=\"{:.1}\" font-size=\"13\" \
+         text-anchor=\"middle\">Time, ms</text>\n",
+        base + 40.0
+    ));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_value_within_the_range_is_counted_once() {
+        let values = [-0.1, -0.05, -1e-12, 0.0, 0.05, 0.1, 0.11, f64::NAN];
+        let counts = bins(&values, 0.1);
+        assert_eq!(counts.iter().sum::<u64>(), 6);
+        assert_eq!((counts[0], counts[29], counts[30], counts[59]), (1, 1, 1, 1));
+    }
+}
