@@ -10,7 +10,6 @@ pub mod error;
 pub mod hash;
 pub mod image_file;
 pub mod name;
-pub mod opencv;
 pub mod ply;
 pub mod recording;
 pub mod report;
