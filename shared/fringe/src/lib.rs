@@ -15,6 +15,7 @@
 
 pub mod camera;
 pub mod cloud;
+pub mod decode;
 pub mod fit;
 pub mod frame;
 pub mod matching;

@@ -1,0 +1,123 @@
+//! What happens to a frame when it lands: three sums per sine set, or a copy.
+
+use super::plan::SinePlan;
+use crate::frame::Pixels;
+use crate::math::sincos;
+use rayon::prelude::*;
+use std::f64::consts::TAU;
+
+/// Pixels of one parallel job; fixed, so that the work is cut the same way on every machine.
+const CHUNK: usize = 16_384;
+
+/// Running sums of one sine set, one value per pixel: Σ I, Σ I cos δ, Σ I sin δ with δᵢ = ±(2πi/N + first step).
+///
+/// With I = A + B cos(φ − δ): Σ I = N A, Σ I cos δ = N/2 · B cos φ, Σ I sin δ = N/2 · B sin φ (thesis eq. 2.16).
+/// Single precision: N ≤ 64 values of at most 16 bits have an exact sum, and the others err by about 1e-7 of it.
+#[derive(Debug)]
+pub struct Sums {
+    /// Σ I, DN.
+    pub sum: Vec<f32>,
+    /// Σ I cos δ, DN.
+    pub cos: Vec<f32>,
+    /// Σ I sin δ, DN.
+    pub sin: Vec<f32>,
+    /// (cos δ, sin δ) per step.
+    weights: Vec<(f32, f32)>,
+}
+
+impl Sums {
+    /// Room for one set.
+    pub fn new(plan: &SinePlan, pixels: usize) -> Self {
+        let weights =
+            (0..plan.steps).map(|step| sincos(step_rad(plan, step))).map(|(s, c)| (c as f32, s as f32));
+        Self {
+            sum: vec![0.0; pixels],
+            cos: vec![0.0; pixels],
+            sin: vec![0.0; pixels],
+            weights: weights.collect(),
+        }
+    }
+
+    /// Adds one frame and marks its clipped pixels. The first step overwrites what an earlier cycle left.
+    pub fn add(&mut self, step: usize, pixels: Pixels, clipped_dn: u16, saturated: &mut [u8]) {
+        match pixels {
+            Pixels::Mono8(values) => self.add_values(step, values, clipped_dn.min(255) as u8, saturated),
+            Pixels::Mono16(values) => self.add_values(step, values, clipped_dn, saturated),
+        }
+    }
+
+    fn add_values<T>(&mut self, step: usize, values: &[T], clipped: T, saturated: &mut [u8])
+    where
+        T: Copy + PartialOrd + Into<f32> + Sync + Send,
+    {
+        let (cos_weight, sin_weight) = self.weights[step];
+        let sums = self
+            .sum
+            .par_chunks_mut(CHUNK)
+            .zip(self.cos.par_chunks_mut(CHUNK))
+            .zip(self.sin.par_chunks_mut(CHUNK));
+        sums.zip(saturated.par_chunks_mut(CHUNK)).zip(values.par_chunks(CHUNK)).for_each(
+            |((((sum, cos), sin), saturated), values)| {
+                for (flag, value) in saturated.iter_mut().zip(values) {
+                    *flag |= u8::from(*value >= clipped);
+                }
+                let lanes = sum.iter_mut().zip(cos).zip(sin).zip(values);
+                if step == 0 {
+                    for (((sum, cos), sin), value) in lanes {
+                        let value: f32 = (*value).into();
+                        *sum = value;
+                        *cos = value * cos_weight;
+                        *sin = value * sin_weight;
+                    }
+                } else {
+                    for (((sum, cos), sin), value) in lanes {
+                        let value: f32 = (*value).into();
+                        *sum += value;
+                        *cos += value * cos_weight;
+                        *sin += value * sin_weight;
+                    }
+                }
+            },
+        );
+    }
+}
+
+/// Phase step δ of one frame, rad.
+pub fn step_rad(plan: &SinePlan, step: u32) -> f64 {
+    plan.direction.sign() * (TAU * f64::from(step) / f64::from(plan.steps) + plan.first_step_rad)
+}
+
+/// Frames that are kept as they came: bits, white, black. The full scale decides how wide a value is stored.
+#[derive(Debug)]
+pub enum Rasters {
+    /// Full scale up to 255.
+    Bytes(Vec<u8>),
+    /// Beyond.
+    Words(Vec<u16>),
+}
+
+impl Rasters {
+    /// Room for `count` frames.
+    pub fn new(count: usize, pixels: usize, full_scale_dn: u16) -> Self {
+        if full_scale_dn <= 255 {
+            Self::Bytes(vec![0; count * pixels])
+        } else {
+            Self::Words(vec![0; count * pixels])
+        }
+    }
+
+    /// Copies a frame whose values do not exceed full scale.
+    pub fn keep(&mut self, index: usize, pixels: Pixels) {
+        let range = index * pixels.len()..(index + 1) * pixels.len();
+        match (self, pixels) {
+            (Self::Bytes(kept), Pixels::Mono8(values)) => kept[range].copy_from_slice(values),
+            (Self::Words(kept), Pixels::Mono16(values)) => kept[range].copy_from_slice(values),
+            (Self::Bytes(kept), Pixels::Mono16(values)) => {
+                kept[range].iter_mut().zip(values).for_each(|(kept, value)| *kept = *value as u8);
+            }
+            (Self::Words(kept), Pixels::Mono8(values)) => {
+                kept[range].iter_mut().zip(values).for_each(|(kept, value)| *kept = u16::from(*value));
+            }
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! Why a sequence or a frame cannot be decoded.
+
+use crate::pattern::{Axis, PatternError, Threshold};
+use thiserror::Error;
+
+/// A refusal; nothing has been changed by the call that returns it.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum DecodeError {
+    /// A set has an impossible number.
+    #[error("set {index} (\"{name}\") of the sequence")]
+    Pattern {
+        /// Position in the sequence, from 0.
+        index: usize,
+        /// As in the recording.
+        name: &'static str,
+        /// What is wrong with it.
+        source: PatternError,
+    },
+    /// A setting is out of its range.
+    #[error("decode setting {key} = {value}: must be {least} to {most}")]
+    Setting {
+        /// The key.
+        key: &'static str,
+        /// As written.
+        value: f64,
+        /// Least.
+        least: f64,
+        /// Most.
+        most: f64,
+    },
+    /// The raster is empty or too large.
+    #[error("frames of {width_px} x {height_px} pixels: must be 1 to {} pixels in all", super::MAX_PIXELS)]
+    Size {
+        /// Columns.
+        width_px: u32,
+        /// Rows.
+        height_px: u32,
+    },
+    /// The grey scale is empty.
+    #[error("full_scale_dn = 0: must be at least 1 (255 for 8 bits, 4095 for 12 bits)")]
+    FullScale,
+    /// The projector has no size.
+    #[error("the projector has no pixels along axis {axis:?}: check width_px and height_px of the projector")]
+    Extent {
+        /// Axis of the sets.
+        axis: Axis,
+    },
+    /// Nothing in the sequence tells a projector coordinate.
+    #[error("the sequence has neither a sine nor a gray set: there is nothing to decode")]
+    NothingToDecode,
+    /// Two sets say the same.
+    #[error(
+        "sets {first} and {second} of the sequence are the same ({name}, axis {axis:?}): remove one of them"
+    )]
+    Duplicate {
+        /// Position of the first.
+        first: usize,
+        /// Position of the second.
+        second: usize,
+        /// As in the recording.
+        name: &'static str,
+        /// Axis of both.
+        axis: Axis,
+    },
+    /// A sequence beyond any projector's memory.
+    #[error("the sequence has {count} frames: at most {} are decoded", super::MAX_FRAMES)]
+    TooManyFrames {
+        /// Frames up to the set that went too far.
+        count: usize,
+    },
+    /// More sine sets than the decoder can hold on one axis.
+    #[error("{count} sine sets on axis {axis:?}: at most {} are decoded", super::MAX_SINES)]
+    TooManySines {
+        /// Axis of the sets.
+        axis: Axis,
+        /// How many.
+        count: usize,
+    },
+    /// A code set without anything to compare its bits with.
+    #[error(
+        "gray set {index} on axis {axis:?} has no threshold ({wanted:?}): the sequence lacks {missing}; add it or set `threshold`"
+    )]
+    MissingThreshold {
+        /// Position in the sequence.
+        index: usize,
+        /// Axis of the set.
+        axis: Axis,
+        /// What the set asks for.
+        wanted: Option<Threshold>,
+        /// What is not there.
+        missing: &'static str,
+    },
+    /// The code repeats before the projector ends.
+    #[error(
+        "gray set {index} on axis {axis:?} numbers {covers_px} projector pixels of {extent_px}: its stripes would repeat; more bits or longer stripes are needed"
+    )]
+    CodeTooShort {
+        /// Position in the sequence.
+        index: usize,
+        /// Axis of the set.
+        axis: Axis,
+        /// 2^bits · stripe.
+        covers_px: f64,
+        /// Projector pixels along the axis.
+        extent_px: u32,
+    },
+    /// The sines on an axis cannot be numbered.
+    #[error(
+        "axis {axis:?}: no absolute fringe order over {extent_px} projector pixels: {missing}; add a gray set with stripe_px of at most {finest_px} or sine sets whose beat covers the projector"
+    )]
+    NoAbsoluteOrder {
+        /// Axis of the sets.
+        axis: Axis,
+        /// Projector pixels along the axis.
+        extent_px: u32,
+        /// Finest period.
+        finest_px: f64,
+        /// What was found instead.
+        missing: String,
+    },
+    /// A frame out of turn.
+    #[error("frame {got} landed where frame {expected} of {count} was due")]
+    FrameOrder {
+        /// The next frame of the sequence; equal to `count` when all have landed.
+        expected: usize,
+        /// The frame that landed.
+        got: usize,
+        /// Frames of the sequence.
+        count: usize,
+    },
+    /// A frame of another size.
+    #[error(
+        "frame {index} is {width_px} x {height_px} with {pixels} values, but the camera has {want_width_px} x {want_height_px}"
+    )]
+    FrameSize {
+        /// Frame number.
+        index: usize,
+        /// Columns.
+        width_px: u32,
+        /// Rows.
+        height_px: u32,
+        /// Values that came with it.
+        pixels: usize,
+        /// Columns of the decoder.
+        want_width_px: u32,
+        /// Rows of the decoder.
+        want_height_px: u32,
+    },
+    /// A frame of another grey scale.
+    #[error("frame {index} has full scale {got_dn} DN, but the sequence began with {want_dn} DN")]
+    FrameFullScale {
+        /// Frame number.
+        index: usize,
+        /// Full scale of the frame.
+        got_dn: u16,
+        /// Full scale of the decoder.
+        want_dn: u16,
+    },
+    /// A grey value that the sensor cannot give.
+    #[error(
+        "frame {index}, pixel {pixel}: {value_dn} DN exceeds full scale {full_scale_dn} DN; is the bit depth right, and are the values in the low bits?"
+    )]
+    AboveFullScale {
+        /// Frame number.
+        index: usize,
+        /// Row · width + column.
+        pixel: usize,
+        /// Grey value.
+        value_dn: u16,
+        /// Full scale.
+        full_scale_dn: u16,
+    },
+    /// `finish` before the axis is complete.
+    #[error("axis {axis:?} is not complete: {landed} frames have landed, {needed} are needed")]
+    Incomplete {
+        /// Axis asked for.
+        axis: Axis,
+        /// Frames landed.
+        landed: usize,
+        /// Frames that the axis needs.
+        needed: usize,
+    },
+    /// The sequence has no set that tells this axis.
+    #[error("the sequence has no sine or gray set on axis {axis:?}")]
+    NoSuchAxis {
+        /// Axis asked for.
+        axis: Axis,
+    },
+    /// The output planes do not fit.
+    #[error("the output planes do not fit the decoder: use a phase map made from `Decoder::info`")]
+    Output,
+}

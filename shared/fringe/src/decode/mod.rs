@@ -1,0 +1,443 @@
+//! Decoding: from the frames of one camera to absolute phase.
+//!
+//! ```text
+//! frame ─▶ Σ I, Σ I cos δ, Σ I sin δ  (push, as it lands) ─▶ wrapped phase, B, A, σ ─▶ order ─▶ neighbours ─▶ phase map
+//! ```
+//!
+//! [`Decoder::new`] reads the sequence once, decides what every frame is for and reserves all memory. [`Decoder::push`]
+//! adds a frame of a sine set to three sums per pixel and copies the frames of the code; [`Decoder::finish`] is left with
+//! the arctangent, the bits and the order. Neither allocates.
+//!
+//! # Convention
+//! I = A + B cos(2πx/p − δ), δᵢ = ±(2πi/N + first step), gives φ = 2πx/p (mod 2π) in [0, 2π), so x = φ p/2π + m p. The order m is
+//! an integer of any size and sign; phase 0 is as good as any other, only the mask tells what is usable.
+//!
+//! # One rule for the order
+//! Whatever tells the order gives a coarse coordinate c, and m = round((c − x_w) / p):
+//! stripe k of a code gives c = k s + s/2 − 1/2 (its centre: a code edge lies half a column before the phase zero), a
+//! longer period or a beat gives its own coordinate ([`chain`]). With stripes of half a period the two differ by at most
+//! p/4 where p/2 would be harmful, so neither blur nor noise at the code's edges makes a jump. With stripes of a whole
+//! period no margin is left at the edges; pixels there are settled by their neighbours or masked ([`neighbours`]).
+//!
+//! The result is the phase of the finest sine of an axis; the coarser ones only give its order. A code without
+//! sines gives the centre of its stripe with the uncertainty s/√12. Sets that tell nothing more (stair, ramp, random,
+//! superfluous codes) are named in the report.
+//!
+//! # Uncertainty
+//! σ_φ = √(2/N) σ_I / B with σ_I² = read² + gain · A from the residuals of the fit ([`noise`]), from the settings, or
+//! assumed. For N = 3 shot noise adds a term that alternates with 3φ; its mean is zero and it is left out.
+
+mod accumulate;
+pub mod arctan;
+mod bits;
+pub mod chain;
+mod error;
+mod neighbours;
+mod noise;
+mod order;
+mod plan;
+mod report;
+mod settings;
+#[cfg(test)]
+mod tests;
+
+pub use error::DecodeError;
+pub use report::{DecodeReport, NoiseModel, NoiseSource};
+pub use settings::{CameraNoise, DecodeSettings};
+
+use crate::frame::{FrameView, Pixels};
+use crate::pattern::{Axis, PatternSet};
+use crate::phase::{PhaseInfo, PhaseViewMut};
+use accumulate::{Rasters, Sums};
+use neighbours::{Field, MASK};
+use noise::{Probe, QUANTISATION_DN2};
+use order::{BLOCK, Kernel, Planes, Tally, state};
+use plan::{AxisPlan, Plan, Role};
+use rayon::prelude::*;
+use std::f32::consts::TAU;
+use std::ops::AddAssign;
+use std::sync::Arc;
+
+/// Largest frame, pixels.
+pub const MAX_PIXELS: usize = 1 << 27;
+/// Longest sequence, frames.
+pub const MAX_FRAMES: usize = 4096;
+/// Most sine sets on one axis.
+pub const MAX_SINES: usize = 6;
+
+/// Pixels of one parallel job in `finish`; fixed, so that the work is cut the same way on every machine.
+const CHUNK: usize = 64 * BLOCK;
+/// Rows of one parallel job of the neighbour pass.
+const ROWS: usize = 16;
+
+/// Decodes the frames of one camera under one projector, sequence after sequence.
+#[derive(Debug)]
+pub struct Decoder {
+    width_px: u32,
+    height_px: u32,
+    full_scale_dn: u16,
+    clipped_dn: u16,
+    settings: DecodeSettings,
+    plan: Plan,
+    steps: Vec<u32>,
+    sums: Vec<Sums>,
+    rasters: Rasters,
+    axes: Vec<AxisState>,
+    correction: Vec<i16>,
+    next: usize,
+}
+
+/// What an axis gathers beside its sums.
+#[derive(Debug)]
+struct AxisState {
+    saturated: Vec<u8>,
+    probe: Probe,
+    open_sets: usize,
+    estimate: Option<NoiseModel>,
+    ignored: Arc<[String]>,
+}
+
+impl Decoder {
+    /// Prepares for a sequence.
+    ///
+    /// `extent_px` is the projector's size in columns and rows: it decides whether a period or a code covers it.
+    /// Memory per pixel: 12 bytes per sine set, 1 (8 bits) or 2 bytes per frame of a code, white and black, 3 bytes per
+    /// axis and image.
+    ///
+    /// # Errors
+    /// Names the set or setting that cannot be used, or what is missing for an absolute order.
+    pub fn new(
+        sequence: &[PatternSet],
+        width_px: u32,
+        height_px: u32,
+        full_scale_dn: u16,
+        extent_px: [u32; 2],
+        settings: &DecodeSettings,
+    ) -> Result<Self, DecodeError> {
+        settings.check()?;
+        let pixels = u64::from(width_px) * u64::from(height_px);
+        if pixels == 0 || pixels > MAX_PIXELS as u64 {
+            return Err(DecodeError::Size { width_px, height_px });
+        }
+        if full_scale_dn == 0 {
+            return Err(DecodeError::FullScale);
+        }
+        let pixels = pixels as usize;
+        let plan = Plan::new(sequence, extent_px)?;
+        let axes =
+            plan.axes.iter().map(|axis| AxisState::new(axis, &plan, width_px as usize, pixels)).collect();
+        let mut decoder = Self {
+            width_px,
+            height_px,
+            full_scale_dn,
+            clipped_dn: (settings.saturation_fraction * f64::from(full_scale_dn)).ceil() as u16,
+            settings: settings.clone(),
+            steps: plan.sines.iter().map(|s| s.steps).collect(),
+            sums: plan.sines.iter().map(|s| Sums::new(s, pixels)).collect(),
+            rasters: Rasters::new(plan.stored, pixels, full_scale_dn),
+            axes,
+            correction: vec![0; pixels],
+            plan,
+            next: 0,
+        };
+        decoder.begin();
+        Ok(decoder)
+    }
+
+    /// Starts a new sequence; what has landed is forgotten.
+    pub fn begin(&mut self) {
+        self.next = 0;
+        for (axis, plan) in self.axes.iter_mut().zip(&self.plan.axes) {
+            axis.saturated.fill(0);
+            axis.probe.begin();
+            axis.open_sets = plan.sines.len();
+            axis.estimate = None;
+        }
+    }
+
+    /// Number of frames of the sequence.
+    pub fn frames(&self) -> usize {
+        self.plan.roles.len()
+    }
+
+    /// Takes frame `index` of the sequence. Frames come in order, each once.
+    ///
+    /// # Errors
+    /// A frame out of turn, of another size or grey scale, or with a value beyond full scale is refused and changes nothing.
+    pub fn push(&mut self, index: usize, frame: &FrameView) -> Result<(), DecodeError> {
+        self.check_frame(index, frame)?;
+        match self.plan.roles[index] {
+            Role::Ignored => {}
+            Role::Stored(raster) => self.rasters.keep(raster, frame.pixels),
+            Role::Sine { slot, step } => self.push_sine(slot, step, frame.pixels),
+        }
+        self.next += 1;
+        Ok(())
+    }
+
+    fn push_sine(&mut self, slot: usize, step: usize, pixels: Pixels) {
+        let least_modulation_dn = self.least_modulation_dn();
+        let home = self.plan.axes.iter().position(|a| a.sines.contains(&slot));
+        let Some((axis, plan)) = home.and_then(|a| self.axes.get_mut(a).zip(self.plan.axes.get(a))) else {
+            return;
+        };
+        self.sums[slot].add(step, pixels, self.clipped_dn, &mut axis.saturated);
+        if self.settings.camera_noise.is_some() {
+            return;
+        }
+        axis.probe.keep(step, pixels);
+        if step + 1 == self.steps[slot] as usize {
+            let set = plan.sines.iter().position(|s| *s == slot).unwrap_or(0);
+            axis.probe.close_set(set, least_modulation_dn, self.clipped_dn);
+            axis.open_sets -= 1;
+            if axis.open_sets == 0 {
+                axis.estimate = axis.probe.model();
+            }
+        }
+    }
+
+    fn check_frame(&self, index: usize, frame: &FrameView) -> Result<(), DecodeError> {
+        let count = self.plan.roles.len();
+        if index != self.next || index >= count {
+            return Err(DecodeError::FrameOrder { expected: self.next, got: index, count });
+        }
+        let pixels = frame.pixels.len();
+        if (frame.width_px, frame.height_px) != (self.width_px, self.height_px)
+            || pixels != self.correction.len()
+        {
+            return Err(DecodeError::FrameSize {
+                index,
+                width_px: frame.width_px,
+                height_px: frame.height_px,
+                pixels,
+                want_width_px: self.width_px,
+                want_height_px: self.height_px,
+            });
+        }
+        if frame.full_scale_dn != self.full_scale_dn {
+            return Err(DecodeError::FrameFullScale {
+                index,
+                got_dn: frame.full_scale_dn,
+                want_dn: self.full_scale_dn,
+            });
+        }
+        let full_scale_dn = self.full_scale_dn;
+        match above(frame.pixels, full_scale_dn) {
+            Some((pixel, value_dn)) => {
+                Err(DecodeError::AboveFullScale { index, pixel, value_dn, full_scale_dn })
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// The axes that the sequence tells, x before y.
+    pub fn axes(&self) -> Vec<Axis> {
+        self.plan.axes.iter().map(|a| a.axis).collect()
+    }
+
+    /// Size and period of an axis' phase map.
+    ///
+    /// # Errors
+    /// [`DecodeError::NoSuchAxis`].
+    pub fn info(&self, axis: Axis) -> Result<PhaseInfo, DecodeError> {
+        let plan = self.plan.axes.iter().find(|a| a.axis == axis).ok_or(DecodeError::NoSuchAxis { axis })?;
+        Ok(PhaseInfo { width_px: self.width_px, height_px: self.height_px, axis, period_px: plan.period_px })
+    }
+
+    /// Writes the phase map of an axis whose frames have all landed. May be called again, with the same result.
+    ///
+    /// # Errors
+    /// Refuses an axis that is unknown or incomplete, and planes of another size.
+    pub fn finish(&mut self, axis: Axis, out: &mut PhaseViewMut) -> Result<DecodeReport, DecodeError> {
+        let info = self.info(axis)?;
+        let home =
+            self.plan.axes.iter().position(|a| a.axis == axis).ok_or(DecodeError::NoSuchAxis { axis })?;
+        let plan = &self.plan.axes[home];
+        if self.next < plan.needed {
+            return Err(DecodeError::Incomplete { axis, landed: self.next, needed: plan.needed });
+        }
+        let n = info.len();
+        let sizes = [out.phase_rad.len(), out.sigma_rad.len(), out.modulation.len(), out.valid.len()];
+        if out.info != info || sizes != [n; 4] {
+            return Err(DecodeError::Output);
+        }
+        let gathered = &self.axes[home];
+        let kernel = Kernel {
+            plan,
+            sums: &self.sums,
+            steps: &self.steps,
+            rasters: &self.rasters,
+            saturated: &gathered.saturated,
+            noise: self.noise(gathered),
+            settings: &self.settings,
+            least_modulation_dn: self.least_modulation_dn() as f32,
+        };
+        let tally = decode_blocks(&kernel, out);
+        let verdicts = if plan.chain.is_some() {
+            let field = Field {
+                width: self.width_px as usize,
+                height: self.height_px as usize,
+                phase_rad: out.phase_rad,
+                state: out.valid,
+                reach: self.settings.neighbour_reach_px as usize,
+                spikes: self.settings.repair_spikes,
+            };
+            correct_rows(&field, &mut self.correction);
+            apply(plan, &self.correction, out)
+        } else {
+            Verdicts { valid: out.valid.iter().map(|v| usize::from(*v)).sum(), ..Verdicts::default() }
+        };
+        Ok(verdicts.report(tally, kernel.noise, Arc::clone(&gathered.ignored)))
+    }
+
+    fn least_modulation_dn(&self) -> f64 {
+        self.settings.min_modulation_fraction * f64::from(self.full_scale_dn)
+    }
+
+    fn noise(&self, axis: &AxisState) -> NoiseModel {
+        if let Some(noise) = self.settings.camera_noise {
+            let read_variance_dn2 = noise.read_noise_dn * noise.read_noise_dn;
+            return NoiseModel { read_variance_dn2, gain_dn: noise.gain_dn, source: NoiseSource::Settings };
+        }
+        let read_dn = self.settings.assumed_read_noise_fraction * f64::from(self.full_scale_dn);
+        axis.estimate.unwrap_or(NoiseModel {
+            read_variance_dn2: QUANTISATION_DN2 + read_dn * read_dn,
+            gain_dn: 0.0,
+            source: NoiseSource::Assumed,
+        })
+    }
+}
+
+impl AxisState {
+    fn new(axis: &AxisPlan, plan: &Plan, width: usize, pixels: usize) -> Self {
+        let sets: Vec<_> = axis.sines.iter().map(|slot| plan.sines[*slot]).collect();
+        Self {
+            saturated: vec![0; pixels],
+            probe: Probe::new(width, pixels, &sets),
+            open_sets: sets.len(),
+            estimate: None,
+            ignored: axis.ignored.as_slice().into(),
+        }
+    }
+}
+
+/// First value above full scale, if any.
+fn above(pixels: Pixels, full_scale_dn: u16) -> Option<(usize, u16)> {
+    match pixels {
+        Pixels::Mono8(_) if full_scale_dn >= 255 => None,
+        Pixels::Mono8(values) => first_above(values, full_scale_dn as u8).map(|(i, v)| (i, u16::from(v))),
+        Pixels::Mono16(_) if full_scale_dn == u16::MAX => None,
+        Pixels::Mono16(values) => first_above(values, full_scale_dn),
+    }
+}
+
+fn first_above<T: Copy + PartialOrd>(values: &[T], limit: T) -> Option<(usize, T)> {
+    // Without an exit the loop vectorises; frames beyond the limit are the exception.
+    #[allow(clippy::needless_bitwise_bool)]
+    let any = values.iter().fold(false, |any, value| any | (*value > limit));
+    if any { values.iter().copied().enumerate().find(|(_, value)| *value > limit) } else { None }
+}
+
+fn decode_blocks(kernel: &Kernel, out: &mut PhaseViewMut) -> Tally {
+    let planes = out.phase_rad.par_chunks_mut(CHUNK).zip(out.sigma_rad.par_chunks_mut(CHUNK));
+    let planes = planes.zip(out.modulation.par_chunks_mut(CHUNK)).zip(out.valid.par_chunks_mut(CHUNK));
+    let tallies = planes.enumerate().map(|(chunk, (((phase_rad, sigma_rad), modulation), state))| {
+        let mut tally = Tally::default();
+        for first in (0..state.len()).step_by(BLOCK) {
+            let part = first..(first + BLOCK).min(state.len());
+            let start = chunk * CHUNK + first;
+            tally += kernel.block(
+                &(start..start + part.len()),
+                &mut Planes {
+                    phase_rad: &mut phase_rad[part.clone()],
+                    sigma_rad: &mut sigma_rad[part.clone()],
+                    modulation: &mut modulation[part.clone()],
+                    state: &mut state[part],
+                },
+            );
+        }
+        tally
+    });
+    tallies.reduce(Tally::default, sum)
+}
+
+fn correct_rows(field: &Field, correction: &mut [i16]) {
+    correction
+        .par_chunks_mut(ROWS * field.width)
+        .enumerate()
+        .for_each(|(chunk, lines)| field.correct(chunk * ROWS, lines));
+}
+
+/// What became of the orders.
+#[derive(Debug, Clone, Copy, Default)]
+struct Verdicts {
+    valid: usize,
+    ambiguous: usize,
+    resolved: usize,
+    spikes_repaired: usize,
+    spikes_masked: usize,
+}
+
+impl AddAssign for Verdicts {
+    fn add_assign(&mut self, other: Self) {
+        self.valid += other.valid;
+        self.ambiguous += other.ambiguous;
+        self.resolved += other.resolved;
+        self.spikes_repaired += other.spikes_repaired;
+        self.spikes_masked += other.spikes_masked;
+    }
+}
+
+impl Verdicts {
+    fn report(self, tally: Tally, noise: NoiseModel, ignored: Arc<[String]>) -> DecodeReport {
+        DecodeReport {
+            valid: self.valid,
+            saturated: tally.saturated,
+            dark: tally.dark,
+            noisy: tally.noisy,
+            ambiguous: self.ambiguous,
+            resolved: self.resolved,
+            spikes_repaired: self.spikes_repaired,
+            spikes_masked: self.spikes_masked,
+            noise,
+            ignored,
+        }
+    }
+}
+
+fn sum<T: AddAssign>(mut a: T, b: T) -> T {
+    a += b;
+    a
+}
+
+/// Applies the corrections; states become the validity mask.
+fn apply(plan: &AxisPlan, correction: &[i16], out: &mut PhaseViewMut) -> Verdicts {
+    // One pixel beyond the projector's edge is noise, more is a wrong order.
+    let scale = std::f64::consts::TAU / plan.period_px;
+    let inside = ((-1.5 * scale) as f32)..=(((plan.extent_px + 0.5) * scale) as f32);
+    let planes = out.phase_rad.par_chunks_mut(CHUNK).zip(out.sigma_rad.par_chunks_mut(CHUNK));
+    let planes = planes.zip(out.valid.par_chunks_mut(CHUNK)).zip(correction.par_chunks(CHUNK));
+    let verdicts = planes.map(|(((phase, sigma), valid), correction)| {
+        let mut verdicts = Verdicts::default();
+        for (((phase, sigma), valid), correction) in phase.iter_mut().zip(sigma).zip(valid).zip(correction) {
+            let was = *valid;
+            if was == state::INVALID {
+                continue;
+            }
+            let moved = if *correction == 0 { *phase } else { *phase + TAU * f32::from(*correction) };
+            let keep = *correction != MASK && (*correction == 0 || inside.contains(&moved));
+            (*phase, *valid) = if keep { (moved, 1) } else { (f32::NAN, 0) };
+            *sigma = if keep { *sigma } else { f32::NAN };
+            verdicts.valid += usize::from(keep);
+            if was == state::SURE {
+                verdicts.spikes_repaired += usize::from(keep && *correction != 0);
+                verdicts.spikes_masked += usize::from(!keep);
+            } else {
+                verdicts.ambiguous += 1;
+                verdicts.resolved += usize::from(keep);
+            }
+        }
+        verdicts
+    });
+    verdicts.reduce(Verdicts::default, sum)
+}

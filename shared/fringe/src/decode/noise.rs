@@ -1,0 +1,328 @@
+//! Noise of the camera, from the residuals of the N-step fit.
+//!
+//! A sine set with N steps has N − 3 degrees of freedom beside A, B and φ. They hold the camera's noise and the harmonics
+//! of the projector (gamma). The harmonics are coherent: harmonic h of a pixel is ηₕ B e^{ihφ} with one complex ηₕ for
+//! the whole image, so they are fitted over the image and removed before the rest is counted as noise. The variance
+//! of the rest against the background A is a straight line, read² + gain · A: for equally spaced steps every frame has
+//! the same leverage 3/N, so the mean of the residual variance is exact for shot noise too.
+
+use super::accumulate::step_rad;
+use super::plan::SinePlan;
+use super::report::{NoiseModel, NoiseSource};
+use crate::frame::Pixels;
+use crate::math::sincos;
+
+/// Pixels whose frames are kept: the variance is then known to √(2 / (8192 · 7)) = 0.6 % with ten steps.
+const SAMPLES: usize = 8192;
+/// Fewer pixels with light do not make a noise model.
+const LEAST_SAMPLES: usize = 200;
+/// Bins over the background.
+const BINS: usize = 16;
+/// Variance of the rounding to whole DN.
+pub const QUANTISATION_DN2: f64 = 1.0 / 12.0;
+/// Fewest steps whose residuals are used: with four there is one residual, and the second harmonic owns it.
+const LEAST_STEPS: usize = 5;
+
+/// A residual variance at a background level.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Sample {
+    background_dn: f64,
+    variance_dn2: f64,
+    freedom: f64,
+}
+
+/// Phasor of the fundamental and what the harmonics left, of one pixel.
+struct Fit {
+    background_dn: f64,
+    modulation_dn: f64,
+    /// cos φ, sin φ.
+    phasor: (f64, f64),
+}
+
+/// The frames of a sparse, fixed subset of the pixels, for one axis.
+#[derive(Debug)]
+pub struct Probe {
+    positions: Vec<usize>,
+    frames: Vec<u16>,
+    steps_max: usize,
+    spectra: Vec<Spectrum>,
+    samples: Vec<Sample>,
+    scratch: Vec<f64>,
+}
+
+impl Probe {
+    /// Chooses the pixels: every k-th with k prime to the width, so that they do not stand in columns.
+    pub fn new(width: usize, pixels: usize, sets: &[SinePlan]) -> Self {
+        let mut stride = (pixels / SAMPLES).max(1);
+        while gcd(stride, width) != 1 {
+            stride += 1;
+        }
+        let positions: Vec<usize> = (0..pixels).step_by(stride).collect();
+        let steps_max = sets.iter().map(|s| s.steps as usize).max().unwrap_or(0);
+        let room = positions.len() * sets.len();
+        Self {
+            frames: vec![0; positions.len() * steps_max],
+            positions,
+            steps_max,
+            spectra: sets.iter().map(Spectrum::new).collect(),
+            samples: Vec::with_capacity(room),
+            scratch: Vec::with_capacity(room),
+        }
+    }
+
+    /// Forgets the last cycle.
+    pub fn begin(&mut self) {
+        self.samples.clear();
+    }
+
+    /// Keeps the subset of a landing frame.
+    pub fn keep(&mut self, step: usize, pixels: Pixels) {
+        let kept = self.frames.iter_mut().skip(step).step_by(self.steps_max);
+        match pixels {
+            Pixels::Mono8(v) => kept.zip(&self.positions).for_each(|(kept, p)| *kept = u16::from(v[*p])),
+            Pixels::Mono16(v) => kept.zip(&self.positions).for_each(|(kept, p)| *kept = v[*p]),
+        }
+    }
+
+    /// Turns the frames of the complete set `index` into samples of the noise.
+    pub fn close_set(&mut self, index: usize, least_modulation_dn: f64, clipped_dn: u16) {
+        let spectrum = &self.spectra[index];
+        let steps = spectrum.steps;
+        if steps < LEAST_STEPS {
+            return;
+        }
+        let width = self.steps_max.max(1);
+        let lit = |stack: &[u16]| stack.iter().all(|v| *v > 0 && *v < clipped_dn);
+        let first = self.samples.len();
+        let mut coherent = [(0.0, 0.0); MAX_HARMONICS];
+        // The harmonics are fitted twice, the second time without the pixels that the first fit does not explain.
+        let mut limit_dn2 = f64::INFINITY;
+        for round in 0..3 {
+            let (mut sums, mut power) = ([(0.0, 0.0); MAX_HARMONICS], 0.0);
+            self.samples.truncate(first);
+            for stack in
+                self.frames.chunks_exact(width).map(|stack| &stack[..steps]).filter(|stack| lit(stack))
+            {
+                let fit = spectrum.fit(stack);
+                if fit.modulation_dn < least_modulation_dn || fit.modulation_dn == 0.0 {
+                    continue;
+                }
+                let freedom = steps as f64 - 3.0;
+                let variance_dn2 = spectrum.residual(stack, &fit, &coherent) / freedom;
+                self.samples.push(Sample { background_dn: fit.background_dn, variance_dn2, freedom });
+                if variance_dn2 <= limit_dn2 {
+                    power += fit.modulation_dn * fit.modulation_dn;
+                    spectrum.add_coherent(stack, &fit, &mut sums);
+                }
+            }
+            if round < 2 && power > 0.0 {
+                coherent = sums.map(|sum| (sum.0 / power, sum.1 / power));
+            }
+            limit_dn2 = EXPLAINED * median_variance(&self.samples[first..], &mut self.scratch);
+        }
+    }
+
+    /// Fits the straight line; `None` when there is too little light.
+    pub fn model(&mut self) -> Option<NoiseModel> {
+        let count = self.samples.len();
+        if count < LEAST_SAMPLES {
+            return None;
+        }
+        // Equal backgrounds must not be ordered by variance, or a bin would get the quiet ones and the next the rest.
+        self.samples.sort_unstable_by(|a, b| a.background_dn.total_cmp(&b.background_dn));
+        let mut model = None;
+        // First every bin judges its outliers by its own median, then all by the line through the bins.
+        for _ in 0..3 {
+            let mut bins = [Bin::default(); BINS];
+            for (index, bin) in bins.iter_mut().enumerate() {
+                let samples = &self.samples[index * count / BINS..(index + 1) * count / BINS];
+                *bin = robust_mean(samples, model, &mut self.scratch);
+            }
+            model = Some(line(&bins));
+        }
+        let (read_variance_dn2, gain_dn) = model?;
+        Some(NoiseModel { read_variance_dn2, gain_dn, source: NoiseSource::Estimated { pixels: count } })
+    }
+}
+
+/// Harmonics 2 … N/2 of at most 64 steps.
+const MAX_HARMONICS: usize = 32;
+/// Place of the harmonic N/2 of an even N among the coherent ones; the others end before it.
+const ALTERNATING: usize = MAX_HARMONICS - 1;
+
+/// A pixel whose residual variance exceeds the median so many times takes no part in the fit of the harmonics. Between
+/// dark and bright pixels shot noise makes a factor of about 5.
+const EXPLAINED: f64 = 12.0;
+
+/// Median of the residual variances; infinite without samples.
+fn median_variance(samples: &[Sample], scratch: &mut Vec<f64>) -> f64 {
+    scratch.clear();
+    scratch.extend(samples.iter().map(|s| s.variance_dn2));
+    let middle = scratch.len() / 2;
+    if scratch.is_empty() { f64::INFINITY } else { *scratch.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+/// The discrete Fourier transform over the steps of one set.
+#[derive(Debug)]
+struct Spectrum {
+    steps: usize,
+    /// (cos hδᵢ, sin hδᵢ) = table[h N + i].
+    table: Vec<(f64, f64)>,
+}
+
+impl Spectrum {
+    fn new(plan: &SinePlan) -> Self {
+        let steps = plan.steps as usize;
+        let mut table = vec![(0.0, 0.0); (steps / 2 + 1) * steps];
+        for (index, entry) in table.iter_mut().enumerate() {
+            let (h, i) = (index / steps, index % steps);
+            let (s, c) = sincos(h as f64 * step_rad(plan, i as u32));
+            *entry = (c, s);
+        }
+        Self { steps, table }
+    }
+
+    /// (2/N) Σ I e^{ihδ} = bₕ e^{ihφ}.
+    fn bin(&self, stack: &[u16], h: usize) -> (f64, f64) {
+        let row = &self.table[h * self.steps..(h + 1) * self.steps];
+        let mut sum = (0.0, 0.0);
+        for (value, (c, s)) in stack.iter().zip(row) {
+            sum.0 += f64::from(*value) * c;
+            sum.1 += f64::from(*value) * s;
+        }
+        let scale = 2.0 / self.steps as f64;
+        (sum.0 * scale, sum.1 * scale)
+    }
+
+    fn fit(&self, stack: &[u16]) -> Fit {
+        let sum: f64 = stack.iter().map(|v| f64::from(*v)).sum();
+        let (c, s) = self.bin(stack, 1);
+        let modulation_dn = (c * c + s * s).sqrt();
+        let inverse = if modulation_dn > 0.0 { 1.0 / modulation_dn } else { 0.0 };
+        Fit { background_dn: sum / self.steps as f64, modulation_dn, phasor: (c * inverse, s * inverse) }
+    }
+
+    /// Harmonics whose residual has two degrees of freedom: 2 … below N/2.
+    fn harmonics(&self) -> std::ops::Range<usize> {
+        2..self.steps.div_ceil(2)
+    }
+
+    /// Sums Zₕ e^{−ihφ} B, whose mean over B² is ηₕ.
+    fn add_coherent(&self, stack: &[u16], fit: &Fit, coherent: &mut [(f64, f64); MAX_HARMONICS]) {
+        let mut turn = fit.phasor;
+        for h in self.harmonics() {
+            turn = times(turn, fit.phasor);
+            let z = times(self.bin(stack, h), (turn.0, -turn.1));
+            coherent[h - 2].0 += z.0 * fit.modulation_dn;
+            coherent[h - 2].1 += z.1 * fit.modulation_dn;
+        }
+        if self.steps.is_multiple_of(2) {
+            let (alternating, angle) = self.alternating(stack, times(turn, fit.phasor));
+            // Twice, because cos² and sin² are one half in the mean.
+            coherent[ALTERNATING].0 += 2.0 * alternating * angle.0 * fit.modulation_dn;
+            coherent[ALTERNATING].1 += 2.0 * alternating * angle.1 * fit.modulation_dn;
+        }
+    }
+
+    /// Harmonic N/2, which is real: Σ (−1)ⁱ Iᵢ / N, and the angle θ = N/2 (φ − δ₀) on whose cosine it stands.
+    fn alternating(&self, stack: &[u16], turn: (f64, f64)) -> (f64, (f64, f64)) {
+        let first = self.table[self.steps / 2 * self.steps];
+        let signed =
+            stack.iter().enumerate().map(|(i, v)| if i % 2 == 0 { f64::from(*v) } else { -f64::from(*v) });
+        (signed.sum::<f64>() / self.steps as f64, times(turn, (first.0, -first.1)))
+    }
+
+    /// Sum of squared residuals without the coherent harmonics, DN² (Parseval).
+    fn residual(&self, stack: &[u16], fit: &Fit, coherent: &[(f64, f64); MAX_HARMONICS]) -> f64 {
+        let half = 0.5 * self.steps as f64;
+        let mut sum = 0.0;
+        let mut turn = fit.phasor;
+        for h in self.harmonics() {
+            turn = times(turn, fit.phasor);
+            let z = self.bin(stack, h);
+            let expected = times(coherent[h - 2], turn);
+            let rest = (z.0 - fit.modulation_dn * expected.0, z.1 - fit.modulation_dn * expected.1);
+            sum += half * (rest.0 * rest.0 + rest.1 * rest.1);
+        }
+        if self.steps.is_multiple_of(2) {
+            let (alternating, angle) = self.alternating(stack, times(turn, fit.phasor));
+            let expected = coherent[ALTERNATING].0 * angle.0 + coherent[ALTERNATING].1 * angle.1;
+            let rest = alternating - fit.modulation_dn * expected;
+            sum += self.steps as f64 * rest * rest;
+        }
+        sum
+    }
+}
+
+fn times(a: (f64, f64), b: (f64, f64)) -> (f64, f64) {
+    (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0)
+}
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Bin {
+    background_dn: f64,
+    variance_dn2: f64,
+    freedom: f64,
+}
+
+/// Mean of the variances of a bin without the samples that no noise makes: edges that moved, glints, wrong light.
+///
+/// The scale comes from the model or, without one, from the median of the χ² distribution, (1 − 2/9ν)³ of its mean; the limit is its 99.995 % quantile
+/// (both after Wilson and Hilferty), so honest noise loses nothing that matters.
+fn robust_mean(samples: &[Sample], model: Option<(f64, f64)>, scratch: &mut Vec<f64>) -> Bin {
+    let cube = |x: f64| x * x * x;
+    scratch.clear();
+    scratch.extend(samples.iter().map(|s| s.variance_dn2 / cube(1.0 - 2.0 / (9.0 * s.freedom))));
+    let middle = scratch.len() / 2;
+    if scratch.is_empty() {
+        return Bin::default();
+    }
+    let median = *scratch.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let mut bin = Bin::default();
+    for s in samples {
+        let scale = model.map_or(median, |(read, gain)| read + gain * s.background_dn);
+        let spread = 2.0 / (9.0 * s.freedom);
+        if s.variance_dn2 <= scale * cube(1.0 - spread + 3.9 * spread.sqrt()) {
+            bin.background_dn += s.freedom * s.background_dn;
+            bin.variance_dn2 += s.freedom * s.variance_dn2;
+            bin.freedom += s.freedom;
+        }
+    }
+    if bin.freedom > 0.0 {
+        bin.background_dn /= bin.freedom;
+        bin.variance_dn2 /= bin.freedom;
+    }
+    bin
+}
+
+/// Weighted straight line with read² ≥ 1/12 DN² and gain ≥ 0; the weights are ν / 2 σ⁴, first of the data, then of the fit.
+fn line(bins: &[Bin; BINS]) -> (f64, f64) {
+    let mut fitted = (0.0, 0.0);
+    for round in 0..3 {
+        let (mut w, mut wx, mut wy, mut wxx, mut wxy) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for bin in bins.iter().filter(|b| b.freedom > 0.0) {
+            let model = if round == 0 { bin.variance_dn2 } else { fitted.0 + fitted.1 * bin.background_dn };
+            let sigma2 = model.max(QUANTISATION_DN2);
+            let weight = bin.freedom / (sigma2 * sigma2);
+            w += weight;
+            wx += weight * bin.background_dn;
+            wy += weight * bin.variance_dn2;
+            wxx += weight * bin.background_dn * bin.background_dn;
+            wxy += weight * bin.background_dn * bin.variance_dn2;
+        }
+        let determinant = w * wxx - wx * wx;
+        let mut gain = if determinant > 1e-12 * w * wxx { (w * wxy - wx * wy) / determinant } else { 0.0 };
+        gain = gain.max(0.0);
+        let mut read = (wy - gain * wx) / w.max(f64::MIN_POSITIVE);
+        if read < QUANTISATION_DN2 {
+            read = QUANTISATION_DN2;
+            gain = ((wxy - read * wx) / wxx.max(f64::MIN_POSITIVE)).max(0.0);
+        }
+        fitted = (read, gain);
+    }
+    fitted
+}

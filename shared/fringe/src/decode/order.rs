@@ -1,0 +1,371 @@
+//! From the sums of a block of pixels to absolute phase: arctangent, code, chain of orders.
+//!
+//! Work is done in blocks that live on the stack and fit the first-level cache, one short loop per formula, so that each
+//! loop vectorises.
+
+// Without branches a loop vectorises.
+#![allow(clippy::needless_bitwise_bool)]
+
+use super::accumulate::{Rasters, Sums};
+use super::arctan::angle_positive_rad;
+use super::bits::{Certainty, Stripes, resolve};
+use super::chain::{Chain, Stage, Start};
+use super::plan::{AxisPlan, CodePlan, Reference};
+use super::report::NoiseModel;
+use super::{DecodeSettings, MAX_SINES};
+use std::f64::consts::TAU;
+use std::ops::{AddAssign, Range};
+
+/// Pixels of a block.
+pub const BLOCK: usize = 256;
+
+/// What is known of a pixel's order after its own frames; stands in the validity plane until the neighbours have spoken.
+pub mod state {
+    /// Masked.
+    pub const INVALID: u8 = 0;
+    /// Order certain.
+    pub const SURE: u8 = 1;
+    /// Order decided close to the limit: one neighbour must confirm it.
+    pub const WEAK: u8 = 2;
+    /// Order open: two neighbours must prove it.
+    pub const OPEN: u8 = 3;
+}
+
+/// 1.5 · 2⁵²: adding and subtracting it rounds to the nearest integer (ties to even) in plain arithmetic.
+const ROUND: f64 = 6_755_399_441_055_744.0;
+/// Deviation beyond half a stripe, in periods, that blur and footprint may cause; more says that a bit is wrong.
+const CODE_EDGE_PERIODS: f64 = 0.2;
+/// ln of the odds 10⁴ : 1 that make the nearer of two orders certain.
+const LOG_ODDS: f64 = 9.2;
+/// More uncertain bits than this are not tried in all combinations.
+const MOST_UNSURE_BITS: u32 = 4;
+
+/// Counts of masked pixels.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// A clipped sine frame.
+    pub saturated: usize,
+    /// Too little modulation.
+    pub dark: usize,
+    /// Too much noise.
+    pub noisy: usize,
+}
+
+impl AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        self.saturated += other.saturated;
+        self.dark += other.dark;
+        self.noisy += other.noisy;
+    }
+}
+
+/// The part of the output planes that belongs to a block.
+pub struct Planes<'a> {
+    /// Absolute phase, rad.
+    pub phase_rad: &'a mut [f32],
+    /// Its standard uncertainty, rad.
+    pub sigma_rad: &'a mut [f32],
+    /// B, DN.
+    pub modulation: &'a mut [f32],
+    /// [`state`].
+    pub state: &'a mut [u8],
+}
+
+/// Everything that a block needs, constant over the image.
+pub struct Kernel<'a> {
+    /// How the axis is decoded.
+    pub plan: &'a AxisPlan,
+    /// Sums of all sine sets.
+    pub sums: &'a [Sums],
+    /// Steps of all sine sets.
+    pub steps: &'a [u32],
+    /// Stored frames.
+    pub rasters: &'a Rasters,
+    /// Nonzero where a sine frame of the axis was clipped.
+    pub saturated: &'a [u8],
+    /// Noise of the camera.
+    pub noise: NoiseModel,
+    /// Limits.
+    pub settings: &'a DecodeSettings,
+    /// Least modulation, DN.
+    pub least_modulation_dn: f32,
+}
+
+/// One block of intermediate values.
+struct Lanes {
+    phase_rad: [[f64; BLOCK]; MAX_SINES],
+    least_modulation: [f32; BLOCK],
+    coordinate_px: [f64; BLOCK],
+    doubt: [u8; BLOCK],
+}
+
+impl Kernel<'_> {
+    /// Decodes the pixels in `range` (at most [`BLOCK`]) with the chain of the plan.
+    pub fn block(&self, range: &Range<usize>, out: &mut Planes) -> Tally {
+        let Some(chain) = &self.plan.chain else { return self.code_block(range, out) };
+        let count = range.len();
+        let mut lanes = Lanes {
+            phase_rad: [[0.0; BLOCK]; MAX_SINES],
+            least_modulation: [f32::INFINITY; BLOCK],
+            coordinate_px: [0.5 * (self.plan.extent_px - 1.0); BLOCK],
+            doubt: [state::SURE; BLOCK],
+        };
+        let tally = self.wrapped(range, &mut lanes, out);
+        let mut stripes = Stripes::new();
+        if let Some(code) = &self.plan.code {
+            self.read_code(code, range, &mut stripes);
+            for (c, number) in lanes.coordinate_px[..count].iter_mut().zip(&stripes.number) {
+                *c = centre_px(code, *number);
+            }
+        }
+        for (index, stage) in chain.stages.iter().enumerate() {
+            let limits = self.limits(chain, index);
+            follow(stage, &limits, &mut lanes, out.sigma_rad, count);
+        }
+        for i in 0..count {
+            if out.state[i] != state::INVALID {
+                if self.plan.code.is_some() && stripes.unsure[i] != 0 {
+                    self.question_bits(chain, &mut lanes, &stripes, i);
+                }
+                self.keep_inside(chain, &mut lanes, i, out.sigma_rad[i]);
+            }
+        }
+        self.write(&lanes, out);
+        tally
+    }
+
+    /// Wrapped phases, modulation and uncertainty; marks what is masked.
+    fn wrapped(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) -> Tally {
+        for (j, slot) in self.plan.sines.iter().enumerate().rev() {
+            let sums = &self.sums[*slot];
+            let (cos, sin) = (&sums.cos[range.clone()], &sums.sin[range.clone()]);
+            let scale = 2.0 / self.steps[*slot] as f32;
+            for ((phase, c), s) in lanes.phase_rad[j].iter_mut().zip(cos).zip(sin) {
+                *phase = angle_positive_rad(f64::from(*s), f64::from(*c));
+            }
+            for ((b, c), s) in out.modulation.iter_mut().zip(cos).zip(sin) {
+                *b = scale * (c * c + s * s).sqrt();
+            }
+            for (least, b) in lanes.least_modulation.iter_mut().zip(&*out.modulation) {
+                *least = if *b < *least { *b } else { *least };
+            }
+        }
+        // The finest sine came last: its modulation stays.
+        let finest = self.plan.sines[0];
+        let steps = self.steps[finest] as f32;
+        let (read, gain) = (
+            self.noise.read_variance_dn2 as f32 * 2.0 / steps,
+            self.noise.gain_dn as f32 * 2.0 / (steps * steps),
+        );
+        let sum = &self.sums[finest].sum[range.clone()];
+        for ((sigma, b), sum) in out.sigma_rad.iter_mut().zip(&*out.modulation).zip(sum) {
+            *sigma = (read + gain * sum).sqrt() / *b;
+        }
+        self.mask(range, lanes, out)
+    }
+
+    fn mask(&self, range: &Range<usize>, lanes: &Lanes, out: &mut Planes) -> Tally {
+        let (mut saturated, mut dark, mut noisy) = (0_u32, 0_u32, 0_u32);
+        let (least, most) = (self.least_modulation_dn, self.settings.max_sigma_rad as f32);
+        let pixels = self.saturated[range.clone()].iter().zip(&lanes.least_modulation).zip(&*out.sigma_rad);
+        for (state, ((clipped, b), sigma)) in out.state.iter_mut().zip(pixels) {
+            let is_clipped = *clipped != 0;
+            let is_dark = !is_clipped & ((*b < least) | (*b <= 0.0));
+            let is_noisy = !is_clipped & !is_dark & (*sigma > most);
+            saturated += u32::from(is_clipped);
+            dark += u32::from(is_dark);
+            noisy += u32::from(is_noisy);
+            *state = u8::from(!(is_clipped | is_dark | is_noisy));
+        }
+        Tally { saturated: saturated as usize, dark: dark as usize, noisy: noisy as usize }
+    }
+
+    fn read_code(&self, code: &CodePlan, range: &Range<usize>, stripes: &mut Stripes) {
+        let mean = match code.reference {
+            Reference::SineMean(slot) => Some((&self.sums[slot].sum[range.clone()], self.steps[slot])),
+            _ => None,
+        };
+        let certain =
+            Certainty::new(code, mean.map_or(1, |m| m.1), &self.noise, self.settings.certainty_sigmas);
+        stripes.read(self.rasters, self.saturated.len(), code, range, mean, &certain);
+    }
+
+    /// When the step to a stage leaves the order open.
+    fn limits(&self, chain: &Chain, index: usize) -> Limits {
+        let stage = &chain.stages[index];
+        let noise = stage.noise_turns_per_rad;
+        match (index, chain.start, &self.plan.code) {
+            (0, Start::Centre, _) => Limits { most: 0.5, weak: 0.5, linear: 0.0, quadratic: 0.0 },
+            (0, Start::Code, Some(code)) => Limits {
+                most: 0.5 * code.stripe_px / stage.period_px + CODE_EDGE_PERIODS,
+                weak: 0.5 - self.settings.edge_tolerance,
+                linear: self.settings.certainty_sigmas * noise,
+                quadratic: 0.0,
+            },
+            _ => Limits {
+                most: 0.5,
+                weak: 0.5 - self.settings.edge_tolerance,
+                linear: 0.0,
+                quadratic: noise * noise * LOG_ODDS,
+            },
+        }
+    }
+
+    /// Tries the other values of the uncertain bits: where one of them leads to another order that the phase does not
+    /// exclude, the order is open.
+    fn question_bits(&self, chain: &Chain, lanes: &mut Lanes, stripes: &Stripes, i: usize) {
+        let (Some(code), Some(first)) = (&self.plan.code, chain.stages.first()) else { return };
+        let unsure = stripes.unsure[i];
+        if unsure.count_ones() > MOST_UNSURE_BITS {
+            lanes.doubt[i] = state::OPEN;
+            return;
+        }
+        let most_px = (0.5 * code.stripe_px + CODE_EDGE_PERIODS * first.period_px).min(0.5 * first.period_px);
+        let mut flips = unsure;
+        while flips != 0 {
+            let c = centre_px(code, resolve(stripes.seen[i] ^ flips, code.code));
+            let x = follow_one(first, lanes, i, c);
+            let other = chain.stages[1..].iter().fold(x, |x, stage| follow_one(stage, lanes, i, x));
+            let inside = other > -1.0 && other < self.plan.extent_px;
+            if inside
+                && (c - x).abs() <= most_px
+                && (other - lanes.coordinate_px[i]).abs() > 0.5 * self.plan.period_px
+            {
+                lanes.doubt[i] = state::OPEN;
+                return;
+            }
+            flips = (flips - 1) & unsure;
+        }
+    }
+
+    /// A coordinate beyond the projector is an alias of one inside where a period covers the projector; at its very edge,
+    /// where both could be meant, the order is open.
+    fn keep_inside(&self, chain: &Chain, lanes: &mut Lanes, i: usize, sigma_rad: f32) {
+        let (low, high) = (-0.5, self.plan.extent_px - 0.5);
+        let x = lanes.coordinate_px[i];
+        let slack_px = self.slack_px(sigma_rad);
+        if x >= low + slack_px && x <= high - slack_px {
+            return;
+        }
+        let near = x >= low - slack_px && x <= high + slack_px;
+        let alias = (chain.start == Start::Centre).then(|| {
+            let turn_px = chain.stages[0].period_px;
+            let c = if x < 0.5 * high { x + turn_px } else { x - turn_px };
+            chain.stages.iter().fold(c, |c, stage| follow_one(stage, lanes, i, c))
+        });
+        let alias = alias.filter(|x| *x >= low - slack_px && *x <= high + slack_px);
+        match (near, alias) {
+            (true, None) => {}
+            (false, Some(alias)) => lanes.coordinate_px[i] = alias,
+            _ => lanes.doubt[i] = state::OPEN,
+        }
+    }
+
+    /// How far noise and half a column may carry a coordinate beyond the projector.
+    fn slack_px(&self, sigma_rad: f32) -> f64 {
+        0.5 + self.settings.certainty_sigmas * f64::from(sigma_rad) * self.plan.period_px / TAU
+    }
+
+    fn write(&self, lanes: &Lanes, out: &mut Planes) {
+        let scale = TAU / self.plan.period_px;
+        for ((phase, x), (state, doubt)) in
+            out.phase_rad.iter_mut().zip(&lanes.coordinate_px).zip(out.state.iter_mut().zip(&lanes.doubt))
+        {
+            let usable = *state != state::INVALID;
+            *phase = if usable { (x * scale) as f32 } else { f32::NAN };
+            *state = if usable { *doubt } else { state::INVALID };
+        }
+        for (sigma, state) in out.sigma_rad.iter_mut().zip(&*out.state) {
+            *sigma = if *state == state::INVALID { f32::NAN } else { *sigma };
+        }
+    }
+
+    /// A code without sines: centre of the stripe, uniform within it.
+    fn code_block(&self, range: &Range<usize>, out: &mut Planes) -> Tally {
+        let mut tally = Tally::default();
+        let Some(code) = &self.plan.code else { return tally };
+        let mut stripes = Stripes::new();
+        self.read_code(code, range, &mut stripes);
+        let (scale, sigma) = (TAU / code.stripe_px, (TAU / 12.0_f64.sqrt()) as f32);
+        for i in 0..range.len() {
+            let x = centre_px(code, stripes.number[i]);
+            let contrast = stripes.contrast[i];
+            let lit = contrast >= self.least_modulation_dn && contrast > 0.0;
+            let known =
+                lit && x < self.plan.extent_px + 0.5 * code.stripe_px && neighbours_only(code, &stripes, i);
+            tally.dark += usize::from(!lit);
+            tally.noisy += usize::from(lit && !known);
+            out.modulation[i] = contrast.max(0.0);
+            out.state[i] = u8::from(known);
+            out.phase_rad[i] = if known { (x * scale) as f32 } else { f32::NAN };
+            out.sigma_rad[i] = if known { sigma } else { f32::NAN };
+        }
+        tally
+    }
+}
+
+/// Limits of |c − x| / P in a step.
+struct Limits {
+    /// Beyond: open.
+    most: f64,
+    /// Beyond: weak.
+    weak: f64,
+    /// Distance to 1/2 that is open, per rad and per rad² of phase noise.
+    linear: f64,
+    quadratic: f64,
+}
+
+/// Centre of a stripe. Stripe k begins half a column before coordinate k s, where column k s begins.
+#[inline]
+fn centre_px(code: &CodePlan, number: u16) -> f64 {
+    f64::from(number) * code.stripe_px + (0.5 * code.stripe_px - 0.5)
+}
+
+/// The nearest rule for a block: x = x_w + m P, m = round((c − x_w) / P).
+fn follow(stage: &Stage, limits: &Limits, lanes: &mut Lanes, sigma_rad: &[f32], count: usize) {
+    let (period, inverse) = (stage.period_px, 1.0 / stage.period_px);
+    let mut wrapped = [0.0; BLOCK];
+    for (j, a) in &stage.terms {
+        let weight = f64::from(*a) * period / TAU;
+        for (x, phase) in wrapped[..count].iter_mut().zip(&lanes.phase_rad[*j]) {
+            *x += weight * phase;
+        }
+    }
+    let pixels = wrapped[..count].iter().zip(sigma_rad);
+    for ((c, doubt), (x, sigma)) in lanes.coordinate_px.iter_mut().zip(&mut lanes.doubt).zip(pixels) {
+        let m = ((*c - x) * inverse + ROUND) - ROUND;
+        let fine = x + m * period;
+        let deviation = (*c - fine).abs() * inverse;
+        let sigma = f64::from(*sigma);
+        let left = limits.linear * sigma + limits.quadratic * sigma * sigma;
+        let open = (deviation > limits.most) | (deviation + left > 0.5 && left > 0.0);
+        let level = if open { state::OPEN } else { state::SURE + u8::from(deviation > limits.weak) };
+        *doubt = if level > *doubt { level } else { *doubt };
+        *c = fine;
+    }
+}
+
+/// The same for one pixel.
+fn follow_one(stage: &Stage, lanes: &Lanes, i: usize, c: f64) -> f64 {
+    let mut x = 0.0;
+    for (j, a) in &stage.terms {
+        x += f64::from(*a) * stage.period_px / TAU * lanes.phase_rad[*j][i];
+    }
+    x + (((c - x) / stage.period_px + ROUND) - ROUND) * stage.period_px
+}
+
+/// Whether every value of the uncertain bits means the same stripe or one beside it.
+fn neighbours_only(code: &CodePlan, stripes: &Stripes, i: usize) -> bool {
+    let unsure = stripes.unsure[i];
+    if unsure.count_ones() > MOST_UNSURE_BITS {
+        return false;
+    }
+    let mut flips = unsure;
+    while flips != 0 {
+        if resolve(stripes.seen[i] ^ flips, code.code).abs_diff(stripes.number[i]) > 1 {
+            return false;
+        }
+        flips = (flips - 1) & unsure;
+    }
+    true
+}

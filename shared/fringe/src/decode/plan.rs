@@ -1,0 +1,394 @@
+//! From the sequence of a recording to what happens with each frame.
+
+use super::chain::{self, Chain, Sine, Start};
+use super::{DecodeError, MAX_FRAMES, MAX_SINES};
+use crate::pattern::{Axis, Code, Direction, PatternSet, Threshold};
+
+/// What a landing frame is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Nothing.
+    Ignored,
+    /// Step of a sine set (index into [`Plan::sines`]).
+    Sine {
+        /// Which.
+        slot: usize,
+        /// Frame in the set.
+        step: usize,
+    },
+    /// Kept as it is until the axis is finished (index of the stored raster).
+    Stored(usize),
+}
+
+/// A sine set that is decoded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SinePlan {
+    /// Axis.
+    pub axis: Axis,
+    /// Projector pixels per 2π.
+    pub period_px: f64,
+    /// Number of steps N.
+    pub steps: u32,
+    /// Phase step of frame 0, rad.
+    pub first_step_rad: f64,
+    /// Sense of the steps.
+    pub direction: Direction,
+}
+
+/// What the bits are compared with, as stored rasters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reference {
+    /// (white, black).
+    WhiteBlack(usize, usize),
+    /// Background of this sine.
+    SineMean(usize),
+    /// First raster of the complementary set.
+    Complement(usize),
+}
+
+/// A code that is decoded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CodePlan {
+    /// First stored raster; the others follow.
+    pub first: usize,
+    /// Number of bits.
+    pub bits: usize,
+    /// Projector pixels per stripe.
+    pub stripe_px: f64,
+    /// Black and white exchanged.
+    pub invert: bool,
+    /// Numbering.
+    pub code: Code,
+    /// Threshold.
+    pub reference: Reference,
+}
+
+/// How one axis is decoded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AxisPlan {
+    /// Axis.
+    pub axis: Axis,
+    /// Projector pixels along the axis.
+    pub extent_px: f64,
+    /// Period of the result: finest sine, or the stripe where there is no sine.
+    pub period_px: f64,
+    /// Sines in use (indices into [`Plan::sines`]); the first one is the finest. The chain counts in this list.
+    pub sines: Vec<usize>,
+    /// Code, if it is used.
+    pub code: Option<CodePlan>,
+    /// Way to the finest coordinate; none for a code without sines.
+    pub chain: Option<Chain>,
+    /// Frames that must have landed.
+    pub needed: usize,
+    /// Sets that the axis does not use, for its report.
+    pub ignored: Vec<String>,
+}
+
+/// The whole sequence.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// One role per frame.
+    pub roles: Vec<Role>,
+    /// Sine sets in use.
+    pub sines: Vec<SinePlan>,
+    /// Number of stored rasters.
+    pub stored: usize,
+    /// Axes, x before y.
+    pub axes: Vec<AxisPlan>,
+}
+
+/// The sequence with the number of each set's first frame.
+struct Sets<'a> {
+    sets: &'a [PatternSet],
+    first_frame: Vec<usize>,
+}
+
+impl Plan {
+    /// Decides what every frame is for.
+    ///
+    /// # Errors
+    /// Names the set that is impossible, double or missing.
+    pub fn new(sequence: &[PatternSet], extent_px: [u32; 2]) -> Result<Self, DecodeError> {
+        for (index, set) in sequence.iter().enumerate() {
+            set.check().map_err(|source| DecodeError::Pattern { index, name: set.name(), source })?;
+        }
+        refuse_duplicates(sequence)?;
+        let mut count = 0_usize;
+        let mut first_frame = Vec::with_capacity(sequence.len());
+        for set in sequence {
+            first_frame.push(count);
+            count = count.saturating_add(set.frames());
+            if count > MAX_FRAMES {
+                return Err(DecodeError::TooManyFrames { count });
+            }
+        }
+        let sets = Sets { sets: sequence, first_frame };
+        let mut plan =
+            Self { roles: vec![Role::Ignored; count], sines: Vec::new(), stored: 0, axes: Vec::new() };
+        let mut used = vec![false; sequence.len()];
+        for (axis, extent_px) in [(Axis::X, extent_px[0]), (Axis::Y, extent_px[1])] {
+            if let Some(axis_plan) = plan.axis(&sets, axis, extent_px, &mut used)? {
+                plan.axes.push(axis_plan);
+            }
+        }
+        plan.name_ignored(&sets, &used)?;
+        Ok(plan)
+    }
+
+    fn axis(
+        &mut self,
+        sets: &Sets,
+        axis: Axis,
+        extent_px: u32,
+        used: &mut [bool],
+    ) -> Result<Option<AxisPlan>, DecodeError> {
+        let sines = sets.sines(axis)?;
+        let (code, too_short) = sets.code(axis, extent_px);
+        if sines.is_empty() && code.is_none() {
+            return too_short.map_or(Ok(None), Err);
+        }
+        if extent_px == 0 {
+            return Err(DecodeError::Extent { axis });
+        }
+        let mut plan = AxisPlan {
+            axis,
+            extent_px: f64::from(extent_px),
+            period_px: 0.0,
+            sines: Vec::new(),
+            code: None,
+            chain: None,
+            needed: 0,
+            ignored: Vec::new(),
+        };
+        let stripe_px = code.map(|index| sets.stripe_px(index));
+        if let Some((_, finest)) = sines.first() {
+            plan.period_px = finest.period_px;
+            let chain = choose_chain(&sines, stripe_px, axis, extent_px)
+                .map_err(|error| too_short.unwrap_or(error))?;
+            self.take_sines(sets, &sines, chain, &mut plan, used);
+        } else {
+            plan.period_px = stripe_px.unwrap_or(1.0);
+        }
+        if let (Some(index), None | Some(Start::Code)) = (code, plan.chain.as_ref().map(|c| c.start)) {
+            plan.code = Some(self.take_code(sets, index, &mut plan.needed, &plan.sines, used)?);
+        }
+        Ok(Some(plan))
+    }
+
+    /// Gives the sines of the chain their slots and renumbers its terms accordingly.
+    fn take_sines(
+        &mut self,
+        sets: &Sets,
+        sines: &[(usize, SinePlan)],
+        mut chain: Chain,
+        plan: &mut AxisPlan,
+        used: &mut [bool],
+    ) {
+        let in_chain = |j: usize| chain.stages.iter().any(|stage| stage.terms.iter().any(|term| term.0 == j));
+        let kept: Vec<usize> = (0..sines.len()).filter(|j| in_chain(*j)).collect();
+        for stage in &mut chain.stages {
+            for term in &mut stage.terms {
+                term.0 = kept.iter().position(|j| *j == term.0).unwrap_or(0);
+            }
+        }
+        for j in kept {
+            let (index, sine) = sines[j];
+            let slot = self.sines.len();
+            self.sines.push(sine);
+            for step in 0..sine.steps as usize {
+                self.roles[sets.first_frame[index] + step] = Role::Sine { slot, step };
+            }
+            used[index] = true;
+            plan.sines.push(slot);
+            plan.needed = plan.needed.max(sets.first_frame[index] + sine.steps as usize);
+        }
+        plan.chain = Some(chain);
+    }
+
+    fn take_code(
+        &mut self,
+        sets: &Sets,
+        index: usize,
+        needed: &mut usize,
+        sines: &[usize],
+        used: &mut [bool],
+    ) -> Result<CodePlan, DecodeError> {
+        let PatternSet::Gray { axis, bits, stripe_px, invert, code, threshold } = sets.sets[index] else {
+            return Err(DecodeError::NothingToDecode);
+        };
+        let missing = |missing| DecodeError::MissingThreshold { index, axis, wanted: threshold, missing };
+        let complement = sets.complement(index);
+        let white_black = sets.first_of("white").zip(sets.first_of("black"));
+        let source = match threshold {
+            Some(named) => named,
+            None if complement.is_some() => Threshold::Complement,
+            None if white_black.is_some() => Threshold::WhiteBlack,
+            None => Threshold::SineMean,
+        };
+        let reference = match source {
+            Threshold::Complement => {
+                let other = complement.ok_or_else(|| {
+                    missing("a complementary set (same axis, bits, stripe_px, code; invert = true)")
+                })?;
+                Reference::Complement(self.store(sets, other, needed, used))
+            }
+            Threshold::WhiteBlack => {
+                let (white, black) = white_black.ok_or_else(|| missing("a white and a black frame"))?;
+                Reference::WhiteBlack(
+                    self.store(sets, white, needed, used),
+                    self.store(sets, black, needed, used),
+                )
+            }
+            Threshold::SineMean => {
+                Reference::SineMean(self.mean_slot(sets, axis, sines).ok_or_else(|| {
+                    missing("a sine set on the axis, white and black frames, or a complementary set")
+                })?)
+            }
+        };
+        let first = self.store(sets, index, needed, used);
+        Ok(CodePlan { first, bits: bits as usize, stripe_px, invert, code, reference })
+    }
+
+    /// Slot of the first sine in the sequence among those in use on the axis.
+    fn mean_slot(&self, sets: &Sets, axis: Axis, sines: &[usize]) -> Option<usize> {
+        let mut slots = sets.first_frame.iter().filter_map(|frame| match self.roles.get(*frame) {
+            Some(Role::Sine { slot, .. }) if self.sines[*slot].axis == axis => Some(*slot),
+            _ => None,
+        });
+        slots.find(|slot| sines.contains(slot))
+    }
+
+    /// Keeps all frames of a set; a set that two axes share (white, black) is kept once.
+    fn store(&mut self, sets: &Sets, index: usize, needed: &mut usize, used: &mut [bool]) -> usize {
+        let first_frame = sets.first_frame[index];
+        let frames = sets.sets[index].frames();
+        *needed = (*needed).max(first_frame + frames);
+        used[index] = true;
+        if let Some(Role::Stored(first)) = self.roles.get(first_frame) {
+            return *first;
+        }
+        let first = self.stored;
+        for step in 0..frames {
+            self.roles[first_frame + step] = Role::Stored(first + step);
+        }
+        self.stored += frames;
+        first
+    }
+
+    /// Distributes the unused sets over the reports: to the report of their axis, else to the first one.
+    fn name_ignored(&mut self, sets: &Sets, used: &[bool]) -> Result<(), DecodeError> {
+        if self.axes.is_empty() {
+            return Err(DecodeError::NothingToDecode);
+        }
+        for (index, set) in sets.sets.iter().enumerate().filter(|(index, _)| !used[*index]) {
+            let home = self.axes.iter().position(|a| Some(a.axis) == set.axis()).unwrap_or(0);
+            self.axes[home].ignored.push(format!("set {index} (\"{}\")", set.name()));
+        }
+        Ok(())
+    }
+}
+
+impl Sets<'_> {
+    /// Sine sets of an axis with their position, finest first.
+    fn sines(&self, axis: Axis) -> Result<Vec<(usize, SinePlan)>, DecodeError> {
+        let mut found: Vec<(usize, SinePlan)> = Vec::new();
+        for (index, set) in self.sets.iter().enumerate() {
+            if let PatternSet::Sine { axis: a, period_px, steps, first_step_rad, direction } = *set
+                && a == axis
+            {
+                found.push((index, SinePlan { axis, period_px, steps, first_step_rad, direction }));
+            }
+        }
+        found.sort_by(|a, b| a.1.period_px.total_cmp(&b.1.period_px));
+        if found.len() > MAX_SINES {
+            return Err(DecodeError::TooManySines { axis, count: found.len() });
+        }
+        Ok(found)
+    }
+
+    /// The code of an axis: the one with the shortest stripe; of a complementary pair the one that is not inverted.
+    /// A code that repeats before the projector ends cannot be used; the reason comes second.
+    fn code(&self, axis: Axis, extent_px: u32) -> (Option<usize>, Option<DecodeError>) {
+        let mut best: Option<(usize, f64, bool)> = None;
+        let mut short = None;
+        for (index, set) in self.sets.iter().enumerate() {
+            let PatternSet::Gray { axis: a, bits, stripe_px, invert, .. } = *set else { continue };
+            if a != axis {
+                continue;
+            }
+            let covers_px = stripe_px * f64::from(1_u32 << bits.min(16));
+            if covers_px < f64::from(extent_px) {
+                short.get_or_insert(DecodeError::CodeTooShort { index, axis, covers_px, extent_px });
+            } else if best.is_none_or(|(_, stripe, inverted)| {
+                stripe_px < stripe || (stripe_px == stripe && inverted && !invert)
+            }) {
+                best = Some((index, stripe_px, invert));
+            }
+        }
+        (best.map(|b| b.0), short)
+    }
+
+    fn stripe_px(&self, index: usize) -> f64 {
+        if let PatternSet::Gray { stripe_px, .. } = self.sets[index] { stripe_px } else { 0.0 }
+    }
+
+    fn complement(&self, index: usize) -> Option<usize> {
+        self.sets.iter().position(|other| complementary(&self.sets[index], other))
+    }
+
+    fn first_of(&self, name: &str) -> Option<usize> {
+        self.sets.iter().position(|set| set.name() == name)
+    }
+}
+
+fn choose_chain(
+    sines: &[(usize, SinePlan)],
+    stripe_px: Option<f64>,
+    axis: Axis,
+    extent_px: u32,
+) -> Result<Chain, DecodeError> {
+    let list: Vec<Sine> =
+        sines.iter().map(|(_, s)| Sine { period_px: s.period_px, steps: s.steps }).collect();
+    chain::widest(&list, stripe_px, f64::from(extent_px)).ok_or_else(|| {
+        let reach_px = chain::longest_px(&list);
+        let code = match stripe_px {
+            Some(stripe_px) => format!("the gray set's stripe of {stripe_px} px is longer than a period"),
+            None => "there is no gray set".to_owned(),
+        };
+        let missing = format!("{code}, and the longest period or beat of the sine sets is {reach_px:.1} px");
+        DecodeError::NoAbsoluteOrder { axis, extent_px, finest_px: list[0].period_px, missing }
+    })
+}
+
+fn complementary(one: &PatternSet, other: &PatternSet) -> bool {
+    match (one, other) {
+        (
+            PatternSet::Gray { axis: a, bits: b, stripe_px: s, invert: i, code: c, .. },
+            PatternSet::Gray { axis: oa, bits: ob, stripe_px: os, invert: oi, code: oc, .. },
+        ) => a == oa && b == ob && s == os && c == oc && i != oi,
+        _ => false,
+    }
+}
+
+/// Two sets that would decode the same thing leave open which one counts. White and black may be repeated.
+fn refuse_duplicates(sequence: &[PatternSet]) -> Result<(), DecodeError> {
+    let same = |a: &PatternSet, b: &PatternSet| match (a, b) {
+        (
+            PatternSet::Sine { axis, period_px, .. },
+            PatternSet::Sine { axis: other, period_px: other_px, .. },
+        ) => axis == other && period_px == other_px,
+        (
+            PatternSet::Gray { axis: a, bits: b, stripe_px: s, invert: i, code: c, .. },
+            PatternSet::Gray { axis: oa, bits: ob, stripe_px: os, invert: oi, code: oc, .. },
+        ) => a == oa && b == ob && s == os && c == oc && i == oi,
+        _ => false,
+    };
+    for (second, set) in sequence.iter().enumerate() {
+        if let (Some(first), Some(axis)) =
+            (sequence[..second].iter().position(|other| same(other, set)), set.axis())
+        {
+            return Err(DecodeError::Duplicate { first, second, name: set.name(), axis });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,86 @@
+//! What a person may decide about decoding.
+
+use super::DecodeError;
+use serde::{Deserialize, Serialize};
+
+/// Noise of a camera: the variance of a grey value is read² + gain · value.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraNoise {
+    /// Standard deviation in the dark, quantisation included, DN.
+    pub read_noise_dn: f64,
+    /// DN per photo-electron: variance of the shot noise per DN of signal.
+    pub gain_dn: f64,
+}
+
+/// Limits and assumptions of the decoder.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DecodeSettings {
+    /// Smallest modulation B that counts as light from the projector, as a fraction of full scale.
+    pub min_modulation_fraction: f64,
+    /// A sine frame at or above this fraction of full scale is clipped; its pixel is masked.
+    pub saturation_fraction: f64,
+    /// Largest usable standard uncertainty of the phase, rad. At π/8 the wrap and its noise can no longer be told apart.
+    pub max_sigma_rad: f64,
+    /// Noise of the camera where it is known. When absent it is estimated from the residuals of the sine sets with five
+    /// or more steps, or assumed (see [`Self::assumed_read_noise_fraction`]).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub camera_noise: Option<CameraNoise>,
+    /// Read noise as a fraction of full scale, used beside the quantisation noise 1/√12 DN where nothing better is known.
+    pub assumed_read_noise_fraction: f64,
+    /// How many standard deviations make a bit or a side of a code edge certain.
+    pub certainty_sigmas: f64,
+    /// Systematic disagreement between a code edge and the phase (blur, footprint), as a fraction of the period. An order
+    /// decided closer than this to the next order needs a neighbour that confirms it.
+    pub edge_tolerance: f64,
+    /// How far, in camera pixels, an ambiguous pixel looks for neighbours that prove its order.
+    pub neighbour_reach_px: u32,
+    /// Whether single pixels whose order all neighbours contradict are corrected.
+    pub repair_spikes: bool,
+}
+
+impl Default for DecodeSettings {
+    fn default() -> Self {
+        Self {
+            min_modulation_fraction: 0.02,
+            saturation_fraction: 0.99,
+            max_sigma_rad: 0.2,
+            camera_noise: None,
+            assumed_read_noise_fraction: 0.004,
+            certainty_sigmas: 4.0,
+            edge_tolerance: 0.05,
+            neighbour_reach_px: 16,
+            repair_spikes: true,
+        }
+    }
+}
+
+impl DecodeSettings {
+    /// Checks every number against its range.
+    ///
+    /// # Errors
+    /// [`DecodeError::Setting`] names key, value and range.
+    pub fn check(&self) -> Result<(), DecodeError> {
+        within("min_modulation_fraction", self.min_modulation_fraction, 0.0, 0.5)?;
+        within("saturation_fraction", self.saturation_fraction, 0.1, 1.0)?;
+        within("max_sigma_rad", self.max_sigma_rad, 1e-6, std::f64::consts::FRAC_PI_2)?;
+        within("assumed_read_noise_fraction", self.assumed_read_noise_fraction, 0.0, 0.5)?;
+        within("certainty_sigmas", self.certainty_sigmas, 0.0, 20.0)?;
+        within("edge_tolerance", self.edge_tolerance, 0.0, 0.25)?;
+        within("neighbour_reach_px", f64::from(self.neighbour_reach_px), 1.0, 256.0)?;
+        if let Some(noise) = self.camera_noise {
+            within("camera_noise.read_noise_dn", noise.read_noise_dn, 0.0, 65535.0)?;
+            within("camera_noise.gain_dn", noise.gain_dn, 0.0, 65535.0)?;
+        }
+        Ok(())
+    }
+}
+
+fn within(key: &'static str, value: f64, least: f64, most: f64) -> Result<(), DecodeError> {
+    if value >= least && value <= most {
+        Ok(())
+    } else {
+        Err(DecodeError::Setting { key, value, least, most })
+    }
+}
