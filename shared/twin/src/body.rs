@@ -345,7 +345,7 @@ fn wedge(
     let run = height_mm / tan(inclination_deg.to_radians());
     let [x, y] = footprint_mm;
     if run >= x {
-        let limit = format!("below {} so that the slope ends within the footprint", height_mm * x / run);
+        let limit = format!("below {:.3} so that the slope ends within the footprint", height_mm * x / run);
         return Err(check.fail("height_mm", height_mm, limit));
     }
     let a = 0.5 * x;

@@ -86,6 +86,9 @@ pub enum TwinError {
         /// What is wrong.
         source: PatternError,
     },
+    /// A view or renderer of another twin.
+    #[error("view and twin do not belong together; make the view from the twin that shall render it")]
+    Foreign,
     /// A frame beyond the sequence.
     #[error("frame {frame} does not exist: the sequence of projector \"{projector}\" has {count} frames")]
     Frame {
@@ -240,8 +243,11 @@ impl Twin {
     /// Traces a view again for another cycle, in the memory it has.
     ///
     /// # Errors
-    /// A camera or projector inside of the part.
+    /// A view of another twin; a camera or projector inside of the part.
     pub fn retrace(&self, view: &mut View, cycle: u64) -> Result<(), TwinError> {
+        if !Arc::ptr_eq(&self.shared, &view.shared) {
+            return Err(TwinError::Foreign);
+        }
         let tracer = self.tracer(view.camera, &view.lamps, cycle)?;
         view.cycle = cycle;
         let rays = view.ambient.len() / view.height;
@@ -266,18 +272,20 @@ impl Twin {
     fn tracer(&self, camera: usize, lamps: &[usize], cycle: u64) -> Result<Tracer<'_>, TwinError> {
         let world_from_part = self.pose(cycle);
         let aim = self.scene.centre_mm();
-        let place = |named: &Named| {
-            let reference_mm = (named.camera.centre_mm() - aim).norm();
-            let placed = Placed::new(&named.camera, &world_from_part, reference_mm);
-            match self.scene.holder(&placed.centre) {
-                Some(body) => Err(TwinError::Inside { name: named.name.clone(), body: body.into(), cycle }),
-                None => Ok(placed),
-            }
+        let outside = |name: &str, placed: Placed| match self.scene.holder(&placed.centre) {
+            Some(body) => Err(TwinError::Inside { name: name.into(), body: body.into(), cycle }),
+            None => Ok(placed),
         };
+        let lamp = |index: &usize| {
+            let Named { name, camera } = &self.shared.projectors[*index];
+            let reference_mm = (camera.centre_mm() - aim).norm();
+            outside(name, Placed::projector(camera, &world_from_part, reference_mm))
+        };
+        let Named { name, camera } = &self.cameras[camera];
         Ok(Tracer {
             scene: &self.scene,
-            camera: place(&self.cameras[camera])?,
-            projectors: lamps.iter().map(|i| place(&self.shared.projectors[*i])).collect::<Result<_, _>>()?,
+            camera: outside(name, Placed::new(camera, &world_from_part, 0.0))?,
+            projectors: lamps.iter().map(lamp).collect::<Result<_, _>>()?,
             world_from_part,
             subsamples: self.shared.settings.subsamples as usize,
         })

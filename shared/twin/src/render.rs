@@ -184,6 +184,9 @@ impl Renderer {
     /// # Errors
     /// As [`Self::render`].
     pub fn irradiance(&mut self, view: &View, frame: usize) -> Result<&[f32], TwinError> {
+        if !Arc::ptr_eq(&self.shared, &view.shared) {
+            return Err(TwinError::Foreign);
+        }
         let unknown = || TwinError::Frame {
             projector: self.shared.projectors[self.projector].name.clone(),
             frame,

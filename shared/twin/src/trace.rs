@@ -37,6 +37,8 @@ pub(crate) struct Placed {
     pub centre: Point3<f64>,
     /// Squared distance at which its light counts as 1, mm².
     pub reference_mm2: f64,
+    /// Largest squared ideal radius that can lie on the chip; only a projector asks.
+    reach2: f64,
 }
 
 impl Placed {
@@ -48,8 +50,14 @@ impl Placed {
             part_from_camera: inverse.rotation.to_rotation_matrix().into_inner(),
             centre: Point3::from(inverse.translation.vector),
             reference_mm2: reference_mm * reference_mm,
+            reach2: 0.0,
             camera,
         }
+    }
+
+    /// The same, ready to tell where points lie on its chip.
+    pub fn projector(camera: &Camera, world_from_part: &Isometry3<f64>, reference_mm: f64) -> Self {
+        Self { reach2: reach2(camera), ..Self::new(camera, world_from_part, reference_mm) }
     }
 
     /// Direction of a pixel's ray in the part frame.
@@ -60,8 +68,29 @@ impl Placed {
 
     /// Pixel of a point of the part frame, if it lies on the chip.
     pub fn pixel(&self, p: &Point3<f64>) -> Option<Point2<f64>> {
+        let at = self.camera.camera_from_world * p;
+        if at.x * at.x + at.y * at.y > self.reach2 * at.z * at.z {
+            return None;
+        }
         self.camera.project(p).filter(|q| self.camera.contains(*q))
     }
+}
+
+/// Squared ideal radius beyond which nothing lies on the chip, with a margin of 10 %.
+///
+/// Far outside of its chip the polynomial of a lens turns back, and points at the side would seem to lie in the image.
+fn reach2(camera: &Camera) -> f64 {
+    let (right, bottom) = (f64::from(camera.width_px) - 0.5, f64::from(camera.height_px) - 0.5);
+    // The farthest border point is a corner or, under strong distortion, near one: 16 steps along each side find it.
+    let at = |i: u32, end: f64| -0.5 + (end + 0.5) * f64::from(i) / 16.0;
+    let border = (0..=16).flat_map(|i| {
+        let (x, y) = (at(i, right), at(i, bottom));
+        [(x, -0.5), (x, bottom), (-0.5, y), (right, y)]
+    });
+    border
+        .filter_map(|(x, y)| camera.normalised_from_pixel(Point2::new(x, y)))
+        .map(|ideal| 1.21 * ideal.norm_squared())
+        .fold(0.0, f64::max)
 }
 
 /// One row of the planes.

@@ -1,0 +1,11 @@
+//! What the twin must get right, by topic.
+
+mod common;
+/// Frames: light, noise, range, threads.
+mod frames;
+/// Ray, distance and mesh against brute force.
+mod geometry;
+/// Scene files: what is refused and how it is said; the scenes of the project.
+mod scenes;
+/// Views: projector coordinates, shadow and occlusion against marching.
+mod views;
