@@ -32,13 +32,14 @@ pub(crate) fn taps(variance_px2: f64) -> Vec<f32> {
     taps.iter().map(|t| (t / sum) as f32).collect()
 }
 
-/// Blurs an image in place; beyond its border the last pixel continues. `spare` has the image's size.
-pub(crate) fn blur(image: &mut [f32], spare: &mut [f32], width: usize, taps: &[f32]) {
+/// Blurs an image in place; beyond its border the last pixel continues. `spare` has the image's size,
+/// `padded` holds one row.
+pub(crate) fn blur(image: &mut [f32], spare: &mut [f32], padded: &mut Vec<f32>, width: usize, taps: &[f32]) {
     let reach = taps.len() - 1;
     if reach == 0 || width == 0 {
         return;
     }
-    let mut padded = vec![0.0_f32; width + 2 * reach];
+    padded.resize(width + 2 * reach, 0.0);
     for (row, out) in image.chunks_exact(width).zip(spare.chunks_exact_mut(width)) {
         padded[..reach].fill(row[0]);
         padded[reach..reach + width].copy_from_slice(row);
@@ -91,7 +92,7 @@ mod tests {
         let mut image = vec![0.0; width * height];
         let mut spare = image.clone();
         image[8 * width + 10] = 1.0;
-        blur(&mut image, &mut spare, width, &taps);
+        blur(&mut image, &mut spare, &mut Vec::new(), width, &taps);
         for y in 0..height {
             for x in 0..width {
                 let tap = |d: usize| taps.get(d).copied().unwrap_or(0.0);
@@ -100,7 +101,7 @@ mod tests {
             }
         }
         let mut flat = vec![0.7; width * height];
-        blur(&mut flat, &mut spare, width, &taps);
+        blur(&mut flat, &mut spare, &mut Vec::new(), width, &taps);
         assert!(flat.iter().all(|v| (v - 0.7).abs() < 1e-6));
     }
 }

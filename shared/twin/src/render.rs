@@ -41,7 +41,7 @@ impl PixelsMut<'_> {
 }
 
 /// Renders the frames of one projector's sequence. All tables are made beforehand; after the first frame of a size
-/// nothing is allocated but one padded row.
+/// nothing is allocated.
 #[derive(Debug, Clone)]
 pub struct Renderer {
     shared: Arc<Shared>,
@@ -51,6 +51,7 @@ pub struct Renderer {
     taps: Vec<f32>,
     image: Vec<f32>,
     spare: Vec<f32>,
+    padded: Vec<f32>,
 }
 
 impl Twin {
@@ -143,8 +144,8 @@ impl Renderer {
         let footprint =
             if settings.pixel_footprint && settings.subsamples == 1 { FOOTPRINT_PX2 } else { 0.0 };
         let taps = blur::taps(settings.camera_blur_px * settings.camera_blur_px + footprint);
-        let (image, spare) = (Vec::new(), Vec::new());
-        Ok(Self { shared: Arc::clone(shared), projector: index, first, lights, taps, image, spare })
+        let (image, spare, padded) = (Vec::new(), Vec::new(), Vec::new());
+        Ok(Self { shared: Arc::clone(shared), projector: index, first, lights, taps, image, spare, padded })
     }
 
     /// Number of frames.
@@ -219,7 +220,7 @@ impl Renderer {
             }
             *out = exposure * sum + black;
         }
-        blur::blur(&mut self.image, &mut self.spare, view.width, &self.taps);
+        blur::blur(&mut self.image, &mut self.spare, &mut self.padded, view.width, &self.taps);
         Ok(&self.image)
     }
 
