@@ -18,6 +18,7 @@ pub mod cloud;
 pub mod decode;
 pub mod fit;
 pub mod frame;
+pub mod inspection;
 pub mod matching;
 pub mod math;
 mod normals;

@@ -28,7 +28,9 @@ impl Centred {
     /// A coordinate that is no length in mm.
     pub fn new(element: &'static str, points: &[Point3<f64>]) -> Result<Self, FitError> {
         for (index, point) in points.iter().enumerate() {
-            if let Some(&value) = point.iter().find(|v| !(-COORDINATE_LIMIT_MM..=COORDINATE_LIMIT_MM).contains(*v)) {
+            if let Some(&value) =
+                point.iter().find(|v| !(-COORDINATE_LIMIT_MM..=COORDINATE_LIMIT_MM).contains(*v))
+            {
                 return Err(FitError::Coordinate { element, index, value });
             }
         }

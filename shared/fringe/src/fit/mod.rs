@@ -23,7 +23,7 @@ mod plane;
 mod solve;
 mod sphere;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -33,6 +33,7 @@ pub use cone::{ConeFit, cone};
 pub use cylinder::{CylinderFit, cylinder};
 pub use form::{Form, Residuals};
 pub use line::{LineFit, line};
+pub(crate) use linear::tangents;
 pub use plane::{PlaneFit, plane};
 pub(crate) use sphere::sphere_centre_near;
 pub use sphere::{SphereFit, sphere, sphere_of_diameter};

@@ -1,0 +1,230 @@
+//! The inspection of a cloud.
+
+use nalgebra::Vector4;
+
+use super::MeasureError;
+use super::align::{Found, align, describe};
+use super::flatness::u_range_mm;
+use super::measure::{Measured, REACH_MARGINS, gather, measure};
+use super::plan::{Feature, Plan, Quantity};
+use super::pose::Pose;
+use super::region::Region;
+use super::result::{ElementResult, FeatureResult, FittedElement, InspectionResult};
+use super::verdict::{Verdict, decide, overall};
+use crate::cloud::Point;
+use crate::fit::{Form, PlaneFit, Residuals, SphereFit};
+use crate::math;
+
+/// Inspects a cloud in the world frame.
+///
+/// Nothing is skipped in silence: an element or feature that cannot be measured carries the reason, and the verdict is
+/// then never `pass`.
+pub fn evaluate(plan: &Plan, cloud: &[Point]) -> InspectionResult {
+    let found = match u32::try_from(cloud.len()) {
+        Err(_) => Err(MeasureError::CloudSize { points: cloud.len() }),
+        Ok(_) => place(plan, cloud),
+    };
+    let (elements, alignment, alignment_failure) = match found {
+        Ok(found) => (fit_elements(plan, cloud, &found.world_from_part), Some(found.result), None),
+        Err(error) => {
+            let reason = format!("the part was not found: {error}");
+            (plan.elements.iter().map(|_| Err(reason.clone())).collect(), None, Some(error.to_string()))
+        }
+    };
+    let features: Vec<FeatureResult> = plan.features.iter().map(|f| feature(plan, f, &elements)).collect();
+    InspectionResult {
+        plan: plan.name.clone(),
+        verdict: overall(features.iter().map(|f| f.verdict)),
+        alignment,
+        alignment_failure,
+        elements: plan.elements.iter().zip(elements).map(|(e, m)| element_result(&e.name, m)).collect(),
+        features,
+    }
+}
+
+/// An element's fit, or why there is none.
+type Outcome = Result<Measured, String>;
+
+/// Finds the part, or takes it where it nominally lies.
+fn place(plan: &Plan, cloud: &[Point]) -> Result<Found, MeasureError> {
+    let Some(datums) = &plan.datums else {
+        let world_from_part = Pose::new(&plan.world_from_part);
+        return Ok(Found { result: describe(&world_from_part, 0.0, 0.0, 0.0, 0), world_from_part });
+    };
+    align(plan, datums, cloud)
+}
+
+/// Fits all elements.
+fn fit_elements(plan: &Plan, cloud: &[Point], world_from_part: &Pose) -> Vec<Outcome> {
+    let regions: Vec<Region> =
+        plan.elements.iter().map(|e| Region::new(e, REACH_MARGINS * e.margin_mm, 0.0)).collect();
+    let numbered = cloud.iter().enumerate().map(|(i, p)| (i as u32, p));
+    let samples = gather(numbered, &world_from_part.inverse(), &regions);
+    let fitted = plan.elements.iter().zip(&samples);
+    fitted.map(|(e, s)| measure(e, s, plan.settings.cluster_mm).map_err(|error| error.to_string())).collect()
+}
+
+/// What is reported of an element. The residuals live on in its points.
+fn element_result(name: &str, outcome: Outcome) -> ElementResult {
+    match outcome {
+        Ok(mut measured) => {
+            match &mut measured.fit {
+                FittedElement::Sphere(sphere) => sphere.residuals = Residuals::default(),
+                FittedElement::Plane(plane) => plane.residuals = Residuals::default(),
+            }
+            let Measured { fit, points } = measured;
+            ElementResult { name: name.into(), fit: Some(fit), reason: None, points }
+        }
+        Err(reason) => {
+            ElementResult { name: name.into(), fit: None, reason: Some(reason), points: Vec::new() }
+        }
+    }
+}
+
+/// A measured value with the uncertainty that the scatter of its points shows.
+struct Reading {
+    value: f64,
+    u_noise: f64,
+    form_sigma_mm: Option<f64>,
+    points: usize,
+    rejected: usize,
+}
+
+impl Reading {
+    fn new(value: f64, u_noise: f64, forms: &[&Form]) -> Self {
+        Self {
+            value,
+            u_noise,
+            form_sigma_mm: None,
+            points: forms.iter().map(|f| f.points).sum(),
+            rejected: forms.iter().map(|f| f.rejected).sum(),
+        }
+    }
+}
+
+/// Measures a feature and decides.
+fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome]) -> FeatureResult {
+    let measured = quantity(&feature.quantity, elements);
+    let mut result = FeatureResult {
+        name: feature.name.clone(),
+        value: None,
+        unit: feature.quantity.unit(),
+        u: None,
+        lower: feature.lower,
+        upper: feature.upper,
+        verdict: Verdict::NotMeasured,
+        nominal: feature.nominal,
+        deviation: None,
+        u_noise: None,
+        u_system: feature.u_system,
+        form_sigma_mm: None,
+        points: 0,
+        rejected: 0,
+        reason: None,
+    };
+    match measured {
+        Ok(found) if found.value.is_finite() && found.u_noise.is_finite() => {
+            let u = (found.u_noise * found.u_noise + feature.u_system * feature.u_system).sqrt();
+            // No range lies below zero, so a flatness has no lower limit to prove.
+            let lower = (!matches!(feature.quantity, Quantity::PlaneFlatness(_))).then_some(feature.lower);
+            result.verdict = decide(found.value, u, plan.settings.guard_factor, lower, feature.upper);
+            result.value = Some(found.value);
+            result.deviation = Some(found.value - feature.nominal);
+            result.u = Some(u);
+            result.u_noise = Some(found.u_noise);
+            result.form_sigma_mm = found.form_sigma_mm;
+            result.points = found.points;
+            result.rejected = found.rejected;
+        }
+        Ok(_) => result.reason = Some("the value or its uncertainty is not finite".into()),
+        Err(reason) => result.reason = Some(reason),
+    }
+    result
+}
+
+fn sphere(elements: &[Outcome], index: usize) -> Result<&SphereFit, String> {
+    match elements.get(index) {
+        Some(Ok(Measured { fit: FittedElement::Sphere(sphere), .. })) => Ok(sphere),
+        Some(Err(reason)) => Err(reason.clone()),
+        _ => Err(format!("element {index} is no sphere")),
+    }
+}
+
+fn plane(elements: &[Outcome], index: usize) -> Result<&PlaneFit, String> {
+    match elements.get(index) {
+        Some(Ok(Measured { fit: FittedElement::Plane(plane), .. })) => Ok(plane),
+        Some(Err(reason)) => Err(reason.clone()),
+        _ => Err(format!("element {index} is no plane")),
+    }
+}
+
+/// Computes a quantity from the fitted elements; definitions at [`Quantity`].
+fn quantity(quantity: &Quantity, elements: &[Outcome]) -> Result<Reading, String> {
+    Ok(match *quantity {
+        Quantity::SphereDiameter(index) => {
+            let fit = sphere(elements, index)?;
+            Reading::new(fit.diameter_mm, fit.u_diameter_mm, &[&fit.form])
+        }
+        Quantity::CentreDistance([a, b]) => centre_distance(sphere(elements, a)?, sphere(elements, b)?),
+        Quantity::PlaneFlatness(index) => flatness(plane(elements, index)?),
+        Quantity::PlaneDistance([a, b]) => plane_distance(plane(elements, a)?, plane(elements, b)?),
+        Quantity::PlaneAngle { planes: [a, b], supplement } => {
+            plane_angle(plane(elements, a)?, plane(elements, b)?, supplement)
+        }
+        Quantity::HemisphereHeight { sphere: top, plane: base } => {
+            hemisphere_height(sphere(elements, top)?, plane(elements, base)?)
+        }
+    })
+}
+
+/// |c₂ − c₁|; u² = dᵀ (C₁ + C₂) d along the unit vector d between the centres.
+fn centre_distance(a: &SphereFit, b: &SphereFit) -> Reading {
+    let between = b.center() - a.center();
+    let distance = between.norm();
+    let d = (between / distance).push(0.0);
+    let u = (a.u_along_mm(&d) * a.u_along_mm(&d) + b.u_along_mm(&d) * b.u_along_mm(&d)).sqrt();
+    Reading::new(distance, u, &[&a.form, &b.form])
+}
+
+/// Range of the residuals kept, with its sigma beside it under its own name.
+fn flatness(fit: &PlaneFit) -> Reading {
+    let form = &fit.form;
+    // How much correlation widens the plane's place against that of independent points.
+    let independent = form.form_sigma_mm * form.form_sigma_mm / form.points.max(1) as f64;
+    let effect = if independent > 0.0 { fit.u_centroid_mm * fit.u_centroid_mm / independent } else { 1.0 };
+    let u = u_range_mm(&fit.residuals.deviation_mm, form.rejected, effect);
+    Reading { form_sigma_mm: Some(form.form_sigma_mm), ..Reading::new(form.form_range_mm, u, &[form]) }
+}
+
+/// n₁ · (x̄₂ − plane 1); both planes' places at x̄₂ are uncertain.
+fn plane_distance(first: &PlaneFit, second: &PlaneFit) -> Reading {
+    let centroid = second.centroid_mm.into();
+    let (u1, u2) = (first.u_at_mm(&centroid), second.u_centroid_mm);
+    Reading::new(first.distance_mm(&centroid), (u1 * u1 + u2 * u2).sqrt(), &[&first.form, &second.form])
+}
+
+/// Angle between the normals from sine and cosine both; each normal's tilt counts in the plane of the two.
+fn plane_angle(a: &PlaneFit, b: &PlaneFit, supplement: bool) -> Reading {
+    let (n1, n2) = (a.normal_vector(), b.normal_vector());
+    let axis = n1.cross(&n2);
+    let sine = axis.norm();
+    let angle_deg = math::atan2(sine, n1.dot(&n2)).to_degrees();
+    // Parallel normals have no plane of their own: the worst direction stands in.
+    let u_rad = if sine > 1e-9 {
+        let unit = axis / sine;
+        let (u1, u2) = (a.u_tilt_rad(&unit.cross(&n1)), b.u_tilt_rad(&unit.cross(&n2)));
+        (u1 * u1 + u2 * u2).sqrt()
+    } else {
+        (a.u_normal_rad * a.u_normal_rad + b.u_normal_rad * b.u_normal_rad).sqrt()
+    };
+    let value = if supplement { 180.0 - angle_deg } else { angle_deg };
+    Reading::new(value, u_rad.to_degrees(), &[&a.form, &b.form])
+}
+
+/// Distance of the centre from the plane plus the radius; centre and radius are correlated, hence one gradient.
+fn hemisphere_height(top: &SphereFit, base: &PlaneFit) -> Reading {
+    let n = base.normal_vector();
+    let (u1, u2) = (base.u_at_mm(&top.center()), top.u_along_mm(&Vector4::new(n.x, n.y, n.z, 1.0)));
+    let height = base.distance_mm(&top.center()) + 0.5 * top.diameter_mm;
+    Reading::new(height, (u1 * u1 + u2 * u2).sqrt(), &[&top.form, &base.form])
+}

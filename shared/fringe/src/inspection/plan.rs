@@ -1,0 +1,248 @@
+//! The inspection plan: what is measured where on the part, and what it may be.
+//!
+//! A plan is TOML. As written it is a [`raw`](super::raw) structure that refuses unknown keys; [`Plan::from_toml`]
+//! checks it and turns names into indices, degrees into radians, deviations into limits.
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// The format this build reads.
+pub const PLAN_FORMAT: &str = "fringecell-plan/1";
+
+/// What is wrong with a plan.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum PlanError {
+    /// Not TOML, a key missing, unknown, or of the wrong type.
+    #[error("not an inspection plan: {0}")]
+    Toml(String),
+    /// Another format or version.
+    #[error("format = \"{0}\", this program reads \"{PLAN_FORMAT}\"")]
+    Format(String),
+    /// A number out of range.
+    #[error("{place}: {key} = {value}, must be {limits}")]
+    Value {
+        /// Element or feature with its name, or table.
+        place: String,
+        /// Key.
+        key: &'static str,
+        /// Value.
+        value: f64,
+        /// What it must be.
+        limits: &'static str,
+    },
+    /// A name that is used twice, or empty.
+    #[error("{what} name \"{name}\" is empty or used twice; names tell {what}s apart")]
+    Name {
+        /// "element" or "feature".
+        what: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// A reference to an element that is not there or is of another kind.
+    #[error("{place}: {key} names \"{name}\", but the plan's {kind} elements are: {known}")]
+    Reference {
+        /// Feature or table.
+        place: String,
+        /// Key.
+        key: &'static str,
+        /// The name given.
+        name: String,
+        /// Kind of element that is wanted.
+        kind: &'static str,
+        /// Names that would do.
+        known: String,
+    },
+    /// Datums that do not fix the part.
+    #[error("alignment: {0}")]
+    Datum(&'static str),
+    /// No element or no feature.
+    #[error("the plan has no [[{0}]]: nothing would be inspected")]
+    Empty(&'static str),
+}
+
+/// Settings of the whole inspection.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Guard band in standard uncertainties (ISO 14253-1). 1.65 leaves 5 % risk at one limit.
+    pub guard_factor: f64,
+    /// Cells within which noise may be correlated, mm (see [`crate::fit::FitSettings::cluster_mm`]).
+    pub cluster_mm: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { guard_factor: 1.65, cluster_mm: 2.0 }
+    }
+}
+
+/// How the part is found in the cloud: 3-2-1.
+///
+/// The plane's normal becomes the direction of its nominal normal and fixes the height; the line between two sphere
+/// centres, seen along the normal, fixes the turn about it; the origin sphere's centre fixes the place across.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Datums {
+    /// Index of the plane element.
+    pub plane: usize,
+    /// Indices of two sphere elements.
+    pub line: [usize; 2],
+    /// Index of a sphere element.
+    pub origin: usize,
+    /// How far a datum surface may lie from its nominal place at the start, mm.
+    pub search_mm: f64,
+    /// How far the part may be turned at the start, rad.
+    pub search_rad: f64,
+}
+
+/// A disc or rectangle that is cut out of a plane's region.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Exclusion {
+    /// Centre along the plane's two directions from its nominal point, mm.
+    pub center_mm: [f64; 2],
+    /// What is cut out.
+    pub shape: ExclusionShape,
+}
+
+/// Shape of an [`Exclusion`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ExclusionShape {
+    /// Radius, mm.
+    Disc(f64),
+    /// Half edges along the plane's two directions, mm.
+    Rectangle([f64; 2]),
+}
+
+/// Nominal geometry of an element in the part frame.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Geometry {
+    /// A sphere or a part of one, between two polar angles about an axis.
+    Sphere {
+        /// Centre, mm.
+        center_mm: Point3<f64>,
+        /// Radius, mm.
+        radius_mm: f64,
+        /// Unit axis of the polar angles.
+        axis: Vector3<f64>,
+        /// Cosines of the largest and of the smallest polar angle.
+        cos_polar: [f64; 2],
+    },
+    /// A rectangle in a plane.
+    Plane {
+        /// Centre of the rectangle, mm.
+        point_mm: Point3<f64>,
+        /// Unit normal, out of the material.
+        normal: Vector3<f64>,
+        /// Unit directions of the edges.
+        edges: [Vector3<f64>; 2],
+        /// Half edges, the inset taken off, mm.
+        half_size_mm: [f64; 2],
+        /// What is cut out.
+        exclusions: Vec<Exclusion>,
+    },
+}
+
+impl Geometry {
+    /// "sphere" or "plane".
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Sphere { .. } => "sphere",
+            Self::Plane { .. } => "plane",
+        }
+    }
+}
+
+/// An element that is fitted on a region of the cloud.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Element {
+    /// Name.
+    pub name: String,
+    /// Nominal geometry.
+    pub geometry: Geometry,
+    /// How far a point of the element may lie from the surface, mm.
+    pub margin_mm: f64,
+    /// Largest angle between the normal of a point and that of the surface, rad. `None`: normals are not looked at.
+    pub normal_tolerance_rad: Option<f64>,
+    /// Fewest points.
+    pub min_points: usize,
+    /// Fraction of the points left out of the fit.
+    pub max_reject_fraction: f64,
+}
+
+/// What a feature measures; the numbers are indices of elements.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// Diameter of the least-squares sphere.
+    SphereDiameter(usize),
+    /// Distance between the centres of two least-squares spheres.
+    CentreDistance([usize; 2]),
+    /// Range of the distances from the least-squares plane, after the element's stated rejection.
+    PlaneFlatness(usize),
+    /// From the first plane to the centroid of the points of the second, along the first plane's normal.
+    PlaneDistance([usize; 2]),
+    /// Angle between the normals of two planes; the supplement to 180° when `supplement` is set.
+    PlaneAngle {
+        /// Elements.
+        planes: [usize; 2],
+        /// Whether the supplement is meant.
+        supplement: bool,
+    },
+    /// Top of a sphere over a plane: distance of its centre from the plane plus its radius.
+    HemisphereHeight {
+        /// Sphere element.
+        sphere: usize,
+        /// Plane element.
+        plane: usize,
+    },
+}
+
+impl Quantity {
+    /// "mm" or "deg".
+    pub fn unit(&self) -> &'static str {
+        if matches!(self, Self::PlaneAngle { .. }) { "deg" } else { "mm" }
+    }
+}
+
+/// A feature with its tolerance, in the unit of its quantity.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Feature {
+    /// Name.
+    pub name: String,
+    /// What is measured.
+    pub quantity: Quantity,
+    /// Nominal value; 0 for a flatness.
+    pub nominal: f64,
+    /// Lower limit of the value; 0 for a flatness, where no value can fall below it.
+    pub lower: f64,
+    /// Upper limit of the value.
+    pub upper: f64,
+    /// Standard uncertainty that the scatter of the points does not show: calibration, temperature, lens residuals.
+    pub u_system: f64,
+}
+
+/// A checked inspection plan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// Name.
+    pub name: String,
+    /// Settings.
+    pub settings: Settings,
+    /// Where the part nominally lies.
+    pub world_from_part: Isometry3<f64>,
+    /// How it is found; `None`: it lies where it nominally lies.
+    pub datums: Option<Datums>,
+    /// Elements in the order of the plan.
+    pub elements: Vec<Element>,
+    /// Features in the order of the plan.
+    pub features: Vec<Feature>,
+}
+
+impl Plan {
+    /// Reads and checks a plan.
+    ///
+    /// # Errors
+    /// See [`PlanError`].
+    pub fn from_toml(text: &str) -> Result<Self, PlanError> {
+        super::check::read(text)
+    }
+}

@@ -1,0 +1,152 @@
+//! The plan as it is written: serde structures that refuse unknown keys.
+
+use serde::Deserialize;
+
+use super::plan::Settings;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawPlan {
+    pub format: String,
+    pub name: String,
+    #[serde(default)]
+    pub settings: Settings,
+    pub placement: Option<RawPlacement>,
+    pub alignment: Option<RawAlignment>,
+    #[serde(default)]
+    pub element: Vec<RawElement>,
+    #[serde(default)]
+    pub feature: Vec<RawFeature>,
+}
+
+/// Only the format, to say "other version" before "unknown key".
+#[derive(Deserialize)]
+pub(super) struct RawFormat {
+    pub format: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawPlacement {
+    pub rotation: [[f64; 3]; 3],
+    pub translation_mm: [f64; 3],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawAlignment {
+    pub plane: String,
+    pub line: [String; 2],
+    pub origin: String,
+    pub search_mm: f64,
+    pub search_deg: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub(super) enum RawElement {
+    Sphere {
+        name: String,
+        center_mm: [f64; 3],
+        diameter_mm: f64,
+        #[serde(default = "up")]
+        axis: [f64; 3],
+        #[serde(default)]
+        min_polar_deg: f64,
+        #[serde(default = "half_turn")]
+        max_polar_deg: f64,
+        margin_mm: f64,
+        normal_tolerance_deg: Option<f64>,
+        min_points: usize,
+        #[serde(default)]
+        max_reject_fraction: f64,
+    },
+    Plane {
+        name: String,
+        point_mm: [f64; 3],
+        normal: [f64; 3],
+        direction: Option<[f64; 3]>,
+        size_mm: [f64; 2],
+        #[serde(default)]
+        inset_mm: f64,
+        #[serde(default)]
+        exclude: Vec<RawExclusion>,
+        margin_mm: f64,
+        normal_tolerance_deg: Option<f64>,
+        min_points: usize,
+        #[serde(default)]
+        max_reject_fraction: f64,
+    },
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+#[expect(clippy::struct_field_names, reason = "the names are the plan's keys, and units stand in keys")]
+pub(super) struct RawExclusion {
+    pub center_mm: [f64; 3],
+    pub radius_mm: Option<f64>,
+    pub size_mm: Option<[f64; 2]>,
+}
+
+#[derive(Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
+pub(super) enum RawFeature {
+    SphereDiameter {
+        name: String,
+        element: String,
+        nominal_mm: f64,
+        tolerance_mm: [f64; 2],
+        #[serde(default)]
+        u_system_mm: f64,
+    },
+    CentreDistance {
+        name: String,
+        elements: [String; 2],
+        nominal_mm: f64,
+        tolerance_mm: [f64; 2],
+        #[serde(default)]
+        u_system_mm: f64,
+    },
+    PlaneFlatness {
+        name: String,
+        element: String,
+        limit_mm: f64,
+        #[serde(default)]
+        u_system_mm: f64,
+    },
+    PlaneDistance {
+        name: String,
+        elements: [String; 2],
+        nominal_mm: f64,
+        tolerance_mm: [f64; 2],
+        #[serde(default)]
+        u_system_mm: f64,
+    },
+    PlaneAngle {
+        name: String,
+        elements: [String; 2],
+        #[serde(default)]
+        supplement: bool,
+        nominal_deg: f64,
+        tolerance_deg: [f64; 2],
+        #[serde(default)]
+        u_system_deg: f64,
+    },
+    HemisphereHeight {
+        name: String,
+        sphere: String,
+        plane: String,
+        nominal_mm: f64,
+        tolerance_mm: [f64; 2],
+        #[serde(default)]
+        u_system_mm: f64,
+    },
+}
+
+fn up() -> [f64; 3] {
+    [0.0, 0.0, 1.0]
+}
+
+fn half_turn() -> f64 {
+    180.0
+}

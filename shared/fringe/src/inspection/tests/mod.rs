@@ -1,0 +1,5 @@
+//! Inspection of synthetic clouds of the demo part, and of everything that is not that part.
+
+mod artefact;
+mod clouds;
+mod plans;
