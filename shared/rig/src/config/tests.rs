@@ -123,75 +123,69 @@ recording = { path = "scan", rate_hz = 20, loop = true }
     assert!(error.contains("camera \"cam1\" has 7 × 4 px in the rig, but 6 × 4 px in "), "{error}");
 }
 
+/// What is changed in [`twin_text`], into what, and what the message then says.
+const GAPS: &[(&str, &str, &str)] = &[
+    (
+        "name = \"demo\"",
+        "name = \"De mo\"",
+        "cell.toml:2: name: value \"De mo\" is not allowed: a cell name has 1",
+    ),
+    ("name = \"demo\"\n", "", "missing field `name`"),
+    ("cycles = 2", "cycels = 2", "cell.toml:4: cycels: unknown key \"cycels\""),
+    ("cycles = 2", "cycles = 0", "leave the key out to run until stopped"),
+    ("cycles = 2", "cycles = -1", "cell.toml:4: cycles: "),
+    ("rig = \"rig.toml\"", "rig = \"no.toml\"", "cell.toml:3: rig: the file "),
+    ("rig = \"rig.toml\"", "rig = \"scene.toml\"", "scene.toml"),
+    ("driver = \"twin\"", "driver = \"genicam\"", "driver \"genicam\" is not part of this version; use"),
+    (
+        "driver = \"twin\"",
+        "driver = \"twn\"",
+        "driver \"twn\" is unknown; known: twin, recording; did you mean",
+    ),
+    ("[\"cam1\", \"cam2\"]", "[\"cam1\"]", "pair \"pair1\" needs \"cam2\" to look at it"),
+    (
+        "[\"cam1\", \"cam2\"]",
+        "[\"cam1\", \"cam9\"]",
+        "[[camera]] \"cam9\" is unknown; known: cam1, cam2, cam3, cam4",
+    ),
+    ("[\"cam1\", \"cam2\"]", "[\"cam1\", \"cam1\"]", "camera \"cam1\" occurs twice"),
+    ("[\"cam1\", \"cam2\"]", "[]", "a camera that looks while \"proj1\" is on is missing"),
+    (
+        "name = \"cam4\"",
+        "name = \"cam5\"",
+        "camera \"cam5\" is unknown; known: cam1, cam2, cam3, cam4; did you mean",
+    ),
+    ("name = \"proj2\"", "name = \"proj1\"", "view \"proj1\" occurs twice"),
+    ("name = \"proj2\"", "name = \"proj3\"", "projector \"proj2\" is unknown; known: proj1, proj3"),
+    ("steps = 3", "steps = 2", "projector[0].sequence[0]: steps = 2: a phase needs at least 3 steps"),
+    ("bits = 3", "bits = 2", "2 bits of 8 px tell 32 px apart, but the projector has 64 px along this axis"),
+    (
+        "  { set = \"gray\", axis = \"x\", bits = 3, stripe_px = 8.0 },\n",
+        "",
+        "an absolute code beside the sines is missing",
+    ),
+    (
+        "  { set = \"sine\", axis = \"x\", period_px = 16.0, steps = 3 },\n",
+        "",
+        "a sine set is missing; the phase",
+    ),
+    ("width_px = 64\n", "", "width_px of projector \"proj1\" is missing; add width_px = …"),
+    ("width_px = 64", "width_px = 63", "projector \"proj1\" has 63 × 48 px in this cell, but 64 × 48 px in "),
+    ("stage_budget_ms = 700", "stage_budget_ms = 0", "limits.stage_budget_ms: value 0 is not allowed"),
+    ("stage_budget_ms = 700", "stage_budget_ms = 30000", "within 20000 ms; raise cycle_deadline_ms"),
+    ("cores = 4", "cores = 0", "schedule.cores: value 0 is not allowed: 1 … 1024"),
+    ("rig = \"truth.toml\"", "rig = \"rig.toml\"", "projector \"proj1\" in the twin's rig"),
+    ("scene = \"scene.toml\"", "scene = \"nowhere.toml\"", "twin.scene: the file "),
+    ("cycles = 2", "pairs = [\"pair1\", \"pair9\"]", "pair \"pair9\" is unknown; known: pair1, pair2"),
+    ("cycles = 2", "pairs = [\"pair1\"]", "camera \"cam3\" belongs to no pair"),
+    ("cycles = 2", "pairs = []", "a [[pair]] in "),
+    ("cycles = 2", "cycles = [", "cell.toml:"),
+];
+
 #[test]
 fn each_gap_is_told_with_place_and_remedy() {
     let dir = folder();
-    let table = [
-        (
-            "name = \"demo\"",
-            "name = \"De mo\"",
-            "cell.toml:2: name: value \"De mo\" is not allowed: a cell name has 1",
-        ),
-        ("name = \"demo\"\n", "", "missing field `name`"),
-        ("cycles = 2", "cycels = 2", "cell.toml:4: cycels: unknown key \"cycels\""),
-        ("cycles = 2", "cycles = 0", "leave the key out to run until stopped"),
-        ("cycles = 2", "cycles = -1", "cell.toml:4: cycles: "),
-        ("rig = \"rig.toml\"", "rig = \"no.toml\"", "cell.toml:3: rig: the file "),
-        ("rig = \"rig.toml\"", "rig = \"scene.toml\"", "scene.toml"),
-        ("driver = \"twin\"", "driver = \"genicam\"", "driver \"genicam\" is not part of this version; use"),
-        (
-            "driver = \"twin\"",
-            "driver = \"twn\"",
-            "driver \"twn\" is unknown; known: twin, recording; did you mean",
-        ),
-        ("[\"cam1\", \"cam2\"]", "[\"cam1\"]", "pair \"pair1\" needs \"cam2\" to look at it"),
-        (
-            "[\"cam1\", \"cam2\"]",
-            "[\"cam1\", \"cam9\"]",
-            "[[camera]] \"cam9\" is unknown; known: cam1, cam2, cam3, cam4",
-        ),
-        ("[\"cam1\", \"cam2\"]", "[\"cam1\", \"cam1\"]", "camera \"cam1\" occurs twice"),
-        ("[\"cam1\", \"cam2\"]", "[]", "a camera that looks while \"proj1\" is on is missing"),
-        (
-            "name = \"cam4\"",
-            "name = \"cam5\"",
-            "camera \"cam5\" is unknown; known: cam1, cam2, cam3, cam4; did you mean",
-        ),
-        ("name = \"proj2\"", "name = \"proj1\"", "view \"proj1\" occurs twice"),
-        ("name = \"proj2\"", "name = \"proj3\"", "projector \"proj2\" is unknown; known: proj1, proj3"),
-        ("steps = 3", "steps = 2", "projector[0].sequence[0]: steps = 2: a phase needs at least 3 steps"),
-        (
-            "bits = 3",
-            "bits = 2",
-            "2 bits of 8 px tell 32 px apart, but the projector has 64 px along this axis",
-        ),
-        (
-            "  { set = \"gray\", axis = \"x\", bits = 3, stripe_px = 8.0 },\n",
-            "",
-            "an absolute code beside the sines is missing",
-        ),
-        (
-            "  { set = \"sine\", axis = \"x\", period_px = 16.0, steps = 3 },\n",
-            "",
-            "a sine set is missing; the phase",
-        ),
-        ("width_px = 64\n", "", "width_px of projector \"proj1\" is missing; add width_px = …"),
-        (
-            "width_px = 64",
-            "width_px = 63",
-            "projector \"proj1\" has 63 × 48 px in this cell, but 64 × 48 px in ",
-        ),
-        ("stage_budget_ms = 700", "stage_budget_ms = 0", "limits.stage_budget_ms: value 0 is not allowed"),
-        ("stage_budget_ms = 700", "stage_budget_ms = 30000", "within 20000 ms; raise cycle_deadline_ms"),
-        ("cores = 4", "cores = 0", "schedule.cores: value 0 is not allowed: 1 … 1024"),
-        ("rig = \"truth.toml\"", "rig = \"rig.toml\"", "projector \"proj1\" in the twin's rig"),
-        ("scene = \"scene.toml\"", "scene = \"nowhere.toml\"", "twin.scene: the file "),
-        ("cycles = 2", "pairs = [\"pair1\", \"pair9\"]", "pair \"pair9\" is unknown; known: pair1, pair2"),
-        ("cycles = 2", "pairs = [\"pair1\"]", "camera \"cam3\" belongs to no pair"),
-        ("cycles = 2", "pairs = []", "a [[pair]] in "),
-        ("cycles = 2", "cycles = [", "cell.toml:"),
-    ];
-    for (from, to, expected) in table {
+    for (from, to, expected) in GAPS {
         let text = twin_text();
         assert!(text.contains(from), "{from}");
         let error = load(&dir, &text.replacen(from, to, 1)).unwrap_err();

@@ -3,7 +3,7 @@
 use super::{RECORDING_FILE, RECORDING_FORMAT};
 use crate::atomic;
 use crate::error::{FileError, Problem};
-use crate::image_file::write_png;
+use crate::image_file::{read_foreign_frame, read_header, write_png};
 use crate::name::{check_name, duplicate};
 use crate::rig_file::quoted;
 use fringe::frame::FrameView;
@@ -82,17 +82,69 @@ impl RecordingWriter {
         frame: usize,
         view: &FrameView<'_>,
     ) -> Result<(), FileError> {
-        let place = self.folder.join("frames").join(projector).join(camera).join(format!("{frame:03}.png"));
-        let at = |problem| FileError::new(&place, problem, "");
-        let found = self.projectors.iter().position(|p| p.name == projector).and_then(|p| {
-            let camera = self.projectors[p].cameras.iter().position(|name| name == camera)?;
-            Some((p, camera))
-        });
-        let slot = found.and_then(|(p, c)| self.written[p][c].get_mut(frame));
+        let place = self.place(projector, camera, frame).with_extension("png");
+        let size = (view.width_px, view.height_px, view.full_scale_dn);
+        let slot = self.slot(projector, camera, frame, size, &place)?;
+        write_png(&place, view)?;
+        *slot = true;
+        Ok(())
+    }
+
+    /// Takes a frame from a foreign file: PNG and TIFF by a hard link (or a copy where that is not possible), BMP and
+    /// JPEG by conversion to PNG. `full_scale_dn` is for 16-bit files, as in [`crate::image_file::read_frame`].
+    ///
+    /// # Errors
+    /// As [`Self::write`], or a file that is no frame.
+    pub fn adopt(
+        &mut self,
+        projector: &str,
+        camera: &str,
+        frame: usize,
+        file: &Path,
+        full_scale_dn: Option<u16>,
+    ) -> Result<(), FileError> {
+        let content = read_foreign_frame(file, full_scale_dn)?;
+        let extension = file.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+        let as_it_is = ["png", "tif", "tiff"].contains(&extension.as_str()) && read_header(file).is_ok();
+        if !as_it_is {
+            return self.write(projector, camera, frame, &content.view());
+        }
+        let place = self.place(projector, camera, frame).with_extension(extension);
+        let size = (content.width_px, content.height_px, content.full_scale_dn);
+        let slot = self.slot(projector, camera, frame, size, &place)?;
+        if place.exists() {
+            return Err(FileError::new(&place, Problem::Unsupported("exists already".into()), ""));
+        }
+        // Across file systems there are no hard links.
+        if std::fs::hard_link(file, &place).is_err() {
+            std::fs::copy(file, &place).map_err(|source| FileError::io(&place, "copy the frame", source))?;
+        }
+        *slot = true;
+        Ok(())
+    }
+
+    /// Without extension.
+    fn place(&self, projector: &str, camera: &str, frame: usize) -> PathBuf {
+        self.folder.join("frames").join(projector).join(camera).join(format!("{frame:03}"))
+    }
+
+    /// The mark of a frame that may be written with this size and full scale.
+    fn slot(
+        &mut self,
+        projector: &str,
+        camera: &str,
+        frame: usize,
+        size: (u32, u32, u16),
+        place: &Path,
+    ) -> Result<&mut bool, FileError> {
+        let at = |problem| FileError::new(place, problem, "");
+        let index = self.projectors.iter().position(|p| p.name == projector);
+        let index =
+            index.and_then(|p| Some((p, self.projectors[p].cameras.iter().position(|name| name == camera)?)));
+        let slot = index.and_then(|(p, c)| self.written[p][c].get_mut(frame));
         let Some(slot) = slot else {
             return Err(at(Problem::Unsupported("belongs to no frame of the sequence".into())));
         };
-        let size = (view.width_px, view.height_px, view.full_scale_dn);
         let first = *self.sizes.entry(camera.to_owned()).or_insert(size);
         if size != first {
             return Err(at(Problem::Disagreement {
@@ -101,9 +153,7 @@ impl RecordingWriter {
                 there: format!("the first one had {} × {} px, {} DN", first.0, first.1, first.2),
             }));
         }
-        write_png(&place, view)?;
-        *slot = true;
-        Ok(())
+        Ok(slot)
     }
 
     /// Writes `recording.toml`, which makes the folder a recording.
