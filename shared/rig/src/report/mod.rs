@@ -18,6 +18,7 @@ mod canvas;
 mod charts;
 mod colour;
 mod figures;
+mod from_result;
 mod glyph;
 mod number;
 mod page;
@@ -30,6 +31,7 @@ mod tables;
 mod tests;
 
 pub use colour::ColourMap;
+pub use from_result::stage_times;
 pub use picture::PictureError;
 
 /// The word at the top, or at the end of a row.

@@ -34,9 +34,8 @@ impl Verdict {
 /// Title and the lines that say what was measured, when, with what.
 pub fn header(page: &mut Page, input: &ReportInput<'_>) {
     page.put(format_args!(
-        "<header>\n<h1>Measurement report</h1>\n<p class=\"sub\">Fringe projection coordinate measurement of {}</p>\n\
-         <dl class=\"meta\">\n",
-        Text(if input.part.is_empty() { "a part" } else { &input.part })
+        "<header>\n<h1>Measurement report</h1>\n<p class=\"sub\">Optical coordinate measurement by fringe projection</p>\n\
+         <dl class=\"meta\">\n"
     ));
     let fixed_lines = [
         ("Part", &input.part),
