@@ -113,3 +113,34 @@ fn surface_step<const P: usize>(normal: &Normal<P>, step: &SVector<f64, P>) -> f
 pub(super) fn singular(element: &'static str) -> FitError {
     FitError::Degenerate { element, why: "a direction in which it can move changes no distance" }
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// Central differences of the rows beside the derivatives that the model states, at points off its surface.
+    pub fn derivatives_agree<M: Model<P>, const P: usize>(model: &M) {
+        let h = 1e-6;
+        let rows = |m: &M, p: &Vector3<f64>| {
+            let mut rows = Vec::new();
+            m.rows(p, &mut |residual, derivatives| rows.push((residual, *derivatives)));
+            rows
+        };
+        for point in
+            [Vector3::new(3.0, -1.5, 4.0), Vector3::new(-2.0, 5.0, 0.7), Vector3::new(0.4, 0.9, -6.0)]
+        {
+            let stated = rows(model, &point);
+            for k in 0..P {
+                let mut step = SVector::<f64, P>::zeros();
+                step[k] = h;
+                let (ahead, behind) = (rows(&model.moved(&step), &point), rows(&model.moved(&-step), &point));
+                for (row, (residual, derivatives)) in stated.iter().enumerate() {
+                    let numeric = (ahead[row].0 - behind[row].0) / (2.0 * h);
+                    assert!(residual.is_finite());
+                    let error = (derivatives[k] - numeric).abs();
+                    assert!(error < 1e-7, "parameter {k}, row {row}: {} for {numeric}", derivatives[k]);
+                }
+            }
+        }
+    }
+}

@@ -129,3 +129,16 @@ pub(super) fn algebraic_circle(
     let radius = (step.z + step.x * step.x + step.y * step.y).max(0.0).sqrt();
     Some((e1 * step.x + e2 * step.y, radius))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::adjust::tests::derivatives_agree;
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let normal = Vector3::new(0.6, 0.0, -0.8);
+        let center = Vector3::new(0.2, -0.3, 0.5);
+        derivatives_agree(&Circle { center, normal, tangents: tangents(&normal), radius: 2.0 });
+    }
+}

@@ -164,3 +164,16 @@ fn algebraic(points: &[Vector3<f64>], direction: Vector3<f64>) -> Option<Cone> {
     let axis = Axis::new(e1 * step[0] + e2 * step[1], direction);
     (radius > 0.0).then(|| Cone { axis, reach: radius * math::cos(angle_rad), angle_rad })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::adjust::tests::derivatives_agree;
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let axis = Axis::new(Vector3::new(0.2, -0.3, 0.5), Vector3::new(0.6, 0.0, -0.8));
+        derivatives_agree(&Cone { axis: axis.clone(), reach: 2.0, angle_rad: 0.4 });
+        derivatives_agree(&Cone { axis, reach: 2.0, angle_rad: -1.1 });
+    }
+}

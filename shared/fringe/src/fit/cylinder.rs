@@ -103,3 +103,15 @@ fn start(points: &[Vector3<f64>]) -> Result<Cylinder, FitError> {
     best.filter(|m| m.radius.abs() < LARGEST_RADIUS_RATIO * principal.extents_mm[2])
         .ok_or(FitError::Degenerate { element: ELEMENT, why: "the points show no curvature" })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::adjust::tests::derivatives_agree;
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let axis = Axis::new(Vector3::new(0.2, -0.3, 0.5), Vector3::new(0.6, 0.0, -0.8));
+        derivatives_agree(&Cylinder { axis, radius: 2.0 });
+    }
+}

@@ -153,3 +153,15 @@ fn principal(points: &[Vector3<f64>]) -> Result<Plane, FitError> {
     let normal: Vector3<f64> = principal.axes.column(0).into_owned();
     Ok(Plane { normal, tangents: tangents(&normal), offset: 0.0 })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::adjust::tests::derivatives_agree;
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let normal = Vector3::new(0.6, 0.0, -0.8);
+        derivatives_agree(&Plane { normal, tangents: tangents(&normal), offset: 0.3 });
+    }
+}

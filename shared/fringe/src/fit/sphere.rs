@@ -213,3 +213,16 @@ fn algebraic(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
     let center = step.xyz();
     Ok(FreeSphere { center, radius: (step.w + center.norm_squared()).max(0.0).sqrt() })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::adjust::tests::derivatives_agree;
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let center = Vector3::new(0.2, -0.3, 0.5);
+        derivatives_agree(&FreeSphere { center, radius: 2.0 });
+        derivatives_agree(&FixedSphere { center, radius: 2.0 });
+    }
+}

@@ -1,6 +1,7 @@
 //! Clouds in, features out.
 
 use nalgebra::{Isometry3, Vector3};
+use proptest::prelude::*;
 
 use super::artefact::{Setup, Solid, TRUTH, pose};
 use crate::cloud::Point;
@@ -194,4 +195,75 @@ fn the_same_cloud_gives_the_same_bits_and_a_readable_result() {
     let points = &first.elements[0].points;
     assert!(points.windows(2).all(|w| w[0].index < w[1].index));
     assert!(points.iter().all(|p| (p.from_fit_mm - p.from_nominal_mm).abs() < 0.05));
+}
+
+/// A part that stands elsewhere by plan, without an alignment: the placement maps part to world.
+#[test]
+fn a_placement_says_where_the_part_stands() {
+    let placed = PLAN.replace(
+        "[settings]",
+        "[placement]\nrotation = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]\n\
+         translation_mm = [10.0, 20.0, 5.0]\n[settings]",
+    );
+    let mut plan = Plan::from_toml(&placed).unwrap();
+    plan.elements.iter_mut().for_each(|e| e.min_points /= 10);
+    let world_from_part = plan.world_from_part;
+    let cloud = Setup { world_from_part, pitch_mm: 1.0, ..Setup::new(3) }.cloud();
+    let aligned = evaluate(&plan, &cloud);
+    plan.datums = None;
+    let trusted = evaluate(&plan, &cloud);
+    for result in [aligned, trusted] {
+        assert!(result.alignment.as_ref().unwrap().offset_mm < 0.01);
+        assert!(pose_error_mm(&result, &world_from_part) < 0.01);
+        let spacing = find(&result, "sphere_spacing").value.unwrap();
+        assert!((spacing - 112.447).abs() < 0.01, "{spacing}");
+    }
+}
+
+/// The obtuse angle is the supplement; its uncertainty and the decision are those of the acute one.
+#[test]
+fn the_supplement_of_an_angle_is_measured_on_request() {
+    let obtuse = PLAN.replace("nominal_deg = 44.809", "supplement = true\nnominal_deg = 135.191");
+    let cloud = Setup::new(5).cloud();
+    let (acute, obtuse) = (evaluate(&plan(), &cloud), evaluate(&Plan::from_toml(&obtuse).unwrap(), &cloud));
+    let (a, b) = (find(&acute, "wedge2_inclination"), find(&obtuse, "wedge2_inclination"));
+    assert!((a.value.unwrap() + b.value.unwrap() - 180.0).abs() < 1e-12);
+    assert_eq!((a.u, a.verdict), (b.u, b.verdict));
+}
+
+/// A stated system uncertainty joins in squares and widens the guard band until nothing can be proven.
+#[test]
+fn system_uncertainty_widens_the_guard_band() {
+    let mut plan = plan();
+    plan.features[0].u_system = 0.04;
+    let result = evaluate(&plan, &Setup::new(5).cloud());
+    let feature = &result.features[0];
+    assert!((feature.u.unwrap() - (0.0016 + feature.u_noise.unwrap().powi(2)).sqrt()).abs() < 1e-15);
+    assert_eq!(feature.verdict, Verdict::Indeterminate);
+    assert_eq!(result.verdict, Verdict::Indeterminate);
+}
+
+proptest! {
+    /// Whatever the cloud: a result, each feature with a value or a reason, never a panic.
+    #[test]
+    fn no_cloud_makes_the_inspection_panic(places in prop::collection::vec(
+        (prop::array::uniform3(prop_oneof![-60.0..60.0f64, Just(0.0), Just(f64::NAN), Just(1e300)]),
+         prop::array::uniform3(prop_oneof![-1.0..1.0f32, Just(0.0), Just(f32::NAN)])), 0..300)) {
+        let cloud: Vec<Point> = places
+            .into_iter()
+            .map(|(position_mm, normal)| Point {
+                position_mm, normal, sigma_mm: 0.0, modulation: 0.0, pair: 0, pixel: 0, reserved: 0,
+            })
+            .collect();
+        let mut plan = plan();
+        plan.elements.iter_mut().for_each(|e| { e.min_points = 10; e.normal_tolerance_rad = None; e.margin_mm = 30.0; });
+        for datums in [plan.datums, None] {
+            plan.datums = datums;
+            let result = evaluate(&plan, &cloud);
+            for feature in &result.features {
+                prop_assert_ne!(feature.value.is_some(), feature.reason.is_some());
+                prop_assert_eq!(feature.value.is_none(), feature.verdict == Verdict::NotMeasured);
+            }
+        }
+    }
 }
