@@ -1,34 +1,35 @@
 //! The arctangent of the phase: plain products and sums, so that a loop over it vectorises on any machine and gives the
 //! same bits on all of them.
 
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// Coefficients of t, t³, … t¹⁹ of the Chebyshev expansion
-/// arctan t = 2 Σ (−1)ᵏ rᵏ′ T₍ₖ′₎(t) / k′, k′ = 2k + 1, r = √2 − 1, cut after ten terms.
-/// The rest is below 2 r²¹/21/(1 − r²) = 1.1e-9 rad on [0, 1]. A test derives them anew.
-const ARCTAN: [f64; 10] = [
-    0.999_999_977_895_215_1,
-    -0.333_331_643_906_834_1,
-    0.199_961_555_153_964_55,
-    -0.142_449_726_804_442_3,
-    0.108_682_612_991_576_24,
-    -0.081_889_498_892_033_01,
-    0.054_646_418_482_445_83,
-    -0.028_141_838_627_749_872,
-    0.009_392_884_308_299_324,
-    -0.001_472_577_957_008_285,
+/// Coefficients of t, t³, … t¹⁷ of the Chebyshev expansion
+/// arctan t = 2 Σ (−1)ᵏ rᵏ′ T₍ₖ′₎(t) / k′, k′ = 2k + 1, r = √2 − 1, cut after nine terms.
+/// The rest is below 2 r¹⁹/19/(1 − r²) = 7e-9 rad on [0, 1]. A test derives them anew.
+const ARCTAN: [f32; 9] = [
+    0.999_999_9,
+    -0.333_325_24,
+    0.199_848_85,
+    -0.141_548_07,
+    0.104_775_39,
+    -0.071_943_84,
+    0.039_345_413,
+    -0.014_152_348,
+    0.002_398_139,
 ];
 
-/// Polar angle of (c, s) in [0, 2π), error below 2e-9 rad; 0 for the zero vector. Finite input only.
+/// Polar angle of (c, s) in [0, 2π), error below 1.5e-7 rad; 0 for c = s = +0. Finite input only.
+///
+/// The octant is found in single precision, four lanes at a time even on the plainest 64-bit processor; the whole
+/// quarter turns are added in double precision, because 2π itself has only 2.4e-7 in single.
 #[inline]
-pub fn angle_positive_rad(s: f64, c: f64) -> f64 {
+pub fn angle_positive_rad(s: f32, c: f32) -> f64 {
     let (abs_s, abs_c) = (s.abs(), c.abs());
-    let steep = abs_s > abs_c;
-    let (short, long) = if steep { (abs_c, abs_s) } else { (abs_s, abs_c) };
-    let ratio = short / if long > 0.0 { long } else { 1.0 };
+    let short = if abs_s < abs_c { abs_s } else { abs_c };
+    let long = if abs_s > abs_c { abs_s } else { abs_c };
+    let ratio = short / if long > f32::MIN_POSITIVE { long } else { f32::MIN_POSITIVE };
     let square = ratio * ratio;
-    let mut sum = ARCTAN[9];
-    sum = sum * square + ARCTAN[8];
+    let mut sum = ARCTAN[8];
     sum = sum * square + ARCTAN[7];
     sum = sum * square + ARCTAN[6];
     sum = sum * square + ARCTAN[5];
@@ -38,10 +39,14 @@ pub fn angle_positive_rad(s: f64, c: f64) -> f64 {
     sum = sum * square + ARCTAN[1];
     sum = sum * square + ARCTAN[0];
     let octant = sum * ratio;
-    let quadrant = if steep { FRAC_PI_2 - octant } else { octant };
-    let half = if c < 0.0 { PI - quadrant } else { quadrant };
-    let turn = if s < 0.0 { TAU - half } else { half };
-    if turn < TAU { turn } else { 0.0 }
+    // Reflections at the diagonal, the s axis and the c axis each turn the sign of the octant; with u = 1 on the flat
+    // side of the diagonal and 0 on the steep one, the whole quarter turns are 2 − sign s · (1 + sign c · u).
+    let flat = if abs_s > abs_c { 0.0_f32 } else { 1.0 };
+    let (sign_s, sign_c) = (1.0_f32.copysign(s), 1.0_f32.copysign(c));
+    let quarters = 2.0 - sign_s * (1.0 + sign_c * flat);
+    let part = octant * (sign_s * sign_c) * (2.0 * flat - 1.0);
+    let angle = f64::from(quarters) * FRAC_PI_2 + f64::from(part);
+    if angle < TAU { angle } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -49,7 +54,7 @@ mod tests {
     use super::*;
 
     /// Monomial coefficients of the truncated Chebyshev series, in plain integer recurrences.
-    fn derived() -> [f64; 10] {
+    fn derived() -> [f64; 9] {
         let mut chebyshev = vec![vec![1.0_f64], vec![0.0, 1.0]];
         for n in 2..20 {
             let mut next = vec![0.0; n + 1];
@@ -62,8 +67,8 @@ mod tests {
             chebyshev.push(next);
         }
         let r = 2.0_f64.sqrt() - 1.0;
-        let mut out = [0.0; 10];
-        for k in 0..10 {
+        let mut out = [0.0; 9];
+        for k in 0..9 {
             let odd = 2 * k + 1;
             let sign = if k % 2 == 0 { 2.0 } else { -2.0 };
             let weight = sign * r.powi(odd as i32) / odd as f64;
@@ -79,7 +84,7 @@ mod tests {
     #[test]
     fn the_coefficients_are_those_of_the_chebyshev_series() {
         for (written, derived) in ARCTAN.iter().zip(derived()) {
-            assert!((written - derived).abs() < 1e-12, "{written:?} should be {derived:?}");
+            assert_eq!(*written, derived as f32);
         }
     }
 
@@ -89,12 +94,13 @@ mod tests {
         for i in 0..4_000_000_u32 {
             let angle = f64::from(i) * (TAU / 4_000_000.0);
             let radius = 1.0 + f64::from(i % 977) * 250.0;
-            let (s, c) = (crate::math::sin(angle) * radius, crate::math::cos(angle) * radius);
-            let exact = crate::math::wrap_positive_rad(crate::math::atan2(s, c));
+            let (s, c) =
+                ((crate::math::sin(angle) * radius) as f32, (crate::math::cos(angle) * radius) as f32);
+            let exact = crate::math::wrap_positive_rad(crate::math::atan2(f64::from(s), f64::from(c)));
             let error = crate::math::wrap_rad(angle_positive_rad(s, c) - exact).abs();
             worst = worst.max(error);
         }
-        assert!(worst < 2e-9, "{worst}");
+        assert!(worst < 1.5e-7, "{worst}");
     }
 
     #[test]
@@ -103,9 +109,9 @@ mod tests {
         assert_eq!(angle_positive_rad(0.0, 3.0), 0.0);
         assert_eq!(angle_positive_rad(-0.0, 3.0), 0.0);
         assert_eq!(angle_positive_rad(3.0, 0.0), FRAC_PI_2);
-        assert_eq!(angle_positive_rad(0.0, -3.0), PI);
+        assert_eq!(angle_positive_rad(0.0, -3.0), std::f64::consts::PI);
         assert_eq!(angle_positive_rad(-3.0, 0.0), 3.0 * FRAC_PI_2);
         assert_eq!(angle_positive_rad(-1e-30, 1.0), 0.0);
-        assert!(angle_positive_rad(-1e-9, 1.0) < TAU);
+        assert!((5.0..TAU).contains(&angle_positive_rad(-1e-9, 1.0)));
     }
 }

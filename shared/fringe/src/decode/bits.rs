@@ -15,7 +15,7 @@ pub struct Stripes {
     pub seen: [u16; BLOCK],
     /// Bits that the noise could have turned.
     pub unsure: [u16; BLOCK],
-    /// Half the difference between light and dark, DN.
+    /// Half the difference between light and dark, DN; zero where a sine is the threshold.
     pub contrast: [f32; BLOCK],
 }
 
@@ -72,7 +72,7 @@ impl Stripes {
                 let (sum, steps) = mean_sum.unwrap_or((&[], 1));
                 let scale = 2.0 / steps as f32;
                 for (twice, sum) in twice.iter_mut().zip(sum) {
-                    *twice = T::wide(sum * scale + 0.5);
+                    *twice = T::wide(sum * scale);
                 }
             }
             Reference::Complement(first) => {
@@ -167,6 +167,12 @@ fn complement_sum<T: Grey>(twice: &mut [T::Wide; BLOCK], view: &View<T>, one: us
     }
 }
 
+/// Nearest integer of 0 … 2²²: adding 2²³ leaves it in the low bits. A plain cast checks its range and does not vectorise.
+#[inline]
+fn whole(value: f32) -> u32 {
+    (value + 8_388_608.0).to_bits() & 0x007f_ffff
+}
+
 /// A stored grey value and the signed integer that holds sums of two of them.
 trait Grey: Copy {
     type Wide: Copy + Default + PartialOrd + Sub<Output = Self::Wide> + Neg<Output = Self::Wide>;
@@ -188,7 +194,7 @@ impl Grey for u8 {
     }
     #[inline]
     fn wide(value: f32) -> i16 {
-        value.min(1024.0) as i16
+        whole(value.min(1024.0)) as i16
     }
     #[inline]
     fn narrow(value: i16) -> f32 {
@@ -208,7 +214,7 @@ impl Grey for u16 {
     }
     #[inline]
     fn wide(value: f32) -> i32 {
-        value.min(262_144.0) as i32
+        whole(value.min(262_144.0)) as i32
     }
     #[inline]
     fn narrow(value: i32) -> f32 {

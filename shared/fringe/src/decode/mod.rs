@@ -51,11 +51,11 @@ use crate::phase::{PhaseInfo, PhaseViewMut};
 use accumulate::{Rasters, Sums};
 use neighbours::{Field, MASK};
 use noise::{Probe, QUANTISATION_DN2};
-use order::{BLOCK, Kernel, Planes, Tally, state};
+use order::{BLOCK, Kernel, Lanes, Planes, Tally, state};
 use plan::{AxisPlan, Plan, Role};
 use rayon::prelude::*;
 use std::f32::consts::TAU;
-use std::ops::AddAssign;
+use std::ops::{AddAssign, RangeInclusive};
 use std::sync::Arc;
 
 /// Largest frame, pixels.
@@ -279,6 +279,7 @@ impl Decoder {
                 height: self.height_px as usize,
                 phase_rad: out.phase_rad,
                 state: out.valid,
+                along: if axis == Axis::X { (0, 1) } else { (1, 0) },
                 reach: self.settings.neighbour_reach_px as usize,
                 spikes: self.settings.repair_spikes,
             };
@@ -343,11 +344,13 @@ fn decode_blocks(kernel: &Kernel, out: &mut PhaseViewMut) -> Tally {
     let planes = planes.zip(out.modulation.par_chunks_mut(CHUNK)).zip(out.valid.par_chunks_mut(CHUNK));
     let tallies = planes.enumerate().map(|(chunk, (((phase_rad, sigma_rad), modulation), state))| {
         let mut tally = Tally::default();
+        let mut lanes = Lanes::new();
         for first in (0..state.len()).step_by(BLOCK) {
             let part = first..(first + BLOCK).min(state.len());
             let start = chunk * CHUNK + first;
             tally += kernel.block(
                 &(start..start + part.len()),
+                &mut lanes,
                 &mut Planes {
                     phase_rad: &mut phase_rad[part.clone()],
                     sigma_rad: &mut sigma_rad[part.clone()],
@@ -419,25 +422,51 @@ fn apply(plan: &AxisPlan, correction: &[i16], out: &mut PhaseViewMut) -> Verdict
     let planes = planes.zip(out.valid.par_chunks_mut(CHUNK)).zip(correction.par_chunks(CHUNK));
     let verdicts = planes.map(|(((phase, sigma), valid), correction)| {
         let mut verdicts = Verdicts::default();
-        for (((phase, sigma), valid), correction) in phase.iter_mut().zip(sigma).zip(valid).zip(correction) {
-            let was = *valid;
-            if was == state::INVALID {
+        for first in (0..valid.len()).step_by(BLOCK) {
+            let part = first..(first + BLOCK).min(valid.len());
+            let untouched = correction[part.clone()].iter().fold(0, |any, c| any | c) == 0
+                && valid[part.clone()].iter().fold(0, |most: u8, state| most.max(*state)) <= state::SURE;
+            if untouched {
+                verdicts.valid += valid[part].iter().map(|v| u32::from(*v)).sum::<u32>() as usize;
                 continue;
             }
-            let moved = if *correction == 0 { *phase } else { *phase + TAU * f32::from(*correction) };
-            let keep = *correction != MASK && (*correction == 0 || inside.contains(&moved));
-            (*phase, *valid) = if keep { (moved, 1) } else { (f32::NAN, 0) };
-            *sigma = if keep { *sigma } else { f32::NAN };
-            verdicts.valid += usize::from(keep);
-            if was == state::SURE {
-                verdicts.spikes_repaired += usize::from(keep && *correction != 0);
-                verdicts.spikes_masked += usize::from(!keep);
-            } else {
-                verdicts.ambiguous += 1;
-                verdicts.resolved += usize::from(keep);
+            for i in part {
+                apply_one(
+                    correction[i],
+                    &inside,
+                    (&mut phase[i], &mut sigma[i], &mut valid[i]),
+                    &mut verdicts,
+                );
             }
         }
         verdicts
     });
     verdicts.reduce(Verdicts::default, sum)
+}
+
+fn apply_one(
+    correction: i16,
+    inside: &RangeInclusive<f32>,
+    (phase, sigma, valid): (&mut f32, &mut f32, &mut u8),
+    verdicts: &mut Verdicts,
+) {
+    let was = *valid;
+    if was == state::INVALID {
+        return;
+    }
+    let moved = if correction == 0 { *phase } else { *phase + TAU * f32::from(correction) };
+    let keep = correction != MASK && (correction == 0 || inside.contains(&moved));
+    if keep {
+        (*phase, *valid) = (moved, 1);
+    } else {
+        (*phase, *sigma, *valid) = (f32::NAN, f32::NAN, 0);
+    }
+    verdicts.valid += usize::from(keep);
+    if was == state::SURE {
+        verdicts.spikes_repaired += usize::from(keep && correction != 0);
+        verdicts.spikes_masked += usize::from(!keep);
+    } else {
+        verdicts.ambiguous += 1;
+        verdicts.resolved += usize::from(keep);
+    }
 }

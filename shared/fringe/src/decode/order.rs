@@ -37,6 +37,8 @@ const ROUND: f64 = 6_755_399_441_055_744.0;
 const CODE_EDGE_PERIODS: f64 = 0.2;
 /// ln of the odds 10⁴ : 1 that make the nearer of two orders certain.
 const LOG_ODDS: f64 = 9.2;
+/// Pixels that are checked at once for the need of a closer look.
+const EYES: usize = 16;
 /// More uncertain bits than this are not tried in all combinations.
 const MOST_UNSURE_BITS: u32 = 4;
 
@@ -91,47 +93,84 @@ pub struct Kernel<'a> {
     pub least_modulation_dn: f32,
 }
 
-/// One block of intermediate values.
-struct Lanes {
+/// Intermediate values of one block.
+pub struct Lanes {
     phase_rad: [[f64; BLOCK]; MAX_SINES],
     least_modulation: [f32; BLOCK],
     coordinate_px: [f64; BLOCK],
     doubt: [u8; BLOCK],
+    look: [u8; BLOCK],
+    stripes: Stripes,
+}
+
+impl Lanes {
+    /// Zeros; made once per parallel job.
+    pub fn new() -> Self {
+        Self {
+            phase_rad: [[0.0; BLOCK]; MAX_SINES],
+            least_modulation: [0.0; BLOCK],
+            coordinate_px: [0.0; BLOCK],
+            doubt: [0; BLOCK],
+            look: [0; BLOCK],
+            stripes: Stripes::new(),
+        }
+    }
 }
 
 impl Kernel<'_> {
     /// Decodes the pixels in `range` (at most [`BLOCK`]) with the chain of the plan.
-    pub fn block(&self, range: &Range<usize>, out: &mut Planes) -> Tally {
-        let Some(chain) = &self.plan.chain else { return self.code_block(range, out) };
+    pub fn block(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) -> Tally {
+        let Some(chain) = &self.plan.chain else { return self.code_block(range, &mut lanes.stripes, out) };
         let count = range.len();
-        let mut lanes = Lanes {
-            phase_rad: [[0.0; BLOCK]; MAX_SINES],
-            least_modulation: [f32::INFINITY; BLOCK],
-            coordinate_px: [0.5 * (self.plan.extent_px - 1.0); BLOCK],
-            doubt: [state::SURE; BLOCK],
-        };
-        let tally = self.wrapped(range, &mut lanes, out);
-        let mut stripes = Stripes::new();
+        lanes.least_modulation.fill(f32::INFINITY);
+        lanes.doubt.fill(state::SURE);
+        let tally = self.wrapped(range, lanes, out);
         if let Some(code) = &self.plan.code {
-            self.read_code(code, range, &mut stripes);
-            for (c, number) in lanes.coordinate_px[..count].iter_mut().zip(&stripes.number) {
+            self.read_code(code, range, &mut lanes.stripes);
+            for (c, number) in lanes.coordinate_px[..count].iter_mut().zip(&lanes.stripes.number) {
                 *c = centre_px(code, *number);
             }
+        } else {
+            lanes.coordinate_px.fill(0.5 * (self.plan.extent_px - 1.0));
         }
         for (index, stage) in chain.stages.iter().enumerate() {
             let limits = self.limits(chain, index);
-            follow(stage, &limits, &mut lanes, out.sigma_rad, count);
+            follow(stage, &limits, lanes, out.sigma_rad, count);
         }
-        for i in 0..count {
-            if out.state[i] != state::INVALID {
-                if self.plan.code.is_some() && stripes.unsure[i] != 0 {
-                    self.question_bits(chain, &mut lanes, &stripes, i);
-                }
-                self.keep_inside(chain, &mut lanes, i, out.sigma_rad[i]);
+        self.look_closer(chain, lanes, out);
+        self.write(lanes, out);
+        tally
+    }
+
+    /// Uncertain bits and the edges of the projector, which few pixels have.
+    fn look_closer(&self, chain: &Chain, lanes: &mut Lanes, out: &Planes) {
+        let slack_px = self.slack_px(self.settings.max_sigma_rad as f32);
+        let (low, high) = (slack_px - 0.5, self.plan.extent_px - 0.5 - slack_px);
+        let pixels = lanes.coordinate_px.iter().zip(&*out.state);
+        for (look, (x, state)) in lanes.look.iter_mut().zip(pixels) {
+            *look = u8::from((*x < low) | (*x > high)) & *state;
+        }
+        if self.plan.code.is_some() {
+            for (look, (unsure, state)) in
+                lanes.look.iter_mut().zip(lanes.stripes.unsure.iter().zip(&*out.state))
+            {
+                *look |= u8::from(*unsure != 0) & *state;
             }
         }
-        self.write(&lanes, out);
-        tally
+        for first in (0..out.state.len()).step_by(EYES) {
+            let part = first..(first + EYES).min(out.state.len());
+            if lanes.look[part.clone()].iter().fold(0, |any, look| any | look) == 0 {
+                continue;
+            }
+            for i in part {
+                if lanes.look[i] != 0 {
+                    if self.plan.code.is_some() && lanes.stripes.unsure[i] != 0 {
+                        self.question_bits(chain, lanes, i);
+                    }
+                    self.keep_inside(chain, lanes, i, out.sigma_rad[i]);
+                }
+            }
+        }
     }
 
     /// Wrapped phases, modulation and uncertainty; marks what is masked.
@@ -141,7 +180,7 @@ impl Kernel<'_> {
             let (cos, sin) = (&sums.cos[range.clone()], &sums.sin[range.clone()]);
             let scale = 2.0 / self.steps[*slot] as f32;
             for ((phase, c), s) in lanes.phase_rad[j].iter_mut().zip(cos).zip(sin) {
-                *phase = angle_positive_rad(f64::from(*s), f64::from(*c));
+                *phase = angle_positive_rad(*s, *c);
             }
             for ((b, c), s) in out.modulation.iter_mut().zip(cos).zip(sin) {
                 *b = scale * (c * c + s * s).sqrt();
@@ -213,9 +252,9 @@ impl Kernel<'_> {
 
     /// Tries the other values of the uncertain bits: where one of them leads to another order that the phase does not
     /// exclude, the order is open.
-    fn question_bits(&self, chain: &Chain, lanes: &mut Lanes, stripes: &Stripes, i: usize) {
+    fn question_bits(&self, chain: &Chain, lanes: &mut Lanes, i: usize) {
         let (Some(code), Some(first)) = (&self.plan.code, chain.stages.first()) else { return };
-        let unsure = stripes.unsure[i];
+        let (seen, unsure) = (lanes.stripes.seen[i], lanes.stripes.unsure[i]);
         if unsure.count_ones() > MOST_UNSURE_BITS {
             lanes.doubt[i] = state::OPEN;
             return;
@@ -223,7 +262,7 @@ impl Kernel<'_> {
         let most_px = (0.5 * code.stripe_px + CODE_EDGE_PERIODS * first.period_px).min(0.5 * first.period_px);
         let mut flips = unsure;
         while flips != 0 {
-            let c = centre_px(code, resolve(stripes.seen[i] ^ flips, code.code));
+            let c = centre_px(code, resolve(seen ^ flips, code.code));
             let x = follow_one(first, lanes, i, c);
             let other = chain.stages[1..].iter().fold(x, |x, stage| follow_one(stage, lanes, i, x));
             let inside = other > -1.0 && other < self.plan.extent_px;
@@ -281,18 +320,17 @@ impl Kernel<'_> {
     }
 
     /// A code without sines: centre of the stripe, uniform within it.
-    fn code_block(&self, range: &Range<usize>, out: &mut Planes) -> Tally {
+    fn code_block(&self, range: &Range<usize>, stripes: &mut Stripes, out: &mut Planes) -> Tally {
         let mut tally = Tally::default();
         let Some(code) = &self.plan.code else { return tally };
-        let mut stripes = Stripes::new();
-        self.read_code(code, range, &mut stripes);
+        self.read_code(code, range, stripes);
         let (scale, sigma) = (TAU / code.stripe_px, (TAU / 12.0_f64.sqrt()) as f32);
         for i in 0..range.len() {
             let x = centre_px(code, stripes.number[i]);
             let contrast = stripes.contrast[i];
             let lit = contrast >= self.least_modulation_dn && contrast > 0.0;
             let known =
-                lit && x < self.plan.extent_px + 0.5 * code.stripe_px && neighbours_only(code, &stripes, i);
+                lit && x < self.plan.extent_px + 0.5 * code.stripe_px && neighbours_only(code, stripes, i);
             tally.dark += usize::from(!lit);
             tally.noisy += usize::from(lit && !known);
             out.modulation[i] = contrast.max(0.0);

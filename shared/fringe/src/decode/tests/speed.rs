@@ -17,7 +17,7 @@ fn decode_speed() {
             let mut map = PhaseMap::new(decoder.info(Axis::X).unwrap());
             let scale = 1.0 / (1124.0 * 750.0);
             let (mut push_ns, mut finish_ns) = (f64::INFINITY, f64::INFINITY);
-            for _ in 0..15 {
+            for _ in 0..60 {
                 decoder.begin();
                 let start = Instant::now();
                 frames.iter().enumerate().for_each(|(i, f)| decoder.push(i, &f.view()).unwrap());
