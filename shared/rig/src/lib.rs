@@ -20,3 +20,4 @@ pub mod rig_file;
 mod sequence;
 #[cfg(test)]
 mod testing;
+pub mod trace;
