@@ -17,14 +17,14 @@
 //! stripe k of a code gives c = k s + s/2 − 1/2 (its centre: a code edge lies half a column before the phase zero), a
 //! longer period or a beat gives its own coordinate ([`chain`]). With stripes of half a period the two differ by at most
 //! p/4 where p/2 would be harmful, so neither blur nor noise at the code's edges makes a jump. With stripes of a whole
-//! period no margin is left at the edges; pixels there are settled by their neighbours or masked ([`neighbours`]).
+//! period no margin is left at the edges; pixels there are settled by their neighbours or masked (`neighbours`).
 //!
 //! The result is the phase of the finest sine of an axis; the coarser ones only give its order. A code without
 //! sines gives the centre of its stripe with the uncertainty s/√12. Sets that tell nothing more (stair, ramp, random,
 //! superfluous codes) are named in the report.
 //!
 //! # Uncertainty
-//! σ_φ = √(2/N) σ_I / B with σ_I² = read² + gain · A from the residuals of the fit ([`noise`]), from the settings, or
+//! σ_φ = √(2/N) σ_I / B with σ_I² = read² + gain · A from the residuals of the fit (`noise`), from the settings, or
 //! assumed. For N = 3 shot noise adds a term that alternates with 3φ; its mean is zero and it is left out.
 
 mod accumulate;
@@ -40,6 +40,7 @@ mod report;
 mod settings;
 #[cfg(test)]
 mod tests;
+mod verdict;
 
 pub use error::DecodeError;
 pub use report::{DecodeReport, NoiseModel, NoiseSource};
@@ -49,14 +50,13 @@ use crate::frame::{FrameView, Pixels};
 use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseViewMut};
 use accumulate::{Rasters, Sums};
-use neighbours::{Field, MASK};
+use neighbours::Field;
 use noise::{Probe, QUANTISATION_DN2};
-use order::{BLOCK, Kernel, Lanes, Planes, Tally, state};
+use order::{BLOCK, Kernel, Lanes, Planes, Tally};
 use plan::{AxisPlan, Plan, Role};
 use rayon::prelude::*;
-use std::f32::consts::TAU;
-use std::ops::{AddAssign, RangeInclusive};
 use std::sync::Arc;
+use verdict::{Verdicts, apply, correct_rows, sum};
 
 /// Largest frame, pixels.
 pub const MAX_PIXELS: usize = 1 << 27;
@@ -67,8 +67,6 @@ pub const MAX_SINES: usize = 6;
 
 /// Pixels of one parallel job in `finish`; fixed, so that the work is cut the same way on every machine.
 const CHUNK: usize = 64 * BLOCK;
-/// Rows of one parallel job of the neighbour pass.
-const ROWS: usize = 16;
 
 /// Decodes the frames of one camera under one projector, sequence after sequence.
 #[derive(Debug)]
@@ -286,7 +284,7 @@ impl Decoder {
             correct_rows(&field, &mut self.correction);
             apply(plan, &self.correction, out)
         } else {
-            Verdicts { valid: out.valid.iter().map(|v| usize::from(*v)).sum(), ..Verdicts::default() }
+            Verdicts::of_mask(out.valid)
         };
         Ok(verdicts.report(tally, kernel.noise, Arc::clone(&gathered.ignored)))
     }
@@ -362,111 +360,4 @@ fn decode_blocks(kernel: &Kernel, out: &mut PhaseViewMut) -> Tally {
         tally
     });
     tallies.reduce(Tally::default, sum)
-}
-
-fn correct_rows(field: &Field, correction: &mut [i16]) {
-    correction
-        .par_chunks_mut(ROWS * field.width)
-        .enumerate()
-        .for_each(|(chunk, lines)| field.correct(chunk * ROWS, lines));
-}
-
-/// What became of the orders.
-#[derive(Debug, Clone, Copy, Default)]
-struct Verdicts {
-    valid: usize,
-    ambiguous: usize,
-    resolved: usize,
-    spikes_repaired: usize,
-    spikes_masked: usize,
-}
-
-impl AddAssign for Verdicts {
-    fn add_assign(&mut self, other: Self) {
-        self.valid += other.valid;
-        self.ambiguous += other.ambiguous;
-        self.resolved += other.resolved;
-        self.spikes_repaired += other.spikes_repaired;
-        self.spikes_masked += other.spikes_masked;
-    }
-}
-
-impl Verdicts {
-    fn report(self, tally: Tally, noise: NoiseModel, ignored: Arc<[String]>) -> DecodeReport {
-        DecodeReport {
-            valid: self.valid,
-            saturated: tally.saturated,
-            dark: tally.dark,
-            noisy: tally.noisy,
-            ambiguous: self.ambiguous,
-            resolved: self.resolved,
-            spikes_repaired: self.spikes_repaired,
-            spikes_masked: self.spikes_masked,
-            noise,
-            ignored,
-        }
-    }
-}
-
-fn sum<T: AddAssign>(mut a: T, b: T) -> T {
-    a += b;
-    a
-}
-
-/// Applies the corrections; states become the validity mask.
-fn apply(plan: &AxisPlan, correction: &[i16], out: &mut PhaseViewMut) -> Verdicts {
-    // One pixel beyond the projector's edge is noise, more is a wrong order.
-    let scale = std::f64::consts::TAU / plan.period_px;
-    let inside = ((-1.5 * scale) as f32)..=(((plan.extent_px + 0.5) * scale) as f32);
-    let planes = out.phase_rad.par_chunks_mut(CHUNK).zip(out.sigma_rad.par_chunks_mut(CHUNK));
-    let planes = planes.zip(out.valid.par_chunks_mut(CHUNK)).zip(correction.par_chunks(CHUNK));
-    let verdicts = planes.map(|(((phase, sigma), valid), correction)| {
-        let mut verdicts = Verdicts::default();
-        for first in (0..valid.len()).step_by(BLOCK) {
-            let part = first..(first + BLOCK).min(valid.len());
-            let untouched = correction[part.clone()].iter().fold(0, |any, c| any | c) == 0
-                && valid[part.clone()].iter().fold(0, |most: u8, state| most.max(*state)) <= state::SURE;
-            if untouched {
-                verdicts.valid += valid[part].iter().map(|v| u32::from(*v)).sum::<u32>() as usize;
-                continue;
-            }
-            for i in part {
-                apply_one(
-                    correction[i],
-                    &inside,
-                    (&mut phase[i], &mut sigma[i], &mut valid[i]),
-                    &mut verdicts,
-                );
-            }
-        }
-        verdicts
-    });
-    verdicts.reduce(Verdicts::default, sum)
-}
-
-fn apply_one(
-    correction: i16,
-    inside: &RangeInclusive<f32>,
-    (phase, sigma, valid): (&mut f32, &mut f32, &mut u8),
-    verdicts: &mut Verdicts,
-) {
-    let was = *valid;
-    if was == state::INVALID {
-        return;
-    }
-    let moved = if correction == 0 { *phase } else { *phase + TAU * f32::from(correction) };
-    let keep = correction != MASK && (correction == 0 || inside.contains(&moved));
-    if keep {
-        (*phase, *valid) = (moved, 1);
-    } else {
-        (*phase, *sigma, *valid) = (f32::NAN, f32::NAN, 0);
-    }
-    verdicts.valid += usize::from(keep);
-    if was == state::SURE {
-        verdicts.spikes_repaired += usize::from(keep && correction != 0);
-        verdicts.spikes_masked += usize::from(!keep);
-    } else {
-        verdicts.ambiguous += 1;
-        verdicts.resolved += usize::from(keep);
-    }
 }
