@@ -18,6 +18,7 @@ pub mod cloud;
 pub mod decode;
 pub mod fit;
 pub mod frame;
+pub mod fusion;
 pub mod inspection;
 pub mod matching;
 pub mod math;
@@ -25,8 +26,10 @@ mod normals;
 mod parallel;
 pub mod pattern;
 pub mod phase;
+pub mod projector;
 pub mod rectify;
 pub mod rig;
 pub mod surface;
+pub mod triangulate;
 #[cfg(test)]
 mod testing;

@@ -199,6 +199,7 @@ mod tests {
             pitch: PITCH,
             world_from_sight: Matrix3::identity(),
             origin_mm: Point3::origin(),
+            other_mm: Vector3::zeros(),
         }
     }
 

@@ -16,6 +16,7 @@
 //! region of n points varies as (σ²_left + σ²_right)/n whatever the interpolation, 1.6 times the variance that single
 //! points suggest for the quadratic (w = 0.242 in the mean).
 
+mod axis;
 #[cfg(test)]
 mod figures;
 mod rows;
@@ -30,8 +31,9 @@ use crate::cloud::Point;
 use crate::parallel::for_parts;
 use crate::pattern::Axis;
 use crate::phase::PhaseView;
-use crate::rectify::{NO_PIXEL, Rectification, RectifiedGrid, RectifyError, range};
+use crate::rectify::{Rectification, RectifiedGrid, RectifyError, range};
 use crate::surface::{Sample, SurfaceBuilder, SurfaceReport, SurfaceSettings, View};
+use nalgebra::Vector3;
 use rows::{Row, StepLimits};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -140,6 +142,14 @@ pub enum MatchError {
         /// Of the right map.
         right: Axis,
     },
+    /// A map tells the other axis than the one it was given for.
+    #[error("a phase map of projector axis {found:?} was given for axis {wanted:?}")]
+    WrongAxis {
+        /// What it was given for.
+        wanted: Axis,
+        /// What it tells.
+        found: Axis,
+    },
     /// The maps have different fringe periods.
     #[error(
         "the left phase map has a period of {left_px} projector px, the right one {right_px}: both must be decoded \
@@ -179,7 +189,7 @@ pub struct MatchReport {
     pub discontinuous: u32,
     /// Of the points, how many were read bilinearly for want of a 4 × 4 neighbourhood (before support is judged).
     pub bilinear: u32,
-    /// Dropped as spikes or crumbs, and points.
+    /// Dropped as spikes, crumbs or steep, and points.
     pub surface: SurfaceReport,
     /// Points written: `surface.points`.
     pub points: u32,
@@ -199,7 +209,9 @@ pub struct Matcher {
     /// First element of each part in `order`.
     parts: Vec<usize>,
     tasks: Vec<Task>,
-    /// Right phase with NaN where masked, for the fine stage.
+    /// Left phase with NaN where masked.
+    left_phase: Vec<f32>,
+    /// Right phase with NaN where masked.
     right_phase: Vec<f32>,
     /// In the sequence of `order`.
     hits: Vec<Sample>,
@@ -250,6 +262,7 @@ impl Matcher {
             right_grid,
             parts,
             tasks,
+            left_phase: vec![f32::NAN; columns * rows],
             right_phase: vec![f32::NAN; right.width_px as usize * right.height_px as usize],
             hits: vec![Sample::NONE; order.len()],
             order,
@@ -278,9 +291,8 @@ impl Matcher {
         out: &mut [Point],
     ) -> Result<MatchReport, MatchError> {
         self.check(left, right, out.len())?;
-        for (index, masked) in self.right_phase.iter_mut().enumerate() {
-            *masked = usable(right, index);
-        }
+        mask(left, &mut self.left_phase);
+        mask(right, &mut self.right_phase);
         let mut report = self.match_rows(left, right);
         self.samples.fill(Sample::NONE);
         for (pixel, hit) in self.order.iter().zip(&self.hits) {
@@ -293,6 +305,7 @@ impl Matcher {
             pitch: 1.0 / self.pair.focal_px,
             world_from_sight: self.pair.world_from_rectified,
             origin_mm: self.pair.origin_mm,
+            other_mm: Vector3::new(self.pair.baseline_mm, 0.0, 0.0),
         };
         report.surface = self.surface.build(&view, &mut self.samples, pair, out);
         report.points = report.surface.points;
@@ -306,6 +319,7 @@ impl Matcher {
             settings: &self.settings,
             left_grid: &self.left_grid,
             right_grid: &self.right_grid,
+            left_phase: &self.left_phase,
             right_phase: RightPhase {
                 phase_rad: &self.right_phase,
                 sigma_rad: right.sigma_rad,
@@ -349,22 +363,7 @@ impl MatchSettings {
         if let Some((key, value, limits)) = self.surface.fault() {
             return Err(MatchError::Setting { key, value, limits });
         }
-        if let Some([near, far]) = self.depth_mm {
-            if !(near.is_finite() && near > 0.0) {
-                return Err(MatchError::Setting {
-                    key: "depth_mm[0]",
-                    value: near,
-                    limits: "a positive number",
-                });
-            }
-            if !(far.is_finite() && far > near) {
-                return Err(MatchError::Setting {
-                    key: "depth_mm[1]",
-                    value: far,
-                    limits: "larger than depth_mm[0]",
-                });
-            }
-        }
+        check_depth(self.depth_mm)?;
         let positive = [
             ("max_step_px", self.max_step_px),
             ("max_back_step_px", self.max_back_step_px),
@@ -405,6 +404,22 @@ impl Task {
     }
 }
 
+/// Checks the limits of the depth.
+pub(crate) fn check_depth(depth_mm: Option<[f64; 2]>) -> Result<(), MatchError> {
+    let Some([near, far]) = depth_mm else { return Ok(()) };
+    if !(near.is_finite() && near > 0.0) {
+        return Err(MatchError::Setting { key: "depth_mm[0]", value: near, limits: "a positive number" });
+    }
+    if !(far.is_finite() && far > near) {
+        return Err(MatchError::Setting {
+            key: "depth_mm[1]",
+            value: far,
+            limits: "larger than depth_mm[0]",
+        });
+    }
+    Ok(())
+}
+
 /// Checks that a map has the size of its camera and complete planes.
 pub(crate) fn check_map(side: &'static str, map: &PhaseView, camera: &Camera) -> Result<(), MatchError> {
     let map_px = [map.info.width_px, map.info.height_px];
@@ -429,11 +444,13 @@ pub(crate) fn check_map(side: &'static str, map: &PhaseView, camera: &Camera) ->
     Ok(())
 }
 
-/// The phase of a pixel, or NaN where the mask, the phase or its uncertainty forbids its use.
-#[inline]
-pub(crate) fn usable(map: &PhaseView, index: usize) -> f32 {
-    let (phase, sigma) = (map.phase_rad[index], map.sigma_rad[index]);
-    if map.valid[index] != 0 && phase.is_finite() && sigma.is_finite() { phase } else { f32::NAN }
+/// Copies the phase, with NaN where the mask, the phase or its uncertainty forbids its use.
+pub(crate) fn mask(map: &PhaseView, out: &mut [f32]) {
+    let planes = map.phase_rad.iter().zip(map.sigma_rad).zip(map.valid);
+    for (((phase, sigma), valid), out) in planes.zip(out) {
+        let usable = *valid != 0 && phase.is_finite() && sigma.is_finite();
+        *out = if usable { *phase } else { f32::NAN };
+    }
 }
 
 /// First ordinate and number of the rectified rows that both views share; no rows where they share none.
@@ -483,6 +500,7 @@ struct Scan<'a> {
     settings: &'a MatchSettings,
     left_grid: &'a RectifiedGrid,
     right_grid: &'a RectifiedGrid,
+    left_phase: &'a [f32],
     right_phase: RightPhase<'a>,
     directions: &'a [[f64; 2]],
     left: PhaseView<'a>,
@@ -497,7 +515,7 @@ impl Scan<'_> {
         for (pixel, hit) in pixels.iter().zip(hits) {
             let pixel = *pixel as usize;
             *hit = Sample::NONE;
-            let phase = usable(&self.left, pixel);
+            let phase = self.left_phase[pixel];
             if phase.is_nan() {
                 continue;
             }
@@ -523,14 +541,13 @@ impl Scan<'_> {
     }
 
     fn load(&self, row: usize, task: &mut Task) {
-        let cells = |grid: &'_ RectifiedGrid| row * grid.width..(row + 1) * grid.width;
-        let seen = |index: &u32, phase: &dyn Fn(usize) -> f32| {
-            if *index == NO_PIXEL { f32::NAN } else { phase(*index as usize) }
+        let gather = |grid: &RectifiedGrid, phase: &[f32], out: &mut Row| {
+            let cells = &grid.index[row * grid.width..(row + 1) * grid.width];
+            // NO_PIXEL lies beyond any image.
+            out.fill(cells.iter().map(|i| phase.get(*i as usize).copied().unwrap_or(f32::NAN)), self.limits);
         };
-        let right = &self.right_grid.index[cells(self.right_grid)];
-        task.right.fill(right.iter().map(|i| seen(i, &|p| self.right_phase.phase_rad[p])), self.limits);
-        let left = &self.left_grid.index[cells(self.left_grid)];
-        task.left.fill(left.iter().map(|i| seen(i, &|p| usable(&self.left, p))), self.limits);
+        gather(self.right_grid, self.right_phase.phase_rad, &mut task.right);
+        gather(self.left_grid, self.left_phase, &mut task.left);
     }
 
     fn pixel(&self, pixel: usize, phase: f32, task: &mut Task) -> Result<(Sample, bool), Miss> {

@@ -5,7 +5,7 @@
 //! interpolation has on curved surfaces, and with less noise (see [`Patch::variance_factor`]). Elsewhere it is
 //! bilinear over 2 × 2 pixels. Nothing is interpolated across a mask edge or a jump.
 
-use crate::rectify::EpipolarCurve;
+use crate::rectify::{CurvePoint, EpipolarCurve};
 use serde::{Deserialize, Serialize};
 
 /// How the right phase is read between pixels.
@@ -39,7 +39,10 @@ const CELL_MARGIN: f64 = 0.1;
 /// The fine solution may lie this far from the coarse one, px: rounding to rows and columns moves it by less.
 const MAX_SHIFT_PX: f64 = 2.5;
 
-/// Exact evaluations of the curve per point; the second one already agrees to 1e-6 px.
+/// A step shorter than this ends the search, px: Newton's next one would be its square.
+const SETTLED_PX: f64 = 1e-3;
+
+/// Exact evaluations of the curve per point.
 const MAX_STEPS: usize = 5;
 
 /// The right view, masked: phase is NaN where it may not be used.
@@ -78,7 +81,10 @@ pub(super) struct Patch {
 
 /// Finds the crossing nearest to the coarse abscissa; `None` where no continuous surface supports one.
 ///
-/// `pitch` is the rectified length of a pixel, `sigma` the left phase's uncertainty.
+/// `pitch` is the rectified length of a pixel. Each step solves the local model along the tangent, then the curve is
+/// evaluated exactly at the solution; the tangent errs by 1e-5 px over a third of a pixel, so the second evaluation
+/// already agrees.
+#[inline]
 pub(super) fn solve(
     right: &RightPhase,
     curve: &EpipolarCurve,
@@ -88,55 +94,87 @@ pub(super) fn solve(
     interpolation: Interpolation,
 ) -> Option<Crossing> {
     let mut x = coarse;
-    let mut cell = None;
+    let mut model: Option<Model> = None;
     for _ in 0..MAX_STEPS {
         let at = curve.at(x);
-        let (column, row, xi, eta) = right.cell(at.pixel, cell)?;
-        let (patch, pixel) = right.patch(column, row, [xi, eta], at.tangent, wanted, interpolation)?;
-        cell = Some((column, row));
-        let (value, slope) = patch.along([xi, eta], at.tangent);
-        let step = -value / slope;
+        let kept = model.and_then(|m| Some((m, m.offset(at.pixel)?)));
+        let (current, offset) = match kept {
+            // Only the cubic model depends on the place in its cell.
+            Some(kept) if interpolation != Interpolation::Cubic => kept,
+            _ => right.model(&at, kept.map(|(m, _)| m), wanted, interpolation)?,
+        };
+        model = Some(current);
+        let (step, slope) = current.patch.step(offset, at.tangent);
         // A vanishing slope gives an infinite step, or NaN: no crossing.
         let sane = step.abs() <= 2.0 * MAX_SHIFT_PX * pitch;
         if !sane {
             return None;
         }
         x += step;
-        if step.abs() < 1e-3 * pitch {
-            let sigma = f64::from(right.sigma_rad[pixel]);
-            let variance = patch.variance_factor(xi, eta) * sigma * sigma;
+        if step.abs() < SETTLED_PX * pitch {
             let near = (x - coarse).abs() <= MAX_SHIFT_PX * pitch;
-            return near.then_some(Crossing {
+            let pixel = right.nearest(current.column, current.row, offset);
+            let sigma = f64::from(right.sigma_rad[pixel]);
+            return near.then(|| Crossing {
                 x,
                 slope,
-                variance,
+                variance: current.patch.variance_factor(offset[0], offset[1]) * sigma * sigma,
                 pixel,
-                bilinear: patch.kind == Interpolation::Bilinear,
+                bilinear: current.patch.kind == Interpolation::Bilinear,
             });
         }
     }
     None
 }
 
-impl RightPhase<'_> {
-    /// The 2 × 2 cell of a place (its top-left pixel) and the offset from the cell's centre. The last cell is kept
-    /// while the place stays close to it, or the walk between two cells would never end.
+/// The patch of a 2 × 2 cell, named by its top-left pixel.
+#[derive(Debug, Clone, Copy)]
+struct Model {
+    column: usize,
+    row: usize,
+    patch: Patch,
+}
+
+impl Model {
+    /// Offset of a place from the centre of the cell; `None` when it lies in another cell. A margin keeps the search
+    /// from going to and fro between two cells.
     #[inline]
-    fn cell(&self, pixel: [f64; 2], last: Option<(usize, usize)>) -> Option<(usize, usize, f64, f64)> {
+    fn offset(&self, pixel: [f64; 2]) -> Option<[f64; 2]> {
+        let offset = [pixel[0] - self.column as f64 - 0.5, pixel[1] - self.row as f64 - 0.5];
+        (offset[0].abs() <= 0.5 + CELL_MARGIN && offset[1].abs() <= 0.5 + CELL_MARGIN).then_some(offset)
+    }
+}
+
+impl RightPhase<'_> {
+    /// The model at a place, in the cell of `kept` if there is one.
+    #[inline]
+    fn model(
+        &self,
+        at: &CurvePoint,
+        kept: Option<Model>,
+        wanted: f32,
+        interpolation: Interpolation,
+    ) -> Option<(Model, [f64; 2])> {
+        let (column, row) = kept.map_or_else(|| self.cell(at.pixel), |m| Some((m.column, m.row)))?;
+        let offset = [at.pixel[0] - column as f64 - 0.5, at.pixel[1] - row as f64 - 0.5];
+        let patch = self.patch(column, row, offset, at.tangent, wanted, interpolation)?;
+        Some((Model { column, row, patch }, offset))
+    }
+
+    /// The top-left pixel of the 2 × 2 cell of a place. The last column and row are the ends of their last cell.
+    #[inline]
+    fn cell(&self, pixel: [f64; 2]) -> Option<(usize, usize)> {
         let [u, v] = pixel;
-        if let Some((column, row)) = last {
-            let (xi, eta) = (u - column as f64 - 0.5, v - row as f64 - 0.5);
-            if xi.abs() <= 0.5 + CELL_MARGIN && eta.abs() <= 0.5 + CELL_MARGIN {
-                return Some((column, row, xi, eta));
-            }
-        }
-        // NaN fails these comparisons. The last column and row are the ends of their last cell.
         let (right, bottom) = (self.width as f64 - 1.0, self.height as f64 - 1.0);
-        if !(u >= 0.0 && v >= 0.0 && u <= right && v <= bottom) || self.width < 2 || self.height < 2 {
-            return None;
-        }
-        let (column, row) = ((u as usize).min(self.width - 2), (v as usize).min(self.height - 2));
-        Some((column, row, u - column as f64 - 0.5, v - row as f64 - 0.5))
+        // NaN fails these comparisons.
+        let inside = u >= 0.0 && v >= 0.0 && u <= right && v <= bottom && self.width >= 2 && self.height >= 2;
+        inside.then(|| ((u as usize).min(self.width - 2), (v as usize).min(self.height - 2)))
+    }
+
+    /// The pixel of a cell that is nearest to a place in it.
+    #[inline]
+    fn nearest(&self, column: usize, row: usize, offset: [f64; 2]) -> usize {
+        (row + usize::from(offset[1] > 0.0)) * self.width + column + usize::from(offset[0] > 0.0)
     }
 
     #[inline]
@@ -148,24 +186,17 @@ impl RightPhase<'_> {
         tangent: [f64; 2],
         wanted: f32,
         interpolation: Interpolation,
-    ) -> Option<(Patch, usize)> {
-        let nearest =
-            (row + usize::from(offset[1] > 0.0)) * self.width + column + usize::from(offset[0] > 0.0);
+    ) -> Option<Patch> {
         let inner = column >= 1 && row >= 1 && column + 2 < self.width && row + 2 < self.height;
         if inner && interpolation != Interpolation::Bilinear {
             let samples = self.gather(column, row, wanted);
-            // The nearest pixel may be invalid only if the samples have a NaN, which the test of roughness refuses.
-            let smooth = Patch::quadratic(&samples, self.sigma_rad[nearest]);
-            if let Some(patch) = smooth {
-                let chosen = if interpolation == Interpolation::Cubic {
-                    Patch::cubic(&samples, offset)
-                } else {
-                    patch
-                };
-                return Some((chosen, nearest));
+            let sigma = self.sigma_rad[self.nearest(column, row, offset)];
+            if let Some(patch) = Patch::quadratic(&samples, sigma) {
+                let cubic = interpolation == Interpolation::Cubic;
+                return Some(if cubic { Patch::cubic(&samples, offset) } else { patch });
             }
         }
-        Some((self.bilinear(column, row, tangent, wanted)?, nearest))
+        self.bilinear(column, row, tangent, wanted)
     }
 
     /// The 4 × 4 samples around a cell, less the wanted phase.
@@ -282,6 +313,16 @@ impl Patch {
         let gx = bx + 2.0 * cxx * xi + cxy * eta;
         let gy = by + 2.0 * cyy * eta + cxy * xi;
         (value, gx * tangent[0] + gy * tangent[1])
+    }
+
+    /// Two Newton steps along a tangent to where the model vanishes, and the slope there.
+    #[inline]
+    fn step(&self, offset: [f64; 2], tangent: [f64; 2]) -> (f64, f64) {
+        let (value, slope) = self.along(offset, tangent);
+        let first = -value / slope;
+        let moved = [offset[0] + first * tangent[0], offset[1] + first * tangent[1]];
+        let (value, slope) = self.along(moved, tangent);
+        (first - value / slope, slope)
     }
 
     /// Sum of squared weights: the variance of the read phase over that of a pixel.

@@ -24,7 +24,11 @@ fn matched(
     let report = matcher.run(&left.view(), &right.view(), 3, &mut points).unwrap();
     let lost = report.unmatched + report.ambiguous + report.inconsistent + report.discontinuous;
     let surface = report.surface;
-    assert_eq!(report.valid, lost + surface.spikes + surface.crumbs + report.points, "{report:?}");
+    assert_eq!(
+        report.valid,
+        lost + surface.spikes + surface.crumbs + surface.steep + report.points,
+        "{report:?}"
+    );
     points.truncate(report.points as usize);
     (points, report)
 }

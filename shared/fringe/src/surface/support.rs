@@ -114,7 +114,7 @@ fn find(parents: &mut [u32], mut node: u32) -> u32 {
 mod tests {
     use super::super::SurfaceSettings;
     use super::*;
-    use nalgebra::{Matrix3, Point3};
+    use nalgebra::{Matrix3, Point3, Vector3};
 
     const LINK: Link = Link { max_step: 0.01 };
 
@@ -142,6 +142,7 @@ mod tests {
             pitch: 0.001,
             world_from_sight: Matrix3::identity(),
             origin_mm: Point3::origin(),
+            other_mm: Vector3::zeros(),
         };
         let spikes = builder.drop_spikes(&view, &mut samples, LINK);
         let crumbs = builder.drop_crumbs(width, &mut samples, LINK);

@@ -1,0 +1,151 @@
+//! Fusion against closed forms.
+
+use super::*;
+use crate::matching::{MatchSettings, Matcher};
+use crate::pattern::Axis;
+use crate::testing::{Noise, Scene, Surface, looking, rig};
+use nalgebra::Point3;
+
+/// A square patch of a surface z = f(x, y), spacing 0.2 mm, shifted sampling, with noise along the normal.
+fn patch(f: impl Fn(f64, f64) -> (f64, [f64; 3]), shift: f64, sigma_mm: f64, seed: u64) -> Vec<Point> {
+    let mut noise = Noise(seed);
+    (0..100 * 100)
+        .map(|i| {
+            let (x, y) =
+                (f64::from(i % 100) * 0.2 + shift - 10.0, f64::from(i / 100) * 0.2 + 0.7 * shift - 10.0);
+            let (z, normal) = f(x, y);
+            let normal = Vector3::from(normal).normalize();
+            let at = Vector3::new(x, y, z) + normal * (sigma_mm * noise.gauss());
+            Point {
+                position_mm: at.into(),
+                normal: [normal.x as f32, normal.y as f32, normal.z as f32],
+                sigma_mm: sigma_mm as f32,
+                pixel: i as u32,
+                ..bytemuck::Zeroable::zeroed()
+            }
+        })
+        .collect()
+}
+
+fn plane(offset_mm: f64) -> impl Fn(f64, f64) -> (f64, [f64; 3]) {
+    move |x, y| (0.3 * x - 0.1 * y + offset_mm * f64::sqrt(1.0 + 0.09 + 0.01), [-0.3, 0.1, 1.0])
+}
+
+fn sphere(radius_mm: f64) -> impl Fn(f64, f64) -> (f64, [f64; 3]) {
+    move |x, y| {
+        let z = (radius_mm * radius_mm - x * x - y * y).sqrt();
+        (z, [x, y, z])
+    }
+}
+
+#[test]
+fn the_distance_of_two_planes_is_told_with_its_sign() {
+    let (a, b) = (patch(plane(0.0), 0.0, 0.0, 1), patch(plane(0.025), 0.07, 0.0, 2));
+    let mut out = Vec::new();
+    let report = fuse(&[&a, &b], &FusionSettings::default(), &mut out);
+    let overlap = report.overlaps[0];
+    assert!(overlap.count > 9_000, "{overlap:?}");
+    assert!((overlap.mean_mm + 0.025).abs() < 1e-6, "a lies 25 µm inside of b: {overlap:?}");
+    assert!(overlap.sd_mm < 1e-6 && (overlap.max_mm - 0.025).abs() < 1e-6);
+    assert_eq!(report.removed, [0, 0]);
+    assert_eq!(out.len(), 20_000);
+}
+
+/// On a sphere of 22 mm, point-to-plane would be biased by the mean sagitta of 8 µm.
+#[test]
+fn curvature_does_not_bias_the_distance() {
+    let (a, b) = (patch(sphere(15.0), 0.0, 0.0, 1), patch(sphere(15.010), 0.07, 0.0, 2));
+    let report = fuse(&[&a, &b], &FusionSettings::default(), &mut Vec::new());
+    assert!((report.overlaps[0].mean_mm + 0.010).abs() < 2e-5, "{:?}", report.overlaps);
+}
+
+#[test]
+fn noise_gives_the_predicted_deviation() {
+    for (surface_a, surface_b) in [(patch(plane(0.0), 0.0, 0.01, 1), patch(plane(0.0), 0.07, 0.01, 2)), {
+        (patch(sphere(20.0), 0.0, 0.01, 3), patch(sphere(20.0), 0.07, 0.01, 4))
+    }] {
+        let overlap =
+            fuse(&[&surface_a, &surface_b], &FusionSettings::default(), &mut Vec::new()).overlaps[0];
+        assert!((0.97..1.03).contains(&overlap.sd_over_sigma.unwrap()), "{overlap:?}");
+        assert!((overlap.sd_mm / 0.0102 - 1.0).abs() < 0.03, "{overlap:?}");
+        assert!(overlap.mean_mm.abs() < 3e-4, "{overlap:?}");
+    }
+}
+
+#[test]
+fn isolated_points_go_and_the_order_stays() {
+    let mut a = patch(plane(0.0), 0.0, 0.005, 1);
+    let lonely = |x: f64, pixel: u32| Point { position_mm: [x, 0.0, 20.0], pixel, ..a[0] };
+    let strays: Vec<Point> = (0..4).map(|i| lonely(f64::from(i) * 0.01, 20_000 + i)).collect();
+    a.splice(5000..5000, strays);
+    a.push(Point { position_mm: [f64::NAN, 0.0, 0.0], ..a[0] });
+    let b = patch(plane(0.01), 30.0, 0.005, 2);
+    let mut out = Vec::new();
+    let report = fuse(&[&a, &b], &FusionSettings::default(), &mut out);
+    assert_eq!(report.removed, [5, 0], "four strays are three neighbours to each other");
+    assert_eq!(report.overlaps[0].count, 0, "the patches lie apart");
+    assert_eq!((report.overlaps[0].mean_mm, report.overlaps[0].sd_mm), (0.0, 0.0));
+    let expected: Vec<u32> = (0..10_000).chain(0..10_000).collect();
+    assert_eq!(out.iter().map(|p| p.pixel).collect::<Vec<_>>(), expected);
+}
+
+#[test]
+fn degenerate_clouds_are_no_fault() {
+    let settings = FusionSettings::default();
+    let mut out = vec![bytemuck::Zeroable::zeroed()];
+    assert_eq!(fuse(&[], &settings, &mut out), FusionReport::default());
+    assert!(out.is_empty());
+    let report = fuse(&[&[], &[]], &settings, &mut out);
+    assert_eq!((report.points, report.removed.as_slice()), (0, &[0, 0][..]));
+    let same = vec![Point { sigma_mm: 0.01, ..bytemuck::Zeroable::zeroed() }; 50];
+    let report = fuse(&[&same, &[], &same], &settings, &mut out);
+    assert_eq!(report.points, 100, "coincident points support each other");
+    assert_eq!(
+        report.overlaps.iter().map(|o| (o.a, o.b, o.count)).collect::<Vec<_>>(),
+        [(0, 1, 0), (0, 2, 0), (1, 2, 0)]
+    );
+    let nan = FusionSettings { radius_mm: Some(f64::NAN), ..settings };
+    assert_eq!(fuse(&[&same], &nan, &mut out).points, 50);
+}
+
+/// Two pairs from orthogonal sides measure a sphere: their surfaces agree, and by as much as the noise predicts.
+#[test]
+fn two_pairs_agree_on_a_sphere() {
+    let surface = Surface::Sphere { centre: Point3::new(0.0, 0.0, 0.0), radius_mm: 30.0 };
+    let tilted = |degrees: f64, side: f64| {
+        let angle = degrees.to_radians();
+        let (s, c) = (crate::math::sin(angle), crate::math::cos(angle));
+        [500.0 * s * 0.9, side * 150.0, 500.0 * c]
+    };
+    let mut clouds = Vec::new();
+    for (pair, side) in [(0, 1.0), (1, -1.0)] {
+        let cameras = [-12.0, 12.0].map(|d| looking(tilted(d, side), [0.0; 3], [1.0, 0.0, 0.0], 562, 375));
+        let mut projector = rig(562, 375)[2].clone();
+        projector.camera_from_world =
+            looking(tilted(0.0, side), [0.0; 3], [1.0, 0.0, 0.0], 608, 684).camera_from_world;
+        let scene = Scene { surfaces: vec![surface], projector, period_px: 16.0 };
+        let maps =
+            [0, 1].map(|c| scene.phase_map(&cameras[c], Axis::X, 0.005, 10 * u64::from(pair) + c as u64));
+        let mut matcher = Matcher::new(&cameras[0], &cameras[1], &MatchSettings::default()).unwrap();
+        let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
+        let report = matcher.run(&maps[0].view(), &maps[1].view(), pair, &mut points).unwrap();
+        points.truncate(report.points as usize);
+        clouds.push(points);
+    }
+    let report = fuse(&[&clouds[0], &clouds[1]], &FusionSettings::default(), &mut Vec::new());
+    let overlap = report.overlaps[0];
+    assert!(overlap.count > 5_000, "{report:?}");
+    assert!(overlap.mean_mm.abs() < 1e-3, "{overlap:?}");
+    assert!((0.95..1.1).contains(&overlap.sd_over_sigma.unwrap()), "{overlap:?}");
+}
+
+#[test]
+fn buffers_do_not_leak_from_one_run_to_the_next() {
+    let (a, b) = (patch(plane(0.0), 0.0, 0.01, 1), patch(sphere(20.0), 0.1, 0.01, 2));
+    let mut fuser = Fuser::default();
+    let (mut first, mut again) = (Vec::new(), Vec::new());
+    let before = fuser.fuse(&[&a, &b], &FusionSettings::default(), &mut first);
+    fuser.fuse(&[&b, &a, &a], &FusionSettings::default(), &mut again);
+    let after = fuser.fuse(&[&a, &b], &FusionSettings::default(), &mut again);
+    assert_eq!((before, first), (after, again));
+}
