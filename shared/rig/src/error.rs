@@ -111,6 +111,9 @@ pub enum Problem {
     /// A pattern that cannot be decoded.
     #[error("{0}")]
     Pattern(PatternError),
+    /// A sequence or settings that the decoder refuses.
+    #[error(transparent)]
+    Decode(fringe::decode::DecodeError),
     /// A thing that this program does not do.
     #[error("{0}")]
     Unsupported(String),

@@ -11,6 +11,9 @@ use crate::hash::sha256_hex;
 use crate::name::duplicate;
 use crate::recording::Recording;
 use crate::rig_file::{RigFile, read_rig, unknown};
+use fringe::decode::DecodeSettings;
+use fringe::fusion::FusionSettings;
+use fringe::matching::MatchSettings;
 use std::path::{Path, PathBuf};
 
 pub(super) fn load(path: &Path) -> Result<Config, FileError> {
@@ -21,8 +24,12 @@ pub(super) fn load(path: &Path) -> Result<Config, FileError> {
     let cameras = cameras(&document, &raw, &rig_file)?;
     check_tables(&document, &raw)?;
     let recording = recording(&document, &raw)?;
+    let decode: DecodeSettings = document.typed("decode", raw.decode.clone())?;
+    decode.check().map_err(|error| document.fault("decode", Problem::Decode(error), ""))?;
+    let _: MatchSettings = document.typed("matching", raw.matching.clone())?;
+    let _: FusionSettings = document.typed("fusion", raw.fusion.clone())?;
     let played = recording.as_ref().map(|recording| &recording.recording);
-    let projectors = projectors(&document, &raw, &cameras, played)?;
+    let projectors = projectors(&document, &raw, &cameras, played, &decode)?;
     let rig = pairs(&document, &raw, &rig_file, &projectors)?;
     check_use(&document, &rig, &cameras)?;
     let twin = twin(&document, &raw, &rig_file)?;

@@ -8,7 +8,8 @@ use crate::error::{FileError, Problem};
 use crate::name::{check_name, duplicate};
 use crate::recording::{RecordedProjector, Recording};
 use crate::rig_file::unknown;
-use crate::sequence::{check_absolute, check_sequence};
+use crate::sequence::check_sequence;
+use fringe::decode::{DecodeSettings, Decoder};
 use fringe::pattern::frame_count;
 
 pub(super) fn projectors(
@@ -16,6 +17,7 @@ pub(super) fn projectors(
     raw: &RawConfig,
     cameras: &[CameraConfig],
     recording: Option<&Recording>,
+    decode: &DecodeSettings,
 ) -> Result<Vec<ProjectorConfig>, FileError> {
     if raw.projector.is_empty() {
         let problem = Problem::Missing("[[projector]]".into());
@@ -36,11 +38,24 @@ pub(super) fn projectors(
             let projector = one_projector(document, &key, projector, recording)?;
             let size_px = [projector.width_px, projector.height_px];
             check_sequence(document, &key, size_px, &projector.sequence)?;
-            check_absolute(document, &key, size_px, &projector.sequence)?;
+            check_decodable(document, &key, &projector, decode)?;
             check_lookers(document, &key, &projector, cameras)?;
             Ok(projector)
         })
         .collect()
+}
+
+/// The decoder's own judgement, on the smallest possible image.
+fn check_decodable(
+    document: &Document,
+    key: &str,
+    projector: &ProjectorConfig,
+    settings: &DecodeSettings,
+) -> Result<(), FileError> {
+    let extent_px = [projector.width_px, projector.height_px];
+    Decoder::new(&projector.sequence, 1, 1, 255, extent_px, settings)
+        .map(|_| ())
+        .map_err(|error| document.fault(&format!("{key}.sequence"), Problem::Decode(error), ""))
 }
 
 /// As written; what a projector of a recording leaves out is as recorded.

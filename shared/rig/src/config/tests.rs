@@ -158,16 +158,11 @@ const GAPS: &[(&str, &str, &str)] = &[
     ("name = \"proj2\"", "name = \"proj1\"", "view \"proj1\" occurs twice"),
     ("name = \"proj2\"", "name = \"proj3\"", "projector \"proj2\" is unknown; known: proj1, proj3"),
     ("steps = 3", "steps = 2", "projector[0].sequence[0]: steps = 2: a phase needs at least 3 steps"),
-    ("bits = 3", "bits = 2", "2 bits of 8 px tell 32 px apart, but the projector has 64 px along this axis"),
+    ("bits = 3", "bits = 2", "numbers 32 projector pixels of 64"),
     (
         "  { set = \"gray\", axis = \"x\", bits = 3, stripe_px = 8.0 },\n",
         "",
-        "an absolute code beside the sines is missing",
-    ),
-    (
-        "  { set = \"sine\", axis = \"x\", period_px = 16.0, steps = 3 },\n",
-        "",
-        "a sine set is missing; the phase",
+        "axis X: no absolute fringe order over 64 projector pixels",
     ),
     ("width_px = 64\n", "", "width_px of projector \"proj1\" is missing; add width_px = …"),
     ("width_px = 64", "width_px = 63", "projector \"proj1\" has 63 × 48 px in this cell, but 64 × 48 px in "),
@@ -200,4 +195,34 @@ fn each_gap_is_told_with_place_and_remedy() {
     let two_worlds = format!("{two_worlds}[recording]\npath = \"scan\"\n");
     let error = load(&dir, &two_worlds).unwrap_err();
     assert!(error.contains("projector \"proj1\" has Recording, but camera \"cam1\""), "{error}");
+}
+
+#[test]
+fn settings_are_checked_before_anything_runs() {
+    let dir = folder();
+    for (table, expected) in [
+        ("[decode]\nmax_sigma = 1\n", "decode.max_sigma: unknown key \"max_sigma\""),
+        ("[decode]\nmax_sigma_rad = 9\n", "decode setting max_sigma_rad = 9: must be"),
+        ("[matching]\nmax_stp_px = 1\n", "did you mean \"max_step_px\"?"),
+    ] {
+        let error = load(&dir, &format!("{}{table}", twin_text())).unwrap_err();
+        assert!(error.contains(expected), "{error}\nlacks\n{expected}");
+    }
+}
+
+/// Wherever this repository ships a configuration, it is whole.
+#[test]
+fn the_configurations_of_this_repository_load() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
+    let mut loaded = 0;
+    for entry in fs::read_dir(&folder).unwrap() {
+        let path = entry.unwrap().path();
+        let is_config = path.extension().is_some_and(|e| e == "toml")
+            && fs::read_to_string(&path).unwrap().contains(&format!("\"{CONFIG_FORMAT}\""));
+        if is_config {
+            Config::load(&path).unwrap_or_else(|error| panic!("{error}"));
+            loaded += 1;
+        }
+    }
+    assert!(loaded > 0, "no configuration in {}", folder.display());
 }
