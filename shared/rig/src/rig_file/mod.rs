@@ -393,3 +393,6 @@ fn numbers(values: &[f64]) -> String {
 pub(crate) fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,163 @@
+//! A rig comes back with the digits that it had; what cannot be a rig is told with line, key and remedy.
+
+use super::*;
+use crate::testing::{camera, rig};
+use std::fs;
+
+fn read(text: &str) -> Result<RigFile, String> {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("rig.toml");
+    fs::write(&path, text).unwrap();
+    read_rig(&path).map_err(|error| error.to_string())
+}
+
+fn whole() -> Rig {
+    let mut whole = rig(1124, 750);
+    whole.projectors = vec![camera("proj1", 608, 684), camera("proj2", 608, 684)];
+    whole
+}
+
+#[test]
+fn a_rig_comes_back_with_its_digits_and_provenance() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("rig.toml");
+    let mut provenance = toml::Table::new();
+    provenance.insert("rms_px".into(), 0.1.into());
+    provenance.insert("views".into(), toml::Table::from_iter([("cam1".into(), 12.into())]).into());
+    let covariance = CovarianceRef { file: "rig.cov".into(), sha256: "ab".into() };
+    let sha256 = write_rig(&path, &whole(), &provenance, Some(&covariance)).unwrap();
+    let file = read_rig(&path).unwrap();
+    assert_eq!(
+        (file.sha256.as_str(), file.provenance, file.covariance),
+        (sha256.as_str(), provenance, Some(covariance))
+    );
+    assert_eq!(file.rig.pairs, whole().pairs);
+    let views = |rig: &Rig| rig.cameras.iter().chain(&rig.projectors).cloned().collect::<Vec<_>>();
+    for (read, written) in views(&file.rig).iter().zip(&views(&whole())) {
+        let (a, b) = (&read.camera, &written.camera);
+        assert_eq!(read.name, written.name);
+        assert_eq!(
+            (a.width_px, a.focal_px, a.principal_point_px),
+            (b.width_px, b.focal_px, b.principal_point_px)
+        );
+        assert_eq!((a.skew, a.distortion), (b.skew, b.distortion));
+        assert_eq!(a.camera_from_world.translation, b.camera_from_world.translation);
+        // The matrix in the file is exact; the quaternion that is made from it differs in the last digit.
+        assert!(a.camera_from_world.rotation.angle_to(&b.camera_from_world.rotation) < 1e-14);
+    }
+}
+
+#[test]
+fn what_may_be_left_out_has_its_meaning() {
+    let text = r#"format = "fringecell-rig/1"
+[[camera]]
+name = "a"
+width_px = 10
+height_px = 10
+focal_px = [100, 100]
+principal_point_px = [5, 5]
+distortion = { model = "brown-conrady", k = [0.1] }
+from_world = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [0, 0, 0] }
+[provenance]
+anything = "goes"
+"#;
+    let file = read(text).unwrap();
+    assert_eq!(file.rig.cameras[0].camera.distortion, BrownConrady { k: [0.1, 0.0, 0.0], p: [0.0, 0.0] });
+    assert!(file.rig.pairs.is_empty() && file.rig.projectors.is_empty());
+    let plain = text.replace("distortion = { model = \"brown-conrady\", k = [0.1] }\n", "");
+    assert_eq!(read(&plain).unwrap().rig.cameras[0].camera.distortion, BrownConrady::default());
+}
+
+#[test]
+fn a_pair_without_projector_takes_the_only_one_that_lit_both() {
+    let cameras = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<String>>();
+    let (both, one) = (cameras(&["cam1", "cam2"]), cameras(&["cam1"]));
+    let open = || {
+        let mut open = whole();
+        open.pairs.truncate(1);
+        open.pairs[0].projector = String::new();
+        open
+    };
+    let path = Path::new("rig.toml");
+    let mut resolved = open();
+    resolve_pairs(path, &mut resolved, &[("proj2", &one), ("proj7", &both)]).unwrap();
+    assert_eq!(resolved.pairs[0].projector, "proj7");
+    let mut conventional = open();
+    conventional.pairs[0].right = "proj1".into();
+    resolve_pairs(path, &mut conventional, &[]).unwrap();
+    assert_eq!(conventional.pairs[0].projector, "proj1");
+    for (lit, expected) in [
+        (vec![("proj1", both.as_slice()), ("proj2", &both)], "2 projectors light both (proj1, proj2)"),
+        (vec![("proj1", one.as_slice())], "0 projectors light both (none)"),
+    ] {
+        let error = resolve_pairs(path, &mut open(), &lit).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+/// What is changed in a plain rig, into what, and what the message then says.
+const FAULTS: &[(&str, &str, &str)] = &[
+    (
+        "[[1.0, 0.0, 0.0]",
+        "[[-1.0, 0.0, 0.0]",
+        "rig.toml:11: camera[0].from_world: rotation is a mirror (determinant -1.000)",
+    ),
+    (
+        "[[1.0, 0.0, 0.0]",
+        "[[2.0, 0.0, 0.0]",
+        "rotation is not orthonormal: largest entry of R·Rᵀ − 1 is 3.00e0",
+    ),
+    ("[[1.0, 0.0, 0.0]", "[[nan, 0.0, 0.0]", "rotation must be a finite number"),
+    ("[[1.0, 0.0, 0.0]", "[[1.0, 0.0]", "rig.toml:11: from_world: invalid length 2"),
+    (
+        "translation_mm = [0.0, 0.0, 0.0]",
+        "translation_mm = [inf, 0.0, 0.0]",
+        "translation must be a finite number",
+    ),
+    ("focal_px = [100.0, 100.0]", "focal_px = [100.0, -1.0]", "focal length -1 px must be a positive number"),
+    ("width_px = 10", "width_px = 0", "image size 0 × 8 px is outside 1 … 65535"),
+    ("width_px = 10", "width_px = 99999999999", "rig.toml:5: width_px: "),
+    ("skew = 0.0", "skw = 0.0", "did you mean \"skew\"?"),
+    ("skew = 0.0", "skew = nan", "skew must be a finite number"),
+    ("brown-conrady", "brown-conardy", "the lens model is \"brown-conrady\"; did you mean"),
+    (
+        "k = [0.0, 0.0, 0.0]",
+        "k = [0.0, 0.0, 0.0, 0.1]",
+        "k with 4 numbers is not allowed: at most 3 are read",
+    ),
+    ("p = [0.0, 0.0]", "p = [0.0, inf]", "distortion p must be a finite number"),
+    ("name = \"b\"", "name = \"a\"", "view \"a\" occurs twice"),
+    ("name = \"b\"", "name = \"../b\"", "value \"../b\" is not allowed"),
+    ("right = \"b\"", "right = \"c\"", "camera or projector \"c\" is unknown; known: a, b"),
+    ("left = \"a\"", "left = \"c\"", "pair[0].left: camera \"c\" is unknown; known: a, b"),
+    ("right = \"b\"", "right = \"a\"", "a pair has two views"),
+    (
+        "fringecell-rig/1",
+        "fringecell-recording/1",
+        "format is \"fringecell-recording/1\", expected \"fringecell-rig/1\"",
+    ),
+];
+
+#[test]
+fn each_fault_is_told_with_place_and_remedy() {
+    let mut plain = rig(10, 8);
+    plain.cameras.truncate(2);
+    plain.pairs.truncate(1);
+    for (camera, name) in plain.cameras.iter_mut().zip(["a", "b"]) {
+        camera.name = name.into();
+        camera.camera.focal_px = [100.0, 100.0];
+        camera.camera.skew = 0.0;
+        camera.camera.distortion = BrownConrady::default();
+        camera.camera.camera_from_world = nalgebra::Isometry3::identity();
+    }
+    (plain.pairs[0].left, plain.pairs[0].right) = ("a".into(), "b".into());
+    let text = rig_text(&plain, &toml::Table::new(), None);
+    read(&text).unwrap();
+    for (from, to, expected) in FAULTS {
+        assert!(text.contains(from), "{from} is not in {text}");
+        let error = read(&text.replacen(from, to, 1)).unwrap_err();
+        assert!(error.contains(expected), "{error}\nlacks\n{expected}");
+    }
+    let error = read("format = \"fringecell-rig/1\"\n").unwrap_err();
+    assert!(error.contains("[[camera]] is missing; a rig has at least one camera"), "{error}");
+}
