@@ -89,6 +89,28 @@ impl RectifiedCamera {
         }
     }
 
+    /// How far one may go along a curve from an exact place, by tangent and stretch alone, until the neglected bend of
+    /// the lens displaces by `error_px`; in units of the rectified abscissa, the least over a lattice of pixels.
+    pub fn reach(&self, error_px: f64) -> f64 {
+        let h = 4.0 / (self.camera.focal_px[0] + self.camera.focal_px[1]);
+        let (last_column, last_row) = (self.camera.width_px - 1, self.camera.height_px - 1);
+        let mut worst = 0.0_f64;
+        for i in 0..=16 {
+            for j in 0..=16 {
+                let pixel = Point2::new(f64::from(last_column * i) / 16.0, f64::from(last_row * j) / 16.0);
+                let Some([x, y]) = self.rectified_from_pixel(pixel) else { continue };
+                let curve = self.curve(y);
+                let (low, here, high) = (curve.at(x - h), curve.at(x), curve.at(x + h));
+                for axis in 0..2 {
+                    let second = (low.pixel[axis] - 2.0 * here.pixel[axis] + high.pixel[axis]) / (h * h);
+                    // NaN beyond the front half space is skipped by max.
+                    worst = worst.max((second - here.stretch * here.tangent[axis]).abs());
+                }
+            }
+        }
+        (2.0 * error_px / worst.max(1e-9)).sqrt()
+    }
+
     /// Rectified coordinates of all pixels, row by row; NaN where there are none.
     pub fn table(&self) -> Vec<[f64; 2]> {
         let width = self.camera.width_px as usize;
@@ -118,6 +140,8 @@ pub struct CurvePoint {
     pub pixel: [f64; 2],
     /// Its derivative by the rectified abscissa.
     pub tangent: [f64; 2],
+    /// Second derivative over the first, as the perspective makes it; the lens adds a little.
+    pub stretch: f64,
 }
 
 impl EpipolarCurve<'_> {
@@ -138,6 +162,7 @@ impl EpipolarCurve<'_> {
         CurvePoint {
             pixel: [distorted.x, distorted.y],
             tangent: [fx * turned.x + self.camera.skew * turned.y, fy * turned.y],
+            stretch: -2.0 * self.along.z * inverse_z,
         }
     }
 }

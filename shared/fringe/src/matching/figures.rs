@@ -86,46 +86,59 @@ fn figures_of_speed() {
     }
 }
 
+/// Error of exact phase against the steepest incidence on any of the three devices.
 #[test]
-#[ignore = "debug"]
-fn figures_debug() {
+#[ignore = "prints figures"]
+fn figures_of_incidence() {
     let [left, right, projector] = rig(1124, 750);
     let surface = Surface::Sphere { centre: Point3::new(5.0, 2.0, 0.0), radius_mm: 11.2 };
     let scene = Scene { surfaces: vec![surface], projector: projector.clone(), period_px: 16.0 };
-    let maps = [(&left, 1), (&right, 2)].map(|(c, seed)| scene.phase_map(c, Axis::X, 0.0, seed));
-    for interpolation in WAYS {
-        let settings = MatchSettings { interpolation, ..MatchSettings::default() };
-        let mut matcher = Matcher::new(&left, &right, &settings).unwrap();
+    let maps = [&left, &right].map(|c| scene.phase_map(c, Axis::X, 0.0, 1));
+    let mut settings = MatchSettings::default();
+    settings.surface.max_incidence_deg = 90.0;
+    let mut matcher = Matcher::new(&left, &right, &settings).unwrap();
+    let mut points: Vec<Point> = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
+    let report = matcher.run(&maps[0].view(), &maps[1].view(), 0, &mut points).unwrap();
+    let mut bins = [(0.0, 0.0, 0.0); 18];
+    for point in &points[..report.points as usize] {
+        let at = point.position();
+        let normal = surface.normal(&at);
+        let cosine = |camera: &Camera| normal.dot(&(camera.centre_mm() - at).normalize());
+        let steepest = [&left, &right, &projector].map(cosine).into_iter().fold(1.0, f64::min);
+        let (n, sum, squares) = &mut bins[(crate::math::acos(steepest).to_degrees() / 5.0) as usize];
+        let off = surface.distance(&at) * 1e3;
+        (*n, *sum, *squares) = (*n + 1.0, *sum + off, *squares + off * off);
+    }
+    for (bin, (n, sum, squares)) in bins.iter().enumerate().filter(|(_, b)| b.0 > 0.0) {
+        println!(
+            "from {} deg: {n} points, mean {:.3} um, rms {:.3} um",
+            bin * 5,
+            sum / n,
+            f64::sqrt(squares / n)
+        );
+    }
+}
+
+#[test]
+#[ignore = "prints times"]
+fn figures_of_fusion() {
+    let [left, right, projector] = rig(900, 600);
+    let scene = Scene { surfaces: vec![Surface::plane([0.3, 0.2, 1.0], 0.0)], projector, period_px: 16.0 };
+    let clouds = [1, 2].map(|seed| {
+        let maps = [(&left, seed), (&right, 9 * seed)].map(|(c, s)| scene.phase_map(c, Axis::X, 0.01, s));
+        let mut matcher = Matcher::new(&left, &right, &MatchSettings::default()).unwrap();
         let mut points: Vec<Point> = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
         let report = matcher.run(&maps[0].view(), &maps[1].view(), 0, &mut points).unwrap();
-        points.truncate(report.points as usize);
-        let mut bins = vec![(0.0, 0.0, 0.0, 0.0_f64); 18];
-        for p in &points {
-            let at = p.position();
-            let n = surface.normal(&at);
-            let c = [&left, &right, &projector].map(|c| n.dot(&(c.centre_mm() - at).normalize()));
-            let worst = c.iter().copied().fold(1.0, f64::min);
-            let b = (crate::math::acos(worst).to_degrees() / 5.0) as usize;
-            let d = surface.distance(&at) * 1e3;
-            let z = n.dot(&p.normal_vector());
-            let e = &mut bins[b];
-            e.0 += 1.0;
-            e.1 += d;
-            e.2 += d * d;
-            e.3 = e.3.max(crate::math::acos(z.min(1.0)).to_degrees());
-        }
-        println!("{interpolation:?}");
-        for (i, b) in bins.iter().enumerate() {
-            if b.0 > 0.0 {
-                println!(
-                    "  sigma {}: n {} mean {:.3} rms {:.3} normal {:.3}",
-                    i * 5,
-                    b.0,
-                    b.1 / b.0,
-                    f64::sqrt(b.2 / b.0),
-                    b.3
-                );
-            }
-        }
+        points.truncate(report.points.min(300_000) as usize);
+        points
+    });
+    let (mut fuser, mut out) = (crate::fusion::Fuser::default(), Vec::new());
+    let views: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
+    let settings = crate::fusion::FusionSettings::default();
+    let report = fuser.fuse(&views, &settings, &mut out);
+    let busy = processor_seconds();
+    for _ in 0..10 {
+        fuser.fuse(&views, &settings, &mut out);
     }
+    println!("fusion: processor {:.1} ms, {report:?}", (processor_seconds() - busy) * 100.0);
 }

@@ -37,7 +37,7 @@ use nalgebra::Vector3;
 use rows::{Row, StepLimits};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
-use subpixel::{Crossing, RightPhase, solve};
+use subpixel::{Crossing, RightPhase, SETTLED_PX, solve};
 use thiserror::Error;
 
 /// Rectified rows per part of parallel work; fixed, so that no result depends on the number of threads.
@@ -200,6 +200,8 @@ pub struct MatchReport {
 pub struct Matcher {
     pair: Rectification,
     settings: MatchSettings,
+    /// See [`crate::rectify::RectifiedCamera::reach`], of the right view.
+    reach: f64,
     /// Rectified coordinates of the left pixels.
     directions: Vec<[f64; 2]>,
     left_grid: RectifiedGrid,
@@ -258,6 +260,7 @@ impl Matcher {
         let (columns, rows) = (left.width_px as usize, left.height_px as usize);
         Ok(Self {
             settings: *settings,
+            reach: pair.right.reach(SETTLED_PX),
             left_grid,
             right_grid,
             parts,
@@ -325,6 +328,9 @@ impl Matcher {
                 sigma_rad: right.sigma_rad,
                 width: right.info.width_px as usize,
                 height: right.info.height_px as usize,
+                pitch: 1.0 / self.pair.focal_px,
+                reach: self.reach,
+                interpolation: self.settings.interpolation,
             },
             directions: &self.directions,
             left: *left,
@@ -597,8 +603,7 @@ impl Scan<'_> {
         let curve = self.pair.right.curve(y);
         let pitch = 1.0 / self.pair.focal_px;
         let Crossing { x: place, slope, variance, pixel: right, bilinear } =
-            solve(&self.right_phase, &curve, phase, coarse, pitch, self.settings.interpolation)
-                .ok_or(Miss::Discontinuous)?;
+            solve(&self.right_phase, &curve, phase, coarse).ok_or(Miss::Discontinuous)?;
         let sigma_left = f64::from(self.left.sigma_rad[pixel]);
         let sigma = ((sigma_left * sigma_left + variance) / (slope * slope)).sqrt();
         let certain = sigma <= self.settings.max_disparity_sigma_px * pitch;

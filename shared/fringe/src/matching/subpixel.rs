@@ -5,6 +5,11 @@
 //! interpolation has on curved surfaces, and with less noise (see [`Patch::variance_factor`]). Elsewhere it is
 //! bilinear over 2 × 2 pixels. Nothing is interpolated across a mask edge or a jump.
 
+#![allow(
+    clippy::inline_always,
+    reason = "patches passed through memory cost 20 ns per point in stalled loads"
+)]
+
 use crate::rectify::{CurvePoint, EpipolarCurve};
 use serde::{Deserialize, Serialize};
 
@@ -39,8 +44,11 @@ const CELL_MARGIN: f64 = 0.1;
 /// The fine solution may lie this far from the coarse one, px: rounding to rows and columns moves it by less.
 const MAX_SHIFT_PX: f64 = 2.5;
 
-/// A step shorter than this ends the search, px: Newton's next one would be its square.
-const SETTLED_PX: f64 = 1e-3;
+/// Displacement by the neglected bend of the lens that ends the search, px: single precision of phases is coarser.
+pub(super) const SETTLED_PX: f64 = 1e-5;
+
+/// The same for the cubic model, whose own bend is neglected, px.
+const CUBIC_REACH_PX: f64 = 1e-3;
 
 /// Exact evaluations of the curve per point.
 const MAX_STEPS: usize = 5;
@@ -52,6 +60,11 @@ pub(super) struct RightPhase<'a> {
     pub sigma_rad: &'a [f32],
     pub width: usize,
     pub height: usize,
+    /// Rectified length of a pixel.
+    pub pitch: f64,
+    /// See [`crate::rectify::RectifiedCamera::reach`].
+    pub reach: f64,
+    pub interpolation: Interpolation,
 }
 
 /// A solution.
@@ -81,37 +94,34 @@ pub(super) struct Patch {
 
 /// Finds the crossing nearest to the coarse abscissa; `None` where no continuous surface supports one.
 ///
-/// `pitch` is the rectified length of a pixel. Each step solves the local model along the tangent, then the curve is
-/// evaluated exactly at the solution; the tangent errs by 1e-5 px over a third of a pixel, so the second evaluation
-/// already agrees.
+/// The curve is evaluated exactly, followed by tangent and stretch to where the local model vanishes, and evaluated again
+/// there when that was too far for them to be exact or led to another cell.
 #[inline]
-pub(super) fn solve(
-    right: &RightPhase,
-    curve: &EpipolarCurve,
-    wanted: f32,
-    coarse: f64,
-    pitch: f64,
-    interpolation: Interpolation,
-) -> Option<Crossing> {
+pub(super) fn solve(right: &RightPhase, curve: &EpipolarCurve, wanted: f32, coarse: f64) -> Option<Crossing> {
+    let pitch = right.pitch;
+    // The cubic model holds only where it was made.
+    let cubic = right.interpolation == Interpolation::Cubic;
+    let reach = if cubic { CUBIC_REACH_PX * pitch } else { right.reach };
     let mut x = coarse;
     let mut model: Option<Model> = None;
     for _ in 0..MAX_STEPS {
         let at = curve.at(x);
         let kept = model.and_then(|m| Some((m, m.offset(at.pixel)?)));
         let (current, offset) = match kept {
-            // Only the cubic model depends on the place in its cell.
-            Some(kept) if interpolation != Interpolation::Cubic => kept,
-            _ => right.model(&at, kept.map(|(m, _)| m), wanted, interpolation)?,
+            Some(kept) if !cubic => kept,
+            _ => right.model(&at, kept.map(|(m, _)| m), wanted)?,
         };
         model = Some(current);
-        let (step, slope) = current.patch.step(offset, at.tangent);
+        let (along, slope) = current.patch.step(offset, at.tangent, pitch);
         // A vanishing slope gives an infinite step, or NaN: no crossing.
-        let sane = step.abs() <= 2.0 * MAX_SHIFT_PX * pitch;
+        let sane = along.abs() <= 2.0 * MAX_SHIFT_PX * pitch;
         if !sane {
             return None;
         }
-        x += step;
-        if step.abs() < SETTLED_PX * pitch {
+        // The curve runs by dx + ½ stretch dx²: inverted to second order.
+        x += along * (1.0 - 0.5 * at.stretch * along);
+        let offset = [offset[0] + at.tangent[0] * along, offset[1] + at.tangent[1] * along];
+        if along.abs() < reach && inside(offset) {
             let near = (x - coarse).abs() <= MAX_SHIFT_PX * pitch;
             let pixel = right.nearest(current.column, current.row, offset);
             let sigma = f64::from(right.sigma_rad[pixel]);
@@ -127,6 +137,12 @@ pub(super) fn solve(
     None
 }
 
+/// Whether an offset belongs to its 2 × 2 cell. A margin keeps the search from going to and fro between two cells.
+#[inline]
+fn inside(offset: [f64; 2]) -> bool {
+    offset[0].abs() <= 0.5 + CELL_MARGIN && offset[1].abs() <= 0.5 + CELL_MARGIN
+}
+
 /// The patch of a 2 × 2 cell, named by its top-left pixel.
 #[derive(Debug, Clone, Copy)]
 struct Model {
@@ -136,28 +152,21 @@ struct Model {
 }
 
 impl Model {
-    /// Offset of a place from the centre of the cell; `None` when it lies in another cell. A margin keeps the search
-    /// from going to and fro between two cells.
+    /// Offset of a place from the centre of the cell; `None` when it lies in another cell.
     #[inline]
     fn offset(&self, pixel: [f64; 2]) -> Option<[f64; 2]> {
         let offset = [pixel[0] - self.column as f64 - 0.5, pixel[1] - self.row as f64 - 0.5];
-        (offset[0].abs() <= 0.5 + CELL_MARGIN && offset[1].abs() <= 0.5 + CELL_MARGIN).then_some(offset)
+        inside(offset).then_some(offset)
     }
 }
 
 impl RightPhase<'_> {
     /// The model at a place, in the cell of `kept` if there is one.
-    #[inline]
-    fn model(
-        &self,
-        at: &CurvePoint,
-        kept: Option<Model>,
-        wanted: f32,
-        interpolation: Interpolation,
-    ) -> Option<(Model, [f64; 2])> {
+    #[inline(always)]
+    fn model(&self, at: &CurvePoint, kept: Option<Model>, wanted: f32) -> Option<(Model, [f64; 2])> {
         let (column, row) = kept.map_or_else(|| self.cell(at.pixel), |m| Some((m.column, m.row)))?;
         let offset = [at.pixel[0] - column as f64 - 0.5, at.pixel[1] - row as f64 - 0.5];
-        let patch = self.patch(column, row, offset, at.tangent, wanted, interpolation)?;
+        let patch = self.patch(column, row, offset, at.tangent, wanted)?;
         Some((Model { column, row, patch }, offset))
     }
 
@@ -177,7 +186,7 @@ impl RightPhase<'_> {
         (row + usize::from(offset[1] > 0.0)) * self.width + column + usize::from(offset[0] > 0.0)
     }
 
-    #[inline]
+    #[inline(always)]
     fn patch(
         &self,
         column: usize,
@@ -185,14 +194,13 @@ impl RightPhase<'_> {
         offset: [f64; 2],
         tangent: [f64; 2],
         wanted: f32,
-        interpolation: Interpolation,
     ) -> Option<Patch> {
         let inner = column >= 1 && row >= 1 && column + 2 < self.width && row + 2 < self.height;
-        if inner && interpolation != Interpolation::Bilinear {
+        if inner && self.interpolation != Interpolation::Bilinear {
             let samples = self.gather(column, row, wanted);
             let sigma = self.sigma_rad[self.nearest(column, row, offset)];
             if let Some(patch) = Patch::quadratic(&samples, sigma) {
-                let cubic = interpolation == Interpolation::Cubic;
+                let cubic = self.interpolation == Interpolation::Cubic;
                 return Some(if cubic { Patch::cubic(&samples, offset) } else { patch });
             }
         }
@@ -230,44 +238,50 @@ impl RightPhase<'_> {
         if !patch.a.is_finite() {
             return None;
         }
-        let columns = tangent[0].abs() >= tangent[1].abs();
-        // Mean step of both lines, `at` cells along the dominant direction from this one.
-        let step = |at: isize| {
-            if columns {
-                (read(at + 1, 0) - read(at, 0) + read(at + 1, 1) - read(at, 1)) / 2.0
-            } else {
-                (read(0, at + 1) - read(0, at) + read(1, at + 1) - read(1, at)) / 2.0
-            }
-        };
+        // Mean steps of both lines of a cell, by column and by row, `at` cells from this one.
+        let by_column = |at: isize| (read(at + 1, 0) - read(at, 0) + read(at + 1, 1) - read(at, 1)) / 2.0;
+        let by_row = |at: isize| (read(0, at + 1) - read(0, at) + read(1, at + 1) - read(1, at)) / 2.0;
         let sigma = self.sigma_rad[row * self.width + column];
-        let here = step(0);
-        let vouched =
-            [step(-1), step(1)].iter().any(|s| here.abs() <= MAX_STEP_RATIO * s.abs() + 4.0 * sigma);
-        let untwisted = patch.c[1].abs() <= 0.5 * here.abs() + 8.0 * sigma;
-        (vouched && untwisted).then_some(patch)
+        let noise = 4.0 * sigma;
+        let [right, down] = patch.b.map(f32::abs);
+        let columns = tangent[0].abs() >= tangent[1].abs();
+        let (along, across) = if columns { (right, down) } else { (down, right) };
+        // The wanted step needs a neighbour that vouches for it. Across it the phase may stand still, so that a step is
+        // also plausible when it is small beside the wanted one.
+        let beside = |step: &dyn Fn(isize) -> f32, here: f32| {
+            [-1, 1].iter().any(|at| here <= MAX_STEP_RATIO * step(*at).abs() + noise)
+        };
+        let (vouched, level) = if columns {
+            (beside(&by_column, along), beside(&by_row, across))
+        } else {
+            (beside(&by_row, along), beside(&by_column, across))
+        };
+        let level = level || across <= 0.5 * along + noise;
+        let untwisted = patch.c[1].abs() <= 0.5 * along + 2.0 * noise;
+        (vouched && level && untwisted).then_some(patch)
     }
 }
 
 impl Patch {
     /// Least-squares quadratic over 4 × 4 samples at ±1/2, ±3/2 by orthogonal polynomials; `None` where the samples
     /// are not all valid, or rougher than noise and one smooth surface explain.
-    #[inline]
+    #[inline(always)]
     fn quadratic(samples: &[[f32; 4]; 4], sigma: f32) -> Option<Patch> {
-        let (mut a, mut bx, mut by, mut cxx, mut cxy, mut cyy, mut squares) =
-            (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
-        for (line, y) in samples.iter().zip([-1.5_f32, -0.5, 0.5, 1.5]) {
-            let [p, q, r, s] = *line;
-            let (inner, outer) = (q + r, p + s);
-            let zeroth = inner + outer;
-            let first = 1.5 * (s - p) + 0.5 * (r - q);
-            a += zeroth;
-            bx += first;
-            by += y * zeroth;
-            cxx += outer - inner;
-            cxy += y * first;
-            cyy += (y * y - 1.25) * zeroth;
-            squares += p * p + q * q + r * r + s * s;
+        // Sums over the lines first, four columns at a time; then along them.
+        let [l0, l1, l2, l3] = samples;
+        let (mut zeroth, mut first, mut second, mut squares) =
+            ([0.0_f32; 4], [0.0_f32; 4], [0.0_f32; 4], [0.0_f32; 4]);
+        for i in 0..4 {
+            let (inner, outer) = (l1[i] + l2[i], l0[i] + l3[i]);
+            zeroth[i] = inner + outer;
+            first[i] = 1.5 * (l3[i] - l0[i]) + 0.5 * (l2[i] - l1[i]);
+            second[i] = outer - inner;
+            squares[i] = l0[i] * l0[i] + l1[i] * l1[i] + l2[i] * l2[i] + l3[i] * l3[i];
         }
+        let sum = |v: [f32; 4]| (v[0] + v[3]) + (v[1] + v[2]);
+        let slope = |v: [f32; 4]| 1.5 * (v[3] - v[0]) + 0.5 * (v[2] - v[1]);
+        let (a, bx, cxx) = (sum(zeroth), slope(zeroth), (zeroth[0] + zeroth[3]) - (zeroth[1] + zeroth[2]));
+        let (by, cxy, cyy, squares) = (sum(first), slope(first), sum(second), sum(squares));
         // Norms of the polynomials: Σ1 = 16, Σξ² = 20, Σ(ξ² − 5/4)² = 16, Σξ²η² = 25.
         let explained =
             a * a / 16.0 + (bx * bx + by * by) / 20.0 + (cxx * cxx + cyy * cyy) / 16.0 + cxy * cxy / 25.0;
@@ -298,31 +312,39 @@ impl Patch {
         Patch { a: value - gx * xi - gy * eta, b: [gx, gy], c: [0.0; 3], kind: Interpolation::Cubic }
     }
 
-    /// Value and slope along a tangent.
-    #[inline]
-    fn along(&self, offset: [f64; 2], tangent: [f64; 2]) -> (f64, f64) {
-        let [xi, eta] = offset;
-        let [bx, by] = self.b.map(f64::from);
-        let [cxx, cxy, cyy] = self.c.map(f64::from);
-        let value = f64::from(self.a)
-            + bx * xi
-            + by * eta
-            + cxx * (xi * xi - 1.25)
-            + cxy * xi * eta
-            + cyy * (eta * eta - 1.25);
+    /// Value and slope along a tangent. Single precision: the values are differences below 2π, good to 1e-6.
+    #[inline(always)]
+    fn along(&self, [xi, eta]: [f32; 2], tangent: [f32; 2]) -> (f32, f32) {
+        let [bx, by] = self.b;
+        let [cxx, cxy, cyy] = self.c;
+        let square = 1.25;
+        let value =
+            self.a + xi * (bx + cxy * eta) + by * eta + cxx * (xi * xi - square) + cyy * (eta * eta - square);
         let gx = bx + 2.0 * cxx * xi + cxy * eta;
         let gy = by + 2.0 * cyy * eta + cxy * xi;
         (value, gx * tangent[0] + gy * tangent[1])
     }
 
-    /// Two Newton steps along a tangent to where the model vanishes, and the slope there.
-    #[inline]
-    fn step(&self, offset: [f64; 2], tangent: [f64; 2]) -> (f64, f64) {
-        let (value, slope) = self.along(offset, tangent);
-        let first = -value / slope;
-        let moved = [offset[0] + first * tangent[0], offset[1] + first * tangent[1]];
-        let (value, slope) = self.along(moved, tangent);
-        (first - value / slope, slope)
+    /// Second derivative along a tangent.
+    #[inline(always)]
+    fn bend(&self, [tx, ty]: [f32; 2]) -> f32 {
+        let [cxx, cxy, cyy] = self.c;
+        2.0 * (cxx * tx * tx + cxy * tx * ty + cyy * ty * ty)
+    }
+
+    /// Newton steps along a tangent to where the model vanishes (along a line it is a parabola), and the slope there.
+    #[inline(always)]
+    fn step(&self, offset: [f64; 2], tangent: [f64; 2], pitch: f64) -> (f64, f64) {
+        // In pixels, to keep the numbers of single precision near one.
+        let tangent = tangent.map(|t| (t * pitch) as f32);
+        let (value, slope) = self.along(offset.map(|o| o as f32), tangent);
+        let bend = self.bend(tangent);
+        let inverse = 1.0 / slope;
+        let mut step = -value * inverse;
+        step -= 0.5 * bend * step * step * inverse;
+        // The second step removes what the first leaves on strongly curved phase.
+        step -= (value + step * (slope + 0.5 * bend * step)) / (slope + bend * step);
+        (f64::from(step) * pitch, f64::from(slope + bend * step) / pitch)
     }
 
     /// Sum of squared weights: the variance of the read phase over that of a pixel.
@@ -384,9 +406,9 @@ mod tests {
         let f = |x: f64, y: f64| 0.3 + 0.25 * x - 0.03 * y + 0.004 * x * x - 0.003 * x * y + 0.002 * y * y;
         let patch = Patch::quadratic(&sampled(f), 0.0).unwrap();
         for [xi, eta] in PLACES {
-            let (value, slope) = patch.along([xi, eta], [1.0, 0.0]);
-            assert!((value - f(xi, eta)).abs() < 1e-7);
-            assert!((slope - (0.25 + 0.008 * xi - 0.003 * eta)).abs() < 1e-6);
+            let (value, slope) = patch.along([xi as f32, eta as f32], [1.0, 0.0]);
+            assert!((f64::from(value) - f(xi, eta)).abs() < 1e-7);
+            assert!((f64::from(slope) - (0.25 + 0.008 * xi - 0.003 * eta)).abs() < 1e-6);
         }
     }
 
@@ -395,9 +417,9 @@ mod tests {
         let f = |x: f64, y: f64| 0.3 + 0.25 * x - 0.03 * y + 0.004 * x * x * x - 0.003 * x * y * y;
         for [xi, eta] in PLACES {
             let patch = Patch::cubic(&sampled(f), [xi, eta]);
-            let (value, slope) = patch.along([xi, eta], [1.0, 0.0]);
-            assert!((value - f(xi, eta)).abs() < 1e-6);
-            assert!((slope - (0.25 + 0.012 * xi * xi - 0.003 * eta * eta)).abs() < 1e-5);
+            let (value, slope) = patch.along([xi as f32, eta as f32], [1.0, 0.0]);
+            assert!((f64::from(value) - f(xi, eta)).abs() < 1e-6);
+            assert!((f64::from(slope) - (0.25 + 0.012 * xi * xi - 0.003 * eta * eta)).abs() < 1e-5);
         }
     }
 
@@ -414,7 +436,7 @@ mod tests {
                         Interpolation::Cubic => Patch::cubic(&samples, [xi, eta]),
                         _ => Patch::quadratic(&samples, 10.0).unwrap(),
                     };
-                    let weight = patch.along([xi, eta], [0.0, 0.0]).0;
+                    let weight = f64::from(patch.along([xi as f32, eta as f32], [0.0, 0.0]).0);
                     sum += weight * weight;
                 }
                 let patch = Patch { a: 0.0, b: [0.0; 2], c: [0.0; 3], kind };
