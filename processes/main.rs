@@ -1,2 +1,114 @@
-//! Entry point.
-fn main() {}
+//! `fringecell`: measures parts with cameras and projectors, from patterns to a verdict.
+//!
+//! This binary is all processes of a cell: `run` is the supervisor, which starts itself again as each stage. The modules
+//! named after stages hold their wiring; mathematics is in `fringe`, shared memory in `ipc`, files in `rig`.
+
+mod capture;
+mod client;
+mod decode;
+mod demo;
+mod drivers;
+mod fusion;
+mod graph;
+mod inspection;
+mod matching;
+mod output;
+mod plan_table;
+mod print;
+mod projection;
+mod record;
+mod run;
+mod stage;
+mod supervisor;
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// The input cannot be used.
+const BAD_INPUT: u8 = 2;
+
+/// Multi-view fringe projection metrology cell.
+///
+/// Exits with 0 when all cycles are ok and pass, 1 when the measurement fails, 2 on bad input.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Measure a simulated part with a simulated cell and compare with the truth.
+    Demo(demo::DemoArgs),
+    /// Run a cell.
+    Run(run::RunArgs),
+    /// Print the static schedule of a cell, or why it cannot run.
+    Schedule {
+        /// Configuration of the cell.
+        config: PathBuf,
+    },
+    /// Say how a running cell is.
+    Status {
+        /// Which cell, if several run.
+        #[arg(long, value_name = "NAME")]
+        cell: Option<String>,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Restart a stage of a running cell.
+    Restart {
+        /// Name of the stage, as in `status`.
+        stage: String,
+        /// Which cell, if several run.
+        #[arg(long, value_name = "NAME")]
+        cell: Option<String>,
+    },
+    /// Stop a running cell.
+    Stop {
+        /// Which cell, if several run.
+        #[arg(long, value_name = "NAME")]
+        cell: Option<String>,
+    },
+    /// A process of a running cell; the supervisor starts these.
+    #[command(hide = true)]
+    Stage(stage::StageArgs),
+}
+
+fn main() -> ExitCode {
+    log_to_stderr();
+    match execute(&Cli::parse().command) {
+        Ok(code) => ExitCode::from(code),
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::from(BAD_INPUT)
+        }
+    }
+}
+
+fn execute(command: &Command) -> Result<u8> {
+    let text = match command {
+        Command::Demo(args) => return demo::demo(args),
+        Command::Run(args) => return run::run(args, None),
+        Command::Stage(args) => return stage::run(args).map(|()| 0),
+        Command::Schedule { config } => {
+            let cell = graph::load(config, &graph::Options::default())?;
+            plan_table::render(&cell)
+        }
+        Command::Status { cell, json } => client::status(cell.as_deref(), *json)?,
+        Command::Restart { stage, cell } => client::restart(cell.as_deref(), stage)?,
+        Command::Stop { cell } => client::stop(cell.as_deref())?,
+    };
+    println!("{}", text.trim_end());
+    Ok(0)
+}
+
+/// `FRINGECELL_LOG` chooses what is told, as in `FRINGECELL_LOG=debug`; warnings by default.
+fn log_to_stderr() {
+    let filter = tracing_subscriber::EnvFilter::try_from_env("FRINGECELL_LOG")
+        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
+}

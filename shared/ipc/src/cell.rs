@@ -21,8 +21,11 @@ const SHARED_MEMORY: &str = "/dev/shm";
 /// See the bytes of a socket's path above.
 const MAX_NAME_BYTES: usize = 32;
 
-/// Attempts to take the lock of a folder that another supervisor is just removing.
+/// Attempts to take the lock: another supervisor may be just removing it, or `status` just looking whether it is held.
 const LOCK_ATTEMPTS: usize = 20;
+
+/// Pause between two attempts.
+const LOCK_PAUSE: std::time::Duration = std::time::Duration::from_millis(5);
 
 /// A checked name of a cell.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -89,15 +92,22 @@ impl CellLock {
     /// # Errors
     /// [`IpcError::Running`] when another supervisor holds it, [`IpcError::File`] when the folder cannot be used.
     pub fn take(name: &CellName) -> Result<Self, IpcError> {
+        let mut refusal = IpcError::Running { cell: name.0.clone(), pid: "unknown".into() };
         for _ in 0..LOCK_ATTEMPTS {
-            if let Some(lock) = try_lock(name)? {
-                let held = Self { name: name.clone(), lock };
-                held.wipe(false)?;
-                held.write_pid()?;
-                return Ok(held);
+            match try_lock(name) {
+                Ok(Some(lock)) => {
+                    let held = Self { name: name.clone(), lock };
+                    held.wipe(false)?;
+                    held.write_pid()?;
+                    return Ok(held);
+                }
+                Ok(None) => {}
+                Err(error @ IpcError::Running { .. }) => refusal = error,
+                Err(error) => return Err(error),
             }
+            std::thread::sleep(LOCK_PAUSE);
         }
-        Err(IpcError::Running { cell: name.0.clone(), pid: "unknown".into() })
+        Err(refusal)
     }
 
     /// The cell.
@@ -168,6 +178,16 @@ pub fn running_pid(name: &CellName) -> Option<u32> {
         Err(TryLockError::WouldBlock) => read_pid(&file).parse().ok(),
         _ => None,
     }
+}
+
+/// The cells that run on this machine, by name.
+pub fn running_cells() -> Vec<CellName> {
+    let Ok(entries) = list(Path::new(SHARED_MEMORY)) else { return Vec::new() };
+    let name = |path: &PathBuf| CellName::new(path.file_name()?.to_str()?.strip_prefix("fringecell-")?).ok();
+    let mut cells: Vec<CellName> =
+        entries.iter().filter_map(name).filter(|cell| running_pid(cell).is_some()).collect();
+    cells.sort_by(|a, b| a.0.cmp(&b.0));
+    cells
 }
 
 /// `None`: the folder vanished under us, try again.

@@ -88,7 +88,7 @@ impl Header for Control {
     }
 }
 
-/// Projection to capture: the pattern stands, expose. No payload.
+/// Projection to capture: the pattern stands, expose. And back: exposed. No payload.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
 #[repr(C)]
 #[repr(align(64))]
@@ -96,12 +96,19 @@ impl Header for Control {
 pub struct Trigger {
     /// Cycle.
     pub cycle: u64,
-    /// When the pattern stood (monotonic clock), ns.
+    /// When the pattern stood, or the exposure ended (monotonic clock), ns.
     pub t_ns: u64,
     /// Which projector shows it.
     pub projector: u32,
     /// Frame number in the projector's sequence.
     pub frame: u32,
+    /// Which camera has exposed; [`Trigger::ALL`] on the way to the cameras.
+    pub camera: u32,
+}
+
+impl Trigger {
+    /// Every camera of the projector.
+    pub const ALL: u32 = u32::MAX;
 }
 
 impl Header for Trigger {

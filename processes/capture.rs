@@ -1,0 +1,128 @@
+//! The capture process of one camera: exposes on a trigger, straight into shared memory.
+
+use crate::drivers::{self, Camera, Format};
+use crate::graph;
+use crate::stage::{Fault, Inbox, Link, Report, Worker};
+use crate::supervisor::cycle::unwire;
+use crate::supervisor::schedule::Work;
+use anyhow::Result;
+use ipc::IpcError;
+use ipc::header::{Frame, Trigger};
+use ipc::os::now_ns;
+use ipc::port::Publisher;
+use xxhash_rust::xxh3::xxh3_128;
+
+/// What the camera needs of one projector.
+struct Light {
+    projector: usize,
+    frames: usize,
+    format: Format,
+    triggers: Inbox<Trigger>,
+    next: usize,
+}
+
+/// State of a capture.
+pub struct Capture {
+    camera: usize,
+    width_px: u32,
+    height_px: u32,
+    driver: Box<dyn Camera>,
+    lights: Vec<Light>,
+    frames: Publisher<Frame>,
+    exposed: Publisher<Trigger>,
+}
+
+impl Capture {
+    /// Opens driver and ports.
+    pub fn new(link: &Link) -> Result<Self> {
+        let (cell, camera) = (&link.cell, link.subject());
+        let node = &cell.graph.cameras[camera];
+        let lit = cell.graph.projectors.iter().enumerate().filter(|(_, p)| p.cameras.contains(&camera));
+        let lights = lit.map(|(projector, p)| {
+            Ok(Light {
+                projector,
+                frames: p.frames,
+                format: Format::of(graph::full_scale_dn(&cell.config, projector, camera)?),
+                triggers: link.inbox(&format!("trigger/{}", p.name))?,
+                next: 0,
+            })
+        });
+        Ok(Self {
+            camera,
+            width_px: node.width_px,
+            height_px: node.height_px,
+            lights: lights.collect::<Result<_>>()?,
+            driver: drivers::camera(cell, camera)?,
+            frames: link.publisher(&format!("frame/{}", node.name))?,
+            exposed: link.publisher("exposed")?,
+        })
+    }
+
+    fn expose(&mut self, link: &mut Link, light: usize, trigger: Trigger) -> Result<(), Fault> {
+        let light = &mut self.lights[light];
+        let (projector, frame) = (light.projector, light.next);
+        if (trigger.projector as usize, trigger.frame as usize) != (projector, frame) || frame >= light.frames
+        {
+            return Err(Fault::Cycle(format!(
+                "trigger for frame {} of projector {} where frame {frame} of projector {projector} was due",
+                trigger.frame, trigger.projector
+            )));
+        }
+        light.next += 1;
+        let start_ns = now_ns();
+        let mut loan = self.frames.loan(Frame {
+            cycle: link.cycle(),
+            camera: self.camera as u32,
+            projector: projector as u32,
+            frame: frame as u32,
+            width_px: self.width_px,
+            height_px: self.height_px,
+            bytes_per_px: light.format.bytes_per_px,
+            full_scale_dn: light.format.full_scale_dn.into(),
+            ..Frame::default()
+        })?;
+        self.driver
+            .expose(projector, frame, loan.payload_mut())
+            .map_err(|e| Fault::Cycle(format!("{e:#}")))?;
+        let t_ns = now_ns();
+        loan.header_mut().t_ns = t_ns;
+        let output = (loan.payload().len(), xxh3_128(loan.payload()));
+        loan.send()?;
+        self.exposed.send(Trigger { t_ns, camera: self.camera as u32, ..trigger }, &[])?;
+        let work = Work::Expose { camera: self.camera, projector, frame };
+        link.done_hashed(work, start_ns, output, &Report::default())
+    }
+}
+
+impl Worker for Capture {
+    fn connect(&self) -> Result<(), IpcError> {
+        self.lights.iter().try_for_each(|light| light.triggers.connect())
+    }
+
+    fn begin(&mut self, link: &mut Link) -> Result<(), Fault> {
+        self.forget();
+        let cycle = unwire(link.cycle()).unwrap_or_default();
+        self.driver.begin(cycle).map_err(|e| Fault::Cycle(format!("{e:#}")))?;
+        // The twin traced the new pose: in a real cell a gripper did that, and nobody counts it as waiting.
+        link.idle_from_now();
+        Ok(())
+    }
+
+    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+        for light in 0..self.lights.len() {
+            if let Some(trigger) = self.lights[light].triggers.take(link)? {
+                let header = *trigger.header();
+                drop(trigger);
+                self.expose(link, light, header)?;
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn forget(&mut self) {
+        for light in &mut self.lights {
+            light.next = 0;
+        }
+    }
+}

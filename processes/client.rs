@@ -1,0 +1,106 @@
+//! `status`, `restart`, `stop`: talking to a running cell.
+
+use crate::supervisor::socket::{Answer, Request, Status, ask};
+use anyhow::{Context, Result, bail};
+use ipc::cell::{CellName, running_cells, running_pid};
+use std::fmt::Write as _;
+use std::time::{Duration, Instant};
+
+/// How long `stop` waits for the cell to be gone.
+const STOP_PATIENCE: Duration = Duration::from_secs(30);
+
+/// The cell that is meant: the named one, or the only one that runs.
+fn find(name: Option<&str>) -> Result<CellName> {
+    if let Some(name) = name {
+        let name = CellName::new(name)?;
+        if running_pid(&name).is_none() {
+            bail!("no cell '{}' is running{}", name.as_str(), others());
+        }
+        return Ok(name);
+    }
+    match running_cells().as_slice() {
+        [one] => Ok(one.clone()),
+        [] => bail!("no cell is running"),
+        _ => bail!("several cells are running; name one with --cell{}", others()),
+    }
+}
+
+fn others() -> String {
+    let cells: Vec<String> = running_cells().iter().map(|c| c.as_str().to_owned()).collect();
+    if cells.is_empty() { String::new() } else { format!("; running: {}", cells.join(", ")) }
+}
+
+fn request(cell: Option<&str>, request: &Request) -> Result<(CellName, Answer)> {
+    let name = find(cell)?;
+    let answer = ask(&name.socket(), request)
+        .with_context(|| format!("asking cell '{}' over {}", name.as_str(), name.socket().display()))?;
+    match answer {
+        Answer::Refused(reason) => bail!("cell '{}': {reason}", name.as_str()),
+        answer => Ok((name, answer)),
+    }
+}
+
+/// How a cell is, as text or JSON.
+///
+/// # Errors
+/// No such cell, or none that answers.
+pub fn status(cell: Option<&str>, json: bool) -> Result<String> {
+    match request(cell, &Request::Status {})?.1 {
+        Answer::Status(status) if json => Ok(serde_json::to_string_pretty(&status)?),
+        Answer::Status(status) => Ok(table(&status)),
+        _ => bail!("the cell gave no status"),
+    }
+}
+
+/// Restarts a stage.
+///
+/// # Errors
+/// No such cell or stage.
+pub fn restart(cell: Option<&str>, stage: &str) -> Result<String> {
+    match request(cell, &Request::Restart { stage: stage.to_owned() })?.1 {
+        Answer::Done(text) => Ok(text),
+        _ => bail!("the cell did not confirm"),
+    }
+}
+
+/// Stops a cell and waits until it is gone.
+///
+/// # Errors
+/// No such cell, or one that does not stop.
+pub fn stop(cell: Option<&str>) -> Result<String> {
+    let (name, _) = request(cell, &Request::Stop {})?;
+    let begin = Instant::now();
+    while running_pid(&name).is_some() {
+        if begin.elapsed() > STOP_PATIENCE {
+            bail!("cell '{}' did not stop within {} s", name.as_str(), STOP_PATIENCE.as_secs());
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    Ok(format!("cell '{}' stopped", name.as_str()))
+}
+
+fn table(status: &Status) -> String {
+    let of = status.cycles_requested.map_or_else(String::new, |n| format!(" of {n}"));
+    let now = status.cycle.map_or_else(|| "between cycles".to_owned(), |c| format!("in cycle {}", c + 1));
+    let mut text = format!(
+        "cell '{}', pid {}: {now}, {}{of} done, {} ok\n{:<20} {:>8} {:<20} {:>8} {:>10}\n",
+        status.cell,
+        status.pid,
+        status.cycles_done,
+        status.cycles_ok,
+        "stage",
+        "pid",
+        "state",
+        "restarts",
+        "silent ms"
+    );
+    for stage in &status.stages {
+        let pid = stage.pid.map_or_else(|| "–".to_owned(), |pid| pid.to_string());
+        let _ = writeln!(
+            text,
+            "{:<20} {pid:>8} {:<20} {:>8} {:>10}",
+            stage.name, stage.state, stage.restarts, stage.silent_ms
+        );
+    }
+    text
+}

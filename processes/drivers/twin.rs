@@ -1,0 +1,52 @@
+//! A camera that looks at the digital twin.
+
+use super::Camera;
+use crate::graph::{self, Cell};
+use anyhow::{Context, Result};
+use ipc::payload::mono16_mut;
+use twin::{PixelsMut, Renderer, Twin, View};
+
+/// Traces its own view once per pose; a frame is then a look-up.
+pub struct TwinCamera {
+    name: String,
+    twin: Twin,
+    /// Projectors that it sees, and the frames of their sequences.
+    lamps: Vec<(usize, Renderer)>,
+    lamp_names: Vec<String>,
+    view: Option<View>,
+    is_8bit: bool,
+}
+
+impl TwinCamera {
+    /// Builds the twin.
+    pub fn new(cell: &Cell, camera: usize) -> Result<Self> {
+        let config = &cell.config;
+        let twin = graph::twin(config)?;
+        let lit = cell.graph.projectors.iter().enumerate().filter(|(_, p)| p.cameras.contains(&camera));
+        let lamps = lit
+            .map(|(number, p)| Ok((number, twin.renderer(&p.name, &config.projectors[number].sequence)?)))
+            .collect::<Result<Vec<_>>>()?;
+        let lamp_names = lamps.iter().map(|(number, _)| config.projectors[*number].name.clone()).collect();
+        let is_8bit = twin.settings().full_scale_dn() <= 255;
+        Ok(Self { name: config.cameras[camera].name.clone(), twin, lamps, lamp_names, view: None, is_8bit })
+    }
+}
+
+impl Camera for TwinCamera {
+    fn begin(&mut self, cycle: u64) -> Result<()> {
+        if let Some(view) = &mut self.view {
+            return Ok(self.twin.retrace(view, cycle)?);
+        }
+        let lamps: Vec<&str> = self.lamp_names.iter().map(String::as_str).collect();
+        self.view = Some(self.twin.view_lit_by(&self.name, &lamps, cycle)?);
+        Ok(())
+    }
+
+    fn expose(&mut self, projector: usize, frame: usize, out: &mut [u8]) -> Result<()> {
+        let view = self.view.as_ref().context("no part stands before the camera")?;
+        let lamp = self.lamps.iter_mut().find(|(number, _)| *number == projector);
+        let (_, renderer) = lamp.context("the camera does not see this projector")?;
+        let pixels = if self.is_8bit { PixelsMut::Mono8(out) } else { PixelsMut::Mono16(mono16_mut(out)?) };
+        Ok(renderer.render(view, frame, pixels)?)
+    }
+}

@@ -1,0 +1,115 @@
+//! The fusion process: joins the clouds of all pairs in the world frame.
+
+use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
+use crate::supervisor::schedule::Work;
+use anyhow::Result;
+use fringe::cloud::Point;
+use fringe::fusion::Fuser;
+use ipc::IpcError;
+use ipc::header::Cloud;
+use ipc::os::now_ns;
+use ipc::payload;
+use ipc::port::{Publisher, Received};
+use xxhash_rust::xxh3::xxh3_128;
+
+/// A pair whose cloud is joined.
+struct Part {
+    inbox: Inbox<Cloud>,
+    cloud: Option<Received<Cloud>>,
+}
+
+/// State of the fusion.
+pub struct Fusion {
+    /// In the order of the rig file: the order of the points follows it.
+    parts: Vec<Part>,
+    capacity: usize,
+    fuser: Fuser,
+    fused: Vec<Point>,
+    clouds: Publisher<Cloud>,
+}
+
+impl Fusion {
+    /// Allocates room for all points and opens the ports.
+    pub fn new(link: &Link) -> Result<Self> {
+        let graph = &link.cell.graph;
+        let parts = graph
+            .pairs
+            .iter()
+            .map(|pair| Ok(Part { inbox: link.inbox(&format!("cloud/{}", pair.name))?, cloud: None }));
+        let pixels = |camera: usize| {
+            graph.cameras[camera].width_px as usize * graph.cameras[camera].height_px as usize
+        };
+        let capacity = graph.pairs.iter().map(|pair| pixels(pair.left)).sum();
+        Ok(Self {
+            parts: parts.collect::<Result<_>>()?,
+            capacity,
+            fuser: Fuser::default(),
+            fused: Vec::with_capacity(capacity),
+            clouds: link.publisher("cloud/fused")?,
+        })
+    }
+
+    fn run(&mut self, link: &mut Link) -> Result<(), Fault> {
+        let start_ns = now_ns();
+        let mut t_ns = 0;
+        let mut clouds = Vec::with_capacity(self.parts.len());
+        for message in self.parts.iter().filter_map(|part| part.cloud.as_ref()) {
+            t_ns = t_ns.max(message.header().t_ns);
+            clouds.push(payload::points(message.header(), message.payload()).map_err(|e| lost(&e))?);
+        }
+        self.fused.clear();
+        let report = self.fuser.fuse(&clouds, &link.cell.fusion, &mut self.fused);
+        let points = self.fused.len();
+        let header = Cloud {
+            cycle: link.cycle(),
+            t_ns,
+            pair: Cloud::FUSED,
+            capacity: self.capacity as u32,
+            points: points as u32,
+        };
+        let mut loan = self.clouds.loan(header)?;
+        let room = payload::room(loan.payload_mut()).map_err(|e| lost(&e))?;
+        room[..points].copy_from_slice(&self.fused);
+        let used = points * size_of::<Point>();
+        let output = (used, xxh3_128(&loan.payload()[..used]));
+        loan.send()?;
+        self.forget();
+        let text = serde_json::to_string(&report).map_err(|e| lost(&e))?;
+        link.done_hashed(Work::Fuse, start_ns, output, &Report { count: points, text })
+    }
+}
+
+impl Worker for Fusion {
+    fn connect(&self) -> Result<(), IpcError> {
+        self.parts.iter().try_for_each(|part| part.inbox.connect())
+    }
+
+    fn begin(&mut self, _link: &mut Link) -> Result<(), Fault> {
+        self.forget();
+        Ok(())
+    }
+
+    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+        for (number, part) in self.parts.iter_mut().enumerate() {
+            if let Some(message) = part.inbox.take(link)? {
+                if part.cloud.is_some() || message.header().pair as usize != number {
+                    let pair = message.header().pair;
+                    return Err(Fault::Cycle(format!("the cloud of pair {pair} came twice or astray")));
+                }
+                part.cloud = Some(message);
+                return Ok(true);
+            }
+        }
+        if self.parts.iter().all(|part| part.cloud.is_some()) {
+            self.run(link)?;
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    fn forget(&mut self) {
+        for part in &mut self.parts {
+            part.cloud = None;
+        }
+    }
+}

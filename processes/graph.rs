@@ -1,0 +1,187 @@
+//! From the configuration to the graph of the cell, and to the settings of its kernels.
+
+use crate::supervisor::schedule::{CameraNode, Graph, PairNode, ProjectorNode, Right, Schedule};
+use anyhow::{Context, Result, anyhow};
+use fringe::decode::DecodeSettings;
+use fringe::fusion::FusionSettings;
+use fringe::inspection::Plan;
+use fringe::matching::MatchSettings;
+use fringe::pattern::{Axis, PatternSet, frame_count};
+use rig::config::{Config, Driver};
+use std::collections::BTreeSet;
+use std::path::Path;
+use twin::{Scene, Twin, TwinSettings};
+
+/// A configuration with everything that follows from it.
+#[derive(Debug, Clone)]
+pub struct Cell {
+    /// Name, which an option may have replaced.
+    pub name: String,
+    /// As read.
+    pub config: Config,
+    /// What the schedule was made from.
+    pub graph: Graph,
+    /// The plan of a cycle.
+    pub schedule: Schedule,
+    /// Settings of the decoder.
+    pub decode: DecodeSettings,
+    /// Settings of the matcher.
+    pub matching: MatchSettings,
+    /// Settings of the fusion.
+    pub fusion: FusionSettings,
+    /// What is inspected.
+    pub plan: Option<Plan>,
+}
+
+/// What a command adds to the configuration.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Another name, to run one configuration several times at once.
+    pub cell: Option<String>,
+    /// Whether the supervisor watches frames, phases and the fused cloud.
+    pub watch: bool,
+    /// Whether a recording is written.
+    pub record: bool,
+}
+
+/// Reads a configuration and plans its cell.
+///
+/// # Errors
+/// Anything that would keep the cell from running: every setting is parsed here, before a process starts.
+pub fn load(path: &Path, options: &Options) -> Result<Cell> {
+    let config = Config::load(path)?;
+    let graph = graph(&config, options)?;
+    let schedule = Schedule::new(&graph).with_context(|| path.display().to_string())?;
+    let document = &config.document;
+    let plan = match &config.plan {
+        Some(file) => Some(Plan::from_toml(&file.text).with_context(|| file.path.display().to_string())?),
+        None => None,
+    };
+    Ok(Cell {
+        name: options.cell.clone().unwrap_or_else(|| config.name.clone()),
+        decode: document.typed("decode", config.decode.clone())?,
+        matching: document.typed("matching", config.matching.clone())?,
+        fusion: document.typed("fusion", config.fusion.clone())?,
+        plan,
+        graph,
+        schedule,
+        config,
+    })
+}
+
+fn graph(config: &Config, options: &Options) -> Result<Graph> {
+    let camera = |name: &str| {
+        let found = config.cameras.iter().position(|c| c.name == name);
+        found.ok_or_else(|| anyhow!("camera \"{name}\" has no [[camera]] in the configuration"))
+    };
+    let projectors = config.projectors.iter().map(|p| {
+        let cameras = p.cameras.iter().map(|name| camera(name)).collect::<Result<Vec<_>>>()?;
+        let frames = frame_count(&p.sequence);
+        Ok(ProjectorNode { name: p.name.clone(), frames, axes: sine_axes(&p.sequence), cameras })
+    });
+    let pairs = config.rig.pairs.iter().map(|pair| {
+        let projector = config.projectors.iter().position(|p| p.name == pair.projector);
+        let projector = projector.ok_or_else(|| {
+            anyhow!("pair \"{}\": projector \"{}\" has no [[projector]]", pair.name, pair.projector)
+        })?;
+        let right = match config.rig.camera(&pair.right) {
+            Some(_) => Right::Camera(camera(&pair.right)?),
+            None => Right::Projector,
+        };
+        Ok(PairNode { name: pair.name.clone(), left: camera(&pair.left)?, right, projector })
+    });
+    let node = |c: &rig::config::CameraConfig| CameraNode {
+        name: c.name.clone(),
+        width_px: c.width_px,
+        height_px: c.height_px,
+    };
+    Ok(Graph {
+        cameras: config.cameras.iter().map(node).collect(),
+        projectors: projectors.collect::<Result<_>>()?,
+        pairs: pairs.collect::<Result<_>>()?,
+        cores: config.schedule.cores as usize,
+        record: options.record,
+        watch: options.watch,
+        rate_hz: config.recording.as_ref().map(|r| r.rate_hz),
+        cycle_deadline_ms: config.limits.cycle_deadline_ms,
+    })
+}
+
+fn sine_axes(sequence: &[PatternSet]) -> Vec<Axis> {
+    let sines = sequence.iter().filter(|set| matches!(set, PatternSet::Sine { .. }));
+    let axes: BTreeSet<Axis> = sines.filter_map(PatternSet::axis).collect();
+    axes.into_iter().collect()
+}
+
+/// The scene of the twin, with its meshes.
+///
+/// # Errors
+/// A scene that cannot be used; the message names the file.
+pub fn scene(config: &Config) -> Result<Scene> {
+    let twin = config.twin.as_ref().ok_or_else(|| anyhow!("the configuration has no [twin]"))?;
+    let folder = twin.scene.path.parent().unwrap_or(Path::new("."));
+    let mut load = |file: &str| std::fs::read(folder.join(file)).map_err(|e| e.to_string());
+    Scene::parse(&twin.scene.text, &mut load).with_context(|| twin.scene.path.display().to_string())
+}
+
+/// Settings of the twin.
+///
+/// # Errors
+/// Unknown keys or values out of range.
+pub fn twin_settings(config: &Config) -> Result<TwinSettings> {
+    let twin = config.twin.as_ref().ok_or_else(|| anyhow!("the configuration has no [twin]"))?;
+    let written: TwinSettings = config.document.typed("twin.settings", twin.settings.clone())?;
+    let settings = TwinSettings { seed: twin.seed, ..written };
+    settings.check().with_context(|| config.document.path.display().to_string())?;
+    Ok(settings)
+}
+
+/// The twin.
+///
+/// # Errors
+/// As [`scene`] and [`twin_settings`], or a rig without projectors.
+pub fn twin(config: &Config) -> Result<Twin> {
+    let rig = &config.twin.as_ref().ok_or_else(|| anyhow!("the configuration has no [twin]"))?.rig;
+    Ok(Twin::new(&scene(config)?, twin_settings(config)?, rig)?)
+}
+
+/// The grey value at which a camera is full while a projector is on.
+///
+/// # Errors
+/// A recording that does not hold them.
+pub fn full_scale_dn(config: &Config, projector: usize, camera: usize) -> Result<u16> {
+    let (projector, camera) = (&config.projectors[projector], &config.cameras[camera]);
+    match camera.driver {
+        Driver::Twin => Ok(twin_settings(config)?.full_scale_dn()),
+        Driver::Recording => {
+            let recording =
+                config.recording.as_ref().ok_or_else(|| anyhow!("the configuration has no [recording]"))?;
+            let seen = recording.recording.projector(&projector.name).and_then(|p| p.camera(&camera.name));
+            seen.map(|c| c.full_scale_dn).ok_or_else(|| {
+                anyhow!("the recording has no frames of \"{}\" under \"{}\"", camera.name, projector.name)
+            })
+        }
+    }
+}
+
+/// Builds what the stages will build, to find out before a process starts whether it can be built.
+///
+/// # Errors
+/// Settings that a kernel refuses, cameras that make no pair, a scene that cannot be traced.
+pub fn rehearse(cell: &Cell) -> Result<()> {
+    let at = || cell.config.document.path.display().to_string();
+    for (number, projector) in cell.graph.projectors.iter().enumerate() {
+        for &camera in &projector.cameras {
+            crate::decode::decoder(cell, number, camera).with_context(at)?;
+        }
+    }
+    for pair in 0..cell.graph.pairs.len() {
+        crate::matching::matcher(cell, pair)
+            .with_context(|| format!("pair \"{}\"", cell.graph.pairs[pair].name))
+            .with_context(at)?;
+    }
+    if cell.config.twin.is_some() {
+        twin(&cell.config).with_context(at)?;
+    }
+    Ok(())
+}

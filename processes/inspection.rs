@@ -1,0 +1,112 @@
+//! The inspection process: measures the features of the plan on the fused cloud and judges them.
+
+use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
+use crate::supervisor::schedule::Work;
+use anyhow::Result;
+use fringe::inspection::{self, Plan, Verdict, evaluate};
+use ipc::IpcError;
+use ipc::header::{Cloud, Outcome};
+use ipc::os::now_ns;
+use ipc::payload;
+use ipc::port::{Publisher, Received};
+use rig::result::{FeatureResult, ResultVerdict};
+use serde::{Deserialize, Serialize};
+
+/// What the inspection tells the supervisor about a cycle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Judgement {
+    /// Absent without plan.
+    pub verdict: Option<ResultVerdict>,
+    /// In the order of the plan.
+    pub features: Vec<FeatureResult>,
+    /// Why the part was not found.
+    pub alignment_failure: Option<String>,
+}
+
+/// State of the inspection.
+pub struct Inspection {
+    plan: Option<Plan>,
+    fused: Inbox<Cloud>,
+    results: Publisher<Outcome>,
+}
+
+impl Inspection {
+    /// Opens the ports.
+    pub fn new(link: &Link) -> Result<Self> {
+        Ok(Self {
+            plan: link.cell.plan.clone(),
+            fused: link.inbox("cloud/fused")?,
+            results: link.publisher("result")?,
+        })
+    }
+
+    fn run(&mut self, link: &mut Link, message: &Received<Cloud>) -> Result<(), Fault> {
+        let start_ns = now_ns();
+        let points = payload::points(message.header(), message.payload()).map_err(|e| lost(&e))?;
+        let judgement = judge(self.plan.as_ref(), points);
+        let text = serde_json::to_string(&judgement).map_err(|e| lost(&e))?;
+        let header = Outcome {
+            cycle: link.cycle(),
+            t_last_frame_ns: message.header().t_ns,
+            t_ns: now_ns(),
+            text_bytes: text.len() as u32,
+        };
+        self.results.send(header, text.as_bytes())?;
+        let report = Report { count: judgement.features.len(), text: String::new() };
+        link.done(Work::Inspect, start_ns, text.as_bytes(), &report)
+    }
+}
+
+/// Measures and judges; without a plan there is nothing to judge.
+fn judge(plan: Option<&Plan>, points: &[fringe::cloud::Point]) -> Judgement {
+    let Some(plan) = plan else {
+        return Judgement { verdict: None, features: Vec::new(), alignment_failure: None };
+    };
+    let result = evaluate(plan, points);
+    Judgement {
+        verdict: verdict(result.verdict),
+        features: result.features.iter().map(feature).collect(),
+        alignment_failure: result.alignment_failure,
+    }
+}
+
+fn feature(feature: &inspection::FeatureResult) -> FeatureResult {
+    FeatureResult {
+        name: feature.name.clone(),
+        value: feature.value,
+        unit: feature.unit.to_owned(),
+        u: feature.u,
+        lower: Some(feature.lower).filter(|l| l.is_finite()),
+        upper: Some(feature.upper).filter(|u| u.is_finite()),
+        verdict: verdict(feature.verdict),
+        reason: feature.reason.clone(),
+    }
+}
+
+fn verdict(verdict: Verdict) -> Option<ResultVerdict> {
+    match verdict {
+        Verdict::Pass => Some(ResultVerdict::Pass),
+        Verdict::Indeterminate => Some(ResultVerdict::Indeterminate),
+        Verdict::Fail => Some(ResultVerdict::Fail),
+        Verdict::NotMeasured => None,
+    }
+}
+
+impl Worker for Inspection {
+    fn connect(&self) -> Result<(), IpcError> {
+        self.fused.connect()
+    }
+
+    fn begin(&mut self, _link: &mut Link) -> Result<(), Fault> {
+        Ok(())
+    }
+
+    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+        match self.fused.take(link)? {
+            Some(message) => self.run(link, &message).map(|()| true),
+            None => Ok(false),
+        }
+    }
+
+    fn forget(&mut self) {}
+}

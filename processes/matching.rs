@@ -1,0 +1,198 @@
+//! The matching process of one pair: takes its phases, gives its cloud.
+
+use crate::graph::Cell;
+use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
+use crate::supervisor::schedule::{Right, Work};
+use anyhow::{Context, Result};
+use fringe::cloud::Point;
+use fringe::matching::{MatchError, Matcher};
+use fringe::pattern::Axis;
+use fringe::phase::PhaseView;
+use fringe::projector::{ProjectorMatcher, ProjectorSettings};
+use ipc::IpcError;
+use ipc::header::{Cloud, Phase};
+use ipc::os::now_ns;
+use ipc::payload;
+use ipc::port::{Publisher, Received};
+use xxhash_rust::xxh3::xxh3_128;
+
+/// Either approach of the thesis.
+pub enum Method {
+    /// Approach 2: two cameras.
+    Stereo(Box<Matcher>),
+    /// The conventional one: a camera and the projector.
+    Projector(Box<ProjectorMatcher>),
+}
+
+/// A phase that the pair waits for.
+struct Need {
+    camera: usize,
+    axis: Axis,
+    map: Option<Received<Phase>>,
+}
+
+/// State of a matching stage.
+pub struct Matching {
+    pair: usize,
+    projector: usize,
+    capacity: usize,
+    method: Method,
+    /// Left first; with the projector method x before y.
+    needs: Vec<Need>,
+    inboxes: Vec<Inbox<Phase>>,
+    clouds: Publisher<Cloud>,
+}
+
+/// The matcher of a pair, and how many points it may give.
+pub fn matcher(cell: &Cell, pair: usize) -> Result<(Method, usize)> {
+    let (names, node) = (&cell.config.rig.pairs[pair], &cell.graph.pairs[pair]);
+    let rig = &cell.config.rig;
+    let left = rig.camera(&names.left).with_context(|| format!("camera \"{}\" is unknown", names.left))?;
+    match node.right {
+        Right::Camera(_) => {
+            let right =
+                rig.camera(&names.right).with_context(|| format!("camera \"{}\" is unknown", names.right))?;
+            let matcher = Matcher::new(left, right, &cell.matching)?;
+            let capacity = matcher.capacity();
+            Ok((Method::Stereo(Box::new(matcher)), capacity))
+        }
+        Right::Projector => {
+            let projector = rig
+                .projector(&names.right)
+                .with_context(|| format!("projector \"{}\" is not in the rig file", names.right))?;
+            let settings = ProjectorSettings {
+                depth_mm: cell.matching.depth_mm,
+                surface: cell.matching.surface,
+                ..ProjectorSettings::default()
+            };
+            let matcher = ProjectorMatcher::new(left, projector, &settings)?;
+            let capacity = matcher.capacity();
+            Ok((Method::Projector(Box::new(matcher)), capacity))
+        }
+    }
+}
+
+impl Matching {
+    /// Computes the tables and opens the ports.
+    pub fn new(link: &Link) -> Result<Self> {
+        let (cell, pair) = (&link.cell, link.subject());
+        let node = &cell.graph.pairs[pair];
+        let axes = node.axes(&cell.graph.projectors[node.projector]);
+        let needs = node
+            .cameras()
+            .into_iter()
+            .flat_map(|camera| axes.iter().map(move |&axis| Need { camera, axis, map: None }));
+        let (method, capacity) = matcher(cell, pair)?;
+        let inboxes =
+            node.cameras().into_iter().map(|c| link.inbox(&format!("phase/{}", cell.graph.cameras[c].name)));
+        Ok(Self {
+            pair,
+            projector: node.projector,
+            capacity,
+            method,
+            needs: needs.collect(),
+            inboxes: inboxes.collect::<Result<_>>()?,
+            clouds: link.publisher(&format!("cloud/{}", node.name))?,
+        })
+    }
+
+    /// Keeps a phase that the pair needs; those of other projectors are not for it.
+    fn keep(&mut self, message: Received<Phase>) -> Result<(), Fault> {
+        let header = *message.header();
+        if header.projector as usize != self.projector {
+            return Ok(());
+        }
+        let axis = header.info().map_err(|e| lost(&e))?.axis;
+        let need = self.needs.iter_mut().find(|n| n.camera == header.camera as usize && n.axis == axis);
+        match need {
+            Some(need) if need.map.is_none() => {
+                need.map = Some(message);
+                Ok(())
+            }
+            Some(_) => Err(Fault::Cycle(format!("the phase of camera {} came twice", header.camera))),
+            None => Ok(()), // an axis that only another pair takes
+        }
+    }
+
+    fn run(&mut self, link: &mut Link) -> Result<(), Fault> {
+        let start_ns = now_ns();
+        let mut t_ns = 0;
+        let mut views = Vec::with_capacity(self.needs.len());
+        for need in &self.needs {
+            let Some(map) = &need.map else { return Ok(()) };
+            t_ns = t_ns.max(map.header().t_ns);
+            views.push((need.axis, payload::phase(map.header(), map.payload()).map_err(|e| lost(&e))?));
+        }
+        let header = Cloud {
+            cycle: link.cycle(),
+            t_ns,
+            pair: self.pair as u32,
+            capacity: self.capacity as u32,
+            points: 0,
+        };
+        let mut loan = self.clouds.loan(header)?;
+        let room = payload::room(loan.payload_mut()).map_err(|e| lost(&e))?;
+        let (points, text) = self.method.run(&views, self.pair as u32, room).map_err(|e| lost(&e))?;
+        loan.header_mut().points = points;
+        let used = points as usize * size_of::<Point>();
+        let output = (used, xxh3_128(&loan.payload()[..used]));
+        loan.send()?;
+        self.forget();
+        let report = Report { count: points as usize, text };
+        link.done_hashed(Work::Match { pair: self.pair }, start_ns, output, &report)
+    }
+}
+
+impl Method {
+    /// Number of points, and the report as JSON.
+    fn run(
+        &mut self,
+        views: &[(Axis, PhaseView)],
+        pair: u32,
+        room: &mut [Point],
+    ) -> Result<(u32, String), MatchError> {
+        let along = |axis: Axis| views.iter().find(|(a, _)| *a == axis).map(|(_, view)| view);
+        match self {
+            Self::Stereo(matcher) => {
+                let [(_, left), (_, right)] = views else { return Err(MatchError::NoPhase) };
+                let report = matcher.run(left, right, pair, room)?;
+                Ok((report.points, serde_json::to_string(&report).unwrap_or_default()))
+            }
+            Self::Projector(matcher) => {
+                let report = matcher.run(along(Axis::X), along(Axis::Y), pair, room)?;
+                Ok((report.points, serde_json::to_string(&report).unwrap_or_default()))
+            }
+        }
+    }
+}
+
+impl Worker for Matching {
+    fn connect(&self) -> Result<(), IpcError> {
+        self.inboxes.iter().try_for_each(Inbox::connect)
+    }
+
+    fn begin(&mut self, _link: &mut Link) -> Result<(), Fault> {
+        self.forget();
+        Ok(())
+    }
+
+    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+        for inbox in 0..self.inboxes.len() {
+            if let Some(message) = self.inboxes[inbox].take(link)? {
+                self.keep(message)?;
+                return Ok(true);
+            }
+        }
+        if self.needs.iter().all(|need| need.map.is_some()) {
+            self.run(link)?;
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    fn forget(&mut self) {
+        for need in &mut self.needs {
+            need.map = None;
+        }
+    }
+}

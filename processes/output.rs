@@ -1,0 +1,263 @@
+//! The files of a run: results, cloud, trace, report.
+
+use crate::graph::Cell;
+use crate::supervisor::collect::{Span, label};
+use crate::supervisor::cycle::wire;
+use crate::supervisor::watch::Watch;
+use anyhow::Result;
+use fringe::cloud::Point;
+use fringe::inspection::evaluate;
+use fringe::phase::PhaseView;
+use ipc::payload;
+use rig::atomic;
+use rig::ply::write_cloud;
+use rig::report::{
+    Activity, CycleRow, FeatureRow, GreyPicture, Mark, OverlapRow, PhasePicture, ReportInput, Verdict,
+    stage_times, write_html,
+};
+use rig::result::{CycleResult, OUTCOME_OK, write_json};
+use rig::trace::{TraceSpan, write_trace};
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+use twin::Truth;
+
+/// Writes the result of one cycle while the run goes on.
+pub fn cycle(folder: &Path, result: &CycleResult) -> Result<()> {
+    let results = folder.join("results");
+    atomic::create_dir(&results)?;
+    write_json(&results.join(format!("{:04}.json", result.cycle)), result)?;
+    Ok(write_json(&folder.join("result.json"), result)?)
+}
+
+/// What a run leaves behind, for its files.
+pub struct Run<'a> {
+    /// The cell.
+    pub cell: &'a Cell,
+    /// Results of the cycles; of long runs the last ones.
+    pub results: &'a [CycleResult],
+    /// Spans of the last cycles.
+    pub spans: &'a [Span],
+    /// What was seen.
+    pub watch: &'a Watch,
+    /// The truth of a demonstration.
+    pub truth: Option<&'a Truth>,
+}
+
+/// Writes cloud, trace and report.
+pub fn files(folder: &Path, run: &Run) -> Result<()> {
+    let stages: Vec<&str> = run.cell.schedule.stages.iter().map(|s| s.name.as_str()).collect();
+    let spans: Vec<TraceSpan> = run.spans.iter().filter_map(|span| trace_span(run.cell, span)).collect();
+    write_trace(&folder.join("trace.json"), &stages, &spans)?;
+    let points = match &run.watch.cloud {
+        Some(cloud) => payload::points(cloud.header(), cloud.payload())?,
+        None => &[],
+    };
+    if run.watch.cloud.is_some() {
+        let config = &run.cell.config;
+        let software = format!("fringecell {}", env!("CARGO_PKG_VERSION"));
+        let comments = [
+            ("rig_sha256", config.rig_sha256.as_str()),
+            ("config_sha256", &config.sha256),
+            ("cell", &run.cell.name),
+            ("method", "phase"),
+            ("version", &software),
+        ];
+        write_cloud(&folder.join("cloud.ply"), points, &comments)?;
+    }
+    report(folder, run, points)
+}
+
+fn trace_span(cell: &Cell, span: &Span) -> Option<TraceSpan> {
+    let activation = cell.schedule.activations.get(span.activation)?;
+    Some(TraceSpan {
+        stage: activation.stage,
+        name: label(&cell.graph, activation.work),
+        cycle: span.cycle,
+        wait_ns: span.wait_ns,
+        start_ns: span.start_ns,
+        end_ns: span.end_ns,
+    })
+}
+
+fn report(folder: &Path, run: &Run, points: &[Point]) -> Result<()> {
+    let Some(last) = run.results.last() else { return Ok(()) };
+    let ok = last.outcome == OUTCOME_OK;
+    let cell = run.cell;
+    let captions: Vec<(String, PhaseView)> = if ok { phase_maps(run, last.cycle)? } else { Vec::new() };
+    let deviations = if ok { deviations(cell, points) } else { Vec::new() };
+    let mut features: Vec<FeatureRow> = last.features.iter().map(FeatureRow::from).collect();
+    for row in &mut features {
+        row.truth = run.truth.and_then(|t| t.get(&row.name)).filter(|t| t.unit == row.unit).map(|t| t.value);
+    }
+    let input = ReportInput {
+        cell: cell.name.clone(),
+        part: cell.plan.as_ref().map_or_else(|| "no inspection plan".to_owned(), |p| p.name.clone()),
+        date: utc_now(),
+        software_version: format!("fringecell {}", env!("CARGO_PKG_VERSION")),
+        rig_hash: cell.config.rig_sha256.clone(),
+        plan_id: cell.plan.as_ref().map(|p| p.name.clone()).unwrap_or_default(),
+        details: vec![("Configuration".into(), cell.config.sha256.clone())],
+        verdict: last.verdict.map_or(Verdict::NoResult, Verdict::from),
+        reason: if ok { String::new() } else { last.outcome.clone() },
+        coverage_factor: Some(2.0),
+        decision_rule: cell
+            .plan
+            .as_ref()
+            .map_or_else(String::new, |p| decision_rule(p.settings.guard_factor)),
+        features,
+        camera_views: if ok { camera_views(run, last.cycle) } else { Vec::new() },
+        phase_maps: captions.iter().map(|(caption, phase)| PhasePicture { caption, phase: *phase }).collect(),
+        cloud: if ok { points } else { &[] },
+        pair_names: cell.graph.pairs.iter().map(|p| p.name.clone()).collect(),
+        deviations: &deviations,
+        deviation_meaning: "Distance from the fitted element of the plan, positive outside of the material."
+            .into(),
+        overlaps: overlaps(cell, last),
+        timeline: timeline(cell, run.spans, last.cycle),
+        marks: marks(cell, run.spans, last.cycle),
+        stages: stage_times(run.results),
+        cycles: run.results.iter().map(CycleRow::from).collect(),
+        notes: run.truth.map(|_| TRUTH_NOTE.to_owned()).into_iter().collect(),
+        ..ReportInput::default()
+    };
+    Ok(write_html(&folder.join("report.html"), &input)?)
+}
+
+/// What a demonstration has to admit.
+const TRUTH_NOTE: &str = "The part is simulated. The column truth is known to the simulator only; nothing that \
+    measured has seen it.";
+
+fn decision_rule(guard_factor: f64) -> String {
+    format!("ISO 14253-1 with a guard band of {guard_factor} standard uncertainties.")
+}
+
+/// Distances of the points from their elements, each point once.
+fn deviations(cell: &Cell, points: &[Point]) -> Vec<(u32, f32)> {
+    let Some(plan) = &cell.plan else { return Vec::new() };
+    let mut all: Vec<(u32, f32)> = evaluate(plan, points)
+        .elements
+        .iter()
+        .flat_map(|element| element.points.iter().map(|p| (p.index, p.from_fit_mm)))
+        .collect();
+    all.sort_by_key(|(index, _)| *index);
+    all.dedup_by_key(|(index, _)| *index);
+    all
+}
+
+fn camera_views(run: &Run, cycle: u64) -> Vec<GreyPicture> {
+    let graph = &run.cell.graph;
+    let fresh = run.watch.pictures.iter().filter(|(_, p)| p.cycle == wire(cycle));
+    let views = fresh.filter_map(|((camera, projector), picture)| {
+        let (camera, projector) =
+            (graph.cameras.get(*camera as usize)?, graph.projectors.get(*projector as usize)?);
+        Some(GreyPicture {
+            caption: format!("{} under {}", camera.name, projector.name),
+            width_px: picture.width_px,
+            height_px: picture.height_px,
+            values: picture.values.clone(),
+        })
+    });
+    views.collect()
+}
+
+fn phase_maps<'a>(run: &'a Run, cycle: u64) -> Result<Vec<(String, PhaseView<'a>)>> {
+    let graph = &run.cell.graph;
+    let fresh = run.watch.maps.values().filter(|m| m.header().cycle == wire(cycle));
+    fresh
+        .map(|map| {
+            let header = map.header();
+            let name = |camera: u32| graph.cameras.get(camera as usize).map_or("?", |c| c.name.as_str());
+            let axis = if header.axis == 0 { "x" } else { "y" };
+            Ok((format!("{}, axis {axis}", name(header.camera)), payload::phase(header, map.payload())?))
+        })
+        .collect()
+}
+
+fn overlaps(cell: &Cell, result: &CycleResult) -> Vec<OverlapRow> {
+    let all = result.more.get("overlaps").and_then(|o| o.as_array()).cloned().unwrap_or_default();
+    let rows = all.iter().filter_map(|overlap| {
+        let number = |key: &str| overlap.get(key).and_then(serde_json::Value::as_f64);
+        let name = |key: &str| cell.graph.pairs.get(number(key)? as usize).map(|p| p.name.clone());
+        Some(OverlapRow {
+            a: name("a")?,
+            b: name("b")?,
+            mean_mm: number("mean_mm")?,
+            sd_mm: number("sd_mm")?,
+            count: number("count")? as u64,
+        })
+    });
+    rows.collect()
+}
+
+fn timeline(cell: &Cell, spans: &[Span], cycle: u64) -> Vec<rig::report::Span> {
+    let mut rows = Vec::new();
+    for span in spans.iter().filter(|s| s.cycle == cycle) {
+        let Some(activation) = cell.schedule.activations.get(span.activation) else { continue };
+        let stage = &cell.schedule.stages[activation.stage].name;
+        let mut row = |activity, start_ns, end_ns| {
+            rows.push(rig::report::Span { stage: stage.clone(), activity, start_ns, end_ns });
+        };
+        if span.wait_ns > 0 {
+            row(Activity::Wait, span.start_ns.saturating_sub(span.wait_ns), span.start_ns);
+        }
+        row(Activity::Compute, span.start_ns, span.end_ns);
+    }
+    rows
+}
+
+fn marks(cell: &Cell, spans: &[Span], cycle: u64) -> Vec<Mark> {
+    use crate::supervisor::schedule::Work;
+    let ends = |test: fn(&Work) -> bool| {
+        let of_cycle = spans.iter().filter(|s| s.cycle == cycle);
+        let matching =
+            of_cycle.filter(|s| cell.schedule.activations.get(s.activation).is_some_and(|a| test(&a.work)));
+        matching.map(|s| s.end_ns).max()
+    };
+    let mark = |name: &str, at: Option<u64>| at.map(|at_ns| Mark { name: name.to_owned(), at_ns });
+    [
+        mark("last frame", ends(|w| matches!(w, Work::Expose { .. }))),
+        mark("verdict", ends(|w| matches!(w, Work::Inspect))),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
+}
+
+/// The time of day in UTC, as ISO 8601.
+fn utc_now() -> String {
+    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
+    utc(seconds)
+}
+
+/// Days to date by the algorithm of Howard Hinnant ("chrono-Compatible Low-Level Date Algorithms", days_from_civil).
+fn utc(seconds: u64) -> String {
+    let (days, time) = (seconds / 86_400, seconds % 86_400);
+    let shifted = days + 719_468;
+    let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted_month = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
+    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 };
+    let year = era * 400 + year_of_era + u64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02} {:02}:{:02} UTC", time / 3600, time / 60 % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::utc;
+
+    #[test]
+    fn dates_are_right_at_leap_days_and_turns_of_years() {
+        for (seconds, date) in [
+            (0, "1970-01-01 00:00 UTC"),
+            (951_782_400, "2000-02-29 00:00 UTC"),
+            (951_868_800, "2000-03-01 00:00 UTC"),
+            (1_735_689_599, "2024-12-31 23:59 UTC"),
+            (1_735_689_600, "2025-01-01 00:00 UTC"),
+            (4_107_542_399, "2100-02-28 23:59 UTC"),
+        ] {
+            assert_eq!(utc(seconds), date);
+        }
+    }
+}

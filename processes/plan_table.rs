@@ -1,0 +1,65 @@
+//! `fringecell schedule`: the plan of a cycle as a table.
+
+use crate::graph::Cell;
+use crate::supervisor::collect::label;
+use std::fmt::Write as _;
+
+/// The order of the activations on each core, then the topics with their buffers. The same config gives the same text.
+pub fn render(cell: &Cell) -> String {
+    let schedule = &cell.schedule;
+    let mut text = format!(
+        "cell {}: {} stages, {} activations on {} cores, deadline {} ms, a stage's budget {} ms\n",
+        cell.name,
+        schedule.stages.len(),
+        schedule.activations.len(),
+        schedule.cores,
+        cell.config.limits.cycle_deadline_ms,
+        cell.config.limits.stage_budget_ms
+    );
+    for core in 0..schedule.cores {
+        let _ = writeln!(
+            text,
+            "\ncore {core}\n{:>5}  {:<20} {:<24} {:<18} after",
+            "no.", "stage", "activation", "gives"
+        );
+        for (number, activation) in schedule.on_core(core) {
+            let after: Vec<String> = activation.inputs.iter().map(usize::to_string).collect();
+            let gives = activation.output.map_or("", |topic| schedule.topics[topic].name.as_str());
+            let _ = writeln!(
+                text,
+                "{number:>5}  {:<20} {:<24} {gives:<18} {}",
+                schedule.stages[activation.stage].name,
+                label(&cell.graph, activation.work),
+                shorten(&after)
+            );
+        }
+    }
+    let _ = writeln!(
+        text,
+        "\n{:<18} {:>12} {:>7} {:>5} {:>14}  from → to",
+        "topic", "bytes", "buffer", "held", "memory"
+    );
+    for topic in &schedule.topics {
+        let _ = writeln!(
+            text,
+            "{:<18} {:>12} {:>7} {:>5} {:>14}  {} → {}",
+            topic.name,
+            topic.bytes,
+            topic.size.buffer,
+            topic.size.borrowed,
+            topic.memory_bytes(),
+            shorten(&topic.producers),
+            shorten(&topic.consumers)
+        );
+    }
+    let _ = writeln!(text, "\nshared memory at most {} MB", schedule.memory_bytes().div_ceil(1_000_000));
+    text
+}
+
+/// Long lists by their ends.
+fn shorten(names: &[String]) -> String {
+    match names {
+        [first, .., last] if names.len() > 4 => format!("{first} … {last} ({})", names.len()),
+        _ => names.join(" "),
+    }
+}

@@ -1,0 +1,153 @@
+//! What a run says on the terminal: a line per cycle, then tables.
+
+use rig::result::{CycleResult, FeatureResult, OUTCOME_OK, ResultVerdict};
+use std::fmt::Write as _;
+use twin::Truth;
+
+/// The live line of a cycle.
+pub fn cycle_line(result: &CycleResult, requested: Option<u64>) -> String {
+    let of = requested.map_or_else(String::new, |n| format!("/{n}"));
+    let mut line = format!("cycle {:>3}{of}  ", result.cycle + 1);
+    if result.outcome != OUTCOME_OK {
+        let _ = write!(line, "NOT OK  {}", result.outcome);
+        return line;
+    }
+    let points = result.more.get("points").and_then(serde_json::Value::as_u64).unwrap_or(0);
+    let latency_ms = result.latency_ns.unwrap_or(0) as f64 / 1e6;
+    let _ = write!(
+        line,
+        "ok  {:<13}  {points:>8} points  {latency_ms:>7.1} ms from last frame to verdict",
+        verdict_word(result.verdict)
+    );
+    if let Some(reason) = result.more.get("alignment_failure").and_then(|r| r.as_str()) {
+        let _ = write!(line, "  ({reason})");
+    }
+    line
+}
+
+/// A verdict in words.
+pub fn verdict_word(verdict: Option<ResultVerdict>) -> &'static str {
+    match verdict {
+        Some(ResultVerdict::Pass) => "PASS",
+        Some(ResultVerdict::Indeterminate) => "INDETERMINATE",
+        Some(ResultVerdict::Fail) => "FAIL",
+        None => "no verdict",
+    }
+}
+
+/// Each stage's median and 99th percentile over the cycles that were ok, and the latency.
+pub fn stage_table(results: &[CycleResult]) -> String {
+    let ok: Vec<&CycleResult> = results.iter().filter(|r| r.outcome == OUTCOME_OK).collect();
+    let Some(first) = ok.first() else { return String::new() };
+    let mut text = format!(
+        "{:<20} {:>12} {:>12} {:>12}   (ms per cycle, {} cycles)\n",
+        "stage",
+        "median",
+        "99 %",
+        "waiting",
+        ok.len()
+    );
+    for (number, stage) in first.stages.iter().enumerate() {
+        let times = |pick: fn(&rig::result::StageResult) -> u64| -> Vec<u64> {
+            ok.iter().filter_map(|r| r.stages.get(number)).map(pick).collect()
+        };
+        let (compute, wait) = (times(|s| s.compute_ns), times(|s| s.wait_ns));
+        let _ = writeln!(
+            text,
+            "{:<20} {:>12.2} {:>12.2} {:>12.2}",
+            stage.name,
+            milli(quantile(&compute, 50)),
+            milli(quantile(&compute, 99)),
+            milli(quantile(&wait, 50))
+        );
+    }
+    let latencies: Vec<u64> = ok.iter().filter_map(|r| r.latency_ns).collect();
+    let _ = writeln!(
+        text,
+        "{:<20} {:>12.2} {:>12.2}",
+        "last frame → verdict",
+        milli(quantile(&latencies, 50)),
+        milli(quantile(&latencies, 99))
+    );
+    text
+}
+
+/// Points and overlaps of a cycle.
+pub fn cloud_lines(result: &CycleResult, pairs: &[&str]) -> String {
+    let points = result.more.get("points").and_then(serde_json::Value::as_u64).unwrap_or(0);
+    let mut text = format!("points {points}\n");
+    let overlaps = result.more.get("overlaps").and_then(|o| o.as_array()).cloned().unwrap_or_default();
+    for overlap in overlaps {
+        let number = |key: &str| overlap.get(key).and_then(serde_json::Value::as_f64).unwrap_or(f64::NAN);
+        let name = |key: &str| pairs.get(number(key) as usize).copied().unwrap_or("?");
+        let _ = writeln!(
+            text,
+            "overlap {} – {}: mean {:+.1} µm, standard deviation {:.1} µm, {} points",
+            name("a"),
+            name("b"),
+            1e3 * number("mean_mm"),
+            1e3 * number("sd_mm"),
+            number("count")
+        );
+    }
+    text
+}
+
+/// The features of a cycle; with the truth of a simulation, what they deviate from it.
+pub fn feature_table(features: &[FeatureResult], truth: Option<&Truth>) -> String {
+    let mut text = format!("{:<28} {:>12} {:>9} {:>5}", "feature", "value", "u", "unit");
+    if truth.is_some() {
+        let _ = write!(text, " {:>12} {:>10}", "truth", "error");
+    }
+    text.push_str("  verdict\n");
+    for feature in features {
+        let _ = write!(text, "{:<28} ", feature.name);
+        match feature.value {
+            Some(value) => {
+                let u = feature.u.unwrap_or(f64::NAN);
+                let _ = write!(text, "{value:>12.4} {u:>9.4} {:>5}", feature.unit);
+                if let Some(truth) = truth {
+                    let known = truth.get(&feature.name).filter(|t| t.unit == feature.unit);
+                    let _ = match known {
+                        Some(t) => write!(text, " {:>12.4} {:>+10.4}", t.value, value - t.value),
+                        None => write!(text, " {:>12} {:>10}", "–", "–"),
+                    };
+                }
+                let _ = writeln!(text, "  {}", verdict_word(feature.verdict));
+            }
+            None => {
+                let _ = writeln!(
+                    text,
+                    "not measured: {}",
+                    feature.reason.as_deref().unwrap_or("no reason given")
+                );
+            }
+        }
+    }
+    text
+}
+
+/// The smallest value that at least `percent` of the values do not exceed (nearest rank).
+fn quantile(values: &[u64], percent: usize) -> u64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable();
+    let rank = (sorted.len() * percent).div_ceil(100).max(1);
+    sorted.get(rank - 1).copied().unwrap_or(0)
+}
+
+fn milli(ns: u64) -> f64 {
+    ns as f64 / 1e6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_values_that_occurred() {
+        let values: Vec<u64> = (1..=200).rev().collect();
+        assert_eq!((quantile(&values, 50), quantile(&values, 99)), (100, 198));
+        assert_eq!((quantile(&[7], 50), quantile(&[7], 99)), (7, 7));
+        assert_eq!(quantile(&[], 50), 0);
+    }
+}

@@ -1,0 +1,124 @@
+//! The projection process: shows the patterns in order and triggers the cameras.
+//!
+//! A pattern stands until every camera of its projector has exposed; only then the next one is shown.
+
+use crate::drivers::{self, Projector};
+use crate::stage::{Fault, Inbox, Link, Report, Worker};
+use crate::supervisor::schedule::Work;
+use anyhow::Result;
+use ipc::IpcError;
+use ipc::header::Trigger;
+use ipc::os::now_ns;
+use ipc::port::Publisher;
+
+/// State of the projection.
+pub struct Projection {
+    driver: Box<dyn Projector>,
+    triggers: Vec<Publisher<Trigger>>,
+    exposed: Inbox<Trigger>,
+    /// Projector and frame, in the order of projection.
+    sequence: Vec<(usize, usize)>,
+    next: usize,
+    /// Cameras that have not yet exposed the pattern that stands.
+    waiting: Vec<usize>,
+}
+
+impl Projection {
+    /// Opens the ports.
+    pub fn new(link: &Link) -> Result<Self> {
+        let graph = &link.cell.graph;
+        let triggers = graph
+            .projectors
+            .iter()
+            .map(|p| link.publisher(&format!("trigger/{}", p.name)))
+            .collect::<Result<_>>()?;
+        let sequence =
+            graph.projectors.iter().enumerate().flat_map(|(p, node)| (0..node.frames).map(move |f| (p, f)));
+        Ok(Self {
+            driver: drivers::projector(&link.cell),
+            triggers,
+            exposed: link.inbox("exposed")?,
+            sequence: sequence.collect(),
+            next: 0,
+            waiting: Vec::with_capacity(graph.cameras.len()),
+        })
+    }
+
+    fn show(&mut self, link: &mut Link) -> Result<(), Fault> {
+        let (projector, frame) = self.sequence[self.next];
+        let start_ns = now_ns();
+        self.driver.show(projector, frame, start_ns).map_err(|e| Fault::Cycle(format!("{e:#}")))?;
+        self.waiting.clear();
+        self.waiting.extend_from_slice(&link.cell.graph.projectors[projector].cameras);
+        let trigger = Trigger {
+            cycle: link.cycle(),
+            t_ns: now_ns(),
+            projector: projector as u32,
+            frame: frame as u32,
+            camera: Trigger::ALL,
+        };
+        self.triggers[projector].send(trigger, &[])?;
+        self.next += 1;
+        link.done(Work::Project { projector, frame }, start_ns, &[], &Report::default())
+    }
+
+    fn answer(&mut self, answer: Trigger) -> Result<(), Fault> {
+        let shown = self.sequence[self.next - 1];
+        let (projector, frame, camera) =
+            (answer.projector as usize, answer.frame as usize, answer.camera as usize);
+        let place = self.waiting.iter().position(|&c| c == camera).filter(|_| (projector, frame) == shown);
+        match place {
+            Some(place) => {
+                self.waiting.swap_remove(place);
+                Ok(())
+            }
+            None => Err(Fault::Cycle(format!(
+                "camera {camera} exposed frame {frame} of projector {projector} while frame {} of projector {} stood",
+                shown.1, shown.0
+            ))),
+        }
+    }
+}
+
+impl Worker for Projection {
+    fn connect(&self) -> Result<(), IpcError> {
+        self.exposed.connect()
+    }
+
+    fn begin(&mut self, _link: &mut Link) -> Result<(), Fault> {
+        self.forget();
+        self.driver.begin(now_ns());
+        Ok(())
+    }
+
+    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+        if let Some(answer) = self.exposed.take(link)? {
+            let answer = *answer.header();
+            if self.next == 0 {
+                return Err(Fault::Cycle(format!(
+                    "camera {} exposed before any pattern stood",
+                    answer.camera
+                )));
+            }
+            self.answer(answer)?;
+            return Ok(true);
+        }
+        let due = self.driver.due_ns().is_none_or(|due| due <= now_ns());
+        if self.waiting.is_empty() && self.next < self.sequence.len() && due {
+            self.show(link)?;
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    fn forget(&mut self) {
+        self.next = 0;
+        self.waiting.clear();
+    }
+
+    fn due_ns(&self) -> Option<u64> {
+        // With nothing left to show there is nothing to wake up for.
+        let to_show = self.waiting.is_empty() && self.next < self.sequence.len();
+        self.driver.due_ns().filter(|_| to_show)
+    }
+}

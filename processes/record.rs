@@ -1,0 +1,119 @@
+//! The record process: writes what the cameras saw as a recording.
+
+use crate::stage::{Fault, Inbox, Link, Report, StageArgs, Worker, lost};
+use crate::supervisor::cycle::unwire;
+use crate::supervisor::schedule::Work;
+use anyhow::{Context, Result};
+use ipc::IpcError;
+use ipc::header::Frame;
+use ipc::os::now_ns;
+use ipc::payload;
+use ipc::port::Received;
+use rig::recording::{ProjectorRecord, RecordingWriter};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// State of the recorder.
+pub struct Record {
+    folder: PathBuf,
+    many: bool,
+    projectors: Vec<ProjectorRecord>,
+    inboxes: Vec<Inbox<Frame>>,
+    frames: usize,
+    open: Option<Open>,
+}
+
+/// A recording that is being written.
+struct Open {
+    writer: RecordingWriter,
+    folder: PathBuf,
+    start_ns: u64,
+    written: usize,
+}
+
+impl Record {
+    /// Opens the ports.
+    pub fn new(args: &StageArgs, link: &Link) -> Result<Self> {
+        let projectors = link.cell.config.projectors.iter().map(|p| ProjectorRecord {
+            name: p.name.clone(),
+            width_px: p.width_px,
+            height_px: p.height_px,
+            cameras: p.cameras.clone(),
+            sequence: p.sequence.clone(),
+            full_scale_dn: BTreeMap::new(),
+        });
+        let graph = &link.cell.graph;
+        let inboxes = graph.cameras.iter().map(|c| link.inbox(&format!("frame/{}", c.name)));
+        Ok(Self {
+            folder: args.record.clone().context("the record stage has no folder")?,
+            many: args.record_many,
+            projectors: projectors.collect(),
+            inboxes: inboxes.collect::<Result<_>>()?,
+            frames: graph.projectors.iter().map(|p| p.frames * p.cameras.len()).sum(),
+            open: None,
+        })
+    }
+
+    fn write(&mut self, link: &mut Link, message: &Received<Frame>) -> Result<(), Fault> {
+        let Some(open) = &mut self.open else { return Ok(()) };
+        let header = message.header();
+        let (config, camera) = (&link.cell.config, header.camera as usize);
+        let names = config.projectors.get(header.projector as usize).zip(config.cameras.get(camera));
+        let Some((projector, camera)) = names else {
+            return Err(Fault::Cycle(format!("a frame of unknown camera {camera}")));
+        };
+        let view = payload::frame(header, message.payload()).map_err(|e| lost(&e))?;
+        open.writer
+            .write(&projector.name, &camera.name, header.frame as usize, &view)
+            .map_err(|e| lost(&e))?;
+        open.written += 1;
+        if open.written == self.frames {
+            self.finish(link)?;
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self, link: &mut Link) -> Result<(), Fault> {
+        let Some(open) = self.open.take() else { return Ok(()) };
+        let provenance = [
+            ("cell", link.cell.name.clone()),
+            ("software", format!("fringecell {}", env!("CARGO_PKG_VERSION"))),
+            ("config_sha256", link.cell.config.sha256.clone()),
+        ];
+        let provenance = provenance.into_iter().map(|(k, v)| (k.to_owned(), v.into())).collect();
+        open.writer.finish(&provenance).map_err(|e| lost(&e))?;
+        link.done(Work::Store, open.start_ns, &[], &Report { count: open.written, text: String::new() })
+    }
+}
+
+impl Worker for Record {
+    fn connect(&self) -> Result<(), IpcError> {
+        self.inboxes.iter().try_for_each(Inbox::connect)
+    }
+
+    fn begin(&mut self, link: &mut Link) -> Result<(), Fault> {
+        self.forget();
+        let cycle = unwire(link.cycle()).unwrap_or_default();
+        let folder = if self.many { self.folder.join(format!("{cycle:04}")) } else { self.folder.clone() };
+        let writer = RecordingWriter::create(&folder, &self.projectors).map_err(|e| lost(&e))?;
+        self.open = Some(Open { writer, folder, start_ns: now_ns(), written: 0 });
+        Ok(())
+    }
+
+    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+        for inbox in 0..self.inboxes.len() {
+            if let Some(message) = self.inboxes[inbox].take(link)? {
+                self.write(link, &message)?;
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn forget(&mut self) {
+        // A recording that was broken off has no recording.toml; its frames are of no use to anybody.
+        if let Some(open) = self.open.take() {
+            let _ = std::fs::remove_dir_all(open.folder.join("frames"));
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! `fringecell run`: a cell from its configuration to its files and its exit code.
+
+use crate::graph::{self, Cell, Options};
+use crate::output::{self, Run};
+use crate::print;
+use crate::supervisor::{self, Orders, Summary};
+use anyhow::{Context, Result, bail};
+use rig::atomic;
+use rig::result::CycleResult;
+use std::collections::VecDeque;
+use std::path::PathBuf;
+use twin::Truth;
+
+/// Results kept for tables and report: a run until stopped must not grow.
+const KEPT_RESULTS: usize = 1000;
+
+/// Arguments of `run`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct RunArgs {
+    /// Configuration of the cell.
+    pub config: PathBuf,
+    /// Number of cycles instead of the configuration's; without either the cell runs until stopped.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    pub cycles: Option<u32>,
+    /// Folder for result.json, cloud.ply, report.html and trace.json.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Folder for a recording of the frames; with several cycles it gets one folder per cycle.
+    #[arg(long, value_name = "DIR")]
+    pub record: Option<PathBuf>,
+    /// Another name, to run one configuration several times at once.
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+}
+
+/// Runs a cell. With a truth the features are compared with it.
+///
+/// # Errors
+/// Bad input, or a machine that cannot run the cell.
+pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
+    let config =
+        args.config.canonicalize().with_context(|| format!("{}: cannot open it", args.config.display()))?;
+    let options =
+        Options { cell: args.cell.clone(), watch: args.out.is_some(), record: args.record.is_some() };
+    let cell = graph::load(&config, &options)?;
+    ipc::cell::CellName::new(&cell.name)?;
+    graph::rehearse(&cell)?;
+    if let Some(folder) = &args.out {
+        atomic::create_dir(folder)?;
+    }
+    let orders = Orders { config, cycles: cycles(args, &cell), record: record_folder(args)? };
+    let mut results = VecDeque::new();
+    let mut unwritten = None;
+    let summary = supervisor::run(&cell, &orders, &mut |result| {
+        println!("{}", print::cycle_line(result, orders.cycles));
+        if let Some(Err(error)) = args.out.as_ref().map(|folder| output::cycle(folder, result)) {
+            tracing::error!("{error:#}");
+            unwritten.get_or_insert(error);
+        }
+        if results.len() == KEPT_RESULTS {
+            results.pop_front();
+        }
+        results.push_back(result.clone());
+    })?;
+    if let Some(error) = unwritten {
+        return Err(error);
+    }
+    let results: Vec<CycleResult> = results.into();
+    tell(&cell, &results, truth);
+    if let (Some(folder), Some(watch)) = (&args.out, &summary.watch) {
+        output::files(folder, &Run { cell: &cell, results: &results, spans: &summary.spans, watch, truth })?;
+    }
+    Ok(exit_code(&summary, orders.cycles))
+}
+
+/// A recording that does not begin again has one cycle.
+fn cycles(args: &RunArgs, cell: &Cell) -> Option<u64> {
+    let once = cell.config.recording.as_ref().is_some_and(|r| !r.repeat).then_some(1);
+    args.cycles.or(cell.config.cycles).or(once).map(u64::from)
+}
+
+fn record_folder(args: &RunArgs) -> Result<Option<PathBuf>> {
+    let Some(folder) = &args.record else { return Ok(None) };
+    if let Ok(mut entries) = std::fs::read_dir(folder)
+        && entries.next().is_some()
+    {
+        bail!("--record {}: the folder is not empty; name a new one", folder.display());
+    }
+    Ok(Some(std::path::absolute(folder)?))
+}
+
+fn tell(cell: &Cell, results: &[CycleResult], truth: Option<&Truth>) {
+    let pairs: Vec<&str> = cell.graph.pairs.iter().map(|p| p.name.as_str()).collect();
+    let stages = print::stage_table(results);
+    if !stages.is_empty() {
+        println!("\n{stages}");
+    }
+    if let Some(last) = results.iter().rev().find(|r| r.outcome == rig::result::OUTCOME_OK) {
+        println!("cycle {}: {}", last.cycle + 1, print::cloud_lines(last, &pairs));
+        if !last.features.is_empty() {
+            println!("{}", print::feature_table(&last.features, truth));
+        }
+    }
+}
+
+fn exit_code(summary: &Summary, requested: Option<u64>) -> u8 {
+    if let Some(reason) = &summary.held {
+        eprintln!("the cell gave up: {reason}");
+        return 1;
+    }
+    // A cell that runs until stopped was not cut short by being stopped; its last cycle was.
+    let cut = u64::from(summary.stopped && requested.is_none());
+    u8::from(summary.not_ok > cut || summary.not_pass > 0)
+}

@@ -1,0 +1,209 @@
+//! What every stage shares: its ports to the supervisor, its place in the schedule, its cycle.
+
+use super::gate::{Gate, Verdict};
+use super::{Fault, StageArgs};
+use crate::graph::Cell;
+use crate::supervisor::schedule::{SUPERVISOR, Topic, Work};
+use anyhow::{Context, Result, anyhow};
+use ipc::IpcError;
+use ipc::cell::CellName;
+use ipc::header::{Control, Event, EventKind, Header, MAX_TEXT_BYTES};
+use ipc::os::now_ns;
+use ipc::port::{Bell, Node, Publisher, Received, Subscriber};
+use std::time::Duration;
+use xxhash_rust::xxh3::xxh3_128;
+
+/// A stage's view of the cell.
+pub struct Link {
+    /// Config, graph, schedule.
+    pub cell: Cell,
+    /// Number of this stage in the schedule.
+    pub stage: usize,
+    pub(super) gate: Gate,
+    pub(super) bell: Bell,
+    pub(super) control: Subscriber<Control>,
+    events: Publisher<Event>,
+    node: Node,
+    idle_since_ns: u64,
+}
+
+/// What an activation did, beside its bytes.
+#[derive(Debug, Default)]
+pub struct Report {
+    /// Valid pixels, points, features.
+    pub count: usize,
+    /// A report as JSON, or empty.
+    pub text: String,
+}
+
+impl Link {
+    /// Joins the cell and opens the ports to the supervisor.
+    pub fn join(args: &StageArgs, cell: Cell) -> Result<Self> {
+        let stage = cell
+            .schedule
+            .stages
+            .iter()
+            .position(|s| s.kind == args.kind && s.name == args.name)
+            .ok_or_else(|| anyhow!("the schedule has no stage \"{}\"", args.name))?;
+        let node = Node::join(&CellName::new(&args.cell)?, &args.name)?;
+        let bell = node.bell(&args.name)?;
+        let control = node.subscriber("control")?;
+        let patience = patience(&cell);
+        let events = node.publisher("event", MAX_TEXT_BYTES, &[SUPERVISOR.to_owned()], patience)?;
+        Ok(Self { cell, stage, gate: Gate::default(), bell, control, events, node, idle_since_ns: now_ns() })
+    }
+
+    /// The subject of this stage: camera or pair.
+    pub fn subject(&self) -> usize {
+        self.cell.schedule.stages[self.stage].subject
+    }
+
+    /// A sender on a topic of the schedule.
+    pub fn publisher<H: Header>(&self, topic: &str) -> Result<Publisher<H>> {
+        let plan = self.plan(topic)?;
+        Ok(self.node.publisher(topic, plan.bytes as usize, &plan.consumers, patience(&self.cell))?)
+    }
+
+    /// A receiver of a topic of the schedule.
+    pub fn inbox<H: Header>(&self, topic: &str) -> Result<Inbox<H>> {
+        self.plan(topic)?;
+        Ok(Inbox { subscriber: self.node.subscriber(topic)?, early: None })
+    }
+
+    fn plan(&self, topic: &str) -> Result<&Topic> {
+        self.cell.schedule.topic(topic).with_context(|| format!("the schedule has no topic \"{topic}\""))
+    }
+
+    /// The cycle that runs, as on the wire.
+    pub fn cycle(&self) -> u64 {
+        self.gate.current().unwrap_or_default()
+    }
+
+    /// Begins to measure waiting from now, for instance after the part was moved.
+    pub fn idle_from_now(&mut self) {
+        self.idle_since_ns = now_ns();
+    }
+
+    /// Reports an activation that began at `start_ns` and gave `bytes`.
+    pub fn done(&mut self, work: Work, start_ns: u64, bytes: &[u8], report: &Report) -> Result<(), Fault> {
+        let hash = if bytes.is_empty() { 0 } else { xxh3_128(bytes) };
+        self.done_hashed(work, start_ns, (bytes.len(), hash), report)
+    }
+
+    /// The same for an output that is already sent.
+    pub fn done_hashed(
+        &mut self,
+        work: Work,
+        start_ns: u64,
+        (bytes, hash): (usize, u128),
+        report: &Report,
+    ) -> Result<(), Fault> {
+        let activation = self
+            .cell
+            .schedule
+            .find(work)
+            .ok_or_else(|| Fault::Cycle(format!("{work:?} is not in the schedule")))?;
+        let end_ns = now_ns();
+        let header = Event {
+            cycle: self.cycle(),
+            hash_high: (hash >> 64) as u64,
+            hash_low: hash as u64,
+            start_ns,
+            end_ns,
+            wait_ns: start_ns.saturating_sub(self.idle_since_ns),
+            bytes: bytes as u64,
+            activation: activation as u32,
+            count: report.count as u32,
+            ..self.event(EventKind::Done, report.text.len())
+        };
+        self.idle_since_ns = end_ns;
+        Ok(self.events.send(header, report.text.as_bytes())?)
+    }
+
+    /// Reports that the ports stand, as an answer to the number of a connect command.
+    pub fn ready(&self, answer: u64) -> Result<(), IpcError> {
+        self.events.send(Event { cycle: answer, ..self.event(EventKind::Ready, 0) }, &[])
+    }
+
+    /// Reports that the cycle cannot be finished, and forgets it. Cycle 0: the stage itself cannot go on.
+    pub fn failed(&mut self, cycle: u64, reason: &str) -> Result<(), IpcError> {
+        let text = shorten(reason, MAX_TEXT_BYTES);
+        let header = Event { cycle, count: self.gate.stale(), ..self.event(EventKind::Failed, text.len()) };
+        self.gate.end(cycle);
+        self.events.send(header, text.as_bytes())
+    }
+
+    /// Sleeps until somebody rings or the time is over.
+    pub fn sleep(&self, timeout: Duration) -> Result<(), IpcError> {
+        self.bell.wait(timeout).map(|_| ())
+    }
+
+    fn event(&self, kind: EventKind, text_bytes: usize) -> Event {
+        Event {
+            stage: self.stage as u32,
+            kind: kind as u32,
+            pid: std::process::id(),
+            text_bytes: text_bytes as u32,
+            ..Event::default()
+        }
+    }
+}
+
+/// A sender waits longer for room than the supervisor waits for progress: then the receiver that hangs is found and
+/// killed, and not the sender that waits for it.
+fn patience(cell: &Cell) -> Duration {
+    Duration::from_millis(cell.config.limits.stage_budget_ms.saturating_mul(2))
+}
+
+/// Cuts a text at a character.
+fn shorten(text: &str, limit: usize) -> &str {
+    let mut end = text.len().min(limit);
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    &text[..end]
+}
+
+/// A receiver that hands out only messages of the running cycle.
+pub struct Inbox<H: Header> {
+    subscriber: Subscriber<H>,
+    early: Option<Received<H>>,
+}
+
+impl<H: Header> Inbox<H> {
+    /// The next message of the running cycle.
+    pub fn take(&mut self, link: &mut Link) -> Result<Option<Received<H>>, IpcError> {
+        loop {
+            let next = match self.early.take() {
+                Some(early) => Some(early),
+                None => self.subscriber.receive()?,
+            };
+            let Some(message) = next else { return Ok(None) };
+            match link.gate.judge(message.header().cycle()) {
+                Verdict::Now => return Ok(Some(message)),
+                Verdict::Stale => {}
+                Verdict::Early => {
+                    self.early = Some(message);
+                    return Ok(None);
+                }
+            }
+        }
+    }
+
+    /// Connects to senders that have come since.
+    pub fn connect(&self) -> Result<(), IpcError> {
+        self.subscriber.connect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::shorten;
+
+    #[test]
+    fn a_long_reason_is_cut_at_a_character() {
+        assert_eq!(shorten("abc", 10), "abc");
+        assert_eq!(shorten("aµb", 2), "a");
+        assert_eq!(shorten("aµb", 3), "aµ");
+    }
+}

@@ -1,0 +1,176 @@
+//! What the stages report of a cycle, gathered into its result.
+
+use super::schedule::{Schedule, Work};
+use crate::graph::Cell;
+use crate::inspection::Judgement;
+use fringe::pattern::Axis;
+use ipc::header::Event;
+use rig::result::{CycleResult, OUTCOME_OK, StageResult};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use xxhash_rust::xxh3::xxh3_128;
+
+/// One activation as it was done.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Span {
+    /// Cycle.
+    pub cycle: u64,
+    /// Activation of the schedule.
+    pub activation: usize,
+    /// Waiting before, ns.
+    pub wait_ns: u64,
+    /// Start, ns.
+    pub start_ns: u64,
+    /// End, ns.
+    pub end_ns: u64,
+}
+
+/// The cycle that is being gathered.
+#[derive(Debug, Default)]
+pub struct Collector {
+    done: BTreeMap<usize, (Event, String)>,
+    judgement: Option<(Judgement, u64)>,
+}
+
+impl Collector {
+    /// A new cycle.
+    pub fn begin(&mut self) {
+        *self = Self::default();
+    }
+
+    /// An activation is done.
+    pub fn done(&mut self, event: Event, text: &str) {
+        self.done.insert(event.activation as usize, (event, text.to_owned()));
+    }
+
+    /// The verdict, and how long after the last frame it stood.
+    pub fn judged(&mut self, judgement: Judgement, latency_ns: u64) {
+        self.judgement = Some((judgement, latency_ns));
+    }
+
+    /// The spans of the cycle, in the order of the schedule.
+    pub fn spans(&self, cycle: u64) -> impl Iterator<Item = Span> {
+        self.done.iter().map(move |(&activation, (event, _))| Span {
+            cycle,
+            activation,
+            wait_ns: event.wait_ns,
+            start_ns: event.start_ns,
+            end_ns: event.end_ns,
+        })
+    }
+
+    /// The result with its outcome.
+    pub fn result(&self, cell: &Cell, cycle: u64, outcome: &Result<(), String>) -> CycleResult {
+        let ok = outcome.is_ok();
+        let judged = self.judgement.as_ref().filter(|_| ok);
+        CycleResult {
+            cycle,
+            outcome: outcome.as_ref().err().map_or_else(|| OUTCOME_OK.to_owned(), Clone::clone),
+            verdict: judged.and_then(|(j, _)| j.verdict),
+            features: judged.map(|(j, _)| j.features.clone()).unwrap_or_default(),
+            stages: self.stages(&cell.schedule),
+            latency_ns: judged.map(|(_, latency_ns)| *latency_ns),
+            hashes: self.hashes(cell),
+            more: self.more(cell, ok),
+        }
+    }
+
+    fn stages(&self, schedule: &Schedule) -> Vec<StageResult> {
+        let mut stages: Vec<StageResult> = schedule
+            .stages
+            .iter()
+            .map(|s| StageResult { name: s.name.clone(), wait_ns: 0, compute_ns: 0 })
+            .collect();
+        for (activation, (event, _)) in &self.done {
+            let Some(activation) = schedule.activations.get(*activation) else { continue };
+            let stage = &mut stages[activation.stage];
+            stage.wait_ns += event.wait_ns;
+            stage.compute_ns += event.end_ns.saturating_sub(event.start_ns);
+        }
+        stages
+    }
+
+    /// One hash per output; of many frames of one camera, the hash of their hashes in the order of the schedule.
+    fn hashes(&self, cell: &Cell) -> BTreeMap<String, String> {
+        let mut parts: BTreeMap<String, Vec<[u64; 2]>> = BTreeMap::new();
+        for (activation, (event, _)) in &self.done {
+            let Some(activation) = cell.schedule.activations.get(*activation) else { continue };
+            if let Some(key) = output(cell, activation.work) {
+                parts.entry(key).or_default().push([event.hash_high, event.hash_low]);
+            }
+        }
+        let join = |hashes: &[[u64; 2]]| match hashes {
+            [[high, low]] => format!("{high:016x}{low:016x}"),
+            many => {
+                let bytes: Vec<u8> = many.iter().flatten().flat_map(|half| half.to_be_bytes()).collect();
+                format!("{:032x}", xxh3_128(&bytes))
+            }
+        };
+        parts.iter().map(|(key, hashes)| (key.clone(), join(hashes))).collect()
+    }
+
+    fn more(&self, cell: &Cell, ok: bool) -> BTreeMap<String, Value> {
+        let mut more = BTreeMap::from([
+            ("cell".to_owned(), json!(cell.name)),
+            ("version".to_owned(), json!(env!("CARGO_PKG_VERSION"))),
+            ("config_sha256".to_owned(), json!(cell.config.sha256)),
+            ("rig_sha256".to_owned(), json!(cell.config.rig_sha256)),
+        ]);
+        let mut reports = BTreeMap::new();
+        for (activation, (event, text)) in &self.done {
+            let Some(activation) = cell.schedule.activations.get(*activation) else { continue };
+            let report: Value = serde_json::from_str(text).unwrap_or(Value::Null);
+            if activation.work == Work::Fuse && ok {
+                more.insert("points".into(), json!(event.count));
+                more.insert("overlaps".into(), report.get("overlaps").cloned().unwrap_or(Value::Null));
+            }
+            if let (Some(key), false) = (output(cell, activation.work), report.is_null()) {
+                reports.insert(key, report);
+            }
+        }
+        more.insert("reports".into(), json!(reports));
+        if let Some(reason) = self.judgement.as_ref().and_then(|(j, _)| j.alignment_failure.as_ref()) {
+            more.insert("alignment_failure".into(), json!(reason));
+        }
+        more
+    }
+}
+
+/// The name of what an activation gives, as in `hashes`.
+fn output(cell: &Cell, work: Work) -> Option<String> {
+    let graph = &cell.graph;
+    match work {
+        Work::Expose { camera, .. } => Some(format!("frame/{}", graph.cameras[camera].name)),
+        Work::Phase { camera, projector, axis } => {
+            let axis = if axis == Axis::X { "x" } else { "y" };
+            Some(format!("phase/{}/{}/{axis}", graph.cameras[camera].name, graph.projectors[projector].name))
+        }
+        Work::Match { pair } => Some(format!("cloud/{}", graph.pairs[pair].name)),
+        Work::Fuse => Some("cloud/fused".to_owned()),
+        Work::Inspect => Some("result".to_owned()),
+        Work::Project { .. } | Work::Accumulate { .. } | Work::Store => None,
+    }
+}
+
+/// An activation in words: for traces, for messages and for `fringecell schedule`.
+pub fn label(cell_graph: &super::schedule::Graph, work: Work) -> String {
+    let graph = cell_graph;
+    match work {
+        Work::Project { projector, frame } => {
+            format!("project {} {frame:03}", graph.projectors[projector].name)
+        }
+        Work::Expose { projector, frame, .. } => {
+            format!("expose {} {frame:03}", graph.projectors[projector].name)
+        }
+        Work::Accumulate { projector, frame, .. } => {
+            format!("accumulate {} {frame:03}", graph.projectors[projector].name)
+        }
+        Work::Phase { projector, axis, .. } => {
+            format!("phase {} {}", graph.projectors[projector].name, if axis == Axis::X { "x" } else { "y" })
+        }
+        Work::Match { pair } => format!("match {}", graph.pairs[pair].name),
+        Work::Fuse => "fuse".to_owned(),
+        Work::Inspect => "inspect".to_owned(),
+        Work::Store => "store".to_owned(),
+    }
+}

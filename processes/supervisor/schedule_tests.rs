@@ -1,0 +1,130 @@
+//! The schedule is complete, ordered and the same every time; graphs that cannot run are refused.
+
+use super::*;
+
+/// Four cameras, two projectors, two pairs: the demo in small.
+pub fn demo() -> Graph {
+    let camera = |name: &str| CameraNode { name: name.into(), width_px: 160, height_px: 120 };
+    let projector = |name: &str, cameras: Vec<usize>| ProjectorNode {
+        name: name.into(),
+        frames: 5,
+        axes: vec![Axis::X],
+        cameras,
+    };
+    let pair = |name: &str, left: usize, projector: usize| PairNode {
+        name: name.into(),
+        left,
+        right: Right::Camera(left + 1),
+        projector,
+    };
+    Graph {
+        cameras: ["cam1", "cam2", "cam3", "cam4"].map(camera).to_vec(),
+        projectors: vec![projector("proj1", vec![0, 1]), projector("proj2", vec![2, 3])],
+        pairs: vec![pair("pair1", 0, 0), pair("pair2", 2, 1)],
+        cores: 2,
+        record: false,
+        watch: true,
+        rate_hz: None,
+        cycle_deadline_ms: 1000,
+    }
+}
+
+#[test]
+fn every_frame_is_shown_exposed_and_summed_once_and_ends_in_one_verdict() {
+    let schedule = Schedule::new(&demo()).unwrap();
+    let count = |test: fn(&Work) -> bool| schedule.activations.iter().filter(|a| test(&a.work)).count();
+    assert_eq!(schedule.stages.len(), 13);
+    assert_eq!(count(|w| matches!(w, Work::Project { .. })), 10);
+    assert_eq!(count(|w| matches!(w, Work::Expose { .. })), 20);
+    assert_eq!(count(|w| matches!(w, Work::Accumulate { .. })), 20);
+    assert_eq!(count(|w| matches!(w, Work::Phase { .. })), 4);
+    assert_eq!(count(|w| matches!(w, Work::Match { .. })), 2);
+    assert_eq!(schedule.activations.last().unwrap().work, Work::Inspect);
+}
+
+#[test]
+fn inputs_come_before_their_use_and_everything_but_the_verdict_is_used() {
+    for record in [false, true] {
+        let schedule = Schedule::new(&Graph { record, ..demo() }).unwrap();
+        let mut used = vec![false; schedule.activations.len()];
+        for (number, activation) in schedule.activations.iter().enumerate() {
+            for &input in &activation.inputs {
+                assert!(input < number, "{activation:?}");
+                used[input] = true;
+            }
+        }
+        for (number, activation) in schedule.activations.iter().enumerate() {
+            let end = matches!(activation.work, Work::Inspect | Work::Store);
+            // The sums of all frames but the last reach the phase inside the decoder.
+            let inner = matches!(activation.work, Work::Accumulate { .. });
+            assert!(used[number] || end || inner, "{activation:?}");
+        }
+    }
+}
+
+#[test]
+fn the_cores_share_the_work_without_rest_and_the_plan_is_always_the_same() {
+    for cores in 1..6 {
+        let graph = Graph { cores, ..demo() };
+        let schedule = Schedule::new(&graph).unwrap();
+        let planned: usize = (0..cores).map(|core| schedule.on_core(core).count()).sum();
+        assert_eq!(planned, schedule.activations.len());
+        assert_eq!(schedule, Schedule::new(&graph).unwrap());
+    }
+}
+
+#[test]
+fn buffers_are_priced_by_their_largest_message() {
+    let schedule = Schedule::new(&demo()).unwrap();
+    let frame = schedule.topic("frame/cam1").unwrap();
+    assert_eq!(frame.bytes, 160 * 120 * 2);
+    assert_eq!(frame.memory_bytes(), frame.bytes * (2 * (FRAME_BUFFER as u64 + 2) + 1));
+    assert_eq!(schedule.topic("cloud/fused").unwrap().bytes, 2 * 160 * 120 * 56);
+    assert!(schedule.memory_bytes() > frame.memory_bytes());
+}
+
+#[test]
+fn a_pair_with_its_projector_takes_both_phases_of_its_camera() {
+    let mut graph = demo();
+    graph.projectors[0].axes = vec![Axis::X, Axis::Y];
+    graph.projectors[0].cameras = vec![0];
+    graph.pairs[0].right = Right::Projector;
+    graph.cameras.remove(1);
+    graph.projectors[1].cameras = vec![1, 2];
+    graph.pairs[1].left = 1;
+    graph.pairs[1].right = Right::Camera(2);
+    let schedule = Schedule::new(&graph).unwrap();
+    let work = Work::Match { pair: 0 };
+    let matched = &schedule.activations[schedule.find(work).unwrap()];
+    assert_eq!(matched.inputs.len(), 2);
+    assert_eq!(axes_taken(&graph, 0, 0), [Axis::X, Axis::Y]);
+}
+
+/// A change that makes a graph impossible, and a part of the message that has to follow.
+type Fault = (fn(&mut Graph), &'static str);
+
+#[test]
+fn graphs_that_cannot_run_are_refused_with_both_ends() {
+    let faults: [Fault; 10] = [
+        (|g| g.cameras.clear(), "no camera"),
+        (|g| g.projectors.clear(), "no projector"),
+        (|g| g.pairs.clear(), "no pair"),
+        (|g| g.cores = 0, "no core"),
+        (|g| g.projectors[1].cameras.clear(), "\"proj2\" lights no camera"),
+        (|g| g.projectors[0].axes.clear(), "\"proj1\" has no sine set"),
+        (|g| g.projectors[0].cameras = vec![0], "\"cam2\", but projector \"proj1\" lights only cam1"),
+        (|g| g.cameras.push(g.cameras[0].clone()), "camera \"cam1\" is in no projector's `cameras`"),
+        (|g| g.projectors[0].cameras.push(2), "\"cam3\" looks at projector \"proj1\", but no pair"),
+        (|g| g.rate_hz = Some(5.0), "10 frames at 5 Hz last 2000 ms, the cycle must end within 1000 ms"),
+    ];
+    for (change, message) in faults {
+        let mut graph = demo();
+        change(&mut graph);
+        let error = Schedule::new(&graph).unwrap_err().to_string();
+        assert!(error.contains(message), "{error} lacks {message}");
+    }
+    let mut graph = demo();
+    graph.cameras[0].width_px = 65_535;
+    graph.cameras[0].height_px = 65_535;
+    assert!(matches!(Schedule::new(&graph), Err(ScheduleError::TooLarge { .. })));
+}
