@@ -8,6 +8,7 @@
 )]
 
 use super::*;
+use crate::pattern::Axis;
 use crate::testing::{Scene, Surface, rig};
 use nalgebra::Point3;
 use std::time::Instant;
@@ -141,4 +142,72 @@ fn figures_of_fusion() {
         fuser.fuse(&views, &settings, &mut out);
     }
     println!("fusion: processor {:.1} ms, {report:?}", (processor_seconds() - busy) * 100.0);
+}
+
+/// What the usual way would give: both phase maps resampled bilinearly onto the rectified grid, matched there by linear
+/// inverse interpolation along the row, triangulated from the grid's own coordinates.
+#[test]
+#[ignore = "prints figures"]
+fn figures_of_resampling() {
+    let [left, right, projector] = rig(1124, 750);
+    let ball = |radius_mm| Surface::Sphere { centre: Point3::new(5.0, 2.0, 0.0), radius_mm };
+    let plane = Surface::plane([0.3, 0.2, 1.0], 0.0);
+    for (name, surface) in [("plane", plane), ("ball 22.4 mm", ball(11.2)), ("ball 60 mm", ball(30.0))] {
+        let scene = Scene { surfaces: vec![surface], projector: projector.clone(), period_px: 16.0 };
+        for sigma in [0.0, 0.02] {
+            let maps = [(&left, 1), (&right, 2)].map(|(c, seed)| scene.phase_map(c, Axis::X, sigma, seed));
+            let matcher = Matcher::new(&left, &right, &MatchSettings::default()).unwrap();
+            let pair = &matcher.pair;
+            let resampled = |view: &crate::rectify::RectifiedCamera,
+                             grid: &RectifiedGrid,
+                             map: &crate::phase::PhaseMap| {
+                let mut out = vec![f32::NAN; grid.width * grid.height];
+                for (cell, out) in out.iter_mut().enumerate() {
+                    let y = grid.y0 + (cell / grid.width) as f64 / grid.focal_px;
+                    let [u, v] = view.curve(y).at(grid.abscissa((cell % grid.width) as f64)).pixel;
+                    let (width, height) = (map.info.width_px as usize, map.info.height_px as usize);
+                    if u >= 0.0 && v >= 0.0 && u < (width - 1) as f64 && v < (height - 1) as f64 {
+                        let (i, s, t) = (v as usize * width + u as usize, u.fract(), v.fract());
+                        let p = |k: usize| f64::from(map.phase_rad[k]);
+                        let top = p(i) * (1.0 - s) + p(i + 1) * s;
+                        let bottom = p(i + width) * (1.0 - s) + p(i + width + 1) * s;
+                        *out = (top * (1.0 - t) + bottom * t) as f32;
+                    }
+                }
+                out
+            };
+            let a = resampled(&pair.left, &matcher.left_grid, &maps[0]);
+            let b = resampled(&pair.right, &matcher.right_grid, &maps[1]);
+            let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
+            let (mut row, limits) = (Row::default(), matcher.settings.step_limits(16.0));
+            for line in 0..matcher.left_grid.height {
+                let cells = |grid: &RectifiedGrid| line * grid.width..(line + 1) * grid.width;
+                row.fill(b[cells(&matcher.right_grid)].iter().copied(), limits);
+                for (column, phase) in
+                    a[cells(&matcher.left_grid)].iter().enumerate().filter(|(_, p)| p.is_finite())
+                {
+                    let x = matcher.left_grid.abscissa(column as f64);
+                    let y = matcher.left_grid.y0 + line as f64 / pair.focal_px;
+                    row.find(*phase, None, |place| {
+                        let depth = pair.baseline_mm / (x - matcher.right_grid.abscissa(place));
+                        let at =
+                            pair.origin_mm + pair.world_from_rectified * (Vector3::new(x, y, 1.0) * depth);
+                        let normal = surface.normal(&at);
+                        let steep = [&left, &right].iter().any(|c| {
+                            normal.dot(&(c.centre_mm() - at).normalize()) < 0.342 // cos 70°
+                        });
+                        if !steep {
+                            let off = surface.distance(&at) * 1e3;
+                            (n, sum, squares) = (n + 1.0, sum + off, squares + off * off);
+                        }
+                    });
+                }
+            }
+            println!(
+                "{name}, {sigma} rad, resampled: mean {:.3} um, rms {:.3} um, {n} points",
+                sum / n,
+                f64::sqrt(squares / n)
+            );
+        }
+    }
 }

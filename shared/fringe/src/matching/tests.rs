@@ -2,9 +2,11 @@
 //! the twin has and these maps do not.
 
 use super::*;
+use crate::pattern::Axis;
 use crate::phase::PhaseMap;
 use crate::testing::{Noise, Scene, Surface, looking, pixel_of, rig};
 use proptest::prelude::*;
+use std::f64::consts::TAU;
 
 fn blank() -> Point {
     bytemuck::Zeroable::zeroed()

@@ -1,0 +1,163 @@
+//! The work on one part of the rows: coarse search, uniqueness, fine solution.
+
+use super::rows::{Row, StepLimits};
+use super::subpixel::{Crossing, RightPhase, solve};
+use super::{MatchReport, MatchSettings, PART_ROWS};
+use crate::phase::PhaseView;
+use crate::rectify::{Rectification, RectifiedGrid};
+use crate::surface::Sample;
+
+/// Buffers and counts of one part.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Task {
+    pub left: Row,
+    pub right: Row,
+    pub report: MatchReport,
+}
+
+impl Task {
+    pub fn sized(&self, left: usize, right: usize) -> Self {
+        Self { left: Row::with_capacity(left), right: Row::with_capacity(right), report: self.report }
+    }
+}
+
+/// Why a left pixel has no point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Miss {
+    Unmatched,
+    Ambiguous,
+    Inconsistent,
+    Discontinuous,
+}
+
+/// What all parts of a run share.
+pub(super) struct Scan<'a> {
+    pub pair: &'a Rectification,
+    pub settings: &'a MatchSettings,
+    pub left_grid: &'a RectifiedGrid,
+    pub right_grid: &'a RectifiedGrid,
+    pub left_phase: &'a [f32],
+    pub right_phase: RightPhase<'a>,
+    pub directions: &'a [[f64; 2]],
+    pub left: PhaseView<'a>,
+    pub right: PhaseView<'a>,
+    pub limits: StepLimits,
+}
+
+impl Scan<'_> {
+    /// Matches the left pixels of one part, row by row.
+    pub fn part(&self, part: usize, pixels: &[u32], hits: &mut [Sample], task: &mut Task) {
+        let mut current = usize::MAX;
+        for (pixel, hit) in pixels.iter().zip(hits) {
+            let pixel = *pixel as usize;
+            *hit = Sample::NONE;
+            let phase = self.left_phase[pixel];
+            if phase.is_nan() {
+                continue;
+            }
+            let row = ((self.directions[pixel][1] - self.right_grid.y0) * self.right_grid.focal_px).round()
+                as usize;
+            debug_assert!(row / PART_ROWS == part);
+            if row != current {
+                self.load(row, task);
+                current = row;
+            }
+            task.report.valid += 1;
+            match self.pixel(pixel, phase, task) {
+                Ok((sample, bilinear)) => {
+                    *hit = sample;
+                    task.report.bilinear += u32::from(bilinear);
+                }
+                Err(Miss::Unmatched) => task.report.unmatched += 1,
+                Err(Miss::Ambiguous) => task.report.ambiguous += 1,
+                Err(Miss::Inconsistent) => task.report.inconsistent += 1,
+                Err(Miss::Discontinuous) => task.report.discontinuous += 1,
+            }
+        }
+    }
+
+    fn load(&self, row: usize, task: &mut Task) {
+        let gather = |grid: &RectifiedGrid, phase: &[f32], out: &mut Row| {
+            let cells = &grid.index[row * grid.width..(row + 1) * grid.width];
+            // NO_PIXEL lies beyond any image.
+            out.fill(cells.iter().map(|i| phase.get(*i as usize).copied().unwrap_or(f32::NAN)), self.limits);
+        };
+        gather(self.right_grid, self.right_phase.phase_rad, &mut task.right);
+        gather(self.left_grid, self.left_phase, &mut task.left);
+    }
+
+    fn pixel(&self, pixel: usize, phase: f32, task: &mut Task) -> Result<(Sample, bool), Miss> {
+        let [x, y] = self.directions[pixel];
+        let limits = self.disparity_limits(x, y);
+        let allowed = |left: f64, right: f64| (limits[0]..=limits[1]).contains(&(left - right));
+        let tolerance = self.settings.left_right_tolerance_px;
+
+        let mut coarse = None;
+        let mut ambiguous = false;
+        task.right.find(phase, None, |column| {
+            let place = self.right_grid.abscissa(column);
+            if allowed(x, place) {
+                ambiguous |= coarse.is_some_and(|c: f64| (c - place).abs() * self.pair.focal_px > tolerance);
+                coarse = Some(place);
+            }
+        });
+        let coarse = coarse.ok_or(Miss::Unmatched)?;
+
+        // Backwards: the left row must show this phase here and nowhere else that the right pixel could mean.
+        let own = self.left_grid.column(x);
+        let mut returned = false;
+        task.left.find(phase, Some(own), |column| {
+            if (column - own).abs() <= tolerance {
+                returned = true;
+            } else {
+                ambiguous |= allowed(self.left_grid.abscissa(column), coarse);
+            }
+        });
+        if ambiguous {
+            return Err(Miss::Ambiguous);
+        }
+        if !returned {
+            return Err(Miss::Inconsistent);
+        }
+        self.refine(pixel, phase, coarse, limits)
+    }
+
+    fn refine(
+        &self,
+        pixel: usize,
+        phase: f32,
+        coarse: f64,
+        limits: [f64; 2],
+    ) -> Result<(Sample, bool), Miss> {
+        let [x, y] = self.directions[pixel];
+        let curve = self.pair.right.curve(y);
+        let pitch = 1.0 / self.pair.focal_px;
+        let Crossing { x: place, slope, variance, pixel: right, bilinear } =
+            solve(&self.right_phase, &curve, phase, coarse).ok_or(Miss::Discontinuous)?;
+        let sigma_left = f64::from(self.left.sigma_rad[pixel]);
+        let sigma = ((sigma_left * sigma_left + variance) / (slope * slope)).sqrt();
+        let certain = sigma <= self.settings.max_disparity_sigma_px * pitch;
+        let disparity = x - place;
+        if !certain || !(limits[0]..=limits[1]).contains(&disparity) {
+            return Err(Miss::Discontinuous);
+        }
+        let sample = Sample {
+            inverse_depth: disparity / self.pair.baseline_mm,
+            sigma: (sigma / self.pair.baseline_mm) as f32,
+            modulation: self.left.modulation[pixel].min(self.right.modulation[right]),
+        };
+        Ok((sample, bilinear))
+    }
+
+    /// Smallest and largest disparity of a left pixel in rectified units.
+    fn disparity_limits(&self, x: f64, y: f64) -> [f64; 2] {
+        // Z along the optical axis is this share of Z in the rectified frame.
+        let m = &self.pair.left.camera_from_rectified;
+        let share = m[(2, 0)] * x + m[(2, 1)] * y + m[(2, 2)];
+        match self.settings.depth_mm {
+            Some([near, far]) => [self.pair.baseline_mm * share / far, self.pair.baseline_mm * share / near],
+            // In front of both views: positive, and not so far that one pixel of error reaches the horizon.
+            None => [1.0 / self.pair.focal_px, f64::INFINITY],
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! Settings of the matching and their limits.
+
+use super::{Interpolation, MatchError, rows::StepLimits};
+use crate::surface::SurfaceSettings;
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// How to match.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MatchSettings {
+    /// Nearest and farthest depth along the optical axis of the left camera, mm; absent: everything in front of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_mm: Option<[f64; 2]>,
+    /// How the right phase is read between pixels.
+    pub interpolation: Interpolation,
+    /// Neighbouring pixels whose phases differ by more lie on different surfaces, projector pixels.
+    pub max_step_px: f64,
+    /// Steps against the sense of the phase along a row beyond this end a surface, projector pixels.
+    pub max_back_step_px: f64,
+    /// Two places of equal phase this close in a row are one (noise), camera pixels.
+    pub left_right_tolerance_px: f64,
+    /// Matches whose disparity is less certain are dropped, camera pixels.
+    pub max_disparity_sigma_px: f64,
+    /// What counts as a surface.
+    pub surface: SurfaceSettings,
+}
+
+impl Default for MatchSettings {
+    fn default() -> Self {
+        Self {
+            depth_mm: None,
+            interpolation: Interpolation::default(),
+            max_step_px: 6.0,
+            max_back_step_px: 0.5,
+            left_right_tolerance_px: 1.5,
+            max_disparity_sigma_px: 0.5,
+            surface: SurfaceSettings::default(),
+        }
+    }
+}
+
+impl MatchSettings {
+    pub(super) fn check(&self) -> Result<(), MatchError> {
+        if let Some((key, value, limits)) = self.surface.fault() {
+            return Err(MatchError::Setting { key, value, limits });
+        }
+        check_depth(self.depth_mm)?;
+        let positive = [
+            ("max_step_px", self.max_step_px),
+            ("max_back_step_px", self.max_back_step_px),
+            ("left_right_tolerance_px", self.left_right_tolerance_px),
+            ("max_disparity_sigma_px", self.max_disparity_sigma_px),
+        ];
+        match positive.iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
+            Some((key, value)) => {
+                Err(MatchError::Setting { key, value: *value, limits: "a positive number" })
+            }
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn step_limits(&self, period_px: f64) -> StepLimits {
+        let rad = TAU / period_px;
+        StepLimits {
+            max_rad: (self.max_step_px * rad) as f32,
+            back_rad: (self.max_back_step_px * rad) as f32,
+        }
+    }
+}
+
+/// Checks the limits of the depth.
+pub(crate) fn check_depth(depth_mm: Option<[f64; 2]>) -> Result<(), MatchError> {
+    let Some([near, far]) = depth_mm else { return Ok(()) };
+    if !(near.is_finite() && near > 0.0) {
+        return Err(MatchError::Setting { key: "depth_mm[0]", value: near, limits: "a positive number" });
+    }
+    if !(far.is_finite() && far > near) {
+        return Err(MatchError::Setting {
+            key: "depth_mm[1]",
+            value: far,
+            limits: "larger than depth_mm[0]",
+        });
+    }
+    Ok(())
+}

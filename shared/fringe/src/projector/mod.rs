@@ -1,0 +1,248 @@
+//! The conventional approach: one camera and a projector read backwards (thesis eq. 3.7).
+//!
+//! The phase tells the projector column (or row), which is a surface in space: a plane without lens distortion, curved
+//! with it. The point is where the camera's ray meets that surface. The plane gives the start, then Newton's method
+//! along the ray solves the exact projector model, so that nothing is linearised. With phases along both axes the
+//! point is the weighted least-squares one on the ray, and their disagreement tells wrong fringe orders (an epipolar
+//! check, Bräuer-Burchardt 2011).
+
+mod rays;
+#[cfg(test)]
+mod tests;
+
+use crate::camera::Camera;
+use crate::cloud::Point;
+use crate::matching::{MatchError, check_map, mask};
+use crate::parallel::for_parts;
+use crate::pattern::Axis;
+use crate::phase::PhaseView;
+use crate::rectify::RectifiedCamera;
+use crate::surface::{Sample, SurfaceBuilder, SurfaceReport, SurfaceSettings, View};
+use nalgebra::Matrix3;
+use rays::{Observation, Rays};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+
+/// Pixels per part of parallel work; fixed, so that no result depends on the number of threads.
+const PART_PIXELS: usize = 16_384;
+
+/// How to intersect.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ProjectorSettings {
+    /// Nearest and farthest depth along the optical axis of the camera, mm; absent: everything in front of both.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_mm: Option<[f64; 2]>,
+    /// Largest disagreement of the two axes, projector pixels: beyond it one fringe order is wrong.
+    pub max_epipolar_px: f64,
+    /// Projector coordinates may exceed its image by this, px.
+    pub margin_px: f64,
+    /// What counts as a surface.
+    pub surface: SurfaceSettings,
+}
+
+impl Default for ProjectorSettings {
+    fn default() -> Self {
+        Self { depth_mm: None, max_epipolar_px: 2.0, margin_px: 0.5, surface: SurfaceSettings::default() }
+    }
+}
+
+/// What became of the pixels; all add up to `valid`.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct ProjectorReport {
+    /// Pixels valid along all given axes.
+    pub valid: u32,
+    /// The ray does not meet the column within the projector's image and the depth limits.
+    pub missed: u32,
+    /// Both axes disagree.
+    pub contradicting: u32,
+    /// Root mean square disagreement of both axes, projector pixels; absent with one axis.
+    pub epipolar_rms_px: Option<f64>,
+    /// Dropped as spikes, crumbs or steep, and points.
+    pub surface: SurfaceReport,
+    /// Points written: `surface.points`.
+    pub points: u32,
+}
+
+/// Intersects the rays of a camera with the columns and rows of a projector. `run` allocates nothing.
+#[derive(Debug, Clone)]
+pub struct ProjectorMatcher {
+    camera: Camera,
+    projector: Camera,
+    settings: ProjectorSettings,
+    /// Ideal normalised coordinates of the camera's pixels.
+    directions: Vec<[f64; 2]>,
+    parts: Vec<usize>,
+    tasks: Vec<Task>,
+    phase_x: Vec<f32>,
+    phase_y: Vec<f32>,
+    samples: Vec<Sample>,
+    surface: SurfaceBuilder,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Task {
+    valid: u32,
+    missed: u32,
+    contradicting: u32,
+    checked: u32,
+    squares_px2: f64,
+}
+
+impl ProjectorMatcher {
+    /// Computes the rays of the camera.
+    ///
+    /// # Errors
+    /// Impossible cameras or settings.
+    pub fn new(
+        camera: &Camera,
+        projector: &Camera,
+        settings: &ProjectorSettings,
+    ) -> Result<Self, MatchError> {
+        settings.check()?;
+        for (side, view) in [("camera", camera), ("projector", projector)] {
+            view.check().map_err(|source| MatchError::Camera { side, source })?;
+        }
+        let (width, height) = (camera.width_px as usize, camera.height_px as usize);
+        let straight = RectifiedCamera { camera: camera.clone(), camera_from_rectified: Matrix3::identity() };
+        let pixels = width * height;
+        let parts = (0..=pixels.div_ceil(PART_PIXELS)).map(|part| (part * PART_PIXELS).min(pixels)).collect();
+        Ok(Self {
+            directions: straight.table(),
+            camera: camera.clone(),
+            projector: projector.clone(),
+            settings: *settings,
+            parts,
+            tasks: vec![Task::default(); pixels.div_ceil(PART_PIXELS)],
+            phase_x: vec![f32::NAN; pixels],
+            phase_y: vec![f32::NAN; pixels],
+            samples: vec![Sample::NONE; pixels],
+            surface: SurfaceBuilder::new(width, height, settings.surface),
+        })
+    }
+
+    /// How many points `run` may write: one per pixel.
+    pub fn capacity(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Intersects; the first `report.points` elements of `out` are the points in the order of the pixels.
+    ///
+    /// # Errors
+    /// No phase at all, maps that do not fit the camera or tell another axis, or an `out` shorter than
+    /// [`Self::capacity`].
+    pub fn run(
+        &mut self,
+        phase_x: Option<&PhaseView>,
+        phase_y: Option<&PhaseView>,
+        pair: u32,
+        out: &mut [Point],
+    ) -> Result<ProjectorReport, MatchError> {
+        self.check(phase_x, phase_y, out.len())?;
+        if let Some(map) = phase_x {
+            mask(map, &mut self.phase_x);
+        }
+        if let Some(map) = phase_y {
+            mask(map, &mut self.phase_y);
+        }
+        let mut report = self.intersect(phase_x, phase_y);
+        let view = View {
+            width: self.camera.width_px as usize,
+            height: self.camera.height_px as usize,
+            directions: &self.directions,
+            pitch: 2.0 / (self.camera.focal_px[0] + self.camera.focal_px[1]),
+            world_from_sight: self
+                .camera
+                .camera_from_world
+                .rotation
+                .inverse()
+                .to_rotation_matrix()
+                .into_inner(),
+            origin_mm: self.camera.centre_mm(),
+            other_mm: (self.camera.camera_from_world * self.projector.centre_mm()).coords,
+        };
+        report.surface = self.surface.build(&view, &mut self.samples, pair, out);
+        report.points = report.surface.points;
+        Ok(report)
+    }
+
+    fn intersect(&mut self, phase_x: Option<&PhaseView>, phase_y: Option<&PhaseView>) -> ProjectorReport {
+        let projector_from_camera =
+            self.projector.camera_from_world * self.camera.camera_from_world.inverse();
+        let rays = Rays {
+            projector: &self.projector,
+            settings: &self.settings,
+            rotation: projector_from_camera.rotation.to_rotation_matrix().into_inner(),
+            origin: projector_from_camera.translation.vector,
+        };
+        let read = |map: Option<&PhaseView>, masked: &[f32], pixel: usize| {
+            map.map(|map| {
+                let scale = map.info.period_px / TAU;
+                let sigma_px = f64::from(map.sigma_rad[pixel]) * scale;
+                Observation { pixel: f64::from(masked[pixel]) * scale, sigma_px }
+            })
+        };
+        let modulation = |pixel: usize| {
+            let all = [phase_x, phase_y].into_iter().flatten().map(|map| map.modulation[pixel]);
+            all.fold(f32::INFINITY, f32::min)
+        };
+        let Self { samples, tasks, parts, directions, phase_x: masked_x, phase_y: masked_y, .. } = self;
+        for_parts(parts, samples, tasks, &|part, samples, task| {
+            *task = Task::default();
+            for (pixel, sample) in (parts[part]..).zip(samples) {
+                *sample = Sample::NONE;
+                let (x, y) = (read(phase_x, masked_x, pixel), read(phase_y, masked_y, pixel));
+                let seen =
+                    [x, y].iter().flatten().all(|o| o.pixel.is_finite()) && directions[pixel][0].is_finite();
+                if seen {
+                    rays.solve(directions[pixel], [x, y], modulation(pixel), sample, task);
+                }
+            }
+        });
+        summed(tasks)
+    }
+
+    fn check(&self, x: Option<&PhaseView>, y: Option<&PhaseView>, room: usize) -> Result<(), MatchError> {
+        if x.is_none() && y.is_none() {
+            return Err(MatchError::NoPhase);
+        }
+        for (map, wanted) in [(x, Axis::X), (y, Axis::Y)] {
+            let Some(map) = map else { continue };
+            check_map("camera", map, &self.camera)?;
+            if map.info.axis != wanted {
+                return Err(MatchError::WrongAxis { wanted, found: map.info.axis });
+            }
+        }
+        let needed = self.capacity();
+        if room < needed { Err(MatchError::Room { room, needed }) } else { Ok(()) }
+    }
+}
+
+fn summed(tasks: &[Task]) -> ProjectorReport {
+    let mut report = ProjectorReport::default();
+    let (mut squares, mut checked) = (0.0, 0);
+    for task in tasks {
+        report.valid += task.valid;
+        report.missed += task.missed;
+        report.contradicting += task.contradicting;
+        squares += task.squares_px2;
+        checked += task.checked;
+    }
+    report.epipolar_rms_px = (checked > 0).then(|| (squares / f64::from(checked)).sqrt());
+    report
+}
+
+impl ProjectorSettings {
+    fn check(&self) -> Result<(), MatchError> {
+        if let Some((key, value, limits)) = self.surface.fault() {
+            return Err(MatchError::Setting { key, value, limits });
+        }
+        crate::matching::check_depth(self.depth_mm)?;
+        for (key, value) in [("max_epipolar_px", self.max_epipolar_px), ("margin_px", self.margin_px)] {
+            if !(value.is_finite() && value >= 0.0) {
+                return Err(MatchError::Setting { key, value, limits: "zero or a positive number" });
+            }
+        }
+        Ok(())
+    }
+}
