@@ -1,1 +1,11 @@
-//! Integration tests: the table of contents.
+//! Integration tests, all through the real binaries and real files. Table of contents:
+//!
+//! - [`offline`]: the twin's frames become a cloud whose features are true
+//! - [`real`]: recordings by other people's cameras
+//! - [`bad_input`]: whatever is wrong with the input, a message and exit code 2
+//! - [`support`]: how the tests run programs and make small recordings
+
+mod bad_input;
+mod offline;
+mod real;
+mod support;

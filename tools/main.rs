@@ -1,2 +1,65 @@
-//! Entry point.
-fn main() {}
+//! `fringetool`: simulate, decode, reconstruct, import and measure. One module per subcommand: arguments in, report out.
+
+mod bench;
+mod decode;
+mod fit;
+mod import;
+mod pipeline;
+mod progress;
+mod reconstruct;
+mod report;
+mod simulate;
+
+use clap::{Parser, Subcommand};
+use std::process::ExitCode;
+
+#[derive(Parser)]
+#[command(name = "fringetool", version, about = "Offline tools of the fringecell measuring cell", max_term_width = 100)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Write a recording of the digital twin, and its truth apart.
+    Simulate(simulate::Args),
+    /// Decode a recording: phase, modulation and fringe order as images.
+    Decode(decode::Args),
+    /// Turn a recording into a point cloud.
+    Reconstruct(reconstruct::Args),
+    /// Fit a sphere, plane, cylinder or cone to the points of a cloud.
+    Fit(fit::Args),
+    /// Turn other people's image files and OpenCV calibration into a recording and a rig file.
+    Import(import::Args),
+    /// Measure accuracy on the twin, or speed on this machine.
+    Bench(bench::Args),
+}
+
+/// How a command ended that did not break.
+pub enum Outcome {
+    /// Exit code 0.
+    Done,
+    /// Exit code 1: the measurement or test fails its limit.
+    LimitFailed,
+}
+
+fn main() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Simulate(args) => simulate::run(&args),
+        Command::Decode(args) => decode::run(&args),
+        Command::Reconstruct(args) => reconstruct::run(&args),
+        Command::Fit(args) => fit::run(&args),
+        Command::Import(args) => import::run(&args),
+        Command::Bench(args) => bench::run(&args),
+    };
+    match result {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::LimitFailed) => ExitCode::from(1),
+        Err(error) => {
+            // The one place where an error is printed: the whole chain on one line.
+            eprintln!("fringetool: {error:#}");
+            ExitCode::from(2)
+        }
+    }
+}

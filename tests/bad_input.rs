@@ -1,0 +1,227 @@
+//! Whatever is wrong with a recording or a rig file: one message that names it, exit code 2, no output file, no panic.
+
+use crate::support::{Ran, Small, fringetool};
+use std::fs;
+
+/// One way to break the small recording, and the words that the message must contain.
+struct Case {
+    name: &'static str,
+    harm: fn(&Small),
+    arguments: &'static [&'static str],
+    words: &'static [&'static str],
+}
+
+const fn case(name: &'static str, harm: fn(&Small), words: &'static [&'static str]) -> Case {
+    Case { name, harm, arguments: &[], words }
+}
+
+const FRAME: &str = "rec/frames/proj1/cam1/003.png";
+
+const CASES: &[Case] = &[
+    case("missing frame", |s| fs::remove_file(s.path(FRAME)).unwrap(), &["cam1", "003"]),
+    case("truncated frame", |s| truncate(s, FRAME), &["003.png"]),
+    case("frame of another size", |s| write_grey(s, FRAME, 50, 40), &["003.png", "50", "40", "168"]),
+    case("not an image", |s| fs::write(s.path(FRAME), b"not an image").unwrap(), &["003.png"]),
+    case("empty file", |s| fs::write(s.path(FRAME), b"").unwrap(), &["003.png"]),
+    case("sine frames in the wrong order", |s| swap(s, 2, 7), &["cam1", "order"]),
+    case("white and black exchanged", |s| swap(s, 17, 18), &["cam1", "white", "black"]),
+    case("saturated frames", saturate, &["no point", "saturated"]),
+    case("no light at all", darken, &["no point", "dark"]),
+    case("too few steps", |s| s.edit("rec/recording.toml", "steps = 10", "steps = 2"), &["recording.toml", "steps", "2", "3"]),
+    case("fewer frames than the sequence says", |s| s.edit("rec/recording.toml", "steps = 10", "steps = 12"), &["cam1", "21", "19"]),
+    case("more frames than the sequence says", |s| s.edit("rec/recording.toml", "steps = 10", "steps = 8"), &["cam1", "17"]),
+    case("no absolute code", no_code, &["absolute"]),
+    case("unknown set", |s| s.edit("rec/recording.toml", "\"gray\"", "\"grey\""), &["recording.toml", "grey"]),
+    case("unknown key", |s| s.edit("rec/recording.toml", "width_px", "widht_px"), &["recording.toml", "widht_px"]),
+    case("another format", |s| s.edit("rec/recording.toml", "recording/1", "recording/9"), &["recording/9", "recording/1"]),
+    case("no recording", |s| fs::remove_file(s.path("rec/recording.toml")).unwrap(), &["recording.toml"]),
+    case("no folder", |s| fs::remove_dir_all(s.path("rec")).unwrap(), &["rec"]),
+    case("a name that leaves the folder", |s| s.edit("rec/recording.toml", "\"cam1\"", "\"../cam1\""), &["../cam1"]),
+    case("not TOML", |s| fs::write(s.path("rig.toml"), "format = \"fringecell-rig/1\"\n[[camera").unwrap(), &["rig.toml"]),
+    case("no rig file", |s| fs::remove_file(s.path("rig.toml")).unwrap(), &["rig.toml"]),
+    case("pair with an unknown camera", |s| s.edit("rig.toml", "right = \"cam2\"", "right = \"cam9\""), &["rig.toml", "cam9"]),
+    case("recorded camera that the rig does not know", |s| s.edit("rec/recording.toml", "\"cam2\"", "\"cam7\""), &["cam7"]),
+    case("mirrored rotation", |s| mirror(s), &["rig.toml", "rotation", "mirror"]),
+    case("rotation that is none", |s| s.edit("rig.toml", "rotation = [[", "rotation = [[1"), &["rig.toml", "rotation", "orthonormal"]),
+    case("camera of another size", |s| s.edit("rig.toml", "width_px = 168", "width_px = 336"), &["cam1", "336", "168"]),
+    case("focal length zero", zero_focal, &["rig.toml", "focal"]),
+    case("not a number", |s| s.edit("rig.toml", "skew = 0.0", "skew = nan"), &["rig.toml", "skew"]),
+    case("two cameras at one place", same_place, &["pair1"]),
+    case("views without overlap", turn_away, &["no point"]),
+    Case {
+        name: "a pair that does not exist",
+        harm: |_| {},
+        arguments: &["--pair", "pair9"],
+        words: &["pair9", "pair1"],
+    },
+    Case {
+        name: "projector method without projector",
+        harm: |s| drop_projectors(s),
+        arguments: &["--method", "projector"],
+        words: &["projector", "proj1"],
+    },
+    Case {
+        name: "output folder that is a file",
+        harm: |s| fs::write(s.path("file"), b"x").unwrap(),
+        arguments: &["--json", "/dev/null/result.json"],
+        words: &["/dev/null"],
+    },
+];
+
+#[test]
+fn every_fault_ends_in_a_message_and_no_file() {
+    let original = Small::new();
+    let mut failures = Vec::new();
+    for case in CASES {
+        let small = copy(&original);
+        (case.harm)(&small);
+        let ran = small.reconstruct(case.arguments);
+        if let Some(complaint) = complaint(case, &small, &ran) {
+            failures.push(format!("{}: {complaint}\n    stderr: {}", case.name, ran.stderr.trim()));
+        }
+    }
+    assert!(failures.is_empty(), "{} of {} cases:\n{}", failures.len(), CASES.len(), failures.join("\n"));
+}
+
+fn complaint(case: &Case, small: &Small, ran: &Ran) -> Option<String> {
+    if ran.code != Some(2) {
+        return Some(format!("exit code {:?} instead of 2", ran.code));
+    }
+    if ran.stderr.contains("panicked") {
+        return Some("it panicked".into());
+    }
+    let missing: Vec<_> = case.words.iter().filter(|word| !ran.stderr.contains(**word)).collect();
+    if !missing.is_empty() {
+        return Some(format!("the message lacks {missing:?}"));
+    }
+    let left: Vec<_> = fs::read_dir(small.folder.path())
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .filter(|name| name.contains("cloud"))
+        .collect();
+    (!left.is_empty() && case.name != "output folder that is a file").then(|| format!("it left {left:?}"))
+}
+
+#[test]
+fn arguments_that_make_no_sense_end_with_code_2() {
+    for arguments in [&["reconstruct"][..], &["fit", "sphere", "absent.ply"], &["decode", "absent"], &["nonsense"]] {
+        let ran = fringetool(arguments);
+        assert_eq!(ran.code, Some(2), "{arguments:?}: {}", ran.stderr);
+        assert!(!ran.stderr.contains("panicked"), "{arguments:?}: {}", ran.stderr);
+    }
+}
+
+fn copy(original: &Small) -> Small {
+    let folder = tempfile::TempDir::new().unwrap();
+    copy_folder(original.folder.path(), folder.path());
+    Small { folder }
+}
+
+fn copy_folder(from: &std::path::Path, to: &std::path::Path) {
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let target = to.join(entry.file_name());
+        if entry.file_type().unwrap().is_dir() {
+            fs::create_dir(&target).unwrap();
+            copy_folder(&entry.path(), &target);
+        } else {
+            fs::copy(entry.path(), &target).unwrap();
+        }
+    }
+}
+
+fn frame(camera: &str, number: usize) -> String {
+    format!("rec/frames/proj1/{camera}/{number:03}.png")
+}
+
+fn truncate(small: &Small, name: &str) {
+    let bytes = fs::read(small.path(name)).unwrap();
+    fs::write(small.path(name), &bytes[..bytes.len() / 2]).unwrap();
+}
+
+fn write_grey(small: &Small, name: &str, width: u32, height: u32) {
+    image::GrayImage::from_pixel(width, height, image::Luma([90])).save(small.path(name)).unwrap();
+}
+
+fn swap(small: &Small, a: usize, b: usize) {
+    let (a, b, spare) = (small.path(&frame("cam1", a)), small.path(&frame("cam1", b)), small.path("spare"));
+    fs::rename(&a, &spare).unwrap();
+    fs::rename(&b, &a).unwrap();
+    fs::rename(&spare, &b).unwrap();
+}
+
+fn paint(small: &Small, numbers: std::ops::Range<usize>, value: u8) {
+    for camera in ["cam1", "cam2"] {
+        for number in numbers.clone() {
+            let (width, height) = crate::support::SMALL_PX;
+            let image = image::GrayImage::from_pixel(width, height, image::Luma([value]));
+            image.save(small.path(&frame(camera, number))).unwrap();
+        }
+    }
+}
+
+fn saturate(small: &Small) {
+    paint(small, 0..10, 255);
+}
+
+fn darken(small: &Small) {
+    paint(small, 0..19, 3);
+}
+
+fn no_code(small: &Small) {
+    let text = fs::read_to_string(small.path("rec/recording.toml")).unwrap();
+    let kept: Vec<&str> = text.lines().filter(|line| !line.contains("gray")).collect();
+    fs::write(small.path("rec/recording.toml"), kept.join("\n")).unwrap();
+    for camera in ["cam1", "cam2"] {
+        for number in 10..17 {
+            fs::remove_file(small.path(&frame(camera, number))).unwrap();
+        }
+        for (from, to) in [(17, 10), (18, 11)] {
+            fs::rename(small.path(&frame(camera, from)), small.path(&frame(camera, to))).unwrap();
+        }
+    }
+}
+
+/// Edits the parsed rig file.
+fn edit_rig(small: &Small, edit: impl Fn(&mut toml::Table)) {
+    let mut table: toml::Table = fs::read_to_string(small.path("rig.toml")).unwrap().parse().unwrap();
+    edit(&mut table);
+    fs::write(small.path("rig.toml"), toml::to_string(&table).unwrap()).unwrap();
+}
+
+fn camera(table: &mut toml::Table, index: usize) -> &mut toml::Table {
+    table["camera"].as_array_mut().unwrap()[index].as_table_mut().unwrap()
+}
+
+fn mirror(small: &Small) {
+    edit_rig(small, |table| {
+        let row = &mut camera(table, 0)["from_world"]["rotation"].as_array_mut().unwrap()[0];
+        for value in row.as_array_mut().unwrap() {
+            *value = (-value.as_float().unwrap()).into();
+        }
+    });
+}
+
+fn zero_focal(small: &Small) {
+    edit_rig(small, |table| camera(table, 1)["focal_px"].as_array_mut().unwrap()[0] = 0.0.into());
+}
+
+fn same_place(small: &Small) {
+    edit_rig(small, |table| {
+        let pose = camera(table, 0)["from_world"].clone();
+        camera(table, 1)["from_world"] = pose;
+    });
+}
+
+/// Moves the second camera so far aside that its rays meet those of the first nowhere in front of both.
+fn turn_away(small: &Small) {
+    edit_rig(small, |table| {
+        camera(table, 1)["from_world"]["translation_mm"].as_array_mut().unwrap()[1] = 90_000.0.into();
+    });
+}
+
+fn drop_projectors(small: &Small) {
+    edit_rig(small, |table| {
+        table.remove("projector");
+    });
+}

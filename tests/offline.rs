@@ -1,0 +1,99 @@
+//! The twin's frames become a cloud whose features are true.
+
+use crate::support::{fringetool, root};
+use tempfile::TempDir;
+
+fn json(path: &std::path::Path) -> serde_json::Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn sphere(cloud: &std::path::Path, near: &str) -> serde_json::Value {
+    let folder = TempDir::new().unwrap();
+    let out = folder.path().join("fit.json");
+    let arguments = ["fit", "sphere", cloud.to_str().unwrap(), "--near", near, "--json", out.to_str().unwrap()];
+    fringetool(&arguments).expect_success();
+    json(&out)
+}
+
+/// Nominal pose, so that the spheres stand where the scene file says.
+const STILL: &str = "position_scatter_mm = 0.0, angle_scatter_deg = 0.0";
+
+#[test]
+fn the_ideal_twin_gives_true_spheres() {
+    let folder = TempDir::new().unwrap();
+    let cell = cell_without_scatter(&folder);
+    for method in ["phase", "projector"] {
+        let sub = TempDir::new().unwrap();
+        let (cloud, report) = reconstruct_cell(&sub, &cell, &["--ideal"], method);
+        assert!(report["points"].as_u64().unwrap() > 300_000, "{method}: {}", report["points"]);
+        // The upper part only: below the equator the post joins.
+        let one = sphere(&cloud, "-39.7560,-39.7560,32,10");
+        let two = sphere(&cloud, "39.7560,39.7560,32,10");
+        let error_um = |fit: &serde_json::Value, truth: f64| (fit["diameter_mm"].as_f64().unwrap() - truth) * 1e3;
+        assert!(error_um(&one, 22.462).abs() < 1.0, "{method}: {} µm", error_um(&one, 22.462));
+        assert!(error_um(&two, 22.367).abs() < 1.0, "{method}: {} µm", error_um(&two, 22.367));
+        let centre = |fit: &serde_json::Value| -> Vec<f64> {
+            fit["center_mm"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+        };
+        let spacing_mm: f64 =
+            centre(&one).iter().zip(centre(&two)).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        assert!((spacing_mm - 112.447).abs() < 1e-3, "{method}: spacing {spacing_mm} mm");
+    }
+}
+
+fn cell_without_scatter(folder: &TempDir) -> String {
+    let text = std::fs::read_to_string(root().join("configs/demo.toml")).unwrap();
+    let configs = root().join("configs");
+    let text = text
+        .replace("\"demo-rig.toml\"", &format!("{:?}", configs.join("demo-rig.toml").to_str().unwrap()))
+        .replace("\"complex-artefact.plan.toml\"", &format!("{:?}", configs.join("complex-artefact.plan.toml").to_str().unwrap()))
+        .replace("\"complex-artefact.scene.toml\"", &format!("{:?}", configs.join("complex-artefact.scene.toml").to_str().unwrap()));
+    let path = folder.path().join("cell.toml");
+    std::fs::write(&path, format!("{text}settings = {{ {STILL} }}\n")).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+fn reconstruct_cell(
+    folder: &TempDir,
+    cell: &str,
+    options: &[&str],
+    method: &str,
+) -> (std::path::PathBuf, serde_json::Value) {
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (recording, cloud, report) = (path("rec"), path("cloud.ply"), path("report.json"));
+    let mut simulate = vec!["simulate", cell, "--out", &recording];
+    simulate.extend(options);
+    fringetool(&simulate).expect_success();
+    let arguments = [
+        "reconstruct", "--rig", "configs/demo-rig.toml", "--method", method, "--out", &cloud, "--json", &report, &recording,
+    ];
+    fringetool(&arguments).expect_success();
+    (cloud.into(), json(report.as_ref()))
+}
+
+#[test]
+fn the_same_recording_gives_the_same_bytes_on_any_number_of_threads() {
+    let small = crate::support::Small::new();
+    let clouds: Vec<Vec<u8>> = ["1", "2", "3"]
+        .iter()
+        .map(|threads| {
+            let ran = std::process::Command::new(env!("CARGO_BIN_EXE_fringetool"))
+                .args(["reconstruct", "--rig", &small.path("rig.toml"), "--out", &small.path("cloud.ply"), &small.path("rec")])
+                .env("RAYON_NUM_THREADS", threads)
+                .status()
+                .unwrap();
+            assert!(ran.success());
+            std::fs::read(small.path("cloud.ply")).unwrap()
+        })
+        .collect();
+    assert!(clouds[0].len() > 10_000);
+    assert!(clouds.iter().all(|cloud| *cloud == clouds[0]), "the clouds differ");
+}
+
+#[test]
+fn truth_lies_apart_from_the_recording() {
+    let small = crate::support::Small::new();
+    assert!(std::fs::read_to_string(small.path("rec.truth.toml")).unwrap().contains("sphere1_diameter"));
+    let recording = std::fs::read_to_string(small.path("rec/recording.toml")).unwrap();
+    assert!(!recording.contains("truth") && !recording.contains("pose"), "{recording}");
+}

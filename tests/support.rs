@@ -1,0 +1,128 @@
+//! How the tests run programs and make small recordings.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// What a program did.
+pub struct Ran {
+    pub code: Option<i32>,
+    pub stdout: String,
+    pub stderr: String,
+}
+
+impl Ran {
+    fn new(output: Output) -> Self {
+        Self {
+            code: output.status.code(),
+            stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
+            stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
+        }
+    }
+
+    /// Fails the test unless the program ended well.
+    pub fn expect_success(self) -> Self {
+        assert_eq!(self.code, Some(0), "stdout:\n{}\nstderr:\n{}", self.stdout, self.stderr);
+        self
+    }
+}
+
+/// Runs `fringetool` in the repository's root.
+pub fn fringetool<S: AsRef<std::ffi::OsStr>>(arguments: &[S]) -> Ran {
+    run(env!("CARGO_BIN_EXE_fringetool"), arguments)
+}
+
+fn run<S: AsRef<std::ffi::OsStr>>(program: &str, arguments: &[S]) -> Ran {
+    let output = Command::new(program).args(arguments).current_dir(root()).output().expect("the program starts");
+    Ran::new(output)
+}
+
+/// The repository.
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A folder of the real recordings; `None`, said in one line, where they are absent.
+pub fn real_data(set: &str) -> Option<PathBuf> {
+    let folder = root().join("../shared/data/real").join(set);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    eprintln!("skipped: {} is absent; the real recordings are not part of the repository", folder.display());
+    None
+}
+
+/// A small two-camera recording of the twin with its rig file, for tests that break things.
+pub struct Small {
+    pub folder: TempDir,
+}
+
+/// Columns and rows of the small cameras.
+pub const SMALL_PX: (u32, u32) = (168, 112);
+
+impl Small {
+    /// Simulates it: one projector, two cameras, a sphere-studded part, noise.
+    pub fn new() -> Self {
+        let folder = TempDir::new().expect("a temporary folder");
+        let rig = twin::thesis::rig(SMALL_PX.0, SMALL_PX.1);
+        let path = folder.path().join("rig.toml");
+        rig::rig_file::write_rig(&path, &rig, &toml::Table::new(), None).expect("rig.toml");
+        std::fs::write(folder.path().join("cell.toml"), small_cell()).expect("cell.toml");
+        let small = Self { folder };
+        let (cell, out) = (small.path("cell.toml"), small.path("rec"));
+        fringetool(&["simulate", &cell, "--out", &out]).expect_success();
+        small
+    }
+
+    /// A path inside, as text.
+    pub fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().expect("a path in UTF-8").to_owned()
+    }
+
+    /// Reconstructs into `cloud.ply`.
+    pub fn reconstruct(&self, more: &[&str]) -> Ran {
+        let (rig, out, recording) = (self.path("rig.toml"), self.path("cloud.ply"), self.path("rec"));
+        let mut arguments = vec!["reconstruct", "--rig", &rig, "--out", &out, &recording];
+        arguments.extend(more);
+        fringetool(&arguments)
+    }
+
+    /// Replaces text in a file; the text must occur.
+    pub fn edit(&self, name: &str, from: &str, to: &str) {
+        let path = self.path(name);
+        let text = std::fs::read_to_string(&path).expect(name);
+        assert!(text.contains(from), "{name} does not hold {from:?}:\n{text}");
+        std::fs::write(&path, text.replacen(from, to, 1)).expect(name);
+    }
+}
+
+fn small_cell() -> String {
+    let scene = root().join("configs/complex-artefact.scene.toml");
+    format!(
+        r#"format = "fringecell-config/1"
+name = "small"
+rig = "rig.toml"
+pairs = ["pair1"]
+[[projector]]
+name = "proj1"
+driver = "twin"
+width_px = 608
+height_px = 684
+cameras = ["cam1", "cam2"]
+sequence = [
+  {{ set = "sine", axis = "x", period_px = 16.0, steps = 10 }},
+  {{ set = "gray", axis = "x", bits = 7, stripe_px = 8.0 }},
+  {{ set = "white" }}, {{ set = "black" }},
+]
+[[camera]]
+name = "cam1"
+driver = "twin"
+[[camera]]
+name = "cam2"
+driver = "twin"
+[twin]
+scene = {:?}
+"#,
+        scene.display().to_string()
+    )
+}

@@ -1,0 +1,41 @@
+//! `fringetool bench`: accuracy on the twin, speed on this machine. Measured, never asserted.
+
+mod accuracy;
+mod scan;
+mod speed;
+
+use crate::Outcome;
+use anyhow::Result;
+use std::path::PathBuf;
+
+/// Arguments of `bench`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// What to measure.
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// The twin's part, ideal and with each imperfection alone: cloud and features against the truth.
+    Accuracy(Common),
+    /// Decode and matching: nanoseconds per pixel, share of the memory bandwidth, whole compute of a pair.
+    Speed(speed::Args),
+}
+
+/// Arguments of both.
+#[derive(clap::Args)]
+pub struct Common {
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    match &args.what {
+        What::Accuracy(common) => accuracy::run(common.json.as_deref()),
+        What::Speed(args) => speed::run(args),
+    }
+}

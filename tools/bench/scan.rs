@@ -1,0 +1,69 @@
+//! One measurement of the twin in memory: no files, no processes, the same kernels.
+
+use crate::simulate::Buffer;
+use anyhow::{Context, Result};
+use fringe::cloud::Point;
+use fringe::decode::{DecodeSettings, Decoder};
+use fringe::fusion::{FusionReport, FusionSettings, fuse};
+use fringe::matching::{MatchSettings, Matcher};
+use fringe::pattern::{Axis, PatternSet, frame_count};
+use fringe::phase::PhaseMap;
+use fringe::rig::Rig;
+use twin::Twin;
+
+/// The fused cloud of all pairs.
+pub struct Scan {
+    /// Points.
+    pub points: Vec<Point>,
+    /// How fusion went.
+    pub fusion: FusionReport,
+}
+
+/// Renders, decodes, matches and fuses all pairs of a rig.
+pub fn scan(twin: &Twin, rig: &Rig, sequence: &[PatternSet], cycle: u64) -> Result<Scan> {
+    let clouds = rig
+        .pairs
+        .iter()
+        .enumerate()
+        .map(|(index, pair)| {
+            let left = decode(twin, &pair.left, &pair.projector, rig, sequence, cycle)?;
+            let right = decode(twin, &pair.right, &pair.projector, rig, sequence, cycle)?;
+            let camera = |name: &str| rig.camera(name).context("a pair of the rig names its cameras");
+            let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
+            let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
+            let report = matcher.run(&left.view(), &right.view(), index as u32, &mut points)?;
+            points.truncate(report.points as usize);
+            Ok(points)
+        })
+        .collect::<Result<Vec<Vec<Point>>>>()?;
+    let slices: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
+    let mut points = Vec::new();
+    let fusion = fuse(&slices, &FusionSettings::default(), &mut points);
+    Ok(Scan { points, fusion })
+}
+
+/// What one camera sees of one projector, decoded.
+pub fn decode(
+    twin: &Twin,
+    camera: &str,
+    projector: &str,
+    rig: &Rig,
+    sequence: &[PatternSet],
+    cycle: u64,
+) -> Result<PhaseMap> {
+    let view = twin.view_lit_by(camera, &[projector], cycle)?;
+    let mut renderer = twin.renderer(projector, sequence)?;
+    let mut buffer = Buffer::new(&view);
+    let lamp = rig.projector(projector).context("the twin's rig has the projector")?;
+    let extent_px = [lamp.width_px, lamp.height_px];
+    let settings = DecodeSettings::default();
+    let (width, height, full) = (view.width_px(), view.height_px(), view.full_scale_dn());
+    let mut decoder = Decoder::new(sequence, width, height, full, extent_px, &settings)?;
+    for frame in 0..frame_count(sequence) {
+        renderer.render(&view, frame, buffer.pixels_mut())?;
+        decoder.push(frame, &buffer.frame(&view))?;
+    }
+    let mut map = PhaseMap::new(decoder.info(Axis::X)?);
+    decoder.finish(Axis::X, &mut map.view_mut())?;
+    Ok(map)
+}

@@ -1,0 +1,176 @@
+//! Speed of the kernels on this machine: decode and matching, beside the memory bandwidth that bounds them.
+
+use super::scan::decode as decode_scan;
+use crate::Outcome;
+use crate::report::emit;
+use crate::simulate::{Buffer, load_scene};
+use anyhow::{Context, Result};
+use fringe::cloud::Point;
+use fringe::decode::{DecodeSettings, Decoder};
+use fringe::matching::{MatchSettings, Matcher};
+use fringe::pattern::{Axis, frame_count};
+use fringe::phase::PhaseMap;
+use rig::config::Config;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+use twin::{Twin, TwinSettings};
+
+/// Arguments of `bench speed`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Repeats of each measurement; the median counts.
+    #[arg(long, default_value_t = 9)]
+    repeats: usize,
+    /// Also a pair of 4496 × 3000 (takes about two minutes and 3 GiB).
+    #[arg(long)]
+    large: bool,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// Times of one image size, median, ms unless said otherwise.
+#[derive(Debug, Serialize)]
+struct Times {
+    width_px: u32,
+    height_px: u32,
+    threads: usize,
+    points: usize,
+    push_ms: f64,
+    finish_ms: f64,
+    match_ms: f64,
+    /// Both cameras decoded one after the other, then matched.
+    pair_ms: f64,
+    decode_ns_per_px: f64,
+    match_ns_per_px: f64,
+    /// What decoding moves at least: frames in, sums in and out, planes out.
+    decode_bytes: usize,
+    decode_bandwidth_share: f64,
+}
+
+/// Runs the benchmark.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let bandwidth = memory_bandwidth();
+    println!("memory bandwidth (read one buffer, write another, one thread): {:.1} GB/s", bandwidth / 1e9);
+    let mut all = Vec::new();
+    let mut sizes = vec![(1124, 750)];
+    if args.large {
+        sizes.push((4496, 3000));
+    }
+    for (width, height) in sizes {
+        for threads in [1, 2] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+            let times = pool.install(|| measure(width, height, threads, args.repeats.max(1), bandwidth))?;
+            print(&times);
+            all.push(times);
+        }
+    }
+    emit(args.json.as_deref(), &serde_json::json!({ "bandwidth_bytes_per_s": bandwidth, "times": all }))?;
+    Ok(Outcome::Done)
+}
+
+fn measure(width_px: u32, height_px: u32, threads: usize, repeats: usize, bandwidth: f64) -> Result<Times> {
+    let config = Config::load(Path::new("configs/demo.toml"))?;
+    let scene = load_scene(None, config.twin.as_ref().context("configs/demo.toml: has no [twin]")?)?;
+    let rig = twin::thesis::rig(width_px, height_px);
+    let sequence = twin::thesis::sequence();
+    let twin = Twin::new(&scene, TwinSettings::default(), &rig)?;
+    let pair = &rig.pairs[0];
+    let extent_px = [608, 684];
+
+    let view = twin.view_lit_by(&pair.left, &[pair.projector.as_str()], 0)?;
+    let mut renderer = twin.renderer(&pair.projector, &sequence)?;
+    let frames = (0..frame_count(&sequence))
+        .map(|frame| {
+            let mut buffer = Buffer::new(&view);
+            renderer.render(&view, frame, buffer.pixels_mut())?;
+            Ok(buffer)
+        })
+        .collect::<Result<Vec<Buffer>>>()?;
+    let settings = DecodeSettings::default();
+    let mut decoder = Decoder::new(&sequence, width_px, height_px, view.full_scale_dn(), extent_px, &settings)?;
+    let mut map = PhaseMap::new(decoder.info(Axis::X)?);
+    let (mut push, mut finish) = (Vec::new(), Vec::new());
+    for _ in 0..repeats {
+        let start = Instant::now();
+        decoder.begin();
+        for (number, frame) in frames.iter().enumerate() {
+            decoder.push(number, &frame.frame(&view))?;
+        }
+        push.push(start.elapsed().as_secs_f64() * 1e3);
+        let start = Instant::now();
+        decoder.finish(Axis::X, &mut map.view_mut())?;
+        finish.push(start.elapsed().as_secs_f64() * 1e3);
+    }
+    let right = decode_scan(&twin, &pair.right, &pair.projector, &rig, &sequence, 0)?;
+    let camera = |name: &str| rig.camera(name).context("the rig names its cameras");
+    let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
+    let mut points: Vec<Point> = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
+    let mut matching = Vec::new();
+    let mut count = 0;
+    for _ in 0..repeats {
+        let start = Instant::now();
+        count = matcher.run(&map.view(), &right.view(), 0, &mut points)?.points;
+        matching.push(start.elapsed().as_secs_f64() * 1e3);
+    }
+    let (push_ms, finish_ms, match_ms) = (median(push), median(finish), median(matching));
+    let pixels = width_px as usize * height_px as usize;
+    // Per pixel: ten sine frames of a byte, each with three sums of four bytes in and out; nine code frames copied; at the
+    // end the sums and the code in, phase, sigma, modulation and mask out.
+    let decode_bytes = pixels * (10 * (1 + 24) + 9 * 2 + 12 + 9 + 13);
+    let decode_s = (push_ms + finish_ms) * 1e-3;
+    Ok(Times {
+        width_px,
+        height_px,
+        threads,
+        points: count as usize,
+        push_ms,
+        finish_ms,
+        match_ms,
+        pair_ms: 2.0 * (push_ms + finish_ms) + match_ms,
+        decode_ns_per_px: decode_s * 1e9 / pixels as f64,
+        match_ns_per_px: match_ms * 1e6 / pixels as f64,
+        decode_bytes,
+        decode_bandwidth_share: decode_bytes as f64 / decode_s / bandwidth,
+    })
+}
+
+/// Bytes moved per second by a copy between buffers far larger than any cache, read and write counted.
+fn memory_bandwidth() -> f64 {
+    const BYTES: usize = 256 << 20;
+    let source = vec![1_u8; BYTES];
+    let mut target = vec![2_u8; BYTES];
+    let times = (0..7)
+        .map(|_| {
+            let start = Instant::now();
+            target.copy_from_slice(std::hint::black_box(&source));
+            std::hint::black_box(&mut target);
+            start.elapsed().as_secs_f64()
+        })
+        .collect();
+    2.0 * BYTES as f64 / median(times)
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+fn print(t: &Times) {
+    println!(
+        "{} × {}, {} thread(s): push {:.1} ms, finish {:.1} ms (decode {:.1} ns/px, {:.0} % of the bandwidth); match {:.1} ms \
+         ({:.1} ns/px), {} points; pair {:.1} ms",
+        t.width_px,
+        t.height_px,
+        t.threads,
+        t.push_ms,
+        t.finish_ms,
+        t.decode_ns_per_px,
+        t.decode_bandwidth_share * 1e2,
+        t.match_ms,
+        t.match_ns_per_px,
+        t.points,
+        t.pair_ms
+    );
+}

@@ -1,0 +1,99 @@
+//! `fringetool decode`: phase, modulation and fringe order of a recording, as pictures and numbers.
+
+use crate::Outcome;
+use crate::pipeline::{DecodedView, decode_views};
+use crate::report::{DecodeLine, emit};
+use anyhow::{Context, Result};
+use fringe::decode::{DecodeReport, DecodeSettings};
+use fringe::pattern::Axis;
+use fringe::phase::PhaseMap;
+use rig::atomic;
+use rig::recording::Recording;
+use rig::report::picture;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `decode`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder of the recording.
+    recording: PathBuf,
+    /// Folder for the pictures `<projector>-<camera>-<axis>-phase.png`, `…-modulation.png`, `…-order.png`.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Only this camera.
+    #[arg(long)]
+    camera: Option<String>,
+    /// Only this projector.
+    #[arg(long)]
+    projector: Option<String>,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let recording = Recording::open(&args.recording)?;
+    check_names(args, &recording)?;
+    let asked = |wanted: &Option<String>, name: &str| wanted.as_deref().is_none_or(|w| w == name);
+    let views = decode_views(&recording, &DecodeSettings::default(), |projector, camera| {
+        asked(&args.projector, projector) && asked(&args.camera, camera)
+    })?;
+    if let Some(folder) = &args.out {
+        atomic::create_dir(folder)?;
+        for view in &views {
+            for (map, _) in &view.maps {
+                write_pictures(folder, view, map)?;
+            }
+        }
+    }
+    let lines: Vec<DecodeLine> = lines(&views);
+    for line in &lines {
+        println!("{line}");
+    }
+    emit(args.json.as_deref(), &serde_json::json!({ "views": lines }))?;
+    Ok(Outcome::Done)
+}
+
+/// One line per view and axis.
+pub fn lines(views: &[DecodedView]) -> Vec<DecodeLine> {
+    let line = |view: &DecodedView, map: &PhaseMap, report: &DecodeReport| {
+        DecodeLine::new(&view.projector, &view.camera, map, report)
+    };
+    views.iter().flat_map(|view| view.maps.iter().map(move |(map, report)| line(view, map, report))).collect()
+}
+
+fn check_names(args: &Args, recording: &Recording) -> Result<()> {
+    let path = recording.document.path.display();
+    if let Some(name) = &args.projector
+        && recording.projector(name).is_none()
+    {
+        let known: Vec<&str> = recording.projectors.iter().map(|p| p.name.as_str()).collect();
+        anyhow::bail!("{path}: no projector \"{name}\"; there are: {}", known.join(", "));
+    }
+    if let Some(name) = &args.camera
+        && recording.projectors.iter().all(|p| p.camera(name).is_none())
+    {
+        anyhow::bail!("{path}: no camera \"{name}\"; see the key `cameras` of each [[projector]]");
+    }
+    Ok(())
+}
+
+fn write_pictures(folder: &Path, view: &DecodedView, map: &PhaseMap) -> Result<()> {
+    let axis = match map.info.axis {
+        Axis::X => "x",
+        Axis::Y => "y",
+    };
+    let phase = map.view();
+    let pictures = [
+        ("phase", picture::phase_png(&phase)),
+        ("modulation", picture::modulation_png(&phase)),
+        ("order", picture::order_png(&phase)),
+    ];
+    for (what, png) in pictures {
+        let path = folder.join(format!("{}-{}-{axis}-{what}.png", view.projector, view.camera));
+        let png = png.with_context(|| path.display().to_string())?;
+        atomic::write(&path, &png)?;
+    }
+    Ok(())
+}

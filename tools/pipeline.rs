@@ -1,0 +1,92 @@
+//! The flow on files: from the frames of a recording to phase maps. The cell does the same from shared memory.
+
+use crate::progress::Progress;
+use anyhow::{Context, Result};
+use fringe::decode::{DecodeReport, DecodeSettings, Decoder};
+use fringe::frame::Frame;
+use fringe::pattern::Axis;
+use fringe::phase::PhaseMap;
+use rayon::prelude::*;
+use rig::error::FileError;
+use rig::recording::{RecordedCamera, RecordedProjector, Recording};
+
+/// Frames that are read side by side; more only costs memory.
+const READ_AHEAD: usize = 8;
+
+/// What one camera saw of one projector, decoded: one map per axis of the sequence.
+#[derive(Debug)]
+pub struct DecodedView {
+    /// Which projector lit.
+    pub projector: String,
+    /// Which camera looked.
+    pub camera: String,
+    /// In the order of [`Decoder::axes`].
+    pub maps: Vec<(PhaseMap, DecodeReport)>,
+}
+
+impl DecodedView {
+    /// The map of one axis.
+    pub fn map(&self, axis: Axis) -> Option<&PhaseMap> {
+        self.maps.iter().map(|(map, _)| map).find(|map| map.info.axis == axis)
+    }
+}
+
+/// Decodes the views of a recording that `wanted(projector, camera)` asks for, in the order of the recording.
+///
+/// # Errors
+/// A sequence that tells no absolute phase, or a frame that does not decode.
+pub fn decode_views(
+    recording: &Recording,
+    settings: &DecodeSettings,
+    wanted: impl Fn(&str, &str) -> bool,
+) -> Result<Vec<DecodedView>> {
+    let views: Vec<(&RecordedProjector, &RecordedCamera)> = recording
+        .projectors
+        .iter()
+        .flat_map(|projector| projector.cameras.iter().map(move |camera| (projector, camera)))
+        .filter(|(projector, camera)| wanted(&projector.name, &camera.name))
+        .collect();
+    let mut progress = Progress::new(views.iter().map(|(_, camera)| camera.frames.len()).sum(), "decoding");
+    views.iter().map(|(projector, camera)| decode_view(recording, projector, camera, settings, &mut progress)).collect()
+}
+
+fn decode_view(
+    recording: &Recording,
+    projector: &RecordedProjector,
+    camera: &RecordedCamera,
+    settings: &DecodeSettings,
+    progress: &mut Progress,
+) -> Result<DecodedView> {
+    let place = || {
+        format!("{}: projector \"{}\", camera \"{}\"", recording.document.path.display(), projector.name, camera.name)
+    };
+    let extent_px = [projector.width_px, projector.height_px];
+    let (width_px, height_px) = (camera.width_px, camera.height_px);
+    let mut decoder =
+        Decoder::new(&projector.sequence, width_px, height_px, camera.full_scale_dn, extent_px, settings)
+            .with_context(place)?;
+    let numbers: Vec<usize> = (0..camera.frames.len()).collect();
+    for batch in numbers.chunks(READ_AHEAD) {
+        let frames: Vec<Result<Frame, FileError>> =
+            batch.par_iter().map(|number| recording.load(&projector.name, &camera.name, *number)).collect();
+        for (number, frame) in batch.iter().zip(frames) {
+            decoder.push(*number, &frame?.view()).with_context(|| frame_place(camera, *number))?;
+            progress.step();
+        }
+    }
+    let maps = decoder
+        .axes()
+        .into_iter()
+        .map(|axis| {
+            let mut map = PhaseMap::new(decoder.info(axis)?);
+            let report = decoder.finish(axis, &mut map.view_mut())?;
+            Ok((map, report))
+        })
+        .collect::<Result<Vec<_>>>()
+        .with_context(place)?;
+    Ok(DecodedView { projector: projector.name.clone(), camera: camera.name.clone(), maps })
+}
+
+fn frame_place(camera: &RecordedCamera, number: usize) -> String {
+    camera.frames.get(number).map_or_else(|| format!("frame {number}"), |path| path.display().to_string())
+}

@@ -1,0 +1,296 @@
+//! `fringetool reconstruct`: a recording and a rig file become a point cloud.
+
+use crate::Outcome;
+use crate::decode::lines;
+use crate::pipeline::{DecodedView, decode_views};
+use crate::report::emit;
+use anyhow::{Context, Result, bail};
+use fringe::cloud::Point;
+use fringe::decode::DecodeSettings;
+use fringe::fusion::{FusionReport, FusionSettings, fuse};
+use fringe::matching::{MatchReport, MatchSettings, Matcher};
+use fringe::pattern::Axis;
+use fringe::phase::PhaseMap;
+use fringe::projector::{ProjectorMatcher, ProjectorReport, ProjectorSettings};
+use fringe::rig::{Pair, Rig};
+use rig::recording::{RecordedRig, Recording};
+use rig::rig_file::{RigFile, read_rig};
+use std::path::PathBuf;
+
+/// Arguments of `reconstruct`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder of the recording.
+    recording: PathBuf,
+    /// Rig file.
+    #[arg(long)]
+    rig: PathBuf,
+    /// `phase`: match the phase of two cameras; `projector`: camera against calibrated projector.
+    #[arg(long, value_enum, default_value_t = Method::Phase)]
+    method: Method,
+    /// Point cloud to write (PLY).
+    #[arg(long)]
+    out: PathBuf,
+    /// Only these pairs (all when absent).
+    #[arg(long)]
+    pair: Vec<String>,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// How points are found.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Method {
+    /// Two cameras.
+    Phase,
+    /// Camera and projector.
+    Projector,
+}
+
+impl Method {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Phase => "phase",
+            Self::Projector => "projector",
+        }
+    }
+}
+
+/// The cloud of one pair and how it came about.
+struct PairCloud {
+    pair: Pair,
+    points: Vec<Point>,
+    report: PairReport,
+}
+
+/// What became of the pixels of a pair.
+#[derive(serde::Serialize)]
+#[serde(untagged)]
+enum PairReport {
+    Phase(MatchReport),
+    Projector(ProjectorReport),
+}
+
+impl std::fmt::Display for PairReport {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Phase(r) => write!(
+                f,
+                "{} points of {} valid pixels; {} not seen by both, {} ambiguous, {} inconsistent, {} at steps or edges",
+                r.points, r.valid, r.unmatched, r.ambiguous, r.inconsistent, r.discontinuous
+            ),
+            Self::Projector(r) => {
+                write!(f, "{} points of {} valid pixels; {} beside the projector", r.points, r.valid, r.missed)?;
+                r.epipolar_rms_px.map_or(Ok(()), |rms| {
+                    write!(f, ", {} contradicting; both axes agree within {rms:.3} px rms", r.contradicting)
+                })
+            }
+        }
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let recording = Recording::open(&args.recording)?;
+    let rig_file = read_rig(&args.rig)?;
+    let pairs = pairs(args, &recording, &rig_file)?;
+    let lit = |projector: &str, camera: &str| {
+        pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
+    };
+    let views = decode_views(&recording, &DecodeSettings::default(), lit)?;
+    let mut clouds = Vec::new();
+    for (index, pair) in pairs.iter().enumerate() {
+        let cloud = match args.method {
+            Method::Phase => match_pair(&rig_file.rig, pair, index as u32, &views),
+            Method::Projector => intersect_pair(&rig_file.rig, pair, index as u32, &views),
+        };
+        clouds.push(cloud.with_context(|| format!("{}: pair \"{}\"", args.rig.display(), pair.name))?);
+    }
+    let slices: Vec<&[Point]> = clouds.iter().map(|c| c.points.as_slice()).collect();
+    let mut fused = Vec::new();
+    let fusion = fuse(&slices, &FusionSettings::default(), &mut fused);
+    if fused.is_empty() {
+        bail!(
+            "{}: no point at all; the views share no valid phase (see `fringetool decode`), or rig and recording do \
+             not belong together",
+            args.recording.display()
+        );
+    }
+    write_cloud(args, &recording, &rig_file, &fused)?;
+    print_report(&views, &clouds, &fusion, fused.len(), args);
+    emit(args.json.as_deref(), &json(args, &views, &clouds, &fusion, &fused))?;
+    Ok(Outcome::Done)
+}
+
+/// The pairs to reconstruct.
+fn pairs(args: &Args, recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
+    let mut pairs = match args.method {
+        Method::Phase => camera_pairs(recording, rig_file)?,
+        Method::Projector => projector_pairs(recording, rig_file)?,
+    };
+    if let Some(unknown) = args.pair.iter().find(|name| pairs.iter().all(|p| p.name != **name)) {
+        let known: Vec<&str> = pairs.iter().map(|p| p.name.as_str()).collect();
+        bail!(
+            "--pair {unknown}: no such pair for method {}; there are: {}",
+            args.method.name(),
+            known.join(", ")
+        );
+    }
+    pairs.retain(|pair| args.pair.is_empty() || args.pair.contains(&pair.name));
+    Ok(pairs)
+}
+
+fn camera_pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
+    let RecordedRig { rig, absent_pairs } = recording.rig(rig_file)?;
+    for pair in &absent_pairs {
+        eprintln!(
+            "{}: pair \"{}\" ({} and {}) was not recorded; skipped",
+            rig_file.path.display(),
+            pair.name,
+            pair.left,
+            pair.right
+        );
+    }
+    let pairs: Vec<Pair> = rig.pairs.into_iter().filter(|pair| rig_file.rig.camera(&pair.right).is_some()).collect();
+    if pairs.is_empty() {
+        bail!(
+            "{}: no pair of two cameras that {} holds; add a [[pair]] with left, right and projector, or use \
+             --method projector",
+            rig_file.path.display(),
+            recording.document.path.display()
+        );
+    }
+    Ok(pairs)
+}
+
+/// Every recorded camera under every characterised projector, named as in the rig file where that names them.
+fn projector_pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
+    let rig = &rig_file.rig;
+    let mut pairs = Vec::new();
+    for projector in &recording.projectors {
+        let Some(known) = rig.projector(&projector.name) else { continue };
+        let (here, there) = ((projector.width_px, projector.height_px), (known.width_px, known.height_px));
+        if here != there {
+            bail!(
+                "{}: projector \"{}\" has {} × {} px, in {} it has {} × {} px; calibrate at the size that is projected",
+                recording.document.path.display(),
+                projector.name,
+                here.0,
+                here.1,
+                rig_file.path.display(),
+                there.0,
+                there.1
+            );
+        }
+        for camera in projector.cameras.iter().filter(|camera| rig.camera(&camera.name).is_some()) {
+            let named = rig.pairs.iter().find(|p| p.left == camera.name && p.right == projector.name);
+            let name = named.map_or_else(|| format!("{}-{}", camera.name, projector.name), |p| p.name.clone());
+            let (left, right) = (camera.name.clone(), projector.name.clone());
+            pairs.push(Pair { name, left, right: right.clone(), projector: right });
+        }
+    }
+    if pairs.is_empty() {
+        let recorded: Vec<&str> = recording.projectors.iter().map(|p| p.name.as_str()).collect();
+        let known: Vec<&str> = rig.projectors.iter().map(|p| p.name.as_str()).collect();
+        bail!(
+            "{}: --method projector needs a [[projector]] that the recording names and a camera that it lit; recorded: \
+             {}; in the rig file: {}",
+            rig_file.path.display(),
+            recorded.join(", "),
+            if known.is_empty() { "none".to_owned() } else { known.join(", ") }
+        );
+    }
+    Ok(pairs)
+}
+
+fn view<'a>(views: &'a [DecodedView], projector: &str, camera: &str) -> Result<&'a DecodedView> {
+    views
+        .iter()
+        .find(|v| v.projector == projector && v.camera == camera)
+        .with_context(|| format!("camera \"{camera}\" was not recorded under projector \"{projector}\""))
+}
+
+fn match_pair(rig: &Rig, pair: &Pair, index: u32, views: &[DecodedView]) -> Result<PairCloud> {
+    let camera = |name: &str| rig.camera(name).with_context(|| format!("no camera \"{name}\" in the rig"));
+    let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
+    let (left, right) = (view(views, &pair.projector, &pair.left)?, view(views, &pair.projector, &pair.right)?);
+    let axis = matcher.best_axis(&left.maps.iter().map(|(map, _)| map.view()).collect::<Vec<_>>());
+    let map = |view: &'_ DecodedView| -> Result<PhaseMap> {
+        let axis = axis.with_context(|| format!("camera \"{}\" has no phase", view.camera))?;
+        view.map(axis).cloned().with_context(|| format!("camera \"{}\" has no phase along {axis:?}", view.camera))
+    };
+    let (left, right) = (map(left)?, map(right)?);
+    let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
+    let report = matcher.run(&left.view(), &right.view(), index, &mut points)?;
+    points.truncate(report.points as usize);
+    Ok(PairCloud { pair: pair.clone(), points, report: PairReport::Phase(report) })
+}
+
+fn intersect_pair(rig: &Rig, pair: &Pair, index: u32, views: &[DecodedView]) -> Result<PairCloud> {
+    let camera = rig.camera(&pair.left).with_context(|| format!("no camera \"{}\" in the rig", pair.left))?;
+    let projector =
+        rig.projector(&pair.right).with_context(|| format!("no projector \"{}\" in the rig", pair.right))?;
+    let mut matcher = ProjectorMatcher::new(camera, projector, &ProjectorSettings::default())?;
+    let view = view(views, &pair.projector, &pair.left)?;
+    let (x, y) = (view.map(Axis::X).map(PhaseMap::view), view.map(Axis::Y).map(PhaseMap::view));
+    let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
+    let report = matcher.run(x.as_ref(), y.as_ref(), index, &mut points)?;
+    points.truncate(report.points as usize);
+    Ok(PairCloud { pair: pair.clone(), points, report: PairReport::Projector(report) })
+}
+
+fn write_cloud(args: &Args, recording: &Recording, rig_file: &RigFile, points: &[Point]) -> Result<()> {
+    let software = format!("fringetool {}", env!("CARGO_PKG_VERSION"));
+    let folder = recording.folder.display().to_string();
+    let comments = [
+        ("rig_sha256", rig_file.sha256.as_str()),
+        ("recording", folder.as_str()),
+        ("recording_sha256", recording.sha256.as_str()),
+        ("method", args.method.name()),
+        ("software", software.as_str()),
+        ("unit", "mm"),
+    ];
+    Ok(rig::ply::write_cloud(&args.out, points, &comments)?)
+}
+
+fn print_report(views: &[DecodedView], clouds: &[PairCloud], fusion: &FusionReport, points: usize, args: &Args) {
+    for line in lines(views) {
+        println!("{line}");
+    }
+    for cloud in clouds {
+        println!("{}: {}", cloud.pair.name, cloud.report);
+    }
+    for o in &fusion.overlaps {
+        println!(
+            "overlap {} – {}: {} points, mean {:+.1} µm, standard deviation {:.1} µm",
+            clouds[o.a].pair.name,
+            clouds[o.b].pair.name,
+            o.count,
+            o.mean_mm * 1e3,
+            o.sd_mm * 1e3
+        );
+    }
+    println!("{}: {points} points", args.out.display());
+}
+
+fn json(
+    args: &Args,
+    views: &[DecodedView],
+    clouds: &[PairCloud],
+    fusion: &FusionReport,
+    fused: &[Point],
+) -> serde_json::Value {
+    let pairs: Vec<_> = clouds
+        .iter()
+        .map(|c| serde_json::json!({ "name": c.pair.name, "points": c.points.len(), "matching": c.report }))
+        .collect();
+    serde_json::json!({
+        "method": args.method.name(),
+        "points": fused.len(),
+        "cloud": args.out,
+        "views": lines(views),
+        "pairs": pairs,
+        "fusion": fusion,
+    })
+}

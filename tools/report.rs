@@ -1,0 +1,107 @@
+//! What commands print and write: lines for people, JSON for programs.
+
+use anyhow::Result;
+use fringe::decode::{DecodeReport, NoiseSource};
+use fringe::phase::PhaseMap;
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+
+/// Writes the machine-readable result where the user asked for one.
+pub fn emit<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {
+    if let Some(path) = path {
+        rig::result::write_json(path, value)?;
+    }
+    Ok(())
+}
+
+/// What decoding one view along one axis gave.
+#[derive(Debug, Clone, Serialize)]
+pub struct DecodeLine {
+    projector: String,
+    camera: String,
+    axis: fringe::pattern::Axis,
+    period_px: f64,
+    width_px: u32,
+    height_px: u32,
+    valid: usize,
+    saturated: usize,
+    dark: usize,
+    noisy: usize,
+    ambiguous: usize,
+    resolved: usize,
+    spikes_repaired: usize,
+    spikes_masked: usize,
+    sigma_median_rad: Option<f32>,
+    noise_read_variance_dn2: f64,
+    noise_gain_dn: f64,
+    noise_source: &'static str,
+    ignored: Vec<String>,
+}
+
+impl DecodeLine {
+    /// Gathers the numbers.
+    pub fn new(projector: &str, camera: &str, map: &PhaseMap, report: &DecodeReport) -> Self {
+        Self {
+            projector: projector.to_owned(),
+            camera: camera.to_owned(),
+            axis: map.info.axis,
+            period_px: map.info.period_px,
+            width_px: map.info.width_px,
+            height_px: map.info.height_px,
+            valid: report.valid,
+            saturated: report.saturated,
+            dark: report.dark,
+            noisy: report.noisy,
+            ambiguous: report.ambiguous,
+            resolved: report.resolved,
+            spikes_repaired: report.spikes_repaired,
+            spikes_masked: report.spikes_masked,
+            sigma_median_rad: median_sigma(map),
+            noise_read_variance_dn2: report.noise.read_variance_dn2,
+            noise_gain_dn: report.noise.gain_dn,
+            noise_source: match report.noise.source {
+                NoiseSource::Estimated { .. } => "estimated",
+                NoiseSource::Settings => "settings",
+                NoiseSource::Assumed => "assumed",
+            },
+            ignored: report.ignored.to_vec(),
+        }
+    }
+}
+
+impl fmt::Display for DecodeLine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let total = self.width_px as usize * self.height_px as usize;
+        write!(
+            f,
+            "{} / {} axis {:?}: {} of {total} px valid, phase noise {} mrad (median, noise {}); masked: {} dark, {} \
+             saturated, {} noisy, {} of {} ambiguous",
+            self.projector,
+            self.camera,
+            self.axis,
+            self.valid,
+            self.sigma_median_rad.map_or_else(|| "–".into(), |s| format!("{:.2}", s * 1e3)),
+            self.noise_source,
+            self.dark,
+            self.saturated,
+            self.noisy,
+            self.ambiguous - self.resolved.min(self.ambiguous),
+            self.ambiguous,
+        )?;
+        if !self.ignored.is_empty() {
+            write!(f, "; not used: {}", self.ignored.join(", "))?;
+        }
+        Ok(())
+    }
+}
+
+fn median_sigma(map: &PhaseMap) -> Option<f32> {
+    let mut sigma: Vec<f32> =
+        map.sigma_rad.iter().zip(&map.valid).filter(|(_, valid)| **valid == 1).map(|(s, _)| *s).collect();
+    if sigma.is_empty() {
+        return None;
+    }
+    let middle = sigma.len() / 2;
+    Some(*sigma.select_nth_unstable_by(middle, f32::total_cmp).1)
+}

@@ -1,0 +1,188 @@
+//! `fringetool simulate`: a recording of the digital twin, with the truth in a file apart.
+
+use crate::Outcome;
+use crate::progress::Progress;
+use crate::report::emit;
+use anyhow::{Context, Result, bail};
+use fringe::frame::{FrameView, Pixels};
+use fringe::pattern::frame_count;
+use rig::config::{Config, TwinConfig};
+use rig::recording::{ProjectorRecord, RecordingWriter};
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use twin::{PixelsMut, Scene, Twin, TwinSettings, View};
+
+/// Arguments of `simulate`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Cell configuration whose [twin] is simulated.
+    #[arg(default_value = "configs/demo.toml")]
+    config: PathBuf,
+    /// Folder for the recording; the truth is written beside it, to `<DIR>.truth.toml`.
+    #[arg(long)]
+    out: PathBuf,
+    /// Which placement of the part: the number of the cycle.
+    #[arg(long, default_value_t = 0)]
+    cycle: u64,
+    /// No noise, no blur, 16 bits, whatever the configuration says.
+    #[arg(long)]
+    ideal: bool,
+    /// Another part than the configuration's.
+    #[arg(long)]
+    scene: Option<PathBuf>,
+    /// Another seed than the configuration's.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let config = Config::load(&args.config)?;
+    let Some(twin_config) = &config.twin else {
+        bail!("{}: has no [twin]; simulate needs one with a scene", args.config.display());
+    };
+    let scene = load_scene(args.scene.as_deref(), twin_config)?;
+    let settings = settings(args, &config, twin_config)?;
+    let twin = Twin::new(&scene, settings, &twin_config.rig).with_context(|| args.config.display().to_string())?;
+    let truth_path = truth_path(&args.out);
+    let count = write_recording(args, &config, &twin)?;
+    rig::atomic::write(&truth_path, truth_text(&scene, &twin, args.cycle).as_bytes())?;
+    println!("{}: {count} frames; truth: {}", args.out.display(), truth_path.display());
+    let result = serde_json::json!({ "recording": args.out, "truth": truth_path, "frames": count });
+    emit(args.json.as_deref(), &result)?;
+    Ok(Outcome::Done)
+}
+
+fn settings(args: &Args, config: &Config, twin: &TwinConfig) -> Result<TwinSettings> {
+    let written: TwinSettings = config.document.typed("twin.settings", twin.settings.clone())?;
+    let seed = args.seed.unwrap_or(twin.seed);
+    if args.ideal {
+        let TwinSettings { position_scatter_mm, angle_scatter_deg, .. } = written;
+        return Ok(TwinSettings { seed, position_scatter_mm, angle_scatter_deg, ..TwinSettings::ideal() });
+    }
+    Ok(TwinSettings { seed, ..written })
+}
+
+/// Reads the scene that the command line or the configuration names.
+pub fn load_scene(other: Option<&Path>, config: &TwinConfig) -> Result<Scene> {
+    let scene = match other {
+        Some(path) => rig::config::TextFile::read(path)?,
+        None => config.scene.clone(),
+    };
+    let folder = scene.path.parent().unwrap_or(Path::new("")).to_owned();
+    Scene::parse(&scene.text, &mut |name| {
+        rig::document::read_bytes(&folder.join(name), MOST_MESH_BYTES).map_err(|error| format!("{error:#}"))
+    })
+    .with_context(|| scene.path.display().to_string())
+}
+
+/// A mesh beyond this has some twenty million triangles: more than the twin can trace in sensible time.
+const MOST_MESH_BYTES: u64 = 1 << 30;
+
+fn truth_path(out: &Path) -> PathBuf {
+    let mut name = out.file_name().unwrap_or_default().to_owned();
+    name.push(".truth.toml");
+    out.with_file_name(name)
+}
+
+fn write_recording(args: &Args, config: &Config, twin: &Twin) -> Result<usize> {
+    let records: Vec<ProjectorRecord> = config
+        .projectors
+        .iter()
+        .map(|p| ProjectorRecord {
+            name: p.name.clone(),
+            width_px: p.width_px,
+            height_px: p.height_px,
+            cameras: p.cameras.clone(),
+            sequence: p.sequence.clone(),
+            full_scale_dn: BTreeMap::new(),
+        })
+        .collect();
+    let total: usize = records.iter().map(|r| r.cameras.len() * frame_count(&r.sequence)).sum();
+    let mut writer = RecordingWriter::create(&args.out, &records)?;
+    let mut progress = Progress::new(total, "simulating");
+    for record in &records {
+        let mut renderer = twin.renderer(&record.name, &record.sequence)?;
+        for camera in &record.cameras {
+            let view = twin.view_lit_by(camera, &[record.name.as_str()], args.cycle)?;
+            let mut buffer = Buffer::new(&view);
+            for frame in 0..frame_count(&record.sequence) {
+                renderer.render(&view, frame, buffer.pixels_mut())?;
+                writer.write(&record.name, camera, frame, &buffer.frame(&view))?;
+                progress.step();
+            }
+        }
+    }
+    let mut provenance = toml::Table::new();
+    provenance.insert("software".into(), format!("fringetool simulate {}", env!("CARGO_PKG_VERSION")).into());
+    writer.finish(&provenance)?;
+    Ok(total)
+}
+
+/// Pixels of one frame, 8 or 16 bits.
+pub enum Buffer {
+    Narrow(Vec<u8>),
+    Wide(Vec<u16>),
+}
+
+impl Buffer {
+    /// Room for a frame of a view.
+    pub fn new(view: &View) -> Self {
+        let n = view.width_px() as usize * view.height_px() as usize;
+        if view.full_scale_dn() > 255 { Self::Wide(vec![0; n]) } else { Self::Narrow(vec![0; n]) }
+    }
+
+    /// To be rendered into.
+    pub fn pixels_mut(&mut self) -> PixelsMut<'_> {
+        match self {
+            Self::Narrow(values) => PixelsMut::Mono8(values),
+            Self::Wide(values) => PixelsMut::Mono16(values),
+        }
+    }
+
+    /// As a frame.
+    pub fn frame(&self, view: &View) -> FrameView<'_> {
+        FrameView {
+            width_px: view.width_px(),
+            height_px: view.height_px(),
+            full_scale_dn: view.full_scale_dn(),
+            pixels: match self {
+                Self::Narrow(values) => Pixels::Mono8(values),
+                Self::Wide(values) => Pixels::Mono16(values),
+            },
+        }
+    }
+}
+
+/// The truth as TOML: where the part stood, and its true sizes.
+fn truth_text(scene: &Scene, twin: &Twin, cycle: u64) -> String {
+    let pose = twin.pose(cycle);
+    let rotation = pose.rotation.to_rotation_matrix();
+    let rows: Vec<String> = rotation
+        .matrix()
+        .row_iter()
+        .map(|r| format!("[{:?}, {:?}, {:?}]", r[0], r[1], r[2]))
+        .collect();
+    let t = pose.translation.vector;
+    let mut text = format!(
+        "format = \"fringecell-truth/1\"\nscene = {:?}\ncycle = {cycle}\nworld_from_part = {{ rotation = [{}], \
+         translation_mm = [{:?}, {:?}, {:?}] }}\n",
+        scene.name(),
+        rows.join(", "),
+        t.x,
+        t.y,
+        t.z
+    );
+    for value in &scene.truth().values {
+        let _ = write!(
+            text,
+            "\n[[truth]]\nname = {:?}\nvalue = {:?}\nunit = {:?}\n",
+            value.name, value.value, value.unit
+        );
+    }
+    text
+}
