@@ -144,6 +144,28 @@ fn figures_of_fusion() {
     println!("fusion: processor {:.1} ms, {report:?}", (processor_seconds() - busy) * 100.0);
 }
 
+/// A phase map read bilinearly on a rectified grid; NaN where a pixel is missing.
+fn resampled(
+    view: &crate::rectify::RectifiedCamera,
+    grid: &RectifiedGrid,
+    map: &crate::phase::PhaseMap,
+) -> Vec<f32> {
+    let (width, height) = (map.info.width_px as usize, map.info.height_px as usize);
+    let mut out = vec![f32::NAN; grid.width * grid.height];
+    for (cell, out) in out.iter_mut().enumerate() {
+        let y = grid.y0 + (cell / grid.width) as f64 / grid.focal_px;
+        let [u, v] = view.curve(y).at(grid.abscissa((cell % grid.width) as f64)).pixel;
+        if u >= 0.0 && v >= 0.0 && u < (width - 1) as f64 && v < (height - 1) as f64 {
+            let (i, s, t) = (v as usize * width + u as usize, u.fract(), v.fract());
+            let p = |k: usize| f64::from(map.phase_rad[k]);
+            let top = p(i) * (1.0 - s) + p(i + 1) * s;
+            let bottom = p(i + width) * (1.0 - s) + p(i + width + 1) * s;
+            *out = (top * (1.0 - t) + bottom * t) as f32;
+        }
+    }
+    out
+}
+
 /// What the usual way would give: both phase maps resampled bilinearly onto the rectified grid, matched there by linear
 /// inverse interpolation along the row, triangulated from the grid's own coordinates.
 #[test]
@@ -158,24 +180,6 @@ fn figures_of_resampling() {
             let maps = [(&left, 1), (&right, 2)].map(|(c, seed)| scene.phase_map(c, Axis::X, sigma, seed));
             let matcher = Matcher::new(&left, &right, &MatchSettings::default()).unwrap();
             let pair = &matcher.pair;
-            let resampled = |view: &crate::rectify::RectifiedCamera,
-                             grid: &RectifiedGrid,
-                             map: &crate::phase::PhaseMap| {
-                let mut out = vec![f32::NAN; grid.width * grid.height];
-                for (cell, out) in out.iter_mut().enumerate() {
-                    let y = grid.y0 + (cell / grid.width) as f64 / grid.focal_px;
-                    let [u, v] = view.curve(y).at(grid.abscissa((cell % grid.width) as f64)).pixel;
-                    let (width, height) = (map.info.width_px as usize, map.info.height_px as usize);
-                    if u >= 0.0 && v >= 0.0 && u < (width - 1) as f64 && v < (height - 1) as f64 {
-                        let (i, s, t) = (v as usize * width + u as usize, u.fract(), v.fract());
-                        let p = |k: usize| f64::from(map.phase_rad[k]);
-                        let top = p(i) * (1.0 - s) + p(i + 1) * s;
-                        let bottom = p(i + width) * (1.0 - s) + p(i + width + 1) * s;
-                        *out = (top * (1.0 - t) + bottom * t) as f32;
-                    }
-                }
-                out
-            };
             let a = resampled(&pair.left, &matcher.left_grid, &maps[0]);
             let b = resampled(&pair.right, &matcher.right_grid, &maps[1]);
             let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
