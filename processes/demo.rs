@@ -1,6 +1,7 @@
 //! `fringecell demo`: the cell of `configs/demo.toml`, which the binary carries with it, measured against the truth.
 
 use crate::graph;
+use crate::print;
 use crate::run::{self, RunArgs};
 use anyhow::{Context, Result};
 use rig::atomic;
@@ -14,11 +15,18 @@ const FILES: [(&str, &str); 4] = [
     ("complex-artefact.scene.toml", include_str!("../configs/complex-artefact.scene.toml")),
 ];
 
+/// What lies in the folder.
+const GUIDE: &str = "  report.html   open it in a browser
+  cloud.ply     the fused cloud of the last cycle
+  result.json   the last cycle; results/ has all of them
+  trace.json    open it at https://ui.perfetto.dev
+  config/       the cell, to change and `fringecell run`";
+
 /// Arguments of `demo`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DemoArgs {
     /// Folder for cloud.ply, result.json, report.html and trace.json.
-    #[arg(long, value_name = "DIR", default_value = "fringecell-demo")]
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
     pub out: PathBuf,
     /// Number of cycles instead of the configuration's.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
@@ -42,12 +50,7 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
     let truth = graph::scene(&rig::config::Config::load(&config)?)?.truth().clone();
     let code = run::run(&run_args, Some(&truth))?;
     let folder = args.out.canonicalize().unwrap_or_else(|_| args.out.clone());
-    println!("\nfiles in {}:", folder.display());
-    println!("  report.html   open it in a browser");
-    println!("  cloud.ply     the fused cloud of the last cycle");
-    println!("  result.json   the last cycle; results/ has all of them");
-    println!("  trace.json    open it at https://ui.perfetto.dev");
-    println!("  config/       the cell, to change and `fringecell run`");
+    print::say(&format!("files in {}:\n{GUIDE}", folder.display()));
     Ok(code)
 }
 

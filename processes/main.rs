@@ -23,6 +23,7 @@ mod supervisor;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
+use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -102,7 +103,7 @@ fn execute(command: &Command) -> Result<u8> {
         Command::Restart { stage, cell } => client::restart(cell.as_deref(), stage)?,
         Command::Stop { cell } => client::stop(cell.as_deref())?,
     };
-    println!("{}", text.trim_end());
+    print::say(text.trim_end());
     Ok(0)
 }
 
@@ -110,5 +111,10 @@ fn execute(command: &Command) -> Result<u8> {
 fn log_to_stderr() {
     let filter = tracing_subscriber::EnvFilter::try_from_env("FRINGECELL_LOG")
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .without_time()
+        .init();
 }

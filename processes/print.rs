@@ -2,7 +2,14 @@
 
 use rig::result::{CycleResult, FeatureResult, OUTCOME_OK, ResultVerdict};
 use std::fmt::Write as _;
+use std::io::Write as _;
 use twin::Truth;
+
+/// Writes to the terminal. Whoever reads may have gone, as in `fringecell run … | head`; the cell measures on.
+pub fn say(text: &str) {
+    let mut out = std::io::stdout().lock();
+    let _ = writeln!(out, "{text}").and_then(|()| out.flush());
+}
 
 /// The live line of a cycle.
 pub fn cycle_line(result: &CycleResult, requested: Option<u64>) -> String {

@@ -52,7 +52,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     let mut results = VecDeque::new();
     let mut unwritten = None;
     let summary = supervisor::run(&cell, &orders, &mut |result| {
-        println!("{}", print::cycle_line(result, orders.cycles));
+        print::say(&print::cycle_line(result, orders.cycles));
         if let Some(Err(error)) = args.out.as_ref().map(|folder| output::cycle(folder, result)) {
             tracing::error!("{error:#}");
             unwritten.get_or_insert(error);
@@ -93,12 +93,12 @@ fn tell(cell: &Cell, results: &[CycleResult], truth: Option<&Truth>) {
     let pairs: Vec<&str> = cell.graph.pairs.iter().map(|p| p.name.as_str()).collect();
     let stages = print::stage_table(results);
     if !stages.is_empty() {
-        println!("\n{stages}");
+        print::say(&format!("\n{stages}"));
     }
     if let Some(last) = results.iter().rev().find(|r| r.outcome == rig::result::OUTCOME_OK) {
-        println!("cycle {}: {}", last.cycle + 1, print::cloud_lines(last, &pairs));
+        print::say(&format!("cycle {}: {}", last.cycle + 1, print::cloud_lines(last, &pairs)));
         if !last.features.is_empty() {
-            println!("{}", print::feature_table(&last.features, truth));
+            print::say(&print::feature_table(&last.features, truth));
         }
     }
 }

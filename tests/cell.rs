@@ -1,0 +1,311 @@
+//! A small cell through the real binary: what it measures, how it ends, and what it leaves when parts of it die.
+//!
+//! Durations are not asserted; every wait has a limit so that a dead lock fails instead of hanging.
+
+use crate::support::Small;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// Long enough for a machine that does ten other things.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A cell of its own name, so that tests run side by side.
+struct Cell {
+    small: Small,
+    name: String,
+}
+
+impl Cell {
+    fn new(name: &str) -> Self {
+        Self { small: Small::new(), name: format!("t-{name}-{}", std::process::id()) }
+    }
+
+    /// Plays the small recording instead of looking at the twin: `rate_hz` frames per second, again and again.
+    fn played(name: &str, rate_hz: f64, limits: &str) -> Self {
+        let cell = Self::new(name);
+        let text = format!(
+            "format = \"fringecell-config/1\"\nname = \"played\"\nrig = \"rig.toml\"\npairs = [\"pair1\"]\n\
+             [limits]\n{limits}\n\
+             [[projector]]\nname = \"proj1\"\ndriver = \"recording\"\n\
+             [[camera]]\nname = \"cam1\"\ndriver = \"recording\"\n\
+             [[camera]]\nname = \"cam2\"\ndriver = \"recording\"\n\
+             [recording]\npath = \"rec\"\nrate_hz = {rate_hz:?}\nloop = true\n"
+        );
+        std::fs::write(cell.small.folder.path().join("played.toml"), text).unwrap();
+        cell
+    }
+
+    fn program(&self, config: &str, more: &[&str]) -> Command {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_fringecell"));
+        program.args([
+            "run",
+            &self.small.path(config),
+            "--cell",
+            &self.name,
+            "--out",
+            &self.small.path("out"),
+        ]);
+        program.args(more).stdout(Stdio::piped()).stderr(Stdio::piped());
+        program
+    }
+
+    fn run(&self, config: &str, more: &[&str]) -> Output {
+        wait(self.program(config, more).spawn().unwrap())
+    }
+
+    fn out(&self) -> PathBuf {
+        self.small.folder.path().join("out")
+    }
+
+    fn status(&self) -> Option<Value> {
+        let program = env!("CARGO_BIN_EXE_fringecell");
+        let output = Command::new(program).args(["status", "--json", "--cell", &self.name]).output().unwrap();
+        serde_json::from_slice(&output.stdout).ok()
+    }
+
+    /// Waits until the cell says what is asked for.
+    fn until(&self, what: &str, test: impl Fn(&Value) -> bool) -> Value {
+        let begin = Instant::now();
+        loop {
+            if let Some(status) = self.status().filter(|status| test(status)) {
+                return status;
+            }
+            assert!(begin.elapsed() < PATIENCE, "the cell never was: {what}; last: {:?}", self.status());
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    /// Waits until a cycle has just begun, so that what is done to it now is done to a running cycle.
+    fn until_a_cycle_begins(&self) -> Value {
+        let done = |status: &Value| status["cycles_done"].as_u64().unwrap_or(0);
+        let before = done(&self.until("running", |status| status["cycle"].is_u64()));
+        self.until("in the next cycle", |status| status["cycle"].is_u64() && done(status) > before)
+    }
+
+    /// Names in shared memory that belong to the cell.
+    fn left(&self) -> Vec<String> {
+        let prefix = ipc::cell::CellName::new(&self.name).unwrap().prefix();
+        let entries = std::fs::read_dir("/dev/shm").unwrap().filter_map(Result::ok);
+        let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+        names.filter(|name| name.contains(&self.name) || name.starts_with(&prefix)).collect()
+    }
+}
+
+fn wait(mut child: Child) -> Output {
+    let begin = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if begin.elapsed() > PATIENCE {
+            child.kill().unwrap();
+            panic!("the program did not end: {:?}", child.wait_with_output());
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    child.wait_with_output().unwrap()
+}
+
+fn signal(name: &str, pid: u64) {
+    assert!(Command::new("kill").args([format!("-{name}"), pid.to_string()]).status().unwrap().success());
+}
+
+/// A zombie that nobody reaps does not count.
+fn is_alive(pid: u64) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    stat.rsplit(')').next().is_some_and(|rest| !rest.trim().is_empty() && !rest.trim_start().starts_with('Z'))
+}
+
+fn pid_of(status: &Value, stage: &str) -> u64 {
+    let stages = status["stages"].as_array().unwrap();
+    stages.iter().find(|s| s["name"] == stage).and_then(|s| s["pid"].as_u64()).expect(stage)
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn results(folder: &Path) -> Vec<Value> {
+    let mut paths: Vec<PathBuf> =
+        std::fs::read_dir(folder.join("results")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    paths.sort();
+    paths.iter().map(|path| json(path)).collect()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn a_cell_measures_writes_its_files_and_leaves_nothing_in_shared_memory() {
+    let cell = Cell::new("ok");
+    let output = cell.run("cell.toml", &["--cycles", "2"]);
+    assert_eq!(output.status.code(), Some(0), "{}\n{}", text(&output.stdout), text(&output.stderr));
+    let result = json(&cell.out().join("result.json"));
+    assert_eq!((&result["outcome"], &result["cycle"]), (&"ok".into(), &1.into()));
+    assert!(result["points"].as_u64().unwrap() > 1000, "{result}");
+    assert!(result["latency_ns"].as_u64().unwrap() > 0);
+    for stage in result["stages"].as_array().unwrap() {
+        assert!(stage["compute_ns"].as_u64().unwrap() > 0, "{stage}");
+    }
+    let trace = json(&cell.out().join("trace.json"));
+    assert!(trace["traceEvents"].as_array().unwrap().len() > 100);
+    let cloud = rig::ply::read_cloud(&cell.out().join("cloud.ply")).unwrap();
+    assert_eq!(cloud.points.len() as u64, result["points"].as_u64().unwrap());
+    assert!(std::fs::read_to_string(cell.out().join("report.html")).unwrap().contains("cam1"));
+    assert_eq!(results(&cell.out()).len(), 2);
+    assert_eq!(cell.left(), Vec::<String>::new());
+}
+
+/// Proves: nothing behind the driver depends on which driver it was, on timing, or on an earlier cycle.
+#[test]
+fn played_frames_give_the_same_bytes_as_live_ones_cycle_after_cycle() {
+    let cell = Cell::played("same", 0.0, "");
+    let recorded = cell.small.path("live");
+    cell.run("cell.toml", &["--cycles", "1", "--record", &recorded]);
+    let live = json(&cell.out().join("result.json"));
+    cell.small.edit("played.toml", "path = \"rec\"", "path = \"live\"");
+    let output = cell.run("played.toml", &["--cycles", "3"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let played = results(&cell.out());
+    assert_eq!(played.len(), 3);
+    for result in &played {
+        assert_eq!(result["hashes"], live["hashes"], "cycle {}", result["cycle"]);
+    }
+    assert_eq!(live["hashes"].as_object().unwrap().len(), 7, "{}", live["hashes"]);
+}
+
+#[test]
+fn a_killed_stage_ends_its_cycle_with_the_reason_and_is_replaced() {
+    let cell = Cell::played("kill", 20.0, "");
+    let run = cell.program("played.toml", &["--cycles", "4"]).spawn().unwrap();
+    let before = pid_of(&cell.until_a_cycle_begins(), "decode/cam2");
+    signal("KILL", before);
+    let after = cell.until("restarted", |s| {
+        s["stages"].as_array().unwrap().iter().any(|s| s["restarts"] == 1 && s["state"] == "up")
+    });
+    assert_ne!(pid_of(&after, "decode/cam2"), before);
+    let output = wait(run);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    let outcomes: Vec<String> =
+        results(&cell.out()).iter().map(|r| r["outcome"].as_str().unwrap().to_owned()).collect();
+    let bad: Vec<&String> = outcomes.iter().filter(|outcome| *outcome != "ok").collect();
+    assert_eq!(
+        (outcomes.len(), bad),
+        (4, vec![&"stage decode/cam2 died (signal 9)".to_owned()]),
+        "{outcomes:?}"
+    );
+    assert_eq!(cell.left(), Vec::<String>::new());
+}
+
+#[test]
+fn a_hung_stage_is_found_by_its_missing_progress_and_replaced() {
+    let cell = Cell::played("hang", 20.0, "stage_budget_ms = 1500");
+    let run = cell.program("played.toml", &["--cycles", "3"]).spawn().unwrap();
+    signal("STOP", pid_of(&cell.until_a_cycle_begins(), "decode/cam1"));
+    let output = wait(run);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    let results = results(&cell.out());
+    let bad: Vec<&Value> = results.iter().filter(|r| r["outcome"] != "ok").collect();
+    let outcome = bad[0]["outcome"].as_str().unwrap();
+    assert_eq!((results.len(), bad.len()), (3, 1), "{outcome}");
+    assert!(outcome.starts_with("stage decode/cam1 hung: no progress for"), "{outcome}");
+    assert!(outcome.contains("the limit is 1500 ms"), "{outcome}");
+}
+
+#[test]
+fn a_stage_that_dies_again_and_again_makes_the_cell_give_up_and_say_so() {
+    let cell = Cell::played("held", 20.0, "restarts_max = 1");
+    let run = cell.program("played.toml", &["--cycles", "9"]).spawn().unwrap();
+    signal("KILL", pid_of(&cell.until_a_cycle_begins(), "fusion"));
+    let again = cell.until("restarted", |s| {
+        let fusion = s["stages"].as_array().unwrap().iter().find(|s| s["name"] == "fusion").unwrap();
+        fusion["restarts"] == 1 && fusion["state"] == "up"
+    });
+    signal("KILL", pid_of(&again, "fusion"));
+    let output = wait(run);
+    assert_eq!(output.status.code(), Some(1));
+    let said = text(&output.stderr);
+    assert!(said.contains("the cell gave up: stage fusion failed 2 times within 60 s"), "{said}");
+    assert_eq!(results(&cell.out()).len(), 9, "every requested cycle has an outcome");
+}
+
+#[test]
+fn the_interrupt_key_a_second_supervisor_and_stop() {
+    let cell = Cell::played("stop", 20.0, "");
+    for how in ["INT", "TERM", "stop"] {
+        let run = cell.program("played.toml", &[]).spawn().unwrap();
+        let status = cell.until("running", |status| status["cycle"].is_u64());
+        let pid = status["pid"].as_u64().unwrap();
+
+        let second = cell.run("played.toml", &["--cycles", "1"]);
+        assert_eq!(second.status.code(), Some(2));
+        let said = text(&second.stderr);
+        assert!(said.contains(&format!("is already running, pid {pid}")), "{said}");
+
+        if how == "stop" {
+            let program = env!("CARGO_BIN_EXE_fringecell");
+            let stop = Command::new(program).args(["stop", "--cell", &cell.name]).output().unwrap();
+            assert!(stop.status.success(), "{}", text(&stop.stderr));
+            assert_eq!(cell.left(), Vec::<String>::new(), "gone when stop returns");
+        } else {
+            signal(how, pid);
+        }
+        let output = wait(run);
+        assert_eq!(output.status.code(), Some(0), "{how}: {}", text(&output.stderr));
+        assert_eq!(cell.left(), Vec::<String>::new(), "{how}");
+        let stage = pid_of(&status, "projection");
+        assert!(!is_alive(stage), "{how} left a stage");
+    }
+}
+
+#[test]
+fn a_killed_supervisor_takes_its_stages_with_it_and_the_next_one_cleans_up() {
+    let cell = Cell::played("orphan", 20.0, "");
+    let run = cell.program("played.toml", &[]).spawn().unwrap();
+    let status = cell.until("running", |status| status["cycle"].is_u64());
+    signal("KILL", status["pid"].as_u64().unwrap());
+    wait(run);
+    let stage = pid_of(&status, "decode/cam1");
+    let begin = Instant::now();
+    while is_alive(stage) {
+        assert!(begin.elapsed() < PATIENCE, "stage {stage} outlived its supervisor");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert!(!cell.left().is_empty(), "this test would prove nothing if the kernel cleaned up");
+    let output = cell.run("played.toml", &["--cycles", "1"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert_eq!(cell.left(), Vec::<String>::new());
+}
+
+#[test]
+fn a_truncated_frame_ends_each_cycle_with_the_name_of_the_file() {
+    let cell = Cell::played("cut", 0.0, "");
+    let frame = cell.small.folder.path().join("rec/frames/proj1/cam2/004.png");
+    let bytes = std::fs::read(&frame).unwrap();
+    std::fs::write(&frame, &bytes[..bytes.len() / 2]).unwrap();
+    let output = cell.run("played.toml", &["--cycles", "2"]);
+    assert_eq!(output.status.code(), Some(1));
+    let results = results(&cell.out());
+    assert_eq!(results.len(), 2);
+    for result in results {
+        let outcome = result["outcome"].as_str().unwrap();
+        assert!(outcome.starts_with("stage capture/cam2: ") && outcome.contains("cam2/004.png"), "{outcome}");
+    }
+    assert!(!cell.out().join("cloud.ply").exists(), "there is no cloud without a good cycle");
+}
+
+#[test]
+fn the_schedule_is_printed_the_same_every_time() {
+    let cell = Cell::new("plan");
+    let print = || {
+        let program = env!("CARGO_BIN_EXE_fringecell");
+        Command::new(program).args(["schedule", &cell.small.path("cell.toml")]).output().unwrap()
+    };
+    let (first, second) = (print(), print());
+    assert!(first.status.success(), "{}", text(&first.stderr));
+    assert_eq!(first.stdout, second.stdout);
+    let table = text(&first.stdout);
+    for words in ["core 0", "core 1", "expose proj1 018", "match pair1", "inspect", "cloud/fused"] {
+        assert!(table.contains(words), "{words}");
+    }
+}
