@@ -68,6 +68,11 @@ pub enum Input {
         /// Which cycle.
         cycle: u64,
     },
+    /// Somebody sent what cannot be true.
+    Distrust {
+        /// What.
+        reason: String,
+    },
     /// Time passed.
     Tick,
     /// No further cycle shall start, the running one ends now.
@@ -196,6 +201,7 @@ impl Cycles {
                     running.result = true;
                 }
             }
+            Input::Distrust { reason } => self.end(Err(reason), &mut actions),
             Input::Tick => self.watch(now_ns, &mut actions),
             Input::Stop { reason } => self.stop(&reason, &mut actions),
         }

@@ -144,6 +144,7 @@ fn any_input() -> impl Strategy<Value = Input> {
         1 => (0_usize..3, cycle.clone())
             .prop_map(|(stage, cycle)| Input::Failed { stage, cycle, reason: "no".into() }),
         4 => cycle.prop_map(|cycle| Input::Result { cycle }),
+        1 => Just(Input::Distrust { reason: "a lie".into() }),
         2 => Just(Input::Tick),
         1 => Just(Input::Stop { reason: "stop".into() }),
     ]

@@ -6,27 +6,29 @@
 mod children;
 pub mod collect;
 pub mod cycle;
+mod operator;
 pub mod restart;
 pub mod schedule;
 pub mod socket;
+mod start;
 pub mod watch;
 
 use crate::graph::Cell;
 use crate::inspection::Judgement;
 use anyhow::{Context, Result};
 use children::{Life, StageProcess};
-use collect::{Collector, Span, label};
-use cycle::{Action, Budgets, Cycles, Input, Step, unwire, wire};
+use collect::{Collector, Span};
+use cycle::{Action, Cycles, Input, unwire, wire};
 use ipc::IpcError;
 use ipc::cell::{CellLock, CellName};
+use ipc::error::MessageError;
 use ipc::header::{Command, Control, Event, EventKind, Outcome};
 use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Bell, Held, Node, Publisher, Subscriber};
-use restart::Policy;
 use rig::result::CycleResult;
-use schedule::{Carries, Kind, SUPERVISOR, Topic};
-use socket::{Answer, Call, Request, StageStatus, Status};
+use schedule::SUPERVISOR;
+use socket::Call;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -133,7 +135,7 @@ impl<'a> Supervisor<'a> {
         lock.check_space(cell.schedule.memory_bytes())?;
         let node = Node::join(&name, SUPERVISOR)?;
         let mut held =
-            cell.schedule.topics.iter().map(|t| create(&node, t)).collect::<Result<Vec<_>, _>>()?;
+            cell.schedule.topics.iter().map(|t| start::create(&node, t)).collect::<Result<Vec<_>, _>>()?;
         for owner in cell.schedule.stages.iter().map(|s| s.name.as_str()).chain([SUPERVISOR]) {
             held.push(node.create_bell(owner)?);
         }
@@ -145,8 +147,8 @@ impl<'a> Supervisor<'a> {
             results: node.subscriber("result")?,
             bell: node.bell(SUPERVISOR)?,
             watch,
-            children: children(cell, orders),
-            cycles: machine(cell, orders.cycles),
+            children: start::children(cell, orders),
+            cycles: start::machine(cell, orders.cycles),
             epoch: 0,
             connecting: false,
             collector: Collector::default(),
@@ -234,8 +236,18 @@ impl<'a> Supervisor<'a> {
         Ok(())
     }
 
-    /// Takes results, events and what is watched.
+    /// Takes messages. One that contradicts itself ends the cycle: nobody knows what else its sender got wrong.
     fn hear(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
+        match self.take_messages(each) {
+            Err(error) if is_lie(&error) => {
+                tracing::error!("{error:#}");
+                self.feed(Input::Distrust { reason: format!("{error:#}") }, each)
+            }
+            other => other,
+        }
+    }
+
+    fn take_messages(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         while let Some(message) = self.results.receive()? {
             let header = *message.header();
             let Some(cycle) = unwire(header.cycle).filter(|c| self.cycles.running() == Some(*c)) else {
@@ -291,7 +303,7 @@ impl<'a> Supervisor<'a> {
 
     /// Reaps stages that ended and those that do not start, and decides what follows.
     fn bury(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        let (now, start_ns) = (now_ns(), millis(self.cell.config.limits.start_ms));
+        let (now, start_ns) = (now_ns(), start::millis(self.cell.config.limits.start_ms));
         for stage in 0..self.children.len() {
             let child = &mut self.children[stage];
             if matches!(child.life, Life::Starting { since_ns } if now.saturating_sub(since_ns) > start_ns) {
@@ -336,70 +348,11 @@ impl<'a> Supervisor<'a> {
         self.command(Command::Connect, self.epoch)
     }
 
-    /// Does what the operator asks.
-    fn obey(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        if self.interrupted.load(Ordering::SeqCst) {
-            self.stop(each)?;
-        }
-        while let Ok((request, reply)) = self.requests.try_recv() {
-            let answer = match request {
-                Request::Status {} => Answer::Status(self.status()),
-                Request::Restart { stage } => self.restart(&stage),
-                Request::Stop {} => {
-                    self.stop(each)?;
-                    Answer::Done("stopping".into())
-                }
-            };
-            // A person who went away needs no answer.
-            let _ = reply.send(answer);
-        }
-        Ok(())
-    }
-
-    fn stop(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        self.tally.stopped = true;
-        self.feed(Input::Stop { reason: "stopped by the operator".into() }, each)
-    }
-
-    fn restart(&mut self, name: &str) -> Answer {
-        let known = || self.children.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
-        match self.children.iter().position(|c| c.name == name) {
-            None => Answer::Refused(format!("no stage \"{name}\"; there are {}", known())),
-            Some(stage) if self.children[stage].pid().is_none() => {
-                Answer::Refused(format!("stage \"{name}\" has no process now; it will be started again"))
-            }
-            Some(stage) => {
-                self.children[stage].kill("was restarted by the operator");
-                Answer::Done(format!("restarting {name}"))
-            }
-        }
-    }
-
-    fn status(&self) -> Status {
-        let now = now_ns();
-        let stages = self.children.iter().map(|child| StageStatus {
-            name: child.name.clone(),
-            pid: child.pid(),
-            state: child.life.word().to_owned(),
-            restarts: child.restarts.total(),
-            silent_ms: now.saturating_sub(child.heard_ns) / 1_000_000,
-        });
-        Status {
-            cell: self.cell.name.clone(),
-            pid: std::process::id(),
-            cycle: self.cycles.running(),
-            cycles_done: self.tally.done,
-            cycles_ok: self.tally.ok,
-            cycles_requested: self.requested,
-            stages: stages.collect(),
-        }
-    }
-
     /// Asks all stages to leave, then kills those that do not.
     fn shut_down(&mut self) {
         // Those that cannot be told are killed below.
         let _ = self.command(Command::Shutdown, 0);
-        let deadline_ns = now_ns().saturating_add(millis(self.cell.config.limits.stop_ms));
+        let deadline_ns = now_ns().saturating_add(start::millis(self.cell.config.limits.stop_ms));
         while self.children.iter().any(|c| c.pid().is_some()) {
             for child in &mut self.children {
                 if child.reap().is_some() {
@@ -432,66 +385,9 @@ impl<'a> Supervisor<'a> {
     }
 }
 
-fn create(node: &Node, topic: &Topic) -> Result<Held, IpcError> {
-    use ipc::header;
-    match topic.carries {
-        Carries::Control => node.create_topic::<header::Control>(&topic.name, topic.size),
-        Carries::Event => node.create_topic::<header::Event>(&topic.name, topic.size),
-        Carries::Trigger => node.create_topic::<header::Trigger>(&topic.name, topic.size),
-        Carries::Frame => node.create_topic::<header::Frame>(&topic.name, topic.size),
-        Carries::Phase => node.create_topic::<header::Phase>(&topic.name, topic.size),
-        Carries::Cloud => node.create_topic::<header::Cloud>(&topic.name, topic.size),
-        Carries::Outcome => node.create_topic::<header::Outcome>(&topic.name, topic.size),
-    }
-}
-
-fn machine(cell: &Cell, cycles: Option<u64>) -> Cycles {
-    let steps = cell.schedule.activations.iter().map(|a| Step {
-        stage: a.stage,
-        inputs: a.inputs.clone(),
-        label: label(&cell.graph, a.work),
-    });
-    let limits = &cell.config.limits;
-    let budgets =
-        Budgets { stage_ns: millis(limits.stage_budget_ms), cycle_ns: millis(limits.cycle_deadline_ms) };
-    let names = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
-    Cycles::new(names, steps.collect(), budgets, cycles)
-}
-
-fn children(cell: &Cell, orders: &Orders) -> Vec<StageProcess> {
-    let limits = &cell.config.limits;
-    let policy = Policy { restarts_max: limits.restarts_max, window_ns: millis(limits.restart_window_ms) };
-    let stages = cell.schedule.stages.iter().map(|stage| {
-        // Stages that run once per cycle get all cores, those that run side by side one each.
-        let threads = match stage.kind {
-            Kind::Matching | Kind::Fusion | Kind::Inspection => cell.schedule.cores,
-            Kind::Projection | Kind::Capture | Kind::Decode | Kind::Record => 1,
-        };
-        StageProcess::new(&stage.name, arguments(cell, orders, stage), threads, policy)
-    });
-    stages.collect()
-}
-
-fn arguments(cell: &Cell, orders: &Orders, stage: &schedule::Stage) -> Vec<String> {
-    let mut arguments: Vec<String> = ["stage", stage.kind.word(), &stage.name].map(str::to_owned).to_vec();
-    let mut option = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
-    option("--cell", cell.name.clone());
-    option("--config", orders.config.display().to_string());
-    option("--config-sha256", cell.config.sha256.clone());
-    option("--rig-sha256", cell.config.rig_sha256.clone());
-    option("--parent", std::process::id().to_string());
-    if let Some(folder) = &orders.record {
-        option("--record", folder.display().to_string());
-        if orders.cycles != Some(1) {
-            arguments.push("--record-many".into());
-        }
-    }
-    if cell.graph.watch {
-        arguments.push("--watch".into());
-    }
-    arguments
-}
-
-fn millis(ms: u64) -> u64 {
-    ms.saturating_mul(1_000_000)
+/// Whether the sender of a message is to blame, and not the machine.
+fn is_lie(error: &anyhow::Error) -> bool {
+    error.is::<MessageError>()
+        || error.is::<serde_json::Error>()
+        || matches!(error.downcast_ref(), Some(IpcError::Message { .. }))
 }

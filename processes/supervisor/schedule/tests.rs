@@ -1,5 +1,6 @@
 //! The schedule is complete, ordered and the same every time; graphs that cannot run are refused.
 
+use super::topics::FRAME_BUFFER;
 use super::*;
 
 /// Four cameras, two projectors, two pairs: the demo in small.

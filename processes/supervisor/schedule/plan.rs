@@ -1,0 +1,119 @@
+//! The stages and the order of their work.
+
+use super::graph::{Graph, axes_taken};
+use super::{Activation, Kind, Stage, Topic, Work};
+
+/// A camera's capture and decode share a core: its frames then stay in that core's cache.
+pub(super) fn stages(graph: &Graph) -> Vec<Stage> {
+    let stage = |kind: Kind, subject: usize, of: Option<&str>, core: usize| Stage {
+        kind,
+        subject,
+        name: of.map_or_else(|| kind.word().to_owned(), |of| format!("{}/{of}", kind.word())),
+        core: core % graph.cores,
+    };
+    let mut stages = vec![stage(Kind::Projection, 0, None, 0)];
+    for kind in [Kind::Capture, Kind::Decode] {
+        stages.extend(graph.cameras.iter().enumerate().map(|(i, c)| stage(kind, i, Some(&c.name), i)));
+    }
+    stages.extend(graph.pairs.iter().enumerate().map(|(i, p)| stage(Kind::Matching, i, Some(&p.name), i)));
+    stages.push(stage(Kind::Fusion, 0, None, 0));
+    stages.push(stage(Kind::Inspection, 0, None, 0));
+    if graph.record {
+        stages.push(stage(Kind::Record, 0, None, 1));
+    }
+    stages
+}
+
+/// All work of a cycle, numbered in the order of time.
+pub(super) fn activations(graph: &Graph, stages: &[Stage], topics: &[Topic]) -> Vec<Activation> {
+    Planner { graph, stages, topics, activations: Vec::new() }.plan()
+}
+
+/// Numbers the work in the order of time.
+struct Planner<'a> {
+    graph: &'a Graph,
+    stages: &'a [Stage],
+    topics: &'a [Topic],
+    activations: Vec<Activation>,
+}
+
+impl Planner<'_> {
+    fn plan(mut self) -> Vec<Activation> {
+        let mut clouds = Vec::new();
+        let mut before = None;
+        for projector in 0..self.graph.projectors.len() {
+            let mut sums = Vec::new();
+            for frame in 0..self.graph.projectors[projector].frames {
+                (before, sums) = self.frame(projector, frame, before);
+            }
+            clouds.extend(self.evaluate(projector, &sums));
+        }
+        let fused = self.add(Kind::Fusion, 0, Work::Fuse, clouds, "cloud/fused");
+        self.add(Kind::Inspection, 0, Work::Inspect, vec![fused], "result");
+        if self.graph.record {
+            let exposed = |a: &Activation| matches!(a.work, Work::Expose { .. });
+            let frames = (0..self.activations.len()).filter(|&i| exposed(&self.activations[i])).collect();
+            self.add(Kind::Record, 0, Work::Store, frames, "");
+        }
+        self.activations
+    }
+
+    /// A pattern stands until all its cameras have exposed; the next one waits for that.
+    fn frame(
+        &mut self,
+        projector: usize,
+        frame: usize,
+        before: Option<Vec<usize>>,
+    ) -> (Option<Vec<usize>>, Vec<usize>) {
+        let node = &self.graph.projectors[projector];
+        let trigger = format!("trigger/{}", node.name);
+        let shown = self.add(
+            Kind::Projection,
+            0,
+            Work::Project { projector, frame },
+            before.unwrap_or_default(),
+            &trigger,
+        );
+        let expose = |this: &mut Self, camera: usize| {
+            let topic = format!("frame/{}", this.graph.cameras[camera].name);
+            this.add(Kind::Capture, camera, Work::Expose { camera, projector, frame }, vec![shown], &topic)
+        };
+        let exposed: Vec<usize> = node.cameras.iter().map(|&camera| expose(self, camera)).collect();
+        let sums = node.cameras.iter().zip(&exposed).map(|(&camera, &exposed)| {
+            self.add(Kind::Decode, camera, Work::Accumulate { camera, projector, frame }, vec![exposed], "")
+        });
+        let sums = sums.collect();
+        (Some(exposed), sums)
+    }
+
+    /// After the last frame of a projector: phases, then the pairs that share it.
+    fn evaluate(&mut self, projector: usize, sums: &[usize]) -> Vec<usize> {
+        let mut phases = Vec::new();
+        let node = &self.graph.projectors[projector];
+        for (&camera, &sum) in node.cameras.iter().zip(sums) {
+            let topic = format!("phase/{}", self.graph.cameras[camera].name);
+            for axis in axes_taken(self.graph, camera, projector) {
+                let work = Work::Phase { camera, projector, axis };
+                phases.push((camera, axis, self.add(Kind::Decode, camera, work, vec![sum], &topic)));
+            }
+        }
+        let mut clouds = Vec::new();
+        for (number, pair) in self.graph.pairs.iter().enumerate().filter(|(_, p)| p.projector == projector) {
+            let (cameras, axes) = (pair.cameras(), pair.axes(node));
+            let taken =
+                phases.iter().filter(|(camera, axis, _)| cameras.contains(camera) && axes.contains(axis));
+            let inputs = taken.map(|(_, _, phase)| *phase).collect();
+            let topic = format!("cloud/{}", pair.name);
+            clouds.push(self.add(Kind::Matching, number, Work::Match { pair: number }, inputs, &topic));
+        }
+        clouds
+    }
+
+    fn add(&mut self, kind: Kind, subject: usize, work: Work, inputs: Vec<usize>, output: &str) -> usize {
+        let stage =
+            self.stages.iter().position(|s| s.kind == kind && s.subject == subject).unwrap_or_default();
+        let output = self.topics.iter().position(|t| t.name == output);
+        self.activations.push(Activation { stage, work, inputs, output });
+        self.activations.len() - 1
+    }
+}

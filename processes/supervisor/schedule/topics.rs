@@ -1,0 +1,126 @@
+//! The topics of a cell, with buffers that are just large enough.
+
+use super::graph::{CameraNode, Graph, ProjectorNode, axes_taken};
+use super::{Carries, SUPERVISOR, Stage, Topic};
+use ipc::header::{MAX_RESULT_BYTES, MAX_TEXT_BYTES, PHASE_BYTES_PER_PX};
+use ipc::port::TopicSize;
+
+/// Frames that wait in front of a decoder: it may lag behind the camera by that many before the camera is held.
+pub const FRAME_BUFFER: usize = 8;
+
+/// Events that wait in front of the supervisor, per stage. A stage has at most one event per frame under way and the
+/// supervisor looks every 20 ms, so 64 last for a camera of 3 kHz.
+pub const EVENT_BUFFER: usize = 64;
+
+/// Commands that wait in front of a stage: start, abort, start … while it is busy with one activation.
+pub const CONTROL_BUFFER: usize = 16;
+
+/// All topics, in the order of the flow.
+pub(super) fn topics(graph: &Graph, stages: &[Stage]) -> Vec<Topic> {
+    let all: Vec<String> = stages.iter().map(|s| s.name.clone()).collect();
+    let supervisor = || vec![SUPERVISOR.to_owned()];
+    let mut topics = vec![
+        topic("control", Carries::Control, supervisor(), all.clone(), CONTROL_BUFFER, 1),
+        topic("event", Carries::Event, all, supervisor(), EVENT_BUFFER, MAX_TEXT_BYTES as u64),
+    ];
+    let captures = |projector: &ProjectorNode| -> Vec<String> {
+        projector.cameras.iter().map(|&c| format!("capture/{}", graph.cameras[c].name)).collect()
+    };
+    for projector in &graph.projectors {
+        let name = format!("trigger/{}", projector.name);
+        topics.push(topic(&name, Carries::Trigger, vec!["projection".into()], captures(projector), 4, 1));
+    }
+    let looking: Vec<String> = graph.cameras.iter().map(|c| format!("capture/{}", c.name)).collect();
+    topics.push(topic(
+        "exposed",
+        Carries::Trigger,
+        looking,
+        vec!["projection".into()],
+        4 * graph.cameras.len(),
+        1,
+    ));
+    for camera in &graph.cameras {
+        topics.push(frame_topic(graph, camera));
+    }
+    for number in 0..graph.cameras.len() {
+        topics.push(phase_topic(graph, number));
+    }
+    let mut capacity = 0;
+    for pair in &graph.pairs {
+        let bytes = cloud_bytes(&graph.cameras[pair.left]);
+        capacity += bytes;
+        let from = vec![format!("matching/{}", pair.name)];
+        let name = format!("cloud/{}", pair.name);
+        topics.push(topic(&name, Carries::Cloud, from, vec!["fusion".into()], 1, bytes));
+    }
+    let mut readers = vec!["inspection".to_owned()];
+    readers.extend(graph.watch.then(|| SUPERVISOR.to_owned()));
+    let mut fused = topic("cloud/fused", Carries::Cloud, vec!["fusion".into()], readers, 1, capacity);
+    // The supervisor holds the last good cloud and that of the running cycle while the next one comes.
+    fused.size.borrowed = 3;
+    topics.push(fused);
+    topics.push(topic(
+        "result",
+        Carries::Outcome,
+        vec!["inspection".into()],
+        supervisor(),
+        2,
+        MAX_RESULT_BYTES as u64,
+    ));
+    topics
+}
+
+fn topic(
+    name: &str,
+    carries: Carries,
+    producers: Vec<String>,
+    consumers: Vec<String>,
+    buffer: usize,
+    bytes: u64,
+) -> Topic {
+    // A receiver holds the message it works on and one that came early. The fusion holds one per topic.
+    let size = TopicSize {
+        // Twice: a restarted process may join before its dead predecessor is cleaned up.
+        publishers: 2 * producers.len(),
+        subscribers: consumers.len(),
+        buffer,
+        borrowed: 2,
+    };
+    Topic { name: name.to_owned(), carries, producers, consumers, size, bytes }
+}
+
+fn frame_topic(graph: &Graph, camera: &CameraNode) -> Topic {
+    let mut readers = vec![format!("decode/{}", camera.name)];
+    readers.extend(graph.record.then(|| "record".to_owned()));
+    readers.extend(graph.watch.then(|| SUPERVISOR.to_owned()));
+    let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);
+    // Two bytes per pixel: whether a driver gives 8 or 16 bits is known only when it runs.
+    topic(
+        &format!("frame/{}", camera.name),
+        Carries::Frame,
+        vec![format!("capture/{}", camera.name)],
+        readers,
+        FRAME_BUFFER,
+        2 * pixels,
+    )
+}
+
+/// One message per projector and axis, all of which a matcher may let wait.
+fn phase_topic(graph: &Graph, number: usize) -> Topic {
+    let camera = &graph.cameras[number];
+    let takers = graph.pairs.iter().filter(|p| p.cameras().contains(&number));
+    let mut readers: Vec<String> = takers.map(|p| format!("matching/{}", p.name)).collect();
+    readers.extend(graph.watch.then(|| SUPERVISOR.to_owned()));
+    let maps: usize = (0..graph.projectors.len()).map(|p| axes_taken(graph, number, p).len()).sum();
+    let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);
+    let name = format!("phase/{}", camera.name);
+    let from = vec![format!("decode/{}", camera.name)];
+    let mut phase =
+        topic(&name, Carries::Phase, from, readers, maps.max(1), pixels * PHASE_BYTES_PER_PX as u64);
+    phase.size.borrowed = maps.max(1) + 1;
+    phase
+}
+
+fn cloud_bytes(left: &CameraNode) -> u64 {
+    u64::from(left.width_px) * u64::from(left.height_px) * size_of::<fringe::cloud::Point>() as u64
+}
