@@ -36,6 +36,7 @@ pub struct DecodeLine {
     noise_read_variance_dn2: f64,
     noise_gain_dn: f64,
     noise_source: &'static str,
+    footprint_px: Option<f64>,
     ignored: Vec<String>,
 }
 
@@ -65,6 +66,7 @@ impl DecodeLine {
                 NoiseSource::Settings => "settings",
                 NoiseSource::Assumed => "assumed",
             },
+            footprint_px: report.footprint_px,
             ignored: report.ignored.to_vec(),
         }
     }
@@ -89,6 +91,9 @@ impl fmt::Display for DecodeLine {
             self.ambiguous - self.resolved.min(self.ambiguous),
             self.ambiguous,
         )?;
+        if let Some(footprint_px) = self.footprint_px {
+            write!(f, "; footprint {footprint_px:.3} px")?;
+        }
         if !self.ignored.is_empty() {
             write!(f, "; not used: {}", self.ignored.join(", "))?;
         }

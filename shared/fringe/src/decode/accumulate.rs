@@ -106,6 +106,25 @@ impl Rasters {
         }
     }
 
+    /// Whether one frame is darker than another at most of the valid pixels. Every 16th pixel is asked.
+    pub fn mostly_below(&self, one: usize, other: usize, valid: &[u8]) -> bool {
+        let (mut below, mut asked) = (0_usize, 0_usize);
+        for index in (0..valid.len()).step_by(16).filter(|index| valid[*index] == 1) {
+            let (a, b) = self.pair(one, other, valid.len(), index);
+            below += usize::from(a < b);
+            asked += 1;
+        }
+        2 * below > asked
+    }
+
+    /// Grey values of one pixel in two kept frames.
+    pub fn pair(&self, one: usize, other: usize, pixels: usize, index: usize) -> (u16, u16) {
+        match self {
+            Self::Bytes(kept) => (kept[one * pixels + index].into(), kept[other * pixels + index].into()),
+            Self::Words(kept) => (kept[one * pixels + index], kept[other * pixels + index]),
+        }
+    }
+
     /// Copies a frame whose values do not exceed full scale.
     pub fn keep(&mut self, index: usize, pixels: Pixels) {
         let range = index * pixels.len()..(index + 1) * pixels.len();

@@ -28,6 +28,26 @@ pub enum DecodeError {
         /// Most.
         most: f64,
     },
+    /// The sine frames do not follow the sequence.
+    #[error(
+        "the sine frames along axis {axis:?} do not follow the sequence: {:.0} % of their modulation is unexplained, limit \
+         15 %; are frames out of order, is the number of steps right, did part or light change in between?",
+        residual * 100.0
+    )]
+    Disorder {
+        /// Axis of the set.
+        axis: Axis,
+        /// Standard deviation of the residuals over the modulation.
+        residual: f64,
+    },
+    /// White and black frames are exchanged.
+    #[error(
+        "the white frame is darker than the black one (axis {axis:?}): exchanged in the sequence or among the files?"
+    )]
+    WhiteBelowBlack {
+        /// Axis that they belong to.
+        axis: Axis,
+    },
     /// The raster is empty or too large.
     #[error("frames of {width_px} x {height_px} pixels: must be 1 to {} pixels in all", super::MAX_PIXELS)]
     Size {

@@ -32,6 +32,7 @@ pub mod arctan;
 mod bits;
 pub mod chain;
 mod error;
+mod footprint;
 mod neighbours;
 mod noise;
 mod order;
@@ -50,6 +51,7 @@ use crate::frame::{FrameView, Pixels};
 use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseViewMut};
 use accumulate::{Rasters, Sums};
+use footprint::{Footprint, Reflectance};
 use neighbours::Field;
 use noise::{Probe, QUANTISATION_DN2};
 use order::{BLOCK, Kernel, Lanes, Planes, Tally};
@@ -82,6 +84,7 @@ pub struct Decoder {
     rasters: Rasters,
     axes: Vec<AxisState>,
     correction: Vec<i16>,
+    footprint: Footprint,
     next: usize,
 }
 
@@ -135,6 +138,7 @@ impl Decoder {
             rasters: Rasters::new(plan.stored, pixels, full_scale_dn),
             axes,
             correction: vec![0; pixels],
+            footprint: Footprint::new(width_px as usize, pixels),
             plan,
             next: 0,
         };
@@ -260,6 +264,9 @@ impl Decoder {
             return Err(DecodeError::Output);
         }
         let gathered = &self.axes[home];
+        if let Some(residual) = gathered.probe.disorder(self.full_scale_dn) {
+            return Err(DecodeError::Disorder { axis, residual });
+        }
         let kernel = Kernel {
             plan,
             sums: &self.sums,
@@ -286,7 +293,32 @@ impl Decoder {
         } else {
             Verdicts::of_mask(out.valid)
         };
-        Ok(verdicts.report(tally, kernel.noise, Arc::clone(&gathered.ignored)))
+        let noise = kernel.noise;
+        let mut report = verdicts.report(tally, noise, Arc::clone(&gathered.ignored));
+        report.footprint_px = self.remove_footprint(home, out)?;
+        Ok(report)
+    }
+
+    /// Removes the bias of the pixel's footprint; its standard deviation, where it is known.
+    fn remove_footprint(&mut self, home: usize, out: &mut PhaseViewMut) -> Result<Option<f64>, DecodeError> {
+        let plan = &self.plan.axes[home];
+        if let Some(levels) = plan.levels
+            && self.rasters.mostly_below(levels.white, levels.black, out.valid)
+        {
+            return Err(DecodeError::WhiteBelowBlack { axis: plan.axis });
+        }
+        if plan.sines.is_empty() || self.settings.footprint_px == Some(0.0) {
+            return Ok(None);
+        }
+        let (rasters, clipped_dn) = (&self.rasters, self.clipped_dn);
+        let reflectance = plan.levels.map(|levels| Reflectance { rasters, levels, clipped_dn });
+        let told = self.footprint.survey(out, reflectance.filter(|_| self.settings.footprint_px.is_none()));
+        let variance_px2 =
+            self.settings.footprint_px.map(|footprint_px| footprint_px * footprint_px).or(told);
+        if let Some(variance_px2) = variance_px2 {
+            self.footprint.correct(variance_px2, out);
+        }
+        Ok(variance_px2.map(f64::sqrt))
     }
 
     fn least_modulation_dn(&self) -> f64 {

@@ -48,6 +48,8 @@ pub struct Probe {
     spectra: Vec<Spectrum>,
     samples: Vec<Sample>,
     scratch: Vec<f64>,
+    /// Σ residual variance and Σ B² over the sampled pixels, DN², and their number.
+    unexplained: (f64, f64, usize),
 }
 
 impl Probe {
@@ -67,12 +69,14 @@ impl Probe {
             spectra: sets.iter().map(Spectrum::new).collect(),
             samples: Vec::with_capacity(room),
             scratch: Vec::with_capacity(room),
+            unexplained: (0.0, 0.0, 0),
         }
     }
 
     /// Forgets the last cycle.
     pub fn begin(&mut self) {
         self.samples.clear();
+        self.unexplained = (0.0, 0.0, 0);
     }
 
     /// Keeps the subset of a landing frame.
@@ -98,7 +102,7 @@ impl Probe {
         // The harmonics are fitted twice, the second time without the pixels that the first fit does not explain.
         let mut limit_dn2 = f64::INFINITY;
         for round in 0..3 {
-            let (mut sums, mut power) = ([(0.0, 0.0); MAX_HARMONICS], 0.0);
+            let (mut sums, mut power, mut lit_power) = ([(0.0, 0.0); MAX_HARMONICS], 0.0, 0.0);
             self.samples.truncate(first);
             for stack in
                 self.frames.chunks_exact(width).map(|stack| &stack[..steps]).filter(|stack| lit(stack))
@@ -107,6 +111,7 @@ impl Probe {
                 if fit.modulation_dn < least_modulation_dn || fit.modulation_dn == 0.0 {
                     continue;
                 }
+                lit_power += fit.modulation_dn * fit.modulation_dn;
                 let freedom = steps as f64 - 3.0;
                 let variance_dn2 = spectrum.residual(stack, &fit, &coherent) / freedom;
                 self.samples.push(Sample { background_dn: fit.background_dn, variance_dn2, freedom });
@@ -118,8 +123,28 @@ impl Probe {
             if round < 2 && power > 0.0 {
                 coherent = sums.map(|sum| (sum.0 / power, sum.1 / power));
             }
+            if round == 2 {
+                let variance_dn2: f64 = self.samples[first..].iter().map(|s| s.variance_dn2).sum();
+                let count = self.samples.len() - first;
+                self.unexplained.0 += variance_dn2;
+                self.unexplained.1 += lit_power;
+                self.unexplained.2 += count;
+            }
             limit_dn2 = EXPLAINED * median_variance(&self.samples[first..], &mut self.scratch);
         }
+    }
+
+    /// What the sine model leaves of the light, as a fraction of the modulation, when it is more than noise and
+    /// harmonics can be: frames out of order, another number of steps, a part or a lamp that changed in between.
+    pub fn disorder(&self, full_scale_dn: u16) -> Option<f64> {
+        let (variance_dn2, power_dn2, count) = self.unexplained;
+        if count < LEAST_SAMPLES || power_dn2 <= 0.0 {
+            return None;
+        }
+        let fraction = (variance_dn2 / power_dn2).sqrt();
+        let residual_dn = (variance_dn2 / count as f64).sqrt();
+        let strong = residual_dn > DISORDER_OF_SCALE * f64::from(full_scale_dn);
+        (fraction > DISORDER_OF_MODULATION && strong).then_some(fraction)
     }
 
     /// Fits the straight line; `None` when there is too little light.
@@ -161,6 +186,12 @@ fn median_variance(samples: &[Sample], scratch: &mut Vec<f64>) -> f64 {
     let middle = scratch.len() / 2;
     if scratch.is_empty() { f64::INFINITY } else { *scratch.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
+
+/// Residuals of the sine model that are taken for disorder: beyond this fraction of the modulation and beyond this
+/// fraction of full scale. Camera noise on dim parts passes the first, never the second; two neighbouring frames of
+/// ten exchanged leave 0.2 of the modulation.
+const DISORDER_OF_MODULATION: f64 = 0.15;
+const DISORDER_OF_SCALE: f64 = 0.02;
 
 /// The discrete Fourier transform over the steps of one set.
 #[derive(Debug)]

@@ -1,6 +1,7 @@
 //! From the sequence of a recording to what happens with each frame.
 
 use super::chain::{self, Chain, Sine, Start};
+use super::footprint::Levels;
 use super::{DecodeError, MAX_FRAMES, MAX_SINES};
 use crate::pattern::{Axis, Code, Direction, PatternSet, Threshold};
 
@@ -72,6 +73,8 @@ pub struct AxisPlan {
     pub extent_px: f64,
     /// Period of the result: finest sine, or the stripe where there is no sine.
     pub period_px: f64,
+    /// White and black, where the sequence has both: they tell the pixel's footprint.
+    pub levels: Option<Levels>,
     /// Sines in use (indices into [`Plan::sines`]); the first one is the finest. The chain counts in this list.
     pub sines: Vec<usize>,
     /// Code, if it is used.
@@ -154,6 +157,7 @@ impl Plan {
             axis,
             extent_px: f64::from(extent_px),
             period_px: 0.0,
+            levels: None,
             sines: Vec::new(),
             code: None,
             chain: None,
@@ -171,6 +175,12 @@ impl Plan {
         }
         if let (Some(index), None | Some(Start::Code)) = (code, plan.chain.as_ref().map(|c| c.start)) {
             plan.code = Some(self.take_code(sets, index, &mut plan.needed, &plan.sines, used)?);
+        }
+        if !plan.sines.is_empty()
+            && let Some((white, black)) = sets.first_of("white").zip(sets.first_of("black"))
+        {
+            let white = self.store(sets, white, &mut plan.needed, used);
+            plan.levels = Some(Levels { white, black: self.store(sets, black, &mut plan.needed, used) });
         }
         Ok(Some(plan))
     }

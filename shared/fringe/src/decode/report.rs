@@ -48,6 +48,8 @@ pub struct DecodeReport {
     pub spikes_masked: usize,
     /// Noise model behind the phase uncertainty.
     pub noise: NoiseModel,
+    /// Standard deviation of the pixel's footprint whose bias was removed, camera pixels; `None` where nothing was.
+    pub footprint_px: Option<f64>,
     /// Sets of the sequence that were not used; every set stands in the report of exactly one axis.
     pub ignored: Arc<[String]>,
 }

@@ -36,6 +36,10 @@ pub struct DecodeSettings {
     pub edge_tolerance: f64,
     /// How far, in camera pixels, an ambiguous pixel looks for neighbours that prove its order.
     pub neighbour_reach_px: u32,
+    /// Standard deviation of a pixel's footprint (its area and the lens blur), camera pixels; 0 corrects nothing. When
+    /// absent it is estimated from white, black and the modulation, and nothing is corrected where they do not tell it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub footprint_px: Option<f64>,
     /// Whether single pixels whose order all neighbours contradict are corrected.
     pub repair_spikes: bool,
 }
@@ -51,6 +55,7 @@ impl Default for DecodeSettings {
             certainty_sigmas: 4.0,
             edge_tolerance: 0.05,
             neighbour_reach_px: 16,
+            footprint_px: None,
             repair_spikes: true,
         }
     }
@@ -69,6 +74,9 @@ impl DecodeSettings {
         within("certainty_sigmas", self.certainty_sigmas, 0.0, 20.0)?;
         within("edge_tolerance", self.edge_tolerance, 0.0, 0.25)?;
         within("neighbour_reach_px", f64::from(self.neighbour_reach_px), 1.0, 256.0)?;
+        if let Some(footprint_px) = self.footprint_px {
+            within("footprint_px", footprint_px, 0.0, 1.0)?;
+        }
         if let Some(noise) = self.camera_noise {
             within("camera_noise.read_noise_dn", noise.read_noise_dn, 0.0, 65535.0)?;
             within("camera_noise.gain_dn", noise.gain_dn, 0.0, 65535.0)?;

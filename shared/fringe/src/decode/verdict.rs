@@ -60,6 +60,7 @@ impl Verdicts {
             spikes_repaired: self.spikes_repaired,
             spikes_masked: self.spikes_masked,
             noise,
+            footprint_px: None,
             ignored,
         }
     }

@@ -1,0 +1,300 @@
+//! The pixel's footprint: what it does to the phase, how large it is, and how its bias is removed.
+//!
+//! A pixel does not see a point. Its light, and so its phasor R e^{iφ}, is an average over the pixel's area and the lens
+//! blur, a weight w of variance s² per axis: Z = w ∗ R e^{iφ}. To second order in s
+//!
+//! ```text
+//! arg Z = φ + s² (½ ∇²φ + ∇ln R · ∇φ),      |Z| = R (1 − ½ s² |∇φ|²) + ½ s² ∇²R
+//! ```
+//!
+//! The first says that curvature and shading shift the phase; a sphere measured by two cameras comes out too large by
+//! some s² times the square of the pixel's size over its radius, 5 to 12 µm at 0.2 mm per pixel. The second says how to
+//! find s² without knowing the lens: steep fringes lose modulation. The difference of white and black is R with the
+//! same ½ s² ∇²R, so over the image
+//!
+//! ```text
+//! ln (B / (white − black)) = constant − ½ s² |∇φ|²
+//! ```
+//!
+//! is a straight line against |∇φ|². The constant holds the projector's contrast and blur, which do not depend on the
+//! camera. Where the surface is all of one slope there is no line, but nothing to correct either.
+//!
+//! Derivatives are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth.
+
+use super::accumulate::Rasters;
+use crate::math::ln;
+use crate::phase::PhaseViewMut;
+use rayon::prelude::*;
+
+/// Half the edge of the neighbourhood.
+const HALF: usize = 2;
+/// Σ x² over the 5 × 5 neighbourhood.
+const SUM_X2: f32 = 50.0;
+/// Σ (x² − 2)² over the neighbourhood.
+const SUM_Q2: f32 = 70.0;
+/// Σ x² y² over the neighbourhood.
+const SUM_XY2: f32 = 100.0;
+/// Weight of the middle pixel in the Laplacian, and the sum of all squared weights.
+const LAPLACIAN_MIDDLE: f64 = -8.0 / 70.0;
+const LAPLACIAN_POWER: f64 = 8.0 / 70.0;
+/// A neighbourhood is smooth when its residual stays within so many times the phase noise, plus this many rad.
+const SMOOTH_SIGMAS: f32 = 3.0;
+const SMOOTH_RAD: f32 = 0.02;
+/// Bins along |∇φ|²: the first ends at `FIRST_RAD2`, each further one is `RATIO` times as far out; the last has no end.
+const BINS: usize = 32;
+const FIRST_RAD2: f64 = 1e-3;
+const RATIO: f64 = 1.3;
+/// Rows are dealt to so many groups; how the groups scatter tells the uncertainty of a bin.
+const GROUPS: usize = 8;
+/// Fewer pixels in a group of a bin say nothing.
+const LEAST_IN_GROUP: u32 = 20;
+/// An estimate below so many standard uncertainties is not told from zero.
+const SIGNIFICANT: f64 = 3.0;
+/// Beyond a variance of this, px², the expansion to second order does not hold and the image is out of focus.
+const MOST_PX2: f64 = 1.0;
+/// Rows of one parallel job; a multiple of `GROUPS`.
+const ROWS: usize = 16;
+
+/// The white and the black frame among the stored rasters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Levels {
+    /// Raster of the white frame.
+    pub white: usize,
+    /// Raster of the black frame.
+    pub black: usize,
+}
+
+/// The frames that tell R, and the grey value from which they do not.
+#[derive(Debug, Clone, Copy)]
+pub struct Reflectance<'a> {
+    /// Stored frames.
+    pub rasters: &'a Rasters,
+    /// Which of them.
+    pub levels: Levels,
+    /// A white frame from here on is clipped.
+    pub clipped_dn: u16,
+}
+
+/// Memory of the estimate and the correction, reserved once.
+#[derive(Debug)]
+pub struct Footprint {
+    width: usize,
+    edges: [f32; BINS],
+    /// ½ ∇²φ + ∇ln R · ∇φ, rad/px²; NaN where the neighbourhood is not smooth.
+    bias: Vec<f32>,
+    jobs: Vec<Bins>,
+}
+
+/// Sums over the pixels of a group in a bin. Ratios of sums have no bias from noise, as means of logarithms would.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    modulation: f64,
+    reflectance: f64,
+    slope2: f64,
+    count: u32,
+}
+
+type Bins = [[Sums; GROUPS]; BINS];
+
+/// A point of the line.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    slope2: f64,
+    log_contrast: f64,
+    weight: f64,
+}
+
+/// Local quadratic model.
+#[derive(Debug, Clone, Copy)]
+struct Local {
+    gradient: [f32; 2],
+    laplacian: f32,
+    /// ∇B/B.
+    shading: [f32; 2],
+}
+
+impl Footprint {
+    /// Room for images of a size.
+    pub fn new(width: usize, pixels: usize) -> Self {
+        let jobs = (pixels / width.max(1)).div_ceil(ROWS);
+        let mut edge = FIRST_RAD2;
+        let mut edges = [f32::INFINITY; BINS];
+        for place in &mut edges[..BINS - 1] {
+            *place = edge as f32;
+            edge *= RATIO;
+        }
+        let empty = [[Sums::default(); GROUPS]; BINS];
+        Self { width, edges, bias: vec![f32::NAN; pixels], jobs: vec![empty; jobs] }
+    }
+
+    /// Derivatives of the whole map, and from them the variance s² of the footprint, px²; `None` where the frames do
+    /// not tell it.
+    pub fn survey(&mut self, map: &PhaseViewMut, reflectance: Option<Reflectance>) -> Option<f64> {
+        let (width, edges) = (self.width, &self.edges);
+        let rows = self.bias.len() / width;
+        let parts = self.bias.par_chunks_mut(ROWS * width).zip(&mut self.jobs).enumerate();
+        parts.for_each(|(chunk, (bias, bins))| {
+            *bins = [[Sums::default(); GROUPS]; BINS];
+            bias.fill(f32::NAN);
+            for (offset, line) in bias.chunks_mut(width).enumerate() {
+                let row = chunk * ROWS + offset;
+                if !(HALF..rows.saturating_sub(HALF)).contains(&row) {
+                    continue;
+                }
+                for (column, bias) in line.iter_mut().enumerate().take(width.saturating_sub(HALF)).skip(HALF)
+                {
+                    let index = row * width + column;
+                    let Some(local) = local(map, width, index) else { continue };
+                    let ([x, y], [u, v]) = (local.gradient, local.shading);
+                    *bias = 0.5 * local.laplacian + u * x + v * y;
+                    if let Some(light) = reflectance.and_then(|r| r.at(index, map.valid.len())) {
+                        let slope2 = x * x + y * y;
+                        let bin = edges.partition_point(|edge| *edge < slope2).min(BINS - 1);
+                        bins[bin][row % GROUPS].add(map.modulation[index], light, slope2);
+                    }
+                }
+            }
+        });
+        reflectance.and_then(|_| self.variance_px2())
+    }
+
+    fn variance_px2(&self) -> Option<f64> {
+        let mut total = [[Sums::default(); GROUPS]; BINS];
+        for job in &self.jobs {
+            for (sum, part) in total.as_flattened_mut().iter_mut().zip(job.as_flattened()) {
+                sum.join(part);
+            }
+        }
+        let mut places = [Place { slope2: 0.0, log_contrast: 0.0, weight: 0.0 }; BINS];
+        let mut count = 0;
+        for place in total.iter().filter_map(place) {
+            places[count] = place;
+            count += 1;
+        }
+        let (slope, u_slope) = line(&places[..count])?;
+        let variance_px2 = -2.0 * slope;
+        (variance_px2 > SIGNIFICANT * 2.0 * u_slope).then_some(variance_px2.min(MOST_PX2))
+    }
+
+    /// Removes the bias of a footprint from the phase; its noise grows by some per cent, which the uncertainty tells.
+    /// Pixels without a smooth neighbourhood stay as they are. The map must be the one surveyed last.
+    pub fn correct(&self, variance_px2: f64, map: &mut PhaseViewMut) {
+        let half = 0.5 * variance_px2;
+        let growth = (1.0 - 2.0 * half * LAPLACIAN_MIDDLE + half * half * LAPLACIAN_POWER).sqrt() as f32;
+        let s2 = variance_px2 as f32;
+        for ((phase, sigma), bias) in map.phase_rad.iter_mut().zip(map.sigma_rad.iter_mut()).zip(&self.bias) {
+            if bias.is_finite() {
+                *phase -= s2 * bias;
+                *sigma *= growth;
+            }
+        }
+    }
+}
+
+impl Reflectance<'_> {
+    /// White less black, DN; `None` where white is clipped or not brighter.
+    fn at(&self, index: usize, pixels: usize) -> Option<f32> {
+        let (white, black) = self.rasters.pair(self.levels.white, self.levels.black, pixels, index);
+        (white < self.clipped_dn && white > black).then(|| f32::from(white - black))
+    }
+}
+
+impl Sums {
+    fn add(&mut self, modulation: f32, reflectance: f32, slope2: f32) {
+        self.modulation += f64::from(modulation);
+        self.reflectance += f64::from(reflectance);
+        self.slope2 += f64::from(reflectance * slope2);
+        self.count += 1;
+    }
+
+    fn join(&mut self, other: &Self) {
+        self.modulation += other.modulation;
+        self.reflectance += other.reflectance;
+        self.slope2 += other.slope2;
+        self.count += other.count;
+    }
+}
+
+/// Mean and scatter of the groups of a bin; `None` where one of them has too few pixels.
+fn place(groups: &[Sums; GROUPS]) -> Option<Place> {
+    if groups.iter().any(|g| g.count < LEAST_IN_GROUP) {
+        return None;
+    }
+    let mut all = Sums::default();
+    for group in groups {
+        all.join(group);
+    }
+    let logs = groups.map(|g| ln(g.modulation / g.reflectance));
+    let n = GROUPS as f64;
+    let mean = logs.iter().sum::<f64>() / n;
+    let variance = logs.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0) / n;
+    // Never below what single precision and rounded grey values resolve.
+    let weight = 1.0 / variance.max(1e-9);
+    Some(Place {
+        slope2: all.slope2 / all.reflectance,
+        log_contrast: ln(all.modulation / all.reflectance),
+        weight,
+    })
+}
+
+/// Weighted straight line: slope and its standard uncertainty.
+fn line(places: &[Place]) -> Option<(f64, f64)> {
+    if places.len() < 3 {
+        return None;
+    }
+    let sum = |f: &dyn Fn(&Place) -> f64| places.iter().map(f).sum::<f64>();
+    let weight = sum(&|p| p.weight);
+    let (x0, y0) = (sum(&|p| p.weight * p.slope2) / weight, sum(&|p| p.weight * p.log_contrast) / weight);
+    let xx = sum(&|p| p.weight * (p.slope2 - x0) * (p.slope2 - x0));
+    if !(xx.is_finite() && xx > 0.0) {
+        return None;
+    }
+    let slope = sum(&|p| p.weight * (p.slope2 - x0) * (p.log_contrast - y0)) / xx;
+    let misfit = |p: &Place| p.log_contrast - y0 - slope * (p.slope2 - x0);
+    // What the line does not explain (light between surfaces, focus) counts as uncertainty.
+    let chi2 = sum(&|p| p.weight * misfit(p) * misfit(p)) / (places.len() as f64 - 2.0);
+    Some((slope, (chi2.max(1.0) / xx).sqrt()))
+}
+
+/// The quadratic about a pixel that is at least [`HALF`] away from the image's edge; `None` across masks and steps.
+fn local(map: &PhaseViewMut, width: usize, index: usize) -> Option<Local> {
+    let first = index - HALF * width - HALF;
+    let (middle, light) = (map.phase_rad[index], map.modulation[index]);
+    let mut all = 1;
+    for row in 0..5 {
+        let start = first + row * width;
+        all &= map.valid[start..start + 5].iter().fold(1, |all, valid| all & valid);
+    }
+    if all == 0 || light <= 0.0 {
+        return None;
+    }
+    let (mut d, mut dx, mut dy, mut dxx, mut dyy, mut dxy, mut d2) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0_f32);
+    let (mut bx, mut by) = (0.0, 0.0);
+    for row in 0..5_usize {
+        let y = row as f32 - 2.0;
+        for column in 0..5_usize {
+            let x = column as f32 - 2.0;
+            let at = first + row * width + column;
+            let value = map.phase_rad[at] - middle;
+            d += value;
+            dx += x * value;
+            dy += y * value;
+            dxx += (x * x - 2.0) * value;
+            dyy += (y * y - 2.0) * value;
+            dxy += x * y * value;
+            d2 += value * value;
+            let b = map.modulation[at] - light;
+            bx += x * b;
+            by += y * b;
+        }
+    }
+    let explained =
+        d * d / 25.0 + (dx * dx + dy * dy) / SUM_X2 + (dxx * dxx + dyy * dyy) / SUM_Q2 + dxy * dxy / SUM_XY2;
+    let limit = SMOOTH_SIGMAS * map.sigma_rad[index] + SMOOTH_RAD;
+    // 25 values, six parameters.
+    (d2 - explained <= 19.0 * limit * limit).then(|| Local {
+        gradient: [dx / SUM_X2, dy / SUM_X2],
+        laplacian: 2.0 * (dxx + dyy) / SUM_Q2,
+        shading: [bx / (SUM_X2 * light), by / (SUM_X2 * light)],
+    })
+}

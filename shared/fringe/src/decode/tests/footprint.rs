@@ -1,0 +1,126 @@
+//! The footprint: found from the frames, its bias removed, steps left alone.
+
+use super::super::accumulate::Rasters;
+use super::super::footprint::{Footprint, Levels, Reflectance};
+use crate::math::{atan2, cos, exp, hypot, sin, wrap_rad};
+use crate::pattern::Axis;
+use crate::phase::{PhaseInfo, PhaseMap};
+
+const WIDTH: usize = 240;
+const HEIGHT: usize = 200;
+
+/// A curved, shaded surface: phase and reflectance at a place, px.
+fn surface(x: f64, y: f64) -> (f64, f64) {
+    let (u, v) = (x - 120.0, y - 100.0);
+    let phase = 40.0 + 0.35 * x + 0.0011 * u * u + 0.0006 * v * v;
+    (phase, 110.0 - 0.25 * u + 0.15 * v - 0.001 * u * u)
+}
+
+/// Phase, modulation, white and black as a Gaussian footprint of variance s² sees them, by brute-force sums.
+fn blurred(variance_px2: f64) -> (PhaseMap, Rasters) {
+    let info = PhaseInfo { width_px: WIDTH as u32, height_px: HEIGHT as u32, axis: Axis::X, period_px: 16.0 };
+    let mut map = PhaseMap::new(info);
+    let mut levels = vec![0_u16; 2 * info.len()];
+    let s = variance_px2.sqrt();
+    let nodes: Vec<f64> = (-6..=6).map(|k| f64::from(k) * 0.5).collect();
+    for index in 0..info.len() {
+        let (x, y) = ((index % WIDTH) as f64, (index / WIDTH) as f64);
+        let (mut re, mut im, mut light, mut weight) = (0.0, 0.0, 0.0, 0.0);
+        for u in &nodes {
+            for v in &nodes {
+                let w = exp(-0.5 * (u * u + v * v));
+                let (phase, reflectance) = surface(x + s * u, y + s * v);
+                re += w * reflectance * cos(phase);
+                im += w * reflectance * sin(phase);
+                light += w * reflectance;
+                weight += w;
+            }
+        }
+        let ideal = surface(x, y).0;
+        map.phase_rad[index] = (ideal + wrap_rad(atan2(im, re) - ideal)) as f32;
+        map.modulation[index] = (0.45 * hypot(re, im) / weight) as f32;
+        map.sigma_rad[index] = 0.002;
+        map.valid[index] = 1;
+        levels[index] = (light / weight * 100.0).round() as u16 + 300;
+        levels[info.len() + index] = 300;
+    }
+    // White in hundredths of the modulation's unit: the estimate needs only the ratio up to a constant.
+    (map, Rasters::Words(levels))
+}
+
+fn told_by(rasters: &Rasters) -> Reflectance<'_> {
+    Reflectance { rasters, levels: Levels { white: 0, black: 1 }, clipped_dn: u16::MAX }
+}
+
+fn errors(map: &PhaseMap) -> (f64, f64) {
+    let inner = (0..map.info.len()).filter(|i| {
+        let (x, y) = (i % WIDTH, i / WIDTH);
+        (4..WIDTH - 4).contains(&x) && (4..HEIGHT - 4).contains(&y)
+    });
+    let all: Vec<f64> = inner
+        .map(|i| f64::from(map.phase_rad[i]) - surface((i % WIDTH) as f64, (i / WIDTH) as f64).0)
+        .collect();
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    (mean, all.iter().fold(0.0, |most: f64, e| most.max(e.abs())))
+}
+
+#[test]
+fn the_footprint_is_found_from_the_frames_and_its_bias_removed() {
+    for variance_px2 in [0.1, 0.33, 0.6] {
+        let (mut map, rasters) = blurred(variance_px2);
+        let before = errors(&map);
+        let mut footprint = Footprint::new(WIDTH, map.info.len());
+        let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters))).unwrap();
+        assert!((found / variance_px2 - 1.0).abs() < 0.05, "{found} instead of {variance_px2}");
+        footprint.correct(found, &mut map.view_mut());
+        let after = errors(&map);
+        // Parts of opposite curvature and shading cancel in the mean, so the largest error is the measure of both.
+        assert!(after.0.abs() < 0.03 * before.1, "(mean, largest) {before:?} became {after:?}");
+        assert!(after.1 < 0.15 * before.1, "(mean, largest) {before:?} became {after:?}");
+    }
+}
+
+#[test]
+fn no_footprint_is_found_where_there_is_none_or_where_nothing_tells_it() {
+    let (mut map, rasters) = blurred(0.0);
+    let mut footprint = Footprint::new(WIDTH, map.info.len());
+    let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)));
+    assert!(found.is_none_or(|s2| s2 < 0.005), "{found:?}");
+    map.valid.fill(0);
+    assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters))), None);
+}
+
+#[test]
+fn a_step_is_left_alone() {
+    let (mut map, _) = blurred(0.0);
+    for index in 0..map.info.len() {
+        if index % WIDTH >= 120 {
+            map.phase_rad[index] += 9.0;
+        }
+    }
+    let before = map.clone();
+    let mut footprint = Footprint::new(WIDTH, map.info.len());
+    assert_eq!(footprint.survey(&map.view_mut(), None), None);
+    footprint.correct(0.33, &mut map.view_mut());
+    for row in 2..HEIGHT - 2 {
+        for column in 118..122 {
+            let index = row * WIDTH + column;
+            assert_eq!(map.phase_rad[index], before.phase_rad[index], "row {row}, column {column}");
+        }
+    }
+}
+
+#[test]
+fn tiny_images_have_no_inside() {
+    for (width, height) in [(1, 1), (1, 50), (4, 4), (50, 3)] {
+        let info = PhaseInfo { width_px: width, height_px: height, axis: Axis::X, period_px: 16.0 };
+        let mut map = PhaseMap::new(info);
+        map.valid.fill(1);
+        map.phase_rad.fill(1.0);
+        let mut footprint = Footprint::new(width as usize, info.len());
+        let rasters = Rasters::new(2, info.len(), 255);
+        assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters))), None);
+        footprint.correct(0.33, &mut map.view_mut());
+        assert!(map.phase_rad.iter().all(|phase| *phase == 1.0));
+    }
+}
