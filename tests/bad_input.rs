@@ -27,23 +27,71 @@ const CASES: &[Case] = &[
     case("white and black exchanged", |s| swap(s, 17, 18), &["cam1", "white", "black"]),
     case("saturated frames", saturate, &["no point", "saturated"]),
     case("no light at all", darken, &["no point", "dark"]),
-    case("too few steps", |s| s.edit("rec/recording.toml", "steps = 10", "steps = 2"), &["recording.toml", "steps", "2", "3"]),
-    case("fewer frames than the sequence says", |s| s.edit("rec/recording.toml", "steps = 10", "steps = 12"), &["cam1", "21", "19"]),
-    case("more frames than the sequence says", |s| s.edit("rec/recording.toml", "steps = 10", "steps = 8"), &["cam1", "17"]),
+    case(
+        "too few steps",
+        |s| s.edit("rec/recording.toml", "steps = 10", "steps = 2"),
+        &["recording.toml", "steps", "2", "3"],
+    ),
+    case(
+        "fewer frames than the sequence says",
+        |s| s.edit("rec/recording.toml", "steps = 10", "steps = 12"),
+        &["cam1", "21", "19"],
+    ),
+    case(
+        "more frames than the sequence says",
+        |s| s.edit("rec/recording.toml", "steps = 10", "steps = 8"),
+        &["cam1", "17"],
+    ),
     case("no absolute code", no_code, &["absolute"]),
-    case("unknown set", |s| s.edit("rec/recording.toml", "\"gray\"", "\"grey\""), &["recording.toml", "grey"]),
-    case("unknown key", |s| s.edit("rec/recording.toml", "width_px", "widht_px"), &["recording.toml", "widht_px"]),
-    case("another format", |s| s.edit("rec/recording.toml", "recording/1", "recording/9"), &["recording/9", "recording/1"]),
+    case(
+        "unknown set",
+        |s| s.edit("rec/recording.toml", "\"gray\"", "\"grey\""),
+        &["recording.toml", "grey"],
+    ),
+    case(
+        "unknown key",
+        |s| s.edit("rec/recording.toml", "width_px", "widht_px"),
+        &["recording.toml", "widht_px"],
+    ),
+    case(
+        "another format",
+        |s| s.edit("rec/recording.toml", "recording/1", "recording/9"),
+        &["recording/9", "recording/1"],
+    ),
     case("no recording", |s| fs::remove_file(s.path("rec/recording.toml")).unwrap(), &["recording.toml"]),
     case("no folder", |s| fs::remove_dir_all(s.path("rec")).unwrap(), &["rec"]),
-    case("a name that leaves the folder", |s| s.edit("rec/recording.toml", "\"cam1\"", "\"../cam1\""), &["../cam1"]),
-    case("not TOML", |s| fs::write(s.path("rig.toml"), "format = \"fringecell-rig/1\"\n[[camera").unwrap(), &["rig.toml"]),
+    case(
+        "a name that leaves the folder",
+        |s| s.edit("rec/recording.toml", "\"cam1\"", "\"../cam1\""),
+        &["../cam1"],
+    ),
+    case(
+        "not TOML",
+        |s| fs::write(s.path("rig.toml"), "format = \"fringecell-rig/1\"\n[[camera").unwrap(),
+        &["rig.toml"],
+    ),
     case("no rig file", |s| fs::remove_file(s.path("rig.toml")).unwrap(), &["rig.toml"]),
-    case("pair with an unknown camera", |s| s.edit("rig.toml", "right = \"cam2\"", "right = \"cam9\""), &["rig.toml", "cam9"]),
-    case("recorded camera that the rig does not know", |s| s.edit("rec/recording.toml", "\"cam2\"", "\"cam7\""), &["cam7"]),
-    case("mirrored rotation", |s| mirror(s), &["rig.toml", "rotation", "mirror"]),
-    case("rotation that is none", |s| s.edit("rig.toml", "rotation = [[", "rotation = [[1"), &["rig.toml", "rotation", "orthonormal"]),
-    case("camera of another size", |s| s.edit("rig.toml", "width_px = 168", "width_px = 336"), &["cam1", "336", "168"]),
+    case(
+        "pair with an unknown camera",
+        |s| s.edit("rig.toml", "right = \"cam2\"", "right = \"cam9\""),
+        &["rig.toml", "cam9"],
+    ),
+    case(
+        "recorded camera that the rig does not know",
+        |s| s.edit("rec/recording.toml", "\"cam2\"", "\"cam7\""),
+        &["cam7"],
+    ),
+    case("mirrored rotation", mirror, &["rig.toml", "rotation", "mirror"]),
+    case(
+        "rotation that is none",
+        |s| s.edit("rig.toml", "rotation = [[", "rotation = [[1"),
+        &["rig.toml", "rotation", "orthonormal"],
+    ),
+    case(
+        "camera of another size",
+        |s| s.edit("rig.toml", "width_px = 168", "width_px = 336"),
+        &["cam1", "336", "168"],
+    ),
     case("focal length zero", zero_focal, &["rig.toml", "focal"]),
     case("not a number", |s| s.edit("rig.toml", "skew = 0.0", "skew = nan"), &["rig.toml", "skew"]),
     case("two cameras at one place", same_place, &["pair1"]),
@@ -56,7 +104,7 @@ const CASES: &[Case] = &[
     },
     Case {
         name: "projector method without projector",
-        harm: |s| drop_projectors(s),
+        harm: drop_projectors,
         arguments: &["--method", "projector"],
         words: &["projector", "proj1"],
     },
@@ -104,7 +152,9 @@ fn complaint(case: &Case, small: &Small, ran: &Ran) -> Option<String> {
 
 #[test]
 fn arguments_that_make_no_sense_end_with_code_2() {
-    for arguments in [&["reconstruct"][..], &["fit", "sphere", "absent.ply"], &["decode", "absent"], &["nonsense"]] {
+    for arguments in
+        [&["reconstruct"][..], &["fit", "sphere", "absent.ply"], &["decode", "absent"], &["nonsense"]]
+    {
         let ran = fringetool(arguments);
         assert_eq!(ran.code, Some(2), "{arguments:?}: {}", ran.stderr);
         assert!(!ran.stderr.contains("panicked"), "{arguments:?}: {}", ran.stderr);

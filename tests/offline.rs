@@ -10,7 +10,8 @@ fn json(path: &std::path::Path) -> serde_json::Value {
 fn sphere(cloud: &std::path::Path, near: &str) -> serde_json::Value {
     let folder = TempDir::new().unwrap();
     let out = folder.path().join("fit.json");
-    let arguments = ["fit", "sphere", cloud.to_str().unwrap(), "--near", near, "--json", out.to_str().unwrap()];
+    let arguments =
+        ["fit", "sphere", cloud.to_str().unwrap(), "--near", near, "--json", out.to_str().unwrap()];
     fringetool(&arguments).expect_success();
     json(&out)
 }
@@ -29,7 +30,8 @@ fn the_ideal_twin_gives_true_spheres() {
         // The upper part only: below the equator the post joins.
         let one = sphere(&cloud, "-39.7560,-39.7560,32,10");
         let two = sphere(&cloud, "39.7560,39.7560,32,10");
-        let error_um = |fit: &serde_json::Value, truth: f64| (fit["diameter_mm"].as_f64().unwrap() - truth) * 1e3;
+        let error_um =
+            |fit: &serde_json::Value, truth: f64| (fit["diameter_mm"].as_f64().unwrap() - truth) * 1e3;
         assert!(error_um(&one, 22.462).abs() < 1.0, "{method}: {} µm", error_um(&one, 22.462));
         assert!(error_um(&two, 22.367).abs() < 1.0, "{method}: {} µm", error_um(&two, 22.367));
         let centre = |fit: &serde_json::Value| -> Vec<f64> {
@@ -46,8 +48,14 @@ fn cell_without_scatter(folder: &TempDir) -> String {
     let configs = root().join("configs");
     let text = text
         .replace("\"demo-rig.toml\"", &format!("{:?}", configs.join("demo-rig.toml").to_str().unwrap()))
-        .replace("\"complex-artefact.plan.toml\"", &format!("{:?}", configs.join("complex-artefact.plan.toml").to_str().unwrap()))
-        .replace("\"complex-artefact.scene.toml\"", &format!("{:?}", configs.join("complex-artefact.scene.toml").to_str().unwrap()));
+        .replace(
+            "\"complex-artefact.plan.toml\"",
+            &format!("{:?}", configs.join("complex-artefact.plan.toml").to_str().unwrap()),
+        )
+        .replace(
+            "\"complex-artefact.scene.toml\"",
+            &format!("{:?}", configs.join("complex-artefact.scene.toml").to_str().unwrap()),
+        );
     let path = folder.path().join("cell.toml");
     std::fs::write(&path, format!("{text}settings = {{ {STILL} }}\n")).unwrap();
     path.to_str().unwrap().to_owned()
@@ -65,7 +73,16 @@ fn reconstruct_cell(
     simulate.extend(options);
     fringetool(&simulate).expect_success();
     let arguments = [
-        "reconstruct", "--rig", "configs/demo-rig.toml", "--method", method, "--out", &cloud, "--json", &report, &recording,
+        "reconstruct",
+        "--rig",
+        "configs/demo-rig.toml",
+        "--method",
+        method,
+        "--out",
+        &cloud,
+        "--json",
+        &report,
+        &recording,
     ];
     fringetool(&arguments).expect_success();
     (cloud.into(), json(report.as_ref()))
@@ -78,7 +95,14 @@ fn the_same_recording_gives_the_same_bytes_on_any_number_of_threads() {
         .iter()
         .map(|threads| {
             let ran = std::process::Command::new(env!("CARGO_BIN_EXE_fringetool"))
-                .args(["reconstruct", "--rig", &small.path("rig.toml"), "--out", &small.path("cloud.ply"), &small.path("rec")])
+                .args([
+                    "reconstruct",
+                    "--rig",
+                    &small.path("rig.toml"),
+                    "--out",
+                    &small.path("cloud.ply"),
+                    &small.path("rec"),
+                ])
                 .env("RAYON_NUM_THREADS", threads)
                 .status()
                 .unwrap();

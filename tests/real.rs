@@ -14,7 +14,8 @@ fn cloud(set: &str, layout: &str, method: &str) -> Option<Vec<Point>> {
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (recording, rig, ply) = (path("rec"), path("rec/rig.toml"), path("cloud.ply"));
     let layout = format!("tests/layouts/{layout}.toml");
-    fringetool(&["import", &layout, "--from", source.to_str().unwrap(), "--out", &recording]).expect_success();
+    fringetool(&["import", &layout, "--from", source.to_str().unwrap(), "--out", &recording])
+        .expect_success();
     let ran = fringetool(&["reconstruct", "--rig", &rig, "--method", method, "--out", &ply, &recording]);
     println!("{set}:\n{}", ran.expect_success().stdout);
     Some(rig::ply::read_cloud(ply.as_ref()).unwrap().points)

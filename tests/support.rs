@@ -12,7 +12,7 @@ pub struct Ran {
 }
 
 impl Ran {
-    fn new(output: Output) -> Self {
+    fn new(output: &Output) -> Self {
         Self {
             code: output.status.code(),
             stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
@@ -33,8 +33,9 @@ pub fn fringetool<S: AsRef<std::ffi::OsStr>>(arguments: &[S]) -> Ran {
 }
 
 fn run<S: AsRef<std::ffi::OsStr>>(program: &str, arguments: &[S]) -> Ran {
-    let output = Command::new(program).args(arguments).current_dir(root()).output().expect("the program starts");
-    Ran::new(output)
+    let output =
+        Command::new(program).args(arguments).current_dir(root()).output().expect("the program starts");
+    Ran::new(&output)
 }
 
 /// The repository.

@@ -115,7 +115,10 @@ fn fit(args: &Args, points: &[Point3<f64>], settings: &FitSettings) -> Result<()
         Element::Plane => {
             let plane = fit::plane(points, settings)?;
             let [x, y, z] = plane.normal;
-            println!("plane: normal ({x:.7}, {y:.7}, {z:.7}), offset {:.5} mm, u {:.5} mm", plane.offset_mm, plane.u_offset_mm);
+            println!(
+                "plane: normal ({x:.7}, {y:.7}, {z:.7}), offset {:.5} mm, u {:.5} mm",
+                plane.offset_mm, plane.u_offset_mm
+            );
             finish(&plane, &plane.form, json)
         }
         Element::Cylinder => {

@@ -26,7 +26,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let report = rig::import::import(&args.layout, &args.from, &args.out)?;
     let rig = report.rig.as_ref().map_or_else(|| "no rig file".to_owned(), |path| path.display().to_string());
     println!("{}: {} frames; {rig}", report.recording.display(), report.frames);
-    let result = serde_json::json!({ "recording": report.recording, "rig": report.rig, "frames": report.frames });
+    let result =
+        serde_json::json!({ "recording": report.recording, "rig": report.rig, "frames": report.frames });
     emit(args.json.as_deref(), &result)?;
     Ok(Outcome::Done)
 }

@@ -14,7 +14,12 @@ use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
 #[derive(Parser)]
-#[command(name = "fringetool", version, about = "Offline tools of the fringecell measuring cell", max_term_width = 100)]
+#[command(
+    name = "fringetool",
+    version,
+    about = "Offline tools of the fringecell measuring cell",
+    max_term_width = 100
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

@@ -47,7 +47,10 @@ pub fn decode_views(
         .filter(|(projector, camera)| wanted(&projector.name, &camera.name))
         .collect();
     let mut progress = Progress::new(views.iter().map(|(_, camera)| camera.frames.len()).sum(), "decoding");
-    views.iter().map(|(projector, camera)| decode_view(recording, projector, camera, settings, &mut progress)).collect()
+    views
+        .iter()
+        .map(|(projector, camera)| decode_view(recording, projector, camera, settings, &mut progress))
+        .collect()
 }
 
 fn decode_view(
@@ -58,7 +61,12 @@ fn decode_view(
     progress: &mut Progress,
 ) -> Result<DecodedView> {
     let place = || {
-        format!("{}: projector \"{}\", camera \"{}\"", recording.document.path.display(), projector.name, camera.name)
+        format!(
+            "{}: projector \"{}\", camera \"{}\"",
+            recording.document.path.display(),
+            projector.name,
+            camera.name
+        )
     };
     let extent_px = [projector.width_px, projector.height_px];
     let (width_px, height_px) = (camera.width_px, camera.height_px);

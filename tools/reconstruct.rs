@@ -81,7 +81,11 @@ impl std::fmt::Display for PairReport {
                 r.points, r.valid, r.unmatched, r.ambiguous, r.inconsistent, r.discontinuous
             ),
             Self::Projector(r) => {
-                write!(f, "{} points of {} valid pixels; {} beside the projector", r.points, r.valid, r.missed)?;
+                write!(
+                    f,
+                    "{} points of {} valid pixels; {} beside the projector",
+                    r.points, r.valid, r.missed
+                )?;
                 r.epipolar_rms_px.map_or(Ok(()), |rms| {
                     write!(f, ", {} contradicting; both axes agree within {rms:.3} px rms", r.contradicting)
                 })
@@ -111,10 +115,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut fused = Vec::new();
     let fusion = fuse(&slices, &FusionSettings::default(), &mut fused);
     if fused.is_empty() {
+        let seen: Vec<String> = lines(&views).iter().map(ToString::to_string).collect();
         bail!(
-            "{}: no point at all; the views share no valid phase (see `fringetool decode`), or rig and recording do \
-             not belong together",
-            args.recording.display()
+            "{}: no point at all; either the views share no valid phase, or rig and recording do not belong together; {}",
+            args.recording.display(),
+            seen.join("; ")
         );
     }
     write_cloud(args, &recording, &rig_file, &fused)?;
@@ -152,7 +157,8 @@ fn camera_pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> 
             pair.right
         );
     }
-    let pairs: Vec<Pair> = rig.pairs.into_iter().filter(|pair| rig_file.rig.camera(&pair.right).is_some()).collect();
+    let pairs: Vec<Pair> =
+        rig.pairs.into_iter().filter(|pair| rig_file.rig.camera(&pair.right).is_some()).collect();
     if pairs.is_empty() {
         bail!(
             "{}: no pair of two cameras that {} holds; add a [[pair]] with left, right and projector, or use \
@@ -185,7 +191,8 @@ fn projector_pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair
         }
         for camera in projector.cameras.iter().filter(|camera| rig.camera(&camera.name).is_some()) {
             let named = rig.pairs.iter().find(|p| p.left == camera.name && p.right == projector.name);
-            let name = named.map_or_else(|| format!("{}-{}", camera.name, projector.name), |p| p.name.clone());
+            let name =
+                named.map_or_else(|| format!("{}-{}", camera.name, projector.name), |p| p.name.clone());
             let (left, right) = (camera.name.clone(), projector.name.clone());
             pairs.push(Pair { name, left, right: right.clone(), projector: right });
         }
@@ -214,11 +221,15 @@ fn view<'a>(views: &'a [DecodedView], projector: &str, camera: &str) -> Result<&
 fn match_pair(rig: &Rig, pair: &Pair, index: u32, views: &[DecodedView]) -> Result<PairCloud> {
     let camera = |name: &str| rig.camera(name).with_context(|| format!("no camera \"{name}\" in the rig"));
     let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
-    let (left, right) = (view(views, &pair.projector, &pair.left)?, view(views, &pair.projector, &pair.right)?);
-    let axis = matcher.best_axis(&left.maps.iter().map(|(map, _)| map.view()).collect::<Vec<_>>());
+    let (left, right) =
+        (view(views, &pair.projector, &pair.left)?, view(views, &pair.projector, &pair.right)?);
+    let maps: Vec<_> = left.maps.iter().map(|(map, _)| map.view()).collect();
+    // Without a valid pixel any axis will do: there is nothing to match.
+    let axis = matcher.best_axis(&maps).or(maps.first().map(|map| map.info.axis)).unwrap_or(Axis::X);
     let map = |view: &'_ DecodedView| -> Result<PhaseMap> {
-        let axis = axis.with_context(|| format!("camera \"{}\" has no phase", view.camera))?;
-        view.map(axis).cloned().with_context(|| format!("camera \"{}\" has no phase along {axis:?}", view.camera))
+        view.map(axis)
+            .cloned()
+            .with_context(|| format!("camera \"{}\" has no phase along {axis:?}", view.camera))
     };
     let (left, right) = (map(left)?, map(right)?);
     let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
@@ -254,7 +265,13 @@ fn write_cloud(args: &Args, recording: &Recording, rig_file: &RigFile, points: &
     Ok(rig::ply::write_cloud(&args.out, points, &comments)?)
 }
 
-fn print_report(views: &[DecodedView], clouds: &[PairCloud], fusion: &FusionReport, points: usize, args: &Args) {
+fn print_report(
+    views: &[DecodedView],
+    clouds: &[PairCloud],
+    fusion: &FusionReport,
+    points: usize,
+    args: &Args,
+) {
     for line in lines(views) {
         println!("{line}");
     }

@@ -47,7 +47,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let scene = load_scene(args.scene.as_deref(), twin_config)?;
     let settings = settings(args, &config, twin_config)?;
-    let twin = Twin::new(&scene, settings, &twin_config.rig).with_context(|| args.config.display().to_string())?;
+    let twin =
+        Twin::new(&scene, settings, &twin_config.rig).with_context(|| args.config.display().to_string())?;
     let truth_path = truth_path(&args.out);
     let count = write_recording(args, &config, &twin)?;
     rig::atomic::write(&truth_path, truth_text(&scene, &twin, args.cycle).as_bytes())?;
@@ -162,11 +163,8 @@ impl Buffer {
 fn truth_text(scene: &Scene, twin: &Twin, cycle: u64) -> String {
     let pose = twin.pose(cycle);
     let rotation = pose.rotation.to_rotation_matrix();
-    let rows: Vec<String> = rotation
-        .matrix()
-        .row_iter()
-        .map(|r| format!("[{:?}, {:?}, {:?}]", r[0], r[1], r[2]))
-        .collect();
+    let rows: Vec<String> =
+        rotation.matrix().row_iter().map(|r| format!("[{:?}, {:?}, {:?}]", r[0], r[1], r[2])).collect();
     let t = pose.translation.vector;
     let mut text = format!(
         "format = \"fringecell-truth/1\"\nscene = {:?}\ncycle = {cycle}\nworld_from_part = {{ rotation = [{}], \

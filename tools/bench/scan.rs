@@ -29,7 +29,8 @@ pub fn scan(twin: &Twin, rig: &Rig, sequence: &[PatternSet], cycle: u64) -> Resu
             let left = decode(twin, &pair.left, &pair.projector, rig, sequence, cycle)?;
             let right = decode(twin, &pair.right, &pair.projector, rig, sequence, cycle)?;
             let camera = |name: &str| rig.camera(name).context("a pair of the rig names its cameras");
-            let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
+            let mut matcher =
+                Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
             let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
             let report = matcher.run(&left.view(), &right.view(), index as u32, &mut points)?;
             points.truncate(report.points as usize);

@@ -89,7 +89,8 @@ fn measure(width_px: u32, height_px: u32, threads: usize, repeats: usize, bandwi
         })
         .collect::<Result<Vec<Buffer>>>()?;
     let settings = DecodeSettings::default();
-    let mut decoder = Decoder::new(&sequence, width_px, height_px, view.full_scale_dn(), extent_px, &settings)?;
+    let mut decoder =
+        Decoder::new(&sequence, width_px, height_px, view.full_scale_dn(), extent_px, &settings)?;
     let mut map = PhaseMap::new(decoder.info(Axis::X)?);
     let (mut push, mut finish) = (Vec::new(), Vec::new());
     for _ in 0..repeats {
