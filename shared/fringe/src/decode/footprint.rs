@@ -17,7 +17,8 @@
 //! ```
 //!
 //! is a straight line against |∇φ|². The constant holds the projector's contrast and blur, which do not depend on the
-//! camera. Where the surface is all of one slope there is no line, but nothing to correct either.
+//! camera. The estimate is joined with what is known of lenses, by inverse variance. Where the surface is all of one slope
+//! there is no line, but nothing to correct either.
 //!
 //! Derivatives are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth.
 
@@ -48,10 +49,15 @@ const RATIO: f64 = 1.3;
 const GROUPS: usize = 8;
 /// Fewer pixels in a group of a bin say nothing.
 const LEAST_IN_GROUP: u32 = 20;
-/// An estimate below so many standard uncertainties is not told from zero.
-const SIGNIFICANT: f64 = 3.0;
-/// Beyond a variance of this, px², the expansion to second order does not hold and the image is out of focus.
-const MOST_PX2: f64 = 1.0;
+/// What is known before the frames are asked: the area of a pixel (1/12 px²) and a lens in focus (0.2 to 0.5 px), and
+/// its standard uncertainty. The frames outweigh it where they show slopes and little noise; it holds the estimate
+/// where light between surfaces, which steep places get more of, bends the line.
+const LENS_PX2: f64 = 0.2;
+const LENS_U_PX2: f64 = 0.12;
+/// A variance below this, px², moves no phase that could be measured.
+const LEAST_PX2: f64 = 0.005;
+/// Beyond this the expansion to second order does not hold and the image is out of focus.
+const MOST_PX2: f64 = 0.6;
 /// Rows of one parallel job; a multiple of `GROUPS`.
 const ROWS: usize = 16;
 
@@ -172,8 +178,9 @@ impl Footprint {
             count += 1;
         }
         let (slope, u_slope) = line(&places[..count])?;
-        let variance_px2 = -2.0 * slope;
-        (variance_px2 > SIGNIFICANT * 2.0 * u_slope).then_some(variance_px2.min(MOST_PX2))
+        let (told, known) = (1.0 / (4.0 * u_slope * u_slope), 1.0 / (LENS_U_PX2 * LENS_U_PX2));
+        let variance_px2 = (told * -2.0 * slope + known * LENS_PX2) / (told + known);
+        (variance_px2 > LEAST_PX2).then_some(variance_px2.min(MOST_PX2))
     }
 
     /// Removes the bias of a footprint from the phase; its noise grows by some per cent, which the uncertainty tells.
