@@ -80,6 +80,7 @@ fn feature(feature: &inspection::FeatureResult) -> FeatureResult {
         upper: Some(feature.upper).filter(|u| u.is_finite()),
         verdict: verdict(feature.verdict),
         reason: feature.reason.clone(),
+        detail: feature.detail(),
     }
 }
 

@@ -65,6 +65,9 @@ pub struct FeatureResult {
     /// Why there is no value.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// How the value is defined and what else was seen, where the name does not say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub detail: Option<String>,
 }
 
 /// Times of one stage in one cycle.
@@ -119,6 +122,7 @@ mod tests {
                 upper: Some(22.0),
                 verdict: Some(ResultVerdict::Pass),
                 reason: None,
+                detail: None,
             }],
             stages: vec![StageResult { name: "decode cam1".into(), wait_ns: 1, compute_ns: u64::MAX }],
             latency_ns: Some(5),

@@ -284,9 +284,11 @@ fn feature(raw: RawFeature, elements: &Lookup) -> Result<Feature, PlanError> {
             let quantity = Quantity::CentreDistance(elements.two(&place, "sphere", &names)?);
             tolerated(&place, name, quantity, nominal_mm, tolerance_mm, u_system_mm)
         }
-        RawFeature::PlaneFlatness { name, element, limit_mm, u_system_mm } => {
+        RawFeature::PlaneFlatness { name, element, limit_mm, filter_mm, u_system_mm } => {
             let place = within(&name);
-            let quantity = Quantity::PlaneFlatness(elements.find(&place, "element", "plane", &element)?);
+            let plane = elements.find(&place, "element", "plane", &element)?;
+            let filter_mm = filter_mm.map(|edge| place.positive("filter_mm", edge)).transpose()?;
+            let quantity = Quantity::PlaneFlatness { plane, filter_mm };
             let limit = place.positive("limit_mm", limit_mm)?;
             tolerated(&place, name, quantity, 0.0, [0.0, limit], u_system_mm)
         }

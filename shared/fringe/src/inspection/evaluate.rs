@@ -4,12 +4,13 @@ use nalgebra::Vector4;
 
 use super::MeasureError;
 use super::align::{Found, align, describe};
+use super::filter::filtered;
 use super::flatness::u_range_mm;
 use super::measure::{Measured, REACH_MARGINS, gather, measure};
 use super::plan::{Feature, Plan, Quantity};
 use super::pose::Pose;
 use super::region::Region;
-use super::result::{ElementResult, FeatureResult, FittedElement, InspectionResult};
+use super::result::{ElementResult, FeatureResult, FittedElement, FlatnessFilter, InspectionResult};
 use super::verdict::{Verdict, decide, overall};
 use crate::cloud::Point;
 use crate::fit::{Form, PlaneFit, Residuals, SphereFit};
@@ -72,7 +73,7 @@ fn element_result(name: &str, outcome: Outcome) -> ElementResult {
                 FittedElement::Sphere(sphere) => sphere.residuals = Residuals::default(),
                 FittedElement::Plane(plane) => plane.residuals = Residuals::default(),
             }
-            let Measured { fit, points } = measured;
+            let Measured { fit, points, .. } = measured;
             ElementResult { name: name.into(), fit: Some(fit), reason: None, points }
         }
         Err(reason) => {
@@ -86,6 +87,8 @@ struct Reading {
     value: f64,
     u_noise: f64,
     form_sigma_mm: Option<f64>,
+    form_range_mm: Option<f64>,
+    filter: Option<FlatnessFilter>,
     points: usize,
     rejected: usize,
 }
@@ -96,6 +99,8 @@ impl Reading {
             value,
             u_noise,
             form_sigma_mm: None,
+            form_range_mm: None,
+            filter: None,
             points: forms.iter().map(|f| f.points).sum(),
             rejected: forms.iter().map(|f| f.rejected).sum(),
         }
@@ -118,6 +123,8 @@ fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome]) -> FeatureResul
         u_noise: None,
         u_system: feature.u_system,
         form_sigma_mm: None,
+        form_range_mm: None,
+        filter: None,
         points: 0,
         rejected: 0,
         reason: None,
@@ -126,13 +133,16 @@ fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome]) -> FeatureResul
         Ok(found) if found.value.is_finite() && found.u_noise.is_finite() => {
             let u = (found.u_noise * found.u_noise + feature.u_system * feature.u_system).sqrt();
             // No range lies below zero, so a flatness has no lower limit to prove.
-            let lower = (!matches!(feature.quantity, Quantity::PlaneFlatness(_))).then_some(feature.lower);
+            let lower =
+                (!matches!(feature.quantity, Quantity::PlaneFlatness { .. })).then_some(feature.lower);
             result.verdict = decide(found.value, u, plan.settings.guard_factor, lower, feature.upper);
             result.value = Some(found.value);
             result.deviation = Some(found.value - feature.nominal);
             result.u = Some(u);
             result.u_noise = Some(found.u_noise);
             result.form_sigma_mm = found.form_sigma_mm;
+            result.form_range_mm = found.form_range_mm;
+            result.filter = found.filter;
             result.points = found.points;
             result.rejected = found.rejected;
         }
@@ -148,6 +158,11 @@ fn sphere(elements: &[Outcome], index: usize) -> Result<&SphereFit, String> {
         Some(Err(reason)) => Err(reason.clone()),
         _ => Err(format!("element {index} is no sphere")),
     }
+}
+
+/// Where in its plane an element's points lie.
+fn places(elements: &[Outcome], index: usize) -> &[[f64; 2]] {
+    elements.get(index).and_then(|e| e.as_ref().ok()).map_or(&[], |measured| &measured.across_mm)
 }
 
 fn plane(elements: &[Outcome], index: usize) -> Result<&PlaneFit, String> {
@@ -166,7 +181,11 @@ fn quantity(quantity: &Quantity, elements: &[Outcome]) -> Result<Reading, String
             Reading::new(fit.diameter_mm, fit.u_diameter_mm, &[&fit.form])
         }
         Quantity::CentreDistance([a, b]) => centre_distance(sphere(elements, a)?, sphere(elements, b)?),
-        Quantity::PlaneFlatness(index) => flatness(plane(elements, index)?),
+        Quantity::PlaneFlatness { plane: index, filter_mm: None } => flatness(plane(elements, index)?),
+        Quantity::PlaneFlatness { plane: index, filter_mm: Some(edge_mm) } => {
+            filtered_flatness(plane(elements, index)?, places(elements, index), edge_mm)
+                .map_err(|error| error.to_string())?
+        }
         Quantity::PlaneDistance([a, b]) => plane_distance(plane(elements, a)?, plane(elements, b)?),
         Quantity::PlaneAngle { planes: [a, b], supplement } => {
             plane_angle(plane(elements, a)?, plane(elements, b)?, supplement)
@@ -193,7 +212,19 @@ fn flatness(fit: &PlaneFit) -> Reading {
     let independent = form.form_sigma_mm * form.form_sigma_mm / form.points.max(1) as f64;
     let effect = if independent > 0.0 { fit.u_centroid_mm * fit.u_centroid_mm / independent } else { 1.0 };
     let u = u_range_mm(&fit.residuals.deviation_mm, form.rejected, effect);
-    Reading { form_sigma_mm: Some(form.form_sigma_mm), ..Reading::new(form.form_range_mm, u, &[form]) }
+    unfiltered(form, Reading::new(form.form_range_mm, u, &[form]))
+}
+
+/// Range of the cell means; see [`filtered`].
+fn filtered_flatness(fit: &PlaneFit, across_mm: &[[f64; 2]], edge_mm: f64) -> Result<Reading, MeasureError> {
+    let found = filtered(across_mm, &fit.residuals.deviation_mm, edge_mm)?;
+    let reading = Reading::new(found.range_mm, found.u_mm, &[&fit.form]);
+    Ok(unfiltered(&fit.form, Reading { filter: Some(found.report), ..reading }))
+}
+
+/// A flatness with what its single points show beside it.
+fn unfiltered(form: &Form, reading: Reading) -> Reading {
+    Reading { form_sigma_mm: Some(form.form_sigma_mm), form_range_mm: Some(form.form_range_mm), ..reading }
 }
 
 /// n₁ · (x̄₂ − plane 1); both planes' places at x̄₂ are uncertain.

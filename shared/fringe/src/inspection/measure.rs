@@ -42,6 +42,8 @@ pub(super) struct Sample {
 pub(super) struct Measured {
     pub fit: FittedElement,
     pub points: Vec<DeviationPoint>,
+    /// Of a plane, for each point: place along the element's two directions from its nominal point, mm.
+    pub across_mm: Vec<[f64; 2]>,
 }
 
 /// One pass over the cloud: the points near each region, in the part frame, in the order of the cloud.
@@ -139,7 +141,8 @@ pub(super) fn measure(
     let found = fit(element, &positions(samples, &chosen), Some(cluster_mm))?;
     check(element, &found)?;
     let points = deviations(&nominal, &found, samples, &chosen);
-    Ok(Measured { fit: found, points })
+    let across_mm = across(&nominal, samples, &chosen);
+    Ok(Measured { fit: found, points, across_mm })
 }
 
 /// The chosen ones among every k-th sample, k such that `most` of all samples remain. The choice hangs on the samples'
@@ -193,6 +196,13 @@ fn check(element: &Element, fit: &FittedElement) -> Result<(), MeasureError> {
         return Err(MeasureError::Displaced { element: name(), shift_mm, limit_mm });
     }
     Ok(())
+}
+
+/// Places of the chosen points in a plane; empty for a sphere.
+fn across(nominal: &Region, samples: &[Sample], chosen: &[u32]) -> Vec<[f64; 2]> {
+    let Geometry::Plane { point_mm, edges, .. } = &nominal.geometry else { return Vec::new() };
+    let arms = chosen.iter().map(|place| samples[*place as usize].position - point_mm.coords);
+    arms.map(|arm| edges.map(|edge| edge.dot(&arm))).collect()
 }
 
 /// Deviations of the chosen points from the fit and from the nominal geometry.

@@ -8,6 +8,7 @@
 mod align;
 mod check;
 mod evaluate;
+mod filter;
 mod flatness;
 mod measure;
 mod plan;
@@ -25,7 +26,8 @@ pub use plan::{
     Settings,
 };
 pub use result::{
-    AlignmentResult, DeviationPoint, ElementResult, FeatureResult, FittedElement, InspectionResult,
+    AlignmentResult, DeviationPoint, ElementResult, FeatureResult, FittedElement, FlatnessFilter,
+    InspectionResult,
 };
 pub use verdict::{Verdict, decide};
 
@@ -85,6 +87,24 @@ pub enum MeasureError {
         element: String,
         /// Why.
         source: FitError,
+    },
+    /// The filter of a flatness leaves too little to judge its noise by.
+    #[error(
+        "flatness filter: filter_mm = {filter_mm} mm leaves {cells} cells of {fewest_points} or more points in each quarter and \
+         {blocks} blocks of 2 × 2 of them, needs at least {needs} blocks: a smaller filter_mm, or a larger or more \
+         densely measured element"
+    )]
+    FilteredAway {
+        /// Nesting index.
+        filter_mm: f64,
+        /// Cells with enough points.
+        cells: usize,
+        /// Points that are enough in a quarter.
+        fewest_points: usize,
+        /// Blocks of 2 × 2 such cells.
+        blocks: usize,
+        /// Fewest blocks.
+        needs: usize,
     },
     /// The part lies farther off than the plan allows.
     #[error(

@@ -170,14 +170,24 @@ pub struct Element {
 }
 
 /// What a feature measures; the numbers are indices of elements.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Quantity {
     /// Diameter of the least-squares sphere.
     SphereDiameter(usize),
     /// Distance between the centres of two least-squares spheres.
     CentreDistance([usize; 2]),
-    /// Range of the distances from the least-squares plane, after the element's stated rejection.
-    PlaneFlatness(usize),
+    /// Peak-to-valley flatness about the least-squares plane (FLTt, LSPL of ISO 12781-1).
+    PlaneFlatness {
+        /// Plane element.
+        plane: usize,
+        /// Nesting index, mm: the range is that of the means over squares of this edge, about the least-squares plane
+        /// of the means. The squares lie along the element's directions from its nominal point; those with fewer than
+        /// [`FlatnessFilter::fewest_points`](super::FlatnessFilter::fewest_points) points in one of their quarters are
+        /// left out. A wave of 1.66 edges passes by half.
+        /// `None`: the range is that of the single points, after the element's stated rejection; it then measures
+        /// their noise and their number more than the form.
+        filter_mm: Option<f64>,
+    },
     /// From the first plane to the centroid of the points of the second, along the first plane's normal.
     PlaneDistance([usize; 2]),
     /// Angle between the normals of two planes; the supplement to 180° when `supplement` is set.

@@ -111,6 +111,7 @@ pub(super) enum RawFeature {
         name: String,
         element: String,
         limit_mm: f64,
+        filter_mm: Option<f64>,
         #[serde(default)]
         u_system_mm: f64,
     },

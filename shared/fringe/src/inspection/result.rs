@@ -84,6 +84,27 @@ pub struct ElementResult {
     pub points: Vec<DeviationPoint>,
 }
 
+/// What the filter of a flatness did.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FlatnessFilter {
+    /// What the value is, in words.
+    pub definition: &'static str,
+    /// Nesting index: edge of the cells, mm.
+    pub filter_mm: f64,
+    /// Cells behind the value.
+    pub cells: usize,
+    /// Cells with some points, but too few in one of their quarters.
+    pub cells_left_out: usize,
+    /// Points in them.
+    pub points_left_out: usize,
+    /// Fewest points of each quarter of a cell: a sixteenth of the median over the cells that hold any, and at least 2.
+    pub fewest_points: usize,
+    /// Standard uncertainty of a cell's mean, root mean square over the cells, mm.
+    pub u_cell_mm: f64,
+    /// Range that noise alone would show on a perfect plane, mm: the value is too large by zero up to this much.
+    pub noise_range_mm: f64,
+}
+
 /// A feature: value, uncertainty, verdict, or the reason why there is none.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FeatureResult {
@@ -109,12 +130,44 @@ pub struct FeatureResult {
     pub u_noise: Option<f64>,
     /// Standard uncertainty that the plan states for everything that scatter does not show.
     pub u_system: f64,
-    /// Of a flatness: sample standard deviation of the residuals, mm (the value itself is a range).
+    /// Of a flatness: sample standard deviation of the residuals of the points used, unfiltered, mm.
     pub form_sigma_mm: Option<f64>,
+    /// Of a flatness: range of the residuals of the points used, unfiltered, mm; the value itself without a filter.
+    pub form_range_mm: Option<f64>,
+    /// Of a filtered flatness: what the filter did.
+    pub filter: Option<FlatnessFilter>,
     /// Points behind the value.
     pub points: usize,
     /// Points rejected by the stated fractions.
     pub rejected: usize,
     /// Why it was not measured.
     pub reason: Option<String>,
+}
+
+impl FeatureResult {
+    /// Of a flatness: its definition, what the filter did, and what the single points show. Lengths in mm.
+    pub fn detail(&self) -> Option<String> {
+        let (range_mm, sigma_mm) = (self.form_range_mm?, self.form_sigma_mm?);
+        let unfiltered = format!("single points: range {range_mm:.4} mm, sigma {sigma_mm:.4} mm");
+        let Some(filter) = &self.filter else {
+            return Some(format!(
+                "range of the points used about their least-squares plane, unfiltered; {unfiltered}"
+            ));
+        };
+        let FlatnessFilter {
+            definition,
+            filter_mm,
+            fewest_points,
+            cells,
+            cells_left_out,
+            points_left_out,
+            ..
+        } = filter;
+        Some(format!(
+            "{definition}; filter_mm {filter_mm}, fewest_points {fewest_points}: {cells} squares, left out \
+             {cells_left_out} with {points_left_out} points; a mean is uncertain by {:.4} mm, a perfect plane would \
+             show {:.4} mm; {unfiltered}",
+            filter.u_cell_mm, filter.noise_range_mm
+        ))
+    }
 }

@@ -19,7 +19,7 @@ impl From<&FeatureResult> for FeatureRow {
         let has_limits = feature.lower.is_some() || feature.upper.is_some();
         Self {
             name: feature.name.clone(),
-            detail: feature.reason.clone().unwrap_or_default(),
+            detail: feature.reason.as_ref().or(feature.detail.as_ref()).cloned().unwrap_or_default(),
             unit: feature.unit.clone(),
             value: feature.value.unwrap_or(f64::NAN),
             standard_uncertainty: feature.u,
@@ -103,6 +103,7 @@ mod tests {
             upper: Some(1.0),
             verdict: None,
             reason: Some("12 points, at least 100 needed".to_owned()),
+            detail: Some("of all points".to_owned()),
         };
         let row = FeatureRow::from(&feature);
         assert!(row.value.is_nan());
@@ -110,6 +111,8 @@ mod tests {
             (row.verdict, row.detail.as_str()),
             (Some(Verdict::NoResult), "12 points, at least 100 needed")
         );
+        feature.reason = None;
+        assert_eq!(FeatureRow::from(&feature).detail, "of all points");
         feature.upper = None;
         assert_eq!(FeatureRow::from(&feature).verdict, None);
     }

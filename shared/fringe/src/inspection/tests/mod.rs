@@ -2,4 +2,5 @@
 
 mod artefact;
 mod clouds;
+mod flatness;
 mod plans;

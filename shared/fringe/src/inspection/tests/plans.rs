@@ -42,6 +42,15 @@ nominal_mm = 60.0
 tolerance_mm = [-0.1, 0.2]
 "#;
 
+/// A flatness before the first feature.
+fn flatness(filter_mm: f64) -> String {
+    let edge = if filter_mm.is_nan() { "nan".into() } else { format!("{filter_mm:?}") };
+    format!(
+        "[[feature]]\nkind = \"plane-flatness\"\nname = \"flat\"\nelement = \"table\"\nlimit_mm = 0.1\n\
+         filter_mm = {edge}\n[[feature]]"
+    )
+}
+
 #[test]
 fn a_plan_becomes_limits_and_indices() {
     let plan = Plan::from_toml(SMALL).unwrap();
@@ -53,7 +62,7 @@ fn a_plan_becomes_limits_and_indices() {
 
 #[test]
 fn wrong_plans_are_refused_with_place_key_and_limit() {
-    let table: [(&str, &str, &[&str]); 22] = [
+    let table: [(&str, &str, &[&str]); 24] = [
         (
             "format = \"fringecell-plan/1\"",
             "format = \"fringecell-plan/2\"",
@@ -100,6 +109,8 @@ fn wrong_plans_are_refused_with_place_key_and_limit() {
         ("tolerance_mm = [-0.1, 0.2]", "tolerance_mm = [0.2, -0.1]", &["feature \"spacing\"", "tolerance"]),
         ("search_deg = 4.0", "search_deg = 400.0", &["alignment", "search_deg = 400"]),
         ("[[feature]]", "[[element]]", &["centre-distance"]),
+        ("[[feature]]", &flatness(0.0), &["feature \"flat\"", "filter_mm = 0"]),
+        ("[[feature]]", &flatness(f64::NAN), &["feature \"flat\"", "filter_mm = NaN"]),
     ];
     for (good, bad, words) in table {
         assert!(SMALL.contains(good), "{good}");
