@@ -8,13 +8,13 @@ use anyhow::{Context, Result};
 use fringe::cloud::Point;
 use fringe::decode::{DecodeSettings, Decoder};
 use fringe::matching::{MatchSettings, Matcher};
-use fringe::pattern::{Axis, frame_count};
+use fringe::pattern::{Axis, PatternSet, frame_count};
 use fringe::phase::PhaseMap;
 use rig::config::Config;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
-use twin::{Twin, TwinSettings};
+use twin::{Twin, TwinSettings, View};
 
 /// Arguments of `bench speed`.
 #[derive(clap::Args)]
@@ -80,14 +80,7 @@ fn measure(width_px: u32, height_px: u32, threads: usize, repeats: usize, bandwi
     let extent_px = [608, 684];
 
     let view = twin.view_lit_by(&pair.left, &[pair.projector.as_str()], 0)?;
-    let mut renderer = twin.renderer(&pair.projector, &sequence)?;
-    let frames = (0..frame_count(&sequence))
-        .map(|frame| {
-            let mut buffer = Buffer::new(&view);
-            renderer.render(&view, frame, buffer.pixels_mut())?;
-            Ok(buffer)
-        })
-        .collect::<Result<Vec<Buffer>>>()?;
+    let frames = render(&twin, &view, &pair.projector, &sequence)?;
     let settings = DecodeSettings::default();
     let mut decoder =
         Decoder::new(&sequence, width_px, height_px, view.full_scale_dn(), extent_px, &settings)?;
@@ -135,6 +128,18 @@ fn measure(width_px: u32, height_px: u32, threads: usize, repeats: usize, bandwi
         decode_bytes,
         decode_bandwidth_share: decode_bytes as f64 / decode_s / bandwidth,
     })
+}
+
+/// All frames of a view, before any clock runs.
+fn render(twin: &Twin, view: &View, projector: &str, sequence: &[PatternSet]) -> Result<Vec<Buffer>> {
+    let mut renderer = twin.renderer(projector, sequence)?;
+    (0..frame_count(sequence))
+        .map(|frame| {
+            let mut buffer = Buffer::new(view);
+            renderer.render(view, frame, buffer.pixels_mut())?;
+            Ok(buffer)
+        })
+        .collect()
 }
 
 /// Bytes moved per second by a copy between buffers far larger than any cache, read and write counted.
