@@ -1,10 +1,10 @@
 //! The capture process of one camera: exposes on a trigger, straight into shared memory.
 
+use crate::cycle_number::unwire;
 use crate::drivers::{self, Camera, Format};
-use crate::graph;
+use crate::kernels;
+use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, Worker};
-use crate::supervisor::cycle::unwire;
-use crate::supervisor::schedule::Work;
 use anyhow::Result;
 use ipc::IpcError;
 use ipc::header::{Frame, Trigger};
@@ -42,7 +42,7 @@ impl Capture {
             Ok(Light {
                 projector,
                 frames: p.frames,
-                format: Format::of(graph::full_scale_dn(&cell.config, projector, camera)?),
+                format: Format::of(kernels::full_scale_dn(&cell.config, projector, camera)?),
                 triggers: link.inbox(&format!("trigger/{}", p.name))?,
                 next: 0,
             })

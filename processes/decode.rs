@@ -1,9 +1,9 @@
 //! The decode process of one camera: takes frames as they land, gives absolute phase.
 
-use crate::graph::{self, Cell};
+use crate::kernels::decoder;
+use crate::schedule::{Work, axes_taken};
 use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
-use crate::supervisor::schedule::{Work, axes_taken};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use fringe::decode::Decoder;
 use fringe::pattern::Axis;
 use ipc::IpcError;
@@ -29,15 +29,6 @@ pub struct Decode {
     lights: Vec<Light>,
     frames: Inbox<Frame>,
     phases: Publisher<Phase>,
-}
-
-/// The decoder of a camera under a projector.
-pub fn decoder(cell: &Cell, projector: usize, camera: usize) -> Result<Decoder> {
-    let (light, node) = (&cell.config.projectors[projector], &cell.graph.cameras[camera]);
-    let full_scale_dn = graph::full_scale_dn(&cell.config, projector, camera)?;
-    let extent_px = [light.width_px, light.height_px];
-    Decoder::new(&light.sequence, node.width_px, node.height_px, full_scale_dn, extent_px, &cell.decode)
-        .with_context(|| format!("sequence of projector \"{}\"", light.name))
 }
 
 impl Decode {

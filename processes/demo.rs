@@ -1,6 +1,6 @@
 //! `fringecell demo`: the cell of `configs/demo.toml`, which the binary carries with it, measured against the truth.
 
-use crate::graph;
+use crate::kernels;
 use crate::print;
 use crate::run::{self, RunArgs};
 use anyhow::{Context, Result};
@@ -47,7 +47,7 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         cell: Some(args.cell.clone()),
     };
     // The only place where the truth of the scene is looked at; what measures never sees it.
-    let truth = graph::scene(&rig::config::Config::load(&config)?)?.truth().clone();
+    let truth = kernels::scene(&rig::config::Config::load(&config)?)?.truth().clone();
     let code = run::run(&run_args, Some(&truth))?;
     let folder = args.out.canonicalize().unwrap_or_else(|_| args.out.clone());
     print::say(&format!("files in {}:\n{GUIDE}", folder.display()));

@@ -1,7 +1,7 @@
 //! The fusion process: joins the clouds of all pairs in the world frame.
 
+use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
-use crate::supervisor::schedule::Work;
 use anyhow::Result;
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;

@@ -1,16 +1,15 @@
-//! From the configuration to the graph of the cell, and to the settings of its kernels.
+//! From the configuration to the graph of the cell and its schedule.
 
-use crate::supervisor::schedule::{CameraNode, Graph, PairNode, ProjectorNode, Right, Schedule};
+use crate::schedule::{CameraNode, Graph, PairNode, ProjectorNode, Right, Schedule};
 use anyhow::{Context, Result, anyhow};
 use fringe::decode::DecodeSettings;
 use fringe::fusion::FusionSettings;
 use fringe::inspection::Plan;
 use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet, frame_count};
-use rig::config::{Config, Driver};
+use rig::config::Config;
 use std::collections::BTreeSet;
 use std::path::Path;
-use twin::{Scene, Twin, TwinSettings};
 
 /// A configuration with everything that follows from it.
 #[derive(Debug, Clone)]
@@ -111,77 +110,4 @@ fn sine_axes(sequence: &[PatternSet]) -> Vec<Axis> {
     let sines = sequence.iter().filter(|set| matches!(set, PatternSet::Sine { .. }));
     let axes: BTreeSet<Axis> = sines.filter_map(PatternSet::axis).collect();
     axes.into_iter().collect()
-}
-
-/// The scene of the twin, with its meshes.
-///
-/// # Errors
-/// A scene that cannot be used; the message names the file.
-pub fn scene(config: &Config) -> Result<Scene> {
-    let twin = config.twin.as_ref().ok_or_else(|| anyhow!("the configuration has no [twin]"))?;
-    let folder = twin.scene.path.parent().unwrap_or(Path::new("."));
-    let mut load = |file: &str| std::fs::read(folder.join(file)).map_err(|e| e.to_string());
-    Scene::parse(&twin.scene.text, &mut load).with_context(|| twin.scene.path.display().to_string())
-}
-
-/// Settings of the twin.
-///
-/// # Errors
-/// Unknown keys or values out of range.
-pub fn twin_settings(config: &Config) -> Result<TwinSettings> {
-    let twin = config.twin.as_ref().ok_or_else(|| anyhow!("the configuration has no [twin]"))?;
-    let written: TwinSettings = config.document.typed("twin.settings", twin.settings.clone())?;
-    let settings = TwinSettings { seed: twin.seed, ..written };
-    settings.check().with_context(|| config.document.path.display().to_string())?;
-    Ok(settings)
-}
-
-/// The twin.
-///
-/// # Errors
-/// As [`scene`] and [`twin_settings`], or a rig without projectors.
-pub fn twin(config: &Config) -> Result<Twin> {
-    let rig = &config.twin.as_ref().ok_or_else(|| anyhow!("the configuration has no [twin]"))?.rig;
-    Ok(Twin::new(&scene(config)?, twin_settings(config)?, rig)?)
-}
-
-/// The grey value at which a camera is full while a projector is on.
-///
-/// # Errors
-/// A recording that does not hold them.
-pub fn full_scale_dn(config: &Config, projector: usize, camera: usize) -> Result<u16> {
-    let (projector, camera) = (&config.projectors[projector], &config.cameras[camera]);
-    match camera.driver {
-        Driver::Twin => Ok(twin_settings(config)?.full_scale_dn()),
-        Driver::Recording => {
-            let recording =
-                config.recording.as_ref().ok_or_else(|| anyhow!("the configuration has no [recording]"))?;
-            let seen = recording.recording.projector(&projector.name).and_then(|p| p.camera(&camera.name));
-            seen.map(|c| c.full_scale_dn).ok_or_else(|| {
-                anyhow!("the recording has no frames of \"{}\" under \"{}\"", camera.name, projector.name)
-            })
-        }
-    }
-}
-
-/// Builds what the stages will build, to find out before a process starts whether it can be built.
-///
-/// # Errors
-/// Settings that a kernel refuses, cameras that make no pair, a scene that cannot be traced.
-pub fn rehearse(cell: &Cell) -> Result<()> {
-    let at = || cell.config.document.path.display().to_string();
-    for (number, projector) in cell.graph.projectors.iter().enumerate() {
-        for &camera in &projector.cameras {
-            crate::decode::decoder(cell, number, camera).with_context(at)?;
-        }
-    }
-    for pair in 0..cell.graph.pairs.len() {
-        crate::matching::matcher(cell, pair)
-            .with_context(|| format!("pair \"{}\"", cell.graph.pairs[pair].name))
-            .with_context(at)?;
-    }
-    if cell.config.twin.is_some() {
-        twin(&cell.config).with_context(at)?;
-    }
-    Ok(())
 }

@@ -1,7 +1,8 @@
 //! The inspection process: measures the features of the plan on the fused cloud and judges them.
 
+use crate::judgement::Judgement;
+use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
-use crate::supervisor::schedule::Work;
 use anyhow::Result;
 use fringe::inspection::{self, Plan, Verdict, evaluate};
 use ipc::IpcError;
@@ -10,18 +11,6 @@ use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Publisher, Received};
 use rig::result::{FeatureResult, ResultVerdict};
-use serde::{Deserialize, Serialize};
-
-/// What the inspection tells the supervisor about a cycle.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Judgement {
-    /// Absent without plan.
-    pub verdict: Option<ResultVerdict>,
-    /// In the order of the plan.
-    pub features: Vec<FeatureResult>,
-    /// Why the part was not found.
-    pub alignment_failure: Option<String>,
-}
 
 /// State of the inspection.
 pub struct Inspection {

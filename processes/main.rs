@@ -5,12 +5,15 @@
 
 mod capture;
 mod client;
+mod cycle_number;
 mod decode;
 mod demo;
 mod drivers;
 mod fusion;
 mod graph;
 mod inspection;
+mod judgement;
+mod kernels;
 mod matching;
 mod output;
 mod plan_table;
@@ -18,7 +21,9 @@ mod print;
 mod projection;
 mod record;
 mod run;
+mod schedule;
 mod stage;
+mod stages;
 mod supervisor;
 
 use anyhow::Result;
@@ -94,7 +99,7 @@ fn execute(command: &Command) -> Result<u8> {
     let text = match command {
         Command::Demo(args) => return demo::demo(args),
         Command::Run(args) => return run::run(args, None),
-        Command::Stage(args) => return stage::run(args).map(|()| 0),
+        Command::Stage(args) => return stages::run(args).map(|()| 0),
         Command::Schedule { config } => {
             let cell = graph::load(config, &graph::Options::default())?;
             plan_table::render(&cell)

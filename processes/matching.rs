@@ -1,28 +1,19 @@
 //! The matching process of one pair: takes its phases, gives its cloud.
 
-use crate::graph::Cell;
+use crate::kernels::{Method, matcher};
+use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
-use crate::supervisor::schedule::{Right, Work};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use fringe::cloud::Point;
-use fringe::matching::{MatchError, Matcher};
+use fringe::matching::MatchError;
 use fringe::pattern::Axis;
 use fringe::phase::PhaseView;
-use fringe::projector::{ProjectorMatcher, ProjectorSettings};
 use ipc::IpcError;
 use ipc::header::{Cloud, Phase};
 use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Publisher, Received};
 use xxhash_rust::xxh3::xxh3_128;
-
-/// Either approach of the thesis.
-pub enum Method {
-    /// Approach 2: two cameras.
-    Stereo(Box<Matcher>),
-    /// The conventional one: a camera and the projector.
-    Projector(Box<ProjectorMatcher>),
-}
 
 /// A phase that the pair waits for.
 struct Need {
@@ -41,35 +32,6 @@ pub struct Matching {
     needs: Vec<Need>,
     inboxes: Vec<Inbox<Phase>>,
     clouds: Publisher<Cloud>,
-}
-
-/// The matcher of a pair, and how many points it may give.
-pub fn matcher(cell: &Cell, pair: usize) -> Result<(Method, usize)> {
-    let (names, node) = (&cell.config.rig.pairs[pair], &cell.graph.pairs[pair]);
-    let rig = &cell.config.rig;
-    let left = rig.camera(&names.left).with_context(|| format!("camera \"{}\" is unknown", names.left))?;
-    match node.right {
-        Right::Camera(_) => {
-            let right =
-                rig.camera(&names.right).with_context(|| format!("camera \"{}\" is unknown", names.right))?;
-            let matcher = Matcher::new(left, right, &cell.matching)?;
-            let capacity = matcher.capacity();
-            Ok((Method::Stereo(Box::new(matcher)), capacity))
-        }
-        Right::Projector => {
-            let projector = rig
-                .projector(&names.right)
-                .with_context(|| format!("projector \"{}\" is not in the rig file", names.right))?;
-            let settings = ProjectorSettings {
-                depth_mm: cell.matching.depth_mm,
-                surface: cell.matching.surface,
-                ..ProjectorSettings::default()
-            };
-            let matcher = ProjectorMatcher::new(left, projector, &settings)?;
-            let capacity = matcher.capacity();
-            Ok((Method::Projector(Box::new(matcher)), capacity))
-        }
-    }
 }
 
 impl Matching {

@@ -1,8 +1,8 @@
 //! The files of a run: results, cloud, trace, report.
 
+use crate::cycle_number::wire;
 use crate::graph::Cell;
 use crate::supervisor::collect::{Span, label};
-use crate::supervisor::cycle::wire;
 use crate::supervisor::watch::Watch;
 use anyhow::Result;
 use fringe::cloud::Point;
@@ -206,7 +206,7 @@ fn timeline(cell: &Cell, spans: &[Span], cycle: u64) -> Vec<rig::report::Span> {
 }
 
 fn marks(cell: &Cell, spans: &[Span], cycle: u64) -> Vec<Mark> {
-    use crate::supervisor::schedule::Work;
+    use crate::schedule::Work;
     let ends = |test: fn(&Work) -> bool| {
         let of_cycle = spans.iter().filter(|s| s.cycle == cycle);
         let matching =

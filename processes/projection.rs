@@ -3,8 +3,8 @@
 //! A pattern stands until every camera of its projector has exposed; only then the next one is shown.
 
 use crate::drivers::{self, Projector};
+use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, Worker};
-use crate::supervisor::schedule::Work;
 use anyhow::Result;
 use ipc::IpcError;
 use ipc::header::Trigger;

@@ -1,8 +1,8 @@
 //! The record process: writes what the cameras saw as a recording.
 
+use crate::cycle_number::unwire;
+use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, StageArgs, Worker, lost};
-use crate::supervisor::cycle::unwire;
-use crate::supervisor::schedule::Work;
 use anyhow::{Context, Result};
 use ipc::IpcError;
 use ipc::header::Frame;

@@ -1,6 +1,7 @@
 //! `fringecell run`: a cell from its configuration to its files and its exit code.
 
 use crate::graph::{self, Cell, Options};
+use crate::kernels;
 use crate::output::{self, Run};
 use crate::print;
 use crate::supervisor::{self, Orders, Summary};
@@ -44,7 +45,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         Options { cell: args.cell.clone(), watch: args.out.is_some(), record: args.record.is_some() };
     let cell = graph::load(&config, &options)?;
     ipc::cell::CellName::new(&cell.name)?;
-    graph::rehearse(&cell)?;
+    kernels::rehearse(&cell)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;
     }

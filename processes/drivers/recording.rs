@@ -1,6 +1,6 @@
 //! A camera that plays the frames of a recording, and the pace at which they come.
 
-use super::{Camera, Projector};
+use super::device::{Camera, Projector};
 use crate::graph::Cell;
 use anyhow::{Result, anyhow, bail};
 use fringe::frame::Pixels;

@@ -1,7 +1,8 @@
 //! A camera that looks at the digital twin.
 
-use super::Camera;
-use crate::graph::{self, Cell};
+use super::device::Camera;
+use crate::graph::Cell;
+use crate::kernels;
 use anyhow::{Context, Result};
 use ipc::payload::mono16_mut;
 use twin::{PixelsMut, Renderer, Twin, View};
@@ -21,7 +22,7 @@ impl TwinCamera {
     /// Builds the twin.
     pub fn new(cell: &Cell, camera: usize) -> Result<Self> {
         let config = &cell.config;
-        let twin = graph::twin(config)?;
+        let twin = kernels::twin(config)?;
         let lit = cell.graph.projectors.iter().enumerate().filter(|(_, p)| p.cameras.contains(&camera));
         let lamps = lit
             .map(|(number, p)| Ok((number, twin.renderer(&p.name, &config.projectors[number].sequence)?)))

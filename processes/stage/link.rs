@@ -1,9 +1,10 @@
 //! What every stage shares: its ports to the supervisor, its place in the schedule, its cycle.
 
+use super::args::StageArgs;
+use super::fault::Fault;
 use super::gate::{Gate, Verdict};
-use super::{Fault, StageArgs};
 use crate::graph::Cell;
-use crate::supervisor::schedule::{SUPERVISOR, Topic, Work};
+use crate::schedule::{SUPERVISOR, Topic, Work};
 use anyhow::{Context, Result, anyhow};
 use ipc::IpcError;
 use ipc::cell::CellName;

@@ -1,8 +1,8 @@
 //! What the stages report of a cycle, gathered into its result.
 
-use super::schedule::{Schedule, Work};
 use crate::graph::Cell;
-use crate::inspection::Judgement;
+use crate::judgement::Judgement;
+use crate::schedule::{Schedule, Work};
 use fringe::pattern::Axis;
 use ipc::header::Event;
 use rig::result::{CycleResult, OUTCOME_OK, StageResult};
@@ -153,7 +153,7 @@ fn output(cell: &Cell, work: Work) -> Option<String> {
 }
 
 /// An activation in words: for traces, for messages and for `fringecell schedule`.
-pub fn label(cell_graph: &super::schedule::Graph, work: Work) -> String {
+pub fn label(cell_graph: &crate::schedule::Graph, work: Work) -> String {
     let graph = cell_graph;
     match work {
         Work::Project { projector, frame } => {

@@ -328,16 +328,6 @@ impl Cycles {
     }
 }
 
-/// The number of a cycle in messages: 0 there means "outside of cycles".
-pub fn wire(cycle: u64) -> u64 {
-    cycle + 1
-}
-
-/// Back from [`wire`].
-pub fn unwire(cycle: u64) -> Option<u64> {
-    cycle.checked_sub(1)
-}
-
 #[cfg(test)]
 #[path = "cycle_tests.rs"]
 mod tests;

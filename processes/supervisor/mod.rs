@@ -1,116 +1,28 @@
 //! The supervisor: plans, starts, watches, restarts and stops the stages, and gathers what they measure.
 //!
-//! Its decisions are made in pure modules ([`schedule`], [`cycle`], [`restart`]); this file moves messages between them
-//! and the world. It never blocks on a child: every 20 ms it looks at all of them.
+//! Its decisions are made in pure modules ([`crate::schedule`], [`cycle`], [`restart`]); `state` moves
+//! messages between them and the world. It never blocks on a child: every 20 ms it looks at all of them.
 
 mod children;
 pub mod collect;
 pub mod cycle;
 mod operator;
 pub mod restart;
-pub mod schedule;
 pub mod socket;
 mod start;
+mod state;
 pub mod watch;
 
+pub use start::Orders;
+pub use state::Summary;
+
 use crate::graph::Cell;
-use crate::inspection::Judgement;
 use anyhow::{Context, Result};
-use children::{Life, StageProcess};
-use collect::{Collector, Span};
-use cycle::{Action, Cycles, Input, unwire, wire};
-use ipc::IpcError;
-use ipc::cell::{CellLock, CellName};
-use ipc::error::MessageError;
-use ipc::header::{Command, Control, Event, EventKind, Outcome};
-use ipc::os::now_ns;
-use ipc::payload;
-use ipc::port::{Bell, Held, Node, Publisher, Subscriber};
+use cycle::Input;
 use rig::result::CycleResult;
-use schedule::SUPERVISOR;
-use socket::Call;
-use std::path::PathBuf;
+use state::{Supervisor, TICK};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::Receiver;
-use std::time::Duration;
-use watch::Watch;
-
-/// How often children, limits and the socket are looked at when nobody rings.
-const TICK: Duration = Duration::from_millis(20);
-
-/// How long a command may wait for room in front of a stage. Sixteen of them only wait in front of a hung one, which is
-/// killed anyway.
-const COMMAND_PATIENCE: Duration = Duration::from_millis(50);
-
-/// Spans are kept of the last cycles only: a run until stopped must not grow.
-const KEPT_SPANS: usize = 100_000;
-
-/// What a run is asked to do.
-#[derive(Debug, Clone)]
-pub struct Orders {
-    /// Configuration, for the stages.
-    pub config: PathBuf,
-    /// Cycles; `None`: until stopped.
-    pub cycles: Option<u64>,
-    /// Where a recording is written.
-    pub record: Option<PathBuf>,
-}
-
-/// What a run leaves.
-pub struct Summary {
-    /// Results that were not ok, and the last one: enough for an exit code.
-    pub not_ok: u64,
-    /// Cycles whose verdict is not pass although the plan asks for one.
-    pub not_pass: u64,
-    /// Whether the operator ended it.
-    pub stopped: bool,
-    /// Why the cell gave up.
-    pub held: Option<String>,
-    /// Spans of the last cycles.
-    pub spans: Vec<Span>,
-    /// What was seen of the last cycle.
-    pub watch: Option<Watch>,
-    // Dropped last, in this order: the ports above before the node, the node before the folder.
-    _ports: Ports,
-}
-
-/// What keeps the shared memory alive.
-struct Ports {
-    _held: Vec<Held>,
-    node: Node,
-    _lock: CellLock,
-}
-
-struct Supervisor<'a> {
-    cell: &'a Cell,
-    control: Publisher<Control>,
-    events: Subscriber<Event>,
-    results: Subscriber<Outcome>,
-    bell: Bell,
-    watch: Option<Watch>,
-    children: Vec<StageProcess>,
-    cycles: Cycles,
-    /// Number of the last connect command.
-    epoch: u64,
-    connecting: bool,
-    collector: Collector,
-    requests: Receiver<Call>,
-    interrupted: Arc<AtomicBool>,
-    spans: Vec<Span>,
-    requested: Option<u64>,
-    tally: Tally,
-    ports: Ports,
-}
-
-#[derive(Debug, Default)]
-struct Tally {
-    done: u64,
-    ok: u64,
-    not_pass: u64,
-    stopped: bool,
-    held: Option<String>,
-}
 
 /// Runs a cell; `each` gets every cycle's result as soon as it stands.
 ///
@@ -122,272 +34,23 @@ pub fn run(cell: &Cell, orders: &Orders, each: &mut dyn FnMut(&CycleResult)) -> 
     ctrlc::set_handler(move || flag.store(true, Ordering::SeqCst))
         .context("taking over the interrupt signal")?;
     let mut supervisor = Supervisor::new(cell, orders, interrupted)?;
-    let ended = supervisor.work(each);
+    let ended = work(&mut supervisor, each);
     supervisor.shut_down();
     ended?;
     Ok(supervisor.summary())
 }
 
-impl<'a> Supervisor<'a> {
-    fn new(cell: &'a Cell, orders: &Orders, interrupted: Arc<AtomicBool>) -> Result<Self> {
-        let name = CellName::new(&cell.name)?;
-        let lock = CellLock::take(&name)?;
-        lock.check_space(cell.schedule.memory_bytes())?;
-        let node = Node::join(&name, SUPERVISOR)?;
-        let mut held =
-            cell.schedule.topics.iter().map(|t| start::create(&node, t)).collect::<Result<Vec<_>, _>>()?;
-        for owner in cell.schedule.stages.iter().map(|s| s.name.as_str()).chain([SUPERVISOR]) {
-            held.push(node.create_bell(owner)?);
-        }
-        let stages: Vec<String> = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
-        let watch = watch::is_watched(&cell.schedule).then(|| Watch::new(&node, cell)).transpose()?;
-        Ok(Self {
-            control: node.publisher("control", 1, &stages, COMMAND_PATIENCE)?,
-            events: node.subscriber("event")?,
-            results: node.subscriber("result")?,
-            bell: node.bell(SUPERVISOR)?,
-            watch,
-            children: start::children(cell, orders),
-            cycles: start::machine(cell, orders.cycles),
-            epoch: 0,
-            connecting: false,
-            collector: Collector::default(),
-            requests: socket::listen(&name.socket())?,
-            interrupted,
-            spans: Vec::new(),
-            requested: orders.cycles,
-            tally: Tally::default(),
-            ports: Ports { _held: held, node, _lock: lock },
-            cell,
-        })
-    }
-
-    fn work(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        while !self.cycles.is_finished() {
-            self.start_waiting()?;
-            self.hear(each)?;
-            self.bury(each)?;
-            self.connect(each)?;
-            self.obey(each)?;
-            self.feed(Input::Tick, each)?;
-            if !self.cycles.is_finished() {
-                self.bell.wait(TICK)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Gives an input to the cycles and does what they want.
-    fn feed(&mut self, input: Input, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        for action in self.cycles.handle(now_ns(), input) {
-            match action {
-                Action::Start(cycle) => {
-                    self.collector.begin();
-                    self.command(Command::Start, wire(cycle))?;
-                }
-                Action::Abort(cycle) => self.command(Command::Abort, wire(cycle))?,
-                Action::Kill { stage, reason } => self.children[stage].kill(&reason),
-                Action::Outcome { cycle, result } => self.conclude(cycle, &result, each)?,
-                Action::Finished => {}
-            }
-        }
-        Ok(())
-    }
-
-    fn conclude(
-        &mut self,
-        cycle: u64,
-        outcome: &Result<(), String>,
-        each: &mut dyn FnMut(&CycleResult),
-    ) -> Result<()> {
-        if let Some(watch) = &mut self.watch {
-            watch.look()?;
-            watch.ended(wire(cycle), outcome.is_ok());
-        }
-        let result = self.collector.result(self.cell, cycle, outcome);
-        self.spans.extend(self.collector.spans(cycle));
-        let excess = self.spans.len().saturating_sub(KEPT_SPANS);
-        self.spans.drain(..excess);
-        self.collector.begin();
-        self.tally.done += 1;
-        self.tally.ok += u64::from(outcome.is_ok());
-        let pass = result.verdict == Some(rig::result::ResultVerdict::Pass);
-        self.tally.not_pass += u64::from(outcome.is_ok() && self.cell.plan.is_some() && !pass);
-        each(&result);
-        Ok(())
-    }
-
-    fn command(&self, command: Command, number: u64) -> Result<()> {
-        match self.control.send(Control::new(command, number), &[]) {
-            // A stage that is down or hung misses it; its end is noticed apart.
-            Err(IpcError::NotReached { .. } | IpcError::Full { .. }) => Ok(()),
-            other => Ok(other?),
+fn work(supervisor: &mut Supervisor, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
+    while !supervisor.cycles.is_finished() {
+        supervisor.start_waiting()?;
+        supervisor.hear(each)?;
+        supervisor.bury(each)?;
+        supervisor.connect(each)?;
+        supervisor.obey(each)?;
+        supervisor.feed(Input::Tick, each)?;
+        if !supervisor.cycles.is_finished() {
+            supervisor.bell.wait(TICK)?;
         }
     }
-
-    /// Starts the stages whose pause is over.
-    fn start_waiting(&mut self) -> Result<()> {
-        let now = now_ns();
-        for child in &mut self.children {
-            if matches!(child.life, Life::Waiting { until_ns } if until_ns <= now) {
-                child.start(now)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Takes messages. One that contradicts itself ends the cycle: nobody knows what else its sender got wrong.
-    fn hear(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        match self.take_messages(each) {
-            Err(error) if is_lie(&error) => {
-                tracing::error!("{error:#}");
-                self.feed(Input::Distrust { reason: format!("{error:#}") }, each)
-            }
-            other => other,
-        }
-    }
-
-    fn take_messages(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        while let Some(message) = self.results.receive()? {
-            let header = *message.header();
-            let Some(cycle) = unwire(header.cycle).filter(|c| self.cycles.running() == Some(*c)) else {
-                continue;
-            };
-            let judgement: Judgement =
-                serde_json::from_str(payload::text(header.text_bytes, message.payload())?)?;
-            self.collector.judged(judgement, header.t_ns.saturating_sub(header.t_last_frame_ns));
-            self.feed(Input::Result { cycle }, each)?;
-        }
-        if let Some(watch) = &mut self.watch {
-            watch.look()?;
-        }
-        while let Some(message) = self.events.receive()? {
-            let header = *message.header();
-            let text = payload::text(header.text_bytes, message.payload())?.to_owned();
-            drop(message);
-            self.event(header, &text, each)?;
-        }
-        Ok(())
-    }
-
-    fn event(&mut self, event: Event, text: &str, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        let stage = event.stage as usize;
-        let Some(child) = self.children.get_mut(stage).filter(|c| c.pid() == Some(event.pid)) else {
-            return Ok(()); // the last words of a process that was replaced
-        };
-        child.heard_ns = now_ns();
-        match event.kind()? {
-            EventKind::Ready if event.cycle == 0 => {
-                child.life = Life::Up;
-                self.connecting = true;
-                Ok(())
-            }
-            EventKind::Ready if event.cycle == self.epoch => self.feed(Input::Ready { stage }, each),
-            EventKind::Ready => Ok(()),
-            EventKind::Failed => {
-                if let Some(cycle) = unwire(event.cycle) {
-                    return self.feed(Input::Failed { stage, cycle, reason: text.to_owned() }, each);
-                }
-                child.last_words = Some(text.to_owned());
-                Ok(())
-            }
-            EventKind::Done => {
-                let Some(cycle) = unwire(event.cycle) else { return Ok(()) };
-                if self.cycles.running() == Some(cycle) {
-                    self.collector.done(event, text);
-                }
-                self.feed(Input::Done { stage, cycle, activation: event.activation as usize }, each)
-            }
-        }
-    }
-
-    /// Reaps stages that ended and those that do not start, and decides what follows.
-    fn bury(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        let (now, start_ns) = (now_ns(), start::millis(self.cell.config.limits.start_ms));
-        for stage in 0..self.children.len() {
-            let child = &mut self.children[stage];
-            if matches!(child.life, Life::Starting { since_ns } if now.saturating_sub(since_ns) > start_ns) {
-                child.kill(&format!("did not report ready within {} ms", start_ns / 1_000_000));
-            }
-            let Some(end) = child.reap() else { continue };
-            tracing::warn!(stage = child.name, end, "stage ended");
-            // Its last words may still lie in our buffer; iceoryx2 frees what it held only now that it is reaped.
-            self.hear(each)?;
-            self.ports.node.clean_up_dead();
-            let child = &mut self.children[stage];
-            child.failed(now);
-            let held = child.life == Life::Held;
-            let (name, failures) = (child.name.clone(), child.restarts.recent());
-            self.feed(Input::Lost { stage, reason: end.clone() }, each)?;
-            if held {
-                let window_s = self.cell.config.limits.restart_window_ms / 1000;
-                let reason =
-                    format!("stage {name} failed {failures} times within {window_s} s, the last time: {end}");
-                self.tally.held = Some(reason.clone());
-                self.feed(Input::Stop { reason }, each)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// When all stages stand and one of them is new, all connect to each other.
-    fn connect(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        if !self.connecting || self.children.iter().any(|c| c.life != Life::Up) {
-            return Ok(());
-        }
-        self.connecting = false;
-        self.epoch += 1;
-        for stage in 0..self.children.len() {
-            self.feed(Input::Unready { stage }, each)?;
-        }
-        if let Some(watch) = &self.watch {
-            watch.connect()?;
-        }
-        self.events.connect()?;
-        self.results.connect()?;
-        self.command(Command::Connect, self.epoch)
-    }
-
-    /// Asks all stages to leave, then kills those that do not.
-    fn shut_down(&mut self) {
-        // Those that cannot be told are killed below.
-        let _ = self.command(Command::Shutdown, 0);
-        let deadline_ns = now_ns().saturating_add(start::millis(self.cell.config.limits.stop_ms));
-        while self.children.iter().any(|c| c.pid().is_some()) {
-            for child in &mut self.children {
-                if child.reap().is_some() {
-                    child.life = Life::Ended;
-                }
-                if now_ns() > deadline_ns {
-                    child.kill("did not stop");
-                }
-            }
-            // Nobody listens any more, but a stage that waits for room in our buffers must get it.
-            while matches!(self.events.receive(), Ok(Some(_))) {}
-            if let Some(watch) = &mut self.watch {
-                let _ = watch.look();
-            }
-            std::thread::sleep(TICK / 4);
-        }
-        self.ports.node.clean_up_dead();
-    }
-
-    fn summary(self) -> Summary {
-        Summary {
-            not_ok: self.tally.done - self.tally.ok,
-            not_pass: self.tally.not_pass,
-            stopped: self.tally.stopped,
-            held: self.tally.held,
-            spans: self.spans,
-            watch: self.watch,
-            _ports: self.ports,
-        }
-    }
-}
-
-/// Whether the sender of a message is to blame, and not the machine.
-fn is_lie(error: &anyhow::Error) -> bool {
-    error.is::<MessageError>()
-        || error.is::<serde_json::Error>()
-        || matches!(error.downcast_ref(), Some(IpcError::Message { .. }))
+    Ok(())
 }

@@ -1,8 +1,8 @@
 //! What a person asks of a running cell: the interrupt key, `status`, `restart`, `stop`.
 
-use super::Supervisor;
 use super::cycle::Input;
 use super::socket::{Answer, Request, StageStatus, Status};
+use super::state::Supervisor;
 use anyhow::Result;
 use ipc::os::now_ns;
 use rig::result::CycleResult;

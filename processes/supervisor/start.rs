@@ -1,14 +1,25 @@
 //! What the supervisor makes before the first stage starts.
 
-use super::Orders;
 use super::children::StageProcess;
 use super::collect::label;
 use super::cycle::{Budgets, Cycles, Step};
 use super::restart::Policy;
-use super::schedule::{Carries, Kind, Stage, Topic};
 use crate::graph::Cell;
+use crate::schedule::{Carries, Kind, Stage, Topic};
 use ipc::IpcError;
 use ipc::port::{Held, Node};
+use std::path::PathBuf;
+
+/// What a run is asked to do.
+#[derive(Debug, Clone)]
+pub struct Orders {
+    /// Configuration, for the stages.
+    pub config: PathBuf,
+    /// Cycles; `None`: until stopped.
+    pub cycles: Option<u64>,
+    /// Where a recording is written.
+    pub record: Option<PathBuf>,
+}
 
 /// Creates a topic for the kind of message that it carries.
 pub(super) fn create(node: &Node, topic: &Topic) -> Result<Held, IpcError> {

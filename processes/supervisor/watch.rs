@@ -1,8 +1,8 @@
 //! What the supervisor looks at for its report, beside the reports of the stages: one picture of each camera, the phase
 //! maps and the fused cloud of the last cycle. It reads them where they lie; only a picture is copied.
 
-use super::schedule::Schedule;
 use crate::graph::Cell;
+use crate::schedule::Schedule;
 use anyhow::Result;
 use fringe::pattern::{PatternSet, locate};
 use ipc::header::{Cloud, Frame, Header, Phase};
@@ -125,5 +125,5 @@ fn keep_picture(pictures: &mut BTreeMap<(u32, u32), Picture>, header: &Frame, by
 pub fn is_watched(schedule: &Schedule) -> bool {
     schedule
         .topic("cloud/fused")
-        .is_some_and(|t| t.consumers.iter().any(|c| c == super::schedule::SUPERVISOR))
+        .is_some_and(|t| t.consumers.iter().any(|c| c == crate::schedule::SUPERVISOR))
 }

@@ -2,6 +2,7 @@
 
 use super::topics::FRAME_BUFFER;
 use super::*;
+use fringe::pattern::Axis;
 
 /// Four cameras, two projectors, two pairs: the demo in small.
 pub fn demo() -> Graph {

@@ -1,7 +1,7 @@
 //! The topics of a cell, with buffers that are just large enough.
 
 use super::graph::{CameraNode, Graph, ProjectorNode, axes_taken};
-use super::{Carries, SUPERVISOR, Stage, Topic};
+use super::parts::{Carries, SUPERVISOR, Stage, Topic};
 use ipc::header::{MAX_RESULT_BYTES, MAX_TEXT_BYTES, PHASE_BYTES_PER_PX};
 use ipc::port::TopicSize;
 

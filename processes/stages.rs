@@ -1,0 +1,51 @@
+//! `fringecell stage`: from the kind of a stage to its worker.
+
+use crate::graph::{self, Cell, Options};
+use crate::schedule::Kind;
+use crate::stage::{Link, StageArgs, Worker, serve};
+use crate::{capture, decode, fusion, inspection, matching, projection, record};
+use anyhow::{Context, Result, ensure};
+use ipc::os;
+
+/// Runs a stage until the supervisor ends it.
+pub fn run(args: &StageArgs) -> Result<()> {
+    os::ignore_interrupts();
+    ensure!(os::die_with_parent(args.parent)?, "the supervisor {} is gone", args.parent);
+    let options = Options { cell: Some(args.cell.clone()), watch: args.watch, record: args.record.is_some() };
+    let cell = graph::load(&args.config, &options)?;
+    ensure!(
+        cell.config.sha256 == args.config_sha256 && cell.config.rig_sha256 == args.rig_sha256,
+        "{} or its rig file was changed while the cell runs; stop the cell and start it again",
+        args.config.display()
+    );
+    pin(&cell, args)?;
+    let mut link = Link::join(args, cell)?;
+    let ended = worker(args, &link).and_then(|mut worker| serve(&mut link, worker.as_mut()));
+    if let Err(error) = &ended {
+        // The last words of a stage, for the outcome of the cycle; if they cannot be said, the exit code speaks.
+        let _ = link.failed(0, &format!("{error:#}"));
+    }
+    ended
+}
+
+fn pin(cell: &Cell, args: &StageArgs) -> Result<()> {
+    let stage = cell.schedule.stages.iter().find(|s| s.name == args.name);
+    match stage {
+        Some(stage) if cell.config.schedule.pin => os::pin(&[stage.core]).with_context(|| {
+            format!("schedule.pin: core {} cannot be used; does the machine have so many?", stage.core)
+        }),
+        _ => Ok(()),
+    }
+}
+
+fn worker(args: &StageArgs, link: &Link) -> Result<Box<dyn Worker>> {
+    Ok(match args.kind {
+        Kind::Projection => Box::new(projection::Projection::new(link)?),
+        Kind::Capture => Box::new(capture::Capture::new(link)?),
+        Kind::Decode => Box::new(decode::Decode::new(link)?),
+        Kind::Matching => Box::new(matching::Matching::new(link)?),
+        Kind::Fusion => Box::new(fusion::Fusion::new(link)?),
+        Kind::Inspection => Box::new(inspection::Inspection::new(link)?),
+        Kind::Record => Box::new(record::Record::new(args, link)?),
+    })
+}
