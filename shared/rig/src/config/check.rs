@@ -4,67 +4,70 @@ use super::graph::{check_drivers, check_twin, check_use, pairs};
 use super::light::{check_recorded_sizes, projectors};
 use super::limits::{cycles, limits, schedule};
 use super::raw::RawConfig;
+use super::values::{driver, value};
 use super::{CONFIG_FORMAT, CameraConfig, Config, Driver, RecordingConfig, TextFile, TwinConfig};
 use crate::document::Document;
 use crate::error::{FileError, Problem, did_you_mean, list};
 use crate::hash::sha256_hex;
 use crate::name::duplicate;
 use crate::recording::Recording;
-use crate::rig_file::{RigFile, read_rig, unknown};
+use crate::rig_file::{RigFile, read_rig};
 use fringe::decode::DecodeSettings;
 use fringe::fusion::FusionSettings;
 use fringe::matching::MatchSettings;
 use std::path::{Path, PathBuf};
 
-pub(super) fn load(path: &Path) -> Result<Config, FileError> {
-    let document = Document::read(path)?;
-    let raw: RawConfig = document.parse(CONFIG_FORMAT)?;
-    check_cell_name(&document, &raw.name)?;
-    let rig_file = referenced(&document, "rig", &raw.rig, read_rig)?;
-    let cameras = cameras(&document, &raw, &rig_file)?;
-    check_tables(&document, &raw)?;
-    let recording = recording(&document, &raw)?;
-    let decode: DecodeSettings = document.typed("decode", raw.decode.clone())?;
-    decode.check().map_err(|error| document.fault("decode", Problem::Decode(error), ""))?;
-    let _: MatchSettings = document.typed("matching", raw.matching.clone())?;
-    let _: FusionSettings = document.typed("fusion", raw.fusion.clone())?;
-    let played = recording.as_ref().map(|recording| &recording.recording);
-    let projectors = projectors(&document, &raw, &cameras, played, &decode)?;
-    let rig = pairs(&document, &raw, &rig_file, &projectors)?;
-    check_use(&document, &rig, &cameras)?;
-    let twin = twin(&document, &raw, &rig_file)?;
-    check_drivers(&document, &cameras, &projectors)?;
-    if let Some(recording) = played {
-        check_recorded_sizes(&document, recording, &cameras)?;
+impl Config {
+    /// Reads and checks a configuration and every file that it names.
+    ///
+    /// # Errors
+    /// The first fault, with file, line, key, value, limit and remedy.
+    pub fn load(path: &Path) -> Result<Self, FileError> {
+        let document = Document::read(path)?;
+        let raw: RawConfig = document.parse(CONFIG_FORMAT)?;
+        check_cell_name(&document, &raw.name)?;
+        let rig_file = referenced(&document, "rig", &raw.rig, read_rig)?;
+        let cameras = cameras(&document, &raw, &rig_file)?;
+        check_tables(&document, &raw)?;
+        let recording = recording(&document, &raw)?;
+        let decode: DecodeSettings = document.typed("decode", raw.decode.clone())?;
+        decode.check().map_err(|error| document.fault("decode", Problem::Decode(error), ""))?;
+        let _: MatchSettings = document.typed("matching", raw.matching.clone())?;
+        let _: FusionSettings = document.typed("fusion", raw.fusion.clone())?;
+        let played = recording.as_ref().map(|recording| &recording.recording);
+        let projectors = projectors(&document, &raw, &cameras, played, &decode)?;
+        let rig = pairs(&document, &raw, &rig_file, &projectors)?;
+        check_use(&document, &rig, &cameras)?;
+        let twin = twin(&document, &raw, &rig_file)?;
+        check_drivers(&document, &cameras, &projectors)?;
+        if let Some(recording) = played {
+            check_recorded_sizes(&document, recording, &cameras)?;
+        }
+        if let Some(twin) = &twin {
+            check_twin(&document, &rig, twin, &cameras, &projectors)?;
+        }
+        let plan =
+            raw.plan.as_ref().map(|plan| referenced(&document, "plan", plan, TextFile::read)).transpose()?;
+        Ok(Self {
+            sha256: sha256_hex(document.text.as_bytes()),
+            name: raw.name.clone(),
+            cycles: cycles(&document, raw.cycles)?,
+            rig,
+            rig_path: rig_file.path,
+            rig_sha256: rig_file.sha256,
+            plan,
+            limits: limits(&document, &raw.limits)?,
+            projectors,
+            cameras,
+            decode: raw.decode,
+            matching: raw.matching,
+            fusion: raw.fusion,
+            twin,
+            recording,
+            schedule: schedule(&document, raw.schedule.cores, raw.schedule.pin)?,
+            document,
+        })
     }
-    if let Some(twin) = &twin {
-        check_twin(&document, &rig, twin, &cameras, &projectors)?;
-    }
-    let plan =
-        raw.plan.as_ref().map(|plan| referenced(&document, "plan", plan, TextFile::read)).transpose()?;
-    Ok(Config {
-        sha256: sha256_hex(document.text.as_bytes()),
-        name: raw.name.clone(),
-        cycles: cycles(&document, raw.cycles)?,
-        rig,
-        rig_path: rig_file.path,
-        rig_sha256: rig_file.sha256,
-        plan,
-        limits: limits(&document, &raw.limits)?,
-        projectors,
-        cameras,
-        decode: raw.decode,
-        matching: raw.matching,
-        fusion: raw.fusion,
-        twin,
-        recording,
-        schedule: schedule(&document, raw.schedule.cores, raw.schedule.pin)?,
-        document,
-    })
-}
-
-pub(super) fn value(found: impl std::fmt::Display, limit: impl Into<String>) -> Problem {
-    Problem::Value { value: found.to_string(), limit: limit.into() }
 }
 
 fn check_cell_name(document: &Document, name: &str) -> Result<(), FileError> {
@@ -97,19 +100,6 @@ fn resolve(document: &Document, key: &str, target: &str) -> Result<PathBuf, File
         let problem = Problem::Io { action: "resolve the path", source };
         document.fault(key, problem, "")
     })
-}
-
-pub(super) fn driver(document: &Document, key: &str, name: &str) -> Result<Driver, FileError> {
-    const KNOWN: [&str; 2] = ["twin", "recording"];
-    match name {
-        "twin" => Ok(Driver::Twin),
-        "recording" => Ok(Driver::Recording),
-        "genicam" | "lightcrafter" | "screen" => {
-            let problem = Problem::Unsupported(format!("driver \"{name}\" is not part of this version"));
-            Err(document.fault(key, problem, "use \"twin\" or \"recording\""))
-        }
-        _ => Err(unknown(document, key, "driver", name, KNOWN)),
-    }
 }
 
 fn cameras(document: &Document, raw: &RawConfig, rig: &RigFile) -> Result<Vec<CameraConfig>, FileError> {

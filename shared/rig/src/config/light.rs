@@ -1,7 +1,7 @@
 //! Projectors: what is written, completed by what was recorded.
 
-use super::check::driver;
 use super::raw::{RawConfig, RawProjector};
+use super::values::driver;
 use super::{CameraConfig, Driver, ProjectorConfig};
 use crate::document::Document;
 use crate::error::{FileError, Problem};

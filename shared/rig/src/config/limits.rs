@@ -1,7 +1,7 @@
 //! Numbers with limits.
 
-use super::check::value;
 use super::raw::RawLimits;
+use super::values::value;
 use super::{Limits, ScheduleConfig};
 use crate::document::Document;
 use crate::error::{FileError, Problem};

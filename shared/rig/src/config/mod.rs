@@ -44,6 +44,7 @@ mod limits;
 mod raw;
 #[cfg(test)]
 mod tests;
+mod values;
 
 use crate::document::{Document, read_text};
 use crate::error::FileError;
@@ -196,14 +197,6 @@ pub struct ScheduleConfig {
 }
 
 impl Config {
-    /// Reads and checks a configuration and every file that it names.
-    ///
-    /// # Errors
-    /// The first fault, with file, line, key, value, limit and remedy.
-    pub fn load(path: &Path) -> Result<Self, FileError> {
-        check::load(path)
-    }
-
     /// A projector by name.
     pub fn projector(&self, name: &str) -> Option<&ProjectorConfig> {
         self.projectors.iter().find(|projector| projector.name == name)

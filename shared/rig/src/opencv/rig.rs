@@ -1,6 +1,6 @@
 //! A rig from the keys of an OpenCV calibration, and back.
 
-use super::{Matrix, Storage};
+use super::storage::{Matrix, Storage};
 use crate::error::{FileError, Problem};
 use fringe::camera::{BrownConrady, Camera, pose};
 use fringe::rig::{Named, Pair, Rig};

@@ -1,6 +1,6 @@
 //! FileStorage as XML: `<opencv_storage>` with one element per key.
 
-use super::{RawMatrix, Storage, number};
+use super::storage::{RawMatrix, Storage, number};
 use crate::error::{FileError, Problem};
 use quick_xml::Reader;
 use quick_xml::events::Event;

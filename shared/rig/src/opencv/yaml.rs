@@ -1,6 +1,6 @@
 //! The subset of YAML that FileStorage writes: keys at the margin, a matrix indented below its key.
 
-use super::{RawMatrix, Storage, number};
+use super::storage::{RawMatrix, Storage, number};
 use crate::error::FileError;
 
 /// Reads all top-level numbers and matrices.

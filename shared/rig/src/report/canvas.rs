@@ -5,9 +5,8 @@
 
 use fringe::math::exp;
 
-use super::colour::{ColourMap, Rgb, WHITE};
+use super::colour::{ColourMap, Colouring, Rgb, WHITE};
 use super::raster::{PictureError, Raster};
-use super::splat::Colouring;
 
 /// What the points in front at one pixel add up to.
 #[derive(Debug, Clone, Copy, Default)]

@@ -184,6 +184,22 @@ const ROMA_O: [[u8; 3]; 33] = [
     [114, 57, 89],
 ];
 
+/// What the colours of a cloud mean.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Colouring<'a> {
+    /// One colour, shaded by the normal.
+    Normal,
+    /// A colour for each pair, shaded by the normal.
+    Pair,
+    /// Signed deviation, blue below, red above; not shaded, so that the colour bar holds.
+    Deviation {
+        /// Index of a point and its deviation, mm.
+        values: &'a [(u32, f32)],
+        /// Deviation of the end colours, mm.
+        half_range_mm: f64,
+    },
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,12 +2,13 @@
 
 use fringe::phase::PhaseView;
 
+use super::colour::Colouring;
 use super::colour::{ColourMap, hex, pair_colour};
 use super::number::{self, count, fixed, optional, signed};
 use super::page::{Page, Text, data_uri};
 use super::picture::{self, Ends, Scalar};
 use super::raster::{PictureError, Raster, grey_to_png};
-use super::splat::{Colouring, Rendered, View, render};
+use super::splat::{Rendered, View, render};
 use super::statistics::{Summary, summary};
 use super::{GreyPicture, ReportError, ReportInput, charts};
 

@@ -8,12 +8,13 @@ use fringe::cloud::Point;
 use fringe::math::wrap_positive_rad;
 use fringe::phase::PhaseView;
 
+pub use super::colour::Colouring;
 use super::colour::{ColourMap, INK, Rgb, WHITE};
 use super::glyph::{text_height, text_width, write_text};
 use super::number;
 pub use super::raster::{PictureError, Raster};
 use super::raster::{check_plane, grey_to_png};
-pub use super::splat::{Colouring, Rendered, View, render};
+pub use super::splat::{Rendered, View, render};
 use super::statistics::inner_range;
 
 /// Free space around the parts of a labelled picture, px.

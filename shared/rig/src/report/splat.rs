@@ -6,7 +6,7 @@ use fringe::cloud::Point;
 use nalgebra::Vector3;
 
 use super::canvas::Canvas;
-use super::colour::{Rgb, pair_colour};
+use super::colour::{Colouring, Rgb, pair_colour};
 use super::number;
 use super::raster::{PictureError, Raster};
 use super::statistics::inner_range;
@@ -70,22 +70,6 @@ impl View {
             _ => [Vector3::x(), Vector3::y(), Vector3::z()],
         }
     }
-}
-
-/// What the colours of a cloud mean.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Colouring<'a> {
-    /// One colour, shaded by the normal.
-    Normal,
-    /// A colour for each pair, shaded by the normal.
-    Pair,
-    /// Signed deviation, blue below, red above; not shaded, so that the colour bar holds.
-    Deviation {
-        /// Index of a point and its deviation, mm.
-        values: &'a [(u32, f32)],
-        /// Deviation of the end colours, mm.
-        half_range_mm: f64,
-    },
 }
 
 /// A drawn cloud and what its labels need.
