@@ -22,10 +22,12 @@
 //! [`scene::Scene::truth`], [`cell::Twin::pose`] and the functions named `truth_…` know what no camera can; only what
 //! judges a measurement may call them. Frames carry nothing but grey values.
 
+mod assemble;
 mod blur;
 pub mod body;
 pub mod bvh;
 pub mod cell;
+pub mod error;
 mod light;
 pub mod mesh;
 pub mod pose;
@@ -40,6 +42,7 @@ pub mod thesis;
 mod trace;
 
 pub use cell::{Twin, TwinError, View};
+pub use error::SceneError;
 pub use render::{PixelsMut, Renderer};
-pub use scene::{Scene, SceneError, Truth};
+pub use scene::{Scene, Truth};
 pub use settings::TwinSettings;
