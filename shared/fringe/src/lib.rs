@@ -22,7 +22,6 @@ pub mod fusion;
 pub mod inspection;
 pub mod matching;
 pub mod math;
-mod normals;
 mod parallel;
 pub mod pattern;
 pub mod phase;
@@ -30,6 +29,6 @@ pub mod projector;
 pub mod rectify;
 pub mod rig;
 pub mod surface;
-pub mod triangulate;
 #[cfg(test)]
 mod testing;
+pub mod triangulate;

@@ -1,7 +1,8 @@
 //! Which points belong to a surface: spikes have too few neighbours, crumbs are patches that are too small.
 
-use super::{PartCount, Sample, SurfaceBuilder, View};
-use crate::normals::Link;
+use super::buffers::{PartCount, SurfaceBuilder};
+use super::normals::Link;
+use super::sample::{Sample, View};
 use crate::parallel::for_parts;
 
 impl SurfaceBuilder {

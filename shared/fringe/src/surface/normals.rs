@@ -4,7 +4,7 @@
 //! over a window, turned into derivatives by x and y, gives n ∝ (∂q/∂x, ∂q/∂y, q − x ∂q/∂x − y ∂q/∂y): exact on planes,
 //! and on curved surfaces exact to second order where the window is symmetric.
 
-use crate::surface::{Sample, View};
+use super::sample::{Sample, View};
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 /// A partial window needs so many samples for a plane: twice the three unknowns.

@@ -1,0 +1,50 @@
+//! The memory of a surface builder, and its parts of rows.
+
+use super::SurfaceSettings;
+
+/// Rows per part of parallel work; fixed, so that no result depends on the number of threads.
+const PART_ROWS: usize = 16;
+
+/// Buffers, allocated once.
+#[derive(Debug, Clone)]
+pub(crate) struct SurfaceBuilder {
+    pub(super) settings: SurfaceSettings,
+    /// Largest relative change of q per pixel on one surface, over the pitch.
+    pub(super) max_tangent: f64,
+    /// Smallest cosine between normal and lines of sight.
+    pub(super) min_cosine: f64,
+    /// First pixel of each part.
+    pub(super) row_parts: Vec<usize>,
+    pub(super) counts: Vec<PartCount>,
+    pub(super) point_parts: Vec<usize>,
+    pub(super) keep: Vec<u8>,
+    pub(super) parents: Vec<u32>,
+    pub(super) sizes: Vec<u32>,
+}
+
+/// What was counted in a part.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct PartCount {
+    pub(super) spikes: u32,
+    pub(super) steep: u32,
+    pub(super) points: u32,
+    pub(super) without_normal: u32,
+}
+
+impl SurfaceBuilder {
+    pub fn new(width: usize, height: usize, settings: SurfaceSettings) -> Self {
+        let parts = height.div_ceil(PART_ROWS);
+        let pixels = width * height;
+        Self {
+            settings,
+            max_tangent: crate::math::tan(settings.max_slope_deg.to_radians()),
+            min_cosine: crate::math::cos(settings.max_incidence_deg.to_radians()),
+            row_parts: (0..=parts).map(|part| (part * PART_ROWS).min(height) * width).collect(),
+            counts: vec![PartCount::default(); parts],
+            point_parts: vec![0; parts + 1],
+            keep: vec![0; pixels],
+            parents: vec![0; pixels],
+            sizes: vec![0; pixels],
+        }
+    }
+}
