@@ -1,6 +1,6 @@
 //! What happens to a frame when it lands: three sums per sine set, or a copy.
 
-use super::plan::SinePlan;
+use super::roles::SinePlan;
 use crate::frame::Pixels;
 use crate::math::sincos;
 use rayon::prelude::*;

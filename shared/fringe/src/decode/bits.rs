@@ -1,9 +1,9 @@
 //! From bit frames to stripe numbers.
 
 use super::accumulate::Rasters;
-use super::order::BLOCK;
-use super::plan::{CodePlan, Reference};
+use super::block::BLOCK;
 use super::report::NoiseModel;
+use super::roles::{CodePlan, Reference};
 use crate::pattern::Code;
 use std::ops::{Neg, Range, Sub};
 

@@ -49,7 +49,10 @@ pub enum DecodeError {
         axis: Axis,
     },
     /// The raster is empty or too large.
-    #[error("frames of {width_px} x {height_px} pixels: must be 1 to {} pixels in all", super::MAX_PIXELS)]
+    #[error(
+        "frames of {width_px} x {height_px} pixels: must be 1 to {} pixels in all",
+        super::limits::MAX_PIXELS
+    )]
     Size {
         /// Columns.
         width_px: u32,
@@ -83,13 +86,13 @@ pub enum DecodeError {
         axis: Axis,
     },
     /// A sequence beyond any projector's memory.
-    #[error("the sequence has {count} frames: at most {} are decoded", super::MAX_FRAMES)]
+    #[error("the sequence has {count} frames: at most {} are decoded", super::limits::MAX_FRAMES)]
     TooManyFrames {
         /// Frames up to the set that went too far.
         count: usize,
     },
     /// More sine sets than the decoder can hold on one axis.
-    #[error("{count} sine sets on axis {axis:?}: at most {} are decoded", super::MAX_SINES)]
+    #[error("{count} sine sets on axis {axis:?}: at most {} are decoded", super::limits::MAX_SINES)]
     TooManySines {
         /// Axis of the sets.
         axis: Axis,

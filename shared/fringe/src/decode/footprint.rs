@@ -23,6 +23,7 @@
 //! Derivatives are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth.
 
 use super::accumulate::Rasters;
+use super::roles::Levels;
 use crate::math::ln;
 use crate::phase::PhaseViewMut;
 use rayon::prelude::*;
@@ -60,15 +61,6 @@ const LEAST_PX2: f64 = 0.005;
 const MOST_PX2: f64 = 0.6;
 /// Rows of one parallel job; a multiple of `GROUPS`.
 const ROWS: usize = 16;
-
-/// The white and the black frame among the stored rasters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Levels {
-    /// Raster of the white frame.
-    pub white: usize,
-    /// Raster of the black frame.
-    pub black: usize,
-}
 
 /// The frames that tell R, and the grey value from which they do not.
 #[derive(Debug, Clone, Copy)]

@@ -30,20 +30,24 @@
 mod accumulate;
 pub mod arctan;
 mod bits;
+mod block;
 pub mod chain;
 mod error;
 mod footprint;
+mod limits;
 mod neighbours;
 mod noise;
 mod order;
 mod plan;
 mod report;
+mod roles;
 mod settings;
 #[cfg(test)]
 mod tests;
 mod verdict;
 
 pub use error::DecodeError;
+pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
 pub use report::{DecodeReport, NoiseModel, NoiseSource};
 pub use settings::{CameraNoise, DecodeSettings};
 
@@ -51,24 +55,15 @@ use crate::frame::{FrameView, Pixels};
 use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseViewMut};
 use accumulate::{Rasters, Sums};
+use block::{BLOCK, CHUNK, Planes, Tally};
 use footprint::{Footprint, Reflectance};
 use neighbours::Field;
 use noise::{Probe, QUANTISATION_DN2};
-use order::{BLOCK, Kernel, Lanes, Planes, Tally};
-use plan::{AxisPlan, Plan, Role};
+use order::{Kernel, Lanes};
 use rayon::prelude::*;
+use roles::{AxisPlan, Plan, Role};
 use std::sync::Arc;
 use verdict::{Verdicts, apply, correct_rows, sum};
-
-/// Largest frame, pixels.
-pub const MAX_PIXELS: usize = 1 << 27;
-/// Longest sequence, frames.
-pub const MAX_FRAMES: usize = 4096;
-/// Most sine sets on one axis.
-pub const MAX_SINES: usize = 6;
-
-/// Pixels of one parallel job in `finish`; fixed, so that the work is cut the same way on every machine.
-const CHUNK: usize = 64 * BLOCK;
 
 /// Decodes the frames of one camera under one projector, sequence after sequence.
 #[derive(Debug)]

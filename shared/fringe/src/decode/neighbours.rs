@@ -7,7 +7,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
-use super::order::state;
+use super::block::state;
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 /// Correction that means "mask it".

@@ -7,8 +7,8 @@
 //! the same leverage 3/N, so the mean of the residual variance is exact for shot noise too.
 
 use super::accumulate::step_rad;
-use super::plan::SinePlan;
 use super::report::{NoiseModel, NoiseSource};
+use super::roles::SinePlan;
 use crate::frame::Pixels;
 use crate::math::sincos;
 

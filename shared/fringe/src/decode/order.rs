@@ -9,27 +9,14 @@
 use super::accumulate::{Rasters, Sums};
 use super::arctan::angle_positive_rad;
 use super::bits::{Certainty, Stripes, resolve};
+use super::block::{BLOCK, Planes, Tally, state};
 use super::chain::{Chain, Stage, Start};
-use super::plan::{AxisPlan, CodePlan, Reference};
+use super::limits::MAX_SINES;
 use super::report::NoiseModel;
-use super::{DecodeSettings, MAX_SINES};
+use super::roles::{AxisPlan, CodePlan, Reference};
+use super::settings::DecodeSettings;
 use std::f64::consts::TAU;
-use std::ops::{AddAssign, Range};
-
-/// Pixels of a block.
-pub const BLOCK: usize = 256;
-
-/// What is known of a pixel's order after its own frames; stands in the validity plane until the neighbours have spoken.
-pub mod state {
-    /// Masked.
-    pub const INVALID: u8 = 0;
-    /// Order certain.
-    pub const SURE: u8 = 1;
-    /// Order decided close to the limit: one neighbour must confirm it.
-    pub const WEAK: u8 = 2;
-    /// Order open: two neighbours must prove it.
-    pub const OPEN: u8 = 3;
-}
+use std::ops::Range;
 
 /// 1.5 · 2⁵²: adding and subtracting it rounds to the nearest integer (ties to even) in plain arithmetic.
 const ROUND: f64 = 6_755_399_441_055_744.0;
@@ -41,37 +28,6 @@ const LOG_ODDS: f64 = 9.2;
 const EYES: usize = 16;
 /// More uncertain bits than this are not tried in all combinations.
 const MOST_UNSURE_BITS: u32 = 4;
-
-/// Counts of masked pixels.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Tally {
-    /// A clipped sine frame.
-    pub saturated: usize,
-    /// Too little modulation.
-    pub dark: usize,
-    /// Too much noise.
-    pub noisy: usize,
-}
-
-impl AddAssign for Tally {
-    fn add_assign(&mut self, other: Self) {
-        self.saturated += other.saturated;
-        self.dark += other.dark;
-        self.noisy += other.noisy;
-    }
-}
-
-/// The part of the output planes that belongs to a block.
-pub struct Planes<'a> {
-    /// Absolute phase, rad.
-    pub phase_rad: &'a mut [f32],
-    /// Its standard uncertainty, rad.
-    pub sigma_rad: &'a mut [f32],
-    /// B, DN.
-    pub modulation: &'a mut [f32],
-    /// [`state`].
-    pub state: &'a mut [u8],
-}
 
 /// Everything that a block needs, constant over the image.
 pub struct Kernel<'a> {

@@ -1,10 +1,9 @@
 //! The last step of `finish`: corrections are applied, states become the validity mask, and everything is counted.
 
-use super::CHUNK;
+use super::block::{BLOCK, CHUNK, Tally, state};
 use super::neighbours::{Field, MASK};
-use super::order::{BLOCK, Tally, state};
-use super::plan::AxisPlan;
 use super::report::{DecodeReport, NoiseModel};
+use super::roles::AxisPlan;
 use crate::phase::PhaseViewMut;
 use rayon::prelude::*;
 use std::f32::consts::TAU;

@@ -9,32 +9,37 @@ use super::raw::{RawAlignment, RawElement, RawExclusion, RawFeature, RawFormat, 
 use crate::fit::{COORDINATE_LIMIT_MM, tangents};
 use crate::math;
 
-/// Reads and checks.
-pub(super) fn read(text: &str) -> Result<Plan, PlanError> {
-    let toml = |e: toml::de::Error| PlanError::Toml(e.to_string());
-    match toml::from_str::<RawFormat>(text).map_err(toml)?.format {
-        Some(format) if format != PLAN_FORMAT => return Err(PlanError::Format(format)),
-        _ => {}
+impl Plan {
+    /// Reads and checks a plan.
+    ///
+    /// # Errors
+    /// See [`PlanError`].
+    pub fn from_toml(text: &str) -> Result<Self, PlanError> {
+        let toml = |e: toml::de::Error| PlanError::Toml(e.to_string());
+        match toml::from_str::<RawFormat>(text).map_err(toml)?.format {
+            Some(format) if format != PLAN_FORMAT => return Err(PlanError::Format(format)),
+            _ => {}
+        }
+        let raw: RawPlan = toml::from_str(text).map_err(toml)?;
+        debug_assert_eq!(raw.format, PLAN_FORMAT);
+        let within = Within("settings".into());
+        within.positive("cluster_mm", raw.settings.cluster_mm)?;
+        within.check("guard_factor", raw.settings.guard_factor, 0.0..=10.0, "0 … 10")?;
+        let elements = raw.element.into_iter().map(element).collect::<Result<Vec<_>, _>>()?;
+        unique("element", elements.iter().map(|e| e.name.as_str()))?;
+        let lookup = Lookup(&elements);
+        let features = raw.feature.into_iter().map(|f| feature(f, &lookup)).collect::<Result<Vec<_>, _>>()?;
+        unique("feature", features.iter().map(|f| f.name.as_str()))?;
+        if elements.is_empty() {
+            return Err(PlanError::Empty("element"));
+        }
+        if features.is_empty() {
+            return Err(PlanError::Empty("feature"));
+        }
+        let datums = raw.alignment.map(|a| datums(&a, &lookup)).transpose()?;
+        let world_from_part = placement(raw.placement)?;
+        Ok(Self { name: raw.name, settings: raw.settings, world_from_part, datums, elements, features })
     }
-    let raw: RawPlan = toml::from_str(text).map_err(toml)?;
-    debug_assert_eq!(raw.format, PLAN_FORMAT);
-    let within = Within("settings".into());
-    within.positive("cluster_mm", raw.settings.cluster_mm)?;
-    within.check("guard_factor", raw.settings.guard_factor, 0.0..=10.0, "0 … 10")?;
-    let elements = raw.element.into_iter().map(element).collect::<Result<Vec<_>, _>>()?;
-    unique("element", elements.iter().map(|e| e.name.as_str()))?;
-    let lookup = Lookup(&elements);
-    let features = raw.feature.into_iter().map(|f| feature(f, &lookup)).collect::<Result<Vec<_>, _>>()?;
-    unique("feature", features.iter().map(|f| f.name.as_str()))?;
-    if elements.is_empty() {
-        return Err(PlanError::Empty("element"));
-    }
-    if features.is_empty() {
-        return Err(PlanError::Empty("feature"));
-    }
-    let datums = raw.alignment.map(|a| datums(&a, &lookup)).transpose()?;
-    let world_from_part = placement(raw.placement)?;
-    Ok(Plan { name: raw.name, settings: raw.settings, world_from_part, datums, elements, features })
 }
 
 /// Nominal pose of the part.

@@ -246,13 +246,3 @@ pub struct Plan {
     /// Features in the order of the plan.
     pub features: Vec<Feature>,
 }
-
-impl Plan {
-    /// Reads and checks a plan.
-    ///
-    /// # Errors
-    /// See [`PlanError`].
-    pub fn from_toml(text: &str) -> Result<Self, PlanError> {
-        super::check::read(text)
-    }
-}

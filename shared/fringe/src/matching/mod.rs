@@ -34,6 +34,7 @@ mod axis;
 mod error;
 #[cfg(test)]
 mod figures;
+mod patch;
 mod rows;
 mod scan;
 mod settings;
@@ -43,9 +44,9 @@ mod tests;
 
 pub use error::MatchError;
 pub(crate) use error::check_map;
+pub use patch::Interpolation;
 pub use settings::MatchSettings;
 pub(crate) use settings::check_depth;
-pub use subpixel::Interpolation;
 
 use crate::camera::Camera;
 use crate::cloud::Point;

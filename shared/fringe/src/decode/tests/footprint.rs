@@ -1,7 +1,8 @@
 //! The footprint: found from the frames, its bias removed, steps left alone.
 
 use super::super::accumulate::Rasters;
-use super::super::footprint::{Footprint, Levels, Reflectance};
+use super::super::footprint::{Footprint, Reflectance};
+use super::super::roles::Levels;
 use crate::math::{atan2, cos, exp, hypot, sin, wrap_rad};
 use crate::pattern::Axis;
 use crate::phase::{PhaseInfo, PhaseMap};

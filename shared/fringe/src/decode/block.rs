@@ -1,0 +1,52 @@
+//! A block of pixels: how many, what is known of them, where they are written.
+
+use std::ops::AddAssign;
+
+/// Pixels of a block.
+pub const BLOCK: usize = 256;
+
+/// Pixels of one parallel job in `finish`; fixed, so that the work is cut the same way on every machine.
+pub const CHUNK: usize = 64 * BLOCK;
+
+/// What is known of a pixel's order after its own frames; stands in the validity plane until the neighbours have spoken.
+pub mod state {
+    /// Masked.
+    pub const INVALID: u8 = 0;
+    /// Order certain.
+    pub const SURE: u8 = 1;
+    /// Order decided close to the limit: one neighbour must confirm it.
+    pub const WEAK: u8 = 2;
+    /// Order open: two neighbours must prove it.
+    pub const OPEN: u8 = 3;
+}
+
+/// Counts of masked pixels.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// A clipped sine frame.
+    pub saturated: usize,
+    /// Too little modulation.
+    pub dark: usize,
+    /// Too much noise.
+    pub noisy: usize,
+}
+
+impl AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        self.saturated += other.saturated;
+        self.dark += other.dark;
+        self.noisy += other.noisy;
+    }
+}
+
+/// The part of the output planes that belongs to a block.
+pub struct Planes<'a> {
+    /// Absolute phase, rad.
+    pub phase_rad: &'a mut [f32],
+    /// Its standard uncertainty, rad.
+    pub sigma_rad: &'a mut [f32],
+    /// B, DN.
+    pub modulation: &'a mut [f32],
+    /// [`state`].
+    pub state: &'a mut [u8],
+}

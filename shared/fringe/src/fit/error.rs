@@ -1,0 +1,57 @@
+//! Why there is no fit.
+
+use thiserror::Error;
+
+/// Largest coordinate that is taken for a length in mm: beyond it squares lose the micrometre.
+pub const COORDINATE_LIMIT_MM: f64 = 1e7;
+
+/// Why there is no fit.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum FitError {
+    /// Not enough points.
+    #[error("{element}: {points} points, needs at least {needs}")]
+    TooFewPoints {
+        /// Which element.
+        element: &'static str,
+        /// Points left after rejection.
+        points: usize,
+        /// Fewest points that determine the element and one residual.
+        needs: usize,
+    },
+    /// A coordinate is NaN, infinite, or no length in mm.
+    #[error("{element}: point {index} has the coordinate {value}, limit ±{COORDINATE_LIMIT_MM:e} mm")]
+    Coordinate {
+        /// Which element.
+        element: &'static str,
+        /// Which point, from 0.
+        index: usize,
+        /// The value.
+        value: f64,
+    },
+    /// The points do not determine the element.
+    #[error("{element}: the points do not determine it: {why}")]
+    Degenerate {
+        /// Which element.
+        element: &'static str,
+        /// What is degenerate.
+        why: &'static str,
+    },
+    /// The iteration did not settle.
+    #[error("{element}: no convergence after {iterations} iterations; are the points those of a {element}?")]
+    NoConvergence {
+        /// Which element.
+        element: &'static str,
+        /// Iterations done.
+        iterations: usize,
+    },
+    /// A setting out of range.
+    #[error("{key} = {value} must lie in {limits}")]
+    Setting {
+        /// Name of the setting.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// Allowed interval.
+        limits: &'static str,
+    },
+}

@@ -1,0 +1,122 @@
+//! Why an element or the part was not found.
+
+use thiserror::Error;
+
+use crate::fit::FitError;
+
+/// Why an element or the part was not found.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum MeasureError {
+    /// Not enough points in the region.
+    #[error(
+        "element {element}: {points} points in its region ({without_normals} before the test of normals), needs \
+         {needs}: part missing, hidden or misplaced?"
+    )]
+    TooFewPoints {
+        /// Name of the element.
+        element: String,
+        /// Points that fulfil all conditions.
+        points: usize,
+        /// Points that fulfil all but that of the normal.
+        without_normals: usize,
+        /// Fewest points.
+        needs: usize,
+    },
+    /// The points fill the region instead of lying on a surface.
+    #[error(
+        "element {element}: its points scatter by {sigma_mm:.3} mm in a region of ±{margin_mm} mm, limit \
+         {limit_mm:.3} mm: not a surface of this kind, or another one cuts through"
+    )]
+    Scattered {
+        /// Name of the element.
+        element: String,
+        /// Standard deviation of the residuals.
+        sigma_mm: f64,
+        /// Margin of the region.
+        margin_mm: f64,
+        /// Largest standard deviation.
+        limit_mm: f64,
+    },
+    /// The fitted element lies too far from where the plan has it.
+    #[error(
+        "element {element}: found {shift_mm:.3} mm from its nominal place or size, limit {limit_mm} mm (twice its margin_mm)"
+    )]
+    Displaced {
+        /// Name of the element.
+        element: String,
+        /// How far.
+        shift_mm: f64,
+        /// How far it may be.
+        limit_mm: f64,
+    },
+    /// No fit.
+    #[error("element {element}: {source}")]
+    Fit {
+        /// Name of the element.
+        element: String,
+        /// Why.
+        source: FitError,
+    },
+    /// The filter of a flatness leaves too little to judge its noise by.
+    #[error(
+        "flatness filter: filter_mm = {filter_mm} mm leaves {cells} cells of {fewest_points} or more points in each quarter and \
+         {blocks} blocks of 2 × 2 of them, needs at least {needs} blocks: a smaller filter_mm, or a larger or more \
+         densely measured element"
+    )]
+    FilteredAway {
+        /// Nesting index.
+        filter_mm: f64,
+        /// Cells with enough points.
+        cells: usize,
+        /// Points that are enough in a quarter.
+        fewest_points: usize,
+        /// Blocks of 2 × 2 such cells.
+        blocks: usize,
+        /// Fewest blocks.
+        needs: usize,
+    },
+    /// The part lies farther off than the plan allows.
+    #[error(
+        "the part lies {offset_mm:.2} mm and {angle_deg:.2}° from its nominal place, limits {limit_mm} mm \
+         (search_mm) and {limit_deg}° (search_deg): clamp it anew or widen the search"
+    )]
+    OutOfReach {
+        /// Shift of the datum surfaces.
+        offset_mm: f64,
+        /// Turn.
+        angle_deg: f64,
+        /// Largest shift.
+        limit_mm: f64,
+        /// Largest turn.
+        limit_deg: f64,
+    },
+    /// The datum elements are not those of the part.
+    #[error(
+        "the datum spheres are {measured_mm:.3} mm apart, nominally {nominal_mm:.3} mm, limit ±{limit_mm} mm: \
+         another part, or one of them was taken for something else"
+    )]
+    WrongPart {
+        /// Distance found.
+        measured_mm: f64,
+        /// Distance in the plan.
+        nominal_mm: f64,
+        /// Largest difference.
+        limit_mm: f64,
+    },
+    /// The pose does not settle.
+    #[error("alignment: the pose still moves by {moved_mm:.4} mm after {rounds} rounds, limit {limit_mm} mm")]
+    Unsettled {
+        /// Last motion.
+        moved_mm: f64,
+        /// Rounds done.
+        rounds: usize,
+        /// Largest motion.
+        limit_mm: f64,
+    },
+    /// The cloud is too large for 32-bit indices.
+    #[error("the cloud has {points} points, limit {}", u32::MAX)]
+    CloudSize {
+        /// Points.
+        points: usize,
+    },
+}
