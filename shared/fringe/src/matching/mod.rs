@@ -35,6 +35,7 @@ mod error;
 #[cfg(test)]
 mod figures;
 mod patch;
+mod report;
 mod rows;
 mod scan;
 mod settings;
@@ -45,6 +46,7 @@ mod tests;
 pub use error::MatchError;
 pub(crate) use error::check_map;
 pub use patch::Interpolation;
+pub use report::MatchReport;
 pub use settings::MatchSettings;
 pub(crate) use settings::check_depth;
 
@@ -53,39 +55,15 @@ use crate::cloud::Point;
 use crate::parallel::for_parts;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
-use crate::surface::{Sample, SurfaceBuilder, SurfaceReport, View};
+use crate::surface::{Sample, SurfaceBuilder, View};
 use nalgebra::Vector3;
+use report::PART_ROWS;
 use rows::Row;
 use scan::{Scan, Task};
-use serde::Serialize;
 use subpixel::{RightPhase, SETTLED_PX};
 
 /// Relative difference of two periods that are the same: they come from the same sequence.
 const SAME_PERIOD: f64 = 1e-9;
-
-/// Rectified rows per part of parallel work; fixed, so that no result depends on the number of threads.
-const PART_ROWS: usize = 16;
-
-/// What became of the left pixels. All numbers count pixels; they add up to `valid`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
-pub struct MatchReport {
-    /// Valid left pixels that have an epipolar line in the right image.
-    pub valid: u32,
-    /// The right row does not show their phase: occluded, or outside the image or the depth limits.
-    pub unmatched: u32,
-    /// More than one place in a row shows their phase.
-    pub ambiguous: u32,
-    /// The backward search does not return to them.
-    pub inconsistent: u32,
-    /// The phase around the match is no continuous surface, or too uncertain.
-    pub discontinuous: u32,
-    /// Of the points, how many were read bilinearly for want of a 4 × 4 neighbourhood (before support is judged).
-    pub bilinear: u32,
-    /// Dropped as spikes, crumbs or steep, and points.
-    pub surface: SurfaceReport,
-    /// Points written: `surface.points`.
-    pub points: u32,
-}
 
 /// Matches the phase maps of one pair. All tables and buffers are made once; `run` allocates nothing.
 #[derive(Debug, Clone)]

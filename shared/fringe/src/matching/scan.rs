@@ -1,8 +1,9 @@
 //! The work on one part of the rows: coarse search, uniqueness, fine solution.
 
+use super::report::{MatchReport, PART_ROWS};
 use super::rows::{Row, StepLimits};
+use super::settings::MatchSettings;
 use super::subpixel::{Crossing, RightPhase, solve};
-use super::{MatchReport, MatchSettings, PART_ROWS};
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid};
 use crate::surface::Sample;

@@ -7,8 +7,13 @@
 //! check, Bräuer-Burchardt 2011).
 
 mod rays;
+mod report;
+mod settings;
 #[cfg(test)]
 mod tests;
+
+pub use report::ProjectorReport;
+pub use settings::ProjectorSettings;
 
 use crate::camera::Camera;
 use crate::cloud::Point;
@@ -17,52 +22,14 @@ use crate::parallel::for_parts;
 use crate::pattern::Axis;
 use crate::phase::PhaseView;
 use crate::rectify::RectifiedCamera;
-use crate::surface::{Sample, SurfaceBuilder, SurfaceReport, SurfaceSettings, View};
+use crate::surface::{Sample, SurfaceBuilder, View};
 use nalgebra::Matrix3;
 use rays::{Observation, Rays};
-use serde::{Deserialize, Serialize};
+use report::{Task, summed};
 use std::f64::consts::TAU;
 
 /// Pixels per part of parallel work; fixed, so that no result depends on the number of threads.
 const PART_PIXELS: usize = 16_384;
-
-/// How to intersect.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct ProjectorSettings {
-    /// Nearest and farthest depth along the optical axis of the camera, mm; absent: everything in front of both.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub depth_mm: Option<[f64; 2]>,
-    /// Largest disagreement of the two axes, projector pixels: beyond it one fringe order is wrong.
-    pub max_epipolar_px: f64,
-    /// Projector coordinates may exceed its image by this, px.
-    pub margin_px: f64,
-    /// What counts as a surface.
-    pub surface: SurfaceSettings,
-}
-
-impl Default for ProjectorSettings {
-    fn default() -> Self {
-        Self { depth_mm: None, max_epipolar_px: 2.0, margin_px: 0.5, surface: SurfaceSettings::default() }
-    }
-}
-
-/// What became of the pixels; all add up to `valid`.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct ProjectorReport {
-    /// Pixels valid along all given axes.
-    pub valid: u32,
-    /// The ray does not meet the column within the projector's image and the depth limits.
-    pub missed: u32,
-    /// Both axes disagree.
-    pub contradicting: u32,
-    /// Root mean square disagreement of both axes, projector pixels; absent with one axis.
-    pub epipolar_rms_px: Option<f64>,
-    /// Dropped as spikes, crumbs or steep, and points.
-    pub surface: SurfaceReport,
-    /// Points written: `surface.points`.
-    pub points: u32,
-}
 
 /// Intersects the rays of a camera with the columns and rows of a projector. `run` allocates nothing.
 #[derive(Debug, Clone)]
@@ -78,15 +45,6 @@ pub struct ProjectorMatcher {
     phase_y: Vec<f32>,
     samples: Vec<Sample>,
     surface: SurfaceBuilder,
-}
-
-#[derive(Debug, Clone, Copy, Default)]
-struct Task {
-    valid: u32,
-    missed: u32,
-    contradicting: u32,
-    checked: u32,
-    squares_px2: f64,
 }
 
 impl ProjectorMatcher {
@@ -215,34 +173,5 @@ impl ProjectorMatcher {
         }
         let needed = self.capacity();
         if room < needed { Err(MatchError::Room { room, needed }) } else { Ok(()) }
-    }
-}
-
-fn summed(tasks: &[Task]) -> ProjectorReport {
-    let mut report = ProjectorReport::default();
-    let (mut squares, mut checked) = (0.0, 0);
-    for task in tasks {
-        report.valid += task.valid;
-        report.missed += task.missed;
-        report.contradicting += task.contradicting;
-        squares += task.squares_px2;
-        checked += task.checked;
-    }
-    report.epipolar_rms_px = (checked > 0).then(|| (squares / f64::from(checked)).sqrt());
-    report
-}
-
-impl ProjectorSettings {
-    fn check(&self) -> Result<(), MatchError> {
-        if let Some((key, value, limits)) = self.surface.fault() {
-            return Err(MatchError::Setting { key, value, limits });
-        }
-        crate::matching::check_depth(self.depth_mm)?;
-        for (key, value) in [("max_epipolar_px", self.max_epipolar_px), ("margin_px", self.margin_px)] {
-            if !(value.is_finite() && value >= 0.0) {
-                return Err(MatchError::Setting { key, value, limits: "zero or a positive number" });
-            }
-        }
-        Ok(())
     }
 }

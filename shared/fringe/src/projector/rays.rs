@@ -1,6 +1,7 @@
 //! Where a camera's ray meets a projector column or row.
 
-use super::{ProjectorSettings, Task};
+use super::report::Task;
+use super::settings::ProjectorSettings;
 use crate::camera::Camera;
 use crate::surface::Sample;
 use nalgebra::{Matrix3, Point2, Vector2, Vector3};

@@ -7,83 +7,20 @@
 //! Beyond the contract a `[[projector]]` may carry `full_scale_dn` (one number, or a table by camera): the grey value at
 //! which the sensor is full in 16-bit files, such as 4095 for 12 bits; without it 65535. 8-bit files are full at 255.
 
+mod model;
 mod read;
 #[cfg(test)]
 mod tests;
 mod write;
 
+pub use model::{
+    RECORDING_FILE, RECORDING_FORMAT, RecordedCamera, RecordedProjector, RecordedRig, Recording,
+};
 pub use write::{ProjectorRecord, RecordingWriter, recording_text};
 
-use crate::document::Document;
-use crate::error::{FileError, Problem};
-use crate::image_file::read_frame;
-use crate::rig_file::{RigFile, resolve_pairs};
-use fringe::frame::Frame;
-use fringe::pattern::PatternSet;
-use fringe::rig::{Pair, Rig};
-use std::path::{Path, PathBuf};
-
-/// Value of `format` in a recording.
-pub const RECORDING_FORMAT: &str = "fringecell-recording/1";
-
-/// Name of the file that makes a folder a recording; it is written last.
-pub const RECORDING_FILE: &str = "recording.toml";
-
-/// A recording whose frames are all there: counted, named and of equal size, but not yet decoded.
-#[derive(Debug, Clone)]
-pub struct Recording {
-    /// The folder.
-    pub folder: PathBuf,
-    /// `recording.toml`, for messages that point into it.
-    pub document: Document,
-    /// SHA-256 of `recording.toml`.
-    pub sha256: String,
-    /// What lit, in the order of projection.
-    pub projectors: Vec<RecordedProjector>,
-    /// Anything else that was written down.
-    pub provenance: toml::Table,
-}
-
-/// A projector of a recording.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RecordedProjector {
-    /// Unique.
-    pub name: String,
-    /// Columns.
-    pub width_px: u32,
-    /// Rows.
-    pub height_px: u32,
-    /// What it showed.
-    pub sequence: Vec<PatternSet>,
-    /// Who looked.
-    pub cameras: Vec<RecordedCamera>,
-}
-
-/// What one camera saw of one projector.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct RecordedCamera {
-    /// Unique among the cameras of the projector.
-    pub name: String,
-    /// Columns.
-    pub width_px: u32,
-    /// Rows.
-    pub height_px: u32,
-    /// 8 or 16.
-    pub bits: u8,
-    /// The grey value at which the sensor is full.
-    pub full_scale_dn: u16,
-    /// One file per frame of the sequence.
-    pub frames: Vec<PathBuf>,
-}
-
-/// A rig fitted to what a recording holds.
-#[derive(Debug, Clone)]
-pub struct RecordedRig {
-    /// The rig; its pairs are those that were recorded, in the order of the rig file, each with its projector.
-    pub rig: Rig,
-    /// Pairs of the rig file that were not recorded.
-    pub absent_pairs: Vec<Pair>,
-}
+use crate::error::FileError;
+use crate::rig_file::RigFile;
+use std::path::Path;
 
 impl Recording {
     /// Opens a recording folder (or its `recording.toml`) and checks that every frame is there.
@@ -94,69 +31,11 @@ impl Recording {
         read::open(folder)
     }
 
-    /// A projector by name.
-    pub fn projector(&self, name: &str) -> Option<&RecordedProjector> {
-        self.projectors.iter().find(|projector| projector.name == name)
-    }
-
-    /// Decodes one frame.
-    ///
-    /// # Errors
-    /// Unknown names, a number beyond the sequence, or a file that does not decode (truncated, changed since opened).
-    pub fn load(&self, projector: &str, camera: &str, frame: usize) -> Result<Frame, FileError> {
-        let absent =
-            |what: String| FileError::new(&self.folder, Problem::Missing(what), "see recording.toml");
-        let camera = self
-            .projector(projector)
-            .and_then(|projector| projector.camera(camera))
-            .ok_or_else(|| absent(format!("projector \"{projector}\" with camera \"{camera}\"")))?;
-        let count = camera.frames.len();
-        let path = camera
-            .frames
-            .get(frame)
-            .ok_or_else(|| absent(format!("frame {frame} of {count} of camera \"{}\"", camera.name)))?;
-        camera.load(path)
-    }
-
     /// The rig for this recording: sizes compared, pairs limited to those that were recorded, projectors resolved.
     ///
     /// # Errors
     /// A recorded camera that the rig does not know or has in another size; no pair at all; a pair without projector.
     pub fn rig(&self, rig_file: &RigFile) -> Result<RecordedRig, FileError> {
         read::fit(self, rig_file)
-    }
-
-    /// Which cameras saw which projector, as [`resolve_pairs`] takes it.
-    fn resolve(&self, rig_path: &Path, rig: &mut Rig) -> Result<(), FileError> {
-        let names: Vec<(String, Vec<String>)> = self
-            .projectors
-            .iter()
-            .map(|p| (p.name.clone(), p.cameras.iter().map(|camera| camera.name.clone()).collect()))
-            .collect();
-        let lit: Vec<_> = names.iter().map(|(name, cameras)| (name.as_str(), cameras.as_slice())).collect();
-        resolve_pairs(rig_path, rig, &lit)
-    }
-}
-
-impl RecordedProjector {
-    /// A camera by name.
-    pub fn camera(&self, name: &str) -> Option<&RecordedCamera> {
-        self.cameras.iter().find(|camera| camera.name == name)
-    }
-}
-
-impl RecordedCamera {
-    fn load(&self, path: &Path) -> Result<Frame, FileError> {
-        let frame = read_frame(path, (self.bits == 16).then_some(self.full_scale_dn))?;
-        let (found, expected) = ((frame.width_px, frame.height_px), (self.width_px, self.height_px));
-        if found != expected {
-            let problem = Problem::Disagreement {
-                what: "sizes",
-                here: format!("this frame has {} × {} px", found.0, found.1),
-                there: format!("{} × {} px when the recording was opened", expected.0, expected.1),
-            };
-            return Err(FileError::new(path, problem, "do not change a recording while it is read"));
-        }
-        Ok(frame)
     }
 }

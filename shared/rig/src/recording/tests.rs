@@ -3,9 +3,11 @@
 use super::*;
 use crate::rig_file::{read_rig, write_rig};
 use crate::testing::{camera, rig};
-use fringe::frame::PixelBuffer;
-use fringe::pattern::{Axis, Direction};
+use fringe::frame::{Frame, PixelBuffer};
+use fringe::pattern::{Axis, Direction, PatternSet};
+use fringe::rig::Rig;
 use std::fs;
+use std::path::PathBuf;
 
 const SINE: PatternSet = PatternSet::Sine {
     axis: Axis::X,
