@@ -137,7 +137,8 @@ pub struct Cycles {
 }
 
 impl Cycles {
-    /// A machine for `requested` cycles, numbered from 0 for the person; messages carry cycle + 1, see [`wire`].
+    /// A machine for `requested` cycles, numbered from 0 for the person; messages carry cycle + 1, see
+    /// [`crate::cycle_number::wire`].
     pub fn new(stages: Vec<String>, steps: Vec<Step>, budgets: Budgets, requested: Option<u64>) -> Self {
         let mut before = vec![None; steps.len()];
         let mut feeds = vec![Vec::new(); steps.len()];
