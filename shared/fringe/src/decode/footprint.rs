@@ -42,10 +42,9 @@ const LAPLACIAN_POWER: f64 = 8.0 / 70.0;
 /// A neighbourhood is smooth when its residual stays within so many times the phase noise, plus this many rad.
 const SMOOTH_SIGMAS: f32 = 3.0;
 const SMOOTH_RAD: f32 = 0.02;
-/// Bins along |∇φ|²: the first ends at `FIRST_RAD2`, each further one is `RATIO` times as far out; the last has no end.
-const BINS: usize = 32;
-const FIRST_RAD2: f64 = 1e-3;
-const RATIO: f64 = 1.3;
+/// Bins along |∇φ|², four to the octave from 2⁻¹⁰ rad²/px² on; the last one has no end.
+const BINS: usize = 40;
+const FIRST_BITS: usize = (127 - 10) << 2;
 /// Rows are dealt to so many groups; how the groups scatter tells the uncertainty of a bin.
 const GROUPS: usize = 8;
 /// Fewer pixels in a group of a bin say nothing.
@@ -59,6 +58,8 @@ const LENS_U_PX2: f64 = 0.12;
 const LEAST_PX2: f64 = 0.005;
 /// Beyond this the expansion to second order does not hold and the image is out of focus.
 const MOST_PX2: f64 = 0.6;
+/// Pixels that are worked on side by side; narrower images are left alone.
+const LANES: usize = 8;
 /// Rows of one parallel job; a multiple of `GROUPS`.
 const ROWS: usize = 16;
 
@@ -77,7 +78,6 @@ pub struct Reflectance<'a> {
 #[derive(Debug)]
 pub struct Footprint {
     width: usize,
-    edges: [f32; BINS],
     /// ½ ∇²φ + ∇ln R · ∇φ, rad/px²; NaN where the neighbourhood is not smooth.
     bias: Vec<f32>,
     jobs: Vec<Bins>,
@@ -115,20 +115,14 @@ impl Footprint {
     /// Room for images of a size.
     pub fn new(width: usize, pixels: usize) -> Self {
         let jobs = (pixels / width.max(1)).div_ceil(ROWS);
-        let mut edge = FIRST_RAD2;
-        let mut edges = [f32::INFINITY; BINS];
-        for place in &mut edges[..BINS - 1] {
-            *place = edge as f32;
-            edge *= RATIO;
-        }
         let empty = [[Sums::default(); GROUPS]; BINS];
-        Self { width, edges, bias: vec![f32::NAN; pixels], jobs: vec![empty; jobs] }
+        Self { width, bias: vec![f32::NAN; pixels], jobs: vec![empty; jobs] }
     }
 
     /// Derivatives of the whole map, and from them the variance s² of the footprint, px²; `None` where the frames do
     /// not tell it.
     pub fn survey(&mut self, map: &PhaseViewMut, reflectance: Option<Reflectance>) -> Option<f64> {
-        let (width, edges) = (self.width, &self.edges);
+        let width = self.width;
         let rows = self.bias.len() / width;
         let parts = self.bias.par_chunks_mut(ROWS * width).zip(&mut self.jobs).enumerate();
         parts.for_each(|(chunk, (bias, bins))| {
@@ -136,20 +130,8 @@ impl Footprint {
             bias.fill(f32::NAN);
             for (offset, line) in bias.chunks_mut(width).enumerate() {
                 let row = chunk * ROWS + offset;
-                if !(HALF..rows.saturating_sub(HALF)).contains(&row) {
-                    continue;
-                }
-                for (column, bias) in line.iter_mut().enumerate().take(width.saturating_sub(HALF)).skip(HALF)
-                {
-                    let index = row * width + column;
-                    let Some(local) = local(map, width, index) else { continue };
-                    let ([x, y], [u, v]) = (local.gradient, local.shading);
-                    *bias = 0.5 * local.laplacian + u * x + v * y;
-                    if let Some(light) = reflectance.and_then(|r| r.at(index, map.valid.len())) {
-                        let slope2 = x * x + y * y;
-                        let bin = edges.partition_point(|edge| *edge < slope2).min(BINS - 1);
-                        bins[bin][row % GROUPS].add(map.modulation[index], light, slope2);
-                    }
+                if (HALF..rows.saturating_sub(HALF)).contains(&row) {
+                    survey_row(map, reflectance.as_ref(), row * width, line, bins);
                 }
             }
         });
@@ -187,6 +169,54 @@ impl Footprint {
                 *sigma *= growth;
             }
         }
+    }
+}
+
+/// A fixed number of values from `start` on; they must be there.
+fn lanes<const N: usize>(values: &[f32], start: usize) -> [f32; N] {
+    let mut taken = [0.0; N];
+    taken.copy_from_slice(&values[start..start + N]);
+    taken
+}
+
+/// Bin of a slope: four to the octave, read from the bits of the number.
+fn bin(slope2: f32) -> usize {
+    ((slope2.to_bits() >> 21) as usize).saturating_sub(FIRST_BITS).min(BINS - 1)
+}
+
+/// Derivatives along one row, and its part of the bins.
+fn survey_row(
+    map: &PhaseViewMut,
+    reflectance: Option<&Reflectance>,
+    first: usize,
+    line: &mut [f32],
+    bins: &mut Bins,
+) {
+    let width = line.len();
+    let group = first / width % GROUPS;
+    let last = width.saturating_sub(HALF);
+    let mut column = HALF;
+    while column < last {
+        // The last block of a row reaches back, so that it ends with the row.
+        let start = column.min(last.saturating_sub(LANES)).max(HALF);
+        if start + LANES > last {
+            return;
+        }
+        let index = first + start;
+        if map.valid[index..index + LANES].iter().any(|valid| *valid == 1) {
+            let block = Block::new(map, width, index);
+            for lane in column - start..LANES {
+                let at = index + lane;
+                let Some(local) = block.local(lane, map.sigma_rad[at], map.modulation[at]) else { continue };
+                let ([x, y], [u, v]) = (local.gradient, local.shading);
+                line[start + lane] = 0.5 * local.laplacian + u * x + v * y;
+                if let Some(light) = reflectance.and_then(|r| r.at(at, map.valid.len())) {
+                    let slope2 = x * x + y * y;
+                    bins[bin(slope2)][group].add(map.modulation[at], light, slope2);
+                }
+            }
+        }
+        column = start + LANES;
     }
 }
 
@@ -255,45 +285,71 @@ fn line(places: &[Place]) -> Option<(f64, f64)> {
     Some((slope, (chi2.max(1.0) / xx).sqrt()))
 }
 
-/// The quadratic about a pixel that is at least [`HALF`] away from the image's edge; `None` across masks and steps.
-fn local(map: &PhaseViewMut, width: usize, index: usize) -> Option<Local> {
-    let first = index - HALF * width - HALF;
-    let (middle, light) = (map.phase_rad[index], map.modulation[index]);
-    let mut all = 1;
-    for row in 0..5 {
-        let start = first + row * width;
-        all &= map.valid[start..start + 5].iter().fold(1, |all, valid| all & valid);
-    }
-    if all == 0 || light <= 0.0 {
-        return None;
-    }
-    let (mut d, mut dx, mut dy, mut dxx, mut dyy, mut dxy, mut d2) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0_f32);
-    let (mut bx, mut by) = (0.0, 0.0);
-    for row in 0..5_usize {
-        let y = row as f32 - 2.0;
-        for column in 0..5_usize {
-            let x = column as f32 - 2.0;
-            let at = first + row * width + column;
-            let value = map.phase_rad[at] - middle;
-            d += value;
-            dx += x * value;
-            dy += y * value;
-            dxx += (x * x - 2.0) * value;
-            dyy += (y * y - 2.0) * value;
-            dxy += x * y * value;
-            d2 += value * value;
-            let b = map.modulation[at] - light;
-            bx += x * b;
-            by += y * b;
+/// The quadratics about [`LANES`] neighbouring pixels; side by side, so that the loops become vector instructions.
+#[derive(Debug, Clone, Copy, Default)]
+struct Block {
+    dx: [f32; LANES],
+    dy: [f32; LANES],
+    dxx: [f32; LANES],
+    dyy: [f32; LANES],
+    bx: [f32; LANES],
+    by: [f32; LANES],
+    /// Sum of squares that the quadratic does not explain, rad².
+    rest: [f32; LANES],
+}
+
+impl Block {
+    /// All pixels and their neighbourhoods must lie in the image; what is masked gives NaN.
+    fn new(map: &PhaseViewMut, width: usize, index: usize) -> Self {
+        let mut sums = Self::default();
+        let (mut d, mut dxy, mut d2) = ([0.0_f32; LANES], [0.0_f32; LANES], [0.0_f32; LANES]);
+        let middle = lanes::<LANES>(map.phase_rad, index);
+        for row in 0..5_usize {
+            let y = row as f32 - 2.0;
+            let start = index + row * width - HALF * width - HALF;
+            let phase = lanes::<{ LANES + 4 }>(map.phase_rad, start);
+            let light = lanes::<{ LANES + 4 }>(map.modulation, start);
+            for l in 0..LANES {
+                let m = middle[l];
+                let (v0, v1, v2) = (phase[l] - m, phase[l + 1] - m, phase[l + 2] - m);
+                let (v3, v4) = (phase[l + 3] - m, phase[l + 4] - m);
+                // Σ v, Σ x v, Σ (x² − 2) v of the row, x = −2 … 2.
+                let flat = v0 + v1 + v2 + v3 + v4;
+                let slope = 2.0 * (v4 - v0) + (v3 - v1);
+                let curve = 2.0 * (v0 + v4 - v2) - (v1 + v3);
+                d[l] += flat;
+                sums.dx[l] += slope;
+                sums.dy[l] += y * flat;
+                sums.dxx[l] += curve;
+                sums.dyy[l] += (y * y - 2.0) * flat;
+                dxy[l] += y * slope;
+                d2[l] += v0 * v0 + v1 * v1 + v2 * v2 + v3 * v3 + v4 * v4;
+            }
+            for l in 0..LANES {
+                let (b0, b1, b3, b4) = (light[l], light[l + 1], light[l + 3], light[l + 4]);
+                sums.bx[l] += 2.0 * (b4 - b0) + (b3 - b1);
+                sums.by[l] += y * (b0 + b1 + light[l + 2] + b3 + b4);
+            }
         }
+        for l in 0..LANES {
+            let [dx, dy, dxx, dyy] = [sums.dx[l], sums.dy[l], sums.dxx[l], sums.dyy[l]];
+            let explained = d[l] * d[l] * (1.0 / 25.0)
+                + (dx * dx + dy * dy) * (1.0 / SUM_X2)
+                + (dxx * dxx + dyy * dyy) * (1.0 / SUM_Q2)
+                + dxy[l] * dxy[l] * (1.0 / SUM_XY2);
+            sums.rest[l] = d2[l] - explained;
+        }
+        sums
     }
-    let explained =
-        d * d / 25.0 + (dx * dx + dy * dy) / SUM_X2 + (dxx * dxx + dyy * dyy) / SUM_Q2 + dxy * dxy / SUM_XY2;
-    let limit = SMOOTH_SIGMAS * map.sigma_rad[index] + SMOOTH_RAD;
-    // 25 values, six parameters.
-    (d2 - explained <= 19.0 * limit * limit).then(|| Local {
-        gradient: [dx / SUM_X2, dy / SUM_X2],
-        laplacian: 2.0 * (dxx + dyy) / SUM_Q2,
-        shading: [bx / (SUM_X2 * light), by / (SUM_X2 * light)],
-    })
+
+    /// The quadratic of one lane; `None` across masks and steps.
+    fn local(&self, lane: usize, sigma_rad: f32, light: f32) -> Option<Local> {
+        let limit = SMOOTH_SIGMAS * sigma_rad + SMOOTH_RAD;
+        // 25 values, six parameters. A masked neighbour makes the rest NaN, and NaN is not within the limit.
+        (self.rest[lane] <= 19.0 * limit * limit && light > 0.0).then(|| Local {
+            gradient: [self.dx[lane] * (1.0 / SUM_X2), self.dy[lane] * (1.0 / SUM_X2)],
+            laplacian: (self.dxx[lane] + self.dyy[lane]) * (2.0 / SUM_Q2),
+            shading: [self.bx[lane] / (SUM_X2 * light), self.by[lane] / (SUM_X2 * light)],
+        })
+    }
 }
