@@ -203,7 +203,7 @@ fn survey_row(
             return;
         }
         let index = first + start;
-        if map.valid[index..index + LANES].iter().any(|valid| *valid == 1) {
+        if map.valid[index..index + LANES].contains(&1) {
             let block = Block::new(map, width, index);
             for lane in column - start..LANES {
                 let at = index + lane;
