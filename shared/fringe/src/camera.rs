@@ -12,6 +12,17 @@ use thiserror::Error;
 /// Calibration files carry six to eight digits, so honest ones stay below 1e-5; a scaled or sheared matrix does not.
 pub const ROTATION_TOLERANCE: f64 = 1e-4;
 
+/// Least and largest focal length, in lengths of the image's longer side: fields from 180° less a tenth of a degree down to
+/// two seconds of arc, wider than any lens and narrower than any telescope.
+const FOCAL_PER_SIDE: [f64; 2] = [5e-4, 1e5];
+
+/// Largest distance of the principal point from the image's corner, in lengths of the longer side: a small window read out
+/// of the corner of a large sensor stays far below.
+const OFFSET_PER_SIDE: f64 = 1e4;
+
+/// No camera stands farther from the origin of its world, mm: a kilometre.
+const FARTHEST_MM: f64 = 1e6;
+
 /// Newton steps to invert the distortion: it doubles the digits each time, five pass 1e-12 from any sane start.
 const UNDISTORT_STEPS: usize = 20;
 
@@ -29,6 +40,28 @@ pub enum CameraError {
     /// Focal length not finite or not positive.
     #[error("focal length {0} px must be a positive number")]
     FocalLength(f64),
+    /// A focal length that no image of this size can have.
+    #[error("focal length {focal_px} px is outside {least} … {most} px, which an image of this size allows")]
+    FocalRange {
+        /// As given.
+        focal_px: f64,
+        /// Smallest accepted.
+        least: f64,
+        /// Largest accepted.
+        most: f64,
+    },
+    /// A parameter that no real camera can have.
+    #[error("{name} = {value}: its magnitude must be at most {most} {unit}")]
+    Magnitude {
+        /// Which.
+        name: &'static str,
+        /// As given.
+        value: f64,
+        /// Largest accepted.
+        most: f64,
+        /// Of both.
+        unit: &'static str,
+    },
     /// A parameter is NaN or infinite.
     #[error("{0} must be a finite number")]
     NotFinite(&'static str),
@@ -152,7 +185,35 @@ impl Camera {
             ("distortion p", finite(&self.distortion.p)),
             ("translation", finite(self.camera_from_world.translation.vector.as_slice())),
         ];
-        named.iter().find(|(_, ok)| !ok).map_or(Ok(()), |(name, _)| Err(CameraError::NotFinite(name)))
+        named.iter().find(|(_, ok)| !ok).map_or(Ok(()), |(name, _)| Err(CameraError::NotFinite(name)))?;
+        self.check_magnitudes()
+    }
+
+    /// Numbers that are finite and yet mean nothing: a slip of the decimal point or of the unit.
+    fn check_magnitudes(&self) -> Result<(), CameraError> {
+        let side_px = f64::from(self.width_px.max(self.height_px));
+        let (least, most) = (side_px * FOCAL_PER_SIDE[0], side_px * FOCAL_PER_SIDE[1]);
+        if let Some(focal_px) = self.focal_px.into_iter().find(|f| !(least..=most).contains(f)) {
+            return Err(CameraError::FocalRange { focal_px, least, most });
+        }
+        let [fx, fy] = self.focal_px;
+        let [cx, cy] = self.principal_point_px;
+        let far_px = side_px * OFFSET_PER_SIDE;
+        let t = self.camera_from_world.translation.vector;
+        let named = [
+            ("principal point", cx, far_px, "px"),
+            ("principal point", cy, far_px, "px"),
+            ("skew", self.skew, fx.max(fy), "px"),
+            ("translation", t.x, FARTHEST_MM, "mm"),
+            ("translation", t.y, FARTHEST_MM, "mm"),
+            ("translation", t.z, FARTHEST_MM, "mm"),
+        ];
+        named
+            .into_iter()
+            .find(|(_, value, most, _)| value.abs() > *most)
+            .map_or(Ok(()), |(name, value, most, unit)| {
+                Err(CameraError::Magnitude { name, value, most, unit })
+            })
     }
 
     /// The matrix K.
@@ -305,6 +366,32 @@ mod tests {
         let ray = camera.ray(pixel).unwrap();
         let again = camera.project(&(ray.origin_mm + ray.direction * 480.0)).unwrap();
         assert!((again - pixel).amax() < 1e-9);
+    }
+
+    #[test]
+    fn parameters_that_no_camera_has_are_refused() {
+        let good = Camera {
+            width_px: 168,
+            height_px: 112,
+            focal_px: [350.0, 349.0],
+            principal_point_px: [84.0, 56.0],
+            skew: 0.0,
+            distortion: lens(),
+            camera_from_world: Isometry3::translation(0.0, 0.0, 500.0),
+        };
+        good.check().unwrap();
+        for focal in [1e-300, 1e-3, 1e8, 1e300] {
+            let camera = Camera { focal_px: [350.0, focal], ..good.clone() };
+            assert!(matches!(camera.check(), Err(CameraError::FocalRange { .. })), "{focal}");
+        }
+        let at = |x: f64| Isometry3::translation(x, 0.0, 0.0);
+        for (bad, name) in [
+            (Camera { principal_point_px: [84.0, -1e300], ..good.clone() }, "principal point"),
+            (Camera { skew: 1e10, ..good.clone() }, "skew"),
+            (Camera { camera_from_world: at(-2e6), ..good.clone() }, "translation"),
+        ] {
+            assert!(bad.check().unwrap_err().to_string().contains(name));
+        }
     }
 
     #[test]

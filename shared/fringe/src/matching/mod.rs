@@ -106,8 +106,8 @@ impl Matcher {
         let pair = Rectification::new(left, right)?;
         let (directions, right_table) = (pair.left.table(), pair.right.table());
         let (y0, height) = common_rows(&directions, &right_table, pair.focal_px);
-        let left_grid = RectifiedGrid::new(&pair.left, &directions, pair.focal_px, y0, height);
-        let right_grid = RectifiedGrid::new(&pair.right, &right_table, pair.focal_px, y0, height);
+        let left_grid = RectifiedGrid::new(&pair.left, &directions, pair.focal_px, y0, height)?;
+        let right_grid = RectifiedGrid::new(&pair.right, &right_table, pair.focal_px, y0, height)?;
         let (order, row_starts) = order(&directions, &left_grid);
         let parts: Vec<usize> =
             (0..=height.div_ceil(PART_ROWS)).map(|part| row_starts[(part * PART_ROWS).min(height)]).collect();

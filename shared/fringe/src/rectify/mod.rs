@@ -16,6 +16,13 @@ use thiserror::Error;
 /// Rectified coordinates beyond this (75° off the axis) are not used: the grid would explode near the epipole.
 const MAX_TANGENT: f64 = 3.7;
 
+/// Cells of a rectified raster for each pixel of its camera: about one where both views have one scale, and this many where
+/// their focal lengths differ by four or a view is turned far off the common axis.
+const CELLS_PER_PIXEL: f64 = 64.0;
+
+/// As many cells are always granted: tiny images have mostly rim.
+const LEAST_CELLS: f64 = 1e6;
+
 /// A baseline shorter than this does not tell depth, mm.
 const MIN_BASELINE_MM: f64 = 1e-6;
 
@@ -49,6 +56,17 @@ pub enum RectifyError {
     Opposed {
         /// Angle between the axes, degrees.
         angle_deg: f64,
+    },
+    /// The rectified raster would have far more cells than the camera has pixels.
+    #[error(
+        "the rectified raster would have {cells:.1e} cells, limit {limit:.1e}: the focal lengths of both views differ too \
+         much, or a distortion is wrong"
+    )]
+    GridTooLarge {
+        /// Columns times rows.
+        cells: f64,
+        /// Largest accepted.
+        limit: f64,
     },
     /// The lens model folds over in the whole image.
     #[error("no pixel of the {side} camera has a ray: its distortion folds over everywhere")]
@@ -279,15 +297,24 @@ pub struct RectifiedGrid {
 
 impl RectifiedGrid {
     /// Builds the map of a camera for the given rows; `table` is its [`RectifiedCamera::table`].
+    ///
+    /// # Errors
+    /// [`RectifyError::GridTooLarge`] when the views differ so much in scale that the raster would burst the memory.
     pub fn new(
         camera: &RectifiedCamera,
         table: &[[f64; 2]],
         focal_px: f64,
         y0: f64,
         height: usize,
-    ) -> RectifiedGrid {
+    ) -> Result<RectifiedGrid, RectifyError> {
         let (low, high) = range(table, 0).unwrap_or((0.0, 0.0));
-        let width = ((high - low) * focal_px).ceil() as usize + 1;
+        // In floating point, where nothing overflows.
+        let columns = ((high - low) * focal_px).ceil() + 1.0;
+        let (cells, limit) = (columns * height as f64, CELLS_PER_PIXEL * table.len() as f64 + LEAST_CELLS);
+        if cells.is_nan() || cells > limit {
+            return Err(RectifyError::GridTooLarge { cells, limit });
+        }
+        let width = columns as usize;
         let mut index = vec![NO_PIXEL; width * height];
         index.par_chunks_mut(width).enumerate().for_each(|(row, line)| {
             let y = y0 + row as f64 / focal_px;
@@ -297,7 +324,7 @@ impl RectifiedGrid {
                 *cell = nearest(&camera.camera, table, curve.at(x).pixel, [x, y], focal_px);
             }
         });
-        RectifiedGrid { focal_px, x0: low, y0, width, height, index }
+        Ok(RectifiedGrid { focal_px, x0: low, y0, width, height, index })
     }
 
     /// Fractional column of a rectified abscissa.

@@ -63,7 +63,7 @@ fn a_grid_cell_names_the_nearest_pixel() {
     let table = pair.right.table();
     let (low, high) = range(&table, 1).unwrap();
     let height = ((high - low) * pair.focal_px) as usize + 1;
-    let grid = RectifiedGrid::new(&pair.right, &table, pair.focal_px, low, height);
+    let grid = RectifiedGrid::new(&pair.right, &table, pair.focal_px, low, height).unwrap();
     let mut seen = 0;
     for row in (0..height).step_by(7) {
         for column in (0..grid.width).step_by(5) {
