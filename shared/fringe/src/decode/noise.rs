@@ -126,12 +126,41 @@ impl Probe {
             if round == 2 {
                 let variance_dn2: f64 = self.samples[first..].iter().map(|s| s.variance_dn2).sum();
                 let count = self.samples.len() - first;
-                self.unexplained.0 += variance_dn2;
-                self.unexplained.1 += lit_power;
-                self.unexplained.2 += count;
+                let black = self.blackened(index, least_modulation_dn, clipped_dn, &coherent);
+                self.unexplained.0 += variance_dn2 + black.0;
+                self.unexplained.1 += lit_power + black.1;
+                self.unexplained.2 += count + black.2;
             }
             limit_dn2 = EXPLAINED * median_variance(&self.samples[first..], &mut self.scratch);
         }
+    }
+
+    /// Σ residual variance, Σ B² and number of the pixels with one black frame among lit ones. They tell no noise, but a
+    /// whole frame that stayed black (a trigger that was lost) hides in them; a sine that touches black leaves next to
+    /// nothing there.
+    fn blackened(
+        &self,
+        index: usize,
+        least_modulation_dn: f64,
+        clipped_dn: u16,
+        coherent: &[(f64, f64); MAX_HARMONICS],
+    ) -> (f64, f64, usize) {
+        let spectrum = &self.spectra[index];
+        let steps = spectrum.steps;
+        let one_black = |stack: &&[u16]| {
+            stack.iter().filter(|v| **v == 0).count() == 1 && stack.iter().all(|v| *v < clipped_dn)
+        };
+        let mut sums = (0.0, 0.0, 0);
+        let stacks = self.frames.chunks_exact(self.steps_max.max(1)).map(|stack| &stack[..steps]);
+        for stack in stacks.filter(one_black) {
+            let fit = spectrum.fit(stack);
+            if fit.modulation_dn >= least_modulation_dn && fit.modulation_dn > 0.0 {
+                sums.0 += spectrum.residual(stack, &fit, coherent) / (steps as f64 - 3.0);
+                sums.1 += fit.modulation_dn * fit.modulation_dn;
+                sums.2 += 1;
+            }
+        }
+        sums
     }
 
     /// What the sine model leaves of the light, as a fraction of the modulation, when it is more than noise and
