@@ -1,5 +1,6 @@
 //! Output files that are complete or absent.
 
+use crate::document::refuse_named_pipe;
 use crate::error::{FileError, Problem};
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -25,14 +26,32 @@ pub fn write_with(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), FileError> {
-    let temporary = Temporary(beside(path)?);
+    if is_stream(path)? {
+        let written = || -> io::Result<()> {
+            let mut out = BufWriter::new(File::options().write(true).open(path)?);
+            fill(&mut out)?;
+            out.flush()
+        };
+        return written().map_err(|source| FileError::io(path, "write it", source));
+    }
+    // A symbolic link stays; what it points to is replaced.
+    let linked = if path.is_symlink() { path.canonicalize().ok() } else { None };
+    let target = linked.unwrap_or_else(|| path.to_owned());
+    let temporary = Temporary(beside(&target)?);
     let written = || -> io::Result<()> {
         let mut out = BufWriter::with_capacity(1 << 16, File::create_new(&temporary.0)?);
         fill(&mut out)?;
         out.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
-        fs::rename(&temporary.0, path)
+        fs::rename(&temporary.0, &target)
     };
     written().map_err(|source| FileError::io(path, "write it", source))
+}
+
+/// Whether the path is a device or an unnamed pipe, such as `/dev/stdout`: written to, never replaced.
+fn is_stream(path: &Path) -> Result<bool, FileError> {
+    refuse_named_pipe(path)?;
+    let Ok(metadata) = fs::metadata(path) else { return Ok(false) };
+    Ok(!metadata.is_file() && !metadata.is_dir())
 }
 
 /// Creates a folder and its parents.
@@ -95,6 +114,21 @@ mod tests {
         write(&path, b"new").unwrap();
         assert_eq!(fs::read(&path).unwrap(), b"new");
         assert_eq!(names(dir.path()), ["a"]);
+    }
+
+    #[test]
+    fn devices_are_written_to_and_links_stay_links() {
+        use std::os::unix::fs::FileTypeExt;
+        write(Path::new("/dev/null"), b"x").unwrap();
+        assert!(fs::metadata("/dev/null").unwrap().file_type().is_char_device());
+        assert!(write(Path::new("/dev/full"), b"x").is_err());
+        let dir = tempfile::tempdir().unwrap();
+        let (link, place) = (dir.path().join("link"), dir.path().join("place"));
+        fs::write(&place, b"old").unwrap();
+        std::os::unix::fs::symlink("place", &link).unwrap();
+        write(&link, b"new").unwrap();
+        assert!(link.is_symlink());
+        assert_eq!(fs::read(&place).unwrap(), b"new");
     }
 
     #[test]

@@ -4,6 +4,7 @@ use crate::error::{FileError, Problem, did_you_mean};
 use serde::de::DeserializeOwned;
 use std::fs::File;
 use std::io::Read;
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -35,6 +36,7 @@ pub fn read_text(path: &Path) -> Result<String, FileError> {
 /// # Errors
 /// Absent, not a file, or longer than the limit.
 pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>, FileError> {
+    refuse_named_pipe(path)?;
     let file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
     let metadata = file.metadata().map_err(|source| FileError::io(path, "inspect it", source))?;
     if metadata.is_dir() {
@@ -52,6 +54,32 @@ pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>, FileError> {
         return Err(FileError::new(path, Problem::TooLarge { found, limit }, "is this the right file?"));
     }
     Ok(bytes)
+}
+
+/// Refuses a named pipe, which would wait for a writer for ever. Pipes of the shell (`/dev/stdin`, `<(…)`) have no name.
+///
+/// # Errors
+/// A named pipe.
+pub(crate) fn refuse_named_pipe(path: &Path) -> Result<(), FileError> {
+    let pipe = std::fs::metadata(path).is_ok_and(|m| m.file_type().is_fifo()) && path.canonicalize().is_ok();
+    if pipe {
+        let problem = Problem::Unsupported("is a named pipe".into());
+        return Err(FileError::new(path, problem, "name a file"));
+    }
+    Ok(())
+}
+
+/// Refuses what is there but no file: folders, devices, pipes. What is absent passes, for the caller to tell.
+///
+/// # Errors
+/// A folder, device or pipe.
+pub(crate) fn refuse_special(path: &Path) -> Result<(), FileError> {
+    let what = match std::fs::metadata(path) {
+        Ok(metadata) if metadata.is_dir() => "is a folder, not a file",
+        Ok(metadata) if !metadata.is_file() => "is a device or a pipe, not a file",
+        _ => return Ok(()),
+    };
+    Err(FileError::new(path, Problem::Unsupported(what.into()), "name a file"))
 }
 
 /// A TOML text with the path that messages name.

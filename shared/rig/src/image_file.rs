@@ -3,6 +3,7 @@
 //! A frame is 8- or 16-bit greyscale. A file of three colour channels is accepted when they are equal everywhere (many
 //! programs save grey so); otherwise it is refused, since any mix of colours would be a guess about the sensor.
 
+use crate::document::refuse_special;
 use crate::error::{FileError, Problem};
 use fringe::frame::{Frame, FrameView, PixelBuffer, Pixels};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -58,6 +59,7 @@ pub fn read_foreign_frame(path: &Path, full_scale_dn: Option<u16>) -> Result<Fra
 }
 
 fn open(path: &Path, formats: &[ImageFormat]) -> Result<Decoder, FileError> {
+    refuse_special(path)?;
     let file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
     let reader = ImageReader::new(BufReader::new(file));
     let reader = reader.with_guessed_format().map_err(|source| FileError::io(path, "read it", source))?;

@@ -5,6 +5,7 @@
 //! properties in any order; those that nobody knows are skipped).
 
 use crate::atomic;
+use crate::document::refuse_special;
 use crate::error::{FileError, Problem};
 use fringe::cloud::Point;
 use ply_rs_bw::parser::{Parser, Reader};
@@ -28,6 +29,12 @@ const PROPERTIES: &[(&str, &[&str])] = &[
 
 /// Points that are put together before they are handed to the file: 45 KiB, within a processor's nearest cache.
 const CHUNK_POINTS: usize = 1024;
+
+/// A header is shorter than this: hundreds of times the longest one meant.
+const HEADER_LIMIT_BYTES: usize = 1 << 20;
+
+/// Its last line.
+const HEADER_END: &[u8] = b"end_header";
 
 /// A bounding box below this diagonal is more likely in metres than a part of that size in mm.
 const METRES_BELOW_MM: f64 = 1.0;
@@ -149,13 +156,19 @@ fn push(buffer: &mut Vec<u8>, point: &Point) {
 /// # Errors
 /// Not a PLY file, no `vertex` element with `x y z`, fewer bytes than its header promises, or a damaged body.
 pub fn read_cloud(path: &Path) -> Result<Cloud, FileError> {
+    refuse_special(path)?;
     let file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
     let metadata = file.metadata().map_err(|source| FileError::io(path, "inspect it", source))?;
-    if metadata.is_dir() {
-        let problem = Problem::Unsupported("is a folder, not a file".into());
-        return Err(FileError::new(path, problem, "name a PLY file"));
+    let mut buffered = BufReader::with_capacity(HEADER_LIMIT_BYTES, file);
+    let start = buffered.fill_buf().map_err(|source| FileError::io(path, "read it", source))?;
+    // A text without line ends would be read whole as one line.
+    if !start.starts_with(b"ply") || !start.windows(HEADER_END.len()).any(|window| window == HEADER_END) {
+        let problem = Problem::Syntax(format!(
+            "is no PLY file: it does not begin with \"ply\", or \"end_header\" does not follow within {HEADER_LIMIT_BYTES} bytes"
+        ));
+        return Err(FileError::new(path, problem, "name a point cloud in PLY format"));
     }
-    let mut reader = Reader::new(BufReader::with_capacity(1 << 20, file));
+    let mut reader = Reader::new(buffered);
     let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(|error| {
         let problem = Problem::Syntax(format!("is no PLY file: {error}"));
         FileError::new(path, problem, "name a point cloud in PLY format")
