@@ -2,13 +2,13 @@
 
 use crate::Outcome;
 use crate::pipeline::{DecodedView, decode_views};
-use crate::report::{DecodeLine, emit};
+use crate::report::{DecodeLine, check_outputs, emit};
 use anyhow::{Context, Result};
 use fringe::decode::{DecodeReport, DecodeSettings};
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
 use rig::atomic;
-use rig::recording::Recording;
+use rig::recording::{RECORDING_FILE, Recording};
 use rig::report::picture;
 use std::path::{Path, PathBuf};
 
@@ -33,6 +33,8 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
+    let recording_file = args.recording.join(RECORDING_FILE);
+    check_outputs(&[("--json", args.json.as_deref())], &[&recording_file], args.out.as_deref())?;
     let recording = Recording::open(&args.recording)?;
     check_names(args, &recording)?;
     let asked = |wanted: &Option<String>, name: &str| wanted.as_deref().is_none_or(|w| w == name);

@@ -1,7 +1,7 @@
 //! `fringetool fit`: an element through the points of a cloud, by least squares of the orthogonal distance.
 
 use crate::Outcome;
-use crate::report::emit;
+use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
 use fringe::fit::{self, FitSettings, Form};
 use nalgebra::Point3;
@@ -68,6 +68,7 @@ impl FromStr for Near {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
+    check_outputs(&[("--json", args.json.as_deref())], &[&args.cloud], None)?;
     let cloud = rig::ply::read_cloud(&args.cloud)?;
     if let Some(hint) = cloud.unit_hint() {
         eprintln!("{}: {hint}", args.cloud.display());

@@ -1,7 +1,7 @@
 //! `fringetool import`: other people's image files and OpenCV calibration become a recording and a rig file.
 
 use crate::Outcome;
-use crate::report::emit;
+use crate::report::{check_outputs, emit};
 use anyhow::Result;
 use std::path::PathBuf;
 
@@ -23,6 +23,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
+    check_outputs(&[("--json", args.json.as_deref())], &[&args.layout], Some(&args.out))?;
     let report = rig::import::import(&args.layout, &args.from, &args.out)?;
     let rig = report.rig.as_ref().map_or_else(|| "no rig file".to_owned(), |path| path.display().to_string());
     println!("{}: {} frames; {rig}", report.recording.display(), report.frames);

@@ -3,7 +3,7 @@
 use crate::Outcome;
 use crate::decode::lines;
 use crate::pipeline::{DecodedView, decode_views};
-use crate::report::emit;
+use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
 use fringe::cloud::Point;
 use fringe::decode::DecodeSettings;
@@ -13,7 +13,7 @@ use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
 use fringe::projector::{ProjectorMatcher, ProjectorReport, ProjectorSettings};
 use fringe::rig::{Pair, Rig};
-use rig::recording::{RecordedRig, Recording};
+use rig::recording::{RECORDING_FILE, RecordedRig, Recording};
 use rig::rig_file::{RigFile, read_rig};
 use std::path::PathBuf;
 
@@ -96,6 +96,8 @@ impl std::fmt::Display for PairReport {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
+    let outputs = [("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
+    check_outputs(&outputs, &[&args.rig, &args.recording.join(RECORDING_FILE)], None)?;
     let recording = Recording::open(&args.recording)?;
     let rig_file = read_rig(&args.rig)?;
     let pairs = pairs(args, &recording, &rig_file)?;

@@ -2,7 +2,7 @@
 
 use crate::Outcome;
 use crate::progress::Progress;
-use crate::report::emit;
+use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
 use fringe::frame::{FrameView, Pixels};
 use fringe::pattern::frame_count;
@@ -41,6 +41,9 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
+    let inputs: Vec<&Path> =
+        [Some(&args.config), args.scene.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
+    check_outputs(&[("--json", args.json.as_deref())], &inputs, Some(&args.out))?;
     let config = Config::load(&args.config)?;
     let Some(twin_config) = &config.twin else {
         bail!("{}: has no [twin]; simulate needs one with a scene", args.config.display());
@@ -50,8 +53,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let twin =
         Twin::new(&scene, settings, &twin_config.rig).with_context(|| args.config.display().to_string())?;
     let truth_path = truth_path(&args.out);
-    let count = write_recording(args, &config, &twin)?;
-    rig::atomic::write(&truth_path, truth_text(&scene, &twin, args.cycle).as_bytes())?;
+    let truth = truth_text(&scene, &twin, args.cycle);
+    let count = write_recording(args, &config, &twin, &truth_path, &truth)?;
     println!("{}: {count} frames; truth: {}", args.out.display(), truth_path.display());
     let result = serde_json::json!({ "recording": args.out, "truth": truth_path, "frames": count });
     emit(args.json.as_deref(), &result)?;
@@ -90,7 +93,14 @@ fn truth_path(out: &Path) -> PathBuf {
     out.with_file_name(name)
 }
 
-fn write_recording(args: &Args, config: &Config, twin: &Twin) -> Result<usize> {
+/// The truth goes before the file that makes the frames a recording, so that a fault leaves neither.
+fn write_recording(
+    args: &Args,
+    config: &Config,
+    twin: &Twin,
+    truth_path: &Path,
+    truth: &str,
+) -> Result<usize> {
     let records: Vec<ProjectorRecord> = config
         .projectors
         .iter()
@@ -120,6 +130,7 @@ fn write_recording(args: &Args, config: &Config, twin: &Twin) -> Result<usize> {
     }
     let mut provenance = toml::Table::new();
     provenance.insert("software".into(), format!("fringetool simulate {}", env!("CARGO_PKG_VERSION")).into());
+    rig::atomic::write(truth_path, truth.as_bytes())?;
     writer.finish(&provenance)?;
     Ok(total)
 }

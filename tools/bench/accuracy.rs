@@ -3,7 +3,7 @@
 use super::scan::{Scan, scan};
 use crate::Outcome;
 use crate::progress::Progress;
-use crate::report::emit;
+use crate::report::{check_outputs, emit};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result};
 use fringe::camera::BrownConrady;
@@ -49,6 +49,7 @@ struct FeatureError {
 
 /// Runs the benchmark on the demo cell.
 pub fn run(json: Option<&Path>) -> Result<Outcome> {
+    check_outputs(&[("--json", json)], &[], None)?;
     let config = Config::load(Path::new("configs/demo.toml"))?;
     let twin_config = config.twin.as_ref().context("configs/demo.toml: has no [twin]")?;
     let scene = load_scene(None, twin_config)?;

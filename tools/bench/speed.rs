@@ -2,7 +2,7 @@
 
 use super::scan::decode as decode_scan;
 use crate::Outcome;
-use crate::report::emit;
+use crate::report::{check_outputs, emit};
 use crate::simulate::{Buffer, load_scene};
 use anyhow::{Context, Result};
 use fringe::cloud::Point;
@@ -51,6 +51,7 @@ struct Times {
 
 /// Runs the benchmark.
 pub fn run(args: &Args) -> Result<Outcome> {
+    check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     let bandwidth = memory_bandwidth();
     println!("memory bandwidth (read one buffer, write another, one thread): {:.1} GB/s", bandwidth / 1e9);
     let mut all = Vec::new();

@@ -28,7 +28,7 @@ use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
 use crate::opencv::{Storage, ViewKeys, rig_from_opencv};
-use crate::recording::{ProjectorRecord, Recording, RecordingWriter};
+use crate::recording::{ProjectorRecord, RECORDING_FILE, Recording, RecordingWriter};
 use crate::rig_file::{read_rig, write_rig};
 use crate::sequence::check_sequence;
 use fringe::pattern::{PatternSet, frame_count};
@@ -91,6 +91,9 @@ struct RawPair {
     projector: String,
 }
 
+/// Digits of a frame's number in a file name: more than any number has.
+const MOST_DIGITS: usize = 20;
+
 /// What an import wrote.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ImportReport {
@@ -123,7 +126,30 @@ pub fn import(layout: &Path, source: &Path, out: &Path) -> Result<ImportReport, 
         .collect::<Result<Vec<_>, _>>()?;
     let rig = raw.rig.as_ref().map(|rig| read_calibration(&document, rig, source)).transpose()?;
     let records: Vec<ProjectorRecord> = raw.projector.iter().map(RawProjector::record).collect();
-    let mut writer = RecordingWriter::create(out, &records)?;
+    let made = !out.exists();
+    let writer = RecordingWriter::create(out, &records)?;
+    let written = write(writer, &document, &raw, &files, rig.as_ref(), out);
+    if written.is_err() {
+        // The folder was new or empty; what lies in it now is of no use.
+        let _ = std::fs::remove_dir_all(out.join("frames"));
+        let _ = std::fs::remove_file(out.join(RECORDING_FILE));
+        let _ = std::fs::remove_file(out.join("rig.toml"));
+        if made {
+            let _ = std::fs::remove_dir(out);
+        }
+    }
+    written
+}
+
+/// Frames first, then what makes them a recording, then the rig; all is read again.
+fn write(
+    mut writer: RecordingWriter,
+    document: &Document,
+    raw: &RawLayout,
+    files: &[Vec<Vec<PathBuf>>],
+    rig: Option<&fringe::rig::Rig>,
+    out: &Path,
+) -> Result<ImportReport, FileError> {
     let mut frames = 0;
     for (projector, cameras) in raw.projector.iter().zip(files) {
         for (camera, files) in projector.camera.iter().zip(cameras) {
@@ -141,7 +167,7 @@ pub fn import(layout: &Path, source: &Path, out: &Path) -> Result<ImportReport, 
         None => None,
         Some(rig) => {
             let path = out.join("rig.toml");
-            write_rig(&path, &rig, &provenance, None)?;
+            write_rig(&path, rig, &provenance, None)?;
             recording.rig(&read_rig(&path)?)?;
             Some(path)
         }
@@ -211,13 +237,17 @@ fn numbered(
 ) -> Result<Vec<String>, FileError> {
     let parts = pattern.split_once('{').and_then(|(head, rest)| {
         let (hole, tail) = rest.split_once('}')?;
-        let plain = !hole.is_empty() && hole.chars().all(|letter| letter == 'n') && !tail.contains('{');
+        let plain = (1..=MOST_DIGITS).contains(&hole.len())
+            && hole.chars().all(|letter| letter == 'n')
+            && !tail.contains('{');
         plain.then_some((head, hole.len(), tail))
     });
     let Some((head, digits, tail)) = parts else {
         let problem = Problem::Value {
             value: format!("\"{pattern}\""),
-            limit: "a pattern has one place for the number: {n}, {nn}, {nnn}".into(),
+            limit: format!(
+                "a pattern has one place for the number: {{n}}, {{nn}}, {{nnn}}, at most {MOST_DIGITS} n"
+            ),
         };
         return Err(document.fault(&format!("{key}.files"), problem, "such as \"left/{nn}.png\""));
     };

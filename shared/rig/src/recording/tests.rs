@@ -90,8 +90,14 @@ fn the_writer_refuses_what_would_not_be_a_recording() {
     let error = writer.finish(&toml::Table::new()).unwrap_err();
     assert!(error.to_string().contains("3 of 4 frames of camera \"cam1\""), "{error}");
     assert!(Recording::open(dir.path()).unwrap_err().to_string().contains("written last"));
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0, "frames of a recording that was broken off");
+    fs::write(dir.path().join("note"), "mine").unwrap();
     let error = RecordingWriter::create(dir.path(), &records()).unwrap_err();
     assert!(error.to_string().contains("is not empty"), "{error}");
+    let mut twice = records();
+    twice[0].cameras[1] = twice[0].cameras[0].clone();
+    let error = RecordingWriter::create(&dir.path().join("new"), &twice).unwrap_err();
+    assert!(error.to_string().contains("camera \"cam1\" occurs twice"), "{error}");
     let mut outside = records();
     outside[0].cameras[0] = "../x".into();
     assert!(RecordingWriter::create(&dir.path().join("new"), &outside).is_err());

@@ -29,10 +29,15 @@ pub struct ProjectorRecord {
     pub full_scale_dn: BTreeMap<String, u16>,
 }
 
-/// Writes a recording frame by frame, in any order.
+/// Writes a recording frame by frame, in any order. One that is dropped before [`RecordingWriter::finish`] takes its
+/// frames with it.
 #[derive(Debug)]
 pub struct RecordingWriter {
     folder: PathBuf,
+    /// Whether the folder was made by this writer.
+    made: bool,
+    /// Whether the frames are part of a complete recording.
+    finished: bool,
     projectors: Vec<ProjectorRecord>,
     /// Which frames are written, by projector and camera.
     written: Vec<Vec<Vec<bool>>>,
@@ -54,21 +59,29 @@ impl RecordingWriter {
         if let Some((_, name)) = duplicate(projectors.iter().map(|projector| projector.name.as_str())) {
             return Err(at(Problem::Duplicate { kind: "projector", name: name.to_owned() }));
         }
+        for projector in projectors {
+            if let Some((_, name)) = duplicate(projector.cameras.iter().map(String::as_str)) {
+                return Err(at(Problem::Duplicate { kind: "camera", name: name.to_owned() }));
+            }
+        }
         refuse_used(folder)?;
+        let empty = |projector: &ProjectorRecord| {
+            vec![vec![false; frame_count(&projector.sequence)]; projector.cameras.len()]
+        };
+        let writer = Self {
+            folder: folder.to_owned(),
+            made: !folder.exists(),
+            finished: false,
+            written: projectors.iter().map(empty).collect(),
+            projectors: projectors.to_vec(),
+            sizes: BTreeMap::new(),
+        };
         for projector in projectors {
             for camera in &projector.cameras {
                 atomic::create_dir(&folder.join("frames").join(&projector.name).join(camera))?;
             }
         }
-        let empty = |projector: &ProjectorRecord| {
-            vec![vec![false; frame_count(&projector.sequence)]; projector.cameras.len()]
-        };
-        Ok(Self {
-            folder: folder.to_owned(),
-            written: projectors.iter().map(empty).collect(),
-            projectors: projectors.to_vec(),
-            sizes: BTreeMap::new(),
-        })
+        Ok(writer)
     }
 
     /// Writes one frame.
@@ -115,8 +128,8 @@ impl RecordingWriter {
         if place.exists() {
             return Err(FileError::new(&place, Problem::Unsupported("exists already".into()), ""));
         }
-        // Across file systems there are no hard links.
-        if std::fs::hard_link(file, &place).is_err() {
+        // Across file systems there are no hard links, and one to a symbolic link would point from the wrong folder.
+        if file.is_symlink() || std::fs::hard_link(file, &place).is_err() {
             std::fs::copy(file, &place).map_err(|source| FileError::io(&place, "copy the frame", source))?;
         }
         *slot = true;
@@ -184,7 +197,21 @@ impl RecordingWriter {
         let text = recording_text(&self.projectors, provenance);
         let path = self.folder.join(RECORDING_FILE);
         atomic::write(&path, text.as_bytes())?;
+        self.finished = true;
         Ok(path)
+    }
+}
+
+impl Drop for RecordingWriter {
+    fn drop(&mut self) {
+        if self.finished {
+            return;
+        }
+        let _ = std::fs::remove_dir_all(self.folder.join("frames"));
+        if self.made {
+            // Only when nothing else came to lie there.
+            let _ = std::fs::remove_dir(&self.folder);
+        }
     }
 }
 
