@@ -38,6 +38,8 @@ pub struct DemoArgs {
 
 /// Runs the demo; the exit code says whether every feature passed.
 pub fn demo(args: &DemoArgs) -> Result<u8> {
+    // Before anything is written.
+    ipc::cell::CellName::new(&args.cell)?;
     let config = write_files(&args.out.join("config"))?;
     let run_args = RunArgs {
         config: config.clone(),

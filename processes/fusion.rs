@@ -60,6 +60,14 @@ impl Fusion {
         self.fused.clear();
         let report = self.fuser.fuse(&clouds, &link.cell.fusion, &mut self.fused);
         let points = self.fused.len();
+        if points == 0 {
+            self.forget();
+            return Err(Fault::Cycle(
+                "no point at all: the frames are dark or saturated, or the views share no valid phase; look at a recording of \
+                 them (--record) with `fringetool decode`"
+                    .into(),
+            ));
+        }
         let header = Cloud {
             cycle: link.cycle(),
             t_ns,

@@ -82,6 +82,7 @@ fn cycles(args: &RunArgs, cell: &Cell) -> Option<u64> {
 
 fn record_folder(args: &RunArgs) -> Result<Option<PathBuf>> {
     let Some(folder) = &args.record else { return Ok(None) };
+    atomic::create_dir(folder)?;
     if let Ok(mut entries) = std::fs::read_dir(folder)
         && entries.next().is_some()
     {

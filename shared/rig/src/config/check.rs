@@ -2,7 +2,7 @@
 
 use super::graph::{check_drivers, check_twin, check_use, pairs};
 use super::light::{check_recorded_sizes, projectors};
-use super::limits::{cycles, limits, schedule};
+use super::limits::{cycles, fusion, limits, schedule};
 use super::raw::RawConfig;
 use super::values::{driver, value};
 use super::{CONFIG_FORMAT, CameraConfig, Config, Driver, RecordingConfig, TextFile, TwinConfig};
@@ -13,7 +13,6 @@ use crate::name::duplicate;
 use crate::recording::Recording;
 use crate::rig_file::{RigFile, read_rig};
 use fringe::decode::DecodeSettings;
-use fringe::fusion::FusionSettings;
 use fringe::matching::MatchSettings;
 use std::path::{Path, PathBuf};
 
@@ -33,7 +32,7 @@ impl Config {
         let decode: DecodeSettings = document.typed("decode", raw.decode.clone())?;
         decode.check().map_err(|error| document.fault("decode", Problem::Decode(error), ""))?;
         let _: MatchSettings = document.typed("matching", raw.matching.clone())?;
-        let _: FusionSettings = document.typed("fusion", raw.fusion.clone())?;
+        fusion(&document, &document.typed("fusion", raw.fusion.clone())?)?;
         let played = recording.as_ref().map(|recording| &recording.recording);
         let projectors = projectors(&document, &raw, &cameras, played, &decode)?;
         let rig = pairs(&document, &raw, &rig_file, &projectors)?;

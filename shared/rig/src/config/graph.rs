@@ -6,6 +6,7 @@ use crate::document::Document;
 use crate::error::{FileError, Problem, did_you_mean, list};
 use crate::rig_file::{RigFile, resolve_pairs, unknown};
 use fringe::camera::Camera;
+use fringe::pattern::{PatternError, PatternSet};
 use fringe::rig::{Pair, Rig};
 
 /// The rig with the pairs that the cell runs, each with its projector.
@@ -137,8 +138,23 @@ pub(super) fn check_twin(
         let truth = twin.rig.projector(&projector.name);
         let shown = Some([projector.width_px, projector.height_px]);
         same_size(document, twin, ("projector", &projector.name), shown, truth)?;
+        check_generated(document, projectors, projector)?;
     }
     Ok(())
+}
+
+/// The twin shows only what it can compute.
+fn check_generated(
+    document: &Document,
+    projectors: &[ProjectorConfig],
+    projector: &ProjectorConfig,
+) -> Result<(), FileError> {
+    let foreign = |set: &PatternSet| matches!(set, PatternSet::Random { .. });
+    let Some(set) = projector.sequence.iter().position(foreign) else { return Ok(()) };
+    let index = projectors.iter().position(|other| other.name == projector.name).unwrap_or(0);
+    let problem = Problem::Pattern(PatternError::NotGenerated("random"));
+    let key = format!("projector[{index}].sequence[{set}]");
+    Err(document.fault(&key, problem, "remove it from what the twin projects"))
 }
 
 fn size(camera: &Camera) -> [u32; 2] {

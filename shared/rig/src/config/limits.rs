@@ -5,6 +5,7 @@ use super::values::value;
 use super::{Limits, ScheduleConfig};
 use crate::document::Document;
 use crate::error::{FileError, Problem};
+use fringe::fusion::FusionSettings;
 
 /// Longest time that a limit may be set to, ms: a day. Longer ones are typing errors.
 const TIME_LIMIT_MS: u64 = 86_400_000;
@@ -48,6 +49,20 @@ pub(super) fn limits(document: &Document, raw: &RawLimits) -> Result<Limits, Fil
         return Err(document.fault("limits.stage_budget_ms", problem, "raise cycle_deadline_ms"));
     }
     Ok(limits)
+}
+
+/// Checks the numbers of the table `fusion`.
+pub(super) fn fusion(document: &Document, settings: &FusionSettings) -> Result<(), FileError> {
+    let (radius_mm, angle_deg) = (settings.radius_mm, settings.max_normal_angle_deg);
+    if let Some(bad) = radius_mm.filter(|radius| !(1e-6..=1e3).contains(radius)) {
+        let remedy = "leave it out to take it from the spacing of the points";
+        return Err(document.fault("fusion.radius_mm", value(bad, "0.000001 … 1000 mm"), remedy));
+    }
+    if !(0.0..=180.0).contains(&angle_deg) {
+        let problem = value(angle_deg, "0 … 180 degrees");
+        return Err(document.fault("fusion.max_normal_angle_deg", problem, "the default is 30"));
+    }
+    Ok(())
 }
 
 pub(super) fn schedule(

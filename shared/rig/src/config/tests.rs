@@ -106,6 +106,16 @@ recording = { path = "scan", rate_hz = 20, loop = true }
     for (from, to, expected) in [
         ("\"recording\" }]\ncamera", "\"recording\", width_px = 65 }]\ncamera", "width_px = 65, but 64 in "),
         ("name = \"proj1\"", "name = \"proj2\"", "recorded projector \"proj2\" is unknown; known: proj1"),
+        (
+            "recording = {",
+            "fusion = { radius_mm = nan }\nrecording = {",
+            "fusion.radius_mm: value NaN is not allowed",
+        ),
+        (
+            "recording = {",
+            "fusion = { max_normal_angle_deg = -1.0 }\nrecording = {",
+            "fusion.max_normal_angle_deg: value -1 is not allowed",
+        ),
         ("rate_hz = 20", "rate_hz = -1", "recording.rate_hz: value -1 is not allowed"),
         (
             "path = \"scan\"",

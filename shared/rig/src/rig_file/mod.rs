@@ -118,6 +118,9 @@ pub fn read_rig(path: &Path) -> Result<RigFile, FileError> {
     })
 }
 
+/// The property `pair` of a point cloud is a byte.
+const MOST_PAIRS: usize = 256;
+
 fn meaning(document: &Document, raw: &RawRig) -> Result<Rig, FileError> {
     let read = |table: &str, cameras: &[RawCamera]| {
         cameras
@@ -230,6 +233,13 @@ fn unique_views(document: &Document, rig: &Rig) -> Result<(), FileError> {
 }
 
 fn check_pairs(document: &Document, rig: &Rig) -> Result<(), FileError> {
+    if rig.pairs.len() > MOST_PAIRS {
+        let problem = Problem::Value {
+            value: format!("{} pairs", rig.pairs.len()),
+            limit: format!("at most {MOST_PAIRS}: a point cloud numbers them in a byte"),
+        };
+        return Err(document.fault("pair", problem, "split the rig file"));
+    }
     for (index, pair) in rig.pairs.iter().enumerate() {
         let key = |part: &str| format!("pair[{index}].{part}");
         check_name(&pair.name).map_err(|problem| document.fault(&key("name"), problem, ""))?;
