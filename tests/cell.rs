@@ -295,6 +295,23 @@ fn a_truncated_frame_ends_each_cycle_with_the_name_of_the_file() {
 }
 
 #[test]
+fn frames_without_light_end_each_cycle_with_the_reason() {
+    let cell = Cell::played("dark", 0.0, "");
+    for camera in ["cam1", "cam2"] {
+        for number in 0..19 {
+            let frame = cell.small.path(&format!("rec/frames/proj1/{camera}/{number:03}.png"));
+            let (width, height) = crate::support::SMALL_PX;
+            image::GrayImage::from_pixel(width, height, image::Luma([2])).save(frame).unwrap();
+        }
+    }
+    let output = cell.run("played.toml", &["--cycles", "1"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    let outcome = results(&cell.out())[0]["outcome"].as_str().unwrap().to_owned();
+    assert!(outcome.starts_with("stage fusion: no point at all"), "{outcome}");
+    assert!(!cell.out().join("cloud.ply").exists());
+}
+
+#[test]
 fn the_schedule_is_printed_the_same_every_time() {
     let cell = Cell::new("plan");
     let print = || {
