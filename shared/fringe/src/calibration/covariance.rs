@@ -1,0 +1,193 @@
+//! Covariance of the devices, (JᵀJ)⁻¹ with the poses eliminated, in two gauges.
+//!
+//! The world may be moved as a whole without changing any pixel, so a covariance needs a statement of what is held.
+//! - *First device*: its frame is the world. Extrinsics are relative poses, which is how they are reported.
+//! - *Boards*: the mean of all target points (their best-fitting rigid motion) is held. It tells how well a device
+//!   sees the working volume, the first one included: the question of projection uncertainty.
+//!
+//! Distances have the same uncertainty in both.
+
+use super::dense::{Dense, Factor};
+use super::model::{Board, DEVICE, INTRINSIC, POSE, State, WARP};
+use super::normal::{Normal, Problem};
+use nalgebra::{Isometry3, Vector3};
+
+/// What is held fixed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Gauge {
+    /// The frame of the first device.
+    FirstDevice,
+    /// The mean of the target's points over all poses.
+    Boards,
+}
+
+/// Names of a device's sixteen parameters, in the order of the covariance: px, 1, then rad and mm in the device's own
+/// frame (X ↦ exp(ω) X + τ).
+pub const PARAMETERS: [&str; DEVICE] = [
+    "fx_px", "fy_px", "cx_px", "cy_px", "skew", "k1", "k2", "k3", "p1", "p2", "rx_rad", "ry_rad", "rz_rad",
+    "tx_mm", "ty_mm", "tz_mm",
+];
+
+/// Covariance of all devices' parameters and the warp.
+///
+/// Parameter i of device d stands at 16 d + i (see [`PARAMETERS`]), the two of the warp at the end; rows of parameters
+/// that were not adjusted are zero.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Covariance {
+    first_device: Dense,
+    boards: Dense,
+}
+
+impl Covariance {
+    /// Number of rows.
+    pub fn size(&self) -> usize {
+        self.first_device.rows
+    }
+
+    /// An entry; 0 beyond the matrix.
+    pub fn at(&self, gauge: Gauge, row: usize, column: usize) -> f64 {
+        let matrix = self.matrix(gauge);
+        if row < matrix.rows && column < matrix.cols { matrix.at(row, column) } else { 0.0 }
+    }
+
+    /// Standard uncertainties of a device's parameters.
+    pub fn standard_uncertainty(&self, gauge: Gauge, device: usize) -> [f64; DEVICE] {
+        std::array::from_fn(|i| self.at(gauge, DEVICE * device + i, DEVICE * device + i).max(0.0).sqrt())
+    }
+
+    pub(super) fn matrix(&self, gauge: Gauge) -> &Dense {
+        match gauge {
+            Gauge::FirstDevice => &self.first_device,
+            Gauge::Boards => &self.boards,
+        }
+    }
+}
+
+/// The covariance at a solution; `None` when the reduced matrix is singular. `variance` scales it.
+pub(super) fn covariance(
+    problem: &Problem,
+    state: &State,
+    normal: &Normal,
+    variance: f64,
+) -> Option<Covariance> {
+    let inverses = normal.pose_inverses(0.0).ok()?;
+    let (matrix, _) = normal.reduced(&inverses, 0.0);
+    let reduced = Factor::new(&matrix).ok()?.inverse();
+    let devices = state.cameras.len();
+    let full = DEVICE * devices + WARP;
+    // Place of each unknown in the full matrix.
+    let mut place = vec![0; problem.unknowns];
+    for (position, column) in problem.columns.iter().flatten().enumerate() {
+        if let Some(column) = column {
+            place[*column] = position;
+        }
+    }
+    let mut first_device = Dense::zeros(full, full);
+    for (i, row) in place.iter().enumerate() {
+        for (j, col) in place.iter().enumerate() {
+            first_device.set(*row, *col, variance * reduced.at(i, j));
+        }
+    }
+    let boards = hold_boards(problem, state, normal, &inverses, &first_device, &place, variance)?;
+    Some(Covariance { first_device, boards })
+}
+
+/// Moves the covariance into the gauge of the boards.
+///
+/// With δp = −V⁻¹Wᵀ δd + ε for each pose and B its share in the mean motion g of all points, g = −Q δd + Σ B ε with
+/// Q = Σ B V⁻¹ Wᵀ. Taking the motion out, δd′ = δd − D g has the covariance (1 + DQ) Σ (1 + DQ)ᵀ + D (Σ B V⁻¹ Bᵀ) Dᵀ.
+fn hold_boards(
+    problem: &Problem,
+    state: &State,
+    normal: &Normal,
+    inverses: &[Option<Dense>],
+    first_device: &Dense,
+    place: &[usize],
+    variance: f64,
+) -> Option<Dense> {
+    let n = first_device.rows;
+    let (middle, shares) = motion_shares(problem.board, state, inverses)?;
+    let (mut q, mut e) = (Dense::zeros(POSE, n), Dense::zeros(POSE, POSE));
+    for ((share, inverse), block) in shares.iter().zip(inverses).zip(&normal.poses) {
+        let (Some(share), Some(inverse), Some(block)) = (share, inverse, block) else { continue };
+        let both = share.times(inverse);
+        e = e.plus(&both.times(&share.transposed()));
+        let row = both.times(&block.coupling.transposed());
+        for (column, at) in place.iter().enumerate() {
+            for i in 0..POSE {
+                q.add(i, *at, row.at(i, column));
+            }
+        }
+    }
+    let d = device_motion(state, &middle, n);
+    let whole = Dense::identity(n).plus(&d.times(&q));
+    let noise = d.sandwich(&e);
+    Some(whole.sandwich(first_device).plus(&Dense::from_fn(n, n, |i, j| variance * noise.at(i, j))))
+}
+
+/// Steps of all devices (full size × 6) when the world moves by X ↦ X + ω × (X − middle) + τ.
+fn device_motion(state: &State, middle: &Vector3<f64>, n: usize) -> Dense {
+    let mut motion = Dense::zeros(n, POSE);
+    for (number, camera) in state.cameras.iter().enumerate() {
+        let r = camera.camera_from_world.rotation.to_rotation_matrix().into_inner();
+        let seen = r * middle + camera.camera_from_world.translation.vector;
+        for axis in 0..3 {
+            let turn: Vector3<f64> = r.column(axis).into_owned();
+            let shift = turn.cross(&seen);
+            for row in 0..3 {
+                let at = DEVICE * number + INTRINSIC + row;
+                motion.set(at, axis, -turn[row]);
+                motion.set(at + 3, axis, shift[row]);
+                motion.set(at + 3, axis + 3, -turn[row]);
+            }
+        }
+    }
+    motion
+}
+
+/// The middle of all target points in the world, and how the step of each pose moves their best-fitting frame.
+fn motion_shares(
+    board: &Board,
+    state: &State,
+    inverses: &[Option<Dense>],
+) -> Option<(Vector3<f64>, Vec<Option<Dense>>)> {
+    let used: Vec<Option<&Isometry3<f64>>> =
+        state.boards.iter().zip(inverses).map(|(b, i)| b.as_ref().filter(|_| i.is_some())).collect();
+    let count = (used.iter().flatten().count() * board.points.len()).max(1) as f64;
+    let points = || {
+        used.iter()
+            .flatten()
+            .flat_map(|b| board.points.iter().map(|p| (**b * nalgebra::Point3::from(*p)).coords))
+    };
+    let middle = points().fold(Vector3::zeros(), |sum, p| sum + p) / count;
+    let mut normal = Dense::zeros(POSE, POSE);
+    for point in points() {
+        let rows = rigid(&(point - middle));
+        for (i, a) in rows.iter().enumerate() {
+            for (j, b) in rows.iter().enumerate() {
+                normal.add(i, j, a.dot(b));
+            }
+        }
+    }
+    let inverse = Factor::new(&normal).ok()?.inverse();
+    let share = |pose: &Isometry3<f64>| {
+        let r = pose.rotation.to_rotation_matrix().into_inner();
+        let mut sum = Dense::zeros(POSE, POSE);
+        for point in &board.points {
+            let world = rigid(&((pose * nalgebra::Point3::from(*point)).coords - middle));
+            for (j, step) in rigid(point).iter().map(|s| r * s).enumerate() {
+                for (i, a) in world.iter().enumerate() {
+                    sum.add(i, j, a.dot(&step));
+                }
+            }
+        }
+        inverse.times(&sum)
+    };
+    Some((middle, used.into_iter().map(|pose| pose.map(share)).collect()))
+}
+
+/// Velocities of a point under the six unit steps ω, τ.
+fn rigid(point: &Vector3<f64>) -> [Vector3<f64>; POSE] {
+    let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+    [x.cross(point), y.cross(point), z.cross(point), x, y, z]
+}

@@ -1,0 +1,114 @@
+//! Why there is no calibration.
+
+use thiserror::Error;
+
+/// Why there is no calibration.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum CalibrationError {
+    /// Nothing to adjust.
+    #[error("no device or no view: nothing to calibrate")]
+    Empty,
+    /// Image size out of range.
+    #[error("{device}: image size {width_px} × {height_px} px is outside 2 … 65535")]
+    Size {
+        /// Name of the device.
+        device: String,
+        /// Columns.
+        width_px: u32,
+        /// Rows.
+        height_px: u32,
+    },
+    /// A name or view occurs twice.
+    #[error("{0} occurs twice; each device, and each view of a pose, may occur once")]
+    Duplicate(String),
+    /// The target cannot be used.
+    #[error("target: {what}")]
+    Target {
+        /// What is wrong.
+        what: String,
+    },
+    /// An index out of range or repeated.
+    #[error("view {view}: {what} does not exist or occurs twice")]
+    Index {
+        /// Which view, from 0.
+        view: usize,
+        /// Which index.
+        what: String,
+    },
+    /// A pixel or covariance that no detector can have meant.
+    #[error("{view}: point {index} at pixel ({}, {}) is not finite, or its covariance is not positive", pixel[0], pixel[1])]
+    Sight {
+        /// Which view.
+        view: String,
+        /// Which point.
+        index: usize,
+        /// Its pixel.
+        pixel: [f64; 2],
+    },
+    /// A setting out of range.
+    #[error("{key} = {value} must lie in {limits}")]
+    Setting {
+        /// Name of the setting.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// Allowed interval.
+        limits: &'static str,
+    },
+    /// A device has too few usable views.
+    #[error("{device}: {views} usable views of the board, needs {needs}; add poses, each tilted another way")]
+    TooFewPoses {
+        /// Name of the device.
+        device: String,
+        /// Views with enough points.
+        views: usize,
+        /// Fewest.
+        needs: usize,
+    },
+    /// The poses do not determine a device.
+    #[error("{device}: the {views} poses do not determine {what}: {remedy}")]
+    Degenerate {
+        /// Name of the device.
+        device: String,
+        /// Views used.
+        views: usize,
+        /// What stays open, with its uncertainty where there is one.
+        what: String,
+        /// What is missing.
+        remedy: String,
+    },
+    /// Devices that no common pose connects.
+    #[error("no pose connects the groups {}; add poses that devices of both groups see", listed(groups))]
+    Unconnected {
+        /// Names of the devices of each group.
+        groups: Vec<Vec<String>>,
+    },
+    /// So many outliers that they are the rule.
+    #[error(
+        "{device}: {outliers} of {points} points are outliers, limit {:.0} %; is the board the declared one \
+         (columns, rows, pitch), and did it stand still?", limit * 100.0
+    )]
+    Outliers {
+        /// Name of the device.
+        device: String,
+        /// Outliers.
+        outliers: usize,
+        /// Points.
+        points: usize,
+        /// Largest fraction allowed.
+        limit: f64,
+    },
+    /// The iteration did not settle.
+    #[error("{stage}: no convergence after {iterations} iterations; do all views show the declared board?")]
+    NoConvergence {
+        /// Which adjustment.
+        stage: String,
+        /// Iterations done.
+        iterations: usize,
+    },
+}
+
+/// "[cam1, cam2] [cam3]".
+fn listed(groups: &[Vec<String>]) -> String {
+    groups.iter().map(|group| format!("[{}]", group.join(", "))).collect::<Vec<_>>().join(" ")
+}

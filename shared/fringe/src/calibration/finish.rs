@@ -1,0 +1,197 @@
+//! From the solution of the adjustment to the result in the world frame asked for.
+
+use super::CalibrationError;
+use super::adjust::Weighted;
+use super::covariance::{Covariance, Gauge, covariance};
+use super::model::{Board, DEVICE, compose};
+use super::normal::Problem;
+use super::observations::Observations;
+use super::result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
+use super::settings::{CalibrationSettings, WorldFrame};
+use super::start::{Seen, open, remedy};
+use nalgebra::{Isometry3, Point3, Translation3};
+
+/// What the parts below need.
+pub(super) struct Finish<'a> {
+    /// Input.
+    pub observations: &'a Observations,
+    /// Settings.
+    pub settings: &'a CalibrationSettings,
+    /// Target.
+    pub board: &'a Board,
+    /// Adjustment.
+    pub problem: &'a Problem<'a>,
+    /// Views used, in the order of the problem.
+    pub seen: &'a [Seen],
+    /// Which of them were turned.
+    pub turned: &'a [bool],
+    /// Solution.
+    pub weighted: &'a Weighted,
+}
+
+impl Finish<'_> {
+    /// Checks the solution and reports it.
+    pub fn run(&self) -> Result<Calibration, CalibrationError> {
+        let solved = &self.weighted.solved;
+        self.refuse_outliers()?;
+        if !solved.settled {
+            let (stage, iterations) = ("joint adjustment".to_owned(), self.weighted.iterations);
+            return Err(CalibrationError::NoConvergence { stage, iterations });
+        }
+        let used = self.weighted.weights.iter().filter(|w| **w > 0.0).count();
+        let parameters = self.problem.unknowns + 6 * solved.state.boards.iter().flatten().count();
+        let degrees_of_freedom = (2 * used).saturating_sub(parameters);
+        let variance = solved.normal.cost / degrees_of_freedom.max(1) as f64;
+        let scale = if self.settings.estimate_noise { 1.0 } else { variance };
+        let covariance = covariance(self.problem, &solved.state, &solved.normal, scale);
+        let covariance = covariance.ok_or_else(|| self.degenerate(0, "all parameters".into()))?;
+        self.refuse_open(&covariance)?;
+        let views = self.views();
+        let devices =
+            (0..self.observations.devices.len()).map(|d| self.device(d, &views, &covariance)).collect();
+        let outliers = views.iter().flat_map(outliers).collect();
+        let bent = |i: usize| Point3::from(self.board.point(i, &solved.state.warp_mm) + self.board.centre);
+        let mut calibration = Calibration {
+            devices,
+            boards: self.boards(),
+            warp: self.warp(&covariance),
+            target_mm: (0..self.board.points.len()).map(bent).collect(),
+            unused_views: self.unused(),
+            views,
+            outliers,
+            covariance,
+            sigma0: variance.sqrt(),
+            degrees_of_freedom,
+            iterations: self.weighted.iterations,
+        };
+        if self.settings.world == WorldFrame::FirstBoard {
+            into_first_board(&mut calibration);
+        }
+        Ok(calibration)
+    }
+
+    fn refuse_outliers(&self) -> Result<(), CalibrationError> {
+        let limit = self.settings.max_outlier_fraction;
+        for (number, device) in self.observations.devices.iter().enumerate() {
+            let own =
+                || self.problem.views.iter().filter(|v| v.device == number).flat_map(|v| v.start..v.end);
+            let (points, outliers) =
+                (own().count(), own().filter(|i| self.weighted.weights[*i] == 0.0).count());
+            if outliers as f64 > limit * points as f64 {
+                return Err(CalibrationError::Outliers {
+                    device: device.name.clone(),
+                    outliers,
+                    points,
+                    limit,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn refuse_open(&self, covariance: &Covariance) -> Result<(), CalibrationError> {
+        for (number, camera) in self.weighted.solved.state.cameras.iter().enumerate() {
+            let u = covariance.standard_uncertainty(Gauge::FirstDevice, number);
+            if let Some(what) = open(camera, &u) {
+                return Err(self.degenerate(number, what));
+            }
+        }
+        Ok(())
+    }
+
+    fn degenerate(&self, device: usize, what: String) -> CalibrationError {
+        let state = &self.weighted.solved.state;
+        let own: Vec<Isometry3<f64>> = self
+            .seen
+            .iter()
+            .filter(|s| s.device == device)
+            .filter_map(|s| state.boards[s.pose].map(|b| state.cameras[device].camera_from_world * b))
+            .collect();
+        CalibrationError::Degenerate {
+            device: self.observations.devices[device].name.clone(),
+            views: own.len(),
+            what,
+            remedy: remedy(own.iter()),
+        }
+    }
+
+    fn views(&self) -> Vec<ViewReport> {
+        let errors = self.problem.residuals(&self.weighted.solved.state);
+        let report = |(number, range): (usize, &super::normal::ViewRange)| {
+            let residuals: Vec<Residual> = (range.start..range.end)
+                .map(|i| Residual {
+                    index: self.problem.sights[i].index,
+                    pixel: self.problem.sights[i].pixel,
+                    error_px: errors[i],
+                    used: self.weighted.weights[i] > 0.0,
+                })
+                .collect();
+            let (view, turned) = (self.seen[number].view, self.turned[number]);
+            let rms_px = rms(residuals.iter());
+            ViewReport { view, device: range.device, pose: range.pose, turned, rms_px, residuals }
+        };
+        self.problem.views.iter().enumerate().map(report).collect()
+    }
+
+    fn device(&self, number: usize, views: &[ViewReport], covariance: &Covariance) -> CalibratedDevice {
+        let device = &self.observations.devices[number];
+        let own = || views.iter().filter(|v| v.device == number);
+        let residuals = || own().flat_map(|v| v.residuals.iter());
+        let points = residuals().filter(|r| r.used).count();
+        CalibratedDevice {
+            name: device.name.clone(),
+            kind: device.kind,
+            camera: self.weighted.solved.state.cameras[number].clone(),
+            rms_reprojection_px: rms(residuals()),
+            views: own().filter(|v| v.residuals.iter().any(|r| r.used)).count(),
+            points,
+            outliers: residuals().count() - points,
+            noise_factor: self.weighted.variances[number].sqrt(),
+            standard_uncertainty: covariance.standard_uncertainty(Gauge::FirstDevice, number),
+        }
+    }
+
+    /// Poses of the target's own origin, not its centre.
+    fn boards(&self) -> Vec<Option<Isometry3<f64>>> {
+        let centred = Translation3::from(-self.board.centre);
+        self.weighted.solved.state.boards.iter().map(|b| b.map(|b| b * centred)).collect()
+    }
+
+    fn warp(&self, covariance: &Covariance) -> Option<Warp> {
+        let first = DEVICE * self.observations.devices.len();
+        let u = |i: usize| covariance.at(Gauge::FirstDevice, first + i, first + i).max(0.0).sqrt();
+        let [x_mm, y_mm] = self.weighted.solved.state.warp_mm;
+        self.settings.warp.then(|| Warp { x_mm, y_mm, u_mm: [u(0), u(1)] })
+    }
+
+    fn unused(&self) -> Vec<usize> {
+        (0..self.observations.views.len()).filter(|v| self.seen.iter().all(|s| s.view != *v)).collect()
+    }
+}
+
+/// Root mean squared distance over the points used; 0 of none.
+fn rms<'a>(residuals: impl Iterator<Item = &'a Residual>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0);
+    for [x, y] in residuals.filter(|r| r.used).filter_map(|r| r.error_px) {
+        sum += x * x + y * y;
+        count += 1;
+    }
+    (sum / f64::from(count.max(1))).sqrt()
+}
+
+fn outliers(report: &ViewReport) -> impl Iterator<Item = Outlier> + '_ {
+    let rejected = report.residuals.iter().filter(|r| !r.used);
+    rejected.map(|r| Outlier { view: report.view, index: r.index, error_px: r.error_px })
+}
+
+/// Makes the first pose's board the world.
+fn into_first_board(calibration: &mut Calibration) {
+    let Some(first) = calibration.boards.iter().flatten().next().copied() else { return };
+    for device in &mut calibration.devices {
+        device.camera.camera_from_world = compose(&device.camera.camera_from_world, &first);
+    }
+    let first_from_world = first.inverse();
+    for board in calibration.boards.iter_mut().flatten() {
+        *board = compose(&first_from_world, board);
+    }
+}

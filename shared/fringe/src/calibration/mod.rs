@@ -1,0 +1,117 @@
+//! The joint characterisation: all cameras, all projectors and all board poses in one adjustment, with covariance.
+//!
+//! Source: thesis 2.3 (Zhang's method, eq. 2.62–2.79; projector as an inverse camera, 2.106–2.109) and 5.3.1 step A.
+//! Deviation: the thesis characterises each device by itself and chains the extrinsics through the first board position;
+//! here one least-squares adjustment holds all of them, so that the pairs agree, and the covariance is known.
+//!
+//! 1. Homographies of all views, robust against single wrong points ([`homography`]).
+//! 2. Each device by itself: Zhang's closed form or an assumed principal point, then a robust adjustment. A device
+//!    that its poses leave open is refused with what is missing.
+//! 3. One frame: devices are placed one by one by the agreement of all shared poses, which also settles boards that
+//!    were read turned by 180°.
+//! 4. Joint Levenberg–Marquardt adjustment with the poses eliminated: first Cauchy weights, then rounds of least
+//!    squares in which points beyond `outlier_limit` robust standard deviations are rejected, and each device's noise
+//!    is estimated (variance components).
+//! 5. Covariance (JᵀWJ)⁻¹ of all devices, in two gauges.
+//!
+//! Deterministic: one thread, sums in the order of the views given.
+
+mod adjust;
+mod covariance;
+mod dense;
+mod error;
+mod finish;
+mod graph;
+mod homography;
+mod model;
+mod normal;
+mod observations;
+mod result;
+mod settings;
+mod start;
+#[cfg(test)]
+mod tests;
+mod zhang;
+
+pub use covariance::{Covariance, Gauge, PARAMETERS};
+pub use error::CalibrationError;
+pub use observations::{Device, DeviceKind, Observations, Sight, View};
+pub use result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
+pub use settings::{CalibrationSettings, LensModel, WorldFrame};
+
+use crate::camera::Camera;
+use finish::Finish;
+use model::{Board, State};
+use normal::{Problem, ViewRange, columns, whitening};
+use start::{Seen, lens};
+
+/// Characterises all devices of a rig.
+///
+/// # Errors
+/// See [`CalibrationError`]; input that is wrong, poses that leave something open, groups that nothing connects.
+pub fn calibrate(
+    observations: &Observations,
+    settings: &CalibrationSettings,
+) -> Result<Calibration, CalibrationError> {
+    observations.check()?;
+    settings.check()?;
+    let board = Board::new(observations);
+    if observations.views.iter().any(|v| v.may_be_turned) && board.turned().is_none() {
+        let what = "a view may be turned by 180°, but the turned target does not meet itself".into();
+        return Err(CalibrationError::Target { what });
+    }
+    let mut seen = start::usable(observations, &board);
+    start::enough_views(observations, &seen)?;
+    graph::connected(observations, &seen)?;
+    let cameras: Result<Vec<Camera>, _> = (0..observations.devices.len())
+        .map(|device| start::start(observations, &board, device, &mut seen, settings))
+        .collect();
+    let placed = graph::place(observations, &seen);
+    let mut cameras = cameras?;
+    for (camera, device_from_world) in cameras.iter_mut().zip(&placed.devices) {
+        camera.camera_from_world = *device_from_world;
+    }
+    let problem = joint(observations, &board, &seen, &placed.turned, settings);
+    let state = State { cameras, boards: placed.boards, warp_mm: [0.0; 2] };
+    let weighted = adjust::approach(&problem, state)
+        .and_then(|state| adjust::weighted(&problem, state, settings))
+        .ok_or_else(|| CalibrationError::NoConvergence { stage: "joint adjustment".into(), iterations: 0 })?;
+    let turned = &placed.turned;
+    Finish {
+        observations,
+        settings,
+        board: &board,
+        problem: &problem,
+        seen: &seen,
+        turned,
+        weighted: &weighted,
+    }
+    .run()
+}
+
+/// The adjustment of everything.
+fn joint<'a>(
+    observations: &Observations,
+    board: &'a Board,
+    seen: &[Seen],
+    turned: &[bool],
+    settings: &CalibrationSettings,
+) -> Problem<'a> {
+    let opposite = board.turned();
+    let (mut views, mut sights) = (Vec::with_capacity(seen.len()), Vec::new());
+    for (view, turned) in seen.iter().zip(turned) {
+        let start = sights.len();
+        for sight in &observations.views[view.view].sights {
+            let mut sight = *sight;
+            if let (true, Some(opposite)) = (turned, &opposite) {
+                sight.index = opposite[sight.index];
+            }
+            sights.push(sight);
+        }
+        views.push(ViewRange { device: view.device, pose: view.pose, start, end: sights.len() });
+    }
+    let lenses: Vec<LensModel> =
+        (0..observations.devices.len()).map(|device| lens(observations, device, settings)).collect();
+    let (columns, unknowns) = columns(&lenses, settings.warp);
+    Problem { board, views, whiten: sights.iter().map(whitening).collect(), sights, columns, unknowns }
+}

@@ -1,0 +1,161 @@
+//! What the adjustment is given: devices, a target, and where each device saw (or lit) which point of the target.
+
+use super::CalibrationError;
+use nalgebra::{Matrix2, Point2, Point3};
+use std::collections::BTreeSet;
+
+/// Fewest points of a target: four determine a homography, the rest tells whether it is right.
+pub(super) const MIN_TARGET_POINTS: usize = 6;
+
+/// A target may be this uneven (largest |z| over its extent) and still start from homographies.
+const MAX_RELIEF: f64 = 0.05;
+
+/// Camera, or projector as an inverse camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DeviceKind {
+    /// Sees the target.
+    Camera,
+    /// Lights the target; its pixels come from the phase at the target's points.
+    Projector,
+}
+
+/// A camera or projector to be characterised.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Device {
+    /// Unique name.
+    pub name: String,
+    /// Camera or projector.
+    pub kind: DeviceKind,
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+}
+
+/// One point of the target in one view.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sight {
+    /// Index into [`Observations::target_mm`].
+    pub index: usize,
+    /// Where it was seen.
+    pub pixel: Point2<f64>,
+    /// Covariance of `pixel`, px². Only ratios matter when the noise is estimated.
+    pub covariance_px2: Matrix2<f64>,
+}
+
+/// One device and one pose of the target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct View {
+    /// Index into [`Observations::devices`].
+    pub device: usize,
+    /// Index into [`Observations::poses`].
+    pub pose: usize,
+    /// What was seen; part of the target is enough.
+    pub sights: Vec<Sight>,
+    /// Whether the indices may be turned by 180° (a target without marks).
+    pub may_be_turned: bool,
+}
+
+/// Everything that was observed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observations {
+    /// Cameras and projectors.
+    pub devices: Vec<Device>,
+    /// Points of the target, mm in its own frame; flat (z small against x and y).
+    pub target_mm: Vec<Point3<f64>>,
+    /// Names of the poses, for messages.
+    pub poses: Vec<String>,
+    /// At most one view for each device and pose.
+    pub views: Vec<View>,
+}
+
+impl Observations {
+    /// Checks indices, numbers and the target.
+    ///
+    /// # Errors
+    /// Names the first thing that is wrong.
+    pub fn check(&self) -> Result<(), CalibrationError> {
+        if self.devices.is_empty() || self.views.is_empty() {
+            return Err(CalibrationError::Empty);
+        }
+        let mut names = BTreeSet::new();
+        for device in &self.devices {
+            let (width_px, height_px) = (device.width_px, device.height_px);
+            if !(2..=65_535).contains(&width_px) || !(2..=65_535).contains(&height_px) {
+                return Err(CalibrationError::Size { device: device.name.clone(), width_px, height_px });
+            }
+            if !names.insert(&device.name) {
+                return Err(CalibrationError::Duplicate(device.name.clone()));
+            }
+        }
+        self.check_target()?;
+        let mut seen = BTreeSet::new();
+        for (number, view) in self.views.iter().enumerate() {
+            self.check_view(number, view)?;
+            if !seen.insert((view.device, view.pose)) {
+                return Err(CalibrationError::Duplicate(self.view_name(view)));
+            }
+        }
+        Ok(())
+    }
+
+    /// "cam1 in pose3"; valid after [`Self::check`].
+    pub(super) fn view_name(&self, view: &View) -> String {
+        format!("{} in {}", self.devices[view.device].name, self.poses[view.pose])
+    }
+
+    fn check_target(&self) -> Result<(), CalibrationError> {
+        let points = self.target_mm.len();
+        if points < MIN_TARGET_POINTS {
+            return Err(CalibrationError::Target {
+                what: format!("{points} points, needs {MIN_TARGET_POINTS}"),
+            });
+        }
+        let extent = |axis: usize| {
+            let values = self.target_mm.iter().map(|p| p[axis]);
+            let low = values.clone().fold(f64::INFINITY, f64::min);
+            values.fold(f64::NEG_INFINITY, f64::max) - low
+        };
+        if self.target_mm.iter().any(|p| p.iter().any(|v| !v.is_finite() || v.abs() > 1e7)) {
+            return Err(CalibrationError::Target { what: "a coordinate is not a length in mm".into() });
+        }
+        let (x, y, z) = (extent(0), extent(1), extent(2));
+        if x <= 0.0 || y <= 0.0 {
+            return Err(CalibrationError::Target { what: "all points lie on a line".into() });
+        }
+        if z > MAX_RELIEF * x.min(y) {
+            return Err(CalibrationError::Target {
+                what: format!("it is not flat: z spans {z:.3} mm, limit {:.3} mm", MAX_RELIEF * x.min(y)),
+            });
+        }
+        Ok(())
+    }
+
+    fn check_view(&self, number: usize, view: &View) -> Result<(), CalibrationError> {
+        if view.device >= self.devices.len() || view.pose >= self.poses.len() {
+            return Err(CalibrationError::Index {
+                view: number,
+                what: format!("device {} or pose {}", view.device, view.pose),
+            });
+        }
+        let mut indices = BTreeSet::new();
+        for sight in &view.sights {
+            if sight.index >= self.target_mm.len() || !indices.insert(sight.index) {
+                return Err(CalibrationError::Index { view: number, what: format!("point {}", sight.index) });
+            }
+            let c = &sight.covariance_px2;
+            let sound = sight.pixel.iter().chain(c.iter()).all(|v| v.is_finite() && v.abs() < 1e9)
+                && c.m11 > 1e-18
+                && c.m11 * c.m22 - c.m12 * c.m21 > 1e-9 * c.m11 * c.m22
+                && (c.m12 - c.m21).abs() <= 1e-9 * (c.m11 + c.m22);
+            if !sound {
+                return Err(CalibrationError::Sight {
+                    view: self.view_name(view),
+                    index: sight.index,
+                    pixel: [sight.pixel.x, sight.pixel.y],
+                });
+            }
+        }
+        Ok(())
+    }
+}

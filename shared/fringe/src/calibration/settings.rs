@@ -1,0 +1,92 @@
+//! Settings of the adjustment.
+
+use super::CalibrationError;
+use serde::{Deserialize, Serialize};
+
+/// Which lens parameters of a device are adjusted; the others stay 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LensModel {
+    /// How many of k1, k2, k3: 0 … 3. k3 needs a wide lens; in a narrow field it only follows k2.
+    pub radial_terms: usize,
+    /// p1 and p2.
+    pub tangential: bool,
+    /// The skew of K; real sensors have none.
+    pub skew: bool,
+}
+
+impl Default for LensModel {
+    fn default() -> Self {
+        Self { radial_terms: 2, tangential: true, skew: false }
+    }
+}
+
+/// Where the world frame lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WorldFrame {
+    /// The target in its first pose (as in the thesis, section 5.3.1): z is 0 on the target.
+    #[default]
+    FirstBoard,
+    /// The first device.
+    FirstDevice,
+}
+
+/// Settings of the adjustment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CalibrationSettings {
+    /// Lens model of cameras.
+    pub camera: LensModel,
+    /// Lens model of projectors.
+    pub projector: LensModel,
+    /// Whether the target may be bent (two parameters, see [`super::Warp`]).
+    pub warp: bool,
+    /// A point farther off than this many standard deviations of its device is an outlier. Of 10⁴ good points 0.04 lie
+    /// beyond the default of 5.
+    pub outlier_limit: f64,
+    /// More outliers than this fraction of a device's points mean that something else is wrong.
+    pub max_outlier_fraction: f64,
+    /// Whether each device's noise is estimated from its residuals (variance components); otherwise the given
+    /// covariances are taken in their ratio, with one common factor.
+    pub estimate_noise: bool,
+    /// Where the world frame lies.
+    pub world: WorldFrame,
+}
+
+impl Default for CalibrationSettings {
+    fn default() -> Self {
+        Self {
+            camera: LensModel::default(),
+            projector: LensModel::default(),
+            warp: true,
+            outlier_limit: 5.0,
+            max_outlier_fraction: 0.25,
+            estimate_noise: true,
+            world: WorldFrame::default(),
+        }
+    }
+}
+
+impl CalibrationSettings {
+    /// Checks the ranges.
+    ///
+    /// # Errors
+    /// Names key, value and limits.
+    pub fn check(&self) -> Result<(), CalibrationError> {
+        let refuse = |key, value, limits| Err(CalibrationError::Setting { key, value, limits });
+        if self.camera.radial_terms > 3 {
+            return refuse("camera.radial_terms", self.camera.radial_terms as f64, "0 … 3");
+        }
+        if self.projector.radial_terms > 3 {
+            return refuse("projector.radial_terms", self.projector.radial_terms as f64, "0 … 3");
+        }
+        if !(3.0..=1e6).contains(&self.outlier_limit) {
+            return refuse("outlier_limit", self.outlier_limit, "3 … 1e6");
+        }
+        if !(0.0..=0.5).contains(&self.max_outlier_fraction) {
+            return refuse("max_outlier_fraction", self.max_outlier_fraction, "0 … 0.5");
+        }
+        Ok(())
+    }
+}

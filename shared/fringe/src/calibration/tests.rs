@@ -1,0 +1,6 @@
+//! The adjustment against a rig whose truth is known, against real point lists, and on inputs that determine nothing.
+
+mod bad;
+mod real;
+mod synthetic;
+mod truth;

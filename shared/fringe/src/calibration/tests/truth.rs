@@ -1,0 +1,113 @@
+//! Recovered parameters against the truth, in units of their predicted standard deviation.
+
+use super::super::dense::{Dense, Factor, dot};
+use super::super::model::{DEVICE, Projector, compose, motion, moved, rotation_vector};
+use super::super::*;
+use super::synthetic::{WARP_MM, World};
+use nalgebra::Isometry3;
+
+/// Differences found − true of all parameters, extrinsics relative to the first device.
+fn errors(world: &World, found: &Calibration) -> Vec<f64> {
+    let relative = |cameras: &[&Camera], i: usize| {
+        compose(&cameras[i].camera_from_world, &cameras[0].camera_from_world.inverse())
+    };
+    let truth: Vec<&Camera> = world.cameras.iter().collect();
+    let ours: Vec<&Camera> = found.devices.iter().map(|d| &d.camera).collect();
+    let mut errors = Vec::new();
+    for (i, (a, b)) in ours.iter().zip(&truth).enumerate() {
+        errors.extend((0..2).map(|j| a.focal_px[j] - b.focal_px[j]));
+        errors.extend((0..2).map(|j| a.principal_point_px[j] - b.principal_point_px[j]));
+        errors.push(a.skew - b.skew);
+        errors.extend((0..3).map(|j| a.distortion.k[j] - b.distortion.k[j]));
+        errors.extend((0..2).map(|j| a.distortion.p[j] - b.distortion.p[j]));
+        let step: Isometry3<f64> = compose(&relative(&ours, i), &relative(&truth, i).inverse());
+        errors.extend(rotation_vector(&step.rotation).iter());
+        errors.extend(step.translation.vector.iter());
+    }
+    let warp = found.warp.unwrap();
+    errors.extend([warp.x_mm - WARP_MM[0], warp.y_mm - WARP_MM[1]]);
+    errors
+}
+
+/// δᵀ Σ⁻¹ δ over the adjusted parameters, and their number.
+fn chi_square(errors: &[f64], covariance: &Covariance) -> (f64, usize) {
+    let free: Vec<usize> =
+        (0..errors.len()).filter(|i| covariance.at(Gauge::FirstDevice, *i, *i) > 0.0).collect();
+    let matrix =
+        Dense::from_fn(free.len(), free.len(), |i, j| covariance.at(Gauge::FirstDevice, free[i], free[j]));
+    let own: Vec<f64> = free.iter().map(|i| errors[*i]).collect();
+    (dot(&own, &Factor::new(&matrix).unwrap().solve(&own)), free.len())
+}
+
+/// χ² over seeded trials within its 95 % interval: predicted and true scatter are the same, correlations included.
+fn scatter_is_as_predicted(poses: usize, trials: u64) {
+    let world = World::new(poses);
+    let (mut sum, mut freedom) = (0.0, 0);
+    for seed in 0..trials {
+        let found = calibrate(&world.observe(1000 + seed, 1.0), &CalibrationSettings::default()).unwrap();
+        let (square, n) = chi_square(&errors(&world, &found), &found.covariance);
+        sum += square;
+        freedom += n;
+    }
+    let (mean, half) = (freedom as f64, 1.96 * (2.0 * freedom as f64).sqrt());
+    assert!((sum - mean).abs() < half, "χ² {sum:.0} of {freedom} degrees, interval ± {half:.0}");
+}
+
+#[test]
+fn the_scatter_of_30_trials_is_as_predicted() {
+    scatter_is_as_predicted(20, 30);
+}
+
+#[test]
+#[ignore = "a minute; the same with 100 trials"]
+fn the_scatter_of_100_trials_is_as_predicted() {
+    scatter_is_as_predicted(20, 100);
+}
+
+#[test]
+fn exact_pixels_give_the_exact_rig() {
+    let world = World::new(20);
+    let found = calibrate(&world.observe(0, 0.0), &CalibrationSettings::default()).unwrap();
+    assert!(found.outliers.is_empty(), "{:?}", found.outliers.len());
+    let errors = errors(&world, &found);
+    for (device, own) in errors.chunks(DEVICE).take(6).enumerate() {
+        for (name, error) in PARAMETERS.iter().zip(own) {
+            assert!(error.abs() < 2e-6, "{name} of device {device} is off by {error:e}");
+        }
+    }
+}
+
+#[test]
+fn jacobians_agree_with_differences() {
+    let world = World::new(3);
+    let mut camera = world.cameras[1].clone();
+    camera.skew = 0.4;
+    camera.distortion.k[2] = 0.02;
+    let board = model::Board::new(&world.observe(0, 0.0));
+    let pose = world.boards[2];
+    for index in [0, 37, 87] {
+        let point = board.point(index, &WARP_MM);
+        let (pixel, rows) = Projector::new(&camera, &pose).rows(&point, board.rise[index]).unwrap();
+        assert_eq!(Some(pixel), Projector::new(&camera, &pose).pixel(&point));
+        let shifted = |column: usize, h: f64| {
+            let mut step = [0.0; DEVICE];
+            let mut local = [0.0; 6];
+            let mut warp = WARP_MM;
+            match column {
+                0..DEVICE => step[column] = h,
+                16 | 17 => warp[column - 16] += h,
+                _ => local[column - 18] = h,
+            }
+            let (camera, pose) = (moved(&camera, &step), compose(&pose, &motion(&local)));
+            Projector::new(&camera, &pose).pixel(&board.point(index, &warp)).unwrap()
+        };
+        for column in 0..model::LOCAL {
+            let h = 1e-5;
+            let numeric = (shifted(column, h) - shifted(column, -h)) / (2.0 * h);
+            for (axis, row) in rows.iter().enumerate() {
+                let (n, a) = (numeric[axis], row[column]);
+                assert!((n - a).abs() < 1e-6 * (1.0 + a.abs()), "column {column}: {a} beside {n}");
+            }
+        }
+    }
+}
