@@ -30,6 +30,7 @@ pub mod projector;
 pub mod rectify;
 pub mod rig;
 pub mod surface;
+pub mod target;
 #[cfg(test)]
 mod testing;
 pub mod triangulate;

@@ -5,7 +5,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-pub use libm::{acos, asin, atan, atan2, cbrt, cos, erfc, exp, hypot, log as ln, pow, sin, sincos, tan};
+pub use libm::{acos, asin, atan, atan2, cbrt, cos, erf, erfc, exp, hypot, log as ln, pow, sin, sincos, tan};
 
 /// Wraps an angle into (−π, π].
 ///

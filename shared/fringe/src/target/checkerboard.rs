@@ -1,0 +1,209 @@
+//! A declared checkerboard among the boards of an image.
+
+use super::board::{Board, Starts, View, board};
+use super::corner::Window;
+use super::detection::{Ambiguity, DetectedPoint, Detection};
+use super::error::TargetError;
+use super::lattice::{Bounds, Place, bounds_of};
+use super::links::grids;
+use super::raster::Raster;
+use super::saddle::candidates;
+use super::settings::TargetSettings;
+use super::spec::TargetSpec;
+use nalgebra::{Point2, Vector2};
+
+/// Images are searched first at the reduction that brings them below this, px: corners there are as sharp as they get and
+/// ten times faster to find; they are fitted in the full image.
+const SEARCH_PX: usize = 1_500_000;
+/// Coarsest reduction: a board of 8 × 8 squares that fills the image still has squares of 20 px in 1300.
+const COARSEST: usize = 8;
+/// Grids looked at per image: boards, not clutter, which comes in pieces of four to six.
+const GRIDS: usize = 12;
+/// A line of a grid with fewer points than this part of the declared ones is a stray, not a line of the board.
+const STRAY_LINE: f64 = 0.25;
+
+/// Finds the declared board.
+pub(crate) fn detect(
+    image: &Raster,
+    full_scale_dn: f64,
+    spec: &TargetSpec,
+    settings: &TargetSettings,
+) -> Result<Detection, TargetError> {
+    let mut best: Option<TargetError> = None;
+    for factor in factors(image) {
+        match search(image, full_scale_dn, spec, settings, factor) {
+            Ok(found) => return Ok(found),
+            Err(several @ TargetError::Several { .. }) => return Err(several),
+            Err(error) => {
+                if best.as_ref().is_none_or(|known| rank(&error) > rank(known)) {
+                    best = Some(error);
+                }
+            }
+        }
+    }
+    Err(best.unwrap_or(TargetError::NoTarget { what: "checkerboard", candidates: 0 }))
+}
+
+/// Reductions to try: the finest below [`SEARCH_PX`], coarser for blurred images, finer for small squares.
+fn factors(image: &Raster) -> Vec<usize> {
+    let pixels = image.width * image.height;
+    let powers = [1, 2, 4, COARSEST];
+    let first = powers.into_iter().find(|f| pixels / (f * f) <= SEARCH_PX).unwrap_or(COARSEST);
+    let large = |f: &usize| image.width.min(image.height) / f >= 120;
+    let coarser = powers.into_iter().filter(|f| *f > first && *f <= 4 * first).filter(large);
+    let finer = powers.into_iter().rev().filter(|f| *f < first);
+    std::iter::once(first).chain(coarser).chain(finer).collect()
+}
+
+/// How much a refusal tells: points found.
+fn rank(error: &TargetError) -> usize {
+    match error {
+        TargetError::Hidden { found, .. } => 1_000_000 + found,
+        TargetError::OtherSize { found, .. } => {
+            1 + found.iter().map(|(a, b)| *a as usize * *b as usize).max().unwrap_or(0)
+        }
+        _ => 0,
+    }
+}
+
+fn search(
+    image: &Raster,
+    full_scale_dn: f64,
+    spec: &TargetSpec,
+    settings: &TargetSettings,
+    factor: usize,
+) -> Result<Detection, TargetError> {
+    let min_contrast_dn = settings.min_contrast_fraction * full_scale_dn;
+    let window = Window { fraction: settings.window_fraction, limit_px: settings.window_limit_px };
+    let view = View { image, full_scale_dn, min_contrast_dn, window };
+    let (saddles, smooth) = if factor == 1 {
+        candidates(image, min_contrast_dn)
+    } else {
+        candidates(&image.reduced(factor), min_contrast_dn)
+    };
+    let full =
+        |p: Point2<f64>| ((p.coords + Vector2::repeat(0.5)) * factor as f64 - Vector2::repeat(0.5)).into();
+    let most = spec.columns.max(spec.rows) as i32 + 2;
+    let mut found = Vec::new();
+    let mut refused = Vec::new();
+    for grid in grids(&saddles, &smooth).iter().take(GRIDS) {
+        let starts =
+            Starts(grid.iter().map(|(place, index)| (*place, full(saddles[*index].pixel))).collect());
+        let mut board = board(&view, &starts, most);
+        trim(&mut board, spec);
+        match bounds_of(board.keys()) {
+            Some(bounds) if fits(bounds, spec) => found.push((board, bounds)),
+            Some(bounds) if board.len() >= 6 => refused.push(bounds.lengths().map(|l| l as u32)),
+            _ => {}
+        }
+    }
+    let needed = (settings.min_visible_fraction * spec.count() as f64).ceil() as usize;
+    let hidden = found.iter().map(|(board, _)| board.len()).max();
+    found.retain(|(board, _)| board.len() >= needed);
+    match (found.as_slice(), hidden) {
+        ([(board, bounds)], _) => Ok(numbered(board, *bounds, spec)),
+        ([], Some(found)) => Err(TargetError::Hidden { found, count: spec.count(), needed }),
+        ([], None) if refused.is_empty() => {
+            Err(TargetError::NoTarget { what: "checkerboard", candidates: saddles.len() })
+        }
+        ([], None) => Err(other_size(spec, &refused)),
+        (several, _) => {
+            Err(TargetError::Several { count: several.len(), columns: spec.columns, rows: spec.rows })
+        }
+    }
+}
+
+/// The sizes found, each with its longer side where the declared one has it.
+fn other_size(spec: &TargetSpec, refused: &[[u32; 2]]) -> TargetError {
+    let (columns, rows) = (spec.columns, spec.rows);
+    let found = refused.iter().map(|[a, b]| {
+        let (long, short) = (*a.max(b), *a.min(b));
+        if columns >= rows { (long, short) } else { (short, long) }
+    });
+    TargetError::OtherSize { columns, rows, found: found.collect() }
+}
+
+fn fits(bounds: Bounds, spec: &TargetSpec) -> bool {
+    let [a, b] = bounds.lengths().map(|l| l as u32);
+    (a, b) == (spec.columns, spec.rows) || (b, a) == (spec.columns, spec.rows)
+}
+
+/// Takes outer lines with hardly any point away while the extent is too large.
+fn trim(board: &mut Board, spec: &TargetSpec) {
+    let (short, long) = (spec.columns.min(spec.rows) as i32, spec.columns.max(spec.rows) as i32);
+    while let Some(bounds) = bounds_of(board.keys()) {
+        let [a, b] = bounds.lengths();
+        if a.min(b) <= short && a.max(b) <= long {
+            return;
+        }
+        let lines =
+            [(0, bounds.least.0, b), (0, bounds.most.0, b), (1, bounds.least.1, a), (1, bounds.most.1, a)];
+        let on = |place: &Place, axis: i32, at: i32| if axis == 0 { place.0 == at } else { place.1 == at };
+        let stray = lines.iter().find(|(axis, at, length)| {
+            let count = board.keys().filter(|place| on(place, *axis, *at)).count();
+            (count as f64) < STRAY_LINE * f64::from(*length).min(f64::from(long))
+        });
+        let Some((axis, at, _)) = stray.copied() else { return };
+        board.retain(|place, _| !on(place, axis, at));
+    }
+}
+
+/// Numbers the corners: colours first, then the direction in the image.
+fn numbered(board: &Board, bounds: Bounds, spec: &TargetSpec) -> Detection {
+    let (least, most) = (bounds.least, bounds.most);
+    // Quarter turns: column and row of a place, place of (0, 0), direction of the columns.
+    let index = |turn: usize, (u, v): Place| match turn {
+        0 => (u - least.0, v - least.1),
+        1 => (v - least.1, most.0 - u),
+        2 => (most.0 - u, most.1 - v),
+        _ => (most.1 - v, u - least.0),
+    };
+    let origins = [least, (most.0, least.1), most, (least.0, most.1)];
+    let [a, b] = bounds.lengths().map(|l| l as u32);
+    let fits =
+        |turn: usize| if turn.is_multiple_of(2) { (a, b) } else { (b, a) } == (spec.columns, spec.rows);
+    let mut turns: Vec<usize> = (0..4).filter(|turn| fits(*turn)).collect();
+    let is_dark = |turn: usize| {
+        let (u, v) = origins[turn];
+        // Between +u and +v it is light where u + v is even; a quarter turn on it is the other colour.
+        ((u + v).rem_euclid(2) == 0) == (turn % 2 == 1)
+    };
+    if turns.iter().any(|turn| is_dark(*turn)) {
+        turns.retain(|turn| is_dark(*turn));
+    }
+    let (along_u, along_v) = mean_steps(board);
+    let rightness = [along_u, along_v, -along_u, -along_v];
+    let best = turns.iter().copied().max_by(|a, b| rightness[*a].total_cmp(&rightness[*b]).then(b.cmp(a)));
+    let turn = best.unwrap_or(0);
+    let ambiguity = match turns.len() {
+        4 => Ambiguity::QuarterTurn,
+        2 => Ambiguity::HalfTurn,
+        _ => Ambiguity::None,
+    };
+    let points = board.iter().map(|(place, corner)| {
+        let (column, row) = index(turn, *place);
+        DetectedPoint {
+            index: (column as u32, row as u32),
+            pixel: corner.pixel,
+            covariance_px2: corner.covariance_px2,
+            blur_px: corner.blur_px,
+            contrast_dn: corner.contrast_dn.abs(),
+            residual_dn: corner.residual_dn,
+        }
+    });
+    Detection::new(spec, points.collect(), ambiguity)
+}
+
+/// Mean image x of the steps along u and v, normalised.
+fn mean_steps(board: &Board) -> (f64, f64) {
+    let mut sums = [Vector2::zeros(); 2];
+    for ((u, v), corner) in board {
+        for (sum, next) in sums.iter_mut().zip([(u + 1, *v), (*u, v + 1)]) {
+            if let Some(other) = board.get(&next) {
+                *sum += other.pixel - corner.pixel;
+            }
+        }
+    }
+    let [a, b] = sums.map(|s| s.x / s.norm().max(1e-12));
+    (a, b)
+}

@@ -1,0 +1,128 @@
+//! Which candidate is whose neighbour: an edge of the board runs from one to the other.
+
+use super::raster::Raster;
+use super::saddle::Saddle;
+use nalgebra::Vector2;
+use std::collections::BTreeMap;
+
+/// Cosine of the largest angle between an edge at a corner and the way to the next corner: 18°, more than any lens bends
+/// within a square.
+const ALIGNED: f64 = 0.95;
+/// Where along the way the edge is looked at.
+const STATIONS: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
+/// Least difference across the edge, as a fraction of the contrast of the weaker corner (2 would be all of it).
+const ACROSS: f64 = 0.6;
+
+/// Neighbours along +first, +second, −first, −second axis.
+type Links = [Option<usize>; 4];
+
+/// Grids of candidates: lattice position and index into `saddles`, the largest first.
+///
+/// From u to v the image turns as from x to y; where u + v is even, the square between +u and +v is light.
+pub(crate) fn grids(saddles: &[Saddle], smooth: &Raster) -> Vec<BTreeMap<(i32, i32), usize>> {
+    let links: Vec<Links> = (0..saddles.len()).map(|i| neighbours(saddles, smooth, i)).collect();
+    let mut taken = vec![false; saddles.len()];
+    let mut grids = Vec::new();
+    for seed in 0..saddles.len() {
+        if !taken[seed] {
+            let grid = component(saddles, &links, seed, &mut taken);
+            // Fewer cannot be told from clutter.
+            if grid.len() >= 4 {
+                grids.push(grid);
+            }
+        }
+    }
+    grids.sort_by_key(|grid| std::cmp::Reverse(grid.len()));
+    grids
+}
+
+/// The nearest candidate in each direction that an edge leads to.
+fn neighbours(saddles: &[Saddle], smooth: &Raster, from: usize) -> Links {
+    let here = &saddles[from];
+    let mut links = [None; 4];
+    let mut nearest = [f64::INFINITY; 4];
+    for (index, there) in saddles.iter().enumerate() {
+        let way = there.pixel - here.pixel;
+        let length = way.norm();
+        if index == from || length < 3.0 {
+            continue;
+        }
+        let Some(direction) = direction(here, &way, length) else { continue };
+        let axis = direction % 2;
+        // Colours change from corner to corner: what is the first axis here is the second there.
+        let aligned = there.axes[1 - axis].dot(&way).abs() > ALIGNED * length;
+        if length < nearest[direction] && aligned && is_edge(smooth, here, there, &way, axis) {
+            nearest[direction] = length;
+            links[direction] = Some(index);
+        }
+    }
+    links
+}
+
+/// 0 … 3 for +first, +second, −first, −second axis.
+fn direction(here: &Saddle, way: &Vector2<f64>, length: f64) -> Option<usize> {
+    let along = here.axes.map(|axis| axis.dot(way) / length);
+    let axis = usize::from(along[1].abs() > along[0].abs());
+    (along[axis].abs() > ALIGNED).then(|| if along[axis] > 0.0 { axis } else { axis + 2 })
+}
+
+/// Whether light lies on the proper side all along.
+fn is_edge(smooth: &Raster, here: &Saddle, there: &Saddle, way: &Vector2<f64>, axis: usize) -> bool {
+    let length = way.norm();
+    let aside = Vector2::new(-way.y, way.x) / length * (0.15 * length).clamp(1.2, 4.0);
+    // Turning on from the first axis it is light, from the second dark.
+    let sign = if axis == 0 { 1.0 } else { -1.0 };
+    let least = ACROSS * here.contrast_dn.min(there.contrast_dn);
+    STATIONS.iter().all(|station| {
+        let at = here.pixel + way * *station;
+        let difference =
+            smooth.sample(at + aside).zip(smooth.sample(at - aside)).map(|(a, b)| f64::from(a - b));
+        difference.is_some_and(|d| sign * d > least)
+    })
+}
+
+/// All that hangs together with a seed through links that both ends agree on.
+fn component(
+    saddles: &[Saddle],
+    links: &[Links],
+    seed: usize,
+    taken: &mut [bool],
+) -> BTreeMap<(i32, i32), usize> {
+    let mut grid = BTreeMap::from([((0, 0), seed)]);
+    taken[seed] = true;
+    let mut queue = vec![(seed, (0, 0), saddles[seed].axes)];
+    let mut next = 0;
+    while let Some((index, at, frame)) = queue.get(next).copied() {
+        next += 1;
+        for (direction, link) in links[index].iter().enumerate() {
+            let Some(other) = link.filter(|other| !taken[*other] && links[*other].contains(&Some(index)))
+            else {
+                continue;
+            };
+            // The frame (u, v) at this corner names its axes; its own order changes with the colour.
+            let axis = saddles[index].axes[direction % 2] * if direction < 2 { 1.0 } else { -1.0 };
+            let along = frame.map(|f| f.dot(&axis));
+            let step = if along[0].abs() > along[1].abs() {
+                (along[0].signum() as i32, 0)
+            } else {
+                (0, along[1].signum() as i32)
+            };
+            let place = (at.0 + step.0, at.1 + step.1);
+            if grid.contains_key(&place) {
+                continue;
+            }
+            grid.insert(place, other);
+            taken[other] = true;
+            queue.push((other, place, carried(&frame, &saddles[other])));
+        }
+    }
+    grid
+}
+
+/// The frame at the next corner: its own axes, named and signed as at this one.
+fn carried(frame: &[Vector2<f64>; 2], there: &Saddle) -> [Vector2<f64>; 2] {
+    let direct = frame[0].dot(&there.axes[0]).abs() + frame[1].dot(&there.axes[1]).abs();
+    let crossed = frame[0].dot(&there.axes[1]).abs() + frame[1].dot(&there.axes[0]).abs();
+    let named = if direct > crossed { there.axes } else { [there.axes[1], there.axes[0]] };
+    [0, 1].map(|i| if frame[i].dot(&named[i]) < 0.0 { -named[i] } else { named[i] })
+}

@@ -1,0 +1,53 @@
+//! Calibration targets: what they are, and their points in an image to the noise limit.
+//!
+//! A checkerboard is found in four steps: saddles of the grey values confirmed by a ring (`saddle`), links along edges
+//! that both ends agree on (`links`), a least-squares model of each corner (`corner`), growth into holes and margins where
+//! the model holds (`board`). The numbering follows from extent and colours (`checkerboard`).
+//!
+//! No point is better than a wrong one: each corner has passed the colour of its squares, the direction of its edges, its
+//! contrast, the residual of its model and its neighbours' opinion.
+
+mod board;
+mod checkerboard;
+mod corner;
+mod detection;
+mod error;
+mod lattice;
+mod links;
+mod raster;
+mod saddle;
+mod settings;
+mod solve;
+mod spec;
+#[cfg(test)]
+mod tests;
+
+pub use detection::{Ambiguity, DetectedPoint, Detection};
+pub use error::TargetError;
+pub use settings::TargetSettings;
+pub use spec::{TARGET_FORMAT, TargetKind, TargetSpec};
+
+use crate::frame::FrameView;
+
+/// Finds the points of a target in a frame, each with its covariance.
+///
+/// Deterministic: the same frame gives the same bits. One thread; different frames may be given to different threads.
+///
+/// # Errors
+/// The target or the settings are impossible, the frame's size does not fit its values, or no target, another one, a hidden one
+/// or several are seen.
+pub fn detect(
+    frame: &FrameView,
+    spec: &TargetSpec,
+    settings: &TargetSettings,
+) -> Result<Detection, TargetError> {
+    spec.check()?;
+    settings.check()?;
+    let image = raster::Raster::of_frame(frame)?;
+    let full_scale_dn = f64::from(frame.full_scale_dn.max(1));
+    match spec.kind {
+        TargetKind::Checkerboard => checkerboard::detect(&image, full_scale_dn, spec, settings),
+        TargetKind::Charuco => Err(TargetError::Unsupported("charuco")),
+        TargetKind::Circles | TargetKind::AsymmetricCircles => Err(TargetError::Unsupported("circles")),
+    }
+}

@@ -1,0 +1,118 @@
+//! Least squares of a grey-value model over the pixels of a window.
+
+use nalgebra::{Cholesky, SMatrix, SVector};
+
+/// One pixel of a window: position relative to the window's origin, px, and grey value, DN.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sample {
+    pub x: f64,
+    pub y: f64,
+    pub value: f64,
+}
+
+/// A model of N parameters, of which the first two are the position sought.
+pub(crate) trait Model<const N: usize> {
+    /// What all pixels share at one set of parameters.
+    type Prepared;
+    /// Computes it.
+    fn prepare(&self, parameters: &SVector<f64, N>) -> Self::Prepared;
+    /// Value and derivative by each parameter.
+    fn evaluate(&self, prepared: &Self::Prepared, x: f64, y: f64) -> (f64, [f64; N]);
+}
+
+/// A solution.
+#[derive(Debug, Clone)]
+pub(crate) struct Fit<const N: usize> {
+    pub parameters: SVector<f64, N>,
+    /// Inverse normal matrix times the variance of the residuals.
+    pub covariance: SMatrix<f64, N, N>,
+    /// Standard deviation of the residuals over the degrees of freedom, DN.
+    pub residual_dn: f64,
+}
+
+/// Steps end when the position moves less than this, px: a hundredth of the smallest standard deviation.
+const SETTLED_PX: f64 = 2e-5;
+const MAX_STEPS: usize = 30;
+
+struct Normal<const N: usize> {
+    matrix: SMatrix<f64, N, N>,
+    vector: SVector<f64, N>,
+    cost: f64,
+}
+
+fn normal<const N: usize>(
+    model: &impl Model<N>,
+    at: &SVector<f64, N>,
+    samples: &[Sample],
+    full: f64,
+) -> Normal<N> {
+    let mut matrix = SMatrix::<f64, N, N>::zeros();
+    let mut vector = SVector::<f64, N>::zeros();
+    let mut cost = 0.0;
+    let prepared = model.prepare(at);
+    for sample in samples {
+        let (value, slope) = model.evaluate(&prepared, sample.x, sample.y);
+        // A full pixel tells only that the light was at least that much, an empty one that it was at most none.
+        if (sample.value >= full && value >= full) || (sample.value <= 0.0 && value <= 0.0) {
+            continue;
+        }
+        let residual = sample.value - value;
+        cost += residual * residual;
+        for column in 0..N {
+            let factor = slope[column];
+            vector[column] += factor * residual;
+            for row in column..N {
+                matrix[(row, column)] += factor * slope[row];
+            }
+        }
+    }
+    Normal { matrix, vector, cost }
+}
+
+/// Levenberg–Marquardt from a start; `None` when it does not settle or the window does not determine the model.
+pub(crate) fn fit<const N: usize>(
+    model: &impl Model<N>,
+    start: SVector<f64, N>,
+    samples: &[Sample],
+    full_scale_dn: f64,
+) -> Option<Fit<N>> {
+    let freedom = samples.len().checked_sub(N).filter(|f| *f >= N)?;
+    let mut at = start;
+    let mut here = normal(model, &at, samples, full_scale_dn);
+    let mut damping = 1e-3;
+    for _ in 0..MAX_STEPS {
+        let mut damped = here.matrix;
+        for i in 0..N {
+            damped[(i, i)] += damping * here.matrix[(i, i)] + 1e-12;
+        }
+        let step = Cholesky::new(damped)?.solve(&here.vector);
+        let next = at + step;
+        let there = normal(model, &next, samples, full_scale_dn);
+        let settled = step[0].abs() < SETTLED_PX && step[1].abs() < SETTLED_PX;
+        if !there.cost.is_finite() || there.cost > here.cost {
+            // At the bottom the cost is flat to rounding: a tiny step that does not lower it ends the search.
+            if settled {
+                return finish(&at, &here, freedom);
+            }
+            damping *= 10.0;
+            if damping > 1e8 {
+                return None;
+            }
+            continue;
+        }
+        at = next;
+        here = there;
+        damping = (damping * 0.1).max(1e-9);
+        if settled {
+            return finish(&at, &here, freedom);
+        }
+    }
+    None
+}
+
+fn finish<const N: usize>(at: &SVector<f64, N>, here: &Normal<N>, freedom: usize) -> Option<Fit<N>> {
+    let variance = here.cost / freedom as f64;
+    let covariance = Cholesky::new(here.matrix)?.inverse() * variance;
+    let finite = at.iter().chain(covariance.iter()).all(|v| v.is_finite());
+    finite.then(|| Fit { parameters: *at, covariance, residual_dn: variance.sqrt() })
+}

@@ -1,0 +1,4 @@
+//! Synthetic targets with known points: accuracy, covariance, numbering, refusals.
+
+mod checkerboard;
+mod scene;
