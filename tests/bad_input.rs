@@ -27,6 +27,7 @@ const CASES: &[Case] = &[
     case("not an image", |s| fs::write(s.path(FRAME), b"not an image").unwrap(), &["003.png"]),
     case("empty file", |s| fs::write(s.path(FRAME), b"").unwrap(), &["003.png"]),
     case("sine frames in the wrong order", |s| swap(s, 2, 7), &["cam1", "order"]),
+    case("two code frames exchanged", |s| swap(s, 15, 16), &["cam1", "code", "order", "stripe_px"]),
     case("white and black exchanged", |s| swap(s, 17, 18), &["cam1", "white", "black"]),
     case("saturated frames", saturate, &["no point", "saturated"]),
     case("no light at all", darken, &["no point", "dark"]),

@@ -48,6 +48,9 @@ pub fn emit<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {
     Ok(())
 }
 
+/// Contradictions of code and phase beyond this fraction are no edges of a part.
+const WORTH_SAYING: f64 = 0.1;
+
 /// What decoding one view along one axis gave.
 #[derive(Debug, Clone, Serialize)]
 pub struct DecodeLine {
@@ -70,6 +73,9 @@ pub struct DecodeLine {
     noise_gain_dn: f64,
     noise_source: &'static str,
     footprint_px: Option<f64>,
+    contradiction: f64,
+    wraps: usize,
+    order_jumps: usize,
     ignored: Vec<String>,
 }
 
@@ -100,6 +106,9 @@ impl DecodeLine {
                 NoiseSource::Assumed => "assumed",
             },
             footprint_px: report.footprint_px,
+            contradiction: report.contradiction(),
+            wraps: report.continuity.wraps,
+            order_jumps: report.continuity.jumps,
             ignored: report.ignored.to_vec(),
         }
     }
@@ -124,6 +133,16 @@ impl fmt::Display for DecodeLine {
             self.ambiguous - self.resolved.min(self.ambiguous),
             self.ambiguous,
         )?;
+        if self.contradiction > WORTH_SAYING {
+            write!(
+                f,
+                "; code and phase contradict each other at {:.0} % ({} order jumps at {} wraps): check the order of the \
+                 code's frames, stripe_px, direction and first_step_rad",
+                self.contradiction * 100.0,
+                self.order_jumps,
+                self.wraps
+            )?;
+        }
         if let Some(footprint_px) = self.footprint_px {
             write!(f, "; footprint {footprint_px:.3} px")?;
         }

@@ -40,6 +40,27 @@ pub enum DecodeError {
         /// Standard deviation of the residuals over the modulation.
         residual: f64,
     },
+    /// Code and phase tell different places.
+    #[error(
+        "code and phase along axis {axis:?} contradict each other: {jumps} order jumps at {wraps} wraps, {unresolved} of {lit} \
+         lit pixels without order, limit {:.0} % of either; are the code's frames in order, are stripe_px, code, invert, \
+         direction and first_step_rad right? (decode.max_contradiction raises the limit)",
+        limit * 100.0
+    )]
+    Contradiction {
+        /// Axis.
+        axis: Axis,
+        /// Places where the absolute phase jumps by whole periods.
+        jumps: usize,
+        /// Places where the wrapped phase passes 2π.
+        wraps: usize,
+        /// Pixels whose order nobody settled.
+        unresolved: usize,
+        /// These and the valid ones.
+        lit: usize,
+        /// `max_contradiction`.
+        limit: f64,
+    },
     /// White and black frames are exchanged.
     #[error(
         "the white frame is darker than the black one (axis {axis:?}): exchanged in the sequence or among the files?"

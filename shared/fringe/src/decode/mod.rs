@@ -32,6 +32,7 @@ pub mod arctan;
 mod bits;
 mod block;
 pub mod chain;
+mod continuity;
 mod error;
 mod footprint;
 mod limits;
@@ -46,6 +47,7 @@ mod settings;
 mod tests;
 mod verdict;
 
+pub use continuity::Continuity;
 pub use error::DecodeError;
 pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
 pub use report::{DecodeReport, NoiseModel, NoiseSource};
@@ -290,6 +292,10 @@ impl Decoder {
         };
         let noise = kernel.noise;
         let mut report = verdicts.report(tally, noise, Arc::clone(&gathered.ignored));
+        if !self.plan.axes[home].sines.is_empty() {
+            report.continuity = Continuity::of(out);
+            report.check_orders(axis, self.settings.max_contradiction)?;
+        }
         report.footprint_px = self.remove_footprint(home, out)?;
         Ok(report)
     }

@@ -1,5 +1,8 @@
 //! What a decoding did.
 
+use super::continuity::Continuity;
+use super::error::DecodeError;
+use crate::pattern::Axis;
 use std::sync::Arc;
 
 /// Where the noise model comes from.
@@ -27,6 +30,37 @@ pub struct NoiseModel {
     pub source: NoiseSource,
 }
 
+/// Fewer lit pixels do not judge a sequence.
+const LEAST_LIT: usize = 200;
+
+impl DecodeReport {
+    /// How far code and phase contradict each other: the larger of jumps per wrap and lit pixels without order.
+    pub fn contradiction(&self) -> f64 {
+        let (unresolved, lit) = self.unresolved();
+        let pixels = if lit < LEAST_LIT { 0.0 } else { unresolved as f64 / lit as f64 };
+        self.continuity.jump_fraction().max(pixels)
+    }
+
+    /// Refuses orders that contradict the phase beyond a limit.
+    ///
+    /// # Errors
+    /// [`DecodeError::Contradiction`].
+    pub(super) fn check_orders(&self, axis: Axis, limit: f64) -> Result<(), DecodeError> {
+        if self.contradiction() <= limit {
+            return Ok(());
+        }
+        let (unresolved, lit) = self.unresolved();
+        let Continuity { wraps, jumps } = self.continuity;
+        Err(DecodeError::Contradiction { axis, jumps, wraps, unresolved, lit, limit })
+    }
+
+    /// Pixels whose order nobody settled, and these with the valid ones.
+    pub fn unresolved(&self) -> (usize, usize) {
+        let unresolved = self.ambiguous - self.resolved.min(self.ambiguous);
+        (unresolved, self.valid + unresolved)
+    }
+}
+
 /// Counts of one decoded axis. Pixels that fail several tests are counted at the first one in the order of the fields.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DecodeReport {
@@ -50,6 +84,8 @@ pub struct DecodeReport {
     pub noise: NoiseModel,
     /// Standard deviation of the pixel's footprint whose bias was removed, camera pixels; `None` where nothing was.
     pub footprint_px: Option<f64>,
+    /// Of every 4th row and column: places where the phase passes 2π, and where it jumps by whole periods.
+    pub continuity: Continuity,
     /// Sets of the sequence that were not used; every set stands in the report of exactly one axis.
     pub ignored: Arc<[String]>,
 }

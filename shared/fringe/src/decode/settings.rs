@@ -36,6 +36,9 @@ pub struct DecodeSettings {
     pub edge_tolerance: f64,
     /// How far, in camera pixels, an ambiguous pixel looks for neighbours that prove its order.
     pub neighbour_reach_px: u32,
+    /// Largest fraction of order jumps per wrap of the phase, and of lit pixels whose code and phase disagree. Beyond it
+    /// the frames do not follow the sequence. A part full of steps may need more.
+    pub max_contradiction: f64,
     /// Standard deviation of a pixel's footprint (its area and the lens blur), camera pixels; 0 corrects nothing. When
     /// absent it is estimated from white, black and the modulation, and nothing is corrected where they do not tell it.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -55,6 +58,7 @@ impl Default for DecodeSettings {
             certainty_sigmas: 4.0,
             edge_tolerance: 0.05,
             neighbour_reach_px: 16,
+            max_contradiction: 0.5,
             footprint_px: None,
             repair_spikes: true,
         }
@@ -74,6 +78,7 @@ impl DecodeSettings {
         within("certainty_sigmas", self.certainty_sigmas, 0.0, 20.0)?;
         within("edge_tolerance", self.edge_tolerance, 0.0, 0.25)?;
         within("neighbour_reach_px", f64::from(self.neighbour_reach_px), 1.0, 256.0)?;
+        within("max_contradiction", self.max_contradiction, 0.0, 1e6)?;
         if let Some(footprint_px) = self.footprint_px {
             within("footprint_px", footprint_px, 0.0, 1.0)?;
         }

@@ -1,6 +1,7 @@
 //! The last step of `finish`: corrections are applied, states become the validity mask, and everything is counted.
 
 use super::block::{BLOCK, CHUNK, Tally, state};
+use super::continuity::Continuity;
 use super::neighbours::{Field, MASK};
 use super::report::{DecodeReport, NoiseModel};
 use super::roles::AxisPlan;
@@ -60,6 +61,7 @@ impl Verdicts {
             spikes_masked: self.spikes_masked,
             noise,
             footprint_px: None,
+            continuity: Continuity::default(),
             ignored,
         }
     }
