@@ -26,18 +26,26 @@ mod homography;
 mod model;
 mod normal;
 mod observations;
+mod predict;
 mod result;
 mod settings;
+mod spacing;
 mod start;
+mod stereo;
 #[cfg(test)]
 mod tests;
+mod validate;
 mod zhang;
 
 pub use covariance::{Covariance, Gauge, PARAMETERS};
 pub use error::CalibrationError;
 pub use observations::{Device, DeviceKind, Observations, Sight, View};
+pub use predict::PointUncertainty;
 pub use result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
 pub use settings::{CalibrationSettings, LensModel, WorldFrame};
+pub use spacing::{SpacingSettings, SphereSpacing, Volume};
+pub use stereo::{EpipolarResiduals, RelativePose, StereoGeometry};
+pub use validate::{CrossValidation, DeviceDifference, cross_validate};
 
 use crate::camera::Camera;
 use finish::Finish;

@@ -216,3 +216,22 @@ fn intrinsic_rows(
     let perspective = Matrix2x3::new(1.0, 0.0, -x, 0.0, 1.0, -y) / seen.z;
     Some((camera.pixel_from_distorted(distorted), by_ideal * perspective))
 }
+
+/// Derivatives of a world point's pixel by the parameters of its device, and by the point (px/mm); `None` behind it.
+pub(super) fn world_rows(
+    camera: &Camera,
+    world: &Vector3<f64>,
+) -> Option<([[f64; DEVICE]; 2], Matrix2x3<f64>)> {
+    let rotation = camera.camera_from_world.rotation.to_rotation_matrix().into_inner();
+    let seen = rotation * world + camera.camera_from_world.translation.vector;
+    let mut rows = [[0.0; LOCAL]; 2];
+    let (_, by_point) = intrinsic_rows(camera, &seen, &mut rows)?;
+    let mut own = [[0.0; DEVICE]; 2];
+    for (i, (own, row)) in own.iter_mut().zip(&rows).enumerate() {
+        let device = by_point.row(i).transpose();
+        own[..INTRINSIC].copy_from_slice(&row[..INTRINSIC]);
+        own[10..13].copy_from_slice(seen.cross(&device).as_slice());
+        own[13..16].copy_from_slice(device.as_slice());
+    }
+    Some((own, by_point * rotation))
+}

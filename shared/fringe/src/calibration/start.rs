@@ -101,8 +101,8 @@ pub(super) fn start(
         .collect();
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut best: Option<(f64, State)> = None;
-    let name = &observations.devices[device];
-    let near_px = NEAR * f64::from(name.width_px);
+    let own_device = &observations.devices[device];
+    let near_px = NEAR * f64::from(own_device.width_px);
     for (_, state) in ranked {
         let Some(state) = approach(&problem, state) else { continue };
         let variance = robust_variances(&problem, &state).1[0];
@@ -115,7 +115,7 @@ pub(super) fn start(
         }
     }
     let Some((variance, state)) = best else {
-        return Err(CalibrationError::NoConvergence { stage: name.name.clone(), iterations: 0 });
+        return Err(CalibrationError::NoConvergence { stage: own_device.name.clone(), iterations: 0 });
     };
     determined(observations, &problem, device, &state, variance)?;
     for (i, board) in own.iter().zip(&state.boards) {

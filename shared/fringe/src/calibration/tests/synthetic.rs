@@ -110,12 +110,13 @@ impl World {
     }
 }
 
-/// A board that faces upwards, tilted by up to `tilt` rad about x and y, turned freely, about the volume's middle.
+/// A board that faces upwards, tilted by up to `tilt` rad about x and y, turned freely, placed so that the poses fill
+/// the working volume 140 × 140 × 90 mm of the thesis' cell.
 pub(super) fn board(noise: &mut Noise, tilt: f64) -> Isometry3<f64> {
     let mut any = |half: f64| (2.0 * noise.unit() - 1.0) * half;
     let lean = rotation(Vector3::new(any(tilt), any(tilt), 0.0));
     let turn = rotation(Vector3::new(0.0, 0.0, any(0.6)));
-    let at = Vector3::new(any(30.0), any(30.0), 15.0 + any(25.0));
+    let at = Vector3::new(any(45.0), any(45.0), 15.0 + any(35.0));
     let turned = lean * turn;
     let middle = turned * Vector3::new(40.0, 28.0, 0.0);
     Isometry3::from_parts((at - middle).into(), turned)
