@@ -14,7 +14,9 @@ const FAINT: f64 = 0.3;
 /// Largest residual of the model, as a fraction of the contrast: at the rim of a board or at an occlusion it exceeds half.
 const MISFIT: f64 = 0.25;
 /// Largest residual over contrast, as a multiple of the board's median: what covers a part of a window shows there first.
-const OUTSTANDING: f64 = 2.5;
+const OUTSTANDING: f64 = 4.0;
+/// Below this part of the contrast a residual is texture or sharpening, not something that covers the corner.
+const TEXTURE: f64 = 0.1;
 /// Largest blur, as a fraction of the pitch: beyond, the next edges reach into this one.
 const BLUR: f64 = 0.3;
 /// Cosine of the largest turn of an edge against the direction of its neighbours: 18°.
@@ -65,13 +67,18 @@ pub(crate) fn board(view: &View, starts: &Starts, most: i32) -> Board {
     board
 }
 
+/// Whether two boards share a corner: pieces of one board, that grew together.
+pub(crate) fn overlap(a: &Board, b: &Board) -> bool {
+    a.values().any(|p| b.values().any(|q| (p.pixel - q.pixel).norm() < 2.0))
+}
+
 /// Drops corners whose model fits much worse than that of the others.
 fn drop_covered(board: &mut Board) {
     let misfit = |corner: &Corner| corner.residual_dn / corner.contrast_dn.abs();
     let mut misfits: Vec<f64> = board.values().map(misfit).collect();
     misfits.sort_by(f64::total_cmp);
     let Some(median) = misfits.get(misfits.len() / 2).copied() else { return };
-    board.retain(|_, corner| misfit(corner) <= OUTSTANDING * median);
+    board.retain(|_, corner| misfit(corner) <= (OUTSTANDING * median).max(TEXTURE));
 }
 
 /// A corner at a place, if the image holds one of the proper colour there.

@@ -1,6 +1,7 @@
 //! A declared checkerboard among the boards of an image.
 
-use super::board::{Board, Starts, View, board};
+use super::attempts::{Sighting, first};
+use super::board::{Board, Starts, View, board, overlap};
 use super::corner::Window;
 use super::detection::{Ambiguity, DetectedPoint, Detection};
 use super::error::TargetError;
@@ -12,6 +13,7 @@ use super::settings::TargetSettings;
 use super::spec::TargetSpec;
 use nalgebra::{Point2, Vector2};
 
+const WHAT: &str = "checkerboard";
 /// Images are searched first at the reduction that brings them below this, px: corners there are as sharp as they get and
 /// ten times faster to find; they are fitted in the full image.
 const SEARCH_PX: usize = 1_500_000;
@@ -19,6 +21,8 @@ const SEARCH_PX: usize = 1_500_000;
 const COARSEST: usize = 8;
 /// Grids looked at per image: boards, not clutter, which comes in pieces of four to six.
 const GRIDS: usize = 12;
+/// A board that takes less than this part of the area of another is a picture of it: on a screen, in a mirror.
+const PICTURE: f64 = 0.05;
 /// A line of a grid with fewer points than this part of the declared ones is a stray, not a line of the board.
 const STRAY_LINE: f64 = 0.25;
 
@@ -29,19 +33,11 @@ pub(crate) fn detect(
     spec: &TargetSpec,
     settings: &TargetSettings,
 ) -> Result<Detection, TargetError> {
-    let mut best: Option<TargetError> = None;
-    for factor in factors(image) {
-        match search(image, full_scale_dn, spec, settings, factor) {
-            Ok(found) => return Ok(found),
-            Err(several @ TargetError::Several { .. }) => return Err(several),
-            Err(error) => {
-                if best.as_ref().is_none_or(|known| rank(&error) > rank(known)) {
-                    best = Some(error);
-                }
-            }
-        }
-    }
-    Err(best.unwrap_or(TargetError::NoTarget { what: "checkerboard", candidates: 0 }))
+    first(factors(image), WHAT, |factor| {
+        let (board, bounds) =
+            search(image, full_scale_dn, spec, settings, factor).only(WHAT, spec, settings)?;
+        Ok(numbered(&board, bounds, spec))
+    })
 }
 
 /// Reductions to try: the finest below [`SEARCH_PX`], coarser for blurred images, finer for small squares.
@@ -55,24 +51,14 @@ fn factors(image: &Raster) -> Vec<usize> {
     std::iter::once(first).chain(coarser).chain(finer).collect()
 }
 
-/// How much a refusal tells: points found.
-fn rank(error: &TargetError) -> usize {
-    match error {
-        TargetError::Hidden { found, .. } => 1_000_000 + found,
-        TargetError::OtherSize { found, .. } => {
-            1 + found.iter().map(|(a, b)| *a as usize * *b as usize).max().unwrap_or(0)
-        }
-        _ => 0,
-    }
-}
-
+/// All boards at one reduction.
 fn search(
     image: &Raster,
     full_scale_dn: f64,
     spec: &TargetSpec,
     settings: &TargetSettings,
     factor: usize,
-) -> Result<Detection, TargetError> {
+) -> Sighting<(Board, Bounds)> {
     let min_contrast_dn = settings.min_contrast_fraction * full_scale_dn;
     let window = Window { fraction: settings.window_fraction, limit_px: settings.window_limit_px };
     let view = View { image, full_scale_dn, min_contrast_dn, window };
@@ -86,41 +72,37 @@ fn search(
     let most = spec.columns.max(spec.rows) as i32 + 2;
     let mut found = Vec::new();
     let mut refused = Vec::new();
+    let mut seen: Vec<Board> = Vec::new();
     for grid in grids(&saddles, &smooth).iter().take(GRIDS) {
         let starts =
             Starts(grid.iter().map(|(place, index)| (*place, full(saddles[*index].pixel))).collect());
         let mut board = board(&view, &starts, most);
+        if seen.iter().any(|other| overlap(other, &board)) {
+            continue;
+        }
+        seen.push(board.clone());
         trim(&mut board, spec);
         match bounds_of(board.keys()) {
-            Some(bounds) if fits(bounds, spec) => found.push((board, bounds)),
+            Some(bounds) if fits(bounds, spec) => {
+                let points = board.len();
+                found.push(((board, bounds), points));
+            }
             Some(bounds) if board.len() >= 6 => refused.push(bounds.lengths().map(|l| l as u32)),
             _ => {}
         }
     }
-    let needed = (settings.min_visible_fraction * spec.count() as f64).ceil() as usize;
-    let hidden = found.iter().map(|(board, _)| board.len()).max();
-    found.retain(|(board, _)| board.len() >= needed);
-    match (found.as_slice(), hidden) {
-        ([(board, bounds)], _) => Ok(numbered(board, *bounds, spec)),
-        ([], Some(found)) => Err(TargetError::Hidden { found, count: spec.count(), needed }),
-        ([], None) if refused.is_empty() => {
-            Err(TargetError::NoTarget { what: "checkerboard", candidates: saddles.len() })
-        }
-        ([], None) => Err(other_size(spec, &refused)),
-        (several, _) => {
-            Err(TargetError::Several { count: several.len(), columns: spec.columns, rows: spec.rows })
-        }
-    }
+    let largest = found.iter().map(|((board, _), _)| extent_px2(board)).fold(0.0, f64::max);
+    found.retain(|((board, _), _)| extent_px2(board) > PICTURE * largest);
+    Sighting { found, refused, candidates: saddles.len() }
 }
 
-/// The sizes found, each with its longer side where the declared one has it.
-fn other_size(spec: &TargetSpec, refused: &[[u32; 2]]) -> TargetError {
-    let (columns, rows) = (spec.columns, spec.rows);
-    let found = refused.iter().map(|[a, b]| {
-        let (long, short) = (*a.max(b), *a.min(b));
-        if columns >= rows { (long, short) } else { (short, long) }
+/// Area of the upright rectangle around a board.
+fn extent_px2(board: &Board) -> f64 {
+    let first = (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
+    let (least, most) = board.values().fold(first, |(least, most), corner| {
+        (least.inf(&corner.pixel.coords), most.sup(&corner.pixel.coords))
     });
-    TargetError::OtherSize { columns, rows, found: found.collect() }
+    ((most.x - least.x) * (most.y - least.y)).max(0.0)
 }
 
 fn fits(bounds: Bounds, spec: &TargetSpec) -> bool {

@@ -15,8 +15,8 @@ use nalgebra::{Matrix2, Point2, SVector, Vector2};
 const PARAMETERS: usize = 12;
 /// The blur of the optics starts here, px.
 const START_BLUR_PX: f64 = 1.0;
-/// Below this the derivative of the profile is a spike between the pixels.
-const LEAST_BLUR_PX: f64 = 0.12;
+/// Sharper than a pixel's own width no honest edge is; one that was sharpened is fitted with this blur held.
+const LEAST_BLUR_PX: f64 = 0.25;
 /// Distance from the edges within which pixels count, px and as a fraction of the pitch: the inside of the squares
 /// tells nothing about the edges, and may carry markers.
 const LEAST_BAND_PX: f64 = 4.5;
@@ -61,14 +61,14 @@ struct TwoEdges {
 
 /// P and its derivatives by s and σ.
 fn profile(s: f64, sigma: f64) -> (f64, f64, f64) {
-    let sigma = sigma.max(LEAST_BLUR_PX);
+    let (held, sigma) = (sigma <= LEAST_BLUR_PX, sigma.max(LEAST_BLUR_PX));
     let t = s / sigma;
     // Beyond six sigma P is ±1 to the last digit.
     if t.abs() > 6.0 {
         return (t.signum(), 0.0, 0.0);
     }
     let density = (std::f64::consts::FRAC_2_PI).sqrt() / sigma * exp(-0.5 * t * t);
-    (erf(t * std::f64::consts::FRAC_1_SQRT_2), density, -t * density)
+    (erf(t * std::f64::consts::FRAC_1_SQRT_2), density, if held { 0.0 } else { -t * density })
 }
 
 /// An edge at one set of parameters.
@@ -82,7 +82,7 @@ struct Edge {
 impl Edge {
     /// σ²·∂P/∂n of the derivatives that [`Self::at`] gives, along x and y.
     fn blurred_slope(&self, derivatives: &[f64; 4]) -> [f64; 2] {
-        let variance = self.sigma * self.sigma;
+        let variance = self.sigma.max(LEAST_BLUR_PX).powi(2);
         [-derivatives[0] * variance, -derivatives[1] * variance]
     }
 
@@ -161,13 +161,10 @@ pub(crate) fn refine(
     start_levels(&model, &mut start, &samples);
     let solved = fit(&model, start, &samples, full_scale_dn)?;
     let p = solved.parameters;
-    if p[4].min(p[5]) < LEAST_BLUR_PX {
-        return None;
-    }
     Some(Corner {
         pixel: Point2::new(origin.x + p[0], origin.y + p[1]),
         covariance_px2: solved.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
-        blur_px: 0.5 * (p[4] + p[5]),
+        blur_px: 0.5 * (p[4].max(LEAST_BLUR_PX) + p[5].max(LEAST_BLUR_PX)),
         // Between the first and the second edge s₁ is positive and s₂ negative. Light beyond full scale is a guess.
         contrast_dn: (-p[9]).clamp(-0.5 * full_scale_dn, 0.5 * full_scale_dn),
         residual_dn: solved.residual_dn,

@@ -61,6 +61,10 @@ impl Detection {
         Self { points, columns, rows, ambiguity, radius_per_pitch: None, kind }
     }
 
+    pub(crate) fn with_radius(self, radius_per_pitch: f64) -> Self {
+        Self { radius_per_pitch: Some(radius_per_pitch), ..self }
+    }
+
     /// The same points, numbered from the opposite end; `None` when [`Self::ambiguity`] excludes it.
     #[must_use]
     pub fn half_turned(&self) -> Option<Self> {

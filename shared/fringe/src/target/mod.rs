@@ -4,13 +4,21 @@
 //! that both ends agree on (`links`), a least-squares model of each corner (`corner`), growth into holes and margins where
 //! the model holds (`board`). The numbering follows from extent and colours (`checkerboard`).
 //!
+//! Circles are areas that fill their ellipse (`blobs`), put on a lattice by local steps and numbered by the one change
+//! of basis that gives the declared pattern (`circles`), each fitted as a blurred ellipse (`disc`).
+//!
 //! No point is better than a wrong one: each corner has passed the colour of its squares, the direction of its edges, its
 //! contrast, the residual of its model and its neighbours' opinion.
 
+mod attempts;
+mod bias;
+mod blobs;
 mod board;
 mod checkerboard;
+mod circles;
 mod corner;
 mod detection;
+mod disc;
 mod error;
 mod lattice;
 mod links;
@@ -22,6 +30,7 @@ mod spec;
 #[cfg(test)]
 mod tests;
 
+pub use bias::projected_circle_center_bias;
 pub use detection::{Ambiguity, DetectedPoint, Detection};
 pub use error::TargetError;
 pub use settings::TargetSettings;
@@ -48,6 +57,8 @@ pub fn detect(
     match spec.kind {
         TargetKind::Checkerboard => checkerboard::detect(&image, full_scale_dn, spec, settings),
         TargetKind::Charuco => Err(TargetError::Unsupported("charuco")),
-        TargetKind::Circles | TargetKind::AsymmetricCircles => Err(TargetError::Unsupported("circles")),
+        TargetKind::Circles | TargetKind::AsymmetricCircles => {
+            circles::detect(&image, full_scale_dn, spec, settings)
+        }
     }
 }

@@ -66,6 +66,12 @@ fn normal<const N: usize>(
             }
         }
     }
+    // A parameter without influence is held.
+    for i in 0..N {
+        if matrix[(i, i)] == 0.0 {
+            matrix[(i, i)] = 1.0;
+        }
+    }
     Normal { matrix, vector, cost }
 }
 

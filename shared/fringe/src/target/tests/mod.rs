@@ -1,4 +1,5 @@
 //! Synthetic targets with known points: accuracy, covariance, numbering, refusals.
 
 mod checkerboard;
+mod circles;
 mod scene;

@@ -99,7 +99,8 @@ impl Scene {
         let column = ((x - shift) / step).round();
         let on = (0.0..columns).contains(&column) && (0.0..rows).contains(&row);
         let (dx, dy) = (x - shift - step * column, y - row);
-        if on && 4.0 * (dx * dx + dy * dy) < self.diameter * self.diameter { 0.1 } else { 0.85 }
+        let outside = ((dx * dx + dy * dy).sqrt() - 0.5 * self.diameter) / self.ramp;
+        if on { 0.475 + 0.375 * outside.clamp(-1.0, 1.0) } else { 0.85 }
     }
 
     /// Grey values without noise.
