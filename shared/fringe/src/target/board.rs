@@ -16,7 +16,7 @@ const MISFIT: f64 = 0.25;
 /// Largest residual over contrast, as a multiple of the board's median: what covers a part of a window shows there first.
 const OUTSTANDING: f64 = 4.0;
 /// Below this part of the contrast a residual is texture or sharpening, not something that covers the corner.
-const TEXTURE: f64 = 0.1;
+const TEXTURE: f64 = 0.06;
 /// Largest blur, as a fraction of the pitch: beyond, the next edges reach into this one.
 const BLUR: f64 = 0.3;
 /// Cosine of the largest turn of an edge against the direction of its neighbours: 18°.

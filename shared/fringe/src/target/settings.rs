@@ -13,7 +13,8 @@ pub struct TargetSettings {
     /// Fraction of the points that must be visible, 1 for the whole target. Whatever it is, the outermost rows and
     /// columns must each show a point: without them nobody knows which row is which.
     pub min_visible_fraction: f64,
-    /// Reach of the window around a corner along its edges, as a fraction of the distance to the next corner.
+    /// Reach of the window around a corner along its edges, as a fraction of the distance to the next corner. Below a half,
+    /// so that boards whose outer squares are cut in half (many are) keep their outer corners.
     pub window_fraction: f64,
     /// Largest reach of that window, px: longer edges average more noise, but take more time and are less straight.
     pub window_limit_px: f64,
@@ -24,7 +25,7 @@ impl Default for TargetSettings {
         Self {
             min_contrast_fraction: 0.02,
             min_visible_fraction: 0.5,
-            window_fraction: 0.65,
+            window_fraction: 0.45,
             window_limit_px: 14.0,
         }
     }
