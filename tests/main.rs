@@ -3,10 +3,12 @@
 //! - [`offline`]: the twin's frames become a cloud whose features are true
 //! - [`real`]: recordings by other people's cameras
 //! - [`bad_input`]: whatever is wrong with the input, a message and exit code 2
+//! - [`calibrate`]: real pictures of boards become a rig file
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - [`support`]: how the tests run programs and make small recordings
 
 mod bad_input;
+mod calibrate;
 mod cell;
 mod offline;
 mod real;

@@ -1,6 +1,7 @@
 //! `fringetool`: simulate, decode, reconstruct, import and measure. One module per subcommand: arguments in, report out.
 
 mod bench;
+mod calibrate;
 mod decode;
 mod fit;
 mod import;
@@ -37,6 +38,8 @@ enum Command {
     Fit(fit::Args),
     /// Turn other people's image files and OpenCV calibration into a recording and a rig file.
     Import(import::Args),
+    /// Characterise all cameras and projectors from pictures of a target, in one adjustment.
+    Calibrate(calibrate::Args),
     /// Measure accuracy on the twin, or speed on this machine.
     Bench(bench::Args),
 }
@@ -56,6 +59,7 @@ fn main() -> ExitCode {
         Command::Reconstruct(args) => reconstruct::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Import(args) => import::run(&args),
+        Command::Calibrate(args) => calibrate::run(&args),
         Command::Bench(args) => bench::run(&args),
     };
     match result {

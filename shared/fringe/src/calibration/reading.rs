@@ -1,0 +1,158 @@
+//! Where a projector's light meets a point of the target: the phase read at a sub-pixel place.
+//!
+//! The thesis takes the phase of the nearest pixel (2.3.3), which is its mapping error, and near the edges of a
+//! checkerboard a pixel's phase is that of a shifted footprint. Here a quadratic is fitted to the phase of the bright
+//! squares about the corner, their rims left out, and read at the corner.
+
+use crate::phase::PhaseView;
+use nalgebra::{Matrix2, Matrix6, Point2, Vector6};
+use std::f64::consts::TAU;
+
+/// Bright is what has this fraction of the brightest modulation about the point.
+const BRIGHT: f32 = 0.6;
+/// Fewest bright pixels that carry a quadratic of six parameters.
+const LEAST_PIXELS: usize = 24;
+/// Residuals beyond so many robust standard deviations leave the fit.
+const OUTLIER: f64 = 4.0;
+
+/// Reads both phase maps of a camera at a place: the projector's pixel and its covariance.
+///
+/// `radius_px` is the reach of the fit in camera pixels, best the distance of neighbouring corners. `None` where too few
+/// bright pixels or none on one side of the place are at hand.
+pub fn projector_pixel(
+    x: &PhaseView,
+    y: &PhaseView,
+    place: Point2<f64>,
+    radius_px: f64,
+) -> Option<(Point2<f64>, Matrix2<f64>)> {
+    let (u, variance_u) = coordinate(x, place, radius_px)?;
+    let (v, variance_v) = coordinate(y, place, radius_px)?;
+    Some((Point2::new(u, v), Matrix2::new(variance_u, 0.0, 0.0, variance_v)))
+}
+
+/// One coordinate and its variance, projector pixels.
+fn coordinate(map: &PhaseView, place: Point2<f64>, radius_px: f64) -> Option<(f64, f64)> {
+    let mut pixels = bright_pixels(map, place, radius_px);
+    let first = fit(&pixels, radius_px)?;
+    let mut sizes: Vec<f64> = pixels.iter().map(|p| first.residual(p).abs()).collect();
+    let middle = sizes.len() / 2;
+    let limit = OUTLIER * 1.4826 * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+    pixels.retain(|p| first.residual(p).abs() <= limit.max(1e-9));
+    let last = fit(&pixels, radius_px)?;
+    let period = map.info.period_px / TAU;
+    Some((last.terms[0] * period, last.variance * period * period))
+}
+
+/// A pixel about the place: offsets over the radius, and its phase.
+struct Pixel {
+    x: f64,
+    y: f64,
+    phase_rad: f64,
+}
+
+fn bright_pixels(map: &PhaseView, place: Point2<f64>, radius_px: f64) -> Vec<Pixel> {
+    let (width, height) = (i64::from(map.info.width_px), i64::from(map.info.height_px));
+    let reach = radius_px.ceil().clamp(2.0, 200.0) as i64;
+    let (column, row) = (place.x.round() as i64, place.y.round() as i64);
+    let index = |c: i64, r: i64| (r * width + c) as usize;
+    let inside = |c: i64, r: i64| (1..width - 1).contains(&c) && (1..height - 1).contains(&r);
+    let all =
+        || (row - reach..=row + reach).flat_map(|r| (column - reach..=column + reach).map(move |c| (c, r)));
+    let lit = |c: i64, r: i64| inside(c, r) && map.valid[index(c, r)] == 1;
+    let most =
+        all().filter(|(c, r)| lit(*c, *r)).map(|(c, r)| map.modulation[index(c, r)]).fold(0.0, f32::max);
+    let bright = |c: i64, r: i64| lit(c, r) && map.modulation[index(c, r)] >= BRIGHT * most;
+    all()
+        .filter(|(c, r)| (-1..=1).all(|dy| (-1..=1).all(|dx| bright(c + dx, r + dy))))
+        .map(|(c, r)| Pixel {
+            x: (c as f64 - place.x) / radius_px,
+            y: (r as f64 - place.y) / radius_px,
+            phase_rad: f64::from(map.phase_rad[index(c, r)]),
+        })
+        .filter(|p| p.x * p.x + p.y * p.y <= 1.0)
+        .collect()
+}
+
+/// Value, slopes and curvatures at the place, and the variance of the value.
+struct Quadratic {
+    terms: Vector6<f64>,
+    variance: f64,
+}
+
+impl Quadratic {
+    fn residual(&self, pixel: &Pixel) -> f64 {
+        pixel.phase_rad - self.terms.dot(&basis(pixel))
+    }
+}
+
+fn basis(p: &Pixel) -> Vector6<f64> {
+    Vector6::new(1.0, p.x, p.y, p.x * p.x, p.x * p.y, p.y * p.y)
+}
+
+fn fit(pixels: &[Pixel], radius_px: f64) -> Option<Quadratic> {
+    if pixels.len() < LEAST_PIXELS || !radius_px.is_finite() {
+        return None;
+    }
+    let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
+    // About the mean phase: the sums keep their digits.
+    let mean = pixels.iter().map(|p| p.phase_rad).sum::<f64>() / pixels.len() as f64;
+    for pixel in pixels {
+        let row = basis(pixel);
+        normal += row * row.transpose();
+        right += row * (pixel.phase_rad - mean);
+    }
+    let inverse = normal.try_inverse()?;
+    let mut terms = inverse * right;
+    terms[0] += mean;
+    let mut fit = Quadratic { terms, variance: 0.0 };
+    let sum: f64 = pixels.iter().map(|p| fit.residual(p).powi(2)).sum();
+    fit.variance = inverse[(0, 0)] * sum / (pixels.len() - 6) as f64;
+    // A value that hangs far outside of its pixels is an extrapolation, not a reading.
+    (inverse[(0, 0)] < 1.0 && fit.variance.is_finite()).then_some(fit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pattern::Axis;
+    use crate::phase::{PhaseInfo, PhaseMap};
+
+    /// A curved phase on a checkerboard whose dark squares are noisy nonsense.
+    fn board(axis: Axis) -> PhaseMap {
+        let info = PhaseInfo { width_px: 80, height_px: 60, axis, period_px: 16.0 };
+        let mut map = PhaseMap::new(info);
+        for index in 0..info.len() {
+            let (x, y) = ((index % 80) as f64, (index / 80) as f64);
+            let white = (x < 40.25) == (y < 30.75);
+            map.valid[index] = 1;
+            map.sigma_rad[index] = 0.01;
+            map.modulation[index] = if white { 80.0 } else { 9.0 };
+            let nonsense = if white { 0.0 } else { 0.4 };
+            map.phase_rad[index] = (truth(x, y) + nonsense) as f32;
+        }
+        map
+    }
+
+    fn truth(x: f64, y: f64) -> f64 {
+        30.0 + 0.21 * x - 0.05 * y + 4e-4 * x * x - 3e-4 * x * y
+    }
+
+    #[test]
+    fn the_phase_at_a_corner_is_that_of_the_white_squares() {
+        let place = Point2::new(40.25, 30.75);
+        let (x, y) = (board(Axis::X), board(Axis::Y));
+        let (pixel, covariance) = projector_pixel(&x.view(), &y.view(), place, 16.0).unwrap();
+        let expected = truth(place.x, place.y) * 16.0 / TAU;
+        assert!((pixel.x - expected).abs() < 1e-4 && (pixel.y - expected).abs() < 1e-4, "{pixel} {expected}");
+        assert!(covariance[(0, 0)] < 1e-6);
+    }
+
+    #[test]
+    fn too_little_light_gives_no_pixel() {
+        let (mut x, y) = (board(Axis::X), board(Axis::Y));
+        x.valid.fill(0);
+        assert!(projector_pixel(&x.view(), &y.view(), Point2::new(40.0, 30.0), 16.0).is_none());
+        assert!(projector_pixel(&y.view(), &y.view(), Point2::new(-500.0, 1e9), 16.0).is_none());
+        assert!(projector_pixel(&y.view(), &y.view(), Point2::new(40.0, 30.0), f64::NAN).is_none());
+    }
+}

@@ -1,0 +1,166 @@
+//! What a calibration writes and prints.
+
+use anyhow::{Context, Result, bail};
+use fringe::calibration::{Calibration, DeviceKind, Gauge, Observations, PARAMETERS, SphereSpacing};
+use fringe::rig::{Named, Pair, Rig};
+use rig::rig_file::CovarianceRef;
+use std::path::Path;
+
+/// The pairs that were asked for, or one per projector that lit exactly two cameras.
+pub fn pairs(
+    asked: &[String],
+    calibration: &Calibration,
+    lit: &[(String, Vec<String>)],
+) -> Result<Vec<Pair>> {
+    if asked.is_empty() {
+        return Ok(lit
+            .iter()
+            .filter_map(|(projector, cameras)| match cameras.as_slice() {
+                [left, right] => Some((projector, left, right)),
+                _ => None,
+            })
+            .filter(|(_, left, right)| {
+                calibration.device(left).is_some() && calibration.device(right).is_some()
+            })
+            .enumerate()
+            .map(|(index, (projector, left, right))| Pair {
+                name: format!("pair{}", index + 1),
+                left: left.clone(),
+                right: right.clone(),
+                projector: projector.clone(),
+            })
+            .collect());
+    }
+    asked.iter().map(|argument| pair(argument, calibration)).collect()
+}
+
+fn pair(argument: &str, calibration: &Calibration) -> Result<Pair> {
+    let form = || format!("--pair {argument}: write name=left,right or name=left,right,projector");
+    let (name, members) = argument.split_once('=').with_context(form)?;
+    let members: Vec<&str> = members.split(',').collect();
+    let (left, right, projector) = match members.as_slice() {
+        [left, right] => (*left, *right, ""),
+        [left, right, projector] => (*left, *right, *projector),
+        _ => bail!(form()),
+    };
+    for device in [left, right] {
+        if calibration.device(device).is_none() {
+            let known: Vec<&str> = calibration.devices.iter().map(|d| d.name.as_str()).collect();
+            bail!("--pair {argument}: \"{device}\" was not calibrated; there are: {}", known.join(", "));
+        }
+    }
+    Ok(Pair {
+        name: name.to_owned(),
+        left: left.to_owned(),
+        right: right.to_owned(),
+        projector: projector.to_owned(),
+    })
+}
+
+/// Both devices of each pair, as the prediction takes them.
+pub fn pair_indices(pairs: &[Pair], calibration: &Calibration) -> Vec<[usize; 2]> {
+    let place = |name: &str| calibration.devices.iter().position(|d| d.name == name);
+    pairs.iter().filter_map(|p| Some([place(&p.left)?, place(&p.right)?])).collect()
+}
+
+/// Writes the covariance, then the rig file that names it.
+pub fn write_rig(out: &Path, calibration: &Calibration, pairs: Vec<Pair>, target: &Path) -> Result<()> {
+    let of = |kind: DeviceKind| -> Vec<Named> {
+        let devices = calibration.devices.iter().filter(|d| d.kind == kind);
+        devices.map(|d| Named { name: d.name.clone(), camera: d.camera.clone() }).collect()
+    };
+    let rig = Rig { cameras: of(DeviceKind::Camera), projectors: of(DeviceKind::Projector), pairs };
+    let mut file = out.file_stem().unwrap_or_default().to_owned();
+    file.push(".covariance.json");
+    let path = out.with_file_name(&file);
+    rig::result::write_json(&path, &covariance(calibration))?;
+    let sha256 = rig::hash::sha256_hex(&rig::document::read_bytes(&path, 1 << 30)?);
+    let reference = CovarianceRef { file: file.to_string_lossy().into_owned(), sha256 };
+    let mut provenance = toml::Table::new();
+    provenance.insert("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION")).into());
+    provenance.insert("target".into(), target.display().to_string().into());
+    provenance.insert("sigma0".into(), calibration.sigma0.into());
+    for device in &calibration.devices {
+        provenance.insert(format!("rms_reprojection_px_{}", device.name), device.rms_reprojection_px.into());
+    }
+    rig::rig_file::write_rig(out, &rig, &provenance, Some(&reference))?;
+    Ok(())
+}
+
+/// The full matrix, extrinsics relative to the first device.
+fn covariance(calibration: &Calibration) -> serde_json::Value {
+    let n = calibration.covariance.size();
+    let row =
+        |r: usize| (0..n).map(|c| calibration.covariance.at(Gauge::FirstDevice, r, c)).collect::<Vec<f64>>();
+    let devices: Vec<&str> = calibration.devices.iter().map(|d| d.name.as_str()).collect();
+    serde_json::json!({
+        "format": "fringecell-covariance/1",
+        "gauge": "the frame of the first device is held",
+        "devices": devices,
+        "parameters": PARAMETERS,
+        "matrix": (0..n).map(row).collect::<Vec<_>>(),
+    })
+}
+
+/// A line per device, the worst view, and what the rig is worth.
+pub fn print(calibration: &Calibration, observations: &Observations, spacing: Option<&SphereSpacing>) {
+    for d in &calibration.devices {
+        let [fx, fy] = d.camera.focal_px;
+        let [cx, cy] = d.camera.principal_point_px;
+        let u = &d.standard_uncertainty;
+        println!(
+            "{}: rms {:.4} px, {} views, {} corners, {} rejected; f ({fx:.3}, {fy:.3}) u ({:.3}, {:.3}), c ({cx:.3}, {cy:.3}) \
+             u ({:.3}, {:.3}) px",
+            d.name, d.rms_reprojection_px, d.views, d.points, d.outliers, u[0], u[1], u[2], u[3]
+        );
+    }
+    if let Some(worst) = calibration.worst_view().map(|i| &calibration.views[i]) {
+        let device = &calibration.devices[worst.device].name;
+        println!("worst view: {device} in {}, rms {:.4} px", observations.poses[worst.pose], worst.rms_px);
+    }
+    if let Some(spacing) = spacing {
+        println!(
+            "predicted standard uncertainty of a sphere spacing over the volume: {:.2} µm rms, {:.2} µm worst",
+            spacing.rms_mm * 1e3,
+            spacing.worst_mm * 1e3
+        );
+    }
+}
+
+/// Keys that other programs rely on.
+pub fn json(
+    calibration: &Calibration,
+    observations: &Observations,
+    spacing: Option<&SphereSpacing>,
+) -> serde_json::Value {
+    let of = |kind: DeviceKind| -> Vec<serde_json::Value> {
+        let devices = calibration.devices.iter().filter(|d| d.kind == kind);
+        devices
+            .map(|d| {
+                serde_json::json!({
+                    "name": d.name,
+                    "rms_reprojection_px": d.rms_reprojection_px,
+                    "views": d.views,
+                    "corners": d.points,
+                    "rejected": d.outliers,
+                    "focal_px": d.camera.focal_px,
+                    "principal_point_px": d.camera.principal_point_px,
+                    "standard_uncertainty": d.standard_uncertainty,
+                })
+            })
+            .collect()
+    };
+    let worst = calibration.worst_view().map(|i| &calibration.views[i]);
+    serde_json::json!({
+        "cameras": of(DeviceKind::Camera),
+        "projectors": of(DeviceKind::Projector),
+        "worst_view": worst.map(|v| serde_json::json!({
+            "device": calibration.devices[v.device].name,
+            "pose": observations.poses[v.pose],
+            "rms_reprojection_px": v.rms_px,
+        })),
+        "sphere_spacing_u_mm": spacing.map(|s| s.rms_mm),
+        "sphere_spacing_u_worst_mm": spacing.map(|s| s.worst_mm),
+        "sigma0": calibration.sigma0,
+    })
+}
