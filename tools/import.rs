@@ -13,7 +13,7 @@ pub struct Args {
     /// Folder of the foreign files.
     #[arg(long)]
     from: PathBuf,
-    /// Folder for the recording; a rig file, when the layout has a calibration, goes to `<DIR>.rig.toml`.
+    /// Folder for the recording; when the layout has a calibration, the rig file goes into it as `rig.toml`.
     #[arg(long)]
     out: PathBuf,
     /// Machine-readable result.
