@@ -117,11 +117,19 @@ fn report(folder: &Path, run: &Run, points: &[Point]) -> Result<()> {
         marks: marks(cell, run.spans, last.cycle),
         stages: stage_times(run.results),
         cycles: run.results.iter().map(CycleRow::from).collect(),
-        notes: run.truth.map(|_| TRUTH_NOTE.to_owned()).into_iter().collect(),
+        notes: [Some(UNCERTAINTY_NOTE), run.truth.map(|_| TRUTH_NOTE)]
+            .into_iter()
+            .flatten()
+            .map(str::to_owned)
+            .collect(),
         ..ReportInput::default()
     };
     Ok(write_html(&folder.join("report.html"), &input)?)
 }
+
+/// What an uncertainty here is, and what it is not.
+const UNCERTAINTY_NOTE: &str = "Uncertainties hold the scatter of the points and what the inspection plan states as \
+     u_system_mm and u_system_deg (calibration, temperature, artefact); where the plan states nothing, they are those of repeatability.";
 
 /// What a demonstration has to admit.
 const TRUTH_NOTE: &str = "The part is simulated. The column truth is known to the simulator only; nothing that \
