@@ -2,8 +2,10 @@
 
 use crate::progress::Progress;
 use anyhow::{Context, Result};
+use fringe::cloud::Point;
 use fringe::decode::{DecodeReport, DecodeSettings, Decoder};
 use fringe::frame::Frame;
+use fringe::matching::{MatchError, MatchReport, Matcher};
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
 use rayon::prelude::*;
@@ -29,6 +31,22 @@ impl DecodedView {
     pub fn map(&self, axis: Axis) -> Option<&PhaseMap> {
         self.maps.iter().map(|(map, _)| map).find(|map| map.info.axis == axis)
     }
+}
+
+/// Matches the maps of a pair with a matcher made for it: its points, in the order of the left pixels.
+///
+/// # Errors
+/// Maps that do not fit the matcher's cameras or each other.
+pub fn match_maps(
+    matcher: &mut Matcher,
+    left: &PhaseMap,
+    right: &PhaseMap,
+    pair: usize,
+) -> Result<(Vec<Point>, MatchReport), MatchError> {
+    let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
+    let report = matcher.run(&left.view(), &right.view(), pair as u32, &mut points)?;
+    points.truncate(report.points as usize);
+    Ok((points, report))
 }
 
 /// Decodes the views of a recording that `wanted(projector, camera)` asks for, in the order of the recording.

@@ -2,7 +2,7 @@
 
 use crate::Outcome;
 use crate::decode::lines;
-use crate::pipeline::{DecodedView, decode_views};
+use crate::pipeline::{DecodedView, decode_views, match_maps};
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
 use fringe::cloud::Point;
@@ -108,8 +108,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut clouds = Vec::new();
     for (index, pair) in pairs.iter().enumerate() {
         let cloud = match args.method {
-            Method::Phase => match_pair(&rig_file.rig, pair, index as u32, &views),
-            Method::Projector => intersect_pair(&rig_file.rig, pair, index as u32, &views),
+            Method::Phase => match_pair(&rig_file.rig, pair, index, &views),
+            Method::Projector => intersect_pair(&rig_file.rig, pair, index, &views),
         };
         clouds.push(cloud.with_context(|| format!("{}: pair \"{}\"", args.rig.display(), pair.name))?);
     }
@@ -220,7 +220,7 @@ fn view<'a>(views: &'a [DecodedView], projector: &str, camera: &str) -> Result<&
         .with_context(|| format!("camera \"{camera}\" was not recorded under projector \"{projector}\""))
 }
 
-fn match_pair(rig: &Rig, pair: &Pair, index: u32, views: &[DecodedView]) -> Result<PairCloud> {
+fn match_pair(rig: &Rig, pair: &Pair, index: usize, views: &[DecodedView]) -> Result<PairCloud> {
     let camera = |name: &str| rig.camera(name).with_context(|| format!("no camera \"{name}\" in the rig"));
     let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
     let (left, right) =
@@ -228,19 +228,15 @@ fn match_pair(rig: &Rig, pair: &Pair, index: u32, views: &[DecodedView]) -> Resu
     let maps: Vec<_> = left.maps.iter().map(|(map, _)| map.view()).collect();
     // Without a valid pixel any axis will do: there is nothing to match.
     let axis = matcher.best_axis(&maps).or(maps.first().map(|map| map.info.axis)).unwrap_or(Axis::X);
-    let map = |view: &'_ DecodedView| -> Result<PhaseMap> {
-        view.map(axis)
-            .cloned()
-            .with_context(|| format!("camera \"{}\" has no phase along {axis:?}", view.camera))
-    };
-    let (left, right) = (map(left)?, map(right)?);
-    let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
-    let report = matcher.run(&left.view(), &right.view(), index, &mut points)?;
-    points.truncate(report.points as usize);
+    let (points, report) = match_maps(&mut matcher, along(left, axis)?, along(right, axis)?, index)?;
     Ok(PairCloud { pair: pair.clone(), points, report: PairReport::Phase(report) })
 }
 
-fn intersect_pair(rig: &Rig, pair: &Pair, index: u32, views: &[DecodedView]) -> Result<PairCloud> {
+fn along(view: &DecodedView, axis: Axis) -> Result<&PhaseMap> {
+    view.map(axis).with_context(|| format!("camera \"{}\" has no phase along {axis:?}", view.camera))
+}
+
+fn intersect_pair(rig: &Rig, pair: &Pair, index: usize, views: &[DecodedView]) -> Result<PairCloud> {
     let camera = rig.camera(&pair.left).with_context(|| format!("no camera \"{}\" in the rig", pair.left))?;
     let projector =
         rig.projector(&pair.right).with_context(|| format!("no projector \"{}\" in the rig", pair.right))?;
@@ -248,7 +244,7 @@ fn intersect_pair(rig: &Rig, pair: &Pair, index: u32, views: &[DecodedView]) -> 
     let view = view(views, &pair.projector, &pair.left)?;
     let (x, y) = (view.map(Axis::X).map(PhaseMap::view), view.map(Axis::Y).map(PhaseMap::view));
     let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
-    let report = matcher.run(x.as_ref(), y.as_ref(), index, &mut points)?;
+    let report = matcher.run(x.as_ref(), y.as_ref(), index as u32, &mut points)?;
     points.truncate(report.points as usize);
     Ok(PairCloud { pair: pair.clone(), points, report: PairReport::Projector(report) })
 }

@@ -1,5 +1,6 @@
 //! One measurement of the twin in memory: no files, no processes, the same kernels.
 
+use crate::pipeline::match_maps;
 use crate::simulate::Buffer;
 use anyhow::{Context, Result};
 use fringe::cloud::Point;
@@ -31,10 +32,7 @@ pub fn scan(twin: &Twin, rig: &Rig, sequence: &[PatternSet], cycle: u64) -> Resu
             let camera = |name: &str| rig.camera(name).context("a pair of the rig names its cameras");
             let mut matcher =
                 Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
-            let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
-            let report = matcher.run(&left.view(), &right.view(), index as u32, &mut points)?;
-            points.truncate(report.points as usize);
-            Ok(points)
+            Ok(match_maps(&mut matcher, &left, &right, index)?.0)
         })
         .collect::<Result<Vec<Vec<Point>>>>()?;
     let slices: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();

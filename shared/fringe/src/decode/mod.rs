@@ -308,14 +308,20 @@ impl Decoder {
         {
             return Err(DecodeError::WhiteBelowBlack { axis: plan.axis });
         }
-        if plan.sines.is_empty() || self.settings.footprint_px == Some(0.0) {
+        let given_px = self.settings.footprint_px;
+        let (rasters, clipped_dn) = (&self.rasters, self.clipped_dn);
+        let reflectance = plan.levels.filter(|_| given_px.is_none()).map(|levels| Reflectance {
+            rasters,
+            levels,
+            clipped_dn,
+        });
+        // Neither given nor to be told by the frames: no derivative is needed.
+        let unknown = given_px.is_none() && reflectance.is_none();
+        if plan.sines.is_empty() || given_px == Some(0.0) || unknown {
             return Ok(None);
         }
-        let (rasters, clipped_dn) = (&self.rasters, self.clipped_dn);
-        let reflectance = plan.levels.map(|levels| Reflectance { rasters, levels, clipped_dn });
-        let told = self.footprint.survey(out, reflectance.filter(|_| self.settings.footprint_px.is_none()));
-        let variance_px2 =
-            self.settings.footprint_px.map(|footprint_px| footprint_px * footprint_px).or(told);
+        let told = self.footprint.survey(out, reflectance);
+        let variance_px2 = given_px.map(|footprint_px| footprint_px * footprint_px).or(told);
         if let Some(variance_px2) = variance_px2 {
             self.footprint.correct(variance_px2, out);
         }
