@@ -27,6 +27,7 @@ mod parallel;
 pub mod pattern;
 pub mod phase;
 pub mod projector;
+pub mod random;
 pub mod rectify;
 pub mod rig;
 pub mod surface;

@@ -3,11 +3,11 @@
 use crate::body::{Body, Form};
 use crate::error::SceneError;
 use crate::mesh::Mesh;
-use crate::random::Key;
 use crate::scene_file::{BodyFile, CheckerboardFile, GeometryFile, MaterialFile, SceneFile};
 use crate::solid::{Prism, Solid};
 use crate::surface::{Checkerboard, Surface};
 use fringe::math::tan;
+use fringe::random::Key;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 /// No part of a cell is larger than this, mm; it keeps every distance far from the end of the digits.

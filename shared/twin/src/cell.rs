@@ -1,12 +1,12 @@
 //! The twin of a cell: a scene, a rig, and the imperfections between them.
 
 use crate::pose;
-use crate::random::Normal;
 use crate::scene::Scene;
 use crate::settings::{SettingError, TwinSettings};
 use crate::trace::{Lit, Placed, Row, Sway, Tracer};
 use fringe::camera::{Camera, CameraError};
 use fringe::pattern::PatternError;
+use fringe::random::Normal;
 use fringe::rig::{Named, Rig};
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use std::sync::Arc;

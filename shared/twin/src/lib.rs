@@ -31,7 +31,6 @@ pub mod error;
 mod light;
 pub mod mesh;
 pub mod pose;
-pub mod random;
 pub mod render;
 pub mod scene;
 pub mod scene_file;

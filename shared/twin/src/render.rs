@@ -7,9 +7,9 @@ use crate::blur;
 use crate::cell::{Shared, Twin, TwinError, View, index_of};
 use crate::light::{FIXED_BITS, Light, pixel};
 use crate::pose;
-use crate::random::Key;
 use crate::trace::{Lit, Sway};
 use fringe::pattern::{PatternSet, frame_count, locate};
+use fringe::random::Key;
 use nalgebra::{Point2, Vector3};
 use std::sync::Arc;
 

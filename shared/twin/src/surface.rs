@@ -1,7 +1,7 @@
 //! How a surface reflects at a point.
 
-use crate::random::Key;
 use fringe::math::pow;
+use fringe::random::Key;
 use nalgebra::{Point3, Vector3};
 
 /// A checkerboard on the plane z = 0 of a body.

@@ -1,8 +1,8 @@
 //! Small scenes and rigs.
 
+use fringe::random::Key;
 use fringe::rig::Rig;
 use nalgebra::{Point3, Vector3};
-use twin::random::Key;
 use twin::{Scene, thesis};
 
 /// A scene from its `[[body]]` tables, all of one material.

@@ -1,10 +1,10 @@
 use crate::common::{artefact, body, scene, small_rig};
 use fringe::math::{atan2, cos, exp, sin, wrap_rad};
 use fringe::pattern::{Axis, Direction, PatternSet};
+use fringe::random::Normal;
 use fringe::rig::Rig;
 use nalgebra::Point2;
 use std::f64::consts::{PI, TAU};
-use twin::random::Normal;
 use twin::{PixelsMut, Scene, Twin, TwinError, TwinSettings, View, pose, thesis};
 
 const STEPS: u32 = 10;

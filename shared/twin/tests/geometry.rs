@@ -1,7 +1,7 @@
 use crate::common::{artefact, body, box_triangles, points, scene, stl};
+use fringe::random::Key;
 use nalgebra::{Point3, Vector3};
 use twin::mesh::{Mesh, MeshError};
-use twin::random::Key;
 use twin::{Scene, SceneError};
 
 /// Each shape alone, turned and shifted.

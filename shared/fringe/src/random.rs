@@ -1,6 +1,6 @@
 //! Counter-based random numbers: every draw is a function of its place, so the order of work does not show.
 
-use libm::{erfc, exp, log, sqrt};
+use crate::math::{erfc, exp, ln};
 
 /// Bins of the quantile table; each spans 1/4096 of probability.
 const BINS: usize = 4096;
@@ -33,6 +33,16 @@ impl Key {
     pub fn symmetric(self, counter: u64) -> f64 {
         (self.bits(counter) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
+
+    /// Draw number `counter`, uniform in (0, 1): neither end occurs, so that every quantile of it is finite.
+    pub fn open(self, counter: u64) -> f64 {
+        open_interval(self.bits(counter))
+    }
+}
+
+/// Even bits to the open interval (0, 1). With 53 bits the largest of them would round to 1.
+fn open_interval(bits: u64) -> f64 {
+    ((bits >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
 }
 
 fn mix(value: u64) -> u64 {
@@ -51,7 +61,7 @@ pub struct Normal {
 
 impl Default for Normal {
     fn default() -> Self {
-        let at = |bin: usize| quantile(bin.max(1) as f64 / BINS as f64);
+        let at = |bin: usize| normal_quantile(bin.max(1) as f64 / BINS as f64);
         let table = (0..BINS)
             .map(|bin| {
                 let next = if bin + 1 == BINS { at(bin) } else { at(bin + 1) };
@@ -67,7 +77,7 @@ impl Normal {
     pub fn draw(&self, bits: u64) -> f32 {
         let bin = (bits >> 52) as usize;
         if !(TAIL_BINS..BINS - TAIL_BINS).contains(&bin) {
-            return quantile(((bits >> 11) as f64 + 0.5) / (1_u64 << 53) as f64) as f32;
+            return normal_quantile(open_interval(bits)) as f32;
         }
         let [start, rise] = self.table[bin];
         let fraction = ((bits >> 28) & 0xff_ffff) as f32 / 16_777_216.0;
@@ -78,15 +88,15 @@ impl Normal {
 /// Quantile of the standard normal distribution for 0 < p < 1.
 ///
 /// Start from Abramowitz & Stegun 26.2.23 (4.5e-4), then two steps of Halley's method.
-fn quantile(p: f64) -> f64 {
+pub fn normal_quantile(p: f64) -> f64 {
     let tail = p.min(1.0 - p);
-    let t = sqrt(-2.0 * log(tail));
+    let t = (-2.0 * ln(tail)).sqrt();
     let above = 2.515_517 + t * (0.802_853 + t * 0.010_328);
     let below = 1.0 + t * (1.432_788 + t * (0.189_269 + t * 0.001_308));
     let mut x = t - above / below;
     for _ in 0..2 {
         let error = 0.5 * erfc(x / std::f64::consts::SQRT_2) - tail;
-        let density = exp(-0.5 * x * x) / sqrt(std::f64::consts::TAU);
+        let density = exp(-0.5 * x * x) / std::f64::consts::TAU.sqrt();
         let newton = error / density;
         // f'' / f' of the survival function is −x.
         x += newton / (1.0 - 0.5 * x * newton);
@@ -107,7 +117,16 @@ mod tests {
             (0.001, -3.090_232_306_167_813),
             (1e-9, -5.997_807_015_007_686),
         ] {
-            assert!((quantile(p) - x).abs() < 1e-12, "{p}: {}", quantile(p));
+            assert!((normal_quantile(p) - x).abs() < 1e-12, "{p}: {}", normal_quantile(p));
+        }
+    }
+
+    #[test]
+    fn the_open_interval_has_no_ends() {
+        for bits in [0, u64::MAX] {
+            let p = open_interval(bits);
+            assert!(p > 0.0 && p < 1.0 && normal_quantile(p).abs() < 9.0, "{p}");
+            assert!(Normal::default().draw(bits).is_finite());
         }
     }
 
