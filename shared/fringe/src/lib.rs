@@ -16,6 +16,8 @@
 pub mod calibration;
 pub mod camera;
 pub mod cloud;
+
+pub mod compare;
 pub mod decode;
 pub mod fit;
 pub mod frame;
@@ -26,10 +28,15 @@ pub mod math;
 mod parallel;
 pub mod pattern;
 pub mod phase;
+pub mod pose;
 pub mod projector;
 pub mod random;
 pub mod rectify;
+
+pub mod reference;
+pub mod register;
 pub mod rig;
+pub mod spatial;
 pub mod surface;
 pub mod target;
 #[cfg(test)]

@@ -25,7 +25,6 @@
 mod assemble;
 mod blur;
 pub mod body;
-pub mod bvh;
 pub mod cell;
 pub mod error;
 mod light;

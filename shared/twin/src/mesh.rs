@@ -1,7 +1,7 @@
 //! Triangle meshes: from STL bytes, hit by rays, asked for the nearest point.
 
-use crate::bvh::{Aabb, Bvh};
 use crate::solid::{Contact, Nearest};
+use fringe::spatial::{Aabb, Bvh, Triangle, nearest_on_segment};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -38,72 +38,6 @@ pub enum MeshError {
         /// Number of triangles.
         given: usize,
     },
-}
-
-#[derive(Debug, Clone, PartialEq)]
-struct Triangle {
-    /// As given: neighbours share their bits, which corner + u would lose.
-    corners: [Point3<f64>; 3],
-    /// Second minus first corner.
-    u: Vector3<f64>,
-    /// Third minus first corner.
-    v: Vector3<f64>,
-    normal: Vector3<f64>,
-}
-
-impl Triangle {
-    fn new([a, b, c]: [Point3<f64>; 3]) -> Option<Self> {
-        let (u, v) = (b - a, c - a);
-        let normal = u.cross(&v);
-        // Relative: a sliver of 1e-12 of its own size squared has no direction left in its normal.
-        let size = u.norm_squared().max(v.norm_squared());
-        (normal.norm() > 1e-12 * size && size > 0.0).then(|| Self {
-            corners: [a, b, c],
-            u,
-            v,
-            normal: normal.normalize(),
-        })
-    }
-
-    /// Möller & Trumbore, Fast minimum storage ray–triangle intersection, 1997; from both sides.
-    fn hit(&self, origin: &Point3<f64>, d: &Vector3<f64>) -> Option<f64> {
-        let across = d.cross(&self.v);
-        let determinant = self.u.dot(&across);
-        if determinant == 0.0 {
-            return None;
-        }
-        let from_corner = origin - self.corners[0];
-        let a = from_corner.dot(&across) / determinant;
-        let q = from_corner.cross(&self.u);
-        let b = d.dot(&q) / determinant;
-        // A hair outside still counts, so that no ray slips between two neighbours.
-        (a >= -1e-12 && b >= -1e-12 && a + b <= 1.0 + 1e-12).then(|| self.v.dot(&q) / determinant)
-    }
-
-    /// Ericson, Real-time collision detection, section 5.1.5.
-    fn nearest(&self, p: &Point3<f64>) -> Point3<f64> {
-        let w = p - self.corners[0];
-        let (uu, uv, vv) = (self.u.norm_squared(), self.u.dot(&self.v), self.v.norm_squared());
-        let (wu, wv) = (w.dot(&self.u), w.dot(&self.v));
-        let determinant = uu * vv - uv * uv;
-        let a = (vv * wu - uv * wv) / determinant;
-        let b = (uu * wv - uv * wu) / determinant;
-        if a >= 0.0 && b >= 0.0 && a + b <= 1.0 {
-            return self.corners[0] + self.u * a + self.v * b;
-        }
-        let [c0, c1, c2] = self.corners;
-        [(c0, c1), (c1, c2), (c2, c0)]
-            .map(|(from, to)| nearest_on_segment(from, to, p))
-            .into_iter()
-            .min_by(|x, y| (p - x).norm_squared().total_cmp(&(p - y).norm_squared()))
-            .unwrap_or(c0)
-    }
-}
-
-fn nearest_on_segment(from: Point3<f64>, to: Point3<f64>, p: &Point3<f64>) -> Point3<f64> {
-    let along = to - from;
-    let s = (p - from).dot(&along) / along.norm_squared().max(f64::MIN_POSITIVE);
-    from + along * s.clamp(0.0, 1.0)
 }
 
 /// A triangle mesh with its trees. Face numbers are triangle numbers after those without area were left out.

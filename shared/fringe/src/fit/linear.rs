@@ -1,16 +1,16 @@
-//! Small dense algebra with fixed operation order: normal equations, their solution, 3 × 3 eigenvectors.
+//! Small dense algebra with fixed operation order: normal equations, their solution, eigenvectors.
 //!
 //! nalgebra's product dispatches on the processor from 6 × 6 on and its eigenvalue iteration calls the system's
 //! `hypot`; both would let the machine into the bits. Hence these few loops.
 
-use nalgebra::{Cholesky, Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{Cholesky, SMatrix, SVector, Vector3};
 
 /// Smallest pivot of the normal matrix scaled to unit diagonal: a Jacobian of condition 1e6.
 const SMALLEST_PIVOT: f64 = 1e-12;
 
 /// Sums JᵀJ, Jᵀr and rᵀr over the rows of an adjustment.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Normal<const P: usize> {
+pub(crate) struct Normal<const P: usize> {
     /// JᵀJ; only the upper triangle is filled before [`Normal::symmetric`].
     matrix: SMatrix<f64, P, P>,
     /// Jᵀr.
@@ -97,25 +97,27 @@ pub(super) fn product<const P: usize>(a: &SMatrix<f64, P, P>, b: &SMatrix<f64, P
     SMatrix::from_fn(|row, column| (0..P).map(|k| a[(row, k)] * b[(k, column)]).sum())
 }
 
-/// Eigenvalues of a symmetric 3 × 3 matrix in ascending order, and unit eigenvectors in the columns.
+/// Eigenvalues of a small symmetric matrix in ascending order, and unit eigenvectors in the columns.
 ///
 /// Cyclic Jacobi rotations (Golub & Van Loan, 8.5): only roots and quotients; eight sweeps pass the last bit.
-pub(super) fn eigen(matrix: &Matrix3<f64>) -> (Vector3<f64>, Matrix3<f64>) {
+pub(crate) fn eigen<const P: usize>(matrix: &SMatrix<f64, P, P>) -> (SVector<f64, P>, SMatrix<f64, P, P>) {
     let mut a = *matrix;
-    let mut vectors = Matrix3::identity();
+    let mut vectors = SMatrix::identity();
     for _ in 0..8 {
-        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-            rotate(&mut a, &mut vectors, p, q);
+        for p in 0..P {
+            for q in p + 1..P {
+                rotate(&mut a, &mut vectors, p, q);
+            }
         }
     }
-    let mut order = [0, 1, 2];
+    let mut order: [usize; P] = std::array::from_fn(|i| i);
     order.sort_by(|&i, &j| a[(i, i)].total_cmp(&a[(j, j)]));
-    let values = Vector3::from(order.map(|i| a[(i, i)]));
-    (values, Matrix3::from_columns(&order.map(|i| vectors.column(i).into_owned())))
+    let values = SVector::from(order.map(|i| a[(i, i)]));
+    (values, SMatrix::from_columns(&order.map(|i| vectors.column(i).into_owned())))
 }
 
 /// One Jacobi rotation that makes the entry (p, q) zero.
-fn rotate(a: &mut Matrix3<f64>, vectors: &mut Matrix3<f64>, p: usize, q: usize) {
+fn rotate<const P: usize>(a: &mut SMatrix<f64, P, P>, vectors: &mut SMatrix<f64, P, P>, p: usize, q: usize) {
     let off = a[(p, q)];
     if off == 0.0 {
         return;
@@ -126,12 +128,12 @@ fn rotate(a: &mut Matrix3<f64>, vectors: &mut Matrix3<f64>, p: usize, q: usize) 
     let t = if tau < 0.0 { -1.0 / root } else { 1.0 / root };
     let c = 1.0 / (1.0 + t * t).sqrt();
     let s = t * c;
-    for k in 0..3 {
+    for k in 0..P {
         let (x, y) = (a[(k, p)], a[(k, q)]);
         a[(k, p)] = c * x - s * y;
         a[(k, q)] = s * x + c * y;
     }
-    for k in 0..3 {
+    for k in 0..P {
         let (x, y) = (a[(p, k)], a[(q, k)]);
         a[(p, k)] = c * x - s * y;
         a[(q, k)] = s * x + c * y;
@@ -155,6 +157,7 @@ pub(crate) fn tangents(axis: &Vector3<f64>) -> [Vector3<f64>; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Matrix3;
 
     #[test]
     fn eigenvectors_rebuild_the_matrix() {

@@ -33,7 +33,7 @@ pub use cylinder::{CylinderFit, cylinder};
 pub use error::{COORDINATE_LIMIT_MM, FitError};
 pub use form::{Form, Residuals};
 pub use line::{LineFit, line};
-pub(crate) use linear::tangents;
+pub(crate) use linear::{Normal, eigen, tangents};
 pub use plane::{PlaneFit, plane};
 pub use settings::FitSettings;
 pub(crate) use sphere::sphere_centre_near;

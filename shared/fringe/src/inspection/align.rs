@@ -9,11 +9,11 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::MeasureError;
 use super::measure::{REACH_MARGINS, Sample, choose, fit, gather, positions, thinned};
 use super::plan::{Datums, Element, Geometry, Plan};
-use super::pose::Pose;
 use super::region::Region;
 use super::result::{AlignmentResult, FittedElement};
 use crate::cloud::Point;
 use crate::fit::{FitSettings, plane, sphere_centre_near};
+use crate::pose::Pose;
 
 /// Points that the coarse search looks at.
 const COARSE_POINTS: usize = 60_000;

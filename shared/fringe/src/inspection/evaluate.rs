@@ -8,13 +8,13 @@ use super::filter::filtered;
 use super::flatness::u_range_mm;
 use super::measure::{Measured, REACH_MARGINS, gather, measure};
 use super::plan::{Feature, Plan, Quantity};
-use super::pose::Pose;
 use super::region::Region;
 use super::result::{ElementResult, FeatureResult, FittedElement, FlatnessFilter, InspectionResult};
 use super::verdict::{Verdict, decide, overall};
 use crate::cloud::Point;
 use crate::fit::{Form, PlaneFit, Residuals, SphereFit};
 use crate::math;
+use crate::pose::Pose;
 
 /// Inspects a cloud in the world frame.
 ///

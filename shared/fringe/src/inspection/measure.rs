@@ -4,11 +4,11 @@ use nalgebra::{Point3, Vector3};
 
 use super::MeasureError;
 use super::plan::{Element, Geometry};
-use super::pose::Pose;
 use super::region::Region;
 use super::result::{DeviationPoint, FittedElement};
 use crate::cloud::Point;
 use crate::fit::{self, FitSettings};
+use crate::pose::Pose;
 
 /// Candidates are gathered, and elements are allowed to lie, within this many margins of their nominal place.
 pub(super) const REACH_MARGINS: f64 = 2.0;

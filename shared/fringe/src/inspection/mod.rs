@@ -13,7 +13,6 @@ mod filter;
 mod flatness;
 mod measure;
 mod plan;
-mod pose;
 mod raw;
 mod region;
 mod result;

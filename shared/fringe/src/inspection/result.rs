@@ -3,9 +3,9 @@
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use serde::Serialize;
 
-use super::pose::Pose;
 use super::verdict::Verdict;
 use crate::fit::{PlaneFit, SphereFit};
+use crate::pose::Pose;
 
 /// The whole result.
 #[derive(Debug, Clone, PartialEq, Serialize)]

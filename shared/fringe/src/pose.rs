@@ -6,17 +6,21 @@ use crate::math;
 
 /// x ↦ R x + t.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Pose {
+pub struct Pose {
+    /// R.
     pub rotation: Matrix3<f64>,
+    /// t, mm.
     pub translation: Vector3<f64>,
 }
 
 impl Pose {
+    /// The same motion.
     pub fn new(isometry: &Isometry3<f64>) -> Self {
         let rotation = isometry.rotation.to_rotation_matrix().into_inner();
         Self { rotation, translation: isometry.translation.vector }
     }
 
+    /// The same motion.
     pub fn isometry(&self) -> Isometry3<f64> {
         let rotation = Rotation3::from_matrix_unchecked(self.rotation);
         Isometry3::from_parts(
@@ -25,17 +29,21 @@ impl Pose {
         )
     }
 
+    /// A point after the motion, mm.
     #[inline]
     pub fn point(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * point + self.translation
     }
 
+    /// The motion back.
+    #[must_use]
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
         Self { rotation, translation: -(rotation * self.translation) }
     }
 
     /// First `other`, then `self`.
+    #[must_use]
     pub fn after(&self, other: &Self) -> Self {
         Self { rotation: self.rotation * other.rotation, translation: self.point(&other.translation) }
     }

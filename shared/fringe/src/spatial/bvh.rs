@@ -1,9 +1,13 @@
 //! A bounding-volume tree over boxes: the order in which a ray or a point has to look at things.
 
 use nalgebra::{Point3, Vector3};
+use std::ops::Range;
 
 /// Boxes per leaf: below this a plain loop is as fast as two more box tests.
 const LEAF: usize = 4;
+
+/// Above this number of things both halves are built at once.
+const PARALLEL: usize = 1 << 14;
 
 /// Deepest tree: halving 2³² things takes 32 levels, and a walk keeps one sibling per level.
 const DEPTH: usize = 64;
@@ -71,6 +75,13 @@ struct Node {
     count: u32,
 }
 
+/// A thing while the tree is built.
+#[derive(Clone, Copy)]
+struct Entry {
+    centre: Point3<f64>,
+    item: u32,
+}
+
 /// The tree.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bvh {
@@ -81,39 +92,23 @@ pub struct Bvh {
 impl Bvh {
     /// Builds the tree by halving at the median of the widest axis. The same boxes give the same tree.
     pub fn new(boxes: &[Aabb]) -> Self {
-        let mut tree =
-            Self { nodes: Vec::with_capacity(boxes.len()), items: (0..boxes.len() as u32).collect() };
-        if !boxes.is_empty() {
-            tree.split(boxes, 0, boxes.len());
-        }
-        tree
+        Self::over(boxes.len(), LEAF, &|item| boxes[item as usize])
     }
 
-    fn split(&mut self, boxes: &[Aabb], first: usize, end: usize) {
-        let items = &mut self.items[first..end];
-        let centres: Vec<_> = items.iter().map(|i| boxes[*i as usize].centre()).collect();
-        let extent = Aabb::of(&centres);
-        let bounds = items
-            .iter()
-            .map(|i| boxes[*i as usize])
-            .reduce(|a, b| a.join(&b))
-            .unwrap_or(Aabb { low: Point3::origin(), high: Point3::origin() });
-        let node = self.nodes.len();
-        if items.len() <= LEAF {
-            self.nodes.push(Node { bounds, link: first as u32, count: items.len() as u32 });
-            return;
+    /// As [`Self::new`] for `count` things (below 2³²) with their boxes from a function, and up to `leaf` of them in a leaf.
+    pub(crate) fn over(count: usize, leaf: usize, bounds: &(impl Fn(u32) -> Aabb + Sync)) -> Self {
+        let mut entries: Vec<Entry> =
+            (0..count as u32).map(|item| Entry { centre: bounds(item).centre(), item }).collect();
+        let mut nodes = Vec::with_capacity(count.div_ceil(leaf) * 3);
+        if !entries.is_empty() {
+            grow(&mut entries, 0, leaf, bounds, &mut nodes);
         }
-        let axis = (extent.high - extent.low).imax();
-        let middle = items.len() / 2;
-        items.select_nth_unstable_by(middle, |a, b| {
-            let key = |i: &u32| boxes[*i as usize].centre()[axis];
-            // The number breaks ties, so that the tree does not depend on the selection's inner ways.
-            key(a).total_cmp(&key(b)).then(a.cmp(b))
-        });
-        self.nodes.push(Node { bounds, link: 0, count: 0 });
-        self.split(boxes, first, first + middle);
-        self.nodes[node].link = self.nodes.len() as u32;
-        self.split(boxes, first + middle, end);
+        Self { nodes, items: entries.into_iter().map(|e| e.item).collect() }
+    }
+
+    /// The things in the order of the leaves.
+    pub(crate) fn items(&self) -> &[u32] {
+        &self.items
     }
 
     /// Box of everything; `None` for an empty tree.
@@ -132,20 +127,39 @@ impl Bvh {
         mut visit: impl FnMut(u32, f64) -> f64,
     ) {
         let inverse = direction.map(|c| 1.0 / c);
-        self.walk(limit_mm, |b, limit| b.entry(origin, &inverse, limit), &mut visit);
+        self.walk_items(limit_mm, |b, limit| b.entry(origin, &inverse, limit), &mut visit);
     }
 
     /// Walks the boxes nearer to a point than `limit_mm`, near ones first; `visit` as for rays.
     pub fn around_point(&self, p: &Point3<f64>, limit_mm: f64, mut visit: impl FnMut(u32, f64) -> f64) {
         let key = |b: &Aabb, limit: f64| Some(b.distance_mm(p)).filter(|d| *d <= limit);
-        self.walk(limit_mm, key, &mut visit);
+        self.walk_items(limit_mm, key, &mut visit);
     }
 
-    fn walk(
+    fn walk_items(
+        &self,
+        limit: f64,
+        key: impl Fn(&Aabb, f64) -> Option<f64>,
+        visit: &mut impl FnMut(u32, f64) -> f64,
+    ) {
+        self.walk(limit, key, &mut |slots, mut limit| {
+            for item in &self.items[slots] {
+                limit = visit(*item, limit);
+                if limit < 0.0 {
+                    break;
+                }
+            }
+            limit
+        });
+    }
+
+    /// Walks the leaves whose boxes have a key, those with small keys first; `visit` gets places in [`Self::items`] and
+    /// returns the new limit, a negative one to end.
+    pub(crate) fn walk(
         &self,
         mut limit: f64,
         key: impl Fn(&Aabb, f64) -> Option<f64>,
-        visit: &mut impl FnMut(u32, f64) -> f64,
+        visit: &mut impl FnMut(Range<usize>, f64) -> f64,
     ) {
         let mut stack = [(0_u32, 0.0_f64); DEPTH];
         let mut height = 0;
@@ -162,11 +176,9 @@ impl Bvh {
             }
             let node = &self.nodes[index as usize];
             if node.count > 0 {
-                for item in &self.items[node.link as usize..(node.link + node.count) as usize] {
-                    limit = visit(*item, limit);
-                    if limit < 0.0 {
-                        return;
-                    }
+                limit = visit(node.link as usize..(node.link + node.count) as usize, limit);
+                if limit < 0.0 {
+                    return;
                 }
                 continue;
             }
@@ -186,4 +198,66 @@ impl Bvh {
             }
         }
     }
+}
+
+/// Appends the tree of some things, whose places in the order of the leaves begin at `first`; returns their box.
+fn grow(
+    entries: &mut [Entry],
+    first: usize,
+    leaf: usize,
+    bounds: &(impl Fn(u32) -> Aabb + Sync),
+    nodes: &mut Vec<Node>,
+) -> Aabb {
+    if entries.len() <= leaf {
+        let joined =
+            entries.iter().map(|e| bounds(e.item)).reduce(|a, b| a.join(&b)).unwrap_or(Aabb::of(&[]));
+        nodes.push(Node { bounds: joined, link: first as u32, count: entries.len() as u32 });
+        return joined;
+    }
+    let middle = halve(entries);
+    let node = nodes.len();
+    nodes.push(Node { bounds: Aabb::of(&[]), link: 0, count: 0 });
+    let parallel = entries.len() > PARALLEL;
+    let (low, high) = entries.split_at_mut(middle);
+    let (left, right) = if parallel {
+        let sub = |part: &mut [Entry], first| {
+            let mut nodes = Vec::new();
+            let joined = grow(part, first, leaf, bounds, &mut nodes);
+            (nodes, joined)
+        };
+        let (a, b) = rayon::join(|| sub(low, first), || sub(high, first + middle));
+        append(nodes, &a.0);
+        nodes[node].link = nodes.len() as u32;
+        append(nodes, &b.0);
+        (a.1, b.1)
+    } else {
+        let left = grow(low, first, leaf, bounds, nodes);
+        nodes[node].link = nodes.len() as u32;
+        (left, grow(high, first + middle, leaf, bounds, nodes))
+    };
+    nodes[node].bounds = left.join(&right);
+    nodes[node].bounds
+}
+
+/// Puts the lower half along the widest axis first; returns its length.
+fn halve(entries: &mut [Entry]) -> usize {
+    let start = Aabb::of(&[]);
+    let extent =
+        entries.iter().fold(start, |b, e| Aabb { low: b.low.inf(&e.centre), high: b.high.sup(&e.centre) });
+    let axis = (extent.high - extent.low).imax();
+    let middle = entries.len() / 2;
+    // The number breaks ties, so that the tree does not depend on the selection's inner ways.
+    entries.select_nth_unstable_by(middle, |a, b| {
+        a.centre[axis].total_cmp(&b.centre[axis]).then(a.item.cmp(&b.item))
+    });
+    middle
+}
+
+/// Appends a tree that was built apart.
+fn append(nodes: &mut Vec<Node>, apart: &[Node]) {
+    let base = nodes.len() as u32;
+    nodes.extend(apart.iter().map(|node| {
+        let link = if node.count == 0 { node.link + base } else { node.link };
+        Node { link, ..node.clone() }
+    }));
 }

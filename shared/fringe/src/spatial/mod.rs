@@ -1,0 +1,15 @@
+//! Where things lie: a tree over boxes, a tree over points, triangles, and the local shape of a sampled surface.
+
+mod bvh;
+mod local;
+mod mesh;
+mod points;
+mod thin;
+mod triangle;
+
+pub use bvh::{Aabb, Bvh};
+pub(crate) use local::{Moments, Patch, eigen_normal};
+pub use mesh::{Foot, MeshError, TriangleMesh};
+pub(crate) use points::PointTree;
+pub(crate) use thin::thinned;
+pub use triangle::{Triangle, nearest_on_segment};
