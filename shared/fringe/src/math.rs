@@ -5,7 +5,10 @@
 
 use std::f64::consts::{PI, TAU};
 
-pub use libm::{acos, asin, atan, atan2, cbrt, cos, erf, erfc, exp, hypot, log as ln, pow, sin, sincos, tan};
+pub use libm::{
+    acos, asin, atan, atan2, cbrt, cos, erf, erfc, exp, hypot, lgamma, log as ln, log1p, log10, pow, sin,
+    sincos, tan,
+};
 
 /// Wraps an angle into (−π, π].
 ///
