@@ -2,6 +2,7 @@
 
 mod bench;
 mod calibrate;
+mod check_rig;
 mod decode;
 mod fit;
 mod import;
@@ -40,6 +41,8 @@ enum Command {
     Import(import::Args),
     /// Characterise all cameras and projectors from pictures of a target, in one adjustment.
     Calibrate(calibrate::Args),
+    /// Tell a knocked or warm camera from a healthy rig, on any object lit with both fringe directions.
+    CheckRig(check_rig::Args),
     /// Measure accuracy on the twin, or speed on this machine.
     Bench(bench::Args),
 }
@@ -60,6 +63,7 @@ fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Import(args) => import::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
+        Command::CheckRig(args) => check_rig::run(&args),
         Command::Bench(args) => bench::run(&args),
     };
     match result {

@@ -134,7 +134,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 fn pairs(args: &Args, recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
     let mut pairs = match args.method {
         Method::Phase => camera_pairs(recording, rig_file)?,
-        Method::Projector => projector_pairs(recording, rig_file)?,
+        Method::Projector => projector_pairs_or_fault(recording, rig_file)?,
     };
     if let Some(unknown) = args.pair.iter().find(|name| pairs.iter().all(|p| p.name != **name)) {
         let known: Vec<&str> = pairs.iter().map(|p| p.name.as_str()).collect();
@@ -172,8 +172,28 @@ fn camera_pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> 
     Ok(pairs)
 }
 
-/// Every recorded camera under every characterised projector, named as in the rig file where that names them.
-fn projector_pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
+fn projector_pairs_or_fault(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
+    let pairs = projector_pairs(recording, rig_file)?;
+    let rig = &rig_file.rig;
+    if pairs.is_empty() {
+        let recorded: Vec<&str> = recording.projectors.iter().map(|p| p.name.as_str()).collect();
+        let known: Vec<&str> = rig.projectors.iter().map(|p| p.name.as_str()).collect();
+        bail!(
+            "{}: --method projector needs a [[projector]] that the recording names and a camera that it lit; recorded: \
+             {}; in the rig file: {}",
+            rig_file.path.display(),
+            recorded.join(", "),
+            if known.is_empty() { "none".to_owned() } else { known.join(", ") }
+        );
+    }
+    Ok(pairs)
+}
+
+/// Every recorded camera under every characterised projector, named as in the rig file where that names them; may be none.
+///
+/// # Errors
+/// A projector of another size than in the rig file.
+pub fn projector_pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
     let rig = &rig_file.rig;
     let mut pairs = Vec::new();
     for projector in &recording.projectors {
@@ -198,17 +218,6 @@ fn projector_pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair
             let (left, right) = (camera.name.clone(), projector.name.clone());
             pairs.push(Pair { name, left, right: right.clone(), projector: right });
         }
-    }
-    if pairs.is_empty() {
-        let recorded: Vec<&str> = recording.projectors.iter().map(|p| p.name.as_str()).collect();
-        let known: Vec<&str> = rig.projectors.iter().map(|p| p.name.as_str()).collect();
-        bail!(
-            "{}: --method projector needs a [[projector]] that the recording names and a camera that it lit; recorded: \
-             {}; in the rig file: {}",
-            rig_file.path.display(),
-            recorded.join(", "),
-            if known.is_empty() { "none".to_owned() } else { known.join(", ") }
-        );
     }
     Ok(pairs)
 }

@@ -22,6 +22,7 @@ pub mod decode;
 pub mod fit;
 pub mod frame;
 pub mod fusion;
+pub mod health;
 pub mod inspection;
 pub mod matching;
 pub mod math;

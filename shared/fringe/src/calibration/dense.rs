@@ -11,7 +11,7 @@ const SWEEPS: usize = 40;
 
 /// A matrix, row by row.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Dense {
+pub(crate) struct Dense {
     /// Rows.
     pub rows: usize,
     /// Columns.
@@ -105,7 +105,7 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 
 /// Cholesky factor of a symmetric matrix that was scaled to unit diagonal.
 #[derive(Debug, Clone)]
-pub(super) struct Factor {
+pub(crate) struct Factor {
     lower: Dense,
     scale: Vec<f64>,
 }
@@ -170,7 +170,7 @@ impl Factor {
 }
 
 /// Eigenvalues in rising order and eigenvectors (as rows) of a symmetric matrix, by Jacobi's method.
-pub(super) fn eigen(matrix: &Dense) -> (Vec<f64>, Dense) {
+pub(crate) fn eigen(matrix: &Dense) -> (Vec<f64>, Dense) {
     let n = matrix.rows;
     let (mut a, mut vectors) = (matrix.clone(), Dense::identity(n));
     for _ in 0..SWEEPS {

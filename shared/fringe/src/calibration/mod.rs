@@ -18,7 +18,7 @@
 
 mod adjust;
 mod covariance;
-mod dense;
+pub(crate) mod dense;
 mod error;
 mod finish;
 mod graph;
@@ -40,6 +40,7 @@ mod zhang;
 
 pub use covariance::{Covariance, Gauge, PARAMETERS};
 pub use error::CalibrationError;
+pub(crate) use model::moved;
 pub use observations::{Device, DeviceKind, Observations, Sight, View};
 pub use predict::PointUncertainty;
 pub use reading::projector_pixel;

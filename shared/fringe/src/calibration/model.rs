@@ -117,7 +117,7 @@ pub(super) fn compose(a: &Isometry3<f64>, b: &Isometry3<f64>) -> Isometry3<f64> 
 }
 
 /// A camera after a step of its parameters.
-pub(super) fn moved(camera: &Camera, step: &[f64]) -> Camera {
+pub(crate) fn moved(camera: &Camera, step: &[f64]) -> Camera {
     let mut next = camera.clone();
     next.focal_px[0] += step[0];
     next.focal_px[1] += step[1];

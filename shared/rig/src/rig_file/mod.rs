@@ -1,15 +1,29 @@
 //! The rig file `rig.toml`: cameras, projectors, pairs, and where their numbers come from.
+//!
+//! The parameter covariance lies beside it in a file that `rig.toml` names with its SHA-256. Reading the rig does not touch
+//! that file, so a rig that was copied alone still measures; who needs the covariance calls [`RigFile::read_covariance`],
+//! and gets a file whose bytes are those that the calibration wrote, or an error.
 
-use crate::atomic;
+mod covariance;
+mod pairs;
+mod write;
+
 use crate::document::Document;
-use crate::error::{FileError, Problem, did_you_mean, list};
+use crate::error::{FileError, Problem, did_you_mean};
 use crate::hash::sha256_hex;
 use crate::name::{check_name, duplicate};
 use fringe::camera::{BrownConrady, Camera, pose};
 use fringe::rig::{Named, Pair, Rig};
 use serde::Deserialize;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+
+pub use covariance::{Covariance, CovarianceRef};
+pub use pairs::resolve_pairs;
+pub(crate) use pairs::unknown;
+pub(crate) use write::quoted;
+pub use write::{rig_text, write_rig};
+
+use pairs::check_pairs;
 
 /// Value of `format` in a rig file.
 pub const RIG_FORMAT: &str = "fringecell-rig/1";
@@ -30,16 +44,6 @@ pub struct RigFile {
     pub provenance: toml::Table,
     /// The file with the parameter covariance, if there is one.
     pub covariance: Option<CovarianceRef>,
-}
-
-/// Names the file beside `rig.toml` that carries the parameter covariance.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CovarianceRef {
-    /// Relative to the rig file.
-    pub file: String,
-    /// Of its bytes, hexadecimal.
-    pub sha256: String,
 }
 
 /// As written.
@@ -117,9 +121,6 @@ pub fn read_rig(path: &Path) -> Result<RigFile, FileError> {
         covariance: raw.covariance,
     })
 }
-
-/// The property `pair` of a point cloud is a byte.
-const MOST_PAIRS: usize = 256;
 
 fn meaning(document: &Document, raw: &RawRig) -> Result<Rig, FileError> {
     let read = |table: &str, cameras: &[RawCamera]| {
@@ -230,178 +231,6 @@ fn unique_views(document: &Document, rig: &Rig) -> Result<(), FileError> {
         return Err(document.fault(&format!("pair[{index}].name"), problem, "rename one of them"));
     }
     Ok(())
-}
-
-fn check_pairs(document: &Document, rig: &Rig) -> Result<(), FileError> {
-    if rig.pairs.len() > MOST_PAIRS {
-        let problem = Problem::Value {
-            value: format!("{} pairs", rig.pairs.len()),
-            limit: format!("at most {MOST_PAIRS}: a point cloud numbers them in a byte"),
-        };
-        return Err(document.fault("pair", problem, "split the rig file"));
-    }
-    for (index, pair) in rig.pairs.iter().enumerate() {
-        let key = |part: &str| format!("pair[{index}].{part}");
-        check_name(&pair.name).map_err(|problem| document.fault(&key("name"), problem, ""))?;
-        if rig.camera(&pair.left).is_none() {
-            return Err(unknown(document, &key("left"), "camera", &pair.left, camera_names(rig)));
-        }
-        if rig.camera(&pair.right).is_none() && rig.projector(&pair.right).is_none() {
-            let known = camera_names(rig).chain(rig.projectors.iter().map(|p| p.name.as_str()));
-            return Err(unknown(document, &key("right"), "camera or projector", &pair.right, known));
-        }
-        if pair.left == pair.right {
-            let problem = Problem::Value {
-                value: format!("left = right = \"{}\"", pair.left),
-                limit: "a pair has two views".into(),
-            };
-            return Err(document.fault(&key("right"), problem, "name the other camera"));
-        }
-        let by_projector = rig.projector(&pair.right).is_some();
-        if by_projector && !pair.projector.is_empty() && pair.projector != pair.right {
-            let problem = Problem::Disagreement {
-                what: "right view and projector",
-                here: format!("projector = \"{}\"", pair.projector),
-                there: format!("right = \"{}\" is a projector", pair.right),
-            };
-            return Err(document.fault(&key("projector"), problem, "a projector sees only its own light"));
-        }
-    }
-    Ok(())
-}
-
-fn camera_names(rig: &Rig) -> impl Iterator<Item = &str> + Clone {
-    rig.cameras.iter().map(|camera| camera.name.as_str())
-}
-
-pub(crate) fn unknown<'a>(
-    document: &Document,
-    key: &str,
-    kind: &'static str,
-    name: &str,
-    known: impl IntoIterator<Item = &'a str> + Clone,
-) -> FileError {
-    let remedy = did_you_mean(name, known.clone(), "name one of those, or add it");
-    document.fault(key, Problem::UnknownName { kind, name: name.to_owned(), known: list(known) }, remedy)
-}
-
-/// Fills in the projector of pairs that name none: the only one that lit both of their cameras.
-///
-/// `lit` lists each projector with the cameras that looked while it was on, as a recording or a cell configuration
-/// tells. A pair that names its projector is left as it is.
-///
-/// # Errors
-/// No projector lit both cameras of a pair, or several did; the key names the pair by its name.
-pub fn resolve_pairs(rig_path: &Path, rig: &mut Rig, lit: &[(&str, &[String])]) -> Result<(), FileError> {
-    let projectors: Vec<String> = rig.projectors.iter().map(|p| p.name.clone()).collect();
-    for pair in rig.pairs.iter_mut().filter(|pair| pair.projector.is_empty()) {
-        if projectors.contains(&pair.right) {
-            pair.projector = pair.right.clone();
-            continue;
-        }
-        let sees = |cameras: &[String], name: &str| cameras.iter().any(|camera| camera == name);
-        let both: Vec<&str> = lit
-            .iter()
-            .filter(|(_, cameras)| sees(cameras, &pair.left) && sees(cameras, &pair.right))
-            .map(|(name, _)| *name)
-            .collect();
-        let [only] = both.as_slice() else {
-            let problem = Problem::Disagreement {
-                what: "pair and projectors",
-                here: format!(
-                    "pair \"{}\" of {} and {} names no projector",
-                    pair.name, pair.left, pair.right
-                ),
-                there: format!("{} projectors light both ({})", both.len(), list(both.iter().copied())),
-            };
-            let remedy = "add projector = \"…\" to the pair, or light both of its cameras with one projector";
-            return Err(FileError::new(rig_path, problem, remedy).at(format!("pair {}", pair.name)));
-        };
-        pair.projector = (*only).to_owned();
-    }
-    Ok(())
-}
-
-/// Writes a rig file, complete or not at all, and returns the SHA-256 of its bytes.
-///
-/// Every number has the digits that give the same `f64` when read. Keys of the contract only; `provenance` is free.
-///
-/// # Errors
-/// The folder cannot be written.
-pub fn write_rig(
-    path: &Path,
-    rig: &Rig,
-    provenance: &toml::Table,
-    covariance: Option<&CovarianceRef>,
-) -> Result<String, FileError> {
-    let text = rig_text(rig, provenance, covariance);
-    atomic::write(path, text.as_bytes())?;
-    Ok(sha256_hex(text.as_bytes()))
-}
-
-/// The text of a rig file.
-pub fn rig_text(rig: &Rig, provenance: &toml::Table, covariance: Option<&CovarianceRef>) -> String {
-    let mut out = format!("format = \"{RIG_FORMAT}\"\n");
-    if let Some(reference) = covariance {
-        let (file, sha256) = (quoted(&reference.file), quoted(&reference.sha256));
-        let _ = writeln!(out, "covariance = {{ file = {file}, sha256 = {sha256} }}");
-    }
-    for camera in &rig.cameras {
-        out.push_str(&camera_text("camera", camera));
-    }
-    for projector in &rig.projectors {
-        out.push_str(&camera_text("projector", projector));
-    }
-    for pair in &rig.pairs {
-        let _ = write!(
-            out,
-            "\n[[pair]]\nname = {}\nleft = {}\nright = {}\n",
-            quoted(&pair.name),
-            quoted(&pair.left),
-            quoted(&pair.right)
-        );
-        if !pair.projector.is_empty() {
-            let _ = writeln!(out, "projector = {}", quoted(&pair.projector));
-        }
-    }
-    if !provenance.is_empty() {
-        let mut holder = toml::Table::new();
-        holder.insert("provenance".into(), toml::Value::Table(provenance.clone()));
-        let _ = write!(out, "\n{holder}");
-    }
-    out
-}
-
-fn camera_text(table: &str, named: &Named) -> String {
-    let camera = &named.camera;
-    let rotation = camera.camera_from_world.rotation.to_rotation_matrix();
-    let row = |r: usize| numbers(&[rotation[(r, 0)], rotation[(r, 1)], rotation[(r, 2)]]);
-    format!(
-        "\n[[{table}]]\nname = {}\nwidth_px = {}\nheight_px = {}\nfocal_px = {}\nprincipal_point_px = {}\n\
-         skew = {:?}\ndistortion = {{ model = \"{LENS_MODEL}\", k = {}, p = {} }}\n\
-         from_world = {{ rotation = [{}, {}, {}], translation_mm = {} }}\n",
-        quoted(&named.name),
-        camera.width_px,
-        camera.height_px,
-        numbers(&camera.focal_px),
-        numbers(&camera.principal_point_px),
-        camera.skew,
-        numbers(&camera.distortion.k),
-        numbers(&camera.distortion.p),
-        row(0),
-        row(1),
-        row(2),
-        numbers(camera.camera_from_world.translation.vector.as_slice()),
-    )
-}
-
-/// Shortest digits that read back as the same number.
-fn numbers(values: &[f64]) -> String {
-    format!("[{}]", values.iter().map(|value| format!("{value:?}")).collect::<Vec<_>>().join(", "))
-}
-
-pub(crate) fn quoted(text: &str) -> String {
-    toml::Value::String(text.to_owned()).to_string()
 }
 
 #[cfg(test)]

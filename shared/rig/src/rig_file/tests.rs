@@ -161,3 +161,44 @@ fn each_fault_is_told_with_place_and_remedy() {
     let error = read("format = \"fringecell-rig/1\"\n").unwrap_err();
     assert!(error.contains("[[camera]] is missing; a rig has at least one camera"), "{error}");
 }
+
+#[test]
+fn a_covariance_is_read_only_as_it_was_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let (path, beside) = (dir.path().join("rig.toml"), dir.path().join("rig.covariance.json"));
+    let good = r#"{"format": "fringecell-covariance/1", "devices": ["cam2", "cam1"], "parameters": ["fx_px", "k1"],
+        "matrix": [[1, 0, 0, 0, 9], [0, 2, 0, 0, 9], [0, 0, 3, 0.5, 9], [0, 0, 0.5, 4, 9], [9, 9, 9, 9, 9]]}"#;
+    let read = |text: &str| {
+        fs::write(&beside, text).unwrap();
+        let reference =
+            CovarianceRef { file: "rig.covariance.json".into(), sha256: sha256_hex(text.as_bytes()) };
+        write_rig(&path, &whole(), &toml::Table::new(), Some(&reference)).unwrap();
+        read_rig(&path).unwrap().read_covariance().map_err(|error| error.to_string())
+    };
+    let covariance = read(good).unwrap().unwrap();
+    assert_eq!(covariance.part(&["cam1"]).unwrap(), [3.0, 0.5, 0.5, 4.0]);
+    assert_eq!(covariance.part(&["cam1", "cam2"]).unwrap()[10], 1.0);
+    assert!(covariance.part(&["cam3"]).is_none());
+    for (from, to, expected) in [
+        ("covariance/1", "covariance/2", "format is \"fringecell-covariance/2\""),
+        ("\"cam1\"", "\"cam9\"", "device \"cam9\" is unknown"),
+        ("[9, 9, 9, 9, 9]", "[9]", "rows of another length"),
+        ("[1, 0", "[null, 0", "invalid type: null"),
+    ] {
+        let error = read(&good.replace(from, to)).unwrap_err();
+        assert!(error.contains(expected), "{error}\nlacks\n{expected}");
+    }
+    read(good).unwrap();
+    fs::write(&beside, good.replace('9', "8")).unwrap();
+    let file = read_rig(&path).unwrap();
+    let error = file.read_covariance().unwrap_err().to_string();
+    assert!(error.contains("it was changed or belongs to another rig"), "{error}");
+    fs::remove_file(&beside).unwrap();
+    let error = file.read_covariance().unwrap_err().to_string();
+    assert!(
+        error.contains("rig.covariance.json: cannot open it; ") && error.contains("rig.toml names it"),
+        "{error}"
+    );
+    write_rig(&path, &whole(), &toml::Table::new(), None).unwrap();
+    assert_eq!(read_rig(&path).unwrap().read_covariance().unwrap(), None);
+}

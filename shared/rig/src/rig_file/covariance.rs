@@ -1,0 +1,126 @@
+//! The parameter covariance beside a rig file.
+
+use super::RigFile;
+use crate::document::read_bytes;
+use crate::error::{FileError, Problem, list};
+use crate::hash::sha256_hex;
+use serde::Deserialize;
+use std::path::PathBuf;
+
+/// Value of `format` in a covariance file.
+pub const COVARIANCE_FORMAT: &str = "fringecell-covariance/1";
+
+/// A covariance of two hundred devices has some hundred megabytes of digits; nothing meant is longer.
+const MOST_BYTES: u64 = 256 << 20;
+
+/// Names the file beside `rig.toml` that carries the parameter covariance.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CovarianceRef {
+    /// Relative to the rig file.
+    pub file: String,
+    /// Of its bytes, hexadecimal.
+    pub sha256: String,
+}
+
+/// The covariance of the parameters of all devices of a rig, as the calibration wrote it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Covariance {
+    /// Where it was read from.
+    pub path: PathBuf,
+    /// Devices, in the order of the matrix.
+    pub devices: Vec<String>,
+    /// Parameters of each device, in the order of the matrix.
+    pub parameters: Vec<String>,
+    /// Square; parameter i of device d stands in row d · parameters + i. There may be further rows after them.
+    matrix: Vec<Vec<f64>>,
+}
+
+/// As written.
+#[derive(Deserialize)]
+struct RawCovariance {
+    format: String,
+    devices: Vec<String>,
+    parameters: Vec<String>,
+    matrix: Vec<Vec<f64>>,
+}
+
+impl Covariance {
+    /// The part that belongs to some devices, in the order given, row by row; `None` for a device that it does not hold.
+    pub fn part(&self, devices: &[&str]) -> Option<Vec<f64>> {
+        let count = self.parameters.len();
+        let mut places = Vec::new();
+        for name in devices {
+            let first = self.devices.iter().position(|device| device == name)? * count;
+            places.extend(first..first + count);
+        }
+        Some(places.iter().flat_map(|row| places.iter().map(|column| self.matrix[*row][*column])).collect())
+    }
+}
+
+impl RigFile {
+    /// Reads the covariance that the rig file names; `None` when it names none.
+    ///
+    /// # Errors
+    /// The file is absent, its SHA-256 is another one than the rig file says, or it holds no covariance.
+    pub fn read_covariance(&self) -> Result<Option<Covariance>, FileError> {
+        let Some(reference) = &self.covariance else { return Ok(None) };
+        let path = self.path.with_file_name(&reference.file);
+        let remedy = "copy it beside the rig file again, or calibrate again";
+        let bytes = read_bytes(&path, MOST_BYTES).map_err(|mut fault| {
+            fault.remedy = format!("{} names it as its covariance; {remedy}", self.path.display());
+            fault
+        })?;
+        let found = sha256_hex(&bytes);
+        if found != reference.sha256.to_ascii_lowercase() {
+            let problem = Problem::Disagreement {
+                what: "covariance and rig file",
+                here: format!("this file has the SHA-256 {found}"),
+                there: format!("{} says {}", self.path.display(), reference.sha256),
+            };
+            return Err(FileError::new(
+                &path,
+                problem,
+                format!("it was changed or belongs to another rig: {remedy}"),
+            ));
+        }
+        parse(path, &bytes, &self.views()).map(Some)
+    }
+
+    /// Names of all cameras and projectors.
+    fn views(&self) -> Vec<&str> {
+        self.rig.cameras.iter().chain(&self.rig.projectors).map(|view| view.name.as_str()).collect()
+    }
+}
+
+fn parse(path: PathBuf, bytes: &[u8], views: &[&str]) -> Result<Covariance, FileError> {
+    let fault = |key: &str, problem| FileError::new(&path, problem, "calibrate again").at(key);
+    let raw: RawCovariance =
+        serde_json::from_slice(bytes).map_err(|error| fault("", Problem::Syntax(error.to_string())))?;
+    if raw.format != COVARIANCE_FORMAT {
+        let problem = Problem::Format { found: raw.format, expected: COVARIANCE_FORMAT.into() };
+        return Err(fault("format", problem));
+    }
+    if let Some(unknown) = raw.devices.iter().find(|device| !views.contains(&device.as_str())) {
+        let known = list(views.iter().copied());
+        return Err(fault("devices", Problem::UnknownName { kind: "device", name: unknown.clone(), known }));
+    }
+    let size = raw.matrix.len();
+    let needed = raw.devices.len().saturating_mul(raw.parameters.len());
+    if size < needed || raw.matrix.iter().any(|row| row.len() != size) {
+        let problem = Problem::Disagreement {
+            what: "sizes",
+            here: format!("{} devices with {} parameters each", raw.devices.len(), raw.parameters.len()),
+            there: format!("the matrix has {size} rows, or rows of another length"),
+        };
+        return Err(fault("matrix", problem));
+    }
+    if raw.matrix.iter().flatten().any(|value| !value.is_finite()) {
+        return Err(fault(
+            "matrix",
+            Problem::Value { value: "infinity".into(), limit: "finite numbers".into() },
+        ));
+    }
+    let RawCovariance { devices, parameters, matrix, .. } = raw;
+    Ok(Covariance { path, devices, parameters, matrix })
+}

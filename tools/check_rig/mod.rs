@@ -1,0 +1,160 @@
+//! `fringetool check-rig`: any object lit with both fringe directions tells whether the rig still is what its file says.
+
+mod print;
+
+use crate::Outcome;
+use crate::pipeline::{DecodedView, decode_views};
+use crate::reconstruct::projector_pairs;
+use crate::report::{check_outputs, emit};
+use anyhow::{Context, Result, bail};
+use fringe::decode::DecodeSettings;
+use fringe::health::{
+    HealthSettings, MatchCounts, PairCovariance, PairHealth, check_pair, match_projector, match_views,
+};
+use fringe::pattern::{Axis, PatternSet};
+use fringe::phase::PhaseView;
+use fringe::rig::Pair;
+use rig::recording::{RECORDING_FILE, Recording};
+use rig::rig_file::{Covariance, RigFile, read_rig};
+use std::path::PathBuf;
+
+/// Arguments of `check-rig`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Folder of the recording: any object with smooth faces, lit with fringes along both axes.
+    recording: PathBuf,
+    /// Rig file to be checked.
+    #[arg(long)]
+    rig: PathBuf,
+    /// Probability with which a healthy pair is called unhealthy.
+    #[arg(long, default_value_t = HealthSettings::default().false_alarm)]
+    false_alarm: f64,
+    /// Smooth errors that the phase itself carries (footprint, blur, stray light), rms in px.
+    #[arg(long, default_value_t = HealthSettings::default().phase_error_px)]
+    phase_error_px: f64,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// What a pair was found to be.
+#[derive(serde::Serialize)]
+pub struct PairCheck {
+    /// As in the rig file.
+    name: String,
+    left: String,
+    right: String,
+    projector: String,
+    #[serde(flatten)]
+    counts: MatchCounts,
+    #[serde(flatten)]
+    health: PairHealth,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    check_outputs(
+        &[("--json", args.json.as_deref())],
+        &[&args.rig, &args.recording.join(RECORDING_FILE)],
+        None,
+    )?;
+    let settings = HealthSettings {
+        false_alarm: args.false_alarm,
+        phase_error_px: args.phase_error_px,
+        ..HealthSettings::default()
+    };
+    settings.check()?;
+    let recording = Recording::open(&args.recording)?;
+    let rig_file = read_rig(&args.rig)?;
+    let covariance = rig_file.read_covariance()?;
+    let pairs = pairs(&recording, &rig_file)?;
+    let lit = |projector: &str, camera: &str| {
+        pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
+    };
+    let views = decode_views(&recording, &DecodeSettings::default(), lit)?;
+    let checks = pairs
+        .iter()
+        .map(|pair| {
+            check(pair, &rig_file, covariance.as_ref(), &views, &settings)
+                .with_context(|| format!("{}: pair \"{}\"", args.recording.display(), pair.name))
+        })
+        .collect::<Result<Vec<_>>>()?;
+    print::print(&checks, covariance.is_some());
+    let healthy = checks.iter().all(|check| check.health.healthy);
+    let result = serde_json::json!({
+        "recording": args.recording,
+        "rig": args.rig,
+        "rig_sha256": rig_file.sha256,
+        "settings": settings,
+        "pairs": checks,
+        "suspects": print::suspects(&checks),
+        "healthy": healthy,
+    });
+    emit(args.json.as_deref(), &result)?;
+    Ok(if healthy { Outcome::Done } else { Outcome::LimitFailed })
+}
+
+/// Pairs of cameras, then cameras with the projector, of all projectors that showed both fringe directions.
+fn pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
+    let both = |name: &str| {
+        recording.projector(name).is_some_and(|projector| {
+            let has = |axis: Axis| {
+                projector
+                    .sequence
+                    .iter()
+                    .any(|set| matches!(set, PatternSet::Sine { axis: a, .. } if *a == axis))
+            };
+            has(Axis::X) && has(Axis::Y)
+        })
+    };
+    let cameras = recording.rig(rig_file)?.rig.pairs;
+    let by_camera = cameras.into_iter().filter(|pair| rig_file.rig.camera(&pair.right).is_some());
+    let mut pairs: Vec<Pair> = by_camera.chain(projector_pairs(recording, rig_file)?).collect();
+    pairs.retain(|pair| both(&pair.projector));
+    if pairs.is_empty() {
+        bail!(
+            "{}: no projector shows fringes along both axes to two cameras of a [[pair]], or to one camera while it is \
+             in {} itself; record `sine` and `gray` sets with axis = \"x\" and axis = \"y\"",
+            recording.document.path.display(),
+            rig_file.path.display()
+        );
+    }
+    Ok(pairs)
+}
+
+fn check(
+    pair: &Pair,
+    rig_file: &RigFile,
+    covariance: Option<&Covariance>,
+    views: &[DecodedView],
+    settings: &HealthSettings,
+) -> Result<PairCheck> {
+    let rig = &rig_file.rig;
+    let both = |camera: &str| -> Result<[PhaseView<'_>; 2]> {
+        let view = views.iter().find(|v| v.projector == pair.projector && v.camera == camera);
+        let maps = view.and_then(|view| Some([view.map(Axis::X)?.view(), view.map(Axis::Y)?.view()]));
+        maps.with_context(|| {
+            format!("projector \"{}\" did not light camera \"{camera}\" along both axes", pair.projector)
+        })
+    };
+    let [lx, ly] = both(&pair.left)?;
+    let left = rig.camera(&pair.left).context("its left camera is not in the rig file")?;
+    let (right, found) = if let Some(right) = rig.camera(&pair.right) {
+        let [rx, ry] = both(&pair.right)?;
+        (right, match_views([&lx, &ly], [&rx, &ry])?)
+    } else {
+        let right = rig.projector(&pair.right).context("its right view is not in the rig file")?;
+        (right, match_projector([&lx, &ly])?)
+    };
+    let covariance = covariance.and_then(|c| pair_covariance(c, pair));
+    let health = check_pair(left, right, &found.matches, covariance.as_ref(), settings)?;
+    let Pair { name, left, right, projector } = pair.clone();
+    Ok(PairCheck { name, left, right, projector, counts: found.counts, health })
+}
+
+/// The part of the covariance that a pair needs; `None` where the calibration did not hold one of its views.
+fn pair_covariance(covariance: &Covariance, pair: &Pair) -> Option<PairCovariance> {
+    let matrix = covariance.part(&[&pair.left, &pair.right])?;
+    let names = [covariance.parameters.clone(), covariance.parameters.clone()];
+    Some(PairCovariance { names, matrix })
+}
