@@ -80,7 +80,9 @@ impl Record {
             ("software", format!("fringecell {}", env!("CARGO_PKG_VERSION"))),
             ("config_sha256", link.cell.config.sha256.clone()),
         ];
-        let provenance = provenance.into_iter().map(|(k, v)| (k.to_owned(), v.into())).collect();
+        let mut provenance: toml::Table =
+            provenance.into_iter().map(|(k, v)| (k.to_owned(), v.into())).collect();
+        rig::correction::note(&mut provenance, link.cell.config.corrected());
         open.writer.finish(&provenance).map_err(|e| lost(&e))?;
         link.done(Work::Store, open.start_ns, &[], &Report { count: open.written, text: String::new() })
     }

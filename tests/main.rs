@@ -4,12 +4,16 @@
 //! - [`real`]: recordings by other people's cameras
 //! - [`bad_input`]: whatever is wrong with the input, a message and exit code 2
 //! - [`calibrate`]: real pictures of boards become a rig file
+//! - [`focus`]: best focus and depth of focus from pictures of a checkerboard
+//! - [`gamma`]: a projector's response is measured and corrected
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - [`support`]: how the tests run programs and make small recordings
 
 mod bad_input;
 mod calibrate;
 mod cell;
+mod focus;
+mod gamma;
 mod offline;
 mod real;
 mod support;

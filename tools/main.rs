@@ -5,7 +5,11 @@ mod calibrate;
 mod check_rig;
 mod decode;
 mod fit;
+mod focus;
+mod gamma;
+mod glob;
 mod import;
+mod numbers;
 mod pipeline;
 mod progress;
 mod reconstruct;
@@ -43,6 +47,10 @@ enum Command {
     Calibrate(calibrate::Args),
     /// Tell a knocked or warm camera from a healthy rig, on any object lit with both fringe directions.
     CheckRig(check_rig::Args),
+    /// Measure a projector's response from grey levels and write the pattern correction.
+    Gamma(gamma::Args),
+    /// Find best focus and depth of focus from pictures of a projected checkerboard.
+    Focus(focus::Args),
     /// Measure accuracy on the twin, or speed on this machine.
     Bench(bench::Args),
 }
@@ -64,6 +72,8 @@ fn main() -> ExitCode {
         Command::Import(args) => import::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::CheckRig(args) => check_rig::run(&args),
+        Command::Gamma(args) => gamma::run(&args),
+        Command::Focus(args) => focus::run(&args),
         Command::Bench(args) => bench::run(&args),
     };
     match result {

@@ -5,8 +5,8 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
 use fringe::frame::{FrameView, Pixels};
-use fringe::pattern::frame_count;
-use rig::config::{Config, TwinConfig};
+use fringe::pattern::{GreyLevels, PatternSet, frame_count};
+use rig::config::{Config, ProjectorConfig, TwinConfig};
 use rig::recording::{ProjectorRecord, RecordingWriter};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -34,6 +34,15 @@ pub struct Args {
     /// Another seed than the configuration's.
     #[arg(long)]
     seed: Option<u64>,
+    /// Draw the patterns corrected by this file (from `gamma`); without a projector in it, for all projectors.
+    #[arg(long, value_name = "FILE")]
+    pattern_correction: Option<PathBuf>,
+    /// Exponent of the projectors' response, instead of the configuration's.
+    #[arg(long, value_name = "G")]
+    projector_gamma: Option<f64>,
+    /// This many even grey levels, and fringes in 60 steps, instead of the configuration's patterns: for `gamma`.
+    #[arg(long, value_name = "N")]
+    grey_levels: Option<u32>,
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -41,13 +50,24 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
-    let inputs: Vec<&Path> =
-        [Some(&args.config), args.scene.as_ref()].into_iter().flatten().map(PathBuf::as_path).collect();
+    let inputs: Vec<&Path> = [Some(&args.config), args.scene.as_ref(), args.pattern_correction.as_ref()]
+        .into_iter()
+        .flatten()
+        .map(PathBuf::as_path)
+        .collect();
     check_outputs(&[("--json", args.json.as_deref())], &inputs, Some(&args.out))?;
-    let config = Config::load(&args.config)?;
+    let mut config = Config::load(&args.config)?;
     let Some(twin_config) = &config.twin else {
         bail!("{}: has no [twin]; simulate needs one with a scene", args.config.display());
     };
+    let twin_config = twin_config.clone();
+    let twin_config = &twin_config;
+    if let Some(path) = &args.pattern_correction {
+        correct(&mut config, path)?;
+    }
+    if let Some(levels) = args.grey_levels {
+        config.projectors.iter_mut().try_for_each(|p| grey_levels(p, levels))?;
+    }
     let scene = load_scene(args.scene.as_deref(), twin_config)?;
     let settings = settings(args, &config, twin_config)?;
     let twin =
@@ -68,7 +88,47 @@ fn settings(args: &Args, config: &Config, twin: &TwinConfig) -> Result<TwinSetti
         let TwinSettings { position_scatter_mm, angle_scatter_deg, .. } = written;
         return Ok(TwinSettings { seed, position_scatter_mm, angle_scatter_deg, ..TwinSettings::ideal() });
     }
-    Ok(TwinSettings { seed, ..written })
+    let projector_gamma = args.projector_gamma.unwrap_or(written.projector_gamma);
+    Ok(TwinSettings { seed, projector_gamma, ..written })
+}
+
+/// Puts a correction on the projector that it names, or on all.
+fn correct(config: &mut Config, path: &Path) -> Result<()> {
+    let correction = rig::correction::read_correction(path)?;
+    let known = config.projectors.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
+    let mut used = false;
+    for projector in &mut config.projectors {
+        if correction.projector.as_ref().is_none_or(|name| *name == projector.name) {
+            projector.pattern_correction = Some(correction.clone());
+            used = true;
+        }
+    }
+    if !used {
+        let name = correction.projector.unwrap_or_default();
+        bail!("{}: projector: \"{name}\" is not in the configuration; it has {known}", path.display());
+    }
+    Ok(())
+}
+
+/// Steps of the fringes beside grey levels: a multiple of 3, 4, 5, 6, 10, 12, 15, 20 and 30, for phases of fewer steps.
+const FINE_STEPS: u32 = 60;
+
+/// Replaces what a projector shows by grey levels and fringes in fine steps.
+fn grey_levels(projector: &mut ProjectorConfig, levels: u32) -> Result<()> {
+    let sines = projector.sequence.iter().filter_map(|set| match set {
+        PatternSet::Sine { axis, period_px, direction, .. } => Some(PatternSet::Sine {
+            axis: *axis,
+            period_px: *period_px,
+            steps: FINE_STEPS,
+            first_step_rad: 0.0,
+            direction: *direction,
+        }),
+        _ => None,
+    });
+    let ramp = PatternSet::Ramp { axis: None, levels: Some(GreyLevels::Count(levels)) };
+    ramp.check().context("--grey-levels")?;
+    projector.sequence = std::iter::once(ramp).chain(sines.take(1)).collect();
+    Ok(())
 }
 
 /// Reads the scene that the command line or the configuration names.
@@ -117,7 +177,9 @@ fn write_recording(
     let mut writer = RecordingWriter::create(&args.out, &records)?;
     let mut progress = Progress::new(total, "simulating");
     for record in &records {
-        let mut renderer = twin.renderer(&record.name, &record.sequence)?;
+        let table =
+            config.projector(&record.name).and_then(|p| p.pattern_correction.as_ref()).map(|c| &c.table);
+        let mut renderer = twin.corrected_renderer(&record.name, &record.sequence, table)?;
         for camera in &record.cameras {
             let view = twin.view_lit_by(camera, &[record.name.as_str()], args.cycle)?;
             let mut buffer = Buffer::new(&view);
@@ -130,6 +192,7 @@ fn write_recording(
     }
     let mut provenance = toml::Table::new();
     provenance.insert("software".into(), format!("fringetool simulate {}", env!("CARGO_PKG_VERSION")).into());
+    rig::correction::note(&mut provenance, config.corrected());
     rig::atomic::write(truth_path, truth.as_bytes())?;
     writer.finish(&provenance)?;
     Ok(total)

@@ -25,7 +25,11 @@ impl TwinCamera {
         let twin = kernels::twin(config)?;
         let lit = cell.graph.projectors.iter().enumerate().filter(|(_, p)| p.cameras.contains(&camera));
         let lamps = lit
-            .map(|(number, p)| Ok((number, twin.renderer(&p.name, &config.projectors[number].sequence)?)))
+            .map(|(number, p)| {
+                let shown = &config.projectors[number];
+                let table = shown.pattern_correction.as_ref().map(|c| &c.table);
+                Ok((number, twin.corrected_renderer(&p.name, &shown.sequence, table)?))
+            })
             .collect::<Result<Vec<_>>>()?;
         let lamp_names = lamps.iter().map(|(number, _)| config.projectors[*number].name.clone()).collect();
         let is_8bit = twin.settings().full_scale_dn() <= 255;

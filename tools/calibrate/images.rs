@@ -5,7 +5,7 @@ use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
 use fringe::calibration::DeviceKind;
 use fringe::target::TargetSpec;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Finds the target in the pictures of all cameras; the n-th of each shows pose n.
 pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
@@ -40,76 +40,6 @@ pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
 fn list(argument: &str) -> Result<(String, Vec<PathBuf>)> {
     let (camera, pattern) =
         argument.split_once('=').with_context(|| format!("--images {argument}: write camera=pattern"))?;
-    let path = Path::new(pattern);
-    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or_default();
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let entries =
-        std::fs::read_dir(folder).with_context(|| format!("--images {argument}: {}", folder.display()))?;
-    let mut files: Vec<PathBuf> = entries
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(|file| file.file_name().and_then(|n| n.to_str()).is_some_and(|n| matches(name, n)))
-        .collect();
-    if files.is_empty() {
-        bail!("--images {argument}: no file matches in {}", folder.display());
-    }
-    files.sort_by_cached_key(|file| natural(&file.to_string_lossy()));
+    let files = crate::glob::expand(pattern).with_context(|| format!("--images {argument}"))?;
     Ok((camera.to_owned(), files))
-}
-
-/// Whether a name fits a pattern in which `*` stands for anything.
-fn matches(pattern: &str, name: &str) -> bool {
-    let mut parts = pattern.split('*');
-    let Some(mut rest) = name.strip_prefix(parts.next().unwrap_or_default()) else { return false };
-    let mut last = None;
-    for part in parts {
-        last = Some(part);
-        let Some(at) = rest.find(part) else { return false };
-        rest = &rest[at + part.len()..];
-    }
-    match last {
-        None => rest.is_empty(),
-        Some(end) => name.ends_with(end),
-    }
-}
-
-/// Key that puts `left2` before `left10`: text and numbers in turn.
-fn natural(name: &str) -> Vec<(String, u64)> {
-    let mut key = vec![(String::new(), 0_u64)];
-    let mut in_number = false;
-    for letter in name.chars() {
-        if let Some(digit) = letter.to_digit(10) {
-            in_number = true;
-            if let Some(last) = key.last_mut() {
-                last.1 = last.1.saturating_mul(10).saturating_add(u64::from(digit));
-            }
-        } else {
-            if in_number {
-                key.push((String::new(), 0));
-                in_number = false;
-            }
-            if let Some(last) = key.last_mut() {
-                last.0.push(letter);
-            }
-        }
-    }
-    key
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_star_stands_for_anything() {
-        assert!(matches("left*.png", "left01.png") && matches("*", "x") && matches("a*b*c", "a1b2c"));
-        assert!(!matches("left*.png", "right01.png") && !matches("left*.png", "left01.jpg"));
-        assert!(matches("one.png", "one.png") && !matches("one.png", "one.png.bak"));
-    }
-
-    #[test]
-    fn numbers_sort_as_numbers() {
-        let mut names = ["left10.png", "left2.png", "left1.png"];
-        names.sort_by_cached_key(|n| natural(n));
-        assert_eq!(names, ["left1.png", "left2.png", "left10.png"]);
-    }
 }

@@ -20,6 +20,7 @@ pub mod cloud;
 pub mod compare;
 pub mod decode;
 pub mod fit;
+pub mod focus;
 pub mod frame;
 pub mod fusion;
 pub mod health;
@@ -36,6 +37,7 @@ pub mod rectify;
 
 pub mod reference;
 pub mod register;
+pub mod response;
 pub mod rig;
 pub mod spatial;
 pub mod surface;

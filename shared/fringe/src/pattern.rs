@@ -3,6 +3,7 @@
 //! Projector coordinates count pixels, 0 is the centre of the first column (axis x) or row (axis y).
 
 use crate::math::{cos, wrap_positive_rad};
+use crate::response::LevelTable;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use thiserror::Error;
@@ -62,6 +63,53 @@ pub enum Threshold {
     Complement,
 }
 
+/// The levels of the even frames of a ramp.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum GreyLevels {
+    /// This many, evenly from black to white.
+    Count(u32),
+    /// 8-bit grey values 0 … 255, in the order of projection.
+    Values(Vec<f64>),
+}
+
+/// Grey levels of a ramp that says neither how many nor along which axis: all that 8 bits have.
+const ALL_LEVELS: GreyLevels = GreyLevels::Count(256);
+
+impl GreyLevels {
+    /// Number of frames.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Count(count) => *count as usize,
+            Self::Values(values) => values.len(),
+        }
+    }
+
+    /// Level 0 … 1 of a frame.
+    pub fn level(&self, frame: usize) -> f64 {
+        match self {
+            Self::Count(count) => frame as f64 / f64::from(count.saturating_sub(1).max(1)),
+            Self::Values(values) => values.get(frame).map_or(0.0, |value| value / 255.0),
+        }
+    }
+
+    fn check(&self) -> Result<(), PatternError> {
+        match self {
+            Self::Count(count) if !(2..=1024).contains(count) => {
+                Err(PatternError::Levels { count: *count as usize })
+            }
+            Self::Values(values) if !(2..=1024).contains(&values.len()) => {
+                Err(PatternError::Levels { count: values.len() })
+            }
+            Self::Values(values) => match values.iter().find(|v| !(0.0..=255.0).contains(*v)) {
+                Some(value) => Err(PatternError::Level { value: *value }),
+                None => Ok(()),
+            },
+            Self::Count(_) => Ok(()),
+        }
+    }
+}
+
 /// A group of frames that belong together.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "set", rename_all = "lowercase", deny_unknown_fields)]
@@ -113,10 +161,21 @@ pub enum PatternSet {
         /// Number of frames N ≥ 3.
         steps: u32,
     },
-    /// Grey ramp from black to white over the projector.
+    /// Grey levels. With `levels`: even frames, one a level, for the projector's response. With `axis`: one frame that
+    /// runs from black to white over the projector. With neither: 256 even frames.
     Ramp {
-        /// Direction of change.
-        axis: Axis,
+        /// Direction of change of a single frame.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        axis: Option<Axis>,
+        /// The even frames.
+        #[serde(
+            default,
+            skip_serializing_if = "Option::is_none",
+            alias = "steps",
+            alias = "frames",
+            alias = "count"
+        )]
+        levels: Option<GreyLevels>,
     },
     /// Random dots; cannot be generated, only recorded and ignored.
     Random {
@@ -164,6 +223,23 @@ pub enum PatternError {
         /// As written.
         bits: u32,
     },
+    /// Too few or too many grey levels.
+    #[error("levels: {count} grey levels; must be 2 to 1024")]
+    Levels {
+        /// As written.
+        count: usize,
+    },
+    /// No grey value of 8 bits.
+    #[error("levels: {value} is no grey value; must be 0 to 255")]
+    Level {
+        /// As written.
+        value: f64,
+    },
+    /// A ramp of both kinds.
+    #[error(
+        "axis and levels together: a ramp is either one frame along an axis or even frames of several levels"
+    )]
+    RampKind,
     /// NaN or infinite first step.
     #[error("first_step_rad must be a finite number")]
     FirstStep,
@@ -191,7 +267,8 @@ impl PatternSet {
         (match self {
             Self::Sine { steps, .. } | Self::Stair { steps, .. } => *steps,
             Self::Gray { bits, .. } => *bits,
-            Self::White {} | Self::Black {} | Self::Ramp { .. } => 1,
+            Self::White {} | Self::Black {} | Self::Ramp { axis: Some(_), .. } => 1,
+            Self::Ramp { levels, .. } => return levels.as_ref().unwrap_or(&ALL_LEVELS).count(),
             Self::Random { frames } => *frames,
         }) as usize
     }
@@ -199,10 +276,8 @@ impl PatternSet {
     /// The axis along which it varies, if it does.
     pub fn axis(&self) -> Option<Axis> {
         match self {
-            Self::Sine { axis, .. }
-            | Self::Gray { axis, .. }
-            | Self::Stair { axis, .. }
-            | Self::Ramp { axis } => Some(*axis),
+            Self::Sine { axis, .. } | Self::Gray { axis, .. } | Self::Stair { axis, .. } => Some(*axis),
+            Self::Ramp { axis, .. } => *axis,
             Self::White {} | Self::Black {} | Self::Random { .. } => None,
         }
     }
@@ -235,8 +310,17 @@ impl PatternSet {
                 length("stair_px", *stair_px, 2.0)?;
                 check_steps(*steps)
             }
+            Self::Ramp { axis: Some(_), levels: Some(_) } => Err(PatternError::RampKind),
+            Self::Ramp { levels: Some(levels), .. } => levels.check(),
             Self::White {} | Self::Black {} | Self::Ramp { .. } | Self::Random { .. } => Ok(()),
         }
+    }
+
+    /// Levels 0 … 1 of the frames of a set that shows grey levels over the whole projector.
+    pub fn grey_levels(&self) -> Option<Vec<f64>> {
+        let Self::Ramp { axis: None, levels } = self else { return None };
+        let levels = levels.as_ref().unwrap_or(&ALL_LEVELS);
+        Some((0..levels.count()).map(|frame| levels.level(frame)).collect())
     }
 
     /// Ideal intensity 0 … 1 of one frame at a projector coordinate along the set's axis.
@@ -266,19 +350,31 @@ impl PatternSet {
                 let phase_rad = -std::f64::consts::PI + TAU * ((column / stair_px).floor() + 0.5) / stairs;
                 0.5 + 0.5 * cos(wrap_positive_rad(phase_rad - TAU * step as f64 / f64::from(*steps)))
             }
-            Self::Ramp { .. } => (coordinate_px / f64::from(size_px.max(2) - 1)).clamp(0.0, 1.0),
+            Self::Ramp { axis: Some(_), .. } => {
+                (coordinate_px / f64::from(size_px.max(2) - 1)).clamp(0.0, 1.0)
+            }
+            Self::Ramp { levels, .. } => levels.as_ref().unwrap_or(&ALL_LEVELS).level(step),
             Self::Random { .. } => return Err(PatternError::NotGenerated("random")),
         })
     }
 
-    /// The 8-bit values that a projector shows along the set's axis, one per column (or row).
+    /// The 8-bit values that a projector shows along the set's axis, one per column (or row), corrected for its
+    /// response where a table is given.
     ///
     /// # Errors
     /// As [`Self::intensity`].
-    pub fn columns_u8(&self, step: usize, size_px: u32) -> Result<Vec<u8>, PatternError> {
-        (0..size_px)
-            .map(|column| Ok((self.intensity(step, f64::from(column), size_px)? * 255.0).round() as u8))
-            .collect()
+    pub fn columns_u8(
+        &self,
+        step: usize,
+        size_px: u32,
+        correction: Option<&LevelTable>,
+    ) -> Result<Vec<u8>, PatternError> {
+        let value = |column| {
+            let level = self.intensity(step, f64::from(column), size_px)?;
+            let level = correction.map_or(level, |table| table.at(level));
+            Ok((level * 255.0).round() as u8)
+        };
+        (0..size_px).map(value).collect()
     }
 }
 
@@ -304,74 +400,4 @@ pub fn frame_count(sequence: &[PatternSet]) -> usize {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const SINE: PatternSet = PatternSet::Sine {
-        axis: Axis::X,
-        period_px: 16.0,
-        steps: 10,
-        first_step_rad: 0.0,
-        direction: Direction::Forward,
-    };
-
-    #[test]
-    fn the_phase_of_a_sine_is_zero_at_the_centre_of_the_first_column() {
-        assert_eq!(SINE.intensity(0, 0.0, 608).unwrap(), 1.0);
-        assert!(SINE.intensity(0, 8.0, 608).unwrap() < 1e-15);
-        assert!((SINE.intensity(5, 8.0, 608).unwrap() - 1.0).abs() < 1e-15);
-    }
-
-    #[test]
-    fn neighbouring_gray_stripes_differ_in_one_bit() {
-        let gray = PatternSet::Gray {
-            axis: Axis::X,
-            bits: 6,
-            stripe_px: 16.0,
-            invert: false,
-            code: Code::Gray,
-            threshold: None,
-        };
-        let bits = |x: f64| (0..6).map(|b| gray.intensity(b, x, 608).unwrap() as u8).collect::<Vec<_>>();
-        for stripe in 0..37 {
-            let (a, b) = (bits(f64::from(stripe) * 16.0), bits(f64::from(stripe + 1) * 16.0));
-            assert_eq!(a.iter().zip(&b).filter(|(a, b)| a != b).count(), 1, "stripe {stripe}");
-        }
-        // A code edge lies half a column before the phase zero of its stripe.
-        assert_ne!(bits(15.49), bits(15.51));
-        assert_eq!(bits(15.51), bits(16.0));
-    }
-
-    #[test]
-    fn a_sequence_is_written_as_in_the_contract() {
-        #[derive(Serialize, Deserialize)]
-        struct Holder {
-            sequence: Vec<PatternSet>,
-        }
-        let text = r#"sequence = [
-            { set = "sine", axis = "x", period_px = 16.0, steps = 10 },
-            { set = "gray", axis = "x", bits = 6, stripe_px = 16.0 },
-            { set = "white" }, { set = "black" },
-        ]"#;
-        let holder: Holder = toml::from_str(text).unwrap();
-        assert_eq!(holder.sequence[0], SINE);
-        assert_eq!(frame_count(&holder.sequence), 18);
-        assert_eq!(locate(&holder.sequence, 10), Some((1, 0)));
-        assert_eq!(locate(&holder.sequence, 17), Some((3, 0)));
-        assert_eq!(locate(&holder.sequence, 18), None);
-        let again: Holder = toml::from_str(&toml::to_string(&holder).unwrap()).unwrap();
-        assert_eq!(again.sequence, holder.sequence);
-        assert!(toml::from_str::<Holder>(r#"sequence = [{ set = "white", axis = "x" }]"#).is_err());
-    }
-
-    #[test]
-    fn sets_that_no_decoder_can_use_are_refused() {
-        let PatternSet::Sine { axis, period_px, first_step_rad, direction, .. } = SINE else {
-            unreachable!()
-        };
-        let two = PatternSet::Sine { axis, period_px, steps: 2, first_step_rad, direction };
-        assert_eq!(two.check(), Err(PatternError::Steps { steps: 2 }));
-        let nan = PatternSet::Sine { axis, period_px: f64::NAN, steps: 4, first_step_rad, direction };
-        assert!(nan.check().is_err());
-    }
-}
+mod tests;

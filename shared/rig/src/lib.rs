@@ -5,6 +5,7 @@
 
 pub mod atomic;
 pub mod config;
+pub mod correction;
 pub mod document;
 pub mod error;
 pub mod hash;

@@ -3,6 +3,7 @@
 use crate::settings::TwinSettings;
 use fringe::math::pow;
 use fringe::pattern::{Axis, PatternError, PatternSet};
+use fringe::response::LevelTable;
 use libm::erf;
 
 /// Projector coordinates are stored as (pixel + 1)·2²⁰: 5e-7 px of rounding (0.2 nm on the part), and the table index
@@ -39,15 +40,17 @@ pub(crate) enum Light {
 }
 
 /// From a level 0 … 1 to light.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(crate) struct Response {
+    correction: Option<LevelTable>,
     gamma: f64,
     leak: f64,
     rounded: bool,
 }
 
 impl Response {
-    fn light(self, level: f64) -> f64 {
+    fn light(&self, level: f64) -> f64 {
+        let level = self.correction.as_ref().map_or(level, |table| table.at(level));
         let level = if self.rounded { (level * 255.0).round() / 255.0 } else { level };
         let answer = if self.gamma == 1.0 { level } else { pow(level.max(0.0), self.gamma) };
         self.leak + (1.0 - self.leak) * answer
@@ -55,15 +58,18 @@ impl Response {
 }
 
 impl Light {
-    /// The light of one frame of a set on a projector of `size_px` [width, height].
+    /// The light of one frame of a set on a projector of `size_px` [width, height]; the pattern is corrected by the table
+    /// before the projector answers.
     pub fn new(
         set: &PatternSet,
         step: usize,
         size_px: [u32; 2],
         settings: &TwinSettings,
+        correction: Option<&LevelTable>,
     ) -> Result<Self, PatternError> {
         set.check()?;
         let response = Response {
+            correction: correction.cloned(),
             gamma: settings.projector_gamma,
             leak: settings.projector_leak,
             rounded: settings.projector_8bit,
@@ -75,7 +81,7 @@ impl Light {
         if !settings.projector_pixels && settings.projector_blur_px == 0.0 {
             return Ok(Self::Formula { axis, set: set.clone(), step, size_px, response });
         }
-        let sharp = sharp_cells(set, step, size_px, settings.projector_pixels, response)?;
+        let sharp = sharp_cells(set, step, size_px, settings.projector_pixels, &response)?;
         let taps = gaussian_taps(settings.projector_blur_px * CELLS as f64);
         Ok(Self::Table { axis, cells: convolve(&sharp, &taps) })
     }
@@ -108,7 +114,7 @@ fn sharp_cells(
     step: usize,
     size_px: u32,
     pixels: bool,
-    response: Response,
+    response: &Response,
 ) -> Result<Vec<f64>, PatternError> {
     (0..(size_px as usize + 2) * CELLS)
         .map(|cell| {

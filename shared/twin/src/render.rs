@@ -10,6 +10,7 @@ use crate::pose;
 use crate::trace::{Lit, Sway};
 use fringe::pattern::{PatternSet, frame_count, locate};
 use fringe::random::Key;
+use fringe::response::LevelTable;
 use nalgebra::{Point2, Vector3};
 use std::sync::Arc;
 
@@ -60,7 +61,20 @@ impl Twin {
     /// # Errors
     /// An unknown projector, a set that cannot be generated.
     pub fn renderer(&self, projector: &str, sequence: &[PatternSet]) -> Result<Renderer, TwinError> {
-        Renderer::new(&self.shared, projector, sequence, 0..frame_count(sequence))
+        self.corrected_renderer(projector, sequence, None)
+    }
+
+    /// As [`Self::renderer`], for patterns that are corrected for the projector's response by a table.
+    ///
+    /// # Errors
+    /// As [`Self::renderer`].
+    pub fn corrected_renderer(
+        &self,
+        projector: &str,
+        sequence: &[PatternSet],
+        correction: Option<&LevelTable>,
+    ) -> Result<Renderer, TwinError> {
+        Renderer::new(&self.shared, projector, sequence, 0..frame_count(sequence), correction)
     }
 }
 
@@ -91,7 +105,7 @@ impl View {
         frame: usize,
         out: PixelsMut,
     ) -> Result<(), TwinError> {
-        Renderer::new(&self.shared, projector, sequence, frame..frame + 1)?.render(self, frame, out)
+        Renderer::new(&self.shared, projector, sequence, frame..frame + 1, None)?.render(self, frame, out)
     }
 
     /// The true projector coordinate of a pixel's centre; `None` where the projector does not light it. With several
@@ -124,6 +138,7 @@ impl Renderer {
         projector: &str,
         sequence: &[PatternSet],
         frames: std::ops::Range<usize>,
+        correction: Option<&LevelTable>,
     ) -> Result<Self, TwinError> {
         let index = index_of("projector", &shared.projectors, projector)?;
         let camera = &shared.projectors[index].camera;
@@ -136,7 +151,7 @@ impl Renderer {
                     count: frame_count(sequence),
                 })?;
                 let size_px = [camera.width_px, camera.height_px];
-                Light::new(&sequence[set], step, size_px, &shared.settings)
+                Light::new(&sequence[set], step, size_px, &shared.settings, correction)
                     .map_err(|source| TwinError::Pattern { projector: projector.into(), frame, source })
             })
             .collect::<Result<_, _>>()?;

@@ -147,7 +147,7 @@ fn a_sharp_chip_shows_steps() {
     let twin = twin(&plate(), settings);
     let view = twin.view("cam1", 0).unwrap();
     let sequence = sine(Axis::X, 16.0);
-    let columns = sequence[0].columns_u8(3, 608).unwrap();
+    let columns = sequence[0].columns_u8(3, 608, None).unwrap();
     let mut renderer = twin.renderer("proj1", &sequence).unwrap();
     let lit = renderer.irradiance(&view, 3).unwrap().to_vec();
     let full = twin.renderer("proj1", &white()).unwrap().irradiance(&view, 0).unwrap().to_vec();
@@ -169,7 +169,7 @@ fn gamma_and_leak_act_on_the_level() {
     let settings = TwinSettings { projector_gamma: 2.2, projector_leak: 0.01, ..TwinSettings::ideal() };
     let twin = twin(&plate(), settings);
     let view = twin.view("cam1", 0).unwrap();
-    let ramp = [PatternSet::Ramp { axis: Axis::X }];
+    let ramp = [PatternSet::Ramp { axis: Some(Axis::X), levels: None }];
     let lit = twin.renderer("proj1", &ramp).unwrap().irradiance(&view, 0).unwrap().to_vec();
     let full = twin.renderer("proj1", &white()).unwrap().irradiance(&view, 0).unwrap().to_vec();
     for index in 0..lit.len() {

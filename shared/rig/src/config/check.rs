@@ -79,7 +79,7 @@ fn check_cell_name(document: &Document, name: &str) -> Result<(), FileError> {
 }
 
 /// Reads a file that the document names, relative to it.
-fn referenced<T>(
+pub(super) fn referenced<T>(
     document: &Document,
     key: &str,
     target: &str,

@@ -1,8 +1,10 @@
 //! Projectors: what is written, completed by what was recorded.
 
+use super::check::referenced;
 use super::raw::{RawConfig, RawProjector};
 use super::values::driver;
 use super::{CameraConfig, Driver, ProjectorConfig};
+use crate::correction::{PatternCorrection, read_correction};
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::name::{check_name, duplicate};
@@ -75,6 +77,7 @@ fn one_projector(
         let problem = Problem::Missing(format!("{part} of projector \"{}\"", raw.name));
         document.fault(key, problem, format!("add {part} = …"))
     };
+    let pattern_correction = correction(document, key, raw, driver)?;
     let recorded_cameras = || recorded.map(|r| r.cameras.iter().map(|camera| camera.name.clone()).collect());
     Ok(ProjectorConfig {
         name: raw.name.clone(),
@@ -87,7 +90,35 @@ fn one_projector(
             .clone()
             .or_else(|| recorded.map(|r| r.sequence.clone()))
             .ok_or_else(|| needed("sequence"))?,
+        pattern_correction,
     })
+}
+
+/// The pattern correction that a projector names.
+fn correction(
+    document: &Document,
+    key: &str,
+    raw: &RawProjector,
+    driver: Driver,
+) -> Result<Option<PatternCorrection>, FileError> {
+    let Some(target) = &raw.pattern_correction else { return Ok(None) };
+    let key = format!("{key}.pattern_correction");
+    if driver == Driver::Recording {
+        let problem = Problem::Unsupported("the frames of a recording cannot be corrected".into());
+        return Err(document.fault(&key, problem, "remove the key"));
+    }
+    let correction = referenced(document, &key, target, read_correction)?;
+    match &correction.projector {
+        Some(name) if *name != raw.name => {
+            let problem = Problem::Disagreement {
+                what: "projectors",
+                here: format!("this is \"{}\"", raw.name),
+                there: format!("{target} was measured for \"{name}\""),
+            };
+            Err(document.fault(&key, problem, "measure this projector with `fringetool gamma`"))
+        }
+        _ => Ok(Some(correction)),
+    }
 }
 
 /// The projector of the recording that a projector of the cell plays; what is written must be what was recorded.

@@ -19,6 +19,7 @@
 //! height_px = 684                     # out and are then those of the recording
 //! cameras = ["cam1", "cam2"]
 //! sequence = [{ set = "sine", axis = "x", period_px = 16.0, steps = 10 }, …]
+//! pattern_correction = "gamma.toml"   # optional, from `fringetool gamma`; not with driver "recording"
 //! [[camera]]
 //! name = "cam1"
 //! driver = "twin"
@@ -46,6 +47,7 @@ mod raw;
 mod tests;
 mod values;
 
+use crate::correction::PatternCorrection;
 use crate::document::{Document, read_text};
 use crate::error::FileError;
 use crate::recording::Recording;
@@ -129,6 +131,8 @@ pub struct ProjectorConfig {
     pub cameras: Vec<String>,
     /// What it shows.
     pub sequence: Vec<PatternSet>,
+    /// How levels are drawn so that the light is proportional to them.
+    pub pattern_correction: Option<PatternCorrection>,
 }
 
 /// A camera of the cell.
@@ -200,6 +204,11 @@ impl Config {
     /// A projector by name.
     pub fn projector(&self, name: &str) -> Option<&ProjectorConfig> {
         self.projectors.iter().find(|projector| projector.name == name)
+    }
+
+    /// Names of the projectors that draw corrected patterns.
+    pub fn corrected(&self) -> impl Iterator<Item = &str> {
+        self.projectors.iter().filter(|p| p.pattern_correction.is_some()).map(|p| p.name.as_str())
     }
 
     /// A camera by name.

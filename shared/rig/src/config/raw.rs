@@ -51,6 +51,7 @@ pub(super) struct RawProjector {
     pub height_px: Option<u32>,
     pub cameras: Option<Vec<String>>,
     pub sequence: Option<Vec<PatternSet>>,
+    pub pattern_correction: Option<String>,
 }
 
 #[derive(Debug, Deserialize)]

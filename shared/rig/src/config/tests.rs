@@ -208,6 +208,31 @@ fn each_gap_is_told_with_place_and_remedy() {
 }
 
 #[test]
+fn a_pattern_correction_is_of_the_projector_that_names_it() {
+    let dir = folder();
+    let table = fringe::response::LevelTable::new(vec![0.0, 0.7, 1.0]).unwrap();
+    let mut correction = crate::correction::PatternCorrection {
+        projector: Some("proj1".into()),
+        source: crate::correction::TableSource::Response,
+        gamma: None,
+        coefficients: None,
+        table: table.clone(),
+        provenance: toml::Table::new(),
+    };
+    let file = dir.path().join("c.toml");
+    let named =
+        twin_text().replacen("name = \"proj1\"\n", "name = \"proj1\"\npattern_correction = \"c.toml\"\n", 1);
+    assert!(load(&dir, &named).unwrap_err().contains("pattern_correction"));
+    crate::correction::write_correction(&file, &correction).unwrap();
+    let config = load(&dir, &named).unwrap();
+    assert_eq!(config.projectors[0].pattern_correction.as_ref().map(|c| &c.table), Some(&table));
+    assert_eq!(config.corrected().collect::<Vec<_>>(), ["proj1"]);
+    correction.projector = Some("proj2".into());
+    crate::correction::write_correction(&file, &correction).unwrap();
+    assert!(load(&dir, &named).unwrap_err().contains("was measured for \"proj2\""));
+}
+
+#[test]
 fn settings_are_checked_before_anything_runs() {
     let dir = folder();
     for (table, expected) in [

@@ -20,6 +20,7 @@ mod input;
 mod number;
 mod page;
 pub mod picture;
+pub mod plot;
 mod raster;
 mod splat;
 pub mod statistics;
