@@ -6,6 +6,7 @@
 //! - [`calibrate`]: real pictures of boards become a rig file
 //! - [`focus`]: best focus and depth of focus from pictures of a checkerboard
 //! - [`gamma`]: a projector's response is measured and corrected
+//! - [`compare`]: deviations and motions that are known beforehand
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - [`support`]: how the tests run programs and make small recordings
 
@@ -14,6 +15,7 @@ mod calibrate;
 mod cell;
 mod focus;
 mod gamma;
+mod compare;
 mod offline;
 mod real;
 mod support;

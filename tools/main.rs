@@ -3,6 +3,7 @@
 mod bench;
 mod calibrate;
 mod check_rig;
+mod compare;
 mod decode;
 mod fit;
 mod focus;
@@ -13,8 +14,10 @@ mod numbers;
 mod pipeline;
 mod progress;
 mod reconstruct;
+mod register;
 mod report;
 mod simulate;
+mod surface;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -41,6 +44,10 @@ enum Command {
     Reconstruct(reconstruct::Args),
     /// Fit a sphere, plane, cylinder or cone to the points of a cloud.
     Fit(fit::Args),
+    /// Hold a cloud against a cloud or a CAD mesh: signed deviations, M3C2, report.
+    Compare(compare::Args),
+    /// Bring clouds onto a reference (point-to-plane ICP), with its uncertainty.
+    Register(register::Args),
     /// Turn other people's image files and OpenCV calibration into a recording and a rig file.
     Import(import::Args),
     /// Characterise all cameras and projectors from pictures of a target, in one adjustment.
@@ -69,6 +76,8 @@ fn main() -> ExitCode {
         Command::Decode(args) => decode::run(&args),
         Command::Reconstruct(args) => reconstruct::run(&args),
         Command::Fit(args) => fit::run(&args),
+        Command::Compare(args) => compare::run(&args),
+        Command::Register(args) => register::run(&args),
         Command::Import(args) => import::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::CheckRig(args) => check_rig::run(&args),

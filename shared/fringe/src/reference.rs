@@ -19,8 +19,8 @@ const RADIUS_SPACINGS: f64 = 3.0;
 const EDGE_SPACINGS: f64 = 2.0;
 
 /// A foot farther from the middle of its surroundings than this part of their radius lies beside the reference. On a
-/// straight edge it is 4/3π = 0.42.
-const EDGE_MIDDLE: f64 = 0.6;
+/// straight edge it is 4/3π = 0.42; one spacing beyond it, 0.33 more.
+const EDGE_MIDDLE: f64 = 0.75;
 
 /// Surroundings whose normals differ by more than 60° belong to another side of the part: the far side of a thin wall.
 const OTHER_SIDE_COSINE: f64 = 0.5;

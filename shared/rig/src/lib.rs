@@ -19,6 +19,7 @@ pub mod report;
 pub mod result;
 pub mod rig_file;
 mod sequence;
+pub mod surface_file;
 #[cfg(test)]
 mod testing;
 pub mod trace;

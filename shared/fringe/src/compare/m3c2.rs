@@ -43,10 +43,8 @@ pub struct M3c2Settings {
 /// A core point and what was found there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct M3c2Point {
-    /// Index of the core point in the reference.
-    pub index: u32,
-    /// Unit normal, outside; `None` where no scale has one.
-    pub normal: Option<Vector3<f64>>,
+    /// The core point, with its unit normal, outside; the normal is zero where no scale has one.
+    pub point: Point,
     /// Diameter at which the normal was taken, mm.
     pub scale_mm: f64,
     /// Mean of the cloud less mean of the reference along the normal, mm; `None` where either has no point.
@@ -95,7 +93,7 @@ pub fn m3c2(points: &[Point], reference: &CloudReference, settings: &M3c2Setting
     let found: Vec<M3c2Point> = cores
         .par_chunks(CHUNK)
         .flat_map_iter(|chunk| {
-            chunk.iter().map(|index| core_point(*index, slots[*index as usize], reference, &cloud, settings))
+            chunk.iter().map(|index| core_point(slots[*index as usize], reference, &cloud, settings))
         })
         .collect();
     summarise(found)
@@ -116,20 +114,19 @@ fn summarise(points: Vec<M3c2Point>) -> M3c2 {
 }
 
 fn core_point(
-    index: u32,
     slot: usize,
     reference: &CloudReference,
     cloud: &PointTree,
     settings: &M3c2Settings,
 ) -> M3c2Point {
     let core = reference.tree.sites()[slot];
-    let mut found =
-        M3c2Point { index, normal: None, scale_mm: 0.0, distance_mm: None, level_mm: None, counts: [0; 2] };
+    let point = Point { position_mm: core.coords.into(), ..bytemuck::Zeroable::zeroed() };
+    let mut found = M3c2Point { point, scale_mm: 0.0, distance_mm: None, level_mm: None, counts: [0; 2] };
     let Some((normal, scale_mm)) = most_planar(&core, &reference.tree, &settings.normal_scales_mm) else {
         return found;
     };
     let normal = reference.towards_outside(slot, &normal);
-    (found.normal, found.scale_mm) = (Some(normal), scale_mm);
+    (found.point.normal, found.scale_mm) = (normal.map(|v| v as f32).into(), scale_mm);
     let [a, b] = [&reference.tree, cloud].map(|tree| along(tree, &core, &normal, settings));
     found.counts = [a.count, b.count];
     if a.count > 0 && b.count > 0 {

@@ -32,7 +32,8 @@ pub struct Comparison {
 pub struct Counts {
     /// Points given.
     pub points: usize,
-    /// Points with a distance.
+    /// Points with a distance: the count of the statistics, which is why it is not said again in a file.
+    #[serde(skip)]
     pub count: usize,
     /// Farther from the reference than the limit.
     pub cut_too_far: usize,

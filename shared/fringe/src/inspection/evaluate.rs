@@ -9,7 +9,9 @@ use super::flatness::u_range_mm;
 use super::measure::{Measured, REACH_MARGINS, gather, measure};
 use super::plan::{Feature, Plan, Quantity};
 use super::region::Region;
-use super::result::{ElementResult, FeatureResult, FittedElement, FlatnessFilter, InspectionResult};
+use super::result::{
+    AlignmentResult, ElementResult, FeatureResult, FittedElement, FlatnessFilter, InspectionResult,
+};
 use super::verdict::{Verdict, decide, overall};
 use crate::cloud::Point;
 use crate::fit::{Form, PlaneFit, Residuals, SphereFit};
@@ -41,6 +43,17 @@ pub fn evaluate(plan: &Plan, cloud: &[Point]) -> InspectionResult {
         elements: plan.elements.iter().zip(elements).map(|(e, m)| element_result(&e.name, m)).collect(),
         features,
     }
+}
+
+/// Finds the part in a cloud: 3-2-1 on the plan's datums, or where the plan says that it lies.
+///
+/// # Errors
+/// Names the datum element that was not found, or says why the pose is not that of the part.
+pub fn locate(plan: &Plan, cloud: &[Point]) -> Result<AlignmentResult, MeasureError> {
+    if u32::try_from(cloud.len()).is_err() {
+        return Err(MeasureError::CloudSize { points: cloud.len() });
+    }
+    Ok(place(plan, cloud)?.result)
 }
 
 /// An element's fit, or why there is none.

@@ -21,7 +21,7 @@ mod tests;
 mod verdict;
 
 pub use error::MeasureError;
-pub use evaluate::evaluate;
+pub use evaluate::{evaluate, locate};
 pub use plan::{
     Datums, Element, Exclusion, ExclusionShape, Feature, Geometry, PLAN_FORMAT, Plan, PlanError, Quantity,
     Settings,

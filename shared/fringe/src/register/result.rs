@@ -83,7 +83,28 @@ pub struct Registration {
     pub rival: Option<f64>,
 }
 
+impl Freedom {
+    /// In words: what may slide or turn.
+    pub fn describe(&self) -> String {
+        let vector = |v: Vector3<f64>| format!("({:.3}, {:.3}, {:.3})", v.x, v.y, v.z);
+        let (turn, shift) = (Vector3::from(self.rotation_per_mm), Vector3::from(self.translation));
+        let shift_share = shift.norm();
+        match turn.try_normalize(1e-300) {
+            Some(axis) if shift_share < 0.1 => format!("rotation about {} through the centre", vector(axis)),
+            Some(axis) if shift_share < 0.995 => {
+                format!("rotation about {} with a shift along {}", vector(axis), vector(shift / shift_share))
+            }
+            _ => format!("shift along {}", vector(shift / shift_share)),
+        }
+    }
+}
+
 impl Registration {
+    /// Angle of the rotation, degrees.
+    pub fn angle_deg(&self) -> f64 {
+        self.pose().angle_rad().to_degrees()
+    }
+
     /// The motion.
     pub fn pose(&self) -> Pose {
         let rows = self.rotation;

@@ -4,6 +4,10 @@
 //! point, positions in mm in the world frame. Read: any PLY (text, both byte orders, float or double, elements and
 //! properties in any order; those that nobody knows are skipped).
 
+mod mesh;
+
+pub use mesh::read_triangles;
+
 use crate::atomic;
 use crate::document::refuse_special;
 use crate::error::{FileError, Problem};
@@ -14,18 +18,24 @@ use ply_rs_bw::ply::{
 };
 use std::fmt::Write as _;
 use std::fs::File;
-use std::io::{self, BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 
 /// Bytes of one point as written.
 const POINT_BYTES: usize = 45;
 
 /// Their types and names, in order.
-const PROPERTIES: &[(&str, &[&str])] = &[
+const PROPERTIES: Columned<'_> = &[
     ("double", &["x", "y", "z"]),
     ("float", &["nx", "ny", "nz", "sigma", "modulation"]),
     ("uchar", &["pair"]),
 ];
+
+/// Columns of a comparison.
+const DEVIATION: Columned<'_> = &[("float", &["deviation"]), ("uchar", &["red", "green", "blue"])];
+
+/// Types and names of properties.
+type Columned<'a> = &'a [(&'static str, &'static [&'static str])];
 
 /// Points that are put together before they are handed to the file: 45 KiB, within a processor's nearest cache.
 const CHUNK_POINTS: usize = 1024;
@@ -99,6 +109,43 @@ impl Cloud {
 /// # Errors
 /// A pair number above 255, or a place that cannot be written.
 pub fn write_cloud(path: &Path, points: &[Point], comments: &[(&str, &str)]) -> Result<(), FileError> {
+    write_points(path, points, comments, &[], |_, _| {})
+}
+
+/// As [`write_cloud`], with the columns `deviation` (float, mm; NaN for a point without one) and `red green blue` (uchar).
+///
+/// # Errors
+/// As [`write_cloud`], and fewer values than points.
+pub fn write_deviations(
+    path: &Path,
+    points: &[Point],
+    values: &[(f32, [u8; 3])],
+    comments: &[(&str, &str)],
+) -> Result<(), FileError> {
+    if values.len() != points.len() {
+        let problem = Problem::Disagreement {
+            what: "points and deviations",
+            here: format!("{} points", points.len()),
+            there: format!("{} deviations", values.len()),
+        };
+        return Err(FileError::new(path, problem, ""));
+    }
+    write_points(path, points, comments, DEVIATION, |buffer, index| {
+        if let Some((deviation_mm, colour)) = values.get(index) {
+            buffer.extend_from_slice(&deviation_mm.to_le_bytes());
+            buffer.extend_from_slice(colour);
+        }
+    })
+}
+
+/// Writes points with further columns, which `more` appends for each point.
+fn write_points(
+    path: &Path,
+    points: &[Point],
+    comments: &[(&str, &str)],
+    further: Columned<'_>,
+    more: impl Fn(&mut Vec<u8>, usize),
+) -> Result<(), FileError> {
     if let Some(point) = points.iter().find(|point| point.pair > 255) {
         let problem = Problem::Value {
             value: format!("pair {}", point.pair),
@@ -107,12 +154,13 @@ pub fn write_cloud(path: &Path, points: &[Point], comments: &[(&str, &str)]) -> 
         return Err(FileError::new(path, problem, "write the pairs into several files"));
     }
     atomic::write_with(path, |out| {
-        out.write_all(header_text(points.len(), comments).as_bytes())?;
+        out.write_all(header_text(points.len(), comments, further).as_bytes())?;
         let mut buffer = Vec::with_capacity(CHUNK_POINTS * POINT_BYTES);
-        for chunk in points.chunks(CHUNK_POINTS) {
+        for (part, chunk) in points.chunks(CHUNK_POINTS).enumerate() {
             buffer.clear();
-            for point in chunk {
+            for (place, point) in chunk.iter().enumerate() {
                 push(&mut buffer, point);
+                more(&mut buffer, part * CHUNK_POINTS + place);
             }
             out.write_all(&buffer)?;
         }
@@ -120,7 +168,7 @@ pub fn write_cloud(path: &Path, points: &[Point], comments: &[(&str, &str)]) -> 
     })
 }
 
-fn header_text(count: usize, comments: &[(&str, &str)]) -> String {
+fn header_text(count: usize, comments: &[(&str, &str)], further: Columned<'_>) -> String {
     let mut text = String::from("ply\nformat binary_little_endian 1.0\ncomment unit: mm\n");
     for (key, value) in comments {
         let line: String = format!("comment {key}: {value}")
@@ -131,7 +179,7 @@ fn header_text(count: usize, comments: &[(&str, &str)]) -> String {
         text.push('\n');
     }
     let _ = writeln!(text, "element vertex {count}");
-    for (kind, names) in PROPERTIES {
+    for (kind, names) in PROPERTIES.iter().chain(further) {
         for name in *names {
             let _ = writeln!(text, "property {kind} {name}");
         }
@@ -147,7 +195,7 @@ fn push(buffer: &mut Vec<u8>, point: &Point) {
     for value in point.normal.into_iter().chain([point.sigma_mm, point.modulation]) {
         buffer.extend_from_slice(&value.to_le_bytes());
     }
-    // `write_cloud` has refused larger ones.
+    // `write_points` has refused larger ones.
     buffer.push(point.pair as u8);
 }
 
@@ -156,6 +204,12 @@ fn push(buffer: &mut Vec<u8>, point: &Point) {
 /// # Errors
 /// Not a PLY file, no `vertex` element with `x y z`, fewer bytes than its header promises, or a damaged body.
 pub fn read_cloud(path: &Path) -> Result<Cloud, FileError> {
+    let (header, mut reader) = open(path)?;
+    read_body(path, &header, &mut reader)
+}
+
+/// Opens a PLY file with points and reads its header.
+fn open(path: &Path) -> Result<(Header, Reader<BufReader<File>>), FileError> {
     refuse_special(path)?;
     let file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
     let metadata = file.metadata().map_err(|source| FileError::io(path, "inspect it", source))?;
@@ -170,29 +224,34 @@ pub fn read_cloud(path: &Path) -> Result<Cloud, FileError> {
     }
     let mut reader = Reader::new(buffered);
     let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(|error| {
-        let problem = Problem::Syntax(format!("is no PLY file: {error}"));
+        let problem = Problem::Syntax(format!("is no PLY file: {}", one_line(&error.to_string())));
         FileError::new(path, problem, "name a point cloud in PLY format")
     })?;
     check_header(path, &header, metadata.len())?;
-    read_body(path, &header, &mut reader)
+    Ok((header, reader))
+}
+
+fn one_line(text: &str) -> String {
+    text.replace('\n', " ")
+}
+
+/// A body that does not hold what the header promises.
+fn damaged(path: &Path, error: &dyn std::fmt::Display) -> FileError {
+    let problem = Problem::Syntax(format!("is damaged or truncated: {}", one_line(&error.to_string())));
+    FileError::new(path, problem, "write or copy it again")
 }
 
 fn read_body<T: BufRead>(path: &Path, header: &Header, reader: &mut Reader<T>) -> Result<Cloud, FileError> {
-    let damaged = |error: io::Error| {
-        let problem =
-            Problem::Syntax(format!("is damaged or truncated: {}", error.to_string().replace('\n', " ")));
-        FileError::new(path, problem, "write or copy it again")
-    };
     for (name, element) in &header.elements {
         if name != "vertex" {
             Parser::<Skipped>::new()
                 .read_payload_for_element(reader, element, header)
-                .map_err(|error| damaged(io::Error::other(error.to_string())))?;
+                .map_err(|error| damaged(path, &error))?;
             continue;
         }
         let vertices = Parser::<Vertex>::new()
             .read_payload_for_element(reader, element, header)
-            .map_err(|error| damaged(io::Error::other(error.to_string())))?;
+            .map_err(|error| damaged(path, &error))?;
         let total = vertices.len();
         let finite = |point: &Point| point.position_mm.iter().all(|v| v.is_finite());
         let points: Vec<Point> = vertices.into_iter().map(|vertex| vertex.0).filter(finite).collect();

@@ -82,7 +82,7 @@ fn deviation_numbers(values_mm: &[f64], summary: &Summary, half_range_mm: f64, p
         sentences.push(format!("{} could not be evaluated.", count(summary.not_finite as u64)));
     }
     if summary.count < points {
-        sentences.push("Points that belong to no feature are grey.".to_owned());
+        sentences.push("Points without a deviation are grey.".to_owned());
     }
     sentences.join(" ")
 }

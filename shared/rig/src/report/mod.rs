@@ -12,6 +12,7 @@ use crate::atomic;
 mod canvas;
 mod charts;
 mod colour;
+mod comparison;
 mod error;
 mod figures;
 mod from_result;
@@ -29,6 +30,7 @@ mod tables;
 mod tests;
 
 pub use colour::ColourMap;
+pub use comparison::{ComparisonInput, write_comparison};
 pub use error::ReportError;
 pub use from_result::stage_times;
 pub use input::{

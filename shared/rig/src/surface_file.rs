@@ -1,0 +1,243 @@
+//! Clouds and meshes by whatever file they come in: PLY, STL, E57.
+
+use crate::document::{read_bytes, refuse_special};
+use crate::error::{FileError, Problem};
+use crate::ply::{self, Cloud};
+use bytemuck::Zeroable;
+use e57::{CartesianCoordinate, E57Reader};
+use fringe::cloud::Point;
+use nalgebra::Point3;
+use std::fs::File;
+use std::io::{BufReader, Cursor, Read};
+use std::path::Path;
+
+/// Largest STL: 50 million triangles in binary form.
+const STL_LIMIT_BYTES: u64 = STL_HEADER_BYTES + STL_TRIANGLE_BYTES * 50_000_000;
+
+/// Bytes before the first triangle of a binary STL, and of one triangle.
+const STL_HEADER_BYTES: u64 = 84;
+const STL_TRIANGLE_BYTES: u64 = 50;
+
+/// E57 files hold metres (ASTM E2807).
+const MM_PER_METRE: f64 = 1000.0;
+
+/// A cloud or a mesh.
+#[derive(Debug, Clone)]
+pub enum Surface {
+    /// Points.
+    Cloud(Cloud),
+    /// Triangles, mm; corners counter-clockwise when seen from outside.
+    Mesh(Vec<[Point3<f64>; 3]>),
+}
+
+/// Kinds of file.
+enum Kind {
+    Ply,
+    Stl,
+    E57,
+}
+
+/// Reads a cloud (PLY, E57) or a mesh (STL, PLY with faces), told apart by content.
+///
+/// # Errors
+/// Another kind of file, or a damaged one.
+pub fn read(path: &Path) -> Result<Surface, FileError> {
+    match kind(path)? {
+        Kind::Stl => read_stl(path).map(Surface::Mesh),
+        Kind::E57 => read_e57(path).map(Surface::Cloud),
+        Kind::Ply => match ply::read_triangles(path)? {
+            Some(triangles) => Ok(Surface::Mesh(triangles)),
+            None => ply::read_cloud(path).map(Surface::Cloud),
+        },
+    }
+}
+
+/// Reads a cloud (PLY, E57); of a mesh in PLY its points.
+///
+/// # Errors
+/// A mesh that is not PLY, another kind of file, or a damaged one.
+pub fn read_cloud(path: &Path) -> Result<Cloud, FileError> {
+    match kind(path)? {
+        Kind::Ply => ply::read_cloud(path),
+        Kind::E57 => read_e57(path),
+        Kind::Stl => Err(FileError::new(
+            path,
+            Problem::Unsupported("is a mesh (STL) where a point cloud is needed".into()),
+            "name a cloud in PLY or E57 format; a mesh may be the reference",
+        )),
+    }
+}
+
+fn kind(path: &Path) -> Result<Kind, FileError> {
+    refuse_special(path)?;
+    let mut file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
+    let bytes = file.metadata().map_err(|source| FileError::io(path, "inspect it", source))?.len();
+    let mut start = Vec::new();
+    (&mut file)
+        .take(STL_HEADER_BYTES)
+        .read_to_end(&mut start)
+        .map_err(|source| FileError::io(path, "read it", source))?;
+    let named_stl = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("stl"));
+    if start.starts_with(b"ply") {
+        return Ok(Kind::Ply);
+    }
+    if start.starts_with(b"ASTM-E57") {
+        return Ok(Kind::E57);
+    }
+    if named_stl || start.trim_ascii_start().starts_with(b"solid") || is_binary_stl(&start, bytes) {
+        return Ok(Kind::Stl);
+    }
+    let problem = Problem::Unsupported("is neither PLY nor STL nor E57".into());
+    Err(FileError::new(path, problem, "name a cloud (PLY, E57) or a mesh (STL, PLY with faces)"))
+}
+
+/// Whether the number of triangles in the header is that of the file. Many binary files begin with "solid" too.
+fn is_binary_stl(start: &[u8], bytes: u64) -> bool {
+    let Some(Ok(count)) = start.get(80..84).map(<[u8; 4]>::try_from) else { return false };
+    let count = u64::from(u32::from_le_bytes(count));
+    count > 0 && bytes == STL_HEADER_BYTES + count * STL_TRIANGLE_BYTES
+}
+
+fn read_stl(path: &Path) -> Result<Vec<[Point3<f64>; 3]>, FileError> {
+    let mut bytes = read_bytes(path, STL_LIMIT_BYTES)?;
+    if is_binary_stl(&bytes, bytes.len() as u64) {
+        // The reader takes "solid" for text.
+        bytes[..80].fill(b' ');
+    } else if bytes.trim_ascii_start().starts_with(b"solid") {
+        // The reader wants the word at the start and a blank behind it, also where the solid has no name.
+        let after = bytes.trim_ascii_start()[5..].to_vec();
+        bytes = [b"solid ", after.as_slice()].concat();
+    } else {
+        let problem = Problem::Syntax(format!(
+            "is no complete STL: it does not begin with \"solid\", and its {} bytes are not 84 and 50 for each triangle \
+             that it announces",
+            bytes.len()
+        ));
+        return Err(FileError::new(path, problem, "truncated? export or copy it again"));
+    }
+    let fault = |error: std::io::Error| {
+        let problem =
+            Problem::Syntax(format!("is no readable STL: {}", error.to_string().replace('\n', " ")));
+        FileError::new(path, problem, "truncated? export or copy it again")
+    };
+    let mut cursor = Cursor::new(bytes);
+    let mut triangles = Vec::new();
+    for triangle in stl_io::create_stl_reader(&mut cursor).map_err(fault)? {
+        let corners = triangle.map_err(fault)?.vertices;
+        triangles.push(corners.map(|corner| Point3::from(corner.0.map(f64::from))));
+    }
+    Ok(triangles)
+}
+
+/// All clouds of the file in its common frame, in mm. Points without valid coordinates count as dropped.
+fn read_e57(path: &Path) -> Result<Cloud, FileError> {
+    let fault = |error: e57::Error| {
+        let problem =
+            Problem::Syntax(format!("is no readable E57: {}", error.to_string().replace('\n', " ")));
+        FileError::new(path, problem, "truncated? export or copy it again")
+    };
+    let file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
+    let mut reader = E57Reader::new(BufReader::new(file)).map_err(fault)?;
+    let mut cloud = Cloud::default();
+    for scan in reader.pointclouds() {
+        for point in reader.pointcloud_simple(&scan).map_err(fault)? {
+            match point.map_err(fault)?.cartesian {
+                CartesianCoordinate::Valid { x, y, z } if [x, y, z].iter().all(|v| v.is_finite()) => {
+                    let position_mm = [x, y, z].map(|v| v * MM_PER_METRE);
+                    cloud.points.push(Point { position_mm, ..Point::zeroed() });
+                }
+                _ => cloud.dropped += 1,
+            }
+        }
+    }
+    Ok(cloud)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use tempfile::TempDir;
+
+    const TEXT: &str = "solid\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   vertex 1 0 0\n   vertex 0 1 0.5\n  \
+         endloop\n endfacet\nendsolid\n";
+
+    fn binary(header: &[u8]) -> Vec<u8> {
+        let mut bytes = header.to_vec();
+        bytes.resize(80, b' ');
+        bytes.extend(1_u32.to_le_bytes());
+        for value in [0.0_f32, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.5] {
+            bytes.extend(value.to_le_bytes());
+        }
+        bytes.extend([0; 2]);
+        bytes
+    }
+
+    fn read_as(name: &str, bytes: &[u8]) -> Result<Surface, String> {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        read(&path).map_err(|error| error.to_string())
+    }
+
+    fn triangles(name: &str, bytes: &[u8]) -> Vec<[Point3<f64>; 3]> {
+        match read_as(name, bytes) {
+            Ok(Surface::Mesh(triangles)) => triangles,
+            other => panic!("{name}: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn a_triangle_comes_in_four_dresses() {
+        let expected = vec![[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]].map(Point3::from)];
+        let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0.5\n3 0 1 2\n";
+        assert_eq!(triangles("a.stl", TEXT.as_bytes()), expected);
+        assert_eq!(triangles("a.stl", &binary(b"made by a CAD system")), expected);
+        assert_eq!(triangles("no_ending", &binary(b"solid in its header although binary")), expected);
+        assert_eq!(triangles("a.ply", ply.as_bytes()), expected);
+        let quad = ply.replace("vertex 3", "vertex 4").replace("3 0 1 2", "1 1 1\n4 0 1 3 2");
+        assert_eq!(triangles("a.ply", quad.as_bytes()).len(), 2);
+        let wrong = read_as("a.ply", ply.replace("3 0 1 2", "3 0 1 7").as_bytes()).unwrap_err();
+        assert!(
+            wrong.contains("face[0]") && wrong.contains("corner 7") && wrong.contains("0 … 2"),
+            "{wrong}"
+        );
+    }
+
+    #[test]
+    fn damaged_and_foreign_files_are_told() {
+        for (name, bytes, word) in [
+            ("a.stl", &binary(b"")[..120], "truncated"),
+            ("a.stl", &TEXT.as_bytes()[..100], "readable STL"),
+            ("a.stl", b"".as_slice(), "no complete STL"),
+            ("a.obj", b"v 0 0 0\n".as_slice(), "neither PLY nor STL nor E57"),
+            ("a.e57", b"ASTM-E57 and then nothing of it".as_slice(), "readable E57"),
+            ("a.ply", b"ply\nformat ascii 1.0\n".as_slice(), "end_header"),
+        ] {
+            let error = read_as(name, bytes).unwrap_err();
+            assert!(error.contains(word) && !error.contains('\n'), "{error}");
+        }
+    }
+
+    #[test]
+    fn e57_is_in_metres() {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("a.e57");
+        let mut writer = e57::E57Writer::from_file(&path, "file").unwrap();
+        let record = e57::RecordDataType::Double { min: None, max: None };
+        let prototype =
+            [e57::RecordName::CartesianX, e57::RecordName::CartesianY, e57::RecordName::CartesianZ]
+                .map(|name| e57::Record { name, data_type: record.clone() });
+        let mut cloud = writer.add_pointcloud("cloud", prototype.to_vec()).unwrap();
+        cloud.add_point([0.001, -0.25, 2.0].map(e57::RecordValue::Double).to_vec()).unwrap();
+        cloud.finalize().unwrap();
+        writer.finalize().unwrap();
+        match read(&path).unwrap() {
+            Surface::Cloud(cloud) => assert_eq!(cloud.points[0].position_mm, [1.0, -250.0, 2000.0]),
+            Surface::Mesh(_) => panic!("a cloud"),
+        }
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+        assert!(read(&path).is_err());
+    }
+}

@@ -1,0 +1,311 @@
+//! `compare` and `register`: deviations and motions that are known beforehand, and inputs that cannot be meant.
+
+use crate::support::{Ran, fringetool};
+use std::fmt::Write as _;
+use std::path::Path;
+use tempfile::TempDir;
+
+/// A wavy face of 20 mm × 16 mm without any symmetry, as points on a lattice.
+fn face(step_mm: f64, place: impl Fn([f64; 3]) -> [f64; 3]) -> Vec<[f64; 3]> {
+    let count = |length: f64| (length / step_mm) as usize;
+    let at = |i: usize, j: usize| {
+        // Not quite a lattice: no two points are alike.
+        let (x, y) =
+            (step_mm * (i as f64 + 0.3 * (j % 7) as f64), step_mm * (j as f64 + 0.1 * (i % 5) as f64));
+        [x, y, 1.5 * (0.3 * x + 0.2).sin() * (0.35 * y).cos() + 0.01 * x * y]
+    };
+    (0..count(16.0))
+        .flat_map(|j| (0..count(20.0)).map(move |i| (i, j)))
+        .map(|(i, j)| place(at(i, j)))
+        .collect()
+}
+
+fn lifted(mm: f64) -> impl Fn([f64; 3]) -> [f64; 3] {
+    move |[x, y, z]| [x, y, z + mm]
+}
+
+fn ply(points: &[[f64; 3]]) -> String {
+    let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", points.len());
+    text.push_str("property double x\nproperty double y\nproperty double z\nend_header\n");
+    for [x, y, z] in points {
+        let _ = writeln!(text, "{x} {y} {z}");
+    }
+    text
+}
+
+/// A plate of 30 mm × 30 mm at z = 0, as text.
+fn stl() -> String {
+    let mut text = "solid plate\n".to_owned();
+    for corners in [[[-5, -5], [25, -5], [25, 25]], [[-5, -5], [25, 25], [-5, 25]]] {
+        text.push_str("facet normal 0 0 1\nouter loop\n");
+        for [x, y] in corners {
+            let _ = writeln!(text, "vertex {x} {y} 0");
+        }
+        text.push_str("endloop\nendfacet\n");
+    }
+    text + "endsolid plate\n"
+}
+
+struct Folder(TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(TempDir::new().unwrap())
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    fn write(&self, name: &str, bytes: impl AsRef<[u8]>) -> String {
+        let path = self.path(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+
+    fn json(&self, name: &str) -> serde_json::Value {
+        serde_json::from_str(&std::fs::read_to_string(self.path(name)).unwrap()).unwrap()
+    }
+}
+
+#[test]
+fn a_cloud_is_compared_with_a_cloud_and_a_plate() {
+    let folder = Folder::new();
+    let flat = |z: f64| face(0.25, move |[x, y, _]| [x, y, z]);
+    let cloud = folder.write("cloud.ply", ply(&flat(0.05)));
+    let reference = folder.write("reference.ply", ply(&flat(0.0)));
+    let plate = folder.write("plate.stl", stl());
+    for reference in [&reference, &plate] {
+        let (json, out, report) = (folder.path("a.json"), folder.path("out.ply"), folder.path("a.html"));
+        let arguments = ["compare", &cloud, reference, "--json", &json, "--out", &out, "--report", &report];
+        fringetool(&arguments).expect_success();
+        let result = folder.json("a.json");
+        let number = |key: &str| result[key].as_f64().unwrap();
+        assert_eq!(result["count"], 64 * 80);
+        for key in ["mean_mm", "median_mm", "min_mm", "max_mm", "rms_mm"] {
+            assert!((number(key) - 0.05).abs() < 1e-9, "{key}: {}", number(key));
+        }
+        assert!(number("sd_mm") < 1e-9);
+        let bars = result["histogram"]["counts"].as_array().unwrap().iter().map(|c| c.as_u64().unwrap());
+        let beyond =
+            result["histogram"]["below"].as_u64().unwrap() + result["histogram"]["above"].as_u64().unwrap();
+        assert_eq!(bars.sum::<u64>() + beyond, 64 * 80);
+        let coloured = std::fs::read(&out).unwrap();
+        let header = String::from_utf8_lossy(&coloured[..1000]);
+        assert!(
+            header.contains("property float deviation") && header.contains("property uchar red"),
+            "{header}"
+        );
+        let html = std::fs::read_to_string(&report).unwrap();
+        assert!(
+            html.contains("Histogram")
+                && html.contains("data:image/png")
+                && html.trim_end().ends_with("</html>")
+        );
+    }
+}
+
+#[test]
+fn what_is_too_far_is_counted() {
+    let folder = Folder::new();
+    let mut points = face(0.25, |[x, y, _]| [x, y, 0.01]);
+    points.push([5.0, 5.0, 3.0]);
+    let (cloud, plate) = (folder.write("cloud.ply", ply(&points)), folder.write("plate.stl", stl()));
+    let json = folder.path("a.json");
+    fringetool(&["compare", &cloud, &plate, "--max-distance", "1", "--json", &json]).expect_success();
+    let result = folder.json("a.json");
+    assert_eq!((result["count"].as_u64(), result["cut_too_far"].as_u64()), (Some(64 * 80), Some(1)));
+    assert!(result["max_mm"].as_f64().unwrap() < 0.02);
+}
+
+#[test]
+fn m3c2_and_best_fit_find_what_was_done() {
+    let folder = Folder::new();
+    let reference = folder.write("reference.ply", ply(&face(0.2, lifted(0.0))));
+    let cloud = folder.write("cloud.ply", ply(&face(0.2, lifted(0.1))));
+    let json = folder.path("a.json");
+    fringetool(&[
+        "compare",
+        &cloud,
+        &reference,
+        "--method",
+        "m3c2",
+        "--normal-scales",
+        "1.5,3",
+        "--json",
+        &json,
+    ])
+    .expect_success();
+    let result = folder.json("a.json");
+    // Lifted along z, compared along normals that lean by up to 24°.
+    assert!((0.09..0.1001).contains(&result["mean_mm"].as_f64().unwrap()), "{}", result["mean_mm"]);
+    assert!(result["m3c2"]["lod95_median_mm"].as_f64().unwrap() > 0.0);
+    fringetool(&["compare", &cloud, &reference, "--align", "best-fit", "--json", &json]).expect_success();
+    let result = folder.json("a.json");
+    assert!(result["rms_mm"].as_f64().unwrap() < 1e-3, "{}", result["rms_mm"]);
+    assert!((result["best_fit"]["translation_mm"][2].as_f64().unwrap() + 0.1).abs() < 2e-3);
+}
+
+/// Turned by 0.4 rad about z and shifted.
+fn turned([x, y, z]: [f64; 3]) -> [f64; 3] {
+    let (sine, cosine) = 0.4_f64.sin_cos();
+    [cosine * x - sine * y + 30.0, sine * x + cosine * y - 12.0, z + 7.0]
+}
+
+#[test]
+fn register_undoes_a_known_motion_and_writes_it() {
+    let folder = Folder::new();
+    let reference = folder.write("reference.ply", ply(&face(0.2, lifted(0.0))));
+    let cloud = folder.write("cloud.ply", ply(&face(0.25, turned)));
+    let (out, json) = (folder.path("out.ply"), folder.path("out.json"));
+    fringetool(&["register", &cloud, "--to", &reference, "--out", &out, "--json", &json]).expect_success();
+    let result = folder.json("out.json");
+    assert_eq!(
+        (result["converged"].as_bool(), result["undetermined"].as_array().unwrap().len()),
+        (Some(true), 0)
+    );
+    // The motion back takes what was turned to where it was.
+    let matrix = |r: usize, c: usize| result["matrix"][r][c].as_f64().unwrap();
+    let [x, y, z] = turned([10.0, 8.0, 0.0]);
+    for (row, expected) in [10.0, 8.0, 0.0].into_iter().enumerate() {
+        let found = matrix(row, 0) * x + matrix(row, 1) * y + matrix(row, 2) * z + matrix(row, 3);
+        assert!((found - expected).abs() < 2e-3, "row {row}: {found}");
+        assert_eq!(result["translation_mm"][row], result["matrix"][row][3]);
+        assert_eq!(result["rotation"][row][0], result["matrix"][row][0]);
+    }
+    // The written cloud lies on the reference, and its transform is a start like any other.
+    let report = folder.path("compare.json");
+    fringetool(&["compare", &out, &reference, "--json", &report]).expect_success();
+    assert!(folder.json("compare.json")["rms_mm"].as_f64().unwrap() < 1e-3);
+    let again = folder.path("again.json");
+    let arguments =
+        ["register", &cloud, "--to", &reference, "--out", &out, "--start", &json, "--json", &again];
+    fringetool(&arguments).expect_success();
+    assert_eq!(folder.json("again.json")["start"], "given");
+}
+
+#[test]
+fn several_clouds_go_into_a_folder() {
+    let folder = Folder::new();
+    let reference = folder.write("reference.ply", ply(&face(0.3, lifted(0.0))));
+    let (a, b) =
+        (folder.write("a.ply", ply(&face(0.4, lifted(0.1)))), folder.write("b.ply", ply(&face(0.4, turned))));
+    let out = folder.path("out");
+    fringetool(&["register", &a, &b, "--to", &reference, "--out", &out]).expect_success();
+    for name in ["out/a.ply", "out/a.json", "out/b.ply", "out/b.json"] {
+        assert!(Path::new(&folder.path(name)).is_file(), "{name}");
+    }
+}
+
+#[test]
+fn a_plane_on_a_plane_is_reported_as_undetermined() {
+    let folder = Folder::new();
+    let plate = folder.write("plate.stl", stl());
+    let cloud = folder.write("cloud.ply", ply(&face(0.5, |[x, y, _]| [x, y, 0.2])));
+    let (out, json) = (folder.path("out.ply"), folder.path("out.json"));
+    let arguments =
+        ["register", &cloud, "--to", &plate, "--out", &out, "--start", "as-it-lies", "--json", &json];
+    let ran = fringetool(&arguments).expect_success();
+    assert!(ran.stdout.contains("UNDETERMINED"), "{}", ran.stdout);
+    assert_eq!(folder.json("out.json")["undetermined"].as_array().unwrap().len(), 3);
+}
+
+#[test]
+fn what_cannot_be_meant_is_told_and_leaves_nothing() {
+    let folder = Folder::new();
+    let good = ply(&face(0.5, lifted(0.0)));
+    let points = face(0.5, lifted(0.0));
+    let scaled = |by: f64| ply(&points.iter().map(|p| p.map(|v| v * by)).collect::<Vec<_>>());
+    let binary = {
+        let mut bytes =
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty float x\nproperty float y\n\
+            property float z\nend_header\n"
+                .to_vec();
+        bytes.extend([0; 50]);
+        bytes
+    };
+    let degenerate = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 1 1 1\nvertex 1 1 1\nvertex 2 2 2\nendloop\nendfacet\n\
+        endsolid a\n";
+    let far: Vec<[f64; 3]> = points.iter().map(|[x, y, z]| [x + 500.0, *y, *z]).collect();
+    let reference = folder.write("reference.ply", &good);
+    let cases: [(&str, Vec<u8>, &[&str]); 12] = [
+        ("empty.ply", ply(&[]).into(), &["empty.ply", "no point"]),
+        ("one.ply", ply(&points[..1]).into(), &["one.ply", "1 points", "2"]),
+        ("nan.ply", good.replace(" 0\n", " nan\n").replace("0 0 ", "nan nan ").into(), &[]),
+        ("all_nan.ply", ply(&[[f64::NAN; 3]; 9]).into(), &["all_nan.ply", "no point"]),
+        ("metres.ply", scaled(1e-3).into(), &["metres.ply", "metres", "1000"]),
+        ("far.ply", ply(&far).into(), &["far.ply", "overlap", "best-fit"]),
+        ("giant.ply", scaled(1e200).into(), &["giant.ply", "coordinate"]),
+        ("truncated.ply", binary, &["truncated.ply", "truncated"]),
+        ("text.ply", b"hello".to_vec(), &["text.ply", "PLY", "STL", "E57"]),
+        ("broken.e57", b"ASTM-E57".to_vec(), &["broken.e57", "E57"]),
+        ("mesh.stl", stl().into(), &["mesh.stl", "mesh", "PLY"]),
+        ("folder", Vec::new(), &["folder"]),
+    ];
+    for (name, bytes, words) in cases {
+        let cloud = if name == "folder" { folder.path(".") } else { folder.write(name, bytes) };
+        let outs = ["out.ply", "a.json", "a.html"].map(|n| folder.path(n));
+        let ran = fringetool(&[
+            "compare", &cloud, &reference, "--out", &outs[0], "--json", &outs[1], "--report", &outs[2],
+        ]);
+        if words.is_empty() {
+            assert_eq!(ran.code, Some(0), "{}", ran.stderr);
+            assert!(ran.stderr.contains("without finite coordinates"), "{}", ran.stderr);
+            outs.iter().for_each(|out| std::fs::remove_file(out).unwrap());
+            continue;
+        }
+        refused(name, &ran, if name == "folder" { &[] } else { words });
+        assert!(outs.iter().all(|out| !Path::new(out).exists()), "{name} left something");
+    }
+    for (name, bytes, words) in [
+        ("one.ply", ply(&points[..1]), ["one.ply", "1 points"]),
+        ("same.ply", ply(&[[1.0; 3]; 60]), ["same.ply", "coincide"]),
+        ("flat.stl", degenerate.to_owned(), ["flat.stl", "area"]),
+        ("cut.stl", stl()[..150].to_owned(), ["cut.stl", "STL"]),
+    ] {
+        let other = folder.write(name, bytes);
+        let out = folder.path("out.ply");
+        refused(name, &fringetool(&["compare", &reference, &other, "--out", &out]), &words);
+        refused(name, &fringetool(&["register", &reference, "--to", &other, "--out", &out]), &words);
+        assert!(!Path::new(&out).exists(), "{name} left something");
+    }
+    refusals_of_arguments(&folder, &reference);
+}
+
+fn refusals_of_arguments(folder: &Folder, reference: &str) {
+    let mirror = folder.write("mirror.txt", "-1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n");
+    let short = folder.write("short.json", "{ \"matrix\": [[1, 0, 0, 0]] }");
+    let cloud = folder.write("cloud.ply", ply(&face(0.5, lifted(0.1))));
+    let out = folder.path("out.ply");
+    for (arguments, words) in [
+        (vec!["--start", &mirror], vec!["mirror.txt", "mirrors"]),
+        (vec!["--start", &short], vec!["short.json", "16"]),
+        (vec!["--start", "nowhere.json"], vec!["nowhere.json"]),
+        (vec!["--overlap", "7"], vec!["--overlap", "7"]),
+    ] {
+        let mut all = vec!["register", &cloud, "--to", reference, "--out", &out];
+        all.extend(arguments);
+        refused("register", &fringetool(&all), &words);
+    }
+    for (arguments, words) in [
+        (vec!["--align", "rps"], vec!["--plan"]),
+        (vec!["--max-distance", "-1"], vec!["--max-distance", "above 0"]),
+        (vec!["--towards", "0,0,0"], vec!["--towards"]),
+        (vec!["--out", &cloud], vec!["--out", "overwrite"]),
+    ] {
+        let mut all = vec!["compare", &cloud, reference];
+        all.extend(arguments);
+        let ran = fringetool(&all);
+        assert_eq!(ran.code, Some(2), "{}", ran.stderr);
+        assert!(words.iter().all(|word| ran.stderr.contains(word)), "{words:?}: {}", ran.stderr);
+    }
+}
+
+/// Exit code 2 and one line that holds the words.
+fn refused(name: &str, ran: &Ran, words: &[&str]) {
+    assert_eq!(ran.code, Some(2), "{name}: {}{}", ran.stdout, ran.stderr);
+    let messages: Vec<&str> = ran.stderr.lines().filter(|line| line.starts_with("fringetool: ")).collect();
+    assert_eq!(messages.len(), 1, "{name}: {}", ran.stderr);
+    assert!(words.iter().all(|word| ran.stderr.contains(word)), "{name}: {words:?}: {}", ran.stderr);
+    assert!(!ran.stderr.contains("panicked"), "{name}: {}", ran.stderr);
+}

@@ -1,0 +1,202 @@
+//! `fringetool compare`: a cloud held against a cloud or a CAD mesh.
+
+mod m3c2;
+mod output;
+
+use crate::Outcome;
+use crate::register::{summary, with_normals};
+use crate::report::check_outputs;
+use crate::surface::{Direction, check_units, length, moved, read_cloud, read_reference, start};
+use anyhow::{Context, Result, anyhow, bail};
+use fringe::cloud::Point;
+use fringe::compare::compare;
+use fringe::pose::Pose;
+use fringe::reference::Reference;
+use fringe::register::{RegisterSettings, Registration, register};
+use nalgebra::Vector3;
+use output::{Compared, write};
+use std::path::{Path, PathBuf};
+
+/// Fewest points of a cloud: a standard deviation takes two.
+const LEAST_POINTS: usize = 2;
+
+/// Arguments of `compare`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The cloud (PLY, E57), lengths in mm.
+    cloud: PathBuf,
+    /// What it is compared with: a cloud (PLY, E57) or a mesh (STL, PLY with faces), lengths in mm.
+    reference: PathBuf,
+    /// How distances are taken: from the surface of the reference, or as means in cylinders with a level of detection.
+    #[arg(long, value_enum, default_value_t = Method::Surface)]
+    method: Method,
+    /// Brings the cloud onto the reference first.
+    #[arg(long, value_enum, default_value_t = Align::None)]
+    align: Align,
+    /// Inspection plan with the datums of `--align rps`; the reference lies in its part frame.
+    #[arg(long)]
+    plan: Option<PathBuf>,
+    /// Where `--align best-fit` begins: `search`, `as-it-lies`, or a file with a 4 × 4 matrix.
+    #[arg(long, default_value = "search")]
+    start: String,
+    /// Points farther from the reference than this are counted and left out, mm.
+    #[arg(long, value_parser = length)]
+    max_distance: Option<f64>,
+    /// Radius of the surroundings that make the surface of a reference cloud, mm; by default three spacings of its points.
+    #[arg(long, value_parser = length)]
+    radius: Option<f64>,
+    /// Where the outside of a reference cloud without normals is.
+    #[arg(long, value_name = "x,y,z", default_value = "0,0,1", allow_hyphen_values = true)]
+    towards: Direction,
+    /// M3C2: diameters on which normals are tried, mm.
+    #[arg(long, value_name = "D,D,…", value_delimiter = ',', value_parser = length)]
+    normal_scales: Option<Vec<f64>>,
+    /// M3C2: diameter of the cylinder, mm.
+    #[arg(long, value_parser = length)]
+    projection_scale: Option<f64>,
+    /// M3C2: edge of the cells that keep one core point each, mm.
+    #[arg(long, value_parser = length)]
+    core: Option<f64>,
+    /// M3C2: uncertainty of the alignment, mm.
+    #[arg(long, default_value_t = 0.0)]
+    registration: f64,
+    /// End of the colour bar, mm; by default from the data.
+    #[arg(long, value_parser = length)]
+    range: Option<f64>,
+    /// The cloud with its deviations as `deviation` (mm) and colours (PLY).
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Report with the map of deviations and the histogram (HTML).
+    #[arg(long)]
+    report: Option<PathBuf>,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Method {
+    /// Signed along the reference's normal, point by point.
+    Surface,
+    /// Lague, Brodu & Leroux 2013.
+    M3c2,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Align {
+    /// As it lies.
+    None,
+    /// Point-to-plane ICP over all points.
+    BestFit,
+    /// 3-2-1 on the datums of a plan.
+    Rps,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let outputs = [
+        ("--out", args.out.as_deref()),
+        ("--report", args.report.as_deref()),
+        ("--json", args.json.as_deref()),
+    ];
+    let mut inputs: Vec<&Path> = vec![&args.cloud, &args.reference];
+    inputs.extend(args.plan.as_deref());
+    check_outputs(&outputs, &inputs, None)?;
+    check_flags(args)?;
+    let points = read_cloud(&args.cloud)?.points;
+    fringe::reference::check(&points, LEAST_POINTS).with_context(|| args.cloud.display().to_string())?;
+    let reference = read_reference(&args.reference, args.towards.0, args.radius)?;
+    check_units((&args.cloud, &points), (&args.reference, &reference))?;
+    let (points, reference, alignment) = align(args, points, reference)?;
+    let compared = match (args.method, &reference) {
+        (Method::Surface, _) => surface(args, &points, &reference)?,
+        (Method::M3c2, Reference::Cloud(cloud)) => m3c2::compare(args, &points, cloud)?,
+        (Method::M3c2, Reference::Mesh(_)) => {
+            bail!("{}: is a mesh; --method m3c2 compares two clouds", args.reference.display())
+        }
+    };
+    write(args, &compared, &reference, &alignment)?;
+    Ok(Outcome::Done)
+}
+
+fn check_flags(args: &Args) -> Result<()> {
+    if (args.align == Align::Rps) != args.plan.is_some() {
+        bail!("--align rps and --plan go together: the plan names the datums");
+    }
+    if args.registration < 0.0 || !args.registration.is_finite() {
+        bail!("--registration {}: an uncertainty is not negative", args.registration);
+    }
+    Ok(())
+}
+
+/// What was done to bring the cloud onto the reference.
+enum Alignment {
+    None,
+    BestFit(Box<Registration>),
+    Rps(Box<fringe::inspection::AlignmentResult>),
+}
+
+fn align(
+    args: &Args,
+    points: Vec<Point>,
+    reference: Reference,
+) -> Result<(Vec<Point>, Reference, Alignment)> {
+    let named = || args.cloud.display().to_string();
+    match args.align {
+        Align::None => Ok((points, reference, Alignment::None)),
+        Align::BestFit => {
+            let reference = with_normals(reference);
+            let from = start(&args.start)?;
+            let found =
+                register(&points, &reference, &from, &RegisterSettings::default()).with_context(named)?;
+            summary(&found);
+            Ok((moved(&points, &found.pose()), reference, Alignment::BestFit(Box::new(found))))
+        }
+        Align::Rps => {
+            let path = args.plan.as_deref().ok_or_else(|| anyhow!("--align rps needs --plan"))?;
+            let text = rig::document::read_text(path)?;
+            let plan =
+                fringe::inspection::Plan::from_toml(&text).with_context(|| path.display().to_string())?;
+            let found = fringe::inspection::locate(&plan, &points).with_context(named)?;
+            let world_from_part = Pose {
+                rotation: nalgebra::Matrix3::from_fn(|r, c| found.rotation[r][c]),
+                translation: Vector3::from(found.translation_mm),
+            };
+            Ok((moved(&points, &world_from_part.inverse()), reference, Alignment::Rps(Box::new(found))))
+        }
+    }
+}
+
+/// Point by point against the surface.
+fn surface(args: &Args, points: &[Point], reference: &Reference) -> Result<Compared> {
+    if let Reference::Cloud(cloud) = reference
+        && !cloud.has_normals()
+    {
+        let [x, y, z]: [f64; 3] = args.towards.0.into();
+        eprintln!(
+            "{}: has no normals; positive is towards ({x}, {y}, {z}), --towards changes that",
+            args.reference.display()
+        );
+    }
+    let compared = compare(points, reference, args.max_distance.unwrap_or(f64::INFINITY));
+    let Some(statistics) = compared.statistics else {
+        let c = compared.counts;
+        bail!(
+            "{}: no point can be compared with {}: {} too far, {} beside it, {} where it has no surface; the clouds do not \
+             overlap, or --max-distance is too small: align them first (--align best-fit)",
+            args.cloud.display(),
+            args.reference.display(),
+            c.cut_too_far,
+            c.cut_beyond_edge,
+            c.cut_no_surface
+        );
+    };
+    let deviations_mm = compared.deviations.iter().map(|d| d.mm()).collect();
+    Ok(Compared {
+        points: points.to_vec(),
+        deviations_mm,
+        statistics,
+        counts: Some(compared.counts),
+        m3c2: None,
+    })
+}

@@ -1,0 +1,197 @@
+//! `fringetool register`: brings clouds onto a reference by point-to-plane ICP.
+
+use crate::Outcome;
+use crate::progress::Progress;
+use crate::report::{check_outputs, emit};
+use crate::surface::{check_units, length, moved, read_cloud, read_reference, start};
+use anyhow::{Context, Result, bail};
+use fringe::reference::Reference;
+use fringe::register::{RegisterSettings, Registration, register};
+use nalgebra::Vector3;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `register`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Clouds to be aligned, each for itself (PLY, E57), lengths in mm.
+    #[arg(required = true)]
+    clouds: Vec<PathBuf>,
+    /// What they are aligned with: a cloud (PLY, E57) or a mesh (STL, PLY with faces), lengths in mm.
+    #[arg(long, value_name = "REFERENCE")]
+    to: PathBuf,
+    /// The aligned cloud (PLY); of several clouds a folder, which gets a cloud and a transform for each.
+    #[arg(long)]
+    out: PathBuf,
+    /// Where to begin: `search`, `as-it-lies`, or a file with a 4 × 4 matrix (16 numbers, or JSON with `matrix`).
+    #[arg(long, default_value = "search")]
+    start: String,
+    /// Farthest match of the first round, mm; by default a tenth of the reference's diagonal.
+    #[arg(long, value_parser = length)]
+    reach: Option<f64>,
+    /// Least share of a cloud's points that must match, 0 … 1.
+    #[arg(long, default_value_t = RegisterSettings::default().least_overlap)]
+    overlap: f64,
+    /// Transform and report for a program.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// One aligned cloud.
+#[derive(Serialize)]
+struct Aligned {
+    cloud: String,
+    reference: String,
+    out: String,
+    software: String,
+    #[serde(flatten)]
+    registration: Registration,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let several = args.clouds.len() > 1;
+    let mut inputs: Vec<&Path> = args.clouds.iter().map(PathBuf::as_path).collect();
+    inputs.push(&args.to);
+    let (out, made) =
+        if several { (None, Some(args.out.as_path())) } else { (Some(args.out.as_path()), None) };
+    check_outputs(&[("--out", out), ("--json", args.json.as_deref())], &inputs, made)?;
+    if !(0.0..=1.0).contains(&args.overlap) {
+        bail!("--overlap {}: must lie within 0 … 1", args.overlap);
+    }
+    let outs = places(args)?;
+    let settings =
+        RegisterSettings { reach_mm: args.reach, least_overlap: args.overlap, ..RegisterSettings::default() };
+    let from = start(&args.start)?;
+    let mut progress = Progress::new(args.clouds.len() + 1, "register");
+    let reference = with_normals(read_reference(&args.to, Vector3::z(), None)?);
+    progress.step();
+    let mut done = Vec::new();
+    for (cloud, out) in args.clouds.iter().zip(&outs) {
+        let points = read_cloud(cloud)?.points;
+        check_units((cloud, &points), (&args.to, &reference))?;
+        let found =
+            register(&points, &reference, &from, &settings).with_context(|| cloud.display().to_string())?;
+        done.push((moved(&points, &found.pose()), aligned(args, cloud, out, found)));
+        progress.step();
+    }
+    drop(progress);
+    write(args, &outs, &done)?;
+    Ok(Outcome::Done)
+}
+
+/// Of a cloud: with the normals that the alignment needs.
+pub fn with_normals(reference: Reference) -> Reference {
+    match reference {
+        Reference::Cloud(cloud) => Reference::Cloud(cloud.with_normals()),
+        mesh @ Reference::Mesh(_) => mesh,
+    }
+}
+
+fn aligned(args: &Args, cloud: &Path, out: &Path, registration: Registration) -> Aligned {
+    Aligned {
+        cloud: cloud.display().to_string(),
+        reference: args.to.display().to_string(),
+        out: out.display().to_string(),
+        software: concat!("fringetool ", env!("CARGO_PKG_VERSION")).to_owned(),
+        registration,
+    }
+}
+
+/// Where each cloud goes.
+fn places(args: &Args) -> Result<Vec<PathBuf>> {
+    if args.clouds.len() == 1 {
+        return Ok(vec![args.out.clone()]);
+    }
+    if args.out.is_file() {
+        bail!("--out {}: is a file; several clouds need a folder", args.out.display());
+    }
+    let mut places: Vec<PathBuf> = Vec::new();
+    for cloud in &args.clouds {
+        let stem = cloud.file_stem().unwrap_or_default();
+        let place = args.out.join(stem).with_extension("ply");
+        if places.contains(&place) {
+            bail!(
+                "{}: another cloud of this name goes to {} too; rename one",
+                cloud.display(),
+                place.display()
+            );
+        }
+        if args.clouds.iter().chain([&args.to]).any(|input| place.exists() && same(input, &place)) {
+            bail!(
+                "--out {}: would overwrite the input {}; name another folder",
+                args.out.display(),
+                place.display()
+            );
+        }
+        places.push(place);
+    }
+    Ok(places)
+}
+
+fn same(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+}
+
+/// Writes what was found, once all of it is.
+fn write(args: &Args, outs: &[PathBuf], done: &[(Vec<fringe::cloud::Point>, Aligned)]) -> Result<()> {
+    let several = args.clouds.len() > 1;
+    if several {
+        rig::atomic::create_dir(&args.out)?;
+    }
+    for (out, (points, aligned)) in outs.iter().zip(done) {
+        let comments = [
+            ("source", aligned.cloud.as_str()),
+            ("aligned_with", aligned.reference.as_str()),
+            ("software", aligned.software.as_str()),
+        ];
+        rig::ply::write_cloud(out, points, &comments)?;
+        if several {
+            rig::result::write_json(&out.with_extension("json"), aligned)?;
+        }
+        print(aligned);
+    }
+    match done {
+        [(_, only)] => emit(args.json.as_deref(), only),
+        _ => {
+            #[derive(Serialize)]
+            struct All<'a> {
+                clouds: Vec<&'a Aligned>,
+            }
+            emit(args.json.as_deref(), &All { clouds: done.iter().map(|(_, a)| a).collect() })
+        }
+    }
+}
+
+fn print(aligned: &Aligned) {
+    let r = &aligned.registration;
+    println!("{} -> {}", aligned.cloud, aligned.out);
+    summary(r);
+}
+
+/// What an alignment is worth, in a few lines.
+pub fn summary(r: &Registration) {
+    let [x, y, z] = r.translation_mm;
+    println!("  translation ({x:.5}, {y:.5}, {z:.5}) mm, rotation {:.5}°", r.angle_deg());
+    println!(
+        "  rms {:.5} mm of {} matches, overlap {:.1} %, {} after {:?} iterations (last motion {:.1e} mm)",
+        r.rms_mm,
+        r.inliers,
+        100.0 * r.overlap,
+        if r.converged { "converged" } else { "NOT CONVERGED" },
+        r.iterations,
+        r.last_motion_mm
+    );
+    let [a, b, c] = r.u_translation_mm;
+    let [p, q, s] = r.u_rotation_rad.map(|u| u * 1e6);
+    println!(
+        "  u of the centre ({a:.1e}, {b:.1e}, {c:.1e}) mm, of the rotation ({p:.1}, {q:.1}, {s:.1}) µrad, condition {:.1}",
+        r.condition
+    );
+    for free in &r.undetermined {
+        println!("  UNDETERMINED, left as it was: {}", free.describe());
+    }
+    if let Some(share) = r.rival {
+        println!("  AMBIGUOUS: a different pose matches {:.0} % as many points; give --start", 100.0 * share);
+    }
+}
