@@ -48,6 +48,12 @@ struct Aligned {
     registration: Registration,
 }
 
+/// Several.
+#[derive(Serialize)]
+struct All<'a> {
+    clouds: Vec<&'a Aligned>,
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
     let several = args.clouds.len() > 1;
@@ -151,16 +157,10 @@ fn write(args: &Args, outs: &[PathBuf], done: &[(Vec<fringe::cloud::Point>, Alig
         }
         print(aligned);
     }
-    match done {
-        [(_, only)] => emit(args.json.as_deref(), only),
-        _ => {
-            #[derive(Serialize)]
-            struct All<'a> {
-                clouds: Vec<&'a Aligned>,
-            }
-            emit(args.json.as_deref(), &All { clouds: done.iter().map(|(_, a)| a).collect() })
-        }
+    if let [(_, only)] = done {
+        return emit(args.json.as_deref(), only);
     }
+    emit(args.json.as_deref(), &All { clouds: done.iter().map(|(_, aligned)| aligned).collect() })
 }
 
 fn print(aligned: &Aligned) {

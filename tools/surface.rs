@@ -69,8 +69,8 @@ pub fn check_units(cloud: (&Path, &[Point]), reference: (&Path, &Reference)) -> 
     if own > 0.0 && other > 0.0 && ratio > UNIT_RATIO {
         let smaller = if own < other { cloud.0 } else { reference.0 };
         bail!(
-            "{}: diagonal {own:.4} mm, but that of {} is {other:.4} mm, {ratio:.0} times as different (limit {UNIT_RATIO}): \
-             is {} in metres? convert it to mm",
+            "{}: its diagonal is {own:.4} mm, that of {} {other:.4} mm: a ratio of {ratio:.0}, limit {UNIT_RATIO}; is {} in \
+             metres? convert it to mm",
             cloud.0.display(),
             reference.0.display(),
             smaller.display()
