@@ -253,7 +253,9 @@ fn what_cannot_be_meant_is_told_and_leaves_nothing() {
         if words.is_empty() {
             assert_eq!(ran.code, Some(0), "{}", ran.stderr);
             assert!(ran.stderr.contains("without finite coordinates"), "{}", ran.stderr);
-            outs.iter().for_each(|out| std::fs::remove_file(out).unwrap());
+            for out in &outs {
+                std::fs::remove_file(out).unwrap();
+            }
             continue;
         }
         refused(name, &ran, if name == "folder" { &[] } else { words });

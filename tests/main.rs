@@ -13,9 +13,9 @@
 mod bad_input;
 mod calibrate;
 mod cell;
+mod compare;
 mod focus;
 mod gamma;
-mod compare;
 mod offline;
 mod real;
 mod support;
