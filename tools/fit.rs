@@ -1,13 +1,17 @@
 //! `fringetool fit`: an element through the points of a cloud, by least squares of the orthogonal distance.
 
+mod print;
+mod region;
+
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use fringe::fit::{self, FitSettings, Form};
+use fringe::fit::{self, Correlation, FitError, FitSettings, Residuals};
 use nalgebra::Point3;
+use print::Describe;
+use region::{Left, Near};
 use serde::Serialize;
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
+use std::path::PathBuf;
 
 /// Arguments of `fit`.
 #[derive(clap::Args)]
@@ -15,136 +19,180 @@ pub struct Args {
     /// Which element.
     #[arg(value_enum)]
     element: Element,
-    /// Point cloud (PLY), lengths in mm.
+    /// Point cloud (PLY or E57), lengths in mm.
     cloud: PathBuf,
     /// Only points within r of (x, y, z), mm.
     #[arg(long, value_name = "x,y,z,r", allow_hyphen_values = true)]
     near: Option<Near>,
+    /// Sphere and plane: only points within this many mm of the element that most points of the region agree on. The
+    /// search draws its samples with a fixed seed; how many points it leaves out is reported.
+    #[arg(long, value_name = "MM")]
+    within: Option<f64>,
     /// Fraction of the points that is rejected, largest residuals first, 0 … 0.5 (VDI/VDE 2634 part 3 allows 0.03).
     #[arg(long, default_value_t = 0.0)]
     reject: f64,
     /// Sphere only: a given diameter, mm.
     #[arg(long)]
     diameter: Option<f64>,
-    /// Edge of the cells within which noise may be correlated, mm; without it points count as independent.
+    /// Sphere only: a given radius, mm.
+    #[arg(long, conflicts_with = "diameter")]
+    radius: Option<f64>,
+    /// Also the minimum zone (Chebyshev) of the points used: sphere, plane, cylinder, circle.
+    #[arg(long)]
+    minimum_zone: bool,
+    /// Edge of the cells within which noise is correlated, mm. Without it the correlation is estimated from the
+    /// residuals.
     #[arg(long)]
     cluster: Option<f64>,
+    /// Count points as independent: promises too small uncertainties wherever neighbours share noise.
+    #[arg(long, conflicts_with = "cluster")]
+    independent: bool,
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
 }
 
-#[derive(Clone, Copy, clap::ValueEnum)]
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Element {
     Sphere,
     Plane,
     Cylinder,
     Cone,
+    Circle,
+    Line,
 }
 
-/// A ball that limits the region.
-#[derive(Clone, Copy, Debug)]
-struct Near {
-    center_mm: Point3<f64>,
-    radius_mm: f64,
-}
-
-impl FromStr for Near {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Vec<f64> = text
-            .split(',')
-            .map(|part| part.trim().parse::<f64>().map_err(|_| format!("\"{part}\" is no number")))
-            .collect::<Result<_, _>>()?;
-        match numbers.as_slice() {
-            [x, y, z, r] if numbers.iter().all(|v| v.is_finite()) && *r > 0.0 => {
-                Ok(Self { center_mm: Point3::new(*x, *y, *z), radius_mm: *r })
-            }
-            _ => Err("four finite numbers x,y,z,r in mm, r above 0".into()),
-        }
-    }
+/// The fit with what else was asked for.
+#[derive(Serialize)]
+struct Report<'a, F: Serialize, Z: Serialize> {
+    #[serde(flatten)]
+    fit: &'a F,
+    #[serde(flatten)]
+    left: Left,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    minimum_zone_mm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    minimum_zone: Option<Z>,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[&args.cloud], None)?;
-    let cloud = rig::ply::read_cloud(&args.cloud)?;
-    if let Some(hint) = cloud.unit_hint() {
-        eprintln!("{}: {hint}", args.cloud.display());
-    }
-    if cloud.dropped > 0 {
-        eprintln!("{}: {} points without finite coordinates left out", args.cloud.display(), cloud.dropped);
-    }
-    let points: Vec<Point3<f64>> = cloud
-        .points
-        .iter()
-        .map(fringe::cloud::Point::position)
-        .filter(|p| args.near.is_none_or(|near| (p - near.center_mm).norm() <= near.radius_mm))
-        .collect();
-    if points.is_empty() {
-        bail!(
-            "{}: no point {} (the cloud has {})",
-            args.cloud.display(),
-            if args.near.is_some() { "within --near" } else { "at all" },
-            cloud.points.len()
-        );
-    }
-    let settings = FitSettings { max_reject_fraction: args.reject, cluster_mm: args.cluster };
-    fit(args, &points, &settings).with_context(|| args.cloud.display().to_string())?;
+    refuse_strays(args)?;
+    let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
+    let points = region::choose(args, &cloud)?;
+    fit(args, &points.0, points.1).with_context(|| args.cloud.display().to_string())?;
     Ok(Outcome::Done)
 }
 
-fn fit(args: &Args, points: &[Point3<f64>], settings: &FitSettings) -> Result<()> {
-    if args.diameter.is_some() && !matches!(args.element, Element::Sphere) {
-        bail!("--diameter goes with sphere only");
+/// Options that mean nothing for the element.
+fn refuse_strays(args: &Args) -> Result<()> {
+    let Args { element, .. } = args;
+    if *element != Element::Sphere && (args.diameter.is_some() || args.radius.is_some()) {
+        bail!("--diameter and --radius go with sphere only; leave them out");
     }
-    let json = args.json.as_deref();
+    if args.within.is_some() && !matches!(element, Element::Sphere | Element::Plane) {
+        bail!("--within goes with sphere and plane only; cut the region with --near");
+    }
+    if args.minimum_zone && matches!(element, Element::Cone | Element::Line) {
+        bail!("--minimum-zone goes with sphere, plane, cylinder and circle; leave it out");
+    }
+    Ok(())
+}
+
+impl Args {
+    /// The diameter that is given, mm.
+    fn given_diameter_mm(&self) -> Option<f64> {
+        self.diameter.or(self.radius.map(|radius| 2.0 * radius))
+    }
+
+    fn settings(&self) -> FitSettings {
+        let correlation = match self.cluster {
+            Some(edge) => Correlation::Cells(edge),
+            None if self.independent => Correlation::Independent,
+            None => Correlation::Estimated,
+        };
+        FitSettings { max_reject_fraction: self.reject, correlation }
+    }
+}
+
+fn fit(args: &Args, points: &[Point3<f64>], left: Left) -> Result<()> {
+    let settings = args.settings();
+    let job = Job { args, points, left };
     match args.element {
         Element::Sphere => {
-            let sphere = match args.diameter {
-                Some(diameter) => fit::sphere_of_diameter(points, diameter, settings)?,
-                None => fit::sphere(points, settings)?,
+            let sphere = match args.given_diameter_mm() {
+                Some(diameter) => fit::sphere_of_diameter(points, diameter, &settings)?,
+                None => fit::sphere(points, &settings)?,
             };
-            let [x, y, z] = sphere.center_mm;
-            println!(
-                "sphere: centre ({x:.5}, {y:.5}, {z:.5}) mm, diameter {:.5} mm, u {:.5} mm",
-                sphere.diameter_mm, sphere.u_diameter_mm
-            );
-            finish(&sphere, &sphere.form, json)
+            job.finish(&sphere, &sphere.residuals, |used| {
+                zone(fit::sphere_minimum_zone(used)?, |z| z.minimum_zone_mm)
+            })
         }
         Element::Plane => {
-            let plane = fit::plane(points, settings)?;
-            let [x, y, z] = plane.normal;
-            println!(
-                "plane: normal ({x:.7}, {y:.7}, {z:.7}), offset {:.5} mm, u {:.5} mm",
-                plane.offset_mm, plane.u_offset_mm
-            );
-            finish(&plane, &plane.form, json)
+            let plane = fit::plane(points, &settings)?;
+            job.finish(&plane, &plane.residuals, |used| {
+                zone(fit::plane_minimum_zone(used)?, |z| z.minimum_zone_mm)
+            })
         }
         Element::Cylinder => {
-            let cylinder = fit::cylinder(points, settings)?;
-            println!("cylinder: diameter {:.5} mm, u {:.5} mm", cylinder.diameter_mm, cylinder.u_diameter_mm);
-            print_axis(cylinder.axis_point_mm, cylinder.axis_direction);
-            finish(&cylinder, &cylinder.form, json)
+            let cylinder = fit::cylinder(points, &settings)?;
+            job.finish(&cylinder, &cylinder.residuals, |used| {
+                zone(fit::cylinder_minimum_zone(used)?, |z| z.minimum_zone_mm)
+            })
+        }
+        Element::Circle => {
+            let circle = fit::circle(points, &settings)?;
+            job.finish(&circle, &circle.residuals, |used| {
+                zone(fit::circle_minimum_zone(used)?, |z| z.minimum_zone_mm)
+            })
         }
         Element::Cone => {
-            let cone = fit::cone(points, settings)?;
-            println!("cone:");
-            print_axis(cone.axis_point_mm, cone.axis_direction);
-            finish(&cone, &cone.form, json)
+            let cone = fit::cone(points, &settings)?;
+            job.finish(&cone, &cone.residuals, no_zone)
+        }
+        Element::Line => {
+            let line = fit::line(points, &settings)?;
+            job.finish(&line, &line.residuals, no_zone)
         }
     }
 }
 
-fn print_axis([x, y, z]: [f64; 3], [u, v, w]: [f64; 3]) {
-    println!("  axis through ({x:.5}, {y:.5}, {z:.5}) mm along ({u:.7}, {v:.7}, {w:.7})");
+/// A zone and its width.
+type Zone<Z> = Result<Option<(f64, Z)>, FitError>;
+
+fn zone<Z>(zone: Z, width: impl Fn(&Z) -> f64) -> Zone<Z> {
+    Ok(Some((width(&zone), zone)))
 }
 
-fn finish<T: Serialize>(element: &T, form: &Form, json: Option<&Path>) -> Result<()> {
-    println!(
-        "  {} points, {} rejected; form: range {:.5} mm, sigma {:.5} mm, 95 % within {:.5} mm",
-        form.points, form.rejected, form.form_range_mm, form.form_sigma_mm, form.form_d95_mm
-    );
-    emit(json, element)
+fn no_zone(_used: &[Point3<f64>]) -> Zone<()> {
+    Ok(None)
+}
+
+/// What is printed and written about.
+struct Job<'a> {
+    args: &'a Args,
+    points: &'a [Point3<f64>],
+    left: Left,
+}
+
+impl Job<'_> {
+    /// Prints and writes a fit, with its minimum zone where asked for.
+    fn finish<F: Serialize + Describe, Z: Serialize>(
+        self,
+        fit: &F,
+        residuals: &Residuals,
+        zone_of: impl Fn(&[Point3<f64>]) -> Zone<Z>,
+    ) -> Result<()> {
+        let found = if self.args.minimum_zone {
+            let used = self.points.iter().zip(&residuals.used).filter(|(_, used)| **used);
+            zone_of(&used.map(|(point, _)| *point).collect::<Vec<_>>())?
+        } else {
+            None
+        };
+        let (minimum_zone_mm, minimum_zone) =
+            found.map_or((None, None), |(width, zone)| (Some(width), Some(zone)));
+        print::print(fit, &self.left, minimum_zone_mm);
+        emit(self.args.json.as_deref(), &Report { fit, left: self.left, minimum_zone_mm, minimum_zone })
+    }
 }

@@ -10,6 +10,7 @@ mod focus;
 mod gamma;
 mod glob;
 mod import;
+mod measure;
 mod numbers;
 mod pipeline;
 mod progress;
@@ -42,12 +43,14 @@ enum Command {
     Decode(decode::Args),
     /// Turn a recording into a point cloud.
     Reconstruct(reconstruct::Args),
-    /// Fit a sphere, plane, cylinder or cone to the points of a cloud.
+    /// Fit a sphere, plane, cylinder, cone, circle or line to the points of a cloud.
     Fit(fit::Args),
     /// Hold a cloud against a cloud or a CAD mesh: signed deviations, M3C2, report.
     Compare(compare::Args),
     /// Bring clouds onto a reference (point-to-plane ICP), with its uncertainty.
     Register(register::Args),
+    /// Evaluate an inspection plan on a cloud: features, uncertainties, verdict.
+    Measure(measure::Args),
     /// Turn other people's image files and OpenCV calibration into a recording and a rig file.
     Import(import::Args),
     /// Characterise all cameras and projectors from pictures of a target, in one adjustment.
@@ -78,6 +81,7 @@ fn main() -> ExitCode {
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Register(args) => register::run(&args),
+        Command::Measure(args) => measure::run(&args),
         Command::Import(args) => import::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::CheckRig(args) => check_rig::run(&args),

@@ -28,6 +28,15 @@ pub fn read_cloud(path: &Path) -> Result<Cloud> {
     Ok(cloud)
 }
 
+/// As [`read_cloud`], for commands that have nothing to hold the cloud's size against: a word when it looks like metres.
+pub fn read_cloud_in_mm(path: &Path) -> Result<Cloud> {
+    let cloud = read_cloud(path)?;
+    if let Some(hint) = cloud.unit_hint() {
+        eprintln!("{}: {hint}", path.display());
+    }
+    Ok(cloud)
+}
+
 fn said(path: &Path, cloud: &Cloud) {
     if cloud.dropped > 0 {
         eprintln!("{}: {} points without finite coordinates left out", path.display(), cloud.dropped);

@@ -3,14 +3,14 @@
 use nalgebra::{Point3, SVector, Vector3};
 use serde::Serialize;
 
-use super::adjust::Model;
+use super::adjust::{Model, adjust};
 use super::axis::Axis;
 use super::centred::{Principal, tree};
 use super::form::{Form, Residuals};
 use super::linear::{Normal, tangents};
 use super::solve::solve;
 use super::sphere::{LARGEST_RADIUS_RATIO, polar};
-use super::{FitError, FitSettings};
+use super::{FitError, FitSettings, Support};
 
 const ELEMENT: &str = "circle";
 
@@ -28,8 +28,9 @@ pub struct CircleFit {
     pub form: Form,
     /// Standard uncertainty of the diameter, mm.
     pub u_diameter_mm: f64,
-    /// Cells behind the uncertainties; 0 when points counted as independent.
-    pub cells: usize,
+    /// What the uncertainties rest on.
+    #[serde(flatten)]
+    pub support: Support,
     /// Residual of each point given.
     #[serde(skip)]
     pub residuals: Residuals,
@@ -49,18 +50,18 @@ pub fn circle(points: &[Point3<f64>], settings: &FitSettings) -> Result<CircleFi
         diameter_mm: 2.0 * model.radius,
         form: solution.form,
         u_diameter_mm: 2.0 * solution.covariance[(5, 5)].max(0.0).sqrt(),
-        cells: solution.cells,
+        support: solution.support,
         residuals: solution.residuals,
     })
 }
 
 /// Parameters: two tilts, centre, radius. Each point has two residuals: along the normal and radially in the plane.
 #[derive(Debug, Clone)]
-struct Circle {
-    center: Vector3<f64>,
-    normal: Vector3<f64>,
+pub(super) struct Circle {
+    pub center: Vector3<f64>,
+    pub normal: Vector3<f64>,
     tangents: [Vector3<f64>; 2],
-    radius: f64,
+    pub radius: f64,
 }
 
 impl Model<6> for Circle {
@@ -91,6 +92,36 @@ impl Model<6> for Circle {
         let center = self.center + Vector3::new(step[2], step[3], step[4]);
         Self { center, normal, tangents: tangents(&normal), radius: self.radius + step[5] }
     }
+}
+
+/// A circle in a plane that stands still, seen along its normal. Parameters: two shifts in the plane, radius.
+#[derive(Debug, Clone)]
+pub(super) struct Ring(pub Circle);
+
+impl Model<3> for Ring {
+    fn deviation(&self, point: &Vector3<f64>) -> f64 {
+        let arm = point - self.0.center;
+        (arm - self.0.normal * arm.dot(&self.0.normal)).norm() - self.0.radius
+    }
+
+    fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 3>)) {
+        let arm = point - self.0.center;
+        let (distance, out) = polar(&(arm - self.0.normal * arm.dot(&self.0.normal)));
+        let [e1, e2] = &self.0.tangents;
+        add(distance - self.0.radius, &Vector3::new(-out.dot(e1), -out.dot(e2), -1.0));
+    }
+
+    fn moved(&self, step: &SVector<f64, 3>) -> Self {
+        let mut circle = self.0.clone();
+        circle.center += circle.tangents[0] * step.x + circle.tangents[1] * step.y;
+        circle.radius += step.z;
+        Self(circle)
+    }
+}
+
+/// The least-squares circle, its plane held.
+pub(super) fn ring(points: &[Vector3<f64>]) -> Result<Ring, FitError> {
+    Ok(Ring(adjust(ELEMENT, start(points)?, points)?.model))
 }
 
 /// Start: the algebraic circle in the plane of least extent.
@@ -139,6 +170,8 @@ mod tests {
     fn derivatives_agree_with_differences() {
         let normal = Vector3::new(0.6, 0.0, -0.8);
         let center = Vector3::new(0.2, -0.3, 0.5);
-        derivatives_agree(&Circle { center, normal, tangents: tangents(&normal), radius: 2.0 });
+        let circle = Circle { center, normal, tangents: tangents(&normal), radius: 2.0 };
+        derivatives_agree(&circle);
+        derivatives_agree(&Ring(circle));
     }
 }

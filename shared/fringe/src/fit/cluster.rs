@@ -6,10 +6,12 @@
 //! G/(G − 1) · (n − 1)/(n − p) for few cells.
 
 use nalgebra::{SMatrix, SVector, Vector3};
+use serde::Serialize;
 
 use super::adjust::{Adjusted, Model, singular};
+use super::correlation::estimate;
 use super::linear::product;
-use super::{FitError, FitSettings};
+use super::{Correlation, FitError, FitSettings};
 
 /// Fewest cells from which the sandwich is trusted: with G cells its own relative error is about 1/√(2 G).
 const FEWEST_CELLS: usize = 20;
@@ -17,11 +19,21 @@ const FEWEST_CELLS: usize = 20;
 /// Cells along one axis that fit into a third of the key.
 const CELLS_PER_AXIS: f64 = 2_097_151.0;
 
-/// Covariance of the chart's parameters and the number of cells it rests on (0: points taken as independent).
+/// What stated uncertainties rest on.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Support {
+    /// Cells behind the uncertainties; 0 when points counted as independent.
+    pub cells: usize,
+    /// How far the noise is correlated by the residuals' own account, mm; absent where it was not estimated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub correlation_reach_mm: Option<f64>,
+}
+
+/// Covariance of the chart's parameters and what it rests on.
 ///
-/// `limit_mm` is the largest |residual| kept when points were rejected. Trimming at c weakens the normal matrix by the
-/// points that a small motion pushes across c: A = JᵀJ · (1 − c · h(c)/n), h the density of |r| (counted over the last
-/// tenth below c). Without this the uncertainty of a trimmed fit would be 20 % too small for Gaussian noise.
+/// Trimming at the largest |residual| kept, c, weakens the normal matrix by the points that a small motion pushes
+/// across c: A = JᵀJ · (1 − c · h(c)/n), h the density of |r| (counted over the last tenth below c). Without this the
+/// uncertainty of a trimmed fit would be 20 % too small for Gaussian noise.
 ///
 /// # Errors
 /// Singular normal equations.
@@ -31,21 +43,30 @@ pub(super) fn covariance<M: Model<P>, const P: usize>(
     points: &[Vector3<f64>],
     settings: &FitSettings,
     trimmed: bool,
-) -> Result<(SMatrix<f64, P, P>, usize), FitError> {
+) -> Result<(SMatrix<f64, P, P>, Support), FitError> {
     let inverse = adjusted.normal.inverse().ok_or_else(|| singular(element))?;
     let rows = adjusted.normal.rows as f64;
     let freedom = rows - P as f64;
     let shrink = if trimmed { trimming_shrink(&adjusted.model, points) } else { 1.0 };
-    let (meat, cells) = match settings.cluster_mm {
-        Some(edge_mm) => cell_scores(&adjusted.model, points, edge_mm),
-        None => (SMatrix::zeros(), 0),
-    };
-    if cells < FEWEST_CELLS.max(2 * P) {
-        return Ok((inverse * (adjusted.normal.sum / freedom / (shrink * shrink)), 0));
+    let fewest = FEWEST_CELLS.max(2 * P);
+    match settings.correlation {
+        Correlation::Estimated if points.len() >= fewest => {
+            let found = estimate(&adjusted.model, points, &inverse);
+            let support = Support { cells: found.cells, correlation_reach_mm: Some(found.reach_mm) };
+            return Ok((found.covariance / (shrink * shrink), support));
+        }
+        Correlation::Cells(edge_mm) => {
+            let (meat, cells) = cell_scores(&adjusted.model, points, edge_mm);
+            if cells >= fewest {
+                let few = cells as f64 / (cells - 1) as f64 * (rows - 1.0) / freedom;
+                let sandwich = product(&product(&inverse, &meat), &inverse) * (few / (shrink * shrink));
+                let support = Support { cells, correlation_reach_mm: None };
+                return Ok(((sandwich + sandwich.transpose()) * 0.5, support));
+            }
+        }
+        Correlation::Estimated | Correlation::Independent => {}
     }
-    let few = cells as f64 / (cells - 1) as f64 * (rows - 1.0) / freedom;
-    let sandwich = product(&product(&inverse, &meat), &inverse) * (few / (shrink * shrink));
-    Ok(((sandwich + sandwich.transpose()) * 0.5, cells))
+    Ok((inverse * (adjusted.normal.sum / freedom / (shrink * shrink)), Support::default()))
 }
 
 /// 1 − c · h(c)/n, see [`covariance`].
@@ -57,12 +78,8 @@ fn trimming_shrink<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64
     (1.0 - near as f64 / 0.1 / points.len().max(1) as f64).max(0.5)
 }
 
-/// Σ over cells of the outer products of the cells' scores, and the number of cells.
-fn cell_scores<M: Model<P>, const P: usize>(
-    model: &M,
-    points: &[Vector3<f64>],
-    edge_mm: f64,
-) -> (SMatrix<f64, P, P>, usize) {
+/// Points by the cell they lie in: (key of the cell, index), sorted.
+pub(super) fn cells_of(points: &[Vector3<f64>], edge_mm: f64) -> Vec<(u64, u32)> {
     let lowest = points.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
     let axis_key = |value: f64| (value / edge_mm).clamp(0.0, CELLS_PER_AXIS) as u64;
     let mut keyed: Vec<(u64, u32)> = points
@@ -75,6 +92,16 @@ fn cell_scores<M: Model<P>, const P: usize>(
         })
         .collect();
     keyed.sort_unstable();
+    keyed
+}
+
+/// Σ over cells of the outer products of the cells' scores, and the number of cells.
+fn cell_scores<M: Model<P>, const P: usize>(
+    model: &M,
+    points: &[Vector3<f64>],
+    edge_mm: f64,
+) -> (SMatrix<f64, P, P>, usize) {
+    let keyed = cells_of(points, edge_mm);
     let mut meat = SMatrix::zeros();
     let mut cells = 0;
     for cell in keyed.chunk_by(|a, b| a.0 == b.0) {

@@ -9,7 +9,7 @@ use super::centred::{Principal, tree};
 use super::form::{Form, Residuals};
 use super::linear::Normal;
 use super::solve::solve;
-use super::{FitError, FitSettings};
+use super::{FitError, FitSettings, Support};
 use crate::math;
 
 const ELEMENT: &str = "cone";
@@ -41,8 +41,9 @@ pub struct ConeFit {
     pub u_diameter_mm: f64,
     /// Standard uncertainty of the half angle, deg.
     pub u_half_angle_deg: f64,
-    /// Cells behind the uncertainties; 0 when points counted as independent.
-    pub cells: usize,
+    /// What the uncertainties rest on.
+    #[serde(flatten)]
+    pub support: Support,
     /// Residual of each point given.
     #[serde(skip)]
     pub residuals: Residuals,
@@ -77,7 +78,7 @@ pub fn cone(points: &[Point3<f64>], settings: &FitSettings) -> Result<ConeFit, F
         u_axis_direction_rad: worst_tilt_rad(covariance.fixed_view::<2, 2>(0, 0).into_owned()),
         u_diameter_mm: 2.0 * variance.max(0.0).sqrt(),
         u_half_angle_deg: covariance[(5, 5)].max(0.0).sqrt().to_degrees(),
-        cells: solution.cells,
+        support: solution.support,
         residuals: solution.residuals,
     })
 }

@@ -3,14 +3,14 @@
 use nalgebra::{Point3, SVector, Vector3};
 use serde::Serialize;
 
-use super::adjust::Model;
+use super::adjust::{Model, adjust};
 use super::axis::{Axis, best_of, directions, thinned, worst_tilt_rad};
 use super::centred::Principal;
 use super::circle::algebraic_circle;
 use super::form::{Form, Residuals};
 use super::solve::solve;
 use super::sphere::LARGEST_RADIUS_RATIO;
-use super::{FitError, FitSettings};
+use super::{FitError, FitSettings, Support};
 
 const ELEMENT: &str = "cylinder";
 
@@ -32,8 +32,9 @@ pub struct CylinderFit {
     pub u_axis_direction_rad: f64,
     /// Standard uncertainty of the diameter, mm.
     pub u_diameter_mm: f64,
-    /// Cells behind the uncertainties; 0 when points counted as independent.
-    pub cells: usize,
+    /// What the uncertainties rest on.
+    #[serde(flatten)]
+    pub support: Support,
     /// Residual of each point given.
     #[serde(skip)]
     pub residuals: Residuals,
@@ -55,16 +56,16 @@ pub fn cylinder(points: &[Point3<f64>], settings: &FitSettings) -> Result<Cylind
         u_axis_point_mm: worst_tilt_rad(covariance.fixed_view::<2, 2>(2, 2).into_owned()),
         u_axis_direction_rad: worst_tilt_rad(covariance.fixed_view::<2, 2>(0, 0).into_owned()),
         u_diameter_mm: 2.0 * covariance[(4, 4)].max(0.0).sqrt(),
-        cells: solution.cells,
+        support: solution.support,
         residuals: solution.residuals,
     })
 }
 
 /// Parameters: two tilts, two shifts, radius.
 #[derive(Debug, Clone)]
-struct Cylinder {
-    axis: Axis,
-    radius: f64,
+pub(super) struct Cylinder {
+    pub axis: Axis,
+    pub radius: f64,
 }
 
 impl Model<5> for Cylinder {
@@ -84,6 +85,11 @@ impl Model<5> for Cylinder {
         let (axis, _) = self.axis.moved([step[0], step[1]], [step[2], step[3]]);
         Self { axis, radius: self.radius + step[4] }
     }
+}
+
+/// The least-squares cylinder as a start for others.
+pub(super) fn fitted(points: &[Vector3<f64>]) -> Result<Cylinder, FitError> {
+    Ok(adjust(ELEMENT, start(points)?, points)?.model)
 }
 
 /// Start: for many directions the algebraic circle of the points seen along them; the best few adjusted.

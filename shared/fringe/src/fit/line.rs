@@ -8,7 +8,7 @@ use super::axis::{Axis, worst_tilt_rad};
 use super::centred::Principal;
 use super::form::{Form, Residuals};
 use super::solve::solve;
-use super::{FitError, FitSettings};
+use super::{FitError, FitSettings, Support};
 
 const ELEMENT: &str = "line";
 
@@ -28,8 +28,9 @@ pub struct LineFit {
     pub u_axis_point_mm: f64,
     /// Standard uncertainty of the direction about its worst axis, rad.
     pub u_axis_direction_rad: f64,
-    /// Cells behind the uncertainties; 0 when points counted as independent.
-    pub cells: usize,
+    /// What the uncertainties rest on.
+    #[serde(flatten)]
+    pub support: Support,
     /// Distance of each point given.
     #[serde(skip)]
     pub residuals: Residuals,
@@ -51,7 +52,7 @@ pub fn line(points: &[Point3<f64>], settings: &FitSettings) -> Result<LineFit, F
         straightness_mm: 2.0 * farthest,
         u_axis_point_mm: worst_tilt_rad(covariance.fixed_view::<2, 2>(2, 2).into_owned()),
         u_axis_direction_rad: worst_tilt_rad(covariance.fixed_view::<2, 2>(0, 0).into_owned()),
-        cells: solution.cells,
+        support: solution.support,
         residuals: solution.residuals,
     })
 }

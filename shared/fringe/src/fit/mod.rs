@@ -15,26 +15,41 @@ mod centred;
 mod circle;
 mod cluster;
 mod cone;
+mod correlation;
 mod cylinder;
+mod derived;
 mod error;
+mod exchange;
 mod form;
 mod line;
 mod linear;
 mod plane;
+mod search;
 mod settings;
 mod solve;
 mod sphere;
 #[cfg(test)]
 pub(crate) mod tests;
+mod zone;
 
 pub use circle::{CircleFit, circle};
+pub use cluster::Support;
 pub use cone::{ConeFit, cone};
 pub use cylinder::{CylinderFit, cylinder};
+pub use derived::{
+    Derived, DirectionAngles, centre_distance_mm, direction_angles, height_mm, plane_angle_rad,
+    plane_distance_mm, sphere_height_mm,
+};
 pub use error::{COORDINATE_LIMIT_MM, FitError};
 pub use form::{Form, Residuals};
 pub use line::{LineFit, line};
 pub(crate) use linear::{Normal, eigen, tangents};
 pub use plane::{PlaneFit, plane};
-pub use settings::FitSettings;
+pub use search::{find_plane, find_sphere};
+pub use settings::{Correlation, FitSettings};
 pub(crate) use sphere::sphere_centre_near;
 pub use sphere::{SphereFit, sphere, sphere_of_diameter};
+pub use zone::{
+    CircleZone, CylinderZone, PlaneZone, SphereZone, circle_minimum_zone, cylinder_minimum_zone,
+    plane_minimum_zone, sphere_minimum_zone,
+};

@@ -8,7 +8,7 @@ use super::centred::Principal;
 use super::form::{Form, Residuals};
 use super::linear::tangents;
 use super::solve::solve;
-use super::{FitError, FitSettings};
+use super::{FitError, FitSettings, Support};
 
 const ELEMENT: &str = "plane";
 
@@ -30,8 +30,9 @@ pub struct PlaneFit {
     pub u_offset_mm: f64,
     /// Standard uncertainty of the normal about the direction in which it is largest, rad.
     pub u_normal_rad: f64,
-    /// Cells behind the uncertainties; 0 when points counted as independent.
-    pub cells: usize,
+    /// What the uncertainties rest on.
+    #[serde(flatten)]
+    pub support: Support,
     /// Directions of the two tilts of the covariance.
     #[serde(skip)]
     tangents: [Vector3<f64>; 2],
@@ -103,7 +104,7 @@ pub fn plane(points: &[Point3<f64>], settings: &FitSettings) -> Result<PlaneFit,
         u_centroid_mm: 0.0,
         u_offset_mm: 0.0,
         u_normal_rad: largest.max(0.0).sqrt(),
-        cells: solution.cells,
+        support: solution.support,
         tangents: model.tangents,
         origin: solution.centroid,
         covariance: solution.covariance,
@@ -118,10 +119,10 @@ pub fn plane(points: &[Point3<f64>], settings: &FitSettings) -> Result<PlaneFit,
 
 /// Parameters: two tilts of the normal along the tangents, offset.
 #[derive(Debug, Clone)]
-struct Plane {
-    normal: Vector3<f64>,
+pub(super) struct Plane {
+    pub normal: Vector3<f64>,
     tangents: [Vector3<f64>; 2],
-    offset: f64,
+    pub offset: f64,
 }
 
 impl Model<3> for Plane {
@@ -142,7 +143,7 @@ impl Model<3> for Plane {
 }
 
 /// Start (and, but for rounding, solution): the axis of least extent through the centroid.
-fn principal(points: &[Vector3<f64>]) -> Result<Plane, FitError> {
+pub(super) fn principal(points: &[Vector3<f64>]) -> Result<Plane, FitError> {
     let principal = Principal::new(points);
     if principal.coincident() {
         return Err(FitError::Degenerate { element: ELEMENT, why: "all points coincide" });

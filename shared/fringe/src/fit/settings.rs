@@ -1,15 +1,24 @@
 //! What may be set about a fit.
 
-use serde::{Deserialize, Serialize};
+/// How the noise of neighbouring points hangs together. It moves the stated uncertainties, never the element.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Correlation {
+    /// Not at all: points count as independent.
+    #[default]
+    Independent,
+    /// Within cells of this edge, mm, and not beyond: cluster-robust covariance.
+    Cells(f64),
+    /// As the residuals show: the covariance follows the correlation as far as it reaches. Costs a million pairs of
+    /// cells, some ten milliseconds.
+    Estimated,
+}
 
 /// How a fit treats its points.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FitSettings {
     /// Fraction of the points that is left out, 0 … 0.5: ⌊fraction · n⌋ points, those of largest |residual|, chosen
     /// anew after each refit until the choice is stable. VDI/VDE 2634 part 3 allows 0.03.
     pub max_reject_fraction: f64,
-    /// Edge of the cells, mm, within which noise may be correlated. With it, the uncertainties come from the
-    /// cell sums of the residuals (cluster-robust); without it, points count as independent.
-    pub cluster_mm: Option<f64>,
+    /// How noise is correlated.
+    pub correlation: Correlation,
 }

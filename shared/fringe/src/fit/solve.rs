@@ -6,7 +6,7 @@ use super::adjust::{Adjusted, Model, adjust};
 use super::centred::Centred;
 use super::cluster::covariance;
 use super::form::{Form, Residuals};
-use super::{FitError, FitSettings};
+use super::{Correlation, FitError, FitSettings, Support};
 
 /// Most rounds of rejection; each lowers the sum of squares of the kept points, so they end, usually after five.
 const MAX_REJECT_ROUNDS: usize = 50;
@@ -21,8 +21,8 @@ pub(super) struct Solution<M, const P: usize> {
     pub used_centroid: Vector3<f64>,
     /// Covariance of the chart's parameters.
     pub covariance: SMatrix<f64, P, P>,
-    /// Cells behind the covariance; 0 when points counted as independent.
-    pub cells: usize,
+    /// What the covariance rests on.
+    pub support: Support,
     /// Residuals of all points given.
     pub residuals: Residuals,
     /// Form statistics of the points used.
@@ -75,7 +75,7 @@ fn finish<M: Model<P>, const P: usize>(
     settings: &FitSettings,
 ) -> Result<Solution<M, P>, FitError> {
     let trimmed = chosen.len() < centred.points.len();
-    let (covariance, cells) = covariance(element, &adjusted, chosen, settings, trimmed)?;
+    let (covariance, support) = covariance(element, &adjusted, chosen, settings, trimmed)?;
     let deviation_mm = centred.points.iter().map(|p| adjusted.model.deviation(p)).collect();
     let residuals = Residuals { deviation_mm, used };
     Ok(Solution {
@@ -84,7 +84,7 @@ fn finish<M: Model<P>, const P: usize>(
         centroid: centred.centroid,
         model: adjusted.model,
         covariance,
-        cells,
+        support,
         residuals,
     })
 }
@@ -95,8 +95,8 @@ fn check(settings: &FitSettings) -> Result<(), FitError> {
     if !(0.0..=0.5).contains(&fraction) {
         return Err(FitError::Setting { key: "max_reject_fraction", value: fraction, limits: "0 … 0.5" });
     }
-    match settings.cluster_mm {
-        Some(edge) if !(edge > 0.0 && edge.is_finite()) => {
+    match settings.correlation {
+        Correlation::Cells(edge) if !(edge > 0.0 && edge.is_finite()) => {
             Err(FitError::Setting { key: "cluster_mm", value: edge, limits: "0 … ∞, zero excluded" })
         }
         _ => Ok(()),

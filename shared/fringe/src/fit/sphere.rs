@@ -8,12 +8,21 @@ use super::centred::{Centred, Principal, tree};
 use super::form::{Form, Residuals};
 use super::linear::Normal;
 use super::solve::{Solution, solve};
-use super::{FitError, FitSettings};
+use super::{FitError, FitSettings, Support};
 
 const ELEMENT: &str = "sphere";
 
 /// A radius beyond this many extents: the points show no curvature (a sagitta below 1e-5 of their extent).
 pub(super) const LARGEST_RADIUS_RATIO: f64 = 1e5;
+
+/// A radius less certain than this part of itself is no measurement: its curvature is not three standard uncertainties
+/// away from that of a plane.
+const LARGEST_U_RATIO: f64 = 1.0 / 3.0;
+
+/// Points thinner than this part of their extent pass for a plane's (a cap of 12° half angle).
+const FLAT_SHARE: f64 = 0.05;
+
+const FLAT_POINTS: &str = "their curvature does not stand out of their noise; are they a plane's? a wider cap, or a given diameter, helps";
 
 /// A fitted sphere.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -29,8 +38,9 @@ pub struct SphereFit {
     pub u_center_mm: [f64; 3],
     /// Standard uncertainty of the diameter, mm; 0 when it was given.
     pub u_diameter_mm: f64,
-    /// Cells behind the uncertainties; 0 when points counted as independent.
-    pub cells: usize,
+    /// What the uncertainties rest on.
+    #[serde(flatten)]
+    pub support: Support,
     /// Covariance of (x, y, z, radius), mm².
     #[serde(skip)]
     pub covariance_mm2: Matrix4<f64>,
@@ -56,13 +66,28 @@ impl SphereFit {
 /// # Errors
 /// Fewer than 5 points, coplanar points, no convergence; see [`FitError`].
 pub fn sphere(points: &[Point3<f64>], settings: &FitSettings) -> Result<SphereFit, FitError> {
-    let solution = solve(ELEMENT, 5, points, settings, algebraic)?;
+    let solution = solve(ELEMENT, 5, points, settings, algebraic).map_err(|error| flat_or(error, points))?;
     let radius = solution.model.radius;
     if !radius.is_finite() || radius >= LARGEST_RADIUS_RATIO * spread(&solution, points) {
         return Err(FitError::Degenerate { element: ELEMENT, why: "the points show no curvature" });
     }
     let covariance = solution.covariance;
+    // A patch of a plane has a best sphere too, of any radius that its noise happens to bend it to.
+    if covariance[(3, 3)].max(0.0).sqrt() > LARGEST_U_RATIO * radius.abs() {
+        return Err(FitError::Degenerate { element: ELEMENT, why: FLAT_POINTS });
+    }
     Ok(result(solution.centroid + solution.model.center, radius, covariance, solution))
+}
+
+/// A sphere that runs away through ever larger radii: told as what it is when the points are flat.
+fn flat_or(error: FitError, points: &[Point3<f64>]) -> FitError {
+    let FitError::NoConvergence { .. } = error else { return error };
+    match Centred::new(ELEMENT, points).map(|centred| Principal::new(&centred.points).extents_mm) {
+        Ok(extents) if extents[0] < FLAT_SHARE * extents[2] => {
+            FitError::Degenerate { element: ELEMENT, why: FLAT_POINTS }
+        }
+        _ => error,
+    }
 }
 
 /// Fits the centre of a sphere of known diameter.
@@ -135,7 +160,7 @@ fn result<M, const P: usize>(
         form: solution.form,
         u_center_mm: [u.x, u.y, u.z],
         u_diameter_mm: 2.0 * u.w,
-        cells: solution.cells,
+        support: solution.support,
         covariance_mm2,
         residuals: solution.residuals,
     }
@@ -143,9 +168,9 @@ fn result<M, const P: usize>(
 
 /// Parameters: centre, radius.
 #[derive(Debug, Clone)]
-struct FreeSphere {
-    center: Vector3<f64>,
-    radius: f64,
+pub(super) struct FreeSphere {
+    pub center: Vector3<f64>,
+    pub radius: f64,
 }
 
 impl Model<4> for FreeSphere {
@@ -189,6 +214,11 @@ impl Model<3> for FixedSphere {
 pub(super) fn polar(vector: &Vector3<f64>) -> (f64, Vector3<f64>) {
     let length = vector.norm();
     if length > 0.0 { (length, vector / length) } else { (0.0, Vector3::zeros()) }
+}
+
+/// The least-squares sphere as a start for others.
+pub(super) fn fitted(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
+    Ok(adjust(ELEMENT, algebraic(points)?, points)?.model)
 }
 
 /// Algebraic start: |p|² = 2 c·p + (R² − c²) is linear in c and the bracket.

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::MeasureError;
-use super::measure::{REACH_MARGINS, Sample, choose, fit, gather, positions, thinned};
+use super::measure::{PLACING, REACH_MARGINS, Sample, choose, fit, gather, positions, thinned};
 use super::plan::{Datums, Element, Geometry, Plan};
 use super::region::Region;
 use super::result::{AlignmentResult, FittedElement};
@@ -110,7 +110,7 @@ pub(super) fn align(plan: &Plan, datums: &Datums, cloud: &[Point]) -> Result<Fou
             let element = &plan.elements[indices[slot]];
             let region = Region::new(element, element.margin_mm, 0.0);
             let chosen = choose(element, &region, &samples[slot], element.min_points)?;
-            fit(element, &positions(&samples[slot], &thinned(&chosen, &samples[slot], FINE_POINTS)), None)
+            fit(element, &positions(&samples[slot], &thinned(&chosen, &samples[slot], FINE_POINTS)), PLACING)
                 .map(Place::from)
         })?;
         let correction = correction(&nominal, &sighted)?;

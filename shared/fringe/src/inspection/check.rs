@@ -23,7 +23,7 @@ impl Plan {
         let raw: RawPlan = toml::from_str(text).map_err(toml)?;
         debug_assert_eq!(raw.format, PLAN_FORMAT);
         let within = Within("settings".into());
-        within.positive("cluster_mm", raw.settings.cluster_mm)?;
+        raw.settings.cluster_mm.map(|edge| within.positive("cluster_mm", edge)).transpose()?;
         within.check("guard_factor", raw.settings.guard_factor, 0.0..=10.0, "0 … 10")?;
         let elements = raw.element.into_iter().map(element).collect::<Result<Vec<_>, _>>()?;
         unique("element", elements.iter().map(|e| e.name.as_str()))?;

@@ -1,7 +1,5 @@
 //! The inspection of a cloud.
 
-use nalgebra::Vector4;
-
 use super::MeasureError;
 use super::align::{Found, align, describe};
 use super::filter::filtered;
@@ -14,8 +12,10 @@ use super::result::{
 };
 use super::verdict::{Verdict, decide, overall};
 use crate::cloud::Point;
-use crate::fit::{Form, PlaneFit, Residuals, SphereFit};
-use crate::math;
+use crate::fit::{
+    Correlation, Derived, Form, PlaneFit, Residuals, SphereFit, centre_distance_mm, plane_angle_rad,
+    plane_distance_mm, sphere_height_mm,
+};
 use crate::pose::Pose;
 
 /// Inspects a cloud in the world frame.
@@ -74,8 +74,9 @@ fn fit_elements(plan: &Plan, cloud: &[Point], world_from_part: &Pose) -> Vec<Out
         plan.elements.iter().map(|e| Region::new(e, REACH_MARGINS * e.margin_mm, 0.0)).collect();
     let numbered = cloud.iter().enumerate().map(|(i, p)| (i as u32, p));
     let samples = gather(numbered, &world_from_part.inverse(), &regions);
+    let correlation = plan.settings.cluster_mm.map_or(Correlation::Estimated, Correlation::Cells);
     let fitted = plan.elements.iter().zip(&samples);
-    fitted.map(|(e, s)| measure(e, s, plan.settings.cluster_mm).map_err(|error| error.to_string())).collect()
+    fitted.map(|(e, s)| measure(e, s, correlation).map_err(|error| error.to_string())).collect()
 }
 
 /// What is reported of an element. The residuals live on in its points.
@@ -107,6 +108,10 @@ struct Reading {
 }
 
 impl Reading {
+    fn derived(derived: Derived, forms: &[&Form]) -> Self {
+        Self::new(derived.value, derived.u, forms)
+    }
+
     fn new(value: f64, u_noise: f64, forms: &[&Form]) -> Self {
         Self {
             value,
@@ -193,29 +198,31 @@ fn quantity(quantity: &Quantity, elements: &[Outcome]) -> Result<Reading, String
             let fit = sphere(elements, index)?;
             Reading::new(fit.diameter_mm, fit.u_diameter_mm, &[&fit.form])
         }
-        Quantity::CentreDistance([a, b]) => centre_distance(sphere(elements, a)?, sphere(elements, b)?),
+        Quantity::CentreDistance([a, b]) => {
+            let (a, b) = (sphere(elements, a)?, sphere(elements, b)?);
+            Reading::derived(centre_distance_mm(a, b), &[&a.form, &b.form])
+        }
         Quantity::PlaneFlatness { plane: index, filter_mm: None } => flatness(plane(elements, index)?),
         Quantity::PlaneFlatness { plane: index, filter_mm: Some(edge_mm) } => {
             filtered_flatness(plane(elements, index)?, places(elements, index), edge_mm)
                 .map_err(|error| error.to_string())?
         }
-        Quantity::PlaneDistance([a, b]) => plane_distance(plane(elements, a)?, plane(elements, b)?),
+        Quantity::PlaneDistance([a, b]) => {
+            let (a, b) = (plane(elements, a)?, plane(elements, b)?);
+            Reading::derived(plane_distance_mm(a, b), &[&a.form, &b.form])
+        }
         Quantity::PlaneAngle { planes: [a, b], supplement } => {
-            plane_angle(plane(elements, a)?, plane(elements, b)?, supplement)
+            let (a, b) = (plane(elements, a)?, plane(elements, b)?);
+            let Derived { value, u } = plane_angle_rad(a, b);
+            let angle_deg = value.to_degrees();
+            let value = if supplement { 180.0 - angle_deg } else { angle_deg };
+            Reading::new(value, u.to_degrees(), &[&a.form, &b.form])
         }
         Quantity::HemisphereHeight { sphere: top, plane: base } => {
-            hemisphere_height(sphere(elements, top)?, plane(elements, base)?)
+            let (top, base) = (sphere(elements, top)?, plane(elements, base)?);
+            Reading::derived(sphere_height_mm(top, base), &[&top.form, &base.form])
         }
     })
-}
-
-/// |c₂ − c₁|; u² = dᵀ (C₁ + C₂) d along the unit vector d between the centres.
-fn centre_distance(a: &SphereFit, b: &SphereFit) -> Reading {
-    let between = b.center() - a.center();
-    let distance = between.norm();
-    let d = (between / distance).push(0.0);
-    let u = (a.u_along_mm(&d) * a.u_along_mm(&d) + b.u_along_mm(&d) * b.u_along_mm(&d)).sqrt();
-    Reading::new(distance, u, &[&a.form, &b.form])
 }
 
 /// Range of the residuals kept, with its sigma beside it under its own name.
@@ -238,37 +245,4 @@ fn filtered_flatness(fit: &PlaneFit, across_mm: &[[f64; 2]], edge_mm: f64) -> Re
 /// A flatness with what its single points show beside it.
 fn unfiltered(form: &Form, reading: Reading) -> Reading {
     Reading { form_sigma_mm: Some(form.form_sigma_mm), form_range_mm: Some(form.form_range_mm), ..reading }
-}
-
-/// n₁ · (x̄₂ − plane 1); both planes' places at x̄₂ are uncertain.
-fn plane_distance(first: &PlaneFit, second: &PlaneFit) -> Reading {
-    let centroid = second.centroid_mm.into();
-    let (u1, u2) = (first.u_at_mm(&centroid), second.u_centroid_mm);
-    Reading::new(first.distance_mm(&centroid), (u1 * u1 + u2 * u2).sqrt(), &[&first.form, &second.form])
-}
-
-/// Angle between the normals from sine and cosine both; each normal's tilt counts in the plane of the two.
-fn plane_angle(a: &PlaneFit, b: &PlaneFit, supplement: bool) -> Reading {
-    let (n1, n2) = (a.normal_vector(), b.normal_vector());
-    let axis = n1.cross(&n2);
-    let sine = axis.norm();
-    let angle_deg = math::atan2(sine, n1.dot(&n2)).to_degrees();
-    // Parallel normals have no plane of their own: the worst direction stands in.
-    let u_rad = if sine > 1e-9 {
-        let unit = axis / sine;
-        let (u1, u2) = (a.u_tilt_rad(&unit.cross(&n1)), b.u_tilt_rad(&unit.cross(&n2)));
-        (u1 * u1 + u2 * u2).sqrt()
-    } else {
-        (a.u_normal_rad * a.u_normal_rad + b.u_normal_rad * b.u_normal_rad).sqrt()
-    };
-    let value = if supplement { 180.0 - angle_deg } else { angle_deg };
-    Reading::new(value, u_rad.to_degrees(), &[&a.form, &b.form])
-}
-
-/// Distance of the centre from the plane plus the radius; centre and radius are correlated, hence one gradient.
-fn hemisphere_height(top: &SphereFit, base: &PlaneFit) -> Reading {
-    let n = base.normal_vector();
-    let (u1, u2) = (base.u_at_mm(&top.center()), top.u_along_mm(&Vector4::new(n.x, n.y, n.z, 1.0)));
-    let height = base.distance_mm(&top.center()) + 0.5 * top.diameter_mm;
-    Reading::new(height, (u1 * u1 + u2 * u2).sqrt(), &[&top.form, &base.form])
 }

@@ -7,7 +7,7 @@ use super::plan::{Element, Geometry};
 use super::region::Region;
 use super::result::{DeviationPoint, FittedElement};
 use crate::cloud::Point;
-use crate::fit::{self, FitSettings};
+use crate::fit::{self, Correlation, FitSettings};
 use crate::pose::Pose;
 
 /// Candidates are gathered, and elements are allowed to lie, within this many margins of their nominal place.
@@ -25,6 +25,9 @@ const STILL_MARGINS: f64 = 0.01;
 /// Points from which a region is placed: they give the surface to a fiftieth of their scatter, which is a twentieth of
 /// the margin at most.
 const PLACING_POINTS: usize = 4000;
+
+/// Rough fits place a region; nobody reads their uncertainties.
+pub(super) const PLACING: Correlation = Correlation::Independent;
 
 /// Fewest points that thinning may leave.
 const THINNED_LEAST: usize = 500;
@@ -104,9 +107,9 @@ pub(super) fn positions(samples: &[Sample], chosen: &[u32]) -> Vec<Point3<f64>> 
 pub(super) fn fit(
     element: &Element,
     points: &[Point3<f64>],
-    cluster_mm: Option<f64>,
+    correlation: Correlation,
 ) -> Result<FittedElement, MeasureError> {
-    let settings = FitSettings { max_reject_fraction: element.max_reject_fraction, cluster_mm };
+    let settings = FitSettings { max_reject_fraction: element.max_reject_fraction, correlation };
     match &element.geometry {
         Geometry::Sphere { .. } => fit::sphere(points, &settings).map(FittedElement::Sphere),
         Geometry::Plane { normal, .. } => {
@@ -123,13 +126,13 @@ pub(super) fn fit(
 pub(super) fn measure(
     element: &Element,
     samples: &[Sample],
-    cluster_mm: f64,
+    correlation: Correlation,
 ) -> Result<Measured, MeasureError> {
     let nominal = Region::new(element, element.margin_mm, 0.0);
     let mut region = nominal.clone();
     for _ in 0..ROUNDS {
         let chosen = choose(element, &region, samples, element.min_points)?;
-        let rough = fit(element, &positions(samples, &thinned(&chosen, samples, PLACING_POINTS)), None)?;
+        let rough = fit(element, &positions(samples, &thinned(&chosen, samples, PLACING_POINTS)), PLACING)?;
         check(element, &rough)?;
         let moved_mm = shift_mm(&region.geometry, &rough);
         region = about(&nominal, &rough);
@@ -138,7 +141,7 @@ pub(super) fn measure(
         }
     }
     let chosen = choose(element, &region, samples, element.min_points)?;
-    let found = fit(element, &positions(samples, &chosen), Some(cluster_mm))?;
+    let found = fit(element, &positions(samples, &chosen), correlation)?;
     check(element, &found)?;
     let points = deviations(&nominal, &found, samples, &chosen);
     let across_mm = across(&nominal, samples, &chosen);

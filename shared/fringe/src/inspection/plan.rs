@@ -67,13 +67,14 @@ pub enum PlanError {
 pub struct Settings {
     /// Guard band in standard uncertainties (ISO 14253-1). 1.65 leaves 5 % risk at one limit.
     pub guard_factor: f64,
-    /// Cells within which noise may be correlated, mm (see [`crate::fit::FitSettings::cluster_mm`]).
-    pub cluster_mm: f64,
+    /// Cells within which noise may be correlated, mm; left out, the correlation is estimated from the residuals (see
+    /// [`crate::fit::Correlation`]).
+    pub cluster_mm: Option<f64>,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { guard_factor: 1.65, cluster_mm: 2.0 }
+        Self { guard_factor: 1.65, cluster_mm: None }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Triangles of a PLY file.
 
-use super::{Skipped, damaged, open};
+use super::{Skipped, damaged, open, refuse_surplus};
 use crate::error::{FileError, Problem};
 use nalgebra::Point3;
 use ply_rs_bw::parser::Parser;
@@ -45,6 +45,7 @@ pub fn read_triangles(path: &Path) -> Result<Option<Vec<[Point3<f64>; 3]>>, File
             }
         }
     }
+    refuse_surplus(path, &header, &mut reader)?;
     let mut triangles = Vec::with_capacity(faces.len());
     for (number, face) in faces.iter().enumerate() {
         fan(&corners, &face.0, &mut triangles).map_err(|problem| {

@@ -202,7 +202,7 @@ fn push(buffer: &mut Vec<u8>, point: &Point) {
 /// Reads a cloud.
 ///
 /// # Errors
-/// Not a PLY file, no `vertex` element with `x y z`, fewer bytes than its header promises, or a damaged body.
+/// Not a PLY file, no `vertex` element with `x y z`, fewer or more bytes than its header promises, or a damaged body.
 pub fn read_cloud(path: &Path) -> Result<Cloud, FileError> {
     let (header, mut reader) = open(path)?;
     read_body(path, &header, &mut reader)
@@ -242,6 +242,7 @@ fn damaged(path: &Path, error: &dyn std::fmt::Display) -> FileError {
 }
 
 fn read_body<T: BufRead>(path: &Path, header: &Header, reader: &mut Reader<T>) -> Result<Cloud, FileError> {
+    let mut cloud = None;
     for (name, element) in &header.elements {
         if name != "vertex" {
             Parser::<Skipped>::new()
@@ -252,23 +253,64 @@ fn read_body<T: BufRead>(path: &Path, header: &Header, reader: &mut Reader<T>) -
         let vertices = Parser::<Vertex>::new()
             .read_payload_for_element(reader, element, header)
             .map_err(|error| damaged(path, &error))?;
-        let total = vertices.len();
-        let finite = |point: &Point| point.position_mm.iter().all(|v| v.is_finite());
-        let points: Vec<Point> = vertices.into_iter().map(|vertex| vertex.0).filter(finite).collect();
-        let has = |name: &str| element.properties.get(name).is_some();
-        return Ok(Cloud {
-            dropped: total - points.len(),
-            points,
-            columns: Columns {
-                normal: ["nx", "ny", "nz"].into_iter().all(has),
-                sigma: has("sigma"),
-                modulation: has("modulation"),
-                pair: has("pair"),
-            },
-            comments: header.comments.clone(),
-        });
+        cloud = Some(cloud_of(vertices, header, element));
     }
-    Err(FileError::new(path, Problem::Missing("the element \"vertex\"".into()), "is this a point cloud?"))
+    let missing =
+        || FileError::new(path, Problem::Missing("the element \"vertex\"".into()), "is this a point cloud?");
+    let cloud = cloud.ok_or_else(missing)?;
+    refuse_surplus(path, header, reader)?;
+    Ok(cloud)
+}
+
+/// A cloud of the vertices read, without those that are nowhere.
+fn cloud_of(vertices: Vec<Vertex>, header: &Header, element: &ElementDef) -> Cloud {
+    let total = vertices.len();
+    let finite = |point: &Point| point.position_mm.iter().all(|v| v.is_finite());
+    let points: Vec<Point> = vertices.into_iter().map(|vertex| vertex.0).filter(finite).collect();
+    let has = |name: &str| element.properties.get(name).is_some();
+    Cloud {
+        dropped: total - points.len(),
+        points,
+        columns: Columns {
+            normal: ["nx", "ny", "nz"].into_iter().all(has),
+            sigma: has("sigma"),
+            modulation: has("modulation"),
+            pair: has("pair"),
+        },
+        comments: header.comments.clone(),
+    }
+}
+
+/// Refuses a body that goes on after the last element that the header counts: a writer that died before it could
+/// correct its header, or another count or type than meant; the points read would then be a part, or displaced.
+fn refuse_surplus<T: BufRead>(path: &Path, header: &Header, reader: &mut Reader<T>) -> Result<(), FileError> {
+    let mut surplus = 0_u64;
+    let mut blank = true;
+    loop {
+        let rest = reader
+            .get_mut()
+            .fill_buf()
+            .map_err(|source| FileError::io(path, "read it to its end", source))?;
+        let length = rest.len();
+        if length == 0 {
+            break;
+        }
+        blank &= rest.iter().all(u8::is_ascii_whitespace);
+        surplus += length as u64;
+        reader.get_mut().consume(length);
+    }
+    // Line ends behind the last element are no element.
+    if blank {
+        return Ok(());
+    }
+    let counts: Vec<String> =
+        header.elements.iter().map(|(name, element)| format!("{} \"{name}\"", element.count)).collect();
+    let problem = Problem::Disagreement {
+        what: "header and body",
+        here: format!("the header counts {}", counts.join(", ")),
+        there: format!("{surplus} bytes follow them"),
+    };
+    Err(FileError::new(path, problem, "correct the counts and types in the header, or write the file again"))
 }
 
 /// Refuses headers that promise what the file cannot hold, before anything is allocated for it.

@@ -78,6 +78,26 @@ fn every_truncation_is_an_error() {
 }
 
 #[test]
+fn more_than_the_header_counts_is_an_error() {
+    let text = |body: &str| {
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
+             element face 1\nproperty list uchar int v\nend_header\n1 2 3\n4 5 6\n{body}"
+        )
+    };
+    assert_eq!(read(text("3 0 1 0\n").as_bytes()).unwrap().points.len(), 2);
+    assert_eq!(read(text("3 0 1 0\n\n \r\n").as_bytes()).unwrap().points.len(), 2);
+    let error = read(text("3 0 1 0\n7 8 9\n").as_bytes()).unwrap_err();
+    assert!(error.contains("counts 2 \"vertex\", 1 \"face\"") && error.contains("6 bytes follow"), "{error}");
+    assert!(read(text("").as_bytes()).is_err(), "a face is promised");
+    let mut bytes = written(&points(3));
+    let place = bytes.windows(8).position(|w| w == b"vertex 3").unwrap() + 7;
+    bytes[place] = b'2';
+    let error = read(&bytes).unwrap_err();
+    assert!(error.contains("45 bytes follow"), "{error}");
+}
+
+#[test]
 fn headers_that_lie_are_refused_before_memory_is_taken() {
     let head = |vertex: &str| {
         format!(

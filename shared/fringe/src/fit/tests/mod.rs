@@ -2,9 +2,12 @@
 
 use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
-use serde_json::Value;
 
 use super::*;
+
+mod reference;
+mod uncertainty;
+mod zones;
 
 /// A small generator (SplitMix64), so that the tests' noise is the same everywhere.
 pub(crate) struct Noise(pub u64);
@@ -32,167 +35,17 @@ impl Noise {
     }
 }
 
-fn vector(value: &Value) -> Vector3<f64> {
-    let at = |i: usize| value[i].as_f64().expect("the reference holds three numbers");
-    Vector3::new(at(0), at(1), at(2))
-}
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().expect("the reference holds a number")
-}
-
-/// Distance between two lines' directions and of a point from a line, both in their unit.
-fn off_line(point: Vector3<f64>, other: Vector3<f64>, direction: Vector3<f64>) -> f64 {
-    (point - other).cross(&direction).norm()
-}
-
-/// Largest disagreement with one reference, mm (directions: mm over 1 mm).
-fn disagreement(set: &Value, points: &[Point3<f64>]) -> f64 {
-    let settings = FitSettings::default();
-    let params = &set["params"];
-    let (form, error) = match set["element"].as_str() {
-        Some("sphere") => {
-            let fit = sphere(points, &settings).unwrap();
-            let center = (fit.center().coords - vector(&params["center"])).amax();
-            (fit.form, center.max((0.5 * fit.diameter_mm - number(&params["radius"])).abs()))
-        }
-        Some("plane") => {
-            let fit = plane(points, &settings).unwrap();
-            let normal = vector(&params["normal"]);
-            let normal = normal * normal.dot(&fit.normal_vector()).signum();
-            let point = Point3::from(vector(&params["point"]));
-            let offset = (fit.offset_mm - normal.dot(&point.coords)).abs();
-            (fit.form, (fit.normal_vector() - normal).amax().max(offset).max(fit.distance_mm(&point).abs()))
-        }
-        Some("cylinder") => {
-            let fit = cylinder(points, &settings).unwrap();
-            let axis = vector(&params["axis"]);
-            let direction = Vector3::from(fit.axis_direction).cross(&axis).norm();
-            let place = off_line(Vector3::from(fit.axis_point_mm), vector(&params["point_on_axis"]), axis);
-            let radius = (0.5 * fit.diameter_mm - number(&params["radius"])).abs();
-            (fit.form, direction.max(place).max(radius))
-        }
-        Some("cone") => {
-            let fit = cone(points, &settings).unwrap();
-            let axis = vector(&params["axis"]);
-            let found = Vector3::from(fit.axis_direction);
-            let reference = vector(&params["point_on_axis"]);
-            let along = (reference - Vector3::from(fit.axis_point_mm)).dot(&found);
-            let slope = crate::math::tan(number(&params["half_angle_deg"]).to_radians());
-            let radius = 0.5 * fit.diameter_mm + along * slope;
-            let angle = (fit.half_angle_deg - number(&params["half_angle_deg"])).abs();
-            let place = off_line(Vector3::from(fit.axis_point_mm), reference, axis);
-            let errors =
-                [found.cross(&axis).norm(), place, angle, radius - number(&params["radius_at_point"])];
-            (fit.form, errors.iter().fold(0.0, |worst: f64, e| worst.max(e.abs())))
-        }
-        other => panic!("the reference holds an unknown element {other:?}"),
-    };
-    error.max((form.form_range_mm - number(&set["range"])).abs())
-}
-
-/// Thirteen sets whose least-squares solution is known before the points are: agreement to 1e-9 mm. The two
-/// minimum-zone sets are another criterion and do not belong here.
-#[test]
-#[expect(
-    clippy::disallowed_methods,
-    clippy::disallowed_macros,
-    reason = "a test reads its reference and says so"
-)]
-fn the_reference_sets_are_met_to_a_picometre() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/fit_reference/reference_fits.json");
-    let Ok(text) = std::fs::read_to_string(path) else {
-        eprintln!("skipped: {path} is absent");
-        return;
-    };
-    let sets: Vec<Value> = serde_json::from_str(&text).unwrap();
-    let mut met = 0;
-    for set in sets.iter().filter(|s| s["criterion"] == "LSQ") {
-        let points: Vec<Point3<f64>> =
-            set["points"].as_array().unwrap().iter().map(|p| Point3::from(vector(p))).collect();
-        let error = disagreement(set, &points);
-        assert!(error < 1e-9, "{}: off by {error:e} mm", set["name"]);
-        eprintln!("{}: {error:.1e} mm", set["name"]);
-        met += 1;
-    }
-    assert_eq!(met, 11);
-}
-
-/// Points of a sphere cap of half angle 60° with independent noise of 10 µm.
-fn cap(noise: &mut Noise, count: usize) -> Vec<Point3<f64>> {
-    let mut points = Vec::with_capacity(count);
-    while points.len() < count {
-        let direction = noise.direction();
-        if direction.z > 0.5 {
-            points.push(Point3::new(100.0, -40.0, 500.0) + direction * (10.0 + 0.01 * noise.normal()));
-        }
-    }
-    points
-}
-
-fn mean_and_sd(values: &[f64]) -> (f64, f64) {
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-    (mean, (squares / (values.len() - 1) as f64).sqrt())
-}
-
-/// Ratio of the scatter of 400 diameters to the uncertainty that the fits state.
-fn diameter_scatter_ratio(settings: FitSettings, points: impl Fn(u64) -> Vec<Point3<f64>>) -> f64 {
-    let fits: Vec<SphereFit> = (0..400).map(|seed| sphere(&points(seed), &settings).unwrap()).collect();
-    let (mean, scatter) = mean_and_sd(&fits.iter().map(|f| f.diameter_mm).collect::<Vec<_>>());
-    let stated = (fits.iter().map(|f| f.u_diameter_mm.powi(2)).sum::<f64>() / fits.len() as f64).sqrt();
-    assert!((mean - 20.0).abs() < 4.0 * scatter / 20.0, "biased: {mean}");
-    scatter / stated
-}
-
-/// With 400 fits the scatter itself is known to 3.5 %; the limits are three of that.
-#[test]
-fn predicted_sigma_meets_the_scatter() {
-    let independent = |seed| cap(&mut Noise(seed), 1000);
-    for settings in [
-        FitSettings::default(),
-        FitSettings { max_reject_fraction: 0.03, ..FitSettings::default() },
-        FitSettings { cluster_mm: Some(2.0), ..FitSettings::default() },
-    ] {
-        let ratio = diameter_scatter_ratio(settings, independent);
-        assert!((0.89..1.11).contains(&ratio), "{settings:?}: scatter / stated = {ratio}");
-    }
-}
-
-/// Every noise value shared by five points within 0.3 mm: points taken as independent promise √5 too much, cells of
-/// 2 mm do not.
-#[test]
-fn cells_see_correlated_noise() {
-    let correlated = |seed: u64| -> Vec<Point3<f64>> {
-        let mut noise = Noise(seed);
-        let seeds = cap(&mut noise, 400);
-        let center = Point3::new(100.0, -40.0, 500.0);
-        let mut points = Vec::new();
-        for seed_point in seeds {
-            let (radius, direction) = super::sphere::polar(&(seed_point - center));
-            for _ in 0..5 {
-                let near = direction + noise.direction() * 0.01;
-                points.push(center + near / near.norm() * radius);
-            }
-        }
-        points
-    };
-    let naive = diameter_scatter_ratio(FitSettings::default(), correlated);
-    assert!((1.9..2.6).contains(&naive), "naive: {naive}");
-    let settings = FitSettings { cluster_mm: Some(2.0), ..FitSettings::default() };
-    let robust = diameter_scatter_ratio(settings, correlated);
-    assert!((0.89..1.14).contains(&robust), "robust: {robust}");
-}
-
 /// A tenth of the points a millimetre off: rejected exactly as stated, and the rest fitted as if they were not there.
 #[test]
 fn stated_fraction_is_rejected_and_no_more() {
-    let mut points = cap(&mut Noise(7), 1000);
+    let mut points = uncertainty::cap(&mut Noise(7), 1000);
     let clean = sphere(&points[100..], &FitSettings::default()).unwrap();
     for (i, point) in points[..100].iter_mut().enumerate() {
         *point += Vector3::new(0.0, 0.0, if i % 3 == 0 { -1.0 } else { 2.0 });
     }
-    let fit = sphere(&points, &FitSettings { max_reject_fraction: 0.1, cluster_mm: None }).unwrap();
+    let fit =
+        sphere(&points, &FitSettings { max_reject_fraction: 0.1, correlation: Correlation::Independent })
+            .unwrap();
     assert_eq!((fit.form.points, fit.form.rejected), (900, 100));
     assert!((fit.diameter_mm - clean.diameter_mm).abs() < 1e-9);
     assert!((fit.center() - clean.center()).amax() < 1e-9);
@@ -241,9 +94,9 @@ fn line_and_circle_meet_their_scatter() {
         circles.push(fit.diameter_mm);
         u_circle += fit.u_diameter_mm.powi(2) / 400.0;
     }
-    let (mean, scatter) = mean_and_sd(&circles);
+    let (mean, scatter) = uncertainty::mean_and_sd(&circles);
     assert!((mean - 10.0).abs() < 0.002 && (0.89..1.11).contains(&(scatter / u_circle.sqrt())));
-    let (mean, scatter) = mean_and_sd(&lines);
+    let (mean, scatter) = uncertainty::mean_and_sd(&lines);
     // The stated figure is the worst of two equal directions, which lies a little above either.
     assert!(mean.abs() < 1e-4 && (0.85..1.11).contains(&(scatter / u_line.sqrt())));
 }
@@ -261,10 +114,12 @@ fn degenerate_inputs_are_named() {
     hole[42].y = f64::NAN;
     let mut endless = hole.clone();
     endless[42].y = 1e200;
+    let mut noise = Noise(11);
+    let bumpy: Vec<Point3<f64>> = tilted.iter().map(|p| p + Vector3::z() * (0.02 * noise.normal())).collect();
     let pair = &tilted[..2];
     let d = FitSettings::default();
     let greedy = FitSettings { max_reject_fraction: 0.7, ..d };
-    let cells = FitSettings { cluster_mm: Some(-1.0), ..d };
+    let cells = FitSettings { correlation: Correlation::Cells(-1.0), ..d };
     let table: Vec<(&str, String, &str)> = vec![
         ("sphere, plane", sphere(&tilted, &d).unwrap_err().to_string(), "in one plane"),
         ("sphere, line", sphere(&collinear, &d).unwrap_err().to_string(), "on one line"),
@@ -276,6 +131,7 @@ fn degenerate_inputs_are_named() {
         ("sphere, fraction", sphere(&hole, &greedy).unwrap_err().to_string(), "max_reject_fraction = 0.7"),
         ("sphere, cells", sphere(&hole, &cells).unwrap_err().to_string(), "cluster_mm = -1"),
         ("sphere, diameter", sphere_of_diameter(&tilted, 0.0, &d).unwrap_err().to_string(), "diameter_mm"),
+        ("sphere, noisy plane", sphere(&bumpy, &d).unwrap_err().to_string(), "are they a plane's?"),
         ("fixed, plane", sphere_of_diameter(&tilted, 9.0, &d).unwrap_err().to_string(), "in one plane"),
         ("plane, line", plane(&collinear, &d).unwrap_err().to_string(), "on one line"),
         ("plane, same", plane(&same, &d).unwrap_err().to_string(), "coincide"),
@@ -302,7 +158,7 @@ proptest! {
     fn no_cloud_makes_a_fit_panic(points in prop::collection::vec(prop::array::uniform3(
         prop_oneof![-1e3..1e3f64, Just(0.0), Just(1.0), Just(f64::NAN), Just(f64::INFINITY), Just(1e-300)]), 0..40)) {
         let points: Vec<Point3<f64>> = points.into_iter().map(Point3::from).collect();
-        let settings = FitSettings { max_reject_fraction: 0.1, cluster_mm: Some(1.0) };
+        let settings = FitSettings { max_reject_fraction: 0.1, correlation: Correlation::Estimated };
         if let Ok(fit) = sphere(&points, &settings) { prop_assert!(fit.diameter_mm.is_finite()); }
         if let Ok(fit) = plane(&points, &settings) { prop_assert!(fit.offset_mm.is_finite()); }
         if let Ok(fit) = line(&points, &settings) { prop_assert!(fit.straightness_mm.is_finite()); }

@@ -1,0 +1,65 @@
+//! Which points of the cloud the fit gets.
+
+use super::{Args, Element};
+use anyhow::{Context, Result, bail};
+use fringe::fit;
+use nalgebra::Point3;
+use rig::ply::Cloud;
+use serde::Serialize;
+use std::str::FromStr;
+
+/// A ball that limits the region.
+#[derive(Clone, Copy, Debug)]
+pub struct Near {
+    center_mm: Point3<f64>,
+    radius_mm: f64,
+}
+
+impl FromStr for Near {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let numbers: Vec<f64> = text
+            .split(',')
+            .map(|part| part.trim().parse::<f64>().map_err(|_| format!("\"{part}\" is no number")))
+            .collect::<Result<_, _>>()?;
+        match numbers.as_slice() {
+            [x, y, z, r] if numbers.iter().all(|v| v.is_finite()) && *r > 0.0 => {
+                Ok(Self { center_mm: Point3::new(*x, *y, *z), radius_mm: *r })
+            }
+            _ => Err("four finite numbers x,y,z,r in mm, r above 0".into()),
+        }
+    }
+}
+
+/// What the search left out.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Left {
+    /// Points of the region that lie farther than `--within` from the element found; absent without a search.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outside_margin: Option<usize>,
+}
+
+/// The points of the region, and what the search left out of it.
+pub fn choose(args: &Args, cloud: &Cloud) -> Result<(Vec<Point3<f64>>, Left)> {
+    let points: Vec<Point3<f64>> = cloud
+        .points
+        .iter()
+        .map(fringe::cloud::Point::position)
+        .filter(|p| args.near.is_none_or(|near| (p - near.center_mm).norm() <= near.radius_mm))
+        .collect();
+    if points.is_empty() {
+        bail!("{}: no point within --near (the cloud has {})", args.cloud.display(), cloud.points.len());
+    }
+    let Some(margin_mm) = args.within else { return Ok((points, Left::default())) };
+    let held = match args.element {
+        Element::Plane => fit::find_plane(&points, margin_mm),
+        _ => fit::find_sphere(&points, args.given_diameter_mm(), margin_mm),
+    }
+    .with_context(|| format!("{}: --within", args.cloud.display()))?;
+    let total = points.len();
+    let chosen: Vec<Point3<f64>> =
+        points.into_iter().zip(held).filter(|(_, held)| *held).map(|(p, _)| p).collect();
+    let outside_margin = Some(total - chosen.len());
+    Ok((chosen, Left { outside_margin }))
+}

@@ -1,0 +1,87 @@
+//! `fringetool measure`: an inspection plan on a cloud, as the cell does it, without the cell.
+
+use crate::Outcome;
+use crate::report::{check_outputs, emit};
+use anyhow::{Context, Result};
+use fringe::inspection::{FeatureResult, InspectionResult, Plan, Verdict, evaluate};
+use rig::document::Document;
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Arguments of `measure`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Inspection plan (TOML).
+    plan: PathBuf,
+    /// Point cloud (PLY or E57), lengths in mm.
+    cloud: PathBuf,
+    /// Machine-readable result: features, elements and where the part was found.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// The result with what it was made from.
+#[derive(Serialize)]
+struct Measurement<'a> {
+    cloud: &'a PathBuf,
+    points: usize,
+    #[serde(flatten)]
+    result: &'a InspectionResult,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    check_outputs(&[("--json", args.json.as_deref())], &[&args.plan, &args.cloud], None)?;
+    let document = Document::read(&args.plan)?;
+    let plan = Plan::from_toml(&document.text).with_context(|| args.plan.display().to_string())?;
+    let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
+    let result = evaluate(&plan, &cloud.points);
+    print(&result);
+    emit(
+        args.json.as_deref(),
+        &Measurement { cloud: &args.cloud, points: cloud.points.len(), result: &result },
+    )?;
+    Ok(if result.verdict == Verdict::Fail { Outcome::LimitFailed } else { Outcome::Done })
+}
+
+fn print(result: &InspectionResult) {
+    match (&result.alignment, &result.alignment_failure) {
+        (Some(found), _) if found.rounds > 0 => println!(
+            "{}: found {:.3} mm and {:.3}° from its nominal place; the datum spheres are {:+.4} mm off their nominal distance",
+            result.plan, found.offset_mm, found.angle_deg, found.line_residual_mm
+        ),
+        (_, Some(reason)) => println!("{}: not found: {reason}", result.plan),
+        _ => println!("{}: taken where it nominally lies", result.plan),
+    }
+    let wide = result.features.iter().map(|f| f.name.chars().count()).max().unwrap_or(0).max(7);
+    println!(
+        "{:wide$}  {:>11}  {:>9}  {:>9}  {:>11} … {:<11} verdict",
+        "feature", "value", "u", "deviation", "lower", "upper"
+    );
+    for feature in &result.features {
+        println!("{}", line(feature, wide));
+    }
+    println!("verdict: {}", word(result.verdict));
+}
+
+/// A feature's line of the table.
+fn line(feature: &FeatureResult, wide: usize) -> String {
+    let (Some(value), Some(u), Some(deviation)) = (feature.value, feature.u, feature.deviation) else {
+        let reason = feature.reason.as_deref().unwrap_or("no reason given");
+        return format!("{:wide$}  not measured: {reason}", feature.name);
+    };
+    let FeatureResult { name, unit, lower, upper, .. } = feature;
+    format!(
+        "{name:wide$}  {value:>8.4} {unit:<3} {u:>9.5}  {deviation:>+9.4}  {lower:>11.4} … {upper:<11.4} {}",
+        word(feature.verdict)
+    )
+}
+
+fn word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Pass => "pass",
+        Verdict::Indeterminate => "indeterminate",
+        Verdict::Fail => "fail",
+        Verdict::NotMeasured => "not measured",
+    }
+}
