@@ -13,6 +13,7 @@
 //! joined in order, transcendental functions come from [`math`] (never from the system's libm), and no product is
 //! fused.
 
+pub mod acceptance;
 pub mod calibration;
 pub mod camera;
 pub mod cloud;

@@ -1,0 +1,142 @@
+//! What an acceptance test found: the master from which every report is written. Lengths mm.
+
+use serde::{Deserialize, Serialize};
+
+/// The whole test.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TestReport {
+    /// Rules that the test followed.
+    pub rule_set: RuleSetId,
+    /// Rules that the plan breaks; not empty: a reduced test.
+    pub reduced: Vec<Violation>,
+    /// Label and text: operator, date, temperature, operating mode, rig hash, software version …
+    pub conditions: Vec<(String, String)>,
+    /// What one view sees.
+    pub sensor_volume: Volume,
+    /// What the system measures with all its views; its body diagonal is the L0 of the rules.
+    pub total_volume: Volume,
+    /// Artefacts, calibrated by others.
+    pub artefacts: Vec<ArtefactRecord>,
+    /// Characteristics in the order of the rule set.
+    pub characteristics: Vec<Characteristic>,
+    /// One deciding characteristic that fails fails the test; it passes when all pass.
+    pub verdict: TestVerdict,
+}
+
+/// Names a rule set.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RuleSetId {
+    /// For example "vdi2634-3".
+    pub id: String,
+    /// For example "VDI/VDE 2634 part 3".
+    pub standard: String,
+    /// For example "2008-12".
+    pub edition: String,
+    /// For example "evaluated following VDI/VDE 2634 part 3, edition 2008-12".
+    pub wording: String,
+    /// Values of the rule set that no text of the standard confirms; a report has to show them.
+    pub assumed: Vec<String>,
+}
+
+/// A rule that the plan breaks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Violation {
+    /// Name of the rule, for example "ball bar length".
+    pub rule: String,
+    /// What the rule asks, in `unit`.
+    pub required: f64,
+    /// What the plan offers, in `unit`.
+    pub actual: f64,
+    /// "mm", "positions" …
+    pub unit: String,
+    /// The sentence for the report.
+    pub text: String,
+}
+
+/// A measuring volume.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Volume {
+    /// Edges.
+    pub size_mm: [f64; 3],
+    /// √(x² + y² + z²).
+    pub body_diagonal_mm: f64,
+}
+
+impl Volume {
+    /// The volume with these edges.
+    pub fn new(size_mm: [f64; 3]) -> Self {
+        let [x, y, z] = size_mm;
+        Self { size_mm, body_diagonal_mm: (x * x + y * y + z * z).sqrt() }
+    }
+}
+
+/// An artefact with its certificate.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ArtefactRecord {
+    /// Name in the plan.
+    pub id: String,
+    /// "sphere", "ball-bar" or "plane".
+    pub kind: String,
+    /// Number of the certificate.
+    pub certificate: String,
+    /// Calibrated values: name, value mm, standard uncertainty mm.
+    pub values: Vec<(String, f64, f64)>,
+}
+
+/// A characteristic over all positions.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Characteristic {
+    /// Symbol of the rule set, for example "PF_range".
+    pub symbol: String,
+    /// For example "probing form error (range)".
+    pub name: String,
+    /// How the value comes about.
+    pub definition: String,
+    /// "mm".
+    pub unit: String,
+    /// The value farthest from zero over all positions, with its sign.
+    pub value: f64,
+    /// Whether it takes part in the verdict of the test.
+    pub decides: bool,
+    /// Maximum permissible error: |value| has to stay within.
+    pub limit: Option<f64>,
+    /// Expanded uncertainty of the test value (k = 2): of artefact and its use, never of the instrument.
+    pub test_value_u: Option<f64>,
+    /// Decision; `None` without a limit.
+    pub verdict: Option<TestVerdict>,
+    /// Values, in the order of the plan.
+    pub positions: Vec<PositionValue>,
+    /// Scatter of repeats within positions: pooled sample standard deviation; `None` without repeats.
+    pub repeatability: Option<f64>,
+    /// Scatter of the means of positions: sample standard deviation; `None` with one position.
+    pub between_positions: Option<f64>,
+}
+
+/// A characteristic at one position.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PositionValue {
+    /// Name of the position.
+    pub position: String,
+    /// Repeat, from 1.
+    pub repeat: u32,
+    /// Signed value.
+    pub value: f64,
+    /// Points behind it.
+    pub points: usize,
+    /// Points left out by the stated fraction.
+    pub rejected: usize,
+    /// Views whose points are in it.
+    pub views: Vec<String>,
+}
+
+/// Decision about a characteristic or a test.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TestVerdict {
+    /// Conformity proven.
+    Pass,
+    /// Neither proven.
+    Indeterminate,
+    /// Non-conformity proven.
+    Fail,
+}
