@@ -8,6 +8,8 @@
 //! - [`gamma`]: a projector's response is measured and corrected
 //! - [`compare`]: deviations and motions that are known beforehand
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
+//! - [`uncertainty`]: budgets in, table, JSON and report out
+//! - [`golden_cells`]: the printed cells of the thesis' tables, recomputed
 //! - [`support`]: how the tests run programs and make small recordings
 
 mod bad_input;
@@ -16,6 +18,8 @@ mod cell;
 mod compare;
 mod focus;
 mod gamma;
+mod golden_cells;
 mod offline;
 mod real;
 mod support;
+mod uncertainty;

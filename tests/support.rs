@@ -45,11 +45,16 @@ pub fn root() -> &'static Path {
 
 /// A folder of the real recordings; `None`, said in one line, where they are absent.
 pub fn real_data(set: &str) -> Option<PathBuf> {
-    let folder = root().join("../shared/data/real").join(set);
+    shared_data(&format!("real/{set}"))
+}
+
+/// A folder of data that lie beside the repository; `None`, said in one line, where it is absent.
+pub fn shared_data(name: &str) -> Option<PathBuf> {
+    let folder = root().join("../shared/data").join(name);
     if folder.is_dir() {
         return Some(folder);
     }
-    eprintln!("skipped: {} is absent; the real recordings are not part of the repository", folder.display());
+    eprintln!("skipped: {} is absent; these data are not part of the repository", folder.display());
     None
 }
 

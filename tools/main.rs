@@ -19,6 +19,7 @@ mod register;
 mod report;
 mod simulate;
 mod surface;
+mod uncertainty;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -61,6 +62,8 @@ enum Command {
     Gamma(gamma::Args),
     /// Find best focus and depth of focus from pictures of a projected checkerboard.
     Focus(focus::Args),
+    /// Evaluate a measurement uncertainty budget by the GUM, and by Monte Carlo.
+    Uncertainty(uncertainty::Args),
     /// Measure accuracy on the twin, or speed on this machine.
     Bench(bench::Args),
 }
@@ -87,6 +90,7 @@ fn main() -> ExitCode {
         Command::CheckRig(args) => check_rig::run(&args),
         Command::Gamma(args) => gamma::run(&args),
         Command::Focus(args) => focus::run(&args),
+        Command::Uncertainty(args) => uncertainty::run(&args),
         Command::Bench(args) => bench::run(&args),
     };
     match result {

@@ -4,6 +4,7 @@
 //! writer leaves a complete file or none ([`atomic`]).
 
 pub mod atomic;
+pub mod budget;
 pub mod config;
 pub mod correction;
 pub mod document;

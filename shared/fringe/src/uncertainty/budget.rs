@@ -137,3 +137,10 @@ pub struct Evaluation {
     /// What a reader of the result must know.
     pub notes: Vec<String>,
 }
+
+impl Evaluation {
+    /// y ± U.
+    pub fn result(&self) -> Uncertain {
+        Uncertain { value: self.estimate, expanded_uncertainty: self.expanded_uncertainty }
+    }
+}

@@ -38,7 +38,7 @@ mod tests;
 mod type_a;
 
 pub use budget::{Budget, Correlation, Evaluation, Method, Quantity, Row, Uncertain};
-pub use comparison::normalised_error;
+pub use comparison::{Comparison, compare, normalised_error};
 pub use distribution::Distribution;
 pub use dof::{dof_of_judgement, effective_dof};
 pub use error::UncertaintyError;
@@ -46,8 +46,8 @@ pub use expression::{Expression, ExpressionError};
 pub use interval::{Interval, IntervalKind, probabilistically_symmetric, shortest};
 pub use model::Model;
 pub use monte_carlo::{
-    Histogram, MAX_TRIALS, MonteCarloResult, MonteCarloSettings, Validation, numerical_tolerance, validate,
+    Histogram, MonteCarloResult, MonteCarloSettings, Validation, numerical_tolerance, validate,
 };
 pub use number::{Dual, Number};
-pub use student::{coverage_factor, coverage_probability};
+pub use student::{coverage_factor, coverage_probability, density};
 pub use type_a::{TypeA, observed_correlation};

@@ -6,15 +6,13 @@
 
 use rayon::prelude::*;
 use serde::Serialize;
+use std::ops::RangeInclusive;
 
 use super::budget::{Budget, Evaluation};
 use super::error::UncertaintyError;
 use super::interval::{Interval, IntervalKind, probabilistically_symmetric, shortest};
 use super::sampler::Sampler;
 use crate::math::{log10, pow};
-
-/// Most trials: 400 MB of values.
-pub const MAX_TRIALS: u64 = 50_000_000;
 
 /// Fewest trials of a block (7.9.4 b).
 const LEAST_BLOCK: u64 = 10_000;
@@ -40,10 +38,15 @@ pub struct MonteCarloSettings {
     pub digits: u8,
     /// A fixed number; otherwise as many as the tolerance needs.
     pub trials: Option<u64>,
-    /// Where the adaptive method gives up, at most [`MAX_TRIALS`].
+    /// Where the adaptive method gives up, see [`MonteCarloSettings::TRIALS`].
     pub max_trials: u64,
     /// The interval that decides about convergence and validation.
     pub interval: IntervalKind,
+}
+
+impl MonteCarloSettings {
+    /// Numbers of trials that are accepted: one block at least, at most 400 MB of values.
+    pub const TRIALS: RangeInclusive<u64> = LEAST_BLOCK..=50_000_000;
 }
 
 impl Default for MonteCarloSettings {
@@ -195,7 +198,7 @@ fn check_settings(settings: &MonteCarloSettings) -> Result<(), UncertaintyError>
     }
     let counts = [("trials", settings.trials), ("max_trials", Some(settings.max_trials))];
     for (key, count) in counts {
-        if let Some(count) = count.filter(|count| !(LEAST_BLOCK..=MAX_TRIALS).contains(count)) {
+        if let Some(count) = count.filter(|count| !MonteCarloSettings::TRIALS.contains(count)) {
             return refuse(key, count as f64, "10000 … 50000000");
         }
     }

@@ -51,6 +51,14 @@ pub fn coverage_probability(factor: f64, dof: f64) -> f64 {
     1.0 - erfc(z / SQRT_2)
 }
 
+/// Probability density of t; of the normal distribution for infinite ν.
+pub fn density(t: f64, dof: f64) -> f64 {
+    if dof.is_infinite() {
+        return exp(-0.5 * t * t) / (2.0 * PI).sqrt();
+    }
+    exp(gamma_ratio(0.5 * dof) - 0.5 * ln(dof) - 0.5 * (dof + 1.0) * log1p(t * t / dof))
+}
+
 /// Quantile of t from that of the normal distribution for large ν (Abramowitz & Stegun 26.7.5).
 fn expansion(z: f64, dof: f64) -> f64 {
     let z2 = z * z;

@@ -18,7 +18,7 @@ mod figures;
 mod from_result;
 mod glyph;
 mod input;
-mod number;
+pub mod number;
 mod page;
 pub mod picture;
 pub mod plot;
@@ -28,6 +28,7 @@ pub mod statistics;
 mod tables;
 #[cfg(test)]
 mod tests;
+pub mod uncertainty;
 
 pub use colour::ColourMap;
 pub use comparison::{ComparisonInput, write_comparison};
@@ -59,7 +60,7 @@ pub fn html(input: &ReportInput<'_>) -> Result<String, ReportError> {
         }
         _ => {}
     }
-    let mut page = page::Page::begin(&format!("{} – {}", input.part, input.cell));
+    let mut page = page::Page::begin(&format!("Measurement report: {} – {}", input.part, input.cell));
     tables::header(&mut page, input);
     tables::verdict(&mut page, input);
     tables::features(&mut page, input);

@@ -59,6 +59,20 @@ pub fn limit(value: Option<f64>, decimals: usize) -> String {
     optional(value, limit_decimals(value).max(decimals))
 }
 
+/// So many significant digits, with a power of ten for very small and very large numbers.
+pub fn significant(value: f64, digits: usize) -> String {
+    if !value.is_finite() || value == 0.0 {
+        return if value == 0.0 { "0".to_owned() } else { NONE.to_owned() };
+    }
+    // Rounded first, so that 0.0999 becomes 0.10 and not 0.100.
+    let scientific = format!("{value:.*e}", digits.saturating_sub(1));
+    let Some((mantissa, exponent)) = scientific.split_once('e') else { return scientific };
+    match exponent.parse::<i32>() {
+        Ok(power) if (-4..6).contains(&power) => fixed(value, (digits as i32 - 1 - power).max(0) as usize),
+        _ => format!("{}e{}", mantissa.replace('-', "−"), exponent.replace('-', "−")),
+    }
+}
+
 /// A count in groups of three, parted by thin spaces.
 pub fn count(value: u64) -> String {
     let digits = value.to_string();
@@ -149,6 +163,22 @@ mod tests {
         assert_eq!(limit(Some(60.0), 2), "60.00");
         assert_eq!(limit(None, 2), NONE);
         assert_eq!(limit(Some(f64::INFINITY), 2), NONE);
+    }
+
+    #[test]
+    fn significant_digits_are_counted_from_the_first() {
+        for (value, text) in [
+            (0.012_345, "0.0123"),
+            (-15.55, "−15.6"),
+            (0.099_97, "0.100"),
+            (123_456.0, "123456"),
+            (1.03e-7, "1.03e−7"),
+            (-2.5e9, "−2.50e9"),
+            (0.0, "0"),
+            (f64::INFINITY, NONE),
+        ] {
+            assert_eq!(significant(value, 3), text);
+        }
     }
 
     #[test]

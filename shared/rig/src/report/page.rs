@@ -47,7 +47,7 @@ impl Page {
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
              <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; \
              style-src 'unsafe-inline'\">\n\
-             <title>Measurement report: {}</title>\n<style>{}</style>\n</head>\n<body>\n<main>\n",
+             <title>{}</title>\n<style>{}</style>\n</head>\n<body>\n<main>\n",
             Text(title),
             include_str!("style.css")
         ));

@@ -2,8 +2,8 @@
 
 use super::{NORMAL, formula, pair, quantity, sum};
 use crate::uncertainty::{
-    Distribution, Dual, Model, MonteCarloSettings, Number, TypeA, UncertaintyError, effective_dof, models,
-    normalised_error, observed_correlation,
+    Distribution, Dual, Model, MonteCarloSettings, Number, TypeA, Uncertain, UncertaintyError, compare,
+    effective_dof, models, normalised_error, observed_correlation,
 };
 use proptest::prelude::*;
 
@@ -161,10 +161,13 @@ fn type_a_is_what_its_definition_says() {
 
 #[test]
 fn normalised_error_is_eq_4_12() {
-    assert!((normalised_error(22.530, 0.050, 22.462, 0.022).unwrap() - 1.2448).abs() < 1e-4);
-    assert!(normalised_error(1.0, 0.0, 1.0, 0.0).is_err());
-    assert!(normalised_error(1.0, -0.1, 1.0, 0.1).is_err());
-    assert!(normalised_error(f64::NAN, 0.1, 1.0, 0.1).is_err());
+    let of = |value, expanded_uncertainty| Uncertain { value, expanded_uncertainty };
+    let sphere = compare(of(22.530, 0.050), of(22.462, 0.022)).unwrap();
+    assert!((sphere.normalised_error - 1.2448).abs() < 1e-4 && !sphere.agrees);
+    assert!(compare(of(1.0, 0.1), of(1.1, 0.0)).unwrap().agrees);
+    assert!(normalised_error(of(1.0, 0.0), of(1.0, 0.0)).is_err());
+    assert!(normalised_error(of(1.0, -0.1), of(1.0, 0.1)).is_err());
+    assert!(normalised_error(of(f64::NAN, 0.1), of(1.0, 0.1)).is_err());
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Student's t against values computed with 30 digits (mpmath, root of the regularised incomplete beta function).
 
-use crate::uncertainty::{coverage_factor, coverage_probability};
+use crate::uncertainty::{coverage_factor, coverage_probability, density};
 
 /// Probability, ν, k.
 #[rustfmt::skip]
@@ -123,5 +123,15 @@ fn both_ways_of_computing_meet() {
     for p in [0.5, 0.9, 0.99, 0.9999] {
         let (below, above) = (coverage_factor(p, 999.999_999), coverage_factor(p, 1000.0));
         assert!((below / above - 1.0).abs() < 1e-11, "{below} {above}");
+    }
+}
+
+#[test]
+fn density_is_the_slope_of_the_probability() {
+    for dof in [0.5, 4.0, 120.0, 1e5, f64::INFINITY] {
+        for t in [0.3, 1.0, 2.5] {
+            let slope = (coverage_probability(t + 1e-4, dof) - coverage_probability(t - 1e-4, dof)) / 4e-4;
+            assert!((density(t, dof) - slope).abs() < 1e-7, "{dof} {t}");
+        }
     }
 }

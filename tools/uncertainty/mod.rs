@@ -1,0 +1,113 @@
+//! `fringetool uncertainty`: a measurement uncertainty budget by the GUM, and by Monte Carlo where asked for.
+
+mod table;
+
+use crate::Outcome;
+use crate::progress::Progress;
+use crate::report::{check_outputs, emit};
+use anyhow::{Context, Result};
+use fringe::uncertainty::{
+    Comparison, Evaluation, MonteCarloResult, Uncertain, Validation, compare, validate,
+};
+use rig::budget::BudgetFile;
+use rig::report::uncertainty::{UncertaintyInput, write_uncertainty};
+use serde::Serialize;
+use std::path::PathBuf;
+
+/// Arguments of `uncertainty`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Budget file (TOML, fringecell-budget/1).
+    budget: PathBuf,
+    /// Also propagate the distributions (GUM Supplement 1) and compare.
+    #[arg(long)]
+    monte_carlo: bool,
+    /// Another seed than the budget's.
+    #[arg(long, requires = "monte_carlo")]
+    seed: Option<u64>,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Report as one HTML file.
+    #[arg(long)]
+    report: Option<PathBuf>,
+}
+
+/// The machine-readable result.
+#[derive(Serialize)]
+struct Output<'a> {
+    format: &'static str,
+    software_version: &'static str,
+    budget_sha256: &'a str,
+    name: &'a str,
+    remark: &'a str,
+    symbol: &'a str,
+    unit: &'a str,
+    model: Option<&'a str>,
+    evaluation: &'a Evaluation,
+    monte_carlo: Option<&'a MonteCarloResult>,
+    validation: Option<Validation>,
+    comparison: Option<&'a Comparison>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let outputs = [("--json", args.json.as_deref()), ("--report", args.report.as_deref())];
+    check_outputs(&outputs, &[&args.budget], None)?;
+    let file = BudgetFile::read(&args.budget)?;
+    let place = || args.budget.display().to_string();
+    let evaluation = file.budget.evaluate().with_context(place)?;
+    let monte_carlo = if args.monte_carlo { Some(trials(args, &file).with_context(place)?) } else { None };
+    let validation = monte_carlo.as_ref().map(|m| validate(&evaluation, m, file.monte_carlo.digits));
+    let comparison = comparison(&file, &evaluation).with_context(place)?;
+    print!("{}", table::text(&file, &evaluation, monte_carlo.as_ref().zip(validation), comparison.as_ref()));
+    let output = Output {
+        format: "fringecell-uncertainty/1",
+        software_version: env!("CARGO_PKG_VERSION"),
+        budget_sha256: &file.sha256,
+        name: &file.name,
+        remark: &file.remark,
+        symbol: &file.symbol,
+        unit: &file.unit,
+        model: file.model.as_deref(),
+        evaluation: &evaluation,
+        monte_carlo: monte_carlo.as_ref(),
+        validation,
+        comparison: comparison.as_ref(),
+    };
+    if let Some(path) = &args.report {
+        let input = UncertaintyInput {
+            file: &file,
+            evaluation: &evaluation,
+            monte_carlo: monte_carlo.as_ref().zip(validation),
+            comparison,
+            software_version: format!("fringecell {}", env!("CARGO_PKG_VERSION")),
+        };
+        write_uncertainty(path, &input)?;
+    }
+    emit(args.json.as_deref(), &output)?;
+    let agrees = comparison.is_none_or(|c| c.agrees);
+    let stable = monte_carlo.is_none_or(|m| m.converged != Some(false));
+    Ok(if agrees && stable { Outcome::Done } else { Outcome::LimitFailed })
+}
+
+fn trials(args: &Args, file: &BudgetFile) -> Result<MonteCarloResult> {
+    let mut settings = file.monte_carlo;
+    settings.seed = args.seed.unwrap_or(settings.seed);
+    let mut progress = Progress::new(100, "Monte Carlo");
+    let mut shown = 0;
+    let mut observe = |done: u64, expected: u64| {
+        let percent = 100 * done / expected.max(1);
+        for _ in shown..percent {
+            progress.step();
+        }
+        shown = shown.max(percent);
+    };
+    Ok(file.budget.monte_carlo(&settings, &mut observe)?)
+}
+
+fn comparison(file: &BudgetFile, evaluation: &Evaluation) -> Result<Option<Comparison>> {
+    let Some(reference) = &file.reference else { return Ok(None) };
+    let (value, expanded_uncertainty) = (reference.value, reference.expanded_uncertainty);
+    Ok(Some(compare(evaluation.result(), Uncertain { value, expanded_uncertainty })?))
+}
