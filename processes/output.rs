@@ -18,7 +18,6 @@ use rig::report::{
 use rig::result::{CycleResult, OUTCOME_OK, write_json};
 use rig::trace::{TraceSpan, write_trace};
 use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
 use twin::Truth;
 
 /// Writes the result of one cycle while the run goes on.
@@ -92,7 +91,7 @@ fn report(folder: &Path, run: &Run, points: &[Point]) -> Result<()> {
     let input = ReportInput {
         cell: cell.name.clone(),
         part: cell.plan.as_ref().map_or_else(|| "no inspection plan".to_owned(), |p| p.name.clone()),
-        date: utc_now(),
+        date: rig::clock::utc_now(),
         software_version: format!("fringecell {}", env!("CARGO_PKG_VERSION")),
         rig_hash: cell.config.rig_sha256.clone(),
         plan_id: cell.plan.as_ref().map(|p| p.name.clone()).unwrap_or_default(),
@@ -229,43 +228,4 @@ fn marks(cell: &Cell, spans: &[Span], cycle: u64) -> Vec<Mark> {
     .into_iter()
     .flatten()
     .collect()
-}
-
-/// The time of day in UTC, as ISO 8601.
-fn utc_now() -> String {
-    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
-    utc(seconds)
-}
-
-/// Days to date by the algorithm of Howard Hinnant ("chrono-Compatible Low-Level Date Algorithms", days_from_civil).
-fn utc(seconds: u64) -> String {
-    let (days, time) = (seconds / 86_400, seconds % 86_400);
-    let shifted = days + 719_468;
-    let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted_month = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
-    let month = if shifted_month < 10 { shifted_month + 3 } else { shifted_month - 9 };
-    let year = era * 400 + year_of_era + u64::from(month <= 2);
-    format!("{year:04}-{month:02}-{day:02} {:02}:{:02} UTC", time / 3600, time / 60 % 60)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::utc;
-
-    #[test]
-    fn dates_are_right_at_leap_days_and_turns_of_years() {
-        for (seconds, date) in [
-            (0, "1970-01-01 00:00 UTC"),
-            (951_782_400, "2000-02-29 00:00 UTC"),
-            (951_868_800, "2000-03-01 00:00 UTC"),
-            (1_735_689_599, "2024-12-31 23:59 UTC"),
-            (1_735_689_600, "2025-01-01 00:00 UTC"),
-            (4_107_542_399, "2100-02-28 23:59 UTC"),
-        ] {
-            assert_eq!(utc(seconds), date);
-        }
-    }
 }

@@ -5,11 +5,13 @@ mod calibrate;
 mod check_rig;
 mod compare;
 mod decode;
+mod export;
 mod fit;
 mod focus;
 mod gamma;
 mod glob;
 mod import;
+mod import_rig;
 mod measure;
 mod numbers;
 mod pipeline;
@@ -54,6 +56,10 @@ enum Command {
     Measure(measure::Args),
     /// Turn other people's image files and OpenCV calibration into a recording and a rig file.
     Import(import::Args),
+    /// Turn an OpenCV calibration (YAML or XML) into a rig file.
+    ImportRig(import_rig::Args),
+    /// Write the pairs of a rig file in OpenCV's keys (YAML or XML).
+    Export(export::Args),
     /// Characterise all cameras and projectors from pictures of a target, in one adjustment.
     Calibrate(calibrate::Args),
     /// Tell a knocked or warm camera from a healthy rig, on any object lit with both fringe directions.
@@ -86,6 +92,8 @@ fn main() -> ExitCode {
         Command::Register(args) => register::run(&args),
         Command::Measure(args) => measure::run(&args),
         Command::Import(args) => import::run(&args),
+        Command::ImportRig(args) => import_rig::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Calibrate(args) => calibrate::run(&args),
         Command::CheckRig(args) => check_rig::run(&args),
         Command::Gamma(args) => gamma::run(&args),

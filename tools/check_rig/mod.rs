@@ -1,6 +1,7 @@
 //! `fringetool check-rig`: any object lit with both fringe directions tells whether the rig still is what its file says.
 
 mod print;
+mod trend;
 
 use crate::Outcome;
 use crate::pipeline::{DecodedView, decode_views};
@@ -32,6 +33,18 @@ pub struct Args {
     /// Smooth errors that the phase itself carries (footprint, blur, stray light), rms in px.
     #[arg(long, default_value_t = HealthSettings::default().phase_error_px)]
     phase_error_px: f64,
+    /// Append the result to this trend file, one sealed line a check, and print its history. It is made when absent.
+    #[arg(long)]
+    trend: Option<PathBuf>,
+    /// Key file (16 bytes or more) that seals the lines of the trend file; without it they are only chained by SHA-256.
+    #[arg(long, requires = "trend")]
+    key: Option<PathBuf>,
+    /// When the recording was made, RFC 3339; default: `date` in the recording's provenance, else now.
+    #[arg(long)]
+    date: Option<String>,
+    /// Draw the trend (SVG).
+    #[arg(long, requires = "trend")]
+    chart: Option<PathBuf>,
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -53,11 +66,7 @@ pub struct PairCheck {
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
-    check_outputs(
-        &[("--json", args.json.as_deref())],
-        &[&args.rig, &args.recording.join(RECORDING_FILE)],
-        None,
-    )?;
+    check_files(args)?;
     let settings = HealthSettings {
         false_alarm: args.false_alarm,
         phase_error_px: args.phase_error_px,
@@ -65,6 +74,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     settings.check()?;
     let recording = Recording::open(&args.recording)?;
+    let date = trend::date(args, &recording)?;
+    // A broken trend is told before the work, not after.
+    trend::verify(args)?;
     let rig_file = read_rig(&args.rig)?;
     let covariance = rig_file.read_covariance()?;
     let pairs = pairs(&recording, &rig_file)?;
@@ -81,8 +93,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
         .collect::<Result<Vec<_>>>()?;
     print::print(&checks, covariance.is_some());
     let healthy = checks.iter().all(|check| check.health.healthy);
+    trend::append(args, date.clone(), &recording, &rig_file, &checks)?;
     let result = serde_json::json!({
         "recording": args.recording,
+        "date": date,
         "rig": args.rig,
         "rig_sha256": rig_file.sha256,
         "settings": settings,
@@ -92,6 +106,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
     });
     emit(args.json.as_deref(), &result)?;
     Ok(if healthy { Outcome::Done } else { Outcome::LimitFailed })
+}
+
+fn check_files(args: &Args) -> Result<()> {
+    let recording_file = args.recording.join(RECORDING_FILE);
+    let mut inputs = vec![args.rig.as_path(), &recording_file];
+    inputs.extend(args.key.as_deref());
+    let outputs = [
+        ("--trend", args.trend.as_deref()),
+        ("--chart", args.chart.as_deref()),
+        ("--json", args.json.as_deref()),
+    ];
+    check_outputs(&outputs, &inputs, None)
 }
 
 /// Pairs of cameras, then cameras with the projector, of all projectors that showed both fringe directions.

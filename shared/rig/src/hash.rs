@@ -1,11 +1,28 @@
 //! SHA-256 as files name it.
 
+use hmac::{Hmac, KeyInit, Mac};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
 
 /// SHA-256 of bytes, 64 lower-case hexadecimal digits.
 pub fn sha256_hex(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().fold(String::with_capacity(64), |mut text, byte| {
+    hex(&Sha256::digest(bytes))
+}
+
+/// HMAC with SHA-256 (RFC 2104) of bytes under a key, 64 lower-case hexadecimal digits.
+pub fn hmac_sha256_hex(key: &[u8], bytes: &[u8]) -> String {
+    // HMAC takes keys of any length; the error type is there for other codes.
+    Hmac::<Sha256>::new_from_slice(key).map_or_else(
+        |_| String::new(),
+        |mut code| {
+            code.update(bytes);
+            hex(&code.finalize().into_bytes())
+        },
+    )
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
         let _ = write!(text, "{byte:02x}");
         text
     })
@@ -16,7 +33,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_published_test_vector() {
+    fn the_published_test_vectors() {
+        // RFC 4231, test case 2.
+        assert_eq!(
+            hmac_sha256_hex(b"Jefe", b"what do ya want for nothing?"),
+            "5bdcc146bf60754e6a042426089575c75a003f089d2739839dec58b964ec3843"
+        );
         assert_eq!(sha256_hex(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
     }
 }

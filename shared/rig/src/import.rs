@@ -276,7 +276,7 @@ fn read_calibration(document: &Document, raw: &RawRig, source: &Path) -> Result<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::opencv::pair_yaml;
+    use crate::opencv::{Language, pair_text};
     use crate::testing::camera;
     use fringe::frame::PixelBuffer;
 
@@ -297,8 +297,8 @@ list = ["R/c.bmp", "R/a.bmp", "R/b.bmp"]
 [rig]
 opencv = "c.yml"
 view = [
-  { name = "left", width_px = 6, height_px = 4, matrix = "K1", distortion = "D1" },
-  { name = "right", width_px = 6, height_px = 4, matrix = "K2", distortion = "D2", rotation = "R", translation = "T" },
+  { name = "left", width_px = 6, height_px = 4, matrix = "M1", distortion = "D1" },
+  { name = "right", width_px = 6, height_px = 4, matrix = "M2", distortion = "D2", rotation = "R", translation = "T" },
 ]
 pair = [{ name = "pair1", left = "left", right = "right" }]
 "#;
@@ -314,8 +314,9 @@ pair = [{ name = "pair1", left = "left", right = "right" }]
         for (name, value) in [("c", 10), ("a", 11), ("b", 12)] {
             grey(value).save(dir.path().join(format!("R/{name}.bmp"))).unwrap();
         }
-        let (left, right) = (camera("left", 6, 4).camera, camera("right", 6, 4).camera);
-        std::fs::write(dir.path().join("c.yml"), pair_yaml(&left, &right)).unwrap();
+        let (left, mut right) = (camera("left", 6, 4).camera, camera("right", 6, 4).camera);
+        right.camera_from_world.translation.vector.x -= 80.0;
+        std::fs::write(dir.path().join("c.yml"), pair_text(&left, &right, Language::Yaml).unwrap()).unwrap();
         dir
     }
 
@@ -354,9 +355,9 @@ pair = [{ name = "pair1", left = "left", right = "right" }]
             ("\"R/c.bmp\", ", "", "2 files are listed, but the sequence has 3 frames"),
             ("first = 1", "list = []", "needs files (with first), or list, not both"),
             (
-                "matrix = \"K1\"",
-                "matrix = \"Kl\"",
-                "matrix \"Kl\" is unknown; known: D1, D2, K1, K2, R, T; did you mean",
+                "matrix = \"M1\"",
+                "matrix = \"Ml\"",
+                "matrix \"Ml\" is unknown; known: D1, D2, E, F, M1, M2, P1, P2, Q, R, R1, R2, R_world, T, T_world; did you mean",
             ),
             ("width_px = 6,", "width_px = 7,", "\"left\" was recorded with 6 × 4 px, but 7 × 4 px in "),
             (", rotation = \"R\"", "", "one of rotation and translation of \"right\" is missing"),
@@ -366,7 +367,7 @@ pair = [{ name = "pair1", left = "left", right = "right" }]
                 "\"rigth\" is unknown; known: left, right; did you mean",
             ),
             ("steps = 3", "steps = 2", "steps = 2"),
-            ("matrix = \"K1\"", "matrx = \"K1\"", "did you mean \"matrix\"?"),
+            ("matrix = \"M1\"", "matrx = \"M1\"", "did you mean \"matrix\"?"),
         ] {
             assert!(LAYOUT.contains(from), "{from}");
             let error = run(&LAYOUT.replacen(from, to, 1)).unwrap_err();

@@ -5,6 +5,7 @@
 
 pub mod atomic;
 pub mod budget;
+pub mod clock;
 pub mod config;
 pub mod correction;
 pub mod document;
@@ -24,3 +25,4 @@ pub mod surface_file;
 #[cfg(test)]
 mod testing;
 pub mod trace;
+pub mod trend;

@@ -40,7 +40,7 @@ mod zhang;
 
 pub use covariance::{Covariance, Gauge, PARAMETERS};
 pub use error::CalibrationError;
-pub(crate) use model::moved;
+pub(crate) use model::{moved, rotation, rotation_vector};
 pub use observations::{Device, DeviceKind, Observations, Sight, View};
 pub use predict::PointUncertainty;
 pub use reading::projector_pixel;

@@ -84,7 +84,7 @@ pub(super) struct State {
 }
 
 /// The rotation by a vector, rad; bits do not depend on the machine.
-pub(super) fn rotation(vector: Vector3<f64>) -> UnitQuaternion<f64> {
+pub(crate) fn rotation(vector: Vector3<f64>) -> UnitQuaternion<f64> {
     let angle = vector.norm();
     // sin(φ/2)/φ by its series near zero, where the quotient has none.
     let (real, part) = if angle < 1e-6 {
@@ -96,7 +96,7 @@ pub(super) fn rotation(vector: Vector3<f64>) -> UnitQuaternion<f64> {
 }
 
 /// The rotation vector of a rotation, rad, of length at most π.
-pub(super) fn rotation_vector(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
+pub(crate) fn rotation_vector(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
     let q = if rotation.w < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
     let sine = q.imag().norm();
     let angle = 2.0 * math::atan2(sine, q.w);

@@ -54,6 +54,16 @@ impl StereoGeometry {
         Self { right_from_left, essential, fundamental, left: left.clone(), right: right.clone() }
     }
 
+    /// F with its last entry 1, as OpenCV writes it; as it is where that entry vanishes.
+    pub fn fundamental_scaled(&self) -> Matrix3<f64> {
+        let last = self.fundamental[(2, 2)];
+        if last.abs() > f64::EPSILON * self.fundamental.amax() {
+            self.fundamental / last
+        } else {
+            self.fundamental
+        }
+    }
+
     /// Signed first-order distance of a pair of pixels (as seen, distorted) from fulfilling the epipolar constraint, px
     /// (Sampson); `None` where a lens model folds over or the points are the epipoles.
     pub fn epipolar_error_px(&self, left: Point2<f64>, right: Point2<f64>) -> Option<f64> {

@@ -3,13 +3,17 @@
 //! Only what calibrations need is read: numbers and matrices (`opencv-matrix`) at the top level, by key. Everything
 //! else in the file is passed over.
 
+mod keys;
 mod rig;
 mod storage;
+mod write;
 mod xml;
 mod yaml;
 
-pub use rig::{ViewKeys, ViewKind, lens_from_opencv, pair_yaml, rig_from_opencv};
+pub use keys::{CalibrationNames, rig_of_calibration};
+pub use rig::{ViewKeys, ViewKind, lens_from_opencv, rig_from_opencv};
 pub use storage::{Matrix, Storage};
+pub use write::{Language, pair_text};
 
 use crate::document::read_text;
 use crate::error::{FileError, Problem};

@@ -6,7 +6,6 @@ use fringe::camera::{BrownConrady, Camera, pose};
 use fringe::rig::{Named, Pair, Rig};
 use nalgebra::Isometry3;
 use serde::Deserialize;
-use std::fmt::Write as _;
 
 /// What a calibration describes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
@@ -138,32 +137,4 @@ pub fn lens_from_opencv(values: &[f64]) -> Result<BrownConrady, Problem> {
         });
     }
     Ok(BrownConrady { k: [k1, k2, rest.first().copied().unwrap_or(0.0)], p: [p1, p2] })
-}
-
-/// Two views as OpenCV YAML: `K1 D1 K2 D2 R T` with X_2 = R X_1 + T in mm, and the image sizes.
-pub fn pair_yaml(first: &Camera, second: &Camera) -> String {
-    let second_from_first = second.camera_from_world * first.camera_from_world.inverse();
-    let mut out = String::from("%YAML:1.0\n---\n");
-    for (number, camera) in [(1, first), (2, second)] {
-        let _ = writeln!(out, "image_width{number}: {}", camera.width_px);
-        let _ = writeln!(out, "image_height{number}: {}", camera.height_px);
-        let matrix = camera.matrix().transpose();
-        push_matrix(&mut out, &format!("K{number}"), 3, matrix.as_slice());
-        let ([k1, k2, k3], [p1, p2]) = (camera.distortion.k, camera.distortion.p);
-        push_matrix(&mut out, &format!("D{number}"), 1, &[k1, k2, p1, p2, k3]);
-    }
-    let rotation = second_from_first.rotation.to_rotation_matrix().into_inner().transpose();
-    push_matrix(&mut out, "R", 3, rotation.as_slice());
-    push_matrix(&mut out, "T", 3, second_from_first.translation.vector.as_slice());
-    out
-}
-
-/// Row by row.
-fn push_matrix(out: &mut String, key: &str, rows: usize, data: &[f64]) {
-    let numbers = data.iter().map(|value| format!("{value:?}")).collect::<Vec<_>>().join(", ");
-    let columns = data.len() / rows;
-    let _ = write!(
-        out,
-        "{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [ {numbers} ]\n"
-    );
 }

@@ -67,27 +67,70 @@ fn lens_models_beyond_k3_are_refused() {
     assert!(lens_from_opencv(&[0.1]).is_err());
 }
 
-#[test]
-fn a_pair_comes_back_from_the_yaml_that_it_wrote() {
+fn pair() -> (fringe::camera::Camera, fringe::camera::Camera) {
     let (left, mut right) = (camera("left", 640, 480).camera, camera("right", 640, 480).camera);
-    right.camera_from_world.translation.vector.x -= 80.0;
-    let storage = read(&pair_yaml(&left, &right)).unwrap();
-    let keys = |name: &str, number: u32, pose: bool| ViewKeys {
-        name: name.into(),
-        kind: ViewKind::Camera,
-        width_px: 640,
-        height_px: 480,
-        matrix: format!("K{number}"),
-        distortion: Some(format!("D{number}")),
-        rotation: pose.then(|| "R".into()),
-        translation: pose.then(|| "T".into()),
+    right.camera_from_world = nalgebra::Isometry3::new(
+        nalgebra::Vector3::new(-80.0, 1.0 / 3.0, 502.0),
+        nalgebra::Vector3::new(0.12, -0.1, 0.31),
+    );
+    (left, right)
+}
+
+#[test]
+fn a_pair_comes_back_from_what_was_written() {
+    let (left, right) = pair();
+    for language in [Language::Yaml, Language::Xml] {
+        let storage = read(&pair_text(&left, &right, language).unwrap()).unwrap();
+        let views = vec!["a".to_owned(), "b".to_owned()];
+        let names = CalibrationNames { views, size_px: None, projector: false, unit_mm: 1.0 };
+        let rig = rig_of_calibration(&storage, &names).unwrap();
+        for (found, truth) in [(rig.camera("a").unwrap(), &left), (rig.camera("b").unwrap(), &right)] {
+            assert_eq!(
+                (found.focal_px, found.skew, found.distortion),
+                (truth.focal_px, truth.skew, truth.distortion)
+            );
+            assert_eq!((found.width_px, found.height_px), (640, 480));
+            assert_eq!(found.principal_point_px, truth.principal_point_px);
+            let difference = found.camera_from_world * truth.camera_from_world.inverse();
+            assert!(difference.translation.vector.norm() < 1e-12 && difference.rotation.angle() < 1e-14);
+        }
+        assert_eq!((rig.pairs[0].left.as_str(), rig.pairs[0].projector.as_str()), ("a", ""));
+        for key in ["E", "F", "R1", "R2", "P1", "P2", "Q"] {
+            assert!(storage.matrix(key).is_ok(), "{key}");
+        }
+        let names = CalibrationNames { projector: true, ..names };
+        assert!(rig_of_calibration(&storage, &names).unwrap().projector("b").is_some());
+    }
+    assert!(pair_text(&left, &left, Language::Yaml).is_err());
+}
+
+#[test]
+fn calibrations_of_other_programs_are_understood_or_told_why_not() {
+    let one = YAML.replace("rms: 0.25", "image_width: 1280\nimage_height: 1024");
+    let names = |views: &[&str], size_px| CalibrationNames {
+        views: views.iter().map(|v| (*v).to_owned()).collect(),
+        size_px,
+        projector: false,
         unit_mm: 1.0,
     };
-    let rig =
-        rig_from_opencv(&storage, &[keys("left", 1, false), keys("right", 2, true)], Vec::new()).unwrap();
-    let (a, b) = (rig.camera("left").unwrap(), rig.camera("right").unwrap());
-    assert_eq!((a.focal_px, a.skew, a.distortion), (left.focal_px, left.skew, left.distortion));
-    let truth = right.camera_from_world * left.camera_from_world.inverse();
-    let difference = b.camera_from_world * truth.inverse();
-    assert!(difference.translation.vector.norm() < 1e-12 && difference.rotation.angle() < 1e-15);
+    let rig = rig_of_calibration(&read(&one).unwrap(), &names(&["cam1"], None)).unwrap();
+    assert_eq!((rig.cameras[0].camera.width_px, rig.cameras[0].camera.distortion.k[2]), (1280, 0.3));
+    assert!(rig.pairs.is_empty());
+    let eight = YAML.replace("cols: 5", "cols: 8").replace("0.3 ]", "0.3, 0, 0, 0 ]");
+    let rig = rig_of_calibration(&read(&eight).unwrap(), &names(&["cam1"], Some((640, 480)))).unwrap();
+    assert_eq!(rig.cameras[0].camera.distortion.k[2], 0.3);
+    for (text, views, size, expected) in [
+        (
+            YAML.to_owned(),
+            &["cam1"][..],
+            None,
+            "the image size of \"cam1\" (image_width, image_height) is missing",
+        ),
+        (YAML.to_owned(), &["a", "b"], Some((64, 48)), "the camera matrix of \"a\", such as M1 is missing"),
+        (eight.replace("0.3, 0,", "0.3, 0.1,"), &["cam1"], Some((64, 48)), "coefficient 6 = 0.1"),
+        (one.replace("1280", "12.5"), &["cam1"], None, "image_width: value 12.5 is not allowed"),
+    ] {
+        let error = rig_of_calibration(&read(&text).unwrap(), &names(views, size)).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}\nlacks\n{expected}");
+    }
 }

@@ -38,6 +38,7 @@ pub use input::{
     Activity, CycleRow, FeatureRow, GreyPicture, Mark, OverlapRow, PhasePicture, ReportInput, Span,
     StageTimes, Verdict,
 };
+pub(crate) use page::Text;
 pub use picture::PictureError;
 
 /// Writes the report; the file is complete or absent.

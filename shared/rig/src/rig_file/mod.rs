@@ -110,11 +110,22 @@ struct RawPair {
 /// Everything that DESIGN section 4 does not allow: unknown keys, impossible cameras, mirrored or non-orthonormal
 /// rotations, names that occur twice, pairs of unknown cameras. The message names the line and the key.
 pub fn read_rig(path: &Path) -> Result<RigFile, FileError> {
-    let document = Document::read(path)?;
+    parse(&Document::read(path)?)
+}
+
+/// Checks the text of a rig file before it is written to `path`, as [`read_rig`] would after.
+///
+/// # Errors
+/// As [`read_rig`].
+pub fn parse_rig(path: &Path, text: String) -> Result<RigFile, FileError> {
+    parse(&Document { path: path.to_owned(), text })
+}
+
+fn parse(document: &Document) -> Result<RigFile, FileError> {
     let raw: RawRig = document.parse(RIG_FORMAT)?;
-    let rig = meaning(&document, &raw)?;
+    let rig = meaning(document, &raw)?;
     Ok(RigFile {
-        path: path.to_owned(),
+        path: document.path.clone(),
         sha256: sha256_hex(document.text.as_bytes()),
         rig,
         provenance: raw.provenance,

@@ -1,0 +1,74 @@
+//! `fringetool import-rig`: a calibration in OpenCV's YAML or XML becomes a rig file.
+
+use crate::Outcome;
+use crate::report::{check_outputs, emit};
+use anyhow::{Context, Result, bail};
+use rig::hash::sha256_hex;
+use rig::opencv::{CalibrationNames, Storage, rig_of_calibration};
+use rig::rig_file::{parse_rig, rig_text, write_rig};
+use std::path::PathBuf;
+
+/// Arguments of `import-rig`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// OpenCV YAML or XML with `M1 D1 M2 D2 R T` (also `K1`, `cameraMatrix1`, …), or `K D` for a single camera.
+    calibration: PathBuf,
+    /// Rig file to write.
+    #[arg(long)]
+    out: PathBuf,
+    /// Names of the views in the rig, `left,right`; one name for a single camera.
+    #[arg(long, default_value = "left,right", value_delimiter = ',')]
+    views: Vec<String>,
+    /// Image size, `1280x1024`, where the file has no image_width and image_height.
+    #[arg(long)]
+    size: Option<String>,
+    /// The second view is a projector.
+    #[arg(long)]
+    projector: bool,
+    /// Millimetres per unit of T: 1000 for a calibration in metres.
+    #[arg(long, default_value_t = 1.0)]
+    unit_mm: f64,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let outputs = [("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
+    check_outputs(&outputs, &[&args.calibration], None)?;
+    if !(1..=2).contains(&args.views.len()) {
+        bail!("--views {}: name one view or two", args.views.join(","));
+    }
+    if !(args.unit_mm.is_finite() && args.unit_mm > 0.0) {
+        bail!("--unit-mm {}: must be a positive number", args.unit_mm);
+    }
+    let storage = Storage::read(&args.calibration)?;
+    let names = CalibrationNames {
+        views: args.views.clone(),
+        size_px: args.size.as_deref().map(size).transpose()?,
+        projector: args.projector,
+        unit_mm: args.unit_mm,
+    };
+    let rig = rig_of_calibration(&storage, &names)?;
+    let mut provenance = toml::Table::new();
+    provenance.insert("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION")).into());
+    provenance.insert("calibration".into(), args.calibration.display().to_string().into());
+    let bytes = rig::document::read_text(&args.calibration)?;
+    provenance.insert("calibration_sha256".into(), sha256_hex(bytes.as_bytes()).into());
+    // Names are checked before anything is written: what is written can be read.
+    let text = rig_text(&rig, &provenance, None);
+    parse_rig(&args.out, text)?;
+    write_rig(&args.out, &rig, &provenance, None)?;
+    let (cameras, projectors) = (rig.cameras.len(), rig.projectors.len());
+    println!("{}: {cameras} cameras, {projectors} projectors", args.out.display());
+    let result = serde_json::json!({ "rig": args.out, "cameras": cameras, "projectors": projectors });
+    emit(args.json.as_deref(), &result)?;
+    Ok(Outcome::Done)
+}
+
+fn size(text: &str) -> Result<(u32, u32)> {
+    let form = || format!("--size {text}: write columns x rows, such as 1280x1024");
+    let (width, height) = text.split_once('x').with_context(form)?;
+    Ok((width.trim().parse().with_context(form)?, height.trim().parse().with_context(form)?))
+}
