@@ -7,6 +7,7 @@
 //! - [`focus`]: best focus and depth of focus from pictures of a checkerboard
 //! - [`gamma`]: a projector's response is measured and corrected
 //! - [`compare`]: deviations and motions that are known beforehand
+//! - [`rig_state`]: a rig file against what its cameras see, and against other programs
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - [`uncertainty`]: budgets in, table, JSON and report out
 //! - [`golden_cells`]: the printed cells of the thesis' tables, recomputed
@@ -21,5 +22,6 @@ mod gamma;
 mod golden_cells;
 mod offline;
 mod real;
+mod rig_state;
 mod support;
 mod uncertainty;

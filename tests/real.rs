@@ -79,3 +79,61 @@ fn a_real_relief_seen_by_camera_and_projector_stands_where_it_stood() {
     let depth_mm = median(depths_mm(&points));
     assert!((depth_mm - 727.4).abs() < 1.0, "{depth_mm} mm");
 }
+
+/// The same camera and projector characterised by us from four of the six published poses of the board (13 × 9 inner
+/// corners), then the skull with our own rig. Published, with fewer lens parameters: f 2195.1 and 2601.5 px, rms 0.282 and
+/// 0.463 px, |T| 164.5 mm.
+#[test]
+fn a_real_camera_and_projector_are_characterised_and_the_skull_stands_where_it_stood() {
+    let Some(source) = real_data("procam_skull") else { return };
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let mut poses = Vec::new();
+    for pose in ["calseq2", "calseq3", "calseq5", "calseq6"] {
+        let from = source.join("calibration").join(pose);
+        let layout = "tests/layouts/procam_calibration.toml";
+        fringetool(&["import", layout, "--from", from.to_str().unwrap(), "--out", &path(pose)])
+            .expect_success();
+        poses.push(path(pose));
+    }
+    let target = path("target.toml");
+    std::fs::write(&target, "kind = \"checkerboard\"\ncolumns = 13\nrows = 9\npitch_mm = 10.0\n").unwrap();
+    let (rig, report) = (path("rig.toml"), path("report.json"));
+    let mut arguments = vec![
+        "calibrate",
+        "--target",
+        &target,
+        "--out",
+        &rig,
+        "--json",
+        &report,
+        "--pair",
+        "pair1=cam1,proj1",
+    ];
+    arguments.extend(poses.iter().map(String::as_str));
+    println!("{}", fringetool(&arguments).expect_success().stdout);
+    let file = rig::rig_file::read_rig(rig.as_ref()).unwrap();
+    assert!(file.read_covariance().unwrap().is_some());
+    let (camera, projector) = (file.rig.camera("cam1").unwrap(), file.rig.projector("proj1").unwrap());
+    assert!((camera.focal_px[0] / 2195.1 - 1.0).abs() < 0.01, "{:?}", camera.focal_px);
+    assert!((projector.focal_px[0] / 2601.5 - 1.0).abs() < 0.01, "{:?}", projector.focal_px);
+    let baseline_mm = (camera.centre_mm() - projector.centre_mm()).norm();
+    assert!((baseline_mm - 164.5).abs() < 3.0, "{baseline_mm} mm");
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();
+    for (devices, published_px) in [("cameras", 0.282), ("projectors", 0.463)] {
+        let device = &report[devices][0];
+        assert_eq!(device["views"], 4, "{device}");
+        assert!(device["rms_reprojection_px"].as_f64().unwrap() < published_px, "{device}");
+    }
+    let (skull, ply) = (path("skull"), path("skull.ply"));
+    let layout = "tests/layouts/procam_skull_2x3.toml";
+    fringetool(&["import", layout, "--from", source.to_str().unwrap(), "--out", &skull]).expect_success();
+    fringetool(&["reconstruct", "--rig", &rig, "--method", "projector", "--out", &ply, &skull])
+        .expect_success();
+    let points = rig::ply::read_cloud(ply.as_ref()).unwrap().points;
+    assert!(points.len() > 290_000, "{} points", points.len());
+    let depths = points.iter().map(|p| (camera.camera_from_world * p.position()).z).collect();
+    let depth_mm = median(depths);
+    println!("median depth {depth_mm:.2} mm");
+    assert!((depth_mm - 386.0).abs() < 6.0, "{depth_mm} mm");
+}

@@ -100,6 +100,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&outputs, &[&args.rig, &args.recording.join(RECORDING_FILE)], None)?;
     let recording = Recording::open(&args.recording)?;
     let rig_file = read_rig(&args.rig)?;
+    if let Err(fault) = rig_file.read_covariance() {
+        eprintln!("{fault} (points do not need it)");
+    }
     let pairs = pairs(args, &recording, &rig_file)?;
     let lit = |projector: &str, camera: &str| {
         pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))

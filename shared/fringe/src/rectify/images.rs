@@ -41,14 +41,15 @@ impl RectifiedImages {
         let rectified_from_view = [to_axis * half.transpose(), to_axis * half];
         let along = (rectified_from_view[1] * right_from_left.translation.vector)[axis];
         let focal_px = 0.5 * (left.focal_px[1 - axis] + right.focal_px[1 - axis]);
-        let size = Vector2::new(f64::from(left.width_px), f64::from(left.height_px));
+        // The centre of the last pixel.
+        let last = Vector2::new(f64::from(left.width_px - 1), f64::from(left.height_px - 1));
         let mut centre = Vector2::zeros();
         for (side, camera, turn) in
             [("left", left, &rectified_from_view[0]), ("right", right, &rectified_from_view[1])]
         {
-            let mean = mean_corner(camera, turn, size).ok_or(RectifyError::NoRays { side })?;
+            let mean = mean_corner(camera, turn, last).ok_or(RectifyError::NoRays { side })?;
             // Both views get one principal point, the mean of what each would need.
-            centre += (size / 2.0 - mean * focal_px) / 2.0;
+            centre += (last / 2.0 - mean * focal_px) / 2.0;
         }
         let first =
             Matrix3x4::new(focal_px, 0.0, centre.x, 0.0, 0.0, focal_px, centre.y, 0.0, 0.0, 0.0, 1.0, 0.0);
@@ -75,9 +76,9 @@ fn turn_to_axis(shift: &Vector3<f64>, axis: usize) -> Matrix3<f64> {
 }
 
 /// Mean of the rectified normalised coordinates of the image's four corners.
-fn mean_corner(camera: &Camera, turn: &Matrix3<f64>, size: Vector2<f64>) -> Option<Vector2<f64>> {
+fn mean_corner(camera: &Camera, turn: &Matrix3<f64>, last: Vector2<f64>) -> Option<Vector2<f64>> {
     let mut sum = Vector2::zeros();
-    for (x, y) in [(0.0, 0.0), (size.x, 0.0), (0.0, size.y), (size.x, size.y)] {
+    for (x, y) in [(0.0, 0.0), (last.x, 0.0), (0.0, last.y), (last.x, last.y)] {
         let ideal = camera.normalised_from_pixel(Point2::new(x, y))?;
         let turned = turn * Vector3::new(ideal.x, ideal.y, 1.0);
         sum += turned.xy() / turned.z;
@@ -112,7 +113,45 @@ mod tests {
         }
     }
 
-    /// Figures of OpenCV 5.0.0 (Python, `cv2.stereoRectify(M1, D1, M2, D2, (640, 480), R, T)`) for an upright pair.
+    /// Figures of OpenCV 5.0.0 (`cv2.stereoRectify(M1, D1, M2, D2, (640, 480), R, T)`) for a pair one above the other.
+    /// OpenCV undistorts the corners in single precision, hence the digits that are asked for.
+    #[test]
+    fn opencv_gives_the_same_for_an_upright_pair() {
+        let camera = |focal_px: [f64; 2], camera_from_world| Camera {
+            width_px: 640,
+            height_px: 480,
+            focal_px,
+            principal_point_px: [321.0, 241.0],
+            skew: 0.0,
+            distortion: crate::camera::BrownConrady::default(),
+            camera_from_world,
+        };
+        let turn = nalgebra::UnitQuaternion::from_scaled_axis(Vector3::new(0.02, -0.2, 0.03));
+        let pose = nalgebra::Isometry3::from_parts(Vector3::new(5.0, -90.0, 7.0).into(), turn);
+        let left = camera([1001.0, 1001.0], nalgebra::Isometry3::identity());
+        let images = RectifiedImages::new(&left, &camera([1002.0, 1000.0], pose)).unwrap();
+        let expected = Matrix3::new(
+            0.99422733,
+            0.032865143,
+            -0.102136665,
+            -0.041903529,
+            0.995269884,
+            -0.087646744,
+            0.098773024,
+            0.091420675,
+            0.990901685,
+        );
+        assert!((images.rectified_from_view[0] - expected).amax() < 1e-9);
+        let q = &images.q;
+        assert!((q[(0, 3)] + 323.183_479).abs() < 1e-4 && (q[(1, 3)] + 329.266_335).abs() < 1e-4, "{q}");
+        assert!(
+            (q[(2, 3)] - 1001.5).abs() < 1e-9 && (q[(3, 2)] - 0.011_060_701_788_398).abs() < 1e-12,
+            "{q}"
+        );
+        let p = &images.projection[1];
+        assert!((p[(1, 3)] + 90_545.791_683).abs() < 1e-5 && p[(0, 3)] == 0.0, "{p}");
+    }
+
     #[test]
     fn one_view_twice_has_no_baseline() {
         let [left, ..] = rig(640, 480);

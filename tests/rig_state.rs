@@ -1,0 +1,165 @@
+//! A rig file against what its cameras see, and against other programs: `check-rig`, `export`, `import-rig`.
+
+use crate::support::{Ran, Small, fringetool, root};
+use fringe::rig::Rig;
+use rig::rig_file::{read_rig, write_rig};
+use std::path::Path;
+use tempfile::TempDir;
+
+/// Cameras of this size see some thousand windows of the part.
+const SIZE_PX: (u32, u32) = (336, 224);
+
+/// The twin's part under fringes along both axes, and its rig.
+struct Lit {
+    folder: TempDir,
+}
+
+impl Lit {
+    fn new() -> Self {
+        let lit = Self { folder: TempDir::new().unwrap() };
+        lit.write_rig("rig.toml", |_| ());
+        let scene = root().join("configs/complex-artefact.scene.toml");
+        let cell = format!(
+            r#"format = "fringecell-config/1"
+name = "lit"
+rig = "rig.toml"
+pairs = ["pair1"]
+projector = [{{ name = "proj1", driver = "twin", width_px = 608, height_px = 684, cameras = ["cam1", "cam2"], sequence = [
+  {{ set = "sine", axis = "x", period_px = 16.0, steps = 5 }}, {{ set = "gray", axis = "x", bits = 7, stripe_px = 8.0 }},
+  {{ set = "sine", axis = "y", period_px = 16.0, steps = 5 }}, {{ set = "gray", axis = "y", bits = 7, stripe_px = 8.0 }},
+  {{ set = "white" }}, {{ set = "black" }},
+] }}]
+camera = [{{ name = "cam1", driver = "twin" }}, {{ name = "cam2", driver = "twin" }}]
+[twin]
+scene = {:?}
+"#,
+            scene.display().to_string()
+        );
+        std::fs::write(lit.path("cell.toml"), cell).unwrap();
+        fringetool(&["simulate", &lit.path("cell.toml"), "--out", &lit.path("rec")]).expect_success();
+        lit
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    /// The twin's rig, changed.
+    fn write_rig(&self, name: &str, change: impl FnOnce(&mut Rig)) {
+        let mut rig = twin::thesis::rig(SIZE_PX.0, SIZE_PX.1);
+        change(&mut rig);
+        write_rig(self.path(name).as_ref(), &rig, &toml::Table::new(), None).unwrap();
+    }
+
+    fn check(&self, rig: &str, more: &[&str]) -> Ran {
+        let (rig, recording) = (self.path(rig), self.path("rec"));
+        let mut arguments = vec!["check-rig", &recording, "--rig", &rig];
+        arguments.extend(more);
+        fringetool(&arguments)
+    }
+}
+
+#[test]
+fn a_knocked_camera_is_told_from_a_healthy_rig_and_the_trend_keeps_it() {
+    let lit = Lit::new();
+    let (trend, chart, json) = (lit.path("trend.txt"), lit.path("trend.svg"), lit.path("check.json"));
+    let keep = ["--trend", &trend, "--chart", &chart, "--json", &json];
+    let healthy = lit.check("rig.toml", &[&keep[..], &["--date", "2026-01-31"]].concat()).expect_success();
+    assert!(healthy.stdout.contains("healthy") && !healthy.stdout.contains("NOT"), "{}", healthy.stdout);
+    // 0.05° about an axis along the baseline moves the image by 0.6 px across it.
+    lit.write_rig("knocked.toml", |rig| {
+        let camera = &mut rig.cameras[1].camera;
+        let turn = nalgebra::UnitQuaternion::from_euler_angles(f64::to_radians(0.05), 0.0, 0.0);
+        camera.camera_from_world = turn * camera.camera_from_world;
+    });
+    let knocked = lit.check("knocked.toml", &keep);
+    assert_eq!(knocked.code, Some(1), "{}{}", knocked.stdout, knocked.stderr);
+    let result: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    assert_eq!(result["healthy"], false);
+    assert_eq!(result["suspects"], serde_json::json!(["cam2"]), "{}", knocked.stdout);
+    let cause = &result["pairs"][0]["drift"]["causes"][0];
+    assert_eq!(cause["name"], "rotation about x");
+    let (value, u) =
+        (cause["value"].as_f64().unwrap().to_degrees(), cause["u"].as_f64().unwrap().to_degrees());
+    assert!((value + 0.05).abs() < 4.0 * u && u < 0.001, "{value}° ± {u}°");
+    assert_eq!(std::fs::read_to_string(&trend).unwrap().lines().count(), 2);
+    assert!(std::fs::read_to_string(&chart).unwrap().contains("2026-01-31"));
+    let text = std::fs::read_to_string(&trend).unwrap();
+    std::fs::write(&trend, text.replacen("\"healthy\":true", "\"healthy\":false", 1)).unwrap();
+    let broken = lit.check("rig.toml", &keep);
+    assert_eq!(broken.code, Some(2));
+    assert!(broken.stderr.contains("trend.txt:1: the seal does not fit"), "{}", broken.stderr);
+}
+
+#[test]
+fn what_cannot_be_checked_says_what_is_missing() {
+    let small = Small::new();
+    let (rig, recording) = (small.path("rig.toml"), small.path("rec"));
+    let covariance =
+        format!("covariance = {{ file = \"c.json\", sha256 = \"{}\" }}\n[[camera]]", "0".repeat(64));
+    let one_direction = ["check-rig", recording.as_str(), "--rig", rig.as_str()];
+    for (arguments, expected) in [
+        (vec![], "no projector shows fringes along both axes"),
+        (vec!["--false-alarm", "2"], "false_alarm = 2 is outside"),
+        (vec!["--trend", "absent/trend.txt"], "there is no folder absent"),
+        (vec!["--date", "yesterday"], "--date yesterday: is no date"),
+        (vec!["--chart", "c.svg"], "--trend"),
+    ] {
+        let ran = fringetool(&[one_direction.as_slice(), &arguments].concat());
+        assert_eq!(ran.code, Some(2), "{arguments:?}: {}", ran.stderr);
+        assert!(ran.stderr.contains(expected) && !ran.stderr.contains("panicked"), "{}", ran.stderr);
+    }
+    small.edit("rig.toml", "[[camera]]", &covariance);
+    let ran = fringetool(&one_direction);
+    assert_eq!(ran.code, Some(2));
+    assert!(
+        ran.stderr.contains("c.json: cannot open it") && ran.stderr.contains("names it as its covariance"),
+        "{}",
+        ran.stderr
+    );
+    // What needs no covariance goes on, and says so.
+    let ran = small.reconstruct(&[]).expect_success();
+    assert!(ran.stderr.contains("c.json"), "{}", ran.stderr);
+}
+
+#[test]
+fn a_pair_goes_to_opencv_and_comes_back_with_its_digits() {
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let rig = twin::thesis::rig(336, 224);
+    write_rig(path("rig.toml").as_ref(), &rig, &toml::Table::new(), None).unwrap();
+    let (file, back) = (path("rig.toml"), path("back.toml"));
+    fringetool(&["export", "--rig", &file, "--format", "opencv", "--out", &path("all")]).expect_success();
+    let many = fringetool(&["export", "--rig", &file, "--out", &path("one.yml")]);
+    assert!(many.code == Some(2) && many.stderr.contains("choose one with --pair"), "{}", many.stderr);
+    for out in ["one.yml", "one.xml"] {
+        let out = path(out);
+        fringetool(&["export", "--rig", &file, "--pair", "pair2", "--out", &out]).expect_success();
+        fringetool(&["import-rig", &out, "--views", "cam3,cam4", "--out", &back]).expect_success();
+        let read = read_rig(back.as_ref()).unwrap().rig;
+        for name in ["cam3", "cam4"] {
+            let (a, b) = (rig.camera(name).unwrap(), read.camera(name).unwrap());
+            assert_eq!(
+                (a.focal_px, a.principal_point_px, a.distortion),
+                (b.focal_px, b.principal_point_px, b.distortion)
+            );
+            let difference = a.camera_from_world * b.camera_from_world.inverse();
+            assert!(difference.translation.vector.amax() < 1e-12 && difference.rotation.angle() < 1e-14);
+        }
+    }
+    assert_eq!(std::fs::read(path("all/pair2.yml")).unwrap(), std::fs::read(path("one.yml")).unwrap());
+    std::fs::remove_file(&back).unwrap();
+    for (arguments, expected) in [
+        (vec!["--views", "a,b,c"], "name one view or two"),
+        (vec!["--views", "a/,b"], "back.toml"),
+        (vec!["--size", "12"], "--size 12: write columns x rows"),
+        (vec!["--unit-mm", "0"], "--unit-mm 0"),
+    ] {
+        let base = ["import-rig".to_owned(), path("one.yml"), "--out".to_owned(), back.clone()];
+        let all: Vec<String> = base.into_iter().chain(arguments.iter().map(|a| (*a).to_owned())).collect();
+        let ran = fringetool(&all);
+        assert_eq!(ran.code, Some(2), "{arguments:?}: {}", ran.stderr);
+        assert!(ran.stderr.contains(expected), "{}", ran.stderr);
+        assert!(!Path::new(&back).exists());
+    }
+}
