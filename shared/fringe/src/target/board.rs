@@ -55,7 +55,7 @@ pub(crate) fn board(view: &View, starts: &Starts, most: i32) -> Board {
     let mut board = Board::new();
     for (place, pixel) in &starts.0 {
         let Some(along) = starts.steps(*place) else { continue };
-        if let Some(corner) = fitted(view, *place, *pixel, along, [0.0; 2]) {
+        if let Some(corner) = fitted(view, *place, *pixel, along, None) {
             board.insert(*place, corner);
         }
     }
@@ -81,19 +81,22 @@ fn drop_covered(board: &mut Board) {
     board.retain(|_, corner| misfit(corner) <= (OUTSTANDING * median).max(TEXTURE));
 }
 
-/// A corner at a place, if the image holds one of the proper colour there.
+/// A corner at a place, if the image holds one of the proper colour there; `second`: the corner that a first fit gave, and the
+/// curvature of the lines through it.
 fn fitted(
     view: &View,
     place: Place,
     pixel: Point2<f64>,
     along: [Vector2<f64>; 2],
-    curvature: [f64; 2],
+    second: Option<(&Corner, [f64; 2])>,
 ) -> Option<Corner> {
-    let expected = Expected { pixel, along, curvature };
-    let corner = refine(view.image, view.full_scale_dn, &expected, view.window)?;
     let pitch = along[0].norm().min(along[1].norm());
-    let light = if (place.0 + place.1).rem_euclid(2) == 0 { 1.0 } else { -1.0 };
-    let contrast = light * corner.contrast_dn;
+    let light = (place.0 + place.1).rem_euclid(2) == 0;
+    let curvature = second.map_or([0.0; 2], |(_, curvature)| curvature);
+    let expected = Expected { pixel, along, curvature, light, leash_px: STRAY * pitch };
+    let first = second.map(|(corner, _)| corner);
+    let corner = refine(view.image, view.full_scale_dn, &expected, view.window, first)?;
+    let contrast = if light { corner.contrast_dn } else { -corner.contrast_dn };
     let aligned = (0..2).all(|i| {
         let (sin, cos) = crate::math::sincos(corner.angle_rad[i]);
         Vector2::new(cos, sin).dot(&along[i]) > TURN * along[i].norm()
@@ -121,7 +124,7 @@ fn grow(view: &View, board: &mut Board, most: i32) {
         for place in places {
             tried.insert(place);
             let corner = board.predicted(place).zip(board.steps(place)).and_then(|(pixel, along)| {
-                fitted(view, place, pixel, along, [0.0; 2]).filter(|corner| !is_faint(board, place, corner))
+                fitted(view, place, pixel, along, None).filter(|corner| !is_faint(board, place, corner))
             });
             if let Some(corner) = corner {
                 board.insert(place, corner);
@@ -163,7 +166,7 @@ fn straighten(view: &View, board: &mut Board) {
         .map(|place| {
             let corner = board.get(place).zip(board.steps(*place)).and_then(|(corner, along)| {
                 let curvature = [0, 1].map(|axis| board.mean_curvature(*place, axis));
-                fitted(view, *place, corner.pixel, along, curvature)
+                fitted(view, *place, corner.pixel, along, Some((corner, curvature)))
             });
             (*place, corner)
         })

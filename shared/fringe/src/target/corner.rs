@@ -6,13 +6,16 @@
 //! h·x through the blur as h·x + σ²·h·∇. The product is exact for edges at right angles under Gaussian blur;
 //! for others it errs symmetrically about the corner, which leaves the corner's position alone.
 
+use super::profile::Profile;
 use super::raster::Raster;
-use super::solve::{Model, Sample, fit};
-use crate::math::{atan2, erf, exp, sincos};
+use super::solve::{Ending, Model, SETTLED_PX, Sample, fit};
+use crate::math::{atan2, sincos};
 use nalgebra::{Matrix2, Point2, SVector, Vector2};
 
 /// cx, cy, θ₁, θ₂, σ₁, σ₂, m, gx, gy, A, hx, hy.
 const PARAMETERS: usize = 12;
+/// Where a first fit ends, px: a second one follows.
+const ROUGHLY_PX: f64 = 1e-3;
 /// The blur of the optics starts here, px.
 const START_BLUR_PX: f64 = 1.0;
 /// Sharper than a pixel's own width no honest edge is; one that was sharpened is fitted with this blur held.
@@ -30,6 +33,10 @@ pub(crate) struct Expected {
     pub along: [Vector2<f64>; 2],
     /// Curvature of the two edges through the lens, 1/px: the edge is at sᵢ = κᵢ tᵢ²/2.
     pub curvature: [f64; 2],
+    /// Whether the square between the first and the second edge is light.
+    pub light: bool,
+    /// A corner further from here than this, px, is another one.
+    pub leash_px: f64,
 }
 
 /// A corner found.
@@ -44,6 +51,8 @@ pub(crate) struct Corner {
     pub residual_dn: f64,
     /// Directions of the edges, rad, turned by less than a quarter from those expected.
     pub angle_rad: [f64; 2],
+    /// Of the model, for a second fit to start from.
+    parameters: SVector<f64, PARAMETERS>,
 }
 
 /// Reach of the window.
@@ -59,30 +68,21 @@ struct TwoEdges {
     curvature: [f64; 2],
 }
 
-/// P and its derivatives by s and σ.
-fn profile(s: f64, sigma: f64) -> (f64, f64, f64) {
-    let (held, sigma) = (sigma <= LEAST_BLUR_PX, sigma.max(LEAST_BLUR_PX));
-    let t = s / sigma;
-    // Beyond six sigma P is ±1 to the last digit.
-    if t.abs() > 6.0 {
-        return (t.signum(), 0.0, 0.0);
-    }
-    let density = (std::f64::consts::FRAC_2_PI).sqrt() / sigma * exp(-0.5 * t * t);
-    (erf(t * std::f64::consts::FRAC_1_SQRT_2), density, if held { 0.0 } else { -t * density })
-}
-
 /// An edge at one set of parameters.
 struct Edge {
+    profile: &'static Profile,
     sin: f64,
     cos: f64,
-    sigma: f64,
+    /// 1/σ, and whether σ is held at its least value.
+    sharpness: f64,
+    held: bool,
     half_curvature: f64,
 }
 
 impl Edge {
     /// σ²·∂P/∂n of the derivatives that [`Self::at`] gives, along x and y.
     fn blurred_slope(&self, derivatives: &[f64; 4]) -> [f64; 2] {
-        let variance = self.sigma.max(LEAST_BLUR_PX).powi(2);
+        let variance = 1.0 / (self.sharpness * self.sharpness);
         [-derivatives[0] * variance, -derivatives[1] * variance]
     }
 
@@ -90,7 +90,10 @@ impl Edge {
     fn at(&self, dx: f64, dy: f64) -> (f64, [f64; 4]) {
         let t = self.cos * dx + self.sin * dy;
         let s = self.cos * dy - self.sin * dx - self.half_curvature * t * t;
-        let (value, by_s, by_sigma) = profile(s, self.sigma);
+        let scaled = s * self.sharpness;
+        let (value, density) = self.profile.at(scaled);
+        let by_s = density * self.sharpness;
+        let by_sigma = if self.held { 0.0 } else { -scaled * by_s };
         // ds/dc = −n: the curvature's part is a thousandth of it.
         (value, [by_s * self.sin, -by_s * self.cos, -by_s * t, by_sigma])
     }
@@ -102,7 +105,15 @@ impl Model<PARAMETERS> for TwoEdges {
     fn prepare(&self, p: &SVector<f64, PARAMETERS>) -> Self::Prepared {
         let edge = |i: usize| {
             let (sin, cos) = sincos(p[2 + i]);
-            Edge { sin, cos, sigma: p[4 + i], half_curvature: 0.5 * self.curvature[i] }
+            let (sharpness, held) = (1.0 / p[4 + i].max(LEAST_BLUR_PX), p[4 + i] <= LEAST_BLUR_PX);
+            Edge {
+                profile: Profile::table(),
+                sin,
+                cos,
+                sharpness,
+                held,
+                half_curvature: 0.5 * self.curvature[i],
+            }
         };
         ([edge(0), edge(1)], *p)
     }
@@ -138,15 +149,51 @@ impl Model<PARAMETERS> for TwoEdges {
 }
 
 /// Fits the model around an expected corner; `None` when the image holds no such corner there.
+///
+/// From scratch the fit ends at a thousandth of a pixel. With `first`, the corner that this gave, it starts there, with the
+/// curvature that is now known, and ends at the noise limit.
 pub(crate) fn refine(
     image: &Raster,
     full_scale_dn: f64,
     expected: &Expected,
     window: Window,
+    first: Option<&Corner>,
 ) -> Option<Corner> {
     let origin = Point2::new(expected.pixel.x.round(), expected.pixel.y.round());
     let (samples, reach_px) = samples(image, origin, expected, window)?;
+    let model = TwoEdges { reach_px, curvature: expected.curvature };
     let offset = expected.pixel - origin;
+    let start = match first {
+        Some(corner) => {
+            let mut start = corner.parameters;
+            start.fixed_rows_mut::<2>(0).copy_from(&offset);
+            start
+        }
+        None => from_scratch(&model, expected, offset, &samples)?,
+    };
+    let settled_px = if first.is_some() { SETTLED_PX } else { ROUGHLY_PX };
+    let ending = Ending { settled_px, leash_px: expected.leash_px };
+    let solved = fit(&model, start, &samples, full_scale_dn, ending)?;
+    let p = solved.parameters;
+    Some(Corner {
+        pixel: Point2::new(origin.x + p[0], origin.y + p[1]),
+        covariance_px2: solved.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
+        blur_px: 0.5 * (p[4].max(LEAST_BLUR_PX) + p[5].max(LEAST_BLUR_PX)),
+        // Between the first and the second edge s₁ is positive and s₂ negative. Light beyond full scale is a guess.
+        contrast_dn: (-p[9]).clamp(-0.5 * full_scale_dn, 0.5 * full_scale_dn),
+        residual_dn: solved.residual_dn,
+        angle_rad: [p[2], p[3]],
+        parameters: p,
+    })
+}
+
+/// Start parameters by the expectation; `None` when light and dark lie the other way round.
+fn from_scratch(
+    model: &TwoEdges,
+    expected: &Expected,
+    offset: Vector2<f64>,
+    samples: &[Sample],
+) -> Option<SVector<f64, PARAMETERS>> {
     let angles = expected.along.map(|e| atan2(e.y, e.x));
     let mut start = SVector::<f64, PARAMETERS>::zeros();
     start.fixed_rows_mut::<6>(0).copy_from_slice(&[
@@ -157,19 +204,8 @@ pub(crate) fn refine(
         START_BLUR_PX,
         START_BLUR_PX,
     ]);
-    let model = TwoEdges { reach_px, curvature: expected.curvature };
-    start_levels(&model, &mut start, &samples);
-    let solved = fit(&model, start, &samples, full_scale_dn)?;
-    let p = solved.parameters;
-    Some(Corner {
-        pixel: Point2::new(origin.x + p[0], origin.y + p[1]),
-        covariance_px2: solved.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
-        blur_px: 0.5 * (p[4].max(LEAST_BLUR_PX) + p[5].max(LEAST_BLUR_PX)),
-        // Between the first and the second edge s₁ is positive and s₂ negative. Light beyond full scale is a guess.
-        contrast_dn: (-p[9]).clamp(-0.5 * full_scale_dn, 0.5 * full_scale_dn),
-        residual_dn: solved.residual_dn,
-        angle_rad: [p[2], p[3]],
-    })
+    start_levels(model, &mut start, samples);
+    ((start[9] < 0.0) == expected.light).then_some(start)
 }
 
 /// The pixels of the cross along both edges, and its reach in px; `None` where it leaves the image.

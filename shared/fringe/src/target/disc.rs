@@ -4,9 +4,9 @@
 //! order: s = (q − 1)·q/|Md| with q² = dᵀMd. The inside of a small circle is too small to tell how light falls on it, so one
 //! slope g of the light serves disc and ground; blurred, it moves the edge by σ²·g, as for a corner.
 
+use super::profile::Profile;
 use super::raster::Raster;
-use super::solve::{Model, Sample, fit};
-use crate::math::{erf, exp};
+use super::solve::{Ending, Model, SETTLED_PX, Sample, fit};
 use nalgebra::{Matrix2, Point2, SVector, Vector2};
 
 /// cx, cy, M₁₁, M₁₂, M₂₂, σ, m, gx, gy, A.
@@ -56,14 +56,8 @@ impl Model<PARAMETERS> for Ellipse {
         let length = (mx * mx + my * my).max(1e-24).sqrt();
         let sigma = p[5].max(LEAST_BLUR_PX);
         let t = (q - 1.0) * q / length / sigma;
-        let (profile, density) = if t.abs() > 6.0 {
-            (t.signum(), 0.0)
-        } else {
-            (
-                erf(t * std::f64::consts::FRAC_1_SQRT_2),
-                std::f64::consts::FRAC_2_PI.sqrt() / sigma * exp(-0.5 * t * t),
-            )
-        };
+        let (profile, density) = Profile::table().at(t);
+        let density = density / sigma;
         let (u, v) = (x / self.reach_px, y / self.reach_px);
         let (nx, ny) = (mx / length, my / length);
         let (light, base) = (1.0 + p[7] * u + p[8] * v, p[6] + p[9] * profile);
@@ -124,7 +118,9 @@ pub(crate) fn refine(
         0.5 * (outside - inside),
     ]);
     let samples: Vec<Sample> = samples.into_iter().map(|(sample, _)| sample).collect();
-    let solved = fit(&Ellipse { reach_px }, start, &samples, full_scale_dn)?;
+    // Further off than its own size it is another one.
+    let ending = Ending { settled_px: SETTLED_PX, leash_px: reach_px };
+    let solved = fit(&Ellipse { reach_px }, start, &samples, full_scale_dn, ending)?;
     let p = solved.parameters;
     let shape = Matrix2::new(p[2], p[3], p[3], p[4]);
     let positive = shape.determinant() > 0.0 && shape.trace() > 0.0;

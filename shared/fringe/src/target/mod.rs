@@ -22,6 +22,7 @@ mod disc;
 mod error;
 mod lattice;
 mod links;
+mod profile;
 mod raster;
 mod saddle;
 mod settings;
