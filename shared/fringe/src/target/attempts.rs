@@ -55,22 +55,29 @@ fn other_size(spec: &TargetSpec, refused: &[[u32; 2]]) -> TargetError {
     TargetError::OtherSize { columns, rows, found: found.collect() }
 }
 
-/// The first attempt that finds the target, or sees several; else the refusal with the most points.
+/// The first attempt that finds `enough` points of the target, or sees several targets; else the one that finds most; else the
+/// refusal that tells most.
 pub(crate) fn first<A>(
     attempts: impl IntoIterator<Item = A>,
     what: &'static str,
+    enough: usize,
     look: impl Fn(A) -> Result<Detection, TargetError>,
 ) -> Result<Detection, TargetError> {
     let mut best = TargetError::NoTarget { what, candidates: 0 };
+    let mut most: Option<Detection> = None;
     for attempt in attempts {
         match look(attempt) {
-            Ok(found) => return Ok(found),
+            Ok(found) if found.points.len() >= enough => return Ok(found),
+            Ok(found) if most.as_ref().is_none_or(|m| m.points.len() < found.points.len()) => {
+                most = Some(found)
+            }
+            Ok(_) => {}
             Err(several @ TargetError::Several { .. }) => return Err(several),
             Err(error) if rank(&error) > rank(&best) => best = error,
             Err(_) => {}
         }
     }
-    Err(best)
+    most.ok_or(best)
 }
 
 /// How much a refusal tells: whether the extent was right, then points seen.

@@ -1,6 +1,6 @@
 //! A grid of candidates becomes a board: corners fitted, holes and margins filled, what does not fit dropped.
 
-use super::corner::{Corner, Expected, Window, refine};
+use super::corner::{Band, Corner, Expected, Window, refine};
 use super::lattice::{Lattice, Place, bounds_of};
 use super::raster::Raster;
 use nalgebra::{Point2, Vector2};
@@ -15,6 +15,8 @@ const FAINT: f64 = 0.3;
 const MISFIT: f64 = 0.25;
 /// Largest residual over contrast, as a multiple of the board's median: what covers a part of a window shows there first.
 const OUTSTANDING: f64 = 4.0;
+/// A narrower window must leave this part of the residual at most, else the wider one knows more.
+const CLEARER: f64 = 0.6;
 /// Below this part of the contrast a residual is texture or sharpening, not something that covers the corner.
 const TEXTURE: f64 = 0.06;
 /// Largest blur, as a fraction of the pitch: beyond, the next edges reach into this one.
@@ -74,7 +76,6 @@ pub(crate) fn overlap(a: &Board, b: &Board) -> bool {
 
 /// Drops corners whose model fits much worse than that of the others.
 fn drop_covered(board: &mut Board) {
-    let misfit = |corner: &Corner| corner.residual_dn / corner.contrast_dn.abs();
     let mut misfits: Vec<f64> = board.values().map(misfit).collect();
     misfits.sort_by(f64::total_cmp);
     let Some(median) = misfits.get(misfits.len() / 2).copied() else { return };
@@ -83,6 +84,8 @@ fn drop_covered(board: &mut Board) {
 
 /// A corner at a place, if the image holds one of the proper colour there; `second`: the corner that a first fit gave, and the
 /// curvature of the lines through it.
+///
+/// What lies in its squares may disturb the fit: markers, dirt. Then the nearest neighbourhood of the edges is asked alone.
 fn fitted(
     view: &View,
     place: Place,
@@ -94,18 +97,32 @@ fn fitted(
     let light = (place.0 + place.1).rem_euclid(2) == 0;
     let curvature = second.map_or([0.0; 2], |(_, curvature)| curvature);
     let expected = Expected { pixel, along, curvature, light, leash_px: STRAY * pitch };
-    let first = second.map(|(corner, _)| corner);
-    let corner = refine(view.image, view.full_scale_dn, &expected, view.window, first)?;
-    let contrast = if light { corner.contrast_dn } else { -corner.contrast_dn };
+    let fit = |band: Band, first: Option<&Corner>| {
+        let window = Window { band, ..view.window };
+        let corner = refine(view.image, view.full_scale_dn, &expected, window, first)?;
+        is_sound(view, &corner, &expected).then_some(corner)
+    };
+    let wide = fit(Band::WIDE, second.map(|(corner, _)| corner))?;
+    let clear = if misfit(&wide) > TEXTURE { fit(Band::NARROW, Some(&wide)) } else { None };
+    let best = clear.filter(|narrow| misfit(narrow) < CLEARER * misfit(&wide)).unwrap_or(wide);
+    (misfit(&best) < MISFIT).then_some(best)
+}
+
+/// Residual over contrast.
+fn misfit(corner: &Corner) -> f64 {
+    corner.residual_dn / corner.contrast_dn.abs()
+}
+
+/// Whether a corner has the colours, the directions, the contrast and the sharpness that are expected.
+fn is_sound(view: &View, corner: &Corner, expected: &Expected) -> bool {
+    let along = expected.along;
+    let contrast = if expected.light { corner.contrast_dn } else { -corner.contrast_dn };
     let aligned = (0..2).all(|i| {
         let (sin, cos) = crate::math::sincos(corner.angle_rad[i]);
         Vector2::new(cos, sin).dot(&along[i]) > TURN * along[i].norm()
     });
-    let sound = contrast > view.min_contrast_dn
-        && corner.residual_dn < MISFIT * contrast
-        && corner.blur_px < BLUR * pitch
-        && (corner.pixel - pixel).norm() < STRAY * pitch;
-    (sound && aligned).then_some(corner)
+    let pitch = along[0].norm().min(along[1].norm());
+    contrast > view.min_contrast_dn && corner.blur_px < BLUR * pitch && aligned
 }
 
 /// Tries each empty place beside the board once.

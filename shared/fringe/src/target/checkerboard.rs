@@ -2,7 +2,7 @@
 
 use super::attempts::{Sighting, first};
 use super::board::{Board, Starts, View, board, overlap};
-use super::corner::Window;
+use super::corner::{Band, Window};
 use super::detection::{Ambiguity, DetectedPoint, Detection};
 use super::error::TargetError;
 use super::lattice::{Bounds, Place, bounds_of};
@@ -33,7 +33,8 @@ pub(crate) fn detect(
     spec: &TargetSpec,
     settings: &TargetSettings,
 ) -> Result<Detection, TargetError> {
-    first(factors(image), WHAT, |factor| {
+    // Corners that one reduction misses are grown in the full image: any find is enough.
+    first(factors(image), WHAT, 0, |factor| {
         let (board, bounds) =
             search(image, full_scale_dn, spec, settings, factor).only(WHAT, spec, settings)?;
         Ok(numbered(&board, bounds, spec))
@@ -60,7 +61,8 @@ fn search(
     factor: usize,
 ) -> Sighting<(Board, Bounds)> {
     let min_contrast_dn = settings.min_contrast_fraction * full_scale_dn;
-    let window = Window { fraction: settings.window_fraction, limit_px: settings.window_limit_px };
+    let window =
+        Window { fraction: settings.window_fraction, limit_px: settings.window_limit_px, band: Band::WIDE };
     let view = View { image, full_scale_dn, min_contrast_dn, window };
     let (saddles, smooth) = if factor == 1 {
         candidates(image, min_contrast_dn)

@@ -43,7 +43,8 @@ pub(crate) fn detect(
 ) -> Result<Detection, TargetError> {
     let least_dn = settings.min_contrast_fraction * full_scale_dn;
     let attempts = [true, false].into_iter().flat_map(|dark| NEIGHBOURHOODS.map(|part| (dark, part)));
-    first(attempts, WHAT, |(dark, part)| {
+    // Circles that a neighbourhood is too small for are found in the next.
+    first(attempts, WHAT, spec.count(), |(dark, part)| {
         let blobs = candidates(image, dark, part, least_dn);
         let sign = if dark { 1.0 } else { -1.0 };
         let fitted =

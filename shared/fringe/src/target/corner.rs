@@ -8,22 +8,23 @@
 
 use super::profile::Profile;
 use super::raster::Raster;
-use super::solve::{Ending, Model, SETTLED_PX, Sample, fit};
+use super::solve::{Ending, Model, Range, SETTLED_SIGMAS, Sample, fit};
 use crate::math::{atan2, sincos};
 use nalgebra::{Matrix2, Point2, SVector, Vector2};
 
 /// cx, cy, θ₁, θ₂, σ₁, σ₂, m, gx, gy, A, hx, hy.
 const PARAMETERS: usize = 12;
-/// Where a first fit ends, px: a second one follows.
-const ROUGHLY_PX: f64 = 1e-3;
+/// Where a first fit ends, in standard deviations: a second one follows.
+const ROUGHLY_SIGMAS: f64 = 0.3;
 /// The blur of the optics starts here, px.
 const START_BLUR_PX: f64 = 1.0;
-/// Sharper than a pixel's own width no honest edge is; one that was sharpened is fitted with this blur held.
-const LEAST_BLUR_PX: f64 = 0.25;
-/// Distance from the edges within which pixels count, px and as a fraction of the pitch: the inside of the squares
-/// tells nothing about the edges, and may carry markers.
-const LEAST_BAND_PX: f64 = 4.5;
-const BAND_FRACTION: f64 = 0.22;
+/// A pixel's own width blurs an edge by 0.29 px, and some optics follow; an edge that was sharpened is fitted with this
+/// blur held.
+const LEAST_BLUR_PX: f64 = 0.4;
+/// Largest change of the contrast from the middle of a window to its rim, as a part of it.
+const STEEPEST: f64 = 0.6;
+/// Room between a corner and the border of the image, px: as far as the blur reaches.
+const LEAST_ROOM_PX: f64 = 4.0;
 
 /// Where a corner is expected.
 #[derive(Debug, Clone, Copy)]
@@ -60,6 +61,22 @@ pub(crate) struct Corner {
 pub(crate) struct Window {
     pub fraction: f64,
     pub limit_px: f64,
+    pub band: Band,
+}
+
+/// Distance from the edges within which pixels count, as a fraction of the pitch and at least: the inside of the squares
+/// tells nothing about the edges, and may carry markers.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Band {
+    fraction: f64,
+    least_px: f64,
+}
+
+impl Band {
+    /// For most corners.
+    pub const WIDE: Self = Self { fraction: 0.22, least_px: 4.5 };
+    /// Between the edges and markers that come close to them.
+    pub const NARROW: Self = Self { fraction: 0.12, least_px: 2.5 };
 }
 
 struct TwoEdges {
@@ -150,7 +167,7 @@ impl Model<PARAMETERS> for TwoEdges {
 
 /// Fits the model around an expected corner; `None` when the image holds no such corner there.
 ///
-/// From scratch the fit ends at a thousandth of a pixel. With `first`, the corner that this gave, it starts there, with the
+/// From scratch the fit ends near the place. With `first`, the corner that this gave, it starts there, with the
 /// curvature that is now known, and ends at the noise limit.
 pub(crate) fn refine(
     image: &Raster,
@@ -171,10 +188,14 @@ pub(crate) fn refine(
         }
         None => from_scratch(&model, expected, offset, &samples)?,
     };
-    let settled_px = if first.is_some() { SETTLED_PX } else { ROUGHLY_PX };
-    let ending = Ending { settled_px, leash_px: expected.leash_px };
-    let solved = fit(&model, start, &samples, full_scale_dn, ending)?;
+    let settled_sigmas = if first.is_some() { SETTLED_SIGMAS } else { ROUGHLY_SIGMAS };
+    let ending = Ending { settled_sigmas, leash_px: expected.leash_px };
+    let solved = fit(&model, start, &samples, Range::of(&samples, full_scale_dn), ending)?;
     let p = solved.parameters;
+    // Where the contrast ends within the window there is a corner of one square, not of four.
+    if p[10] * p[10] + p[11] * p[11] > (STEEPEST * p[9]).powi(2) {
+        return None;
+    }
     Some(Corner {
         pixel: Point2::new(origin.x + p[0], origin.y + p[1]),
         covariance_px2: solved.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
@@ -208,7 +229,7 @@ fn from_scratch(
     ((start[9] < 0.0) == expected.light).then_some(start)
 }
 
-/// The pixels of the cross along both edges, and its reach in px; `None` where it leaves the image.
+/// The pixels of the cross along both edges, cut at the border of the image, and its reach in px; `None` outside.
 fn samples(
     image: &Raster,
     origin: Point2<f64>,
@@ -224,16 +245,20 @@ fn samples(
     }
     // Of a corner at w·e + v·f: w and v; w·|e| is the way along the first edge.
     let reach = lengths.map(|l| (window.fraction * l).min(window.limit_px));
-    let band = lengths.map(|l| (BAND_FRACTION * l).clamp(LEAST_BAND_PX, 0.5 * window.limit_px.max(9.0)));
+    let band = lengths
+        .map(|l| (window.band.fraction * l).clamp(window.band.least_px, 0.5 * window.limit_px.max(9.0)));
     let extent = Vector2::new(
         reach[0] * e.x.abs() / lengths[0] + reach[1] * f.x.abs() / lengths[1],
         reach[0] * e.y.abs() / lengths[0] + reach[1] * f.y.abs() / lengths[1],
     );
-    let (left, right) = (origin.x - extent.x.ceil(), origin.x + extent.x.ceil());
-    let (top, bottom) = (origin.y - extent.y.ceil(), origin.y + extent.y.ceil());
-    if !(left >= 0.0 && top >= 0.0 && right < image.width as f64 && bottom < image.height as f64) {
+    let last = Vector2::new(image.width as f64 - 1.0, image.height as f64 - 1.0);
+    let room = expected.pixel.coords.inf(&(last - expected.pixel.coords)).min();
+    // A pixel that is not finite has no room.
+    if !(room >= LEAST_ROOM_PX) {
         return None;
     }
+    let (left, right) = ((origin.x - extent.x.ceil()).max(0.0), (origin.x + extent.x.ceil()).min(last.x));
+    let (top, bottom) = ((origin.y - extent.y.ceil()).max(0.0), (origin.y + extent.y.ceil()).min(last.y));
     let mut samples = Vec::with_capacity(((right - left + 1.0) * (bottom - top + 1.0)) as usize);
     for row in top as usize..=bottom as usize {
         for column in left as usize..=right as usize {

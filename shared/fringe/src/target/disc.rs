@@ -6,14 +6,14 @@
 
 use super::profile::Profile;
 use super::raster::Raster;
-use super::solve::{Ending, Model, SETTLED_PX, Sample, fit};
+use super::solve::{Ending, Model, Range, SETTLED_SIGMAS, Sample, fit};
 use nalgebra::{Matrix2, Point2, SVector, Vector2};
 
 /// cx, cy, M₁₁, M₁₂, M₂₂, σ, m, gx, gy, A.
 const PARAMETERS: usize = 10;
 const START_BLUR_PX: f64 = 1.0;
-/// Sharper than a pixel's own width no honest edge is; one that was sharpened is fitted with this blur held.
-const LEAST_BLUR_PX: f64 = 0.25;
+/// As for corners: an edge that was sharpened is fitted with this blur held.
+const LEAST_BLUR_PX: f64 = 0.4;
 /// Smallest semi-axis with room for an inside, px.
 const LEAST_RADIUS_PX: f64 = 1.5;
 
@@ -119,8 +119,8 @@ pub(crate) fn refine(
     ]);
     let samples: Vec<Sample> = samples.into_iter().map(|(sample, _)| sample).collect();
     // Further off than its own size it is another one.
-    let ending = Ending { settled_px: SETTLED_PX, leash_px: reach_px };
-    let solved = fit(&Ellipse { reach_px }, start, &samples, full_scale_dn, ending)?;
+    let ending = Ending { settled_sigmas: SETTLED_SIGMAS, leash_px: reach_px };
+    let solved = fit(&Ellipse { reach_px }, start, &samples, Range::of(&samples, full_scale_dn), ending)?;
     let p = solved.parameters;
     let shape = Matrix2::new(p[2], p[3], p[3], p[4]);
     let positive = shape.determinant() > 0.0 && shape.trace() > 0.0;

@@ -30,23 +30,60 @@ pub(crate) struct Fit<const N: usize> {
     pub residual_dn: f64,
 }
 
+/// Where the sensor stops telling.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Range {
+    empty_dn: f64,
+    full_dn: f64,
+}
+
+/// With fewer pixels between empty and full than this part, an image has two levels by intent, not by too much light.
+const BETWEEN: f64 = 0.04;
+
+impl Range {
+    /// Of a window.
+    pub fn of(samples: &[Sample], full_scale_dn: f64) -> Self {
+        let between = samples.iter().filter(|s| s.value > 0.0 && s.value < full_scale_dn).count();
+        if (between as f64) < BETWEEN * samples.len() as f64 {
+            return Self { empty_dn: f64::NEG_INFINITY, full_dn: f64::INFINITY };
+        }
+        Self { empty_dn: 0.0, full_dn: full_scale_dn }
+    }
+
+    /// A full pixel tells only that the light was at least that much, an empty one that it was at most none.
+    fn hides(&self, seen: f64, model: f64) -> bool {
+        (seen >= self.full_dn && model >= self.full_dn) || (seen <= self.empty_dn && model <= self.empty_dn)
+    }
+}
+
 /// When a fit ends.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Ending {
-    /// Steps end when the position moves less than this, px.
-    pub settled_px: f64,
+    /// Steps end when no parameter moves by more than this part of its standard deviation.
+    pub settled_sigmas: f64,
     /// A fit that moves the position further than this, px, has found something else.
     pub leash_px: f64,
 }
 
-/// A hundredth of the smallest standard deviation, px.
-pub(crate) const SETTLED_PX: f64 = 2e-5;
+/// The end of a fit whose result counts: what is left adds less than 10⁻⁴ to the variance.
+pub(crate) const SETTLED_SIGMAS: f64 = 0.01;
+/// Without noise a standard deviation is no measure: smaller steps than this, px, end a fit too.
+const SETTLED_PX: f64 = 2e-5;
 const MAX_STEPS: usize = 30;
 
 struct Normal<const N: usize> {
     matrix: SMatrix<f64, N, N>,
     vector: SVector<f64, N>,
     cost: f64,
+    /// Pixels that told something.
+    count: usize,
+}
+
+impl<const N: usize> Normal<N> {
+    /// Variance of the residuals.
+    fn variance(&self) -> f64 {
+        self.cost / self.count.saturating_sub(N).max(1) as f64
+    }
 }
 
 /// Pixels whose products are added at once: the sums then stay in registers for four pixels.
@@ -56,20 +93,21 @@ fn normal<const N: usize>(
     model: &impl Model<N>,
     at: &SVector<f64, N>,
     samples: &[Sample],
-    full: f64,
+    range: Range,
 ) -> Normal<N> {
     let mut sums = Sums { matrix: [[0.0; N]; N], vector: [0.0; N], cost: 0.0 };
     let (mut slopes, mut residuals, mut filled) = ([[0.0; N]; AT_ONCE], [0.0; AT_ONCE], 0);
+    let mut count = 0;
     let prepared = model.prepare(at);
     for sample in samples {
         let (value, slope) = model.evaluate(&prepared, sample.x, sample.y);
-        // A full pixel tells only that the light was at least that much, an empty one that it was at most none.
-        if (sample.value >= full && value >= full) || (sample.value <= 0.0 && value <= 0.0) {
+        if range.hides(sample.value, value) {
             continue;
         }
         slopes[filled] = slope;
         residuals[filled] = sample.value - value;
         filled += 1;
+        count += 1;
         if filled == AT_ONCE {
             sums.add(&slopes, &residuals);
             filled = 0;
@@ -84,7 +122,7 @@ fn normal<const N: usize>(
             sums.matrix[i][i] = 1.0;
         }
     }
-    Normal { matrix: SMatrix::from(sums.matrix), vector: SVector::from(sums.vector), cost: sums.cost }
+    Normal { matrix: SMatrix::from(sums.matrix), vector: SVector::from(sums.vector), cost: sums.cost, count }
 }
 
 /// JᵀJ, Jᵀr and rᵀr.
@@ -114,12 +152,11 @@ pub(crate) fn fit<const N: usize>(
     model: &impl Model<N>,
     start: SVector<f64, N>,
     samples: &[Sample],
-    full_scale_dn: f64,
+    range: Range,
     ending: Ending,
 ) -> Option<Fit<N>> {
-    let freedom = samples.len().checked_sub(N).filter(|f| *f >= N)?;
     let mut at = start;
-    let mut here = normal(model, &at, samples, full_scale_dn);
+    let mut here = normal(model, &at, samples, range);
     let mut damping = 1e-3;
     for _ in 0..MAX_STEPS {
         let mut damped = here.matrix;
@@ -128,12 +165,14 @@ pub(crate) fn fit<const N: usize>(
         }
         let step = Cholesky::new(damped)?.solve(&here.vector);
         let next = at + step;
-        let there = normal(model, &next, samples, full_scale_dn);
-        let settled = step[0].abs() < ending.settled_px && step[1].abs() < ending.settled_px;
+        let there = normal(model, &next, samples, range);
+        // δᵀHδ/s² bounds the square of each parameter's step in its own standard deviations; Hδ is the vector, but for damping.
+        let settled = step[0].abs().max(step[1].abs()) < SETTLED_PX
+            || step.dot(&here.vector) < ending.settled_sigmas * ending.settled_sigmas * here.variance();
         if !there.cost.is_finite() || there.cost > here.cost {
             // At the bottom the cost is flat to rounding: a tiny step that does not lower it ends the search.
             if settled {
-                return finish(&at, &here, freedom);
+                return finish(&at, &here);
             }
             damping *= 10.0;
             if damping > 1e8 {
@@ -148,14 +187,17 @@ pub(crate) fn fit<const N: usize>(
         }
         damping = (damping * 0.1).max(1e-9);
         if settled {
-            return finish(&at, &here, freedom);
+            return finish(&at, &here);
         }
     }
     None
 }
 
-fn finish<const N: usize>(at: &SVector<f64, N>, here: &Normal<N>, freedom: usize) -> Option<Fit<N>> {
-    let variance = here.cost / freedom as f64;
+fn finish<const N: usize>(at: &SVector<f64, N>, here: &Normal<N>) -> Option<Fit<N>> {
+    if here.count < 2 * N {
+        return None;
+    }
+    let variance = here.variance();
     let covariance = Cholesky::new(here.matrix)?.inverse() * variance;
     let finite = at.iter().chain(covariance.iter()).all(|v| v.is_finite());
     finite.then(|| Fit { parameters: *at, covariance, residual_dn: variance.sqrt() })
