@@ -4,6 +4,8 @@
 //! - [`real`]: recordings by other people's cameras
 //! - [`bad_input`]: whatever is wrong with the input, a message and exit code 2
 //! - [`calibrate`]: real pictures of boards become a rig file
+//! - [`calibrate_bad`]: pictures and targets that cannot be used end in one line and no file
+//! - [`charuco`]: boards with markers, whole and in part
 //! - [`focus`]: best focus and depth of focus from pictures of a checkerboard
 //! - [`gamma`]: a projector's response is measured and corrected
 //! - [`compare`]: deviations and motions that are known beforehand
@@ -15,7 +17,9 @@
 
 mod bad_input;
 mod calibrate;
+mod calibrate_bad;
 mod cell;
+mod charuco;
 mod compare;
 mod focus;
 mod gamma;

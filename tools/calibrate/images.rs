@@ -1,7 +1,6 @@
 //! Pictures of a target without a recording: `--images cam1='left*.png'`.
 
-use super::sights::Gathered;
-use crate::progress::Progress;
+use super::sights::{Gathered, Look, for_all, look};
 use anyhow::{Context, Result, bail};
 use fringe::calibration::DeviceKind;
 use fringe::target::TargetSpec;
@@ -17,20 +16,25 @@ pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
             files.len()
         );
     }
+    let pictures: Vec<(usize, usize)> =
+        (0..count).flat_map(|number| (0..lists.len()).map(move |list| (number, list))).collect();
+    let looks = for_all(&pictures, |(number, list)| -> Result<Look> {
+        let path = &lists[*list].1[*number];
+        let frame = rig::image_file::read_foreign_frame(path, None)?;
+        Ok(look(&frame, target, path.display().to_string()))
+    });
     let mut all = Gathered::default();
-    let mut progress = Progress::new(count * lists.len(), "finding targets");
-    for number in 0..count {
-        let pose = all.pose(lists[0].1[number].display().to_string());
-        for (camera, files) in &lists {
-            progress.step();
-            let path = &files[number];
-            let frame = rig::image_file::read_foreign_frame(path, None)?;
-            let device = all
-                .device(camera, DeviceKind::Camera, frame.width_px, frame.height_px)
-                .with_context(|| path.display().to_string())?;
-            if let Some(detection) = all.look(&frame, target, &path.display().to_string()) {
-                all.add(device, pose, &detection);
-            }
+    for ((number, list), look) in pictures.into_iter().zip(looks) {
+        if list == 0 {
+            all.pose(lists[0].1[number].display().to_string());
+        }
+        let look = look?;
+        let (width_px, height_px) = look.size_px;
+        let device = all
+            .device(&lists[list].0, DeviceKind::Camera, width_px, height_px)
+            .with_context(|| look.place.clone())?;
+        if let Some(detection) = all.take(look) {
+            all.add(device, number, &detection);
         }
     }
     Ok(all)

@@ -6,7 +6,7 @@ mod sights;
 
 use crate::Outcome;
 use anyhow::{Context, Result, bail};
-use fringe::calibration::{CalibrationSettings, Observations, SpacingSettings, calibrate};
+use fringe::calibration::{CalibrationSettings, SpacingSettings, calibrate};
 use fringe::target::TargetSpec;
 use rig::recording::Recording;
 use sights::Gathered;
@@ -40,12 +40,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let text = rig::document::read_text(&args.target)?;
     let target = TargetSpec::parse(&text).with_context(|| args.target.display().to_string())?;
     let gathered = gather(args, &target)?;
+    gathered.check(&target).with_context(|| args.target.display().to_string())?;
+    let observations = gathered.observations(&target);
+    let calibration =
+        calibrate(&observations, &CalibrationSettings::default()).with_context(|| gathered.summary())?;
     for note in &gathered.notes {
         eprintln!("{note}");
     }
-    let observations = gathered.observations(&target);
-    let calibration =
-        calibrate(&observations, &CalibrationSettings::default()).with_context(|| poses(&observations))?;
     let pairs = output::pairs(&args.pair, &calibration, &gathered.lit)?;
     let indices = output::pair_indices(&pairs, &calibration);
     let spacing = calibration
@@ -71,8 +72,4 @@ fn gather(args: &Args, target: &TargetSpec) -> Result<Gathered> {
             sights::gather(&opened, target)
         }
     }
-}
-
-fn poses(observations: &Observations) -> String {
-    format!("{} poses, {} views", observations.poses.len(), observations.views.len())
 }

@@ -2,14 +2,16 @@
 
 use crate::pipeline::decode_views;
 use crate::progress::Progress;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use fringe::calibration::{Device, DeviceKind, Observations, Sight, View, projector_pixel};
 use fringe::decode::DecodeSettings;
 use fringe::frame::Frame;
 use fringe::pattern::{Axis, PatternSet};
-use fringe::target::{Ambiguity, Detection, TargetSettings, TargetSpec, detect};
+use fringe::target::{Ambiguity, Detection, TargetError, TargetSettings, TargetSpec, detect};
+use rayon::prelude::*;
 use rig::recording::{RecordedCamera, RecordedProjector, Recording};
 use std::collections::BTreeSet;
+use std::sync::Mutex;
 
 /// Everything that was found.
 #[derive(Default)]
@@ -19,8 +21,41 @@ pub struct Gathered {
     views: Vec<View>,
     /// Which cameras each projector lit.
     pub lit: Vec<(String, Vec<String>)>,
-    /// Pictures without target, one line each.
+    /// What was left out, one line each.
     pub notes: Vec<String>,
+    /// Pictures in which the target was found.
+    found: usize,
+    /// Pictures in which it was not, with the reason.
+    refused: Vec<(String, TargetError)>,
+}
+
+/// A picture looked at.
+pub struct Look {
+    /// Where it comes from, for messages.
+    pub place: String,
+    /// Columns and rows.
+    pub size_px: (u32, u32),
+    /// What was found.
+    pub found: Result<Detection, TargetError>,
+}
+
+/// Looks at a picture.
+pub fn look(frame: &Frame, target: &TargetSpec, place: String) -> Look {
+    let found = detect(&frame.view(), target, &TargetSettings::default());
+    Look { place, size_px: (frame.width_px, frame.height_px), found }
+}
+
+/// Work on all items at once, with a bar; the results come in the order of the items, whatever the threads do.
+pub fn for_all<'a, T: Sync, R: Send>(items: &'a [T], work: impl Fn(&'a T) -> R + Sync) -> Vec<R> {
+    let progress = Mutex::new(Progress::new(items.len(), "finding targets"));
+    let worked = items.par_iter().map(|item| {
+        let result = work(item);
+        if let Ok(mut progress) = progress.lock() {
+            progress.step();
+        }
+        result
+    });
+    worked.collect()
 }
 
 impl Gathered {
@@ -57,13 +92,51 @@ impl Gathered {
         Ok(self.devices.len() - 1)
     }
 
-    /// Looks for the target in a picture; what is not found becomes a note.
-    pub fn look(&mut self, frame: &Frame, target: &TargetSpec, place: &str) -> Option<Detection> {
-        match detect(&frame.view(), target, &TargetSettings::default()) {
-            Ok(detection) => Some(detection),
+    /// Takes what a look found; a refusal becomes a note.
+    pub fn take(&mut self, look: Look) -> Option<Detection> {
+        match look.found {
+            Ok(detection) => {
+                self.found += 1;
+                Some(detection)
+            }
             Err(error) => {
-                self.notes.push(format!("{place}: {error}; left out"));
+                self.notes.push(format!("{}: {error}; left out", look.place));
+                self.refused.push((look.place, error));
                 None
+            }
+        }
+    }
+
+    /// Refuses what no adjustment can mend: the target in no picture, or a larger one than declared in most.
+    pub fn check(&self, target: &TargetSpec) -> Result<()> {
+        let total = self.found + self.refused.len();
+        let count = |(columns, rows): (u32, u32)| u64::from(columns) * u64::from(rows);
+        let declared = count((target.columns, target.rows));
+        let seen = |error: &TargetError| match error {
+            TargetError::OtherSize { found, .. } => found.iter().copied().map(count).max(),
+            _ => None,
+        };
+        let larger = self.refused.iter().filter(|(_, error)| seen(error) > Some(declared)).count();
+        // The first of those that show most. Smaller ones may be partly hidden, as long as some are seen whole.
+        let telling = self.refused.iter().rev().max_by_key(|(_, error)| seen(error));
+        match telling {
+            Some((place, error)) if self.found == 0 => {
+                bail!("none of {total} pictures can be used; {place}: {error}")
+            }
+            Some((place, error)) if larger > self.found => {
+                bail!("{larger} of {total} pictures show a larger target; {place}: {error}")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// What there is, for messages.
+    pub fn summary(&self) -> String {
+        let (poses, views) = (self.poses.len(), self.views.len());
+        match self.notes.as_slice() {
+            [] => format!("{poses} poses, {views} views"),
+            [first, ..] => {
+                format!("{poses} poses, {views} views, {} left out, the first: {first}", self.notes.len())
             }
         }
     }
@@ -91,30 +164,41 @@ fn index(detection: &Detection, (column, row): (u32, u32)) -> usize {
 /// Finds the target in all recordings.
 pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered> {
     let mut all = Gathered::default();
-    let total = recordings.iter().flat_map(|r| &r.projectors).map(|p| p.cameras.len()).sum();
-    let mut progress = Progress::new(total, "finding targets");
-    for recording in recordings {
+    let looks = for_all(recordings, |recording| look_around(recording, target));
+    for (recording, looks) in recordings.iter().zip(looks) {
         let pose = all.pose(recording.folder.display().to_string());
         let mut seen: Vec<(String, Detection)> = Vec::new();
+        for (camera, look) in looks? {
+            let (width_px, height_px) = look.size_px;
+            let device = all
+                .device(camera, DeviceKind::Camera, width_px, height_px)
+                .with_context(|| look.place.clone())?;
+            let Some(detection) = all.take(look) else { continue };
+            all.add(device, pose, &detection);
+            seen.push((camera.to_owned(), detection));
+        }
         for projector in &recording.projectors {
-            for camera in &projector.cameras {
-                progress.step();
-                if seen.iter().any(|(name, _)| *name == camera.name) {
-                    continue;
-                }
-                let device =
-                    all.device(&camera.name, DeviceKind::Camera, camera.width_px, camera.height_px)?;
-                let place = format!("{}: camera \"{}\"", recording.folder.display(), camera.name);
-                let frame = bright_frame(recording, projector, camera)?;
-                let Some(detection) = all.look(&frame, target, &place) else { continue };
-                all.add(device, pose, &detection);
-                seen.push((camera.name.clone(), detection));
-            }
             all.note_lit(projector);
         }
         read_projectors(&mut all, recording, pose, &seen)?;
     }
     Ok(all)
+}
+
+/// Each camera in the light of the first projector that shows it the target.
+fn look_around<'a>(recording: &'a Recording, target: &TargetSpec) -> Result<Vec<(&'a str, Look)>> {
+    let mut looks: Vec<(&str, Look)> = Vec::new();
+    for projector in &recording.projectors {
+        for camera in &projector.cameras {
+            let name = camera.name.as_str();
+            if looks.iter().any(|(other, look)| *other == name && look.found.is_ok()) {
+                continue;
+            }
+            let place = format!("{}: camera \"{name}\"", recording.folder.display());
+            looks.push((name, look(&bright_frame(recording, projector, camera)?, target, place)));
+        }
+    }
+    Ok(looks)
 }
 
 impl Gathered {

@@ -52,7 +52,7 @@ fn other_size(spec: &TargetSpec, refused: &[[u32; 2]]) -> TargetError {
         let (long, short) = (*a.max(b), *a.min(b));
         if columns >= rows { (long, short) } else { (short, long) }
     });
-    TargetError::OtherSize { columns, rows, found: found.collect() }
+    TargetError::OtherSize { points: spec.kind.points(), columns, rows, found: found.collect() }
 }
 
 /// The first attempt that finds `enough` points of the target, or sees several targets; else the one that finds most; else the
@@ -68,10 +68,7 @@ pub(crate) fn first<A>(
     for attempt in attempts {
         match look(attempt) {
             Ok(found) if found.points.len() >= enough => return Ok(found),
-            Ok(found) if most.as_ref().is_none_or(|m| m.points.len() < found.points.len()) => {
-                most = Some(found)
-            }
-            Ok(_) => {}
+            Ok(found) => most = Some(most.filter(|m| m.points.len() >= found.points.len()).unwrap_or(found)),
             Err(several @ TargetError::Several { .. }) => return Err(several),
             Err(error) if rank(&error) > rank(&best) => best = error,
             Err(_) => {}
@@ -83,10 +80,12 @@ pub(crate) fn first<A>(
 /// How much a refusal tells: whether the extent was right, then points seen.
 fn rank(error: &TargetError) -> (u8, usize) {
     match error {
+        TargetError::Endless { columns, rows, .. } => (3, *columns as usize * *rows as usize),
         TargetError::Hidden { found, .. } => (2, *found),
         TargetError::OtherSize { found, .. } => {
             (1, found.iter().map(|(a, b)| *a as usize * *b as usize).max().unwrap_or(0))
         }
+        TargetError::Unmarked { corners, .. } => (1, *corners),
         TargetError::NoTarget { candidates, .. } => (0, *candidates),
         _ => (0, 0),
     }

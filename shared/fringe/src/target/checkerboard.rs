@@ -2,10 +2,10 @@
 
 use super::attempts::{Sighting, first};
 use super::board::{Board, Starts, View, board, overlap};
-use super::corner::{Band, Window};
+use super::corner::{Band, Corner, LEAST_ROOM_PX, Window};
 use super::detection::{Ambiguity, DetectedPoint, Detection};
 use super::error::TargetError;
-use super::lattice::{Bounds, Place, bounds_of};
+use super::lattice::{Bounds, Lattice, Place, bounds_of};
 use super::links::grids;
 use super::raster::Raster;
 use super::saddle::candidates;
@@ -37,12 +37,16 @@ pub(crate) fn detect(
     first(factors(image), WHAT, 0, |factor| {
         let (board, bounds) =
             search(image, full_scale_dn, spec, settings, factor).only(WHAT, spec, settings)?;
+        if is_endless(&board, bounds, image) {
+            let (columns, rows) = (spec.columns, spec.rows);
+            return Err(TargetError::Endless { points: spec.kind.points(), columns, rows });
+        }
         Ok(numbered(&board, bounds, spec))
     })
 }
 
 /// Reductions to try: the finest below [`SEARCH_PX`], coarser for blurred images, finer for small squares.
-fn factors(image: &Raster) -> Vec<usize> {
+pub(crate) fn factors(image: &Raster) -> Vec<usize> {
     let pixels = image.width * image.height;
     let powers = [1, 2, 4, COARSEST];
     let first = powers.into_iter().find(|f| pixels / (f * f) <= SEARCH_PX).unwrap_or(COARSEST);
@@ -52,7 +56,7 @@ fn factors(image: &Raster) -> Vec<usize> {
     std::iter::once(first).chain(coarser).chain(finer).collect()
 }
 
-/// All boards at one reduction.
+/// The boards of the declared extent at one reduction.
 fn search(
     image: &Raster,
     full_scale_dn: f64,
@@ -60,29 +64,10 @@ fn search(
     settings: &TargetSettings,
     factor: usize,
 ) -> Sighting<(Board, Bounds)> {
-    let min_contrast_dn = settings.min_contrast_fraction * full_scale_dn;
-    let window =
-        Window { fraction: settings.window_fraction, limit_px: settings.window_limit_px, band: Band::WIDE };
-    let view = View { image, full_scale_dn, min_contrast_dn, window };
-    let (saddles, smooth) = if factor == 1 {
-        candidates(image, min_contrast_dn)
-    } else {
-        candidates(&image.reduced(factor), min_contrast_dn)
-    };
-    let full =
-        |p: Point2<f64>| ((p.coords + Vector2::repeat(0.5)) * factor as f64 - Vector2::repeat(0.5)).into();
-    let most = spec.columns.max(spec.rows) as i32 + 2;
+    let (boards, candidates) = boards(image, full_scale_dn, spec, settings, factor);
     let mut found = Vec::new();
     let mut refused = Vec::new();
-    let mut seen: Vec<Board> = Vec::new();
-    for grid in grids(&saddles, &smooth).iter().take(GRIDS) {
-        let starts =
-            Starts(grid.iter().map(|(place, index)| (*place, full(saddles[*index].pixel))).collect());
-        let mut board = board(&view, &starts, most);
-        if seen.iter().any(|other| overlap(other, &board)) {
-            continue;
-        }
-        seen.push(board.clone());
+    for mut board in boards {
         trim(&mut board, spec);
         match bounds_of(board.keys()) {
             Some(bounds) if fits(bounds, spec) => {
@@ -95,7 +80,39 @@ fn search(
     }
     let largest = found.iter().map(|((board, _), _)| extent_px2(board)).fold(0.0, f64::max);
     found.retain(|((board, _), _)| extent_px2(board) > PICTURE * largest);
-    Sighting { found, refused, candidates: saddles.len() }
+    Sighting { found, refused, candidates }
+}
+
+/// All boards at one reduction, and the number of single candidates.
+pub(crate) fn boards(
+    image: &Raster,
+    full_scale_dn: f64,
+    spec: &TargetSpec,
+    settings: &TargetSettings,
+    factor: usize,
+) -> (Vec<Board>, usize) {
+    let min_contrast_dn = settings.min_contrast_fraction * full_scale_dn;
+    let window =
+        Window { fraction: settings.window_fraction, limit_px: settings.window_limit_px, band: Band::WIDE };
+    let view = View { image, full_scale_dn, min_contrast_dn, window };
+    let (saddles, smooth) = if factor == 1 {
+        candidates(image, min_contrast_dn)
+    } else {
+        candidates(&image.reduced(factor), min_contrast_dn)
+    };
+    let full =
+        |p: Point2<f64>| ((p.coords + Vector2::repeat(0.5)) * factor as f64 - Vector2::repeat(0.5)).into();
+    let most = spec.columns.max(spec.rows) as i32 + 2;
+    let mut boards: Vec<Board> = Vec::new();
+    for grid in grids(&saddles, &smooth).iter().take(GRIDS) {
+        let starts =
+            Starts(grid.iter().map(|(place, index)| (*place, full(saddles[*index].pixel))).collect());
+        let board = board(&view, &starts, most);
+        if boards.iter().all(|other| !overlap(other, &board)) {
+            boards.push(board);
+        }
+    }
+    (boards, saddles.len())
 }
 
 /// Area of the upright rectangle around a board.
@@ -110,6 +127,22 @@ fn extent_px2(board: &Board) -> f64 {
 fn fits(bounds: Bounds, spec: &TargetSpec) -> bool {
     let [a, b] = bounds.lengths().map(|l| l as u32);
     (a, b) == (spec.columns, spec.rows) || (b, a) == (spec.columns, spec.rows)
+}
+
+/// Whether the board runs out of the image on opposite sides: it may then be a part of a larger one. Its end is seen where
+/// the next corner beyond an outer line would lie in the image, and none does.
+fn is_endless(board: &Board, bounds: Bounds, image: &Raster) -> bool {
+    let in_image = |p: Point2<f64>| {
+        let room = |at: f64, length: usize| at.min(length as f64 - 1.0 - at);
+        room(p.x, image.width).min(room(p.y, image.height)) > LEAST_ROOM_PX
+    };
+    let ends = |on: fn(&Place) -> i32, at: i32, step: Place| {
+        let mut line = board.keys().filter(|place| on(place) == at);
+        line.any(|(u, v)| board.predicted((u + step.0, v + step.1)).is_some_and(in_image))
+    };
+    let (least, most) = (bounds.least, bounds.most);
+    !(ends(|p| p.0, least.0, (-1, 0)) || ends(|p| p.0, most.0, (1, 0)))
+        || !(ends(|p| p.1, least.1, (0, -1)) || ends(|p| p.1, most.1, (0, 1)))
 }
 
 /// Takes outer lines with hardly any point away while the extent is too large.
@@ -166,16 +199,21 @@ fn numbered(board: &Board, bounds: Bounds, spec: &TargetSpec) -> Detection {
     };
     let points = board.iter().map(|(place, corner)| {
         let (column, row) = index(turn, *place);
-        DetectedPoint {
-            index: (column as u32, row as u32),
-            pixel: corner.pixel,
-            covariance_px2: corner.covariance_px2,
-            blur_px: corner.blur_px,
-            contrast_dn: corner.contrast_dn.abs(),
-            residual_dn: corner.residual_dn,
-        }
+        point((column as u32, row as u32), corner)
     });
     Detection::new(spec, points.collect(), ambiguity)
+}
+
+/// A corner that has its number.
+pub(crate) fn point(index: (u32, u32), corner: &Corner) -> DetectedPoint {
+    DetectedPoint {
+        index,
+        pixel: corner.pixel,
+        covariance_px2: corner.covariance_px2,
+        blur_px: corner.blur_px,
+        contrast_dn: corner.contrast_dn.abs(),
+        residual_dn: corner.residual_dn,
+    }
 }
 
 /// Mean image x of the steps along u and v, normalised.

@@ -24,7 +24,7 @@ const LEAST_BLUR_PX: f64 = 0.4;
 /// Largest change of the contrast from the middle of a window to its rim, as a part of it.
 const STEEPEST: f64 = 0.6;
 /// Room between a corner and the border of the image, px: as far as the blur reaches.
-const LEAST_ROOM_PX: f64 = 4.0;
+pub(crate) const LEAST_ROOM_PX: f64 = 4.0;
 
 /// Where a corner is expected.
 #[derive(Debug, Clone, Copy)]
@@ -253,8 +253,7 @@ fn samples(
     );
     let last = Vector2::new(image.width as f64 - 1.0, image.height as f64 - 1.0);
     let room = expected.pixel.coords.inf(&(last - expected.pixel.coords)).min();
-    // A pixel that is not finite has no room.
-    if !(room >= LEAST_ROOM_PX) {
+    if room.is_nan() || room < LEAST_ROOM_PX {
         return None;
     }
     let (left, right) = ((origin.x - extent.x.ceil()).max(0.0), (origin.x + extent.x.ceil()).min(last.x));

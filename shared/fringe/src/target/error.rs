@@ -26,9 +26,36 @@ pub enum TargetError {
     /// Squares have no diameter.
     #[error("target key diameter_mm: only circles and asymmetric-circles have one; leave it out")]
     DiameterOfSquares,
-    /// A kind that is declared but not detected.
-    #[error("target kind \"{0}\" is not supported yet; use checkerboard, circles or asymmetric-circles")]
-    Unsupported(&'static str),
+    /// A ChArUco board without its markers.
+    #[error(
+        "target keys dictionary, marker_mm: a charuco target needs both; dictionary = \"DICT_4X4_50\", \"DICT_5X5_100\" or \
+         \"DICT_6X6_250\""
+    )]
+    NoMarkers,
+    /// Markers on something else.
+    #[error("target keys dictionary, marker_mm: only a charuco target has markers; leave them out")]
+    MarkersElsewhere,
+    /// More squares than markers.
+    #[error(
+        "target key dictionary: it has {there} markers, columns and rows need {needed}; name the printed one"
+    )]
+    FewMarkers {
+        /// Light squares.
+        needed: u64,
+        /// Markers.
+        there: usize,
+    },
+    /// Squares, but no markers that agree.
+    #[error(
+        "a checkerboard of {corners} inner corners is seen, but no two markers agree on its place ({read} read): do kind, \
+         dictionary and marker_mm in target.toml fit the print?"
+    )]
+    Unmarked {
+        /// Corners of the largest board.
+        corners: usize,
+        /// Markers read.
+        read: usize,
+    },
     /// The raster is too small, too large, or has another number of values than its size says.
     #[error(
         "image of {width_px} x {height_px} px with {values} values: it needs width x height values, 16 to 65535 a side, \
@@ -55,11 +82,13 @@ pub enum TargetError {
     },
     /// A grid of another size.
     #[error(
-        "declared {columns} x {rows} points, found {}: is the target another one, partly hidden, or are columns and rows \
-         counted as squares? (inner corners are one fewer)",
+        "found {} {points}, target.toml declares {columns} x {rows}: is the target another one, partly hidden, or are columns \
+         and rows counted as squares? (inner corners are one fewer)",
         sizes(found)
     )]
     OtherSize {
+        /// `inner corners` or `circles`.
+        points: &'static str,
         /// Declared columns.
         columns: u32,
         /// Declared rows.
@@ -76,6 +105,19 @@ pub enum TargetError {
         count: usize,
         /// Points needed.
         needed: usize,
+    },
+    /// The extent is right, but the target runs out of the image on opposite sides.
+    #[error(
+        "{columns} x {rows} {points} are seen, but the target runs out of the image on opposite sides: nobody can tell whether it \
+         ends there; move it so that the image shows its end on one of them"
+    )]
+    Endless {
+        /// `inner corners` or `circles`.
+        points: &'static str,
+        /// Declared columns.
+        columns: u32,
+        /// Declared rows.
+        rows: u32,
     },
     /// More than one such target.
     #[error(

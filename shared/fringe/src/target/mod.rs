@@ -4,6 +4,8 @@
 //! that both ends agree on (`links`), a least-squares model of each corner (`corner`), growth into holes and margins where
 //! the model holds (`board`). The numbering follows from extent and colours (`checkerboard`).
 //!
+//! On a ChArUco board the markers in the light squares say which corner is which (`markers`, `charuco`), so a part of it is enough.
+//!
 //! Circles are areas that fill their ellipse (`blobs`), put on a lattice by local steps and numbered by the one change
 //! of basis that gives the declared pattern (`circles`), each fitted as a blurred ellipse (`disc`).
 //!
@@ -14,14 +16,17 @@ mod attempts;
 mod bias;
 mod blobs;
 mod board;
+mod charuco;
 mod checkerboard;
 mod circles;
 mod corner;
 mod detection;
+mod dictionaries;
 mod disc;
 mod error;
 mod lattice;
 mod links;
+mod markers;
 mod profile;
 mod raster;
 mod saddle;
@@ -34,6 +39,7 @@ mod tests;
 pub use bias::projected_circle_center_bias;
 pub use detection::{Ambiguity, DetectedPoint, Detection};
 pub use error::TargetError;
+pub use markers::MarkerDictionary;
 pub use settings::TargetSettings;
 pub use spec::{TARGET_FORMAT, TargetKind, TargetSpec};
 
@@ -44,8 +50,8 @@ use crate::frame::FrameView;
 /// Deterministic: the same frame gives the same bits. One thread; different frames may be given to different threads.
 ///
 /// # Errors
-/// The target or the settings are impossible, the frame's size does not fit its values, or no target, another one, a hidden one
-/// or several are seen.
+/// The target or the settings are impossible, the frame's size does not fit its values, or no target, another one, a hidden one,
+/// several, or one that may be a part of a larger one are seen.
 pub fn detect(
     frame: &FrameView,
     spec: &TargetSpec,
@@ -57,7 +63,7 @@ pub fn detect(
     let full_scale_dn = f64::from(frame.full_scale_dn.max(1));
     match spec.kind {
         TargetKind::Checkerboard => checkerboard::detect(&image, full_scale_dn, spec, settings),
-        TargetKind::Charuco => Err(TargetError::Unsupported("charuco")),
+        TargetKind::Charuco => charuco::detect(&image, full_scale_dn, spec, settings),
         TargetKind::Circles | TargetKind::AsymmetricCircles => {
             circles::detect(&image, full_scale_dn, spec, settings)
         }

@@ -1,6 +1,7 @@
 //! What a calibration target is: kind, numbers, pitch.
 
 use super::error::TargetError;
+use super::markers::MarkerDictionary;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
@@ -20,8 +21,19 @@ pub enum TargetKind {
     Circles,
     /// Circles of which every second row is shifted by half the distance of columns; the points are the centres.
     AsymmetricCircles,
-    /// A checkerboard with coded markers in its white squares: read, but not detected yet.
+    /// A checkerboard with coded markers in its light squares, which tell a part of it from the rest; the points are the
+    /// inner corners.
     Charuco,
+}
+
+impl TargetKind {
+    /// What its points are called.
+    pub(crate) fn points(self) -> &'static str {
+        match self {
+            Self::Checkerboard | Self::Charuco => "inner corners",
+            Self::Circles | Self::AsymmetricCircles => "circles",
+        }
+    }
 }
 
 /// A calibration target as declared in `target.toml`.
@@ -49,6 +61,21 @@ pub struct TargetSpec {
     /// Diameter of the circles, mm: optional, only for grids of circles.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub diameter_mm: Option<f64>,
+    /// The markers of a ChArUco board, numbered as OpenCV does: row by row through the light squares, the square before point
+    /// (0, 0) dark.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dictionary: Option<MarkerDictionary>,
+    /// Side of the markers with their dark rim, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub marker_mm: Option<f64>,
+}
+
+/// The markers of a ChArUco board.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Marking {
+    pub dictionary: MarkerDictionary,
+    /// Side of a marker over that of a square.
+    pub size: f64,
 }
 
 impl TargetSpec {
@@ -57,7 +84,8 @@ impl TargetSpec {
     /// # Errors
     /// The text is not TOML with these keys, or [`Self::check`] refuses a value.
     pub fn parse(text: &str) -> Result<Self, TargetError> {
-        let spec: Self = toml::from_str(text).map_err(|e| TargetError::Text(e.to_string()))?;
+        let spec: Self =
+            toml::from_str(text).map_err(|error| TargetError::Text(on_one_line(text, &error)))?;
         spec.check()?;
         Ok(spec)
     }
@@ -75,6 +103,7 @@ impl TargetSpec {
         in_range("columns", f64::from(self.columns), f64::from(least), f64::from(MAX_SIDE))?;
         in_range("rows", f64::from(self.rows), 3.0, f64::from(MAX_SIDE))?;
         in_range("pitch_mm", self.pitch_mm, 1e-3, 1e5)?;
+        self.check_markers()?;
         let Some(diameter_mm) = self.diameter_mm else { return Ok(()) };
         // Circles of one row of an asymmetric grid are two pitches apart, its nearest ones √2.
         let widest = match self.kind {
@@ -83,6 +112,31 @@ impl TargetSpec {
             TargetKind::Checkerboard | TargetKind::Charuco => return Err(TargetError::DiameterOfSquares),
         };
         in_range("diameter_mm", diameter_mm, 1e-3 * self.pitch_mm, widest * self.pitch_mm)
+    }
+
+    /// Markers where there are to be some, and nowhere else.
+    fn check_markers(&self) -> Result<(), TargetError> {
+        if self.kind != TargetKind::Charuco {
+            return if self.dictionary.is_some() || self.marker_mm.is_some() {
+                Err(TargetError::MarkersElsewhere)
+            } else {
+                Ok(())
+            };
+        }
+        let (Some(dictionary), Some(marker_mm)) = (self.dictionary, self.marker_mm) else {
+            return Err(TargetError::NoMarkers);
+        };
+        // Half of a square, so that cells can be told; a margin, so that the corners of the squares can.
+        in_range("marker_mm", marker_mm, 0.4 * self.pitch_mm, 0.9 * self.pitch_mm)?;
+        let squares = (u64::from(self.columns) + 1) * (u64::from(self.rows) + 1);
+        let (needed, there) = (squares / 2, dictionary.codes().len());
+        if needed > there as u64 { Err(TargetError::FewMarkers { needed, there }) } else { Ok(()) }
+    }
+
+    /// The markers of a ChArUco board.
+    pub(crate) fn marking(&self) -> Option<Marking> {
+        let (dictionary, marker_mm) = self.dictionary.zip(self.marker_mm)?;
+        Some(Marking { dictionary, size: marker_mm / self.pitch_mm })
     }
 
     /// Number of points.
@@ -109,6 +163,15 @@ impl TargetSpec {
         let indices = (0..self.rows).flat_map(|row| (0..self.columns).map(move |column| (column, row)));
         indices.map(|index| (index, self.board_point_mm(index))).collect()
     }
+}
+
+/// Line number, the line, and the message.
+fn on_one_line(text: &str, error: &toml::de::Error) -> String {
+    let start = error.span().map_or(0, |span| span.start);
+    let number = text.get(..start).unwrap_or_default().matches('\n').count();
+    let line: String = text.lines().nth(number).unwrap_or_default().trim().chars().take(60).collect();
+    let message: Vec<&str> = error.message().split_whitespace().collect();
+    format!("line {} ({line}): {}", number + 1, message.join(" "))
 }
 
 fn in_range(key: &'static str, value: f64, least: f64, most: f64) -> Result<(), TargetError> {

@@ -150,8 +150,29 @@ fn strange_frames_are_refused_without_panic() {
             FrameView { width_px: 16, height_px: 400, full_scale_dn: 255, pixels: Pixels::Mono8(&data) };
         assert!(matches!(refused(&frame, &spec), TargetError::NoTarget { candidates: 0, .. }));
     }
-    let charuco = TargetSpec { kind: TargetKind::Charuco, ..spec };
-    let data = vec![0_u8; 32 * 32];
-    let frame = FrameView { width_px: 32, height_px: 32, full_scale_dn: 255, pixels: Pixels::Mono8(&data) };
-    assert_eq!(refused(&frame, &charuco), TargetError::Unsupported("charuco"));
+}
+
+/// Columns `from..to` of a frame.
+fn cropped(frame: &Frame, from: f64, to: f64) -> Frame {
+    let PixelBuffer::Mono8(values) = &frame.pixels else { panic!("8 bits") };
+    let (from, to) = (from as usize, to as usize);
+    let rows = values.chunks_exact(frame.width_px as usize);
+    let pixels = PixelBuffer::Mono8(rows.flat_map(|row| &row[from..to]).copied().collect());
+    Frame { width_px: (to - from) as u32, pixels, ..frame.clone() }
+}
+
+#[test]
+fn a_part_that_could_be_of_a_larger_board_is_refused_and_one_that_shows_an_end_is_not() {
+    let scene =
+        Scene::new(TargetKind::Checkerboard, 12, 6, [0.0; 3], BrownConrady { k: [0.0; 3], p: [0.0; 2] });
+    let frame = scene.frame(&scene.clean(), 4);
+    let declared = TargetSpec { columns: 8, ..scene.spec.clone() };
+    let x = |column: u32| scene.truth((column, 0)).x;
+    let middle = cropped(&frame, x(2) - 12.0, x(9) + 12.0);
+    let error = refused(&middle.view(), &declared);
+    assert!(matches!(error, TargetError::Endless { columns: 8, rows: 6, .. }), "{error}");
+    let first = cropped(&frame, x(0) - 40.0, x(7) + 12.0);
+    let detection =
+        detect(&first.view(), &declared, &TargetSettings::default()).expect("its left end is seen");
+    assert_eq!(detection.points.len(), 48);
 }

@@ -1,5 +1,6 @@
-//! Synthetic targets with known points: accuracy, covariance, numbering, refusals.
+//! Synthetic targets with known points: accuracy, covariance, numbering, refusals; and frames of anything.
 
 mod checkerboard;
 mod circles;
 mod scene;
+mod strange;

@@ -51,7 +51,16 @@ impl Scene {
         distortion: BrownConrady,
     ) -> Self {
         let pitch_mm = 10.0;
-        let spec = TargetSpec { format: None, kind, columns, rows, pitch_mm, diameter_mm: None };
+        let spec = TargetSpec {
+            format: None,
+            kind,
+            columns,
+            rows,
+            pitch_mm,
+            diameter_mm: None,
+            dictionary: None,
+            marker_mm: None,
+        };
         let far = spec.board_point_mm((columns - 1, rows - 1));
         let turn = UnitQuaternion::from_euler_angles(tilt_rad[0], tilt_rad[1], tilt_rad[2]);
         let centre = turn * Vector3::new(0.5 * far.x, 0.5 * far.y, 0.0);
