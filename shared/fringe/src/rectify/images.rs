@@ -131,15 +131,15 @@ mod tests {
         let left = camera([1001.0, 1001.0], nalgebra::Isometry3::identity());
         let images = RectifiedImages::new(&left, &camera([1002.0, 1000.0], pose)).unwrap();
         let expected = Matrix3::new(
-            0.99422733,
-            0.032865143,
-            -0.102136665,
-            -0.041903529,
-            0.995269884,
-            -0.087646744,
-            0.098773024,
-            0.091420675,
-            0.990901685,
+            0.994_227_330,
+            0.032_865_143,
+            -0.102_136_665,
+            -0.041_903_529,
+            0.995_269_884,
+            -0.087_646_744,
+            0.098_773_024,
+            0.091_420_675,
+            0.990_901_685,
         );
         assert!((images.rectified_from_view[0] - expected).amax() < 1e-9);
         let q = &images.q;
