@@ -68,9 +68,8 @@ struct Written<'a> {
 
 const SOFTWARE: &str = concat!("fringetool ", env!("CARGO_PKG_VERSION"));
 
-/// Prints the numbers and writes what was asked for.
+/// Writes what was asked for and prints the numbers.
 pub fn write(args: &Args, compared: &Compared, reference: &Reference, alignment: &Alignment) -> Result<()> {
-    print(compared);
     let result = result(args, compared, reference, alignment);
     let half_range_mm = args.range.unwrap_or(compared.statistics.histogram.high_mm).max(f64::MIN_POSITIVE);
     if let Some(path) = &args.out {
@@ -107,7 +106,9 @@ pub fn write(args: &Args, compared: &Compared, reference: &Reference, alignment:
         };
         write_comparison(path, &input)?;
     }
-    emit(args.json.as_deref(), &result)
+    emit(args.json.as_deref(), &result)?;
+    print(compared);
+    Ok(())
 }
 
 fn result<'a>(
