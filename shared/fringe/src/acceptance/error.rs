@@ -1,0 +1,106 @@
+//! Why a test cannot be evaluated.
+
+use thiserror::Error;
+
+use super::result::Violation;
+use crate::fit::FitError;
+
+/// Why a test cannot be evaluated.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum AcceptanceError {
+    /// Not TOML, a key missing, unknown or mistyped.
+    #[error("not a {what}: {message}")]
+    Toml {
+        /// "rule set" or "test plan".
+        what: &'static str,
+        /// The reader's words.
+        message: String,
+    },
+    /// Another format.
+    #[error("format = \"{found}\", this program reads \"{reads}\"")]
+    Format {
+        /// As written.
+        found: String,
+        /// As read.
+        reads: &'static str,
+    },
+    /// A rule set without name or edition.
+    #[error("id, standard and edition must not be empty: a report names the rules that it follows")]
+    Nameless,
+    /// A number out of range.
+    #[error("{place}: {key} = {value}, must be {limits}")]
+    Value {
+        /// Table with its name.
+        place: String,
+        /// Key.
+        key: &'static str,
+        /// As written.
+        value: f64,
+        /// What it must be.
+        limits: &'static str,
+    },
+    /// A statistic of another artefact.
+    #[error("characteristic \"{symbol}\": its statistic cannot be taken on a {kind}")]
+    Statistic {
+        /// Its symbol.
+        symbol: String,
+        /// The artefact.
+        kind: &'static str,
+    },
+    /// A name used twice.
+    #[error("{what} \"{name}\" is there twice; names tell them apart")]
+    Twice {
+        /// Kind of thing.
+        what: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// A name that is not there.
+    #[error("{place}: {key} names \"{name}\"; there are: {known}")]
+    Unknown {
+        /// Table with its name.
+        place: String,
+        /// Key.
+        key: &'static str,
+        /// As written.
+        name: String,
+        /// What there is.
+        known: String,
+    },
+    /// Something that must be there is not, or the reverse.
+    #[error("{place}: {message}")]
+    Plan {
+        /// Table with its name.
+        place: String,
+        /// What is wrong, and the remedy.
+        message: String,
+    },
+    /// The plan breaks rules and does not say that it may.
+    #[error("{}", refusal(.0))]
+    Rules(Vec<Violation>),
+    /// An element was not found in its points.
+    #[error("{place}: {message}")]
+    NotFound {
+        /// Position and view.
+        place: String,
+        /// What was looked for, what was there.
+        message: String,
+    },
+    /// An element was found but not fitted.
+    #[error("{place}")]
+    Fit {
+        /// Position and view.
+        place: String,
+        /// Why.
+        source: FitError,
+    },
+}
+
+fn refusal(violations: &[Violation]) -> String {
+    let list: Vec<&str> = violations.iter().map(|v| v.text.as_str()).collect();
+    format!(
+        "the plan breaks {} of its rules: {}; correct it, or set allow_reduced = true for a reduced test",
+        list.len(),
+        list.join("; ")
+    )
+}
