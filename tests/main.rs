@@ -13,8 +13,10 @@
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - [`uncertainty`]: budgets in, table, JSON and report out
 //! - [`golden_cells`]: the printed cells of the thesis' tables, recomputed
+//! - [`acceptance`]: acceptance tests from their plans
 //! - [`support`]: how the tests run programs and make small recordings
 
+mod acceptance;
 mod bad_input;
 mod calibrate;
 mod calibrate_bad;

@@ -20,8 +20,10 @@ mod reconstruct;
 mod register;
 mod report;
 mod simulate;
+mod simulate_test;
 mod surface;
 mod uncertainty;
+mod vdi2634;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -54,6 +56,11 @@ enum Command {
     Register(register::Args),
     /// Evaluate an inspection plan on a cloud: features, uncertainties, verdict.
     Measure(measure::Args),
+    /// Evaluate an acceptance test following VDI/VDE 2634 or ISO 10360-13 from its plan.
+    #[command(name = "vdi2634")]
+    Vdi2634(vdi2634::Args),
+    /// Simulate a whole acceptance test on the digital twin: recordings and plan.
+    SimulateTest(simulate_test::Args),
     /// Turn other people's image files and OpenCV calibration into a recording and a rig file.
     Import(import::Args),
     /// Turn an OpenCV calibration (YAML or XML) into a rig file.
@@ -91,6 +98,8 @@ fn main() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Register(args) => register::run(&args),
         Command::Measure(args) => measure::run(&args),
+        Command::Vdi2634(args) => vdi2634::run(&args),
+        Command::SimulateTest(args) => simulate_test::run(&args),
         Command::Import(args) => import::run(&args),
         Command::ImportRig(args) => import_rig::run(&args),
         Command::Export(args) => export::run(&args),

@@ -104,21 +104,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         eprintln!("{fault} (points do not need it)");
     }
     let pairs = pairs(args, &recording, &rig_file)?;
-    let lit = |projector: &str, camera: &str| {
-        pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
-    };
-    let views = decode_views(&recording, &DecodeSettings::default(), lit)?;
-    let mut clouds = Vec::new();
-    for (index, pair) in pairs.iter().enumerate() {
-        let cloud = match args.method {
-            Method::Phase => match_pair(&rig_file.rig, pair, index, &views),
-            Method::Projector => intersect_pair(&rig_file.rig, pair, index, &views),
-        };
-        clouds.push(cloud.with_context(|| format!("{}: pair \"{}\"", args.rig.display(), pair.name))?);
-    }
-    let slices: Vec<&[Point]> = clouds.iter().map(|c| c.points.as_slice()).collect();
-    let mut fused = Vec::new();
-    let fusion = fuse(&slices, &FusionSettings::default(), &mut fused);
+    let (views, clouds) = clouds(&recording, &rig_file, args.method, &pairs)?;
+    let (fused, fusion) = join(&clouds);
     if fused.is_empty() {
         let seen: Vec<String> = lines(&views).iter().map(ToString::to_string).collect();
         bail!(
@@ -131,6 +118,45 @@ pub fn run(args: &Args) -> Result<Outcome> {
     print_report(&views, &clouds, &fusion, fused.len(), args);
     emit(args.json.as_deref(), &json(args, &views, &clouds, &fusion, &fused))?;
     Ok(Outcome::Done)
+}
+
+/// The fused cloud of a recording from all its pairs, for commands that measure on it.
+pub fn fused_cloud(recording: &Recording, rig_file: &RigFile, method: Method) -> Result<Vec<Point>> {
+    let pairs = match method {
+        Method::Phase => camera_pairs(recording, rig_file)?,
+        Method::Projector => projector_pairs_or_fault(recording, rig_file)?,
+    };
+    let (_, clouds) = clouds(recording, rig_file, method, &pairs)?;
+    Ok(join(&clouds).0)
+}
+
+/// Decodes what the pairs need and gives the cloud of each.
+fn clouds(
+    recording: &Recording,
+    rig_file: &RigFile,
+    method: Method,
+    pairs: &[Pair],
+) -> Result<(Vec<DecodedView>, Vec<PairCloud>)> {
+    let lit = |projector: &str, camera: &str| {
+        pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
+    };
+    let views = decode_views(recording, &DecodeSettings::default(), lit)?;
+    let mut clouds = Vec::new();
+    for (index, pair) in pairs.iter().enumerate() {
+        let cloud = match method {
+            Method::Phase => match_pair(&rig_file.rig, pair, index, &views),
+            Method::Projector => intersect_pair(&rig_file.rig, pair, index, &views),
+        };
+        clouds.push(cloud.with_context(|| format!("{}: pair \"{}\"", rig_file.path.display(), pair.name))?);
+    }
+    Ok((views, clouds))
+}
+
+fn join(clouds: &[PairCloud]) -> (Vec<Point>, FusionReport) {
+    let slices: Vec<&[Point]> = clouds.iter().map(|c| c.points.as_slice()).collect();
+    let mut fused = Vec::new();
+    let fusion = fuse(&slices, &FusionSettings::default(), &mut fused);
+    (fused, fusion)
 }
 
 /// The pairs to reconstruct.

@@ -74,7 +74,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Twin::new(&scene, settings, &twin_config.rig).with_context(|| args.config.display().to_string())?;
     let truth_path = truth_path(&args.out);
     let truth = truth_text(&scene, &twin, args.cycle);
-    let count = write_recording(args, &config, &twin, &truth_path, &truth)?;
+    let mut progress = Progress::new(frames(&config), "simulating");
+    let count = write_recording(&args.out, &config, &twin, args.cycle, (&truth_path, &truth), &mut progress)?;
     println!("{}: {count} frames; truth: {}", args.out.display(), truth_path.display());
     let result = serde_json::json!({ "recording": args.out, "truth": truth_path, "frames": count });
     emit(args.json.as_deref(), &result)?;
@@ -153,35 +154,41 @@ fn truth_path(out: &Path) -> PathBuf {
     out.with_file_name(name)
 }
 
-/// The truth goes before the file that makes the frames a recording, so that a fault leaves neither.
-fn write_recording(
-    args: &Args,
+fn records(config: &Config) -> Vec<ProjectorRecord> {
+    let record = |p: &ProjectorConfig| ProjectorRecord {
+        name: p.name.clone(),
+        width_px: p.width_px,
+        height_px: p.height_px,
+        cameras: p.cameras.clone(),
+        sequence: p.sequence.clone(),
+        full_scale_dn: BTreeMap::new(),
+    };
+    config.projectors.iter().map(record).collect()
+}
+
+/// Frames of one recording.
+pub fn frames(config: &Config) -> usize {
+    config.projectors.iter().map(|p| p.cameras.len() * frame_count(&p.sequence)).sum()
+}
+
+/// Renders a recording. The truth (path, text) goes before the file that makes the frames a recording, so that a fault
+/// leaves neither.
+pub fn write_recording(
+    out: &Path,
     config: &Config,
     twin: &Twin,
-    truth_path: &Path,
-    truth: &str,
+    cycle: u64,
+    (truth_path, truth): (&Path, &str),
+    progress: &mut Progress,
 ) -> Result<usize> {
-    let records: Vec<ProjectorRecord> = config
-        .projectors
-        .iter()
-        .map(|p| ProjectorRecord {
-            name: p.name.clone(),
-            width_px: p.width_px,
-            height_px: p.height_px,
-            cameras: p.cameras.clone(),
-            sequence: p.sequence.clone(),
-            full_scale_dn: BTreeMap::new(),
-        })
-        .collect();
-    let total: usize = records.iter().map(|r| r.cameras.len() * frame_count(&r.sequence)).sum();
-    let mut writer = RecordingWriter::create(&args.out, &records)?;
-    let mut progress = Progress::new(total, "simulating");
+    let records = records(config);
+    let mut writer = RecordingWriter::create(out, &records)?;
     for record in &records {
         let table =
             config.projector(&record.name).and_then(|p| p.pattern_correction.as_ref()).map(|c| &c.table);
         let mut renderer = twin.corrected_renderer(&record.name, &record.sequence, table)?;
         for camera in &record.cameras {
-            let view = twin.view_lit_by(camera, &[record.name.as_str()], args.cycle)?;
+            let view = twin.view_lit_by(camera, &[record.name.as_str()], cycle)?;
             let mut buffer = Buffer::new(&view);
             for frame in 0..frame_count(&record.sequence) {
                 renderer.render(&view, frame, buffer.pixels_mut())?;
@@ -195,7 +202,7 @@ fn write_recording(
     rig::correction::note(&mut provenance, config.corrected());
     rig::atomic::write(truth_path, truth.as_bytes())?;
     writer.finish(&provenance)?;
-    Ok(total)
+    Ok(frames(config))
 }
 
 /// Pixels of one frame, 8 or 16 bits.
@@ -234,7 +241,7 @@ impl Buffer {
 }
 
 /// The truth as TOML: where the part stood, and its true sizes.
-fn truth_text(scene: &Scene, twin: &Twin, cycle: u64) -> String {
+pub fn truth_text(scene: &Scene, twin: &Twin, cycle: u64) -> String {
     let pose = twin.pose(cycle);
     let rotation = pose.rotation.to_rotation_matrix();
     let rows: Vec<String> =

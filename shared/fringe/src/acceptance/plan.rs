@@ -445,6 +445,12 @@ impl ViewPlan {
                 &format!("near_mm = {ball:?}: four finite numbers x, y, z, r, r above 0"),
             ));
         }
+        if self.near_mm.is_empty() && needed > 2 {
+            let message = format!(
+                "needs near_mm: the {needed} spheres of its artefact look alike, their order does not show"
+            );
+            return Err(fault(place, &message));
+        }
         let Some(rows) = &self.transform else { return Ok(()) };
         if register == RegisterBy::References {
             return Err(fault(

@@ -36,7 +36,7 @@ pub(super) fn summarise(
         values
             .iter()
             .map(|v| verdict_of(decide(v.shown.value, v.u_mm, guard, Some(-limit), limit)))
-            .max_by_key(rank)
+            .max_by_key(|verdict| rank(*verdict))
     });
     let CharacteristicRule { symbol, name, definition, decides, .. } = one;
     Some(Characteristic {
@@ -63,7 +63,7 @@ fn verdict_of(verdict: Verdict) -> TestVerdict {
     }
 }
 
-fn rank(verdict: &TestVerdict) -> u8 {
+fn rank(verdict: TestVerdict) -> u8 {
     match verdict {
         TestVerdict::Pass => 0,
         TestVerdict::Indeterminate => 1,
@@ -76,7 +76,7 @@ pub(super) fn test_verdict(characteristics: &[Characteristic]) -> TestVerdict {
     let verdicts = characteristics.iter().filter(|c| c.decides || c.limit.is_some());
     verdicts
         .map(|c| c.verdict.unwrap_or(TestVerdict::Indeterminate))
-        .max_by_key(rank)
+        .max_by_key(|verdict| rank(*verdict))
         .unwrap_or(TestVerdict::Indeterminate)
 }
 

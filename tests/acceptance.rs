@@ -1,0 +1,115 @@
+//! `vdi2634` and `simulate-test`: clouds with known errors, plans that break rules, and a test of the twin from end to end.
+
+use crate::support::{Ran, fringetool, root};
+use std::fmt::Write as _;
+use tempfile::TempDir;
+
+struct Folder(TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(TempDir::new().unwrap())
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.0.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    fn write(&self, name: &str, text: &str) -> String {
+        std::fs::write(self.path(name), text).unwrap();
+        self.path(name)
+    }
+
+    fn vdi(&self, plan: &str) -> (Ran, Option<serde_json::Value>) {
+        let json = self.path("report.json");
+        let ran = fringetool(&["vdi2634", plan, "--json", &json]);
+        let report = std::fs::read_to_string(&json).ok().map(|text| serde_json::from_str(&text).unwrap());
+        (ran, report)
+    }
+}
+
+/// Points evenly on spheres: centre and diameter.
+fn spheres(balls: &[([f64; 3], f64)]) -> String {
+    let count = 900;
+    let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", balls.len() * count);
+    text.push_str("property double x\nproperty double y\nproperty double z\nend_header\n");
+    for ([x, y, z], diameter) in balls {
+        for i in 0..count {
+            let height = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;
+            let (sin, cos) = (2.399_963_229_728_653 * i as f64).sin_cos();
+            let (ring, radius) = ((1.0 - height * height).sqrt(), 0.5 * diameter);
+            let _ = writeln!(
+                text,
+                "{} {} {}",
+                x + radius * ring * cos,
+                y + radius * ring * sin,
+                z + radius * height
+            );
+        }
+    }
+    text
+}
+
+/// The thesis' plan with clouds of its artefacts: sizes right, spacings wrong by `error` mm.
+fn thesis(folder: &Folder, error: f64) -> String {
+    for position in 1..4 {
+        for view in 1..6 {
+            folder.write(&format!("sphere{position}-view{view}.ply"), &spheres(&[([0.0; 3], 20.001_37)]));
+        }
+    }
+    for position in 1..8 {
+        let balls = [([0.0; 3], 20.000_73), ([120.055_09 + error, 0.0, 0.0], 20.001_30)];
+        folder.write(&format!("beam{position}.ply"), &spheres(&balls));
+    }
+    std::fs::read_to_string(root().join("configs/thesis.test.toml")).unwrap()
+}
+
+#[test]
+fn the_thesis_breaks_its_own_rule_and_a_negative_error_fails() {
+    let folder = Folder::new();
+    let text = thesis(&folder, -0.2);
+    let plan = folder.write("plan.toml", &text);
+    let (ran, report) = folder.vdi(&plan);
+    assert_eq!(ran.code, Some(2), "{}", ran.stderr);
+    assert!(ran.stderr.contains("120.055 mm, at least 144.99"), "{}", ran.stderr);
+    assert!(report.is_none());
+
+    folder.write("plan.toml", &text.replace("allow_reduced = false", "allow_reduced = true"));
+    let (ran, report) = folder.vdi(&plan);
+    assert_eq!(ran.code, Some(1), "{}", ran.stderr);
+    assert!(
+        ran.stdout.contains("REDUCED TEST") && ran.stdout.contains("evaluated following"),
+        "{}",
+        ran.stdout
+    );
+    let report = report.unwrap();
+    assert_eq!(report["verdict"], "fail");
+    assert_eq!(report["reduced"].as_array().unwrap().len(), 1);
+    let sd = report["characteristics"].as_array().unwrap().iter().find(|c| c["symbol"] == "SD").unwrap();
+    // The beam is 0.5 K colder than calibrated: 0.03 µm.
+    assert!((sd["value"].as_f64().unwrap() + 0.2).abs() < 1e-4, "{sd}");
+}
+
+#[test]
+fn tests_that_cannot_be_meant_end_with_a_message() {
+    let folder = Folder::new();
+    let text = thesis(&folder, 0.0).replace("allow_reduced = false", "allow_reduced = true");
+    let cases: [(&str, &str, &[&str]); 5] = [
+        ("rule_set = \"vdi2634-3\"", "rule_set = \"vdi2634-9\"", &["rule_set", "vdi2634-3", "iso10360-13"]),
+        ("\"beam3.ply\"", "\"none.ply\"", &["none.ply"]),
+        ("\"beam3.ply\"", "\"empty.ply\"", &["empty.ply", "no point"]),
+        ("\"beam3.ply\"", "\"metres.ply\"", &["metres.ply", "metres"]),
+        ("cloud = \"beam3.ply\"", "recording = \"beam3\"", &["[measurement]"]),
+    ];
+    folder.write("empty.ply", &spheres(&[]));
+    folder.write("metres.ply", &spheres(&[([0.0; 3], 0.02), ([0.12, 0.0, 0.0], 0.02)]));
+    for (from, to, words) in cases {
+        assert!(text.contains(from));
+        let plan = folder.write("plan.toml", &text.replacen(from, to, 1));
+        let (ran, report) = folder.vdi(&plan);
+        assert_eq!(ran.code, Some(2), "{to}: {}", ran.stderr);
+        assert!(words.iter().all(|word| ran.stderr.contains(word)), "{to}: {}", ran.stderr);
+        assert_eq!(ran.stderr.trim_end().lines().filter(|l| l.starts_with("fringetool: ")).count(), 1);
+        assert!(report.is_none() && !ran.stderr.contains("panicked"), "{to}: {}", ran.stderr);
+    }
+}

@@ -1,0 +1,105 @@
+//! `fringetool simulate-test`: the recordings of a whole acceptance test on the digital twin, and its plan.
+
+mod layout;
+mod plan;
+
+use crate::Outcome;
+use crate::progress::Progress;
+use crate::report::{check_outputs, emit};
+use crate::simulate::{frames, truth_text, write_recording};
+use anyhow::{Context, Result, bail};
+use layout::{Shot, shots};
+use rig::config::Config;
+use std::path::{Path, PathBuf};
+use twin::scene_file::SceneFile;
+use twin::{Scene, Twin, TwinSettings};
+
+const SPHERE: &str = include_str!("../configs/sphere.scene.toml");
+const BAR: &str = include_str!("../configs/compliant-bar.scene.toml");
+
+/// Arguments of `simulate-test`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Cell configuration whose [twin] is tested.
+    #[arg(default_value = "configs/demo.toml")]
+    config: PathBuf,
+    /// Folder for recordings and plan.
+    #[arg(long)]
+    out: PathBuf,
+    /// Rig file that the plan evaluates with, such as one from `calibrate`; without it the twin's own.
+    #[arg(long)]
+    rig: Option<PathBuf>,
+    /// One sphere position with two views and two bar positions: a reduced test, for trying things out.
+    #[arg(long)]
+    reduced: bool,
+    /// Another seed than the configuration's.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let inputs: Vec<&Path> = std::iter::once(&args.config).chain(&args.rig).map(PathBuf::as_path).collect();
+    check_outputs(&[("--json", args.json.as_deref())], &inputs, Some(&args.out))?;
+    if args.out.read_dir().is_ok_and(|mut entries| entries.next().is_some()) {
+        bail!("--out {}: already holds something; name a new folder", args.out.display());
+    }
+    let config = Config::load(&args.config)?;
+    let Some(twin) = &config.twin else {
+        bail!("{}: has no [twin]; simulate-test needs one", args.config.display());
+    };
+    let settings: TwinSettings = config.document.typed("twin.settings", twin.settings.clone())?;
+    let settings = TwinSettings { seed: args.seed.unwrap_or(twin.seed), ..settings };
+    let shots = shots(args.reduced);
+    let mut progress = Progress::new(shots.len() * frames(&config), "simulating");
+    rig::atomic::create_dir(&args.out.join("truth"))?;
+    for (cycle, shot) in shots.iter().enumerate() {
+        let scene = scene(shot)?;
+        let twin = Twin::new(&scene, settings.clone(), &twin.rig)
+            .with_context(|| args.config.display().to_string())?;
+        let truth_path = args.out.join("truth").join(format!("{}.toml", shot.name));
+        let truth = (truth_path.as_path(), truth_text(&scene, &twin, cycle as u64));
+        let out = args.out.join(&shot.name);
+        write_recording(&out, &config, &twin, cycle as u64, (truth.0, &truth.1), &mut progress)?;
+    }
+    drop(progress);
+    let rig = copy_rig(args, &twin.rig)?;
+    let path = args.out.join("plan.toml");
+    rig::atomic::write(&path, plan::text(&shots, &rig, args.reduced, &config)?.as_bytes())?;
+    println!("{} recordings; next: fringetool vdi2634 {}", shots.len(), path.display());
+    emit(args.json.as_deref(), &serde_json::json!({ "plan": path, "recordings": shots.len() }))?;
+    Ok(Outcome::Done)
+}
+
+/// The name under which the plan finds its rig file: the one given, or the twin's own, written beside the plan.
+fn copy_rig(args: &Args, own: &fringe::rig::Rig) -> Result<String> {
+    if let Some(path) = &args.rig {
+        rig::rig_file::read_rig(path)?;
+        return Ok(path.canonicalize().with_context(|| path.display().to_string())?.display().to_string());
+    }
+    let mut provenance = toml::Table::new();
+    provenance.insert("source".into(), "the digital twin's own rig: free of calibration errors".into());
+    rig::rig_file::write_rig(&args.out.join("rig.toml"), own, &provenance, None)?;
+    Ok("rig.toml".to_owned())
+}
+
+/// The artefact of a shot where the shot has it.
+fn scene(shot: &Shot) -> Result<Scene> {
+    let text = if shot.bar { BAR } else { SPHERE };
+    let mut file: SceneFile = toml::from_str(text).context("the scene that comes with the program")?;
+    for body in &mut file.bodies {
+        let [x, y, z] = body.rotation_deg.map(f64::to_radians);
+        let part_from_body = nalgebra::Isometry3::from_parts(
+            nalgebra::Vector3::from(body.position_mm).into(),
+            nalgebra::UnitQuaternion::from_euler_angles(x, y, z),
+        );
+        let moved = shot.place() * part_from_body;
+        let (roll, pitch, yaw) = moved.rotation.euler_angles();
+        body.position_mm = moved.translation.vector.into();
+        body.rotation_deg = [roll, pitch, yaw].map(f64::to_degrees);
+    }
+    Scene::new(&file, &mut |_| Err("no mesh here".into())).context("the scene that comes with the program")
+}

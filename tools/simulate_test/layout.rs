@@ -1,0 +1,76 @@
+//! Where artefacts stand in the volume of 140 mm × 140 mm × 90 mm about (0, 0, 15) mm.
+
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+/// Places of the test sphere: three heights, as in the thesis.
+const SPHERE_MM: [[f64; 3]; 3] = [[-18.0, -15.0, -2.0], [20.0, -8.0, 16.0], [0.0, 18.0, 34.0]];
+
+/// Views of a sphere position: the turntable goes on by 72°.
+const VIEWS: usize = 5;
+
+/// Places of the bar: azimuth and elevation of its axis in degrees, middle in mm. Two level diagonals, four inclined
+/// ones, one nearly along the first sensor's line of sight.
+const BARS: [(f64, f64, [f64; 3]); 7] = [
+    (45.0, 0.0, [0.0, 0.0, 5.0]),
+    (135.0, 0.0, [0.0, 0.0, 25.0]),
+    (45.0, 22.0, [0.0, 0.0, 15.0]),
+    (135.0, 22.0, [0.0, 0.0, 15.0]),
+    (225.0, 22.0, [0.0, 0.0, 15.0]),
+    (315.0, 22.0, [0.0, 0.0, 15.0]),
+    (20.0, 8.0, [0.0, 0.0, 15.0]),
+];
+
+/// One recording.
+pub struct Shot {
+    /// Folder.
+    pub name: String,
+    /// Position that it belongs to.
+    pub position: String,
+    /// View of the position.
+    pub view: String,
+    /// Ball bar, or test sphere.
+    pub bar: bool,
+    azimuth_deg: f64,
+    elevation_deg: f64,
+    middle_mm: [f64; 3],
+}
+
+impl Shot {
+    /// Nominal motion of the artefact: first the inclination, then the turn about the vertical.
+    pub fn place(&self) -> Isometry3<f64> {
+        let (elevation, azimuth) = (-self.elevation_deg.to_radians(), self.azimuth_deg.to_radians());
+        let turn = UnitQuaternion::from_euler_angles(0.0, elevation, azimuth);
+        Isometry3::from_parts(Vector3::from(self.middle_mm).into(), turn)
+    }
+}
+
+/// All recordings of a test.
+pub fn shots(reduced: bool) -> Vec<Shot> {
+    let (positions, views, bars) = if reduced { (1, 2, 2) } else { (SPHERE_MM.len(), VIEWS, BARS.len()) };
+    let mut shots = Vec::new();
+    for (p, middle_mm) in SPHERE_MM.iter().take(positions).enumerate() {
+        for v in 0..views {
+            shots.push(Shot {
+                name: format!("sphere{}-view{}", p + 1, v + 1),
+                position: format!("sphere {}", p + 1),
+                view: format!("view {}", v + 1),
+                bar: false,
+                azimuth_deg: 360.0 / VIEWS as f64 * v as f64,
+                elevation_deg: 0.0,
+                middle_mm: *middle_mm,
+            });
+        }
+    }
+    for (b, (azimuth_deg, elevation_deg, middle_mm)) in BARS.iter().take(bars).enumerate() {
+        shots.push(Shot {
+            name: format!("bar{}", b + 1),
+            position: format!("bar {}", b + 1),
+            view: "view 1".to_owned(),
+            bar: true,
+            azimuth_deg: *azimuth_deg,
+            elevation_deg: *elevation_deg,
+            middle_mm: *middle_mm,
+        });
+    }
+    shots
+}

@@ -1,0 +1,102 @@
+//! The plan that goes with simulated recordings.
+
+use super::layout::Shot;
+use anyhow::{Context, Result};
+use fringe::acceptance::{
+    Artefact, Conditions, Decision, Kind, Measurement, PositionPlan, Reference, RegisterBy, Segmentation,
+    TEST_FORMAT, TestPlan, ViewPlan, Volumes,
+};
+use fringe::pattern::frame_count;
+use rig::config::Config;
+
+/// Diameters of the reference spheres of the scene, mm.
+const REFERENCES_MM: [f64; 4] = [11.0, 13.0, 15.0, 17.0];
+
+/// Limits that the cell is tested against, mm.
+const LIMITS_MM: [(&str, f64); 3] = [("PF_range", 0.060), ("PS", 0.020), ("SD", 0.030)];
+
+/// The plan as TOML.
+pub fn text(shots: &[Shot], rig: &str, reduced: bool, config: &Config) -> Result<String> {
+    let frames = config.projectors.first().map_or(0, |p| frame_count(&p.sequence));
+    let plan = TestPlan {
+        format: TEST_FORMAT.into(),
+        name: format!("{} on the digital twin", config.name),
+        rule_set: "vdi2634-3".into(),
+        allow_reduced: reduced,
+        reject_fraction: None,
+        conditions: Conditions {
+            operator: "fringetool simulate-test".into(),
+            date: "simulated".into(),
+            instrument: Some(format!("digital twin of {}", config.name)),
+            temperature_c: 20.0,
+            u_temperature_k: 0.1,
+            operating_mode: format!("one exposure, {frames} frames a view, no averaging, no filter"),
+            warm_up: None,
+        },
+        // The volume of the thesis, section 6.4; all cameras of the cell see it, so it is both.
+        volume: Volumes { sensor_mm: [140.0, 140.0, 90.0], total_mm: [140.0, 140.0, 90.0] },
+        decision: Decision::default(),
+        limits: LIMITS_MM.iter().map(|(symbol, limit)| ((*symbol).to_owned(), *limit)).collect(),
+        measurement: Some(Measurement { rig: rig.to_owned(), method: "phase".into() }),
+        segmentation: Segmentation::default(),
+        references: REFERENCES_MM.map(|diameter_mm| Reference { diameter_mm }).into(),
+        artefacts: artefacts(),
+        positions: positions(shots),
+    };
+    toml::to_string(&plan).context("the plan")
+}
+
+/// Uncertainties of a good laboratory's certificate; the thesis quotes the form deviations, not these.
+fn artefacts() -> Vec<Artefact> {
+    let sphere = Artefact {
+        id: "sphere 1".into(),
+        kind: Kind::Sphere,
+        certificate: "simulated: configs/sphere.scene.toml".into(),
+        diameters_mm: vec![20.00137],
+        u_diameter_mm: 0.0005,
+        spacings_mm: Vec::new(),
+        u_spacing_mm: 0.0,
+        size_mm: None,
+        form_mm: 0.00195,
+        u_form_mm: 0.0003,
+        expansion_per_k: 5.5e-6,
+        u_expansion_per_k: 0.5e-6,
+        calibrated_at_c: 20.0,
+    };
+    let bar = Artefact {
+        id: "compliant bar".into(),
+        kind: Kind::BallBar,
+        certificate: "simulated: configs/compliant-bar.scene.toml".into(),
+        diameters_mm: vec![20.00137, 20.00146],
+        spacings_mm: vec![150.0421],
+        u_spacing_mm: 0.0008,
+        expansion_per_k: 0.5e-6,
+        u_expansion_per_k: 0.5e-6,
+        ..sphere.clone()
+    };
+    vec![sphere, bar]
+}
+
+fn positions(shots: &[Shot]) -> Vec<PositionPlan> {
+    let mut positions: Vec<PositionPlan> = Vec::new();
+    for shot in shots {
+        let view = ViewPlan {
+            name: shot.view.clone(),
+            recording: Some(shot.name.clone()),
+            cloud: None,
+            near_mm: Vec::new(),
+            transform: None,
+        };
+        match positions.last_mut().filter(|last| last.name == shot.position) {
+            Some(position) => position.views.push(view),
+            None => positions.push(PositionPlan {
+                name: shot.position.clone(),
+                repeat: 1,
+                artefact: if shot.bar { "compliant bar" } else { "sphere 1" }.into(),
+                register: if shot.bar { RegisterBy::Frame } else { RegisterBy::References },
+                views: vec![view],
+            }),
+        }
+    }
+    positions
+}

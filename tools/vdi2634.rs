@@ -1,0 +1,168 @@
+//! `fringetool vdi2634`: an acceptance test, from its plan to the verdict.
+
+use crate::Outcome;
+use crate::reconstruct::{Method, fused_cloud};
+use crate::report::{check_outputs, emit};
+use anyhow::{Context, Result, anyhow, bail};
+use fringe::acceptance::{Characteristic, Evaluator, RuleSet, TestPlan, TestReport, TestVerdict, ViewPlan};
+use fringe::cloud::Point;
+use rig::recording::Recording;
+use rig::rig_file::{RigFile, read_rig};
+use std::path::{Path, PathBuf};
+
+/// Rule sets that come with the program.
+const RULE_SETS: [(&str, &str); 4] = [
+    ("vdi2634-1", include_str!("../configs/rules/vdi2634-1.toml")),
+    ("vdi2634-2", include_str!("../configs/rules/vdi2634-2.toml")),
+    ("vdi2634-3", include_str!("../configs/rules/vdi2634-3.toml")),
+    ("iso10360-13", include_str!("../configs/rules/iso10360-13.toml")),
+];
+
+/// Arguments of `vdi2634`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Plan of the test (TOML): rule set, conditions, artefacts, limits, positions.
+    plan: PathBuf,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    check_outputs(&[("--json", args.json.as_deref())], &[&args.plan], None)?;
+    let report = evaluate(&args.plan)?;
+    print(&report);
+    emit(args.json.as_deref(), &report)?;
+    let limited = report.characteristics.iter().any(|c| c.limit.is_some());
+    // What is not proven is not accepted; without any limit there is nothing to prove.
+    let passed = report.verdict == TestVerdict::Pass || !limited;
+    Ok(if passed { Outcome::Done } else { Outcome::LimitFailed })
+}
+
+/// Evaluates a plan.
+pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
+    let named = || plan_path.display().to_string();
+    let text = rig::document::read_text(plan_path)?;
+    let plan = TestPlan::from_toml(&text).with_context(named)?;
+    let folder = plan_path.parent().unwrap_or(Path::new(""));
+    let rules = rule_set(&plan.rule_set, folder).with_context(named)?;
+    let mut evaluator = Evaluator::new(&plan, &rules).with_context(named)?;
+    let sources = Sources::new(&plan, folder).with_context(named)?;
+    for position in &plan.positions {
+        let clouds = position.views.iter().map(|view| sources.cloud(view)).collect::<Result<Vec<_>>>();
+        let clouds = clouds.with_context(|| format!("{}: position \"{}\"", named(), position.name))?;
+        evaluator.add(position, &clouds).with_context(named)?;
+    }
+    let mut conditions = sources.conditions();
+    conditions.push(("plan".into(), format!("sha256 {}", rig::hash::sha256_hex(text.as_bytes()))));
+    conditions.push(("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION"))));
+    evaluator.finish(conditions).with_context(named)
+}
+
+/// A rule set by its name, or from a file beside the plan.
+fn rule_set(name: &str, folder: &Path) -> Result<RuleSet> {
+    if let Some((_, text)) = RULE_SETS.iter().find(|(known, _)| *known == name) {
+        return RuleSet::from_toml(text).context(name.to_owned());
+    }
+    if Path::new(name).extension().is_none_or(|extension| extension != "toml") {
+        let known: Vec<&str> = RULE_SETS.iter().map(|(name, _)| *name).collect();
+        bail!("rule_set = \"{name}\": there are {}; or name a rule set file, NAME.toml", known.join(", "));
+    }
+    let path = folder.join(name);
+    let text = rig::document::read_text(&path)?;
+    RuleSet::from_toml(&text).with_context(|| path.display().to_string())
+}
+
+/// Where clouds come from.
+struct Sources<'a> {
+    folder: &'a Path,
+    rig: Option<(RigFile, Method)>,
+}
+
+impl<'a> Sources<'a> {
+    fn new(plan: &TestPlan, folder: &'a Path) -> Result<Self> {
+        let Some(measurement) = &plan.measurement else { return Ok(Self { folder, rig: None }) };
+        let method = <Method as clap::ValueEnum>::from_str(&measurement.method, false).map_err(|_| {
+            anyhow!("measurement: method = \"{}\": there are phase, projector", measurement.method)
+        })?;
+        let rig = read_rig(&folder.join(&measurement.rig))?;
+        Ok(Self { folder, rig: Some((rig, method)) })
+    }
+
+    fn cloud(&self, view: &ViewPlan) -> Result<Vec<Point>> {
+        let path = self.folder.join(view.source());
+        if view.cloud.is_some() {
+            let cloud = crate::surface::read_cloud(&path)?;
+            if let Some(hint) = cloud.unit_hint() {
+                bail!("{}: {hint}; convert it", path.display());
+            }
+            return Ok(cloud.points);
+        }
+        let (rig, method) = self.rig.as_ref().context("a recording needs [measurement]")?;
+        fused_cloud(&Recording::open(&path)?, rig, *method).with_context(|| path.display().to_string())
+    }
+
+    fn conditions(&self) -> Vec<(String, String)> {
+        let Some((rig, method)) = &self.rig else { return Vec::new() };
+        let method = match method {
+            Method::Phase => "phase: two cameras, matched by absolute phase",
+            Method::Projector => "projector: camera against calibrated projector",
+        };
+        vec![("rig file".into(), format!("sha256 {}", rig.sha256)), ("method".into(), method.into())]
+    }
+}
+
+fn print(report: &TestReport) {
+    let reduced = if report.reduced.is_empty() { "" } else { " — REDUCED TEST, not the standard's" };
+    println!("{}{reduced}", report.rule_set.wording);
+    for violation in &report.reduced {
+        println!("  breaks a rule: {}", violation.text);
+    }
+    for assumed in &report.rule_set.assumed {
+        println!("  assumed, not read in the standard: {assumed}");
+    }
+    for (label, text) in &report.conditions {
+        println!("  {label}: {text}");
+    }
+    let wide = report.characteristics.iter().map(|c| c.symbol.chars().count()).max().unwrap_or(0).max(14);
+    println!(
+        "{:wide$} {:>10} {:>9} {:>9} {:>9} {:>9}  {:14} worst at",
+        "characteristic", "worst [mm]", "limit", "U (k = 2)", "repeats", "positions", "verdict"
+    );
+    for one in &report.characteristics {
+        println!("{}", line(one, wide));
+    }
+    println!("verdict: {}{reduced}", word(report.verdict));
+}
+
+fn line(one: &Characteristic, wide: usize) -> String {
+    let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.4}"));
+    let worst = one.positions.iter().find(|p| p.value == one.value);
+    let place = worst.map_or_else(String::new, |p| {
+        let views = if p.views.len() > 1 { format!("{} views", p.views.len()) } else { p.views.join("") };
+        format!("{} ({views}; {} points, {} rejected)", p.position, p.points, p.rejected)
+    });
+    let verdict = match (one.verdict, one.decides) {
+        (Some(verdict), _) => word(verdict),
+        (None, true) => "no limit",
+        (None, false) => "",
+    };
+    format!(
+        "{:wide$} {:>+10.4} {:>9} {:>9} {:>9} {:>9}  {verdict:14} {place}",
+        one.symbol,
+        one.value,
+        number(one.limit),
+        number(one.test_value_u),
+        number(one.repeatability),
+        number(one.between_positions),
+    )
+}
+
+fn word(verdict: TestVerdict) -> &'static str {
+    match verdict {
+        TestVerdict::Pass => "pass",
+        TestVerdict::Indeterminate => "indeterminate",
+        TestVerdict::Fail => "fail",
+    }
+}
