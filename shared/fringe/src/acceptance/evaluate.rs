@@ -210,13 +210,13 @@ impl<'a> Evaluator<'a> {
 /// The elements of a group, fitted.
 enum Fitted {
     Spheres(Vec<SphereFit>),
-    Plane(PlaneFit),
+    Plane(Box<PlaneFit>),
 }
 
 impl Fitted {
     fn new(artefact: &Artefact, group: &Group, settings: &FitSettings) -> Result<Self, crate::fit::FitError> {
         if let ([points], true) = (group.elements.as_slice(), artefact.diameters_mm.is_empty()) {
-            return Ok(Self::Plane(plane(points, settings)?));
+            return Ok(Self::Plane(Box::new(plane(points, settings)?)));
         }
         Ok(Self::Spheres(
             group.elements.iter().map(|points| sphere(points, settings)).collect::<Result<_, _>>()?,

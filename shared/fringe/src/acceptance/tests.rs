@@ -17,7 +17,7 @@ const ALL: [&str; 4] = [
 ];
 
 /// Points per sphere and view: half of them antipodes of the others.
-const POINTS: usize = 3000;
+const POINTS: usize = 2000;
 
 /// A sphere that is `2 form` out of round, with the least-squares sphere known exactly: one pair of antipodes stands out
 /// by `form`, one lies in by as much, so that neither sum nor moments of the residuals change.
