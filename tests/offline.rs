@@ -121,3 +121,17 @@ fn truth_lies_apart_from_the_recording() {
     let recording = std::fs::read_to_string(small.path("rec/recording.toml")).unwrap();
     assert!(!recording.contains("truth") && !recording.contains("pose"), "{recording}");
 }
+
+#[test]
+fn a_reader_that_left_ends_the_tool_without_panic() {
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    let ran = std::process::Command::new(env!("CARGO_BIN_EXE_fringetool"))
+        .args(["uncertainty", "configs/budgets/end-gauge.toml"])
+        .current_dir(root())
+        .stdout(writer)
+        .output()
+        .unwrap();
+    assert_eq!(String::from_utf8_lossy(&ran.stderr), "");
+    assert_eq!(std::os::unix::process::ExitStatusExt::signal(&ran.status), Some(13), "SIGPIPE");
+}

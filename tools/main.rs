@@ -90,6 +90,7 @@ pub enum Outcome {
 }
 
 fn main() -> ExitCode {
+    ipc::os::end_with_reader();
     let result = match Cli::parse().command {
         Command::Simulate(args) => simulate::run(&args),
         Command::Decode(args) => decode::run(&args),

@@ -27,6 +27,13 @@ pub fn die_with_parent(parent_pid: u32) -> io::Result<bool> {
     Ok(std::os::unix::process::parent_id() == parent_pid)
 }
 
+/// Lets this process end quietly when whoever read its output is gone (`| head`), as Unix programs do; Rust's start-up
+/// code has the write fail instead, and a print that fails panics. Not for processes that write to sockets.
+pub fn end_with_reader() {
+    // SAFETY: SIG_DFL is a valid disposition of SIGPIPE and no handler of ours is replaced.
+    unsafe { libc::signal(libc::SIGPIPE, libc::SIG_DFL) };
+}
+
 /// Free bytes of a file system.
 ///
 /// # Errors
