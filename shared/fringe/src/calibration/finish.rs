@@ -4,7 +4,7 @@ use super::CalibrationError;
 use super::adjust::Weighted;
 use super::covariance::{Covariance, Gauge, covariance};
 use super::model::{Board, DEVICE, compose};
-use super::normal::Problem;
+use super::normal::{Problem, ViewRange};
 use super::observations::Observations;
 use super::result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
 use super::settings::{CalibrationSettings, WorldFrame};
@@ -46,7 +46,9 @@ impl Finish<'_> {
         let covariance = covariance(self.problem, &solved.state, &solved.normal, scale);
         let covariance = covariance.ok_or_else(|| self.degenerate(0, "all parameters".into()))?;
         self.refuse_open(&covariance)?;
-        let views = self.views();
+        let origin: Vec<(usize, bool)> =
+            self.seen.iter().map(|s| s.view).zip(self.turned.iter().copied()).collect();
+        let views = reports(self.problem, self.weighted, &origin);
         let devices =
             (0..self.observations.devices.len()).map(|d| self.device(d, &views, &covariance)).collect();
         let outliers = views.iter().flat_map(outliers).collect();
@@ -115,24 +117,6 @@ impl Finish<'_> {
         }
     }
 
-    fn views(&self) -> Vec<ViewReport> {
-        let errors = self.problem.residuals(&self.weighted.solved.state);
-        let report = |(number, range): (usize, &super::normal::ViewRange)| {
-            let residuals: Vec<Residual> = (range.start..range.end)
-                .map(|i| Residual {
-                    index: self.problem.sights[i].index,
-                    pixel: self.problem.sights[i].pixel,
-                    error_px: errors[i],
-                    used: self.weighted.weights[i] > 0.0,
-                })
-                .collect();
-            let (view, turned) = (self.seen[number].view, self.turned[number]);
-            let rms_px = rms(residuals.iter());
-            ViewReport { view, device: range.device, pose: range.pose, turned, rms_px, residuals }
-        };
-        self.problem.views.iter().enumerate().map(report).collect()
-    }
-
     fn device(&self, number: usize, views: &[ViewReport], covariance: &Covariance) -> CalibratedDevice {
         let device = &self.observations.devices[number];
         let own = || views.iter().filter(|v| v.device == number);
@@ -169,8 +153,26 @@ impl Finish<'_> {
     }
 }
 
+/// All views of an adjustment with their residuals; `origin` gives each one's number and whether it was turned.
+pub(super) fn reports(problem: &Problem, weighted: &Weighted, origin: &[(usize, bool)]) -> Vec<ViewReport> {
+    let errors = problem.residuals(&weighted.solved.state);
+    let report = |(range, (view, turned)): (&ViewRange, &(usize, bool))| {
+        let residuals: Vec<Residual> = (range.start..range.end)
+            .map(|i| Residual {
+                index: problem.sights[i].index,
+                pixel: problem.sights[i].pixel,
+                error_px: errors[i],
+                used: weighted.weights[i] > 0.0,
+            })
+            .collect();
+        let rms_px = rms(residuals.iter());
+        ViewReport { view: *view, device: range.device, pose: range.pose, turned: *turned, rms_px, residuals }
+    };
+    problem.views.iter().zip(origin).map(report).collect()
+}
+
 /// Root mean squared distance over the points used; 0 of none.
-fn rms<'a>(residuals: impl Iterator<Item = &'a Residual>) -> f64 {
+pub(super) fn rms<'a>(residuals: impl Iterator<Item = &'a Residual>) -> f64 {
     let (mut sum, mut count) = (0.0, 0);
     for [x, y] in residuals.filter(|r| r.used).filter_map(|r| r.error_px) {
         sum += x * x + y * y;

@@ -83,17 +83,11 @@ impl Calibration {
         volume: &Volume,
         settings: &SpacingSettings,
     ) -> Option<SphereSpacing> {
-        let constant =
-            2.0 * settings.u_centre_mm.powi(2) + (settings.spacing_mm * settings.u_pitch_relative).powi(2);
         let mut found: Option<SphereSpacing> = None;
         let mut squares = 0.0;
         for ends in bars(volume, settings.spacing_mm) {
             for (number, pair) in pairs.iter().enumerate() {
-                if !ends.iter().all(|end| self.sees(pair, end)) {
-                    continue;
-                }
-                let Some(u) = self.distance_u_mm([(pair, &ends[0]), (pair, &ends[1])]) else { continue };
-                let square = u * u + constant;
+                let Some(square) = self.spacing_variance_mm2(pair, &ends, settings) else { continue };
                 squares += square;
                 let bars = found.map_or(0, |f| f.bars) + 1;
                 let rms_mm = (squares / bars as f64).sqrt();
@@ -107,7 +101,21 @@ impl Calibration {
         found
     }
 
-    fn sees(&self, pair: &[usize; 2], point: &Point3<f64>) -> bool {
+    /// Variance of one bar, mm²; `None` where the pair does not see both ends.
+    pub(super) fn spacing_variance_mm2(
+        &self,
+        pair: &[usize; 2],
+        ends: &[Point3<f64>; 2],
+        settings: &SpacingSettings,
+    ) -> Option<f64> {
+        let constant =
+            2.0 * settings.u_centre_mm.powi(2) + (settings.spacing_mm * settings.u_pitch_relative).powi(2);
+        ends.iter().all(|end| self.sees(pair, end)).then_some(())?;
+        let u = self.distance_u_mm([(pair, &ends[0]), (pair, &ends[1])])?;
+        Some(u * u + constant)
+    }
+
+    pub(super) fn sees(&self, pair: &[usize; 2], point: &Point3<f64>) -> bool {
         pair.iter().all(|device| {
             let camera = self.devices.get(*device).map(|d| &d.camera);
             camera.is_some_and(|c| c.project(point).is_some_and(|pixel| c.contains(pixel)))
@@ -115,13 +123,18 @@ impl Calibration {
     }
 }
 
+/// Unit vectors along the edges of a cube, the diagonals of its faces and those of space: thirteen.
+pub(super) fn directions() -> impl Iterator<Item = Vector3<f64>> {
+    let all =
+        (0..27).map(|i| Vector3::new(f64::from(i / 9 - 1), f64::from(i / 3 % 3 - 1), f64::from(i % 3 - 1)));
+    // Of each direction and its opposite only the later one; 13 is the zero vector.
+    all.skip(14).map(|d| d / d.norm())
+}
+
 /// Bars of a length inside a box: along the edges, the diagonals of the faces and those of space, on a grid each.
 fn bars(volume: &Volume, length_mm: f64) -> Vec<[Point3<f64>; 2]> {
     let mut bars = Vec::new();
-    let directions =
-        (0..27).map(|i| Vector3::new(f64::from(i / 9 - 1), f64::from(i / 3 % 3 - 1), f64::from(i % 3 - 1)));
-    // Of each direction and its opposite only the later one; 13 is the zero vector.
-    for direction in directions.skip(14).map(|d| d / d.norm()) {
+    for direction in directions() {
         let half = direction * (0.5 * length_mm);
         let room = volume.half_mm - half.abs();
         if room.min() < 0.0 || !room.iter().all(|r| r.is_finite()) {

@@ -1,0 +1,256 @@
+//! Held-out poses: how well a rig predicts what its devices see of a target in poses that had no say in its calibration.
+//!
+//! Residuals of an adjustment are too small where its parameters bend to the noise, and silent about errors that the
+//! poses of the boards took over. Here only the six parameters of each held-out pose are solved; all devices together
+//! must agree about it. What noise and covariance predict for the same residuals stands beside them: residuals well
+//! beyond it say that the camera model or the target is wrong.
+
+use super::adjust::{Weighted, approach, weighted};
+use super::covariance::Gauge;
+use super::dense::{Dense, Factor, dot};
+use super::finish::{reports, rms};
+use super::homography::{homography, median};
+use super::model::{Board, DEVICE, POSE, Projector, State, WARP, compose};
+use super::normal::{Problem, ViewRange, whitening};
+use super::observations::{Observations, Sight};
+use super::result::{Calibration, ViewReport};
+use super::settings::CalibrationSettings;
+use super::zhang;
+use super::{CalibrationError, calibrate};
+use nalgebra::Isometry3;
+
+/// Residuals of one device in poses that it was not calibrated from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeldOutDevice {
+    /// Name.
+    pub name: String,
+    /// Root mean squared distance between seen and predicted pixel over the points used, px.
+    pub rms_px: f64,
+    /// What the noise of the points and the covariance of the calibration predict for it, px.
+    pub predicted_px: f64,
+    /// Points used.
+    pub points: usize,
+    /// Points rejected.
+    pub outliers: usize,
+}
+
+/// A rig and the poses that it was judged by.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fold {
+    /// Calibration without them.
+    pub calibration: Calibration,
+    /// Their views; indices as in the observations.
+    pub views: Vec<ViewReport>,
+    /// Sum of the predicted squared distances of each view, px².
+    predicted_px2: Vec<f64>,
+}
+
+/// All poses that were held out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeldOut {
+    /// In the order of the groups given.
+    pub folds: Vec<Fold>,
+    /// Per device, over all folds.
+    pub devices: Vec<HeldOutDevice>,
+}
+
+/// Every n-th pose that was seen, n times in turn: each pose is held out once.
+pub fn in_turn(observations: &Observations, turns: usize) -> Vec<Vec<usize>> {
+    let mut poses: Vec<usize> = observations.views.iter().map(|v| v.pose).collect();
+    poses.sort_unstable();
+    poses.dedup();
+    (0..turns).map(|turn| poses.iter().skip(turn).step_by(turns.max(1)).copied().collect()).collect()
+}
+
+/// Calibrates without each group of poses and judges the rig by them.
+///
+/// # Errors
+/// As [`calibrate`], for the poses that are left in any of the groups.
+pub fn hold_out(
+    observations: &Observations,
+    settings: &CalibrationSettings,
+    groups: &[Vec<usize>],
+) -> Result<HeldOut, CalibrationError> {
+    let folds: Vec<Fold> =
+        groups.iter().map(|group| fold(observations, settings, group)).collect::<Result<_, _>>()?;
+    let names = observations.devices.iter().enumerate();
+    let devices = names.map(|(number, device)| summary(number, &device.name, &folds)).collect();
+    Ok(HeldOut { folds, devices })
+}
+
+fn summary(device: usize, name: &str, folds: &[Fold]) -> HeldOutDevice {
+    let views = || {
+        let all = folds.iter().flat_map(|f| f.views.iter().zip(&f.predicted_px2));
+        all.filter(|(v, _)| v.device == device)
+    };
+    let residuals = || views().flat_map(|(v, _)| v.residuals.iter());
+    let points = residuals().filter(|r| r.used).count();
+    HeldOutDevice {
+        name: name.to_owned(),
+        rms_px: rms(residuals()),
+        predicted_px: (views().map(|(_, square)| square).sum::<f64>() / points.max(1) as f64).sqrt(),
+        points,
+        outliers: residuals().count() - points,
+    }
+}
+
+fn fold(
+    observations: &Observations,
+    settings: &CalibrationSettings,
+    held: &[usize],
+) -> Result<Fold, CalibrationError> {
+    let mut rest = observations.clone();
+    rest.views.retain(|v| !held.contains(&v.pose));
+    let calibration = calibrate(&rest, settings)?;
+    let board = Board::new(observations);
+    let cameras = calibration.devices.iter().map(|d| d.camera.clone()).collect();
+    let warp_mm = calibration.warp.map_or([0.0; 2], |w| [w.x_mm, w.y_mm]);
+    let mut state = State { cameras, boards: Vec::new(), warp_mm };
+    let fixed = vec![None; DEVICE];
+    let mut columns = vec![fixed; observations.devices.len()];
+    columns.push(vec![None; WARP]);
+    let mut problem = Problem {
+        board: &board,
+        views: Vec::new(),
+        sights: Vec::new(),
+        whiten: Vec::new(),
+        columns,
+        unknowns: 0,
+    };
+    let mut origin = Vec::new();
+    for pose in held {
+        origin.extend(add_pose(&mut problem, &mut state, observations, *pose));
+    }
+    problem.whiten = problem.sights.iter().map(whitening).collect();
+    let weighted = approach(&problem, state)
+        .and_then(|state| weighted(&problem, state, settings))
+        .ok_or_else(|| CalibrationError::NoConvergence { stage: "held-out poses".into(), iterations: 0 })?;
+    let predicted_px2 = predicted(&calibration, &problem, &weighted);
+    let mut views = reports(&problem, &weighted, &origin);
+    for view in &mut views {
+        view.pose = observations.views[view.view].pose;
+    }
+    Ok(Fold { calibration, views, predicted_px2 })
+}
+
+/// Puts the views of a pose into the problem, oriented alike; gives each one's number and whether it was turned.
+///
+/// Which way round the first view is read does not matter: a target that may be read turned meets itself.
+fn add_pose(
+    problem: &mut Problem,
+    state: &mut State,
+    observations: &Observations,
+    pose: usize,
+) -> Vec<(usize, bool)> {
+    let board = problem.board;
+    let seen = |(number, view): (usize, &super::View)| {
+        let camera = &state.cameras[view.device];
+        let board_pose = zhang::pose(camera, &homography(&board.points, &view.sights)?)?;
+        Some((number, compose(&camera.camera_from_world.inverse(), &board_pose)))
+    };
+    let own: Vec<(usize, Isometry3<f64>)> =
+        observations.views.iter().enumerate().filter(|(_, v)| v.pose == pose).filter_map(seen).collect();
+    let view = |number: usize| &observations.views[number];
+    let best = own.iter().max_by_key(|(n, _)| (!view(*n).may_be_turned, view(*n).sights.len()));
+    let Some((_, placed)) = best else { return Vec::new() };
+    let opposite = board.turned();
+    let mut added = Vec::new();
+    for (number, _) in &own {
+        let view = view(*number);
+        let projector = Projector::new(&state.cameras[view.device], placed);
+        let turned: Option<Vec<Sight>> = opposite
+            .as_ref()
+            .filter(|_| view.may_be_turned)
+            .map(|opposite| view.sights.iter().map(|s| Sight { index: opposite[s.index], ..*s }).collect());
+        let off = |sights: &[Sight]| {
+            let square = |s: &Sight| {
+                let pixel = projector.pixel(&board.point(s.index, &state.warp_mm));
+                pixel.map_or(f64::INFINITY, |p| (p - s.pixel).norm_squared())
+            };
+            median(sights.iter().map(square).collect())
+        };
+        let turned = turned.filter(|turned| off(turned) < off(&view.sights));
+        added.push((*number, turned.is_some()));
+        let start = problem.sights.len();
+        problem.sights.extend(turned.as_ref().unwrap_or(&view.sights));
+        let end = problem.sights.len();
+        problem.views.push(ViewRange { device: view.device, pose: state.boards.len(), start, end });
+    }
+    state.boards.push(Some(*placed));
+    added
+}
+
+/// Rows of the points of one pose that are used.
+struct Row {
+    view: usize,
+    device: usize,
+    /// Variance of the pixel's coordinate, px²: the given covariance taken as a circle, times the device's factor.
+    variance_px2: f64,
+    pose: [f64; POSE],
+    rig: [f64; DEVICE + WARP],
+}
+
+/// Expected sum of squared residuals of each view, px².
+///
+/// With the pose solved from the same points, residuals are (1 − BVBᵀW)(n + JΔ): V = (BᵀWB)⁻¹, B and J the derivatives by
+/// pose and rig, n the noise of the points with variance W⁻¹, Δ the error of the rig with its covariance.
+fn predicted(calibration: &Calibration, problem: &Problem, weighted: &Weighted) -> Vec<f64> {
+    let mut squares = vec![0.0; problem.views.len()];
+    let covariance = calibration.covariance.matrix(Gauge::FirstDevice);
+    for pose in 0..weighted.solved.state.boards.len() {
+        let rows = rows(calibration, problem, weighted, pose);
+        let mut normal = Dense::zeros(POSE, POSE);
+        let mut coupling = Dense::zeros(POSE, covariance.rows);
+        for row in &rows {
+            for i in 0..POSE {
+                let scaled = row.pose[i] / row.variance_px2;
+                (0..POSE).for_each(|j| normal.add(i, j, scaled * row.pose[j]));
+                for (column, value) in places(row.device, covariance.rows).zip(&row.rig) {
+                    coupling.add(i, column, scaled * value);
+                }
+            }
+        }
+        let Ok(inverse) = Factor::new(&normal).map(|f| f.inverse()) else { continue };
+        let taken = inverse.times(&coupling);
+        for row in &rows {
+            let mut answer: Vec<f64> = (0..covariance.rows)
+                .map(|column| -(0..POSE).map(|i| row.pose[i] * taken.at(i, column)).sum::<f64>())
+                .collect();
+            for (column, value) in places(row.device, covariance.rows).zip(&row.rig) {
+                answer[column] += value;
+            }
+            let noise = row.variance_px2 - dot(&row.pose, &inverse.apply(&row.pose));
+            squares[row.view] += noise + dot(&answer, &covariance.apply(&answer));
+        }
+    }
+    squares
+}
+
+/// Columns of the covariance that a device's rows touch.
+fn places(device: usize, size: usize) -> impl Iterator<Item = usize> {
+    (DEVICE * device..DEVICE * (device + 1)).chain(size - WARP..size)
+}
+
+fn rows(calibration: &Calibration, problem: &Problem, weighted: &Weighted, pose: usize) -> Vec<Row> {
+    let state = &weighted.solved.state;
+    let mut rows = Vec::new();
+    let Some(board) = &state.boards[pose] else { return rows };
+    for (number, view) in problem.views.iter().enumerate().filter(|(_, v)| v.pose == pose) {
+        let projector = Projector::new(&state.cameras[view.device], board);
+        let factor = calibration.devices[view.device].noise_factor.powi(2);
+        for (sight, weight) in problem.sights.iter().zip(&weighted.weights).take(view.end).skip(view.start) {
+            let point = problem.board.point(sight.index, &state.warp_mm);
+            let Some((_, both)) = projector.rows(&point, problem.board.rise[sight.index]) else { continue };
+            for local in both.iter().filter(|_| *weight > 0.0) {
+                rows.push(Row {
+                    view: number,
+                    device: view.device,
+                    variance_px2: 0.5 * sight.covariance_px2.trace() * factor,
+                    pose: std::array::from_fn(|i| local[DEVICE + WARP + i]),
+                    rig: std::array::from_fn(|i| local[i]),
+                });
+            }
+        }
+    }
+    rows
+}
