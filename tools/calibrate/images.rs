@@ -1,5 +1,6 @@
 //! Pictures of a target without a recording: `--images cam1='left*.png'`.
 
+use super::shots::Source;
 use super::sights::{Gathered, Look, for_all, look};
 use anyhow::{Context, Result, bail};
 use fringe::calibration::DeviceKind;
@@ -21,7 +22,7 @@ pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
     let looks = for_all(&pictures, |(number, list)| -> Result<Look> {
         let path = &lists[*list].1[*number];
         let frame = rig::image_file::read_foreign_frame(path, None)?;
-        Ok(look(&frame, target, path.display().to_string()))
+        Ok(look(&frame, target, path.display().to_string(), Source::File(path.clone())))
     });
     let mut all = Gathered::default();
     for ((number, list), look) in pictures.into_iter().zip(looks) {
@@ -33,7 +34,7 @@ pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
         let device = all
             .device(&lists[list].0, DeviceKind::Camera, width_px, height_px)
             .with_context(|| look.place.clone())?;
-        if let Some(detection) = all.take(look) {
+        if let Some(detection) = all.take(look, device, number) {
             all.add(device, number, &detection);
         }
     }

@@ -1,20 +1,21 @@
 //! What a calibration writes and prints.
 
+use super::report::Parts;
+use super::{lengths, validation};
 use anyhow::{Context, Result, bail};
-use fringe::calibration::{Calibration, DeviceKind, Gauge, Observations, PARAMETERS, SphereSpacing};
+use fringe::calibration::{Calibration, DeviceKind, Gauge, Outlier, PARAMETERS};
 use fringe::rig::{Named, Pair, Rig};
 use rig::rig_file::CovarianceRef;
 use std::path::Path;
 
-/// The pairs that were asked for, or one per projector that lit exactly two cameras.
+/// The pairs that were asked for, or one per projector that lit exactly two cameras; each with its two devices.
 pub fn pairs(
     asked: &[String],
     calibration: &Calibration,
     lit: &[(String, Vec<String>)],
-) -> Result<Vec<Pair>> {
-    if asked.is_empty() {
-        return Ok(lit
-            .iter()
+) -> Result<Vec<(Pair, [usize; 2])>> {
+    let named: Vec<Pair> = if asked.is_empty() {
+        lit.iter()
             .filter_map(|(projector, cameras)| match cameras.as_slice() {
                 [left, right] => Some((projector, left, right)),
                 _ => None,
@@ -29,9 +30,18 @@ pub fn pairs(
                 right: right.clone(),
                 projector: projector.clone(),
             })
-            .collect());
-    }
-    asked.iter().map(|argument| pair(argument, calibration)).collect()
+            .collect()
+    } else {
+        asked.iter().map(|argument| pair(argument, calibration)).collect::<Result<_>>()?
+    };
+    let place = |name: &str| calibration.devices.iter().position(|d| d.name == name);
+    Ok(named
+        .into_iter()
+        .filter_map(|p| {
+            let devices = [place(&p.left)?, place(&p.right)?];
+            Some((p, devices))
+        })
+        .collect())
 }
 
 fn pair(argument: &str, calibration: &Calibration) -> Result<Pair> {
@@ -57,19 +67,22 @@ fn pair(argument: &str, calibration: &Calibration) -> Result<Pair> {
     })
 }
 
-/// Both devices of each pair, as the prediction takes them.
-pub fn pair_indices(pairs: &[Pair], calibration: &Calibration) -> Vec<[usize; 2]> {
-    let place = |name: &str| calibration.devices.iter().position(|d| d.name == name);
-    pairs.iter().filter_map(|p| Some([place(&p.left)?, place(&p.right)?])).collect()
-}
-
 /// Writes the covariance, then the rig file that names it.
-pub fn write_rig(out: &Path, calibration: &Calibration, pairs: Vec<Pair>, target: &Path) -> Result<()> {
+pub fn write_rig(
+    out: &Path,
+    calibration: &Calibration,
+    pairs: &[(Pair, [usize; 2])],
+    target: &Path,
+) -> Result<()> {
     let of = |kind: DeviceKind| -> Vec<Named> {
         let devices = calibration.devices.iter().filter(|d| d.kind == kind);
         devices.map(|d| Named { name: d.name.clone(), camera: d.camera.clone() }).collect()
     };
-    let rig = Rig { cameras: of(DeviceKind::Camera), projectors: of(DeviceKind::Projector), pairs };
+    let rig = Rig {
+        cameras: of(DeviceKind::Camera),
+        projectors: of(DeviceKind::Projector),
+        pairs: pairs.iter().map(|(p, _)| p.clone()).collect(),
+    };
     let mut file = out.file_stem().unwrap_or_default().to_owned();
     file.push(".covariance.json");
     let path = out.with_file_name(&file);
@@ -103,7 +116,8 @@ fn covariance(calibration: &Calibration) -> serde_json::Value {
 }
 
 /// A line per device, the worst view, and what the rig is worth.
-pub fn print(calibration: &Calibration, observations: &Observations, spacing: Option<&SphereSpacing>) {
+pub fn print(parts: &Parts) {
+    let (calibration, observations) = (parts.calibration, parts.observations);
     for d in &calibration.devices {
         let [fx, fy] = d.camera.focal_px;
         let [cx, cy] = d.camera.principal_point_px;
@@ -118,7 +132,10 @@ pub fn print(calibration: &Calibration, observations: &Observations, spacing: Op
         let device = &calibration.devices[worst.device].name;
         println!("worst view: {device} in {}, rms {:.4} px", observations.poses[worst.pose], worst.rms_px);
     }
-    if let Some(spacing) = spacing {
+    print_outliers(parts);
+    validation::print(parts.validation);
+    parts.lengths.iter().for_each(lengths::print);
+    if let Some(spacing) = parts.spacing {
         println!(
             "predicted standard uncertainty of a sphere spacing over the volume: {:.2} µm rms, {:.2} µm worst",
             spacing.rms_mm * 1e3,
@@ -128,11 +145,8 @@ pub fn print(calibration: &Calibration, observations: &Observations, spacing: Op
 }
 
 /// Keys that other programs rely on.
-pub fn json(
-    calibration: &Calibration,
-    observations: &Observations,
-    spacing: Option<&SphereSpacing>,
-) -> serde_json::Value {
+pub fn json(parts: &Parts) -> serde_json::Value {
+    let (calibration, observations, spacing) = (parts.calibration, parts.observations, parts.spacing);
     let of = |kind: DeviceKind| -> Vec<serde_json::Value> {
         let devices = calibration.devices.iter().filter(|d| d.kind == kind);
         devices
@@ -162,5 +176,59 @@ pub fn json(
         "sphere_spacing_u_mm": spacing.map(|s| s.rms_mm),
         "sphere_spacing_u_worst_mm": spacing.map(|s| s.worst_mm),
         "sigma0": calibration.sigma0,
+        "warp": calibration.warp.map(|w| serde_json::json!({ "x_mm": w.x_mm, "y_mm": w.y_mm, "u_mm": w.u_mm })),
+        "images": calibration.views.iter().map(|v| serde_json::json!({
+            "device": calibration.devices[v.device].name,
+            "pose": observations.poses[v.pose],
+            "rms_reprojection_px": v.rms_px,
+            "corners": v.residuals.iter().filter(|r| r.used).count(),
+            "rejected": v.residuals.iter().filter(|r| !r.used).count(),
+        })).collect::<Vec<_>>(),
+        "outliers": outliers(parts),
+        "left_out": parts.notes,
+        "held_out": validation::held_json(parts.validation, observations),
+        "cross_validation": validation::cross_json(parts.validation),
+        "lengths": parts.lengths.iter().map(lengths::json).collect::<Vec<_>>(),
     })
+}
+
+/// Each rejected point, largest residual first.
+fn outliers(parts: &Parts) -> Vec<serde_json::Value> {
+    let columns = parts.target.columns.max(1) as usize;
+    let mut all: Vec<&Outlier> = parts.calibration.outliers.iter().collect();
+    all.sort_by(|a, b| length_px(b).total_cmp(&length_px(a)));
+    let row = |o: &&Outlier| {
+        let view = &parts.observations.views[o.view];
+        serde_json::json!({
+            "pose": parts.observations.poses[view.pose],
+            "device": parts.observations.devices[view.device].name,
+            "point": [o.index % columns, o.index / columns],
+            "residual_px": o.error_px,
+        })
+    };
+    all.iter().map(row).collect()
+}
+
+/// Length of a rejected residual; infinite behind the device.
+fn length_px(outlier: &Outlier) -> f64 {
+    outlier.error_px.map_or(f64::INFINITY, |[x, y]| (x * x + y * y).sqrt())
+}
+
+fn print_outliers(parts: &Parts) {
+    let all = &parts.calibration.outliers;
+    // Of equal ones the first.
+    let Some(worst) = all.iter().rev().max_by(|a, b| length_px(a).total_cmp(&length_px(b))) else {
+        return println!("no point rejected");
+    };
+    let view = &parts.observations.views[worst.view];
+    let columns = parts.target.columns.max(1) as usize;
+    println!(
+        "{} points rejected; the worst: {} in {}, point {},{}, off by {:.3} px (all: --json)",
+        all.len(),
+        parts.observations.devices[view.device].name,
+        parts.observations.poses[view.pose],
+        worst.index % columns,
+        worst.index / columns,
+        length_px(worst)
+    );
 }

@@ -1,5 +1,6 @@
 //! What the cameras saw of the target, and where the projectors' light met it.
 
+use super::shots::{Shot, Source};
 use crate::pipeline::decode_views;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
@@ -23,6 +24,8 @@ pub struct Gathered {
     pub lit: Vec<(String, Vec<String>)>,
     /// What was left out, one line each.
     pub notes: Vec<String>,
+    /// Every picture that was looked at.
+    pub shots: Vec<Shot>,
     /// Pictures in which the target was found.
     found: usize,
     /// Pictures in which it was not, with the reason.
@@ -37,12 +40,14 @@ pub struct Look {
     pub size_px: (u32, u32),
     /// What was found.
     pub found: Result<Detection, TargetError>,
+    /// Where to read it again.
+    pub source: Source,
 }
 
 /// Looks at a picture.
-pub fn look(frame: &Frame, target: &TargetSpec, place: String) -> Look {
+pub fn look(frame: &Frame, target: &TargetSpec, place: String, source: Source) -> Look {
     let found = detect(&frame.view(), target, &TargetSettings::default());
-    Look { place, size_px: (frame.width_px, frame.height_px), found }
+    Look { place, size_px: (frame.width_px, frame.height_px), found, source }
 }
 
 /// Work on all items at once, with a bar; the results come in the order of the items, whatever the threads do.
@@ -93,7 +98,11 @@ impl Gathered {
     }
 
     /// Takes what a look found; a refusal becomes a note.
-    pub fn take(&mut self, look: Look) -> Option<Detection> {
+    pub fn take(&mut self, look: Look, device: usize, pose: usize) -> Option<Detection> {
+        // A camera that found nothing by the light of one projector is asked again by that of the next.
+        self.shots.retain(|s| (s.device, s.pose) != (device, pose));
+        let why = look.found.as_ref().err().map(ToString::to_string);
+        self.shots.push(Shot { place: look.place.clone(), device, pose, why, source: look.source });
         match look.found {
             Ok(detection) => {
                 self.found += 1;
@@ -173,7 +182,7 @@ pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered>
             let device = all
                 .device(camera, DeviceKind::Camera, width_px, height_px)
                 .with_context(|| look.place.clone())?;
-            let Some(detection) = all.take(look) else { continue };
+            let Some(detection) = all.take(look, device, pose) else { continue };
             all.add(device, pose, &detection);
             seen.push((camera.to_owned(), detection));
         }
@@ -195,7 +204,9 @@ fn look_around<'a>(recording: &'a Recording, target: &TargetSpec) -> Result<Vec<
                 continue;
             }
             let place = format!("{}: camera \"{name}\"", recording.folder.display());
-            looks.push((name, look(&bright_frame(recording, projector, camera)?, target, place)));
+            let source = Source::Recorded(Box::new((recording.clone(), projector.clone(), camera.clone())));
+            let frame = bright_frame(recording, projector, camera)?;
+            looks.push((name, look(&frame, target, place, source)));
         }
     }
     Ok(looks)
@@ -211,7 +222,7 @@ impl Gathered {
 }
 
 /// The white frame, or the mean of the sine frames where there is none.
-fn bright_frame(
+pub fn bright_frame(
     recording: &Recording,
     projector: &RecordedProjector,
     camera: &RecordedCamera,

@@ -9,6 +9,7 @@ use std::path::Path;
 
 use crate::atomic;
 
+pub mod calibration;
 mod canvas;
 mod charts;
 mod colour;
@@ -23,6 +24,7 @@ mod page;
 pub mod picture;
 pub mod plot;
 mod raster;
+mod sights;
 mod splat;
 pub mod statistics;
 mod tables;
@@ -40,6 +42,7 @@ pub use input::{
 };
 pub(crate) use page::Text;
 pub use picture::PictureError;
+pub use sights::{SightMark, SightPicture, sights_png};
 
 /// Writes the report; the file is complete or absent.
 ///

@@ -1,0 +1,88 @@
+//! `--report`: what the report of the calibration is given.
+
+use super::validation::Validation;
+use anyhow::Result;
+use fringe::calibration::{Calibration, Observations, SpacingSettings, SphereSpacing};
+use fringe::rig::Pair;
+use fringe::target::{TargetKind, TargetSpec};
+use rig::report::calibration::{CalibrationReport, LengthCheck, write_html};
+use std::path::Path;
+
+/// Everything that was computed.
+pub struct Parts<'a> {
+    /// The rig file as written.
+    pub rig: &'a Path,
+    /// The target file.
+    pub target_file: &'a Path,
+    /// What it says.
+    pub target: &'a TargetSpec,
+    /// The adjustment.
+    pub calibration: &'a Calibration,
+    /// What it was given.
+    pub observations: &'a Observations,
+    /// Pairs and their devices.
+    pub pairs: &'a [(Pair, [usize; 2])],
+    /// Predicted sphere spacing.
+    pub spacing: Option<SphereSpacing>,
+    /// Held-out poses and halves.
+    pub validation: &'a Validation,
+    /// Certified lengths.
+    pub lengths: &'a [LengthCheck],
+    /// What was left out.
+    pub notes: &'a [String],
+}
+
+/// Writes the report.
+pub fn write(path: &Path, parts: &Parts) -> Result<()> {
+    let pairs: Vec<(String, [usize; 2])> = parts.pairs.iter().map(|(p, d)| (p.name.clone(), *d)).collect();
+    let report = CalibrationReport {
+        rig: parts.rig.display().to_string(),
+        details: details(parts)?,
+        calibration: parts.calibration,
+        observations: parts.observations,
+        columns: parts.target.columns,
+        pairs: &pairs,
+        spacing_mm: SpacingSettings::default().spacing_mm,
+        spacing: parts.spacing,
+        held_out: parts.validation.held.as_ref().map_err(String::as_str),
+        held_out_how: &parts.validation.how,
+        cross: parts.validation.cross.as_ref().map_err(String::as_str),
+        lengths: parts.lengths,
+        notes: parts.notes,
+    };
+    Ok(write_html(path, &report)?)
+}
+
+fn details(parts: &Parts) -> Result<Vec<(String, String)>> {
+    let kind = match parts.target.kind {
+        TargetKind::Checkerboard => "checkerboard",
+        TargetKind::Circles => "circles",
+        TargetKind::AsymmetricCircles => "asymmetric circles",
+        TargetKind::Charuco => "ChArUco board",
+    };
+    let hash = rig::hash::sha256_hex(&rig::document::read_bytes(parts.rig, 1 << 24)?);
+    let seen = parts.calibration.boards.iter().flatten().count();
+    let target = parts.target;
+    Ok([
+        ("Rig file", parts.rig.display().to_string()),
+        ("SHA-256 of the rig file", hash),
+        (
+            "Target",
+            format!("{kind}, {} × {} points, pitch {} mm", target.columns, target.rows, target.pitch_mm),
+        ),
+        ("Target file", parts.target_file.display().to_string()),
+        ("Poses", format!("{seen} used of {}", parts.observations.poses.len())),
+        (
+            "Observations",
+            format!(
+                "{} views; {} degrees of freedom",
+                parts.calibration.views.len(),
+                parts.calibration.degrees_of_freedom
+            ),
+        ),
+        ("Held-out poses", parts.validation.how.clone()),
+        ("Software", format!("fringetool {}", env!("CARGO_PKG_VERSION"))),
+    ]
+    .map(|(label, text)| (label.to_owned(), text))
+    .into())
+}
