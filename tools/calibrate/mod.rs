@@ -66,6 +66,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         ("--json", args.json.as_deref()),
     ];
     check_outputs(&outputs, &[&args.target], None)?;
+    if let Some(folder) = args.draw.as_ref().filter(|folder| folder.exists() && !folder.is_dir()) {
+        bail!("--draw {}: is a file; name a folder for the pictures", folder.display());
+    }
     let text = rig::document::read_text(&args.target)?;
     let target = TargetSpec::parse(&text).with_context(|| args.target.display().to_string())?;
     let certified =

@@ -24,7 +24,7 @@ pub fn images(page: &mut Page, report: &CalibrationReport<'_>) {
     for number in 0..report.calibration.devices.len() {
         bars(page, report, number);
     }
-    page.small("Bars that stand out: look at that picture (--draw) for blur, glare, or a target that moved.");
+    page.small("Named by pose. Bars that stand out: look at that picture (--draw) for blur, glare, or a target that moved.");
     page.end_section();
 }
 

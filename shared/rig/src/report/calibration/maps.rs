@@ -1,9 +1,10 @@
 //! Maps of the predicted uncertainty on three planes of the working volume.
 
-use fringe::calibration::{MapGrid, SpacingSettings, UncertaintyMap, Volume};
+use fringe::calibration::{MapGrid, SpacingSettings, UncertaintyMap};
 
 use super::super::charts::colour_bar;
 use super::super::colour::ColourMap;
+use super::super::number::{decimals, round_up, signed};
 use super::super::page::{Page, Text, data_uri};
 use super::super::picture::{Ends, Range, Scalar, scalar_raster};
 use super::super::{PictureError, ReportError};
@@ -12,6 +13,15 @@ use super::CalibrationReport;
 /// Places of a map: a spacing has 13 directions at each, so it has fewer.
 const FINE: MapGrid = MapGrid { across: 36, planes: 3 };
 const COARSE: MapGrid = MapGrid { across: 16, planes: 3 };
+
+/// How a plane of the volume is shown.
+#[derive(Clone, Copy)]
+struct Flat {
+    /// Width over height.
+    ratio: f64,
+    /// Whether y and z point the other way, so that z points to the devices.
+    turned: bool,
+}
 
 /// A row of three maps.
 struct Row {
@@ -29,15 +39,17 @@ pub fn section(page: &mut Page, report: &CalibrationReport<'_>) -> Result<(), Re
     let half = volume.half_mm * 2.0;
     page.section("Predicted uncertainty over the working volume");
     page.small(&format!(
-        "The volume is the box about all poses of the target, {:.0} × {:.0} × {:.0} mm. Three planes through it: bottom, middle and top \
-         (z along the mean normal of the target). Standard uncertainties (k = 1) by the calibration alone; grey: not seen.",
+        "The volume is the box about all poses of the target, {:.0} × {:.0} × {:.0} mm; axes as in the drawings of the cell. Standard \
+         uncertainties (k = 1) by the calibration alone, on three planes; grey: not seen. Places where no pose was, mostly the \
+         corners, are known worst: measure away from them, or add poses there.",
         half.x, half.y, half.z
     ));
     let devices = calibration.devices.iter().enumerate();
     let projection: Vec<Row> = devices
         .map(|(i, d)| Row { name: d.name.clone(), maps: calibration.projection_maps(i, &volume, &FINE) })
         .collect();
-    group(page, "Projection into each device, px", &projection, 1.0, &volume)?;
+    let flat = Flat { ratio: half.x / half.y.max(1e-9), turned: super::turned(report, &volume) };
+    group(page, "Projection into each device, px", &projection, 1.0, flat)?;
     let mut points = Vec::new();
     let mut bars = Vec::new();
     let spacing = SpacingSettings { spacing_mm: report.spacing_mm, ..SpacingSettings::default() };
@@ -51,12 +63,12 @@ pub fn section(page: &mut Page, report: &CalibrationReport<'_>) -> Result<(), Re
             maps: calibration.spacing_maps(*pair, &volume, &COARSE, &spacing),
         });
     }
-    group(page, "A measured point along each axis, µm", &points, 1e3, &volume)?;
+    group(page, "A measured point along each axis, µm", &points, 1e3, flat)?;
     let title = format!(
         "Distance of two spheres, {:.0} mm, about each place in its worst direction, µm",
         report.spacing_mm
     );
-    group(page, &title, &bars, 1e3, &volume)?;
+    group(page, &title, &bars, 1e3, flat)?;
     if report.pairs.is_empty() {
         page.small(
             "No pair is defined, so nothing is said about points and distances; name one with --pair.",
@@ -66,49 +78,62 @@ pub fn section(page: &mut Page, report: &CalibrationReport<'_>) -> Result<(), Re
     Ok(())
 }
 
-fn group(
-    page: &mut Page,
-    title: &str,
-    rows: &[Row],
-    factor: f64,
-    volume: &Volume,
-) -> Result<(), ReportError> {
-    let values = rows.iter().flat_map(|r| &r.maps).flat_map(|m| &m.values).filter(|v| v.is_finite());
-    let high = values.copied().fold(0.0, f64::max) * factor;
-    if high <= 0.0 {
-        return Ok(());
+fn group(page: &mut Page, title: &str, rows: &[Row], factor: f64, flat: Flat) -> Result<(), ReportError> {
+    let mut values: Vec<f64> =
+        rows.iter().flat_map(|r| &r.maps).flat_map(|m| m.values.iter().copied()).collect();
+    values.retain(|v| v.is_finite());
+    values.sort_by(f64::total_cmp);
+    let Some(largest) = values.last().map(|v| v * factor).filter(|v| *v > 0.0) else { return Ok(()) };
+    // A bar up to the largest value of all would show nothing but the corners.
+    let high = round_up(values[values.len() * 9 / 10] * factor).min(largest);
+    page.put(format_args!("<h3>{}</h3>\n<div class=\"maps\">\n<div></div>", Text(title)));
+    for plane in ["far from the devices", "middle", "near the devices"] {
+        page.put(format_args!("<div class=\"name\">{plane}</div>"));
     }
-    let ends = Ends { low: 0.0, high };
-    page.put(format_args!("<h3>{}</h3>\n<div class=\"maps\">\n", Text(title)));
     for row in rows {
         page.put(format_args!("<div class=\"name\">{}</div>", Text(&row.name)));
-        for map in &row.maps {
-            let png = picture(map, factor, high)
+        let mut order: Vec<&UncertaintyMap> = row.maps.iter().collect();
+        if flat.turned {
+            order.reverse();
+        }
+        for map in order {
+            let png = picture(map, factor, high, flat.turned)
                 .map_err(|source| ReportError::Picture { what: row.name.clone(), source })?;
-            let seen = || map.values.iter().copied().filter(|v| v.is_finite());
-            let (low, top) =
-                (seen().fold(f64::INFINITY, f64::min) * factor, seen().fold(0.0, f64::max) * factor);
-            let range =
-                if low.is_finite() { format!("{low:.3} … {top:.3}") } else { "not seen".to_owned() };
             page.put(format_args!(
-                "<figure><img src=\"{}\" style=\"aspect-ratio:{:.3}\" alt=\"{2}\"><figcaption>z {3:+.0} mm: {range}</figcaption></figure>",
+                "<figure><img src=\"{}\" style=\"aspect-ratio:{:.3}\" alt=\"{}\"><figcaption>{}</figcaption></figure>",
                 data_uri(&png),
-                volume.half_mm.x / volume.half_mm.y.max(1e-9),
+                flat.ratio,
                 Text(title),
-                map.z_mm,
+                range(map, factor, flat.turned)
             ));
         }
         page.put(format_args!("\n"));
     }
     page.put(format_args!("</div>\n"));
-    colour_bar(page, ColourMap::Sequential, ends, title, false);
+    let more = if high < largest { "; larger values have the last colour" } else { "" };
+    colour_bar(page, ColourMap::Sequential, Ends { low: 0.0, high }, &format!("{title}{more}"), false);
     Ok(())
 }
 
+/// Height of the plane, and smallest and largest value on it.
+fn range(map: &UncertaintyMap, factor: f64, turned: bool) -> String {
+    let z_mm = signed(if turned { -map.z_mm } else { map.z_mm }, 0);
+    let seen = || map.values.iter().filter(|v| v.is_finite()).map(|v| v * factor);
+    let (low, high) = (seen().fold(f64::INFINITY, f64::min), seen().fold(0.0, f64::max));
+    if !low.is_finite() {
+        return format!("z {z_mm} mm: not seen");
+    }
+    let digits = decimals(Some(low));
+    format!("z {z_mm} mm: {low:.digits$} to {high:.digits$}")
+}
+
 /// y upwards, enlarged by the page.
-fn picture(map: &UncertaintyMap, factor: f64, high: f64) -> Result<Vec<u8>, PictureError> {
-    let values: Vec<f32> =
-        map.values.chunks(map.columns.max(1)).rev().flatten().map(|v| (v * factor) as f32).collect();
+fn picture(map: &UncertaintyMap, factor: f64, high: f64, turned: bool) -> Result<Vec<u8>, PictureError> {
+    let mut lines: Vec<&[f64]> = map.values.chunks(map.columns.max(1)).collect();
+    if !turned {
+        lines.reverse();
+    }
+    let values: Vec<f32> = lines.into_iter().flatten().map(|v| (v * factor) as f32).collect();
     let scalar = Scalar {
         width_px: map.columns as u32,
         height_px: (map.values.len() / map.columns.max(1)) as u32,

@@ -4,7 +4,9 @@
 
 use std::path::Path;
 
-use fringe::calibration::{Calibration, CrossValidation, DeviceKind, HeldOut, Observations, SphereSpacing};
+use fringe::calibration::{
+    Calibration, CrossValidation, DeviceKind, HeldOut, Observations, SphereSpacing, Volume,
+};
 
 use super::ReportError;
 use super::page::{Page, Text};
@@ -110,4 +112,11 @@ fn header(page: &mut Page, report: &CalibrationReport<'_>) {
         page.put(format_args!("<div><dt>{}</dt><dd>{}</dd></div>\n", Text(label), Text(text)));
     }
     page.put(format_args!("</dl>\n</header>\n"));
+}
+
+/// Whether the volume has to be shown after half a turn about its x axis so that z points to the devices: the target is
+/// seen from its front, where its own z may point either way.
+fn turned(report: &CalibrationReport<'_>, volume: &Volume) -> bool {
+    let to_volume = volume.world_from_volume.inverse();
+    report.calibration.devices.iter().map(|d| (to_volume * d.camera.centre_mm()).z).sum::<f64>() < 0.0
 }

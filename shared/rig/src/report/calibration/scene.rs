@@ -59,9 +59,8 @@ fn shapes(report: &CalibrationReport<'_>, volume: &Volume) -> Vec<Shape> {
     let to_volume = volume.world_from_volume.inverse();
     let centres: Vec<Point3<f64>> =
         calibration.devices.iter().map(|d| to_volume * d.camera.centre_mm()).collect();
-    let mean_z = centres.iter().map(|c| c.z).sum::<f64>();
-    // The target is seen from its front, where its z may point either way: half a turn about x brings the devices up.
-    let up = |p: Point3<f64>| if mean_z < 0.0 { Point3::new(p.x, -p.y, -p.z) } else { p };
+    let turned = super::turned(report, volume);
+    let up = |p: Point3<f64>| if turned { Point3::new(p.x, -p.y, -p.z) } else { p };
     let far = centres.iter().map(|c| c.coords.norm()).fold(0.0, f64::max);
     let mut shapes = Vec::new();
     let outline = outline(&calibration.target_mm);

@@ -47,11 +47,13 @@ struct Figure {
 
 /// The section.
 pub fn section(page: &mut Page, report: &CalibrationReport<'_>) {
+    let figures = figures(report);
     page.section("What the figures say");
+    page.put(format_args!("<p>{}</p>\n", Text(&overall(&figures))));
     page.put(format_args!(
         "<div class=\"scroll\"><table><thead><tr><th>Figure</th><th>This rig</th><th>A good value</th><th></th></tr></thead><tbody>\n"
     ));
-    for figure in figures(report) {
+    for figure in figures {
         let (class, word) = figure.mark.html();
         page.put(format_args!(
             "<tr><td>{}<span class=\"detail\">{}</span></td><td>{}</td><td>{}</td><td><span class=\"mark {class}\">{word}</span></td></tr>\n",
@@ -63,6 +65,29 @@ pub fn section(page: &mut Page, report: &CalibrationReport<'_>) {
     }
     page.put(format_args!("</tbody></table></div>\n"));
     page.end_section();
+}
+
+/// One sentence for the whole table.
+fn overall(figures: &[Figure]) -> String {
+    let names = |wanted: &str| -> Vec<&str> {
+        figures.iter().filter(|f| f.mark.html().1 == wanted).map(|f| f.name).collect()
+    };
+    let (bad, look) = (names("not good"), names("look closer"));
+    match (bad.is_empty(), look.is_empty()) {
+        (true, true) => "All figures that can be judged are good.".to_owned(),
+        (true, false) => format!("The rig can be used; look closer at: {}.", look.join("; ")),
+        (false, _) => {
+            let more = if look.is_empty() {
+                String::new()
+            } else {
+                format!(" Look closer at: {}.", look.join("; "))
+            };
+            format!(
+                "Stated uncertainties should not be relied upon before this is understood: {}.{more}",
+                bad.join("; ")
+            )
+        }
+    }
 }
 
 fn figures(report: &CalibrationReport<'_>) -> Vec<Figure> {
