@@ -2,7 +2,7 @@
 
 use super::result::Calibration;
 use super::spacing::{SpacingSettings, Volume, directions};
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
 /// Predicted values on a plane of constant z of a volume; x runs along a row, y from row to row.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,7 +79,8 @@ impl Calibration {
         grid.fill(volume, value)
     }
 
-    /// Largest standard uncertainty of a sphere spacing centred at a place, over all directions that the pair sees, mm.
+    /// Largest standard uncertainty of a sphere spacing from a place to another one within the volume, over all directions
+    /// that the pair sees, mm.
     pub fn spacing_maps(
         &self,
         pair: [usize; 2],
@@ -87,13 +88,17 @@ impl Calibration {
         grid: &MapGrid,
         settings: &SpacingSettings,
     ) -> Vec<UncertaintyMap> {
-        let turned: Isometry3<f64> = volume.world_from_volume;
-        let value = |middle: &Point3<f64>| {
+        let to_volume = volume.world_from_volume.inverse();
+        let inside = |point: &Point3<f64>| {
+            let own = to_volume * point;
+            (0..3).all(|i| own[i].abs() <= volume.half_mm[i] * (1.0 + 1e-9))
+        };
+        let value = |from: &Point3<f64>| {
             let worst = directions()
-                .filter_map(|direction| {
-                    let half = turned.rotation * direction * (0.5 * settings.spacing_mm);
-                    self.spacing_variance_mm2(&pair, &[middle - half, middle + half], settings)
-                })
+                .flat_map(|direction| [direction, -direction])
+                .map(|direction| from + volume.world_from_volume.rotation * direction * settings.spacing_mm)
+                .filter(inside)
+                .filter_map(|to| self.spacing_variance_mm2(&pair, &[*from, to], settings))
                 .fold(f64::NEG_INFINITY, f64::max);
             worst.is_finite().then(|| worst.sqrt())
         };

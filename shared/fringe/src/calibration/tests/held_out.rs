@@ -110,8 +110,8 @@ fn maps_hold_what_single_points_say() {
     let known = found.sphere_spacing_u_mm(&[[0, 1]], &volume, &spacing).unwrap();
     let seen: Vec<f64> =
         bars.iter().flat_map(|m| m.values.iter().copied()).filter(|v| v.is_finite()).collect();
-    // Bars about the rim of the volume reach beyond it, where less is known.
-    assert!(!seen.is_empty() && seen.iter().all(|u| *u > 0.2 * known.rms_mm && *u < 5.0 * known.worst_mm));
+    // The grid of bars of the one and that of the other differ, the volume is the same.
+    assert!(!seen.is_empty() && seen.iter().all(|u| *u > 0.2 * known.rms_mm && *u < 1.5 * known.worst_mm));
     let far = Volume { half_mm: volume.half_mm * 100.0, ..volume };
     assert!(found.point_maps([0, 1], 2, &far, &grid)[1].values[0].is_nan());
 }

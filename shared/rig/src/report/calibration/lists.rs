@@ -4,7 +4,7 @@ use super::super::page::{Page, Text};
 use super::CalibrationReport;
 
 /// More rows than this tell no more.
-const LISTED: usize = 60;
+const LISTED: usize = 30;
 
 /// The sections at the end.
 pub fn section(page: &mut Page, report: &CalibrationReport<'_>) {
@@ -41,7 +41,7 @@ fn outliers(page: &mut Page, report: &CalibrationReport<'_>) {
         let off = if length.is_finite() { format!("{length:.3}") } else { "behind the device".to_owned() };
         page.put(format_args!(
             "<tr><td>{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{off}</td></tr>\n",
-            Text(&report.observations.poses[view.pose]),
+            Text(report.pose_name(view.pose)),
             Text(&report.observations.devices[view.device].name),
             report.point_name(outlier.index)
         ));

@@ -40,7 +40,7 @@ pub fn section(page: &mut Page, report: &CalibrationReport<'_>) -> Result<(), Re
     page.section("Predicted uncertainty over the working volume");
     page.small(&format!(
         "The volume is the box about all poses of the target, {:.0} × {:.0} × {:.0} mm; axes as in the drawings of the cell. Standard \
-         uncertainties (k = 1) by the calibration alone, on three planes; grey: not seen. Places where no pose was, mostly the \
+         uncertainties (k = 1) by the calibration alone, on three planes; grey: not seen, or no room. Places where no pose was, mostly the \
          corners, are known worst: measure away from them, or add poses there.",
         half.x, half.y, half.z
     ));
@@ -65,7 +65,7 @@ pub fn section(page: &mut Page, report: &CalibrationReport<'_>) -> Result<(), Re
     }
     group(page, "A measured point along each axis, µm", &points, 1e3, flat)?;
     let title = format!(
-        "Distance of two spheres, {:.0} mm, about each place in its worst direction, µm",
+        "Distance of two spheres, {:.0} mm, from each place in its worst direction within the volume, µm",
         report.spacing_mm
     );
     group(page, &title, &bars, 1e3, flat)?;
@@ -110,8 +110,10 @@ fn group(page: &mut Page, title: &str, rows: &[Row], factor: f64, flat: Flat) ->
         page.put(format_args!("\n"));
     }
     page.put(format_args!("</div>\n"));
+    let unit = if factor == 1.0 { "px" } else { "µm" };
     let more = if high < largest { "; larger values have the last colour" } else { "" };
-    colour_bar(page, ColourMap::Sequential, Ends { low: 0.0, high }, &format!("{title}{more}"), false);
+    let bar = format!("Standard uncertainty, {unit}{more}");
+    colour_bar(page, ColourMap::Sequential, Ends { low: 0.0, high }, &bar, false);
     Ok(())
 }
 
