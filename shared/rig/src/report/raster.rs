@@ -129,8 +129,8 @@ impl Raster {
 
     /// Fills a rectangle; the part outside is cut off.
     pub fn fill(&mut self, x: usize, y: usize, width: usize, height: usize, colour: Rgb) {
-        for row in y..(y + height).min(self.height) {
-            for column in x..(x + width).min(self.width) {
+        for row in y..y.saturating_add(height).min(self.height) {
+            for column in x..x.saturating_add(width).min(self.width) {
                 self.set(column, row, colour);
             }
         }
