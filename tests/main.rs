@@ -12,11 +12,13 @@
 //! - [`rig_state`]: a rig file against what its cameras see, and against other programs
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - [`uncertainty`]: budgets in, table, JSON and report out
+//! - [`acceptance_report`]: every format from one result of an acceptance test
 //! - [`golden_cells`]: the printed cells of the thesis' tables, recomputed
 //! - [`acceptance`]: acceptance tests from their plans
 //! - [`support`]: how the tests run programs and make small recordings
 
 mod acceptance;
+mod acceptance_report;
 mod bad_input;
 mod calibrate;
 mod calibrate_bad;

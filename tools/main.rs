@@ -1,5 +1,6 @@
 //! `fringetool`: simulate, decode, reconstruct, import and measure. One module per subcommand: arguments in, report out.
 
+mod acceptance_report;
 mod bench;
 mod calibrate;
 mod check_rig;
@@ -77,6 +78,8 @@ enum Command {
     Focus(focus::Args),
     /// Evaluate a measurement uncertainty budget by the GUM, and by Monte Carlo.
     Uncertainty(uncertainty::Args),
+    /// Write the report of an acceptance test (HTML, PDF, CSV, QIF, DFQ) from its result.
+    Report(acceptance_report::Args),
     /// Measure accuracy on the twin, or speed on this machine.
     Bench(bench::Args),
 }
@@ -109,6 +112,7 @@ fn main() -> ExitCode {
         Command::Gamma(args) => gamma::run(&args),
         Command::Focus(args) => focus::run(&args),
         Command::Uncertainty(args) => uncertainty::run(&args),
+        Command::Report(args) => acceptance_report::run(&args),
         Command::Bench(args) => bench::run(&args),
     };
     match result {

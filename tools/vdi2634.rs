@@ -1,12 +1,14 @@
 //! `fringetool vdi2634`: an acceptance test, from its plan to the verdict.
 
 use crate::Outcome;
+use crate::acceptance_report::Files;
 use crate::reconstruct::{Method, fused_cloud};
-use crate::report::{check_outputs, emit};
+use crate::report::check_outputs;
 use anyhow::{Context, Result, anyhow, bail};
 use fringe::acceptance::{Characteristic, Evaluator, RuleSet, TestPlan, TestReport, TestVerdict, ViewPlan};
 use fringe::cloud::Point;
 use rig::recording::Recording;
+use rig::report::acceptance::{write_all, write_master};
 use rig::rig_file::{RigFile, read_rig};
 use std::path::{Path, PathBuf};
 
@@ -26,14 +28,22 @@ pub struct Args {
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
+    #[command(flatten)]
+    files: Files,
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
-    check_outputs(&[("--json", args.json.as_deref())], &[&args.plan], None)?;
+    let outputs = args.files.outputs();
+    let mut wanted = outputs.flags().to_vec();
+    wanted.push(("--json", args.json.as_deref()));
+    check_outputs(&wanted, &[&args.plan], None)?;
     let report = evaluate(&args.plan)?;
+    write_all(&report, &outputs)?;
+    if let Some(path) = &args.json {
+        write_master(path, &report)?;
+    }
     print(&report);
-    emit(args.json.as_deref(), &report)?;
     let limited = report.characteristics.iter().any(|c| c.limit.is_some());
     // What is not proven is not accepted; without any limit there is nothing to prove.
     let passed = report.verdict == TestVerdict::Pass || !limited;

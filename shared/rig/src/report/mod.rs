@@ -9,6 +9,7 @@ use std::path::Path;
 
 use crate::atomic;
 
+pub mod acceptance;
 pub mod calibration;
 mod canvas;
 mod charts;

@@ -1,0 +1,76 @@
+//! `fringetool report`: every format of an acceptance test's report from its master.
+
+use crate::Outcome;
+use crate::report::check_outputs;
+use anyhow::{Result, bail};
+use rig::report::acceptance::{Outputs, read_master, write_all, write_master};
+use std::path::PathBuf;
+
+/// Arguments of `report`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Result of an acceptance test: the --json file of vdi2634 (fringecell-acceptance/1).
+    result: PathBuf,
+    #[command(flatten)]
+    files: Files,
+    /// The result again, checked.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// Where the formats go.
+#[derive(clap::Args)]
+pub struct Files {
+    /// Report as one HTML file.
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// Report as PDF, A4.
+    #[arg(long, value_name = "FILE")]
+    pdf: Option<PathBuf>,
+    /// Table with one line a position and characteristic (CSV).
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// QIF 3.0 results (ISO 23952).
+    #[arg(long, value_name = "FILE")]
+    qif: Option<PathBuf>,
+    /// Q-DAS ASCII transfer format.
+    #[arg(long, value_name = "FILE")]
+    dfq: Option<PathBuf>,
+}
+
+impl Files {
+    /// For the writer.
+    pub fn outputs(&self) -> Outputs<'_> {
+        Outputs {
+            html: self.html.as_deref(),
+            pdf: self.pdf.as_deref(),
+            csv: self.csv.as_deref(),
+            qif: self.qif.as_deref(),
+            dfq: self.dfq.as_deref(),
+        }
+    }
+}
+
+/// Runs the command. Its exit code tells whether the report was written, not whether the test passed.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let outputs = args.files.outputs();
+    let mut wanted = outputs.flags().to_vec();
+    wanted.push(("--json", args.json.as_deref()));
+    check_outputs(&wanted, &[&args.result], None)?;
+    if wanted.iter().all(|(_, path)| path.is_none()) {
+        bail!(
+            "nothing to write: give at least one of --html, --pdf, --csv, --qif, --dfq, --json with a file"
+        );
+    }
+    let report = read_master(&args.result)?;
+    write_all(&report, &outputs)?;
+    if let Some(path) = &args.json {
+        write_master(path, &report)?;
+    }
+    for (_, path) in wanted {
+        if let Some(path) = path {
+            println!("{}", path.display());
+        }
+    }
+    Ok(Outcome::Done)
+}
