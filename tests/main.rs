@@ -15,6 +15,7 @@
 //! - [`acceptance_report`]: every format from one result of an acceptance test
 //! - [`golden_cells`]: the printed cells of the thesis' tables, recomputed
 //! - [`acceptance`]: acceptance tests from their plans
+//! - [`fits`]: elements, inspection plans and comparisons with a coordinate measuring machine
 //! - [`support`]: how the tests run programs and make small recordings
 
 mod acceptance;
@@ -25,6 +26,7 @@ mod calibrate_bad;
 mod cell;
 mod charuco;
 mod compare;
+mod fits;
 mod focus;
 mod gamma;
 mod golden_cells;

@@ -60,6 +60,7 @@ enum Element {
     Cone,
     Circle,
     Line,
+    Torus,
 }
 
 /// The fit with what else was asked for.
@@ -94,7 +95,7 @@ fn refuse_strays(args: &Args) -> Result<()> {
     if args.within.is_some() && !matches!(element, Element::Sphere | Element::Plane) {
         bail!("--within goes with sphere and plane only; cut the region with --near");
     }
-    if args.minimum_zone && matches!(element, Element::Cone | Element::Line) {
+    if args.minimum_zone && matches!(element, Element::Cone | Element::Line | Element::Torus) {
         bail!("--minimum-zone goes with sphere, plane, cylinder and circle; leave it out");
     }
     Ok(())
@@ -150,6 +151,10 @@ fn fit(args: &Args, points: &[Point3<f64>], left: Left) -> Result<()> {
         Element::Cone => {
             let cone = fit::cone(points, &settings)?;
             job.finish(&cone, &cone.residuals, no_zone)
+        }
+        Element::Torus => {
+            let torus = fit::torus(points, &settings)?;
+            job.finish(&torus, &torus.residuals, no_zone)
         }
         Element::Line => {
             let line = fit::line(points, &settings)?;

@@ -4,6 +4,8 @@ mod acceptance_report;
 mod bench;
 mod calibrate;
 mod check_rig;
+mod cmm_compare;
+mod cmm_plan;
 mod compare;
 mod decode;
 mod export;
@@ -49,7 +51,7 @@ enum Command {
     Decode(decode::Args),
     /// Turn a recording into a point cloud.
     Reconstruct(reconstruct::Args),
-    /// Fit a sphere, plane, cylinder, cone, circle or line to the points of a cloud.
+    /// Fit a sphere, plane, cylinder, cone, circle, line or torus to the points of a cloud.
     Fit(fit::Args),
     /// Hold a cloud against a cloud or a CAD mesh: signed deviations, M3C2, report.
     Compare(compare::Args),
@@ -62,6 +64,10 @@ enum Command {
     Vdi2634(vdi2634::Args),
     /// Simulate a whole acceptance test on the digital twin: recordings and plan.
     SimulateTest(simulate_test::Args),
+    /// Say where a coordinate measuring machine probes spheres, planes, cylinders or a whole part, as CSV.
+    CmmPlan(cmm_plan::Args),
+    /// Hold measured features against a machine's: deviations, expanded uncertainties, normalised errors.
+    CmmCompare(cmm_compare::Args),
     /// Turn other people's image files and OpenCV calibration into a recording and a rig file.
     Import(import::Args),
     /// Turn an OpenCV calibration (YAML or XML) into a rig file.
@@ -104,6 +110,8 @@ fn main() -> ExitCode {
         Command::Measure(args) => measure::run(&args),
         Command::Vdi2634(args) => vdi2634::run(&args),
         Command::SimulateTest(args) => simulate_test::run(&args),
+        Command::CmmPlan(args) => cmm_plan::run(&args),
+        Command::CmmCompare(args) => cmm_compare::run(&args),
         Command::Import(args) => import::run(&args),
         Command::ImportRig(args) => import_rig::run(&args),
         Command::Export(args) => export::run(&args),

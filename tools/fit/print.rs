@@ -1,7 +1,7 @@
 //! A fit in a few lines for people.
 
 use super::region::Left;
-use fringe::fit::{CircleFit, ConeFit, CylinderFit, Form, LineFit, PlaneFit, SphereFit, Support};
+use fringe::fit::{CircleFit, ConeFit, CylinderFit, Form, LineFit, PlaneFit, SphereFit, Support, TorusFit};
 
 /// What a fit says about itself.
 pub trait Describe {
@@ -87,4 +87,10 @@ describe!(CircleFit, c => {
 });
 describe!(LineFit, l => {
     format!("line: {}\n  straightness {:.5} mm", axis(l.axis_point_mm, l.axis_direction), l.straightness_mm)
+});
+describe!(TorusFit, t => {
+    let axis = axis(t.center_mm, t.axis_direction);
+    let (ring, u_ring) = (t.ring_diameter_mm, t.u_ring_diameter_mm);
+    let (tube, u_tube) = (t.tube_diameter_mm, t.u_tube_diameter_mm);
+    format!("torus: ring diameter {ring:.5} mm, u {u_ring:.5} mm; tube diameter {tube:.5} mm, u {u_tube:.5} mm\n  {axis}")
 });

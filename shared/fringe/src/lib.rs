@@ -32,6 +32,7 @@ mod parallel;
 pub mod pattern;
 pub mod phase;
 pub mod pose;
+pub mod probing;
 pub mod projector;
 pub mod random;
 pub mod rectify;

@@ -6,6 +6,7 @@
 pub mod atomic;
 pub mod budget;
 pub mod clock;
+pub mod cmm;
 pub mod config;
 pub mod correction;
 pub mod document;

@@ -16,6 +16,14 @@ const FIRST_DAMPING: f64 = 1e-3;
 /// longer tells better from worse (its relative resolution is 1e-16), the step itself does.
 const TERMINAL: f64 = 1e-9;
 
+/// Steps that no longer shrink by this factor are rounding. Surfaces shrink theirs a hundredfold each time, models that
+/// fit badly by a third.
+const SETTLED: f64 = 0.9;
+
+/// In the terminal phase too is a step below this part of the residuals: it lowers the sum of squares by less than 1e-14 of itself. Surfaces
+/// never get here, their residuals are small against their extent; a model that fits badly does.
+const TERMINAL_RESIDUAL: f64 = 1e-7;
+
 /// A surface or curve with P free parameters, given in a chart about its present state.
 pub(super) trait Model<const P: usize>: Clone {
     /// Signed distance of a point, mm.
@@ -75,8 +83,10 @@ pub(super) fn adjust<M: Model<P>, const P: usize>(
         let model = state.model.moved(&step);
         let next = Adjusted { normal: normal(&model, points), model };
         let moved_mm = surface_step(&state.normal, &step);
-        if moved_mm <= TERMINAL * extent_mm && damping == 0.0 {
-            let settled = moved_mm <= 1e-16 * extent_mm || moved_mm >= 0.5 * last_mm;
+        let residual_mm = (state.normal.sum / state.normal.rows.max(1) as f64).sqrt();
+        let terminal_mm = (TERMINAL * extent_mm).max(TERMINAL_RESIDUAL * residual_mm);
+        if moved_mm <= terminal_mm && damping == 0.0 {
+            let settled = moved_mm <= 1e-16 * extent_mm || moved_mm >= SETTLED * last_mm;
             last_mm = moved_mm;
             state = next;
             if settled {

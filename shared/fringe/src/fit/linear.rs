@@ -144,7 +144,7 @@ fn rotate<const P: usize>(a: &mut SMatrix<f64, P, P>, vectors: &mut SMatrix<f64,
 }
 
 /// Two unit vectors that complete a unit vector to a right-handed frame (e1, e2, axis).
-pub(crate) fn tangents(axis: &Vector3<f64>) -> [Vector3<f64>; 2] {
+pub fn tangents(axis: &Vector3<f64>) -> [Vector3<f64>; 2] {
     // Crossing with the coordinate axis farthest from `axis` keeps the length away from zero.
     let smallest = axis.iamin();
     let mut other = Vector3::zeros();

@@ -30,6 +30,7 @@ mod solve;
 mod sphere;
 #[cfg(test)]
 pub(crate) mod tests;
+mod torus;
 mod zone;
 
 pub use circle::{CircleFit, circle};
@@ -43,12 +44,14 @@ pub use derived::{
 pub use error::{COORDINATE_LIMIT_MM, FitError};
 pub use form::{Form, Residuals};
 pub use line::{LineFit, line};
-pub(crate) use linear::{Normal, eigen, tangents};
+pub use linear::tangents;
+pub(crate) use linear::{Normal, eigen};
 pub use plane::{PlaneFit, plane};
 pub use search::{find_plane, find_sphere};
 pub use settings::{Correlation, FitSettings};
 pub(crate) use sphere::sphere_centre_near;
 pub use sphere::{SphereFit, sphere, sphere_of_diameter};
+pub use torus::{TorusFit, torus};
 pub use zone::{
     CircleZone, CylinderZone, PlaneZone, SphereZone, circle_minimum_zone, cylinder_minimum_zone,
     plane_minimum_zone, sphere_minimum_zone,

@@ -97,8 +97,8 @@ impl Region {
 }
 
 impl Exclusion {
-    /// Whether a place in the plane is cut out.
-    fn covers(&self, across: [f64; 2]) -> bool {
+    /// Whether a place in the plane, mm along its edges from its nominal point, is cut out.
+    pub fn covers(&self, across: [f64; 2]) -> bool {
         let [x, y] = [across[0] - self.center_mm[0], across[1] - self.center_mm[1]];
         match self.shape {
             ExclusionShape::Disc(radius) => x * x + y * y <= radius * radius,

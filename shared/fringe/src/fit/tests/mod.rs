@@ -5,6 +5,7 @@ use proptest::prelude::*;
 
 use super::*;
 
+mod nist;
 mod reference;
 mod uncertainty;
 mod zones;
