@@ -4,7 +4,7 @@
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use fringe::uncertainty::normalised_error;
+use fringe::uncertainty::{self, Uncertain};
 use rig::cmm::{COVERAGE_FACTOR, CmmValue};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -126,17 +126,19 @@ fn compare(args: &Args, measured: &Measured, reference: &[CmmValue]) -> Result<C
 
 /// Deviation and normalised error of a feature with standard uncertainty `u`.
 fn line(cmm: &CmmValue, value: f64, u: f64) -> Result<Line> {
-    let (u_measured, u_cmm) = (COVERAGE_FACTOR * u, cmm.expanded_uncertainty);
+    let measured = Uncertain { value, expanded_uncertainty: COVERAGE_FACTOR * u };
+    let reference = Uncertain { value: cmm.value, expanded_uncertainty: cmm.expanded_uncertainty };
+    let found = uncertainty::compare(measured, reference)?;
     Ok(Line {
         name: cmm.name.clone(),
         unit: cmm.unit.clone(),
         cmm: cmm.value,
-        u_cmm,
+        u_cmm: cmm.expanded_uncertainty,
         measured: value,
-        u_measured,
-        deviation: value - cmm.value,
-        u_deviation: fringe::math::hypot(u_measured, u_cmm),
-        e_n: normalised_error(value, u_measured, cmm.value, u_cmm)?,
+        u_measured: measured.expanded_uncertainty,
+        deviation: found.deviation,
+        u_deviation: found.deviation_expanded_uncertainty,
+        e_n: found.normalised_error,
     })
 }
 

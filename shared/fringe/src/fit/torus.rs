@@ -138,6 +138,7 @@ mod tests {
     use crate::fit::adjust::tests::derivatives_agree;
     use crate::fit::tests::Noise;
     use crate::math;
+    use std::f64::consts::{PI, TAU};
 
     #[test]
     fn derivatives_agree_with_differences() {
@@ -153,11 +154,11 @@ mod tests {
             let direction = noise.direction();
             let [e1, e2] = super::super::linear::tangents(&direction);
             let center = Vector3::new(200.0, -100.0, 500.0);
-            for (turn, lowest) in [(6.28, -3.14), (6.28, 0.0), (2.1, 0.0)] {
+            for (turn, lowest) in [(TAU, -PI), (TAU, 0.0), (2.1, 0.0)] {
                 let points: Vec<Point3<f64>> = (0..600)
                     .map(|_| {
                         let (sin, cos) = math::sincos(turn * noise.uniform());
-                        let (up, across) = math::sincos(lowest + (3.14 - lowest) * noise.uniform());
+                        let (up, across) = math::sincos(lowest + (PI - lowest) * noise.uniform());
                         let out = e1 * cos + e2 * sin;
                         let tube = 4.0 + 0.001 * noise.normal();
                         Point3::from(center + out * (15.0 + tube * across) + direction * (tube * up))

@@ -60,7 +60,7 @@ fn read(text: &str) -> Set {
     let lines: Vec<&str> = text.lines().collect();
     let is_model =
         |line: &&str| line.trim_start().starts_with("y ") || line.trim_start().starts_with("log[y]");
-    let first = lines.iter().position(|l| is_model(&l) && l.contains('=')).expect("a model");
+    let first = lines.iter().position(|l| is_model(l) && l.contains('=')).expect("a model");
     let mut formula = String::new();
     for line in &lines[first..] {
         let _ = write!(formula, " {}", line.trim());
