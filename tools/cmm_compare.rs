@@ -74,11 +74,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let measured: Measured = rig::result::read_json(&args.result)?;
     let reference = rig::cmm::read_values(&args.cmm)?;
     let comparison = compare(args, &measured, &reference)?;
-    print(&comparison);
     if let Some(path) = &args.csv {
         write(path, &comparison)?;
     }
     emit(args.json.as_deref(), &comparison)?;
+    print(&comparison);
     Ok(if comparison.agrees { Outcome::Done } else { Outcome::LimitFailed })
 }
 

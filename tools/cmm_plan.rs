@@ -118,14 +118,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
             row.extend(probe.normal.iter().map(|v| format!("{v:.6}")));
             rows.push(row);
         }
-        println!("{name}: {} points", probes.len());
     }
     let header = ["element", "number", "x_mm", "y_mm", "z_mm", "normal_x", "normal_y", "normal_z"];
     rig::cmm::write_table(&common.out, &header, &rows)?;
-    println!("{}: {} points", common.out.display(), rows.len());
     let counts: Vec<_> =
         elements.iter().map(|(name, p)| json!({ "name": name, "points": p.len() })).collect();
     emit(common.json.as_deref(), &json!({ "table": common.out, "points": rows.len(), "elements": counts }))?;
+    for (name, probes) in &elements {
+        println!("{name}: {} points", probes.len());
+    }
+    println!("{}: {} points", common.out.display(), rows.len());
     Ok(Outcome::Done)
 }
 

@@ -6,7 +6,9 @@ mod region;
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use fringe::fit::{self, Correlation, FitError, FitSettings, Residuals};
+use fringe::fit::{
+    self, CircleZone, Correlation, CylinderZone, FitError, FitSettings, PlaneZone, Residuals, SphereZone,
+};
 use nalgebra::Point3;
 use print::Describe;
 use region::{Left, Near};
@@ -126,53 +128,54 @@ fn fit(args: &Args, points: &[Point3<f64>], left: Left) -> Result<()> {
                 Some(diameter) => fit::sphere_of_diameter(points, diameter, &settings)?,
                 None => fit::sphere(points, &settings)?,
             };
-            job.finish(&sphere, &sphere.residuals, |used| {
-                zone(fit::sphere_minimum_zone(used)?, |z| z.minimum_zone_mm)
-            })
+            job.finish(&sphere, &sphere.residuals, Some(fit::sphere_minimum_zone))
         }
         Element::Plane => {
             let plane = fit::plane(points, &settings)?;
-            job.finish(&plane, &plane.residuals, |used| {
-                zone(fit::plane_minimum_zone(used)?, |z| z.minimum_zone_mm)
-            })
+            job.finish(&plane, &plane.residuals, Some(fit::plane_minimum_zone))
         }
         Element::Cylinder => {
             let cylinder = fit::cylinder(points, &settings)?;
-            job.finish(&cylinder, &cylinder.residuals, |used| {
-                zone(fit::cylinder_minimum_zone(used)?, |z| z.minimum_zone_mm)
-            })
+            job.finish(&cylinder, &cylinder.residuals, Some(fit::cylinder_minimum_zone))
         }
         Element::Circle => {
             let circle = fit::circle(points, &settings)?;
-            job.finish(&circle, &circle.residuals, |used| {
-                zone(fit::circle_minimum_zone(used)?, |z| z.minimum_zone_mm)
-            })
+            job.finish(&circle, &circle.residuals, Some(fit::circle_minimum_zone))
         }
         Element::Cone => {
             let cone = fit::cone(points, &settings)?;
-            job.finish(&cone, &cone.residuals, no_zone)
+            job.finish(&cone, &cone.residuals, NO_ZONE)
         }
         Element::Torus => {
             let torus = fit::torus(points, &settings)?;
-            job.finish(&torus, &torus.residuals, no_zone)
+            job.finish(&torus, &torus.residuals, NO_ZONE)
         }
         Element::Line => {
             let line = fit::line(points, &settings)?;
-            job.finish(&line, &line.residuals, no_zone)
+            job.finish(&line, &line.residuals, NO_ZONE)
         }
     }
 }
 
-/// A zone and its width.
-type Zone<Z> = Result<Option<(f64, Z)>, FitError>;
-
-fn zone<Z>(zone: Z, width: impl Fn(&Z) -> f64) -> Zone<Z> {
-    Ok(Some((width(&zone), zone)))
+/// A minimum zone.
+trait Zone: Serialize {
+    fn width_mm(&self) -> f64;
 }
 
-fn no_zone(_used: &[Point3<f64>]) -> Zone<()> {
-    Ok(None)
+macro_rules! zones {
+    ($($zone:ty),*) => { $(impl Zone for $zone {
+        fn width_mm(&self) -> f64 {
+            self.minimum_zone_mm
+        }
+    })* };
 }
+zones!(SphereZone, PlaneZone, CylinderZone, CircleZone);
+
+/// How a zone is found.
+type Finder<Z> = fn(&[Point3<f64>]) -> Result<Z, FitError>;
+
+/// For elements whose minimum zone is not computed; `refuse_strays` has told so.
+const NO_ZONE: Option<Finder<PlaneZone>> = None;
 
 /// What is printed and written about.
 struct Job<'a> {
@@ -183,21 +186,19 @@ struct Job<'a> {
 
 impl Job<'_> {
     /// Prints and writes a fit, with its minimum zone where asked for.
-    fn finish<F: Serialize + Describe, Z: Serialize>(
+    fn finish<F: Serialize + Describe, Z: Zone>(
         self,
         fit: &F,
         residuals: &Residuals,
-        zone_of: impl Fn(&[Point3<f64>]) -> Zone<Z>,
+        find: Option<impl Fn(&[Point3<f64>]) -> Result<Z, FitError>>,
     ) -> Result<()> {
-        let found = if self.args.minimum_zone {
-            let used = self.points.iter().zip(&residuals.used).filter(|(_, used)| **used);
-            zone_of(&used.map(|(point, _)| *point).collect::<Vec<_>>())?
-        } else {
-            None
-        };
-        let (minimum_zone_mm, minimum_zone) =
-            found.map_or((None, None), |(width, zone)| (Some(width), Some(zone)));
+        let used = self.points.iter().zip(&residuals.used).filter(|(_, used)| **used);
+        let used = || used.map(|(point, _)| *point).collect::<Vec<_>>();
+        let minimum_zone = find.filter(|_| self.args.minimum_zone).map(|find| find(&used())).transpose()?;
+        let minimum_zone_mm = minimum_zone.as_ref().map(Zone::width_mm);
+        let report = Report { fit, left: self.left, minimum_zone_mm, minimum_zone };
+        emit(self.args.json.as_deref(), &report)?;
         print::print(fit, &self.left, minimum_zone_mm);
-        emit(self.args.json.as_deref(), &Report { fit, left: self.left, minimum_zone_mm, minimum_zone })
+        Ok(())
     }
 }

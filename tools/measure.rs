@@ -36,11 +36,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let plan = Plan::from_toml(&document.text).with_context(|| args.plan.display().to_string())?;
     let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
     let result = evaluate(&plan, &cloud.points);
-    print(&result);
     emit(
         args.json.as_deref(),
         &Measurement { cloud: &args.cloud, points: cloud.points.len(), result: &result },
     )?;
+    print(&result);
     Ok(if result.verdict == Verdict::Fail { Outcome::LimitFailed } else { Outcome::Done })
 }
 
