@@ -5,6 +5,7 @@ use crate::print;
 use crate::run::{self, RunArgs};
 use anyhow::{Context, Result};
 use rig::atomic;
+use rig::cycle_record::Kept;
 use std::path::{Path, PathBuf};
 
 /// The files of the demo cell, as they are in the repository.
@@ -46,6 +47,8 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         cycles: args.cycles,
         out: Some(args.out.clone()),
         record: None,
+        cycle_record: None,
+        keep: Kept::Hashes,
         cell: Some(args.cell.clone()),
     };
     // The only place where the truth of the scene is looked at; what measures never sees it.

@@ -8,6 +8,8 @@ use fringe::inspection::Plan;
 use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet, frame_count};
 use rig::config::Config;
+use rig::cycle_record::Kept;
+use rig::hash::sha256_hex;
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -32,6 +34,13 @@ pub struct Cell {
     pub plan: Option<Plan>,
 }
 
+impl Cell {
+    /// SHA-256 of the inspection plan, if there is one.
+    pub fn plan_sha256(&self) -> Option<String> {
+        self.config.plan.as_ref().map(|plan| sha256_hex(plan.text.as_bytes()))
+    }
+}
+
 /// What a command adds to the configuration.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
@@ -41,6 +50,8 @@ pub struct Options {
     pub watch: bool,
     /// Whether a recording is written.
     pub record: bool,
+    /// Which bytes a cycle record keeps.
+    pub kept: Kept,
 }
 
 /// Reads a configuration and plans its cell.
@@ -101,6 +112,7 @@ fn graph(config: &Config, options: &Options) -> Result<Graph> {
         cores: config.schedule.cores as usize,
         record: options.record,
         watch: options.watch,
+        kept: options.kept,
         rate_hz: config.recording.as_ref().map(|r| r.rate_hz),
         cycle_deadline_ms: config.limits.cycle_deadline_ms,
     })

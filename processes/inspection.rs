@@ -1,16 +1,15 @@
 //! The inspection process: measures the features of the plan on the fused cloud and judges them.
 
-use crate::judgement::Judgement;
+use crate::judgement::judge;
 use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
 use anyhow::Result;
-use fringe::inspection::{self, Plan, Verdict, evaluate};
+use fringe::inspection::Plan;
 use ipc::IpcError;
 use ipc::header::{Cloud, Outcome};
 use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Publisher, Received};
-use rig::result::{FeatureResult, ResultVerdict};
 
 /// State of the inspection.
 pub struct Inspection {
@@ -43,42 +42,6 @@ impl Inspection {
         self.results.send(header, text.as_bytes())?;
         let report = Report { count: judgement.features.len(), text: String::new() };
         link.done(Work::Inspect, start_ns, text.as_bytes(), &report)
-    }
-}
-
-/// Measures and judges; without a plan there is nothing to judge.
-fn judge(plan: Option<&Plan>, points: &[fringe::cloud::Point]) -> Judgement {
-    let Some(plan) = plan else {
-        return Judgement { verdict: None, features: Vec::new(), alignment_failure: None };
-    };
-    let result = evaluate(plan, points);
-    Judgement {
-        verdict: verdict(result.verdict),
-        features: result.features.iter().map(feature).collect(),
-        alignment_failure: result.alignment_failure,
-    }
-}
-
-fn feature(feature: &inspection::FeatureResult) -> FeatureResult {
-    FeatureResult {
-        name: feature.name.clone(),
-        value: feature.value,
-        unit: feature.unit.to_owned(),
-        u: feature.u,
-        lower: Some(feature.lower).filter(|l| l.is_finite()),
-        upper: Some(feature.upper).filter(|u| u.is_finite()),
-        verdict: verdict(feature.verdict),
-        reason: feature.reason.clone(),
-        detail: feature.detail(),
-    }
-}
-
-fn verdict(verdict: Verdict) -> Option<ResultVerdict> {
-    match verdict {
-        Verdict::Pass => Some(ResultVerdict::Pass),
-        Verdict::Indeterminate => Some(ResultVerdict::Indeterminate),
-        Verdict::Fail => Some(ResultVerdict::Fail),
-        Verdict::NotMeasured => None,
     }
 }
 

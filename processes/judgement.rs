@@ -1,5 +1,7 @@
-//! What the inspection tells the supervisor.
+//! What the inspection tells the supervisor, and how it comes to it.
 
+use fringe::cloud::Point;
+use fringe::inspection::{self, Plan, Verdict, evaluate};
 use rig::result::{FeatureResult, ResultVerdict};
 use serde::{Deserialize, Serialize};
 
@@ -12,4 +14,40 @@ pub struct Judgement {
     pub features: Vec<FeatureResult>,
     /// Why the part was not found.
     pub alignment_failure: Option<String>,
+}
+
+/// Measures and judges; without a plan there is nothing to judge.
+pub fn judge(plan: Option<&Plan>, points: &[Point]) -> Judgement {
+    let Some(plan) = plan else {
+        return Judgement { verdict: None, features: Vec::new(), alignment_failure: None };
+    };
+    let result = evaluate(plan, points);
+    Judgement {
+        verdict: verdict(result.verdict),
+        features: result.features.iter().map(feature).collect(),
+        alignment_failure: result.alignment_failure,
+    }
+}
+
+fn feature(feature: &inspection::FeatureResult) -> FeatureResult {
+    FeatureResult {
+        name: feature.name.clone(),
+        value: feature.value,
+        unit: feature.unit.to_owned(),
+        u: feature.u,
+        lower: Some(feature.lower).filter(|l| l.is_finite()),
+        upper: Some(feature.upper).filter(|u| u.is_finite()),
+        verdict: verdict(feature.verdict),
+        reason: feature.reason.clone(),
+        detail: feature.detail(),
+    }
+}
+
+fn verdict(verdict: Verdict) -> Option<ResultVerdict> {
+    match verdict {
+        Verdict::Pass => Some(ResultVerdict::Pass),
+        Verdict::Indeterminate => Some(ResultVerdict::Indeterminate),
+        Verdict::Fail => Some(ResultVerdict::Fail),
+        Verdict::NotMeasured => None,
+    }
 }

@@ -3,8 +3,11 @@
 use crate::graph::Cell;
 use crate::schedule::Right;
 use anyhow::{Context, Result, anyhow};
+use fringe::cloud::Point;
 use fringe::decode::Decoder;
-use fringe::matching::Matcher;
+use fringe::matching::{MatchError, Matcher};
+use fringe::pattern::Axis;
+use fringe::phase::PhaseView;
 use fringe::projector::{ProjectorMatcher, ProjectorSettings};
 use rig::config::{Config, Driver};
 use std::path::Path;
@@ -76,6 +79,32 @@ pub enum Method {
     Stereo(Box<Matcher>),
     /// The conventional one: a camera and the projector.
     Projector(Box<ProjectorMatcher>),
+}
+
+impl Method {
+    /// Number of points, and the report as JSON.
+    ///
+    /// # Errors
+    /// Views that are not those of this pair.
+    pub fn run(
+        &mut self,
+        views: &[(Axis, PhaseView)],
+        pair: u32,
+        room: &mut [Point],
+    ) -> Result<(u32, String), MatchError> {
+        let along = |axis: Axis| views.iter().find(|(a, _)| *a == axis).map(|(_, view)| view);
+        match self {
+            Self::Stereo(matcher) => {
+                let [(_, left), (_, right)] = views else { return Err(MatchError::NoPhase) };
+                let report = matcher.run(left, right, pair, room)?;
+                Ok((report.points, serde_json::to_string(&report).unwrap_or_default()))
+            }
+            Self::Projector(matcher) => {
+                let report = matcher.run(along(Axis::X), along(Axis::Y), pair, room)?;
+                Ok((report.points, serde_json::to_string(&report).unwrap_or_default()))
+            }
+        }
+    }
 }
 
 /// The matcher of a pair, and how many points it may give.

@@ -5,15 +5,10 @@
 
 mod capture;
 mod client;
-mod cycle_number;
 mod decode;
 mod demo;
-mod drivers;
 mod fusion;
-mod graph;
 mod inspection;
-mod judgement;
-mod kernels;
 mod matching;
 mod output;
 mod plan_table;
@@ -21,10 +16,12 @@ mod print;
 mod projection;
 mod record;
 mod run;
-mod schedule;
 mod stage;
 mod stages;
 mod supervisor;
+
+// What the processes compute lies in the library, where `fringetool replay` finds it too.
+use flow::{cycle_number, drivers, graph, judgement, kernels, schedule};
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};

@@ -5,9 +5,7 @@ use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
 use anyhow::Result;
 use fringe::cloud::Point;
-use fringe::matching::MatchError;
 use fringe::pattern::Axis;
-use fringe::phase::PhaseView;
 use ipc::IpcError;
 use ipc::header::{Cloud, Phase};
 use ipc::os::now_ns;
@@ -102,29 +100,6 @@ impl Matching {
         self.forget();
         let report = Report { count: points as usize, text };
         link.done_hashed(Work::Match { pair: self.pair }, start_ns, output, &report)
-    }
-}
-
-impl Method {
-    /// Number of points, and the report as JSON.
-    fn run(
-        &mut self,
-        views: &[(Axis, PhaseView)],
-        pair: u32,
-        room: &mut [Point],
-    ) -> Result<(u32, String), MatchError> {
-        let along = |axis: Axis| views.iter().find(|(a, _)| *a == axis).map(|(_, view)| view);
-        match self {
-            Self::Stereo(matcher) => {
-                let [(_, left), (_, right)] = views else { return Err(MatchError::NoPhase) };
-                let report = matcher.run(left, right, pair, room)?;
-                Ok((report.points, serde_json::to_string(&report).unwrap_or_default()))
-            }
-            Self::Projector(matcher) => {
-                let report = matcher.run(along(Axis::X), along(Axis::Y), pair, room)?;
-                Ok((report.points, serde_json::to_string(&report).unwrap_or_default()))
-            }
-        }
     }
 }
 

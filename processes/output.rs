@@ -2,7 +2,8 @@
 
 use crate::cycle_number::wire;
 use crate::graph::Cell;
-use crate::supervisor::collect::{Span, label};
+use crate::schedule::label;
+use crate::supervisor::collect::Span;
 use crate::supervisor::watch::Watch;
 use anyhow::Result;
 use fringe::cloud::Point;

@@ -1,7 +1,7 @@
 //! `fringecell schedule`: the plan of a cycle as a table.
 
 use crate::graph::Cell;
-use crate::supervisor::collect::label;
+use crate::schedule::label;
 use std::fmt::Write as _;
 
 /// The order of the activations on each core, then the topics with their buffers. The same config gives the same text.

@@ -7,6 +7,7 @@ use crate::print;
 use crate::supervisor::{self, Orders, Summary};
 use anyhow::{Context, Result, bail};
 use rig::atomic;
+use rig::cycle_record::Kept;
 use rig::result::CycleResult;
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -29,6 +30,12 @@ pub struct RunArgs {
     /// Folder for a recording of the frames; with several cycles it gets one folder per cycle.
     #[arg(long, value_name = "DIR")]
     pub record: Option<PathBuf>,
+    /// Keep a record of every cycle in this new file, for `fringetool replay`.
+    #[arg(long, value_name = "FILE")]
+    pub cycle_record: Option<PathBuf>,
+    /// What the cycle record keeps beside hashes and times: hashes (nothing), frames, or all (frames and stage outputs).
+    #[arg(long, value_name = "WHAT", default_value_t, requires = "cycle_record")]
+    pub keep: Kept,
     /// Another name, to run one configuration several times at once.
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
@@ -41,15 +48,24 @@ pub struct RunArgs {
 pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     let config =
         args.config.canonicalize().with_context(|| format!("{}: cannot open it", args.config.display()))?;
-    let options =
-        Options { cell: args.cell.clone(), watch: args.out.is_some(), record: args.record.is_some() };
+    let options = Options {
+        cell: args.cell.clone(),
+        watch: args.out.is_some(),
+        record: args.record.is_some(),
+        kept: args.keep,
+    };
     let cell = graph::load(&config, &options)?;
     ipc::cell::CellName::new(&cell.name)?;
     kernels::rehearse(&cell)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;
     }
-    let orders = Orders { config, cycles: cycles(args, &cell), record: record_folder(args)? };
+    let orders = Orders {
+        config,
+        cycles: cycles(args, &cell),
+        record: record_folder(args)?,
+        cycle_record: args.cycle_record.clone(),
+    };
     let mut results = VecDeque::new();
     let mut unwritten = None;
     let summary = supervisor::run(&cell, &orders, &mut |result| {
@@ -70,6 +86,9 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     tell(&cell, &results, truth);
     if let (Some(folder), Some(watch)) = (&args.out, &summary.watch) {
         output::files(folder, &Run { cell: &cell, results: &results, spans: &summary.spans, watch, truth })?;
+    }
+    if let Some(error) = summary.unrecorded {
+        return Err(error);
     }
     Ok(exit_code(&summary, orders.cycles))
 }

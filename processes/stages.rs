@@ -11,7 +11,12 @@ use ipc::os;
 pub fn run(args: &StageArgs) -> Result<()> {
     os::ignore_interrupts();
     ensure!(os::die_with_parent(args.parent)?, "the supervisor {} is gone", args.parent);
-    let options = Options { cell: Some(args.cell.clone()), watch: args.watch, record: args.record.is_some() };
+    let options = Options {
+        cell: Some(args.cell.clone()),
+        watch: args.watch,
+        record: args.record.is_some(),
+        kept: args.kept,
+    };
     let cell = graph::load(&args.config, &options)?;
     ensure!(
         cell.config.sha256 == args.config_sha256 && cell.config.rig_sha256 == args.rig_sha256,

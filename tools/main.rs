@@ -21,6 +21,7 @@ mod pipeline;
 mod progress;
 mod reconstruct;
 mod register;
+mod replay;
 mod report;
 mod simulate;
 mod simulate_test;
@@ -86,6 +87,8 @@ enum Command {
     Uncertainty(uncertainty::Args),
     /// Write the report of an acceptance test (HTML, PDF, CSV, QIF, DFQ) from its result.
     Report(acceptance_report::Args),
+    /// Run a cycle record again and compare every output with it.
+    Replay(replay::Args),
     /// Measure accuracy on the twin, or speed on this machine.
     Bench(bench::Args),
 }
@@ -121,6 +124,7 @@ fn main() -> ExitCode {
         Command::Focus(args) => focus::run(&args),
         Command::Uncertainty(args) => uncertainty::run(&args),
         Command::Report(args) => acceptance_report::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Bench(args) => bench::run(&args),
     };
     match result {

@@ -21,6 +21,16 @@ impl Progress {
         Self { bar, started: Instant::now(), shown: false }
     }
 
+    /// A bar of steps whose number is not known beforehand.
+    pub fn unbounded(what: &str) -> Self {
+        let progress = Self::new(0, what);
+        progress.bar.unset_length();
+        if let Ok(style) = ProgressStyle::with_template("{msg:16} {spinner} {pos} {elapsed}") {
+            progress.bar.set_style(style);
+        }
+        progress
+    }
+
     /// One step done.
     pub fn step(&mut self) {
         if !self.shown && self.started.elapsed() > Duration::from_secs(1) {

@@ -1,6 +1,7 @@
 //! The cell as the schedule sees it: who looks, who lights, who is matched.
 
 use fringe::pattern::Axis;
+use rig::cycle_record::Kept;
 use std::collections::BTreeSet;
 
 /// The cell as the schedule sees it. Indices count in the order of the config.
@@ -18,6 +19,8 @@ pub struct Graph {
     pub record: bool,
     /// Whether the supervisor watches frames, phases and the fused cloud for its report.
     pub watch: bool,
+    /// Which bytes the supervisor keeps in a cycle record.
+    pub kept: Kept,
     /// Frames per second of a recording that is played, if one is and it is paced.
     pub rate_hz: Option<f64>,
     /// Longest duration of a cycle, ms.

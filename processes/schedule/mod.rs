@@ -9,10 +9,12 @@ mod graph;
 mod parts;
 mod plan;
 mod topics;
+mod words;
 
 pub use check::ScheduleError;
 pub use graph::{CameraNode, Graph, PairNode, ProjectorNode, Right, axes_taken};
 pub use parts::{Activation, Carries, Kind, SUPERVISOR, Stage, Topic, Work};
+pub use words::{label, output};
 
 /// The whole plan of a cycle.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -3,6 +3,7 @@
 use super::topics::FRAME_BUFFER;
 use super::*;
 use fringe::pattern::Axis;
+use rig::cycle_record::Kept;
 
 /// Four cameras, two projectors, two pairs: the demo in small.
 pub fn demo() -> Graph {
@@ -26,6 +27,7 @@ pub fn demo() -> Graph {
         cores: 2,
         record: false,
         watch: true,
+        kept: Kept::Hashes,
         rate_hz: None,
         cycle_deadline_ms: 1000,
     }

@@ -4,6 +4,7 @@ use super::graph::{CameraNode, Graph, ProjectorNode, axes_taken};
 use super::parts::{Carries, SUPERVISOR, Stage, Topic};
 use ipc::header::{MAX_RESULT_BYTES, MAX_TEXT_BYTES, PHASE_BYTES_PER_PX};
 use ipc::port::TopicSize;
+use rig::cycle_record::Kept;
 
 /// Frames that wait in front of a decoder: it may lag behind the camera by that many before the camera is held.
 pub const FRAME_BUFFER: usize = 8;
@@ -51,10 +52,12 @@ pub(super) fn topics(graph: &Graph, stages: &[Stage]) -> Vec<Topic> {
         capacity += bytes;
         let from = vec![format!("matching/{}", pair.name)];
         let name = format!("cloud/{}", pair.name);
-        topics.push(topic(&name, Carries::Cloud, from, vec!["fusion".into()], 1, bytes));
+        let readers = [vec!["fusion".to_owned()], kept(graph, Kept::All)].concat();
+        topics.push(topic(&name, Carries::Cloud, from, readers, 1, bytes));
     }
     let mut readers = vec!["inspection".to_owned()];
     readers.extend(graph.watch.then(|| SUPERVISOR.to_owned()));
+    readers.extend(kept(graph, Kept::All));
     let mut fused = topic("cloud/fused", Carries::Cloud, vec!["fusion".into()], readers, 1, capacity);
     // The supervisor holds the last good cloud and that of the running cycle while the next one comes.
     fused.size.borrowed = 3;
@@ -68,6 +71,12 @@ pub(super) fn topics(graph: &Graph, stages: &[Stage]) -> Vec<Topic> {
         MAX_RESULT_BYTES as u64,
     ));
     topics
+}
+
+/// The supervisor once more, with ports of its own, where a cycle record keeps these bytes.
+fn kept(graph: &Graph, least: Kept) -> Vec<String> {
+    let keeps = graph.kept == Kept::All || graph.kept == least;
+    if keeps { vec![SUPERVISOR.to_owned()] } else { Vec::new() }
 }
 
 fn topic(
@@ -93,6 +102,7 @@ fn frame_topic(graph: &Graph, camera: &CameraNode) -> Topic {
     let mut readers = vec![format!("decode/{}", camera.name)];
     readers.extend(graph.record.then(|| "record".to_owned()));
     readers.extend(graph.watch.then(|| SUPERVISOR.to_owned()));
+    readers.extend(kept(graph, Kept::Frames));
     let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);
     // Two bytes per pixel: whether a driver gives 8 or 16 bits is known only when it runs.
     topic(
@@ -111,6 +121,7 @@ fn phase_topic(graph: &Graph, number: usize) -> Topic {
     let takers = graph.pairs.iter().filter(|p| p.cameras().contains(&number));
     let mut readers: Vec<String> = takers.map(|p| format!("matching/{}", p.name)).collect();
     readers.extend(graph.watch.then(|| SUPERVISOR.to_owned()));
+    readers.extend(kept(graph, Kept::All));
     let maps: usize = (0..graph.projectors.len()).map(|p| axes_taken(graph, number, p).len()).sum();
     let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);
     let name = format!("phase/{}", camera.name);

@@ -1,6 +1,7 @@
 //! What the supervisor tells a stage when it starts it.
 
 use crate::schedule::Kind;
+use rig::cycle_record::Kept;
 use std::path::PathBuf;
 
 /// Arguments of the hidden subcommand `stage`, written by the supervisor.
@@ -28,6 +29,9 @@ pub struct StageArgs {
     /// Whether the supervisor watches frames and phases.
     #[arg(long)]
     pub watch: bool,
+    /// Which bytes the supervisor keeps in a cycle record.
+    #[arg(long)]
+    pub kept: Kept,
     /// Where the recording goes, if one is written.
     #[arg(long)]
     pub record: Option<PathBuf>,

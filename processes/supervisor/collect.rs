@@ -2,8 +2,7 @@
 
 use crate::graph::Cell;
 use crate::judgement::Judgement;
-use crate::schedule::{Schedule, Work};
-use fringe::pattern::Axis;
+use crate::schedule::{Schedule, Work, output};
 use ipc::header::Event;
 use rig::result::{CycleResult, OUTCOME_OK, StageResult};
 use serde_json::{Value, json};
@@ -46,6 +45,11 @@ impl Collector {
     /// The verdict, and how long after the last frame it stood.
     pub fn judged(&mut self, judgement: Judgement, latency_ns: u64) {
         self.judgement = Some((judgement, latency_ns));
+    }
+
+    /// What was reported, in the order of the schedule.
+    pub fn events(&self) -> impl Iterator<Item = &Event> {
+        self.done.values().map(|(event, _)| event)
     }
 
     /// The spans of the cycle, in the order of the schedule.
@@ -95,7 +99,7 @@ impl Collector {
         let mut parts: BTreeMap<String, Vec<[u64; 2]>> = BTreeMap::new();
         for (activation, (event, _)) in &self.done {
             let Some(activation) = cell.schedule.activations.get(*activation) else { continue };
-            if let Some(key) = output(cell, activation.work) {
+            if let Some(key) = output(&cell.graph, activation.work) {
                 parts.entry(key).or_default().push([event.hash_high, event.hash_low]);
             }
         }
@@ -124,7 +128,7 @@ impl Collector {
                 more.insert("points".into(), json!(event.count));
                 more.insert("overlaps".into(), report.get("overlaps").cloned().unwrap_or(Value::Null));
             }
-            if let (Some(key), false) = (output(cell, activation.work), report.is_null()) {
+            if let (Some(key), false) = (output(&cell.graph, activation.work), report.is_null()) {
                 reports.insert(key, report);
             }
         }
@@ -133,44 +137,5 @@ impl Collector {
             more.insert("alignment_failure".into(), json!(reason));
         }
         more
-    }
-}
-
-/// The name of what an activation gives, as in `hashes`.
-fn output(cell: &Cell, work: Work) -> Option<String> {
-    let graph = &cell.graph;
-    match work {
-        Work::Expose { camera, .. } => Some(format!("frame/{}", graph.cameras[camera].name)),
-        Work::Phase { camera, projector, axis } => {
-            let axis = if axis == Axis::X { "x" } else { "y" };
-            Some(format!("phase/{}/{}/{axis}", graph.cameras[camera].name, graph.projectors[projector].name))
-        }
-        Work::Match { pair } => Some(format!("cloud/{}", graph.pairs[pair].name)),
-        Work::Fuse => Some("cloud/fused".to_owned()),
-        Work::Inspect => Some("result".to_owned()),
-        Work::Project { .. } | Work::Accumulate { .. } | Work::Store => None,
-    }
-}
-
-/// An activation in words: for traces, for messages and for `fringecell schedule`.
-pub fn label(cell_graph: &crate::schedule::Graph, work: Work) -> String {
-    let graph = cell_graph;
-    match work {
-        Work::Project { projector, frame } => {
-            format!("project {} {frame:03}", graph.projectors[projector].name)
-        }
-        Work::Expose { projector, frame, .. } => {
-            format!("expose {} {frame:03}", graph.projectors[projector].name)
-        }
-        Work::Accumulate { projector, frame, .. } => {
-            format!("accumulate {} {frame:03}", graph.projectors[projector].name)
-        }
-        Work::Phase { projector, axis, .. } => {
-            format!("phase {} {}", graph.projectors[projector].name, if axis == Axis::X { "x" } else { "y" })
-        }
-        Work::Match { pair } => format!("match {}", graph.pairs[pair].name),
-        Work::Fuse => "fuse".to_owned(),
-        Work::Inspect => "inspect".to_owned(),
-        Work::Store => "store".to_owned(),
     }
 }

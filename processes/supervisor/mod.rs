@@ -6,6 +6,7 @@
 mod children;
 pub mod collect;
 pub mod cycle;
+mod keep;
 mod operator;
 pub mod restart;
 pub mod socket;

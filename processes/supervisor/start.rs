@@ -1,11 +1,10 @@
 //! What the supervisor makes before the first stage starts.
 
 use super::children::StageProcess;
-use super::collect::label;
 use super::cycle::{Budgets, Cycles, Step};
 use super::restart::Policy;
 use crate::graph::Cell;
-use crate::schedule::{Carries, Kind, Stage, Topic};
+use crate::schedule::{Carries, Kind, Stage, Topic, label};
 use ipc::IpcError;
 use ipc::port::{Held, Node};
 use std::path::PathBuf;
@@ -19,6 +18,8 @@ pub struct Orders {
     pub cycles: Option<u64>,
     /// Where a recording is written.
     pub record: Option<PathBuf>,
+    /// The file of the cycle record.
+    pub cycle_record: Option<PathBuf>,
 }
 
 /// Creates a topic for the kind of message that it carries.
@@ -72,6 +73,7 @@ fn arguments(cell: &Cell, orders: &Orders, stage: &Stage) -> Vec<String> {
     option("--config-sha256", cell.config.sha256.clone());
     option("--rig-sha256", cell.config.rig_sha256.clone());
     option("--parent", std::process::id().to_string());
+    option("--kept", cell.graph.kept.to_string());
     if let Some(folder) = &orders.record {
         option("--record", folder.display().to_string());
         if orders.cycles != Some(1) {

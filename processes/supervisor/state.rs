@@ -3,9 +3,10 @@
 use super::children::{Life, StageProcess};
 use super::collect::{Collector, Span};
 use super::cycle::{Action, Cycles, Input};
+use super::keep::Keeper;
 use super::socket::{self, Call};
 use super::start::{self, Orders};
-use super::watch::{self, Watch};
+use super::watch::Watch;
 use crate::cycle_number::{unwire, wire};
 use crate::graph::Cell;
 use crate::judgement::Judgement;
@@ -48,6 +49,8 @@ pub struct Summary {
     pub spans: Vec<Span>,
     /// What was seen of the last cycle.
     pub watch: Option<Watch>,
+    /// Cycles that are missing in the cycle record, and why.
+    pub unrecorded: Option<anyhow::Error>,
     // Dropped last, in this order: the ports above before the node, the node before the folder.
     _ports: Ports,
 }
@@ -67,6 +70,7 @@ pub(super) struct Supervisor<'a> {
     results: Subscriber<Outcome>,
     pub(super) bell: Bell,
     watch: Option<Watch>,
+    keeper: Option<Keeper>,
     pub(super) children: Vec<StageProcess>,
     pub(super) cycles: Cycles,
     /// Number of the last connect command.
@@ -104,13 +108,15 @@ impl<'a> Supervisor<'a> {
             held.push(node.create_bell(owner)?);
         }
         let stages: Vec<String> = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
-        let watch = watch::is_watched(&cell.schedule).then(|| Watch::new(&node, cell)).transpose()?;
+        let watch = cell.graph.watch.then(|| Watch::new(&node, cell)).transpose()?;
+        let keeper = orders.cycle_record.as_ref().map(|path| Keeper::new(path, cell, &node)).transpose()?;
         Ok(Self {
             control: node.publisher("control", 1, &stages, COMMAND_PATIENCE)?,
             events: node.subscriber("event")?,
             results: node.subscriber("result")?,
             bell: node.bell(SUPERVISOR)?,
             watch,
+            keeper,
             children: start::children(cell, orders),
             cycles: start::machine(cell, orders.cycles),
             epoch: 0,
@@ -132,6 +138,9 @@ impl<'a> Supervisor<'a> {
             match action {
                 Action::Start(cycle) => {
                     self.collector.begin();
+                    if let Some(keeper) = &mut self.keeper {
+                        keeper.begin(cycle);
+                    }
                     self.command(Command::Start, wire(cycle))?;
                 }
                 Action::Abort(cycle) => self.command(Command::Abort, wire(cycle))?,
@@ -154,6 +163,9 @@ impl<'a> Supervisor<'a> {
             watch.ended(wire(cycle), outcome.is_ok());
         }
         let result = self.collector.result(self.cell, cycle, outcome);
+        if let Some(keeper) = &mut self.keeper {
+            keeper.end(self.cell, &result, self.collector.events())?;
+        }
         self.spans.extend(self.collector.spans(cycle));
         let excess = self.spans.len().saturating_sub(KEPT_SPANS);
         self.spans.drain(..excess);
@@ -202,13 +214,19 @@ impl<'a> Supervisor<'a> {
             let Some(cycle) = unwire(header.cycle).filter(|c| self.cycles.running() == Some(*c)) else {
                 continue;
             };
-            let judgement: Judgement =
-                serde_json::from_str(payload::text(header.text_bytes, message.payload())?)?;
+            let text = payload::text(header.text_bytes, message.payload())?;
+            let judgement: Judgement = serde_json::from_str(text)?;
+            if let Some(keeper) = &self.keeper {
+                keeper.result(self.cell, header.cycle, text);
+            }
             self.collector.judged(judgement, header.t_ns.saturating_sub(header.t_last_frame_ns));
             self.feed(Input::Result { cycle }, each)?;
         }
         if let Some(watch) = &mut self.watch {
             watch.look()?;
+        }
+        if let Some(keeper) = &mut self.keeper {
+            keeper.look(self.cell)?;
         }
         while let Some(message) = self.events.receive()? {
             let header = *message.header();
@@ -292,6 +310,9 @@ impl<'a> Supervisor<'a> {
         if let Some(watch) = &self.watch {
             watch.connect()?;
         }
+        if let Some(keeper) = &self.keeper {
+            keeper.connect()?;
+        }
         self.events.connect()?;
         self.results.connect()?;
         self.command(Command::Connect, self.epoch)
@@ -322,8 +343,10 @@ impl<'a> Supervisor<'a> {
     }
 
     /// What the run leaves.
-    pub(super) fn summary(self) -> Summary {
+    pub(super) fn summary(mut self) -> Summary {
+        let unrecorded = self.keeper.as_mut().and_then(|keeper| keeper.finish().err());
         Summary {
+            unrecorded,
             not_ok: self.tally.done - self.tally.ok,
             not_pass: self.tally.not_pass,
             stopped: self.tally.stopped,

@@ -2,7 +2,6 @@
 //! maps and the fused cloud of the last cycle. It reads them where they lie; only a picture is copied.
 
 use crate::graph::Cell;
-use crate::schedule::Schedule;
 use anyhow::Result;
 use fringe::pattern::{PatternSet, locate};
 use ipc::header::{Cloud, Frame, Header, Phase};
@@ -119,11 +118,4 @@ fn keep_picture(pictures: &mut BTreeMap<(u32, u32), Picture>, header: &Frame, by
     for (index, value) in picture.values.iter_mut().enumerate() {
         *value = (view.pixels.get(index) * scale).round() as u8;
     }
-}
-
-/// The sizes that a schedule gives to the watched topics; here to say which they are.
-pub fn is_watched(schedule: &Schedule) -> bool {
-    schedule
-        .topic("cloud/fused")
-        .is_some_and(|t| t.consumers.iter().any(|c| c == crate::schedule::SUPERVISOR))
 }

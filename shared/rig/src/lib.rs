@@ -9,6 +9,7 @@ pub mod clock;
 pub mod cmm;
 pub mod config;
 pub mod correction;
+pub mod cycle_record;
 pub mod document;
 pub mod error;
 pub mod hash;

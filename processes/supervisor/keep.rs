@@ -1,0 +1,269 @@
+//! Keeps the cycle record: what stages report and, where asked for, the bytes they send, handed to a thread that writes.
+//!
+//! The supervisor never waits for the disk. When the disk lags behind, messages are left where they are until it has
+//! caught up; their senders wait for room then, as for any slow receiver.
+
+use crate::cycle_number::wire;
+use crate::graph::Cell;
+use crate::schedule::{Work, label, output};
+use anyhow::{Context, Result, anyhow};
+use crossbeam::channel::{Receiver, Sender, unbounded};
+use fringe::cloud::Point;
+use ipc::header::{Cloud, Event, Frame, Header, Phase};
+use ipc::port::{Node, Received, Subscriber};
+use rig::cycle_record::{
+    ActivationEntry, ActivationName, CycleEntry, Kept, RecordHeader, RecordWriter, ValueKey,
+};
+use rig::error::FileError;
+use rig::result::CycleResult;
+use std::path::Path;
+use std::thread::JoinHandle;
+
+/// Messages that may wait for the disk before no more are taken, a few frames of each camera: beyond that the disk is
+/// too slow, and more would only cost memory.
+const WAITING: usize = 16;
+
+/// What the thread writes.
+enum Item {
+    Value(ValueKey, Vec<u8>),
+    Cycle(CycleEntry),
+}
+
+/// What is not in the record, and why first.
+#[derive(Debug, Default)]
+struct Loss {
+    cycles: u64,
+    first: Option<FileError>,
+}
+
+/// The ports that a record with values listens to.
+struct Taps {
+    frames: Vec<Subscriber<Frame>>,
+    phases: Vec<Subscriber<Phase>>,
+    clouds: Vec<Subscriber<Cloud>>,
+}
+
+/// The record of a run.
+pub struct Keeper {
+    taps: Taps,
+    /// The cycle whose bytes are kept, as on the wire; those of an ended one come too late.
+    current: Option<u64>,
+    items: Option<Sender<Item>>,
+    thread: Option<JoinHandle<Loss>>,
+}
+
+impl Keeper {
+    /// Creates the file and opens the ports.
+    pub fn new(path: &Path, cell: &Cell, node: &Node) -> Result<Self> {
+        let writer = RecordWriter::create(path, &header(cell)?)?;
+        let (items, waiting) = unbounded();
+        let thread = std::thread::Builder::new().name("cycle record".into());
+        let thread =
+            thread.spawn(move || write(writer, &waiting)).context("starting the thread that writes")?;
+        let taps = Taps::new(cell, node)?;
+        Ok(Self { taps, current: None, items: Some(items), thread: Some(thread) })
+    }
+
+    /// Connects to senders that came since.
+    pub fn connect(&self) -> Result<()> {
+        self.taps.frames.iter().try_for_each(Subscriber::connect)?;
+        self.taps.phases.iter().try_for_each(Subscriber::connect)?;
+        Ok(self.taps.clouds.iter().try_for_each(Subscriber::connect)?)
+    }
+
+    /// A cycle starts.
+    pub fn begin(&mut self, cycle: u64) {
+        self.current = Some(wire(cycle));
+    }
+
+    /// Takes what has come, as far as the disk keeps up.
+    pub fn look(&mut self, cell: &Cell) -> Result<()> {
+        self.take(cell, WAITING)
+    }
+
+    /// The result of the inspection, which travels to the supervisor itself.
+    pub fn result(&self, cell: &Cell, wire_cycle: u64, text: &str) {
+        if cell.graph.kept == Kept::All {
+            self.keep(cell, wire_cycle, Work::Inspect, text.as_bytes());
+        }
+    }
+
+    /// A cycle has its outcome.
+    pub fn end<'e>(
+        &mut self,
+        cell: &Cell,
+        result: &CycleResult,
+        done: impl Iterator<Item = &'e Event>,
+    ) -> Result<()> {
+        // All that was sent before its report is here already, so this is all of the cycle.
+        self.take(cell, usize::MAX)?;
+        self.current = None;
+        self.send(Item::Cycle(entry(result, done)));
+        Ok(())
+    }
+
+    /// Waits until all is written, and says what is not.
+    pub fn finish(&mut self) -> Result<()> {
+        self.items = None;
+        let Some(thread) = self.thread.take() else { return Ok(()) };
+        let loss = thread.join().map_err(|_| anyhow!("the thread that writes the cycle record panicked"))?;
+        match loss.first {
+            Some(first) => {
+                Err(anyhow::Error::from(first)
+                    .context(format!("{} cycles are not in the record", loss.cycles)))
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn take(&self, cell: &Cell, limit: usize) -> Result<()> {
+        let room = || self.items.as_ref().is_some_and(|items| items.len() < limit);
+        drain(&self.taps.frames, &room, &mut |message| {
+            let h = message.header();
+            let (camera, projector, frame) = (h.camera as usize, h.projector as usize, h.frame as usize);
+            self.keep(cell, h.cycle, Work::Expose { camera, projector, frame }, message.payload());
+        })?;
+        drain(&self.taps.phases, &room, &mut |message| {
+            let h = message.header();
+            let Ok(info) = h.info() else { return };
+            let (camera, projector) = (h.camera as usize, h.projector as usize);
+            self.keep(cell, h.cycle, Work::Phase { camera, projector, axis: info.axis }, message.payload());
+        })?;
+        drain(&self.taps.clouds, &room, &mut |message| {
+            let h = message.header();
+            let work =
+                if h.pair == Cloud::FUSED { Work::Fuse } else { Work::Match { pair: h.pair as usize } };
+            let used = (h.points as usize * size_of::<Point>()).min(message.payload().len());
+            self.keep(cell, h.cycle, work, &message.payload()[..used]);
+        })
+    }
+
+    fn keep(&self, cell: &Cell, wire_cycle: u64, work: Work, bytes: &[u8]) {
+        if self.current != Some(wire_cycle) {
+            return;
+        }
+        // What the schedule does not know ends the cycle elsewhere.
+        if let Some(activation) = cell.schedule.find(work) {
+            let key = ValueKey { cycle: wire_cycle.saturating_sub(1), activation: activation as u32 };
+            self.send(Item::Value(key, bytes.to_vec()));
+        }
+    }
+
+    fn send(&self, item: Item) {
+        if let Some(items) = &self.items {
+            // The thread ends only after this sender.
+            let _ = items.send(item);
+        }
+    }
+}
+
+impl Drop for Keeper {
+    fn drop(&mut self) {
+        if let Err(error) = self.finish() {
+            tracing::error!("{error:#}");
+        }
+    }
+}
+
+impl Taps {
+    fn new(cell: &Cell, node: &Node) -> Result<Self> {
+        let (graph, kept) = (&cell.graph, cell.graph.kept);
+        let cameras =
+            |prefix: &'static str| graph.cameras.iter().map(move |c| format!("{prefix}/{}", c.name));
+        let pairs = graph.pairs.iter().map(|p| format!("cloud/{}", p.name)).chain(["cloud/fused".to_owned()]);
+        let frames = cameras("frame").filter(|_| kept != Kept::Hashes);
+        Ok(Self {
+            frames: frames.map(|t| node.subscriber(&t)).collect::<Result<_, _>>()?,
+            phases: cameras("phase")
+                .filter(|_| kept == Kept::All)
+                .map(|t| node.subscriber(&t))
+                .collect::<Result<_, _>>()?,
+            clouds: pairs
+                .filter(|_| kept == Kept::All)
+                .map(|t| node.subscriber(&t))
+                .collect::<Result<_, _>>()?,
+        })
+    }
+}
+
+fn drain<H: Header>(
+    taps: &[Subscriber<H>],
+    room: &dyn Fn() -> bool,
+    each: &mut dyn FnMut(Received<H>),
+) -> Result<()> {
+    for tap in taps {
+        while room() {
+            let Some(message) = tap.receive()? else { break };
+            each(message);
+        }
+    }
+    Ok(())
+}
+
+/// The thread: writes until the keeper is gone.
+fn write(mut writer: RecordWriter, items: &Receiver<Item>) -> Loss {
+    let mut loss = Loss::default();
+    let trouble = |error: FileError, first: &mut Option<FileError>| {
+        tracing::error!("{error:#}; the cell measures on");
+        first.get_or_insert(error);
+    };
+    for item in items {
+        match item {
+            Item::Value(key, bytes) => {
+                if let Err(error) = writer.value(key, &bytes) {
+                    trouble(error, &mut loss.first);
+                }
+            }
+            Item::Cycle(entry) => match writer.cycle(&entry) {
+                Ok(true) => {}
+                Ok(false) => loss.cycles += 1,
+                Err(error) => {
+                    loss.cycles += 1;
+                    trouble(error, &mut loss.first);
+                }
+            },
+        }
+    }
+    loss
+}
+
+fn header(cell: &Cell) -> Result<RecordHeader> {
+    let config = &cell.config;
+    let path = config.document.path.to_str().context("the path of the configuration is not UTF-8")?;
+    let activations = cell.schedule.activations.iter().map(|a| ActivationName {
+        stage: cell.schedule.stages[a.stage].name.clone(),
+        label: label(&cell.graph, a.work),
+        output: output(&cell.graph, a.work),
+    });
+    Ok(RecordHeader {
+        cell: cell.name.clone(),
+        software: format!("fringecell {}", env!("CARGO_PKG_VERSION")),
+        started: rig::clock::rfc3339_now(),
+        config: path.to_owned(),
+        config_sha256: config.sha256.clone(),
+        rig_sha256: config.rig_sha256.clone(),
+        plan_sha256: cell.plan_sha256(),
+        recording_sha256: config.recording.as_ref().map(|r| r.recording.sha256.clone()),
+        kept: cell.graph.kept,
+        activations: activations.collect(),
+    })
+}
+
+fn entry<'e>(result: &CycleResult, done: impl Iterator<Item = &'e Event>) -> CycleEntry {
+    let activations = done.map(|event| ActivationEntry {
+        activation: event.activation,
+        bytes: event.bytes,
+        hash: [event.hash_high, event.hash_low],
+        count: event.count,
+        wait_ns: event.wait_ns,
+        start_ns: event.start_ns,
+        end_ns: event.end_ns,
+    });
+    CycleEntry {
+        cycle: result.cycle,
+        outcome: result.outcome.clone(),
+        verdict: result.verdict,
+        latency_ns: result.latency_ns,
+        activations: activations.collect(),
+    }
+}

@@ -1,0 +1,145 @@
+//! The cycle record: one file that keeps of every cycle what went in, what came out, and how it ended.
+//!
+//! ```text
+//! "fringecycles" version(u32)                       16 bytes
+//! block*: kind(u32) sum of the head(u32) length(u64) checksum(u64), then `length` bytes
+//! ```
+//! All numbers little-endian; both sums are xxh3. The first block is the [`RecordHeader`]. A cycle is any number of value
+//! blocks (frames and stage outputs, if they are kept) closed by one [`CycleEntry`]; what no entry closes does not
+//! count. So the file is readable after a crash, up to the last complete cycle, and half a cycle is never taken for a
+//! whole one.
+
+mod block;
+mod codec;
+mod read;
+#[cfg(test)]
+mod tests;
+mod write;
+
+pub use read::{Ending, Next, RecordReader, RecordedCycle, StoredValue};
+pub use write::RecordWriter;
+
+use crate::result::ResultVerdict;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+
+/// Version of the file; another one is refused.
+pub const RECORD_VERSION: u32 = 1;
+
+/// What stands at the beginning, before the version.
+const MAGIC: [u8; 12] = *b"fringecycles";
+
+/// Which bytes a record keeps beside the hashes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Kept {
+    /// None: the driver can give the same frames again (a recording, the digital twin).
+    #[default]
+    Hashes,
+    /// All frames.
+    Frames,
+    /// All frames and all stage outputs.
+    All,
+}
+
+impl fmt::Display for Kept {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Hashes => "hashes",
+            Self::Frames => "frames",
+            Self::All => "all",
+        })
+    }
+}
+
+impl FromStr for Kept {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        match word {
+            "hashes" => Ok(Self::Hashes),
+            "frames" => Ok(Self::Frames),
+            "all" => Ok(Self::All),
+            other => Err(format!("\"{other}\" is not one of hashes, frames, all")),
+        }
+    }
+}
+
+/// What was run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RecordHeader {
+    /// Name of the cell.
+    pub cell: String,
+    /// Program and version.
+    pub software: String,
+    /// Start of the run, RFC 3339.
+    pub started: String,
+    /// Configuration, absolute path.
+    pub config: String,
+    /// SHA-256 of the configuration.
+    pub config_sha256: String,
+    /// SHA-256 of the rig file.
+    pub rig_sha256: String,
+    /// SHA-256 of the inspection plan.
+    pub plan_sha256: Option<String>,
+    /// SHA-256 of the description of the recording that was played.
+    pub recording_sha256: Option<String>,
+    /// Which bytes are kept.
+    pub kept: Kept,
+    /// The schedule: what the numbers of the activations mean.
+    pub activations: Vec<ActivationName>,
+}
+
+/// An activation of the schedule.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ActivationName {
+    /// Its stage, such as `decode/cam1`.
+    pub stage: String,
+    /// What it does, such as `expose proj1 003`.
+    pub label: String,
+    /// What it gives, such as `phase/cam1/proj1/x`; absent when nothing leaves the stage.
+    pub output: Option<String>,
+}
+
+/// How one cycle went.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CycleEntry {
+    /// Number of the cycle, from 0.
+    pub cycle: u64,
+    /// `ok` or the reason.
+    pub outcome: String,
+    /// The judgement, if there was one.
+    pub verdict: Option<ResultVerdict>,
+    /// From the last frame to the verdict, ns.
+    pub latency_ns: Option<u64>,
+    /// What was done, in the order of the schedule; after a failure some are absent.
+    pub activations: Vec<ActivationEntry>,
+}
+
+/// How one activation went.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ActivationEntry {
+    /// Number in the schedule.
+    pub activation: u32,
+    /// Bytes of its output; 0 when nothing leaves the stage.
+    pub bytes: u64,
+    /// Hash of its output (xxh3, 128 bits): high and low half.
+    pub hash: [u64; 2],
+    /// Valid pixels, points, features.
+    pub count: u32,
+    /// Waiting before, ns.
+    pub wait_ns: u64,
+    /// Start on the machine's monotonic clock, ns.
+    pub start_ns: u64,
+    /// End, ns.
+    pub end_ns: u64,
+}
+
+/// Whose bytes a value block holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct ValueKey {
+    /// Cycle, from 0.
+    pub cycle: u64,
+    /// Activation of the schedule.
+    pub activation: u32,
+}

@@ -1,0 +1,230 @@
+//! `fringetool replay`: a cycle record, run again through the same kernels and compared byte by byte.
+
+mod compare;
+mod source;
+
+use crate::Outcome;
+use crate::progress::Progress;
+use crate::report::{check_outputs, emit};
+use anyhow::{Context, Result, bail};
+use compare::Difference;
+use flow::graph::{self, Cell, Options};
+use flow::rerun::Rerun;
+use flow::schedule::{label, output};
+use rig::cycle_record::{ActivationName, Ending, Kept, Next, RecordHeader, RecordReader, RecordedCycle};
+use serde::Serialize;
+use source::Source;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `replay`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// File that `fringecell run --cycle-record FILE` wrote.
+    record: PathBuf,
+    /// The configuration, if it lies elsewhere now; it must be the same, byte by byte.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Machine-readable result.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+/// What a replay found.
+#[derive(Debug, Default, Serialize)]
+struct Found {
+    /// Program that recorded.
+    recorded_by: String,
+    /// Complete cycles in the record.
+    cycles: u64,
+    /// Of these, cycles without any output to compare.
+    empty: u64,
+    /// Numbers between the first and the last cycle that are not in the record.
+    missing: Vec<u64>,
+    /// Outputs compared.
+    outputs: u64,
+    /// Bytes of them.
+    bytes: u64,
+    /// Bytes after the last complete cycle.
+    incomplete_bytes: u64,
+    /// Outputs that differ, in the order of record and schedule.
+    differences: Vec<Difference>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    check_outputs(&[("--json", args.json.as_deref())], &[&args.record], None)?;
+    let mut reader = RecordReader::open(&args.record)?;
+    let cell = cell(args, &reader.header)?;
+    let found = replay(&mut reader, &cell)?;
+    emit(args.json.as_deref(), &found)?;
+    println!("{}", text(&args.record, &reader.header, &found));
+    Ok(if found.differences.is_empty() { Outcome::Done } else { Outcome::LimitFailed })
+}
+
+/// The cell that was recorded; another one has nothing to be compared with.
+fn cell(args: &Args, header: &RecordHeader) -> Result<Cell> {
+    let path = args.config.clone().unwrap_or_else(|| PathBuf::from(&header.config));
+    let options = Options { cell: Some(header.cell.clone()), kept: header.kept, ..Options::default() };
+    let cell = graph::load(&path, &options).with_context(|| {
+        format!("{}: the configuration of the record; --config names another place", args.record.display())
+    })?;
+    let recording = cell.config.recording.as_ref().map(|r| r.recording.sha256.clone());
+    for (what, recorded, now) in [
+        ("the configuration", Some(&header.config_sha256), Some(&cell.config.sha256)),
+        ("the rig file", Some(&header.rig_sha256), Some(&cell.config.rig_sha256)),
+        ("the inspection plan", header.plan_sha256.as_ref(), cell.plan_sha256().as_ref()),
+        ("the recording", header.recording_sha256.as_ref(), recording.as_ref()),
+    ] {
+        if recorded != now {
+            let short = |sha: Option<&String>| sha.map_or("none", |s| s.get(..12).unwrap_or(s)).to_owned();
+            bail!(
+                "{}: {what} of {} was changed since: SHA-256 {} in the record, {} now; restore it to replay",
+                args.record.display(),
+                path.display(),
+                short(recorded),
+                short(now)
+            );
+        }
+    }
+    // A stage that writes a recording is not run again; it gave nothing that could be compared.
+    let recorded = header.activations.iter().filter(|a| a.stage != "record");
+    let planned: Vec<ActivationName> = names(&cell);
+    if !recorded.eq(planned.iter()) {
+        bail!(
+            "{}: {} planned {} activations in another order than this program ({}); replay with the program that recorded",
+            args.record.display(),
+            header.software,
+            header.activations.len(),
+            planned.len()
+        );
+    }
+    Ok(cell)
+}
+
+fn names(cell: &Cell) -> Vec<ActivationName> {
+    let schedule = &cell.schedule;
+    let name = |a: &flow::schedule::Activation| ActivationName {
+        stage: schedule.stages[a.stage].name.clone(),
+        label: label(&cell.graph, a.work),
+        output: output(&cell.graph, a.work),
+    };
+    schedule.activations.iter().map(name).collect()
+}
+
+fn replay(reader: &mut RecordReader, cell: &Cell) -> Result<Found> {
+    let mut found = Found { recorded_by: reader.header.software.clone(), ..Found::default() };
+    let mut rerun = Rerun::new(cell)?;
+    let mut source = Source::new(cell, reader.header.kept)?;
+    let mut progress = Progress::unbounded("replaying");
+    let mut next_number = None;
+    loop {
+        let cycle = match reader.next_cycle()? {
+            Next::Cycle(cycle) => cycle,
+            Next::End(ending) => {
+                found.incomplete_bytes = if let Ending::Torn(bytes) = ending { bytes } else { 0 };
+                return Ok(found);
+            }
+        };
+        let number = cycle.entry.cycle;
+        found.missing.extend(next_number.unwrap_or(number)..number);
+        next_number = Some(number + 1);
+        found.cycles += 1;
+        again(reader, &cycle, &mut rerun, &mut source, &mut found)?;
+        progress.step();
+    }
+}
+
+/// Runs one cycle again, as far as it was recorded.
+fn again(
+    reader: &mut RecordReader,
+    cycle: &RecordedCycle,
+    rerun: &mut Rerun,
+    source: &mut Source,
+    found: &mut Found,
+) -> Result<()> {
+    let activations = reader.header.activations.clone();
+    let given = cycle.entry.activations.iter().filter(|a| a.bytes > 0);
+    let Some(last) = given.map(|a| a.activation).max() else {
+        found.empty += 1;
+        return Ok(());
+    };
+    source.load(reader, cycle)?;
+    rerun.begin();
+    for number in 0..=last {
+        let recorded = cycle.entry.activations.iter().find(|a| a.activation == number);
+        let Some(name) = activations.get(number as usize) else {
+            bail!(
+                "cycle {} of the record has an activation {number} that the schedule lacks",
+                cycle.entry.cycle
+            );
+        };
+        let outcome = rerun.step(number as usize, source);
+        let Some(recorded) = recorded.filter(|a| a.bytes > 0) else {
+            match outcome {
+                Ok(_) => continue,
+                // A stage of the recorded cycle may have failed here as well; if it did not, something follows below.
+                Err(_) if cycle.entry.outcome != rig::result::OUTCOME_OK => return Ok(()),
+                Err(error) => {
+                    found.differences.push(Difference::failed(cycle.entry.cycle, name, &error));
+                    return Ok(());
+                }
+            }
+        };
+        match outcome {
+            Ok(bytes) => {
+                found.outputs += 1;
+                found.bytes += bytes.len() as u64;
+                let kept = match cycle.values.get(&number) {
+                    Some(value) if compare::hash(bytes) != recorded.hash => Some(reader.load(value)?),
+                    _ => None,
+                };
+                found.differences.extend(Difference::between(cycle.entry.cycle, name, recorded, kept, bytes));
+            }
+            Err(error) => {
+                found.differences.push(Difference::failed(cycle.entry.cycle, name, &error));
+                return Ok(());
+            }
+        }
+    }
+    Ok(())
+}
+
+fn text(path: &Path, header: &RecordHeader, found: &Found) -> String {
+    let mut lines = vec![format!(
+        "{}: {} cycles of cell '{}' by {}, {} outputs ({} MB) compared",
+        path.display(),
+        found.cycles,
+        header.cell,
+        header.software,
+        found.outputs,
+        found.bytes / 1_000_000
+    )];
+    if found.empty > 0 {
+        lines.push(format!("{} cycles ended before anything was given", found.empty));
+    }
+    if let (Some(first), Some(last)) = (found.missing.first(), found.missing.last()) {
+        lines
+            .push(format!("{} cycles between {first} and {last} are not in the record", found.missing.len()));
+    }
+    if found.incomplete_bytes > 0 {
+        lines.push(format!(
+            "the record ends within a cycle ({} bytes), which does not count: the run was killed or still goes on",
+            found.incomplete_bytes
+        ));
+    }
+    let mut shown = None;
+    for difference in &found.differences {
+        // What follows in the same cycle mostly follows from it.
+        if shown.replace(difference.cycle) != Some(difference.cycle) {
+            lines.push(difference.to_string());
+        }
+    }
+    lines.push(match found.differences.len() {
+        0 => "all equal".to_owned(),
+        n => {
+            let hint = if header.kept == Kept::All { "" } else { "; record with --keep all to see the byte" };
+            format!("{n} outputs differ; of each cycle the first is named{hint}")
+        }
+    });
+    lines.join("\n")
+}

@@ -1,0 +1,67 @@
+//! The frames of a replay: those in the record, or those that the drivers give again.
+
+use anyhow::{Context, Result, ensure};
+use flow::graph::Cell;
+use flow::rerun::{Driven, Frames};
+use flow::schedule::Work;
+use rig::cycle_record::{Kept, RecordReader, RecordedCycle};
+use std::collections::BTreeMap;
+
+/// Where frames come from.
+pub enum Source<'a> {
+    /// From recording or twin.
+    Driven(Driven<'a>),
+    /// From the record.
+    Kept {
+        /// The cell whose frames these are.
+        cell: &'a Cell,
+        /// Those of one cycle, by activation.
+        frames: BTreeMap<usize, Vec<u8>>,
+    },
+}
+
+impl<'a> Source<'a> {
+    /// Frames that the record holds are preferred: they are what was measured.
+    pub fn new(cell: &'a Cell, kept: Kept) -> Result<Self> {
+        Ok(match kept {
+            Kept::Hashes => Self::Driven(Driven::new(cell)?),
+            Kept::Frames | Kept::All => Self::Kept { cell, frames: BTreeMap::new() },
+        })
+    }
+
+    /// Gets the frames of a cycle ready.
+    pub fn load(&mut self, reader: &mut RecordReader, cycle: &RecordedCycle) -> Result<()> {
+        match self {
+            Self::Driven(driven) => driven.begin(cycle.entry.cycle),
+            Self::Kept { cell, frames } => {
+                frames.clear();
+                for (&number, value) in &cycle.values {
+                    let activation = cell.schedule.activations.get(number as usize);
+                    if activation.is_some_and(|a| matches!(a.work, Work::Expose { .. })) {
+                        frames.insert(number as usize, reader.load(value)?);
+                    }
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+impl Frames for Source<'_> {
+    fn expose(&mut self, activation: usize, out: &mut [u8]) -> Result<()> {
+        match self {
+            Self::Driven(driven) => driven.expose(activation, out),
+            Self::Kept { frames, .. } => {
+                let frame = frames.get(&activation).context("the record does not hold this frame")?;
+                ensure!(
+                    frame.len() == out.len(),
+                    "the frame has {} bytes, the configuration wants {}",
+                    frame.len(),
+                    out.len()
+                );
+                out.copy_from_slice(frame);
+                Ok(())
+            }
+        }
+    }
+}
