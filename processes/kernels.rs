@@ -65,6 +65,9 @@ pub fn full_scale_dn(config: &Config, projector: usize, camera: usize) -> Result
 }
 
 /// The decoder of a camera under a projector.
+///
+/// # Errors
+/// A sequence that tells no absolute phase, or settings out of range.
 pub fn decoder(cell: &Cell, projector: usize, camera: usize) -> Result<Decoder> {
     let (light, node) = (&cell.config.projectors[projector], &cell.graph.cameras[camera]);
     let full_scale_dn = full_scale_dn(&cell.config, projector, camera)?;
@@ -108,6 +111,9 @@ impl Method {
 }
 
 /// The matcher of a pair, and how many points it may give.
+///
+/// # Errors
+/// Views that are unknown or make no pair.
 pub fn matcher(cell: &Cell, pair: usize) -> Result<(Method, usize)> {
     let (names, node) = (&cell.config.rig.pairs[pair], &cell.graph.pairs[pair]);
     let rig = &cell.config.rig;

@@ -16,6 +16,8 @@
 //! - [`golden_cells`]: the printed cells of the thesis' tables, recomputed
 //! - [`acceptance`]: acceptance tests from their plans
 //! - [`fits`]: elements, inspection plans and comparisons with a coordinate measuring machine
+//! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
+//! - [`running`]: how the tests run a cell and harm it
 //! - [`support`]: how the tests run programs and make small recordings
 
 mod acceptance;
@@ -32,6 +34,8 @@ mod gamma;
 mod golden_cells;
 mod offline;
 mod real;
+mod record;
 mod rig_state;
+mod running;
 mod support;
 mod uncertainty;

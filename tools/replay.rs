@@ -178,7 +178,13 @@ fn again(
                     Some(value) if compare::hash(bytes) != recorded.hash => Some(reader.load(value)?),
                     _ => None,
                 };
-                found.differences.extend(Difference::between(cycle.entry.cycle, name, recorded, kept, bytes));
+                found.differences.extend(Difference::between(
+                    cycle.entry.cycle,
+                    name,
+                    recorded,
+                    kept.as_deref(),
+                    bytes,
+                ));
             }
             Err(error) => {
                 found.differences.push(Difference::failed(cycle.entry.cycle, name, &error));

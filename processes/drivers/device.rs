@@ -21,9 +21,15 @@ impl Format {
 /// A camera.
 pub trait Camera {
     /// A cycle starts: the part stands.
+    ///
+    /// # Errors
+    /// There is no part for this cycle.
     fn begin(&mut self, cycle: u64) -> Result<()>;
 
     /// Takes the frame of a projector's sequence straight into shared memory: width · height · `bytes_per_px` bytes.
+    ///
+    /// # Errors
+    /// The frame cannot be had, or is of another size than `out`.
     fn expose(&mut self, projector: usize, frame: usize, out: &mut [u8]) -> Result<()>;
 }
 
@@ -36,5 +42,8 @@ pub trait Projector {
     fn due_ns(&self) -> Option<u64>;
 
     /// Shows a pattern.
+    ///
+    /// # Errors
+    /// The device refuses.
     fn show(&mut self, projector: usize, frame: usize, now_ns: u64) -> Result<()>;
 }

@@ -13,6 +13,9 @@ use anyhow::Result;
 use rig::config::Driver;
 
 /// The camera of a capture stage.
+///
+/// # Errors
+/// A driver that does not open.
 pub fn camera(cell: &Cell, camera: usize) -> Result<Box<dyn Camera>> {
     Ok(match cell.config.cameras[camera].driver {
         Driver::Twin => Box::new(twin::TwinCamera::new(cell, camera)?),

@@ -40,13 +40,13 @@ impl Difference {
         cycle: u64,
         name: &ActivationName,
         recorded: &ActivationEntry,
-        kept: Option<Vec<u8>>,
+        kept: Option<&[u8]>,
         bytes: &[u8],
     ) -> Option<Self> {
         if hash(bytes) == recorded.hash && bytes.len() as u64 == recorded.bytes {
             return None;
         }
-        let first = kept.as_ref().map(|kept| {
+        let first = kept.map(|kept| {
             let equal = kept.iter().zip(bytes).take_while(|(a, b)| a == b).count();
             (equal, [kept.get(equal).copied(), bytes.get(equal).copied()])
         });
@@ -114,7 +114,7 @@ mod tests {
 
     fn between(recorded: &[u8], kept: bool, now: &[u8]) -> Option<String> {
         let name = ActivationName { stage: "s".into(), label: "work".into(), output: None };
-        let kept = kept.then(|| recorded.to_vec());
+        let kept = kept.then_some(recorded);
         Difference::between(4, &name, &entry(recorded), kept, now).map(|d| d.to_string())
     }
 

@@ -31,7 +31,9 @@ impl Head {
     /// The head of a block made of these parts.
     pub fn of(kind: Kind, parts: &[&[u8]]) -> Self {
         let mut sum = Xxh3::new();
-        parts.iter().for_each(|part| sum.update(part));
+        for part in parts {
+            sum.update(part);
+        }
         Self { kind, length: parts.iter().map(|part| part.len() as u64).sum(), checksum: sum.digest() }
     }
 
