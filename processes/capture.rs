@@ -110,6 +110,11 @@ impl Worker for Capture {
 
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
         for light in 0..self.lights.len() {
+            let Light { projector, next: frame, frames, .. } = self.lights[light];
+            // One trigger too many is taken, to be refused.
+            if frame < frames && !link.may(Work::Expose { camera: self.camera, projector, frame }) {
+                continue;
+            }
             if let Some(trigger) = self.lights[light].triggers.take(link)? {
                 let header = *trigger.header();
                 drop(trigger);

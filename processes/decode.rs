@@ -1,7 +1,7 @@
 //! The decode process of one camera: takes frames as they land, gives absolute phase.
 
 use crate::kernels::decoder;
-use crate::schedule::{Work, axes_taken};
+use crate::schedule::{Work, label};
 use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
 use anyhow::Result;
 use fringe::decode::Decoder;
@@ -18,7 +18,6 @@ use xxhash_rust::xxh3::xxh3_128;
 struct Light {
     projector: usize,
     decoder: Decoder,
-    axes: Vec<Axis>,
     /// End of the last exposure that went in, ns.
     t_ns: u64,
 }
@@ -29,6 +28,10 @@ pub struct Decode {
     lights: Vec<Light>,
     frames: Inbox<Frame>,
     phases: Publisher<Phase>,
+    /// All work of a cycle, in the order of the schedule, with the number of its light.
+    works: Vec<(usize, Work)>,
+    /// How much of it is done.
+    next: usize,
 }
 
 impl Decode {
@@ -37,13 +40,17 @@ impl Decode {
         let (cell, camera) = (&link.cell, link.subject());
         let lit = cell.graph.projectors.iter().enumerate().filter(|(_, p)| p.cameras.contains(&camera));
         let lights = lit.map(|(projector, _)| {
-            let decoder = decoder(cell, projector, camera)?;
-            Ok(Light { projector, decoder, axes: axes_taken(&cell.graph, camera, projector), t_ns: 0 })
+            Ok(Light { projector, decoder: decoder(cell, projector, camera)?, t_ns: 0 })
         });
         let name = &cell.graph.cameras[camera].name;
+        let lights = lights.collect::<Result<Vec<_>>>()?;
+        let mine = cell.schedule.activations.iter().filter(|a| a.stage == link.stage);
+        let works = mine.filter_map(|a| Some((light_of(&lights, a.work)?, a.work)));
         Ok(Self {
             camera,
-            lights: lights.collect::<Result<_>>()?,
+            works: works.collect(),
+            next: 0,
+            lights,
             frames: link.inbox(&format!("frame/{name}"))?,
             phases: link.publisher(&format!("phase/{name}"))?,
         })
@@ -52,32 +59,27 @@ impl Decode {
     fn accumulate(&mut self, link: &mut Link, message: &Received<Frame>) -> Result<(), Fault> {
         let start_ns = now_ns();
         let header = message.header();
-        let projector = header.projector as usize;
-        let light = self.lights.iter_mut().position(|l| l.projector == projector);
-        let Some(light) = light.filter(|_| header.camera as usize == self.camera) else {
+        let (camera, projector, frame) =
+            (header.camera as usize, header.projector as usize, header.frame as usize);
+        let work = Work::Accumulate { camera, projector, frame };
+        let Some(&(light, _)) = self.works.get(self.next).filter(|(_, due)| *due == work) else {
+            let due = self.works.get(self.next).map(|(_, due)| label(&link.cell.graph, *due));
             return Err(Fault::Cycle(format!(
-                "a frame of camera {} under projector {} is not for this stage",
-                header.camera, header.projector
+                "frame {frame} of camera {camera} under projector {projector} came where {} was due",
+                due.as_deref().unwrap_or("nothing")
             )));
         };
-        let frame = header.frame as usize;
         let view = payload::frame(header, message.payload()).map_err(|e| lost(&e))?;
         let lit = &mut self.lights[light];
         lit.decoder.push(frame, &view).map_err(|e| lost(&e))?;
         lit.t_ns = header.t_ns;
-        let last = frame + 1 == lit.decoder.frames();
-        let work = Work::Accumulate { camera: self.camera, projector, frame };
-        link.done(work, start_ns, &[], &Report::default())?;
-        if last {
-            for axis in self.lights[light].axes.clone() {
-                self.finish(link, light, axis)?;
-            }
-        }
-        Ok(())
+        self.next += 1;
+        link.done(work, start_ns, &[], &Report::default())
     }
 
     fn finish(&mut self, link: &mut Link, light: usize, axis: Axis) -> Result<(), Fault> {
         let start_ns = now_ns();
+        self.next += 1;
         let light = &mut self.lights[light];
         let info = light.decoder.info(axis).map_err(|e| lost(&e))?;
         let header = Phase {
@@ -108,6 +110,15 @@ impl Decode {
     }
 }
 
+fn light_of(lights: &[Light], work: Work) -> Option<usize> {
+    match work {
+        Work::Accumulate { projector, .. } | Work::Phase { projector, .. } => {
+            lights.iter().position(|light| light.projector == projector)
+        }
+        _ => None,
+    }
+}
+
 impl Worker for Decode {
     fn connect(&self) -> Result<(), IpcError> {
         self.frames.connect()
@@ -119,6 +130,13 @@ impl Worker for Decode {
     }
 
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+        let due = self.works.get(self.next).copied();
+        if due.is_some_and(|(_, work)| !link.may(work)) {
+            return Ok(false);
+        }
+        if let Some((light, Work::Phase { axis, .. })) = due {
+            return self.finish(link, light, axis).map(|()| true);
+        }
         match self.frames.take(link)? {
             Some(message) => self.accumulate(link, &message).map(|()| true),
             None => Ok(false),
@@ -126,6 +144,7 @@ impl Worker for Decode {
     }
 
     fn forget(&mut self) {
+        self.next = 0;
         for light in &mut self.lights {
             light.decoder.begin();
         }

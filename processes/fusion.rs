@@ -108,7 +108,7 @@ impl Worker for Fusion {
                 return Ok(true);
             }
         }
-        if self.parts.iter().all(|part| part.cloud.is_some()) {
+        if self.parts.iter().all(|part| part.cloud.is_some()) && link.may(Work::Fuse) {
             self.run(link)?;
             return Ok(true);
         }

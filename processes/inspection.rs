@@ -55,6 +55,9 @@ impl Worker for Inspection {
     }
 
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+        if !link.may(Work::Inspect) {
+            return Ok(false);
+        }
         match self.fused.take(link)? {
             Some(message) => self.run(link, &message).map(|()| true),
             None => Ok(false),

@@ -120,7 +120,8 @@ impl Worker for Matching {
                 return Ok(true);
             }
         }
-        if self.needs.iter().all(|need| need.map.is_some()) {
+        let complete = self.needs.iter().all(|need| need.map.is_some());
+        if complete && link.may(Work::Match { pair: self.pair }) {
             self.run(link)?;
             return Ok(true);
         }

@@ -21,6 +21,8 @@ pub struct Projection {
     next: usize,
     /// Cameras that have not yet exposed the pattern that stands.
     waiting: Vec<usize>,
+    /// The next pattern is due, but the core is not there yet; its bell will ring.
+    held: bool,
 }
 
 impl Projection {
@@ -41,6 +43,7 @@ impl Projection {
             sequence: sequence.collect(),
             next: 0,
             waiting: Vec::with_capacity(graph.cameras.len()),
+            held: false,
         })
     }
 
@@ -104,21 +107,26 @@ impl Worker for Projection {
             return Ok(true);
         }
         let due = self.driver.due_ns().is_none_or(|due| due <= now_ns());
-        if self.waiting.is_empty() && self.next < self.sequence.len() && due {
-            self.show(link)?;
-            return Ok(true);
+        if !self.waiting.is_empty() || !due {
+            return Ok(false);
         }
-        Ok(false)
+        let Some(&(projector, frame)) = self.sequence.get(self.next) else { return Ok(false) };
+        self.held = !link.may(Work::Project { projector, frame });
+        if !self.held {
+            self.show(link)?;
+        }
+        Ok(!self.held)
     }
 
     fn forget(&mut self) {
         self.next = 0;
+        self.held = false;
         self.waiting.clear();
     }
 
     fn due_ns(&self) -> Option<u64> {
         // With nothing left to show there is nothing to wake up for.
-        let to_show = self.waiting.is_empty() && self.next < self.sequence.len();
+        let to_show = !self.held && self.waiting.is_empty() && self.next < self.sequence.len();
         self.driver.due_ns().filter(|_| to_show)
     }
 }

@@ -27,7 +27,6 @@ pub struct Record {
 struct Open {
     writer: RecordingWriter,
     folder: PathBuf,
-    start_ns: u64,
     written: usize,
 }
 
@@ -67,14 +66,12 @@ impl Record {
             .write(&projector.name, &camera.name, header.frame as usize, &view)
             .map_err(|e| lost(&e))?;
         open.written += 1;
-        if open.written == self.frames {
-            self.finish(link)?;
-        }
         Ok(())
     }
 
     fn finish(&mut self, link: &mut Link) -> Result<(), Fault> {
         let Some(open) = self.open.take() else { return Ok(()) };
+        let start_ns = now_ns();
         let provenance = [
             ("cell", link.cell.name.clone()),
             ("software", format!("fringecell {}", env!("CARGO_PKG_VERSION"))),
@@ -84,7 +81,7 @@ impl Record {
             provenance.into_iter().map(|(k, v)| (k.to_owned(), v.into())).collect();
         rig::correction::note(&mut provenance, link.cell.config.corrected());
         open.writer.finish(&provenance).map_err(|e| lost(&e))?;
-        link.done(Work::Store, open.start_ns, &[], &Report { count: open.written, text: String::new() })
+        link.done(Work::Store, start_ns, &[], &Report { count: open.written, text: String::new() })
     }
 }
 
@@ -98,7 +95,7 @@ impl Worker for Record {
         let cycle = unwire(link.cycle()).unwrap_or_default();
         let folder = if self.many { self.folder.join(format!("{cycle:04}")) } else { self.folder.clone() };
         let writer = RecordingWriter::create(&folder, &self.projectors).map_err(|e| lost(&e))?;
-        self.open = Some(Open { writer, folder, start_ns: now_ns(), written: 0 });
+        self.open = Some(Open { writer, folder, written: 0 });
         Ok(())
     }
 
@@ -108,6 +105,11 @@ impl Worker for Record {
                 self.write(link, &message)?;
                 return Ok(true);
             }
+        }
+        let complete = self.open.as_ref().is_some_and(|open| open.written == self.frames);
+        if complete && link.may(Work::Store) {
+            self.finish(link)?;
+            return Ok(true);
         }
         Ok(false)
     }

@@ -16,6 +16,7 @@
 //! - [`golden_cells`]: the printed cells of the thesis' tables, recomputed
 //! - [`acceptance`]: acceptance tests from their plans
 //! - [`fits`]: elements, inspection plans and comparisons with a coordinate measuring machine
+//! - [`proof`]: the same bytes whatever the timing, one outcome per cycle whatever dies, and nothing that grows
 //! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
 //! - [`running`]: how the tests run a cell and harm it
 //! - [`support`]: how the tests run programs and make small recordings
@@ -33,6 +34,7 @@ mod focus;
 mod gamma;
 mod golden_cells;
 mod offline;
+mod proof;
 mod real;
 mod record;
 mod rig_state;

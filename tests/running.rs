@@ -2,6 +2,8 @@
 
 use crate::support::Small;
 use serde_json::Value;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -58,9 +60,14 @@ impl Cell {
     }
 
     pub fn status(&self) -> Option<Value> {
-        let program = env!("CARGO_BIN_EXE_fringecell");
-        let output = Command::new(program).args(["status", "--json", "--cell", &self.name]).output().unwrap();
-        serde_json::from_slice(&output.stdout).ok()
+        let socket = ipc::cell::CellName::new(&self.name).unwrap().socket();
+        let mut stream = UnixStream::connect(socket).ok()?;
+        stream.set_read_timeout(Some(PATIENCE)).ok()?;
+        stream.write_all(b"{\"command\":\"status\"}\n").ok()?;
+        let mut line = String::new();
+        BufReader::new(stream).read_line(&mut line).ok()?;
+        let answer: Value = serde_json::from_str(&line).ok()?;
+        answer.get("status").cloned()
     }
 
     /// Waits until the cell says what is asked for.

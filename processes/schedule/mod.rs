@@ -6,6 +6,7 @@
 
 mod check;
 mod graph;
+mod order;
 mod parts;
 mod plan;
 mod topics;
@@ -13,6 +14,7 @@ mod words;
 
 pub use check::ScheduleError;
 pub use graph::{CameraNode, Graph, PairNode, ProjectorNode, Right, axes_taken};
+pub use order::{Interval, Order, violation};
 pub use parts::{Activation, Carries, Kind, SUPERVISOR, Stage, Topic, Work};
 pub use words::{label, output};
 

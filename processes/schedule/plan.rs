@@ -42,10 +42,15 @@ impl Planner<'_> {
         let mut clouds = Vec::new();
         let mut before = None;
         for projector in 0..self.graph.projectors.len() {
-            let mut sums = Vec::new();
+            let mut exposed = Vec::new();
             for frame in 0..self.graph.projectors[projector].frames {
-                (before, sums) = self.frame(projector, frame, before);
+                let shown = self.show(projector, frame, before);
+                // While a pattern is being exposed, the frame before it is summed.
+                self.sum(projector, frame.checked_sub(1), &exposed);
+                exposed = self.expose(projector, frame, shown);
+                before = Some(exposed.clone());
             }
+            let sums = self.sum(projector, self.graph.projectors[projector].frames.checked_sub(1), &exposed);
             clouds.extend(self.evaluate(projector, &sums));
         }
         let fused = self.add(Kind::Fusion, 0, Work::Fuse, clouds, "cloud/fused");
@@ -59,31 +64,29 @@ impl Planner<'_> {
     }
 
     /// A pattern stands until all its cameras have exposed; the next one waits for that.
-    fn frame(
-        &mut self,
-        projector: usize,
-        frame: usize,
-        before: Option<Vec<usize>>,
-    ) -> (Option<Vec<usize>>, Vec<usize>) {
-        let node = &self.graph.projectors[projector];
-        let trigger = format!("trigger/{}", node.name);
-        let shown = self.add(
-            Kind::Projection,
-            0,
-            Work::Project { projector, frame },
-            before.unwrap_or_default(),
-            &trigger,
-        );
-        let expose = |this: &mut Self, camera: usize| {
-            let topic = format!("frame/{}", this.graph.cameras[camera].name);
-            this.add(Kind::Capture, camera, Work::Expose { camera, projector, frame }, vec![shown], &topic)
+    fn show(&mut self, projector: usize, frame: usize, before: Option<Vec<usize>>) -> usize {
+        let trigger = format!("trigger/{}", self.graph.projectors[projector].name);
+        let work = Work::Project { projector, frame };
+        self.add(Kind::Projection, 0, work, before.unwrap_or_default(), &trigger)
+    }
+
+    fn expose(&mut self, projector: usize, frame: usize, shown: usize) -> Vec<usize> {
+        let graph = self.graph;
+        let expose = |&camera: &usize| {
+            let topic = format!("frame/{}", graph.cameras[camera].name);
+            let work = Work::Expose { camera, projector, frame };
+            self.add(Kind::Capture, camera, work, vec![shown], &topic)
         };
-        let exposed: Vec<usize> = node.cameras.iter().map(|&camera| expose(self, camera)).collect();
-        let sums = node.cameras.iter().zip(&exposed).map(|(&camera, &exposed)| {
-            self.add(Kind::Decode, camera, Work::Accumulate { camera, projector, frame }, vec![exposed], "")
-        });
-        let sums = sums.collect();
-        (Some(exposed), sums)
+        graph.projectors[projector].cameras.iter().map(expose).collect()
+    }
+
+    fn sum(&mut self, projector: usize, frame: Option<usize>, exposed: &[usize]) -> Vec<usize> {
+        let (graph, Some(frame)) = (self.graph, frame) else { return Vec::new() };
+        let sum = |(&camera, &exposed): (&usize, &usize)| {
+            let work = Work::Accumulate { camera, projector, frame };
+            self.add(Kind::Decode, camera, work, vec![exposed], "")
+        };
+        graph.projectors[projector].cameras.iter().zip(exposed).map(sum).collect()
     }
 
     /// After the last frame of a projector: phases, then the pairs that share it.

@@ -78,6 +78,42 @@ fn the_cores_share_the_work_without_rest_and_the_plan_is_always_the_same() {
 }
 
 #[test]
+fn each_core_has_one_order_and_a_trace_that_left_it_is_found() {
+    let schedule = Schedule::new(&demo()).unwrap();
+    let order = Order::new(&schedule);
+    for core in 0..schedule.cores {
+        let on_core: Vec<usize> = schedule.on_core(core).map(|(number, _)| number).collect();
+        for (place, &number) in on_core.iter().enumerate() {
+            assert_eq!((order.core[number], order.place[number]), (core, place));
+            assert_eq!(order.before[number], place.checked_sub(1).map(|p| on_core[p]));
+            assert_eq!(order.next[number], on_core.get(place + 1).copied());
+        }
+    }
+    // One after another is one way to keep the order on every core.
+    let interval = |activation: usize| {
+        let start_ns = 10 * activation as u64;
+        Interval { activation, start_ns, end_ns: start_ns + 5 }
+    };
+    let kept: Vec<Interval> = (0..schedule.activations.len()).map(interval).collect();
+    assert_eq!(violation(&schedule, &order, &kept), None);
+    for number in 1..kept.len() {
+        let Some(before) = order.before[number] else { continue };
+        let mut early = kept.clone();
+        early[number].start_ns = early[before].end_ns - 1;
+        assert_eq!(violation(&schedule, &order, &early), Some((before, number)));
+        let mut lacking = kept.clone();
+        lacking.remove(before);
+        assert!(violation(&schedule, &order, &lacking).is_some(), "{before} is missing");
+    }
+    // Work on another core that began before what it works on.
+    let matched = schedule.find(Work::Match { pair: 1 }).unwrap();
+    let input = schedule.activations[matched].inputs[0];
+    let mut early = kept.clone();
+    early[input].start_ns = early[matched].start_ns + 1;
+    assert_eq!(violation(&schedule, &order, &early), Some((input, matched)));
+}
+
+#[test]
 fn buffers_are_priced_by_their_largest_message() {
     let schedule = Schedule::new(&demo()).unwrap();
     let frame = schedule.topic("frame/cam1").unwrap();

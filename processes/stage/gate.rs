@@ -3,6 +3,9 @@
 //! Commands and data travel apart, so a frame of the next cycle may arrive before the command that starts it, and a
 //! frame of an ended cycle after the command that ended it. Cycle numbers on the wire only grow.
 
+/// So many cycles may start and be aborted while a stage is busy with one activation: as many as commands can wait for it.
+pub const AHEAD: u64 = 16;
+
 /// What to do with a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
@@ -12,6 +15,8 @@ pub enum Verdict {
     Early,
     /// Drop it: its cycle is over.
     Stale,
+    /// No sender can be so far ahead: it lies.
+    Absurd,
 }
 
 /// The cycle that a stage works on.
@@ -49,6 +54,8 @@ impl Gate {
     pub fn judge(&mut self, cycle: u64) -> Verdict {
         if self.current == Some(cycle) {
             Verdict::Now
+        } else if cycle > self.last.saturating_add(AHEAD) {
+            Verdict::Absurd
         } else if cycle > self.last {
             Verdict::Early
         } else {
@@ -79,6 +86,7 @@ mod tests {
         assert_eq!(gate.judge(2), Verdict::Now);
         gate.end(2);
         assert_eq!((gate.judge(2), gate.current()), (Verdict::Stale, None));
+        assert_eq!((gate.judge(2 + AHEAD), gate.judge(3 + AHEAD)), (Verdict::Early, Verdict::Absurd));
         assert_eq!(gate.stale(), 2);
     }
 

@@ -4,13 +4,16 @@ use super::args::StageArgs;
 use super::fault::Fault;
 use super::gate::{Gate, Verdict};
 use crate::graph::Cell;
-use crate::schedule::{SUPERVISOR, Topic, Work};
+use crate::schedule::{Order, SUPERVISOR, Topic, Work};
 use anyhow::{Context, Result, anyhow};
 use ipc::IpcError;
 use ipc::cell::CellName;
+use ipc::error::MessageError;
 use ipc::header::{Control, Event, EventKind, Header, MAX_TEXT_BYTES};
 use ipc::os::now_ns;
-use ipc::port::{Bell, Node, Publisher, Received, Subscriber};
+use ipc::port::{Bell, Node, Publisher, Received, Ringer, Subscriber};
+use ipc::turn::{Turn, Turns};
+use std::collections::BTreeMap;
 use std::time::Duration;
 use xxhash_rust::xxh3::xxh3_128;
 
@@ -25,6 +28,10 @@ pub struct Link {
     pub(super) control: Subscriber<Control>,
     events: Publisher<Event>,
     node: Node,
+    order: Order,
+    turns: Turns,
+    /// Bells of the stages that come after this one on its core.
+    successors: BTreeMap<usize, Ringer>,
     idle_since_ns: u64,
 }
 
@@ -46,12 +53,47 @@ impl Link {
             .iter()
             .position(|s| s.kind == args.kind && s.name == args.name)
             .ok_or_else(|| anyhow!("the schedule has no stage \"{}\"", args.name))?;
-        let node = Node::join(&CellName::new(&args.cell)?, &args.name)?;
+        let name = CellName::new(&args.cell)?;
+        let node = Node::join(&name, &args.name)?;
         let bell = node.bell(&args.name)?;
         let control = node.subscriber("control")?;
         let patience = patience(&cell);
         let events = node.publisher("event", MAX_TEXT_BYTES, &[SUPERVISOR.to_owned()], patience)?;
-        Ok(Self { cell, stage, gate: Gate::default(), bell, control, events, node, idle_since_ns: now_ns() })
+        let order = Order::new(&cell.schedule);
+        Ok(Self {
+            turns: Turns::open(&name, cell.schedule.cores)?,
+            successors: successors(&cell, &order, stage, &node)?,
+            order,
+            cell,
+            stage,
+            gate: Gate::default(),
+            bell,
+            control,
+            events,
+            node,
+            idle_since_ns: now_ns(),
+        })
+    }
+
+    /// Whether the core has come to this work. The bell rings when it has.
+    pub fn may(&self, work: Work) -> bool {
+        self.cell
+            .schedule
+            .find(work)
+            .is_some_and(|number| self.turns.is(self.order.core[number], self.turn(number)))
+    }
+
+    fn turn(&self, activation: usize) -> Turn {
+        Turn { cycle: self.cycle(), place: self.order.place[activation] }
+    }
+
+    /// Lets the core go on to what comes after an activation.
+    fn pass(&self, activation: usize) {
+        self.turns.pass(self.order.core[activation], self.turn(activation));
+        let next = self.order.next[activation].map(|next| self.cell.schedule.activations[next].stage);
+        if let Some(ringer) = next.and_then(|stage| self.successors.get(&stage)) {
+            ringer.ring();
+        }
     }
 
     /// The subject of this stage: camera or pair.
@@ -118,7 +160,9 @@ impl Link {
             ..self.event(EventKind::Done, report.text.len())
         };
         self.idle_since_ns = end_ns;
-        Ok(self.events.send(header, report.text.as_bytes())?)
+        self.events.send(header, report.text.as_bytes())?;
+        self.pass(activation);
+        Ok(())
     }
 
     /// Reports that the ports stand, as an answer to the number of a connect command.
@@ -148,6 +192,15 @@ impl Link {
             ..Event::default()
         }
     }
+}
+
+/// The bells of the other stages to which this one hands its core.
+fn successors(cell: &Cell, order: &Order, stage: usize, node: &Node) -> Result<BTreeMap<usize, Ringer>> {
+    let activations = &cell.schedule.activations;
+    let mine = (0..activations.len()).filter(|&number| activations[number].stage == stage);
+    let next = mine.filter_map(|number| order.next[number]).map(|next| activations[next].stage);
+    let others: std::collections::BTreeSet<usize> = next.filter(|&other| other != stage).collect();
+    others.into_iter().map(|other| Ok((other, node.ringer(&cell.schedule.stages[other].name)?))).collect()
 }
 
 /// A sender waits longer for room than the supervisor waits for progress: then the receiver that hangs is found and
@@ -183,6 +236,12 @@ impl<H: Header> Inbox<H> {
             match link.gate.judge(message.header().cycle()) {
                 Verdict::Now => return Ok(Some(message)),
                 Verdict::Stale => {}
+                Verdict::Absurd => {
+                    let value = message.header().cycle();
+                    let allowed = "the cycle that runs and the sixteen after it";
+                    let source = MessageError::Value { key: "cycle", value, allowed };
+                    return Err(IpcError::Message { topic: self.subscriber.topic().to_owned(), source });
+                }
                 Verdict::Early => {
                     self.early = Some(message);
                     return Ok(None);

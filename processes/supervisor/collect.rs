@@ -2,7 +2,7 @@
 
 use crate::graph::Cell;
 use crate::judgement::Judgement;
-use crate::schedule::{Schedule, Work, output};
+use crate::schedule::{Interval, Schedule, Work, output};
 use ipc::header::Event;
 use rig::result::{CycleResult, OUTCOME_OK, StageResult};
 use serde_json::{Value, json};
@@ -50,6 +50,16 @@ impl Collector {
     /// What was reported, in the order of the schedule.
     pub fn events(&self) -> impl Iterator<Item = &Event> {
         self.done.values().map(|(event, _)| event)
+    }
+
+    /// When each activation was done.
+    pub fn intervals(&self) -> impl Iterator<Item = Interval> {
+        let interval = |(&activation, (event, _)): (&usize, &(Event, String))| Interval {
+            activation,
+            start_ns: event.start_ns,
+            end_ns: event.end_ns,
+        };
+        self.done.iter().map(interval)
     }
 
     /// The spans of the cycle, in the order of the schedule.

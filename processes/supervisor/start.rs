@@ -4,7 +4,7 @@ use super::children::StageProcess;
 use super::cycle::{Budgets, Cycles, Step};
 use super::restart::Policy;
 use crate::graph::Cell;
-use crate::schedule::{Carries, Kind, Stage, Topic, label};
+use crate::schedule::{Carries, Kind, Order, Stage, Topic, label};
 use ipc::IpcError;
 use ipc::port::{Held, Node};
 use std::path::PathBuf;
@@ -38,9 +38,11 @@ pub(super) fn create(node: &Node, topic: &Topic) -> Result<Held, IpcError> {
 
 /// The state machine of the cycles.
 pub(super) fn machine(cell: &Cell, cycles: Option<u64>) -> Cycles {
-    let steps = cell.schedule.activations.iter().map(|a| Step {
+    let order = Order::new(&cell.schedule);
+    // What is before it on its core is awaited like what it works on.
+    let steps = cell.schedule.activations.iter().zip(order.before).map(|(a, before)| Step {
         stage: a.stage,
-        inputs: a.inputs.clone(),
+        inputs: a.inputs.iter().copied().chain(before).collect(),
         label: label(&cell.graph, a.work),
     });
     let limits = &cell.config.limits;

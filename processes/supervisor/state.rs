@@ -10,7 +10,7 @@ use super::watch::Watch;
 use crate::cycle_number::{unwire, wire};
 use crate::graph::Cell;
 use crate::judgement::Judgement;
-use crate::schedule::SUPERVISOR;
+use crate::schedule::{Interval, Order, SUPERVISOR, label, violation};
 use anyhow::Result;
 use ipc::IpcError;
 use ipc::cell::{CellLock, CellName};
@@ -19,6 +19,7 @@ use ipc::header::{Command, Control, Event, EventKind, Outcome};
 use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Bell, Held, Node, Publisher, Subscriber};
+use ipc::turn::Turns;
 use rig::result::CycleResult;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -77,6 +78,8 @@ pub(super) struct Supervisor<'a> {
     epoch: u64,
     connecting: bool,
     collector: Collector,
+    order: Order,
+    turns: Turns,
     pub(super) requests: Receiver<Call>,
     pub(super) interrupted: Arc<AtomicBool>,
     spans: Vec<Span>,
@@ -122,6 +125,8 @@ impl<'a> Supervisor<'a> {
             epoch: 0,
             connecting: false,
             collector: Collector::default(),
+            order: Order::new(&cell.schedule),
+            turns: Turns::create(&name, cell.schedule.cores)?,
             requests: socket::listen(&name.socket())?,
             interrupted,
             spans: Vec::new(),
@@ -141,6 +146,7 @@ impl<'a> Supervisor<'a> {
                     if let Some(keeper) = &mut self.keeper {
                         keeper.begin(cycle);
                     }
+                    self.turns.begin(wire(cycle));
                     self.command(Command::Start, wire(cycle))?;
                 }
                 Action::Abort(cycle) => self.command(Command::Abort, wire(cycle))?,
@@ -158,6 +164,7 @@ impl<'a> Supervisor<'a> {
         outcome: &Result<(), String>,
         each: &mut dyn FnMut(&CycleResult),
     ) -> Result<()> {
+        let outcome = &outcome.clone().and_then(|()| self.in_order());
         if let Some(watch) = &mut self.watch {
             watch.look()?;
             watch.ended(wire(cycle), outcome.is_ok());
@@ -176,6 +183,20 @@ impl<'a> Supervisor<'a> {
         self.tally.not_pass += u64::from(outcome.is_ok() && self.cell.plan.is_some() && !pass);
         each(&result);
         Ok(())
+    }
+
+    /// A result whose making stood against the schedule is none.
+    fn in_order(&self) -> Result<(), String> {
+        let trace: Vec<Interval> = self.collector.intervals().collect();
+        let Some((before, after)) = violation(&self.cell.schedule, &self.order, &trace) else {
+            return Ok(());
+        };
+        let name = |number: usize| {
+            let activation = &self.cell.schedule.activations[number];
+            let stage = &self.cell.schedule.stages[activation.stage].name;
+            format!("\"{}\" of {stage}", label(&self.cell.graph, activation.work))
+        };
+        Err(format!("out of schedule: {} began before {}", name(after), name(before)))
     }
 
     fn command(&self, command: Command, number: u64) -> Result<()> {

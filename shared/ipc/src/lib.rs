@@ -2,7 +2,8 @@
 //!
 //! [`port`] is the only file that speaks to iceoryx2; [`header`] says what lies in front of each payload and [`payload`]
 //! turns bytes into the views of `fringe` after checking that the header does not lie. [`cell`] is the private place of
-//! a cell in the machine: its lock, its files, its share of `/dev/shm`. [`os`] holds the few calls to the kernel.
+//! a cell in the machine: its lock, its files, its share of `/dev/shm`. [`os`] holds the few calls to the kernel, [`turn`]
+//! the order of work on each core.
 //!
 //! # Rules of the traffic
 //! - Lossless: a full buffer holds the sender up to a deadline, then the send fails; nothing is overwritten or dropped.
@@ -16,5 +17,6 @@ pub mod header;
 pub mod os;
 pub mod payload;
 pub mod port;
+pub mod turn;
 
 pub use error::IpcError;

@@ -1,0 +1,66 @@
+//! The order in which each core works, and whether a trace kept it.
+
+use super::Schedule;
+
+/// Where each activation stands on its core.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Order {
+    /// Core of each activation.
+    pub core: Vec<usize>,
+    /// How many activations its core does before it in a cycle.
+    pub place: Vec<usize>,
+    /// The one before it on its core.
+    pub before: Vec<Option<usize>>,
+    /// The one after it on its core.
+    pub next: Vec<Option<usize>>,
+}
+
+/// Start and end of an activation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Interval {
+    /// Number in the schedule.
+    pub activation: usize,
+    /// Start on the machine's monotonic clock, ns.
+    pub start_ns: u64,
+    /// End, ns.
+    pub end_ns: u64,
+}
+
+impl Order {
+    /// The order of a schedule.
+    pub fn new(schedule: &Schedule) -> Self {
+        let count = schedule.activations.len();
+        let core: Vec<usize> = schedule.activations.iter().map(|a| schedule.stages[a.stage].core).collect();
+        let (mut place, mut before, mut next) = (vec![0; count], vec![None; count], vec![None; count]);
+        let mut last = vec![None; schedule.cores];
+        for number in 0..count {
+            before[number] = last[core[number]].replace(number);
+            if let Some(earlier) = before[number] {
+                place[number] = place[earlier] + 1;
+                next[earlier] = Some(number);
+            }
+        }
+        Self { core, place, before, next }
+    }
+}
+
+/// The first two activations of a trace that stand against the schedule: an activation that began before the one before
+/// it on its core had ended, or before what it works on was begun.
+pub fn violation(schedule: &Schedule, order: &Order, trace: &[Interval]) -> Option<(usize, usize)> {
+    let mut done = vec![None; schedule.activations.len()];
+    for interval in trace {
+        *done.get_mut(interval.activation)? = Some(interval);
+    }
+    trace.iter().find_map(|interval| {
+        let number = interval.activation;
+        let before = order.before[number]
+            .filter(|&before| done[before].is_none_or(|before| before.end_ns > interval.start_ns));
+        // An input ends with its report, after it was sent: its reader may begin in between.
+        let input = schedule.activations[number]
+            .inputs
+            .iter()
+            .copied()
+            .find(|&input| done[input].is_none_or(|input| input.start_ns > interval.start_ns));
+        before.or(input).map(|earlier| (earlier, number))
+    })
+}

@@ -1,0 +1,164 @@
+//! Whose turn it is on each core: one number per core in memory that the processes of a cell share.
+//!
+//! The number holds the cycle and the place in the core's order. Who has the place works, then passes the turn on. A stage
+//! that dies with the turn loses its cycle, and the next cycle sets all numbers anew: there is no lock to be left taken.
+#![allow(unsafe_code)]
+
+use crate::cell::CellName;
+use crate::error::IpcError;
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::fd::AsRawFd;
+use std::path::PathBuf;
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Each number has a cache line of its own.
+#[repr(align(64))]
+struct Line(AtomicU64);
+
+/// Bits of a number that hold the place; the cycle has the others. A million activations per core.
+const PLACE_BITS: u32 = 20;
+
+/// A place in a core's order in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Turn {
+    /// Cycle on the wire.
+    pub cycle: u64,
+    /// Activations of the core that are done.
+    pub place: usize,
+}
+
+impl Turn {
+    fn to_bits(self) -> u64 {
+        (self.cycle << PLACE_BITS) | (self.place as u64 & ((1 << PLACE_BITS) - 1))
+    }
+}
+
+/// The numbers of all cores of a cell.
+#[derive(Debug)]
+pub struct Turns {
+    start: NonNull<Line>,
+    cores: usize,
+}
+
+impl Turns {
+    /// Makes the numbers; the supervisor does it once, before any stage starts.
+    ///
+    /// # Errors
+    /// [`IpcError::File`].
+    pub fn create(cell: &CellName, cores: usize) -> Result<Self, IpcError> {
+        let path = path(cell);
+        let made = OpenOptions::new().read(true).write(true).create(true).truncate(true).open(&path);
+        let file = made.map_err(|source| file_error(cell, "creating", source))?;
+        let sized = file.set_len((cores * size_of::<Line>()) as u64);
+        sized.map_err(|source| file_error(cell, "making room in", source))?;
+        map(&file, cores).map_err(|source| file_error(cell, "mapping", source))
+    }
+
+    /// The numbers that the supervisor made.
+    ///
+    /// # Errors
+    /// [`IpcError::File`], also for another number of cores.
+    pub fn open(cell: &CellName, cores: usize) -> Result<Self, IpcError> {
+        let opened = OpenOptions::new().read(true).write(true).open(path(cell));
+        let file = opened.map_err(|source| file_error(cell, "opening", source))?;
+        let there = file.metadata().map_err(|source| file_error(cell, "measuring", source))?.len();
+        if there != (cores * size_of::<Line>()) as u64 {
+            let reason = format!("{there} bytes for {cores} cores");
+            return Err(file_error(cell, "opening", io::Error::other(reason)));
+        }
+        map(&file, cores).map_err(|source| file_error(cell, "mapping", source))
+    }
+
+    /// Gives the first place of every core to a cycle.
+    pub fn begin(&self, cycle: u64) {
+        for core in 0..self.cores {
+            self.number(core).store(Turn { cycle, place: 0 }.to_bits(), Ordering::Release);
+        }
+    }
+
+    /// Whether it is this place's turn.
+    pub fn is(&self, core: usize, turn: Turn) -> bool {
+        core < self.cores && self.number(core).load(Ordering::Acquire) == turn.to_bits()
+    }
+
+    /// Passes the turn on to the next place. Does nothing when the cycle is over meanwhile.
+    pub fn pass(&self, core: usize, turn: Turn) {
+        if core < self.cores {
+            let next = Turn { place: turn.place + 1, ..turn };
+            let _over = self.number(core).compare_exchange(
+                turn.to_bits(),
+                next.to_bits(),
+                Ordering::AcqRel,
+                Ordering::Acquire,
+            );
+        }
+    }
+
+    fn number(&self, core: usize) -> &AtomicU64 {
+        debug_assert!(core < self.cores);
+        // SAFETY: the mapping holds `cores` lines from the beginning of a page and lives as long as self; any bytes are a
+        // number, and all processes touch them only as this atomic.
+        unsafe { &(*self.start.as_ptr().add(core)).0 }
+    }
+}
+
+impl Drop for Turns {
+    fn drop(&mut self) {
+        // SAFETY: the mapping that `map` made, which nobody uses after this.
+        unsafe { libc::munmap(self.start.as_ptr().cast(), self.cores * size_of::<Line>()) };
+    }
+}
+
+fn map(file: &File, cores: usize) -> io::Result<Turns> {
+    // SAFETY: a new mapping of an open file of that size; the file may be closed afterwards.
+    let start = unsafe {
+        libc::mmap(
+            std::ptr::null_mut(),
+            cores * size_of::<Line>(),
+            libc::PROT_READ | libc::PROT_WRITE,
+            libc::MAP_SHARED,
+            file.as_raw_fd(),
+            0,
+        )
+    };
+    if start == libc::MAP_FAILED {
+        return Err(io::Error::last_os_error());
+    }
+    NonNull::new(start.cast())
+        .map(|start| Turns { start, cores })
+        .ok_or_else(|| io::Error::other("no address"))
+}
+
+fn path(cell: &CellName) -> PathBuf {
+    cell.folder().join("turns")
+}
+
+fn file_error(cell: &CellName, action: &'static str, source: io::Error) -> IpcError {
+    IpcError::File { path: path(cell), action, source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::CellLock;
+
+    #[test]
+    fn the_turn_goes_round_between_processes_and_a_late_stage_of_an_old_cycle_cannot_pass_it() {
+        let name = CellName::new(&format!("turns{}", std::process::id())).unwrap();
+        let _lock = CellLock::take(&name).unwrap();
+        let supervisor = Turns::create(&name, 3).unwrap();
+        let stage = Turns::open(&name, 3).unwrap();
+        assert!(Turns::open(&name, 2).is_err());
+        supervisor.begin(7);
+        let first = Turn { cycle: 7, place: 0 };
+        let second = Turn { cycle: 7, place: 1 };
+        assert!(stage.is(1, first) && !stage.is(1, second) && !stage.is(3, first));
+        stage.pass(1, first);
+        assert!(supervisor.is(1, second) && supervisor.is(2, first));
+        supervisor.begin(8);
+        stage.pass(1, second);
+        assert!(supervisor.is(1, Turn { cycle: 8, place: 0 }));
+    }
+}
