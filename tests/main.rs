@@ -10,6 +10,7 @@
 //! - [`gamma`]: a projector's response is measured and corrected
 //! - [`compare`]: deviations and motions that are known beforehand
 //! - [`rig_state`]: a rig file against what its cameras see, and against other programs
+//! - [`adversity`]: no memory, no room, nobody who reads, another cell beside
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - [`uncertainty`]: budgets in, table, JSON and report out
 //! - [`acceptance_report`]: every format from one result of an acceptance test
@@ -23,6 +24,7 @@
 
 mod acceptance;
 mod acceptance_report;
+mod adversity;
 mod bad_input;
 mod calibrate;
 mod calibrate_bad;

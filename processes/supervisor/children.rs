@@ -6,6 +6,12 @@ use ipc::os::now_ns;
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// How long the last line of a process that has ended may take through the pipe: the kernel holds it already.
+const LAST_LINE_PATIENCE_MS: u32 = 50;
 
 /// Where a stage is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,6 +63,7 @@ pub struct StageProcess {
     /// What it said before it ended.
     pub last_words: Option<String>,
     child: Option<Child>,
+    voice: Option<Voice>,
     arguments: Vec<String>,
     threads: usize,
 }
@@ -72,6 +79,7 @@ impl StageProcess {
             killed: None,
             last_words: None,
             child: None,
+            voice: None,
             arguments,
             threads,
         }
@@ -95,9 +103,7 @@ impl StageProcess {
             .process_group(0)
             .spawn()
             .with_context(|| format!("starting stage {}", self.name))?;
-        if let Some(stderr) = child.stderr.take() {
-            forward(&self.name, stderr);
-        }
+        self.voice = child.stderr.take().map(|stderr| Voice::listen(&self.name, stderr));
         self.child = Some(child);
         self.life = Life::Starting { since_ns: now_ns };
         (self.heard_ns, self.killed, self.last_words) = (now_ns, None, None);
@@ -131,11 +137,15 @@ impl StageProcess {
     fn epitaph(&self, status: ExitStatus) -> String {
         let end = match (&self.killed, status.signal(), status.code()) {
             (Some(reason), _, _) => reason.clone(),
-            (None, Some(signal), _) => format!("died (signal {signal})"),
+            (None, Some(signal), _) => format!("died (signal {signal}{})", meaning(signal)),
             (None, None, Some(code)) => format!("ended (exit code {code})"),
             (None, None, None) => "ended".to_owned(),
         };
-        match &self.last_words {
+        // A process that ended itself, by an error, a panic or for want of memory, said why.
+        let ended_itself =
+            matches!((status.signal(), status.code()), (Some(libc::SIGABRT), _) | (None, Some(1..)));
+        let said = || self.voice.as_ref().filter(|_| ended_itself && self.killed.is_none())?.last_line();
+        match self.last_words.clone().or_else(said) {
             Some(words) => format!("{end}: {words}"),
             None => end,
         }
@@ -151,12 +161,79 @@ impl Drop for StageProcess {
     }
 }
 
-/// Puts the stage's name in front of what it says.
-fn forward(name: &str, stderr: ChildStderr) {
-    let name = name.to_owned();
-    std::thread::spawn(move || {
-        for line in BufReader::new(stderr).lines().map_while(Result::ok) {
-            eprintln!("[{name}] {line}");
+/// What may be meant by a signal that is not known to everybody.
+fn meaning(signal: i32) -> &'static str {
+    match signal {
+        libc::SIGBUS => ", bus error: is /dev/shm full?",
+        libc::SIGSEGV => ", segmentation fault",
+        libc::SIGABRT => ", aborted",
+        _ => "",
+    }
+}
+
+/// What a stage says on its standard error: passed on with its name in front, and its last line kept.
+#[derive(Debug)]
+struct Voice {
+    last: Arc<Mutex<String>>,
+    thread: JoinHandle<()>,
+}
+
+impl Voice {
+    fn listen(name: &str, stderr: ChildStderr) -> Self {
+        let (name, last) = (name.to_owned(), Arc::new(Mutex::new(String::new())));
+        let kept = Arc::clone(&last);
+        let thread = std::thread::spawn(move || {
+            for line in BufReader::new(stderr).lines().map_while(Result::ok) {
+                eprintln!("[{name}] {line}");
+                keep(&mut kept.lock().unwrap_or_else(PoisonError::into_inner), &line);
+            }
+        });
+        Self { last, thread }
+    }
+
+    /// The line that says why the process ended.
+    fn last_line(&self) -> Option<String> {
+        for _ in 0..LAST_LINE_PATIENCE_MS {
+            if self.thread.is_finished() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(1));
         }
-    });
+        let last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        Some(last.clone()).filter(|line| !line.is_empty())
+    }
+}
+
+/// Keeps the last line; of a panic the two lines that tell where and why, and not the backtrace after them.
+fn keep(last: &mut String, line: &str) {
+    if last.contains("panicked at") {
+        if last.ends_with(':') {
+            last.push(' ');
+            last.push_str(line);
+        }
+    } else if !line.trim().is_empty() {
+        line.trim().clone_into(last);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::keep;
+
+    fn last(lines: &[&str]) -> String {
+        let mut last = String::new();
+        for line in lines {
+            keep(&mut last, line);
+        }
+        last
+    }
+
+    #[test]
+    fn the_line_that_tells_why_is_kept() {
+        assert_eq!(last(&[" WARN something", "", "error: no camera", ""]), "error: no camera");
+        let panic =
+            ["", "thread 'main' panicked at a.rs:1:2:", "out of bounds", "note: run with", "  0: main"];
+        assert_eq!(last(&panic), "thread 'main' panicked at a.rs:1:2: out of bounds");
+        assert_eq!(last(&[]), "");
+    }
 }
