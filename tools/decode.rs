@@ -1,6 +1,7 @@
 //! `fringetool decode`: phase, modulation and fringe order of a recording, as pictures and numbers.
 
 use crate::Outcome;
+use crate::filters::Filters;
 use crate::pipeline::{DecodedView, decode_views};
 use crate::report::{DecodeLine, check_outputs, emit};
 use anyhow::{Context, Result};
@@ -26,6 +27,8 @@ pub struct Args {
     /// Only this projector.
     #[arg(long)]
     projector: Option<String>,
+    #[command(flatten)]
+    filters: Filters,
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -38,9 +41,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let recording = Recording::open(&args.recording)?;
     check_names(args, &recording)?;
     let asked = |wanted: &Option<String>, name: &str| wanted.as_deref().is_none_or(|w| w == name);
-    let views = decode_views(&recording, &DecodeSettings::default(), |projector, camera| {
+    let mut views = decode_views(&recording, &DecodeSettings::default(), |projector, camera| {
         asked(&args.projector, projector) && asked(&args.camera, camera)
     })?;
+    let filtered = args.filters.apply(&mut views)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;
         for view in &views {
@@ -53,7 +57,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for line in &lines {
         println!("{line}");
     }
-    emit(args.json.as_deref(), &serde_json::json!({ "views": lines }))?;
+    for line in &filtered {
+        println!("{line}");
+    }
+    emit(args.json.as_deref(), &serde_json::json!({ "views": lines, "filters": filtered }))?;
     Ok(Outcome::Done)
 }
 

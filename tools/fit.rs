@@ -11,7 +11,7 @@ use fringe::fit::{
 };
 use nalgebra::Point3;
 use print::Describe;
-use region::{Left, Near};
+use region::{Corners, Left, Near};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -26,6 +26,9 @@ pub struct Args {
     /// Only points within r of (x, y, z), mm.
     #[arg(long, value_name = "x,y,z,r", allow_hyphen_values = true)]
     near: Option<Near>,
+    /// Only points within these two corners, mm.
+    #[arg(long = "box", value_name = "x0,y0,z0,x1,y1,z1", allow_hyphen_values = true)]
+    corners: Option<Corners>,
     /// Sphere and plane: only points within this many mm of the element that most points of the region agree on. The
     /// search draws its samples with a fixed seed; how many points it leaves out is reported.
     #[arg(long, value_name = "MM")]

@@ -9,6 +9,7 @@ mod cmm_plan;
 mod compare;
 mod decode;
 mod export;
+mod filters;
 mod fit;
 mod focus;
 mod gamma;
@@ -20,13 +21,16 @@ mod numbers;
 mod pipeline;
 mod progress;
 mod reconstruct;
+mod reference_plane;
 mod register;
 mod replay;
 mod report;
+mod rotation_stage;
 mod simulate;
 mod simulate_test;
 mod surface;
 mod uncertainty;
+mod unwrap;
 mod vdi2634;
 
 use clap::{Parser, Subcommand};
@@ -50,8 +54,14 @@ enum Command {
     Simulate(simulate::Args),
     /// Decode a recording: phase, modulation and fringe order as images.
     Decode(decode::Args),
+    /// Unwrap a wrapped phase by its neighbours: branch cuts, quality, reliability, least squares.
+    Unwrap(unwrap::Args),
     /// Turn a recording into a point cloud.
     Reconstruct(reconstruct::Args),
+    /// Height from the phase difference to a reference plane: calibrate with planes, measure.
+    ReferencePlane(reference_plane::Args),
+    /// Find the axis of a rotation stage; bring views at known angles together.
+    RotationStage(rotation_stage::Args),
     /// Fit a sphere, plane, cylinder, cone, circle, line or torus to the points of a cloud.
     Fit(fit::Args),
     /// Hold a cloud against a cloud or a CAD mesh: signed deviations, M3C2, report.
@@ -106,7 +116,10 @@ fn main() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Simulate(args) => simulate::run(&args),
         Command::Decode(args) => decode::run(&args),
+        Command::Unwrap(args) => unwrap::run(&args),
         Command::Reconstruct(args) => reconstruct::run(&args),
+        Command::ReferencePlane(args) => reference_plane::run(&args),
+        Command::RotationStage(args) => rotation_stage::run(&args),
         Command::Fit(args) => fit::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Register(args) => register::run(&args),

@@ -6,11 +6,12 @@ use fringe::cloud::Point;
 use fringe::decode::{DecodeReport, DecodeSettings, Decoder};
 use fringe::frame::Frame;
 use fringe::matching::{MatchError, MatchReport, Matcher};
-use fringe::pattern::Axis;
+use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::PhaseMap;
 use rayon::prelude::*;
 use rig::error::FileError;
 use rig::recording::{RecordedCamera, RecordedProjector, Recording};
+use std::ops::Range;
 
 /// Frames that are read side by side; more only costs memory.
 const READ_AHEAD: usize = 8;
@@ -78,6 +79,25 @@ fn decode_view(
     settings: &DecodeSettings,
     progress: &mut Progress,
 ) -> Result<DecodedView> {
+    let all = (projector.sequence.as_slice(), 0..camera.frames.len());
+    let extent_px = [projector.width_px, projector.height_px];
+    let maps = decode_sets(recording, projector, camera, all, extent_px, settings, progress)?;
+    Ok(DecodedView { projector: projector.name.clone(), camera: camera.name.clone(), maps })
+}
+
+/// Decodes consecutive sets of a recording, which take these frames, as if the projector had `extent_px` columns and rows.
+///
+/// # Errors
+/// Sets that tell no absolute phase over the extent, or a frame that does not decode.
+pub fn decode_sets(
+    recording: &Recording,
+    projector: &RecordedProjector,
+    camera: &RecordedCamera,
+    (sets, frames): (&[PatternSet], Range<usize>),
+    extent_px: [u32; 2],
+    settings: &DecodeSettings,
+    progress: &mut Progress,
+) -> Result<Vec<(PhaseMap, DecodeReport)>> {
     let place = || {
         format!(
             "{}: projector \"{}\", camera \"{}\"",
@@ -86,17 +106,16 @@ fn decode_view(
             camera.name
         )
     };
-    let extent_px = [projector.width_px, projector.height_px];
     let (width_px, height_px) = (camera.width_px, camera.height_px);
-    let mut decoder =
-        Decoder::new(&projector.sequence, width_px, height_px, camera.full_scale_dn, extent_px, settings)
-            .with_context(place)?;
-    let numbers: Vec<usize> = (0..camera.frames.len()).collect();
+    let mut decoder = Decoder::new(sets, width_px, height_px, camera.full_scale_dn, extent_px, settings)
+        .with_context(place)?;
+    let first = frames.start;
+    let numbers: Vec<usize> = frames.collect();
     for batch in numbers.chunks(READ_AHEAD) {
         let frames: Vec<Result<Frame, FileError>> =
             batch.par_iter().map(|number| recording.load(&projector.name, &camera.name, *number)).collect();
         for (number, frame) in batch.iter().zip(frames) {
-            decoder.push(*number, &frame?.view()).with_context(|| frame_place(camera, *number))?;
+            decoder.push(*number - first, &frame?.view()).with_context(|| frame_place(camera, *number))?;
             progress.step();
         }
     }
@@ -108,9 +127,8 @@ fn decode_view(
             let report = decoder.finish(axis, &mut map.view_mut())?;
             Ok((map, report))
         })
-        .collect::<Result<Vec<_>>>()
-        .with_context(place)?;
-    Ok(DecodedView { projector: projector.name.clone(), camera: camera.name.clone(), maps })
+        .collect::<Result<Vec<_>>>();
+    maps.with_context(place)
 }
 
 fn frame_place(camera: &RecordedCamera, number: usize) -> String {

@@ -2,6 +2,7 @@
 
 use crate::Outcome;
 use crate::decode::lines;
+use crate::filters::{FilterLine, Filters};
 use crate::pipeline::{DecodedView, decode_views, match_maps};
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
@@ -34,6 +35,8 @@ pub struct Args {
     /// Only these pairs (all when absent).
     #[arg(long)]
     pair: Vec<String>,
+    #[command(flatten)]
+    filters: Filters,
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -104,7 +107,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         eprintln!("{fault} (points do not need it)");
     }
     let pairs = pairs(args, &recording, &rig_file)?;
-    let (views, clouds) = clouds(&recording, &rig_file, args.method, &pairs)?;
+    let Done { views, filtered, pairs: clouds } =
+        clouds(&recording, &rig_file, args.method, &pairs, &args.filters)?;
     let (fused, fusion) = join(&clouds);
     if fused.is_empty() {
         let seen: Vec<String> = lines(&views).iter().map(ToString::to_string).collect();
@@ -115,8 +119,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
         );
     }
     write_cloud(args, &recording, &rig_file, &fused)?;
+    for line in &filtered {
+        println!("{line}");
+    }
     print_report(&views, &clouds, &fusion, fused.len(), args);
-    emit(args.json.as_deref(), &json(args, &views, &clouds, &fusion, &fused))?;
+    let mut result = json(args, &views, &clouds, &fusion, &fused);
+    result["filters"] = serde_json::json!(filtered);
+    emit(args.json.as_deref(), &result)?;
     Ok(Outcome::Done)
 }
 
@@ -126,21 +135,30 @@ pub fn fused_cloud(recording: &Recording, rig_file: &RigFile, method: Method) ->
         Method::Phase => camera_pairs(recording, rig_file)?,
         Method::Projector => projector_pairs_or_fault(recording, rig_file)?,
     };
-    let (_, clouds) = clouds(recording, rig_file, method, &pairs)?;
-    Ok(join(&clouds).0)
+    let done = clouds(recording, rig_file, method, &pairs, &Filters::default())?;
+    Ok(join(&done.pairs).0)
 }
 
-/// Decodes what the pairs need and gives the cloud of each.
+/// What became of the frames.
+struct Done {
+    views: Vec<DecodedView>,
+    filtered: Vec<FilterLine>,
+    pairs: Vec<PairCloud>,
+}
+
+/// Decodes what the pairs need, filters, and gives the cloud of each.
 fn clouds(
     recording: &Recording,
     rig_file: &RigFile,
     method: Method,
     pairs: &[Pair],
-) -> Result<(Vec<DecodedView>, Vec<PairCloud>)> {
+    filters: &Filters,
+) -> Result<Done> {
     let lit = |projector: &str, camera: &str| {
         pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
     };
-    let views = decode_views(recording, &DecodeSettings::default(), lit)?;
+    let mut views = decode_views(recording, &DecodeSettings::default(), lit)?;
+    let filtered = filters.apply(&mut views)?;
     let mut clouds = Vec::new();
     for (index, pair) in pairs.iter().enumerate() {
         let cloud = match method {
@@ -149,7 +167,7 @@ fn clouds(
         };
         clouds.push(cloud.with_context(|| format!("{}: pair \"{}\"", rig_file.path.display(), pair.name))?);
     }
-    Ok((views, clouds))
+    Ok(Done { views, filtered, pairs: clouds })
 }
 
 fn join(clouds: &[PairCloud]) -> (Vec<Point>, FusionReport) {

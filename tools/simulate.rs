@@ -3,6 +3,7 @@
 use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
+use crate::rotation_stage::Axis;
 use anyhow::{Context, Result, bail};
 use fringe::frame::{FrameView, Pixels};
 use fringe::pattern::{GreyLevels, PatternSet, frame_count};
@@ -43,6 +44,12 @@ pub struct Args {
     /// This many even grey levels, and fringes in 60 steps, instead of the configuration's patterns: for `gamma`.
     #[arg(long, value_name = "N")]
     grey_levels: Option<u32>,
+    /// Put the part on a rotation stage turned by this angle, degrees.
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, requires = "stage_axis")]
+    stage_deg: Option<f64>,
+    /// The stage's axis: a point (mm, world frame) and a direction.
+    #[arg(long, value_name = "x,y,z,dx,dy,dz", allow_hyphen_values = true, requires = "stage_deg")]
+    stage_axis: Option<Axis>,
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -72,6 +79,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let settings = settings(args, &config, twin_config)?;
     let twin =
         Twin::new(&scene, settings, &twin_config.rig).with_context(|| args.config.display().to_string())?;
+    let twin = match args.stage_axis.zip(args.stage_deg) {
+        Some((Axis(axis), deg)) if deg.is_finite() => twin.on_stage(axis.turn(deg.to_radians()).isometry()),
+        Some((_, deg)) => bail!("--stage-deg {deg}: must be finite"),
+        None => twin,
+    };
     let truth_path = truth_path(&args.out);
     let truth = truth_text(&scene, &twin, args.cycle);
     let mut progress = Progress::new(frames(&config), "simulating");

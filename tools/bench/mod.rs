@@ -3,6 +3,7 @@
 mod accuracy;
 mod scan;
 mod speed;
+mod unwrap;
 
 use crate::Outcome;
 use anyhow::Result;
@@ -22,6 +23,8 @@ enum What {
     Accuracy(Common),
     /// Decode and matching: nanoseconds per pixel, share of the memory bandwidth, whole compute of a pair.
     Speed(speed::Args),
+    /// Spatial unwrapping on maps whose answer is known: wrong pixels and time of every method.
+    Unwrap(unwrap::Args),
 }
 
 /// Arguments of both.
@@ -37,5 +40,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
     match &args.what {
         What::Accuracy(common) => accuracy::run(common.json.as_deref()),
         What::Speed(args) => speed::run(args),
+        What::Unwrap(args) => unwrap::run(args),
     }
 }

@@ -19,17 +19,46 @@ impl FromStr for Near {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let numbers: Vec<f64> = text
-            .split(',')
-            .map(|part| part.trim().parse::<f64>().map_err(|_| format!("\"{part}\" is no number")))
-            .collect::<Result<_, _>>()?;
-        match numbers.as_slice() {
-            [x, y, z, r] if numbers.iter().all(|v| v.is_finite()) && *r > 0.0 => {
-                Ok(Self { center_mm: Point3::new(*x, *y, *z), radius_mm: *r })
-            }
+        match numbers(text)?.as_slice() {
+            [x, y, z, r] if *r > 0.0 => Ok(Self { center_mm: Point3::new(*x, *y, *z), radius_mm: *r }),
             _ => Err("four finite numbers x,y,z,r in mm, r above 0".into()),
         }
     }
+}
+
+/// A box along the axes that limits the region.
+#[derive(Clone, Copy, Debug)]
+pub struct Corners {
+    low_mm: Point3<f64>,
+    high_mm: Point3<f64>,
+}
+
+impl Corners {
+    fn holds(&self, point: &Point3<f64>) -> bool {
+        (0..3).all(|axis| (self.low_mm[axis]..=self.high_mm[axis]).contains(&point[axis]))
+    }
+}
+
+impl FromStr for Corners {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match numbers(text)?.as_slice() {
+            [a, b, c, x, y, z] if a < x && b < y && c < z => {
+                Ok(Self { low_mm: Point3::new(*a, *b, *c), high_mm: Point3::new(*x, *y, *z) })
+            }
+            _ => Err("six finite numbers x0,y0,z0,x1,y1,z1 in mm, the low corner first".into()),
+        }
+    }
+}
+
+/// Finite numbers parted by commas.
+fn numbers(text: &str) -> Result<Vec<f64>, String> {
+    let one = |part: &str| {
+        let number = part.trim().parse::<f64>().ok().filter(|v| v.is_finite());
+        number.ok_or_else(|| format!("\"{part}\" is no finite number"))
+    };
+    text.split(',').map(one).collect()
 }
 
 /// What the search left out.
@@ -47,9 +76,14 @@ pub fn choose(args: &Args, cloud: &Cloud) -> Result<(Vec<Point3<f64>>, Left)> {
         .iter()
         .map(fringe::cloud::Point::position)
         .filter(|p| args.near.is_none_or(|near| (p - near.center_mm).norm() <= near.radius_mm))
+        .filter(|p| args.corners.is_none_or(|limits| limits.holds(p)))
         .collect();
     if points.is_empty() {
-        bail!("{}: no point within --near (the cloud has {})", args.cloud.display(), cloud.points.len());
+        bail!(
+            "{}: no point within --near and --box (the cloud has {})",
+            args.cloud.display(),
+            cloud.points.len()
+        );
     }
     let Some(margin_mm) = args.within else { return Ok((points, Left::default())) };
     let held = match args.element {

@@ -20,6 +20,7 @@ pub mod cloud;
 
 pub mod compare;
 pub mod decode;
+pub mod filter;
 pub mod fit;
 pub mod focus;
 pub mod frame;
@@ -38,9 +39,11 @@ pub mod random;
 pub mod rectify;
 
 pub mod reference;
+pub mod reference_plane;
 pub mod register;
 pub mod response;
 pub mod rig;
+pub mod rotation_stage;
 pub mod spatial;
 pub mod surface;
 pub mod target;
@@ -48,3 +51,4 @@ pub mod target;
 mod testing;
 pub mod triangulate;
 pub mod uncertainty;
+pub mod unwrap;

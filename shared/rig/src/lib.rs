@@ -16,13 +16,16 @@ pub mod hash;
 pub mod image_file;
 pub mod import;
 pub mod name;
+pub mod npy;
 pub mod opencv;
+pub mod plane_file;
 pub mod ply;
 pub mod recording;
 pub mod report;
 pub mod result;
 pub mod rig_file;
 mod sequence;
+pub mod stage_file;
 pub mod surface_file;
 #[cfg(test)]
 mod testing;

@@ -122,6 +122,8 @@ pub(crate) struct Shared {
 pub struct Twin {
     scene: Scene,
     cameras: Vec<Named>,
+    /// What a rotation stage did to the part after it was placed.
+    stage: Isometry3<f64>,
     pub(crate) shared: Arc<Shared>,
 }
 
@@ -189,7 +191,12 @@ impl Twin {
         }
         let projectors = rig.projectors.clone();
         let shared = Arc::new(Shared { settings, projectors, normal: Normal::default() });
-        Ok(Self { scene: scene.without_truth(), cameras: rig.cameras.clone(), shared })
+        Ok(Self {
+            scene: scene.without_truth(),
+            cameras: rig.cameras.clone(),
+            stage: Isometry3::identity(),
+            shared,
+        })
     }
 
     /// The settings.
@@ -197,9 +204,15 @@ impl Twin {
         &self.shared.settings
     }
 
+    /// The same twin with the part, wherever a cycle places it, moved by a rotation stage.
+    #[must_use]
+    pub fn on_stage(self, stage: Isometry3<f64>) -> Self {
+        Self { stage, ..self }
+    }
+
     /// Where the part stands in a cycle: world_from_part.
     pub fn pose(&self, cycle: u64) -> Isometry3<f64> {
-        pose::of_cycle(&self.shared.settings, cycle)
+        self.stage * pose::of_cycle(&self.shared.settings, cycle)
     }
 
     /// Traces a camera with all projectors.

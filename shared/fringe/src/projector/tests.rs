@@ -46,6 +46,29 @@ proptest! {
         }
     }
 
+    /// The closed form of eq. 3.7 (with h^p₃₄ in its last element, where the thesis prints h^c₃₄), without lens distortion.
+    #[test]
+    fn the_closed_form_is_ours(x in -60.0_f64..60.0, y in -50.0_f64..50.0, z in -45.0_f64..45.0, off in -3.0_f64..3.0) {
+        let [mut camera, _, mut projector] = rig(1124, 750);
+        camera.distortion = crate::camera::BrownConrady::default();
+        projector.distortion = crate::camera::BrownConrady::default();
+        projector.skew = 0.5;
+        let truth = nalgebra::Point3::new(x, y, z);
+        let (seen, lit) = (camera.project(&truth).unwrap(), projector.project(&truth).unwrap());
+        // A column beside the true one: the two must agree on any input, not only where the answer is known.
+        let column = lit.x + off;
+        let closed = closed_form(&camera, &projector, seen, column);
+        let settings = ProjectorSettings { margin_px: 1e4, ..ProjectorSettings::default() };
+        let rays = rays(&camera, &projector, &settings);
+        let ideal = camera.normalised_from_pixel(seen).unwrap();
+        let along = rays.rotation * Vector3::new(ideal.x, ideal.y, 1.0);
+        let observed = [Some(Observation { pixel: column, sigma_px: 0.1 }), None];
+        let Ok((depth, ..)) = rays.depth(&along, &observed) else { return Err(TestCaseError::fail("missed")) };
+        let ours = camera.camera_from_world.inverse() * nalgebra::Point3::new(ideal.x * depth, ideal.y * depth, depth);
+        prop_assert!((ours - closed).norm() < 1e-8, "{} beside {}", ours, closed);
+        prop_assert!(off.abs() > 1e-3 || (closed - truth).norm() < 0.1);
+    }
+
     /// Newton's root is the one that bisection finds.
     #[test]
     fn newton_agrees_with_bisection(u in 50.0_f64..550.0, row in 100..650_usize, column in 200..900_usize) {
@@ -66,6 +89,19 @@ proptest! {
         let Ok((depth, ..)) = rays.depth(&along, &observed) else { return Err(TestCaseError::fail("missed")) };
         prop_assert!((depth - low).abs() < 1e-9, "{} beside {}", depth, low);
     }
+}
+
+/// Eq. 3.5–3.7.
+fn closed_form(camera: &Camera, projector: &Camera, seen: Point2<f64>, column: f64) -> nalgebra::Point3<f64> {
+    let homography = |view: &Camera| {
+        let pose = view.camera_from_world.to_homogeneous();
+        view.matrix() * pose.fixed_view::<3, 4>(0, 0)
+    };
+    let (c, p) = (homography(camera), homography(projector));
+    let rows = [c.row(0) - c.row(2) * seen.x, c.row(1) - c.row(2) * seen.y, p.row(0) - p.row(2) * column];
+    let matrix = Matrix3::from_fn(|row, column| rows[row][column]);
+    let right = Vector3::from_fn(|row, _| -rows[row][3]);
+    (matrix.try_inverse().unwrap() * right).into()
 }
 
 fn points(

@@ -1,0 +1,27 @@
+//! Why there is no axis.
+
+use thiserror::Error;
+
+/// Views that do not tell the axis.
+#[derive(Debug, Error, Clone, Copy, PartialEq, Eq)]
+pub enum StageError {
+    /// Not enough of them.
+    #[error("{views} views do not tell the axis; it takes {needed} or more, at different angles")]
+    Few {
+        /// As given.
+        views: usize,
+        /// What it takes.
+        needed: usize,
+    },
+    /// The equations leave it open.
+    #[error(
+        "the views leave the axis open: {why}; take views at three or more angles spread over the turn, the object beside the axis"
+    )]
+    Open {
+        /// What is wrong with them.
+        why: &'static str,
+    },
+    /// NaN or infinite input.
+    #[error("an angle, a place or a size is not finite, or a size is not above 0")]
+    Number,
+}

@@ -1,0 +1,80 @@
+//! Angles as 32-bit fractions of a turn: wrapping is what integers do anyway.
+//!
+//! φ = 2π (a / 2³² + whole turns). The wrapped difference ξ(φ_b − φ_a) of eq. 2.21–2.24 is the integer difference b − a
+//! modulo 2³², read as a signed number: exact, without a branch, and a sum of differences round any loop is a whole
+//! number of turns. Decisions are taken on a grid of 2⁻¹⁸ turns, 24 µrad: far below any noise, and coarse enough that whole
+//! turns added to a phase in single precision, and the rounding that comes with them, change no decision.
+
+use super::Wrapped;
+use rayon::prelude::*;
+use std::f64::consts::TAU;
+
+/// Parts of a turn.
+const UNITS: f64 = 4_294_967_296.0;
+
+/// Bits of an angle below the grid on which decisions are taken.
+const FINE_BITS: u32 = 14;
+
+/// Pixels per piece of parallel work; each pixel's result depends on itself alone.
+const CHUNK: usize = 16_384;
+
+/// The wrapped phase of an image.
+#[derive(Debug)]
+pub struct Angles {
+    /// Fraction of a turn in units of 2⁻³² turns; 0 where not valid.
+    pub turn: Vec<u32>,
+    /// The same in full resolution: 0 … 1, and below 0 by half a grid step at most where the grid rounds to 0.
+    pub fraction: Vec<f64>,
+    /// Valid in the input and finite.
+    pub valid: Vec<bool>,
+}
+
+impl Angles {
+    /// Reads a phase in any interval.
+    pub fn new(wrapped: &Wrapped<'_>) -> Self {
+        let n = wrapped.phase_rad.len();
+        let mut angles = Self { turn: vec![0; n], fraction: vec![0.0; n], valid: vec![false; n] };
+        angles
+            .turn
+            .par_chunks_mut(CHUNK)
+            .zip(angles.fraction.par_chunks_mut(CHUNK))
+            .zip(angles.valid.par_chunks_mut(CHUNK))
+            .zip(wrapped.phase_rad.par_chunks(CHUNK).zip(wrapped.valid.par_chunks(CHUNK)))
+            .for_each(|(((turn, fraction), valid), (phase_rad, usable))| {
+                for i in 0..turn.len() {
+                    if usable[i] != 0 && phase_rad[i].is_finite() {
+                        (turn[i], fraction[i]) = on_grid(f64::from(phase_rad[i]) / TAU);
+                        valid[i] = true;
+                    }
+                }
+            });
+        angles
+    }
+
+    /// Wrapped difference from pixel a to pixel b, in units of 2⁻³² turns, within half a turn.
+    #[inline]
+    pub fn difference(&self, a: usize, b: usize) -> i32 {
+        self.turn[b].wrapping_sub(self.turn[a]) as i32
+    }
+
+    /// Whole turns to be added to b, relative to a, so that both differ by the wrapped difference: −1, 0 or 1.
+    #[inline]
+    pub fn step(&self, a: usize, b: usize) -> i32 {
+        let plain = i64::from(self.turn[b]) - i64::from(self.turn[a]);
+        ((i64::from(self.difference(a, b)) - plain) >> 32) as i32
+    }
+}
+
+/// The part after the point, on the grid and in full.
+fn on_grid(turns: f64) -> (u32, f64) {
+    let steps = f64::from(1_u32 << (32 - FINE_BITS));
+    let fraction = turns - turns.floor();
+    let step = (fraction * steps).round();
+    if step >= steps { (0, fraction - 1.0) } else { ((step as u32) << FINE_BITS, fraction) }
+}
+
+/// Units of 2⁻³² turns as turns.
+#[inline]
+pub fn turns(units: i32) -> f32 {
+    units as f32 * (1.0 / UNITS as f32)
+}

@@ -1,0 +1,128 @@
+//! Planes at known heights become a polynomial per pixel.
+
+use super::{Which, decode};
+use crate::Outcome;
+use crate::report::{check_outputs, emit};
+use anyhow::{Context, Result, bail};
+use fringe::pattern::Axis;
+use fringe::phase::PhaseMap;
+use fringe::reference_plane::calibrate;
+use rig::plane_file::{PlaneFile, write_planes};
+use rig::recording::{RECORDING_FILE, Recording};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// Arguments of `reference-plane calibrate`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// A plane: its height in mm and its recording, `0=plane-00`; once for each. The first one is the reference.
+    #[arg(long = "plane", value_name = "MM=RECORDING", required = true, allow_hyphen_values = true)]
+    planes: Vec<Plane>,
+    /// Degree of the polynomials: 1 is K₀ alone (eq. 2.19), 1 to 3.
+    #[arg(long, default_value_t = 2)]
+    degree: usize,
+    /// Which camera; needed when the recordings have several.
+    #[arg(long)]
+    camera: Option<String>,
+    /// Which projector; needed when the recordings have several.
+    #[arg(long)]
+    projector: Option<String>,
+    /// Along which axis: the one across which camera and projector stand apart.
+    #[arg(long, value_enum, default_value_t = AxisName::X)]
+    axis: AxisName,
+    /// Folder for the calibration.
+    #[arg(long)]
+    out: PathBuf,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// An axis on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum AxisName {
+    X,
+    Y,
+}
+
+/// A plane on the command line.
+#[derive(Debug, Clone)]
+struct Plane {
+    height_mm: f64,
+    recording: PathBuf,
+}
+
+impl FromStr for Plane {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (height, path) = text.split_once('=').ok_or("must be MM=RECORDING, as in 10=plane-10")?;
+        let height_mm = height.trim().parse().map_err(|_| format!("\"{height}\" is no height in mm"))?;
+        Ok(Self { height_mm, recording: path.into() })
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let files: Vec<PathBuf> = args.planes.iter().map(|plane| plane.recording.join(RECORDING_FILE)).collect();
+    let inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
+    check_outputs(&[("--json", args.json.as_deref())], &inputs, Some(&args.out))?;
+    let which = which(args)?;
+    let maps: Vec<PhaseMap> =
+        args.planes.iter().map(|plane| decode(&plane.recording, &which)).collect::<Result<_>>()?;
+    let planes: Vec<_> =
+        args.planes.iter().zip(&maps).map(|(plane, map)| (plane.height_mm, map.view())).collect();
+    let (calibration, report) = calibrate(&planes, args.degree)?;
+    if report.calibrated == 0 {
+        bail!(
+            "no pixel sees {} planes or more at different phases; are the recordings of one camera?",
+            args.degree + 1
+        );
+    }
+    let mut provenance = toml::Table::new();
+    provenance.insert("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION")).into());
+    let heights: Vec<toml::Value> = args.planes.iter().map(|plane| plane.height_mm.into()).collect();
+    provenance.insert("heights_mm".into(), heights.into());
+    let file = PlaneFile { projector: which.projector, camera: which.camera, calibration };
+    write_planes(&args.out, &file, &provenance)?;
+    print!(
+        "{}: {} px calibrated with {} planes, degree {}",
+        args.out.display(),
+        report.calibrated,
+        report.planes,
+        report.degree
+    );
+    if let Some([middle, low, high]) = report.k0_mm_per_rad {
+        print!("; K0 {middle:.5} mm/rad in the median, {low:.5} … {high:.5} in the inner eight tenths");
+    }
+    match report.rms_mm {
+        Some(rms_mm) => println!("; residual {rms_mm:.4} mm rms"),
+        None => println!("; as many coefficients as planes: no residual"),
+    }
+    emit(args.json.as_deref(), &report)?;
+    Ok(Outcome::Done)
+}
+
+/// The only view there is, or the one that was named.
+fn which(args: &Args) -> Result<Which> {
+    let first = Recording::open(&args.planes[0].recording)?;
+    let asked = |wanted: &Option<String>, name: &str| wanted.as_deref().is_none_or(|wanted| wanted == name);
+    let views: Vec<(String, String)> = first
+        .projectors
+        .iter()
+        .filter(|p| asked(&args.projector, &p.name))
+        .flat_map(|p| p.cameras.iter().map(move |c| (p.name.clone(), c.name.clone())))
+        .filter(|(_, camera)| asked(&args.camera, camera))
+        .collect();
+    let axis = if args.axis == AxisName::X { Axis::X } else { Axis::Y };
+    match views.as_slice() {
+        [(projector, camera)] => Ok(Which { projector: projector.clone(), camera: camera.clone(), axis }),
+        [] => bail!("{}: no view of that --projector and --camera", first.document.path.display()),
+        many => {
+            let names: Vec<String> = many.iter().map(|(p, c)| format!("{p} / {c}")).collect();
+            let place = first.document.path.display().to_string();
+            Err(anyhow::anyhow!("there are {}; name one with --projector and --camera", names.join(", ")))
+                .context(place)
+        }
+    }
+}

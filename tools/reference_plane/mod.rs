@@ -1,0 +1,64 @@
+//! `fringetool reference-plane`: height from the phase difference to a plane, without a characterised camera or projector.
+
+mod calibrate;
+mod measure;
+
+use crate::Outcome;
+use crate::pipeline::decode_views;
+use anyhow::{Result, bail};
+use fringe::decode::DecodeSettings;
+use fringe::pattern::Axis;
+use fringe::phase::PhaseMap;
+use rig::recording::Recording;
+use std::path::Path;
+
+/// Arguments of `reference-plane`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// What to do.
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// Give each pixel its polynomial from planes at known heights.
+    Calibrate(calibrate::Args),
+    /// Measure the heights of an object over the reference plane.
+    Measure(measure::Args),
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    match &args.what {
+        What::Calibrate(args) => calibrate::run(args),
+        What::Measure(args) => measure::run(args),
+    }
+}
+
+/// Which view of a recording, along which axis.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Which {
+    projector: String,
+    camera: String,
+    axis: Axis,
+}
+
+/// Decodes one view.
+fn decode(folder: &Path, which: &Which) -> Result<PhaseMap> {
+    let recording = Recording::open(folder)?;
+    let views = decode_views(&recording, &DecodeSettings::default(), |projector, camera| {
+        projector == which.projector && camera == which.camera
+    })?;
+    let maps = views.into_iter().flat_map(|view| view.maps).map(|(map, _)| map);
+    match maps.into_iter().find(|map| map.info.axis == which.axis) {
+        Some(map) => Ok(map),
+        None => bail!(
+            "{}: camera \"{}\" under projector \"{}\" tells no phase along {:?}; measure with the view that was calibrated",
+            recording.document.path.display(),
+            which.camera,
+            which.projector,
+            which.axis
+        ),
+    }
+}

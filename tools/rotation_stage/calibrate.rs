@@ -1,0 +1,141 @@
+//! The axis from views of a sphere or of any object.
+
+use super::input::{Axis, View, ViewArg, middle, onto, read};
+use crate::Outcome;
+use crate::report::{check_outputs, emit};
+use crate::surface::length;
+use anyhow::{Context, Result, bail};
+use fringe::fit::{self, FitSettings};
+use fringe::pose::Pose;
+use fringe::register::From;
+use fringe::rotation_stage::{StageCalibration, axis_from_motions, axis_from_places};
+use nalgebra::Point3;
+use rig::stage_file::write_stage;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `rotation-stage calibrate`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// A view and its angle in degrees, right-handed about the axis: `30=view.ply`; once for each view.
+    #[arg(long = "view", value_name = "DEG=CLOUD", required = true, allow_hyphen_values = true)]
+    views: Vec<ViewArg>,
+    /// What turned: a sphere beside the axis, or any object whose views overlap.
+    #[arg(long, value_enum, default_value_t = Artefact::Sphere)]
+    artefact: Artefact,
+    /// Points within this of the sphere belong to it, mm.
+    #[arg(long, default_value = "0.2", value_parser = length)]
+    within: f64,
+    /// Diameter of the sphere, mm, where it is known.
+    #[arg(long, value_parser = length)]
+    diameter: Option<f64>,
+    /// Object: about where the axis lies; without it each view is searched for on the one before.
+    #[arg(long, value_name = "x,y,z,dx,dy,dz", allow_hyphen_values = true)]
+    rough: Option<Axis>,
+    /// The axis, to be written.
+    #[arg(long)]
+    out: PathBuf,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// What turned.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Artefact {
+    /// Its centre tells the axis.
+    Sphere,
+    /// The alignment of its views does.
+    Object,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let inputs: Vec<&Path> = args.views.iter().map(|view| view.path.as_path()).collect();
+    let outputs = [("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
+    check_outputs(&outputs, &inputs, None)?;
+    let views = read(&args.views)?;
+    let found = match args.artefact {
+        Artefact::Sphere => axis_from_places(&centres(args, &views)?)?,
+        Artefact::Object => object(args, &views)?,
+    };
+    let mut provenance = toml::Table::new();
+    provenance.insert("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION")).into());
+    let names: Vec<toml::Value> = views.iter().map(|view| view.name.clone().into()).collect();
+    provenance.insert("views".into(), names.into());
+    write_stage(&args.out, &found, &provenance)?;
+    print(&found, &args.out);
+    emit(args.json.as_deref(), &found)?;
+    Ok(Outcome::Done)
+}
+
+fn centres(args: &Args, views: &[View]) -> Result<Vec<(f64, Point3<f64>)>> {
+    let centre = |view: &View| -> Result<(f64, Point3<f64>)> {
+        let points: Vec<Point3<f64>> = view.points.iter().map(fringe::cloud::Point::position).collect();
+        let held = fit::find_sphere(&points, args.diameter, args.within)?;
+        let chosen: Vec<Point3<f64>> =
+            points.iter().zip(held).filter(|(_, held)| *held).map(|(p, _)| *p).collect();
+        let settings = FitSettings::default();
+        let sphere = match args.diameter {
+            Some(diameter_mm) => fit::sphere_of_diameter(&chosen, diameter_mm, &settings)?,
+            None => fit::sphere(&chosen, &settings)?,
+        };
+        println!(
+            "{}: sphere at ({:.4}, {:.4}, {:.4}) mm, diameter {:.4} mm, {} points",
+            view.name,
+            sphere.center_mm[0],
+            sphere.center_mm[1],
+            sphere.center_mm[2],
+            sphere.diameter_mm,
+            chosen.len()
+        );
+        Ok((view.angle_rad, sphere.center()))
+    };
+    views.iter().map(|view| centre(view).with_context(|| view.name.clone())).collect()
+}
+
+/// Each view onto the one before, all motions chained to the first; then, with the axis so found, again from there.
+fn object(args: &Args, views: &[View]) -> Result<StageCalibration> {
+    let [first, others @ ..] = views else { bail!("no --view") };
+    let centre_mm = middle(&first.points);
+    let size_mm = first.points.iter().map(|p| (p.position() - centre_mm).norm()).fold(0.0, f64::max);
+    let mut rough = args.rough.map(|Axis(axis)| axis);
+    let mut found = None;
+    for _ in 0..2 {
+        let mut motions: Vec<(f64, Pose)> = Vec::new();
+        let mut total = Pose::new(&nalgebra::Isometry3::identity());
+        let mut before = first;
+        for view in others {
+            let step_rad = view.angle_rad - before.angle_rad;
+            let start = rough.map_or(From::Search, |axis| From::Pose(axis.back(step_rad)));
+            let registration = onto(view, &before.points, start, None)?;
+            if !registration.undetermined.is_empty() {
+                bail!(
+                    "{}: slides on the view before it ({}); turn an object with more shape, or a sphere with --artefact sphere",
+                    view.name,
+                    registration.undetermined[0].describe()
+                );
+            }
+            total = total.after(&registration.pose());
+            motions.push((view.angle_rad - first.angle_rad, total));
+            before = view;
+        }
+        let calibration = axis_from_motions(&motions, &centre_mm, size_mm)?;
+        rough = Some(calibration.axis());
+        found = Some(calibration);
+    }
+    found.context("no --view")
+}
+
+fn print(found: &StageCalibration, out: &Path) {
+    let ([x, y, z], [a, b, c]) = (found.point_mm, found.direction);
+    println!(
+        "axis through ({x:.4}, {y:.4}, {z:.4}) mm along ({a:.6}, {b:.6}, {c:.6}); u across {:.4} mm, u of the direction \
+         {:.1} µrad; residual {:.4} mm rms of {} views, arm {:.1} mm -> {}",
+        found.u_point_mm,
+        found.u_direction_rad * 1e6,
+        found.rms_mm,
+        found.views,
+        found.arm_mm,
+        out.display()
+    );
+}

@@ -1,0 +1,155 @@
+//! Views brought together by the axis, refined by ICP, fused.
+
+use super::input::{View, ViewArg, check_near, middle, onto, read, trusted};
+use crate::Outcome;
+use crate::progress::Progress;
+use crate::report::{check_outputs, emit};
+use crate::surface::{length, moved};
+use anyhow::Result;
+use fringe::cloud::Point;
+use fringe::fusion::{FusionReport, FusionSettings, fuse};
+use fringe::pose::Pose;
+use fringe::register::From;
+use fringe::rotation_stage::StageAxis;
+use rig::stage_file::read_stage;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `rotation-stage merge`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// The axis (from `rotation-stage calibrate`).
+    #[arg(long)]
+    stage: PathBuf,
+    /// A view and its angle in degrees: `30=view.ply`; once for each view. All come to where the part stood at angle 0.
+    #[arg(long = "view", value_name = "DEG=CLOUD", required = true, allow_hyphen_values = true)]
+    views: Vec<ViewArg>,
+    /// Trust the axis alone, without ICP.
+    #[arg(long)]
+    no_refine: bool,
+    /// Farthest match of the ICP, and farthest that it may move a view, mm.
+    #[arg(long, default_value = "1", value_parser = length)]
+    reach: f64,
+    /// The merged cloud (PLY).
+    #[arg(long)]
+    out: PathBuf,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// What became of a view.
+#[derive(Debug, Serialize)]
+struct Placed {
+    cloud: String,
+    angle_deg: f64,
+    points: usize,
+    /// Whether ICP had the last word, or the axis.
+    refined: bool,
+    /// How far ICP moved the middle of the view, mm.
+    moved_mm: f64,
+    /// Distance of the matches, mm; absent for the first view and without ICP.
+    rms_mm: Option<f64>,
+    /// Why ICP was not trusted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reason: Option<String>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let mut inputs: Vec<&Path> = args.views.iter().map(|view| view.path.as_path()).collect();
+    inputs.push(&args.stage);
+    let outputs = [("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
+    check_outputs(&outputs, &inputs, None)?;
+    let axis = read_stage(&args.stage)?;
+    let views = read(&args.views)?;
+    let (clouds, placed) = place(args, &axis, &views)?;
+    let slices: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
+    let mut merged = Vec::new();
+    let fusion = fuse(&slices, &FusionSettings::default(), &mut merged);
+    let stage = args.stage.display().to_string();
+    let software = concat!("fringetool ", env!("CARGO_PKG_VERSION"));
+    rig::ply::write_cloud(&args.out, &merged, &[("stage", &stage), ("software", software), ("unit", "mm")])?;
+    print(&placed, &fusion, merged.len(), &args.out);
+    let json = serde_json::json!({ "points": merged.len(), "views": placed, "fusion": fusion });
+    emit(args.json.as_deref(), &json)?;
+    Ok(Outcome::Done)
+}
+
+/// Each view by the axis, then onto all views before it.
+fn place(args: &Args, axis: &StageAxis, views: &[View]) -> Result<(Vec<Vec<Point>>, Vec<Placed>)> {
+    let mut progress = Progress::new(views.len(), "aligning");
+    let (mut clouds, mut placed): (Vec<Vec<Point>>, Vec<Placed>) = (Vec::new(), Vec::new());
+    let mut there: Vec<Point> = Vec::new();
+    for (number, view) in views.iter().enumerate() {
+        let by_axis = axis.back(view.angle_rad);
+        let (pose, report) = if number == 0 || args.no_refine {
+            (by_axis, Placed::by_axis(view, None))
+        } else {
+            refine(args, view, &there, &by_axis)?
+        };
+        let mut points = moved(&view.points, &pose);
+        for point in &mut points {
+            point.pair = number as u32;
+        }
+        there.extend_from_slice(&points);
+        clouds.push(points);
+        placed.push(report);
+        progress.step();
+    }
+    Ok((clouds, placed))
+}
+
+fn refine(args: &Args, view: &View, there: &[Point], by_axis: &Pose) -> Result<(Pose, Placed)> {
+    let found = match onto(view, there, From::Pose(*by_axis), Some(args.reach)) {
+        Ok(found) if trusted(&found) => found,
+        Ok(found) => {
+            let free = found.undetermined.first().map(fringe::register::Freedom::describe);
+            let reason = free.map_or("did not converge".to_owned(), |free| format!("undetermined: {free}"));
+            return Ok((*by_axis, Placed::by_axis(view, Some(reason))));
+        }
+        // Views that do not overlap are as good as the axis.
+        Err(error) => return Ok((*by_axis, Placed::by_axis(view, Some(format!("{error:#}"))))),
+    };
+    let at = middle(&view.points);
+    let moved_mm = check_near(&found.pose(), by_axis, &at, args.reach, &view.name)?;
+    let placed =
+        Placed { refined: true, moved_mm, rms_mm: Some(found.rms_mm), ..Placed::by_axis(view, None) };
+    Ok((found.pose(), placed))
+}
+
+impl Placed {
+    fn by_axis(view: &View, reason: Option<String>) -> Self {
+        Self {
+            cloud: view.name.clone(),
+            angle_deg: view.angle_rad.to_degrees(),
+            points: view.points.len(),
+            refined: false,
+            moved_mm: 0.0,
+            rms_mm: None,
+            reason,
+        }
+    }
+}
+
+fn print(placed: &[Placed], fusion: &FusionReport, points: usize, out: &Path) {
+    for view in placed {
+        let how = match (&view.reason, view.rms_mm) {
+            (Some(reason), _) => format!("by the axis alone ({reason})"),
+            (None, Some(rms_mm)) => format!("refined by {:.4} mm, {rms_mm:.4} mm rms", view.moved_mm),
+            (None, None) => "by the axis".to_owned(),
+        };
+        println!("{} at {}°: {} points, {how}", view.cloud, view.angle_deg, view.points);
+    }
+    for o in &fusion.overlaps {
+        println!(
+            "overlap {} – {}: {} points, mean {:+.1} µm, standard deviation {:.1} µm",
+            placed[o.a].cloud,
+            placed[o.b].cloud,
+            o.count,
+            o.mean_mm * 1e3,
+            o.sd_mm * 1e3
+        );
+    }
+    println!("{}: {points} points", out.display());
+}

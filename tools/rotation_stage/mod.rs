@@ -1,0 +1,34 @@
+//! `fringetool rotation-stage`: the axis of a stage found without markers, and views at known angles brought together.
+
+mod calibrate;
+mod input;
+mod merge;
+
+pub use input::Axis;
+
+use crate::Outcome;
+use anyhow::Result;
+
+/// Arguments of `rotation-stage`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// What to do.
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    /// Find the axis from views of a sphere, or of any object, at known angles.
+    Calibrate(calibrate::Args),
+    /// Bring views together by a known axis, refine by ICP, merge them into one cloud.
+    Merge(merge::Args),
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    match &args.what {
+        What::Calibrate(args) => calibrate::run(args),
+        What::Merge(args) => merge::run(args),
+    }
+}

@@ -1,0 +1,142 @@
+//! Wrapped phases: from a file, or from the finest sine set of each axis of a recording.
+
+use crate::pipeline::decode_sets;
+use crate::progress::Progress;
+use anyhow::{Context, Result, bail};
+use fringe::decode::DecodeSettings;
+use fringe::pattern::{Axis, PatternSet};
+use fringe::phase::{PhaseInfo, PhaseMap};
+use rig::npy::{self, Raster};
+use rig::recording::{RecordedCamera, RecordedProjector, Recording};
+use std::path::Path;
+
+/// A wrapped phase and where it comes from.
+pub struct Item {
+    /// For the names of files: `proj1-cam1-x`.
+    pub name: String,
+    /// For messages.
+    pub place: String,
+    /// Phase within 0 … 2π.
+    pub map: PhaseMap,
+    /// Whether the modulation is known.
+    pub measured: bool,
+    /// The absolute phase that the code tells, where it was asked for.
+    pub coded: Option<PhaseMap>,
+}
+
+/// A phase from a file.
+pub fn file(path: &Path) -> Result<Item> {
+    let raster = npy::read(path)?;
+    let info =
+        PhaseInfo { width_px: raster.width_px, height_px: raster.height_px, axis: Axis::X, period_px: 1.0 };
+    let mut map = PhaseMap::new(info);
+    for (valid, phase_rad) in map.valid.iter_mut().zip(&raster.values) {
+        *valid = u8::from(phase_rad.is_finite());
+    }
+    map.phase_rad = raster.values;
+    let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    Ok(Item { name, place: path.display().to_string(), map, measured: false, coded: None })
+}
+
+/// An absolute phase from a file.
+pub fn anchor(path: &Path) -> Result<Raster> {
+    Ok(npy::read(path)?)
+}
+
+/// The values of an anchor that is as large as the phase.
+pub fn fitting<'a>(anchor: &'a Raster, item: &Item, path: &Path) -> Result<&'a [f32]> {
+    let info = &item.map.info;
+    if (anchor.width_px, anchor.height_px) != (info.width_px, info.height_px) {
+        bail!(
+            "--anchor {}: has {} × {} px, {} has {} × {} px; they must be of one size",
+            path.display(),
+            anchor.width_px,
+            anchor.height_px,
+            item.place,
+            info.width_px,
+            info.height_px
+        );
+    }
+    Ok(&anchor.values)
+}
+
+/// The wrapped phase of each view and axis of a recording.
+pub fn recording(
+    folder: &Path,
+    projector: Option<&str>,
+    camera: Option<&str>,
+    coded: bool,
+) -> Result<Vec<Item>> {
+    let recording = Recording::open(folder)?;
+    let asked = |wanted: Option<&str>, name: &str| wanted.is_none_or(|wanted| wanted == name);
+    let views: Vec<(&RecordedProjector, &RecordedCamera)> = recording
+        .projectors
+        .iter()
+        .filter(|p| asked(projector, &p.name))
+        .flat_map(|p| p.cameras.iter().filter(|c| asked(camera, &c.name)).map(move |c| (p, c)))
+        .collect();
+    if views.is_empty() {
+        bail!("{}: no view of that --projector and --camera", recording.document.path.display());
+    }
+    let frames: usize = views.iter().map(|(_, camera)| camera.frames.len()).sum();
+    let mut progress = Progress::new(if coded { 2 * frames } else { frames }, "decoding");
+    let mut items = Vec::new();
+    for (projector, camera) in views {
+        let before = items.len();
+        for axis in [Axis::X, Axis::Y] {
+            if let Some(number) = finest(&projector.sequence, axis) {
+                items.push(item(&recording, (projector, camera), (axis, number), coded, &mut progress)?);
+            }
+        }
+        if items.len() == before {
+            bail!(
+                "{}: projector \"{}\" showed no sine set; there is no phase to unwrap",
+                recording.document.path.display(),
+                projector.name
+            );
+        }
+    }
+    Ok(items)
+}
+
+/// The sine set with the shortest period.
+fn finest(sequence: &[PatternSet], axis: Axis) -> Option<usize> {
+    let period = |set: &PatternSet| match set {
+        PatternSet::Sine { axis: of, period_px, .. } if *of == axis => Some(*period_px),
+        _ => None,
+    };
+    let sines = sequence.iter().enumerate().filter_map(|(i, set)| Some((period(set)?, i)));
+    sines.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, i)| i)
+}
+
+fn item(
+    recording: &Recording,
+    (projector, camera): (&RecordedProjector, &RecordedCamera),
+    (axis, number): (Axis, usize),
+    coded: bool,
+    progress: &mut Progress,
+) -> Result<Item> {
+    let set = &projector.sequence[number];
+    let first: usize = projector.sequence[..number].iter().map(PatternSet::frames).sum();
+    // A projector of one period: the phase within it is all there is to tell, and that is the wrapped phase.
+    let PatternSet::Sine { period_px, .. } = set else { bail!("set {number} is no sine set") };
+    let one_period = (period_px.floor() as u32).max(1);
+    let settings = DecodeSettings::default();
+    let mut decode = |sets: &[PatternSet], frames, extent_px| {
+        let maps = decode_sets(recording, projector, camera, (sets, frames), extent_px, &settings, progress)?;
+        maps.into_iter().map(|(map, _)| map).find(|map| map.info.axis == axis).with_context(|| {
+            format!("projector \"{}\", camera \"{}\": no phase along {axis:?}", projector.name, camera.name)
+        })
+    };
+    let map = decode(std::slice::from_ref(set), first..first + set.frames(), [one_period; 2])?;
+    let coded = coded
+        .then(|| {
+            decode(&projector.sequence, 0..camera.frames.len(), [projector.width_px, projector.height_px])
+        })
+        .transpose()
+        .context("--anchor code")?;
+    let axis = if axis == Axis::X { "x" } else { "y" };
+    let name = format!("{}-{}-{axis}", projector.name, camera.name);
+    let place = format!("{}: {name}", recording.folder.display());
+    Ok(Item { name, place, map, measured: true, coded })
+}
