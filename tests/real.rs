@@ -115,11 +115,19 @@ fn a_real_camera_and_projector_are_characterised_and_the_skull_stands_where_it_s
     let file = rig::rig_file::read_rig(rig.as_ref()).unwrap();
     assert!(file.read_covariance().unwrap().is_some());
     let (camera, projector) = (file.rig.camera("cam1").unwrap(), file.rig.projector("proj1").unwrap());
-    assert!((camera.focal_px[0] / 2195.1 - 1.0).abs() < 0.01, "{:?}", camera.focal_px);
-    assert!((projector.focal_px[0] / 2601.5 - 1.0).abs() < 0.01, "{:?}", projector.focal_px);
+    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();
+    // Four poses of a print leave the focal length of the camera open to tens of pixels (OpenCV without the projector: 2169 ± 16
+    // from three of them), so the published values are held against the scatter between poses, which has to be told.
+    let between = &report["held_out"]["between_poses"];
+    for (number, (device, published_px)) in [(camera, 2195.1), (projector, 2601.5)].into_iter().enumerate() {
+        let u_px = between[number]["standard_uncertainty"][0].as_f64().unwrap();
+        let off_px = device.focal_px[0] - published_px;
+        println!("focal length {off_px:+.1} px from the published one, u between poses {u_px:.1} px");
+        assert!(off_px.abs() < 2.0 * u_px && u_px < 0.03 * published_px, "{off_px} px, u {u_px} px");
+    }
+    assert!(between[0]["over_stated"].as_f64().unwrap() > 2.5, "{between}");
     let baseline_mm = (camera.centre_mm() - projector.centre_mm()).norm();
     assert!((baseline_mm - 164.5).abs() < 3.0, "{baseline_mm} mm");
-    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();
     for (devices, published_px) in [("cameras", 0.282), ("projectors", 0.463)] {
         let device = &report[devices][0];
         assert_eq!(device["views"], 4, "{device}");

@@ -68,20 +68,26 @@ pub fn decode_views(
     let mut progress = Progress::new(views.iter().map(|(_, camera)| camera.frames.len()).sum(), "decoding");
     views
         .iter()
-        .map(|(projector, camera)| decode_view(recording, projector, camera, settings, &mut progress))
+        .map(|(projector, camera)| {
+            decode_view(recording, projector, camera, settings, &mut || progress.step())
+        })
         .collect()
 }
 
-fn decode_view(
+/// Decodes one view; `step` is told of each frame.
+///
+/// # Errors
+/// As [`decode_views`].
+pub fn decode_view(
     recording: &Recording,
     projector: &RecordedProjector,
     camera: &RecordedCamera,
     settings: &DecodeSettings,
-    progress: &mut Progress,
+    step: &mut dyn FnMut(),
 ) -> Result<DecodedView> {
     let all = (projector.sequence.as_slice(), 0..camera.frames.len());
     let extent_px = [projector.width_px, projector.height_px];
-    let maps = decode_sets(recording, projector, camera, all, extent_px, settings, progress)?;
+    let maps = decode_sets(recording, projector, camera, all, extent_px, settings, step)?;
     Ok(DecodedView { projector: projector.name.clone(), camera: camera.name.clone(), maps })
 }
 
@@ -96,7 +102,7 @@ pub fn decode_sets(
     (sets, frames): (&[PatternSet], Range<usize>),
     extent_px: [u32; 2],
     settings: &DecodeSettings,
-    progress: &mut Progress,
+    step: &mut dyn FnMut(),
 ) -> Result<Vec<(PhaseMap, DecodeReport)>> {
     let place = || {
         format!(
@@ -116,7 +122,7 @@ pub fn decode_sets(
             batch.par_iter().map(|number| recording.load(&projector.name, &camera.name, *number)).collect();
         for (number, frame) in batch.iter().zip(frames) {
             decoder.push(*number - first, &frame?.view()).with_context(|| frame_place(camera, *number))?;
-            progress.step();
+            step();
         }
     }
     let maps = decoder

@@ -1,6 +1,7 @@
 //! `fringetool bench`: accuracy on the twin, speed on this machine. Measured, never asserted.
 
 mod accuracy;
+mod calibration;
 mod scan;
 mod speed;
 mod unwrap;
@@ -21,6 +22,8 @@ pub struct Args {
 enum What {
     /// The twin's part, ideal and with each imperfection alone: cloud and features against the truth.
     Accuracy(Common),
+    /// Rigs characterised from the twin's boards against the truth: parameters, reprojection, sphere spacings, time.
+    Calibration(calibration::Args),
     /// Decode and matching: nanoseconds per pixel, share of the memory bandwidth, whole compute of a pair.
     Speed(speed::Args),
     /// Spatial unwrapping on maps whose answer is known: wrong pixels and time of every method.
@@ -39,6 +42,7 @@ pub struct Common {
 pub fn run(args: &Args) -> Result<Outcome> {
     match &args.what {
         What::Accuracy(common) => accuracy::run(common.json.as_deref()),
+        What::Calibration(args) => calibration::run(args),
         What::Speed(args) => speed::run(args),
         What::Unwrap(args) => unwrap::run(args),
     }

@@ -27,8 +27,11 @@ pub fn scan(twin: &Twin, rig: &Rig, sequence: &[PatternSet], cycle: u64) -> Resu
         .iter()
         .enumerate()
         .map(|(index, pair)| {
-            let left = decode(twin, &pair.left, &pair.projector, rig, sequence, cycle)?;
-            let right = decode(twin, &pair.right, &pair.projector, rig, sequence, cycle)?;
+            let map = |camera: &str| -> Result<PhaseMap> {
+                let maps = decode(twin, camera, &pair.projector, rig, sequence, cycle)?;
+                maps.into_iter().find(|m| m.info.axis == Axis::X).context("the sequence has fringes along x")
+            };
+            let (left, right) = (map(&pair.left)?, map(&pair.right)?);
             let camera = |name: &str| rig.camera(name).context("a pair of the rig names its cameras");
             let mut matcher =
                 Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
@@ -41,7 +44,7 @@ pub fn scan(twin: &Twin, rig: &Rig, sequence: &[PatternSet], cycle: u64) -> Resu
     Ok(Scan { points, fusion })
 }
 
-/// What one camera sees of one projector, decoded.
+/// What one camera sees of one projector, decoded: one map per axis of the sequence.
 pub fn decode(
     twin: &Twin,
     camera: &str,
@@ -49,20 +52,24 @@ pub fn decode(
     rig: &Rig,
     sequence: &[PatternSet],
     cycle: u64,
-) -> Result<PhaseMap> {
+) -> Result<Vec<PhaseMap>> {
     let view = twin.view_lit_by(camera, &[projector], cycle)?;
     let mut renderer = twin.renderer(projector, sequence)?;
     let mut buffer = Buffer::new(&view);
     let lamp = rig.projector(projector).context("the twin's rig has the projector")?;
     let extent_px = [lamp.width_px, lamp.height_px];
-    let settings = DecodeSettings::default();
+    // The edges of a part or of a board's squares are contradictions of code and phase, however many they are.
+    let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
     let (width, height, full) = (view.width_px(), view.height_px(), view.full_scale_dn());
     let mut decoder = Decoder::new(sequence, width, height, full, extent_px, &settings)?;
     for frame in 0..frame_count(sequence) {
         renderer.render(&view, frame, buffer.pixels_mut())?;
         decoder.push(frame, &buffer.frame(&view))?;
     }
-    let mut map = PhaseMap::new(decoder.info(Axis::X)?);
-    decoder.finish(Axis::X, &mut map.view_mut())?;
-    Ok(map)
+    let finished = decoder.axes().into_iter().map(|axis| {
+        let mut map = PhaseMap::new(decoder.info(axis)?);
+        decoder.finish(axis, &mut map.view_mut())?;
+        Ok(map)
+    });
+    finished.collect()
 }

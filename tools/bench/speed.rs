@@ -99,6 +99,7 @@ fn measure(width_px: u32, height_px: u32, threads: usize, repeats: usize, bandwi
         finish.push(start.elapsed().as_secs_f64() * 1e3);
     }
     let right = decode_scan(&twin, &pair.right, &pair.projector, &rig, &sequence, 0)?;
+    let right = right.first().context("one axis was decoded")?;
     let camera = |name: &str| rig.camera(name).context("the rig names its cameras");
     let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
     let mut points: Vec<Point> = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];

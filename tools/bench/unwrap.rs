@@ -192,7 +192,8 @@ fn demo() -> Result<Map> {
     let scene = load_scene(None, config.twin.as_ref().context("configs/demo.toml: has no [twin]")?)?;
     let rig = twin::thesis::rig(1124, 750);
     let twin = Twin::new(&scene, TwinSettings::default(), &rig)?;
-    let map = decode_scan(&twin, "cam1", "proj1", &rig, &twin::thesis::sequence(), 0)?;
+    let maps = decode_scan(&twin, "cam1", "proj1", &rig, &twin::thesis::sequence(), 0)?;
+    let map = maps.into_iter().next().context("one axis was decoded")?;
     let truth = map.phase_rad.iter().zip(&map.valid).map(|(p, v)| if *v == 1 { *p } else { f32::NAN });
     Ok(Map {
         name: "twin-artefact".into(),

@@ -19,7 +19,7 @@ pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
     }
     let pictures: Vec<(usize, usize)> =
         (0..count).flat_map(|number| (0..lists.len()).map(move |list| (number, list))).collect();
-    let looks = for_all(&pictures, |(number, list)| -> Result<Look> {
+    let looks = for_all("finding targets", &pictures, |(number, list)| -> Result<Look> {
         let path = &lists[*list].1[*number];
         let frame = rig::image_file::read_foreign_frame(path, None)?;
         Ok(look(&frame, target, path.display().to_string(), Source::File(path.clone())))

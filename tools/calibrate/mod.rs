@@ -3,16 +3,17 @@
 mod draw;
 mod images;
 mod lengths;
+pub mod model;
 mod output;
 mod report;
 mod shots;
-mod sights;
+pub mod sights;
 mod validation;
 
 use crate::Outcome;
 use crate::report::check_outputs;
 use anyhow::{Context, Result, bail};
-use fringe::calibration::{Calibration, CalibrationSettings, Observations, SpacingSettings};
+use fringe::calibration::{Calibration, Observations, SpacingSettings};
 use fringe::target::TargetSpec;
 use lengths::Certified;
 use report::Parts;
@@ -53,6 +54,8 @@ pub struct Args {
     /// Report for people: one HTML file.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    model: model::Model,
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -82,7 +85,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         draw::write(folder, &gathered, &observations, calibration, target.columns)?;
     }
     let (calibration, validation) = solved?;
-    for note in &gathered.notes {
+    let of_model = model::note(&calibration).into_iter().chain(validation::notes(&validation));
+    for note in gathered.notes.iter().cloned().chain(of_model) {
         eprintln!("{note}");
     }
     let pairs = output::pairs(&args.pair, &calibration, &gathered.lit)?;
@@ -125,7 +129,7 @@ fn solve(
 ) -> Result<(Calibration, Validation)> {
     gathered.check(target).with_context(|| args.target.display().to_string())?;
     let plan = Plan::new(&args.hold_out, observations)?;
-    plan.solve(observations, &CalibrationSettings::default()).with_context(|| gathered.summary())
+    plan.solve(observations, &args.model.settings()).with_context(|| gathered.summary())
 }
 
 fn gather(args: &Args, target: &TargetSpec) -> Result<Gathered> {

@@ -1,9 +1,10 @@
 //! The pictures that were looked at, to be read again when they are drawn: kept in memory they would be gigabytes.
 
-use super::sights::bright_frame;
 use anyhow::Result;
-use fringe::frame::Frame;
+use fringe::frame::{Frame, PixelBuffer};
+use fringe::pattern::PatternSet;
 use rig::recording::{RecordedCamera, RecordedProjector, Recording};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 /// A picture of a camera, whether it shows the target or not.
@@ -36,4 +37,45 @@ impl Shot {
             Source::Recorded(place) => bright_frame(&place.0, &place.1, &place.2),
         }
     }
+}
+
+/// The white frame, or the mean of the sine frames where there is none.
+pub fn bright_frame(
+    recording: &Recording,
+    projector: &RecordedProjector,
+    camera: &RecordedCamera,
+) -> Result<Frame> {
+    let mut first = 0;
+    let mut sines = BTreeSet::new();
+    for set in &projector.sequence {
+        match set {
+            PatternSet::White {} => return Ok(recording.load(&projector.name, &camera.name, first)?),
+            PatternSet::Sine { .. } if sines.is_empty() => sines.extend(first..first + set.frames()),
+            _ => {}
+        }
+        first += set.frames();
+    }
+    let frames = sines
+        .iter()
+        .map(|n| Ok(recording.load(&projector.name, &camera.name, *n)?))
+        .collect::<Result<Vec<_>>>()?;
+    mean(&frames).ok_or_else(|| {
+        anyhow::anyhow!(
+            "{}: projector \"{}\" shows neither white nor sines: the target cannot be seen",
+            recording.document.path.display(),
+            projector.name
+        )
+    })
+}
+
+fn mean(frames: &[Frame]) -> Option<Frame> {
+    let first = frames.first()?;
+    let views: Vec<_> = frames.iter().map(Frame::view).collect();
+    // Sixteen bits, so that the mean of many frames keeps what it gained.
+    let scale = f32::from(u16::MAX) / f32::from(first.full_scale_dn) / frames.len() as f32;
+    let pixels = (0..views[0].pixels.len())
+        .map(|i| (views.iter().map(|v| v.pixels.get(i)).sum::<f32>() * scale).round() as u16)
+        .collect();
+    let pixels = PixelBuffer::Mono16(pixels);
+    Some(Frame { width_px: first.width_px, height_px: first.height_px, full_scale_dn: u16::MAX, pixels })
 }

@@ -1,17 +1,16 @@
 //! What the cameras saw of the target, and where the projectors' light met it.
 
-use super::shots::{Shot, Source};
-use crate::pipeline::decode_views;
+use super::shots::{Shot, Source, bright_frame};
+use crate::pipeline::decode_view;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
 use fringe::calibration::{Device, DeviceKind, Observations, Sight, View, projector_pixel};
 use fringe::decode::DecodeSettings;
 use fringe::frame::Frame;
 use fringe::pattern::{Axis, PatternSet};
-use fringe::target::{Ambiguity, Detection, TargetError, TargetSettings, TargetSpec, detect};
+use fringe::target::{Ambiguity, DetectedPoint, Detection, TargetError, TargetSettings, TargetSpec, detect};
 use rayon::prelude::*;
 use rig::recording::{RecordedCamera, RecordedProjector, Recording};
-use std::collections::BTreeSet;
 use std::sync::Mutex;
 
 /// Everything that was found.
@@ -51,8 +50,12 @@ pub fn look(frame: &Frame, target: &TargetSpec, place: String, source: Source) -
 }
 
 /// Work on all items at once, with a bar; the results come in the order of the items, whatever the threads do.
-pub fn for_all<'a, T: Sync, R: Send>(items: &'a [T], work: impl Fn(&'a T) -> R + Sync) -> Vec<R> {
-    let progress = Mutex::new(Progress::new(items.len(), "finding targets"));
+pub fn for_all<'a, T: Sync, R: Send>(
+    what: &'static str,
+    items: &'a [T],
+    work: impl Fn(&'a T) -> R + Sync,
+) -> Vec<R> {
+    let progress = Mutex::new(Progress::new(items.len(), what));
     let worked = items.par_iter().map(|item| {
         let result = work(item);
         if let Ok(mut progress) = progress.lock() {
@@ -166,14 +169,16 @@ impl Gathered {
     }
 }
 
-fn index(detection: &Detection, (column, row): (u32, u32)) -> usize {
+/// Number of a point in the order of the target's list.
+pub fn index(detection: &Detection, (column, row): (u32, u32)) -> usize {
     row as usize * detection.columns as usize + column as usize
 }
 
 /// Finds the target in all recordings.
 pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered> {
     let mut all = Gathered::default();
-    let looks = for_all(recordings, |recording| look_around(recording, target));
+    let looks = for_all("finding targets", recordings, |recording| look_around(recording, target));
+    let mut lamps = Vec::new();
     for (recording, looks) in recordings.iter().zip(looks) {
         let pose = all.pose(recording.folder.display().to_string());
         let mut seen: Vec<(String, Detection)> = Vec::new();
@@ -188,8 +193,12 @@ pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered>
         }
         for projector in &recording.projectors {
             all.note_lit(projector);
+            lamps.extend(Lamp::new(recording, projector, pose, &seen));
         }
-        read_projectors(&mut all, recording, pose, &seen)?;
+    }
+    let read = for_all("reading projectors", &lamps, Lamp::read);
+    for (lamp, sights) in lamps.iter().zip(read) {
+        all.add_projector(lamp, sights?)?;
     }
     Ok(all)
 }
@@ -221,93 +230,71 @@ impl Gathered {
     }
 }
 
-/// The white frame, or the mean of the sine frames where there is none.
-pub fn bright_frame(
-    recording: &Recording,
-    projector: &RecordedProjector,
-    camera: &RecordedCamera,
-) -> Result<Frame> {
-    let mut first = 0;
-    let mut sines = BTreeSet::new();
-    for set in &projector.sequence {
-        match set {
-            PatternSet::White {} => return Ok(recording.load(&projector.name, &camera.name, first)?),
-            PatternSet::Sine { .. } if sines.is_empty() => sines.extend(first..first + set.frames()),
-            _ => {}
-        }
-        first += set.frames();
-    }
-    let frames = sines
-        .iter()
-        .map(|n| Ok(recording.load(&projector.name, &camera.name, *n)?))
-        .collect::<Result<Vec<_>>>()?;
-    mean(&frames).ok_or_else(|| {
-        anyhow::anyhow!(
-            "{}: projector \"{}\" shows neither white nor sines: the target cannot be seen",
-            recording.document.path.display(),
-            projector.name
-        )
-    })
-}
-
-fn mean(frames: &[Frame]) -> Option<Frame> {
-    let first = frames.first()?;
-    let views: Vec<_> = frames.iter().map(Frame::view).collect();
-    // Sixteen bits, so that the mean of many frames keeps what it gained.
-    let scale = f32::from(u16::MAX) / f32::from(first.full_scale_dn) / frames.len() as f32;
-    let pixels = (0..views[0].pixels.len())
-        .map(|i| (views.iter().map(|v| v.pixels.get(i)).sum::<f32>() * scale).round() as u16)
-        .collect();
-    let pixels = fringe::frame::PixelBuffer::Mono16(pixels);
-    Some(Frame { width_px: first.width_px, height_px: first.height_px, full_scale_dn: u16::MAX, pixels })
-}
-
-/// Projectors with both fringe directions: where their light met the target's points, as each camera tells it.
-fn read_projectors(
-    all: &mut Gathered,
-    recording: &Recording,
+/// A projector with both fringe directions, and the camera that tells where its light met the target's points.
+struct Lamp<'a> {
+    recording: &'a Recording,
+    projector: &'a RecordedProjector,
     pose: usize,
-    seen: &[(String, Detection)],
-) -> Result<()> {
-    for projector in &recording.projectors {
+    camera: &'a RecordedCamera,
+    detection: Detection,
+}
+
+impl<'a> Lamp<'a> {
+    /// One camera is enough, and two would tell the same light twice: the one that saw most points. `None` without.
+    fn new(
+        recording: &'a Recording,
+        projector: &'a RecordedProjector,
+        pose: usize,
+        seen: &[(String, Detection)],
+    ) -> Option<Self> {
         let has = |axis| {
             projector.sequence.iter().any(|s| matches!(s, PatternSet::Sine { axis: a, .. } if *a == axis))
         };
-        // One camera is enough, and two would tell the same light twice: the one that saw most points.
-        let cameras = projector.cameras.iter().filter_map(|c| seen.iter().find(|(name, _)| *name == c.name));
-        let best = cameras.max_by_key(|(_, detection)| detection.points.len());
-        let (true, true, Some((camera, detection))) = (has(Axis::X), has(Axis::Y), best) else { continue };
-        let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
-        let views = decode_views(recording, &settings, |p, c| p == projector.name && c == camera)?;
-        let Some((x, y)) = views.first().and_then(|v| v.map(Axis::X).zip(v.map(Axis::Y))) else { continue };
-        let sights: Vec<Sight> = detection
-            .points
+        let cameras = projector
+            .cameras
             .iter()
-            .filter_map(|point| {
-                let radius_px = pitch_px(detection, point.index)?;
-                let (pixel, covariance_px2) = projector_pixel(&x.view(), &y.view(), point.pixel, radius_px)?;
-                Some(Sight { index: index(detection, point.index), pixel, covariance_px2 })
-            })
-            .collect();
+            .filter_map(|c| Some((c, &seen.iter().find(|(name, _)| *name == c.name)?.1)));
+        let (camera, detection) = cameras.max_by_key(|(_, detection)| detection.points.len())?;
+        let detection = detection.clone();
+        (has(Axis::X) && has(Axis::Y)).then_some(Self { recording, projector, pose, camera, detection })
+    }
+
+    /// Its pixels at the target's points; `None` where the sequence has no phase along both axes.
+    fn read(&self) -> Result<Option<Vec<Sight>>> {
+        let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
+        let view = decode_view(self.recording, self.projector, self.camera, &settings, &mut || {})?;
+        let Some((x, y)) = view.map(Axis::X).zip(view.map(Axis::Y)) else { return Ok(None) };
+        let detection = &self.detection;
+        let sight = |point: &DetectedPoint| {
+            let radius_px = pitch_px(detection, point.index)?;
+            let place = (point.pixel, point.covariance_px2);
+            let (pixel, covariance_px2) = projector_pixel(&x.view(), &y.view(), place, radius_px)?;
+            Some(Sight { index: index(detection, point.index), pixel, covariance_px2 })
+        };
+        Ok(Some(detection.points.iter().filter_map(sight).collect()))
+    }
+}
+
+impl Gathered {
+    fn add_projector(&mut self, lamp: &Lamp, sights: Option<Vec<Sight>>) -> Result<()> {
+        let Some(sights) = sights else { return Ok(()) };
+        let (projector, place) = (lamp.projector, lamp.recording.folder.display());
         if sights.len() < 6 {
-            all.notes.push(format!(
-                "{}: projector \"{}\" lights {} points of the target; left out",
-                recording.folder.display(),
-                projector.name,
-                sights.len()
-            ));
-            continue;
+            let (name, count) = (&projector.name, sights.len());
+            self.notes
+                .push(format!("{place}: projector \"{name}\" lights {count} points of the target; left out"));
+            return Ok(());
         }
         let (width, height) = (projector.width_px, projector.height_px);
-        let device = all.device(&projector.name, DeviceKind::Projector, width, height)?;
-        let may_be_turned = detection.ambiguity != Ambiguity::None;
-        all.views.push(View { device, pose, sights, may_be_turned });
+        let device = self.device(&projector.name, DeviceKind::Projector, width, height)?;
+        let may_be_turned = lamp.detection.ambiguity != Ambiguity::None;
+        self.views.push(View { device, pose: lamp.pose, sights, may_be_turned });
+        Ok(())
     }
-    Ok(())
 }
 
 /// Distance to the nearest neighbour on the target, camera pixels.
-fn pitch_px(detection: &Detection, (column, row): (u32, u32)) -> Option<f64> {
+pub fn pitch_px(detection: &Detection, (column, row): (u32, u32)) -> Option<f64> {
     let here = detection.points.iter().find(|p| p.index == (column, row))?.pixel;
     let near = detection.points.iter().filter(|p| p.index.0.abs_diff(column) + p.index.1.abs_diff(row) == 1);
     near.map(|p| (p.pixel - here).norm()).min_by(f64::total_cmp)

@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result, bail};
 use fringe::calibration::{
-    Calibration, CalibrationSettings, CrossValidation, HeldOut, Observations, calibrate, cross_validate,
-    hold_out, in_turn,
+    BetweenPoses, Calibration, CalibrationSettings, CrossValidation, HeldOut, Observations, calibrate,
+    cross_validate, hold_out, in_turn,
 };
 use serde_json::{Value, json};
 
@@ -23,6 +23,8 @@ pub enum Plan {
 pub struct Validation {
     /// Held-out poses, or why there are none.
     pub held: Result<HeldOut, String>,
+    /// How far the rig moves from one group of poses to another, where that was asked for of three groups or more.
+    pub between: Option<Vec<BetweenPoses>>,
     /// How they were chosen.
     pub how: String,
     /// Two halves against each other, or why not.
@@ -33,7 +35,10 @@ impl Plan {
     /// From the arguments: a number of groups, or names of poses.
     pub fn new(asked: &[String], observations: &Observations) -> Result<Self> {
         match asked {
-            [] => return Ok(Self::InTurn(TURNS, false)),
+            [] => {
+                let seen = in_turn(observations, 1).concat().len();
+                return Ok(Self::InTurn(TURNS.min(seen), false));
+            }
             [one] if one.bytes().all(|b| b.is_ascii_digit()) && !one.is_empty() => {
                 let seen = in_turn(observations, 1).concat().len();
                 let turns: usize = one.parse().unwrap_or(usize::MAX);
@@ -91,8 +96,24 @@ impl Plan {
             }
         };
         let cross = cross_validate(&known, settings).map_err(|e| e.to_string());
-        Ok((calibration, Validation { held, how, cross }))
+        let between = held.as_ref().ok().and_then(|held| held.between_poses(&calibration));
+        Ok((calibration, Validation { held, between, how, cross }))
     }
+}
+
+/// Beyond this the poses disagree: of independent errors the ratio of five groups exceeds it once in ten thousand times.
+const DISAGREEMENT: f64 = 2.5;
+
+/// What to do about poses that disagree.
+pub fn notes(validation: &Validation) -> impl Iterator<Item = String> {
+    let beyond = validation.between.iter().flatten().filter(|b| b.over_stated > DISAGREEMENT);
+    beyond.map(|b| {
+        format!(
+            "{}: from one group of poses to another it moves {:.1} times as far as its stated uncertainties say, limit \
+             {DISAGREEMENT}; go by the uncertainty between poses, add poses, and see that the board is rigid and as declared",
+            b.name, b.over_stated
+        )
+    })
 }
 
 /// Lines for people.
@@ -107,6 +128,13 @@ pub fn print(validation: &Validation) {
             }
         }
         Err(why) => println!("held-out poses: none: {why}"),
+    }
+    for b in validation.between.iter().flatten() {
+        let u = &b.standard_uncertainty;
+        println!(
+            "between groups of poses: {} f u ({:.3}, {:.3}), c u ({:.3}, {:.3}) px, {:.2} of the stated",
+            b.name, u[0], u[1], u[2], u[3], b.over_stated
+        );
     }
     match &validation.cross {
         Ok(cross) => {
@@ -147,6 +175,9 @@ pub fn held_json(validation: &Validation, observations: &Observations) -> Value 
         "how": validation.how,
         "devices": held.devices.iter().map(device).collect::<Vec<_>>(),
         "views": views.collect::<Vec<_>>(),
+        "between_poses": validation.between.as_ref().map(|all| all.iter().map(|b| json!({
+            "name": b.name, "standard_uncertainty": b.standard_uncertainty, "over_stated": b.over_stated,
+        })).collect::<Vec<_>>()),
     })
 }
 

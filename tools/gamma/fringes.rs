@@ -1,13 +1,13 @@
 //! The exponent from fringes, white and black, where no grey levels were recorded.
 
 use super::input::Seen;
-use super::{Args, Waveform, correction, finish, percent, sheet};
+use super::{Args, Waveform, correction, percent};
 use anyhow::{Context, Result};
 use fringe::frame::Frame;
 use fringe::math::pow;
 use fringe::response::LevelTable;
 use fringe::response::fringes::{FringeResponse, Fringes};
-use rig::correction::TableSource;
+use rig::correction::{PatternCorrection, TableSource};
 use serde::Serialize;
 
 /// The result; the keys are those of the JSON file.
@@ -37,8 +37,8 @@ pub struct FringeResult {
     pub after: Waveform,
 }
 
-/// Evaluates fringes, prints and writes.
-pub fn run(args: &Args, seen: &Seen) -> Result<()> {
+/// Evaluates and prints fringes.
+pub fn run(args: &Args, seen: &Seen) -> Result<(FringeResult, PatternCorrection)> {
     let result = evaluate(args, seen).with_context(|| seen.source.clone())?;
     println!(
         "gamma {:.4}, u {:.4} (from fringes of {} px: {:.4} as drawn, offset {:.4}, gain {:.4}, residuals {:.4} rms)",
@@ -60,7 +60,7 @@ pub fn run(args: &Args, seen: &Seen) -> Result<()> {
         );
     }
     let correction = correction(seen, TableSource::Fringes, result.gamma, None, result.lut.clone());
-    finish(args, seen, &result, &correction, &sheet::of_fringes(&seen.source, &result))
+    Ok((result, correction))
 }
 
 fn evaluate(args: &Args, seen: &Seen) -> Result<FringeResult> {

@@ -1,14 +1,14 @@
 //! The response from grey levels.
 
 use super::input::Seen;
-use super::{Args, Inverts, Waveform, correction, finish, percent, sheet};
+use super::{Args, Inverts, Waveform, correction, percent};
 use anyhow::{Context, Result};
 use fringe::frame::Frame;
 use fringe::response::recorded::{RecordedWaveform, analyse};
 use fringe::response::{
     COEFFICIENTS, GreyLevel, InversePolynomial, LevelTable, PowerLaw, ResponseCurve, Roi,
 };
-use rig::correction::TableSource;
+use rig::correction::{PatternCorrection, TableSource};
 use serde::Serialize;
 
 /// The result; the keys are those of the JSON file.
@@ -56,8 +56,8 @@ pub struct LevelResult {
     pub recorded: Option<RecordedWaveform>,
 }
 
-/// Evaluates grey levels, prints and writes.
-pub fn run(args: &Args, seen: &Seen) -> Result<()> {
+/// Evaluates and prints grey levels.
+pub fn run(args: &Args, seen: &Seen) -> Result<(LevelResult, PatternCorrection)> {
     let result = evaluate(args, seen).with_context(|| seen.source.clone())?;
     print(&result);
     let source = match args.table {
@@ -66,7 +66,7 @@ pub fn run(args: &Args, seen: &Seen) -> Result<()> {
     };
     let coefficients = Some(result.polynomial.coefficients.to_vec());
     let correction = correction(seen, source, result.gamma, coefficients, result.lut.clone());
-    finish(args, seen, &result, &correction, &sheet::of_levels(&seen.source, &result))
+    Ok((result, correction))
 }
 
 fn evaluate(args: &Args, seen: &Seen) -> Result<LevelResult> {

@@ -104,7 +104,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
             seen.source
         );
     }
-    if seen.stack.is_some() { levels::run(args, &seen) } else { fringes::run(args, &seen) }?;
+    if seen.stack.is_some() {
+        let (result, correction) = levels::run(args, &seen)?;
+        finish(args, &seen, &result, &correction, &sheet::of_levels(&seen.source, &result))?;
+    } else {
+        let (result, correction) = fringes::run(args, &seen)?;
+        finish(args, &seen, &result, &correction, &sheet::of_fringes(&seen.source, &result))?;
+    }
     Ok(Outcome::Done)
 }
 

@@ -123,7 +123,9 @@ fn item(
     let one_period = (period_px.floor() as u32).max(1);
     let settings = DecodeSettings::default();
     let mut decode = |sets: &[PatternSet], frames, extent_px| {
-        let maps = decode_sets(recording, projector, camera, (sets, frames), extent_px, &settings, progress)?;
+        let mut step = || progress.step();
+        let maps =
+            decode_sets(recording, projector, camera, (sets, frames), extent_px, &settings, &mut step)?;
         maps.into_iter().map(|(map, _)| map).find(|map| map.info.axis == axis).with_context(|| {
             format!("projector \"{}\", camera \"{}\": no phase along {axis:?}", projector.name, camera.name)
         })

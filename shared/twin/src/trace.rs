@@ -93,6 +93,18 @@ fn reach2(camera: &Camera) -> f64 {
         .fold(0.0, f64::max)
 }
 
+/// Place of ray `number` of n × n within its pixel, −½ … ½.
+///
+/// A grid that is turned a little: no two rays share a row or a column, so that an edge along either covers a pixel in n²
+/// steps instead of n. With steps of a third of a pixel the corners of a board were off by 0.01 px, more than by all noise.
+/// Every cell of the straight grid still holds one ray, the middle one of an odd n is the centre.
+fn offset(number: usize, n: usize) -> [f64; 2] {
+    let (column, row) = (number % n, number / n);
+    let place =
+        |cell: usize, within: usize| (cell as f64 + (within as f64 + 0.5) / n as f64) / n as f64 - 0.5;
+    [place(column, row), place(row, n - 1 - column)]
+}
+
 /// One row of the planes.
 pub(crate) struct Row<'a> {
     pub y: usize,
@@ -119,14 +131,14 @@ impl Tracer<'_> {
     fn row(&self, row: &mut Row) {
         let n = self.subsamples;
         let projectors = self.projectors.len();
-        let offset = |i: usize| (i as f64 + 0.5) / n as f64 - 0.5;
         for (index, ambient) in row.ambient.iter_mut().enumerate() {
             let (x, s) = (index / (n * n), index % (n * n));
             let lit = &mut row.lit[index * projectors..(index + 1) * projectors];
             let sway = row.sway.get_mut(index * projectors..(index + 1) * projectors).unwrap_or(&mut []);
             lit.fill(Lit::default());
             sway.fill(Sway::default());
-            *ambient = self.sample(x as f64 + offset(s % n), row.y as f64 + offset(s / n), lit, sway);
+            let [dx, dy] = offset(s, n);
+            *ambient = self.sample(x as f64 + dx, row.y as f64 + dy, lit, sway);
         }
     }
 
@@ -168,5 +180,33 @@ impl Tracer<'_> {
         let along_normal = self.world_from_part.rotation * normal / normal.dot(d);
         let of = |rate: f64| (along_normal * rate).map(|c| c as f32).into();
         Sway { u: of(slope.x), v: of(slope.y) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::offset;
+
+    /// Moments of the footprint, and the steps in which an edge covers it.
+    #[test]
+    fn rays_cover_the_pixel_evenly() {
+        for n in 1..=8 {
+            let rays: Vec<[f64; 2]> = (0..n * n).map(|s| offset(s, n)).collect();
+            let count = rays.len() as f64;
+            let mean = |of: fn(&[f64; 2]) -> f64| rays.iter().map(of).sum::<f64>() / count;
+            assert!(mean(|r| r[0]).abs() < 1e-12 && mean(|r| r[1]).abs() < 1e-12);
+            assert!(mean(|r| r[0] * r[1]).abs() < 1e-12);
+            // Variance of n² even steps, 1/12 (1 − 1/n⁴).
+            let variance = (1.0 - count.powi(-2)) / 12.0;
+            assert!((mean(|r| r[0] * r[0]) - variance).abs() < 1e-12);
+            assert!((mean(|r| r[1] * r[1]) - variance).abs() < 1e-12);
+            for axis in 0..2 {
+                let mut places: Vec<f64> = rays.iter().map(|r| r[axis]).collect();
+                places.sort_by(f64::total_cmp);
+                assert!(places.windows(2).all(|w| (w[1] - w[0] - 1.0 / count).abs() < 1e-12));
+            }
+        }
+        assert_eq!(offset(0, 1), [0.0, 0.0]);
+        assert!(offset(4, 3).iter().all(|v| v.abs() < 1e-12));
     }
 }

@@ -1,9 +1,11 @@
 //! Levenberg–Marquardt on the normal equations, then the rounds that find outliers and noise.
 
+use super::datum::Datum;
 use super::homography::{MIN_SIGHTS, median};
 use super::model::{DEVICE, State, compose, motion, moved};
 use super::normal::{Normal, Problem, Step};
 use super::settings::CalibrationSettings;
+use nalgebra::Vector3;
 
 /// Most iterations of one solution; from Zhang's start eight to fifteen are needed.
 const MAX_ITERATIONS: usize = 100;
@@ -38,7 +40,7 @@ pub(super) struct Solved {
 pub(super) fn solve(problem: &Problem, start: State, weights: &[f64], most: usize) -> Option<Solved> {
     let normal = problem.normal(&start, weights)?;
     let used = weights.iter().filter(|w| **w > 0.0).count();
-    let parameters = problem.unknowns + 6 * normal.poses.iter().flatten().count();
+    let parameters = problem.parameters() + 6 * normal.poses.iter().flatten().count();
     let freedom = (2 * used).saturating_sub(parameters).max(1) as f64;
     let floor =
         2.0 * weights.iter().zip(&problem.whiten).map(|(w, l)| w * (l[0] * ROUNDING_PX).powi(2)).sum::<f64>();
@@ -84,11 +86,17 @@ fn stepped(problem: &Problem, state: &State, step: &Step) -> State {
         (Some(board), Some(step)) => Some(compose(board, &motion(step))),
         _ => *board,
     });
-    let mut warp_mm = state.warp_mm;
-    for (entry, column) in warp_mm.iter_mut().zip(problem.columns.last().into_iter().flatten()) {
+    let mut shape = state.shape.clone();
+    for (entry, column) in shape.warp_mm.iter_mut().zip(problem.columns.last().into_iter().flatten()) {
         *entry += value(column);
     }
-    State { cameras: cameras.collect(), boards: boards.collect(), warp_mm }
+    if let Some(datum) = &problem.datum {
+        let first = step.devices.len() - datum.size();
+        for (offset, step) in shape.offsets_mm.iter_mut().zip(step.devices[first..].chunks_exact(3)) {
+            *offset += Vector3::from_column_slice(step);
+        }
+    }
+    State { cameras: cameras.collect(), boards: boards.collect(), shape }
 }
 
 /// Robust variance of each device's whitened residuals: the median of the squares over that of χ² with two degrees.
@@ -200,6 +208,7 @@ fn accepted(
 ///
 /// A device's redundancy is its number of rows less its own parameters less its share in each pose,
 /// tr(V⁻¹ V_device); these shares add up to six for each pose, so that the redundancies add up to the degrees of freedom.
+/// Points of the target that are adjusted are shared by the information about them.
 fn components(problem: &Problem, solved: &Solved, used: &[bool]) -> Option<Vec<f64>> {
     let inverses = solved.normal.pose_inverses(0.0).ok()?;
     let squares = problem.squares(&solved.state);
@@ -214,6 +223,13 @@ fn components(problem: &Problem, solved: &Solved, used: &[bool]) -> Option<Vec<f
         if let Some(inverse) = &inverses[view.pose] {
             let product = inverse.times(share);
             freedom[view.device] -= (0..product.rows).map(|i| product.at(i, i)).sum::<f64>();
+        }
+    }
+    if let Some(datum) = &problem.datum {
+        let all: f64 = solved.normal.point_shares.iter().sum();
+        let each = (datum.size() - Datum::HELD) as f64 / all.max(1e-300);
+        for (view, share) in problem.views.iter().zip(&solved.normal.point_shares) {
+            freedom[view.device] -= share * each;
         }
     }
     Some(sums.iter().zip(&freedom).map(|(s, f)| (s / f.max(1.0)).max(1e-24)).collect())

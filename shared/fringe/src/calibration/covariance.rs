@@ -7,7 +7,7 @@
 //!
 //! Distances have the same uncertainty in both.
 
-use super::dense::{Dense, Factor};
+use super::dense::{Dense, Factor, dot};
 use super::model::{Board, DEVICE, INTRINSIC, POSE, State, WARP};
 use super::normal::{Normal, Problem};
 use nalgebra::{Isometry3, Vector3};
@@ -72,57 +72,76 @@ pub(super) fn covariance(
 ) -> Option<Covariance> {
     let inverses = normal.pose_inverses(0.0).ok()?;
     let (matrix, _) = normal.reduced(&inverses, 0.0);
-    let reduced = Factor::new(&matrix).ok()?.inverse();
-    let devices = state.cameras.len();
-    let full = DEVICE * devices + WARP;
-    // Place of each unknown in the full matrix.
-    let mut place = vec![0; problem.unknowns];
-    for (position, column) in problem.columns.iter().flatten().enumerate() {
-        if let Some(column) = column {
-            place[*column] = position;
-        }
-    }
+    let reduced = Factor::new(&matrix).ok()?;
+    let full = DEVICE * state.cameras.len() + WARP;
+    // Place of the devices' and the warp's unknowns in the full matrix; those of target points come after them.
+    let place: Vec<(usize, usize)> = problem
+        .columns
+        .iter()
+        .flatten()
+        .enumerate()
+        .filter_map(|(position, column)| Some((column.as_ref().copied()?, position)))
+        .collect();
     let mut first_device = Dense::zeros(full, full);
-    for (i, row) in place.iter().enumerate() {
-        for (j, col) in place.iter().enumerate() {
-            first_device.set(*row, *col, variance * reduced.at(i, j));
+    for (column, col) in &place {
+        let mut unit = vec![0.0; problem.unknowns];
+        unit[*column] = variance;
+        let solved = reduced.solve(&unit);
+        for (other, row) in &place {
+            first_device.set(*row, *col, solved[*other]);
         }
     }
-    let boards = hold_boards(problem, state, normal, &inverses, &first_device, &place, variance)?;
+    symmetric(&mut first_device);
+    let boards = hold_boards(problem, state, normal, &inverses, &first_device, (&reduced, &place), variance)?;
     Some(Covariance { first_device, boards })
+}
+
+/// Copies the lower triangle: the solutions of both halves differ by rounding.
+fn symmetric(matrix: &mut Dense) {
+    for i in 0..matrix.rows {
+        for j in 0..i {
+            matrix.set(j, i, matrix.at(i, j));
+        }
+    }
 }
 
 /// Moves the covariance into the gauge of the boards.
 ///
-/// With δp = −V⁻¹Wᵀ δd + ε for each pose and B its share in the mean motion g of all points, g = −Q δd + Σ B ε with
-/// Q = Σ B V⁻¹ Wᵀ. Taking the motion out, δd′ = δd − D g has the covariance (1 + DQ) Σ (1 + DQ)ᵀ + D (Σ B V⁻¹ Bᵀ) Dᵀ.
+/// With δp = −V⁻¹Wᵀ δu + ε for each pose (u: devices, warp and target points) and B its share in the mean motion g of all
+/// points, g = −Q δu + Σ B ε with Q = Σ B V⁻¹ Wᵀ. Taking the motion out of the devices, δd′ = δd − D g has the covariance
+/// Σ_dd + D QΣ_ud + (D QΣ_ud)ᵀ + D (Q Σ_uu Qᵀ + Σ B V⁻¹ Bᵀ) Dᵀ.
 fn hold_boards(
     problem: &Problem,
     state: &State,
     normal: &Normal,
     inverses: &[Option<Dense>],
     first_device: &Dense,
-    place: &[usize],
+    (reduced, place): (&Factor, &[(usize, usize)]),
     variance: f64,
 ) -> Option<Dense> {
     let n = first_device.rows;
     let (middle, shares) = motion_shares(problem.board, state, inverses)?;
-    let (mut q, mut e) = (Dense::zeros(POSE, n), Dense::zeros(POSE, POSE));
+    let (mut q, mut inner) = (Dense::zeros(POSE, problem.unknowns), Dense::zeros(POSE, POSE));
     for ((share, inverse), block) in shares.iter().zip(inverses).zip(&normal.poses) {
         let (Some(share), Some(inverse), Some(block)) = (share, inverse, block) else { continue };
         let both = share.times(inverse);
-        e = e.plus(&both.times(&share.transposed()));
-        let row = both.times(&block.coupling.transposed());
-        for (column, at) in place.iter().enumerate() {
-            for i in 0..POSE {
-                q.add(i, *at, row.at(i, column));
-            }
+        inner = inner.plus(&both.times(&share.transposed()));
+        q = q.plus(&both.times(&block.coupling.transposed()));
+    }
+    let spread: Vec<Vec<f64>> = (0..POSE).map(|i| reduced.solve(q.row(i))).collect();
+    inner = inner.plus(&Dense::from_fn(POSE, POSE, |i, j| dot(&spread[i], q.row(j))));
+    let mut mixed = Dense::zeros(POSE, n);
+    for (column, position) in place {
+        for (i, own) in spread.iter().enumerate() {
+            mixed.set(i, *position, own[*column]);
         }
     }
     let d = device_motion(state, &middle, n);
-    let whole = Dense::identity(n).plus(&d.times(&q));
-    let noise = d.sandwich(&e);
-    Some(whole.sandwich(first_device).plus(&Dense::from_fn(n, n, |i, j| variance * noise.at(i, j))))
+    let (turned, noise) = (d.times(&mixed), d.sandwich(&inner));
+    let added = |i: usize, j: usize| turned.at(i, j) + turned.at(j, i) + noise.at(i, j);
+    let mut boards = Dense::from_fn(n, n, |i, j| first_device.at(i, j) + variance * added(i, j));
+    symmetric(&mut boards);
+    Some(boards)
 }
 
 /// Steps of all devices (full size × 6) when the world moves by X ↦ X + ω × (X − middle) + τ.

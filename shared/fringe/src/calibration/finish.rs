@@ -7,7 +7,7 @@ use super::model::{Board, DEVICE, compose};
 use super::normal::{Problem, ViewRange};
 use super::observations::Observations;
 use super::result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
-use super::settings::{CalibrationSettings, WorldFrame};
+use super::settings::{CalibrationSettings, TargetShape, WorldFrame};
 use super::start::{Seen, open, remedy};
 use nalgebra::{Isometry3, Point3, Translation3};
 
@@ -39,7 +39,7 @@ impl Finish<'_> {
             return Err(CalibrationError::NoConvergence { stage, iterations });
         }
         let used = self.weighted.weights.iter().filter(|w| **w > 0.0).count();
-        let parameters = self.problem.unknowns + 6 * solved.state.boards.iter().flatten().count();
+        let parameters = self.problem.parameters() + 6 * solved.state.boards.iter().flatten().count();
         let degrees_of_freedom = (2 * used).saturating_sub(parameters);
         let variance = solved.normal.cost / degrees_of_freedom.max(1) as f64;
         let scale = if self.settings.estimate_noise { 1.0 } else { variance };
@@ -52,11 +52,17 @@ impl Finish<'_> {
         let devices =
             (0..self.observations.devices.len()).map(|d| self.device(d, &views, &covariance)).collect();
         let outliers = views.iter().flat_map(outliers).collect();
-        let bent = |i: usize| Point3::from(self.board.point(i, &solved.state.warp_mm) + self.board.centre);
+        let bent = |i: usize| Point3::from(self.board.point(i, &solved.state.shape) + self.board.centre);
         let mut calibration = Calibration {
             devices,
             boards: self.boards(),
             warp: self.warp(&covariance),
+            target_misfit: self.problem.misfit(
+                &solved.state,
+                &self.weighted.weights,
+                solved.normal.cost,
+                degrees_of_freedom,
+            ),
             target_mm: (0..self.board.points.len()).map(bent).collect(),
             unused_views: self.unused(),
             views,
@@ -144,8 +150,8 @@ impl Finish<'_> {
     fn warp(&self, covariance: &Covariance) -> Option<Warp> {
         let first = DEVICE * self.observations.devices.len();
         let u = |i: usize| covariance.at(Gauge::FirstDevice, first + i, first + i).max(0.0).sqrt();
-        let [x_mm, y_mm] = self.weighted.solved.state.warp_mm;
-        self.settings.warp.then(|| Warp { x_mm, y_mm, u_mm: [u(0), u(1)] })
+        let [x_mm, y_mm] = self.weighted.solved.state.shape.warp_mm;
+        (self.settings.target == TargetShape::Bent).then(|| Warp { x_mm, y_mm, u_mm: [u(0), u(1)] })
     }
 
     fn unused(&self) -> Vec<usize> {

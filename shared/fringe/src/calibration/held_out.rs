@@ -10,7 +10,7 @@ use super::covariance::Gauge;
 use super::dense::{Dense, Factor, dot};
 use super::finish::{reports, rms};
 use super::homography::{homography, median};
-use super::model::{Board, DEVICE, POSE, Projector, State, WARP, compose};
+use super::model::{Board, DEVICE, POSE, Projector, Shape, State, WARP, compose};
 use super::normal::{Problem, ViewRange, whitening};
 use super::observations::{Observations, Sight};
 use super::result::{Calibration, ViewReport};
@@ -104,8 +104,9 @@ fn fold(
     let calibration = calibrate(&rest, settings)?;
     let board = Board::new(observations);
     let cameras = calibration.devices.iter().map(|d| d.camera.clone()).collect();
-    let warp_mm = calibration.warp.map_or([0.0; 2], |w| [w.x_mm, w.y_mm]);
-    let mut state = State { cameras, boards: Vec::new(), warp_mm };
+    let adjusted = calibration.target_mm.iter().zip(&observations.target_mm);
+    let shape = Shape { warp_mm: [0.0; 2], offsets_mm: adjusted.map(|(a, b)| a - b).collect() };
+    let mut state = State { cameras, boards: Vec::new(), shape };
     let fixed = vec![None; DEVICE];
     let mut columns = vec![fixed; observations.devices.len()];
     columns.push(vec![None; WARP]);
@@ -116,6 +117,7 @@ fn fold(
         whiten: Vec::new(),
         columns,
         unknowns: 0,
+        datum: None,
     };
     let mut origin = Vec::new();
     for pose in held {
@@ -164,7 +166,7 @@ fn add_pose(
             .map(|opposite| view.sights.iter().map(|s| Sight { index: opposite[s.index], ..*s }).collect());
         let off = |sights: &[Sight]| {
             let square = |s: &Sight| {
-                let pixel = projector.pixel(&board.point(s.index, &state.warp_mm));
+                let pixel = projector.pixel(&board.point(s.index, &state.shape));
                 pixel.map_or(f64::INFINITY, |p| (p - s.pixel).norm_squared())
             };
             median(sights.iter().map(square).collect())
@@ -239,7 +241,7 @@ fn rows(calibration: &Calibration, problem: &Problem, weighted: &Weighted, pose:
         let projector = Projector::new(&state.cameras[view.device], board);
         let factor = calibration.devices[view.device].noise_factor.powi(2);
         for (sight, weight) in problem.sights.iter().zip(&weighted.weights).take(view.end).skip(view.start) {
-            let point = problem.board.point(sight.index, &state.warp_mm);
+            let point = problem.board.point(sight.index, &state.shape);
             let Some((_, both)) = projector.rows(&point, problem.board.rise[sight.index]) else { continue };
             for local in both.iter().filter(|_| *weight > 0.0) {
                 rows.push(Row {

@@ -17,7 +17,9 @@
 //! Deterministic: one thread, sums in the order of the views given.
 
 mod adjust;
+mod between;
 mod covariance;
+mod datum;
 pub(crate) mod dense;
 mod error;
 mod finish;
@@ -26,6 +28,7 @@ mod held_out;
 mod homography;
 mod lengths;
 mod maps;
+mod misfit;
 mod model;
 mod normal;
 mod observations;
@@ -41,6 +44,7 @@ mod tests;
 mod validate;
 mod zhang;
 
+pub use between::BetweenPoses;
 pub use covariance::{Covariance, Gauge, PARAMETERS};
 pub use error::CalibrationError;
 pub use held_out::{Fold, HeldOut, HeldOutDevice, hold_out, in_turn};
@@ -51,14 +55,17 @@ pub use observations::{Device, DeviceKind, Observations, Sight, View};
 pub use predict::PointUncertainty;
 pub use reading::projector_pixel;
 pub use result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
-pub use settings::{CalibrationSettings, LensModel, WorldFrame};
+pub use settings::{CalibrationSettings, LensModel, TargetShape, WorldFrame};
 pub use spacing::{SpacingSettings, SphereSpacing, Volume};
 pub use stereo::{EpipolarResiduals, RelativePose, StereoGeometry};
 pub use validate::{CrossValidation, DeviceDifference, cross_validate};
 
 use crate::camera::Camera;
+use adjust::Weighted;
+use datum::Datum;
 use finish::Finish;
-use model::{Board, State};
+use model::{Board, Shape, State, WARP};
+use nalgebra::Vector3;
 use normal::{Problem, ViewRange, columns, whitening};
 use start::{Seen, lens};
 
@@ -88,10 +95,14 @@ pub fn calibrate(
     for (camera, device_from_world) in cameras.iter_mut().zip(&placed.devices) {
         camera.camera_from_world = *device_from_world;
     }
-    let problem = joint(observations, &board, &seen, &placed.turned, settings);
-    let state = State { cameras, boards: placed.boards, warp_mm: [0.0; 2] };
+    let mut problem = joint(observations, &board, &seen, &placed.turned, settings);
+    let state = State { cameras, boards: placed.boards, shape: Shape::default() };
     let weighted = adjust::approach(&problem, state)
         .and_then(|state| adjust::weighted(&problem, state, settings))
+        .and_then(|weighted| match settings.target {
+            TargetShape::Free => free_points(&mut problem, weighted.solved.state, settings),
+            TargetShape::Flat | TargetShape::Bent => Some(weighted),
+        })
         .ok_or_else(|| CalibrationError::NoConvergence { stage: "joint adjustment".into(), iterations: 0 })?;
     let turned = &placed.turned;
     Finish {
@@ -129,6 +140,22 @@ fn joint<'a>(
     }
     let lenses: Vec<LensModel> =
         (0..observations.devices.len()).map(|device| lens(observations, device, settings)).collect();
-    let (columns, unknowns) = columns(&lenses, settings.warp);
-    Problem { board, views, whiten: sights.iter().map(whitening).collect(), sights, columns, unknowns }
+    // Points get free from a target that is nearly right: their own step starts from the bend.
+    let target = if settings.target == TargetShape::Flat { TargetShape::Flat } else { TargetShape::Bent };
+    let (columns, unknowns) = columns(&lenses, target);
+    let whiten = sights.iter().map(whitening).collect();
+    Problem { board, views, whiten, sights, columns, unknowns, datum: None }
+}
+
+/// Adjusts each point of the target too, from the solution for the bent one; the bend stays what it is, as a reference.
+fn free_points(problem: &mut Problem, mut state: State, settings: &CalibrationSettings) -> Option<Weighted> {
+    let datum = Datum::new(&problem.board.points);
+    for column in problem.columns.last_mut().into_iter().flatten() {
+        *column = None;
+    }
+    // The two of the warp stood last.
+    problem.unknowns += datum.size() - WARP;
+    problem.datum = Some(datum);
+    state.shape.offsets_mm = vec![Vector3::zeros(); problem.board.points.len()];
+    adjust::weighted(problem, state, settings)
 }

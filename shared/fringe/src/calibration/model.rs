@@ -8,6 +8,8 @@
 //! | 10 … 15 | device: X_d ↦ exp(ω) X_d + τ, in the device's frame, rad and mm |
 //! | 16, 17 | warp of the target, mm |
 //! | 18 … 23 | pose: X_b ↦ exp(ω) X_b + τ before world_from_board, in the target's frame about its centre |
+//!
+//! A point of the target that is adjusted itself has the derivatives of the pose's τ.
 
 use super::observations::Observations;
 use crate::camera::Camera;
@@ -51,11 +53,12 @@ impl Board {
         Self { points, rise, centre }
     }
 
-    /// A point of the bent target, mm about the centre.
+    /// A point of the target as it is, mm about the centre.
     #[inline]
-    pub fn point(&self, index: usize, warp_mm: &[f64; 2]) -> Vector3<f64> {
-        let [a, b] = self.rise[index];
-        self.points[index] + Vector3::new(0.0, 0.0, a * warp_mm[0] + b * warp_mm[1])
+    pub fn point(&self, index: usize, shape: &Shape) -> Vector3<f64> {
+        let ([a, b], [along_x, along_y]) = (self.rise[index], shape.warp_mm);
+        let bent = self.points[index] + Vector3::new(0.0, 0.0, a * along_x + b * along_y);
+        shape.offsets_mm.get(index).map_or(bent, |offset| bent + offset)
     }
 
     /// The point that has the place of each point after a turn by 180° about the centre; `None` for a target that does
@@ -72,6 +75,15 @@ impl Board {
     }
 }
 
+/// How the target differs from the declared one.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Shape {
+    /// Warp, mm.
+    pub warp_mm: [f64; 2],
+    /// Displacement of each point on top of the warp, mm; empty unless the points are adjusted.
+    pub offsets_mm: Vec<Vector3<f64>>,
+}
+
 /// All that is adjusted. The world is the first device's frame; boards are about their centre.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct State {
@@ -79,8 +91,8 @@ pub(super) struct State {
     pub cameras: Vec<Camera>,
     /// world_from_board of each pose that is used.
     pub boards: Vec<Option<Isometry3<f64>>>,
-    /// Warp of the target, mm.
-    pub warp_mm: [f64; 2],
+    /// The target.
+    pub shape: Shape,
 }
 
 /// The rotation by a vector, rad; bits do not depend on the machine.

@@ -1,9 +1,10 @@
 //! Normal equations with the poses eliminated (Schur complement), in a fixed order of sums.
 
+use super::datum::Datum;
 use super::dense::{Dense, Factor, dot};
 use super::model::{Board, DEVICE, INTRINSIC, LOCAL, POSE, Projector, Rows, State, WARP};
 use super::observations::Sight;
-use super::settings::LensModel;
+use super::settings::{LensModel, TargetShape};
 
 /// A view as the adjustment sees it: sights `start .. end` of the flat list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +34,8 @@ pub(super) struct Problem<'a> {
     pub columns: Vec<Vec<Option<usize>>>,
     /// Size of the reduced system.
     pub unknowns: usize,
+    /// What holds the target's points when they are adjusted; their columns are the last ones.
+    pub datum: Option<Datum>,
 }
 
 /// Inverse Cholesky factor of a checked covariance.
@@ -45,7 +48,7 @@ pub(super) fn whitening(sight: &Sight) -> [f64; 3] {
 }
 
 /// Columns of the reduced system: intrinsics as the lens models say, the first device fixed, then the warp.
-pub(super) fn columns(lenses: &[LensModel], warp: bool) -> (Vec<Vec<Option<usize>>>, usize) {
+pub(super) fn columns(lenses: &[LensModel], target: TargetShape) -> (Vec<Vec<Option<usize>>>, usize) {
     let mut next = 0;
     let mut take = |free: bool| {
         free.then(|| {
@@ -64,7 +67,7 @@ pub(super) fn columns(lenses: &[LensModel], warp: bool) -> (Vec<Vec<Option<usize
         };
         columns.push((0..DEVICE).map(|local| take(free(local))).collect());
     }
-    columns.push((0..WARP).map(|_| take(warp)).collect());
+    columns.push((0..WARP).map(|_| take(target == TargetShape::Bent)).collect());
     (columns, next)
 }
 
@@ -76,7 +79,7 @@ impl Problem<'_> {
 
     /// The whitened residual (seen − model) of a sight.
     #[inline]
-    fn whitened(&self, sight: usize, residual: [f64; 2]) -> [f64; 2] {
+    pub fn whitened(&self, sight: usize, residual: [f64; 2]) -> [f64; 2] {
         let [a, b, c] = self.whiten[sight];
         [a * residual[0], b * residual[0] + c * residual[1]]
     }
@@ -89,7 +92,7 @@ impl Problem<'_> {
                 .as_ref()
                 .map(|board| Projector::new(&state.cameras[view.device], board));
             for sight in &self.sights[view.start..view.end] {
-                let point = self.board.point(sight.index, &state.warp_mm);
+                let point = self.board.point(sight.index, &state.shape);
                 let pixel = projector.as_ref().and_then(|p| p.pixel(&point));
                 residuals.push(pixel.map(|q| [sight.pixel.x - q.x, sight.pixel.y - q.y]));
             }
@@ -113,6 +116,16 @@ impl Problem<'_> {
         self.squares(state).iter().zip(weights).filter(|(_, w)| **w > 0.0).map(|(s, w)| s * w).sum()
     }
 
+    /// Parameters that the sights determine, poses excluded.
+    pub fn parameters(&self) -> usize {
+        self.unknowns - self.datum.as_ref().map_or(0, |_| Datum::HELD)
+    }
+
+    /// First column of a point of the target; `None` unless the points are adjusted.
+    fn point_column(&self, index: usize) -> Option<usize> {
+        self.datum.as_ref().map(|datum| self.unknowns - datum.size() + 3 * index)
+    }
+
     /// Normal equations of a state; `None` when a sight that counts lies behind its device.
     pub fn normal(&self, state: &State, weights: &[f64]) -> Option<Normal> {
         let n = self.unknowns;
@@ -121,18 +134,37 @@ impl Problem<'_> {
             right: vec![0.0; n],
             poses: vec![None; state.boards.len()],
             shares: Vec::with_capacity(self.views.len()),
+            point_shares: vec![0.0; self.views.len()],
             cost: 0.0,
         };
-        for view in &self.views {
-            let local = self.view_sums(state, view, weights)?;
+        for (number, view) in self.views.iter().enumerate() {
             let columns: Vec<Option<usize>> = self.local_columns(view.device).collect();
-            normal.scatter(view, &local, &columns, n);
+            let block = normal.poses[view.pose].get_or_insert_with(|| PoseBlock::new(n));
+            let mut points = Points {
+                columns: &columns,
+                devices: &mut normal.devices,
+                right: &mut normal.right,
+                block,
+                share: 0.0,
+            };
+            let local = self.view_sums(state, view, weights, &mut points)?;
+            normal.point_shares[number] = points.share;
+            normal.scatter(view, &local, &columns);
+        }
+        if let Some(datum) = &self.datum {
+            datum.hold(&mut normal.devices, n - datum.size());
         }
         Some(normal)
     }
 
     /// JᵀJ and Jᵀr of one view in its local parameters.
-    fn view_sums(&self, state: &State, view: &ViewRange, weights: &[f64]) -> Option<Local> {
+    fn view_sums(
+        &self,
+        state: &State,
+        view: &ViewRange,
+        weights: &[f64],
+        points: &mut Points,
+    ) -> Option<Local> {
         let mut local = Local { matrix: [[0.0; LOCAL]; LOCAL], right: [0.0; LOCAL], cost: 0.0 };
         let Some(board) = state.boards[view.pose].as_ref() else { return Some(local) };
         let projector = Projector::new(&state.cameras[view.device], board);
@@ -141,15 +173,20 @@ impl Problem<'_> {
                 continue;
             }
             let sight = &self.sights[number];
-            let point = self.board.point(sight.index, &state.warp_mm);
+            let point = self.board.point(sight.index, &state.shape);
             let (pixel, rows) = projector.rows(&point, self.board.rise[sight.index])?;
             let residual = self.whitened(number, [sight.pixel.x - pixel.x, sight.pixel.y - pixel.y]);
-            local.add(&self.whitened_rows(number, &rows), residual, *weight);
+            let rows = self.whitened_rows(number, &rows);
+            local.add(&rows, residual, *weight);
+            if let Some(first) = self.point_column(sight.index) {
+                points.add(first, &rows, residual, *weight);
+            }
         }
         Some(local)
     }
 
-    fn whitened_rows(&self, sight: usize, rows: &Rows) -> Rows {
+    /// The rows of a sight, whitened.
+    pub fn whitened_rows(&self, sight: usize, rows: &Rows) -> Rows {
         let [a, b, c] = self.whiten[sight];
         let mut white = [[0.0; LOCAL]; 2];
         for column in 0..LOCAL {
@@ -199,6 +236,8 @@ pub(super) struct Normal {
     pub poses: Vec<Option<PoseBlock>>,
     /// The 6 × 6 information of each view about its pose.
     pub shares: Vec<Dense>,
+    /// Trace of the information of each view about the target's points; 0 unless they are adjusted.
+    pub point_shares: Vec<f64>,
     /// Weighted sum of squares.
     pub cost: f64,
 }
@@ -214,6 +253,49 @@ pub(super) struct PoseBlock {
     pub coupling: Dense,
 }
 
+impl PoseBlock {
+    fn new(unknowns: usize) -> Self {
+        let coupling = Dense::zeros(unknowns, POSE);
+        Self { matrix: Dense::zeros(POSE, POSE), right: vec![0.0; POSE], coupling }
+    }
+}
+
+/// Where the rows of single target points go: each sight has columns of its own, so no view can sum them first.
+struct Points<'a> {
+    columns: &'a [Option<usize>],
+    devices: &'a mut Dense,
+    right: &'a mut [f64],
+    block: &'a mut PoseBlock,
+    share: f64,
+}
+
+impl Points<'_> {
+    /// Adds the two rows of a sight whose point has the columns `first .. first + 3`.
+    fn add(&mut self, first: usize, rows: &Rows, residual: [f64; 2], weight: f64) {
+        let pose = DEVICE + WARP;
+        for (row, r) in rows.iter().zip(residual) {
+            // The derivatives by the point are those by the shift of its pose.
+            for (axis, slope) in row[pose + 3..].iter().enumerate() {
+                let (at, scaled) = (first + axis, weight * slope);
+                self.right[at] += scaled * r;
+                self.share += scaled * slope;
+                for (other, value) in row[pose + 3..].iter().enumerate() {
+                    self.devices.add(at, first + other, scaled * value);
+                }
+                for (column, value) in self.columns.iter().zip(row) {
+                    if let Some(column) = *column {
+                        self.devices.add(at, column, scaled * value);
+                        self.devices.add(column, at, scaled * value);
+                    }
+                }
+                for (other, value) in row[pose..].iter().enumerate() {
+                    self.block.coupling.add(at, other, scaled * value);
+                }
+            }
+        }
+    }
+}
+
 /// A step of all parameters.
 #[derive(Debug, Clone)]
 pub(super) struct Step {
@@ -224,15 +306,11 @@ pub(super) struct Step {
 }
 
 impl Normal {
-    fn scatter(&mut self, view: &ViewRange, local: &Local, columns: &[Option<usize>], unknowns: usize) {
+    fn scatter(&mut self, view: &ViewRange, local: &Local, columns: &[Option<usize>]) {
         let first = DEVICE + WARP;
         self.shares.push(Dense::from_fn(POSE, POSE, |i, j| local.at(first + i, first + j)));
         self.cost += local.cost;
-        let block = self.poses[view.pose].get_or_insert_with(|| PoseBlock {
-            matrix: Dense::zeros(POSE, POSE),
-            right: vec![0.0; POSE],
-            coupling: Dense::zeros(unknowns, POSE),
-        });
+        let Some(block) = self.poses[view.pose].as_mut() else { return };
         for i in 0..POSE {
             block.right[i] += local.right[first + i];
             for j in 0..POSE {

@@ -5,7 +5,7 @@
 //! squares about the corner, their rims left out, and read at the corner.
 
 use crate::phase::PhaseView;
-use nalgebra::{Matrix2, Matrix6, Point2, Vector6};
+use nalgebra::{Matrix2, Matrix6, Point2, RowVector2, Vector2, Vector6};
 use std::f64::consts::TAU;
 
 /// Bright is what has this fraction of the brightest modulation about the point.
@@ -17,21 +17,31 @@ const OUTLIER: f64 = 4.0;
 
 /// Reads both phase maps of a camera at a place: the projector's pixel and its covariance.
 ///
-/// `radius_px` is the reach of the fit in camera pixels, best the distance of neighbouring corners. `None` where too few
-/// bright pixels or none on one side of the place are at hand.
+/// The place has a covariance of its own, px², which the slopes of the phase carry over to the projector: light is read
+/// where the corner was found, not where it is. `radius_px` is the reach of the fit in camera pixels, best the distance of
+/// neighbouring corners. `None` where too few bright pixels or none on one side of the place are at hand.
 pub fn projector_pixel(
     x: &PhaseView,
     y: &PhaseView,
-    place: Point2<f64>,
+    (place, covariance_px2): (Point2<f64>, Matrix2<f64>),
     radius_px: f64,
 ) -> Option<(Point2<f64>, Matrix2<f64>)> {
-    let (u, variance_u) = coordinate(x, place, radius_px)?;
-    let (v, variance_v) = coordinate(y, place, radius_px)?;
-    Some((Point2::new(u, v), Matrix2::new(variance_u, 0.0, 0.0, variance_v)))
+    let u = coordinate(x, place, radius_px)?;
+    let v = coordinate(y, place, radius_px)?;
+    let slopes = Matrix2::from_rows(&[u.slope, v.slope]);
+    let read = Matrix2::from_diagonal(&Vector2::new(u.variance, v.variance));
+    Some((Point2::new(u.value, v.value), slopes * covariance_px2 * slopes.transpose() + read))
 }
 
-/// One coordinate and its variance, projector pixels.
-fn coordinate(map: &PhaseView, place: Point2<f64>, radius_px: f64) -> Option<(f64, f64)> {
+/// One coordinate of the projector, px, at a place.
+struct Reading {
+    value: f64,
+    variance: f64,
+    /// Per camera pixel.
+    slope: RowVector2<f64>,
+}
+
+fn coordinate(map: &PhaseView, place: Point2<f64>, radius_px: f64) -> Option<Reading> {
     let mut pixels = bright_pixels(map, place, radius_px);
     let first = fit(&pixels, radius_px)?;
     let mut sizes: Vec<f64> = pixels.iter().map(|p| first.residual(p).abs()).collect();
@@ -40,7 +50,11 @@ fn coordinate(map: &PhaseView, place: Point2<f64>, radius_px: f64) -> Option<(f6
     pixels.retain(|p| first.residual(p).abs() <= limit.max(1e-9));
     let last = fit(&pixels, radius_px)?;
     let period = map.info.period_px / TAU;
-    Some((last.terms[0] * period, last.variance * period * period))
+    Some(Reading {
+        value: last.terms[0] * period,
+        variance: last.variance * period * period,
+        slope: RowVector2::new(last.terms[1], last.terms[2]) * (period / radius_px),
+    })
 }
 
 /// A pixel about the place: offsets over the radius, and its phase.
@@ -141,18 +155,27 @@ mod tests {
     fn the_phase_at_a_corner_is_that_of_the_white_squares() {
         let place = Point2::new(40.25, 30.75);
         let (x, y) = (board(Axis::X), board(Axis::Y));
-        let (pixel, covariance) = projector_pixel(&x.view(), &y.view(), place, 16.0).unwrap();
+        let sure = Matrix2::zeros();
+        let (pixel, covariance) = projector_pixel(&x.view(), &y.view(), (place, sure), 16.0).unwrap();
         let expected = truth(place.x, place.y) * 16.0 / TAU;
         assert!((pixel.x - expected).abs() < 1e-4 && (pixel.y - expected).abs() < 1e-4, "{pixel} {expected}");
         assert!(covariance[(0, 0)] < 1e-6);
+        // A corner that is off by 0.1 px is lit by what lies 0.1 px away: 0.21 and 0.05 rad/px and the curvature there.
+        let off = Matrix2::identity() * 0.01;
+        let (_, carried) = projector_pixel(&x.view(), &y.view(), (place, off), 16.0).unwrap();
+        let step =
+            |d: Vector2<f64>| (truth(place.x + d.x, place.y + d.y) - truth(place.x, place.y)) * 16.0 / TAU;
+        let slope = Vector2::new(step(Vector2::x() * 1e-4), step(Vector2::y() * 1e-4)) * 1e4;
+        assert!((carried[(0, 1)] / (0.01 * slope.norm_squared()) - 1.0).abs() < 1e-2, "{carried} {slope}");
     }
 
     #[test]
     fn too_little_light_gives_no_pixel() {
         let (mut x, y) = (board(Axis::X), board(Axis::Y));
         x.valid.fill(0);
-        assert!(projector_pixel(&x.view(), &y.view(), Point2::new(40.0, 30.0), 16.0).is_none());
-        assert!(projector_pixel(&y.view(), &y.view(), Point2::new(-500.0, 1e9), 16.0).is_none());
-        assert!(projector_pixel(&y.view(), &y.view(), Point2::new(40.0, 30.0), f64::NAN).is_none());
+        let sure = Matrix2::zeros();
+        assert!(projector_pixel(&x.view(), &y.view(), (Point2::new(40.0, 30.0), sure), 16.0).is_none());
+        assert!(projector_pixel(&y.view(), &y.view(), (Point2::new(-500.0, 1e9), sure), 16.0).is_none());
+        assert!(projector_pixel(&y.view(), &y.view(), (Point2::new(40.0, 30.0), sure), f64::NAN).is_none());
     }
 }

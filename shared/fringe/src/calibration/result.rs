@@ -91,7 +91,11 @@ pub struct Calibration {
     pub boards: Vec<Option<Isometry3<f64>>>,
     /// Bend of the target, when it was adjusted.
     pub warp: Option<Warp>,
-    /// Target points as bent, mm in the target's frame.
+    /// Root mean square of the shifts that single target points ask for, over the standard uncertainty of such a shift:
+    /// near 1 when the target is as declared (and bent), by far more when its points should be adjusted too
+    /// ([`super::TargetShape::Free`]); 0 when they were.
+    pub target_misfit: f64,
+    /// Target points as adjusted, mm in the target's frame.
     pub target_mm: Vec<Point3<f64>>,
     /// Views used, in the order given.
     pub views: Vec<ViewReport>,

@@ -21,6 +21,20 @@ impl Default for LensModel {
     }
 }
 
+/// What is adjusted of the target itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TargetShape {
+    /// Nothing: it is as declared.
+    Flat,
+    /// Its bend (two parameters, see [`super::Warp`]).
+    #[default]
+    Bent,
+    /// Each of its points. Only position, orientation and mean scale are held to the declared ones: for printed boards,
+    /// which are good to tenths of a millimetre while their corners are seen to micrometres.
+    Free,
+}
+
 /// Where the world frame lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -40,8 +54,8 @@ pub struct CalibrationSettings {
     pub camera: LensModel,
     /// Lens model of projectors.
     pub projector: LensModel,
-    /// Whether the target may be bent (two parameters, see [`super::Warp`]).
-    pub warp: bool,
+    /// What is adjusted of the target.
+    pub target: TargetShape,
     /// A point farther off than this many standard deviations of its device is an outlier. Of 10⁴ good points 0.04 lie
     /// beyond the default of 5.
     pub outlier_limit: f64,
@@ -59,7 +73,7 @@ impl Default for CalibrationSettings {
         Self {
             camera: LensModel::default(),
             projector: LensModel::default(),
-            warp: true,
+            target: TargetShape::default(),
             outlier_limit: 5.0,
             max_outlier_fraction: 0.25,
             estimate_noise: true,

@@ -4,11 +4,11 @@ use super::CalibrationError;
 use super::adjust::{approach, robust_variances, solve};
 use super::dense::Factor;
 use super::homography::homography;
-use super::model::{Board, DEVICE, State};
+use super::model::{Board, DEVICE, Shape, State};
 use super::normal::{Problem, ViewRange, columns, whitening};
-use super::observations::{DeviceKind, Observations};
-use super::settings::{CalibrationSettings, LensModel};
-use super::zhang::{candidates, pose};
+use super::observations::{Device, DeviceKind, Observations};
+use super::settings::{CalibrationSettings, LensModel, TargetShape};
+use super::zhang::{candidates, normal_lens, pose};
 use crate::camera::Camera;
 use crate::math;
 use nalgebra::{Isometry3, Matrix3};
@@ -95,7 +95,7 @@ pub(super) fn start(
         .into_iter()
         .filter_map(|camera| {
             let boards: Option<Vec<_>> = homographies.iter().map(|h| pose(&camera, h).map(Some)).collect();
-            let state = State { cameras: vec![camera], boards: boards?, warp_mm: [0.0; 2] };
+            let state = State { cameras: vec![camera], boards: boards?, shape: Shape::default() };
             Some((robust_variances(&problem, &state).1[0], state))
         })
         .collect();
@@ -117,7 +117,7 @@ pub(super) fn start(
     let Some((variance, state)) = best else {
         return Err(CalibrationError::NoConvergence { stage: own_device.name.clone(), iterations: 0 });
     };
-    determined(observations, &problem, device, &state, variance)?;
+    determined(own_device, &problem, &homographies, &state, variance)?;
     for (i, board) in own.iter().zip(&state.boards) {
         seen[*i].device_from_board = board.unwrap_or_else(Isometry3::identity);
     }
@@ -139,15 +139,15 @@ fn alone<'a>(
         views.push(ViewRange { device: 0, pose, start, end: sights.len() });
     }
     let whiten = sights.iter().map(whitening).collect();
-    let (columns, unknowns) = columns(&[lens], false);
-    Problem { board, views, sights, whiten, columns, unknowns }
+    let (columns, unknowns) = columns(&[lens], TargetShape::Flat);
+    Problem { board, views, sights, whiten, columns, unknowns, datum: None }
 }
 
 /// Refuses a device whose intrinsics its poses leave open.
 fn determined(
-    observations: &Observations,
+    device: &Device,
     problem: &Problem,
-    device: usize,
+    homographies: &[Matrix3<f64>],
     state: &State,
     variance: f64,
 ) -> Result<(), CalibrationError> {
@@ -173,12 +173,11 @@ fn determined(
         Some(u) => open(&state.cameras[0], &u),
     };
     let Some(what) = what else { return Ok(()) };
-    Err(CalibrationError::Degenerate {
-        device: observations.devices[device].name.clone(),
-        views: problem.views.len(),
-        what,
-        remedy: remedy(state.boards.iter().flatten()),
-    })
+    // Tilts follow from the perspective once the focal length is given; an open one may be off by any factor.
+    let normal = normal_lens(device);
+    let boards: Vec<Isometry3<f64>> = homographies.iter().filter_map(|h| pose(&normal, h)).collect();
+    let (device, views) = (device.name.clone(), problem.views.len());
+    Err(CalibrationError::Degenerate { device, views, what, remedy: remedy(boards.iter()) })
 }
 
 /// Says which intrinsic parameter is open, given standard uncertainties in the order of the model.

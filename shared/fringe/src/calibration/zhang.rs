@@ -42,23 +42,33 @@ pub(super) fn candidates(device: &Device, homographies: &[Matrix3<f64>]) -> Vec<
     }
     if found.is_empty() {
         // A normal lens; the adjustment finds the way, or the covariance tells that nothing can.
-        found.extend(camera(device, [1.5 * size; 2], middle));
+        found.push(normal_lens(device));
     }
     found
 }
 
+/// What is assumed where nothing is known: a focal length of one and a half image sizes, centred.
+pub(super) fn normal_lens(device: &Device) -> Camera {
+    let (w, h) = (f64::from(device.width_px), f64::from(device.height_px));
+    undistorted(device, [0.75 * (w + h); 2], [0.5 * (w - 1.0), 0.5 * (h - 1.0)])
+}
+
 fn camera(device: &Device, focal_px: [f64; 2], principal_point_px: [f64; 2]) -> Option<Camera> {
-    let (width_px, height_px) = (device.width_px, device.height_px);
-    let size = 0.5 * f64::from(width_px + height_px);
-    focal_px.iter().all(|f| (FOCAL_RANGE[0] * size..FOCAL_RANGE[1] * size).contains(f)).then(|| Camera {
-        width_px,
-        height_px,
+    let size = 0.5 * f64::from(device.width_px + device.height_px);
+    let believed = |f: &f64| (FOCAL_RANGE[0] * size..FOCAL_RANGE[1] * size).contains(f);
+    focal_px.iter().all(believed).then(|| undistorted(device, focal_px, principal_point_px))
+}
+
+fn undistorted(device: &Device, focal_px: [f64; 2], principal_point_px: [f64; 2]) -> Camera {
+    Camera {
+        width_px: device.width_px,
+        height_px: device.height_px,
         focal_px,
         principal_point_px,
         skew: 0.0,
         distortion: BrownConrady::default(),
         camera_from_world: Isometry3::identity(),
-    })
+    }
 }
 
 /// Scales a homography so that its first two columns have a mean length of 1: all views weigh alike.

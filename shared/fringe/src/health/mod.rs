@@ -21,6 +21,7 @@ mod matches;
 mod parameters;
 mod quadratic;
 mod robust;
+mod rows;
 mod settings;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,6 @@
 //! The robust fit of the joint drift.
 
-use super::drift::{Row, UNKNOWNS};
+use super::rows::{Row, UNKNOWNS};
 use crate::calibration::dense::{Dense, eigen};
 
 /// Directions whose information, scaled to unit diagonal, is below this are not told by the matches (a flat object

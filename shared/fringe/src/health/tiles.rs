@@ -1,7 +1,7 @@
 //! What the fit leaves, summed over parts of the image: where residuals hang together, something is not noise.
 
-use super::drift::{Row, UNKNOWNS};
 use super::robust::{Fit, normal};
+use super::rows::{Row, UNKNOWNS};
 use std::collections::BTreeMap;
 
 /// Means over fewer residuals are mostly noise.

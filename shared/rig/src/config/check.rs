@@ -4,7 +4,7 @@ use super::graph::{check_drivers, check_twin, check_use, pairs};
 use super::light::{check_recorded_sizes, projectors};
 use super::limits::{cycles, fusion, limits, schedule};
 use super::raw::RawConfig;
-use super::values::{driver, value};
+use super::values::{driver, referenced, value};
 use super::{CONFIG_FORMAT, CameraConfig, Config, Driver, RecordingConfig, TextFile, TwinConfig};
 use crate::document::Document;
 use crate::error::{FileError, Problem, did_you_mean, list};
@@ -14,7 +14,7 @@ use crate::recording::Recording;
 use crate::rig_file::{RigFile, read_rig};
 use fringe::decode::DecodeSettings;
 use fringe::matching::MatchSettings;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 impl Config {
     /// Reads and checks a configuration and every file that it names.
@@ -76,29 +76,6 @@ fn check_cell_name(document: &Document, name: &str) -> Result<(), FileError> {
     }
     let problem = value(format!("{name:?}"), "a cell name has 1 to 32 of the characters a-z, 0-9 and '-'");
     Err(document.fault("name", problem, "it becomes the name of a folder and of services"))
-}
-
-/// Reads a file that the document names, relative to it.
-pub(super) fn referenced<T>(
-    document: &Document,
-    key: &str,
-    target: &str,
-    read: impl Fn(&Path) -> Result<T, FileError>,
-) -> Result<T, FileError> {
-    let path = resolve(document, key, target)?;
-    if !path.exists() {
-        let problem = Problem::Missing(format!("the file {}", path.display()));
-        return Err(document.fault(key, problem, "paths are relative to the file that names them"));
-    }
-    read(&path)
-}
-
-fn resolve(document: &Document, key: &str, target: &str) -> Result<PathBuf, FileError> {
-    let folder = document.path.parent().unwrap_or(Path::new(""));
-    std::path::absolute(folder.join(target)).map_err(|source| {
-        let problem = Problem::Io { action: "resolve the path", source };
-        document.fault(key, problem, "")
-    })
 }
 
 fn cameras(document: &Document, raw: &RawConfig, rig: &RigFile) -> Result<Vec<CameraConfig>, FileError> {

@@ -1,8 +1,7 @@
 //! Projectors: what is written, completed by what was recorded.
 
-use super::check::referenced;
 use super::raw::{RawConfig, RawProjector};
-use super::values::driver;
+use super::values::{driver, referenced};
 use super::{CameraConfig, Driver, ProjectorConfig};
 use crate::correction::{PatternCorrection, read_correction};
 use crate::document::Document;

@@ -4,10 +4,34 @@ use super::Driver;
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::rig_file::unknown;
+use std::path::{Path, PathBuf};
 
 /// A value out of its limits.
 pub(super) fn value(found: impl std::fmt::Display, limit: impl Into<String>) -> Problem {
     Problem::Value { value: found.to_string(), limit: limit.into() }
+}
+
+/// Reads a file that the document names, relative to it.
+pub(super) fn referenced<T>(
+    document: &Document,
+    key: &str,
+    target: &str,
+    read: impl Fn(&Path) -> Result<T, FileError>,
+) -> Result<T, FileError> {
+    let path = resolve(document, key, target)?;
+    if !path.exists() {
+        let problem = Problem::Missing(format!("the file {}", path.display()));
+        return Err(document.fault(key, problem, "paths are relative to the file that names them"));
+    }
+    read(&path)
+}
+
+fn resolve(document: &Document, key: &str, target: &str) -> Result<PathBuf, FileError> {
+    let folder = document.path.parent().unwrap_or(Path::new(""));
+    std::path::absolute(folder.join(target)).map_err(|source| {
+        let problem = Problem::Io { action: "resolve the path", source };
+        document.fault(key, problem, "")
+    })
 }
 
 /// A driver by its name.

@@ -35,6 +35,28 @@ fn a_wrong_model_shows_in_held_out_poses() {
     assert!(worst > 1.2, "{:?}", held.devices);
 }
 
+/// Groups of poses of a right model scatter as stated, those seen on a print that was taken for the declared board by far more.
+#[test]
+fn poses_that_share_errors_disagree() {
+    let over_stated = |world: World| {
+        let (observations, settings) = (world.observe(9, 1.0), CalibrationSettings::default());
+        let whole = calibrate(&observations, &settings).unwrap();
+        let held = hold_out(&observations, &settings, &in_turn(&observations, 4)).unwrap();
+        let between = held.between_poses(&whole).unwrap();
+        assert!(between[0].standard_uncertainty[10..].iter().all(|u| *u < 1e-9), "the first device is held");
+        assert!(between[1].standard_uncertainty[13] > 0.0 && between.len() == 6);
+        (between.iter().map(|b| b.over_stated.powi(2)).sum::<f64>() / 6.0).sqrt()
+    };
+    let (right, printed) = (over_stated(World::new(12)), over_stated(World::new(12).printed()));
+    // Six devices of three degrees each, correlated: χ² of a dozen degrees at 99.9 % is 0.17 to 2.7 times its mean; a jackknife
+    // of few poses errs upwards.
+    assert!((0.4..1.9).contains(&right), "{right}");
+    assert!(printed > 1.5 * right, "{printed} beside {right}");
+    let few = hold_out(&World::new(8).observe(9, 1.0), &CalibrationSettings::default(), &[vec![0], vec![1]]);
+    let whole = calibrate(&World::new(8).observe(9, 1.0), &CalibrationSettings::default()).unwrap();
+    assert!(few.unwrap().between_poses(&whole).is_none());
+}
+
 /// Views that may be read turned are oriented in a held-out pose as in an adjusted one.
 #[test]
 fn held_out_views_that_are_read_turned_are_turned_back() {

@@ -47,7 +47,7 @@ fn thirteen_poses(cameras: &[&str]) -> Option<Observations> {
 
 /// All points count, and the board is flat: what OpenCV's `calibrateCamera` assumes.
 fn plain() -> CalibrationSettings {
-    CalibrationSettings { warp: false, outlier_limit: 1e6, ..Default::default() }
+    CalibrationSettings { target: TargetShape::Flat, outlier_limit: 1e6, ..Default::default() }
 }
 
 /// Each camera by itself: the parameters, root mean square and uncertainties that OpenCV 5 reports (README of the set).

@@ -15,6 +15,8 @@ pub(super) struct World {
     pub cameras: Vec<Camera>,
     pub boards: Vec<Isometry3<f64>>,
     pub target_mm: Vec<Point3<f64>>,
+    /// Errors of the print, mm, point by point.
+    pub print_mm: Vec<Vector3<f64>>,
     pub noise_px: Vec<f64>,
 }
 
@@ -68,14 +70,24 @@ impl World {
         let noise_px =
             both.iter().map(|(d, _)| if d.kind == DeviceKind::Camera { 0.006 } else { 0.012 }).collect();
         let (devices, cameras) = both.into_iter().unzip();
-        Self { devices, cameras, boards, target_mm, noise_px }
+        let print_mm = vec![Vector3::zeros(); 88];
+        Self { devices, cameras, boards, target_mm, print_mm, noise_px }
+    }
+
+    /// The same with a board that a printer made: scattered points, and lengths along y that are 0.1 % too long.
+    pub fn printed(self) -> Self {
+        let mut noise = Noise(5);
+        let mut any = || 0.02 * noise.gauss();
+        let error = |p: &Point3<f64>| Vector3::new(any(), any() + 1e-3 * p.y, any());
+        Self { print_mm: self.target_mm.iter().map(error).collect(), ..self }
     }
 
     /// The board as bent.
     pub fn bent(&self, index: usize) -> Point3<f64> {
         let p = self.target_mm[index];
         let (x, y) = (p.x / 40.0 - 1.0, p.y / 28.0 - 1.0);
-        p + Vector3::new(0.0, 0.0, WARP_MM[0] * (1.0 - x * x) + WARP_MM[1] * (1.0 - y * y))
+        p + self.print_mm[index]
+            + Vector3::new(0.0, 0.0, WARP_MM[0] * (1.0 - x * x) + WARP_MM[1] * (1.0 - y * y))
     }
 
     /// What the devices see, with noise; `scale` 0 is exact.

@@ -1,7 +1,7 @@
 //! Recovered parameters against the truth, in units of their predicted standard deviation.
 
 use super::super::dense::{Dense, Factor, dot};
-use super::super::model::{DEVICE, Projector, compose, motion, moved, rotation_vector};
+use super::super::model::{DEVICE, Projector, Shape, compose, motion, moved, rotation_vector};
 use super::super::*;
 use super::synthetic::{WARP_MM, World};
 use nalgebra::Isometry3;
@@ -24,8 +24,9 @@ fn errors(world: &World, found: &Calibration) -> Vec<f64> {
         errors.extend(rotation_vector(&step.rotation).iter());
         errors.extend(step.translation.vector.iter());
     }
-    let warp = found.warp.unwrap();
-    errors.extend([warp.x_mm - WARP_MM[0], warp.y_mm - WARP_MM[1]]);
+    if let Some(warp) = found.warp {
+        errors.extend([warp.x_mm - WARP_MM[0], warp.y_mm - WARP_MM[1]]);
+    }
     errors
 }
 
@@ -86,20 +87,20 @@ fn jacobians_agree_with_differences() {
     let board = model::Board::new(&world.observe(0, 0.0));
     let pose = world.boards[2];
     for index in [0, 37, 87] {
-        let point = board.point(index, &WARP_MM);
+        let point = board.point(index, &Shape { warp_mm: WARP_MM, offsets_mm: Vec::new() });
         let (pixel, rows) = Projector::new(&camera, &pose).rows(&point, board.rise[index]).unwrap();
         assert_eq!(Some(pixel), Projector::new(&camera, &pose).pixel(&point));
         let shifted = |column: usize, h: f64| {
             let mut step = [0.0; DEVICE];
             let mut local = [0.0; 6];
-            let mut warp = WARP_MM;
+            let mut shape = Shape { warp_mm: WARP_MM, offsets_mm: Vec::new() };
             match column {
                 0..DEVICE => step[column] = h,
-                16 | 17 => warp[column - 16] += h,
+                16 | 17 => shape.warp_mm[column - 16] += h,
                 _ => local[column - 18] = h,
             }
             let (camera, pose) = (moved(&camera, &step), compose(&pose, &motion(&local)));
-            Projector::new(&camera, &pose).pixel(&board.point(index, &warp)).unwrap()
+            Projector::new(&camera, &pose).pixel(&board.point(index, &shape)).unwrap()
         };
         for column in 0..model::LOCAL {
             let h = 1e-5;
@@ -110,4 +111,68 @@ fn jacobians_agree_with_differences() {
             }
         }
     }
+}
+
+fn free() -> CalibrationSettings {
+    CalibrationSettings { target: TargetShape::Free, ..Default::default() }
+}
+
+/// Intrinsics do not depend on the scale that the mean of the declared points sets; distances do, all alike.
+#[test]
+fn a_printed_target_is_measured_along() {
+    let world = World::new(20).printed();
+    let found = calibrate(&world.observe(0, 0.0), &free()).unwrap();
+    let errors = errors(&world, &found);
+    for (device, own) in errors.chunks(DEVICE).enumerate() {
+        for (name, error) in PARAMETERS.iter().zip(own).take(13) {
+            assert!(error.abs() < 2e-5, "{name} of device {device} is off by {error:e}");
+        }
+    }
+    let centre = |camera: &Camera| camera.centre_mm();
+    let ratio = |i: usize| {
+        let ours = centre(&found.devices[i].camera) - centre(&found.devices[0].camera);
+        ours.norm() / (centre(&world.cameras[i]) - centre(&world.cameras[0])).norm()
+    };
+    // Half of 0.1 % along one of two axes: the shorter one, along which less of the mean scale lies.
+    assert!((ratio(1) - 1.0).abs() > 1e-4, "{}", ratio(1));
+    assert!((1..6).all(|i| (ratio(i) / ratio(1) - 1.0).abs() < 1e-7));
+    assert!(found.warp.is_none() && found.target_misfit == 0.0);
+}
+
+#[test]
+fn a_printed_target_is_told_from_one_as_declared() {
+    let world = World::new(12);
+    let right = calibrate(&world.observe(3, 1.0), &CalibrationSettings::default()).unwrap();
+    assert!((0.8..1.1).contains(&right.target_misfit), "{}", right.target_misfit);
+    let printed = world.printed();
+    let wrong = calibrate(&printed.observe(3, 1.0), &CalibrationSettings::default()).unwrap();
+    assert!(wrong.target_misfit > 5.0, "{}", wrong.target_misfit);
+    let along = calibrate(&printed.observe(3, 1.0), &free()).unwrap();
+    for (a, b) in along.devices.iter().zip(&wrong.devices) {
+        assert!(a.rms_reprojection_px < 0.5 * b.rms_reprojection_px, "{}", a.rms_reprojection_px);
+        // Of 2000 rows the estimate has a standard deviation of 1/√4000; four of these for six devices.
+        assert!((a.noise_factor - 1.0).abs() < 0.063, "{}: {}", a.name, a.noise_factor);
+    }
+}
+
+/// Predicted and true scatter with all points of the target adjusted; the datum's scale is taken out by a target whose
+/// points are as declared.
+#[test]
+fn the_scatter_with_free_points_is_as_predicted() {
+    let mut world = World::new(8);
+    let nominal: Vec<f64> = vec![0.0; 16 * 6];
+    let (mut sum, mut freedom) = (0.0, 0);
+    world.target_mm = (0..88).map(|i| world.bent(i)).collect();
+    world.print_mm =
+        (0..88).map(|i| nalgebra::Vector3::new(0.0, 0.0, -(world.bent(i) - world.target_mm[i]).z)).collect();
+    for seed in 0..6 {
+        let found = calibrate(&world.observe(2000 + seed, 1.0), &free()).unwrap();
+        let errors = errors(&world, &found);
+        assert_eq!(errors.len(), nominal.len());
+        let (square, n) = chi_square(&errors, &found.covariance);
+        sum += square;
+        freedom += n;
+    }
+    let (mean, half) = (freedom as f64, 1.96 * (2.0 * freedom as f64).sqrt());
+    assert!((sum - mean).abs() < half, "χ² {sum:.0} of {freedom} degrees, interval ± {half:.0}");
 }

@@ -96,6 +96,7 @@ fn figures(report: &CalibrationReport<'_>) -> Vec<Figure> {
         .extend([DeviceKind::Camera, DeviceKind::Projector].into_iter().filter_map(|k| residual(report, k)));
     figures.extend([
         held_out(report),
+        between_poses(report),
         halves(report),
         systematic(report),
         coverage(report),
@@ -182,6 +183,30 @@ fn held_out(report: &CalibrationReport<'_>) -> Figure {
                 stated uncertainty explain.",
         value,
         good: "0.9 to 1.15",
+        mark,
+    }
+}
+
+fn between_poses(report: &CalibrationReport<'_>) -> Figure {
+    let between = report.held_out.ok().and_then(|held| held.between_poses(report.calibration));
+    let worst = between.iter().flatten().max_by(|a, b| a.over_stated.total_cmp(&b.over_stated));
+    let (value, mark) = match worst {
+        None => ("not done: it takes three groups of poses that are held out".to_owned(), Mark::None),
+        Some(worst) => {
+            let [fx, fy, ..] = worst.standard_uncertainty;
+            let told = format!(
+                "{:.2} of the stated uncertainties ({}: focal lengths {fx:.3} and {fy:.3} px)",
+                worst.over_stated, worst.name
+            );
+            (told, judge(worst.over_stated, 1.7, 2.5))
+        }
+    };
+    Figure {
+        name: "Between groups of poses",
+        words: "How far focal lengths and principal points move when groups of poses are left out (jackknife), over what the \
+                stated uncertainties say. What the points of a pose have in common, as a board that bends, makes it large.",
+        value,
+        good: "0.5 to 1.7; beyond 2.5 go by the uncertainty between poses",
         mark,
     }
 }

@@ -1,0 +1,50 @@
+//! Whether the points of the target are where they were declared to be.
+
+use super::datum::Datum;
+use super::model::{DEVICE, POSE, Projector, State, WARP};
+use super::normal::Problem;
+use nalgebra::{Matrix3, Vector3};
+
+impl Problem<'_> {
+    /// Root mean square of the shifts that single points ask for, each over its standard uncertainty.
+    ///
+    /// With all else held, point i asks for M⁻¹g, M = Σ JᵀJ and g = Σ Jᵀr over its sights, and the sum of squares falls by
+    /// gᵀM⁻¹g. Their mean over three degrees of freedom a point (seven less, which the poses have taken) is compared with
+    /// the mean square of what remains, an F ratio: the noise as estimated holds the shifts already, and where eight views
+    /// show a point it would hide all but the largest. Points seen from one side only are left out. 0 when the points
+    /// were adjusted or when nothing remains, for then nothing is left to ask.
+    pub fn misfit(&self, state: &State, weights: &[f64], cost: f64, degrees_of_freedom: usize) -> f64 {
+        if self.datum.is_some() {
+            return 0.0;
+        }
+        let mut sums = vec![(Matrix3::zeros(), Vector3::zeros()); self.board.points.len()];
+        for view in &self.views {
+            let Some(board) = state.boards[view.pose].as_ref() else { continue };
+            let projector = Projector::new(&state.cameras[view.device], board);
+            for number in (view.start..view.end).filter(|n| weights[*n] > 0.0) {
+                let sight = &self.sights[number];
+                let point = self.board.point(sight.index, &state.shape);
+                let Some((pixel, rows)) = projector.rows(&point, self.board.rise[sight.index]) else {
+                    continue;
+                };
+                let residual = self.whitened(number, [sight.pixel.x - pixel.x, sight.pixel.y - pixel.y]);
+                let (matrix, right) = &mut sums[sight.index];
+                for (row, r) in self.whitened_rows(number, &rows).iter().zip(residual) {
+                    let slope = Vector3::from_column_slice(&row[DEVICE + WARP + POSE - 3..]);
+                    *matrix += slope * slope.transpose() * weights[number];
+                    *right += slope * (r * weights[number]);
+                }
+            }
+        }
+        let asked =
+            sums.iter().filter_map(|(matrix, right)| Some(right.dot(&(matrix.try_inverse()? * right))));
+        let squares: Vec<f64> = asked.filter(|s| s.is_finite()).collect();
+        let asked: f64 = squares.iter().sum();
+        let shifts = (3 * squares.len()).saturating_sub(Datum::HELD);
+        let remaining = degrees_of_freedom.saturating_sub(shifts);
+        if shifts == 0 || remaining == 0 || asked >= cost {
+            return 0.0;
+        }
+        (asked / shifts as f64 / ((cost - asked) / remaining as f64)).sqrt()
+    }
+}

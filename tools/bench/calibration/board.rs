@@ -1,0 +1,334 @@
+//! A checkerboard before the twin's cell: frames in memory, through the same detection, decoding and reading as
+//! `calibrate`; and the same without images, from drawn errors.
+
+use super::super::scan::decode;
+use crate::calibrate::sights::{index, pitch_px};
+use crate::simulate::Buffer;
+use anyhow::{Context, Result};
+use fringe::calibration::{Device, DeviceKind, Observations, Sight, View, projector_pixel};
+use fringe::camera::Camera;
+use fringe::pattern::{Axis, Code, Direction, PatternSet, frame_count};
+use fringe::random::{Key, Normal};
+use fringe::rig::{Pair, Rig};
+use fringe::target::{Detection, TargetSettings, TargetSpec, detect};
+use nalgebra::{Isometry3, Matrix2, Point2, Point3, Translation3, Vector2, Vector3};
+use serde::Serialize;
+use std::time::{Duration, Instant};
+use twin::{Scene, Twin, TwinSettings, thesis};
+
+/// Turn of the boards about their normal, ± rad.
+const TURN_RAD: f64 = 0.6;
+/// Rays along each axis of the fringes' pixels: they are read within the squares, far from edges.
+const FRINGE_RAYS: u32 = 2;
+/// A drawn corner this near to the rim of an image has no room for its window, px.
+const RIM_PX: f64 = 8.0;
+
+/// The board and its poses.
+#[derive(Debug, Clone, clap::Args, Serialize)]
+pub struct Plan {
+    /// Inner corners along x.
+    #[arg(long, default_value_t = 14)]
+    pub columns: u32,
+    /// Inner corners along y.
+    #[arg(long, default_value_t = 9)]
+    pub rows: u32,
+    /// Side of a square.
+    #[arg(long, default_value_t = 8.0)]
+    pub pitch_mm: f64,
+    /// Relative amplitude of the paper's grain of half a millimetre.
+    #[arg(long, default_value_t = 0.0)]
+    pub grain: f64,
+    /// Poses of the board.
+    #[arg(long, default_value_t = 20)]
+    pub poses: usize,
+    /// Tilt of the boards about their x and y axes, ± degrees.
+    #[arg(long, default_value_t = 26.0)]
+    pub tilt_deg: f64,
+    /// Places of the board's middle about that of the volume, ± mm along each axis.
+    #[arg(long, default_value_t = 32.0)]
+    pub spread_mm: f64,
+}
+
+impl Plan {
+    /// The target as `calibrate` reads it.
+    fn spec(&self) -> Result<TargetSpec> {
+        let Self { columns, rows, pitch_mm, .. } = self;
+        let text =
+            format!("kind = \"checkerboard\"\ncolumns = {columns}\nrows = {rows}\npitch_mm = {pitch_mm:?}\n");
+        Ok(TargetSpec::parse(&text)?)
+    }
+
+    /// A board of paper with a margin of a square and a half beyond its outer corners' squares.
+    fn scene(&self) -> Result<Scene> {
+        let Self { columns, rows, pitch_mm, grain, .. } = self;
+        let size = |count: u32| f64::from(count + 3) * pitch_mm;
+        let text = format!(
+            "format = \"fringecell-scene/1\"\nname = \"checkerboard\"\n[[material]]\nname = \"paper\"\nalbedo = 0.75\n\
+             texture = {grain:?}\ntexture_mm = 0.5\n[[body]]\nname = \"board\"\nmaterial = \"paper\"\n\
+             geometry = {{ shape = \"plane\", size_mm = [{:?}, {:?}], thickness_mm = 5.0, \
+             checkerboard = {{ columns = {columns}, rows = {rows}, pitch_mm = {pitch_mm:?}, dark = 0.1 }} }}\n",
+            size(*columns),
+            size(*rows)
+        );
+        Ok(Scene::parse(&text, &mut |name| Err(format!("{name}: there is no mesh here")))?)
+    }
+
+    /// Seeded poses of the board's middle all over the volume: world_from_board.
+    pub fn boards(&self, seed: u64, count: usize) -> Vec<Isometry3<f64>> {
+        let key = Key::new(seed).with(11);
+        let tilt = self.tilt_deg.to_radians();
+        let one = |pose: usize| {
+            let any = |i: u64, half: f64| key.with(pose as u64).symmetric(i) * half;
+            let turned = twin::pose::rotation([any(0, tilt), any(1, tilt), any(2, TURN_RAD)]);
+            let at = Vector3::from(thesis::VOLUME_CENTRE_MM)
+                + Vector3::from_fn(|i, _| any(3 + i as u64, self.spread_mm));
+            Isometry3::from_parts(Translation3::from(at), turned)
+        };
+        (0..count).map(one).collect()
+    }
+
+    /// A corner in the frame of the twin's board; `turned` reads its numbering from the opposite end. Rows run against y,
+    /// since a target is numbered as it is seen from its front.
+    fn corner(&self, (column, row): (u32, u32), turned: bool) -> Point3<f64> {
+        let place = |at: u32, count: u32| (f64::from(at) - 0.5 * f64::from(count - 1)) * self.pitch_mm;
+        let (x, y) = (place(column, self.columns), -place(row, self.rows));
+        if turned { Point3::new(-x, -y, 0.0) } else { Point3::new(x, y, 0.0) }
+    }
+}
+
+/// Where a corner was found, beside where it truly is.
+#[derive(Debug, Clone, Copy)]
+pub struct CornerError {
+    /// Device.
+    pub device: usize,
+    /// Pose.
+    pub pose: usize,
+    /// Column and row on the target.
+    pub index: (u32, u32),
+    /// Found − true, px.
+    pub error_px: Vector2<f64>,
+    /// Standard deviations that the detection states, px.
+    pub stated_px: Vector2<f64>,
+}
+
+/// What was seen of all poses.
+pub struct Seen {
+    /// As the adjustment takes it.
+    pub observations: Observations,
+    /// Of each sight, in order.
+    pub errors: Vec<CornerError>,
+    /// Time of all detections.
+    pub detection: Duration,
+    /// Images that were searched.
+    pub images: usize,
+}
+
+/// The true cell.
+pub struct Cell {
+    /// Cameras, projectors, pairs.
+    pub rig: Rig,
+    /// Board and poses.
+    pub plan: Plan,
+    scene: Scene,
+    spec: TargetSpec,
+    sequence: Vec<PatternSet>,
+    subsamples: u32,
+}
+
+impl Cell {
+    /// The thesis' cell at 1124 × 750.
+    ///
+    /// # Errors
+    /// A board that cannot be.
+    pub fn new(plan: Plan, subsamples: u32) -> Result<Self> {
+        let (scene, spec) = (plan.scene()?, plan.spec()?);
+        Ok(Self { rig: thesis::rig(1124, 750), plan, scene, spec, sequence: sequence(), subsamples })
+    }
+
+    /// Cameras, then projectors.
+    pub fn devices(&self) -> Vec<&Camera> {
+        self.rig.cameras.iter().chain(&self.rig.projectors).map(|n| &n.camera).collect()
+    }
+
+    /// Names and sizes, cameras, then projectors; no view yet.
+    fn empty(&self, poses: usize) -> Observations {
+        let kinds = [(DeviceKind::Camera, &self.rig.cameras), (DeviceKind::Projector, &self.rig.projectors)];
+        let device = |(kind, n): (DeviceKind, &fringe::rig::Named)| Device {
+            name: n.name.clone(),
+            kind,
+            width_px: n.camera.width_px,
+            height_px: n.camera.height_px,
+        };
+        Observations {
+            devices: kinds.iter().flat_map(|(kind, list)| list.iter().map(|n| device((*kind, n)))).collect(),
+            target_mm: self.spec.board_points_mm().into_iter().map(|(_, point)| point).collect(),
+            poses: (1..=poses).map(|i| format!("pose{i}")).collect(),
+            views: Vec::new(),
+        }
+    }
+
+    /// Renders, detects and decodes all poses.
+    pub fn look(&self, boards: &[Isometry3<f64>], seed: u64, step: &mut dyn FnMut()) -> Result<Seen> {
+        let observations = self.empty(boards.len());
+        let mut seen = Seen { observations, errors: Vec::new(), detection: Duration::ZERO, images: 0 };
+        for (pose, board) in boards.iter().enumerate() {
+            let settings = |subsamples: u32| TwinSettings {
+                seed: seed.wrapping_mul(1000).wrapping_add(pose as u64),
+                subsamples,
+                position_scatter_mm: 0.0,
+                angle_scatter_deg: 0.0,
+                // A board stands on the table; a part hangs in a gripper.
+                vibration_um: 0.0,
+                ..TwinSettings::default()
+            };
+            let rig = moved(&self.rig, board);
+            let twins = [self.subsamples, self.subsamples.min(FRINGE_RAYS)]
+                .map(|rays| Twin::new(&self.scene, settings(rays), &rig));
+            let [pictures, fringes] = twins;
+            let twins = [&pictures?, &fringes?];
+            for pair in &self.rig.pairs {
+                self.look_at(twins, pair, (pose, board), &mut seen)?;
+                step();
+            }
+        }
+        Ok(seen)
+    }
+
+    /// Both cameras of a pair, and their projector as that camera tells it that found more corners; pictures and fringes
+    /// are of two twins that differ in their rays alone.
+    fn look_at(
+        &self,
+        [pictures, fringes]: [&Twin; 2],
+        pair: &Pair,
+        (pose, board): (usize, &Isometry3<f64>),
+        seen: &mut Seen,
+    ) -> Result<()> {
+        let mut best: Option<(&str, Detection)> = None;
+        for name in [&pair.left, &pair.right] {
+            let view = pictures.view_lit_by(name, &[&pair.projector], 0)?;
+            let mut buffer = Buffer::new(&view);
+            view.render(&pair.projector, &[PatternSet::White {}], 0, buffer.pixels_mut())?;
+            let started = Instant::now();
+            let found = detect(&buffer.frame(&view), &self.spec, &TargetSettings::default());
+            seen.detection += started.elapsed();
+            seen.images += 1;
+            let Ok(detection) = found else { continue };
+            let sights = detection.points.iter().map(|p| {
+                let (pixel, covariance_px2) = (p.pixel, p.covariance_px2);
+                (p.index, Sight { index: index(&detection, p.index), pixel, covariance_px2 })
+            });
+            self.add(seen, name, (pose, board), sights.collect());
+            if best.as_ref().is_none_or(|(_, other)| other.points.len() < detection.points.len()) {
+                best = Some((name, detection));
+            }
+        }
+        let Some((camera, detection)) = best else { return Ok(()) };
+        let maps = decode(fringes, camera, &pair.projector, &self.rig, &self.sequence, 0)?;
+        let map = |axis| maps.iter().find(|m| m.info.axis == axis).context("both axes were decoded");
+        let (x, y) = (map(Axis::X)?, map(Axis::Y)?);
+        let sights = detection.points.iter().filter_map(|point| {
+            let radius_px = pitch_px(&detection, point.index)?;
+            let (pixel, covariance_px2) =
+                projector_pixel(&x.view(), &y.view(), (point.pixel, point.covariance_px2), radius_px)?;
+            Some((point.index, Sight { index: index(&detection, point.index), pixel, covariance_px2 }))
+        });
+        self.add(seen, &pair.projector, (pose, board), sights.collect());
+        Ok(())
+    }
+
+    /// Adds a view and what is wrong with each of its sights.
+    fn add(
+        &self,
+        seen: &mut Seen,
+        name: &str,
+        (pose, board): (usize, &Isometry3<f64>),
+        sights: Vec<((u32, u32), Sight)>,
+    ) {
+        let Some(device) = seen.observations.devices.iter().position(|d| d.name == name) else { return };
+        let camera = self.devices()[device];
+        let error = |index: (u32, u32), pixel: Point2<f64>, turned: bool| {
+            camera.project(&(board * self.plan.corner(index, turned))).map(|truth| pixel - truth)
+        };
+        // Colours tell which end is which, but not to the twin: the numbering of the squares is its own.
+        let far = |turned: bool| -> f64 {
+            sights.iter().filter_map(|(i, s)| error(*i, s.pixel, turned)).map(|e| e.norm()).sum()
+        };
+        let turned = far(true) < far(false);
+        for (index, sight) in &sights {
+            let Some(error_px) = error(*index, sight.pixel, turned) else { continue };
+            let c = &sight.covariance_px2;
+            let stated_px = Vector2::new(c.m11.sqrt(), c.m22.sqrt());
+            seen.errors.push(CornerError { device, pose, index: *index, error_px, stated_px });
+        }
+        let sights: Vec<Sight> = sights.into_iter().map(|(_, sight)| sight).collect();
+        if sights.len() >= 6 {
+            seen.observations.views.push(View { device, pose, sights, may_be_turned: false });
+        }
+    }
+
+    /// The same poses without images: true pixels with independent errors of the devices' standard deviations.
+    pub fn draw(&self, boards: &[Isometry3<f64>], seed: u64, noise_px: &[f64]) -> Observations {
+        let normal = Normal::default();
+        let mut observations = self.empty(boards.len());
+        for (pose, board) in boards.iter().enumerate() {
+            for (device, (camera, sd)) in self.devices().into_iter().zip(noise_px).enumerate() {
+                let key = Key::new(seed).with(7).with(pose as u64).with(device as u64);
+                let sights: Vec<Sight> = (0..self.plan.columns * self.plan.rows)
+                    .filter_map(|i| {
+                        let index = (i % self.plan.columns, i / self.plan.columns);
+                        let pixel = camera.project(&(board * self.plan.corner(index, false)))?;
+                        let draw = |n: u32| f64::from(normal.draw(key.bits(u64::from(2 * i + n)))) * sd;
+                        let rim = |at: f64, size: u32| (RIM_PX..f64::from(size) - RIM_PX).contains(&at);
+                        (rim(pixel.x, camera.width_px) && rim(pixel.y, camera.height_px)).then(|| Sight {
+                            index: i as usize,
+                            pixel: pixel + Vector2::new(draw(0), draw(1)),
+                            covariance_px2: Matrix2::identity() * (sd * sd),
+                        })
+                    })
+                    .collect();
+                if sights.len() >= 6 {
+                    observations.views.push(View { device, pose, sights, may_be_turned: false });
+                }
+            }
+        }
+        observations
+    }
+}
+
+/// The rig as seen from a part that stands at the origin.
+pub fn moved(rig: &Rig, world_from_part: &Isometry3<f64>) -> Rig {
+    let mut moved = rig.clone();
+    for named in moved.cameras.iter_mut().chain(&mut moved.projectors) {
+        named.camera.camera_from_world *= world_from_part;
+    }
+    moved
+}
+
+/// Ten steps of 16 px and seven bits in both directions, white and black.
+fn sequence() -> Vec<PatternSet> {
+    let sine = |axis| PatternSet::Sine {
+        axis,
+        period_px: 16.0,
+        steps: 10,
+        first_step_rad: 0.0,
+        direction: Direction::Forward,
+    };
+    let code = |axis| PatternSet::Gray {
+        axis,
+        bits: 7,
+        stripe_px: 8.0,
+        invert: false,
+        code: Code::Gray,
+        threshold: None,
+    };
+    let sets = vec![
+        sine(Axis::X),
+        code(Axis::X),
+        sine(Axis::Y),
+        code(Axis::Y),
+        PatternSet::White {},
+        PatternSet::Black {},
+    ];
+    debug_assert_eq!(frame_count(&sets), 36);
+    sets
+}

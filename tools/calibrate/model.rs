@@ -1,0 +1,51 @@
+//! What is adjusted: the options that choose between models.
+
+use fringe::calibration::{Calibration, CalibrationSettings, LensModel, TargetShape};
+
+/// Beyond this the shifts that single corners ask for are no chance: of twice their standard deviation all together.
+const MISFIT: f64 = 2.0;
+
+/// Options of the model.
+#[derive(clap::Args)]
+pub struct Model {
+    /// What is adjusted of the target: nothing, its bend, or each of its points. A printed board is good to tenths of a
+    /// millimetre only; `free` measures its points along with the cameras and holds the mean scale (from five poses on).
+    #[arg(long, value_name = "flat|bent|free", default_value = "bent", value_parser = target_shape)]
+    board: TargetShape,
+    /// Adjust the skew of the cameras; real sensors have none.
+    #[arg(long)]
+    skew: bool,
+    /// Radial lens terms of the cameras: k1, k2, k3. The third one is for wide lenses.
+    #[arg(long, value_name = "0..3", default_value_t = 2, value_parser = clap::value_parser!(u8).range(0..=3))]
+    radial_terms: u8,
+}
+
+impl Model {
+    /// As the adjustment takes it.
+    pub fn settings(&self) -> CalibrationSettings {
+        let camera =
+            LensModel { radial_terms: self.radial_terms.into(), skew: self.skew, ..LensModel::default() };
+        CalibrationSettings { camera, target: self.board, ..CalibrationSettings::default() }
+    }
+}
+
+/// `flat`, `bent` or `free`.
+pub fn target_shape(text: &str) -> Result<TargetShape, String> {
+    match text {
+        "flat" => Ok(TargetShape::Flat),
+        "bent" => Ok(TargetShape::Bent),
+        "free" => Ok(TargetShape::Free),
+        _ => Err("write flat, bent or free".into()),
+    }
+}
+
+/// What to do about a target that is not the declared one.
+pub fn note(calibration: &Calibration) -> Option<String> {
+    let misfit = calibration.target_misfit;
+    (misfit > MISFIT).then(|| {
+        format!(
+            "the target's points are not where they were declared: their shifts are {misfit:.1} times their uncertainty, limit \
+             {MISFIT}; measure them along with --board free"
+        )
+    })
+}
