@@ -113,3 +113,47 @@ fn tests_that_cannot_be_meant_end_with_a_message() {
         assert!(report.is_none() && !ran.stderr.contains("panicked"), "{to}: {}", ran.stderr);
     }
 }
+
+/// Names and bytes of all files of a folder, in order.
+fn contents(folder: &std::path::Path) -> Vec<(String, Vec<u8>)> {
+    let mut entries: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    entries.sort();
+    let of = |path: &std::path::PathBuf| {
+        let name = path.file_name().unwrap().to_str().unwrap().to_owned();
+        if path.is_dir() {
+            contents(path).into_iter().map(|(inner, bytes)| (format!("{name}/{inner}"), bytes)).collect()
+        } else {
+            vec![(name, std::fs::read(path).unwrap())]
+        }
+    };
+    entries.iter().flat_map(of).collect()
+}
+
+/// The shortest test of the twin, twice: the same recordings and the same verdict to the byte, and errors that a cell of
+/// this kind has. The table of the README comes from the whole test.
+#[test]
+fn a_test_of_the_twin_runs_from_end_to_end_and_again_to_the_same_bytes() {
+    let folder = Folder::new();
+    let mut masters = Vec::new();
+    for name in ["a", "b"] {
+        let out = folder.path(name);
+        fringetool(&["simulate-test", "configs/demo.toml", "--reduced", "--out", &out]).expect_success();
+        let (ran, report) = folder.vdi(&format!("{out}/plan.toml"));
+        assert_eq!(ran.code, Some(0), "{}{}", ran.stdout, ran.stderr);
+        assert!(ran.stdout.contains("REDUCED TEST"), "{}", ran.stdout);
+        masters.push((report.unwrap(), std::fs::read(folder.path("report.json")).unwrap()));
+    }
+    let all = ["a", "b"].map(|name| contents(&folder.0.path().join(name)));
+    assert!(all[0].len() > 100 && all[0] == all[1], "{} and {} files", all[0].len(), all[1].len());
+    assert!(masters[0].1 == masters[1].1, "the masters differ");
+    let value = |symbol: &str| {
+        let list = masters[0].0["characteristics"].as_array().unwrap();
+        list.iter().find(|c| c["symbol"] == symbol).unwrap()["value"].as_f64().unwrap()
+    };
+    assert!(
+        (0.02..0.08).contains(&value("PF_range")),
+        "single points scatter by 8 to 15 µm: {}",
+        value("PF_range")
+    );
+    assert!(value("PS").abs() < 0.01 && value("SD").abs() < 0.01, "{} {}", value("PS"), value("SD"));
+}

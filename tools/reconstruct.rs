@@ -14,6 +14,7 @@ use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
 use fringe::projector::{ProjectorMatcher, ProjectorReport, ProjectorSettings};
 use fringe::rig::{Pair, Rig};
+use fringe::surface::SurfaceSettings;
 use rig::recording::{RECORDING_FILE, RecordedRig, Recording};
 use rig::rig_file::{RigFile, read_rig};
 use std::path::PathBuf;
@@ -37,6 +38,9 @@ pub struct Args {
     pair: Vec<String>,
     #[command(flatten)]
     filters: Filters,
+    /// Side of the window over which points are smoothed by a quadratic, px: 1 (not at all), 3, 5 or 7.
+    #[arg(long, value_name = "PX")]
+    smoothing_px: Option<u32>,
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -107,8 +111,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         eprintln!("{fault} (points do not need it)");
     }
     let pairs = pairs(args, &recording, &rig_file)?;
+    let surface = surface_settings(args.smoothing_px);
     let Done { views, filtered, pairs: clouds } =
-        clouds(&recording, &rig_file, args.method, &pairs, &args.filters)?;
+        clouds(&recording, &rig_file, args.method, &pairs, &args.filters, &surface)?;
     let (fused, fusion) = join(&clouds);
     if fused.is_empty() {
         let seen: Vec<String> = lines(&views).iter().map(ToString::to_string).collect();
@@ -129,13 +134,24 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+/// What counts as a surface, with another window of smoothing if one is given.
+pub fn surface_settings(smoothing_px: Option<u32>) -> SurfaceSettings {
+    let usual = SurfaceSettings::default();
+    SurfaceSettings { smoothing_px: smoothing_px.unwrap_or(usual.smoothing_px), ..usual }
+}
+
 /// The fused cloud of a recording from all its pairs, for commands that measure on it.
-pub fn fused_cloud(recording: &Recording, rig_file: &RigFile, method: Method) -> Result<Vec<Point>> {
+pub fn fused_cloud(
+    recording: &Recording,
+    rig_file: &RigFile,
+    method: Method,
+    surface: &SurfaceSettings,
+) -> Result<Vec<Point>> {
     let pairs = match method {
         Method::Phase => camera_pairs(recording, rig_file)?,
         Method::Projector => projector_pairs_or_fault(recording, rig_file)?,
     };
-    let done = clouds(recording, rig_file, method, &pairs, &Filters::default())?;
+    let done = clouds(recording, rig_file, method, &pairs, &Filters::default(), surface)?;
     Ok(join(&done.pairs).0)
 }
 
@@ -153,6 +169,7 @@ fn clouds(
     method: Method,
     pairs: &[Pair],
     filters: &Filters,
+    surface: &SurfaceSettings,
 ) -> Result<Done> {
     let lit = |projector: &str, camera: &str| {
         pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
@@ -162,8 +179,8 @@ fn clouds(
     let mut clouds = Vec::new();
     for (index, pair) in pairs.iter().enumerate() {
         let cloud = match method {
-            Method::Phase => match_pair(&rig_file.rig, pair, index, &views),
-            Method::Projector => intersect_pair(&rig_file.rig, pair, index, &views),
+            Method::Phase => match_pair(&rig_file.rig, pair, index, &views, surface),
+            Method::Projector => intersect_pair(&rig_file.rig, pair, index, &views, surface),
         };
         clouds.push(cloud.with_context(|| format!("{}: pair \"{}\"", rig_file.path.display(), pair.name))?);
     }
@@ -276,9 +293,16 @@ fn view<'a>(views: &'a [DecodedView], projector: &str, camera: &str) -> Result<&
         .with_context(|| format!("camera \"{camera}\" was not recorded under projector \"{projector}\""))
 }
 
-fn match_pair(rig: &Rig, pair: &Pair, index: usize, views: &[DecodedView]) -> Result<PairCloud> {
+fn match_pair(
+    rig: &Rig,
+    pair: &Pair,
+    index: usize,
+    views: &[DecodedView],
+    surface: &SurfaceSettings,
+) -> Result<PairCloud> {
+    let settings = MatchSettings { surface: *surface, ..MatchSettings::default() };
     let camera = |name: &str| rig.camera(name).with_context(|| format!("no camera \"{name}\" in the rig"));
-    let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
+    let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &settings)?;
     let (left, right) =
         (view(views, &pair.projector, &pair.left)?, view(views, &pair.projector, &pair.right)?);
     let maps: Vec<_> = left.maps.iter().map(|(map, _)| map.view()).collect();
@@ -292,11 +316,18 @@ fn along(view: &DecodedView, axis: Axis) -> Result<&PhaseMap> {
     view.map(axis).with_context(|| format!("camera \"{}\" has no phase along {axis:?}", view.camera))
 }
 
-fn intersect_pair(rig: &Rig, pair: &Pair, index: usize, views: &[DecodedView]) -> Result<PairCloud> {
+fn intersect_pair(
+    rig: &Rig,
+    pair: &Pair,
+    index: usize,
+    views: &[DecodedView],
+    surface: &SurfaceSettings,
+) -> Result<PairCloud> {
+    let settings = ProjectorSettings { surface: *surface, ..ProjectorSettings::default() };
     let camera = rig.camera(&pair.left).with_context(|| format!("no camera \"{}\" in the rig", pair.left))?;
     let projector =
         rig.projector(&pair.right).with_context(|| format!("no projector \"{}\" in the rig", pair.right))?;
-    let mut matcher = ProjectorMatcher::new(camera, projector, &ProjectorSettings::default())?;
+    let mut matcher = ProjectorMatcher::new(camera, projector, &settings)?;
     let view = view(views, &pair.projector, &pair.left)?;
     let (x, y) = (view.map(Axis::X).map(PhaseMap::view), view.map(Axis::Y).map(PhaseMap::view));
     let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];

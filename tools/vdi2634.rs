@@ -2,11 +2,12 @@
 
 use crate::Outcome;
 use crate::acceptance_report::Files;
-use crate::reconstruct::{Method, fused_cloud};
+use crate::reconstruct::{Method, fused_cloud, surface_settings};
 use crate::report::check_outputs;
 use anyhow::{Context, Result, anyhow, bail};
 use fringe::acceptance::{Characteristic, Evaluator, RuleSet, TestPlan, TestReport, TestVerdict, ViewPlan};
 use fringe::cloud::Point;
+use fringe::surface::SurfaceSettings;
 use rig::recording::Recording;
 use rig::report::acceptance::{write_all, write_master};
 use rig::rig_file::{RigFile, read_rig};
@@ -87,7 +88,7 @@ fn rule_set(name: &str, folder: &Path) -> Result<RuleSet> {
 /// Where clouds come from.
 struct Sources<'a> {
     folder: &'a Path,
-    rig: Option<(RigFile, Method)>,
+    rig: Option<(RigFile, Method, SurfaceSettings)>,
 }
 
 impl<'a> Sources<'a> {
@@ -97,7 +98,7 @@ impl<'a> Sources<'a> {
             anyhow!("measurement: method = \"{}\": there are phase, projector", measurement.method)
         })?;
         let rig = read_rig(&folder.join(&measurement.rig))?;
-        Ok(Self { folder, rig: Some((rig, method)) })
+        Ok(Self { folder, rig: Some((rig, method, surface_settings(measurement.smoothing_px))) })
     }
 
     fn cloud(&self, view: &ViewPlan) -> Result<Vec<Point>> {
@@ -109,17 +110,27 @@ impl<'a> Sources<'a> {
             }
             return Ok(cloud.points);
         }
-        let (rig, method) = self.rig.as_ref().context("a recording needs [measurement]")?;
-        fused_cloud(&Recording::open(&path)?, rig, *method).with_context(|| path.display().to_string())
+        let (rig, method, surface) = self.rig.as_ref().context("a recording needs [measurement]")?;
+        fused_cloud(&Recording::open(&path)?, rig, *method, surface)
+            .with_context(|| path.display().to_string())
     }
 
     fn conditions(&self) -> Vec<(String, String)> {
-        let Some((rig, method)) = &self.rig else { return Vec::new() };
+        let Some((rig, method, surface)) = &self.rig else { return Vec::new() };
         let method = match method {
             Method::Phase => "phase: two cameras, matched by absolute phase",
             Method::Projector => "projector: camera against calibrated projector",
         };
-        vec![("rig file".into(), format!("sha256 {}", rig.sha256)), ("method".into(), method.into())]
+        let smoothing = match surface.smoothing_px {
+            1 => "none; ".to_owned(),
+            side => format!("a quadratic over {side} × {side} pixels; "),
+        };
+        let trimmed = format!("points nearer than {} pixels to a rim left out", surface.edge_px);
+        vec![
+            ("rig file".into(), format!("sha256 {}", rig.sha256)),
+            ("method".into(), method.into()),
+            ("smoothing of points".into(), smoothing + &trimmed),
+        ]
     }
 }
 

@@ -2,13 +2,13 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::join::motion;
 use super::plan::{Artefact, PositionPlan, RegisterBy, TestPlan, ViewPlan};
+use super::register::register;
 use super::rules::{CloudOf, Kind};
 use super::segment::{LEAST_POINTS, Segment, Wanted, find, positions};
 use super::{AcceptanceError, at};
 use crate::cloud::Point;
-use crate::fit::{FitSettings, sphere};
+use crate::fit::{FitSettings, SphereFit, sphere};
 use crate::pose::Pose;
 
 /// Points that are evaluated together.
@@ -53,23 +53,28 @@ pub(super) fn groups(
         wanted.extend(plan.references.iter().map(|r| Wanted::Sphere(r.diameter_mm)));
     }
     let mut all = vec![Vec::new(); own];
-    let mut first: Option<Vec<Point3<f64>>> = None;
+    let mut seen = Vec::new();
+    let mut references = Vec::new();
     for (view, cloud) in position.views.iter().zip(clouds) {
         let place = place(view);
-        let segments = seek(&place, cloud, &wanted, own, view, plan)?;
-        let (segments, references) = segments.split_at(own);
-        let pose = if by_references {
-            let centres = centres(&place, references)?;
-            let target = first.get_or_insert_with(|| centres.clone());
-            let (pose, rms) = motion(&centres, target).ok_or_else(|| AcceptanceError::Plan {
-                place: place.clone(),
-                message: "its reference spheres lie on a line and fix no motion; place them in a triangle"
-                    .into(),
-            })?;
-            found.registration_rms_mm = Some(found.registration_rms_mm.map_or(rms, |worst| worst.max(rms)));
-            Some(pose)
-        } else {
-            view.transform.map(pose_of)
+        let mut segments = seek(&place, cloud, &wanted, own, view, plan)?;
+        references.push(spheres(&place, &segments.split_off(own))?);
+        seen.push(segments);
+    }
+    let registered = if by_references {
+        let (poses, rms) = register(&references).ok_or_else(|| AcceptanceError::Plan {
+            place: format!("position \"{}\"", position.name),
+            message: "its reference spheres lie on a line and fix no motion; place them in a triangle".into(),
+        })?;
+        found.registration_rms_mm = Some(rms);
+        Some(poses)
+    } else {
+        None
+    };
+    for (index, (view, segments)) in position.views.iter().zip(&seen).enumerate() {
+        let pose = match &registered {
+            Some(poses) => poses.get(index).copied(),
+            None => view.transform.map(pose_of),
         };
         found.beside += segments.iter().map(|s| s.beside).sum::<usize>();
         for (element, segment) in all.iter_mut().zip(segments) {
@@ -113,10 +118,9 @@ fn elements(artefact: &Artefact) -> Vec<Wanted> {
     }
 }
 
-fn centres(place: &str, references: &[Segment]) -> Result<Vec<Point3<f64>>, AcceptanceError> {
+fn spheres(place: &str, references: &[Segment]) -> Result<Vec<SphereFit>, AcceptanceError> {
     let one = |segment: &Segment| {
-        let fit = sphere(&positions(&segment.points), &FitSettings::default());
-        fit.map(|fit| fit.center()).map_err(|source| at(place, source))
+        sphere(&positions(&segment.points), &FitSettings::default()).map_err(|source| at(place, source))
     };
     references.iter().map(one).collect()
 }

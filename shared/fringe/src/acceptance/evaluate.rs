@@ -6,7 +6,7 @@ use super::certificate::{diameter, record, u_test_value_mm};
 use super::conform::{coverage as coverage_rules, violations};
 use super::elements::{Group, groups};
 use super::patches::{coverage, representative};
-use super::plan::{Artefact, DecisionRule, PositionPlan, TestPlan};
+use super::plan::{Artefact, DecisionRule, Limit, PositionPlan, TestPlan};
 use super::result::{PositionValue, TestReport, Violation, Volume};
 use super::rules::{CharacteristicRule, CloudOf, RuleSet, Statistic};
 use super::summary::{Value, summarise, test_verdict};
@@ -32,14 +32,23 @@ impl<'a> Evaluator<'a> {
     /// # Errors
     /// Rules that the plan breaks without `allow_reduced`, or limits of characteristics that the rule set does not have.
     pub fn new(plan: &'a TestPlan, rules: &'a RuleSet) -> Result<Self, AcceptanceError> {
-        for symbol in plan.limits.keys() {
-            if rules.characteristics.iter().all(|one| one.symbol != *symbol) {
+        for (symbol, limit) in &plan.limits {
+            let Some(one) = rules.characteristics.iter().find(|one| one.symbol == *symbol) else {
                 let known: Vec<&str> = rules.characteristics.iter().map(|one| one.symbol.as_str()).collect();
                 return Err(AcceptanceError::Unknown {
                     place: "limits".into(),
                     key: "a key",
                     name: symbol.clone(),
                     known: known.join(", "),
+                });
+            };
+            let of_lengths = matches!(one.statistic, Statistic::Spacing | Statistic::SpacingAndSize);
+            if matches!(limit, Limit::Length(_)) && !of_lengths {
+                return Err(AcceptanceError::Plan {
+                    place: format!("limits, {symbol}"),
+                    message: "grows with the length (a_mm, k_um_per_m), but this characteristic is no length error; \
+                              give one number in mm"
+                        .into(),
                 });
             }
         }
@@ -279,6 +288,7 @@ impl Job<'_> {
                     super::certificate::at_test(*nominal, 0.0, self.artefact, &self.plan.conditions).value_mm;
                 let error = centre_distance_mm(first, other).value - calibrated;
                 let mut value = self.value(statistic, index, error, &[&first.form, &other.form]);
+                value.shown.length_mm = Some(calibrated);
                 if others.len() > 1 {
                     value.shown.position = format!("{} 1–{}", value.shown.position, index + 2);
                 }
@@ -308,6 +318,8 @@ impl Job<'_> {
                 position: self.position.name.clone(),
                 repeat: self.position.repeat,
                 value,
+                length_mm: None,
+                limit: None,
                 points: forms.iter().map(|form| form.points).sum(),
                 rejected: forms.iter().map(|form| form.rejected).sum(),
                 views: self.group.views.clone(),

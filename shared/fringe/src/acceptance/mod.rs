@@ -22,6 +22,7 @@ mod evaluate;
 mod join;
 mod patches;
 mod plan;
+mod register;
 mod result;
 mod rules;
 mod segment;
@@ -32,8 +33,8 @@ mod tests;
 pub use error::AcceptanceError;
 pub use evaluate::Evaluator;
 pub use plan::{
-    Artefact, Conditions, Decision, DecisionRule, Measurement, PositionPlan, Reference, RegisterBy,
-    Segmentation, TEST_FORMAT, TestPlan, ViewPlan, Volumes,
+    Artefact, Conditions, Decision, DecisionRule, LengthLimit, Limit, Measurement, PositionPlan, Reference,
+    RegisterBy, Segmentation, TEST_FORMAT, TestPlan, ViewPlan, Volumes,
 };
 pub use result::{
     ArtefactRecord, Characteristic, PositionValue, RuleSetId, TestReport, TestVerdict, Violation, Volume,

@@ -94,11 +94,12 @@ pub struct Characteristic {
     pub definition: String,
     /// "mm".
     pub unit: String,
-    /// The value farthest from zero over all positions, with its sign.
+    /// The value farthest from zero over all positions, with its sign; where the limit grows with the length, the one that
+    /// takes up most of its limit.
     pub value: f64,
     /// Whether it takes part in the verdict of the test.
     pub decides: bool,
-    /// Maximum permissible error: |value| has to stay within.
+    /// Maximum permissible error at `value`: |value| has to stay within.
     pub limit: Option<f64>,
     /// Expanded uncertainty of the test value (k = 2): of artefact and its use, never of the instrument.
     pub test_value_u: Option<f64>,
@@ -112,6 +113,13 @@ pub struct Characteristic {
     pub between_positions: Option<f64>,
 }
 
+impl Characteristic {
+    /// Limit of one of its values.
+    pub fn limit_of(&self, position: &PositionValue) -> Option<f64> {
+        position.limit.or(self.limit)
+    }
+}
+
 /// A characteristic at one position.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PositionValue {
@@ -121,6 +129,12 @@ pub struct PositionValue {
     pub repeat: u32,
     /// Signed value.
     pub value: f64,
+    /// Calibrated length that it is the error of, mm; absent for forms and sizes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub length_mm: Option<f64>,
+    /// Its own limit, where limits grow with the length; absent: the characteristic's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limit: Option<f64>,
     /// Points behind it.
     pub points: usize,
     /// Points left out by the stated fraction.

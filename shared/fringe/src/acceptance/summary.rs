@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::plan::{DecisionRule, TestPlan};
+use super::plan::{DecisionRule, Limit, TestPlan};
 use super::result::{Characteristic, PositionValue, TestVerdict};
 use super::rules::CharacteristicRule;
 use crate::inspection::{Verdict, decide};
@@ -25,19 +25,23 @@ pub(super) fn summarise(
     values: &[Value],
     plan: &TestPlan,
 ) -> Option<Characteristic> {
-    let worst = values.iter().max_by(|a, b| a.shown.value.abs().total_cmp(&b.shown.value.abs()))?;
-    let limit = plan.limits.get(&one.symbol).copied();
+    let limit_of = |v: &Value| plan.limits.get(&one.symbol).and_then(|limit| limit.at(v.shown.length_mm));
+    let taken = |v: &Value| v.shown.value.abs() / limit_of(v).unwrap_or(1.0);
+    let worst = values.iter().max_by(|a, b| taken(a).total_cmp(&taken(b)))?;
+    let limit = limit_of(worst);
+    let grows = matches!(plan.limits.get(&one.symbol), Some(Limit::Length(_)));
     let guard = match plan.decision.rule {
         DecisionRule::Simple => 0.0,
         DecisionRule::Iso14253 => plan.decision.guard_factor,
     };
     // Every value must pass, and a negative error counts as a positive one.
-    let verdict = limit.and_then(|limit| {
-        values
-            .iter()
-            .map(|v| verdict_of(decide(v.shown.value, v.u_mm, guard, Some(-limit), limit)))
-            .max_by_key(|verdict| rank(*verdict))
-    });
+    let verdict = values
+        .iter()
+        .filter_map(|v| {
+            let limit = limit_of(v)?;
+            Some(verdict_of(decide(v.shown.value, v.u_mm, guard, Some(-limit), limit)))
+        })
+        .max_by_key(|verdict| rank(*verdict));
     let CharacteristicRule { symbol, name, definition, decides, .. } = one;
     Some(Characteristic {
         symbol: symbol.clone(),
@@ -49,7 +53,10 @@ pub(super) fn summarise(
         limit,
         test_value_u: Some(COVERAGE_FACTOR * worst.u_mm),
         verdict,
-        positions: values.iter().map(|v| v.shown.clone()).collect(),
+        positions: values
+            .iter()
+            .map(|v| PositionValue { limit: limit_of(v).filter(|_| grows), ..v.shown.clone() })
+            .collect(),
         repeatability: repeatability(values),
         between_positions: between(values),
     })

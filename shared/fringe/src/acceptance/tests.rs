@@ -268,6 +268,8 @@ fn the_thesis_values_give_the_worst_error_not_a_standard_deviation() {
                 position: format!("{p}"),
                 repeat: r as u32 + 1,
                 value: spacing - 120.055_09,
+                length_mm: Some(120.055_09),
+                limit: None,
                 points: 0,
                 rejected: 0,
                 views: Vec::new(),
@@ -360,4 +362,75 @@ fn clouds_without_the_artefact_are_refused() {
     let bar = plan.positions.last().unwrap();
     let error = evaluator.add(bar, &[ball([0.0; 3], 20.0, 0.0)]).unwrap_err().to_string();
     assert!(error.contains("no sphere of 20 mm"), "{error}");
+}
+
+/// A + K·L ≤ B at 150 mm: 10 µm + 100 µm/m · 0.15 m = 25 µm.
+#[test]
+fn limits_of_lengths_grow_with_the_length() {
+    let bars = [0.0, 0.0, 0.02, 0.0, 0.0, 0.0, -0.019];
+    for (limit, bound_mm, verdict) in [
+        ("{ a_mm = 0.010, k_um_per_m = 100.0 }", 0.025, TestVerdict::Pass),
+        ("{ a_mm = 0.010, k_um_per_m = 0.0 }", 0.010, TestVerdict::Fail),
+        ("{ a_mm = 0.010, k_um_per_m = 100.0, b_mm = 0.015 }", 0.015, TestVerdict::Fail),
+    ] {
+        let text = plan_text(&format!("SD = {limit}"), 3, 150.0, "");
+        let report = evaluate(&text, &[(0.0, 0.0); 3], &bars).unwrap();
+        let sd = one(&report, "SD");
+        assert!((sd.limit.unwrap() - bound_mm).abs() < 1e-12, "{limit}: {:?}", sd.limit);
+        assert!((sd.value - 0.02).abs() < 1e-9 && sd.verdict == Some(verdict), "{limit}");
+        assert_eq!((sd.positions[2].length_mm, sd.positions[2].limit), (Some(150.0), sd.limit));
+    }
+    for (limits, word) in [
+        ("PS = { a_mm = 0.01, k_um_per_m = 10.0 }", "no length error"),
+        ("SD = { a_mm = 0.0, k_um_per_m = 10.0 }", "a_mm"),
+        ("SD = { a_mm = 0.01, k_um_per_m = -1.0 }", "k_um_per_m"),
+        ("SD = { a_mm = 0.01, k_um_per_m = 1.0, b_mm = 0.001 }", "b_mm"),
+        ("SD = { a_mm = 0.01 }", "{ a_mm, k_um_per_m, b_mm }"),
+    ] {
+        let error = evaluate(&plan_text(limits, 3, 150.0, ""), &[(0.0, 0.0); 3], &bars).unwrap_err();
+        assert!(error.to_string().contains(word), "{limits}: {error}");
+    }
+}
+
+/// A plate 120 mm × 60 mm: two points stand out and two lie in by `off`, so that the least-squares plane stays.
+fn plate(off: f64) -> Vec<Point> {
+    let turn = nalgebra::Rotation3::from_euler_angles(0.3, -0.2, 0.7);
+    let at = |i: i32, j: i32| {
+        let out = match (i, j) {
+            (20, 10) | (-20, -10) => off,
+            (20, -10) | (-20, 10) => -off,
+            _ => 0.0,
+        };
+        point(turn * Point3::new(2.0 * f64::from(i), 2.0 * f64::from(j), out))
+    };
+    (-30..=30).flat_map(|i| (-15..=15).map(move |j| at(i, j))).collect()
+}
+
+#[test]
+fn flatness_is_the_range_about_the_plane_and_the_worst_position_decides() {
+    let artefact = "[[artefact]]\nid = \"plate\"\nkind = \"plane\"\ncertificate = \"C3\"\nsize_mm = [120.0, 60.0]\n\
+                    form_mm = 0.001\nu_form_mm = 0.0002\nexpansion_per_k = 0.0\nu_expansion_per_k = 0.0\n";
+    let text = plan_text("F = 0.05", 0, 150.0, "allow_reduced = true").replace("vdi2634-3", "vdi2634-2");
+    let mut text = text.split("[[position]]").next().unwrap().to_owned() + artefact;
+    for p in 0..6 {
+        let _ = write!(
+            text,
+            "[[position]]\nname = \"p{p}\"\nartefact = \"plate\"\n[[position.view]]\nname = \"v\"\ncloud = \"p{p}.ply\"\n"
+        );
+    }
+    for (worst_mm, verdict) in [(0.01, TestVerdict::Pass), (0.03, TestVerdict::Fail)] {
+        let plan = TestPlan::from_toml(&text).unwrap();
+        let rules = RuleSet::from_toml(ALL[1]).unwrap();
+        let mut evaluator = Evaluator::new(&plan, &rules).unwrap();
+        for (index, position) in plan.positions.iter().enumerate() {
+            evaluator.add(position, &[plate(if index == 4 { worst_mm } else { 0.002 })]).unwrap();
+        }
+        let report = evaluator.finish(Vec::new()).unwrap();
+        let flatness = one(&report, "F");
+        assert!((flatness.value - 2.0 * worst_mm).abs() < 1e-9, "{flatness:?}");
+        assert_eq!((flatness.verdict, flatness.positions.len()), (Some(verdict), 6));
+        // Of the plates themselves: half their form and its uncertainty, never the errors found.
+        let u = 2.0 * (0.0005_f64.powi(2) + 0.0002_f64.powi(2)).sqrt();
+        assert!((flatness.test_value_u.unwrap() - u).abs() < 1e-9, "{flatness:?}");
+    }
 }

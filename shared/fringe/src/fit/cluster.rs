@@ -9,15 +9,13 @@ use nalgebra::{SMatrix, SVector, Vector3};
 use serde::Serialize;
 
 use super::adjust::{Adjusted, Model, singular};
+use super::cells::cells_of;
 use super::correlation::estimate;
 use super::linear::product;
 use super::{Correlation, FitError, FitSettings};
 
 /// Fewest cells from which the sandwich is trusted: with G cells its own relative error is about 1/√(2 G).
 const FEWEST_CELLS: usize = 20;
-
-/// Cells along one axis that fit into a third of the key.
-const CELLS_PER_AXIS: f64 = 2_097_151.0;
 
 /// What stated uncertainties rest on.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
@@ -76,23 +74,6 @@ fn trimming_shrink<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64
     let near = sizes.iter().filter(|s| **s > 0.9 * limit).count();
     // Below one half the count would say that most points sit at the limit: no noise distribution does that.
     (1.0 - near as f64 / 0.1 / points.len().max(1) as f64).max(0.5)
-}
-
-/// Points by the cell they lie in: (key of the cell, index), sorted.
-pub(super) fn cells_of(points: &[Vector3<f64>], edge_mm: f64) -> Vec<(u64, u32)> {
-    let lowest = points.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
-    let axis_key = |value: f64| (value / edge_mm).clamp(0.0, CELLS_PER_AXIS) as u64;
-    let mut keyed: Vec<(u64, u32)> = points
-        .iter()
-        .enumerate()
-        .map(|(index, p)| {
-            let offset = p - lowest;
-            let key = (axis_key(offset.x) << 42) | (axis_key(offset.y) << 21) | axis_key(offset.z);
-            (key, index as u32)
-        })
-        .collect();
-    keyed.sort_unstable();
-    keyed
 }
 
 /// Σ over cells of the outer products of the cells' scores, and the number of cells.

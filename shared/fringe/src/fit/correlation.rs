@@ -14,7 +14,7 @@
 use nalgebra::{Cholesky, SMatrix, SVector, Vector3};
 
 use super::adjust::Model;
-use super::cluster::cells_of;
+use super::cells::cells_of;
 use super::linear::product;
 
 /// Most cells: half a million pairs, some four milliseconds. Finer cells stated the same uncertainties on a hundred

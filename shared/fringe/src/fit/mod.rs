@@ -11,6 +11,7 @@
 
 mod adjust;
 mod axis;
+mod cells;
 mod centred;
 mod circle;
 mod cluster;

@@ -62,7 +62,7 @@ pub struct Overlap {
     /// Largest absolute distance.
     pub max_mm: f64,
     /// Root mean square of (distance − mean) over its predicted uncertainty, which takes the points as independent; about 1
-    /// when noise is all there is. Absent without points or uncertainties.
+    /// when noise is all there is, some 1.1 where neighbours share noise because they were smoothed. Absent without points or uncertainties.
     pub sd_over_sigma: Option<f64>,
 }
 

@@ -109,8 +109,8 @@ fn degenerate_clouds_are_no_fault() {
 }
 
 /// Two pairs from orthogonal sides measure a sphere: their surfaces agree, and by as much as the noise predicts.
-#[test]
-fn two_pairs_agree_on_a_sphere() {
+/// What two pairs that see a sphere from two sides say of each other.
+fn overlap_on_a_sphere(settings: &MatchSettings) -> Overlap {
     let surface = Surface::Sphere { centre: Point3::new(0.0, 0.0, 0.0), radius_mm: 30.0 };
     let tilted = |degrees: f64, side: f64| {
         let angle = degrees.to_radians();
@@ -126,7 +126,7 @@ fn two_pairs_agree_on_a_sphere() {
         let scene = Scene { surfaces: vec![surface], projector, period_px: 16.0 };
         let maps =
             [0, 1].map(|c| scene.phase_map(&cameras[c], Axis::X, 0.005, 10 * u64::from(pair) + c as u64));
-        let mut matcher = Matcher::new(&cameras[0], &cameras[1], &MatchSettings::default()).unwrap();
+        let mut matcher = Matcher::new(&cameras[0], &cameras[1], settings).unwrap();
         let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
         let report = matcher.run(&maps[0].view(), &maps[1].view(), pair, &mut points).unwrap();
         points.truncate(report.points as usize);
@@ -136,7 +136,19 @@ fn two_pairs_agree_on_a_sphere() {
     let overlap = report.overlaps[0];
     assert!(overlap.count > 5_000, "{report:?}");
     assert!(overlap.mean_mm.abs() < 1e-3, "{overlap:?}");
-    assert!((0.95..1.1).contains(&overlap.sd_over_sigma.unwrap()), "{overlap:?}");
+    overlap
+}
+
+#[test]
+fn two_pairs_agree_on_a_sphere() {
+    let mut settings = MatchSettings::default();
+    settings.surface.smoothing_px = 1;
+    let raw = overlap_on_a_sphere(&settings);
+    assert!((0.95..1.1).contains(&raw.sd_over_sigma.unwrap()), "{raw:?}");
+    // Smoothed points agree better, and share noise that the prediction takes as independent.
+    let smoothed = overlap_on_a_sphere(&MatchSettings::default());
+    assert!(smoothed.sd_mm < 0.6 * raw.sd_mm, "{smoothed:?}");
+    assert!(smoothed.sd_over_sigma > raw.sd_over_sigma, "{smoothed:?}");
 }
 
 #[test]

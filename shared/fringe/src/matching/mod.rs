@@ -55,7 +55,7 @@ use crate::cloud::Point;
 use crate::parallel::for_parts;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
-use crate::surface::{Sample, SurfaceBuilder, View};
+use crate::surface::{Sample, SurfaceBuilder, View, mark_rims};
 use nalgebra::Vector3;
 use report::PART_ROWS;
 use rows::Row;
@@ -85,6 +85,10 @@ pub struct Matcher {
     left_phase: Vec<f32>,
     /// Right phase with NaN where masked.
     right_phase: Vec<f32>,
+    /// Not zero where the right surface ends within `surface.edge_px`.
+    right_rims: Vec<u8>,
+    /// Scratch for a row of them.
+    rim_counts: Vec<u16>,
     /// In the sequence of `order`.
     hits: Vec<Sample>,
     /// On the native left grid.
@@ -129,6 +133,8 @@ impl Matcher {
             tasks,
             left_phase: vec![f32::NAN; columns * rows],
             right_phase: vec![f32::NAN; right.width_px as usize * right.height_px as usize],
+            right_rims: vec![0; right.width_px as usize * right.height_px as usize],
+            rim_counts: vec![0; right.width_px as usize],
             hits: vec![Sample::NONE; order.len()],
             order,
             samples: vec![Sample::NONE; columns * rows],
@@ -158,6 +164,8 @@ impl Matcher {
         self.check(left, right, out.len())?;
         mask(left, &mut self.left_phase);
         mask(right, &mut self.right_phase);
+        let edge = self.settings.surface.edge_px as usize;
+        mark_rims(&self.right_phase, edge, &mut self.rim_counts, &mut self.right_rims);
         let mut report = self.match_rows(left, right);
         self.samples.fill(Sample::NONE);
         for (pixel, hit) in self.order.iter().zip(&self.hits) {
@@ -188,6 +196,7 @@ impl Matcher {
             right_phase: RightPhase {
                 phase_rad: &self.right_phase,
                 sigma_rad: right.sigma_rad,
+                rims: &self.right_rims,
                 width: right.info.width_px as usize,
                 height: right.info.height_px as usize,
                 pitch: 1.0 / self.pair.focal_px,

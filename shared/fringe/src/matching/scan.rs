@@ -136,7 +136,12 @@ impl Scan<'_> {
         let Crossing { x: place, slope, variance, pixel: right, bilinear } =
             solve(&self.right_phase, &curve, phase, coarse).ok_or(Miss::Discontinuous)?;
         let sigma_left = f64::from(self.left.sigma_rad[pixel]);
-        let sigma = ((sigma_left * sigma_left + variance) / (slope * slope)).sqrt();
+        let (own, both) = (sigma_left * sigma_left, sigma_left * sigma_left + variance);
+        let sigma = (both / (slope * slope)).sqrt();
+        // A silhouette of this view: the left view may see the surface go on.
+        if self.right_phase.rims[right] != 0 {
+            return Err(Miss::Discontinuous);
+        }
         let certain = sigma <= self.settings.max_disparity_sigma_px * pitch;
         let disparity = x - place;
         if !certain || !(limits[0]..=limits[1]).contains(&disparity) {
@@ -145,6 +150,7 @@ impl Scan<'_> {
         let sample = Sample {
             inverse_depth: disparity / self.pair.baseline_mm,
             sigma: (sigma / self.pair.baseline_mm) as f32,
+            own_share: if both > 0.0 { (own / both) as f32 } else { 1.0 },
             modulation: self.left.modulation[pixel].min(self.right.modulation[right]),
         };
         Ok((sample, bilinear))

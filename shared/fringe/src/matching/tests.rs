@@ -29,7 +29,7 @@ fn matched(
     let surface = report.surface;
     assert_eq!(
         report.valid,
-        lost + surface.spikes + surface.crumbs + surface.steep + report.points,
+        lost + surface.spikes + surface.crumbs + surface.steep + surface.rims + report.points,
         "{report:?}"
     );
     points.truncate(report.points as usize);

@@ -51,7 +51,7 @@ impl Rays<'_> {
                 }
                 // dq = dZ / Z².
                 let sigma = (sigma_depth / (depth * depth)) as f32;
-                *sample = Sample { inverse_depth: 1.0 / depth, sigma, modulation };
+                *sample = Sample { inverse_depth: 1.0 / depth, sigma, own_share: 1.0, modulation };
             }
             Err(Miss::Missed) => task.missed += 1,
             Err(Miss::Contradicting) => task.contradicting += 1,

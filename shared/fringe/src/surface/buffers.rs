@@ -27,6 +27,7 @@ pub(crate) struct SurfaceBuilder {
 pub(super) struct PartCount {
     pub(super) spikes: u32,
     pub(super) steep: u32,
+    pub(super) rims: u32,
     pub(super) points: u32,
     pub(super) without_normal: u32,
 }

@@ -3,7 +3,9 @@
 use super::SurfaceReport;
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::normals::{Link, normal};
+use super::rim::at_rim;
 use super::sample::{Sample, View};
+use super::smooth::smoothed;
 use crate::cloud::Point;
 use crate::parallel::for_parts;
 
@@ -40,15 +42,20 @@ impl SurfaceBuilder {
             }
         }
         let half = self.settings.normal_window_px as usize / 2;
+        let (edge, smoothing) = (self.settings.edge_px as usize, self.settings.smoothing_half());
+        let size = (view.width, view.height);
         for_parts(&self.point_parts, &mut out[..total], &mut self.counts, &|part, points, count| {
             *count = PartCount::default();
             let mut room = points.iter_mut();
             for pixel in (self.row_parts[part]..self.row_parts[part + 1]).filter(filled) {
                 let normal = normal(view, samples, pixel, link, half);
+                let (sample, window) = smoothed(size, samples, pixel, link.max_step, smoothing);
                 if normal.is_some_and(|n| view.is_steep(&samples[pixel], pixel, &n, self.min_cosine)) {
                     count.steep += 1;
+                } else if window < edge && at_rim(size, samples, pixel, link, edge) {
+                    count.rims += 1;
                 } else if let Some(point) = room.next() {
-                    *point = view.point(&samples[pixel], pixel, pair, normal);
+                    *point = view.point(&sample, pixel, pair, normal);
                     count.points += 1;
                     count.without_normal += u32::from(normal.is_none());
                 }
@@ -67,6 +74,7 @@ impl SurfaceBuilder {
             }
             report.points += count.points;
             report.steep += count.steep;
+            report.rims += count.rims;
             report.without_normal += count.without_normal;
         }
         report

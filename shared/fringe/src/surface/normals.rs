@@ -209,6 +209,7 @@ mod tests {
             .map(|[x, y]| Sample {
                 inverse_depth: normal.dot(&Vector3::new(*x, *y, 1.0)) / -distance_mm,
                 sigma: 0.0,
+                own_share: 1.0,
                 modulation: 1.0,
             })
             .collect()

@@ -10,12 +10,16 @@ pub(crate) struct Sample {
     pub inverse_depth: f64,
     /// Its standard uncertainty, 1/mm.
     pub sigma: f32,
+    /// Share of its variance that comes from the pixel itself and is independent of its neighbours'; the rest comes from
+    /// the other view.
+    pub own_share: f32,
     /// Modulation, DN.
     pub modulation: f32,
 }
 
 impl Sample {
-    pub const NONE: Sample = Sample { inverse_depth: f64::NAN, sigma: f32::NAN, modulation: 0.0 };
+    pub const NONE: Sample =
+        Sample { inverse_depth: f64::NAN, sigma: f32::NAN, own_share: 1.0, modulation: 0.0 };
 }
 
 /// The geometry of the raster.

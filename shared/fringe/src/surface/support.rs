@@ -127,6 +127,7 @@ mod tests {
         let samples = picture.iter().flat_map(|line| line.bytes()).map(|c| Sample {
             inverse_depth: value(c),
             sigma: 0.0,
+            own_share: 1.0,
             modulation: 1.0,
         });
         (picture[0].len(), samples.collect())

@@ -26,6 +26,7 @@ mod dof;
 mod error;
 mod evaluate;
 mod expression;
+mod function;
 mod interval;
 mod model;
 pub mod models;
@@ -43,6 +44,7 @@ pub use distribution::Distribution;
 pub use dof::{dof_of_judgement, effective_dof};
 pub use error::UncertaintyError;
 pub use expression::{Expression, ExpressionError};
+pub use function::Function;
 pub use interval::{Interval, IntervalKind, probabilistically_symmetric, shortest};
 pub use model::Model;
 pub use monte_carlo::{

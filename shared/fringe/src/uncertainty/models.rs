@@ -2,7 +2,7 @@
 //!
 //! Each is a function of the same name in the models of budget files.
 
-use super::expression::Function;
+use super::function::Function;
 use super::number::Number;
 
 /// Temperature at which lengths are stated, °C (ISO 1).

@@ -2,7 +2,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::expression::Function;
+use super::function::Function;
 use crate::math;
 
 /// What a measurement model needs of a number.

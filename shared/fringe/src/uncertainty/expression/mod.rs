@@ -17,10 +17,10 @@ mod token;
 
 use thiserror::Error;
 
+use super::function::Function;
 use super::models;
 use super::number::Number;
 use function::Builtin;
-pub use function::Function;
 
 /// Longest formula: thousands of terms are a program, not a formula.
 const MAX_LENGTH: usize = 4096;

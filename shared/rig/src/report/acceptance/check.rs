@@ -142,7 +142,10 @@ fn characteristic(one: &Characteristic) -> Checked {
         let place = format!("characteristic {:?}", one.symbol);
         Err(AcceptanceReportError::Contradiction { place, says, but })
     };
-    if let Some(worse) = one.positions.iter().find(|p| p.value.abs() > one.value.abs()) {
+    // Of a limit that grows with the length the worst value takes up most; quotients are rounded.
+    let share = |value: f64, limit: Option<f64>| value.abs() / limit.unwrap_or(1.0);
+    let most = share(one.value, one.limit) * (1.0 + 1e-12);
+    if let Some(worse) = one.positions.iter().find(|p| share(p.value, one.limit_of(p)) > most) {
         let says = format!("the worst value is {} mm", one.value);
         return contradiction(says, format!("position {:?} has {} mm", worse.position, worse.value));
     }

@@ -5,7 +5,7 @@ use super::drawing::Tone;
 use super::groups::of_same_positions;
 use super::words::{digits, judgement, limit_text, sentences, verdict_key, verdict_word, worst_position};
 use crate::report::number::{NONE, count, fixed, limit_decimals, optional, signed};
-use fringe::acceptance::{Characteristic, TestReport, TestVerdict, Volume};
+use fringe::acceptance::{Characteristic, PositionValue, TestReport, TestVerdict, Volume};
 
 /// A part of the report.
 pub enum Block<'a> {
@@ -142,8 +142,8 @@ fn column(title: &str, width: f64, right: bool) -> (String, f64, bool) {
 
 fn characteristics(report: &TestReport) -> Vec<Block<'_>> {
     let columns = vec![
-        column("Symbol", 1.15, false),
-        column("Definition", 3.1, false),
+        column("Symbol", 1.55, false),
+        column("Definition", 2.8, false),
         column("Worst value, mm", 1.0, true),
         column("At position", 1.25, false),
         column("MPE, mm", 0.9, true),
@@ -274,13 +274,13 @@ fn values(group: &[&Characteristic]) -> Table {
     ]);
     let Some(first) = group.first() else { return Table { columns, rows: Vec::new() } };
     let numbers = numbers(first);
-    let row = |(index, position): (usize, &fringe::acceptance::PositionValue)| {
+    let row = |(index, position): (usize, &PositionValue)| {
         let mut row = vec![
             Cell::plain(numbers.get(index).map_or_else(String::new, ToString::to_string)),
             Cell::plain(&position.position),
             Cell::plain(position.repeat.to_string()),
         ];
-        row.extend(group.iter().filter_map(|one| one.positions.get(index).map(|p| cell(one, p.value))));
+        row.extend(group.iter().filter_map(|one| one.positions.get(index).map(|p| cell(one, p))));
         row.push(Cell::plain(count(position.points as u64)));
         row.push(Cell::plain(count(position.rejected as u64)));
         row.push(Cell::plain(position.views.join(", ")));
@@ -290,9 +290,10 @@ fn values(group: &[&Characteristic]) -> Table {
 }
 
 /// The worst value stands out; one beyond its limit is red.
-fn cell(one: &Characteristic, value: f64) -> Cell {
+fn cell(one: &Characteristic, position: &PositionValue) -> Cell {
+    let value = position.value;
     let text = signed(value, digits(one));
-    let beyond = one.limit.is_some_and(|limit| value.abs() > limit);
+    let beyond = one.limit_of(position).is_some_and(|limit| value.abs() > limit);
     let tone = if beyond { tone_of(Some(TestVerdict::Fail)) } else { Tone::Ink };
     if value == one.value { Cell::bold(text, tone) } else { Cell { tone, ..Cell::plain(text) } }
 }

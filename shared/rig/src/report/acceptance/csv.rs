@@ -43,7 +43,7 @@ fn line(text: &mut String, report: &TestReport, one: &Characteristic, position: 
         count(position.map(|p| p.points)),
         count(position.map(|p| p.rejected)),
         value == one.value,
-        number(one.limit),
+        number(position.map_or(one.limit, |p| one.limit_of(p))),
         number(one.test_value_u),
         verdict_key(one.verdict),
     );

@@ -11,6 +11,8 @@ fn positions(name: &str, values: &[f64], views: usize) -> Vec<PositionValue> {
         position: format!("{name}-{}", index + 1),
         repeat: 1,
         value: *value,
+        length_mm: None,
+        limit: None,
         points: 48_211 + index,
         rejected: 144,
         views: (1..=views).map(|v| format!("v{v}")).collect(),

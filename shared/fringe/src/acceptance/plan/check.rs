@@ -1,278 +1,15 @@
-//! The plan of a test: rules, conditions, artefacts, limits, and which clouds show which position.
+//! What must hold in a plan whatever its rules.
 
-use std::collections::BTreeMap;
-
-use serde::{Deserialize, Serialize};
-
-use super::AcceptanceError;
-use super::rules::{Kind, RuleSet};
-
-/// The format this build reads.
-pub const TEST_FORMAT: &str = "fringecell-test/1";
+use super::{Artefact, LengthLimit, Limit, PositionPlan, RegisterBy, TEST_FORMAT, TestPlan, ViewPlan};
+use crate::acceptance::AcceptanceError;
+use crate::acceptance::rules::Kind;
 
 /// Fewest reference spheres that fix a motion.
 const LEAST_REFERENCES: usize = 3;
 
-/// A plan as written. Unknown keys are refused.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TestPlan {
-    /// Always [`TEST_FORMAT`].
-    pub format: String,
-    /// What is tested.
-    pub name: String,
-    /// A rule set that comes with the program, or the path of a rule set file.
-    pub rule_set: String,
-    /// Whether a plan that breaks rules is evaluated all the same, marked as a reduced test.
-    #[serde(default)]
-    pub allow_reduced: bool,
-    /// Fraction of the points that each fit leaves out; absent: what the rule set allows.
-    pub reject_fraction: Option<f64>,
-    /// Under which conditions.
-    pub conditions: Conditions,
-    /// Measuring volumes.
-    pub volume: Volumes,
-    /// How it is decided.
-    #[serde(default)]
-    pub decision: Decision,
-    /// Maximum permissible errors, mm, by the symbol of the characteristic.
-    #[serde(default)]
-    pub limits: BTreeMap<String, f64>,
-    /// How recordings become clouds.
-    pub measurement: Option<Measurement>,
-    /// How elements are found in clouds.
-    #[serde(default)]
-    pub segmentation: Segmentation,
-    /// Reference spheres that stand beside the artefact and move with it, for positions registered by them.
-    #[serde(default, rename = "reference")]
-    pub references: Vec<Reference>,
-    /// Artefacts.
-    #[serde(rename = "artefact")]
-    pub artefacts: Vec<Artefact>,
-    /// Positions.
-    #[serde(rename = "position")]
-    pub positions: Vec<PositionPlan>,
-}
-
-/// Conditions of the test.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Conditions {
-    /// Who tested.
-    pub operator: String,
-    /// When.
-    pub date: String,
-    /// What was tested: maker, type, serial number.
-    pub instrument: Option<String>,
-    /// Of the artefact, °C.
-    pub temperature_c: f64,
-    /// Its standard uncertainty, K.
-    pub u_temperature_k: f64,
-    /// Exposures, patterns, averaging, filters.
-    pub operating_mode: String,
-    /// How long the system was on.
-    pub warm_up: Option<String>,
-}
-
-/// Edges of the measuring volumes, mm.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Volumes {
-    /// What one view sees.
-    pub sensor_mm: [f64; 3],
-    /// What all views together measure.
-    pub total_mm: [f64; 3],
-}
-
-/// Decision rules.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DecisionRule {
-    /// Guard bands of the test-value uncertainty.
-    #[default]
-    #[serde(rename = "iso14253-1")]
-    Iso14253,
-    /// |value| ≤ limit passes, anything else fails, as agreed between the parties.
-    Simple,
-}
-
-/// How it is decided.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Decision {
-    /// The rule.
-    pub rule: DecisionRule,
-    /// Guard band over the standard uncertainty: 1.65 for a conformance probability of 95 % at one limit (ISO
-    /// 14253-1:2017), 2 as in the edition of 1998.
-    pub guard_factor: f64,
-}
-
-impl Default for Decision {
-    fn default() -> Self {
-        Self { rule: DecisionRule::default(), guard_factor: 1.65 }
-    }
-}
-
-/// How recordings become clouds.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Measurement {
-    /// Rig file, beside the plan.
-    pub rig: String,
-    /// "phase" or "projector".
-    pub method: String,
-}
-
-/// How elements are found.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Segmentation {
-    /// Points within this distance of the sphere of calibrated diameter (or of the plane) that most points agree on
-    /// belong to it. Wide enough to hold every error that shall be found.
-    pub margin_mm: f64,
-    /// Points farther apart than this belong to different bodies.
-    pub gap_mm: f64,
-}
-
-impl Default for Segmentation {
-    fn default() -> Self {
-        Self { margin_mm: 0.5, gap_mm: 1.5 }
-    }
-}
-
-/// A reference sphere. Its diameter tells it from the others; it need not be calibrated.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Reference {
-    /// Nominal diameter.
-    pub diameter_mm: f64,
-}
-
-/// An artefact.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Artefact {
-    /// Unique.
-    pub id: String,
-    /// What it is.
-    pub kind: Kind,
-    /// Number of its certificate.
-    pub certificate: String,
-    /// Calibrated diameters of its spheres, in their order.
-    #[serde(default)]
-    pub diameters_mm: Vec<f64>,
-    /// Standard uncertainty of a diameter.
-    #[serde(default)]
-    pub u_diameter_mm: f64,
-    /// Of a ball bar: calibrated distances of the first sphere's centre from those of the others.
-    #[serde(default)]
-    pub spacings_mm: Vec<f64>,
-    /// Standard uncertainty of a distance.
-    #[serde(default)]
-    pub u_spacing_mm: f64,
-    /// Of a plane: its sides.
-    pub size_mm: Option<[f64; 2]>,
-    /// Certified form deviation (range) of its spheres or plane.
-    pub form_mm: f64,
-    /// Standard uncertainty of the form deviation.
-    pub u_form_mm: f64,
-    /// Coefficient of thermal expansion, 1/K.
-    pub expansion_per_k: f64,
-    /// Its standard uncertainty, 1/K.
-    pub u_expansion_per_k: f64,
-    /// Temperature at which the certificate holds, °C.
-    #[serde(default = "twenty")]
-    pub calibrated_at_c: f64,
-}
-
-fn twenty() -> f64 {
-    20.0
-}
-
-/// How the views of a position come into one frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum RegisterBy {
-    /// They are in one frame: a fixed cell, or their `transform`.
-    #[default]
-    Frame,
-    /// By the centres of the plan's reference spheres, onto the first view.
-    References,
-}
-
-/// A position of an artefact.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PositionPlan {
-    /// Repeats of a position have the same name.
-    pub name: String,
-    /// Counts repeats from 1.
-    #[serde(default = "one")]
-    pub repeat: u32,
-    /// Which artefact stands there.
-    pub artefact: String,
-    /// How the views come together.
-    #[serde(default)]
-    pub register: RegisterBy,
-    /// Its views.
-    #[serde(rename = "view")]
-    pub views: Vec<ViewPlan>,
-}
-
-fn one() -> u32 {
-    1
-}
-
-/// A view of a position.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ViewPlan {
-    /// Unique in its position.
-    pub name: String,
-    /// Folder of a recording.
-    pub recording: Option<String>,
-    /// Or a cloud.
-    pub cloud: Option<String>,
-    /// Where the elements of the artefact are: a ball x, y, z, r in mm for each sphere in their order, or one for the
-    /// plane. Without it they are searched.
-    #[serde(default)]
-    pub near_mm: Vec<[f64; 4]>,
-    /// Three rows of R | t: point in the position's frame = R · point in the cloud + t.
-    pub transform: Option<[[f64; 4]; 3]>,
-}
-
-impl ViewPlan {
-    /// The recording or the cloud, as written.
-    pub fn source(&self) -> &str {
-        self.recording.as_deref().or(self.cloud.as_deref()).unwrap_or("")
-    }
-}
-
 impl TestPlan {
-    /// Reads a plan and checks everything that needs no rules.
-    ///
-    /// # Errors
-    /// Not TOML, unknown keys, numbers out of range, names that do not fit together.
-    pub fn from_toml(text: &str) -> Result<Self, AcceptanceError> {
-        let plan: Self = toml::from_str(text).map_err(|error| AcceptanceError::Toml {
-            what: "test plan",
-            message: super::one_line(&error, text),
-        })?;
-        plan.check()?;
-        Ok(plan)
-    }
-
-    /// The artefact of a position.
-    pub fn artefact_of(&self, position: &PositionPlan) -> Option<&Artefact> {
-        self.artefacts.iter().find(|artefact| artefact.id == position.artefact)
-    }
-
-    /// Fraction that fits leave out.
-    pub fn reject_fraction(&self, rules: &RuleSet) -> f64 {
-        self.reject_fraction.unwrap_or(rules.reject_fraction.most)
-    }
-
-    fn check(&self) -> Result<(), AcceptanceError> {
+    /// Numbers in their limits, names that fit together.
+    pub(super) fn check(&self) -> Result<(), AcceptanceError> {
         if self.format != TEST_FORMAT {
             return Err(AcceptanceError::Format { found: self.format.clone(), reads: TEST_FORMAT });
         }
@@ -337,14 +74,7 @@ impl TestPlan {
             return place("plan", "reject_fraction", fraction, "0 … 0.5");
         }
         for (symbol, limit) in &self.limits {
-            if !positive(*limit) {
-                return place(
-                    &format!("limits, {symbol}"),
-                    "limit",
-                    *limit,
-                    "above 0 (mm; it holds for both signs)",
-                );
-            }
+            limit.check(&format!("limits, {symbol}"))?;
         }
         for (index, reference) in self.references.iter().enumerate() {
             if !positive(reference.diameter_mm) {
@@ -430,6 +160,27 @@ impl TestPlan {
     }
 }
 
+impl Limit {
+    fn check(&self, place: &str) -> Result<(), AcceptanceError> {
+        let value =
+            |key, value, limits| Err(AcceptanceError::Value { place: place.to_owned(), key, value, limits });
+        let positive = |value: f64| value > 0.0 && value.is_finite();
+        match *self {
+            Self::Constant(limit) if !positive(limit) => {
+                value("limit", limit, "above 0 (mm; it holds for both signs)")
+            }
+            Self::Length(LengthLimit { a_mm, .. }) if !positive(a_mm) => value("a_mm", a_mm, "above 0"),
+            Self::Length(LengthLimit { k_um_per_m: k, .. }) if !(k >= 0.0 && k.is_finite()) => {
+                value("k_um_per_m", k, "0 or more")
+            }
+            Self::Length(LengthLimit { a_mm, b_mm: Some(b), .. }) if !(b >= a_mm && b.is_finite()) => {
+                value("b_mm", b, "at least a_mm")
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
 impl ViewPlan {
     fn check(&self, place: &str, needed: usize, register: RegisterBy) -> Result<(), AcceptanceError> {
         if !self.near_mm.is_empty() && self.near_mm.len() != needed {
@@ -472,11 +223,6 @@ impl ViewPlan {
 }
 
 impl Artefact {
-    /// Spheres or planes to find.
-    pub fn elements(&self) -> usize {
-        if self.kind == Kind::Plane { 1 } else { self.diameters_mm.len() }
-    }
-
     fn check(&self) -> Result<(), AcceptanceError> {
         let place = format!("artefact \"{}\"", self.id);
         let (diameters, spacings) = (self.diameters_mm.len(), self.spacings_mm.len());

@@ -1,0 +1,106 @@
+//! Where a surface ends in the picture.
+
+use super::normals::Link;
+use super::sample::Sample;
+
+/// A window at a rim lacks more than this part of its samples; a speck that could not be matched lacks less.
+const SPECK_SHARE: f64 = 0.1;
+
+/// Marks the pixels of a raster with more than specks of NaN up to `edge` pixels away; beyond the picture nothing is missed.
+///
+/// `columns` is scratch, as long as a row: the count of a window is a sum along the row of sums along columns.
+pub(crate) fn mark_rims(values: &[f32], edge: usize, columns: &mut [u16], rims: &mut [u8]) {
+    let width = columns.len();
+    if edge == 0 || width == 0 {
+        rims.fill(0);
+        return;
+    }
+    let height = values.len() / width;
+    let span = |at: usize, end: usize| at.saturating_sub(edge)..(at + edge + 1).min(end);
+    for row in 0..height {
+        columns.fill(0);
+        let lines = span(row, height);
+        for line in lines.clone() {
+            let values = &values[line * width..(line + 1) * width];
+            columns.iter_mut().zip(values).for_each(|(count, value)| *count += u16::from(value.is_nan()));
+        }
+        for (column, rim) in rims[row * width..(row + 1) * width].iter_mut().enumerate() {
+            let places = span(column, width);
+            let missing: u16 = columns[places.clone()].iter().sum();
+            *rim = u8::from(f64::from(missing) > SPECK_SHARE * (places.len() * lines.len()) as f64);
+        }
+    }
+}
+
+/// Whether more than specks are missing among the samples up to `edge` pixels away; beyond the picture nothing is missed.
+pub(super) fn at_rim(
+    (width, height): (usize, usize),
+    samples: &[Sample],
+    pixel: usize,
+    link: Link,
+    edge: usize,
+) -> bool {
+    let (column, row) = (pixel % width, pixel / width);
+    let centre = &samples[pixel];
+    let (mut all, mut missing) = (0, 0);
+    for line in row.saturating_sub(edge)..(row + edge + 1).min(height) {
+        for place in column.saturating_sub(edge)..(column + edge + 1).min(width) {
+            let distance = line.abs_diff(row).max(place.abs_diff(column));
+            all += 1;
+            missing += usize::from(!link.joins(centre, &samples[line * width + place], distance));
+        }
+    }
+    missing as f64 > SPECK_SHARE * all as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LINK: Link = Link { max_step: 0.01 };
+
+    fn samples(picture: &[&str]) -> (usize, Vec<Sample>) {
+        let depth = |c: u8| if c == b'.' { f64::NAN } else { 0.002 + 0.001 * f64::from(c - b'0') };
+        let sample = |c| Sample { inverse_depth: depth(c), sigma: 0.0, own_share: 1.0, modulation: 1.0 };
+        (picture[0].len(), picture.iter().flat_map(|line| line.bytes()).map(sample).collect())
+    }
+
+    /// A silhouette, a step to another surface and a speck; the border of the picture is none of them.
+    #[test]
+    fn rims_go_and_specks_and_borders_stay() {
+        let picture =
+            ["1111111....", "1111111....", "11.11112222", "11111112222", "11111112222", "11111112222"];
+        let (width, samples) = samples(&picture);
+        let at = |column, row| at_rim((width, picture.len()), &samples, row * width + column, LINK, 2);
+        assert!((0..5).all(|column| !at(column, 4)), "three pixels away, beside the border");
+        assert!([5, 6, 7, 8].iter().all(|column| at(*column, 4)), "on both sides of a step");
+        assert!(!at(1, 1) && !at(2, 3), "one sample is a speck");
+    }
+
+    #[test]
+    fn marks_agree_with_the_test_of_one_pixel() {
+        let (width, height) = (23, 17);
+        let inside = |i: usize| {
+            let (x, y) = ((i % width) as f64 - 10.0, (i / width) as f64 - 8.0);
+            x * x + y * y < 42.0 && !i.is_multiple_of(61)
+        };
+        let values: Vec<f32> = (0..width * height).map(|i| if inside(i) { 1.0 } else { f32::NAN }).collect();
+        let sample = |i| {
+            if inside(i) {
+                Sample { inverse_depth: 0.002, sigma: 0.0, own_share: 1.0, modulation: 1.0 }
+            } else {
+                Sample::NONE
+            }
+        };
+        let samples: Vec<Sample> = (0..width * height).map(sample).collect();
+        let (mut columns, mut rims) = (vec![0; width], vec![0; width * height]);
+        for edge in [1, 2, 3] {
+            mark_rims(&values, edge, &mut columns, &mut rims);
+            for pixel in (0..width * height).filter(|i| inside(*i)) {
+                assert_eq!(rims[pixel] != 0, at_rim((width, height), &samples, pixel, LINK, edge), "{pixel}");
+            }
+        }
+        mark_rims(&values, 0, &mut columns, &mut rims);
+        assert!(rims.iter().all(|rim| *rim == 0));
+    }
+}
