@@ -8,6 +8,7 @@ use super::axis::{Axis, best_of, directions, thinned, worst_tilt_rad};
 use super::centred::{Principal, tree};
 use super::form::{Form, Residuals};
 use super::linear::Normal;
+use super::plane::refuse_flat;
 use super::solve::solve;
 use super::{FitError, FitSettings, Support};
 use crate::math;
@@ -55,6 +56,7 @@ pub struct ConeFit {
 /// Fewer than 7 points, points on one line or in one plane or on a cylinder, no convergence; see [`FitError`].
 pub fn cone(points: &[Point3<f64>], settings: &FitSettings) -> Result<ConeFit, FitError> {
     let solution = solve(ELEMENT, 7, points, settings, start)?;
+    refuse_flat(ELEMENT, points, &solution.form, settings)?;
     let covariance = solution.covariance;
     let model = solution.model.widening();
     if model.angle_rad < SMALLEST_ANGLE_RAD {

@@ -8,6 +8,7 @@ use super::axis::{Axis, best_of, directions, thinned, worst_tilt_rad};
 use super::centred::Principal;
 use super::circle::algebraic_circle;
 use super::form::{Form, Residuals};
+use super::plane::refuse_flat;
 use super::solve::solve;
 use super::sphere::LARGEST_RADIUS_RATIO;
 use super::{FitError, FitSettings, Support};
@@ -46,6 +47,7 @@ pub struct CylinderFit {
 /// Fewer than 6 points, points on one line or in one plane, no convergence; see [`FitError`].
 pub fn cylinder(points: &[Point3<f64>], settings: &FitSettings) -> Result<CylinderFit, FitError> {
     let solution = solve(ELEMENT, 6, points, settings, start)?;
+    refuse_flat(ELEMENT, points, &solution.form, settings)?;
     let (axis, covariance) = (solution.model.axis, solution.covariance);
     let sign = if axis.direction[axis.direction.iamax()] < 0.0 { -1.0 } else { 1.0 };
     Ok(CylinderFit {

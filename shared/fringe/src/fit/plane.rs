@@ -85,6 +85,24 @@ impl PlaneFit {
     }
 }
 
+/// Refuses an element of which a plane is the limit (an ever larger radius) when a plane lies nearer to the points: then
+/// the adjustment ended somewhere that means nothing.
+pub(super) fn refuse_flat(
+    element: &'static str,
+    points: &[Point3<f64>],
+    form: &Form,
+    settings: &FitSettings,
+) -> Result<(), FitError> {
+    let settings =
+        FitSettings { max_reject_fraction: settings.max_reject_fraction, ..FitSettings::default() };
+    match plane(points, &settings) {
+        Ok(flat) if flat.form.form_sigma_mm < form.form_sigma_mm => {
+            Err(FitError::Degenerate { element, why: "a plane lies nearer to them; are they a plane's?" })
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Fits a plane.
 ///
 /// # Errors

@@ -8,6 +8,7 @@ use super::axis::{Axis, best_of, directions, thinned, worst_tilt_rad};
 use super::centred::Principal;
 use super::circle::algebraic_circle;
 use super::form::{Form, Residuals};
+use super::plane::refuse_flat;
 use super::solve::solve;
 use super::sphere::LARGEST_RADIUS_RATIO;
 use super::{FitError, FitSettings, Support};
@@ -48,6 +49,7 @@ pub struct TorusFit {
 /// Fewer than 8 points, points in one plane, no convergence, a tube wider than its ring; see [`FitError`].
 pub fn torus(points: &[Point3<f64>], settings: &FitSettings) -> Result<TorusFit, FitError> {
     let solution = solve(ELEMENT, 8, points, settings, start)?;
+    refuse_flat(ELEMENT, points, &solution.form, settings)?;
     let (model, covariance) = (solution.model, solution.covariance);
     if !(model.tube > 0.0 && model.tube < model.ring) {
         let why = "the tube would be wider than its ring; are they a sphere's?";

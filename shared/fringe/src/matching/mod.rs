@@ -28,7 +28,8 @@
 //! σ²(x_right) = (σ²_left + w σ²_right)/(∂φ_right/∂x)², w the sum of squared interpolation weights actually used; then
 //! along the ray and onto the normal. It is the scatter of single points. Neighbours share right pixels: the mean over a
 //! region of n points varies as (σ²_left + σ²_right)/n whatever the interpolation, 1.6 times the variance that single
-//! points suggest for the quadratic (w = 0.242 in the mean).
+//! points suggest for the quadratic (w = 0.242 in the mean). The surface stage then smooths, see [`crate::surface`]: less
+//! scatter of single points, more of it shared by neighbours.
 
 mod axis;
 mod error;

@@ -86,7 +86,9 @@ impl Limit {
             Self::Constant(limit) => Some(*limit),
             Self::Length(limit) => {
                 let grown = limit.a_mm + limit.k_um_per_m * 1e-6 * length_mm?;
-                Some(limit.b_mm.map_or(grown, |most| grown.min(most)))
+                let limit_mm = limit.b_mm.map_or(grown, |most| grown.min(most));
+                // Down to whole 10 nm, as a report can print it; a rounding error of the sum is no step.
+                Some((limit_mm * 1e5 + 1e-6).floor() / 1e5)
             }
         }
     }

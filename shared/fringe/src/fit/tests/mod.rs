@@ -193,3 +193,18 @@ proptest! {
         prop_assert!((Vector3::from(fit.axis_direction) - axis).norm() < 1e-8);
     }
 }
+
+/// Noise about a plane has a nearest cylinder, cone and torus too, somewhere.
+#[test]
+fn points_of_a_plane_are_no_cylinder_cone_or_torus() {
+    let key = crate::random::Key::new(5);
+    let points: Vec<Point3<f64>> = (0..400_u64)
+        .map(|i| {
+            let at = |k: u64| key.with(k).symmetric(i);
+            Point3::new(20.0 * at(1), 20.0 * at(2), 0.01 * at(3))
+        })
+        .collect();
+    let settings = FitSettings::default();
+    assert!(matches!(cylinder(&points, &settings), Err(FitError::Degenerate { .. })));
+    assert!(cone(&points, &settings).is_err() && torus(&points, &settings).is_err());
+}
