@@ -5,10 +5,10 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use twin::Truth;
 
-/// Writes to the terminal. Whoever reads may have gone, as in `fringecell run … | head`; the cell measures on.
-pub fn say(text: &str) {
+/// Writes to the terminal. Says whether anybody reads: he may have gone, as in `fringecell run … | head`.
+pub fn say(text: &str) -> bool {
     let mut out = std::io::stdout().lock();
-    let _ = writeln!(out, "{text}").and_then(|()| out.flush());
+    writeln!(out, "{text}").and_then(|()| out.flush()).is_ok()
 }
 
 /// The live line of a cycle.

@@ -11,6 +11,8 @@ use rig::cycle_record::Kept;
 use rig::result::CycleResult;
 use std::collections::VecDeque;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use twin::Truth;
 
 /// Results kept for tables and report: a run until stopped must not grow.
@@ -60,16 +62,24 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;
     }
+    let interrupted = Arc::new(AtomicBool::new(false));
     let orders = Orders {
+        interrupted: Arc::clone(&interrupted),
         config,
         cycles: cycles(args, &cell),
         record: record_folder(args)?,
         cycle_record: args.cycle_record.clone(),
     };
+    // Measuring for ever, for nobody: then the last reader takes the cell with him.
+    let cut_off =
+        orders.cycles.is_none() && args.out.is_none() && args.record.is_none() && args.cycle_record.is_none();
     let mut results = VecDeque::new();
     let mut unwritten = None;
     let summary = supervisor::run(&cell, &orders, &mut |result| {
-        print::say(&print::cycle_line(result, orders.cycles));
+        let heard = print::say(&print::cycle_line(result, orders.cycles));
+        if !heard && cut_off {
+            interrupted.store(true, Ordering::SeqCst);
+        }
         if let Some(Err(error)) = args.out.as_ref().map(|folder| output::cycle(folder, result)) {
             tracing::error!("{error:#}");
             unwritten.get_or_insert(error);

@@ -24,6 +24,7 @@ pub fn run(args: &StageArgs) -> Result<()> {
         args.config.display()
     );
     pin(&cell, args)?;
+    claim(&cell);
     let mut link = Link::join(args, cell)?;
     let ended = worker(args, &link).and_then(|mut worker| serve(&mut link, worker.as_mut()));
     if let Err(error) = &ended {
@@ -40,6 +41,18 @@ fn pin(cell: &Cell, args: &StageArgs) -> Result<()> {
             format!("schedule.pin: core {} cannot be used; does the machine have so many?", stage.core)
         }),
         _ => Ok(()),
+    }
+}
+
+/// What makes times steadier, where the system permits it; the supervisor has said so where it does not.
+fn claim(cell: &Cell) {
+    if let Some(priority) = cell.config.schedule.realtime_priority {
+        let _refused = os::realtime(priority);
+    }
+    // Half a permission is worse than none: what is mapped later would fail.
+    if cell.config.schedule.lock_memory && os::may_lock_memory(cell.schedule.memory_bytes()).unwrap_or(false)
+    {
+        let _refused = os::lock_memory();
     }
 }
 

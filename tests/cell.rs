@@ -135,9 +135,11 @@ fn a_killed_supervisor_takes_its_stages_with_it_and_the_next_one_cleans_up() {
     let cell = Cell::played("orphan", 20.0, "");
     let run = cell.program("played.toml", &[]).spawn().unwrap();
     let status = cell.until("running", |status| status["cycle"].is_u64());
+    let stage = pid_of(&status, "decode/cam1");
+    // One that hangs cannot end itself.
+    signal("STOP", stage);
     signal("KILL", status["pid"].as_u64().unwrap());
     wait(run);
-    let stage = pid_of(&status, "decode/cam1");
     let begin = Instant::now();
     while is_alive(stage) {
         assert!(begin.elapsed() < PATIENCE, "stage {stage} outlived its supervisor");

@@ -3,7 +3,7 @@
 //!
 //! Nothing inside the cell helps: processes are stopped, killed and lied to from outside.
 
-use crate::running::{Cell, PATIENCE, pid_of, results, text, wait};
+use crate::running::{Cell, PATIENCE, children, pid_of, poke, results, text, wait};
 use ipc::cell::CellName;
 use ipc::header::{Cloud, Frame, Header, Phase, Trigger};
 use ipc::port::Node;
@@ -29,19 +29,6 @@ impl Dice {
     fn pause(&mut self, limit_ms: u64) {
         std::thread::sleep(Duration::from_micros(self.below(1000 * limit_ms)));
     }
-}
-
-/// The stages of a supervisor, whether they have joined the cell yet or not.
-fn children(supervisor: u32) -> Vec<u64> {
-    let path = format!("/proc/{supervisor}/task/{supervisor}/children");
-    let listed = std::fs::read_to_string(path).unwrap_or_default();
-    listed.split_whitespace().filter_map(|pid| pid.parse().ok()).collect()
-}
-
-/// A signal to a process that may be gone already.
-fn poke(name: &str, pid: u64) {
-    let done = std::process::Command::new("kill").args([format!("-{name}"), pid.to_string()]).output();
-    assert!(done.is_ok());
 }
 
 /// Holds the stages of a cell that has just been started, and lets them go in another order.

@@ -139,3 +139,16 @@ pub fn results(folder: &Path) -> Vec<Value> {
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
+
+/// The stages of a supervisor, whether they have joined the cell yet or not.
+pub fn children(supervisor: u32) -> Vec<u64> {
+    let path = format!("/proc/{supervisor}/task/{supervisor}/children");
+    let listed = std::fs::read_to_string(path).unwrap_or_default();
+    listed.split_whitespace().filter_map(|pid| pid.parse().ok()).collect()
+}
+
+/// A signal to a process that may be gone already.
+pub fn poke(name: &str, pid: u64) {
+    let done = Command::new("kill").args([format!("-{name}"), pid.to_string()]).output();
+    assert!(done.is_ok());
+}

@@ -8,6 +8,7 @@ pub mod collect;
 pub mod cycle;
 mod keep;
 mod operator;
+mod privileges;
 pub mod restart;
 pub mod socket;
 mod start;
@@ -23,17 +24,18 @@ use cycle::Input;
 use rig::result::CycleResult;
 use state::{Supervisor, TICK};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 
 /// Runs a cell; `each` gets every cycle's result as soon as it stands.
 ///
 /// # Errors
 /// What keeps the cell from starting, or makes the supervisor itself unable to go on.
 pub fn run(cell: &Cell, orders: &Orders, each: &mut dyn FnMut(&CycleResult)) -> Result<Summary> {
-    let interrupted = Arc::new(AtomicBool::new(false));
+    let interrupted = Arc::clone(&orders.interrupted);
     let flag = Arc::clone(&interrupted);
     ctrlc::set_handler(move || flag.store(true, Ordering::SeqCst))
         .context("taking over the interrupt signal")?;
+    privileges::claim(cell);
     let mut supervisor = Supervisor::new(cell, orders, interrupted)?;
     let ended = work(&mut supervisor, each);
     supervisor.shut_down();

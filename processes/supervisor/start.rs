@@ -8,6 +8,8 @@ use crate::schedule::{Carries, Kind, Order, Stage, Topic, label};
 use ipc::IpcError;
 use ipc::port::{Held, Node};
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// What a run is asked to do.
 #[derive(Debug, Clone)]
@@ -18,6 +20,8 @@ pub struct Orders {
     pub cycles: Option<u64>,
     /// Where a recording is written.
     pub record: Option<PathBuf>,
+    /// Set when the run shall end.
+    pub interrupted: Arc<AtomicBool>,
     /// The file of the cycle record.
     pub cycle_record: Option<PathBuf>,
 }

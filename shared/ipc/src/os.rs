@@ -68,6 +68,49 @@ pub fn pin(cores: &[usize]) -> io::Result<()> {
     Ok(())
 }
 
+/// Gives this thread, and those that it starts later, a fixed priority (`SCHED_FIFO`, 1 … 99).
+///
+/// # Errors
+/// The kernel's refusal, mostly for want of permission.
+pub fn realtime(priority: u32) -> io::Result<()> {
+    let parameters = libc::sched_param { sched_priority: priority as libc::c_int };
+    // SAFETY: 0 is this thread, and the parameters are a valid struct that lives through the call.
+    if unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) } != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    Ok(())
+}
+
+/// Whether a process of this user may keep so many bytes resident.
+///
+/// # Errors
+/// The kernel's, about its limits.
+pub fn may_lock_memory(bytes: u64) -> io::Result<bool> {
+    /// Its number in `linux/capability.h`.
+    const CAP_IPC_LOCK: u32 = 14;
+    let mut limit = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
+    // SAFETY: `limit` is a valid struct that lives through the call.
+    if unsafe { libc::getrlimit(libc::RLIMIT_MEMLOCK, &raw mut limit) } != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    let status = std::fs::read_to_string("/proc/self/status")?;
+    let held = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
+    let held = held.and_then(|bits| u64::from_str_radix(bits.trim(), 16).ok()).unwrap_or(0);
+    Ok(limit.rlim_cur >= bytes || held & (1 << CAP_IPC_LOCK) != 0)
+}
+
+/// Keeps all memory of this process resident, also what it maps later: no page fault in the middle of a cycle.
+///
+/// # Errors
+/// The kernel's refusal, mostly for want of permission.
+pub fn lock_memory() -> io::Result<()> {
+    // SAFETY: mlockall takes flags and touches no memory of ours.
+    if unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) } != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    Ok(())
+}
+
 /// Makes this process ignore the interrupt key; the supervisor tells it when to stop.
 pub fn ignore_interrupts() {
     // SAFETY: setting a disposition to SIG_IGN runs no handler of ours.
@@ -82,6 +125,11 @@ mod tests {
     fn the_clock_does_not_go_backwards() {
         let (a, b) = (now_ns(), now_ns());
         assert!(0 < a && a <= b);
+    }
+
+    #[test]
+    fn nothing_may_always_be_locked() {
+        assert!(may_lock_memory(0).unwrap());
     }
 
     #[test]

@@ -63,7 +63,7 @@ impl Config {
             fusion: raw.fusion,
             twin,
             recording,
-            schedule: schedule(&document, raw.schedule.cores, raw.schedule.pin)?,
+            schedule: schedule(&document, &raw.schedule)?,
             document,
         })
     }

@@ -1,6 +1,6 @@
 //! Numbers with limits.
 
-use super::raw::RawLimits;
+use super::raw::{RawLimits, RawSchedule};
 use super::values::value;
 use super::{Limits, ScheduleConfig};
 use crate::document::Document;
@@ -65,14 +65,19 @@ pub(super) fn fusion(document: &Document, settings: &FusionSettings) -> Result<(
     Ok(())
 }
 
-pub(super) fn schedule(
-    document: &Document,
-    cores: Option<u32>,
-    pin: Option<bool>,
-) -> Result<ScheduleConfig, FileError> {
-    let cores = cores.unwrap_or(2);
+pub(super) fn schedule(document: &Document, raw: &RawSchedule) -> Result<ScheduleConfig, FileError> {
+    let cores = raw.cores.unwrap_or(2);
     if !(1..=1024).contains(&cores) {
         return Err(document.fault("schedule.cores", value(cores, "1 … 1024"), "the default is 2"));
     }
-    Ok(ScheduleConfig { cores, pin: pin.unwrap_or(false) })
+    if let Some(bad) = raw.realtime_priority.filter(|priority| !(1..=98).contains(priority)) {
+        let remedy = "leave it out to share the processors as usual; the supervisor takes the priority above";
+        return Err(document.fault("schedule.realtime_priority", value(bad, "1 … 98"), remedy));
+    }
+    Ok(ScheduleConfig {
+        cores,
+        pin: raw.pin.unwrap_or(false),
+        realtime_priority: raw.realtime_priority,
+        lock_memory: raw.lock_memory.unwrap_or(false),
+    })
 }

@@ -36,6 +36,8 @@
 //! [schedule]
 //! cores = 2
 //! pin = false
+//! realtime_priority = 50              # optional, 1 … 98: first come first served by the kernel (SCHED_FIFO), where permitted
+//! lock_memory = false                 # keep all buffers in memory from the start (mlockall), where permitted
 //! ```
 
 mod check;
@@ -198,6 +200,11 @@ pub struct ScheduleConfig {
     pub cores: u32,
     /// Pin each stage to its planned core. Default false.
     pub pin: bool,
+    /// `SCHED_FIFO` priority of the stages; the supervisor takes the one above, so that it can end a stage that spins.
+    /// Absent: none.
+    pub realtime_priority: Option<u32>,
+    /// Whether each stage keeps all its memory resident. Default false.
+    pub lock_memory: bool,
 }
 
 impl Config {

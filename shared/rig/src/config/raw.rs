@@ -87,4 +87,6 @@ pub(super) struct RawRecording {
 pub(super) struct RawSchedule {
     pub cores: Option<u32>,
     pub pin: Option<bool>,
+    pub realtime_priority: Option<u32>,
+    pub lock_memory: Option<bool>,
 }
