@@ -114,7 +114,7 @@ fn real_time_and_locked_memory_are_asked_for_and_not_needed() {
     let permitted = cell.run("played.toml", &["--cycles", "1"]);
     assert_eq!(permitted.status.code(), Some(0), "{}", text(&permitted.stderr));
     let script = format!(
-        "ulimit -r 0 -l 64; exec setpriv --bounding-set=-all --inh-caps=-all {} run {} --cell {} --cycles 1",
+        "ulimit -l 64; exec setpriv --bounding-set=-all --inh-caps=-all {} run {} --cell {} --cycles 1",
         programs().0,
         cell.small.path("played.toml"),
         cell.name
@@ -186,4 +186,28 @@ fn too_little_shared_memory_is_refused_with_both_numbers() {
     let (said, cried) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(said.trim(), "run 2\n0", "{cried}");
     assert!(cried.contains("/dev/shm has 2 MB free") && cried.contains("need up to"), "{cried}");
+}
+
+/// Proves: a process that takes the last shared memory while the cell runs costs the cycles of the stage that needs some,
+/// with the reason, and when there is room again the cell goes on.
+#[test]
+fn shared_memory_that_fills_up_is_named_and_the_cell_goes_on_when_there_is_room() {
+    let cell = Cell::played("filled", 50.0, "");
+    let script = format!(
+        "mount -t tmpfs -o size=60m shm /dev/shm || exit 9
+         {program} run {config} --cell {name} --cycles 8 --out {out} &
+         sleep 1; dd if=/dev/zero of=/dev/shm/fill bs=1M 2>/dev/null
+         {program} restart decode/cam1 --cell {name}
+         sleep 1; rm /dev/shm/fill; wait $!; ls /dev/shm | wc -l",
+        program = programs().0,
+        config = cell.small.path("played.toml"),
+        out = cell.small.path("out"),
+        name = cell.name
+    );
+    let Some(output) = in_own_namespace(&script) else { return };
+    let (said, cried) = (text(&output.stdout), text(&output.stderr));
+    let results = results(&cell.out());
+    assert_eq!((results.len(), &results[7]["outcome"]), (8, &"ok".into()), "{said}{cried}");
+    assert!(cried.contains("/dev/shm"), "the stage that found no room did not say so: {said}{cried}");
+    assert!(said.trim().ends_with("\n0"), "something is left in shared memory: {said}");
 }

@@ -17,7 +17,8 @@
 //! - [`golden_cells`]: the printed cells of the thesis' tables, recomputed
 //! - [`acceptance`]: acceptance tests from their plans
 //! - [`fits`]: elements, inspection plans and comparisons with a coordinate measuring machine
-//! - [`proof`]: the same bytes whatever the timing, one outcome per cycle whatever dies, and nothing that grows
+//! - [`proof`]: the same bytes whatever the timing, and nothing that grows
+//! - [`storm`]: one outcome per cycle and no wrong cloud, whatever dies, hangs or lies
 //! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
 //! - [`running`]: how the tests run a cell and harm it
 //! - [`support`]: how the tests run programs and make small recordings
@@ -41,5 +42,6 @@ mod real;
 mod record;
 mod rig_state;
 mod running;
+mod storm;
 mod support;
 mod uncertainty;

@@ -152,3 +152,30 @@ pub fn poke(name: &str, pid: u64) {
     let done = Command::new("kill").args([format!("-{name}"), pid.to_string()]).output();
     assert!(done.is_ok());
 }
+
+/// The hashes of all cycles of a run, which must be the same for all of them.
+pub fn hashes(cell: &Cell, cycles: usize) -> Value {
+    let results = results(&cell.out());
+    assert_eq!(results.len(), cycles);
+    for result in &results {
+        assert_eq!(result["outcome"], "ok", "{result}");
+        assert_eq!(result["hashes"], results[0]["hashes"], "cycle {}", result["cycle"]);
+    }
+    results[0]["hashes"].clone()
+}
+
+/// Numbers that look random and are the same every time (Marsaglia, "Xorshift RNGs", 2003).
+pub struct Dice(pub u64);
+
+impl Dice {
+    pub fn below(&mut self, limit: u64) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0 % limit
+    }
+
+    pub fn pause(&mut self, limit_ms: u64) {
+        std::thread::sleep(Duration::from_micros(self.below(1000 * limit_ms)));
+    }
+}
