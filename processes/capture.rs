@@ -87,10 +87,11 @@ impl Capture {
         let t_ns = now_ns();
         loan.header_mut().t_ns = t_ns;
         let output = (loan.payload().len(), xxh3_128(loan.payload()));
-        loan.send()?;
-        self.exposed.send(Trigger { t_ns, camera: self.camera as u32, ..trigger }, &[])?;
+        link.sending(|| loan.send())?;
+        let exposed = Trigger { t_ns, camera: self.camera as u32, ..trigger };
+        link.sending(|| self.exposed.send(exposed, &[]))?;
         let work = Work::Expose { camera: self.camera, projector, frame };
-        link.done_hashed(work, start_ns, output, &Report::default())
+        link.done_hashed(work, start_ns, output, Report::default())
     }
 }
 

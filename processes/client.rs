@@ -3,7 +3,6 @@
 use crate::supervisor::socket::{Answer, Request, Status, ask};
 use anyhow::{Context, Result, bail};
 use ipc::cell::{CellName, running_cells, running_pid};
-use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
 /// How long `stop` waits for the cell to be gone.
@@ -40,14 +39,13 @@ fn request(cell: Option<&str>, request: &Request) -> Result<(CellName, Answer)> 
     }
 }
 
-/// How a cell is, as text or JSON.
+/// How a cell is.
 ///
 /// # Errors
 /// No such cell, or none that answers.
-pub fn status(cell: Option<&str>, json: bool) -> Result<String> {
+pub fn status(cell: Option<&str>) -> Result<Status> {
     match request(cell, &Request::Status {})?.1 {
-        Answer::Status(status) if json => Ok(serde_json::to_string_pretty(&status)?),
-        Answer::Status(status) => Ok(table(&status)),
+        Answer::Status(status) => Ok(*status),
         _ => bail!("the cell gave no status"),
     }
 }
@@ -77,30 +75,4 @@ pub fn stop(cell: Option<&str>) -> Result<String> {
         std::thread::sleep(Duration::from_millis(20));
     }
     Ok(format!("cell '{}' stopped", name.as_str()))
-}
-
-fn table(status: &Status) -> String {
-    let of = status.cycles_requested.map_or_else(String::new, |n| format!(" of {n}"));
-    let now = status.cycle.map_or_else(|| "between cycles".to_owned(), |c| format!("in cycle {}", c + 1));
-    let mut text = format!(
-        "cell '{}', pid {}: {now}, {}{of} done, {} ok\n{:<20} {:>8} {:<20} {:>8} {:>10}\n",
-        status.cell,
-        status.pid,
-        status.cycles_done,
-        status.cycles_ok,
-        "stage",
-        "pid",
-        "state",
-        "restarts",
-        "silent ms"
-    );
-    for stage in &status.stages {
-        let pid = stage.pid.map_or_else(|| "–".to_owned(), |pid| pid.to_string());
-        let _ = writeln!(
-            text,
-            "{:<20} {pid:>8} {:<20} {:>8} {:>10}",
-            stage.name, stage.state, stage.restarts, stage.silent_ms
-        );
-    }
-    text
 }

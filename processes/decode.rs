@@ -2,7 +2,7 @@
 
 use crate::kernels::decoder;
 use crate::schedule::{Work, label};
-use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
+use crate::stage::{Fault, Inbox, Link, Report, Text, Worker, lost};
 use anyhow::Result;
 use fringe::decode::Decoder;
 use fringe::pattern::Axis;
@@ -11,7 +11,6 @@ use ipc::header::{Frame, Phase};
 use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Publisher, Received};
-use serde_json::json;
 use xxhash_rust::xxh3::xxh3_128;
 
 /// The decoder of one projector.
@@ -32,6 +31,21 @@ pub struct Decode {
     works: Vec<(usize, Work)>,
     /// How much of it is done.
     next: usize,
+    text: Text,
+}
+
+/// What the report of a phase map says: pixels by what became of them.
+#[derive(serde::Serialize)]
+struct Counts<'a> {
+    valid: usize,
+    saturated: usize,
+    dark: usize,
+    noisy: usize,
+    ambiguous: usize,
+    resolved: usize,
+    spikes_repaired: usize,
+    spikes_masked: usize,
+    ignored: &'a [String],
 }
 
 impl Decode {
@@ -53,6 +67,7 @@ impl Decode {
             lights,
             frames: link.inbox(&format!("frame/{name}"))?,
             phases: link.publisher(&format!("phase/{name}"))?,
+            text: Text::new(),
         })
     }
 
@@ -74,7 +89,7 @@ impl Decode {
         lit.decoder.push(frame, &view).map_err(|e| lost(&e))?;
         lit.t_ns = header.t_ns;
         self.next += 1;
-        link.done(work, start_ns, &[], &Report::default())
+        link.done(work, start_ns, &[], Report::default())
     }
 
     fn finish(&mut self, link: &mut Link, light: usize, axis: Axis) -> Result<(), Fault> {
@@ -98,15 +113,20 @@ impl Decode {
         let report = light.decoder.finish(axis, &mut map).map_err(|e| lost(&e))?;
         loan.header_mut().valid_count = report.valid as u32;
         let output = (loan.payload().len(), xxh3_128(loan.payload()));
-        loan.send()?;
-        let text = json!({
-            "valid": report.valid, "saturated": report.saturated, "dark": report.dark, "noisy": report.noisy,
-            "ambiguous": report.ambiguous, "resolved": report.resolved,
-            "spikes_repaired": report.spikes_repaired, "spikes_masked": report.spikes_masked,
-            "ignored": &report.ignored[..],
-        });
+        link.sending(|| loan.send())?;
+        let text = self.text.json(&Counts {
+            valid: report.valid,
+            saturated: report.saturated,
+            dark: report.dark,
+            noisy: report.noisy,
+            ambiguous: report.ambiguous,
+            resolved: report.resolved,
+            spikes_repaired: report.spikes_repaired,
+            spikes_masked: report.spikes_masked,
+            ignored: &report.ignored,
+        })?;
         let work = Work::Phase { camera: self.camera, projector: light.projector, axis };
-        link.done_hashed(work, start_ns, output, &Report { count: report.valid, text: text.to_string() })
+        link.done_hashed(work, start_ns, output, Report { count: report.valid, text })
     }
 }
 

@@ -50,6 +50,7 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         cycle_record: None,
         keep: Kept::Hashes,
         cell: Some(args.cell.clone()),
+        metrics: None,
     };
     // The only place where the truth of the scene is looked at; what measures never sees it.
     let truth = kernels::scene(&rig::config::Config::load(&config)?)?.truth().clone();

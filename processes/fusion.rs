@@ -1,7 +1,7 @@
 //! The fusion process: joins the clouds of all pairs in the world frame.
 
 use crate::schedule::Work;
-use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
+use crate::stage::{Fault, Inbox, Link, Report, Text, Worker, lost};
 use anyhow::Result;
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;
@@ -26,6 +26,7 @@ pub struct Fusion {
     fuser: Fuser,
     fused: Vec<Point>,
     clouds: Publisher<Cloud>,
+    text: Text,
 }
 
 impl Fusion {
@@ -46,6 +47,7 @@ impl Fusion {
             fuser: Fuser::default(),
             fused: Vec::with_capacity(capacity),
             clouds: link.publisher("cloud/fused")?,
+            text: Text::new(),
         })
     }
 
@@ -80,10 +82,10 @@ impl Fusion {
         room[..points].copy_from_slice(&self.fused);
         let used = points * size_of::<Point>();
         let output = (used, xxh3_128(&loan.payload()[..used]));
-        loan.send()?;
+        link.sending(|| loan.send())?;
         self.forget();
-        let text = serde_json::to_string(&report).map_err(|e| lost(&e))?;
-        link.done_hashed(Work::Fuse, start_ns, output, &Report { count: points, text })
+        let text = self.text.json(&report)?;
+        link.done_hashed(Work::Fuse, start_ns, output, Report { count: points, text })
     }
 }
 

@@ -7,7 +7,7 @@ use fringe::fusion::FusionSettings;
 use fringe::inspection::Plan;
 use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet, frame_count};
-use rig::config::Config;
+use rig::config::{Config, DEFAULT_RECIPE, TextFile};
 use rig::cycle_record::Kept;
 use rig::hash::sha256_hex;
 use std::collections::BTreeSet;
@@ -30,7 +30,18 @@ pub struct Cell {
     pub matching: MatchSettings,
     /// Settings of the fusion.
     pub fusion: FusionSettings,
-    /// What is inspected.
+    /// What is inspected where no recipe is named: the plan of the first recipe.
+    pub plan: Option<Plan>,
+    /// All that a request may choose; at least one.
+    pub recipes: Vec<Recipe>,
+}
+
+/// A way to inspect a part.
+#[derive(Debug, Clone)]
+pub struct Recipe {
+    /// Name.
+    pub name: String,
+    /// What is inspected; absent: nothing, the cloud alone is wanted.
     pub plan: Option<Plan>,
 }
 
@@ -63,20 +74,34 @@ pub fn load(path: &Path, options: &Options) -> Result<Cell> {
     let graph = graph(&config, options)?;
     let schedule = Schedule::new(&graph).with_context(|| path.display().to_string())?;
     let document = &config.document;
-    let plan = match &config.plan {
-        Some(file) => Some(Plan::from_toml(&file.text).with_context(|| file.path.display().to_string())?),
-        None => None,
-    };
+    let recipes = recipes(&config)?;
     Ok(Cell {
         name: options.cell.clone().unwrap_or_else(|| config.name.clone()),
         decode: document.typed("decode", config.decode.clone())?,
         matching: document.typed("matching", config.matching.clone())?,
         fusion: document.typed("fusion", config.fusion.clone())?,
-        plan,
+        plan: recipes.first().and_then(|recipe| recipe.plan.clone()),
+        recipes,
         graph,
         schedule,
         config,
     })
+}
+
+/// The plan of the configuration first, then its further recipes; without either one that measures nothing.
+fn recipes(config: &Config) -> Result<Vec<Recipe>> {
+    let parse = |file: &TextFile| {
+        Plan::from_toml(&file.text).map(Some).with_context(|| file.path.display().to_string())
+    };
+    let first = match &config.plan {
+        Some(file) => Some(parse(file)?),
+        None => config.recipes.is_empty().then_some(None),
+    };
+    let first = first.map(|plan| Ok(Recipe { name: DEFAULT_RECIPE.to_owned(), plan }));
+    let further = config.recipes.iter().map(|recipe| {
+        Ok(Recipe { name: recipe.name.clone(), plan: parse(&recipe.plan)? })
+    });
+    first.into_iter().chain(further).collect()
 }
 
 fn graph(config: &Config, options: &Options) -> Result<Graph> {

@@ -2,7 +2,7 @@
 
 use crate::judgement::judge;
 use crate::schedule::Work;
-use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
+use crate::stage::{Fault, Inbox, Link, Report, Text, Worker, lost};
 use anyhow::Result;
 use fringe::inspection::Plan;
 use ipc::IpcError;
@@ -13,35 +13,41 @@ use ipc::port::{Publisher, Received};
 
 /// State of the inspection.
 pub struct Inspection {
-    plan: Option<Plan>,
+    /// Of each recipe.
+    plans: Vec<Option<Plan>>,
     fused: Inbox<Cloud>,
     results: Publisher<Outcome>,
+    text: Text,
 }
 
 impl Inspection {
     /// Opens the ports.
     pub fn new(link: &Link) -> Result<Self> {
         Ok(Self {
-            plan: link.cell.plan.clone(),
+            plans: link.cell.recipes.iter().map(|recipe| recipe.plan.clone()).collect(),
             fused: link.inbox("cloud/fused")?,
             results: link.publisher("result")?,
+            text: Text::new(),
         })
     }
 
     fn run(&mut self, link: &mut Link, message: &Received<Cloud>) -> Result<(), Fault> {
         let start_ns = now_ns();
         let points = payload::points(message.header(), message.payload()).map_err(|e| lost(&e))?;
-        let judgement = judge(self.plan.as_ref(), points);
-        let text = serde_json::to_string(&judgement).map_err(|e| lost(&e))?;
+        let plan = self.plans.get(link.recipe).ok_or_else(|| {
+            Fault::Cycle(format!("recipe {} is not among the {} of the cell", link.recipe, self.plans.len()))
+        })?;
+        let judgement = judge(plan.as_ref(), points);
+        let text = self.text.json(&judgement)?;
         let header = Outcome {
             cycle: link.cycle(),
             t_last_frame_ns: message.header().t_ns,
             t_ns: now_ns(),
             text_bytes: text.len() as u32,
         };
-        self.results.send(header, text.as_bytes())?;
-        let report = Report { count: judgement.features.len(), text: String::new() };
-        link.done(Work::Inspect, start_ns, text.as_bytes(), &report)
+        link.sending(|| self.results.send(header, text.as_bytes()))?;
+        let report = Report { count: judgement.features.len(), text: "" };
+        link.done(Work::Inspect, start_ns, text.as_bytes(), report)
     }
 }
 

@@ -5,10 +5,10 @@ use crate::schedule::Right;
 use anyhow::{Context, Result, anyhow};
 use fringe::cloud::Point;
 use fringe::decode::Decoder;
-use fringe::matching::{MatchError, Matcher};
+use fringe::matching::{MatchError, MatchReport, Matcher};
 use fringe::pattern::Axis;
 use fringe::phase::PhaseView;
-use fringe::projector::{ProjectorMatcher, ProjectorSettings};
+use fringe::projector::{ProjectorMatcher, ProjectorReport, ProjectorSettings};
 use rig::config::{Config, Driver};
 use std::path::Path;
 use twin::{Scene, Twin, TwinSettings};
@@ -84,8 +84,28 @@ pub enum Method {
     Projector(Box<ProjectorMatcher>),
 }
 
+/// What either approach reports.
+#[derive(Debug, serde::Serialize)]
+#[serde(untagged)]
+pub enum Matched {
+    /// Of two cameras.
+    Stereo(MatchReport),
+    /// Of a camera and the projector.
+    Projector(ProjectorReport),
+}
+
+impl Matched {
+    /// Number of points.
+    pub fn points(&self) -> u32 {
+        match self {
+            Self::Stereo(report) => report.points,
+            Self::Projector(report) => report.points,
+        }
+    }
+}
+
 impl Method {
-    /// Number of points, and the report as JSON.
+    /// Matches a pair; the points go to `room`.
     ///
     /// # Errors
     /// Views that are not those of this pair.
@@ -94,17 +114,15 @@ impl Method {
         views: &[(Axis, PhaseView)],
         pair: u32,
         room: &mut [Point],
-    ) -> Result<(u32, String), MatchError> {
+    ) -> Result<Matched, MatchError> {
         let along = |axis: Axis| views.iter().find(|(a, _)| *a == axis).map(|(_, view)| view);
         match self {
             Self::Stereo(matcher) => {
                 let [(_, left), (_, right)] = views else { return Err(MatchError::NoPhase) };
-                let report = matcher.run(left, right, pair, room)?;
-                Ok((report.points, serde_json::to_string(&report).unwrap_or_default()))
+                Ok(Matched::Stereo(matcher.run(left, right, pair, room)?))
             }
             Self::Projector(matcher) => {
-                let report = matcher.run(along(Axis::X), along(Axis::Y), pair, room)?;
-                Ok((report.points, serde_json::to_string(&report).unwrap_or_default()))
+                Ok(Matched::Projector(matcher.run(along(Axis::X), along(Axis::Y), pair, room)?))
             }
         }
     }

@@ -18,6 +18,7 @@ mod record;
 mod run;
 mod stage;
 mod stages;
+mod status;
 mod supervisor;
 
 // What the processes compute lies in the library, where `fringetool replay` finds it too.
@@ -54,14 +55,7 @@ enum Command {
         config: PathBuf,
     },
     /// Say how a running cell is.
-    Status {
-        /// Which cell, if several run.
-        #[arg(long, value_name = "NAME")]
-        cell: Option<String>,
-        /// As JSON.
-        #[arg(long)]
-        json: bool,
-    },
+    Status(status::StatusArgs),
     /// Restart a stage of a running cell.
     Restart {
         /// Name of the stage, as in `status`.
@@ -101,7 +95,7 @@ fn execute(command: &Command) -> Result<u8> {
             let cell = graph::load(config, &graph::Options::default())?;
             plan_table::render(&cell)
         }
-        Command::Status { cell, json } => client::status(cell.as_deref(), *json)?,
+        Command::Status(args) => return status::status(args).map(|()| 0),
         Command::Restart { stage, cell } => client::restart(cell.as_deref(), stage)?,
         Command::Stop { cell } => client::stop(cell.as_deref())?,
     };

@@ -2,7 +2,7 @@
 
 use crate::kernels::{Method, matcher};
 use crate::schedule::Work;
-use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
+use crate::stage::{Fault, Inbox, Link, Report, Text, Worker, lost};
 use anyhow::Result;
 use fringe::cloud::Point;
 use fringe::pattern::Axis;
@@ -30,6 +30,7 @@ pub struct Matching {
     needs: Vec<Need>,
     inboxes: Vec<Inbox<Phase>>,
     clouds: Publisher<Cloud>,
+    text: Text,
 }
 
 impl Matching {
@@ -53,6 +54,7 @@ impl Matching {
             needs: needs.collect(),
             inboxes: inboxes.collect::<Result<_>>()?,
             clouds: link.publisher(&format!("cloud/{}", node.name))?,
+            text: Text::new(),
         })
     }
 
@@ -77,12 +79,17 @@ impl Matching {
     fn run(&mut self, link: &mut Link) -> Result<(), Fault> {
         let start_ns = now_ns();
         let mut t_ns = 0;
-        let mut views = Vec::with_capacity(self.needs.len());
-        for need in &self.needs {
+        // Two phases at most: two cameras of one axis, or one camera along one or both axes.
+        let mut views = [None; 2];
+        for (need, view) in self.needs.iter().zip(&mut views) {
             let Some(map) = &need.map else { return Ok(()) };
             t_ns = t_ns.max(map.header().t_ns);
-            views.push((need.axis, payload::phase(map.header(), map.payload()).map_err(|e| lost(&e))?));
+            *view = Some((need.axis, payload::phase(map.header(), map.payload()).map_err(|e| lost(&e))?));
         }
+        let views = match views {
+            [Some(first), second] => [first, second.unwrap_or(first)],
+            _ => return Ok(()),
+        };
         let header = Cloud {
             cycle: link.cycle(),
             t_ns,
@@ -92,14 +99,16 @@ impl Matching {
         };
         let mut loan = self.clouds.loan(header)?;
         let room = payload::room(loan.payload_mut()).map_err(|e| lost(&e))?;
-        let (points, text) = self.method.run(&views, self.pair as u32, room).map_err(|e| lost(&e))?;
+        let matched = self.method.run(&views[..self.needs.len().min(2)], self.pair as u32, room);
+        let matched = matched.map_err(|e| lost(&e))?;
+        let points = matched.points();
         loan.header_mut().points = points;
         let used = points as usize * size_of::<Point>();
         let output = (used, xxh3_128(&loan.payload()[..used]));
-        loan.send()?;
+        link.sending(|| loan.send())?;
         self.forget();
-        let report = Report { count: points as usize, text };
-        link.done_hashed(Work::Match { pair: self.pair }, start_ns, output, &report)
+        let report = Report { count: points as usize, text: self.text.json(&matched)? };
+        link.done_hashed(Work::Match { pair: self.pair }, start_ns, output, report)
     }
 }
 

@@ -60,9 +60,9 @@ impl Projection {
             frame: frame as u32,
             camera: Trigger::ALL,
         };
-        self.triggers[projector].send(trigger, &[])?;
+        link.sending(|| self.triggers[projector].send(trigger, &[]))?;
         self.next += 1;
-        link.done(Work::Project { projector, frame }, start_ns, &[], &Report::default())
+        link.done(Work::Project { projector, frame }, start_ns, &[], Report::default())
     }
 
     fn answer(&mut self, answer: Trigger) -> Result<(), Fault> {

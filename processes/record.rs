@@ -81,7 +81,7 @@ impl Record {
             provenance.into_iter().map(|(k, v)| (k.to_owned(), v.into())).collect();
         rig::correction::note(&mut provenance, link.cell.config.corrected());
         open.writer.finish(&provenance).map_err(|e| lost(&e))?;
-        link.done(Work::Store, start_ns, &[], &Report { count: open.written, text: String::new() })
+        link.done(Work::Store, start_ns, &[], Report { count: open.written, text: "" })
     }
 }
 

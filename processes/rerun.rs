@@ -207,8 +207,8 @@ impl<'a> Rerun<'a> {
         let (method, capacity) = &mut self.pairs[pair];
         let cloud = &mut self.clouds[pair];
         cloud.resize(*capacity, bytemuck::Zeroable::zeroed());
-        let (points, _) = method.run(&views, pair as u32, cloud)?;
-        cloud.truncate(points as usize);
+        let matched = method.run(&views, pair as u32, cloud)?;
+        cloud.truncate(matched.points() as usize);
         Ok(cast_slice(cloud))
     }
 }

@@ -10,6 +10,7 @@ use rig::atomic;
 use rig::cycle_record::Kept;
 use rig::result::CycleResult;
 use std::collections::VecDeque;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -41,6 +42,9 @@ pub struct RunArgs {
     /// Another name, to run one configuration several times at once.
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
+    /// Answer Prometheus at this address, as in 127.0.0.1:9464; port 0: any that is free.
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    pub metrics: Option<SocketAddr>,
 }
 
 /// Runs a cell. With a truth the features are compared with it.
@@ -69,6 +73,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         cycles: cycles(args, &cell),
         record: record_folder(args)?,
         cycle_record: args.cycle_record.clone(),
+        metrics: args.metrics,
     };
     // Measuring for ever, for nobody: then the last reader takes the cell with him.
     let cut_off =

@@ -1,7 +1,7 @@
 //! What every stage shares: its ports to the supervisor, its place in the schedule, its cycle.
 
 use super::args::StageArgs;
-use super::fault::Fault;
+use super::fault::{Fault, lost};
 use super::gate::{Gate, Verdict};
 use crate::graph::Cell;
 use crate::schedule::{Order, SUPERVISOR, Topic, Work};
@@ -10,7 +10,7 @@ use ipc::IpcError;
 use ipc::cell::CellName;
 use ipc::error::MessageError;
 use ipc::header::{Control, Event, EventKind, Header, MAX_TEXT_BYTES};
-use ipc::os::now_ns;
+use ipc::os::{Usage, now_ns};
 use ipc::port::{Bell, Node, Publisher, Received, Ringer, Subscriber};
 use ipc::turn::{Turn, Turns};
 use std::collections::BTreeMap;
@@ -23,6 +23,8 @@ pub struct Link {
     pub cell: Cell,
     /// Number of this stage in the schedule.
     pub stage: usize,
+    /// Recipe of the cycle that runs.
+    pub recipe: usize,
     pub(super) gate: Gate,
     pub(super) bell: Bell,
     pub(super) control: Subscriber<Control>,
@@ -33,15 +35,46 @@ pub struct Link {
     /// Bells of the stages that come after this one on its core.
     successors: BTreeMap<usize, Ringer>,
     idle_since_ns: u64,
+    /// As of the last report.
+    usage: Usage,
+    allocations: u64,
+    /// Spent on sending since the last report, ns.
+    send_ns: u64,
 }
 
 /// What an activation did, beside its bytes.
-#[derive(Debug, Default)]
-pub struct Report {
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Report<'a> {
     /// Valid pixels, points, features.
     pub count: usize,
     /// A report as JSON, or empty.
-    pub text: String,
+    pub text: &'a str,
+}
+
+/// A text that is written again and again into the same memory.
+#[derive(Debug)]
+pub struct Text(Vec<u8>);
+
+impl Text {
+    /// Room for the longest text of an event.
+    pub fn new() -> Self {
+        Self(Vec::with_capacity(MAX_TEXT_BYTES))
+    }
+
+    /// A value as JSON.
+    pub fn json<T: serde::Serialize>(&mut self, value: &T) -> Result<&str, Fault> {
+        self.0.clear();
+        serde_json::to_writer(&mut self.0, value).map_err(|e| lost(&e))?;
+        std::str::from_utf8(&self.0).map_err(|e| lost(&e))
+    }
+}
+
+/// Heap allocations of this process, where the build counts them.
+fn allocations() -> u64 {
+    #[cfg(feature = "count-allocations")]
+    return crate::allocations::count();
+    #[cfg(not(feature = "count-allocations"))]
+    0
 }
 
 impl Link {
@@ -66,12 +99,16 @@ impl Link {
             order,
             cell,
             stage,
+            recipe: 0,
             gate: Gate::default(),
             bell,
             control,
             events,
             node,
             idle_since_ns: now_ns(),
+            usage: Usage::now(),
+            allocations: allocations(),
+            send_ns: 0,
         })
     }
 
@@ -122,13 +159,24 @@ impl Link {
         self.gate.current().unwrap_or_default()
     }
 
-    /// Begins to measure waiting from now, for instance after the part was moved.
+    /// Begins to measure waiting and use from now, for instance after the part was moved.
     pub fn idle_from_now(&mut self) {
         self.idle_since_ns = now_ns();
+        self.usage = Usage::now();
+        self.allocations = allocations();
+        self.send_ns = 0;
+    }
+
+    /// Hands a message over and counts the time that it takes.
+    pub fn sending(&mut self, send: impl FnOnce() -> Result<(), IpcError>) -> Result<(), IpcError> {
+        let start_ns = now_ns();
+        let sent = send();
+        self.send_ns += now_ns().saturating_sub(start_ns);
+        sent
     }
 
     /// Reports an activation that began at `start_ns` and gave `bytes`.
-    pub fn done(&mut self, work: Work, start_ns: u64, bytes: &[u8], report: &Report) -> Result<(), Fault> {
+    pub fn done(&mut self, work: Work, start_ns: u64, bytes: &[u8], report: Report<'_>) -> Result<(), Fault> {
         let hash = if bytes.is_empty() { 0 } else { xxh3_128(bytes) };
         self.done_hashed(work, start_ns, (bytes.len(), hash), report)
     }
@@ -139,14 +187,15 @@ impl Link {
         work: Work,
         start_ns: u64,
         (bytes, hash): (usize, u128),
-        report: &Report,
+        report: Report<'_>,
     ) -> Result<(), Fault> {
         let activation = self
             .cell
             .schedule
             .find(work)
             .ok_or_else(|| Fault::Cycle(format!("{work:?} is not in the schedule")))?;
-        let end_ns = now_ns();
+        let (end_ns, usage, allocated) = (now_ns(), Usage::now(), allocations());
+        let used = usage.since(self.usage);
         let header = Event {
             cycle: self.cycle(),
             hash_high: (hash >> 64) as u64,
@@ -155,11 +204,18 @@ impl Link {
             end_ns,
             wait_ns: start_ns.saturating_sub(self.idle_since_ns),
             bytes: bytes as u64,
+            send_ns: self.send_ns,
+            cpu_ns: used.cpu_ns,
+            minor_faults: used.minor_faults as u32,
+            major_faults: used.major_faults as u32,
+            voluntary_switches: used.voluntary_switches as u32,
+            involuntary_switches: used.involuntary_switches as u32,
+            allocations: (allocated - self.allocations) as u32,
             activation: activation as u32,
             count: report.count as u32,
             ..self.event(EventKind::Done, report.text.len())
         };
-        self.idle_since_ns = end_ns;
+        (self.idle_since_ns, self.usage, self.allocations, self.send_ns) = (end_ns, usage, allocated, 0);
         self.events.send(header, report.text.as_bytes())?;
         self.pass(activation);
         Ok(())

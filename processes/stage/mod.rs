@@ -11,11 +11,11 @@ mod worker;
 
 pub use args::StageArgs;
 pub use fault::{Fault, lost};
-pub use link::{Inbox, Link, Report};
+pub use link::{Inbox, Link, Report, Text};
 pub use worker::Worker;
 
 use anyhow::Result;
-use ipc::header::Command;
+use ipc::header::{Command, Control};
 use ipc::os;
 use std::time::Duration;
 
@@ -27,7 +27,8 @@ pub fn serve(link: &mut Link, worker: &mut dyn Worker) -> Result<()> {
     link.ready(0)?;
     loop {
         while let Some(message) = link.control.receive()? {
-            let (command, cycle) = (message.header().command()?, message.header().cycle);
+            let Control { cycle, recipe, .. } = *message.header();
+            let command = message.header().command()?;
             drop(message);
             match command {
                 Command::Shutdown => return Ok(()),
@@ -41,6 +42,7 @@ pub fn serve(link: &mut Link, worker: &mut dyn Worker) -> Result<()> {
                 }
                 Command::Start => {
                     link.gate.start(cycle);
+                    link.recipe = recipe as usize;
                     link.idle_from_now();
                     let begun = worker.begin(link);
                     settle(link, worker, begun.map(|()| true))?;

@@ -1,5 +1,6 @@
 //! What the stages report of a cycle, gathered into its result.
 
+use super::profile;
 use crate::graph::Cell;
 use crate::judgement::Judgement;
 use crate::schedule::{Interval, Schedule, Work, output};
@@ -93,13 +94,11 @@ impl Collector {
         let mut stages: Vec<StageResult> = schedule
             .stages
             .iter()
-            .map(|s| StageResult { name: s.name.clone(), wait_ns: 0, compute_ns: 0 })
+            .map(|s| StageResult { name: s.name.clone(), ..StageResult::default() })
             .collect();
         for (activation, (event, _)) in &self.done {
             let Some(activation) = schedule.activations.get(*activation) else { continue };
-            let stage = &mut stages[activation.stage];
-            stage.wait_ns += event.wait_ns;
-            stage.compute_ns += event.end_ns.saturating_sub(event.start_ns);
+            profile::add(&mut stages[activation.stage], &did(event));
         }
         stages
     }
@@ -147,5 +146,23 @@ impl Collector {
             more.insert("alignment_failure".into(), json!(reason));
         }
         more
+    }
+}
+
+/// One activation as its stage reported it.
+fn did(event: &Event) -> StageResult {
+    StageResult {
+        name: String::new(),
+        wait_ns: event.wait_ns,
+        compute_ns: event.end_ns.saturating_sub(event.start_ns).saturating_sub(event.send_ns),
+        send_ns: event.send_ns,
+        activations: 1,
+        bytes: event.bytes,
+        cpu_ns: event.cpu_ns,
+        minor_faults: event.minor_faults.into(),
+        major_faults: event.major_faults.into(),
+        voluntary_switches: event.voluntary_switches.into(),
+        involuntary_switches: event.involuntary_switches.into(),
+        allocations: cfg!(feature = "count-allocations").then_some(event.allocations.into()),
     }
 }

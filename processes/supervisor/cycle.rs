@@ -73,6 +73,13 @@ pub enum Input {
         /// What.
         reason: String,
     },
+    /// One more cycle is asked for; only of a machine that is [`Cycles::open`].
+    Request,
+    /// The cycle that runs, or waits for its stages, ends now; the machine goes on.
+    Abort {
+        /// Why.
+        reason: String,
+    },
     /// Time passed.
     Tick,
     /// No further cycle shall start, the running one ends now.
@@ -133,6 +140,8 @@ pub struct Cycles {
     next: u64,
     /// Cycles to run; `None`: until stopped.
     requested: Option<u64>,
+    /// Whether more cycles may be requested.
+    open: bool,
     finished: bool,
 }
 
@@ -160,8 +169,20 @@ impl Cycles {
             running: None,
             next: 0,
             requested,
+            open: false,
             finished: false,
         }
+    }
+
+    /// The same without a cycle yet: each one is requested.
+    #[must_use]
+    pub fn open(self) -> Self {
+        Self { requested: Some(0), open: true, ..self }
+    }
+
+    /// Whether all stages are ready.
+    pub fn is_ready(&self) -> bool {
+        self.ready.iter().all(|&ready| ready)
     }
 
     /// The cycle that runs.
@@ -203,6 +224,8 @@ impl Cycles {
                 }
             }
             Input::Distrust { reason } => self.end(Err(reason), &mut actions),
+            Input::Request => self.requested = self.requested.map(|n| n + 1),
+            Input::Abort { reason } => self.abort(&reason, &mut actions),
             Input::Tick => self.watch(now_ns, &mut actions),
             Input::Stop { reason } => self.stop(&reason, &mut actions),
         }
@@ -219,11 +242,13 @@ impl Cycles {
             return;
         }
         if self.requested.is_some_and(|n| self.next >= n) {
-            self.finished = true;
-            actions.push_back(Action::Finished);
+            if !self.open {
+                self.finished = true;
+                actions.push_back(Action::Finished);
+            }
             return;
         }
-        if self.ready.iter().all(|&ready| ready) {
+        if self.is_ready() {
             let cycle = self.next;
             self.next += 1;
             let runnable = |number: usize| {
@@ -309,12 +334,25 @@ impl Cycles {
         }
     }
 
+    fn abort(&mut self, reason: &str, actions: &mut VecDeque<Action>) {
+        if self.running.is_some() {
+            self.end(Err(reason.to_owned()), actions);
+        } else if self.requested.is_some_and(|n| self.next < n) {
+            self.skip(reason, actions);
+        }
+    }
+
+    /// The next cycle ends before it starts.
+    fn skip(&mut self, reason: &str, actions: &mut VecDeque<Action>) {
+        let result = Err(format!("not started: {reason}"));
+        actions.push_back(Action::Outcome { cycle: self.next, result });
+        self.next += 1;
+    }
+
     fn stop(&mut self, reason: &str, actions: &mut VecDeque<Action>) {
         self.end(Err(reason.to_owned()), actions);
         while self.requested.is_some_and(|n| self.next < n) {
-            let result = Err(format!("not started: {reason}"));
-            actions.push_back(Action::Outcome { cycle: self.next, result });
-            self.next += 1;
+            self.skip(reason, actions);
         }
         self.finished = true;
         actions.push_back(Action::Finished);

@@ -6,9 +6,12 @@
 mod children;
 pub mod collect;
 pub mod cycle;
+mod http;
 mod keep;
+mod metrics;
 mod operator;
 mod privileges;
+pub mod profile;
 pub mod restart;
 pub mod socket;
 mod start;

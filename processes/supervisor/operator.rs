@@ -1,6 +1,7 @@
 //! What a person asks of a running cell: the interrupt key, `status`, `restart`, `stop`.
 
 use super::cycle::Input;
+use super::metrics;
 use super::socket::{Answer, Request, StageStatus, Status};
 use super::state::Supervisor;
 use anyhow::Result;
@@ -16,7 +17,8 @@ impl Supervisor<'_> {
         }
         while let Ok((request, reply)) = self.requests.try_recv() {
             let answer = match request {
-                Request::Status {} => Answer::Status(self.status()),
+                Request::Status {} => Answer::Status(Box::new(self.status())),
+                Request::Metrics {} => Answer::Metrics(metrics::render(&self.status(), &self.profile)),
                 Request::Restart { stage } => self.restart(&stage),
                 Request::Stop {} => {
                     self.stop(each)?;
@@ -50,12 +52,18 @@ impl Supervisor<'_> {
 
     fn status(&self) -> Status {
         let now = now_ns();
-        let stages = self.children.iter().map(|child| StageStatus {
+        let profile = &self.profile;
+        let stages = self.children.iter().zip(&profile.stages).map(|(child, profile)| StageStatus {
             name: child.name.clone(),
             pid: child.pid(),
             state: child.life.word().to_owned(),
             restarts: child.restarts.total(),
             silent_ms: now.saturating_sub(child.heard_ns) / 1_000_000,
+            cycles: profile.cycles,
+            wait: profile.wait.percentiles(),
+            compute: profile.compute.percentiles(),
+            send: profile.send.percentiles(),
+            total: profile.sum.clone(),
         });
         Status {
             cell: self.cell.name.clone(),
@@ -64,6 +72,12 @@ impl Supervisor<'_> {
             cycles_done: self.tally.done,
             cycles_ok: self.tally.ok,
             cycles_requested: self.requested,
+            cycles_per_minute: profile.cycles_per_minute(),
+            outcomes: profile.outcomes,
+            deadline_misses: profile.deadline_misses,
+            cycle_time: profile.cycle.percentiles(),
+            latency: profile.latency.percentiles(),
+            last_failure: self.tally.last_failure.clone(),
             stages: stages.collect(),
         }
     }

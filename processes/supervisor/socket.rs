@@ -1,11 +1,13 @@
 //! The socket over which `status`, `restart` and `stop` reach a running cell: one JSON object per line each way.
 
+use super::profile::{Outcomes, Percentiles};
 use anyhow::{Context, Result, bail};
+use rig::result::StageResult;
 use serde::{Deserialize, Serialize};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Sender, channel};
 use std::time::Duration;
 
 /// Longest request, bytes.
@@ -20,6 +22,8 @@ const TIMEOUT: Duration = Duration::from_secs(10);
 pub enum Request {
     /// How it is.
     Status {},
+    /// The same in the Prometheus text format.
+    Metrics {},
     /// Kill a stage and start it again.
     Restart {
         /// Name in the schedule.
@@ -30,11 +34,13 @@ pub enum Request {
 }
 
 /// What the cell answers.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Answer {
     /// How it is.
-    Status(Status),
+    Status(Box<Status>),
+    /// In the Prometheus text format.
+    Metrics(String),
     /// Done.
     Done(String),
     /// Not done, and why.
@@ -42,7 +48,7 @@ pub enum Answer {
 }
 
 /// How a cell is.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// Name.
     pub cell: String,
@@ -56,12 +62,24 @@ pub struct Status {
     pub cycles_ok: u64,
     /// Cycles asked for; absent: until stopped.
     pub cycles_requested: Option<u64>,
+    /// Of the last cycles; absent before the second one.
+    pub cycles_per_minute: Option<f64>,
+    /// Cycles by what became of them.
+    pub outcomes: Outcomes,
+    /// Cycles that were not done within their deadline.
+    pub deadline_misses: u64,
+    /// From start to outcome, of the last cycles that were ok.
+    pub cycle_time: Percentiles,
+    /// From the last frame to the verdict, of the same.
+    pub latency: Percentiles,
+    /// The last cycle that was not ok, and why.
+    pub last_failure: Option<(u64, String)>,
     /// In the order of the schedule.
     pub stages: Vec<StageStatus>,
 }
 
 /// How a stage is.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StageStatus {
     /// Name.
     pub name: String,
@@ -73,15 +91,24 @@ pub struct StageStatus {
     pub restarts: u32,
     /// Since it last said anything, ms.
     pub silent_ms: u64,
+    /// Cycles that `total` is the sum of.
+    pub cycles: u64,
+    /// Waiting for input, per cycle.
+    pub wait: Percentiles,
+    /// Computing, per cycle.
+    pub compute: Percentiles,
+    /// Handing outputs over, per cycle.
+    pub send: Percentiles,
+    /// What it did and used since the start of the cell.
+    pub total: StageResult,
 }
 
 /// A request with the way back.
 pub type Call = (Request, Sender<Answer>);
 
-/// Listens on a socket; requests come out of the channel.
-pub fn listen(path: &Path) -> Result<Receiver<Call>> {
+/// Listens on a socket and hands requests on.
+pub fn listen(path: &Path, calls: Sender<Call>) -> Result<()> {
     let listener = UnixListener::bind(path).with_context(|| format!("listening on {}", path.display()))?;
-    let (calls, requests) = channel();
     std::thread::spawn(move || {
         for stream in listener.incoming().filter_map(Result::ok) {
             let calls = calls.clone();
@@ -91,7 +118,7 @@ pub fn listen(path: &Path) -> Result<Receiver<Call>> {
             });
         }
     });
-    Ok(requests)
+    Ok(())
 }
 
 fn serve(stream: &UnixStream, calls: &Sender<Call>) -> Result<()> {
@@ -136,7 +163,8 @@ mod tests {
     fn requests_travel_and_nonsense_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("command");
-        let requests = listen(&path).unwrap();
+        let (calls, requests) = channel();
+        listen(&path, calls).unwrap();
         let cell = std::thread::spawn(move || {
             let (request, reply) = requests.recv().unwrap();
             reply.send(Answer::Done(format!("{request:?}"))).unwrap();

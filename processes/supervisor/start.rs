@@ -7,6 +7,7 @@ use crate::graph::Cell;
 use crate::schedule::{Carries, Kind, Order, Stage, Topic, label};
 use ipc::IpcError;
 use ipc::port::{Held, Node};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -24,6 +25,8 @@ pub struct Orders {
     pub interrupted: Arc<AtomicBool>,
     /// The file of the cycle record.
     pub cycle_record: Option<PathBuf>,
+    /// Where Prometheus may read.
+    pub metrics: Option<SocketAddr>,
 }
 
 /// Creates a topic for the kind of message that it carries.

@@ -3,13 +3,16 @@
 use super::children::{Life, StageProcess};
 use super::collect::{Collector, Span};
 use super::cycle::{Action, Cycles, Input};
+use super::http;
 use super::keep::Keeper;
+use super::profile::Profile;
 use super::socket::{self, Call};
 use super::start::{self, Orders};
 use super::watch::Watch;
 use crate::cycle_number::{unwire, wire};
 use crate::graph::Cell;
 use crate::judgement::Judgement;
+use crate::print;
 use crate::schedule::{Interval, Order, SUPERVISOR, label, violation};
 use anyhow::Result;
 use ipc::IpcError;
@@ -23,7 +26,7 @@ use ipc::turn::Turns;
 use rig::result::CycleResult;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::Receiver;
+use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 /// How often children, limits and the socket are looked at when nobody rings.
@@ -85,6 +88,7 @@ pub(super) struct Supervisor<'a> {
     spans: Vec<Span>,
     pub(super) requested: Option<u64>,
     pub(super) tally: Tally,
+    pub(super) profile: Profile,
     ports: Ports,
 }
 
@@ -96,6 +100,8 @@ pub(super) struct Tally {
     not_pass: u64,
     pub(super) stopped: bool,
     held: Option<String>,
+    /// The last cycle that was not ok, and why.
+    pub(super) last_failure: Option<(u64, String)>,
 }
 
 impl<'a> Supervisor<'a> {
@@ -109,6 +115,12 @@ impl<'a> Supervisor<'a> {
             cell.schedule.topics.iter().map(|t| start::create(&node, t)).collect::<Result<Vec<_>, _>>()?;
         for owner in cell.schedule.stages.iter().map(|s| s.name.as_str()).chain([SUPERVISOR]) {
             held.push(node.create_bell(owner)?);
+        }
+        let (calls, requests) = channel();
+        socket::listen(&name.socket(), calls.clone())?;
+        if let Some(address) = orders.metrics {
+            let address = http::listen(address, calls)?;
+            print::say(&format!("metrics at http://{address}/metrics"));
         }
         let stages: Vec<String> = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
         let watch = cell.graph.watch.then(|| Watch::new(&node, cell)).transpose()?;
@@ -127,11 +139,12 @@ impl<'a> Supervisor<'a> {
             collector: Collector::default(),
             order: Order::new(&cell.schedule),
             turns: Turns::create(&name, cell.schedule.cores)?,
-            requests: socket::listen(&name.socket())?,
+            requests,
             interrupted,
             spans: Vec::new(),
             requested: orders.cycles,
             tally: Tally::default(),
+            profile: Profile::new(&stages, start::millis(cell.config.limits.cycle_deadline_ms))?,
             ports: Ports { _held: held, node, _lock: lock },
             cell,
         })
@@ -147,6 +160,7 @@ impl<'a> Supervisor<'a> {
                         keeper.begin(cycle);
                     }
                     self.turns.begin(wire(cycle));
+                    self.profile.begin(cycle, now_ns());
                     self.command(Command::Start, wire(cycle))?;
                 }
                 Action::Abort(cycle) => self.command(Command::Abort, wire(cycle))?,
@@ -173,12 +187,16 @@ impl<'a> Supervisor<'a> {
         if let Some(keeper) = &mut self.keeper {
             keeper.end(self.cell, &result, self.collector.events())?;
         }
+        self.profile.end(&result, now_ns());
         self.spans.extend(self.collector.spans(cycle));
         let excess = self.spans.len().saturating_sub(KEPT_SPANS);
         self.spans.drain(..excess);
         self.collector.begin();
         self.tally.done += 1;
         self.tally.ok += u64::from(outcome.is_ok());
+        if let Err(reason) = outcome {
+            self.tally.last_failure = Some((cycle, reason.clone()));
+        }
         let pass = result.verdict == Some(rig::result::ResultVerdict::Pass);
         self.tally.not_pass += u64::from(outcome.is_ok() && self.cell.plan.is_some() && !pass);
         each(&result);

@@ -35,12 +35,14 @@ pub trait Header: ZeroCopySend + std::fmt::Debug + Clone + Copy + Default + 'sta
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
 #[repr(C)]
 #[repr(align(64))]
-#[type_name("fringecell.Control.1")]
+#[type_name("fringecell.Control.2")]
 pub struct Control {
     /// The cycle to start or abort; meaningless for shutdown.
     pub cycle: u64,
     /// One of [`Command`].
     pub command: u32,
+    /// The recipe of the cycle to start, counted in the configuration.
+    pub recipe: u32,
 }
 
 /// What the supervisor wants.
@@ -60,7 +62,7 @@ pub enum Command {
 impl Control {
     /// A message.
     pub fn new(command: Command, cycle: u64) -> Self {
-        Self { cycle, command: command as u32 }
+        Self { cycle, command: command as u32, recipe: 0 }
     }
 
     /// What it wants.
@@ -292,7 +294,7 @@ impl Header for Outcome {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
 #[repr(C)]
 #[repr(align(64))]
-#[type_name("fringecell.Event.1")]
+#[type_name("fringecell.Event.2")]
 pub struct Event {
     /// Cycle; 0 outside of cycles.
     pub cycle: u64,
@@ -308,6 +310,10 @@ pub struct Event {
     pub wait_ns: u64,
     /// Bytes that it gave.
     pub bytes: u64,
+    /// Of the time from start to end: handing outputs over, waiting for room included, ns.
+    pub send_ns: u64,
+    /// Processor time of the whole process since its last report, ns.
+    pub cpu_ns: u64,
     /// Which stage, counted in the schedule.
     pub stage: u32,
     /// One of [`EventKind`].
@@ -320,6 +326,16 @@ pub struct Event {
     pub pid: u32,
     /// A count that goes with the activation: valid pixels, points; stale messages for a failure.
     pub count: u32,
+    /// Page faults without disk since the last report.
+    pub minor_faults: u32,
+    /// Page faults with disk since the last report.
+    pub major_faults: u32,
+    /// Context switches by waiting since the last report.
+    pub voluntary_switches: u32,
+    /// Context switches against its will since the last report.
+    pub involuntary_switches: u32,
+    /// Heap allocations since the last report; counted only in builds with the feature `count-allocations`.
+    pub allocations: u32,
 }
 
 /// What happened.

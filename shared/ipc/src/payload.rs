@@ -187,7 +187,7 @@ mod tests {
 
     #[test]
     fn unknown_commands_and_kinds_are_refused() {
-        assert!(crate::header::Control { cycle: 1, command: 9 }.command().is_err());
+        assert!(crate::header::Control { cycle: 1, command: 9, recipe: 0 }.command().is_err());
         assert!(Event { kind: 9, ..Event::default() }.kind().is_err());
         assert!(Event { text_bytes: u32::MAX, ..Event::default() }.payload_bytes().is_err());
     }

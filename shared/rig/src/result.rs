@@ -70,8 +70,8 @@ pub struct FeatureResult {
     pub detail: Option<String>,
 }
 
-/// Times of one stage in one cycle.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+/// What one stage did and used in one cycle. Waiting, computing and sending do not overlap.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StageResult {
     /// As in the schedule.
     pub name: String,
@@ -79,6 +79,33 @@ pub struct StageResult {
     pub wait_ns: u64,
     /// Working, ns.
     pub compute_ns: u64,
+    /// Handing outputs over, waiting for room included, ns.
+    #[serde(default)]
+    pub send_ns: u64,
+    /// Activations done.
+    #[serde(default)]
+    pub activations: u32,
+    /// Bytes given.
+    #[serde(default)]
+    pub bytes: u64,
+    /// Processor time of all its threads, ns.
+    #[serde(default)]
+    pub cpu_ns: u64,
+    /// Page faults served from memory.
+    #[serde(default)]
+    pub minor_faults: u64,
+    /// Page faults that waited for a disk.
+    #[serde(default)]
+    pub major_faults: u64,
+    /// Context switches by waiting.
+    #[serde(default)]
+    pub voluntary_switches: u64,
+    /// Context switches against its will.
+    #[serde(default)]
+    pub involuntary_switches: u64,
+    /// Heap allocations; only from a build that counts them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub allocations: Option<u64>,
 }
 
 /// Writes any machine-readable result as JSON, complete or not at all. A NaN or infinity becomes `null`.
@@ -124,7 +151,13 @@ mod tests {
                 reason: None,
                 detail: None,
             }],
-            stages: vec![StageResult { name: "decode cam1".into(), wait_ns: 1, compute_ns: u64::MAX }],
+            stages: vec![StageResult {
+                name: "decode cam1".into(),
+                wait_ns: 1,
+                compute_ns: u64::MAX,
+                bytes: 7,
+                ..StageResult::default()
+            }],
             latency_ns: Some(5),
             hashes: BTreeMap::from([("cloud/fused".into(), "00ff".into())]),
             more: BTreeMap::from([("points".into(), 7.into())]),

@@ -69,6 +69,7 @@ mod tests {
             name: (*name).to_owned(),
             wait_ns: 1,
             compute_ns: *compute_ns,
+            ..StageResult::default()
         };
         CycleResult {
             cycle: number,

@@ -1,0 +1,168 @@
+//! The cell in the Prometheus text format, version 0.0.4. Pure: from numbers to text.
+//!
+//! Names follow the conventions of Prometheus: base units, `_total` for counters, one line of help and type a family.
+
+use super::profile::{BOUNDS_NS, Profile, StageProfile, Timing};
+use super::socket::Status;
+use std::fmt::Write as _;
+
+/// The content type of the format.
+pub const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
+
+/// A family of samples.
+struct Family<'a> {
+    text: &'a mut String,
+    name: &'static str,
+    cell: &'a str,
+}
+
+impl<'a> Family<'a> {
+    fn new(text: &'a mut String, cell: &'a str, name: &'static str, kind: &str, help: &str) -> Self {
+        let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}");
+        Self { text, name, cell }
+    }
+
+    fn sample(&mut self, suffix: &str, labels: &[(&str, &str)], value: f64) {
+        let _ = write!(self.text, "{}{suffix}{{cell=\"{}\"", self.name, escape(self.cell));
+        for (key, label) in labels {
+            let _ = write!(self.text, ",{key}=\"{}\"", escape(label));
+        }
+        let _ = writeln!(self.text, "}} {value}");
+    }
+
+    fn histogram(&mut self, labels: &[(&str, &str)], timing: &Timing) {
+        let mut below = 0;
+        for (place, count) in timing.buckets.iter().enumerate() {
+            below += count;
+            let bound = BOUNDS_NS.get(place).map_or_else(|| "+Inf".to_owned(), |ns| seconds(*ns).to_string());
+            let mut all = labels.to_vec();
+            all.push(("le", &bound));
+            self.sample("_bucket", &all, below as f64);
+        }
+        self.sample("_sum", labels, seconds(timing.sum_ns));
+        self.sample("_count", labels, timing.count() as f64);
+    }
+}
+
+/// All metrics of a cell.
+pub fn render(status: &Status, profile: &Profile) -> String {
+    let mut text = String::new();
+    cycles(&mut text, status, profile);
+    stages(&mut text, status);
+    for (name, help, pick) in [
+        (
+            "fringecell_stage_wait_seconds",
+            "Waiting for input, per cycle that was ok.",
+            wait as fn(&StageProfile) -> &Timing,
+        ),
+        ("fringecell_stage_compute_seconds", "Computing, per cycle that was ok.", compute),
+        ("fringecell_stage_send_seconds", "Handing outputs over, per cycle that was ok.", send),
+    ] {
+        let mut family = Family::new(&mut text, &status.cell, name, "histogram", help);
+        for stage in &profile.stages {
+            family.histogram(&[("stage", &stage.sum.name)], pick(stage));
+        }
+    }
+    text
+}
+
+fn wait(stage: &StageProfile) -> &Timing {
+    &stage.wait
+}
+
+fn compute(stage: &StageProfile) -> &Timing {
+    &stage.compute
+}
+
+fn send(stage: &StageProfile) -> &Timing {
+    &stage.send
+}
+
+fn cycles(text: &mut String, status: &Status, profile: &Profile) {
+    let cell = status.cell.as_str();
+    let outcomes = &status.outcomes;
+    let mut family =
+        Family::new(text, cell, "fringecell_cycles_total", "counter", "Cycles by what became of them.");
+    for (outcome, count) in [
+        ("pass", outcomes.pass),
+        ("indeterminate", outcomes.indeterminate),
+        ("fail", outcomes.fail),
+        ("no_verdict", outcomes.no_verdict),
+        ("not_ok", outcomes.not_ok),
+    ] {
+        family.sample("", &[("outcome", outcome)], count as f64);
+    }
+    Family::new(
+        text,
+        cell,
+        "fringecell_deadline_misses_total",
+        "counter",
+        "Cycles not done within their deadline.",
+    )
+    .sample("", &[], status.deadline_misses as f64);
+    Family::new(text, cell, "fringecell_cycle_running", "gauge", "1 while a cycle runs.").sample(
+        "",
+        &[],
+        f64::from(u8::from(status.cycle.is_some())),
+    );
+    if let Some(rate) = status.cycles_per_minute {
+        Family::new(text, cell, "fringecell_cycles_per_minute", "gauge", "Rate of the last cycles.").sample(
+            "",
+            &[],
+            rate,
+        );
+    }
+    for (name, help, timing) in [
+        ("fringecell_cycle_seconds", "From start to outcome, cycles that were ok.", &profile.cycle),
+        ("fringecell_latency_seconds", "From the last frame to the verdict.", &profile.latency),
+    ] {
+        Family::new(text, cell, name, "histogram", help).histogram(&[], timing);
+    }
+}
+
+fn stages(text: &mut String, status: &Status) {
+    type Pick = fn(&super::socket::StageStatus) -> f64;
+    let families: [(&'static str, &str, &str, Pick); 9] = [
+        ("fringecell_stage_up", "gauge", "1 while the stage is up.", |s| {
+            f64::from(u8::from(s.state == "up"))
+        }),
+        ("fringecell_stage_restarts_total", "counter", "Failures of the stage.", |s| f64::from(s.restarts)),
+        ("fringecell_stage_activations_total", "counter", "Activations done.", |s| {
+            f64::from(s.total.activations)
+        }),
+        ("fringecell_stage_sent_bytes_total", "counter", "Bytes given.", |s| s.total.bytes as f64),
+        ("fringecell_stage_cpu_seconds_total", "counter", "Processor time in cycles.", |s| {
+            seconds(s.total.cpu_ns)
+        }),
+        ("fringecell_stage_minor_page_faults_total", "counter", "Page faults served from memory.", |s| {
+            s.total.minor_faults as f64
+        }),
+        ("fringecell_stage_major_page_faults_total", "counter", "Page faults that waited for a disk.", |s| {
+            s.total.major_faults as f64
+        }),
+        ("fringecell_stage_voluntary_switches_total", "counter", "Context switches by waiting.", |s| {
+            s.total.voluntary_switches as f64
+        }),
+        (
+            "fringecell_stage_involuntary_switches_total",
+            "counter",
+            "Context switches against its will.",
+            |s| s.total.involuntary_switches as f64,
+        ),
+    ];
+    for (name, kind, help, pick) in families {
+        let mut family = Family::new(text, &status.cell, name, kind, help);
+        for stage in &status.stages {
+            family.sample("", &[("stage", &stage.name)], pick(stage));
+        }
+    }
+}
+
+fn seconds(ns: u64) -> f64 {
+    ns as f64 / 1e9
+}
+
+/// As a label value stands between quotes.
+fn escape(label: &str) -> String {
+    label.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
+}

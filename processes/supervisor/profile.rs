@@ -1,0 +1,341 @@
+//! What the cell did so far: counted since its start, and as percentiles of the last cycles. Pure; memory is fixed.
+
+use anyhow::Result;
+use hdrhistogram::Histogram;
+use rig::result::{CycleResult, OUTCOME_OK, ResultVerdict, StageResult};
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Percentiles speak of at least this many of the last cycles and of at most twice as many: enough for a 99 %, few
+/// enough to follow a change within minutes.
+const WINDOW_CYCLES: u64 = 256;
+
+/// The rate is that of the last cycles.
+const RATE_CYCLES: usize = 32;
+
+/// Upper bounds of the buckets that are counted since the start, ns: 0.1 ms … 20 s, three a decade.
+pub const BOUNDS_NS: [u64; 17] = [
+    100_000,
+    200_000,
+    500_000,
+    1_000_000,
+    2_000_000,
+    5_000_000,
+    10_000_000,
+    20_000_000,
+    50_000_000,
+    100_000_000,
+    200_000_000,
+    500_000_000,
+    1_000_000_000,
+    2_000_000_000,
+    5_000_000_000,
+    10_000_000_000,
+    20_000_000_000,
+];
+
+/// Percentiles of the last cycles, by nearest rank, each at most 1 % too large; the maximum is exact.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Percentiles {
+    /// Cycles that they speak of.
+    pub cycles: u64,
+    /// Median, ms.
+    pub p50_ms: f64,
+    /// ms.
+    pub p95_ms: f64,
+    /// ms.
+    pub p99_ms: f64,
+    /// ms.
+    pub max_ms: f64,
+}
+
+/// Durations in buckets since the start, and a window of the last ones.
+#[derive(Debug, Clone)]
+pub struct Timing {
+    /// Durations up to each of [`BOUNDS_NS`] and above the one before; the last place counts all longer ones.
+    pub buckets: [u64; BOUNDS_NS.len() + 1],
+    /// Sum of all, ns.
+    pub sum_ns: u64,
+    window: Window,
+}
+
+impl Timing {
+    fn new() -> Result<Self> {
+        Ok(Self { buckets: [0; BOUNDS_NS.len() + 1], sum_ns: 0, window: Window::new()? })
+    }
+
+    fn record(&mut self, ns: u64) {
+        self.buckets[BOUNDS_NS.partition_point(|&bound| bound < ns)] += 1;
+        self.sum_ns = self.sum_ns.saturating_add(ns);
+        self.window.record(ns);
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> u64 {
+        self.buckets.iter().sum()
+    }
+
+    /// Of the last cycles.
+    pub fn percentiles(&self) -> Percentiles {
+        self.window.percentiles()
+    }
+}
+
+/// Two histograms of which the older one holds one to two windows; both are allocated once.
+#[derive(Debug, Clone)]
+struct Window {
+    older: (Histogram<u64>, u64),
+    younger: (Histogram<u64>, u64),
+}
+
+impl Window {
+    fn new() -> Result<Self> {
+        // 1 µs … 1 h to two digits: 40 kB.
+        let histogram = Histogram::new_with_bounds(1000, 3_600_000_000_000, 2)?;
+        Ok(Self { older: (histogram.clone(), 0), younger: (histogram, 0) })
+    }
+
+    fn record(&mut self, ns: u64) {
+        if self.younger.0.len() == WINDOW_CYCLES {
+            std::mem::swap(&mut self.older, &mut self.younger);
+            self.younger.0.reset();
+            self.younger.1 = 0;
+        }
+        for (histogram, max_ns) in [&mut self.older, &mut self.younger] {
+            histogram.saturating_record(ns);
+            *max_ns = ns.max(*max_ns);
+        }
+    }
+
+    fn percentiles(&self) -> Percentiles {
+        let (histogram, max_ns) = &self.older;
+        let at = |quantile: f64| histogram.value_at_quantile(quantile).min(*max_ns) as f64 / 1e6;
+        let (p50_ms, p95_ms, p99_ms) = (at(0.50), at(0.95), at(0.99));
+        Percentiles { cycles: histogram.len(), p50_ms, p95_ms, p99_ms, max_ms: *max_ns as f64 / 1e6 }
+    }
+}
+
+/// What is known of one stage.
+#[derive(Debug, Clone)]
+pub struct StageProfile {
+    /// Waiting for input, per cycle.
+    pub wait: Timing,
+    /// Computing, per cycle.
+    pub compute: Timing,
+    /// Handing outputs over, per cycle.
+    pub send: Timing,
+    /// Cycles in which it took part, broken ones included.
+    pub cycles: u64,
+    /// Everything else, summed over all cycles; its times are sums as well.
+    pub sum: StageResult,
+}
+
+/// Cycles by what became of them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Outcomes {
+    /// Ok and within all limits.
+    pub pass: u64,
+    /// Ok, but a limit lies within the uncertainty.
+    pub indeterminate: u64,
+    /// Ok, and outside of a limit.
+    pub fail: u64,
+    /// Ok, and nothing was judged.
+    pub no_verdict: u64,
+    /// Ended for a reason.
+    pub not_ok: u64,
+}
+
+/// What the cell did so far.
+#[derive(Debug, Clone)]
+pub struct Profile {
+    /// In the order of the schedule.
+    pub stages: Vec<StageProfile>,
+    /// From start to outcome, of the cycles that were ok.
+    pub cycle: Timing,
+    /// From the last frame to the verdict.
+    pub latency: Timing,
+    /// Cycles by outcome.
+    pub outcomes: Outcomes,
+    /// Cycles that were not done within their deadline.
+    pub deadline_misses: u64,
+    deadline_ns: u64,
+    running: Option<(u64, u64)>,
+    ends_ns: VecDeque<u64>,
+}
+
+impl Profile {
+    /// Nothing yet. `deadline_ns`: of a cycle.
+    pub fn new(stages: &[String], deadline_ns: u64) -> Result<Self> {
+        let stage = |name: &String| {
+            let sum = StageResult { name: name.clone(), ..StageResult::default() };
+            Ok(StageProfile {
+                wait: Timing::new()?,
+                compute: Timing::new()?,
+                send: Timing::new()?,
+                cycles: 0,
+                sum,
+            })
+        };
+        Ok(Self {
+            stages: stages.iter().map(stage).collect::<Result<_>>()?,
+            cycle: Timing::new()?,
+            latency: Timing::new()?,
+            outcomes: Outcomes::default(),
+            deadline_misses: 0,
+            deadline_ns,
+            running: None,
+            ends_ns: VecDeque::with_capacity(RATE_CYCLES),
+        })
+    }
+
+    /// A cycle starts.
+    pub fn begin(&mut self, cycle: u64, now_ns: u64) {
+        self.running = Some((cycle, now_ns));
+    }
+
+    /// A cycle has its outcome. Those that never ran count as outcomes and have no times.
+    pub fn end(&mut self, result: &CycleResult, now_ns: u64) {
+        let ok = result.outcome == OUTCOME_OK;
+        let place = match result.verdict {
+            _ if !ok => &mut self.outcomes.not_ok,
+            Some(ResultVerdict::Pass) => &mut self.outcomes.pass,
+            Some(ResultVerdict::Indeterminate) => &mut self.outcomes.indeterminate,
+            Some(ResultVerdict::Fail) => &mut self.outcomes.fail,
+            None => &mut self.outcomes.no_verdict,
+        };
+        *place += 1;
+        let Some((_, start_ns)) = self.running.take_if(|(cycle, _)| *cycle == result.cycle) else { return };
+        let lasted_ns = now_ns.saturating_sub(start_ns);
+        self.deadline_misses += u64::from(lasted_ns > self.deadline_ns);
+        if self.ends_ns.len() == RATE_CYCLES {
+            self.ends_ns.pop_front();
+        }
+        self.ends_ns.push_back(now_ns);
+        for (profile, stage) in self.stages.iter_mut().zip(&result.stages) {
+            profile.add(stage, ok);
+        }
+        // The times of a cycle that was broken off say when it broke.
+        if ok {
+            self.cycle.record(lasted_ns);
+            if let Some(latency_ns) = result.latency_ns {
+                self.latency.record(latency_ns);
+            }
+        }
+    }
+
+    /// Cycles per minute of the last cycles; absent before the second one.
+    pub fn cycles_per_minute(&self) -> Option<f64> {
+        let span_ns = self.ends_ns.back()?.checked_sub(*self.ends_ns.front()?)?;
+        (span_ns > 0).then(|| 60e9 * (self.ends_ns.len() - 1) as f64 / span_ns as f64)
+    }
+}
+
+impl StageProfile {
+    fn add(&mut self, stage: &StageResult, ok: bool) {
+        if ok {
+            self.wait.record(stage.wait_ns);
+            self.compute.record(stage.compute_ns);
+            self.send.record(stage.send_ns);
+        }
+        self.cycles += 1;
+        add(&mut self.sum, stage);
+    }
+}
+
+/// Adds what a stage did to what it did before.
+pub fn add(sum: &mut StageResult, more: &StageResult) {
+    sum.wait_ns += more.wait_ns;
+    sum.compute_ns += more.compute_ns;
+    sum.send_ns += more.send_ns;
+    sum.activations += more.activations;
+    sum.bytes += more.bytes;
+    sum.cpu_ns += more.cpu_ns;
+    sum.minor_faults += more.minor_faults;
+    sum.major_faults += more.major_faults;
+    sum.voluntary_switches += more.voluntary_switches;
+    sum.involuntary_switches += more.involuntary_switches;
+    if let Some(allocations) = more.allocations {
+        *sum.allocations.get_or_insert(0) += allocations;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::BTreeMap;
+
+    fn result(cycle: u64, outcome: &str, verdict: Option<ResultVerdict>) -> CycleResult {
+        let stage =
+            StageResult { name: "fusion".into(), wait_ns: 3_000_000, bytes: 7, ..StageResult::default() };
+        CycleResult {
+            cycle,
+            outcome: outcome.into(),
+            verdict,
+            features: vec![],
+            stages: vec![stage],
+            latency_ns: Some(2_000_000),
+            hashes: BTreeMap::new(),
+            more: BTreeMap::new(),
+        }
+    }
+
+    #[test]
+    fn cycles_are_counted_by_outcome_and_only_good_ones_are_timed() {
+        let mut profile = Profile::new(&["fusion".into()], 10_000_000).unwrap();
+        for (cycle, outcome, verdict) in [
+            (0, "ok", Some(ResultVerdict::Pass)),
+            (1, "ok", Some(ResultVerdict::Fail)),
+            (2, "stage fusion died (signal 9)", None),
+            (3, "ok", None),
+            (4, "ok", Some(ResultVerdict::Indeterminate)),
+        ] {
+            profile.begin(cycle, cycle * 1_000_000_000);
+            // The one that is not ok is also the one that takes too long.
+            let lasted_ns = if outcome == "ok" { 4_000_000 } else { 10_000_001 };
+            profile.end(&result(cycle, outcome, verdict), cycle * 1_000_000_000 + lasted_ns);
+        }
+        profile.end(&result(5, "not started: stopped", None), 9_000_000_000);
+        let counted = Outcomes { pass: 1, indeterminate: 1, fail: 1, no_verdict: 1, not_ok: 2 };
+        assert_eq!((profile.outcomes, profile.deadline_misses), (counted, 1));
+        assert_eq!((profile.cycle.count(), profile.latency.count()), (4, 4));
+        assert_eq!(profile.cycle.percentiles().max_ms, 4.0);
+        assert_eq!((profile.stages[0].wait.count(), profile.stages[0].sum.bytes), (4, 35));
+        assert_eq!(profile.cycles_per_minute().map(f64::round), Some(60.0));
+    }
+
+    #[test]
+    fn old_cycles_are_forgotten_by_the_window_and_kept_by_the_buckets() {
+        let mut timing = Timing::new().unwrap();
+        timing.record(9_000_000_000);
+        for _ in 0..2 * WINDOW_CYCLES {
+            timing.record(1_000_000);
+        }
+        assert_eq!(timing.percentiles().max_ms, 1.0);
+        assert_eq!(timing.count(), 2 * WINDOW_CYCLES + 1);
+        assert_eq!(timing.sum_ns, 9_000_000_000 + 2 * WINDOW_CYCLES * 1_000_000);
+    }
+
+    proptest! {
+        /// Proves: percentiles are those of sorting, up to 1 %, and every duration lies in the bucket of its bounds.
+        #[test]
+        fn percentiles_agree_with_sorting(durations in proptest::collection::vec(1000_u64..50_000_000_000, 1..200)) {
+            let mut timing = Timing::new().unwrap();
+            durations.iter().for_each(|&ns| timing.record(ns));
+            let mut sorted = durations.clone();
+            sorted.sort_unstable();
+            let shown = timing.percentiles();
+            for (quantile, shown_ms) in [(0.5, shown.p50_ms), (0.95, shown.p95_ms), (0.99, shown.p99_ms)] {
+                let rank = (quantile * sorted.len() as f64).ceil() as usize;
+                let exact_ms = sorted[rank - 1] as f64 / 1e6;
+                prop_assert!(shown_ms >= exact_ms && shown_ms <= 1.01 * exact_ms, "{shown_ms} {exact_ms}");
+            }
+            prop_assert_eq!(shown.max_ms, sorted[sorted.len() - 1] as f64 / 1e6);
+            let mut below = 0;
+            for (bound, count) in BOUNDS_NS.iter().zip(timing.buckets) {
+                below += count;
+                prop_assert_eq!(below as usize, durations.iter().filter(|ns| *ns <= bound).count());
+            }
+        }
+    }
+}
