@@ -4,6 +4,7 @@ use super::graph::{check_drivers, check_twin, check_use, pairs};
 use super::light::{check_recorded_sizes, projectors};
 use super::limits::{cycles, fusion, limits, schedule};
 use super::raw::RawConfig;
+use super::recipes::recipes;
 use super::values::{driver, referenced, value};
 use super::{CONFIG_FORMAT, CameraConfig, Config, Driver, RecordingConfig, TextFile, TwinConfig};
 use crate::document::Document;
@@ -55,6 +56,7 @@ impl Config {
             rig_path: rig_file.path,
             rig_sha256: rig_file.sha256,
             plan,
+            recipes: recipes(&document, &raw.recipe)?,
             limits: limits(&document, &raw.limits)?,
             projectors,
             cameras,

@@ -7,7 +7,7 @@
 //! format = "fringecell-config/1"
 //! name = "demo"                       # [a-z0-9-]{1,32}: the runtime root and the service prefix derive from it
 //! rig = "demo-rig.toml"               # what the measuring side knows; paths are relative to this file
-//! plan = "artefact.plan.toml"         # optional inspection plan
+//! plan = "artefact.plan.toml"         # optional inspection plan: the recipe "default"
 //! cycles = 5                          # optional; absent: until stopped
 //! pairs = ["pair1"]                   # optional; absent: all pairs of the rig file
 //! [limits]                            # all optional, defaults as in [`Limits`]
@@ -23,6 +23,9 @@
 //! [[camera]]
 //! name = "cam1"
 //! driver = "twin"
+//! [[recipe]]                          # optional further plans, any of which a request may name
+//! name = "spheres"
+//! plan = "spheres.plan.toml"
 //! [decode]                            # settings of decode, matching, fusion: all optional
 //! [twin]                              # needed by the twin drivers
 //! scene = "artefact.scene.toml"
@@ -45,6 +48,7 @@ mod graph;
 mod light;
 mod limits;
 mod raw;
+mod recipes;
 #[cfg(test)]
 mod tests;
 mod values;
@@ -59,6 +63,9 @@ use std::path::{Path, PathBuf};
 
 /// Value of `format` in a configuration.
 pub const CONFIG_FORMAT: &str = "fringecell-config/1";
+
+/// Name of the recipe that is used where none is named.
+pub const DEFAULT_RECIPE: &str = "default";
 
 /// A cell, checked and with every file resolved.
 #[derive(Debug, Clone)]
@@ -78,8 +85,10 @@ pub struct Config {
     pub rig_path: PathBuf,
     /// SHA-256 of the rig file.
     pub rig_sha256: String,
-    /// Inspection plan.
+    /// Inspection plan: that of the recipe [`DEFAULT_RECIPE`].
     pub plan: Option<TextFile>,
+    /// Further inspection plans.
+    pub recipes: Vec<Recipe>,
     /// Budgets and restart policy.
     pub limits: Limits,
     /// What lights, in the order of projection.
@@ -116,6 +125,15 @@ pub struct TextFile {
     pub path: PathBuf,
     /// Contents.
     pub text: String,
+}
+
+/// An inspection plan that a request can choose.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Recipe {
+    /// Unique; [`DEFAULT_RECIPE`] is taken.
+    pub name: String,
+    /// What is inspected.
+    pub plan: TextFile,
 }
 
 /// A projector of the cell.

@@ -11,6 +11,8 @@ pub(super) struct RawConfig {
     pub name: String,
     pub rig: String,
     pub plan: Option<String>,
+    #[serde(default)]
+    pub recipe: Vec<RawRecipe>,
     pub cycles: Option<u32>,
     pub pairs: Option<Vec<String>>,
     #[serde(default)]
@@ -52,6 +54,13 @@ pub(super) struct RawProjector {
     pub cameras: Option<Vec<String>>,
     pub sequence: Option<Vec<PatternSet>>,
     pub pattern_correction: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawRecipe {
+    pub name: String,
+    pub plan: String,
 }
 
 #[derive(Debug, Deserialize)]

@@ -1,0 +1,269 @@
+//! `fringecell schedule`: the plan of a cycle as a picture, for the terminal and as SVG.
+//!
+//! A schedule orders work, it does not time it. Without measured times every activation is drawn one unit long; with
+//! a result of this cell each takes the mean of its stage in that cycle. An activation begins when its inputs are done
+//! and its core has done what stands before it.
+
+use crate::graph::Cell;
+use crate::schedule::{Schedule, Work, label};
+use anyhow::{Result, ensure};
+use rig::result::CycleResult;
+use std::fmt::Write as _;
+
+/// Columns of the picture on the terminal, without names.
+const COLUMNS: usize = 96;
+
+/// Width of the picture's time axis, px.
+const WIDTH_PX: f64 = 1400.0;
+
+/// Height of a stage, px.
+const ROW_PX: f64 = 26.0;
+
+/// Left margin for the names, px.
+const LEFT_PX: f64 = 170.0;
+
+/// Top margin for title and axis, px.
+const TOP_PX: f64 = 64.0;
+
+/// The plan with times.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Start and end of each activation, ms or units.
+    bars: Vec<(f64, f64)>,
+    /// `ms` or `units`.
+    unit: &'static str,
+}
+
+impl Picture {
+    /// Places the activations; `measured` is the result of a cycle of this cell.
+    ///
+    /// # Errors
+    /// A result of another cell, or of a cycle that was not finished.
+    pub fn new(schedule: &Schedule, measured: Option<&CycleResult>) -> Result<Self> {
+        let durations = match measured {
+            Some(result) => durations(schedule, result)?,
+            None => vec![1.0; schedule.stages.len()],
+        };
+        let mut free = vec![0.0_f64; schedule.cores];
+        let mut bars: Vec<(f64, f64)> = Vec::with_capacity(schedule.activations.len());
+        for activation in &schedule.activations {
+            let core = schedule.stages[activation.stage].core;
+            let start = activation.inputs.iter().map(|&input| bars[input].1).fold(free[core], f64::max);
+            let end = start + durations[activation.stage];
+            free[core] = end;
+            bars.push((start, end));
+        }
+        Ok(Self { bars, unit: if measured.is_some() { "ms" } else { "units" } })
+    }
+
+    fn end(&self) -> f64 {
+        self.bars.iter().map(|bar| bar.1).fold(f64::MIN_POSITIVE, f64::max)
+    }
+
+    /// One line per stage, a letter for what it does in each slice of time.
+    pub fn text(&self, cell: &Cell) -> String {
+        let schedule = &cell.schedule;
+        let name = schedule.stages.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
+        let slice = self.end() / COLUMNS as f64;
+        let mut text = format!(
+            "one column is {slice:.2} {}; P project  E expose  A accumulate  φ phase  M match  F fuse  I inspect  S store  · idle\n",
+            self.unit
+        );
+        for (number, stage) in schedule.stages.iter().enumerate() {
+            let mut line = vec!['·'; COLUMNS];
+            for (activation, bar) in schedule.activations.iter().zip(&self.bars) {
+                if activation.stage != number {
+                    continue;
+                }
+                // A bar shorter than a column still shows.
+                let first = ((bar.0 / slice) as usize).min(COLUMNS - 1);
+                let last = ((bar.1 / slice).ceil() as usize).clamp(first + 1, COLUMNS);
+                line[first..last].fill(letter(activation.work));
+            }
+            let line: String = line.into_iter().collect();
+            let _ = writeln!(text, "{:<name$} {} {line}", stage.name, stage.core);
+        }
+        text
+    }
+
+    /// The same as a drawing, with every activation and every dependency between stages.
+    pub fn svg(&self, cell: &Cell) -> String {
+        let schedule = &cell.schedule;
+        let height = TOP_PX + ROW_PX * schedule.stages.len() as f64 + 40.0;
+        let width = LEFT_PX + WIDTH_PX + 30.0;
+        let scale = WIDTH_PX / self.end();
+        let mut svg = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
+             font-family=\"sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n\
+             <text x=\"12\" y=\"22\" font-size=\"16\">cell {}: {} activations of {} stages on {} cores, {:.1} {}</text>\n",
+            escape(&cell.name),
+            schedule.activations.len(),
+            schedule.stages.len(),
+            schedule.cores,
+            self.end(),
+            self.unit
+        );
+        self.axis(&mut svg, scale, height);
+        for (number, stage) in schedule.stages.iter().enumerate() {
+            let y = TOP_PX + ROW_PX * number as f64;
+            let _ = writeln!(
+                svg,
+                "<text x=\"12\" y=\"{:.1}\">{} <tspan fill=\"#777\">core {}</tspan></text>\
+                 <line x1=\"{LEFT_PX}\" x2=\"{:.1}\" y1=\"{y:.1}\" y2=\"{y:.1}\" stroke=\"#eee\"/>",
+                y + 17.0,
+                escape(&stage.name),
+                stage.core,
+                LEFT_PX + WIDTH_PX
+            );
+        }
+        self.dependencies(&mut svg, schedule, scale);
+        for (activation, bar) in schedule.activations.iter().zip(&self.bars) {
+            let (x, y) = (LEFT_PX + scale * bar.0, TOP_PX + ROW_PX * activation.stage as f64 + 4.0);
+            let shown = label(&cell.graph, activation.work);
+            let _ = writeln!(
+                svg,
+                "<rect x=\"{x:.2}\" y=\"{y:.1}\" width=\"{:.2}\" height=\"{:.1}\" fill=\"{}\" stroke=\"white\" stroke-width=\"0.5\">\
+                 <title>{}, {:.2} to {:.2} {}</title></rect>",
+                scale * (bar.1 - bar.0),
+                ROW_PX - 8.0,
+                colour(activation.work),
+                escape(&shown),
+                bar.0,
+                bar.1,
+                self.unit
+            );
+        }
+        legend(&mut svg, height);
+        svg.push_str("</svg>\n");
+        svg
+    }
+
+    fn axis(&self, svg: &mut String, scale: f64, height: f64) {
+        let step = tick(self.end() / 8.0);
+        let mut at = 0.0;
+        while at <= self.end() {
+            let x = LEFT_PX + scale * at;
+            let _ = writeln!(
+                svg,
+                "<line x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{:.1}\" y2=\"{:.1}\" stroke=\"#ddd\"/>\
+                 <text x=\"{x:.1}\" y=\"{:.1}\" fill=\"#555\" text-anchor=\"middle\">{at} {}</text>",
+                TOP_PX - 8.0,
+                height - 36.0,
+                TOP_PX - 14.0,
+                self.unit
+            );
+            at += step;
+        }
+    }
+
+    /// Lines from the end of an input to the start of what takes it, where they are of different stages.
+    fn dependencies(&self, svg: &mut String, schedule: &Schedule, scale: f64) {
+        let middle = |stage: usize| TOP_PX + ROW_PX * (stage as f64 + 0.5);
+        for (activation, bar) in schedule.activations.iter().zip(&self.bars) {
+            for &input in activation.inputs.iter().filter(|&&i| schedule.activations[i].stage != activation.stage) {
+                let _ = writeln!(
+                    svg,
+                    "<line x1=\"{:.2}\" y1=\"{:.1}\" x2=\"{:.2}\" y2=\"{:.1}\" stroke=\"#bbb\" stroke-width=\"0.6\"/>",
+                    LEFT_PX + scale * self.bars[input].1,
+                    middle(schedule.activations[input].stage),
+                    LEFT_PX + scale * bar.0,
+                    middle(activation.stage)
+                );
+            }
+        }
+    }
+}
+
+/// Mean duration of an activation of each stage, ms.
+fn durations(schedule: &Schedule, result: &CycleResult) -> Result<Vec<f64>> {
+    let names = |stages: Vec<&str>| stages.join(", ");
+    let (planned, measured): (Vec<&str>, Vec<&str>) = (
+        schedule.stages.iter().map(|s| s.name.as_str()).collect(),
+        result.stages.iter().map(|s| s.name.as_str()).collect(),
+    );
+    ensure!(
+        planned == measured,
+        "the result is of another cell: its stages are {}, those of the schedule {}",
+        names(measured),
+        names(planned)
+    );
+    let mean = |stage: &rig::result::StageResult| {
+        ensure!(stage.activations > 0, "stage {} did nothing in cycle {}; give the result of a cycle that is ok", stage.name, result.cycle);
+        Ok((stage.compute_ns + stage.send_ns) as f64 / 1e6 / f64::from(stage.activations))
+    };
+    result.stages.iter().map(mean).collect()
+}
+
+fn letter(work: Work) -> char {
+    match work {
+        Work::Project { .. } => 'P',
+        Work::Expose { .. } => 'E',
+        Work::Accumulate { .. } => 'A',
+        Work::Phase { .. } => 'φ',
+        Work::Match { .. } => 'M',
+        Work::Fuse => 'F',
+        Work::Inspect => 'I',
+        Work::Store => 'S',
+    }
+}
+
+/// Kinds of work with their colours (Okabe and Ito: told apart by everybody).
+const COLOURS: [(&str, &str); 8] = [
+    ("project", "#e69f00"),
+    ("expose", "#56b4e9"),
+    ("accumulate", "#009e73"),
+    ("phase", "#b8a900"),
+    ("match", "#0072b2"),
+    ("fuse", "#d55e00"),
+    ("inspect", "#cc79a7"),
+    ("store", "#999999"),
+];
+
+fn colour(work: Work) -> &'static str {
+    let place = match work {
+        Work::Project { .. } => 0,
+        Work::Expose { .. } => 1,
+        Work::Accumulate { .. } => 2,
+        Work::Phase { .. } => 3,
+        Work::Match { .. } => 4,
+        Work::Fuse => 5,
+        Work::Inspect => 6,
+        Work::Store => 7,
+    };
+    COLOURS[place].1
+}
+
+fn legend(svg: &mut String, height: f64) {
+    for (place, (name, colour)) in COLOURS.iter().enumerate() {
+        let x = LEFT_PX + 110.0 * place as f64;
+        let _ = writeln!(
+            svg,
+            "<rect x=\"{x}\" y=\"{:.1}\" width=\"12\" height=\"12\" fill=\"{colour}\"/><text x=\"{}\" y=\"{:.1}\">{name}</text>",
+            height - 24.0,
+            x + 17.0,
+            height - 14.0
+        );
+    }
+}
+
+/// The next of 1, 2, 5, 10, …
+fn tick(least: f64) -> f64 {
+    let decade = 10_f64.powf(least.log10().floor());
+    [1.0, 2.0, 5.0, 10.0].map(|step| step * decade).into_iter().find(|&step| step >= least).unwrap_or(10.0 * decade)
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::tick;
+
+    #[test]
+    fn ticks_are_round_numbers_and_not_too_many() {
+        for (least, step) in [(0.9, 1.0), (1.0, 1.0), (1.1, 2.0), (26.0, 50.0), (0.03, 0.05), (600.0, 1000.0)] {
+            assert!((tick(least) / step - 1.0).abs() < 1e-12, "{least}: {}", tick(least));
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! The process that receives, and what it tells: arrival times as JSON on its standard output.
+
+use super::Plan;
+use anyhow::{Context, Result, bail, ensure};
+use ipc::cell::CellName;
+use ipc::header::Frame;
+use ipc::os::now_ns;
+use ipc::port::Node;
+use serde::{Deserialize, Serialize};
+use std::io::Read;
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Longer than any frame takes; then the sender is gone.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// Frames that only warm up: the first touch of each buffer costs page faults, which a cell has behind it at its start.
+pub(super) const WARM_UP: u32 = 16;
+
+/// What lies before each frame of a stream: number, hash.
+pub(super) const STREAM_HEADER: usize = 16;
+
+/// Where frames come from.
+#[derive(Debug, Clone)]
+pub enum From {
+    /// The shared memory of a cell.
+    Memory(CellName),
+    /// The socket at a path.
+    Socket(String),
+    /// Standard input.
+    Pipe,
+}
+
+impl std::str::FromStr for From {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.split_once(':') {
+            Some(("memory", name)) => Ok(Self::Memory(CellName::new(name).map_err(|e| e.to_string())?)),
+            Some(("socket", path)) => Ok(Self::Socket(path.to_owned())),
+            Some(("pipe", _)) => Ok(Self::Pipe),
+            _ => Err("memory:NAME, socket:PATH or pipe: are possible".into()),
+        }
+    }
+}
+
+/// What the receiver saw, ns on the machine's monotonic clock.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(super) struct Seen {
+    /// When each frame could be read.
+    pub arrived_ns: Vec<u64>,
+    /// When the last one had been read.
+    pub read_ns: u64,
+}
+
+/// Receives all frames.
+pub(super) fn run(from: &From, plan: Plan) -> Result<()> {
+    let seen = match from {
+        From::Memory(name) => memory(name, plan)?,
+        From::Socket(path) => {
+            let mut stream = UnixStream::connect(path).with_context(|| path.clone())?;
+            stream.set_read_timeout(Some(PATIENCE))?;
+            stream_of(&mut stream, plan)?
+        }
+        From::Pipe => stream_of(&mut std::io::stdin().lock(), plan)?,
+    };
+    println!("{}", serde_json::to_string(&seen)?);
+    Ok(())
+}
+
+impl Seen {
+    fn arrived(&mut self, number: u32, now_ns: u64) {
+        if number >= WARM_UP {
+            self.arrived_ns.push(now_ns);
+        }
+    }
+}
+
+fn memory(name: &CellName, plan: Plan) -> Result<Seen> {
+    let node = Node::join(name, "receiver")?;
+    let bell = node.bell("receiver")?;
+    let frames = node.subscriber::<Frame>("frame")?;
+    frames.connect()?;
+    let ready = node.publisher::<Frame>("ready", 1, &["sender".to_owned()], PATIENCE)?;
+    ready.send(tiny(), &[0])?;
+    let mut seen = Seen::default();
+    for number in 0..WARM_UP + plan.frames {
+        let message = loop {
+            if let Some(message) = frames.receive()? {
+                break message;
+            }
+            if !bell.wait(PATIENCE)? && frames.receive()?.is_none() {
+                bail!("no frame came for {} s", PATIENCE.as_secs());
+            }
+        };
+        seen.arrived(number, now_ns());
+        ensure!(message.header().frame == number, "frame {} came for {number}", message.header().frame);
+        ensure!(message.header().cycle == xxh3_64(message.payload()), "frame {number} was damaged");
+    }
+    seen.read_ns = now_ns();
+    Ok(seen)
+}
+
+/// A message without contents.
+pub(super) fn tiny() -> Frame {
+    Frame { width_px: 1, height_px: 1, bytes_per_px: 1, full_scale_dn: 255, ..Frame::default() }
+}
+
+fn stream_of(stream: &mut dyn Read, plan: Plan) -> Result<Seen> {
+    let mut seen = Seen::default();
+    let (mut header, mut frame) = ([0; STREAM_HEADER], vec![0; plan.bytes()]);
+    for number in 0..WARM_UP + plan.frames {
+        stream.read_exact(&mut header).context("the sender ended")?;
+        stream.read_exact(&mut frame).context("the sender ended")?;
+        seen.arrived(number, now_ns());
+        let [a, b, c, d, e, f, g, h, hash @ ..] = header;
+        ensure!(u64::from_le_bytes([a, b, c, d, e, f, g, h]) == u64::from(number), "frames came out of order");
+        ensure!(u64::from_le_bytes(hash) == xxh3_64(&frame), "frame {number} was damaged");
+    }
+    seen.read_ns = now_ns();
+    Ok(seen)
+}
