@@ -1,6 +1,7 @@
 //! `status`, `restart`, `stop`: talking to a running cell.
 
-use crate::supervisor::socket::{Answer, Request, Status, ask};
+use crate::supervisor::protocol::{Answer, Request, SpanRow, Status};
+use crate::supervisor::socket::ask;
 use anyhow::{Context, Result, bail};
 use ipc::cell::{CellName, running_cells, running_pid};
 use std::time::{Duration, Instant};
@@ -29,11 +30,32 @@ fn others() -> String {
     if cells.is_empty() { String::new() } else { format!("; running: {}", cells.join(", ")) }
 }
 
+/// The cell of a name or of a configuration file; `None`: the only one that runs.
+///
+/// # Errors
+/// A file that is no configuration.
+pub fn named(which: Option<&str>) -> Result<Option<String>> {
+    let Some(which) = which else { return Ok(None) };
+    // A name has neither a dot nor a slash, a configuration file at least one of them.
+    if !which.contains(['.', '/']) {
+        return Ok(Some(which.to_owned()));
+    }
+    Ok(Some(rig::config::Config::load(std::path::Path::new(which))?.name))
+}
+
+/// Asks a cell whatever it may answer.
+///
+/// # Errors
+/// No such cell, or none that answers.
+pub fn ask_cell(cell: Option<&str>, request: &Request) -> Result<Answer> {
+    let name = find(cell)?;
+    ask(&name.socket(), request)
+        .with_context(|| format!("asking cell '{}' over {}", name.as_str(), name.socket().display()))
+}
+
 fn request(cell: Option<&str>, request: &Request) -> Result<(CellName, Answer)> {
     let name = find(cell)?;
-    let answer = ask(&name.socket(), request)
-        .with_context(|| format!("asking cell '{}' over {}", name.as_str(), name.socket().display()))?;
-    match answer {
+    match ask_cell(Some(name.as_str()), request)? {
         Answer::Refused(reason) => bail!("cell '{}': {reason}", name.as_str()),
         answer => Ok((name, answer)),
     }
@@ -47,6 +69,17 @@ pub fn status(cell: Option<&str>) -> Result<Status> {
     match request(cell, &Request::Status {})?.1 {
         Answer::Status(status) => Ok(*status),
         _ => bail!("the cell gave no status"),
+    }
+}
+
+/// What was done when in the last cycles.
+///
+/// # Errors
+/// No such cell, or none that answers.
+pub fn spans(cell: Option<&str>) -> Result<Vec<SpanRow>> {
+    match request(cell, &Request::Spans {})?.1 {
+        Answer::Spans(rows) => Ok(rows),
+        _ => bail!("the cell gave no spans"),
     }
 }
 

@@ -51,6 +51,8 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         keep: Kept::Hashes,
         cell: Some(args.cell.clone()),
         metrics: None,
+        serve: false,
+        trace: None,
     };
     // The only place where the truth of the scene is looked at; what measures never sees it.
     let truth = kernels::scene(&rig::config::Config::load(&config)?)?.truth().clone();

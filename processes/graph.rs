@@ -98,9 +98,10 @@ fn recipes(config: &Config) -> Result<Vec<Recipe>> {
         None => config.recipes.is_empty().then_some(None),
     };
     let first = first.map(|plan| Ok(Recipe { name: DEFAULT_RECIPE.to_owned(), plan }));
-    let further = config.recipes.iter().map(|recipe| {
-        Ok(Recipe { name: recipe.name.clone(), plan: parse(&recipe.plan)? })
-    });
+    let further = config
+        .recipes
+        .iter()
+        .map(|recipe| Ok(Recipe { name: recipe.name.clone(), plan: parse(&recipe.plan)? }));
     first.into_iter().chain(further).collect()
 }
 

@@ -5,12 +5,14 @@
 
 mod capture;
 mod client;
+mod control;
 mod decode;
 mod demo;
 mod fusion;
 mod inspection;
 mod matching;
 mod output;
+mod plan_picture;
 mod plan_table;
 mod print;
 mod projection;
@@ -20,6 +22,7 @@ mod stage;
 mod stages;
 mod status;
 mod supervisor;
+mod trigger;
 
 // What the processes compute lies in the library, where `fringetool replay` finds it too.
 use flow::{cycle_number, drivers, graph, judgement, kernels, schedule};
@@ -27,7 +30,6 @@ use flow::{cycle_number, drivers, graph, judgement, kernels, schedule};
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::io::IsTerminal;
-use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// The input cannot be used.
@@ -50,12 +52,11 @@ enum Command {
     /// Run a cell.
     Run(run::RunArgs),
     /// Print the static schedule of a cell, or why it cannot run.
-    Schedule {
-        /// Configuration of the cell.
-        config: PathBuf,
-    },
+    Schedule(plan_table::ScheduleArgs),
     /// Say how a running cell is.
     Status(status::StatusArgs),
+    /// Have a cell that serves inspect a part. Exits with 0 when it passes, 1 when not, 2 when the request is refused.
+    Trigger(trigger::TriggerArgs),
     /// Restart a stage of a running cell.
     Restart {
         /// Name of the stage, as in `status`.
@@ -91,11 +92,9 @@ fn execute(command: &Command) -> Result<u8> {
         Command::Demo(args) => return demo::demo(args),
         Command::Run(args) => return run::run(args, None),
         Command::Stage(args) => return stages::run(args).map(|()| 0),
-        Command::Schedule { config } => {
-            let cell = graph::load(config, &graph::Options::default())?;
-            plan_table::render(&cell)
-        }
+        Command::Schedule(args) => plan_table::schedule(args)?,
         Command::Status(args) => return status::status(args).map(|()| 0),
+        Command::Trigger(args) => return trigger::trigger(args),
         Command::Restart { stage, cell } => client::restart(cell.as_deref(), stage)?,
         Command::Stop { cell } => client::stop(cell.as_deref())?,
     };

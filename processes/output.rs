@@ -7,7 +7,7 @@ use crate::supervisor::collect::Span;
 use crate::supervisor::watch::Watch;
 use anyhow::Result;
 use fringe::cloud::Point;
-use fringe::inspection::evaluate;
+use fringe::inspection::{Plan, evaluate};
 use fringe::phase::PhaseView;
 use ipc::payload;
 use rig::atomic;
@@ -45,9 +45,7 @@ pub struct Run<'a> {
 
 /// Writes cloud, trace and report.
 pub fn files(folder: &Path, run: &Run) -> Result<()> {
-    let stages: Vec<&str> = run.cell.schedule.stages.iter().map(|s| s.name.as_str()).collect();
-    let spans: Vec<TraceSpan> = run.spans.iter().filter_map(|span| trace_span(run.cell, span)).collect();
-    write_trace(&folder.join("trace.json"), &stages, &spans)?;
+    trace(&folder.join("trace.json"), run.cell, run.spans)?;
     let points = match &run.watch.cloud {
         Some(cloud) => payload::points(cloud.header(), cloud.payload())?,
         None => &[],
@@ -67,6 +65,13 @@ pub fn files(folder: &Path, run: &Run) -> Result<()> {
     report(folder, run, points)
 }
 
+/// Writes when each stage did what.
+pub fn trace(file: &Path, cell: &Cell, spans: &[Span]) -> Result<()> {
+    let stages: Vec<&str> = cell.schedule.stages.iter().map(|s| s.name.as_str()).collect();
+    let spans: Vec<TraceSpan> = spans.iter().filter_map(|span| trace_span(cell, span)).collect();
+    Ok(write_trace(file, &stages, &spans)?)
+}
+
 fn trace_span(cell: &Cell, span: &Span) -> Option<TraceSpan> {
     let activation = cell.schedule.activations.get(span.activation)?;
     Some(TraceSpan {
@@ -83,27 +88,25 @@ fn report(folder: &Path, run: &Run, points: &[Point]) -> Result<()> {
     let Some(last) = run.results.last() else { return Ok(()) };
     let ok = last.outcome == OUTCOME_OK;
     let cell = run.cell;
+    let plan = plan_of(cell, last);
     let captions: Vec<(String, PhaseView)> = if ok { phase_maps(run, last.cycle)? } else { Vec::new() };
-    let deviations = if ok { deviations(cell, points) } else { Vec::new() };
+    let deviations = if ok { deviations(plan, points) } else { Vec::new() };
     let mut features: Vec<FeatureRow> = last.features.iter().map(FeatureRow::from).collect();
     for row in &mut features {
         row.truth = run.truth.and_then(|t| t.get(&row.name)).filter(|t| t.unit == row.unit).map(|t| t.value);
     }
     let input = ReportInput {
         cell: cell.name.clone(),
-        part: cell.plan.as_ref().map_or_else(|| "no inspection plan".to_owned(), |p| p.name.clone()),
+        part: plan.map_or_else(|| "no inspection plan".to_owned(), |p| p.name.clone()),
         date: rig::clock::utc_now(),
         software_version: format!("fringecell {}", env!("CARGO_PKG_VERSION")),
         rig_hash: cell.config.rig_sha256.clone(),
-        plan_id: cell.plan.as_ref().map(|p| p.name.clone()).unwrap_or_default(),
+        plan_id: plan.map(|p| p.name.clone()).unwrap_or_default(),
         details: vec![("Configuration".into(), cell.config.sha256.clone())],
         verdict: last.verdict.map_or(Verdict::NoResult, Verdict::from),
         reason: if ok { String::new() } else { last.outcome.clone() },
         coverage_factor: Some(2.0),
-        decision_rule: cell
-            .plan
-            .as_ref()
-            .map_or_else(String::new, |p| decision_rule(p.settings.guard_factor)),
+        decision_rule: plan.map_or_else(String::new, |p| decision_rule(p.settings.guard_factor)),
         features,
         camera_views: if ok { camera_views(run, last.cycle) } else { Vec::new() },
         phase_maps: captions.iter().map(|(caption, phase)| PhasePicture { caption, phase: *phase }).collect(),
@@ -135,13 +138,19 @@ const UNCERTAINTY_NOTE: &str = "Uncertainties hold the scatter of the points and
 const TRUTH_NOTE: &str = "The part is simulated. The column truth is known to the simulator only; nothing that \
     measured has seen it.";
 
+/// The plan of the recipe that a cycle was inspected with.
+fn plan_of<'a>(cell: &'a Cell, result: &CycleResult) -> Option<&'a Plan> {
+    let name = result.more.get("recipe").and_then(serde_json::Value::as_str);
+    cell.recipes.iter().find(|recipe| Some(recipe.name.as_str()) == name)?.plan.as_ref()
+}
+
 fn decision_rule(guard_factor: f64) -> String {
     format!("ISO 14253-1 with a guard band of {guard_factor} standard uncertainties.")
 }
 
 /// Distances of the points from their elements, each point once.
-fn deviations(cell: &Cell, points: &[Point]) -> Vec<(u32, f32)> {
-    let Some(plan) = &cell.plan else { return Vec::new() };
+fn deviations(plan: Option<&Plan>, points: &[Point]) -> Vec<(u32, f32)> {
+    let Some(plan) = plan else { return Vec::new() };
     let mut all: Vec<(u32, f32)> = evaluate(plan, points)
         .elements
         .iter()

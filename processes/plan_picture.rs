@@ -160,7 +160,9 @@ impl Picture {
     fn dependencies(&self, svg: &mut String, schedule: &Schedule, scale: f64) {
         let middle = |stage: usize| TOP_PX + ROW_PX * (stage as f64 + 0.5);
         for (activation, bar) in schedule.activations.iter().zip(&self.bars) {
-            for &input in activation.inputs.iter().filter(|&&i| schedule.activations[i].stage != activation.stage) {
+            for &input in
+                activation.inputs.iter().filter(|&&i| schedule.activations[i].stage != activation.stage)
+            {
                 let _ = writeln!(
                     svg,
                     "<line x1=\"{:.2}\" y1=\"{:.1}\" x2=\"{:.2}\" y2=\"{:.1}\" stroke=\"#bbb\" stroke-width=\"0.6\"/>",
@@ -188,7 +190,12 @@ fn durations(schedule: &Schedule, result: &CycleResult) -> Result<Vec<f64>> {
         names(planned)
     );
     let mean = |stage: &rig::result::StageResult| {
-        ensure!(stage.activations > 0, "stage {} did nothing in cycle {}; give the result of a cycle that is ok", stage.name, result.cycle);
+        ensure!(
+            stage.activations > 0,
+            "stage {} did nothing in cycle {}; give the result of a cycle that is ok",
+            stage.name,
+            result.cycle
+        );
         Ok((stage.compute_ns + stage.send_ns) as f64 / 1e6 / f64::from(stage.activations))
     };
     result.stages.iter().map(mean).collect()
@@ -249,7 +256,11 @@ fn legend(svg: &mut String, height: f64) {
 /// The next of 1, 2, 5, 10, …
 fn tick(least: f64) -> f64 {
     let decade = 10_f64.powf(least.log10().floor());
-    [1.0, 2.0, 5.0, 10.0].map(|step| step * decade).into_iter().find(|&step| step >= least).unwrap_or(10.0 * decade)
+    [1.0, 2.0, 5.0, 10.0]
+        .map(|step| step * decade)
+        .into_iter()
+        .find(|&step| step >= least)
+        .unwrap_or(10.0 * decade)
 }
 
 fn escape(text: &str) -> String {
@@ -262,7 +273,8 @@ mod tests {
 
     #[test]
     fn ticks_are_round_numbers_and_not_too_many() {
-        for (least, step) in [(0.9, 1.0), (1.0, 1.0), (1.1, 2.0), (26.0, 50.0), (0.03, 0.05), (600.0, 1000.0)] {
+        for (least, step) in [(0.9, 1.0), (1.0, 1.0), (1.1, 2.0), (26.0, 50.0), (0.03, 0.05), (600.0, 1000.0)]
+        {
             assert!((tick(least) / step - 1.0).abs() < 1e-12, "{least}: {}", tick(least));
         }
     }

@@ -1,11 +1,47 @@
 //! `fringecell schedule`: the plan of a cycle as a table.
 
-use crate::graph::Cell;
+use crate::graph::{self, Cell};
+use crate::plan_picture::Picture;
 use crate::schedule::label;
+use anyhow::{Context, Result};
+use rig::atomic;
+use rig::result::read_json;
 use std::fmt::Write as _;
+use std::path::PathBuf;
+
+/// Arguments of `schedule`.
+#[derive(Debug, Clone, clap::Args)]
+pub struct ScheduleArgs {
+    /// Configuration of the cell.
+    pub config: PathBuf,
+    /// The plan as a drawing.
+    #[arg(long, value_name = "FILE.svg")]
+    pub picture: Option<PathBuf>,
+    /// The result.json of a cycle of this cell: the picture takes the durations from it.
+    #[arg(long, value_name = "FILE")]
+    pub result: Option<PathBuf>,
+}
+
+/// Plans a cell; returns tables and picture.
+///
+/// # Errors
+/// A cell that cannot be planned, a result of another one, a place that cannot be written.
+pub fn schedule(args: &ScheduleArgs) -> Result<String> {
+    let cell = graph::load(&args.config, &graph::Options::default())?;
+    let measured = args.result.as_ref().map(|file| read_json(file)).transpose()?;
+    let picture = Picture::new(&cell.schedule, measured.as_ref());
+    let picture = match &args.result {
+        Some(file) => picture.with_context(|| file.display().to_string())?,
+        None => picture?,
+    };
+    if let Some(file) = &args.picture {
+        atomic::write(file, picture.svg(&cell).as_bytes())?;
+    }
+    Ok(format!("{}\n{}", render(&cell), picture.text(&cell)))
+}
 
 /// The order of the activations on each core, then the topics with their buffers. The same config gives the same text.
-pub fn render(cell: &Cell) -> String {
+fn render(cell: &Cell) -> String {
     let schedule = &cell.schedule;
     let mut text = format!(
         "cell {}: {} stages, {} activations on {} cores, deadline {} ms, a stage's budget {} ms\n",

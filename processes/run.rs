@@ -42,6 +42,12 @@ pub struct RunArgs {
     /// Another name, to run one configuration several times at once.
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
+    /// Wait for jobs (`fringecell trigger`, docs/control.md) instead of running cycles.
+    #[arg(long, conflicts_with = "cycles")]
+    pub serve: bool,
+    /// Write when each stage did what in the last cycles to this file, for ui.perfetto.dev.
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
     /// Answer Prometheus at this address, as in 127.0.0.1:9464; port 0: any that is free.
     #[arg(long, value_name = "ADDRESS:PORT")]
     pub metrics: Option<SocketAddr>,
@@ -70,7 +76,8 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     let orders = Orders {
         interrupted: Arc::clone(&interrupted),
         config,
-        cycles: cycles(args, &cell),
+        cycles: if args.serve { None } else { cycles(args, &cell) },
+        serve: args.serve,
         record: record_folder(args)?,
         cycle_record: args.cycle_record.clone(),
         metrics: args.metrics,
@@ -105,7 +112,10 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     if let Some(error) = summary.unrecorded {
         return Err(error);
     }
-    Ok(exit_code(&summary, orders.cycles))
+    if let Some(file) = &args.trace {
+        output::trace(file, &cell, &summary.spans)?;
+    }
+    Ok(exit_code(&summary, &orders))
 }
 
 /// A recording that does not begin again has one cycle.
@@ -139,12 +149,16 @@ fn tell(cell: &Cell, results: &[CycleResult], truth: Option<&Truth>) {
     }
 }
 
-fn exit_code(summary: &Summary, requested: Option<u64>) -> u8 {
+fn exit_code(summary: &Summary, orders: &Orders) -> u8 {
     if let Some(reason) = &summary.held {
         eprintln!("the cell gave up: {reason}");
         return 1;
     }
+    if orders.serve {
+        // Who asked for a part has its result; that a part failed is no failure of the cell.
+        return 0;
+    }
     // A cell that runs until stopped was not cut short by being stopped; its last cycle was.
-    let cut = u64::from(summary.stopped && requested.is_none());
+    let cut = u64::from(summary.stopped && orders.cycles.is_none());
     u8::from(summary.not_ok > cut || summary.not_pass > 0)
 }

@@ -3,9 +3,10 @@
 use crate::client;
 use crate::print;
 use crate::supervisor::profile::Percentiles;
-use crate::supervisor::socket::{StageStatus, Status};
+use crate::supervisor::protocol::{StageStatus, Status};
 use anyhow::Result;
 use rig::result::write_json;
+use rig::trace::{TraceSpan, write_trace};
 use std::fmt::Write as _;
 use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
@@ -20,9 +21,15 @@ const WIDE: usize = 120;
 /// Arguments of `status`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct StatusArgs {
-    /// Which cell, if several run.
-    #[arg(long, value_name = "NAME")]
+    /// Which cell, if several run: its name or its configuration.
+    #[arg(value_name = "CELL")]
+    pub which: Option<String>,
+    /// The same.
+    #[arg(long, value_name = "NAME", conflicts_with = "which")]
     pub cell: Option<String>,
+    /// Write when each stage did what in the last cycles to this file, for ui.perfetto.dev.
+    #[arg(long, value_name = "FILE", conflicts_with = "json")]
+    pub trace: Option<PathBuf>,
     /// As JSON, to a file or, with - or no name, to standard output.
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     pub json: Option<PathBuf>,
@@ -36,7 +43,11 @@ pub struct StatusArgs {
 /// # Errors
 /// No such cell, or none that answers.
 pub fn status(args: &StatusArgs) -> Result<()> {
-    let mut status = client::status(args.cell.as_deref())?;
+    let which = client::named(args.cell.as_deref().or(args.which.as_deref()))?;
+    if let Some(file) = &args.trace {
+        return trace(file, which.as_deref());
+    }
+    let mut status = client::status(which.as_deref())?;
     match &args.json {
         Some(file) if file == Path::new("-") => print::say(&serde_json::to_string_pretty(&status)?),
         Some(file) => write_json(file, &status)?,
@@ -56,6 +67,29 @@ pub fn status(args: &StatusArgs) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Writes the spans of the last cycles.
+fn trace(file: &Path, cell: Option<&str>) -> Result<()> {
+    let rows = client::spans(cell)?;
+    let mut stages: Vec<&str> = Vec::new();
+    for row in &rows {
+        if !stages.contains(&row.stage.as_str()) {
+            stages.push(&row.stage);
+        }
+    }
+    let spans: Vec<TraceSpan> = rows
+        .iter()
+        .map(|row| TraceSpan {
+            stage: stages.iter().position(|stage| *stage == row.stage).unwrap_or_default(),
+            name: row.name.clone(),
+            cycle: row.cycle,
+            wait_ns: row.wait_ns,
+            start_ns: row.start_ns,
+            end_ns: row.end_ns,
+        })
+        .collect();
+    Ok(write_trace(file, &stages, &spans)?)
 }
 
 /// Draws over what it drew before.
@@ -128,10 +162,11 @@ fn head(status: &Status) -> String {
     let rate = status.cycles_per_minute.map_or_else(|| "–".to_owned(), |r| format!("{r:.1}"));
     let o = &status.outcomes;
     let mut text = format!(
-        "cell '{}', pid {}: {now}, {}{of} done, {rate} per minute\n\
+        "cell '{}', pid {}: {:?}, {now}, {}{of} done, {rate} per minute\n\
          pass {}  indeterminate {}  fail {}  no verdict {}  not ok {}  deadline misses {}\n",
         status.cell,
         status.pid,
+        status.state,
         status.cycles_done,
         o.pass,
         o.indeterminate,

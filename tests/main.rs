@@ -12,6 +12,7 @@
 //! - [`rig_state`]: a rig file against what its cameras see, and against other programs
 //! - [`adversity`]: no memory, no room, nobody who reads, another cell beside
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
+//! - [`control`]: a cell that takes jobs: states, recipes, refusals, metrics
 //! - [`uncertainty`]: budgets in, table, JSON and report out
 //! - [`acceptance_report`]: every format from one result of an acceptance test
 //! - [`golden_cells`]: the printed cells of the thesis' tables, recomputed
@@ -32,6 +33,7 @@ mod calibrate_bad;
 mod cell;
 mod charuco;
 mod compare;
+mod control;
 mod fits;
 mod focus;
 mod gamma;

@@ -47,14 +47,28 @@ fn table() -> Vec<(Event, Row)> {
         [to(state), to(state), to(state), running, running, to(state), to(state)]
     };
     let (single, continuous) = (to(SingleExecution), to(ContinuousExecution));
-    let reset =
-        [to(Preoperational), to(Ready), to(Ready), Ok((Ready, AbortCycle)), Ok((Ready, AbortCycle)), to(Ready)];
+    let reset = [
+        to(Preoperational),
+        to(Ready),
+        to(Ready),
+        Ok((Ready, AbortCycle)),
+        Ok((Ready, AbortCycle)),
+        to(Ready),
+    ];
     let [r0, r1, r2, r3, r4, r5] = reset;
     vec![
         (Event::StagesUp, [to(Ready), to(Initialized), to(Ready), single, continuous, to(Halted), to(Error)]),
         (
             Event::StagesDown,
-            [to(Preoperational), to(Preoperational), to(Preoperational), single, continuous, to(Halted), to(Error)],
+            [
+                to(Preoperational),
+                to(Preoperational),
+                to(Preoperational),
+                single,
+                continuous,
+                to(Halted),
+                to(Error),
+            ],
         ),
         (Event::Fault, all(Error, AbortCycle)),
         (
@@ -71,7 +85,10 @@ fn table() -> Vec<(Event, Row)> {
         ),
         (Event::Prepare { recipe: 1 }, [starting, to(Ready), to(Ready), single, continuous, halted, error]),
         (Event::Prepare { recipe: 9 }, [starting, absent, absent, absent, absent, halted, error]),
-        (Event::Unprepare { recipe: 1 }, [starting, to(Initialized), to(Ready), single, continuous, halted, error]),
+        (
+            Event::Unprepare { recipe: 1 },
+            [starting, to(Initialized), to(Ready), single, continuous, halted, error],
+        ),
         (
             Event::Unprepare { recipe: 0 },
             [starting, to(Initialized), to(Ready), Err(Refusal::InUse), Err(Refusal::InUse), halted, error],
@@ -110,11 +127,7 @@ fn every_state_answers_every_event_as_the_table_says() {
             let mut machine = machine_in(state);
             let before = machine.clone();
             let answer = machine.handle(event);
-            assert_eq!(
-                answer.map(|action| (machine.state(), action)),
-                expected,
-                "{state:?} × {event:?}"
-            );
+            assert_eq!(answer.map(|action| (machine.state(), action)), expected, "{state:?} × {event:?}");
             if answer.is_err() {
                 assert_eq!(machine, before, "a refusal changes nothing: {state:?} × {event:?}");
             }

@@ -126,6 +126,12 @@ impl StageProcess {
         Some(self.epitaph(status))
     }
 
+    /// Starts a stage that was given up again, its earlier failures forgiven.
+    pub fn revive(&mut self) {
+        self.restarts.forgive();
+        self.life = Life::Waiting { until_ns: 0 };
+    }
+
     /// Decides what follows after an end that nobody asked for.
     pub fn failed(&mut self, now_ns: u64) {
         self.life = match self.restarts.failed(now_ns) {

@@ -156,7 +156,8 @@ impl Desk {
 
     fn check(&self, part: Option<&str>) -> Result<(), Answer> {
         if !self.serves {
-            let reason = "the cell runs its cycles by itself; start it with `fringecell run --serve` to give it jobs";
+            let reason =
+                "the cell runs its cycles by itself; start it with `fringecell run --serve` to give it jobs";
             return Err(Answer::Refused(reason.into()));
         }
         match part {

@@ -3,7 +3,8 @@
 //! It runs beside the cell, never in its way: own threads, a bounded number of them, every wait with a limit.
 
 use super::metrics::CONTENT_TYPE;
-use super::socket::{Answer, Call, Request};
+use super::protocol::{Answer, Request};
+use super::socket::Call;
 use anyhow::{Context, Result};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};

@@ -3,7 +3,7 @@
 //! Names follow the conventions of Prometheus: base units, `_total` for counters, one line of help and type a family.
 
 use super::profile::{BOUNDS_NS, Profile, StageProfile, Timing};
-use super::socket::Status;
+use super::protocol::{StageStatus, Status};
 use std::fmt::Write as _;
 
 /// The content type of the format.
@@ -121,7 +121,7 @@ fn cycles(text: &mut String, status: &Status, profile: &Profile) {
 }
 
 fn stages(text: &mut String, status: &Status) {
-    type Pick = fn(&super::socket::StageStatus) -> f64;
+    type Pick = fn(&StageStatus) -> f64;
     let families: [(&'static str, &str, &str, Pick); 9] = [
         ("fringecell_stage_up", "gauge", "1 while the stage is up.", |s| {
             f64::from(u8::from(s.state == "up"))

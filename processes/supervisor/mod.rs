@@ -6,12 +6,14 @@
 mod children;
 pub mod collect;
 pub mod cycle;
+mod desk;
 mod http;
 mod keep;
 mod metrics;
 mod operator;
 mod privileges;
 pub mod profile;
+pub mod protocol;
 pub mod restart;
 pub mod socket;
 mod start;

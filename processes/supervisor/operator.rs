@@ -1,34 +1,110 @@
-//! What a person asks of a running cell: the interrupt key, `status`, `restart`, `stop`.
+//! What people, scripts and gateways ask of a running cell.
 
+use super::children::Life;
 use super::cycle::Input;
 use super::metrics;
-use super::socket::{Answer, Request, StageStatus, Status};
+use super::protocol::{Answer, Request, SpanRow, StageStatus, Status};
 use super::state::Supervisor;
+use crate::control::{Action, Event, State};
+use crate::schedule::label;
 use anyhow::Result;
 use ipc::os::now_ns;
 use rig::result::CycleResult;
 use std::sync::atomic::Ordering;
+use std::sync::mpsc::Sender;
+
+/// Spans that an answer may hold: some ten cycles of a large cell, a megabyte of JSON.
+const MAX_SPANS: usize = 5000;
 
 impl Supervisor<'_> {
-    /// Does what the operator asks.
+    /// Does what is asked.
     pub(super) fn obey(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         if self.interrupted.load(Ordering::SeqCst) {
             self.stop(each)?;
         }
+        self.follow();
         while let Ok((request, reply)) = self.requests.try_recv() {
-            let answer = match request {
-                Request::Status {} => Answer::Status(Box::new(self.status())),
-                Request::Metrics {} => Answer::Metrics(metrics::render(&self.status(), &self.profile)),
-                Request::Restart { stage } => self.restart(&stage),
-                Request::Stop {} => {
-                    self.stop(each)?;
-                    Answer::Done("stopping".into())
-                }
-            };
-            // A person who went away needs no answer.
-            let _ = reply.send(answer);
+            self.answer(request, reply, each)?;
         }
         Ok(())
+    }
+
+    /// Tells the control states whether all stages stand.
+    fn follow(&mut self) {
+        let up = self.cycles.is_ready();
+        if std::mem::replace(&mut self.was_ready, up) != up {
+            self.desk.stages(if up { Event::StagesUp } else { Event::StagesDown });
+        }
+    }
+
+    fn answer(
+        &mut self,
+        request: Request,
+        reply: Sender<Answer>,
+        each: &mut dyn FnMut(&CycleResult),
+    ) -> Result<()> {
+        let (action, answer) = match request {
+            Request::Inspect { part, recipe } => {
+                let action = self.desk.inspect(part, recipe.as_deref(), reply);
+                return self.act(action, each);
+            }
+            Request::Start { recipe, cycles } => self.desk.start(recipe.as_deref(), cycles),
+            Request::Finish {} => self.desk.simply(Event::Finish, "the job ends after its cycle"),
+            Request::Abort {} => self.desk.simply(Event::Abort, "the job was ended"),
+            Request::Halt {} => self.desk.simply(Event::Halt, "halted"),
+            Request::Reset {} => self.desk.simply(Event::Reset, "reset"),
+            Request::Prepare { recipe } => (Action::None, self.desk.select(&recipe, true)),
+            Request::Unprepare { recipe } => (Action::None, self.desk.select(&recipe, false)),
+            Request::State {} => (Action::None, Answer::State(self.desk.report())),
+            Request::Status {} => (Action::None, Answer::Status(Box::new(self.status()))),
+            Request::Metrics {} => {
+                (Action::None, Answer::Metrics(metrics::render(&self.status(), &self.profile)))
+            }
+            Request::Spans {} => (Action::None, Answer::Spans(self.last_spans())),
+            Request::Restart { stage } => (Action::None, self.restart(&stage)),
+            Request::Stop {} => {
+                self.stop(each)?;
+                (Action::None, Answer::Done("stopping".into()))
+            }
+        };
+        // A client that went away needs no answer.
+        let _ = reply.send(answer);
+        self.act(action, each)
+    }
+
+    /// Does what the control states want.
+    pub(super) fn act(&mut self, action: Action, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
+        match action {
+            Action::None => Ok(()),
+            Action::StartCycle { .. } => self.feed(Input::Request, each),
+            Action::AbortCycle => self.feed(Input::Abort { reason: self.ending().into() }, each),
+            Action::Revive => {
+                for child in self.children.iter_mut().filter(|child| child.life == Life::Held) {
+                    child.revive();
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Why a cycle was ended from outside.
+    fn ending(&self) -> &'static str {
+        match self.desk.state() {
+            State::Halted => "halted by the operator",
+            State::Error => "the cell is in error",
+            _ => "aborted by the operator",
+        }
+    }
+
+    /// A stage failed too often. A run that goes on by itself ends; a cell that serves says so until it is reset.
+    pub(super) fn give_up(&mut self, reason: String, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
+        let action = self.desk.fault(&reason);
+        if self.desk.serves() {
+            tracing::error!("{reason}");
+            return self.act(action, each);
+        }
+        self.tally.held = Some(reason.clone());
+        self.feed(Input::Stop { reason }, each)
     }
 
     fn stop(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
@@ -50,6 +126,23 @@ impl Supervisor<'_> {
         }
     }
 
+    fn last_spans(&self) -> Vec<SpanRow> {
+        let schedule = &self.cell.schedule;
+        let last = self.spans.len().saturating_sub(MAX_SPANS);
+        let rows = self.spans[last..].iter().filter_map(|span| {
+            let activation = schedule.activations.get(span.activation)?;
+            Some(SpanRow {
+                stage: schedule.stages[activation.stage].name.clone(),
+                name: label(&self.cell.graph, activation.work),
+                cycle: span.cycle,
+                wait_ns: span.wait_ns,
+                start_ns: span.start_ns,
+                end_ns: span.end_ns,
+            })
+        });
+        rows.collect()
+    }
+
     fn status(&self) -> Status {
         let now = now_ns();
         let profile = &self.profile;
@@ -68,6 +161,7 @@ impl Supervisor<'_> {
         Status {
             cell: self.cell.name.clone(),
             pid: std::process::id(),
+            state: self.desk.state(),
             cycle: self.cycles.running(),
             cycles_done: self.tally.done,
             cycles_ok: self.tally.ok,

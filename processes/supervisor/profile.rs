@@ -193,8 +193,8 @@ impl Profile {
         self.running = Some((cycle, now_ns));
     }
 
-    /// A cycle has its outcome. Those that never ran count as outcomes and have no times.
-    pub fn end(&mut self, result: &CycleResult, now_ns: u64) {
+    /// A cycle has its outcome; returns how long it lasted, ns. Those that never ran count as outcomes and have no times.
+    pub fn end(&mut self, result: &CycleResult, now_ns: u64) -> Option<u64> {
         let ok = result.outcome == OUTCOME_OK;
         let place = match result.verdict {
             _ if !ok => &mut self.outcomes.not_ok,
@@ -204,7 +204,7 @@ impl Profile {
             None => &mut self.outcomes.no_verdict,
         };
         *place += 1;
-        let Some((_, start_ns)) = self.running.take_if(|(cycle, _)| *cycle == result.cycle) else { return };
+        let (_, start_ns) = self.running.take_if(|(cycle, _)| *cycle == result.cycle)?;
         let lasted_ns = now_ns.saturating_sub(start_ns);
         self.deadline_misses += u64::from(lasted_ns > self.deadline_ns);
         if self.ends_ns.len() == RATE_CYCLES {
@@ -221,6 +221,7 @@ impl Profile {
                 self.latency.record(latency_ns);
             }
         }
+        Some(lasted_ns)
     }
 
     /// Cycles per minute of the last cycles; absent before the second one.

@@ -56,6 +56,11 @@ impl Restarts {
         Verdict::RestartAt(now_ns.saturating_add(pause_ns))
     }
 
+    /// Somebody removed the cause: the window begins anew.
+    pub fn forgive(&mut self) {
+        self.recent_ns.clear();
+    }
+
     /// Failures since the start of the cell.
     pub fn total(&self) -> u32 {
         self.total

@@ -1,107 +1,29 @@
-//! The socket over which `status`, `restart` and `stop` reach a running cell: one JSON object per line each way.
+//! The socket over which people, scripts and PLC gateways reach a running cell: one JSON object per line each way, any
+//! number of lines per connection. Nothing that a client does or leaves undone blocks the cell or another client.
 
-use super::profile::{Outcomes, Percentiles};
+use super::protocol::{Answer, Request};
 use anyhow::{Context, Result, bail};
-use rig::result::StageResult;
-use serde::{Deserialize, Serialize};
-use std::io::{BufRead, BufReader, Read, Write};
+use serde::Serialize;
+use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, channel};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Longest request, bytes.
-const MAX_REQUEST: u64 = 4096;
+const MAX_REQUEST: usize = 4096;
 
-/// How long either side waits for the other. The supervisor looks every 20 ms.
+/// Clients at once; each costs a thread.
+const MAX_CLIENTS: usize = 32;
+
+/// How long either side waits for the other: the end of a line, room for an answer, the supervisor, which looks every
+/// 20 ms. Only an inspection takes as long as its cycle.
 const TIMEOUT: Duration = Duration::from_secs(10);
 
-/// What a person asks of a cell.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(tag = "command", rename_all = "lowercase", deny_unknown_fields)]
-pub enum Request {
-    /// How it is.
-    Status {},
-    /// The same in the Prometheus text format.
-    Metrics {},
-    /// Kill a stage and start it again.
-    Restart {
-        /// Name in the schedule.
-        stage: String,
-    },
-    /// End the run.
-    Stop {},
-}
-
-/// What the cell answers.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Answer {
-    /// How it is.
-    Status(Box<Status>),
-    /// In the Prometheus text format.
-    Metrics(String),
-    /// Done.
-    Done(String),
-    /// Not done, and why.
-    Refused(String),
-}
-
-/// How a cell is.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Status {
-    /// Name.
-    pub cell: String,
-    /// Process of the supervisor.
-    pub pid: u32,
-    /// The cycle that runs.
-    pub cycle: Option<u64>,
-    /// Cycles with an outcome.
-    pub cycles_done: u64,
-    /// Of these, ok.
-    pub cycles_ok: u64,
-    /// Cycles asked for; absent: until stopped.
-    pub cycles_requested: Option<u64>,
-    /// Of the last cycles; absent before the second one.
-    pub cycles_per_minute: Option<f64>,
-    /// Cycles by what became of them.
-    pub outcomes: Outcomes,
-    /// Cycles that were not done within their deadline.
-    pub deadline_misses: u64,
-    /// From start to outcome, of the last cycles that were ok.
-    pub cycle_time: Percentiles,
-    /// From the last frame to the verdict, of the same.
-    pub latency: Percentiles,
-    /// The last cycle that was not ok, and why.
-    pub last_failure: Option<(u64, String)>,
-    /// In the order of the schedule.
-    pub stages: Vec<StageStatus>,
-}
-
-/// How a stage is.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct StageStatus {
-    /// Name.
-    pub name: String,
-    /// Process, while there is one.
-    pub pid: Option<u32>,
-    /// `up`, `starting`, …
-    pub state: String,
-    /// Failures since the start of the cell.
-    pub restarts: u32,
-    /// Since it last said anything, ms.
-    pub silent_ms: u64,
-    /// Cycles that `total` is the sum of.
-    pub cycles: u64,
-    /// Waiting for input, per cycle.
-    pub wait: Percentiles,
-    /// Computing, per cycle.
-    pub compute: Percentiles,
-    /// Handing outputs over, per cycle.
-    pub send: Percentiles,
-    /// What it did and used since the start of the cell.
-    pub total: StageResult,
-}
+/// A client that says nothing for so long is asked to come again, so that forgotten connections do not use up the places.
+const IDLE: Duration = Duration::from_secs(600);
 
 /// A request with the way back.
 pub type Call = (Request, Sender<Answer>);
@@ -109,43 +31,119 @@ pub type Call = (Request, Sender<Answer>);
 /// Listens on a socket and hands requests on.
 pub fn listen(path: &Path, calls: Sender<Call>) -> Result<()> {
     let listener = UnixListener::bind(path).with_context(|| format!("listening on {}", path.display()))?;
+    let clients = Arc::new(AtomicUsize::new(0));
     std::thread::spawn(move || {
         for stream in listener.incoming().filter_map(Result::ok) {
-            let calls = calls.clone();
+            if clients.fetch_add(1, Ordering::SeqCst) >= MAX_CLIENTS {
+                clients.fetch_sub(1, Ordering::SeqCst);
+                // An empty socket takes a line at once; a client that went away needs none.
+                let _ = write(
+                    &stream,
+                    &refused(format!("{MAX_CLIENTS} clients are connected, which is the limit")),
+                );
+                continue;
+            }
+            let (calls, clients) = (calls.clone(), Arc::clone(&clients));
             std::thread::spawn(move || {
-                // A person who went away needs no answer.
+                // A client that went away needs no answer.
                 let _ = serve(&stream, &calls);
+                clients.fetch_sub(1, Ordering::SeqCst);
             });
         }
     });
     Ok(())
 }
 
+/// Answers line after line until the client leaves or can no longer be understood.
 fn serve(stream: &UnixStream, calls: &Sender<Call>) -> Result<()> {
-    stream.set_read_timeout(Some(TIMEOUT))?;
-    let mut line = String::new();
-    BufReader::new(stream.take(MAX_REQUEST)).read_line(&mut line)?;
-    let answer = match serde_json::from_str::<Request>(&line) {
-        Ok(request) => {
-            let (reply, answer) = channel();
-            calls.send((request, reply))?;
-            answer.recv_timeout(TIMEOUT)?
+    stream.set_write_timeout(Some(TIMEOUT))?;
+    let mut reader = BufReader::new(stream);
+    loop {
+        match line(&mut reader, stream)? {
+            Line::Text(text) if text.iter().all(u8::is_ascii_whitespace) => {}
+            Line::Text(text) => write(stream, &answer(&text, calls)?)?,
+            Line::End => return Ok(()),
+            // What follows could be the rest of this line as well as a new one.
+            Line::Lost(reason) => return write(stream, &refused(reason)),
         }
-        Err(error) => Answer::Refused(format!("not a request: {error}")),
+    }
+}
+
+fn answer(text: &[u8], calls: &Sender<Call>) -> Result<Answer> {
+    let request = match serde_json::from_slice::<Request>(text) {
+        Ok(request) => request,
+        Err(error) => return Ok(refused(format!("not a request: {error}"))),
     };
-    write(stream, &answer)
+    let inspects = matches!(request, Request::Inspect { .. });
+    let (reply, answer) = channel();
+    calls.send((request, reply))?;
+    // Every cycle has an outcome within its deadline, so this ends.
+    Ok(if inspects { answer.recv()? } else { answer.recv_timeout(TIMEOUT)? })
+}
+
+fn refused(reason: String) -> Answer {
+    Answer::Refused(reason)
+}
+
+/// What a client sent.
+enum Line {
+    Text(Vec<u8>),
+    End,
+    Lost(String),
+}
+
+/// Reads a line. The last one needs no end; half a line, or one that is too long, is not waited for.
+fn line(reader: &mut BufReader<&UnixStream>, stream: &UnixStream) -> Result<Line> {
+    let mut text = Vec::new();
+    let mut begun = Instant::now();
+    loop {
+        let patience = if text.is_empty() { IDLE } else { TIMEOUT };
+        let left = patience.saturating_sub(begun.elapsed()).max(Duration::from_millis(1));
+        stream.set_read_timeout(Some(left))?;
+        let chunk = match reader.fill_buf() {
+            Ok(chunk) => chunk,
+            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => continue,
+            Err(_) if text.is_empty() => {
+                return Ok(Line::Lost("nothing was asked for long; connect again".into()));
+            }
+            Err(_) => return Ok(Line::Lost(format!("no end of the line within {} s", TIMEOUT.as_secs()))),
+        };
+        if chunk.is_empty() {
+            return Ok(if text.is_empty() { Line::End } else { Line::Text(text) });
+        }
+        if text.is_empty() {
+            begun = Instant::now();
+        }
+        let end = chunk.iter().position(|&b| b == b'\n');
+        let used = end.map_or(chunk.len(), |end| end + 1);
+        text.extend_from_slice(&chunk[..end.unwrap_or(used)]);
+        reader.consume(used);
+        if text.len() > MAX_REQUEST {
+            return Ok(Line::Lost(format!("a request has at most {MAX_REQUEST} bytes")));
+        }
+        if end.is_some() {
+            return Ok(Line::Text(text));
+        }
+        if begun.elapsed() > TIMEOUT {
+            return Ok(Line::Lost(format!("no end of the line within {} s", TIMEOUT.as_secs())));
+        }
+    }
 }
 
 fn write<T: Serialize>(mut stream: &UnixStream, value: &T) -> Result<()> {
-    let mut text = serde_json::to_string(value)?;
-    text.push('\n');
-    Ok(stream.write_all(text.as_bytes())?)
+    let mut text = serde_json::to_vec(value)?;
+    text.push(b'\n');
+    Ok(stream.write_all(&text)?)
 }
 
 /// Asks a running cell.
+///
+/// # Errors
+/// No answer, or none that can be understood.
 pub fn ask(path: &Path, request: &Request) -> Result<Answer> {
     let stream = UnixStream::connect(path)?;
-    stream.set_read_timeout(Some(TIMEOUT))?;
+    let inspects = matches!(request, Request::Inspect { .. });
+    stream.set_read_timeout((!inspects).then_some(TIMEOUT))?;
     write(&stream, request)?;
     let mut line = String::new();
     BufReader::new(&stream).read_line(&mut line).context("the cell did not answer")?;
@@ -158,25 +156,97 @@ pub fn ask(path: &Path, request: &Request) -> Result<Answer> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Read;
 
-    #[test]
-    fn requests_travel_and_nonsense_is_refused() {
+    /// A cell that answers every request with its debug text.
+    fn cell() -> (tempfile::TempDir, std::path::PathBuf) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("command");
-        let (calls, requests) = channel();
+        let (calls, requests) = channel::<Call>();
         listen(&path, calls).unwrap();
-        let cell = std::thread::spawn(move || {
-            let (request, reply) = requests.recv().unwrap();
-            reply.send(Answer::Done(format!("{request:?}"))).unwrap();
+        std::thread::spawn(move || {
+            for (request, reply) in requests {
+                let _ = reply.send(Answer::Done(format!("{request:?}")));
+            }
         });
+        (folder, path)
+    }
+
+    fn said(mut stream: &UnixStream) -> String {
+        stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        let mut text = String::new();
+        stream.read_to_string(&mut text).unwrap();
+        text
+    }
+
+    #[test]
+    fn requests_travel_one_after_the_other_over_one_connection() {
+        let (_folder, path) = cell();
         let answer = ask(&path, &Request::Restart { stage: "decode/cam1".into() }).unwrap();
         assert!(matches!(answer, Answer::Done(text) if text.contains("decode/cam1")));
-        cell.join().unwrap();
+        let stream = UnixStream::connect(&path).unwrap();
+        (&stream)
+            .write_all(b"{\"command\":\"status\"}\n\n{\"command\":\"stop\"}\r\n{\"command\":\"state\"}")
+            .unwrap();
+        stream.shutdown(std::net::Shutdown::Write).unwrap();
+        assert_eq!(said(&stream), "{\"done\":\"Status\"}\n{\"done\":\"Stop\"}\n{\"done\":\"State\"}\n");
+    }
 
-        let mut stream = UnixStream::connect(&path).unwrap();
-        stream.write_all(b"{\"command\":\"dance\"}\n").unwrap();
+    #[test]
+    fn nonsense_is_refused_with_its_reason_and_the_connection_stays_usable() {
+        let (_folder, path) = cell();
+        for nonsense in [
+            &b"{\"command\":\"dance\"}"[..],
+            b"{\"command\":\"stop\",\"now\":true}",
+            b"{\"command\":\"inspect\"}",
+            b"[]",
+            b"status",
+            b"\x00\xff\xfe\x80",
+            b"{\"command\":\"inspect\",\"part\":\"\xff\"}",
+            &[b'['; 4000],
+        ] {
+            let stream = UnixStream::connect(&path).unwrap();
+            (&stream).write_all(nonsense).unwrap();
+            (&stream).write_all(b"\n{\"command\":\"stop\"}\n").unwrap();
+            stream.shutdown(std::net::Shutdown::Write).unwrap();
+            let said = said(&stream);
+            let lines: Vec<&str> = said.lines().collect();
+            assert!(lines[0].starts_with("{\"refused\":\"not a request: "), "{said}");
+            assert_eq!(lines[1..], ["{\"done\":\"Stop\"}"], "{said}");
+        }
+    }
+
+    #[test]
+    fn a_line_without_end_is_refused_when_it_is_too_long() {
+        let (_folder, path) = cell();
+        let stream = UnixStream::connect(&path).unwrap();
+        // The cell may close before all of it is written.
+        let _ = (&stream).write_all(&vec![b'x'; 3 * MAX_REQUEST]);
         let mut line = String::new();
         BufReader::new(&stream).read_line(&mut line).unwrap();
-        assert!(line.contains("refused"), "{line}");
+        assert_eq!(line, "{\"refused\":\"a request has at most 4096 bytes\"}\n");
+    }
+
+    #[test]
+    fn too_many_clients_are_told_so_and_the_others_go_on() {
+        let (_folder, path) = cell();
+        let clients: Vec<UnixStream> =
+            (0..MAX_CLIENTS).map(|_| UnixStream::connect(&path).unwrap()).collect();
+        // Half a line in each: none of them keeps the last one from being served.
+        for mut client in &clients[1..] {
+            client.write_all(b"{\"comm").unwrap();
+        }
+        assert!(said(&UnixStream::connect(&path).unwrap()).contains("32 clients are connected"));
+        (&clients[0]).write_all(b"{\"command\":\"stop\"}\n").unwrap();
+        let mut line = String::new();
+        BufReader::new(&clients[0]).read_line(&mut line).unwrap();
+        assert_eq!(line, "{\"done\":\"Stop\"}\n");
+        drop(clients);
+        let begin = Instant::now();
+        while ask(&path, &Request::Stop {}).is_err()
+            || !matches!(ask(&path, &Request::Stop {}), Ok(Answer::Done(_)))
+        {
+            assert!(begin.elapsed() < Duration::from_secs(60), "the places are not given back");
+        }
     }
 }

@@ -19,6 +19,8 @@ pub struct Orders {
     pub config: PathBuf,
     /// Cycles; `None`: until stopped.
     pub cycles: Option<u64>,
+    /// Whether cycles are asked for over the socket instead.
+    pub serve: bool,
     /// Where a recording is written.
     pub record: Option<PathBuf>,
     /// Set when the run shall end.
@@ -44,7 +46,7 @@ pub(super) fn create(node: &Node, topic: &Topic) -> Result<Held, IpcError> {
 }
 
 /// The state machine of the cycles.
-pub(super) fn machine(cell: &Cell, cycles: Option<u64>) -> Cycles {
+pub(super) fn machine(cell: &Cell, orders: &Orders) -> Cycles {
     let order = Order::new(&cell.schedule);
     // What is before it on its core is awaited like what it works on.
     let steps = cell.schedule.activations.iter().zip(order.before).map(|(a, before)| Step {
@@ -56,7 +58,8 @@ pub(super) fn machine(cell: &Cell, cycles: Option<u64>) -> Cycles {
     let budgets =
         Budgets { stage_ns: millis(limits.stage_budget_ms), cycle_ns: millis(limits.cycle_deadline_ms) };
     let names = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
-    Cycles::new(names, steps.collect(), budgets, cycles)
+    let cycles = Cycles::new(names, steps.collect(), budgets, orders.cycles);
+    if orders.serve { cycles.open() } else { cycles }
 }
 
 /// The stages, not started yet.

@@ -3,6 +3,7 @@
 use super::children::{Life, StageProcess};
 use super::collect::{Collector, Span};
 use super::cycle::{Action, Cycles, Input};
+use super::desk::Desk;
 use super::http;
 use super::keep::Keeper;
 use super::profile::Profile;
@@ -85,10 +86,13 @@ pub(super) struct Supervisor<'a> {
     turns: Turns,
     pub(super) requests: Receiver<Call>,
     pub(super) interrupted: Arc<AtomicBool>,
-    spans: Vec<Span>,
+    pub(super) spans: Vec<Span>,
     pub(super) requested: Option<u64>,
     pub(super) tally: Tally,
     pub(super) profile: Profile,
+    pub(super) desk: Desk,
+    /// Whether all stages were ready when it was last asked.
+    pub(super) was_ready: bool,
     ports: Ports,
 }
 
@@ -99,7 +103,7 @@ pub(super) struct Tally {
     pub(super) ok: u64,
     not_pass: u64,
     pub(super) stopped: bool,
-    held: Option<String>,
+    pub(super) held: Option<String>,
     /// The last cycle that was not ok, and why.
     pub(super) last_failure: Option<(u64, String)>,
 }
@@ -133,7 +137,7 @@ impl<'a> Supervisor<'a> {
             watch,
             keeper,
             children: start::children(cell, orders),
-            cycles: start::machine(cell, orders.cycles),
+            cycles: start::machine(cell, orders),
             epoch: 0,
             connecting: false,
             collector: Collector::default(),
@@ -144,6 +148,8 @@ impl<'a> Supervisor<'a> {
             spans: Vec::new(),
             requested: orders.cycles,
             tally: Tally::default(),
+            was_ready: false,
+            desk: Desk::new(cell.recipes.iter().map(|r| r.name.clone()).collect(), orders.serve),
             profile: Profile::new(&stages, start::millis(cell.config.limits.cycle_deadline_ms))?,
             ports: Ports { _held: held, node, _lock: lock },
             cell,
@@ -183,11 +189,15 @@ impl<'a> Supervisor<'a> {
             watch.look()?;
             watch.ended(wire(cycle), outcome.is_ok());
         }
-        let result = self.collector.result(self.cell, cycle, outcome);
+        let mut result = self.collector.result(self.cell, cycle, outcome);
         if let Some(keeper) = &mut self.keeper {
             keeper.end(self.cell, &result, self.collector.events())?;
         }
-        self.profile.end(&result, now_ns());
+        if let Some(duration_ns) = self.profile.end(&result, now_ns()) {
+            result.more.insert("duration_ns".into(), duration_ns.into());
+        }
+        let plan = self.cell.recipes.get(self.desk.recipe()).and_then(|recipe| recipe.plan.as_ref());
+        let next = self.desk.concluded(&mut result);
         self.spans.extend(self.collector.spans(cycle));
         let excess = self.spans.len().saturating_sub(KEPT_SPANS);
         self.spans.drain(..excess);
@@ -198,9 +208,9 @@ impl<'a> Supervisor<'a> {
             self.tally.last_failure = Some((cycle, reason.clone()));
         }
         let pass = result.verdict == Some(rig::result::ResultVerdict::Pass);
-        self.tally.not_pass += u64::from(outcome.is_ok() && self.cell.plan.is_some() && !pass);
+        self.tally.not_pass += u64::from(outcome.is_ok() && plan.is_some() && !pass);
         each(&result);
-        Ok(())
+        self.act(next, each)
     }
 
     /// A result whose making stood against the schedule is none.
@@ -218,7 +228,8 @@ impl<'a> Supervisor<'a> {
     }
 
     fn command(&self, command: Command, number: u64) -> Result<()> {
-        match self.control.send(Control::new(command, number), &[]) {
+        let recipe = self.desk.recipe() as u32;
+        match self.control.send(Control { recipe, ..Control::new(command, number) }, &[]) {
             // A stage that is down or hung misses it; its end is noticed apart.
             Err(IpcError::NotReached { .. } | IpcError::Full { .. }) => Ok(()),
             other => Ok(other?),
@@ -329,8 +340,7 @@ impl<'a> Supervisor<'a> {
                 let window_s = self.cell.config.limits.restart_window_ms / 1000;
                 let reason =
                     format!("stage {name} failed {failures} times within {window_s} s, the last time: {end}");
-                self.tally.held = Some(reason.clone());
-                self.feed(Input::Stop { reason }, each)?;
+                self.give_up(reason, each)?;
             }
         }
         Ok(())

@@ -5,6 +5,7 @@ mod calibration;
 mod scan;
 mod speed;
 mod unwrap;
+mod transport;
 
 use crate::Outcome;
 use anyhow::Result;
@@ -28,9 +29,11 @@ enum What {
     Speed(speed::Args),
     /// Spatial unwrapping on maps whose answer is known: wrong pixels and time of every method.
     Unwrap(unwrap::Args),
+    /// A frame from one process to another: shared memory beside a Unix socket and a pipe; the share of a cycle.
+    Transport(transport::Args),
 }
 
-/// Arguments of both.
+/// Arguments of one that has none of its own.
 #[derive(clap::Args)]
 pub struct Common {
     /// Machine-readable result.
@@ -45,5 +48,6 @@ pub fn run(args: &Args) -> Result<Outcome> {
         What::Calibration(args) => calibration::run(args),
         What::Speed(args) => speed::run(args),
         What::Unwrap(args) => unwrap::run(args),
+        What::Transport(args) => transport::run(args),
     }
 }

@@ -79,7 +79,7 @@ struct Share {
     /// Their median latencies, ms.
     latency_ms: f64,
     /// Sending and latencies over the cycle.
-    share: f64,
+    fraction: f64,
 }
 
 /// Runs the benchmark, or the other process of it.
@@ -128,7 +128,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             share.sending_ms,
             share.hops,
             all[0].latency_median_us / 1e3,
-            100.0 * share.share
+            100.0 * share.fraction
         );
     }
     emit(args.json.as_deref(), &serde_json::json!({ "transports": all, "cycle": share }))?;
@@ -143,8 +143,7 @@ fn period_ns(rate_hz: f64) -> Result<u64> {
 fn measure(way: send::Way, plan: Plan) -> Result<Figures> {
     let paced = send::run(way, plan)?;
     let free = send::run(way, Plan { period_ns: 0, ..plan })?;
-    let mut latencies: Vec<u64> =
-        paced.sent_ns.iter().zip(&paced.arrived_ns).map(|(sent, arrived)| arrived.saturating_sub(*sent)).collect();
+    let mut latencies = paced.latencies;
     latencies.sort_unstable();
     let at = |percent: usize| {
         let rank = (latencies.len() * percent).div_ceil(100).max(1);
@@ -176,5 +175,5 @@ fn share(file: &Path, latency_us: f64) -> Result<Share> {
     let hops = 2 * shown + 5;
     let sending_ms = result.stages.iter().map(|stage| stage.send_ns).sum::<u64>() as f64 / 1e6;
     let latency_ms = f64::from(hops) * latency_us / 1e3;
-    Ok(Share { cycle_ms, sending_ms, hops, latency_ms, share: (sending_ms + latency_ms) / cycle_ms })
+    Ok(Share { cycle_ms, sending_ms, hops, latency_ms, fraction: (sending_ms + latency_ms) / cycle_ms })
 }

@@ -115,7 +115,10 @@ fn stream_of(stream: &mut dyn Read, plan: Plan) -> Result<Seen> {
         stream.read_exact(&mut frame).context("the sender ended")?;
         seen.arrived(number, now_ns());
         let [a, b, c, d, e, f, g, h, hash @ ..] = header;
-        ensure!(u64::from_le_bytes([a, b, c, d, e, f, g, h]) == u64::from(number), "frames came out of order");
+        ensure!(
+            u64::from_le_bytes([a, b, c, d, e, f, g, h]) == u64::from(number),
+            "frames came out of order"
+        );
         ensure!(u64::from_le_bytes(hash) == xxh3_64(&frame), "frame {number} was damaged");
     }
     seen.read_ns = now_ns();

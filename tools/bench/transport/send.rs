@@ -39,10 +39,8 @@ impl Way {
 
 /// What was measured, ns on the machine's monotonic clock.
 pub(super) struct Run {
-    /// When each frame was complete.
-    pub sent_ns: Vec<u64>,
-    /// When each could be read.
-    pub arrived_ns: Vec<u64>,
+    /// From the moment each frame was complete to the moment it could be read.
+    pub latencies: Vec<u64>,
     /// When the first one was begun.
     pub begun_ns: u64,
     /// When the last one had been read.
@@ -63,7 +61,9 @@ pub(super) fn run(way: Way, plan: Plan) -> Result<Run> {
         }
     };
     ensure!(seen.arrived_ns.len() == clock.sent_ns.len(), "{} frames did not arrive", way.name());
-    Ok(Run { sent_ns: clock.sent_ns, arrived_ns: seen.arrived_ns, begun_ns: clock.begun_ns, read_ns: seen.read_ns })
+    let pairs = clock.sent_ns.iter().zip(&seen.arrived_ns);
+    let latencies = pairs.map(|(sent, arrived)| arrived.saturating_sub(*sent)).collect();
+    Ok(Run { latencies, begun_ns: clock.begun_ns, read_ns: seen.read_ns })
 }
 
 /// Paces the frames and notes when they are sent.
@@ -158,7 +158,18 @@ fn receiver(from: &str, plan: Plan, stdin: Stdio) -> Result<Child> {
     let numbers = [plan.frames, plan.width_px, plan.height_px].map(|n| n.to_string());
     let [frames, width, height] = &numbers;
     Command::new("/proc/self/exe")
-        .args(["bench", "transport", "--receive", from, "--frames", frames, "--width", width, "--height", height])
+        .args([
+            "bench",
+            "transport",
+            "--receive",
+            from,
+            "--frames",
+            frames,
+            "--width",
+            width,
+            "--height",
+            height,
+        ])
         .stdin(stdin)
         .stdout(Stdio::piped())
         .spawn()
