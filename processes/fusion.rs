@@ -2,7 +2,7 @@
 
 use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, Text, Worker, lost};
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;
 use ipc::IpcError;
@@ -11,6 +11,9 @@ use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Publisher, Received};
 use xxhash_rust::xxh3::xxh3_128;
+
+/// Pairs of a cell: a point names its pair with one byte.
+const MAX_PAIRS: usize = 256;
 
 /// A pair whose cloud is joined.
 struct Part {
@@ -41,6 +44,11 @@ impl Fusion {
             graph.cameras[camera].width_px as usize * graph.cameras[camera].height_px as usize
         };
         let capacity = graph.pairs.iter().map(|pair| pixels(pair.left)).sum();
+        ensure!(
+            graph.pairs.len() <= MAX_PAIRS,
+            "{} pairs; a cell has at most {MAX_PAIRS}",
+            graph.pairs.len()
+        );
         Ok(Self {
             parts: parts.collect::<Result<_>>()?,
             capacity,
@@ -54,13 +62,15 @@ impl Fusion {
     fn run(&mut self, link: &mut Link) -> Result<(), Fault> {
         let start_ns = now_ns();
         let mut t_ns = 0;
-        let mut clouds = Vec::with_capacity(self.parts.len());
-        for message in self.parts.iter().filter_map(|part| part.cloud.as_ref()) {
+        let mut clouds: [&[Point]; MAX_PAIRS] = [&[]; MAX_PAIRS];
+        let messages = self.parts.iter().filter_map(|part| part.cloud.as_ref());
+        for (message, cloud) in messages.zip(&mut clouds) {
             t_ns = t_ns.max(message.header().t_ns);
-            clouds.push(payload::points(message.header(), message.payload()).map_err(|e| lost(&e))?);
+            *cloud = payload::points(message.header(), message.payload()).map_err(|e| lost(&e))?;
         }
+        let clouds = &clouds[..self.parts.len()];
         self.fused.clear();
-        let report = self.fuser.fuse(&clouds, &link.cell.fusion, &mut self.fused);
+        let report = self.fuser.fuse(clouds, &link.cell.fusion, &mut self.fused);
         let points = self.fused.len();
         if points == 0 {
             self.forget();
@@ -83,8 +93,8 @@ impl Fusion {
         let used = points * size_of::<Point>();
         let output = (used, xxh3_128(&loan.payload()[..used]));
         link.sending(|| loan.send())?;
-        self.forget();
-        let text = self.text.json(&report)?;
+        release(&mut self.parts);
+        let text = self.text.json(report)?;
         link.done_hashed(Work::Fuse, start_ns, output, Report { count: points, text })
     }
 }
@@ -118,8 +128,13 @@ impl Worker for Fusion {
     }
 
     fn forget(&mut self) {
-        for part in &mut self.parts {
-            part.cloud = None;
-        }
+        release(&mut self.parts);
+    }
+}
+
+/// Gives the clouds back to their senders.
+fn release(parts: &mut [Part]) {
+    for part in parts {
+        part.cloud = None;
     }
 }

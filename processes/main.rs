@@ -3,6 +3,8 @@
 //! This binary is all processes of a cell: `run` is the supervisor, which starts itself again as each stage. The modules
 //! named after stages hold their wiring; mathematics is in `fringe`, shared memory in `ipc`, files in `rig`.
 
+#[cfg(feature = "count-allocations")]
+mod allocations;
 mod capture;
 mod client;
 mod control;

@@ -10,6 +10,7 @@ use ipc::os;
 /// Runs a stage until the supervisor ends it.
 pub fn run(args: &StageArgs) -> Result<()> {
     os::ignore_interrupts();
+    os::keep_freed_memory();
     ensure!(os::die_with_parent(args.parent)?, "the supervisor {} is gone", args.parent);
     let options = Options {
         cell: Some(args.cell.clone()),
@@ -25,6 +26,7 @@ pub fn run(args: &StageArgs) -> Result<()> {
     );
     pin(&cell, args)?;
     claim(&cell);
+    work_along()?;
     let mut link = Link::join(args, cell)?;
     let ended = worker(args, &link).and_then(|mut worker| serve(&mut link, worker.as_mut()));
     if let Err(error) = &ended {
@@ -54,6 +56,12 @@ fn claim(cell: &Cell) {
     {
         let _refused = os::lock_memory();
     }
+}
+
+/// Makes this thread one of the pool that runs the parallel kernels. Otherwise it would hand them work through a queue that
+/// allocates now and then, and sleep meanwhile. After pinning: the other threads inherit it.
+fn work_along() -> Result<()> {
+    rayon::ThreadPoolBuilder::new().use_current_thread().build_global().context("starting the threads")
 }
 
 fn worker(args: &StageArgs, link: &Link) -> Result<Box<dyn Worker>> {

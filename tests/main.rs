@@ -12,6 +12,7 @@
 //! - [`rig_state`]: a rig file against what its cameras see, and against other programs
 //! - [`adversity`]: no memory, no room, nobody who reads, another cell beside
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
+//! - `allocations`: what warm stages do not do; only with the feature `count-allocations`
 //! - [`control`]: a cell that takes jobs: states, recipes, refusals, metrics
 //! - [`uncertainty`]: budgets in, table, JSON and report out
 //! - [`acceptance_report`]: every format from one result of an acceptance test
@@ -27,6 +28,8 @@
 mod acceptance;
 mod acceptance_report;
 mod adversity;
+#[cfg(feature = "count-allocations")]
+mod allocations;
 mod bad_input;
 mod calibrate;
 mod calibrate_bad;

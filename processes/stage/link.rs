@@ -30,6 +30,8 @@ pub struct Link {
     pub(super) control: Subscriber<Control>,
     events: Publisher<Event>,
     node: Node,
+    /// What the paths of the cell's shared memory begin with.
+    segments: String,
     order: Order,
     turns: Turns,
     /// Bells of the stages that come after this one on its core.
@@ -105,11 +107,28 @@ impl Link {
             control,
             events,
             node,
+            segments: name.segments(),
             idle_since_ns: now_ns(),
             usage: Usage::now(),
             allocations: allocations(),
             send_ns: 0,
         })
+    }
+
+    /// Makes all memory that this stage shares ready to be touched without page faults. After connecting: only then all of
+    /// it is mapped.
+    pub fn populate(&self) {
+        let begin = now_ns();
+        match ipc::os::populate(&self.segments) {
+            Ok(bytes) => {
+                let ms = (now_ns() - begin) / 1_000_000;
+                tracing::debug!(bytes, ms, "shared memory populated");
+            }
+            // Page faults in the first cycles are no reason not to measure.
+            Err(error) => {
+                tracing::warn!("shared memory cannot be populated ahead: {error}; first cycles take longer")
+            }
+        }
     }
 
     /// Whether the core has come to this work. The bell rings when it has.

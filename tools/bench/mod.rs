@@ -4,8 +4,8 @@ mod accuracy;
 mod calibration;
 mod scan;
 mod speed;
-mod unwrap;
 mod transport;
+mod unwrap;
 
 use crate::Outcome;
 use anyhow::Result;

@@ -69,6 +69,11 @@ impl CellName {
         format!("fc-{text}.")
     }
 
+    /// What the paths of its segments begin with.
+    pub fn segments(&self) -> String {
+        format!("{SHARED_MEMORY}/{}", self.prefix())
+    }
+
     /// The socket for `status`, `restart` and `stop`.
     pub fn socket(&self) -> PathBuf {
         self.folder().join("command")

@@ -88,55 +88,64 @@ pub struct Fuser {
     keep: Vec<bool>,
     per_cloud: Vec<Cells>,
     spacings: Vec<f64>,
+    /// Where each cloud begins among all points, and one place more for the end.
+    starts: Vec<usize>,
+    /// The same among those that stayed.
+    kept_starts: Vec<usize>,
+    report: FusionReport,
 }
 
 /// Fuses once; see [`Fuser::fuse`].
 pub fn fuse(clouds: &[&[Point]], settings: &FusionSettings, out: &mut Vec<Point>) -> FusionReport {
-    Fuser::default().fuse(clouds, settings, out)
+    Fuser::default().fuse(clouds, settings, out).clone()
 }
 
 impl Fuser {
-    /// Fuses clouds, in the order of the pairs, into `out` (cleared first).
+    /// Fuses clouds, in the order of the pairs, into `out` (cleared first). Allocates only where this call needs more room
+    /// than all before it.
     pub fn fuse(
         &mut self,
         clouds: &[&[Point]],
         settings: &FusionSettings,
         out: &mut Vec<Point>,
-    ) -> FusionReport {
+    ) -> &FusionReport {
         out.clear();
-        let mut report = FusionReport { removed: vec![0; clouds.len()], ..FusionReport::default() };
-        let starts = self.gather(clouds);
+        self.gather(clouds);
+        self.report.radius_mm = 0.0;
         let radius_mm = settings.radius_mm.filter(|r| *r > 0.0).unwrap_or_else(|| self.radius(clouds));
         if let Some(grid) = Grid::over(self.all.iter(), radius_mm) {
-            report.radius_mm = radius_mm;
+            self.report.radius_mm = radius_mm;
             self.mark(&grid, radius_mm, settings.min_neighbours);
         }
-        let mut kept_starts = Vec::with_capacity(clouds.len() + 1);
-        for (cloud, removed) in report.removed.iter_mut().enumerate() {
-            kept_starts.push(out.len());
-            let range = starts[cloud]..starts[cloud + 1];
+        self.kept_starts.clear();
+        self.report.removed.clear();
+        for (cloud, points) in clouds.iter().enumerate() {
+            let begin = out.len();
+            self.kept_starts.push(begin);
+            let range = self.starts[cloud]..self.starts[cloud + 1];
             let kept = self.all[range.clone()].iter().zip(&self.keep[range]).filter(|(_, keep)| **keep);
             out.extend(kept.map(|(point, _)| *point));
-            *removed = (clouds[cloud].len() - (out.len() - kept_starts[cloud])) as u32;
+            self.report.removed.push((points.len() - (out.len() - begin)) as u32);
         }
-        kept_starts.push(out.len());
-        report.points = out.len() as u32;
-        report.overlaps = self.overlaps(&kept_starts, out, radius_mm, settings);
-        report
+        self.kept_starts.push(out.len());
+        self.report.points = out.len() as u32;
+        self.report.overlaps.clear();
+        self.overlaps(out, radius_mm, settings);
+        &self.report
     }
 
-    /// Copies the finite points; returns where each cloud begins.
-    fn gather(&mut self, clouds: &[&[Point]]) -> Vec<usize> {
+    /// Copies the finite points.
+    fn gather(&mut self, clouds: &[&[Point]]) {
         self.all.clear();
-        let mut starts = vec![0];
+        self.starts.clear();
+        self.starts.push(0);
         for cloud in clouds {
             let finite = cloud.iter().filter(|p| p.position_mm.iter().all(|v| v.is_finite()));
             self.all.extend(finite);
-            starts.push(self.all.len());
+            self.starts.push(self.all.len());
         }
         self.keep.clear();
         self.keep.resize(self.all.len(), false);
-        starts
     }
 
     /// Median distance of row neighbours, sampled evenly, times the factor; 1 mm when no two points are neighbours.
@@ -176,21 +185,15 @@ impl Fuser {
         });
     }
 
-    fn overlaps(
-        &mut self,
-        starts: &[usize],
-        points: &[Point],
-        radius_mm: f64,
-        settings: &FusionSettings,
-    ) -> Vec<Overlap> {
+    fn overlaps(&mut self, points: &[Point], radius_mm: f64, settings: &FusionSettings) {
+        let starts = &self.kept_starts;
         let clouds = starts.len() - 1;
-        let Some(grid) = Grid::over(points.iter(), radius_mm) else { return Vec::new() };
+        let Some(grid) = Grid::over(points.iter(), radius_mm) else { return };
         self.per_cloud.resize_with(self.per_cloud.len().max(clouds), Cells::default);
         for (cloud, cells) in self.per_cloud.iter_mut().take(clouds).enumerate() {
             cells.fill(&grid, &points[starts[cloud]..starts[cloud + 1]], 0);
         }
         let cosine = crate::math::cos(settings.max_normal_angle_deg.to_radians());
-        let mut overlaps = Vec::with_capacity(clouds * clouds.saturating_sub(1) / 2);
         for a in 0..clouds {
             for b in a + 1..clouds {
                 let mut distances = Distances::default();
@@ -204,10 +207,9 @@ impl Fuser {
                         }
                     }
                 });
-                overlaps.push(distances.overlap(a, b));
+                self.report.overlaps.push(distances.overlap(a, b));
             }
         }
-        overlaps
     }
 }
 

@@ -156,8 +156,8 @@ fn buffers_do_not_leak_from_one_run_to_the_next() {
     let (a, b) = (patch(plane(0.0), 0.0, 0.01, 1), patch(sphere(20.0), 0.1, 0.01, 2));
     let mut fuser = Fuser::default();
     let (mut first, mut again) = (Vec::new(), Vec::new());
-    let before = fuser.fuse(&[&a, &b], &FusionSettings::default(), &mut first);
+    let before = fuser.fuse(&[&a, &b], &FusionSettings::default(), &mut first).clone();
     fuser.fuse(&[&b, &a, &a], &FusionSettings::default(), &mut again);
-    let after = fuser.fuse(&[&a, &b], &FusionSettings::default(), &mut again);
+    let after = fuser.fuse(&[&a, &b], &FusionSettings::default(), &mut again).clone();
     assert_eq!((before, first), (after, again));
 }

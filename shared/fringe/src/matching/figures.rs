@@ -136,7 +136,7 @@ fn figures_of_fusion() {
     let (mut fuser, mut out) = (crate::fusion::Fuser::default(), Vec::new());
     let views: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
     let settings = crate::fusion::FusionSettings::default();
-    let report = fuser.fuse(&views, &settings, &mut out);
+    let report = fuser.fuse(&views, &settings, &mut out).clone();
     let busy = processor_seconds();
     for _ in 0..10 {
         fuser.fuse(&views, &settings, &mut out);

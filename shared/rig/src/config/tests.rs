@@ -237,6 +237,30 @@ fn a_pattern_correction_is_of_the_projector_that_names_it() {
 }
 
 #[test]
+fn recipes_have_names_of_their_own_and_plans_that_exist() {
+    let dir = folder();
+    fs::write(dir.path().join("a.plan.toml"), "text").unwrap();
+    let recipe = |name: &str, plan: &str| format!("[[recipe]]\nname = {name:?}\nplan = \"{plan}\"\n");
+    let with = |more: &str| load(&dir, &format!("{}{more}", twin_text()));
+    let config = with(&(recipe("b", "a.plan.toml") + &recipe("a c", "a.plan.toml"))).unwrap();
+    let names: Vec<&str> = config.recipes.iter().map(|recipe| recipe.name.as_str()).collect();
+    assert_eq!((names, config.recipes[0].plan.text.as_str()), (vec!["b", "a c"], "text"));
+    for (more, expected) in [
+        (recipe("b", "no.toml"), "recipe[0].plan"),
+        (recipe("default", "a.plan.toml"), "recipe[0].name: recipe \"default\" occurs twice"),
+        (
+            recipe("b", "a.plan.toml") + &recipe("b", "a.plan.toml"),
+            "recipe[1].name: recipe \"b\" occurs twice",
+        ),
+        (recipe("", "a.plan.toml"), "recipe[0].name"),
+        (recipe(&"x".repeat(65), "a.plan.toml"), "1 to 64 bytes"),
+    ] {
+        let error = with(&more).unwrap_err();
+        assert!(error.contains(expected), "{error}\nlacks\n{expected}");
+    }
+}
+
+#[test]
 fn settings_are_checked_before_anything_runs() {
     let dir = folder();
     for (table, expected) in [
