@@ -33,6 +33,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::io::IsTerminal;
 use std::process::ExitCode;
+use tracing_subscriber::fmt::format::FmtSpan;
 
 /// The input cannot be used.
 const BAD_INPUT: u8 = 2;
@@ -104,13 +105,16 @@ fn execute(command: &Command) -> Result<u8> {
     Ok(0)
 }
 
-/// `FRINGECELL_LOG` chooses what is told, as in `FRINGECELL_LOG=debug`; warnings by default.
+/// `FRINGECELL_LOG` chooses what is told; warnings by default. `info`: stages and cycles; `debug`: each activation; `trace`:
+/// each step of a stage as a span with its time. As in `FRINGECELL_LOG=warn,fringecell::stage=debug`.
 fn log_to_stderr() {
     let filter = tracing_subscriber::EnvFilter::try_from_env("FRINGECELL_LOG")
         .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
+        // Of the spans that the filter lets through, how long each one lasted.
+        .with_span_events(FmtSpan::CLOSE)
         .with_ansi(std::io::stderr().is_terminal())
         .without_time()
         .init();

@@ -68,6 +68,13 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     };
     let cell = graph::load(&config, &options)?;
     ipc::cell::CellName::new(&cell.name)?;
+    if args.serve && args.cycle_record.is_some() && cell.recipes.len() > 1 {
+        bail!(
+            "--cycle-record: a cycle record does not hold which of the {} recipes a cycle was inspected with; leave it out, or \
+             the [[recipe]] tables",
+            cell.recipes.len()
+        );
+    }
     kernels::rehearse(&cell)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;

@@ -234,6 +234,7 @@ impl Link {
             count: report.count as u32,
             ..self.event(EventKind::Done, report.text.len())
         };
+        tracing::debug!(?work, bytes, wait_ns = header.wait_ns, ns = end_ns.saturating_sub(start_ns), "done");
         (self.idle_since_ns, self.usage, self.allocations, self.send_ns) = (end_ns, usage, allocated, 0);
         self.events.send(header, report.text.as_bytes())?;
         self.pass(activation);

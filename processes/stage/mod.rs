@@ -24,6 +24,7 @@ const SLEEP: Duration = Duration::from_millis(500);
 
 /// Works through cycles until the supervisor ends the stage.
 pub fn serve(link: &mut Link, worker: &mut dyn Worker) -> Result<()> {
+    let _span = tracing::info_span!("stage", pid = std::process::id()).entered();
     link.ready(0)?;
     loop {
         while let Some(message) = link.control.receive()? {
@@ -51,7 +52,8 @@ pub fn serve(link: &mut Link, worker: &mut dyn Worker) -> Result<()> {
             }
         }
         let progress = match link.gate.current() {
-            Some(_) => {
+            Some(cycle) => {
+                let _span = tracing::trace_span!("step", cycle).entered();
                 let stepped = worker.step(link);
                 settle(link, worker, stepped)?
             }

@@ -104,6 +104,7 @@ impl StageProcess {
             .spawn()
             .with_context(|| format!("starting stage {}", self.name))?;
         self.voice = child.stderr.take().map(|stderr| Voice::listen(&self.name, stderr));
+        tracing::info!(stage = self.name, pid = child.id(), "stage started");
         self.child = Some(child);
         self.life = Life::Starting { since_ns: now_ns };
         (self.heard_ns, self.killed, self.last_words) = (now_ns, None, None);

@@ -193,7 +193,9 @@ impl<'a> Supervisor<'a> {
         if let Some(keeper) = &mut self.keeper {
             keeper.end(self.cell, &result, self.collector.events())?;
         }
-        if let Some(duration_ns) = self.profile.end(&result, now_ns()) {
+        let duration_ns = self.profile.end(&result, now_ns());
+        tracing::info!(cycle, outcome = result.outcome, verdict = ?result.verdict, duration_ns, "cycle ended");
+        if let Some(duration_ns) = duration_ns {
             result.more.insert("duration_ns".into(), duration_ns.into());
         }
         let plan = self.cell.recipes.get(self.desk.recipe()).and_then(|recipe| recipe.plan.as_ref());
