@@ -19,6 +19,9 @@ const WIDTH_PX: f64 = 1400.0;
 /// Height of a stage, px.
 const ROW_PX: f64 = 26.0;
 
+/// Narrowest bar, px.
+const LEAST_PX: f64 = 1.5;
+
 /// Left margin for the names, px.
 const LEFT_PX: f64 = 170.0;
 
@@ -124,7 +127,8 @@ impl Picture {
                 svg,
                 "<rect x=\"{x:.2}\" y=\"{y:.1}\" width=\"{:.2}\" height=\"{:.1}\" fill=\"{}\" stroke=\"white\" stroke-width=\"0.5\">\
                  <title>{}, {:.2} to {:.2} {}</title></rect>",
-                scale * (bar.1 - bar.0),
+                // A trigger is too short to be seen at its true width.
+                (scale * (bar.1 - bar.0)).max(LEAST_PX),
                 ROW_PX - 8.0,
                 colour(activation.work),
                 escape(&shown),
