@@ -37,86 +37,61 @@ fn machine_in(state: State) -> Machine {
 /// What each state makes of an event: the next state and the action, or the refusal.
 type Row = [Result<(State, Action), Refusal>; 7];
 
+fn to(state: State) -> Result<(State, Action), Refusal> {
+    Ok((state, Nothing))
+}
+
 /// The columns: Preoperational, Initialized, Ready, SingleExecution, ContinuousExecution, Halted, Error.
 fn table() -> Vec<(Event, Row)> {
-    let (starting, halted, error) = (Err(Refusal::Starting), Err(Refusal::Halted), Err(Refusal::Error));
-    let (idle, busy, absent) = (Err(Refusal::Idle), Err(Refusal::Busy), Err(Refusal::NotPrepared));
-    let to = |state| Ok((state, Nothing));
-    let all = |state, action| {
-        let running = Ok((state, action));
-        [to(state), to(state), to(state), running, running, to(state), to(state)]
-    };
+    [table_of_the_cell(), table_of_recipes_and_jobs(), table_of_ends()].concat()
+}
+
+fn table_of_the_cell() -> Vec<(Event, Row)> {
     let (single, continuous) = (to(SingleExecution), to(ContinuousExecution));
-    let reset = [
-        to(Preoperational),
-        to(Ready),
-        to(Ready),
-        Ok((Ready, AbortCycle)),
-        Ok((Ready, AbortCycle)),
-        to(Ready),
-    ];
-    let [r0, r1, r2, r3, r4, r5] = reset;
+    let (down, again) = (to(Preoperational), Ok((ContinuousExecution, START)));
     vec![
         (Event::StagesUp, [to(Ready), to(Initialized), to(Ready), single, continuous, to(Halted), to(Error)]),
-        (
-            Event::StagesDown,
-            [
-                to(Preoperational),
-                to(Preoperational),
-                to(Preoperational),
-                single,
-                continuous,
-                to(Halted),
-                to(Error),
-            ],
-        ),
-        (Event::Fault, all(Error, AbortCycle)),
-        (
-            Event::CycleDone,
-            [
-                to(Preoperational),
-                to(Initialized),
-                to(Ready),
-                to(Ready),
-                Ok((ContinuousExecution, START)),
-                to(Halted),
-                to(Error),
-            ],
-        ),
+        (Event::StagesDown, [down, down, down, single, continuous, to(Halted), to(Error)]),
+        (Event::CycleDone, [down, to(Initialized), to(Ready), to(Ready), again, to(Halted), to(Error)]),
+    ]
+}
+
+fn table_of_recipes_and_jobs() -> Vec<(Event, Row)> {
+    let (starting, halted, error) = (Err(Refusal::Starting), Err(Refusal::Halted), Err(Refusal::Error));
+    let (busy, absent, used) = (Err(Refusal::Busy), Err(Refusal::NotPrepared), Err(Refusal::InUse));
+    let (single, continuous) = (to(SingleExecution), to(ContinuousExecution));
+    let one = Ok((SingleExecution, START));
+    let many = Ok((ContinuousExecution, START));
+    let start_many = Event::StartContinuous { recipe: 0, cycles: Some(2) };
+    vec![
         (Event::Prepare { recipe: 1 }, [starting, to(Ready), to(Ready), single, continuous, halted, error]),
         (Event::Prepare { recipe: 9 }, [starting, absent, absent, absent, absent, halted, error]),
         (
             Event::Unprepare { recipe: 1 },
             [starting, to(Initialized), to(Ready), single, continuous, halted, error],
         ),
-        (
-            Event::Unprepare { recipe: 0 },
-            [starting, to(Initialized), to(Ready), Err(Refusal::InUse), Err(Refusal::InUse), halted, error],
-        ),
-        (
-            Event::StartSingle { recipe: 0 },
-            [starting, absent, Ok((SingleExecution, START)), busy, busy, halted, error],
-        ),
+        (Event::Unprepare { recipe: 0 }, [starting, to(Initialized), to(Ready), used, used, halted, error]),
+        (Event::StartSingle { recipe: 0 }, [starting, absent, one, busy, busy, halted, error]),
         (Event::StartSingle { recipe: 9 }, [starting, absent, absent, busy, busy, halted, error]),
-        (
-            Event::StartContinuous { recipe: 0, cycles: Some(2) },
-            [starting, absent, Ok((ContinuousExecution, START)), busy, busy, halted, error],
-        ),
+        (start_many, [starting, absent, many, busy, busy, halted, error]),
+    ]
+}
+
+fn table_of_ends() -> Vec<(Event, Row)> {
+    let idle = Err(Refusal::Idle);
+    let all = |state| {
+        let running = Ok((state, AbortCycle));
+        [to(state), to(state), to(state), running, running, to(state), to(state)]
+    };
+    let (single, continuous) = (to(SingleExecution), to(ContinuousExecution));
+    let (end_one, end_many) = (Ok((SingleExecution, AbortCycle)), Ok((ContinuousExecution, AbortCycle)));
+    let (anew, revived) = (Ok((Ready, AbortCycle)), Ok((Preoperational, Revive)));
+    vec![
+        (Event::Fault, all(Error)),
+        (Event::Halt, all(Halted)),
         (Event::Finish, [idle, idle, idle, single, continuous, idle, idle]),
-        (
-            Event::Abort,
-            [
-                idle,
-                idle,
-                idle,
-                Ok((SingleExecution, AbortCycle)),
-                Ok((ContinuousExecution, AbortCycle)),
-                idle,
-                idle,
-            ],
-        ),
-        (Event::Halt, all(Halted, AbortCycle)),
-        (Event::Reset, [r0, r1, r2, r3, r4, r5, Ok((Preoperational, Revive))]),
+        (Event::Abort, [idle, idle, idle, end_one, end_many, idle, idle]),
+        (Event::Reset, [to(Preoperational), to(Ready), to(Ready), anew, anew, to(Ready), revived]),
     ]
 }
 

@@ -126,7 +126,7 @@ impl Link {
             }
             // Page faults in the first cycles are no reason not to measure.
             Err(error) => {
-                tracing::warn!("shared memory cannot be populated ahead: {error}; first cycles take longer")
+                tracing::warn!("shared memory cannot be populated ahead: {error}; first cycles take longer");
             }
         }
     }

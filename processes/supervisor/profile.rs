@@ -322,7 +322,9 @@ mod tests {
         #[test]
         fn percentiles_agree_with_sorting(durations in proptest::collection::vec(1000_u64..50_000_000_000, 1..200)) {
             let mut timing = Timing::new().unwrap();
-            durations.iter().for_each(|&ns| timing.record(ns));
+            for &ns in &durations {
+                timing.record(ns);
+            }
             let mut sorted = durations.clone();
             sorted.sort_unstable();
             let shown = timing.percentiles();
