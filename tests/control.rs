@@ -18,7 +18,10 @@ fn plan(lower: f64, upper: f64) -> String {
         Some("max_reject_fraction") => "max_reject_fraction = 0.2".to_owned(),
         _ => line.to_owned(),
     };
-    text.lines().map(line).collect::<Vec<_>>().join("\n")
+    // A flatness needs more points than these cameras see.
+    let blocks: Vec<&str> =
+        text.split("[[feature]]").filter(|block| !block.contains("base_flatness")).collect();
+    blocks.join("[[feature]]").lines().map(line).collect::<Vec<_>>().join("\n")
 }
 
 /// A running cell with two recipes beside the default one; it has no plan at the top, so the first one is its default.
