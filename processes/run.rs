@@ -89,9 +89,12 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         cycle_record: args.cycle_record.clone(),
         metrics: args.metrics,
     };
-    // Measuring for ever, for nobody: then the last reader takes the cell with him.
-    let cut_off =
-        orders.cycles.is_none() && args.out.is_none() && args.record.is_none() && args.cycle_record.is_none();
+    // Measuring for ever, for nobody: then the last reader takes the cell with him. One that serves is asked over its socket.
+    let cut_off = !orders.serve
+        && orders.cycles.is_none()
+        && args.out.is_none()
+        && args.record.is_none()
+        && args.cycle_record.is_none();
     let mut results = VecDeque::new();
     let mut unwritten = None;
     let summary = supervisor::run(&cell, &orders, &mut |result| {

@@ -49,9 +49,13 @@ pub fn status(args: &StatusArgs) -> Result<()> {
     }
     let mut status = client::status(which.as_deref())?;
     match &args.json {
-        Some(file) if file == Path::new("-") => print::say(&serde_json::to_string_pretty(&status)?),
+        Some(file) if file == Path::new("-") => {
+            print::say(&serde_json::to_string_pretty(&status)?);
+        }
         Some(file) => write_json(file, &status)?,
-        None if args.once || !std::io::stdout().is_terminal() => print::say(table(&status, WIDE).trim_end()),
+        None if args.once || !std::io::stdout().is_terminal() => {
+            print::say(table(&status, WIDE).trim_end());
+        }
         None => {
             let mut view = View::default();
             loop {
