@@ -68,13 +68,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     };
     let cell = graph::load(&config, &options)?;
     ipc::cell::CellName::new(&cell.name)?;
-    if args.serve && args.cycle_record.is_some() && cell.recipes.len() > 1 {
-        bail!(
-            "--cycle-record: a cycle record does not hold which of the {} recipes a cycle was inspected with; leave it out, or \
-             the [[recipe]] tables",
-            cell.recipes.len()
-        );
-    }
+    check_record(args, &cell)?;
     kernels::rehearse(&cell)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;
@@ -89,12 +83,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         cycle_record: args.cycle_record.clone(),
         metrics: args.metrics,
     };
-    // Measuring for ever, for nobody: then the last reader takes the cell with him. One that serves is asked over its socket.
-    let cut_off = !orders.serve
-        && orders.cycles.is_none()
-        && args.out.is_none()
-        && args.record.is_none()
-        && args.cycle_record.is_none();
+    let cut_off = needs_reader(args, &orders);
     let mut results = VecDeque::new();
     let mut unwritten = None;
     let summary = supervisor::run(&cell, &orders, &mut |result| {
@@ -126,6 +115,27 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         output::trace(file, &cell, &summary.spans)?;
     }
     Ok(exit_code(&summary, &orders))
+}
+
+/// Measuring for ever, for nobody: then the last reader takes the cell with him. One that serves is asked over its socket.
+fn needs_reader(args: &RunArgs, orders: &Orders) -> bool {
+    !orders.serve
+        && orders.cycles.is_none()
+        && args.out.is_none()
+        && args.record.is_none()
+        && args.cycle_record.is_none()
+}
+
+/// Refuses a record that could not be replayed.
+fn check_record(args: &RunArgs, cell: &Cell) -> Result<()> {
+    if args.serve && args.cycle_record.is_some() && cell.recipes.len() > 1 {
+        bail!(
+            "--cycle-record: a cycle record does not hold which of the {} recipes a cycle was inspected with; leave it out, or \
+             the [[recipe]] tables",
+            cell.recipes.len()
+        );
+    }
+    Ok(())
 }
 
 /// A recording that does not begin again has one cycle.
