@@ -9,6 +9,7 @@ pub mod cycle;
 mod desk;
 mod http;
 mod keep;
+mod lives;
 mod metrics;
 mod operator;
 mod privileges;
