@@ -71,9 +71,9 @@ impl Served {
         line
     }
 
-    fn stop(self) -> Output {
+    fn stop(self) {
         self.ask(&value!({"command": "stop"}));
-        wait(self.run)
+        wait(self.run);
     }
 }
 
@@ -118,10 +118,11 @@ fn parts_are_inspected_on_request_each_with_its_recipe() {
         assert_eq!(pid_of(&before, name), pid_of(&after, name), "{name} was restarted");
     }
     assert_eq!((&after["outcomes"]["pass"], &after["outcomes"]["fail"]), (&2.into(), &1.into()));
-    let out = served.cell.out();
-    let output = served.stop();
+    served.ask(&value!({"command": "stop"}));
+    let Served { cell, run } = served;
+    let output = wait(run);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-    assert_eq!(results(&out).len(), 3);
+    assert_eq!(results(&cell.out()).len(), 3);
 }
 
 #[test]
