@@ -39,6 +39,7 @@ impl Record {
             height_px: p.height_px,
             cameras: p.cameras.clone(),
             sequence: p.sequence.clone(),
+            exposures_ms: Vec::new(),
             full_scale_dn: BTreeMap::new(),
         });
         let graph = &link.cell.graph;

@@ -2,10 +2,10 @@
 
 use crate::Outcome;
 use crate::filters::Filters;
-use crate::pipeline::{DecodedView, decode_views};
+use crate::phase_method::{PhaseArgs, PhaseName};
+use crate::pipeline::{DecodedMap, DecodedView, decode_views_by};
 use crate::report::{DecodeLine, check_outputs, emit};
 use anyhow::{Context, Result};
-use fringe::decode::{DecodeReport, DecodeSettings};
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
 use rig::atomic;
@@ -29,6 +29,11 @@ pub struct Args {
     projector: Option<String>,
     #[command(flatten)]
     filters: Filters,
+    /// How the wrapped phase is found.
+    #[arg(long, value_enum, default_value_t)]
+    method: PhaseName,
+    #[command(flatten)]
+    phase: PhaseArgs,
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -41,15 +46,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let recording = Recording::open(&args.recording)?;
     check_names(args, &recording)?;
     let asked = |wanted: &Option<String>, name: &str| wanted.as_deref().is_none_or(|w| w == name);
-    let mut views = decode_views(&recording, &DecodeSettings::default(), |projector, camera| {
+    let (settings, method) = args.phase.choose(args.method);
+    let mut views = decode_views_by(&recording, &settings, &method, |projector, camera| {
         asked(&args.projector, projector) && asked(&args.camera, camera)
     })?;
     let filtered = args.filters.apply(&mut views)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;
         for view in &views {
-            for (map, _) in &view.maps {
-                write_pictures(folder, view, map)?;
+            for decoded in &view.maps {
+                write_pictures(folder, view, &decoded.map)?;
             }
         }
     }
@@ -66,10 +72,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// One line per view and axis.
 pub fn lines(views: &[DecodedView]) -> Vec<DecodeLine> {
-    let line = |view: &DecodedView, map: &PhaseMap, report: &DecodeReport| {
-        DecodeLine::new(&view.projector, &view.camera, map, report)
-    };
-    views.iter().flat_map(|view| view.maps.iter().map(move |(map, report)| line(view, map, report))).collect()
+    let line =
+        |view: &DecodedView, decoded: &DecodedMap| DecodeLine::new(&view.projector, &view.camera, decoded);
+    views.iter().flat_map(|view| view.maps.iter().map(move |decoded| line(view, decoded))).collect()
 }
 
 fn check_names(args: &Args, recording: &Recording) -> Result<()> {

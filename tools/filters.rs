@@ -71,7 +71,8 @@ impl Filters {
     pub fn apply(&self, views: &mut [DecodedView]) -> Result<Vec<FilterLine>> {
         let mut lines = Vec::new();
         for view in views {
-            for (map, _) in &mut view.maps {
+            for decoded in &mut view.maps {
+                let map = &mut decoded.map;
                 for named in &self.filters {
                     let report = named.filter.apply(map)?;
                     let name = format!("{} / {} axis {:?}", view.projector, view.camera, map.info.axis);

@@ -18,7 +18,9 @@ mod import;
 mod import_rig;
 mod measure;
 mod numbers;
+mod phase_method;
 mod pipeline;
+mod plan_patterns;
 mod progress;
 mod reconstruct;
 mod reference_plane;
@@ -95,6 +97,8 @@ enum Command {
     Focus(focus::Args),
     /// Evaluate a measurement uncertainty budget by the GUM, and by Monte Carlo.
     Uncertainty(uncertainty::Args),
+    /// Propose period, steps and code for a projector, a noise and a wanted uncertainty.
+    PlanPatterns(plan_patterns::Args),
     /// Write the report of an acceptance test (HTML, PDF, CSV, QIF, DFQ) from its result.
     Report(acceptance_report::Args),
     /// Run a cycle record again and compare every output with it.
@@ -136,6 +140,7 @@ fn main() -> ExitCode {
         Command::Gamma(args) => gamma::run(&args),
         Command::Focus(args) => focus::run(&args),
         Command::Uncertainty(args) => uncertainty::run(&args),
+        Command::PlanPatterns(args) => plan_patterns::run(&args),
         Command::Report(args) => acceptance_report::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Bench(args) => bench::run(&args),

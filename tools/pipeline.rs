@@ -1,9 +1,10 @@
 //! The flow on files: from the frames of a recording to phase maps. The cell does the same from shared memory.
 
+use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
 use anyhow::{Context, Result};
 use fringe::cloud::Point;
-use fringe::decode::{DecodeReport, DecodeSettings, Decoder};
+use fringe::decode::{DecodeError, DecodeReport, DecodeSettings, Decoder, Exposed, merge_exposures};
 use fringe::frame::Frame;
 use fringe::matching::{MatchError, MatchReport, Matcher};
 use fringe::pattern::{Axis, PatternSet};
@@ -11,6 +12,7 @@ use fringe::phase::PhaseMap;
 use rayon::prelude::*;
 use rig::error::FileError;
 use rig::recording::{RecordedCamera, RecordedProjector, Recording};
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Frames that are read side by side; more only costs memory.
@@ -24,14 +26,41 @@ pub struct DecodedView {
     /// Which camera looked.
     pub camera: String,
     /// In the order of [`Decoder::axes`].
-    pub maps: Vec<(PhaseMap, DecodeReport)>,
+    pub maps: Vec<DecodedMap>,
+}
+
+/// One axis of a view.
+#[derive(Debug)]
+pub struct DecodedMap {
+    /// The absolute phase.
+    pub map: PhaseMap,
+    /// How it came about; of several exposures, that with the most valid pixels.
+    pub report: DecodeReport,
+    /// Wrong orders to be expected from the phase noise alone; `None` for a code without sines.
+    pub wrong_orders: Option<f64>,
+    /// Pixels that each exposure tells best; empty for one exposure.
+    pub best_of: Vec<usize>,
 }
 
 impl DecodedView {
     /// The map of one axis.
     pub fn map(&self, axis: Axis) -> Option<&PhaseMap> {
-        self.maps.iter().map(|(map, _)| map).find(|map| map.info.axis == axis)
+        self.maps.iter().map(|decoded| &decoded.map).find(|map| map.info.axis == axis)
     }
+}
+
+/// Expected number of wrong orders in a map, from its phase noise; `None` where there is no order.
+fn wrong_orders(decoder: &Decoder, map: &PhaseMap) -> Result<Option<f64>, DecodeError> {
+    let Some(risk) = decoder.order_risk(map.info.axis)? else { return Ok(None) };
+    // Pixels whose σ agrees to 1/128 share one evaluation.
+    let mut alike: BTreeMap<u32, usize> = BTreeMap::new();
+    for (sigma, _) in map.sigma_rad.iter().zip(&map.valid).filter(|(_, valid)| **valid == 1) {
+        *alike.entry(sigma.to_bits() >> 16).or_default() += 1;
+    }
+    let chance = |(bits, count): (&u32, &usize)| {
+        *count as f64 * risk.probability(f64::from(f32::from_bits((bits << 16) | 0x8000)))
+    };
+    Ok(Some(alike.iter().map(chance).sum()))
 }
 
 /// Matches the maps of a pair with a matcher made for it: its points, in the order of the left pixels.
@@ -59,22 +88,36 @@ pub fn decode_views(
     settings: &DecodeSettings,
     wanted: impl Fn(&str, &str) -> bool,
 ) -> Result<Vec<DecodedView>> {
+    decode_views_by(recording, settings, &PhaseMethod::default(), wanted)
+}
+
+/// The same with a method of the user's choice for the wrapped phase.
+///
+/// # Errors
+/// As [`decode_views`], and frames that the method does not take.
+pub fn decode_views_by(
+    recording: &Recording,
+    settings: &DecodeSettings,
+    method: &PhaseMethod,
+    wanted: impl Fn(&str, &str) -> bool,
+) -> Result<Vec<DecodedView>> {
     let views: Vec<(&RecordedProjector, &RecordedCamera)> = recording
         .projectors
         .iter()
         .flat_map(|projector| projector.cameras.iter().map(move |camera| (projector, camera)))
         .filter(|(projector, camera)| wanted(&projector.name, &camera.name))
         .collect();
-    let mut progress = Progress::new(views.iter().map(|(_, camera)| camera.frames.len()).sum(), "decoding");
+    let frames = |camera: &RecordedCamera| camera.frames.len() * (1 + camera.longer.len());
+    let mut progress = Progress::new(views.iter().map(|(_, camera)| frames(camera)).sum(), "decoding");
     views
         .iter()
         .map(|(projector, camera)| {
-            decode_view(recording, projector, camera, settings, &mut || progress.step())
+            decode_view(recording, projector, camera, (settings, method), &mut || progress.step())
         })
         .collect()
 }
 
-/// Decodes one view; `step` is told of each frame.
+/// Decodes one view, all exposures of it; `step` is told of each frame.
 ///
 /// # Errors
 /// As [`decode_views`].
@@ -82,13 +125,47 @@ pub fn decode_view(
     recording: &Recording,
     projector: &RecordedProjector,
     camera: &RecordedCamera,
-    settings: &DecodeSettings,
+    (settings, method): (&DecodeSettings, &PhaseMethod),
     step: &mut dyn FnMut(),
 ) -> Result<DecodedView> {
-    let all = (projector.sequence.as_slice(), 0..camera.frames.len());
-    let extent_px = [projector.width_px, projector.height_px];
-    let maps = decode_sets(recording, projector, camera, all, extent_px, settings, step)?;
+    let mut exposures = Vec::new();
+    for exposure in 0..=camera.longer.len() {
+        let shot = Shot {
+            recording,
+            projector,
+            camera,
+            exposure,
+            sets: &projector.sequence,
+            frames: 0..camera.frames.len(),
+            extent_px: [projector.width_px, projector.height_px],
+        };
+        exposures.push(shot.decode(settings, method, step)?);
+    }
+    let axes = exposures.first().map_or(0, Vec::len);
+    let maps = match exposures.len() {
+        1 => exposures.swap_remove(0),
+        _ => (0..axes).map(|axis| merge(&exposures, axis, &projector.exposures_ms)).collect(),
+    };
     Ok(DecodedView { projector: projector.name.clone(), camera: camera.name.clone(), maps })
+}
+
+/// Joins the maps of several exposures along one axis.
+fn merge(exposures: &[Vec<DecodedMap>], axis: usize, exposures_ms: &[f64]) -> DecodedMap {
+    let maps: Vec<&DecodedMap> = exposures.iter().map(|maps| &maps[axis]).collect();
+    let exposed: Vec<Exposed> = maps
+        .iter()
+        .zip(exposures_ms)
+        .map(|(decoded, exposure_ms)| Exposed { map: &decoded.map, exposure_ms: *exposure_ms })
+        .collect();
+    let (map, best_of) = merge_exposures(&exposed);
+    let best = maps.iter().enumerate().max_by_key(|(index, m)| (m.report.valid, usize::MAX - index));
+    let mut report = best.map_or_else(|| maps[0].report.clone(), |(_, m)| m.report.clone());
+    report.valid = map.valid.iter().map(|v| usize::from(*v)).sum();
+    // What the shortest exposure clips and the longest leaves dark no exposure tells.
+    report.saturated = maps.iter().map(|m| m.report.saturated).min().unwrap_or(0);
+    report.dark = maps.iter().map(|m| m.report.dark).min().unwrap_or(0);
+    let wrong_orders = maps.iter().map(|m| m.wrong_orders).sum::<Option<f64>>();
+    DecodedMap { map, report, wrong_orders, best_of }
 }
 
 /// Decodes consecutive sets of a recording, which take these frames, as if the projector had `extent_px` columns and rows.
@@ -104,37 +181,68 @@ pub fn decode_sets(
     settings: &DecodeSettings,
     step: &mut dyn FnMut(),
 ) -> Result<Vec<(PhaseMap, DecodeReport)>> {
-    let place = || {
-        format!(
-            "{}: projector \"{}\", camera \"{}\"",
-            recording.document.path.display(),
-            projector.name,
-            camera.name
-        )
-    };
-    let (width_px, height_px) = (camera.width_px, camera.height_px);
-    let mut decoder = Decoder::new(sets, width_px, height_px, camera.full_scale_dn, extent_px, settings)
-        .with_context(place)?;
-    let first = frames.start;
-    let numbers: Vec<usize> = frames.collect();
-    for batch in numbers.chunks(READ_AHEAD) {
-        let frames: Vec<Result<Frame, FileError>> =
-            batch.par_iter().map(|number| recording.load(&projector.name, &camera.name, *number)).collect();
-        for (number, frame) in batch.iter().zip(frames) {
-            decoder.push(*number - first, &frame?.view()).with_context(|| frame_place(camera, *number))?;
-            step();
+    let shot = Shot { recording, projector, camera, exposure: 0, sets, frames, extent_px };
+    let maps = shot.decode(settings, &PhaseMethod::default(), step)?;
+    Ok(maps.into_iter().map(|decoded| (decoded.map, decoded.report)).collect())
+}
+
+/// Consecutive sets of what one camera saw of one projector, at one exposure.
+struct Shot<'a> {
+    recording: &'a Recording,
+    projector: &'a RecordedProjector,
+    camera: &'a RecordedCamera,
+    exposure: usize,
+    sets: &'a [PatternSet],
+    frames: Range<usize>,
+    extent_px: [u32; 2],
+}
+
+impl Shot<'_> {
+    fn decode(
+        &self,
+        settings: &DecodeSettings,
+        method: &PhaseMethod,
+        step: &mut dyn FnMut(),
+    ) -> Result<Vec<DecodedMap>> {
+        let camera = self.camera;
+        let size = (camera.width_px, camera.height_px, camera.full_scale_dn);
+        let mut decoder = Decoder::new(self.sets, size.0, size.1, size.2, self.extent_px, settings)
+            .with_context(|| self.place())?;
+        let mut kept = method.keeper(&decoder);
+        let first = self.frames.start;
+        let numbers: Vec<usize> = self.frames.clone().collect();
+        for batch in numbers.chunks(READ_AHEAD) {
+            let load = |number: &usize| {
+                self.recording.load_exposed(&self.projector.name, &camera.name, self.exposure, *number)
+            };
+            let frames: Vec<Result<Frame, FileError>> = batch.par_iter().map(load).collect();
+            for (number, frame) in batch.iter().zip(frames) {
+                let (frame, index) = (frame?, *number - first);
+                decoder.push(index, &frame.view()).with_context(|| frame_place(camera, *number))?;
+                kept.keep(index, frame);
+                step();
+            }
         }
-    }
-    let maps = decoder
-        .axes()
-        .into_iter()
-        .map(|axis| {
+        method.apply(&mut decoder, &kept).with_context(|| self.place())?;
+        let axes = decoder.axes();
+        let finish = |axis| {
             let mut map = PhaseMap::new(decoder.info(axis)?);
             let report = decoder.finish(axis, &mut map.view_mut())?;
-            Ok((map, report))
-        })
-        .collect::<Result<Vec<_>>>();
-    maps.with_context(place)
+            let wrong_orders = wrong_orders(&decoder, &map)?;
+            Ok(DecodedMap { map, report, wrong_orders, best_of: Vec::new() })
+        };
+        let maps: Result<Vec<_>> = axes.into_iter().map(finish).collect();
+        maps.with_context(|| self.place())
+    }
+
+    fn place(&self) -> String {
+        let file = self.recording.document.path.display();
+        let exposure = match self.projector.exposures_ms.get(self.exposure) {
+            Some(ms) => format!(", exposure of {ms} ms"),
+            None => String::new(),
+        };
+        format!("{file}: projector \"{}\", camera \"{}\"{exposure}", self.projector.name, self.camera.name)
+    }
 }
 
 fn frame_place(camera: &RecordedCamera, number: usize) -> String {

@@ -3,7 +3,8 @@
 use crate::Outcome;
 use crate::decode::lines;
 use crate::filters::{FilterLine, Filters};
-use crate::pipeline::{DecodedView, decode_views, match_maps};
+use crate::phase_method::{PhaseArgs, PhaseMethod, PhaseName};
+use crate::pipeline::{DecodedView, decode_views_by, match_maps};
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
 use fringe::cloud::Point;
@@ -41,6 +42,11 @@ pub struct Args {
     /// Side of the window over which points are smoothed by a quadratic, px: 1 (not at all), 3, 5 or 7.
     #[arg(long, value_name = "PX")]
     smoothing_px: Option<u32>,
+    /// How the wrapped phase is found.
+    #[arg(long, value_enum, default_value_t)]
+    phase_method: PhaseName,
+    #[command(flatten)]
+    phase: PhaseArgs,
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -112,8 +118,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let pairs = pairs(args, &recording, &rig_file)?;
     let surface = surface_settings(args.smoothing_px);
-    let Done { views, filtered, pairs: clouds } =
-        clouds(&recording, &rig_file, args.method, &pairs, &args.filters, &surface)?;
+    let how = How { decode: args.phase.choose(args.phase_method), filters: &args.filters, surface: &surface };
+    let Done { views, filtered, pairs: clouds } = clouds(&recording, &rig_file, args.method, &pairs, &how)?;
     let (fused, fusion) = join(&clouds);
     if fused.is_empty() {
         let seen: Vec<String> = lines(&views).iter().map(ToString::to_string).collect();
@@ -151,8 +157,17 @@ pub fn fused_cloud(
         Method::Phase => camera_pairs(recording, rig_file)?,
         Method::Projector => projector_pairs_or_fault(recording, rig_file)?,
     };
-    let done = clouds(recording, rig_file, method, &pairs, &Filters::default(), surface)?;
+    let decode = (DecodeSettings::default(), PhaseMethod::default());
+    let how = How { decode, filters: &Filters::default(), surface };
+    let done = clouds(recording, rig_file, method, &pairs, &how)?;
     Ok(join(&done.pairs).0)
+}
+
+/// What is done between frames and points.
+struct How<'a> {
+    decode: (DecodeSettings, PhaseMethod),
+    filters: &'a Filters,
+    surface: &'a SurfaceSettings,
 }
 
 /// What became of the frames.
@@ -168,19 +183,18 @@ fn clouds(
     rig_file: &RigFile,
     method: Method,
     pairs: &[Pair],
-    filters: &Filters,
-    surface: &SurfaceSettings,
+    how: &How,
 ) -> Result<Done> {
     let lit = |projector: &str, camera: &str| {
         pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
     };
-    let mut views = decode_views(recording, &DecodeSettings::default(), lit)?;
-    let filtered = filters.apply(&mut views)?;
+    let mut views = decode_views_by(recording, &how.decode.0, &how.decode.1, lit)?;
+    let filtered = how.filters.apply(&mut views)?;
     let mut clouds = Vec::new();
     for (index, pair) in pairs.iter().enumerate() {
         let cloud = match method {
-            Method::Phase => match_pair(&rig_file.rig, pair, index, &views, surface),
-            Method::Projector => intersect_pair(&rig_file.rig, pair, index, &views, surface),
+            Method::Phase => match_pair(&rig_file.rig, pair, index, &views, how.surface),
+            Method::Projector => intersect_pair(&rig_file.rig, pair, index, &views, how.surface),
         };
         clouds.push(cloud.with_context(|| format!("{}: pair \"{}\"", rig_file.path.display(), pair.name))?);
     }
@@ -305,7 +319,7 @@ fn match_pair(
     let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &settings)?;
     let (left, right) =
         (view(views, &pair.projector, &pair.left)?, view(views, &pair.projector, &pair.right)?);
-    let maps: Vec<_> = left.maps.iter().map(|(map, _)| map.view()).collect();
+    let maps: Vec<_> = left.maps.iter().map(|decoded| decoded.map.view()).collect();
     // Without a valid pixel any axis will do: there is nothing to match.
     let axis = matcher.best_axis(&maps).or(maps.first().map(|map| map.info.axis)).unwrap_or(Axis::X);
     let (points, report) = match_maps(&mut matcher, along(left, axis)?, along(right, axis)?, index)?;

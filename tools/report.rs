@@ -1,7 +1,8 @@
 //! What commands print and write: lines for people, JSON for programs.
 
+use crate::pipeline::DecodedMap;
 use anyhow::{Result, bail};
-use fringe::decode::{DecodeReport, NoiseSource};
+use fringe::decode::NoiseSource;
 use fringe::phase::PhaseMap;
 use serde::Serialize;
 use std::fmt;
@@ -76,12 +77,15 @@ pub struct DecodeLine {
     contradiction: f64,
     wraps: usize,
     order_jumps: usize,
+    wrong_orders_expected: Option<f64>,
+    exposures_best_of: Vec<usize>,
     ignored: Vec<String>,
 }
 
 impl DecodeLine {
     /// Gathers the numbers.
-    pub fn new(projector: &str, camera: &str, map: &PhaseMap, report: &DecodeReport) -> Self {
+    pub fn new(projector: &str, camera: &str, decoded: &DecodedMap) -> Self {
+        let (map, report) = (&decoded.map, &decoded.report);
         Self {
             projector: projector.to_owned(),
             camera: camera.to_owned(),
@@ -109,6 +113,8 @@ impl DecodeLine {
             contradiction: report.contradiction(),
             wraps: report.continuity.wraps,
             order_jumps: report.continuity.jumps,
+            wrong_orders_expected: decoded.wrong_orders,
+            exposures_best_of: decoded.best_of.clone(),
             ignored: report.ignored.to_vec(),
         }
     }
@@ -145,6 +151,14 @@ impl fmt::Display for DecodeLine {
         }
         if let Some(footprint_px) = self.footprint_px {
             write!(f, "; footprint {footprint_px:.3} px")?;
+        }
+        // Less than one in all needs no word.
+        if let Some(expected) = self.wrong_orders_expected.filter(|expected| *expected >= 1.0) {
+            write!(f, "; some {expected:.0} wrong orders to be expected from the noise")?;
+        }
+        if !self.exposures_best_of.is_empty() {
+            let list: Vec<String> = self.exposures_best_of.iter().map(ToString::to_string).collect();
+            write!(f, "; pixels by exposure: {}", list.join(", "))?;
         }
         if !self.ignored.is_empty() {
             write!(f, "; not used: {}", self.ignored.join(", "))?;

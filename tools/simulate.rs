@@ -41,6 +41,18 @@ pub struct Args {
     /// Exponent of the projectors' response, instead of the configuration's.
     #[arg(long, value_name = "G")]
     projector_gamma: Option<f64>,
+    /// Rays per pixel for the first bounce of light between surfaces (0: none).
+    #[arg(long, value_name = "N")]
+    bounce_rays: Option<u32>,
+    /// Blur of the projector per mm out of focus, projector pixels.
+    #[arg(long, value_name = "PX")]
+    defocus_px_per_mm: Option<f64>,
+    /// Strength added to the gloss of all surfaces: a shiny part.
+    #[arg(long, value_name = "R")]
+    gloss: Option<f64>,
+    /// Several exposures of every frame, as factors on the configuration's: 0.25,1,4.
+    #[arg(long, value_name = "F", value_delimiter = ',')]
+    exposures: Vec<f64>,
     /// This many even grey levels, and fringes in 60 steps, instead of the configuration's patterns: for `gamma`.
     #[arg(long, value_name = "N")]
     grey_levels: Option<u32>,
@@ -86,8 +98,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let truth_path = truth_path(&args.out);
     let truth = truth_text(&scene, &twin, args.cycle);
-    let mut progress = Progress::new(frames(&config), "simulating");
-    let count = write_recording(&args.out, &config, &twin, args.cycle, (&truth_path, &truth), &mut progress)?;
+    let mut progress = Progress::new(frames(&config) * args.exposures.len().max(1), "simulating");
+    let place = (args.out.as_path(), truth_path.as_path(), truth.as_str());
+    let count = write_recording(place, &config, &twin, args.cycle, &args.exposures, &mut progress)?;
     println!("{}: {count} frames; truth: {}", args.out.display(), truth_path.display());
     let result = serde_json::json!({ "recording": args.out, "truth": truth_path, "frames": count });
     emit(args.json.as_deref(), &result)?;
@@ -102,7 +115,14 @@ fn settings(args: &Args, config: &Config, twin: &TwinConfig) -> Result<TwinSetti
         return Ok(TwinSettings { seed, position_scatter_mm, angle_scatter_deg, ..TwinSettings::ideal() });
     }
     let projector_gamma = args.projector_gamma.unwrap_or(written.projector_gamma);
-    Ok(TwinSettings { seed, projector_gamma, ..written })
+    Ok(TwinSettings {
+        seed,
+        projector_gamma,
+        bounce_rays: args.bounce_rays.unwrap_or(written.bounce_rays),
+        defocus_px_per_mm: args.defocus_px_per_mm.unwrap_or(written.defocus_px_per_mm),
+        gloss: args.gloss.unwrap_or(written.gloss),
+        ..written
+    })
 }
 
 /// Puts a correction on the projector that it names, or on all.
@@ -135,6 +155,7 @@ fn grey_levels(projector: &mut ProjectorConfig, levels: u32) -> Result<()> {
             steps: FINE_STEPS,
             first_step_rad: 0.0,
             direction: *direction,
+            shifts_rad: Vec::new(),
         }),
         _ => None,
     });
@@ -160,19 +181,23 @@ pub fn load_scene(other: Option<&Path>, config: &TwinConfig) -> Result<Scene> {
 /// A mesh beyond this has some twenty million triangles: more than the twin can trace in sensible time.
 const MOST_MESH_BYTES: u64 = 1 << 30;
 
+/// What an exposure factor of 1 is called in a recording, ms.
+const NOMINAL_MS: f64 = 10.0;
+
 fn truth_path(out: &Path) -> PathBuf {
     let mut name = out.file_name().unwrap_or_default().to_owned();
     name.push(".truth.toml");
     out.with_file_name(name)
 }
 
-fn records(config: &Config) -> Vec<ProjectorRecord> {
+fn records(config: &Config, exposures: &[f64]) -> Vec<ProjectorRecord> {
     let record = |p: &ProjectorConfig| ProjectorRecord {
         name: p.name.clone(),
         width_px: p.width_px,
         height_px: p.height_px,
         cameras: p.cameras.clone(),
         sequence: p.sequence.clone(),
+        exposures_ms: exposures.iter().map(|factor| factor * NOMINAL_MS).collect(),
         full_scale_dn: BTreeMap::new(),
     };
     config.projectors.iter().map(record).collect()
@@ -186,14 +211,17 @@ pub fn frames(config: &Config) -> usize {
 /// Renders a recording. The truth (path, text) goes before the file that makes the frames a recording, so that a fault
 /// leaves neither.
 pub fn write_recording(
-    out: &Path,
+    (out, truth_path, truth): (&Path, &Path, &str),
     config: &Config,
     twin: &Twin,
     cycle: u64,
-    (truth_path, truth): (&Path, &str),
+    exposures: &[f64],
     progress: &mut Progress,
 ) -> Result<usize> {
-    let records = records(config);
+    if let Some(factor) = exposures.iter().find(|factor| !(1e-4..=1e4).contains(*factor)) {
+        bail!("--exposures {factor}: must be 0.0001 to 10000 times the configuration's");
+    }
+    let records = records(config, exposures);
     let mut writer = RecordingWriter::create(out, &records)?;
     for record in &records {
         let table =
@@ -202,10 +230,14 @@ pub fn write_recording(
         for camera in &record.cameras {
             let view = twin.view_lit_by(camera, &[record.name.as_str()], cycle)?;
             let mut buffer = Buffer::new(&view);
-            for frame in 0..frame_count(&record.sequence) {
-                renderer.render(&view, frame, buffer.pixels_mut())?;
-                writer.write(&record.name, camera, frame, &buffer.frame(&view))?;
-                progress.step();
+            let factors = if exposures.is_empty() { &[1.0] } else { exposures };
+            for (number, factor) in factors.iter().enumerate() {
+                renderer.expose(number as u64, *factor);
+                for frame in 0..frame_count(&record.sequence) {
+                    renderer.render(&view, frame, buffer.pixels_mut())?;
+                    writer.write_exposed(&record.name, camera, [number, frame], &buffer.frame(&view))?;
+                    progress.step();
+                }
             }
         }
     }
@@ -214,7 +246,7 @@ pub fn write_recording(
     rig::correction::note(&mut provenance, config.corrected());
     rig::atomic::write(truth_path, truth.as_bytes())?;
     writer.finish(&provenance)?;
-    Ok(frames(config))
+    Ok(frames(config) * exposures.len().max(1))
 }
 
 /// Pixels of one frame, 8 or 16 bits.

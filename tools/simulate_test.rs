@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let truth_path = args.out.join("truth").join(format!("{}.toml", shot.name));
         let truth = (truth_path.as_path(), truth_text(&scene, &twin, cycle as u64));
         let out = args.out.join(&shot.name);
-        write_recording(&out, &config, &twin, cycle as u64, (truth.0, &truth.1), &mut progress)?;
+        write_recording((&out, truth.0, &truth.1), &config, &twin, cycle as u64, &[], &mut progress)?;
     }
     drop(progress);
     let rig = copy_rig(args, &twin.rig)?;

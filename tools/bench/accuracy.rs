@@ -23,14 +23,14 @@ const OUTLIER_MM: f64 = 0.5;
 
 /// One row of the table.
 #[derive(Debug, Serialize)]
-struct Row {
+pub(super) struct Row {
     name: &'static str,
-    points: usize,
+    pub points: usize,
     /// Away from edges.
     judged: usize,
-    outliers: usize,
-    rms_um: f64,
-    mean_um: f64,
+    pub outliers: usize,
+    pub rms_um: f64,
+    pub mean_um: f64,
     /// Scatter against the same scan without noise, over what the phase noise predicts.
     noise_ratio: Option<f64>,
     overlap_mean_um: f64,
@@ -50,12 +50,7 @@ struct FeatureError {
 /// Runs the benchmark on the demo cell.
 pub fn run(json: Option<&Path>) -> Result<Outcome> {
     check_outputs(&[("--json", json)], &[], None)?;
-    let config = Config::load(Path::new("configs/demo.toml"))?;
-    let twin_config = config.twin.as_ref().context("configs/demo.toml: has no [twin]")?;
-    let scene = load_scene(None, twin_config)?;
-    let plan_file = config.plan.as_ref().context("configs/demo.toml: has no plan")?;
-    let plan = Plan::from_toml(&plan_file.text).with_context(|| plan_file.path.display().to_string())?;
-    let bench = Bench { scene, plan, rig: twin_config.rig.clone(), sequence: twin::thesis::sequence() };
+    let bench = Bench::demo()?;
     let cases = cases();
     let mut progress = Progress::new(cases.len(), "measuring");
     let mut rows = Vec::new();
@@ -70,12 +65,12 @@ pub fn run(json: Option<&Path>) -> Result<Outcome> {
 }
 
 /// An imperfection alone, on top of the ideal twin.
-struct Case {
-    name: &'static str,
-    settings: TwinSettings,
+pub(super) struct Case {
+    pub name: &'static str,
+    pub settings: TwinSettings,
     /// The same without random parts, to tell scatter from bias.
-    quiet: Option<TwinSettings>,
-    lens: bool,
+    pub quiet: Option<TwinSettings>,
+    pub lens: bool,
 }
 
 fn cases() -> Vec<Case> {
@@ -110,15 +105,26 @@ fn cases() -> Vec<Case> {
     ]
 }
 
-struct Bench {
-    scene: Scene,
+/// The demo's part before its cell.
+pub(super) struct Bench {
+    pub scene: Scene,
     plan: Plan,
-    rig: Rig,
-    sequence: Vec<fringe::pattern::PatternSet>,
+    pub rig: Rig,
+    pub sequence: Vec<fringe::pattern::PatternSet>,
 }
 
 impl Bench {
-    fn measure(&self, case: Case) -> Result<Row> {
+    /// Reads the demo's configuration.
+    pub fn demo() -> Result<Self> {
+        let config = Config::load(Path::new("configs/demo.toml"))?;
+        let twin_config = config.twin.as_ref().context("configs/demo.toml: has no [twin]")?;
+        let scene = load_scene(None, twin_config)?;
+        let plan_file = config.plan.as_ref().context("configs/demo.toml: has no plan")?;
+        let plan = Plan::from_toml(&plan_file.text).with_context(|| plan_file.path.display().to_string())?;
+        Ok(Self { scene, plan, rig: twin_config.rig.clone(), sequence: twin::thesis::sequence() })
+    }
+
+    pub fn measure(&self, case: Case) -> Result<Row> {
         let mut rig = self.rig.clone();
         if !case.lens {
             rig.cameras

@@ -2,13 +2,18 @@
 
 mod accuracy;
 mod calibration;
+mod error_sources;
+mod exposures;
+mod order_errors;
+mod phase_methods;
 mod scan;
+mod shown;
 mod speed;
 mod transport;
 mod unwrap;
 
 use crate::Outcome;
-use anyhow::Result;
+use anyhow::{Result, bail};
 use std::path::PathBuf;
 
 /// Arguments of `bench`.
@@ -25,6 +30,14 @@ enum What {
     Accuracy(Common),
     /// Rigs characterised from the twin's boards against the truth: parameters, reprojection, sphere spacings, time.
     Calibration(calibration::Args),
+    /// What each source of error does to phase and point, alone.
+    ErrorSources(error_sources::Args),
+    /// One exposure against several on a shiny part.
+    Exposures(exposures::Args),
+    /// Predicted phase noise and rates of wrong orders against counted ones.
+    OrderErrors(order_errors::Args),
+    /// Every phase method and every order: error, wrong orders, time.
+    PhaseMethods(phase_methods::Args),
     /// Decode and matching: nanoseconds per pixel, share of the memory bandwidth, whole compute of a pair.
     Speed(speed::Args),
     /// Spatial unwrapping on maps whose answer is known: wrong pixels and time of every method.
@@ -46,8 +59,17 @@ pub fn run(args: &Args) -> Result<Outcome> {
     match &args.what {
         What::Accuracy(common) => accuracy::run(common.json.as_deref()),
         What::Calibration(args) => calibration::run(args),
+        What::ErrorSources(args) => error_sources::run(args),
+        What::Exposures(args) => exposures::run(args),
+        What::OrderErrors(args) => order_errors::run(args),
+        What::PhaseMethods(args) => phase_methods::run(args),
         What::Speed(args) => speed::run(args),
         What::Unwrap(args) => unwrap::run(args),
         What::Transport(args) => transport::run(args),
     }
+}
+
+/// Refuses a number.
+fn out_of_range(flag: &str, value: u64, limit: &str) -> Result<Outcome> {
+    bail!("{flag} {value}: must be {limit}")
 }

@@ -209,7 +209,8 @@ fn recorded(folder: &Path) -> Result<Vec<Map>> {
     let stem = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let maps = views.into_iter().flat_map(|view| {
         let place = format!("{stem}-{}-{}", view.projector, view.camera);
-        view.maps.into_iter().map(move |(map, _)| {
+        view.maps.into_iter().map(move |decoded| {
+            let map = decoded.map;
             let truth =
                 map.phase_rad.iter().zip(&map.valid).map(|(p, v)| if *v == 1 { *p } else { f32::NAN });
             Map {

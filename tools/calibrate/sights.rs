@@ -1,6 +1,7 @@
 //! What the cameras saw of the target, and where the projectors' light met it.
 
 use super::shots::{Shot, Source, bright_frame};
+use crate::phase_method::PhaseMethod;
 use crate::pipeline::decode_view;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
@@ -262,7 +263,13 @@ impl<'a> Lamp<'a> {
     /// Its pixels at the target's points; `None` where the sequence has no phase along both axes.
     fn read(&self) -> Result<Option<Vec<Sight>>> {
         let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
-        let view = decode_view(self.recording, self.projector, self.camera, &settings, &mut || {})?;
+        let view = decode_view(
+            self.recording,
+            self.projector,
+            self.camera,
+            (&settings, &PhaseMethod::default()),
+            &mut || {},
+        )?;
         let Some((x, y)) = view.map(Axis::X).zip(view.map(Axis::Y)) else { return Ok(None) };
         let detection = &self.detection;
         let sight = |point: &DetectedPoint| {

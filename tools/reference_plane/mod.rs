@@ -50,7 +50,7 @@ fn decode(folder: &Path, which: &Which) -> Result<PhaseMap> {
     let views = decode_views(&recording, &DecodeSettings::default(), |projector, camera| {
         projector == which.projector && camera == which.camera
     })?;
-    let maps = views.into_iter().flat_map(|view| view.maps).map(|(map, _)| map);
+    let maps = views.into_iter().flat_map(|view| view.maps).map(|decoded| decoded.map);
     match maps.into_iter().find(|map| map.info.axis == which.axis) {
         Some(map) => Ok(map),
         None => bail!(

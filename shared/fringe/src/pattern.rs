@@ -4,6 +4,7 @@
 
 use crate::math::{cos, wrap_positive_rad};
 use crate::response::LevelTable;
+use crate::wrapped::LeastSquares;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use thiserror::Error;
@@ -128,6 +129,9 @@ pub enum PatternSet {
         /// Sense of the steps.
         #[serde(default, skip_serializing_if = "is_default")]
         direction: Direction,
+        /// Phase step of each frame, rad, where the steps are not the even ones 2πi/N: any values that tell a phase.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        shifts_rad: Vec<f64>,
     },
     /// Stripe number as bits, most significant first.
     Gray {
@@ -137,6 +141,10 @@ pub enum PatternSet {
         bits: u32,
         /// Projector pixels per stripe: the period of the sines, or half of it for a code without jumps.
         stripe_px: f64,
+        /// How far the code is moved towards smaller coordinates. A second set, moved by half a stripe, makes a pair
+        /// without jumps (shifted Gray code).
+        #[serde(default, skip_serializing_if = "is_zero")]
+        shift_px: f64,
         /// Black and white exchanged.
         #[serde(default, skip_serializing_if = "is_default")]
         invert: bool,
@@ -152,13 +160,13 @@ pub enum PatternSet {
     White {},
     /// All off.
     Black {},
-    /// Phase-coded fringe order (eq. 2.59–2.61).
+    /// Fringe order as a phase, or as a grey level (eq. 2.59–2.61).
     Stair {
         /// Direction of change.
         axis: Axis,
-        /// Projector pixels per stair: the period of the sines.
+        /// Projector pixels per stair: the period of the sines, or half of it for an order without jumps.
         stair_px: f64,
-        /// Number of frames N ≥ 3.
+        /// Number of frames: N ≥ 3 for stairs of the phase, 1 for one frame of rising grey levels.
         steps: u32,
     },
     /// Grey levels. With `levels`: even frames, one a level, for the projector's response. With `axis`: one frame that
@@ -243,6 +251,39 @@ pub enum PatternError {
     /// NaN or infinite first step.
     #[error("first_step_rad must be a finite number")]
     FirstStep,
+    /// Shifts that do not belong to the steps.
+    #[error("shifts_rad has {shifts} numbers for steps = {steps}: one finite number per step is needed")]
+    Shifts {
+        /// Numbers given.
+        shifts: usize,
+        /// As written.
+        steps: u32,
+    },
+    /// Shifts that leave background, modulation or phase open.
+    #[error(
+        "shifts_rad: a phase noise of {gain:.0} times the grey noise, limit {most:.0}: spread the shifts over the circle, at least \
+         three of them apart"
+    )]
+    ShiftsAlike {
+        /// √(trace/2) of the covariance of B cos φ and B sin φ per unit noise; infinite when singular.
+        gain: f64,
+        /// Largest usable.
+        most: f64,
+    },
+    /// Neither stairs of phase nor of grey levels.
+    #[error("steps = {steps}: stairs need 1 frame (grey levels) or 3 to 64 (phase)")]
+    StairSteps {
+        /// As written.
+        steps: u32,
+    },
+    /// A code moved by a stripe or more.
+    #[error("shift_px = {shift_px}: must be 0 or more and less than stripe_px = {stripe_px}")]
+    CodeShift {
+        /// As written.
+        shift_px: f64,
+        /// As written.
+        stripe_px: f64,
+    },
     /// The generator does not know this set.
     #[error("set \"{0}\" can be recorded but not generated")]
     NotGenerated(&'static str),
@@ -295,24 +336,44 @@ impl PatternSet {
             }
         };
         match self {
-            Self::Sine { period_px, steps, first_step_rad, .. } => {
+            Self::Sine { period_px, steps, first_step_rad, shifts_rad, .. } => {
                 length("period_px", *period_px, 2.0)?;
                 if !first_step_rad.is_finite() {
                     return Err(PatternError::FirstStep);
                 }
-                check_steps(*steps)
+                check_steps(*steps)?;
+                check_shifts(*steps, shifts_rad)
             }
-            Self::Gray { bits, stripe_px, .. } => {
+            Self::Gray { bits, stripe_px, shift_px, .. } => {
                 length("stripe_px", *stripe_px, 1.0)?;
+                if !(0.0..*stripe_px).contains(shift_px) {
+                    return Err(PatternError::CodeShift { shift_px: *shift_px, stripe_px: *stripe_px });
+                }
                 if (1..=16).contains(bits) { Ok(()) } else { Err(PatternError::Bits { bits: *bits }) }
             }
             Self::Stair { stair_px, steps, .. } => {
                 length("stair_px", *stair_px, 2.0)?;
-                check_steps(*steps)
+                if *steps == 1 || (3..=64).contains(steps) {
+                    Ok(())
+                } else {
+                    Err(PatternError::StairSteps { steps: *steps })
+                }
             }
             Self::Ramp { axis: Some(_), levels: Some(_) } => Err(PatternError::RampKind),
             Self::Ramp { levels: Some(levels), .. } => levels.check(),
             Self::White {} | Self::Black {} | Self::Ramp { .. } | Self::Random { .. } => Ok(()),
+        }
+    }
+
+    /// Phase step δ of one frame of a sine or a stair, rad: frame i shows cos(φ − δᵢ). Zero for other sets.
+    pub fn step_rad(&self, step: usize) -> f64 {
+        match self {
+            Self::Sine { steps, first_step_rad, direction, shifts_rad, .. } => {
+                let even_rad = || TAU * step as f64 / f64::from(*steps);
+                direction.sign() * (shifts_rad.get(step).copied().unwrap_or_else(even_rad) + first_step_rad)
+            }
+            Self::Stair { steps, .. } => TAU * step as f64 / f64::from(*steps),
+            _ => 0.0,
         }
     }
 
@@ -331,12 +392,11 @@ impl PatternSet {
     /// [`PatternError::NotGenerated`] for random dots.
     pub fn intensity(&self, step: usize, coordinate_px: f64, size_px: u32) -> Result<f64, PatternError> {
         Ok(match self {
-            Self::Sine { period_px, steps, first_step_rad, direction, .. } => {
-                let shift_rad = direction.sign() * (TAU * step as f64 / f64::from(*steps) + first_step_rad);
-                0.5 + 0.5 * cos(TAU * coordinate_px / period_px - shift_rad)
+            Self::Sine { period_px, .. } => {
+                0.5 + 0.5 * cos(TAU * coordinate_px / period_px - self.step_rad(step))
             }
-            Self::Gray { bits, stripe_px, invert, code, .. } => {
-                let column = (coordinate_px + 0.5).floor().max(0.0);
+            Self::Gray { bits, stripe_px, shift_px, invert, code, .. } => {
+                let column = (coordinate_px + 0.5).floor().max(0.0) + shift_px;
                 let stripe = (column / stripe_px).floor() as u32;
                 let number = if *code == Code::Gray { stripe ^ (stripe >> 1) } else { stripe };
                 let bit = (number >> (*bits as usize - 1 - step)) & 1;
@@ -347,7 +407,11 @@ impl PatternSet {
             Self::Stair { stair_px, steps, .. } => {
                 let column = (coordinate_px + 0.5).floor().max(0.0);
                 let stairs = (f64::from(size_px) / stair_px).ceil();
-                let phase_rad = -std::f64::consts::PI + TAU * ((column / stair_px).floor() + 0.5) / stairs;
+                let number = (column / stair_px).floor();
+                if *steps == 1 {
+                    return Ok((number / (stairs - 1.0).max(1.0)).min(1.0));
+                }
+                let phase_rad = -std::f64::consts::PI + TAU * (number + 0.5) / stairs;
                 0.5 + 0.5 * cos(wrap_positive_rad(phase_rad - TAU * step as f64 / f64::from(*steps)))
             }
             Self::Ramp { axis: Some(_), .. } => {
@@ -380,6 +444,22 @@ impl PatternSet {
 
 fn check_steps(steps: u32) -> Result<(), PatternError> {
     if (3..=64).contains(&steps) { Ok(()) } else { Err(PatternError::Steps { steps }) }
+}
+
+/// Unequal shifts must tell three unknowns without multiplying the noise.
+fn check_shifts(steps: u32, shifts_rad: &[f64]) -> Result<(), PatternError> {
+    if shifts_rad.is_empty() {
+        return Ok(());
+    }
+    if shifts_rad.len() != steps as usize || !shifts_rad.iter().all(|shift| shift.is_finite()) {
+        return Err(PatternError::Shifts { shifts: shifts_rad.len(), steps });
+    }
+    // Three steps of 120° give 0.8; ten times that wastes a hundred times the frames.
+    let most = 8.0;
+    match LeastSquares::new(shifts_rad).map(|fit| fit.mean_noise()) {
+        Some(gain) if gain <= most => Ok(()),
+        gain => Err(PatternError::ShiftsAlike { gain: gain.unwrap_or(f64::INFINITY), most }),
+    }
 }
 
 /// Finds set and step of a frame number that runs through the sets in order.

@@ -183,6 +183,7 @@ impl RawProjector {
             height_px: self.height_px,
             cameras: self.camera.iter().map(|camera| camera.name.clone()).collect(),
             sequence: self.sequence.clone(),
+            exposures_ms: Vec::new(),
             full_scale_dn: BTreeMap::new(),
         }
     }

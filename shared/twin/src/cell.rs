@@ -141,8 +141,10 @@ pub struct View {
     pub(crate) ambient: Vec<f32>,
     /// Per ray and traced projector.
     pub(crate) lit: Vec<Lit>,
-    /// Likewise; empty without vibration.
+    /// Likewise; empty for a part that stands still.
     pub(crate) sway: Vec<Sway>,
+    /// Light by way of another place: per pixel, bounce ray and traced projector.
+    pub(crate) bounce: Vec<Lit>,
 }
 
 /// What a ray of sight truly meets.
@@ -237,7 +239,8 @@ impl Twin {
         let size = &self.cameras[index].camera;
         let (width, height) = (size.width_px as usize, size.height_px as usize);
         let rays = width * height * (self.shared.settings.subsamples as usize).pow(2);
-        let swaying = if self.shared.settings.vibration_um > 0.0 { rays * lamps.len() } else { 0 };
+        let swaying = if self.shared.settings.moves() { rays * lamps.len() } else { 0 };
+        let bounces = self.shared.settings.bounce_rays as usize;
         let mut view = View {
             shared: Arc::clone(&self.shared),
             camera: index,
@@ -247,6 +250,7 @@ impl Twin {
             ambient: vec![0.0; rays],
             lit: vec![Lit::default(); rays * lamps.len()],
             sway: vec![Sway::default(); swaying],
+            bounce: vec![Lit::default(); width * height * bounces * lamps.len()],
             lamps,
         };
         self.retrace(&mut view, cycle)?;
@@ -267,6 +271,8 @@ impl Twin {
         let lamps = view.lamps.len();
         let mut lit = view.lit.chunks_mut((rays * lamps).max(1));
         let mut sway = view.sway.chunks_mut((rays * lamps).max(1));
+        let bounces = view.bounce.len() / view.height;
+        let mut bounce = view.bounce.chunks_mut(bounces.max(1));
         let rows = view
             .ambient
             .chunks_mut(rays)
@@ -276,6 +282,7 @@ impl Twin {
                 ambient,
                 lit: lit.next().unwrap_or(&mut []),
                 sway: sway.next().unwrap_or(&mut []),
+                bounce: bounce.next().unwrap_or(&mut []),
             })
             .collect();
         tracer.run(rows);
@@ -300,7 +307,7 @@ impl Twin {
             camera: outside(name, Placed::new(camera, &world_from_part, 0.0))?,
             projectors: lamps.iter().map(lamp).collect::<Result<_, _>>()?,
             world_from_part,
-            subsamples: self.shared.settings.subsamples as usize,
+            settings: &self.shared.settings,
         })
     }
 

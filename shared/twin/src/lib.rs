@@ -16,7 +16,9 @@
 //!   instead, edges and curvature included.
 //! * Vibration: a random rigid shift of the part per frame, the same for all cameras, to first order: each ray meets
 //!   its displaced face; silhouettes and texture stay (a shift of 1 µm moves them by 0.005 px).
-//! * Not modelled: light that bounces between surfaces, depth of field, vignetting, rolling shutters.
+//! * Defocus: `defocus_px_per_mm` blurs the projector with the distance from the middle of the part. The first bounce of light between
+//!   surfaces: `bounce_rays` rays per pixel, cosine-weighted, from matt to matt. Both are off unless asked for.
+//! * Not modelled: further bounces, depth of field of the camera, vignetting, rolling shutters.
 //!
 //! # Truth
 //! [`scene::Scene::truth`], [`cell::Twin::pose`] and the functions named `truth_…` know what no camera can; only what

@@ -50,6 +50,8 @@ pub struct Renderer {
     first: usize,
     lights: Vec<Light>,
     taps: Vec<f32>,
+    /// Number of the exposure, and its factor on all light.
+    exposure: (u64, f64),
     image: Vec<f32>,
     spare: Vec<f32>,
     padded: Vec<f32>,
@@ -160,12 +162,19 @@ impl Renderer {
             if settings.pixel_footprint && settings.subsamples == 1 { FOOTPRINT_PX2 } else { 0.0 };
         let taps = blur::taps(settings.camera_blur_px * settings.camera_blur_px + footprint);
         let (image, spare, padded) = (Vec::new(), Vec::new(), Vec::new());
-        Ok(Self { shared: Arc::clone(shared), projector: index, first, lights, taps, image, spare, padded })
+        let shared = Arc::clone(shared);
+        let exposure = (0, 1.0);
+        Ok(Self { shared, projector: index, first, lights, taps, exposure, image, spare, padded })
     }
 
     /// Number of frames.
     pub fn frames(&self) -> usize {
         self.lights.len()
+    }
+
+    /// Sets the exposure of the next frames: its number, which has noise of its own, and a factor on the settings' exposure.
+    pub fn expose(&mut self, number: u64, factor: f64) {
+        self.exposure = (number, factor);
     }
 
     /// Renders one frame of the sequence.
@@ -215,7 +224,7 @@ impl Renderer {
         let settings = &self.shared.settings;
         let lamps = view.lamps.len();
         let rays = (settings.subsamples as usize).pow(2);
-        let exposure = (settings.exposure * NOMINAL_SIGNAL / rays as f64) as f32;
+        let exposure = (self.exposure.1 * settings.exposure * NOMINAL_SIGNAL / rays as f64) as f32;
         let (ambient, black) = (settings.ambient as f32, settings.black_level as f32);
         let shift = pose::vibration_mm(settings, &self.shared.normal, view.cycle, self.projector, frame);
         let shift = shift.map(|c| c as f32);
@@ -226,7 +235,7 @@ impl Renderer {
                 Some(sway) => moved(lit, sway, &shift),
                 None => (lit.u, lit.v),
             };
-            lit.gain * light.at(u, v) + ambient * view.ambient[at]
+            lit.gain * light.at(u, v, lit.layer) + ambient * view.ambient[at]
         };
         for (index, (out, lit)) in self.image.iter_mut().zip(lit).enumerate() {
             let mut sum = 0.0;
@@ -235,8 +244,22 @@ impl Renderer {
             }
             *out = exposure * sum + black;
         }
+        self.add_bounce(view, frame, slot);
         blur::blur(&mut self.image, &mut self.spare, &mut self.padded, view.width, &self.taps);
         Ok(&self.image)
+    }
+
+    /// Light that reached the part by way of another place of it.
+    fn add_bounce(&mut self, view: &View, frame: usize, slot: usize) {
+        let settings = &self.shared.settings;
+        let (lamps, rays) = (view.lamps.len(), settings.bounce_rays as usize);
+        let Some(light) = frame.checked_sub(self.first).and_then(|i| self.lights.get(i)) else { return };
+        let exposure = (self.exposure.1 * settings.exposure * NOMINAL_SIGNAL) as f32;
+        for (out, rays) in self.image.iter_mut().zip(view.bounce.chunks_exact((rays * lamps).max(1))) {
+            let lit = rays.iter().skip(slot).step_by(lamps);
+            let sum: f32 = lit.map(|lit| lit.gain * light.at(lit.u, lit.v, lit.layer)).sum();
+            *out += exposure * sum;
+        }
     }
 
     /// Shot noise (variance = electrons) and read noise.
@@ -248,12 +271,15 @@ impl Renderer {
         if shot == 0.0 && read == 0.0 {
             return;
         }
-        let key = Key::new(settings.seed)
+        let mut key = Key::new(settings.seed)
             .with(NOISE)
             .with(view.cycle)
             .with(view.camera as u64)
             .with(self.projector as u64)
             .with(frame as u64);
+        if self.exposure.0 > 0 {
+            key = key.with(self.exposure.0);
+        }
         let normal = &self.shared.normal;
         for (index, value) in self.image.iter_mut().enumerate() {
             let variance = value.max(0.0) * shot + read;

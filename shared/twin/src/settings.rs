@@ -34,10 +34,15 @@ pub struct TwinSettings {
     pub angle_scatter_deg: f64,
     /// Random displacement of the part from frame to frame, standard deviation per axis, µm.
     pub vibration_um: f64,
+    /// Displacement of the part along the world's z axis from each frame to the next, µm: a part that moves.
+    pub drift_um: f64,
     /// Projector response: light = level^gamma; 1 is linear.
     pub projector_gamma: f64,
     /// Projector blur, standard deviation of a Gaussian, projector pixels.
     pub projector_blur_px: f64,
+    /// Further blur of the projector per mm of distance from its plane of focus, which runs through the middle of the part, standard
+    /// deviation in projector pixels; added in quadrature.
+    pub defocus_px_per_mm: f64,
     /// Whether levels are rounded to 8 bits.
     pub projector_8bit: bool,
     /// Whether the light is constant over a projector pixel, as from a DMD, or follows the formula in between.
@@ -50,6 +55,10 @@ pub struct TwinSettings {
     pub pixel_footprint: bool,
     /// Ambient light as a fraction of the projector's white at the part.
     pub ambient: f64,
+    /// Rays per pixel that collect the light of the first bounce between surfaces; 0 is none. Few rays make a grainy, unbiased picture of it.
+    pub bounce_rays: u32,
+    /// Strength added to the specular lobe of every surface, in units of reflectance: a shiny part.
+    pub gloss: f64,
     /// Signal of a dark pixel as a fraction of full scale.
     pub black_level: f64,
     /// Whether photons come at random.
@@ -70,14 +79,18 @@ impl Default for TwinSettings {
             position_scatter_mm: 1.0,
             angle_scatter_deg: 1.0,
             vibration_um: 0.2,
+            drift_um: 0.0,
             projector_gamma: 1.05,
             projector_blur_px: 0.6,
+            defocus_px_per_mm: 0.0,
             projector_8bit: true,
             projector_pixels: true,
             projector_leak: 0.002,
             camera_blur_px: 0.5,
             pixel_footprint: true,
             ambient: 0.02,
+            bounce_rays: 0,
+            gloss: 0.0,
             black_level: 0.01,
             shot_noise: true,
             full_well_e: 10_500.0,
@@ -94,19 +107,28 @@ impl TwinSettings {
             position_scatter_mm: 0.0,
             angle_scatter_deg: 0.0,
             vibration_um: 0.0,
+            drift_um: 0.0,
             projector_gamma: 1.0,
             projector_blur_px: 0.0,
+            defocus_px_per_mm: 0.0,
             projector_8bit: false,
             projector_pixels: false,
             projector_leak: 0.0,
             camera_blur_px: 0.0,
             pixel_footprint: false,
             ambient: 0.0,
+            bounce_rays: 0,
+            gloss: 0.0,
             black_level: 0.0,
             shot_noise: false,
             read_noise_e: 0.0,
             ..Self::default()
         }
+    }
+
+    /// Whether the part is displaced from frame to frame.
+    pub(crate) fn moves(&self) -> bool {
+        self.vibration_um > 0.0 || self.drift_um != 0.0
     }
 
     /// Grey value at which the sensor is full.
@@ -130,6 +152,10 @@ impl TwinSettings {
         unsigned("position_scatter_mm", self.position_scatter_mm, 0.0, 1e4, "0 to 10000")?;
         unsigned("angle_scatter_deg", self.angle_scatter_deg, 0.0, 180.0, "0 to 180")?;
         unsigned("vibration_um", self.vibration_um, 0.0, 1000.0, "0 to 1000: larger moves need a new pose")?;
+        unsigned("drift_um", self.drift_um, -1000.0, 1000.0, "-1000 to 1000: larger moves need a new pose")?;
+        unsigned("defocus_px_per_mm", self.defocus_px_per_mm, 0.0, 1.0, "0 to 1")?;
+        unsigned("bounce_rays", self.bounce_rays.into(), 0.0, 256.0, "0 to 256")?;
+        unsigned("gloss", self.gloss, 0.0, 1e3, "0 to 1000")?;
         unsigned("projector_gamma", self.projector_gamma, 0.1, 10.0, "0.1 to 10")?;
         unsigned("projector_blur_px", self.projector_blur_px, 0.0, 20.0, "0 to 20")?;
         unsigned("projector_leak", self.projector_leak, 0.0, 1.0, "0 to 1")?;

@@ -68,21 +68,22 @@ impl Surface {
 
     /// Reflectance times cosine for light from `to_light` seen from `to_eye` (unit vectors); zero from behind.
     ///
-    /// Lambert plus Blinn–Phong (Blinn, Models of light reflection, 1977), the lobe weighted with the cosine too.
+    /// `gloss` adds to the specular lobe. Lambert plus Blinn–Phong (Blinn, Models of light reflection, 1977), the lobe weighted with the cosine too.
     pub fn shade(
         &self,
         albedo: f64,
         normal: &Vector3<f64>,
         to_light: &Vector3<f64>,
         to_eye: &Vector3<f64>,
+        gloss: f64,
     ) -> f64 {
         let cosine = normal.dot(to_light);
         if cosine <= 0.0 {
             return 0.0;
         }
         let lobe = match (to_light + to_eye).try_normalize(1e-12) {
-            Some(half) if self.specular > 0.0 => {
-                self.specular * pow(normal.dot(&half).max(0.0), self.shininess)
+            Some(half) if self.specular + gloss > 0.0 => {
+                (self.specular + gloss) * pow(normal.dot(&half).max(0.0), self.shininess)
             }
             _ => 0.0,
         };

@@ -1,10 +1,21 @@
 //! Tracing: per pixel, what a camera sees and where in each projector's image it lies. Done once per pose.
 
+use crate::body::Hit;
 use crate::light;
 use crate::scene::Scene;
+use crate::settings::TwinSettings;
 use fringe::camera::Camera;
+use fringe::math::sincos;
+use fringe::random::Key;
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
 use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// Tells the directions of the bounce apart from the other draws of a seed.
+const BOUNCE: u64 = 4;
+
+/// A ray that goes on from a surface starts so far above it, mm: beyond the rounding, below anything that is seen.
+const BOUNCE_SKIN_MM: f64 = 1e-4;
 
 /// Half step of the difference quotient along a ray, mm: its error is below 1e-8 of the slope.
 const SLOPE_STEP_MM: f64 = 0.01;
@@ -19,6 +30,8 @@ pub(crate) struct Lit {
     pub v: u32,
     /// Light reflected to the camera per light sent; zero in the shadow.
     pub gain: f32,
+    /// Blur by defocus, layers of [`light::LAYER_PX`].
+    pub layer: f32,
 }
 
 /// How the projector coordinate of a ray changes when the part moves, px per mm in the world frame.
@@ -105,12 +118,21 @@ fn offset(number: usize, n: usize) -> [f64; 2] {
     [place(column, row), place(row, n - 1 - column)]
 }
 
+/// Two unit vectors across a normal.
+fn across(normal: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    let least = if normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
+    let side = normal.cross(&least).normalize();
+    (side, normal.cross(&side))
+}
+
 /// One row of the planes.
 pub(crate) struct Row<'a> {
     pub y: usize,
     pub ambient: &'a mut [f32],
     pub lit: &'a mut [Lit],
     pub sway: &'a mut [Sway],
+    /// Light by way of another place, `bounce_rays` per pixel and projector.
+    pub bounce: &'a mut [Lit],
 }
 
 /// Everything that tracing needs.
@@ -119,7 +141,7 @@ pub(crate) struct Tracer<'a> {
     pub camera: Placed,
     pub projectors: Vec<Placed>,
     pub world_from_part: Isometry3<f64>,
-    pub subsamples: usize,
+    pub settings: &'a TwinSettings,
 }
 
 impl Tracer<'_> {
@@ -129,7 +151,7 @@ impl Tracer<'_> {
     }
 
     fn row(&self, row: &mut Row) {
-        let n = self.subsamples;
+        let n = self.settings.subsamples as usize;
         let projectors = self.projectors.len();
         for (index, ambient) in row.ambient.iter_mut().enumerate() {
             let (x, s) = (index / (n * n), index % (n * n));
@@ -140,6 +162,58 @@ impl Tracer<'_> {
             let [dx, dy] = offset(s, n);
             *ambient = self.sample(x as f64 + dx, row.y as f64 + dy, lit, sway);
         }
+        let rays = self.settings.bounce_rays as usize;
+        for (x, bounce) in row.bounce.chunks_mut((rays * projectors).max(1)).enumerate() {
+            bounce.fill(Lit::default());
+            self.bounce(x, row.y, bounce);
+        }
+    }
+
+    /// The first bounce: rays of sight go on from where they meet the part, spread with the cosine, so that each carries the same share of
+    /// the light that falls in from there; the receiving place counts as matt.
+    fn bounce(&self, x: usize, y: usize, out: &mut [Lit]) {
+        let Some(direction) = self.camera.direction(x as f64, y as f64) else { return };
+        let Some(hit) = self.scene.first_hit(&self.camera.centre, &direction) else { return };
+        let body = self.scene.body(hit.body);
+        let albedo = body.surface.albedo_at(&body.local(&hit.point_mm));
+        let count = f64::from(self.settings.bounce_rays);
+        let key = Key::new(self.settings.seed).with(BOUNCE).with(y as u64).with(x as u64);
+        let (side, other) = across(&hit.normal);
+        let start = hit.point_mm + hit.normal * BOUNCE_SKIN_MM;
+        for (ray, lit) in out.chunks_mut(self.projectors.len()).enumerate() {
+            let share = (ray as f64 + 0.5 + 0.5 * key.symmetric(2 * ray as u64)) / count;
+            let (sin, cos) = sincos(PI * key.symmetric(2 * ray as u64 + 1));
+            let (flat, up) = (share.sqrt(), (1.0 - share).sqrt());
+            let towards = side * (flat * cos) + other * (flat * sin) + hit.normal * up;
+            let Some(source) = self.scene.first_hit(&start, &towards) else { continue };
+            let body = self.scene.body(source.body);
+            let own = body.surface.albedo_at(&body.local(&source.point_mm));
+            for (lit, projector) in lit.iter_mut().zip(&self.projectors) {
+                if let Some(found) = self.lit(projector, &source, own, &-towards) {
+                    *lit = Lit { gain: (f64::from(found.gain) * albedo / count) as f32, ..found };
+                }
+            }
+        }
+    }
+
+    /// What a projector does to a place of the part that is seen in a direction; `None` in the shadow.
+    fn lit(&self, projector: &Placed, hit: &Hit, albedo: f64, to_eye: &Vector3<f64>) -> Option<Lit> {
+        let way = projector.centre - hit.point_mm;
+        let distance_mm2 = way.norm_squared();
+        let surface = &self.scene.body(hit.body).surface;
+        let to_light = way / distance_mm2.sqrt();
+        let shade = surface.shade(albedo, &hit.normal, &to_light, to_eye, self.settings.gloss);
+        if shade <= 0.0 {
+            return None;
+        }
+        let at = projector.pixel(&hit.point_mm)?;
+        if self.scene.is_shadowed(hit, &projector.centre) {
+            return None;
+        }
+        let gain = (shade * projector.reference_mm2 / distance_mm2) as f32;
+        let out_of_focus_mm = (distance_mm2.sqrt() - projector.reference_mm2.sqrt()).abs();
+        let layer = (self.settings.defocus_px_per_mm * out_of_focus_mm / light::LAYER_PX) as f32;
+        Some(Lit { u: light::fixed(at.x), v: light::fixed(at.y), gain, layer })
     }
 
     /// Traces one ray; returns the albedo, zero where it meets nothing.
@@ -149,18 +223,8 @@ impl Tracer<'_> {
         let body = self.scene.body(hit.body);
         let albedo = body.surface.albedo_at(&body.local(&hit.point_mm));
         for (index, projector) in self.projectors.iter().enumerate() {
-            let way = projector.centre - hit.point_mm;
-            let distance_mm2 = way.norm_squared();
-            let shade = body.surface.shade(albedo, &hit.normal, &(way / distance_mm2.sqrt()), &-direction);
-            if shade <= 0.0 {
-                continue;
-            }
-            let Some(at) = projector.pixel(&hit.point_mm) else { continue };
-            if self.scene.is_shadowed(&hit, &projector.centre) {
-                continue;
-            }
-            let gain = (shade * projector.reference_mm2 / distance_mm2) as f32;
-            lit[index] = Lit { u: light::fixed(at.x), v: light::fixed(at.y), gain };
+            let Some(found) = self.lit(projector, &hit, albedo, &-direction) else { continue };
+            lit[index] = found;
             if let Some(sway) = sway.get_mut(index) {
                 *sway = self.sway(projector, &hit.point_mm, &hit.normal, &direction);
             }

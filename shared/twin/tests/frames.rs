@@ -16,6 +16,7 @@ fn sine(axis: Axis, period_px: f64) -> Vec<PatternSet> {
         steps: STEPS,
         first_step_rad: 0.0,
         direction: Direction::Forward,
+        shifts_rad: Vec::new(),
     }]
 }
 

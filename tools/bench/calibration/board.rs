@@ -312,11 +312,13 @@ fn sequence() -> Vec<PatternSet> {
         steps: 10,
         first_step_rad: 0.0,
         direction: Direction::Forward,
+        shifts_rad: Vec::new(),
     };
     let code = |axis| PatternSet::Gray {
         axis,
         bits: 7,
         stripe_px: 8.0,
+        shift_px: 0.0,
         invert: false,
         code: Code::Gray,
         threshold: None,

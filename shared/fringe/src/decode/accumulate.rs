@@ -3,15 +3,17 @@
 use super::roles::SinePlan;
 use crate::frame::Pixels;
 use crate::math::sincos;
+use crate::wrapped::LeastSquares;
 use rayon::prelude::*;
-use std::f64::consts::TAU;
+use std::ops::Range;
 
 /// Pixels of one parallel job; fixed, so that the work is cut the same way on every machine.
 const CHUNK: usize = 16_384;
 
 /// Running sums of one sine set, one value per pixel: Σ I, Σ I cos δ, Σ I sin δ with δᵢ = ±(2πi/N + first step).
 ///
-/// With I = A + B cos(φ − δ): Σ I = N A, Σ I cos δ = N/2 · B cos φ, Σ I sin δ = N/2 · B sin φ (thesis eq. 2.16).
+/// With I = A + B cos(φ − δ): Σ I = N A, Σ I cos δ = N/2 · B cos φ, Σ I sin δ = N/2 · B sin φ (thesis eq. 2.16). For uneven
+/// steps the weights of the frames are those of the least-squares fit, so that the sums mean the same.
 /// Single precision: N ≤ 64 values of at most 16 bits have an exact sum, and the others err by about 1e-7 of it.
 #[derive(Debug)]
 pub struct Sums {
@@ -21,20 +23,50 @@ pub struct Sums {
     pub cos: Vec<f32>,
     /// Σ I sin δ, DN.
     pub sin: Vec<f32>,
-    /// (cos δ, sin δ) per step.
-    weights: Vec<(f32, f32)>,
+    /// Weights of a frame in the three sums: 1, cos δ, sin δ for even steps.
+    weights: Vec<[f32; 3]>,
+    /// The fit of uneven steps; none for even ones.
+    pub uneven: Option<LeastSquares>,
+    /// Noise of a phase that another method found, rad; none where the sums are those of the frames.
+    pub sigma_rad: Option<Vec<f32>>,
 }
 
 impl Sums {
     /// Room for one set.
     pub fn new(plan: &SinePlan, pixels: usize) -> Self {
-        let weights =
-            (0..plan.steps).map(|step| sincos(step_rad(plan, step))).map(|(s, c)| (c as f32, s as f32));
+        let even = |shift: &f64| {
+            let (s, c) = sincos(*shift);
+            [1.0, c as f32, s as f32]
+        };
+        let n = f64::from(plan.steps);
+        let scaled = |w: &[f64; 3]| [(w[0] * n) as f32, (w[1] * 0.5 * n) as f32, (w[2] * 0.5 * n) as f32];
+        // The pattern was checked: its shifts tell three unknowns.
+        let uneven = if plan.even { None } else { LeastSquares::new(&plan.shifts_rad) };
+        let weights = match &uneven {
+            Some(fit) => fit.weights.iter().map(scaled).collect(),
+            None => plan.shifts_rad.iter().map(even).collect(),
+        };
         Self {
             sum: vec![0.0; pixels],
             cos: vec![0.0; pixels],
             sin: vec![0.0; pixels],
-            weights: weights.collect(),
+            weights,
+            uneven,
+            sigma_rad: None,
+        }
+    }
+
+    /// Replaces √(2/N) σ_I / B by what uneven steps or another method make of it.
+    pub fn other_noise(&self, range: &Range<usize>, steps: f32, sigma_rad: &mut [f32]) {
+        if let Some(given) = &self.sigma_rad {
+            sigma_rad.copy_from_slice(&given[range.clone()]);
+        } else if let Some(fit) = &self.uneven {
+            let even = 1.0 / (2.0 / steps).sqrt();
+            for (sigma, i) in sigma_rad.iter_mut().zip(range.clone()) {
+                let (c, s) = (f64::from(self.cos[i]), f64::from(self.sin[i]));
+                let length = (c * c + s * s).sqrt().max(f64::MIN_POSITIVE);
+                *sigma *= even * fit.noise(c / length, s / length) as f32;
+            }
         }
     }
 
@@ -50,7 +82,7 @@ impl Sums {
     where
         T: Copy + PartialOrd + Into<f32> + Sync + Send,
     {
-        let (cos_weight, sin_weight) = self.weights[step];
+        let [weight, cos_weight, sin_weight] = self.weights[step];
         let sums = self
             .sum
             .par_chunks_mut(CHUNK)
@@ -65,14 +97,14 @@ impl Sums {
                 if step == 0 {
                     for (((sum, cos), sin), value) in lanes {
                         let value: f32 = (*value).into();
-                        *sum = value;
+                        *sum = value * weight;
                         *cos = value * cos_weight;
                         *sin = value * sin_weight;
                     }
                 } else {
                     for (((sum, cos), sin), value) in lanes {
                         let value: f32 = (*value).into();
-                        *sum += value;
+                        *sum += value * weight;
                         *cos += value * cos_weight;
                         *sin += value * sin_weight;
                     }
@@ -80,11 +112,6 @@ impl Sums {
             },
         );
     }
-}
-
-/// Phase step δ of one frame, rad.
-pub fn step_rad(plan: &SinePlan, step: u32) -> f64 {
-    plan.direction.sign() * (TAU * f64::from(step) / f64::from(plan.steps) + plan.first_step_rad)
 }
 
 /// Frames that are kept as they came: bits, white, black. The full scale decides how wide a value is stored.

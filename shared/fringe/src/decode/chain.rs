@@ -27,6 +27,8 @@ pub struct Stage {
     pub terms: Vec<(usize, i32)>,
     /// Standard deviation of (c − x) / P for a phase noise of 1 rad of the finest sine.
     pub noise_turns_per_rad: f64,
+    /// What each sine contributes to it, with its sign: their root of squares is the standard deviation.
+    pub parts_turns_per_rad: Vec<f64>,
 }
 
 /// Where the chain begins.
@@ -36,6 +38,8 @@ pub enum Start {
     Code,
     /// In the middle of the projector: the first member covers it.
     Centre,
+    /// At the coordinate that the residues by all periods tell.
+    Residues,
 }
 
 /// A way from nothing to the finest coordinate.
@@ -47,6 +51,28 @@ pub struct Chain {
     pub stages: Vec<Stage>,
 }
 
+impl Chain {
+    /// The finest sine alone, after the residues have told where.
+    pub fn of_residues(period_px: f64) -> Self {
+        let stage = Stage {
+            period_px,
+            terms: vec![(0, 1)],
+            noise_turns_per_rad: 0.0,
+            parts_turns_per_rad: Vec::new(),
+        };
+        Self { start: Start::Residues, stages: vec![stage] }
+    }
+
+    /// Coordinate of wrapped phases (one per sine, finest first) from a coarse one, projector pixels.
+    pub fn coordinate_px(&self, phases_rad: &[f64], coarse_px: f64) -> f64 {
+        self.stages.iter().fold(coarse_px, |c, stage| {
+            let scale = stage.period_px / TAU;
+            let x: f64 = stage.terms.iter().map(|(j, a)| f64::from(*a) * phases_rad[*j] * scale).sum();
+            x + ((c - x) / stage.period_px).round() * stage.period_px
+        })
+    }
+}
+
 #[derive(Debug, Clone)]
 struct Node {
     coefficients: Vec<i32>,
@@ -54,7 +80,7 @@ struct Node {
 }
 
 /// Largest Σ |aⱼ| of a beat: enough for beats of beats (1, −2, 1) and (1, −1, −1, 1).
-const MOST_PHASES: i32 = 4;
+pub const MOST_PHASES: i32 = 4;
 /// Periods and extents that agree to this are equal.
 const EQUAL: f64 = 1.0 + 1e-9;
 
@@ -62,8 +88,13 @@ const EQUAL: f64 = 1.0 + 1e-9;
 ///
 /// `sines[0]` is the finest; `stripe_px` is the stripe of a code that covers the projector.
 pub fn widest(sines: &[Sine], stripe_px: Option<f64>, extent_px: f64) -> Option<Chain> {
+    widest_of(sines, stripe_px, extent_px, MOST_PHASES)
+}
+
+/// The same with beats of at most `most_phases` sines; 1 allows no beats.
+pub fn widest_of(sines: &[Sine], stripe_px: Option<f64>, extent_px: f64, most_phases: i32) -> Option<Chain> {
     let finest = sines.first()?;
-    let nodes = combinations(sines, finest.period_px);
+    let nodes = combinations(sines, finest.period_px, most_phases);
     let goal = nodes.iter().position(|n| n.coefficients[0] == 1 && weight(&n.coefficients) == 1)?;
     // Width of the best way to each node, and the node before it (the node itself for a start).
     let mut best: Vec<(f64, Option<usize>, Start)> =
@@ -95,7 +126,7 @@ pub fn widest(sines: &[Sine], stripe_px: Option<f64>, extent_px: f64) -> Option<
 /// Longest period that any combination reaches, for messages.
 pub fn longest_px(sines: &[Sine]) -> f64 {
     let finest = sines.first().map_or(0.0, |s| s.period_px);
-    combinations(sines, finest).iter().map(|n| n.period_px).fold(0.0, f64::max)
+    combinations(sines, finest, MOST_PHASES).iter().map(|n| n.period_px).fold(0.0, f64::max)
 }
 
 fn weight(coefficients: &[i32]) -> i32 {
@@ -103,7 +134,7 @@ fn weight(coefficients: &[i32]) -> i32 {
 }
 
 /// All combinations with a period of at least the finest one.
-fn combinations(sines: &[Sine], finest_px: f64) -> Vec<Node> {
+fn combinations(sines: &[Sine], finest_px: f64, most_phases: i32) -> Vec<Node> {
     let mut vectors = vec![Vec::new()];
     for _ in sines {
         let mut longer = Vec::new();
@@ -111,7 +142,7 @@ fn combinations(sines: &[Sine], finest_px: f64) -> Vec<Node> {
             for a in [0, 1, -1, 2, -2] {
                 let mut next: Vec<i32> = vector.clone();
                 next.push(a);
-                if weight(&next) <= MOST_PHASES && next.iter().filter(|a| **a != 0).count() <= 4 {
+                if weight(&next) <= most_phases && next.iter().filter(|a| **a != 0).count() <= 4 {
                     longer.push(next);
                 }
             }
@@ -145,13 +176,17 @@ fn begin(node: &Node, sines: &[Sine], stripe_px: Option<f64>, extent_px: f64) ->
 
 /// Standard deviation of (c − x_w) / P per rad of phase noise of the finest sine, other sines scaled by √(N₀/N).
 fn step_noise(coarse: Option<&Node>, fine: &Node, sines: &[Sine]) -> f64 {
-    let mut variance = 0.0;
-    for (j, sine) in sines.iter().enumerate() {
+    step_parts(coarse, fine, sines).iter().map(|part| part * part).sum::<f64>().sqrt()
+}
+
+/// The part of each sine in that.
+fn step_parts(coarse: Option<&Node>, fine: &Node, sines: &[Sine]) -> Vec<f64> {
+    let part = |(j, sine): (usize, &Sine)| {
         let c = coarse.map_or(0.0, |n| f64::from(n.coefficients[j]) * n.period_px);
         let difference = c - f64::from(fine.coefficients[j]) * fine.period_px;
-        variance += difference * difference * f64::from(sines[0].steps) / f64::from(sine.steps);
-    }
-    variance.sqrt() / (TAU * fine.period_px)
+        difference * (f64::from(sines[0].steps) / f64::from(sine.steps)).sqrt() / (TAU * fine.period_px)
+    };
+    sines.iter().enumerate().map(part).collect()
 }
 
 fn unroll(nodes: &[Node], best: &[(f64, Option<usize>, Start)], sines: &[Sine], goal: usize) -> Chain {
@@ -173,6 +208,7 @@ fn unroll(nodes: &[Node], best: &[(f64, Option<usize>, Start)], sines: &[Sine], 
                 .map(|(j, a)| (j, *a))
                 .collect(),
             noise_turns_per_rad: step_noise(i.checked_sub(1).map(|b| &nodes[order[b]]), &nodes[n], sines),
+            parts_turns_per_rad: step_parts(i.checked_sub(1).map(|b| &nodes[order[b]]), &nodes[n], sines),
         })
         .collect();
     Chain { start: best[goal].2, stages }

@@ -162,6 +162,28 @@ pub enum DecodeError {
         /// What was found instead.
         missing: String,
     },
+    /// An order that was asked for without its sets.
+    #[error(
+        "order {order} along axis {axis:?}: the sequence lacks {missing}; add it, or choose another order"
+    )]
+    OrderSet {
+        /// As on the command line.
+        order: &'static str,
+        /// Axis of the sets.
+        axis: Axis,
+        /// What is not there.
+        missing: String,
+    },
+    /// A wrapped phase for a set that is not decoded, or of another size.
+    #[error(
+        "set {index} takes no wrapped phase of {pixels} pixels: it is no sine set in use, or the size differs"
+    )]
+    Replace {
+        /// Position in the sequence.
+        index: usize,
+        /// Pixels given.
+        pixels: usize,
+    },
     /// A frame out of turn.
     #[error("frame {got} landed where frame {expected} of {count} was due")]
     FrameOrder {

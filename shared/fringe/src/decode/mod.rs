@@ -32,15 +32,20 @@ pub mod arctan;
 mod bits;
 mod block;
 pub mod chain;
+mod coarse;
 mod continuity;
 mod error;
+mod exposures;
 mod footprint;
 mod limits;
 mod neighbours;
 mod noise;
+pub mod number;
 mod order;
 mod plan;
+mod replace;
 mod report;
+mod risk;
 mod roles;
 mod settings;
 #[cfg(test)]
@@ -49,9 +54,12 @@ mod verdict;
 
 pub use continuity::Continuity;
 pub use error::DecodeError;
+pub use exposures::{Exposed, merge_exposures};
 pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
+pub use replace::SineSet;
 pub use report::{DecodeReport, NoiseModel, NoiseSource};
-pub use settings::{CameraNoise, DecodeSettings};
+pub use risk::OrderRisk;
+pub use settings::{CameraNoise, DecodeSettings, OrderMethod};
 
 use crate::frame::{FrameView, Pixels};
 use crate::pattern::{Axis, PatternSet};
@@ -77,6 +85,7 @@ pub struct Decoder {
     settings: DecodeSettings,
     plan: Plan,
     steps: Vec<u32>,
+    periods_px: Vec<f64>,
     sums: Vec<Sums>,
     rasters: Rasters,
     axes: Vec<AxisState>,
@@ -121,7 +130,7 @@ impl Decoder {
             return Err(DecodeError::FullScale);
         }
         let pixels = pixels as usize;
-        let plan = Plan::new(sequence, extent_px)?;
+        let plan = Plan::new(sequence, extent_px, settings)?;
         let axes =
             plan.axes.iter().map(|axis| AxisState::new(axis, &plan, width_px as usize, pixels)).collect();
         let mut decoder = Self {
@@ -131,6 +140,7 @@ impl Decoder {
             clipped_dn: (settings.saturation_fraction * f64::from(full_scale_dn)).ceil() as u16,
             settings: settings.clone(),
             steps: plan.sines.iter().map(|s| s.steps).collect(),
+            periods_px: plan.sines.iter().map(|s| s.period_px).collect(),
             sums: plan.sines.iter().map(|s| Sums::new(s, pixels)).collect(),
             rasters: Rasters::new(plan.stored, pixels, full_scale_dn),
             axes,
@@ -146,6 +156,7 @@ impl Decoder {
     /// Starts a new sequence; what has landed is forgotten.
     pub fn begin(&mut self) {
         self.next = 0;
+        self.sums.iter_mut().for_each(|sums| sums.sigma_rad = None);
         for (axis, plan) in self.axes.iter_mut().zip(&self.plan.axes) {
             axis.saturated.fill(0);
             axis.probe.begin();
@@ -176,17 +187,20 @@ impl Decoder {
 
     fn push_sine(&mut self, slot: usize, step: usize, pixels: Pixels) {
         let least_modulation_dn = self.least_modulation_dn();
-        let home = self.plan.axes.iter().position(|a| a.sines.contains(&slot));
+        let wanted = self.plan.sines[slot].axis;
+        let home = self.plan.axes.iter().position(|a| a.axis == wanted);
         let Some((axis, plan)) = home.and_then(|a| self.axes.get_mut(a).zip(self.plan.axes.get(a))) else {
             return;
         };
         self.sums[slot].add(step, pixels, self.clipped_dn, &mut axis.saturated);
-        if self.settings.camera_noise.is_some() {
+        // Stairs are no sine of the axis: their phase jumps.
+        let Some(set) =
+            plan.sines.iter().position(|s| *s == slot).filter(|_| self.settings.camera_noise.is_none())
+        else {
             return;
-        }
+        };
         axis.probe.keep(step, pixels);
         if step + 1 == self.steps[slot] as usize {
-            let set = plan.sines.iter().position(|s| *s == slot).unwrap_or(0);
             axis.probe.close_set(set, least_modulation_dn, self.clipped_dn);
             axis.open_sets -= 1;
             if axis.open_sets == 0 {
@@ -268,6 +282,7 @@ impl Decoder {
             plan,
             sums: &self.sums,
             steps: &self.steps,
+            periods_px: &self.periods_px,
             rasters: &self.rasters,
             saturated: &gathered.saturated,
             noise: self.noise(gathered),
@@ -348,7 +363,7 @@ impl Decoder {
 
 impl AxisState {
     fn new(axis: &AxisPlan, plan: &Plan, width: usize, pixels: usize) -> Self {
-        let sets: Vec<_> = axis.sines.iter().map(|slot| plan.sines[*slot]).collect();
+        let sets: Vec<_> = axis.sines.iter().map(|slot| &plan.sines[*slot]).collect();
         Self {
             saturated: vec![0; pixels],
             probe: Probe::new(width, pixels, &sets),

@@ -6,7 +6,6 @@
 //! of the rest against the background A is a straight line, read² + gain · A: for equally spaced steps every frame has
 //! the same leverage 3/N, so the mean of the residual variance is exact for shot noise too.
 
-use super::accumulate::step_rad;
 use super::report::{NoiseModel, NoiseSource};
 use super::roles::SinePlan;
 use crate::frame::Pixels;
@@ -56,7 +55,7 @@ pub struct Probe {
 
 impl Probe {
     /// Chooses the pixels: every k-th with k prime to the width, so that they do not stand in columns.
-    pub fn new(width: usize, pixels: usize, sets: &[SinePlan]) -> Self {
+    pub fn new(width: usize, pixels: usize, sets: &[&SinePlan]) -> Self {
         let mut stride = (pixels / (RESERVE * SAMPLES)).max(1);
         while gcd(stride, width) != 1 {
             stride += 1;
@@ -68,7 +67,7 @@ impl Probe {
             frames: vec![0; positions.len() * steps_max],
             positions,
             steps_max,
-            spectra: sets.iter().map(Spectrum::new).collect(),
+            spectra: sets.iter().map(|plan| Spectrum::new(plan)).collect(),
             samples: Vec::with_capacity(room),
             scratch: Vec::with_capacity(room),
             unexplained: (0.0, 0.0, 0),
@@ -94,7 +93,8 @@ impl Probe {
     pub fn close_set(&mut self, index: usize, least_modulation_dn: f64, clipped_dn: u16) {
         let spectrum = &self.spectra[index];
         let steps = spectrum.steps;
-        if steps < LEAST_STEPS {
+        // Uneven steps have no harmonics of their own: their residuals are left to the other sets.
+        if steps < LEAST_STEPS || !spectrum.even {
             return;
         }
         let width = self.steps_max.max(1);
@@ -229,6 +229,7 @@ const DISORDER_OF_SCALE: f64 = 0.02;
 #[derive(Debug)]
 struct Spectrum {
     steps: usize,
+    even: bool,
     /// (cos hδᵢ, sin hδᵢ) = table[h N + i].
     table: Vec<(f64, f64)>,
 }
@@ -239,10 +240,10 @@ impl Spectrum {
         let mut table = vec![(0.0, 0.0); (steps / 2 + 1) * steps];
         for (index, entry) in table.iter_mut().enumerate() {
             let (h, i) = (index / steps, index % steps);
-            let (s, c) = sincos(h as f64 * step_rad(plan, i as u32));
+            let (s, c) = sincos(h as f64 * plan.shifts_rad[i]);
             *entry = (c, s);
         }
-        Self { steps, table }
+        Self { steps, even: plan.even, table }
     }
 
     /// (2/N) Σ I e^{ihδ} = bₕ e^{ihφ}.

@@ -8,12 +8,12 @@
 
 use super::accumulate::{Rasters, Sums};
 use super::arctan::angle_positive_rad;
-use super::bits::{Certainty, Stripes, resolve};
+use super::bits::Stripes;
 use super::block::{BLOCK, Planes, Tally, state};
 use super::chain::{Chain, Stage, Start};
 use super::limits::MAX_SINES;
 use super::report::NoiseModel;
-use super::roles::{AxisPlan, CodePlan, Reference};
+use super::roles::AxisPlan;
 use super::settings::DecodeSettings;
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -21,13 +21,11 @@ use std::ops::Range;
 /// 1.5 · 2⁵²: adding and subtracting it rounds to the nearest integer (ties to even) in plain arithmetic.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 /// Deviation beyond half a stripe, in periods, that blur and footprint may cause; more says that a bit is wrong.
-const CODE_EDGE_PERIODS: f64 = 0.2;
+pub(super) const CODE_EDGE_PERIODS: f64 = 0.2;
 /// ln of the odds 10⁴ : 1 that make the nearer of two orders certain.
 const LOG_ODDS: f64 = 9.2;
 /// Pixels that are checked at once for the need of a closer look.
 const EYES: usize = 16;
-/// More uncertain bits than this are not tried in all combinations.
-const MOST_UNSURE_BITS: u32 = 4;
 
 /// Everything that a block needs, constant over the image.
 pub struct Kernel<'a> {
@@ -37,6 +35,8 @@ pub struct Kernel<'a> {
     pub sums: &'a [Sums],
     /// Steps of all sine sets.
     pub steps: &'a [u32],
+    /// Their periods, projector pixels.
+    pub periods_px: &'a [f64],
     /// Stored frames.
     pub rasters: &'a Rasters,
     /// Nonzero where a sine frame of the axis was clipped.
@@ -51,12 +51,13 @@ pub struct Kernel<'a> {
 
 /// Intermediate values of one block.
 pub struct Lanes {
-    phase_rad: [[f64; BLOCK]; MAX_SINES],
+    pub(super) phase_rad: [[f64; BLOCK]; MAX_SINES],
     least_modulation: [f32; BLOCK],
-    coordinate_px: [f64; BLOCK],
-    doubt: [u8; BLOCK],
+    pub(super) coordinate_px: [f64; BLOCK],
+    pub(super) doubt: [u8; BLOCK],
     look: [u8; BLOCK],
-    stripes: Stripes,
+    pub(super) stripes: Stripes,
+    pub(super) shifted: Stripes,
 }
 
 impl Lanes {
@@ -69,6 +70,7 @@ impl Lanes {
             doubt: [0; BLOCK],
             look: [0; BLOCK],
             stripes: Stripes::new(),
+            shifted: Stripes::new(),
         }
     }
 }
@@ -76,24 +78,20 @@ impl Lanes {
 impl Kernel<'_> {
     /// Decodes the pixels in `range` (at most [`BLOCK`]) with the chain of the plan.
     pub fn block(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) -> Tally {
-        let Some(chain) = &self.plan.chain else { return self.code_block(range, &mut lanes.stripes, out) };
+        let Some(chain) = &self.plan.chain else { return self.code_block(range, lanes, out) };
         let count = range.len();
         lanes.least_modulation.fill(f32::INFINITY);
         lanes.doubt.fill(state::SURE);
         let tally = self.wrapped(range, lanes, out);
-        if let Some(code) = &self.plan.code {
-            self.read_code(code, range, &mut lanes.stripes);
-            for (c, number) in lanes.coordinate_px[..count].iter_mut().zip(&lanes.stripes.number) {
-                *c = centre_px(code, *number);
-            }
-        } else {
-            lanes.coordinate_px.fill(0.5 * (self.plan.extent_px - 1.0));
-        }
+        self.coarse(range, lanes);
         for (index, stage) in chain.stages.iter().enumerate() {
             let limits = self.limits(chain, index);
             follow(stage, &limits, lanes, out.sigma_rad, count);
         }
         self.look_closer(chain, lanes, out);
+        if self.plan.fused {
+            self.fuse(range, lanes, out);
+        }
         self.write(lanes, out);
         tally
     }
@@ -107,10 +105,9 @@ impl Kernel<'_> {
             *look = u8::from((*x < low) | (*x > high)) & *state;
         }
         if self.plan.code.is_some() {
-            for (look, (unsure, state)) in
-                lanes.look.iter_mut().zip(lanes.stripes.unsure.iter().zip(&*out.state))
-            {
-                *look |= u8::from(*unsure != 0) & *state;
+            let unsure = lanes.stripes.unsure.iter().zip(&lanes.shifted.unsure);
+            for (look, ((unsure, shifted), state)) in lanes.look.iter_mut().zip(unsure.zip(&*out.state)) {
+                *look |= u8::from(*unsure | *shifted != 0) & *state;
             }
         }
         for first in (0..out.state.len()).step_by(EYES) {
@@ -120,7 +117,7 @@ impl Kernel<'_> {
             }
             for i in part {
                 if lanes.look[i] != 0 {
-                    if self.plan.code.is_some() && lanes.stripes.unsure[i] != 0 {
+                    if self.plan.code.is_some() && lanes.stripes.unsure[i] | lanes.shifted.unsure[i] != 0 {
                         self.question_bits(chain, lanes, i);
                     }
                     self.keep_inside(chain, lanes, i, out.sigma_rad[i]);
@@ -156,6 +153,7 @@ impl Kernel<'_> {
         for ((sigma, b), sum) in out.sigma_rad.iter_mut().zip(&*out.modulation).zip(sum) {
             *sigma = (read + gain * sum).sqrt() / *b;
         }
+        self.sums[finest].other_noise(range, steps, out.sigma_rad);
         self.mask(range, lanes, out)
     }
 
@@ -175,24 +173,16 @@ impl Kernel<'_> {
         Tally { saturated: saturated as usize, dark: dark as usize, noisy: noisy as usize }
     }
 
-    fn read_code(&self, code: &CodePlan, range: &Range<usize>, stripes: &mut Stripes) {
-        let mean = match code.reference {
-            Reference::SineMean(slot) => Some((&self.sums[slot].sum[range.clone()], self.steps[slot])),
-            _ => None,
-        };
-        let certain =
-            Certainty::new(code, mean.map_or(1, |m| m.1), &self.noise, self.settings.certainty_sigmas);
-        stripes.read(self.rasters, self.saturated.len(), code, range, mean, &certain);
-    }
-
     /// When the step to a stage leaves the order open.
     fn limits(&self, chain: &Chain, index: usize) -> Limits {
         let stage = &chain.stages[index];
         let noise = stage.noise_turns_per_rad;
-        match (index, chain.start, &self.plan.code) {
-            (0, Start::Centre, _) => Limits { most: 0.5, weak: 0.5, linear: 0.0, quadratic: 0.0 },
-            (0, Start::Code, Some(code)) => Limits {
-                most: 0.5 * code.stripe_px / stage.period_px + CODE_EDGE_PERIODS,
+        match (index, chain.start) {
+            (0, Start::Centre | Start::Residues) => {
+                Limits { most: 0.5, weak: 0.5, linear: 0.0, quadratic: 0.0 }
+            }
+            (0, Start::Code) => Limits {
+                most: 0.5 * self.stripe_px() / stage.period_px + CODE_EDGE_PERIODS,
                 weak: 0.5 - self.settings.edge_tolerance,
                 linear: self.settings.certainty_sigmas * noise,
                 quadratic: 0.0,
@@ -203,33 +193,6 @@ impl Kernel<'_> {
                 linear: 0.0,
                 quadratic: noise * noise * LOG_ODDS,
             },
-        }
-    }
-
-    /// Tries the other values of the uncertain bits: where one of them leads to another order that the phase does not
-    /// exclude, the order is open.
-    fn question_bits(&self, chain: &Chain, lanes: &mut Lanes, i: usize) {
-        let (Some(code), Some(first)) = (&self.plan.code, chain.stages.first()) else { return };
-        let (seen, unsure) = (lanes.stripes.seen[i], lanes.stripes.unsure[i]);
-        if unsure.count_ones() > MOST_UNSURE_BITS {
-            lanes.doubt[i] = state::OPEN;
-            return;
-        }
-        let most_px = (0.5 * code.stripe_px + CODE_EDGE_PERIODS * first.period_px).min(0.5 * first.period_px);
-        let mut flips = unsure;
-        while flips != 0 {
-            let c = centre_px(code, resolve(seen ^ flips, code.code));
-            let x = follow_one(first, lanes, i, c);
-            let other = chain.stages[1..].iter().fold(x, |x, stage| follow_one(stage, lanes, i, x));
-            let inside = other > -1.0 && other < self.plan.extent_px;
-            if inside
-                && (c - x).abs() <= most_px
-                && (other - lanes.coordinate_px[i]).abs() > 0.5 * self.plan.period_px
-            {
-                lanes.doubt[i] = state::OPEN;
-                return;
-            }
-            flips = (flips - 1) & unsure;
         }
     }
 
@@ -274,28 +237,6 @@ impl Kernel<'_> {
             *sigma = if *state == state::INVALID { f32::NAN } else { *sigma };
         }
     }
-
-    /// A code without sines: centre of the stripe, uniform within it.
-    fn code_block(&self, range: &Range<usize>, stripes: &mut Stripes, out: &mut Planes) -> Tally {
-        let mut tally = Tally::default();
-        let Some(code) = &self.plan.code else { return tally };
-        self.read_code(code, range, stripes);
-        let (scale, sigma) = (TAU / code.stripe_px, (TAU / 12.0_f64.sqrt()) as f32);
-        for i in 0..range.len() {
-            let x = centre_px(code, stripes.number[i]);
-            let contrast = stripes.contrast[i];
-            let lit = contrast >= self.least_modulation_dn && contrast > 0.0;
-            let known =
-                lit && x < self.plan.extent_px + 0.5 * code.stripe_px && neighbours_only(code, stripes, i);
-            tally.dark += usize::from(!lit);
-            tally.noisy += usize::from(lit && !known);
-            out.modulation[i] = contrast.max(0.0);
-            out.state[i] = u8::from(known);
-            out.phase_rad[i] = if known { (x * scale) as f32 } else { f32::NAN };
-            out.sigma_rad[i] = if known { sigma } else { f32::NAN };
-        }
-        tally
-    }
 }
 
 /// Limits of |c − x| / P in a step.
@@ -307,12 +248,6 @@ struct Limits {
     /// Distance to 1/2 that is open, per rad and per rad² of phase noise.
     linear: f64,
     quadratic: f64,
-}
-
-/// Centre of a stripe. Stripe k begins half a column before coordinate k s, where column k s begins.
-#[inline]
-fn centre_px(code: &CodePlan, number: u16) -> f64 {
-    f64::from(number) * code.stripe_px + (0.5 * code.stripe_px - 0.5)
 }
 
 /// The nearest rule for a block: x = x_w + m P, m = round((c − x_w) / P).
@@ -340,26 +275,10 @@ fn follow(stage: &Stage, limits: &Limits, lanes: &mut Lanes, sigma_rad: &[f32], 
 }
 
 /// The same for one pixel.
-fn follow_one(stage: &Stage, lanes: &Lanes, i: usize, c: f64) -> f64 {
+pub(super) fn follow_one(stage: &Stage, lanes: &Lanes, i: usize, c: f64) -> f64 {
     let mut x = 0.0;
     for (j, a) in &stage.terms {
         x += f64::from(*a) * stage.period_px / TAU * lanes.phase_rad[*j][i];
     }
     x + (((c - x) / stage.period_px + ROUND) - ROUND) * stage.period_px
-}
-
-/// Whether every value of the uncertain bits means the same stripe or one beside it.
-fn neighbours_only(code: &CodePlan, stripes: &Stripes, i: usize) -> bool {
-    let unsure = stripes.unsure[i];
-    if unsure.count_ones() > MOST_UNSURE_BITS {
-        return false;
-    }
-    let mut flips = unsure;
-    while flips != 0 {
-        if resolve(stripes.seen[i] ^ flips, code.code).abs_diff(stripes.number[i]) > 1 {
-            return false;
-        }
-        flips = (flips - 1) & unsure;
-    }
-    true
 }

@@ -3,13 +3,17 @@
 use super::chain::{self, Chain, Sine, Start};
 use super::error::DecodeError;
 use super::limits::{MAX_FRAMES, MAX_SINES};
-use super::roles::{AxisPlan, CodePlan, Levels, Plan, Reference, Role, SinePlan};
+use super::number::Residues;
+use super::roles::{AxisPlan, CodePlan, Levels, Plan, Reference, Role, SinePlan, StairPlan, StairSource};
+use super::settings::{DecodeSettings, OrderMethod};
 use crate::pattern::{Axis, PatternSet, Threshold};
 
 /// The sequence with the number of each set's first frame.
 struct Sets<'a> {
-    sets: &'a [PatternSet],
+    list: &'a [PatternSet],
     first_frame: Vec<usize>,
+    order: OrderMethod,
+    fuse: bool,
 }
 
 impl Plan {
@@ -17,7 +21,11 @@ impl Plan {
     ///
     /// # Errors
     /// Names the set that is impossible, double or missing.
-    pub fn new(sequence: &[PatternSet], extent_px: [u32; 2]) -> Result<Self, DecodeError> {
+    pub fn new(
+        sequence: &[PatternSet],
+        extent_px: [u32; 2],
+        settings: &DecodeSettings,
+    ) -> Result<Self, DecodeError> {
         for (index, set) in sequence.iter().enumerate() {
             set.check().map_err(|source| DecodeError::Pattern { index, name: set.name(), source })?;
         }
@@ -31,7 +39,7 @@ impl Plan {
                 return Err(DecodeError::TooManyFrames { count });
             }
         }
-        let sets = Sets { sets: sequence, first_frame };
+        let sets = Sets { list: sequence, first_frame, order: settings.order, fuse: settings.fuse };
         let mut plan =
             Self { roles: vec![Role::Ignored; count], sines: Vec::new(), stored: 0, axes: Vec::new() };
         let mut used = vec![false; sequence.len()];
@@ -56,6 +64,9 @@ impl Plan {
         if sines.is_empty() && code.is_none() {
             return too_short.map_or(Ok(None), Err);
         }
+        let shifted = code.and_then(|code| sets.half_moved(code));
+        let stair = sets.stair(axis).filter(|_| code.is_none() && !sines.is_empty());
+        sets.demand(axis, code, shifted, stair)?;
         if extent_px == 0 {
             return Err(DecodeError::Extent { axis });
         }
@@ -66,21 +77,37 @@ impl Plan {
             levels: None,
             sines: Vec::new(),
             code: None,
+            shifted: None,
+            stair: None,
+            residues: None,
+            fused: sets.fuse && sines.len() > 1,
             chain: None,
             needed: 0,
             ignored: Vec::new(),
         };
-        let stripe_px = code.map(|index| sets.stripe_px(index));
+        let stripe_px = code.or(stair).map(|index| sets.stripe_px(index, shifted.is_some()));
         if let Some((_, finest)) = sines.first() {
             plan.period_px = finest.period_px;
-            let chain = choose_chain(&sines, stripe_px, axis, extent_px)
-                .map_err(|error| too_short.unwrap_or(error))?;
+            let chain = if sets.order == OrderMethod::NumberTheoretical {
+                plan.residues = Some(residues(&sines, axis, extent_px)?);
+                Chain::of_residues(finest.period_px)
+            } else {
+                choose_chain(sets.order, &sines, stripe_px, axis, extent_px)
+                    .map_err(|error| too_short.unwrap_or(error))?
+            };
             self.take_sines(sets, &sines, chain, &mut plan, used);
         } else {
             plan.period_px = stripe_px.unwrap_or(1.0);
         }
-        if let (Some(index), None | Some(Start::Code)) = (code, plan.chain.as_ref().map(|c| c.start)) {
-            plan.code = Some(self.take_code(sets, index, &mut plan.needed, &plan.sines, used)?);
+        if let None | Some(Start::Code) = plan.chain.as_ref().map(|c| c.start) {
+            if let Some(index) = code {
+                plan.code = Some(self.take_code(sets, index, &mut plan.needed, &plan.sines, used)?);
+                plan.shifted = shifted
+                    .map(|index| self.take_code(sets, index, &mut plan.needed, &plan.sines, used))
+                    .transpose()?;
+            } else if let Some(index) = stair {
+                plan.stair = Some(self.take_stair(sets, index, extent_px, &mut plan.needed, used)?);
+            }
         }
         if !plan.sines.is_empty()
             && let Some((white, black)) = sets.first_of("white").zip(sets.first_of("black"))
@@ -100,7 +127,9 @@ impl Plan {
         plan: &mut AxisPlan,
         used: &mut [bool],
     ) {
-        let in_chain = |j: usize| chain.stages.iter().any(|stage| stage.terms.iter().any(|term| term.0 == j));
+        let all = plan.fused || plan.residues.is_some();
+        let in_chain =
+            |j: usize| all || chain.stages.iter().any(|stage| stage.terms.iter().any(|term| term.0 == j));
         let kept: Vec<usize> = (0..sines.len()).filter(|j| in_chain(*j)).collect();
         for stage in &mut chain.stages {
             for term in &mut stage.terms {
@@ -108,15 +137,15 @@ impl Plan {
             }
         }
         for j in kept {
-            let (index, sine) = sines[j];
+            let (index, sine) = sines[j].clone();
             let slot = self.sines.len();
-            self.sines.push(sine);
             for step in 0..sine.steps as usize {
                 self.roles[sets.first_frame[index] + step] = Role::Sine { slot, step };
             }
             used[index] = true;
             plan.sines.push(slot);
             plan.needed = plan.needed.max(sets.first_frame[index] + sine.steps as usize);
+            self.sines.push(sine);
         }
         plan.chain = Some(chain);
     }
@@ -129,7 +158,8 @@ impl Plan {
         sines: &[usize],
         used: &mut [bool],
     ) -> Result<CodePlan, DecodeError> {
-        let PatternSet::Gray { axis, bits, stripe_px, invert, code, threshold } = sets.sets[index] else {
+        let PatternSet::Gray { axis, bits, stripe_px, shift_px, invert, code, threshold } = sets.list[index]
+        else {
             return Err(DecodeError::NothingToDecode);
         };
         let missing = |missing| DecodeError::MissingThreshold { index, axis, wanted: threshold, missing };
@@ -162,7 +192,45 @@ impl Plan {
             }
         };
         let first = self.store(sets, index, needed, used);
-        Ok(CodePlan { first, bits: bits as usize, stripe_px, invert, code, reference })
+        Ok(CodePlan { first, bits: bits as usize, stripe_px, shift_px, invert, code, reference })
+    }
+
+    fn take_stair(
+        &mut self,
+        sets: &Sets,
+        index: usize,
+        extent_px: u32,
+        needed: &mut usize,
+        used: &mut [bool],
+    ) -> Result<StairPlan, DecodeError> {
+        let set = &sets.list[index];
+        let PatternSet::Stair { axis, stair_px, steps } = *set else {
+            return Err(DecodeError::NothingToDecode);
+        };
+        let source = if steps == 1 {
+            let (white, black) =
+                sets.first_of("white").zip(sets.first_of("black")).ok_or(DecodeError::OrderSet {
+                    order: "stair",
+                    axis,
+                    missing: "a white and a black frame".into(),
+                })?;
+            let levels = Levels {
+                white: self.store(sets, white, needed, used),
+                black: self.store(sets, black, needed, used),
+            };
+            StairSource::Grey(self.store(sets, index, needed, used), levels)
+        } else {
+            let slot = self.sines.len();
+            let shifts_rad = (0..steps as usize).map(|step| set.step_rad(step)).collect();
+            self.sines.push(SinePlan { index, axis, period_px: stair_px, steps, shifts_rad, even: true });
+            for step in 0..steps as usize {
+                self.roles[sets.first_frame[index] + step] = Role::Sine { slot, step };
+            }
+            used[index] = true;
+            *needed = (*needed).max(sets.first_frame[index] + steps as usize);
+            StairSource::Phase(slot)
+        };
+        Ok(StairPlan { stair_px, stairs: (f64::from(extent_px) / stair_px).ceil(), source })
     }
 
     /// Slot of the first sine in the sequence among those in use on the axis.
@@ -177,7 +245,7 @@ impl Plan {
     /// Keeps all frames of a set; a set that two axes share (white, black) is kept once.
     fn store(&mut self, sets: &Sets, index: usize, needed: &mut usize, used: &mut [bool]) -> usize {
         let first_frame = sets.first_frame[index];
-        let frames = sets.sets[index].frames();
+        let frames = sets.list[index].frames();
         *needed = (*needed).max(first_frame + frames);
         used[index] = true;
         if let Some(Role::Stored(first)) = self.roles.get(first_frame) {
@@ -196,7 +264,7 @@ impl Plan {
         if self.axes.is_empty() {
             return Err(DecodeError::NothingToDecode);
         }
-        for (index, set) in sets.sets.iter().enumerate().filter(|(index, _)| !used[*index]) {
+        for (index, set) in sets.list.iter().enumerate().filter(|(index, _)| !used[*index]) {
             let home = self.axes.iter().position(|a| Some(a.axis) == set.axis()).unwrap_or(0);
             self.axes[home].ignored.push(format!("set {index} (\"{}\")", set.name()));
         }
@@ -208,11 +276,13 @@ impl Sets<'_> {
     /// Sine sets of an axis with their position, finest first.
     fn sines(&self, axis: Axis) -> Result<Vec<(usize, SinePlan)>, DecodeError> {
         let mut found: Vec<(usize, SinePlan)> = Vec::new();
-        for (index, set) in self.sets.iter().enumerate() {
-            if let PatternSet::Sine { axis: a, period_px, steps, first_step_rad, direction } = *set
-                && a == axis
+        for (index, set) in self.list.iter().enumerate() {
+            if let PatternSet::Sine { axis: a, period_px, steps, shifts_rad, .. } = set
+                && *a == axis
             {
-                found.push((index, SinePlan { axis, period_px, steps, first_step_rad, direction }));
+                let (period_px, steps, even) = (*period_px, *steps, shifts_rad.is_empty());
+                let shifts_rad = (0..steps as usize).map(|step| set.step_rad(step)).collect();
+                found.push((index, SinePlan { index, axis, period_px, steps, shifts_rad, even }));
             }
         }
         found.sort_by(|a, b| a.1.period_px.total_cmp(&b.1.period_px));
@@ -227,9 +297,11 @@ impl Sets<'_> {
     fn code(&self, axis: Axis, extent_px: u32) -> (Option<usize>, Option<DecodeError>) {
         let mut best: Option<(usize, f64, bool)> = None;
         let mut short = None;
-        for (index, set) in self.sets.iter().enumerate() {
-            let PatternSet::Gray { axis: a, bits, stripe_px, invert, .. } = *set else { continue };
-            if a != axis {
+        for (index, set) in self.list.iter().enumerate() {
+            let PatternSet::Gray { axis: a, bits, stripe_px, shift_px, invert, code, .. } = *set else {
+                continue;
+            };
+            if a != axis || !self.order.takes(code) || shift_px > 0.0 {
                 continue;
             }
             let covers_px = stripe_px * f64::from(1_u32 << bits.min(16));
@@ -244,20 +316,74 @@ impl Sets<'_> {
         (best.map(|b| b.0), short)
     }
 
-    fn stripe_px(&self, index: usize) -> f64 {
-        if let PatternSet::Gray { stripe_px, .. } = self.sets[index] { stripe_px } else { 0.0 }
+    fn stripe_px(&self, index: usize, halved: bool) -> f64 {
+        match self.list[index] {
+            PatternSet::Gray { stripe_px, .. } if halved => 0.5 * stripe_px,
+            PatternSet::Gray { stripe_px, .. } => stripe_px,
+            PatternSet::Stair { stair_px, .. } => stair_px,
+            _ => 0.0,
+        }
+    }
+
+    /// The same code, moved by half a stripe.
+    fn half_moved(&self, index: usize) -> Option<usize> {
+        let PatternSet::Gray { axis, bits, stripe_px, code, .. } = self.list[index] else { return None };
+        self.list.iter().position(|other| {
+            matches!(other, PatternSet::Gray { axis: a, bits: b, stripe_px: s, shift_px, invert, code: c, .. }
+                if *a == axis && *b == bits && *s == stripe_px && *c == code && !invert && *shift_px == 0.5 * stripe_px)
+        })
+    }
+
+    fn stair(&self, axis: Axis) -> Option<usize> {
+        let wanted = matches!(self.order, OrderMethod::Auto | OrderMethod::Stair);
+        let is_stair = |set: &PatternSet| matches!(set, PatternSet::Stair { axis: a, .. } if *a == axis);
+        self.list.iter().position(is_stair).filter(|_| wanted)
+    }
+
+    /// Refuses an order whose set is not there.
+    fn demand(
+        &self,
+        axis: Axis,
+        code: Option<usize>,
+        shifted: Option<usize>,
+        stair: Option<usize>,
+    ) -> Result<(), DecodeError> {
+        let missing = match self.order {
+            OrderMethod::Gray if code.is_none() => "a gray set (code = \"gray\") that covers the projector",
+            OrderMethod::Binary if code.is_none() => {
+                "a gray set with code = \"binary\" that covers the projector"
+            }
+            OrderMethod::ShiftedGray if shifted.is_none() => {
+                "two gray sets, the second with shift_px = stripe_px / 2"
+            }
+            OrderMethod::Stair if stair.is_none() => "a stair set beside a sine set",
+            _ => return Ok(()),
+        };
+        Err(DecodeError::OrderSet { order: self.order.name(), axis, missing: missing.into() })
     }
 
     fn complement(&self, index: usize) -> Option<usize> {
-        self.sets.iter().position(|other| complementary(&self.sets[index], other))
+        self.list.iter().position(|other| complementary(&self.list[index], other))
     }
 
     fn first_of(&self, name: &str) -> Option<usize> {
-        self.sets.iter().position(|set| set.name() == name)
+        self.list.iter().position(|set| set.name() == name)
     }
 }
 
+/// The table of the residues by all periods.
+fn residues(sines: &[(usize, SinePlan)], axis: Axis, extent_px: u32) -> Result<Residues, DecodeError> {
+    let list: Vec<(f64, u32)> = sines.iter().map(|(_, s)| (s.period_px, s.steps)).collect();
+    let order = OrderMethod::NumberTheoretical.name();
+    Residues::new(&list, extent_px).map_err(|error| DecodeError::OrderSet {
+        order,
+        axis,
+        missing: error.to_string(),
+    })
+}
+
 fn choose_chain(
+    order: OrderMethod,
     sines: &[(usize, SinePlan)],
     stripe_px: Option<f64>,
     axis: Axis,
@@ -265,7 +391,14 @@ fn choose_chain(
 ) -> Result<Chain, DecodeError> {
     let list: Vec<Sine> =
         sines.iter().map(|(_, s)| Sine { period_px: s.period_px, steps: s.steps }).collect();
-    chain::widest(&list, stripe_px, f64::from(extent_px)).ok_or_else(|| {
+    // A code that was asked for begins the chain even where a sine covers the projector.
+    let by_code = matches!(
+        order,
+        OrderMethod::Gray | OrderMethod::Binary | OrderMethod::ShiftedGray | OrderMethod::Stair
+    );
+    let reach_px = if by_code { f64::INFINITY } else { f64::from(extent_px) };
+    let most_phases = if order == OrderMethod::Hierarchical { 1 } else { chain::MOST_PHASES };
+    chain::widest_of(&list, stripe_px, reach_px, most_phases).ok_or_else(|| {
         let reach_px = chain::longest_px(&list);
         let code = match stripe_px {
             Some(stripe_px) => format!("the gray set's stripe of {stripe_px} px is longer than a period"),
@@ -279,9 +412,11 @@ fn choose_chain(
 fn complementary(one: &PatternSet, other: &PatternSet) -> bool {
     match (one, other) {
         (
-            PatternSet::Gray { axis: a, bits: b, stripe_px: s, invert: i, code: c, .. },
-            PatternSet::Gray { axis: oa, bits: ob, stripe_px: os, invert: oi, code: oc, .. },
-        ) => a == oa && b == ob && s == os && c == oc && i != oi,
+            PatternSet::Gray { axis: a, bits: b, stripe_px: s, shift_px: h, invert: i, code: c, .. },
+            PatternSet::Gray {
+                axis: oa, bits: ob, stripe_px: os, shift_px: oh, invert: oi, code: oc, ..
+            },
+        ) => a == oa && b == ob && s == os && h == oh && c == oc && i != oi,
         _ => false,
     }
 }
@@ -294,9 +429,11 @@ fn refuse_duplicates(sequence: &[PatternSet]) -> Result<(), DecodeError> {
             PatternSet::Sine { axis: other, period_px: other_px, .. },
         ) => axis == other && period_px == other_px,
         (
-            PatternSet::Gray { axis: a, bits: b, stripe_px: s, invert: i, code: c, .. },
-            PatternSet::Gray { axis: oa, bits: ob, stripe_px: os, invert: oi, code: oc, .. },
-        ) => a == oa && b == ob && s == os && c == oc && i == oi,
+            PatternSet::Gray { axis: a, bits: b, stripe_px: s, shift_px: h, invert: i, code: c, .. },
+            PatternSet::Gray {
+                axis: oa, bits: ob, stripe_px: os, shift_px: oh, invert: oi, code: oc, ..
+            },
+        ) => a == oa && b == ob && s == os && h == oh && c == oc && i == oi,
         _ => false,
     };
     for (second, set) in sequence.iter().enumerate() {

@@ -1,7 +1,8 @@
 //! What each frame is for, and what each axis is made of.
 
 use super::chain::Chain;
-use crate::pattern::{Axis, Code, Direction};
+use super::number::Residues;
+use crate::pattern::{Axis, Code};
 
 /// What a landing frame is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,18 +21,20 @@ pub enum Role {
 }
 
 /// A sine set that is decoded.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SinePlan {
+    /// Position in the sequence.
+    pub index: usize,
     /// Axis.
     pub axis: Axis,
     /// Projector pixels per 2π.
     pub period_px: f64,
     /// Number of steps N.
     pub steps: u32,
-    /// Phase step of frame 0, rad.
-    pub first_step_rad: f64,
-    /// Sense of the steps.
-    pub direction: Direction,
+    /// Phase step δ of each frame, rad.
+    pub shifts_rad: Vec<f64>,
+    /// Whether the steps are 2π/N.
+    pub even: bool,
 }
 
 /// What the bits are compared with, as stored rasters.
@@ -54,12 +57,34 @@ pub struct CodePlan {
     pub bits: usize,
     /// Projector pixels per stripe.
     pub stripe_px: f64,
+    /// How far the code is moved towards smaller coordinates, projector pixels.
+    pub shift_px: f64,
     /// Black and white exchanged.
     pub invert: bool,
     /// Numbering.
     pub code: Code,
     /// Threshold.
     pub reference: Reference,
+}
+
+/// Stairs that are decoded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StairPlan {
+    /// Projector pixels per stair.
+    pub stair_px: f64,
+    /// Number of stairs.
+    pub stairs: f64,
+    /// Where they are.
+    pub source: StairSource,
+}
+
+/// Phase or grey level.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StairSource {
+    /// A set of steps, summed like a sine (index into [`Plan::sines`]).
+    Phase(usize),
+    /// One raster between black and white.
+    Grey(usize, Levels),
 }
 
 /// The white and the black frame among the stored rasters.
@@ -86,6 +111,14 @@ pub struct AxisPlan {
     pub sines: Vec<usize>,
     /// Code, if it is used.
     pub code: Option<CodePlan>,
+    /// The same code moved by half a stripe: both together number half stripes.
+    pub shifted: Option<CodePlan>,
+    /// Stairs, if they are used.
+    pub stair: Option<StairPlan>,
+    /// Residues by coprime periods, if they are used.
+    pub residues: Option<Residues>,
+    /// Whether all sines make the result.
+    pub fused: bool,
     /// Way to the finest coordinate; none for a code without sines.
     pub chain: Option<Chain>,
     /// Frames that must have landed.

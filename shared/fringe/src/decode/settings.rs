@@ -1,6 +1,7 @@
 //! What a person may decide about decoding.
 
 use super::DecodeError;
+use crate::pattern::Code;
 use serde::{Deserialize, Serialize};
 
 /// Noise of a camera: the variance of a grey value is read² + gain · value.
@@ -11,6 +12,55 @@ pub struct CameraNoise {
     pub read_noise_dn: f64,
     /// DN per photo-electron: variance of the shot noise per DN of signal.
     pub gain_dn: f64,
+}
+
+/// What tells the fringe order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OrderMethod {
+    /// Of all ways through code and sines the one that survives the most noise; stairs where there is no code.
+    #[default]
+    Auto,
+    /// Gray code.
+    Gray,
+    /// Plain binary code.
+    Binary,
+    /// Two codes, half a stripe apart: no jumps.
+    ShiftedGray,
+    /// Stairs of phase or grey level (eq. 2.59 – 2.61).
+    Stair,
+    /// Sines alone, from long to short periods (eq. 2.50 – 2.53).
+    Hierarchical,
+    /// Sines alone, through their beats.
+    Heterodyne,
+    /// Sines alone, through a table of the residues by coprime periods (eq. 2.54 – 2.58).
+    NumberTheoretical,
+}
+
+impl OrderMethod {
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Gray => "gray",
+            Self::Binary => "binary",
+            Self::ShiftedGray => "shifted-gray",
+            Self::Stair => "stair",
+            Self::Hierarchical => "hierarchical",
+            Self::Heterodyne => "heterodyne",
+            Self::NumberTheoretical => "number-theoretical",
+        }
+    }
+
+    /// Whether a code with this numbering is used.
+    pub(super) fn takes(self, code: Code) -> bool {
+        match self {
+            Self::Auto | Self::ShiftedGray => true,
+            Self::Gray => code == Code::Gray,
+            Self::Binary => code == Code::Binary,
+            Self::Stair | Self::Hierarchical | Self::Heterodyne | Self::NumberTheoretical => false,
+        }
+    }
 }
 
 /// Limits and assumptions of the decoder.
@@ -43,6 +93,10 @@ pub struct DecodeSettings {
     /// absent it is estimated from white, black and the modulation, and nothing is corrected where they do not tell it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub footprint_px: Option<f64>,
+    /// What tells the fringe order.
+    pub order: OrderMethod,
+    /// Whether the result is the inverse-variance mean of all sine sets of an axis, not the finest alone.
+    pub fuse: bool,
     /// Whether single pixels whose order all neighbours contradict are corrected.
     pub repair_spikes: bool,
 }
@@ -60,6 +114,8 @@ impl Default for DecodeSettings {
             neighbour_reach_px: 16,
             max_contradiction: 0.5,
             footprint_px: None,
+            order: OrderMethod::Auto,
+            fuse: false,
             repair_spikes: true,
         }
     }

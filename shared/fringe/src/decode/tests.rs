@@ -1,6 +1,7 @@
 //! Tests of the decoder on frames rendered from the pattern definitions.
 
 mod footprint;
+mod methods;
 mod noise;
 mod order;
 mod refusals;
@@ -155,11 +156,26 @@ impl Random {
 }
 
 fn sine(axis: Axis, period_px: f64, steps: u32) -> PatternSet {
-    PatternSet::Sine { axis, period_px, steps, first_step_rad: 0.0, direction: Direction::Forward }
+    PatternSet::Sine {
+        axis,
+        period_px,
+        steps,
+        first_step_rad: 0.0,
+        direction: Direction::Forward,
+        shifts_rad: Vec::new(),
+    }
 }
 
 fn gray(axis: Axis, bits: u32, stripe_px: f64) -> PatternSet {
-    PatternSet::Gray { axis, bits, stripe_px, invert: false, code: Code::Gray, threshold: None }
+    PatternSet::Gray {
+        axis,
+        bits,
+        stripe_px,
+        shift_px: 0.0,
+        invert: false,
+        code: Code::Gray,
+        threshold: None,
+    }
 }
 
 fn demo(stripe_px: f64, bits: u32) -> Vec<PatternSet> {

@@ -1,7 +1,7 @@
 //! The strongest component of a picture's spectrum.
 
 use super::FocusError;
-use super::fourier::{Complex, transform_2d};
+use crate::fourier::{Complex, transform_2d};
 use crate::frame::FrameView;
 use crate::math::{cos, ln, sincos};
 use crate::response::Roi;

@@ -9,7 +9,6 @@
 
 pub mod carrier;
 pub mod curve;
-mod fourier;
 #[cfg(test)]
 mod tests;
 

@@ -2,8 +2,8 @@
 
 use super::carrier::{find, usual_region};
 use super::curve::evaluate;
-use super::fourier::transform_2d;
 use super::*;
+use crate::fourier::transform_2d;
 use crate::frame::{Frame, PixelBuffer};
 use crate::math::{cos, erf, exp, sin};
 use crate::response::Roi;

@@ -8,6 +8,7 @@ const SINE: PatternSet = PatternSet::Sine {
     steps: 10,
     first_step_rad: 0.0,
     direction: Direction::Forward,
+    shifts_rad: Vec::new(),
 };
 
 #[test]
@@ -23,6 +24,7 @@ fn neighbouring_gray_stripes_differ_in_one_bit() {
         axis: Axis::X,
         bits: 6,
         stripe_px: 16.0,
+        shift_px: 0.0,
         invert: false,
         code: Code::Gray,
         threshold: None,
@@ -88,8 +90,16 @@ fn a_correction_acts_before_the_rounding() {
 #[test]
 fn sets_that_no_decoder_can_use_are_refused() {
     let PatternSet::Sine { axis, period_px, first_step_rad, direction, .. } = SINE else { unreachable!() };
-    let two = PatternSet::Sine { axis, period_px, steps: 2, first_step_rad, direction };
+    let two =
+        PatternSet::Sine { axis, period_px, steps: 2, first_step_rad, direction, shifts_rad: Vec::new() };
     assert_eq!(two.check(), Err(PatternError::Steps { steps: 2 }));
-    let nan = PatternSet::Sine { axis, period_px: f64::NAN, steps: 4, first_step_rad, direction };
+    let nan = PatternSet::Sine {
+        axis,
+        period_px: f64::NAN,
+        steps: 4,
+        first_step_rad,
+        direction,
+        shifts_rad: Vec::new(),
+    };
     assert!(nan.check().is_err());
 }

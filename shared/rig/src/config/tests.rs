@@ -48,6 +48,7 @@ fn folder() -> tempfile::TempDir {
         height_px: 48,
         cameras: vec!["cam1".into(), "cam2".into()],
         sequence: holder["sequence"].clone().try_into().unwrap(),
+        exposures_ms: Vec::new(),
         full_scale_dn: std::collections::BTreeMap::new(),
     };
     let mut writer = RecordingWriter::create(&dir.path().join("scan"), &[record]).unwrap();

@@ -6,6 +6,9 @@
 //! ```
 //! Beyond the contract a `[[projector]]` may carry `full_scale_dn` (one number, or a table by camera): the grey value at
 //! which the sensor is full in 16-bit files, such as 4095 for 12 bits; without it 65535. 8-bit files are full at 255.
+//!
+//! Frames of several exposures (for shiny parts): `exposures_ms = [2.0, 8.0, 32.0]` in the `[[projector]]`, and beside `<NNN>.png`, which is
+//! the first exposure, `<NNN>_1.png`, `<NNN>_2.png`. A program that only knows `<NNN>.png` reads the first exposure.
 
 mod model;
 mod read;

@@ -41,6 +41,8 @@ pub struct RecordedProjector {
     pub height_px: u32,
     /// What it showed.
     pub sequence: Vec<PatternSet>,
+    /// Exposure times, rising or not, of recordings that have several; else empty.
+    pub exposures_ms: Vec<f64>,
     /// Who looked.
     pub cameras: Vec<RecordedCamera>,
 }
@@ -60,6 +62,8 @@ pub struct RecordedCamera {
     pub full_scale_dn: u16,
     /// One file per frame of the sequence.
     pub frames: Vec<PathBuf>,
+    /// The same for the second and further exposures.
+    pub longer: Vec<Vec<PathBuf>>,
 }
 
 /// A rig fitted to what a recording holds.
@@ -82,6 +86,20 @@ impl Recording {
     /// # Errors
     /// Unknown names, a number beyond the sequence, or a file that does not decode (truncated, changed since opened).
     pub fn load(&self, projector: &str, camera: &str, frame: usize) -> Result<Frame, FileError> {
+        self.load_exposed(projector, camera, 0, frame)
+    }
+
+    /// Decodes one frame of one exposure, which counts from 0.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_exposed(
+        &self,
+        projector: &str,
+        camera: &str,
+        exposure: usize,
+        frame: usize,
+    ) -> Result<Frame, FileError> {
         let absent =
             |what: String| FileError::new(&self.folder, Problem::Missing(what), "see recording.toml");
         let camera = self
@@ -89,9 +107,9 @@ impl Recording {
             .and_then(|projector| projector.camera(camera))
             .ok_or_else(|| absent(format!("projector \"{projector}\" with camera \"{camera}\"")))?;
         let count = camera.frames.len();
-        let path = camera
-            .frames
-            .get(frame)
+        let frames = exposure.checked_sub(1).map_or(Some(&camera.frames), |more| camera.longer.get(more));
+        let path = frames
+            .and_then(|frames| frames.get(frame))
             .ok_or_else(|| absent(format!("frame {frame} of {count} of camera \"{}\"", camera.name)))?;
         camera.load(path)
     }

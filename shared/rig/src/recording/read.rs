@@ -33,6 +33,8 @@ struct RawProjector {
     cameras: Vec<String>,
     sequence: Vec<PatternSet>,
     full_scale_dn: Option<FullScale>,
+    #[serde(default)]
+    exposures_ms: Vec<f64>,
 }
 
 /// One number for all cameras, or one for each that differs.
@@ -103,6 +105,7 @@ fn projector(
     check_name(&raw.name).map_err(|problem| document.fault(&format!("{key}.name"), problem, ""))?;
     check_sequence(document, &key, [raw.width_px, raw.height_px], &raw.sequence)?;
     check_full_scale(document, &key, raw)?;
+    check_exposures(document, &key, &raw.exposures_ms)?;
     let cameras_key = format!("{key}.cameras");
     if raw.cameras.is_empty() {
         let problem = Problem::Missing("a camera".into());
@@ -119,13 +122,21 @@ fn projector(
     let count = frame_count(&raw.sequence);
     let camera = |name: &String| {
         let folder = folder.join("frames").join(&raw.name).join(name);
-        camera(document, &cameras_key, name, &folder, count, raw.full_scale_dn.as_ref())
+        camera(
+            document,
+            &cameras_key,
+            name,
+            &folder,
+            [count, raw.exposures_ms.len()],
+            raw.full_scale_dn.as_ref(),
+        )
     };
     Ok(RecordedProjector {
         name: raw.name.clone(),
         width_px: raw.width_px,
         height_px: raw.height_px,
         sequence: raw.sequence.clone(),
+        exposures_ms: raw.exposures_ms.clone(),
         cameras: raw.cameras.iter().map(camera).collect::<Result<_, _>>()?,
     })
 }
@@ -157,15 +168,17 @@ fn camera(
     key: &str,
     name: &str,
     folder: &Path,
-    count: usize,
+    [count, exposures]: [usize; 2],
     full_scale: Option<&FullScale>,
 ) -> Result<RecordedCamera, FileError> {
     if !folder.is_dir() {
         let problem = Problem::Missing(format!("the folder {} of camera \"{name}\"", folder.display()));
         return Err(document.fault(key, problem, "frames lie in frames/<projector>/<camera>/000.png"));
     }
-    let frames = list_frames(folder, count)?;
-    let head = equal_headers(&frames)?;
+    let mut all = list_frames(folder, count, exposures.max(1))?;
+    let head = equal_headers(&all.concat())?;
+    let longer = all.split_off(1);
+    let frames = all.concat();
     let full_scale_dn = match head.bits {
         8 => 255,
         _ => full_scale.and_then(|scale| scale.of(name)).unwrap_or(u16::MAX),
@@ -177,17 +190,51 @@ fn camera(
         bits: head.bits,
         full_scale_dn,
         frames,
+        longer,
     })
 }
 
-/// Frames 000 … count − 1, each there once, and no other image.
-fn list_frames(folder: &Path, count: usize) -> Result<Vec<PathBuf>, FileError> {
-    let mut found: Vec<Option<PathBuf>> = vec![None; count];
+/// Most exposures of a recording.
+const MOST_EXPOSURES: usize = 16;
+
+fn check_exposures(document: &Document, key: &str, exposures_ms: &[f64]) -> Result<(), FileError> {
+    let key = format!("{key}.exposures_ms");
+    let fault = |value: String, limit: &str| {
+        document.fault(
+            &key,
+            Problem::Value { value, limit: limit.into() },
+            "one time per exposure, each once",
+        )
+    };
+    if exposures_ms.len() > MOST_EXPOSURES {
+        return Err(fault(format!("{} exposures", exposures_ms.len()), "at most 16"));
+    }
+    let bad = |(i, ms): &(usize, &f64)| !(ms.is_finite() && **ms > 0.0) || exposures_ms[..*i].contains(ms);
+    match exposures_ms.iter().enumerate().find(bad) {
+        Some((_, ms)) => Err(fault(ms.to_string(), "times above 0 ms, each once")),
+        None => Ok(()),
+    }
+}
+
+/// Frame and exposure of a file's name: `007` or `007_2`.
+fn numbers(stem: &str, exposures: usize) -> Option<[usize; 2]> {
+    let (frame, exposure) = match stem.split_once('_') {
+        Some((frame, exposure)) => (frame, exposure.parse().ok().filter(|e| *e > 0 && *e < exposures)?),
+        None => (stem, 0),
+    };
+    let number = frame.parse::<usize>().ok()?;
+    let written = if exposure == 0 { format!("{number:03}") } else { format!("{number:03}_{exposure}") };
+    (written == stem).then_some([number, exposure])
+}
+
+/// Frames 000 … count − 1 of each exposure, each there once, and no other image.
+fn list_frames(folder: &Path, count: usize, exposures: usize) -> Result<Vec<Vec<PathBuf>>, FileError> {
+    let mut all: Vec<Vec<Option<PathBuf>>> = vec![vec![None; count]; exposures];
     for path in images(folder)? {
         let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("");
-        let number = stem.parse::<usize>().ok().filter(|number| stem == format!("{number:03}"));
-        match number {
-            Some(number) if number < count => {
+        match numbers(stem, exposures) {
+            Some([number, exposure]) if number < count => {
+                let found = &mut all[exposure];
                 if let Some(first) = &found[number] {
                     let problem = Problem::Disagreement {
                         what: "frames",
@@ -218,10 +265,10 @@ fn list_frames(folder: &Path, count: usize) -> Result<Vec<PathBuf>, FileError> {
             }
         }
     }
-    complete(folder, found)
+    all.into_iter().enumerate().map(|(exposure, found)| complete(folder, exposure, found)).collect()
 }
 
-fn complete(folder: &Path, found: Vec<Option<PathBuf>>) -> Result<Vec<PathBuf>, FileError> {
+fn complete(folder: &Path, exposure: usize, found: Vec<Option<PathBuf>>) -> Result<Vec<PathBuf>, FileError> {
     let count = found.len();
     let there = found.iter().flatten().count();
     let missing: Vec<String> =
@@ -232,7 +279,12 @@ fn complete(folder: &Path, found: Vec<Option<PathBuf>>) -> Result<Vec<PathBuf>, 
     let shown = list(missing.iter().take(8).map(String::as_str));
     let problem = Problem::Disagreement {
         what: "frames and sequence",
-        here: format!("{there} frames are here (missing: {shown})"),
+        here: match exposure {
+            0 => format!("{there} frames are here (missing: {shown})"),
+            _ => format!(
+                "{there} frames of exposure {exposure} are here (missing: {shown}, each with _{exposure})"
+            ),
+        },
         there: format!("the sequence of recording.toml has {count}"),
     };
     Err(FileError::new(folder, problem, "record or copy again, or correct the sequence"))

@@ -15,6 +15,7 @@ const SINE: PatternSet = PatternSet::Sine {
     steps: 3,
     first_step_rad: 0.25,
     direction: Direction::Backward,
+    shifts_rad: Vec::new(),
 };
 
 fn frame(number: usize, width_px: u32) -> Frame {
@@ -29,6 +30,7 @@ fn records() -> Vec<ProjectorRecord> {
         height_px: 48,
         cameras: vec!["cam1".into(), "cam2".into()],
         sequence: vec![SINE, PatternSet::White {}],
+        exposures_ms: Vec::new(),
         full_scale_dn: std::collections::BTreeMap::new(),
     }]
 }

@@ -25,6 +25,8 @@ pub struct ProjectorRecord {
     pub cameras: Vec<String>,
     /// What it shows.
     pub sequence: Vec<PatternSet>,
+    /// Exposure times where there are several; else empty.
+    pub exposures_ms: Vec<f64>,
     /// For 16-bit frames of cameras that are full below 65535, by camera. [`RecordingWriter`] fills it in.
     pub full_scale_dn: BTreeMap<String, u16>,
 }
@@ -39,7 +41,7 @@ pub struct RecordingWriter {
     /// Whether the frames are part of a complete recording.
     finished: bool,
     projectors: Vec<ProjectorRecord>,
-    /// Which frames are written, by projector and camera.
+    /// Which frames are written, by projector and camera; those of the first exposure come first.
     written: Vec<Vec<Vec<bool>>>,
     /// Size and full scale of each camera, from its first frame.
     sizes: BTreeMap<String, (u32, u32, u16)>,
@@ -66,7 +68,8 @@ impl RecordingWriter {
         }
         refuse_used(folder)?;
         let empty = |projector: &ProjectorRecord| {
-            vec![vec![false; frame_count(&projector.sequence)]; projector.cameras.len()]
+            let frames = frame_count(&projector.sequence) * projector.exposures_ms.len().max(1);
+            vec![vec![false; frames]; projector.cameras.len()]
         };
         let writer = Self {
             folder: folder.to_owned(),
@@ -93,6 +96,20 @@ impl RecordingWriter {
         projector: &str,
         camera: &str,
         frame: usize,
+        view: &FrameView<'_>,
+    ) -> Result<(), FileError> {
+        self.write_exposed(projector, camera, [0, frame], view)
+    }
+
+    /// Writes one frame of one exposure: [exposure, frame].
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub fn write_exposed(
+        &mut self,
+        projector: &str,
+        camera: &str,
+        frame: [usize; 2],
         view: &FrameView<'_>,
     ) -> Result<(), FileError> {
         let place = self.place(projector, camera, frame).with_extension("png");
@@ -122,9 +139,9 @@ impl RecordingWriter {
         if !as_it_is {
             return self.write(projector, camera, frame, &content.view());
         }
-        let place = self.place(projector, camera, frame).with_extension(extension);
+        let place = self.place(projector, camera, [0, frame]).with_extension(extension);
         let size = (content.width_px, content.height_px, content.full_scale_dn);
-        let slot = self.slot(projector, camera, frame, size, &place)?;
+        let slot = self.slot(projector, camera, [0, frame], size, &place)?;
         if place.exists() {
             return Err(FileError::new(&place, Problem::Unsupported("exists already".into()), ""));
         }
@@ -137,8 +154,9 @@ impl RecordingWriter {
     }
 
     /// Without extension.
-    fn place(&self, projector: &str, camera: &str, frame: usize) -> PathBuf {
-        self.folder.join("frames").join(projector).join(camera).join(format!("{frame:03}"))
+    fn place(&self, projector: &str, camera: &str, [exposure, frame]: [usize; 2]) -> PathBuf {
+        let name = if exposure == 0 { format!("{frame:03}") } else { format!("{frame:03}_{exposure}") };
+        self.folder.join("frames").join(projector).join(camera).join(name)
     }
 
     /// The mark of a frame that may be written with this size and full scale.
@@ -146,7 +164,7 @@ impl RecordingWriter {
         &mut self,
         projector: &str,
         camera: &str,
-        frame: usize,
+        [exposure, frame]: [usize; 2],
         size: (u32, u32, u16),
         place: &Path,
     ) -> Result<&mut bool, FileError> {
@@ -154,7 +172,10 @@ impl RecordingWriter {
         let index = self.projectors.iter().position(|p| p.name == projector);
         let index =
             index.and_then(|p| Some((p, self.projectors[p].cameras.iter().position(|name| name == camera)?)));
-        let slot = index.and_then(|(p, c)| self.written[p][c].get_mut(frame));
+        let slot = index.and_then(|(p, c)| {
+            let frames = frame_count(&self.projectors[p].sequence);
+            self.written[p][c].get_mut(exposure * frames + frame).filter(|_| frame < frames)
+        });
         let Some(slot) = slot else {
             return Err(at(Problem::Unsupported("belongs to no frame of the sequence".into())));
         };
@@ -243,6 +264,10 @@ pub fn recording_text(projectors: &[ProjectorRecord], provenance: &toml::Table) 
         if !projector.full_scale_dn.is_empty() {
             let scales = projector.full_scale_dn.iter().map(|(name, dn)| format!("{} = {dn}", quoted(name)));
             let _ = writeln!(out, "full_scale_dn = {{ {} }}", scales.collect::<Vec<_>>().join(", "));
+        }
+        if !projector.exposures_ms.is_empty() {
+            let times: Vec<String> = projector.exposures_ms.iter().map(|ms| format!("{ms:?}")).collect();
+            let _ = writeln!(out, "exposures_ms = [{}]", times.join(", "));
         }
         out.push_str("sequence = [\n");
         for set in &projector.sequence {

@@ -42,6 +42,7 @@ fn every_threshold_and_code_gives_the_same_coordinates() {
         axis: Axis::Y,
         bits: 7,
         stripe_px: 8.0,
+        shift_px: 0.0,
         invert,
         code,
         threshold,

@@ -34,6 +34,7 @@ fn broken_sequences_are_refused() {
         axis: x,
         bits: 7,
         stripe_px: 8.0,
+        shift_px: 0.0,
         invert: false,
         code: Code::Gray,
         threshold: Some(threshold),

@@ -10,8 +10,23 @@ fn any_sequence() -> impl Strategy<Value = (Vec<PatternSet>, Axis, u32)> {
     (8.0..64.0_f64, 3..=16_u32, -7.0..7.0_f64, axis, direction, code, 1..=3_u32).prop_map(
         |(period_px, steps, first_step_rad, axis, direction, code, parts)| {
             let stripe_px = period_px / f64::from(1_u32 << parts);
-            let fringes = PatternSet::Sine { axis, period_px, steps, first_step_rad, direction };
-            let stripes = PatternSet::Gray { axis, bits: 9, stripe_px, invert: false, code, threshold: None };
+            let fringes = PatternSet::Sine {
+                axis,
+                period_px,
+                steps,
+                first_step_rad,
+                direction,
+                shifts_rad: Vec::new(),
+            };
+            let stripes = PatternSet::Gray {
+                axis,
+                bits: 9,
+                stripe_px,
+                shift_px: 0.0,
+                invert: false,
+                code,
+                threshold: None,
+            };
             // Integer columns: the last stripe may be cut.
             let extent_px = ((stripe_px * 512.0).floor() as u32).min(700);
             (vec![stripes, PatternSet::Black {}, fringes, PatternSet::White {}], axis, extent_px)

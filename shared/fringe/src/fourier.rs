@@ -1,4 +1,4 @@
-//! The fast Fourier transform of a real picture whose sides are powers of two.
+//! The fast Fourier transform of lines and pictures whose sides are powers of two.
 //!
 //! Written here because its bits may not depend on the machine: libraries choose their vector width at run time and take
 //! their sines from the system.
@@ -26,7 +26,8 @@ pub fn transform_2d(values: &mut [Complex], width: usize, height: usize) {
     }
 }
 
-struct Plan {
+/// The turns of one length.
+pub struct Plan {
     /// e^(−2πik/n) for the first half of k, as (cos, −sin).
     turns: Vec<Complex>,
     bits: u32,
@@ -34,7 +35,7 @@ struct Plan {
 
 impl Plan {
     /// `length` is a power of two.
-    fn new(length: usize) -> Self {
+    pub fn new(length: usize) -> Self {
         let turn = |k: usize| {
             let (sin, cos) = sincos(TAU * k as f64 / length as f64);
             (cos, -sin)
@@ -43,7 +44,7 @@ impl Plan {
     }
 
     /// Decimation in time: bits reversed, then butterflies of rising span.
-    fn run(&self, values: &mut [Complex]) {
+    pub fn run(&self, values: &mut [Complex]) {
         let n = values.len();
         for i in 0..n {
             let j = i.reverse_bits() >> (usize::BITS - self.bits).min(usize::BITS - 1);
@@ -65,5 +66,25 @@ impl Plan {
             }
             half *= 2;
         }
+    }
+}
+
+/// The inverse of [`Plan::run`], by conjugation.
+pub fn inverse(values: &mut [Complex], plan: &Plan) {
+    conjugate(values, 1.0);
+    plan.run(values);
+    conjugate(values, 1.0 / values.len().max(1) as f64);
+}
+
+/// The inverse of [`transform_2d`].
+pub fn inverse_2d(values: &mut [Complex], width: usize, height: usize) {
+    conjugate(values, 1.0);
+    transform_2d(values, width, height);
+    conjugate(values, 1.0 / values.len().max(1) as f64);
+}
+
+fn conjugate(values: &mut [Complex], scale: f64) {
+    for value in values {
+        *value = (value.0 * scale, -value.1 * scale);
     }
 }

@@ -1,0 +1,66 @@
+//! From the uncertainty of a projector coordinate to that of a point, in the middle of what two views see.
+
+use crate::camera::{Camera, Ray};
+use crate::pattern::Axis;
+use nalgebra::{Point2, Point3, Vector3};
+
+/// Variance that matching by linear interpolation adds: the left pixel's phase and a mean of (2/3)² of the right ones'.
+const MATCHED: f64 = 13.0 / 9.0;
+/// Step of the difference quotients, mm.
+const STEP_MM: f64 = 0.01;
+
+/// Where the middle rays of two views come nearest to each other.
+pub fn middle_mm(left: &Camera, right: &Camera) -> Option<Point3<f64>> {
+    let (a, b) = (axis(left)?, axis(right)?);
+    let (u, v) = (a.direction.normalize(), b.direction.normalize());
+    let between = b.origin_mm - a.origin_mm;
+    let c = u.dot(&v);
+    let sine2 = 1.0 - c * c;
+    // Parallel rays have no point of their own.
+    if sine2 < 1e-9 {
+        return None;
+    }
+    let along = (between.dot(&u) - between.dot(&v) * c) / sine2;
+    (along > 0.0).then(|| a.origin_mm + u * along)
+}
+
+fn axis(camera: &Camera) -> Option<Ray> {
+    let centre = |n: u32| 0.5 * (f64::from(n) - 1.0);
+    camera.ray(Point2::new(centre(camera.width_px), centre(camera.height_px)))
+}
+
+/// Change of a view's pixel per mm of a point along a unit vector.
+fn rate(view: &Camera, at: &Point3<f64>, along: &Vector3<f64>) -> Option<nalgebra::Vector2<f64>> {
+    let (far, near) = (view.project(&(at + along * STEP_MM))?, view.project(&(at - along * STEP_MM))?);
+    Some((far - near) / (2.0 * STEP_MM))
+}
+
+fn towards(view: &Camera, at: &Point3<f64>) -> Vector3<f64> {
+    (view.centre_mm() - at).normalize()
+}
+
+/// Camera against projector: mm of depth along the camera's ray per projector pixel. `None` where the pattern's axis does not tell the depth.
+pub fn by_projector(camera: &Camera, projector: &Camera, pattern: Axis) -> Option<f64> {
+    let at = middle_mm(camera, projector)?;
+    let px = rate(projector, &at, &towards(camera, &at))?;
+    let along = if pattern == Axis::X { px.x } else { px.y };
+    (along.abs() > 1e-9).then(|| 1.0 / along.abs())
+}
+
+/// Camera against camera by the phase of a projector, on a surface that faces all three: mm along the surface's normal per projector pixel.
+///
+/// Along the line that the epipolar plane cuts into the surface, the phase's noise moves the match by dx_R/du pixels per projector pixel, and a pixel
+/// of the match moves the point by ds/dx_R along the left ray.
+pub fn by_phase(left: &Camera, right: &Camera, projector: &Camera, pattern: Axis) -> Option<f64> {
+    let at = middle_mm(left, right)?;
+    let (to_left, to_right) = (towards(left, &at), towards(right, &at));
+    let normal = (to_left + to_right + towards(projector, &at)).try_normalize(1e-9)?;
+    let epipolar = to_left.cross(&to_right).try_normalize(1e-9)?;
+    let line = normal.cross(&epipolar).try_normalize(1e-9)?;
+    let px = rate(projector, &at, &line)?;
+    let along = if pattern == Axis::X { px.x } else { px.y };
+    let match_per_mm = rate(right, &at, &line)?.norm();
+    let depth = rate(right, &at, &to_left)?.norm();
+    let value = MATCHED.sqrt() * match_per_mm / (along.abs() * depth) * to_left.dot(&normal).abs();
+    value.is_finite().then_some(value)
+}

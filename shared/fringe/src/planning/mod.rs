@@ -1,0 +1,166 @@
+//! Which patterns to project: period, steps and code for a noise and a wanted uncertainty of the point.
+//!
+//! For each candidate the phase noise is √(2/N) σ_I/B, with the contrast that the projector's blur leaves at its period,
+//! B = B₀ exp(−2π²b²/p²); the coordinate's is p/2π times that, the point's follows from the geometry ([`geometry`]), and the chance of
+//! a wrong order from [`OrderRisk`](crate::decode::OrderRisk). Short periods gain until blur takes their contrast and the order its margin.
+
+pub mod geometry;
+mod sets;
+#[cfg(test)]
+mod tests;
+
+use crate::decode::OrderMethod;
+use crate::math::exp;
+use crate::pattern::{Axis, PatternSet, frame_count};
+use serde::Serialize;
+use std::f64::consts::{PI, TAU};
+use thiserror::Error;
+
+/// Periods that are tried, projector pixels.
+const PERIODS_PX: [f64; 12] = [6.0, 8.0, 10.0, 12.0, 16.0, 18.0, 20.0, 24.0, 32.0, 40.0, 48.0, 64.0];
+/// Steps that are tried.
+const STEPS: [u32; 10] = [3, 4, 5, 6, 8, 10, 12, 16, 24, 32];
+/// Largest phase noise of a usable fringe, rad: the decoder's own limit.
+const MOST_SIGMA_RAD: f64 = 0.2;
+
+/// What is known and wanted.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Wanted {
+    /// Axis along which the patterns vary.
+    pub axis: Axis,
+    /// Projector pixels along it.
+    pub extent_px: u32,
+    /// Modulation of a sharp fringe, DN.
+    pub modulation_dn: f64,
+    /// Background, DN.
+    pub background_dn: f64,
+    /// Noise of a grey value in the dark, quantisation included, DN.
+    pub read_noise_dn: f64,
+    /// DN per photo-electron.
+    pub gain_dn: f64,
+    /// Blur of the projector, standard deviation in projector pixels.
+    pub blur_px: f64,
+    /// Uncertainty of the point per projector pixel of uncertainty of the coordinate, µm.
+    pub um_per_px: f64,
+    /// Wanted standard uncertainty of a point, µm; none: the best.
+    pub want_u_um: Option<f64>,
+    /// Largest chance of a wrong order.
+    pub most_wrong: f64,
+}
+
+/// What makes a plan impossible.
+#[derive(Debug, Error, Clone, PartialEq)]
+#[error("{key} = {value}: must be {limit}")]
+pub struct WantedError {
+    /// Which number.
+    pub key: &'static str,
+    /// As given.
+    pub value: f64,
+    /// What it may be.
+    pub limit: &'static str,
+}
+
+/// One choice of patterns.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Proposal {
+    /// What tells the order, as `decode --order` takes it.
+    pub order: &'static str,
+    /// Finest period, projector pixels.
+    pub period_px: f64,
+    /// Steps of each sine set.
+    pub steps: u32,
+    /// Frames in all.
+    pub frames: usize,
+    /// Modulation at the finest period, DN.
+    pub modulation_dn: f64,
+    /// Phase noise, rad.
+    pub sigma_phase_rad: f64,
+    /// Its standard uncertainty of the projector coordinate, px.
+    pub sigma_coordinate_px: f64,
+    /// Standard uncertainty of a point, µm.
+    pub u_point_um: f64,
+    /// Chance of a wrong order of a pixel on its own.
+    pub wrong_order: f64,
+    /// Whether it meets what is wanted.
+    pub meets: bool,
+    /// The sets.
+    pub sequence: Vec<PatternSet>,
+}
+
+impl Wanted {
+    fn check(&self) -> Result<(), WantedError> {
+        let within = |key, value: f64, (least, most): (f64, f64), limit| {
+            if value >= least && value <= most { Ok(()) } else { Err(WantedError { key, value, limit }) }
+        };
+        within("extent_px", self.extent_px.into(), (16.0, 65_535.0), "16 to 65535 projector pixels")?;
+        within("modulation_dn", self.modulation_dn, (1e-3, 65_535.0), "0.001 to 65535 DN")?;
+        within("background_dn", self.background_dn, (0.0, 65_535.0), "0 to 65535 DN")?;
+        within("read_noise_dn", self.read_noise_dn, (0.0, 65_535.0), "0 to 65535 DN")?;
+        within("gain_dn", self.gain_dn, (0.0, 65_535.0), "0 to 65535 DN per electron")?;
+        within("blur_px", self.blur_px, (0.0, 100.0), "0 to 100 projector pixels")?;
+        within("um_per_px", self.um_per_px, (1e-6, 1e9), "above 0 µm per projector pixel")?;
+        within("most_wrong", self.most_wrong, (1e-300, 1.0), "above 0 and at most 1")?;
+        within("want_u_um", self.want_u_um.unwrap_or(1.0), (1e-6, 1e9), "above 0 µm")
+    }
+
+    /// √(2/N) σ_I/B at a period.
+    fn phase_noise(&self, period_px: f64, steps: u32) -> (f64, f64) {
+        let blur = self.blur_px / period_px;
+        let modulation_dn = self.modulation_dn * exp(-2.0 * PI * PI * blur * blur);
+        let grey_dn = (self.read_noise_dn * self.read_noise_dn + self.gain_dn * self.background_dn).sqrt();
+        (modulation_dn, (2.0 / f64::from(steps)).sqrt() * grey_dn / modulation_dn)
+    }
+}
+
+/// All choices that are no worse in every respect than another one: those that meet what is wanted first, fewest frames first.
+///
+/// # Errors
+/// A number outside its range.
+pub fn propose(wanted: &Wanted) -> Result<Vec<Proposal>, WantedError> {
+    wanted.check()?;
+    let mut all = Vec::new();
+    for period_px in PERIODS_PX.into_iter().filter(|p| 2.0 * p <= f64::from(wanted.extent_px)) {
+        for steps in STEPS {
+            for order in sets::ORDERS {
+                all.extend(evaluate(wanted, order, period_px, steps));
+            }
+        }
+    }
+    let beaten = |one: &Proposal| {
+        all.iter().any(|o| {
+            o.order == one.order
+                && o.meets >= one.meets
+                && (o.frames < one.frames && o.u_point_um <= one.u_point_um
+                    || o.frames <= one.frames && o.u_point_um < one.u_point_um)
+        })
+    };
+    let mut kept: Vec<Proposal> = all.iter().filter(|p| !beaten(p)).cloned().collect();
+    kept.sort_by(|a, b| {
+        let key = |p: &Proposal| (!p.meets, if p.meets { p.frames } else { 0 });
+        key(a).cmp(&key(b)).then(a.u_point_um.total_cmp(&b.u_point_um)).then(a.order.cmp(b.order))
+    });
+    Ok(kept)
+}
+
+/// One choice; `None` where the code cannot number this projector or the decoder would not take it.
+fn evaluate(wanted: &Wanted, order: OrderMethod, period_px: f64, steps: u32) -> Option<Proposal> {
+    let (sequence, periods_px) = sets::sequence(wanted, order, period_px, steps)?;
+    let (modulation_dn, sigma_phase_rad) = wanted.phase_noise(period_px, steps);
+    let wrong_order = sets::wrong_order(wanted, order, &periods_px, steps, sigma_phase_rad)?;
+    let sigma_coordinate_px = sigma_phase_rad * period_px / TAU;
+    let u_point_um = sigma_coordinate_px * wanted.um_per_px;
+    let fine = wanted.want_u_um.is_none_or(|want| u_point_um <= want);
+    Some(Proposal {
+        order: order.name(),
+        period_px,
+        steps,
+        frames: frame_count(&sequence),
+        modulation_dn,
+        sigma_phase_rad,
+        sigma_coordinate_px,
+        u_point_um,
+        wrong_order,
+        meets: fine && wrong_order <= wanted.most_wrong && sigma_phase_rad <= MOST_SIGMA_RAD,
+        sequence,
+    })
+}

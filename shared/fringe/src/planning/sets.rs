@@ -1,0 +1,125 @@
+//! The sets of a candidate, and its chance of a wrong order.
+
+use super::Wanted;
+use crate::decode::chain::{Sine, widest_of};
+use crate::decode::number::Residues;
+use crate::decode::{OrderMethod, OrderRisk};
+use crate::pattern::{Code, Direction, PatternSet};
+
+/// Orders that are tried.
+pub(super) const ORDERS: [OrderMethod; 5] = [
+    OrderMethod::Gray,
+    OrderMethod::ShiftedGray,
+    OrderMethod::Hierarchical,
+    OrderMethod::Heterodyne,
+    OrderMethod::NumberTheoretical,
+];
+
+fn sine(wanted: &Wanted, period_px: f64, steps: u32) -> PatternSet {
+    PatternSet::Sine {
+        axis: wanted.axis,
+        period_px,
+        steps,
+        first_step_rad: 0.0,
+        direction: Direction::Forward,
+        shifts_rad: Vec::new(),
+    }
+}
+
+fn gray(wanted: &Wanted, stripe_px: f64, shift_px: f64) -> PatternSet {
+    let stripes = f64::from(wanted.extent_px) / stripe_px;
+    let bits = (1..=16).find(|bits| f64::from(1_u32 << bits) >= stripes + 1.0).unwrap_or(16);
+    let (axis, invert, code, threshold) = (wanted.axis, false, Code::Gray, None);
+    PatternSet::Gray { axis, bits, stripe_px, shift_px, invert, code, threshold }
+}
+
+/// The sets and the periods of the sines, finest first; `None` where this order cannot number the projector with this period.
+pub(super) fn sequence(
+    wanted: &Wanted,
+    order: OrderMethod,
+    period_px: f64,
+    steps: u32,
+) -> Option<(Vec<PatternSet>, Vec<f64>)> {
+    let levels = [PatternSet::White {}, PatternSet::Black {}];
+    let sines = |periods: &[f64]| periods.iter().map(|p| sine(wanted, *p, steps)).collect::<Vec<_>>();
+    let with_code = |codes: &[PatternSet]| [&sines(&[period_px]), codes, &levels].concat();
+    let whole = |shift_px| gray(wanted, period_px, shift_px);
+    let periods = match order {
+        OrderMethod::Gray => {
+            return Some((with_code(&[gray(wanted, 0.5 * period_px, 0.0)]), vec![period_px]));
+        }
+        OrderMethod::ShiftedGray => {
+            return Some((with_code(&[whole(0.0), whole(0.5 * period_px)]), vec![period_px]));
+        }
+        OrderMethod::Hierarchical => hierarchy(period_px, f64::from(wanted.extent_px)),
+        OrderMethod::Heterodyne => beats(period_px, f64::from(wanted.extent_px))?,
+        OrderMethod::NumberTheoretical => coprime(period_px, wanted.extent_px)?,
+        OrderMethod::Auto | OrderMethod::Binary | OrderMethod::Stair => return None,
+    };
+    Some((sines(&periods), periods))
+}
+
+/// Equal ratios of at most 8 up to the projector.
+fn hierarchy(period_px: f64, extent_px: f64) -> Vec<f64> {
+    let mut periods = vec![period_px];
+    while periods[periods.len() - 1] * 8.0 < extent_px {
+        periods.push(periods[periods.len() - 1] * 8.0);
+    }
+    periods.push(extent_px);
+    periods
+}
+
+/// Three periods p < q < r whose beat of beats covers the projector with the least loss: 1/p − 2/q + 1/r, q and r whole or half pixels.
+fn beats(period_px: f64, extent_px: f64) -> Option<Vec<f64>> {
+    let step = 0.5;
+    let mut best: Option<(f64, Vec<f64>)> = None;
+    for i in 1..=24 {
+        let q = period_px + step * f64::from(i);
+        for j in 1..=24 {
+            let r = q + step * f64::from(j);
+            let beat = 1.0 / (1.0 / period_px - 2.0 / q + 1.0 / r);
+            // The widest way from beat to beat to period: the larger of the two ratios is the weaker step.
+            let middle = 1.0 / (1.0 / period_px - 1.0 / q);
+            let weak = (beat / middle).max(middle / period_px);
+            if beat >= extent_px * 1.001 && best.as_ref().is_none_or(|b| weak < b.0) {
+                best = Some((weak, vec![period_px, q, r]));
+            }
+        }
+    }
+    best.map(|b| b.1)
+}
+
+/// The second whole period that covers the projector with the shortest length.
+fn coprime(period_px: f64, extent_px: u32) -> Option<Vec<f64>> {
+    let p = period_px.round() as u32;
+    let gcd = |mut a: u32, mut b: u32| {
+        while b != 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    let covers = |q: &u32| u64::from(p) * u64::from(*q) / u64::from(gcd(p, *q)) >= u64::from(extent_px);
+    (f64::from(p) == period_px).then_some(())?;
+    (p + 1..=8 * p).find(covers).map(|q| vec![period_px, f64::from(q)])
+}
+
+/// Chance of a wrong order at a phase noise of the finest sine, the others taken to have the same contrast: they have more.
+pub(super) fn wrong_order(
+    wanted: &Wanted,
+    order: OrderMethod,
+    periods_px: &[f64],
+    steps: u32,
+    sigma_rad: f64,
+) -> Option<f64> {
+    let sines: Vec<Sine> = periods_px.iter().map(|p| Sine { period_px: *p, steps }).collect();
+    let extent_px = f64::from(wanted.extent_px);
+    if order == OrderMethod::NumberTheoretical {
+        let list: Vec<(f64, u32)> = periods_px.iter().map(|p| (*p, steps)).collect();
+        return Residues::new(&list, wanted.extent_px).ok().map(|residues| residues.wrong_order(sigma_rad));
+    }
+    let by_code = matches!(order, OrderMethod::Gray | OrderMethod::ShiftedGray);
+    let stripe_px = 0.5 * periods_px[0];
+    let most_phases = if order == OrderMethod::Hierarchical { 1 } else { 4 };
+    let chain = widest_of(&sines, by_code.then_some(stripe_px), extent_px, most_phases)?;
+    Some(OrderRisk { chain: &chain, stripe_px, residues: None }.probability(sigma_rad))
+}

@@ -1,0 +1,119 @@
+//! A sequence shown by the twin, decoded by a method of choice, and held against the truth: for the tables of methods and errors.
+
+use crate::phase_method::PhaseMethod;
+use crate::simulate::Buffer;
+use anyhow::{Context, Result};
+use fringe::decode::{DecodeSettings, Decoder};
+use fringe::frame::{Frame, PixelBuffer};
+use fringe::pattern::{Axis, PatternSet, frame_count};
+use fringe::phase::PhaseMap;
+use fringe::rig::Rig;
+use serde::Serialize;
+use std::f64::consts::{PI, TAU};
+use std::time::Instant;
+use twin::{Twin, View};
+
+/// What one camera sees of one projector.
+pub struct Shown {
+    view: View,
+    frames: Vec<Frame>,
+    sequence: Vec<PatternSet>,
+    extent_px: [u32; 2],
+    projector: String,
+}
+
+/// A map held against the truth.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Judged {
+    /// Valid pixels of those that the projector lights.
+    pub valid_share: f64,
+    /// Root mean square phase error of the finest sine, wrong orders left out, rad.
+    pub rms_rad: f64,
+    /// Its mean, rad.
+    pub mean_rad: f64,
+    /// Median of the predicted uncertainty, rad.
+    pub sigma_rad: f64,
+    /// Valid pixels off by half a period or more, of all valid ones.
+    pub wrong_orders: f64,
+    /// Time from frames in memory to the phase map, seconds per megapixel of one camera.
+    pub seconds_per_mpx: f64,
+}
+
+impl Shown {
+    /// Renders all frames.
+    pub fn new(
+        twin: &Twin,
+        rig: &Rig,
+        camera: &str,
+        projector: &str,
+        sequence: &[PatternSet],
+    ) -> Result<Self> {
+        let view = twin.view_lit_by(camera, &[projector], 0)?;
+        let mut renderer = twin.renderer(projector, sequence)?;
+        let mut buffer = Buffer::new(&view);
+        let mut frames = Vec::new();
+        for number in 0..frame_count(sequence) {
+            renderer.render(&view, number, buffer.pixels_mut())?;
+            let pixels = match &buffer {
+                Buffer::Narrow(values) => PixelBuffer::Mono8(values.clone()),
+                Buffer::Wide(values) => PixelBuffer::Mono16(values.clone()),
+            };
+            let (width_px, height_px, full_scale_dn) =
+                (view.width_px(), view.height_px(), view.full_scale_dn());
+            frames.push(Frame { width_px, height_px, full_scale_dn, pixels });
+        }
+        let lamp = rig.projector(projector).context("the twin's rig has the projector")?;
+        let extent_px = [lamp.width_px, lamp.height_px];
+        Ok(Self { view, frames, sequence: sequence.to_vec(), extent_px, projector: projector.to_owned() })
+    }
+
+    /// Decodes along x; also tells the seconds that it took.
+    pub fn decode(&self, settings: &DecodeSettings, method: &PhaseMethod) -> Result<(PhaseMap, f64)> {
+        let start = Instant::now();
+        let (width, height, full) = (self.view.width_px(), self.view.height_px(), self.view.full_scale_dn());
+        let mut decoder = Decoder::new(&self.sequence, width, height, full, self.extent_px, settings)?;
+        let mut kept = method.keeper(&decoder);
+        for (number, frame) in self.frames.iter().enumerate() {
+            decoder.push(number, &frame.view())?;
+            kept.keep(number, frame.clone());
+        }
+        method.apply(&mut decoder, &kept)?;
+        let mut map = PhaseMap::new(decoder.info(Axis::X)?);
+        decoder.finish(Axis::X, &mut map.view_mut())?;
+        Ok((map, start.elapsed().as_secs_f64()))
+    }
+
+    /// Error of each pixel, rad; NaN where the map is not valid or the projector does not light.
+    pub fn errors_rad(&self, map: &PhaseMap) -> Result<(Vec<f32>, usize)> {
+        let scale = TAU / map.info.period_px;
+        let mut lit = 0;
+        let mut errors = vec![f32::NAN; map.info.len()];
+        for (index, error) in errors.iter_mut().enumerate() {
+            let Some(at) = self.view.truth_coordinate(&self.projector, index)? else { continue };
+            lit += 1;
+            if map.valid[index] == 1 {
+                *error = (f64::from(map.phase_rad[index]) - at.x * scale) as f32;
+            }
+        }
+        Ok((errors, lit))
+    }
+
+    /// Decodes and judges.
+    pub fn judge(&self, settings: &DecodeSettings, method: &PhaseMethod) -> Result<Judged> {
+        let (map, seconds) = self.decode(settings, method)?;
+        let (errors, lit) = self.errors_rad(&map)?;
+        let told: Vec<f64> = errors.iter().filter(|e| !e.is_nan()).map(|e| f64::from(*e)).collect();
+        let right: Vec<f64> = told.iter().copied().filter(|e| e.abs() < PI).collect();
+        let n = right.len().max(1) as f64;
+        let mut sigma: Vec<f32> = map.sigma_rad.iter().copied().filter(|s| s.is_finite()).collect();
+        sigma.sort_by(f32::total_cmp);
+        Ok(Judged {
+            valid_share: told.len() as f64 / lit.max(1) as f64,
+            rms_rad: (right.iter().map(|e| e * e).sum::<f64>() / n).sqrt(),
+            mean_rad: right.iter().sum::<f64>() / n,
+            sigma_rad: sigma.get(sigma.len() / 2).map_or(f64::NAN, |s| f64::from(*s)),
+            wrong_orders: (told.len() - right.len()) as f64 / told.len().max(1) as f64,
+            seconds_per_mpx: seconds / (map.info.len() as f64 * 1e-6),
+        })
+    }
+}

@@ -1,0 +1,205 @@
+//! `fringetool plan-patterns`: which period, steps and code to project.
+
+use crate::Outcome;
+use crate::report::{check_outputs, emit};
+use anyhow::{Context, Result, bail};
+use fringe::pattern::Axis;
+use fringe::planning::{Proposal, Wanted, geometry, propose};
+use fringe::rig::{Pair, Rig};
+use rig::recording::{ProjectorRecord, recording_text};
+use rig::rig_file::read_rig;
+use std::path::PathBuf;
+
+/// Arguments of `plan-patterns`.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Rig file: the projector's size and the geometry of its pairs.
+    #[arg(long)]
+    rig: Option<PathBuf>,
+    /// Pair of the rig; the first one when absent.
+    #[arg(long, requires = "rig")]
+    pair: Option<String>,
+    /// Without a rig: projector pixels along the axis.
+    #[arg(long, conflicts_with = "rig", required_unless_present = "rig")]
+    extent_px: Option<u32>,
+    /// Without a rig: micrometres of a point per projector pixel.
+    #[arg(long, conflicts_with = "rig", required_unless_present = "rig")]
+    um_per_px: Option<f64>,
+    /// Axis along which the patterns vary.
+    #[arg(long, value_enum, default_value_t = AxisName::X)]
+    axis: AxisName,
+    /// Noise of the camera: read noise in grey values, and grey values per electron (`decode --json` tells both).
+    #[arg(long, value_name = "DN,DN_PER_E", value_delimiter = ',', num_args = 1..=2, default_value = "0.4,0.024")]
+    noise: Vec<f64>,
+    /// Modulation B of a coarse fringe on the part, grey values.
+    #[arg(long, default_value_t = 60.0)]
+    modulation_dn: f64,
+    /// Background A, grey values.
+    #[arg(long, default_value_t = 80.0)]
+    background_dn: f64,
+    /// Blur of the projector on the part, standard deviation in projector pixels (`focus` tells it).
+    #[arg(long, default_value_t = 0.6)]
+    blur_px: f64,
+    /// Wanted standard uncertainty of a single point, micrometres.
+    #[arg(long)]
+    want_u_um: Option<f64>,
+    /// Largest chance of a wrong fringe order.
+    #[arg(long, default_value_t = 1e-6)]
+    most_wrong_orders: f64,
+    /// Rows of the table.
+    #[arg(long, default_value_t = 12)]
+    rows: usize,
+    /// Write the `[[projector]]` of the first proposal, as a recording or configuration takes it.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Machine-readable result.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// An axis on the command line.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum AxisName {
+    X,
+    Y,
+}
+
+/// What the patterns are for.
+struct Target {
+    projector: String,
+    size_px: [u32; 2],
+    cameras: Vec<String>,
+    um_per_px: f64,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let inputs: Vec<_> = args.rig.iter().map(PathBuf::as_path).collect();
+    check_outputs(&[("--out", args.out.as_deref()), ("--json", args.json.as_deref())], &inputs, None)?;
+    let axis = match args.axis {
+        AxisName::X => Axis::X,
+        AxisName::Y => Axis::Y,
+    };
+    let target = target(args, axis)?;
+    let wanted = Wanted {
+        axis,
+        extent_px: target.size_px[usize::from(axis == Axis::Y)],
+        modulation_dn: args.modulation_dn,
+        background_dn: args.background_dn,
+        read_noise_dn: args.noise.first().copied().unwrap_or(0.0),
+        gain_dn: args.noise.get(1).copied().unwrap_or(0.0),
+        blur_px: args.blur_px,
+        um_per_px: target.um_per_px,
+        want_u_um: args.want_u_um,
+        most_wrong: args.most_wrong_orders,
+    };
+    let proposals = propose(&wanted)?;
+    let Some(first) = proposals.first() else {
+        bail!(
+            "no code numbers {} projector pixels with any period tried: is the projector that large?",
+            wanted.extent_px
+        );
+    };
+    print(&target, &proposals, args.rows);
+    if let Some(path) = &args.out {
+        rig::atomic::write(path, toml_text(&target, first).as_bytes())?;
+        println!("{}: {} frames", path.display(), first.frames);
+    }
+    let best: Vec<&Proposal> = proposals.iter().take(args.rows).collect();
+    emit(args.json.as_deref(), &serde_json::json!({ "wanted": wanted, "proposals": best }))?;
+    if first.meets {
+        return Ok(Outcome::Done);
+    }
+    let want = args.want_u_um.map_or_else(String::new, |want| format!("{want} µm with "));
+    println!(
+        "none meets {want}at most {:e} wrong orders: the best has {:.2} µm, {:.1e}; more light, more steps or a larger base are needed",
+        args.most_wrong_orders, first.u_point_um, first.wrong_order
+    );
+    Ok(Outcome::LimitFailed)
+}
+
+fn target(args: &Args, axis: Axis) -> Result<Target> {
+    let Some(path) = &args.rig else {
+        let extent_px = args.extent_px.unwrap_or(0);
+        return Ok(Target {
+            projector: "proj1".into(),
+            size_px: [extent_px; 2],
+            cameras: vec!["cam1".into()],
+            um_per_px: args.um_per_px.unwrap_or(0.0),
+        });
+    };
+    let rig = read_rig(path)?.rig;
+    let pair = match &args.pair {
+        Some(name) => rig.pairs.iter().find(|pair| pair.name == *name).with_context(|| {
+            let known: Vec<&str> = rig.pairs.iter().map(|pair| pair.name.as_str()).collect();
+            format!("{}: no pair \"{name}\"; there are: {}", path.display(), known.join(", "))
+        })?,
+        None => rig.pairs.first().with_context(|| format!("{}: has no [[pair]]", path.display()))?,
+    };
+    of_pair(&rig, pair, axis).with_context(|| format!("{}: pair \"{}\"", path.display(), pair.name))
+}
+
+fn of_pair(rig: &Rig, pair: &Pair, axis: Axis) -> Result<Target> {
+    let left = rig.camera(&pair.left).with_context(|| format!("no camera \"{}\" in the rig", pair.left))?;
+    let name = if rig.projector(&pair.right).is_some() { &pair.right } else { &pair.projector };
+    let projector = rig.projector(name).with_context(|| {
+        format!("no projector \"{name}\" in the rig: its place is needed; give --extent-px and --um-per-px")
+    })?;
+    let (mm, cameras) = match rig.camera(&pair.right) {
+        Some(right) => {
+            (geometry::by_phase(left, right, projector, axis), vec![pair.left.clone(), pair.right.clone()])
+        }
+        None => (geometry::by_projector(left, projector, axis), vec![pair.left.clone()]),
+    };
+    let mm = mm.with_context(|| {
+        format!("patterns along {axis:?} tell no depth: the views do not cross; try the other axis")
+    })?;
+    Ok(Target {
+        projector: name.clone(),
+        size_px: [projector.width_px, projector.height_px],
+        cameras,
+        um_per_px: mm * 1e3,
+    })
+}
+
+fn print(target: &Target, proposals: &[Proposal], rows: usize) {
+    println!("{}: {:.1} µm of a point per projector pixel", target.projector, target.um_per_px);
+    println!(
+        "{:20} {:>9} {:>6} {:>7} {:>7} {:>11} {:>9} {:>9} {:>12}  meets",
+        "order", "period px", "steps", "frames", "B DN", "phase mrad", "x mpx", "point µm", "wrong order"
+    );
+    for p in proposals.iter().take(rows) {
+        println!(
+            "{:20} {:>9} {:>6} {:>7} {:>7.1} {:>11.2} {:>9.2} {:>9.2} {:>12.1e}  {}",
+            p.order,
+            p.period_px,
+            p.steps,
+            p.frames,
+            p.modulation_dn,
+            p.sigma_phase_rad * 1e3,
+            p.sigma_coordinate_px * 1e3,
+            p.u_point_um,
+            p.wrong_order,
+            if p.meets { "yes" } else { "no" }
+        );
+    }
+    if proposals.len() > rows {
+        println!("({} more: --rows)", proposals.len() - rows);
+    }
+}
+
+/// The `[[projector]]` table alone, without the head of a recording.
+fn toml_text(target: &Target, proposal: &Proposal) -> String {
+    let record = ProjectorRecord {
+        name: target.projector.clone(),
+        width_px: target.size_px[0],
+        height_px: target.size_px[1],
+        cameras: target.cameras.clone(),
+        sequence: proposal.sequence.clone(),
+        exposures_ms: Vec::new(),
+        full_scale_dn: std::collections::BTreeMap::new(),
+    };
+    let text = recording_text(&[record], &toml::Table::new());
+    let table = text.split_once("\n\n").map_or(text.as_str(), |parts| parts.1);
+    format!("# decode with --order {}\n{table}", proposal.order)
+}
