@@ -108,7 +108,7 @@ fn cases() -> Vec<Case> {
 /// The demo's part before its cell.
 pub(super) struct Bench {
     pub scene: Scene,
-    plan: Plan,
+    pub plan: Plan,
     pub rig: Rig,
     pub sequence: Vec<fringe::pattern::PatternSet>,
 }

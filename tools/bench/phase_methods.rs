@@ -172,7 +172,9 @@ fn rows() -> Vec<Row> {
 fn print(rows: &[Row], columns: &[Column], cells: &[Cell]) {
     println!("phase error of valid pixels, mrad rms / wrong orders, ppm / valid share of lit pixels, %");
     print!("{:28}", "method");
-    columns.iter().for_each(|column| print!(" {:>22}", column.name));
+    for column in columns {
+        print!(" {:>22}", column.name);
+    }
     println!(" {:>8}", "s/Mpx");
     for (row, cells) in rows.iter().zip(cells.chunks(columns.len())) {
         print!("{:28}", row.name);
