@@ -214,11 +214,9 @@ fn datums_bring_a_scan_into_the_frame_of_the_part() {
     let plan =
         std::fs::read_to_string(crate::support::root().join("configs/complex-artefact.plan.toml")).unwrap();
     let plan_path = small.path("plan.toml");
-    std::fs::write(
-        &plan_path,
-        plan.replace("00\n", "0\n").replace("00\n", "0\n").replace("= 50\n", "= 25\n"),
-    )
-    .unwrap();
+    let counts = [("= 5000\n", "= 50\n"), ("= 2000\n", "= 20\n"), ("= 500\n", "= 25\n")];
+    let plan = counts.iter().fold(plan, |plan, (whole, small)| plan.replace(whole, small));
+    std::fs::write(&plan_path, plan).unwrap();
     let align = ["--align", "rps", "--plan", &plan_path];
     let mut first = vec!["compare", &cloud, &cloud, "--out", &part];
     first.extend(align);

@@ -135,9 +135,10 @@ fn regions_that_hold_no_such_element_are_refused_and_leave_no_file() {
     assert!(ran.stderr.contains("1 points without finite"), "{}", ran.stderr);
     std::fs::remove_file(desk.path("fit.json")).unwrap();
     let metres: Vec<Point> = ball.iter().map(|p| point(p.position_mm.map(|v| v * 1e-3), [0.0; 3])).collect();
-    let ran = fit("sphere", &desk.cloud("metres.ply", &metres), &[]).expect_success();
-    assert!(ran.stderr.contains("is the file in metres?"), "{}", ran.stderr);
-    std::fs::remove_file(desk.path("fit.json")).unwrap();
+    refused(
+        &fit("sphere", &desk.cloud("metres.ply", &metres), &[]),
+        &["metres.ply", "is the file in metres?"],
+    );
     let bytes = std::fs::read(desk.path("plate.ply")).unwrap();
     std::fs::write(desk.path("long.ply"), [&bytes[..], &bytes[..45]].concat()).unwrap();
     refused(&fit("plane", &desk.text("long.ply"), &[]), &["long.ply", "3600 \"vertex\"", "45 bytes follow"]);
@@ -204,6 +205,19 @@ fn a_plan_is_measured_on_a_cloud_and_compared_with_a_machine() {
     let wrong = desk.file("wrong.toml", &shifted);
     let ran = fringetool(&["measure", &wrong, &cloud]);
     assert_eq!(ran.code, Some(1), "{}", ran.stdout);
+    let elsewhere = plan(0.05).replace("center_mm = [5.02", "center_mm = [65.02");
+    let ran = fringetool(&["measure", &desk.file("elsewhere.toml", &elsewhere), &cloud]);
+    assert_eq!(ran.code, Some(1), "{}", ran.stdout);
+    assert!(ran.stdout.contains("verdict: indeterminate; 2 of 2 features not measured"), "{}", ran.stdout);
+    let other = root().join("configs/complex-artefact.plan.toml");
+    let ran = fringetool(&["measure", &other.display().to_string(), &cloud]);
+    assert_eq!(ran.code, Some(1), "{}", ran.stdout);
+    assert!(ran.stdout.contains("verdict: none, because the part was not found"), "{}", ran.stdout);
+    let torn = desk.file("torn.toml", &plan(0.05).replace("min_points = 500\n", "min_pints = 500\n"));
+    refused(
+        &fringetool(&["measure", &torn, &cloud]),
+        &["torn.toml: not an inspection plan: line ", "min_pints"],
+    );
     refused(&fringetool(&["measure", &cloud, &plan_path]), &["c.ply"]);
     refused(&fringetool(&["measure", &plan_path, &desk.text("absent.ply")]), &["absent.ply"]);
 

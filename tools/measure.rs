@@ -41,7 +41,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         &Measurement { cloud: &args.cloud, points: cloud.points.len(), result: &result },
     )?;
     print(&result);
-    Ok(if result.verdict == Verdict::Fail { Outcome::LimitFailed } else { Outcome::Done })
+    // What is not proven is not accepted; a part that was not found is nothing measured.
+    Ok(if result.verdict == Verdict::Pass { Outcome::Done } else { Outcome::LimitFailed })
 }
 
 fn print(result: &InspectionResult) {
@@ -61,7 +62,21 @@ fn print(result: &InspectionResult) {
     for feature in &result.features {
         println!("{}", line(feature, wide));
     }
-    println!("verdict: {}", word(result.verdict));
+    println!("verdict: {}", conclusion(result));
+}
+
+/// The verdict, and what stands in its way.
+fn conclusion(result: &InspectionResult) -> String {
+    if result.alignment_failure.is_some() {
+        return "none, because the part was not found".to_owned();
+    }
+    let missing = result.features.iter().filter(|f| f.verdict == Verdict::NotMeasured).count();
+    match missing {
+        0 => word(result.verdict).to_owned(),
+        _ => {
+            format!("{}; {missing} of {} features not measured", word(result.verdict), result.features.len())
+        }
+    }
 }
 
 /// A feature's line of the table.

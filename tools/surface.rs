@@ -28,11 +28,11 @@ pub fn read_cloud(path: &Path) -> Result<Cloud> {
     Ok(cloud)
 }
 
-/// As [`read_cloud`], for commands that have nothing to hold the cloud's size against: a word when it looks like metres.
+/// As [`read_cloud`], for commands that have no reference to hold the cloud's size against: refuses what looks like metres.
 pub fn read_cloud_in_mm(path: &Path) -> Result<Cloud> {
     let cloud = read_cloud(path)?;
     if let Some(hint) = cloud.unit_hint() {
-        eprintln!("{}: {hint}", path.display());
+        bail!("{}: {hint}; convert it", path.display());
     }
     Ok(cloud)
 }

@@ -104,11 +104,7 @@ impl<'a> Sources<'a> {
     fn cloud(&self, view: &ViewPlan) -> Result<Vec<Point>> {
         let path = self.folder.join(view.source());
         if view.cloud.is_some() {
-            let cloud = crate::surface::read_cloud(&path)?;
-            if let Some(hint) = cloud.unit_hint() {
-                bail!("{}: {hint}; convert it", path.display());
-            }
-            return Ok(cloud.points);
+            return Ok(crate::surface::read_cloud_in_mm(&path)?.points);
         }
         let (rig, method, surface) = self.rig.as_ref().context("a recording needs [measurement]")?;
         fused_cloud(&Recording::open(&path)?, rig, *method, surface)

@@ -51,6 +51,7 @@ pub mod surface;
 pub mod target;
 #[cfg(test)]
 mod testing;
+mod text;
 pub mod triangulate;
 pub mod uncertainty;
 pub mod unwrap;

@@ -49,10 +49,3 @@ use crate::fit::FitError;
 fn at(place: &str, source: FitError) -> AcceptanceError {
     AcceptanceError::Fit { place: place.to_owned(), source }
 }
-
-/// A reader's message on one line, with the line that it points to.
-fn one_line(error: &toml::de::Error, text: &str) -> String {
-    let message = error.message().trim_end().replace('\n', " ");
-    let line = error.span().and_then(|span| text.get(..span.start)).map(|before| before.split('\n').count());
-    line.map_or_else(|| message.clone(), |line| format!("line {line}: {message}"))
-}

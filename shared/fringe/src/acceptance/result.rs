@@ -118,6 +118,12 @@ impl Characteristic {
     pub fn limit_of(&self, position: &PositionValue) -> Option<f64> {
         position.limit.or(self.limit)
     }
+
+    /// The limit that holds at all positions alike; `None` without a limit, or where it differs with the length.
+    pub fn common_limit(&self) -> Option<f64> {
+        let alike = self.positions.iter().all(|p| self.limit_of(p) == self.limit);
+        self.limit.filter(|_| alike)
+    }
 }
 
 /// A characteristic at one position.

@@ -219,7 +219,7 @@ impl RuleSet {
     pub fn from_toml(text: &str) -> Result<Self, AcceptanceError> {
         let set: Self = toml::from_str(text).map_err(|error| AcceptanceError::Toml {
             what: "rule set",
-            message: super::one_line(&error, text),
+            message: crate::text::on_one_line(&error, text),
         })?;
         set.check()?;
         Ok(set)

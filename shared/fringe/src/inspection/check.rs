@@ -15,7 +15,7 @@ impl Plan {
     /// # Errors
     /// See [`PlanError`].
     pub fn from_toml(text: &str) -> Result<Self, PlanError> {
-        let toml = |e: toml::de::Error| PlanError::Toml(e.to_string());
+        let toml = |e: toml::de::Error| PlanError::Toml(crate::text::on_one_line(&e, text));
         match toml::from_str::<RawFormat>(text).map_err(toml)?.format {
             Some(format) if format != PLAN_FORMAT => return Err(PlanError::Format(format)),
             _ => {}

@@ -84,8 +84,8 @@ impl TargetSpec {
     /// # Errors
     /// The text is not TOML with these keys, or [`Self::check`] refuses a value.
     pub fn parse(text: &str) -> Result<Self, TargetError> {
-        let spec: Self =
-            toml::from_str(text).map_err(|error| TargetError::Text(on_one_line(text, &error)))?;
+        let spec: Self = toml::from_str(text)
+            .map_err(|error| TargetError::Text(crate::text::on_one_line(&error, text)))?;
         spec.check()?;
         Ok(spec)
     }
@@ -163,15 +163,6 @@ impl TargetSpec {
         let indices = (0..self.rows).flat_map(|row| (0..self.columns).map(move |column| (column, row)));
         indices.map(|index| (index, self.board_point_mm(index))).collect()
     }
-}
-
-/// Line number, the line, and the message.
-fn on_one_line(text: &str, error: &toml::de::Error) -> String {
-    let start = error.span().map_or(0, |span| span.start);
-    let number = text.get(..start).unwrap_or_default().matches('\n').count();
-    let line: String = text.lines().nth(number).unwrap_or_default().trim().chars().take(60).collect();
-    let message: Vec<&str> = error.message().split_whitespace().collect();
-    format!("line {} ({line}): {}", number + 1, message.join(" "))
 }
 
 fn in_range(key: &'static str, value: f64, least: f64, most: f64) -> Result<(), TargetError> {

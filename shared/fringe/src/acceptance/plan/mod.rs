@@ -299,7 +299,7 @@ impl TestPlan {
     pub fn from_toml(text: &str) -> Result<Self, AcceptanceError> {
         let plan: Self = toml::from_str(text).map_err(|error| AcceptanceError::Toml {
             what: "test plan",
-            message: super::one_line(&error, text),
+            message: crate::text::on_one_line(&error, text),
         })?;
         plan.check()?;
         Ok(plan)

@@ -1,7 +1,7 @@
 //! All values of a characteristic beside its limit: zones of conformity, of doubt and of non-conformity.
 
 use super::drawing::{Anchor, Drawing, Shape, Tone};
-use super::words::{digits, judgement, verdict_key};
+use super::words::{differing_limits, digits, judgement, verdict_key};
 use crate::report::number::{fixed, signed, ticks};
 use fringe::acceptance::{Characteristic, TestVerdict};
 
@@ -31,7 +31,9 @@ struct Frame {
 
 impl Frame {
     fn new(one: &Characteristic, size: Size) -> Self {
-        let outermost = one.limit.unwrap_or(0.0) + guard(one);
+        let widest =
+            one.positions.iter().filter_map(|p| one.limit_of(p)).fold(one.limit.unwrap_or(0.0), f64::max);
+        let outermost = widest + guard(one);
         let largest = one.positions.iter().fold(one.value.abs().max(outermost), |m, p| m.max(p.value.abs()));
         let end = if largest > 0.0 { largest * (1.0 + MARGIN) } else { 1.0 };
         let signed = one.positions.iter().any(|p| p.value < 0.0) || one.value < 0.0;
@@ -56,15 +58,39 @@ impl Frame {
         Shape::Word { at, size: self.size.letter, anchor, bold: false, tone, text }
     }
 
-    fn across(&self, value: f64, width: f64, dashed: bool, tone: Tone) -> Shape {
+    fn across(&self, [from, to]: [f64; 2], value: f64, width: f64, tone: Tone) -> Shape {
         let y = self.y(value);
-        Shape::Line { ends: [[self.left, y], [self.right, y]], width, dashed, tone }
+        Shape::Line { ends: [[from, y], [to, y]], width, tone }
     }
 
-    fn band(&self, from: f64, to: f64, tone: Tone) -> Shape {
+    fn band(&self, [left, right]: [f64; 2], from: f64, to: f64, tone: Tone) -> Shape {
         let (top, bottom) = (self.y(from.max(to)), self.y(from.min(to)));
-        Shape::Area([self.left, top, self.right - self.left, bottom - top], tone)
+        Shape::Area([left, top, right - left, bottom - top], tone)
     }
+
+    /// Width of a position's place.
+    fn slot(&self, numbers: &[usize]) -> f64 {
+        (self.right - self.left) / numbers.last().copied().unwrap_or(1).max(1) as f64
+    }
+}
+
+/// From where to where each limit holds: over the whole width where it is the same at all positions.
+fn spans(frame: &Frame, one: &Characteristic) -> Vec<([f64; 2], f64)> {
+    if let (Some(limit), true) = (one.limit, differing_limits(one).is_none()) {
+        return vec![([frame.left, frame.right], limit)];
+    }
+    let numbers = numbers(one);
+    let slot = frame.slot(&numbers);
+    let place = |number: usize| frame.left + slot * (number as f64 - 1.0);
+    let mut spans: Vec<([f64; 2], f64)> = Vec::new();
+    for (position, number) in one.positions.iter().zip(numbers) {
+        let Some(limit) = one.limit_of(position) else { continue };
+        match spans.last_mut() {
+            Some((ends, last)) if *last == limit => ends[1] = place(number + 1),
+            _ => spans.push(([place(number), place(number + 1)], limit)),
+        }
+    }
+    spans
 }
 
 /// Half width of the zone of doubt: the stated uncertainty, which never reaches beyond zero.
@@ -112,44 +138,51 @@ pub fn tone_of(verdict: Option<TestVerdict>) -> Tone {
 }
 
 fn zones(shapes: &mut Vec<Shape>, frame: &Frame, one: &Characteristic) {
-    let Some(limit) = one.limit else { return };
     let guard = guard(one);
-    shapes.push(frame.band(frame.low, frame.high, Tone::FailArea));
-    shapes.push(frame.band(-limit - guard, limit + guard, Tone::DoubtArea));
-    shapes.push(frame.band(guard - limit, limit - guard, Tone::PassArea));
+    for (ends, limit) in spans(frame, one) {
+        shapes.push(frame.band(ends, frame.low, frame.high, Tone::FailArea));
+        shapes.push(frame.band(ends, -limit - guard, limit + guard, Tone::DoubtArea));
+        shapes.push(frame.band(ends, guard - limit, limit - guard, Tone::PassArea));
+    }
 }
 
+/// Lines of the limits; the last stands in numbers beside them.
 fn limits(shapes: &mut Vec<Shape>, frame: &Frame, one: &Characteristic) {
-    let Some(limit) = one.limit else { return };
-    let digits = digits(one);
-    for value in [limit, -limit] {
-        if value < frame.low {
-            continue;
+    let (digits, spans) = (digits(one), spans(frame, one));
+    for (index, (ends, limit)) in spans.iter().enumerate() {
+        for value in [*limit, -limit].into_iter().filter(|value| *value >= frame.low) {
+            shapes.push(frame.across(*ends, value, 1.2, Tone::Fail));
+            if index + 1 == spans.len() {
+                let letter = frame.size.letter;
+                let at = [frame.right + 0.4 * letter, frame.y(value) + 0.35 * letter];
+                shapes.push(frame.word(
+                    at,
+                    Anchor::Start,
+                    Tone::Fail,
+                    format!("{} MPE", signed(value, digits)),
+                ));
+            }
         }
-        shapes.push(frame.across(value, 1.2, false, Tone::Fail));
-        let letter = frame.size.letter;
-        let at = [frame.right + 0.4 * letter, frame.y(value) + 0.35 * letter];
-        shapes.push(frame.word(at, Anchor::Start, Tone::Fail, format!("{} MPE", signed(value, digits))));
     }
 }
 
 fn axis(shapes: &mut Vec<Shape>, frame: &Frame) {
     let letter = frame.size.letter;
+    let whole = [frame.left, frame.right];
     let (values, digits) = ticks(frame.low, frame.high, 7);
     for value in values {
-        shapes.push(frame.across(value, 0.5, false, Tone::Line));
+        shapes.push(frame.across(whole, value, 0.5, Tone::Line));
         let at = [frame.left - 0.5 * letter, frame.y(value) + 0.35 * letter];
         let text = if frame.low < 0.0 { signed(value, digits) } else { fixed(value, digits) };
         shapes.push(frame.word(at, Anchor::End, Tone::Soft, text));
     }
-    shapes.push(frame.across(0.0, 1.0, false, Tone::Ink));
+    shapes.push(frame.across(whole, 0.0, 1.0, Tone::Ink));
 }
 
 /// Values over the number of the position; repeats of a position stand side by side over its number.
 fn points(shapes: &mut Vec<Shape>, frame: &Frame, one: &Characteristic) {
     let numbers = numbers(one);
-    let slots = numbers.last().copied().unwrap_or(1).max(1);
-    let slot = (frame.right - frame.left) / slots as f64;
+    let slot = frame.slot(&numbers);
     let letter = frame.size.letter;
     let every = ((1.6 * letter / slot).ceil() as usize).max(1);
     for (index, position) in one.positions.iter().enumerate() {
@@ -161,7 +194,7 @@ fn points(shapes: &mut Vec<Shape>, frame: &Frame, one: &Characteristic) {
         let x = middle + step * (before as f64 - (same as f64 - 1.0) / 2.0);
         let y = frame.y(position.value);
         let ends = [[x, frame.y(0.0)], [x, y]];
-        shapes.push(Shape::Line { ends, width: 0.7, dashed: false, tone: Tone::Soft });
+        shapes.push(Shape::Line { ends, width: 0.7, tone: Tone::Soft });
         shapes.push(Shape::Dot { at: [x, y], radius: 0.34 * letter, tone: Tone::Ink });
         if before == 0 && (number - 1).is_multiple_of(every) {
             let at = [middle, frame.base + 1.2 * letter];

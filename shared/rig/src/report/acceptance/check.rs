@@ -137,6 +137,7 @@ fn characteristic(one: &Characteristic) -> Checked {
     at_least_zero(|| key("between_positions"), one.between_positions)?;
     for position in &one.positions {
         finite(|| key(&format!("position {:?}", position.position)), position.value)?;
+        at_least_zero(|| key(&format!("position {:?} limit", position.position)), position.limit)?;
     }
     let contradiction = |says: String, but: String| {
         let place = format!("characteristic {:?}", one.symbol);

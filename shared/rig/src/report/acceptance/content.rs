@@ -3,8 +3,10 @@
 use super::chart::{numbers, tone_of};
 use super::drawing::Tone;
 use super::groups::of_same_positions;
-use super::words::{digits, judgement, limit_text, sentences, verdict_key, verdict_word, worst_position};
-use crate::report::number::{NONE, count, fixed, limit_decimals, optional, signed};
+use super::words::{
+    differing_limits, digits, judgement, limit_text, sentences, verdict_key, verdict_word, worst_position,
+};
+use crate::report::number::{NONE, count, fixed, limit, limit_decimals, optional, signed};
 use fringe::acceptance::{Characteristic, PositionValue, TestReport, TestVerdict, Volume};
 
 /// A part of the report.
@@ -156,7 +158,7 @@ fn characteristics(report: &TestReport) -> Vec<Block<'_>> {
             Cell::plain(&one.name).with_detail(&one.definition),
             Cell::bold(signed(one.value, digits(one)), Tone::Ink),
             Cell::plain(worst_position(one)),
-            Cell::plain(limit_text(one)),
+            Cell::plain(limit_text(one)).with_detail(if differs(one) { "there" } else { "" }),
             Cell::plain(optional(one.test_value_u, digits(one))),
             Cell::bold(judgement(one), tone_of(one.verdict)),
         ]
@@ -289,13 +291,20 @@ fn values(group: &[&Characteristic]) -> Table {
     Table { columns, rows: first.positions.iter().enumerate().map(row).collect() }
 }
 
+/// Whether each length has its own limit.
+fn differs(one: &Characteristic) -> bool {
+    differing_limits(one).is_some()
+}
+
 /// The worst value stands out; one beyond its limit is red.
 fn cell(one: &Characteristic, position: &PositionValue) -> Cell {
     let value = position.value;
     let text = signed(value, digits(one));
+    let own = position.limit.filter(|_| differs(one));
+    let detail = own.map_or_else(String::new, |own| format!("MPE ±{}", limit(Some(own), digits(one))));
     let beyond = one.limit_of(position).is_some_and(|limit| value.abs() > limit);
     let tone = if beyond { tone_of(Some(TestVerdict::Fail)) } else { Tone::Ink };
-    if value == one.value { Cell::bold(text, tone) } else { Cell { tone, ..Cell::plain(text) } }
+    Cell { text, detail, bold: value == one.value, tone }
 }
 
 fn scatter(group: &[&Characteristic]) -> Option<String> {

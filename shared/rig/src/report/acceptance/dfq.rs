@@ -3,9 +3,10 @@
 //! Fields: K0100 number of characteristics; K1001, K1002 part; K1900 remark; per characteristic i K2001 number, K2002
 //! name, K2022 decimals, K2101 nominal, K2110 and K2111 limits, K2142 unit, K2900 remark; per value K0001 value, K0002
 //! attribute (0: valid), K0009 text. Characteristics have different numbers of values, so each value names its own
-//! (`K0001/i`). ASCII only, fields as long as AQDEF allows, lines end in CR LF.
+//! (`K0001/i`). Where the limit differs with the length the fields of limits stay empty, because each holds for all values of
+//! its characteristic; the remark says so. ASCII only, fields as long as AQDEF allows, lines end in CR LF.
 
-use super::words::{one_line, plain};
+use super::words::{differing_limits, one_line, plain};
 use crate::report::number::decimals;
 use fringe::acceptance::{Characteristic, TestReport};
 use std::fmt::Write as _;
@@ -42,12 +43,13 @@ fn describe(text: &mut String, i: usize, one: &Characteristic) {
     field(text, &format!("K2022/{i}"), &digits.to_string(), NUMBER);
     // All are errors: nominally zero.
     field(text, &format!("K2101/{i}"), "0", NUMBER);
-    if let Some(limit) = one.limit {
+    if let Some(limit) = one.common_limit() {
         field(text, &format!("K2110/{i}"), &(-limit).to_string(), NUMBER);
         field(text, &format!("K2111/{i}"), &limit.to_string(), NUMBER);
     }
     field(text, &format!("K2142/{i}"), &one.unit, NUMBER);
-    field(text, &format!("K2900/{i}"), &one.definition, REMARK);
+    let remark = differing_limits(one).map_or_else(String::new, |limits| format!("{limits}. "));
+    field(text, &format!("K2900/{i}"), &format!("{remark}{}", one.definition), REMARK);
 }
 
 fn values(text: &mut String, i: usize, one: &Characteristic) {

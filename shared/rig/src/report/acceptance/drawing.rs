@@ -68,8 +68,6 @@ pub enum Shape {
         ends: [[f64; 2]; 2],
         /// Its width.
         width: f64,
-        /// Broken or drawn through.
-        dashed: bool,
         /// Its colour.
         tone: Tone,
     },
@@ -134,11 +132,10 @@ impl Drawing {
 fn element(svg: &mut String, shape: &Shape) {
     // Writing to a String cannot fail.
     let _ = match shape {
-        Shape::Line { ends: [[x1, y1], [x2, y2]], width, dashed, tone } => writeln!(
+        Shape::Line { ends: [[x1, y1], [x2, y2]], width, tone } => writeln!(
             svg,
-            "<path d=\"M{x1:.2} {y1:.2}L{x2:.2} {y2:.2}\" stroke=\"{}\" stroke-width=\"{width}\"{}/>",
-            tone.hex(),
-            if *dashed { " stroke-dasharray=\"5 3\"" } else { "" }
+            "<path d=\"M{x1:.2} {y1:.2}L{x2:.2} {y2:.2}\" stroke=\"{}\" stroke-width=\"{width}\"/>",
+            tone.hex()
         ),
         Shape::Area([x, y, w, h], tone) => writeln!(
             svg,

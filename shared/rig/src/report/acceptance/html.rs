@@ -121,7 +121,7 @@ fn put_cell(page: &mut Page, cell: &Cell, right: bool) {
     };
     let n = if right { "n " } else { "" };
     page.put(format_args!("<td class=\"{n}{class}\">"));
-    let (open, close) = if cell.bold { ("<b>", "</b>") } else { ("", "") };
+    let (open, close) = if cell.bold { ("<b class=\"mark\">", "</b>") } else { ("", "") };
     page.put(format_args!("{open}{}{close}", Text(&cell.text)));
     if !cell.detail.is_empty() {
         page.put(format_args!("<span class=\"detail\">{}</span>", Text(&cell.detail)));

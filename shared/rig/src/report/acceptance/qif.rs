@@ -3,10 +3,10 @@
 //! The values of an acceptance test are errors, nominally zero, not sizes: a range of radial distances is a QIF sphericity,
 //! every other error a user-defined linear characteristic with target 0 and the limits ±MPE, named and described as in the
 //! report. Each characteristic has an item for its worst value, which carries the verdict, and one a position, which is not
-//! judged alone. `combinedUncertainty` is the standard uncertainty, half of U (k = 2). No time stamp: no clock is read; the
+//! judged alone. A limit that differs with the length is no tolerance of one definition: the description says so. `combinedUncertainty` is the standard uncertainty, half of U (k = 2). No time stamp: no clock is read; the
 //! id of the document comes from the SHA-256 of the master.
 
-use super::words::{one_line, verdict_word};
+use super::words::{differing_limits, one_line, verdict_word};
 use fringe::acceptance::{Characteristic, TestReport, TestVerdict};
 use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, BytesEnd, BytesStart, BytesText, Event};
@@ -77,7 +77,7 @@ impl<'a> Plan<'a> {
         let mut last = 0;
         let mut entries = Vec::new();
         for one in &report.characteristics {
-            let kind = if one.limit.is_some() && RANGES.contains(&one.symbol.as_str()) {
+            let kind = if one.common_limit().is_some() && RANGES.contains(&one.symbol.as_str()) {
                 SPHERICITY
             } else {
                 LINEAR
@@ -185,9 +185,10 @@ fn definitions(xml: &mut Xml, plan: &Plan<'_>) {
 fn definition(xml: &mut Xml, entry: &Entry<'_>) {
     let one = entry.one;
     xml.element(entry.kind, "CharacteristicDefinition", entry.definition_id, |xml| {
-        xml.leaf("Description", &format!("{}: {}", one.name, one.definition));
+        let limits = differing_limits(one).map_or_else(String::new, |limits| format!("; {limits}"));
+        xml.leaf("Description", &format!("{}: {}{limits}", one.name, one.definition));
         xml.leaf("Name", &one.symbol);
-        match (entry.kind, one.limit) {
+        match (entry.kind, one.common_limit()) {
             (SPHERICITY, Some(limit)) => xml.leaf("ToleranceValue", &limit.to_string()),
             (_, Some(limit)) => xml.within("Tolerance", &[], |xml| {
                 xml.leaf("MaxValue", &limit.to_string());

@@ -282,6 +282,45 @@ fn dfq_is_ascii_with_one_field_a_line() {
     assert_eq!(text.split("\r\n").filter(|l| l.starts_with("K0100")).count(), 1);
 }
 
+/// Two lengths, each with its own limit; the shorter takes up more of it.
+fn two_lengths() -> TestReport {
+    let mut report = report();
+    let one = &mut report.characteristics[3];
+    one.positions.truncate(2);
+    for (position, (length, limit, value)) in
+        one.positions.iter_mut().zip([(50.0, 0.0175, 0.014), (150.0, 0.0225, -0.016)])
+    {
+        (position.length_mm, position.limit, position.value) = (Some(length), Some(limit), value);
+    }
+    (one.value, one.limit, one.verdict) = (0.014, Some(0.0175), Some(TestVerdict::Pass));
+    report.verdict = TestVerdict::Indeterminate;
+    report
+}
+
+/// Transfer formats hold one limit a characteristic: one that differs with the length is left out of the fields and told.
+#[test]
+fn limits_that_differ_with_the_length_stand_beside_their_values_only() {
+    let report = two_lengths();
+    check(&report).unwrap();
+    let one = &report.characteristics[3];
+    let chart = chart::chart(one, chart::Size { width: 540.0, height: 250.0, letter: 12.0 });
+    let limits = |s: &&drawing::Shape| matches!(s, drawing::Shape::Line { tone: drawing::Tone::Fail, .. });
+    assert_eq!(chart.shapes.iter().filter(limits).count(), 4, "two on either side");
+    let rows = csv::render(&report);
+    assert!(
+        rows.contains(",0.014,48211,144,true,0.0175,") && rows.contains(",-0.016,48212,144,false,0.0225,")
+    );
+    let text = dfq::render(&report);
+    assert!(text.contains("K2111/3 0.03") && !text.contains("K2110/4") && !text.contains("K2111/4"));
+    assert!(text.contains("K2900/4 MPE grows with the length"), "{text}");
+    let text = String::from_utf8(qif::render(&report, &"ab".repeat(32))).unwrap();
+    assert!(!text.contains("0.0175</M") && !text.contains("0.0225</M"));
+    assert!(text.contains("MPE grows with the length, ±0.0175 mm at the worst value"), "{text}");
+    let mut refused = two_lengths();
+    refused.characteristics[3].positions[1].limit = Some(f64::NAN);
+    assert!(check(&refused).unwrap_err().to_string().contains("\"bar-2\" limit"));
+}
+
 #[test]
 fn pdf_is_complete_and_every_page_of_a_reduced_test_says_so() {
     let pdf = |report: &TestReport| pdf::render(&content::document(report, &"ab".repeat(32)));
@@ -310,7 +349,7 @@ fn qif_is_valid_by_the_schema_of_the_standard() {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
-    for (name, report) in [("full", report()), ("hostile", hostile())] {
+    for (name, report) in [("full", report()), ("hostile", hostile()), ("lengths", two_lengths())] {
         let file = dir.path().join(name);
         let sha256 = sha256_hex(master_text(&report).unwrap().as_bytes());
         std::fs::write(&file, qif::render(&report, &sha256)).unwrap();

@@ -45,6 +45,16 @@ pub fn limit_text(one: &Characteristic) -> String {
     }
 }
 
+/// Where the limit differs with the length: what stands in the place of one limit for all.
+pub fn differing_limits(one: &Characteristic) -> Option<String> {
+    (one.limit.is_some() && one.common_limit().is_none()).then(|| {
+        format!(
+            "MPE grows with the length, {} mm at the worst value; no one limit holds for all",
+            limit_text(one)
+        )
+    })
+}
+
 /// Where the worst value occurred.
 pub fn worst_position(one: &Characteristic) -> String {
     let worst = one.positions.iter().find(|p| p.value == one.value);

@@ -38,8 +38,8 @@ pub fn put(sheets: &mut Sheets, block: &Block<'_>) {
 }
 
 fn heading(sheets: &mut Sheets, text: &str) {
-    // Room for the heading and a few lines of what follows.
-    sheets.need(70.0);
+    // Room for the heading and a row of charts below it.
+    sheets.need(CHART.height + 30.0);
     sheets.y += 9.0;
     sheets.paragraph(text, MARGIN, WIDTH, Style::new(10.5, true, Tone::Ink));
     let y = sheets.y + 1.0;

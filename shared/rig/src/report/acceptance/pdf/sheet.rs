@@ -84,7 +84,7 @@ impl Sheets {
 
     /// A line.
     pub fn line(&mut self, ends: [[f64; 2]; 2], width: f64, tone: Tone) {
-        line(self.page(), ends, width, false, tone);
+        line(self.page(), ends, width, tone);
     }
 
     /// Encoded text on a base line.
@@ -108,8 +108,8 @@ impl Sheets {
         let place = |[x, y]: [f64; 2]| [left + x, top + y];
         for shape in &drawing.shapes {
             match shape {
-                Shape::Line { ends: [a, b], width, dashed, tone } => {
-                    line(page, [place(*a), place(*b)], *width, *dashed, *tone);
+                Shape::Line { ends: [a, b], width, tone } => {
+                    line(page, [place(*a), place(*b)], *width, *tone);
                 }
                 Shape::Area([x, y, w, h], tone) => area(page, [left + x, top + y, *w, *h], *tone),
                 Shape::Dot { at, radius, tone } => dot(page, place(*at), *radius, *tone),
@@ -134,10 +134,9 @@ fn area(page: &mut Content, [x, y, w, h]: [f64; 4], tone: Tone) {
     page.set_fill_rgb(r, g, b).rect(x as f32, up(y + h), w as f32, h as f32).fill_nonzero();
 }
 
-fn line(page: &mut Content, [a, b]: [[f64; 2]; 2], width: f64, dashed: bool, tone: Tone) {
+fn line(page: &mut Content, [a, b]: [[f64; 2]; 2], width: f64, tone: Tone) {
     let [red, green, blue] = rgb(tone);
     page.set_stroke_rgb(red, green, blue).set_line_width(width as f32);
-    page.set_dash_pattern(if dashed { vec![4.0, 2.5] } else { Vec::new() }, 0.0);
     page.move_to(a[0] as f32, up(a[1])).line_to(b[0] as f32, up(b[1])).stroke();
 }
 
