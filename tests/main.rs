@@ -23,6 +23,7 @@
 //! - [`storm`]: one outcome per cycle and no wrong cloud, whatever dies, hangs or lies
 //! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
 //! - [`running`]: how the tests run a cell and harm it
+//! - [`single_view`]: one camera and projector: unwrapping, filters, reference planes, a rotation stage
 //! - [`support`]: how the tests run programs and make small recordings
 
 mod acceptance;
@@ -47,6 +48,7 @@ mod real;
 mod record;
 mod rig_state;
 mod running;
+mod single_view;
 mod storm;
 mod support;
 mod uncertainty;

@@ -78,14 +78,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut rows = Vec::new();
     for map in &maps {
         for method in Name::ALL {
-            rows.push(map.measure(method, args.repeats)?);
+            let row = map.measure(method, args.repeats)?;
+            println!(
+                "{:24} {:24} {:8} valid, {:6} components, {:7} wrong, {:9.1} ms, {:8.1} ms/Mpx",
+                row.map, row.method, row.valid, row.components, row.wrong, row.time_ms, row.ms_per_megapixel
+            );
+            rows.push(row);
         }
-    }
-    for row in &rows {
-        println!(
-            "{:24} {:24} {:8} valid, {:6} components, {:7} wrong, {:9.1} ms, {:8.1} ms/Mpx",
-            row.map, row.method, row.valid, row.components, row.wrong, row.time_ms, row.ms_per_megapixel
-        );
     }
     emit(args.json.as_deref(), &rows)?;
     Ok(Outcome::Done)

@@ -57,6 +57,8 @@ impl FromStr for Axis {
 pub struct View {
     /// For messages.
     pub name: String,
+    /// As given, degrees.
+    pub angle_deg: f64,
     /// rad.
     pub angle_rad: f64,
     /// As measured.
@@ -70,7 +72,8 @@ pub fn read(views: &[ViewArg]) -> Result<Vec<View>> {
     for view in views {
         let cloud = read_cloud(&view.path)?;
         let name = view.path.display().to_string();
-        all.push(View { name, angle_rad: view.angle_deg.to_radians(), points: cloud.points });
+        let angle_deg = view.angle_deg;
+        all.push(View { name, angle_deg, angle_rad: angle_deg.to_radians(), points: cloud.points });
         progress.step();
     }
     Ok(all)

@@ -122,7 +122,7 @@ impl Placed {
     fn by_axis(view: &View, reason: Option<String>) -> Self {
         Self {
             cloud: view.name.clone(),
-            angle_deg: view.angle_rad.to_degrees(),
+            angle_deg: view.angle_deg,
             points: view.points.len(),
             refined: false,
             moved_mm: 0.0,

@@ -10,6 +10,9 @@ use rig::npy::{self, Raster};
 use rig::recording::{RecordedCamera, RecordedProjector, Recording};
 use std::path::Path;
 
+/// Columns and rows of a projector that a single period covers.
+const WIDE_PX: u32 = 1 << 20;
+
 /// A wrapped phase and where it comes from.
 pub struct Item {
     /// For the names of files: `proj1-cam1-x`.
@@ -118,22 +121,26 @@ fn item(
 ) -> Result<Item> {
     let set = &projector.sequence[number];
     let first: usize = projector.sequence[..number].iter().map(PatternSet::frames).sum();
-    // A projector of one period: the phase within it is all there is to tell, and that is the wrapped phase.
-    let PatternSet::Sine { period_px, .. } = set else { bail!("set {number} is no sine set") };
-    let one_period = (period_px.floor() as u32).max(1);
-    let settings = DecodeSettings::default();
-    let mut decode = |sets: &[PatternSet], frames, extent_px| {
+    // As if a single period covered the projector: the phase within it is all there is to tell, and that is the wrapped
+    // phase. So wide a period that the projector's margin, half a pixel, masks no phase.
+    let mut one = set.clone();
+    let PatternSet::Sine { period_px: wide_px, .. } = &mut one else { bail!("set {number} is no sine set") };
+    let period_px = std::mem::replace(wide_px, f64::from(WIDE_PX));
+    // Every wrap looks like a jump of the order there, and is none.
+    let open = DecodeSettings { max_contradiction: 1.0, repair_spikes: false, ..DecodeSettings::default() };
+    let mut decode = |sets: &[PatternSet], frames, extent_px, settings: &DecodeSettings| {
         let mut step = || progress.step();
-        let maps =
-            decode_sets(recording, projector, camera, (sets, frames), extent_px, &settings, &mut step)?;
+        let maps = decode_sets(recording, projector, camera, (sets, frames), extent_px, settings, &mut step)?;
         maps.into_iter().map(|(map, _)| map).find(|map| map.info.axis == axis).with_context(|| {
             format!("projector \"{}\", camera \"{}\": no phase along {axis:?}", projector.name, camera.name)
         })
     };
-    let map = decode(std::slice::from_ref(set), first..first + set.frames(), [one_period; 2])?;
+    let mut map = decode(&[one], first..first + set.frames(), [WIDE_PX; 2], &open)?;
+    map.info.period_px = period_px;
     let coded = coded
         .then(|| {
-            decode(&projector.sequence, 0..camera.frames.len(), [projector.width_px, projector.height_px])
+            let extent_px = [projector.width_px, projector.height_px];
+            decode(&projector.sequence, 0..camera.frames.len(), extent_px, &DecodeSettings::default())
         })
         .transpose()
         .context("--anchor code")?;

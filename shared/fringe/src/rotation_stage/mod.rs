@@ -98,7 +98,7 @@ pub fn axis_from_places(views: &[(f64, Point3<f64>)]) -> Result<StageCalibration
     let mean = views.iter().map(|(_, at)| at.coords).sum::<Vector3<f64>>() / views.len() as f64;
     // The area swept by the places, each seen from their mean, in the order of the angles: twice the area vector of a polygon.
     let mut order: Vec<&(f64, Point3<f64>)> = views.iter().collect();
-    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    order.sort_by(|a, b| math::wrap_positive_rad(a.0).total_cmp(&math::wrap_positive_rad(b.0)));
     let next = order.iter().cycle().skip(1);
     let area: Vector3<f64> =
         order.iter().zip(next).map(|(a, b)| (a.1.coords - mean).cross(&(b.1.coords - mean))).sum();

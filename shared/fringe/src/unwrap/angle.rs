@@ -43,12 +43,17 @@ impl Angles {
             .for_each(|(((turn, fraction), valid), (phase_rad, usable))| {
                 for i in 0..turn.len() {
                     if usable[i] != 0 && phase_rad[i].is_finite() {
-                        (turn[i], fraction[i]) = on_grid(f64::from(phase_rad[i]) / TAU);
+                        (turn[i], fraction[i]) = split(f64::from(phase_rad[i]) / TAU);
                         valid[i] = true;
                     }
                 }
             });
         angles
+    }
+
+    /// Fraction of a turn on the grid: what decisions may rest on.
+    pub fn on_grid(&self, pixel: usize) -> f64 {
+        f64::from(self.turn[pixel]) / UNITS
     }
 
     /// Wrapped difference from pixel a to pixel b, in units of 2⁻³² turns, within half a turn.
@@ -66,7 +71,7 @@ impl Angles {
 }
 
 /// The part after the point, on the grid and in full.
-fn on_grid(turns: f64) -> (u32, f64) {
+fn split(turns: f64) -> (u32, f64) {
     let steps = f64::from(1_u32 << (32 - FINE_BITS));
     let fraction = turns - turns.floor();
     let step = (fraction * steps).round();

@@ -1,12 +1,10 @@
 //! Edges: pairs of valid neighbours, right and down of each pixel, and the orders in which methods take them.
 
 use super::angle::Angles;
+use rayon::prelude::*;
 
 /// Two neighbours; the second lies right of or below the first.
 pub type Edge = (usize, usize);
-
-/// Digits of the sort: 3 × 11 bits hold a 32-bit key.
-const DIGIT_BITS: u32 = 11;
 
 /// Which neighbours are joined at all.
 #[derive(Debug, Clone, Copy)]
@@ -58,38 +56,21 @@ impl<'a> Grid<'a> {
     }
 
     /// The edge of a number from [`Self::edges`].
+    #[inline]
     pub fn edge(&self, number: u32) -> Edge {
         let pixel = number as usize / 2;
         (pixel, if number.is_multiple_of(2) { pixel + 1 } else { pixel + self.width })
     }
 
-    /// Edges by rising key, ties by number.
-    pub fn sorted(&self, key: impl Fn(Edge) -> u32) -> Vec<u32> {
-        let mut keyed: Vec<u64> =
-            self.edges().map(|(number, edge)| u64::from(key(edge)) << 32 | u64::from(number)).collect();
-        radix_sort(&mut keyed);
-        keyed.into_iter().map(|value| value as u32).collect()
-    }
-}
-
-/// Sorts by the upper 32 bits, stably: the lower ones, which rise in the input, break ties.
-fn radix_sort(values: &mut Vec<u64>) {
-    let mut other = vec![0; values.len()];
-    for pass in 0..3 {
-        let digit = |value: u64| (value >> (32 + pass * DIGIT_BITS)) as usize & ((1 << DIGIT_BITS) - 1);
-        let mut starts = vec![0_usize; (1 << DIGIT_BITS) + 1];
-        for value in values.iter() {
-            starts[digit(*value) + 1] += 1;
-        }
-        for i in 1..starts.len() {
-            starts[i] += starts[i - 1];
-        }
-        for value in values.iter() {
-            let place = &mut starts[digit(*value)];
-            other[*place] = *value;
-            *place += 1;
-        }
-        std::mem::swap(values, &mut other);
+    /// All edges as numbers below their keys: what comes first has the least value, ties go by number.
+    pub fn keyed(&self, key: impl Fn(Edge) -> u32 + Sync) -> Vec<u64> {
+        let key = &key;
+        let row = |y: usize| {
+            (0..self.width).flat_map(move |x| {
+                self.of_pixel(x, y).map(move |(number, edge)| u64::from(key(edge)) << 32 | u64::from(number))
+            })
+        };
+        (0..self.height).into_par_iter().flat_map_iter(row).collect()
     }
 }
 
@@ -99,17 +80,18 @@ pub fn raster_edges<'a>(grid: &'a Grid<'_>) -> impl Iterator<Item = Edge> + 'a {
     (0..pixels).filter_map(|i| grid.right(i)).chain((0..pixels).filter_map(|i| grid.down(i)))
 }
 
-/// Edges by falling quality of their worse end.
+/// Edges by falling quality of their worse end, for [`Forest::span`](super::forest::Forest::span).
 ///
 /// A flood that always takes the best pixel at its border reaches each pixel along the path whose worst pixel is as good as
-/// possible. The tree of edges sorted so has the same paths, but no start that would have to be chosen in each component.
-pub fn best_pixels_first<'a>(grid: &'a Grid<'_>, quality: &[f32]) -> impl Iterator<Item = Edge> + 'a {
+/// possible. The tree of edges in this order has the same paths, but no start that would have to be chosen in each component.
+pub fn best_pixels_first(grid: &Grid<'_>, quality: &[f32]) -> Vec<u64> {
     // The bits of a float that is not negative rise with it.
-    let order = grid.sorted(|(a, b)| !quality[a].min(quality[b]).max(0.0).to_bits());
-    order.into_iter().map(|number| grid.edge(number))
+    grid.keyed(|(a, b)| !quality[a].min(quality[b]).max(0.0).to_bits())
 }
 
 /// Edges whose ends differ by more than half a turn in the result.
 pub fn discontinuities(grid: &Grid<'_>, angles: &Angles, turns: &[i32]) -> usize {
-    grid.edges().filter(|(_, (a, b))| turns[*b] - turns[*a] != angles.step(*a, *b)).count()
+    let jump = |(_, (a, b)): &(u32, Edge)| turns[*b] - turns[*a] != angles.step(*a, *b);
+    let row = |y: usize| (0..grid.width).flat_map(|x| grid.of_pixel(x, y)).filter(jump).count();
+    (0..grid.height).into_par_iter().map(row).sum()
 }

@@ -27,7 +27,7 @@ pub struct Faces {
     pub charge: Vec<i32>,
 }
 
-/// The two faces that an edge separates; passing from `left` to `right` of them counts its difference.
+/// The two faces that an edge separates: its difference counts for the one and against the other.
 #[derive(Debug, Clone, Copy)]
 struct Sides {
     plus: usize,

@@ -1,6 +1,7 @@
 //! A union–find forest whose links carry whole turns: joining two pixels fixes the turns between their whole groups.
 
 use super::NO_COMPONENT;
+use super::edges::Edge;
 
 /// The link of a pixel.
 #[derive(Debug, Clone, Copy)]
@@ -69,6 +70,38 @@ impl Forest {
         self.links[high] = Link { parent: low as u32, turns };
         self.size[low] += self.size[high];
         true
+    }
+
+    /// Joins along the least spanning tree: the one that taking the edges (numbers below keys, see
+    /// [`Grid::keyed`](super::edges::Grid::keyed)) by rising value would give, each that closes a loop left out.
+    ///
+    /// Borůvka's rounds find the same tree without sorting: in each round every group takes its least edge outwards. As no
+    /// two edges are equal there is only one such tree, and the groups stay small and near in memory for most of the work.
+    pub fn span(
+        &mut self,
+        mut edges: Vec<u64>,
+        ends: impl Fn(u32) -> Edge,
+        step: impl Fn(usize, usize) -> i32,
+    ) {
+        let mut least = vec![u64::MAX; self.links.len()];
+        while !edges.is_empty() {
+            edges.retain(|edge| {
+                let (a, b) = ends(*edge as u32);
+                let (a, b) = (self.find(a).0, self.find(b).0);
+                if a != b {
+                    least[a] = least[a].min(*edge);
+                    least[b] = least[b].min(*edge);
+                }
+                a != b
+            });
+            for taken in &mut least {
+                if *taken != u64::MAX {
+                    let (a, b) = ends(*taken as u32);
+                    self.join(a, b, step(a, b));
+                    *taken = u64::MAX;
+                }
+            }
+        }
     }
 
     /// Numbers the groups and counts the turns from their first pixels.

@@ -152,13 +152,13 @@ fn congruent(angles: &Angles, grid: &Grid<'_>, smooth: &mut [f64]) -> Labels {
             first.push(i);
         }
     }
-    let mut constant: Vec<f64> = first.iter().map(|i| angles.fraction[*i] - smooth[*i]).collect();
+    let mut constant: Vec<f64> = first.iter().map(|i| angles.on_grid(*i) - smooth[*i]).collect();
     // The mean about the last constant, twice: the first pixel alone may be a bad one.
     for _ in 0..2 {
         let mut sums = vec![(0.0_f64, 0.0_f64); first.len()];
         for i in (0..smooth.len()).filter(numbered) {
             let c = labels.component[i] as usize;
-            let off = angles.fraction[i] - smooth[i] - constant[c];
+            let off = angles.on_grid(i) - smooth[i] - constant[c];
             sums[c].0 += off - off.round();
             sums[c].1 += 1.0;
         }
@@ -166,7 +166,7 @@ fn congruent(angles: &Angles, grid: &Grid<'_>, smooth: &mut [f64]) -> Labels {
             *constant += sum / count;
         }
     }
-    let above = |smooth: f64, i: usize, c: usize| (smooth + constant[c] - angles.fraction[i]).round();
+    let above = |smooth: f64, i: usize, c: usize| (smooth + constant[c] - angles.on_grid(i)).round();
     let base: Vec<f64> = first.iter().enumerate().map(|(c, i)| above(smooth[*i], *i, c)).collect();
     for (i, smooth) in smooth.iter_mut().enumerate().filter(|(i, _)| labels.component[*i] != NO_COMPONENT) {
         let c = labels.component[i] as usize;

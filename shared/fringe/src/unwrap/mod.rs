@@ -122,7 +122,7 @@ pub const NO_COMPONENT: u32 = u32::MAX;
 
 /// Unwraps.
 ///
-/// Time is bounded: the path methods sort two edges per pixel once, the cuts search within `reach_px`, and least squares
+/// Time is bounded: the path methods take two edges per pixel in some ten rounds, the cuts search within `reach_px`, and least squares
 /// end after `max_iterations`.
 ///
 /// # Errors
@@ -146,9 +146,9 @@ pub fn unwrap(
         }
         Method::Quality(map) => {
             let quality = quality::map(map, wrapped, &angles, &grid)?;
-            grow(&angles, edges::best_pixels_first(&grid, &quality))
+            span(&angles, &grid, edges::best_pixels_first(&grid, &quality))
         }
-        Method::Reliability => grow(&angles, reliability::edges(&angles, &grid)),
+        Method::Reliability => span(&angles, &grid, reliability::edges(&angles, &grid)),
         Method::LeastSquares | Method::WeightedLeastSquares(_) => {
             let quality = match settings.method {
                 Method::WeightedLeastSquares(map) => Some(quality::map(map, wrapped, &angles, &grid)?),
@@ -174,6 +174,13 @@ fn grow(angles: &Angles, edges: impl IntoIterator<Item = edges::Edge>) -> Labels
     for (a, b) in edges {
         forest.join(a, b, angles.step(a, b));
     }
+    forest.labels(&angles.valid)
+}
+
+/// Joins along the least spanning tree of keyed edges.
+fn span(angles: &Angles, grid: &Grid<'_>, keyed: Vec<u64>) -> Labels {
+    let mut forest = Forest::new(angles.turn.len());
+    forest.span(keyed, |number| grid.edge(number), |a, b| angles.step(a, b));
     forest.labels(&angles.valid)
 }
 

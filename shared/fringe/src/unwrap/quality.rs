@@ -77,7 +77,7 @@ fn derivative_variance(angles: &Angles, grid: &Grid<'_>, x: usize, y: usize) -> 
 fn pseudo_correlation(angles: &Angles, grid: &Grid<'_>, x: usize, y: usize) -> f32 {
     let (mut count, mut real, mut imaginary) = (0.0_f64, 0.0, 0.0);
     for pixel in window(grid, x, y).filter(|i| angles.valid[*i]) {
-        let (sine, cosine) = math::sincos(angles.fraction[pixel] * TAU);
+        let (sine, cosine) = math::sincos(angles.on_grid(pixel) * TAU);
         count += 1.0;
         real += cosine;
         imaginary += sine;

@@ -1,17 +1,17 @@
 //! Reliability sorting (Herráez, Burton, Lalor, Gdeisat, Applied Optics 41, 2002; eq. 2.34–2.39).
 
 use super::angle::{Angles, turns};
-use super::edges::{Edge, Grid};
+use super::edges::Grid;
 use rayon::prelude::*;
 
 /// What a line through a pixel counts that lacks an end, turns²: the most a second difference can be.
 const MISSING: f32 = 1.0;
 
-/// Edges by rising sum of the second differences of their ends, which is falling reliability.
-pub fn edges<'a>(angles: &Angles, grid: &'a Grid<'_>) -> impl Iterator<Item = Edge> + 'a {
+/// Edges by rising sum of the second differences of their ends, which is falling reliability; for
+/// [`Forest::span`](super::forest::Forest::span).
+pub fn edges(angles: &Angles, grid: &Grid<'_>) -> Vec<u64> {
     let second = second_differences(angles, grid);
-    let order = grid.sorted(|(a, b)| (second[a] + second[b]).to_bits());
-    order.into_iter().map(|number| grid.edge(number))
+    grid.keyed(|(a, b)| (second[a] + second[b]).to_bits())
 }
 
 /// D_s² of eq. 2.34 per pixel, turns²: H² + V² + D₁² + D₂².

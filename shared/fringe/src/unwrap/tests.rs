@@ -157,6 +157,21 @@ proptest! {
         }
     }
 
+    /// The tree of the rounds is the one that sorting finds.
+    #[test]
+    fn rounds_and_sorting_find_one_tree(seed in any::<u64>(), sigma in 0.0_f64..3.0, masked in 0.0_f64..0.6) {
+        let map = hill(37, 22, 5.0).noisy(sigma, seed).masked(masked, seed);
+        let angles = Angles::new(&map.view());
+        let grid = Grid::new(map.width, map.height, &angles.valid);
+        let keyed = reliability::edges(&angles, &grid);
+        let mut sorted = keyed.clone();
+        sorted.sort_unstable();
+        let one = span(&angles, &grid, keyed);
+        let other = grow(&angles, sorted.into_iter().map(|edge| grid.edge(edge as u32)));
+        prop_assert_eq!(one.turns, other.turns);
+        prop_assert_eq!(one.component, other.component);
+    }
+
     /// Cuts balance every charge: then, and only then, all ways that cross none agree.
     #[test]
     fn only_cuts_hide_differences(
