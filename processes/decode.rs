@@ -26,6 +26,8 @@ pub struct Decode {
     camera: usize,
     lights: Vec<Light>,
     frames: Inbox<Frame>,
+    /// A frame that was found when the one before it was checked to be the only one; its turn comes later.
+    ahead: Option<Received<Frame>>,
     phases: Publisher<Phase>,
     /// All work of a cycle, in the order of the schedule, with the number of its light.
     works: Vec<(usize, Work)>,
@@ -66,6 +68,7 @@ impl Decode {
             next: 0,
             lights,
             frames: link.inbox(&format!("frame/{name}"))?,
+            ahead: None,
             phases: link.publisher(&format!("phase/{name}"))?,
             text: Text::new(),
         })
@@ -90,6 +93,26 @@ impl Decode {
         lit.t_ns = header.t_ns;
         self.next += 1;
         link.done(work, start_ns, &[], Report::default())
+    }
+
+    /// Before a phase is made of sums: the last frame must not have come twice. With it done, its true message has been
+    /// seen, so what follows is of the next projector, or too much.
+    fn check_complete(&mut self, link: &mut Link) -> Result<(), Fault> {
+        if self.ahead.is_none() {
+            self.ahead = self.frames.take(link)?;
+        }
+        self.frames.check_not_overtaken()?;
+        let Some(header) = self.ahead.as_ref().map(Received::header) else { return Ok(()) };
+        let came = (header.projector as usize, header.frame as usize);
+        let mut sums = self.works.iter().skip(self.next).filter_map(|(_, work)| match *work {
+            Work::Accumulate { projector, frame, .. } => Some((projector, frame)),
+            _ => None,
+        });
+        if sums.next() == Some(came) {
+            return Ok(());
+        }
+        let (projector, frame) = came;
+        Err(Fault::Cycle(format!("frame {frame} of projector {projector} came twice or astray")))
     }
 
     fn finish(&mut self, link: &mut Link, light: usize, axis: Axis) -> Result<(), Fault> {
@@ -155,9 +178,12 @@ impl Worker for Decode {
             return Ok(false);
         }
         if let Some((light, Work::Phase { axis, .. })) = due {
+            self.check_complete(link)?;
             return self.finish(link, light, axis).map(|()| true);
         }
-        match self.frames.take(link)? {
+        let ahead = self.ahead.take();
+        let next = if ahead.is_some() { ahead } else { self.frames.take(link)? };
+        match next {
             Some(message) => self.accumulate(link, &message).map(|()| true),
             None => Ok(false),
         }
@@ -165,6 +191,7 @@ impl Worker for Decode {
 
     fn forget(&mut self) {
         self.next = 0;
+        self.ahead = None;
         for light in &mut self.lights {
             light.decoder.begin();
         }

@@ -110,6 +110,7 @@ impl Worker for Fusion {
     }
 
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+        let turn = link.may(Work::Fuse);
         for (number, part) in self.parts.iter_mut().enumerate() {
             if let Some(message) = part.inbox.take(link)? {
                 if part.cloud.is_some() || message.header().pair as usize != number {
@@ -120,7 +121,8 @@ impl Worker for Fusion {
                 return Ok(true);
             }
         }
-        if self.parts.iter().all(|part| part.cloud.is_some()) && link.may(Work::Fuse) {
+        if self.parts.iter().all(|part| part.cloud.is_some()) && turn {
+            self.parts.iter().try_for_each(|part| part.inbox.check_not_overtaken())?;
             self.run(link)?;
             return Ok(true);
         }

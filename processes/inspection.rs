@@ -65,7 +65,13 @@ impl Worker for Inspection {
             return Ok(false);
         }
         match self.fused.take(link)? {
-            Some(message) => self.run(link, &message).map(|()| true),
+            Some(_) if self.fused.take(link)?.is_some() => {
+                Err(Fault::Cycle("the fused cloud came twice".into()))
+            }
+            Some(message) => {
+                self.fused.check_not_overtaken()?;
+                self.run(link, &message).map(|()| true)
+            }
             None => Ok(false),
         }
     }

@@ -123,6 +123,7 @@ impl Worker for Matching {
     }
 
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+        let turn = link.may(Work::Match { pair: self.pair });
         for inbox in 0..self.inboxes.len() {
             if let Some(message) = self.inboxes[inbox].take(link)? {
                 self.keep(message)?;
@@ -130,7 +131,8 @@ impl Worker for Matching {
             }
         }
         let complete = self.needs.iter().all(|need| need.map.is_some());
-        if complete && link.may(Work::Match { pair: self.pair }) {
+        if complete && turn {
+            self.inboxes.iter().try_for_each(Inbox::check_not_overtaken)?;
             self.run(link)?;
             return Ok(true);
         }

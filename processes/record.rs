@@ -67,6 +67,9 @@ impl Record {
             .write(&projector.name, &camera.name, header.frame as usize, &view)
             .map_err(|e| lost(&e))?;
         open.written += 1;
+        if open.written > self.frames {
+            return Err(Fault::Cycle(format!("more than the {} frames of a cycle came", self.frames)));
+        }
         Ok(())
     }
 
@@ -101,6 +104,7 @@ impl Worker for Record {
     }
 
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+        let turn = link.may(Work::Store);
         for inbox in 0..self.inboxes.len() {
             if let Some(message) = self.inboxes[inbox].take(link)? {
                 self.write(link, &message)?;
@@ -108,7 +112,8 @@ impl Worker for Record {
             }
         }
         let complete = self.open.as_ref().is_some_and(|open| open.written == self.frames);
-        if complete && link.may(Work::Store) {
+        if complete && turn {
+            self.inboxes.iter().try_for_each(Inbox::check_not_overtaken)?;
             self.finish(link)?;
             return Ok(true);
         }

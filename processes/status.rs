@@ -179,6 +179,9 @@ fn head(status: &Status) -> String {
         o.not_ok,
         status.deadline_misses
     );
+    if let Some(reason) = &status.reason {
+        let _ = writeln!(text, "in error: {reason}; the control command reset begins anew");
+    }
     if let Some((cycle, reason)) = &status.last_failure {
         let _ = writeln!(text, "last failure, cycle {}: {reason}", cycle + 1);
     }

@@ -158,6 +158,36 @@ fn the_socket_follows_the_states_and_refuses_what_they_do_not_allow() {
     served.stop();
 }
 
+/// Proves: a stage that keeps failing leaves a cell in error that says why, to status and to clients, until it is reset.
+#[test]
+fn a_cell_in_error_says_why_until_it_is_reset() {
+    let cell = Cell::played("inerror", 0.0, "restarts_max = 1");
+    let run = cell.program("played.toml", &["--serve"]).spawn().unwrap();
+    for restarts in 0..2 {
+        let ready = cell.until("ready", |s| s["state"] == "Ready" && restarts_of(s, "fusion") == restarts);
+        signal("KILL", pid_of(&ready, "fusion"));
+    }
+    let status = cell.until("in error", |s| s["state"] == "Error");
+    let why = "stage fusion failed 2 times within 60 s, the last time: died (signal 9)";
+    assert_eq!(status["reason"], why, "{status}");
+    let shown = Command::new(env!("CARGO_BIN_EXE_fringecell")).args(["status", &cell.name]).output().unwrap();
+    assert!(text(&shown.stdout).contains(&format!("in error: {why}")), "{}", text(&shown.stdout));
+    let served = Served { cell, run };
+    let asked = served.trigger(&["--part", "x"]);
+    assert_eq!(asked.status.code(), Some(2), "{}", text(&asked.stderr));
+    assert!(text(&asked.stderr).contains(why), "{}", text(&asked.stderr));
+    served.ask(&value!({"command": "reset"}));
+    let status = served.cell.until("ready again", |s| s["state"] == "Ready");
+    assert_eq!(status["reason"], Value::Null);
+    served.ask(&value!({"command": "stop"}));
+    assert_eq!(wait(served.run).status.code(), Some(0));
+}
+
+fn restarts_of(status: &Value, name: &str) -> u64 {
+    let stages = status["stages"].as_array().unwrap();
+    stages.iter().find(|s| s["name"] == name).unwrap()["restarts"].as_u64().unwrap()
+}
+
 /// Proves: a stage that dies gives the waiting client its outcome, and the next request is served.
 #[test]
 fn a_stage_that_dies_during_an_inspection_is_an_outcome_and_no_hang() {

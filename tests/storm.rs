@@ -211,6 +211,53 @@ fn a_short_storm_leaves_one_outcome_per_cycle_and_no_wrong_cloud() {
     survives_a_storm(12, 5);
 }
 
+/// Plausible messages that come before the true ones: fitting in size, cycle and sender.
+fn forge(cell: &CellName, cycle: u64, number: u64) {
+    let (width_px, height_px) = crate::support::SMALL_PX;
+    let phase = |camera: u32, topic: &str| {
+        let header = Phase { cycle, camera, width_px, height_px, period_px: 16.0, ..Phase::default() };
+        send(cell, topic, &["matching/pair1"], header, None);
+    };
+    match number % 3 {
+        0 => phase(0, "phase/cam1"),
+        1 => phase(1, "phase/cam2"),
+        _ => {
+            let header = Cloud { cycle, capacity: 10, points: 2, ..Cloud::default() };
+            send(cell, "cloud/pair1", &["fusion"], header, None);
+        }
+    }
+}
+
+#[test]
+fn a_plausible_message_that_comes_before_the_true_one_is_never_used() {
+    let cell = Cell::played("forged", 60.0, "");
+    let name = CellName::new(&cell.name).unwrap();
+    let run = cell.program("played.toml", &["--cycles", "12"]).spawn().unwrap();
+    let mut forged = std::collections::BTreeSet::new();
+    cell.until("a good cycle", |s| s["cycles_ok"].as_u64().unwrap_or(0) >= 1);
+    while let Some(status) = cell.status() {
+        if let Some(cycle) = status["cycle"].as_u64().filter(|cycle| !forged.contains(cycle)) {
+            forge(&name, cycle + 1, cycle);
+            // Only where the cycle still runs did the forgery surely come in time.
+            if cell.status().is_some_and(|after| after["cycle"].as_u64() == Some(cycle)) {
+                forged.insert(cycle);
+            }
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    wait(run);
+    let results = results(&cell.out());
+    let hashes = &results[0]["hashes"];
+    assert_eq!(results[0]["outcome"], "ok");
+    let mut seen = 0;
+    for result in &results[1..] {
+        let outcome = result["outcome"].as_str().unwrap();
+        assert!(outcome != "ok" || result["hashes"] == *hashes, "a wrong cloud: {result}");
+        seen += u32::from(outcome.contains("came twice"));
+    }
+    assert!(seen > 0, "no forgery of {forged:?} was found: {results:?}");
+}
+
 #[test]
 #[ignore = "five minutes: five hundred cycles, every third one harmed"]
 fn a_long_storm_leaves_one_outcome_per_cycle_and_no_wrong_cloud() {

@@ -1,6 +1,7 @@
 //! The order in which each core works, and whether a trace kept it.
 
 use super::Schedule;
+use std::collections::BTreeSet;
 
 /// Where each activation stands on its core.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -13,6 +14,8 @@ pub struct Order {
     pub before: Vec<Option<usize>>,
     /// The one after it on its core.
     pub next: Vec<Option<usize>>,
+    /// The other stages that may begin when it is done: of the next one on its core, and of those that take what it gives.
+    pub wakes: Vec<Vec<usize>>,
 }
 
 /// Start and end of an activation.
@@ -33,19 +36,27 @@ impl Order {
         let core: Vec<usize> = schedule.activations.iter().map(|a| schedule.stages[a.stage].core).collect();
         let (mut place, mut before, mut next) = (vec![0; count], vec![None; count], vec![None; count]);
         let mut last = vec![None; schedule.cores];
+        let mut wakes = vec![BTreeSet::new(); count];
         for number in 0..count {
             before[number] = last[core[number]].replace(number);
             if let Some(earlier) = before[number] {
                 place[number] = place[earlier] + 1;
                 next[earlier] = Some(number);
             }
+            let activation = &schedule.activations[number];
+            for &earlier in activation.inputs.iter().chain(&before[number]) {
+                if schedule.activations[earlier].stage != activation.stage {
+                    wakes[earlier].insert(activation.stage);
+                }
+            }
         }
-        Self { core, place, before, next }
+        let wakes = wakes.into_iter().map(|stages| stages.into_iter().collect()).collect();
+        Self { core, place, before, next, wakes }
     }
 }
 
 /// The first two activations of a trace that stand against the schedule: an activation that began before the one before
-/// it on its core had ended, or before what it works on was begun.
+/// it on its core or one that it takes from had ended.
 pub fn violation(schedule: &Schedule, order: &Order, trace: &[Interval]) -> Option<(usize, usize)> {
     let mut done = vec![None; schedule.activations.len()];
     for interval in trace {
@@ -55,12 +66,11 @@ pub fn violation(schedule: &Schedule, order: &Order, trace: &[Interval]) -> Opti
         let number = interval.activation;
         let before = order.before[number]
             .filter(|&before| done[before].is_none_or(|before| before.end_ns > interval.start_ns));
-        // An input ends with its report, after it was sent: its reader may begin in between.
         let input = schedule.activations[number]
             .inputs
             .iter()
             .copied()
-            .find(|&input| done[input].is_none_or(|input| input.start_ns > interval.start_ns));
+            .find(|&input| done[input].is_none_or(|input| input.end_ns > interval.start_ns));
         before.or(input).map(|earlier| (earlier, number))
     })
 }

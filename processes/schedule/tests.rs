@@ -105,11 +105,18 @@ fn each_core_has_one_order_and_a_trace_that_left_it_is_found() {
         lacking.remove(before);
         assert!(violation(&schedule, &order, &lacking).is_some(), "{before} is missing");
     }
-    // Work on another core that began before what it works on.
+    // Whoever may begin something then is woken, but no stage wakes itself.
+    for (number, activation) in schedule.activations.iter().enumerate() {
+        for &earlier in activation.inputs.iter().chain(&order.before[number]) {
+            let other = schedule.activations[earlier].stage != activation.stage;
+            assert_eq!(order.wakes[earlier].contains(&activation.stage), other, "{earlier} {number}");
+        }
+    }
+    // Work on another core that began before what it works on was done.
     let matched = schedule.find(Work::Match { pair: 1 }).unwrap();
     let input = schedule.activations[matched].inputs[0];
     let mut early = kept.clone();
-    early[input].start_ns = early[matched].start_ns + 1;
+    early[input].end_ns = early[matched].start_ns + 1;
     assert_eq!(violation(&schedule, &order, &early), Some((input, matched)));
 }
 

@@ -13,7 +13,7 @@ use ipc::header::{Control, Event, EventKind, Header, MAX_TEXT_BYTES};
 use ipc::os::{Usage, now_ns};
 use ipc::port::{Bell, Node, Publisher, Received, Ringer, Subscriber};
 use ipc::turn::{Turn, Turns};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 use xxhash_rust::xxh3::xxh3_128;
 
@@ -34,8 +34,8 @@ pub struct Link {
     segments: String,
     order: Order,
     turns: Turns,
-    /// Bells of the stages that come after this one on its core.
-    successors: BTreeMap<usize, Ringer>,
+    /// Bells of the stages that wait for this one: for its core, or for what it gives.
+    waiting: BTreeMap<usize, Ringer>,
     idle_since_ns: u64,
     /// As of the last report.
     usage: Usage,
@@ -97,7 +97,7 @@ impl Link {
         let order = Order::new(&cell.schedule);
         Ok(Self {
             turns: Turns::open(&name, cell.schedule.cores)?,
-            successors: successors(&cell, &order, stage, &node)?,
+            waiting: waiting(&cell, &order, stage, &node)?,
             order,
             cell,
             stage,
@@ -131,25 +131,31 @@ impl Link {
         }
     }
 
-    /// Whether the core has come to this work. The bell rings when it has.
+    /// Whether the core has come to this work and all that it takes was sent. The bell rings when it is so.
+    ///
+    /// To be asked before the inboxes are emptied: then the true messages are among what is found there, and one that came
+    /// twice is seen before it is used.
     pub fn may(&self, work: Work) -> bool {
-        self.cell
-            .schedule
-            .find(work)
-            .is_some_and(|number| self.turns.is(self.order.core[number], self.turn(number)))
+        let Some(number) = self.cell.schedule.find(work) else { return false };
+        let core = &self.order.core;
+        self.turns.is(core[number], self.turn(number))
+            && self.cell.schedule.activations[number]
+                .inputs
+                .iter()
+                .all(|&input| self.turns.is_past(core[input], self.turn(input)))
     }
 
     fn turn(&self, activation: usize) -> Turn {
         Turn { cycle: self.cycle(), place: self.order.place[activation] }
     }
 
-    /// Lets the core go on to what comes after an activation.
+    /// Lets the core go on to what comes after an activation, and the others begin what they needed it for.
     fn pass(&self, activation: usize) {
         self.turns.pass(self.order.core[activation], self.turn(activation));
-        let next = self.order.next[activation].map(|next| self.cell.schedule.activations[next].stage);
-        if let Some(ringer) = next.and_then(|stage| self.successors.get(&stage)) {
-            ringer.ring();
-        }
+        self.order.wakes[activation]
+            .iter()
+            .filter_map(|stage| self.waiting.get(stage))
+            .for_each(Ringer::ring);
     }
 
     /// The subject of this stage: camera or pair.
@@ -270,12 +276,11 @@ impl Link {
     }
 }
 
-/// The bells of the other stages to which this one hands its core.
-fn successors(cell: &Cell, order: &Order, stage: usize, node: &Node) -> Result<BTreeMap<usize, Ringer>> {
-    let activations = &cell.schedule.activations;
-    let mine = (0..activations.len()).filter(|&number| activations[number].stage == stage);
-    let next = mine.filter_map(|number| order.next[number]).map(|next| activations[next].stage);
-    let others: std::collections::BTreeSet<usize> = next.filter(|&other| other != stage).collect();
+/// The bells of the other stages that may begin something when this one has done something.
+fn waiting(cell: &Cell, order: &Order, stage: usize, node: &Node) -> Result<BTreeMap<usize, Ringer>> {
+    let activations = cell.schedule.activations.iter().zip(&order.wakes);
+    let woken = activations.filter(|(activation, _)| activation.stage == stage).flat_map(|(_, wakes)| wakes);
+    let others: BTreeSet<usize> = woken.copied().collect();
     others.into_iter().map(|other| Ok((other, node.ringer(&cell.schedule.stages[other].name)?))).collect()
 }
 
@@ -323,6 +328,20 @@ impl<H: Header> Inbox<H> {
                     return Ok(None);
                 }
             }
+        }
+    }
+
+    /// Fails when a message of a later cycle stands before what may still come of this one.
+    ///
+    /// No stage sends it while this cycle runs: it lies, or the cycle is over and the command that says so on its way.
+    pub fn check_not_overtaken(&self) -> Result<(), Fault> {
+        match &self.early {
+            Some(early) => Err(Fault::Cycle(format!(
+                "a message of cycle {} came on {} before this one was done",
+                early.header().cycle(),
+                self.subscriber.topic()
+            ))),
+            None => Ok(()),
         }
     }
 

@@ -25,11 +25,20 @@ pub struct Span {
     pub end_ns: u64,
 }
 
+/// A result as it arrived.
+#[derive(Debug)]
+struct Judged {
+    judgement: Judgement,
+    latency_ns: u64,
+    /// Of its text.
+    hash: u128,
+}
+
 /// The cycle that is being gathered.
 #[derive(Debug, Default)]
 pub struct Collector {
     done: BTreeMap<usize, (Event, String)>,
-    judgement: Option<(Judgement, u64)>,
+    judgement: Option<Judged>,
 }
 
 impl Collector {
@@ -43,9 +52,20 @@ impl Collector {
         self.done.insert(event.activation as usize, (event, text.to_owned()));
     }
 
-    /// The verdict, and how long after the last frame it stood.
-    pub fn judged(&mut self, judgement: Judgement, latency_ns: u64) {
-        self.judgement = Some((judgement, latency_ns));
+    /// The verdict with the text it was read from, and how long after the last frame it stood.
+    pub fn judged(&mut self, judgement: Judgement, text: &str, latency_ns: u64) {
+        self.judgement = Some(Judged { judgement, latency_ns, hash: xxh3_128(text.as_bytes()) });
+    }
+
+    /// A result that is not the one that the inspection reported is none: it came from somebody else.
+    pub fn check_result(&self, schedule: &Schedule) -> Result<(), String> {
+        let reported = schedule.find(Work::Inspect).and_then(|number| self.done.get(&number));
+        let reported = reported.map(|(event, _)| [event.hash_high, event.hash_low]);
+        let came = self.judgement.as_ref().map(|j| [(j.hash >> 64) as u64, j.hash as u64]);
+        if reported.is_some() && reported == came {
+            return Ok(());
+        }
+        Err("the result that came is not the one that the inspection reported".into())
     }
 
     /// What was reported, in the order of the schedule.
@@ -81,10 +101,10 @@ impl Collector {
         CycleResult {
             cycle,
             outcome: outcome.as_ref().err().map_or_else(|| OUTCOME_OK.to_owned(), Clone::clone),
-            verdict: judged.and_then(|(j, _)| j.verdict),
-            features: judged.map(|(j, _)| j.features.clone()).unwrap_or_default(),
+            verdict: judged.and_then(|j| j.judgement.verdict),
+            features: judged.map(|j| j.judgement.features.clone()).unwrap_or_default(),
             stages: self.stages(&cell.schedule),
-            latency_ns: judged.map(|(_, latency_ns)| *latency_ns),
+            latency_ns: judged.map(|j| j.latency_ns),
             hashes: self.hashes(cell),
             more: self.more(cell, ok),
         }
@@ -142,7 +162,7 @@ impl Collector {
             }
         }
         more.insert("reports".into(), json!(reports));
-        if let Some(reason) = self.judgement.as_ref().and_then(|(j, _)| j.alignment_failure.as_ref()) {
+        if let Some(reason) = self.judgement.as_ref().and_then(|j| j.judgement.alignment_failure.as_ref()) {
             more.insert("alignment_failure".into(), json!(reason));
         }
         more

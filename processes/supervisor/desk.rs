@@ -41,6 +41,11 @@ impl Desk {
         self.machine.state()
     }
 
+    /// Why it is in error.
+    pub(super) fn reason(&self) -> Option<String> {
+        self.reason.clone()
+    }
+
     /// The recipe of the cycle that starts.
     pub(super) fn recipe(&self) -> usize {
         self.job.as_ref().map_or(0, |job| job.recipe)
@@ -141,7 +146,7 @@ impl Desk {
         let recipes = self.recipes.iter().enumerate();
         StateReport {
             state: self.machine.state(),
-            reason: self.reason.clone(),
+            reason: self.reason(),
             serves: self.serves,
             part: self.job.as_ref().and_then(|job| job.part.clone()),
             recipe: self.job.as_ref().map(|job| self.recipes[job.recipe].clone()),

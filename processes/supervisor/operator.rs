@@ -162,6 +162,7 @@ impl Supervisor<'_> {
             cell: self.cell.name.clone(),
             pid: std::process::id(),
             state: self.desk.state(),
+            reason: self.desk.reason(),
             cycle: self.cycles.running(),
             cycles_done: self.tally.done,
             cycles_ok: self.tally.ok,

@@ -137,6 +137,8 @@ pub struct Status {
     pub pid: u32,
     /// As in OPC 40100-1.
     pub state: State,
+    /// Why it is in error.
+    pub reason: Option<String>,
     /// The cycle that runs.
     pub cycle: Option<u64>,
     /// Cycles with an outcome.

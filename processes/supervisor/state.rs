@@ -184,7 +184,8 @@ impl<'a> Supervisor<'a> {
         outcome: &Result<(), String>,
         each: &mut dyn FnMut(&CycleResult),
     ) -> Result<()> {
-        let outcome = &outcome.clone().and_then(|()| self.in_order());
+        let trusted = || self.in_order().and_then(|()| self.collector.check_result(&self.cell.schedule));
+        let outcome = &outcome.clone().and_then(|()| trusted());
         if let Some(watch) = &mut self.watch {
             watch.look()?;
             watch.ended(wire(cycle), outcome.is_ok());
@@ -260,7 +261,7 @@ impl<'a> Supervisor<'a> {
             if let Some(keeper) = &self.keeper {
                 keeper.result(self.cell, header.cycle, text);
             }
-            self.collector.judged(judgement, header.t_ns.saturating_sub(header.t_last_frame_ns));
+            self.collector.judged(judgement, text, header.t_ns.saturating_sub(header.t_last_frame_ns));
             self.feed(Input::Result { cycle }, each)?;
         }
         if let Some(watch) = &mut self.watch {

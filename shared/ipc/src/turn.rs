@@ -83,6 +83,12 @@ impl Turns {
         core < self.cores && self.number(core).load(Ordering::Acquire) == turn.to_bits()
     }
 
+    /// Whether this place of the same cycle has had its turn and passed it on.
+    pub fn is_past(&self, core: usize, turn: Turn) -> bool {
+        let now = if core < self.cores { self.number(core).load(Ordering::Acquire) } else { 0 };
+        now >> PLACE_BITS == turn.cycle && now > turn.to_bits()
+    }
+
     /// Passes the turn on to the next place. Does nothing when the cycle is over meanwhile.
     pub fn pass(&self, core: usize, turn: Turn) {
         if core < self.cores {
@@ -157,7 +163,12 @@ mod tests {
         assert!(stage.is(1, first) && !stage.is(1, second) && !stage.is(3, first));
         stage.pass(1, first);
         assert!(supervisor.is(1, second) && supervisor.is(2, first));
+        assert!(
+            supervisor.is_past(1, first) && !supervisor.is_past(1, second) && !supervisor.is_past(2, first)
+        );
+        assert!(!supervisor.is_past(3, first), "a core that there is not");
         supervisor.begin(8);
+        assert!(!stage.is_past(1, first), "another cycle's turns say nothing");
         stage.pass(1, second);
         assert!(supervisor.is(1, Turn { cycle: 8, place: 0 }));
     }
