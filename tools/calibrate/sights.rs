@@ -163,6 +163,7 @@ impl Gathered {
                 index: index(detection, p.index),
                 pixel: p.pixel,
                 covariance_px2: p.covariance_px2,
+                link: None,
             })
             .collect();
         let may_be_turned = detection.ambiguity != Ambiguity::None;
@@ -182,7 +183,7 @@ pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered>
     let mut lamps = Vec::new();
     for (recording, looks) in recordings.iter().zip(looks) {
         let pose = all.pose(recording.folder.display().to_string());
-        let mut seen: Vec<(String, Detection)> = Vec::new();
+        let mut seen: Vec<(usize, String, Detection)> = Vec::new();
         for (camera, look) in looks? {
             let (width_px, height_px) = look.size_px;
             let device = all
@@ -190,7 +191,7 @@ pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered>
                 .with_context(|| look.place.clone())?;
             let Some(detection) = all.take(look, device, pose) else { continue };
             all.add(device, pose, &detection);
-            seen.push((camera.to_owned(), detection));
+            seen.push((device, camera.to_owned(), detection));
         }
         for projector in &recording.projectors {
             all.note_lit(projector);
@@ -237,6 +238,8 @@ struct Lamp<'a> {
     projector: &'a RecordedProjector,
     pose: usize,
     camera: &'a RecordedCamera,
+    /// Number of that camera among the devices.
+    device: usize,
     detection: Detection,
 }
 
@@ -246,7 +249,7 @@ impl<'a> Lamp<'a> {
         recording: &'a Recording,
         projector: &'a RecordedProjector,
         pose: usize,
-        seen: &[(String, Detection)],
+        seen: &[(usize, String, Detection)],
     ) -> Option<Self> {
         let has = |axis| {
             projector.sequence.iter().any(|s| matches!(s, PatternSet::Sine { axis: a, .. } if *a == axis))
@@ -254,10 +257,17 @@ impl<'a> Lamp<'a> {
         let cameras = projector
             .cameras
             .iter()
-            .filter_map(|c| Some((c, &seen.iter().find(|(name, _)| *name == c.name)?.1)));
-        let (camera, detection) = cameras.max_by_key(|(_, detection)| detection.points.len())?;
-        let detection = detection.clone();
-        (has(Axis::X) && has(Axis::Y)).then_some(Self { recording, projector, pose, camera, detection })
+            .filter_map(|c| Some((c, seen.iter().find(|(_, name, _)| *name == c.name)?)));
+        let (camera, (device, _, detection)) = cameras.max_by_key(|(_, (_, _, d))| d.points.len())?;
+        let (device, detection) = (*device, detection.clone());
+        (has(Axis::X) && has(Axis::Y)).then_some(Self {
+            recording,
+            projector,
+            pose,
+            camera,
+            device,
+            detection,
+        })
     }
 
     /// Its pixels at the target's points; `None` where the sequence has no phase along both axes.
@@ -274,9 +284,8 @@ impl<'a> Lamp<'a> {
         let detection = &self.detection;
         let sight = |point: &DetectedPoint| {
             let radius_px = pitch_px(detection, point.index)?;
-            let place = (point.pixel, point.covariance_px2);
-            let (pixel, covariance_px2) = projector_pixel(&x.view(), &y.view(), place, radius_px)?;
-            Some(Sight { index: index(detection, point.index), pixel, covariance_px2 })
+            let read = projector_pixel(&x.view(), &y.view(), point.pixel, radius_px)?;
+            Some(read.sight(index(detection, point.index), self.device, &point.covariance_px2))
         };
         Ok(Some(detection.points.iter().filter_map(sight).collect()))
     }

@@ -1,11 +1,12 @@
 //! The bodies of a scene file, checked.
 
 use crate::body::{Body, Form};
+use crate::checkerboard::Checkerboard;
 use crate::error::SceneError;
 use crate::mesh::Mesh;
 use crate::scene_file::{BodyFile, CheckerboardFile, GeometryFile, MaterialFile, SceneFile};
 use crate::solid::{Prism, Solid};
-use crate::surface::{Checkerboard, Surface};
+use crate::surface::Surface;
 use fringe::math::tan;
 use fringe::random::Key;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};

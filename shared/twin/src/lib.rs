@@ -28,6 +28,7 @@ mod assemble;
 mod blur;
 pub mod body;
 pub mod cell;
+pub mod checkerboard;
 pub mod error;
 mod light;
 pub mod mesh;

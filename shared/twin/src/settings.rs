@@ -27,6 +27,7 @@ pub struct TwinSettings {
     /// Bits per pixel: 8, 10, 12 or 16.
     pub bits: u8,
     /// Rays per pixel along each axis, averaged: 1 takes the pixel's centre; n > 1 is the true footprint, at n² the cost.
+    /// Printed patterns are then averaged exactly over each ray's share of the pixel, outlines in n² steps.
     pub subsamples: u32,
     /// Uniform scatter of the part's position from cycle to cycle, ± mm per axis.
     pub position_scatter_mm: f64,

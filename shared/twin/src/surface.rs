@@ -1,36 +1,9 @@
 //! How a surface reflects at a point.
 
+use crate::checkerboard::Checkerboard;
 use fringe::math::pow;
 use fringe::random::Key;
 use nalgebra::{Point3, Vector3};
-
-/// A checkerboard on the plane z = 0 of a body.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Checkerboard {
-    /// Inner corners along x.
-    pub columns: u32,
-    /// Inner corners along y.
-    pub rows: u32,
-    /// Side of a square, mm.
-    pub pitch_mm: f64,
-    /// Albedo of the dark squares as a fraction of the light ones'.
-    pub dark: f64,
-}
-
-impl Checkerboard {
-    /// Factor on the albedo. Inner corner (i, j) lies at ((i − (columns−1)/2)·pitch, (j − (rows−1)/2)·pitch); the
-    /// square that ends at corner (0, 0) is dark; outside of the (columns+1)×(rows+1) squares it is light.
-    fn factor(&self, x_mm: f64, y_mm: f64) -> f64 {
-        let cell = |at_mm: f64, corners: u32| {
-            let index = (at_mm / self.pitch_mm + 0.5 * f64::from(corners + 1)).floor();
-            (index >= 0.0 && index <= f64::from(corners)).then_some(index as i64)
-        };
-        match (cell(x_mm, self.columns), cell(y_mm, self.rows)) {
-            (Some(i), Some(j)) if (i + j) % 2 == 0 => self.dark,
-            _ => 1.0,
-        }
-    }
-}
 
 /// A surface: Lambertian with a grainy albedo, and a specular lobe.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,18 +25,17 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Albedo at a point of the body frame.
+    /// Albedo at a point of the body frame, without what is printed there.
     pub fn albedo_at(&self, p: &Point3<f64>) -> f64 {
-        let mut albedo = self.albedo;
-        if self.texture > 0.0 {
-            albedo *= 1.0 + self.texture * grain(self.key, &(p / self.texture_mm));
+        if self.texture <= 0.0 {
+            return self.albedo;
         }
-        if let Some(board) = &self.checkerboard
-            && p.z > -1e-6
-        {
-            albedo *= board.factor(p.x, p.y);
-        }
-        albedo
+        self.albedo * (1.0 + self.texture * grain(self.key, &(p / self.texture_mm)))
+    }
+
+    /// What is printed at a point of the body frame.
+    pub fn print_at(&self, p: &Point3<f64>) -> Option<&Checkerboard> {
+        self.checkerboard.as_ref().filter(|_| p.z > -1e-6)
     }
 
     /// Reflectance times cosine for light from `to_light` seen from `to_eye` (unit vectors); zero from behind.

@@ -349,6 +349,25 @@ fn many_rays_per_pixel_and_the_footprint_kernel_agree_on_smooth_faces() {
     assert!(error < 0.02 * effect, "error {error}, effect {effect}");
 }
 
+/// The edges of a print do not come in the steps of the rays: four a pixel give the picture of 144.
+#[test]
+fn the_edges_of_a_print_do_not_depend_on_the_number_of_rays() {
+    let board = r#"{ shape = "plane", size_mm = [160.0, 160.0], thickness_mm = 5.0, checkerboard = { columns = 8, rows = 6, pitch_mm = 9.0, dark = 0.1 } }"#;
+    let board = scene(&body("board", [0.0, 0.0, 15.0], board));
+    let image = |subsamples: u32| {
+        let twin = twin(&board, TwinSettings { subsamples, ..TwinSettings::ideal() });
+        let view = twin.view_lit_by("cam1", &["proj1"], 0).unwrap();
+        twin.renderer("proj1", &white()).unwrap().irradiance(&view, 0).unwrap().to_vec()
+    };
+    let (few, many) = (image(2), image(12));
+    let inner = inner(&board, 5.0);
+    let white = inner.iter().map(|i| many[*i]).fold(0.0, f32::max);
+    let off = inner.iter().map(|i| (few[*i] - many[*i]).abs()).fold(0.0, f32::max);
+    let mixed = inner.iter().filter(|i| (0.2..0.8).contains(&(many[**i] / white))).count();
+    assert!(inner.len() > 4000 && mixed > 300, "{} pixels, {mixed} on edges", inner.len());
+    assert!(off < 1e-3 * white, "{off} of {white}");
+}
+
 #[test]
 fn buffers_and_frames_that_do_not_fit_are_refused() {
     let rig: Rig = small_rig();

@@ -18,8 +18,6 @@ use twin::{Scene, Twin, TwinSettings, thesis};
 
 /// Turn of the boards about their normal, ± rad.
 const TURN_RAD: f64 = 0.6;
-/// Rays along each axis of the fringes' pixels: they are read within the squares, far from edges.
-const FRINGE_RAYS: u32 = 2;
 /// A drawn corner this near to the rim of an image has no room for its window, px.
 const RIM_PX: f64 = 8.0;
 
@@ -172,9 +170,9 @@ impl Cell {
         let observations = self.empty(boards.len());
         let mut seen = Seen { observations, errors: Vec::new(), detection: Duration::ZERO, images: 0 };
         for (pose, board) in boards.iter().enumerate() {
-            let settings = |subsamples: u32| TwinSettings {
+            let settings = TwinSettings {
                 seed: seed.wrapping_mul(1000).wrapping_add(pose as u64),
-                subsamples,
+                subsamples: self.subsamples,
                 position_scatter_mm: 0.0,
                 angle_scatter_deg: 0.0,
                 // A board stands on the table; a part hangs in a gripper.
@@ -182,30 +180,26 @@ impl Cell {
                 ..TwinSettings::default()
             };
             let rig = moved(&self.rig, board);
-            let twins = [self.subsamples, self.subsamples.min(FRINGE_RAYS)]
-                .map(|rays| Twin::new(&self.scene, settings(rays), &rig));
-            let [pictures, fringes] = twins;
-            let twins = [&pictures?, &fringes?];
+            let twin = Twin::new(&self.scene, settings, &rig)?;
             for pair in &self.rig.pairs {
-                self.look_at(twins, pair, (pose, board), &mut seen)?;
+                self.look_at(&twin, pair, (pose, board), &mut seen)?;
                 step();
             }
         }
         Ok(seen)
     }
 
-    /// Both cameras of a pair, and their projector as that camera tells it that found more corners; pictures and fringes
-    /// are of two twins that differ in their rays alone.
+    /// Both cameras of a pair, and their projector as that camera tells it that found more corners.
     fn look_at(
         &self,
-        [pictures, fringes]: [&Twin; 2],
+        twin: &Twin,
         pair: &Pair,
         (pose, board): (usize, &Isometry3<f64>),
         seen: &mut Seen,
     ) -> Result<()> {
         let mut best: Option<(&str, Detection)> = None;
         for name in [&pair.left, &pair.right] {
-            let view = pictures.view_lit_by(name, &[&pair.projector], 0)?;
+            let view = twin.view_lit_by(name, &[&pair.projector], 0)?;
             let mut buffer = Buffer::new(&view);
             view.render(&pair.projector, &[PatternSet::White {}], 0, buffer.pixels_mut())?;
             let started = Instant::now();
@@ -215,7 +209,7 @@ impl Cell {
             let Ok(detection) = found else { continue };
             let sights = detection.points.iter().map(|p| {
                 let (pixel, covariance_px2) = (p.pixel, p.covariance_px2);
-                (p.index, Sight { index: index(&detection, p.index), pixel, covariance_px2 })
+                (p.index, Sight { index: index(&detection, p.index), pixel, covariance_px2, link: None })
             });
             self.add(seen, name, (pose, board), sights.collect());
             if best.as_ref().is_none_or(|(_, other)| other.points.len() < detection.points.len()) {
@@ -223,14 +217,14 @@ impl Cell {
             }
         }
         let Some((camera, detection)) = best else { return Ok(()) };
-        let maps = decode(fringes, camera, &pair.projector, &self.rig, &self.sequence, 0)?;
+        let maps = decode(twin, camera, &pair.projector, &self.rig, &self.sequence, 0)?;
         let map = |axis| maps.iter().find(|m| m.info.axis == axis).context("both axes were decoded");
         let (x, y) = (map(Axis::X)?, map(Axis::Y)?);
+        let device = self.rig.cameras.iter().position(|c| c.name == camera).context("a camera of the rig")?;
         let sights = detection.points.iter().filter_map(|point| {
             let radius_px = pitch_px(&detection, point.index)?;
-            let (pixel, covariance_px2) =
-                projector_pixel(&x.view(), &y.view(), (point.pixel, point.covariance_px2), radius_px)?;
-            Some((point.index, Sight { index: index(&detection, point.index), pixel, covariance_px2 }))
+            let read = projector_pixel(&x.view(), &y.view(), point.pixel, radius_px)?;
+            Some((point.index, read.sight(index(&detection, point.index), device, &point.covariance_px2)))
         });
         self.add(seen, &pair.projector, (pose, board), sights.collect());
         Ok(())
@@ -283,6 +277,7 @@ impl Cell {
                             index: i as usize,
                             pixel: pixel + Vector2::new(draw(0), draw(1)),
                             covariance_px2: Matrix2::identity() * (sd * sd),
+                            link: None,
                         })
                     })
                     .collect();

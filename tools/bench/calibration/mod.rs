@@ -30,7 +30,7 @@ pub struct Args {
     /// Calibrations from drawn corner errors.
     #[arg(long, default_value_t = 100)]
     trials: u64,
-    /// Calibrations from rendered images (with 20 poses about ten minutes of processor time each).
+    /// Calibrations from rendered images.
     #[arg(long, default_value_t = 1)]
     images: u64,
     #[command(flatten)]
@@ -38,9 +38,8 @@ pub struct Args {
     /// What is adjusted of the target: nothing, its bend, or each of its points.
     #[arg(long, value_name = "flat|bent|free", default_value = "bent", value_parser = crate::calibrate::model::target_shape)]
     board: TargetShape,
-    /// Rays per pixel along each axis for the pictures of the board. The steps in which so many rays render an edge must stay
-    /// below the noise of a camera: with three, corners are off by twice what they are with six.
-    #[arg(long, default_value_t = 6)]
+    /// Rays per pixel along each axis. Edges of the print are exact with two or more.
+    #[arg(long, default_value_t = 2)]
     subsamples: u32,
     /// First seed.
     #[arg(long, default_value_t = 1)]

@@ -3,7 +3,8 @@
 use super::datum::Datum;
 use super::homography::{MIN_SIGHTS, median};
 use super::model::{DEVICE, State, compose, motion, moved};
-use super::normal::{Normal, Problem, Step};
+use super::normal::{Normal, Step};
+use super::problem::Problem;
 use super::settings::CalibrationSettings;
 use nalgebra::Vector3;
 
@@ -195,13 +196,24 @@ fn accepted(
             let rounding = 100.0 * (ROUNDING_PX * problem.whiten[number][0]).powi(2);
             used[number] = squares[number] <= (limit * variances[view.device]).max(rounding);
         }
-        // What is left of a view that is wrong as a whole fits by chance.
+    }
+    drop_remnants(problem, &mut used);
+    // Light read where a camera was wrong about the point is that of another place.
+    for (number, link) in problem.links.iter().enumerate() {
+        used[number] &= link.as_ref().is_none_or(|l| used[l.sight]);
+    }
+    drop_remnants(problem, &mut used);
+    used
+}
+
+/// What is left of a view that is wrong as a whole fits by chance.
+fn drop_remnants(problem: &Problem, used: &mut [bool]) {
+    for view in &problem.views {
         let own = &mut used[view.start..view.end];
         if own.iter().filter(|u| **u).count() < MIN_SIGHTS {
             own.fill(false);
         }
     }
-    used
 }
 
 /// Variance component of each device: its sum of squares over its redundancy (Förstner's simplified estimator).

@@ -9,7 +9,8 @@
 
 use super::dense::{Dense, Factor, dot};
 use super::model::{Board, DEVICE, INTRINSIC, POSE, State, WARP};
-use super::normal::{Normal, Problem};
+use super::normal::Normal;
+use super::problem::Problem;
 use nalgebra::{Isometry3, Vector3};
 
 /// What is held fixed.

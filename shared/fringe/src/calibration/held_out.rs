@@ -10,9 +10,9 @@ use super::covariance::Gauge;
 use super::dense::{Dense, Factor, dot};
 use super::finish::{reports, rms};
 use super::homography::{homography, median};
-use super::model::{Board, DEVICE, POSE, Projector, Shape, State, WARP, compose};
-use super::normal::{Problem, ViewRange, whitening};
+use super::model::{Board, DEVICE, LOCAL, POSE, Projector, Shape, State, WARP, compose};
 use super::observations::{Observations, Sight};
+use super::problem::{Problem, Run, ViewRange};
 use super::result::{Calibration, ViewReport};
 use super::settings::CalibrationSettings;
 use super::zhang;
@@ -110,20 +110,11 @@ fn fold(
     let fixed = vec![None; DEVICE];
     let mut columns = vec![fixed; observations.devices.len()];
     columns.push(vec![None; WARP]);
-    let mut problem = Problem {
-        board: &board,
-        views: Vec::new(),
-        sights: Vec::new(),
-        whiten: Vec::new(),
-        columns,
-        unknowns: 0,
-        datum: None,
-    };
-    let mut origin = Vec::new();
+    let (mut views, mut sights, mut origin) = (Vec::new(), Vec::new(), Vec::new());
     for pose in held {
-        origin.extend(add_pose(&mut problem, &mut state, observations, *pose));
+        origin.extend(add_pose((&mut views, &mut sights), &board, &mut state, observations, *pose));
     }
-    problem.whiten = problem.sights.iter().map(whitening).collect();
+    let problem = Problem::new(&board, views, sights, (columns, 0));
     let weighted = approach(&problem, state)
         .and_then(|state| weighted(&problem, state, settings))
         .ok_or_else(|| CalibrationError::NoConvergence { stage: "held-out poses".into(), iterations: 0 })?;
@@ -135,16 +126,16 @@ fn fold(
     Ok(Fold { calibration, views, predicted_px2 })
 }
 
-/// Puts the views of a pose into the problem, oriented alike; gives each one's number and whether it was turned.
+/// Adds the views of a pose, oriented alike; gives each one's number and whether it was turned.
 ///
 /// Which way round the first view is read does not matter: a target that may be read turned meets itself.
 fn add_pose(
-    problem: &mut Problem,
+    (views, sights): (&mut Vec<ViewRange>, &mut Vec<Sight>),
+    board: &Board,
     state: &mut State,
     observations: &Observations,
     pose: usize,
 ) -> Vec<(usize, bool)> {
-    let board = problem.board;
     let seen = |(number, view): (usize, &super::View)| {
         let camera = &state.cameras[view.device];
         let board_pose = zhang::pose(camera, &homography(&board.points, &view.sights)?)?;
@@ -173,48 +164,28 @@ fn add_pose(
         };
         let turned = turned.filter(|turned| off(turned) < off(&view.sights));
         added.push((*number, turned.is_some()));
-        let start = problem.sights.len();
-        problem.sights.extend(turned.as_ref().unwrap_or(&view.sights));
-        let end = problem.sights.len();
-        problem.views.push(ViewRange { device: view.device, pose: state.boards.len(), start, end });
+        let start = sights.len();
+        sights.extend(turned.as_ref().unwrap_or(&view.sights));
+        let end = sights.len();
+        views.push(ViewRange { device: view.device, pose: state.boards.len(), start, end });
     }
     state.boards.push(Some(*placed));
     added
 }
 
-/// Rows of the points of one pose that are used.
-struct Row {
-    view: usize,
-    device: usize,
-    /// Variance of the pixel's coordinate, px²: the given covariance taken as a circle, times the device's factor.
-    variance_px2: f64,
-    pose: [f64; POSE],
-    rig: [f64; DEVICE + WARP],
-}
-
 /// Expected sum of squared residuals of each view, px².
 ///
-/// With the pose solved from the same points, residuals are (1 − BVBᵀW)(n + JΔ): V = (BᵀWB)⁻¹, B and J the derivatives by
-/// pose and rig, n the noise of the points with variance W⁻¹, Δ the error of the rig with its covariance.
+/// With the pose solved from the same points, residuals are n + JΔ − B V C (n + JΔ): B and J the derivatives by pose and
+/// rig, C = BᵀW and V = (CB)⁻¹ with the weights W of the independent errors (see [`super::problem`]), n the noise of the
+/// pixels with variance W⁻¹, Δ the error of the rig with its covariance.
 fn predicted(calibration: &Calibration, problem: &Problem, weighted: &Weighted) -> Vec<f64> {
     let mut squares = vec![0.0; problem.views.len()];
     let covariance = calibration.covariance.matrix(Gauge::FirstDevice);
     for pose in 0..weighted.solved.state.boards.len() {
-        let rows = rows(calibration, problem, weighted, pose);
-        let mut normal = Dense::zeros(POSE, POSE);
-        let mut coupling = Dense::zeros(POSE, covariance.rows);
-        for row in &rows {
-            for i in 0..POSE {
-                let scaled = row.pose[i] / row.variance_px2;
-                (0..POSE).for_each(|j| normal.add(i, j, scaled * row.pose[j]));
-                for (column, value) in places(row.device, covariance.rows).zip(&row.rig) {
-                    coupling.add(i, column, scaled * value);
-                }
-            }
-        }
+        let (normal, coupling) = solving(calibration, problem, weighted, pose);
         let Ok(inverse) = Factor::new(&normal).map(|f| f.inverse()) else { continue };
         let taken = inverse.times(&coupling);
-        for row in &rows {
+        for row in &rows(calibration, problem, weighted, pose) {
             let mut answer: Vec<f64> = (0..covariance.rows)
                 .map(|column| -(0..POSE).map(|i| row.pose[i] * taken.at(i, column)).sum::<f64>())
                 .collect();
@@ -233,21 +204,67 @@ fn places(device: usize, size: usize) -> impl Iterator<Item = usize> {
     (DEVICE * device..DEVICE * (device + 1)).chain(size - WARP..size)
 }
 
+/// By how much a device's errors exceed the given covariances.
+fn variance(calibration: &Calibration, device: usize) -> f64 {
+    calibration.devices[device].noise_factor.powi(2)
+}
+
+/// How the points that are used determine a pose: BᵀWB, and BᵀWJ in the columns of the covariance.
+fn solving(calibration: &Calibration, problem: &Problem, weighted: &Weighted, pose: usize) -> (Dense, Dense) {
+    let size = calibration.covariance.size();
+    let (mut normal, mut coupling) = (Dense::zeros(POSE, POSE), Dense::zeros(POSE, size));
+    let state = &weighted.solved.state;
+    let mut add = |row: &[f64], run: &Run| {
+        let linked = run.linked.into_iter().flat_map(|d| DEVICE * d..DEVICE * (d + 1));
+        let scale = 1.0 / variance(calibration, run.device);
+        for (i, slope) in row[DEVICE + WARP..LOCAL].iter().enumerate() {
+            let scaled = scale * slope;
+            (0..POSE).for_each(|j| normal.add(i, j, scaled * row[DEVICE + WARP + j]));
+            let columns = places(run.device, size).zip(row).chain(linked.clone().zip(&row[LOCAL..]));
+            columns.for_each(|(column, value)| coupling.add(i, column, scaled * value));
+        }
+    };
+    let own = problem.views.iter().filter(|v| v.pose == pose);
+    for run in own.flat_map(|view| problem.runs(view)) {
+        let Some(eyes) = problem.eyes(state, &run) else { continue };
+        for number in (run.start..run.end).filter(|n| weighted.weights[*n] > 0.0) {
+            let Some((_, rows)) = problem.equations(state, &eyes, number) else { continue };
+            rows.iter().for_each(|row| add(row, &run));
+        }
+    }
+    (normal, coupling)
+}
+
+/// A row of a point that is used, as reported: the pixel itself, linked or not.
+struct Row {
+    view: usize,
+    device: usize,
+    /// Variance of the pixel's coordinate, px²: what is given times the devices' factors.
+    variance_px2: f64,
+    pose: [f64; POSE],
+    rig: [f64; DEVICE + WARP],
+}
+
 fn rows(calibration: &Calibration, problem: &Problem, weighted: &Weighted, pose: usize) -> Vec<Row> {
     let state = &weighted.solved.state;
     let mut rows = Vec::new();
     let Some(board) = &state.boards[pose] else { return rows };
     for (number, view) in problem.views.iter().enumerate().filter(|(_, v)| v.pose == pose) {
         let projector = Projector::new(&state.cameras[view.device], board);
-        let factor = calibration.devices[view.device].noise_factor.powi(2);
-        for (sight, weight) in problem.sights.iter().zip(&weighted.weights).take(view.end).skip(view.start) {
+        for at in (view.start..view.end).filter(|n| weighted.weights[*n] > 0.0) {
+            let sight = &problem.sights[at];
             let point = problem.board.point(sight.index, &state.shape);
             let Some((_, both)) = projector.rows(&point, problem.board.rise[sight.index]) else { continue };
-            for local in both.iter().filter(|_| *weight > 0.0) {
+            let own = variance(calibration, view.device);
+            let covariance_px2 = problem.links[at].as_ref().map_or(sight.covariance_px2 * own, |link| {
+                let seen = problem.sights[link.sight].covariance_px2 * variance(calibration, link.device);
+                link.slopes * seen * link.slopes.transpose() + link.covariance_px2 * own
+            });
+            for (axis, local) in both.iter().enumerate() {
                 rows.push(Row {
                     view: number,
                     device: view.device,
-                    variance_px2: 0.5 * sight.covariance_px2.trace() * factor,
+                    variance_px2: covariance_px2[(axis, axis)],
                     pose: std::array::from_fn(|i| local[DEVICE + WARP + i]),
                     rig: std::array::from_fn(|i| local[i]),
                 });

@@ -110,6 +110,7 @@ mod tests {
                 index,
                 pixel: Point2::from(pixel(p) + Vector2::new(noise.gauss(), noise.gauss()) * 0.01),
                 covariance_px2: Matrix2::identity(),
+                link: None,
             })
             .collect();
         for wrong in [5, 20, 41] {
@@ -130,6 +131,7 @@ mod tests {
                 index: i,
                 pixel: Point2::new(10.0 * i as f64, 3.0 * i as f64),
                 covariance_px2: Matrix2::identity(),
+                link: None,
             })
             .collect();
         assert_eq!(homography(&board, &sights), None);

@@ -1,8 +1,8 @@
 //! Whether the points of the target are where they were declared to be.
 
 use super::datum::Datum;
-use super::model::{DEVICE, POSE, Projector, State, WARP};
-use super::normal::Problem;
+use super::model::{LOCAL, State};
+use super::problem::Problem;
 use nalgebra::{Matrix3, Vector3};
 
 impl Problem<'_> {
@@ -18,19 +18,13 @@ impl Problem<'_> {
             return 0.0;
         }
         let mut sums = vec![(Matrix3::zeros(), Vector3::zeros()); self.board.points.len()];
-        for view in &self.views {
-            let Some(board) = state.boards[view.pose].as_ref() else { continue };
-            let projector = Projector::new(&state.cameras[view.device], board);
-            for number in (view.start..view.end).filter(|n| weights[*n] > 0.0) {
-                let sight = &self.sights[number];
-                let point = self.board.point(sight.index, &state.shape);
-                let Some((pixel, rows)) = projector.rows(&point, self.board.rise[sight.index]) else {
-                    continue;
-                };
-                let residual = self.whitened(number, [sight.pixel.x - pixel.x, sight.pixel.y - pixel.y]);
-                let (matrix, right) = &mut sums[sight.index];
-                for (row, r) in self.whitened_rows(number, &rows).iter().zip(residual) {
-                    let slope = Vector3::from_column_slice(&row[DEVICE + WARP + POSE - 3..]);
+        for run in self.views.iter().flat_map(|view| self.runs(view)) {
+            let Some(eyes) = self.eyes(state, &run) else { continue };
+            for number in (run.start..run.end).filter(|n| weights[*n] > 0.0) {
+                let Some((residual, rows)) = self.equations(state, &eyes, number) else { continue };
+                let (matrix, right) = &mut sums[self.sights[number].index];
+                for (row, r) in rows.iter().zip(residual) {
+                    let slope = Vector3::from_column_slice(&row[LOCAL - 3..LOCAL]);
                     *matrix += slope * slope.transpose() * weights[number];
                     *right += slope * (r * weights[number]);
                 }

@@ -11,7 +11,8 @@
 //!    were read turned by 180°.
 //! 4. Joint Levenberg–Marquardt adjustment with the poses eliminated: first Cauchy weights, then rounds of least
 //!    squares in which points beyond `outlier_limit` robust standard deviations are rejected, and each device's noise
-//!    is estimated (variance components).
+//!    is estimated (variance components). A projector read where a camera found the point shares that camera's error: it
+//!    enters by what the reading itself adds ([`Link`]).
 //! 5. Covariance (JᵀWJ)⁻¹ of all devices, in two gauges.
 //!
 //! Deterministic: one thread, sums in the order of the views given.
@@ -33,12 +34,14 @@ mod model;
 mod normal;
 mod observations;
 mod predict;
+mod problem;
 mod reading;
 mod result;
 mod settings;
 mod spacing;
 mod start;
 mod stereo;
+mod sums;
 #[cfg(test)]
 mod tests;
 mod validate;
@@ -51,9 +54,9 @@ pub use held_out::{Fold, HeldOut, HeldOutDevice, hold_out, in_turn};
 pub use lengths::MeasuredLength;
 pub use maps::{MapGrid, UncertaintyMap};
 pub(crate) use model::{moved, rotation, rotation_vector};
-pub use observations::{Device, DeviceKind, Observations, Sight, View};
+pub use observations::{Device, DeviceKind, Link, Observations, Sight, View};
 pub use predict::PointUncertainty;
-pub use reading::projector_pixel;
+pub use reading::{ProjectorReading, projector_pixel};
 pub use result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
 pub use settings::{CalibrationSettings, LensModel, TargetShape, WorldFrame};
 pub use spacing::{SpacingSettings, SphereSpacing, Volume};
@@ -66,7 +69,7 @@ use datum::Datum;
 use finish::Finish;
 use model::{Board, Shape, State, WARP};
 use nalgebra::Vector3;
-use normal::{Problem, ViewRange, columns, whitening};
+use problem::{Problem, ViewRange, columns};
 use start::{Seen, lens};
 
 /// Characterises all devices of a rig.
@@ -142,9 +145,7 @@ fn joint<'a>(
         (0..observations.devices.len()).map(|device| lens(observations, device, settings)).collect();
     // Points get free from a target that is nearly right: their own step starts from the bend.
     let target = if settings.target == TargetShape::Flat { TargetShape::Flat } else { TargetShape::Bent };
-    let (columns, unknowns) = columns(&lenses, target);
-    let whiten = sights.iter().map(whitening).collect();
-    Problem { board, views, whiten, sights, columns, unknowns, datum: None }
+    Problem::new(board, views, sights, columns(&lenses, target))
 }
 
 /// Adjusts each point of the target too, from the solution for the bent one; the bend stays what it is, as a reference.

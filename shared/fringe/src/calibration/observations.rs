@@ -41,6 +41,21 @@ pub struct Sight {
     pub pixel: Point2<f64>,
     /// Covariance of `pixel`, px². Only ratios matter when the noise is estimated.
     pub covariance_px2: Matrix2<f64>,
+    /// The camera that told a projector where its light met the point.
+    pub link: Option<Link>,
+}
+
+/// How a projector's pixel hangs on the pixel in which a camera saw the same point in the same pose.
+///
+/// The light is read where the camera found the point, so that the camera's error e goes into the projector's pixel as S e.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Link {
+    /// Index of the camera into [`Observations::devices`].
+    pub device: usize,
+    /// S: projector pixels per camera pixel.
+    pub slopes: Matrix2<f64>,
+    /// Covariance of the reading alone, px², without what the camera's error brings.
+    pub covariance_px2: Matrix2<f64>,
 }
 
 /// One device and one pose of the target.
@@ -143,12 +158,19 @@ impl Observations {
             if sight.index >= self.target_mm.len() || !indices.insert(sight.index) {
                 return Err(CalibrationError::Index { view: number, what: format!("point {}", sight.index) });
             }
-            let c = &sight.covariance_px2;
-            let sound = sight.pixel.iter().chain(c.iter()).all(|v| v.is_finite() && v.abs() < 1e9)
-                && c.m11 > 1e-18
-                && c.m11 * c.m22 - c.m12 * c.m21 > 1e-9 * c.m11 * c.m22
-                && (c.m12 - c.m21).abs() <= 1e-9 * (c.m11 + c.m22);
-            if !sound {
+            if let Some(link) = &sight.link
+                && (self.devices[view.device].kind != DeviceKind::Projector
+                    || self.devices.get(link.device).is_none_or(|d| d.kind != DeviceKind::Camera))
+            {
+                let what = format!("a camera {} that read this projector", link.device);
+                return Err(CalibrationError::Index { view: number, what });
+            }
+            let linked = sight.link.as_ref().is_none_or(|link| {
+                link.slopes.iter().all(|v| v.is_finite() && v.abs() < 1e9)
+                    && is_covariance(&link.covariance_px2)
+            });
+            let finite = sight.pixel.iter().all(|v| v.is_finite() && v.abs() < 1e9);
+            if !(finite && linked && is_covariance(&sight.covariance_px2)) {
                 return Err(CalibrationError::Sight {
                     view: self.view_name(view),
                     index: sight.index,
@@ -158,4 +180,11 @@ impl Observations {
         }
         Ok(())
     }
+}
+
+fn is_covariance(c: &Matrix2<f64>) -> bool {
+    c.iter().all(|v| v.is_finite() && v.abs() < 1e9)
+        && c.m11 > 1e-18
+        && c.m11 * c.m22 - c.m12 * c.m21 > 1e-9 * c.m11 * c.m22
+        && (c.m12 - c.m21).abs() <= 1e-9 * (c.m11 + c.m22)
 }

@@ -4,6 +4,7 @@
 //! checkerboard a pixel's phase is that of a shifted footprint. Here a quadratic is fitted to the phase of the bright
 //! squares about the corner, their rims left out, and read at the corner.
 
+use super::observations::{Link, Sight};
 use crate::phase::PhaseView;
 use nalgebra::{Matrix2, Matrix6, Point2, RowVector2, Vector2, Vector6};
 use std::f64::consts::TAU;
@@ -15,22 +16,52 @@ const LEAST_PIXELS: usize = 24;
 /// Residuals beyond so many robust standard deviations leave the fit.
 const OUTLIER: f64 = 4.0;
 
-/// Reads both phase maps of a camera at a place: the projector's pixel and its covariance.
+/// No pixel is read better than this, px²: exact phases must not weigh without limit.
+const ROUNDING_PX2: f64 = 1e-14;
+
+/// The projector's pixel at a place of a camera's image.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ProjectorReading {
+    /// The projector's pixel.
+    pub pixel: Point2<f64>,
+    /// How it changes with the place, projector pixels per camera pixel.
+    pub slopes: Matrix2<f64>,
+    /// Covariance of the reading, px², for a place that is known exactly.
+    pub covariance_px2: Matrix2<f64>,
+}
+
+impl ProjectorReading {
+    /// As a sight of point `index`, for a place where camera `device` found the point with this covariance, px²: light is read
+    /// where the point was found, not where it is.
+    pub fn sight(&self, index: usize, device: usize, found_px2: &Matrix2<f64>) -> Sight {
+        let Self { pixel, slopes, covariance_px2 } = *self;
+        let link = Some(Link { device, slopes, covariance_px2 });
+        let covariance_px2 = slopes * found_px2 * slopes.transpose() + covariance_px2;
+        // Rounding must not make it look unsymmetrical.
+        let covariance_px2 = (covariance_px2 + covariance_px2.transpose()) * 0.5;
+        Sight { index, pixel, covariance_px2, link }
+    }
+}
+
+/// Reads both phase maps of a camera at a place.
 ///
-/// The place has a covariance of its own, px², which the slopes of the phase carry over to the projector: light is read
-/// where the corner was found, not where it is. `radius_px` is the reach of the fit in camera pixels, best the distance of
-/// neighbouring corners. `None` where too few bright pixels or none on one side of the place are at hand.
+/// `radius_px` is the reach of the fit in camera pixels, best the distance of neighbouring corners. `None` where too few
+/// bright pixels or none on one side of the place are at hand.
 pub fn projector_pixel(
     x: &PhaseView,
     y: &PhaseView,
-    (place, covariance_px2): (Point2<f64>, Matrix2<f64>),
+    place: Point2<f64>,
     radius_px: f64,
-) -> Option<(Point2<f64>, Matrix2<f64>)> {
+) -> Option<ProjectorReading> {
     let u = coordinate(x, place, radius_px)?;
     let v = coordinate(y, place, radius_px)?;
-    let slopes = Matrix2::from_rows(&[u.slope, v.slope]);
-    let read = Matrix2::from_diagonal(&Vector2::new(u.variance, v.variance));
-    Some((Point2::new(u.value, v.value), slopes * covariance_px2 * slopes.transpose() + read))
+    Some(ProjectorReading {
+        pixel: Point2::new(u.value, v.value),
+        slopes: Matrix2::from_rows(&[u.slope, v.slope]),
+        covariance_px2: Matrix2::from_diagonal(
+            &Vector2::new(u.variance, v.variance).add_scalar(ROUNDING_PX2),
+        ),
+    })
 }
 
 /// One coordinate of the projector, px, at a place.
@@ -155,17 +186,16 @@ mod tests {
     fn the_phase_at_a_corner_is_that_of_the_white_squares() {
         let place = Point2::new(40.25, 30.75);
         let (x, y) = (board(Axis::X), board(Axis::Y));
-        let sure = Matrix2::zeros();
-        let (pixel, covariance) = projector_pixel(&x.view(), &y.view(), (place, sure), 16.0).unwrap();
-        let expected = truth(place.x, place.y) * 16.0 / TAU;
+        let read = projector_pixel(&x.view(), &y.view(), place, 16.0).unwrap();
+        let (expected, pixel) = (truth(place.x, place.y) * 16.0 / TAU, read.pixel);
         assert!((pixel.x - expected).abs() < 1e-4 && (pixel.y - expected).abs() < 1e-4, "{pixel} {expected}");
-        assert!(covariance[(0, 0)] < 1e-6);
+        assert!(read.covariance_px2[(0, 0)] < 1e-6);
         // A corner that is off by 0.1 px is lit by what lies 0.1 px away: 0.21 and 0.05 rad/px and the curvature there.
-        let off = Matrix2::identity() * 0.01;
-        let (_, carried) = projector_pixel(&x.view(), &y.view(), (place, off), 16.0).unwrap();
+        let carried = read.sight(0, 0, &(Matrix2::identity() * 0.01)).covariance_px2;
         let step =
             |d: Vector2<f64>| (truth(place.x + d.x, place.y + d.y) - truth(place.x, place.y)) * 16.0 / TAU;
         let slope = Vector2::new(step(Vector2::x() * 1e-4), step(Vector2::y() * 1e-4)) * 1e4;
+        assert!((read.slopes.row(0).transpose() - slope).norm() < 1e-2 * slope.norm());
         assert!((carried[(0, 1)] / (0.01 * slope.norm_squared()) - 1.0).abs() < 1e-2, "{carried} {slope}");
     }
 
@@ -173,9 +203,8 @@ mod tests {
     fn too_little_light_gives_no_pixel() {
         let (mut x, y) = (board(Axis::X), board(Axis::Y));
         x.valid.fill(0);
-        let sure = Matrix2::zeros();
-        assert!(projector_pixel(&x.view(), &y.view(), (Point2::new(40.0, 30.0), sure), 16.0).is_none());
-        assert!(projector_pixel(&y.view(), &y.view(), (Point2::new(-500.0, 1e9), sure), 16.0).is_none());
-        assert!(projector_pixel(&y.view(), &y.view(), (Point2::new(40.0, 30.0), sure), f64::NAN).is_none());
+        assert!(projector_pixel(&x.view(), &y.view(), Point2::new(40.0, 30.0), 16.0).is_none());
+        assert!(projector_pixel(&y.view(), &y.view(), Point2::new(-500.0, 1e9), 16.0).is_none());
+        assert!(projector_pixel(&y.view(), &y.view(), Point2::new(40.0, 30.0), f64::NAN).is_none());
     }
 }

@@ -24,7 +24,8 @@ pub struct CalibratedDevice {
     pub points: usize,
     /// Points rejected.
     pub outliers: usize,
-    /// Root of the variance component: by how much the residuals exceed the given covariances.
+    /// Root of the variance component: by how much the residuals exceed the given covariances; of a projector that cameras
+    /// read, what remains of its residuals without the cameras' own errors beside that of the reading ([`super::Link`]).
     pub noise_factor: f64,
     /// Standard uncertainties in the order of [`super::PARAMETERS`]; extrinsics relative to the first device.
     pub standard_uncertainty: [f64; DEVICE],

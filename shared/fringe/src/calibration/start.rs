@@ -5,8 +5,8 @@ use super::adjust::{approach, robust_variances, solve};
 use super::dense::Factor;
 use super::homography::homography;
 use super::model::{Board, DEVICE, Shape, State};
-use super::normal::{Problem, ViewRange, columns, whitening};
-use super::observations::{Device, DeviceKind, Observations};
+use super::observations::{Device, DeviceKind, Observations, Sight};
+use super::problem::{Problem, ViewRange, columns};
 use super::settings::{CalibrationSettings, LensModel, TargetShape};
 use super::zhang::{candidates, normal_lens, pose};
 use crate::camera::Camera;
@@ -135,12 +135,11 @@ fn alone<'a>(
     let (mut views, mut sights) = (Vec::new(), Vec::new());
     for (pose, i) in own.iter().enumerate() {
         let start = sights.len();
-        sights.extend(observations.views[seen[*i].view].sights.iter().copied());
+        // What a projector's sights are linked to is not part of this.
+        sights.extend(observations.views[seen[*i].view].sights.iter().map(|s| Sight { link: None, ..*s }));
         views.push(ViewRange { device: 0, pose, start, end: sights.len() });
     }
-    let whiten = sights.iter().map(whitening).collect();
-    let (columns, unknowns) = columns(&[lens], TargetShape::Flat);
-    Problem { board, views, sights, whiten, columns, unknowns, datum: None }
+    Problem::new(board, views, sights, columns(&[lens], TargetShape::Flat))
 }
 
 /// Refuses a device whose intrinsics its poses leave open.

@@ -2,6 +2,7 @@
 
 mod bad;
 mod held_out;
+mod links;
 mod predicted;
 mod real;
 mod synthetic;

@@ -107,7 +107,7 @@ impl World {
                         && pixel.y < f64::from(camera.height_px - 1)
                     {
                         let covariance_px2 = Matrix2::identity() * (sd * sd);
-                        sights.push(Sight { index, pixel: pixel + error, covariance_px2 });
+                        sights.push(Sight { index, pixel: pixel + error, covariance_px2, link: None });
                     }
                 }
                 views.push(View { device, pose, sights, may_be_turned: false });
@@ -136,5 +136,5 @@ pub(super) fn board(noise: &mut Noise, tilt: f64) -> Isometry3<f64> {
 
 /// Whitened-pixel helper for tests that need one sight.
 pub(super) fn sight(index: usize, x: f64, y: f64) -> Sight {
-    Sight { index, pixel: Point2::new(x, y), covariance_px2: Matrix2::identity() }
+    Sight { index, pixel: Point2::new(x, y), covariance_px2: Matrix2::identity(), link: None }
 }

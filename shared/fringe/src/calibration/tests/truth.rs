@@ -7,7 +7,7 @@ use super::synthetic::{WARP_MM, World};
 use nalgebra::Isometry3;
 
 /// Differences found − true of all parameters, extrinsics relative to the first device.
-fn errors(world: &World, found: &Calibration) -> Vec<f64> {
+pub(super) fn errors(world: &World, found: &Calibration) -> Vec<f64> {
     let relative = |cameras: &[&Camera], i: usize| {
         compose(&cameras[i].camera_from_world, &cameras[0].camera_from_world.inverse())
     };
@@ -31,7 +31,7 @@ fn errors(world: &World, found: &Calibration) -> Vec<f64> {
 }
 
 /// δᵀ Σ⁻¹ δ over the adjusted parameters, and their number.
-fn chi_square(errors: &[f64], covariance: &Covariance) -> (f64, usize) {
+pub(super) fn chi_square(errors: &[f64], covariance: &Covariance) -> (f64, usize) {
     let free: Vec<usize> =
         (0..errors.len()).filter(|i| covariance.at(Gauge::FirstDevice, *i, *i) > 0.0).collect();
     let matrix =

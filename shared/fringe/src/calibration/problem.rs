@@ -1,0 +1,269 @@
+//! What is adjusted to what: sights, the columns of their parameters, and the equations of independent errors.
+//!
+//! A projector's pixel is read where a camera found the point (see [`super::Link`]); its error S e_c + e_r holds that camera's
+//! error e_c. The two residuals r_c and r_p are correlated, but r_c and r_p − S r_c are not: their errors are e_c and e_r. That
+//! is what a linked sight brings into the sums, with the rows J_p − S J_c and the covariance of e_r; it is least squares with
+//! the whole covariance matrix of all pixels, block by block.
+
+use super::datum::Datum;
+use super::model::{Board, DEVICE, INTRINSIC, LOCAL, POSE, Projector, State, WARP};
+use super::observations::Sight;
+use super::settings::{LensModel, TargetShape};
+use nalgebra::{Matrix2, Point2};
+use std::collections::BTreeMap;
+
+/// Columns of an equation: those of [`super::model`], then the sixteen of the camera that a sight is linked to.
+pub(super) const WIDE: usize = LOCAL + DEVICE;
+
+/// Two rows of the Jacobian.
+pub(super) type WideRows = [[f64; WIDE]; 2];
+
+/// A view as the adjustment sees it: sights `start .. end` of the flat list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct ViewRange {
+    /// Device.
+    pub device: usize,
+    /// Pose.
+    pub pose: usize,
+    /// First sight.
+    pub start: usize,
+    /// One past the last sight.
+    pub end: usize,
+}
+
+/// What does not change during an adjustment.
+#[derive(Debug, Clone)]
+pub(super) struct Problem<'a> {
+    /// The target.
+    pub board: &'a Board,
+    /// Views in a fixed order.
+    pub views: Vec<ViewRange>,
+    /// All sights, view by view.
+    pub sights: Vec<Sight>,
+    /// What each sight is linked to.
+    pub links: Vec<Option<Linked>>,
+    /// Lower triangle (a, b, c) of the whitening matrix of each sight's own error: r ↦ (a r₀, b r₀ + c r₁).
+    pub whiten: Vec<[f64; 3]>,
+    /// Column of each device's parameters and of the warp (last) in the reduced system; `None` where fixed.
+    pub columns: Vec<Vec<Option<usize>>>,
+    /// Size of the reduced system.
+    pub unknowns: usize,
+    /// What holds the target's points when they are adjusted; their columns are the last ones.
+    pub datum: Option<Datum>,
+}
+
+/// A projector's sight and the camera's sight of the same point in the same pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Linked {
+    /// Place of the camera's sight in the flat list.
+    pub sight: usize,
+    /// The camera.
+    pub device: usize,
+    /// Projector pixels per camera pixel.
+    pub slopes: Matrix2<f64>,
+    /// Covariance of the reading alone, px².
+    pub covariance_px2: Matrix2<f64>,
+}
+
+/// Finds the camera's sight of each linked one; where it is not there, a projector's sight stands by itself.
+fn links(views: &[ViewRange], sights: &[Sight]) -> Vec<Option<Linked>> {
+    let mut places = BTreeMap::new();
+    for view in views {
+        for number in view.start..view.end {
+            places.insert((view.device, view.pose, sights[number].index), number);
+        }
+    }
+    let mut links = vec![None; sights.len()];
+    for view in views {
+        for number in view.start..view.end {
+            links[number] = sights[number].link.and_then(|link| {
+                let sight = *places.get(&(link.device, view.pose, sights[number].index))?;
+                let (device, slopes, covariance_px2) = (link.device, link.slopes, link.covariance_px2);
+                Some(Linked { sight, device, slopes, covariance_px2 })
+            });
+        }
+    }
+    links
+}
+
+/// Consecutive sights of a view that hang on the same camera, or on none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Run {
+    /// Device.
+    pub device: usize,
+    /// Pose.
+    pub pose: usize,
+    /// Camera that the sights are linked to.
+    pub linked: Option<usize>,
+    /// First sight.
+    pub start: usize,
+    /// One past the last sight.
+    pub end: usize,
+}
+
+/// The devices that the sights of a run depend on, and the target's pose before them.
+pub(super) struct Eyes<'a> {
+    own: Projector<'a>,
+    linked: Option<Projector<'a>>,
+}
+
+/// Inverse Cholesky factor of a checked covariance.
+fn whitening(c: &Matrix2<f64>) -> [f64; 3] {
+    let a = c.m11.sqrt();
+    let b = c.m12 / a;
+    let d = (c.m22 - b * b).sqrt();
+    [1.0 / a, -b / (a * d), 1.0 / d]
+}
+
+/// Columns of the reduced system: intrinsics as the lens models say, the first device fixed, then the warp.
+pub(super) fn columns(lenses: &[LensModel], target: TargetShape) -> (Vec<Vec<Option<usize>>>, usize) {
+    let mut next = 0;
+    let mut take = |free: bool| {
+        free.then(|| {
+            next += 1;
+            next - 1
+        })
+    };
+    let mut columns: Vec<Vec<Option<usize>>> = Vec::with_capacity(lenses.len() + 1);
+    for (device, lens) in lenses.iter().enumerate() {
+        let free = |local: usize| match local {
+            0..4 => true,
+            4 => lens.skew,
+            5..8 => local - 5 < lens.radial_terms,
+            8..INTRINSIC => lens.tangential,
+            _ => device > 0,
+        };
+        columns.push((0..DEVICE).map(|local| take(free(local))).collect());
+    }
+    columns.push((0..WARP).map(|_| take(target == TargetShape::Bent)).collect());
+    (columns, next)
+}
+
+impl<'a> Problem<'a> {
+    /// With the columns of [`columns`].
+    pub fn new(
+        board: &'a Board,
+        views: Vec<ViewRange>,
+        sights: Vec<Sight>,
+        (columns, unknowns): (Vec<Vec<Option<usize>>>, usize),
+    ) -> Self {
+        let links = links(&views, &sights);
+        let own = |(sight, link): (&Sight, &Option<Linked>)| {
+            whitening(&link.map_or(sight.covariance_px2, |l| l.covariance_px2))
+        };
+        let whiten = sights.iter().zip(&links).map(own).collect();
+        Self { board, views, sights, links, whiten, columns, unknowns, datum: None }
+    }
+}
+
+impl Problem<'_> {
+    /// The whitened residual (seen − model) of a sight's own error.
+    #[inline]
+    fn whitened(&self, sight: usize, residual: [f64; 2]) -> [f64; 2] {
+        let [a, b, c] = self.whiten[sight];
+        [a * residual[0], b * residual[0] + c * residual[1]]
+    }
+
+    /// Residual in px (seen − model) of each sight; `None` behind the device or without a pose.
+    pub fn residuals(&self, state: &State) -> Vec<Option<[f64; 2]>> {
+        let mut residuals = Vec::with_capacity(self.sights.len());
+        for view in &self.views {
+            let projector = state.boards[view.pose]
+                .as_ref()
+                .map(|board| Projector::new(&state.cameras[view.device], board));
+            for sight in &self.sights[view.start..view.end] {
+                let point = self.board.point(sight.index, &state.shape);
+                let pixel = projector.as_ref().and_then(|p| p.pixel(&point));
+                residuals.push(pixel.map(|q| [sight.pixel.x - q.x, sight.pixel.y - q.y]));
+            }
+        }
+        residuals
+    }
+
+    /// Squared whitened length of each sight's own error; infinite where there is none.
+    pub fn squares(&self, state: &State) -> Vec<f64> {
+        let residuals = self.residuals(state);
+        let own = |sight: usize| {
+            let [x, y] = residuals[sight]?;
+            let Some(link) = &self.links[sight] else { return Some([x, y]) };
+            let [left, up] = residuals[link.sight]?;
+            let s = &link.slopes;
+            Some([x - s.m11 * left - s.m12 * up, y - s.m21 * left - s.m22 * up])
+        };
+        let square = |sight: usize| {
+            own(sight).map_or(f64::INFINITY, |r| {
+                let [x, y] = self.whitened(sight, r);
+                x * x + y * y
+            })
+        };
+        (0..residuals.len()).map(square).collect()
+    }
+
+    /// Weighted sum of squares; infinite when a sight that counts lies behind its device.
+    pub fn cost(&self, state: &State, weights: &[f64]) -> f64 {
+        self.squares(state).iter().zip(weights).filter(|(_, w)| **w > 0.0).map(|(s, w)| s * w).sum()
+    }
+
+    /// Parameters that the sights determine, poses excluded.
+    pub fn parameters(&self) -> usize {
+        self.unknowns - self.datum.as_ref().map_or(0, |_| Datum::HELD)
+    }
+
+    /// The runs of a view.
+    pub fn runs(&self, view: &ViewRange) -> impl Iterator<Item = Run> + '_ {
+        let device = |link: &Option<Linked>| link.as_ref().map(|l| l.device);
+        let ViewRange { device: own, pose, mut start, end } = *view;
+        self.links[start..end].chunk_by(move |a, b| device(a) == device(b)).map(move |run| {
+            let first = start;
+            start += run.len();
+            Run { device: own, pose, linked: device(&run[0]), start: first, end: start }
+        })
+    }
+
+    /// Column of each parameter of a run's equations, pose excluded.
+    pub fn run_columns(&self, run: &Run) -> Vec<Option<usize>> {
+        let own = self.columns[run.device].iter().chain(self.columns.last().into_iter().flatten()).copied();
+        let linked = (0..DEVICE).map(|i| run.linked.and_then(|device| self.columns[device][i]));
+        own.chain([None; POSE]).chain(linked).collect()
+    }
+
+    /// What looks at the sights of a run; `None` without a pose.
+    pub fn eyes<'s>(&self, state: &'s State, run: &Run) -> Option<Eyes<'s>> {
+        let board = state.boards[run.pose].as_ref()?;
+        let eye = |device: usize| Projector::new(&state.cameras[device], board);
+        Some(Eyes { own: eye(run.device), linked: run.linked.map(eye) })
+    }
+
+    /// The whitened residual of a sight's own error and its derivatives; `None` behind a device.
+    pub fn equations(&self, state: &State, eyes: &Eyes, number: usize) -> Option<([f64; 2], WideRows)> {
+        let sight = &self.sights[number];
+        let point = self.board.point(sight.index, &state.shape);
+        let rise = self.board.rise[sight.index];
+        let off = |seen: &Point2<f64>, model: Point2<f64>| [seen.x - model.x, seen.y - model.y];
+        let (pixel, rows) = eyes.own.rows(&point, rise)?;
+        let mut residual = off(&sight.pixel, pixel);
+        let mut wide = [[0.0; WIDE]; 2];
+        for (wide, row) in wide.iter_mut().zip(&rows) {
+            wide[..LOCAL].copy_from_slice(row);
+        }
+        if let (Some(link), Some(eye)) = (&self.links[number], &eyes.linked) {
+            let (pixel, rows) = eye.rows(&point, rise)?;
+            let other = off(&self.sights[link.sight].pixel, pixel);
+            for (i, wide) in wide.iter_mut().enumerate() {
+                for (j, row) in rows.iter().enumerate() {
+                    let slope = link.slopes[(i, j)];
+                    residual[i] -= slope * other[j];
+                    // Target and pose are common to both, the devices are not.
+                    wide[DEVICE..LOCAL].iter_mut().zip(&row[DEVICE..]).for_each(|(w, v)| *w -= slope * v);
+                    wide[LOCAL..].iter_mut().zip(&row[..DEVICE]).for_each(|(w, v)| *w -= slope * v);
+                }
+            }
+        }
+        let [a, b, c] = self.whiten[number];
+        for column in 0..WIDE {
+            wide[1][column] = b * wide[0][column] + c * wide[1][column];
+            wide[0][column] *= a;
+        }
+        Some((self.whitened(number, residual), wide))
+    }
+}
