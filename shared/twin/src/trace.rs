@@ -263,7 +263,8 @@ impl Tracer<'_> {
         let Some(print) = body.surface.print_at(&p) else { return albedo };
         let averaged = || {
             // The half diagonal of the cell is 0.71 of its side; the rest covers a ray beside its middle, and distortion.
-            let slant = hit.normal.dot(direction).abs() * self.settings.subsamples as f64 * self.camera.focal_px();
+            let slant =
+                hit.normal.dot(direction).abs() * self.settings.subsamples as f64 * self.camera.focal_px();
             if self.settings.subsamples == 1 || !print.changes_within(p.x, p.y, 2.5 * hit.t_mm / slant) {
                 return None;
             }
