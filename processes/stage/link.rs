@@ -117,18 +117,28 @@ impl Link {
 
     /// Makes all memory that this stage shares ready to be touched without page faults. After connecting: only then all of
     /// it is mapped.
-    pub fn populate(&self) {
+    ///
+    /// # Errors
+    /// Pages that cannot be had: touching them later would end the stage in the middle of a cycle.
+    pub fn populate(&self) -> Result<()> {
         let begin = now_ns();
         match ipc::os::populate(&self.segments) {
             Ok(bytes) => {
                 let ms = (now_ns() - begin) / 1_000_000;
                 tracing::debug!(bytes, ms, "shared memory populated");
             }
+            // Bad address: what a bus error would be on touching it.
+            Err(error) if error.raw_os_error() == Some(libc::EFAULT) => {
+                anyhow::bail!(
+                    "no room for this stage's buffers: is /dev/shm full? Free some of it or make it larger"
+                );
+            }
             // Page faults in the first cycles are no reason not to measure.
             Err(error) => {
                 tracing::warn!("shared memory cannot be populated ahead: {error}; first cycles take longer");
             }
         }
+        Ok(())
     }
 
     /// Whether the core has come to this work and all that it takes was sent. The bell rings when it is so.

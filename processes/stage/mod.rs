@@ -35,7 +35,7 @@ pub fn serve(link: &mut Link, worker: &mut dyn Worker) -> Result<()> {
                 Command::Shutdown => return Ok(()),
                 Command::Connect => {
                     worker.connect()?;
-                    link.populate();
+                    link.populate()?;
                     link.ready(cycle)?;
                 }
                 Command::Abort => {
