@@ -149,7 +149,8 @@ mod tests {
             }
             let Some(mean) = BOARD.mean_factor(&around(x, y, along, across)) else { continue };
             assert!((mean - sum / 160_000.0).abs() < 3e-3, "{mean} beside {}", sum / 160_000.0);
-            let reach = along[0].hypot(along[1]) + across[0].hypot(across[1]);
+            let length = |v: [f64; 2]| (v[0] * v[0] + v[1] * v[1]).sqrt();
+            let reach = length(along) + length(across);
             if (BOARD.factor(x, y) - mean).abs() > 1e-9 {
                 mixed += 1;
                 assert!(BOARD.changes_within(x, y, reach), "{x} {y}");

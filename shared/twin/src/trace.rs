@@ -241,7 +241,6 @@ impl Tracer<'_> {
     fn sample(&self, ray: &Ray, lit: &mut [Lit], sway: &mut [Sway]) -> f32 {
         let Some(direction) = self.camera.direction(ray.at[0], ray.at[1]) else { return 0.0 };
         let Some(hit) = self.scene.first_hit(&self.camera.centre, &direction) else { return 0.0 };
-        let body = self.scene.body(hit.body);
         let albedo = self.albedo(ray, &hit, &direction);
         for (index, projector) in self.projectors.iter().enumerate() {
             let Some(found) = self.lit(projector, &hit, albedo, &-direction) else { continue };

@@ -226,10 +226,12 @@ fn solving(calibration: &Calibration, problem: &Problem, weighted: &Weighted, po
     };
     let own = problem.views.iter().filter(|v| v.pose == pose);
     for run in own.flat_map(|view| problem.runs(view)) {
-        let Some(eyes) = problem.eyes(state, &run) else { continue };
+        let Some(eyes) = Problem::eyes(state, &run) else { continue };
         for number in (run.start..run.end).filter(|n| weighted.weights[*n] > 0.0) {
             let Some((_, rows)) = problem.equations(state, &eyes, number) else { continue };
-            rows.iter().for_each(|row| add(row, &run));
+            for row in &rows {
+                add(row, &run);
+            }
         }
     }
     (normal, coupling)

@@ -19,7 +19,7 @@ impl Problem<'_> {
         }
         let mut sums = vec![(Matrix3::zeros(), Vector3::zeros()); self.board.points.len()];
         for run in self.views.iter().flat_map(|view| self.runs(view)) {
-            let Some(eyes) = self.eyes(state, &run) else { continue };
+            let Some(eyes) = Self::eyes(state, &run) else { continue };
             for number in (run.start..run.end).filter(|n| weights[*n] > 0.0) {
                 let Some((residual, rows)) = self.equations(state, &eyes, number) else { continue };
                 let (matrix, right) = &mut sums[self.sights[number].index];

@@ -69,15 +69,15 @@ pub(super) struct Linked {
 fn links(views: &[ViewRange], sights: &[Sight]) -> Vec<Option<Linked>> {
     let mut places = BTreeMap::new();
     for view in views {
-        for number in view.start..view.end {
-            places.insert((view.device, view.pose, sights[number].index), number);
+        for (number, sight) in sights.iter().enumerate().take(view.end).skip(view.start) {
+            places.insert((view.device, view.pose, sight.index), number);
         }
     }
     let mut links = vec![None; sights.len()];
     for view in views {
-        for number in view.start..view.end {
-            links[number] = sights[number].link.and_then(|link| {
-                let sight = *places.get(&(link.device, view.pose, sights[number].index))?;
+        for (number, sight) in sights.iter().enumerate().take(view.end).skip(view.start) {
+            links[number] = sight.link.and_then(|link| {
+                let sight = *places.get(&(link.device, view.pose, sight.index))?;
                 let (device, slopes, covariance_px2) = (link.device, link.slopes, link.covariance_px2);
                 Some(Linked { sight, device, slopes, covariance_px2 })
             });
@@ -228,7 +228,7 @@ impl Problem<'_> {
     }
 
     /// What looks at the sights of a run; `None` without a pose.
-    pub fn eyes<'s>(&self, state: &'s State, run: &Run) -> Option<Eyes<'s>> {
+    pub fn eyes<'s>(state: &'s State, run: &Run) -> Option<Eyes<'s>> {
         let board = state.boards[run.pose].as_ref()?;
         let eye = |device: usize| Projector::new(&state.cameras[device], board);
         Some(Eyes { own: eye(run.device), linked: run.linked.map(eye) })
@@ -260,9 +260,10 @@ impl Problem<'_> {
             }
         }
         let [a, b, c] = self.whiten[number];
-        for column in 0..WIDE {
-            wide[1][column] = b * wide[0][column] + c * wide[1][column];
-            wide[0][column] *= a;
+        let [first, second] = &mut wide;
+        for (first, second) in first.iter_mut().zip(second) {
+            *second = b * *first + c * *second;
+            *first *= a;
         }
         Some((self.whitened(number, residual), wide))
     }

@@ -45,7 +45,7 @@ impl Problem<'_> {
         weights: &[f64],
         (normal, number): (&mut Normal, usize),
     ) -> Option<()> {
-        let Some(eyes) = self.eyes(state, run) else { return Some(()) };
+        let Some(eyes) = Self::eyes(state, run) else { return Some(()) };
         let columns = self.run_columns(run);
         let mut local = Local::new(if run.linked.is_some() { WIDE } else { LOCAL });
         let Some(block) = normal.poses[run.pose].as_mut() else { return Some(()) };

@@ -11,27 +11,14 @@ use nalgebra::{Matrix2, Translation3};
 /// Standard deviation of the reading alone, px.
 const READING_PX: f64 = 0.004;
 
-/// Least squares with the covariance matrix of all pixels as one, without any elimination, beside the sums by links.
-#[test]
-fn linked_sums_are_those_of_the_whole_covariance_matrix() {
-    let world = World::new(2);
-    let mut observations = world.read_by_cameras(3, 1.0);
-    for view in &mut observations.views {
-        view.sights = view.sights.iter().step_by(9).copied().collect();
-    }
-    let board = Board::new(&observations);
-    let shape = Shape { warp_mm: [0.5 * WARP_MM[0], 0.0], offsets_mm: Vec::new() };
-    let centre = Translation3::from(board.centre);
-    let boards: Vec<_> = world.boards.iter().map(|b| Some(b * centre)).collect();
-    let state = State { cameras: world.cameras.clone(), boards, shape };
-    let (mut views, mut sights) = (Vec::new(), Vec::new());
-    for view in &observations.views {
-        let start = sights.len();
-        sights.extend(&view.sights);
-        views.push(ViewRange { device: view.device, pose: view.pose, start, end: sights.len() });
-    }
-    let problem = Problem::new(&board, views, sights, columns(&[LensModel::default(); 6], TargetShape::Bent));
-    assert!(problem.links.iter().flatten().count() > 20);
+/// What least squares without links sees: all pixels, and the covariance of each with each.
+struct Whole {
+    jacobian: Dense,
+    residual: Vec<f64>,
+    covariance: Dense,
+}
+
+fn whole(problem: &Problem, state: &State) -> Whole {
     let (n, rows) = (problem.unknowns, 2 * problem.sights.len());
     let (mut jacobian, mut residual) = (Dense::zeros(rows, n + 2 * POSE), vec![0.0; rows]);
     let mut covariance = Dense::zeros(rows, rows);
@@ -43,8 +30,8 @@ fn linked_sums_are_those_of_the_whole_covariance_matrix() {
         assert_eq!((places.len(), DEVICE + WARP + POSE), (LOCAL, LOCAL));
         for number in view.start..view.end {
             let sight = &problem.sights[number];
-            let point = board.point(sight.index, &state.shape);
-            let (pixel, local) = eye.rows(&point, board.rise[sight.index]).unwrap();
+            let point = problem.board.point(sight.index, &state.shape);
+            let (pixel, local) = eye.rows(&point, problem.board.rise[sight.index]).unwrap();
             let error = sight.pixel - pixel;
             let mut put = |i: usize, other: usize, block: &Matrix2<f64>| {
                 (0..2).for_each(|j| covariance.set(2 * number + i, 2 * other + j, block[(i, j)]));
@@ -71,6 +58,32 @@ fn linked_sums_are_those_of_the_whole_covariance_matrix() {
             covariance.set(2 * link.sight + j, 2 * number + i, value);
         }
     }
+    Whole { jacobian, residual, covariance }
+}
+
+/// Least squares with the covariance matrix of all pixels as one, without any elimination, beside the sums by links.
+#[test]
+fn linked_sums_are_those_of_the_whole_covariance_matrix() {
+    let world = World::new(2);
+    let mut observations = world.read_by_cameras(3, 1.0);
+    for view in &mut observations.views {
+        view.sights = view.sights.iter().step_by(9).copied().collect();
+    }
+    let board = Board::new(&observations);
+    let shape = Shape { warp_mm: [0.5 * WARP_MM[0], 0.0], offsets_mm: Vec::new() };
+    let centre = Translation3::from(board.centre);
+    let boards: Vec<_> = world.boards.iter().map(|b| Some(b * centre)).collect();
+    let state = State { cameras: world.cameras.clone(), boards, shape };
+    let (mut views, mut sights) = (Vec::new(), Vec::new());
+    for view in &observations.views {
+        let start = sights.len();
+        sights.extend(&view.sights);
+        views.push(ViewRange { device: view.device, pose: view.pose, start, end: sights.len() });
+    }
+    let problem = Problem::new(&board, views, sights, columns(&[LensModel::default(); 6], TargetShape::Bent));
+    assert!(problem.links.iter().flatten().count() > 20);
+    let Whole { jacobian, residual, covariance } = whole(&problem, &state);
+    let (n, rows) = (problem.unknowns, residual.len());
     let factor = Factor::new(&covariance).unwrap();
     let transposed = jacobian.transposed();
     let columns: Vec<Vec<f64>> = (0..transposed.rows).map(|c| factor.solve(transposed.row(c))).collect();
@@ -83,9 +96,9 @@ fn linked_sums_are_those_of_the_whole_covariance_matrix() {
     let check = |ours: f64, i: usize, j: usize| {
         assert!((ours - entry(i, j)).abs() < 1e-9 * scale(i, j), "({i}, {j}): {ours} beside {}", entry(i, j));
     };
-    for i in 0..n {
+    for (i, column) in columns.iter().enumerate().take(n) {
         (0..n).for_each(|j| check(sums.devices.at(i, j), i, j));
-        let right = dot(&columns[i], &residual);
+        let right = dot(column, &residual);
         assert!((sums.right[i] - right).abs() < 1e-9 * (entry(i, i) * cost).sqrt());
     }
     for (pose, block) in sums.poses.iter().enumerate() {
