@@ -81,7 +81,7 @@ fn the_same_recording_gives_the_same_bytes_whatever_the_timing() {
 }
 
 #[test]
-#[ignore = "a minute: twenty runs under disturbance"]
+#[ignore = "a minute: twenty runs under disturbance; cargo test --test main twenty_runs -- --ignored --nocapture"]
 fn twenty_runs_give_the_same_bytes() {
     same_bytes_whatever_the_timing(20);
 }
@@ -112,7 +112,7 @@ fn entries(path: &str) -> Vec<CycleEntry> {
 }
 
 #[test]
-#[ignore = "ten minutes and more: ten thousand cycles"]
+#[ignore = "minutes: ten thousand cycles; cargo test --test main ten_thousand -- --ignored --nocapture"]
 fn ten_thousand_cycles_grow_nothing() {
     let (cycles, settled) = (10_000_u64, 2_000);
     let cell = Cell::played("soak", 0.0, "");

@@ -259,7 +259,7 @@ fn a_plausible_message_that_comes_before_the_true_one_is_never_used() {
 }
 
 #[test]
-#[ignore = "five minutes: five hundred cycles, every third one harmed"]
+#[ignore = "minutes: five hundred cycles, every third one harmed; cargo test --test main a_long_storm -- --ignored --nocapture"]
 fn a_long_storm_leaves_one_outcome_per_cycle_and_no_wrong_cloud() {
     survives_a_storm(500, 1);
 }

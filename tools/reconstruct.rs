@@ -1,5 +1,10 @@
 //! `fringetool reconstruct`: a recording and a rig file become a point cloud.
 
+mod pairs;
+
+pub use pairs::projector_pairs;
+use pairs::{camera_pairs, projector_pairs_or_fault};
+
 use crate::Outcome;
 use crate::decode::lines;
 use crate::filters::{FilterLine, Filters};
@@ -16,7 +21,7 @@ use fringe::phase::PhaseMap;
 use fringe::projector::{ProjectorMatcher, ProjectorReport, ProjectorSettings};
 use fringe::rig::{Pair, Rig};
 use fringe::surface::SurfaceSettings;
-use rig::recording::{RECORDING_FILE, RecordedRig, Recording};
+use rig::recording::{RECORDING_FILE, Recording};
 use rig::rig_file::{RigFile, read_rig};
 use std::path::PathBuf;
 
@@ -116,7 +121,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Err(fault) = rig_file.read_covariance() {
         eprintln!("{fault} (points do not need it)");
     }
-    let pairs = pairs(args, &recording, &rig_file)?;
+    let pairs = pairs::chosen(args, &recording, &rig_file)?;
     let surface = surface_settings(args.smoothing_px);
     let how = How { decode: args.phase.choose(args.phase_method), filters: &args.filters, surface: &surface };
     let Done { views, filtered, pairs: clouds } = clouds(&recording, &rig_file, args.method, &pairs, &how)?;
@@ -206,98 +211,6 @@ fn join(clouds: &[PairCloud]) -> (Vec<Point>, FusionReport) {
     let mut fused = Vec::new();
     let fusion = fuse(&slices, &FusionSettings::default(), &mut fused);
     (fused, fusion)
-}
-
-/// The pairs to reconstruct.
-fn pairs(args: &Args, recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
-    let mut pairs = match args.method {
-        Method::Phase => camera_pairs(recording, rig_file)?,
-        Method::Projector => projector_pairs_or_fault(recording, rig_file)?,
-    };
-    if let Some(unknown) = args.pair.iter().find(|name| pairs.iter().all(|p| p.name != **name)) {
-        let known: Vec<&str> = pairs.iter().map(|p| p.name.as_str()).collect();
-        bail!(
-            "--pair {unknown}: no such pair for method {}; there are: {}",
-            args.method.name(),
-            known.join(", ")
-        );
-    }
-    pairs.retain(|pair| args.pair.is_empty() || args.pair.contains(&pair.name));
-    Ok(pairs)
-}
-
-fn camera_pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
-    let RecordedRig { rig, absent_pairs } = recording.rig(rig_file)?;
-    for pair in &absent_pairs {
-        eprintln!(
-            "{}: pair \"{}\" ({} and {}) was not recorded; skipped",
-            rig_file.path.display(),
-            pair.name,
-            pair.left,
-            pair.right
-        );
-    }
-    let pairs: Vec<Pair> =
-        rig.pairs.into_iter().filter(|pair| rig_file.rig.camera(&pair.right).is_some()).collect();
-    if pairs.is_empty() {
-        bail!(
-            "{}: no pair of two cameras that {} holds; add a [[pair]] with left, right and projector, or use \
-             --method projector",
-            rig_file.path.display(),
-            recording.document.path.display()
-        );
-    }
-    Ok(pairs)
-}
-
-fn projector_pairs_or_fault(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
-    let pairs = projector_pairs(recording, rig_file)?;
-    let rig = &rig_file.rig;
-    if pairs.is_empty() {
-        let recorded: Vec<&str> = recording.projectors.iter().map(|p| p.name.as_str()).collect();
-        let known: Vec<&str> = rig.projectors.iter().map(|p| p.name.as_str()).collect();
-        bail!(
-            "{}: --method projector needs a [[projector]] that the recording names and a camera that it lit; recorded: \
-             {}; in the rig file: {}",
-            rig_file.path.display(),
-            recorded.join(", "),
-            if known.is_empty() { "none".to_owned() } else { known.join(", ") }
-        );
-    }
-    Ok(pairs)
-}
-
-/// Every recorded camera under every characterised projector, named as in the rig file where that names them; may be none.
-///
-/// # Errors
-/// A projector of another size than in the rig file.
-pub fn projector_pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
-    let rig = &rig_file.rig;
-    let mut pairs = Vec::new();
-    for projector in &recording.projectors {
-        let Some(known) = rig.projector(&projector.name) else { continue };
-        let (here, there) = ((projector.width_px, projector.height_px), (known.width_px, known.height_px));
-        if here != there {
-            bail!(
-                "{}: projector \"{}\" has {} × {} px, in {} it has {} × {} px; calibrate at the size that is projected",
-                recording.document.path.display(),
-                projector.name,
-                here.0,
-                here.1,
-                rig_file.path.display(),
-                there.0,
-                there.1
-            );
-        }
-        for camera in projector.cameras.iter().filter(|camera| rig.camera(&camera.name).is_some()) {
-            let named = rig.pairs.iter().find(|p| p.left == camera.name && p.right == projector.name);
-            let name =
-                named.map_or_else(|| format!("{}-{}", camera.name, projector.name), |p| p.name.clone());
-            let (left, right) = (camera.name.clone(), projector.name.clone());
-            pairs.push(Pair { name, left, right: right.clone(), projector: right });
-        }
-    }
-    Ok(pairs)
 }
 
 fn view<'a>(views: &'a [DecodedView], projector: &str, camera: &str) -> Result<&'a DecodedView> {

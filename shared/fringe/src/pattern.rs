@@ -2,12 +2,18 @@
 //!
 //! Projector coordinates count pixels, 0 is the centre of the first column (axis x) or row (axis y).
 
+mod error;
+mod levels;
+
+pub use error::PatternError;
+pub use levels::GreyLevels;
+
 use crate::math::{cos, wrap_positive_rad};
 use crate::response::LevelTable;
 use crate::wrapped::LeastSquares;
+use levels::ALL_LEVELS;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
-use thiserror::Error;
 
 /// The direction along which a pattern varies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -62,53 +68,6 @@ pub enum Threshold {
     SineMean,
     /// The frame of the complementary set (`invert = true`) with the same axis, bits and stripe.
     Complement,
-}
-
-/// The levels of the even frames of a ramp.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(untagged)]
-pub enum GreyLevels {
-    /// This many, evenly from black to white.
-    Count(u32),
-    /// 8-bit grey values 0 … 255, in the order of projection.
-    Values(Vec<f64>),
-}
-
-/// Grey levels of a ramp that says neither how many nor along which axis: all that 8 bits have.
-const ALL_LEVELS: GreyLevels = GreyLevels::Count(256);
-
-impl GreyLevels {
-    /// Number of frames.
-    pub fn count(&self) -> usize {
-        match self {
-            Self::Count(count) => *count as usize,
-            Self::Values(values) => values.len(),
-        }
-    }
-
-    /// Level 0 … 1 of a frame.
-    pub fn level(&self, frame: usize) -> f64 {
-        match self {
-            Self::Count(count) => frame as f64 / f64::from(count.saturating_sub(1).max(1)),
-            Self::Values(values) => values.get(frame).map_or(0.0, |value| value / 255.0),
-        }
-    }
-
-    fn check(&self) -> Result<(), PatternError> {
-        match self {
-            Self::Count(count) if !(2..=1024).contains(count) => {
-                Err(PatternError::Levels { count: *count as usize })
-            }
-            Self::Values(values) if !(2..=1024).contains(&values.len()) => {
-                Err(PatternError::Levels { count: values.len() })
-            }
-            Self::Values(values) => match values.iter().find(|v| !(0.0..=255.0).contains(*v)) {
-                Some(value) => Err(PatternError::Level { value: *value }),
-                None => Ok(()),
-            },
-            Self::Count(_) => Ok(()),
-        }
-    }
 }
 
 /// A group of frames that belong together.
@@ -206,90 +165,25 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
-/// What is wrong with a pattern set; the caller adds where it stands.
-#[derive(Debug, Error, Clone, PartialEq)]
-pub enum PatternError {
-    /// Fewer than three steps.
-    #[error("steps = {steps}: a phase needs at least 3 steps (and at most 64)")]
-    Steps {
-        /// As written.
-        steps: u32,
-    },
-    /// Not a length.
-    #[error("{key} = {value}: must be a finite number of at least {least} projector pixels")]
-    Length {
-        /// The key.
-        key: &'static str,
-        /// As written.
-        value: f64,
-        /// Smallest meaningful value.
-        least: f64,
-    },
-    /// Too few or too many bits.
-    #[error("bits = {bits}: must be 1 to 16")]
-    Bits {
-        /// As written.
-        bits: u32,
-    },
-    /// Too few or too many grey levels.
-    #[error("levels: {count} grey levels; must be 2 to 1024")]
-    Levels {
-        /// As written.
-        count: usize,
-    },
-    /// No grey value of 8 bits.
-    #[error("levels: {value} is no grey value; must be 0 to 255")]
-    Level {
-        /// As written.
-        value: f64,
-    },
-    /// A ramp of both kinds.
-    #[error(
-        "axis and levels together: a ramp is either one frame along an axis or even frames of several levels"
-    )]
-    RampKind,
-    /// NaN or infinite first step.
-    #[error("first_step_rad must be a finite number")]
-    FirstStep,
-    /// Shifts that do not belong to the steps.
-    #[error("shifts_rad has {shifts} numbers for steps = {steps}: one finite number per step is needed")]
-    Shifts {
-        /// Numbers given.
-        shifts: usize,
-        /// As written.
-        steps: u32,
-    },
-    /// Shifts that leave background, modulation or phase open.
-    #[error(
-        "shifts_rad: a phase noise of {gain:.0} times the grey noise, limit {most:.0}: spread the shifts over the circle, at least \
-         three of them apart"
-    )]
-    ShiftsAlike {
-        /// √(trace/2) of the covariance of B cos φ and B sin φ per unit noise; infinite when singular.
-        gain: f64,
-        /// Largest usable.
-        most: f64,
-    },
-    /// Neither stairs of phase nor of grey levels.
-    #[error("steps = {steps}: stairs need 1 frame (grey levels) or 3 to 64 (phase)")]
-    StairSteps {
-        /// As written.
-        steps: u32,
-    },
-    /// A code moved by a stripe or more.
-    #[error("shift_px = {shift_px}: must be 0 or more and less than stripe_px = {stripe_px}")]
-    CodeShift {
-        /// As written.
-        shift_px: f64,
-        /// As written.
-        stripe_px: f64,
-    },
-    /// The generator does not know this set.
-    #[error("set \"{0}\" can be recorded but not generated")]
-    NotGenerated(&'static str),
-}
-
 impl PatternSet {
+    /// Fringes in even steps from zero.
+    pub const fn sine(axis: Axis, period_px: f64, steps: u32) -> Self {
+        Self::Sine {
+            axis,
+            period_px,
+            steps,
+            first_step_rad: 0.0,
+            direction: Direction::Forward,
+            shifts_rad: Vec::new(),
+        }
+    }
+
+    /// A Gray code as most projects write it: stripes from the first column on, not inverted.
+    pub const fn gray(axis: Axis, bits: u32, stripe_px: f64) -> Self {
+        let (shift_px, invert, code, threshold) = (0.0, false, Code::Gray, None);
+        Self::Gray { axis, bits, stripe_px, shift_px, invert, code, threshold }
+    }
+
     /// Name as in the recording.
     pub fn name(&self) -> &'static str {
         match self {

@@ -2,7 +2,7 @@
 
 use fringe::camera::{BrownConrady, Camera};
 use fringe::math::{cos, sin};
-use fringe::pattern::{Axis, Code, Direction, PatternSet};
+use fringe::pattern::{Axis, PatternSet};
 use fringe::rig::{Named, Pair, Rig};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 
@@ -96,23 +96,8 @@ pub fn rig(width_px: u32, height_px: u32) -> Rig {
 /// The sequence of the demo: ten steps of 16 px, seven Gray bits of half a period, white, black; 19 frames.
 pub fn sequence() -> Vec<PatternSet> {
     vec![
-        PatternSet::Sine {
-            axis: Axis::X,
-            period_px: 16.0,
-            steps: 10,
-            first_step_rad: 0.0,
-            direction: Direction::Forward,
-            shifts_rad: Vec::new(),
-        },
-        PatternSet::Gray {
-            axis: Axis::X,
-            bits: 7,
-            stripe_px: 8.0,
-            shift_px: 0.0,
-            invert: false,
-            code: Code::Gray,
-            threshold: None,
-        },
+        PatternSet::sine(Axis::X, 16.0, 10),
+        PatternSet::gray(Axis::X, 7, 8.0),
         PatternSet::White {},
         PatternSet::Black {},
     ]

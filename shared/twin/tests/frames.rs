@@ -1,6 +1,6 @@
 use crate::common::{artefact, body, scene, small_rig};
 use fringe::math::{atan2, cos, exp, sin, wrap_rad};
-use fringe::pattern::{Axis, Direction, PatternSet};
+use fringe::pattern::{Axis, PatternSet};
 use fringe::random::Normal;
 use fringe::rig::Rig;
 use nalgebra::Point2;
@@ -10,14 +10,7 @@ use twin::{PixelsMut, Scene, Twin, TwinError, TwinSettings, View, pose, thesis};
 const STEPS: u32 = 10;
 
 fn sine(axis: Axis, period_px: f64) -> Vec<PatternSet> {
-    vec![PatternSet::Sine {
-        axis,
-        period_px,
-        steps: STEPS,
-        first_step_rad: 0.0,
-        direction: Direction::Forward,
-        shifts_rad: Vec::new(),
-    }]
+    vec![PatternSet::sine(axis, period_px, STEPS)]
 }
 
 fn white() -> Vec<PatternSet> {

@@ -7,7 +7,7 @@ use crate::simulate::Buffer;
 use anyhow::{Context, Result};
 use fringe::calibration::{Device, DeviceKind, Observations, Sight, View, projector_pixel};
 use fringe::camera::Camera;
-use fringe::pattern::{Axis, Code, Direction, PatternSet, frame_count};
+use fringe::pattern::{Axis, PatternSet, frame_count};
 use fringe::random::{Key, Normal};
 use fringe::rig::{Pair, Rig};
 use fringe::target::{Detection, TargetSettings, TargetSpec, detect};
@@ -301,23 +301,8 @@ pub fn moved(rig: &Rig, world_from_part: &Isometry3<f64>) -> Rig {
 
 /// Ten steps of 16 px and seven bits in both directions, white and black.
 fn sequence() -> Vec<PatternSet> {
-    let sine = |axis| PatternSet::Sine {
-        axis,
-        period_px: 16.0,
-        steps: 10,
-        first_step_rad: 0.0,
-        direction: Direction::Forward,
-        shifts_rad: Vec::new(),
-    };
-    let code = |axis| PatternSet::Gray {
-        axis,
-        bits: 7,
-        stripe_px: 8.0,
-        shift_px: 0.0,
-        invert: false,
-        code: Code::Gray,
-        threshold: None,
-    };
+    let sine = |axis| PatternSet::sine(axis, 16.0, 10);
+    let code = |axis| PatternSet::gray(axis, 7, 8.0);
     let sets = vec![
         sine(Axis::X),
         code(Axis::X),

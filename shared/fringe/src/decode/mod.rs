@@ -47,6 +47,7 @@ mod replace;
 mod report;
 mod risk;
 mod roles;
+mod sets;
 mod settings;
 #[cfg(test)]
 mod tests;

@@ -156,26 +156,11 @@ impl Random {
 }
 
 fn sine(axis: Axis, period_px: f64, steps: u32) -> PatternSet {
-    PatternSet::Sine {
-        axis,
-        period_px,
-        steps,
-        first_step_rad: 0.0,
-        direction: Direction::Forward,
-        shifts_rad: Vec::new(),
-    }
+    PatternSet::sine(axis, period_px, steps)
 }
 
 fn gray(axis: Axis, bits: u32, stripe_px: f64) -> PatternSet {
-    PatternSet::Gray {
-        axis,
-        bits,
-        stripe_px,
-        shift_px: 0.0,
-        invert: false,
-        code: Code::Gray,
-        threshold: None,
-    }
+    PatternSet::gray(axis, bits, stripe_px)
 }
 
 fn demo(stripe_px: f64, bits: u32) -> Vec<PatternSet> {

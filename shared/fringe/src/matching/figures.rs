@@ -23,7 +23,7 @@ fn processor_seconds() -> f64 {
 const WAYS: [Interpolation; 3] = [Interpolation::Quadratic, Interpolation::Cubic, Interpolation::Bilinear];
 
 #[test]
-#[ignore = "prints figures"]
+#[ignore = "prints figures: cargo test --release -p fringe figures -- --ignored --nocapture --test-threads 1"]
 fn figures_of_accuracy() {
     let [left, right, projector] = rig(1124, 750);
     let ball = |radius_mm| Surface::Sphere { centre: Point3::new(5.0, 2.0, 0.0), radius_mm };
@@ -54,7 +54,7 @@ fn figures_of_accuracy() {
 }
 
 #[test]
-#[ignore = "prints times"]
+#[ignore = "prints times: cargo test --release -p fringe figures -- --ignored --nocapture --test-threads 1"]
 fn figures_of_speed() {
     for (width, height) in [(1124, 750), (4496, 3000)] {
         let [left, right, projector] = rig(width, height);
@@ -89,7 +89,7 @@ fn figures_of_speed() {
 
 /// Error of exact phase against the steepest incidence on any of the three devices.
 #[test]
-#[ignore = "prints figures"]
+#[ignore = "prints figures: cargo test --release -p fringe figures -- --ignored --nocapture --test-threads 1"]
 fn figures_of_incidence() {
     let [left, right, projector] = rig(1124, 750);
     let surface = Surface::Sphere { centre: Point3::new(5.0, 2.0, 0.0), radius_mm: 11.2 };
@@ -121,7 +121,7 @@ fn figures_of_incidence() {
 }
 
 #[test]
-#[ignore = "prints times"]
+#[ignore = "prints times: cargo test --release -p fringe figures -- --ignored --nocapture --test-threads 1"]
 fn figures_of_fusion() {
     let [left, right, projector] = rig(900, 600);
     let scene = Scene { surfaces: vec![Surface::plane([0.3, 0.2, 1.0], 0.0)], projector, period_px: 16.0 };
@@ -169,7 +169,7 @@ fn resampled(
 /// What the usual way would give: both phase maps resampled bilinearly onto the rectified grid, matched there by linear
 /// inverse interpolation along the row, triangulated from the grid's own coordinates.
 #[test]
-#[ignore = "prints figures"]
+#[ignore = "prints figures: cargo test --release -p fringe figures -- --ignored --nocapture --test-threads 1"]
 fn figures_of_resampling() {
     let [left, right, projector] = rig(1124, 750);
     let ball = |radius_mm| Surface::Sphere { centre: Point3::new(5.0, 2.0, 0.0), radius_mm };

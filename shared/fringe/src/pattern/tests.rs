@@ -2,14 +2,7 @@
 
 use super::*;
 
-const SINE: PatternSet = PatternSet::Sine {
-    axis: Axis::X,
-    period_px: 16.0,
-    steps: 10,
-    first_step_rad: 0.0,
-    direction: Direction::Forward,
-    shifts_rad: Vec::new(),
-};
+const SINE: PatternSet = PatternSet::sine(Axis::X, 16.0, 10);
 
 #[test]
 fn the_phase_of_a_sine_is_zero_at_the_centre_of_the_first_column() {
@@ -20,15 +13,7 @@ fn the_phase_of_a_sine_is_zero_at_the_centre_of_the_first_column() {
 
 #[test]
 fn neighbouring_gray_stripes_differ_in_one_bit() {
-    let gray = PatternSet::Gray {
-        axis: Axis::X,
-        bits: 6,
-        stripe_px: 16.0,
-        shift_px: 0.0,
-        invert: false,
-        code: Code::Gray,
-        threshold: None,
-    };
+    let gray = PatternSet::gray(Axis::X, 6, 16.0);
     let bits = |x: f64| (0..6).map(|b| gray.intensity(b, x, 608).unwrap() as u8).collect::<Vec<_>>();
     for stripe in 0..37 {
         let (a, b) = (bits(f64::from(stripe) * 16.0), bits(f64::from(stripe + 1) * 16.0));

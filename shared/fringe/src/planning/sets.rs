@@ -4,7 +4,7 @@ use super::Wanted;
 use crate::decode::chain::{Sine, widest_of};
 use crate::decode::number::Residues;
 use crate::decode::{OrderMethod, OrderRisk};
-use crate::pattern::{Code, Direction, PatternSet};
+use crate::pattern::{Code, PatternSet};
 
 /// Orders that are tried.
 pub(super) const ORDERS: [OrderMethod; 5] = [
@@ -14,17 +14,6 @@ pub(super) const ORDERS: [OrderMethod; 5] = [
     OrderMethod::Heterodyne,
     OrderMethod::NumberTheoretical,
 ];
-
-fn sine(wanted: &Wanted, period_px: f64, steps: u32) -> PatternSet {
-    PatternSet::Sine {
-        axis: wanted.axis,
-        period_px,
-        steps,
-        first_step_rad: 0.0,
-        direction: Direction::Forward,
-        shifts_rad: Vec::new(),
-    }
-}
 
 fn gray(wanted: &Wanted, stripe_px: f64, shift_px: f64) -> PatternSet {
     let stripes = f64::from(wanted.extent_px) / stripe_px;
@@ -41,7 +30,9 @@ pub(super) fn sequence(
     steps: u32,
 ) -> Option<(Vec<PatternSet>, Vec<f64>)> {
     let levels = [PatternSet::White {}, PatternSet::Black {}];
-    let sines = |periods: &[f64]| periods.iter().map(|p| sine(wanted, *p, steps)).collect::<Vec<_>>();
+    let sines = |periods: &[f64]| {
+        periods.iter().map(|p| PatternSet::sine(wanted.axis, *p, steps)).collect::<Vec<_>>()
+    };
     let with_code = |codes: &[PatternSet]| [&sines(&[period_px]), codes, &levels].concat();
     let whole = |shift_px| gray(wanted, period_px, shift_px);
     let periods = match order {

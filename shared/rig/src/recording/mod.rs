@@ -10,6 +10,8 @@
 //! Frames of several exposures (for shiny parts): `exposures_ms = [2.0, 8.0, 32.0]` in the `[[projector]]`, and beside `<NNN>.png`, which is
 //! the first exposure, `<NNN>_1.png`, `<NNN>_2.png`. A program that only knows `<NNN>.png` reads the first exposure.
 
+mod fit;
+mod frames;
 mod model;
 mod read;
 #[cfg(test)]
@@ -39,6 +41,6 @@ impl Recording {
     /// # Errors
     /// A recorded camera that the rig does not know or has in another size; no pair at all; a pair without projector.
     pub fn rig(&self, rig_file: &RigFile) -> Result<RecordedRig, FileError> {
-        read::fit(self, rig_file)
+        fit::fit(self, rig_file)
     }
 }

@@ -1,17 +1,16 @@
 //! Opening a recording: every frame is found and measured before the first one is decoded.
 
-use super::{RECORDING_FILE, RECORDING_FORMAT, RecordedCamera, RecordedProjector, RecordedRig, Recording};
+use super::frames::{equal_headers, list_frames};
+use super::{RECORDING_FILE, RECORDING_FORMAT, RecordedCamera, RecordedProjector, Recording};
 use crate::document::Document;
-use crate::error::{FileError, Problem, did_you_mean, list};
+use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
-use crate::image_file::{ImageHeader, read_header};
 use crate::name::{check_name, duplicate};
-use crate::rig_file::RigFile;
 use crate::sequence::check_sequence;
 use fringe::pattern::{PatternSet, frame_count};
 use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -216,125 +215,6 @@ fn check_exposures(document: &Document, key: &str, exposures_ms: &[f64]) -> Resu
     }
 }
 
-/// Frame and exposure of a file's name: `007` or `007_2`.
-fn numbers(stem: &str, exposures: usize) -> Option<[usize; 2]> {
-    let (frame, exposure) = match stem.split_once('_') {
-        Some((frame, exposure)) => (frame, exposure.parse().ok().filter(|e| *e > 0 && *e < exposures)?),
-        None => (stem, 0),
-    };
-    let number = frame.parse::<usize>().ok()?;
-    let written = if exposure == 0 { format!("{number:03}") } else { format!("{number:03}_{exposure}") };
-    (written == stem).then_some([number, exposure])
-}
-
-/// Frames 000 … count − 1 of each exposure, each there once, and no other image.
-fn list_frames(folder: &Path, count: usize, exposures: usize) -> Result<Vec<Vec<PathBuf>>, FileError> {
-    let mut all: Vec<Vec<Option<PathBuf>>> = vec![vec![None; count]; exposures];
-    for path in images(folder)? {
-        let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("");
-        match numbers(stem, exposures) {
-            Some([number, exposure]) if number < count => {
-                let found = &mut all[exposure];
-                if let Some(first) = &found[number] {
-                    let problem = Problem::Disagreement {
-                        what: "frames",
-                        here: format!("{} is frame {number}", path.display()),
-                        there: format!("so is {}", first.display()),
-                    };
-                    return Err(FileError::new(folder, problem, "remove one of them"));
-                }
-                found[number] = Some(path);
-            }
-            Some(_) => {
-                let problem = Problem::Disagreement {
-                    what: "frames and sequence",
-                    here: format!("this is frame {stem}"),
-                    there: format!(
-                        "the sequence of recording.toml has {count} frames, 000 … {:03}",
-                        count - 1
-                    ),
-                };
-                return Err(FileError::new(&path, problem, "correct the sequence, or remove the frame"));
-            }
-            None => {
-                let problem = Problem::Value {
-                    value: format!("\"{stem}\""),
-                    limit: "frames are named by their number: 000.png, 001.png, …".into(),
-                };
-                return Err(FileError::new(&path, problem, "rename or remove it"));
-            }
-        }
-    }
-    all.into_iter().enumerate().map(|(exposure, found)| complete(folder, exposure, found)).collect()
-}
-
-fn complete(folder: &Path, exposure: usize, found: Vec<Option<PathBuf>>) -> Result<Vec<PathBuf>, FileError> {
-    let count = found.len();
-    let there = found.iter().flatten().count();
-    let missing: Vec<String> =
-        found.iter().enumerate().filter(|(_, f)| f.is_none()).map(|(i, _)| format!("{i:03}")).collect();
-    if missing.is_empty() {
-        return Ok(found.into_iter().flatten().collect());
-    }
-    let shown = list(missing.iter().take(8).map(String::as_str));
-    let problem = Problem::Disagreement {
-        what: "frames and sequence",
-        here: match exposure {
-            0 => format!("{there} frames are here (missing: {shown})"),
-            _ => format!(
-                "{there} frames of exposure {exposure} are here (missing: {shown}, each with _{exposure})"
-            ),
-        },
-        there: format!("the sequence of recording.toml has {count}"),
-    };
-    Err(FileError::new(folder, problem, "record or copy again, or correct the sequence"))
-}
-
-/// Image files of a folder in the order of their names; hidden ones (a copy going on, a desktop's notes) do not count.
-fn images(folder: &Path) -> Result<Vec<PathBuf>, FileError> {
-    let io = |source| FileError::io(folder, "list the folder", source);
-    let mut paths = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(io)? {
-        let path = entry.map_err(io)?.path();
-        let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-        let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-        if ["png", "tif", "tiff"].contains(&extension.as_str()) && !hidden {
-            paths.push(path);
-        }
-    }
-    paths.sort();
-    Ok(paths)
-}
-
-/// The head that all frames of a camera share.
-fn equal_headers(frames: &[PathBuf]) -> Result<ImageHeader, FileError> {
-    let mut first: Option<(ImageHeader, &PathBuf)> = None;
-    for path in frames {
-        let head = read_header(path)?;
-        let Some((expected, reference)) = first else {
-            first = Some((head, path));
-            continue;
-        };
-        let same = |head: ImageHeader| (head.width_px, head.height_px, head.bits);
-        if same(head) != same(expected) {
-            let problem = Problem::Disagreement {
-                what: "frames",
-                here: format!("this one is {}", describe(head)),
-                there: format!("{} is {}", reference.display(), describe(expected)),
-            };
-            return Err(FileError::new(path, problem, "all frames of a camera have one size and depth"));
-        }
-    }
-    // The sequence has at least one frame, and every frame was found.
-    first
-        .map(|(head, _)| head)
-        .ok_or_else(|| FileError::new(Path::new(""), Problem::Missing("a frame".into()), ""))
-}
-
-fn describe(head: ImageHeader) -> String {
-    format!("{} × {} px of {} bits", head.width_px, head.height_px, head.bits)
-}
-
 /// A camera that looks at several projectors is one camera.
 fn one_size_per_camera(document: &Document, projectors: &[RecordedProjector]) -> Result<(), FileError> {
     let mut sizes: BTreeMap<&str, (&str, &RecordedCamera)> = BTreeMap::new();
@@ -357,90 +237,4 @@ fn one_size_per_camera(document: &Document, projectors: &[RecordedProjector]) ->
         }
     }
     Ok(())
-}
-
-pub(super) fn fit(recording: &Recording, rig_file: &RigFile) -> Result<RecordedRig, FileError> {
-    for (index, projector) in recording.projectors.iter().enumerate() {
-        for (number, camera) in projector.cameras.iter().enumerate() {
-            let key = format!("projector[{index}].cameras[{number}]");
-            same_camera(recording, rig_file, &key, camera)?;
-        }
-        if let Some(geometry) = rig_file.rig.projector(&projector.name) {
-            let found = [projector.width_px, projector.height_px];
-            let expected = [geometry.width_px, geometry.height_px];
-            same_size(recording, rig_file, &format!("projector[{index}]"), &projector.name, found, expected)?;
-        }
-    }
-    let seen = |view: &str| {
-        rig_file.rig.projector(view).is_some()
-            || recording.projectors.iter().any(|p| p.camera(view).is_some())
-    };
-    let together = |pair: &fringe::rig::Pair| {
-        let by = |view: &str, p: &RecordedProjector| p.camera(view).is_some() || p.name == view;
-        recording.projectors.iter().any(|p| {
-            (pair.projector.is_empty() || p.name == pair.projector) && by(&pair.left, p) && by(&pair.right, p)
-        })
-    };
-    let recorded = |pair: &fringe::rig::Pair| seen(&pair.left) && seen(&pair.right) && together(pair);
-    let (present, absent_pairs) = rig_file.rig.pairs.iter().cloned().partition::<Vec<_>, _>(recorded);
-    if present.is_empty() {
-        return Err(no_pair(recording, rig_file));
-    }
-    let mut rig = fringe::rig::Rig { pairs: present, ..rig_file.rig.clone() };
-    recording.resolve(&rig_file.path, &mut rig)?;
-    Ok(RecordedRig { rig, absent_pairs })
-}
-
-fn same_camera(
-    recording: &Recording,
-    rig_file: &RigFile,
-    key: &str,
-    camera: &RecordedCamera,
-) -> Result<(), FileError> {
-    let known = rig_file.rig.cameras.iter().map(|c| c.name.as_str());
-    let Some(geometry) = rig_file.rig.camera(&camera.name) else {
-        let problem =
-            Problem::UnknownName { kind: "camera", name: camera.name.clone(), known: list(known.clone()) };
-        let fallback = format!("name a camera of {}", rig_file.path.display());
-        let remedy = did_you_mean(&camera.name, known, &fallback);
-        return Err(recording.document.fault(key, problem, remedy));
-    };
-    let found = [camera.width_px, camera.height_px];
-    same_size(recording, rig_file, key, &camera.name, found, [geometry.width_px, geometry.height_px])
-}
-
-fn same_size(
-    recording: &Recording,
-    rig_file: &RigFile,
-    key: &str,
-    name: &str,
-    found: [u32; 2],
-    expected: [u32; 2],
-) -> Result<(), FileError> {
-    if found == expected {
-        return Ok(());
-    }
-    let problem = Problem::Disagreement {
-        what: "sizes",
-        here: format!("\"{name}\" was recorded with {} × {} px", found[0], found[1]),
-        there: format!("{} × {} px in {}", expected[0], expected[1], rig_file.path.display()),
-    };
-    Err(recording.document.fault(key, problem, "use the rig file of this camera and this image size"))
-}
-
-fn no_pair(recording: &Recording, rig_file: &RigFile) -> FileError {
-    let pairs = rig_file.rig.pairs.iter().map(|p| format!("{} = {} + {}", p.name, p.left, p.right));
-    let pairs: Vec<String> = pairs.collect();
-    let seen: Vec<String> = recording
-        .projectors
-        .iter()
-        .map(|p| format!("{} lit {}", p.name, list(p.cameras.iter().map(|c| c.name.as_str()))))
-        .collect();
-    let problem = Problem::Disagreement {
-        what: "pairs and recording",
-        here: format!("pairs of {}: {}", rig_file.path.display(), list(pairs.iter().map(String::as_str))),
-        there: format!("the recording has {}", seen.join("; ")),
-    };
-    let remedy = "add a [[pair]] of two cameras that one projector lit";
-    recording.document.fault("projector", problem, remedy)
 }

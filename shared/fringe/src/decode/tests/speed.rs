@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-#[ignore = "a measurement, not a test"]
+#[ignore = "a measurement, not a test: cargo test --release -p fringe decode_speed -- --ignored --nocapture"]
 #[allow(clippy::disallowed_types, clippy::disallowed_macros)] // a clock and a line of text are what a measurement needs
 fn decode_speed() {
     use std::time::Instant;

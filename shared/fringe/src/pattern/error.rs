@@ -1,0 +1,86 @@
+//! What can be wrong with a pattern set.
+
+use thiserror::Error;
+
+/// What is wrong with a pattern set; the caller adds where it stands.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum PatternError {
+    /// Fewer than three steps.
+    #[error("steps = {steps}: a phase needs at least 3 steps (and at most 64)")]
+    Steps {
+        /// As written.
+        steps: u32,
+    },
+    /// Not a length.
+    #[error("{key} = {value}: must be a finite number of at least {least} projector pixels")]
+    Length {
+        /// The key.
+        key: &'static str,
+        /// As written.
+        value: f64,
+        /// Smallest meaningful value.
+        least: f64,
+    },
+    /// Too few or too many bits.
+    #[error("bits = {bits}: must be 1 to 16")]
+    Bits {
+        /// As written.
+        bits: u32,
+    },
+    /// Too few or too many grey levels.
+    #[error("levels: {count} grey levels; must be 2 to 1024")]
+    Levels {
+        /// As written.
+        count: usize,
+    },
+    /// No grey value of 8 bits.
+    #[error("levels: {value} is no grey value; must be 0 to 255")]
+    Level {
+        /// As written.
+        value: f64,
+    },
+    /// A ramp of both kinds.
+    #[error(
+        "axis and levels together: a ramp is either one frame along an axis or even frames of several levels"
+    )]
+    RampKind,
+    /// NaN or infinite first step.
+    #[error("first_step_rad must be a finite number")]
+    FirstStep,
+    /// Shifts that do not belong to the steps.
+    #[error("shifts_rad has {shifts} numbers for steps = {steps}: one finite number per step is needed")]
+    Shifts {
+        /// Numbers given.
+        shifts: usize,
+        /// As written.
+        steps: u32,
+    },
+    /// Shifts that leave background, modulation or phase open.
+    #[error(
+        "shifts_rad: a phase noise of {gain:.0} times the grey noise, limit {most:.0}: spread the shifts over the circle, at least \
+         three of them apart"
+    )]
+    ShiftsAlike {
+        /// √(trace/2) of the covariance of B cos φ and B sin φ per unit noise; infinite when singular.
+        gain: f64,
+        /// Largest usable.
+        most: f64,
+    },
+    /// Neither stairs of phase nor of grey levels.
+    #[error("steps = {steps}: stairs need 1 frame (grey levels) or 3 to 64 (phase)")]
+    StairSteps {
+        /// As written.
+        steps: u32,
+    },
+    /// A code moved by a stripe or more.
+    #[error("shift_px = {shift_px}: must be 0 or more and less than stripe_px = {stripe_px}")]
+    CodeShift {
+        /// As written.
+        shift_px: f64,
+        /// As written.
+        stripe_px: f64,
+    },
+    /// The generator does not know this set.
+    #[error("set \"{0}\" can be recorded but not generated")]
+    NotGenerated(&'static str),
+}
