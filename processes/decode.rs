@@ -101,7 +101,7 @@ impl Decode {
         if self.ahead.is_none() {
             self.ahead = self.frames.take(link)?;
         }
-        self.frames.check_not_overtaken()?;
+        self.frames.check_not_overtaken(link)?;
         let Some(header) = self.ahead.as_ref().map(Received::header) else { return Ok(()) };
         let came = (header.projector as usize, header.frame as usize);
         let mut sums = self.works.iter().skip(self.next).filter_map(|(_, work)| match *work {

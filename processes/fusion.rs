@@ -122,7 +122,7 @@ impl Worker for Fusion {
             }
         }
         if self.parts.iter().all(|part| part.cloud.is_some()) && turn {
-            self.parts.iter().try_for_each(|part| part.inbox.check_not_overtaken())?;
+            self.parts.iter().try_for_each(|part| part.inbox.check_not_overtaken(link))?;
             self.run(link)?;
             return Ok(true);
         }

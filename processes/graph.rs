@@ -136,12 +136,21 @@ fn graph(config: &Config, options: &Options) -> Result<Graph> {
         projectors: projectors.collect::<Result<_>>()?,
         pairs: pairs.collect::<Result<_>>()?,
         cores: config.schedule.cores as usize,
+        in_flight: in_flight(config, options),
         record: options.record,
         watch: options.watch,
         kept: options.kept,
         rate_hz: config.recording.as_ref().map(|r| r.rate_hz),
         cycle_deadline_ms: config.limits.cycle_deadline_ms,
     })
+}
+
+/// A record that keeps bytes takes them cycle by cycle, so that a crash loses one cycle and not all that follow.
+fn in_flight(config: &Config, options: &Options) -> usize {
+    match options.kept {
+        Kept::Hashes => config.schedule.cycles_in_flight as usize,
+        Kept::Frames | Kept::All => 1,
+    }
 }
 
 fn sine_axes(sequence: &[PatternSet]) -> Vec<Axis> {

@@ -69,7 +69,7 @@ impl Worker for Inspection {
                 Err(Fault::Cycle("the fused cloud came twice".into()))
             }
             Some(message) => {
-                self.fused.check_not_overtaken()?;
+                self.fused.check_not_overtaken(link)?;
                 self.run(link, &message).map(|()| true)
             }
             None => Ok(false),

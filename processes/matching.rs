@@ -132,7 +132,7 @@ impl Worker for Matching {
         }
         let complete = self.needs.iter().all(|need| need.map.is_some());
         if complete && turn {
-            self.inboxes.iter().try_for_each(Inbox::check_not_overtaken)?;
+            self.inboxes.iter().try_for_each(|inbox| inbox.check_not_overtaken(link))?;
             self.run(link)?;
             return Ok(true);
         }

@@ -2,10 +2,11 @@
 //!
 //! A schedule orders work, it does not time it. Without measured times every activation is drawn one unit long; with
 //! a result of this cell each takes the mean of its stage in that cycle. An activation begins when its inputs are done
-//! and its core has done what stands before it.
+//! and its lane has done what stands before it. Where cycles overlap the picture shows two of them, the second in small
+//! letters and pale; what they take from each other where they share a core is not drawn.
 
 use crate::graph::Cell;
-use crate::schedule::{Schedule, Work, label};
+use crate::schedule::{Activation, Half, Lane, Order, Schedule, Work, label};
 use anyhow::{Result, ensure};
 use rig::result::CycleResult;
 use std::fmt::Write as _;
@@ -31,8 +32,10 @@ const TOP_PX: f64 = 64.0;
 /// The plan with times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
-    /// Start and end of each activation, ms or units.
-    bars: Vec<(f64, f64)>,
+    /// Start and end of each activation, ms or units; of the cycles that are drawn.
+    cycles: Vec<Vec<(f64, f64)>>,
+    /// From the start of a cycle to the start of the next: no shorter than either half, nor than the work of a core.
+    period: f64,
     /// `ms` or `units`.
     unit: &'static str,
 }
@@ -47,20 +50,35 @@ impl Picture {
             Some(result) => durations(schedule, result)?,
             None => vec![1.0; schedule.stages.len()],
         };
-        let mut free = vec![0.0_f64; schedule.cores];
-        let mut bars: Vec<(f64, f64)> = Vec::with_capacity(schedule.activations.len());
-        for activation in &schedule.activations {
-            let core = schedule.stages[activation.stage].core;
-            let start = activation.inputs.iter().map(|&input| bars[input].1).fold(free[core], f64::max);
-            let end = start + durations[activation.stage];
-            free[core] = end;
-            bars.push((start, end));
+        let unit = if measured.is_some() { "ms" } else { "units" };
+        let first = place(schedule, &durations, 0.0, 0.0);
+        let verdict = end(&first);
+        if schedule.in_flight == 1 {
+            return Ok(Self { cycles: vec![first], period: verdict, unit });
         }
-        Ok(Self { bars, unit: if measured.is_some() { "ms" } else { "units" } })
+        let of = |half: Half| {
+            first.iter().zip(&schedule.activations).filter(move |(_, a)| schedule.half(a) == half)
+        };
+        let acquired = of(Half::Acquisition).map(|(bar, _)| bar.1).fold(0.0, f64::max);
+        let evaluated = verdict - of(Half::Evaluation).map(|(bar, _)| bar.0).fold(verdict, f64::min);
+        let busiest = busiest(schedule, &durations);
+        let second = place(schedule, &durations, acquired, verdict);
+        Ok(Self { cycles: vec![first, second], period: acquired.max(evaluated).max(busiest), unit })
+    }
+
+    /// All bars: number of the cycle, activation, start and end.
+    fn bars<'a>(
+        &'a self,
+        schedule: &'a Schedule,
+    ) -> impl Iterator<Item = (usize, &'a Activation, (f64, f64))> {
+        let cycles = self.cycles.iter().enumerate();
+        cycles.flat_map(|(cycle, bars)| {
+            schedule.activations.iter().zip(bars).map(move |(a, &bar)| (cycle, a, bar))
+        })
     }
 
     fn end(&self) -> f64 {
-        self.bars.iter().map(|bar| bar.1).fold(f64::MIN_POSITIVE, f64::max)
+        self.cycles.iter().map(|bars| end(bars)).fold(f64::MIN_POSITIVE, f64::max)
     }
 
     /// One line per stage, a letter for what it does in each slice of time.
@@ -69,19 +87,20 @@ impl Picture {
         let name = schedule.stages.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
         let slice = self.end() / COLUMNS as f64;
         let mut text = format!(
-            "one column is {slice:.2} {}; P project  E expose  A accumulate  φ phase  M match  F fuse  I inspect  S store  · idle\n",
-            self.unit
+            "a cycle every {:.1} {unit}, from its start to the verdict {:.1} {unit}\n\
+             one column is {slice:.2} {unit}; P project  E expose  A accumulate  Φ phase  M match  F fuse  I inspect  S store  · idle\n",
+            self.period,
+            end(&self.cycles[0]),
+            unit = self.unit
         );
         for (number, stage) in schedule.stages.iter().enumerate() {
             let mut line = vec!['·'; COLUMNS];
-            for (activation, bar) in schedule.activations.iter().zip(&self.bars) {
-                if activation.stage != number {
-                    continue;
-                }
+            for (cycle, activation, bar) in self.bars(schedule).filter(|(_, a, _)| a.stage == number) {
                 // A bar shorter than a column still shows.
                 let first = ((bar.0 / slice) as usize).min(COLUMNS - 1);
                 let last = ((bar.1 / slice).ceil() as usize).clamp(first + 1, COLUMNS);
-                line[first..last].fill(letter(activation.work));
+                let letter = letter(activation.work);
+                line[first..last].fill(if cycle == 0 { letter } else { small(letter) });
             }
             let line: String = line.into_iter().collect();
             let _ = writeln!(text, "{:<name$} {} {line}", stage.name, stage.core);
@@ -120,17 +139,18 @@ impl Picture {
             );
         }
         self.dependencies(&mut svg, schedule, scale);
-        for (activation, bar) in schedule.activations.iter().zip(&self.bars) {
+        for (cycle, activation, bar) in self.bars(schedule) {
             let (x, y) = (LEFT_PX + scale * bar.0, TOP_PX + ROW_PX * activation.stage as f64 + 4.0);
             let shown = label(&cell.graph, activation.work);
             let _ = writeln!(
                 svg,
-                "<rect x=\"{x:.2}\" y=\"{y:.1}\" width=\"{:.2}\" height=\"{:.1}\" fill=\"{}\" stroke=\"white\" stroke-width=\"0.5\">\
+                "<rect x=\"{x:.2}\" y=\"{y:.1}\" width=\"{:.2}\" height=\"{:.1}\" fill=\"{}\" opacity=\"{}\" stroke=\"white\" stroke-width=\"0.5\">\
                  <title>{}, {:.2} to {:.2} {}</title></rect>",
                 // A trigger is too short to be seen at its true width.
                 (scale * (bar.1 - bar.0)).max(LEAST_PX),
                 ROW_PX - 8.0,
                 colour(activation.work),
+                if cycle == 0 { 1.0 } else { 0.45 },
                 escape(&shown),
                 bar.0,
                 bar.1,
@@ -163,14 +183,14 @@ impl Picture {
     /// Lines from the end of an input to the start of what takes it, where they are of different stages.
     fn dependencies(&self, svg: &mut String, schedule: &Schedule, scale: f64) {
         let middle = |stage: usize| TOP_PX + ROW_PX * (stage as f64 + 0.5);
-        for (activation, bar) in schedule.activations.iter().zip(&self.bars) {
+        for (cycle, activation, bar) in self.bars(schedule) {
             for &input in
                 activation.inputs.iter().filter(|&&i| schedule.activations[i].stage != activation.stage)
             {
                 let _ = writeln!(
                     svg,
                     "<line x1=\"{:.2}\" y1=\"{:.1}\" x2=\"{:.2}\" y2=\"{:.1}\" stroke=\"#bbb\" stroke-width=\"0.6\"/>",
-                    LEFT_PX + scale * self.bars[input].1,
+                    LEFT_PX + scale * self.cycles[cycle][input].1,
                     middle(schedule.activations[input].stage),
                     LEFT_PX + scale * bar.0,
                     middle(activation.stage)
@@ -178,6 +198,34 @@ impl Picture {
             }
         }
     }
+}
+
+/// Places the activations of a cycle whose halves begin at these times at the earliest.
+fn place(schedule: &Schedule, durations: &[f64], acquisition: f64, evaluation: f64) -> Vec<(f64, f64)> {
+    let order = Order::new(schedule);
+    let begin = |lane: &Lane| if lane.half == Some(Half::Evaluation) { evaluation } else { acquisition };
+    let mut free: Vec<f64> = order.lanes.iter().map(begin).collect();
+    let mut bars: Vec<(f64, f64)> = Vec::with_capacity(schedule.activations.len());
+    for (number, activation) in schedule.activations.iter().enumerate() {
+        let lane = order.lane[number];
+        let start = activation.inputs.iter().map(|&input| bars[input].1).fold(free[lane], f64::max);
+        free[lane] = start + durations[activation.stage];
+        bars.push((start, free[lane]));
+    }
+    bars
+}
+
+fn end(bars: &[(f64, f64)]) -> f64 {
+    bars.iter().map(|bar| bar.1).fold(f64::MIN_POSITIVE, f64::max)
+}
+
+/// All work of a cycle on the core that has most.
+fn busiest(schedule: &Schedule, durations: &[f64]) -> f64 {
+    let mut work = vec![0.0; schedule.cores];
+    for activation in &schedule.activations {
+        work[schedule.stages[activation.stage].core] += durations[activation.stage];
+    }
+    work.into_iter().fold(0.0, f64::max)
 }
 
 /// Mean duration of an activation of each stage, ms.
@@ -210,12 +258,17 @@ fn letter(work: Work) -> char {
         Work::Project { .. } => 'P',
         Work::Expose { .. } => 'E',
         Work::Accumulate { .. } => 'A',
-        Work::Phase { .. } => 'φ',
+        Work::Phase { .. } => 'Φ',
         Work::Match { .. } => 'M',
         Work::Fuse => 'F',
         Work::Inspect => 'I',
         Work::Store => 'S',
     }
+}
+
+/// The letter of a later cycle.
+fn small(letter: char) -> char {
+    letter.to_lowercase().next().unwrap_or(letter)
 }
 
 /// Kinds of work with their colours (Okabe and Ito: told apart by everybody).

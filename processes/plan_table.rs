@@ -2,7 +2,7 @@
 
 use crate::graph::{self, Cell};
 use crate::plan_picture::Picture;
-use crate::schedule::label;
+use crate::schedule::{Half, Schedule, label};
 use anyhow::{Context, Result};
 use rig::atomic;
 use rig::result::read_json;
@@ -44,21 +44,27 @@ pub fn schedule(args: &ScheduleArgs) -> Result<String> {
 fn render(cell: &Cell) -> String {
     let schedule = &cell.schedule;
     let mut text = format!(
-        "cell {}: {} stages, {} activations on {} cores, deadline {} ms, a stage's budget {} ms\n",
+        "cell {}: {} stages, {} activations on {} cores, deadline {} ms, a stage's budget {} ms\n{}\n",
         cell.name,
         schedule.stages.len(),
         schedule.activations.len(),
         schedule.cores,
         cell.config.limits.cycle_deadline_ms,
-        cell.config.limits.stage_budget_ms
+        cell.config.limits.stage_budget_ms,
+        overlap(schedule)
     );
-    for core in 0..schedule.cores {
+    for lane in schedule.lanes() {
+        let half = match lane.half {
+            None => "",
+            Some(Half::Acquisition) => ", acquisition",
+            Some(Half::Evaluation) => ", evaluation",
+        };
         let _ = writeln!(
             text,
-            "\ncore {core}\n{:>5}  {:<20} {:<24} {:<18} after",
-            "no.", "stage", "activation", "gives"
+            "\ncore {}{half}\n{:>5}  {:<20} {:<24} {:<18} after",
+            lane.core, "no.", "stage", "activation", "gives"
         );
-        for (number, activation) in schedule.on_core(core) {
+        for (number, activation) in schedule.on_lane(lane) {
             let after: Vec<String> = activation.inputs.iter().map(usize::to_string).collect();
             let gives = activation.output.map_or("", |topic| schedule.topics[topic].name.as_str());
             let _ = writeln!(
@@ -90,6 +96,16 @@ fn render(cell: &Cell) -> String {
     }
     let _ = writeln!(text, "\nshared memory at most {} MB", schedule.memory_bytes().div_ceil(1_000_000));
     text
+}
+
+/// How cycles follow each other.
+fn overlap(schedule: &Schedule) -> String {
+    match schedule.in_flight {
+        1 => "1 cycle in flight: the next one starts when the last one has its outcome (schedule.cycles_in_flight)".into(),
+        n => format!(
+            "{n} cycles in flight: the next one is acquired while the last one is evaluated; both lists of a core share it"
+        ),
+    }
 }
 
 /// Long lists by their ends.

@@ -113,7 +113,7 @@ impl Worker for Record {
         }
         let complete = self.open.as_ref().is_some_and(|open| open.written == self.frames);
         if complete && turn {
-            self.inboxes.iter().try_for_each(Inbox::check_not_overtaken)?;
+            self.inboxes.iter().try_for_each(|inbox| inbox.check_not_overtaken(link))?;
             self.finish(link)?;
             return Ok(true);
         }

@@ -73,6 +73,9 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;
     }
+    if (cell.schedule.in_flight as u32) < cell.config.schedule.cycles_in_flight {
+        eprintln!("--keep {}: one cycle is in flight at a time, so that each is kept whole", args.keep);
+    }
     let interrupted = Arc::new(AtomicBool::new(false));
     let orders = Orders {
         interrupted: Arc::clone(&interrupted),

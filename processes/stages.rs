@@ -1,7 +1,7 @@
 //! `fringecell stage`: from the kind of a stage to its worker.
 
 use crate::graph::{self, Cell, Options};
-use crate::schedule::Kind;
+use crate::schedule::{Half, Kind};
 use crate::stage::{Link, StageArgs, Worker, serve};
 use crate::{capture, decode, fusion, inspection, matching, projection, record};
 use anyhow::{Context, Result, ensure};
@@ -25,7 +25,7 @@ pub fn run(args: &StageArgs) -> Result<()> {
         args.config.display()
     );
     pin(&cell, args)?;
-    claim(&cell);
+    claim(&cell, args.kind);
     work_along()?;
     let mut link = Link::join(args, cell)?;
     let ended = worker(args, &link).and_then(|mut worker| serve(&mut link, worker.as_mut()));
@@ -47,9 +47,11 @@ fn pin(cell: &Cell, args: &StageArgs) -> Result<()> {
 }
 
 /// What makes times steadier, where the system permits it; the supervisor has said so where it does not.
-fn claim(cell: &Cell) {
+fn claim(cell: &Cell, kind: Kind) {
     if let Some(priority) = cell.config.schedule.realtime_priority {
-        let _refused = os::realtime(priority);
+        // A camera waits for nobody: where cycles overlap, the acquisition of the next goes before the evaluation of the last.
+        let behind = cell.schedule.in_flight > 1 && kind.half() == Half::Evaluation;
+        let _refused = os::realtime((priority - u32::from(behind)).max(1));
     }
     // Half a permission is worse than none: what is mapped later would fail.
     if cell.config.schedule.lock_memory && os::may_lock_memory(cell.schedule.memory_bytes()).unwrap_or(false)

@@ -162,7 +162,12 @@ fn table(status: &Status, columns: usize) -> String {
 
 fn head(status: &Status) -> String {
     let of = status.cycles_requested.map_or_else(String::new, |n| format!(" of {n}"));
-    let now = status.cycle.map_or_else(|| "between cycles".to_owned(), |c| format!("in cycle {}", c + 1));
+    let running: Vec<String> = status.running.iter().map(|cycle| (cycle + 1).to_string()).collect();
+    let now = match running.len() {
+        0 => "between cycles".to_owned(),
+        1 => format!("in cycle {}", running[0]),
+        _ => format!("in cycles {}", running.join(", ")),
+    };
     let rate = status.cycles_per_minute.map_or_else(|| "–".to_owned(), |r| format!("{r:.1}"));
     let o = &status.outcomes;
     let mut text = format!(

@@ -52,14 +52,16 @@ fn same_bytes_whatever_the_timing(runs: u64) {
     cell.run("played.toml", &["--cycles", "2"]);
     let undisturbed = hashes(&cell, 2);
     assert_eq!(undisturbed.as_object().unwrap().len(), 7, "{undisturbed}");
-    for (cores, file) in [(1, "one.toml"), (2, "two.toml")] {
-        let config = std::fs::read_to_string(cell.small.path("played.toml")).unwrap();
-        std::fs::write(cell.small.path(file), format!("{config}[schedule]\ncores = {cores}\n")).unwrap();
+    let files = ["one.toml", "two.toml", "ahead.toml"];
+    for (file, schedule) in
+        files.into_iter().zip(["cores = 1", "cores = 2", "cores = 2\ncycles_in_flight = 2"])
+    {
+        cell.schedule(file, schedule);
     }
     for seed in 1..=runs {
         std::fs::remove_dir_all(cell.out()).unwrap();
         let mut dice = Dice(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        let file = ["one.toml", "two.toml"][(seed % 2) as usize];
+        let file = files[(seed % 3) as usize];
         let run = cell.program(file, &["--cycles", "2"]).spawn().unwrap();
         shuffle_start(&run, 8, &mut dice);
         let (supervisor, end) = (run.id(), AtomicBool::new(false));
@@ -73,6 +75,25 @@ fn same_bytes_whatever_the_timing(runs: u64) {
         assert_eq!(hashes(&cell, 2), undisturbed, "seed {seed}, {file}");
     }
     println!("{runs} runs: {} hashes each, all equal", undisturbed.as_object().unwrap().len());
+}
+
+/// Proves: with two cycles in flight the next one is acquired before the verdict on the last one, and gives the same.
+#[test]
+fn the_next_cycle_is_acquired_while_the_last_one_is_evaluated() {
+    let cell = Cell::played("ahead", 0.0, "");
+    cell.schedule("ahead.toml", "cycles_in_flight = 2");
+    let record = cell.small.path("ahead.record");
+    let output = cell.run("ahead.toml", &["--cycles", "12", "--cycle-record", &record]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert_eq!(hashes(&cell, 12), hashes(&cell, 1));
+    let entries = entries(&record);
+    let shown = |entry: &CycleEntry| entry.activations.iter().map(|a| a.start_ns).min().unwrap();
+    let judged = |entry: &CycleEntry| entry.activations.iter().map(|a| a.end_ns).max().unwrap();
+    let overlaps = entries.windows(2).filter(|pair| shown(&pair[1]) < judged(&pair[0])).count();
+    let crowded = entries.windows(3).filter(|three| shown(&three[2]) < judged(&three[0])).count();
+    assert!(overlaps > 0, "no cycle began before the verdict on the one before");
+    assert_eq!(crowded, 0, "more than two cycles were in flight");
+    println!("{overlaps} of {} cycles began before the verdict on the one before", entries.len() - 1);
 }
 
 #[test]

@@ -37,6 +37,12 @@ impl Cell {
         cell
     }
 
+    /// The played configuration once more, with a schedule of its own.
+    pub fn schedule(&self, file: &str, schedule: &str) {
+        let config = std::fs::read_to_string(self.small.path("played.toml")).unwrap();
+        std::fs::write(self.small.path(file), format!("{config}[schedule]\n{schedule}\n")).unwrap();
+    }
+
     pub fn program(&self, config: &str, more: &[&str]) -> Command {
         let mut program = Command::new(env!("CARGO_BIN_EXE_fringecell"));
         program.args([

@@ -15,6 +15,8 @@ pub struct Graph {
     pub pairs: Vec<PairNode>,
     /// Cores to plan for, at least 1.
     pub cores: usize,
+    /// Cycles that may be under way at once, at least 1.
+    pub in_flight: usize,
     /// Whether a stage writes a recording.
     pub record: bool,
     /// Whether the supervisor watches frames, phases and the fused cloud for its report.

@@ -15,7 +15,7 @@ mod words;
 pub use check::ScheduleError;
 pub use graph::{CameraNode, Graph, PairNode, ProjectorNode, Right, axes_taken};
 pub use order::{Interval, Order, violation};
-pub use parts::{Activation, Carries, Kind, SUPERVISOR, Stage, Topic, Work};
+pub use parts::{Activation, Carries, Half, Kind, SUPERVISOR, Stage, Topic, Work};
 pub use words::{label, output};
 
 /// The whole plan of a cycle.
@@ -29,6 +29,25 @@ pub struct Schedule {
     pub topics: Vec<Topic>,
     /// Cores planned for.
     pub cores: usize,
+    /// Cycles that may be under way at once: while one is evaluated the next ones are acquired.
+    pub in_flight: usize,
+}
+
+/// Work of one core that is done one after another. With one cycle in flight a core has one lane; with several it has one
+/// for each half of the cycle, so that the evaluation of a cycle and the acquisition of the next share the core.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Lane {
+    /// The core.
+    pub core: usize,
+    /// The half of the cycle; absent: all of it.
+    pub half: Option<Half>,
+}
+
+impl Lane {
+    /// Whether the work of a stage lies in it.
+    pub fn has(self, stage: &Stage) -> bool {
+        stage.core == self.core && self.half.is_none_or(|half| half == stage.kind.half())
+    }
 }
 
 /// Largest message: 4 GB hold the points of 76 megapixels.
@@ -51,7 +70,7 @@ impl Schedule {
             });
         }
         let activations = plan::activations(graph, &stages, &topics);
-        Ok(Self { stages, activations, topics, cores: graph.cores })
+        Ok(Self { stages, activations, topics, cores: graph.cores, in_flight: graph.in_flight })
     }
 
     /// Number of an activation.
@@ -64,9 +83,23 @@ impl Schedule {
         self.topics.iter().find(|t| t.name == name)
     }
 
-    /// Order of the activations on a core.
-    pub fn on_core(&self, core: usize) -> impl Iterator<Item = (usize, &Activation)> {
-        self.activations.iter().enumerate().filter(move |(_, a)| self.stages[a.stage].core == core)
+    /// All lanes, core by core.
+    pub fn lanes(&self) -> Vec<Lane> {
+        let halves: &[Option<Half>] = match self.in_flight {
+            1 => &[None],
+            _ => &[Some(Half::Acquisition), Some(Half::Evaluation)],
+        };
+        (0..self.cores).flat_map(|core| halves.iter().map(move |&half| Lane { core, half })).collect()
+    }
+
+    /// The activations of a lane, in their order.
+    pub fn on_lane(&self, lane: Lane) -> impl Iterator<Item = (usize, &Activation)> {
+        self.activations.iter().enumerate().filter(move |(_, a)| lane.has(&self.stages[a.stage]))
+    }
+
+    /// The half of the cycle that an activation belongs to.
+    pub fn half(&self, activation: &Activation) -> Half {
+        self.stages[activation.stage].kind.half()
     }
 
     /// Shared memory, were every buffer full.

@@ -1,20 +1,20 @@
-//! The order in which each core works, and whether a trace kept it.
+//! The order in which each lane works, and whether a trace kept it.
 
-use super::Schedule;
+use super::{Lane, Schedule, Stage};
 use std::collections::BTreeSet;
 
-/// Where each activation stands on its core.
+/// Where each activation stands in its lane.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Order {
-    /// Core of each activation.
-    pub core: Vec<usize>,
-    /// How many activations its core does before it in a cycle.
+    /// The lanes.
+    pub lanes: Vec<Lane>,
+    /// Lane of each activation.
+    pub lane: Vec<usize>,
+    /// How many activations its lane does before it in a cycle.
     pub place: Vec<usize>,
-    /// The one before it on its core.
+    /// The one before it in its lane.
     pub before: Vec<Option<usize>>,
-    /// The one after it on its core.
-    pub next: Vec<Option<usize>>,
-    /// The other stages that may begin when it is done: of the next one on its core, and of those that take what it gives.
+    /// The other stages that may begin when it is done: of the next one in its lane, and of those that take what it gives.
     pub wakes: Vec<Vec<usize>>,
 }
 
@@ -33,15 +33,16 @@ impl Order {
     /// The order of a schedule.
     pub fn new(schedule: &Schedule) -> Self {
         let count = schedule.activations.len();
-        let core: Vec<usize> = schedule.activations.iter().map(|a| schedule.stages[a.stage].core).collect();
-        let (mut place, mut before, mut next) = (vec![0; count], vec![None; count], vec![None; count]);
-        let mut last = vec![None; schedule.cores];
+        let lanes = schedule.lanes();
+        let of = |stage: &Stage| lanes.iter().position(|lane| lane.has(stage)).unwrap_or_default();
+        let lane: Vec<usize> = schedule.activations.iter().map(|a| of(&schedule.stages[a.stage])).collect();
+        let (mut place, mut before) = (vec![0; count], vec![None; count]);
+        let mut last = vec![None; lanes.len()];
         let mut wakes = vec![BTreeSet::new(); count];
         for number in 0..count {
-            before[number] = last[core[number]].replace(number);
+            before[number] = last[lane[number]].replace(number);
             if let Some(earlier) = before[number] {
                 place[number] = place[earlier] + 1;
-                next[earlier] = Some(number);
             }
             let activation = &schedule.activations[number];
             for &earlier in activation.inputs.iter().chain(&before[number]) {
@@ -51,12 +52,12 @@ impl Order {
             }
         }
         let wakes = wakes.into_iter().map(|stages| stages.into_iter().collect()).collect();
-        Self { core, place, before, next, wakes }
+        Self { lanes, lane, place, before, wakes }
     }
 }
 
 /// The first two activations of a trace that stand against the schedule: an activation that began before the one before
-/// it on its core or one that it takes from had ended.
+/// it in its lane or one that it takes from had ended.
 pub fn violation(schedule: &Schedule, order: &Order, trace: &[Interval]) -> Option<(usize, usize)> {
     let mut done = vec![None; schedule.activations.len()];
     for interval in trace {

@@ -25,7 +25,24 @@ pub enum Kind {
     Record,
 }
 
+/// The two halves of a cycle. Each stage belongs to one, so that the stages of one half can be a cycle ahead of the others.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Half {
+    /// Until all phases are there: needs the part, the light and the cameras.
+    Acquisition,
+    /// From the phases to the verdict.
+    Evaluation,
+}
+
 impl Kind {
+    /// The half of the cycle that it works in.
+    pub fn half(self) -> Half {
+        match self {
+            Self::Projection | Self::Capture | Self::Decode | Self::Record => Half::Acquisition,
+            Self::Matching | Self::Fusion | Self::Inspection => Half::Evaluation,
+        }
+    }
+
     /// As on the command line.
     pub fn word(self) -> &'static str {
         match self {

@@ -25,6 +25,7 @@ pub fn demo() -> Graph {
         projectors: vec![projector("proj1", vec![0, 1]), projector("proj2", vec![2, 3])],
         pairs: vec![pair("pair1", 0, 0), pair("pair2", 2, 1)],
         cores: 2,
+        in_flight: 1,
         record: false,
         watch: true,
         kept: Kept::Hashes,
@@ -71,22 +72,26 @@ fn the_cores_share_the_work_without_rest_and_the_plan_is_always_the_same() {
     for cores in 1..6 {
         let graph = Graph { cores, ..demo() };
         let schedule = Schedule::new(&graph).unwrap();
-        let planned: usize = (0..cores).map(|core| schedule.on_core(core).count()).sum();
+        let planned: usize = schedule.lanes().iter().map(|&lane| schedule.on_lane(lane).count()).sum();
         assert_eq!(planned, schedule.activations.len());
         assert_eq!(schedule, Schedule::new(&graph).unwrap());
     }
 }
 
 #[test]
-fn each_core_has_one_order_and_a_trace_that_left_it_is_found() {
-    let schedule = Schedule::new(&demo()).unwrap();
-    let order = Order::new(&schedule);
-    for core in 0..schedule.cores {
-        let on_core: Vec<usize> = schedule.on_core(core).map(|(number, _)| number).collect();
-        for (place, &number) in on_core.iter().enumerate() {
-            assert_eq!((order.core[number], order.place[number]), (core, place));
-            assert_eq!(order.before[number], place.checked_sub(1).map(|p| on_core[p]));
-            assert_eq!(order.next[number], on_core.get(place + 1).copied());
+fn each_lane_has_one_order_and_a_trace_that_left_it_is_found() {
+    for in_flight in [1, 2] {
+        keeps_its_order(&Schedule::new(&Graph { in_flight, ..demo() }).unwrap());
+    }
+}
+
+fn keeps_its_order(schedule: &Schedule) {
+    let order = Order::new(schedule);
+    for (lane, of) in schedule.lanes().into_iter().enumerate() {
+        let on_lane: Vec<usize> = schedule.on_lane(of).map(|(number, _)| number).collect();
+        for (place, &number) in on_lane.iter().enumerate() {
+            assert_eq!((order.lane[number], order.place[number]), (lane, place));
+            assert_eq!(order.before[number], place.checked_sub(1).map(|p| on_lane[p]));
         }
     }
     // One after another is one way to keep the order on every core.
@@ -95,15 +100,15 @@ fn each_core_has_one_order_and_a_trace_that_left_it_is_found() {
         Interval { activation, start_ns, end_ns: start_ns + 5 }
     };
     let kept: Vec<Interval> = (0..schedule.activations.len()).map(interval).collect();
-    assert_eq!(violation(&schedule, &order, &kept), None);
+    assert_eq!(violation(schedule, &order, &kept), None);
     for number in 1..kept.len() {
         let Some(before) = order.before[number] else { continue };
         let mut early = kept.clone();
         early[number].start_ns = early[before].end_ns - 1;
-        assert_eq!(violation(&schedule, &order, &early), Some((before, number)));
+        assert_eq!(violation(schedule, &order, &early), Some((before, number)));
         let mut lacking = kept.clone();
         lacking.remove(before);
-        assert!(violation(&schedule, &order, &lacking).is_some(), "{before} is missing");
+        assert!(violation(schedule, &order, &lacking).is_some(), "{before} is missing");
     }
     // Whoever may begin something then is woken, but no stage wakes itself.
     for (number, activation) in schedule.activations.iter().enumerate() {
@@ -117,7 +122,25 @@ fn each_core_has_one_order_and_a_trace_that_left_it_is_found() {
     let input = schedule.activations[matched].inputs[0];
     let mut early = kept.clone();
     early[input].end_ns = early[matched].start_ns + 1;
-    assert_eq!(violation(&schedule, &order, &early), Some((input, matched)));
+    assert_eq!(violation(schedule, &order, &early), Some((input, matched)));
+}
+
+#[test]
+fn with_several_cycles_in_flight_the_halves_have_lanes_of_their_own_and_phases_room_to_wait() {
+    let alone = Schedule::new(&demo()).unwrap();
+    let schedule = Schedule::new(&Graph { in_flight: 3, ..demo() }).unwrap();
+    assert_eq!((alone.lanes().len(), schedule.lanes().len()), (2, 4));
+    assert_eq!(alone.activations, schedule.activations, "what is done is the same");
+    let buffer = |schedule: &Schedule| schedule.topic("phase/cam1").unwrap().size.buffer;
+    assert_eq!(buffer(&schedule), 3 * buffer(&alone));
+    for lane in schedule.lanes() {
+        assert!(schedule.on_lane(lane).all(|(_, activation)| Some(schedule.half(activation)) == lane.half));
+    }
+    // The acquisition takes nothing from the evaluation: it can go ahead of it.
+    for activation in schedule.activations.iter().filter(|a| schedule.half(a) == Half::Acquisition) {
+        let inputs = activation.inputs.iter().map(|&input| schedule.half(&schedule.activations[input]));
+        assert!(inputs.into_iter().all(|half| half == Half::Acquisition));
+    }
 }
 
 #[test]

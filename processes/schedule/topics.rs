@@ -13,8 +13,8 @@ pub const FRAME_BUFFER: usize = 8;
 /// supervisor looks every 20 ms, so 64 last for a camera of 3 kHz.
 pub const EVENT_BUFFER: usize = 64;
 
-/// Commands that wait in front of a stage: start, abort, start … while it is busy with one activation.
-pub const CONTROL_BUFFER: usize = 16;
+/// Commands that wait in front of a stage: start, evaluate, abort, start … while it is busy with one activation.
+pub const CONTROL_BUFFER: usize = 32;
 
 /// All topics, in the order of the flow.
 pub(super) fn topics(graph: &Graph, stages: &[Stage]) -> Vec<Topic> {
@@ -115,7 +115,7 @@ fn frame_topic(graph: &Graph, camera: &CameraNode) -> Topic {
     )
 }
 
-/// One message per projector and axis, all of which a matcher may let wait.
+/// One message per projector and axis of each cycle in flight, all of which a matcher may let wait.
 fn phase_topic(graph: &Graph, number: usize) -> Topic {
     let camera = &graph.cameras[number];
     let takers = graph.pairs.iter().filter(|p| p.cameras().contains(&number));
@@ -123,11 +123,11 @@ fn phase_topic(graph: &Graph, number: usize) -> Topic {
     readers.extend(graph.watch.then(|| SUPERVISOR.to_owned()));
     readers.extend(kept(graph, Kept::All));
     let maps: usize = (0..graph.projectors.len()).map(|p| axes_taken(graph, number, p).len()).sum();
+    let waiting = maps.max(1) * graph.in_flight;
     let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);
     let name = format!("phase/{}", camera.name);
     let from = vec![format!("decode/{}", camera.name)];
-    let mut phase =
-        topic(&name, Carries::Phase, from, readers, maps.max(1), pixels * PHASE_BYTES_PER_PX as u64);
+    let mut phase = topic(&name, Carries::Phase, from, readers, waiting, pixels * PHASE_BYTES_PER_PX as u64);
     phase.size.borrowed = maps.max(1) + 1;
     phase
 }

@@ -37,12 +37,11 @@ impl Gate {
         }
     }
 
-    /// A cycle is over, whether it was started here or not.
-    pub fn end(&mut self, cycle: u64) {
-        if self.current.is_some_and(|current| current <= cycle) {
-            self.current = None;
-        }
+    /// A cycle is over, whether it was started here or not. Says whether it was the one that runs here: with several in
+    /// flight a later one may end before.
+    pub fn end(&mut self, cycle: u64) -> bool {
         self.last = self.last.max(cycle);
+        self.current.take_if(|current| *current == cycle).is_some()
     }
 
     /// The cycle that runs.
@@ -98,7 +97,10 @@ mod tests {
         gate.start(3);
         assert_eq!(gate.current(), None, "an ended cycle does not start again");
         gate.start(4);
-        gate.end(3);
+        assert!(!gate.end(3));
         assert_eq!(gate.current(), Some(4), "the end of an old cycle does not touch the new one");
+        assert!(!gate.end(5));
+        assert_eq!((gate.current(), gate.judge(5)), (Some(4), Verdict::Stale), "nor that of one to come");
+        assert!(gate.end(4));
     }
 }

@@ -4,12 +4,12 @@ use super::args::StageArgs;
 use super::fault::{Fault, lost};
 use super::gate::{Gate, Verdict};
 use crate::graph::Cell;
-use crate::schedule::{Order, SUPERVISOR, Topic, Work};
+use crate::schedule::{Carries, Half, Order, SUPERVISOR, Topic, Work};
 use anyhow::{Context, Result, anyhow};
 use ipc::IpcError;
 use ipc::cell::CellName;
 use ipc::error::MessageError;
-use ipc::header::{Control, Event, EventKind, Header, MAX_TEXT_BYTES};
+use ipc::header::{Command, Control, Event, EventKind, Header, MAX_TEXT_BYTES};
 use ipc::os::{Usage, now_ns};
 use ipc::port::{Bell, Node, Publisher, Received, Ringer, Subscriber};
 use ipc::turn::{Turn, Turns};
@@ -96,7 +96,7 @@ impl Link {
         let events = node.publisher("event", MAX_TEXT_BYTES, &[SUPERVISOR.to_owned()], patience)?;
         let order = Order::new(&cell.schedule);
         Ok(Self {
-            turns: Turns::open(&name, cell.schedule.cores)?,
+            turns: Turns::open(&name, order.lanes.len())?,
             waiting: waiting(&cell, &order, stage, &node)?,
             order,
             cell,
@@ -141,27 +141,42 @@ impl Link {
         Ok(())
     }
 
-    /// Whether the core has come to this work and all that it takes was sent. The bell rings when it is so.
+    /// Whether its lane has come to this work and all that it takes was sent. The bell rings when it is so.
     ///
     /// To be asked before the inboxes are emptied: then the true messages are among what is found there, and one that came
     /// twice is seen before it is used.
     pub fn may(&self, work: Work) -> bool {
         let Some(number) = self.cell.schedule.find(work) else { return false };
-        let core = &self.order.core;
-        self.turns.is(core[number], self.turn(number))
-            && self.cell.schedule.activations[number]
-                .inputs
-                .iter()
-                .all(|&input| self.turns.is_past(core[input], self.turn(input)))
+        let inputs = &self.cell.schedule.activations[number].inputs;
+        self.turns.is(self.order.lane[number], self.turn(number))
+            && inputs.iter().all(|&input| self.is_given(number, input))
+    }
+
+    /// Whether the input of an activation was sent. The acquisition may be cycles ahead of the evaluation.
+    fn is_given(&self, number: usize, input: usize) -> bool {
+        let (lane, turn) = (self.order.lane[input], self.turn(input));
+        if self.order.lanes[lane].half == self.order.lanes[self.order.lane[number]].half {
+            self.turns.is_past(lane, turn)
+        } else {
+            self.turns.was_past(lane, turn)
+        }
+    }
+
+    /// The command that begins a cycle here.
+    pub(super) fn begins(&self) -> Command {
+        match self.cell.schedule.stages[self.stage].kind.half() {
+            Half::Acquisition => Command::Start,
+            Half::Evaluation => Command::Evaluate,
+        }
     }
 
     fn turn(&self, activation: usize) -> Turn {
         Turn { cycle: self.cycle(), place: self.order.place[activation] }
     }
 
-    /// Lets the core go on to what comes after an activation, and the others begin what they needed it for.
+    /// Lets the lane go on to what comes after an activation, and the others begin what they needed it for.
     fn pass(&self, activation: usize) {
-        self.turns.pass(self.order.core[activation], self.turn(activation));
+        self.turns.pass(self.order.lane[activation], self.turn(activation));
         self.order.wakes[activation]
             .iter()
             .filter_map(|stage| self.waiting.get(stage))
@@ -181,8 +196,12 @@ impl Link {
 
     /// A receiver of a topic of the schedule.
     pub fn inbox<H: Header>(&self, topic: &str) -> Result<Inbox<H>> {
-        self.plan(topic)?;
-        Ok(Inbox { subscriber: self.node.subscriber(topic)?, early: None })
+        let ahead = match self.plan(topic)?.carries {
+            // What the acquisition hands to the evaluation.
+            Carries::Phase => self.cell.schedule.in_flight as u64 - 1,
+            _ => 0,
+        };
+        Ok(Inbox { subscriber: self.node.subscriber(topic)?, early: None, ahead })
     }
 
     fn plan(&self, topic: &str) -> Result<&Topic> {
@@ -313,6 +332,8 @@ fn shorten(text: &str, limit: usize) -> &str {
 pub struct Inbox<H: Header> {
     subscriber: Subscriber<H>,
     early: Option<Received<H>>,
+    /// By so many cycles an honest sender may be ahead.
+    ahead: u64,
 }
 
 impl<H: Header> Inbox<H> {
@@ -343,9 +364,10 @@ impl<H: Header> Inbox<H> {
 
     /// Fails when a message of a later cycle stands before what may still come of this one.
     ///
-    /// No stage sends it while this cycle runs: it lies, or the cycle is over and the command that says so on its way.
-    pub fn check_not_overtaken(&self) -> Result<(), Fault> {
-        match &self.early {
+    /// No honest stage sends it while this cycle runs: it lies, or the cycle is over and the command that says so on its way.
+    pub fn check_not_overtaken(&self, link: &Link) -> Result<(), Fault> {
+        let allowed = link.cycle().saturating_add(self.ahead);
+        match self.early.as_ref().filter(|early| early.header().cycle() > allowed) {
             Some(early) => Err(Fault::Cycle(format!(
                 "a message of cycle {} came on {} before this one was done",
                 early.header().cycle(),

@@ -39,10 +39,12 @@ pub fn serve(link: &mut Link, worker: &mut dyn Worker) -> Result<()> {
                     link.ready(cycle)?;
                 }
                 Command::Abort => {
-                    link.gate.end(cycle);
-                    worker.forget();
+                    if link.gate.end(cycle) {
+                        worker.forget();
+                    }
                 }
-                Command::Start => {
+                begin if begin != link.begins() => {} // for the other half
+                Command::Start | Command::Evaluate => {
                     link.gate.start(cycle);
                     link.recipe = recipe as usize;
                     link.idle_from_now();

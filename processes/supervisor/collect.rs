@@ -34,7 +34,7 @@ struct Judged {
     hash: u128,
 }
 
-/// The cycle that is being gathered.
+/// What is gathered of a cycle.
 #[derive(Debug, Default)]
 pub struct Collector {
     done: BTreeMap<usize, (Event, String)>,
@@ -42,11 +42,6 @@ pub struct Collector {
 }
 
 impl Collector {
-    /// A new cycle.
-    pub fn begin(&mut self) {
-        *self = Self::default();
-    }
-
     /// An activation is done.
     pub fn done(&mut self, event: Event, text: &str) {
         self.done.insert(event.activation as usize, (event, text.to_owned()));

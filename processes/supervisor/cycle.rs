@@ -1,20 +1,13 @@
 //! The cycles as a state machine: takes the time and what happened, returns what to do. Pure.
 //!
 //! Every requested cycle gets exactly one outcome, in order, whatever happens in whatever order: done with all its
-//! activations and a result, or ended with a reason. A new cycle starts only when all stages are ready.
+//! activations and a result, or ended with a reason. A new cycle starts only when all stages are ready, the cycles in
+//! flight are fewer than planned, and the last one is acquired. Cycles are evaluated one after another.
 
+use super::flight::{Flight, Steps};
 use std::collections::VecDeque;
 
-/// What the machine has to know of an activation.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Step {
-    /// Its stage.
-    pub stage: usize,
-    /// What has to be done before.
-    pub inputs: Vec<usize>,
-    /// In words, for the message when it hangs.
-    pub label: String,
-}
+pub use super::flight::Step;
 
 /// Time limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,14 +68,14 @@ pub enum Input {
     },
     /// One more cycle is asked for; only of a machine that is [`Cycles::open`].
     Request,
-    /// The cycle that runs, or waits for its stages, ends now; the machine goes on.
+    /// The cycles that run, or else the one that waits for its stages, end now; the machine goes on.
     Abort {
         /// Why.
         reason: String,
     },
     /// Time passed.
     Tick,
-    /// No further cycle shall start, the running one ends now.
+    /// No further cycle shall start, the running ones end now.
     Stop {
         /// Why.
         reason: String,
@@ -92,8 +85,10 @@ pub enum Input {
 /// What to do.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Action {
-    /// Tell all stages to start a cycle.
+    /// Tell the stages of the acquisition to start a cycle.
     Start(u64),
+    /// Tell those of the evaluation.
+    Evaluate(u64),
     /// Tell all stages to forget a cycle.
     Abort(u64),
     /// Kill a hung stage.
@@ -114,29 +109,17 @@ pub enum Action {
     Finished,
 }
 
-#[derive(Debug)]
-struct Running {
-    cycle: u64,
-    start_ns: u64,
-    done: Vec<bool>,
-    /// Since when all inputs are done and the stage has nothing before it.
-    runnable_ns: Vec<Option<u64>>,
-    missing: usize,
-    result: bool,
-}
-
 /// The machine.
 #[derive(Debug)]
 pub struct Cycles {
     stages: Vec<String>,
-    steps: Vec<Step>,
-    /// The activation before and after each one on the same stage.
-    before: Vec<Option<usize>>,
-    /// Whom an activation feeds, those after it on the same stage included.
-    feeds: Vec<Vec<usize>>,
+    steps: Steps,
     budgets: Budgets,
     ready: Vec<bool>,
-    running: Option<Running>,
+    /// Cycles that may be under way at once, at least 1.
+    in_flight: usize,
+    /// Those that are, the oldest first.
+    flights: VecDeque<Flight>,
     next: u64,
     /// Cycles to run; `None`: until stopped.
     requested: Option<u64>,
@@ -146,27 +129,22 @@ pub struct Cycles {
 }
 
 impl Cycles {
-    /// A machine for `requested` cycles, numbered from 0 for the person; messages carry cycle + 1, see
-    /// [`crate::cycle_number::wire`].
-    pub fn new(stages: Vec<String>, steps: Vec<Step>, budgets: Budgets, requested: Option<u64>) -> Self {
-        let mut before = vec![None; steps.len()];
-        let mut feeds = vec![Vec::new(); steps.len()];
-        let mut last = vec![None; stages.len()];
-        for (number, step) in steps.iter().enumerate() {
-            before[number] = last[step.stage].replace(number);
-            for &input in step.inputs.iter().chain(&before[number]) {
-                feeds[input].push(number);
-            }
-        }
-        let ready = vec![false; stages.len()];
+    /// A machine for `requested` cycles, `in_flight` of them at once, numbered from 0 for the person; messages carry
+    /// cycle + 1, see [`crate::cycle_number::wire`].
+    pub fn new(
+        stages: Vec<String>,
+        steps: Vec<Step>,
+        budgets: Budgets,
+        in_flight: usize,
+        requested: Option<u64>,
+    ) -> Self {
         Self {
-            stages,
-            steps,
-            before,
-            feeds,
+            steps: Steps::new(steps, stages.len()),
             budgets,
-            ready,
-            running: None,
+            ready: vec![false; stages.len()],
+            stages,
+            in_flight,
+            flights: VecDeque::with_capacity(in_flight),
             next: 0,
             requested,
             open: false,
@@ -185,9 +163,9 @@ impl Cycles {
         self.ready.iter().all(|&ready| ready)
     }
 
-    /// The cycle that runs.
-    pub fn running(&self) -> Option<u64> {
-        self.running.as_ref().map(|r| r.cycle)
+    /// The cycles that run, the oldest first.
+    pub fn running(&self) -> impl Iterator<Item = u64> {
+        self.flights.iter().filter(|flight| flight.ended.is_none()).map(|flight| flight.cycle)
     }
 
     /// Whether every requested cycle has its outcome.
@@ -206,137 +184,117 @@ impl Cycles {
             Input::Unready { stage } => self.ready[stage] = false,
             Input::Lost { stage, reason } => {
                 self.ready[stage] = false;
-                self.end(Err(format!("stage {} {reason}", self.stages[stage])), &mut actions);
+                self.end_all(&format!("stage {} {reason}", self.stages[stage]), &mut actions);
             }
             Input::Done { stage, cycle, activation } => {
-                if let Err(reason) = self.done(now_ns, stage, cycle, activation) {
-                    self.end(Err(reason), &mut actions);
+                let (steps, stages) = (&self.steps, &self.stages);
+                // Those of other cycles are the last words of an earlier one.
+                if let Some(flight) = running(&mut self.flights, cycle)
+                    && let Err(reason) = flight.done(steps, stages, (stage, activation), now_ns)
+                {
+                    end(flight, Err(reason), &mut actions);
                 }
             }
             Input::Failed { stage, cycle, reason } => {
-                if self.running() == Some(cycle) {
-                    self.end(Err(format!("stage {}: {reason}", self.stages[stage])), &mut actions);
+                if let Some(flight) = running(&mut self.flights, cycle) {
+                    end(flight, Err(format!("stage {}: {reason}", self.stages[stage])), &mut actions);
                 }
             }
             Input::Result { cycle } => {
-                if let Some(running) = self.running.as_mut().filter(|r| r.cycle == cycle) {
-                    running.result = true;
+                if let Some(flight) = running(&mut self.flights, cycle) {
+                    flight.result = true;
                 }
             }
-            Input::Distrust { reason } => self.end(Err(reason), &mut actions),
+            Input::Distrust { reason } => self.end_all(&reason, &mut actions),
             Input::Request => self.requested = self.requested.map(|n| n + 1),
             Input::Abort { reason } => self.abort(&reason, &mut actions),
             Input::Tick => self.watch(now_ns, &mut actions),
             Input::Stop { reason } => self.stop(&reason, &mut actions),
         }
-        if self.running.as_ref().is_some_and(|r| r.missing == 0 && r.result) {
-            self.end(Ok(()), &mut actions);
+        if let Some(first) = self.flights.front_mut().filter(|first| first.is_complete()) {
+            end(first, Ok(()), &mut actions);
         }
         self.advance(now_ns, &mut actions);
         actions
     }
 
-    /// Starts the next cycle when it may.
+    /// Says what has its outcome, then starts what may start.
     fn advance(&mut self, now_ns: u64, actions: &mut VecDeque<Action>) {
-        if self.finished || self.running.is_some() {
+        self.conclude(actions);
+        if self.finished {
             return;
         }
         if self.requested.is_some_and(|n| self.next >= n) {
-            if !self.open {
+            if self.flights.is_empty() && !self.open {
                 self.finished = true;
                 actions.push_back(Action::Finished);
             }
-            return;
-        }
-        if self.is_ready() {
-            let cycle = self.next;
+        } else if self.may_start() {
+            self.flights.push_back(Flight::new(self.next, &self.steps, now_ns));
+            actions.push_back(Action::Start(self.next));
             self.next += 1;
-            let runnable = |number: usize| {
-                let step = &self.steps[number];
-                (step.inputs.is_empty() && self.before[number].is_none()).then_some(now_ns)
-            };
-            self.running = Some(Running {
-                cycle,
-                start_ns: now_ns,
-                done: vec![false; self.steps.len()],
-                runnable_ns: (0..self.steps.len()).map(runnable).collect(),
-                missing: self.steps.len(),
-                result: false,
-            });
-            actions.push_back(Action::Start(cycle));
+        }
+        if let Some(first) = self.flights.front_mut()
+            && first.evaluate(&self.steps, now_ns)
+        {
+            actions.push_back(Action::Evaluate(first.cycle));
         }
     }
 
-    fn done(&mut self, now_ns: u64, stage: usize, cycle: u64, activation: usize) -> Result<(), String> {
-        let Some(running) = self.running.as_mut().filter(|r| r.cycle == cycle) else {
-            return Ok(()); // the last words of an earlier cycle
-        };
-        let name = &self.stages[stage];
-        let Some(step) = self.steps.get(activation) else {
-            return Err(format!(
-                "stage {name} reported activation {activation}, which the schedule does not have"
-            ));
-        };
-        if step.stage != stage {
-            let owner = &self.stages[step.stage];
-            return Err(format!("stage {name} reported \"{}\", which is the work of {owner}", step.label));
-        }
-        if running.done[activation] {
-            return Err(format!("stage {name} reported \"{}\" twice", step.label));
-        }
-        // Reports of different stages travel apart and may overtake each other; those of one stage may not.
-        if self.before[activation].is_some_and(|before| !running.done[before]) {
-            return Err(format!("stage {name} reported \"{}\" out of order", step.label));
-        }
-        running.done[activation] = true;
-        running.missing -= 1;
-        running.runnable_ns[activation] = None;
-        for &fed in &self.feeds[activation] {
-            let inputs = self.steps[fed].inputs.iter().chain(&self.before[fed]);
-            if !running.done[fed] && inputs.clone().all(|&i| running.done[i]) {
-                running.runnable_ns[fed] = Some(now_ns);
+    fn may_start(&self) -> bool {
+        self.is_ready()
+            && self.flights.len() < self.in_flight
+            && self.flights.back().is_none_or(Flight::is_acquired)
+    }
+
+    /// Outcomes come in the order of the cycles: one that ended early waits for those before it.
+    fn conclude(&mut self, actions: &mut VecDeque<Action>) {
+        while let Some(flight) = self.flights.pop_front() {
+            match flight.ended {
+                Some(result) => actions.push_back(Action::Outcome { cycle: flight.cycle, result }),
+                None => {
+                    self.flights.push_front(flight);
+                    return;
+                }
             }
         }
-        Ok(())
     }
 
-    /// Ends the cycle when somebody overran.
+    /// Ends the cycles in which somebody overran.
     fn watch(&mut self, now_ns: u64, actions: &mut VecDeque<Action>) {
-        let Some(running) = &self.running else { return };
-        let waiting = running.runnable_ns.iter().enumerate().filter_map(|(i, t)| t.map(|t| (t, i)));
-        let oldest = waiting.min();
-        if let Some((since_ns, number)) = oldest
-            && now_ns.saturating_sub(since_ns) > self.budgets.stage_ns
-        {
-            let step = &self.steps[number];
-            let reason = format!(
-                "hung: no progress for {} ms at \"{}\", the limit is {} ms",
-                now_ns.saturating_sub(since_ns) / 1_000_000,
-                step.label,
-                self.budgets.stage_ns / 1_000_000
-            );
-            let stage = step.stage;
-            self.ready[stage] = false;
-            actions.push_back(Action::Kill { stage, reason: reason.clone() });
-            self.end(Err(format!("stage {} {reason}", self.stages[stage])), actions);
-            return;
-        }
-        if now_ns.saturating_sub(running.start_ns) > self.budgets.cycle_ns {
-            let at = oldest.map_or_else(
-                || "nothing is left to do but no result came".to_owned(),
-                |(_, number)| {
-                    let step = &self.steps[number];
-                    format!("stage {} was at \"{}\"", self.stages[step.stage], step.label)
-                },
-            );
-            let limit_ms = self.budgets.cycle_ns / 1_000_000;
-            self.end(Err(format!("not finished within the deadline of {limit_ms} ms; {at}")), actions);
+        for flight in self.flights.iter_mut().filter(|flight| flight.ended.is_none()) {
+            let oldest = flight.oldest();
+            if let Some((since_ns, number)) = oldest
+                && now_ns.saturating_sub(since_ns) > self.budgets.stage_ns
+            {
+                let step = &self.steps.all[number];
+                let reason = format!(
+                    "hung: no progress for {} ms at \"{}\", the limit is {} ms",
+                    now_ns.saturating_sub(since_ns) / 1_000_000,
+                    step.label,
+                    self.budgets.stage_ns / 1_000_000
+                );
+                let stage = step.stage;
+                self.ready[stage] = false;
+                actions.push_back(Action::Kill { stage, reason: reason.clone() });
+                end(flight, Err(format!("stage {} {reason}", self.stages[stage])), actions);
+            } else if now_ns.saturating_sub(flight.start_ns) > self.budgets.cycle_ns {
+                let at = oldest.map_or_else(
+                    || "nothing is left to do but no result came".to_owned(),
+                    |(_, number)| {
+                        let step = &self.steps.all[number];
+                        format!("stage {} was at \"{}\"", self.stages[step.stage], step.label)
+                    },
+                );
+                let limit_ms = self.budgets.cycle_ns / 1_000_000;
+                end(flight, Err(format!("not finished within the deadline of {limit_ms} ms; {at}")), actions);
+            }
         }
     }
 
     fn abort(&mut self, reason: &str, actions: &mut VecDeque<Action>) {
-        if self.running.is_some() {
-            self.end(Err(reason.to_owned()), actions);
+        if !self.flights.is_empty() {
+            self.end_all(reason, actions);
         } else if self.requested.is_some_and(|n| self.next < n) {
             self.skip(reason, actions);
         }
@@ -350,7 +308,8 @@ impl Cycles {
     }
 
     fn stop(&mut self, reason: &str, actions: &mut VecDeque<Action>) {
-        self.end(Err(reason.to_owned()), actions);
+        self.end_all(reason, actions);
+        self.conclude(actions);
         while self.requested.is_some_and(|n| self.next < n) {
             self.skip(reason, actions);
         }
@@ -358,13 +317,24 @@ impl Cycles {
         actions.push_back(Action::Finished);
     }
 
-    fn end(&mut self, result: Result<(), String>, actions: &mut VecDeque<Action>) {
-        let Some(running) = self.running.take() else { return };
-        if result.is_err() {
-            actions.push_back(Action::Abort(running.cycle));
+    fn end_all(&mut self, reason: &str, actions: &mut VecDeque<Action>) {
+        for flight in self.flights.iter_mut().filter(|flight| flight.ended.is_none()) {
+            end(flight, Err(reason.to_owned()), actions);
         }
-        actions.push_back(Action::Outcome { cycle: running.cycle, result });
     }
+}
+
+/// The cycle with this number, if it runs.
+fn running(flights: &mut VecDeque<Flight>, cycle: u64) -> Option<&mut Flight> {
+    flights.iter_mut().find(|flight| flight.cycle == cycle && flight.ended.is_none())
+}
+
+/// A cycle has ended; those who still work on it are told.
+fn end(flight: &mut Flight, result: Result<(), String>, actions: &mut VecDeque<Action>) {
+    if result.is_err() {
+        actions.push_back(Action::Abort(flight.cycle));
+    }
+    flight.ended = Some(result);
 }
 
 #[cfg(test)]

@@ -46,7 +46,8 @@ struct Taps {
 /// The record of a run.
 pub struct Keeper {
     taps: Taps,
-    /// The cycle whose bytes are kept, as on the wire; those of an ended one come too late.
+    /// The cycle whose bytes are kept, as on the wire; those of an ended one come too late. With bytes kept one cycle is in
+    /// flight at a time.
     current: Option<u64>,
     items: Option<Sender<Item>>,
     thread: Option<JoinHandle<Loss>>,

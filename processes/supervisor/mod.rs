@@ -7,6 +7,7 @@ mod children;
 pub mod collect;
 pub mod cycle;
 mod desk;
+mod flight;
 mod http;
 mod keep;
 mod lives;

@@ -159,7 +159,8 @@ pub struct Profile {
     /// Cycles that were not done within their deadline.
     pub deadline_misses: u64,
     deadline_ns: u64,
-    running: Option<(u64, u64)>,
+    /// Cycles under way with their starts, ns.
+    running: Vec<(u64, u64)>,
     ends_ns: VecDeque<u64>,
 }
 
@@ -183,14 +184,14 @@ impl Profile {
             outcomes: Outcomes::default(),
             deadline_misses: 0,
             deadline_ns,
-            running: None,
+            running: Vec::new(),
             ends_ns: VecDeque::with_capacity(RATE_CYCLES),
         })
     }
 
     /// A cycle starts.
     pub fn begin(&mut self, cycle: u64, now_ns: u64) {
-        self.running = Some((cycle, now_ns));
+        self.running.push((cycle, now_ns));
     }
 
     /// A cycle has its outcome; returns how long it lasted, ns. Those that never ran count as outcomes and have no times.
@@ -204,7 +205,8 @@ impl Profile {
             None => &mut self.outcomes.no_verdict,
         };
         *place += 1;
-        let (_, start_ns) = self.running.take_if(|(cycle, _)| *cycle == result.cycle)?;
+        let place = self.running.iter().position(|(cycle, _)| *cycle == result.cycle)?;
+        let (_, start_ns) = self.running.remove(place);
         let lasted_ns = now_ns.saturating_sub(start_ns);
         self.deadline_misses += u64::from(lasted_ns > self.deadline_ns);
         if self.ends_ns.len() == RATE_CYCLES {

@@ -139,8 +139,10 @@ pub struct Status {
     pub state: State,
     /// Why it is in error.
     pub reason: Option<String>,
-    /// The cycle that runs.
+    /// The cycle that runs; of several in flight the oldest.
     pub cycle: Option<u64>,
+    /// All cycles in flight, the oldest first.
+    pub running: Vec<u64>,
     /// Cycles with an outcome.
     pub cycles_done: u64,
     /// Of these, ok.

@@ -48,9 +48,10 @@ pub(super) fn create(node: &Node, topic: &Topic) -> Result<Held, IpcError> {
 /// The state machine of the cycles.
 pub(super) fn machine(cell: &Cell, orders: &Orders) -> Cycles {
     let order = Order::new(&cell.schedule);
-    // What is before it on its core is awaited like what it works on.
+    // What is before it in its lane is awaited like what it works on.
     let steps = cell.schedule.activations.iter().zip(order.before).map(|(a, before)| Step {
         stage: a.stage,
+        half: cell.schedule.half(a),
         inputs: a.inputs.iter().copied().chain(before).collect(),
         label: label(&cell.graph, a.work),
     });
@@ -58,7 +59,7 @@ pub(super) fn machine(cell: &Cell, orders: &Orders) -> Cycles {
     let budgets =
         Budgets { stage_ns: millis(limits.stage_budget_ms), cycle_ns: millis(limits.cycle_deadline_ms) };
     let names = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
-    let cycles = Cycles::new(names, steps.collect(), budgets, orders.cycles);
+    let cycles = Cycles::new(names, steps.collect(), budgets, cell.schedule.in_flight, orders.cycles);
     if orders.serve { cycles.open() } else { cycles }
 }
 

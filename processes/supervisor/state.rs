@@ -14,7 +14,7 @@ use crate::cycle_number::{unwire, wire};
 use crate::graph::Cell;
 use crate::judgement::Judgement;
 use crate::print;
-use crate::schedule::{Interval, Order, SUPERVISOR, label, violation};
+use crate::schedule::{Half, Interval, Order, SUPERVISOR, label, violation};
 use anyhow::Result;
 use ipc::IpcError;
 use ipc::cell::{CellLock, CellName};
@@ -25,6 +25,7 @@ use ipc::payload;
 use ipc::port::{Bell, Held, Node, Publisher, Subscriber};
 use ipc::turn::Turns;
 use rig::result::CycleResult;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, channel};
@@ -81,7 +82,8 @@ pub(super) struct Supervisor<'a> {
     /// Number of the last connect command.
     pub(super) epoch: u64,
     pub(super) connecting: bool,
-    collector: Collector,
+    /// Of the cycles that run, by cycle.
+    collectors: BTreeMap<u64, Collector>,
     pub(super) order: Order,
     pub(super) turns: Turns,
     pub(super) requests: Receiver<Call>,
@@ -126,6 +128,7 @@ impl<'a> Supervisor<'a> {
             let address = http::listen(address, calls)?;
             print::say(&format!("metrics at http://{address}/metrics"));
         }
+        let order = Order::new(&cell.schedule);
         let stages: Vec<String> = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
         let watch = cell.graph.watch.then(|| Watch::new(&node, cell)).transpose()?;
         let keeper = orders.cycle_record.as_ref().map(|path| Keeper::new(path, cell, &node)).transpose()?;
@@ -140,9 +143,9 @@ impl<'a> Supervisor<'a> {
             cycles: start::machine(cell, orders),
             epoch: 0,
             connecting: false,
-            collector: Collector::default(),
-            order: Order::new(&cell.schedule),
-            turns: Turns::create(&name, cell.schedule.cores)?,
+            collectors: BTreeMap::new(),
+            turns: Turns::create(&name, order.lanes.len())?,
+            order,
             requests,
             interrupted,
             spans: Vec::new(),
@@ -161,13 +164,17 @@ impl<'a> Supervisor<'a> {
         for action in self.cycles.handle(now_ns(), input) {
             match action {
                 Action::Start(cycle) => {
-                    self.collector.begin();
+                    self.collectors.insert(cycle, Collector::default());
                     if let Some(keeper) = &mut self.keeper {
                         keeper.begin(cycle);
                     }
-                    self.turns.begin(wire(cycle));
+                    self.turns.begin(self.lanes(|half| half != Some(Half::Evaluation)), wire(cycle));
                     self.profile.begin(cycle, now_ns());
                     self.command(Command::Start, wire(cycle))?;
+                }
+                Action::Evaluate(cycle) => {
+                    self.turns.begin(self.lanes(|half| half == Some(Half::Evaluation)), wire(cycle));
+                    self.command(Command::Evaluate, wire(cycle))?;
                 }
                 Action::Abort(cycle) => self.command(Command::Abort, wire(cycle))?,
                 Action::Kill { stage, reason } => self.children[stage].kill(&reason),
@@ -178,21 +185,32 @@ impl<'a> Supervisor<'a> {
         Ok(())
     }
 
+    /// The lanes whose half of the cycle it is.
+    fn lanes(&self, which: fn(Option<Half>) -> bool) -> impl Iterator<Item = usize> {
+        self.order
+            .lanes
+            .iter()
+            .enumerate()
+            .filter(move |(_, lane)| which(lane.half))
+            .map(|(number, _)| number)
+    }
+
     fn conclude(
         &mut self,
         cycle: u64,
         outcome: &Result<(), String>,
         each: &mut dyn FnMut(&CycleResult),
     ) -> Result<()> {
-        let trusted = || self.in_order().and_then(|()| self.collector.check_result(&self.cell.schedule));
+        let collector = self.collectors.remove(&cycle).unwrap_or_default();
+        let trusted = || self.in_order(&collector).and_then(|()| collector.check_result(&self.cell.schedule));
         let outcome = &outcome.clone().and_then(|()| trusted());
         if let Some(watch) = &mut self.watch {
             watch.look()?;
             watch.ended(wire(cycle), outcome.is_ok());
         }
-        let mut result = self.collector.result(self.cell, cycle, outcome);
+        let mut result = collector.result(self.cell, cycle, outcome);
         if let Some(keeper) = &mut self.keeper {
-            keeper.end(self.cell, &result, self.collector.events())?;
+            keeper.end(self.cell, &result, collector.events())?;
         }
         let duration_ns = self.profile.end(&result, now_ns());
         tracing::info!(cycle, outcome = result.outcome, verdict = ?result.verdict, duration_ns, "cycle ended");
@@ -201,10 +219,9 @@ impl<'a> Supervisor<'a> {
         }
         let plan = self.cell.recipes.get(self.desk.recipe()).and_then(|recipe| recipe.plan.as_ref());
         let next = self.desk.concluded(&mut result);
-        self.spans.extend(self.collector.spans(cycle));
+        self.spans.extend(collector.spans(cycle));
         let excess = self.spans.len().saturating_sub(KEPT_SPANS);
         self.spans.drain(..excess);
-        self.collector.begin();
         self.tally.done += 1;
         self.tally.ok += u64::from(outcome.is_ok());
         if let Err(reason) = outcome {
@@ -217,8 +234,8 @@ impl<'a> Supervisor<'a> {
     }
 
     /// A result whose making stood against the schedule is none.
-    fn in_order(&self) -> Result<(), String> {
-        let trace: Vec<Interval> = self.collector.intervals().collect();
+    fn in_order(&self, collector: &Collector) -> Result<(), String> {
+        let trace: Vec<Interval> = collector.intervals().collect();
         let Some((before, after)) = violation(&self.cell.schedule, &self.order, &trace) else {
             return Ok(());
         };
@@ -253,15 +270,14 @@ impl<'a> Supervisor<'a> {
     fn take_messages(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         while let Some(message) = self.results.receive()? {
             let header = *message.header();
-            let Some(cycle) = unwire(header.cycle).filter(|c| self.cycles.running() == Some(*c)) else {
-                continue;
-            };
+            let Some(cycle) = unwire(header.cycle) else { continue };
+            let Some(collector) = self.collectors.get_mut(&cycle) else { continue };
             let text = payload::text(header.text_bytes, message.payload())?;
             let judgement: Judgement = serde_json::from_str(text)?;
             if let Some(keeper) = &self.keeper {
                 keeper.result(self.cell, header.cycle, text);
             }
-            self.collector.judged(judgement, text, header.t_ns.saturating_sub(header.t_last_frame_ns));
+            collector.judged(judgement, text, header.t_ns.saturating_sub(header.t_last_frame_ns));
             self.feed(Input::Result { cycle }, each)?;
         }
         if let Some(watch) = &mut self.watch {
@@ -302,8 +318,8 @@ impl<'a> Supervisor<'a> {
             }
             EventKind::Done => {
                 let Some(cycle) = unwire(event.cycle) else { return Ok(()) };
-                if self.cycles.running() == Some(cycle) {
-                    self.collector.done(event, text);
+                if let Some(collector) = self.collectors.get_mut(&cycle) {
+                    collector.done(event, text);
                 }
                 self.feed(Input::Done { stage, cycle, activation: event.activation as usize }, each)
             }

@@ -49,7 +49,7 @@ pub struct Control {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Command {
-    /// Begin the cycle; forget older ones.
+    /// To the stages of the acquisition: begin the cycle; forget older ones.
     Start = 1,
     /// Forget the cycle.
     Abort = 2,
@@ -57,6 +57,8 @@ pub enum Command {
     Shutdown = 3,
     /// Connect to senders and receivers that came since, then report ready with the same number as cycle.
     Connect = 4,
+    /// To the stages of the evaluation: begin the cycle; forget older ones.
+    Evaluate = 5,
 }
 
 impl Control {
@@ -75,7 +77,10 @@ impl Control {
             2 => Ok(Command::Abort),
             3 => Ok(Command::Shutdown),
             4 => Ok(Command::Connect),
-            other => Err(value("command", other.into(), "1 start, 2 abort, 3 shutdown, 4 connect")),
+            5 => Ok(Command::Evaluate),
+            other => {
+                Err(value("command", other.into(), "1 start, 2 abort, 3 shutdown, 4 connect, 5 evaluate"))
+            }
         }
     }
 }

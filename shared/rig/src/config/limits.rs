@@ -74,8 +74,15 @@ pub(super) fn schedule(document: &Document, raw: &RawSchedule) -> Result<Schedul
         let remedy = "leave it out to share the processors as usual; the supervisor takes the priority above";
         return Err(document.fault("schedule.realtime_priority", value(bad, "1 … 98"), remedy));
     }
+    let cycles_in_flight = raw.cycles_in_flight.unwrap_or(1);
+    if !(1..=4).contains(&cycles_in_flight) {
+        let remedy =
+            "1, the default, ends each cycle before the next begins; 2 acquires the next one meanwhile";
+        return Err(document.fault("schedule.cycles_in_flight", value(cycles_in_flight, "1 … 4"), remedy));
+    }
     Ok(ScheduleConfig {
         cores,
+        cycles_in_flight,
         pin: raw.pin.unwrap_or(false),
         realtime_priority: raw.realtime_priority,
         lock_memory: raw.lock_memory.unwrap_or(false),

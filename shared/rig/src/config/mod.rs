@@ -38,6 +38,7 @@
 //! loop = true                         # begin again at the end
 //! [schedule]
 //! cores = 2
+//! cycles_in_flight = 1                # 2 … 4: the next cycle is acquired while the last one is evaluated
 //! pin = false
 //! realtime_priority = 50              # optional, 1 … 98: first come first served by the kernel (SCHED_FIFO), where permitted
 //! lock_memory = false                 # keep all buffers in memory from the start (mlockall), where permitted
@@ -216,6 +217,9 @@ pub struct RecordingConfig {
 pub struct ScheduleConfig {
     /// Cores to plan for. Default 2. A constant of the cell, not of the machine: the schedule depends on it.
     pub cores: u32,
+    /// How many cycles may be under way at once, 1 … 4. Default 1. From 2 on the next cycle is acquired while the last one
+    /// is evaluated.
+    pub cycles_in_flight: u32,
     /// Pin each stage to its planned core. Default false.
     pub pin: bool,
     /// `SCHED_FIFO` priority of the stages; the supervisor takes the one above, so that it can end a stage that spins.

@@ -95,6 +95,7 @@ pub(super) struct RawRecording {
 #[serde(deny_unknown_fields)]
 pub(super) struct RawSchedule {
     pub cores: Option<u32>,
+    pub cycles_in_flight: Option<u32>,
     pub pin: Option<bool>,
     pub realtime_priority: Option<u32>,
     pub lock_memory: Option<bool>,

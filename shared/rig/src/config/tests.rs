@@ -78,7 +78,13 @@ fn a_whole_configuration_is_resolved() {
     assert_eq!((config.limits.cycle_deadline_ms, config.limits.restarts_max), (20_000, 5));
     assert_eq!(
         config.schedule,
-        ScheduleConfig { cores: 4, pin: false, realtime_priority: None, lock_memory: false }
+        ScheduleConfig {
+            cores: 4,
+            cycles_in_flight: 1,
+            pin: false,
+            realtime_priority: None,
+            lock_memory: false
+        }
     );
     assert_eq!(config.camera("cam4").map(|c| (c.width_px, c.height_px)), Some((6, 4)));
     assert_eq!(config.projector("proj1").unwrap().sequence.len(), 2);
@@ -183,6 +189,7 @@ const GAPS: &[(&str, &str, &str)] = &[
     ("stage_budget_ms = 700", "stage_budget_ms = 0", "limits.stage_budget_ms: value 0 is not allowed"),
     ("stage_budget_ms = 700", "stage_budget_ms = 30000", "within 20000 ms; raise cycle_deadline_ms"),
     ("cores = 4", "cores = 0", "schedule.cores: value 0 is not allowed: 1 … 1024"),
+    ("cores = 4", "cycles_in_flight = 5", "schedule.cycles_in_flight: value 5 is not allowed: 1 … 4"),
     ("cores = 4", "realtime_priority = 99", "schedule.realtime_priority: value 99 is not allowed: 1 … 98"),
     ("rig = \"truth.toml\"", "rig = \"rig.toml\"", "projector \"proj1\" in the twin's rig"),
     ("scene = \"scene.toml\"", "scene = \"nowhere.toml\"", "twin.scene: the file "),
