@@ -54,7 +54,7 @@ enum Command {
     Demo(demo::DemoArgs),
     /// Run a cell.
     Run(run::RunArgs),
-    /// Print the static schedule of a cell, or why it cannot run.
+    /// Print the static schedule of a cell, or why it cannot run. Exits with 1 when measured times do not keep its limits.
     Schedule(plan_table::ScheduleArgs),
     /// Say how a running cell is.
     Status(status::StatusArgs),
@@ -95,7 +95,11 @@ fn execute(command: &Command) -> Result<u8> {
         Command::Demo(args) => return demo::demo(args),
         Command::Run(args) => return run::run(args, None),
         Command::Stage(args) => return stages::run(args).map(|()| 0),
-        Command::Schedule(args) => plan_table::schedule(args)?,
+        Command::Schedule(args) => {
+            let (text, kept) = plan_table::schedule(args)?;
+            print::say(text.trim_end());
+            return Ok(u8::from(!kept));
+        }
         Command::Status(args) => return status::status(args).map(|()| 0),
         Command::Trigger(args) => return trigger::trigger(args),
         Command::Restart { stage, cell } => client::restart(cell.as_deref(), stage)?,

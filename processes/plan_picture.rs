@@ -66,6 +66,29 @@ impl Picture {
         Ok(Self { cycles: vec![first, second], period: acquired.max(evaluated).max(busiest), unit })
     }
 
+    /// What the measured times leave of the limits, and whether they keep them. Nothing without measured times.
+    pub fn against_limits(&self, cell: &Cell) -> Option<(String, bool)> {
+        let limits = &cell.config.limits;
+        let (budget_ms, deadline_ms) = (limits.stage_budget_ms as f64, limits.cycle_deadline_ms as f64);
+        let lasts = |bar: &(f64, f64)| bar.1 - bar.0;
+        let longest = self.cycles[0]
+            .iter()
+            .zip(&cell.schedule.activations)
+            .max_by(|a, b| lasts(a.0).total_cmp(&lasts(b.0)));
+        let (bar, activation) = longest.filter(|_| self.unit == "ms")?;
+        let (longest_ms, verdict_ms) = (lasts(bar), end(&self.cycles[0]));
+        let met = |met: bool| if met { "kept" } else { "NOT KEPT" };
+        let text = format!(
+            "measured: verdict after {verdict_ms:.1} ms of the deadline of {deadline_ms} ms, {}; longest activation \"{}\" of {} \
+             {longest_ms:.1} ms of a stage's budget of {budget_ms} ms, {}",
+            met(verdict_ms <= deadline_ms),
+            label(&cell.graph, activation.work),
+            cell.schedule.stages[activation.stage].name,
+            met(longest_ms <= budget_ms)
+        );
+        Some((text, verdict_ms <= deadline_ms && longest_ms <= budget_ms))
+    }
+
     /// All bars: number of the cycle, activation, start and end.
     fn bars<'a>(
         &'a self,

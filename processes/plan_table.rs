@@ -22,11 +22,11 @@ pub struct ScheduleArgs {
     pub result: Option<PathBuf>,
 }
 
-/// Plans a cell; returns tables and picture.
+/// Plans a cell; returns tables and picture, and whether measured times keep the limits.
 ///
 /// # Errors
 /// A cell that cannot be planned, a result of another one, a place that cannot be written.
-pub fn schedule(args: &ScheduleArgs) -> Result<String> {
+pub fn schedule(args: &ScheduleArgs) -> Result<(String, bool)> {
     let cell = graph::load(&args.config, &graph::Options::default())?;
     let measured = args.result.as_ref().map(|file| read_json(file)).transpose()?;
     let picture = Picture::new(&cell.schedule, measured.as_ref());
@@ -37,7 +37,8 @@ pub fn schedule(args: &ScheduleArgs) -> Result<String> {
     if let Some(file) = &args.picture {
         atomic::write(file, picture.svg(&cell).as_bytes())?;
     }
-    Ok(format!("{}\n{}", render(&cell), picture.text(&cell)))
+    let (limits, kept) = picture.against_limits(&cell).unwrap_or((String::new(), true));
+    Ok((format!("{}\n{}{limits}", render(&cell), picture.text(&cell)), kept))
 }
 
 /// The order of the activations on each core, then the topics with their buffers. The same config gives the same text.

@@ -186,6 +186,26 @@ fn frames_without_light_end_each_cycle_with_the_reason() {
 }
 
 #[test]
+fn measured_times_are_held_against_the_limits_of_the_schedule() {
+    let cell = Cell::played("limits", 0.0, "");
+    cell.run("played.toml", &["--cycles", "1"]);
+    cell.small.edit("played.toml", "[limits]\n", "[limits]\ncycle_deadline_ms = 60000\n");
+    let tight = std::fs::read_to_string(cell.small.path("played.toml")).unwrap();
+    std::fs::write(cell.small.path("tight.toml"), tight.replace("= 60000", "= 1\nstage_budget_ms = 1"))
+        .unwrap();
+    let result = cell.out().join("result.json");
+    for (file, code, words) in
+        [("played.toml", 0, "deadline of 60000 ms, kept"), ("tight.toml", 1, "deadline of 1 ms, NOT KEPT")]
+    {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_fringecell"));
+        program.args(["schedule", &cell.small.path(file)]).arg("--result").arg(&result);
+        let output = program.output().unwrap();
+        assert_eq!(output.status.code(), Some(code), "{}", text(&output.stderr));
+        assert!(text(&output.stdout).contains(words), "{}", text(&output.stdout));
+    }
+}
+
+#[test]
 fn the_schedule_is_printed_the_same_every_time() {
     let cell = Cell::new("plan");
     let print = || {

@@ -249,13 +249,10 @@ impl Cycles {
 
     /// Outcomes come in the order of the cycles: one that ended early waits for those before it.
     fn conclude(&mut self, actions: &mut VecDeque<Action>) {
-        while let Some(flight) = self.flights.pop_front() {
-            match flight.ended {
-                Some(result) => actions.push_back(Action::Outcome { cycle: flight.cycle, result }),
-                None => {
-                    self.flights.push_front(flight);
-                    return;
-                }
+        let ended = self.flights.iter().take_while(|flight| flight.ended.is_some()).count();
+        for flight in self.flights.drain(..ended) {
+            if let Some(result) = flight.ended {
+                actions.push_back(Action::Outcome { cycle: flight.cycle, result });
             }
         }
     }
