@@ -18,7 +18,7 @@ const MOST_TURNS: f64 = 1e6;
 /// Moves each component by the median of the whole turns that the anchor asks for at its pixels.
 pub fn place(
     component: &[u32],
-    angles: &Angles,
+    angles: &Angles<'_>,
     anchor: Option<&Anchor<'_>>,
     turns: &mut [i32],
     width: usize,
@@ -34,7 +34,7 @@ pub fn place(
         }
         components[*number as usize].pixels += 1;
         if let Some(absolute_rad) = anchor.map(|a| f64::from(a.absolute_rad[pixel])) {
-            let missing = absolute_rad / TAU - angles.fraction[pixel] - f64::from(turns[pixel]);
+            let missing = absolute_rad / TAU - angles.fraction(pixel) - f64::from(turns[pixel]);
             if missing.abs() < MOST_TURNS {
                 wanted.push((*number, missing.round() as i32));
             }

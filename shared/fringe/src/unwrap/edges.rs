@@ -1,6 +1,6 @@
 //! Edges: pairs of valid neighbours, right and down of each pixel, and the orders in which methods take them.
 
-use super::angle::Angles;
+use super::angle::{Angles, step};
 use rayon::prelude::*;
 
 /// Two neighbours; the second lies right of or below the first.
@@ -61,17 +61,6 @@ impl<'a> Grid<'a> {
         let pixel = number as usize / 2;
         (pixel, if number.is_multiple_of(2) { pixel + 1 } else { pixel + self.width })
     }
-
-    /// All edges as numbers below their keys: what comes first has the least value, ties go by number.
-    pub fn keyed(&self, key: impl Fn(Edge) -> u32 + Sync) -> Vec<u64> {
-        let key = &key;
-        let row = |y: usize| {
-            (0..self.width).flat_map(move |x| {
-                self.of_pixel(x, y).map(move |(number, edge)| u64::from(key(edge)) << 32 | u64::from(number))
-            })
-        };
-        (0..self.height).into_par_iter().flat_map_iter(row).collect()
-    }
 }
 
 /// Rows first, then from row to row where a run of pixels begins or is met (Itoh).
@@ -80,18 +69,32 @@ pub fn raster_edges<'a>(grid: &'a Grid<'_>) -> impl Iterator<Item = Edge> + 'a {
     (0..pixels).filter_map(|i| grid.right(i)).chain((0..pixels).filter_map(|i| grid.down(i)))
 }
 
-/// Edges by falling quality of their worse end, for [`Forest::span`](super::forest::Forest::span).
+/// Key of an edge for [`span`](super::tiles::span): edges by falling quality of their worse end.
 ///
 /// A flood that always takes the best pixel at its border reaches each pixel along the path whose worst pixel is as good as
 /// possible. The tree of edges in this order has the same paths, but no start that would have to be chosen in each component.
-pub fn best_pixels_first(grid: &Grid<'_>, quality: &[f32]) -> Vec<u64> {
+pub fn best_pixels_first(quality: &[f32]) -> impl Fn(Edge) -> u32 + Sync {
     // The bits of a float that is not negative rise with it.
-    grid.keyed(|(a, b)| !quality[a].min(quality[b]).max(0.0).to_bits())
+    |(a, b)| !quality[a].min(quality[b]).max(0.0).to_bits()
 }
 
 /// Edges whose ends differ by more than half a turn in the result.
-pub fn discontinuities(grid: &Grid<'_>, angles: &Angles, turns: &[i32]) -> usize {
-    let jump = |(_, (a, b)): &(u32, Edge)| turns[*b] - turns[*a] != angles.step(*a, *b);
-    let row = |y: usize| (0..grid.width).flat_map(|x| grid.of_pixel(x, y)).filter(jump).count();
+pub fn discontinuities(grid: &Grid<'_>, angles: &Angles<'_>, turns: &[i32]) -> usize {
+    let end = grid.valid.len();
+    let jumps = |first: usize, count: usize, stride: usize| -> usize {
+        let (one, other) = (first..first + count, first + stride..first + stride + count);
+        let steps = angles.turn[one.clone()].iter().zip(&angles.turn[other.clone()]);
+        let found = turns[one.clone()].iter().zip(&turns[other.clone()]);
+        let both = grid.valid[one].iter().zip(&grid.valid[other]);
+        let jump = steps.zip(found).zip(both).map(|(((a, b), (turns_a, turns_b)), (valid_a, valid_b))| {
+            valid_a & valid_b & (turns_b - turns_a != step(*a, *b))
+        });
+        jump.map(usize::from).sum()
+    };
+    let row = |y: usize| {
+        let first = y * grid.width;
+        let below = if first + grid.width < end { jumps(first, grid.width, grid.width) } else { 0 };
+        jumps(first, grid.width - 1, 1) + below
+    };
     (0..grid.height).into_par_iter().map(row).sum()
 }

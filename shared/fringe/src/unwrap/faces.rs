@@ -36,7 +36,7 @@ struct Sides {
 
 impl Faces {
     /// Finds holes and charges.
-    pub fn new(angles: &Angles, grid: &Grid<'_>) -> Self {
+    pub fn new(angles: &Angles<'_>, grid: &Grid<'_>) -> Self {
         let (width, height) = (grid.width + 1, grid.height + 1);
         let hole = holes(grid, width, height);
         let open = (0..width * height).map(|face| is_open(grid, face % width, face / width)).collect();

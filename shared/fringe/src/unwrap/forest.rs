@@ -1,21 +1,22 @@
 //! A union–find forest whose links carry whole turns: joining two pixels fixes the turns between their whole groups.
 
 use super::NO_COMPONENT;
-use super::edges::Edge;
+use rayon::prelude::*;
 
 /// The link of a pixel.
 #[derive(Debug, Clone, Copy)]
-struct Link {
+pub struct Link {
     /// Another pixel of the group, or itself at the root.
-    parent: u32,
+    pub parent: u32,
     /// Turns of this pixel above its parent's.
-    turns: i32,
+    pub turns: i32,
 }
 
 /// Groups of pixels whose relative turns are known.
 #[derive(Debug)]
 pub struct Forest {
     links: Vec<Link>,
+    /// Pixels of the group; counts at its root only.
     size: Vec<u32>,
 }
 
@@ -33,6 +34,14 @@ impl Forest {
     pub fn new(pixels: usize) -> Self {
         let links = (0..pixels as u32).map(|parent| Link { parent, turns: 0 }).collect();
         Self { links, size: vec![1; pixels] }
+    }
+
+    /// Links and sizes of so many pixels at a time, for work side by side.
+    pub fn pieces(
+        &mut self,
+        pixels: usize,
+    ) -> impl IndexedParallelIterator<Item = (&mut [Link], &mut [u32])> {
+        self.links.par_chunks_mut(pixels).zip(self.size.par_chunks_mut(pixels))
     }
 
     /// Root of a pixel's group, and the pixel's turns above it. Halves the path on its way.
@@ -72,53 +81,22 @@ impl Forest {
         true
     }
 
-    /// Joins along the least spanning tree: the one that taking the edges (numbers below keys, see
-    /// [`Grid::keyed`](super::edges::Grid::keyed)) by rising value would give, each that closes a loop left out.
-    ///
-    /// Borůvka's rounds find the same tree without sorting: in each round every group takes its least edge outwards. As no
-    /// two edges are equal there is only one such tree, and the groups stay small and near in memory for most of the work.
-    pub fn span(
-        &mut self,
-        mut edges: Vec<u64>,
-        ends: impl Fn(u32) -> Edge,
-        step: impl Fn(usize, usize) -> i32,
-    ) {
-        let mut least = vec![u64::MAX; self.links.len()];
-        while !edges.is_empty() {
-            edges.retain(|edge| {
-                let (a, b) = ends(*edge as u32);
-                let (a, b) = (self.find(a).0, self.find(b).0);
-                if a != b {
-                    least[a] = least[a].min(*edge);
-                    least[b] = least[b].min(*edge);
-                }
-                a != b
-            });
-            for taken in &mut least {
-                if *taken != u64::MAX {
-                    let (a, b) = ends(*taken as u32);
-                    self.join(a, b, step(a, b));
-                    *taken = u64::MAX;
-                }
-            }
-        }
-    }
-
     /// Numbers the groups and counts the turns from their first pixels.
     pub fn labels(mut self, valid: &[bool]) -> Labels {
         let n = valid.len();
         let mut labels = Labels { component: vec![NO_COMPONENT; n], turns: vec![0; n] };
-        // Number and turns of the first pixel by root.
-        let mut known: Vec<(u32, i32)> = vec![(NO_COMPONENT, 0); n];
-        let mut next = 0;
+        // Sizes have done their work: number of the group by root from here on.
+        let mut number = std::mem::take(&mut self.size);
+        number.fill(NO_COMPONENT);
+        let mut first_turns = Vec::new();
         for pixel in (0..n).filter(|i| valid[*i]) {
             let (root, turns) = self.find(pixel);
-            if known[root].0 == NO_COMPONENT {
-                known[root] = (next, turns);
-                next += 1;
+            if number[root] == NO_COMPONENT {
+                number[root] = first_turns.len() as u32;
+                first_turns.push(turns);
             }
-            labels.component[pixel] = known[root].0;
-            labels.turns[pixel] = turns - known[root].1;
+            labels.component[pixel] = number[root];
+            labels.turns[pixel] = turns - first_turns[number[root] as usize];
         }
         labels
     }

@@ -8,7 +8,7 @@ use super::forest::{Forest, Labels};
 use super::report::Residues;
 
 /// Joins over the open edges, and regions that cuts enclose over the closed edge with the smallest difference.
-pub fn unwrap(angles: &Angles, grid: &Grid<'_>, reach_px: u32) -> (Labels, Residues) {
+pub fn unwrap(angles: &Angles<'_>, grid: &Grid<'_>, reach_px: u32) -> (Labels, Residues) {
     let faces = Faces::new(angles, grid);
     let cuts = Cuts::new(&faces, grid, reach_px);
     let mut forest = Forest::new(angles.turn.len());

@@ -33,7 +33,12 @@ struct System {
 }
 
 /// Solves, and takes the nearest congruent phase.
-pub fn solve(angles: &Angles, grid: &Grid<'_>, quality: Option<&[f32]>, settings: &UnwrapSettings) -> Solved {
+pub fn solve(
+    angles: &Angles<'_>,
+    grid: &Grid<'_>,
+    quality: Option<&[f32]>,
+    settings: &UnwrapSettings,
+) -> Solved {
     let system = System::new(grid, quality);
     let (mut smooth_turns, convergence) = system.solve(system.right_side(angles), grid, settings);
     let labels = congruent(angles, grid, &mut smooth_turns);
@@ -77,7 +82,7 @@ impl System {
     }
 
     /// μ of eq. 2.47, with the sign that makes Z positive.
-    fn right_side(&self, angles: &Angles) -> Vec<f64> {
+    fn right_side(&self, angles: &Angles<'_>) -> Vec<f64> {
         self.divergence(|a, b| f64::from(turns(angles.difference(a, b))))
     }
 
@@ -139,7 +144,7 @@ fn combine(a: &mut [f64], keep: f64, b: &[f64], add: f64) {
 }
 
 /// Adds the constant of each component that brings the solution nearest to the wrapped phase, then rounds.
-fn congruent(angles: &Angles, grid: &Grid<'_>, smooth: &mut [f64]) -> Labels {
+fn congruent(angles: &Angles<'_>, grid: &Grid<'_>, smooth: &mut [f64]) -> Labels {
     let mut forest = Forest::new(angles.turn.len());
     for (_, (a, b)) in grid.edges() {
         forest.join(a, b, 0);

@@ -40,6 +40,7 @@ mod reliability;
 mod report;
 #[cfg(test)]
 mod tests;
+mod tiles;
 
 pub use anchor::Anchor;
 pub use error::UnwrapError;
@@ -50,7 +51,9 @@ use crate::decode::MAX_PIXELS;
 use angle::Angles;
 use edges::{Grid, raster_edges};
 use forest::{Forest, Labels};
+use rayon::prelude::*;
 use std::f64::consts::TAU;
+use tiles::span;
 
 /// A wrapped phase that lives elsewhere, row by row without padding.
 #[derive(Debug, Clone, Copy)]
@@ -146,9 +149,12 @@ pub fn unwrap(
         }
         Method::Quality(map) => {
             let quality = quality::map(map, wrapped, &angles, &grid)?;
-            span(&angles, &grid, edges::best_pixels_first(&grid, &quality))
+            span(&angles, &grid, edges::best_pixels_first(&quality)).labels(&angles.valid)
         }
-        Method::Reliability => span(&angles, &grid, reliability::edges(&angles, &grid)),
+        Method::Reliability => {
+            let second = reliability::second_differences(&angles, &grid);
+            span(&angles, &grid, reliability::key(&second)).labels(&angles.valid)
+        }
         Method::LeastSquares | Method::WeightedLeastSquares(_) => {
             let quality = match settings.method {
                 Method::WeightedLeastSquares(map) => Some(quality::map(map, wrapped, &angles, &grid)?),
@@ -169,7 +175,7 @@ pub fn unwrap(
 }
 
 /// Joins along edges in this order; each edge that closes a loop is left out.
-fn grow(angles: &Angles, edges: impl IntoIterator<Item = edges::Edge>) -> Labels {
+fn grow(angles: &Angles<'_>, edges: impl IntoIterator<Item = edges::Edge>) -> Labels {
     let mut forest = Forest::new(angles.turn.len());
     for (a, b) in edges {
         forest.join(a, b, angles.step(a, b));
@@ -177,15 +183,8 @@ fn grow(angles: &Angles, edges: impl IntoIterator<Item = edges::Edge>) -> Labels
     forest.labels(&angles.valid)
 }
 
-/// Joins along the least spanning tree of keyed edges.
-fn span(angles: &Angles, grid: &Grid<'_>, keyed: Vec<u64>) -> Labels {
-    let mut forest = Forest::new(angles.turn.len());
-    forest.span(keyed, |number| grid.edge(number), |a, b| angles.step(a, b));
-    forest.labels(&angles.valid)
-}
-
 fn phase(
-    angles: &Angles,
+    angles: &Angles<'_>,
     turns: &[i32],
     smooth: Option<&[f64]>,
     component: &[u32],
@@ -194,10 +193,10 @@ fn phase(
     let whole = |i: usize| match smooth {
         // The smooth solution begins at the first pixel of its component; the anchor's turns come on top.
         Some(smooth) => smooth[i] + f64::from(report.components[component[i] as usize].turns),
-        None => angles.fraction[i] + f64::from(turns[i]),
+        None => angles.fraction(i) + f64::from(turns[i]),
     };
     let value = |i: usize| if component[i] == NO_COMPONENT { f32::NAN } else { (whole(i) * TAU) as f32 };
-    (0..turns.len()).map(value).collect()
+    (0..turns.len()).into_par_iter().map(value).collect()
 }
 
 fn check(

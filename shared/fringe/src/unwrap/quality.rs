@@ -24,7 +24,7 @@ pub enum QualityMap {
 pub fn map(
     which: QualityMap,
     wrapped: &Wrapped<'_>,
-    angles: &Angles,
+    angles: &Angles<'_>,
     grid: &Grid<'_>,
 ) -> Result<Vec<f32>, UnwrapError> {
     let of_pixel = match which {
@@ -44,7 +44,7 @@ pub fn map(
     Ok(quality)
 }
 
-fn modulation(wrapped: &Wrapped<'_>, angles: &Angles) -> Result<Vec<f32>, UnwrapError> {
+fn modulation(wrapped: &Wrapped<'_>, angles: &Angles<'_>) -> Result<Vec<f32>, UnwrapError> {
     let values = wrapped.modulation.ok_or(UnwrapError::Modulation)?;
     let used = |i: usize| if angles.valid[i] && values[i].is_finite() { values[i].max(0.0) } else { 0.0 };
     let most = (0..values.len()).map(used).fold(0.0, f32::max);
@@ -59,7 +59,7 @@ fn window(grid: &Grid<'_>, x: usize, y: usize) -> impl Iterator<Item = usize> + 
     rows.flat_map(move |row| columns.clone().map(move |column| row * width + column))
 }
 
-fn derivative_variance(angles: &Angles, grid: &Grid<'_>, x: usize, y: usize) -> f32 {
+fn derivative_variance(angles: &Angles<'_>, grid: &Grid<'_>, x: usize, y: usize) -> f32 {
     let spread = |edge: &dyn Fn(usize) -> Option<(usize, usize)>| {
         let (mut count, mut sum, mut squares) = (0.0_f64, 0.0, 0.0);
         for (a, b) in window(grid, x, y).filter_map(edge) {
@@ -74,7 +74,7 @@ fn derivative_variance(angles: &Angles, grid: &Grid<'_>, x: usize, y: usize) -> 
     (1.0 - spread(&|i| grid.right(i)) - spread(&|i| grid.down(i))) as f32
 }
 
-fn pseudo_correlation(angles: &Angles, grid: &Grid<'_>, x: usize, y: usize) -> f32 {
+fn pseudo_correlation(angles: &Angles<'_>, grid: &Grid<'_>, x: usize, y: usize) -> f32 {
     let (mut count, mut real, mut imaginary) = (0.0_f64, 0.0, 0.0);
     for pixel in window(grid, x, y).filter(|i| angles.valid[*i]) {
         let (sine, cosine) = math::sincos(angles.on_grid(pixel) * TAU);
@@ -86,7 +86,7 @@ fn pseudo_correlation(angles: &Angles, grid: &Grid<'_>, x: usize, y: usize) -> f
     if count < 2.0 { 0.0 } else { ((real * real + imaginary * imaginary).sqrt() / count) as f32 }
 }
 
-fn maximum_gradient(angles: &Angles, grid: &Grid<'_>, x: usize, y: usize) -> f32 {
+fn maximum_gradient(angles: &Angles<'_>, grid: &Grid<'_>, x: usize, y: usize) -> f32 {
     let pixel = y * grid.width + x;
     let left = (x > 0).then(|| grid.right(pixel - 1)).flatten();
     let above = (y > 0).then(|| grid.down(pixel - grid.width)).flatten();
