@@ -37,9 +37,9 @@ pub enum PhaseName {
     Carre,
     /// Five steps of about 90 degrees.
     Hariharan,
-    /// One frame, by the Fourier transform of its rows (or columns).
+    /// One frame, by the Fourier transform of its rows (or columns); sets of fewer than 4 periods keep least squares.
     FourierRows,
-    /// One frame, by the Fourier transform in the plane.
+    /// One frame, by the Fourier transform in the plane; sets of fewer than 4 periods keep least squares.
     Fourier,
 }
 
@@ -64,6 +64,10 @@ enum OrderName {
     /// Sines with coprime periods, by table.
     NumberTheoretical,
 }
+
+/// Sets with fewer periods over the projector keep the plain phase of their steps: one frame of them has no carrier, and the
+/// error of a harmonic does not average out over the part. Such sets only number the fringes of finer ones.
+const LEAST_PERIODS: f64 = 4.0;
 
 /// What is done with the frames of the sine sets.
 #[derive(Debug, Clone, Copy, Default)]
@@ -145,8 +149,11 @@ impl PhaseMethod {
         let numbers = set.first_frame..set.first_frame + set.shifts_rad.len();
         let views: Vec<_> = numbers.filter_map(|n| kept.frames.get(&n)).map(Frame::view).collect();
         let stack = Stack::new(&views, &set.shifts_rad)?;
-        let mut map = stack.wrap(self.method.unwrap_or(Method::LeastSquares), &decoder.limits(set.axis)?)?;
-        if self.remove_harmonics {
+        let many = set.periods >= LEAST_PERIODS;
+        let by_fringes = |method: &Method| many || !matches!(method, Method::FourierRows | Method::Fourier);
+        let method = self.method.filter(by_fringes).unwrap_or(Method::LeastSquares);
+        let mut map = stack.wrap(method, &decoder.limits(set.axis)?)?;
+        if self.remove_harmonics && many {
             if !set.even {
                 bail!(
                     "--remove-harmonics needs even steps: with shifts_rad the error of a harmonic has no order"

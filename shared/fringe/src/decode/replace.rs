@@ -18,14 +18,17 @@ pub struct SineSet {
     pub shifts_rad: Vec<f64>,
     /// Whether the steps are 2π/N.
     pub even: bool,
+    /// Periods over the projector.
+    pub periods: f64,
 }
 
 impl Decoder {
     /// The sine sets in use, in the order of the axes, the finest of each axis first.
     pub fn sine_sets(&self) -> Vec<SineSet> {
-        let slots = self.plan.axes.iter().flat_map(|axis| &axis.sines);
+        let slots =
+            self.plan.axes.iter().flat_map(|axis| axis.sines.iter().map(|slot| (slot, axis.extent_px)));
         slots
-            .map(|slot| {
+            .map(|(slot, extent_px)| {
                 let sine = &self.plan.sines[*slot];
                 let is_first = |role: &super::Role| *role == super::Role::Sine { slot: *slot, step: 0 };
                 SineSet {
@@ -34,6 +37,7 @@ impl Decoder {
                     axis: sine.axis,
                     shifts_rad: sine.shifts_rad.clone(),
                     even: sine.even,
+                    periods: extent_px / sine.period_px,
                 }
             })
             .collect()

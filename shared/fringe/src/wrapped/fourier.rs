@@ -4,6 +4,10 @@
 //! off towards fine detail. The lobe is cut out by a flat window with cosine flanks: all of it within 0.35 of the carrier, none
 //! beyond 0.75. The phase keeps the carrier: it is the projector's phase, not its deviation from a plane.
 //!
+//! The part's own brightness is taken out first, as the mean over one period along the lines: what is left of it at the part's outline
+//! and at the picture's ends would reach into the lobe. Where the window sees less than the whole (an outline, a step, an end) the
+//! modulation dips; pixels with less than [`LEAST_OF_NEAR`] of the largest modulation within a period are masked.
+//!
 //! One frame does not tell in which direction the phase rises; a second one of the set does, where there is one. Else it rises
 //! along +x (along +y for a carrier that runs down).
 //!
@@ -21,6 +25,8 @@ const LEAST_PERIODS: f64 = 4.0;
 const SHORTEST_PX: f64 = 3.0;
 /// Least share of the strongest frequency and its neighbours in the weighted power.
 const LEAST_SHARE: f64 = 0.01;
+/// Least modulation, as a share of the largest within a period. At an outline half of the window sees fringes: a half is left.
+const LEAST_OF_NEAR: f64 = 0.7;
 /// Window: flat up to this distance from the carrier, in units of the carrier …
 const FLAT: f64 = 0.35;
 /// … and zero from this on.
@@ -44,17 +50,45 @@ impl Picture {
         Self { values, columns, rows, transposed }
     }
 
-    /// Lines less their mean, padded with zeros to a power of two.
-    fn lines(&self) -> Vec<Vec<Complex>> {
+    /// Lines less their mean, or less their mean over a period, padded with zeros to a power of two.
+    fn lines(&self, period_px: Option<f64>) -> Vec<Vec<Complex>> {
         let padded = self.columns.next_power_of_two();
+        let width = period_px.map_or(self.columns, |px| (px.round() as usize).clamp(1, self.columns));
         let line = |row: &[f64]| {
-            let mean = row.iter().sum::<f64>() / row.len() as f64;
-            let mut line: Vec<Complex> = row.iter().map(|v| (v - mean, 0.0)).collect();
+            // Twice, so that nothing of a carrier is left whose period is no whole number.
+            let mean = running_mean(&running_mean(row, width), width);
+            let mut line: Vec<Complex> = row.iter().zip(mean).map(|(v, mean)| (v - mean, 0.0)).collect();
             line.resize(padded, (0.0, 0.0));
             line
         };
-        self.values.chunks_exact(self.columns).map(line).collect()
+        self.values.par_chunks_exact(self.columns).map(line).collect()
     }
+}
+
+/// Mean of the `width` values about each one; at the ends of the first and last `width` values.
+fn running_mean(values: &[f64], width: usize) -> Vec<f64> {
+    let mut sums = Vec::with_capacity(values.len() + 1);
+    sums.push(0.0);
+    for value in values {
+        sums.push(sums.last().copied().unwrap_or(0.0) + value);
+    }
+    let mean = |i: usize| {
+        let first = i.saturating_sub(width / 2).min(values.len() - width);
+        (sums[first + width] - sums[first]) / width as f64
+    };
+    (0..values.len()).map(mean).collect()
+}
+
+/// Largest of the values at most `reach` away along each line.
+fn running_max(values: &[f64], columns: usize, reach: usize) -> Vec<f64> {
+    let mut out = values.to_vec();
+    out.par_chunks_exact_mut(columns).zip(values.par_chunks_exact(columns)).for_each(|(out, line)| {
+        for shift in 1..=reach.min(columns - 1) {
+            out[shift..].iter_mut().zip(line).for_each(|(o, v)| *o = o.max(*v));
+            out.iter_mut().zip(&line[shift..]).for_each(|(o, v)| *o = o.max(*v));
+        }
+    });
+    out
 }
 
 /// Window of a frequency at `distance` carriers from the carrier.
@@ -88,94 +122,96 @@ fn carrier(spectra: &[Vec<Complex>], columns: usize) -> Option<(usize, f64)> {
 /// Row by row.
 pub(super) fn rows(stack: &Stack, limits: &Limits) -> Result<Wrapped, WrapError> {
     let method = Method::FourierRows.name();
-    let across = |transposed| {
-        let picture = Picture::new(stack, 0, transposed);
-        let found = carrier(&spectra(&picture), picture.columns);
-        (picture, found)
-    };
-    let (one, other) = (across(false), across(true));
-    let share = |found: &(Picture, Option<(usize, f64)>)| found.1.map_or(0.0, |f| f.1);
-    let (picture, found) = if share(&one) >= share(&other) { one } else { other };
-    let (k, _) = found
-        .filter(|(_, share)| *share >= LEAST_SHARE)
-        .ok_or(WrapError::NoCarrier { method, share: found.map_or(0.0, |f| 100.0 * f.1) })?;
-    let weights = |n: usize| -> Vec<f64> {
-        (0..n)
-            .map(|i| if i <= n / 2 { window((i as f64 - k as f64).abs() / k as f64) } else { 0.0 })
-            .collect()
-    };
+    let flat = Picture::new(stack, 0, false);
+    let ((fx, fy), _) = strongest(&flat);
+    let picture = if denser_down(fx, fy) { Picture::new(stack, 0, true) } else { flat };
+    let (k, share) = carrier(&spectra(&picture, None), picture.columns).unwrap_or((0, 0.0));
+    if share < LEAST_SHARE {
+        return Err(WrapError::NoCarrier { method, share: 100.0 * share });
+    }
+    let padded = picture.columns.next_power_of_two();
+    let weight =
+        |i: usize| if i <= padded / 2 { window((i as f64 - k as f64).abs() / k as f64) } else { 0.0 };
+    let weights: Vec<f64> = (0..padded).map(weight).collect();
+    let period_px = padded as f64 / k as f64;
+    let plan = Plan::new(padded);
     let lobe = |frame| {
         let picture = Picture::new(stack, frame, picture.transposed);
-        let mut lines = spectra(&picture);
-        let plan = Plan::new(picture.columns.next_power_of_two());
+        let mut lines = spectra(&picture, Some(period_px));
         lines.par_iter_mut().for_each(|line| {
-            let weights = weights(line.len());
-            line.iter_mut().zip(weights).for_each(|(v, w)| *v = (v.0 * w, v.1 * w));
+            line.iter_mut().zip(&weights).for_each(|(v, w)| *v = (v.0 * w, v.1 * w));
             inverse(line, &plan);
             line.truncate(picture.columns);
         });
         lines.concat()
     };
-    let padded = picture.columns.next_power_of_two();
-    let passed = weights(padded).iter().map(|w| w * w).sum::<f64>() / padded as f64;
-    let period_px = padded as f64 / k as f64;
-    Ok(finish(stack, limits, &picture, &lobe, (passed, period_px)))
+    let passed = weights.iter().map(|w| w * w).sum::<f64>() / padded as f64;
+    Ok(finish(stack, limits, &picture, &lobe, (passed, [period_px, 0.0])))
 }
 
-fn spectra(picture: &Picture) -> Vec<Vec<Complex>> {
+fn spectra(picture: &Picture, period_px: Option<f64>) -> Vec<Vec<Complex>> {
     let plan = Plan::new(picture.columns.next_power_of_two());
-    let mut lines = picture.lines();
+    let mut lines = picture.lines(period_px);
     lines.par_iter_mut().for_each(|line| plan.run(line));
     lines
 }
 
 /// In the plane: one lobe of the two-dimensional spectrum.
 pub(super) fn plane(stack: &Stack, limits: &Limits) -> Result<Wrapped, WrapError> {
-    let picture = Picture::new(stack, 0, false);
+    let first = Picture::new(stack, 0, false);
+    let ((fx, fy), share) = strongest(&first);
+    // One bin of a plane holds less of the lobe than one of a line: a tilt spreads it over both directions.
+    if share < 0.1 * LEAST_SHARE {
+        return Err(WrapError::NoCarrier { method: Method::Fourier.name(), share: 100.0 * share });
+    }
+    let transposed = denser_down(fx, fy);
+    let (picture, fx, fy) = if transposed { (Picture::new(stack, 0, true), fy, fx) } else { (first, fx, fy) };
     let (width, height) = (picture.columns.next_power_of_two(), picture.rows.next_power_of_two());
-    let spectrum = |frame| {
-        let lines = Picture::new(stack, frame, false).lines();
-        let mut values = lines.concat();
-        values.resize(width * height, (0.0, 0.0));
-        transform_2d(&mut values, width, height);
-        values
-    };
-    // Frequencies in periods per pixel; the half plane with the greater part of +x, or of +y.
-    let at = |i: usize| {
-        let signed = |k: usize, n: usize| if 2 * k > n { k as f64 - n as f64 } else { k as f64 } / n as f64;
-        (signed(i % width, width), signed(i / width, height))
-    };
-    let first = spectrum(0);
-    let (fx, fy) = carrier_2d(&first, &at, [picture.columns, picture.rows])?;
     let f0 = (fx * fx + fy * fy).sqrt();
     let weight = |i: usize| {
-        let (x, y) = at(i);
+        let (x, y) = frequency(i, width, height);
         window(((x - fx) * (x - fx) + (y - fy) * (y - fy)).sqrt() / f0)
     };
-    let passed = (0..width * height).map(|i| weight(i) * weight(i)).sum::<f64>() / (width * height) as f64;
+    let weights: Vec<f64> = (0..width * height).into_par_iter().map(weight).collect();
+    let passed = weights.iter().map(|w| w * w).sum::<f64>() / (width * height) as f64;
     let lobe = |frame| {
-        let mut values = if frame == 0 { first.clone() } else { spectrum(frame) };
-        values.iter_mut().enumerate().for_each(|(i, v)| {
-            let w = weight(i);
-            *v = (v.0 * w, v.1 * w);
-        });
+        let mut values = spectrum(&Picture::new(stack, frame, transposed), Some(1.0 / fx.abs()));
+        values.iter_mut().zip(&weights).for_each(|(v, w)| *v = (v.0 * w, v.1 * w));
         inverse_2d(&mut values, width, height);
         let rows = values.chunks_exact(width).take(picture.rows);
         rows.flat_map(|row| row[..picture.columns].to_vec()).collect()
     };
-    Ok(finish(stack, limits, &picture, &lobe, (passed, 1.0 / f0)))
+    Ok(finish(stack, limits, &picture, &lobe, (passed, [1.0 / f0; 2])))
 }
 
-fn carrier_2d(
-    spectrum: &[Complex],
-    at: &impl Fn(usize) -> (f64, f64),
-    sides: [usize; 2],
-) -> Result<(f64, f64), WrapError> {
-    let longest = sides[0].max(sides[1]) as f64;
+fn spectrum(picture: &Picture, period_px: Option<f64>) -> Vec<Complex> {
+    let (width, height) = (picture.columns.next_power_of_two(), picture.rows.next_power_of_two());
+    let mut values = picture.lines(period_px).concat();
+    values.resize(width * height, (0.0, 0.0));
+    transform_2d(&mut values, width, height);
+    values
+}
+
+/// Periods per pixel along x and y.
+fn frequency(i: usize, width: usize, height: usize) -> (f64, f64) {
+    let signed = |k: usize, n: usize| if 2 * k > n { k as f64 - n as f64 } else { k as f64 } / n as f64;
+    (signed(i % width, width), signed(i / width, height))
+}
+
+/// Whether lines should run down the picture: along that axis on which the fringes are denser.
+fn denser_down(fx: f64, fy: f64) -> bool {
+    fy.abs() > fx.abs()
+}
+
+/// Strongest frequency in the half plane with the greater part of +x, or of +y, periods per pixel, and its share in the
+/// weighted power.
+fn strongest(picture: &Picture) -> ((f64, f64), f64) {
+    let (width, height) = (picture.columns.next_power_of_two(), picture.rows.next_power_of_two());
+    let longest = picture.columns.max(picture.rows) as f64;
     let mut total = 0.0;
     let mut best = (0.0, (0.0, 0.0));
-    for (i, value) in spectrum.iter().enumerate() {
-        let (x, y) = at(i);
+    for (i, value) in spectrum(picture, None).iter().enumerate() {
+        let (x, y) = frequency(i, width, height);
         let f = (x * x + y * y).sqrt();
         let half = x > y.abs() || (y > 0.0 && y >= x.abs());
         if half && f >= LEAST_PERIODS / longest && f <= 1.0 / SHORTEST_PX {
@@ -186,12 +222,7 @@ fn carrier_2d(
             }
         }
     }
-    // One bin of a plane holds less of the lobe than one of a line: a tilt spreads it over both directions.
-    let share = if total > 0.0 { best.0 / total } else { 0.0 };
-    if share < 0.1 * LEAST_SHARE {
-        return Err(WrapError::NoCarrier { method: Method::Fourier.name(), share: 100.0 * share });
-    }
-    Ok(best.1)
+    (best.1, if total > 0.0 { best.0 / total } else { 0.0 })
 }
 
 /// From the lobe c = ½ B e^{±i(φ − δ)} to the phase (eq. 2.9).
@@ -200,12 +231,13 @@ fn finish(
     limits: &Limits,
     picture: &Picture,
     lobe: &dyn Fn(usize) -> Vec<Complex>,
-    (passed, period_px): (f64, f64),
+    (passed, [period_px, across_px]): (f64, [f64; 2]),
 ) -> Wrapped {
     let first = lobe(0);
     let sign = if stack.frames.len() > 1 { sense(&first, &lobe(1), stack) } else { 1.0 };
     let mut out = Wrapped::new(stack.width_px, stack.height_px);
     let margin = (0.5 * period_px).ceil() as usize;
+    let whole = whole(&first, picture, [period_px, across_px]);
     for (i, (c, value)) in first.iter().zip(&picture.values).enumerate() {
         let (x, y) = (i % picture.columns, i / picture.columns);
         let index = if picture.transposed { x * stack.width_px as usize + y } else { i };
@@ -216,13 +248,25 @@ fn finish(
         let phase_rad = sign * angle + stack.shifts_rad[0];
         let found = Found { phase_rad, modulation_dn, background_dn, sigma_rad };
         out.set(index, &found, limits.least_modulation_dn);
-        // The ends of a line do not hold the whole window.
-        if x < margin || x + margin >= picture.columns {
+        if x < margin || x + margin >= picture.columns || !whole[i] {
             out.mask(index);
         }
     }
     mask_clipped(stack, limits, margin, &mut out);
     out
+}
+
+/// Whether the window sees the whole of the fringes about each pixel: the reaches are along the lines and across them.
+fn whole(lobe: &[Complex], picture: &Picture, reach_px: [f64; 2]) -> Vec<bool> {
+    let (columns, rows) = (picture.columns, picture.rows);
+    let reach = reach_px.map(|px| px.ceil() as usize);
+    let power: Vec<f64> = lobe.iter().map(|c| size(*c)).collect();
+    let along = running_max(&power, columns, reach[0]);
+    let turned: Vec<f64> = (0..power.len()).map(|i| along[(i % rows) * columns + i / rows]).collect();
+    let both = running_max(&turned, rows, reach[1]);
+    let least = LEAST_OF_NEAR * LEAST_OF_NEAR;
+    let near = |i: usize| both[(i % columns) * rows + i / columns];
+    (0..power.len()).map(|i| power[i] >= least * near(i)).collect()
 }
 
 /// Masks what lies within half a period of a clipped pixel.

@@ -29,6 +29,10 @@ const MOST_FREQUENCIES: usize = 32;
 /// Window half-width in standard deviations: what lies beyond holds 1 % of the energy.
 const REACH: f64 = 2.5;
 
+/// Least share of the measured modulation in the filtered field. At a straight end of the mask a half of it is held; where it is
+/// less, two phases are mixed, or there is too little to the sides.
+const LEAST_HELD: f64 = 0.4;
+
 /// Real and imaginary plane.
 #[derive(Clone)]
 struct Field {
@@ -42,7 +46,8 @@ impl Field {
     }
 }
 
-/// Filters a map; modulation and phase are those of the filtered field, σ what the kept coefficients let through.
+/// Filters the phase of a map; σ is what the kept coefficients let through. Mask and modulation stay as measured, and so does the phase
+/// where little of the field is held: at steps of the phase and in the dark.
 pub fn filter(map: &Wrapped, settings: &WindowedSettings) -> Wrapped {
     let (width, n) = (map.width_px as usize, map.len());
     let mut out = map.clone();
@@ -72,12 +77,10 @@ pub fn filter(map: &Wrapped, settings: &WindowedSettings) -> Wrapped {
     let cell = 1.0 / (settings.window_px * settings.window_px * TAU * TAU);
     for i in (0..n).filter(|i| map.valid[*i] == 1) {
         let (re, im) = (f64::from(sum.re[i]) * cell, f64::from(sum.im[i]) * cell);
-        if kept[i] == 0 {
-            out.mask(i);
+        if kept[i] == 0 || (re * re + im * im).sqrt() < LEAST_HELD * f64::from(map.modulation[i]) {
             continue;
         }
         out.phase_rad[i] = wrap_f32(atan2(im, re));
-        out.modulation[i] = (re * re + im * im).sqrt() as f32;
         // White noise spreads evenly over the plane of frequencies; what was kept of its area passes.
         let passed = (f64::from(kept[i]) * cell).min(1.0).sqrt();
         out.sigma_rad[i] = map.sigma_rad[i] * passed as f32;
