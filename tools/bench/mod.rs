@@ -6,6 +6,7 @@ mod error_sources;
 mod exposures;
 mod order_errors;
 mod phase_methods;
+mod recorded;
 mod scan;
 mod shown;
 mod speed;

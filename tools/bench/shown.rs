@@ -1,4 +1,4 @@
-//! A sequence shown by the twin, decoded by a method of choice, and held against the truth: for the tables of methods and errors.
+//! Frames in memory, decoded by a method of choice, and held against what is known of them: for the tables of methods and errors.
 
 use crate::phase_method::PhaseMethod;
 use crate::simulate::Buffer;
@@ -8,17 +8,25 @@ use fringe::frame::{Frame, PixelBuffer};
 use fringe::pattern::{Axis, PatternSet, frame_count};
 use fringe::phase::PhaseMap;
 use fringe::rig::Rig;
+use ipc::os::Usage;
 use serde::Serialize;
 use std::f64::consts::{PI, TAU};
-use std::time::Instant;
 use twin::{Twin, View};
 
-/// What one camera sees of one projector.
+/// The frames that one camera took of one projector.
+pub struct Taken {
+    /// In the order of the sequence.
+    pub frames: Vec<Frame>,
+    /// What was projected.
+    pub sequence: Vec<PatternSet>,
+    /// Columns and rows of the projector.
+    pub extent_px: [u32; 2],
+}
+
+/// What one camera of the twin sees of one projector.
 pub struct Shown {
     view: View,
-    frames: Vec<Frame>,
-    sequence: Vec<PatternSet>,
-    extent_px: [u32; 2],
+    taken: Taken,
     projector: String,
 }
 
@@ -27,7 +35,7 @@ pub struct Shown {
 pub struct Judged {
     /// Valid pixels of those that the projector lights.
     pub valid_share: f64,
-    /// Root mean square phase error of the finest sine, wrong orders left out, rad.
+    /// Root mean square phase error of the finest sine, wrong orders left out, rad; NaN where there is nothing to tell it by.
     pub rms_rad: f64,
     /// Its mean, rad.
     pub mean_rad: f64,
@@ -35,8 +43,13 @@ pub struct Judged {
     pub sigma_rad: f64,
     /// Valid pixels off by half a period or more, of all valid ones.
     pub wrong_orders: f64,
-    /// Time from frames in memory to the phase map, seconds per megapixel of one camera.
+    /// Processor time of all threads from frames in memory to the phase map, seconds per megapixel of one camera.
     pub seconds_per_mpx: f64,
+}
+
+/// Settings that refuse no map for its wrong orders: they shall be counted.
+pub fn counting() -> DecodeSettings {
+    DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() }
 }
 
 impl Shown {
@@ -64,23 +77,13 @@ impl Shown {
         }
         let lamp = rig.projector(projector).context("the twin's rig has the projector")?;
         let extent_px = [lamp.width_px, lamp.height_px];
-        Ok(Self { view, frames, sequence: sequence.to_vec(), extent_px, projector: projector.to_owned() })
+        let taken = Taken { frames, sequence: sequence.to_vec(), extent_px };
+        Ok(Self { view, taken, projector: projector.to_owned() })
     }
 
-    /// Decodes along x; also tells the seconds that it took.
+    /// Decodes along x; also tells the seconds of processor time that it took.
     pub fn decode(&self, settings: &DecodeSettings, method: &PhaseMethod) -> Result<(PhaseMap, f64)> {
-        let start = Instant::now();
-        let (width, height, full) = (self.view.width_px(), self.view.height_px(), self.view.full_scale_dn());
-        let mut decoder = Decoder::new(&self.sequence, width, height, full, self.extent_px, settings)?;
-        let mut kept = method.keeper(&decoder);
-        for (number, frame) in self.frames.iter().enumerate() {
-            decoder.push(number, &frame.view())?;
-            kept.keep(number, frame.clone());
-        }
-        method.apply(&mut decoder, &kept)?;
-        let mut map = PhaseMap::new(decoder.info(Axis::X)?);
-        decoder.finish(Axis::X, &mut map.view_mut())?;
-        Ok((map, start.elapsed().as_secs_f64()))
+        self.taken.decode(Axis::X, settings, method)
     }
 
     /// Error of each pixel, rad; NaN where the map is not valid or the projector does not light.
@@ -102,18 +105,49 @@ impl Shown {
     pub fn judge(&self, settings: &DecodeSettings, method: &PhaseMethod) -> Result<Judged> {
         let (map, seconds) = self.decode(settings, method)?;
         let (errors, lit) = self.errors_rad(&map)?;
+        Ok(Judged::new(&map, &errors, lit, seconds))
+    }
+}
+
+impl Taken {
+    /// Decodes one axis; also tells the seconds of processor time that it took.
+    pub fn decode(
+        &self,
+        axis: Axis,
+        settings: &DecodeSettings,
+        method: &PhaseMethod,
+    ) -> Result<(PhaseMap, f64)> {
+        let start = Usage::now();
+        let first = self.frames.first().context("a sequence has frames")?;
+        let (width, height, full) = (first.width_px, first.height_px, first.full_scale_dn);
+        let mut decoder = Decoder::new(&self.sequence, width, height, full, self.extent_px, settings)?;
+        let mut kept = method.keeper(&decoder);
+        for (number, frame) in self.frames.iter().enumerate() {
+            decoder.push(number, &frame.view())?;
+            kept.keep(number, frame.clone());
+        }
+        method.apply(&mut decoder, &kept)?;
+        let mut map = PhaseMap::new(decoder.info(axis)?);
+        decoder.finish(axis, &mut map.view_mut())?;
+        Ok((map, Usage::now().since(start).cpu_ns as f64 * 1e-9))
+    }
+}
+
+impl Judged {
+    /// From the error of each pixel, rad, NaN where there is none, and the number of pixels that could have one.
+    pub fn new(map: &PhaseMap, errors: &[f32], lit: usize, seconds: f64) -> Self {
         let told: Vec<f64> = errors.iter().filter(|e| !e.is_nan()).map(|e| f64::from(*e)).collect();
         let right: Vec<f64> = told.iter().copied().filter(|e| e.abs() < PI).collect();
         let n = right.len().max(1) as f64;
         let mut sigma: Vec<f32> = map.sigma_rad.iter().copied().filter(|s| s.is_finite()).collect();
         sigma.sort_by(f32::total_cmp);
-        Ok(Judged {
+        Self {
             valid_share: told.len() as f64 / lit.max(1) as f64,
             rms_rad: (right.iter().map(|e| e * e).sum::<f64>() / n).sqrt(),
             mean_rad: right.iter().sum::<f64>() / n,
             sigma_rad: sigma.get(sigma.len() / 2).map_or(f64::NAN, |s| f64::from(*s)),
             wrong_orders: (told.len() - right.len()) as f64 / told.len().max(1) as f64,
             seconds_per_mpx: seconds / (map.info.len() as f64 * 1e-6),
-        })
+        }
     }
 }

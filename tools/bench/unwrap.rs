@@ -12,6 +12,7 @@ use fringe::decode::DecodeSettings;
 use fringe::math;
 use fringe::random::{Key, Normal};
 use fringe::unwrap::{NO_COMPONENT, QualityMap, UnwrapSettings, Wrapped, unwrap};
+use ipc::os::Usage;
 use rig::config::Config;
 use rig::npy::{self, Raster};
 use rig::recording::Recording;
@@ -60,6 +61,8 @@ struct Row {
     /// Pixels whose whole turns differ from those of most of their component.
     wrong: usize,
     time_ms: f64,
+    /// Processor time of all threads: what a busy machine does not change.
+    processor_ms: f64,
     ms_per_megapixel: f64,
 }
 
@@ -80,8 +83,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         for method in Name::ALL {
             let row = map.measure(method, args.repeats)?;
             println!(
-                "{:24} {:24} {:8} valid, {:6} components, {:7} wrong, {:9.1} ms, {:8.1} ms/Mpx",
-                row.map, row.method, row.valid, row.components, row.wrong, row.time_ms, row.ms_per_megapixel
+                "{:30} {:22} {:8} valid, {:6} components, {:7} wrong, {:9.1} ms, processor {:9.1} ms",
+                row.map, row.method, row.valid, row.components, row.wrong, row.time_ms, row.processor_ms
             );
             rows.push(row);
         }
@@ -119,16 +122,20 @@ impl Map {
             modulation: self.modulation.as_deref(),
         };
         let settings = UnwrapSettings::new(method.method(QualityMap::PhaseDerivativeVariance));
-        let mut times = Vec::new();
+        let (mut times, mut processor) = (Vec::new(), Vec::new());
         let mut last = None;
         for _ in 0..repeats {
-            let start = Instant::now();
+            let (start, usage) = (Instant::now(), Usage::now());
             last = Some(unwrap(&wrapped, None, &settings).with_context(|| self.name.clone())?);
             times.push(start.elapsed().as_secs_f64() * 1e3);
+            processor.push(Usage::now().since(usage).cpu_ns as f64 * 1e-6);
         }
         let found = last.context("at least one repeat")?;
-        times.sort_by(f64::total_cmp);
-        let time_ms = times[times.len() / 2];
+        let median = |values: &mut Vec<f64>| {
+            values.sort_by(f64::total_cmp);
+            values[values.len() / 2]
+        };
+        let (time_ms, processor_ms) = (median(&mut times), median(&mut processor));
         Ok(Row {
             map: self.name.clone(),
             method: method.name(),
@@ -136,6 +143,7 @@ impl Map {
             components: found.report.components.len(),
             wrong: self.wrong(&found.phase_rad, &found.component),
             time_ms,
+            processor_ms,
             ms_per_megapixel: time_ms * 1e6 / phase_rad.len() as f64,
         })
     }
