@@ -12,6 +12,7 @@ mod decode;
 mod demo;
 mod fusion;
 mod inspection;
+mod log;
 mod matching;
 mod output;
 mod plan_picture;
@@ -31,9 +32,7 @@ use flow::{cycle_number, drivers, graph, judgement, kernels, schedule};
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
-use std::io::IsTerminal;
 use std::process::ExitCode;
-use tracing_subscriber::fmt::format::FmtSpan;
 
 /// The input cannot be used.
 const BAD_INPUT: u8 = 2;
@@ -80,8 +79,9 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    log_to_stderr();
-    match execute(&Cli::parse().command) {
+    let command = Cli::parse().command;
+    log::to_stderr(!matches!(command, Command::Stage(_)));
+    match execute(&command) {
         Ok(code) => ExitCode::from(code),
         Err(error) => {
             eprintln!("error: {error:#}");
@@ -107,19 +107,4 @@ fn execute(command: &Command) -> Result<u8> {
     };
     print::say(text.trim_end());
     Ok(0)
-}
-
-/// `FRINGECELL_LOG` chooses what is told; warnings by default. `info`: stages and cycles; `debug`: each activation; `trace`:
-/// each step of a stage as a span with its time. As in `FRINGECELL_LOG=warn,fringecell::stage=debug`.
-fn log_to_stderr() {
-    let filter = tracing_subscriber::EnvFilter::try_from_env("FRINGECELL_LOG")
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new("warn"));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        // Of the spans that the filter lets through, how long each one lasted.
-        .with_span_events(FmtSpan::CLOSE)
-        .with_ansi(std::io::stderr().is_terminal())
-        .without_time()
-        .init();
 }
