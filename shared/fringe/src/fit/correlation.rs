@@ -163,7 +163,9 @@ fn gather<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) -> Ve
         edge_mm *= 1.5;
         keyed = cells_of(points, edge_mm);
     }
-    keyed.chunk_by(|a, b| a.0 == b.0).map(|members| cell(model, points, members)).collect()
+    let mut cells = Vec::with_capacity(MOST_CELLS);
+    cells.extend(keyed.chunk_by(|a, b| a.0 == b.0).map(|members| cell(model, points, members)));
+    cells
 }
 
 /// Sums over one cell.

@@ -28,10 +28,17 @@ pub struct Residuals {
     pub used: Vec<bool>,
 }
 
+/// The values that are marked. One allocation: a cell measures at every cycle, and growing lists cost it ten each.
+pub(super) fn marked<T: Copy>(values: &[T], marks: &[bool]) -> Vec<T> {
+    let mut chosen = Vec::with_capacity(values.len());
+    chosen.extend(values.iter().zip(marks).filter(|(_, marked)| **marked).map(|(value, _)| *value));
+    chosen
+}
+
 impl Residuals {
     /// Residuals of the points used, in their order.
     pub fn of_used(&self) -> Vec<f64> {
-        self.deviation_mm.iter().zip(&self.used).filter(|(_, used)| **used).map(|(d, _)| *d).collect()
+        marked(&self.deviation_mm, &self.used)
     }
 
     /// Form statistics.

@@ -5,7 +5,7 @@ use nalgebra::{Point3, SMatrix, Vector3};
 use super::adjust::{Adjusted, Model, adjust};
 use super::centred::Centred;
 use super::cluster::covariance;
-use super::form::{Form, Residuals};
+use super::form::{Form, Residuals, marked};
 use super::{Correlation, FitError, FitSettings, Support};
 
 /// Most rounds of rejection; each lowers the sum of squares of the kept points, so they end, usually after five.
@@ -58,7 +58,7 @@ pub(super) fn solve<M: Model<P>, const P: usize>(
                 break;
             }
             used = next;
-            chosen = select(&centred.points, &used);
+            chosen = marked(&centred.points, &used);
             adjusted = adjust(element, adjusted.model, &chosen)?;
         }
     }
@@ -118,9 +118,4 @@ fn without_largest<M: Model<P>, const P: usize>(
         used[*index as usize] = false;
     }
     used
-}
-
-/// The points that are marked.
-fn select(points: &[Vector3<f64>], used: &[bool]) -> Vec<Vector3<f64>> {
-    points.iter().zip(used).filter(|(_, used)| **used).map(|(p, _)| *p).collect()
 }

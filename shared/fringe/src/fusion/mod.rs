@@ -15,7 +15,7 @@
 mod cells;
 
 use crate::cloud::Point;
-use cells::{Cells, Grid, Site, distance2};
+use cells::{Cells, Grid, Site, distance2, make_room};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -102,7 +102,7 @@ pub fn fuse(clouds: &[&[Point]], settings: &FusionSettings, out: &mut Vec<Point>
 
 impl Fuser {
     /// Fuses clouds, in the order of the pairs, into `out` (cleared first). Allocates only where this call needs more room
-    /// than all before it.
+    /// than all before it, by a quarter.
     pub fn fuse(
         &mut self,
         clouds: &[&[Point]],
@@ -136,7 +136,7 @@ impl Fuser {
 
     /// Copies the finite points.
     fn gather(&mut self, clouds: &[&[Point]]) {
-        self.all.clear();
+        make_room(&mut self.all, clouds.iter().map(|cloud| cloud.len()).sum());
         self.starts.clear();
         self.starts.push(0);
         for cloud in clouds {
@@ -144,14 +144,14 @@ impl Fuser {
             self.all.extend(finite);
             self.starts.push(self.all.len());
         }
-        self.keep.clear();
+        make_room(&mut self.keep, self.all.len());
         self.keep.resize(self.all.len(), false);
     }
 
     /// Median distance of row neighbours, sampled evenly, times the factor; 1 mm when no two points are neighbours.
     fn radius(&mut self, clouds: &[&[Point]]) -> f64 {
-        self.spacings.clear();
         let stride = (self.all.len() / SPACING_SAMPLES).max(1);
+        make_room(&mut self.spacings, self.all.len() / stride + clouds.len());
         for cloud in clouds {
             let neighbours =
                 cloud.windows(2).step_by(stride).filter(|w| w[1].pixel == w[0].pixel.wrapping_add(1));

@@ -29,6 +29,9 @@ const PLACING_POINTS: usize = 4000;
 /// Rough fits place a region; nobody reads their uncertainties.
 pub(super) const PLACING: Correlation = Correlation::Independent;
 
+/// Points that a region's list has room for from the start: small lists would grow a dozen times in every cycle.
+const GATHERED: usize = 4096;
+
 /// Fewest points that thinning may leave.
 const THINNED_LEAST: usize = 500;
 
@@ -55,7 +58,7 @@ pub(super) fn gather<'a>(
     part_from_world: &Pose,
     regions: &[Region],
 ) -> Vec<Vec<Sample>> {
-    let mut samples = vec![Vec::new(); regions.len()];
+    let mut samples: Vec<Vec<Sample>> = regions.iter().map(|_| Vec::with_capacity(GATHERED)).collect();
     for (index, point) in cloud {
         let position = part_from_world.point(&Vector3::from(point.position_mm));
         for (region, list) in regions.iter().zip(&mut samples) {
@@ -152,8 +155,8 @@ pub(super) fn measure(
 /// own places, so that a point that joins or leaves changes nothing but itself.
 pub(super) fn thinned(chosen: &[u32], samples: &[Sample], most: usize) -> Vec<u32> {
     let stride = samples.len().div_ceil(most).max(1);
-    let thin: Vec<u32> =
-        chosen.iter().copied().filter(|place| (*place as usize).is_multiple_of(stride)).collect();
+    let mut thin = Vec::with_capacity(chosen.len());
+    thin.extend(chosen.iter().copied().filter(|place| (*place as usize).is_multiple_of(stride)));
     // Where most samples are clutter, few of the chosen would be left: then all of them are affordable.
     if thin.len() < THINNED_LEAST { chosen.to_vec() } else { thin }
 }
