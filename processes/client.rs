@@ -1,6 +1,6 @@
 //! `status`, `restart`, `stop`: talking to a running cell.
 
-use crate::supervisor::protocol::{Answer, Request, SpanRow, Status};
+use crate::supervisor::protocol::{Answer, Request, Spans, Status};
 use crate::supervisor::socket::ask;
 use anyhow::{Context, Result, bail};
 use ipc::cell::{CellName, running_cells, running_pid};
@@ -76,9 +76,9 @@ pub fn status(cell: Option<&str>) -> Result<Status> {
 ///
 /// # Errors
 /// No such cell, or none that answers.
-pub fn spans(cell: Option<&str>) -> Result<Vec<SpanRow>> {
+pub fn spans(cell: Option<&str>) -> Result<Spans> {
     match request(cell, &Request::Spans {})?.1 {
-        Answer::Spans(rows) => Ok(rows),
+        Answer::Spans(spans) => Ok(spans),
         _ => bail!("the cell gave no spans"),
     }
 }

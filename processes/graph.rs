@@ -8,7 +8,7 @@ use fringe::inspection::Plan;
 use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet, frame_count};
 use rig::config::{Config, DEFAULT_RECIPE, TextFile};
-use rig::cycle_record::Kept;
+use rig::cycle_record::{Kept, RecordedRecipe};
 use rig::hash::sha256_hex;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -30,9 +30,7 @@ pub struct Cell {
     pub matching: MatchSettings,
     /// Settings of the fusion.
     pub fusion: FusionSettings,
-    /// What is inspected where no recipe is named: the plan of the first recipe.
-    pub plan: Option<Plan>,
-    /// All that a request may choose; at least one.
+    /// All that a request may choose; at least one. The first one counts where none is named.
     pub recipes: Vec<Recipe>,
 }
 
@@ -43,13 +41,8 @@ pub struct Recipe {
     pub name: String,
     /// What is inspected; absent: nothing, the cloud alone is wanted.
     pub plan: Option<Plan>,
-}
-
-impl Cell {
-    /// SHA-256 of the inspection plan, if there is one.
-    pub fn plan_sha256(&self) -> Option<String> {
-        self.config.plan.as_ref().map(|plan| sha256_hex(plan.text.as_bytes()))
-    }
+    /// SHA-256 of the file of the plan.
+    pub plan_sha256: Option<String>,
 }
 
 /// What a command adds to the configuration.
@@ -80,7 +73,6 @@ pub fn load(path: &Path, options: &Options) -> Result<Cell> {
         decode: document.typed("decode", config.decode.clone())?,
         matching: document.typed("matching", config.matching.clone())?,
         fusion: document.typed("fusion", config.fusion.clone())?,
-        plan: recipes.first().and_then(|recipe| recipe.plan.clone()),
         recipes,
         graph,
         schedule,
@@ -90,19 +82,25 @@ pub fn load(path: &Path, options: &Options) -> Result<Cell> {
 
 /// The plan of the configuration first, then its further recipes; without either one that measures nothing.
 fn recipes(config: &Config) -> Result<Vec<Recipe>> {
-    let parse = |file: &TextFile| {
-        Plan::from_toml(&file.text).map(Some).with_context(|| file.path.display().to_string())
+    let recipe = |name: &str, file: &TextFile| {
+        let plan = Plan::from_toml(&file.text).with_context(|| file.path.display().to_string())?;
+        let plan_sha256 = Some(sha256_hex(file.text.as_bytes()));
+        Ok(Recipe { name: name.to_owned(), plan: Some(plan), plan_sha256 })
     };
-    let first = match &config.plan {
-        Some(file) => Some(parse(file)?),
-        None => config.recipes.is_empty().then_some(None),
-    };
-    let first = first.map(|plan| Ok(Recipe { name: DEFAULT_RECIPE.to_owned(), plan }));
-    let further = config
-        .recipes
-        .iter()
-        .map(|recipe| Ok(Recipe { name: recipe.name.clone(), plan: parse(&recipe.plan)? }));
-    first.into_iter().chain(further).collect()
+    let first = config.plan.iter().map(|plan| (DEFAULT_RECIPE, plan));
+    let further = config.recipes.iter().map(|recipe| (recipe.name.as_str(), &recipe.plan));
+    let mut recipes =
+        first.chain(further).map(|(name, file)| recipe(name, file)).collect::<Result<Vec<_>>>()?;
+    if recipes.is_empty() {
+        recipes.push(Recipe { name: DEFAULT_RECIPE.to_owned(), plan: None, plan_sha256: None });
+    }
+    Ok(recipes)
+}
+
+/// The recipes of a cell as a cycle record names them.
+pub fn recorded_recipes(cell: &Cell) -> Vec<RecordedRecipe> {
+    let recorded = |r: &Recipe| RecordedRecipe { name: r.name.clone(), plan_sha256: r.plan_sha256.clone() };
+    cell.recipes.iter().map(recorded).collect()
 }
 
 fn graph(config: &Config, options: &Options) -> Result<Graph> {

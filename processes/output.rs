@@ -4,6 +4,7 @@ use crate::cycle_number::wire;
 use crate::graph::Cell;
 use crate::schedule::label;
 use crate::supervisor::collect::Span;
+use crate::supervisor::history::{CycleSpan, History};
 use crate::supervisor::watch::Watch;
 use anyhow::Result;
 use fringe::cloud::Point;
@@ -17,7 +18,7 @@ use rig::report::{
     stage_times, write_html,
 };
 use rig::result::{CycleResult, OUTCOME_OK, write_json};
-use rig::trace::{TraceSpan, write_trace};
+use rig::trace::{TraceCycle, TraceSpan, write_trace};
 use std::path::Path;
 use twin::Truth;
 
@@ -35,8 +36,8 @@ pub struct Run<'a> {
     pub cell: &'a Cell,
     /// Results of the cycles; of long runs the last ones.
     pub results: &'a [CycleResult],
-    /// Spans of the last cycles.
-    pub spans: &'a [Span],
+    /// When the last cycles ran.
+    pub history: &'a History,
     /// What was seen.
     pub watch: &'a Watch,
     /// The truth of a demonstration.
@@ -45,7 +46,7 @@ pub struct Run<'a> {
 
 /// Writes cloud, trace and report.
 pub fn files(folder: &Path, run: &Run) -> Result<()> {
-    trace(&folder.join("trace.json"), run.cell, run.spans)?;
+    trace(&folder.join("trace.json"), run.cell, run.history)?;
     let points = match &run.watch.cloud {
         Some(cloud) => payload::points(cloud.header(), cloud.payload())?,
         None => &[],
@@ -66,10 +67,17 @@ pub fn files(folder: &Path, run: &Run) -> Result<()> {
 }
 
 /// Writes when each stage did what.
-pub fn trace(file: &Path, cell: &Cell, spans: &[Span]) -> Result<()> {
+pub fn trace(file: &Path, cell: &Cell, history: &History) -> Result<()> {
     let stages: Vec<&str> = cell.schedule.stages.iter().map(|s| s.name.as_str()).collect();
-    let spans: Vec<TraceSpan> = spans.iter().filter_map(|span| trace_span(cell, span)).collect();
-    Ok(write_trace(file, &stages, &spans)?)
+    let spans: Vec<TraceSpan> = history.spans.iter().filter_map(|span| trace_span(cell, span)).collect();
+    let cycles: Vec<TraceCycle> = history.cycles.iter().map(trace_cycle).collect();
+    Ok(write_trace(file, &stages, &spans, &cycles)?)
+}
+
+/// A cycle for the trace.
+pub fn trace_cycle(cycle: &CycleSpan) -> TraceCycle {
+    let CycleSpan { cycle, outcome, part, recipe, start_ns, end_ns } = cycle.clone();
+    TraceCycle { cycle, outcome, part, recipe, start_ns, end_ns }
 }
 
 fn trace_span(cell: &Cell, span: &Span) -> Option<TraceSpan> {
@@ -81,6 +89,7 @@ fn trace_span(cell: &Cell, span: &Span) -> Option<TraceSpan> {
         wait_ns: span.wait_ns,
         start_ns: span.start_ns,
         end_ns: span.end_ns,
+        send_ns: span.send_ns,
     })
 }
 
@@ -116,8 +125,8 @@ fn report(folder: &Path, run: &Run, points: &[Point]) -> Result<()> {
         deviation_meaning: "Distance from the fitted element of the plan, positive outside of the material."
             .into(),
         overlaps: overlaps(cell, last),
-        timeline: timeline(cell, run.spans, last.cycle),
-        marks: marks(cell, run.spans, last.cycle),
+        timeline: timeline(cell, run.history, last.cycle),
+        marks: marks(cell, run.history, last.cycle),
         stages: stage_times(run.results),
         cycles: run.results.iter().map(CycleRow::from).collect(),
         notes: [Some(UNCERTAINTY_NOTE), run.truth.map(|_| TRUTH_NOTE)]
@@ -206,9 +215,9 @@ fn overlaps(cell: &Cell, result: &CycleResult) -> Vec<OverlapRow> {
     rows.collect()
 }
 
-fn timeline(cell: &Cell, spans: &[Span], cycle: u64) -> Vec<rig::report::Span> {
+fn timeline(cell: &Cell, history: &History, cycle: u64) -> Vec<rig::report::Span> {
     let mut rows = Vec::new();
-    for span in spans.iter().filter(|s| s.cycle == cycle) {
+    for span in history.spans.iter().filter(|s| s.cycle == cycle) {
         let Some(activation) = cell.schedule.activations.get(span.activation) else { continue };
         let stage = &cell.schedule.stages[activation.stage].name;
         let mut row = |activity, start_ns, end_ns| {
@@ -222,10 +231,10 @@ fn timeline(cell: &Cell, spans: &[Span], cycle: u64) -> Vec<rig::report::Span> {
     rows
 }
 
-fn marks(cell: &Cell, spans: &[Span], cycle: u64) -> Vec<Mark> {
+fn marks(cell: &Cell, history: &History, cycle: u64) -> Vec<Mark> {
     use crate::schedule::Work;
     let ends = |test: fn(&Work) -> bool| {
-        let of_cycle = spans.iter().filter(|s| s.cycle == cycle);
+        let of_cycle = history.spans.iter().filter(|s| s.cycle == cycle);
         let matching =
             of_cycle.filter(|s| cell.schedule.activations.get(s.activation).is_some_and(|a| test(&a.work)));
         matching.map(|s| s.end_ns).max()

@@ -87,6 +87,7 @@ pub struct Rerun<'a> {
     phases: PhaseMaps,
     clouds: Vec<Vec<Point>>,
     fused: Vec<Point>,
+    recipe: usize,
     result: String,
 }
 
@@ -113,12 +114,14 @@ impl<'a> Rerun<'a> {
             clouds: pairs.iter().map(|(_, capacity)| vec![bytemuck::Zeroable::zeroed(); *capacity]).collect(),
             pairs,
             fused: Vec::new(),
+            recipe: 0,
             result: String::new(),
         })
     }
 
-    /// Forgets what an earlier cycle left.
-    pub fn begin(&mut self) {
+    /// Forgets what an earlier cycle left; the next one is inspected with a recipe of the cell.
+    pub fn begin(&mut self, recipe: usize) {
+        self.recipe = recipe;
         self.decoders.values_mut().for_each(Decoder::begin);
     }
 
@@ -148,7 +151,9 @@ impl<'a> Rerun<'a> {
                 Ok(cast_slice(&self.fused))
             }
             Work::Inspect => {
-                self.result = serde_json::to_string(&judge(self.cell.plan.as_ref(), &self.fused))?;
+                let recipe = self.cell.recipes.get(self.recipe);
+                let recipe = recipe.with_context(|| format!("the cell has no recipe {}", self.recipe))?;
+                self.result = serde_json::to_string(&judge(recipe.plan.as_ref(), &self.fused))?;
                 Ok(self.result.as_bytes())
             }
             Work::Project { .. } | Work::Store => Ok(&[]),

@@ -68,7 +68,6 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     };
     let cell = graph::load(&config, &options)?;
     ipc::cell::CellName::new(&cell.name)?;
-    check_record(args, &cell)?;
     kernels::rehearse(&cell)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;
@@ -109,13 +108,16 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     let results: Vec<CycleResult> = results.into();
     tell(&cell, &results, truth);
     if let (Some(folder), Some(watch)) = (&args.out, &summary.watch) {
-        output::files(folder, &Run { cell: &cell, results: &results, spans: &summary.spans, watch, truth })?;
+        output::files(
+            folder,
+            &Run { cell: &cell, results: &results, history: &summary.history, watch, truth },
+        )?;
     }
     if let Some(error) = summary.unrecorded {
         return Err(error);
     }
     if let Some(file) = &args.trace {
-        output::trace(file, &cell, &summary.spans)?;
+        output::trace(file, &cell, &summary.history)?;
     }
     Ok(exit_code(&summary, &orders))
 }
@@ -127,18 +129,6 @@ fn needs_reader(args: &RunArgs, orders: &Orders) -> bool {
         && args.out.is_none()
         && args.record.is_none()
         && args.cycle_record.is_none()
-}
-
-/// Refuses a record that could not be replayed.
-fn check_record(args: &RunArgs, cell: &Cell) -> Result<()> {
-    if args.serve && args.cycle_record.is_some() && cell.recipes.len() > 1 {
-        bail!(
-            "--cycle-record: a cycle record does not hold which of the {} recipes a cycle was inspected with; leave it out, or \
-             the [[recipe]] tables",
-            cell.recipes.len()
-        );
-    }
-    Ok(())
 }
 
 /// A recording that does not begin again has one cycle.

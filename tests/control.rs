@@ -1,7 +1,8 @@
 //! A cell that takes jobs: states, recipes, refusals, metrics. Through the real binary and its socket.
 
 use crate::running::{Cell, json, pid_of, results, signal, text, wait};
-use crate::support::root;
+use crate::support::{fringetool, root};
+use rig::cycle_record::{Next, RecordReader};
 use serde_json::{Value, json as value};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -10,7 +11,7 @@ use std::process::{Child, Command, Output};
 use std::time::Duration;
 
 /// The plan of the artefact with other tolerances, for cameras that see few points.
-fn plan(lower: f64, upper: f64) -> String {
+pub fn plan(lower: f64, upper: f64) -> String {
     let text = std::fs::read_to_string(root().join("configs/complex-artefact.plan.toml")).unwrap();
     let line = |line: &str| match line.split(" = ").next() {
         Some(key @ ("tolerance_mm" | "tolerance_deg")) => format!("{key} = [{lower:?}, {upper:?}]"),
@@ -32,7 +33,11 @@ struct Served {
 
 impl Served {
     fn new(name: &str, more: &[&str]) -> Self {
-        let cell = Cell::played(name, 0.0, "");
+        Self::limited(name, "", more)
+    }
+
+    fn limited(name: &str, limits: &str, more: &[&str]) -> Self {
+        let cell = Cell::played(name, 0.0, limits);
         let (pass, fail) = (cell.small.path("pass.plan.toml"), cell.small.path("fail.plan.toml"));
         std::fs::write(pass, plan(-50.0, 50.0)).unwrap();
         std::fs::write(fail, plan(40.0, 50.0)).unwrap();
@@ -41,7 +46,8 @@ impl Served {
             "[limits]\n",
             "[[recipe]]\nname = \"pass\"\nplan = \"pass.plan.toml\"\n[[recipe]]\nname = \"fail\"\nplan = \"fail.plan.toml\"\n[limits]\n",
         );
-        let mut arguments = vec!["--serve"];
+        let record = cell.small.path("served.record");
+        let mut arguments = vec!["--serve", "--cycle-record", &record];
         arguments.extend(more);
         let run = cell.program("played.toml", &arguments).spawn().unwrap();
         cell.until("ready", |status| status["state"] == "Ready");
@@ -84,6 +90,38 @@ fn exchange(mut stream: &UnixStream, line: &str) -> Value {
     serde_json::from_str(&answer).unwrap_or_else(|e| panic!("{e}: {answer:?}"))
 }
 
+/// Proves: a record of a cell that serves is replayed, each cycle with the recipe that it was inspected with, and not when a
+/// plan was changed since.
+fn replays_each_part_with_its_recipe(cell: &Cell) {
+    let (record, report) = (cell.small.path("served.record"), cell.small.path("replay.json"));
+    let replay = || fringetool(&["replay", &record, "--json", &report]);
+    let ran = replay();
+    assert_eq!(ran.code, Some(0), "{}{}", ran.stdout, ran.stderr);
+    assert_eq!(json(report.as_ref())["cycles"], 3);
+    let mut reader = RecordReader::open(record.as_ref()).unwrap();
+    let mut recipes = Vec::new();
+    while let Next::Cycle(cycle) = reader.next_cycle().unwrap() {
+        recipes.push(reader.header.recipes[cycle.entry.recipe as usize].name.clone());
+    }
+    assert_eq!(recipes, ["pass", "fail", "pass"]);
+    cell.small.edit("fail.plan.toml", "40.0", "41.0");
+    let ran = replay();
+    assert_eq!(ran.code, Some(2), "{}", ran.stdout);
+    assert!(ran.stderr.contains("the inspection plan of recipe \"fail\" was changed"), "{}", ran.stderr);
+}
+
+/// Proves: a stage that starts again never measures with another plan than the cell began with.
+#[test]
+fn a_plan_that_was_changed_while_the_cell_runs_ends_in_error_and_not_in_a_mixed_result() {
+    let served = Served::limited("edited", "restarts_max = 1", &[]);
+    served.cell.small.edit("fail.plan.toml", "40.0", "41.0");
+    served.ask(&value!({"command": "restart", "stage": "inspection"}));
+    let status = served.cell.until("in error", |status| status["state"] == "Error");
+    let reason = status["reason"].as_str().unwrap();
+    assert!(reason.contains("fail.plan.toml was changed while the cell runs; stop the cell"), "{reason}");
+    served.stop();
+}
+
 /// Proves: recipes are chosen per request without a stage being restarted, and every request has its answer and exit code.
 #[test]
 fn parts_are_inspected_on_request_each_with_its_recipe() {
@@ -103,6 +141,8 @@ fn parts_are_inspected_on_request_each_with_its_recipe() {
             text(&output.stderr)
         );
         assert_eq!((&result["part"], &result["recipe"]), (&part.into(), &recipe.into()));
+        let written = json(&served.cell.out().join("result.json"));
+        assert_eq!(written, result, "who has the answer finds the file");
         assert_eq!((&result["outcome"], &result["verdict"]), (&"ok".into(), &verdict.into()), "{result}");
         assert!(result["duration_ns"].as_u64() >= result["latency_ns"].as_u64(), "{result}");
     }
@@ -123,6 +163,7 @@ fn parts_are_inspected_on_request_each_with_its_recipe() {
     let output = wait(run);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     assert_eq!(results(&cell.out()).len(), 3);
+    replays_each_part_with_its_recipe(&cell);
 }
 
 #[test]
@@ -284,7 +325,10 @@ fn a_run_that_goes_by_itself_takes_no_jobs() {
     cell.until("past a cycle", |status| status["cycles_done"].as_u64() > Some(0));
     let output = Command::new(program).args(["status", &cell.name, "--trace", &trace]).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-    assert!(json(trace.as_ref())["traceEvents"].as_array().unwrap().len() > 50);
+    let trace = json(trace.as_ref());
+    let events = trace["traceEvents"].as_array().unwrap();
+    assert!(events.len() > 50);
+    assert!(events.iter().any(|e| e["cat"] == "cycle" && e["name"] == "cycle 0: ok"), "{trace}");
     let output = wait(run);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let result = json(&cell.out().join("result.json"));

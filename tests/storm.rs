@@ -224,9 +224,11 @@ fn forge(cell: &CellName, cycle: u64, number: u64) {
         let header = Phase { cycle, camera, width_px, height_px, period_px: 16.0, ..Phase::default() };
         send(cell, topic, &["matching/pair1"], header, None);
     };
-    match number % 3 {
+    // Mostly that of the second camera: the matching follows the first one on its core, and one that did not wait for all
+    // its inputs would begin with the forgery whenever the first camera is done sooner.
+    match number % 4 {
         0 => phase(0, "phase/cam1"),
-        1 => phase(1, "phase/cam2"),
+        1 | 2 => phase(1, "phase/cam2"),
         _ => {
             let header = Cloud { cycle, capacity: 10, points: 2, ..Cloud::default() };
             send(cell, "cloud/pair1", &["fusion"], header, None);

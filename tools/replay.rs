@@ -72,7 +72,6 @@ fn cell(args: &Args, header: &RecordHeader) -> Result<Cell> {
     for (what, recorded, now) in [
         ("the configuration", Some(&header.config_sha256), Some(&cell.config.sha256)),
         ("the rig file", Some(&header.rig_sha256), Some(&cell.config.rig_sha256)),
-        ("the inspection plan", header.plan_sha256.as_ref(), cell.plan_sha256().as_ref()),
         ("the recording", header.recording_sha256.as_ref(), recording.as_ref()),
     ] {
         if recorded != now {
@@ -86,6 +85,7 @@ fn cell(args: &Args, header: &RecordHeader) -> Result<Cell> {
             );
         }
     }
+    check_recipes(args, header, &cell)?;
     // A stage that writes a recording is not run again; it gave nothing that could be compared.
     let recorded = header.activations.iter().filter(|a| a.stage != "record");
     let planned: Vec<ActivationName> = names(&cell);
@@ -99,6 +99,19 @@ fn cell(args: &Args, header: &RecordHeader) -> Result<Cell> {
         );
     }
     Ok(cell)
+}
+
+/// Every recipe of the record must still be the one that was recorded. The configuration is known to be the same, so
+/// names and number are; the files that it names may have been changed.
+fn check_recipes(args: &Args, header: &RecordHeader, cell: &Cell) -> Result<()> {
+    let now = graph::recorded_recipes(cell);
+    let changed = header.recipes.iter().zip(&now).find(|(recorded, now)| recorded != now);
+    let Some((recorded, _)) = changed else { return Ok(()) };
+    bail!(
+        "{}: the inspection plan of recipe \"{}\" was changed since; restore it to replay",
+        args.record.display(),
+        recorded.name
+    )
 }
 
 fn names(cell: &Cell) -> Vec<ActivationName> {
@@ -149,7 +162,7 @@ fn again(
         return Ok(());
     };
     source.load(reader, cycle)?;
-    rerun.begin();
+    rerun.begin(cycle.entry.recipe as usize);
     for number in 0..=last {
         let recorded = cycle.entry.activations.iter().find(|a| a.activation == number);
         let Some(name) = activations.get(number as usize) else {

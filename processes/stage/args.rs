@@ -4,6 +4,14 @@ use crate::schedule::Kind;
 use rig::cycle_record::Kept;
 use std::path::PathBuf;
 
+/// Digits of a hash that stand on the command line of a stage: enough that no change is missed.
+const SHORT_HASH: usize = 16;
+
+/// The hashes of all that a configuration consists of, as in [`StageArgs::files`].
+pub fn short_hashes(files: &[(String, String)]) -> Vec<String> {
+    files.iter().map(|(_, sha256)| sha256.chars().take(SHORT_HASH).collect()).collect()
+}
+
 /// Arguments of the hidden subcommand `stage`, written by the supervisor.
 #[derive(Debug, Clone, clap::Args)]
 pub struct StageArgs {
@@ -17,12 +25,9 @@ pub struct StageArgs {
     /// Configuration.
     #[arg(long)]
     pub config: PathBuf,
-    /// Its hash: a stage must not run another configuration than its supervisor.
-    #[arg(long)]
-    pub config_sha256: String,
-    /// Hash of the rig file.
-    #[arg(long)]
-    pub rig_sha256: String,
+    /// Hashes of all that the supervisor read: a stage must not run with anything else.
+    #[arg(long, value_delimiter = ',')]
+    pub files: Vec<String>,
     /// Process of the supervisor.
     #[arg(long)]
     pub parent: u32,

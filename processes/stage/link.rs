@@ -11,7 +11,7 @@ use ipc::cell::CellName;
 use ipc::error::MessageError;
 use ipc::header::{Command, Control, Event, EventKind, Header, MAX_TEXT_BYTES};
 use ipc::os::{Usage, now_ns};
-use ipc::port::{Bell, Node, Publisher, Received, Ringer, Subscriber};
+use ipc::port::{Bell, Node, Publisher, Received, Ringer, Subscriber, loans};
 use ipc::turn::{Turn, Turns};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -29,6 +29,8 @@ pub struct Link {
     pub(super) bell: Bell,
     pub(super) control: Subscriber<Control>,
     events: Publisher<Event>,
+    /// Rung for events, after whoever may go on with the cycle.
+    supervisor: Ringer,
     node: Node,
     /// What the paths of the cell's shared memory begin with.
     segments: String,
@@ -40,6 +42,8 @@ pub struct Link {
     /// As of the last report.
     usage: Usage,
     allocations: u64,
+    /// Likewise.
+    messages: u64,
     /// Spent on sending since the last report, ns.
     send_ns: u64,
 }
@@ -93,7 +97,8 @@ impl Link {
         let bell = node.bell(&args.name)?;
         let control = node.subscriber("control")?;
         let patience = patience(&cell);
-        let events = node.publisher("event", MAX_TEXT_BYTES, &[SUPERVISOR.to_owned()], patience)?;
+        let events = node.publisher("event", MAX_TEXT_BYTES, &[SUPERVISOR.to_owned()], patience)?.silent();
+        let supervisor = node.ringer(SUPERVISOR)?;
         let order = Order::new(&cell.schedule);
         Ok(Self {
             turns: Turns::open(&name, order.lanes.len())?,
@@ -106,11 +111,13 @@ impl Link {
             bell,
             control,
             events,
+            supervisor,
             node,
             segments: name.segments(),
             idle_since_ns: now_ns(),
             usage: Usage::now(),
             allocations: allocations(),
+            messages: loans(),
             send_ns: 0,
         })
     }
@@ -188,10 +195,12 @@ impl Link {
         self.cell.schedule.stages[self.stage].subject
     }
 
-    /// A sender on a topic of the schedule.
+    /// A sender on a topic of the schedule. Whoever takes from it is rung when the activation is done ([`Self::done`]).
     pub fn publisher<H: Header>(&self, topic: &str) -> Result<Publisher<H>> {
         let plan = self.plan(topic)?;
-        Ok(self.node.publisher(topic, plan.bytes as usize, &plan.consumers, patience(&self.cell))?)
+        let sender =
+            self.node.publisher(topic, plan.bytes as usize, &plan.consumers, patience(&self.cell))?;
+        Ok(sender.silent())
     }
 
     /// A receiver of a topic of the schedule.
@@ -217,7 +226,7 @@ impl Link {
     pub fn idle_from_now(&mut self) {
         self.idle_since_ns = now_ns();
         self.usage = Usage::now();
-        self.allocations = allocations();
+        (self.allocations, self.messages) = (allocations(), loans());
         self.send_ns = 0;
     }
 
@@ -248,7 +257,7 @@ impl Link {
             .schedule
             .find(work)
             .ok_or_else(|| Fault::Cycle(format!("{work:?} is not in the schedule")))?;
-        let (end_ns, usage, allocated) = (now_ns(), Usage::now(), allocations());
+        let (end_ns, usage, allocated, messages) = (now_ns(), Usage::now(), allocations(), loans());
         let used = usage.since(self.usage);
         let header = Event {
             cycle: self.cycle(),
@@ -265,20 +274,25 @@ impl Link {
             voluntary_switches: used.voluntary_switches as u32,
             involuntary_switches: used.involuntary_switches as u32,
             allocations: (allocated - self.allocations) as u32,
+            messages: (messages - self.messages) as u32,
             activation: activation as u32,
             count: report.count as u32,
             ..self.event(EventKind::Done, report.text.len())
         };
         tracing::debug!(?work, bytes, wait_ns = header.wait_ns, ns = end_ns.saturating_sub(start_ns), "done");
-        (self.idle_since_ns, self.usage, self.allocations, self.send_ns) = (end_ns, usage, allocated, 0);
+        (self.idle_since_ns, self.usage, self.send_ns) = (end_ns, usage, 0);
+        (self.allocations, self.messages) = (allocated, messages);
         self.events.send(header, report.text.as_bytes())?;
         self.pass(activation);
+        self.supervisor.ring();
         Ok(())
     }
 
     /// Reports that the ports stand, as an answer to the number of a connect command.
     pub fn ready(&self, answer: u64) -> Result<(), IpcError> {
-        self.events.send(Event { cycle: answer, ..self.event(EventKind::Ready, 0) }, &[])
+        self.events.send(Event { cycle: answer, ..self.event(EventKind::Ready, 0) }, &[])?;
+        self.supervisor.ring();
+        Ok(())
     }
 
     /// Reports that the cycle cannot be finished, and forgets it. Cycle 0: the stage itself cannot go on.
@@ -286,7 +300,9 @@ impl Link {
         let text = shorten(reason, MAX_TEXT_BYTES);
         let header = Event { cycle, count: self.gate.stale(), ..self.event(EventKind::Failed, text.len()) };
         self.gate.end(cycle);
-        self.events.send(header, text.as_bytes())
+        self.events.send(header, text.as_bytes())?;
+        self.supervisor.ring();
+        Ok(())
     }
 
     /// Sleeps until somebody rings or the time is over.

@@ -9,7 +9,7 @@ mod gate;
 mod link;
 mod worker;
 
-pub use args::StageArgs;
+pub use args::{StageArgs, short_hashes};
 pub use fault::{Fault, lost};
 pub use link::{Inbox, Link, Report, Text};
 pub use worker::Worker;

@@ -23,6 +23,8 @@ pub struct Span {
     pub start_ns: u64,
     /// End, ns.
     pub end_ns: u64,
+    /// Handing over, part of the time between start and end, ns.
+    pub send_ns: u64,
 }
 
 /// A result as it arrived.
@@ -86,6 +88,7 @@ impl Collector {
             wait_ns: event.wait_ns,
             start_ns: event.start_ns,
             end_ns: event.end_ns,
+            send_ns: event.send_ns,
         })
     }
 
@@ -173,6 +176,7 @@ fn did(event: &Event) -> StageResult {
         send_ns: event.send_ns,
         activations: 1,
         bytes: event.bytes,
+        messages: event.messages.into(),
         cpu_ns: event.cpu_ns,
         minor_faults: event.minor_faults.into(),
         major_faults: event.major_faults.into(),

@@ -2,9 +2,9 @@
 
 use super::protocol::{Answer, RecipeReport, StateReport};
 use crate::control::{Action, Event, Machine, Refusal, State};
+use crossbeam::channel::Sender;
 use rig::result::CycleResult;
 use serde_json::json;
-use std::sync::mpsc::Sender;
 
 /// Longest name of a part, bytes: it stands in a request of at most 4 kB and in every result.
 const MAX_PART: usize = 256;
@@ -121,12 +121,16 @@ impl Desk {
         changed.map_or_else(|answer| answer, |_| Answer::Done(format!("recipe \"{recipe}\" is {word}")))
     }
 
-    /// A cycle has its outcome: it is marked with its part, who waits gets it, and the next one may start.
-    pub(super) fn concluded(&mut self, result: &mut CycleResult) -> Action {
+    /// Marks a result with the recipe and the part of its job.
+    pub(super) fn mark(&self, result: &mut CycleResult) {
         result.more.insert("recipe".into(), json!(self.recipes[self.recipe()]));
         if let Some(part) = self.job.as_ref().and_then(|job| job.part.as_ref()) {
             result.more.insert("part".into(), json!(part));
         }
+    }
+
+    /// A cycle has its outcome, and its files are written: who waits gets it, and the next one may start.
+    pub(super) fn concluded(&mut self, result: &CycleResult) -> Action {
         if let Some(reply) = self.job.as_mut().and_then(|job| job.waits.take()) {
             // A client that went away needs no answer; the result is written all the same.
             let _ = reply.send(Answer::Inspected(Box::new(result.clone())));

@@ -6,11 +6,11 @@ use super::metrics::CONTENT_TYPE;
 use super::protocol::{Answer, Request};
 use super::socket::Call;
 use anyhow::{Context, Result};
+use crossbeam::channel::{Sender, bounded};
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 
 /// Longest head of a request, bytes; a scraper sends some 300.
@@ -134,7 +134,7 @@ fn answer(head: &[u8], calls: &Sender<Call>) -> Reply {
 
 /// Asks the supervisor.
 fn metrics(calls: &Sender<Call>) -> Option<String> {
-    let (reply, answer) = channel();
+    let (reply, answer) = bounded(1);
     calls.send((Request::Metrics {}, reply)).ok()?;
     match answer.recv_timeout(PATIENCE).ok()? {
         Answer::Metrics(text) => Some(text),
@@ -157,7 +157,7 @@ mod tests {
     }
 
     fn endpoint() -> SocketAddr {
-        let (calls, requests) = channel::<Call>();
+        let (calls, requests) = bounded::<Call>(4);
         std::thread::spawn(move || {
             for (_, reply) in requests {
                 let _ = reply.send(Answer::Metrics("a 1\n".into()));

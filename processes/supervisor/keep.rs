@@ -4,7 +4,7 @@
 //! caught up; their senders wait for room then, as for any slow receiver.
 
 use crate::cycle_number::wire;
-use crate::graph::Cell;
+use crate::graph::{Cell, recorded_recipes};
 use crate::schedule::{Work, label, output};
 use anyhow::{Context, Result, anyhow};
 use crossbeam::channel::{Receiver, Sender, unbounded};
@@ -89,17 +89,18 @@ impl Keeper {
         }
     }
 
-    /// A cycle has its outcome.
+    /// A cycle has its outcome; `recipe` counts in the cell.
     pub fn end<'e>(
         &mut self,
         cell: &Cell,
         result: &CycleResult,
+        recipe: usize,
         done: impl Iterator<Item = &'e Event>,
     ) -> Result<()> {
         // All that was sent before its report is here already, so this is all of the cycle.
         self.take(cell, usize::MAX)?;
         self.current = None;
-        self.send(Item::Cycle(entry(result, done)));
+        self.send(Item::Cycle(entry(result, recipe, done)));
         Ok(())
     }
 
@@ -243,14 +244,14 @@ fn header(cell: &Cell) -> Result<RecordHeader> {
         config: path.to_owned(),
         config_sha256: config.sha256.clone(),
         rig_sha256: config.rig_sha256.clone(),
-        plan_sha256: cell.plan_sha256(),
+        recipes: recorded_recipes(cell),
         recording_sha256: config.recording.as_ref().map(|r| r.recording.sha256.clone()),
         kept: cell.graph.kept,
         activations: activations.collect(),
     })
 }
 
-fn entry<'e>(result: &CycleResult, done: impl Iterator<Item = &'e Event>) -> CycleEntry {
+fn entry<'e>(result: &CycleResult, recipe: usize, done: impl Iterator<Item = &'e Event>) -> CycleEntry {
     let activations = done.map(|event| ActivationEntry {
         activation: event.activation,
         bytes: event.bytes,
@@ -262,6 +263,7 @@ fn entry<'e>(result: &CycleResult, done: impl Iterator<Item = &'e Event>) -> Cyc
     });
     CycleEntry {
         cycle: result.cycle,
+        recipe: recipe as u32,
         outcome: result.outcome.clone(),
         verdict: result.verdict,
         latency_ns: result.latency_ns,

@@ -8,6 +8,7 @@ pub mod collect;
 pub mod cycle;
 mod desk;
 mod flight;
+pub mod history;
 mod http;
 mod keep;
 mod lives;

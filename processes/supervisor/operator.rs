@@ -3,18 +3,21 @@
 use super::children::Life;
 use super::cycle::Input;
 use super::metrics;
-use super::protocol::{Answer, Request, SpanRow, StageStatus, Status};
+use super::protocol::{Answer, Request, SpanRow, Spans, StageStatus, Status};
 use super::state::Supervisor;
 use crate::control::{Action, Event, State};
 use crate::schedule::label;
 use anyhow::Result;
+use crossbeam::channel::Sender;
 use ipc::os::now_ns;
 use rig::result::CycleResult;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::Sender;
 
 /// Spans that an answer may hold: some ten cycles of a large cell, a megabyte of JSON.
 const MAX_SPANS: usize = 5000;
+
+/// Cycles that an answer may hold: beyond those of the spans they say when others failed.
+const MAX_CYCLES: usize = 1000;
 
 impl Supervisor<'_> {
     /// Does what is asked.
@@ -126,10 +129,10 @@ impl Supervisor<'_> {
         }
     }
 
-    fn last_spans(&self) -> Vec<SpanRow> {
-        let schedule = &self.cell.schedule;
-        let last = self.spans.len().saturating_sub(MAX_SPANS);
-        let rows = self.spans[last..].iter().filter_map(|span| {
+    fn last_spans(&self) -> Spans {
+        let (schedule, history) = (&self.cell.schedule, &self.history);
+        let left_out = history.spans.len().saturating_sub(MAX_SPANS);
+        let rows = history.spans.iter().skip(left_out).filter_map(|span| {
             let activation = schedule.activations.get(span.activation)?;
             Some(SpanRow {
                 stage: schedule.stages[activation.stage].name.clone(),
@@ -138,9 +141,11 @@ impl Supervisor<'_> {
                 wait_ns: span.wait_ns,
                 start_ns: span.start_ns,
                 end_ns: span.end_ns,
+                send_ns: span.send_ns,
             })
         });
-        rows.collect()
+        let left_out = history.cycles.len().saturating_sub(MAX_CYCLES);
+        Spans { activations: rows.collect(), cycles: history.cycles.iter().skip(left_out).cloned().collect() }
     }
 
     fn status(&self) -> Status {

@@ -252,6 +252,7 @@ pub fn add(sum: &mut StageResult, more: &StageResult) {
     sum.send_ns += more.send_ns;
     sum.activations += more.activations;
     sum.bytes += more.bytes;
+    sum.messages += more.messages;
     sum.cpu_ns += more.cpu_ns;
     sum.minor_faults += more.minor_faults;
     sum.major_faults += more.major_faults;

@@ -1,5 +1,6 @@
 //! What is said over the socket of a cell; `docs/control.md` is its documentation.
 
+use super::history::CycleSpan;
 use super::profile::{Outcomes, Percentiles};
 use crate::control::State;
 use rig::result::{CycleResult, StageResult};
@@ -67,7 +68,7 @@ pub enum Answer {
     /// In the Prometheus text format.
     Metrics(String),
     /// What was done when.
-    Spans(Vec<SpanRow>),
+    Spans(Spans),
     /// In which state it is.
     State(StateReport),
     /// The result of the cycle.
@@ -111,6 +112,15 @@ pub struct RecipeReport {
     pub prepared: bool,
 }
 
+/// What was done in the last cycles.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Spans {
+    /// Every piece of work.
+    pub activations: Vec<SpanRow>,
+    /// The cycles from start to outcome.
+    pub cycles: Vec<CycleSpan>,
+}
+
 /// One activation as it was done.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SpanRow {
@@ -126,6 +136,8 @@ pub struct SpanRow {
     pub start_ns: u64,
     /// End, ns.
     pub end_ns: u64,
+    /// Handing over, part of the time between start and end, ns.
+    pub send_ns: u64,
 }
 
 /// How a cell is.

@@ -3,13 +3,13 @@
 
 use super::protocol::{Answer, Request};
 use anyhow::{Context, Result, bail};
+use crossbeam::channel::{Sender, bounded};
 use serde::Serialize;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Sender, channel};
 use std::time::{Duration, Instant};
 
 /// Longest request, bytes.
@@ -75,7 +75,7 @@ fn answer(text: &[u8], calls: &Sender<Call>) -> Result<Answer> {
         Err(error) => return Ok(refused(format!("not a request: {error}"))),
     };
     let inspects = matches!(request, Request::Inspect { .. });
-    let (reply, answer) = channel();
+    let (reply, answer) = bounded(1);
     calls.send((request, reply))?;
     // Every cycle has an outcome within its deadline, so this ends.
     Ok(if inspects { answer.recv()? } else { answer.recv_timeout(TIMEOUT)? })
@@ -162,7 +162,7 @@ mod tests {
     fn cell() -> (tempfile::TempDir, std::path::PathBuf) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("command");
-        let (calls, requests) = channel::<Call>();
+        let (calls, requests) = bounded::<Call>(4);
         listen(&path, calls).unwrap();
         std::thread::spawn(move || {
             for (request, reply) in requests {

@@ -5,6 +5,7 @@ use super::cycle::{Budgets, Cycles, Step};
 use super::restart::Policy;
 use crate::graph::Cell;
 use crate::schedule::{Carries, Kind, Order, Stage, Topic, label};
+use crate::stage::short_hashes;
 use ipc::IpcError;
 use ipc::port::{Held, Node};
 use std::net::SocketAddr;
@@ -83,8 +84,7 @@ fn arguments(cell: &Cell, orders: &Orders, stage: &Stage) -> Vec<String> {
     let mut option = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
     option("--cell", cell.name.clone());
     option("--config", orders.config.display().to_string());
-    option("--config-sha256", cell.config.sha256.clone());
-    option("--rig-sha256", cell.config.rig_sha256.clone());
+    option("--files", short_hashes(&cell.config.read_files()).join(","));
     option("--parent", std::process::id().to_string());
     option("--kept", cell.graph.kept.to_string());
     if let Some(folder) = &orders.record {

@@ -1,9 +1,10 @@
 //! The supervisor at work: moves messages between its pure modules and the world.
 
 use super::children::{Life, StageProcess};
-use super::collect::{Collector, Span};
+use super::collect::Collector;
 use super::cycle::{Action, Cycles, Input};
 use super::desk::Desk;
+use super::history::{CycleSpan, History};
 use super::http;
 use super::keep::Keeper;
 use super::profile::Profile;
@@ -16,6 +17,7 @@ use crate::judgement::Judgement;
 use crate::print;
 use crate::schedule::{Half, Interval, Order, SUPERVISOR, label, violation};
 use anyhow::Result;
+use crossbeam::channel::{Receiver, bounded};
 use ipc::IpcError;
 use ipc::cell::{CellLock, CellName};
 use ipc::error::MessageError;
@@ -28,7 +30,6 @@ use rig::result::CycleResult;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
-use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 /// How often children, limits and the socket are looked at when nobody rings.
@@ -38,8 +39,8 @@ pub(super) const TICK: Duration = Duration::from_millis(20);
 /// killed anyway.
 const COMMAND_PATIENCE: Duration = Duration::from_millis(50);
 
-/// Spans are kept of the last cycles only: a run until stopped must not grow.
-const KEPT_SPANS: usize = 100_000;
+/// Requests that may wait for the next look: more than clients can be connected, since each waits for its answer.
+const WAITING_CALLS: usize = 64;
 
 /// What a run leaves.
 pub struct Summary {
@@ -51,8 +52,8 @@ pub struct Summary {
     pub stopped: bool,
     /// Why the cell gave up.
     pub held: Option<String>,
-    /// Spans of the last cycles.
-    pub spans: Vec<Span>,
+    /// When the last cycles ran and what was done in them.
+    pub history: History,
     /// What was seen of the last cycle.
     pub watch: Option<Watch>,
     /// Cycles that are missing in the cycle record, and why.
@@ -88,7 +89,7 @@ pub(super) struct Supervisor<'a> {
     pub(super) turns: Turns,
     pub(super) requests: Receiver<Call>,
     pub(super) interrupted: Arc<AtomicBool>,
-    pub(super) spans: Vec<Span>,
+    pub(super) history: History,
     pub(super) requested: Option<u64>,
     pub(super) tally: Tally,
     pub(super) profile: Profile,
@@ -122,7 +123,7 @@ impl<'a> Supervisor<'a> {
         for owner in cell.schedule.stages.iter().map(|s| s.name.as_str()).chain([SUPERVISOR]) {
             held.push(node.create_bell(owner)?);
         }
-        let (calls, requests) = channel();
+        let (calls, requests) = bounded(WAITING_CALLS);
         socket::listen(&name.socket(), calls.clone())?;
         if let Some(address) = orders.metrics {
             let address = http::listen(address, calls)?;
@@ -148,7 +149,7 @@ impl<'a> Supervisor<'a> {
             order,
             requests,
             interrupted,
-            spans: Vec::new(),
+            history: History::default(),
             requested: orders.cycles,
             tally: Tally::default(),
             was_ready: false,
@@ -210,18 +211,19 @@ impl<'a> Supervisor<'a> {
         }
         let mut result = collector.result(self.cell, cycle, outcome);
         if let Some(keeper) = &mut self.keeper {
-            keeper.end(self.cell, &result, collector.events())?;
+            keeper.end(self.cell, &result, self.desk.recipe(), collector.events())?;
         }
-        let duration_ns = self.profile.end(&result, now_ns());
+        let end_ns = now_ns();
+        let duration_ns = self.profile.end(&result, end_ns);
         tracing::info!(cycle, outcome = result.outcome, verdict = ?result.verdict, duration_ns, "cycle ended");
         if let Some(duration_ns) = duration_ns {
             result.more.insert("duration_ns".into(), duration_ns.into());
         }
         let plan = self.cell.recipes.get(self.desk.recipe()).and_then(|recipe| recipe.plan.as_ref());
-        let next = self.desk.concluded(&mut result);
-        self.spans.extend(collector.spans(cycle));
-        let excess = self.spans.len().saturating_sub(KEPT_SPANS);
-        self.spans.drain(..excess);
+        self.desk.mark(&mut result);
+        if let Some(duration_ns) = duration_ns {
+            self.history.add(CycleSpan::new(&result, end_ns, duration_ns), collector.spans(cycle));
+        }
         self.tally.done += 1;
         self.tally.ok += u64::from(outcome.is_ok());
         if let Err(reason) = outcome {
@@ -230,6 +232,7 @@ impl<'a> Supervisor<'a> {
         let pass = result.verdict == Some(rig::result::ResultVerdict::Pass);
         self.tally.not_pass += u64::from(outcome.is_ok() && plan.is_some() && !pass);
         each(&result);
+        let next = self.desk.concluded(&result);
         self.act(next, each)
     }
 
@@ -335,7 +338,7 @@ impl<'a> Supervisor<'a> {
             not_pass: self.tally.not_pass,
             stopped: self.tally.stopped,
             held: self.tally.held,
-            spans: self.spans,
+            history: self.history,
             watch: self.watch,
             _ports: self.ports,
         }

@@ -6,11 +6,13 @@
 
 mod receive;
 mod send;
+mod share;
 
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, ensure};
-use rig::result::{CycleResult, read_json};
+use flow::graph::{self, Options};
+use rig::trace::read_trace;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -29,9 +31,12 @@ pub struct Args {
     /// Frames per second while latency is measured.
     #[arg(long, default_value_t = 50.0)]
     rate_hz: f64,
-    /// The result.json of a cycle: says which share of it transport takes.
-    #[arg(long, value_name = "FILE")]
-    cycle: Option<PathBuf>,
+    /// The trace.json of a run: says which share of its cycles handing over takes, instead of measuring frames.
+    #[arg(long, value_name = "FILE", requires = "config")]
+    trace: Option<PathBuf>,
+    /// The configuration of that run.
+    #[arg(long, value_name = "FILE", requires = "trace")]
+    config: Option<PathBuf>,
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
@@ -67,21 +72,6 @@ struct Figures {
     throughput_gb_per_s: f64,
 }
 
-/// What transport takes of a cycle.
-#[derive(Debug, Serialize)]
-struct Share {
-    /// From start to outcome, ms.
-    cycle_ms: f64,
-    /// Spent by all stages together on handing outputs over, ms.
-    sending_ms: f64,
-    /// Messages that follow each other on the way from the first pattern to the verdict.
-    hops: u32,
-    /// Their median latencies, ms.
-    latency_ms: f64,
-    /// Sending and latencies over the cycle.
-    fraction: f64,
-}
-
 /// Runs the benchmark, or the other process of it.
 pub fn run(args: &Args) -> Result<Outcome> {
     let plan = Plan {
@@ -93,7 +83,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(from) = &args.receive {
         return receive::run(from, plan).map(|()| Outcome::Done);
     }
-    check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
+    let inputs: Vec<&Path> = args.trace.iter().chain(&args.config).map(PathBuf::as_path).collect();
+    check_outputs(&[("--json", args.json.as_deref())], &inputs, None)?;
+    if let (Some(trace), Some(config)) = (&args.trace, &args.config) {
+        return share_of(trace, config, args.json.as_deref());
+    }
     let mut all = Vec::new();
     println!(
         "{} frames of {} × {} px, {:.1} MB each; latency at {} Hz\n\n{:<18} {:>12} {:>12} {:>12} {:>14}",
@@ -120,18 +114,37 @@ pub fn run(args: &Args) -> Result<Outcome> {
         );
         all.push(figures);
     }
-    let share = args.cycle.as_deref().map(|file| share(file, all[0].latency_median_us)).transpose()?;
-    if let Some(share) = &share {
+    emit(args.json.as_deref(), &serde_json::json!({ "transports": all }))?;
+    Ok(Outcome::Done)
+}
+
+/// Says which share of the cycles of a run handing over takes.
+fn share_of(trace: &Path, config: &Path, json: Option<&Path>) -> Result<Outcome> {
+    let cell = graph::load(config, &Options::default())?;
+    let share = share::share(&cell, &read_trace(trace)?).with_context(|| trace.display().to_string())?;
+    println!(
+        "{} cycles; in the median one, from start to outcome: {:.1} ms, of which {} hand-overs take {:.2} ms \
+         ({:.2} ms sending) = {:.2} %; at most {:.2} %\n\n{:<12} {:<12} {:>8} {:>12} {:>12}",
+        share.cycles,
+        share.chain_ms,
+        share.hops,
+        share.handing_over_ms,
+        share.sending_ms,
+        100.0 * share.fraction,
+        100.0 * share.largest_fraction,
+        "from",
+        "to",
+        "times",
+        "median µs",
+        "sum ms"
+    );
+    for row in &share.between {
         println!(
-            "\na cycle of {:.0} ms: {:.2} ms sending in all stages + {} hops of {:.3} ms = {:.2} %",
-            share.cycle_ms,
-            share.sending_ms,
-            share.hops,
-            all[0].latency_median_us / 1e3,
-            100.0 * share.fraction
+            "{:<12} {:<12} {:>8} {:>12.1} {:>12.2}",
+            row.from, row.to, row.count, row.median_us, row.sum_ms
         );
     }
-    emit(args.json.as_deref(), &serde_json::json!({ "transports": all, "cycle": share }))?;
+    emit(json, &share)?;
     Ok(Outcome::Done)
 }
 
@@ -159,21 +172,4 @@ fn measure(way: send::Way, plan: Plan) -> Result<Figures> {
         latency_max_us: at(100),
         throughput_gb_per_s: plan.bytes() as f64 * f64::from(plan.frames) / whole_ns as f64,
     })
-}
-
-fn share(file: &Path, latency_us: f64) -> Result<Share> {
-    let result: CycleResult = read_json(file)?;
-    let number = |key: &str| {
-        let value = result.more.get(key).and_then(serde_json::Value::as_f64);
-        value.with_context(|| format!("{}: key \"{key}\" is absent; is it a cycle's result?", file.display()))
-    };
-    let cycle_ms = number("duration_ns")? / 1e6;
-    ensure!(cycle_ms > 0.0, "{}: the cycle has no duration", file.display());
-    let shown: u32 =
-        result.stages.iter().filter(|stage| stage.name == "projection").map(|stage| stage.activations).sum();
-    // Each pattern: trigger and its answer. Then frame, phase, cloud, fused cloud and result.
-    let hops = 2 * shown + 5;
-    let sending_ms = result.stages.iter().map(|stage| stage.send_ns).sum::<u64>() as f64 / 1e6;
-    let latency_ms = f64::from(hops) * latency_us / 1e3;
-    Ok(Share { cycle_ms, sending_ms, hops, latency_ms, fraction: (sending_ms + latency_ms) / cycle_ms })
 }

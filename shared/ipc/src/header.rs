@@ -299,7 +299,7 @@ impl Header for Outcome {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
 #[repr(C)]
 #[repr(align(64))]
-#[type_name("fringecell.Event.2")]
+#[type_name("fringecell.Event.3")]
 pub struct Event {
     /// Cycle; 0 outside of cycles.
     pub cycle: u64,
@@ -341,6 +341,8 @@ pub struct Event {
     pub involuntary_switches: u32,
     /// Heap allocations since the last report; counted only in builds with the feature `count-allocations`.
     pub allocations: u32,
+    /// Messages sent since the last report.
+    pub messages: u32,
 }
 
 /// What happened.

@@ -88,6 +88,9 @@ pub struct StageResult {
     /// Bytes given.
     #[serde(default)]
     pub bytes: u64,
+    /// Messages sent, triggers and reports included.
+    #[serde(default)]
+    pub messages: u64,
     /// Processor time of all its threads, ns.
     #[serde(default)]
     pub cpu_ns: u64,

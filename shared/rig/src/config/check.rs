@@ -156,6 +156,7 @@ fn twin(document: &Document, raw: &RawConfig, measured: &RigFile) -> Result<Opti
         scene,
         rig: truth.rig,
         rig_path: truth.path,
+        rig_sha256: truth.sha256,
         seed: twin.seed,
         settings: twin.settings.clone(),
     }))

@@ -57,6 +57,7 @@ mod values;
 use crate::correction::PatternCorrection;
 use crate::document::{Document, read_text};
 use crate::error::FileError;
+use crate::hash::sha256_hex;
 use crate::recording::Recording;
 use fringe::pattern::PatternSet;
 use fringe::rig::Rig;
@@ -195,6 +196,8 @@ pub struct TwinConfig {
     pub rig: Rig,
     /// Where the true rig was read from.
     pub rig_path: PathBuf,
+    /// SHA-256 of the true rig's file.
+    pub rig_sha256: String,
     /// Seed of all noise.
     pub seed: u64,
     /// `settings`, as written.
@@ -238,6 +241,30 @@ impl Config {
     /// Names of the projectors that draw corrected patterns.
     pub fn corrected(&self) -> impl Iterator<Item = &str> {
         self.projectors.iter().filter(|p| p.pattern_correction.is_some()).map(|p| p.name.as_str())
+    }
+
+    /// All that was read, each with its SHA-256, the configuration first: equal hashes mean the same cell. Frames and
+    /// meshes are not among it; they are what the cell looks at.
+    pub fn read_files(&self) -> Vec<(String, String)> {
+        let text = |file: &TextFile| (file.path.display().to_string(), sha256_hex(file.text.as_bytes()));
+        let mut files = vec![
+            (self.document.path.display().to_string(), self.sha256.clone()),
+            (self.rig_path.display().to_string(), self.rig_sha256.clone()),
+        ];
+        files.extend(self.plan.iter().chain(self.recipes.iter().map(|recipe| &recipe.plan)).map(text));
+        if let Some(twin) = &self.twin {
+            files.push(text(&twin.scene));
+            files.push((twin.rig_path.display().to_string(), twin.rig_sha256.clone()));
+        }
+        if let Some(RecordingConfig { recording, .. }) = &self.recording {
+            files.push((recording.document.path.display().to_string(), recording.sha256.clone()));
+        }
+        for projector in &self.projectors {
+            let correction = projector.pattern_correction.as_ref().map(PatternCorrection::sha256);
+            let name = format!("the pattern correction of projector \"{}\"", projector.name);
+            files.extend(correction.map(|sha256| (name, sha256)));
+        }
+        files
     }
 
     /// A camera by name.

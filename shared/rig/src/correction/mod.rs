@@ -15,6 +15,7 @@ mod tests;
 
 use crate::document::Document;
 use crate::error::{FileError, Problem};
+use crate::hash::sha256_hex;
 use crate::rig_file::quoted;
 use fringe::response::LevelTable;
 use serde::{Deserialize, Serialize};
@@ -62,6 +63,13 @@ pub struct PatternCorrection {
     pub table: LevelTable,
     /// From what, by which software.
     pub provenance: toml::Table,
+}
+
+impl PatternCorrection {
+    /// SHA-256 of the correction as [`write_correction`] writes it, however its file was formatted.
+    pub fn sha256(&self) -> String {
+        sha256_hex(text(self).as_bytes())
+    }
 }
 
 #[derive(Debug, Deserialize)]

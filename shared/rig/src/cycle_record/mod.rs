@@ -24,8 +24,8 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
-/// Version of the file; another one is refused.
-pub const RECORD_VERSION: u32 = 1;
+/// Version of the file; another one is refused. 2: the recipes of the cell, and of each cycle its recipe.
+pub const RECORD_VERSION: u32 = 2;
 
 /// What stands at the beginning, before the version.
 const MAGIC: [u8; 12] = *b"fringecycles";
@@ -80,14 +80,23 @@ pub struct RecordHeader {
     pub config_sha256: String,
     /// SHA-256 of the rig file.
     pub rig_sha256: String,
-    /// SHA-256 of the inspection plan.
-    pub plan_sha256: Option<String>,
+    /// All recipes of the cell.
+    pub recipes: Vec<RecordedRecipe>,
     /// SHA-256 of the description of the recording that was played.
     pub recording_sha256: Option<String>,
     /// Which bytes are kept.
     pub kept: Kept,
     /// The schedule: what the numbers of the activations mean.
     pub activations: Vec<ActivationName>,
+}
+
+/// A way to inspect a part.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RecordedRecipe {
+    /// Name.
+    pub name: String,
+    /// SHA-256 of its inspection plan; absent when nothing is inspected.
+    pub plan_sha256: Option<String>,
 }
 
 /// An activation of the schedule.
@@ -106,6 +115,8 @@ pub struct ActivationName {
 pub struct CycleEntry {
     /// Number of the cycle, from 0.
     pub cycle: u64,
+    /// Recipe that it was inspected with, counted in the header.
+    pub recipe: u32,
     /// `ok` or the reason.
     pub outcome: String,
     /// The judgement, if there was one.

@@ -13,7 +13,7 @@ fn header() -> RecordHeader {
         config: "/tmp/cell.toml".into(),
         config_sha256: "ab".into(),
         rig_sha256: "cd".into(),
-        plan_sha256: None,
+        recipes: vec![RecordedRecipe { name: "default".into(), plan_sha256: Some("12".into()) }],
         recording_sha256: Some("ef".into()),
         kept: Kept::Frames,
         activations: vec![ActivationName { stage: "fusion".into(), label: "fuse".into(), output: None }],
@@ -32,6 +32,7 @@ fn entry(cycle: u64) -> CycleEntry {
     };
     CycleEntry {
         cycle,
+        recipe: 0,
         outcome: "ok".into(),
         verdict: Some(ResultVerdict::Pass),
         latency_ns: Some(7),

@@ -1,0 +1,291 @@
+//! What `status` shows: tables that fit the terminal.
+
+use crate::supervisor::profile::Percentiles;
+use crate::supervisor::protocol::{StageStatus, Status};
+use std::fmt::Write as _;
+use std::io::{IsTerminal as _, Write as _};
+
+/// From this width on the table shows everything.
+const WIDE: usize = 120;
+
+/// Lines are made for this width at least; a narrower terminal cuts them.
+const NARROW: usize = 80;
+
+/// Columns of the stage table beside the name and the process id.
+const NUMBERS: usize = 58;
+
+/// Columns of a process id with its gap.
+const PID: usize = 8;
+
+/// How wide a text may be that is printed once: a program that reads it has no edge.
+pub(super) fn columns() -> usize {
+    let is_terminal = std::io::stdout().is_terminal();
+    if is_terminal { console::Term::stdout().size().1.into() } else { usize::MAX }
+}
+
+/// Draws over what it drew before.
+#[derive(Default)]
+pub(super) struct View {
+    lines: usize,
+}
+
+impl View {
+    pub(super) fn draw(&mut self, status: &Status) -> std::io::Result<()> {
+        let terminal = console::Term::stdout();
+        let (rows, columns) = terminal.size();
+        // One line less than the terminal has, or the cursor cannot go back to the first one.
+        let lines = fit(&table(status, columns.into()), usize::from(rows).saturating_sub(1).max(1));
+        let mut frame = String::new();
+        if self.lines > 0 {
+            let _ = write!(frame, "\x1b[{}A", self.lines);
+        }
+        for line in &lines {
+            let shown: String = line.chars().take(columns.into()).collect();
+            let _ = writeln!(frame, "\x1b[2K{shown}");
+        }
+        // What a taller frame left below.
+        frame.push_str("\x1b[J");
+        self.lines = lines.len();
+        let mut out = std::io::stdout().lock();
+        out.write_all(frame.as_bytes())?;
+        out.flush()
+    }
+}
+
+/// So many lines of a text; what does not fit is counted in the last one.
+fn fit(text: &str, rows: usize) -> Vec<String> {
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    if lines.len() > rows {
+        let left_out = lines.len() - rows + 1;
+        lines.truncate(rows - 1);
+        lines.push(format!("… {left_out} more lines: a taller window or --once shows them"));
+    }
+    lines
+}
+
+/// The status for people, in lines of at most `columns` (80 at least).
+pub(super) fn table(status: &Status, columns: usize) -> String {
+    let (columns, wide) = (columns.max(NARROW), columns >= WIDE);
+    let mut text = head(status, columns);
+    let _ = writeln!(
+        text,
+        "\n{:<22} {:>9} {:>9} {:>9} {:>9} {:>7}",
+        "ms", "median", "95 %", "99 %", "max", "cycles"
+    );
+    for (name, times) in [("start → outcome", status.cycle_time), ("last frame → verdict", status.latency)]
+    {
+        let _ = writeln!(
+            text,
+            "{name:<22} {:>9} {:>9} {:>9} {:>9} {:>7}",
+            ms(times.p50_ms, &times),
+            ms(times.p95_ms, &times),
+            ms(times.p99_ms, &times),
+            ms(times.max_ms, &times),
+            times.cycles
+        );
+    }
+    text.push('\n');
+    stages(&mut text, status, columns, wide);
+    text
+}
+
+/// One line per stage. Long names take the place of the process ids where both have no room.
+fn stages(text: &mut String, status: &Status, columns: usize, wide: bool) {
+    let longest = status.stages.iter().map(|s| s.name.chars().count()).max().unwrap_or(0).max(5);
+    let with_pid = wide || longest <= columns - NUMBERS - PID;
+    let name = longest.min(if with_pid { 24 } else { columns - NUMBERS });
+    let pid = |text: &str| if with_pid { format!(" {text:>7}") } else { String::new() };
+    let _ = write!(
+        text,
+        "{:<name$} {:<9}{} {:>3} {:>8} {:>8} {:>8} {:>8} {:>7}",
+        "stage",
+        "state",
+        pid("pid"),
+        "rst",
+        "wait",
+        "compute",
+        "99 %",
+        "max",
+        "send"
+    );
+    text.push_str(if wide { "    cpu   faults  switches  MB/cycle\n" } else { "\n" });
+    for stage in &status.stages {
+        let number = stage.pid.map_or_else(|| "–".to_owned(), |pid| pid.to_string());
+        row(text, stage, name, &pid(&number), wide);
+    }
+}
+
+fn head(status: &Status, columns: usize) -> String {
+    let of = status.cycles_requested.map_or_else(String::new, |n| format!(" of {n}"));
+    let running: Vec<String> = status.running.iter().map(|cycle| (cycle + 1).to_string()).collect();
+    let now = match running.len() {
+        0 => "between cycles".to_owned(),
+        1 => format!("in cycle {}", running[0]),
+        _ => format!("in cycles {}", running.join(", ")),
+    };
+    let rate = status.cycles_per_minute.map_or_else(|| "–".to_owned(), |r| format!("{r:.1}"));
+    let o = &status.outcomes;
+    let mut lines = vec![
+        format!("cell '{}', pid {}: {:?}, {now}", status.cell, status.pid, status.state),
+        format!(
+            "{}{of} done, {rate} per minute, {} deadline misses",
+            status.cycles_done, status.deadline_misses
+        ),
+        format!(
+            "pass {}  indeterminate {}  fail {}  no verdict {}  not ok {}",
+            o.pass, o.indeterminate, o.fail, o.no_verdict, o.not_ok
+        ),
+    ];
+    if let Some(reason) = &status.reason {
+        lines.push(format!("in error: {reason}; the control command reset begins anew"));
+    }
+    if let Some((cycle, reason)) = &status.last_failure {
+        lines.push(format!("last failure, cycle {}: {reason}", cycle + 1));
+    }
+    lines.iter().map(|line| wrapped(line, columns)).collect()
+}
+
+/// A line in as many lines as it needs, broken at blanks; those that follow are indented.
+fn wrapped(line: &str, columns: usize) -> String {
+    let mut text = String::new();
+    let mut used = 0;
+    for word in line.split(' ') {
+        let length = word.chars().count();
+        if used > 0 && used + 1 + length > columns {
+            text.push_str("\n ");
+            used = 1;
+        }
+        // Two blanks stay two, and the first word has none before it.
+        if !text.is_empty() {
+            text.push(' ');
+            used += 1;
+        }
+        text.push_str(word);
+        used += length;
+    }
+    text.push('\n');
+    text
+}
+
+fn row(text: &mut String, stage: &StageStatus, name: usize, pid: &str, wide: bool) {
+    let compute = &stage.compute;
+    let _ = write!(
+        text,
+        "{:<name$.name$} {:<9.9}{pid} {:>3} {:>8} {:>8} {:>8} {:>8} {:>7}",
+        stage.name,
+        stage.state,
+        stage.restarts,
+        ms(stage.wait.p50_ms, &stage.wait),
+        ms(compute.p50_ms, compute),
+        ms(compute.p99_ms, compute),
+        ms(compute.max_ms, compute),
+        ms(stage.send.p50_ms, &stage.send)
+    );
+    if wide {
+        let (total, cycles) = (&stage.total, stage.cycles.max(1) as f64);
+        let mean = |sum: u64| sum as f64 / cycles;
+        let _ = write!(
+            text,
+            " {:>6.1} {:>8.1} {:>9.1} {:>9.2}",
+            mean(total.cpu_ns) / 1e6,
+            mean(total.minor_faults + total.major_faults),
+            mean(total.voluntary_switches + total.involuntary_switches),
+            mean(total.bytes) / 1e6
+        );
+    }
+    text.push('\n');
+}
+
+/// A time, or a dash where nothing was measured yet.
+fn ms(value: f64, of: &Percentiles) -> String {
+    match value {
+        _ if of.cycles == 0 => "–".to_owned(),
+        v if v >= 10_000.0 => format!("{v:.0}"),
+        v if v >= 100.0 => format!("{v:.1}"),
+        v => format!("{v:.2}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::control::State;
+    use crate::supervisor::profile::Outcomes;
+    use rig::result::StageResult;
+
+    fn stage(name: &str) -> StageStatus {
+        let times = Percentiles { cycles: 9, p50_ms: 12_345.6, p95_ms: 1.0, p99_ms: 99_999.0, max_ms: 123.4 };
+        StageStatus {
+            name: name.into(),
+            pid: Some(4_194_304),
+            state: "waiting to restart".into(),
+            restarts: 12,
+            silent_ms: 0,
+            cycles: 9,
+            wait: times,
+            compute: times,
+            send: times,
+            total: StageResult::default(),
+        }
+    }
+
+    fn status(stages: &[&str]) -> Status {
+        Status {
+            cell: "a-cell-with-a-name-of-32-letters".into(),
+            pid: 4_194_304,
+            state: State::ContinuousExecution,
+            reason: Some(
+                "stage matching/pair1 failed 6 times within 60 s, the last time: no such camera".into(),
+            ),
+            cycle: Some(123_456),
+            running: vec![123_456, 123_457],
+            cycles_done: 123_456,
+            cycles_ok: 1,
+            cycles_requested: Some(1_000_000),
+            cycles_per_minute: Some(1234.5),
+            outcomes: Outcomes {
+                pass: 123_456,
+                indeterminate: 12_345,
+                fail: 12_345,
+                no_verdict: 0,
+                not_ok: 12_345,
+            },
+            deadline_misses: 12_345,
+            cycle_time: Percentiles::default(),
+            latency: Percentiles::default(),
+            last_failure: Some((7, "word ".repeat(40))),
+            stages: stages.iter().map(|name| stage(name)).collect(),
+        }
+    }
+
+    #[test]
+    fn nothing_is_wider_than_the_terminal_and_nothing_of_a_line_is_lost() {
+        for stages in [&["projection", "matching/pair1"][..], &["matching/left-to-projector"]] {
+            for columns in [80, 100, 119, 120, 200] {
+                let text = table(&status(stages), columns);
+                for line in text.lines() {
+                    assert!(line.chars().count() <= columns, "{columns}: {line}");
+                }
+                assert_eq!(text.matches("word").count(), 40, "{text}");
+            }
+        }
+        let narrow = table(&status(&["projection", "matching/pair1"]), 80);
+        assert!(narrow.contains("matching/pair1") && narrow.contains("4194304"), "{narrow}");
+    }
+
+    #[test]
+    fn lines_that_do_not_fit_are_counted() {
+        assert_eq!(fit("a\nb\nc\n", 3), ["a", "b", "c"]);
+        assert_eq!(
+            fit("a\nb\nc\nd\n", 3),
+            ["a", "b", "… 2 more lines: a taller window or --once shows them"]
+        );
+        assert_eq!(fit("a\nb\n", 1).len(), 1);
+    }
+
+    #[test]
+    fn long_lines_are_broken_at_blanks() {
+        assert_eq!(wrapped("ab  cd ef", 20), "ab  cd ef\n");
+        assert_eq!(wrapped("ab cd ef", 5), "ab cd\n  ef\n");
+    }
+}

@@ -1,0 +1,63 @@
+//! When the last cycles ran, and what was done in them: for traces, reports and whoever asks.
+
+use super::collect::Span;
+use rig::result::CycleResult;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Spans that are kept: a run until stopped must not grow.
+const KEPT_SPANS: usize = 100_000;
+
+/// Cycles that are kept, likewise.
+const KEPT_CYCLES: usize = 10_000;
+
+/// One cycle, from its start to its outcome.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CycleSpan {
+    /// Cycle.
+    pub cycle: u64,
+    /// `ok` or the reason.
+    pub outcome: String,
+    /// Part of the job, if it has one.
+    pub part: Option<String>,
+    /// Recipe.
+    pub recipe: Option<String>,
+    /// Start on the machine's monotonic clock, ns.
+    pub start_ns: u64,
+    /// End, ns.
+    pub end_ns: u64,
+}
+
+impl CycleSpan {
+    /// A cycle that has just ended with this result.
+    pub(super) fn new(result: &CycleResult, end_ns: u64, duration_ns: u64) -> Self {
+        let text = |key: &str| result.more.get(key).and_then(|value| value.as_str()).map(str::to_owned);
+        Self {
+            cycle: result.cycle,
+            outcome: result.outcome.clone(),
+            part: text("part"),
+            recipe: text("recipe"),
+            start_ns: end_ns.saturating_sub(duration_ns),
+            end_ns,
+        }
+    }
+}
+
+/// The last cycles.
+#[derive(Debug, Default)]
+pub struct History {
+    /// What was done, in the order of the outcomes.
+    pub spans: VecDeque<Span>,
+    /// The cycles, likewise.
+    pub cycles: VecDeque<CycleSpan>,
+}
+
+impl History {
+    /// Adds a cycle with what was done in it.
+    pub(super) fn add(&mut self, cycle: CycleSpan, spans: impl Iterator<Item = Span>) {
+        self.spans.extend(spans);
+        self.spans.drain(..self.spans.len().saturating_sub(KEPT_SPANS));
+        self.cycles.push_back(cycle);
+        self.cycles.drain(..self.cycles.len().saturating_sub(KEPT_CYCLES));
+    }
+}
