@@ -10,7 +10,7 @@ const WARM_UP: usize = 4;
 
 /// Allocations of the inspection per cycle that are not messages: ten elements of which each fit keeps its list of points,
 /// the rounds of the alignment and of the regions, nine named results. It depends on the rounds, not on the points.
-const INSPECTION_AT_MOST: u64 = 800;
+const INSPECTION_AT_MOST: u64 = 1500;
 
 /// Proves: from the fifth cycle on, no thread of a stage calls the allocator between two reports of the stage, its sends and
 /// receives included, but for one thing: iceoryx2 allocates the state of every loan (48 bytes; see `ipc::port::loans`), so

@@ -16,6 +16,7 @@ pub use check::ScheduleError;
 pub use graph::{CameraNode, Graph, PairNode, ProjectorNode, Right, axes_taken};
 pub use order::{Interval, Order, violation};
 pub use parts::{Activation, Carries, Half, Kind, SUPERVISOR, Stage, Topic, Work};
+pub use topics::FRAME_BUFFER;
 pub use words::{label, output};
 
 /// The whole plan of a cycle.

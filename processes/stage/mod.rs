@@ -7,11 +7,13 @@ mod args;
 mod fault;
 mod gate;
 mod link;
+mod text;
 mod worker;
 
 pub use args::{StageArgs, short_hashes};
 pub use fault::{Fault, lost};
-pub use link::{Inbox, Link, Report, Text};
+pub use link::{Inbox, Link, Report};
+pub use text::Text;
 pub use worker::Worker;
 
 use anyhow::Result;

@@ -173,7 +173,8 @@ fn row(text: &mut String, stage: &StageStatus, name: usize, pid: &str, wide: boo
         text,
         "{:<name$.name$} {:<9.9}{pid} {:>3} {:>8} {:>8} {:>8} {:>8} {:>7}",
         stage.name,
-        stage.state,
+        // "waiting to restart" is "waiting" here.
+        stage.state.split(' ').next().unwrap_or_default(),
         stage.restarts,
         ms(stage.wait.p50_ms, &stage.wait),
         ms(compute.p50_ms, compute),
@@ -270,7 +271,7 @@ mod tests {
             }
         }
         let narrow = table(&status(&["projection", "matching/pair1"]), 80);
-        assert!(narrow.contains("matching/pair1") && narrow.contains("4194304"), "{narrow}");
+        assert!(narrow.contains("matching/pair1 waiting   4194304  12"), "{narrow}");
     }
 
     #[test]
