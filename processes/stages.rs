@@ -73,7 +73,11 @@ fn claim(cell: &Cell, kind: Kind) {
 /// Makes this thread one of the pool that runs the parallel kernels. Otherwise it would hand them work through a queue that
 /// allocates now and then, and sleep meanwhile. After pinning: the other threads inherit it.
 fn work_along() -> Result<()> {
-    rayon::ThreadPoolBuilder::new().use_current_thread().build_global().context("starting the threads")
+    rayon::ThreadPoolBuilder::new().use_current_thread().build_global().context("starting the threads")?;
+    // The first time that a thread takes work from another it enrols in what guards that, on the heap: now rather than in
+    // some cycle.
+    rayon::broadcast(|_| drop(crossbeam::epoch::pin()));
+    Ok(())
 }
 
 fn worker(args: &StageArgs, link: &Link) -> Result<Box<dyn Worker>> {
