@@ -27,7 +27,6 @@ pub struct Fusion {
     parts: Vec<Part>,
     capacity: usize,
     fuser: Fuser,
-    fused: Vec<Point>,
     clouds: Publisher<Cloud>,
     text: Text,
 }
@@ -53,7 +52,6 @@ impl Fusion {
             parts: parts.collect::<Result<_>>()?,
             capacity,
             fuser: Fuser::default(),
-            fused: Vec::with_capacity(capacity),
             clouds: link.publisher("cloud/fused")?,
             text: Text::new(),
         })
@@ -69,27 +67,28 @@ impl Fusion {
             *cloud = payload::points(message.header(), message.payload()).map_err(|e| lost(&e))?;
         }
         let clouds = &clouds[..self.parts.len()];
-        self.fused.clear();
-        let report = self.fuser.fuse(clouds, &link.cell.fusion, &mut self.fused);
-        let points = self.fused.len();
+        let header = Cloud {
+            cycle: link.cycle(),
+            t_ns,
+            pair: Cloud::FUSED,
+            capacity: self.capacity as u32,
+            points: 0,
+        };
+        let mut loan = self.clouds.loan(header)?;
+        let room = payload::room(loan.payload_mut()).map_err(|e| lost(&e))?;
+        let Some(report) = self.fuser.fuse_into(clouds, &link.cell.fusion, room) else {
+            return Err(Fault::Cycle(format!("more points came than the {} that may", self.capacity)));
+        };
+        let points = report.points as usize;
         if points == 0 {
-            self.forget();
+            release(&mut self.parts);
             return Err(Fault::Cycle(
                 "no point at all: the frames are dark or saturated, or the views share no valid phase; look at a recording of \
                  them (--record) with `fringetool decode`"
                     .into(),
             ));
         }
-        let header = Cloud {
-            cycle: link.cycle(),
-            t_ns,
-            pair: Cloud::FUSED,
-            capacity: self.capacity as u32,
-            points: points as u32,
-        };
-        let mut loan = self.clouds.loan(header)?;
-        let room = payload::room(loan.payload_mut()).map_err(|e| lost(&e))?;
-        room[..points].copy_from_slice(&self.fused);
+        loan.header_mut().points = report.points;
         let used = points * size_of::<Point>();
         let output = (used, xxh3_128(&loan.payload()[..used]));
         link.sending(|| loan.send())?;

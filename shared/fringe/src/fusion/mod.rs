@@ -101,15 +101,36 @@ pub fn fuse(clouds: &[&[Point]], settings: &FusionSettings, out: &mut Vec<Point>
 }
 
 impl Fuser {
-    /// Fuses clouds, in the order of the pairs, into `out` (cleared first). Allocates only where this call needs more room
-    /// than all before it, by a quarter.
+    /// Fuses clouds, in the order of the pairs, into `out` (cleared first); see [`Self::fuse_into`].
     pub fn fuse(
         &mut self,
         clouds: &[&[Point]],
         settings: &FusionSettings,
         out: &mut Vec<Point>,
     ) -> &FusionReport {
-        out.clear();
+        make_room(out, count(clouds));
+        out.resize(count(clouds), bytemuck::Zeroable::zeroed());
+        self.fuse_all(clouds, settings, out);
+        out.truncate(self.report.points as usize);
+        &self.report
+    }
+
+    /// Fuses clouds, in the order of the pairs, to the beginning of `room`; `None` where that has less room than all clouds
+    /// have points. Allocates only where this call needs more memory than all before it, by a quarter.
+    pub fn fuse_into(
+        &mut self,
+        clouds: &[&[Point]],
+        settings: &FusionSettings,
+        room: &mut [Point],
+    ) -> Option<&FusionReport> {
+        if room.len() < count(clouds) {
+            return None;
+        }
+        self.fuse_all(clouds, settings, room);
+        Some(&self.report)
+    }
+
+    fn fuse_all(&mut self, clouds: &[&[Point]], settings: &FusionSettings, room: &mut [Point]) {
         self.gather(clouds);
         self.report.radius_mm = 0.0;
         let radius_mm = settings.radius_mm.filter(|r| *r > 0.0).unwrap_or_else(|| self.radius(clouds));
@@ -119,24 +140,27 @@ impl Fuser {
         }
         self.kept_starts.clear();
         self.report.removed.clear();
+        let mut used = 0;
         for (cloud, points) in clouds.iter().enumerate() {
-            let begin = out.len();
+            let begin = used;
             self.kept_starts.push(begin);
             let range = self.starts[cloud]..self.starts[cloud + 1];
             let kept = self.all[range.clone()].iter().zip(&self.keep[range]).filter(|(_, keep)| **keep);
-            out.extend(kept.map(|(point, _)| *point));
-            self.report.removed.push((points.len() - (out.len() - begin)) as u32);
+            for (slot, (point, _)) in room[begin..].iter_mut().zip(kept) {
+                *slot = *point;
+                used += 1;
+            }
+            self.report.removed.push((points.len() - (used - begin)) as u32);
         }
-        self.kept_starts.push(out.len());
-        self.report.points = out.len() as u32;
+        self.kept_starts.push(used);
+        self.report.points = used as u32;
         self.report.overlaps.clear();
-        self.overlaps(out, radius_mm, settings);
-        &self.report
+        self.overlaps(&room[..used], radius_mm, settings);
     }
 
     /// Copies the finite points.
     fn gather(&mut self, clouds: &[&[Point]]) {
-        make_room(&mut self.all, clouds.iter().map(|cloud| cloud.len()).sum());
+        make_room(&mut self.all, count(clouds));
         self.starts.clear();
         self.starts.push(0);
         for cloud in clouds {
@@ -211,6 +235,11 @@ impl Fuser {
             }
         }
     }
+}
+
+/// Points of all clouds.
+fn count(clouds: &[&[Point]]) -> usize {
+    clouds.iter().map(|cloud| cloud.len()).sum()
 }
 
 /// Signed distance from a site to the surface of the other cloud, and its predicted uncertainty.
