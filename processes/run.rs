@@ -88,7 +88,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     let cut_off = needs_reader(args, &orders);
     let mut results = VecDeque::new();
     let mut unwritten = None;
-    let summary = supervisor::run(&cell, &orders, &mut |result| {
+    let mut summary = supervisor::run(&cell, &orders, &mut |result| {
         let heard = print::say(&print::cycle_line(result, orders.cycles));
         if !heard && cut_off {
             interrupted.store(true, Ordering::SeqCst);
@@ -107,19 +107,29 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     }
     let results: Vec<CycleResult> = results.into();
     tell(&cell, &results, truth);
+    write_files(args, &cell, &results, &mut summary, truth)?;
+    Ok(exit_code(&summary, &orders))
+}
+
+/// Writes what a run leaves; what is missing in the cycle record ends it as an error.
+fn write_files(
+    args: &RunArgs,
+    cell: &Cell,
+    results: &[CycleResult],
+    summary: &mut Summary,
+    truth: Option<&Truth>,
+) -> Result<()> {
+    let history = &summary.history;
     if let (Some(folder), Some(watch)) = (&args.out, &summary.watch) {
-        output::files(
-            folder,
-            &Run { cell: &cell, results: &results, history: &summary.history, watch, truth },
-        )?;
+        output::files(folder, &Run { cell, results, history, watch, truth })?;
     }
-    if let Some(error) = summary.unrecorded {
+    if let Some(error) = summary.unrecorded.take() {
         return Err(error);
     }
-    if let Some(file) = &args.trace {
-        output::trace(file, &cell, &summary.history)?;
+    match &args.trace {
+        Some(file) => output::trace(file, cell, history),
+        None => Ok(()),
     }
-    Ok(exit_code(&summary, &orders))
 }
 
 /// Measuring for ever, for nobody: then the last reader takes the cell with him. One that serves is asked over its socket.

@@ -307,7 +307,7 @@ mod tests {
             start_ns: 123_456_789_000,
             end_ns: 123_456_790_001,
         };
-        write_trace(&path, &["a", "b"], &[span.clone()], &[cycle.clone()]).unwrap();
+        write_trace(&path, &["a", "b"], std::slice::from_ref(&span), std::slice::from_ref(&cycle)).unwrap();
         let zero_ns = 123_456_789_000;
         let read = read_trace(&path).unwrap();
         assert_eq!(read.stages[..2], ["a", "b"]);

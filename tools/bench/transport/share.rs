@@ -161,8 +161,11 @@ impl<'a> Done<'a> {
 
     /// The chain of a cycle; `None` if the trace holds only a part of it.
     fn chain(&self, cycle: &TraceCycle) -> Option<Chain> {
-        let last = self.cell.schedule.find(Work::Inspect)?;
-        let mut at = (cycle.cycle, last);
+        let mut activations = 0..self.cell.schedule.activations.len();
+        if activations.any(|number| !self.spans.contains_key(&(cycle.cycle, number))) {
+            return None;
+        }
+        let mut at = (cycle.cycle, self.cell.schedule.find(Work::Inspect)?);
         let inspected = self.spans.get(&at)?;
         let mut chain = Chain::default();
         chain.gaps.push(("inspect", "outcome", cycle.end_ns.saturating_sub(inspected.end_ns)));
@@ -171,7 +174,7 @@ impl<'a> Done<'a> {
             let sending_ns = span.send_ns.min(span.end_ns.saturating_sub(span.start_ns));
             chain.sending_ns += sending_ns;
             chain.work_ns += span.end_ns.saturating_sub(span.start_ns) - sending_ns;
-            let before = self.before(at, span.start_ns)?.filter(|(end_ns, _)| *end_ns > cycle.start_ns);
+            let before = self.before(at, span.start_ns).filter(|(end_ns, _)| *end_ns > cycle.start_ns);
             let (ready_ns, from) = match before {
                 Some((end_ns, place)) => (end_ns, self.kind(place.1)),
                 None => (cycle.start_ns, "start"),
@@ -186,18 +189,14 @@ impl<'a> Done<'a> {
         }
     }
 
-    /// What an activation had to wait for last: an input, or what its core did before it, be it of another cycle. The
-    /// outer `None`: an input is not in the trace.
-    fn before(&self, (cycle, number): Place, start_ns: u64) -> Option<Option<(u64, Place)>> {
-        let activation = self.cell.schedule.activations.get(number)?;
+    /// What an activation had to wait for last: an input, or what its core did before it, be it of another cycle.
+    fn before(&self, (cycle, number): Place, start_ns: u64) -> Option<(u64, Place)> {
+        let activation = &self.cell.schedule.activations[number];
         let core = &self.cores[self.cell.schedule.stages[activation.stage].core];
         let on_core = core[..core.partition_point(|(end_ns, _)| *end_ns <= start_ns)].last().copied();
-        let mut last = on_core;
-        for &input in &activation.inputs {
-            let place = (cycle, input);
-            last = last.max(Some((self.spans.get(&place)?.end_ns, place)));
-        }
-        Some(last)
+        let places = activation.inputs.iter().map(|&input| (cycle, input));
+        let inputs = places.filter_map(|place| Some((self.spans.get(&place)?.end_ns, place)));
+        inputs.max().max(on_core)
     }
 
     /// Patterns at a given rate wait for their time and not for anybody.
