@@ -6,9 +6,11 @@ use crate::phase_method::{PhaseArgs, PhaseName};
 use crate::pipeline::{DecodedMap, DecodedView, decode_views_by};
 use crate::report::{DecodeLine, check_outputs, emit};
 use anyhow::{Context, Result};
+use fringe::decode::Diagnosis;
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
 use rig::atomic;
+use rig::npy::Raster;
 use rig::recording::{RECORDING_FILE, Recording};
 use rig::report::picture;
 use std::path::{Path, PathBuf};
@@ -18,7 +20,8 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Folder of the recording.
     recording: PathBuf,
-    /// Folder for the pictures `<projector>-<camera>-<axis>-phase.png`, `…-modulation.png`, `…-order.png`.
+    /// Folder for the pictures `<projector>-<camera>-<axis>-phase.png`, `…-modulation.png`, `…-order.png`, and for the rasters
+    /// `…-wrong-order.npy` (probability), `…-threshold.npy` and `…-threshold-u.npy` (DN) of one exposure.
     #[arg(long)]
     out: Option<PathBuf>,
     /// Only this camera.
@@ -46,7 +49,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let recording = Recording::open(&args.recording)?;
     check_names(args, &recording)?;
     let asked = |wanted: &Option<String>, name: &str| wanted.as_deref().is_none_or(|w| w == name);
-    let (settings, method) = args.phase.choose(args.method);
+    let (settings, mut method) = args.phase.choose(args.method);
+    method.keep_diagnosis = args.out.is_some();
     let mut views = decode_views_by(&recording, &settings, &method, |projector, camera| {
         asked(&args.projector, projector) && asked(&args.camera, camera)
     })?;
@@ -56,6 +60,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         for view in &views {
             for decoded in &view.maps {
                 write_pictures(folder, view, &decoded.map)?;
+                write_diagnosis(folder, view, decoded)?;
             }
         }
     }
@@ -93,11 +98,34 @@ fn check_names(args: &Args, recording: &Recording) -> Result<()> {
     Ok(())
 }
 
-fn write_pictures(folder: &Path, view: &DecodedView, map: &PhaseMap) -> Result<()> {
+/// Beginning of the names of a map's files.
+fn stem(view: &DecodedView, map: &PhaseMap) -> String {
     let axis = match map.info.axis {
         Axis::X => "x",
         Axis::Y => "y",
     };
+    format!("{}-{}-{axis}", view.projector, view.camera)
+}
+
+/// What the order of each pixel rests on; NaN where it is masked.
+fn write_diagnosis(folder: &Path, view: &DecodedView, decoded: &DecodedMap) -> Result<()> {
+    let parts: [(&str, fn(&Diagnosis) -> f32); 3] = [
+        ("wrong-order", |d| d.wrong_order),
+        ("threshold", |d| d.threshold_dn),
+        ("threshold-u", |d| d.u_threshold_dn),
+    ];
+    let (width_px, height_px) = (decoded.map.info.width_px, decoded.map.info.height_px);
+    for (what, part) in parts {
+        let values: Vec<f32> = decoded.diagnosis.iter().map(part).collect();
+        if values.iter().any(|value| !value.is_nan()) {
+            let path = folder.join(format!("{}-{what}.npy", stem(view, &decoded.map)));
+            rig::npy::write(&path, &Raster { width_px, height_px, values })?;
+        }
+    }
+    Ok(())
+}
+
+fn write_pictures(folder: &Path, view: &DecodedView, map: &PhaseMap) -> Result<()> {
     let phase = map.view();
     let pictures = [
         ("phase", picture::phase_png(&phase)),
@@ -105,7 +133,7 @@ fn write_pictures(folder: &Path, view: &DecodedView, map: &PhaseMap) -> Result<(
         ("order", picture::order_png(&phase)),
     ];
     for (what, png) in pictures {
-        let path = folder.join(format!("{}-{}-{axis}-{what}.png", view.projector, view.camera));
+        let path = folder.join(format!("{}-{what}.png", stem(view, map)));
         let png = png.with_context(|| path.display().to_string())?;
         atomic::write(&path, &png)?;
     }

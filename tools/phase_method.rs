@@ -76,6 +76,8 @@ pub struct PhaseMethod {
     method: Option<Method>,
     remove_harmonics: bool,
     window_px: Option<f64>,
+    /// Whether what each pixel's order rests on is kept beside the map: as large again twice.
+    pub keep_diagnosis: bool,
 }
 
 impl PhaseArgs {
@@ -101,7 +103,7 @@ impl PhaseArgs {
         };
         let settings = DecodeSettings { order, fuse: self.fuse, ..DecodeSettings::default() };
         let (remove_harmonics, window_px) = (self.remove_harmonics, self.filter);
-        (settings, PhaseMethod { method, remove_harmonics, window_px })
+        (settings, PhaseMethod { method, remove_harmonics, window_px, keep_diagnosis: false })
     }
 }
 
@@ -124,7 +126,7 @@ impl Kept {
 impl PhaseMethod {
     /// A choice of its own; without a method, the decoder's least squares.
     pub fn new(method: Option<Method>, remove_harmonics: bool, window_px: Option<f64>) -> Self {
-        Self { method, remove_harmonics, window_px }
+        Self { method, remove_harmonics, window_px, keep_diagnosis: false }
     }
 
     /// Room for the frames that the method needs; none for the decoder's own.

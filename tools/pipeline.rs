@@ -4,7 +4,7 @@ use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
 use anyhow::{Context, Result};
 use fringe::cloud::Point;
-use fringe::decode::{DecodeError, DecodeReport, DecodeSettings, Decoder, Exposed, merge_exposures};
+use fringe::decode::{DecodeReport, DecodeSettings, Decoder, Diagnosis, Exposed, merge_exposures};
 use fringe::frame::Frame;
 use fringe::matching::{MatchError, MatchReport, Matcher};
 use fringe::pattern::{Axis, PatternSet};
@@ -12,7 +12,6 @@ use fringe::phase::PhaseMap;
 use rayon::prelude::*;
 use rig::error::FileError;
 use rig::recording::{RecordedCamera, RecordedProjector, Recording};
-use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Frames that are read side by side; more only costs memory.
@@ -36,10 +35,77 @@ pub struct DecodedMap {
     pub map: PhaseMap,
     /// How it came about; of several exposures, that with the most valid pixels.
     pub report: DecodeReport,
-    /// Wrong orders to be expected from the phase noise alone; `None` for a code without sines.
-    pub wrong_orders: Option<f64>,
+    /// What the order of each pixel rests on; empty where it was not asked for, or several exposures made the map.
+    pub diagnosis: Vec<Diagnosis>,
+    /// What noise makes probable.
+    pub expected: Expected,
+    /// Between black and white; absent without a code, and for several exposures.
+    pub threshold: Option<Threshold>,
     /// Pixels that each exposure tells best; empty for one exposure.
     pub best_of: Vec<usize>,
+}
+
+/// Numbers of errors to be expected among the valid pixels of a map, before neighbours repair them.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub struct Expected {
+    /// Wrong orders, from phase noise and bits together.
+    pub wrong_orders_expected: f64,
+    /// The part of them that comes from bits.
+    pub wrong_orders_by_bits: f64,
+    /// Wrong bits, most of which change no order; absent without a code.
+    pub wrong_bits_expected: Option<f64>,
+}
+
+impl Expected {
+    fn of(map: &PhaseMap, diagnosis: &[Diagnosis]) -> Self {
+        let valid = || diagnosis.iter().zip(&map.valid).filter(|(_, valid)| **valid == 1).map(|(d, _)| d);
+        let sum = |part: fn(&Diagnosis) -> f32| valid().map(|d| f64::from(part(d))).sum::<f64>();
+        let coded = valid().any(|d| !d.wrong_bits.is_nan());
+        Self {
+            wrong_orders_expected: sum(|d| d.wrong_order),
+            wrong_orders_by_bits: sum(|d| d.wrong_order_by_bits),
+            wrong_bits_expected: coded.then(|| sum(|d| d.wrong_bits)),
+        }
+    }
+
+    fn and(self, other: Self) -> Self {
+        let bits = self.wrong_bits_expected.zip(other.wrong_bits_expected);
+        Self {
+            wrong_orders_expected: self.wrong_orders_expected + other.wrong_orders_expected,
+            wrong_orders_by_bits: self.wrong_orders_by_bits + other.wrong_orders_by_bits,
+            wrong_bits_expected: bits.map(|(a, b)| a + b),
+        }
+    }
+}
+
+/// Between black and white, medians over the valid pixels.
+#[derive(Debug, Clone, Copy, serde::Serialize)]
+pub struct Threshold {
+    /// What the bits are compared with, DN.
+    pub threshold_median_dn: f32,
+    /// Its standard uncertainty for one bit, DN.
+    pub u_threshold_median_dn: f32,
+    /// Half the difference between white and black, DN.
+    pub contrast_median_dn: f32,
+}
+
+impl Threshold {
+    fn of(map: &PhaseMap, diagnosis: &[Diagnosis]) -> Option<Self> {
+        let median = |part: fn(&Diagnosis) -> f32| median_valid(map, diagnosis.iter().map(part));
+        Some(Self {
+            threshold_median_dn: median(|d| d.threshold_dn)?,
+            u_threshold_median_dn: median(|d| d.u_threshold_dn)?,
+            contrast_median_dn: median(|d| d.contrast_dn)?,
+        })
+    }
+}
+
+/// Median over the valid pixels of a map that have a value.
+pub fn median_valid(map: &PhaseMap, values: impl Iterator<Item = f32>) -> Option<f32> {
+    let kept = values.zip(&map.valid).filter(|(value, valid)| **valid == 1 && !value.is_nan());
+    let mut kept: Vec<f32> = kept.map(|(value, _)| value).collect();
+    let middle = kept.len() / 2;
+    if kept.is_empty() { None } else { Some(*kept.select_nth_unstable_by(middle, f32::total_cmp).1) }
 }
 
 impl DecodedView {
@@ -47,20 +113,6 @@ impl DecodedView {
     pub fn map(&self, axis: Axis) -> Option<&PhaseMap> {
         self.maps.iter().map(|decoded| &decoded.map).find(|map| map.info.axis == axis)
     }
-}
-
-/// Expected number of wrong orders in a map, from its phase noise; `None` where there is no order.
-fn wrong_orders(decoder: &Decoder, map: &PhaseMap) -> Result<Option<f64>, DecodeError> {
-    let Some(risk) = decoder.order_risk(map.info.axis)? else { return Ok(None) };
-    // Pixels whose σ agrees to 1/128 share one evaluation.
-    let mut alike: BTreeMap<u32, usize> = BTreeMap::new();
-    for (sigma, _) in map.sigma_rad.iter().zip(&map.valid).filter(|(_, valid)| **valid == 1) {
-        *alike.entry(sigma.to_bits() >> 16).or_default() += 1;
-    }
-    let chance = |(bits, count): (&u32, &usize)| {
-        *count as f64 * risk.probability(f64::from(f32::from_bits((bits << 16) | 0x8000)))
-    };
-    Ok(Some(alike.iter().map(chance).sum()))
 }
 
 /// Matches the maps of a pair with a matcher made for it: its points, in the order of the left pixels.
@@ -164,8 +216,8 @@ fn merge(exposures: &[Vec<DecodedMap>], axis: usize, exposures_ms: &[f64]) -> De
     // What the shortest exposure clips and the longest leaves dark no exposure tells.
     report.saturated = maps.iter().map(|m| m.report.saturated).min().unwrap_or(0);
     report.dark = maps.iter().map(|m| m.report.dark).min().unwrap_or(0);
-    let wrong_orders = maps.iter().map(|m| m.wrong_orders).sum::<Option<f64>>();
-    DecodedMap { map, report, wrong_orders, best_of }
+    let expected = maps.iter().map(|m| m.expected).reduce(Expected::and).unwrap_or_default();
+    DecodedMap { map, report, diagnosis: Vec::new(), expected, threshold: None, best_of }
 }
 
 /// Decodes consecutive sets of a recording, which take these frames, as if the projector had `extent_px` columns and rows.
@@ -228,8 +280,10 @@ impl Shot<'_> {
         let finish = |axis| {
             let mut map = PhaseMap::new(decoder.info(axis)?);
             let report = decoder.finish(axis, &mut map.view_mut())?;
-            let wrong_orders = wrong_orders(&decoder, &map)?;
-            Ok(DecodedMap { map, report, wrong_orders, best_of: Vec::new() })
+            let diagnosis = decoder.diagnose(axis)?;
+            let (expected, threshold) = (Expected::of(&map, &diagnosis), Threshold::of(&map, &diagnosis));
+            let diagnosis = if method.keep_diagnosis { diagnosis } else { Vec::new() };
+            Ok(DecodedMap { map, report, diagnosis, expected, threshold, best_of: Vec::new() })
         };
         let maps: Result<Vec<_>> = axes.into_iter().map(finish).collect();
         maps.with_context(|| self.place())

@@ -1,6 +1,6 @@
 //! What commands print and write: lines for people, JSON for programs.
 
-use crate::pipeline::DecodedMap;
+use crate::pipeline::{DecodedMap, Expected, Threshold, median_valid};
 use anyhow::{Result, bail};
 use fringe::decode::NoiseSource;
 use fringe::phase::PhaseMap;
@@ -77,7 +77,10 @@ pub struct DecodeLine {
     contradiction: f64,
     wraps: usize,
     order_jumps: usize,
-    wrong_orders_expected: Option<f64>,
+    #[serde(flatten)]
+    expected: Expected,
+    #[serde(flatten)]
+    threshold: Option<Threshold>,
     exposures_best_of: Vec<usize>,
     ignored: Vec<String>,
 }
@@ -113,7 +116,8 @@ impl DecodeLine {
             contradiction: report.contradiction(),
             wraps: report.continuity.wraps,
             order_jumps: report.continuity.jumps,
-            wrong_orders_expected: decoded.wrong_orders,
+            expected: decoded.expected,
+            threshold: decoded.threshold,
             exposures_best_of: decoded.best_of.clone(),
             ignored: report.ignored.to_vec(),
         }
@@ -153,8 +157,20 @@ impl fmt::Display for DecodeLine {
             write!(f, "; footprint {footprint_px:.3} px")?;
         }
         // Less than one in all needs no word.
-        if let Some(expected) = self.wrong_orders_expected.filter(|expected| *expected >= 1.0) {
-            write!(f, "; some {expected:.0} wrong orders to be expected from the noise")?;
+        let Expected { wrong_orders_expected: wrong, wrong_orders_by_bits: by_bits, .. } = self.expected;
+        if wrong >= 1.0 {
+            write!(
+                f,
+                "; some {wrong:.0} wrong orders to be expected from the noise, {by_bits:.0} of them from bits"
+            )?;
+        }
+        if let Some(Threshold {
+            threshold_median_dn: level,
+            u_threshold_median_dn: u,
+            contrast_median_dn: half,
+        }) = self.threshold
+        {
+            write!(f, "; black/white threshold {level:.1} DN, u {u:.2} DN, ± {half:.1} DN (medians)")?;
         }
         if !self.exposures_best_of.is_empty() {
             let list: Vec<String> = self.exposures_best_of.iter().map(ToString::to_string).collect();
@@ -168,11 +184,5 @@ impl fmt::Display for DecodeLine {
 }
 
 fn median_sigma(map: &PhaseMap) -> Option<f32> {
-    let mut sigma: Vec<f32> =
-        map.sigma_rad.iter().zip(&map.valid).filter(|(_, valid)| **valid == 1).map(|(s, _)| *s).collect();
-    if sigma.is_empty() {
-        return None;
-    }
-    let middle = sigma.len() / 2;
-    Some(*sigma.select_nth_unstable_by(middle, f32::total_cmp).1)
+    median_valid(map, map.sigma_rad.iter().copied())
 }

@@ -1,6 +1,6 @@
-//! Predicted against observed: phase noise of each method, rate of wrong orders of each code, on random phases.
+//! Predicted against observed: phase noise of each method, rate of wrong orders of each code, on random phases; wrong bits on drawn frames.
 
-use super::out_of_range;
+use super::{bit_errors, out_of_range};
 use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
@@ -35,12 +35,12 @@ pub struct Args {
 }
 
 #[derive(Debug, Serialize)]
-struct Row {
-    name: String,
-    predicted: f64,
-    observed: f64,
-    ratio: f64,
-    pixels: u64,
+pub(super) struct Row {
+    pub name: String,
+    pub predicted: f64,
+    pub observed: f64,
+    pub ratio: f64,
+    pub pixels: u64,
 }
 
 /// Runs the benchmark. Exit code 1 when a ratio lies outside 0.95 … 1.05 by more than its counting noise.
@@ -49,8 +49,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if !(1000..=1_000_000_000).contains(&args.pixels) {
         return out_of_range("--pixels", args.pixels, "1000 to 1000000000");
     }
-    let (phases, orders) = (phase_cases(), order_cases());
-    let mut progress = Progress::new(phases.len() + orders.len(), "measuring");
+    let (phases, orders, codes) = (phase_cases(), order_cases(), bit_errors::cases());
+    let mut progress = Progress::new(phases.len() + orders.len() + codes.len(), "measuring");
     let mut noise = Vec::new();
     for (name, method, shifts) in &phases {
         noise.push(phase_noise(args, name, *method, shifts)?);
@@ -61,14 +61,21 @@ pub fn run(args: &Args) -> Result<Outcome> {
         wrong.push(case.measure(args));
         progress.step();
     }
+    let mut bits = Vec::new();
+    for case in &codes {
+        bits.extend(case.measure(args.pixels, args.seed)?);
+        progress.step();
+    }
     drop(progress);
     print("phase noise, mrad rms", 1e3, &noise);
     print("wrong orders, fraction of pixels", 1.0, &wrong);
-    emit(args.json.as_deref(), &serde_json::json!({ "phase_noise_rad": noise, "wrong_orders": wrong }))?;
+    print("wrong bits, a pixel, and what they make wrong, fraction of pixels", 1.0, &bits);
+    let result = serde_json::json!({ "phase_noise_rad": noise, "wrong_orders": wrong, "codes": bits });
+    emit(args.json.as_deref(), &result)?;
     let off = |row: &Row, spread: f64| (row.ratio - 1.0).abs() > 0.05 + 4.0 * spread;
     let counted = |row: &Row| off(row, (row.predicted * row.pixels as f64).powf(-0.5));
-    let failed =
-        noise.iter().any(|row| off(row, (2.0 * row.pixels as f64).powf(-0.5))) || wrong.iter().any(counted);
+    let failed = noise.iter().any(|row| off(row, (2.0 * row.pixels as f64).powf(-0.5)))
+        || wrong.iter().chain(&bits).any(counted);
     Ok(if failed { Outcome::LimitFailed } else { Outcome::Done })
 }
 

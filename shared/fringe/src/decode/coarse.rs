@@ -187,7 +187,7 @@ impl Kernel<'_> {
 
 /// Centre of a stripe. Stripe k begins half a column before coordinate k s, where column k s begins.
 #[inline]
-fn centre_px(stripe_px: f64, number: u32) -> f64 {
+pub(super) fn centre_px(stripe_px: f64, number: u32) -> f64 {
     f64::from(number) * stripe_px + (0.5 * stripe_px - 0.5)
 }
 

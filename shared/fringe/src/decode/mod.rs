@@ -31,9 +31,11 @@ mod accumulate;
 pub mod arctan;
 mod bits;
 mod block;
+mod blocks;
 pub mod chain;
 mod coarse;
 mod continuity;
+mod diagnose;
 mod error;
 mod exposures;
 mod footprint;
@@ -54,6 +56,7 @@ mod tests;
 mod verdict;
 
 pub use continuity::Continuity;
+pub use diagnose::Diagnosis;
 pub use error::DecodeError;
 pub use exposures::{Exposed, merge_exposures};
 pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
@@ -66,15 +69,14 @@ use crate::frame::{FrameView, Pixels};
 use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseViewMut};
 use accumulate::{Rasters, Sums};
-use block::{BLOCK, CHUNK, Planes, Tally};
+use blocks::decode_blocks;
 use footprint::{Footprint, Reflectance};
 use neighbours::Field;
 use noise::{Probe, QUANTISATION_DN2};
-use order::{Kernel, Lanes};
-use rayon::prelude::*;
+use order::Kernel;
 use roles::{AxisPlan, Plan, Role};
 use std::sync::Arc;
-use verdict::{Verdicts, apply, correct_rows, sum};
+use verdict::{Verdicts, apply, correct_rows};
 
 /// Decodes the frames of one camera under one projector, sequence after sequence.
 #[derive(Debug)]
@@ -264,12 +266,7 @@ impl Decoder {
     /// Refuses an axis that is unknown or incomplete, and planes of another size.
     pub fn finish(&mut self, axis: Axis, out: &mut PhaseViewMut) -> Result<DecodeReport, DecodeError> {
         let info = self.info(axis)?;
-        let home =
-            self.plan.axes.iter().position(|a| a.axis == axis).ok_or(DecodeError::NoSuchAxis { axis })?;
-        let plan = &self.plan.axes[home];
-        if self.next < plan.needed {
-            return Err(DecodeError::Incomplete { axis, landed: self.next, needed: plan.needed });
-        }
+        let home = self.complete(axis)?;
         let n = info.len();
         let sizes = [out.phase_rad.len(), out.sigma_rad.len(), out.modulation.len(), out.valid.len()];
         if out.info != info || sizes != [n; 4] {
@@ -279,18 +276,9 @@ impl Decoder {
         if let Some(residual) = gathered.probe.disorder(self.full_scale_dn) {
             return Err(DecodeError::Disorder { axis, residual });
         }
-        let kernel = Kernel {
-            plan,
-            sums: &self.sums,
-            steps: &self.steps,
-            periods_px: &self.periods_px,
-            rasters: &self.rasters,
-            saturated: &gathered.saturated,
-            noise: self.noise(gathered),
-            settings: &self.settings,
-            least_modulation_dn: self.least_modulation_dn() as f32,
-        };
-        let tally = decode_blocks(&kernel, out);
+        let plan = &self.plan.axes[home];
+        let kernel = self.kernel(home, plan);
+        let (tally, noise) = (decode_blocks(&kernel, out), kernel.noise);
         let verdicts = if plan.chain.is_some() {
             let field = Field {
                 width: self.width_px as usize,
@@ -306,7 +294,6 @@ impl Decoder {
         } else {
             Verdicts::of_mask(out.valid)
         };
-        let noise = kernel.noise;
         let mut report = verdicts.report(tally, noise, Arc::clone(&gathered.ignored));
         if !self.plan.axes[home].sines.is_empty() {
             report.continuity = Continuity::of(out);
@@ -314,6 +301,33 @@ impl Decoder {
         }
         report.footprint_px = self.remove_footprint(home, out)?;
         Ok(report)
+    }
+
+    /// Number of an axis whose frames have all landed.
+    fn complete(&self, axis: Axis) -> Result<usize, DecodeError> {
+        let home =
+            self.plan.axes.iter().position(|a| a.axis == axis).ok_or(DecodeError::NoSuchAxis { axis })?;
+        let needed = self.plan.axes[home].needed;
+        if self.next < needed {
+            Err(DecodeError::Incomplete { axis, landed: self.next, needed })
+        } else {
+            Ok(home)
+        }
+    }
+
+    fn kernel<'a>(&'a self, home: usize, plan: &'a AxisPlan) -> Kernel<'a> {
+        let gathered = &self.axes[home];
+        Kernel {
+            plan,
+            sums: &self.sums,
+            steps: &self.steps,
+            periods_px: &self.periods_px,
+            rasters: &self.rasters,
+            saturated: &gathered.saturated,
+            noise: self.noise(gathered),
+            settings: &self.settings,
+            least_modulation_dn: self.least_modulation_dn() as f32,
+        }
     }
 
     /// Removes the bias of the pixel's footprint; its standard deviation, where it is known.
@@ -390,29 +404,4 @@ fn first_above<T: Copy + PartialOrd>(values: &[T], limit: T) -> Option<(usize, T
     #[allow(clippy::needless_bitwise_bool)]
     let any = values.iter().fold(false, |any, value| any | (*value > limit));
     if any { values.iter().copied().enumerate().find(|(_, value)| *value > limit) } else { None }
-}
-
-fn decode_blocks(kernel: &Kernel, out: &mut PhaseViewMut) -> Tally {
-    let planes = out.phase_rad.par_chunks_mut(CHUNK).zip(out.sigma_rad.par_chunks_mut(CHUNK));
-    let planes = planes.zip(out.modulation.par_chunks_mut(CHUNK)).zip(out.valid.par_chunks_mut(CHUNK));
-    let tallies = planes.enumerate().map(|(chunk, (((phase_rad, sigma_rad), modulation), state))| {
-        let mut tally = Tally::default();
-        let mut lanes = Lanes::new();
-        for first in (0..state.len()).step_by(BLOCK) {
-            let part = first..(first + BLOCK).min(state.len());
-            let start = chunk * CHUNK + first;
-            tally += kernel.block(
-                &(start..start + part.len()),
-                &mut lanes,
-                &mut Planes {
-                    phase_rad: &mut phase_rad[part.clone()],
-                    sigma_rad: &mut sigma_rad[part.clone()],
-                    modulation: &mut modulation[part.clone()],
-                    state: &mut state[part],
-                },
-            );
-        }
-        tally
-    });
-    tallies.reduce(Tally::default, sum)
 }

@@ -1,5 +1,6 @@
 //! Tests of the decoder on frames rendered from the pattern definitions.
 
+mod diagnose;
 mod footprint;
 mod methods;
 mod noise;
