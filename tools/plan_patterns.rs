@@ -1,11 +1,14 @@
 //! `fringetool plan-patterns`: which period, steps and code to project.
 
 use crate::Outcome;
+use crate::reconstruct::surface_settings;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
 use fringe::pattern::Axis;
+use fringe::planning::geometry::Depth;
 use fringe::planning::{Proposal, Wanted, geometry, propose};
 use fringe::rig::{Pair, Rig};
+use fringe::surface::SurfaceSettings;
 use rig::recording::{ProjectorRecord, recording_text};
 use rig::rig_file::read_rig;
 use std::path::PathBuf;
@@ -22,7 +25,7 @@ pub struct Args {
     /// Without a rig: projector pixels along the axis.
     #[arg(long, conflicts_with = "rig", required_unless_present = "rig")]
     extent_px: Option<u32>,
-    /// Without a rig: micrometres of a point per projector pixel.
+    /// Without a rig: micrometres of a point per projector pixel, the point as it comes out (smoothed or not).
     #[arg(long, conflicts_with = "rig", required_unless_present = "rig")]
     um_per_px: Option<f64>,
     /// Axis along which the patterns vary.
@@ -31,15 +34,27 @@ pub struct Args {
     /// Noise of the camera: read noise in grey values, and grey values per electron (`decode --json` tells both).
     #[arg(long, value_name = "DN,DN_PER_E", value_delimiter = ',', num_args = 1..=2, default_value = "0.4,0.024")]
     noise: Vec<f64>,
-    /// Modulation B of a coarse fringe on the part, grey values.
+    /// Largest grey value of the camera.
+    #[arg(long, default_value_t = 255.0)]
+    full_scale_dn: f64,
+    /// Half the difference between white and black on the part, grey values (`decode --json`: contrast_median_dn).
     #[arg(long, default_value_t = 60.0)]
     modulation_dn: f64,
-    /// Background A, grey values.
+    /// Background A, grey values (`decode --json`: threshold_median_dn).
     #[arg(long, default_value_t = 80.0)]
     background_dn: f64,
     /// Blur of the projector on the part, standard deviation in projector pixels (`focus` tells it).
     #[arg(long, default_value_t = 0.6)]
     blur_px: f64,
+    /// With a rig: blur of the camera, lens and area of the pixel together, standard deviation in its pixels.
+    #[arg(long, default_value_t = 0.58)]
+    camera_blur_px: f64,
+    /// Exponent of the projector's response; 1 for corrected patterns (`gamma` measures it).
+    #[arg(long, default_value_t = 1.05)]
+    projector_gamma: f64,
+    /// With a rig: side of the window over which `reconstruct` smooths points, px.
+    #[arg(long, value_name = "PX", default_value_t = SurfaceSettings::default().smoothing_px)]
+    smoothing_px: u32,
     /// Wanted standard uncertainty of a single point, micrometres.
     #[arg(long)]
     want_u_um: Option<f64>,
@@ -69,7 +84,14 @@ struct Target {
     projector: String,
     size_px: [u32; 2],
     cameras: Vec<String>,
-    um_per_px: f64,
+    depth: Depth,
+    /// Projector pixels per camera pixel; 0 where the camera is not known.
+    scale: f64,
+}
+
+/// Standard deviation of two blurs after each other.
+fn both_px(one_px: f64, other_px: f64) -> f64 {
+    (one_px * one_px + other_px * other_px).sqrt()
 }
 
 /// Runs the command.
@@ -84,12 +106,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let wanted = Wanted {
         axis,
         extent_px: target.size_px[usize::from(axis == Axis::Y)],
+        full_scale_dn: args.full_scale_dn,
         modulation_dn: args.modulation_dn,
         background_dn: args.background_dn,
         read_noise_dn: args.noise.first().copied().unwrap_or(0.0),
         gain_dn: args.noise.get(1).copied().unwrap_or(0.0),
-        blur_px: args.blur_px,
-        um_per_px: target.um_per_px,
+        blur_px: both_px(args.blur_px, args.camera_blur_px * target.scale),
+        projector_gamma: args.projector_gamma,
+        depth: target.depth,
         want_u_um: args.want_u_um,
         most_wrong: args.most_wrong_orders,
     };
@@ -112,8 +136,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let want = args.want_u_um.map_or_else(String::new, |want| format!("{want} µm with "));
     println!(
-        "none meets {want}at most {:e} wrong orders: the best has {:.2} µm, {:.1e}; more light, more steps or a larger base are needed",
-        args.most_wrong_orders, first.u_point_um, first.wrong_order
+        "none meets {want}at most {:e} wrong orders: the best has {:.2} µm, {:.1e}{}; more light, more steps or a larger base are needed",
+        args.most_wrong_orders,
+        first.u_point_um,
+        first.wrong_order,
+        if first.usable {
+            ""
+        } else {
+            ", and its fringes are too faint, too noisy or clipped for the decoder"
+        }
     );
     Ok(Outcome::LimitFailed)
 }
@@ -125,7 +156,12 @@ fn target(args: &Args, axis: Axis) -> Result<Target> {
             projector: "proj1".into(),
             size_px: [extent_px; 2],
             cameras: vec!["cam1".into()],
-            um_per_px: args.um_per_px.unwrap_or(0.0),
+            depth: Depth {
+                um_per_px: args.um_per_px.unwrap_or(0.0),
+                noise_share: 1.0,
+                pattern_cancels: false,
+            },
+            scale: 0.0,
         });
     };
     let rig = read_rig(path)?.rig;
@@ -136,53 +172,75 @@ fn target(args: &Args, axis: Axis) -> Result<Target> {
         })?,
         None => rig.pairs.first().with_context(|| format!("{}: has no [[pair]]", path.display()))?,
     };
-    of_pair(&rig, pair, axis).with_context(|| format!("{}: pair \"{}\"", path.display(), pair.name))
+    of_pair(&rig, pair, axis, &surface_settings(Some(args.smoothing_px)))
+        .with_context(|| format!("{}: pair \"{}\"", path.display(), pair.name))
 }
 
-fn of_pair(rig: &Rig, pair: &Pair, axis: Axis) -> Result<Target> {
+fn of_pair(rig: &Rig, pair: &Pair, axis: Axis, surface: &SurfaceSettings) -> Result<Target> {
     let left = rig.camera(&pair.left).with_context(|| format!("no camera \"{}\" in the rig", pair.left))?;
     let name = if rig.projector(&pair.right).is_some() { &pair.right } else { &pair.projector };
     let projector = rig.projector(name).with_context(|| {
         format!("no projector \"{name}\" in the rig: its place is needed; give --extent-px and --um-per-px")
     })?;
-    let (mm, cameras) = match rig.camera(&pair.right) {
-        Some(right) => {
-            (geometry::by_phase(left, right, projector, axis), vec![pair.left.clone(), pair.right.clone()])
-        }
-        None => (geometry::by_projector(left, projector, axis), vec![pair.left.clone()]),
+    let (depth, cameras) = match rig.camera(&pair.right) {
+        Some(right) => (
+            geometry::by_phase(left, right, projector, axis, surface),
+            vec![pair.left.clone(), pair.right.clone()],
+        ),
+        None => (geometry::by_projector(left, projector, axis, surface), vec![pair.left.clone()]),
     };
-    let mm = mm.with_context(|| {
+    let depth = depth.with_context(|| {
         format!("patterns along {axis:?} tell no depth: the views do not cross; try the other axis")
     })?;
     Ok(Target {
         projector: name.clone(),
         size_px: [projector.width_px, projector.height_px],
         cameras,
-        um_per_px: mm * 1e3,
+        depth,
+        scale: geometry::projector_px_per_camera_px(left, projector).unwrap_or(0.0),
     })
 }
 
 fn print(target: &Target, proposals: &[Proposal], rows: usize) {
-    println!("{}: {:.1} µm of a point per projector pixel", target.projector, target.um_per_px);
+    let Depth { um_per_px, noise_share, pattern_cancels } = target.depth;
     println!(
-        "{:20} {:>9} {:>6} {:>7} {:>7} {:>11} {:>9} {:>9} {:>12}  meets",
-        "order", "period px", "steps", "frames", "B DN", "phase mrad", "x mpx", "point µm", "wrong order"
+        "{}: {um_per_px:.1} µm of a point per projector pixel, {:.0} % of the noise left by smoothing{}",
+        target.projector,
+        noise_share.sqrt() * 100.0,
+        if pattern_cancels { "; two cameras: errors of the pattern cancel" } else { "" }
+    );
+    println!(
+        "{:20} {:>9} {:>6} {:>7} {:>7} {:>11} {:>12} {:>9} {:>9} {:>12}  meets",
+        "order",
+        "period px",
+        "steps",
+        "frames",
+        "B DN",
+        "noise mrad",
+        "pattern mrad",
+        "x mpx",
+        "point µm",
+        "wrong order"
     );
     for p in proposals.iter().take(rows) {
         println!(
-            "{:20} {:>9} {:>6} {:>7} {:>7.1} {:>11.2} {:>9.2} {:>9.2} {:>12.1e}  {}",
+            "{:20} {:>9} {:>6} {:>7} {:>7.1} {:>11.2} {:>12.2} {:>9.2} {:>9.2} {:>12.1e}  {}",
             p.order,
             p.period_px,
             p.steps,
             p.frames,
             p.modulation_dn,
             p.sigma_phase_rad * 1e3,
+            p.pattern_error_rad * 1e3,
             p.sigma_coordinate_px * 1e3,
             p.u_point_um,
             p.wrong_order,
             if p.meets { "yes" } else { "no" }
         );
     }
+    println!(
+        "for smooth faces of that brightness, standing still; edges and light that bounces are not in it"
+    );
     if proposals.len() > rows {
         println!("({} more: --rows)", proposals.len() - rows);
     }

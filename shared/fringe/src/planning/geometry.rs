@@ -2,12 +2,43 @@
 
 use crate::camera::{Camera, Ray};
 use crate::pattern::Axis;
+use crate::surface::SurfaceSettings;
 use nalgebra::{Point2, Point3, Vector3};
+use serde::Serialize;
+use std::f64::consts::TAU;
 
-/// Variance that matching by linear interpolation adds: the left pixel's phase and a mean of (2/3)² of the right ones'.
-const MATCHED: f64 = 13.0 / 9.0;
+/// Variance of a match in units of that of a phase: the left pixel's own, and the right one's read from a quadratic over 4 × 4 pixels
+/// (the mean over all places between pixels).
+const MATCHED: f64 = 1.0 + 0.242;
 /// Step of the difference quotients, mm.
 const STEP_MM: f64 = 0.01;
+
+/// How the uncertainty of coordinates becomes that of a point.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Depth {
+    /// Uncertainty of the point per projector pixel of uncertainty of the coordinate, µm.
+    pub um_per_px: f64,
+    /// Variance of the noise that the smoothing of points leaves: 1 for points as they are.
+    pub noise_share: f64,
+    /// Whether errors of the pattern cancel: two cameras see the same error at the same place.
+    pub pattern_cancels: bool,
+}
+
+impl Depth {
+    /// Standard uncertainty of a point, µm.
+    pub fn u_point_um(&self, noise_rad: f64, pattern_rad: f64, period_px: f64) -> f64 {
+        let pattern = if self.pattern_cancels { 0.0 } else { pattern_rad * pattern_rad };
+        let variance = self.noise_share * noise_rad * noise_rad + pattern;
+        variance.sqrt() * period_px / TAU * self.um_per_px
+    }
+}
+
+/// Projector pixels per pixel of a camera, on a surface in the middle of what both see.
+pub fn projector_px_per_camera_px(camera: &Camera, projector: &Camera) -> Option<f64> {
+    let at = middle_mm(camera, projector)?;
+    let px_per_mm = |view: &Camera| view.focal_px[0] / (view.centre_mm() - at).norm();
+    Some(px_per_mm(projector) / px_per_mm(camera))
+}
 
 /// Where the middle rays of two views come nearest to each other.
 pub fn middle_mm(left: &Camera, right: &Camera) -> Option<Point3<f64>> {
@@ -39,19 +70,31 @@ fn towards(view: &Camera, at: &Point3<f64>) -> Vector3<f64> {
     (view.centre_mm() - at).normalize()
 }
 
-/// Camera against projector: mm of depth along the camera's ray per projector pixel. `None` where the pattern's axis does not tell the depth.
-pub fn by_projector(camera: &Camera, projector: &Camera, pattern: Axis) -> Option<f64> {
+/// Camera against projector: depth along the camera's ray. `None` where the pattern's axis does not tell the depth.
+pub fn by_projector(
+    camera: &Camera,
+    projector: &Camera,
+    pattern: Axis,
+    surface: &SurfaceSettings,
+) -> Option<Depth> {
     let at = middle_mm(camera, projector)?;
     let px = rate(projector, &at, &towards(camera, &at))?;
     let along = if pattern == Axis::X { px.x } else { px.y };
-    (along.abs() > 1e-9).then(|| 1.0 / along.abs())
+    let noise_share = surface.noise_share(1.0);
+    (along.abs() > 1e-9).then(|| Depth { um_per_px: 1e3 / along.abs(), noise_share, pattern_cancels: false })
 }
 
-/// Camera against camera by the phase of a projector, on a surface that faces all three: mm along the surface's normal per projector pixel.
+/// Camera against camera by the phase of a projector, on a surface that faces all three: along its normal.
 ///
 /// Along the line that the epipolar plane cuts into the surface, the phase's noise moves the match by dx_R/du pixels per projector pixel, and a pixel
 /// of the match moves the point by ds/dx_R along the left ray.
-pub fn by_phase(left: &Camera, right: &Camera, projector: &Camera, pattern: Axis) -> Option<f64> {
+pub fn by_phase(
+    left: &Camera,
+    right: &Camera,
+    projector: &Camera,
+    pattern: Axis,
+    surface: &SurfaceSettings,
+) -> Option<Depth> {
     let at = middle_mm(left, right)?;
     let (to_left, to_right) = (towards(left, &at), towards(right, &at));
     let normal = (to_left + to_right + towards(projector, &at)).try_normalize(1e-9)?;
@@ -62,5 +105,6 @@ pub fn by_phase(left: &Camera, right: &Camera, projector: &Camera, pattern: Axis
     let match_per_mm = rate(right, &at, &line)?.norm();
     let depth = rate(right, &at, &to_left)?.norm();
     let value = MATCHED.sqrt() * match_per_mm / (along.abs() * depth) * to_left.dot(&normal).abs();
-    value.is_finite().then_some(value)
+    let noise_share = surface.noise_share(1.0 / MATCHED);
+    value.is_finite().then_some(Depth { um_per_px: 1e3 * value, noise_share, pattern_cancels: true })
 }

@@ -1,27 +1,33 @@
 //! Which patterns to project: period, steps and code for a noise and a wanted uncertainty of the point.
 //!
-//! For each candidate the phase noise is √(2/N) σ_I/B, with the contrast that the projector's blur leaves at its period,
-//! B = B₀ exp(−2π²b²/p²); the coordinate's is p/2π times that, the point's follows from the geometry ([`geometry`]), and the chance of
-//! a wrong order from [`OrderRisk`](crate::decode::OrderRisk). Short periods gain until blur takes their contrast and the order its margin.
+//! For each candidate the phase noise is √(2/N) σ_I/B, with the contrast that blur and the projector's pixels leave at its period,
+//! B = B₀ exp(−2π²b²/p²) sinc(1/p); the coordinate's is p/2π times that. The pattern itself errs, too: by the harmonics of the
+//! projector's response that N steps let pass, and by the rounding of its levels ([`pattern`]); a pair of cameras sees the same error
+//! at the same place and does not mind. The point's uncertainty follows from the geometry ([`geometry`]), and the chance of
+//! a wrong order from [`OrderRisk`](crate::decode::OrderRisk) and the bits. Short periods gain until blur takes their contrast and the order its margin.
+//!
+//! It is a plan for one brightness of a smooth face. Edges, where a footprint mixes two faces, light that bounces, and a part that moves
+//! are not in it.
 
 pub mod geometry;
+pub mod pattern;
 mod sets;
 #[cfg(test)]
 mod tests;
 
-use crate::decode::OrderMethod;
-use crate::math::exp;
+use self::geometry::Depth;
+use crate::decode::{DecodeSettings, OrderMethod};
 use crate::pattern::{Axis, PatternSet, frame_count};
 use serde::Serialize;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 use thiserror::Error;
+
+pub use sets::ORDERS;
 
 /// Periods that are tried, projector pixels.
 const PERIODS_PX: [f64; 12] = [6.0, 8.0, 10.0, 12.0, 16.0, 18.0, 20.0, 24.0, 32.0, 40.0, 48.0, 64.0];
 /// Steps that are tried.
 const STEPS: [u32; 10] = [3, 4, 5, 6, 8, 10, 12, 16, 24, 32];
-/// Largest phase noise of a usable fringe, rad: the decoder's own limit.
-const MOST_SIGMA_RAD: f64 = 0.2;
 
 /// What is known and wanted.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -30,18 +36,22 @@ pub struct Wanted {
     pub axis: Axis,
     /// Projector pixels along it.
     pub extent_px: u32,
-    /// Modulation of a sharp fringe, DN.
+    /// Largest grey value, DN.
+    pub full_scale_dn: f64,
+    /// Modulation of a coarse fringe: half the difference between white and black, DN.
     pub modulation_dn: f64,
     /// Background, DN.
     pub background_dn: f64,
-    /// Noise of a grey value in the dark, quantisation included, DN.
+    /// Noise of a grey value in the dark, quantisation included, DN; less than that of whole DN, 1/√12, counts as it.
     pub read_noise_dn: f64,
     /// DN per photo-electron.
     pub gain_dn: f64,
-    /// Blur of the projector, standard deviation in projector pixels.
+    /// Blur of projector and camera together, standard deviation in projector pixels.
     pub blur_px: f64,
-    /// Uncertainty of the point per projector pixel of uncertainty of the coordinate, µm.
-    pub um_per_px: f64,
+    /// Exponent of the projector's response, light = level^γ; 1 for corrected patterns.
+    pub projector_gamma: f64,
+    /// How coordinates become points.
+    pub depth: Depth,
     /// Wanted standard uncertainty of a point, µm; none: the best.
     pub want_u_um: Option<f64>,
     /// Largest chance of a wrong order.
@@ -75,13 +85,17 @@ pub struct Proposal {
     pub modulation_dn: f64,
     /// Phase noise, rad.
     pub sigma_phase_rad: f64,
-    /// Its standard uncertainty of the projector coordinate, px.
+    /// Error of the pattern itself: harmonics of the response, rounding of the levels; root mean square over all phases, rad.
+    pub pattern_error_rad: f64,
+    /// Standard uncertainty of the projector coordinate from both, px.
     pub sigma_coordinate_px: f64,
     /// Standard uncertainty of a point, µm.
     pub u_point_um: f64,
     /// Chance of a wrong order of a pixel on its own.
     pub wrong_order: f64,
-    /// Whether it meets what is wanted.
+    /// Whether the decoder takes its fringes by default: not too faint, not clipped, not too noisy.
+    pub usable: bool,
+    /// Whether it is usable and meets what is wanted.
     pub meets: bool,
     /// The sets.
     pub sequence: Vec<PatternSet>,
@@ -93,22 +107,36 @@ impl Wanted {
             if value >= least && value <= most { Ok(()) } else { Err(WantedError { key, value, limit }) }
         };
         within("extent_px", self.extent_px.into(), (16.0, 65_535.0), "16 to 65535 projector pixels")?;
+        within("full_scale_dn", self.full_scale_dn, (1.0, 65_535.0), "1 to 65535 DN")?;
         within("modulation_dn", self.modulation_dn, (1e-3, 65_535.0), "0.001 to 65535 DN")?;
         within("background_dn", self.background_dn, (0.0, 65_535.0), "0 to 65535 DN")?;
         within("read_noise_dn", self.read_noise_dn, (0.0, 65_535.0), "0 to 65535 DN")?;
         within("gain_dn", self.gain_dn, (0.0, 65_535.0), "0 to 65535 DN per electron")?;
         within("blur_px", self.blur_px, (0.0, 100.0), "0 to 100 projector pixels")?;
-        within("um_per_px", self.um_per_px, (1e-6, 1e9), "above 0 µm per projector pixel")?;
+        within("projector_gamma", self.projector_gamma, (0.1, 10.0), "0.1 to 10; 1 for corrected patterns")?;
+        within("um_per_px", self.depth.um_per_px, (1e-6, 1e9), "above 0 µm per projector pixel")?;
         within("most_wrong", self.most_wrong, (1e-300, 1.0), "above 0 and at most 1")?;
         within("want_u_um", self.want_u_um.unwrap_or(1.0), (1e-6, 1e9), "above 0 µm")
     }
 
-    /// √(2/N) σ_I/B at a period.
+    /// Standard deviation of a grey value at the background, DN.
+    fn grey_noise_dn(&self) -> f64 {
+        let read = (self.read_noise_dn * self.read_noise_dn).max(1.0 / 12.0);
+        (read + self.gain_dn * self.background_dn).sqrt()
+    }
+
+    /// Whether the decoder's usual limits let such fringes pass.
+    fn usable(&self, modulation_dn: f64, sigma_phase_rad: f64) -> bool {
+        let limits = DecodeSettings::default();
+        modulation_dn >= limits.min_modulation_fraction * self.full_scale_dn
+            && self.background_dn + self.modulation_dn < limits.saturation_fraction * self.full_scale_dn
+            && sigma_phase_rad <= limits.max_sigma_rad
+    }
+
+    /// Modulation and √(2/N) σ_I/B at a period.
     fn phase_noise(&self, period_px: f64, steps: u32) -> (f64, f64) {
-        let blur = self.blur_px / period_px;
-        let modulation_dn = self.modulation_dn * exp(-2.0 * PI * PI * blur * blur);
-        let grey_dn = (self.read_noise_dn * self.read_noise_dn + self.gain_dn * self.background_dn).sqrt();
-        (modulation_dn, (2.0 / f64::from(steps)).sqrt() * grey_dn / modulation_dn)
+        let modulation_dn = self.modulation_dn * pattern::contrast(self.blur_px, period_px, 1);
+        (modulation_dn, (2.0 / f64::from(steps)).sqrt() * self.grey_noise_dn() / modulation_dn)
     }
 }
 
@@ -146,9 +174,12 @@ pub fn propose(wanted: &Wanted) -> Result<Vec<Proposal>, WantedError> {
 fn evaluate(wanted: &Wanted, order: OrderMethod, period_px: f64, steps: u32) -> Option<Proposal> {
     let (sequence, periods_px) = sets::sequence(wanted, order, period_px, steps)?;
     let (modulation_dn, sigma_phase_rad) = wanted.phase_noise(period_px, steps);
-    let wrong_order = sets::wrong_order(wanted, order, &periods_px, steps, sigma_phase_rad)?;
-    let sigma_coordinate_px = sigma_phase_rad * period_px / TAU;
-    let u_point_um = sigma_coordinate_px * wanted.um_per_px;
+    let pattern_error_rad = pattern::error_rad(wanted.projector_gamma, wanted.blur_px, period_px, steps);
+    let both_rad = (sigma_phase_rad * sigma_phase_rad + pattern_error_rad * pattern_error_rad).sqrt();
+    let wrong_order = sets::wrong_order(wanted, order, &periods_px, steps, both_rad)?;
+    let sigma_coordinate_px = both_rad * period_px / TAU;
+    let u_point_um = wanted.depth.u_point_um(sigma_phase_rad, pattern_error_rad, period_px);
+    let usable = wanted.usable(modulation_dn, sigma_phase_rad);
     let fine = wanted.want_u_um.is_none_or(|want| u_point_um <= want);
     Some(Proposal {
         order: order.name(),
@@ -157,10 +188,12 @@ fn evaluate(wanted: &Wanted, order: OrderMethod, period_px: f64, steps: u32) -> 
         frames: frame_count(&sequence),
         modulation_dn,
         sigma_phase_rad,
+        pattern_error_rad,
         sigma_coordinate_px,
         u_point_um,
         wrong_order,
-        meets: fine && wrong_order <= wanted.most_wrong && sigma_phase_rad <= MOST_SIGMA_RAD,
+        usable,
+        meets: fine && usable && wrong_order <= wanted.most_wrong,
         sequence,
     })
 }

@@ -1,13 +1,22 @@
 //! The sets of a candidate, and its chance of a wrong order.
 
 use super::Wanted;
+use super::pattern::contrast;
 use crate::decode::chain::{Sine, widest_of};
 use crate::decode::number::Residues;
 use crate::decode::{OrderMethod, OrderRisk};
+use crate::math::erfc;
 use crate::pattern::{Code, PatternSet};
+use std::f64::consts::SQRT_2;
+
+/// Steps that a contrast is worth at most: beyond, a sine adds no noise to speak of.
+const MOST_WORTH: f64 = 1e6;
+
+/// Bits of a code of a thousand stripes: the chance of a wrong one is a matter of powers of ten.
+const BITS: f64 = 10.0;
 
 /// Orders that are tried.
-pub(super) const ORDERS: [OrderMethod; 5] = [
+pub const ORDERS: [OrderMethod; 5] = [
     OrderMethod::Gray,
     OrderMethod::ShiftedGray,
     OrderMethod::Hierarchical,
@@ -94,7 +103,7 @@ fn coprime(period_px: f64, extent_px: u32) -> Option<Vec<f64>> {
     (p + 1..=8 * p).find(covers).map(|q| vec![period_px, f64::from(q)])
 }
 
-/// Chance of a wrong order at a phase noise of the finest sine, the others taken to have the same contrast: they have more.
+/// Chance of a wrong order at a phase noise of the finest sine. Longer periods keep more contrast, which is worth as much as more steps.
 pub(super) fn wrong_order(
     wanted: &Wanted,
     order: OrderMethod,
@@ -102,15 +111,30 @@ pub(super) fn wrong_order(
     steps: u32,
     sigma_rad: f64,
 ) -> Option<f64> {
-    let sines: Vec<Sine> = periods_px.iter().map(|p| Sine { period_px: *p, steps }).collect();
+    let worth = |period_px: &f64| {
+        let left = contrast(wanted.blur_px, *period_px, 1) / contrast(wanted.blur_px, periods_px[0], 1);
+        (f64::from(steps) * left * left).round().min(MOST_WORTH) as u32
+    };
+    let list: Vec<(f64, u32)> = periods_px.iter().map(|p| (*p, worth(p))).collect();
+    let sines: Vec<Sine> =
+        list.iter().map(|(period_px, steps)| Sine { period_px: *period_px, steps: *steps }).collect();
     let extent_px = f64::from(wanted.extent_px);
     if order == OrderMethod::NumberTheoretical {
-        let list: Vec<(f64, u32)> = periods_px.iter().map(|p| (*p, steps)).collect();
         return Residues::new(&list, wanted.extent_px).ok().map(|residues| residues.wrong_order(sigma_rad));
     }
     let by_code = matches!(order, OrderMethod::Gray | OrderMethod::ShiftedGray);
     let stripe_px = 0.5 * periods_px[0];
     let most_phases = if order == OrderMethod::Hierarchical { 1 } else { 4 };
     let chain = widest_of(&sines, by_code.then_some(stripe_px), extent_px, most_phases)?;
-    Some(OrderRisk { chain: &chain, stripe_px, residues: None }.probability(sigma_rad))
+    let by_phase = OrderRisk { chain: &chain, stripe_px, residues: None }.probability(sigma_rad);
+    Some(if by_code { (by_phase + by_bits(wanted, order)).min(1.0) } else { by_phase })
+}
+
+/// Chance that any bit is read wrongly against the mean of white and black, whose noise adds half as much again; most bits are of
+/// another order, so all of them count.
+fn by_bits(wanted: &Wanted, order: OrderMethod) -> f64 {
+    let sigma_dn = wanted.grey_noise_dn() * 1.5_f64.sqrt();
+    let wrong = 0.5 * erfc(wanted.modulation_dn / (sigma_dn * SQRT_2));
+    let codes = if order == OrderMethod::ShiftedGray { 2.0 } else { 1.0 };
+    codes * BITS * wrong
 }

@@ -3,18 +3,22 @@
 use super::*;
 use crate::camera::{BrownConrady, Camera};
 use crate::decode::{DecodeSettings, Decoder};
+use crate::surface::SurfaceSettings;
 use nalgebra::{Isometry3, Point3, Vector3};
+use std::f64::consts::PI;
 
 fn wanted() -> Wanted {
     Wanted {
         axis: Axis::X,
         extent_px: 608,
+        full_scale_dn: 255.0,
         modulation_dn: 60.0,
         background_dn: 80.0,
         read_noise_dn: 0.4,
         gain_dn: 0.024,
         blur_px: 0.6,
-        um_per_px: 700.0,
+        projector_gamma: 1.0,
+        depth: Depth { um_per_px: 700.0, noise_share: 1.0, pattern_cancels: true },
         want_u_um: Some(10.0),
         most_wrong: 1e-6,
     }
@@ -28,7 +32,8 @@ fn the_first_proposal_meets_what_is_wanted_with_the_fewest_frames() {
     assert!(all.iter().filter(|p| p.meets).all(|p| p.frames >= first.frames));
     // √(2/N) σ_I/B with the contrast that blur leaves, in the open.
     let blur: f64 = 0.6 / first.period_px;
-    let b = 60.0 * crate::math::exp(-2.0 * PI * PI * blur * blur);
+    let pixel = crate::math::sin(PI / first.period_px) / (PI / first.period_px);
+    let b = 60.0 * crate::math::exp(-2.0 * PI * PI * blur * blur) * pixel;
     let sigma = (2.0 / f64::from(first.steps) * (0.16 + 0.024 * 80.0)).sqrt() / b;
     assert!((first.sigma_phase_rad / sigma - 1.0).abs() < 1e-12);
     assert!((first.u_point_um - 700.0 * sigma * first.period_px / TAU).abs() < 1e-9);
@@ -48,6 +53,17 @@ fn the_decoder_takes_every_proposal() {
             assert!(made.is_ok(), "{extent_px} {proposal:?}: {made:?}");
         }
     }
+}
+
+/// What the decoder would mask is no plan: fringes too faint, too bright.
+#[test]
+fn fringes_that_the_decoder_masks_do_not_meet_anything() {
+    let want = Wanted { want_u_um: None, ..wanted() };
+    let any = |wanted: &Wanted| propose(wanted).unwrap().iter().any(|p| p.meets);
+    assert!(any(&want));
+    assert!(!any(&Wanted { modulation_dn: 5.0, background_dn: 6.0, ..want.clone() }));
+    assert!(!any(&Wanted { background_dn: 200.0, ..want.clone() }));
+    assert!(!any(&Wanted { full_scale_dn: 4095.0, ..want }));
 }
 
 #[test]
@@ -83,13 +99,62 @@ fn the_depth_per_pixel_is_that_of_the_triangle() {
     assert!(at.coords.norm() < 1e-9, "{at}");
     // Projector: the point moves by sin 11.31° across its ray, at 500 mm and 1000 px.
     let expected = 500.0 / 1000.0 / crate::math::sin(crate::math::atan(0.2));
-    let found = geometry::by_projector(&left, &projector, Axis::X).unwrap();
-    assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
-    assert!(geometry::by_projector(&left, &projector, Axis::Y).is_none_or(|mm| mm > 1e3));
+    let surface = SurfaceSettings { smoothing_px: 1, ..SurfaceSettings::default() };
+    let found = geometry::by_projector(&left, &projector, Axis::X, &surface).unwrap();
+    assert!(!found.pattern_cancels && found.noise_share == 1.0);
+    assert!((found.um_per_px / 1e3 / expected - 1.0).abs() < 1e-3, "{found:?} {expected}");
+    let other = geometry::by_projector(&left, &projector, Axis::Y, &surface);
+    assert!(other.is_none_or(|depth| depth.um_per_px > 1e6));
     // Cameras: pixel 0.25 mm on the surface; the match of one projector pixel (0.5 mm) is 2 px; base 200 at 500.
-    let found = geometry::by_phase(&left, &right, &projector, Axis::X).unwrap();
-    assert!((found / (0.5 * MATCHED_ROOT * 500.0 / 200.0) - 1.0).abs() < 0.01, "{found}");
+    let found = geometry::by_phase(&left, &right, &projector, Axis::X, &surface).unwrap();
+    assert!(
+        (found.um_per_px / 1e3 / (0.5 * 1.242_f64.sqrt() * 500.0 / 200.0) - 1.0).abs() < 0.01,
+        "{found:?}"
+    );
+    let smoothed =
+        geometry::by_phase(&left, &right, &projector, Axis::X, &SurfaceSettings::default()).unwrap();
+    // What the settings of the surface say of the scatter of single points.
+    assert!((smoothed.noise_share.sqrt() - 0.47).abs() < 0.005, "{smoothed:?}");
+    let scale = geometry::projector_px_per_camera_px(&left, &projector).unwrap();
+    assert!((scale / (1000.0 / 500.0 / (2000.0 / 260_000.0_f64.sqrt())) - 1.0).abs() < 1e-3, "{scale}");
     assert!(geometry::middle_mm(&left, &left).is_none());
 }
 
-const MATCHED_ROOT: f64 = 1.201_850_425_154_663;
+/// The closed form of the ripple beside frames that are drawn through the response.
+#[test]
+fn the_error_of_the_response_is_that_of_drawn_steps() {
+    for (gamma, steps) in [(1.05, 3_u32), (1.05, 4), (2.2, 3), (2.2, 4), (2.2, 5), (0.6, 3)] {
+        let drawn = |phase: f64| {
+            let (mut c, mut s) = (0.0, 0.0);
+            for i in 0..steps {
+                let delta = TAU * f64::from(i) / f64::from(steps);
+                let light = crate::math::pow(0.5 + 0.5 * crate::math::cos(phase - delta), gamma);
+                c += light * crate::math::cos(delta);
+                s += light * crate::math::sin(delta);
+            }
+            crate::math::wrap_rad(crate::math::atan2(s, c) - phase)
+        };
+        let squares: f64 = (0..1000).map(|k| drawn(TAU * f64::from(k) / 1000.0).powi(2)).sum();
+        let rms = (squares / 1000.0).sqrt();
+        // The period is long beside the projector's pixels; the closed form is of first order.
+        let found = pattern::harmonic_error_rad(gamma, 0.0, 1e6, steps);
+        assert!((found / rms - 1.0).abs() < 0.05, "γ {gamma}, {steps} steps: {found} and {rms} rad");
+    }
+    assert_eq!(pattern::harmonic_error_rad(1.0, 0.6, 16.0, 3), 0.0);
+}
+
+#[test]
+fn three_steps_through_a_response_are_not_proposed_where_their_ripple_matters() {
+    let depth = Depth { um_per_px: 700.0, noise_share: 1.0, pattern_cancels: false };
+    let coarse = || Wanted { want_u_um: Some(20.0), ..wanted() };
+    let of = |projector_gamma| propose(&Wanted { projector_gamma, depth, ..coarse() }).unwrap()[0].clone();
+    let (corrected, crooked) = (of(1.0), of(1.3));
+    assert!(
+        corrected.meets && crooked.meets && corrected.steps == 3 && crooked.steps > 3,
+        "{corrected:?} {crooked:?}"
+    );
+    assert!(crooked.pattern_error_rad < 0.02);
+    // Two cameras do not mind.
+    let pair = Wanted { projector_gamma: 1.3, ..coarse() };
+    assert_eq!(propose(&pair).unwrap()[0].frames, propose(&coarse()).unwrap()[0].frames);
+}

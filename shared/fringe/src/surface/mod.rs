@@ -59,6 +59,11 @@ impl Default for SurfaceSettings {
 }
 
 impl SurfaceSettings {
+    /// Variance that smoothing leaves of the points' noise, of which the share `own` is independent from point to point.
+    pub fn noise_share(&self, own: f64) -> f64 {
+        smooth::share_left(self.smoothing_px as usize / 2, own)
+    }
+
     /// The first setting out of its limits: key, value, limits.
     pub(crate) fn fault(&self) -> Option<(&'static str, f64, &'static str)> {
         let slope = self.max_slope_deg;

@@ -27,6 +27,12 @@ const OWN_SHARE: [f64; MAX_HALF + 1] = [1.0, 0.5556, 0.1543, 0.0748];
 /// ± 14 % where the scales differ by a quarter.
 const OTHER_SHARE: [f64; MAX_HALF + 1] = [1.0, 0.883, 0.483, 0.266];
 
+/// Variance left by a window of a half width, of noise whose share `own` is independent in each sample.
+pub(super) fn share_left(half: usize, own: f64) -> f64 {
+    let half = half.min(MAX_HALF);
+    own * OWN_SHARE[half] + (1.0 - own) * OTHER_SHARE[half]
+}
+
 /// The sample with less noise, from the largest window up to `half` that shows one smooth surface.
 #[inline]
 pub(super) fn smoothed(
@@ -46,8 +52,7 @@ pub(super) fn smoothed(
         };
         if let Some(inverse_depth) = value {
             let own = f64::from(samples[pixel].own_share);
-            let share = own * OWN_SHARE[half] + (1.0 - own) * OTHER_SHARE[half];
-            let sigma = (f64::from(samples[pixel].sigma) * share.sqrt()) as f32;
+            let sigma = (f64::from(samples[pixel].sigma) * share_left(half, own).sqrt()) as f32;
             return (Sample { inverse_depth, sigma, ..samples[pixel] }, half);
         }
     }
