@@ -1,7 +1,7 @@
 //! `fringetool fit`: an element through the points of a cloud, by least squares of the orthogonal distance.
 
 mod print;
-mod region;
+pub mod region;
 
 use crate::Outcome;
 use crate::report::{check_outputs, emit};

@@ -6,6 +6,7 @@ use fringe::fit;
 use nalgebra::Point3;
 use rig::ply::Cloud;
 use serde::Serialize;
+use std::fmt;
 use std::str::FromStr;
 
 /// A ball that limits the region.
@@ -13,6 +14,13 @@ use std::str::FromStr;
 pub struct Near {
     center_mm: Point3<f64>,
     radius_mm: f64,
+}
+
+impl fmt::Display for Near {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [x, y, z]: [f64; 3] = self.center_mm.into();
+        write!(f, "within {} mm of ({x}, {y}, {z}) mm", self.radius_mm)
+    }
 }
 
 impl FromStr for Near {
@@ -39,6 +47,13 @@ impl Corners {
     }
 }
 
+impl fmt::Display for Corners {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ([a, b, c], [x, y, z]): ([f64; 3], [f64; 3]) = (self.low_mm.into(), self.high_mm.into());
+        write!(f, "{:.0} × {:.0} × {:.0} mm: ({a}, {b}, {c}) to ({x}, {y}, {z}) mm", x - a, y - b, z - c)
+    }
+}
+
 impl FromStr for Corners {
     type Err = String;
 
@@ -61,6 +76,12 @@ fn numbers(text: &str) -> Result<Vec<f64>, String> {
     text.split(',').map(one).collect()
 }
 
+/// Whether a point lies in both limits.
+pub fn within(near: Option<Near>, corners: Option<Corners>, point: &Point3<f64>) -> bool {
+    near.is_none_or(|near| (point - near.center_mm).norm() <= near.radius_mm)
+        && corners.is_none_or(|limits| limits.holds(point))
+}
+
 /// What the search left out.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Left {
@@ -75,8 +96,7 @@ pub fn choose(args: &Args, cloud: &Cloud) -> Result<(Vec<Point3<f64>>, Left)> {
         .points
         .iter()
         .map(fringe::cloud::Point::position)
-        .filter(|p| args.near.is_none_or(|near| (p - near.center_mm).norm() <= near.radius_mm))
-        .filter(|p| args.corners.is_none_or(|limits| limits.holds(p)))
+        .filter(|p| within(args.near, args.corners, p))
         .collect();
     if points.is_empty() {
         bail!(

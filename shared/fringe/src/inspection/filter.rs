@@ -37,7 +37,8 @@ const DEFINITION: &str = "highest less lowest mean distance over squares of edge
     left out; noise is not subtracted";
 
 /// A filtered range.
-pub(super) struct Filtered {
+#[derive(Debug, Clone)]
+pub struct Filtered {
     /// Highest less lowest cell mean, mm.
     pub range_mm: f64,
     /// Its standard uncertainty from noise, mm.
@@ -68,7 +69,7 @@ struct Cell {
 ///
 /// # Errors
 /// Too few cells side by side.
-pub(super) fn filtered(
+pub fn filtered(
     across_mm: &[[f64; 2]],
     deviation_mm: &[f64],
     filter_mm: f64,

@@ -22,6 +22,7 @@ mod verdict;
 
 pub use error::MeasureError;
 pub use evaluate::{evaluate, locate};
+pub use filter::{Filtered, filtered as filtered_flatness};
 pub use plan::{
     Datums, Element, Exclusion, ExclusionShape, Feature, Geometry, PLAN_FORMAT, Plan, PlanError, Quantity,
     Settings,

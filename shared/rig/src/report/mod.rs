@@ -17,6 +17,7 @@ mod colour;
 mod comparison;
 mod error;
 mod figures;
+mod flatness;
 mod from_result;
 mod glyph;
 mod input;
@@ -36,6 +37,7 @@ pub mod uncertainty;
 pub use colour::ColourMap;
 pub use comparison::{ComparisonInput, write_comparison};
 pub use error::ReportError;
+pub use flatness::{FlatnessInput, FlatnessRepeat, write_flatness};
 pub use from_result::stage_times;
 pub use input::{
     Activity, CycleRow, FeatureRow, GreyPicture, Mark, OverlapRow, PhasePicture, ReportInput, Span,
