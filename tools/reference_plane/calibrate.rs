@@ -21,6 +21,9 @@ pub struct Args {
     /// Degree of the polynomials: 1 is K₀ alone (eq. 2.19), 1 to 3.
     #[arg(long, default_value_t = 2)]
     degree: usize,
+    /// In each pixel, leave out planes beyond so many robust standard deviations of what the field shows; `inf` leaves none out.
+    #[arg(long, value_name = "SIGMAS", default_value_t = 6.0)]
+    reject: f64,
     /// Which camera; needed when the recordings have several.
     #[arg(long)]
     camera: Option<String>,
@@ -72,7 +75,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         args.planes.iter().map(|plane| decode(&plane.recording, &which)).collect::<Result<_>>()?;
     let planes: Vec<_> =
         args.planes.iter().zip(&maps).map(|(plane, map)| (plane.height_mm, map.view())).collect();
-    let (calibration, report) = calibrate(&planes, args.degree)?;
+    let (calibration, report) = calibrate(&planes, args.degree, args.reject)?;
     if report.calibrated == 0 {
         bail!(
             "no pixel sees {} planes or more at different phases; are the recordings of one camera?",
@@ -98,6 +101,18 @@ pub fn run(args: &Args) -> Result<Outcome> {
     match report.rms_mm {
         Some(rms_mm) => println!("; residual {rms_mm:.4} mm rms"),
         None => println!("; as many coefficients as planes: no residual"),
+    }
+    for (plane, count) in args.planes.iter().zip(&report.rejected).filter(|(_, count)| **count > 0) {
+        println!(
+            "  {}: left out of {count} px, where it contradicts the other planes",
+            plane.recording.display()
+        );
+    }
+    if report.inconsistent > 0 {
+        println!(
+            "  {} px left out: their planes contradict each other, and none is to spare",
+            report.inconsistent
+        );
     }
     emit(args.json.as_deref(), &report)?;
     Ok(Outcome::Done)

@@ -1,6 +1,6 @@
 //! Why there is no calibration or no height.
 
-use super::MOST_DEGREE;
+use super::{MOST_DEGREE, MOST_PLANES};
 use thiserror::Error;
 
 /// Planes or maps that cannot be used.
@@ -21,6 +21,20 @@ pub enum PlaneError {
         planes: usize,
         /// Coefficients.
         needed: usize,
+    },
+    /// Too many.
+    #[error("{planes} planes are more than {MOST_PLANES}; leave some out")]
+    Many {
+        /// As given.
+        planes: usize,
+    },
+    /// No limit.
+    #[error(
+        "rejection beyond {sigmas} standard deviations: must be above 0; 6 is usual, inf rejects nothing"
+    )]
+    Reject {
+        /// As given.
+        sigmas: f64,
     },
     /// Repeated or not finite.
     #[error(

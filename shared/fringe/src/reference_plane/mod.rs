@@ -4,23 +4,28 @@
 //! pixel to pixel, and Z is not quite proportional (eq. 2.18). Both are measured rather than derived: planes at known
 //! heights give each pixel its own polynomial Z = k₀ + k₁ Δφ + k₂ Δφ² + …, by least squares. k₁ is the K₀ of eq. 2.19. Neither camera
 //! nor projector needs to be characterised; lateral coordinates, tilt and the height of the planes are taken from
-//! elsewhere. A pixel that fewer planes show than there are coefficients has no height, and heights are given within the
+//! elsewhere. A plane that a pixel saw wrongly is left out of that pixel's polynomial where enough others are left. A pixel that fewer planes show than there are coefficients has no height, and heights are given within the
 //! calibrated range and a margin only: a polynomial tells nothing beyond its planes.
 
 mod error;
 mod polynomial;
+mod reject;
 #[cfg(test)]
 mod tests;
 
 pub use error::PlaneError;
 
 use crate::phase::{PhaseInfo, PhaseView};
-use polynomial::{Fit, fit, height, slope};
+use polynomial::{Fit, height, slope};
 use rayon::prelude::*;
+use reject::{Judged, Seen, judge, scales};
 use serde::Serialize;
 
 /// Highest degree: beyond a cubic there is nothing left to fit but noise.
 pub const MOST_DEGREE: usize = 3;
+
+/// Most planes.
+pub const MOST_PLANES: usize = 64;
 
 /// Heights beyond the calibrated planes are given within this share of the range between them.
 const MARGIN: f64 = 0.1;
@@ -39,7 +44,7 @@ pub struct PlaneCalibration {
 }
 
 /// How well the planes fit.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct PlaneReport {
     /// Planes.
     pub planes: usize,
@@ -47,6 +52,10 @@ pub struct PlaneReport {
     pub degree: usize,
     /// Pixels with a calibration.
     pub calibrated: usize,
+    /// Of each plane, in the order given: pixels whose polynomial was fitted without it.
+    pub rejected: Vec<usize>,
+    /// Pixels without a calibration because their planes contradict each other and none could be spared.
+    pub inconsistent: usize,
     /// Root mean square residual of the heights over all pixels and planes, mm, for the degrees of freedom of the fits; absent
     /// with as many coefficients as planes.
     pub rms_mm: Option<f64>,
@@ -69,18 +78,38 @@ pub struct Heights {
     pub beyond: usize,
 }
 
-/// Calibrates with planes at known heights (mm, phase); the first one is the reference.
+/// Calibrates with planes at known heights (mm, phase); the first one is the reference. In each pixel planes beyond `reject_sigmas`
+/// robust standard deviations are left out (infinite: none).
 ///
 /// # Errors
-/// Too few planes for the degree, heights that repeat or are not finite, maps of unequal size, axis or period.
+/// Too few or too many planes for the degree, heights that repeat or are not finite, maps of unequal size, axis or period, a limit
+/// that is not above 0.
 pub fn calibrate(
     planes: &[(f64, PhaseView<'_>)],
     degree: usize,
+    reject_sigmas: f64,
 ) -> Result<(PlaneCalibration, PlaneReport), PlaneError> {
-    check(planes, degree)?;
+    check(planes, degree, reject_sigmas)?;
     let info = planes[0].1.info;
-    let fits: Vec<Option<Fit>> =
-        (0..info.len()).into_par_iter().map(|i| of_pixel(planes, i, degree)).collect();
+    let [low, high] = range(planes);
+    let seen = |pixel| of_pixel(planes, pixel);
+    let spare = planes.len() > degree + 1 && reject_sigmas.is_finite();
+    let scales = if spare { scales(planes.len(), info.len(), degree, high - low, seen) } else { Vec::new() };
+    let limit = if spare { reject_sigmas } else { f64::INFINITY };
+    let judged: Vec<Judged> =
+        (0..info.len()).into_par_iter().map(|i| judge(seen(i), degree, limit, &scales)).collect();
+    let inconsistent = judged.iter().filter(|j| matches!(j, Judged::Inconsistent)).count();
+    let mut rejected = vec![0; planes.len()];
+    let fits: Vec<Option<Fit>> = judged
+        .into_iter()
+        .map(|judged| match judged {
+            Judged::Kept(fit, without) => {
+                rejected.iter_mut().enumerate().for_each(|(i, n)| *n += ((without >> i) & 1) as usize);
+                Some(fit)
+            }
+            Judged::Unknown | Judged::Inconsistent => None,
+        })
+        .collect();
     let plane = |value: &dyn Fn(&Fit) -> f64| -> Vec<f32> {
         fits.iter().map(|fit| fit.as_ref().map_or(f32::NAN, |fit| value(fit) as f32)).collect()
     };
@@ -101,6 +130,8 @@ pub fn calibrate(
         planes: planes.len(),
         degree,
         calibrated: known().count(),
+        rejected,
+        inconsistent,
         rms_mm: (freedom > 0).then(|| (squares / freedom as f64).sqrt()),
         k0_mm_per_rad: tenths(known().map(|fit| fit.coefficients[1]).collect()),
     };
@@ -144,14 +175,17 @@ impl PlaneCalibration {
     }
 }
 
-fn of_pixel(planes: &[(f64, PhaseView<'_>)], pixel: usize, degree: usize) -> Option<Fit> {
+/// What a pixel saw of the planes; nothing without the reference.
+fn of_pixel(planes: &[(f64, PhaseView<'_>)], pixel: usize) -> Vec<Seen> {
     let phase = |map: &PhaseView<'_>| {
         (map.valid[pixel] == 1 && map.phase_rad[pixel].is_finite()).then(|| f64::from(map.phase_rad[pixel]))
     };
-    let reference_rad = phase(&planes[0].1)?;
-    let points: Vec<(f64, f64)> =
-        planes.iter().filter_map(|(z_mm, map)| Some((phase(map)? - reference_rad, *z_mm))).collect();
-    fit(&points, degree)
+    let Some(reference_rad) = phase(&planes[0].1) else { return Vec::new() };
+    let of_plane = |(plane, (z_mm, map)): (usize, &(f64, PhaseView<'_>))| {
+        let difference_rad = phase(map)? - reference_rad;
+        Some(Seen { plane, difference_rad, z_mm: *z_mm, sigma_rad: f64::from(map.sigma_rad[pixel]) })
+    };
+    planes.iter().enumerate().filter_map(of_plane).collect()
 }
 
 fn range(planes: &[(f64, PhaseView<'_>)]) -> [f64; 2] {
@@ -165,7 +199,13 @@ fn tenths(mut values: Vec<f64>) -> Option<[f64; 3]> {
     Some([at(0.5)?, at(0.1)?, at(0.9)?])
 }
 
-fn check(planes: &[(f64, PhaseView<'_>)], degree: usize) -> Result<(), PlaneError> {
+fn check(planes: &[(f64, PhaseView<'_>)], degree: usize, reject_sigmas: f64) -> Result<(), PlaneError> {
+    if reject_sigmas.is_nan() || reject_sigmas <= 0.0 {
+        return Err(PlaneError::Reject { sigmas: reject_sigmas });
+    }
+    if planes.len() > MOST_PLANES {
+        return Err(PlaneError::Many { planes: planes.len() });
+    }
     if !(1..=MOST_DEGREE).contains(&degree) {
         return Err(PlaneError::Degree { degree });
     }

@@ -25,7 +25,7 @@ fn plane(z_mm: f64) -> PhaseMap {
 fn calibrated(heights: &[f64], degree: usize) -> (PlaneCalibration, PlaneReport) {
     let maps: Vec<PhaseMap> = heights.iter().map(|z| plane(*z)).collect();
     let planes: Vec<_> = heights.iter().zip(&maps).map(|(z, map)| (*z, map.view())).collect();
-    calibrate(&planes, degree).unwrap()
+    calibrate(&planes, degree, 6.0).unwrap()
 }
 
 #[test]
@@ -63,7 +63,7 @@ fn what_was_not_calibrated_stays_unknown() {
     maps[2].phase_rad[7] = f32::NAN;
     maps[0].valid[9] = 0;
     let planes: Vec<_> = [0.0, 10.0, 20.0].iter().zip(&maps).map(|(z, map)| (*z, map.view())).collect();
-    let (calibration, report) = calibrate(&planes, 2).unwrap();
+    let (calibration, report) = calibrate(&planes, 2, 6.0).unwrap();
     assert_eq!((report.calibrated, report.rms_mm), (69, None));
     let mut object = plane(12.0);
     object.valid[0] = 0;
@@ -74,25 +74,90 @@ fn what_was_not_calibrated_stays_unknown() {
     }
     assert_eq!(found.beyond, 1, "far above the highest plane");
     // With a line, two planes suffice for the pixels that miss one other than the reference.
-    assert_eq!(calibrate(&planes, 1).unwrap().1.calibrated, 71);
+    assert_eq!(calibrate(&planes, 1, 6.0).unwrap().1.calibrated, 71);
 }
 
 #[test]
 fn impossible_planes_are_named() {
     let maps = [plane(0.0), plane(1.0)];
     let two = [(0.0, maps[0].view()), (1.0, maps[1].view())];
-    assert!(matches!(calibrate(&two, 0), Err(PlaneError::Degree { .. })));
-    assert!(matches!(calibrate(&two, 2), Err(PlaneError::Few { needed: 3, .. })));
+    assert!(matches!(calibrate(&two, 0, 6.0), Err(PlaneError::Degree { .. })));
+    assert!(matches!(calibrate(&two, 2, 6.0), Err(PlaneError::Few { needed: 3, .. })));
     assert!(matches!(
-        calibrate(&[two[0], (0.0, maps[1].view())], 1),
+        calibrate(&[two[0], (0.0, maps[1].view())], 1, 6.0),
         Err(PlaneError::Height { number: 2, .. })
     ));
-    assert!(matches!(calibrate(&[two[0], (f64::NAN, maps[1].view())], 1), Err(PlaneError::Height { .. })));
+    assert!(matches!(
+        calibrate(&[two[0], (f64::NAN, maps[1].view())], 1, 6.0),
+        Err(PlaneError::Height { .. })
+    ));
     let mut other = plane(1.0);
     other.info.period_px = 20.0;
-    assert!(matches!(calibrate(&[two[0], (1.0, other.view())], 1), Err(PlaneError::Pattern { .. })));
+    assert!(matches!(calibrate(&[two[0], (1.0, other.view())], 1, 6.0), Err(PlaneError::Pattern { .. })));
     // Planes of one phase tell no slope: a camera that looks along the projector's rays.
     let flat = map(|x| x);
-    let (_, report) = calibrate(&[(0.0, flat.view()), (1.0, flat.view())], 1).unwrap();
+    let (_, report) = calibrate(&[(0.0, flat.view()), (1.0, flat.view())], 1, 6.0).unwrap();
     assert_eq!((report.calibrated, report.k0_mm_per_rad), (0, None));
+}
+
+/// Phases of noisy planes, some of them a whole turn off or slightly bent.
+fn noisy(heights: &[f64], damage: impl Fn(usize, usize) -> f64) -> Vec<PhaseMap> {
+    let normal = crate::random::Normal::default();
+    let of = |(number, z_mm): (usize, &f64)| {
+        let mut map = plane(*z_mm);
+        for (i, phase) in map.phase_rad.iter_mut().enumerate() {
+            let noise = normal.draw(crate::random::Key::new(5).with(number as u64).bits(i as u64));
+            *phase += 0.01 * noise + damage(number, i) as f32;
+        }
+        map
+    };
+    heights.iter().enumerate().map(of).collect()
+}
+
+#[test]
+fn a_plane_seen_wrongly_by_a_pixel_is_left_out_there_and_counted() {
+    let heights = [0.0, 8.0, 16.0, 24.0, 32.0];
+    let turn = std::f64::consts::TAU;
+    // Whole turns, a fraction of one, and the reference itself.
+    let wrong = [(2, 10, turn), (4, 20, -turn), (1, 33, 0.4), (0, 40, turn), (3, 55, 2.0 * turn)];
+    let damage =
+        |plane: usize, pixel: usize| wrong.iter().find(|w| (w.0, w.1) == (plane, pixel)).map_or(0.0, |w| w.2);
+    let maps = noisy(&heights, damage);
+    let planes: Vec<_> = heights.iter().zip(&maps).map(|(z, map)| (*z, map.view())).collect();
+    let (kept, _) = calibrate(&planes, 2, f64::INFINITY).unwrap();
+    let (cured, report) = calibrate(&planes, 2, 6.0).unwrap();
+    assert_eq!(report.rejected, [1, 1, 1, 1, 1]);
+    assert_eq!((report.calibrated, report.inconsistent), (72, 0));
+    let error = |calibration: &PlaneCalibration, pixel: usize| {
+        let mut object = plane(13.0);
+        // A wrong reference is wrong in the object's difference, too.
+        if pixel == 40 {
+            assert!((calibration.reference_rad[40] - plane(0.0).phase_rad[40]).abs() > 6.0);
+        }
+        object.valid.iter_mut().enumerate().for_each(|(i, valid)| *valid = u8::from(i == pixel));
+        f64::from((calibration.measure(&object.view()).unwrap().height_mm[pixel] - 13.0).abs())
+    };
+    for (plane, pixel, _) in wrong {
+        let (before, after) = (error(&kept, pixel), error(&cured, pixel));
+        assert!(after < 0.35, "plane {plane}: {after} mm");
+        assert!(before.is_nan() || before > 3.0 * after, "plane {plane}: {before} and {after} mm");
+    }
+}
+
+/// Noise alone loses next to nothing, and with one plane to spare a contradiction is said, not shared out.
+#[test]
+fn good_planes_are_kept_and_contradictions_without_a_spare_plane_are_said() {
+    let heights = [0.0, 8.0, 16.0, 24.0, 32.0];
+    let maps = noisy(&heights, |_, _| 0.0);
+    let planes: Vec<_> = heights.iter().zip(&maps).map(|(z, map)| (*z, map.view())).collect();
+    for degree in [1, 2, 3] {
+        let (_, report) = calibrate(&planes, degree, 6.0).unwrap();
+        assert_eq!((report.rejected.iter().sum::<usize>(), report.inconsistent), (0, 0), "degree {degree}");
+    }
+    let maps = noisy(&heights[..4], |plane, pixel| if (plane, pixel) == (2, 7) { 6.3 } else { 0.0 });
+    let planes: Vec<_> = heights.iter().zip(&maps).map(|(z, map)| (*z, map.view())).collect();
+    let (calibration, report) = calibrate(&planes, 2, 6.0).unwrap();
+    assert_eq!((report.rejected.iter().sum::<usize>(), report.inconsistent, report.calibrated), (0, 1, 71));
+    assert!(calibration.coefficients[0][7].is_nan());
+    assert!(matches!(calibrate(&planes, 2, 0.0), Err(PlaneError::Reject { .. })));
 }
