@@ -1,14 +1,13 @@
 //! The axis from views of a sphere or of any object.
 
-use super::input::{Axis, View, ViewArg, middle, onto, read};
+use super::input::{Axis, View, ViewArg, read};
+use super::object::axis_of_object;
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use crate::surface::length;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use fringe::fit::{self, FitSettings};
-use fringe::pose::Pose;
-use fringe::register::From;
-use fringe::rotation_stage::{StageCalibration, axis_from_motions, axis_from_places};
+use fringe::rotation_stage::{StageCalibration, axis_from_places};
 use nalgebra::Point3;
 use rig::stage_file::write_stage;
 use std::path::{Path, PathBuf};
@@ -56,7 +55,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let views = read(&args.views)?;
     let found = match args.artefact {
         Artefact::Sphere => axis_from_places(&centres(args, &views)?)?,
-        Artefact::Object => object(args, &views)?,
+        Artefact::Object => axis_of_object(&views, args.rough.map(|Axis(axis)| axis))?,
     };
     let mut provenance = toml::Table::new();
     provenance.insert("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION")).into());
@@ -91,39 +90,6 @@ fn centres(args: &Args, views: &[View]) -> Result<Vec<(f64, Point3<f64>)>> {
         Ok((view.angle_rad, sphere.center()))
     };
     views.iter().map(|view| centre(view).with_context(|| view.name.clone())).collect()
-}
-
-/// Each view onto the one before, all motions chained to the first; then, with the axis so found, again from there.
-fn object(args: &Args, views: &[View]) -> Result<StageCalibration> {
-    let [first, others @ ..] = views else { bail!("no --view") };
-    let centre_mm = middle(&first.points);
-    let size_mm = first.points.iter().map(|p| (p.position() - centre_mm).norm()).fold(0.0, f64::max);
-    let mut rough = args.rough.map(|Axis(axis)| axis);
-    let mut found = None;
-    for _ in 0..2 {
-        let mut motions: Vec<(f64, Pose)> = Vec::new();
-        let mut total = Pose::new(&nalgebra::Isometry3::identity());
-        let mut before = first;
-        for view in others {
-            let step_rad = view.angle_rad - before.angle_rad;
-            let start = rough.map_or(From::Search, |axis| From::Pose(axis.back(step_rad)));
-            let registration = onto(view, &before.points, start, None)?;
-            if !registration.undetermined.is_empty() {
-                bail!(
-                    "{}: slides on the view before it ({}); turn an object with more shape, or a sphere with --artefact sphere",
-                    view.name,
-                    registration.undetermined[0].describe()
-                );
-            }
-            total = total.after(&registration.pose());
-            motions.push((view.angle_rad - first.angle_rad, total));
-            before = view;
-        }
-        let calibration = axis_from_motions(&motions, &centre_mm, size_mm)?;
-        rough = Some(calibration.axis());
-        found = Some(calibration);
-    }
-    found.context("no --view")
 }
 
 fn print(found: &StageCalibration, out: &Path) {

@@ -3,8 +3,10 @@
 mod calibrate;
 mod input;
 mod merge;
+mod object;
 
-pub use input::Axis;
+pub use input::{Axis, View};
+pub use object::axis_of_object;
 
 use crate::Outcome;
 use anyhow::Result;

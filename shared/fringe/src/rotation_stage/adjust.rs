@@ -23,6 +23,15 @@ pub struct Observation {
     pub point: Option<usize>,
 }
 
+/// What makes the residuals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Freedom {
+    /// Each coordinate by itself.
+    Places,
+    /// Motions: whatever they are compared at, each has six freedoms.
+    Motions,
+}
+
 /// Two unit vectors across a direction.
 fn across(direction: &Vector3<f64>) -> [Vector3<f64>; 2] {
     let least = direction.iamin();
@@ -36,6 +45,7 @@ pub fn adjust(
     direction: Vector3<f64>,
     views: usize,
     middle: Vector3<f64>,
+    freedom: Freedom,
 ) -> Result<StageCalibration, StageError> {
     let free = if observations.iter().any(|o| o.point.is_some()) { 7 } else { 4 };
     let mut state =
@@ -56,7 +66,7 @@ pub fn adjust(
         }
         last = after;
     }
-    state.conclude(observations, free, scale, views, &middle)
+    state.conclude(observations, free, scale, views, &middle, freedom)
 }
 
 /// The place of the axis when its direction is known: Σ (I − R)ᵀ (I − R) c = Σ (I − R)ᵀ (y − R x), its foot fixed at the middle.
@@ -152,13 +162,18 @@ impl State {
         scale: f64,
         views: usize,
         middle: &Vector3<f64>,
+        freedom: Freedom,
     ) -> Result<StageCalibration, StageError> {
         let (normal, right, squares) = self.equations(observations, free, scale);
         // As for the equations, so that an open axis is not reported as a good one.
         solve(&normal, &right)?;
         let covariance = normal.cholesky().map(|c| c.inverse()).ok_or(OPEN)?;
         let equations = 3 * (observations.len() + usize::from(free > 4));
-        let variance = squares / (equations - free).max(1) as f64;
+        let independent = match freedom {
+            Freedom::Places => equations,
+            Freedom::Motions => 6 * (views - 1),
+        };
+        let variance = squares / independent.saturating_sub(free).max(1) as f64;
         let worst = |a: usize| {
             let block = covariance.fixed_view::<2, 2>(a, a);
             let (trace, determinant) = (block.trace(), block.determinant());

@@ -9,14 +9,16 @@
 
 mod adjust;
 mod error;
+mod jackknife;
 #[cfg(test)]
 mod tests;
 
 pub use error::StageError;
+pub use jackknife::jackknife;
 
 use crate::math;
 use crate::pose::Pose;
-use adjust::{Observation, adjust};
+use adjust::{Freedom, Observation, adjust};
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::Serialize;
 
@@ -42,9 +44,10 @@ pub struct StageCalibration {
     pub point_mm: [f64; 3],
     /// Unit vector.
     pub direction: [f64; 3],
-    /// Standard uncertainty of the point across the axis, the worst direction, mm; from the residuals.
+    /// Standard uncertainty of the point across the axis, the worst direction, mm; from the residuals, or from what parts of the
+    /// object say where that is more ([`jackknife`]).
     pub u_point_mm: f64,
-    /// Standard uncertainty of the direction, the worst tilt, rad; from the residuals.
+    /// Standard uncertainty of the direction, the worst tilt, rad; as above.
     pub u_direction_rad: f64,
     /// Root mean square residual of the places or of the motions at the object's size, per coordinate, mm.
     pub rms_mm: f64,
@@ -118,7 +121,7 @@ pub fn axis_from_places(views: &[(f64, Point3<f64>)]) -> Result<StageCalibration
             point: Some(0),
         })
         .collect();
-    adjust(&observations, direction, views.len(), mean)
+    adjust(&observations, direction, views.len(), mean, Freedom::Places)
 }
 
 /// The axis from motions that bring the view at an angle (rad) onto the view at angle 0, compared at four points
@@ -158,7 +161,7 @@ pub fn axis_from_motions(
             })
         })
         .collect();
-    adjust(&observations, direction, motions.len() + 1, centre_mm.coords)
+    adjust(&observations, direction, motions.len() + 1, centre_mm.coords, Freedom::Motions)
 }
 
 fn check(mut views: impl Iterator<Item = (f64, Vector3<f64>)>) -> Result<(), StageError> {

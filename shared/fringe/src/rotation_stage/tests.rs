@@ -93,3 +93,50 @@ fn views_that_leave_the_axis_open_are_refused() {
     let still = [(0.5, Pose { rotation: Matrix3::identity(), translation: Vector3::zeros() })];
     assert!(axis_from_motions(&still, &Point3::origin(), 10.0).is_err());
 }
+
+/// A mean of blocks, each with an error of its own: the jackknife states the scatter of the mean, however many views repeat it.
+#[test]
+fn the_jackknife_states_what_blocks_with_errors_of_their_own_make() {
+    let truth = axis([0.1, -0.1], [2.0, 1.0, 0.0]);
+    let normal = Normal::default();
+    let (blocks, runs) = (8_u64, 300);
+    let (mut tilts, mut shifts, mut stated) = (0.0, 0.0, [0.0; 2]);
+    for run in 0..runs {
+        let key = Key::new(900 + run);
+        let draw = |block: u64, i: u64| f64::from(normal.draw(key.bits(4 * block + i)));
+        // The axis that the blocks without one of them tell: the mean of their errors.
+        let estimate = |left_out: Option<u64>| {
+            let held: Vec<u64> = (0..blocks).filter(|b| Some(*b) != left_out).collect();
+            let mean = |i: u64| held.iter().map(|b| draw(*b, i)).sum::<f64>() / held.len() as f64;
+            let [e, f] = [
+                truth.direction.cross(&Vector3::x()).normalize(),
+                truth.direction.cross(&truth.direction.cross(&Vector3::x()).normalize()),
+            ];
+            let direction = (truth.direction + (e * mean(0) + f * mean(1)) * 1e-4).normalize();
+            let point = truth.point_mm.coords + (e * mean(2) + f * mean(3)) * 0.01;
+            StageCalibration {
+                point_mm: point.into(),
+                direction: direction.into(),
+                u_point_mm: 0.0,
+                u_direction_rad: 0.0,
+                rms_mm: 0.0,
+                views: 4,
+                arm_mm: 30.0,
+            }
+        };
+        let without: Vec<StageCalibration> = (0..blocks).map(|b| estimate(Some(b))).collect();
+        let found = jackknife(&estimate(None), &without).unwrap();
+        let (apart, angle) = off(&found, &truth);
+        tilts += angle * angle / 2.0;
+        shifts += apart * apart / 2.0;
+        stated[0] += found.u_direction_rad.powi(2);
+        stated[1] += found.u_point_mm.powi(2);
+    }
+    for (observed, stated) in [(tilts, stated[0]), (shifts, stated[1])] {
+        let ratio = (observed / stated).sqrt();
+        // The worst of two directions is stated: with eight blocks it is some 1.2 times the mean one.
+        assert!((0.7..1.0).contains(&ratio), "{ratio}");
+    }
+    let one = axis_from_places(&places(&truth, [40.0, 0.0, 20.0], &[0.0, 60.0, 120.0])).unwrap();
+    assert!(matches!(jackknife(&one, &[one]), Err(StageError::Few { .. })));
+}
