@@ -23,6 +23,8 @@
 //! - [`storm`]: one outcome per cycle and no wrong cloud, whatever dies, hangs or lies
 //! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
 //! - [`running`]: how the tests run a cell and harm it
+//! - [`plan_patterns`]: what a plan of patterns promises against what its recording gives
+//! - [`twin_knobs`]: settings of the twin in a configuration and on the command line: what is refused, and how it is said
 //! - [`single_view`]: one camera and projector: unwrapping, filters, reference planes, a rotation stage
 //! - [`support`]: how the tests run programs and make small recordings
 
@@ -43,6 +45,7 @@ mod focus;
 mod gamma;
 mod golden_cells;
 mod offline;
+mod plan_patterns;
 mod proof;
 mod real;
 mod record;
@@ -51,4 +54,5 @@ mod running;
 mod single_view;
 mod storm;
 mod support;
+mod twin_knobs;
 mod uncertainty;

@@ -125,6 +125,48 @@ fn filters_are_named_counted_and_checked() {
     }
 }
 
+/// The numbers are those of `fit plane`; the report has a map and a histogram of every repeat.
+#[test]
+fn flatness_of_repeats_with_maps_and_histograms() {
+    let cell = Cell::new();
+    let geometry = "geometry = { shape = \"plane\", size_mm = [130.0, 110.0], thickness_mm = 5.0 }";
+    let upright = format!("position_mm = [0.0, 0.0, 20.0]\nrotation_deg = [65.0, 0.0, 0.0]\n{geometry}");
+    let (rig, region) = (cell.path("rig.toml"), "--near=0,0,20,40");
+    let clouds = [("one", "21"), ("two", "22")].map(|(name, seed)| {
+        let ply = cell.path(&format!("{name}.ply"));
+        cell.simulate(name, &upright, &["--seed", seed]);
+        let recording = cell.path(name);
+        fringetool(&["reconstruct", "--rig", &rig, "--method", "projector", "--out", &ply, &recording])
+            .expect_success();
+        ply
+    });
+    let (report, json, fit) = (cell.path("flat.html"), cell.path("flat.json"), cell.path("fit.json"));
+    let [one, two] = &clouds;
+    fringetool(&["flatness", region, "--filter", "4", "--report", &report, "--json", &json, one, two])
+        .expect_success();
+    let found = cell.json("flat.json");
+    for (number, cloud) in clouds.iter().enumerate() {
+        fringetool(&["fit", "plane", cloud, region, "--json", &fit]).expect_success();
+        let (plane, repeat) = (cell.json("fit.json"), &found["repeats"][number]);
+        for key in ["points", "form_sigma_mm", "form_range_mm", "form_d95_mm"] {
+            assert_eq!(plane[key], repeat[key], "{key} of repeat {number}");
+        }
+        let number = |key: &str| repeat[key].as_f64().unwrap();
+        let ratio = number("form_sigma_mm") / number("sigma_stated_median_mm");
+        assert!((0.8..1.3).contains(&ratio), "scatter over what is stated: {ratio}");
+        assert!(number("flatness_filtered_mm") < 0.5 * number("form_range_mm"));
+    }
+    let html = std::fs::read_to_string(&report).unwrap();
+    for (what, count) in
+        [("aria-label=\"deviation map\"", 2), ("aria-label=\"histogram of deviations\"", 2), ("x, mm", 2)]
+    {
+        assert_eq!(html.matches(what).count(), count, "{what}");
+    }
+    assert!(html.contains("z, mm") && html.contains("Deviation, µm"));
+    refused(&fringetool(&["flatness", "--near=500,0,0,1", one]), &["one.ply", "--near", "no point"]);
+    refused(&fringetool(&["flatness", region, "--filter", "60", one]), &["one.ply", "--filter"]);
+}
+
 #[test]
 fn heights_over_a_reference_plane() {
     let cell = Cell::new();
@@ -153,12 +195,17 @@ fn heights_over_a_reference_plane() {
     fringetool(&["fit", "plane", &cloud, region, "--json", &fit]).expect_success();
     assert!((cell.json("fit.json")["offset_mm"].as_f64().unwrap() - 11.0).abs() < 0.02);
 
+    assert_eq!(cell.json("cal.json")["rejected"].as_array().map(Vec::len), Some(4));
     let one = format!("0={}", cell.path("z0"));
     let bad = ["reference-plane", "calibrate", "--out", &cal, "--plane", &one, "--plane", &one];
     refused(&fringetool(&bad), &["3 coefficients"]);
     let bad =
         ["reference-plane", "calibrate", "--out", &cal, "--plane", &one, "--plane", &one, "--degree", "1"];
     refused(&fringetool(&bad), &["height 0", "twice"]);
+    let second = format!("8={}", cell.path("z8"));
+    let planes = ["--plane", &one, "--plane", &second, "--degree", "1", "--reject", "0"];
+    let bad = [&["reference-plane", "calibrate", "--out", &cal][..], &planes[..]].concat();
+    refused(&fringetool(&bad), &["rejection beyond 0", "above 0"]);
     refused(
         &fringetool(&["reference-plane", "measure", &object, "--calibration", &object]),
         &["reference-plane.toml"],

@@ -11,6 +11,7 @@ mod decode;
 mod export;
 mod filters;
 mod fit;
+mod flatness;
 mod focus;
 mod gamma;
 mod glob;
@@ -66,6 +67,8 @@ enum Command {
     RotationStage(rotation_stage::Args),
     /// Fit a sphere, plane, cylinder, cone, circle, line or torus to the points of a cloud.
     Fit(fit::Args),
+    /// Flatness of a surface from one or more repeats: numbers by their definitions, maps and histograms.
+    Flatness(flatness::Args),
     /// Hold a cloud against a cloud or a CAD mesh: signed deviations, M3C2, report.
     Compare(compare::Args),
     /// Bring clouds onto a reference (point-to-plane ICP), with its uncertainty.
@@ -125,6 +128,7 @@ fn main() -> ExitCode {
         Command::ReferencePlane(args) => reference_plane::run(&args),
         Command::RotationStage(args) => rotation_stage::run(&args),
         Command::Fit(args) => fit::run(&args),
+        Command::Flatness(args) => flatness::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Register(args) => register::run(&args),
         Command::Measure(args) => measure::run(&args),

@@ -4,10 +4,11 @@ use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::rotation_stage::Axis;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use fringe::frame::{FrameView, Pixels};
 use fringe::pattern::{GreyLevels, PatternSet, frame_count};
 use rig::config::{Config, ProjectorConfig, TwinConfig};
+use rig::error::Problem;
 use rig::recording::{ProjectorRecord, RecordingWriter};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -108,21 +109,39 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 fn settings(args: &Args, config: &Config, twin: &TwinConfig) -> Result<TwinSettings> {
-    let written: TwinSettings = config.document.typed("twin.settings", twin.settings.clone())?;
+    let written = written_settings(config, twin)?;
     let seed = args.seed.unwrap_or(twin.seed);
     if args.ideal {
         let TwinSettings { position_scatter_mm, angle_scatter_deg, .. } = written;
         return Ok(TwinSettings { seed, position_scatter_mm, angle_scatter_deg, ..TwinSettings::ideal() });
     }
-    let projector_gamma = args.projector_gamma.unwrap_or(written.projector_gamma);
-    Ok(TwinSettings {
+    let settings = TwinSettings {
         seed,
-        projector_gamma,
+        projector_gamma: args.projector_gamma.unwrap_or(written.projector_gamma),
         bounce_rays: args.bounce_rays.unwrap_or(written.bounce_rays),
         defocus_px_per_mm: args.defocus_px_per_mm.unwrap_or(written.defocus_px_per_mm),
         gloss: args.gloss.unwrap_or(written.gloss),
         ..written
-    })
+    };
+    // What was written is within its ranges: a flag is not, and is called like its key.
+    settings
+        .check()
+        .map_err(|e| anyhow!("--{} {}: must be {}", e.key.replace('_', "-"), e.value, e.limit))?;
+    Ok(settings)
+}
+
+/// `[twin.settings]` of a configuration, each value within its range.
+pub fn written_settings(config: &Config, twin: &TwinConfig) -> Result<TwinSettings> {
+    let written: TwinSettings = config.document.typed("twin.settings", twin.settings.clone())?;
+    written.check().map_err(|error| {
+        let problem = Problem::Value { value: error.value.to_string(), limit: error.limit.into() };
+        config.document.fault(
+            &format!("twin.settings.{}", error.key),
+            problem,
+            "change it, or leave it out for the usual value",
+        )
+    })?;
+    Ok(written)
 }
 
 /// Puts a correction on the projector that it names, or on all.

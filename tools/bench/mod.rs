@@ -1,15 +1,18 @@
 //! `fringetool bench`: accuracy on the twin, speed on this machine. Measured, never asserted.
 
 mod accuracy;
+mod bit_errors;
 mod calibration;
 mod error_sources;
 mod exposures;
 mod order_errors;
 mod phase_methods;
+mod planned;
 mod recorded;
 mod scan;
 mod shown;
 mod speed;
+mod stage_axis;
 mod transport;
 mod unwrap;
 
@@ -35,12 +38,16 @@ enum What {
     ErrorSources(error_sources::Args),
     /// One exposure against several on a shiny part.
     Exposures(exposures::Args),
-    /// Predicted phase noise and rates of wrong orders against counted ones.
+    /// Predicted phase noise and rates of wrong bits and orders against counted ones.
     OrderErrors(order_errors::Args),
     /// Every phase method and every order: error, wrong orders, time.
     PhaseMethods(phase_methods::Args),
+    /// What plan-patterns promises against what comes out on the twin.
+    PlanPatterns(planned::Args),
     /// Decode and matching: nanoseconds per pixel, share of the memory bandwidth, whole compute of a pair.
     Speed(speed::Args),
+    /// The stated uncertainty of a stage's axis against its errors, over many seeds.
+    StageAxis(stage_axis::Args),
     /// Spatial unwrapping on maps whose answer is known: wrong pixels and time of every method.
     Unwrap(unwrap::Args),
     /// A frame from one process to another: shared memory beside a Unix socket and a pipe; the share of a cycle.
@@ -64,7 +71,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         What::Exposures(args) => exposures::run(args),
         What::OrderErrors(args) => order_errors::run(args),
         What::PhaseMethods(args) => phase_methods::run(args),
+        What::PlanPatterns(args) => planned::run(args),
         What::Speed(args) => speed::run(args),
+        What::StageAxis(args) => stage_axis::run(args),
         What::Unwrap(args) => unwrap::run(args),
         What::Transport(args) => transport::run(args),
     }
