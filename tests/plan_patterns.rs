@@ -137,18 +137,14 @@ fn a_plan_holds_for_noise_orders_and_points() {
 fn a_plan_for_nonsense_is_refused() {
     let cell = Cell::new();
     let rig = cell.path("rig.toml");
-    for (arguments, word) in [
-        (&["--projector-gamma", "0"][..], "projector_gamma = 0"),
-        (&["--modulation-dn", "-1"][..], "modulation_dn = -1"),
-        (&["--camera-blur-px", "NaN"][..], "blur_px = NaN"),
-        (&["--want-u-um", "0"][..], "want_u_um = 0"),
+    for (argument, word) in [
+        ("--projector-gamma=0", "projector_gamma = 0"),
+        ("--modulation-dn=-1", "modulation_dn = -1"),
+        ("--camera-blur-px=NaN", "blur_px = NaN"),
+        ("--want-u-um=0", "want_u_um = 0"),
     ] {
-        let ran = fringetool(&[&["plan-patterns", "--rig", &rig][..], arguments].concat());
-        assert_eq!(ran.code, Some(2), "{arguments:?}: {}", ran.stdout);
-        assert!(
-            ran.stderr.lines().count() == 1 && ran.stderr.contains(word),
-            "{arguments:?}: {}",
-            ran.stderr
-        );
+        let ran = fringetool(&["plan-patterns", "--rig", &rig, argument]);
+        assert_eq!(ran.code, Some(2), "{argument}: {}", ran.stdout);
+        assert!(ran.stderr.lines().count() == 1 && ran.stderr.contains(word), "{argument}: {}", ran.stderr);
     }
 }

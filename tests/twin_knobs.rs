@@ -24,7 +24,7 @@ fn knobs_beyond_their_range_are_named_with_file_key_value_and_limit() {
         ("gloss = -1.0", ["twin.settings.gloss", "-1", "0 to 1000"]),
         ("vibration_um = nan", ["twin.settings.vibration_um", "NaN", "0 to 1000"]),
         ("defocus = 0.1", ["twin.settings", "\"defocus\"", "defocus_px_per_mm"]),
-        ("bounce_rays = 1.5", ["twin.settings", "1.5", "integer"]),
+        ("bounce_rays = 1.5", ["twin.settings", "1.5", "u32"]),
     ] {
         let ran = simulate(&small, settings, &[], "no");
         assert_eq!(ran.code, Some(2), "{settings}: {}{}", ran.stdout, ran.stderr);
@@ -104,7 +104,7 @@ fn exposures_are_recorded_with_their_times() {
         ("[10.0, 10.0]", ["exposures_ms", "10", "each once"]),
         ("[10.0, 0.0]", ["exposures_ms", "0", "above 0 ms"]),
         ("[10.0, inf]", ["exposures_ms", "inf", "above 0 ms"]),
-        ("[10.0, 2.5, 5.0]", ["hdr", "_2.png", "missing"]),
+        ("[10.0, 2.5, 5.0]", ["hdr", "_2", "missing"]),
     ] {
         let file = small.path("hdr/recording.toml");
         let text = std::fs::read_to_string(&file).unwrap();
