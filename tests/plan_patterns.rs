@@ -56,6 +56,23 @@ const DEMO: &str = "[[projector]]\nname = \"proj1\"\nwidth_px = 608\nheight_px =
     { set = \"sine\", axis = \"x\", period_px = 16.0, steps = 10 },\n\
     { set = \"gray\", axis = \"x\", bits = 7, stripe_px = 8.0 },\n{ set = \"white\" }, { set = \"black\" },\n]\n";
 
+/// Standard deviation of the noise in each of two recordings of the same.
+fn scatter_rad(one: &[f32], two: &[f32]) -> f64 {
+    let mut squares: Vec<f64> = one
+        .iter()
+        .zip(two)
+        .filter(|(a, b)| a.is_finite() && b.is_finite())
+        .map(|(a, b)| 0.5 * fringe::math::wrap_rad(f64::from(a - b)).powi(2))
+        .collect();
+    // The plate's sides and rim are darker than its face: the lower nine tenths are the face's.
+    squares.sort_by(f64::total_cmp);
+    let face = &squares[..squares.len() * 9 / 10];
+    let n = face.len() as f64;
+    // What a normal scatter leaves below the 90 % quantile of its square.
+    let share = 0.9 - 2.0 * 1.644_853_6 * 0.103_135_6;
+    (face.iter().sum::<f64>() / n * 0.9 / share).sqrt()
+}
+
 #[test]
 fn a_plan_holds_for_noise_orders_and_points() {
     let cell = Cell::new();
@@ -91,19 +108,7 @@ fn a_plan_holds_for_noise_orders_and_points() {
     cell.record(&table, "two", 12);
     // Phase noise: two recordings that differ by nothing else.
     let (one, two) = (cell.wrapped_rad("one", "u1"), cell.wrapped_rad("two", "u2"));
-    let mut squares: Vec<f64> = one
-        .iter()
-        .zip(&two)
-        .filter(|(a, b)| a.is_finite() && b.is_finite())
-        .map(|(a, b)| 0.5 * fringe::math::wrap_rad(f64::from(a - b)).powi(2))
-        .collect();
-    // The plate's sides and rim are darker than its face: the lower nine tenths are the face's.
-    squares.sort_by(f64::total_cmp);
-    let face = &squares[..squares.len() * 9 / 10];
-    let n = face.len() as f64;
-    // What a normal scatter leaves below the 90 % quantile of its square.
-    let share = 0.9 - 2.0 * 1.644_853_6 * 0.103_135_6;
-    let observed = (face.iter().sum::<f64>() / n * 0.9 / share).sqrt();
+    let observed = scatter_rad(&one, &two);
     let ratio = observed / promised("sigma_phase_rad");
     assert!(
         (0.9..1.1).contains(&ratio),

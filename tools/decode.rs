@@ -109,7 +109,8 @@ fn stem(view: &DecodedView, map: &PhaseMap) -> String {
 
 /// What the order of each pixel rests on; NaN where it is masked.
 fn write_diagnosis(folder: &Path, view: &DecodedView, decoded: &DecodedMap) -> Result<()> {
-    let parts: [(&str, fn(&Diagnosis) -> f32); 3] = [
+    type Part = fn(&Diagnosis) -> f32;
+    let parts: [(&str, Part); 3] = [
         ("wrong-order", |d| d.wrong_order),
         ("threshold", |d| d.threshold_dn),
         ("threshold-u", |d| d.u_threshold_dn),

@@ -47,6 +47,7 @@ pub struct DecodedMap {
 
 /// Numbers of errors to be expected among the valid pixels of a map, before neighbours repair them.
 #[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+#[allow(clippy::struct_field_names, reason = "keys of the machine-readable result")]
 pub struct Expected {
     /// Wrong orders, from phase noise and bits together.
     pub wrong_orders_expected: f64,
@@ -80,6 +81,7 @@ impl Expected {
 
 /// Between black and white, medians over the valid pixels.
 #[derive(Debug, Clone, Copy, serde::Serialize)]
+#[allow(clippy::struct_field_names, reason = "keys of the machine-readable result")]
 pub struct Threshold {
     /// What the bits are compared with, DN.
     pub threshold_median_dn: f32,

@@ -88,12 +88,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut progress = Progress::new(cases.len() + 1, "measuring");
     let mut rows = Vec::new();
     for (name, exposure, want_u_um, way) in cases {
-        let bench = Bench::new(&rig, &scene, exposure)?;
+        let bench = Bench::new(&rig, &scene, exposure);
         let all = propose(&bench.wanted(way, want_u_um)?)?;
         rows.push(bench.row(name, all.first().context("no proposal")?, way)?);
         progress.step();
     }
-    let dim = Bench::new(&rig, &scene, DIM)?;
+    let dim = Bench::new(&rig, &scene, DIM);
     let all = propose(&dim.wanted(Way::Phase, None)?)?;
     for order in ORDERS {
         let risk = |p: &&Proposal| p.order == order.name() && p.wrong_order <= RISKY && p.usable;
@@ -159,10 +159,10 @@ struct Seen {
 }
 
 impl<'a> Bench<'a> {
-    fn new(rig: &'a Rig, scene: &'a Scene, exposure: f64) -> Result<Self> {
+    fn new(rig: &'a Rig, scene: &'a Scene, exposure: f64) -> Self {
         let still =
             TwinSettings { position_scatter_mm: 0.0, angle_scatter_deg: 0.0, ..TwinSettings::default() };
-        Ok(Self { rig, scene, settings: TwinSettings { exposure, ..still } })
+        Self { rig, scene, settings: TwinSettings { exposure, ..still } }
     }
 
     fn twin(&self, seed: u64) -> Result<Twin> {
@@ -172,7 +172,7 @@ impl<'a> Bench<'a> {
     /// What a user reads from a recording with the demo's patterns (`decode --json`), and the geometry of the rig.
     fn wanted(&self, way: Way, want_u_um: Option<f64>) -> Result<Wanted> {
         let twin = self.twin(1)?;
-        let seen = self.see(&twin, "cam1", &twin::thesis::sequence(), DecodeSettings::default())?;
+        let seen = self.see(&twin, "cam1", &twin::thesis::sequence(), &DecodeSettings::default())?;
         let [left, right] = ["cam1", "cam2"].map(|name| self.rig.camera(name));
         let (left, right) = (left.context("cam1")?, right.context("cam2")?);
         let projector = self.rig.projector("proj1").context("proj1")?;
@@ -184,7 +184,7 @@ impl<'a> Bench<'a> {
         let TwinSettings { projector_blur_px, camera_blur_px, projector_gamma, .. } = self.settings;
         let scale = projector_px_per_camera_px(left, projector).context("views that cross")?;
         let camera2 = (camera_blur_px * camera_blur_px + 1.0 / 12.0) * scale * scale;
-        let inner = self.inner(&twin, &seen)?;
+        let inner = inner(&twin, &seen)?;
         let median = |part: fn(&Diagnosis) -> f32| {
             let mut values: Vec<f32> = inner.iter().map(|i| part(&seen.diagnosis[*i])).collect();
             values.sort_by(f32::total_cmp);
@@ -211,7 +211,7 @@ impl<'a> Bench<'a> {
         twin: &Twin,
         camera: &str,
         sequence: &[PatternSet],
-        settings: DecodeSettings,
+        settings: &DecodeSettings,
     ) -> Result<Seen> {
         let view = twin.view_lit_by(camera, &["proj1"], 0)?;
         let mut renderer = twin.renderer("proj1", sequence)?;
@@ -219,7 +219,7 @@ impl<'a> Bench<'a> {
         let lamp = self.rig.projector("proj1").context("proj1")?;
         let (width, height, full) = (view.width_px(), view.height_px(), view.full_scale_dn());
         let extent_px = [lamp.width_px, lamp.height_px];
-        let mut decoder = Decoder::new(sequence, width, height, full, extent_px, &settings)?;
+        let mut decoder = Decoder::new(sequence, width, height, full, extent_px, settings)?;
         for frame in 0..frame_count(sequence) {
             renderer.render(&view, frame, buffer.pixels_mut())?;
             decoder.push(frame, &buffer.frame(&view))?;
@@ -230,30 +230,15 @@ impl<'a> Bench<'a> {
         Ok(Seen { view, map, diagnosis: decoder.diagnose(Axis::X)?, noise })
     }
 
-    /// Pixels that see the inner part of the plate.
-    fn inner(&self, twin: &Twin, seen: &Seen) -> Result<Vec<usize>> {
-        let width = seen.view.width_px() as usize;
-        let mut inner = Vec::new();
-        for index in 0..seen.map.info.len() {
-            let pixel = Point2::new((index % width) as f64, (index / width) as f64);
-            let hit = twin.truth_point("cam1", 0, pixel)?;
-            let near = hit.is_some_and(|at| (at.world_mm - Point3::new(0.0, 0.0, 15.0)).norm() < INNER_MM);
-            if near && !seen.diagnosis[index].wrong_order.is_nan() {
-                inner.push(index);
-            }
-        }
-        Ok(inner)
-    }
-
     fn row(&self, case: &str, proposal: &Proposal, way: Way) -> Result<Row> {
         let order =
             ORDERS.into_iter().find(|o| o.name() == proposal.order).context("an order of the plan")?;
         let settings = DecodeSettings { order, max_contradiction: 1e6, ..DecodeSettings::default() };
         let sequence = &proposal.sequence;
         let twins = [self.twin(1)?, self.twin(2)?];
-        let one = self.see(&twins[0], "cam1", sequence, settings.clone())?;
-        let two = self.see(&twins[1], "cam1", sequence, settings.clone())?;
-        let inner = self.inner(&twins[0], &one)?;
+        let one = self.see(&twins[0], "cam1", sequence, &settings)?;
+        let two = self.see(&twins[1], "cam1", sequence, &settings)?;
+        let inner = inner(&twins[0], &one)?;
         let period_px = one.map.info.period_px;
         let (mut differences, mut means, mut count, mut wrong, mut seen) =
             (0.0, 0.0, 0_usize, 0_usize, 0_usize);
@@ -269,7 +254,7 @@ impl<'a> Bench<'a> {
                 count += 1;
             }
         }
-        let points = self.points(&twins[0], &one, sequence, settings, way)?;
+        let points = self.points(&twins[0], &one, sequence, &settings, way)?;
         let positions: Vec<Point3<f64>> = points.iter().map(Point::position).collect();
         let scatter_mm = plane(&positions, &FitSettings::default())?.form.form_sigma_mm;
         let n = count.max(1) as f64;
@@ -294,7 +279,7 @@ impl<'a> Bench<'a> {
         twin: &Twin,
         one: &Seen,
         sequence: &[PatternSet],
-        settings: DecodeSettings,
+        settings: &DecodeSettings,
         way: Way,
     ) -> Result<Vec<Point>> {
         let camera = |name: &str| self.rig.camera(name).context("a camera of the demo");
@@ -317,4 +302,19 @@ impl<'a> Bench<'a> {
         let middle = Point3::new(0.0, 0.0, 15.0);
         Ok(points.into_iter().filter(|p| (p.position() - middle).norm() < INNER_MM).collect())
     }
+}
+
+/// Pixels that see the inner part of the plate.
+fn inner(twin: &Twin, seen: &Seen) -> Result<Vec<usize>> {
+    let width = seen.view.width_px() as usize;
+    let mut inner = Vec::new();
+    for index in 0..seen.map.info.len() {
+        let pixel = Point2::new((index % width) as f64, (index / width) as f64);
+        let hit = twin.truth_point("cam1", 0, pixel)?;
+        let near = hit.is_some_and(|at| (at.world_mm - Point3::new(0.0, 0.0, 15.0)).norm() < INNER_MM);
+        if near && !seen.diagnosis[index].wrong_order.is_nan() {
+            inner.push(index);
+        }
+    }
+    Ok(inner)
 }

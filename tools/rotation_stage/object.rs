@@ -66,6 +66,7 @@ fn align(views: &[View], rough: Option<StageAxis>, step: &mut impl FnMut()) -> R
 }
 
 /// Parts of space with about as many points each: halves along x, quarters along y within them, eighths along z.
+#[allow(clippy::struct_field_names, reason = "units stand in names")]
 struct Blocks {
     x_mm: f64,
     y_mm: [f64; 2],

@@ -88,7 +88,9 @@ pub(super) fn scales(
     }
     let scale = |(residuals, noise): (&mut Vec<f64>, &mut Vec<f64>)| {
         let median_mm = median(residuals);
-        residuals.iter_mut().for_each(|r| *r = (*r - median_mm).abs());
+        for residual in residuals.iter_mut() {
+            *residual = (*residual - median_mm).abs();
+        }
         let sigma_mm = (SIGMA_OF_MEDIAN * median(residuals)).max(LEAST_SCATTER * range_mm);
         Scale { median_mm, sigma_mm, sigma_rad: median(noise) }
     };

@@ -25,10 +25,10 @@ pub fn jackknife(
     let side = axis.cross(&Vector3::ith(least, 1.0)).normalize();
     let other = axis.cross(&side);
     let across = |v: Vector3<f64>| Vector2::new(side.dot(&v), other.dot(&v));
-    let tilts = without.iter().map(|one| across(Vector3::from(one.direction)));
+    let tilts: Vec<_> = without.iter().map(|one| across(Vector3::from(one.direction))).collect();
     // All axes where they pass the plane through the same point.
-    let places = without.iter().map(|one| across(one.axis().foot(&middle) - middle));
-    let (tilt, place) = (worst(tilts.collect()), worst(places.collect()));
+    let places: Vec<_> = without.iter().map(|one| across(one.axis().foot(&middle) - middle)).collect();
+    let (tilt, place) = (worst(&tilts), worst(&places));
     Ok(StageCalibration {
         u_point_mm: found.u_point_mm.max(place),
         u_direction_rad: found.u_direction_rad.max(tilt),
@@ -37,7 +37,7 @@ pub fn jackknife(
 }
 
 /// Standard deviation of the jackknife in the worst direction.
-fn worst(estimates: Vec<Vector2<f64>>) -> f64 {
+fn worst(estimates: &[Vector2<f64>]) -> f64 {
     let count = estimates.len() as f64;
     let mean = estimates.iter().sum::<Vector2<f64>>() / count;
     let scatter: Matrix2<f64> = estimates.iter().map(|e| (e - mean) * (e - mean).transpose()).sum();
