@@ -236,6 +236,17 @@ fn forge(cell: &CellName, cycle: u64, number: u64) {
     }
 }
 
+/// Stops a stage for a moment: the others get ahead of it.
+fn hold_up(status: &Value, stage: &str) {
+    let mut stages = status["stages"].as_array().unwrap().iter();
+    if let Some(pid) = stages.find(|s| s["name"] == stage).and_then(|s| s["pid"].as_u64()) {
+        poke("STOP", pid);
+        std::thread::sleep(Duration::from_millis(8));
+        poke("CONT", pid);
+    }
+    std::thread::sleep(Duration::from_millis(2));
+}
+
 #[test]
 fn a_plausible_message_that_comes_before_the_true_one_is_never_used() {
     let cell = Cell::played("forged", 60.0, "");
@@ -251,7 +262,7 @@ fn a_plausible_message_that_comes_before_the_true_one_is_never_used() {
                 forged.insert(cycle);
             }
         }
-        std::thread::sleep(Duration::from_millis(2));
+        hold_up(&status, "decode/cam2");
     }
     wait(run);
     let results = results(&cell.out());
@@ -260,8 +271,10 @@ fn a_plausible_message_that_comes_before_the_true_one_is_never_used() {
     let mut seen = 0;
     for result in &results[1..] {
         let outcome = result["outcome"].as_str().unwrap();
-        assert!(outcome != "ok" || result["hashes"] == *hashes, "a wrong cloud: {result}");
-        seen += u32::from(outcome.contains("came twice"));
+        // A stage that began with a forgery would give another cloud, or none, or stand against the schedule.
+        let found = outcome.contains("came twice");
+        assert!(found || outcome == "ok" && result["hashes"] == *hashes, "a forgery was used: {result}");
+        seen += u32::from(found);
     }
     assert!(seen > 0, "no forgery of {forged:?} was found: {results:?}");
 }
