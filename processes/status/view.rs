@@ -14,6 +14,9 @@ const NARROW: usize = 80;
 /// Columns of the stage table beside the name and the process id.
 const NUMBERS: usize = 58;
 
+/// Columns of what a stage used, which only a wide table shows.
+const USE: usize = 36;
+
 /// Columns of a process id with its gap.
 const PID: usize = 8;
 
@@ -92,8 +95,9 @@ pub(super) fn table(status: &Status, columns: usize) -> String {
 /// One line per stage. Long names take the place of the process ids where both have no room.
 fn stages(text: &mut String, status: &Status, columns: usize, wide: bool) {
     let longest = status.stages.iter().map(|s| s.name.chars().count()).max().unwrap_or(0).max(5);
-    let with_pid = wide || longest <= columns - NUMBERS - PID;
-    let name = longest.min(if with_pid { 24 } else { columns - NUMBERS });
+    let room = columns - NUMBERS - if wide { USE } else { 0 };
+    let with_pid = longest <= room - PID;
+    let name = longest.min(if with_pid { room - PID } else { room });
     let pid = |text: &str| if with_pid { format!(" {text:>7}") } else { String::new() };
     let _ = write!(
         text,
