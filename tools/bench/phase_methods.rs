@@ -1,7 +1,7 @@
 //! Every phase method and every order on the same surfaces: error, wrong orders, time.
 
 use super::recorded;
-use super::shown::{Judged, Shown, counting};
+use super::shown::{Cell, Shown, counting};
 use crate::Outcome;
 use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
@@ -12,7 +12,6 @@ use fringe::decode::{DecodeSettings, OrderMethod};
 use fringe::pattern::{Axis, Code, Direction, PatternSet};
 use fringe::wrapped::Method;
 use rig::config::Config;
-use serde::Serialize;
 use std::f64::consts::FRAC_PI_2;
 use std::path::{Path, PathBuf};
 use twin::{Scene, Twin, TwinSettings};
@@ -47,20 +46,6 @@ struct Column {
     name: &'static str,
     scene: Scene,
     settings: TwinSettings,
-}
-
-/// A method on a surface.
-#[derive(Serialize)]
-pub struct Cell {
-    /// Row.
-    pub method: &'static str,
-    /// Column.
-    pub case: String,
-    /// Why there is no result.
-    pub refused: Option<String>,
-    /// The result.
-    #[serde(flatten)]
-    pub judged: Option<Judged>,
 }
 
 /// Runs the benchmark.

@@ -5,8 +5,7 @@
 //! loses at edges. What all frames have in common (the lens, light that bounces, harmonics of the orders N ± 1 of all N steps) no such
 //! comparison can show. How good the reference itself is, its two halves tell: the even and the odd steps are different frames.
 
-use super::phase_methods::Cell;
-use super::shown::{Judged, Taken, counting};
+use super::shown::{Cell, Judged, Taken, counting};
 use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
 use anyhow::{Context, Result, anyhow, bail};

@@ -47,6 +47,20 @@ pub struct Judged {
     pub seconds_per_mpx: f64,
 }
 
+/// A method on a surface.
+#[derive(Serialize)]
+pub struct Cell {
+    /// Row.
+    pub method: &'static str,
+    /// Column.
+    pub case: String,
+    /// Why there is no result.
+    pub refused: Option<String>,
+    /// The result.
+    #[serde(flatten)]
+    pub judged: Option<Judged>,
+}
+
 /// Settings that refuse no map for its wrong orders: they shall be counted.
 pub fn counting() -> DecodeSettings {
     DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() }

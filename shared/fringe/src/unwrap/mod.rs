@@ -125,7 +125,7 @@ pub const NO_COMPONENT: u32 = u32::MAX;
 
 /// Unwraps.
 ///
-/// Time is bounded: the path methods take two edges per pixel in some ten rounds, the cuts search within `reach_px`, and least squares
+/// Time is bounded: the path methods sort two edges per pixel and take each once, the cuts search within `reach_px`, and least squares
 /// end after `max_iterations`.
 ///
 /// # Errors

@@ -4,7 +4,7 @@
 //! by number) there is only one. An edge that closes a loop within its tile closes it in the whole image, too. An edge that joins
 //! two groups of a tile of which one does not touch the tile's border is the least of all that lead out of that group, so it
 //! belongs to the tree whatever lies outside. What remains for the whole image are the edges between groups that touch
-//! borders: about a twentieth. So nearly all work is done within the cache, and each tile by itself.
+//! borders: a twentieth at most. So nearly all work is done within the cache, and each tile by itself.
 
 use super::angle::Angles;
 use super::edges::{Edge, Grid};
