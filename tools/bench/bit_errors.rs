@@ -1,12 +1,12 @@
 //! Predicted against counted: wrong bits, and the orders and stripes that they make wrong, through the decoder itself.
 
-use super::order_errors::Row;
 use anyhow::Result;
 use fringe::decode::{CameraNoise, DecodeSettings, Decoder, Diagnosis};
 use fringe::frame::{FrameView, Pixels};
 use fringe::pattern::{Axis, Code, PatternSet, Threshold};
 use fringe::random::{Key, Normal};
 use rayon::prelude::*;
+use serde::Serialize;
 
 /// Side of a drawn picture: fixed, so that the draws are the same on every machine.
 const SIDE: u32 = 256;
@@ -14,6 +14,21 @@ const SIDE: u32 = 256;
 const LEVELS_DN: [f64; 2] = [20_000.0, 45_000.0];
 /// Fringes of the cases with sines, projector pixels.
 const PERIOD_PX: f64 = 16.0;
+
+/// A promise and what was counted.
+#[derive(Debug, Serialize)]
+pub struct Row {
+    /// What is counted.
+    pub name: String,
+    /// As predicted.
+    pub predicted: f64,
+    /// As counted.
+    pub observed: f64,
+    /// Counted over predicted.
+    pub ratio: f64,
+    /// Pixels behind it.
+    pub pixels: u64,
+}
 
 /// A code with a threshold, at a noise that makes some errors.
 pub struct BitCase {

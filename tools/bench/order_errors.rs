@@ -1,6 +1,7 @@
 //! Predicted against observed: phase noise of each method, rate of wrong orders of each code, on random phases; wrong bits on drawn frames.
 
-use super::{bit_errors, out_of_range};
+use super::bit_errors::{self, Row};
+use super::out_of_range;
 use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
@@ -13,7 +14,6 @@ use fringe::math::{cos, wrap_positive_rad, wrap_rad};
 use fringe::random::{Key, Normal};
 use fringe::wrapped::{Limits, Method, Stack};
 use rayon::prelude::*;
-use serde::Serialize;
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::PathBuf;
 
@@ -32,15 +32,6 @@ pub struct Args {
     /// Machine-readable result.
     #[arg(long)]
     json: Option<PathBuf>,
-}
-
-#[derive(Debug, Serialize)]
-pub(super) struct Row {
-    pub name: String,
-    pub predicted: f64,
-    pub observed: f64,
-    pub ratio: f64,
-    pub pixels: u64,
 }
 
 /// Runs the benchmark. Exit code 1 when a ratio lies outside 0.95 … 1.05 by more than its counting noise.
