@@ -137,7 +137,7 @@ fn other_files_and_versions_are_refused_and_nothing_is_overwritten() {
     bytes[12] = 9;
     fs::write(&path, &bytes).unwrap();
     let error = read(&path).unwrap_err().to_string();
-    assert!(error.contains("version: value 9") && error.contains("this program reads 1"), "{error}");
+    assert!(error.contains("version: value 9") && error.contains("this program reads 2"), "{error}");
     for nonsense in [&b""[..], b"fringe", b"format = \"fringecell-config/1\""] {
         fs::write(&path, nonsense).unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("is no cycle record"));
