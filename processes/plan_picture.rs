@@ -140,13 +140,14 @@ impl Picture {
         let mut svg = format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
              font-family=\"sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n\
-             <text x=\"12\" y=\"22\" font-size=\"16\">cell {}: {} activations of {} stages on {} cores, {:.1} {}</text>\n",
+             <text x=\"12\" y=\"22\" font-size=\"16\">cell {}: {} activations of {} stages on {} cores, {:.1} {}{}</text>\n",
             escape(&cell.name),
             schedule.activations.len(),
             schedule.stages.len(),
             schedule.cores,
             self.end(),
-            self.unit
+            self.unit,
+            if self.cycles.len() > 1 { " for two cycles that overlap" } else { "" }
         );
         self.axis(&mut svg, scale, height);
         for (number, stage) in schedule.stages.iter().enumerate() {

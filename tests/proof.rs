@@ -135,15 +135,26 @@ fn entries(path: &str) -> Vec<CycleEntry> {
 }
 
 #[test]
-#[ignore = "minutes: ten thousand cycles; cargo test --test main ten_thousand -- --ignored --nocapture"]
+#[ignore = "minutes: ten thousand cycles; cargo test --test main ten_thousand_cycles -- --ignored --nocapture"]
 fn ten_thousand_cycles_grow_nothing() {
+    soak(1);
+}
+
+#[test]
+#[ignore = "minutes: the same with cycles that overlap; cargo test --test main ten_thousand_overlapping -- --ignored --nocapture"]
+fn ten_thousand_overlapping_cycles_grow_nothing() {
+    soak(2);
+}
+
+fn soak(in_flight: u32) {
     let (cycles, settled) = (10_000_u64, 2_000);
-    let cell = Cell::played("soak", 0.0, "");
+    let cell = Cell::played(&format!("soak{in_flight}"), 0.0, "");
+    cell.schedule("soak.toml", &format!("cycles_in_flight = {in_flight}"));
     let record = cell.small.path("soak.record");
     let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_fringecell"));
     program.args([
         "run",
-        &cell.small.path("played.toml"),
+        &cell.small.path("soak.toml"),
         "--cell",
         &cell.name,
         "--cycles",
@@ -179,6 +190,12 @@ fn ten_thousand_cycles_grow_nothing() {
         all.sort_unstable();
         all[(all.len() - 1) * share / 100] as f64 / 1e6
     };
+    let ends: Vec<u64> =
+        entries.iter().filter_map(|e| e.activations.iter().map(|a| a.end_ns).max()).collect();
+    println!(
+        "a cycle every {:.2} ms in the mean",
+        (ends[ends.len() - 1] - ends[0]) as f64 / 1e6 / (cycles - 1) as f64
+    );
     for (name, part) in [("first", &entries[..1000]), ("last", &entries[entries.len() - 1000..])] {
         println!(
             "{name} 1000: last frame to verdict, ms: 50 % {:.2}, 90 % {:.2}, 99 % {:.2}",
