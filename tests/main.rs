@@ -45,6 +45,7 @@ mod focus;
 mod gamma;
 mod golden_cells;
 mod offline;
+mod phase_methods;
 mod plan_patterns;
 mod proof;
 mod real;

@@ -185,6 +185,18 @@ fn soak(in_flight: u32) {
     assert!(entries.iter().all(|e| e.outcome == "ok"));
     let outputs = |e: &CycleEntry| e.activations.iter().map(|a| a.hash).collect::<Vec<_>>();
     assert!(entries.iter().all(|e| outputs(e) == outputs(&entries[0])), "all cycles saw the same frames");
+    tell_times(&entries);
+    let (begin, (at, end)) = (begin.unwrap(), last.unwrap());
+    for (name, before) in &begin {
+        let after = end[name];
+        println!("{name}: {before} kB after {settled} cycles, {after} kB after {at}");
+        // A leak of one small thing a cycle, 100 bytes, would add 800 kB.
+        assert!(after < before + 800, "{name} grew from {before} to {after} kB");
+    }
+}
+
+/// How fast the cycles came, and how long each took, early and late.
+fn tell_times(entries: &[CycleEntry]) {
     let ms = |part: &[CycleEntry], share: usize| {
         let mut all: Vec<u64> = part.iter().filter_map(|e| e.latency_ns).collect();
         all.sort_unstable();
@@ -194,7 +206,7 @@ fn soak(in_flight: u32) {
         entries.iter().filter_map(|e| e.activations.iter().map(|a| a.end_ns).max()).collect();
     println!(
         "a cycle every {:.2} ms in the mean",
-        (ends[ends.len() - 1] - ends[0]) as f64 / 1e6 / (cycles - 1) as f64
+        (ends[ends.len() - 1] - ends[0]) as f64 / 1e6 / (entries.len() - 1) as f64
     );
     for (name, part) in [("first", &entries[..1000]), ("last", &entries[entries.len() - 1000..])] {
         println!(
@@ -203,12 +215,5 @@ fn soak(in_flight: u32) {
             ms(part, 90),
             ms(part, 99)
         );
-    }
-    let (begin, (at, end)) = (begin.unwrap(), last.unwrap());
-    for (name, before) in &begin {
-        let after = end[name];
-        println!("{name}: {before} kB after {settled} cycles, {after} kB after {at}");
-        // A leak of one small thing a cycle, 100 bytes, would add 800 kB.
-        assert!(after < before + 800, "{name} grew from {before} to {after} kB");
     }
 }

@@ -79,6 +79,13 @@ pub enum IpcError {
     },
 }
 
+impl IpcError {
+    /// iceoryx2 refused `what` for `name`.
+    pub(crate) fn service(what: &'static str, name: &str, reason: impl std::fmt::Debug) -> Self {
+        Self::Service { what, name: name.to_owned(), reason: format!("{reason:?}") }
+    }
+}
+
 /// What contradicts in a message.
 #[derive(Debug, Error, Clone, PartialEq, Eq)]
 pub enum MessageError {

@@ -1,6 +1,6 @@
 //! Shared memory between the processes of a cell: frames, phase maps and clouds as loaned samples with typed headers.
 //!
-//! [`port`] is the only file that speaks to iceoryx2; [`header`] says what lies in front of each payload and [`payload`]
+//! [`port`] is the only room that speaks to iceoryx2; [`header`] says what lies in front of each payload and [`payload`]
 //! turns bytes into the views of `fringe` after checking that the header does not lie. [`cell`] is the private place of
 //! a cell in the machine: its lock, its files, its share of `/dev/shm`. [`os`] holds the few calls to the kernel, [`turn`]
 //! the order of work on each core.

@@ -238,7 +238,12 @@ impl<'a> Tile<'a> {
                 let mut enter = |way: u8, neighbour: usize, place: usize| {
                     if open & way != 0 && *ways.at(neighbour) & SEEN == 0 {
                         *ways.at(neighbour) |= SEEN;
-                        let turns = links[at].turns + angles.step(strip + at, strip + place);
+                        // Half a turn exactly goes the way that it goes from the first pixel of an edge to the second.
+                        let turns = if place > at {
+                            links[at].turns + angles.step(strip + at, strip + place)
+                        } else {
+                            links[at].turns - angles.step(strip + place, strip + at)
+                        };
                         links[place] = Link { parent, turns };
                         stack.push(neighbour as u16);
                     }
