@@ -8,5 +8,6 @@ pub mod drivers;
 pub mod graph;
 pub mod judgement;
 pub mod kernels;
+pub mod outputs;
 pub mod rerun;
 pub mod schedule;

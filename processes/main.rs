@@ -28,7 +28,7 @@ mod supervisor;
 mod trigger;
 
 // What the processes compute lies in the library, where `fringetool replay` finds it too.
-use flow::{cycle_number, drivers, graph, judgement, kernels, schedule};
+use flow::{cycle_number, drivers, graph, judgement, kernels, outputs, schedule};
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};

@@ -272,7 +272,7 @@ fn durations(schedule: &Schedule, result: &CycleResult) -> Result<Vec<f64>> {
             stage.name,
             result.cycle
         );
-        Ok((stage.compute_ns + stage.send_ns) as f64 / 1e6 / f64::from(stage.activations))
+        Ok(stage.compute_ns.saturating_add(stage.send_ns) as f64 / 1e6 / f64::from(stage.activations))
     };
     result.stages.iter().map(mean).collect()
 }

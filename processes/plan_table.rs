@@ -1,6 +1,7 @@
 //! `fringecell schedule`: the plan of a cycle as a table.
 
 use crate::graph::{self, Cell};
+use crate::outputs::check_outputs;
 use crate::plan_picture::Picture;
 use crate::schedule::{Half, Schedule, label};
 use anyhow::{Context, Result};
@@ -28,6 +29,9 @@ pub struct ScheduleArgs {
 /// A cell that cannot be planned, a result of another one, a place that cannot be written.
 pub fn schedule(args: &ScheduleArgs) -> Result<(String, bool)> {
     let cell = graph::load(&args.config, &graph::Options::default())?;
+    let mut inputs = cell.config.paths();
+    inputs.extend(args.result.as_deref());
+    check_outputs(&[("--picture", args.picture.as_deref())], &inputs, None)?;
     let measured = args.result.as_ref().map(|file| read_json(file)).transpose()?;
     let picture = Picture::new(&cell.schedule, measured.as_ref());
     let picture = match &args.result {

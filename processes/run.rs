@@ -3,6 +3,7 @@
 use crate::graph::{self, Cell, Options};
 use crate::kernels;
 use crate::output::{self, Run};
+use crate::outputs::check_outputs;
 use crate::print;
 use crate::supervisor::{self, Orders, Summary};
 use anyhow::{Context, Result, bail};
@@ -68,6 +69,8 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     };
     let cell = graph::load(&config, &options)?;
     ipc::cell::CellName::new(&cell.name)?;
+    let written = [("--cycle-record", args.cycle_record.as_deref()), ("--trace", args.trace.as_deref())];
+    check_outputs(&written, &cell.config.paths(), None)?;
     kernels::rehearse(&cell)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;

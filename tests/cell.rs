@@ -185,6 +185,38 @@ fn frames_without_light_end_each_cycle_with_the_reason() {
     assert!(!cell.out().join("cloud.ply").exists());
 }
 
+/// Proves: no cycle runs then whose budget would find it, and the cell goes on all the same.
+#[test]
+fn a_stage_that_stands_still_while_another_is_started_again_is_ended() {
+    let cell = Cell::played("connect", 50.0, "");
+    let run = cell.program("played.toml", &["--cycles", "6"]).spawn().unwrap();
+    let status = cell.until_a_cycle_begins();
+    signal("KILL", pid_of(&status, "fusion"));
+    signal("STOP", pid_of(&status, "decode/cam1"));
+    let output = wait(run);
+    assert!(text(&output.stderr).contains("did not connect within"), "{}", text(&output.stderr));
+    let results = results(&cell.out());
+    assert_eq!((results.len(), &results[5]["outcome"]), (6, &"ok".into()), "{}", text(&output.stdout));
+}
+
+#[test]
+fn no_output_of_a_run_overwrites_what_it_reads_or_another_output() {
+    let cell = Cell::played("inputs", 0.0, "");
+    let (config, rig, file) =
+        (cell.small.path("played.toml"), cell.small.path("rig.toml"), cell.small.path("one.file"));
+    let refused = |arguments: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_fringecell")).args(arguments).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", text(&output.stderr));
+        text(&output.stderr)
+    };
+    for input in [&config, &rig] {
+        assert!(refused(&["run", &config, "--trace", input]).contains("would overwrite an input"));
+        assert!(refused(&["schedule", &config, "--picture", input]).contains("would overwrite an input"));
+    }
+    let both = refused(&["run", &config, "--trace", &file, "--cycle-record", &file]);
+    assert!(both.contains("is the file of --cycle-record too"), "{both}");
+}
+
 #[test]
 fn measured_times_are_held_against_the_limits_of_the_schedule() {
     let cell = Cell::played("limits", 0.0, "");

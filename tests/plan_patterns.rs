@@ -145,7 +145,8 @@ fn a_plan_for_nonsense_is_refused() {
     for (argument, word) in [
         ("--projector-gamma=0", "projector_gamma = 0"),
         ("--modulation-dn=-1", "modulation_dn = -1"),
-        ("--camera-blur-px=NaN", "blur_px = NaN"),
+        ("--camera-blur-px=NaN", "--camera-blur-px NaN"),
+        ("--blur-px=-1", "--blur-px -1"),
         ("--want-u-um=0", "want_u_um = 0"),
     ] {
         let ran = fringetool(&["plan-patterns", "--rig", &rig, argument]);

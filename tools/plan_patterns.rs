@@ -98,6 +98,11 @@ fn both_px(one_px: f64, other_px: f64) -> f64 {
 pub fn run(args: &Args) -> Result<Outcome> {
     let inputs: Vec<_> = args.rig.iter().map(PathBuf::as_path).collect();
     check_outputs(&[("--out", args.out.as_deref()), ("--json", args.json.as_deref())], &inputs, None)?;
+    for (flag, blur_px) in [("--blur-px", args.blur_px), ("--camera-blur-px", args.camera_blur_px)] {
+        if !(0.0..=100.0).contains(&blur_px) {
+            bail!("{flag} {blur_px}: must be 0 to 100 pixels");
+        }
+    }
     let axis = match args.axis {
         AxisName::X => Axis::X,
         AxisName::Y => Axis::Y,

@@ -1,50 +1,21 @@
 //! What commands print and write: lines for people, JSON for programs.
 
 use crate::pipeline::{DecodedMap, Expected, Threshold, median_valid};
-use anyhow::{Result, bail};
+use anyhow::Result;
 use fringe::decode::NoiseSource;
 use fringe::phase::PhaseMap;
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 
-/// Refuses outputs that would fail at the end, or destroy an input, before any work is done. `made` is a folder that the
-/// command will make.
-pub fn check_outputs(outputs: &[(&str, Option<&Path>)], inputs: &[&Path], made: Option<&Path>) -> Result<()> {
-    let real = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path));
-    for (index, (flag, path)) in outputs.iter().enumerate() {
-        let Some(path) = path else { continue };
-        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
-        let absent = |folder: &&Path| !folder.is_dir() && made.is_none_or(|made| !folder.starts_with(made));
-        if let Some(folder) = folder.filter(absent) {
-            bail!("{flag} {}: there is no folder {}; make it first", path.display(), folder.display());
-        }
-        if path.is_dir() {
-            bail!("{flag} {}: is a folder; name a file to write", path.display());
-        }
-        // Devices may be written as often as one likes.
-        if path.exists() && !path.is_file() {
-            continue;
-        }
-        let here = real(path)?;
-        for input in inputs {
-            if real(input)? == here {
-                bail!("{flag} {}: would overwrite an input; name another file", path.display());
-            }
-        }
-        for (other, same) in outputs[..index].iter().filter_map(|(other, path)| Some((other, (*path)?))) {
-            if real(same)? == here {
-                bail!("{flag} {}: is the file of {other} too; name two files", path.display());
-            }
-        }
-    }
-    Ok(())
-}
+pub use flow::outputs::check_outputs;
 
 /// Writes the machine-readable result where the user asked for one.
 pub fn emit<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {
-    if let Some(path) = path {
-        rig::result::write_json(path, value)?;
+    match path {
+        Some(path) if path == Path::new("-") => println!("{}", serde_json::to_string_pretty(value)?),
+        Some(path) => rig::result::write_json(path, value)?,
+        None => {}
     }
     Ok(())
 }

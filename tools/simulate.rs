@@ -36,6 +36,9 @@ pub struct Args {
     /// Another seed than the configuration's.
     #[arg(long)]
     seed: Option<u64>,
+    /// Another seed for noise and vibration alone: the part stays where it is.
+    #[arg(long, value_name = "N")]
+    noise_seed: Option<u64>,
     /// Draw the patterns corrected by this file (from `gamma`); without a projector in it, for all projectors.
     #[arg(long, value_name = "FILE")]
     pattern_correction: Option<PathBuf>,
@@ -117,6 +120,7 @@ fn settings(args: &Args, config: &Config, twin: &TwinConfig) -> Result<TwinSetti
     }
     let settings = TwinSettings {
         seed,
+        noise_seed: args.noise_seed.or(written.noise_seed),
         projector_gamma: args.projector_gamma.unwrap_or(written.projector_gamma),
         bounce_rays: args.bounce_rays.unwrap_or(written.bounce_rays),
         defocus_px_per_mm: args.defocus_px_per_mm.unwrap_or(written.defocus_px_per_mm),

@@ -158,6 +158,11 @@ impl Cycles {
         Self { requested: Some(0), open: true, ..self }
     }
 
+    /// Whether a stage is connected and waits for work.
+    pub fn is_stage_ready(&self, stage: usize) -> bool {
+        self.ready[stage]
+    }
+
     /// Whether all stages are ready.
     pub fn is_ready(&self) -> bool {
         self.ready.iter().all(|&ready| ready)

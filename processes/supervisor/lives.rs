@@ -9,6 +9,9 @@ use ipc::header::Command;
 use ipc::os::now_ns;
 use rig::result::CycleResult;
 
+/// Connecting maps and touches all memory that a stage shares: time for it whatever the budget of a stage is, ns.
+const LEAST_CONNECT_NS: u64 = 5_000_000_000;
+
 impl Supervisor<'_> {
     /// Starts the stages whose pause is over.
     pub(super) fn start_waiting(&mut self) -> Result<()> {
@@ -23,11 +26,19 @@ impl Supervisor<'_> {
 
     /// Reaps stages that ended and those that do not start, and decides what follows.
     pub(super) fn bury(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        let (now, start_ns) = (now_ns(), start::millis(self.cell.config.limits.start_ms));
+        let limits = &self.cell.config.limits;
+        let (now, start_ns) = (now_ns(), start::millis(limits.start_ms));
+        let budget_ns = start::millis(limits.stage_budget_ms).max(LEAST_CONNECT_NS);
         for stage in 0..self.children.len() {
             let child = &mut self.children[stage];
             if matches!(child.life, Life::Starting { since_ns } if now.saturating_sub(since_ns) > start_ns) {
                 child.kill(&format!("did not report ready within {} ms", start_ns / 1_000_000));
+            }
+            // Nobody works yet, so no cycle finds it hung; its stage may have stood still while another was started again.
+            let waited_ns = self.connect_ns.map_or(0, |since_ns| now.saturating_sub(since_ns));
+            let connects = child.life == Life::Up && !self.connecting && !self.cycles.is_stage_ready(stage);
+            if connects && child.killed.is_none() && waited_ns > budget_ns {
+                child.kill(&format!("hung: did not connect within {} ms", budget_ns / 1_000_000));
             }
             let Some(end) = child.reap() else { continue };
             tracing::warn!(stage = child.name, end, "stage ended");
@@ -55,6 +66,7 @@ impl Supervisor<'_> {
             return Ok(());
         }
         self.connecting = false;
+        self.connect_ns = Some(now_ns());
         self.epoch += 1;
         for stage in 0..self.children.len() {
             self.feed(Input::Unready { stage }, each)?;

@@ -83,6 +83,8 @@ pub(super) struct Supervisor<'a> {
     /// Number of the last connect command.
     pub(super) epoch: u64,
     pub(super) connecting: bool,
+    /// When that command was given, ns.
+    pub(super) connect_ns: Option<u64>,
     /// Of the cycles that run, by cycle.
     collectors: BTreeMap<u64, Collector>,
     pub(super) order: Order,
@@ -144,6 +146,7 @@ impl<'a> Supervisor<'a> {
             cycles: start::machine(cell, orders),
             epoch: 0,
             connecting: false,
+            connect_ns: None,
             collectors: BTreeMap::new(),
             turns: Turns::create(&name, order.lanes.len())?,
             order,

@@ -5,7 +5,7 @@ use super::object::axis_of_object;
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use crate::surface::length;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use fringe::fit::{self, FitSettings};
 use fringe::rotation_stage::{StageCalibration, axis_from_places};
 use nalgebra::Point3;
@@ -47,6 +47,9 @@ enum Artefact {
     Object,
 }
 
+/// An axis whose direction is less sure than this moves what lies 100 mm off by half a millimetre: nothing was measured.
+const DIRECTION_LIMIT_RAD: f64 = 5e-3;
+
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
     let inputs: Vec<&Path> = args.views.iter().map(|view| view.path.as_path()).collect();
@@ -57,6 +60,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Artefact::Sphere => axis_from_places(&centres(args, &views)?)?,
         Artefact::Object => axis_of_object(&views, args.rough.map(|Axis(axis)| axis))?,
     };
+    // Whatever is written is used: an axis that the views do not tell must not be.
+    if found.u_direction_rad.is_nan() || found.u_direction_rad > DIRECTION_LIMIT_RAD {
+        bail!(
+            "these views do not tell an axis: u of its direction {:.1} mrad, the limit is {} mrad, residual {:.4} mm; are the \
+             angles right, is it one sphere in all views (--diameter), did it stay where it was on the stage?",
+            found.u_direction_rad * 1e3,
+            DIRECTION_LIMIT_RAD * 1e3,
+            found.rms_mm
+        );
+    }
     let mut provenance = toml::Table::new();
     provenance.insert("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION")).into());
     let names: Vec<toml::Value> = views.iter().map(|view| view.name.clone().into()).collect();

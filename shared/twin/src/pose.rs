@@ -37,7 +37,8 @@ pub fn vibration_mm(
     projector: usize,
     frame: usize,
 ) -> Vector3<f64> {
-    let key = Key::new(settings.seed).with(VIBRATION).with(cycle).with(projector as u64).with(frame as u64);
+    let seed = settings.seed_of_noise();
+    let key = Key::new(seed).with(VIBRATION).with(cycle).with(projector as u64).with(frame as u64);
     let draw = |i: u64| f64::from(normal.draw(key.bits(i)));
     let drift_mm = Vector3::z() * (settings.drift_um * 1e-3 * frame as f64);
     Vector3::new(draw(0), draw(1), draw(2)) * (settings.vibration_um * 1e-3) + drift_mm

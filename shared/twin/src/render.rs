@@ -271,7 +271,7 @@ impl Renderer {
         if shot == 0.0 && read == 0.0 {
             return;
         }
-        let mut key = Key::new(settings.seed)
+        let mut key = Key::new(settings.seed_of_noise())
             .with(NOISE)
             .with(view.cycle)
             .with(view.camera as u64)

@@ -21,6 +21,9 @@ pub struct SettingError {
 pub struct TwinSettings {
     /// Seed of pose scatter, vibration and noise: the same seed gives the same bytes.
     pub seed: u64,
+    /// Seed of vibration and noise, for views of a part that stays where `seed` put it; absent: `seed`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_seed: Option<u64>,
     /// Factor on all light. At 1 white Nylon (albedo 0.7) that faces the projector fills 60 % of the sensor's range in
     /// the middle of the part, and up to 80 % with its gloss on raised places; from about 1.2 on these saturate.
     pub exposure: f64,
@@ -74,6 +77,7 @@ impl Default for TwinSettings {
     fn default() -> Self {
         Self {
             seed: 1,
+            noise_seed: None,
             exposure: 1.0,
             bits: 8,
             subsamples: 1,
@@ -101,6 +105,11 @@ impl Default for TwinSettings {
 }
 
 impl TwinSettings {
+    /// Seed of what differs from frame to frame.
+    pub(crate) fn seed_of_noise(&self) -> u64 {
+        self.noise_seed.unwrap_or(self.seed)
+    }
+
     /// No imperfection at all: 16 bits, no noise, no blur, continuous patterns, nominal pose.
     pub fn ideal() -> Self {
         Self {

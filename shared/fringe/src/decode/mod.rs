@@ -51,6 +51,7 @@ mod risk;
 mod roles;
 mod sets;
 mod settings;
+mod spectrum;
 #[cfg(test)]
 mod tests;
 mod verdict;

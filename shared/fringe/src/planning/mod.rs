@@ -110,6 +110,8 @@ impl Wanted {
         within("full_scale_dn", self.full_scale_dn, (1.0, 65_535.0), "1 to 65535 DN")?;
         within("modulation_dn", self.modulation_dn, (1e-3, 65_535.0), "0.001 to 65535 DN")?;
         within("background_dn", self.background_dn, (0.0, 65_535.0), "0 to 65535 DN")?;
+        let brighter = "at most background_dn: no light is less than black";
+        within("modulation_dn", self.modulation_dn, (1e-3, self.background_dn), brighter)?;
         within("read_noise_dn", self.read_noise_dn, (0.0, 65_535.0), "0 to 65535 DN")?;
         within("gain_dn", self.gain_dn, (0.0, 65_535.0), "0 to 65535 DN per electron")?;
         within("blur_px", self.blur_px, (0.0, 100.0), "0 to 100 projector pixels")?;

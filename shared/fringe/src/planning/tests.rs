@@ -71,6 +71,7 @@ fn numbers_that_make_no_sense_are_named() {
     for (bad, key) in [
         (Wanted { extent_px: 3, ..wanted() }, "extent_px"),
         (Wanted { modulation_dn: 0.0, ..wanted() }, "modulation_dn"),
+        (Wanted { background_dn: 30.0, ..wanted() }, "modulation_dn"),
         (Wanted { read_noise_dn: f64::NAN, ..wanted() }, "read_noise_dn"),
         (Wanted { want_u_um: Some(-1.0), ..wanted() }, "want_u_um"),
     ] {

@@ -267,6 +267,15 @@ impl Config {
         files
     }
 
+    /// The files among [`Self::read_files`] that have a path here: what no output may overwrite.
+    pub fn paths(&self) -> Vec<&Path> {
+        let mut paths = vec![self.document.path.as_path(), &self.rig_path];
+        paths.extend(self.plan.iter().chain(self.recipes.iter().map(|r| &r.plan)).map(|f| f.path.as_path()));
+        paths.extend(self.twin.iter().flat_map(|twin| [twin.scene.path.as_path(), &twin.rig_path]));
+        paths.extend(self.recording.iter().map(|played| played.recording.document.path.as_path()));
+        paths
+    }
+
     /// A camera by name.
     pub fn camera(&self, name: &str) -> Option<&CameraConfig> {
         self.cameras.iter().find(|camera| camera.name == name)

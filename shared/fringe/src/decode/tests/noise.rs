@@ -103,3 +103,35 @@ fn outliers_do_not_reach_the_noise_model() {
     let sigma_dn = (report.noise.read_variance_dn2 + report.noise.gain_dn * 110.0).sqrt();
     assert!((sigma_dn / (2.25_f64 + 1.0 / 12.0).sqrt() - 1.0).abs() < 0.02, "{:?}", report.noise);
 }
+
+/// With four steps there is one residual: too little to tell noise, enough to tell frames out of order from a gamma.
+#[test]
+fn four_steps_out_of_order_are_refused_and_a_gamma_is_not() {
+    let mut scene = Scene::ramp(300, 100, 0.9, 0.05, 608).eight_bits();
+    scene.noise = (1.5, 0.04);
+    let sequence =
+        [sine(Axis::X, 16.0, 4), gray(Axis::X, 7, 8.0), PatternSet::White {}, PatternSet::Black {}];
+    let settings = DecodeSettings::default();
+    let disorder = |order: [usize; 4], gamma: f64| {
+        let frames = gamma_frames(&scene, gamma, &sequence);
+        let mut decoder = scene.decoder(&sequence, &settings).unwrap();
+        for index in 0..frames.len() {
+            let shown = order.get(index).copied().unwrap_or(index);
+            decoder.push(index, &frames[shown].view()).unwrap();
+        }
+        let mut map = PhaseMap::new(decoder.info(Axis::X).unwrap());
+        match decoder.finish(Axis::X, &mut map.view_mut()) {
+            Err(DecodeError::Disorder { residual, .. }) => Some(residual),
+            _ => None,
+        }
+    };
+    for gamma in [1.0, 2.2, 3.0] {
+        assert_eq!(disorder([0, 1, 2, 3], gamma), None, "gamma {gamma}");
+    }
+    for (gamma, least) in [(1.0, 1.2), (2.2, 0.5)] {
+        for order in [[0, 2, 1, 3], [0, 1, 3, 2], [1, 0, 2, 3], [3, 1, 2, 0]] {
+            let residual = disorder(order, gamma);
+            assert!(residual.is_some_and(|r| r > least), "gamma {gamma}, {order:?}: {residual:?}");
+        }
+    }
+}
