@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 const KEPT_SPANS: usize = 100_000;
 
 /// Cycles that are kept, likewise.
-const KEPT_CYCLES: usize = 10_000;
+const KEPT_CYCLES: usize = 1_000;
 
 /// One cycle, from its start to its outcome.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
