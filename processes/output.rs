@@ -4,7 +4,7 @@ use crate::cycle_number::wire;
 use crate::graph::Cell;
 use crate::schedule::label;
 use crate::supervisor::collect::Span;
-use crate::supervisor::history::{CycleSpan, History};
+use crate::supervisor::history::History;
 use crate::supervisor::watch::Watch;
 use anyhow::Result;
 use fringe::cloud::Point;
@@ -70,14 +70,8 @@ pub fn files(folder: &Path, run: &Run) -> Result<()> {
 pub fn trace(file: &Path, cell: &Cell, history: &History) -> Result<()> {
     let stages: Vec<&str> = cell.schedule.stages.iter().map(|s| s.name.as_str()).collect();
     let spans: Vec<TraceSpan> = history.spans.iter().filter_map(|span| trace_span(cell, span)).collect();
-    let cycles: Vec<TraceCycle> = history.cycles.iter().map(trace_cycle).collect();
+    let cycles: Vec<TraceCycle> = history.cycles.iter().cloned().collect();
     Ok(write_trace(file, &stages, &spans, &cycles)?)
-}
-
-/// A cycle for the trace.
-pub fn trace_cycle(cycle: &CycleSpan) -> TraceCycle {
-    let CycleSpan { cycle, outcome, part, recipe, start_ns, end_ns } = cycle.clone();
-    TraceCycle { cycle, outcome, part, recipe, start_ns, end_ns }
 }
 
 fn trace_span(cell: &Cell, span: &Span) -> Option<TraceSpan> {

@@ -3,7 +3,6 @@
 mod view;
 
 use crate::client;
-use crate::output;
 use crate::print;
 use crate::supervisor::protocol::Spans;
 use anyhow::Result;
@@ -93,5 +92,5 @@ fn trace(file: &Path, cell: Option<&str>) -> Result<()> {
             send_ns: row.send_ns,
         })
         .collect();
-    Ok(write_trace(file, &stages, &spans, &cycles.iter().map(output::trace_cycle).collect::<Vec<_>>())?)
+    Ok(write_trace(file, &stages, &spans, &cycles)?)
 }

@@ -2,7 +2,7 @@
 
 use super::collect::Span;
 use rig::result::CycleResult;
-use serde::{Deserialize, Serialize};
+use rig::trace::TraceCycle;
 use std::collections::VecDeque;
 
 /// Spans that are kept: a run until stopped must not grow.
@@ -11,35 +11,16 @@ const KEPT_SPANS: usize = 100_000;
 /// Cycles that are kept, likewise.
 const KEPT_CYCLES: usize = 1_000;
 
-/// One cycle, from its start to its outcome.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct CycleSpan {
-    /// Cycle.
-    pub cycle: u64,
-    /// `ok` or the reason.
-    pub outcome: String,
-    /// Part of the job, if it has one.
-    pub part: Option<String>,
-    /// Recipe.
-    pub recipe: Option<String>,
-    /// Start on the machine's monotonic clock, ns.
-    pub start_ns: u64,
-    /// End, ns.
-    pub end_ns: u64,
-}
-
-impl CycleSpan {
-    /// A cycle that has just ended with this result.
-    pub(super) fn new(result: &CycleResult, end_ns: u64, duration_ns: u64) -> Self {
-        let text = |key: &str| result.more.get(key).and_then(|value| value.as_str()).map(str::to_owned);
-        Self {
-            cycle: result.cycle,
-            outcome: result.outcome.clone(),
-            part: text("part"),
-            recipe: text("recipe"),
-            start_ns: end_ns.saturating_sub(duration_ns),
-            end_ns,
-        }
+/// A cycle that has just ended with this result.
+pub(super) fn ended(result: &CycleResult, end_ns: u64, duration_ns: u64) -> TraceCycle {
+    let text = |key: &str| result.more.get(key).and_then(|value| value.as_str()).map(str::to_owned);
+    TraceCycle {
+        cycle: result.cycle,
+        outcome: result.outcome.clone(),
+        part: text("part"),
+        recipe: text("recipe"),
+        start_ns: end_ns.saturating_sub(duration_ns),
+        end_ns,
     }
 }
 
@@ -49,12 +30,12 @@ pub struct History {
     /// What was done, in the order of the outcomes.
     pub spans: VecDeque<Span>,
     /// The cycles, likewise.
-    pub cycles: VecDeque<CycleSpan>,
+    pub cycles: VecDeque<TraceCycle>,
 }
 
 impl History {
     /// Adds a cycle with what was done in it.
-    pub(super) fn add(&mut self, cycle: CycleSpan, spans: impl Iterator<Item = Span>) {
+    pub(super) fn add(&mut self, cycle: TraceCycle, spans: impl Iterator<Item = Span>) {
         self.spans.extend(spans);
         self.spans.drain(..self.spans.len().saturating_sub(KEPT_SPANS));
         self.cycles.push_back(cycle);

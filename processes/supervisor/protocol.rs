@@ -1,9 +1,9 @@
 //! What is said over the socket of a cell; `docs/control.md` is its documentation.
 
-use super::history::CycleSpan;
 use super::profile::{Outcomes, Percentiles};
 use crate::control::State;
 use rig::result::{CycleResult, StageResult};
+use rig::trace::TraceCycle;
 use serde::{Deserialize, Serialize};
 
 /// What a cell is asked.
@@ -118,7 +118,7 @@ pub struct Spans {
     /// Every piece of work.
     pub activations: Vec<SpanRow>,
     /// The cycles from start to outcome.
-    pub cycles: Vec<CycleSpan>,
+    pub cycles: Vec<TraceCycle>,
 }
 
 /// One activation as it was done.

@@ -4,7 +4,7 @@ use super::children::{Life, StageProcess};
 use super::collect::Collector;
 use super::cycle::{Action, Cycles, Input};
 use super::desk::Desk;
-use super::history::{CycleSpan, History};
+use super::history::{self, History};
 use super::http;
 use super::keep::Keeper;
 use super::profile::Profile;
@@ -225,7 +225,7 @@ impl<'a> Supervisor<'a> {
         let plan = self.cell.recipes.get(self.desk.recipe()).and_then(|recipe| recipe.plan.as_ref());
         self.desk.mark(&mut result);
         if let Some(duration_ns) = duration_ns {
-            self.history.add(CycleSpan::new(&result, end_ns, duration_ns), collector.spans(cycle));
+            self.history.add(history::ended(&result, end_ns, duration_ns), collector.spans(cycle));
         }
         self.tally.done += 1;
         self.tally.ok += u64::from(outcome.is_ok());

@@ -7,7 +7,7 @@
 use crate::atomic;
 use crate::error::FileError;
 use crate::result::read_json;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
@@ -32,7 +32,7 @@ pub struct TraceSpan {
 }
 
 /// One cycle, from its start to its outcome.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TraceCycle {
     /// Number.
     pub cycle: u64,

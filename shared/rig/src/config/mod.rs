@@ -246,19 +246,8 @@ impl Config {
     /// All that was read, each with its SHA-256, the configuration first: equal hashes mean the same cell. Frames and
     /// meshes are not among it; they are what the cell looks at.
     pub fn read_files(&self) -> Vec<(String, String)> {
-        let text = |file: &TextFile| (file.path.display().to_string(), sha256_hex(file.text.as_bytes()));
-        let mut files = vec![
-            (self.document.path.display().to_string(), self.sha256.clone()),
-            (self.rig_path.display().to_string(), self.rig_sha256.clone()),
-        ];
-        files.extend(self.plan.iter().chain(self.recipes.iter().map(|recipe| &recipe.plan)).map(text));
-        if let Some(twin) = &self.twin {
-            files.push(text(&twin.scene));
-            files.push((twin.rig_path.display().to_string(), twin.rig_sha256.clone()));
-        }
-        if let Some(RecordingConfig { recording, .. }) = &self.recording {
-            files.push((recording.document.path.display().to_string(), recording.sha256.clone()));
-        }
+        let mut files: Vec<(String, String)> =
+            self.hashed().into_iter().map(|(path, sha256)| (path.display().to_string(), sha256)).collect();
         for projector in &self.projectors {
             let correction = projector.pattern_correction.as_ref().map(PatternCorrection::sha256);
             let name = format!("the pattern correction of projector \"{}\"", projector.name);
@@ -269,11 +258,25 @@ impl Config {
 
     /// The files among [`Self::read_files`] that have a path here: what no output may overwrite.
     pub fn paths(&self) -> Vec<&Path> {
-        let mut paths = vec![self.document.path.as_path(), &self.rig_path];
-        paths.extend(self.plan.iter().chain(self.recipes.iter().map(|r| &r.plan)).map(|f| f.path.as_path()));
-        paths.extend(self.twin.iter().flat_map(|twin| [twin.scene.path.as_path(), &twin.rig_path]));
-        paths.extend(self.recording.iter().map(|played| played.recording.document.path.as_path()));
-        paths
+        self.hashed().into_iter().map(|(path, _)| path).collect()
+    }
+
+    fn hashed(&self) -> Vec<(&Path, String)> {
+        let text = |file: &TextFile| sha256_hex(file.text.as_bytes());
+        let mut files = vec![
+            (self.document.path.as_path(), self.sha256.clone()),
+            (&self.rig_path, self.rig_sha256.clone()),
+        ];
+        let plans = self.plan.iter().chain(self.recipes.iter().map(|recipe| &recipe.plan));
+        files.extend(plans.map(|plan| (plan.path.as_path(), text(plan))));
+        if let Some(twin) = &self.twin {
+            files.push((&twin.scene.path, text(&twin.scene)));
+            files.push((&twin.rig_path, twin.rig_sha256.clone()));
+        }
+        if let Some(RecordingConfig { recording, .. }) = &self.recording {
+            files.push((&recording.document.path, recording.sha256.clone()));
+        }
+        files
     }
 
     /// A camera by name.
