@@ -40,7 +40,7 @@ pub fn named(which: Option<&str>) -> Result<Option<String>> {
     if !which.contains(['.', '/']) {
         return Ok(Some(which.to_owned()));
     }
-    Ok(Some(rig::config::Config::load(std::path::Path::new(which))?.name))
+    Ok(Some(files::config::Config::load(std::path::Path::new(which))?.name))
 }
 
 /// Asks a cell whatever it may answer.

@@ -4,8 +4,8 @@ use crate::kernels;
 use crate::print;
 use crate::run::{self, RunArgs};
 use anyhow::{Context, Result};
-use rig::atomic;
-use rig::cycle_record::Kept;
+use files::atomic;
+use files::cycle_record::Kept;
 use std::path::{Path, PathBuf};
 
 /// The files of the demo cell, as they are in the repository.
@@ -55,7 +55,7 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         trace: None,
     };
     // The only place where the truth of the scene is looked at; what measures never sees it.
-    let truth = kernels::scene(&rig::config::Config::load(&config)?)?.truth().clone();
+    let truth = kernels::scene(&files::config::Config::load(&config)?)?.truth().clone();
     let code = run::run(&run_args, Some(&truth))?;
     let folder = args.out.canonicalize().unwrap_or_else(|_| args.out.clone());
     print::say(&format!("files in {}:\n{GUIDE}", folder.display()));

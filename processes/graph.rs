@@ -2,14 +2,14 @@
 
 use crate::schedule::{CameraNode, Graph, PairNode, ProjectorNode, Right, Schedule};
 use anyhow::{Context, Result, anyhow};
+use files::config::{Config, DEFAULT_RECIPE, TextFile};
+use files::cycle_record::{Kept, RecordedRecipe};
+use files::hash::sha256_hex;
 use fringe::decode::DecodeSettings;
 use fringe::fusion::FusionSettings;
-use fringe::inspection::Plan;
 use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet, frame_count};
-use rig::config::{Config, DEFAULT_RECIPE, TextFile};
-use rig::cycle_record::{Kept, RecordedRecipe};
-use rig::hash::sha256_hex;
+use metrology::inspection::Plan;
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -124,7 +124,7 @@ fn graph(config: &Config, options: &Options) -> Result<Graph> {
         };
         Ok(PairNode { name: pair.name.clone(), left: camera(&pair.left)?, right, projector })
     });
-    let node = |c: &rig::config::CameraConfig| CameraNode {
+    let node = |c: &files::config::CameraConfig| CameraNode {
         name: c.name.clone(),
         width_px: c.width_px,
         height_px: c.height_px,

@@ -4,12 +4,12 @@ use crate::judgement::judge;
 use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, Text, Worker, lost};
 use anyhow::Result;
-use fringe::inspection::Plan;
 use ipc::IpcError;
 use ipc::header::{Cloud, Outcome};
 use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Publisher, Received};
+use metrology::inspection::Plan;
 
 /// State of the inspection.
 pub struct Inspection {

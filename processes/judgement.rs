@@ -1,8 +1,8 @@
 //! What the inspection tells the supervisor, and how it comes to it.
 
+use files::result::{FeatureResult, ResultVerdict};
 use fringe::cloud::Point;
-use fringe::inspection::{self, Plan, Verdict, evaluate};
-use rig::result::{FeatureResult, ResultVerdict};
+use metrology::inspection::{self, Plan, Verdict, evaluate};
 use serde::{Deserialize, Serialize};
 
 /// What the inspection tells the supervisor about a cycle.

@@ -3,13 +3,13 @@
 use crate::graph::Cell;
 use crate::schedule::Right;
 use anyhow::{Context, Result, anyhow};
+use files::config::{Config, Driver};
 use fringe::cloud::Point;
 use fringe::decode::Decoder;
 use fringe::matching::{MatchError, MatchReport, Matcher};
 use fringe::pattern::Axis;
 use fringe::phase::PhaseView;
 use fringe::projector::{ProjectorMatcher, ProjectorReport, ProjectorSettings};
-use rig::config::{Config, Driver};
 use std::path::Path;
 use twin::{Scene, Twin, TwinSettings};
 

@@ -7,18 +7,18 @@ use crate::supervisor::collect::Span;
 use crate::supervisor::history::History;
 use crate::supervisor::watch::Watch;
 use anyhow::Result;
+use files::atomic;
+use files::ply::write_cloud;
+use files::result::{CycleResult, OUTCOME_OK, write_json};
+use files::trace::{TraceCycle, TraceSpan, write_trace};
 use fringe::cloud::Point;
-use fringe::inspection::{Plan, evaluate};
 use fringe::phase::PhaseView;
 use ipc::payload;
-use rig::atomic;
-use rig::ply::write_cloud;
-use rig::report::{
+use metrology::inspection::{Plan, evaluate};
+use report::{
     Activity, CycleRow, FeatureRow, GreyPicture, Mark, OverlapRow, PhasePicture, ReportInput, Verdict,
     stage_times, write_html,
 };
-use rig::result::{CycleResult, OUTCOME_OK, write_json};
-use rig::trace::{TraceCycle, TraceSpan, write_trace};
 use std::path::Path;
 use twin::Truth;
 
@@ -101,7 +101,7 @@ fn report(folder: &Path, run: &Run, points: &[Point]) -> Result<()> {
     let input = ReportInput {
         cell: cell.name.clone(),
         part: plan.map_or_else(|| "no inspection plan".to_owned(), |p| p.name.clone()),
-        date: rig::clock::utc_now(),
+        date: files::clock::utc_now(),
         software_version: format!("fringecell {}", env!("CARGO_PKG_VERSION")),
         rig_hash: cell.config.rig_sha256.clone(),
         plan_id: plan.map(|p| p.name.clone()).unwrap_or_default(),
@@ -209,13 +209,13 @@ fn overlaps(cell: &Cell, result: &CycleResult) -> Vec<OverlapRow> {
     rows.collect()
 }
 
-fn timeline(cell: &Cell, history: &History, cycle: u64) -> Vec<rig::report::Span> {
+fn timeline(cell: &Cell, history: &History, cycle: u64) -> Vec<report::Span> {
     let mut rows = Vec::new();
     for span in history.spans.iter().filter(|s| s.cycle == cycle) {
         let Some(activation) = cell.schedule.activations.get(span.activation) else { continue };
         let stage = &cell.schedule.stages[activation.stage].name;
         let mut row = |activity, start_ns, end_ns| {
-            rows.push(rig::report::Span { stage: stage.clone(), activity, start_ns, end_ns });
+            rows.push(report::Span { stage: stage.clone(), activity, start_ns, end_ns });
         };
         if span.wait_ns > 0 {
             row(Activity::Wait, span.start_ns.saturating_sub(span.wait_ns), span.start_ns);

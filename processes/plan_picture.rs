@@ -8,7 +8,7 @@
 use crate::graph::Cell;
 use crate::schedule::{Activation, Half, Lane, Order, Schedule, Work, label};
 use anyhow::{Result, ensure};
-use rig::result::CycleResult;
+use files::result::CycleResult;
 use std::fmt::Write as _;
 
 /// Columns of the picture on the terminal, without names.
@@ -265,7 +265,7 @@ fn durations(schedule: &Schedule, result: &CycleResult) -> Result<Vec<f64>> {
         names(measured),
         names(planned)
     );
-    let mean = |stage: &rig::result::StageResult| {
+    let mean = |stage: &files::result::StageResult| {
         ensure!(
             stage.activations > 0,
             "stage {} did nothing in cycle {}; give the result of a cycle that is ok",

@@ -5,8 +5,8 @@ use crate::outputs::check_outputs;
 use crate::plan_picture::Picture;
 use crate::schedule::{Half, Schedule, label};
 use anyhow::{Context, Result};
-use rig::atomic;
-use rig::result::read_json;
+use files::atomic;
+use files::result::read_json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 

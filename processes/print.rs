@@ -1,6 +1,6 @@
 //! What a run says on the terminal: a line per cycle, then tables.
 
-use rig::result::{CycleResult, FeatureResult, OUTCOME_OK, ResultVerdict};
+use files::result::{CycleResult, FeatureResult, OUTCOME_OK, ResultVerdict};
 use std::fmt::Write as _;
 use std::io::Write as _;
 use twin::Truth;
@@ -55,7 +55,7 @@ pub fn stage_table(results: &[CycleResult]) -> String {
         ok.len()
     );
     for (number, stage) in first.stages.iter().enumerate() {
-        let times = |pick: fn(&rig::result::StageResult) -> u64| -> Vec<u64> {
+        let times = |pick: fn(&files::result::StageResult) -> u64| -> Vec<u64> {
             ok.iter().filter_map(|r| r.stages.get(number)).map(pick).collect()
         };
         let (compute, wait) = (times(|s| s.compute_ns), times(|s| s.wait_ns));

@@ -4,12 +4,12 @@ use crate::cycle_number::unwire;
 use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, StageArgs, Worker, lost};
 use anyhow::{Context, Result};
+use files::recording::{ProjectorRecord, RecordingWriter};
 use ipc::IpcError;
 use ipc::header::Frame;
 use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::Received;
-use rig::recording::{ProjectorRecord, RecordingWriter};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -83,7 +83,7 @@ impl Record {
         ];
         let mut provenance: toml::Table =
             provenance.into_iter().map(|(k, v)| (k.to_owned(), v.into())).collect();
-        rig::correction::note(&mut provenance, link.cell.config.corrected());
+        files::correction::note(&mut provenance, link.cell.config.corrected());
         open.writer.finish(&provenance).map_err(|e| lost(&e))?;
         link.done(Work::Store, start_ns, &[], Report { count: open.written, text: "" })
     }

@@ -7,9 +7,9 @@ use crate::outputs::check_outputs;
 use crate::print;
 use crate::supervisor::{self, Orders, Summary};
 use anyhow::{Context, Result, bail};
-use rig::atomic;
-use rig::cycle_record::Kept;
-use rig::result::CycleResult;
+use files::atomic;
+use files::cycle_record::Kept;
+use files::result::CycleResult;
 use std::collections::VecDeque;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -167,7 +167,7 @@ fn tell(cell: &Cell, results: &[CycleResult], truth: Option<&Truth>) {
     if !stages.is_empty() {
         print::say(&format!("\n{stages}"));
     }
-    if let Some(last) = results.iter().rev().find(|r| r.outcome == rig::result::OUTCOME_OK) {
+    if let Some(last) = results.iter().rev().find(|r| r.outcome == files::result::OUTCOME_OK) {
         print::say(&format!("cycle {}: {}", last.cycle + 1, print::cloud_lines(last, &pairs)));
         if !last.features.is_empty() {
             print::say(&print::feature_table(&last.features, truth));

@@ -4,7 +4,7 @@ use crate::client;
 use crate::print;
 use crate::supervisor::protocol::{Answer, Request};
 use anyhow::{Result, bail};
-use rig::result::{CycleResult, OUTCOME_OK, ResultVerdict, write_json};
+use files::result::{CycleResult, OUTCOME_OK, ResultVerdict, write_json};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 

@@ -44,13 +44,13 @@ fn a_real_stereo_pair_is_characterised_like_others_did_and_closer() {
         let focal_px = camera["focal_px"][0].as_f64().unwrap();
         assert!((focal_px - 536.1).abs() < 5.0, "{camera}");
     }
-    let rig = rig::rig_file::read_rig(out.as_ref()).unwrap();
+    let rig = files::rig_file::read_rig(out.as_ref()).unwrap();
     let [left, right] = ["left", "right"].map(|name| rig.rig.camera(name).unwrap().centre_mm());
     let baseline_mm = (left - right).norm();
     assert!((baseline_mm - 83.45).abs() < 0.5, "{baseline_mm} mm");
     let covariance = rig.covariance.unwrap();
     let bytes = std::fs::read(folder.path().join(&covariance.file)).unwrap();
-    assert_eq!(rig::hash::sha256_hex(&bytes), covariance.sha256);
+    assert_eq!(files::hash::sha256_hex(&bytes), covariance.sha256);
 }
 
 #[test]
@@ -141,7 +141,7 @@ impl Poses {
         let folder = TempDir::new().unwrap();
         let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
         let rig = twin::thesis::rig(562, 375);
-        rig::rig_file::write_rig(path("true-rig.toml").as_ref(), &rig, &toml::Table::new(), None).unwrap();
+        files::rig_file::write_rig(path("true-rig.toml").as_ref(), &rig, &toml::Table::new(), None).unwrap();
         std::fs::write(path("cell.toml"), BOARD_CELL).unwrap();
         std::fs::write(path("board.scene.toml"), BOARD_SCENE).unwrap();
         std::fs::write(path("target.toml"), TWIN_BOARD).unwrap();

@@ -126,7 +126,7 @@ fn good_pictures_calibrate_whichever_side_is_called_columns() {
     for target in [TARGET.to_owned(), TARGET.replace("columns = 8\nrows = 5", "columns = 5\nrows = 8")] {
         fs::write(set.path("target.toml"), target).unwrap();
         set.calibrate(&["left"]).expect_success();
-        let rig = rig::rig_file::read_rig(set.path("rig.toml").as_ref()).unwrap();
+        let rig = files::rig_file::read_rig(set.path("rig.toml").as_ref()).unwrap();
         let focal_px = rig.rig.camera("left").unwrap().focal_px[0];
         assert!((focal_px - FOCAL_PX).abs() < 0.5, "{focal_px} px");
     }

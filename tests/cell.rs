@@ -21,7 +21,7 @@ fn a_cell_measures_writes_its_files_and_leaves_nothing_in_shared_memory() {
     }
     let trace = json(&cell.out().join("trace.json"));
     assert!(trace["traceEvents"].as_array().unwrap().len() > 100);
-    let cloud = rig::ply::read_cloud(&cell.out().join("cloud.ply")).unwrap();
+    let cloud = files::ply::read_cloud(&cell.out().join("cloud.ply")).unwrap();
     assert_eq!(cloud.points.len() as u64, result["points"].as_u64().unwrap());
     assert!(std::fs::read_to_string(cell.out().join("report.html")).unwrap().contains("cam1"));
     assert_eq!(results(&cell.out()).len(), 2);

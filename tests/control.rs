@@ -2,7 +2,7 @@
 
 use crate::running::{Cell, json, pid_of, results, signal, text, wait};
 use crate::support::{fringetool, root};
-use rig::cycle_record::{Next, RecordReader};
+use files::cycle_record::{Next, RecordReader};
 use serde_json::{Value, json as value};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;

@@ -14,7 +14,7 @@ fn point(position_mm: [f64; 3], normal: [f64; 3]) -> Point {
 
 /// Even noise of ±`size` from a counter.
 fn noise(counter: u64, size: f64) -> f64 {
-    size * fringe::random::Key::new(3).symmetric(counter)
+    size * fringe::math::random::Key::new(3).symmetric(counter)
 }
 
 /// A cap of 20 mm diameter about (5, 6, 300) on a plate at z = 290, seen from above.
@@ -57,7 +57,7 @@ impl Desk {
     }
 
     fn cloud(&self, name: &str, points: &[Point]) -> String {
-        rig::ply::write_cloud(&self.path(name), points, &[]).unwrap();
+        files::ply::write_cloud(&self.path(name), points, &[]).unwrap();
         self.text(name)
     }
 

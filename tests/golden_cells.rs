@@ -2,7 +2,7 @@
 //! the program's own functions. Cells that the thesis misprints must come out right, not as printed.
 
 use crate::support::shared_data;
-use fringe::uncertainty::{
+use metrology::uncertainty::{
     Budget, Distribution, Evaluation, Method, Model, Quantity, TypeA, Uncertain, compare, models,
 };
 use std::collections::BTreeMap;

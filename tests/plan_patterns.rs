@@ -19,7 +19,7 @@ impl Cell {
     fn new() -> Self {
         let folder = TempDir::new().unwrap();
         let rig = twin::thesis::rig(562, 375);
-        rig::rig_file::write_rig(&folder.path().join("rig.toml"), &rig, &toml::Table::new(), None).unwrap();
+        files::rig_file::write_rig(&folder.path().join("rig.toml"), &rig, &toml::Table::new(), None).unwrap();
         std::fs::write(folder.path().join("scene.toml"), PLATE).unwrap();
         Self { folder }
     }
@@ -48,7 +48,7 @@ impl Cell {
         let arguments =
             ["unwrap", &self.path(recording), "--method", "reliability", "--out", &self.path(out)];
         fringetool(&arguments).expect_success();
-        rig::npy::read(Path::new(&self.path(&format!("{out}/proj1-cam1-x-wrapped.npy")))).unwrap().values
+        files::npy::read(Path::new(&self.path(&format!("{out}/proj1-cam1-x-wrapped.npy")))).unwrap().values
     }
 }
 
@@ -88,7 +88,7 @@ fn a_plan_holds_for_noise_orders_and_points() {
     let (contrast, threshold) =
         (number("contrast_median_dn").to_string(), number("threshold_median_dn").to_string());
     assert!(number("u_threshold_median_dn") < 0.02 * number("contrast_median_dn"));
-    let raster = rig::npy::read(Path::new(&cell.path("maps/proj1-cam1-x-threshold.npy"))).unwrap();
+    let raster = files::npy::read(Path::new(&cell.path("maps/proj1-cam1-x-threshold.npy"))).unwrap();
     assert_eq!((raster.width_px, raster.height_px), (562, 375));
     assert!(Path::new(&cell.path("maps/proj1-cam1-x-wrong-order.npy")).exists());
 

@@ -2,7 +2,7 @@
 //! are `#[ignore]`d; CONTRIBUTING tells their commands. Nothing inside the cell helps: it is disturbed from outside.
 
 use crate::running::{Cell, Dice, children, hashes, poke, text, wait};
-use rig::cycle_record::{CycleEntry, Next, RecordReader};
+use files::cycle_record::{CycleEntry, Next, RecordReader};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;

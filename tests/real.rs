@@ -3,7 +3,7 @@
 
 use crate::support::{fringetool, real_data};
 use fringe::cloud::Point;
-use fringe::fit::{FitSettings, PlaneFit, plane};
+use metrology::fit::{FitSettings, PlaneFit, plane};
 use nalgebra::Point3;
 use tempfile::TempDir;
 
@@ -18,7 +18,7 @@ fn cloud(set: &str, layout: &str, method: &str) -> Option<Vec<Point>> {
         .expect_success();
     let ran = fringetool(&["reconstruct", "--rig", &rig, "--method", method, "--out", &ply, &recording]);
     println!("{set}:\n{}", ran.expect_success().stdout);
-    Some(rig::ply::read_cloud(ply.as_ref()).unwrap().points)
+    Some(files::ply::read_cloud(ply.as_ref()).unwrap().points)
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -112,7 +112,7 @@ fn a_real_camera_and_projector_are_characterised_and_the_skull_stands_where_it_s
     ];
     arguments.extend(poses.iter().map(String::as_str));
     println!("{}", fringetool(&arguments).expect_success().stdout);
-    let file = rig::rig_file::read_rig(rig.as_ref()).unwrap();
+    let file = files::rig_file::read_rig(rig.as_ref()).unwrap();
     assert!(file.read_covariance().unwrap().is_some());
     let (camera, projector) = (file.rig.camera("cam1").unwrap(), file.rig.projector("proj1").unwrap());
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&report).unwrap()).unwrap();
@@ -138,7 +138,7 @@ fn a_real_camera_and_projector_are_characterised_and_the_skull_stands_where_it_s
     fringetool(&["import", layout, "--from", source.to_str().unwrap(), "--out", &skull]).expect_success();
     fringetool(&["reconstruct", "--rig", &rig, "--method", "projector", "--out", &ply, &skull])
         .expect_success();
-    let points = rig::ply::read_cloud(ply.as_ref()).unwrap().points;
+    let points = files::ply::read_cloud(ply.as_ref()).unwrap().points;
     assert!(points.len() > 290_000, "{} points", points.len());
     let depths = points.iter().map(|p| (camera.camera_from_world * p.position()).z).collect();
     let depth_mm = median(depths);

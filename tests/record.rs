@@ -2,7 +2,7 @@
 
 use crate::running::{Cell, json, pid_of, signal, text, wait};
 use crate::support::{Ran, fringetool};
-use rig::cycle_record::{Kept, Next, RecordReader, RecordWriter, RecordedCycle, ValueKey};
+use files::cycle_record::{Kept, Next, RecordReader, RecordWriter, RecordedCycle, ValueKey};
 use serde_json::Value;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_128;

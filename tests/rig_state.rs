@@ -1,8 +1,8 @@
 //! A rig file against what its cameras see, and against other programs: `check-rig`, `export`, `import-rig`.
 
 use crate::support::{Ran, Small, fringetool, root};
-use fringe::rig::Rig;
-use rig::rig_file::{read_rig, write_rig};
+use files::rig_file::{read_rig, write_rig};
+use fringe::geometry::rig::Rig;
 use std::path::Path;
 use tempfile::TempDir;
 

@@ -12,12 +12,12 @@ struct Cell {
 impl Cell {
     fn new() -> Self {
         let folder = TempDir::new().unwrap();
-        let mut rig = rig::rig_file::read_rig(&root().join("configs/single-view-rig.toml")).unwrap().rig;
+        let mut rig = files::rig_file::read_rig(&root().join("configs/single-view-rig.toml")).unwrap().rig;
         let camera = &mut rig.cameras[0].camera;
         (camera.width_px, camera.height_px) = (503, 380);
         camera.focal_px = camera.focal_px.map(|f| f / 4.0);
         camera.principal_point_px = camera.principal_point_px.map(|c| c / 4.0);
-        rig::rig_file::write_rig(&folder.path().join("rig.toml"), &rig, &toml::Table::new(), None).unwrap();
+        files::rig_file::write_rig(&folder.path().join("rig.toml"), &rig, &toml::Table::new(), None).unwrap();
         let cell = std::fs::read_to_string(root().join("configs/single-view.toml")).unwrap();
         let cell = cell
             .replace("single-view-rig.toml", "rig.toml")
@@ -187,7 +187,7 @@ fn heights_over_a_reference_plane() {
     let measure = ["reference-plane", "measure", &object, "--calibration", &cal, "--out", &npy];
     let more = ["--picture", &picture, "--rig", &rig, "--cloud", &cloud];
     fringetool(&[&measure[..], &more[..]].concat()).expect_success();
-    let heights = rig::npy::read(Path::new(&npy)).unwrap().values;
+    let heights = files::npy::read(Path::new(&npy)).unwrap().values;
     let known = heights.iter().filter(|z| z.is_finite()).count();
     assert!(known > 20_000, "{known} heights");
     // Away from the plates' rims, where the camera sees their sides.
@@ -236,7 +236,7 @@ fn a_ball_tells_the_axis_and_views_come_together() {
         fringetool(&arguments)
     };
     run(&["calibrate", "--out", &stage, "--diameter", "30"], &views).expect_success();
-    let found = rig::stage_file::read_stage(Path::new(&stage)).unwrap();
+    let found = files::stage_file::read_stage(Path::new(&stage)).unwrap();
     let truth = nalgebra::Vector3::new(0.05, 0.0, 1.0).normalize();
     let off = (found.point_mm - nalgebra::Point3::new(3.0, -2.0, 0.0)).cross(&truth).norm();
     assert!(off < 0.03, "the axis passes by {off} mm");

@@ -72,7 +72,7 @@ impl Small {
         let folder = TempDir::new().expect("a temporary folder");
         let rig = twin::thesis::rig(SMALL_PX.0, SMALL_PX.1);
         let path = folder.path().join("rig.toml");
-        rig::rig_file::write_rig(&path, &rig, &toml::Table::new(), None).expect("rig.toml");
+        files::rig_file::write_rig(&path, &rig, &toml::Table::new(), None).expect("rig.toml");
         std::fs::write(folder.path().join("cell.toml"), small_cell()).expect("cell.toml");
         let small = Self { folder };
         let (cell, out) = (small.path("cell.toml"), small.path("rec"));

@@ -1,8 +1,8 @@
 //! Settings of the twin in a configuration and on the command line: what they change, what is refused, and how it is said.
 
 use crate::support::{Ran, Small, fringetool};
+use files::recording::Recording;
 use fringe::pattern::PatternSet;
-use rig::recording::Recording;
 use std::path::Path;
 use twin::TwinSettings;
 

@@ -41,7 +41,7 @@ fn budgets_of_the_thesis_have_its_combined_uncertainty_and_a_k_that_covers() {
         let (found_code, json, _) = evaluate(name, &[]);
         let evaluation = &json["evaluation"];
         printed(&evaluation["combined_standard_uncertainty"], combined, decimals);
-        // t at 95.45 % and ν_eff, see the reference values in fringe::uncertainty.
+        // t at 95.45 % and ν_eff, see the reference values in metrology::uncertainty.
         printed(&evaluation["coverage_factor"], k, 3);
         printed(&evaluation["covered_probability"], 0.9545, 6);
         assert_eq!(found_code, Some(code), "{name}");

@@ -3,7 +3,7 @@
 use crate::Outcome;
 use crate::report::check_outputs;
 use anyhow::{Result, bail};
-use rig::report::acceptance::{Outputs, read_master, write_all, write_master};
+use report::acceptance::{Outputs, read_master, write_all, write_master};
 use std::path::PathBuf;
 
 /// Arguments of `report`.

@@ -4,8 +4,8 @@
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use fringe::uncertainty::{self, Uncertain};
-use rig::cmm::{COVERAGE_FACTOR, CmmValue};
+use files::cmm::{COVERAGE_FACTOR, CmmValue};
+use metrology::uncertainty::{self, Uncertain};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -71,8 +71,8 @@ struct Comparison {
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [("--csv", args.csv.as_deref()), ("--json", args.json.as_deref())];
     check_outputs(&outputs, &[&args.result, &args.cmm], None)?;
-    let measured: Measured = rig::result::read_json(&args.result)?;
-    let reference = rig::cmm::read_values(&args.cmm)?;
+    let measured: Measured = files::result::read_json(&args.result)?;
+    let reference = files::cmm::read_values(&args.cmm)?;
     let comparison = compare(args, &measured, &reference)?;
     if let Some(path) = &args.csv {
         write(path, &comparison)?;
@@ -178,5 +178,5 @@ fn write(path: &std::path::Path, comparison: &Comparison) -> Result<()> {
         row.extend(numbers.map(|v| format!("{v:.5}")));
         row
     };
-    Ok(rig::cmm::write_table(path, &header, &comparison.lines.iter().map(row).collect::<Vec<_>>())?)
+    Ok(files::cmm::write_table(path, &header, &comparison.lines.iter().map(row).collect::<Vec<_>>())?)
 }

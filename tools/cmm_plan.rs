@@ -3,11 +3,11 @@
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use fringe::fit::tangents;
-use fringe::inspection::{Element, Geometry, Plan};
-use fringe::probing::{self, Probe, Rectangle};
+use files::document::Document;
+use metrology::fit::tangents;
+use metrology::inspection::{Element, Geometry, Plan};
+use metrology::probing::{self, Probe, Rectangle};
 use nalgebra::{Point3, Unit, Vector3};
-use rig::document::Document;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -120,7 +120,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     }
     let header = ["element", "number", "x_mm", "y_mm", "z_mm", "normal_x", "normal_y", "normal_z"];
-    rig::cmm::write_table(&common.out, &header, &rows)?;
+    files::cmm::write_table(&common.out, &header, &rows)?;
     let counts: Vec<_> =
         elements.iter().map(|(name, p)| json!({ "name": name, "points": p.len() })).collect();
     emit(common.json.as_deref(), &json!({ "table": common.out, "points": rows.len(), "elements": counts }))?;

@@ -6,13 +6,13 @@ use crate::phase_method::{PhaseArgs, PhaseName};
 use crate::pipeline::{DecodedMap, DecodedView, decode_views_by};
 use crate::report::{DecodeLine, check_outputs, emit};
 use anyhow::{Context, Result};
+use files::atomic;
+use files::npy::Raster;
+use files::recording::{RECORDING_FILE, Recording};
 use fringe::decode::Diagnosis;
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
-use rig::atomic;
-use rig::npy::Raster;
-use rig::recording::{RECORDING_FILE, Recording};
-use rig::report::picture;
+use report::picture;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `decode`.
@@ -120,7 +120,7 @@ fn write_diagnosis(folder: &Path, view: &DecodedView, decoded: &DecodedMap) -> R
         let values: Vec<f32> = decoded.diagnosis.iter().map(part).collect();
         if values.iter().any(|value| !value.is_nan()) {
             let path = folder.join(format!("{}-{what}.npy", stem(view, &decoded.map)));
-            rig::npy::write(&path, &Raster { width_px, height_px, values })?;
+            files::npy::write(&path, &Raster { width_px, height_px, values })?;
         }
     }
     Ok(())

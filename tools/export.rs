@@ -3,10 +3,10 @@
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use fringe::rig::{Pair, Rig};
-use rig::atomic;
-use rig::opencv::{Language, pair_text};
-use rig::rig_file::read_rig;
+use files::atomic;
+use files::opencv::{Language, pair_text};
+use files::rig_file::read_rig;
+use fringe::geometry::rig::{Pair, Rig};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `export`.

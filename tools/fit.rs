@@ -6,7 +6,7 @@ pub mod region;
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use fringe::fit::{
+use metrology::fit::{
     self, CircleZone, Correlation, CylinderZone, FitError, FitSettings, PlaneZone, Residuals, SphereZone,
 };
 use nalgebra::Point3;

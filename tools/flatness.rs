@@ -5,10 +5,10 @@ use crate::fit::region::{Corners, Near, within};
 use crate::report::{check_outputs, emit};
 use crate::surface::{length, read_cloud_in_mm};
 use anyhow::{Context, Result, bail};
-use fringe::fit::{self, FitSettings, Form};
-use fringe::inspection::{FlatnessFilter, filtered_flatness};
+use metrology::fit::{self, FitSettings, Form};
+use metrology::inspection::{FlatnessFilter, filtered_flatness};
 use nalgebra::Point3;
-use rig::report::{FlatnessInput, FlatnessRepeat, write_flatness};
+use report::{FlatnessInput, FlatnessRepeat, write_flatness};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

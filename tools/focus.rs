@@ -4,11 +4,11 @@ use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use fringe::focus::curve::{Focus, FocusPoint, evaluate};
+use characterise::focus::curve::{Focus, FocusPoint, evaluate};
+use characterise::response::Roi;
+use files::recording::Recording;
 use fringe::frame::Frame;
-use fringe::response::Roi;
-use rig::recording::Recording;
-use rig::report::plot::{Mark, Plot, Series, Sheet, write_sheet};
+use report::plot::{Mark, Plot, Series, Sheet, write_sheet};
 use std::path::PathBuf;
 
 /// Arguments of `focus`.
@@ -77,7 +77,7 @@ fn read(args: &Args, count: usize) -> Result<(Vec<String>, Vec<Frame>)> {
         frames.push(if args.images.is_empty() {
             first_frame(&Recording::open(file)?)?
         } else {
-            rig::image_file::read_foreign_frame(file, None)?
+            files::image_file::read_foreign_frame(file, None)?
         });
         progress.step();
     }

@@ -24,7 +24,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[&args.layout], Some(&args.out))?;
-    let report = rig::import::import(&args.layout, &args.from, &args.out)?;
+    let report = files::import::import(&args.layout, &args.from, &args.out)?;
     let rig = report.rig.as_ref().map_or_else(|| "no rig file".to_owned(), |path| path.display().to_string());
     println!("{}: {} frames; {rig}", report.recording.display(), report.frames);
     let result =

@@ -3,9 +3,9 @@
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use rig::hash::sha256_hex;
-use rig::opencv::{CalibrationNames, Storage, rig_of_calibration};
-use rig::rig_file::{parse_rig, rig_text, write_rig};
+use files::hash::sha256_hex;
+use files::opencv::{CalibrationNames, Storage, rig_of_calibration};
+use files::rig_file::{parse_rig, rig_text, write_rig};
 use std::path::PathBuf;
 
 /// Arguments of `import-rig`.
@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut provenance = toml::Table::new();
     provenance.insert("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION")).into());
     provenance.insert("calibration".into(), args.calibration.display().to_string().into());
-    let bytes = rig::document::read_text(&args.calibration)?;
+    let bytes = files::document::read_text(&args.calibration)?;
     provenance.insert("calibration_sha256".into(), sha256_hex(bytes.as_bytes()).into());
     // Names are checked before anything is written: what is written can be read.
     let text = rig_text(&rig, &provenance, None);

@@ -3,8 +3,8 @@
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result};
-use fringe::inspection::{FeatureResult, InspectionResult, Plan, Verdict, evaluate};
-use rig::document::Document;
+use files::document::Document;
+use metrology::inspection::{FeatureResult, InspectionResult, Plan, Verdict, evaluate};
 use serde::Serialize;
 use std::path::PathBuf;
 

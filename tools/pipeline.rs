@@ -3,6 +3,8 @@
 use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
 use anyhow::{Context, Result};
+use files::error::FileError;
+use files::recording::{RecordedCamera, RecordedProjector, Recording};
 use fringe::cloud::Point;
 use fringe::decode::{DecodeReport, DecodeSettings, Decoder, Diagnosis, Exposed, merge_exposures};
 use fringe::frame::Frame;
@@ -10,8 +12,6 @@ use fringe::matching::{MatchError, MatchReport, Matcher};
 use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::PhaseMap;
 use rayon::prelude::*;
-use rig::error::FileError;
-use rig::recording::{RecordedCamera, RecordedProjector, Recording};
 use std::ops::Range;
 
 /// Frames that are read side by side; more only costs memory.

@@ -4,13 +4,13 @@ use crate::Outcome;
 use crate::reconstruct::surface_settings;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
+use files::recording::{ProjectorRecord, recording_text};
+use files::rig_file::read_rig;
+use fringe::geometry::rig::{Pair, Rig};
 use fringe::pattern::Axis;
 use fringe::planning::geometry::Depth;
 use fringe::planning::{Proposal, Wanted, geometry, propose};
-use fringe::rig::{Pair, Rig};
 use fringe::surface::SurfaceSettings;
-use rig::recording::{ProjectorRecord, recording_text};
-use rig::rig_file::read_rig;
 use std::path::PathBuf;
 
 /// Arguments of `plan-patterns`.
@@ -131,7 +131,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     print(&target, &proposals, args.rows);
     if let Some(path) = &args.out {
-        rig::atomic::write(path, toml_text(&target, first).as_bytes())?;
+        files::atomic::write(path, toml_text(&target, first).as_bytes())?;
         println!("{}: {} frames", path.display(), first.frames);
     }
     let best: Vec<&Proposal> = proposals.iter().take(args.rows).collect();

@@ -12,17 +12,17 @@ use crate::phase_method::{PhaseArgs, PhaseMethod, PhaseName};
 use crate::pipeline::{DecodedView, decode_views_by, match_maps};
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
+use files::recording::{RECORDING_FILE, Recording};
+use files::rig_file::{RigFile, read_rig};
 use fringe::cloud::Point;
 use fringe::decode::DecodeSettings;
 use fringe::fusion::{FusionReport, FusionSettings, fuse};
+use fringe::geometry::rig::{Pair, Rig};
 use fringe::matching::{MatchReport, MatchSettings, Matcher};
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
 use fringe::projector::{ProjectorMatcher, ProjectorReport, ProjectorSettings};
-use fringe::rig::{Pair, Rig};
 use fringe::surface::SurfaceSettings;
-use rig::recording::{RECORDING_FILE, Recording};
-use rig::rig_file::{RigFile, read_rig};
 use std::path::PathBuf;
 
 /// Arguments of `reconstruct`.
@@ -274,7 +274,7 @@ fn write_cloud(args: &Args, recording: &Recording, rig_file: &RigFile, points: &
         ("software", software.as_str()),
         ("unit", "mm"),
     ];
-    Ok(rig::ply::write_cloud(&args.out, points, &comments)?)
+    Ok(files::ply::write_cloud(&args.out, points, &comments)?)
 }
 
 fn print_report(

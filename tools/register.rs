@@ -5,8 +5,8 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::surface::{check_units, length, moved, read_cloud, read_reference, start};
 use anyhow::{Context, Result, bail};
-use fringe::reference::Reference;
-use fringe::register::{RegisterSettings, Registration, register};
+use metrology::reference::Reference;
+use metrology::register::{RegisterSettings, Registration, register};
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -143,7 +143,7 @@ fn same(a: &Path, b: &Path) -> bool {
 fn write(args: &Args, outs: &[PathBuf], done: &[(Vec<fringe::cloud::Point>, Aligned)]) -> Result<()> {
     let several = args.clouds.len() > 1;
     if several {
-        rig::atomic::create_dir(&args.out)?;
+        files::atomic::create_dir(&args.out)?;
     }
     for (out, (points, aligned)) in outs.iter().zip(done) {
         let comments = [
@@ -151,9 +151,9 @@ fn write(args: &Args, outs: &[PathBuf], done: &[(Vec<fringe::cloud::Point>, Alig
             ("aligned_with", aligned.reference.as_str()),
             ("software", aligned.software.as_str()),
         ];
-        rig::ply::write_cloud(out, points, &comments)?;
+        files::ply::write_cloud(out, points, &comments)?;
         if several {
-            rig::result::write_json(&out.with_extension("json"), aligned)?;
+            files::result::write_json(&out.with_extension("json"), aligned)?;
         }
         print(aligned);
     }

@@ -8,10 +8,10 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
 use compare::Difference;
+use files::cycle_record::{ActivationName, Ending, Kept, Next, RecordHeader, RecordReader, RecordedCycle};
 use flow::graph::{self, Cell, Options};
 use flow::rerun::Rerun;
 use flow::schedule::{label, output};
-use rig::cycle_record::{ActivationName, Ending, Kept, Next, RecordHeader, RecordReader, RecordedCycle};
 use serde::Serialize;
 use source::Source;
 use std::path::{Path, PathBuf};
@@ -176,7 +176,7 @@ fn again(
             match outcome {
                 Ok(_) => continue,
                 // A stage of the recorded cycle may have failed here as well; if it did not, something follows below.
-                Err(_) if cycle.entry.outcome != rig::result::OUTCOME_OK => return Ok(()),
+                Err(_) if cycle.entry.outcome != files::result::OUTCOME_OK => return Ok(()),
                 Err(error) => {
                     found.differences.push(Difference::failed(cycle.entry.cycle, name, &error));
                     return Ok(());

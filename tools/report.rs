@@ -14,7 +14,7 @@ pub use flow::outputs::check_outputs;
 pub fn emit<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {
     match path {
         Some(path) if path == Path::new("-") => println!("{}", serde_json::to_string_pretty(value)?),
-        Some(path) => rig::result::write_json(path, value)?,
+        Some(path) => files::result::write_json(path, value)?,
         None => {}
     }
     Ok(())

@@ -5,11 +5,11 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::rotation_stage::Axis;
 use anyhow::{Context, Result, anyhow, bail};
+use files::config::{Config, ProjectorConfig, TwinConfig};
+use files::error::Problem;
+use files::recording::{ProjectorRecord, RecordingWriter};
 use fringe::frame::{FrameView, Pixels};
 use fringe::pattern::{GreyLevels, PatternSet, frame_count};
-use rig::config::{Config, ProjectorConfig, TwinConfig};
-use rig::error::Problem;
-use rig::recording::{ProjectorRecord, RecordingWriter};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -150,7 +150,7 @@ pub fn written_settings(config: &Config, twin: &TwinConfig) -> Result<TwinSettin
 
 /// Puts a correction on the projector that it names, or on all.
 fn correct(config: &mut Config, path: &Path) -> Result<()> {
-    let correction = rig::correction::read_correction(path)?;
+    let correction = files::correction::read_correction(path)?;
     let known = config.projectors.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
     let mut used = false;
     for projector in &mut config.projectors {
@@ -191,12 +191,12 @@ fn grey_levels(projector: &mut ProjectorConfig, levels: u32) -> Result<()> {
 /// Reads the scene that the command line or the configuration names.
 pub fn load_scene(other: Option<&Path>, config: &TwinConfig) -> Result<Scene> {
     let scene = match other {
-        Some(path) => rig::config::TextFile::read(path)?,
+        Some(path) => files::config::TextFile::read(path)?,
         None => config.scene.clone(),
     };
     let folder = scene.path.parent().unwrap_or(Path::new("")).to_owned();
     Scene::parse(&scene.text, &mut |name| {
-        rig::document::read_bytes(&folder.join(name), MOST_MESH_BYTES).map_err(|error| format!("{error:#}"))
+        files::document::read_bytes(&folder.join(name), MOST_MESH_BYTES).map_err(|error| format!("{error:#}"))
     })
     .with_context(|| scene.path.display().to_string())
 }
@@ -266,8 +266,8 @@ pub fn write_recording(
     }
     let mut provenance = toml::Table::new();
     provenance.insert("software".into(), format!("fringetool simulate {}", env!("CARGO_PKG_VERSION")).into());
-    rig::correction::note(&mut provenance, config.corrected());
-    rig::atomic::write(truth_path, truth.as_bytes())?;
+    files::correction::note(&mut provenance, config.corrected());
+    files::atomic::write(truth_path, truth.as_bytes())?;
     writer.finish(&provenance)?;
     Ok(frames(config) * exposures.len().max(1))
 }

@@ -8,8 +8,8 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::simulate::{frames, truth_text, write_recording, written_settings};
 use anyhow::{Context, Result, bail};
+use files::config::Config;
 use layout::{Shot, shots};
-use rig::config::Config;
 use std::path::{Path, PathBuf};
 use twin::scene_file::SceneFile;
 use twin::{Scene, Twin, TwinSettings};
@@ -55,7 +55,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let settings = TwinSettings { seed: args.seed.unwrap_or(twin.seed), ..settings };
     let shots = shots(args.reduced);
     let mut progress = Progress::new(shots.len() * frames(&config), "simulating");
-    rig::atomic::create_dir(&args.out.join("truth"))?;
+    files::atomic::create_dir(&args.out.join("truth"))?;
     for (cycle, shot) in shots.iter().enumerate() {
         let scene = scene(shot)?;
         let twin = Twin::new(&scene, settings.clone(), &twin.rig)
@@ -68,21 +68,21 @@ pub fn run(args: &Args) -> Result<Outcome> {
     drop(progress);
     let rig = copy_rig(args, &twin.rig)?;
     let path = args.out.join("plan.toml");
-    rig::atomic::write(&path, plan::text(&shots, &rig, args.reduced, &config)?.as_bytes())?;
+    files::atomic::write(&path, plan::text(&shots, &rig, args.reduced, &config)?.as_bytes())?;
     println!("{} recordings; next: fringetool vdi2634 {}", shots.len(), path.display());
     emit(args.json.as_deref(), &serde_json::json!({ "plan": path, "recordings": shots.len() }))?;
     Ok(Outcome::Done)
 }
 
 /// The name under which the plan finds its rig file: the one given, or the twin's own, written beside the plan.
-fn copy_rig(args: &Args, own: &fringe::rig::Rig) -> Result<String> {
+fn copy_rig(args: &Args, own: &fringe::geometry::rig::Rig) -> Result<String> {
     if let Some(path) = &args.rig {
-        rig::rig_file::read_rig(path)?;
+        files::rig_file::read_rig(path)?;
         return Ok(path.canonicalize().with_context(|| path.display().to_string())?.display().to_string());
     }
     let mut provenance = toml::Table::new();
     provenance.insert("source".into(), "the digital twin's own rig: free of calibration errors".into());
-    rig::rig_file::write_rig(&args.out.join("rig.toml"), own, &provenance, None)?;
+    files::rig_file::write_rig(&args.out.join("rig.toml"), own, &provenance, None)?;
     Ok("rig.toml".to_owned())
 }
 

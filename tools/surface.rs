@@ -1,14 +1,14 @@
 //! What `compare` and `register` share: reading clouds and references, units, starts.
 
 use anyhow::{Context, Result, anyhow, bail};
+use files::ply::Cloud;
+use files::surface_file::{self, Surface};
 use fringe::cloud::Point;
-use fringe::pose::Pose;
-use fringe::reference::{CloudReference, Reference};
-use fringe::register::From as Start;
-use fringe::spatial::{Aabb, TriangleMesh};
+use fringe::geometry::pose::Pose;
+use metrology::reference::{CloudReference, Reference};
+use metrology::register::From as Start;
+use metrology::spatial::{Aabb, TriangleMesh};
 use nalgebra::{Matrix3, Point3, Vector3};
-use rig::ply::Cloud;
-use rig::surface_file::{self, Surface};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -114,9 +114,9 @@ pub fn start(text: &str) -> Result<Start> {
 
 /// Reads a transform: JSON with `matrix` (as `register` writes it), or 16 numbers row by row.
 fn read_transform(path: &Path) -> Result<Pose> {
-    let text = rig::document::read_text(path)?;
+    let text = files::document::read_text(path)?;
     let numbers: Vec<f64> = if text.trim_start().starts_with('{') {
-        let json: serde_json::Value = rig::result::read_json(path)?;
+        let json: serde_json::Value = files::result::read_json(path)?;
         let rows = json.get("matrix").and_then(|m| m.as_array());
         let rows = rows.ok_or_else(|| {
             anyhow!("{}: matrix: is missing; give four rows of four numbers", path.display())

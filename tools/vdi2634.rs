@@ -5,12 +5,14 @@ use crate::acceptance_report::Files;
 use crate::reconstruct::{Method, fused_cloud, surface_settings};
 use crate::report::check_outputs;
 use anyhow::{Context, Result, anyhow, bail};
-use fringe::acceptance::{Characteristic, Evaluator, RuleSet, TestPlan, TestReport, TestVerdict, ViewPlan};
+use files::recording::Recording;
+use files::rig_file::{RigFile, read_rig};
 use fringe::cloud::Point;
 use fringe::surface::SurfaceSettings;
-use rig::recording::Recording;
-use rig::report::acceptance::{write_all, write_master};
-use rig::rig_file::{RigFile, read_rig};
+use metrology::acceptance::{
+    Characteristic, Evaluator, RuleSet, TestPlan, TestReport, TestVerdict, ViewPlan,
+};
+use report::acceptance::{write_all, write_master};
 use std::path::{Path, PathBuf};
 
 /// Rule sets that come with the program.
@@ -54,7 +56,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// Evaluates a plan.
 pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
     let named = || plan_path.display().to_string();
-    let text = rig::document::read_text(plan_path)?;
+    let text = files::document::read_text(plan_path)?;
     let plan = TestPlan::from_toml(&text).with_context(named)?;
     let folder = plan_path.parent().unwrap_or(Path::new(""));
     let rules = rule_set(&plan.rule_set, folder).with_context(named)?;
@@ -66,7 +68,7 @@ pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
         evaluator.add(position, &clouds).with_context(named)?;
     }
     let mut conditions = sources.conditions();
-    conditions.push(("plan".into(), format!("sha256 {}", rig::hash::sha256_hex(text.as_bytes()))));
+    conditions.push(("plan".into(), format!("sha256 {}", files::hash::sha256_hex(text.as_bytes()))));
     conditions.push(("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION"))));
     evaluator.finish(conditions).with_context(named)
 }
@@ -81,7 +83,7 @@ fn rule_set(name: &str, folder: &Path) -> Result<RuleSet> {
         bail!("rule_set = \"{name}\": there are {}; or name a rule set file, NAME.toml", known.join(", "));
     }
     let path = folder.join(name);
-    let text = rig::document::read_text(&path)?;
+    let text = files::document::read_text(&path)?;
     RuleSet::from_toml(&text).with_context(|| path.display().to_string())
 }
 

@@ -10,7 +10,7 @@ pub use device::{Camera, Format, Projector};
 
 use crate::graph::Cell;
 use anyhow::Result;
-use rig::config::Driver;
+use files::config::Driver;
 
 /// The camera of a capture stage.
 ///

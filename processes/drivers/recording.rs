@@ -3,9 +3,9 @@
 use super::device::{Camera, Projector};
 use crate::graph::Cell;
 use anyhow::{Result, anyhow, bail};
+use files::recording::Recording;
 use fringe::frame::Pixels;
 use ipc::payload::mono16_mut;
-use rig::recording::Recording;
 
 /// Reads one frame per exposure.
 pub struct RecordedCamera {

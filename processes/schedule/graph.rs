@@ -1,7 +1,7 @@
 //! The cell as the schedule sees it: who looks, who lights, who is matched.
 
+use files::cycle_record::Kept;
 use fringe::pattern::Axis;
-use rig::cycle_record::Kept;
 use std::collections::BTreeSet;
 
 /// The cell as the schedule sees it. Indices count in the order of the config.

@@ -2,8 +2,8 @@
 
 use super::topics::FRAME_BUFFER;
 use super::*;
+use files::cycle_record::Kept;
 use fringe::pattern::Axis;
-use rig::cycle_record::Kept;
 
 /// Four cameras, two projectors, two pairs: the demo in small.
 pub fn demo() -> Graph {

@@ -2,9 +2,9 @@
 
 use super::graph::{CameraNode, Graph, ProjectorNode, axes_taken};
 use super::parts::{Carries, SUPERVISOR, Stage, Topic};
+use files::cycle_record::Kept;
 use ipc::header::{MAX_RESULT_BYTES, MAX_TEXT_BYTES, PHASE_BYTES_PER_PX};
 use ipc::port::TopicSize;
-use rig::cycle_record::Kept;
 
 /// Frames that wait in front of a decoder: it may lag behind the camera by that many before the camera is held.
 pub const FRAME_BUFFER: usize = 8;

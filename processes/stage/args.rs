@@ -1,7 +1,7 @@
 //! What the supervisor tells a stage when it starts it.
 
 use crate::schedule::Kind;
-use rig::cycle_record::Kept;
+use files::cycle_record::Kept;
 use std::path::PathBuf;
 
 /// Digits of a hash that stand on the command line of a stage: enough that no change is missed.

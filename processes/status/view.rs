@@ -216,7 +216,7 @@ mod tests {
     use super::*;
     use crate::control::State;
     use crate::supervisor::profile::Outcomes;
-    use rig::result::StageResult;
+    use files::result::StageResult;
 
     fn stage(name: &str) -> StageStatus {
         let times = Percentiles { cycles: 9, p50_ms: 12_345.6, p95_ms: 1.0, p99_ms: 99_999.0, max_ms: 123.4 };

@@ -3,7 +3,7 @@
 use super::protocol::{Answer, RecipeReport, StateReport};
 use crate::control::{Action, Event, Machine, Refusal, State};
 use crossbeam::channel::Sender;
-use rig::result::CycleResult;
+use files::result::CycleResult;
 use serde_json::json;
 
 /// Longest name of a part, bytes: it stands in a request of at most 4 kB and in every result.

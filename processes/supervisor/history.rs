@@ -1,8 +1,8 @@
 //! When the last cycles ran, and what was done in them: for traces, reports and whoever asks.
 
 use super::collect::Span;
-use rig::result::CycleResult;
-use rig::trace::TraceCycle;
+use files::result::CycleResult;
+use files::trace::TraceCycle;
 use std::collections::VecDeque;
 
 /// Spans that are kept: a run until stopped must not grow.

@@ -8,14 +8,14 @@ use crate::graph::{Cell, recorded_recipes};
 use crate::schedule::{Work, label, output};
 use anyhow::{Context, Result, anyhow};
 use crossbeam::channel::{Receiver, Sender, unbounded};
+use files::cycle_record::{
+    ActivationEntry, ActivationName, CycleEntry, Kept, RecordHeader, RecordWriter, ValueKey,
+};
+use files::error::FileError;
+use files::result::CycleResult;
 use fringe::cloud::Point;
 use ipc::header::{Cloud, Event, Frame, Header, Phase};
 use ipc::port::{Node, Received, Subscriber};
-use rig::cycle_record::{
-    ActivationEntry, ActivationName, CycleEntry, Kept, RecordHeader, RecordWriter, ValueKey,
-};
-use rig::error::FileError;
-use rig::result::CycleResult;
 use std::path::Path;
 use std::thread::JoinHandle;
 
@@ -240,7 +240,7 @@ fn header(cell: &Cell) -> Result<RecordHeader> {
     Ok(RecordHeader {
         cell: cell.name.clone(),
         software: format!("fringecell {}", env!("CARGO_PKG_VERSION")),
-        started: rig::clock::rfc3339_now(),
+        started: files::clock::rfc3339_now(),
         config: path.to_owned(),
         config_sha256: config.sha256.clone(),
         rig_sha256: config.rig_sha256.clone(),

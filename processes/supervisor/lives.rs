@@ -5,9 +5,9 @@ use super::cycle::Input;
 use super::start;
 use super::state::{Supervisor, TICK};
 use anyhow::Result;
+use files::result::CycleResult;
 use ipc::header::Command;
 use ipc::os::now_ns;
-use rig::result::CycleResult;
 
 /// Connecting maps and touches all memory that a stage shares: time for it whatever the budget of a stage is, ns.
 const LEAST_CONNECT_NS: u64 = 5_000_000_000;

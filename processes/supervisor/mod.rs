@@ -29,7 +29,7 @@ pub use state::Summary;
 use crate::graph::Cell;
 use anyhow::{Context, Result};
 use cycle::Input;
-use rig::result::CycleResult;
+use files::result::CycleResult;
 use state::{Supervisor, TICK};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;

@@ -9,8 +9,8 @@ use crate::control::{Action, Event, State};
 use crate::schedule::label;
 use anyhow::Result;
 use crossbeam::channel::Sender;
+use files::result::CycleResult;
 use ipc::os::now_ns;
-use rig::result::CycleResult;
 use std::sync::atomic::Ordering;
 
 /// Spans that an answer may hold: some ten cycles of a large cell, a megabyte of JSON.

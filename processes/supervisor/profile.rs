@@ -1,8 +1,8 @@
 //! What the cell did so far: counted since its start, and as percentiles of the last cycles. Pure; memory is fixed.
 
 use anyhow::Result;
+use files::result::{CycleResult, OUTCOME_OK, ResultVerdict, StageResult};
 use hdrhistogram::Histogram;
-use rig::result::{CycleResult, OUTCOME_OK, ResultVerdict, StageResult};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 

@@ -2,8 +2,8 @@
 
 use super::profile::{Outcomes, Percentiles};
 use crate::control::State;
-use rig::result::{CycleResult, StageResult};
-use rig::trace::TraceCycle;
+use files::result::{CycleResult, StageResult};
+use files::trace::TraceCycle;
 use serde::{Deserialize, Serialize};
 
 /// What a cell is asked.

@@ -18,6 +18,7 @@ use crate::print;
 use crate::schedule::{Half, Interval, Order, SUPERVISOR, label, violation};
 use anyhow::Result;
 use crossbeam::channel::{Receiver, bounded};
+use files::result::CycleResult;
 use ipc::IpcError;
 use ipc::cell::{CellLock, CellName};
 use ipc::error::MessageError;
@@ -26,7 +27,6 @@ use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Bell, Held, Node, Publisher, Subscriber};
 use ipc::turn::Turns;
-use rig::result::CycleResult;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -232,7 +232,7 @@ impl<'a> Supervisor<'a> {
         if let Err(reason) = outcome {
             self.tally.last_failure = Some((cycle, reason.clone()));
         }
-        let pass = result.verdict == Some(rig::result::ResultVerdict::Pass);
+        let pass = result.verdict == Some(files::result::ResultVerdict::Pass);
         self.tally.not_pass += u64::from(outcome.is_ok() && plan.is_some() && !pass);
         each(&result);
         let next = self.desk.concluded(&result);

@@ -6,12 +6,12 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result};
-use fringe::camera::BrownConrady;
-use fringe::inspection::{InspectionResult, Plan, evaluate};
-use fringe::rig::Rig;
+use files::config::Config;
+use fringe::geometry::camera::BrownConrady;
+use fringe::geometry::rig::Rig;
+use metrology::inspection::{InspectionResult, Plan, evaluate};
 use nalgebra::Isometry3;
 use rayon::prelude::*;
-use rig::config::Config;
 use serde::Serialize;
 use std::path::Path;
 use twin::{Scene, Twin, TwinSettings};
@@ -210,7 +210,7 @@ fn ratio(noisy: &Scan, still: &Scan) -> Option<f64> {
 }
 
 fn form_sigmas(result: &InspectionResult) -> Vec<f64> {
-    use fringe::inspection::FittedElement;
+    use metrology::inspection::FittedElement;
     let sigma = |fit: &FittedElement| match fit {
         FittedElement::Sphere(sphere) => Some(sphere.form.form_sigma_mm * 1e3),
         FittedElement::Plane(_) => None,

@@ -3,8 +3,8 @@
 use anyhow::Result;
 use fringe::decode::{CameraNoise, DecodeSettings, Decoder, Diagnosis};
 use fringe::frame::{FrameView, Pixels};
+use fringe::math::random::{Key, Normal};
 use fringe::pattern::{Axis, Code, PatternSet, Threshold};
-use fringe::random::{Key, Normal};
 use rayon::prelude::*;
 use serde::Serialize;
 

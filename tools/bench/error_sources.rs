@@ -162,5 +162,5 @@ fn write_picture(path: &Path, tiles: &[Vec<f32>], width: usize) -> Result<()> {
         full_scale_dn: 255,
         pixels: Pixels::Mono8(&picture),
     };
-    Ok(rig::image_file::write_png(path, &frame)?)
+    Ok(files::image_file::write_png(path, &frame)?)
 }

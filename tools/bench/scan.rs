@@ -6,10 +6,10 @@ use anyhow::{Context, Result};
 use fringe::cloud::Point;
 use fringe::decode::{DecodeSettings, Decoder};
 use fringe::fusion::{FusionReport, FusionSettings, fuse};
+use fringe::geometry::rig::Rig;
 use fringe::matching::{MatchSettings, Matcher};
 use fringe::pattern::{Axis, PatternSet, frame_count};
 use fringe::phase::PhaseMap;
-use fringe::rig::Rig;
 use twin::Twin;
 
 /// The fused cloud of all pairs.

@@ -7,11 +7,11 @@ use crate::report::{check_outputs, emit};
 use crate::rotation_stage::{View, axis_of_object};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result};
+use characterise::rotation_stage::StageAxis;
+use files::config::{Config, TextFile};
 use fringe::cloud::Point;
 use fringe::projector::{ProjectorMatcher, ProjectorSettings};
-use fringe::rotation_stage::StageAxis;
 use nalgebra::{Point3, Vector3};
-use rig::config::{Config, TextFile};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use twin::{Scene, Twin, TwinSettings};
@@ -97,7 +97,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 struct Bench {
     config: Config,
-    rig: fringe::rig::Rig,
+    rig: fringe::geometry::rig::Rig,
     scene: Scene,
     axis: StageAxis,
 }

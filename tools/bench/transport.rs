@@ -11,8 +11,8 @@ mod share;
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, ensure};
+use files::trace::read_trace;
 use flow::graph::{self, Options};
-use rig::trace::read_trace;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 

@@ -8,14 +8,14 @@ use crate::report::{check_outputs, emit};
 use crate::simulate::load_scene;
 use crate::unwrap::Name;
 use anyhow::{Context, Result};
+use files::config::Config;
+use files::npy::{self, Raster};
+use files::recording::Recording;
 use fringe::decode::DecodeSettings;
 use fringe::math;
-use fringe::random::{Key, Normal};
+use fringe::math::random::{Key, Normal};
 use fringe::unwrap::{NO_COMPONENT, QualityMap, UnwrapSettings, Wrapped, unwrap};
 use ipc::os::Usage;
-use rig::config::Config;
-use rig::npy::{self, Raster};
-use rig::recording::Recording;
 use serde::Serialize;
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
@@ -75,7 +75,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         maps.extend(recorded(folder)?);
     }
     if let Some(folder) = &args.out {
-        rig::atomic::create_dir(folder)?;
+        files::atomic::create_dir(folder)?;
         maps.iter().try_for_each(|map| map.write(folder))?;
     }
     let mut rows = Vec::new();

@@ -4,9 +4,9 @@ use super::shots::Shot;
 use super::sights::Gathered;
 use crate::progress::Progress;
 use anyhow::{Context, Result};
-use fringe::calibration::{Calibration, Observations, View, ViewReport};
+use characterise::calibration::{Calibration, Observations, View, ViewReport};
 use fringe::frame::Frame;
-use rig::report::{GreyPicture, SightMark, SightPicture, sights_png};
+use report::{GreyPicture, SightMark, SightPicture, sights_png};
 use std::path::Path;
 
 /// A typical arrow spans this part of the picture's width.
@@ -20,14 +20,14 @@ pub fn write(
     calibration: Option<&Calibration>,
     columns: u32,
 ) -> Result<()> {
-    rig::atomic::create_dir(folder)?;
+    files::atomic::create_dir(folder)?;
     let mut progress = Progress::new(gathered.shots.len(), "drawing");
     for shot in &gathered.shots {
         progress.step();
         let name = format!("{:03}-{}.png", shot.pose, file_name(&observations.devices[shot.device].name));
         let picture = picture(shot, observations, calibration, columns)?;
         let png = sights_png(&picture).with_context(|| shot.place.clone())?;
-        rig::atomic::write(&folder.join(name), &png)?;
+        files::atomic::write(&folder.join(name), &png)?;
     }
     Ok(())
 }
@@ -66,7 +66,7 @@ fn index(point: usize, columns: u32) -> (u32, u32) {
 }
 
 fn found(view: &View, columns: u32) -> Vec<SightMark> {
-    let mark = |s: &fringe::calibration::Sight| SightMark {
+    let mark = |s: &characterise::calibration::Sight| SightMark {
         index: index(s.index, columns),
         pixel: [s.pixel.x, s.pixel.y],
         error_px: None,

@@ -3,8 +3,8 @@
 use super::shots::Source;
 use super::sights::{Gathered, Look, for_all, look};
 use anyhow::{Context, Result, bail};
-use fringe::calibration::DeviceKind;
-use fringe::target::TargetSpec;
+use characterise::calibration::DeviceKind;
+use characterise::target::TargetSpec;
 use std::path::PathBuf;
 
 /// Finds the target in the pictures of all cameras; the n-th of each shows pose n.
@@ -21,7 +21,7 @@ pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
         (0..count).flat_map(|number| (0..lists.len()).map(move |list| (number, list))).collect();
     let looks = for_all("finding targets", &pictures, |(number, list)| -> Result<Look> {
         let path = &lists[*list].1[*number];
-        let frame = rig::image_file::read_foreign_frame(path, None)?;
+        let frame = files::image_file::read_foreign_frame(path, None)?;
         Ok(look(&frame, target, path.display().to_string(), Source::File(path.clone())))
     });
     let mut all = Gathered::default();

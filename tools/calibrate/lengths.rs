@@ -5,10 +5,10 @@
 
 use super::validation::Validation;
 use anyhow::{Context, Result, bail};
-use fringe::calibration::{Calibration, MeasuredLength, Observations, ViewReport};
-use fringe::rig::Pair;
-use fringe::target::TargetSpec;
-use rig::report::calibration::{CheckedLength, LengthCheck};
+use characterise::calibration::{Calibration, MeasuredLength, Observations, ViewReport};
+use characterise::target::TargetSpec;
+use fringe::geometry::rig::Pair;
+use report::calibration::{CheckedLength, LengthCheck};
 use serde_json::{Value, json};
 
 /// A length as declared.

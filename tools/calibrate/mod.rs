@@ -13,11 +13,11 @@ mod validation;
 use crate::Outcome;
 use crate::report::check_outputs;
 use anyhow::{Context, Result, bail};
-use fringe::calibration::{Calibration, Observations, SpacingSettings};
-use fringe::target::TargetSpec;
+use characterise::calibration::{Calibration, Observations, SpacingSettings};
+use characterise::target::TargetSpec;
+use files::recording::Recording;
 use lengths::Certified;
 use report::Parts;
-use rig::recording::Recording;
 use sights::Gathered;
 use std::path::PathBuf;
 use validation::{Plan, Validation};
@@ -72,7 +72,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(folder) = args.draw.as_ref().filter(|folder| folder.exists() && !folder.is_dir()) {
         bail!("--draw {}: is a file; name a folder for the pictures", folder.display());
     }
-    let text = rig::document::read_text(&args.target)?;
+    let text = files::document::read_text(&args.target)?;
     let target = TargetSpec::parse(&text).with_context(|| args.target.display().to_string())?;
     let certified =
         args.check_length.iter().map(|c| Certified::parse(c, &target)).collect::<Result<Vec<_>>>()?;

@@ -1,6 +1,6 @@
 //! What is adjusted: the options that choose between models.
 
-use fringe::calibration::{Calibration, CalibrationSettings, LensModel, TargetShape};
+use characterise::calibration::{Calibration, CalibrationSettings, LensModel, TargetShape};
 
 /// Beyond this the shifts that single corners ask for are no chance: of twice their standard deviation all together.
 const MISFIT: f64 = 2.0;

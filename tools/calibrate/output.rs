@@ -3,9 +3,9 @@
 use super::report::Parts;
 use super::{lengths, validation};
 use anyhow::{Context, Result, bail};
-use fringe::calibration::{Calibration, DeviceKind, Gauge, Outlier, PARAMETERS};
-use fringe::rig::{Named, Pair, Rig};
-use rig::rig_file::CovarianceRef;
+use characterise::calibration::{Calibration, DeviceKind, Gauge, Outlier, PARAMETERS};
+use files::rig_file::CovarianceRef;
+use fringe::geometry::rig::{Named, Pair, Rig};
 use std::path::Path;
 
 /// The pairs that were asked for, or one per projector that lit exactly two cameras; each with its two devices.
@@ -86,8 +86,8 @@ pub fn write_rig(
     let mut file = out.file_stem().unwrap_or_default().to_owned();
     file.push(".covariance.json");
     let path = out.with_file_name(&file);
-    rig::result::write_json(&path, &covariance(calibration))?;
-    let sha256 = rig::hash::sha256_hex(&rig::document::read_bytes(&path, 1 << 30)?);
+    files::result::write_json(&path, &covariance(calibration))?;
+    let sha256 = files::hash::sha256_hex(&files::document::read_bytes(&path, 1 << 30)?);
     let reference = CovarianceRef { file: file.to_string_lossy().into_owned(), sha256 };
     let mut provenance = toml::Table::new();
     provenance.insert("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION")).into());
@@ -96,7 +96,7 @@ pub fn write_rig(
     for device in &calibration.devices {
         provenance.insert(format!("rms_reprojection_px_{}", device.name), device.rms_reprojection_px.into());
     }
-    rig::rig_file::write_rig(out, &rig, &provenance, Some(&reference))?;
+    files::rig_file::write_rig(out, &rig, &provenance, Some(&reference))?;
     Ok(())
 }
 

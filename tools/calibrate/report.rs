@@ -2,10 +2,10 @@
 
 use super::validation::Validation;
 use anyhow::Result;
-use fringe::calibration::{Calibration, Observations, SpacingSettings, SphereSpacing};
-use fringe::rig::Pair;
-use fringe::target::{TargetKind, TargetSpec};
-use rig::report::calibration::{CalibrationReport, LengthCheck, write_html};
+use characterise::calibration::{Calibration, Observations, SpacingSettings, SphereSpacing};
+use characterise::target::{TargetKind, TargetSpec};
+use fringe::geometry::rig::Pair;
+use report::calibration::{CalibrationReport, LengthCheck, write_html};
 use std::path::Path;
 
 /// Everything that was computed.
@@ -60,7 +60,7 @@ fn details(parts: &Parts) -> Result<Vec<(String, String)>> {
         TargetKind::AsymmetricCircles => "asymmetric circles",
         TargetKind::Charuco => "ChArUco board",
     };
-    let hash = rig::hash::sha256_hex(&rig::document::read_bytes(parts.rig, 1 << 24)?);
+    let hash = files::hash::sha256_hex(&files::document::read_bytes(parts.rig, 1 << 24)?);
     let seen = parts.calibration.boards.iter().flatten().count();
     let target = parts.target;
     Ok([

@@ -1,9 +1,9 @@
 //! The pictures that were looked at, to be read again when they are drawn: kept in memory they would be gigabytes.
 
 use anyhow::Result;
+use files::recording::{RecordedCamera, RecordedProjector, Recording};
 use fringe::frame::{Frame, PixelBuffer};
 use fringe::pattern::PatternSet;
-use rig::recording::{RecordedCamera, RecordedProjector, Recording};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -33,7 +33,7 @@ impl Shot {
     /// Reads the picture again.
     pub fn load(&self) -> Result<Frame> {
         match &self.source {
-            Source::File(path) => Ok(rig::image_file::read_foreign_frame(path, None)?),
+            Source::File(path) => Ok(files::image_file::read_foreign_frame(path, None)?),
             Source::Recorded(place) => bright_frame(&place.0, &place.1, &place.2),
         }
     }

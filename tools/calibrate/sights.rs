@@ -5,13 +5,15 @@ use crate::phase_method::PhaseMethod;
 use crate::pipeline::decode_view;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
-use fringe::calibration::{Device, DeviceKind, Observations, Sight, View, projector_pixel};
+use characterise::calibration::{Device, DeviceKind, Observations, Sight, View, projector_pixel};
+use characterise::target::{
+    Ambiguity, DetectedPoint, Detection, TargetError, TargetSettings, TargetSpec, detect,
+};
+use files::recording::{RecordedCamera, RecordedProjector, Recording};
 use fringe::decode::DecodeSettings;
 use fringe::frame::Frame;
 use fringe::pattern::{Axis, PatternSet};
-use fringe::target::{Ambiguity, DetectedPoint, Detection, TargetError, TargetSettings, TargetSpec, detect};
 use rayon::prelude::*;
-use rig::recording::{RecordedCamera, RecordedProjector, Recording};
 use std::sync::Mutex;
 
 /// Everything that was found.

@@ -1,7 +1,7 @@
 //! What says whether the rig may be trusted beyond the points it was adjusted to: held-out poses, two halves.
 
 use anyhow::{Context, Result, bail};
-use fringe::calibration::{
+use characterise::calibration::{
     BetweenPoses, Calibration, CalibrationSettings, CrossValidation, HeldOut, Observations, calibrate,
     cross_validate, hold_out, in_turn,
 };
@@ -159,7 +159,7 @@ pub fn held_json(validation: &Validation, observations: &Observations) -> Value 
         Ok(held) => held,
         Err(why) => return json!({ "absent": why }),
     };
-    let device = |d: &fringe::calibration::HeldOutDevice| {
+    let device = |d: &characterise::calibration::HeldOutDevice| {
         json!({
             "name": d.name, "rms_reprojection_px": d.rms_px, "predicted_px": d.predicted_px,
             "corners": d.points, "rejected": d.outliers,

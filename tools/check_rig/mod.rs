@@ -8,15 +8,15 @@ use crate::pipeline::{DecodedView, decode_views};
 use crate::reconstruct::projector_pairs;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use fringe::decode::DecodeSettings;
-use fringe::health::{
+use characterise::health::{
     HealthSettings, MatchCounts, PairCovariance, PairHealth, check_pair, match_projector, match_views,
 };
+use files::recording::{RECORDING_FILE, Recording};
+use files::rig_file::{Covariance, RigFile, read_rig};
+use fringe::decode::DecodeSettings;
+use fringe::geometry::rig::Pair;
 use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::PhaseView;
-use fringe::rig::Pair;
-use rig::recording::{RECORDING_FILE, Recording};
-use rig::rig_file::{Covariance, RigFile, read_rig};
 use std::path::PathBuf;
 
 /// Arguments of `check-rig`.

@@ -1,7 +1,7 @@
 //! What the check says to people.
 
 use super::PairCheck;
-use fringe::health::Cause;
+use characterise::health::Cause;
 
 /// A line on the residuals of each pair, a line on the verdict, and what explains an unhealthy one.
 pub fn print(checks: &[PairCheck], with_covariance: bool) {

@@ -2,10 +2,11 @@
 
 use super::{Args, PairCheck};
 use anyhow::{Result, bail};
-use rig::atomic;
-use rig::recording::Recording;
-use rig::rig_file::RigFile;
-use rig::trend::{Seal, TREND_FORMAT, TrendEntry, TrendPair, append_trend, chart_svg, read_trend};
+use files::atomic;
+use files::recording::Recording;
+use files::rig_file::RigFile;
+use files::trend::{Seal, TREND_FORMAT, TrendEntry, TrendPair, append_trend, read_trend};
+use report::trend_chart::chart_svg;
 
 /// Checks of the history that are printed.
 const SHOWN: usize = 8;
@@ -16,7 +17,7 @@ pub fn date(args: &Args, recording: &Recording) -> Result<String> {
         toml::Value::String(text) => text.clone(),
         other => other.to_string(),
     });
-    let Some(given) = args.date.clone().or(recorded) else { return Ok(rig::clock::rfc3339_now()) };
+    let Some(given) = args.date.clone().or(recorded) else { return Ok(files::clock::rfc3339_now()) };
     match given.parse::<toml::value::Datetime>() {
         Ok(date) if date.date.is_some() => Ok(given),
         _ => bail!("--date {given}: is no date; write RFC 3339, such as 2026-01-31T08:00:00Z or 2026-01-31"),

@@ -4,8 +4,8 @@ use super::Args;
 use super::output::{Compared, Levels};
 use anyhow::{Result, bail};
 use fringe::cloud::Point;
-use fringe::compare::m3c2::{M3c2Settings, m3c2};
-use fringe::reference::CloudReference;
+use metrology::compare::m3c2::{M3c2Settings, m3c2};
+use metrology::reference::CloudReference;
 
 /// Diameter of the cylinder in spacings: 38 points on the average; Lague et al. ask for 20 or more.
 const PROJECTION_SPACINGS: f64 = 7.0;

@@ -9,10 +9,10 @@ use crate::report::check_outputs;
 use crate::surface::{Direction, check_units, length, moved, read_cloud, read_reference, start};
 use anyhow::{Context, Result, anyhow, bail};
 use fringe::cloud::Point;
-use fringe::compare::compare;
-use fringe::pose::Pose;
-use fringe::reference::Reference;
-use fringe::register::{RegisterSettings, Registration, register};
+use fringe::geometry::pose::Pose;
+use metrology::compare::compare;
+use metrology::reference::Reference;
+use metrology::register::{RegisterSettings, Registration, register};
 use nalgebra::Vector3;
 use output::{Compared, write};
 use std::path::{Path, PathBuf};
@@ -104,7 +104,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&outputs, &inputs, None)?;
     check_flags(args)?;
     let points = read_cloud(&args.cloud)?.points;
-    fringe::reference::check(&points, LEAST_POINTS).with_context(|| args.cloud.display().to_string())?;
+    metrology::reference::check(&points, LEAST_POINTS).with_context(|| args.cloud.display().to_string())?;
     let reference = read_reference(&args.reference, args.towards.0, args.radius)?;
     check_units((&args.cloud, &points), (&args.reference, &reference))?;
     let (points, reference, alignment) = align(args, points, reference)?;
@@ -133,7 +133,7 @@ fn check_flags(args: &Args) -> Result<()> {
 enum Alignment {
     None,
     BestFit(Box<Registration>),
-    Rps(Box<fringe::inspection::AlignmentResult>),
+    Rps(Box<metrology::inspection::AlignmentResult>),
 }
 
 fn align(
@@ -154,10 +154,10 @@ fn align(
         }
         Align::Rps => {
             let path = args.plan.as_deref().ok_or_else(|| anyhow!("--align rps needs --plan"))?;
-            let text = rig::document::read_text(path)?;
+            let text = files::document::read_text(path)?;
             let plan =
-                fringe::inspection::Plan::from_toml(&text).with_context(|| path.display().to_string())?;
-            let found = fringe::inspection::locate(&plan, &points).with_context(named)?;
+                metrology::inspection::Plan::from_toml(&text).with_context(|| path.display().to_string())?;
+            let found = metrology::inspection::locate(&plan, &points).with_context(named)?;
             let world_from_part = Pose {
                 rotation: nalgebra::Matrix3::from_fn(|r, c| found.rotation[r][c]),
                 translation: Vector3::from(found.translation_mm),

@@ -4,12 +4,12 @@ use super::{Align, Alignment, Args, Method};
 use crate::report::emit;
 use anyhow::Result;
 use fringe::cloud::Point;
-use fringe::compare::m3c2::M3c2Settings;
-use fringe::compare::{Counts, Statistics};
-use fringe::inspection::AlignmentResult;
-use fringe::reference::Reference;
-use fringe::register::Registration;
-use rig::report::{ColourMap, ComparisonInput, write_comparison};
+use metrology::compare::m3c2::M3c2Settings;
+use metrology::compare::{Counts, Statistics};
+use metrology::inspection::AlignmentResult;
+use metrology::reference::Reference;
+use metrology::register::Registration;
+use report::{ColourMap, ComparisonInput, write_comparison};
 use serde::Serialize;
 
 /// Colour of points without a deviation.
@@ -86,7 +86,7 @@ pub fn write(args: &Args, compared: &Compared, reference: &Reference, alignment:
             ("colours", range.as_str()),
             ("software", SOFTWARE),
         ];
-        rig::ply::write_deviations(path, &compared.points, &values, &comments)?;
+        files::ply::write_deviations(path, &compared.points, &values, &comments)?;
     }
     if let Some(path) = &args.report {
         let deviations: Vec<(u32, f32)> =
@@ -125,8 +125,8 @@ fn result<'a>(
         cloud: args.cloud.display().to_string(),
         reference: args.reference.display().to_string(),
         reference_kind: if cloud.is_some() { "cloud" } else { "mesh" },
-        reference_spacing_mm: cloud.map(fringe::reference::CloudReference::spacing_mm),
-        radius_mm: cloud.map(fringe::reference::CloudReference::radius_mm),
+        reference_spacing_mm: cloud.map(metrology::reference::CloudReference::spacing_mm),
+        radius_mm: cloud.map(metrology::reference::CloudReference::radius_mm),
         method: match args.method {
             Method::Surface => "surface",
             Method::M3c2 => "m3c2",

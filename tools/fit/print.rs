@@ -1,7 +1,9 @@
 //! A fit in a few lines for people.
 
 use super::region::Left;
-use fringe::fit::{CircleFit, ConeFit, CylinderFit, Form, LineFit, PlaneFit, SphereFit, Support, TorusFit};
+use metrology::fit::{
+    CircleFit, ConeFit, CylinderFit, Form, LineFit, PlaneFit, SphereFit, Support, TorusFit,
+};
 
 /// What a fit says about itself.
 pub trait Describe {

@@ -2,9 +2,9 @@
 
 use super::{Args, Element};
 use anyhow::{Context, Result, bail};
-use fringe::fit;
+use files::ply::Cloud;
+use metrology::fit;
 use nalgebra::Point3;
-use rig::ply::Cloud;
 use serde::Serialize;
 use std::fmt;
 use std::str::FromStr;

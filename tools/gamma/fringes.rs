@@ -3,11 +3,11 @@
 use super::input::Seen;
 use super::{Args, Waveform, correction, percent};
 use anyhow::{Context, Result};
+use characterise::response::fringes::{FringeResponse, Fringes};
+use files::correction::{PatternCorrection, TableSource};
 use fringe::frame::Frame;
 use fringe::math::pow;
-use fringe::response::LevelTable;
-use fringe::response::fringes::{FringeResponse, Fringes};
-use rig::correction::{PatternCorrection, TableSource};
+use fringe::pattern::LevelTable;
 use serde::Serialize;
 
 /// The result; the keys are those of the JSON file.

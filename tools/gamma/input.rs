@@ -3,10 +3,10 @@
 use super::Args;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
+use characterise::response::Stack;
+use files::recording::{RecordedProjector, Recording};
 use fringe::frame::Frame;
 use fringe::pattern::{PatternSet, frame_count};
-use fringe::response::Stack;
-use rig::recording::{RecordedProjector, Recording};
 use std::path::PathBuf;
 
 /// Frames of one projector and one camera.
@@ -74,7 +74,7 @@ fn pictures(args: &Args) -> Result<Seen> {
     let mut stack = Stack::new(args.roi);
     let mut progress = Progress::new(files.len(), "reading");
     for (file, level) in files.iter().zip(levels) {
-        let frame = rig::image_file::read_foreign_frame(file, None)?;
+        let frame = files::image_file::read_foreign_frame(file, None)?;
         stack.push(level, &frame.view()).with_context(|| file.display().to_string())?;
         progress.step();
     }
@@ -119,7 +119,7 @@ fn recorded(args: &Args, recording: &Recording) -> Result<Seen> {
         stack = Some(filled);
     }
     let mut seen = Seen {
-        corrected: rig::correction::is_noted(&recording.provenance, &projector.name),
+        corrected: files::correction::is_noted(&recording.provenance, &projector.name),
         projector: Some(projector.name.clone()),
         camera: Some(camera.name.clone()),
         source,

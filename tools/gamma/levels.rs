@@ -3,12 +3,11 @@
 use super::input::Seen;
 use super::{Args, Inverts, Waveform, correction, percent};
 use anyhow::{Context, Result};
+use characterise::response::recorded::{RecordedWaveform, analyse};
+use characterise::response::{COEFFICIENTS, GreyLevel, InversePolynomial, PowerLaw, ResponseCurve, Roi};
+use files::correction::{PatternCorrection, TableSource};
 use fringe::frame::Frame;
-use fringe::response::recorded::{RecordedWaveform, analyse};
-use fringe::response::{
-    COEFFICIENTS, GreyLevel, InversePolynomial, LevelTable, PowerLaw, ResponseCurve, Roi,
-};
-use rig::correction::{PatternCorrection, TableSource};
+use fringe::pattern::LevelTable;
 use serde::Serialize;
 
 /// The result; the keys are those of the JSON file.

@@ -8,9 +8,10 @@ mod sheet;
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use fringe::response::{LevelTable, Roi, waveform};
+use characterise::response::{Roi, waveform};
+use files::correction::{PatternCorrection, TableSource, write_correction};
+use fringe::pattern::LevelTable;
 use input::Seen;
-use rig::correction::{PatternCorrection, TableSource, write_correction};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -120,14 +121,14 @@ fn finish<T: Serialize>(
     seen: &Seen,
     result: &T,
     correction: &PatternCorrection,
-    sheet: &rig::report::plot::Sheet,
+    sheet: &report::plot::Sheet,
 ) -> Result<()> {
     if let Some(path) = &args.out {
         write_correction(path, correction)?;
         println!("{}", path.display());
     }
     if let Some(path) = &args.report {
-        rig::report::plot::write_sheet(path, sheet)?;
+        report::plot::write_sheet(path, sheet)?;
         println!("{}", path.display());
     }
     if seen.corrected {

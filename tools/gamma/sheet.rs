@@ -4,8 +4,8 @@ use super::Waveform;
 use super::fringes::FringeResult;
 use super::levels::LevelResult;
 use fringe::math::pow;
-use fringe::response::LevelTable;
-use rig::report::plot::{Mark, Plot, Series, Sheet};
+use fringe::pattern::LevelTable;
+use report::plot::{Mark, Plot, Series, Sheet};
 
 /// Diagrams of a response from grey levels.
 pub fn of_levels(source: &str, result: &LevelResult) -> Sheet {

@@ -2,9 +2,9 @@
 
 use super::{Args, Method};
 use anyhow::{Result, bail};
-use fringe::rig::Pair;
-use rig::recording::{RecordedRig, Recording};
-use rig::rig_file::RigFile;
+use files::recording::{RecordedRig, Recording};
+use files::rig_file::RigFile;
+use fringe::geometry::rig::Pair;
 
 /// The pairs to reconstruct.
 pub(super) fn chosen(args: &Args, recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {

@@ -4,11 +4,11 @@ use super::{Which, decode};
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
+use characterise::reference_plane::calibrate;
+use files::plane_file::{PlaneFile, write_planes};
+use files::recording::{RECORDING_FILE, Recording};
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
-use fringe::reference_plane::calibrate;
-use rig::plane_file::{PlaneFile, write_planes};
-use rig::recording::{RECORDING_FILE, Recording};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 

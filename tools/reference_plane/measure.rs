@@ -4,16 +4,16 @@ use super::{Which, decode};
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use fringe::camera::Camera;
+use characterise::reference_plane::Heights;
+use files::npy::{self, Raster};
+use files::plane_file::{PLANE_FILE, read_planes};
+use files::recording::RECORDING_FILE;
+use files::rig_file::read_rig;
 use fringe::cloud::Point;
-use fringe::reference_plane::Heights;
+use fringe::geometry::camera::Camera;
 use nalgebra::Point2;
-use rig::npy::{self, Raster};
-use rig::plane_file::{PLANE_FILE, read_planes};
-use rig::recording::RECORDING_FILE;
-use rig::report::ColourMap;
-use rig::report::picture::{Range, Scalar, scalar_png};
-use rig::rig_file::read_rig;
+use report::ColourMap;
+use report::picture::{Range, Scalar, scalar_png};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `reference-plane measure`.
@@ -88,7 +88,7 @@ fn write(args: &Args, heights: &Heights, points: Option<(&PathBuf, Vec<Point>)>)
             unit: "mm",
         };
         let png = scalar_png(&picture).with_context(|| path.display().to_string())?;
-        rig::atomic::write(path, &png)?;
+        files::atomic::write(path, &png)?;
     }
     if let Some((path, points)) = points {
         let calibration = args.calibration.display().to_string();
@@ -99,7 +99,7 @@ fn write(args: &Args, heights: &Heights, points: Option<(&PathBuf, Vec<Point>)>)
             ("software", software),
             ("unit", "mm"),
         ];
-        rig::ply::write_cloud(path, &points, &comments)?;
+        files::ply::write_cloud(path, &points, &comments)?;
     }
     Ok(())
 }

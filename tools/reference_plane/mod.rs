@@ -6,10 +6,10 @@ mod measure;
 use crate::Outcome;
 use crate::pipeline::decode_views;
 use anyhow::{Result, bail};
+use files::recording::Recording;
 use fringe::decode::DecodeSettings;
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
-use rig::recording::Recording;
 use std::path::Path;
 
 /// Arguments of `reference-plane`.

@@ -1,6 +1,6 @@
 //! How an output of the replay differs from the recorded one.
 
-use rig::cycle_record::{ActivationEntry, ActivationName};
+use files::cycle_record::{ActivationEntry, ActivationName};
 use serde::Serialize;
 use std::fmt;
 use xxhash_rust::xxh3::xxh3_128;

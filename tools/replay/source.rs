@@ -1,10 +1,10 @@
 //! The frames of a replay: those in the record, or those that the drivers give again.
 
 use anyhow::{Context, Result, ensure};
+use files::cycle_record::{Kept, RecordReader, RecordedCycle};
 use flow::graph::Cell;
 use flow::rerun::{Driven, Frames};
 use flow::schedule::Work;
-use rig::cycle_record::{Kept, RecordReader, RecordedCycle};
 use std::collections::BTreeMap;
 
 /// Where frames come from.

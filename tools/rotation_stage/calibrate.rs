@@ -6,10 +6,10 @@ use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use crate::surface::length;
 use anyhow::{Context, Result, bail};
-use fringe::fit::{self, FitSettings};
-use fringe::rotation_stage::{StageCalibration, axis_from_places};
+use characterise::rotation_stage::{StageCalibration, axis_from_places};
+use files::stage_file::write_stage;
+use metrology::fit::{self, FitSettings};
 use nalgebra::Point3;
-use rig::stage_file::write_stage;
 use std::path::{Path, PathBuf};
 
 /// Arguments of `rotation-stage calibrate`.

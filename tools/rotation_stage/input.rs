@@ -3,11 +3,11 @@
 use crate::progress::Progress;
 use crate::surface::read_cloud;
 use anyhow::{Context, Result, bail};
+use characterise::rotation_stage::StageAxis;
 use fringe::cloud::Point;
-use fringe::pose::Pose;
-use fringe::reference::{CloudReference, Reference};
-use fringe::register::{From, RegisterSettings, Registration, register};
-use fringe::rotation_stage::StageAxis;
+use fringe::geometry::pose::Pose;
+use metrology::reference::{CloudReference, Reference};
+use metrology::register::{From, RegisterSettings, Registration, register};
 use nalgebra::{Point3, Vector3};
 use std::path::PathBuf;
 use std::str::FromStr;

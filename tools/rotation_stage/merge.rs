@@ -6,12 +6,12 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::surface::{length, moved};
 use anyhow::Result;
+use characterise::rotation_stage::StageAxis;
+use files::stage_file::read_stage;
 use fringe::cloud::Point;
 use fringe::fusion::{FusionReport, FusionSettings, fuse};
-use fringe::pose::Pose;
-use fringe::register::From;
-use fringe::rotation_stage::StageAxis;
-use rig::stage_file::read_stage;
+use fringe::geometry::pose::Pose;
+use metrology::register::From;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -69,7 +69,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let fusion = fuse(&slices, &FusionSettings::default(), &mut merged);
     let stage = args.stage.display().to_string();
     let software = concat!("fringetool ", env!("CARGO_PKG_VERSION"));
-    rig::ply::write_cloud(&args.out, &merged, &[("stage", &stage), ("software", software), ("unit", "mm")])?;
+    files::ply::write_cloud(
+        &args.out,
+        &merged,
+        &[("stage", &stage), ("software", software), ("unit", "mm")],
+    )?;
     print(&placed, &fusion, merged.len(), &args.out);
     let json = serde_json::json!({ "points": merged.len(), "views": placed, "fusion": fusion });
     emit(args.json.as_deref(), &json)?;
@@ -104,7 +108,7 @@ fn refine(args: &Args, view: &View, there: &[Point], by_axis: &Pose) -> Result<(
     let found = match onto(view, there, From::Pose(*by_axis), Some(args.reach)) {
         Ok(found) if trusted(&found) => found,
         Ok(found) => {
-            let free = found.undetermined.first().map(fringe::register::Freedom::describe);
+            let free = found.undetermined.first().map(metrology::register::Freedom::describe);
             let reason = free.map_or("did not converge".to_owned(), |free| format!("undetermined: {free}"));
             return Ok((*by_axis, Placed::by_axis(view, Some(reason))));
         }

@@ -3,10 +3,10 @@
 use super::input::{View, middle, onto};
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
+use characterise::rotation_stage::{StageAxis, StageCalibration, axis_from_motions, jackknife};
 use fringe::cloud::Point;
-use fringe::pose::Pose;
-use fringe::register::From;
-use fringe::rotation_stage::{StageAxis, StageCalibration, axis_from_motions, jackknife};
+use fringe::geometry::pose::Pose;
+use metrology::register::From;
 use nalgebra::{Point3, Vector3};
 
 /// Blocks of the object that are left out in turn: two along each of its three extents.

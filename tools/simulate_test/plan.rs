@@ -2,12 +2,12 @@
 
 use super::layout::Shot;
 use anyhow::{Context, Result};
-use fringe::acceptance::{
+use files::config::Config;
+use fringe::pattern::frame_count;
+use metrology::acceptance::{
     Artefact, Conditions, Decision, Kind, LengthLimit, Limit, Measurement, PositionPlan, Reference,
     RegisterBy, Segmentation, TEST_FORMAT, TestPlan, ViewPlan, Volumes,
 };
-use fringe::pattern::frame_count;
-use rig::config::Config;
 
 /// Diameters of the reference spheres of the scene, mm.
 const REFERENCES_MM: [f64; 4] = [11.0, 13.0, 15.0, 17.0];

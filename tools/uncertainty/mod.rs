@@ -6,11 +6,11 @@ use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result};
-use fringe::uncertainty::{
+use files::budget::BudgetFile;
+use metrology::uncertainty::{
     Comparison, Evaluation, MonteCarloResult, Uncertain, Validation, compare, validate,
 };
-use rig::budget::BudgetFile;
-use rig::report::uncertainty::{UncertaintyInput, write_uncertainty};
+use report::uncertainty::{UncertaintyInput, write_uncertainty};
 use serde::Serialize;
 use std::path::PathBuf;
 

@@ -1,9 +1,9 @@
 //! The budget as a table for a terminal.
 
-use fringe::uncertainty::{Comparison, Evaluation, MonteCarloResult, Validation};
-use rig::budget::BudgetFile;
-use rig::report::number::{decimals, fixed, significant, unit};
-use rig::report::uncertainty::{comparison_line, degrees, estimate, monte_carlo_lines};
+use files::budget::BudgetFile;
+use metrology::uncertainty::{Comparison, Evaluation, MonteCarloResult, Validation};
+use report::number::{decimals, fixed, significant, unit};
+use report::uncertainty::{comparison_line, degrees, estimate, monte_carlo_lines};
 use std::fmt::Write as _;
 
 /// Everything that the command prints.

@@ -3,11 +3,11 @@
 use crate::pipeline::decode_sets;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
+use files::npy::{self, Raster};
+use files::recording::{RecordedCamera, RecordedProjector, Recording};
 use fringe::decode::DecodeSettings;
 use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::{PhaseInfo, PhaseMap};
-use rig::npy::{self, Raster};
-use rig::recording::{RecordedCamera, RecordedProjector, Recording};
 use std::path::Path;
 
 /// Columns and rows of a projector that a single period covers.

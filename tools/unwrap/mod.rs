@@ -44,7 +44,7 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<Outcome> {
     let from_file = args.input.is_file();
     let mut inputs: Vec<&Path> = Vec::new();
-    let recording_file = args.input.join(rig::recording::RECORDING_FILE);
+    let recording_file = args.input.join(files::recording::RECORDING_FILE);
     inputs.push(if from_file { &args.input } else { &recording_file });
     let anchor_file = (!["none", "code"].contains(&args.anchor.as_str())).then(|| Path::new(&args.anchor));
     inputs.extend(anchor_file);

@@ -2,10 +2,10 @@
 
 use super::input::Item;
 use anyhow::{Context, Result};
+use files::atomic;
+use files::npy::{self, Raster};
 use fringe::unwrap::{Component, UnwrapReport, Unwrapped};
-use rig::atomic;
-use rig::npy::{self, Raster};
-use rig::report::picture;
+use report::picture;
 use serde::Serialize;
 use std::f64::consts::TAU;
 use std::fmt;

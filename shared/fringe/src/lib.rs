@@ -13,46 +13,29 @@
 //! joined in order, transcendental functions come from [`math`] (never from the system's libm), and no product is
 //! fused.
 
-pub mod acceptance;
-pub mod calibration;
-pub mod camera;
-pub mod cloud;
+// What everything stands on.
+pub mod geometry;
+pub mod math;
+pub mod text;
 
-pub mod compare;
+// The flow, in its order.
+pub mod pattern;
+pub mod planning;
+
+pub mod frame;
+
 pub mod decode;
 pub mod filter;
-pub mod fit;
-pub mod focus;
-mod fourier;
-pub mod frame;
-pub mod fusion;
-pub mod health;
-pub mod inspection;
-pub mod matching;
-pub mod math;
-mod parallel;
-pub mod pattern;
 pub mod phase;
-pub mod planning;
-pub mod pose;
-pub mod probing;
-pub mod projector;
-pub mod random;
-pub mod rectify;
-
-pub mod reference;
-pub mod reference_plane;
-pub mod register;
-pub mod response;
-pub mod rig;
-pub mod rotation_stage;
-pub mod spatial;
-pub mod surface;
-pub mod target;
-#[cfg(test)]
-mod testing;
-mod text;
-pub mod triangulate;
-pub mod uncertainty;
 pub mod unwrap;
 pub mod wrapped;
+
+pub mod matching;
+pub mod projector;
+pub mod rectify;
+pub mod surface;
+
+pub mod cloud;
+pub mod fusion;
+
+pub mod synthetic;

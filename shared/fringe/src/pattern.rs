@@ -3,13 +3,14 @@
 //! Projector coordinates count pixels, 0 is the centre of the first column (axis x) or row (axis y).
 
 mod error;
+mod level_table;
 mod levels;
 
 pub use error::PatternError;
+pub use level_table::LevelTable;
 pub use levels::GreyLevels;
 
 use crate::math::{cos, wrap_positive_rad};
-use crate::response::LevelTable;
 use crate::wrapped::LeastSquares;
 use levels::ALL_LEVELS;
 use serde::{Deserialize, Serialize};

@@ -1,7 +1,7 @@
 //! What a reader of TOML says, on one line.
 
 /// Line number, the line, and the message.
-pub(crate) fn on_one_line(error: &toml::de::Error, text: &str) -> String {
+pub fn on_one_line(error: &toml::de::Error, text: &str) -> String {
     let start = error.span().map_or(0, |span| span.start);
     let number = text.get(..start).unwrap_or_default().matches('\n').count();
     let line: String = text.lines().nth(number).unwrap_or_default().trim().chars().take(60).collect();

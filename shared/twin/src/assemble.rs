@@ -7,8 +7,8 @@ use crate::mesh::Mesh;
 use crate::scene_file::{BodyFile, CheckerboardFile, GeometryFile, MaterialFile, SceneFile};
 use crate::solid::{Prism, Solid};
 use crate::surface::Surface;
+use fringe::math::random::Key;
 use fringe::math::tan;
-use fringe::random::Key;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector2, Vector3};
 
 /// No part of a cell is larger than this, mm; it keeps every distance far from the end of the digits.

@@ -110,7 +110,7 @@ fn area((corners, count): &Polygon) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fringe::random::Key;
+    use fringe::math::random::Key;
 
     const BOARD: Checkerboard = Checkerboard { columns: 4, rows: 3, pitch_mm: 8.0, dark: 0.1 };
 

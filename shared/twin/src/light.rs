@@ -2,8 +2,8 @@
 
 use crate::settings::TwinSettings;
 use fringe::math::pow;
+use fringe::pattern::LevelTable;
 use fringe::pattern::{Axis, PatternError, PatternSet};
-use fringe::response::LevelTable;
 use libm::erf;
 
 /// Projector coordinates are stored as (pixel + 1)·2²⁰: 5e-7 px of rounding (0.2 nm on the part), and the table index

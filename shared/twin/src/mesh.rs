@@ -1,7 +1,7 @@
 //! Triangle meshes: from STL bytes, hit by rays, asked for the nearest point.
 
 use crate::solid::{Contact, Nearest};
-use fringe::spatial::{Aabb, Bvh, Triangle, nearest_on_segment};
+use metrology::spatial::{Aabb, Bvh, Triangle, nearest_on_segment};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::io::Cursor;

@@ -1,8 +1,8 @@
 //! Where the part stands in a cycle, and how it shakes from frame to frame.
 
 use crate::settings::TwinSettings;
+use fringe::math::random::{Key, Normal};
 use fringe::math::{cos, sin};
-use fringe::random::{Key, Normal};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
 /// Tells the streams of draws of one seed apart.

@@ -8,9 +8,9 @@ use crate::cell::{Shared, Twin, TwinError, View, index_of};
 use crate::light::{FIXED_BITS, Light, pixel};
 use crate::pose;
 use crate::trace::{Lit, Sway};
+use fringe::math::random::Key;
+use fringe::pattern::LevelTable;
 use fringe::pattern::{PatternSet, frame_count, locate};
-use fringe::random::Key;
-use fringe::response::LevelTable;
 use nalgebra::{Point2, Vector3};
 use std::sync::Arc;
 

@@ -2,7 +2,7 @@
 
 use crate::checkerboard::Checkerboard;
 use fringe::math::pow;
-use fringe::random::Key;
+use fringe::math::random::Key;
 use nalgebra::{Point3, Vector3};
 
 /// A surface: Lambertian with a grainy albedo, and a specular lobe.

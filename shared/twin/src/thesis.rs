@@ -1,9 +1,9 @@
 //! The cell of the thesis (section 5.3): two stereo pairs from orthogonal sides, 0.5 m from the part.
 
-use fringe::camera::{BrownConrady, Camera};
+use fringe::geometry::camera::{BrownConrady, Camera};
+use fringe::geometry::rig::{Named, Pair, Rig};
 use fringe::math::{cos, sin};
 use fringe::pattern::{Axis, PatternSet};
-use fringe::rig::{Named, Pair, Rig};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
 
 /// Middle of the measurement volume 140 × 140 × 90 mm, mm in the world frame.

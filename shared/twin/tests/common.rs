@@ -1,7 +1,7 @@
 //! Small scenes and rigs.
 
-use fringe::random::Key;
-use fringe::rig::Rig;
+use fringe::geometry::rig::Rig;
+use fringe::math::random::Key;
 use nalgebra::{Point3, Vector3};
 use twin::{Scene, thesis};
 

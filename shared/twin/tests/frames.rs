@@ -1,8 +1,8 @@
 use crate::common::{artefact, body, scene, small_rig};
+use fringe::geometry::rig::Rig;
+use fringe::math::random::Normal;
 use fringe::math::{atan2, cos, exp, sin, wrap_rad};
 use fringe::pattern::{Axis, PatternSet};
-use fringe::random::Normal;
-use fringe::rig::Rig;
 use nalgebra::Point2;
 use std::f64::consts::{PI, TAU};
 use twin::{PixelsMut, Scene, Twin, TwinError, TwinSettings, View, pose, thesis};

@@ -1,5 +1,5 @@
 use crate::common::{artefact, body, box_triangles, points, scene, stl};
-use fringe::random::Key;
+use fringe::math::random::Key;
 use nalgebra::{Point3, Vector3};
 use twin::mesh::{Mesh, MeshError};
 use twin::{Scene, SceneError};

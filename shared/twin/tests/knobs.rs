@@ -1,7 +1,7 @@
 use crate::common::{body, scene, small_rig};
+use fringe::math::random::Normal;
 use fringe::math::{atan, exp};
 use fringe::pattern::{Axis, PatternSet};
-use fringe::random::Normal;
 use nalgebra::{Point2, Point3, Vector3};
 use std::f64::consts::PI;
 use twin::cell::TruthPoint;

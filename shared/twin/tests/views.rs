@@ -1,6 +1,6 @@
 use crate::common::{artefact, body, parse, scene, small_rig};
-use fringe::camera::BrownConrady;
-use fringe::rig::Rig;
+use fringe::geometry::camera::BrownConrady;
+use fringe::geometry::rig::Rig;
 use nalgebra::{Isometry3, Point2, Point3};
 use twin::{Scene, Twin, TwinError, TwinSettings, thesis};
 

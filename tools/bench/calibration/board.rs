@@ -5,12 +5,12 @@ use super::super::scan::decode;
 use crate::calibrate::sights::{index, pitch_px};
 use crate::simulate::Buffer;
 use anyhow::{Context, Result};
-use fringe::calibration::{Device, DeviceKind, Observations, Sight, View, projector_pixel};
-use fringe::camera::Camera;
+use characterise::calibration::{Device, DeviceKind, Observations, Sight, View, projector_pixel};
+use characterise::target::{Detection, TargetSettings, TargetSpec, detect};
+use fringe::geometry::camera::Camera;
+use fringe::geometry::rig::{Pair, Rig};
+use fringe::math::random::{Key, Normal};
 use fringe::pattern::{Axis, PatternSet, frame_count};
-use fringe::random::{Key, Normal};
-use fringe::rig::{Pair, Rig};
-use fringe::target::{Detection, TargetSettings, TargetSpec, detect};
 use nalgebra::{Isometry3, Matrix2, Point2, Point3, Translation3, Vector2, Vector3};
 use serde::Serialize;
 use std::time::{Duration, Instant};
@@ -151,7 +151,7 @@ impl Cell {
     /// Names and sizes, cameras, then projectors; no view yet.
     fn empty(&self, poses: usize) -> Observations {
         let kinds = [(DeviceKind::Camera, &self.rig.cameras), (DeviceKind::Projector, &self.rig.projectors)];
-        let device = |(kind, n): (DeviceKind, &fringe::rig::Named)| Device {
+        let device = |(kind, n): (DeviceKind, &fringe::geometry::rig::Named)| Device {
             name: n.name.clone(),
             kind,
             width_px: n.camera.width_px,

@@ -12,10 +12,10 @@ use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result};
 use bars::{MeasuredBar, SpacingReport, by_geometry, by_measuring};
 use board::{Cell, CornerError, Plan, Seen};
-use fringe::calibration::{
+use characterise::calibration::{
     Calibration, CalibrationSettings, DeviceKind, Observations, TargetShape, calibrate,
 };
-use fringe::rig::{Named, Rig};
+use fringe::geometry::rig::{Named, Rig};
 use scatter::{Scatter, ScatterReport};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -219,7 +219,7 @@ fn merge(sums: &mut Vec<SpacingReport>, trial: Vec<SpacingReport>) {
 }
 
 fn image_trial(seed: u64, found: &Calibration, truth: &Rig) -> Result<ImageTrial> {
-    let device = |(number, d): (usize, &fringe::calibration::CalibratedDevice)| {
+    let device = |(number, d): (usize, &characterise::calibration::CalibratedDevice)| {
         let own = found.views.iter().filter(|v| v.device == number).flat_map(|v| &v.residuals);
         let lengths: Vec<f64> =
             own.filter(|r| r.used).filter_map(|r| r.error_px).map(|[x, y]| x.hypot(y)).collect();

@@ -1,8 +1,8 @@
 //! Parameters found against the truth, in units of their predicted standard deviations.
 
 use anyhow::{Context, Result};
-use fringe::calibration::{Calibration, DeviceKind, Gauge, PARAMETERS};
-use fringe::camera::Camera;
+use characterise::calibration::{Calibration, DeviceKind, Gauge, PARAMETERS};
+use fringe::geometry::camera::Camera;
 use nalgebra::{DMatrix, DVector, Isometry3};
 use serde::Serialize;
 use std::ops::Range;

@@ -7,10 +7,10 @@
 //! (the twin moves its part) is neither.
 
 use anyhow::{Context, Result, ensure};
+use files::result::OUTCOME_OK;
+use files::trace::{Trace, TraceCycle, TraceSpan};
 use flow::graph::Cell;
 use flow::schedule::{Work, label};
-use rig::result::OUTCOME_OK;
-use rig::trace::{Trace, TraceCycle, TraceSpan};
 use serde::Serialize;
 use std::collections::BTreeMap;
 

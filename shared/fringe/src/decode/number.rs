@@ -8,8 +8,8 @@
 //! The chance of an error is that of a normal deviation beyond the border halfway to another tuple: over directions u the border lies at
 //! R(u) = min |Δ|²/(2 u·Δ), and P = ⟨P(χ > R(u)/σ)⟩ with one degree of freedom less than there are sines.
 
+use crate::math::random::normal_quantile;
 use crate::math::{erfc, exp};
-use crate::random::normal_quantile;
 use std::f64::consts::{FRAC_1_SQRT_2, PI, TAU};
 use thiserror::Error;
 

@@ -1,9 +1,9 @@
 //! Slopes, edges and masks survive; spikes and noise do not.
 
 use super::*;
+use crate::math::random::{Key, Normal};
 use crate::pattern::Axis;
 use crate::phase::PhaseInfo;
-use crate::random::{Key, Normal};
 use proptest::prelude::*;
 use std::f32::consts::TAU;
 

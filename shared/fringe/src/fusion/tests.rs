@@ -3,7 +3,7 @@
 use super::*;
 use crate::matching::{MatchSettings, Matcher};
 use crate::pattern::Axis;
-use crate::testing::{Noise, Scene, Surface, looking, rig};
+use crate::synthetic::{Noise, Scene, Surface, looking, rig};
 use nalgebra::Point3;
 
 /// A square patch of a surface z = f(x, y), spacing 0.2 mm, shifted sampling, with noise along the normal.

@@ -1,6 +1,6 @@
 //! Why maps or cameras cannot be matched, and the checks that tell.
 
-use crate::camera::{Camera, CameraError};
+use crate::geometry::camera::{Camera, CameraError};
 use crate::pattern::Axis;
 use crate::phase::PhaseView;
 use crate::rectify::RectifyError;

@@ -9,7 +9,7 @@
 
 use super::*;
 use crate::pattern::Axis;
-use crate::testing::{Scene, Surface, rig};
+use crate::synthetic::{Scene, Surface, rig};
 use nalgebra::Point3;
 use std::time::Instant;
 

@@ -7,7 +7,7 @@
 //!    disparity limits makes the match ambiguous, and it is refused;
 //! 3. fine: Newton's method on the exact epipolar curve over the native right grid (see [`Interpolation`]);
 //! 4. depth: both rays meet by construction, Z = b/(x_left − x_right), so the optimal correction of
-//!    [`crate::triangulate`] is zero;
+//!    [`crate::geometry::triangulate`] is zero;
 //! 5. support, normal and uncertainty on the left grid (see [`crate::surface`]).
 //!
 //! # Why not resampled
@@ -51,9 +51,9 @@ pub use report::MatchReport;
 pub use settings::MatchSettings;
 pub(crate) use settings::check_depth;
 
-use crate::camera::Camera;
 use crate::cloud::Point;
-use crate::parallel::for_parts;
+use crate::geometry::camera::Camera;
+use crate::math::parallel::for_parts;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
 use crate::surface::{Sample, SurfaceBuilder, View, mark_rims};

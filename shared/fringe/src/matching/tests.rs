@@ -4,7 +4,7 @@
 use super::*;
 use crate::pattern::Axis;
 use crate::phase::PhaseMap;
-use crate::testing::{Noise, Scene, Surface, looking, pixel_of, rig};
+use crate::synthetic::{Noise, Scene, Surface, looking, pixel_of, rig};
 use proptest::prelude::*;
 use std::f64::consts::TAU;
 
@@ -130,7 +130,7 @@ fn triangulation_of_the_two_pixels_gives_the_same_point() {
     let (points, _) = matched(&[left.clone(), right.clone()], &maps[0], &maps[1], &MatchSettings::default());
     for point in points.iter().step_by(31) {
         let seen = (pixel_of(point.pixel as usize, 300), right.project(&point.position()).unwrap());
-        let found = crate::triangulate::triangulate((&left, seen.0), (&right, seen.1)).unwrap();
+        let found = crate::geometry::triangulate::triangulate((&left, seen.0), (&right, seen.1)).unwrap();
         assert!((found.position_mm - point.position()).norm() < 1e-8);
         assert!(found.linear_reprojection_px < 1e-8, "{found:?}");
         assert_eq!(point.pair, 3);
@@ -330,8 +330,8 @@ proptest! {
                 match kind {
                     0 => map.phase_rad[index] = (roll * 300.0) as f32,
                     1 if roll < 0.3 => map.valid[index] = 0,
-                    2 if roll < 0.2 => map.phase_rad[index] = f32::from_bits(noise.next() as u32),
-                    _ if roll < 0.1 => map.sigma_rad[index] = f32::from_bits(noise.next() as u32),
+                    2 if roll < 0.2 => map.phase_rad[index] = f32::from_bits(noise.next_bits() as u32),
+                    _ if roll < 0.1 => map.sigma_rad[index] = f32::from_bits(noise.next_bits() as u32),
                     _ => {}
                 }
             }

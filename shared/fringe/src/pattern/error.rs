@@ -83,4 +83,7 @@ pub enum PatternError {
     /// The generator does not know this set.
     #[error("set \"{0}\" can be recorded but not generated")]
     NotGenerated(&'static str),
+    /// A table that cannot be one.
+    #[error("a level table needs 2 to 65536 values from 0 to 1 that rise and never fall: {0}")]
+    LevelTable(String),
 }

@@ -1,6 +1,6 @@
 //! From the uncertainty of a projector coordinate to that of a point, in the middle of what two views see.
 
-use crate::camera::{Camera, Ray};
+use crate::geometry::camera::{Camera, Ray};
 use crate::pattern::Axis;
 use crate::surface::SurfaceSettings;
 use nalgebra::{Point2, Point3, Vector3};

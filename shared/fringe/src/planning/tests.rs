@@ -1,8 +1,8 @@
 //! Proposals keep what they promise.
 
 use super::*;
-use crate::camera::{BrownConrady, Camera};
 use crate::decode::{DecodeSettings, Decoder};
+use crate::geometry::camera::{BrownConrady, Camera};
 use crate::surface::SurfaceSettings;
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::f64::consts::PI;

@@ -15,10 +15,10 @@ mod tests;
 pub use report::ProjectorReport;
 pub use settings::ProjectorSettings;
 
-use crate::camera::Camera;
 use crate::cloud::Point;
+use crate::geometry::camera::Camera;
 use crate::matching::{MatchError, check_map, mask};
-use crate::parallel::for_parts;
+use crate::math::parallel::for_parts;
 use crate::pattern::Axis;
 use crate::phase::PhaseView;
 use crate::rectify::RectifiedCamera;

@@ -2,7 +2,7 @@
 
 use super::report::Task;
 use super::settings::ProjectorSettings;
-use crate::camera::Camera;
+use crate::geometry::camera::Camera;
 use crate::surface::Sample;
 use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 

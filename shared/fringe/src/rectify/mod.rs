@@ -8,11 +8,7 @@
 //!
 //! A vertical baseline needs no special case: its rectified rows run along image columns.
 
-mod images;
-
-pub use images::RectifiedImages;
-
-use crate::camera::Camera;
+use crate::geometry::camera::Camera;
 use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use thiserror::Error;
@@ -28,7 +24,7 @@ const CELLS_PER_PIXEL: f64 = 64.0;
 const LEAST_CELLS: f64 = 1e6;
 
 /// A baseline shorter than this does not tell depth, mm.
-const MIN_BASELINE_MM: f64 = 1e-6;
+pub const MIN_BASELINE_MM: f64 = 1e-6;
 
 /// Marks a grid cell that no native pixel belongs to.
 pub const NO_PIXEL: u32 = u32::MAX;

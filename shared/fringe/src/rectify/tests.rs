@@ -1,5 +1,5 @@
 use super::*;
-use crate::camera::BrownConrady;
+use crate::geometry::camera::BrownConrady;
 use nalgebra::{Isometry3, UnitQuaternion};
 
 fn camera(centre: [f64; 3], roll: f64) -> Camera {

@@ -7,7 +7,7 @@ use super::rim::at_rim;
 use super::sample::{Sample, View};
 use super::smooth::smoothed;
 use crate::cloud::Point;
-use crate::parallel::for_parts;
+use crate::math::parallel::for_parts;
 
 impl SurfaceBuilder {
     /// Drops spikes, crumbs and steep points from `samples`, then writes the points in pixel order; `out` has room for all pixels.

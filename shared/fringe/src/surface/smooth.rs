@@ -5,7 +5,7 @@
 //! surface (an edge, a crease, a hole) is not used; a smaller one is tried, then the sample stays as it is.
 //!
 //! Smoothed neighbours share noise: nothing that is fitted to many points gets more certain by it, and the correlation
-//! has to be looked after there, as with [`crate::fit::Correlation`].
+//! has to be looked after there, as with [`metrology::fit::Correlation`].
 
 use super::sample::Sample;
 

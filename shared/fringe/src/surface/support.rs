@@ -3,7 +3,7 @@
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::normals::Link;
 use super::sample::{Sample, View};
-use crate::parallel::for_parts;
+use crate::math::parallel::for_parts;
 
 impl SurfaceBuilder {
     /// Clears samples with fewer than `min_neighbours` of eight neighbours on the same surface; returns how many.

@@ -1,8 +1,8 @@
 //! Properties of all methods, and what each of them is for.
 
 use super::*;
+use crate::math::random::{Key, Normal};
 use crate::math::{atan2, sin};
-use crate::random::{Key, Normal};
 use proptest::prelude::*;
 use std::f64::consts::PI;
 

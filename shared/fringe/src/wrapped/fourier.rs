@@ -15,7 +15,7 @@
 //! which is the method's weakness (section 2.1.4).
 
 use super::{Found, Limits, Method, Stack, WrapError, Wrapped};
-use crate::fourier::{Complex, Plan, inverse, inverse_2d, transform_2d};
+use crate::math::fourier::{Complex, Plan, inverse, inverse_2d, transform_2d};
 use crate::math::{cos, wrap_rad};
 use rayon::prelude::*;
 

@@ -4,8 +4,8 @@ use super::harmonics::PhaseHarmonics;
 use super::windowed::{WindowedSettings, filter};
 use super::*;
 use crate::frame::{Frame, PixelBuffer};
+use crate::math::random::{Key, Normal};
 use crate::math::{cos, pow, wrap_rad};
-use crate::random::{Key, Normal};
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 

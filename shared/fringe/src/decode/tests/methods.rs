@@ -4,7 +4,7 @@ use super::*;
 use crate::decode::chain::{Sine, widest};
 use crate::decode::number::{ResidueError, Residues};
 use crate::decode::{OrderMethod, OrderRisk};
-use crate::random::{Key, Normal};
+use crate::math::random::{Key, Normal};
 use proptest::prelude::*;
 use std::f64::consts::TAU;
 

@@ -1,0 +1,162 @@
+//! The joint characterisation: all cameras, all projectors and all board poses in one adjustment, with covariance.
+//!
+//! Source: thesis 2.3 (Zhang's method, eq. 2.62–2.79; projector as an inverse camera, 2.106–2.109) and 5.3.1 step A.
+//! Deviation: the thesis characterises each device by itself and chains the extrinsics through the first board position;
+//! here one least-squares adjustment holds all of them, so that the pairs agree, and the covariance is known.
+//!
+//! 1. Homographies of all views, robust against single wrong points ([`homography`]).
+//! 2. Each device by itself: Zhang's closed form or an assumed principal point, then a robust adjustment. A device
+//!    that its poses leave open is refused with what is missing.
+//! 3. One frame: devices are placed one by one by the agreement of all shared poses, which also settles boards that
+//!    were read turned by 180°.
+//! 4. Joint Levenberg–Marquardt adjustment with the poses eliminated: first Cauchy weights, then rounds of least
+//!    squares in which points beyond `outlier_limit` robust standard deviations are rejected, and each device's noise
+//!    is estimated (variance components). A projector read where a camera found the point shares that camera's error: it
+//!    enters by what the reading itself adds ([`Link`]).
+//! 5. Covariance (JᵀWJ)⁻¹ of all devices, in two gauges.
+//!
+//! Deterministic: one thread, sums in the order of the views given.
+
+mod adjust;
+mod between;
+mod covariance;
+mod datum;
+pub(crate) mod dense;
+mod error;
+mod finish;
+mod graph;
+mod held_out;
+mod homography;
+mod lengths;
+mod maps;
+mod misfit;
+mod model;
+mod normal;
+mod observations;
+mod predict;
+mod problem;
+mod reading;
+mod result;
+mod settings;
+mod spacing;
+mod start;
+mod stereo;
+mod sums;
+#[cfg(test)]
+mod tests;
+mod validate;
+mod zhang;
+
+pub use between::BetweenPoses;
+pub use covariance::{Covariance, Gauge, PARAMETERS};
+pub use error::CalibrationError;
+pub use held_out::{Fold, HeldOut, HeldOutDevice, hold_out, in_turn};
+pub use lengths::MeasuredLength;
+pub use maps::{MapGrid, UncertaintyMap};
+pub(crate) use model::{moved, rotation, rotation_vector};
+pub use observations::{Device, DeviceKind, Link, Observations, Sight, View};
+pub use predict::PointUncertainty;
+pub use reading::{ProjectorReading, projector_pixel};
+pub use result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
+pub use settings::{CalibrationSettings, LensModel, TargetShape, WorldFrame};
+pub use spacing::{SpacingSettings, SphereSpacing, Volume};
+pub use stereo::{EpipolarResiduals, RelativePose, StereoGeometry};
+pub use validate::{CrossValidation, DeviceDifference, cross_validate};
+
+use adjust::Weighted;
+use datum::Datum;
+use finish::Finish;
+use fringe::geometry::camera::Camera;
+use model::{Board, Shape, State, WARP};
+use nalgebra::Vector3;
+use problem::{Problem, ViewRange, columns};
+use start::{Seen, lens};
+
+/// Characterises all devices of a rig.
+///
+/// # Errors
+/// See [`CalibrationError`]; input that is wrong, poses that leave something open, groups that nothing connects.
+pub fn calibrate(
+    observations: &Observations,
+    settings: &CalibrationSettings,
+) -> Result<Calibration, CalibrationError> {
+    observations.check()?;
+    settings.check()?;
+    let board = Board::new(observations);
+    if observations.views.iter().any(|v| v.may_be_turned) && board.turned().is_none() {
+        let what = "a view may be turned by 180°, but the turned target does not meet itself".into();
+        return Err(CalibrationError::Target { what });
+    }
+    let mut seen = start::usable(observations, &board);
+    start::enough_views(observations, &seen)?;
+    graph::connected(observations, &seen)?;
+    let cameras: Result<Vec<Camera>, _> = (0..observations.devices.len())
+        .map(|device| start::start(observations, &board, device, &mut seen, settings))
+        .collect();
+    let placed = graph::place(observations, &seen);
+    let mut cameras = cameras?;
+    for (camera, device_from_world) in cameras.iter_mut().zip(&placed.devices) {
+        camera.camera_from_world = *device_from_world;
+    }
+    let mut problem = joint(observations, &board, &seen, &placed.turned, settings);
+    let state = State { cameras, boards: placed.boards, shape: Shape::default() };
+    let weighted = adjust::approach(&problem, state)
+        .and_then(|state| adjust::weighted(&problem, state, settings))
+        .and_then(|weighted| match settings.target {
+            TargetShape::Free => free_points(&mut problem, weighted.solved.state, settings),
+            TargetShape::Flat | TargetShape::Bent => Some(weighted),
+        })
+        .ok_or_else(|| CalibrationError::NoConvergence { stage: "joint adjustment".into(), iterations: 0 })?;
+    let turned = &placed.turned;
+    Finish {
+        observations,
+        settings,
+        board: &board,
+        problem: &problem,
+        seen: &seen,
+        turned,
+        weighted: &weighted,
+    }
+    .run()
+}
+
+/// The adjustment of everything.
+fn joint<'a>(
+    observations: &Observations,
+    board: &'a Board,
+    seen: &[Seen],
+    turned: &[bool],
+    settings: &CalibrationSettings,
+) -> Problem<'a> {
+    let opposite = board.turned();
+    let (mut views, mut sights) = (Vec::with_capacity(seen.len()), Vec::new());
+    for (view, turned) in seen.iter().zip(turned) {
+        let start = sights.len();
+        for sight in &observations.views[view.view].sights {
+            let mut sight = *sight;
+            if let (true, Some(opposite)) = (turned, &opposite) {
+                sight.index = opposite[sight.index];
+            }
+            sights.push(sight);
+        }
+        views.push(ViewRange { device: view.device, pose: view.pose, start, end: sights.len() });
+    }
+    let lenses: Vec<LensModel> =
+        (0..observations.devices.len()).map(|device| lens(observations, device, settings)).collect();
+    // Points get free from a target that is nearly right: their own step starts from the bend.
+    let target = if settings.target == TargetShape::Flat { TargetShape::Flat } else { TargetShape::Bent };
+    Problem::new(board, views, sights, columns(&lenses, target))
+}
+
+/// Adjusts each point of the target too, from the solution for the bent one; the bend stays what it is, as a reference.
+fn free_points(problem: &mut Problem, mut state: State, settings: &CalibrationSettings) -> Option<Weighted> {
+    let datum = Datum::new(&problem.board.points);
+    for column in problem.columns.last_mut().into_iter().flatten() {
+        *column = None;
+    }
+    // The two of the warp stood last.
+    problem.unknowns += datum.size() - WARP;
+    problem.datum = Some(datum);
+    state.shape.offsets_mm = vec![Vector3::zeros(); problem.board.points.len()];
+    adjust::weighted(problem, state, settings)
+}

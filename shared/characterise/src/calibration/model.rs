@@ -1,0 +1,249 @@
+//! The observation model with its derivatives: target point → world → device → lens → pixel.
+//!
+//! Parameters are steps about the present state, each in the frame where it is least correlated with the others:
+//!
+//! | local columns | step |
+//! |---|---|
+//! | 0 … 9 | fx, fy, cx, cy, skew, k1, k2, k3, p1, p2 (added) |
+//! | 10 … 15 | device: X_d ↦ exp(ω) X_d + τ, in the device's frame, rad and mm |
+//! | 16, 17 | warp of the target, mm |
+//! | 18 … 23 | pose: X_b ↦ exp(ω) X_b + τ before world_from_board, in the target's frame about its centre |
+//!
+//! A point of the target that is adjusted itself has the derivatives of the pose's τ.
+
+use super::observations::Observations;
+use fringe::geometry::camera::Camera;
+use fringe::math;
+use nalgebra::{Isometry3, Matrix2x3, Matrix3, Point2, Quaternion, UnitQuaternion, Vector2, Vector3};
+
+/// Intrinsic parameters of a device.
+pub(super) const INTRINSIC: usize = 10;
+/// All parameters of a device.
+pub(super) const DEVICE: usize = 16;
+/// Parameters of the warp.
+pub(super) const WARP: usize = 2;
+/// Parameters of a pose.
+pub(super) const POSE: usize = 6;
+/// All parameters that a sight depends on.
+pub(super) const LOCAL: usize = DEVICE + WARP + POSE;
+
+/// The target about its centre.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Board {
+    /// Points about the centre, mm.
+    pub points: Vec<Vector3<f64>>,
+    /// How far each point rises per unit of either warp parameter: 1 − x², 1 − y² with x, y in ±1 over the target.
+    pub rise: Vec<[f64; 2]>,
+    /// Middle of the bounding box, mm.
+    pub centre: Vector3<f64>,
+}
+
+impl Board {
+    /// From a checked target.
+    pub fn new(observations: &Observations) -> Self {
+        let points = &observations.target_mm;
+        let bound = |start: f64, pick: fn(f64, f64) -> f64| {
+            points.iter().fold(Vector3::repeat(start), |b, p| b.zip_map(&p.coords, pick))
+        };
+        let (low, high) = (bound(f64::INFINITY, f64::min), bound(f64::NEG_INFINITY, f64::max));
+        let (centre, half) = ((low + high) * 0.5, (high - low) * 0.5);
+        let points: Vec<Vector3<f64>> = points.iter().map(|p| p.coords - centre).collect();
+        let rise =
+            points.iter().map(|p| [1.0 - (p.x / half.x).powi(2), 1.0 - (p.y / half.y).powi(2)]).collect();
+        Self { points, rise, centre }
+    }
+
+    /// A point of the target as it is, mm about the centre.
+    #[inline]
+    pub fn point(&self, index: usize, shape: &Shape) -> Vector3<f64> {
+        let ([a, b], [along_x, along_y]) = (self.rise[index], shape.warp_mm);
+        let bent = self.points[index] + Vector3::new(0.0, 0.0, a * along_x + b * along_y);
+        shape.offsets_mm.get(index).map_or(bent, |offset| bent + offset)
+    }
+
+    /// The point that has the place of each point after a turn by 180° about the centre; `None` for a target that does
+    /// not meet itself.
+    pub fn turned(&self) -> Option<Vec<usize>> {
+        let reach = self.points.iter().map(Vector3::norm).fold(0.0, f64::max);
+        self.points
+            .iter()
+            .map(|p| {
+                let other = Vector3::new(-p.x, -p.y, p.z);
+                self.points.iter().position(|q| (q - other).norm() < 1e-3 * reach)
+            })
+            .collect()
+    }
+}
+
+/// How the target differs from the declared one.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Shape {
+    /// Warp, mm.
+    pub warp_mm: [f64; 2],
+    /// Displacement of each point on top of the warp, mm; empty unless the points are adjusted.
+    pub offsets_mm: Vec<Vector3<f64>>,
+}
+
+/// All that is adjusted. The world is the first device's frame; boards are about their centre.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct State {
+    /// Devices; `camera_from_world` included.
+    pub cameras: Vec<Camera>,
+    /// world_from_board of each pose that is used.
+    pub boards: Vec<Option<Isometry3<f64>>>,
+    /// The target.
+    pub shape: Shape,
+}
+
+/// The rotation by a vector, rad; bits do not depend on the machine.
+pub(crate) fn rotation(vector: Vector3<f64>) -> UnitQuaternion<f64> {
+    let angle = vector.norm();
+    // sin(φ/2)/φ by its series near zero, where the quotient has none.
+    let (real, part) = if angle < 1e-6 {
+        (1.0 - angle * angle / 8.0, 0.5 - angle * angle / 48.0)
+    } else {
+        (math::cos(0.5 * angle), math::sin(0.5 * angle) / angle)
+    };
+    UnitQuaternion::from_quaternion(Quaternion::from_parts(real, vector * part))
+}
+
+/// The rotation vector of a rotation, rad, of length at most π.
+pub(crate) fn rotation_vector(rotation: &UnitQuaternion<f64>) -> Vector3<f64> {
+    let q = if rotation.w < 0.0 { -rotation.into_inner() } else { rotation.into_inner() };
+    let sine = q.imag().norm();
+    let angle = 2.0 * math::atan2(sine, q.w);
+    if sine < 1e-12 { q.imag() * 2.0 } else { q.imag() * (angle / sine) }
+}
+
+/// The motion of a step (ω, τ).
+pub(super) fn motion(step: &[f64]) -> Isometry3<f64> {
+    let part = |i: usize| Vector3::new(step[i], step[i + 1], step[i + 2]);
+    Isometry3::from_parts(part(3).into(), rotation(part(0)))
+}
+
+/// The product of two motions with a quaternion of unit length.
+pub(super) fn compose(a: &Isometry3<f64>, b: &Isometry3<f64>) -> Isometry3<f64> {
+    let product = a * b;
+    let rotation = UnitQuaternion::from_quaternion(product.rotation.into_inner());
+    Isometry3::from_parts(product.translation, rotation)
+}
+
+/// A camera after a step of its parameters.
+pub(crate) fn moved(camera: &Camera, step: &[f64]) -> Camera {
+    let mut next = camera.clone();
+    next.focal_px[0] += step[0];
+    next.focal_px[1] += step[1];
+    next.principal_point_px[0] += step[2];
+    next.principal_point_px[1] += step[3];
+    next.skew += step[4];
+    for (k, s) in next.distortion.k.iter_mut().zip(&step[5..8]) {
+        *k += s;
+    }
+    for (p, s) in next.distortion.p.iter_mut().zip(&step[8..10]) {
+        *p += s;
+    }
+    next.camera_from_world = compose(&motion(&step[INTRINSIC..DEVICE]), &camera.camera_from_world);
+    next
+}
+
+/// A view ready for projection: device_from_board as matrix and vector.
+pub(super) struct Projector<'a> {
+    camera: &'a Camera,
+    rotation: Matrix3<f64>,
+    translation: Vector3<f64>,
+}
+
+/// Two rows of the Jacobian.
+pub(super) type Rows = [[f64; LOCAL]; 2];
+
+impl<'a> Projector<'a> {
+    /// For a device and a pose.
+    pub fn new(camera: &'a Camera, board: &Isometry3<f64>) -> Self {
+        let both = camera.camera_from_world * board;
+        let rotation = both.rotation.to_rotation_matrix().into_inner();
+        Self { camera, rotation, translation: both.translation.vector }
+    }
+
+    /// The pixel of a target point (about the centre, warp included); `None` behind the device.
+    #[inline]
+    pub fn pixel(&self, point: &Vector3<f64>) -> Option<Point2<f64>> {
+        let seen = self.rotation * point + self.translation;
+        // Written so that a NaN is refused too.
+        (seen.z > 1e-9)
+            .then(|| self.camera.pixel_from_normalised(Vector2::new(seen.x / seen.z, seen.y / seen.z)))
+    }
+
+    /// The pixel with its derivatives by all local parameters.
+    pub fn rows(&self, point: &Vector3<f64>, rise: [f64; 2]) -> Option<(Point2<f64>, Rows)> {
+        let seen = self.rotation * point + self.translation;
+        let mut rows = [[0.0; LOCAL]; 2];
+        let (pixel, by_point) = intrinsic_rows(self.camera, &seen, &mut rows)?;
+        let by_board = by_point * self.rotation;
+        for (i, row) in rows.iter_mut().enumerate() {
+            let device = by_point.row(i).transpose();
+            let board = by_board.row(i).transpose();
+            // d·(ω × X) = ω·(X × d).
+            row[10..13].copy_from_slice(seen.cross(&device).as_slice());
+            row[13..16].copy_from_slice(device.as_slice());
+            row[16] = board.z * rise[0];
+            row[17] = board.z * rise[1];
+            row[18..21].copy_from_slice(point.cross(&board).as_slice());
+            row[21..24].copy_from_slice(board.as_slice());
+        }
+        Some((pixel, rows))
+    }
+}
+
+/// The pixel of a point in the device's frame, its derivative by the point, and those by the intrinsics into `rows`.
+fn intrinsic_rows(
+    camera: &Camera,
+    seen: &Vector3<f64>,
+    rows: &mut Rows,
+) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
+    if seen.z.is_nan() || seen.z <= 1e-9 {
+        return None;
+    }
+    let ideal = Vector2::new(seen.x / seen.z, seen.y / seen.z);
+    let (x, y) = (ideal.x, ideal.y);
+    let r2 = x * x + y * y;
+    let distorted = camera.distortion.distort(ideal);
+    let [fx, fy] = camera.focal_px;
+    rows[0][0] = distorted.x;
+    rows[1][1] = distorted.y;
+    rows[0][2] = 1.0;
+    rows[1][3] = 1.0;
+    rows[0][4] = distorted.y;
+    let lens = [
+        [x * r2, y * r2],
+        [x * r2 * r2, y * r2 * r2],
+        [x * r2 * r2 * r2, y * r2 * r2 * r2],
+        [2.0 * x * y, r2 + 2.0 * y * y],
+        [r2 + 2.0 * x * x, 2.0 * x * y],
+    ];
+    for (column, [dx, dy]) in lens.into_iter().enumerate() {
+        rows[0][5 + column] = fx * dx + camera.skew * dy;
+        rows[1][5 + column] = fy * dy;
+    }
+    let by_ideal = nalgebra::Matrix2::new(fx, camera.skew, 0.0, fy) * camera.distortion.jacobian(ideal);
+    let perspective = Matrix2x3::new(1.0, 0.0, -x, 0.0, 1.0, -y) / seen.z;
+    Some((camera.pixel_from_distorted(distorted), by_ideal * perspective))
+}
+
+/// Derivatives of a world point's pixel by the parameters of its device, and by the point (px/mm); `None` behind it.
+pub(super) fn world_rows(
+    camera: &Camera,
+    world: &Vector3<f64>,
+) -> Option<([[f64; DEVICE]; 2], Matrix2x3<f64>)> {
+    let rotation = camera.camera_from_world.rotation.to_rotation_matrix().into_inner();
+    let seen = rotation * world + camera.camera_from_world.translation.vector;
+    let mut rows = [[0.0; LOCAL]; 2];
+    let (_, by_point) = intrinsic_rows(camera, &seen, &mut rows)?;
+    let mut own = [[0.0; DEVICE]; 2];
+    for (i, (own, row)) in own.iter_mut().zip(&rows).enumerate() {
+        let device = by_point.row(i).transpose();
+        own[..INTRINSIC].copy_from_slice(&row[..INTRINSIC]);
+        own[10..13].copy_from_slice(seen.cross(&device).as_slice());
+        own[13..16].copy_from_slice(device.as_slice());
+    }
+    Some((own, by_point * rotation))
+}

@@ -1,0 +1,216 @@
+//! Start values of each device by itself, and whether its poses determine it at all.
+
+use super::CalibrationError;
+use super::adjust::{approach, robust_variances, solve};
+use super::dense::Factor;
+use super::homography::homography;
+use super::model::{Board, DEVICE, Shape, State};
+use super::observations::{Device, DeviceKind, Observations, Sight};
+use super::problem::{Problem, ViewRange, columns};
+use super::settings::{CalibrationSettings, LensModel, TargetShape};
+use super::zhang::{candidates, normal_lens, pose};
+use fringe::geometry::camera::Camera;
+use fringe::math;
+use nalgebra::{Isometry3, Matrix3};
+
+/// Two views leave focal length and principal point hanging together; a third one tells them apart.
+const MIN_VIEWS: usize = 3;
+
+/// A focal length known worse than this is not known: 5 % of 500 mm are 25 mm.
+const OPEN_FOCAL: f64 = 0.05;
+
+/// A principal point known worse than this part of the image size is not known.
+const OPEN_CENTRE: f64 = 0.1;
+
+/// Tilts within less than this, rad (10°), count as parallel.
+const PARALLEL_RAD: f64 = 0.175;
+
+/// A start whose residuals are below this part of the image size is near enough; no other one is tried.
+const NEAR: f64 = 1e-3;
+
+/// A view with a homography.
+#[derive(Debug, Clone)]
+pub(super) struct Seen {
+    /// Index into the views given.
+    pub view: usize,
+    /// Device.
+    pub device: usize,
+    /// Pose.
+    pub pose: usize,
+    /// Pixel ← target about its centre.
+    pub homography: Matrix3<f64>,
+    /// Start value.
+    pub device_from_board: Isometry3<f64>,
+}
+
+/// The lens model of a device.
+pub(super) fn lens(observations: &Observations, device: usize, settings: &CalibrationSettings) -> LensModel {
+    match observations.devices[device].kind {
+        DeviceKind::Camera => settings.camera,
+        DeviceKind::Projector => settings.projector,
+    }
+}
+
+/// All views that have a homography.
+pub(super) fn usable(observations: &Observations, board: &Board) -> Vec<Seen> {
+    let seen = observations.views.iter().enumerate().filter_map(|(number, view)| {
+        Some(Seen {
+            view: number,
+            device: view.device,
+            pose: view.pose,
+            homography: homography(&board.points, &view.sights)?,
+            device_from_board: Isometry3::identity(),
+        })
+    });
+    seen.collect()
+}
+
+/// Refuses devices with too few views.
+pub(super) fn enough_views(observations: &Observations, seen: &[Seen]) -> Result<(), CalibrationError> {
+    for (number, device) in observations.devices.iter().enumerate() {
+        let views = seen.iter().filter(|s| s.device == number).count();
+        if views < MIN_VIEWS {
+            return Err(CalibrationError::TooFewPoses {
+                device: device.name.clone(),
+                views,
+                needs: MIN_VIEWS,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// Characterises one device by itself; the poses of its views are written into `seen`.
+pub(super) fn start(
+    observations: &Observations,
+    board: &Board,
+    device: usize,
+    seen: &mut [Seen],
+    settings: &CalibrationSettings,
+) -> Result<Camera, CalibrationError> {
+    let own: Vec<usize> = (0..seen.len()).filter(|i| seen[*i].device == device).collect();
+    let problem = alone(observations, board, &own, seen, lens(observations, device, settings));
+    let homographies: Vec<Matrix3<f64>> = own.iter().map(|i| seen[*i].homography).collect();
+    let mut ranked: Vec<(f64, State)> = candidates(&observations.devices[device], &homographies)
+        .into_iter()
+        .filter_map(|camera| {
+            let boards: Option<Vec<_>> = homographies.iter().map(|h| pose(&camera, h).map(Some)).collect();
+            let state = State { cameras: vec![camera], boards: boards?, shape: Shape::default() };
+            Some((robust_variances(&problem, &state).1[0], state))
+        })
+        .collect();
+    ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut best: Option<(f64, State)> = None;
+    let own_device = &observations.devices[device];
+    let near_px = NEAR * f64::from(own_device.width_px);
+    for (_, state) in ranked {
+        let Some(state) = approach(&problem, state) else { continue };
+        let variance = robust_variances(&problem, &state).1[0];
+        if best.as_ref().is_none_or(|(least, _)| variance < *least) {
+            best = Some((variance, state));
+        }
+        let whiten = problem.whiten.first().map_or(1.0, |w| w[0]);
+        if best.as_ref().is_some_and(|(least, _)| least.sqrt() < near_px * whiten) {
+            break;
+        }
+    }
+    let Some((variance, state)) = best else {
+        return Err(CalibrationError::NoConvergence { stage: own_device.name.clone(), iterations: 0 });
+    };
+    determined(own_device, &problem, &homographies, &state, variance)?;
+    for (i, board) in own.iter().zip(&state.boards) {
+        seen[*i].device_from_board = board.unwrap_or_else(Isometry3::identity);
+    }
+    state.cameras.into_iter().next().ok_or(CalibrationError::Empty)
+}
+
+/// The adjustment of one device; its poses are its views in order.
+fn alone<'a>(
+    observations: &Observations,
+    board: &'a Board,
+    own: &[usize],
+    seen: &[Seen],
+    lens: LensModel,
+) -> Problem<'a> {
+    let (mut views, mut sights) = (Vec::new(), Vec::new());
+    for (pose, i) in own.iter().enumerate() {
+        let start = sights.len();
+        // What a projector's sights are linked to is not part of this.
+        sights.extend(observations.views[seen[*i].view].sights.iter().map(|s| Sight { link: None, ..*s }));
+        views.push(ViewRange { device: 0, pose, start, end: sights.len() });
+    }
+    Problem::new(board, views, sights, columns(&[lens], TargetShape::Flat))
+}
+
+/// Refuses a device whose intrinsics its poses leave open.
+fn determined(
+    device: &Device,
+    problem: &Problem,
+    homographies: &[Matrix3<f64>],
+    state: &State,
+    variance: f64,
+) -> Result<(), CalibrationError> {
+    let limit = 25.0 * variance.max(1e-24);
+    let weights: Vec<f64> = problem
+        .squares(state)
+        .iter()
+        .map(|s| if *s <= limit { 1.0 / variance.max(1e-24) } else { 0.0 })
+        .collect();
+    let solved = solve(problem, state.clone(), &weights, 3);
+    let u = solved.and_then(|s| {
+        let inverses = s.normal.pose_inverses(0.0).ok()?;
+        let (matrix, _) = s.normal.reduced(&inverses, 0.0);
+        let covariance = Factor::new(&matrix).ok()?.inverse();
+        let mut u = [0.0; DEVICE];
+        for (entry, column) in u.iter_mut().zip(&problem.columns[0]) {
+            *entry = column.map_or(0.0, |c| covariance.at(c, c).sqrt());
+        }
+        Some(u)
+    });
+    let what = match u {
+        None => Some("it at all (the normal equations are singular)".to_owned()),
+        Some(u) => open(&state.cameras[0], &u),
+    };
+    let Some(what) = what else { return Ok(()) };
+    // Tilts follow from the perspective once the focal length is given; an open one may be off by any factor.
+    let normal = normal_lens(device);
+    let boards: Vec<Isometry3<f64>> = homographies.iter().filter_map(|h| pose(&normal, h)).collect();
+    let (device, views) = (device.name.clone(), problem.views.len());
+    Err(CalibrationError::Degenerate { device, views, what, remedy: remedy(boards.iter()) })
+}
+
+/// Says which intrinsic parameter is open, given standard uncertainties in the order of the model.
+pub(super) fn open(camera: &Camera, u: &[f64]) -> Option<String> {
+    let size = 0.5 * f64::from(camera.width_px + camera.height_px);
+    let values =
+        [camera.focal_px[0], camera.focal_px[1], camera.principal_point_px[0], camera.principal_point_px[1]];
+    let limits = [OPEN_FOCAL * values[0], OPEN_FOCAL * values[1], OPEN_CENTRE * size, OPEN_CENTRE * size];
+    let names =
+        ["the focal length fx", "the focal length fy", "the principal point cx", "the principal point cy"];
+    (0..4)
+        .find(|i| u[*i].is_nan() || u[*i] > limits[*i])
+        .map(|i| format!("{} ({:.1} ± {:.1} px, limit ± {:.1} px)", names[i], values[i], u[i], limits[i]))
+}
+
+/// What to do, judged by the directions in which the target faced the device.
+pub(super) fn remedy<'a>(boards: impl Iterator<Item = &'a Isometry3<f64>>) -> String {
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for board in boards {
+        let normal = board.rotation * nalgebra::Vector3::<f64>::z();
+        // A turn about the image's x axis moves the normal along y, and the other way round.
+        for (axis, part) in [normal.y, normal.x].into_iter().enumerate() {
+            let tilt = math::atan2(part * normal.z.signum(), normal.z.abs());
+            low[axis] = low[axis].min(tilt);
+            high[axis] = high[axis].max(tilt);
+        }
+    }
+    let name = ["x axis (horizontal in the image)", "y axis (vertical in the image)"];
+    let parallel: Vec<&str> = (0..2).filter(|i| high[*i] - low[*i] < PARALLEL_RAD).map(|i| name[i]).collect();
+    if parallel.is_empty() {
+        return "add poses that are tilted by 20° to 45° in other directions and fill the image".into();
+    }
+    format!(
+        "tilt the board about its {} by 20° to 45° to either side in some poses",
+        parallel.join(" and its ")
+    )
+}

@@ -1,0 +1,209 @@
+//! The check against closed-form scenes: what is healthy, what is not, and what it says about it.
+
+use super::*;
+use fringe::geometry::camera::Camera;
+use fringe::pattern::Axis;
+use fringe::phase::PhaseMap;
+use fringe::synthetic::{Noise, Scene, Surface, rig};
+use nalgebra::{Isometry3, Matrix2, Point2, Point3, Vector2, Vector3};
+
+/// Pixels of points all over the volume, with noise in the right view.
+fn matches(left: &Camera, right: &Camera, sigma_px: f64, noise: &mut Noise, count: usize) -> Vec<Match> {
+    let mut place = |half: f64| (2.0 * noise.unit() - 1.0) * half;
+    let points: Vec<Point3<f64>> =
+        (0..count).map(|_| Point3::new(place(70.0), place(45.0), place(40.0))).collect();
+    let seen = points.iter().filter_map(|p| Some((left.project(p)?, right.project(p)?)));
+    seen.map(|(l, r)| Match {
+        left: l,
+        right: r + Vector2::new(noise.gauss(), noise.gauss()) * sigma_px,
+        covariance_px2: Matrix2::identity() * sigma_px * sigma_px,
+    })
+    .collect()
+}
+
+fn turned(camera: &Camera, axis: usize, degrees: f64) -> Camera {
+    let turn = Isometry3::new(Vector3::zeros(), Vector3::ith(axis, degrees.to_radians()));
+    Camera { camera_from_world: turn * camera.camera_from_world, ..camera.clone() }
+}
+
+const EXACT_PHASE: HealthSettings =
+    HealthSettings { false_alarm: 0.01, phase_error_px: 0.0, least_matches: 100 };
+
+/// Noise alone: the statistic is a χ² of as many degrees as there are drifts, so it alarms as often as asked.
+#[test]
+fn a_healthy_pair_alarms_as_often_as_asked() {
+    let [left, right, _] = rig(1124, 750);
+    let (mut noise, mut sum, mut alarms) = (Noise(7), 0.0, 0);
+    let rounds = 200;
+    for _ in 0..rounds {
+        let seen = matches(&left, &right, 0.05, &mut noise, 600);
+        let drift = check_pair(&left, &right, &seen, None, &EXACT_PHASE).unwrap().drift;
+        assert_eq!(drift.degrees_of_freedom, 6);
+        sum += drift.statistic / f64::from(rounds);
+        alarms += u32::from(drift.statistic > drift.limit);
+    }
+    // Mean 6, standard deviation of the mean √(12/200) = 0.25; the sandwich may only make the test more careful.
+    assert!((4.5..6.8).contains(&sum), "{sum}");
+    assert!(alarms <= 7, "{alarms} of 200 at 1 %");
+}
+
+/// A rig that is wrong by what its calibration's covariance says is healthy; without the covariance it is not.
+#[test]
+fn the_covariance_of_the_calibration_is_allowed_for() {
+    let [left, right, _] = rig(1124, 750);
+    let names = ["rx_rad", "tx_mm", "fx_px"].map(str::to_owned).to_vec();
+    let sd = [2e-5, 0.01, 0.3];
+    let matrix = (0..36).map(|k| if k % 7 == 0 { f64::powi(sd[k / 6 % 3], 2) } else { 0.0 }).collect();
+    let covariance = PairCovariance { names: [names.clone(), names], matrix };
+    let (mut noise, mut sum, mut alarms) = (Noise(11), 0.0, 0);
+    let rounds = 60;
+    for _ in 0..rounds {
+        let seen = matches(&left, &right, 0.02, &mut noise, 600);
+        let mut wrong = |camera: &Camera| {
+            let mut out = turned(camera, 0, (noise.gauss() * sd[0]).to_degrees());
+            out.camera_from_world.translation.vector.x += noise.gauss() * sd[1];
+            out.focal_px[0] += noise.gauss() * sd[2];
+            out
+        };
+        let file = [wrong(&left), wrong(&right)];
+        let with = check_pair(&file[0], &file[1], &seen, Some(&covariance), &EXACT_PHASE).unwrap();
+        assert!(with.with_covariance && with.pattern_limit_px > 0.02);
+        sum += with.drift.statistic / f64::from(rounds);
+        let without = check_pair(&file[0], &file[1], &seen, None, &EXACT_PHASE).unwrap();
+        alarms += usize::from(!without.healthy);
+    }
+    assert!((4.0..8.0).contains(&sum), "{sum}");
+    assert!(alarms > 50, "{alarms} of 60");
+}
+
+#[test]
+fn a_drift_is_named_measured_and_its_uncertainty_holds() {
+    let [left, right, _] = rig(1124, 750);
+    for (name, truth, file) in [
+        ("rotation about x", 1e-4, turned(&right, 0, f64::to_degrees(-1e-4))),
+        ("rotation about y", 1e-3, turned(&right, 1, f64::to_degrees(-1e-3))),
+        ("rotation about z", -1e-3, turned(&right, 2, f64::to_degrees(1e-3))),
+        ("focal length", 1e-3, Camera { focal_px: right.focal_px.map(|f| f / 1.001), ..right.clone() }),
+    ] {
+        let seen = matches(&left, &right, 0.02, &mut Noise(5), 3000);
+        let health = check_pair(&left, &file, &seen, None, &EXACT_PHASE).unwrap();
+        let best = &health.drift.causes[0];
+        assert!(!health.healthy && best.name == name && best.explains > 0.98, "{name}: {health:?}");
+        assert!((best.value - truth).abs() < 4.0 * best.u + 2e-3 * truth.abs(), "{name}: {best:?}");
+        assert!(best.u_noise <= best.u && best.u < 0.05 * truth.abs(), "{name}: {best:?}");
+        assert!((health.rms_after_px / 0.02 - 0.71).abs() < 0.1, "{name}: {health:?}");
+    }
+}
+
+#[test]
+fn wrong_matches_neither_alarm_nor_hide_a_drift() {
+    let [left, right, _] = rig(1124, 750);
+    let mut noise = Noise(21);
+    let mut seen = matches(&left, &right, 0.02, &mut noise, 2000);
+    for wrong in seen.iter_mut().step_by(7) {
+        wrong.right += Vector2::new(noise.gauss(), noise.gauss().abs()) * 5.0;
+    }
+    let healthy = check_pair(&left, &right, &seen, None, &EXACT_PHASE).unwrap();
+    assert!(healthy.healthy && healthy.rejected > 200, "{healthy:?}");
+    let knocked = check_pair(&left, &turned(&right, 0, 0.001), &seen, None, &EXACT_PHASE).unwrap();
+    assert!(!knocked.healthy);
+}
+
+/// A shift along the baseline only scales; a lens that changed is no drift of a pose.
+#[test]
+fn what_cannot_be_seen_is_not_claimed_and_what_is_no_drift_is_told_apart() {
+    let [left, right, _] = rig(1124, 750);
+    let seen = matches(&left, &right, 0.02, &mut Noise(2), 3000);
+    let mut longer = right.clone();
+    let baseline = right.camera_from_world * left.centre_mm();
+    longer.camera_from_world.translation.vector += baseline.coords.normalize();
+    assert!(check_pair(&left, &longer, &seen, None, &EXACT_PHASE).unwrap().healthy);
+    let mut warm = right.clone();
+    warm.distortion.k[0] += 0.05;
+    let settings = HealthSettings { phase_error_px: 0.005, ..EXACT_PHASE };
+    let health = check_pair(&left, &warm, &seen, None, &settings).unwrap();
+    assert!(!health.healthy && health.pattern_px > health.pattern_limit_px, "{health:?}");
+}
+
+/// A plane leaves a drift open; what it tells is still judged.
+#[test]
+fn a_flat_object_tells_fewer_drifts() {
+    let [left, right, _] = rig(1124, 750);
+    let mut noise = Noise(4);
+    let seen: Vec<Match> = matches(&left, &right, 0.0, &mut noise, 2000)
+        .iter()
+        .filter_map(|m| {
+            let ray = left.ray(m.left)?;
+            let at = ray.origin_mm - ray.direction * (ray.origin_mm.z / ray.direction.z);
+            let right = right.project(&at)? + Vector2::new(noise.gauss(), noise.gauss()) * 0.02;
+            Some(Match { left: m.left, right, covariance_px2: Matrix2::identity() * 4e-4 })
+        })
+        .collect();
+    let flat = check_pair(&left, &right, &seen, None, &EXACT_PHASE).unwrap();
+    assert!(flat.healthy && flat.drift.degrees_of_freedom < 6, "{flat:?}");
+    assert!(!check_pair(&left, &turned(&right, 0, 0.002), &seen, None, &EXACT_PHASE).unwrap().healthy);
+}
+
+fn scene(projector: Camera) -> Scene {
+    let ball = Surface::Sphere { centre: Point3::new(0.0, 0.0, -5.0), radius_mm: 25.0 };
+    Scene { surfaces: vec![ball, Surface::plane([0.0, 0.1, 1.0], -20.0)], projector, period_px: 16.0 }
+}
+
+/// From phase maps: the places match where they must, with the covariance that the scatter shows, shadow edges left out.
+#[test]
+fn phases_alone_match_views_and_projector() {
+    let [left, right, projector] = rig(500, 340);
+    let scene = scene(projector.clone());
+    let map = |camera: &Camera, axis, seed| scene.phase_map(camera, axis, 0.01, seed);
+    let [lx, ly] = [map(&left, Axis::X, 1), map(&left, Axis::Y, 2)];
+    let [rx, ry] = [map(&right, Axis::X, 3), map(&right, Axis::Y, 4)];
+    let found = match_views([&lx.view(), &ly.view()], [&rx.view(), &ry.view()]).unwrap();
+    assert!(found.matches.len() > 2000 && found.counts.rough > 20, "{:?}", found.counts);
+    let mut ratio = 0.0;
+    for m in &found.matches {
+        let (at, _) = scene.trace(&left.ray(m.left).unwrap()).unwrap();
+        let off = m.right - right.project(&at).unwrap();
+        let normal = off.dot(&(m.covariance_px2.try_inverse().unwrap() * off));
+        assert!(normal < 40.0, "{m:?}: off by {off}");
+        ratio += normal / (2.0 * found.matches.len() as f64);
+    }
+    assert!((ratio - 1.0).abs() < 0.15, "{ratio}");
+    let pair = check_pair(&left, &right, &found.matches, None, &HealthSettings::default()).unwrap();
+    assert!(pair.healthy && (0.8..1.2).contains(&pair.noise_factor), "{pair:?}");
+    let lit = match_projector([&lx.view(), &ly.view()]).unwrap();
+    let pair = check_pair(&left, &projector, &lit.matches, None, &HealthSettings::default()).unwrap();
+    assert!(pair.healthy, "{pair:?}");
+    assert!(
+        !check_pair(&left, &turned(&projector, 0, 0.01), &lit.matches, None, &HealthSettings::default())
+            .unwrap()
+            .healthy
+    );
+}
+
+#[test]
+fn what_tells_nothing_is_refused() {
+    let [left, right, projector] = rig(60, 40);
+    let whole = |axis: Axis| scene(projector.clone()).phase_map(&left, axis, 0.01, 1);
+    let (x, y) = (whole(Axis::X), whole(Axis::Y));
+    let error = match_views([&x.view(), &x.view()], [&x.view(), &y.view()]).unwrap_err().to_string();
+    assert!(error.contains("left") && error.contains("one map for the columns"), "{error}");
+    let dark = |axis| PhaseMap::new(fringe::phase::PhaseInfo { axis, ..x.info });
+    let (dx, dy) = (dark(Axis::X), dark(Axis::Y));
+    let none = match_views([&x.view(), &y.view()], [&dx.view(), &dy.view()]).unwrap();
+    assert!(none.matches.is_empty() && none.counts.unseen > 0);
+    let error = check_pair(&left, &right, &none.matches, None, &HealthSettings::default()).unwrap_err();
+    assert!(matches!(error, HealthError::TooFew { found: 0, .. }));
+    let settings = HealthSettings { false_alarm: 0.0, ..HealthSettings::default() };
+    assert!(check_pair(&left, &right, &[], None, &settings).unwrap_err().to_string().contains("false_alarm"));
+    let one = Match {
+        left: Point2::new(3.0, 4.0),
+        right: Point2::new(9.0, 9.0),
+        covariance_px2: Matrix2::identity(),
+    };
+    let same = vec![one; 300];
+    let told = check_pair(&left, &right, &same, None, &HealthSettings::default());
+    assert!(told.is_err() || told.unwrap().drift.degrees_of_freedom < 3);
+    let covariance = PairCovariance { names: [vec!["hue".into()], vec![]], matrix: vec![1.0] };
+    let error = check_pair(&left, &right, &same, Some(&covariance), &HealthSettings::default()).unwrap_err();
+    assert!(error.to_string().contains("\"hue\""), "{error}");
+}

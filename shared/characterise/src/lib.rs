@@ -1,0 +1,13 @@
+//! From pictures to a rig: what is known of cameras, projectors and stages before a part is measured.
+//!
+//! Pure: no files, no clock, no environment, no logging, no `unsafe`. Conventions and determinism are those of
+//! [`fringe`].
+
+pub mod calibration;
+pub mod focus;
+pub mod health;
+pub mod rectified_images;
+pub mod reference_plane;
+pub mod response;
+pub mod rotation_stage;
+pub mod target;

@@ -1,0 +1,293 @@
+//! One corner of a checkerboard to the noise limit: two blurred edges through a point.
+//!
+//! I(x) = m + g·x + (A + h·x)·P(s₁/σ₁)·P(s₂/σ₂) with P(t) = erf(t/√2) and sᵢ the distance from edge i. Levels and
+//! their slopes (light that falls unevenly, on dark as on light squares) are part of the model: without the slope h of the
+//! contrast, uneven light would pull the corner: blurred, a slope of the light moves an edge by σ²·h/A, so the model takes
+//! h·x through the blur as h·x + σ²·h·∇. The product is exact for edges at right angles under Gaussian blur;
+//! for others it errs symmetrically about the corner, which leaves the corner's position alone.
+
+use super::profile::Profile;
+use super::raster::Raster;
+use super::solve::{Ending, Model, Range, SETTLED_SIGMAS, Sample, fit};
+use fringe::math::{atan2, sincos};
+use nalgebra::{Matrix2, Point2, SVector, Vector2};
+
+/// cx, cy, θ₁, θ₂, σ₁, σ₂, m, gx, gy, A, hx, hy.
+const PARAMETERS: usize = 12;
+/// Where a first fit ends, in standard deviations: a second one follows.
+const ROUGHLY_SIGMAS: f64 = 0.3;
+/// The blur of the optics starts here, px.
+const START_BLUR_PX: f64 = 1.0;
+/// A pixel's own width blurs an edge by 0.29 px, and some optics follow; an edge that was sharpened is fitted with this
+/// blur held.
+const LEAST_BLUR_PX: f64 = 0.4;
+/// Largest change of the contrast from the middle of a window to its rim, as a part of it.
+const STEEPEST: f64 = 0.6;
+/// Room between a corner and the border of the image, px: as far as the blur reaches.
+pub(crate) const LEAST_ROOM_PX: f64 = 4.0;
+
+/// Where a corner is expected.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Expected {
+    pub pixel: Point2<f64>,
+    /// To the next corner along the first and the second edge, px.
+    pub along: [Vector2<f64>; 2],
+    /// Curvature of the two edges through the lens, 1/px: the edge is at sᵢ = κᵢ tᵢ²/2.
+    pub curvature: [f64; 2],
+    /// Whether the square between the first and the second edge is light.
+    pub light: bool,
+    /// A corner further from here than this, px, is another one.
+    pub leash_px: f64,
+}
+
+/// A corner found.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Corner {
+    pub pixel: Point2<f64>,
+    pub covariance_px2: Matrix2<f64>,
+    /// Mean of σ₁ and σ₂.
+    pub blur_px: f64,
+    /// −A: positive when the square between the first and the second edge is light.
+    pub contrast_dn: f64,
+    pub residual_dn: f64,
+    /// Directions of the edges, rad, turned by less than a quarter from those expected.
+    pub angle_rad: [f64; 2],
+    /// Of the model, for a second fit to start from.
+    parameters: SVector<f64, PARAMETERS>,
+}
+
+/// Reach of the window.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Window {
+    pub fraction: f64,
+    pub limit_px: f64,
+    pub band: Band,
+}
+
+/// Distance from the edges within which pixels count, as a fraction of the pitch and at least: the inside of the squares
+/// tells nothing about the edges, and may carry markers.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Band {
+    fraction: f64,
+    least_px: f64,
+}
+
+impl Band {
+    /// For most corners.
+    pub const WIDE: Self = Self { fraction: 0.22, least_px: 4.5 };
+    /// Between the edges and markers that come close to them.
+    pub const NARROW: Self = Self { fraction: 0.12, least_px: 2.5 };
+}
+
+struct TwoEdges {
+    /// Scale of the slopes, px: makes all linear parameters grey values.
+    reach_px: f64,
+    curvature: [f64; 2],
+}
+
+/// An edge at one set of parameters.
+struct Edge {
+    profile: &'static Profile,
+    sin: f64,
+    cos: f64,
+    /// 1/σ, and whether σ is held at its least value.
+    sharpness: f64,
+    held: bool,
+    half_curvature: f64,
+}
+
+impl Edge {
+    /// σ²·∂P/∂n of the derivatives that [`Self::at`] gives, along x and y.
+    fn blurred_slope(&self, derivatives: &[f64; 4]) -> [f64; 2] {
+        let variance = 1.0 / (self.sharpness * self.sharpness);
+        [-derivatives[0] * variance, -derivatives[1] * variance]
+    }
+
+    /// P at a point relative to the corner, and its derivatives by cx, cy, θ, σ.
+    fn at(&self, dx: f64, dy: f64) -> (f64, [f64; 4]) {
+        let t = self.cos * dx + self.sin * dy;
+        let s = self.cos * dy - self.sin * dx - self.half_curvature * t * t;
+        let scaled = s * self.sharpness;
+        let (value, density) = self.profile.at(scaled);
+        let by_s = density * self.sharpness;
+        let by_sigma = if self.held { 0.0 } else { -scaled * by_s };
+        // ds/dc = −n: the curvature's part is a thousandth of it.
+        (value, [by_s * self.sin, -by_s * self.cos, -by_s * t, by_sigma])
+    }
+}
+
+impl Model<PARAMETERS> for TwoEdges {
+    type Prepared = ([Edge; 2], SVector<f64, PARAMETERS>);
+
+    fn prepare(&self, p: &SVector<f64, PARAMETERS>) -> Self::Prepared {
+        let edge = |i: usize| {
+            let (sin, cos) = sincos(p[2 + i]);
+            let (sharpness, held) = (1.0 / p[4 + i].max(LEAST_BLUR_PX), p[4 + i] <= LEAST_BLUR_PX);
+            Edge {
+                profile: Profile::table(),
+                sin,
+                cos,
+                sharpness,
+                held,
+                half_curvature: 0.5 * self.curvature[i],
+            }
+        };
+        ([edge(0), edge(1)], *p)
+    }
+
+    fn evaluate(&self, (edges, p): &Self::Prepared, x: f64, y: f64) -> (f64, [f64; PARAMETERS]) {
+        let (dx, dy) = (x - p[0], y - p[1]);
+        let ((first, d1), (second, d2)) = (edges[0].at(dx, dy), edges[1].at(dx, dy));
+        let (u, v) = (x / self.reach_px, y / self.reach_px);
+        let contrast = p[9] + p[10] * u + p[11] * v;
+        let product = first * second;
+        // x and y through the blur, over P₁P₂; their change with the shape parameters is of second order.
+        let (b1, b2) = (edges[0].blurred_slope(&d1), edges[1].blurred_slope(&d2));
+        let by_hx = u * product + (b1[0] * second + b2[0] * first) / self.reach_px;
+        let by_hy = v * product + (b1[1] * second + b2[1] * first) / self.reach_px;
+        let value = p[6] + p[7] * u + p[8] * v + p[9] * product + p[10] * by_hx + p[11] * by_hy;
+        let (a, b) = (contrast * second, contrast * first);
+        let slope = [
+            a * d1[0] + b * d2[0],
+            a * d1[1] + b * d2[1],
+            a * d1[2],
+            b * d2[2],
+            a * d1[3],
+            b * d2[3],
+            1.0,
+            u,
+            v,
+            product,
+            by_hx,
+            by_hy,
+        ];
+        (value, slope)
+    }
+}
+
+/// Fits the model around an expected corner; `None` when the image holds no such corner there.
+///
+/// From scratch the fit ends near the place. With `first`, the corner that this gave, it starts there, with the
+/// curvature that is now known, and ends at the noise limit.
+pub(crate) fn refine(
+    image: &Raster,
+    full_scale_dn: f64,
+    expected: &Expected,
+    window: Window,
+    first: Option<&Corner>,
+) -> Option<Corner> {
+    let origin = Point2::new(expected.pixel.x.round(), expected.pixel.y.round());
+    let (samples, reach_px) = samples(image, origin, expected, window)?;
+    let model = TwoEdges { reach_px, curvature: expected.curvature };
+    let offset = expected.pixel - origin;
+    let start = match first {
+        Some(corner) => {
+            let mut start = corner.parameters;
+            start.fixed_rows_mut::<2>(0).copy_from(&offset);
+            start
+        }
+        None => from_scratch(&model, expected, offset, &samples)?,
+    };
+    let settled_sigmas = if first.is_some() { SETTLED_SIGMAS } else { ROUGHLY_SIGMAS };
+    let ending = Ending { settled_sigmas, leash_px: expected.leash_px };
+    let solved = fit(&model, start, &samples, Range::of(&samples, full_scale_dn), ending)?;
+    let p = solved.parameters;
+    // Where the contrast ends within the window there is a corner of one square, not of four.
+    if p[10] * p[10] + p[11] * p[11] > (STEEPEST * p[9]).powi(2) {
+        return None;
+    }
+    Some(Corner {
+        pixel: Point2::new(origin.x + p[0], origin.y + p[1]),
+        covariance_px2: solved.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
+        blur_px: 0.5 * (p[4].max(LEAST_BLUR_PX) + p[5].max(LEAST_BLUR_PX)),
+        // Between the first and the second edge s₁ is positive and s₂ negative. Light beyond full scale is a guess.
+        contrast_dn: (-p[9]).clamp(-0.5 * full_scale_dn, 0.5 * full_scale_dn),
+        residual_dn: solved.residual_dn,
+        angle_rad: [p[2], p[3]],
+        parameters: p,
+    })
+}
+
+/// Start parameters by the expectation; `None` when light and dark lie the other way round.
+fn from_scratch(
+    model: &TwoEdges,
+    expected: &Expected,
+    offset: Vector2<f64>,
+    samples: &[Sample],
+) -> Option<SVector<f64, PARAMETERS>> {
+    let angles = expected.along.map(|e| atan2(e.y, e.x));
+    let mut start = SVector::<f64, PARAMETERS>::zeros();
+    start.fixed_rows_mut::<6>(0).copy_from_slice(&[
+        offset.x,
+        offset.y,
+        angles[0],
+        angles[1],
+        START_BLUR_PX,
+        START_BLUR_PX,
+    ]);
+    start_levels(model, &mut start, samples);
+    ((start[9] < 0.0) == expected.light).then_some(start)
+}
+
+/// The pixels of the cross along both edges, cut at the border of the image, and its reach in px; `None` outside.
+fn samples(
+    image: &Raster,
+    origin: Point2<f64>,
+    expected: &Expected,
+    window: Window,
+) -> Option<(Vec<Sample>, f64)> {
+    let shift = expected.pixel - origin;
+    let [e, f] = expected.along;
+    let lengths = [e.norm(), f.norm()];
+    let area = e.x * f.y - e.y * f.x;
+    if lengths[0].min(lengths[1]) < 3.0 || area.abs() < 0.1 * lengths[0] * lengths[1] {
+        return None;
+    }
+    // Of a corner at w·e + v·f: w and v; w·|e| is the way along the first edge.
+    let reach = lengths.map(|l| (window.fraction * l).min(window.limit_px));
+    let band = lengths
+        .map(|l| (window.band.fraction * l).clamp(window.band.least_px, 0.5 * window.limit_px.max(9.0)));
+    let extent = Vector2::new(
+        reach[0] * e.x.abs() / lengths[0] + reach[1] * f.x.abs() / lengths[1],
+        reach[0] * e.y.abs() / lengths[0] + reach[1] * f.y.abs() / lengths[1],
+    );
+    let last = Vector2::new(image.width as f64 - 1.0, image.height as f64 - 1.0);
+    let room = expected.pixel.coords.inf(&(last - expected.pixel.coords)).min();
+    if room.is_nan() || room < LEAST_ROOM_PX {
+        return None;
+    }
+    let (left, right) = ((origin.x - extent.x.ceil()).max(0.0), (origin.x + extent.x.ceil()).min(last.x));
+    let (top, bottom) = ((origin.y - extent.y.ceil()).max(0.0), (origin.y + extent.y.ceil()).min(last.y));
+    let mut samples = Vec::with_capacity(((right - left + 1.0) * (bottom - top + 1.0)) as usize);
+    for row in top as usize..=bottom as usize {
+        for column in left as usize..=right as usize {
+            let (x, y) = (column as f64 - origin.x, row as f64 - origin.y);
+            let d = Vector2::new(x, y) - shift;
+            let along =
+                [(d.x * f.y - d.y * f.x) / area * lengths[0], (e.x * d.y - e.y * d.x) / area * lengths[1]];
+            let inside = along[0].abs() <= reach[0] && along[1].abs() <= reach[1];
+            let near = (area / lengths[0] / lengths[1]).abs();
+            if inside && (along[1].abs() * near <= band[1] || along[0].abs() * near <= band[0]) {
+                samples.push(Sample { x, y, value: f64::from(image.get(column, row)) });
+            }
+        }
+    }
+    Some((samples, reach[0].max(reach[1])))
+}
+
+/// Mean and signed contrast of the samples for the start: a regression on P₁P₂.
+fn start_levels(model: &TwoEdges, start: &mut SVector<f64, PARAMETERS>, samples: &[Sample]) {
+    let (mut sum, mut sum_p, mut sum_pp, mut sum_pv) = (0.0, 0.0, 0.0, 0.0);
+    let prepared = model.prepare(start);
+    for sample in samples {
+        let product = model.evaluate(&prepared, sample.x, sample.y).1[9];
+        sum += sample.value;
+        sum_p += product;
+        sum_pp += product * product;
+        sum_pv += product * sample.value;
+    }
+    let count = samples.len().max(1) as f64;
+    let spread = (sum_pp - sum_p * sum_p / count).max(1e-9);
+    start[9] = (sum_pv - sum_p * sum / count) / spread;
+    start[6] = (sum - start[9] * sum_p) / count;
+}

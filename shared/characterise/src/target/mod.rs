@@ -1,0 +1,71 @@
+//! Calibration targets: what they are, and their points in an image to the noise limit.
+//!
+//! A checkerboard is found in four steps: saddles of the grey values confirmed by a ring (`saddle`), links along edges
+//! that both ends agree on (`links`), a least-squares model of each corner (`corner`), growth into holes and margins where
+//! the model holds (`board`). The numbering follows from extent and colours (`checkerboard`).
+//!
+//! On a ChArUco board the markers in the light squares say which corner is which (`markers`, `charuco`), so a part of it is enough.
+//!
+//! Circles are areas that fill their ellipse (`blobs`), put on a lattice by local steps and numbered by the one change
+//! of basis that gives the declared pattern (`circles`), each fitted as a blurred ellipse (`disc`).
+//!
+//! No point is better than a wrong one: each corner has passed the colour of its squares, the direction of its edges, its
+//! contrast, the residual of its model and its neighbours' opinion.
+
+mod attempts;
+mod bias;
+mod blobs;
+mod board;
+mod charuco;
+mod checkerboard;
+mod circles;
+mod corner;
+mod detection;
+mod dictionaries;
+mod disc;
+mod error;
+mod lattice;
+mod links;
+mod markers;
+mod profile;
+mod raster;
+mod saddle;
+mod settings;
+mod solve;
+mod spec;
+#[cfg(test)]
+mod tests;
+
+pub use bias::projected_circle_center_bias;
+pub use detection::{Ambiguity, DetectedPoint, Detection};
+pub use error::TargetError;
+pub use markers::MarkerDictionary;
+pub use settings::TargetSettings;
+pub use spec::{TARGET_FORMAT, TargetKind, TargetSpec};
+
+use fringe::frame::FrameView;
+
+/// Finds the points of a target in a frame, each with its covariance.
+///
+/// Deterministic: the same frame gives the same bits. One thread; different frames may be given to different threads.
+///
+/// # Errors
+/// The target or the settings are impossible, the frame's size does not fit its values, or no target, another one, a hidden one,
+/// several, or one that may be a part of a larger one are seen.
+pub fn detect(
+    frame: &FrameView,
+    spec: &TargetSpec,
+    settings: &TargetSettings,
+) -> Result<Detection, TargetError> {
+    spec.check()?;
+    settings.check()?;
+    let image = raster::Raster::of_frame(frame)?;
+    let full_scale_dn = f64::from(frame.full_scale_dn.max(1));
+    match spec.kind {
+        TargetKind::Checkerboard => checkerboard::detect(&image, full_scale_dn, spec, settings),
+        TargetKind::Charuco => charuco::detect(&image, full_scale_dn, spec, settings),
+        TargetKind::Circles | TargetKind::AsymmetricCircles => {
+            circles::detect(&image, full_scale_dn, spec, settings)
+        }
+    }
+}

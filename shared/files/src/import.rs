@@ -1,0 +1,382 @@
+//! Imports: foreign folders of frames, and the calibration beside them, as a recording and a rig file.
+//!
+//! A layout says which file is which frame:
+//! ```toml
+//! format = "fringecell-layout/1"
+//! [[projector]]                        # as in recording.toml, but for the cameras
+//! name = "proj1"
+//! width_px = 1280
+//! height_px = 720
+//! sequence = [{ set = "sine", axis = "x", period_px = 28.0, steps = 12 }]
+//! [[projector.camera]]
+//! name = "left"
+//! files = "L/{n}.png"                  # {n}: the frame's number; {nn}, {nnn}: with at least two, three digits
+//! first = 1                            # the number of the first frame; default 0
+//! # or: list = ["a.bmp", "b.bmp", …]   # one file per frame, in order of projection
+//! [rig]                                # optional
+//! opencv = "stereo_params.yaml"
+//! view = [
+//!   { name = "left", width_px = 1280, height_px = 1024, matrix = "Kl", distortion = "Dl" },
+//!   { name = "right", width_px = 1280, height_px = 1024, matrix = "Kr", distortion = "Dr", rotation = "R", translation = "T" },
+//! ]
+//! pair = [{ name = "pair1", left = "left", right = "right", projector = "proj1" }]
+//! ```
+//! Paths are relative to the source folder. A view without pose is the world frame; the others have
+//! X_view = R X_world + T. PNG and TIFF frames are taken as they are; BMP and JPEG become PNG.
+
+use crate::document::Document;
+use crate::error::{FileError, Problem};
+use crate::hash::sha256_hex;
+use crate::opencv::{Storage, ViewKeys, rig_from_opencv};
+use crate::recording::{ProjectorRecord, RECORDING_FILE, Recording, RecordingWriter};
+use crate::rig_file::{read_rig, write_rig};
+use crate::sequence::check_sequence;
+use fringe::geometry::rig::Pair;
+use fringe::pattern::{PatternSet, frame_count};
+use serde::Deserialize;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Value of `format` in a layout.
+pub const LAYOUT_FORMAT: &str = "fringecell-layout/1";
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawLayout {
+    #[serde(rename = "format")]
+    _format: String,
+    #[serde(default)]
+    projector: Vec<RawProjector>,
+    rig: Option<RawRig>,
+    #[serde(default)]
+    provenance: toml::Table,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawProjector {
+    name: String,
+    width_px: u32,
+    height_px: u32,
+    sequence: Vec<PatternSet>,
+    camera: Vec<RawCamera>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawCamera {
+    name: String,
+    files: Option<String>,
+    first: Option<usize>,
+    list: Option<Vec<String>>,
+    full_scale_dn: Option<u16>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawRig {
+    opencv: String,
+    view: Vec<ViewKeys>,
+    #[serde(default)]
+    pair: Vec<RawPair>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawPair {
+    name: String,
+    left: String,
+    right: String,
+    #[serde(default)]
+    projector: String,
+}
+
+/// Digits of a frame's number in a file name: more than any number has.
+const MOST_DIGITS: usize = 20;
+
+/// What an import wrote.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ImportReport {
+    /// The recording's folder.
+    pub recording: PathBuf,
+    /// The rig file, if the layout names a calibration.
+    pub rig: Option<PathBuf>,
+    /// Number of frames.
+    pub frames: usize,
+}
+
+/// Imports a foreign folder: writes a recording, and `rig.toml` in it if the layout names a calibration.
+///
+/// The result is opened again, so that what this returns is a recording that can be read, with a rig that fits.
+///
+/// # Errors
+/// A layout that names what is not there, frames that are no frames, a calibration that is none, a used folder.
+pub fn import(layout: &Path, source: &Path, out: &Path) -> Result<ImportReport, FileError> {
+    let document = Document::read(layout)?;
+    let raw: RawLayout = document.parse(LAYOUT_FORMAT)?;
+    if raw.projector.is_empty() {
+        let problem = Problem::Missing("[[projector]]".into());
+        return Err(document.fault("projector", problem, "say what was projected"));
+    }
+    let files = raw
+        .projector
+        .iter()
+        .enumerate()
+        .map(|(index, projector)| frame_files(&document, index, projector, source))
+        .collect::<Result<Vec<_>, _>>()?;
+    let rig = raw.rig.as_ref().map(|rig| read_calibration(&document, rig, source)).transpose()?;
+    let records: Vec<ProjectorRecord> = raw.projector.iter().map(RawProjector::record).collect();
+    let made = !out.exists();
+    let writer = RecordingWriter::create(out, &records)?;
+    let written = write(writer, &document, &raw, &files, rig.as_ref(), out);
+    if written.is_err() {
+        // The folder was new or empty; what lies in it now is of no use.
+        let _ = std::fs::remove_dir_all(out.join("frames"));
+        let _ = std::fs::remove_file(out.join(RECORDING_FILE));
+        let _ = std::fs::remove_file(out.join("rig.toml"));
+        if made {
+            let _ = std::fs::remove_dir(out);
+        }
+    }
+    written
+}
+
+/// Frames first, then what makes them a recording, then the rig; all is read again.
+fn write(
+    mut writer: RecordingWriter,
+    document: &Document,
+    raw: &RawLayout,
+    files: &[Vec<Vec<PathBuf>>],
+    rig: Option<&fringe::geometry::rig::Rig>,
+    out: &Path,
+) -> Result<ImportReport, FileError> {
+    let mut frames = 0;
+    for (projector, cameras) in raw.projector.iter().zip(files) {
+        for (camera, files) in projector.camera.iter().zip(cameras) {
+            for (number, file) in files.iter().enumerate() {
+                writer.adopt(&projector.name, &camera.name, number, file, camera.full_scale_dn)?;
+                frames += 1;
+            }
+        }
+    }
+    let mut provenance = raw.provenance.clone();
+    provenance.insert("layout_sha256".into(), sha256_hex(document.text.as_bytes()).into());
+    writer.finish(&provenance)?;
+    let recording = Recording::open(out)?;
+    let rig = match rig {
+        None => None,
+        Some(rig) => {
+            let path = out.join("rig.toml");
+            write_rig(&path, rig, &provenance, None)?;
+            recording.rig(&read_rig(&path)?)?;
+            Some(path)
+        }
+    };
+    Ok(ImportReport { recording: recording.folder, rig, frames })
+}
+
+impl RawProjector {
+    fn record(&self) -> ProjectorRecord {
+        ProjectorRecord {
+            name: self.name.clone(),
+            width_px: self.width_px,
+            height_px: self.height_px,
+            cameras: self.camera.iter().map(|camera| camera.name.clone()).collect(),
+            sequence: self.sequence.clone(),
+            exposures_ms: Vec::new(),
+            full_scale_dn: BTreeMap::new(),
+        }
+    }
+}
+
+/// The files of each camera, in order of projection; all exist.
+fn frame_files(
+    document: &Document,
+    index: usize,
+    projector: &RawProjector,
+    source: &Path,
+) -> Result<Vec<Vec<PathBuf>>, FileError> {
+    let key = format!("projector[{index}]");
+    check_sequence(document, &key, [projector.width_px, projector.height_px], &projector.sequence)?;
+    let count = frame_count(&projector.sequence);
+    let of_camera = |(number, camera): (usize, &RawCamera)| {
+        let key = format!("{key}.camera[{number}]");
+        let names = match (&camera.files, &camera.list) {
+            (Some(pattern), None) => numbered(document, &key, pattern, camera.first.unwrap_or(0), count)?,
+            (None, Some(list)) if list.len() == count && camera.first.is_none() => list.clone(),
+            (None, Some(list)) if camera.first.is_none() => {
+                let problem = Problem::Disagreement {
+                    what: "list and sequence",
+                    here: format!("{} files are listed", list.len()),
+                    there: format!("the sequence has {count} frames"),
+                };
+                return Err(document.fault(&format!("{key}.list"), problem, "one file per frame"));
+            }
+            _ => {
+                let problem = Problem::Unsupported("needs files (with first), or list, not both".into());
+                return Err(document.fault(&key, problem, "say which file is which frame"));
+            }
+        };
+        let paths: Vec<PathBuf> = names.iter().map(|name| source.join(name)).collect();
+        match paths.iter().find(|path| !path.is_file()) {
+            None => Ok(paths),
+            Some(absent) => {
+                let problem = Problem::Missing(format!("the file {}", absent.display()));
+                Err(document.fault(&key, problem, "paths are relative to the source folder"))
+            }
+        }
+    };
+    projector.camera.iter().enumerate().map(of_camera).collect()
+}
+
+fn numbered(
+    document: &Document,
+    key: &str,
+    pattern: &str,
+    first: usize,
+    count: usize,
+) -> Result<Vec<String>, FileError> {
+    let parts = pattern.split_once('{').and_then(|(head, rest)| {
+        let (hole, tail) = rest.split_once('}')?;
+        let plain = (1..=MOST_DIGITS).contains(&hole.len())
+            && hole.chars().all(|letter| letter == 'n')
+            && !tail.contains('{');
+        plain.then_some((head, hole.len(), tail))
+    });
+    let Some((head, digits, tail)) = parts else {
+        let problem = Problem::Value {
+            value: format!("\"{pattern}\""),
+            limit: format!(
+                "a pattern has one place for the number: {{n}}, {{nn}}, {{nnn}}, at most {MOST_DIGITS} n"
+            ),
+        };
+        return Err(document.fault(&format!("{key}.files"), problem, "such as \"left/{nn}.png\""));
+    };
+    let Some(end) = first.checked_add(count) else {
+        let problem = Problem::Value { value: first.to_string(), limit: "the number of a file".into() };
+        return Err(document.fault(&format!("{key}.first"), problem, ""));
+    };
+    Ok((first..end).map(|number| format!("{head}{number:0digits$}{tail}")).collect())
+}
+
+fn read_calibration(
+    document: &Document,
+    raw: &RawRig,
+    source: &Path,
+) -> Result<fringe::geometry::rig::Rig, FileError> {
+    let storage = Storage::read(&source.join(&raw.opencv))?;
+    if !raw.view.iter().any(|view| view.rotation.is_none() && view.translation.is_none()) {
+        let problem = Problem::Missing("a view without pose".into());
+        return Err(document.fault("rig.view", problem, "the view that is the world frame has no rotation"));
+    }
+    let pair = |raw: &RawPair| Pair {
+        name: raw.name.clone(),
+        left: raw.left.clone(),
+        right: raw.right.clone(),
+        projector: raw.projector.clone(),
+    };
+    rig_from_opencv(&storage, &raw.view, raw.pair.iter().map(pair).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::opencv::{Language, pair_text};
+    use crate::testing::camera;
+    use fringe::frame::PixelBuffer;
+
+    const LAYOUT: &str = r#"format = "fringecell-layout/1"
+provenance = { origin = "test" }
+[[projector]]
+name = "proj1"
+width_px = 64
+height_px = 48
+sequence = [{ set = "sine", axis = "x", period_px = 16.0, steps = 3 }]
+[[projector.camera]]
+name = "left"
+files = "L/{nn}.png"
+first = 1
+[[projector.camera]]
+name = "right"
+list = ["R/c.bmp", "R/a.bmp", "R/b.bmp"]
+[rig]
+opencv = "c.yml"
+view = [
+  { name = "left", width_px = 6, height_px = 4, matrix = "M1", distortion = "D1" },
+  { name = "right", width_px = 6, height_px = 4, matrix = "M2", distortion = "D2", rotation = "R", translation = "T" },
+]
+pair = [{ name = "pair1", left = "left", right = "right" }]
+"#;
+
+    fn source() -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::create_dir(dir.path().join("L")).unwrap();
+        std::fs::create_dir(dir.path().join("R")).unwrap();
+        let grey = |value: u8| image::GrayImage::from_pixel(6, 4, image::Luma([value]));
+        for number in 1..4_u8 {
+            grey(number).save(dir.path().join(format!("L/{number:02}.png"))).unwrap();
+        }
+        for (name, value) in [("c", 10), ("a", 11), ("b", 12)] {
+            grey(value).save(dir.path().join(format!("R/{name}.bmp"))).unwrap();
+        }
+        let (left, mut right) = (camera("left", 6, 4).camera, camera("right", 6, 4).camera);
+        right.camera_from_world.translation.vector.x -= 80.0;
+        std::fs::write(dir.path().join("c.yml"), pair_text(&left, &right, Language::Yaml).unwrap()).unwrap();
+        dir
+    }
+
+    fn run(layout: &str) -> Result<(tempfile::TempDir, ImportReport), String> {
+        let source = source();
+        let path = source.path().join("layout.toml");
+        std::fs::write(&path, layout).unwrap();
+        let out = source.path().join("out");
+        let report = import(&path, source.path(), &out).map_err(|error| error.to_string())?;
+        Ok((source, report))
+    }
+
+    #[test]
+    fn foreign_frames_and_calibration_become_a_recording_and_a_rig() {
+        let (_source, report) = run(LAYOUT).unwrap();
+        assert_eq!(report.frames, 6);
+        let recording = Recording::open(&report.recording).unwrap();
+        for (camera, base) in [("left", 1_u8), ("right", 10)] {
+            for number in 0..3_u8 {
+                let frame = recording.load("proj1", camera, number as usize).unwrap();
+                assert_eq!(frame.pixels, PixelBuffer::Mono8(vec![base + number; 24]));
+            }
+        }
+        let rig = recording.rig(&read_rig(&report.rig.unwrap()).unwrap()).unwrap().rig;
+        assert_eq!(rig.pairs[0].projector, "proj1");
+        assert_eq!(recording.provenance["origin"].as_str(), Some("test"));
+    }
+
+    #[test]
+    fn layouts_that_fit_nothing_are_told_so() {
+        for (from, to, expected) in [
+            ("first = 1", "first = 2", "L/04.png is missing; paths are relative to the source folder"),
+            ("{nn}", "{n", "a pattern has one place for the number"),
+            ("{nn}", "{x}", "a pattern has one place for the number"),
+            ("first = 1", "first = 18446744073709551615", "first"),
+            ("\"R/c.bmp\", ", "", "2 files are listed, but the sequence has 3 frames"),
+            ("first = 1", "list = []", "needs files (with first), or list, not both"),
+            (
+                "matrix = \"M1\"",
+                "matrix = \"Ml\"",
+                "matrix \"Ml\" is unknown; known: D1, D2, E, F, M1, M2, P1, P2, Q, R, R1, R2, R_world, T, T_world; did you mean",
+            ),
+            ("width_px = 6,", "width_px = 7,", "\"left\" was recorded with 6 × 4 px, but 7 × 4 px in "),
+            (", rotation = \"R\"", "", "one of rotation and translation of \"right\" is missing"),
+            (
+                "right = \"right\" }",
+                "right = \"rigth\" }",
+                "\"rigth\" is unknown; known: left, right; did you mean",
+            ),
+            ("steps = 3", "steps = 2", "steps = 2"),
+            ("matrix = \"M1\"", "matrx = \"M1\"", "did you mean \"matrix\"?"),
+        ] {
+            assert!(LAYOUT.contains(from), "{from}");
+            let error = run(&LAYOUT.replacen(from, to, 1)).unwrap_err();
+            assert!(error.contains(expected), "{error}\nlacks\n{expected}");
+        }
+    }
+}

@@ -1,0 +1,32 @@
+//! Every file format of the cell: the only crate that reads and writes them.
+//!
+//! Every reader checks what it reads and names file, line, key, value, limit and remedy ([`error::FileError`]); every
+//! writer leaves a complete file or none ([`atomic`]).
+
+pub mod atomic;
+pub mod budget;
+pub mod clock;
+pub mod cmm;
+pub mod config;
+pub mod correction;
+pub mod cycle_record;
+pub mod document;
+pub mod error;
+pub mod hash;
+pub mod image_file;
+pub mod import;
+pub mod name;
+pub mod npy;
+pub mod opencv;
+pub mod plane_file;
+pub mod ply;
+pub mod recording;
+pub mod result;
+pub mod rig_file;
+mod sequence;
+pub mod stage_file;
+pub mod surface_file;
+#[cfg(test)]
+mod testing;
+pub mod trace;
+pub mod trend;

@@ -1,0 +1,140 @@
+//! A rig from the keys of an OpenCV calibration, and back.
+
+use super::storage::{Matrix, Storage};
+use crate::error::{FileError, Problem};
+use fringe::geometry::camera::{BrownConrady, Camera, pose};
+use fringe::geometry::rig::{Named, Pair, Rig};
+use nalgebra::Isometry3;
+use serde::Deserialize;
+
+/// What a calibration describes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ViewKind {
+    /// A camera.
+    #[default]
+    Camera,
+    /// A projector.
+    Projector,
+}
+
+/// Which keys of a calibration describe a view.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ViewKeys {
+    /// Its name in the rig.
+    pub name: String,
+    /// Camera or projector.
+    #[serde(default)]
+    pub kind: ViewKind,
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// Key of the 3 × 3 matrix K.
+    pub matrix: String,
+    /// Key of the distortion k1 k2 p1 p2 [k3 …]; absent: no distortion.
+    pub distortion: Option<String>,
+    /// Key of the 3 × 3 rotation R of X_view = R X_world + T; absent (with T): the view is the world frame.
+    pub rotation: Option<String>,
+    /// Key of T, 3 numbers.
+    pub translation: Option<String>,
+    /// Millimetres per unit of T.
+    #[serde(default = "one")]
+    pub unit_mm: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// Builds a rig from a calibration.
+///
+/// # Errors
+/// Keys that are absent or of another size, lens models beyond k3, poses that are no rotation, impossible cameras.
+pub fn rig_from_opencv(storage: &Storage, views: &[ViewKeys], pairs: Vec<Pair>) -> Result<Rig, FileError> {
+    let mut rig = Rig { pairs, ..Rig::default() };
+    for keys in views {
+        let named = Named { name: keys.name.clone(), camera: view(storage, keys)? };
+        match keys.kind {
+            ViewKind::Camera => rig.cameras.push(named),
+            ViewKind::Projector => rig.projectors.push(named),
+        }
+    }
+    Ok(rig)
+}
+
+fn view(storage: &Storage, keys: &ViewKeys) -> Result<Camera, FileError> {
+    let at = |key: &str, problem| FileError::new(&storage.path, problem, "").at(key);
+    let k: [[f64; 3]; 3] = storage.fixed(&keys.matrix)?;
+    if [k[1][0], k[2][0], k[2][1], k[2][2] - 1.0].iter().any(|v| v.abs() > 1e-9) {
+        let problem =
+            Problem::Value { value: format!("{k:?}"), limit: "K = [fx s cx; 0 fy cy; 0 0 1]".into() };
+        return Err(at(&keys.matrix, problem));
+    }
+    let distortion = match &keys.distortion {
+        None => BrownConrady::default(),
+        Some(key) => {
+            let matrix = storage.matrix(key)?;
+            storage.finite(key, matrix)?;
+            lens_from_opencv(&matrix.data).map_err(|problem| at(key, problem))?
+        }
+    };
+    let camera = Camera {
+        width_px: keys.width_px,
+        height_px: keys.height_px,
+        focal_px: [k[0][0], k[1][1]],
+        principal_point_px: [k[0][2], k[1][2]],
+        skew: k[0][1],
+        distortion,
+        camera_from_world: camera_from_world(storage, keys)?,
+    };
+    camera.check().map_err(|error| at(&keys.matrix, Problem::Camera(error)))?;
+    Ok(camera)
+}
+
+fn camera_from_world(storage: &Storage, keys: &ViewKeys) -> Result<Isometry3<f64>, FileError> {
+    match (&keys.rotation, &keys.translation) {
+        (None, None) => Ok(Isometry3::identity()),
+        (Some(rotation), Some(translation)) => {
+            let r = storage.fixed::<3, 3>(rotation)?;
+            let t = three(storage, translation)?.map(|value| value * keys.unit_mm);
+            pose(r, t).map_err(|error| {
+                FileError::new(&storage.path, Problem::Camera(error), "").at(rotation.as_str())
+            })
+        }
+        _ => {
+            let problem = Problem::Missing(format!("one of rotation and translation of \"{}\"", keys.name));
+            Err(FileError::new(&storage.path, problem, "name both keys, or none for the world frame"))
+        }
+    }
+}
+
+/// Three numbers, as a column or a row.
+fn three(storage: &Storage, key: &str) -> Result<[f64; 3], FileError> {
+    let matrix: &Matrix = storage.matrix(key)?;
+    if (matrix.rows, matrix.columns) == (1, 3) {
+        return Ok(storage.fixed::<1, 3>(key)?[0]);
+    }
+    Ok(storage.fixed::<3, 1>(key)?.map(|row| row[0]))
+}
+
+/// A lens from OpenCV's order k1, k2, p1, p2, k3, k4 … .
+///
+/// # Errors
+/// Fewer than four coefficients, or one beyond k3 that is not zero: that lens model is another one.
+pub fn lens_from_opencv(values: &[f64]) -> Result<BrownConrady, Problem> {
+    let (&[k1, k2, p1, p2], rest) = values.split_first_chunk::<4>().ok_or_else(|| Problem::Value {
+        value: format!("{} coefficients", values.len()),
+        limit: "k1, k2, p1, p2 and, if wanted, k3".into(),
+    })?;
+    if let Some((index, value)) = rest.iter().enumerate().skip(1).find(|(_, value)| **value != 0.0) {
+        return Err(Problem::Value {
+            value: format!("coefficient {} = {value}", index + 5),
+            limit:
+                "only k1, k2, p1, p2, k3 are supported; calibrate without the rational, prism and tilt models"
+                    .into(),
+        });
+    }
+    Ok(BrownConrady { k: [k1, k2, rest.first().copied().unwrap_or(0.0)], p: [p1, p2] })
+}

@@ -1,0 +1,150 @@
+//! A recording as it was read.
+
+use crate::document::Document;
+use crate::error::{FileError, Problem};
+use crate::image_file::read_frame;
+use crate::rig_file::resolve_pairs;
+use fringe::frame::Frame;
+use fringe::geometry::rig::{Pair, Rig};
+use fringe::pattern::PatternSet;
+use std::path::{Path, PathBuf};
+
+/// Value of `format` in a recording.
+pub const RECORDING_FORMAT: &str = "fringecell-recording/1";
+
+/// Name of the file that makes a folder a recording; it is written last.
+pub const RECORDING_FILE: &str = "recording.toml";
+
+/// A recording whose frames are all there: counted, named and of equal size, but not yet decoded.
+#[derive(Debug, Clone)]
+pub struct Recording {
+    /// The folder.
+    pub folder: PathBuf,
+    /// `recording.toml`, for messages that point into it.
+    pub document: Document,
+    /// SHA-256 of `recording.toml`.
+    pub sha256: String,
+    /// What lit, in the order of projection.
+    pub projectors: Vec<RecordedProjector>,
+    /// Anything else that was written down.
+    pub provenance: toml::Table,
+}
+
+/// A projector of a recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedProjector {
+    /// Unique.
+    pub name: String,
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// What it showed.
+    pub sequence: Vec<PatternSet>,
+    /// Exposure times, rising or not, of recordings that have several; else empty.
+    pub exposures_ms: Vec<f64>,
+    /// Who looked.
+    pub cameras: Vec<RecordedCamera>,
+}
+
+/// What one camera saw of one projector.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RecordedCamera {
+    /// Unique among the cameras of the projector.
+    pub name: String,
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// 8 or 16.
+    pub bits: u8,
+    /// The grey value at which the sensor is full.
+    pub full_scale_dn: u16,
+    /// One file per frame of the sequence.
+    pub frames: Vec<PathBuf>,
+    /// The same for the second and further exposures.
+    pub longer: Vec<Vec<PathBuf>>,
+}
+
+/// A rig fitted to what a recording holds.
+#[derive(Debug, Clone)]
+pub struct RecordedRig {
+    /// The rig; its pairs are those that were recorded, in the order of the rig file, each with its projector.
+    pub rig: Rig,
+    /// Pairs of the rig file that were not recorded.
+    pub absent_pairs: Vec<Pair>,
+}
+
+impl Recording {
+    /// A projector by name.
+    pub fn projector(&self, name: &str) -> Option<&RecordedProjector> {
+        self.projectors.iter().find(|projector| projector.name == name)
+    }
+
+    /// Decodes one frame.
+    ///
+    /// # Errors
+    /// Unknown names, a number beyond the sequence, or a file that does not decode (truncated, changed since opened).
+    pub fn load(&self, projector: &str, camera: &str, frame: usize) -> Result<Frame, FileError> {
+        self.load_exposed(projector, camera, 0, frame)
+    }
+
+    /// Decodes one frame of one exposure, which counts from 0.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_exposed(
+        &self,
+        projector: &str,
+        camera: &str,
+        exposure: usize,
+        frame: usize,
+    ) -> Result<Frame, FileError> {
+        let absent =
+            |what: String| FileError::new(&self.folder, Problem::Missing(what), "see recording.toml");
+        let camera = self
+            .projector(projector)
+            .and_then(|projector| projector.camera(camera))
+            .ok_or_else(|| absent(format!("projector \"{projector}\" with camera \"{camera}\"")))?;
+        let count = camera.frames.len();
+        let frames = exposure.checked_sub(1).map_or(Some(&camera.frames), |more| camera.longer.get(more));
+        let path = frames
+            .and_then(|frames| frames.get(frame))
+            .ok_or_else(|| absent(format!("frame {frame} of {count} of camera \"{}\"", camera.name)))?;
+        camera.load(path)
+    }
+
+    /// Which cameras saw which projector, as [`resolve_pairs`] takes it.
+    pub(super) fn resolve(&self, rig_path: &Path, rig: &mut Rig) -> Result<(), FileError> {
+        let names: Vec<(String, Vec<String>)> = self
+            .projectors
+            .iter()
+            .map(|p| (p.name.clone(), p.cameras.iter().map(|camera| camera.name.clone()).collect()))
+            .collect();
+        let lit: Vec<_> = names.iter().map(|(name, cameras)| (name.as_str(), cameras.as_slice())).collect();
+        resolve_pairs(rig_path, rig, &lit)
+    }
+}
+
+impl RecordedProjector {
+    /// A camera by name.
+    pub fn camera(&self, name: &str) -> Option<&RecordedCamera> {
+        self.cameras.iter().find(|camera| camera.name == name)
+    }
+}
+
+impl RecordedCamera {
+    fn load(&self, path: &Path) -> Result<Frame, FileError> {
+        let frame = read_frame(path, (self.bits == 16).then_some(self.full_scale_dn))?;
+        let (found, expected) = ((frame.width_px, frame.height_px), (self.width_px, self.height_px));
+        if found != expected {
+            let problem = Problem::Disagreement {
+                what: "sizes",
+                here: format!("this frame has {} × {} px", found.0, found.1),
+                there: format!("{} × {} px when the recording was opened", expected.0, expected.1),
+            };
+            return Err(FileError::new(path, problem, "do not change a recording while it is read"));
+        }
+        Ok(frame)
+    }
+}

@@ -1,0 +1,91 @@
+//! Writing a rig file.
+
+use super::{CovarianceRef, LENS_MODEL, RIG_FORMAT};
+use crate::atomic;
+use crate::error::FileError;
+use crate::hash::sha256_hex;
+use fringe::geometry::rig::{Named, Rig};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Writes a rig file, complete or not at all, and returns the SHA-256 of its bytes.
+///
+/// Every number has the digits that give the same `f64` when read. Keys of the contract only; `provenance` is free.
+///
+/// # Errors
+/// The folder cannot be written.
+pub fn write_rig(
+    path: &Path,
+    rig: &Rig,
+    provenance: &toml::Table,
+    covariance: Option<&CovarianceRef>,
+) -> Result<String, FileError> {
+    let text = rig_text(rig, provenance, covariance);
+    atomic::write(path, text.as_bytes())?;
+    Ok(sha256_hex(text.as_bytes()))
+}
+
+/// The text of a rig file.
+pub fn rig_text(rig: &Rig, provenance: &toml::Table, covariance: Option<&CovarianceRef>) -> String {
+    let mut out = format!("format = \"{RIG_FORMAT}\"\n");
+    if let Some(reference) = covariance {
+        let (file, sha256) = (quoted(&reference.file), quoted(&reference.sha256));
+        let _ = writeln!(out, "covariance = {{ file = {file}, sha256 = {sha256} }}");
+    }
+    for camera in &rig.cameras {
+        out.push_str(&camera_text("camera", camera));
+    }
+    for projector in &rig.projectors {
+        out.push_str(&camera_text("projector", projector));
+    }
+    for pair in &rig.pairs {
+        let _ = write!(
+            out,
+            "\n[[pair]]\nname = {}\nleft = {}\nright = {}\n",
+            quoted(&pair.name),
+            quoted(&pair.left),
+            quoted(&pair.right)
+        );
+        if !pair.projector.is_empty() {
+            let _ = writeln!(out, "projector = {}", quoted(&pair.projector));
+        }
+    }
+    if !provenance.is_empty() {
+        let mut holder = toml::Table::new();
+        holder.insert("provenance".into(), toml::Value::Table(provenance.clone()));
+        let _ = write!(out, "\n{holder}");
+    }
+    out
+}
+
+fn camera_text(table: &str, named: &Named) -> String {
+    let camera = &named.camera;
+    let rotation = camera.camera_from_world.rotation.to_rotation_matrix();
+    let row = |r: usize| numbers(&[rotation[(r, 0)], rotation[(r, 1)], rotation[(r, 2)]]);
+    format!(
+        "\n[[{table}]]\nname = {}\nwidth_px = {}\nheight_px = {}\nfocal_px = {}\nprincipal_point_px = {}\n\
+         skew = {:?}\ndistortion = {{ model = \"{LENS_MODEL}\", k = {}, p = {} }}\n\
+         from_world = {{ rotation = [{}, {}, {}], translation_mm = {} }}\n",
+        quoted(&named.name),
+        camera.width_px,
+        camera.height_px,
+        numbers(&camera.focal_px),
+        numbers(&camera.principal_point_px),
+        camera.skew,
+        numbers(&camera.distortion.k),
+        numbers(&camera.distortion.p),
+        row(0),
+        row(1),
+        row(2),
+        numbers(camera.camera_from_world.translation.vector.as_slice()),
+    )
+}
+
+/// Shortest digits that read back as the same number.
+fn numbers(values: &[f64]) -> String {
+    format!("[{}]", values.iter().map(|value| format!("{value:?}")).collect::<Vec<_>>().join(", "))
+}
+
+pub(crate) fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}

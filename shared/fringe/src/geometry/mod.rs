@@ -1,0 +1,6 @@
+//! Views in space: cameras (and projectors as inverse cameras), rigid motions, rigs, triangulation.
+
+pub mod camera;
+pub mod pose;
+pub mod rig;
+pub mod triangulate;

@@ -1,0 +1,48 @@
+//! The rig as the mathematics sees it: named cameras, named projectors, pairs.
+
+use crate::geometry::camera::Camera;
+
+/// A camera or projector with its name.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Named {
+    /// Unique among cameras and projectors.
+    pub name: String,
+    /// Geometry.
+    pub camera: Camera,
+}
+
+/// Two views that are matched, and the projector whose phase they share.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Pair {
+    /// Unique among pairs.
+    pub name: String,
+    /// A camera.
+    pub left: String,
+    /// A camera, or a projector for the conventional approach.
+    pub right: String,
+    /// The projector that lights the pair.
+    pub projector: String,
+}
+
+/// All of it, in the order of the rig file.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Rig {
+    /// Cameras.
+    pub cameras: Vec<Named>,
+    /// Projectors that are characterised; approach 2 needs none.
+    pub projectors: Vec<Named>,
+    /// Pairs.
+    pub pairs: Vec<Pair>,
+}
+
+impl Rig {
+    /// A camera by name.
+    pub fn camera(&self, name: &str) -> Option<&Camera> {
+        self.cameras.iter().find(|c| c.name == name).map(|c| &c.camera)
+    }
+
+    /// A projector by name.
+    pub fn projector(&self, name: &str) -> Option<&Camera> {
+        self.projectors.iter().find(|p| p.name == name).map(|p| &p.camera)
+    }
+}

@@ -1,0 +1,148 @@
+//! The points of an artefact at a position: of each pair, of each view, of all views in one frame.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::plan::{Artefact, PositionPlan, RegisterBy, TestPlan, ViewPlan};
+use super::register::register;
+use super::rules::{CloudOf, Kind};
+use super::segment::{LEAST_POINTS, Segment, Wanted, find, positions};
+use super::{AcceptanceError, at};
+use crate::fit::{FitSettings, SphereFit, sphere};
+use fringe::cloud::Point;
+use fringe::geometry::pose::Pose;
+
+/// Points that are evaluated together.
+#[derive(Debug, Clone)]
+pub(super) struct Group {
+    /// Whose they are.
+    pub cloud: CloudOf,
+    /// Views in it, with the pair where it is only one.
+    pub views: Vec<String>,
+    /// Points of each element.
+    pub elements: Vec<Vec<Point3<f64>>>,
+}
+
+/// What a position shows.
+#[derive(Debug, Clone)]
+pub(super) struct Found {
+    /// Pairs, views, and all together.
+    pub groups: Vec<Group>,
+    /// Points beside the elements.
+    pub beside: usize,
+    /// Worst root mean square of reference spheres, mm.
+    pub registration_rms_mm: Option<f64>,
+}
+
+/// Finds the elements in each view and puts them together.
+pub(super) fn groups(
+    plan: &TestPlan,
+    position: &PositionPlan,
+    artefact: &Artefact,
+    clouds: &[Vec<Point>],
+) -> Result<Found, AcceptanceError> {
+    let place = |view: &ViewPlan| format!("position \"{}\", view \"{}\"", position.name, view.name);
+    if clouds.len() != position.views.len() {
+        let message = format!("{} clouds for {} views", clouds.len(), position.views.len());
+        return Err(AcceptanceError::Plan { place: format!("position \"{}\"", position.name), message });
+    }
+    let by_references = position.register == RegisterBy::References;
+    let mut wanted = elements(artefact);
+    let own = wanted.len();
+    let mut found = Found { groups: Vec::new(), beside: 0, registration_rms_mm: None };
+    if by_references {
+        wanted.extend(plan.references.iter().map(|r| Wanted::Sphere(r.diameter_mm)));
+    }
+    let mut all = vec![Vec::new(); own];
+    let mut seen = Vec::new();
+    let mut references = Vec::new();
+    for (view, cloud) in position.views.iter().zip(clouds) {
+        let place = place(view);
+        let mut segments = seek(&place, cloud, &wanted, own, view, plan)?;
+        references.push(spheres(&place, &segments.split_off(own))?);
+        seen.push(segments);
+    }
+    let registered = if by_references {
+        let (poses, rms) = register(&references).ok_or_else(|| AcceptanceError::Plan {
+            place: format!("position \"{}\"", position.name),
+            message: "its reference spheres lie on a line and fix no motion; place them in a triangle".into(),
+        })?;
+        found.registration_rms_mm = Some(rms);
+        Some(poses)
+    } else {
+        None
+    };
+    for (index, (view, segments)) in position.views.iter().zip(&seen).enumerate() {
+        let pose = match &registered {
+            Some(poses) => poses.get(index).copied(),
+            None => view.transform.map(pose_of),
+        };
+        found.beside += segments.iter().map(|s| s.beside).sum::<usize>();
+        for (element, segment) in all.iter_mut().zip(segments) {
+            let moved = segment.points.iter().map(|p| match pose {
+                Some(pose) => Point3::from(pose.point(&p.position().coords)),
+                None => p.position(),
+            });
+            element.extend(moved);
+        }
+        found.groups.extend(of_pairs(&view.name, segments));
+        let elements = segments.iter().map(|s| positions(&s.points)).collect();
+        found.groups.push(Group { cloud: CloudOf::View, views: vec![view.name.clone()], elements });
+    }
+    let views = position.views.iter().map(|view| view.name.clone()).collect();
+    found.groups.push(Group { cloud: CloudOf::Registered, views, elements: all });
+    Ok(found)
+}
+
+/// Elements of the artefact where the plan says or by search; reference spheres always by search.
+fn seek(
+    place: &str,
+    cloud: &[Point],
+    wanted: &[Wanted],
+    own: usize,
+    view: &ViewPlan,
+    plan: &TestPlan,
+) -> Result<Vec<Segment>, AcceptanceError> {
+    if view.near_mm.is_empty() || wanted.len() == own {
+        return find(place, cloud, wanted, &view.near_mm, &plan.segmentation);
+    }
+    let (elements, references) = wanted.split_at(own);
+    let mut segments = find(place, cloud, elements, &view.near_mm, &plan.segmentation)?;
+    segments.extend(find(place, cloud, references, &[], &plan.segmentation)?);
+    Ok(segments)
+}
+
+fn elements(artefact: &Artefact) -> Vec<Wanted> {
+    match artefact.kind {
+        Kind::Plane => vec![Wanted::Plane],
+        Kind::Sphere | Kind::BallBar => artefact.diameters_mm.iter().map(|d| Wanted::Sphere(*d)).collect(),
+    }
+}
+
+fn spheres(place: &str, references: &[Segment]) -> Result<Vec<SphereFit>, AcceptanceError> {
+    let one = |segment: &Segment| {
+        sphere(&positions(&segment.points), &FitSettings::default()).map_err(|source| at(place, source))
+    };
+    references.iter().map(one).collect()
+}
+
+fn pose_of(rows: [[f64; 4]; 3]) -> Pose {
+    Pose { rotation: Matrix3::from_fn(|r, c| rows[r][c]), translation: Vector3::from_fn(|r, _| rows[r][3]) }
+}
+
+/// The pairs that see enough of every element.
+fn of_pairs(view: &str, segments: &[Segment]) -> Vec<Group> {
+    let mut pairs: Vec<u32> = segments.iter().flat_map(|s| &s.points).map(|p| p.pair).collect();
+    pairs.sort_unstable();
+    pairs.dedup();
+    let of_pair = |pair: u32| {
+        let only = |s: &Segment| s.points.iter().filter(|p| p.pair == pair).map(Point::position).collect();
+        let elements: Vec<Vec<Point3<f64>>> = segments.iter().map(only).collect();
+        let enough = elements.iter().all(|points| points.len() >= LEAST_POINTS);
+        enough.then(|| Group {
+            cloud: CloudOf::Pair,
+            views: vec![format!("{view}, pair {}", pair + 1)],
+            elements,
+        })
+    };
+    pairs.into_iter().filter_map(of_pair).collect()
+}

@@ -1,0 +1,303 @@
+//! Finds the part in the cloud: 3-2-1 on datum elements, coarse to fine.
+//!
+//! The coarse search fits the datum elements on a thinned cloud, in regions that begin `search_mm` wide and halve with
+//! each round: points of other surfaces and outliers drop out as the region closes, without any random choice. The fine
+//! rounds use the plan's own margins and free diameters, until the pose stands still.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::MeasureError;
+use super::measure::{PLACING, REACH_MARGINS, Sample, choose, fit, gather, positions, thinned};
+use super::plan::{Datums, Element, Geometry, Plan};
+use super::region::Region;
+use super::result::{AlignmentResult, FittedElement};
+use crate::fit::{FitSettings, plane, sphere_centre_near};
+use fringe::cloud::Point;
+use fringe::geometry::pose::Pose;
+
+/// Points that the coarse search looks at.
+const COARSE_POINTS: usize = 60_000;
+
+/// Fewest points of a datum element in the coarse search: enough for a place to within the next round's margin.
+const COARSE_LEAST: usize = 20;
+
+/// Points of a datum element in the fine rounds: the pose is then known to a hundredth of their scatter.
+const FINE_POINTS: usize = 20_000;
+
+/// Most fine rounds, and the motion of the datum points below which the pose stands still, mm. Without a change of the
+/// points chosen the second fine round moves by rounding only.
+const FINE_ROUNDS: usize = 12;
+const STILL_MM: f64 = 1e-4;
+
+/// Where datums are: nominal, or measured.
+#[derive(Debug, Clone, Copy)]
+struct Sighted {
+    normal: Vector3<f64>,
+    plane_point: Vector3<f64>,
+    line: [Vector3<f64>; 2],
+    origin: Vector3<f64>,
+}
+
+impl Sighted {
+    /// From nominal geometry.
+    fn nominal(plan: &Plan, datums: &Datums) -> Self {
+        let place = |index: usize| match &plan.elements[index].geometry {
+            Geometry::Sphere { center_mm, .. } => center_mm.coords,
+            Geometry::Plane { point_mm, .. } => point_mm.coords,
+        };
+        let normal = match &plan.elements[datums.plane].geometry {
+            Geometry::Plane { normal, .. } => *normal,
+            Geometry::Sphere { axis, .. } => *axis,
+        };
+        Self {
+            normal,
+            plane_point: place(datums.plane),
+            line: datums.line.map(place),
+            origin: place(datums.origin),
+        }
+    }
+
+    /// The frame of the datums: x along the line across the normal, z the normal, origin the foot of the origin
+    /// sphere's centre on the plane. `None` when the line runs along the normal.
+    fn frame(&self) -> Option<Pose> {
+        let z = self.normal;
+        let along = self.line[1] - self.line[0];
+        let across = along - z * along.dot(&z);
+        let length = across.norm();
+        if length <= 0.05 * along.norm() || !length.is_finite() {
+            return None;
+        }
+        let x = across / length;
+        let rotation = Matrix3::from_columns(&[x, z.cross(&x), z]);
+        let translation = self.origin - z * z.dot(&(self.origin - self.plane_point));
+        Some(Pose { rotation, translation })
+    }
+
+    /// Distance of the spheres of the line, mm.
+    fn length_mm(&self) -> f64 {
+        (self.line[1] - self.line[0]).norm()
+    }
+}
+
+/// The part, found.
+pub(super) struct Found {
+    pub world_from_part: Pose,
+    pub result: AlignmentResult,
+}
+
+/// Finds the part.
+///
+/// # Errors
+/// Names the datum element that was not found, or says why the pose is not that of the part.
+pub(super) fn align(plan: &Plan, datums: &Datums, cloud: &[Point]) -> Result<Found, MeasureError> {
+    let nominal = Sighted::nominal(plan, datums);
+    let placed = Pose::new(&plan.world_from_part);
+    let coarse = search(plan, datums, &nominal, placed, cloud)?;
+    let indices = element_indices(datums);
+    let regions: Vec<Region> = indices
+        .iter()
+        .map(|i| Region::new(&plan.elements[*i], REACH_MARGINS * plan.elements[*i].margin_mm, 0.0))
+        .collect();
+    let numbered = cloud.iter().enumerate().map(|(i, p)| (i as u32, p));
+    let gathered = gather(numbered, &coarse.inverse(), &regions);
+    let mut world_from_part = coarse;
+    let mut moved_mm = f64::INFINITY;
+    for round in 1..=FINE_ROUNDS {
+        let part_from_coarse = world_from_part.inverse().after(&coarse);
+        let samples: Vec<Vec<Sample>> =
+            gathered.iter().map(|list| transformed(list, &part_from_coarse)).collect();
+        let sighted = sight(datums, &indices, &nominal, |slot| {
+            let element = &plan.elements[indices[slot]];
+            let region = Region::new(element, element.margin_mm, 0.0);
+            let chosen = choose(element, &region, &samples[slot], element.min_points)?;
+            fit(element, &positions(&samples[slot], &thinned(&chosen, &samples[slot], FINE_POINTS)), PLACING)
+                .map(Place::from)
+        })?;
+        let correction = correction(&nominal, &sighted)?;
+        world_from_part = world_from_part.after(&correction);
+        moved_mm = motion_mm(plan, datums, &correction);
+        if moved_mm <= STILL_MM {
+            return finish(plan, datums, world_from_part, sighted.length_mm() - nominal.length_mm(), round);
+        }
+    }
+    Err(MeasureError::Unsettled { moved_mm, rounds: FINE_ROUNDS, limit_mm: STILL_MM })
+}
+
+/// Checks the pose against what the plan allows.
+fn finish(
+    plan: &Plan,
+    datums: &Datums,
+    world_from_part: Pose,
+    line_residual_mm: f64,
+    rounds: usize,
+) -> Result<Found, MeasureError> {
+    let limit_mm: f64 = datums.line.iter().map(|i| plan.elements[*i].margin_mm).sum();
+    if line_residual_mm.abs() > limit_mm {
+        let nominal_mm = Sighted::nominal(plan, datums).length_mm();
+        return Err(MeasureError::WrongPart {
+            measured_mm: nominal_mm + line_residual_mm,
+            nominal_mm,
+            limit_mm,
+        });
+    }
+    let shift = Pose::new(&plan.world_from_part).inverse().after(&world_from_part);
+    let (offset_mm, angle_rad) = (motion_mm(plan, datums, &shift), shift.angle_rad());
+    if offset_mm > datums.search_mm || angle_rad > datums.search_rad {
+        return Err(MeasureError::OutOfReach {
+            offset_mm,
+            angle_deg: angle_rad.to_degrees(),
+            limit_mm: datums.search_mm,
+            limit_deg: datums.search_rad.to_degrees(),
+        });
+    }
+    let result = describe(&world_from_part, offset_mm, angle_rad, line_residual_mm, rounds);
+    Ok(Found { world_from_part, result })
+}
+
+/// A pose as it is reported.
+pub(super) fn describe(
+    world_from_part: &Pose,
+    offset_mm: f64,
+    angle_rad: f64,
+    line_residual_mm: f64,
+    rounds: usize,
+) -> AlignmentResult {
+    AlignmentResult {
+        rotation: world_from_part.rotation.transpose().into(),
+        translation_mm: world_from_part.translation.into(),
+        offset_mm,
+        angle_deg: angle_rad.to_degrees(),
+        line_residual_mm,
+        rounds,
+    }
+}
+
+/// The coarse search on a thinned cloud.
+fn search(
+    plan: &Plan,
+    datums: &Datums,
+    nominal: &Sighted,
+    placed: Pose,
+    cloud: &[Point],
+) -> Result<Pose, MeasureError> {
+    let stride = cloud.len().div_ceil(COARSE_POINTS).max(1);
+    let indices = element_indices(datums);
+    let narrowest = indices.iter().map(|i| plan.elements[*i].margin_mm).fold(f64::INFINITY, f64::min);
+    let mut pose = placed;
+    let mut margin_mm = datums.search_mm;
+    loop {
+        let widen_rad = datums.search_rad * (margin_mm / datums.search_mm);
+        let regions: Vec<Region> = indices
+            .iter()
+            .map(|i| &plan.elements[*i])
+            .map(|e| Region::new(e, margin_mm.max(e.margin_mm), widen_rad))
+            .collect();
+        let thin = cloud.iter().enumerate().step_by(stride).map(|(i, p)| (i as u32, p));
+        let samples = gather(thin, &pose.inverse(), &regions);
+        let sighted = sight(datums, &indices, nominal, |slot| {
+            let element = &plan.elements[indices[slot]];
+            let needs = (element.min_points / stride).max(COARSE_LEAST);
+            let chosen = choose(element, &regions[slot], &samples[slot], needs)?;
+            coarse_place(element, &positions(&samples[slot], &chosen))
+        })?;
+        pose = pose.after(&correction(nominal, &sighted)?);
+        if margin_mm <= narrowest {
+            return Ok(pose);
+        }
+        margin_mm *= 0.5;
+    }
+}
+
+/// A datum element as seen: centre of a sphere, or plane.
+enum Place {
+    Centre(Vector3<f64>),
+    Plane { normal: Vector3<f64>, point: Vector3<f64> },
+}
+
+impl From<FittedElement> for Place {
+    fn from(fit: FittedElement) -> Self {
+        match fit {
+            FittedElement::Sphere(sphere) => Self::Centre(sphere.center().coords),
+            FittedElement::Plane(plane) => {
+                Self::Plane { normal: plane.normal_vector(), point: Vector3::from(plane.centroid_mm) }
+            }
+        }
+    }
+}
+
+/// Place of a datum element on coarse points: spheres with their nominal diameter, so that dirt in the region cannot
+/// blow them up.
+fn coarse_place(element: &Element, points: &[Point3<f64>]) -> Result<Place, MeasureError> {
+    match &element.geometry {
+        Geometry::Sphere { center_mm, radius_mm, .. } => {
+            sphere_centre_near(points, 2.0 * radius_mm, center_mm).map(|center| Place::Centre(center.coords))
+        }
+        Geometry::Plane { normal, .. } => {
+            let settings = FitSettings::default();
+            plane(points, &settings).map(|fit| FittedElement::Plane(fit.towards(normal)).into())
+        }
+    }
+    .map_err(|source| MeasureError::Fit { element: element.name.clone(), source })
+}
+
+/// Elements of the datums: plane, line, origin.
+fn element_indices(datums: &Datums) -> [usize; 4] {
+    [datums.plane, datums.line[0], datums.line[1], datums.origin]
+}
+
+/// Looks for all datums; an element that serves twice is fitted once.
+fn sight(
+    datums: &Datums,
+    indices: &[usize; 4],
+    nominal: &Sighted,
+    mut place: impl FnMut(usize) -> Result<Place, MeasureError>,
+) -> Result<Sighted, MeasureError> {
+    let mut sighted = *nominal;
+    for slot in 0..indices.len() {
+        let earlier = indices[..slot].iter().position(|i| *i == indices[slot]);
+        match earlier {
+            Some(earlier) if slot == 3 => sighted.origin = sighted.line[earlier - 1],
+            _ => match place(slot)? {
+                Place::Plane { normal, point } => (sighted.normal, sighted.plane_point) = (normal, point),
+                Place::Centre(center) if slot == 3 => sighted.origin = center,
+                Place::Centre(center) => sighted.line[slot - 1] = center,
+            },
+        }
+    }
+    debug_assert!(datums.line[0] != datums.line[1]);
+    Ok(sighted)
+}
+
+/// The motion that brings the nominal datums onto the measured ones.
+fn correction(nominal: &Sighted, measured: &Sighted) -> Result<Pose, MeasureError> {
+    match (measured.frame(), nominal.frame()) {
+        (Some(measured), Some(nominal)) => Ok(measured.after(&nominal.inverse())),
+        _ => Err(MeasureError::WrongPart {
+            measured_mm: measured.length_mm(),
+            nominal_mm: nominal.length_mm(),
+            limit_mm: 0.0,
+        }),
+    }
+}
+
+/// Largest motion of the datum spheres' centres and the datum plane's corners, mm.
+fn motion_mm(plan: &Plan, datums: &Datums, motion: &Pose) -> f64 {
+    let moved = |p: &Vector3<f64>| (motion.point(p) - p).norm();
+    element_indices(datums).iter().map(|i| &plan.elements[*i].geometry).fold(0.0, |most: f64, g| match g {
+        Geometry::Sphere { center_mm, .. } => most.max(moved(&center_mm.coords)),
+        Geometry::Plane { point_mm, edges, half_size_mm, .. } => {
+            let [a, b] = [edges[0] * half_size_mm[0], edges[1] * half_size_mm[1]];
+            [a + b, a - b, -a + b, -a - b].iter().fold(most, |m, arm| m.max(moved(&(point_mm.coords + arm))))
+        }
+    })
+}
+
+/// Samples in another frame.
+fn transformed(samples: &[Sample], motion: &Pose) -> Vec<Sample> {
+    let moved = |s: &Sample| Sample {
+        index: s.index,
+        position: motion.point(&s.position),
+        normal: motion.rotation * s.normal,
+    };
+    samples.iter().map(moved).collect()
+}

@@ -1,0 +1,248 @@
+//! The inspection of a cloud.
+
+use super::MeasureError;
+use super::align::{Found, align, describe};
+use super::filter::filtered;
+use super::flatness::u_range_mm;
+use super::measure::{Measured, REACH_MARGINS, gather, measure};
+use super::plan::{Feature, Plan, Quantity};
+use super::region::Region;
+use super::result::{
+    AlignmentResult, ElementResult, FeatureResult, FittedElement, FlatnessFilter, InspectionResult,
+};
+use super::verdict::{Verdict, decide, overall};
+use crate::fit::{
+    Correlation, Derived, Form, PlaneFit, Residuals, SphereFit, centre_distance_mm, plane_angle_rad,
+    plane_distance_mm, sphere_height_mm,
+};
+use fringe::cloud::Point;
+use fringe::geometry::pose::Pose;
+
+/// Inspects a cloud in the world frame.
+///
+/// Nothing is skipped in silence: an element or feature that cannot be measured carries the reason, and the verdict is
+/// then never `pass`.
+pub fn evaluate(plan: &Plan, cloud: &[Point]) -> InspectionResult {
+    let found = match u32::try_from(cloud.len()) {
+        Err(_) => Err(MeasureError::CloudSize { points: cloud.len() }),
+        Ok(_) => place(plan, cloud),
+    };
+    let (elements, alignment, alignment_failure) = match found {
+        Ok(found) => (fit_elements(plan, cloud, &found.world_from_part), Some(found.result), None),
+        Err(error) => {
+            let reason = format!("the part was not found: {error}");
+            (plan.elements.iter().map(|_| Err(reason.clone())).collect(), None, Some(error.to_string()))
+        }
+    };
+    let features: Vec<FeatureResult> = plan.features.iter().map(|f| feature(plan, f, &elements)).collect();
+    InspectionResult {
+        plan: plan.name.clone(),
+        verdict: overall(features.iter().map(|f| f.verdict)),
+        alignment,
+        alignment_failure,
+        elements: plan.elements.iter().zip(elements).map(|(e, m)| element_result(&e.name, m)).collect(),
+        features,
+    }
+}
+
+/// Finds the part in a cloud: 3-2-1 on the plan's datums, or where the plan says that it lies.
+///
+/// # Errors
+/// Names the datum element that was not found, or says why the pose is not that of the part.
+pub fn locate(plan: &Plan, cloud: &[Point]) -> Result<AlignmentResult, MeasureError> {
+    if u32::try_from(cloud.len()).is_err() {
+        return Err(MeasureError::CloudSize { points: cloud.len() });
+    }
+    Ok(place(plan, cloud)?.result)
+}
+
+/// An element's fit, or why there is none.
+type Outcome = Result<Measured, String>;
+
+/// Finds the part, or takes it where it nominally lies.
+fn place(plan: &Plan, cloud: &[Point]) -> Result<Found, MeasureError> {
+    let Some(datums) = &plan.datums else {
+        let world_from_part = Pose::new(&plan.world_from_part);
+        return Ok(Found { result: describe(&world_from_part, 0.0, 0.0, 0.0, 0), world_from_part });
+    };
+    align(plan, datums, cloud)
+}
+
+/// Fits all elements.
+fn fit_elements(plan: &Plan, cloud: &[Point], world_from_part: &Pose) -> Vec<Outcome> {
+    let regions: Vec<Region> =
+        plan.elements.iter().map(|e| Region::new(e, REACH_MARGINS * e.margin_mm, 0.0)).collect();
+    let numbered = cloud.iter().enumerate().map(|(i, p)| (i as u32, p));
+    let samples = gather(numbered, &world_from_part.inverse(), &regions);
+    let correlation = plan.settings.cluster_mm.map_or(Correlation::Estimated, Correlation::Cells);
+    let fitted = plan.elements.iter().zip(&samples);
+    fitted.map(|(e, s)| measure(e, s, correlation).map_err(|error| error.to_string())).collect()
+}
+
+/// What is reported of an element. The residuals live on in its points.
+fn element_result(name: &str, outcome: Outcome) -> ElementResult {
+    match outcome {
+        Ok(mut measured) => {
+            match &mut measured.fit {
+                FittedElement::Sphere(sphere) => sphere.residuals = Residuals::default(),
+                FittedElement::Plane(plane) => plane.residuals = Residuals::default(),
+            }
+            let Measured { fit, points, .. } = measured;
+            ElementResult { name: name.into(), fit: Some(fit), reason: None, points }
+        }
+        Err(reason) => {
+            ElementResult { name: name.into(), fit: None, reason: Some(reason), points: Vec::new() }
+        }
+    }
+}
+
+/// A measured value with the uncertainty that the scatter of its points shows.
+struct Reading {
+    value: f64,
+    u_noise: f64,
+    form_sigma_mm: Option<f64>,
+    form_range_mm: Option<f64>,
+    filter: Option<FlatnessFilter>,
+    points: usize,
+    rejected: usize,
+}
+
+impl Reading {
+    fn derived(derived: Derived, forms: &[&Form]) -> Self {
+        Self::new(derived.value, derived.u, forms)
+    }
+
+    fn new(value: f64, u_noise: f64, forms: &[&Form]) -> Self {
+        Self {
+            value,
+            u_noise,
+            form_sigma_mm: None,
+            form_range_mm: None,
+            filter: None,
+            points: forms.iter().map(|f| f.points).sum(),
+            rejected: forms.iter().map(|f| f.rejected).sum(),
+        }
+    }
+}
+
+/// Measures a feature and decides.
+fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome]) -> FeatureResult {
+    let measured = quantity(&feature.quantity, elements);
+    let mut result = FeatureResult {
+        name: feature.name.clone(),
+        value: None,
+        unit: feature.quantity.unit(),
+        u: None,
+        lower: feature.lower,
+        upper: feature.upper,
+        verdict: Verdict::NotMeasured,
+        nominal: feature.nominal,
+        deviation: None,
+        u_noise: None,
+        u_system: feature.u_system,
+        form_sigma_mm: None,
+        form_range_mm: None,
+        filter: None,
+        points: 0,
+        rejected: 0,
+        reason: None,
+    };
+    match measured {
+        Ok(found) if found.value.is_finite() && found.u_noise.is_finite() => {
+            let u = (found.u_noise * found.u_noise + feature.u_system * feature.u_system).sqrt();
+            // No range lies below zero, so a flatness has no lower limit to prove.
+            let lower =
+                (!matches!(feature.quantity, Quantity::PlaneFlatness { .. })).then_some(feature.lower);
+            result.verdict = decide(found.value, u, plan.settings.guard_factor, lower, feature.upper);
+            result.value = Some(found.value);
+            result.deviation = Some(found.value - feature.nominal);
+            result.u = Some(u);
+            result.u_noise = Some(found.u_noise);
+            result.form_sigma_mm = found.form_sigma_mm;
+            result.form_range_mm = found.form_range_mm;
+            result.filter = found.filter;
+            result.points = found.points;
+            result.rejected = found.rejected;
+        }
+        Ok(_) => result.reason = Some("the value or its uncertainty is not finite".into()),
+        Err(reason) => result.reason = Some(reason),
+    }
+    result
+}
+
+fn sphere(elements: &[Outcome], index: usize) -> Result<&SphereFit, String> {
+    match elements.get(index) {
+        Some(Ok(Measured { fit: FittedElement::Sphere(sphere), .. })) => Ok(sphere),
+        Some(Err(reason)) => Err(reason.clone()),
+        _ => Err(format!("element {index} is no sphere")),
+    }
+}
+
+/// Where in its plane an element's points lie.
+fn places(elements: &[Outcome], index: usize) -> &[[f64; 2]] {
+    elements.get(index).and_then(|e| e.as_ref().ok()).map_or(&[], |measured| &measured.across_mm)
+}
+
+fn plane(elements: &[Outcome], index: usize) -> Result<&PlaneFit, String> {
+    match elements.get(index) {
+        Some(Ok(Measured { fit: FittedElement::Plane(plane), .. })) => Ok(plane),
+        Some(Err(reason)) => Err(reason.clone()),
+        _ => Err(format!("element {index} is no plane")),
+    }
+}
+
+/// Computes a quantity from the fitted elements; definitions at [`Quantity`].
+fn quantity(quantity: &Quantity, elements: &[Outcome]) -> Result<Reading, String> {
+    Ok(match *quantity {
+        Quantity::SphereDiameter(index) => {
+            let fit = sphere(elements, index)?;
+            Reading::new(fit.diameter_mm, fit.u_diameter_mm, &[&fit.form])
+        }
+        Quantity::CentreDistance([a, b]) => {
+            let (a, b) = (sphere(elements, a)?, sphere(elements, b)?);
+            Reading::derived(centre_distance_mm(a, b), &[&a.form, &b.form])
+        }
+        Quantity::PlaneFlatness { plane: index, filter_mm: None } => flatness(plane(elements, index)?),
+        Quantity::PlaneFlatness { plane: index, filter_mm: Some(edge_mm) } => {
+            filtered_flatness(plane(elements, index)?, places(elements, index), edge_mm)
+                .map_err(|error| error.to_string())?
+        }
+        Quantity::PlaneDistance([a, b]) => {
+            let (a, b) = (plane(elements, a)?, plane(elements, b)?);
+            Reading::derived(plane_distance_mm(a, b), &[&a.form, &b.form])
+        }
+        Quantity::PlaneAngle { planes: [a, b], supplement } => {
+            let (a, b) = (plane(elements, a)?, plane(elements, b)?);
+            let Derived { value, u } = plane_angle_rad(a, b);
+            let angle_deg = value.to_degrees();
+            let value = if supplement { 180.0 - angle_deg } else { angle_deg };
+            Reading::new(value, u.to_degrees(), &[&a.form, &b.form])
+        }
+        Quantity::HemisphereHeight { sphere: top, plane: base } => {
+            let (top, base) = (sphere(elements, top)?, plane(elements, base)?);
+            Reading::derived(sphere_height_mm(top, base), &[&top.form, &base.form])
+        }
+    })
+}
+
+/// Range of the residuals kept, with its sigma beside it under its own name.
+fn flatness(fit: &PlaneFit) -> Reading {
+    let form = &fit.form;
+    // How much correlation widens the plane's place against that of independent points.
+    let independent = form.form_sigma_mm * form.form_sigma_mm / form.points.max(1) as f64;
+    let effect = if independent > 0.0 { fit.u_centroid_mm * fit.u_centroid_mm / independent } else { 1.0 };
+    let u = u_range_mm(&fit.residuals.deviation_mm, form.rejected, effect);
+    unfiltered(form, Reading::new(form.form_range_mm, u, &[form]))
+}
+
+/// Range of the cell means; see [`filtered`].
+fn filtered_flatness(fit: &PlaneFit, across_mm: &[[f64; 2]], edge_mm: f64) -> Result<Reading, MeasureError> {
+    let found = filtered(across_mm, &fit.residuals.deviation_mm, edge_mm)?;
+    let reading = Reading::new(found.range_mm, found.u_mm, &[&fit.form]);
+    Ok(unfiltered(&fit.form, Reading { filter: Some(found.report), ..reading }))
+}
+
+/// A flatness with what its single points show beside it.
+fn unfiltered(form: &Form, reading: Reading) -> Reading {
+    Reading { form_sigma_mm: Some(form.form_sigma_mm), form_range_mm: Some(form.form_range_mm), ..reading }
+}

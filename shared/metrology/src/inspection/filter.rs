@@ -1,0 +1,222 @@
+//! Filtration of a flatness.
+//!
+//! The range of single points grows with their noise and their number, so it says little of the form. GPS evaluates
+//! flatness after filtration with a stated nesting index (ISO 12781-1, -2). Here the filter is the area mean: the
+//! plane is laid out in squares of the nesting index e, and the surface is the mean deviation in each. A wave of
+//! length λ along an edge passes by sinc(e/λ): nothing at λ = e, half at 1.66 e (where a Gaussian filter of that
+//! cut-off passes half), 0.99 at 13 e.
+//!
+//! The reference plane is the least-squares plane of the means, each of which weighs the same: that of the points would
+//! tilt a bent surface towards where two views overlap.
+//!
+//! All points count, those too that the plane's fit rejected: a dent must not be filtered out by its own depth.
+//!
+//! Noise of the means: in a block of 2 × 2 neighbouring cells, m₀₀ − m₀₁ − m₁₀ + m₁₁ holds no offset, no slope and no
+//! curvature along the edges, but the noise of four means, correlation within a cell included. Its squares over all
+//! blocks, against Σ 1/n of the points behind, give the variance v per point, and v/n that of a mean. What is
+//! correlated over more than a cell cannot be told from form and counts as such.
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::MeasureError;
+use super::result::FlatnessFilter;
+use fringe::math;
+
+/// Fewest points of each quarter of a cell: in parts of the median over cells (of a quarter's share, a quarter), and
+/// absolutely. Where one of two pairs is shadowed half of the points are left. A cell that a shadow or the border cuts
+/// has an empty side: its mean would stand for another place, and points at the edge of a shadow are biased.
+const MEDIAN_PART: usize = 16;
+const LEAST_POINTS: usize = 2;
+
+/// Fewest blocks from which noise is stated: overlapping blocks are worth about half as many independent ones, so 16
+/// give the standard deviation to about a quarter.
+const FEWEST_BLOCKS: usize = 16;
+
+const DEFINITION: &str = "highest less lowest mean distance over squares of edge filter_mm, about the least-squares \
+    plane of these means; all points of the element count; squares with fewer than fewest_points points in one of their quarters are \
+    left out; noise is not subtracted";
+
+/// A filtered range.
+#[derive(Debug, Clone)]
+pub struct Filtered {
+    /// Highest less lowest cell mean, mm.
+    pub range_mm: f64,
+    /// Its standard uncertainty from noise, mm.
+    pub u_mm: f64,
+    /// What was done.
+    pub report: FlatnessFilter,
+}
+
+/// A square of the grid.
+#[derive(Debug, Clone, Copy)]
+struct Cell {
+    key: [i64; 2],
+    points: usize,
+    /// Points of the quarter that has fewest.
+    fewest: usize,
+    /// Mean place of the points, mm.
+    across_mm: Vector2<f64>,
+    /// Mean deviation, mm.
+    mean_mm: f64,
+}
+
+/// Filters the deviations of points at places in the plane, by squares of edge `filter_mm` with corners at whole
+/// multiples of it.
+///
+/// Noise raises a range: on a perfect plane by all of `noise_range_mm`, on a form far above the noise by next to
+/// nothing. Which share it is depends on the form, so nothing is subtracted; the uncertainty holds the whole of it,
+/// the scatter of the two extreme means, and that of the plane's tilt between them.
+///
+/// # Errors
+/// Too few cells side by side.
+pub fn filtered(
+    across_mm: &[[f64; 2]],
+    deviation_mm: &[f64],
+    filter_mm: f64,
+) -> Result<Filtered, MeasureError> {
+    let all = cells(across_mm, deviation_mm, filter_mm);
+    let fewest_points = (median_points(&all).div_ceil(MEDIAN_PART)).max(LEAST_POINTS);
+    let mut kept: Vec<Cell> = all.iter().copied().filter(|c| c.fewest >= fewest_points).collect();
+    let (variance, blocks) = variance_per_point(&kept);
+    let tilt = if blocks < FEWEST_BLOCKS { None } else { level(&mut kept) };
+    let (Some(tilt), Some(low), Some(high)) = (tilt, extreme(&kept, -1.0), extreme(&kept, 1.0)) else {
+        let cells = kept.len();
+        return Err(MeasureError::FilteredAway {
+            filter_mm,
+            cells,
+            fewest_points,
+            blocks,
+            needs: FEWEST_BLOCKS,
+        });
+    };
+    let noise_range_mm = noise_range_mm(&kept, variance);
+    let of_mean = |cell: &Cell| variance / cell.points as f64;
+    let mean_variance = kept.iter().map(of_mean).sum::<f64>() / kept.len() as f64;
+    let arm = high.across_mm - low.across_mm;
+    let of_tilt = mean_variance * (tilt * arm).dot(&arm);
+    let inside: usize = kept.iter().map(|c| c.points).sum();
+    Ok(Filtered {
+        range_mm: high.mean_mm - low.mean_mm,
+        u_mm: (noise_range_mm * noise_range_mm + of_mean(&low) + of_mean(&high) + of_tilt).sqrt(),
+        report: FlatnessFilter {
+            definition: DEFINITION,
+            filter_mm,
+            cells: kept.len(),
+            cells_left_out: all.len() - kept.len(),
+            points_left_out: all.iter().map(|c| c.points).sum::<usize>() - inside,
+            fewest_points,
+            u_cell_mm: mean_variance.sqrt(),
+            noise_range_mm,
+        },
+    })
+}
+
+/// Takes the means' least-squares plane off them. Gives the cofactors of its two slopes, 1/mm²; `None` when the cells
+/// lie on a line.
+fn level(cells: &mut [Cell]) -> Option<Matrix2<f64>> {
+    let count = cells.len() as f64;
+    let centre = cells.iter().map(|c| c.across_mm).sum::<Vector2<f64>>() / count;
+    let mean_mm = cells.iter().map(|c| c.mean_mm).sum::<f64>() / count;
+    let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
+    for cell in cells.iter() {
+        let arm = cell.across_mm - centre;
+        normal += arm * arm.transpose();
+        right += arm * (cell.mean_mm - mean_mm);
+    }
+    let inverse = normal.try_inverse()?;
+    let slope = inverse * right;
+    for cell in cells {
+        cell.mean_mm -= mean_mm + slope.dot(&(cell.across_mm - centre));
+    }
+    Some(inverse)
+}
+
+/// The squares that hold points, in the order of their keys; sums in the order of the points.
+fn cells(across_mm: &[[f64; 2]], deviation_mm: &[f64], filter_mm: f64) -> Vec<Cell> {
+    // A quotient beyond the integers ends at their border: such a cell is too small to hold enough points anyway.
+    let half = |p: f64| (2.0 * p / filter_mm).floor().clamp(-1e15, 1e15) as i64;
+    let key = |place: &[f64; 2]| place.map(|p| half(p).div_euclid(2));
+    let quarter = |place: &[f64; 2]| place.iter().fold(0, |q, p| 2 * q + half(*p).rem_euclid(2) as usize);
+    let mut keyed: Vec<([i64; 2], usize)> =
+        across_mm.iter().zip(deviation_mm).enumerate().map(|(i, (p, _))| (key(p), i)).collect();
+    keyed.sort_unstable();
+    let groups = keyed.chunk_by(|a, b| a.0 == b.0);
+    groups
+        .map(|group| {
+            let count = group.len() as f64;
+            let sum: f64 = group.iter().map(|(_, i)| deviation_mm[*i]).sum();
+            let places: Vector2<f64> = group.iter().map(|(_, i)| Vector2::from(across_mm[*i])).sum();
+            let mut quarters = [0; 4];
+            for (_, i) in group {
+                quarters[quarter(&across_mm[*i])] += 1;
+            }
+            let fewest = quarters.into_iter().min().unwrap_or(0);
+            Cell {
+                key: group[0].0,
+                points: group.len(),
+                fewest,
+                across_mm: places / count,
+                mean_mm: sum / count,
+            }
+        })
+        .collect()
+}
+
+/// Median of the points of a cell; 0 without cells.
+fn median_points(cells: &[Cell]) -> usize {
+    let mut counts: Vec<usize> = cells.iter().map(|c| c.points).collect();
+    counts.sort_unstable();
+    counts.get(counts.len() / 2).copied().unwrap_or(0)
+}
+
+/// The first cell of largest `sign` · mean.
+fn extreme(cells: &[Cell], sign: f64) -> Option<Cell> {
+    let larger = |a: Cell, b: &Cell| if sign * b.mean_mm > sign * a.mean_mm { *b } else { a };
+    cells.split_first().map(|(first, rest)| rest.iter().fold(*first, larger))
+}
+
+/// Variance of a mean times its points, and the number of blocks it rests on.
+fn variance_per_point(cells: &[Cell]) -> (f64, usize) {
+    let find = |key: [i64; 2]| cells.binary_search_by_key(&key, |c| c.key).ok().map(|i| &cells[i]);
+    let (mut squares, mut weights, mut blocks) = (0.0, 0.0, 0);
+    for corner in cells {
+        let [i, j] = corner.key;
+        let (Some(a), Some(b), Some(c)) = (find([i, j + 1]), find([i + 1, j]), find([i + 1, j + 1])) else {
+            continue;
+        };
+        let twist = corner.mean_mm - a.mean_mm - b.mean_mm + c.mean_mm;
+        squares += twist * twist;
+        weights += [corner, a, b, c].iter().map(|cell| 1.0 / cell.points as f64).sum::<f64>();
+        blocks += 1;
+    }
+    (if blocks == 0 { 0.0 } else { squares / weights }, blocks)
+}
+
+/// Expected range of independent normal values of variance v/n about zero, n the points of each cell.
+///
+/// Twice the expected maximum, ∫ (1 − Π Φ(x/σ)) dx from zero: below it the product of 25 or more factors under one half
+/// adds less than 1e-7 σ. The integrand leaves 1 and reaches 0 flat, so the trapezoidal rule is as good as exact.
+fn noise_range_mm(cells: &[Cell], variance: f64) -> f64 {
+    const STEPS_PER_SIGMA: f64 = 10.0;
+    const SIGMAS: usize = 9;
+    let mut counts: Vec<usize> = cells.iter().map(|c| c.points).collect();
+    counts.sort_unstable();
+    let Some(fewest) = counts.first() else { return 0.0 };
+    let sigma_mm = |points: usize| (variance / points as f64).sqrt();
+    let largest_mm = sigma_mm(*fewest);
+    if largest_mm == 0.0 {
+        return 0.0;
+    }
+    let step_mm = largest_mm / STEPS_PER_SIGMA;
+    let exceeded = |x_mm: f64| {
+        let equal = counts.chunk_by(|a, b| a == b);
+        let below = |group: &[usize]| {
+            let upper_tail = 0.5 * math::erfc(x_mm / (sigma_mm(group[0]) * std::f64::consts::SQRT_2));
+            math::pow(1.0 - upper_tail, group.len() as f64)
+        };
+        1.0 - equal.map(below).product::<f64>()
+    };
+    let steps = SIGMAS * STEPS_PER_SIGMA as usize;
+    let inner: f64 = (1..steps).map(|i| exceeded(i as f64 * step_mm)).sum();
+    2.0 * step_mm * (0.5 * exceeded(0.0) + inner)
+}

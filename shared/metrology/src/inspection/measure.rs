@@ -1,0 +1,239 @@
+//! Fits one element on its region of the cloud.
+
+use nalgebra::{Point3, Vector3};
+
+use super::MeasureError;
+use super::plan::{Element, Geometry};
+use super::region::Region;
+use super::result::{DeviationPoint, FittedElement};
+use crate::fit::{self, Correlation, FitSettings};
+use fringe::cloud::Point;
+use fringe::geometry::pose::Pose;
+
+/// Candidates are gathered, and elements are allowed to lie, within this many margins of their nominal place.
+pub(super) const REACH_MARGINS: f64 = 2.0;
+
+/// A surface whose residuals scatter by more than this part of the margin is none: points spread evenly over the
+/// region would have 0.58, and honest ones stay below a tenth.
+const LARGEST_SCATTER: f64 = 0.35;
+
+/// Rounds in which region and fit follow each other, and the motion, in margins, below which the region stands still.
+/// Its border is many sigma away from the surface, so a hundredth of the margin changes next to no point.
+const ROUNDS: usize = 6;
+const STILL_MARGINS: f64 = 0.01;
+
+/// Points from which a region is placed: they give the surface to a fiftieth of their scatter, which is a twentieth of
+/// the margin at most.
+const PLACING_POINTS: usize = 4000;
+
+/// Rough fits place a region; nobody reads their uncertainties.
+pub(super) const PLACING: Correlation = Correlation::Independent;
+
+/// Points that a region's list has room for from the start: small lists would grow a dozen times in every cycle.
+const GATHERED: usize = 4096;
+
+/// Fewest points that thinning may leave.
+const THINNED_LEAST: usize = 500;
+
+/// A point of the cloud in the part frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    pub index: u32,
+    pub position: Vector3<f64>,
+    pub normal: Vector3<f64>,
+}
+
+/// A fitted element with its points.
+#[derive(Debug, Clone)]
+pub(super) struct Measured {
+    pub fit: FittedElement,
+    pub points: Vec<DeviationPoint>,
+    /// Of a plane, for each point: place along the element's two directions from its nominal point, mm.
+    pub across_mm: Vec<[f64; 2]>,
+}
+
+/// One pass over the cloud: the points near each region, in the part frame, in the order of the cloud.
+pub(super) fn gather<'a>(
+    cloud: impl Iterator<Item = (u32, &'a Point)>,
+    part_from_world: &Pose,
+    regions: &[Region],
+) -> Vec<Vec<Sample>> {
+    let mut samples: Vec<Vec<Sample>> = regions.iter().map(|_| Vec::with_capacity(GATHERED)).collect();
+    for (index, point) in cloud {
+        let position = part_from_world.point(&Vector3::from(point.position_mm));
+        for (region, list) in regions.iter().zip(&mut samples) {
+            if region.holds_position(&position) {
+                let normal = part_from_world.rotation * point.normal_vector();
+                list.push(Sample { index, position, normal });
+            }
+        }
+    }
+    samples
+}
+
+/// The samples that belong to a region, as places in `samples`.
+///
+/// # Errors
+/// Fewer than `needs`.
+pub(super) fn choose(
+    element: &Element,
+    region: &Region,
+    samples: &[Sample],
+    needs: usize,
+) -> Result<Vec<u32>, MeasureError> {
+    let mut chosen = Vec::with_capacity(samples.len());
+    let mut without_normals = 0;
+    for (place, sample) in samples.iter().enumerate() {
+        if region.holds_position(&sample.position) {
+            without_normals += 1;
+            if region.holds_normal(&sample.position, &sample.normal) {
+                chosen.push(place as u32);
+            }
+        }
+    }
+    if chosen.len() >= needs {
+        return Ok(chosen);
+    }
+    let (element, points) = (element.name.clone(), chosen.len());
+    Err(MeasureError::TooFewPoints { element, points, without_normals, needs })
+}
+
+/// Positions of chosen samples.
+pub(super) fn positions(samples: &[Sample], chosen: &[u32]) -> Vec<Point3<f64>> {
+    chosen.iter().map(|place| Point3::from(samples[*place as usize].position)).collect()
+}
+
+/// Fits an element on points given in the part frame.
+///
+/// # Errors
+/// The fit's, with the element's name.
+pub(super) fn fit(
+    element: &Element,
+    points: &[Point3<f64>],
+    correlation: Correlation,
+) -> Result<FittedElement, MeasureError> {
+    let settings = FitSettings { max_reject_fraction: element.max_reject_fraction, correlation };
+    match &element.geometry {
+        Geometry::Sphere { .. } => fit::sphere(points, &settings).map(FittedElement::Sphere),
+        Geometry::Plane { normal, .. } => {
+            fit::plane(points, &settings).map(|plane| FittedElement::Plane(plane.towards(normal)))
+        }
+    }
+    .map_err(|source| MeasureError::Fit { element: element.name.clone(), source })
+}
+
+/// Fits an element on its candidates: region about the nominal geometry, then about rough fits until it stands still.
+///
+/// # Errors
+/// Too few points, no surface, too far from nominal, no fit.
+pub(super) fn measure(
+    element: &Element,
+    samples: &[Sample],
+    correlation: Correlation,
+) -> Result<Measured, MeasureError> {
+    let nominal = Region::new(element, element.margin_mm, 0.0);
+    let mut region = nominal.clone();
+    for _ in 0..ROUNDS {
+        let chosen = choose(element, &region, samples, element.min_points)?;
+        let rough = fit(element, &positions(samples, &thinned(&chosen, samples, PLACING_POINTS)), PLACING)?;
+        check(element, &rough)?;
+        let moved_mm = shift_mm(&region.geometry, &rough);
+        region = about(&nominal, &rough);
+        if moved_mm <= STILL_MARGINS * element.margin_mm {
+            break;
+        }
+    }
+    let chosen = choose(element, &region, samples, element.min_points)?;
+    let found = fit(element, &positions(samples, &chosen), correlation)?;
+    check(element, &found)?;
+    let points = deviations(&nominal, &found, samples, &chosen);
+    let across_mm = across(&nominal, samples, &chosen);
+    Ok(Measured { fit: found, points, across_mm })
+}
+
+/// The chosen ones among every k-th sample, k such that `most` of all samples remain. The choice hangs on the samples'
+/// own places, so that a point that joins or leaves changes nothing but itself.
+pub(super) fn thinned(chosen: &[u32], samples: &[Sample], most: usize) -> Vec<u32> {
+    let stride = samples.len().div_ceil(most).max(1);
+    let mut thin = Vec::with_capacity(chosen.len());
+    thin.extend(chosen.iter().copied().filter(|place| (*place as usize).is_multiple_of(stride)));
+    // Where most samples are clutter, few of the chosen would be left: then all of them are affordable.
+    if thin.len() < THINNED_LEAST { chosen.to_vec() } else { thin }
+}
+
+/// The region about a fit.
+pub(super) fn about(region: &Region, fit: &FittedElement) -> Region {
+    match fit {
+        FittedElement::Sphere(sphere) => region.clone().about_sphere(sphere),
+        FittedElement::Plane(plane) => region.clone().about_plane(plane),
+    }
+}
+
+/// How far a fit lies from a geometry, mm: centre or radius of a sphere, place and tilt of a plane's rectangle.
+fn shift_mm(geometry: &Geometry, fit: &FittedElement) -> f64 {
+    match (fit, geometry) {
+        (FittedElement::Sphere(sphere), Geometry::Sphere { center_mm, radius_mm, .. }) => {
+            let resized = (0.5 * sphere.diameter_mm - radius_mm).abs();
+            (sphere.center() - center_mm).norm().max(resized)
+        }
+        (FittedElement::Plane(plane), Geometry::Plane { point_mm, edges, half_size_mm, .. }) => {
+            let arms = [edges[0] * half_size_mm[0], edges[1] * half_size_mm[1]];
+            let tilt: f64 = arms.iter().map(|arm| plane.normal_vector().dot(arm).abs()).sum();
+            plane.distance_mm(point_mm).abs() + tilt
+        }
+        _ => f64::INFINITY,
+    }
+}
+
+/// Refuses a fit that is no surface, or that lies where the element cannot be.
+fn check(element: &Element, fit: &FittedElement) -> Result<(), MeasureError> {
+    let sigma_mm = match fit {
+        FittedElement::Sphere(sphere) => sphere.form.form_sigma_mm,
+        FittedElement::Plane(plane) => plane.form.form_sigma_mm,
+    };
+    let shift_mm = shift_mm(&element.geometry, fit);
+    let (margin_mm, name) = (element.margin_mm, || element.name.clone());
+    let limit_mm = LARGEST_SCATTER * margin_mm;
+    if sigma_mm > limit_mm {
+        return Err(MeasureError::Scattered { element: name(), sigma_mm, margin_mm, limit_mm });
+    }
+    let limit_mm = REACH_MARGINS * margin_mm;
+    if shift_mm > limit_mm {
+        return Err(MeasureError::Displaced { element: name(), shift_mm, limit_mm });
+    }
+    Ok(())
+}
+
+/// Places of the chosen points in a plane; empty for a sphere.
+fn across(nominal: &Region, samples: &[Sample], chosen: &[u32]) -> Vec<[f64; 2]> {
+    let Geometry::Plane { point_mm, edges, .. } = &nominal.geometry else { return Vec::new() };
+    let arms = chosen.iter().map(|place| samples[*place as usize].position - point_mm.coords);
+    arms.map(|arm| edges.map(|edge| edge.dot(&arm))).collect()
+}
+
+/// Deviations of the chosen points from the fit and from the nominal geometry.
+fn deviations(
+    nominal: &Region,
+    fit: &FittedElement,
+    samples: &[Sample],
+    chosen: &[u32],
+) -> Vec<DeviationPoint> {
+    let from_fit = match fit {
+        FittedElement::Sphere(sphere) => &sphere.residuals.deviation_mm,
+        FittedElement::Plane(plane) => &plane.residuals.deviation_mm,
+    };
+    let from_nominal = |position: &Vector3<f64>| match &nominal.geometry {
+        Geometry::Sphere { center_mm, radius_mm, .. } => (position - center_mm.coords).norm() - radius_mm,
+        Geometry::Plane { point_mm, normal, .. } => (position - point_mm.coords).dot(normal),
+    };
+    chosen
+        .iter()
+        .map(|place| &samples[*place as usize])
+        .zip(from_fit)
+        .map(|(sample, deviation)| DeviationPoint {
+            index: sample.index,
+            from_fit_mm: *deviation as f32,
+            from_nominal_mm: from_nominal(&sample.position) as f32,
+        })
+        .collect()
+}

@@ -1,0 +1,14 @@
+//! From clouds to values: fits, inspection plans, comparison, registration, acceptance tests, uncertainty.
+//!
+//! Pure: no files, no clock, no environment, no logging, no `unsafe`. It knows clouds ([`fringe::cloud`]) and nothing
+//! of how they were measured. Conventions and determinism are those of [`fringe`].
+
+pub mod acceptance;
+pub mod compare;
+pub mod fit;
+pub mod inspection;
+pub mod probing;
+pub mod reference;
+pub mod register;
+pub mod spatial;
+pub mod uncertainty;

@@ -1,0 +1,158 @@
+//! One level of the alignment: rounds of matching and solving.
+
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+use super::motion::{Equations, Principal, orthonormal};
+use super::{LEAST_POINTS, RegisterError, RegisterSettings};
+use crate::fit::Normal;
+use crate::reference::{CHUNK, Match, Reference};
+use fringe::geometry::pose::Pose;
+
+/// Median of the magnitudes to standard deviation, for normally distributed distances.
+const SIGMA_OF_MEDIAN: f64 = 1.4826;
+
+/// The reach of a round, in medians of the matched points' distances along the normal in the round before: far enough to
+/// hold a part that is still turned.
+const REACH_MEDIANS: f64 = 20.0;
+
+/// The reach is never less than so many spacings of the reference.
+const REACH_SPACINGS: f64 = 4.0;
+
+/// What a level works on.
+pub(super) struct Level<'a> {
+    pub points: &'a [Point3<f64>],
+    pub reference: &'a Reference,
+    pub reach_mm: f64,
+    pub settings: &'a RegisterSettings,
+}
+
+/// What a level ends with.
+pub(super) struct Refined {
+    pub pose: Pose,
+    pub rounds: usize,
+    pub converged: bool,
+    pub moved_mm: f64,
+    pub next_reach_mm: f64,
+    pub equations: Equations,
+    pub principal: Principal,
+    /// Points within the reach and above the reference.
+    pub overlapping: usize,
+    pub points: usize,
+    pub median_mm: f64,
+}
+
+/// A matched point.
+#[derive(Clone, Copy)]
+struct Pair {
+    place: Point3<f64>,
+    matched: Match,
+    distance_mm: f64,
+}
+
+/// Runs rounds until the points stand still.
+pub(super) fn refine(level: &Level<'_>, start: Pose) -> Result<Refined, RegisterError> {
+    let mut hints = vec![u32::MAX; level.points.len()];
+    let mut pose = start;
+    let mut reach_mm = level.reach_mm;
+    let least_reach_mm = REACH_SPACINGS * spacing_mm(level.reference);
+    let mut rounds = 0;
+    loop {
+        rounds += 1;
+        let pairs = pairs(level, &pose, reach_mm, &mut hints);
+        let needed = LEAST_POINTS.max((level.settings.least_overlap * level.points.len() as f64) as usize);
+        if pairs.len() < LEAST_POINTS {
+            return Err(RegisterError::Few { matched: pairs.len(), needed });
+        }
+        let median_mm = median(pairs.iter().map(|p| p.distance_mm.abs()).collect());
+        let equations = equations(&pairs, level.settings.trim_sigmas * SIGMA_OF_MEDIAN * median_mm);
+        let principal = equations.principal(level.reference.normal_variance());
+        let motion = equations.step(&principal);
+        let moved_mm = motion.fixed_rows::<3>(0).norm() + motion.fixed_rows::<3>(3).norm();
+        let step = equations.pose(&motion).after(&pose);
+        pose = Pose { rotation: orthonormal(&step.rotation), translation: step.translation };
+        let converged = moved_mm <= level.settings.still_mm;
+        reach_mm = reach_mm.min((REACH_MEDIANS * median_mm + moved_mm).max(least_reach_mm));
+        if converged || rounds >= level.settings.max_rounds {
+            let (overlapping, points) = (pairs.len(), level.points.len());
+            let next_reach_mm = reach_mm;
+            return Ok(Refined {
+                pose,
+                rounds,
+                converged,
+                moved_mm,
+                next_reach_mm,
+                equations,
+                principal,
+                overlapping,
+                points,
+                median_mm,
+            });
+        }
+    }
+}
+
+/// Typical distance of the reference's points; of a mesh a thousandth of its size, which only bounds the reach.
+fn spacing_mm(reference: &Reference) -> f64 {
+    match reference {
+        Reference::Cloud(cloud) => cloud.spacing_mm(),
+        Reference::Mesh(_) => 1e-3 * super::diagonal_mm(reference),
+    }
+}
+
+/// Matches all points; those beside the reference or beyond the reach have no pair.
+fn pairs(level: &Level<'_>, pose: &Pose, reach_mm: f64, hints: &mut [u32]) -> Vec<Pair> {
+    let work = level.points.par_chunks(CHUNK).zip(hints.par_chunks_mut(CHUNK));
+    let found: Vec<Vec<Pair>> = work
+        .map(|(points, hints)| {
+            let pair = |(point, hint): (&Point3<f64>, &mut u32)| {
+                let place = Point3::from(pose.point(&point.coords));
+                let matched = level.reference.closest(&place, reach_mm, hint)?;
+                let distance_mm = matched.normal.dot(&(place - matched.position));
+                (!matched.beyond_edge).then_some(Pair { place, matched, distance_mm })
+            };
+            points.iter().zip(hints).filter_map(pair).collect()
+        })
+        .collect();
+    found.concat()
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+/// Sums the equations of the pairs up to a distance, in fixed parts.
+fn equations(pairs: &[Pair], limit_mm: f64) -> Equations {
+    // Half of the pairs lie within the median; a median of zero keeps the exact ones.
+    let used = |pair: &&Pair| pair.distance_mm.abs() <= limit_mm;
+    let parts: Vec<(nalgebra::Vector3<f64>, usize)> = pairs
+        .par_chunks(CHUNK)
+        .map(|part| {
+            part.iter()
+                .filter(used)
+                .fold((nalgebra::Vector3::zeros(), 0), |(sum, n), p| (sum + p.place.coords, n + 1))
+        })
+        .collect();
+    let count: usize = parts.iter().map(|p| p.1).sum();
+    let centre =
+        Point3::from(parts.iter().map(|p| p.0).sum::<nalgebra::Vector3<f64>>() / count.max(1) as f64);
+    let squares: Vec<f64> = pairs
+        .par_chunks(CHUNK)
+        .map(|part| part.iter().filter(used).map(|p| (p.place - centre).norm_squared()).sum())
+        .collect();
+    let arm_mm = (squares.iter().sum::<f64>() / count.max(1) as f64).sqrt().max(f64::MIN_POSITIVE);
+    let sums: Vec<Normal<6>> = pairs
+        .par_chunks(CHUNK)
+        .map(|part| {
+            let mut normal = Normal::zero();
+            for p in part.iter().filter(used) {
+                let derivatives = Equations::derivatives(&centre, arm_mm, &p.place, &p.matched.normal);
+                normal.add(p.distance_mm, &derivatives);
+            }
+            normal
+        })
+        .collect();
+    let normal = sums.iter().fold(Normal::zero(), |sum, part| sum.join(part));
+    Equations { normal, centre, arm_mm }
+}

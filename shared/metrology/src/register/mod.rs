@@ -1,0 +1,126 @@
+//! Aligns a cloud with a reference: point-to-plane ICP from coarse to fine, with a report of how well it is determined.
+//!
+//! P. J. Besl, N. D. McKay, A method for registration of 3-D shapes, IEEE PAMI 14(2), 1992; Y. Chen, G. Medioni, Object
+//! modelling by registration of multiple range images, IVC 10(3), 1992 (distances along the reference's normal). Each
+//! round matches points with the nearest places of the reference, drops those beside it and those whose distance lies
+//! beyond three robust standard deviations, and solves the linear equations of the small motion. Directions in which the
+//! surfaces slide on each other (a plane on a plane) are found from the normal matrix, left as they were, and reported.
+
+mod error;
+mod icp;
+mod motion;
+mod result;
+mod search;
+#[cfg(test)]
+mod tests;
+
+pub use error::RegisterError;
+pub use result::{Freedom, Registration, Start};
+
+use icp::{Level, refine};
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+
+use crate::reference::{Reference, check};
+use crate::spatial::thinned;
+use fringe::cloud::Point;
+use fringe::geometry::pose::Pose;
+
+/// Fewest points: one more than the six unknowns.
+const LEAST_POINTS: usize = 7;
+
+/// Points of the first levels; the last one takes all. A tenth each time: the coarse ones cost next to nothing.
+const LEVEL_POINTS: [usize; 2] = [2000, 20_000];
+
+/// How to align.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RegisterSettings {
+    /// Farthest match, mm; if `None`, a tenth of the reference's diagonal at first. Narrowed with the residuals.
+    pub reach_mm: Option<f64>,
+    /// Matches are dropped beyond so many robust standard deviations of their distances.
+    pub trim_sigmas: f64,
+    /// Rounds of each level at most.
+    pub max_rounds: usize,
+    /// The alignment stands still when no point moves by more than this, mm.
+    pub still_mm: f64,
+    /// Fewest points, as a share of the cloud, that must match.
+    pub least_overlap: f64,
+}
+
+impl Default for RegisterSettings {
+    fn default() -> Self {
+        Self { reach_mm: None, trim_sigmas: 3.0, max_rounds: 60, still_mm: 1e-5, least_overlap: 0.1 }
+    }
+}
+
+/// Where to begin.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum From {
+    /// At this pose: reference frame from cloud frame.
+    Pose(Pose),
+    /// As it lies, and if that does not match, at principal axes and turns about the centre.
+    Search,
+}
+
+/// Finds the motion that brings a cloud onto a reference.
+///
+/// # Errors
+/// See [`RegisterError`].
+pub fn register(
+    points: &[Point],
+    reference: &Reference,
+    from: &From,
+    settings: &RegisterSettings,
+) -> Result<Registration, RegisterError> {
+    check(points, LEAST_POINTS)?;
+    let positions: Vec<Point3<f64>> = points.iter().map(Point::position).collect();
+    let levels = levels(&positions);
+    let (mut pose, start, rival) = match from {
+        From::Pose(pose) => (*pose, Start::Given, None),
+        From::Search => search::start(&levels[0], reference, settings)?,
+    };
+    let mut reach_mm = settings.reach_mm.unwrap_or_else(|| 0.1 * diagonal_mm(reference));
+    let mut rounds = Vec::new();
+    let mut last = None;
+    for points in &levels {
+        let level = refine(&Level { points, reference, reach_mm, settings }, pose)?;
+        // Finer levels begin where the coarser one ended: within its residuals.
+        reach_mm = reach_mm.min(level.next_reach_mm);
+        pose = level.pose;
+        rounds.push(level.rounds);
+        last = Some(level);
+    }
+    let Some(last) = last else { return Err(RegisterError::Few { matched: 0, needed: LEAST_POINTS }) };
+    result::conclude(&last, rounds, start, rival, settings)
+}
+
+fn diagonal_mm(reference: &Reference) -> f64 {
+    let bounds = reference.bounds();
+    (bounds.high - bounds.low).norm()
+}
+
+/// The cloud thinned evenly over its surface, coarse to fine, and last as it is.
+fn levels(positions: &[Point3<f64>]) -> Vec<Vec<Point3<f64>>> {
+    let mut levels: Vec<Vec<Point3<f64>>> =
+        LEVEL_POINTS.iter().filter(|n| positions.len() > 2 * **n).map(|n| thin_to(positions, *n)).collect();
+    levels.push(positions.to_vec());
+    levels
+}
+
+/// About `wanted` points: one of each cell of a grid whose edge is found by halving.
+fn thin_to(positions: &[Point3<f64>], wanted: usize) -> Vec<Point3<f64>> {
+    let low = positions.iter().fold(Point3::from([f64::INFINITY; 3]), |a, p| a.inf(p));
+    let high = positions.iter().fold(Point3::from([f64::NEG_INFINITY; 3]), |a, p| a.sup(p));
+    // A surface of the size of the box's diagonal squared would need this edge; halving twice reaches most parts.
+    let mut edge_mm = (high - low).norm() / (wanted as f64).sqrt();
+    let mut kept = thinned(positions, edge_mm);
+    for _ in 0..6 {
+        if kept.len() >= wanted {
+            break;
+        }
+        edge_mm *= (kept.len() as f64 / (1.2 * wanted as f64)).sqrt().clamp(0.25, 0.9);
+        kept = thinned(positions, edge_mm);
+    }
+    kept.into_iter().map(|i| positions[i as usize]).collect()
+}

@@ -1,0 +1,194 @@
+//! The alignment and how much it is worth.
+
+use nalgebra::{SMatrix, Vector3};
+use serde::Serialize;
+
+use super::icp::Refined;
+use super::motion::{Equations, Principal};
+use super::{RegisterError, RegisterSettings};
+use fringe::geometry::pose::Pose;
+
+/// Unknowns of a rigid motion.
+const UNKNOWNS: usize = 6;
+
+/// How the start was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Start {
+    /// Given by the caller.
+    Given,
+    /// As the cloud lay.
+    AsItLay,
+    /// Principal axes on principal axes.
+    PrincipalAxes,
+    /// Turns spread evenly over all rotations.
+    Turns,
+}
+
+/// A motion that the surfaces do not determine: it was left at its start.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Freedom {
+    /// What the motion is, as a screw about the centre: share of rotation, rad per unit.
+    pub rotation_per_mm: [f64; 3],
+    /// Share of translation, mm per unit.
+    pub translation: [f64; 3],
+    /// Root mean square slope of the distances to this motion of 1 mm.
+    pub sensitivity: f64,
+}
+
+/// An alignment: x ↦ rotation · x + translation brings the cloud onto the reference.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Registration {
+    /// Row by row.
+    pub rotation: [[f64; 3]; 3],
+    /// Translation, mm.
+    pub translation_mm: [f64; 3],
+    /// Both as one matrix, row by row.
+    pub matrix: [[f64; 4]; 4],
+    /// How the start was found.
+    pub start: Start,
+    /// Whether the points stood still at the end.
+    pub converged: bool,
+    /// Rounds of each level, coarse to fine.
+    pub iterations: Vec<usize>,
+    /// Motion of the last round, mm.
+    pub last_motion_mm: f64,
+    /// Root mean square distance along the normal of the matches used, mm.
+    pub rms_mm: f64,
+    /// Median of the magnitudes of all matches, mm.
+    pub median_abs_mm: f64,
+    /// Share of the cloud's points that lie on the reference, within the reach.
+    pub overlap: f64,
+    /// Matches used.
+    pub inliers: usize,
+    /// Points of the cloud.
+    pub points: usize,
+    /// Farthest match of the last round, mm.
+    pub reach_mm: f64,
+    /// Ratio of largest to smallest root mean square slope of the distances to motions of 1 mm (rotations at the root
+    /// mean square distance of the points); of the determined motions only.
+    pub condition: f64,
+    /// Motions that are not determined; empty when all six are.
+    pub undetermined: Vec<Freedom>,
+    /// Covariance of a small rotation about `centre_mm` (x, y, z, rad) and a translation (mm), row by row, noise of the
+    /// points taken as independent; zero along undetermined motions.
+    pub covariance: [[f64; 6]; 6],
+    /// Standard uncertainties: roots of the diagonal of the covariance.
+    pub u_rotation_rad: [f64; 3],
+    /// As above, mm.
+    pub u_translation_mm: [f64; 3],
+    /// Where the rotation of the covariance turns: centre of the matches, reference frame, mm.
+    pub centre_mm: [f64; 3],
+    /// A clearly different pose that matches nearly as well (a symmetric part): its share of matches over this one's.
+    pub rival: Option<f64>,
+}
+
+impl Freedom {
+    /// In words: what may slide or turn.
+    pub fn describe(&self) -> String {
+        let vector = |v: Vector3<f64>| format!("({:.3}, {:.3}, {:.3})", v.x, v.y, v.z);
+        let (turn, shift) = (Vector3::from(self.rotation_per_mm), Vector3::from(self.translation));
+        let shift_share = shift.norm();
+        match turn.try_normalize(1e-300) {
+            Some(axis) if shift_share < 0.1 => format!("rotation about {} through the centre", vector(axis)),
+            Some(axis) if shift_share < 0.995 => {
+                format!("rotation about {} with a shift along {}", vector(axis), vector(shift / shift_share))
+            }
+            _ => format!("shift along {}", vector(shift / shift_share)),
+        }
+    }
+}
+
+impl Registration {
+    /// Angle of the rotation, degrees.
+    pub fn angle_deg(&self) -> f64 {
+        self.pose().angle_rad().to_degrees()
+    }
+
+    /// The motion.
+    pub fn pose(&self) -> Pose {
+        let rows = self.rotation;
+        Pose {
+            rotation: nalgebra::Matrix3::from_fn(|r, c| rows[r][c]),
+            translation: Vector3::from(self.translation_mm),
+        }
+    }
+}
+
+/// Puts the report together and judges it.
+///
+/// # Errors
+/// Too little overlap, or nothing that the surfaces determine.
+pub(super) fn conclude(
+    last: &Refined,
+    iterations: Vec<usize>,
+    start: Start,
+    rival: Option<f64>,
+    settings: &RegisterSettings,
+) -> Result<Registration, RegisterError> {
+    let overlap = last.overlapping as f64 / last.points as f64;
+    if overlap < settings.least_overlap {
+        let (share_percent, least_percent) = (overlap * 100.0, settings.least_overlap * 100.0);
+        return Err(RegisterError::Overlap { share_percent, least_percent });
+    }
+    let (equations, principal) = (&last.equations, &last.principal);
+    let slopes: Vec<f64> = principal.determined().map(|i| principal.values[i].sqrt()).collect();
+    let (Some(least), Some(most)) = (slopes.first(), slopes.last()) else {
+        return Err(RegisterError::Free);
+    };
+    let covariance = covariance(equations, principal);
+    let u = |i: usize| covariance[(i, i)].max(0.0).sqrt();
+    let (r, t) = (last.pose.rotation, last.pose.translation);
+    let row = |i: usize| [r[(i, 0)], r[(i, 1)], r[(i, 2)]];
+    Ok(Registration {
+        rotation: [row(0), row(1), row(2)],
+        translation_mm: t.into(),
+        matrix: std::array::from_fn(|i| {
+            if i == 3 { [0.0, 0.0, 0.0, 1.0] } else { [r[(i, 0)], r[(i, 1)], r[(i, 2)], t[i]] }
+        }),
+        start,
+        converged: last.converged,
+        iterations,
+        last_motion_mm: last.moved_mm,
+        rms_mm: (equations.normal.sum / equations.normal.rows.max(1) as f64).sqrt(),
+        median_abs_mm: last.median_mm,
+        overlap,
+        inliers: equations.normal.rows,
+        points: last.points,
+        reach_mm: last.next_reach_mm,
+        condition: most / least,
+        undetermined: principal.free().map(|i| freedom(equations, principal, i)).collect(),
+        covariance: std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)])),
+        u_rotation_rad: [u(0), u(1), u(2)],
+        u_translation_mm: [u(3), u(4), u(5)],
+        centre_mm: equations.centre.coords.into(),
+        rival,
+    })
+}
+
+/// σ² (JᵀJ)⁻¹ within the determined motions, rotations in rad.
+fn covariance(equations: &Equations, principal: &Principal) -> SMatrix<f64, 6, 6> {
+    let rows = equations.normal.rows as f64;
+    let variance = equations.normal.sum / (rows - UNKNOWNS as f64).max(1.0);
+    let mut sum = SMatrix::<f64, 6, 6>::zeros();
+    for i in principal.determined() {
+        let weight = variance / (rows * principal.values[i]);
+        let v = principal.vectors.column(i);
+        for c in 0..UNKNOWNS {
+            for r in 0..UNKNOWNS {
+                sum[(r, c)] += weight * v[r] * v[c];
+            }
+        }
+    }
+    let unit = |i: usize| if i < 3 { equations.arm_mm } else { 1.0 };
+    SMatrix::from_fn(|r, c| sum[(r, c)] / (unit(r) * unit(c)))
+}
+
+fn freedom(equations: &Equations, principal: &Principal, i: usize) -> Freedom {
+    let v = principal.vectors.column(i);
+    Freedom {
+        rotation_per_mm: [v[0], v[1], v[2]].map(|c| c / equations.arm_mm),
+        translation: [v[3], v[4], v[5]],
+        sensitivity: principal.values[i].max(0.0).sqrt(),
+    }
+}

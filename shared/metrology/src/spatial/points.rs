@@ -1,0 +1,203 @@
+//! A tree over points: the nearest one, all within a radius.
+
+use super::bvh::{Aabb, Bvh};
+use nalgebra::Point3;
+
+/// Points per leaf: one or two lines of a surface patch; a loop over neighbouring memory beats further box tests.
+const LEAF: usize = 8;
+
+/// Neighbours whose distances tell the density.
+const DENSITY_NEIGHBOURS: usize = 8;
+
+/// Points whose surroundings tell the density of a cloud.
+const DENSITY_SAMPLES: usize = 1001;
+
+/// Points sorted into a tree. A *slot* is a place in its order, an *index* one in the order given.
+#[derive(Debug, Clone)]
+pub(crate) struct PointTree {
+    tree: Bvh,
+    sites: Vec<Point3<f64>>,
+}
+
+impl PointTree {
+    /// Sorts finite points, fewer than 2³².
+    pub fn new(points: &[Point3<f64>]) -> Self {
+        let bounds = |item: u32| {
+            let p = points[item as usize];
+            Aabb { low: p, high: p }
+        };
+        let tree = Bvh::over(points.len(), LEAF, &bounds);
+        let sites = tree.items().iter().map(|item| points[*item as usize]).collect();
+        Self { tree, sites }
+    }
+
+    /// Positions by slot.
+    pub fn sites(&self) -> &[Point3<f64>] {
+        &self.sites
+    }
+
+    /// Index of each slot.
+    pub fn order(&self) -> &[u32] {
+        self.tree.items()
+    }
+
+    /// Box of all points; `None` without any.
+    pub fn bounds(&self) -> Option<Aabb> {
+        self.tree.bounds()
+    }
+
+    /// Slot of the nearest point within a distance, and its distance squared, mm². Of equally near ones the lowest index.
+    pub fn nearest(&self, p: &Point3<f64>, limit_mm: f64) -> Option<(usize, f64)> {
+        let mut best: Option<(usize, f64)> = None;
+        self.tree.walk(
+            limit_mm * limit_mm,
+            |b, limit| Some(distance2_mm2(b, p)).filter(|d| *d <= limit),
+            &mut |slots, mut limit| {
+                for slot in slots {
+                    let d2 = (self.sites[slot] - p).norm_squared();
+                    let order = self.order();
+                    let better = |(old, old_d2): (usize, f64)| d2 < old_d2 || order[slot] < order[old];
+                    if d2 <= limit && best.is_none_or(better) {
+                        (best, limit) = (Some((slot, d2)), d2);
+                    }
+                }
+                limit
+            },
+        );
+        best
+    }
+
+    /// Calls `visit` with the slot of each point within a distance.
+    pub fn within(&self, p: &Point3<f64>, radius_mm: f64, mut visit: impl FnMut(usize)) {
+        let radius2 = radius_mm * radius_mm;
+        self.within_box(
+            |b| distance2_mm2(b, p) <= radius2,
+            |slot, site| {
+                if (site - p).norm_squared() <= radius2 {
+                    visit(slot);
+                }
+            },
+        );
+    }
+
+    /// Calls `visit` with the slot and place of each point of the leaves whose boxes a condition lets pass.
+    pub fn within_box(&self, passes: impl Fn(&Aabb) -> bool, mut visit: impl FnMut(usize, &Point3<f64>)) {
+        self.tree.walk(0.0, |b, _| passes(b).then_some(0.0), &mut |slots, limit| {
+            for slot in slots {
+                visit(slot, &self.sites[slot]);
+            }
+            limit
+        });
+    }
+
+    /// Typical distance of neighbours, mm: the edge of a square of a surface that holds one point.
+    ///
+    /// The median, over points spread through the cloud, of the distance to the eighth neighbour; a circle of that
+    /// radius holds eight points besides its centre. Zero when most points have eight twins.
+    pub fn spacing_mm(&self) -> f64 {
+        let step = self.sites.len().div_ceil(DENSITY_SAMPLES).max(1);
+        let mut reach: Vec<f64> = self.sites.iter().step_by(step).map(|p| self.reach2_mm2(p)).collect();
+        if reach.is_empty() {
+            return 0.0;
+        }
+        let middle = reach.len() / 2;
+        let reach2 = *reach.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let held = DENSITY_NEIGHBOURS.min(self.sites.len() - 1).max(1) as f64;
+        (reach2 * std::f64::consts::PI / held).sqrt()
+    }
+
+    /// Squared distance to the farthest of the nearest few neighbours besides the point itself, mm².
+    fn reach2_mm2(&self, p: &Point3<f64>) -> f64 {
+        // One more: the point itself.
+        let mut nearest = [f64::INFINITY; DENSITY_NEIGHBOURS + 1];
+        self.tree.walk(
+            f64::INFINITY,
+            |b, limit| Some(distance2_mm2(b, p)).filter(|d| *d <= limit),
+            &mut |slots, _| {
+                for slot in slots {
+                    insert(&mut nearest, (self.sites[slot] - p).norm_squared());
+                }
+                nearest[DENSITY_NEIGHBOURS]
+            },
+        );
+        nearest.into_iter().rev().find(|d| d.is_finite()).unwrap_or(0.0)
+    }
+}
+
+/// Puts a value into a sorted list and drops the largest.
+fn insert(sorted: &mut [f64], value: f64) {
+    let place = sorted.partition_point(|v| *v <= value);
+    if place < sorted.len() {
+        sorted[place..].rotate_right(1);
+        sorted[place] = value;
+    }
+}
+
+/// Squared distance of a point from a box, mm²; zero inside.
+#[inline]
+fn distance2_mm2(b: &Aabb, p: &Point3<f64>) -> f64 {
+    let beyond = |axis: usize| (b.low[axis] - p[axis]).max(p[axis] - b.high[axis]).max(0.0);
+    let [x, y, z] = [beyond(0), beyond(1), beyond(2)];
+    x * x + y * y + z * z
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn place() -> impl Strategy<Value = Point3<f64>> {
+        // Whole numbers make ties.
+        [-6_i32..6, -6_i32..6, 0_i32..2].prop_map(|c| Point3::from(c.map(f64::from)))
+    }
+
+    proptest! {
+        #[test]
+        fn the_tree_equals_brute_force(
+            points in prop::collection::vec(place(), 0..120),
+            query in place(),
+            limit in 0.0_f64..5.0,
+        ) {
+            let tree = PointTree::new(&points);
+            let found = tree.nearest(&query, limit).map(|(slot, d2)| (tree.order()[slot] as usize, d2));
+            let brute = points
+                .iter()
+                .map(|p| (p - query).norm_squared())
+                .enumerate()
+                .filter(|(_, d2)| *d2 <= limit * limit)
+                .min_by(|a, b| a.1.total_cmp(&b.1));
+            prop_assert_eq!(found, brute);
+            let mut inside = Vec::new();
+            tree.within(&query, limit, |slot| inside.push(tree.order()[slot] as usize));
+            inside.sort_unstable();
+            let near = |i: &usize| (points[*i] - query).norm_squared() <= limit * limit;
+            prop_assert_eq!(inside, (0..points.len()).filter(near).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn the_spacing_of_a_square_lattice_is_its_pitch() {
+        let lattice: Vec<Point3<f64>> = (0..10_000)
+            .map(|i| Point3::new(0.2 * f64::from(i % 100), 0.2 * f64::from(i / 100), 0.0))
+            .collect();
+        let spacing = PointTree::new(&lattice).spacing_mm();
+        // The eighth neighbour is the diagonal one: π · 2 · 0.04 / 8 under the root.
+        assert!((spacing - 0.2).abs() < 0.03, "{spacing}");
+        assert_eq!(PointTree::new(&[Point3::origin(); 50]).spacing_mm(), 0.0);
+        assert_eq!(PointTree::new(&[]).spacing_mm(), 0.0);
+        assert_eq!(PointTree::new(&[Point3::origin()]).spacing_mm(), 0.0);
+    }
+
+    #[test]
+    fn a_large_cloud_has_the_same_tree_built_in_parts() {
+        let mut noise = fringe::synthetic::Noise(7);
+        let cloud: Vec<Point3<f64>> =
+            (0..40_000).map(|_| Point3::new(noise.unit(), noise.unit(), 0.1 * noise.unit())).collect();
+        let tree = PointTree::new(&cloud);
+        for query in cloud.iter().step_by(1999).map(|p| p + nalgebra::Vector3::new(0.01, -0.02, 0.03)) {
+            let (slot, d2) = tree.nearest(&query, f64::INFINITY).unwrap();
+            let brute = cloud.iter().map(|p| (p - query).norm_squared()).fold(f64::INFINITY, f64::min);
+            assert_eq!((d2, (tree.sites()[slot] - query).norm_squared()), (brute, brute));
+        }
+    }
+}

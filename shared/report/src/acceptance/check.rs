@@ -1,0 +1,191 @@
+//! What a report must not say: a standard without its edition, numbers that are none, verdicts that do not follow.
+
+use files::error::FileError;
+use metrology::acceptance::{Characteristic, TestReport, TestVerdict, Volume};
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// Why a report of an acceptance test is not written.
+#[derive(Debug, Error)]
+pub enum AcceptanceReportError {
+    /// A standard changes; a result without the edition proves nothing.
+    #[error(
+        "rule_set.{key}: is {found:?} although the report names {standard:?}: give the {key} of the rule set that was followed"
+    )]
+    RuleSet {
+        /// "id", "edition" or "wording".
+        key: &'static str,
+        /// As found.
+        found: String,
+        /// The standard that the report names.
+        standard: String,
+    },
+    /// Nothing was tested.
+    #[error("characteristics: there is none: a report needs at least one; evaluate the test again")]
+    Empty,
+    /// NaN, infinity, or out of its range.
+    #[error("{key}: value {value} is not allowed: {limit}; evaluate the test again")]
+    Number {
+        /// Where.
+        key: String,
+        /// As found.
+        value: f64,
+        /// What is allowed.
+        limit: &'static str,
+    },
+    /// A unit that no format knows.
+    #[error(
+        "characteristic {symbol:?}: unit {unit:?} is not allowed: lengths are in \"mm\"; convert the values"
+    )]
+    Unit {
+        /// Of the characteristic.
+        symbol: String,
+        /// As found.
+        unit: String,
+    },
+    /// A verdict that the numbers do not bear.
+    #[error("{place}: {says} although {but}; evaluate the test again")]
+    Contradiction {
+        /// Where.
+        place: String,
+        /// What it says.
+        says: String,
+        /// What speaks against it.
+        but: String,
+    },
+    /// JSON refuses.
+    #[error("the result cannot be written as JSON: {0}")]
+    Json(String),
+    /// A fault of the contents of a file.
+    #[error("{}", .path.display())]
+    InFile {
+        /// The file.
+        path: PathBuf,
+        /// The fault.
+        source: Box<Self>,
+    },
+    /// A file cannot be read or written.
+    #[error(transparent)]
+    File(#[from] FileError),
+}
+
+type Checked = Result<(), AcceptanceReportError>;
+
+/// Checks that a report may be written.
+///
+/// # Errors
+/// See [`AcceptanceReportError`].
+pub fn check(report: &TestReport) -> Checked {
+    rule_set(report)?;
+    if report.characteristics.is_empty() {
+        return Err(AcceptanceReportError::Empty);
+    }
+    volume("sensor_volume", &report.sensor_volume)?;
+    volume("total_volume", &report.total_volume)?;
+    for violation in &report.reduced {
+        finite(|| format!("reduced {:?} required", violation.rule), violation.required)?;
+        finite(|| format!("reduced {:?} actual", violation.rule), violation.actual)?;
+    }
+    for artefact in &report.artefacts {
+        for (name, value, u) in &artefact.values {
+            finite(|| format!("artefact {:?} {name:?}", artefact.id), *value)?;
+            at_least_zero(|| format!("artefact {:?} {name:?} uncertainty", artefact.id), Some(*u))?;
+        }
+    }
+    report.characteristics.iter().try_for_each(characteristic)?;
+    verdict(report)
+}
+
+/// Names of standards; text that has one needs an edition beside it.
+fn rule_set(report: &TestReport) -> Checked {
+    let set = &report.rule_set;
+    let fault = |key, found: &str| {
+        let (found, standard) = (found.to_owned(), set.standard.clone());
+        Err(AcceptanceReportError::RuleSet { key, found, standard })
+    };
+    let blank = |text: &str| !text.chars().any(char::is_alphanumeric);
+    if blank(&set.id) {
+        return fault("id", &set.id);
+    }
+    if blank(&set.edition) {
+        return fault("edition", &set.edition);
+    }
+    // The sentence stands alone in banners and in other programs, so the edition has to be in it.
+    if !set.wording.contains(&set.edition) || set.wording.to_lowercase().contains("certified") {
+        return fault("wording", &set.wording);
+    }
+    Ok(())
+}
+
+fn volume(key: &str, volume: &Volume) -> Checked {
+    for length in volume.size_mm.iter().chain([&volume.body_diagonal_mm]) {
+        at_least_zero(|| key.to_owned(), Some(*length))?;
+    }
+    Ok(())
+}
+
+fn characteristic(one: &Characteristic) -> Checked {
+    let key = |what: &str| format!("characteristic {:?} {what}", one.symbol);
+    if one.unit != "mm" {
+        let (symbol, unit) = (one.symbol.clone(), one.unit.clone());
+        return Err(AcceptanceReportError::Unit { symbol, unit });
+    }
+    finite(|| key("value"), one.value)?;
+    at_least_zero(|| key("limit"), one.limit)?;
+    at_least_zero(|| key("test_value_u"), one.test_value_u)?;
+    at_least_zero(|| key("repeatability"), one.repeatability)?;
+    at_least_zero(|| key("between_positions"), one.between_positions)?;
+    for position in &one.positions {
+        finite(|| key(&format!("position {:?}", position.position)), position.value)?;
+        at_least_zero(|| key(&format!("position {:?} limit", position.position)), position.limit)?;
+    }
+    let contradiction = |says: String, but: String| {
+        let place = format!("characteristic {:?}", one.symbol);
+        Err(AcceptanceReportError::Contradiction { place, says, but })
+    };
+    // Of a limit that grows with the length the worst value takes up most; quotients are rounded.
+    let share = |value: f64, limit: Option<f64>| value.abs() / limit.unwrap_or(1.0);
+    let most = share(one.value, one.limit) * (1.0 + 1e-12);
+    if let Some(worse) = one.positions.iter().find(|p| share(p.value, one.limit_of(p)) > most) {
+        let says = format!("the worst value is {} mm", one.value);
+        return contradiction(says, format!("position {:?} has {} mm", worse.position, worse.value));
+    }
+    match (one.verdict, one.limit) {
+        (Some(verdict), None) => {
+            contradiction(format!("its verdict is {verdict:?}"), "it has no limit".to_owned())
+        }
+        (Some(TestVerdict::Pass), Some(limit)) if one.value.abs() > limit => {
+            contradiction("its verdict is Pass".to_owned(), format!("|{} mm| is above {limit} mm", one.value))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn verdict(report: &TestReport) -> Checked {
+    let unfit =
+        |c: &&Characteristic| (c.decides || c.limit.is_some()) && c.verdict != Some(TestVerdict::Pass);
+    match report.characteristics.iter().find(unfit) {
+        Some(bad) if report.verdict == TestVerdict::Pass => Err(AcceptanceReportError::Contradiction {
+            place: "verdict".to_owned(),
+            says: "the test passes".to_owned(),
+            but: format!("characteristic {:?} does not", bad.symbol),
+        }),
+        _ => Ok(()),
+    }
+}
+
+fn finite(key: impl Fn() -> String, value: f64) -> Checked {
+    if value.is_finite() {
+        return Ok(());
+    }
+    Err(AcceptanceReportError::Number { key: key(), value, limit: "a finite number" })
+}
+
+fn at_least_zero(key: impl Fn() -> String, value: Option<f64>) -> Checked {
+    match value {
+        Some(value) if !value.is_finite() || value < 0.0 => {
+            Err(AcceptanceReportError::Number { key: key(), value, limit: "a finite number, 0 or above" })
+        }
+        _ => Ok(()),
+    }
+}

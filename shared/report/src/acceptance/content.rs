@@ -1,0 +1,356 @@
+//! What the report says, block by block, before it is set as HTML or PDF.
+
+use super::chart::{numbers, tone_of};
+use super::drawing::Tone;
+use super::groups::of_same_positions;
+use super::words::{
+    differing_limits, digits, judgement, limit_text, sentences, verdict_key, verdict_word, worst_position,
+};
+use crate::number::{NONE, count, fixed, limit, limit_decimals, optional, signed};
+use metrology::acceptance::{Characteristic, PositionValue, TestReport, TestVerdict, Volume};
+
+/// A part of the report.
+pub enum Block<'a> {
+    /// Opens a section.
+    Heading(String),
+    /// A paragraph.
+    Text(String),
+    /// A paragraph in small print.
+    Small(String),
+    /// Numbered steps.
+    Steps(Vec<String>),
+    /// Label and text.
+    Pairs(Vec<(String, String)>),
+    /// A table.
+    Table(Table),
+    /// Charts, side by side where they fit.
+    Charts(Vec<&'a Characteristic>),
+    /// Lines to sign on, each with what stands below it.
+    Signatures([&'static str; 4]),
+}
+
+/// A table.
+pub struct Table {
+    /// Title, relative width, whether numbers stand right.
+    pub columns: Vec<(String, f64, bool)>,
+    /// Cells; as many in each row as there are columns.
+    pub rows: Vec<Vec<Cell>>,
+}
+
+/// One cell.
+pub struct Cell {
+    /// What it says.
+    pub text: String,
+    /// Small print below.
+    pub detail: String,
+    /// Heavy letters.
+    pub bold: bool,
+    /// Colour of the letters.
+    pub tone: Tone,
+}
+
+impl Cell {
+    fn plain(text: impl Into<String>) -> Self {
+        Self { text: text.into(), detail: String::new(), bold: false, tone: Tone::Ink }
+    }
+
+    fn bold(text: impl Into<String>, tone: Tone) -> Self {
+        Self { bold: true, tone, ..Self::plain(text) }
+    }
+
+    fn with_detail(mut self, detail: &str) -> Self {
+        detail.clone_into(&mut self.detail);
+        self
+    }
+}
+
+/// The whole report.
+pub struct Document<'a> {
+    /// Heading.
+    pub title: String,
+    /// "evaluated following …".
+    pub wording: String,
+    /// Rule set and edition.
+    pub rule_set: String,
+    /// What makes it a reduced test; empty: a full one.
+    pub reduced: Vec<String>,
+    /// The word of the banner.
+    pub word: String,
+    /// Its class in the style sheet.
+    pub class: &'static str,
+    /// Its colour.
+    pub tone: Tone,
+    /// The verdict in plain words.
+    pub sentences: Vec<String>,
+    /// What follows.
+    pub blocks: Vec<Block<'a>>,
+    /// SHA-256 of the master.
+    pub sha256: String,
+}
+
+/// Everything that the report says.
+pub fn document<'a>(report: &'a TestReport, sha256: &str) -> Document<'a> {
+    let set = &report.rule_set;
+    let reduced = reduced(report);
+    let title =
+        if reduced.is_empty() { "Acceptance test report" } else { "Acceptance test report: reduced test" };
+    let word = verdict_word(Some(report.verdict));
+    let word = if reduced.is_empty() { word.to_owned() } else { format!("{word} (reduced test)") };
+    let mut blocks = characteristics(report);
+    charts(&mut blocks, report);
+    conditions(&mut blocks, report);
+    artefacts(&mut blocks, report);
+    signatures(&mut blocks);
+    positions(&mut blocks, report);
+    assumed(&mut blocks, report);
+    repeat(&mut blocks, report, sha256);
+    Document {
+        title: title.to_owned(),
+        wording: capital(&set.wording),
+        rule_set: format!("{}; rule set {}, edition {}", set.standard, set.id, set.edition),
+        reduced,
+        word,
+        class: verdict_key(Some(report.verdict)),
+        tone: tone_of(Some(report.verdict)),
+        sentences: sentences(report),
+        blocks,
+        sha256: sha256.to_owned(),
+    }
+}
+
+fn capital(text: &str) -> String {
+    let mut signs = text.chars();
+    signs.next().map_or_else(String::new, |first| first.to_uppercase().chain(signs).collect())
+}
+
+fn reduced(report: &TestReport) -> Vec<String> {
+    let number = |v: f64| fixed(v, limit_decimals(Some(v)).min(4));
+    let line = |v: &metrology::acceptance::Violation| {
+        format!(
+            "{}: required {} {unit}, this test {} {unit}. {}",
+            v.rule,
+            number(v.required),
+            number(v.actual),
+            v.text,
+            unit = v.unit
+        )
+    };
+    report.reduced.iter().map(line).collect()
+}
+
+fn column(title: &str, width: f64, right: bool) -> (String, f64, bool) {
+    (title.to_owned(), width, right)
+}
+
+fn characteristics(report: &TestReport) -> Vec<Block<'_>> {
+    let columns = vec![
+        column("Symbol", 1.55, false),
+        column("Definition", 2.8, false),
+        column("Worst value, mm", 1.0, true),
+        column("At position", 1.25, false),
+        column("MPE, mm", 0.9, true),
+        column("U (k = 2), mm", 0.85, true),
+        column("Verdict", 1.6, false),
+    ];
+    let row = |one: &Characteristic| {
+        vec![
+            Cell::bold(&one.symbol, Tone::Ink),
+            Cell::plain(&one.name).with_detail(&one.definition),
+            Cell::bold(signed(one.value, digits(one)), Tone::Ink),
+            Cell::plain(worst_position(one)),
+            Cell::plain(limit_text(one)).with_detail(if differs(one) { "there" } else { "" }),
+            Cell::plain(optional(one.test_value_u, digits(one))),
+            Cell::bold(judgement(one), tone_of(one.verdict)),
+        ]
+    };
+    let rows = report.characteristics.iter().map(row).collect();
+    vec![
+        Block::Heading("Characteristics".to_owned()),
+        Block::Table(Table { columns, rows }),
+        Block::Small(
+            "Worst value: the one farthest from zero over all positions, with its sign; it decides, never a mean. MPE: maximum \
+             permissible error, for the absolute value. U: expanded uncertainty of the test value (k = 2), from the artefact \
+             and its use; it is no measure of the system's performance."
+                .to_owned(),
+        ),
+    ]
+}
+
+fn charts<'a>(blocks: &mut Vec<Block<'a>>, report: &'a TestReport) {
+    let shown = |c: &&Characteristic| !c.positions.is_empty() && (c.decides || c.limit.is_some());
+    let charts: Vec<_> = report.characteristics.iter().filter(shown).collect();
+    if charts.is_empty() {
+        return;
+    }
+    blocks.push(Block::Heading("All positions".to_owned()));
+    blocks.push(Block::Charts(charts));
+    blocks.push(Block::Small(
+        "Red lines: MPE. Green: conformity is proven where the decision rule takes U into account; amber: within U of the \
+         limit; red: beyond. Repeats of a position stand side by side. Names of the positions: table of values."
+            .to_owned(),
+    ));
+}
+
+fn conditions(blocks: &mut Vec<Block<'_>>, report: &TestReport) {
+    blocks.push(Block::Heading("Measuring volumes and conditions".to_owned()));
+    let mut pairs = vec![
+        ("Sensor measuring volume (one view)".to_owned(), volume(&report.sensor_volume)),
+        ("Total measuring volume (all views)".to_owned(), volume(&report.total_volume)),
+    ];
+    pairs.extend(report.conditions.iter().map(|(label, text)| (capital(label), text.clone())));
+    blocks.push(Block::Pairs(pairs));
+}
+
+fn volume(volume: &Volume) -> String {
+    let [x, y, z] = volume.size_mm.map(|edge| fixed(edge, usize::from(edge.fract() != 0.0)));
+    format!("{x} × {y} × {z} mm, body diagonal {} mm", fixed(volume.body_diagonal_mm, 1))
+}
+
+fn artefacts(blocks: &mut Vec<Block<'_>>, report: &TestReport) {
+    blocks.push(Block::Heading("Artefacts and certificates".to_owned()));
+    let columns = vec![
+        column("Artefact", 1.4, false),
+        column("Kind", 1.0, false),
+        column("Certificate", 2.0, false),
+        column("Calibrated", 1.8, false),
+        column("Value, mm", 1.2, true),
+        column("u (k = 1), mm", 1.2, true),
+    ];
+    let mut rows = Vec::new();
+    for artefact in &report.artefacts {
+        let none = [(NONE.to_owned(), f64::NAN, f64::NAN)];
+        let values = if artefact.values.is_empty() { &none[..] } else { &artefact.values[..] };
+        for (index, (name, value, u)) in values.iter().enumerate() {
+            let first = |text: &str| Cell::plain(if index == 0 { text } else { "" });
+            let digits = |v: f64| limit_decimals(Some(v)).max(4);
+            rows.push(vec![
+                first(&artefact.id),
+                first(&artefact.kind),
+                first(if artefact.certificate.trim().is_empty() {
+                    "none given"
+                } else {
+                    &artefact.certificate
+                }),
+                Cell::plain(name),
+                Cell::plain(fixed(*value, digits(*value))),
+                Cell::plain(fixed(*u, digits(*u))),
+            ]);
+        }
+    }
+    if rows.is_empty() {
+        blocks.push(Block::Text("No artefact is named: the values are not traceable.".to_owned()));
+    } else {
+        blocks.push(Block::Table(Table { columns, rows }));
+    }
+}
+
+fn signatures(blocks: &mut Vec<Block<'_>>) {
+    blocks.push(Block::Heading("Signatures".to_owned()));
+    blocks.push(Block::Signatures(["Tested by", "Date", "Accepted by", "Date"]));
+    blocks.push(Block::Small(
+        "This is a test report of the operator and no calibration certificate; it does not claim certification to a standard."
+            .to_owned(),
+    ));
+}
+
+fn positions(blocks: &mut Vec<Block<'_>>, report: &TestReport) {
+    let groups = of_same_positions(&report.characteristics);
+    if groups.is_empty() {
+        return;
+    }
+    blocks.push(Block::Heading("Values at each position".to_owned()));
+    for group in groups {
+        blocks.push(Block::Table(values(&group)));
+        blocks.extend(scatter(&group).map(Block::Small));
+    }
+}
+
+fn values(group: &[&Characteristic]) -> Table {
+    let mut columns =
+        vec![column("No.", 0.45, true), column("Position", 1.5, false), column("Repeat", 0.65, true)];
+    columns.extend(group.iter().map(|one| column(&format!("{}, mm", one.symbol), 1.15, true)));
+    columns.extend([
+        column("Points", 0.85, true),
+        column("Left out", 0.75, true),
+        column("Views", 1.4, false),
+    ]);
+    let Some(first) = group.first() else { return Table { columns, rows: Vec::new() } };
+    let numbers = numbers(first);
+    let row = |(index, position): (usize, &PositionValue)| {
+        let mut row = vec![
+            Cell::plain(numbers.get(index).map_or_else(String::new, ToString::to_string)),
+            Cell::plain(&position.position),
+            Cell::plain(position.repeat.to_string()),
+        ];
+        row.extend(group.iter().filter_map(|one| one.positions.get(index).map(|p| cell(one, p))));
+        row.push(Cell::plain(count(position.points as u64)));
+        row.push(Cell::plain(count(position.rejected as u64)));
+        row.push(Cell::plain(position.views.join(", ")));
+        row
+    };
+    Table { columns, rows: first.positions.iter().enumerate().map(row).collect() }
+}
+
+/// Whether each length has its own limit.
+fn differs(one: &Characteristic) -> bool {
+    differing_limits(one).is_some()
+}
+
+/// The worst value stands out; one beyond its limit is red.
+fn cell(one: &Characteristic, position: &PositionValue) -> Cell {
+    let value = position.value;
+    let text = signed(value, digits(one));
+    let own = position.limit.filter(|_| differs(one));
+    let detail = own.map_or_else(String::new, |own| format!("MPE ±{}", limit(Some(own), digits(one))));
+    let beyond = one.limit_of(position).is_some_and(|limit| value.abs() > limit);
+    let tone = if beyond { tone_of(Some(TestVerdict::Fail)) } else { Tone::Ink };
+    Cell { text, detail, bold: value == one.value, tone }
+}
+
+fn scatter(group: &[&Characteristic]) -> Option<String> {
+    let known = |one: &&&Characteristic| one.repeatability.is_some() || one.between_positions.is_some();
+    let text = |one: &&Characteristic| {
+        format!(
+            "{} {} and {}",
+            one.symbol,
+            optional(one.repeatability, digits(one)),
+            optional(one.between_positions, digits(one))
+        )
+    };
+    let list: Vec<_> = group.iter().filter(known).map(text).collect();
+    (!list.is_empty()).then(|| {
+        format!(
+            "Standard deviation of repeats within positions and of the means of positions, mm: {}.",
+            list.join("; ")
+        )
+    })
+}
+
+fn assumed(blocks: &mut Vec<Block<'_>>, report: &TestReport) {
+    if !report.rule_set.assumed.is_empty() {
+        blocks.push(Block::Heading("Assumed values of the rule set".to_owned()));
+        blocks.push(Block::Small(format!(
+            "No text of the standard confirmed these; agree on them before signing: {}.",
+            report.rule_set.assumed.join("; ")
+        )));
+    }
+}
+
+fn repeat(blocks: &mut Vec<Block<'_>>, report: &TestReport, sha256: &str) {
+    let names: Vec<_> = report.artefacts.iter().map(|a| format!("{} ({})", a.id, a.certificate)).collect();
+    let set = &report.rule_set;
+    blocks.push(Block::Heading("How to repeat this test".to_owned()));
+    blocks.push(Block::Steps(vec![
+        format!("Calibrate the artefacts or take calibrated ones: {}.", names.join(", ")),
+        "Bring the system to the conditions above: same operating mode, warm-up, temperature and rig file.".to_owned(),
+        "Record the artefacts at the positions and views of the tables above, with as many repeats.".to_owned(),
+        format!(
+            "Evaluate with fringetool vdi2634 PLAN --json RESULT.json and the rule set {} of edition {}.",
+            set.id, set.edition
+        ),
+        "Write this report again with fringetool report RESULT.json --html REPORT.html --pdf REPORT.pdf; the same result gives \
+         the same bytes."
+            .to_owned(),
+    ]));
+    blocks.push(Block::Small(format!("SHA-256 of the result this report comes from: {sha256}")));
+}

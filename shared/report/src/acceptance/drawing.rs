@@ -1,0 +1,163 @@
+//! A drawing of lines, areas, dots and words, once for SVG and PDF. Origin top left, y down.
+
+use crate::Text;
+use std::fmt::Write as _;
+
+/// Colours, named by what they mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tone {
+    /// Text and values.
+    Ink,
+    /// Words beside the point.
+    Soft,
+    /// Rules between rows.
+    Line,
+    /// Conformity.
+    Pass,
+    /// Neither.
+    Doubt,
+    /// Non-conformity.
+    Fail,
+    /// Area of conformity.
+    PassArea,
+    /// Area of doubt.
+    DoubtArea,
+    /// Area of non-conformity.
+    FailArea,
+}
+
+impl Tone {
+    /// Red, green, blue.
+    pub fn rgb(self) -> [u8; 3] {
+        match self {
+            Self::Ink => [0x1f, 0x29, 0x33],
+            Self::Soft => [0x5b, 0x68, 0x75],
+            Self::Line => [0xd5, 0xdb, 0xe1],
+            Self::Pass => [0x17, 0x69, 0x3a],
+            Self::Doubt => [0x8a, 0x5a, 0x00],
+            Self::Fail => [0xad, 0x1f, 0x1f],
+            Self::PassArea => [0xe3, 0xf3, 0xe8],
+            Self::DoubtArea => [0xfb, 0xec, 0xc4],
+            Self::FailArea => [0xfb, 0xe6, 0xe4],
+        }
+    }
+
+    fn hex(self) -> String {
+        let [r, g, b] = self.rgb();
+        format!("#{r:02x}{g:02x}{b:02x}")
+    }
+}
+
+/// Where a word stands to its point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Anchor {
+    /// Begins there.
+    Start,
+    /// Its middle is there.
+    Middle,
+    /// Ends there.
+    End,
+}
+
+/// One element.
+#[derive(Debug, Clone)]
+pub enum Shape {
+    /// A straight line.
+    Line {
+        /// From and to.
+        ends: [[f64; 2]; 2],
+        /// Its width.
+        width: f64,
+        /// Its colour.
+        tone: Tone,
+    },
+    /// A filled rectangle: left, top, width, height.
+    Area([f64; 4], Tone),
+    /// A filled circle.
+    Dot {
+        /// Centre.
+        at: [f64; 2],
+        /// Radius.
+        radius: f64,
+        /// Its colour.
+        tone: Tone,
+    },
+    /// A word; the point lies on its base line.
+    Word {
+        /// Where.
+        at: [f64; 2],
+        /// Height of the letters' body.
+        size: f64,
+        /// Place relative to the point.
+        anchor: Anchor,
+        /// Heavy letters.
+        bold: bool,
+        /// Its colour.
+        tone: Tone,
+        /// What it says.
+        text: String,
+    },
+}
+
+/// Shapes on a sheet, painted in their order.
+#[derive(Debug, Clone)]
+pub struct Drawing {
+    /// Width of the sheet.
+    pub width: f64,
+    /// Height of the sheet.
+    pub height: f64,
+    /// What is on it.
+    pub shapes: Vec<Shape>,
+    /// What it shows, for who cannot see it.
+    pub label: String,
+}
+
+impl Drawing {
+    /// As an element of an HTML page.
+    pub fn svg(&self) -> String {
+        let mut svg = format!(
+            "<svg viewBox=\"0 0 {:.0} {:.0}\" role=\"img\" aria-label=\"{}\">\n",
+            self.width,
+            self.height,
+            Text(&self.label)
+        );
+        for shape in &self.shapes {
+            element(&mut svg, shape);
+        }
+        svg.push_str("</svg>\n");
+        svg
+    }
+}
+
+fn element(svg: &mut String, shape: &Shape) {
+    // Writing to a String cannot fail.
+    let _ = match shape {
+        Shape::Line { ends: [[x1, y1], [x2, y2]], width, tone } => writeln!(
+            svg,
+            "<path d=\"M{x1:.2} {y1:.2}L{x2:.2} {y2:.2}\" stroke=\"{}\" stroke-width=\"{width}\"/>",
+            tone.hex()
+        ),
+        Shape::Area([x, y, w, h], tone) => writeln!(
+            svg,
+            "<rect x=\"{x:.2}\" y=\"{y:.2}\" width=\"{w:.2}\" height=\"{h:.2}\" fill=\"{}\"/>",
+            tone.hex()
+        ),
+        Shape::Dot { at: [x, y], radius, tone } => writeln!(
+            svg,
+            "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius}\" fill=\"{}\" stroke=\"#fff\" stroke-width=\"0.6\"/>",
+            tone.hex()
+        ),
+        Shape::Word { at: [x, y], size, anchor, bold, tone, text } => writeln!(
+            svg,
+            "<text x=\"{x:.2}\" y=\"{y:.2}\" font-size=\"{size}\" text-anchor=\"{}\"{} style=\"fill:{}\">{}</text>",
+            match anchor {
+                Anchor::Start => "start",
+                Anchor::Middle => "middle",
+                Anchor::End => "end",
+            },
+            if *bold { " font-weight=\"600\"" } else { "" },
+            tone.hex(),
+            Text(text)
+        ),
+    };
+}

@@ -1,0 +1,86 @@
+//! The report of an acceptance test in every format, from one master: [`TestReport`].
+//!
+//! JSON is the master ([`write_master`], [`read_master`]); HTML and PDF say the same in the same words ([`content`]); CSV,
+//! QIF 3.0 (ISO 23952) and Q-DAS DFQ carry the numbers to other programs. No clock is read and no number drawn: the same
+//! master gives the same bytes.
+
+mod chart;
+mod check;
+mod content;
+mod csv;
+mod dfq;
+mod drawing;
+mod groups;
+mod html;
+mod master;
+mod pdf;
+mod qif;
+#[cfg(test)]
+mod tests;
+mod words;
+
+pub use check::{AcceptanceReportError, check};
+pub use master::{FORMAT, master_text, read_master, write_master};
+
+use files::atomic;
+use files::hash::sha256_hex;
+use metrology::acceptance::TestReport;
+use std::path::Path;
+
+/// Where each format goes; `None`: not wanted.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Outputs<'a> {
+    /// Report as one HTML file.
+    pub html: Option<&'a Path>,
+    /// The same as PDF, A4.
+    pub pdf: Option<&'a Path>,
+    /// One line a position and characteristic.
+    pub csv: Option<&'a Path>,
+    /// QIF 3.0 results.
+    pub qif: Option<&'a Path>,
+    /// Q-DAS ASCII transfer format.
+    pub dfq: Option<&'a Path>,
+}
+
+impl<'a> Outputs<'a> {
+    /// Each with the option of the command line that names it.
+    pub fn flags(&self) -> [(&'static str, Option<&'a Path>); 5] {
+        [
+            ("--html", self.html),
+            ("--pdf", self.pdf),
+            ("--csv", self.csv),
+            ("--qif", self.qif),
+            ("--dfq", self.dfq),
+        ]
+    }
+}
+
+/// Writes the wanted formats; each file is complete or absent, and none is begun before all are made.
+///
+/// # Errors
+/// A report that [`check`] refuses, a master that JSON cannot hold, or a place that cannot be written.
+pub fn write_all(report: &TestReport, outputs: &Outputs<'_>) -> Result<(), AcceptanceReportError> {
+    check(report)?;
+    let sha256 = sha256_hex(master_text(report)?.as_bytes());
+    let document = content::document(report, &sha256);
+    let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
+    if let Some(path) = outputs.html {
+        files.push((path, html::render(&document).into_bytes()));
+    }
+    if let Some(path) = outputs.pdf {
+        files.push((path, pdf::render(&document)));
+    }
+    if let Some(path) = outputs.csv {
+        files.push((path, csv::render(report).into_bytes()));
+    }
+    if let Some(path) = outputs.qif {
+        files.push((path, qif::render(report, &sha256)));
+    }
+    if let Some(path) = outputs.dfq {
+        files.push((path, dfq::render(report).into_bytes()));
+    }
+    for (path, bytes) in files {
+        atomic::write(path, &bytes)?;
+    }
+    Ok(())
+}

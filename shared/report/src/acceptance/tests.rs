@@ -1,0 +1,378 @@
+//! A full test that fails, a reduced one, hostile words, and what must be refused.
+
+use super::*;
+use metrology::acceptance::{
+    ArtefactRecord, Characteristic, PositionValue, RuleSetId, TestVerdict, Violation, Volume,
+};
+use std::process::Command;
+
+fn positions(name: &str, values: &[f64], views: usize) -> Vec<PositionValue> {
+    let position = |(index, value): (usize, &f64)| PositionValue {
+        position: format!("{name}-{}", index + 1),
+        repeat: 1,
+        value: *value,
+        length_mm: None,
+        limit: None,
+        points: 48_211 + index,
+        rejected: 144,
+        views: (1..=views).map(|v| format!("v{v}")).collect(),
+    };
+    values.iter().enumerate().map(position).collect()
+}
+
+fn characteristic(
+    symbol: &str,
+    name: &str,
+    limit: Option<f64>,
+    positions: Vec<PositionValue>,
+) -> Characteristic {
+    let value = positions.iter().map(|p| p.value).max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0);
+    let u = 0.0021;
+    let verdict = limit.map(|limit: f64| match value.abs() {
+        v if v <= limit - u => TestVerdict::Pass,
+        v if v > limit + u => TestVerdict::Fail,
+        _ => TestVerdict::Indeterminate,
+    });
+    Characteristic {
+        symbol: symbol.into(),
+        name: name.into(),
+        definition: "difference of the largest and smallest radial distance to the least-squares sphere of free radius".into(),
+        unit: "mm".into(),
+        value,
+        decides: limit.is_some(),
+        limit,
+        test_value_u: Some(u),
+        verdict,
+        positions,
+        repeatability: Some(0.0007),
+        between_positions: Some(0.0031),
+    }
+}
+
+/// A test as the twin gives it.
+fn report() -> TestReport {
+    let sphere = |values: &[f64]| positions("sphere", values, 5);
+    let characteristics = vec![
+        characteristic(
+            "PF_range",
+            "probing form error (range)",
+            Some(0.04),
+            sphere(&[0.0312, 0.0297, 0.0341]),
+        ),
+        characteristic(
+            "PF_sigma",
+            "probing form (standard deviation)",
+            None,
+            sphere(&[0.0061, 0.0058, 0.0066]),
+        ),
+        characteristic("PS", "probing size error", Some(0.03), sphere(&[-0.0121, 0.0087, -0.0291])),
+        characteristic(
+            "SD",
+            "sphere spacing error",
+            Some(0.03),
+            positions("bar", &[0.0121, -0.0187, 0.0412, 0.0034, -0.0051, 0.0009, 0.0177], 1),
+        ),
+    ];
+    TestReport {
+        rule_set: RuleSetId {
+            id: "vdi2634-3".into(),
+            standard: "VDI/VDE 2634 part 3".into(),
+            edition: "2008-12".into(),
+            wording: "evaluated following VDI/VDE 2634 part 3, edition 2008-12".into(),
+            assumed: vec!["at most 3 % of the points left out".into()],
+        },
+        reduced: Vec::new(),
+        conditions: vec![
+            ("Operator".into(), "M. Messtechnik".into()),
+            ("Date".into(), "2026-11-20".into()),
+            ("Temperature".into(), "20.3 °C ± 0.2 °C".into()),
+            ("Warm-up".into(), "60 min".into()),
+            ("Operating mode".into(), "1 exposure, 3 periods of 16/15/14 px, 8 steps, no averaging".into()),
+            ("Rig file (SHA-256)".into(), "7d0a5f3bb2c96a9d41c2".into()),
+            ("Software".into(), "fringecell 0.1.0".into()),
+        ],
+        sensor_volume: Volume::new([160.0, 120.0, 80.0]),
+        total_volume: Volume::new([150.0, 120.0, 100.0]),
+        artefacts: vec![
+            ArtefactRecord {
+                id: "sphere-20".into(),
+                kind: "sphere".into(),
+                certificate: "K-2024-117".into(),
+                values: vec![("diameter".into(), 20.001_37, 0.0004)],
+            },
+            ArtefactRecord {
+                id: "bar-145".into(),
+                kind: "ball-bar".into(),
+                certificate: "K-2024-118".into(),
+                values: vec![("spacing".into(), 145.055_09, 0.0006), ("diameter 1".into(), 19.998, 0.0004)],
+            },
+        ],
+        characteristics,
+        verdict: TestVerdict::Fail,
+    }
+}
+
+fn reduced() -> TestReport {
+    let violation = Violation {
+        rule: "ball bar length".into(),
+        required: 145.0,
+        actual: 120.055,
+        unit: "mm".into(),
+        text: "The longest sphere spacing has to be 2/3 of the body diagonal.".into(),
+    };
+    TestReport { reduced: vec![violation], ..report() }
+}
+
+/// Signs that end elements, strings, fields and lines somewhere.
+const HOSTILE: &str = "<b>&\"x'\u{1b}[31m\r\nK0100 7;,\u{0}]]> =1 \u{2028}µ±汉";
+
+fn hostile() -> TestReport {
+    let mut report = reduced();
+    report.conditions.push((HOSTILE.into(), HOSTILE.into()));
+    report.artefacts[0].certificate = HOSTILE.into();
+    report.reduced[0].text = HOSTILE.into();
+    let one = &mut report.characteristics[0];
+    (one.symbol, one.name, one.definition) = (HOSTILE.into(), "=cmd()".into(), HOSTILE.into());
+    one.positions[0].position = HOSTILE.into();
+    one.positions[0].views = vec![HOSTILE.into()];
+    report
+}
+
+#[test]
+fn the_master_comes_back_digit_by_digit_and_gives_the_same_bytes_of_all_formats() {
+    let dir = tempfile::tempdir().unwrap();
+    let place = |name: &str| dir.path().join(name);
+    let write = |report: &TestReport, run: &str| {
+        let path = |kind: &str| place(&format!("{run}.{kind}"));
+        let paths = ["html", "pdf", "csv", "qif", "dfq"].map(path);
+        let [html, pdf, csv, qif, dfq] = paths.each_ref().map(|p| Some(p.as_path()));
+        write_all(report, &Outputs { html, pdf, csv, qif, dfq }).unwrap();
+        paths.map(|p| std::fs::read(p).unwrap())
+    };
+    for (name, report) in [("full", report()), ("reduced", reduced()), ("hostile", hostile())] {
+        let master = place(&format!("{name}.json"));
+        write_master(&master, &report).unwrap();
+        let back = read_master(&master).unwrap();
+        assert_eq!(back, report);
+        assert_eq!(write(&report, name), write(&back, &format!("{name}-again")));
+        if let Some(keep) = std::env::var_os("KEEP_REPORTS") {
+            for kind in ["html", "pdf", "csv", "qif", "dfq"] {
+                let file = format!("{name}.{kind}");
+                std::fs::copy(place(&file), Path::new(&keep).join(file)).unwrap();
+            }
+            std::fs::copy(&master, Path::new(&keep).join(format!("{name}.json"))).unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_standard_without_edition_is_refused() {
+    let refused = |change: &dyn Fn(&mut RuleSetId), key: &str| {
+        let mut report = report();
+        change(&mut report.rule_set);
+        let error = check(&report).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("rule_set.{key}: ")), "{error}");
+        assert!(write_all(&report, &Outputs::default()).is_err());
+        assert!(master_text(&report).is_err());
+    };
+    refused(&|set| set.edition.clear(), "edition");
+    refused(&|set| set.edition = " – ".into(), "edition");
+    refused(&|set| set.id.clear(), "id");
+    refused(&|set| set.wording = "evaluated following VDI/VDE 2634 part 3".into(), "wording");
+    refused(&|set| set.wording = "certified to VDI/VDE 2634 part 3, edition 2008-12".into(), "wording");
+}
+
+#[test]
+fn what_the_numbers_do_not_bear_is_refused() {
+    let refused = |change: &dyn Fn(&mut TestReport), words: &str| {
+        let mut report = report();
+        change(&mut report);
+        let error = check(&report).unwrap_err().to_string();
+        assert!(error.contains(words) && !error.contains('\n'), "{error}");
+    };
+    refused(&|r| r.characteristics.clear(), "there is none");
+    refused(&|r| r.characteristics[0].value = f64::NAN, "\"PF_range\" value: value NaN");
+    refused(&|r| r.characteristics[1].positions[1].value = f64::INFINITY, "\"sphere-2\"");
+    refused(&|r| r.characteristics[0].test_value_u = Some(-1.0), "0 or above");
+    refused(&|r| r.characteristics[0].unit = "m\n".into(), "\"m\\n\"");
+    refused(&|r| r.total_volume.size_mm[1] = f64::NAN, "total_volume");
+    refused(&|r| r.artefacts[0].values[0].1 = f64::NAN, "sphere-20");
+    refused(&|r| r.verdict = TestVerdict::Pass, "the test passes although characteristic");
+    refused(&|r| r.characteristics[2].value = 0.001, "\"sphere-1\" has -0.0121 mm");
+    refused(&|r| r.characteristics[3].verdict = Some(TestVerdict::Pass), "above 0.03 mm");
+    refused(&|r| r.characteristics[1].verdict = Some(TestVerdict::Fail), "it has no limit");
+}
+
+#[test]
+fn foreign_and_damaged_masters_are_told_on_one_line() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("r.json");
+    let text = |text: &str| {
+        std::fs::write(&path, text).unwrap();
+        let error = read_master(&path).unwrap_err();
+        let source = std::error::Error::source(&error).map_or_else(String::new, ToString::to_string);
+        let line = format!("{error}: {source}");
+        assert!(line.contains("r.json") && !line.contains('\n'), "{line}");
+        line
+    };
+    assert!(text("{").contains("EOF"));
+    assert!(text("[1]").contains("r.json"));
+    assert!(
+        text("{\"format\": \"fringecell-uncertainty/1\"}").contains("expected \"fringecell-acceptance/1\"")
+    );
+    assert!(text("{}").contains("format is \"\""));
+    let master = master_text(&report()).unwrap();
+    assert!(text(&master.replace("\"value\": 0.0341,", "\"value\": null,")).contains("null"));
+    assert!(text(&master.replace("2008-12\",", "\",")).contains("edition"));
+}
+
+#[test]
+fn html_says_verdict_and_reduction_first_and_lets_no_text_out_of_its_place() {
+    let html = |report: &TestReport| html::render(&content::document(report, "00"));
+    let page = html(&report());
+    let at = |page: &str, what: &str| page.find(what).unwrap_or_else(|| panic!("{what}"));
+    assert!(at(&page, ">FAIL<") < at(&page, "<h2>"));
+    assert!(
+        page.contains("Beyond the limit, 1 of 3 characteristics: SD +0.0412 mm at bar-3, limit ±0.0300 mm.")
+    );
+    assert!(page.contains("edition 2008-12") && !page.contains("REDUCED"));
+    let page = html(&hostile());
+    assert!(at(&page, "REDUCED TEST") < at(&page, ">FAIL (reduced test)<"));
+    assert!(page.contains("required 145 mm, this test 120.055 mm"));
+    assert!(!page.contains("<b>&\"x'") && !page.contains('\u{1b}') && !page.contains("<script"));
+    assert!(!page.contains("://"), "needs nothing from elsewhere");
+}
+
+#[test]
+fn csv_keeps_one_line_a_value_whatever_the_names() {
+    let report = hostile();
+    let text = csv::render(&report);
+    let values: usize = report.characteristics.iter().map(|c| c.positions.len()).sum();
+    assert_eq!(text.matches('\n').count(), values + 1);
+    assert!(text.contains("\"'=cmd()\""), "{text}");
+    let text = csv::render(&super::tests::report());
+    let row = text.lines().find(|line| line.contains("bar-3")).unwrap();
+    assert_eq!(
+        row,
+        "vdi2634-3,VDI/VDE 2634 part 3,2008-12,full,fail,SD,sphere spacing error,true,bar-3,1,v1,0.0412,48213,144,true,\
+         0.03,0.0021,fail"
+    );
+    assert_eq!(row.split(',').count(), text.lines().next().unwrap().split(',').count());
+}
+
+#[test]
+fn dfq_is_ascii_with_one_field_a_line() {
+    let text = dfq::render(&report());
+    for line in [
+        "K0100 4",
+        "K1001 vdi2634-3",
+        "K2002/3 PS probing size error",
+        "K2110/3 -0.03",
+        "K2111/3 0.03",
+        "K2142/3 mm",
+        "K0001/3 -0.0291",
+        "K0009/3 sphere-3 repeat 1",
+    ] {
+        assert!(text.split("\r\n").any(|l| l == line), "{line}\n{text}");
+    }
+    assert!(!text.contains("K2111/2"), "no limit, no field");
+    let text = dfq::render(&hostile());
+    assert!(text.is_ascii() && text.contains("REDUCED TEST"));
+    assert!(text.split("\r\n").filter(|l| !l.is_empty()).all(|l| l.starts_with('K') && !l.contains('\n')));
+    assert_eq!(text.split("\r\n").filter(|l| l.starts_with("K0100")).count(), 1);
+}
+
+/// Two lengths, each with its own limit; the shorter takes up more of it.
+fn two_lengths() -> TestReport {
+    let mut report = report();
+    let one = &mut report.characteristics[3];
+    one.positions.truncate(2);
+    for (position, (length, limit, value)) in
+        one.positions.iter_mut().zip([(50.0, 0.0175, 0.014), (150.0, 0.0225, -0.016)])
+    {
+        (position.length_mm, position.limit, position.value) = (Some(length), Some(limit), value);
+    }
+    (one.value, one.limit, one.verdict) = (0.014, Some(0.0175), Some(TestVerdict::Pass));
+    report.verdict = TestVerdict::Indeterminate;
+    report
+}
+
+/// Transfer formats hold one limit a characteristic: one that differs with the length is left out of the fields and told.
+#[test]
+fn limits_that_differ_with_the_length_stand_beside_their_values_only() {
+    let report = two_lengths();
+    check(&report).unwrap();
+    let one = &report.characteristics[3];
+    let chart = chart::chart(one, chart::Size { width: 540.0, height: 250.0, letter: 12.0 });
+    let limits = |s: &&drawing::Shape| matches!(s, drawing::Shape::Line { tone: drawing::Tone::Fail, .. });
+    assert_eq!(chart.shapes.iter().filter(limits).count(), 4, "two on either side");
+    let rows = csv::render(&report);
+    assert!(
+        rows.contains(",0.014,48211,144,true,0.0175,") && rows.contains(",-0.016,48212,144,false,0.0225,")
+    );
+    let text = dfq::render(&report);
+    assert!(text.contains("K2111/3 0.03") && !text.contains("K2110/4") && !text.contains("K2111/4"));
+    assert!(text.contains("K2900/4 MPE grows with the length"), "{text}");
+    let text = String::from_utf8(qif::render(&report, &"ab".repeat(32))).unwrap();
+    assert!(!text.contains("0.0175</M") && !text.contains("0.0225</M"));
+    assert!(text.contains("MPE grows with the length, ±0.0175 mm at the worst value"), "{text}");
+    let mut refused = two_lengths();
+    refused.characteristics[3].positions[1].limit = Some(f64::NAN);
+    assert!(check(&refused).unwrap_err().to_string().contains("\"bar-2\" limit"));
+}
+
+#[test]
+fn pdf_is_complete_and_every_page_of_a_reduced_test_says_so() {
+    let pdf = |report: &TestReport| pdf::render(&content::document(report, &"ab".repeat(32)));
+    let count = |bytes: &[u8], what: &[u8]| bytes.windows(what.len()).filter(|w| *w == what).count();
+    let full = pdf(&report());
+    assert!(full.starts_with(b"%PDF-1.7") && full.ends_with(b"%%EOF\n") || full.ends_with(b"%%EOF"));
+    let pages = count(&full, b"/MediaBox");
+    assert!((1..=3).contains(&pages), "{pages} pages");
+    assert_eq!(count(&full, b"(REDUCED TEST)"), 0);
+    let marked = pdf(&hostile());
+    assert!(count(&marked, b"(REDUCED TEST)") > count(&marked, b"/MediaBox"));
+    assert!(!full.windows(12).any(|w| w == b"CreationDate"));
+}
+
+#[test]
+fn qif_is_valid_by_the_schema_of_the_standard() {
+    let schema =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/qif/schema/QIFDocument.xsd");
+    let present = Command::new("xmllint").arg("--version").output().is_ok();
+    if !present || !schema.is_file() {
+        println!(
+            "not validated: xmllint is installed: {present}, schema {} is there: {}",
+            schema.display(),
+            schema.is_file()
+        );
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    for (name, report) in [("full", report()), ("hostile", hostile()), ("lengths", two_lengths())] {
+        let file = dir.path().join(name);
+        let sha256 = sha256_hex(master_text(&report).unwrap().as_bytes());
+        std::fs::write(&file, qif::render(&report, &sha256)).unwrap();
+        let run =
+            Command::new("xmllint").args(["--noout", "--nonet", "--schema"]).arg(&schema).arg(&file).output();
+        let run = run.unwrap();
+        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    }
+}
+
+#[test]
+fn qif_carries_value_limit_uncertainty_and_verdict() {
+    let text = String::from_utf8(qif::render(&report(), &"ab".repeat(32))).unwrap();
+    for words in [
+        "<SphericityCharacteristicDefinition id=\"3\">",
+        "<ToleranceValue>0.04</ToleranceValue>",
+        "<MinValue>-0.03</MinValue>",
+        "<CharacteristicStatusEnum>INDETERMINATE</CharacteristicStatusEnum>",
+        "<Value combinedUncertainty=\"0.00105\" meanError=\"0\">0.0412</Value>",
+        "<InspectionStatusEnum>FAIL</InspectionStatusEnum>",
+        "<QPId>abababab-abab-8bab-abab-abababababab</QPId>",
+        "<Designator>VDI/VDE 2634 part 3</Designator>",
+    ] {
+        assert!(text.contains(words), "{words}\n{text}");
+    }
+}

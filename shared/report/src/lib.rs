@@ -1,0 +1,84 @@
+//! The measurement report: one HTML file that needs nothing else, neither a network nor scripts, on screen or on paper.
+//!
+//! [`ReportInput`] holds what is to be said, in the words of the caller; [`write_html`] sets it. Dates and versions are
+//! passed in as text, nothing is read from a clock, so the same input gives the same bytes. All text is escaped.
+//!
+//! [`picture`] gives the pictures alone, as PNG files with colour bars.
+
+use std::path::Path;
+
+use files::atomic;
+
+pub mod acceptance;
+pub mod calibration;
+mod canvas;
+mod charts;
+mod colour;
+mod comparison;
+mod error;
+mod figures;
+mod flatness;
+mod from_result;
+mod glyph;
+mod input;
+pub mod number;
+mod page;
+pub mod picture;
+pub mod plot;
+mod raster;
+mod sights;
+mod splat;
+pub mod statistics;
+mod tables;
+#[cfg(test)]
+mod tests;
+pub mod trend_chart;
+pub mod uncertainty;
+
+pub use colour::ColourMap;
+pub use comparison::{ComparisonInput, write_comparison};
+pub use error::ReportError;
+pub use flatness::{FlatnessInput, FlatnessRepeat, write_flatness};
+pub use from_result::stage_times;
+pub use input::{
+    Activity, CycleRow, FeatureRow, GreyPicture, Mark, OverlapRow, PhasePicture, ReportInput, Span,
+    StageTimes, Verdict,
+};
+pub(crate) use page::Text;
+pub use picture::PictureError;
+pub use sights::{SightMark, SightPicture, sights_png};
+
+/// Writes the report; the file is complete or absent.
+///
+/// # Errors
+/// See [`ReportError`].
+pub fn write_html(path: &Path, input: &ReportInput<'_>) -> Result<(), ReportError> {
+    Ok(atomic::write(path, html(input)?.as_bytes())?)
+}
+
+/// The report as text.
+///
+/// # Errors
+/// A contradiction, or a picture whose data do not fit their size.
+pub fn html(input: &ReportInput<'_>) -> Result<String, ReportError> {
+    let unfit = |f: &&FeatureRow| f.verdict.is_some_and(|v| v != Verdict::Pass);
+    match input.features.iter().find(unfit) {
+        Some(bad) if input.verdict == Verdict::Pass => {
+            return Err(ReportError::Contradiction { feature: bad.name.clone() });
+        }
+        _ => {}
+    }
+    let mut page = page::Page::begin(&format!("Measurement report: {} – {}", input.part, input.cell));
+    tables::header(&mut page, input);
+    tables::verdict(&mut page, input);
+    tables::features(&mut page, input);
+    figures::deviations(&mut page, input)?;
+    figures::clouds(&mut page, input)?;
+    tables::overlaps(&mut page, input);
+    figures::views_and_maps(&mut page, input)?;
+    charts::timeline(&mut page, &input.timeline, &input.marks);
+    tables::stages(&mut page, input);
+    tables::cycles(&mut page, input);
+    tables::definitions(&mut page, input);
+    Ok(page.end())
+}
