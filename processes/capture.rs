@@ -105,7 +105,7 @@ impl Worker for Capture {
         let cycle = unwire(link.cycle()).unwrap_or_default();
         self.driver.begin(cycle).map_err(|e| Fault::Cycle(format!("{e:#}")))?;
         // The twin traced the new pose: in a real cell a gripper did that, and nobody counts it as waiting.
-        link.idle_from_now();
+        link.reset_counters();
         Ok(())
     }
 
@@ -113,7 +113,7 @@ impl Worker for Capture {
         for light in 0..self.lights.len() {
             let Light { projector, next: frame, frames, .. } = self.lights[light];
             // One trigger too many is taken, to be refused.
-            if frame < frames && !link.may(Work::Expose { camera: self.camera, projector, frame }) {
+            if frame < frames && !link.may_start(Work::Expose { camera: self.camera, projector, frame }) {
                 continue;
             }
             if let Some(trigger) = self.lights[light].triggers.take(link)? {

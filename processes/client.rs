@@ -1,15 +1,15 @@
-//! `status`, `restart`, `stop`: talking to a running cell.
+//! Client of the command socket, for `status`, `trigger`, `restart` and `stop`.
 
+use crate::supervisor::command_socket::ask;
 use crate::supervisor::protocol::{Answer, Request, Spans, Status};
-use crate::supervisor::socket::ask;
 use anyhow::{Context, Result, bail};
 use ipc::cell::{CellName, running_cells, running_pid};
 use std::time::{Duration, Instant};
 
-/// How long `stop` waits for the cell to be gone.
-const STOP_PATIENCE: Duration = Duration::from_secs(30);
+/// Longest wait of `stop` for the end of the cell.
+const STOP_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// The cell that is meant: the named one, or the only one that runs.
+/// The named cell, or the only running one.
 fn find(name: Option<&str>) -> Result<CellName> {
     if let Some(name) = name {
         let name = CellName::new(name)?;
@@ -21,7 +21,7 @@ fn find(name: Option<&str>) -> Result<CellName> {
     match running_cells().as_slice() {
         [one] => Ok(one.clone()),
         [] => bail!("no cell is running"),
-        _ => bail!("several cells are running; name one with --cell{}", others()),
+        _ => bail!("several cells are running; choose one by its name{}", others()),
     }
 }
 
@@ -30,11 +30,11 @@ fn others() -> String {
     if cells.is_empty() { String::new() } else { format!("; running: {}", cells.join(", ")) }
 }
 
-/// The cell of a name or of a configuration file; `None`: the only one that runs.
+/// The name of a cell, given by name or by configuration file; `None`: the only running one.
 ///
 /// # Errors
-/// A file that is no configuration.
-pub fn named(which: Option<&str>) -> Result<Option<String>> {
+/// The file is not a configuration.
+pub fn cell_name(which: Option<&str>) -> Result<Option<String>> {
     let Some(which) = which else { return Ok(None) };
     // A name has neither a dot nor a slash, a configuration file at least one of them.
     if !which.contains(['.', '/']) {
@@ -43,14 +43,14 @@ pub fn named(which: Option<&str>) -> Result<Option<String>> {
     Ok(Some(files::config::Config::load(std::path::Path::new(which))?.name))
 }
 
-/// Asks a cell whatever it may answer.
+/// Sends a request to a cell.
 ///
 /// # Errors
-/// No such cell, or none that answers.
+/// The cell does not exist or does not answer.
 pub fn ask_cell(cell: Option<&str>, request: &Request) -> Result<Answer> {
     let name = find(cell)?;
     ask(&name.socket(), request)
-        .with_context(|| format!("asking cell '{}' over {}", name.as_str(), name.socket().display()))
+        .with_context(|| format!("requesting from cell '{}' over {}", name.as_str(), name.socket().display()))
 }
 
 fn request(cell: Option<&str>, request: &Request) -> Result<(CellName, Answer)> {
@@ -61,49 +61,49 @@ fn request(cell: Option<&str>, request: &Request) -> Result<(CellName, Answer)> 
     }
 }
 
-/// How a cell is.
+/// The status of a cell.
 ///
 /// # Errors
-/// No such cell, or none that answers.
+/// The cell does not exist or does not answer.
 pub fn status(cell: Option<&str>) -> Result<Status> {
     match request(cell, &Request::Status {})?.1 {
         Answer::Status(status) => Ok(*status),
-        _ => bail!("the cell gave no status"),
+        _ => bail!("the cell sent an unexpected answer"),
     }
 }
 
-/// What was done when in the last cycles.
+/// The times of the last cycles.
 ///
 /// # Errors
-/// No such cell, or none that answers.
+/// The cell does not exist or does not answer.
 pub fn spans(cell: Option<&str>) -> Result<Spans> {
     match request(cell, &Request::Spans {})?.1 {
         Answer::Spans(spans) => Ok(spans),
-        _ => bail!("the cell gave no spans"),
+        _ => bail!("the cell sent an unexpected answer"),
     }
 }
 
 /// Restarts a stage.
 ///
 /// # Errors
-/// No such cell or stage.
+/// The cell or the stage does not exist.
 pub fn restart(cell: Option<&str>, stage: &str) -> Result<String> {
     match request(cell, &Request::Restart { stage: stage.to_owned() })?.1 {
         Answer::Done(text) => Ok(text),
-        _ => bail!("the cell did not confirm"),
+        _ => bail!("the cell sent an unexpected answer"),
     }
 }
 
-/// Stops a cell and waits until it is gone.
+/// Stops a cell and waits for its end.
 ///
 /// # Errors
-/// No such cell, or one that does not stop.
+/// The cell does not exist or does not stop.
 pub fn stop(cell: Option<&str>) -> Result<String> {
     let (name, _) = request(cell, &Request::Stop {})?;
     let begin = Instant::now();
     while running_pid(&name).is_some() {
-        if begin.elapsed() > STOP_PATIENCE {
-            bail!("cell '{}' did not stop within {} s", name.as_str(), STOP_PATIENCE.as_secs());
+        if begin.elapsed() > STOP_TIMEOUT {
+            bail!("cell '{}' did not stop within {} s", name.as_str(), STOP_TIMEOUT.as_secs());
         }
         std::thread::sleep(Duration::from_millis(20));
     }

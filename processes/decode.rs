@@ -2,7 +2,7 @@
 
 use crate::kernels::decoder;
 use crate::schedule::{Work, label};
-use crate::stage::{Fault, Inbox, Link, Report, Text, Worker, lost};
+use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::Result;
 use fringe::decode::Decoder;
 use fringe::pattern::Axis;
@@ -33,7 +33,7 @@ pub struct Decode {
     works: Vec<(usize, Work)>,
     /// How much of it is done.
     next: usize,
-    text: Text,
+    text: TextBuffer,
 }
 
 /// What the report of a phase map says: pixels by what became of them.
@@ -70,7 +70,7 @@ impl Decode {
             frames: link.inbox(&format!("frame/{name}"))?,
             ahead: None,
             phases: link.publisher(&format!("phase/{name}"))?,
-            text: Text::new(),
+            text: TextBuffer::new(),
         })
     }
 
@@ -174,7 +174,7 @@ impl Worker for Decode {
 
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
         let due = self.works.get(self.next).copied();
-        if due.is_some_and(|(_, work)| !link.may(work)) {
+        if due.is_some_and(|(_, work)| !link.may_start(work)) {
             return Ok(false);
         }
         if let Some((light, Work::Phase { axis, .. })) = due {

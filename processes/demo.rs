@@ -1,14 +1,14 @@
-//! `fringecell demo`: the cell of `configs/demo.toml`, which the binary carries with it, measured against the truth.
+//! `fringecell demo`: runs the cell of `configs/demo.toml`, which is part of the program, and compares with the truth.
 
 use crate::kernels;
-use crate::print;
 use crate::run::{self, RunArgs};
+use crate::terminal;
 use anyhow::{Context, Result};
 use files::atomic;
 use files::cycle_record::Kept;
 use std::path::{Path, PathBuf};
 
-/// The files of the demo cell, as they are in the repository.
+/// Names and contents of the files of the demo cell.
 const FILES: [(&str, &str); 4] = [
     ("demo.toml", include_str!("../configs/demo.toml")),
     ("demo-rig.toml", include_str!("../configs/demo-rig.toml")),
@@ -16,20 +16,20 @@ const FILES: [(&str, &str); 4] = [
     ("complex-artefact.scene.toml", include_str!("../configs/complex-artefact.scene.toml")),
 ];
 
-/// What lies in the folder.
-const GUIDE: &str = "  report.html   open it in a browser
+/// List of the files in the output folder.
+const GUIDE: &str = "  report.html   the report; open it in a browser
   cloud.ply     the fused cloud of the last cycle
-  result.json   the last cycle; results/ has all of them
-  trace.json    open it at https://ui.perfetto.dev
-  config/       the cell, to change and `fringecell run`";
+  result.json   the result of the last cycle; results/ has all cycles
+  trace.json    the times of all stages; open it at https://ui.perfetto.dev
+  config/       the configuration, to edit and start with `fringecell run`";
 
 /// Arguments of `demo`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DemoArgs {
-    /// Folder for cloud.ply, result.json, report.html and trace.json.
+    /// Write result.json, cloud.ply, report.html and trace.json to this folder.
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     pub out: PathBuf,
-    /// Number of cycles instead of the configuration's.
+    /// Number of cycles; overrides the configuration.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub cycles: Option<u32>,
     /// Name of the cell.
@@ -37,9 +37,9 @@ pub struct DemoArgs {
     pub cell: String,
 }
 
-/// Runs the demo; the exit code says whether every feature passed.
+/// Runs the demo; exit code 0 if every feature passes.
 pub fn demo(args: &DemoArgs) -> Result<u8> {
-    // Before anything is written.
+    // Check the name before writing any file.
     ipc::cell::CellName::new(&args.cell)?;
     let config = write_files(&args.out.join("config"))?;
     let run_args = RunArgs {
@@ -54,20 +54,20 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         serve: false,
         trace: None,
     };
-    // The only place where the truth of the scene is looked at; what measures never sees it.
+    // The truth of the scene is used only here; the stages never read it.
     let truth = kernels::scene(&files::config::Config::load(&config)?)?.truth().clone();
     let code = run::run(&run_args, Some(&truth))?;
     let folder = args.out.canonicalize().unwrap_or_else(|_| args.out.clone());
-    print::say(&format!("files in {}:\n{GUIDE}", folder.display()));
+    terminal::print_line(&format!("files in {}:\n{GUIDE}", folder.display()));
     Ok(code)
 }
 
-/// Writes the configuration beside the results, so that it can be read, changed and run again.
+/// Writes the configuration beside the results, to read, edit and run it again.
 fn write_files(folder: &Path) -> Result<PathBuf> {
     atomic::create_dir(folder)?;
     for (name, text) in FILES {
         atomic::write(&folder.join(name), text.as_bytes())
-            .context("the demo needs a place to write to; see --out")?;
+            .context("the demo cannot write its configuration; choose another folder with --out")?;
     }
     Ok(folder.join(FILES[0].0))
 }

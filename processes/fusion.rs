@@ -1,7 +1,7 @@
 //! The fusion process: joins the clouds of all pairs in the world frame.
 
 use crate::schedule::Work;
-use crate::stage::{Fault, Inbox, Link, Report, Text, Worker, lost};
+use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::{Result, ensure};
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;
@@ -28,7 +28,7 @@ pub struct Fusion {
     capacity: usize,
     fuser: Fuser,
     clouds: Publisher<Cloud>,
-    text: Text,
+    text: TextBuffer,
 }
 
 impl Fusion {
@@ -53,7 +53,7 @@ impl Fusion {
             capacity,
             fuser: Fuser::default(),
             clouds: link.publisher("cloud/fused")?,
-            text: Text::new(),
+            text: TextBuffer::new(),
         })
     }
 
@@ -75,7 +75,7 @@ impl Fusion {
             points: 0,
         };
         let mut loan = self.clouds.loan(header)?;
-        let room = payload::room(loan.payload_mut()).map_err(|e| lost(&e))?;
+        let room = payload::points_mut(loan.payload_mut()).map_err(|e| lost(&e))?;
         let Some(report) = self.fuser.fuse_into(clouds, &link.cell.fusion, room) else {
             return Err(Fault::Cycle(format!("more points came than the {} that may", self.capacity)));
         };
@@ -109,7 +109,7 @@ impl Worker for Fusion {
     }
 
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
-        let turn = link.may(Work::Fuse);
+        let turn = link.may_start(Work::Fuse);
         for (number, part) in self.parts.iter_mut().enumerate() {
             if let Some(message) = part.inbox.take(link)? {
                 if part.cloud.is_some() || message.header().pair as usize != number {

@@ -2,7 +2,7 @@
 
 use crate::judgement::judge;
 use crate::schedule::Work;
-use crate::stage::{Fault, Inbox, Link, Report, Text, Worker, lost};
+use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::Result;
 use ipc::IpcError;
 use ipc::header::{Cloud, Outcome};
@@ -17,7 +17,7 @@ pub struct Inspection {
     plans: Vec<Option<Plan>>,
     fused: Inbox<Cloud>,
     results: Publisher<Outcome>,
-    text: Text,
+    text: TextBuffer,
 }
 
 impl Inspection {
@@ -27,7 +27,7 @@ impl Inspection {
             plans: link.cell.recipes.iter().map(|recipe| recipe.plan.clone()).collect(),
             fused: link.inbox("cloud/fused")?,
             results: link.publisher("result")?,
-            text: Text::new(),
+            text: TextBuffer::new(),
         })
     }
 
@@ -61,7 +61,7 @@ impl Worker for Inspection {
     }
 
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
-        if !link.may(Work::Inspect) {
+        if !link.may_start(Work::Inspect) {
             return Ok(false);
         }
         match self.fused.take(link)? {

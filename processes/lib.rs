@@ -8,6 +8,6 @@ pub mod drivers;
 pub mod graph;
 pub mod judgement;
 pub mod kernels;
-pub mod outputs;
+pub mod output_check;
 pub mod rerun;
 pub mod schedule;

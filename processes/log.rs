@@ -1,52 +1,51 @@
-//! What the processes say of themselves on standard error, as `FRINGECELL_LOG` chooses.
+//! Log messages on standard error; `FRINGECELL_LOG` selects them.
 
 use std::io::IsTerminal;
 use tracing::level_filters::LevelFilter;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::format::FmtSpan;
 
-/// The variable that chooses.
+/// Name of the environment variable.
 const VARIABLE: &str = "FRINGECELL_LOG";
 
-/// How it is written.
-const REMEDY: &str = "write off, error, warn, info, debug or trace, for parts of the program as in warn,fringecell::stage=debug";
+/// Its syntax, for the error message.
+const REMEDY: &str = "use off, error, warn, info, debug or trace; per module: warn,fringecell::stage=debug";
 
-/// Tells warnings by default. `info`: stages and cycles; `debug`: each activation; `trace`: each step of a stage as a span
-/// with its time. `complains`: of a variable that cannot be followed; the stages leave that to their supervisor.
-pub fn to_stderr(complains: bool) {
-    let written = std::env::var_os(VARIABLE).map(|text| text.to_string_lossy().into_owned());
-    let (filter, complaint) = filter(written.as_deref());
+/// Starts logging; the default level is `warn`. `info`: stages and cycles; `debug`: each activation; `trace`: each step of a
+/// stage with its duration. `report_errors`: print a warning if the variable is invalid; stages leave that to the supervisor.
+pub fn to_stderr(report_errors: bool) {
+    let value = std::env::var_os(VARIABLE).map(|text| text.to_string_lossy().into_owned());
+    let (filter, error) = filter(value.as_deref());
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
-        // Of the spans that the filter lets through, how long each one lasted.
+        // Log the duration of each span.
         .with_span_events(FmtSpan::CLOSE)
         .with_ansi(std::io::stderr().is_terminal())
         .without_time()
         .init();
-    if let Some(complaint) = complaint.filter(|_| complains) {
-        eprintln!("warning: {complaint}");
+    if let Some(error) = error.filter(|_| report_errors) {
+        eprintln!("warning: {error}");
     }
 }
 
-/// The filter that is meant; where that cannot be known, warnings and what is wrong.
-fn filter(written: Option<&str>) -> (EnvFilter, Option<String>) {
+/// The filter of a value; for an invalid one, the default filter and the error.
+fn filter(value: Option<&str>) -> (EnvFilter, Option<String>) {
     let warnings = || EnvFilter::new("warn");
-    let Some(text) = written.filter(|text| !text.trim().is_empty()) else { return (warnings(), None) };
+    let Some(text) = value.filter(|text| !text.trim().is_empty()) else { return (warnings(), None) };
     let wrong = match EnvFilter::builder().parse(text) {
         Ok(filter) => match unknown_level(text) {
             None => return (filter, None),
-            Some(word) => format!("\"{word}\" is no level"),
+            Some(word) => format!("\"{word}\" is not a level"),
         },
         Err(error) => error.to_string(),
     };
-    (warnings(), Some(format!("{VARIABLE}={text:?}: {wrong}; warnings are told; {REMEDY}")))
+    (warnings(), Some(format!("{VARIABLE}={text:?}: {wrong}; showing warnings only; {REMEDY}")))
 }
 
-/// A word that stands alone is taken for the name of a part of the program, of which it then tells everything, and
-/// nothing of the rest. Whoever mistypes a level means neither.
+/// A word that is not a level. `EnvFilter` takes it for a module name, which is not what a mistyped level means.
 fn unknown_level(text: &str) -> Option<&str> {
-    // Within a span's fields a comma separates something else.
+    // In a filter with span fields, a comma also separates fields.
     let mut words = text.split(',').map(str::trim).filter(|_| !text.contains('['));
     words.find(|word| !word.is_empty() && !word.contains('=') && word.parse::<LevelFilter>().is_err())
 }
@@ -56,28 +55,28 @@ mod tests {
     use super::filter;
 
     #[test]
-    fn a_filter_that_cannot_be_followed_is_named_in_one_line_with_what_is_used_and_how_to_write_it() {
+    fn an_invalid_filter_is_reported_in_one_line_with_the_remedy() {
         for (bad, wrong) in [
-            ("debgu", "\"debgu\" is no level"),
-            ("warn,fringecell", "\"fringecell\" is no level"),
+            ("debgu", "\"debgu\" is not a level"),
+            ("warn,fringecell", "\"fringecell\" is not a level"),
             ("warn,fringecell::stage=loud", "expected one of"),
             ("warn,[", ""),
         ] {
-            let (used, complaint) = filter(Some(bad));
-            let complaint = complaint.expect(bad);
+            let (used, error) = filter(Some(bad));
+            let error = error.expect(bad);
             assert_eq!(used.to_string(), "warn", "{bad}");
-            assert!(complaint.contains(wrong) && complaint.contains("FRINGECELL_LOG=\""), "{complaint}");
-            assert!(complaint.contains("write off, error") && complaint.lines().count() == 1, "{complaint}");
+            assert!(error.contains(wrong) && error.contains("FRINGECELL_LOG=\""), "{error}");
+            assert!(error.contains("use off, error") && error.lines().count() == 1, "{error}");
         }
     }
 
     #[test]
-    fn what_can_be_followed_is() {
+    fn valid_filters_are_accepted() {
         for good in
             ["debug", "OFF", "warn,fringecell::stage=debug", "info,ipc=trace", "warn,fringecell[step]=trace"]
         {
-            let (_, complaint) = filter(Some(good));
-            assert_eq!(complaint, None, "{good}");
+            let (_, error) = filter(Some(good));
+            assert_eq!(error, None, "{good}");
         }
         assert_eq!(filter(None).0.to_string(), "warn");
         assert_eq!(filter(Some(" ")).1, None);

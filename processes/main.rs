@@ -1,7 +1,8 @@
 //! `fringecell`: measures parts with cameras and projectors, from patterns to a verdict.
 //!
-//! This binary is all processes of a cell: `run` is the supervisor, which starts itself again as each stage. The modules
-//! named after stages hold their wiring; mathematics is in `fringe`, shared memory in `ipc`, files in `rig`.
+//! This program is every process of a cell: `run` is the supervisor, which starts the program again for each stage. The
+//! modules named after stages connect topics to algorithms; the algorithms are in `fringe`, shared memory is in `ipc`, file
+//! formats are in `files`.
 
 #[cfg(feature = "count-allocations")]
 mod allocations;
@@ -14,32 +15,32 @@ mod fusion;
 mod inspection;
 mod log;
 mod matching;
-mod output;
-mod plan_picture;
-mod plan_table;
-mod print;
 mod projection;
 mod record;
 mod run;
+mod run_files;
+mod schedule_chart;
+mod schedule_command;
 mod stage;
-mod stages;
+mod stage_main;
 mod status;
 mod supervisor;
+mod terminal;
 mod trigger;
 
-// What the processes compute lies in the library, where `fringetool replay` finds it too.
-use flow::{cycle_number, drivers, graph, judgement, kernels, outputs, schedule};
+// The computation of the stages is in the library, which `fringetool replay` uses as well.
+use flow::{cycle_number, drivers, graph, judgement, kernels, output_check, schedule};
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
 
-/// The input cannot be used.
+/// Exit code for invalid input and for errors of the machine.
 const BAD_INPUT: u8 = 2;
 
-/// Multi-view fringe projection metrology cell.
+/// Multi-view fringe projection measuring cell.
 ///
-/// Exits with 0 when all cycles are ok and pass, 1 when the measurement fails, 2 on bad input.
+/// Exit codes: 0 all cycles are ok and pass, 1 a cycle failed or did not pass, 2 invalid input.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Cli {
@@ -49,31 +50,31 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Measure a simulated part with a simulated cell and compare with the truth.
+    /// Measure a simulated part with a simulated cell and compare the result with the truth.
     Demo(demo::DemoArgs),
-    /// Run a cell.
+    /// Run a cell: a number of cycles, or as a service that inspects parts on request.
     Run(run::RunArgs),
-    /// Print the static schedule of a cell, or why it cannot run. Exits with 1 when measured times do not keep its limits.
-    Schedule(plan_table::ScheduleArgs),
-    /// Say how a running cell is.
+    /// Show the static schedule of a cell, or why it cannot run. Exit code 1: measured times exceed its limits.
+    Schedule(schedule_command::ScheduleArgs),
+    /// Show the status of a running cell.
     Status(status::StatusArgs),
-    /// Have a cell that serves inspect a part. Exits with 0 when it passes, 1 when not, 2 when the request is refused.
+    /// Inspect a part with a serving cell. Exit codes: 0 the part passes, 1 it does not, 2 the request is refused.
     Trigger(trigger::TriggerArgs),
     /// Restart a stage of a running cell.
     Restart {
-        /// Name of the stage, as in `status`.
+        /// Name of the stage, as shown by `status`.
         stage: String,
-        /// Which cell, if several run.
+        /// Name of the cell, if several run.
         #[arg(long, value_name = "NAME")]
         cell: Option<String>,
     },
     /// Stop a running cell.
     Stop {
-        /// Which cell, if several run.
+        /// Name of the cell, if several run.
         #[arg(long, value_name = "NAME")]
         cell: Option<String>,
     },
-    /// A process of a running cell; the supervisor starts these.
+    /// Run one stage; used by the supervisor.
     #[command(hide = true)]
     Stage(stage::StageArgs),
 }
@@ -94,10 +95,10 @@ fn execute(command: &Command) -> Result<u8> {
     let text = match command {
         Command::Demo(args) => return demo::demo(args),
         Command::Run(args) => return run::run(args, None),
-        Command::Stage(args) => return stages::run(args).map(|()| 0),
+        Command::Stage(args) => return stage_main::run(args).map(|()| 0),
         Command::Schedule(args) => {
-            let (text, kept) = plan_table::schedule(args)?;
-            print::say(text.trim_end());
+            let (text, kept) = schedule_command::schedule(args)?;
+            terminal::print_line(text.trim_end());
             return Ok(u8::from(!kept));
         }
         Command::Status(args) => return status::status(args).map(|()| 0),
@@ -105,6 +106,6 @@ fn execute(command: &Command) -> Result<u8> {
         Command::Restart { stage, cell } => client::restart(cell.as_deref(), stage)?,
         Command::Stop { cell } => client::stop(cell.as_deref())?,
     };
-    print::say(text.trim_end());
+    terminal::print_line(text.trim_end());
     Ok(0)
 }

@@ -2,7 +2,7 @@
 
 use crate::kernels::{Method, matcher};
 use crate::schedule::Work;
-use crate::stage::{Fault, Inbox, Link, Report, Text, Worker, lost};
+use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::Result;
 use fringe::cloud::Point;
 use fringe::pattern::Axis;
@@ -30,7 +30,7 @@ pub struct Matching {
     needs: Vec<Need>,
     inboxes: Vec<Inbox<Phase>>,
     clouds: Publisher<Cloud>,
-    text: Text,
+    text: TextBuffer,
 }
 
 impl Matching {
@@ -54,7 +54,7 @@ impl Matching {
             needs: needs.collect(),
             inboxes: inboxes.collect::<Result<_>>()?,
             clouds: link.publisher(&format!("cloud/{}", node.name))?,
-            text: Text::new(),
+            text: TextBuffer::new(),
         })
     }
 
@@ -98,7 +98,7 @@ impl Matching {
             points: 0,
         };
         let mut loan = self.clouds.loan(header)?;
-        let room = payload::room(loan.payload_mut()).map_err(|e| lost(&e))?;
+        let room = payload::points_mut(loan.payload_mut()).map_err(|e| lost(&e))?;
         let matched = self.method.run(&views[..self.needs.len().min(2)], self.pair as u32, room);
         let matched = matched.map_err(|e| lost(&e))?;
         let points = matched.points();
@@ -123,7 +123,7 @@ impl Worker for Matching {
     }
 
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
-        let turn = link.may(Work::Match { pair: self.pair });
+        let turn = link.may_start(Work::Match { pair: self.pair });
         for inbox in 0..self.inboxes.len() {
             if let Some(message) = self.inboxes[inbox].take(link)? {
                 self.keep(message)?;

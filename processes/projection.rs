@@ -111,7 +111,7 @@ impl Worker for Projection {
             return Ok(false);
         }
         let Some(&(projector, frame)) = self.sequence.get(self.next) else { return Ok(false) };
-        self.held = !link.may(Work::Project { projector, frame });
+        self.held = !link.may_start(Work::Project { projector, frame });
         if !self.held {
             self.show(link)?;
         }

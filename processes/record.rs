@@ -1,4 +1,4 @@
-//! The record process: writes what the cameras saw as a recording.
+//! The record stage: writes the frames of the cameras as a recording.
 
 use crate::cycle_number::unwire;
 use crate::schedule::Work;
@@ -13,7 +13,7 @@ use ipc::port::Received;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-/// State of the recorder.
+/// Worker of the record stage.
 pub struct Record {
     folder: PathBuf,
     many: bool,
@@ -23,7 +23,7 @@ pub struct Record {
     open: Option<Open>,
 }
 
-/// A recording that is being written.
+/// A recording in progress.
 struct Open {
     writer: RecordingWriter,
     folder: PathBuf,
@@ -31,7 +31,7 @@ struct Open {
 }
 
 impl Record {
-    /// Opens the ports.
+    /// Opens the inboxes.
     pub fn new(args: &StageArgs, link: &Link) -> Result<Self> {
         let projectors = link.cell.config.projectors.iter().map(|p| ProjectorRecord {
             name: p.name.clone(),
@@ -60,7 +60,11 @@ impl Record {
         let (config, camera) = (&link.cell.config, header.camera as usize);
         let names = config.projectors.get(header.projector as usize).zip(config.cameras.get(camera));
         let Some((projector, camera)) = names else {
-            return Err(Fault::Cycle(format!("a frame of unknown camera {camera}")));
+            return Err(Fault::Cycle(format!(
+                "received a frame of camera {}, but the configuration has only {}",
+                camera + 1,
+                config.cameras.len()
+            )));
         };
         let view = payload::frame(header, message.payload()).map_err(|e| lost(&e))?;
         open.writer
@@ -68,7 +72,7 @@ impl Record {
             .map_err(|e| lost(&e))?;
         open.written += 1;
         if open.written > self.frames {
-            return Err(Fault::Cycle(format!("more than the {} frames of a cycle came", self.frames)));
+            return Err(Fault::Cycle(format!("received more than the {} frames of a cycle", self.frames)));
         }
         Ok(())
     }
@@ -104,7 +108,7 @@ impl Worker for Record {
     }
 
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
-        let turn = link.may(Work::Store);
+        let may_start = link.may_start(Work::Store);
         for inbox in 0..self.inboxes.len() {
             if let Some(message) = self.inboxes[inbox].take(link)? {
                 self.write(link, &message)?;
@@ -112,7 +116,7 @@ impl Worker for Record {
             }
         }
         let complete = self.open.as_ref().is_some_and(|open| open.written == self.frames);
-        if complete && turn {
+        if complete && may_start {
             self.inboxes.iter().try_for_each(|inbox| inbox.check_not_overtaken(link))?;
             self.finish(link)?;
             return Ok(true);
@@ -121,7 +125,7 @@ impl Worker for Record {
     }
 
     fn forget(&mut self) {
-        // A recording that was broken off has no recording.toml; its frames are of no use to anybody.
+        // An incomplete recording has no recording.toml, so its frames cannot be used.
         if let Some(open) = self.open.take() {
             let _ = std::fs::remove_dir_all(open.folder.join("frames"));
         }

@@ -1,11 +1,11 @@
-//! `fringecell run`: a cell from its configuration to its files and its exit code.
+//! `fringecell run`: runs a cell, writes its files and returns the exit code.
 
 use crate::graph::{self, Cell, Options};
 use crate::kernels;
-use crate::output::{self, Run};
-use crate::outputs::check_outputs;
-use crate::print;
-use crate::supervisor::{self, Orders, Summary};
+use crate::output_check::check_outputs;
+use crate::run_files::{self, RunFiles};
+use crate::supervisor::{self, RunOptions, Summary};
+use crate::terminal;
 use anyhow::{Context, Result, bail};
 use files::atomic;
 use files::cycle_record::Kept;
@@ -17,57 +17,59 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use twin::Truth;
 
-/// Results kept for tables and report: a run until stopped must not grow.
-const KEPT_RESULTS: usize = 1000;
+/// Results for tables and report: a run until stopped must not grow.
+const MAX_RESULTS: usize = 1000;
 
 /// Arguments of `run`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RunArgs {
     /// Configuration of the cell.
     pub config: PathBuf,
-    /// Number of cycles instead of the configuration's; without either the cell runs until stopped.
+    /// Number of cycles; overrides `cycles` of the configuration. Without either the cell runs until stopped.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub cycles: Option<u32>,
-    /// Folder for result.json, cloud.ply, report.html and trace.json.
+    /// Write result.json, cloud.ply, report.html and trace.json to this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Folder for a recording of the frames; with several cycles it gets one folder per cycle.
+    /// Record the frames to this folder; with several cycles, to one subfolder per cycle.
     #[arg(long, value_name = "DIR")]
     pub record: Option<PathBuf>,
-    /// Keep a record of every cycle in this new file, for `fringetool replay`.
+    /// Record every cycle to this new file, for `fringetool replay`.
     #[arg(long, value_name = "FILE")]
     pub cycle_record: Option<PathBuf>,
-    /// What the cycle record keeps beside hashes and times: hashes (nothing), frames, or all (frames and stage outputs).
+    /// Data in the cycle record beside hashes and times: hashes (none), frames, or all (frames and stage outputs).
     #[arg(long, value_name = "WHAT", default_value_t, requires = "cycle_record")]
     pub keep: Kept,
-    /// Another name, to run one configuration several times at once.
+    /// Name of the cell; overrides the configuration, to run it several times at once.
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
-    /// Wait for jobs (`fringecell trigger`, docs/control.md) instead of running cycles.
+    /// Wait for jobs (`fringecell trigger`, docs/control.md) instead of starting cycles.
     #[arg(long, conflicts_with = "cycles")]
     pub serve: bool,
-    /// Write when each stage did what in the last cycles to this file, for ui.perfetto.dev.
+    /// Write the times of all stages in the last cycles to this file, for ui.perfetto.dev.
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
-    /// Answer Prometheus at this address, as in 127.0.0.1:9464; port 0: any that is free.
+    /// Serve metrics for Prometheus at this address, for example 127.0.0.1:9464; port 0: any free port.
     #[arg(long, value_name = "ADDRESS:PORT")]
     pub metrics: Option<SocketAddr>,
 }
 
-/// Runs a cell. With a truth the features are compared with it.
+/// Runs a cell. If the truth is given, features are compared with it.
 ///
 /// # Errors
-/// Bad input, or a machine that cannot run the cell.
+/// Invalid input, or the machine cannot run the cell.
 pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
-    let config =
-        args.config.canonicalize().with_context(|| format!("{}: cannot open it", args.config.display()))?;
-    let options = Options {
+    let config = args
+        .config
+        .canonicalize()
+        .with_context(|| format!("{}: cannot open the configuration", args.config.display()))?;
+    let graph_options = Options {
         cell: args.cell.clone(),
         watch: args.out.is_some(),
         record: args.record.is_some(),
         kept: args.keep,
     };
-    let cell = graph::load(&config, &options)?;
+    let cell = graph::load(&config, &graph_options)?;
     ipc::cell::CellName::new(&cell.name)?;
     let written = [("--cycle-record", args.cycle_record.as_deref()), ("--trace", args.trace.as_deref())];
     check_outputs(&written, &cell.config.paths(), None)?;
@@ -76,10 +78,13 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         atomic::create_dir(folder)?;
     }
     if (cell.schedule.in_flight as u32) < cell.config.schedule.cycles_in_flight {
-        eprintln!("--keep {}: one cycle is in flight at a time, so that each is kept whole", args.keep);
+        eprintln!(
+            "note: with --keep {} one cycle is in flight at a time, so that the record of each is complete",
+            args.keep
+        );
     }
     let interrupted = Arc::new(AtomicBool::new(false));
-    let orders = Orders {
+    let options = RunOptions {
         interrupted: Arc::clone(&interrupted),
         config,
         cycles: if args.serve { None } else { cycles(args, &cell) },
@@ -88,33 +93,33 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         cycle_record: args.cycle_record.clone(),
         metrics: args.metrics,
     };
-    let cut_off = needs_reader(args, &orders);
+    let needs_stdout = needs_stdout(args, &options);
     let mut results = VecDeque::new();
-    let mut unwritten = None;
-    let mut summary = supervisor::run(&cell, &orders, &mut |result| {
-        let heard = print::say(&print::cycle_line(result, orders.cycles));
-        if !heard && cut_off {
+    let mut write_error = None;
+    let mut summary = supervisor::run(&cell, &options, &mut |result| {
+        let printed = terminal::print_line(&terminal::cycle_line(result, options.cycles));
+        if !printed && needs_stdout {
             interrupted.store(true, Ordering::SeqCst);
         }
-        if let Some(Err(error)) = args.out.as_ref().map(|folder| output::cycle(folder, result)) {
+        if let Some(Err(error)) = args.out.as_ref().map(|folder| run_files::cycle(folder, result)) {
             tracing::error!("{error:#}");
-            unwritten.get_or_insert(error);
+            write_error.get_or_insert(error);
         }
-        if results.len() == KEPT_RESULTS {
+        if results.len() == MAX_RESULTS {
             results.pop_front();
         }
         results.push_back(result.clone());
     })?;
-    if let Some(error) = unwritten {
+    if let Some(error) = write_error {
         return Err(error);
     }
     let results: Vec<CycleResult> = results.into();
-    tell(&cell, &results, truth);
+    print_tables(&cell, &results, truth);
     write_files(args, &cell, &results, &mut summary, truth)?;
-    Ok(exit_code(&summary, &orders))
+    Ok(exit_code(&summary, &options))
 }
 
-/// Writes what a run leaves; what is missing in the cycle record ends it as an error.
+/// Writes the files at the end of a run. Cycles that are missing in the cycle record are an error.
 fn write_files(
     args: &RunArgs,
     cell: &Cell,
@@ -123,28 +128,28 @@ fn write_files(
     truth: Option<&Truth>,
 ) -> Result<()> {
     let history = &summary.history;
-    if let (Some(folder), Some(watch)) = (&args.out, &summary.watch) {
-        output::files(folder, &Run { cell, results, history, watch, truth })?;
+    if let (Some(folder), Some(snapshot)) = (&args.out, &summary.snapshot) {
+        run_files::files(folder, &RunFiles { cell, results, history, snapshot, truth })?;
     }
     if let Some(error) = summary.unrecorded.take() {
         return Err(error);
     }
     match &args.trace {
-        Some(file) => output::trace(file, cell, history),
+        Some(file) => run_files::trace(file, cell, history),
         None => Ok(()),
     }
 }
 
-/// Measuring for ever, for nobody: then the last reader takes the cell with him. One that serves is asked over its socket.
-fn needs_reader(args: &RunArgs, orders: &Orders) -> bool {
-    !orders.serve
-        && orders.cycles.is_none()
+/// Whether standard output is the only output of an unbounded run: then the run stops when it closes.
+fn needs_stdout(args: &RunArgs, options: &RunOptions) -> bool {
+    !options.serve
+        && options.cycles.is_none()
         && args.out.is_none()
         && args.record.is_none()
         && args.cycle_record.is_none()
 }
 
-/// A recording that does not begin again has one cycle.
+/// The number of cycles; a recording without `loop` has one.
 fn cycles(args: &RunArgs, cell: &Cell) -> Option<u64> {
     let once = cell.config.recording.as_ref().is_some_and(|r| !r.repeat).then_some(1);
     args.cycles.or(cell.config.cycles).or(once).map(u64::from)
@@ -156,35 +161,35 @@ fn record_folder(args: &RunArgs) -> Result<Option<PathBuf>> {
     if let Ok(mut entries) = std::fs::read_dir(folder)
         && entries.next().is_some()
     {
-        bail!("--record {}: the folder is not empty; name a new one", folder.display());
+        bail!("--record {}: the folder is not empty; name a new folder", folder.display());
     }
     Ok(Some(std::path::absolute(folder)?))
 }
 
-fn tell(cell: &Cell, results: &[CycleResult], truth: Option<&Truth>) {
+fn print_tables(cell: &Cell, results: &[CycleResult], truth: Option<&Truth>) {
     let pairs: Vec<&str> = cell.graph.pairs.iter().map(|p| p.name.as_str()).collect();
-    let stages = print::stage_table(results);
+    let stages = terminal::stage_table(results);
     if !stages.is_empty() {
-        print::say(&format!("\n{stages}"));
+        terminal::print_line(&format!("\n{stages}"));
     }
     if let Some(last) = results.iter().rev().find(|r| r.outcome == files::result::OUTCOME_OK) {
-        print::say(&format!("cycle {}: {}", last.cycle + 1, print::cloud_lines(last, &pairs)));
+        terminal::print_line(&format!("cycle {}: {}", last.cycle + 1, terminal::cloud_lines(last, &pairs)));
         if !last.features.is_empty() {
-            print::say(&print::feature_table(&last.features, truth));
+            terminal::print_line(&terminal::feature_table(&last.features, truth));
         }
     }
 }
 
-fn exit_code(summary: &Summary, orders: &Orders) -> u8 {
-    if let Some(reason) = &summary.held {
-        eprintln!("the cell gave up: {reason}");
+fn exit_code(summary: &Summary, options: &RunOptions) -> u8 {
+    if let Some(reason) = &summary.gave_up {
+        eprintln!("error: the cell gave up: {reason}");
         return 1;
     }
-    if orders.serve {
-        // Who asked for a part has its result; that a part failed is no failure of the cell.
+    if options.serve {
+        // Each client has its result; a part that fails is not a failure of the cell.
         return 0;
     }
-    // A cell that runs until stopped was not cut short by being stopped; its last cycle was.
-    let cut = u64::from(summary.stopped && orders.cycles.is_none());
-    u8::from(summary.not_ok > cut || summary.not_pass > 0)
+    // Stopping an unbounded run is no failure, although it ends the last cycle.
+    let stopped = u64::from(summary.stopped && options.cycles.is_none());
+    u8::from(summary.not_ok > stopped || summary.not_pass > 0)
 }

@@ -1,66 +1,69 @@
-//! `fringecell trigger`: asks a cell that serves for the inspection of one part.
+//! `fringecell trigger`: requests the inspection of one part from a serving cell.
 
 use crate::client;
-use crate::print;
 use crate::supervisor::protocol::{Answer, Request};
+use crate::terminal;
 use anyhow::{Result, bail};
 use files::result::{CycleResult, OUTCOME_OK, ResultVerdict, write_json};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// How often a cell that is not ready is asked again.
-const AGAIN: Duration = Duration::from_millis(100);
+/// Pause between two requests to a cell that is not ready.
+const RETRY_PAUSE: Duration = Duration::from_millis(100);
 
 /// Arguments of `trigger`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct TriggerArgs {
-    /// Which cell: its name or its configuration; the only one that runs if left out.
+    /// Name or configuration file of the cell; default: the only running cell.
     #[arg(value_name = "CELL")]
     pub cell: Option<String>,
-    /// Which part; stands in the result.
+    /// Identification of the part; written to the result.
     #[arg(long, value_name = "ID")]
     pub part: String,
-    /// How it is inspected; the first recipe if left out.
+    /// Name of the recipe; default: the first one.
     #[arg(long, value_name = "NAME")]
     pub recipe: Option<String>,
-    /// Wait so long for a cell that starts or is busy, s.
+    /// Longest wait for a cell that is starting or busy, s.
     #[arg(long, value_name = "SECONDS", default_value_t = 30)]
     pub patience: u64,
-    /// The result of the cycle as JSON.
+    /// Write the result of the cycle to this file, as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
 
-/// Inspects a part. Exit code 0: it passes, or was measured where there is nothing to judge; 1: anything else.
+/// Inspects a part. Exit code 0: it passes, or was measured without a plan; 1: anything else.
 ///
 /// # Errors
-/// A request that the cell refuses.
+/// The cell refuses the request.
 pub fn trigger(args: &TriggerArgs) -> Result<u8> {
-    let cell = client::named(args.cell.as_deref())?;
+    let cell = client::cell_name(args.cell.as_deref())?;
     let request = Request::Inspect { part: args.part.clone(), recipe: args.recipe.clone() };
     let begin = Instant::now();
     loop {
         match client::ask_cell(cell.as_deref(), &request)? {
-            Answer::Inspected(result) => return tell(args, &result),
+            Answer::Inspected(result) => return print_result(args, &result),
             Answer::NotReady { .. } if begin.elapsed() < Duration::from_secs(args.patience) => {
-                std::thread::sleep(AGAIN);
+                std::thread::sleep(RETRY_PAUSE);
             }
             Answer::NotReady { state, reason } => {
-                bail!("not inspected within --patience {} s: the cell is {state:?}, {reason}", args.patience)
+                bail!(
+                    "the part was not inspected within --patience {} s: the cell is in state {state:?}: {reason}",
+                    args.patience
+                )
             }
-            Answer::Refused(reason) => bail!("not inspected: {reason}"),
-            _ => bail!("the cell gave no result"),
+            Answer::Refused(reason) => bail!("the part was not inspected: {reason}"),
+            _ => bail!("the cell sent an unexpected answer"),
         }
     }
 }
 
-fn tell(args: &TriggerArgs, result: &CycleResult) -> Result<u8> {
+fn print_result(args: &TriggerArgs, result: &CycleResult) -> Result<u8> {
     if let Some(file) = &args.json {
         write_json(file, result)?;
     }
-    print::say(&print::cycle_line(result, None));
+    terminal::print_line(&terminal::cycle_line(result, None));
     if !result.features.is_empty() {
-        print::say(print::feature_table(&result.features, None).trim_end());
+        terminal::print_line(terminal::feature_table(&result.features, None).trim_end());
     }
     let pass = matches!(result.verdict, Some(ResultVerdict::Pass) | None) && result.outcome == OUTCOME_OK;
     Ok(u8::from(!pass))

@@ -166,7 +166,7 @@ fn a_disk_that_fills_up_costs_cycles_of_the_record_and_nothing_else() {
         said.contains("run 2") && said.contains("replay 0") && said.contains("all equal"),
         "{said}{cried}"
     );
-    assert!(cried.contains("cycles are not in the record"), "{cried}");
+    assert!(cried.contains("cycles are missing in the cycle record"), "{cried}");
     assert!(cried.contains("cannot write the cycle record; make room on the disk: No space left"), "{cried}");
     let replayed: u64 = said.split("disk/r: ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
     assert!((1..6).contains(&replayed), "{said}");

@@ -118,7 +118,10 @@ fn a_plan_that_was_changed_while_the_cell_runs_ends_in_error_and_not_in_a_mixed_
     served.ask(&value!({"command": "restart", "stage": "inspection"}));
     let status = served.cell.until("in error", |status| status["state"] == "Error");
     let reason = status["reason"].as_str().unwrap();
-    assert!(reason.contains("fail.plan.toml was changed while the cell runs; stop the cell"), "{reason}");
+    assert!(
+        reason.contains("fail.plan.toml has changed since the start of the cell; stop the cell"),
+        "{reason}"
+    );
     served.stop();
 }
 
@@ -149,7 +152,7 @@ fn parts_are_inspected_on_request_each_with_its_recipe() {
     let unknown = served.trigger(&["--part", "c", "--recipe", "none"]);
     assert_eq!(unknown.status.code(), Some(2));
     let said = text(&unknown.stderr);
-    assert!(said.contains("no recipe \"none\"; there are pass, fail"), "{said}");
+    assert!(said.contains("no recipe \"none\"; known recipes: pass, fail"), "{said}");
     assert_eq!(served.trigger(&["--part", "\n"]).status.code(), Some(2));
 
     let after = served.cell.status().unwrap();
@@ -171,7 +174,7 @@ fn the_socket_follows_the_states_and_refuses_what_they_do_not_allow() {
     let served = Served::new("states", &[]);
     let state = |served: &Served| served.ask(&value!({"command": "state"}))["state"]["state"].clone();
     for (request, key, words, then) in [
-        (value!({"command": "finish"}), "refused", "no job runs", "Ready"),
+        (value!({"command": "finish"}), "refused", "no job is running", "Ready"),
         (value!({"command": "unprepare", "recipe": "pass"}), "done", "no longer prepared", "Ready"),
         (value!({"command": "inspect", "part": "p"}), "refused", "not prepared", "Ready"),
         (value!({"command": "unprepare", "recipe": "fail"}), "done", "no longer", "Initialized"),
@@ -179,9 +182,9 @@ fn the_socket_follows_the_states_and_refuses_what_they_do_not_allow() {
         (value!({"command": "halt"}), "done", "halted", "Halted"),
         (value!({"command": "inspect", "part": "p", "recipe": "fail"}), "refused", "Halted: ", "Halted"),
         (value!({"command": "reset"}), "done", "reset", "Ready"),
-        (value!({"command": "start", "cycles": 0}), "refused", "nothing to do", "Ready"),
+        (value!({"command": "start", "cycles": 0}), "refused", "the minimum is 1", "Ready"),
         (value!({"command": "start", "recipe": "fail"}), "done", "started", "ContinuousExecution"),
-        (value!({"command": "inspect", "part": "p"}), "not_ready", "a job runs", "ContinuousExecution"),
+        (value!({"command": "inspect", "part": "p"}), "not_ready", "a job is running", "ContinuousExecution"),
     ] {
         let answer = served.ask(&request);
         assert!(answer[key].to_string().contains(words), "{request}: {answer}");

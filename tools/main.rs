@@ -119,7 +119,7 @@ pub enum Outcome {
 }
 
 fn main() -> ExitCode {
-    ipc::os::end_with_reader();
+    ipc::os::restore_sigpipe();
     let result = match Cli::parse().command {
         Command::Simulate(args) => simulate::run(&args),
         Command::Decode(args) => decode::run(&args),

@@ -8,7 +8,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 
-pub use flow::outputs::check_outputs;
+pub use flow::output_check::check_outputs;
 
 /// Writes the machine-readable result where the user asked for one.
 pub fn emit<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {

@@ -1,134 +1,134 @@
-//! The state machine: takes an event, returns what to do or why not. Pure.
+//! Control state machine of a cell: takes an event, returns an action or a refusal. Pure.
 //!
-//! After OPC 40100-1, VisionStateMachineType with its automatic mode. Where a cell differs:
-//! - It initialises by itself: once all stages stand, Preoperational becomes Initialized, and Ready as soon as a recipe is
-//!   prepared; the method SelectModeAutomatic has nothing to select.
-//! - A stage that is restarted makes the cell Preoperational until it stands again. A job that runs ends first, since a lost
-//!   stage ends its cycle; a continuous job waits for the stage and goes on.
-//! - Error is a stage that failed too often. Its reason stays until the reset.
+//! It follows OPC 40100-1, VisionStateMachineType with its automatic mode. Differences:
+//! - A cell initialises itself: once all stages are up, Preoperational becomes Initialized, and Ready as soon as a recipe is
+//!   prepared. The method SelectModeAutomatic does not exist.
+//! - While a stage is restarted the cell is Preoperational. A single job ends first, since the loss of a stage ends its cycle;
+//!   a continuous job waits for the stage and continues.
+//! - Error means that a stage failed too often. The reason is kept until the reset.
 
 use serde::{Deserialize, Serialize};
 
-/// Where a cell is.
+/// State of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum State {
-    /// Stages start, or one of them is being restarted.
+    /// Stages are starting or restarting.
     Preoperational,
-    /// All stages stand, no recipe is prepared.
+    /// All stages are up, no recipe is prepared.
     Initialized,
-    /// Waits for a job.
+    /// Ready for a job.
     Ready,
     /// Inspects one part.
     SingleExecution,
     /// Inspects one part after another.
     ContinuousExecution,
-    /// Stopped on purpose until the next reset; may be switched off.
+    /// Halted by an operator until the next reset.
     Halted,
-    /// Cannot work until somebody removed the cause and resets.
+    /// A stage failed too often; waits for a reset.
     Error,
 }
 
-/// What happens to a cell.
+/// Events of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
-    /// All stages stand and are connected.
+    /// All stages are up and connected.
     StagesUp,
-    /// A stage is down and will be started again.
+    /// A stage is down and will be restarted.
     StagesDown,
-    /// A stage was given up.
+    /// A stage failed too often.
     Fault,
-    /// The cycle of the running job has its outcome.
+    /// The cycle of the current job has its outcome.
     CycleDone,
     /// Make a recipe selectable.
     Prepare {
-        /// Number of the recipe.
+        /// Index of the recipe.
         recipe: usize,
     },
     /// Make a recipe not selectable.
     Unprepare {
-        /// Number of the recipe.
+        /// Index of the recipe.
         recipe: usize,
     },
     /// Inspect one part.
     StartSingle {
-        /// Number of the recipe.
+        /// Index of the recipe.
         recipe: usize,
     },
     /// Inspect part after part.
     StartContinuous {
-        /// Number of the recipe.
+        /// Index of the recipe.
         recipe: usize,
-        /// How many; `None`: until asked to finish.
+        /// Number of cycles; `None`: until `Finish`.
         cycles: Option<u64>,
     },
-    /// End the continuous job after the cycle that runs (OPC: Stop).
+    /// End the continuous job after the current cycle (OPC: Stop).
     Finish,
     /// End the job and its cycle now.
     Abort,
     /// Stop until the next reset.
     Halt,
-    /// Begin anew.
+    /// Leave halted and error, end any job.
     Reset,
 }
 
-/// What to do about it.
+/// Action for the supervisor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action {
-    /// Nothing.
+    /// No action.
     None,
     /// Start a cycle with this recipe.
     StartCycle {
-        /// Number of the recipe.
+        /// Index of the recipe.
         recipe: usize,
     },
-    /// End the cycle that runs.
+    /// End the current cycle.
     AbortCycle,
-    /// Start the stages that were given up.
+    /// Start the stages that failed too often.
     Revive,
 }
 
-/// Why a request is not followed.
+/// Why a request is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
-    /// Stages are being started.
-    #[error("the stages are being started")]
+    /// Stages are starting.
+    #[error("the stages are starting")]
     Starting,
-    /// A job runs.
-    #[error("a job runs")]
+    /// A job is running.
+    #[error("a job is running")]
     Busy,
-    /// No job runs.
-    #[error("no job runs")]
+    /// No job is running.
+    #[error("no job is running")]
     Idle,
-    /// A halted cell has to be reset first.
-    #[error("the cell was halted; reset it")]
+    /// The cell is halted.
+    #[error("the cell is halted; reset it first")]
     Halted,
-    /// A cell in error has to be reset first.
-    #[error("the cell is in error; remove the cause and reset it")]
+    /// The cell is in error.
+    #[error("the cell is in error; remove the cause, then reset it")]
     Error,
     /// The recipe is not prepared.
     #[error("the recipe is not prepared")]
     NotPrepared,
-    /// The job needs the recipe.
+    /// The running job uses the recipe.
     #[error("the running job uses the recipe")]
     InUse,
 }
 
 impl Refusal {
-    /// Whether the same request may be followed later without anybody doing anything.
-    pub fn is_passing(self) -> bool {
+    /// Whether the same request may succeed later.
+    pub fn is_temporary(self) -> bool {
         matches!(self, Self::Starting | Self::Busy)
     }
 }
 
-/// A job that runs.
+/// The current job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Job {
     recipe: usize,
-    /// Cycles still to start; `None`: until asked to finish.
+    /// Number of cycles still to start; `None`: until `Finish`.
     left: Option<u64>,
 }
 
-/// The machine.
+/// The control state machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Machine {
     state: State,
@@ -138,12 +138,12 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Stages are down, all recipes prepared.
+    /// A machine whose stages are down and whose recipes are all prepared.
     pub fn new(recipes: usize) -> Self {
         Self { state: State::Preoperational, up: false, prepared: vec![true; recipes], job: None }
     }
 
-    /// Where it is.
+    /// The current state.
     pub fn state(&self) -> State {
         self.state
     }
@@ -153,17 +153,17 @@ impl Machine {
         self.prepared.get(recipe).copied().unwrap_or(false)
     }
 
-    /// Takes an event.
+    /// Handles an event.
     ///
     /// # Errors
-    /// Why it is not followed; nothing has changed then.
+    /// The event is refused; the state is unchanged.
     pub fn handle(&mut self, event: Event) -> Result<Action, Refusal> {
         match event {
             Event::StagesUp => Ok(self.stages(true)),
             Event::StagesDown => Ok(self.stages(false)),
             Event::Fault => {
                 self.up = false;
-                Ok(self.leave(State::Error))
+                Ok(self.end_job(State::Error))
             }
             Event::CycleDone => Ok(self.cycle_done()),
             Event::Prepare { recipe } => self.prepare(recipe),
@@ -181,18 +181,18 @@ impl Machine {
                 self.job.as_mut().ok_or(Refusal::Idle)?.left = Some(0);
                 Ok(Action::AbortCycle)
             }
-            Event::Halt => Ok(self.leave(State::Halted)),
+            Event::Halt => Ok(self.end_job(State::Halted)),
             Event::Reset => Ok(self.reset()),
         }
     }
 
     fn stages(&mut self, up: bool) -> Action {
         self.up = up;
-        self.settle();
+        self.update_idle_state();
         Action::None
     }
 
-    /// A single job is over; a continuous one goes on until its count is used up.
+    /// Ends a single job; continues a continuous one until all its cycles are done.
     fn cycle_done(&mut self) -> Action {
         let Some(job) = &mut self.job else { return Action::None };
         if job.left != Some(0) {
@@ -200,14 +200,14 @@ impl Machine {
             return Action::StartCycle { recipe: job.recipe };
         }
         self.job = None;
-        self.settle();
+        self.update_idle_state();
         Action::None
     }
 
     fn prepare(&mut self, recipe: usize) -> Result<Action, Refusal> {
         self.operational()?;
         *self.prepared.get_mut(recipe).ok_or(Refusal::NotPrepared)? = true;
-        self.settle();
+        self.update_idle_state();
         Ok(Action::None)
     }
 
@@ -217,7 +217,7 @@ impl Machine {
             return Err(Refusal::InUse);
         }
         *self.prepared.get_mut(recipe).ok_or(Refusal::NotPrepared)? = false;
-        self.settle();
+        self.update_idle_state();
         Ok(Action::None)
     }
 
@@ -243,22 +243,22 @@ impl Machine {
         }
     }
 
-    /// To a state without job.
-    fn leave(&mut self, state: State) -> Action {
+    /// Changes to a state without a job.
+    fn end_job(&mut self, state: State) -> Action {
         self.state = state;
         if self.job.take().is_some() { Action::AbortCycle } else { Action::None }
     }
 
     fn reset(&mut self) -> Action {
         let was = self.state;
-        let action = self.leave(State::Preoperational);
+        let action = self.end_job(State::Preoperational);
         self.prepared.fill(true);
-        self.settle();
+        self.update_idle_state();
         if was == State::Error { Action::Revive } else { action }
     }
 
-    /// The state without job that belongs to stages and recipes.
-    fn settle(&mut self) {
+    /// Updates the state without a job to stages and recipes.
+    fn update_idle_state(&mut self) {
         if self.job.is_none() && !matches!(self.state, State::Halted | State::Error) {
             self.state = match (self.up, self.prepared.contains(&true)) {
                 (false, _) => State::Preoperational,

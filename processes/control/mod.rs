@@ -1,6 +1,6 @@
-//! The control of a cell by a PLC gateway or a script: in which state it is and what it may be asked.
+//! Control of a cell by a PLC gateway or a script: states and allowed requests.
 //!
-//! The states are those of OPC UA for Machine Vision (OPC 40100-1): a gateway maps them one to one. Pure.
+//! The states are those of OPC UA for Machine Vision (OPC 40100-1), so that a gateway maps them one to one. Pure.
 
 mod machine;
 

@@ -1,13 +1,13 @@
-//! What the supervisor tells a stage when it starts it.
+//! Arguments that the supervisor passes to a stage.
 
 use crate::schedule::Kind;
 use files::cycle_record::Kept;
 use std::path::PathBuf;
 
-/// Digits of a hash that stand on the command line of a stage: enough that no change is missed.
+/// Digits of each file hash on the command line of a stage: enough to detect every change.
 const SHORT_HASH: usize = 16;
 
-/// The hashes of all that a configuration consists of, as in [`StageArgs::files`].
+/// Shortened hashes of all files of a configuration, as in [`StageArgs::files`].
 pub fn short_hashes(files: &[(String, String)]) -> Vec<String> {
     files.iter().map(|(_, sha256)| sha256.chars().take(SHORT_HASH).collect()).collect()
 }
@@ -15,32 +15,32 @@ pub fn short_hashes(files: &[(String, String)]) -> Vec<String> {
 /// Arguments of the hidden subcommand `stage`, written by the supervisor.
 #[derive(Debug, Clone, clap::Args)]
 pub struct StageArgs {
-    /// What to be.
+    /// Kind of the stage.
     pub kind: Kind,
-    /// Name in the schedule.
+    /// Name of the stage in the schedule.
     pub name: String,
-    /// Cell to join.
+    /// Name of the cell.
     #[arg(long)]
     pub cell: String,
-    /// Configuration.
+    /// Path of the configuration.
     #[arg(long)]
     pub config: PathBuf,
-    /// Hashes of all that the supervisor read: a stage must not run with anything else.
+    /// Hashes of all files that the supervisor read; the stage must read the same.
     #[arg(long, value_delimiter = ',')]
     pub files: Vec<String>,
-    /// Process of the supervisor.
+    /// Process id of the supervisor.
     #[arg(long)]
     pub parent: u32,
-    /// Whether the supervisor watches frames and phases.
+    /// Whether the supervisor receives frames, phase maps and cloud for its report.
     #[arg(long)]
     pub watch: bool,
-    /// Which bytes the supervisor keeps in a cycle record.
+    /// Which values the supervisor keeps in a cycle record.
     #[arg(long)]
     pub kept: Kept,
-    /// Where the recording goes, if one is written.
+    /// Folder of the recording, if one is written.
     #[arg(long)]
     pub record: Option<PathBuf>,
-    /// Whether several cycles are recorded, each in a folder of its own.
+    /// Whether each cycle is recorded in a folder of its own.
     #[arg(long)]
     pub record_many: bool,
 }

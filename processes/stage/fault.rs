@@ -1,13 +1,13 @@
-//! Why a stage cannot go on, and how it says so.
+//! Errors of a stage.
 
 use ipc::IpcError;
 
-/// Why a stage cannot go on.
+/// An error of a stage.
 #[derive(Debug)]
 pub enum Fault {
-    /// This cycle is lost, the stage is well.
+    /// The current cycle fails; the stage continues.
     Cycle(String),
-    /// The stage has to end.
+    /// The stage must end.
     Fatal(anyhow::Error),
 }
 
@@ -27,17 +27,17 @@ pub fn chain(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
     let mut source = error.source();
     while let Some(inner) = source {
-        let said = inner.to_string();
-        if !text.contains(&said) {
+        let message = inner.to_string();
+        if !text.contains(&message) {
             text.push_str(": ");
-            text.push_str(&said);
+            text.push_str(&message);
         }
         source = inner.source();
     }
     text
 }
 
-/// The cycle is lost because of an error.
+/// The current cycle fails with an error.
 pub fn lost(error: &dyn std::error::Error) -> Fault {
     Fault::Cycle(chain(error))
 }

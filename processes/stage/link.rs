@@ -1,9 +1,9 @@
-//! What every stage shares: its ports to the supervisor, its place in the schedule, its cycle.
+//! The link of a stage to its cell: ports to the supervisor, position in the schedule, current cycle.
 
 use super::args::StageArgs;
+use super::cycle_filter::{Admission, CycleFilter};
 use super::fault::Fault;
-use super::gate::{Gate, Verdict};
-use super::text::shorten;
+use super::text_buffer::shorten;
 use crate::graph::Cell;
 use crate::schedule::{Carries, FRAME_BUFFER, Half, Order, SUPERVISOR, Topic, Work};
 use anyhow::{Context, Result, anyhow};
@@ -12,51 +12,52 @@ use ipc::cell::CellName;
 use ipc::error::MessageError;
 use ipc::header::{Command, Control, Event, EventKind, Header, MAX_TEXT_BYTES};
 use ipc::os::{Usage, now_ns};
-use ipc::port::{Bell, Node, Publisher, Received, Ringer, Subscriber, loans};
-use ipc::turn::{Turn, Turns};
+use ipc::port::{Listener, Node, Notifier, Publisher, Received, Subscriber, loans};
+use ipc::sequence::{SequenceGates, SequencePoint};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 use xxhash_rust::xxh3::xxh3_128;
 
-/// A stage's view of the cell.
+/// Link of a stage to its cell.
 pub struct Link {
-    /// Config, graph, schedule.
+    /// Configuration, graph and schedule.
     pub cell: Cell,
-    /// Number of this stage in the schedule.
+    /// Index of this stage in the schedule.
     pub stage: usize,
-    /// Recipe of the cycle that runs.
+    /// Index of the recipe of the current cycle.
     pub recipe: usize,
-    pub(super) gate: Gate,
-    pub(super) bell: Bell,
+    pub(super) cycles: CycleFilter,
+    pub(super) listener: Listener,
     pub(super) control: Subscriber<Control>,
     events: Publisher<Event>,
-    /// Rung after whoever may go on with the cycle.
-    supervisor: Ringer,
-    /// Of the activations of this stage, those after which it is rung.
-    ringing: BTreeSet<usize>,
+    /// Notified after the stages that may continue with the cycle.
+    supervisor: Notifier,
+    /// Activations of this stage after which the supervisor is notified.
+    supervisor_notifications: BTreeSet<usize>,
     node: Node,
-    /// What the paths of the cell's shared memory begin with.
+    /// Path prefix of the cell's shared memory.
     segments: String,
     order: Order,
-    turns: Turns,
-    /// Bells of the stages that wait for this one: for its core, or for what it gives.
-    waiting: BTreeMap<usize, Ringer>,
+    gates: SequenceGates,
+    /// Notifiers of the stages that wait for this one: for its core, or for its outputs.
+    dependents: BTreeMap<usize, Notifier>,
     idle_since_ns: u64,
-    /// As of the last report.
+    /// Resource use at the last report.
     usage: Usage,
+    /// Allocations at the last report.
     allocations: u64,
-    /// Likewise.
+    /// Loans at the last report.
     messages: u64,
-    /// Spent on sending since the last report, ns.
+    /// Time for sending since the last report, ns.
     send_ns: u64,
 }
 
-/// The supervisor is rung for every so many reports of a stage, and for its last one of a cycle; it takes the others along,
-/// or finds them within 20 ms by itself. Ringing costs whoever goes on with the cycle on the same core some 50 µs. Half of the
-/// frames that may wait in front of it, where it watches them.
-const REPORTS_PER_RING: usize = FRAME_BUFFER / 2;
+/// The supervisor is notified of every n-th report of a stage and of its last one in a cycle; it finds the others at the same
+/// time, or within 20 ms. A notification costs the next activation on the same core about 50 µs. The number is half of the
+/// frame buffer, so that the buffer of the supervisor never fills.
+const REPORTS_PER_NOTIFICATION: usize = FRAME_BUFFER / 2;
 
-/// What an activation did, beside its bytes.
+/// Report of an activation, beside its output.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Report<'a> {
     /// Valid pixels, points, features.
@@ -65,7 +66,7 @@ pub struct Report<'a> {
     pub text: &'a str,
 }
 
-/// Heap allocations of this process, where the build counts them.
+/// Number of heap allocations of this process, in builds that count them.
 fn allocations() -> u64 {
     #[cfg(feature = "count-allocations")]
     return crate::allocations::count();
@@ -84,22 +85,24 @@ impl Link {
             .ok_or_else(|| anyhow!("the schedule has no stage \"{}\"", args.name))?;
         let name = CellName::new(&args.cell)?;
         let node = Node::join(&name, &args.name)?;
-        let bell = node.bell(&args.name)?;
+        let listener = node.listener(&args.name)?;
         let control = node.subscriber("control")?;
         let patience = patience(&cell);
-        let events = node.publisher("event", MAX_TEXT_BYTES, &[SUPERVISOR.to_owned()], patience)?.silent();
-        let supervisor = node.ringer(SUPERVISOR)?;
+        let events = node
+            .publisher("event", MAX_TEXT_BYTES, &[SUPERVISOR.to_owned()], patience)?
+            .without_notification();
+        let supervisor = node.notifier(SUPERVISOR)?;
         let order = Order::new(&cell.schedule);
         Ok(Self {
-            turns: Turns::open(&name, order.lanes.len())?,
-            waiting: waiting(&cell, &order, stage, &node)?,
-            ringing: ringing(&cell, stage),
+            gates: SequenceGates::open(&name, order.lanes.len())?,
+            dependents: dependents(&cell, &order, stage, &node)?,
+            supervisor_notifications: supervisor_notifications(&cell, stage),
             order,
             cell,
             stage,
             recipe: 0,
-            gate: Gate::default(),
-            bell,
+            cycles: CycleFilter::default(),
+            listener,
             control,
             events,
             supervisor,
@@ -113,11 +116,11 @@ impl Link {
         })
     }
 
-    /// Makes all memory that this stage shares ready to be touched without page faults. After connecting: only then all of
-    /// it is mapped.
+    /// Populates all shared memory of this stage, to avoid page faults later. Call it after connecting: only then all of it
+    /// is mapped.
     ///
     /// # Errors
-    /// Pages that cannot be had: touching them later would end the stage in the middle of a cycle.
+    /// There is not enough memory: touching it later would kill the stage in the middle of a cycle.
     pub fn populate(&self) -> Result<()> {
         let begin = now_ns();
         match ipc::os::populate(&self.segments) {
@@ -125,79 +128,78 @@ impl Link {
                 let ms = (now_ns() - begin) / 1_000_000;
                 tracing::debug!(bytes, ms, "shared memory populated");
             }
-            // Bad address: what a bus error would be on touching it.
+            // "Bad address": touching the memory would be a bus error.
             Err(error) if error.raw_os_error() == Some(libc::EFAULT) => {
                 anyhow::bail!(
-                    "no room for this stage's buffers: is /dev/shm full? Free some of it or make it larger"
+                    "no space for the buffers of this stage: /dev/shm is full; free space there or enlarge it"
                 );
             }
-            // Page faults in the first cycles are no reason not to measure.
+            // Page faults only slow the first cycles down.
             Err(error) => {
-                tracing::warn!("shared memory cannot be populated ahead: {error}; first cycles take longer");
+                tracing::warn!("cannot populate shared memory: {error}; the first cycles take longer");
             }
         }
         Ok(())
     }
 
-    /// Whether its lane has come to this work and all that it takes was sent. The bell rings when it is so.
+    /// Whether the lane is at this activation and all its inputs were sent. A notification arrives when both are true.
     ///
-    /// To be asked before the inboxes are emptied: then the true messages are among what is found there, and one that came
-    /// twice is seen before it is used.
-    pub fn may(&self, work: Work) -> bool {
+    /// Call it before reading the inboxes: then they contain all valid inputs, and a duplicate is found before it is used.
+    pub fn may_start(&self, work: Work) -> bool {
         let Some(number) = self.cell.schedule.find(work) else { return false };
         let inputs = &self.cell.schedule.activations[number].inputs;
-        self.turns.is(self.order.lane[number], self.turn(number))
-            && inputs.iter().all(|&input| self.is_given(number, input))
+        self.gates.is_open(self.order.lane[number], self.point(number))
+            && inputs.iter().all(|&input| self.is_available(number, input))
     }
 
-    /// Whether the input of an activation was sent. The acquisition may be cycles ahead of the evaluation.
-    fn is_given(&self, number: usize, input: usize) -> bool {
-        let (lane, turn) = (self.order.lane[input], self.turn(input));
+    /// Whether an input of an activation was sent. The acquisition may be several cycles ahead of the evaluation.
+    fn is_available(&self, number: usize, input: usize) -> bool {
+        let (lane, point) = (self.order.lane[input], self.point(input));
         if self.order.lanes[lane].half == self.order.lanes[self.order.lane[number]].half {
-            self.turns.is_past(lane, turn)
+            self.gates.is_done_in_cycle(lane, point)
         } else {
-            self.turns.was_past(lane, turn)
+            self.gates.is_done(lane, point)
         }
     }
 
-    /// The command that begins a cycle here.
-    pub(super) fn begins(&self) -> Command {
+    /// The command that starts a cycle for this stage.
+    pub(super) fn start_command(&self) -> Command {
         match self.cell.schedule.stages[self.stage].kind.half() {
             Half::Acquisition => Command::Start,
             Half::Evaluation => Command::Evaluate,
         }
     }
 
-    fn turn(&self, activation: usize) -> Turn {
-        Turn { cycle: self.cycle(), place: self.order.place[activation] }
+    fn point(&self, activation: usize) -> SequencePoint {
+        SequencePoint { cycle: self.cycle(), position: self.order.place[activation] }
     }
 
-    /// Lets the lane go on to what comes after an activation, and the others begin what they needed it for.
-    fn pass(&self, activation: usize) {
-        self.turns.pass(self.order.lane[activation], self.turn(activation));
+    /// Opens the next position of the lane and notifies the stages that wait for this activation.
+    fn advance(&self, activation: usize) {
+        self.gates.advance(self.order.lane[activation], self.point(activation));
         self.order.wakes[activation]
             .iter()
-            .filter_map(|stage| self.waiting.get(stage))
-            .for_each(Ringer::ring);
+            .filter_map(|stage| self.dependents.get(stage))
+            .for_each(Notifier::notify);
     }
 
-    /// The subject of this stage: camera or pair.
+    /// Index of the camera or pair of this stage.
     pub fn subject(&self) -> usize {
         self.cell.schedule.stages[self.stage].subject
     }
 
-    /// A sender on a topic of the schedule. Whoever takes from it is rung when the activation is done ([`Self::done`]).
+    /// A publisher on a topic of the schedule. Its receivers are notified when the activation is done ([`Self::done`]).
     pub fn publisher<H: Header>(&self, topic: &str) -> Result<Publisher<H>> {
         let plan = self.plan(topic)?;
         let sender =
             self.node.publisher(topic, plan.bytes as usize, &plan.consumers, patience(&self.cell))?;
-        Ok(sender.silent())
+        Ok(sender.without_notification())
     }
 
-    /// A receiver of a topic of the schedule.
+    /// An inbox for a topic of the schedule.
     pub fn inbox<H: Header>(&self, topic: &str) -> Result<Inbox<H>> {
         let ahead = match self.plan(topic)?.carries {
-            // What the acquisition hands to the evaluation.
+            // The acquisition may be ahead of the evaluation.
             Carries::Phase => self.cell.schedule.in_flight as u64 - 1,
             _ => 0,
         };
@@ -208,20 +210,20 @@ impl Link {
         self.cell.schedule.topic(topic).with_context(|| format!("the schedule has no topic \"{topic}\""))
     }
 
-    /// The cycle that runs, as on the wire.
+    /// The current cycle, as in messages.
     pub fn cycle(&self) -> u64 {
-        self.gate.current().unwrap_or_default()
+        self.cycles.current().unwrap_or_default()
     }
 
-    /// Begins to measure waiting and use from now, for instance after the part was moved.
-    pub fn idle_from_now(&mut self) {
+    /// Resets the counters of waiting time and resource use, for instance after the part was moved.
+    pub fn reset_counters(&mut self) {
         self.idle_since_ns = now_ns();
         self.usage = Usage::now();
         (self.allocations, self.messages) = (allocations(), loans());
         self.send_ns = 0;
     }
 
-    /// Hands a message over and counts the time that it takes.
+    /// Sends a message and adds the time to that of the report.
     pub fn sending(&mut self, send: impl FnOnce() -> Result<(), IpcError>) -> Result<(), IpcError> {
         let start_ns = now_ns();
         let sent = send();
@@ -229,13 +231,13 @@ impl Link {
         sent
     }
 
-    /// Reports an activation that began at `start_ns` and gave `bytes`.
+    /// Reports an activation that started at `start_ns` and has the output `bytes`.
     pub fn done(&mut self, work: Work, start_ns: u64, bytes: &[u8], report: Report<'_>) -> Result<(), Fault> {
         let hash = if bytes.is_empty() { 0 } else { xxh3_128(bytes) };
         self.done_hashed(work, start_ns, (bytes.len(), hash), report)
     }
 
-    /// The same for an output that is already sent.
+    /// Reports an activation by length and hash of its output.
     pub fn done_hashed(
         &mut self,
         work: Work,
@@ -274,33 +276,33 @@ impl Link {
         (self.idle_since_ns, self.usage, self.send_ns) = (end_ns, usage, 0);
         (self.allocations, self.messages) = (allocated, messages);
         self.events.send(header, report.text.as_bytes())?;
-        self.pass(activation);
-        if self.ringing.contains(&activation) {
-            self.supervisor.ring();
+        self.advance(activation);
+        if self.supervisor_notifications.contains(&activation) {
+            self.supervisor.notify();
         }
         Ok(())
     }
 
-    /// Reports that the ports stand, as an answer to the number of a connect command.
+    /// Reports that this stage is ready; `answer` is the number of the connect command, 0 after the start.
     pub fn ready(&self, answer: u64) -> Result<(), IpcError> {
         self.events.send(Event { cycle: answer, ..self.event(EventKind::Ready, 0) }, &[])?;
-        self.supervisor.ring();
+        self.supervisor.notify();
         Ok(())
     }
 
-    /// Reports that the cycle cannot be finished, and forgets it. Cycle 0: the stage itself cannot go on.
+    /// Reports that a cycle failed, and ends it. Cycle 0: the stage itself fails.
     pub fn failed(&mut self, cycle: u64, reason: &str) -> Result<(), IpcError> {
         let text = shorten(reason, MAX_TEXT_BYTES);
-        let header = Event { cycle, count: self.gate.stale(), ..self.event(EventKind::Failed, text.len()) };
-        self.gate.end(cycle);
+        let header = Event { cycle, count: self.cycles.stale(), ..self.event(EventKind::Failed, text.len()) };
+        self.cycles.end(cycle);
         self.events.send(header, text.as_bytes())?;
-        self.supervisor.ring();
+        self.supervisor.notify();
         Ok(())
     }
 
-    /// Sleeps until somebody rings or the time is over.
+    /// Sleeps until a notification arrives or the timeout is over.
     pub fn sleep(&self, timeout: Duration) -> Result<(), IpcError> {
-        self.bell.wait(timeout).map(|_| ())
+        self.listener.wait(timeout).map(|_| ())
     }
 
     fn event(&self, kind: EventKind, text_bytes: usize) -> Event {
@@ -314,38 +316,38 @@ impl Link {
     }
 }
 
-/// The activations of a stage after which the supervisor is rung.
-fn ringing(cell: &Cell, stage: usize) -> BTreeSet<usize> {
+/// The activations of a stage after which the supervisor is notified.
+fn supervisor_notifications(cell: &Cell, stage: usize) -> BTreeSet<usize> {
     let activations = cell.schedule.activations.iter().enumerate();
     let mine: Vec<usize> = activations.filter(|(_, a)| a.stage == stage).map(|(number, _)| number).collect();
-    let every = mine.iter().copied().skip(REPORTS_PER_RING - 1).step_by(REPORTS_PER_RING);
+    let every = mine.iter().copied().skip(REPORTS_PER_NOTIFICATION - 1).step_by(REPORTS_PER_NOTIFICATION);
     every.chain(mine.last().copied()).collect()
 }
 
-/// The bells of the other stages that may begin something when this one has done something.
-fn waiting(cell: &Cell, order: &Order, stage: usize, node: &Node) -> Result<BTreeMap<usize, Ringer>> {
+/// Notifiers of the other stages whose activations depend on those of this stage.
+fn dependents(cell: &Cell, order: &Order, stage: usize, node: &Node) -> Result<BTreeMap<usize, Notifier>> {
     let activations = cell.schedule.activations.iter().zip(&order.wakes);
     let woken = activations.filter(|(activation, _)| activation.stage == stage).flat_map(|(_, wakes)| wakes);
     let others: BTreeSet<usize> = woken.copied().collect();
-    others.into_iter().map(|other| Ok((other, node.ringer(&cell.schedule.stages[other].name)?))).collect()
+    others.into_iter().map(|other| Ok((other, node.notifier(&cell.schedule.stages[other].name)?))).collect()
 }
 
-/// A sender waits longer for room than the supervisor waits for progress: then the receiver that hangs is found and
-/// killed, and not the sender that waits for it.
+/// A sender waits longer for a full buffer than the supervisor waits for progress: so the supervisor finds and kills the hung
+/// receiver, not the waiting sender.
 fn patience(cell: &Cell) -> Duration {
     Duration::from_millis(cell.config.limits.stage_budget_ms.saturating_mul(2))
 }
 
-/// A receiver that hands out only messages of the running cycle.
+/// A receiver that returns only messages of the current cycle.
 pub struct Inbox<H: Header> {
     subscriber: Subscriber<H>,
     early: Option<Received<H>>,
-    /// By so many cycles an honest sender may be ahead.
+    /// Number of cycles that a valid sender may be ahead.
     ahead: u64,
 }
 
 impl<H: Header> Inbox<H> {
-    /// The next message of the running cycle.
+    /// The next message of the current cycle.
     pub fn take(&mut self, link: &mut Link) -> Result<Option<Received<H>>, IpcError> {
         loop {
             let next = match self.early.take() {
@@ -353,16 +355,16 @@ impl<H: Header> Inbox<H> {
                 None => self.subscriber.receive()?,
             };
             let Some(message) = next else { return Ok(None) };
-            match link.gate.judge(message.header().cycle()) {
-                Verdict::Now => return Ok(Some(message)),
-                Verdict::Stale => {}
-                Verdict::Absurd => {
+            match link.cycles.classify(message.header().cycle()) {
+                Admission::Now => return Ok(Some(message)),
+                Admission::Stale => {}
+                Admission::Impossible => {
                     let value = message.header().cycle();
-                    let allowed = "the cycle that runs and the sixteen after it";
+                    let allowed = "the current cycle and the sixteen after it";
                     let source = MessageError::Value { key: "cycle", value, allowed };
                     return Err(IpcError::Message { topic: self.subscriber.topic().to_owned(), source });
                 }
-                Verdict::Early => {
+                Admission::Early => {
                     self.early = Some(message);
                     return Ok(None);
                 }
@@ -370,14 +372,15 @@ impl<H: Header> Inbox<H> {
         }
     }
 
-    /// Fails when a message of a later cycle stands before what may still come of this one.
+    /// Fails if a message of a later cycle arrived before this cycle is complete.
     ///
-    /// No honest stage sends it while this cycle runs: it lies, or the cycle is over and the command that says so on its way.
+    /// No stage sends one while this cycle is in progress: the message is invalid, or the cycle has ended and the command that
+    /// says so has not arrived yet.
     pub fn check_not_overtaken(&self, link: &Link) -> Result<(), Fault> {
         let allowed = link.cycle().saturating_add(self.ahead);
         match self.early.as_ref().filter(|early| early.header().cycle() > allowed) {
             Some(early) => Err(Fault::Cycle(format!(
-                "a message of cycle {} came on {} before this one was done",
+                "a message of cycle {} arrived on {} before this cycle was complete",
                 early.header().cycle(),
                 self.subscriber.topic()
             ))),
@@ -385,7 +388,7 @@ impl<H: Header> Inbox<H> {
         }
     }
 
-    /// Connects to senders that have come since.
+    /// Connects to publishers that joined since the last call.
     pub fn connect(&self) -> Result<(), IpcError> {
         self.subscriber.connect()
     }

@@ -1,19 +1,19 @@
-//! What all stages have in common: start, connect, work through cycles, leave.
+//! The main loop of every stage: start, connect, work through cycles, end.
 //!
-//! A stage sleeps on its bell. Woken, it reads commands first, then lets its worker take what lies in its inboxes until
-//! nothing is left to do.
+//! A stage sleeps until it is notified. Then it handles commands first and lets its worker process messages until nothing is
+//! left to do.
 
 mod args;
+mod cycle_filter;
 mod fault;
-mod gate;
 mod link;
-mod text;
+mod text_buffer;
 mod worker;
 
 pub use args::{StageArgs, short_hashes};
 pub use fault::{Fault, lost};
 pub use link::{Inbox, Link, Report};
-pub use text::Text;
+pub use text_buffer::TextBuffer;
 pub use worker::Worker;
 
 use anyhow::Result;
@@ -21,7 +21,7 @@ use ipc::header::{Command, Control};
 use ipc::os;
 use std::time::Duration;
 
-/// How long a stage sleeps when nobody rings. Nothing depends on it: it only bounds how long a lost bell could hide.
+/// Longest sleep of a stage without a notification. It only limits the effect of a lost notification.
 const SLEEP: Duration = Duration::from_millis(500);
 
 /// Works through cycles until the supervisor ends the stage.
@@ -41,21 +41,21 @@ pub fn serve(link: &mut Link, worker: &mut dyn Worker) -> Result<()> {
                     link.ready(cycle)?;
                 }
                 Command::Abort => {
-                    if link.gate.end(cycle) {
+                    if link.cycles.end(cycle) {
                         worker.forget();
                     }
                 }
-                begin if begin != link.begins() => {} // for the other half
+                other if other != link.start_command() => {} // for the other half of the cycle
                 Command::Start | Command::Evaluate => {
-                    link.gate.start(cycle);
+                    link.cycles.start(cycle);
                     link.recipe = recipe as usize;
-                    link.idle_from_now();
+                    link.reset_counters();
                     let begun = worker.begin(link);
                     settle(link, worker, begun.map(|()| true))?;
                 }
             }
         }
-        let progress = match link.gate.current() {
+        let progress = match link.cycles.current() {
             Some(cycle) => {
                 let _span = tracing::trace_span!("step", cycle).entered();
                 let stepped = worker.step(link);
@@ -70,7 +70,7 @@ pub fn serve(link: &mut Link, worker: &mut dyn Worker) -> Result<()> {
     }
 }
 
-/// A lost cycle is reported and forgotten, anything worse ends the stage.
+/// Reports a failed cycle and drops it; any other error ends the stage.
 fn settle(link: &mut Link, worker: &mut dyn Worker, result: Result<bool, Fault>) -> Result<bool> {
     match result {
         Ok(progress) => Ok(progress),

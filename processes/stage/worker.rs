@@ -1,4 +1,4 @@
-//! What the loop of a stage asks of the kind of stage.
+//! The interface between the main loop of a stage and the kinds of stages.
 
 use super::fault::Fault;
 use super::link::Link;
@@ -6,19 +6,19 @@ use ipc::IpcError;
 
 /// The work of one kind of stage.
 pub trait Worker {
-    /// Connects the inboxes to senders that came since.
+    /// Connects the inboxes to publishers that joined since.
     fn connect(&self) -> Result<(), IpcError>;
 
-    /// A cycle starts; whatever an older one left is forgotten.
+    /// Starts a cycle and drops what is left of an older one.
     fn begin(&mut self, link: &mut Link) -> Result<(), Fault>;
 
-    /// Takes one message or does one activation; `false` when there is nothing to do.
+    /// Handles one message or one activation; `false` if there is nothing to do.
     fn step(&mut self, link: &mut Link) -> Result<bool, Fault>;
 
-    /// A cycle was aborted.
+    /// Drops the aborted cycle.
     fn forget(&mut self);
 
-    /// When to be called although nobody rings (monotonic clock, ns).
+    /// When to call [`Self::step`] without a notification (monotonic clock, ns).
     fn due_ns(&self) -> Option<u64> {
         None
     }

@@ -1,32 +1,32 @@
-//! What `status` shows: tables that fit the terminal.
+//! Tables of `status`, fitted to the terminal.
 
 use crate::supervisor::profile::Percentiles;
 use crate::supervisor::protocol::{StageStatus, Status};
 use std::fmt::Write as _;
 use std::io::{IsTerminal as _, Write as _};
 
-/// From this width on the table shows everything.
+/// Minimum width for the table with all columns.
 const WIDE: usize = 120;
 
-/// Lines are made for this width at least; a narrower terminal cuts them.
+/// Minimum width of the lines; a narrower terminal truncates them.
 const NARROW: usize = 80;
 
-/// Columns of the stage table beside the name and the process id.
+/// Width of the stage table without name and process id.
 const NUMBERS: usize = 58;
 
-/// Columns of what a stage used, which only a wide table shows.
-const USE: usize = 36;
+/// Width of the columns for resource use, only in a wide table.
+const RESOURCES: usize = 36;
 
-/// Columns of a process id with its gap.
+/// Width of the process id with its gap.
 const PID: usize = 8;
 
-/// How wide a text may be that is printed once: a program that reads it has no edge.
+/// Width for a status that is printed once; unlimited if standard output is not a terminal.
 pub(super) fn columns() -> usize {
     let is_terminal = std::io::stdout().is_terminal();
     if is_terminal { console::Term::stdout().size().1.into() } else { usize::MAX }
 }
 
-/// Draws over what it drew before.
+/// The live view; each draw replaces the previous one.
 #[derive(Default)]
 pub(super) struct View {
     lines: usize,
@@ -36,7 +36,7 @@ impl View {
     pub(super) fn draw(&mut self, status: &Status) -> std::io::Result<()> {
         let terminal = console::Term::stdout();
         let (rows, columns) = terminal.size();
-        // One line less than the terminal has, or the cursor cannot go back to the first one.
+        // One line fewer than the terminal, or the cursor cannot return to the first one.
         let lines = fit(&table(status, columns.into()), usize::from(rows).saturating_sub(1).max(1));
         let mut frame = String::new();
         if self.lines > 0 {
@@ -46,7 +46,7 @@ impl View {
             let shown: String = line.chars().take(columns.into()).collect();
             let _ = writeln!(frame, "\x1b[2K{shown}");
         }
-        // What a taller frame left below.
+        // Clear the rest of a longer previous table.
         frame.push_str("\x1b[J");
         self.lines = lines.len();
         let mut out = std::io::stdout().lock();
@@ -55,18 +55,18 @@ impl View {
     }
 }
 
-/// So many lines of a text; what does not fit is counted in the last one.
+/// At most `rows` lines of a text; the last one counts the omitted lines.
 fn fit(text: &str, rows: usize) -> Vec<String> {
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
     if lines.len() > rows {
         let left_out = lines.len() - rows + 1;
         lines.truncate(rows - 1);
-        lines.push(format!("… {left_out} more lines: a taller window or --once shows them"));
+        lines.push(format!("… {left_out} more lines: enlarge the window or use --once"));
     }
     lines
 }
 
-/// The status for people, in lines of at most `columns` (80 at least).
+/// The status as text, in lines of at most `columns` (80 at least).
 pub(super) fn table(status: &Status, columns: usize) -> String {
     let (columns, wide) = (columns.max(NARROW), columns >= WIDE);
     let mut text = head(status, columns);
@@ -92,12 +92,12 @@ pub(super) fn table(status: &Status, columns: usize) -> String {
     text
 }
 
-/// One line per stage. Long names take the place of the process ids where both have no room.
+/// One line per stage. Process ids are omitted if long names need their space.
 fn stages(text: &mut String, status: &Status, columns: usize, wide: bool) {
     let longest = status.stages.iter().map(|s| s.name.chars().count()).max().unwrap_or(0).max(5);
-    let room = columns - NUMBERS - if wide { USE } else { 0 };
-    let with_pid = longest <= room - PID;
-    let name = longest.min(if with_pid { room - PID } else { room });
+    let space = columns - NUMBERS - if wide { RESOURCES } else { 0 };
+    let with_pid = longest <= space - PID;
+    let name = longest.min(if with_pid { space - PID } else { space });
     let pid = |text: &str| if with_pid { format!(" {text:>7}") } else { String::new() };
     let _ = write!(
         text,
@@ -141,7 +141,7 @@ fn head(status: &Status, columns: usize) -> String {
         ),
     ];
     if let Some(reason) = &status.reason {
-        lines.push(format!("in error: {reason}; the control command reset begins anew"));
+        lines.push(format!("in error: {reason}; remove the cause, then send the command reset"));
     }
     if let Some((cycle, reason)) = &status.last_failure {
         lines.push(format!("last failure, cycle {}: {reason}", cycle + 1));
@@ -149,7 +149,7 @@ fn head(status: &Status, columns: usize) -> String {
     lines.iter().map(|line| wrapped(line, columns)).collect()
 }
 
-/// A line in as many lines as it needs, broken at blanks; those that follow are indented.
+/// Wraps a line at spaces; further lines are indented.
 fn wrapped(line: &str, columns: usize) -> String {
     let mut text = String::new();
     let mut used = 0;
@@ -159,7 +159,7 @@ fn wrapped(line: &str, columns: usize) -> String {
             text.push_str("\n ");
             used = 1;
         }
-        // Two blanks stay two, and the first word has none before it.
+        // Preserve double spaces.
         if !text.is_empty() {
             text.push(' ');
             used += 1;
@@ -177,7 +177,7 @@ fn row(text: &mut String, stage: &StageStatus, name: usize, pid: &str, wide: boo
         text,
         "{:<name$.name$} {:<9.9}{pid} {:>3} {:>8} {:>8} {:>8} {:>8} {:>7}",
         stage.name,
-        // "waiting to restart" is "waiting" here.
+        // "waiting to restart" is shortened to "waiting".
         stage.state.split(' ').next().unwrap_or_default(),
         stage.restarts,
         ms(stage.wait.p50_ms, &stage.wait),
@@ -201,7 +201,7 @@ fn row(text: &mut String, stage: &StageStatus, name: usize, pid: &str, wide: boo
     text.push('\n');
 }
 
-/// A time, or a dash where nothing was measured yet.
+/// A time in ms, or a dash if there is none yet.
 fn ms(value: f64, of: &Percentiles) -> String {
     match value {
         _ if of.cycles == 0 => "–".to_owned(),
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_wider_than_the_terminal_and_nothing_of_a_line_is_lost() {
+    fn no_line_is_wider_than_the_terminal_and_no_word_is_lost() {
         for stages in [&["projection", "matching/pair1"][..], &["matching/left-to-projector"]] {
             for columns in [80, 100, 119, 120, 200] {
                 let text = table(&status(stages), columns);
@@ -281,15 +281,12 @@ mod tests {
     #[test]
     fn lines_that_do_not_fit_are_counted() {
         assert_eq!(fit("a\nb\nc\n", 3), ["a", "b", "c"]);
-        assert_eq!(
-            fit("a\nb\nc\nd\n", 3),
-            ["a", "b", "… 2 more lines: a taller window or --once shows them"]
-        );
+        assert_eq!(fit("a\nb\nc\nd\n", 3), ["a", "b", "… 2 more lines: enlarge the window or use --once"]);
         assert_eq!(fit("a\nb\n", 1).len(), 1);
     }
 
     #[test]
-    fn long_lines_are_broken_at_blanks() {
+    fn long_lines_are_wrapped_at_spaces() {
         assert_eq!(wrapped("ab  cd ef", 20), "ab  cd ef\n");
         assert_eq!(wrapped("ab cd ef", 5), "ab cd\n  ef\n");
     }

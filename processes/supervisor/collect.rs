@@ -1,4 +1,4 @@
-//! What the stages report of a cycle, gathered into its result.
+//! Collects the reports of the stages into the result of a cycle.
 
 use super::profile;
 use crate::graph::Cell;
@@ -10,20 +10,20 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use xxhash_rust::xxh3::xxh3_128;
 
-/// One activation as it was done.
+/// Times of one activation.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Span {
-    /// Cycle.
+    /// Cycle, counted from 0.
     pub cycle: u64,
-    /// Activation of the schedule.
+    /// Index of the activation in the schedule.
     pub activation: usize,
-    /// Waiting before, ns.
+    /// Waiting before the start, ns.
     pub wait_ns: u64,
     /// Start, ns.
     pub start_ns: u64,
     /// End, ns.
     pub end_ns: u64,
-    /// Handing over, part of the time between start and end, ns.
+    /// Sending, part of the time between start and end, ns.
     pub send_ns: u64,
 }
 
@@ -36,7 +36,7 @@ struct Judged {
     hash: u128,
 }
 
-/// What is gathered of a cycle.
+/// The reports of a cycle.
 #[derive(Debug, Default)]
 pub struct Collector {
     done: BTreeMap<usize, (Event, String)>,
@@ -44,17 +44,17 @@ pub struct Collector {
 }
 
 impl Collector {
-    /// An activation is done.
+    /// Adds the report of an activation.
     pub fn done(&mut self, event: Event, text: &str) {
         self.done.insert(event.activation as usize, (event, text.to_owned()));
     }
 
-    /// The verdict with the text it was read from, and how long after the last frame it stood.
+    /// Adds the result of the inspection, with its text and the time since the last frame, ns.
     pub fn judged(&mut self, judgement: Judgement, text: &str, latency_ns: u64) {
         self.judgement = Some(Judged { judgement, latency_ns, hash: xxh3_128(text.as_bytes()) });
     }
 
-    /// A result that is not the one that the inspection reported is none: it came from somebody else.
+    /// Refuses a result whose hash differs from the one that the inspection reported.
     pub fn check_result(&self, schedule: &Schedule) -> Result<(), String> {
         let reported = schedule.find(Work::Inspect).and_then(|number| self.done.get(&number));
         let reported = reported.map(|(event, _)| [event.hash_high, event.hash_low]);
@@ -62,15 +62,15 @@ impl Collector {
         if reported.is_some() && reported == came {
             return Ok(());
         }
-        Err("the result that came is not the one that the inspection reported".into())
+        Err("the result received is not the one that the inspection reported".into())
     }
 
-    /// What was reported, in the order of the schedule.
+    /// The reports, in the order of the schedule.
     pub fn events(&self) -> impl Iterator<Item = &Event> {
         self.done.values().map(|(event, _)| event)
     }
 
-    /// When each activation was done.
+    /// Start and end of each activation.
     pub fn intervals(&self) -> impl Iterator<Item = Interval> {
         let interval = |(&activation, (event, _)): (&usize, &(Event, String))| Interval {
             activation,
@@ -92,7 +92,7 @@ impl Collector {
         })
     }
 
-    /// The result with its outcome.
+    /// The result of the cycle with its outcome.
     pub fn result(&self, cell: &Cell, cycle: u64, outcome: &Result<(), String>) -> CycleResult {
         let ok = outcome.is_ok();
         let judged = self.judgement.as_ref().filter(|_| ok);
@@ -116,7 +116,7 @@ impl Collector {
             .collect();
         for (activation, (event, _)) in &self.done {
             let Some(activation) = schedule.activations.get(*activation) else { continue };
-            profile::add(&mut stages[activation.stage], &did(event));
+            profile::add(&mut stages[activation.stage], &stage_result(event));
         }
         stages
     }
@@ -167,8 +167,8 @@ impl Collector {
     }
 }
 
-/// One activation as its stage reported it.
-fn did(event: &Event) -> StageResult {
+/// The share of one activation in the result of its stage.
+fn stage_result(event: &Event) -> StageResult {
     StageResult {
         name: String::new(),
         wait_ns: event.wait_ns,

@@ -1,125 +1,125 @@
-//! The cycles as a state machine: takes the time and what happened, returns what to do. Pure.
+//! State machine of the cycles: takes the time and an input, returns actions. Pure.
 //!
-//! Every requested cycle gets exactly one outcome, in order, whatever happens in whatever order: done with all its
-//! activations and a result, or ended with a reason. A new cycle starts only when all stages are ready, the cycles in
-//! flight are fewer than planned, and the last one is acquired. Cycles are evaluated one after another.
+//! Every requested cycle gets exactly one outcome, in order, for any order of inputs: complete with all activations and a
+//! result, or ended with a reason. A new cycle starts only when all stages are ready, fewer cycles than planned are in
+//! flight, and the last one is acquired. Cycles are evaluated one after another.
 
-use super::flight::{Flight, Steps};
+use super::in_flight::{CycleInFlight, Steps};
 use std::collections::VecDeque;
 
-pub use super::flight::Step;
+pub use super::in_flight::Step;
 
 /// Time limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Budgets {
-    /// A stage whose next activation could run for this long without being done is hung, ns.
+    /// A stage whose next activation is runnable for longer than this is hung, ns.
     pub stage_ns: u64,
-    /// A cycle may last this long, ns.
+    /// Deadline of a cycle, ns.
     pub cycle_ns: u64,
 }
 
-/// What happened.
+/// Inputs of the state machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Input {
-    /// A stage is connected and waits for work.
+    /// A stage is connected and ready.
     Ready {
-        /// Which.
+        /// Index of the stage.
         stage: usize,
     },
-    /// A stage is gone.
+    /// A stage ended.
     Lost {
-        /// Which.
+        /// Index of the stage.
         stage: usize,
-        /// Why, in words.
+        /// The reason, after the name of the stage.
         reason: String,
     },
-    /// A stage needs the handshake again: a neighbour of it was replaced.
+    /// A stage has to connect again: another stage was replaced.
     Unready {
-        /// Which.
+        /// Index of the stage.
         stage: usize,
     },
     /// An activation is done.
     Done {
-        /// Who says so.
+        /// Index of the stage that reports it.
         stage: usize,
-        /// In which cycle.
+        /// The cycle.
         cycle: u64,
-        /// Which.
+        /// Index of the activation.
         activation: usize,
     },
-    /// A stage cannot finish the cycle.
+    /// A stage cannot complete the cycle.
     Failed {
-        /// Who.
+        /// Index of the stage.
         stage: usize,
-        /// Which cycle.
+        /// The cycle.
         cycle: u64,
-        /// Why.
+        /// The reason.
         reason: String,
     },
     /// The result of a cycle arrived.
     Result {
-        /// Which cycle.
+        /// The cycle.
         cycle: u64,
     },
-    /// Somebody sent what cannot be true.
-    Distrust {
-        /// What.
+    /// A stage sent an invalid message.
+    InvalidMessage {
+        /// What is invalid.
         reason: String,
     },
-    /// One more cycle is asked for; only of a machine that is [`Cycles::open`].
+    /// One more cycle is requested; only for a machine that is [`Cycles::open`].
     Request,
-    /// The cycles that run, or else the one that waits for its stages, end now; the machine goes on.
+    /// Ends the cycles in progress, or else the one that waits for its stages; the machine continues.
     Abort {
-        /// Why.
+        /// The reason.
         reason: String,
     },
     /// Time passed.
     Tick,
-    /// No further cycle shall start, the running ones end now.
+    /// Ends the cycles in progress and starts no more.
     Stop {
-        /// Why.
+        /// The reason.
         reason: String,
     },
 }
 
-/// What to do.
+/// Actions for the supervisor.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Action {
-    /// Tell the stages of the acquisition to start a cycle.
+    /// Tell the acquisition stages to start a cycle.
     Start(u64),
-    /// Tell those of the evaluation.
+    /// Tell the evaluation stages to start a cycle.
     Evaluate(u64),
-    /// Tell all stages to forget a cycle.
+    /// Tell all stages to drop a cycle.
     Abort(u64),
     /// Kill a hung stage.
     Kill {
-        /// Which.
+        /// Index of the stage.
         stage: usize,
-        /// Why.
+        /// The reason.
         reason: String,
     },
     /// A cycle has its outcome.
     Outcome {
-        /// Which cycle.
+        /// The cycle.
         cycle: u64,
-        /// Nothing, or why it is not ok.
+        /// Ok, or the reason why not.
         result: Result<(), String>,
     },
     /// Every requested cycle has its outcome.
     Finished,
 }
 
-/// The machine.
+/// The state machine of the cycles.
 #[derive(Debug)]
 pub struct Cycles {
     stages: Vec<String>,
     steps: Steps,
     budgets: Budgets,
     ready: Vec<bool>,
-    /// Cycles that may be under way at once, at least 1.
+    /// Cycles that may be in progress at once, at least 1.
     in_flight: usize,
-    /// Those that are, the oldest first.
-    flights: VecDeque<Flight>,
+    /// Cycles in progress, the oldest first.
+    flights: VecDeque<CycleInFlight>,
     next: u64,
     /// Cycles to run; `None`: until stopped.
     requested: Option<u64>,
@@ -129,8 +129,8 @@ pub struct Cycles {
 }
 
 impl Cycles {
-    /// A machine for `requested` cycles, `in_flight` of them at once, numbered from 0 for the person; messages carry
-    /// cycle + 1, see [`crate::cycle_number::wire`].
+    /// A machine for `requested` cycles, at most `in_flight` at once. Cycles are numbered from 0 here; people see cycle + 1,
+    /// and so do messages, see [`crate::cycle_number::wire`].
     pub fn new(
         stages: Vec<String>,
         steps: Vec<Step>,
@@ -152,13 +152,13 @@ impl Cycles {
         }
     }
 
-    /// The same without a cycle yet: each one is requested.
+    /// The same machine, but each cycle has to be requested.
     #[must_use]
     pub fn open(self) -> Self {
         Self { requested: Some(0), open: true, ..self }
     }
 
-    /// Whether a stage is connected and waits for work.
+    /// Whether a stage is connected and ready.
     pub fn is_stage_ready(&self, stage: usize) -> bool {
         self.ready[stage]
     }
@@ -168,7 +168,7 @@ impl Cycles {
         self.ready.iter().all(|&ready| ready)
     }
 
-    /// The cycles that run, the oldest first.
+    /// The cycles in progress, the oldest first.
     pub fn running(&self) -> impl Iterator<Item = u64> {
         self.flights.iter().filter(|flight| flight.ended.is_none()).map(|flight| flight.cycle)
     }
@@ -178,7 +178,7 @@ impl Cycles {
         self.finished
     }
 
-    /// Takes what happened, returns what to do, in order.
+    /// Handles an input; returns the actions in order.
     pub fn handle(&mut self, now_ns: u64, input: Input) -> VecDeque<Action> {
         let mut actions = VecDeque::new();
         if self.finished {
@@ -193,7 +193,7 @@ impl Cycles {
             }
             Input::Done { stage, cycle, activation } => {
                 let (steps, stages) = (&self.steps, &self.stages);
-                // Those of other cycles are the last words of an earlier one.
+                // Reports of other cycles are late ones.
                 if let Some(flight) = running(&mut self.flights, cycle)
                     && let Err(reason) = flight.done(steps, stages, (stage, activation), now_ns)
                 {
@@ -210,10 +210,10 @@ impl Cycles {
                     flight.result = true;
                 }
             }
-            Input::Distrust { reason } => self.end_all(&reason, &mut actions),
+            Input::InvalidMessage { reason } => self.end_all(&reason, &mut actions),
             Input::Request => self.requested = self.requested.map(|n| n + 1),
             Input::Abort { reason } => self.abort(&reason, &mut actions),
-            Input::Tick => self.watch(now_ns, &mut actions),
+            Input::Tick => self.check_limits(now_ns, &mut actions),
             Input::Stop { reason } => self.stop(&reason, &mut actions),
         }
         if let Some(first) = self.flights.front_mut().filter(|first| first.is_complete()) {
@@ -223,7 +223,7 @@ impl Cycles {
         actions
     }
 
-    /// Says what has its outcome, then starts what may start.
+    /// Reports outcomes, then starts the cycle that may start.
     fn advance(&mut self, now_ns: u64, actions: &mut VecDeque<Action>) {
         self.conclude(actions);
         if self.finished {
@@ -235,7 +235,7 @@ impl Cycles {
                 actions.push_back(Action::Finished);
             }
         } else if self.may_start() {
-            self.flights.push_back(Flight::new(self.next, &self.steps, now_ns));
+            self.flights.push_back(CycleInFlight::new(self.next, &self.steps, now_ns));
             actions.push_back(Action::Start(self.next));
             self.next += 1;
         }
@@ -249,10 +249,10 @@ impl Cycles {
     fn may_start(&self) -> bool {
         self.is_ready()
             && self.flights.len() < self.in_flight
-            && self.flights.back().is_none_or(Flight::is_acquired)
+            && self.flights.back().is_none_or(CycleInFlight::is_acquired)
     }
 
-    /// Outcomes come in the order of the cycles: one that ended early waits for those before it.
+    /// Reports outcomes in the order of the cycles: a cycle that ended early waits for earlier ones.
     fn conclude(&mut self, actions: &mut VecDeque<Action>) {
         let ended = self.flights.iter().take_while(|flight| flight.ended.is_some()).count();
         for flight in self.flights.drain(..ended) {
@@ -262,8 +262,8 @@ impl Cycles {
         }
     }
 
-    /// Ends the cycles in which somebody overran.
-    fn watch(&mut self, now_ns: u64, actions: &mut VecDeque<Action>) {
+    /// Ends the cycles that exceed a time limit.
+    fn check_limits(&mut self, now_ns: u64, actions: &mut VecDeque<Action>) {
         for flight in self.flights.iter_mut().filter(|flight| flight.ended.is_none()) {
             let oldest = flight.oldest();
             if let Some((since_ns, number)) = oldest
@@ -282,7 +282,7 @@ impl Cycles {
                 end(flight, Err(format!("stage {} {reason}", self.stages[stage])), actions);
             } else if now_ns.saturating_sub(flight.start_ns) > self.budgets.cycle_ns {
                 let at = oldest.map_or_else(
-                    || "nothing is left to do but no result came".to_owned(),
+                    || "all activations are done but the result is missing".to_owned(),
                     |(_, number)| {
                         let step = &self.steps.all[number];
                         format!("stage {} was at \"{}\"", self.stages[step.stage], step.label)
@@ -302,7 +302,7 @@ impl Cycles {
         }
     }
 
-    /// The next cycle ends before it starts.
+    /// Ends the next cycle before its start.
     fn skip(&mut self, reason: &str, actions: &mut VecDeque<Action>) {
         let result = Err(format!("not started: {reason}"));
         actions.push_back(Action::Outcome { cycle: self.next, result });
@@ -326,13 +326,13 @@ impl Cycles {
     }
 }
 
-/// The cycle with this number, if it runs.
-fn running(flights: &mut VecDeque<Flight>, cycle: u64) -> Option<&mut Flight> {
+/// The cycle with this number, if in progress.
+fn running(flights: &mut VecDeque<CycleInFlight>, cycle: u64) -> Option<&mut CycleInFlight> {
     flights.iter_mut().find(|flight| flight.cycle == cycle && flight.ended.is_none())
 }
 
-/// A cycle has ended; those who still work on it are told.
-fn end(flight: &mut Flight, result: Result<(), String>, actions: &mut VecDeque<Action>) {
+/// Ends a cycle; without a result the stages are told to drop it.
+fn end(flight: &mut CycleInFlight, result: Result<(), String>, actions: &mut VecDeque<Action>) {
     if result.is_err() {
         actions.push_back(Action::Abort(flight.cycle));
     }

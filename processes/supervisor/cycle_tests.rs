@@ -155,7 +155,7 @@ fn the_next_cycle_is_acquired_while_the_last_one_is_evaluated_and_no_more_than_p
         assert_eq!(done(&mut machine, 3, 1, activation), [], "two are in flight");
     }
     assert_eq!(machine.running().collect::<Vec<_>>(), [0, 1]);
-    // Nothing of the second cycle is evaluated while the first one is, and its wait is nobody's fault.
+    // Nothing of the second cycle is evaluated while the first one is, and no stage is blamed for its wait.
     assert_eq!(done(&mut machine, 90 * MS, 0, 2), []);
     assert_eq!(machine.handle(150 * MS, Input::Tick), []);
     assert_eq!(done(&mut machine, 151 * MS, 0, 3), []);
@@ -198,7 +198,7 @@ fn a_lost_stage_ends_all_cycles_in_flight_and_an_early_report_its_own() {
     done(&mut machine, 1, 1, 0);
     done(&mut machine, 1, 1, 1);
     let actions = done(&mut machine, 2, 1, 2);
-    assert_eq!(actions, [Action::Abort(1)], "nobody was told to evaluate the second cycle");
+    assert_eq!(actions, [Action::Abort(1)], "the evaluation of the second cycle was not started");
     let actions: Vec<_> = machine.handle(3, Input::Lost { stage: 2, reason: "died".into() }).into();
     let reason = Err("stage c died".to_owned());
     assert_eq!(actions[..2], [Action::Abort(0), Action::Outcome { cycle: 0, result: reason }]);
@@ -218,7 +218,7 @@ fn any_input() -> impl Strategy<Value = Input> {
         1 => (0_usize..3, cycle.clone())
             .prop_map(|(stage, cycle)| Input::Failed { stage, cycle, reason: "no".into() }),
         4 => cycle.prop_map(|cycle| Input::Result { cycle }),
-        1 => Just(Input::Distrust { reason: "a lie".into() }),
+        1 => Just(Input::InvalidMessage { reason: "invalid".into() }),
         2 => Just(Input::Tick),
         1 => Just(Input::Stop { reason: "stop".into() }),
     ]

@@ -1,17 +1,17 @@
-//! When the last cycles ran, and what was done in them: for traces, reports and whoever asks.
+//! Times of the last cycles and their activations, for traces and reports.
 
 use super::collect::Span;
 use files::result::CycleResult;
 use files::trace::TraceCycle;
 use std::collections::VecDeque;
 
-/// Spans that are kept: a run until stopped must not grow.
+/// Longest history of activations: a run until stopped must not grow.
 const KEPT_SPANS: usize = 100_000;
 
-/// Cycles that are kept, likewise.
+/// Longest history of cycles.
 const KEPT_CYCLES: usize = 1_000;
 
-/// A cycle that has just ended with this result.
+/// The trace entry of a cycle that ended now.
 pub(super) fn ended(result: &CycleResult, end_ns: u64, duration_ns: u64) -> TraceCycle {
     let text = |key: &str| result.more.get(key).and_then(|value| value.as_str()).map(str::to_owned);
     TraceCycle {
@@ -27,14 +27,14 @@ pub(super) fn ended(result: &CycleResult, end_ns: u64, duration_ns: u64) -> Trac
 /// The last cycles.
 #[derive(Debug, Default)]
 pub struct History {
-    /// What was done, in the order of the outcomes.
+    /// Activations, in the order of the outcomes.
     pub spans: VecDeque<Span>,
-    /// The cycles, likewise.
+    /// Cycles, in the order of the outcomes.
     pub cycles: VecDeque<TraceCycle>,
 }
 
 impl History {
-    /// Adds a cycle with what was done in it.
+    /// Adds a cycle with its activations.
     pub(super) fn add(&mut self, cycle: TraceCycle, spans: impl Iterator<Item = Span>) {
         self.spans.extend(spans);
         self.spans.drain(..self.spans.len().saturating_sub(KEPT_SPANS));

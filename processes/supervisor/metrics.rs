@@ -1,15 +1,15 @@
-//! The cell in the Prometheus text format, version 0.0.4. Pure: from numbers to text.
+//! Metrics of a cell in the Prometheus text format, version 0.0.4. Pure.
 //!
-//! Names follow the conventions of Prometheus: base units, `_total` for counters, one line of help and type a family.
+//! Names follow the conventions of Prometheus: base units, `_total` for counters, one help and one type line per family.
 
 use super::profile::{BOUNDS_NS, Profile, StageProfile, Timing};
 use super::protocol::{StageStatus, Status};
 use std::fmt::Write as _;
 
-/// The content type of the format.
+/// Content type of the text format.
 pub const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
 
-/// A family of samples.
+/// A metric family.
 struct Family<'a> {
     text: &'a mut String,
     name: &'static str,
@@ -52,11 +52,11 @@ pub fn render(status: &Status, profile: &Profile) -> String {
     for (name, help, pick) in [
         (
             "fringecell_stage_wait_seconds",
-            "Waiting for input, per cycle that was ok.",
+            "Waiting for input, per cycle that is ok.",
             wait as fn(&StageProfile) -> &Timing,
         ),
-        ("fringecell_stage_compute_seconds", "Computing, per cycle that was ok.", compute),
-        ("fringecell_stage_send_seconds", "Handing outputs over, per cycle that was ok.", send),
+        ("fringecell_stage_compute_seconds", "Computing, per cycle that is ok.", compute),
+        ("fringecell_stage_send_seconds", "Sending outputs, per cycle that is ok.", send),
     ] {
         let mut family = Family::new(&mut text, &status.cell, name, "histogram", help);
         for stage in &profile.stages {
@@ -81,8 +81,7 @@ fn send(stage: &StageProfile) -> &Timing {
 fn cycles(text: &mut String, status: &Status, profile: &Profile) {
     let cell = status.cell.as_str();
     let outcomes = &status.outcomes;
-    let mut family =
-        Family::new(text, cell, "fringecell_cycles_total", "counter", "Cycles by what became of them.");
+    let mut family = Family::new(text, cell, "fringecell_cycles_total", "counter", "Cycles by outcome.");
     for (outcome, count) in [
         ("pass", outcomes.pass),
         ("indeterminate", outcomes.indeterminate),
@@ -97,10 +96,10 @@ fn cycles(text: &mut String, status: &Status, profile: &Profile) {
         cell,
         "fringecell_deadline_misses_total",
         "counter",
-        "Cycles not done within their deadline.",
+        "Cycles that exceeded their deadline.",
     )
     .sample("", &[], status.deadline_misses as f64);
-    Family::new(text, cell, "fringecell_cycle_running", "gauge", "1 while a cycle runs.").sample(
+    Family::new(text, cell, "fringecell_cycle_running", "gauge", "1 while a cycle is in progress.").sample(
         "",
         &[],
         f64::from(u8::from(status.cycle.is_some())),
@@ -113,8 +112,8 @@ fn cycles(text: &mut String, status: &Status, profile: &Profile) {
         );
     }
     for (name, help, timing) in [
-        ("fringecell_cycle_seconds", "From start to outcome, cycles that were ok.", &profile.cycle),
-        ("fringecell_latency_seconds", "From the last frame to the verdict.", &profile.latency),
+        ("fringecell_cycle_seconds", "Duration from start to outcome of cycles that are ok.", &profile.cycle),
+        ("fringecell_latency_seconds", "Duration from the last frame to the verdict.", &profile.latency),
     ] {
         Family::new(text, cell, name, "histogram", help).histogram(&[], timing);
     }
@@ -127,28 +126,25 @@ fn stages(text: &mut String, status: &Status) {
             f64::from(u8::from(s.state == "up"))
         }),
         ("fringecell_stage_restarts_total", "counter", "Failures of the stage.", |s| f64::from(s.restarts)),
-        ("fringecell_stage_activations_total", "counter", "Activations done.", |s| {
+        ("fringecell_stage_activations_total", "counter", "Completed activations.", |s| {
             f64::from(s.total.activations)
         }),
-        ("fringecell_stage_sent_bytes_total", "counter", "Bytes given.", |s| s.total.bytes as f64),
+        ("fringecell_stage_sent_bytes_total", "counter", "Bytes of the outputs.", |s| s.total.bytes as f64),
         ("fringecell_stage_cpu_seconds_total", "counter", "Processor time in cycles.", |s| {
             seconds(s.total.cpu_ns)
         }),
-        ("fringecell_stage_minor_page_faults_total", "counter", "Page faults served from memory.", |s| {
+        ("fringecell_stage_minor_page_faults_total", "counter", "Page faults without disk access.", |s| {
             s.total.minor_faults as f64
         }),
-        ("fringecell_stage_major_page_faults_total", "counter", "Page faults that waited for a disk.", |s| {
+        ("fringecell_stage_major_page_faults_total", "counter", "Page faults with disk access.", |s| {
             s.total.major_faults as f64
         }),
-        ("fringecell_stage_voluntary_switches_total", "counter", "Context switches by waiting.", |s| {
+        ("fringecell_stage_voluntary_switches_total", "counter", "Context switches while waiting.", |s| {
             s.total.voluntary_switches as f64
         }),
-        (
-            "fringecell_stage_involuntary_switches_total",
-            "counter",
-            "Context switches against its will.",
-            |s| s.total.involuntary_switches as f64,
-        ),
+        ("fringecell_stage_involuntary_switches_total", "counter", "Context switches by preemption.", |s| {
+            s.total.involuntary_switches as f64
+        }),
     ];
     for (name, kind, help, pick) in families {
         let mut family = Family::new(text, &status.cell, name, kind, help);
@@ -162,7 +158,7 @@ fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
 }
 
-/// As a label value stands between quotes.
+/// Escapes a label value.
 fn escape(label: &str) -> String {
     label.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
 }

@@ -1,29 +1,29 @@
-//! The supervisor: plans, starts, watches, restarts and stops the stages, and gathers what they measure.
+//! The supervisor: starts, monitors, restarts and stops the stages, and collects their results.
 //!
-//! Its decisions are made in pure modules ([`crate::schedule`], [`cycle`], [`restart`]); `state` moves
-//! messages between them and the world. It never blocks on a child: every 20 ms it looks at all of them.
+//! Pure modules decide ([`crate::schedule`], [`cycle`], [`restart`]); `state` connects them to messages, processes and the
+//! clock. The supervisor never waits for a stage: it checks all of them every 20 ms.
 
-mod children;
 pub mod collect;
+pub mod command_socket;
 pub mod cycle;
-mod desk;
-mod flight;
+mod cycle_recorder;
 pub mod history;
-mod http;
-mod keep;
-mod lives;
+mod in_flight;
+mod job_controller;
+mod lifecycle;
 mod metrics;
-mod operator;
+mod metrics_endpoint;
 mod privileges;
 pub mod profile;
 pub mod protocol;
+mod requests;
 pub mod restart;
-pub mod socket;
-mod start;
+mod setup;
+pub mod snapshot;
+mod stage_process;
 mod state;
-pub mod watch;
 
-pub use start::Orders;
+pub use setup::RunOptions;
 pub use state::Summary;
 
 use crate::graph::Cell;
@@ -34,33 +34,33 @@ use state::{Supervisor, TICK};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-/// Runs a cell; `each` gets every cycle's result as soon as it stands.
+/// Runs a cell. `each` is called with the result of every cycle as soon as it is known.
 ///
 /// # Errors
-/// What keeps the cell from starting, or makes the supervisor itself unable to go on.
-pub fn run(cell: &Cell, orders: &Orders, each: &mut dyn FnMut(&CycleResult)) -> Result<Summary> {
-    let interrupted = Arc::clone(&orders.interrupted);
+/// The cell cannot start, or the supervisor itself cannot continue.
+pub fn run(cell: &Cell, options: &RunOptions, each: &mut dyn FnMut(&CycleResult)) -> Result<Summary> {
+    let interrupted = Arc::clone(&options.interrupted);
     let flag = Arc::clone(&interrupted);
     ctrlc::set_handler(move || flag.store(true, Ordering::SeqCst))
-        .context("taking over the interrupt signal")?;
+        .context("handling the termination signals")?;
     privileges::claim(cell);
-    let mut supervisor = Supervisor::new(cell, orders, interrupted)?;
-    let ended = work(&mut supervisor, each);
+    let mut supervisor = Supervisor::new(cell, options, interrupted)?;
+    let ended = event_loop(&mut supervisor, each);
     supervisor.shut_down();
     ended?;
     Ok(supervisor.summary())
 }
 
-fn work(supervisor: &mut Supervisor, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
+fn event_loop(supervisor: &mut Supervisor, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
     while !supervisor.cycles.is_finished() {
-        supervisor.start_waiting()?;
-        supervisor.hear(each)?;
-        supervisor.bury(each)?;
+        supervisor.start_due()?;
+        supervisor.drain(each)?;
+        supervisor.reap_ended(each)?;
         supervisor.connect(each)?;
-        supervisor.obey(each)?;
-        supervisor.feed(Input::Tick, each)?;
+        supervisor.handle_requests(each)?;
+        supervisor.step(Input::Tick, each)?;
         if !supervisor.cycles.is_finished() {
-            supervisor.bell.wait(TICK)?;
+            supervisor.listener.wait(TICK)?;
         }
     }
     Ok(())

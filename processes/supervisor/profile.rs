@@ -1,4 +1,4 @@
-//! What the cell did so far: counted since its start, and as percentiles of the last cycles. Pure; memory is fixed.
+//! Statistics of a cell: counts since the start, and percentiles of the last cycles. Pure, with constant memory.
 
 use anyhow::Result;
 use files::result::{CycleResult, OUTCOME_OK, ResultVerdict, StageResult};
@@ -6,14 +6,14 @@ use hdrhistogram::Histogram;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
-/// Percentiles speak of at least this many of the last cycles and of at most twice as many: enough for a 99 %, few
+/// Percentiles cover at least this many and at most twice as many of the last cycles: enough for the 99th percentile, few
 /// enough to follow a change within minutes.
 const WINDOW_CYCLES: u64 = 256;
 
-/// The rate is that of the last cycles.
+/// The rate covers this many of the last cycles.
 const RATE_CYCLES: usize = 32;
 
-/// Upper bounds of the buckets that are counted since the start, ns: 0.1 ms … 20 s, three a decade.
+/// Upper bounds of the histogram buckets, ns: 0.1 ms to 20 s, three per decade.
 pub const BOUNDS_NS: [u64; 17] = [
     100_000,
     200_000,
@@ -37,24 +37,24 @@ pub const BOUNDS_NS: [u64; 17] = [
 /// Percentiles of the last cycles, by nearest rank, each at most 1 % too large; the maximum is exact.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Percentiles {
-    /// Cycles that they speak of.
+    /// Number of cycles covered.
     pub cycles: u64,
     /// Median, ms.
     pub p50_ms: f64,
-    /// ms.
+    /// 95th percentile, ms.
     pub p95_ms: f64,
-    /// ms.
+    /// 99th percentile, ms.
     pub p99_ms: f64,
-    /// ms.
+    /// Maximum, ms.
     pub max_ms: f64,
 }
 
-/// Durations in buckets since the start, and a window of the last ones.
+/// Histogram of durations since the start, and a window of the last ones.
 #[derive(Debug, Clone)]
 pub struct Timing {
-    /// Durations up to each of [`BOUNDS_NS`] and above the one before; the last place counts all longer ones.
+    /// Number of durations up to each of [`BOUNDS_NS`]; the last bucket counts all longer ones.
     pub buckets: [u64; BOUNDS_NS.len() + 1],
-    /// Sum of all, ns.
+    /// Sum of all durations, ns.
     pub sum_ns: u64,
     window: Window,
 }
@@ -70,18 +70,18 @@ impl Timing {
         self.window.record(ns);
     }
 
-    /// How many there are.
+    /// Number of durations.
     pub fn count(&self) -> u64 {
         self.buckets.iter().sum()
     }
 
-    /// Of the last cycles.
+    /// Percentiles of the last cycles.
     pub fn percentiles(&self) -> Percentiles {
         self.window.percentiles()
     }
 }
 
-/// Two histograms of which the older one holds one to two windows; both are allocated once.
+/// Two histograms; the older one covers one to two windows. Both are allocated once.
 #[derive(Debug, Clone)]
 struct Window {
     older: (Histogram<u64>, u64),
@@ -115,57 +115,57 @@ impl Window {
     }
 }
 
-/// What is known of one stage.
+/// Statistics of one stage.
 #[derive(Debug, Clone)]
 pub struct StageProfile {
     /// Waiting for input, per cycle.
     pub wait: Timing,
     /// Computing, per cycle.
     pub compute: Timing,
-    /// Handing outputs over, per cycle.
+    /// Sending outputs, per cycle.
     pub send: Timing,
-    /// Cycles in which it took part, broken ones included.
+    /// Number of cycles, including those that are not ok.
     pub cycles: u64,
-    /// Everything else, summed over all cycles; its times are sums as well.
+    /// Sums over all cycles.
     pub sum: StageResult,
 }
 
-/// Cycles by what became of them.
+/// Number of cycles by outcome.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Outcomes {
-    /// Ok and within all limits.
+    /// Ok, all features pass.
     pub pass: u64,
-    /// Ok, but a limit lies within the uncertainty.
+    /// Ok, but a limit is within the uncertainty of a feature.
     pub indeterminate: u64,
-    /// Ok, and outside of a limit.
+    /// Ok, but a feature is out of tolerance.
     pub fail: u64,
-    /// Ok, and nothing was judged.
+    /// Ok, without a verdict.
     pub no_verdict: u64,
-    /// Ended for a reason.
+    /// Not ok.
     pub not_ok: u64,
 }
 
-/// What the cell did so far.
+/// Statistics of a cell.
 #[derive(Debug, Clone)]
 pub struct Profile {
-    /// In the order of the schedule.
+    /// Statistics of the stages, in the order of the schedule.
     pub stages: Vec<StageProfile>,
-    /// From start to outcome, of the cycles that were ok.
+    /// Durations from start to outcome of cycles that are ok.
     pub cycle: Timing,
-    /// From the last frame to the verdict.
+    /// Durations from the last frame to the verdict.
     pub latency: Timing,
-    /// Cycles by outcome.
+    /// Number of cycles by outcome.
     pub outcomes: Outcomes,
-    /// Cycles that were not done within their deadline.
+    /// Number of cycles that exceeded their deadline.
     pub deadline_misses: u64,
     deadline_ns: u64,
-    /// Cycles under way with their starts, ns.
+    /// Cycles in progress with their start times, ns.
     running: Vec<(u64, u64)>,
     ends_ns: VecDeque<u64>,
 }
 
 impl Profile {
-    /// Nothing yet. `deadline_ns`: of a cycle.
+    /// Empty statistics. `deadline_ns`: deadline of a cycle.
     pub fn new(stages: &[String], deadline_ns: u64) -> Result<Self> {
         let stage = |name: &String| {
             let sum = StageResult { name: name.clone(), ..StageResult::default() };
@@ -189,12 +189,12 @@ impl Profile {
         })
     }
 
-    /// A cycle starts.
+    /// Starts a cycle.
     pub fn begin(&mut self, cycle: u64, now_ns: u64) {
         self.running.push((cycle, now_ns));
     }
 
-    /// A cycle has its outcome; returns how long it lasted, ns. Those that never ran count as outcomes and have no times.
+    /// Ends a cycle; returns its duration, ns. A cycle that was never started counts as an outcome without a duration.
     pub fn end(&mut self, result: &CycleResult, now_ns: u64) -> Option<u64> {
         let ok = result.outcome == OUTCOME_OK;
         let place = match result.verdict {
@@ -216,7 +216,7 @@ impl Profile {
         for (profile, stage) in self.stages.iter_mut().zip(&result.stages) {
             profile.add(stage, ok);
         }
-        // The times of a cycle that was broken off say when it broke.
+        // The durations of an incomplete cycle mean nothing.
         if ok {
             self.cycle.record(lasted_ns);
             if let Some(latency_ns) = result.latency_ns {
@@ -226,7 +226,7 @@ impl Profile {
         Some(lasted_ns)
     }
 
-    /// Cycles per minute of the last cycles; absent before the second one.
+    /// Rate of the last cycles, cycles per minute; absent before the second one.
     pub fn cycles_per_minute(&self) -> Option<f64> {
         let span_ns = self.ends_ns.back()?.checked_sub(*self.ends_ns.front()?)?;
         (span_ns > 0).then(|| 60e9 * (self.ends_ns.len() - 1) as f64 / span_ns as f64)
@@ -245,7 +245,7 @@ impl StageProfile {
     }
 }
 
-/// Adds what a stage did to what it did before.
+/// Adds a stage result to a sum.
 pub fn add(sum: &mut StageResult, more: &StageResult) {
     sum.wait_ns += more.wait_ns;
     sum.compute_ns += more.compute_ns;
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn cycles_are_counted_by_outcome_and_only_good_ones_are_timed() {
+    fn cycles_are_counted_by_outcome_and_only_ok_ones_are_timed() {
         let mut profile = Profile::new(&["fusion".into()], 10_000_000).unwrap();
         for (cycle, outcome, verdict) in [
             (0, "ok", Some(ResultVerdict::Pass)),
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn old_cycles_are_forgotten_by_the_window_and_kept_by_the_buckets() {
+    fn old_cycles_leave_the_window_and_stay_in_the_buckets() {
         let mut timing = Timing::new().unwrap();
         timing.record(9_000_000_000);
         for _ in 0..2 * WINDOW_CYCLES {

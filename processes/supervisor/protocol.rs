@@ -1,4 +1,4 @@
-//! What is said over the socket of a cell; `docs/control.md` is its documentation.
+//! Requests and answers of the command socket; documented in `docs/control.md`.
 
 use super::profile::{Outcomes, Percentiles};
 use crate::control::State;
@@ -6,198 +6,198 @@ use files::result::{CycleResult, StageResult};
 use files::trace::TraceCycle;
 use serde::{Deserialize, Serialize};
 
-/// What a cell is asked.
+/// A request to a cell.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "command", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Request {
-    /// How it is.
+    /// Stages, rate, percentiles and outcomes.
     Status {},
-    /// The same in the Prometheus text format.
+    /// Metrics in the Prometheus text format.
     Metrics {},
-    /// When the activations of the last cycles were done.
+    /// Times of the activations of the last cycles.
     Spans {},
     /// Kill a stage and start it again.
     Restart {
-        /// Name in the schedule.
+        /// Name of the stage.
         stage: String,
     },
     /// End the run.
     Stop {},
-    /// In which state it is, and which recipes it has.
+    /// State, current job and recipes.
     State {},
-    /// Inspect one part and answer with the result of its cycle.
+    /// Inspect one part; the answer is the result of the cycle.
     Inspect {
-        /// Which part.
+        /// Identification of the part.
         part: String,
-        /// How it is inspected; absent: the first recipe.
+        /// Name of the recipe; absent: the first one.
         recipe: Option<String>,
     },
     /// Inspect part after part.
     Start {
-        /// How; absent: the first recipe.
+        /// Name of the recipe; absent: the first one.
         recipe: Option<String>,
-        /// How many; absent: until asked to finish.
+        /// Number of cycles; absent: until `finish`.
         cycles: Option<u64>,
     },
-    /// End the continuous job after the cycle that runs.
+    /// End the continuous job after the current cycle.
     Finish {},
     /// End the job and its cycle now.
     Abort {},
     /// Stop until the next reset.
     Halt {},
-    /// Begin anew after halt or error.
+    /// Leave the states halted and error.
     Reset {},
     /// Make a recipe selectable.
     Prepare {
-        /// Which.
+        /// Name of the recipe.
         recipe: String,
     },
     /// Make a recipe not selectable.
     Unprepare {
-        /// Which.
+        /// Name of the recipe.
         recipe: String,
     },
 }
 
-/// What a cell answers.
+/// An answer of a cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Answer {
-    /// How it is.
+    /// Stages, rate, percentiles and outcomes.
     Status(Box<Status>),
-    /// In the Prometheus text format.
+    /// Metrics in the Prometheus text format.
     Metrics(String),
-    /// What was done when.
+    /// Times of the activations of the last cycles.
     Spans(Spans),
-    /// In which state it is.
+    /// State, current job and recipes.
     State(StateReport),
-    /// The result of the cycle.
+    /// The result of the cycle of an inspection.
     Inspected(Box<CycleResult>),
-    /// Done.
+    /// The request was carried out.
     Done(String),
-    /// Not done, and why. Asking again does not help.
+    /// The request is refused, with the reason; a retry does not help.
     Refused(String),
-    /// Not done now; it may be later without anybody doing anything.
+    /// The request is not possible now; retry later.
     NotReady {
-        /// Where the cell is.
+        /// State of the cell.
         state: State,
-        /// Why not.
+        /// The reason.
         reason: String,
     },
 }
 
-/// In which state a cell is.
+/// State, current job and recipes of a cell.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StateReport {
-    /// As in OPC 40100-1.
+    /// State, as in OPC 40100-1.
     pub state: State,
-    /// Why it is in error.
+    /// Reason of the state `Error`.
     pub reason: Option<String>,
-    /// Whether it takes jobs: `run --serve`.
+    /// Whether the cell accepts jobs (`run --serve`).
     pub serves: bool,
-    /// The part that is being inspected.
+    /// The part of the current job.
     pub part: Option<String>,
-    /// The recipe of the job that runs.
+    /// The recipe of the current job.
     pub recipe: Option<String>,
-    /// All recipes, the first one being used where none is named.
+    /// All recipes; the first one is the default.
     pub recipes: Vec<RecipeReport>,
 }
 
-/// A recipe of a cell.
+/// State of a recipe.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecipeReport {
-    /// Name.
+    /// Name of the recipe.
     pub name: String,
     /// Whether it can be selected.
     pub prepared: bool,
 }
 
-/// What was done in the last cycles.
+/// Times of the last cycles and their activations.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Spans {
-    /// Every piece of work.
+    /// Activations, in the order of the outcomes.
     pub activations: Vec<SpanRow>,
-    /// The cycles from start to outcome.
+    /// Cycles, from start to outcome.
     pub cycles: Vec<TraceCycle>,
 }
 
-/// One activation as it was done.
+/// Times of one activation.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SpanRow {
-    /// Stage.
+    /// Name of the stage.
     pub stage: String,
-    /// What was done.
+    /// Label of the activation.
     pub name: String,
-    /// Cycle.
+    /// Cycle, counted from 0.
     pub cycle: u64,
-    /// Waiting before, ns.
+    /// Waiting before the start, ns.
     pub wait_ns: u64,
     /// Start on the machine's monotonic clock, ns.
     pub start_ns: u64,
     /// End, ns.
     pub end_ns: u64,
-    /// Handing over, part of the time between start and end, ns.
+    /// Sending, part of the time between start and end, ns.
     pub send_ns: u64,
 }
 
-/// How a cell is.
+/// Status of a cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Status {
-    /// Name.
+    /// Name of the cell.
     pub cell: String,
-    /// Process of the supervisor.
+    /// Process id of the supervisor.
     pub pid: u32,
-    /// As in OPC 40100-1.
+    /// State, as in OPC 40100-1.
     pub state: State,
-    /// Why it is in error.
+    /// Reason of the state `Error`.
     pub reason: Option<String>,
-    /// The cycle that runs; of several in flight the oldest.
+    /// The oldest cycle in progress, counted from 0.
     pub cycle: Option<u64>,
-    /// All cycles in flight, the oldest first.
+    /// All cycles in progress, the oldest first.
     pub running: Vec<u64>,
-    /// Cycles with an outcome.
+    /// Number of cycles with an outcome.
     pub cycles_done: u64,
-    /// Of these, ok.
+    /// Number of cycles that are ok.
     pub cycles_ok: u64,
-    /// Cycles asked for; absent: until stopped.
+    /// Number of cycles requested; absent: until stopped.
     pub cycles_requested: Option<u64>,
-    /// Of the last cycles; absent before the second one.
+    /// Rate of the last cycles; absent before the second one.
     pub cycles_per_minute: Option<f64>,
-    /// Cycles by what became of them.
+    /// Number of cycles by outcome.
     pub outcomes: Outcomes,
-    /// Cycles that were not done within their deadline.
+    /// Number of cycles that exceeded their deadline.
     pub deadline_misses: u64,
-    /// From start to outcome, of the last cycles that were ok.
+    /// Duration from start to outcome, of the last cycles that are ok.
     pub cycle_time: Percentiles,
-    /// From the last frame to the verdict, of the same.
+    /// Duration from the last frame to the verdict, of the same cycles.
     pub latency: Percentiles,
-    /// The last cycle that was not ok, and why.
+    /// The last cycle that is not ok, counted from 0, and the reason.
     pub last_failure: Option<(u64, String)>,
-    /// In the order of the schedule.
+    /// Status of the stages, in the order of the schedule.
     pub stages: Vec<StageStatus>,
 }
 
-/// How a stage is.
+/// Status of a stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StageStatus {
-    /// Name.
+    /// Name of the stage.
     pub name: String,
-    /// Process, while there is one.
+    /// Process id, while the process exists.
     pub pid: Option<u32>,
-    /// `up`, `starting`, …
+    /// State of the process: `starting`, `up`, `waiting to restart`, `held` (failed too often) or `ended`.
     pub state: String,
-    /// Failures since the start of the cell.
+    /// Number of failures since the start of the cell.
     pub restarts: u32,
-    /// Since it last said anything, ms.
+    /// Time since its last message, ms.
     pub silent_ms: u64,
-    /// Cycles that `total` is the sum of.
+    /// Number of cycles in `total`.
     pub cycles: u64,
     /// Waiting for input, per cycle.
     pub wait: Percentiles,
     /// Computing, per cycle.
     pub compute: Percentiles,
-    /// Handing outputs over, per cycle.
+    /// Sending outputs, per cycle.
     pub send: Percentiles,
-    /// What it did and used since the start of the cell.
+    /// Work and resource use since the start of the cell.
     pub total: StageResult,
 }

@@ -1,32 +1,32 @@
-//! When a stage that ended is started again, and when the cell gives up. Pure.
+//! Restart policy: when a failed stage is started again, and when the cell gives up. Pure.
 
 use std::collections::VecDeque;
 
-/// First pause before a restart, ns: long enough for the kernel to free what the dead process held.
+/// First pause before a restart, ns: the kernel needs time to release the resources of the dead process.
 const FIRST_PAUSE_NS: u64 = 100_000_000;
 
-/// Longest pause, ns: an operator waits that long at most after the cause is gone.
+/// Longest pause before a restart, ns.
 const LONGEST_PAUSE_NS: u64 = 5_000_000_000;
 
-/// The policy of the config.
+/// Restart policy of the configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Policy {
-    /// Failures within the window that are answered by a restart; one more holds the stage.
+    /// Failures within the window that lead to a restart; one more and the cell gives up.
     pub restarts_max: u32,
-    /// The window, ns.
+    /// Length of the window, ns.
     pub window_ns: u64,
 }
 
-/// What to do with a stage that failed.
+/// What to do about a failed stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Verdict {
-    /// Start it again at this time.
+pub enum Decision {
+    /// Start it again at this time, ns.
     RestartAt(u64),
-    /// It failed too often; the cell cannot go on.
-    Hold,
+    /// It failed too often.
+    GiveUp,
 }
 
-/// The failures of one stage.
+/// Failures of one stage.
 #[derive(Debug, Clone)]
 pub struct Restarts {
     policy: Policy,
@@ -35,13 +35,13 @@ pub struct Restarts {
 }
 
 impl Restarts {
-    /// No failure yet.
+    /// A stage without failures.
     pub fn new(policy: Policy) -> Self {
         Self { policy, recent_ns: VecDeque::new(), total: 0 }
     }
 
-    /// Counts a failure and decides. The pause doubles with each failure that is still within the window.
-    pub fn failed(&mut self, now_ns: u64) -> Verdict {
+    /// Counts a failure and decides. The pause doubles with each failure within the window.
+    pub fn failed(&mut self, now_ns: u64) -> Decision {
         let begin_ns = now_ns.saturating_sub(self.policy.window_ns);
         while self.recent_ns.front().is_some_and(|&t| t < begin_ns) {
             self.recent_ns.pop_front();
@@ -50,23 +50,23 @@ impl Restarts {
         self.total = self.total.saturating_add(1);
         let failures = self.recent_ns.len() as u32;
         if failures > self.policy.restarts_max {
-            return Verdict::Hold;
+            return Decision::GiveUp;
         }
         let pause_ns = FIRST_PAUSE_NS.saturating_mul(1_u64 << (failures - 1).min(32)).min(LONGEST_PAUSE_NS);
-        Verdict::RestartAt(now_ns.saturating_add(pause_ns))
+        Decision::RestartAt(now_ns.saturating_add(pause_ns))
     }
 
-    /// Somebody removed the cause: the window begins anew.
-    pub fn forgive(&mut self) {
+    /// Clears the failures of the window, after an operator removed the cause.
+    pub fn clear(&mut self) {
         self.recent_ns.clear();
     }
 
-    /// Failures since the start of the cell.
+    /// Number of failures since the start of the cell.
     pub fn total(&self) -> u32 {
         self.total
     }
 
-    /// Failures within the window, as of the last one.
+    /// Number of failures within the window at the last failure.
     pub fn recent(&self) -> usize {
         self.recent_ns.len()
     }
@@ -81,28 +81,28 @@ mod tests {
     const POLICY: Policy = Policy { restarts_max: 5, window_ns: 60 * SECOND };
 
     #[test]
-    fn pauses_double_up_to_a_limit_and_then_the_stage_is_held() {
+    fn pauses_double_up_to_a_limit_and_then_the_cell_gives_up() {
         let mut restarts = Restarts::new(Policy { restarts_max: 8, ..POLICY });
-        let pauses: Vec<Verdict> = (0..9).map(|_| restarts.failed(SECOND)).collect();
-        let at = |ms: u64| Verdict::RestartAt(SECOND + ms * 1_000_000);
+        let pauses: Vec<Decision> = (0..9).map(|_| restarts.failed(SECOND)).collect();
+        let at = |ms: u64| Decision::RestartAt(SECOND + ms * 1_000_000);
         let doubling = [100, 200, 400, 800, 1600, 3200, 5000, 5000].map(at);
         assert_eq!(pauses[..8], doubling);
-        assert_eq!(pauses[8], Verdict::Hold);
+        assert_eq!(pauses[8], Decision::GiveUp);
     }
 
     #[test]
-    fn failures_outside_of_the_window_are_forgiven() {
+    fn failures_outside_of_the_window_do_not_count() {
         let mut restarts = Restarts::new(POLICY);
         for i in 0..100 {
             let now = i * 20 * SECOND;
-            assert!(matches!(restarts.failed(now), Verdict::RestartAt(_)), "{i}");
+            assert!(matches!(restarts.failed(now), Decision::RestartAt(_)), "{i}");
         }
         assert_eq!(restarts.total(), 100);
     }
 
     #[test]
-    fn without_restarts_the_first_failure_holds() {
-        assert_eq!(Restarts::new(Policy { restarts_max: 0, ..POLICY }).failed(7), Verdict::Hold);
+    fn without_restarts_the_cell_gives_up_at_the_first_failure() {
+        assert_eq!(Restarts::new(Policy { restarts_max: 0, ..POLICY }).failed(7), Decision::GiveUp);
     }
 
     proptest! {
@@ -119,8 +119,8 @@ mod tests {
             for gap in gaps {
                 now_ns += gap;
                 match restarts.failed(now_ns) {
-                    Verdict::Hold => break,
-                    Verdict::RestartAt(at) => {
+                    Decision::GiveUp => break,
+                    Decision::RestartAt(at) => {
                         prop_assert!(at > now_ns && at <= now_ns + LONGEST_PAUSE_NS);
                         granted.push(now_ns);
                         let in_window =

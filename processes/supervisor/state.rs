@@ -1,21 +1,21 @@
-//! The supervisor at work: moves messages between its pure modules and the world.
+//! State of the supervisor; passes messages and events to the pure modules and carries out their actions.
 
-use super::children::{Life, StageProcess};
 use super::collect::Collector;
+use super::command_socket::{self, Call};
 use super::cycle::{Action, Cycles, Input};
-use super::desk::Desk;
+use super::cycle_recorder::CycleRecorder;
 use super::history::{self, History};
-use super::http;
-use super::keep::Keeper;
+use super::job_controller::JobController;
+use super::metrics_endpoint;
 use super::profile::Profile;
-use super::socket::{self, Call};
-use super::start::{self, Orders};
-use super::watch::Watch;
+use super::setup::{self, RunOptions};
+use super::snapshot::Snapshot;
+use super::stage_process::{ProcessState, StageProcess};
 use crate::cycle_number::{unwire, wire};
 use crate::graph::Cell;
 use crate::judgement::Judgement;
-use crate::print;
 use crate::schedule::{Half, Interval, Order, SUPERVISOR, label, violation};
+use crate::terminal;
 use anyhow::Result;
 use crossbeam::channel::{Receiver, bounded};
 use files::result::CycleResult;
@@ -25,163 +25,163 @@ use ipc::error::MessageError;
 use ipc::header::{Command, Control, Event, EventKind, Outcome};
 use ipc::os::now_ns;
 use ipc::payload;
-use ipc::port::{Bell, Held, Node, Publisher, Subscriber};
-use ipc::turn::Turns;
+use ipc::port::{Listener, Node, Publisher, ServiceHandle, Subscriber};
+use ipc::sequence::SequenceGates;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-/// How often children, limits and the socket are looked at when nobody rings.
+/// How often stages, time limits and requests are checked without a notification.
 pub(super) const TICK: Duration = Duration::from_millis(20);
 
-/// How long a command may wait for room in front of a stage. Sixteen of them only wait in front of a hung one, which is
-/// killed anyway.
+/// Longest wait for a stage whose command buffer is full. Only a hung stage has one, and it is killed anyway.
 const COMMAND_PATIENCE: Duration = Duration::from_millis(50);
 
-/// Requests that may wait for the next look: more than clients can be connected, since each waits for its answer.
-const WAITING_CALLS: usize = 64;
+/// Requests that may be queued: more than there are clients, since each client waits for its answer.
+const QUEUED_CALLS: usize = 64;
 
-/// What a run leaves.
+/// The end of a run: counts, and the data for its files.
 pub struct Summary {
-    /// Results that were not ok, and the last one: enough for an exit code.
+    /// Cycles that are not ok.
     pub not_ok: u64,
-    /// Cycles whose verdict is not pass although the plan asks for one.
+    /// Cycles with a plan whose verdict is not pass.
     pub not_pass: u64,
-    /// Whether the operator ended it.
+    /// Whether an operator stopped the run.
     pub stopped: bool,
-    /// Why the cell gave up.
-    pub held: Option<String>,
-    /// When the last cycles ran and what was done in them.
+    /// Why the cell gave up, if it did.
+    pub gave_up: Option<String>,
+    /// Times of the last cycles and their activations.
     pub history: History,
-    /// What was seen of the last cycle.
-    pub watch: Option<Watch>,
-    /// Cycles that are missing in the cycle record, and why.
+    /// Images, phase maps and cloud of the last cycle.
+    pub snapshot: Option<Snapshot>,
+    /// Why cycles are missing in the cycle record.
     pub unrecorded: Option<anyhow::Error>,
     // Dropped last, in this order: the ports above before the node, the node before the folder.
     _ports: Ports,
 }
 
-/// What keeps the shared memory alive.
+/// Keeps the shared memory alive.
 pub(super) struct Ports {
-    _held: Vec<Held>,
+    _services: Vec<ServiceHandle>,
     pub(super) node: Node,
     _lock: CellLock,
 }
 
-/// The supervisor at work.
+/// The supervisor of a running cell.
 pub(super) struct Supervisor<'a> {
     pub(super) cell: &'a Cell,
     pub(super) control: Publisher<Control>,
     pub(super) events: Subscriber<Event>,
     pub(super) results: Subscriber<Outcome>,
-    pub(super) bell: Bell,
-    pub(super) watch: Option<Watch>,
-    pub(super) keeper: Option<Keeper>,
-    pub(super) children: Vec<StageProcess>,
+    pub(super) listener: Listener,
+    pub(super) snapshot: Option<Snapshot>,
+    pub(super) recorder: Option<CycleRecorder>,
+    pub(super) stages: Vec<StageProcess>,
     pub(super) cycles: Cycles,
     /// Number of the last connect command.
     pub(super) epoch: u64,
     pub(super) connecting: bool,
-    /// When that command was given, ns.
+    /// Time of that command, ns.
     pub(super) connect_ns: Option<u64>,
-    /// Of the cycles that run, by cycle.
+    /// Reports of the cycles in progress, by cycle.
     collectors: BTreeMap<u64, Collector>,
     pub(super) order: Order,
-    pub(super) turns: Turns,
+    pub(super) gates: SequenceGates,
     pub(super) requests: Receiver<Call>,
     pub(super) interrupted: Arc<AtomicBool>,
     pub(super) history: History,
     pub(super) requested: Option<u64>,
     pub(super) tally: Tally,
     pub(super) profile: Profile,
-    pub(super) desk: Desk,
-    /// Whether all stages were ready when it was last asked.
+    pub(super) jobs: JobController,
+    /// Whether all stages were ready at the last check.
     pub(super) was_ready: bool,
     pub(super) ports: Ports,
 }
 
-/// What is counted of a run.
+/// Counts of a run.
 #[derive(Debug, Default)]
 pub(super) struct Tally {
     pub(super) done: u64,
     pub(super) ok: u64,
     not_pass: u64,
     pub(super) stopped: bool,
-    pub(super) held: Option<String>,
-    /// The last cycle that was not ok, and why.
+    pub(super) gave_up: Option<String>,
+    /// The last cycle that is not ok, and the reason.
     pub(super) last_failure: Option<(u64, String)>,
 }
 
 impl<'a> Supervisor<'a> {
-    /// Makes the shared memory and the ports; no stage runs yet.
-    pub(super) fn new(cell: &'a Cell, orders: &Orders, interrupted: Arc<AtomicBool>) -> Result<Self> {
+    /// Creates the shared memory and the ports; no stage runs yet.
+    pub(super) fn new(cell: &'a Cell, options: &RunOptions, interrupted: Arc<AtomicBool>) -> Result<Self> {
         let name = CellName::new(&cell.name)?;
         let lock = CellLock::take(&name)?;
         lock.check_space(cell.schedule.memory_bytes())?;
         let node = Node::join(&name, SUPERVISOR)?;
-        let mut held =
-            cell.schedule.topics.iter().map(|t| start::create(&node, t)).collect::<Result<Vec<_>, _>>()?;
+        let mut services =
+            cell.schedule.topics.iter().map(|t| setup::create(&node, t)).collect::<Result<Vec<_>, _>>()?;
         for owner in cell.schedule.stages.iter().map(|s| s.name.as_str()).chain([SUPERVISOR]) {
-            held.push(node.create_bell(owner)?);
+            services.push(node.create_notification(owner)?);
         }
-        let (calls, requests) = bounded(WAITING_CALLS);
-        socket::listen(&name.socket(), calls.clone())?;
-        if let Some(address) = orders.metrics {
-            let address = http::listen(address, calls)?;
-            print::say(&format!("metrics at http://{address}/metrics"));
+        let (calls, requests) = bounded(QUEUED_CALLS);
+        command_socket::listen(&name.socket(), calls.clone())?;
+        if let Some(address) = options.metrics {
+            let address = metrics_endpoint::listen(address, calls)?;
+            terminal::print_line(&format!("metrics at http://{address}/metrics"));
         }
         let order = Order::new(&cell.schedule);
-        let stages: Vec<String> = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
-        let watch = cell.graph.watch.then(|| Watch::new(&node, cell)).transpose()?;
-        let keeper = orders.cycle_record.as_ref().map(|path| Keeper::new(path, cell, &node)).transpose()?;
+        let names: Vec<String> = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
+        let snapshot = cell.graph.watch.then(|| Snapshot::new(&node, cell)).transpose()?;
+        let recorder =
+            options.cycle_record.as_ref().map(|path| CycleRecorder::new(path, cell, &node)).transpose()?;
         Ok(Self {
-            control: node.publisher("control", 1, &stages, COMMAND_PATIENCE)?,
+            control: node.publisher("control", 1, &names, COMMAND_PATIENCE)?,
             events: node.subscriber("event")?,
             results: node.subscriber("result")?,
-            bell: node.bell(SUPERVISOR)?,
-            watch,
-            keeper,
-            children: start::children(cell, orders),
-            cycles: start::machine(cell, orders),
+            listener: node.listener(SUPERVISOR)?,
+            snapshot,
+            recorder,
+            stages: setup::stages(cell, options),
+            cycles: setup::machine(cell, options),
             epoch: 0,
             connecting: false,
             connect_ns: None,
             collectors: BTreeMap::new(),
-            turns: Turns::create(&name, order.lanes.len())?,
+            gates: SequenceGates::create(&name, order.lanes.len())?,
             order,
             requests,
             interrupted,
             history: History::default(),
-            requested: orders.cycles,
+            requested: options.cycles,
             tally: Tally::default(),
             was_ready: false,
-            desk: Desk::new(cell.recipes.iter().map(|r| r.name.clone()).collect(), orders.serve),
-            profile: Profile::new(&stages, start::millis(cell.config.limits.cycle_deadline_ms))?,
-            ports: Ports { _held: held, node, _lock: lock },
+            jobs: JobController::new(cell.recipes.iter().map(|r| r.name.clone()).collect(), options.serve),
+            profile: Profile::new(&names, setup::ns_of_ms(cell.config.limits.cycle_deadline_ms))?,
+            ports: Ports { _services: services, node, _lock: lock },
             cell,
         })
     }
 
-    /// Gives an input to the cycles and does what they want.
-    pub(super) fn feed(&mut self, input: Input, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
+    /// Passes an input to the state machine of the cycles and carries out its actions.
+    pub(super) fn step(&mut self, input: Input, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         for action in self.cycles.handle(now_ns(), input) {
             match action {
                 Action::Start(cycle) => {
                     self.collectors.insert(cycle, Collector::default());
-                    if let Some(keeper) = &mut self.keeper {
-                        keeper.begin(cycle);
+                    if let Some(recorder) = &mut self.recorder {
+                        recorder.begin(cycle);
                     }
-                    self.turns.begin(self.lanes(|half| half != Some(Half::Evaluation)), wire(cycle));
+                    self.gates.reset(self.lanes(|half| half != Some(Half::Evaluation)), wire(cycle));
                     self.profile.begin(cycle, now_ns());
                     self.command(Command::Start, wire(cycle))?;
                 }
                 Action::Evaluate(cycle) => {
-                    self.turns.begin(self.lanes(|half| half == Some(Half::Evaluation)), wire(cycle));
+                    self.gates.reset(self.lanes(|half| half == Some(Half::Evaluation)), wire(cycle));
                     self.command(Command::Evaluate, wire(cycle))?;
                 }
                 Action::Abort(cycle) => self.command(Command::Abort, wire(cycle))?,
-                Action::Kill { stage, reason } => self.children[stage].kill(&reason),
+                Action::Kill { stage, reason } => self.stages[stage].kill(&reason),
                 Action::Outcome { cycle, result } => self.conclude(cycle, &result, each)?,
                 Action::Finished => {}
             }
@@ -189,7 +189,7 @@ impl<'a> Supervisor<'a> {
         Ok(())
     }
 
-    /// The lanes whose half of the cycle it is.
+    /// Indices of the lanes of one half of the cycle.
     fn lanes(&self, which: fn(Option<Half>) -> bool) -> impl Iterator<Item = usize> {
         self.order
             .lanes
@@ -206,15 +206,15 @@ impl<'a> Supervisor<'a> {
         each: &mut dyn FnMut(&CycleResult),
     ) -> Result<()> {
         let collector = self.collectors.remove(&cycle).unwrap_or_default();
-        let trusted = || self.in_order(&collector).and_then(|()| collector.check_result(&self.cell.schedule));
-        let outcome = &outcome.clone().and_then(|()| trusted());
-        if let Some(watch) = &mut self.watch {
-            watch.look()?;
-            watch.ended(wire(cycle), outcome.is_ok());
+        let checked = || self.in_order(&collector).and_then(|()| collector.check_result(&self.cell.schedule));
+        let outcome = &outcome.clone().and_then(|()| checked());
+        if let Some(snapshot) = &mut self.snapshot {
+            snapshot.update()?;
+            snapshot.end_cycle(wire(cycle), outcome.is_ok());
         }
         let mut result = collector.result(self.cell, cycle, outcome);
-        if let Some(keeper) = &mut self.keeper {
-            keeper.end(self.cell, &result, self.desk.recipe(), collector.events())?;
+        if let Some(recorder) = &mut self.recorder {
+            recorder.end(self.cell, &result, self.jobs.recipe(), collector.events())?;
         }
         let end_ns = now_ns();
         let duration_ns = self.profile.end(&result, end_ns);
@@ -222,8 +222,8 @@ impl<'a> Supervisor<'a> {
         if let Some(duration_ns) = duration_ns {
             result.more.insert("duration_ns".into(), duration_ns.into());
         }
-        let plan = self.cell.recipes.get(self.desk.recipe()).and_then(|recipe| recipe.plan.as_ref());
-        self.desk.mark(&mut result);
+        let plan = self.cell.recipes.get(self.jobs.recipe()).and_then(|recipe| recipe.plan.as_ref());
+        self.jobs.annotate(&mut result);
         if let Some(duration_ns) = duration_ns {
             self.history.add(history::ended(&result, end_ns, duration_ns), collector.spans(cycle));
         }
@@ -235,11 +235,11 @@ impl<'a> Supervisor<'a> {
         let pass = result.verdict == Some(files::result::ResultVerdict::Pass);
         self.tally.not_pass += u64::from(outcome.is_ok() && plan.is_some() && !pass);
         each(&result);
-        let next = self.desk.concluded(&result);
-        self.act(next, each)
+        let next = self.jobs.cycle_ended(&result);
+        self.apply(next, each)
     }
 
-    /// A result whose making stood against the schedule is none.
+    /// Refuses a result whose activations did not run in the order of the schedule.
     fn in_order(&self, collector: &Collector) -> Result<(), String> {
         let trace: Vec<Interval> = collector.intervals().collect();
         let Some((before, after)) = violation(&self.cell.schedule, &self.order, &trace) else {
@@ -250,24 +250,24 @@ impl<'a> Supervisor<'a> {
             let stage = &self.cell.schedule.stages[activation.stage].name;
             format!("\"{}\" of {stage}", label(&self.cell.graph, activation.work))
         };
-        Err(format!("out of schedule: {} began before {}", name(after), name(before)))
+        Err(format!("schedule violated: {} started before {} ended", name(after), name(before)))
     }
 
     pub(super) fn command(&self, command: Command, number: u64) -> Result<()> {
-        let recipe = self.desk.recipe() as u32;
+        let recipe = self.jobs.recipe() as u32;
         match self.control.send(Control { recipe, ..Control::new(command, number) }, &[]) {
-            // A stage that is down or hung misses it; its end is noticed apart.
+            // A stage that is down or hung misses the command; its end is detected elsewhere.
             Err(IpcError::NotReached { .. } | IpcError::Full { .. }) => Ok(()),
             other => Ok(other?),
         }
     }
 
-    /// Takes messages. One that contradicts itself ends the cycle: nobody knows what else its sender got wrong.
-    pub(super) fn hear(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
+    /// Handles all queued messages. An invalid message ends the cycle: its sender cannot be trusted.
+    pub(super) fn drain(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         match self.take_messages(each) {
-            Err(error) if is_lie(&error) => {
+            Err(error) if is_invalid_message(&error) => {
                 tracing::error!("{error:#}");
-                self.feed(Input::Distrust { reason: format!("{error:#}") }, each)
+                self.step(Input::InvalidMessage { reason: format!("{error:#}") }, each)
             }
             other => other,
         }
@@ -280,17 +280,17 @@ impl<'a> Supervisor<'a> {
             let Some(collector) = self.collectors.get_mut(&cycle) else { continue };
             let text = payload::text(header.text_bytes, message.payload())?;
             let judgement: Judgement = serde_json::from_str(text)?;
-            if let Some(keeper) = &self.keeper {
-                keeper.result(self.cell, header.cycle, text);
+            if let Some(recorder) = &self.recorder {
+                recorder.result(self.cell, header.cycle, text);
             }
             collector.judged(judgement, text, header.t_ns.saturating_sub(header.t_last_frame_ns));
-            self.feed(Input::Result { cycle }, each)?;
+            self.step(Input::Result { cycle }, each)?;
         }
-        if let Some(watch) = &mut self.watch {
-            watch.look()?;
+        if let Some(snapshot) = &mut self.snapshot {
+            snapshot.update()?;
         }
-        if let Some(keeper) = &mut self.keeper {
-            keeper.look(self.cell)?;
+        if let Some(recorder) = &mut self.recorder {
+            recorder.update(self.cell)?;
         }
         while let Some(message) = self.events.receive()? {
             let header = *message.header();
@@ -303,23 +303,23 @@ impl<'a> Supervisor<'a> {
 
     fn event(&mut self, event: Event, text: &str, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         let stage = event.stage as usize;
-        let Some(child) = self.children.get_mut(stage).filter(|c| c.pid() == Some(event.pid)) else {
-            return Ok(()); // the last words of a process that was replaced
+        let Some(child) = self.stages.get_mut(stage).filter(|c| c.pid() == Some(event.pid)) else {
+            return Ok(()); // a message of a process that was replaced
         };
-        child.heard_ns = now_ns();
+        child.last_message_ns = now_ns();
         match event.kind()? {
             EventKind::Ready if event.cycle == 0 => {
-                child.life = Life::Up;
+                child.state = ProcessState::Up;
                 self.connecting = true;
                 Ok(())
             }
-            EventKind::Ready if event.cycle == self.epoch => self.feed(Input::Ready { stage }, each),
+            EventKind::Ready if event.cycle == self.epoch => self.step(Input::Ready { stage }, each),
             EventKind::Ready => Ok(()),
             EventKind::Failed => {
                 if let Some(cycle) = unwire(event.cycle) {
-                    return self.feed(Input::Failed { stage, cycle, reason: text.to_owned() }, each);
+                    return self.step(Input::Failed { stage, cycle, reason: text.to_owned() }, each);
                 }
-                child.last_words = Some(text.to_owned());
+                child.final_message = Some(text.to_owned());
                 Ok(())
             }
             EventKind::Done => {
@@ -327,29 +327,29 @@ impl<'a> Supervisor<'a> {
                 if let Some(collector) = self.collectors.get_mut(&cycle) {
                     collector.done(event, text);
                 }
-                self.feed(Input::Done { stage, cycle, activation: event.activation as usize }, each)
+                self.step(Input::Done { stage, cycle, activation: event.activation as usize }, each)
             }
         }
     }
 
-    /// What the run leaves.
+    /// The summary of the run.
     pub(super) fn summary(mut self) -> Summary {
-        let unrecorded = self.keeper.as_mut().and_then(|keeper| keeper.finish().err());
+        let unrecorded = self.recorder.as_mut().and_then(|recorder| recorder.finish().err());
         Summary {
             unrecorded,
             not_ok: self.tally.done - self.tally.ok,
             not_pass: self.tally.not_pass,
             stopped: self.tally.stopped,
-            held: self.tally.held,
+            gave_up: self.tally.gave_up,
             history: self.history,
-            watch: self.watch,
+            snapshot: self.snapshot,
             _ports: self.ports,
         }
     }
 }
 
-/// Whether the sender of a message is to blame, and not the machine.
-fn is_lie(error: &anyhow::Error) -> bool {
+/// Whether the error is an invalid message rather than a problem of the machine.
+fn is_invalid_message(error: &anyhow::Error) -> bool {
     error.is::<MessageError>()
         || error.is::<serde_json::Error>()
         || matches!(error.downcast_ref(), Some(IpcError::Message { .. }))

@@ -1,127 +1,127 @@
-//! What can go wrong between two processes.
+//! Errors of the communication between processes.
 
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// A failure of shared memory, of a peer, or of the place where the cell lives.
+/// An error of shared memory, of another process, or of the runtime folder of a cell.
 #[derive(Debug, Error)]
 pub enum IpcError {
-    /// The name cannot stand in a path or a service name.
+    /// The name cannot be part of a path or a service name.
     #[error("cell name \"{0}\": use 1 to 32 of a–z, 0–9, '-' and '_', beginning with a letter or digit")]
     CellName(String),
-    /// Another supervisor holds the lock.
+    /// Another supervisor runs this cell.
     #[error(
-        "cell '{cell}' is already running, pid {pid}; stop it with `fringecell stop --cell {cell}`, or name this one differently"
+        "cell '{cell}' is already running, pid {pid}; stop it with `fringecell stop --cell {cell}`, or choose another name with --cell"
     )]
     Running {
-        /// The cell.
+        /// Name of the cell.
         cell: String,
-        /// Its supervisor.
+        /// Process id of its supervisor.
         pid: String,
     },
-    /// A file of the runtime root cannot be used.
+    /// A file of the runtime folder cannot be used.
     #[error("{path}: {action} failed")]
     File {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What was tried.
+        /// The operation, as "opening".
         action: &'static str,
-        /// Why it failed.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// The messages of the schedule do not fit in shared memory.
+    /// The buffers of the schedule do not fit in shared memory.
     #[error(
         "/dev/shm has {free_mb} MB free, the buffers of this cell need up to {needed_mb} MB; enlarge it (docker run --shm-size, mount -o remount,size=…) or reduce the image size"
     )]
     Space {
-        /// Free now.
+        /// Free space, MB.
         free_mb: u64,
-        /// Worst case of the schedule.
+        /// Space for all buffers of the schedule, MB.
         needed_mb: u64,
     },
-    /// iceoryx2 refused.
+    /// iceoryx2 reported an error.
     #[error("{what} \"{name}\": {reason}")]
     Service {
-        /// What was tried.
+        /// The operation.
         what: &'static str,
-        /// Topic, bell or node.
+        /// Name of the topic, of the process that is notified, or of the node.
         name: String,
-        /// iceoryx2's word for it.
+        /// The error of iceoryx2.
         reason: String,
     },
-    /// Fewer receivers than the topology has.
-    #[error("\"{topic}\" reached {reached} of {expected} receivers")]
+    /// Some receivers of the schedule did not get a message.
+    #[error("a message on \"{topic}\" reached {reached} of {expected} receivers")]
     NotReached {
         /// Topic.
         topic: String,
-        /// How many got it.
+        /// Receivers that got the message.
         reached: usize,
-        /// How many should.
+        /// Receivers in the schedule.
         expected: usize,
     },
-    /// A receiver did not make room.
+    /// The buffer of a receiver stayed full.
     #[error("\"{topic}\": a receiver's buffer of {buffer} messages stayed full for {waited_ms} ms")]
     Full {
         /// Topic.
         topic: String,
-        /// Messages the buffer holds.
+        /// Capacity of the buffer, messages.
         buffer: usize,
-        /// How long the sender waited.
+        /// Time that the sender waited, ms.
         waited_ms: u64,
     },
-    /// A header that contradicts its payload or the schedule.
-    #[error("message on \"{topic}\" is not credible")]
+    /// A message whose header contradicts its payload or the schedule.
+    #[error("invalid message on \"{topic}\"")]
     Message {
         /// Topic.
         topic: String,
-        /// What contradicts.
+        /// The contradiction.
         source: MessageError,
     },
 }
 
 impl IpcError {
-    /// iceoryx2 refused `what` for `name`.
+    /// The operation `what` failed for `name`.
     pub(crate) fn service(what: &'static str, name: &str, reason: impl std::fmt::Debug) -> Self {
         Self::Service { what, name: name.to_owned(), reason: format!("{reason:?}") }
     }
 }
 
-/// What contradicts in a message.
+/// Why a message is invalid.
 #[derive(Debug, Error, Clone, PartialEq, Eq)]
 pub enum MessageError {
-    /// Payload and header disagree.
-    #[error("the header announces {announced} bytes, the payload has {present}")]
+    /// The payload does not have the length of the header.
+    #[error("the header states {announced} bytes, the payload has {present}")]
     Length {
-        /// By the header.
+        /// Length stated by the header, bytes.
         announced: usize,
-        /// In shared memory.
+        /// Length of the payload, bytes.
         present: usize,
     },
-    /// Sizes whose product does not fit.
-    #[error("the sizes {0} × {1} overflow")]
+    /// Width and height whose product overflows.
+    #[error("the size {0} × {1} overflows")]
     Overflow(u64, u64),
-    /// A number outside its set.
-    #[error("{key} = {value} is not one of {allowed}")]
+    /// A field has a value that is not allowed.
+    #[error("{key} = {value} is not allowed; allowed: {allowed}")]
     Value {
-        /// Field of the header.
+        /// Name of the field.
         key: &'static str,
         /// Its value.
         value: u64,
-        /// What it may be.
+        /// The allowed values.
         allowed: &'static str,
     },
-    /// More used than there is.
-    #[error("{used} points in a payload for {capacity}")]
+    /// More points or bytes than the payload has.
+    #[error("the header states {used} points or bytes, the payload has {capacity}")]
     Count {
-        /// Said to be used.
+        /// Number stated by the header.
         used: u64,
-        /// Room.
+        /// Capacity of the payload.
         capacity: u64,
     },
-    /// The payload does not start where its numbers need it.
-    #[error("the payload is not aligned for its numbers")]
+    /// The payload is not aligned for its element type.
+    #[error("the payload is not aligned for its element type")]
     Alignment,
-    /// Not text.
+    /// The text is not UTF-8.
     #[error("the text is not UTF-8")]
     Text,
 }

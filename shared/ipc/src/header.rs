@@ -1,8 +1,9 @@
-//! What lies in front of each payload.
+//! Message headers.
 //!
-//! Every header is plain numbers, aligned to a cache line: the payload behind it is then aligned to 64 bytes as well,
-//! without the 64-fold segment that `payload_alignment` would make of a byte slice.
-//! Indices count in the order of the config: cameras, projectors and pairs of the rig, activations of the schedule.
+//! Every header consists of plain numbers and is aligned to a cache line. The payload behind it is then aligned to 64 bytes
+//! as well; `payload_alignment` would need a segment 64 times as large for a byte slice.
+//! Indices follow the order of the configuration for cameras and projectors, of the rig for pairs, of the schedule for
+//! activations.
 
 use crate::error::MessageError;
 use fringe::cloud::Point;
@@ -19,7 +20,7 @@ pub const MAX_RESULT_BYTES: usize = 1 << 20;
 /// Bytes per pixel of a phase map: phase, sigma, modulation as f32, validity as u8.
 pub const PHASE_BYTES_PER_PX: usize = 13;
 
-/// A header tells its cycle and how long its payload has to be.
+/// What every header states: its cycle and the length of its payload.
 pub trait Header: ZeroCopySend + std::fmt::Debug + Clone + Copy + Default + 'static {
     /// The cycle that the message belongs to.
     fn cycle(&self) -> u64;
@@ -27,50 +28,50 @@ pub trait Header: ZeroCopySend + std::fmt::Debug + Clone + Copy + Default + 'sta
     /// Length of the payload that belongs to this header, bytes.
     ///
     /// # Errors
-    /// A header that no payload can satisfy.
+    /// A header with impossible sizes.
     fn payload_bytes(&self) -> Result<usize, MessageError>;
 }
 
-/// Supervisor to all stages. No payload.
+/// Command of the supervisor to all stages. No payload.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
 #[repr(C)]
 #[repr(align(64))]
 #[type_name("fringecell.Control.2")]
 pub struct Control {
-    /// The cycle to start or abort; meaningless for shutdown.
+    /// Cycle to start or abort; number of the request for connect; unused for shutdown.
     pub cycle: u64,
     /// One of [`Command`].
     pub command: u32,
-    /// The recipe of the cycle to start, counted in the configuration.
+    /// Index of the recipe of the cycle to start, in the order of the configuration.
     pub recipe: u32,
 }
 
-/// What the supervisor wants.
+/// Commands of the supervisor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Command {
-    /// To the stages of the acquisition: begin the cycle; forget older ones.
+    /// To the acquisition stages: start the cycle and drop older ones.
     Start = 1,
-    /// Forget the cycle.
+    /// Drop the cycle.
     Abort = 2,
-    /// Leave.
+    /// End the process.
     Shutdown = 3,
-    /// Connect to senders and receivers that came since, then report ready with the same number as cycle.
+    /// Connect to senders and receivers that joined since, then report ready with the same number as cycle.
     Connect = 4,
-    /// To the stages of the evaluation: begin the cycle; forget older ones.
+    /// To the evaluation stages: start the cycle and drop older ones.
     Evaluate = 5,
 }
 
 impl Control {
-    /// A message.
+    /// A command for a cycle, with the first recipe.
     pub fn new(command: Command, cycle: u64) -> Self {
         Self { cycle, command: command as u32, recipe: 0 }
     }
 
-    /// What it wants.
+    /// The command.
     ///
     /// # Errors
-    /// [`MessageError::Value`] for a number that is no command.
+    /// [`MessageError::Value`] for an unknown number.
     pub fn command(&self) -> Result<Command, MessageError> {
         match self.command {
             1 => Ok(Command::Start),
@@ -95,7 +96,7 @@ impl Header for Control {
     }
 }
 
-/// Projection to capture: the pattern stands, expose. And back: exposed. No payload.
+/// Projection to capture: the pattern is shown, expose. Capture to projection: exposed. No payload.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
 #[repr(C)]
 #[repr(align(64))]
@@ -103,18 +104,18 @@ impl Header for Control {
 pub struct Trigger {
     /// Cycle.
     pub cycle: u64,
-    /// When the pattern stood, or the exposure ended (monotonic clock), ns.
+    /// Time when the pattern was shown or the exposure ended (monotonic clock), ns.
     pub t_ns: u64,
-    /// Which projector shows it.
+    /// Index of the projector.
     pub projector: u32,
     /// Frame number in the projector's sequence.
     pub frame: u32,
-    /// Which camera has exposed; [`Trigger::ALL`] on the way to the cameras.
+    /// Index of the camera that exposed; [`Trigger::ALL`] in a message to the cameras.
     pub camera: u32,
 }
 
 impl Trigger {
-    /// Every camera of the projector.
+    /// All cameras of the projector.
     pub const ALL: u32 = u32::MAX;
 }
 
@@ -138,19 +139,19 @@ pub struct Frame {
     pub cycle: u64,
     /// End of the exposure (monotonic clock), ns.
     pub t_ns: u64,
-    /// Which camera.
+    /// Index of the camera.
     pub camera: u32,
-    /// Which projector was lit.
+    /// Index of the projector that was on.
     pub projector: u32,
     /// Frame number in the projector's sequence.
     pub frame: u32,
-    /// Columns.
+    /// Width, px.
     pub width_px: u32,
-    /// Rows.
+    /// Height, px.
     pub height_px: u32,
-    /// 1 or 2.
+    /// Bytes per pixel, 1 or 2.
     pub bytes_per_px: u32,
-    /// Grey value of a full pixel.
+    /// Grey value of a saturated pixel, digital numbers.
     pub full_scale_dn: u32,
 }
 
@@ -179,26 +180,26 @@ impl Header for Frame {
 pub struct Phase {
     /// Cycle.
     pub cycle: u64,
-    /// End of the last exposure that it was made of, ns.
+    /// End of the last exposure used, ns.
     pub t_ns: u64,
-    /// Projector pixels per 2π.
+    /// Period of the finest fringes: projector pixels per 2π.
     pub period_px: f64,
-    /// Which camera.
+    /// Index of the camera.
     pub camera: u32,
-    /// Which projector was lit.
+    /// Index of the projector that was on.
     pub projector: u32,
     /// 0 along columns (x), 1 along rows (y).
     pub axis: u32,
-    /// Columns.
+    /// Width, px.
     pub width_px: u32,
-    /// Rows.
+    /// Height, px.
     pub height_px: u32,
-    /// Pixels that may be used.
+    /// Number of valid pixels.
     pub valid_count: u32,
 }
 
 impl Phase {
-    /// The number of an axis.
+    /// The number of an axis in a header.
     pub fn axis_number(axis: Axis) -> u32 {
         match axis {
             Axis::X => 0,
@@ -206,7 +207,7 @@ impl Phase {
         }
     }
 
-    /// Size, axis and period as the mathematics wants them.
+    /// Size, axis and period for `fringe`.
     ///
     /// # Errors
     /// [`MessageError::Value`] for an unknown axis.
@@ -230,7 +231,7 @@ impl Header for Phase {
     }
 }
 
-/// Points of one pair, or of the fused cloud.
+/// Points of one pair, or the fused cloud.
 #[derive(Debug, Clone, Copy, Default, PartialEq, ZeroCopySend)]
 #[repr(C)]
 #[repr(align(64))]
@@ -238,13 +239,13 @@ impl Header for Phase {
 pub struct Cloud {
     /// Cycle.
     pub cycle: u64,
-    /// End of the last exposure that it was made of, ns.
+    /// End of the last exposure used, ns.
     pub t_ns: u64,
-    /// Which pair; [`Cloud::FUSED`] for all of them.
+    /// Index of the pair; [`Cloud::FUSED`] for the fused cloud.
     pub pair: u32,
-    /// Points that the payload has room for.
+    /// Capacity of the payload, points.
     pub capacity: u32,
-    /// Points that are there.
+    /// Number of points in the payload.
     pub points: u32,
 }
 
@@ -279,9 +280,9 @@ pub struct Outcome {
     pub cycle: u64,
     /// End of the last exposure of the cycle, ns.
     pub t_last_frame_ns: u64,
-    /// When the verdict stood, ns.
+    /// Time of the verdict, ns.
     pub t_ns: u64,
-    /// Length of the JSON text.
+    /// Length of the JSON text, bytes.
     pub text_bytes: u32,
 }
 
@@ -295,7 +296,7 @@ impl Header for Outcome {
     }
 }
 
-/// Stage to supervisor: where it stands. The payload is a text, for a failure its reason.
+/// Report of a stage to the supervisor. The payload is a text: a report as JSON, or the reason of a failure.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
 #[repr(C)]
 #[repr(align(64))]
@@ -303,41 +304,41 @@ impl Header for Outcome {
 pub struct Event {
     /// Cycle; 0 outside of cycles.
     pub cycle: u64,
-    /// Hash of what the activation gave (xxh3, 128 bits), high half.
+    /// Hash of the output of the activation (xxh3, 128 bits), high half.
     pub hash_high: u64,
-    /// Low half.
+    /// Low half of the hash.
     pub hash_low: u64,
-    /// Start of the activation's work, ns.
+    /// Start of the activation, ns.
     pub start_ns: u64,
-    /// End of it, ns.
+    /// End of the activation, ns.
     pub end_ns: u64,
-    /// How long the stage waited for the input before, ns.
+    /// Time that the stage waited for its inputs, ns.
     pub wait_ns: u64,
-    /// Bytes that it gave.
+    /// Size of the output, bytes.
     pub bytes: u64,
-    /// Of the time from start to end: handing outputs over, waiting for room included, ns.
+    /// Part of the time from start to end for sending, including waiting for full buffers, ns.
     pub send_ns: u64,
-    /// Processor time of the whole process since its last report, ns.
+    /// Processor time of all threads of the process since its last report, ns.
     pub cpu_ns: u64,
-    /// Which stage, counted in the schedule.
+    /// Index of the stage in the schedule.
     pub stage: u32,
     /// One of [`EventKind`].
     pub kind: u32,
-    /// Which activation of the schedule.
+    /// Index of the activation in the schedule.
     pub activation: u32,
-    /// Length of the text.
+    /// Length of the text, bytes.
     pub text_bytes: u32,
-    /// Process that sent it: an event of a dead predecessor is then known as such.
+    /// Process id of the sender: identifies events of a stage that was replaced since.
     pub pid: u32,
-    /// A count that goes with the activation: valid pixels, points; stale messages for a failure.
+    /// Valid pixels or points of the output; for a failure, the stale messages so far.
     pub count: u32,
-    /// Page faults without disk since the last report.
+    /// Page faults without disk access since the last report.
     pub minor_faults: u32,
-    /// Page faults with disk since the last report.
+    /// Page faults with disk access since the last report.
     pub major_faults: u32,
-    /// Context switches by waiting since the last report.
+    /// Voluntary context switches (waiting) since the last report.
     pub voluntary_switches: u32,
-    /// Context switches against its will since the last report.
+    /// Involuntary context switches since the last report.
     pub involuntary_switches: u32,
     /// Heap allocations since the last report; counted only in builds with the feature `count-allocations`.
     pub allocations: u32,
@@ -345,23 +346,23 @@ pub struct Event {
     pub messages: u32,
 }
 
-/// What happened.
+/// Kinds of events.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum EventKind {
-    /// All ports stand, the driver works; the cycle field answers the last [`Command::Connect`], 0 at first.
+    /// All ports exist and the driver works. The cycle field repeats the number of [`Command::Connect`]; 0 after the start.
     Ready = 1,
     /// An activation is done.
     Done = 2,
-    /// The cycle cannot be finished; the text says why.
+    /// The cycle cannot be completed; the text gives the reason.
     Failed = 3,
 }
 
 impl Event {
-    /// What happened.
+    /// The kind.
     ///
     /// # Errors
-    /// [`MessageError::Value`] for a number that is no kind.
+    /// [`MessageError::Value`] for an unknown number.
     pub fn kind(&self) -> Result<EventKind, MessageError> {
         match self.kind {
             1 => Ok(EventKind::Ready),
@@ -393,7 +394,7 @@ fn area(width_px: u32, height_px: u32, bytes_per_px: usize) -> Result<usize, Mes
         .ok_or(MessageError::Overflow(width_px.into(), height_px.into()))
 }
 
-/// A text travels in at least one byte, since an empty payload cannot be loaned.
+/// A text has a payload of at least one byte: an empty payload cannot be loaned.
 fn text_length(text_bytes: u32, limit: usize) -> Result<usize, MessageError> {
     if text_bytes as usize > limit {
         return Err(MessageError::Count { used: text_bytes.into(), capacity: limit as u64 });

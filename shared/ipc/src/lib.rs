@@ -1,15 +1,17 @@
 //! Shared memory between the processes of a cell: frames, phase maps and clouds as loaned samples with typed headers.
 //!
-//! [`port`] is the only room that speaks to iceoryx2; [`header`] says what lies in front of each payload and [`payload`]
-//! turns bytes into the views of `fringe` after checking that the header does not lie. [`cell`] is the private place of
-//! a cell in the machine: its lock, its files, its share of `/dev/shm`. [`os`] holds the few calls to the kernel, [`turn`]
-//! the order of work on each core.
+//! - [`port`]: nodes, topics and notifications; the only module that uses iceoryx2.
+//! - [`header`]: the header in front of each payload.
+//! - [`payload`]: typed views of payload bytes, after a check that header and payload agree.
+//! - [`cell`]: the runtime folder of a cell: its lock, its files, its part of `/dev/shm`.
+//! - [`sequence`]: the order of the activations on each core.
+//! - [`os`]: system calls that the standard library does not offer.
 //!
-//! # Rules of the traffic
-//! - Lossless: a full buffer holds the sender up to a deadline, then the send fails; nothing is overwritten or dropped.
-//! - Nobody polls: each process sleeps on one [`port::Bell`], and whoever sends to it rings.
-//! - The supervisor creates every service before a stage starts; a stage only opens. A stage killed in the middle of
-//!   its start can then never leave a half-born service behind.
+//! # Transport rules
+//! - Lossless: a full buffer blocks the sender up to a deadline; then the send fails. No message is overwritten or dropped.
+//! - No polling: each process sleeps on one [`port::Listener`], and whoever sends to it notifies it.
+//! - The supervisor creates every service before a stage starts; a stage only opens services. A stage that is killed during
+//!   its start therefore never leaves a half-created service.
 
 pub mod cell;
 pub mod error;
@@ -17,6 +19,6 @@ pub mod header;
 pub mod os;
 pub mod payload;
 pub mod port;
-pub mod turn;
+pub mod sequence;
 
 pub use error::IpcError;

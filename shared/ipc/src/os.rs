@@ -1,4 +1,4 @@
-//! The few calls to the kernel that the standard library does not have.
+//! System calls that the standard library does not offer.
 #![allow(unsafe_code)]
 
 use std::io;
@@ -12,23 +12,23 @@ pub fn now_ns() -> u64 {
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }
 
-/// What the kernel has counted of this process since its start, all its threads together.
+/// Resource use of this process since its start, all threads together.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Usage {
-    /// Processor time in user and kernel mode, ns (counted in µs).
+    /// Processor time in user and kernel mode, ns (resolution 1 µs).
     pub cpu_ns: u64,
-    /// Page faults served from memory.
+    /// Page faults without disk access.
     pub minor_faults: u64,
-    /// Page faults that waited for a disk.
+    /// Page faults with disk access.
     pub major_faults: u64,
-    /// Context switches because the process waited.
+    /// Context switches while waiting.
     pub voluntary_switches: u64,
-    /// Context switches because its time slice was over or somebody more urgent came.
+    /// Context switches at the end of a time slice or by a process of higher priority.
     pub involuntary_switches: u64,
 }
 
 impl Usage {
-    /// As of now.
+    /// The current values.
     pub fn now() -> Self {
         // SAFETY: an all-zero rusage is a valid value of that plain C struct.
         let mut usage: libc::rusage = unsafe { std::mem::zeroed() };
@@ -44,7 +44,7 @@ impl Usage {
         }
     }
 
-    /// What was added since an earlier count.
+    /// The increase since an earlier value.
     #[must_use]
     pub fn since(self, earlier: Self) -> Self {
         Self {
@@ -57,9 +57,8 @@ impl Usage {
     }
 }
 
-/// Keeps memory that was freed, to be used again, instead of giving it back to the kernel: a stage needs the same again in
-/// every cycle, and fresh memory costs a page fault per 4 kB. Only glibc gives such memory back early; elsewhere nothing is
-/// done.
+/// Makes the allocator keep freed memory instead of returning it to the kernel: a stage needs the same memory in every
+/// cycle, and new memory costs a page fault per 4 kB. Only glibc returns memory early; elsewhere this does nothing.
 pub fn keep_freed_memory() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     // SAFETY: mallopt takes two numbers and is called before other threads exist.
@@ -70,19 +69,19 @@ pub fn keep_freed_memory() {
     }
 }
 
-/// Fills the page tables of all mappings of shared memory whose path begins with `prefix`, so that the first message in
-/// each slot costs no page faults. Returns the bytes, 0 where the kernel is older than 5.14 and cannot.
+/// Populates the page tables of all mappings whose path begins with `prefix`, so that the first use of each message slot
+/// costs no page faults. Returns the bytes; 0 on kernels before 5.14, which do not support it.
 ///
 /// # Errors
-/// A /proc that cannot be read, or the kernel's refusal, for instance for want of memory.
+/// /proc cannot be read, or the kernel refuses, for instance without free memory.
 pub fn populate(prefix: &str) -> io::Result<u64> {
     let mut bytes = 0;
     for line in std::fs::read_to_string("/proc/self/maps")?.lines() {
         let Some(mapping) = Mapping::parse(line).filter(|m| m.path.starts_with(prefix)) else { continue };
-        // A reader must not write, and need not: its page tables are filled by reading.
+        // A read-only mapping is populated by reading.
         let advice = if mapping.writable { libc::MADV_POPULATE_WRITE } else { libc::MADV_POPULATE_READ };
-        // SAFETY: the range is a whole mapping of this process; populating changes no byte of it. Should another thread unmap it
-        // first, the call fails.
+        // SAFETY: the range is a whole mapping of this process; populating changes no byte. If another thread unmaps it first,
+        // the call fails.
         let code = unsafe { libc::madvise(mapping.start as *mut libc::c_void, mapping.length, advice) };
         if code == 0 {
             bytes += mapping.length as u64;
@@ -122,12 +121,12 @@ impl<'a> Mapping<'a> {
     }
 }
 
-/// Asks the kernel to kill this process when its parent dies, so that a killed supervisor leaves no orphan.
+/// Makes the kernel kill this process when its parent dies, so that a killed supervisor leaves no stages.
 ///
-/// Returns whether the parent still is `parent_pid`: it may have died before the call.
+/// Returns whether the parent still is `parent_pid`; it may have died before the call.
 ///
 /// # Errors
-/// The kernel's refusal.
+/// The kernel refuses.
 pub fn die_with_parent(parent_pid: u32) -> io::Result<bool> {
     // SAFETY: PR_SET_PDEATHSIG takes a signal number and touches no memory of ours.
     let code = unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL as libc::c_ulong, 0, 0, 0) };
@@ -137,17 +136,17 @@ pub fn die_with_parent(parent_pid: u32) -> io::Result<bool> {
     Ok(std::os::unix::process::parent_id() == parent_pid)
 }
 
-/// Lets this process end quietly when whoever read its output is gone (`| head`), as Unix programs do; Rust's start-up
-/// code has the write fail instead, and a print that fails panics. Not for processes that write to sockets.
-pub fn end_with_reader() {
+/// Makes this process end by SIGPIPE when the reader of its output closes (`| head`), as Unix programs do. Rust ignores
+/// SIGPIPE by default, and a failing print panics. Not for processes that write to sockets.
+pub fn restore_sigpipe() {
     // SAFETY: SIG_DFL is a valid disposition of SIGPIPE and no handler of ours is replaced.
     unsafe { libc::signal(libc::SIGPIPE, libc::SIG_DFL) };
 }
 
-/// Free bytes of a file system.
+/// Free space of a file system for unprivileged users, bytes.
 ///
 /// # Errors
-/// The kernel's, or a path with a zero byte.
+/// The kernel refuses, or the path contains a zero byte.
 pub fn free_bytes(path: &Path) -> io::Result<u64> {
     use std::os::unix::ffi::OsStrExt;
     let c_path = std::ffi::CString::new(path.as_os_str().as_bytes())?;
@@ -160,10 +159,10 @@ pub fn free_bytes(path: &Path) -> io::Result<u64> {
     Ok(stat.f_bavail.saturating_mul(stat.f_frsize))
 }
 
-/// Keeps this process on some processors. Threads that it starts later inherit them.
+/// Pins this thread, and threads that it starts later, to some processors.
 ///
 /// # Errors
-/// The kernel's refusal, for instance when none of the processors exists.
+/// The kernel refuses, for instance if none of the processors exists.
 pub fn pin(cores: &[usize]) -> io::Result<()> {
     // SAFETY: an all-zero cpu_set_t is the empty set.
     let mut set: libc::cpu_set_t = unsafe { std::mem::zeroed() };
@@ -178,10 +177,10 @@ pub fn pin(cores: &[usize]) -> io::Result<()> {
     Ok(())
 }
 
-/// Gives this thread, and those that it starts later, a fixed priority (`SCHED_FIFO`, 1 … 99).
+/// Gives this thread, and threads that it starts later, a real-time priority (`SCHED_FIFO`, 1 to 99).
 ///
 /// # Errors
-/// The kernel's refusal, mostly for want of permission.
+/// The kernel refuses, usually without the permission.
 pub fn realtime(priority: u32) -> io::Result<()> {
     let parameters = libc::sched_param { sched_priority: priority as libc::c_int };
     // SAFETY: 0 is this thread, and the parameters are a valid struct that lives through the call.
@@ -191,12 +190,12 @@ pub fn realtime(priority: u32) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether a process of this user may keep so many bytes resident.
+/// Whether this process may lock this number of bytes in memory.
 ///
 /// # Errors
-/// The kernel's, about its limits.
+/// The limits cannot be read.
 pub fn may_lock_memory(bytes: u64) -> io::Result<bool> {
-    /// Its number in `linux/capability.h`.
+    /// Number of the capability in `linux/capability.h`.
     const CAP_IPC_LOCK: u32 = 14;
     let mut limit = libc::rlimit { rlim_cur: 0, rlim_max: 0 };
     // SAFETY: `limit` is a valid struct that lives through the call.
@@ -209,10 +208,10 @@ pub fn may_lock_memory(bytes: u64) -> io::Result<bool> {
     Ok(limit.rlim_cur >= bytes || held & (1 << CAP_IPC_LOCK) != 0)
 }
 
-/// Keeps all memory of this process resident, also what it maps later: no page fault in the middle of a cycle.
+/// Locks all present and future memory of this process: no page faults during a cycle.
 ///
 /// # Errors
-/// The kernel's refusal, mostly for want of permission.
+/// The kernel refuses, usually without the permission.
 pub fn lock_memory() -> io::Result<()> {
     // SAFETY: mlockall takes flags and touches no memory of ours.
     if unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) } != 0 {
@@ -221,7 +220,7 @@ pub fn lock_memory() -> io::Result<()> {
     Ok(())
 }
 
-/// Makes this process ignore the interrupt key; the supervisor tells it when to stop.
+/// Ignores SIGINT (Ctrl-C): the supervisor stops the stages.
 pub fn ignore_interrupts() {
     // SAFETY: setting a disposition to SIG_IGN runs no handler of ours.
     unsafe { libc::signal(libc::SIGINT, libc::SIG_IGN) };
@@ -238,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_may_always_be_locked() {
+    fn zero_bytes_may_always_be_locked() {
         assert!(may_lock_memory(0).unwrap());
     }
 
@@ -265,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn free_space_is_asked_of_the_right_file_system() {
+    fn free_space_of_an_existing_path_only() {
         assert!(free_bytes(Path::new("/dev/shm")).is_ok());
         assert!(free_bytes(Path::new("/no/such/place")).is_err());
     }

@@ -1,7 +1,7 @@
-//! From bytes in shared memory to the views of `fringe`, and back. Nothing is copied.
+//! Typed views of payload bytes in shared memory, as `fringe` takes them. No copies.
 //!
 //! A phase payload holds four planes one after another: phase f32, sigma f32, modulation f32, validity u8. A frame or a
-//! cloud is one array. All of them start at a multiple of 64 bytes, so the casts cannot fail for honest messages.
+//! cloud is one array. Payloads start at a multiple of 64 bytes, so the casts succeed for every valid message.
 
 use crate::error::MessageError;
 use crate::header::{Cloud, Frame, Header, Phase};
@@ -9,10 +9,10 @@ use fringe::cloud::Point;
 use fringe::frame::{FrameView, Pixels};
 use fringe::phase::{PhaseView, PhaseViewMut};
 
-/// Checks that a payload is as long as its header says.
+/// Checks that a payload has the length that its header states.
 ///
 /// # Errors
-/// [`MessageError::Length`], or what makes the header itself impossible.
+/// [`MessageError::Length`], or the invalid value of the header.
 pub fn check<H: Header>(header: &H, payload: &[u8]) -> Result<(), MessageError> {
     let announced = header.payload_bytes()?;
     if announced == payload.len() {
@@ -22,7 +22,7 @@ pub fn check<H: Header>(header: &H, payload: &[u8]) -> Result<(), MessageError> 
     }
 }
 
-/// A frame as the decoder takes it.
+/// A frame for the decoder.
 ///
 /// # Errors
 /// A header that contradicts its payload.
@@ -38,7 +38,7 @@ pub fn frame<'a>(header: &Frame, payload: &'a [u8]) -> Result<FrameView<'a>, Mes
     })
 }
 
-/// A phase map as the matcher takes it.
+/// A phase map for the matcher.
 ///
 /// # Errors
 /// A header that contradicts its payload.
@@ -58,7 +58,7 @@ pub fn phase<'a>(header: &Phase, payload: &'a [u8]) -> Result<PhaseView<'a>, Mes
     })
 }
 
-/// A phase map as the decoder writes it.
+/// A phase map for the decoder to write.
 ///
 /// # Errors
 /// A header that contradicts its payload.
@@ -78,7 +78,7 @@ pub fn phase_mut<'a>(header: &Phase, payload: &'a mut [u8]) -> Result<PhaseViewM
     })
 }
 
-/// The points that a cloud message holds.
+/// The points of a cloud message.
 ///
 /// # Errors
 /// A header that contradicts its payload.
@@ -90,7 +90,7 @@ pub fn points<'a>(header: &Cloud, payload: &'a [u8]) -> Result<&'a [Point], Mess
 /// The text of an event or a result.
 ///
 /// # Errors
-/// [`MessageError::Count`] for a text longer than its payload, [`MessageError::Text`] for bytes that are no text.
+/// [`MessageError::Count`] for a text longer than its payload, [`MessageError::Text`] for bytes that are not UTF-8.
 pub fn text(text_bytes: u32, payload: &[u8]) -> Result<&str, MessageError> {
     let bytes = payload
         .get(..text_bytes as usize)
@@ -98,11 +98,11 @@ pub fn text(text_bytes: u32, payload: &[u8]) -> Result<&str, MessageError> {
     std::str::from_utf8(bytes).map_err(|_| MessageError::Text)
 }
 
-/// All the room of a cloud payload.
+/// The whole capacity of a cloud payload, to be written.
 ///
 /// # Errors
-/// [`MessageError::Alignment`] for bytes that are no whole number of points.
-pub fn room(payload: &mut [u8]) -> Result<&mut [Point], MessageError> {
+/// [`MessageError::Alignment`] if the bytes are not a whole number of points.
+pub fn points_mut(payload: &mut [u8]) -> Result<&mut [Point], MessageError> {
     cast_mut(payload)
 }
 
@@ -133,28 +133,28 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_is_taken_only_when_header_and_payload_agree() {
-        let honest =
+    fn a_frame_is_accepted_only_when_header_and_payload_agree() {
+        let valid =
             Frame { width_px: 4, height_px: 2, bytes_per_px: 2, full_scale_dn: 4095, ..Frame::default() };
         let memory = aligned(4);
         let bytes: &[u8] = bytemuck::cast_slice(&memory);
-        assert_eq!(frame(&honest, &bytes[..16]).unwrap().pixels.len(), 8);
-        assert_eq!(frame(&honest, &bytes[..15]), Err(MessageError::Length { announced: 16, present: 15 }));
-        for lie in [
-            Frame { bytes_per_px: 3, ..honest },
-            Frame { bytes_per_px: 0, ..honest },
-            Frame { full_scale_dn: 0, ..honest },
-            Frame { full_scale_dn: 70_000, ..honest },
-            Frame { full_scale_dn: 256, bytes_per_px: 1, height_px: 4, ..honest },
-            Frame { width_px: u32::MAX, height_px: u32::MAX, ..honest },
-            Frame { width_px: 0, ..honest },
+        assert_eq!(frame(&valid, &bytes[..16]).unwrap().pixels.len(), 8);
+        assert_eq!(frame(&valid, &bytes[..15]), Err(MessageError::Length { announced: 16, present: 15 }));
+        for invalid in [
+            Frame { bytes_per_px: 3, ..valid },
+            Frame { bytes_per_px: 0, ..valid },
+            Frame { full_scale_dn: 0, ..valid },
+            Frame { full_scale_dn: 70_000, ..valid },
+            Frame { full_scale_dn: 256, bytes_per_px: 1, height_px: 4, ..valid },
+            Frame { width_px: u32::MAX, height_px: u32::MAX, ..valid },
+            Frame { width_px: 0, ..valid },
         ] {
-            assert!(frame(&lie, &bytes[..16]).is_err(), "{lie:?}");
+            assert!(frame(&invalid, &bytes[..16]).is_err(), "{invalid:?}");
         }
     }
 
     #[test]
-    fn the_planes_of_a_phase_map_lie_apart_and_read_back_as_written() {
+    fn the_planes_of_a_phase_map_do_not_overlap_and_read_back_as_written() {
         let header = Phase { width_px: 3, height_px: 1, period_px: 16.0, axis: 1, ..Phase::default() };
         let mut memory = aligned(5);
         let bytes: &mut [u8] = &mut bytemuck::cast_slice_mut(&mut memory)[..3 * PHASE_BYTES_PER_PX];
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cloud_cannot_claim_more_points_than_it_has_room_for() {
+    fn a_cloud_with_more_points_than_its_capacity_is_refused() {
         let memory = aligned(2 * size_of::<Point>() / 8);
         let bytes: &[u8] = bytemuck::cast_slice(&memory);
         let header = Cloud { capacity: 2, points: 1, ..Cloud::default() };

@@ -1,10 +1,10 @@
-//! Topics and bells between nodes of one process: what arrives, and what is refused. Times are not asserted.
+//! Topics and notifications between nodes of one process: what arrives and what is refused. Times are not asserted.
 
 use ipc::IpcError;
 use ipc::cell::{CellLock, CellName};
 use ipc::header::{Command, Control, Event, EventKind, Frame};
 use ipc::payload;
-use ipc::port::{Held, Node, TopicSize};
+use ipc::port::{Node, ServiceHandle, TopicSize};
 use std::time::Duration;
 
 const PATIENCE: Duration = Duration::from_millis(20);
@@ -12,7 +12,7 @@ const LONG: Duration = Duration::from_secs(10);
 
 struct Cell {
     // Dropped in this order: the services before the node, the node before the folder.
-    _held: Vec<Held>,
+    _held: Vec<ServiceHandle>,
     node: Node,
     _lock: CellLock,
     name: CellName,
@@ -28,12 +28,12 @@ fn cell(name: &str) -> Cell {
         node.create_topic::<Frame>("frame/cam1", size).unwrap(),
         node.create_topic::<Control>("control", size).unwrap(),
         node.create_topic::<Event>("event", size).unwrap(),
-        node.create_bell("decode/cam1").unwrap(),
+        node.create_notification("decode/cam1").unwrap(),
     ];
     Cell { _held: held, node, _lock: lock, name }
 }
 
-fn bells() -> Vec<String> {
+fn consumers() -> Vec<String> {
     vec!["decode/cam1".to_owned()]
 }
 
@@ -53,17 +53,17 @@ fn frame(number: u32) -> Frame {
 fn a_frame_arrives_as_it_was_written_and_aligned() {
     let cell = cell("roundtrip");
     let stage = Node::join(&cell.name, "decode/cam1").unwrap();
-    let bell = stage.bell("decode/cam1").unwrap();
+    let listener = stage.listener("decode/cam1").unwrap();
     let subscriber = stage.subscriber::<Frame>("frame/cam1").unwrap();
-    let publisher = cell.node.publisher::<Frame>("frame/cam1", 15, &bells(), PATIENCE).unwrap();
-    assert!(!bell.wait(Duration::ZERO).unwrap());
+    let publisher = cell.node.publisher::<Frame>("frame/cam1", 15, &consumers(), PATIENCE).unwrap();
+    assert!(!listener.wait(Duration::ZERO).unwrap());
 
     for number in 0..9 {
         let mut loan = publisher.loan(frame(number)).unwrap();
         assert_eq!(loan.payload_mut().as_ptr().align_offset(64), 0);
         loan.payload_mut().fill(number as u8);
         loan.send().unwrap();
-        assert!(bell.wait(LONG).unwrap());
+        assert!(listener.wait(LONG).unwrap());
         let received = subscriber.receive().unwrap().unwrap();
         assert_eq!(received.header(), &frame(number));
         let view = payload::frame(received.header(), received.payload()).unwrap();
@@ -76,7 +76,7 @@ fn a_frame_arrives_as_it_was_written_and_aligned() {
 fn a_full_buffer_fails_the_send_and_loses_nothing_that_was_accepted() {
     let cell = cell("full");
     let subscriber = cell.node.subscriber::<Frame>("frame/cam1").unwrap();
-    let publisher = cell.node.publisher::<Frame>("frame/cam1", 15, &bells(), PATIENCE).unwrap();
+    let publisher = cell.node.publisher::<Frame>("frame/cam1", 15, &consumers(), PATIENCE).unwrap();
     subscriber.connect().unwrap();
     for number in 0..3 {
         publisher.send(frame(number), &[1; 15]).unwrap();
@@ -90,18 +90,18 @@ fn a_full_buffer_fails_the_send_and_loses_nothing_that_was_accepted() {
 }
 
 #[test]
-fn a_message_that_nobody_can_receive_is_an_error() {
+fn a_message_without_a_receiver_is_an_error() {
     let cell = cell("nobody");
-    let publisher = cell.node.publisher::<Frame>("frame/cam1", 15, &bells(), PATIENCE).unwrap();
+    let publisher = cell.node.publisher::<Frame>("frame/cam1", 15, &consumers(), PATIENCE).unwrap();
     let error = publisher.send(frame(0), &[1; 15]).unwrap_err();
     assert!(matches!(error, IpcError::NotReached { reached: 0, expected: 1, .. }), "{error}");
 }
 
 #[test]
-fn a_header_changed_after_the_loan_cannot_leave() {
-    let cell = cell("lie");
+fn a_header_changed_after_the_loan_is_not_sent() {
+    let cell = cell("invalid");
     let _subscriber = cell.node.subscriber::<Frame>("frame/cam1").unwrap();
-    let publisher = cell.node.publisher::<Frame>("frame/cam1", 15, &bells(), PATIENCE).unwrap();
+    let publisher = cell.node.publisher::<Frame>("frame/cam1", 15, &consumers(), PATIENCE).unwrap();
     let mut loan = publisher.loan(frame(0)).unwrap();
     loan.header_mut().height_px = 4;
     assert!(matches!(loan.send(), Err(IpcError::Message { .. })));
@@ -111,11 +111,11 @@ fn a_header_changed_after_the_loan_cannot_leave() {
 }
 
 #[test]
-fn texts_and_commands_travel() {
+fn texts_and_commands_arrive() {
     let cell = cell("texts");
     let events = cell.node.subscriber::<Event>("event").unwrap();
     let commands = cell.node.subscriber::<Control>("control").unwrap();
-    let publisher = cell.node.publisher::<Event>("event", 1024, &bells(), PATIENCE).unwrap();
+    let publisher = cell.node.publisher::<Event>("event", 1024, &consumers(), PATIENCE).unwrap();
     let reason = "frames/proj1/cam1/003.png: truncated";
     let header =
         Event { kind: EventKind::Failed as u32, text_bytes: reason.len() as u32, ..Event::default() };
@@ -128,17 +128,17 @@ fn texts_and_commands_travel() {
     let received = events.receive().unwrap().unwrap();
     assert_eq!(payload::text(received.header().text_bytes, received.payload()).unwrap(), "");
 
-    let control = cell.node.publisher::<Control>("control", 1, &bells(), PATIENCE).unwrap();
+    let control = cell.node.publisher::<Control>("control", 1, &consumers(), PATIENCE).unwrap();
     control.send(Control::new(Command::Abort, 4), &[]).unwrap();
     let received = commands.receive().unwrap().unwrap();
     assert_eq!((received.header().command().unwrap(), received.header().cycle), (Command::Abort, 4));
 }
 
 #[test]
-fn nothing_is_left_when_the_last_one_goes() {
+fn nothing_is_left_in_shared_memory_at_the_end() {
     let cell = cell("gone");
     let name = cell.name.clone();
-    let publisher = cell.node.publisher::<Frame>("frame/cam1", 15, &bells(), PATIENCE).unwrap();
+    let publisher = cell.node.publisher::<Frame>("frame/cam1", 15, &consumers(), PATIENCE).unwrap();
     drop(publisher);
     drop(cell);
     let prefix = name.prefix();

@@ -79,7 +79,7 @@ impl Seen {
 
 fn memory(name: &CellName, plan: Plan) -> Result<Seen> {
     let node = Node::join(name, "receiver")?;
-    let bell = node.bell("receiver")?;
+    let bell = node.listener("receiver")?;
     let frames = node.subscriber::<Frame>("frame")?;
     frames.connect()?;
     let ready = node.publisher::<Frame>("ready", 1, &["sender".to_owned()], PATIENCE)?;

@@ -107,10 +107,10 @@ fn memory(plan: Plan, clock: &mut Clock) -> Result<Seen> {
     let _held = (
         node.create_topic::<Frame>("frame", size)?,
         node.create_topic::<Frame>("ready", size)?,
-        node.create_bell("receiver")?,
-        node.create_bell("sender")?,
+        node.create_notification("receiver")?,
+        node.create_notification("sender")?,
     );
-    let (bell, ready) = (node.bell("sender")?, node.subscriber::<Frame>("ready")?);
+    let (bell, ready) = (node.listener("sender")?, node.subscriber::<Frame>("ready")?);
     let frames = node.publisher::<Frame>("frame", plan.bytes(), &["receiver".to_owned()], PATIENCE)?;
     let child = receiver(&format!("memory:{}", name.as_str()), plan, Stdio::null())?;
     while ready.receive()?.is_none() {

@@ -1,7 +1,7 @@
 //! Messages: loaned, written in place, sent, received.
 #![allow(unsafe_code)]
 
-use super::bell::Ringer;
+use super::notification::Notifier;
 use crate::error::{IpcError, MessageError};
 use crate::header::Header;
 use crate::payload;
@@ -16,42 +16,42 @@ use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Loans of this process since its start.
+/// Number of loans of this process since its start.
 static LOANS: AtomicU64 = AtomicU64::new(0);
 
-/// Messages that this process has begun to send since its start. iceoryx2 0.10 allocates the state of each loan on the heap
-/// (`ChunkMutSharedState::new`, 48 bytes, given back by sending) and offers no way around it: it is the one allocation
-/// of a warm stage, so a build that counts allocations counts these beside them.
+/// Number of messages that this process loaned since its start. iceoryx2 0.10 allocates the state of each loan on the heap
+/// (`ChunkMutSharedState::new`, 48 bytes, freed by sending) and offers no alternative. It is the only allocation of a warm
+/// stage, so a build that counts allocations reports the loans beside them.
 pub fn loans() -> u64 {
     LOANS.load(Ordering::Relaxed)
 }
 
-/// Sends messages of one kind.
+/// Publishes messages of one type on one topic.
 #[derive(Debug)]
 pub struct Publisher<H: Header> {
     pub(super) topic: String,
     pub(super) patience: Duration,
     pub(super) buffer: usize,
     pub(super) port: IoxPublisher<ipc::Service, [u8], H>,
-    /// How many there must be.
+    /// Number of receivers that each message must reach.
     pub(super) receivers: usize,
-    /// Of those that are woken by sending.
-    pub(super) bells: Vec<Ringer>,
+    /// Receivers to notify after each message.
+    pub(super) notifiers: Vec<Notifier>,
 }
 
 impl<H: Header> Publisher<H> {
-    /// Rings nobody by itself: somebody rings the receivers once they may take what was sent. Waking them before that costs
-    /// two changes of context and nothing comes of it.
+    /// Sends without notifying: the caller notifies the receivers once they may use the message. Waking them earlier costs
+    /// two context switches for nothing.
     #[must_use]
-    pub fn silent(mut self) -> Self {
-        self.bells.clear();
+    pub fn without_notification(mut self) -> Self {
+        self.notifiers.clear();
         self
     }
 
-    /// Memory for the payload that belongs to `header`, shared from the first byte.
+    /// Borrows shared memory for the payload of `header`, to be written in place.
     ///
     /// # Errors
-    /// A header without possible payload, or no free slot of that size.
+    /// A header with impossible sizes, or no free memory of that size.
     pub fn loan(&self, header: H) -> Result<Loan<'_, H>, IpcError> {
         let bytes = header.payload_bytes().map_err(|source| self.message_error(source))?;
         LOANS.fetch_add(1, Ordering::Relaxed);
@@ -60,7 +60,7 @@ impl<H: Header> Publisher<H> {
             .loan_slice_uninit(bytes)
             .map_err(|e| IpcError::service("loaning from", &self.topic, e))?;
         *sample.user_header_mut() = header;
-        // SAFETY: the payload lies in a mapping of tmpfs, whose bytes always have a value (zero, or those of an earlier
+        // SAFETY: the payload is in a tmpfs mapping, whose bytes are always initialised (zero, or those of an earlier
         // message), and every bit pattern is a valid u8.
         let sample = unsafe { sample.assume_init() };
         Ok(Loan { publisher: self, sample })
@@ -72,10 +72,10 @@ impl<H: Header> Publisher<H> {
     /// As [`Self::loan`] and [`Loan::send`].
     pub fn send(&self, header: H, bytes: &[u8]) -> Result<(), IpcError> {
         let mut loan = self.loan(header)?;
-        let room = loan.payload_mut();
-        let n = room.len().min(bytes.len());
-        room[..n].copy_from_slice(&bytes[..n]);
-        room[n..].fill(0);
+        let payload = loan.payload_mut();
+        let n = payload.len().min(bytes.len());
+        payload[..n].copy_from_slice(&bytes[..n]);
+        payload[n..].fill(0);
         loan.send()
     }
 
@@ -99,7 +99,7 @@ impl<H: Header> Publisher<H> {
     }
 }
 
-/// A payload to be written in place. Dropping it gives the memory back unsent.
+/// A payload to be written in place. Dropping it returns the memory without sending.
 #[derive(Debug)]
 pub struct Loan<'a, H: Header> {
     publisher: &'a Publisher<H>,
@@ -107,47 +107,47 @@ pub struct Loan<'a, H: Header> {
 }
 
 impl<H: Header> Loan<'_, H> {
-    /// The payload; aligned to 64 bytes. Holds bytes of an earlier message until written.
+    /// The payload, aligned to 64 bytes. It holds the bytes of an earlier message until written.
     pub fn payload_mut(&mut self) -> &mut [u8] {
         self.sample.payload_mut()
     }
 
-    /// The payload as written so far.
+    /// The payload in its current state.
     pub fn payload(&self) -> &[u8] {
         self.sample.payload()
     }
 
-    /// The header, to be completed. Its sizes must keep matching the payload.
+    /// The header, to be completed. Its sizes must still match the payload.
     pub fn header_mut(&mut self) -> &mut H {
         self.sample.user_header_mut()
     }
 
-    /// Hands it to all receivers and rings their bells.
+    /// Sends the message to all receivers and notifies them.
     ///
     /// # Errors
-    /// [`IpcError::Full`] after the patience, [`IpcError::NotReached`] when a receiver of the topology is missing,
-    /// [`IpcError::Message`] when the header no longer fits.
+    /// [`IpcError::Full`] if a buffer stays full, [`IpcError::NotReached`] if a receiver is missing, [`IpcError::Message`] if
+    /// the header no longer matches the payload.
     pub fn send(self) -> Result<(), IpcError> {
         payload::check(self.sample.user_header(), self.sample.payload())
             .map_err(|source| self.publisher.message_error(source))?;
         self.send_unchecked()
     }
 
-    /// Sends whatever the header says. For tests, which have to lie to find out whether receivers believe it.
+    /// Sends without checking the header: lets tests send invalid messages.
     ///
     /// # Errors
-    /// As [`Self::send`], but for the header.
+    /// As [`Self::send`], except for the header.
     #[doc(hidden)]
     pub fn send_unchecked(self) -> Result<(), IpcError> {
         let result = self.sample.send();
-        for bell in &self.publisher.bells {
-            bell.ring();
+        for notifier in &self.publisher.notifiers {
+            notifier.notify();
         }
         self.publisher.check(result)
     }
 }
 
-/// Receives messages of one kind.
+/// Receives messages of one type from one topic.
 #[derive(Debug)]
 pub struct Subscriber<H: Header> {
     pub(super) topic: String,
@@ -155,10 +155,10 @@ pub struct Subscriber<H: Header> {
 }
 
 impl<H: Header> Subscriber<H> {
-    /// The next message, if one waits. Its header was checked against its payload.
+    /// The next queued message, if any. Its header is checked against its payload.
     ///
     /// # Errors
-    /// [`IpcError::Message`] for a header that lies, [`IpcError::Service`] when too many messages are held.
+    /// [`IpcError::Message`] for an invalid header, [`IpcError::Service`] if too many messages are held.
     pub fn receive(&self) -> Result<Option<Received<H>>, IpcError> {
         let Some(sample) =
             self.subscriber.receive().map_err(|e| IpcError::service("receiving from", &self.topic, e))?
@@ -170,8 +170,8 @@ impl<H: Header> Subscriber<H> {
         Ok(Some(Received { sample, header: PhantomData }))
     }
 
-    /// Connects to senders that have come since. Before that, a sender whose buffer is full cannot know that anybody
-    /// will ever empty it and does not wait.
+    /// Connects to publishers that joined since the last call. A publisher that is not connected yet does not wait for this
+    /// subscriber when the buffer is full.
     ///
     /// # Errors
     /// [`IpcError::Service`].
@@ -179,13 +179,13 @@ impl<H: Header> Subscriber<H> {
         self.subscriber.update_connections().map_err(|e| IpcError::service("connecting to", &self.topic, e))
     }
 
-    /// The topic.
+    /// Name of the topic.
     pub fn topic(&self) -> &str {
         &self.topic
     }
 }
 
-/// A message that stays readable in shared memory while this lives.
+/// A message in shared memory, readable until dropped.
 #[derive(Debug)]
 pub struct Received<H: Header> {
     sample: Sample<ipc::Service, [u8], H>,
@@ -198,7 +198,7 @@ impl<H: Header> Received<H> {
         self.sample.user_header()
     }
 
-    /// The payload; aligned to 64 bytes.
+    /// The payload, aligned to 64 bytes.
     pub fn payload(&self) -> &[u8] {
         self.sample.payload()
     }

@@ -1,13 +1,13 @@
-//! The only room that speaks to iceoryx2.
+//! The only module that uses iceoryx2.
 //!
-//! A topic is a publish–subscribe service of bytes behind a typed header. A bell is an event service that wakes one
-//! process. iceoryx2's ports may not leave their thread, so a stage keeps all of them on its main thread.
+//! A topic is a publish–subscribe service of bytes behind a typed header. A notification is an event service that wakes one
+//! process. The ports of iceoryx2 must stay on their thread, so a stage keeps all of them on its main thread.
 
-mod bell;
 mod message;
+mod notification;
 
-pub use bell::{Bell, Ringer};
 pub use message::{Loan, Publisher, Received, Subscriber, loans};
+pub use notification::{Listener, Notifier};
 
 use crate::cell::CellName;
 use crate::error::IpcError;
@@ -17,41 +17,41 @@ use iceoryx2::port::BackpressureAction;
 use iceoryx2::prelude::*;
 use std::time::Duration;
 
-/// How often a sender that waits for room looks again. It sleeps in between: the receiver may need this very core.
-const ROOM_POLL: Duration = Duration::from_micros(200);
+/// Pause between two attempts of a sender whose receiver has a full buffer. It sleeps: the receiver may need the same core.
+const BACKPRESSURE_PAUSE: Duration = Duration::from_micros(200);
 
-/// Processes that may have a service open at once: all stages of a large cell, twice, while they are being restarted.
+/// Processes that may have a service open at once: all stages of a large cell, twice while they are restarted.
 const MAX_NODES: usize = 128;
 
-/// How a topic is laid out.
+/// Capacity of a topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TopicSize {
-    /// Processes that may send at once, dead ones that were not cleaned up yet included.
+    /// Publishers at once, including dead ones that are not cleaned up yet.
     pub publishers: usize,
-    /// Processes that may receive at once, likewise.
+    /// Subscribers at once, including dead ones that are not cleaned up yet.
     pub subscribers: usize,
-    /// Messages that wait in front of one receiver.
+    /// Messages that one receiver may have queued.
     pub buffer: usize,
-    /// Messages that one receiver may hold.
+    /// Messages that one receiver may hold at once.
     pub borrowed: usize,
 }
 
-/// A process in the cell's shared memory.
+/// A participant in the shared memory of a cell.
 #[derive(Debug)]
 pub struct Node {
     node: IoxNode<ipc::Service>,
 }
 
-/// A service that stays while this lives.
-pub struct Held(#[allow(dead_code)] Box<dyn std::any::Any>);
+/// Keeps a service alive until dropped.
+pub struct ServiceHandle(#[allow(dead_code)] Box<dyn std::any::Any>);
 
 impl Node {
-    /// Joins a cell under a name.
+    /// Joins a cell under the name of a process.
     ///
     /// # Errors
     /// [`IpcError::Service`].
     pub fn join(cell: &CellName, name: &str) -> Result<Self, IpcError> {
-        // iceoryx2 speaks of what we handle and report ourselves; only what it cannot survive may reach the person.
+        // Errors of iceoryx2 are handled and reported here; its own log shows only fatal ones.
         set_log_level(LogLevel::Fatal);
         let fail =
             |reason: String| IpcError::Service { what: "joining the cell as", name: name.to_owned(), reason };
@@ -63,18 +63,18 @@ impl Node {
         let node = NodeBuilder::new()
             .name(&NodeName::new(name).map_err(|e| fail(format!("{e:?}")))?)
             .config(&config)
-            // Otherwise iceoryx2 takes SIGTERM for itself and our own handler never runs.
+            // Otherwise iceoryx2 handles SIGTERM and our own handler never runs.
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
             .map_err(|e| fail(format!("{e:?}")))?;
         Ok(Self { node })
     }
 
-    /// Creates a topic; the supervisor does it once, before any stage starts.
+    /// Creates a topic. The supervisor does so once, before any stage starts.
     ///
     /// # Errors
     /// [`IpcError::Service`].
-    pub fn create_topic<H: Header>(&self, topic: &str, size: TopicSize) -> Result<Held, IpcError> {
+    pub fn create_topic<H: Header>(&self, topic: &str, size: TopicSize) -> Result<ServiceHandle, IpcError> {
         let service = self
             .node
             .service_builder(&service_name(topic)?)
@@ -89,55 +89,55 @@ impl Node {
             .max_nodes(MAX_NODES)
             .create()
             .map_err(|e| IpcError::service("creating topic", topic, e))?;
-        Ok(Held(Box::new(service)))
+        Ok(ServiceHandle(Box::new(service)))
     }
 
-    /// Creates a bell.
+    /// Creates the notification service of a process. The supervisor does so once, before any stage starts.
     ///
     /// # Errors
     /// [`IpcError::Service`].
-    pub fn create_bell(&self, owner: &str) -> Result<Held, IpcError> {
+    pub fn create_notification(&self, owner: &str) -> Result<ServiceHandle, IpcError> {
         let service = self
             .node
-            .service_builder(&service_name(&bell_name(owner))?)
+            .service_builder(&service_name(&notification_name(owner))?)
             .event()
             .max_listeners(2)
             .max_notifiers(MAX_NODES)
             .max_nodes(MAX_NODES)
             .create()
-            .map_err(|e| IpcError::service("creating bell", owner, e))?;
-        Ok(Held(Box::new(service)))
+            .map_err(|e| IpcError::service("creating the notification of", owner, e))?;
+        Ok(ServiceHandle(Box::new(service)))
     }
 
-    /// The bell that wakes this process.
+    /// Listens to the notifications for `owner`, which is this process.
     ///
     /// # Errors
     /// [`IpcError::Service`].
-    pub fn bell(&self, owner: &str) -> Result<Bell, IpcError> {
-        let service = self.open_bell(owner)?;
+    pub fn listener(&self, owner: &str) -> Result<Listener, IpcError> {
+        let service = self.open_notification(owner)?;
         let listener = service
             .listener_builder()
             .create()
-            .map_err(|e| IpcError::service("listening to bell", owner, e))?;
-        Ok(Bell { owner: owner.to_owned(), listener })
+            .map_err(|e| IpcError::service("listening to the notifications of", owner, e))?;
+        Ok(Listener { owner: owner.to_owned(), port: listener })
     }
 
-    /// Rings the bell of another process.
+    /// Notifies another process.
     ///
     /// # Errors
     /// [`IpcError::Service`].
-    pub fn ringer(&self, owner: &str) -> Result<Ringer, IpcError> {
-        let service = self.open_bell(owner)?;
+    pub fn notifier(&self, owner: &str) -> Result<Notifier, IpcError> {
+        let service = self.open_notification(owner)?;
         let notifier = service.notifier_builder().create();
-        Ok(Ringer { notifier: notifier.map_err(|e| IpcError::service("ringing bell", owner, e))? })
+        Ok(Notifier { port: notifier.map_err(|e| IpcError::service("notifying", owner, e))? })
     }
 
-    fn open_bell(&self, owner: &str) -> Result<EventService, IpcError> {
+    fn open_notification(&self, owner: &str) -> Result<EventService, IpcError> {
         self.node
-            .service_builder(&service_name(&bell_name(owner))?)
+            .service_builder(&service_name(&notification_name(owner))?)
             .event()
             .open()
-            .map_err(|e| IpcError::service("opening bell", owner, e))
+            .map_err(|e| IpcError::service("opening the notification of", owner, e))
     }
 
     fn open_topic<H: Header>(&self, topic: &str) -> Result<TopicService<H>, IpcError> {
@@ -149,7 +149,7 @@ impl Node {
             .map_err(|e| IpcError::service("opening topic", topic, e))
     }
 
-    /// A sender of messages up to `max_bytes`, which rings the bells of `consumers` and waits `patience` for room.
+    /// A publisher of messages of at most `max_bytes`. It notifies `consumers` and waits up to `patience` while a buffer is full.
     ///
     /// # Errors
     /// [`IpcError::Service`].
@@ -169,7 +169,7 @@ impl Node {
             .allocation_strategy(AllocationStrategy::Static)
             .set_backpressure_handler(move |info| {
                 if info.elapsed_time < patience {
-                    std::thread::sleep(ROOM_POLL);
+                    std::thread::sleep(BACKPRESSURE_PAUSE);
                     BackpressureAction::Retry
                 } else {
                     BackpressureAction::DiscardDataAndFail
@@ -177,18 +177,18 @@ impl Node {
             })
             .create()
             .map_err(|e| IpcError::service("sending on", topic, e))?;
-        let bells = consumers.iter().map(|owner| self.ringer(owner));
+        let notifiers = consumers.iter().map(|owner| self.notifier(owner));
         Ok(Publisher {
             topic: topic.to_owned(),
             patience,
             buffer,
             port: publisher,
             receivers: consumers.len(),
-            bells: bells.collect::<Result<_, IpcError>>()?,
+            notifiers: notifiers.collect::<Result<_, IpcError>>()?,
         })
     }
 
-    /// A receiver.
+    /// A subscriber of a topic.
     ///
     /// # Errors
     /// [`IpcError::Service`].
@@ -199,7 +199,7 @@ impl Node {
         Ok(Subscriber { topic: topic.to_owned(), subscriber })
     }
 
-    /// Frees what dead processes held. To be called after each one was reaped, since iceoryx2 only then sees it dead.
+    /// Releases the shared memory of dead processes. Call it after reaping one: only then iceoryx2 sees that it is dead.
     pub fn clean_up_dead(&self) {
         let _state = self.node.try_cleanup_dead_nodes();
     }
@@ -208,8 +208,8 @@ impl Node {
 type EventService = iceoryx2::service::port_factory::event::PortFactory<ipc::Service>;
 type TopicService<H> = iceoryx2::service::port_factory::publish_subscribe::PortFactory<ipc::Service, [u8], H>;
 
-fn bell_name(owner: &str) -> String {
-    format!("bell/{owner}")
+fn notification_name(owner: &str) -> String {
+    format!("notification/{owner}")
 }
 
 fn service_name(name: &str) -> Result<ServiceName, IpcError> {

@@ -1,9 +1,9 @@
-//! What people, scripts and gateways ask of a running cell.
+//! Handles the requests of people, scripts and gateways.
 
-use super::children::Life;
 use super::cycle::Input;
 use super::metrics;
 use super::protocol::{Answer, Request, SpanRow, Spans, StageStatus, Status};
+use super::stage_process::ProcessState;
 use super::state::Supervisor;
 use crate::control::{Action, Event, State};
 use crate::schedule::label;
@@ -13,30 +13,30 @@ use files::result::CycleResult;
 use ipc::os::now_ns;
 use std::sync::atomic::Ordering;
 
-/// Spans that an answer may hold: some ten cycles of a large cell, a megabyte of JSON.
+/// Activations in an answer: about ten cycles of a large cell, 1 MB of JSON.
 const MAX_SPANS: usize = 5000;
 
-/// Cycles that an answer may hold: beyond those of the spans they say when others failed.
+/// Cycles in an answer; more than those of the activations, to include earlier failures.
 const MAX_CYCLES: usize = 1000;
 
 impl Supervisor<'_> {
-    /// Does what is asked.
-    pub(super) fn obey(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
+    /// Handles a termination signal and all queued requests.
+    pub(super) fn handle_requests(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         if self.interrupted.load(Ordering::SeqCst) {
             self.stop(each)?;
         }
-        self.follow();
+        self.update_control_state();
         while let Ok((request, reply)) = self.requests.try_recv() {
             self.answer(request, reply, each)?;
         }
         Ok(())
     }
 
-    /// Tells the control states whether all stages stand.
-    fn follow(&mut self) {
+    /// Reports to the job controller whether all stages are up.
+    fn update_control_state(&mut self) {
         let up = self.cycles.is_ready();
         if std::mem::replace(&mut self.was_ready, up) != up {
-            self.desk.stages(if up { Event::StagesUp } else { Event::StagesDown });
+            self.jobs.stages_changed(if up { Event::StagesUp } else { Event::StagesDown });
         }
     }
 
@@ -48,17 +48,19 @@ impl Supervisor<'_> {
     ) -> Result<()> {
         let (action, answer) = match request {
             Request::Inspect { part, recipe } => {
-                let action = self.desk.inspect(part, recipe.as_deref(), reply);
-                return self.act(action, each);
+                let action = self.jobs.inspect(part, recipe.as_deref(), reply);
+                return self.apply(action, each);
             }
-            Request::Start { recipe, cycles } => self.desk.start(recipe.as_deref(), cycles),
-            Request::Finish {} => self.desk.simply(Event::Finish, "the job ends after its cycle"),
-            Request::Abort {} => self.desk.simply(Event::Abort, "the job was ended"),
-            Request::Halt {} => self.desk.simply(Event::Halt, "halted"),
-            Request::Reset {} => self.desk.simply(Event::Reset, "reset"),
-            Request::Prepare { recipe } => (Action::None, self.desk.select(&recipe, true)),
-            Request::Unprepare { recipe } => (Action::None, self.desk.select(&recipe, false)),
-            Request::State {} => (Action::None, Answer::State(self.desk.report())),
+            Request::Start { recipe, cycles } => self.jobs.start(recipe.as_deref(), cycles),
+            Request::Finish {} => {
+                self.jobs.change_state(Event::Finish, "the job ends after the current cycle")
+            }
+            Request::Abort {} => self.jobs.change_state(Event::Abort, "the job is aborted"),
+            Request::Halt {} => self.jobs.change_state(Event::Halt, "halted"),
+            Request::Reset {} => self.jobs.change_state(Event::Reset, "reset"),
+            Request::Prepare { recipe } => (Action::None, self.jobs.select(&recipe, true)),
+            Request::Unprepare { recipe } => (Action::None, self.jobs.select(&recipe, false)),
+            Request::State {} => (Action::None, Answer::State(self.jobs.report())),
             Request::Status {} => (Action::None, Answer::Status(Box::new(self.status()))),
             Request::Metrics {} => {
                 (Action::None, Answer::Metrics(metrics::render(&self.status(), &self.profile)))
@@ -70,19 +72,19 @@ impl Supervisor<'_> {
                 (Action::None, Answer::Done("stopping".into()))
             }
         };
-        // A client that went away needs no answer.
+        // The client may have disconnected.
         let _ = reply.send(answer);
-        self.act(action, each)
+        self.apply(action, each)
     }
 
-    /// Does what the control states want.
-    pub(super) fn act(&mut self, action: Action, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
+    /// Carries out an action of the job controller.
+    pub(super) fn apply(&mut self, action: Action, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         match action {
             Action::None => Ok(()),
-            Action::StartCycle { .. } => self.feed(Input::Request, each),
-            Action::AbortCycle => self.feed(Input::Abort { reason: self.ending().into() }, each),
+            Action::StartCycle { .. } => self.step(Input::Request, each),
+            Action::AbortCycle => self.step(Input::Abort { reason: self.abort_reason().into() }, each),
             Action::Revive => {
-                for child in self.children.iter_mut().filter(|child| child.life == Life::Held) {
+                for child in self.stages.iter_mut().filter(|child| child.state == ProcessState::GaveUp) {
                     child.revive();
                 }
                 Ok(())
@@ -90,40 +92,40 @@ impl Supervisor<'_> {
         }
     }
 
-    /// Why a cycle was ended from outside.
-    fn ending(&self) -> &'static str {
-        match self.desk.state() {
+    /// The reason of an aborted cycle.
+    fn abort_reason(&self) -> &'static str {
+        match self.jobs.state() {
             State::Halted => "halted by the operator",
             State::Error => "the cell is in error",
             _ => "aborted by the operator",
         }
     }
 
-    /// A stage failed too often. A run that goes on by itself ends; a cell that serves says so until it is reset.
+    /// Handles a stage that failed too often: a batch run ends, a serving cell is in error until it is reset.
     pub(super) fn give_up(&mut self, reason: String, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        let action = self.desk.fault(&reason);
-        if self.desk.serves() {
+        let action = self.jobs.fault(&reason);
+        if self.jobs.serves() {
             tracing::error!("{reason}");
-            return self.act(action, each);
+            return self.apply(action, each);
         }
-        self.tally.held = Some(reason.clone());
-        self.feed(Input::Stop { reason }, each)
+        self.tally.gave_up = Some(reason.clone());
+        self.step(Input::Stop { reason }, each)
     }
 
     fn stop(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         self.tally.stopped = true;
-        self.feed(Input::Stop { reason: "stopped by the operator".into() }, each)
+        self.step(Input::Stop { reason: "stopped by the operator".into() }, each)
     }
 
     fn restart(&mut self, name: &str) -> Answer {
-        let known = || self.children.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
-        match self.children.iter().position(|c| c.name == name) {
-            None => Answer::Refused(format!("no stage \"{name}\"; there are {}", known())),
-            Some(stage) if self.children[stage].pid().is_none() => {
-                Answer::Refused(format!("stage \"{name}\" has no process now; it will be started again"))
+        let known = || self.stages.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
+        match self.stages.iter().position(|c| c.name == name) {
+            None => Answer::Refused(format!("no stage \"{name}\"; known stages: {}", known())),
+            Some(stage) if self.stages[stage].pid().is_none() => {
+                Answer::Refused(format!("stage \"{name}\" is not running; it waits for its restart"))
             }
             Some(stage) => {
-                self.children[stage].kill("was restarted by the operator");
+                self.stages[stage].kill("was restarted by the operator");
                 Answer::Done(format!("restarting {name}"))
             }
         }
@@ -151,12 +153,12 @@ impl Supervisor<'_> {
     fn status(&self) -> Status {
         let now = now_ns();
         let profile = &self.profile;
-        let stages = self.children.iter().zip(&profile.stages).map(|(child, profile)| StageStatus {
+        let stages = self.stages.iter().zip(&profile.stages).map(|(child, profile)| StageStatus {
             name: child.name.clone(),
             pid: child.pid(),
-            state: child.life.word().to_owned(),
+            state: child.state.name().to_owned(),
             restarts: child.restarts.total(),
-            silent_ms: now.saturating_sub(child.heard_ns) / 1_000_000,
+            silent_ms: now.saturating_sub(child.last_message_ns) / 1_000_000,
             cycles: profile.cycles,
             wait: profile.wait.percentiles(),
             compute: profile.compute.percentiles(),
@@ -166,8 +168,8 @@ impl Supervisor<'_> {
         Status {
             cell: self.cell.name.clone(),
             pid: std::process::id(),
-            state: self.desk.state(),
-            reason: self.desk.reason(),
+            state: self.jobs.state(),
+            reason: self.jobs.reason(),
             cycle: self.cycles.running().next(),
             running: self.cycles.running().collect(),
             cycles_done: self.tally.done,

@@ -1,9 +1,9 @@
-//! `fringecell schedule`: the plan of a cycle as a picture, for the terminal and as SVG.
+//! Gantt chart of the schedule of a cycle, as text and as SVG.
 //!
-//! A schedule orders work, it does not time it. Without measured times every activation is drawn one unit long; with
-//! a result of this cell each takes the mean of its stage in that cycle. An activation begins when its inputs are done
-//! and its lane has done what stands before it. Where cycles overlap the picture shows two of them, the second in small
-//! letters and pale; what they take from each other where they share a core is not drawn.
+//! A schedule defines an order, not times. Without measured times every activation has the length of one unit; with a result
+//! of the cell, the mean duration of its stage in that cycle. An activation starts when its inputs and the previous
+//! activation of its lane are done. If cycles overlap, the chart shows two of them, the second one pale or in lower case; it
+//! does not show how they slow each other down on a shared core.
 
 use crate::graph::Cell;
 use crate::schedule::{Activation, Half, Lane, Order, Schedule, Work, label};
@@ -11,10 +11,10 @@ use anyhow::{Result, ensure};
 use files::result::CycleResult;
 use std::fmt::Write as _;
 
-/// Columns of the picture on the terminal, without names.
+/// Width of the chart on the terminal without names, columns.
 const COLUMNS: usize = 96;
 
-/// Width of the picture's time axis, px.
+/// Width of the time axis, px.
 const WIDTH_PX: f64 = 1400.0;
 
 /// Height of a stage, px.
@@ -29,22 +29,22 @@ const LEFT_PX: f64 = 170.0;
 /// Top margin for title and axis, px.
 const TOP_PX: f64 = 64.0;
 
-/// The plan with times.
+/// A schedule with times.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Picture {
-    /// Start and end of each activation, ms or units; of the cycles that are drawn.
+pub struct ScheduleChart {
+    /// For each cycle of the chart: start and end of each activation, ms or units.
     cycles: Vec<Vec<(f64, f64)>>,
-    /// From the start of a cycle to the start of the next: no shorter than either half, nor than the work of a core.
+    /// Time from the start of a cycle to that of the next: at least each half, and at least the work of each core.
     period: f64,
     /// `ms` or `units`.
     unit: &'static str,
 }
 
-impl Picture {
-    /// Places the activations; `measured` is the result of a cycle of this cell.
+impl ScheduleChart {
+    /// Computes the times; `measured` is the result of a cycle of this cell.
     ///
     /// # Errors
-    /// A result of another cell, or of a cycle that was not finished.
+    /// The result is of another cell, or of a cycle that is not ok.
     pub fn new(schedule: &Schedule, measured: Option<&CycleResult>) -> Result<Self> {
         let durations = match measured {
             Some(result) => durations(schedule, result)?,
@@ -66,8 +66,8 @@ impl Picture {
         Ok(Self { cycles: vec![first, second], period: acquired.max(evaluated).max(busiest), unit })
     }
 
-    /// What the measured times leave of the limits, and whether they keep them. Nothing without measured times.
-    pub fn against_limits(&self, cell: &Cell) -> Option<(String, bool)> {
+    /// Compares measured times with the limits, as text and as whether they are kept. `None` without measured times.
+    pub fn check_limits(&self, cell: &Cell) -> Option<(String, bool)> {
         let limits = &cell.config.limits;
         let (budget_ms, deadline_ms) = (limits.stage_budget_ms as f64, limits.cycle_deadline_ms as f64);
         let lasts = |bar: &(f64, f64)| bar.1 - bar.0;
@@ -77,10 +77,10 @@ impl Picture {
             .max_by(|a, b| lasts(a.0).total_cmp(&lasts(b.0)));
         let (bar, activation) = longest.filter(|_| self.unit == "ms")?;
         let (longest_ms, verdict_ms) = (lasts(bar), end(&self.cycles[0]));
-        let met = |met: bool| if met { "kept" } else { "NOT KEPT" };
+        let met = |met: bool| if met { "kept" } else { "EXCEEDED" };
         let text = format!(
-            "measured: verdict after {verdict_ms:.1} ms of the deadline of {deadline_ms} ms, {}; longest activation \"{}\" of {} \
-             {longest_ms:.1} ms of a stage's budget of {budget_ms} ms, {}",
+            "measured: verdict after {verdict_ms:.1} ms, deadline {deadline_ms} ms {}; longest activation \"{}\" of {} \
+             {longest_ms:.1} ms, stage budget {budget_ms} ms {}",
             met(verdict_ms <= deadline_ms),
             label(&cell.graph, activation.work),
             cell.schedule.stages[activation.stage].name,
@@ -89,7 +89,7 @@ impl Picture {
         Some((text, verdict_ms <= deadline_ms && longest_ms <= budget_ms))
     }
 
-    /// All bars: number of the cycle, activation, start and end.
+    /// All bars: index of the cycle, activation, start and end.
     fn bars<'a>(
         &'a self,
         schedule: &'a Schedule,
@@ -104,7 +104,7 @@ impl Picture {
         self.cycles.iter().map(|bars| end(bars)).fold(f64::MIN_POSITIVE, f64::max)
     }
 
-    /// One line per stage, a letter for what it does in each slice of time.
+    /// The chart as text: one line per stage, one letter per slice of time.
     pub fn text(&self, cell: &Cell) -> String {
         let schedule = &cell.schedule;
         let name = schedule.stages.iter().map(|s| s.name.chars().count()).max().unwrap_or(0);
@@ -131,7 +131,7 @@ impl Picture {
         text
     }
 
-    /// The same as a drawing, with every activation and every dependency between stages.
+    /// The chart as SVG, with every activation and every dependency between stages.
     pub fn svg(&self, cell: &Cell) -> String {
         let schedule = &cell.schedule;
         let height = TOP_PX + ROW_PX * schedule.stages.len() as f64 + 40.0;
@@ -170,7 +170,7 @@ impl Picture {
                 svg,
                 "<rect x=\"{x:.2}\" y=\"{y:.1}\" width=\"{:.2}\" height=\"{:.1}\" fill=\"{}\" opacity=\"{}\" stroke=\"white\" stroke-width=\"0.5\">\
                  <title>{}, {:.2} to {:.2} {}</title></rect>",
-                // A trigger is too short to be seen at its true width.
+                // A trigger would be too narrow to see.
                 (scale * (bar.1 - bar.0)).max(LEAST_PX),
                 ROW_PX - 8.0,
                 colour(activation.work),
@@ -204,7 +204,7 @@ impl Picture {
         }
     }
 
-    /// Lines from the end of an input to the start of what takes it, where they are of different stages.
+    /// Lines from the end of an input to the start of the activation that uses it, between different stages.
     fn dependencies(&self, svg: &mut String, schedule: &Schedule, scale: f64) {
         let middle = |stage: usize| TOP_PX + ROW_PX * (stage as f64 + 0.5);
         for (cycle, activation, bar) in self.bars(schedule) {
@@ -224,7 +224,7 @@ impl Picture {
     }
 }
 
-/// Places the activations of a cycle whose halves begin at these times at the earliest.
+/// Start and end of the activations of a cycle whose halves start at these times at the earliest.
 fn place(schedule: &Schedule, durations: &[f64], acquisition: f64, evaluation: f64) -> Vec<(f64, f64)> {
     let order = Order::new(schedule);
     let begin = |lane: &Lane| if lane.half == Some(Half::Evaluation) { evaluation } else { acquisition };
@@ -243,7 +243,7 @@ fn end(bars: &[(f64, f64)]) -> f64 {
     bars.iter().map(|bar| bar.1).fold(f64::MIN_POSITIVE, f64::max)
 }
 
-/// All work of a cycle on the core that has most.
+/// Work of a cycle on the busiest core.
 fn busiest(schedule: &Schedule, durations: &[f64]) -> f64 {
     let mut work = vec![0.0; schedule.cores];
     for activation in &schedule.activations {
@@ -261,16 +261,16 @@ fn durations(schedule: &Schedule, result: &CycleResult) -> Result<Vec<f64>> {
     );
     ensure!(
         planned == measured,
-        "the result is of another cell: its stages are {}, those of the schedule {}",
+        "the result is of another cell: it has the stages {}, the schedule has {}",
         names(measured),
         names(planned)
     );
     let mean = |stage: &files::result::StageResult| {
         ensure!(
             stage.activations > 0,
-            "stage {} did nothing in cycle {}; give the result of a cycle that is ok",
+            "stage {} did nothing in cycle {}; use the result of a cycle that is ok",
             stage.name,
-            result.cycle
+            result.cycle + 1
         );
         Ok(stage.compute_ns.saturating_add(stage.send_ns) as f64 / 1e6 / f64::from(stage.activations))
     };
@@ -290,12 +290,12 @@ fn letter(work: Work) -> char {
     }
 }
 
-/// The letter of a later cycle.
+/// The letter for the second cycle.
 fn small(letter: char) -> char {
     letter.to_lowercase().next().unwrap_or(letter)
 }
 
-/// Kinds of work with their colours (Okabe and Ito: told apart by everybody).
+/// Kinds of work with their colours (Okabe and Ito: distinct for colour-blind readers).
 const COLOURS: [(&str, &str); 8] = [
     ("project", "#e69f00"),
     ("expose", "#56b4e9"),
@@ -334,7 +334,7 @@ fn legend(svg: &mut String, height: f64) {
     }
 }
 
-/// The next of 1, 2, 5, 10, …
+/// Rounds up to 1, 2 or 5 times a power of ten.
 fn tick(least: f64) -> f64 {
     let decade = 10_f64.powf(least.log10().floor());
     [1.0, 2.0, 5.0, 10.0]

@@ -1,9 +1,9 @@
-//! `fringecell schedule`: the plan of a cycle as a table.
+//! `fringecell schedule`: shows the schedule of a cycle as tables and as a chart.
 
 use crate::graph::{self, Cell};
-use crate::outputs::check_outputs;
-use crate::plan_picture::Picture;
+use crate::output_check::check_outputs;
 use crate::schedule::{Half, Schedule, label};
+use crate::schedule_chart::ScheduleChart;
 use anyhow::{Context, Result};
 use files::atomic;
 use files::result::read_json;
@@ -15,41 +15,41 @@ use std::path::PathBuf;
 pub struct ScheduleArgs {
     /// Configuration of the cell.
     pub config: PathBuf,
-    /// The plan as a drawing.
+    /// Write the schedule as a chart to this file.
     #[arg(long, value_name = "FILE.svg")]
     pub picture: Option<PathBuf>,
-    /// The result.json of a cycle of this cell: the picture takes the durations from it.
+    /// Take the durations of the chart from this result.json of the same cell.
     #[arg(long, value_name = "FILE")]
     pub result: Option<PathBuf>,
 }
 
-/// Plans a cell; returns tables and picture, and whether measured times keep the limits.
+/// Plans a cell; returns tables and chart as text, and whether measured times keep the limits.
 ///
 /// # Errors
-/// A cell that cannot be planned, a result of another one, a place that cannot be written.
+/// The cell cannot be planned, the result is of another cell, or the chart cannot be written.
 pub fn schedule(args: &ScheduleArgs) -> Result<(String, bool)> {
     let cell = graph::load(&args.config, &graph::Options::default())?;
     let mut inputs = cell.config.paths();
     inputs.extend(args.result.as_deref());
     check_outputs(&[("--picture", args.picture.as_deref())], &inputs, None)?;
     let measured = args.result.as_ref().map(|file| read_json(file)).transpose()?;
-    let picture = Picture::new(&cell.schedule, measured.as_ref());
-    let picture = match &args.result {
-        Some(file) => picture.with_context(|| file.display().to_string())?,
-        None => picture?,
+    let chart = ScheduleChart::new(&cell.schedule, measured.as_ref());
+    let chart = match &args.result {
+        Some(file) => chart.with_context(|| file.display().to_string())?,
+        None => chart?,
     };
     if let Some(file) = &args.picture {
-        atomic::write(file, picture.svg(&cell).as_bytes())?;
+        atomic::write(file, chart.svg(&cell).as_bytes())?;
     }
-    let (limits, kept) = picture.against_limits(&cell).unwrap_or((String::new(), true));
-    Ok((format!("{}\n{}{limits}", render(&cell), picture.text(&cell)), kept))
+    let (limits, within_limits) = chart.check_limits(&cell).unwrap_or((String::new(), true));
+    Ok((format!("{}\n{}{limits}", render(&cell), chart.text(&cell)), within_limits))
 }
 
-/// The order of the activations on each core, then the topics with their buffers. The same config gives the same text.
+/// The order of the activations on each core, then the topics with their buffers.
 fn render(cell: &Cell) -> String {
     let schedule = &cell.schedule;
     let mut text = format!(
-        "cell {}: {} stages, {} activations on {} cores, deadline {} ms, a stage's budget {} ms\n{}\n",
+        "cell {}: {} stages, {} activations on {} cores, deadline {} ms, stage budget {} ms\n{}\n",
         cell.name,
         schedule.stages.len(),
         schedule.activations.len(),
@@ -67,14 +67,14 @@ fn render(cell: &Cell) -> String {
         let _ = writeln!(
             text,
             "\ncore {}{half}\n{:>5}  {:<20} {:<24} {:<18} after",
-            lane.core, "no.", "stage", "activation", "gives"
+            lane.core, "no.", "stage", "activation", "output"
         );
         for (number, activation) in schedule.on_lane(lane) {
             let after: Vec<String> = activation.inputs.iter().map(usize::to_string).collect();
-            let gives = activation.output.map_or("", |topic| schedule.topics[topic].name.as_str());
+            let output = activation.output.map_or("", |topic| schedule.topics[topic].name.as_str());
             let _ = writeln!(
                 text,
-                "{number:>5}  {:<20} {:<24} {gives:<18} {}",
+                "{number:>5}  {:<20} {:<24} {output:<18} {}",
                 schedule.stages[activation.stage].name,
                 label(&cell.graph, activation.work),
                 shorten(&after)
@@ -103,17 +103,17 @@ fn render(cell: &Cell) -> String {
     text
 }
 
-/// How cycles follow each other.
+/// The overlap of cycles in words.
 fn overlap(schedule: &Schedule) -> String {
     match schedule.in_flight {
-        1 => "1 cycle in flight: the next one starts when the last one has its outcome (schedule.cycles_in_flight)".into(),
+        1 => "1 cycle in flight: a cycle starts when the previous one has its outcome (schedule.cycles_in_flight)".into(),
         n => format!(
-            "{n} cycles in flight: the next one is acquired while the last one is evaluated; both lists of a core share it"
+            "{n} cycles in flight: a cycle is acquired while the previous one is evaluated; both lists of a core share the core"
         ),
     }
 }
 
-/// Long lists by their ends.
+/// Shortens a long list to its first and last element.
 fn shorten(names: &[String]) -> String {
     match names {
         [first, .., last] if names.len() > 4 => format!("{first} … {last} ({})", names.len()),

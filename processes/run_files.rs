@@ -1,11 +1,11 @@
-//! The files of a run: results, cloud, trace, report.
+//! Writes the files of a run: results, cloud, trace and report.
 
 use crate::cycle_number::wire;
 use crate::graph::Cell;
 use crate::schedule::label;
 use crate::supervisor::collect::Span;
 use crate::supervisor::history::History;
-use crate::supervisor::watch::Watch;
+use crate::supervisor::snapshot::Snapshot;
 use anyhow::Result;
 use files::atomic;
 use files::ply::write_cloud;
@@ -22,7 +22,7 @@ use report::{
 use std::path::Path;
 use twin::Truth;
 
-/// Writes the result of one cycle while the run goes on.
+/// Writes the result of a cycle, during the run.
 pub fn cycle(folder: &Path, result: &CycleResult) -> Result<()> {
     let results = folder.join("results");
     atomic::create_dir(&results)?;
@@ -30,28 +30,28 @@ pub fn cycle(folder: &Path, result: &CycleResult) -> Result<()> {
     Ok(write_json(&folder.join("result.json"), result)?)
 }
 
-/// What a run leaves behind, for its files.
-pub struct Run<'a> {
-    /// The cell.
+/// Data for the files at the end of a run.
+pub struct RunFiles<'a> {
+    /// Configuration, graph and schedule of the cell.
     pub cell: &'a Cell,
-    /// Results of the cycles; of long runs the last ones.
+    /// Results of the last cycles.
     pub results: &'a [CycleResult],
-    /// When the last cycles ran.
+    /// Times of the last cycles.
     pub history: &'a History,
-    /// What was seen.
-    pub watch: &'a Watch,
-    /// The truth of a demonstration.
+    /// Images, phase maps and cloud of the last cycle.
+    pub snapshot: &'a Snapshot,
+    /// Truth of the simulation, in the demo.
     pub truth: Option<&'a Truth>,
 }
 
 /// Writes cloud, trace and report.
-pub fn files(folder: &Path, run: &Run) -> Result<()> {
+pub fn files(folder: &Path, run: &RunFiles) -> Result<()> {
     trace(&folder.join("trace.json"), run.cell, run.history)?;
-    let points = match &run.watch.cloud {
+    let points = match &run.snapshot.cloud {
         Some(cloud) => payload::points(cloud.header(), cloud.payload())?,
         None => &[],
     };
-    if run.watch.cloud.is_some() {
+    if run.snapshot.cloud.is_some() {
         let config = &run.cell.config;
         let software = format!("fringecell {}", env!("CARGO_PKG_VERSION"));
         let comments = [
@@ -66,7 +66,7 @@ pub fn files(folder: &Path, run: &Run) -> Result<()> {
     report(folder, run, points)
 }
 
-/// Writes when each stage did what.
+/// Writes the times of all stages.
 pub fn trace(file: &Path, cell: &Cell, history: &History) -> Result<()> {
     let stages: Vec<&str> = cell.schedule.stages.iter().map(|s| s.name.as_str()).collect();
     let spans: Vec<TraceSpan> = history.spans.iter().filter_map(|span| trace_span(cell, span)).collect();
@@ -87,7 +87,7 @@ fn trace_span(cell: &Cell, span: &Span) -> Option<TraceSpan> {
     })
 }
 
-fn report(folder: &Path, run: &Run, points: &[Point]) -> Result<()> {
+fn report(folder: &Path, run: &RunFiles, points: &[Point]) -> Result<()> {
     let Some(last) = run.results.last() else { return Ok(()) };
     let ok = last.outcome == OUTCOME_OK;
     let cell = run.cell;
@@ -116,8 +116,8 @@ fn report(folder: &Path, run: &Run, points: &[Point]) -> Result<()> {
         cloud: if ok { points } else { &[] },
         pair_names: cell.graph.pairs.iter().map(|p| p.name.clone()).collect(),
         deviations: &deviations,
-        deviation_meaning: "Distance from the fitted element of the plan, positive outside of the material."
-            .into(),
+        deviation_meaning:
+            "Distance from the fitted element of the plan; positive is outside of the material.".into(),
         overlaps: overlaps(cell, last),
         timeline: timeline(cell, run.history, last.cycle),
         marks: marks(cell, run.history, last.cycle),
@@ -133,15 +133,15 @@ fn report(folder: &Path, run: &Run, points: &[Point]) -> Result<()> {
     Ok(write_html(&folder.join("report.html"), &input)?)
 }
 
-/// What an uncertainty here is, and what it is not.
-const UNCERTAINTY_NOTE: &str = "Uncertainties hold the scatter of the points and what the inspection plan states as \
-     u_system_mm and u_system_deg (calibration, temperature, artefact); where the plan states nothing, they are those of repeatability.";
+/// Note on the uncertainties in the report.
+const UNCERTAINTY_NOTE: &str = "Uncertainties contain the scatter of the points and the contributions u_system_mm and u_system_deg of the \
+     inspection plan (calibration, temperature, artefact). If the plan states none, they describe repeatability only.";
 
-/// What a demonstration has to admit.
-const TRUTH_NOTE: &str = "The part is simulated. The column truth is known to the simulator only; nothing that \
-    measured has seen it.";
+/// Note on the truth in the report of the demo.
+const TRUTH_NOTE: &str = "The part is simulated. The column truth comes from the simulator; the measurement does \
+    not use it.";
 
-/// The plan of the recipe that a cycle was inspected with.
+/// The plan of the recipe of a cycle.
 fn plan_of<'a>(cell: &'a Cell, result: &CycleResult) -> Option<&'a Plan> {
     let name = result.more.get("recipe").and_then(serde_json::Value::as_str);
     cell.recipes.iter().find(|recipe| Some(recipe.name.as_str()) == name)?.plan.as_ref()
@@ -151,7 +151,7 @@ fn decision_rule(guard_factor: f64) -> String {
     format!("ISO 14253-1 with a guard band of {guard_factor} standard uncertainties.")
 }
 
-/// Distances of the points from their elements, each point once.
+/// Deviations of the points from their fitted elements, each point once.
 fn deviations(plan: Option<&Plan>, points: &[Point]) -> Vec<(u32, f32)> {
     let Some(plan) = plan else { return Vec::new() };
     let mut all: Vec<(u32, f32)> = evaluate(plan, points)
@@ -164,9 +164,9 @@ fn deviations(plan: Option<&Plan>, points: &[Point]) -> Vec<(u32, f32)> {
     all
 }
 
-fn camera_views(run: &Run, cycle: u64) -> Vec<GreyPicture> {
+fn camera_views(run: &RunFiles, cycle: u64) -> Vec<GreyPicture> {
     let graph = &run.cell.graph;
-    let fresh = run.watch.pictures.iter().filter(|(_, p)| p.cycle == wire(cycle));
+    let fresh = run.snapshot.images.iter().filter(|(_, p)| p.cycle == wire(cycle));
     let views = fresh.filter_map(|((camera, projector), picture)| {
         let (camera, projector) =
             (graph.cameras.get(*camera as usize)?, graph.projectors.get(*projector as usize)?);
@@ -180,9 +180,9 @@ fn camera_views(run: &Run, cycle: u64) -> Vec<GreyPicture> {
     views.collect()
 }
 
-fn phase_maps<'a>(run: &'a Run, cycle: u64) -> Result<Vec<(String, PhaseView<'a>)>> {
+fn phase_maps<'a>(run: &'a RunFiles, cycle: u64) -> Result<Vec<(String, PhaseView<'a>)>> {
     let graph = &run.cell.graph;
-    let fresh = run.watch.maps.values().filter(|m| m.header().cycle == wire(cycle));
+    let fresh = run.snapshot.maps.values().filter(|m| m.header().cycle == wire(cycle));
     fresh
         .map(|map| {
             let header = map.header();

@@ -1,4 +1,4 @@
-//! The desk at which jobs are taken: between the socket, the control states and the cycles.
+//! The job controller: connects command socket, control states and cycles.
 
 use super::protocol::{Answer, RecipeReport, StateReport};
 use crate::control::{Action, Event, Machine, Refusal, State};
@@ -6,11 +6,11 @@ use crossbeam::channel::Sender;
 use files::result::CycleResult;
 use serde_json::json;
 
-/// Longest name of a part, bytes: it stands in a request of at most 4 kB and in every result.
+/// Longest name of a part, bytes.
 const MAX_PART: usize = 256;
 
-/// Jobs and who waits for them.
-pub(super) struct Desk {
+/// The current job and the state machine of the cell.
+pub(super) struct JobController {
     machine: Machine,
     recipes: Vec<String>,
     serves: bool,
@@ -18,55 +18,55 @@ pub(super) struct Desk {
     job: Option<Job>,
 }
 
-/// What the cell works on.
+/// The current job.
 struct Job {
     recipe: usize,
     part: Option<String>,
-    waits: Option<Sender<Answer>>,
+    reply: Option<Sender<Answer>>,
 }
 
-impl Desk {
-    /// `serves`: takes jobs; otherwise it only follows a run that goes on by itself.
+impl JobController {
+    /// `serves`: accepts jobs; otherwise the run starts its cycles by itself.
     pub(super) fn new(recipes: Vec<String>, serves: bool) -> Self {
         Self { machine: Machine::new(recipes.len()), recipes, serves, reason: None, job: None }
     }
 
-    /// Whether jobs are taken.
+    /// Whether jobs are accepted.
     pub(super) fn serves(&self) -> bool {
         self.serves
     }
 
-    /// Where the cell is.
+    /// State of the cell.
     pub(super) fn state(&self) -> State {
         self.machine.state()
     }
 
-    /// Why it is in error.
+    /// Reason of the error state.
     pub(super) fn reason(&self) -> Option<String> {
         self.reason.clone()
     }
 
-    /// The recipe of the cycle that starts.
+    /// Index of the recipe of the current job.
     pub(super) fn recipe(&self) -> usize {
         self.job.as_ref().map_or(0, |job| job.recipe)
     }
 
-    /// Something happened to the stages.
-    pub(super) fn stages(&mut self, event: Event) {
-        // The machine accepts these in every state and asks for nothing.
+    /// Handles that all stages are up, or that one is down.
+    pub(super) fn stages_changed(&mut self, event: Event) {
+        // The machine accepts these events in every state and returns no action.
         let _ = self.machine.handle(event);
         if event == Event::StagesUp && !self.serves && self.machine.state() == State::Ready {
             let _ = self.machine.handle(Event::StartContinuous { recipe: 0, cycles: None });
         }
     }
 
-    /// A stage was given up.
+    /// Handles that a stage failed too often.
     pub(super) fn fault(&mut self, reason: &str) -> Action {
         self.reason = Some(reason.to_owned());
         self.machine.handle(Event::Fault).unwrap_or(Action::None)
     }
 
-    /// Inspects a part; the answer comes with the result, unless it is refused here.
+    /// Starts the inspection of a part. The answer follows with the result, unless the request is refused.
     pub(super) fn inspect(&mut self, part: String, recipe: Option<&str>, reply: Sender<Answer>) -> Action {
         let started = self.check(Some(&part)).and_then(|()| self.number(recipe)).and_then(|recipe| {
             let action = self.handle(Event::StartSingle { recipe })?;
@@ -74,32 +74,32 @@ impl Desk {
         });
         match started {
             Ok((recipe, action)) => {
-                self.job = Some(Job { recipe, part: Some(part), waits: Some(reply) });
+                self.job = Some(Job { recipe, part: Some(part), reply: Some(reply) });
                 action
             }
             Err(answer) => {
-                // A client that went away needs no answer.
+                // The client may have disconnected.
                 let _ = reply.send(answer);
                 Action::None
             }
         }
     }
 
-    /// Inspects part after part.
+    /// Starts the inspection of part after part.
     pub(super) fn start(&mut self, recipe: Option<&str>, cycles: Option<u64>) -> (Action, Answer) {
         let started = self.check(None).and_then(|()| self.number(recipe)).and_then(|recipe| {
             if cycles == Some(0) {
-                return Err(Answer::Refused("cycles: 0 is nothing to do; 1 at least".into()));
+                return Err(Answer::Refused("cycles: 0 is not allowed; the minimum is 1".into()));
             }
             let action = self.handle(Event::StartContinuous { recipe, cycles })?;
-            self.job = Some(Job { recipe, part: None, waits: None });
+            self.job = Some(Job { recipe, part: None, reply: None });
             Ok((action, Answer::Done(format!("started with recipe \"{}\"", self.recipes[recipe]))))
         });
         started.unwrap_or_else(|answer| (Action::None, answer))
     }
 
-    /// Does what needs no more than the machine.
-    pub(super) fn simply(&mut self, event: Event, done: &str) -> (Action, Answer) {
+    /// Handles a request that only changes the state.
+    pub(super) fn change_state(&mut self, event: Event, done: &str) -> (Action, Answer) {
         let handled = self.check(None).and_then(|()| self.handle(event));
         match handled {
             Ok(action) => {
@@ -112,7 +112,7 @@ impl Desk {
         }
     }
 
-    /// Makes a recipe selectable, or not.
+    /// Prepares or unprepares a recipe.
     pub(super) fn select(&mut self, recipe: &str, prepare: bool) -> Answer {
         let changed = self.check(None).and_then(|()| self.number(Some(recipe))).and_then(|recipe| {
             self.handle(if prepare { Event::Prepare { recipe } } else { Event::Unprepare { recipe } })
@@ -121,18 +121,18 @@ impl Desk {
         changed.map_or_else(|answer| answer, |_| Answer::Done(format!("recipe \"{recipe}\" is {word}")))
     }
 
-    /// Marks a result with the recipe and the part of its job.
-    pub(super) fn mark(&self, result: &mut CycleResult) {
+    /// Adds recipe and part of the job to a result.
+    pub(super) fn annotate(&self, result: &mut CycleResult) {
         result.more.insert("recipe".into(), json!(self.recipes[self.recipe()]));
         if let Some(part) = self.job.as_ref().and_then(|job| job.part.as_ref()) {
             result.more.insert("part".into(), json!(part));
         }
     }
 
-    /// A cycle has its outcome, and its files are written: who waits gets it, and the next one may start.
-    pub(super) fn concluded(&mut self, result: &CycleResult) -> Action {
-        if let Some(reply) = self.job.as_mut().and_then(|job| job.waits.take()) {
-            // A client that went away needs no answer; the result is written all the same.
+    /// Handles the end of a cycle whose files are written: answers the waiting client and may start the next cycle.
+    pub(super) fn cycle_ended(&mut self, result: &CycleResult) -> Action {
+        if let Some(reply) = self.job.as_mut().and_then(|job| job.reply.take()) {
+            // The client may have disconnected; the files are written anyway.
             let _ = reply.send(Answer::Inspected(Box::new(result.clone())));
         }
         if !self.serves {
@@ -145,7 +145,7 @@ impl Desk {
         action
     }
 
-    /// In which state the cell is.
+    /// State, job and recipes of the cell.
     pub(super) fn report(&self) -> StateReport {
         let recipes = self.recipes.iter().enumerate();
         StateReport {
@@ -165,13 +165,12 @@ impl Desk {
 
     fn check(&self, part: Option<&str>) -> Result<(), Answer> {
         if !self.serves {
-            let reason =
-                "the cell runs its cycles by itself; start it with `fringecell run --serve` to give it jobs";
+            let reason = "this cell accepts no jobs; start it with `fringecell run --serve`";
             return Err(Answer::Refused(reason.into()));
         }
         match part {
             Some(part) if part.is_empty() || part.len() > MAX_PART || part.chars().any(char::is_control) => {
-                let reason = format!("part {part:?}: 1 to {MAX_PART} bytes of printable text are allowed");
+                let reason = format!("part {part:?}: must be 1 to {MAX_PART} bytes of printable text");
                 Err(Answer::Refused(reason))
             }
             _ => Ok(()),
@@ -181,7 +180,7 @@ impl Desk {
     fn number(&self, recipe: Option<&str>) -> Result<usize, Answer> {
         let Some(name) = recipe else { return Ok(0) };
         self.recipes.iter().position(|known| known == name).ok_or_else(|| {
-            Answer::Refused(format!("no recipe \"{name}\"; there are {}", self.recipes.join(", ")))
+            Answer::Refused(format!("no recipe \"{name}\"; known recipes: {}", self.recipes.join(", ")))
         })
     }
 
@@ -194,11 +193,11 @@ impl Desk {
         let reason = match (&self.reason, &self.job) {
             (Some(reason), _) if state == State::Error => format!("{refusal}: {reason}"),
             (_, Some(Job { part: Some(part), .. })) if refusal == Refusal::Busy => {
-                format!("{refusal}: part {part:?} is being inspected")
+                format!("{refusal}: part {part:?}")
             }
             _ => refusal.to_string(),
         };
-        if refusal.is_passing() {
+        if refusal.is_temporary() {
             Answer::NotReady { state, reason }
         } else {
             Answer::Refused(format!("{state:?}: {reason}"))

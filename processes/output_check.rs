@@ -1,10 +1,10 @@
-//! What may be written where.
+//! Checks output paths before any work is done.
 
 use anyhow::{Result, bail};
 use std::path::Path;
 
-/// Refuses outputs that would fail at the end, or destroy an input, before any work is done. `made` is a folder that the
-/// command will make.
+/// Refuses outputs that cannot be written, that overwrite an input, or that are named twice. `made` is a folder that the
+/// command will create.
 ///
 /// # Errors
 /// The first such output, with its option.
@@ -15,12 +15,16 @@ pub fn check_outputs(outputs: &[(&str, Option<&Path>)], inputs: &[&Path], made: 
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         let absent = |folder: &&Path| !folder.is_dir() && made.is_none_or(|made| !folder.starts_with(made));
         if let Some(folder) = folder.filter(absent) {
-            bail!("{flag} {}: there is no folder {}; make it first", path.display(), folder.display());
+            bail!(
+                "{flag} {}: the folder {} does not exist; create it first",
+                path.display(),
+                folder.display()
+            );
         }
         if path.is_dir() {
-            bail!("{flag} {}: is a folder; name a file to write", path.display());
+            bail!("{flag} {}: is a folder; name a file", path.display());
         }
-        // Devices may be written as often as one likes.
+        // Devices may be named several times.
         if path.exists() && !path.is_file() {
             continue;
         }
@@ -32,7 +36,7 @@ pub fn check_outputs(outputs: &[(&str, Option<&Path>)], inputs: &[&Path], made: 
         }
         for (other, same) in outputs[..index].iter().filter_map(|(other, path)| Some((other, (*path)?))) {
             if real(same)? == here {
-                bail!("{flag} {}: is the file of {other} too; name two files", path.display());
+                bail!("{flag} {}: is also the file of {other}; name two files", path.display());
             }
         }
     }

@@ -1,7 +1,7 @@
-//! Keeps the cycle record: what stages report and, where asked for, the bytes they send, handed to a thread that writes.
+//! Writes the cycle record: the reports of the stages and, on request, the bytes that they send. A thread of its own writes.
 //!
-//! The supervisor never waits for the disk. When the disk lags behind, messages are left where they are until it has
-//! caught up; their senders wait for room then, as for any slow receiver.
+//! The supervisor never waits for the disk. While the disk is too slow, messages stay queued; their senders then wait, as
+//! for any slow receiver.
 
 use crate::cycle_number::wire;
 use crate::graph::{Cell, recorded_recipes};
@@ -19,77 +19,76 @@ use ipc::port::{Node, Received, Subscriber};
 use std::path::Path;
 use std::thread::JoinHandle;
 
-/// Messages that may wait for the disk before no more are taken, a few frames of each camera: beyond that the disk is
-/// too slow, and more would only cost memory.
-const WAITING: usize = 16;
+/// Messages that may wait for the disk before no more are received: a few frames of each camera.
+const QUEUE_LIMIT: usize = 16;
 
-/// What the thread writes.
+/// An item to write.
 enum Item {
     Value(ValueKey, Vec<u8>),
     Cycle(CycleEntry),
 }
 
-/// What is not in the record, and why first.
+/// Cycles that are not in the record, and the first error.
 #[derive(Debug, Default)]
 struct Loss {
     cycles: u64,
     first: Option<FileError>,
 }
 
-/// The ports that a record with values listens to.
-struct Taps {
+/// Subscribers for the values of the record.
+struct Subscribers {
     frames: Vec<Subscriber<Frame>>,
     phases: Vec<Subscriber<Phase>>,
     clouds: Vec<Subscriber<Cloud>>,
 }
 
-/// The record of a run.
-pub struct Keeper {
-    taps: Taps,
-    /// The cycle whose bytes are kept, as on the wire; those of an ended one come too late. With bytes kept one cycle is in
-    /// flight at a time.
+/// Records the cycles of a run.
+pub struct CycleRecorder {
+    subscribers: Subscribers,
+    /// The cycle whose values are recorded, as in messages. With values recorded, one cycle is in flight at a time.
     current: Option<u64>,
     items: Option<Sender<Item>>,
     thread: Option<JoinHandle<Loss>>,
 }
 
-impl Keeper {
-    /// Creates the file and opens the ports.
+impl CycleRecorder {
+    /// Creates the file, the thread and the subscribers.
     pub fn new(path: &Path, cell: &Cell, node: &Node) -> Result<Self> {
         let writer = RecordWriter::create(path, &header(cell)?)?;
         let (items, waiting) = unbounded();
         let thread = std::thread::Builder::new().name("cycle record".into());
-        let thread =
-            thread.spawn(move || write(writer, &waiting)).context("starting the thread that writes")?;
-        let taps = Taps::new(cell, node)?;
-        Ok(Self { taps, current: None, items: Some(items), thread: Some(thread) })
+        let thread = thread
+            .spawn(move || write(writer, &waiting))
+            .context("starting the thread of the cycle record")?;
+        let subscribers = Subscribers::new(cell, node)?;
+        Ok(Self { subscribers, current: None, items: Some(items), thread: Some(thread) })
     }
 
-    /// Connects to senders that came since.
+    /// Connects to publishers that joined since the last call.
     pub fn connect(&self) -> Result<()> {
-        self.taps.frames.iter().try_for_each(Subscriber::connect)?;
-        self.taps.phases.iter().try_for_each(Subscriber::connect)?;
-        Ok(self.taps.clouds.iter().try_for_each(Subscriber::connect)?)
+        self.subscribers.frames.iter().try_for_each(Subscriber::connect)?;
+        self.subscribers.phases.iter().try_for_each(Subscriber::connect)?;
+        Ok(self.subscribers.clouds.iter().try_for_each(Subscriber::connect)?)
     }
 
-    /// A cycle starts.
+    /// Starts a cycle.
     pub fn begin(&mut self, cycle: u64) {
         self.current = Some(wire(cycle));
     }
 
-    /// Takes what has come, as far as the disk keeps up.
-    pub fn look(&mut self, cell: &Cell) -> Result<()> {
-        self.take(cell, WAITING)
+    /// Handles queued messages, as far as the disk keeps up.
+    pub fn update(&mut self, cell: &Cell) -> Result<()> {
+        self.take(cell, QUEUE_LIMIT)
     }
 
-    /// The result of the inspection, which travels to the supervisor itself.
+    /// Records the result of the inspection, which the supervisor receives itself.
     pub fn result(&self, cell: &Cell, wire_cycle: u64, text: &str) {
         if cell.graph.kept == Kept::All {
-            self.keep(cell, wire_cycle, Work::Inspect, text.as_bytes());
+            self.record(cell, wire_cycle, Work::Inspect, text.as_bytes());
         }
     }
 
-    /// A cycle has its outcome; `recipe` counts in the cell.
+    /// Ends a cycle; `recipe` is the index of its recipe.
     pub fn end<'e>(
         &mut self,
         cell: &Cell,
@@ -97,54 +96,55 @@ impl Keeper {
         recipe: usize,
         done: impl Iterator<Item = &'e Event>,
     ) -> Result<()> {
-        // All that was sent before its report is here already, so this is all of the cycle.
+        // Values are sent before the report of their activation, so all of the cycle have arrived.
         self.take(cell, usize::MAX)?;
         self.current = None;
         self.send(Item::Cycle(entry(result, recipe, done)));
         Ok(())
     }
 
-    /// Waits until all is written, and says what is not.
+    /// Waits until everything is written.
+    ///
+    /// # Errors
+    /// Cycles that could not be recorded.
     pub fn finish(&mut self) -> Result<()> {
         self.items = None;
         let Some(thread) = self.thread.take() else { return Ok(()) };
-        let loss = thread.join().map_err(|_| anyhow!("the thread that writes the cycle record panicked"))?;
+        let loss = thread.join().map_err(|_| anyhow!("the thread of the cycle record panicked"))?;
         match loss.first {
-            Some(first) => {
-                Err(anyhow::Error::from(first)
-                    .context(format!("{} cycles are not in the record", loss.cycles)))
-            }
+            Some(first) => Err(anyhow::Error::from(first)
+                .context(format!("{} cycles are missing in the cycle record", loss.cycles))),
             None => Ok(()),
         }
     }
 
     fn take(&self, cell: &Cell, limit: usize) -> Result<()> {
-        let room = || self.items.as_ref().is_some_and(|items| items.len() < limit);
-        drain(&self.taps.frames, &room, &mut |message| {
+        let has_space = || self.items.as_ref().is_some_and(|items| items.len() < limit);
+        drain(&self.subscribers.frames, &has_space, &mut |message| {
             let h = message.header();
             let (camera, projector, frame) = (h.camera as usize, h.projector as usize, h.frame as usize);
-            self.keep(cell, h.cycle, Work::Expose { camera, projector, frame }, message.payload());
+            self.record(cell, h.cycle, Work::Expose { camera, projector, frame }, message.payload());
         })?;
-        drain(&self.taps.phases, &room, &mut |message| {
+        drain(&self.subscribers.phases, &has_space, &mut |message| {
             let h = message.header();
             let Ok(info) = h.info() else { return };
             let (camera, projector) = (h.camera as usize, h.projector as usize);
-            self.keep(cell, h.cycle, Work::Phase { camera, projector, axis: info.axis }, message.payload());
+            self.record(cell, h.cycle, Work::Phase { camera, projector, axis: info.axis }, message.payload());
         })?;
-        drain(&self.taps.clouds, &room, &mut |message| {
+        drain(&self.subscribers.clouds, &has_space, &mut |message| {
             let h = message.header();
             let work =
                 if h.pair == Cloud::FUSED { Work::Fuse } else { Work::Match { pair: h.pair as usize } };
             let used = (h.points as usize * size_of::<Point>()).min(message.payload().len());
-            self.keep(cell, h.cycle, work, &message.payload()[..used]);
+            self.record(cell, h.cycle, work, &message.payload()[..used]);
         })
     }
 
-    fn keep(&self, cell: &Cell, wire_cycle: u64, work: Work, bytes: &[u8]) {
+    fn record(&self, cell: &Cell, wire_cycle: u64, work: Work, bytes: &[u8]) {
         if self.current != Some(wire_cycle) {
             return;
         }
-        // What the schedule does not know ends the cycle elsewhere.
+        // An activation that is not in the schedule ends the cycle elsewhere.
         if let Some(activation) = cell.schedule.find(work) {
             let key = ValueKey { cycle: wire_cycle.saturating_sub(1), activation: activation as u32 };
             self.send(Item::Value(key, bytes.to_vec()));
@@ -153,13 +153,13 @@ impl Keeper {
 
     fn send(&self, item: Item) {
         if let Some(items) = &self.items {
-            // The thread ends only after this sender.
+            // The thread ends only when this sender is dropped.
             let _ = items.send(item);
         }
     }
 }
 
-impl Drop for Keeper {
+impl Drop for CycleRecorder {
     fn drop(&mut self) {
         if let Err(error) = self.finish() {
             tracing::error!("{error:#}");
@@ -167,7 +167,7 @@ impl Drop for Keeper {
     }
 }
 
-impl Taps {
+impl Subscribers {
     fn new(cell: &Cell, node: &Node) -> Result<Self> {
         let (graph, kept) = (&cell.graph, cell.graph.kept);
         let cameras =
@@ -189,31 +189,31 @@ impl Taps {
 }
 
 fn drain<H: Header>(
-    taps: &[Subscriber<H>],
-    room: &dyn Fn() -> bool,
+    subscribers: &[Subscriber<H>],
+    has_space: &dyn Fn() -> bool,
     each: &mut dyn FnMut(Received<H>),
 ) -> Result<()> {
-    for tap in taps {
-        while room() {
-            let Some(message) = tap.receive()? else { break };
+    for subscriber in subscribers {
+        while has_space() {
+            let Some(message) = subscriber.receive()? else { break };
             each(message);
         }
     }
     Ok(())
 }
 
-/// The thread: writes until the keeper is gone.
+/// The thread: writes until the recorder is dropped.
 fn write(mut writer: RecordWriter, items: &Receiver<Item>) -> Loss {
     let mut loss = Loss::default();
-    let trouble = |error: FileError, first: &mut Option<FileError>| {
-        tracing::error!("{error:#}; the cell measures on");
+    let report = |error: FileError, first: &mut Option<FileError>| {
+        tracing::error!("{error:#}; the cell continues");
         first.get_or_insert(error);
     };
     for item in items {
         match item {
             Item::Value(key, bytes) => {
                 if let Err(error) = writer.value(key, &bytes) {
-                    trouble(error, &mut loss.first);
+                    report(error, &mut loss.first);
                 }
             }
             Item::Cycle(entry) => match writer.cycle(&entry) {
@@ -221,7 +221,7 @@ fn write(mut writer: RecordWriter, items: &Receiver<Item>) -> Loss {
                 Ok(false) => loss.cycles += 1,
                 Err(error) => {
                     loss.cycles += 1;
-                    trouble(error, &mut loss.first);
+                    report(error, &mut loss.first);
                 }
             },
         }

@@ -1,6 +1,6 @@
-//! The stages as processes: started, told apart, killed, reaped.
+//! A stage as a process: start, kill, reap, exit reason.
 
-use super::restart::{Policy, Restarts, Verdict};
+use super::restart::{Decision, Policy, Restarts};
 use anyhow::{Context, Result};
 use ipc::os::now_ns;
 use std::io::{BufRead, BufReader};
@@ -10,87 +10,87 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How long the last line of a process that has ended may take through the pipe: the kernel holds it already.
-const LAST_LINE_PATIENCE_MS: u32 = 50;
+/// Longest wait for the last line of an ended process: the pipe holds it already.
+const LAST_LINE_WAIT_MS: u32 = 50;
 
-/// Where a stage is in its life.
+/// State of a stage process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Life {
-    /// Started; has not reported ready.
+pub enum ProcessState {
+    /// Started, not ready yet.
     Starting {
-        /// Since when, ns.
+        /// Time of the start, ns.
         since_ns: u64,
     },
-    /// Its ports stand.
+    /// Ready: all its ports exist.
     Up,
-    /// Will be started again.
+    /// Waits for its next start.
     Waiting {
-        /// When, ns.
+        /// Time of the next start, ns.
         until_ns: u64,
     },
-    /// Failed too often.
-    Held,
-    /// Ended as asked.
+    /// Failed too often; is not started again.
+    GaveUp,
+    /// Ended on request.
     Ended,
 }
 
-impl Life {
-    /// For `status`.
-    pub fn word(self) -> &'static str {
+impl ProcessState {
+    /// The state as `status` shows it.
+    pub fn name(self) -> &'static str {
         match self {
             Self::Starting { .. } => "starting",
             Self::Up => "up",
             Self::Waiting { .. } => "waiting to restart",
-            Self::Held => "held",
+            Self::GaveUp => "held",
             Self::Ended => "ended",
         }
     }
 }
 
-/// A stage and its process.
+/// A stage with its process.
 #[derive(Debug)]
 pub struct StageProcess {
     /// Name in the schedule.
     pub name: String,
-    /// Where it is in its life.
-    pub life: Life,
-    /// Its failures.
+    /// State of the process.
+    pub state: ProcessState,
+    /// Failures and restart policy.
     pub restarts: Restarts,
-    /// When it last said anything, ns.
-    pub heard_ns: u64,
-    /// Why the supervisor killed it, if it did.
+    /// Time of its last message, ns.
+    pub last_message_ns: u64,
+    /// Reason why the supervisor killed it, if it did.
     pub killed: Option<String>,
-    /// What it said before it ended.
-    pub last_words: Option<String>,
+    /// Reason that it sent before it ended.
+    pub final_message: Option<String>,
     child: Option<Child>,
-    voice: Option<Voice>,
+    stderr: Option<StderrReader>,
     arguments: Vec<String>,
     threads: usize,
 }
 
 impl StageProcess {
-    /// Not started yet. `threads`: of its parallel kernels.
+    /// A stage that is not started yet. `threads`: number of threads of its parallel kernels.
     pub fn new(name: &str, arguments: Vec<String>, threads: usize, policy: Policy) -> Self {
         Self {
             name: name.to_owned(),
-            life: Life::Waiting { until_ns: 0 },
+            state: ProcessState::Waiting { until_ns: 0 },
             restarts: Restarts::new(policy),
-            heard_ns: now_ns(),
+            last_message_ns: now_ns(),
             killed: None,
-            last_words: None,
+            final_message: None,
             child: None,
-            voice: None,
+            stderr: None,
             arguments,
             threads,
         }
     }
 
-    /// Process id, while there is a process.
+    /// Process id, while the process exists.
     pub fn pid(&self) -> Option<u32> {
         self.child.as_ref().map(Child::id)
     }
 
-    /// Starts the process: this very image, even if the file was replaced meanwhile.
+    /// Starts the process from the running program image, even if the file was replaced since.
     pub fn start(&mut self, now_ns: u64) -> Result<()> {
         let mut child = Command::new("/proc/self/exe")
             .arg0("fringecell")
@@ -99,61 +99,62 @@ impl StageProcess {
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
-            // The interrupt key reaches only the supervisor; it then stops the stages in order.
+            // Signals of the terminal reach only the supervisor, which stops the stages.
             .process_group(0)
             .spawn()
             .with_context(|| format!("starting stage {}", self.name))?;
-        self.voice = child.stderr.take().map(|stderr| Voice::listen(&self.name, stderr));
+        self.stderr = child.stderr.take().map(|stderr| StderrReader::start(&self.name, stderr));
         tracing::info!(stage = self.name, pid = child.id(), "stage started");
         self.child = Some(child);
-        self.life = Life::Starting { since_ns: now_ns };
-        (self.heard_ns, self.killed, self.last_words) = (now_ns, None, None);
+        self.state = ProcessState::Starting { since_ns: now_ns };
+        (self.last_message_ns, self.killed, self.final_message) = (now_ns, None, None);
         Ok(())
     }
 
-    /// Kills the process; its end is noticed later like any other.
+    /// Kills the process; [`Self::reap`] finds its end later.
     pub fn kill(&mut self, reason: &str) {
         if let Some(child) = &mut self.child {
             self.killed.get_or_insert_with(|| reason.to_owned());
-            // It fails only for a process that has ended already.
+            // Fails only if the process has ended already.
             let _ = child.kill();
         }
     }
 
-    /// Reaps the process if it has ended and says how.
+    /// Reaps the process if it has ended; returns the reason.
     pub fn reap(&mut self) -> Option<String> {
         let status = self.child.as_mut()?.try_wait().ok()??;
         self.child = None;
-        Some(self.epitaph(status))
+        Some(self.exit_reason(status))
     }
 
-    /// Starts a stage that was given up again, its earlier failures forgiven.
+    /// Schedules a stage that was given up for a new start and clears its failures.
     pub fn revive(&mut self) {
-        self.restarts.forgive();
-        self.life = Life::Waiting { until_ns: 0 };
+        self.restarts.clear();
+        self.state = ProcessState::Waiting { until_ns: 0 };
     }
 
-    /// Decides what follows after an end that nobody asked for.
+    /// Schedules the restart after an unexpected end, or gives up.
     pub fn failed(&mut self, now_ns: u64) {
-        self.life = match self.restarts.failed(now_ns) {
-            Verdict::RestartAt(until_ns) => Life::Waiting { until_ns },
-            Verdict::Hold => Life::Held,
+        self.state = match self.restarts.failed(now_ns) {
+            Decision::RestartAt(until_ns) => ProcessState::Waiting { until_ns },
+            Decision::GiveUp => ProcessState::GaveUp,
         };
     }
 
-    fn epitaph(&self, status: ExitStatus) -> String {
+    fn exit_reason(&self, status: ExitStatus) -> String {
         let end = match (&self.killed, status.signal(), status.code()) {
             (Some(reason), _, _) => reason.clone(),
-            (None, Some(signal), _) => format!("died (signal {signal}{})", meaning(signal)),
+            (None, Some(signal), _) => format!("died (signal {signal}{})", signal_meaning(signal)),
             (None, None, Some(code)) => format!("ended (exit code {code})"),
             (None, None, None) => "ended".to_owned(),
         };
-        // A process that ended itself, by an error, a panic or for want of memory, said why.
+        // After an error, a panic or a failed allocation, the last line on standard error is the reason.
         let ended_itself =
             matches!((status.signal(), status.code()), (Some(libc::SIGABRT), _) | (None, Some(1..)));
-        let said = || self.voice.as_ref().filter(|_| ended_itself && self.killed.is_none())?.last_line();
-        match self.last_words.clone().or_else(said) {
-            Some(words) => format!("{end}: {words}"),
+        let last_line =
+            || self.stderr.as_ref().filter(|_| ended_itself && self.killed.is_none())?.last_line();
+        match self.final_message.clone().or_else(last_line) {
+            Some(message) => format!("{end}: {message}"),
             None => end,
         }
     }
@@ -168,8 +169,8 @@ impl Drop for StageProcess {
     }
 }
 
-/// What may be meant by a signal that is not known to everybody.
-fn meaning(signal: i32) -> &'static str {
+/// The meaning of less familiar signals.
+fn signal_meaning(signal: i32) -> &'static str {
     match signal {
         libc::SIGBUS => ", bus error: is /dev/shm full?",
         libc::SIGSEGV => ", segmentation fault",
@@ -178,29 +179,29 @@ fn meaning(signal: i32) -> &'static str {
     }
 }
 
-/// What a stage says on its standard error: passed on with its name in front, and its last line kept.
+/// Forwards the standard error of a stage with its name in front, and keeps the last line.
 #[derive(Debug)]
-struct Voice {
+struct StderrReader {
     last: Arc<Mutex<String>>,
     thread: JoinHandle<()>,
 }
 
-impl Voice {
-    fn listen(name: &str, stderr: ChildStderr) -> Self {
+impl StderrReader {
+    fn start(name: &str, stderr: ChildStderr) -> Self {
         let (name, last) = (name.to_owned(), Arc::new(Mutex::new(String::new())));
         let kept = Arc::clone(&last);
         let thread = std::thread::spawn(move || {
             for line in BufReader::new(stderr).lines().map_while(Result::ok) {
                 eprintln!("[{name}] {line}");
-                keep(&mut kept.lock().unwrap_or_else(PoisonError::into_inner), &line);
+                keep_last(&mut kept.lock().unwrap_or_else(PoisonError::into_inner), &line);
             }
         });
         Self { last, thread }
     }
 
-    /// The line that says why the process ended.
+    /// The line with the reason why the process ended.
     fn last_line(&self) -> Option<String> {
-        for _ in 0..LAST_LINE_PATIENCE_MS {
+        for _ in 0..LAST_LINE_WAIT_MS {
             if self.thread.is_finished() {
                 break;
             }
@@ -211,8 +212,8 @@ impl Voice {
     }
 }
 
-/// Keeps the last line; of a panic the two lines that tell where and why, and not the backtrace after them.
-fn keep(last: &mut String, line: &str) {
+/// Keeps the last line; of a panic the two lines with place and reason, without the backtrace.
+fn keep_last(last: &mut String, line: &str) {
     if last.contains("panicked at") {
         if last.ends_with(':') {
             last.push(' ');
@@ -225,18 +226,18 @@ fn keep(last: &mut String, line: &str) {
 
 #[cfg(test)]
 mod tests {
-    use super::keep;
+    use super::keep_last;
 
     fn last(lines: &[&str]) -> String {
         let mut last = String::new();
         for line in lines {
-            keep(&mut last, line);
+            keep_last(&mut last, line);
         }
         last
     }
 
     #[test]
-    fn the_line_that_tells_why_is_kept() {
+    fn the_line_with_the_reason_is_kept() {
         assert_eq!(last(&[" WARN something", "", "error: no camera", ""]), "error: no camera");
         let panic =
             ["", "thread 'main' panicked at a.rs:1:2:", "out of bounds", "note: run with", "  0: main"];

@@ -1,5 +1,5 @@
-//! What the supervisor looks at for its report, beside the reports of the stages: one picture of each camera, the phase
-//! maps and the fused cloud of the last cycle. It reads them where they lie; only a picture is copied.
+//! Data of the last cycle for the report of a run: one image of each camera, the phase maps and the fused cloud. Phase maps
+//! and cloud stay in shared memory; images are copied.
 
 use crate::graph::Cell;
 use anyhow::Result;
@@ -9,69 +9,69 @@ use ipc::payload;
 use ipc::port::{Node, Received, Subscriber};
 use std::collections::BTreeMap;
 
-/// A camera's view under even light, as 8 bits.
+/// Image of a camera under uniform light, 8 bits.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Picture {
-    /// Cycle on the wire.
+pub struct CameraImage {
+    /// Cycle as in messages.
     pub cycle: u64,
-    /// Columns.
+    /// Width, px.
     pub width_px: u32,
-    /// Rows.
+    /// Height, px.
     pub height_px: u32,
-    /// Grey values.
+    /// Grey values, row by row.
     pub values: Vec<u8>,
 }
 
-/// The ports and what was seen.
-pub struct Watch {
+/// Ports and data of the last cycle.
+pub struct Snapshot {
     frames: Vec<Subscriber<Frame>>,
     phases: Vec<Subscriber<Phase>>,
     fused: Subscriber<Cloud>,
-    /// By camera and projector.
-    pub pictures: BTreeMap<(u32, u32), Picture>,
-    /// By camera, projector and axis.
+    /// Images by indices of camera and projector.
+    pub images: BTreeMap<(u32, u32), CameraImage>,
+    /// Phase maps by indices of camera and projector and by axis.
     pub maps: BTreeMap<(u32, u32, u32), Received<Phase>>,
-    /// The cloud of the cycle that runs.
+    /// Cloud of the cycle in progress.
     running: Option<Received<Cloud>>,
-    /// The cloud of the last cycle that was ok.
+    /// Cloud of the last cycle that is ok.
     pub cloud: Option<Received<Cloud>>,
-    /// The frame of each projector's sequence that makes the picture.
-    shown: Vec<usize>,
+    /// For each projector: the frame of its sequence that is kept as image.
+    image_frames: Vec<usize>,
 }
 
-impl Watch {
+impl Snapshot {
     /// Opens the ports.
     pub fn new(node: &Node, cell: &Cell) -> Result<Self> {
         let names = |prefix: &str| -> Vec<String> {
             cell.graph.cameras.iter().map(|c| format!("{prefix}/{}", c.name)).collect()
         };
-        let shown = cell.config.projectors.iter().map(|p| picture_frame(&p.sequence));
+        let image_frames = cell.config.projectors.iter().map(|p| image_frame(&p.sequence));
         Ok(Self {
             frames: names("frame").iter().map(|t| node.subscriber(t)).collect::<Result<_, _>>()?,
             phases: names("phase").iter().map(|t| node.subscriber(t)).collect::<Result<_, _>>()?,
             fused: node.subscriber("cloud/fused")?,
-            pictures: BTreeMap::new(),
+            images: BTreeMap::new(),
             maps: BTreeMap::new(),
             running: None,
             cloud: None,
-            shown: shown.collect(),
+            image_frames: image_frames.collect(),
         })
     }
 
-    /// Connects to senders that came since.
+    /// Connects to publishers that joined since the last call.
     pub fn connect(&self) -> Result<()> {
         self.frames.iter().try_for_each(Subscriber::connect)?;
         self.phases.iter().try_for_each(Subscriber::connect)?;
         Ok(self.fused.connect()?)
     }
 
-    /// Takes what has come.
-    pub fn look(&mut self) -> Result<()> {
+    /// Handles all queued messages.
+    pub fn update(&mut self) -> Result<()> {
         for camera in &self.frames {
             while let Some(message) = camera.receive()? {
                 let header = *message.header();
-                if self.shown.get(header.projector as usize) == Some(&(header.frame as usize)) {
-                    keep_picture(&mut self.pictures, &header, message.payload());
+                if self.image_frames.get(header.projector as usize) == Some(&(header.frame as usize)) {
+                    keep_image(&mut self.images, &header, message.payload());
                 }
             }
         }
@@ -87,8 +87,8 @@ impl Watch {
         Ok(())
     }
 
-    /// A cycle has its outcome: its cloud is kept if it is ok.
-    pub fn ended(&mut self, wire_cycle: u64, ok: bool) {
+    /// Ends a cycle; keeps its cloud if it is ok.
+    pub fn end_cycle(&mut self, wire_cycle: u64, ok: bool) {
         let of_cycle = self.running.take().filter(|c| c.header().cycle() == wire_cycle);
         if ok && of_cycle.is_some() {
             self.cloud = of_cycle;
@@ -96,8 +96,8 @@ impl Watch {
     }
 }
 
-/// White if the sequence has it, else its first frame.
-fn picture_frame(sequence: &[PatternSet]) -> usize {
+/// The white frame of a sequence, or else its first frame.
+fn image_frame(sequence: &[PatternSet]) -> usize {
     let frames = sequence.iter().map(PatternSet::frames).sum();
     let is_white = |frame: &usize| {
         locate(sequence, *frame).is_some_and(|(set, _)| matches!(sequence[set], PatternSet::White {}))
@@ -105,17 +105,17 @@ fn picture_frame(sequence: &[PatternSet]) -> usize {
     (0..frames).find(is_white).unwrap_or(0)
 }
 
-fn keep_picture(pictures: &mut BTreeMap<(u32, u32), Picture>, header: &Frame, bytes: &[u8]) {
+fn keep_image(images: &mut BTreeMap<(u32, u32), CameraImage>, header: &Frame, bytes: &[u8]) {
     let Ok(view) = payload::frame(header, bytes) else { return };
-    let picture = pictures.entry((header.camera, header.projector)).or_insert_with(|| Picture {
+    let image = images.entry((header.camera, header.projector)).or_insert_with(|| CameraImage {
         cycle: 0,
         width_px: header.width_px,
         height_px: header.height_px,
         values: vec![0; view.pixels.len()],
     });
-    picture.cycle = header.cycle;
+    image.cycle = header.cycle;
     let scale = 255.0 / f32::from(view.full_scale_dn);
-    for (index, value) in picture.values.iter_mut().enumerate() {
+    for (index, value) in image.values.iter_mut().enumerate() {
         *value = (view.pixels.get(index) * scale).round() as u8;
     }
 }

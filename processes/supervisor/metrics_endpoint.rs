@@ -1,10 +1,10 @@
-//! The endpoint that Prometheus reads: one resource, `/metrics`, over HTTP/1.1.
+//! The metrics endpoint for Prometheus: one resource, `/metrics`, over HTTP/1.1.
 //!
-//! It runs beside the cell, never in its way: own threads, a bounded number of them, every wait with a limit.
+//! It has a limited number of threads, and every wait has a limit, so it cannot block the cell.
 
+use super::command_socket::Call;
 use super::metrics::CONTENT_TYPE;
 use super::protocol::{Answer, Request};
-use super::socket::Call;
 use anyhow::{Context, Result};
 use crossbeam::channel::{Sender, bounded};
 use std::io::{Read, Write};
@@ -13,22 +13,22 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-/// Longest head of a request, bytes; a scraper sends some 300.
+/// Longest request head, bytes; Prometheus sends about 300.
 const MAX_HEAD: usize = 8192;
 
-/// Connections at once; more are turned away.
+/// Connections at once; further ones are closed.
 const MAX_CLIENTS: usize = 16;
 
-/// A client has this long to send its head, and again to take the answer.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// Time limit for a client to send its request, and again to receive the answer.
+const TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Listens; returns the address, of which the system may have chosen the port.
+/// Listens on an address; returns it with the port that the system chose for port 0.
 ///
 /// # Errors
-/// An address that cannot be listened on.
+/// The system refuses the address.
 pub fn listen(address: SocketAddr, calls: Sender<Call>) -> Result<SocketAddr> {
-    let listener =
-        TcpListener::bind(address).with_context(|| format!("--metrics {address}: cannot listen there"))?;
+    let listener = TcpListener::bind(address)
+        .with_context(|| format!("--metrics {address}: cannot listen on this address"))?;
     let local = listener.local_addr()?;
     let clients = Arc::new(AtomicUsize::new(0));
     std::thread::spawn(move || {
@@ -40,7 +40,7 @@ pub fn listen(address: SocketAddr, calls: Sender<Call>) -> Result<SocketAddr> {
             }
             let (calls, clients) = (calls.clone(), Arc::clone(&clients));
             std::thread::spawn(move || {
-                // A client that went away needs no answer.
+                // The client may have disconnected.
                 let _ = serve(&stream, &calls);
                 clients.fetch_sub(1, Ordering::SeqCst);
             });
@@ -50,24 +50,24 @@ pub fn listen(address: SocketAddr, calls: Sender<Call>) -> Result<SocketAddr> {
 }
 
 fn serve(mut stream: &TcpStream, calls: &Sender<Call>) -> Result<()> {
-    stream.set_write_timeout(Some(PATIENCE))?;
+    stream.set_write_timeout(Some(TIMEOUT))?;
     let reply = match head(stream) {
         Ok(head) => answer(&head, calls),
         Err(status) => Reply::error(status, ""),
     };
     stream.write_all(reply.to_bytes().as_slice())?;
-    // What the client still sends is read for a moment: closing with unread bytes would reset the answer away.
+    // Read the rest of the request for a moment: closing with unread bytes would discard the answer.
     stream.shutdown(std::net::Shutdown::Write)?;
     stream.set_read_timeout(Some(Duration::from_millis(100)))?;
     let mut rest = [0; 1024];
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     while Instant::now() < deadline && matches!(stream.read(&mut rest), Ok(n) if n > 0) {}
     Ok(())
 }
 
-/// Reads up to the empty line; the error is a status line. A client that sends byte by byte has the same time in all.
+/// Reads up to the empty line; an error is a status line. The time limit is for the whole head.
 fn head(mut stream: &TcpStream) -> Result<Vec<u8>, &'static str> {
-    let deadline = Instant::now() + PATIENCE;
+    let deadline = Instant::now() + TIMEOUT;
     let mut head = Vec::with_capacity(1024);
     let mut chunk = [0; 1024];
     loop {
@@ -132,11 +132,11 @@ fn answer(head: &[u8], calls: &Sender<Call>) -> Reply {
     }
 }
 
-/// Asks the supervisor.
+/// Requests the metrics from the supervisor.
 fn metrics(calls: &Sender<Call>) -> Option<String> {
     let (reply, answer) = bounded(1);
     calls.send((Request::Metrics {}, reply)).ok()?;
-    match answer.recv_timeout(PATIENCE).ok()? {
+    match answer.recv_timeout(TIMEOUT).ok()? {
         Answer::Metrics(text) => Some(text),
         _ => None,
     }
@@ -146,14 +146,14 @@ fn metrics(calls: &Sender<Call>) -> Option<String> {
 mod tests {
     use super::*;
 
-    /// What an endpoint says to some bytes, its supervisor answering `metrics`.
+    /// The answer of an endpoint to some bytes.
     fn ask(address: SocketAddr, bytes: &[u8]) -> String {
         let mut stream = TcpStream::connect(address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
         stream.write_all(bytes).unwrap();
-        let mut said = Vec::new();
-        stream.read_to_end(&mut said).unwrap();
-        String::from_utf8(said).unwrap()
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        String::from_utf8(answer).unwrap()
     }
 
     fn endpoint() -> SocketAddr {
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn good_and_bad_requests_get_their_status() {
+    fn valid_and_invalid_requests_get_their_status() {
         let address = endpoint();
         let ok = ask(address, b"GET /metrics?x=1 HTTP/1.1\r\nHost: cell\r\n\r\n");
         assert!(ok.starts_with("HTTP/1.1 200 OK\r\n") && ok.ends_with("\r\n\r\na 1\n"), "{ok}");
@@ -184,12 +184,12 @@ mod tests {
             (b"\r\n\r\n", "400"),
             (&long, "431"),
         ] {
-            let said = ask(address, request);
-            assert!(said.starts_with(&format!("HTTP/1.1 {status} ")), "{status}: {said}");
+            let answer = ask(address, request);
+            assert!(answer.starts_with(&format!("HTTP/1.1 {status} ")), "{status}: {answer}");
         }
     }
 
-    /// Proves: clients that say nothing, or half a head, do not keep others from their answer.
+    /// Proves: clients that send nothing, or half a head, do not block others.
     #[test]
     fn silent_clients_do_not_block_others() {
         let address = endpoint();
@@ -197,9 +197,9 @@ mod tests {
             (0..MAX_CLIENTS - 1).map(|_| TcpStream::connect(address).unwrap()).collect();
         (&silent[0]).write_all(b"GET /metr").unwrap();
         assert!(ask(address, b"GET /metrics HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 200"));
-        // The half request is answered in the end, too.
-        let mut said = String::new();
-        (&silent[0]).read_to_string(&mut said).unwrap();
-        assert!(said.starts_with("HTTP/1.1 408"), "{said}");
+        // The incomplete request is answered as well.
+        let mut answer = String::new();
+        (&silent[0]).read_to_string(&mut answer).unwrap();
+        assert!(answer.starts_with("HTTP/1.1 408"), "{answer}");
     }
 }

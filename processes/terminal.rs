@@ -1,17 +1,17 @@
-//! What a run says on the terminal: a line per cycle, then tables.
+//! Output of a run on the terminal: a line per cycle, then tables.
 
 use files::result::{CycleResult, FeatureResult, OUTCOME_OK, ResultVerdict};
 use std::fmt::Write as _;
 use std::io::Write as _;
 use twin::Truth;
 
-/// Writes to the terminal. Says whether anybody reads: he may have gone, as in `fringecell run … | head`.
-pub fn say(text: &str) -> bool {
+/// Prints a line to standard output. Returns whether it was written: the reader may have closed it (`| head`).
+pub fn print_line(text: &str) -> bool {
     let mut out = std::io::stdout().lock();
     writeln!(out, "{text}").and_then(|()| out.flush()).is_ok()
 }
 
-/// The live line of a cycle.
+/// The line of a cycle.
 pub fn cycle_line(result: &CycleResult, requested: Option<u64>) -> String {
     let of = requested.map_or_else(String::new, |n| format!("/{n}"));
     let mut line = format!("cycle {:>3}{of}  ", result.cycle + 1);
@@ -24,7 +24,7 @@ pub fn cycle_line(result: &CycleResult, requested: Option<u64>) -> String {
     let _ = write!(
         line,
         "ok  {:<13}  {points:>8} points  {latency_ms:>7.1} ms from last frame to verdict",
-        verdict_word(result.verdict)
+        verdict_name(result.verdict)
     );
     if let Some(reason) = result.more.get("alignment_failure").and_then(|r| r.as_str()) {
         let _ = write!(line, "  ({reason})");
@@ -32,8 +32,8 @@ pub fn cycle_line(result: &CycleResult, requested: Option<u64>) -> String {
     line
 }
 
-/// A verdict in words.
-pub fn verdict_word(verdict: Option<ResultVerdict>) -> &'static str {
+/// The name of a verdict.
+pub fn verdict_name(verdict: Option<ResultVerdict>) -> &'static str {
     match verdict {
         Some(ResultVerdict::Pass) => "PASS",
         Some(ResultVerdict::Indeterminate) => "INDETERMINATE",
@@ -42,7 +42,7 @@ pub fn verdict_word(verdict: Option<ResultVerdict>) -> &'static str {
     }
 }
 
-/// Each stage's median and 99th percentile over the cycles that were ok, and the latency.
+/// Median and 99th percentile of each stage and of the latency, over the cycles that are ok.
 pub fn stage_table(results: &[CycleResult]) -> String {
     let ok: Vec<&CycleResult> = results.iter().filter(|r| r.outcome == OUTCOME_OK).collect();
     let Some(first) = ok.first() else { return String::new() };
@@ -63,9 +63,9 @@ pub fn stage_table(results: &[CycleResult]) -> String {
             text,
             "{:<20} {:>12.2} {:>12.2} {:>12.2}",
             stage.name,
-            milli(quantile(&compute, 50)),
-            milli(quantile(&compute, 99)),
-            milli(quantile(&wait, 50))
+            ms(quantile(&compute, 50)),
+            ms(quantile(&compute, 99)),
+            ms(quantile(&wait, 50))
         );
     }
     let latencies: Vec<u64> = ok.iter().filter_map(|r| r.latency_ns).collect();
@@ -73,13 +73,13 @@ pub fn stage_table(results: &[CycleResult]) -> String {
         text,
         "{:<20} {:>12.2} {:>12.2}",
         "last frame → verdict",
-        milli(quantile(&latencies, 50)),
-        milli(quantile(&latencies, 99))
+        ms(quantile(&latencies, 50)),
+        ms(quantile(&latencies, 99))
     );
     text
 }
 
-/// Points and overlaps of a cycle.
+/// Number of points of a cycle and differences in the overlaps of pairs.
 pub fn cloud_lines(result: &CycleResult, pairs: &[&str]) -> String {
     let points = result.more.get("points").and_then(serde_json::Value::as_u64).unwrap_or(0);
     let mut text = format!("points {points}\n");
@@ -100,7 +100,7 @@ pub fn cloud_lines(result: &CycleResult, pairs: &[&str]) -> String {
     text
 }
 
-/// The features of a cycle; with the truth of a simulation, what they deviate from it.
+/// The features of a cycle; with the truth of a simulation, their errors.
 pub fn feature_table(features: &[FeatureResult], truth: Option<&Truth>) -> String {
     let mut text = format!("{:<28} {:>12} {:>9} {:>5}", "feature", "value", "u", "unit");
     if truth.is_some() {
@@ -120,7 +120,7 @@ pub fn feature_table(features: &[FeatureResult], truth: Option<&Truth>) -> Strin
                         None => write!(text, " {:>12} {:>10}", "–", "–"),
                     };
                 }
-                let _ = writeln!(text, "  {}", verdict_word(feature.verdict));
+                let _ = writeln!(text, "  {}", verdict_name(feature.verdict));
             }
             None => {
                 let _ = writeln!(
@@ -134,7 +134,7 @@ pub fn feature_table(features: &[FeatureResult], truth: Option<&Truth>) -> Strin
     text
 }
 
-/// The smallest value that at least `percent` of the values do not exceed (nearest rank).
+/// Percentile by nearest rank.
 fn quantile(values: &[u64], percent: usize) -> u64 {
     let mut sorted = values.to_vec();
     sorted.sort_unstable();
@@ -142,7 +142,7 @@ fn quantile(values: &[u64], percent: usize) -> u64 {
     sorted.get(rank - 1).copied().unwrap_or(0)
 }
 
-fn milli(ns: u64) -> f64 {
+fn ms(ns: u64) -> f64 {
     ns as f64 / 1e6
 }
 
@@ -151,7 +151,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_values_that_occurred() {
+    fn quantiles_are_values_of_the_sample() {
         let values: Vec<u64> = (1..=200).rev().collect();
         assert_eq!((quantile(&values, 50), quantile(&values, 99)), (100, 198));
         assert_eq!((quantile(&[7], 50), quantile(&[7], 99)), (7, 7));

@@ -1,4 +1,4 @@
-//! `fringecell stage`: from the kind of a stage to its worker.
+//! `fringecell stage`: the process of a stage.
 
 use crate::graph::{self, Cell, Options};
 use crate::schedule::{Half, Kind};
@@ -11,7 +11,7 @@ use ipc::os;
 pub fn run(args: &StageArgs) -> Result<()> {
     os::ignore_interrupts();
     os::keep_freed_memory();
-    ensure!(os::die_with_parent(args.parent)?, "the supervisor {} is gone", args.parent);
+    ensure!(os::die_with_parent(args.parent)?, "the supervisor (pid {}) has ended", args.parent);
     let options = Options {
         cell: Some(args.cell.clone()),
         watch: args.watch,
@@ -22,26 +22,26 @@ pub fn run(args: &StageArgs) -> Result<()> {
     check_files(&cell, args)?;
     pin(&cell, args)?;
     claim(&cell, args.kind);
-    work_along()?;
+    build_thread_pool()?;
     let mut link = Link::join(args, cell)?;
     let ended = worker(args, &link).and_then(|mut worker| serve(&mut link, worker.as_mut()));
     if let Err(error) = &ended {
-        // The last words of a stage, for the outcome of the cycle; if they cannot be said, the exit code speaks.
+        // The reason for the outcome of the cycle; if it cannot be sent, the supervisor sees the exit code.
         let _ = link.failed(0, &format!("{error:#}"));
     }
     ended
 }
 
-/// A stage that read something else than its supervisor would mix two cells in one result.
+/// Refuses files that changed since the supervisor read them.
 fn check_files(cell: &Cell, args: &StageArgs) -> Result<()> {
     let files = cell.config.read_files();
-    // A list of another length comes with another configuration, which stands first in it.
+    // A list of another length implies another configuration, which is its first entry.
     let changed =
         files.iter().zip(short_hashes(&files)).zip(&args.files).find(|((_, now), then)| now != *then);
     match changed {
         None => Ok(()),
         Some((((name, _), _), _)) => {
-            bail!("{name} was changed while the cell runs; stop the cell and start it again")
+            bail!("{name} has changed since the start of the cell; stop the cell and start it again")
         }
     }
 }
@@ -50,32 +50,34 @@ fn pin(cell: &Cell, args: &StageArgs) -> Result<()> {
     let stage = cell.schedule.stages.iter().find(|s| s.name == args.name);
     match stage {
         Some(stage) if cell.config.schedule.pin => os::pin(&[stage.core]).with_context(|| {
-            format!("schedule.pin: core {} cannot be used; does the machine have so many?", stage.core)
+            format!("schedule.pin: core {} cannot be used; check that the machine has this core", stage.core)
         }),
         _ => Ok(()),
     }
 }
 
-/// What makes times steadier, where the system permits it; the supervisor has said so where it does not.
+/// Sets real-time priority and locks memory where the system permits it; the supervisor reports where it does not.
 fn claim(cell: &Cell, kind: Kind) {
     if let Some(priority) = cell.config.schedule.realtime_priority {
-        // A camera waits for nobody: where cycles overlap, the acquisition of the next goes before the evaluation of the last.
-        let behind = cell.schedule.in_flight > 1 && kind.half() == Half::Evaluation;
-        let _refused = os::realtime((priority - u32::from(behind)).max(1));
+        // Cameras do not wait: where cycles overlap, the acquisition has priority over the evaluation.
+        let lower = cell.schedule.in_flight > 1 && kind.half() == Half::Evaluation;
+        let _refused = os::realtime((priority - u32::from(lower)).max(1));
     }
-    // Half a permission is worse than none: what is mapped later would fail.
+    // With a limit below the need, later mappings would fail.
     if cell.config.schedule.lock_memory && os::may_lock_memory(cell.schedule.memory_bytes()).unwrap_or(false)
     {
         let _refused = os::lock_memory();
     }
 }
 
-/// Makes this thread one of the pool that runs the parallel kernels. Otherwise it would hand them work through a queue that
-/// allocates now and then, and sleep meanwhile. After pinning: the other threads inherit it.
-fn work_along() -> Result<()> {
-    rayon::ThreadPoolBuilder::new().use_current_thread().build_global().context("starting the threads")?;
-    // The first time that a thread takes work from another it enrols in what guards that, on the heap: now rather than in
-    // some cycle.
+/// Makes this thread part of the pool of the parallel kernels; otherwise it would pass work through a queue that allocates,
+/// and sleep. Call it after pinning: the other threads inherit the cores.
+fn build_thread_pool() -> Result<()> {
+    rayon::ThreadPoolBuilder::new()
+        .use_current_thread()
+        .build_global()
+        .context("starting the threads of the parallel kernels")?;
+    // A thread allocates when it first steals work: do so now rather than in a cycle.
     rayon::broadcast(|_| drop(crossbeam::epoch::pin()));
     Ok(())
 }

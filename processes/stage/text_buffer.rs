@@ -1,19 +1,19 @@
-//! Texts of reports: written into memory that stays, and never longer than a message.
+//! Texts of reports: a reused buffer, and a limit for the length.
 
 use super::fault::{Fault, lost};
 use ipc::header::MAX_TEXT_BYTES;
 
-/// A text that is written again and again into the same memory.
+/// A buffer for texts, reused without allocation.
 #[derive(Debug)]
-pub struct Text(Vec<u8>);
+pub struct TextBuffer(Vec<u8>);
 
-impl Text {
-    /// Room for the longest text of an event.
+impl TextBuffer {
+    /// A buffer with the capacity of the longest text of an event.
     pub fn new() -> Self {
         Self(Vec::with_capacity(MAX_TEXT_BYTES))
     }
 
-    /// A value as JSON.
+    /// Writes a value as JSON.
     pub fn json<T: serde::Serialize>(&mut self, value: &T) -> Result<&str, Fault> {
         self.0.clear();
         serde_json::to_writer(&mut self.0, value).map_err(|e| lost(&e))?;
@@ -21,7 +21,7 @@ impl Text {
     }
 }
 
-/// Cuts a text at a character.
+/// Cuts a text at a character boundary.
 pub(super) fn shorten(text: &str, limit: usize) -> &str {
     let mut end = text.len().min(limit);
     while !text.is_char_boundary(end) {

@@ -1,5 +1,5 @@
-//! The socket over which people, scripts and PLC gateways reach a running cell: one JSON object per line each way, any
-//! number of lines per connection. Nothing that a client does or leaves undone blocks the cell or another client.
+//! The command socket, over which people, scripts and PLC gateways control a running cell: one JSON object per line in each
+//! direction, any number of lines per connection. No client can block the cell or another client.
 
 use super::protocol::{Answer, Request};
 use anyhow::{Context, Result, bail};
@@ -15,20 +15,20 @@ use std::time::{Duration, Instant};
 /// Longest request, bytes.
 const MAX_REQUEST: usize = 4096;
 
-/// Clients at once; each costs a thread.
+/// Clients at once; each one needs a thread.
 const MAX_CLIENTS: usize = 32;
 
-/// How long either side waits for the other: the end of a line, room for an answer, the supervisor, which looks every
-/// 20 ms. Only an inspection takes as long as its cycle.
+/// Time limit for the end of a line, for sending an answer, and for an answer of the supervisor. Only an inspection takes as
+/// long as its cycle.
 const TIMEOUT: Duration = Duration::from_secs(10);
 
-/// A client that says nothing for so long is asked to come again, so that forgotten connections do not use up the places.
-const IDLE: Duration = Duration::from_secs(600);
+/// Connections without a request for this time are closed.
+const IDLE_TIMEOUT: Duration = Duration::from_secs(600);
 
-/// A request with the way back.
+/// A request with the channel for its answer.
 pub type Call = (Request, Sender<Answer>);
 
-/// Listens on a socket and hands requests on.
+/// Listens on a socket and passes requests on.
 pub fn listen(path: &Path, calls: Sender<Call>) -> Result<()> {
     let listener = UnixListener::bind(path).with_context(|| format!("listening on {}", path.display()))?;
     let clients = Arc::new(AtomicUsize::new(0));
@@ -36,7 +36,7 @@ pub fn listen(path: &Path, calls: Sender<Call>) -> Result<()> {
         for stream in listener.incoming().filter_map(Result::ok) {
             if clients.fetch_add(1, Ordering::SeqCst) >= MAX_CLIENTS {
                 clients.fetch_sub(1, Ordering::SeqCst);
-                // An empty socket takes a line at once; a client that went away needs none.
+                // One line fits into the buffer of a new socket; a client may have disconnected.
                 let _ = write(
                     &stream,
                     &refused(format!("{MAX_CLIENTS} clients are connected, which is the limit")),
@@ -45,7 +45,7 @@ pub fn listen(path: &Path, calls: Sender<Call>) -> Result<()> {
             }
             let (calls, clients) = (calls.clone(), Arc::clone(&clients));
             std::thread::spawn(move || {
-                // A client that went away needs no answer.
+                // The client may have disconnected.
                 let _ = serve(&stream, &calls);
                 clients.fetch_sub(1, Ordering::SeqCst);
             });
@@ -54,7 +54,7 @@ pub fn listen(path: &Path, calls: Sender<Call>) -> Result<()> {
     Ok(())
 }
 
-/// Answers line after line until the client leaves or can no longer be understood.
+/// Answers line after line until the client disconnects or sends an invalid line.
 fn serve(stream: &UnixStream, calls: &Sender<Call>) -> Result<()> {
     stream.set_write_timeout(Some(TIMEOUT))?;
     let mut reader = BufReader::new(stream);
@@ -63,8 +63,8 @@ fn serve(stream: &UnixStream, calls: &Sender<Call>) -> Result<()> {
             Line::Text(text) if text.iter().all(u8::is_ascii_whitespace) => {}
             Line::Text(text) => write(stream, &answer(&text, calls)?)?,
             Line::End => return Ok(()),
-            // What follows could be the rest of this line as well as a new one.
-            Line::Lost(reason) => return write(stream, &refused(reason)),
+            // The following bytes may belong to this line or to a new one.
+            Line::Invalid(reason) => return write(stream, &refused(reason)),
         }
     }
 }
@@ -77,7 +77,7 @@ fn answer(text: &[u8], calls: &Sender<Call>) -> Result<Answer> {
     let inspects = matches!(request, Request::Inspect { .. });
     let (reply, answer) = bounded(1);
     calls.send((request, reply))?;
-    // Every cycle has an outcome within its deadline, so this ends.
+    // Every cycle has an outcome within its deadline, so this returns.
     Ok(if inspects { answer.recv()? } else { answer.recv_timeout(TIMEOUT)? })
 }
 
@@ -85,47 +85,49 @@ fn refused(reason: String) -> Answer {
     Answer::Refused(reason)
 }
 
-/// What a client sent.
+/// A line from a client.
 enum Line {
     Text(Vec<u8>),
     End,
-    Lost(String),
+    Invalid(String),
 }
 
-/// Reads a line. The last one needs no end; half a line, or one that is too long, is not waited for.
+/// Reads a line. The last one needs no line feed. A line that is incomplete for too long or too long is invalid.
 fn line(reader: &mut BufReader<&UnixStream>, stream: &UnixStream) -> Result<Line> {
     let mut text = Vec::new();
-    let mut begun = Instant::now();
+    let mut started = Instant::now();
     loop {
-        let patience = if text.is_empty() { IDLE } else { TIMEOUT };
-        let left = patience.saturating_sub(begun.elapsed()).max(Duration::from_millis(1));
+        let limit = if text.is_empty() { IDLE_TIMEOUT } else { TIMEOUT };
+        let left = limit.saturating_sub(started.elapsed()).max(Duration::from_millis(1));
         stream.set_read_timeout(Some(left))?;
         let chunk = match reader.fill_buf() {
             Ok(chunk) => chunk,
             Err(e) if e.kind() == std::io::ErrorKind::Interrupted => continue,
             Err(_) if text.is_empty() => {
-                return Ok(Line::Lost("nothing was asked for long; connect again".into()));
+                return Ok(Line::Invalid("no request for 10 min; connect again".into()));
             }
-            Err(_) => return Ok(Line::Lost(format!("no end of the line within {} s", TIMEOUT.as_secs()))),
+            Err(_) => {
+                return Ok(Line::Invalid(format!("the line has no end within {} s", TIMEOUT.as_secs())));
+            }
         };
         if chunk.is_empty() {
             return Ok(if text.is_empty() { Line::End } else { Line::Text(text) });
         }
         if text.is_empty() {
-            begun = Instant::now();
+            started = Instant::now();
         }
         let end = chunk.iter().position(|&b| b == b'\n');
         let used = end.map_or(chunk.len(), |end| end + 1);
         text.extend_from_slice(&chunk[..end.unwrap_or(used)]);
         reader.consume(used);
         if text.len() > MAX_REQUEST {
-            return Ok(Line::Lost(format!("a request has at most {MAX_REQUEST} bytes")));
+            return Ok(Line::Invalid(format!("a request has at most {MAX_REQUEST} bytes")));
         }
         if end.is_some() {
             return Ok(Line::Text(text));
         }
-        if begun.elapsed() > TIMEOUT {
-            return Ok(Line::Lost(format!("no end of the line within {} s", TIMEOUT.as_secs())));
+        if started.elapsed() > TIMEOUT {
+            return Ok(Line::Invalid(format!("the line has no end within {} s", TIMEOUT.as_secs())));
         }
     }
 }
@@ -136,10 +138,10 @@ fn write<T: Serialize>(mut stream: &UnixStream, value: &T) -> Result<()> {
     Ok(stream.write_all(&text)?)
 }
 
-/// Asks a running cell.
+/// Sends a request to a running cell and returns its answer.
 ///
 /// # Errors
-/// No answer, or none that can be understood.
+/// No answer, or an invalid one.
 pub fn ask(path: &Path, request: &Request) -> Result<Answer> {
     let stream = UnixStream::connect(path)?;
     let inspects = matches!(request, Request::Inspect { .. });
@@ -172,7 +174,7 @@ mod tests {
         (folder, path)
     }
 
-    fn said(mut stream: &UnixStream) -> String {
+    fn received(mut stream: &UnixStream) -> String {
         stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
         let mut text = String::new();
         stream.read_to_string(&mut text).unwrap();
@@ -180,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn requests_travel_one_after_the_other_over_one_connection() {
+    fn one_connection_carries_several_requests() {
         let (_folder, path) = cell();
         let answer = ask(&path, &Request::Restart { stage: "decode/cam1".into() }).unwrap();
         assert!(matches!(answer, Answer::Done(text) if text.contains("decode/cam1")));
@@ -189,13 +191,13 @@ mod tests {
             .write_all(b"{\"command\":\"status\"}\n\n{\"command\":\"stop\"}\r\n{\"command\":\"state\"}")
             .unwrap();
         stream.shutdown(std::net::Shutdown::Write).unwrap();
-        assert_eq!(said(&stream), "{\"done\":\"Status\"}\n{\"done\":\"Stop\"}\n{\"done\":\"State\"}\n");
+        assert_eq!(received(&stream), "{\"done\":\"Status\"}\n{\"done\":\"Stop\"}\n{\"done\":\"State\"}\n");
     }
 
     #[test]
-    fn nonsense_is_refused_with_its_reason_and_the_connection_stays_usable() {
+    fn an_invalid_request_is_refused_with_its_reason_and_the_connection_stays_usable() {
         let (_folder, path) = cell();
-        for nonsense in [
+        for invalid in [
             &b"{\"command\":\"dance\"}"[..],
             b"{\"command\":\"stop\",\"now\":true}",
             b"{\"command\":\"inspect\"}",
@@ -206,13 +208,13 @@ mod tests {
             &[b'['; 4000],
         ] {
             let stream = UnixStream::connect(&path).unwrap();
-            (&stream).write_all(nonsense).unwrap();
+            (&stream).write_all(invalid).unwrap();
             (&stream).write_all(b"\n{\"command\":\"stop\"}\n").unwrap();
             stream.shutdown(std::net::Shutdown::Write).unwrap();
-            let said = said(&stream);
-            let lines: Vec<&str> = said.lines().collect();
-            assert!(lines[0].starts_with("{\"refused\":\"not a request: "), "{said}");
-            assert_eq!(lines[1..], ["{\"done\":\"Stop\"}"], "{said}");
+            let text = received(&stream);
+            let lines: Vec<&str> = text.lines().collect();
+            assert!(lines[0].starts_with("{\"refused\":\"not a request: "), "{text}");
+            assert_eq!(lines[1..], ["{\"done\":\"Stop\"}"], "{text}");
         }
     }
 
@@ -228,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn too_many_clients_are_told_so_and_the_others_go_on() {
+    fn more_clients_than_allowed_are_refused_and_the_others_are_served() {
         let (_folder, path) = cell();
         let clients: Vec<UnixStream> =
             (0..MAX_CLIENTS).map(|_| UnixStream::connect(&path).unwrap()).collect();
@@ -236,7 +238,7 @@ mod tests {
         for mut client in &clients[1..] {
             client.write_all(b"{\"comm").unwrap();
         }
-        assert!(said(&UnixStream::connect(&path).unwrap()).contains("32 clients are connected"));
+        assert!(received(&UnixStream::connect(&path).unwrap()).contains("32 clients are connected"));
         (&clients[0]).write_all(b"{\"command\":\"stop\"}\n").unwrap();
         let mut line = String::new();
         BufReader::new(&clients[0]).read_line(&mut line).unwrap();

@@ -1,39 +1,39 @@
-//! What the supervisor makes before the first stage starts.
+//! Setup of a run before the first stage starts.
 
-use super::children::StageProcess;
 use super::cycle::{Budgets, Cycles, Step};
 use super::restart::Policy;
+use super::stage_process::StageProcess;
 use crate::graph::Cell;
 use crate::schedule::{Carries, Kind, Order, Stage, Topic, label};
 use crate::stage::short_hashes;
 use ipc::IpcError;
-use ipc::port::{Held, Node};
+use ipc::port::{Node, ServiceHandle};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// What a run is asked to do.
+/// Options of a run.
 #[derive(Debug, Clone)]
-pub struct Orders {
-    /// Configuration, for the stages.
+pub struct RunOptions {
+    /// Path of the configuration, for the stages.
     pub config: PathBuf,
-    /// Cycles; `None`: until stopped.
+    /// Number of cycles; `None`: until stopped.
     pub cycles: Option<u64>,
-    /// Whether cycles are asked for over the socket instead.
+    /// Whether cycles are requested over the command socket instead.
     pub serve: bool,
-    /// Where a recording is written.
+    /// Folder for a recording.
     pub record: Option<PathBuf>,
-    /// Set when the run shall end.
+    /// Set to end the run.
     pub interrupted: Arc<AtomicBool>,
-    /// The file of the cycle record.
+    /// File for the cycle record.
     pub cycle_record: Option<PathBuf>,
-    /// Where Prometheus may read.
+    /// Address of the metrics endpoint for Prometheus.
     pub metrics: Option<SocketAddr>,
 }
 
-/// Creates a topic for the kind of message that it carries.
-pub(super) fn create(node: &Node, topic: &Topic) -> Result<Held, IpcError> {
+/// Creates the service of a topic.
+pub(super) fn create(node: &Node, topic: &Topic) -> Result<ServiceHandle, IpcError> {
     use ipc::header;
     match topic.carries {
         Carries::Control => node.create_topic::<header::Control>(&topic.name, topic.size),
@@ -47,9 +47,9 @@ pub(super) fn create(node: &Node, topic: &Topic) -> Result<Held, IpcError> {
 }
 
 /// The state machine of the cycles.
-pub(super) fn machine(cell: &Cell, orders: &Orders) -> Cycles {
+pub(super) fn machine(cell: &Cell, options: &RunOptions) -> Cycles {
     let order = Order::new(&cell.schedule);
-    // What is before it in its lane is awaited like what it works on.
+    // An activation also needs the previous one in its lane.
     let steps = cell.schedule.activations.iter().zip(order.before).map(|(a, before)| Step {
         stage: a.stage,
         half: cell.schedule.half(a),
@@ -58,38 +58,38 @@ pub(super) fn machine(cell: &Cell, orders: &Orders) -> Cycles {
     });
     let limits = &cell.config.limits;
     let budgets =
-        Budgets { stage_ns: millis(limits.stage_budget_ms), cycle_ns: millis(limits.cycle_deadline_ms) };
+        Budgets { stage_ns: ns_of_ms(limits.stage_budget_ms), cycle_ns: ns_of_ms(limits.cycle_deadline_ms) };
     let names = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
-    let cycles = Cycles::new(names, steps.collect(), budgets, cell.schedule.in_flight, orders.cycles);
-    if orders.serve { cycles.open() } else { cycles }
+    let cycles = Cycles::new(names, steps.collect(), budgets, cell.schedule.in_flight, options.cycles);
+    if options.serve { cycles.open() } else { cycles }
 }
 
-/// The stages, not started yet.
-pub(super) fn children(cell: &Cell, orders: &Orders) -> Vec<StageProcess> {
+/// The stage processes, not started yet.
+pub(super) fn stages(cell: &Cell, options: &RunOptions) -> Vec<StageProcess> {
     let limits = &cell.config.limits;
-    let policy = Policy { restarts_max: limits.restarts_max, window_ns: millis(limits.restart_window_ms) };
+    let policy = Policy { restarts_max: limits.restarts_max, window_ns: ns_of_ms(limits.restart_window_ms) };
     let stages = cell.schedule.stages.iter().map(|stage| {
-        // Stages that run once per cycle get all cores, those that run side by side one each.
+        // Stages that run alone get all cores, stages that run in parallel one each.
         let threads = match stage.kind {
             Kind::Matching | Kind::Fusion | Kind::Inspection => cell.schedule.cores,
             Kind::Projection | Kind::Capture | Kind::Decode | Kind::Record => 1,
         };
-        StageProcess::new(&stage.name, arguments(cell, orders, stage), threads, policy)
+        StageProcess::new(&stage.name, arguments(cell, options, stage), threads, policy)
     });
     stages.collect()
 }
 
-fn arguments(cell: &Cell, orders: &Orders, stage: &Stage) -> Vec<String> {
+fn arguments(cell: &Cell, options: &RunOptions, stage: &Stage) -> Vec<String> {
     let mut arguments: Vec<String> = ["stage", stage.kind.word(), &stage.name].map(str::to_owned).to_vec();
     let mut option = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
     option("--cell", cell.name.clone());
-    option("--config", orders.config.display().to_string());
+    option("--config", options.config.display().to_string());
     option("--files", short_hashes(&cell.config.read_files()).join(","));
     option("--parent", std::process::id().to_string());
     option("--kept", cell.graph.kept.to_string());
-    if let Some(folder) = &orders.record {
+    if let Some(folder) = &options.record {
         option("--record", folder.display().to_string());
-        if orders.cycles != Some(1) {
+        if options.cycles != Some(1) {
             arguments.push("--record-many".into());
         }
     }
@@ -99,7 +99,7 @@ fn arguments(cell: &Cell, orders: &Orders, stage: &Stage) -> Vec<String> {
     arguments
 }
 
-/// ms to ns.
-pub(super) fn millis(ms: u64) -> u64 {
+/// Converts ms to ns.
+pub(super) fn ns_of_ms(ms: u64) -> u64 {
     ms.saturating_mul(1_000_000)
 }

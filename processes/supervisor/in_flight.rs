@@ -1,17 +1,17 @@
-//! A cycle that is under way: what of it is done, what could be done. Pure.
+//! A cycle in progress: which activations are done, which are runnable. Pure.
 
 use crate::schedule::Half;
 
-/// What the machine has to know of an activation.
+/// An activation as the state machine needs it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Step {
-    /// Its stage.
+    /// Index of its stage.
     pub stage: usize,
-    /// The half of the cycle that it belongs to.
+    /// Its half of the cycle.
     pub half: Half,
-    /// What has to be done before.
+    /// Activations that must be done before.
     pub inputs: Vec<usize>,
-    /// In words, for the message when it hangs.
+    /// Its label in messages.
     pub label: String,
 }
 
@@ -19,52 +19,53 @@ pub struct Step {
 #[derive(Debug)]
 pub(super) struct Steps {
     pub(super) all: Vec<Step>,
-    /// What has to be done before each one: its inputs, and the one before it on the same stage.
+    /// For each activation: its inputs and the previous one of the same stage.
     needs: Vec<Vec<usize>>,
-    /// The activation before each one on the same stage.
+    /// For each activation: the previous one of the same stage.
     before: Vec<Option<usize>>,
-    /// Whom an activation feeds, those after it on the same stage included.
-    feeds: Vec<Vec<usize>>,
+    /// For each activation: those that need it, including the next one of the same stage.
+    dependents: Vec<Vec<usize>>,
 }
 
 impl Steps {
-    /// Of so many stages.
+    /// The activations of a number of stages.
     pub(super) fn new(all: Vec<Step>, stages: usize) -> Self {
         let (mut before, mut needs) = (vec![None; all.len()], vec![Vec::new(); all.len()]);
-        let mut feeds = vec![Vec::new(); all.len()];
+        let mut dependents = vec![Vec::new(); all.len()];
         let mut last = vec![None; stages];
         for (number, step) in all.iter().enumerate() {
             before[number] = last[step.stage].replace(number);
             needs[number] = step.inputs.iter().copied().chain(before[number]).collect();
             for &input in &needs[number] {
-                feeds[input].push(number);
+                dependents[input].push(number);
             }
         }
-        Self { all, needs, before, feeds }
+        Self { all, needs, before, dependents }
     }
 }
 
 /// A cycle that was started and has no outcome yet.
 #[derive(Debug)]
-pub(super) struct Flight {
+pub(super) struct CycleInFlight {
     pub(super) cycle: u64,
     pub(super) start_ns: u64,
-    /// Whether the stages of the evaluation were told of it.
+    /// Whether the evaluation was started.
     evaluating: bool,
     done: Vec<bool>,
-    /// Since when all that has to be done before an activation is done.
+    /// Since when each activation is runnable, ns.
     runnable_ns: Vec<Option<u64>>,
+    /// Activations that are not done.
     missing: usize,
-    /// Of those, in the acquisition.
+    /// Activations of the acquisition that are not done.
     to_acquire: usize,
-    /// Whether the result is there.
+    /// Whether the result arrived.
     pub(super) result: bool,
-    /// How it ended; the outcome is said when all earlier cycles have theirs.
+    /// How it ended; the outcome is reported after those of all earlier cycles.
     pub(super) ended: Option<Result<(), String>>,
 }
 
-impl Flight {
-    /// The acquisition begins.
+impl CycleInFlight {
+    /// Starts the acquisition of a cycle.
     pub(super) fn new(cycle: u64, steps: &Steps, now_ns: u64) -> Self {
         let acquisition = |step: &&Step| step.half == Half::Acquisition;
         let mut flight = Self {
@@ -78,30 +79,30 @@ impl Flight {
             result: false,
             ended: None,
         };
-        flight.wake(steps, 0..steps.all.len(), now_ns);
+        flight.mark_runnable(steps, 0..steps.all.len(), now_ns);
         flight
     }
 
-    /// The evaluation begins, as soon as it has its inputs. Says whether it had not begun yet.
+    /// Starts the evaluation. Returns whether it was not started before.
     pub(super) fn evaluate(&mut self, steps: &Steps, now_ns: u64) -> bool {
         let begins = !std::mem::replace(&mut self.evaluating, true);
         if begins {
-            self.wake(steps, 0..steps.all.len(), now_ns);
+            self.mark_runnable(steps, 0..steps.all.len(), now_ns);
         }
         begins
     }
 
-    /// Whether the part, the light and the cameras are free for the next cycle.
+    /// Whether part, projectors and cameras are free for the next cycle.
     pub(super) fn is_acquired(&self) -> bool {
         self.ended.is_some() || self.to_acquire == 0
     }
 
-    /// Whether nothing is missing.
+    /// Whether all activations are done and the result arrived.
     pub(super) fn is_complete(&self) -> bool {
         self.missing == 0 && self.result
     }
 
-    /// An activation is done, unless that cannot be.
+    /// Marks an activation as done, or returns why the report is invalid.
     pub(super) fn done(
         &mut self,
         steps: &Steps,
@@ -122,7 +123,7 @@ impl Flight {
         if self.done[activation] {
             return Err(format!("stage {name} reported \"{}\" twice", step.label));
         }
-        // Reports of different stages travel apart and may overtake each other; those of one stage may not.
+        // Reports of different stages may overtake each other; those of one stage may not.
         let early = step.half == Half::Evaluation && !self.evaluating;
         if early || steps.before[activation].is_some_and(|before| !self.done[before]) {
             return Err(format!("stage {name} reported \"{}\" out of order", step.label));
@@ -131,17 +132,17 @@ impl Flight {
         self.missing -= 1;
         self.to_acquire -= usize::from(step.half == Half::Acquisition);
         self.runnable_ns[activation] = None;
-        self.wake(steps, steps.feeds[activation].iter().copied(), now_ns);
+        self.mark_runnable(steps, steps.dependents[activation].iter().copied(), now_ns);
         Ok(())
     }
 
-    /// The activation that could have been done for longest, and since when, ns.
+    /// The activation that is runnable for longest, and since when, ns.
     pub(super) fn oldest(&self) -> Option<(u64, usize)> {
         self.runnable_ns.iter().enumerate().filter_map(|(i, t)| t.map(|t| (t, i))).min()
     }
 
-    /// Notes which of some activations could be done now.
-    fn wake(&mut self, steps: &Steps, some: impl Iterator<Item = usize>, now_ns: u64) {
+    /// Marks those of some activations that are runnable now.
+    fn mark_runnable(&mut self, steps: &Steps, some: impl Iterator<Item = usize>, now_ns: u64) {
         for number in some {
             let begun = self.evaluating || steps.all[number].half == Half::Acquisition;
             let free = begun && !self.done[number] && steps.needs[number].iter().all(|&need| self.done[need]);
