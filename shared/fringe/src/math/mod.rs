@@ -3,6 +3,7 @@
 //! glibc picks fused or unfused variants by processor; the `libm` crate is plain Rust and gives the same bits
 //! everywhere. `sqrt` is exact by IEEE 754 and may be called directly.
 
+pub mod cosine;
 pub mod fourier;
 pub mod parallel;
 pub mod random;

@@ -2,21 +2,20 @@
 //!
 //! The cosine transform along the rows turns it into one tridiagonal system a column, which elimination solves:
 //! (a_k + T) û_k = r̂_k with a_k = 2 − 2 cos(πk/w) and T the second difference down the column. That saves the second
-//! transform of Ghiglia & Romero (JOSA A 11, 1994). Scalar code throughout, so that no bit depends on the processor.
+//! transform of Ghiglia & Romero (JOSA A 11, 1994). Sines and cosines come from [`math`] and no code is chosen by the
+//! processor, so that no bit depends on it.
 
 use crate::math;
+use crate::math::cosine::CosinePlan;
+use crate::math::fourier::Complex;
 use rayon::prelude::*;
-use rustdct::TransformType2And3;
-use rustdct::algorithm::Type2And3ConvertToFft;
-use rustdct::rustfft::FftPlannerScalar;
 use std::f64::consts::PI;
-use std::sync::Arc;
 
 /// Solves −∆u = r for one size of image.
 pub struct Poisson {
     width: usize,
     height: usize,
-    transform: Arc<dyn TransformType2And3<f64>>,
+    transform: CosinePlan,
     /// 1 / pivot of the elimination, row by row; 0 where the constant is free.
     inverse_pivot: Vec<f64>,
 }
@@ -24,7 +23,6 @@ pub struct Poisson {
 impl Poisson {
     /// Prepares; both sides at least 1.
     pub fn new(width: usize, height: usize) -> Self {
-        let fft = FftPlannerScalar::new().plan_fft_forward(width);
         let mut inverse_pivot = vec![0.0; width * height];
         for k in 0..width {
             let along = 2.0 - 2.0 * math::cos(PI * k as f64 / width as f64);
@@ -37,27 +35,21 @@ impl Poisson {
                 inverse_pivot[y * width + k] = above;
             }
         }
-        Self { width, height, transform: Arc::new(Type2And3ConvertToFft::new(fft)), inverse_pivot }
+        Self { width, height, transform: CosinePlan::new(width), inverse_pivot }
     }
 
     /// Replaces r, which should sum to zero, by u; the constant of u is free.
     pub fn solve(&self, values: &mut [f64]) {
-        self.rows(values, |row, scratch| self.transform.process_dct2_with_scratch(row, scratch));
+        self.rows(values, |rows, scratch| self.transform.forward(rows, scratch));
         self.columns(values);
-        let scale = 2.0 / self.width as f64;
-        self.rows(values, |row, scratch| {
-            self.transform.process_dct3_with_scratch(row, scratch);
-            for value in row {
-                *value *= scale;
-            }
-        });
+        self.rows(values, |rows, scratch| self.transform.backward(rows, scratch));
     }
 
-    fn rows(&self, values: &mut [f64], transform: impl Fn(&mut [f64], &mut [f64]) + Sync) {
-        values.par_chunks_mut(self.width).for_each_init(
-            || vec![0.0; self.transform.get_scratch_len()],
-            |scratch, row| transform(row, scratch),
-        );
+    /// Transforms two rows at a time; which two does not depend on the threads.
+    fn rows(&self, values: &mut [f64], transform: impl Fn(&mut [f64], &mut [Complex]) + Sync) {
+        values
+            .par_chunks_mut(2 * self.width)
+            .for_each_init(|| self.transform.scratch(), |scratch, rows| transform(rows, scratch));
     }
 
     fn columns(&self, values: &mut [f64]) {
@@ -110,6 +102,31 @@ mod tests {
                 ];
                 let left: f64 = beside.iter().flatten().map(|j| u[i] - u[*j]).sum();
                 assert!((left - right).abs() < 1e-9, "{width} × {height}: {left} and {right}");
+            }
+        }
+    }
+
+    /// Against the closed form: products of cosines are eigenfunctions, with the sum of both directions' eigenvalues.
+    #[test]
+    fn cosines_are_divided_by_their_eigenvalues() {
+        for (width, height) in [(1, 7), (12, 9), (37, 16), (60, 31), (74, 50)] {
+            for (across, down) in [(0, 1), (width / 2, 0), (width - 1, height - 1), (width / 3, height / 2)] {
+                let cosine = |k: usize, i: usize, n: usize| {
+                    math::cos(PI * (k * (2 * i + 1) % (4 * n)) as f64 / (2 * n) as f64)
+                };
+                let value = |i: usize| cosine(across, i % width, width) * cosine(down, i / width, height);
+                let eigenvalue = |k: usize, n: usize| 2.0 - 2.0 * math::cos(PI * k as f64 / n as f64);
+                let divisor = eigenvalue(across, width) + eigenvalue(down, height);
+                if divisor == 0.0 {
+                    continue; // The constant has no equation.
+                }
+                let mut u: Vec<f64> = (0..width * height).map(value).collect();
+                Poisson::new(width, height).solve(&mut u);
+                let mean = u.iter().sum::<f64>() / u.len() as f64;
+                for (i, u) in u.iter().enumerate() {
+                    let off = (u - mean) * divisor - value(i);
+                    assert!(off.abs() < 1e-10, "{width} × {height}, ({across}, {down}), {i}: {off}");
+                }
             }
         }
     }
