@@ -6,6 +6,7 @@
 pub mod calibration;
 pub mod focus;
 pub mod health;
+mod least_squares;
 pub mod rectified_images;
 pub mod reference_plane;
 pub mod response;

@@ -1,7 +1,7 @@
-//! Pure mathematics of fringe projection: no files, no clock, no environment, no logging, no `unsafe`.
+//! From projected patterns to one cloud: the mathematics of fringe projection.
 //!
-//! The order of the modules is the flow of the cell:
-//! pattern → frame → phase (decode) → match → cloud → fused cloud → features → verdict.
+//! Pure: no files, no clock, no environment, no logging, no `unsafe`. The modules stand below in the order of the flow: pattern →
+//! frame → phase → point → cloud; what all of them rest on comes first.
 //!
 //! # Conventions
 //! Lengths are in mm, angles in rad, times in ns, pixel (0, 0) is the centre of the top-left pixel; x right, y down,
@@ -13,29 +13,43 @@
 //! joined in order, transcendental functions come from [`math`] (never from the system's libm), and no product is
 //! fused.
 
-// What everything stands on.
+// What everything rests on.
 pub mod geometry;
 pub mod math;
 pub mod text;
 
-// The flow, in its order.
+// What is projected, and how it is chosen.
 pub mod pattern;
+
 pub mod planning;
 
+// What a camera sees.
 pub mod frame;
 
-pub mod decode;
-pub mod filter;
-pub mod phase;
-pub mod unwrap;
+// Phase modulo one period, then without ambiguity: from neighbouring pixels or from further patterns.
 pub mod wrapped;
 
-pub mod matching;
-pub mod projector;
+pub mod unwrap;
+
+pub mod decode;
+
+pub mod phase;
+
+pub mod filter;
+
+// From phase to depth: between two cameras, or between a camera and the projector.
 pub mod rectify;
+
+pub mod matching;
+
+pub mod projector;
+
+// From depth to points, and from the points of all pairs to one cloud.
 pub mod surface;
 
 pub mod cloud;
+
 pub mod fusion;
 
+// Scenes with known phase, for tests of this crate and of those above it.
 pub mod synthetic;

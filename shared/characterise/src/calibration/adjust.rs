@@ -1,11 +1,12 @@
 //! Levenberg–Marquardt on the normal equations, then the rounds that find outliers and noise.
 
 use super::datum::Datum;
-use super::homography::{MIN_SIGHTS, median};
+use super::homography::MIN_SIGHTS;
 use super::model::{DEVICE, State, compose, motion, moved};
 use super::normal::{Normal, Step};
 use super::problem::Problem;
 use super::settings::CalibrationSettings;
+use fringe::math::statistics::median;
 use nalgebra::Vector3;
 
 /// Most iterations of one solution; from Zhang's start eight to fifteen are needed.
@@ -106,8 +107,8 @@ pub(super) fn robust_variances(problem: &Problem, state: &State) -> (Vec<f64>, V
     let variances = (0..state.cameras.len())
         .map(|device| {
             let own = problem.views.iter().filter(|v| v.device == device);
-            let own: Vec<f64> = own.flat_map(|v| squares[v.start..v.end].iter().copied()).collect();
-            median(own) / (2.0 * std::f64::consts::LN_2)
+            let mut own: Vec<f64> = own.flat_map(|v| squares[v.start..v.end].iter().copied()).collect();
+            median(&mut own).unwrap_or(0.0) / (2.0 * std::f64::consts::LN_2)
         })
         .collect();
     (squares, variances)

@@ -7,10 +7,10 @@
 //!
 //! Distances have the same uncertainty in both.
 
-use super::dense::{Dense, Factor, dot};
 use super::model::{Board, DEVICE, INTRINSIC, POSE, State, WARP};
 use super::normal::Normal;
 use super::problem::Problem;
+use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::{Isometry3, Vector3};
 
 /// What is held fixed.

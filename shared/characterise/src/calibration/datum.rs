@@ -8,7 +8,7 @@
 //! Source: Strobl, Hirzinger, "More accurate pinhole camera calibration with imperfect planar target", 2011; they hold
 //! three corners instead, whose own errors then turn and scale everything.
 
-use super::dense::{Dense, dot};
+use fringe::math::linear::{Dense, dot};
 use nalgebra::Vector3;
 
 /// Weight of the constraints over that of a point's coordinate: what they hold is a thousand times surer than a point.
@@ -70,7 +70,7 @@ impl Datum {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calibration::dense::Factor;
+    use fringe::math::linear::Factor;
 
     /// Without the constraints the matrix of a free network is singular in seven directions; a similarity of all points
     /// is what they resist, anything else they leave alone.

@@ -7,9 +7,8 @@
 
 use super::adjust::{Weighted, approach, weighted};
 use super::covariance::Gauge;
-use super::dense::{Dense, Factor, dot};
 use super::finish::{reports, rms};
-use super::homography::{homography, median};
+use super::homography::homography;
 use super::model::{Board, DEVICE, LOCAL, POSE, Projector, Shape, State, WARP, compose};
 use super::observations::{Observations, Sight};
 use super::problem::{Problem, Run, ViewRange};
@@ -17,6 +16,8 @@ use super::result::{Calibration, ViewReport};
 use super::settings::CalibrationSettings;
 use super::zhang;
 use super::{CalibrationError, calibrate};
+use fringe::math::linear::{Dense, Factor, dot};
+use fringe::math::statistics::median;
 use nalgebra::Isometry3;
 
 /// Residuals of one device in poses that it was not calibrated from.
@@ -160,7 +161,7 @@ fn add_pose(
                 let pixel = projector.pixel(&board.point(s.index, &state.shape));
                 pixel.map_or(f64::INFINITY, |p| (p - s.pixel).norm_squared())
             };
-            median(sights.iter().map(square).collect())
+            median(&mut sights.iter().map(square).collect::<Vec<f64>>()).unwrap_or(0.0)
         };
         let turned = turned.filter(|turned| off(turned) < off(&view.sights));
         added.push((*number, turned.is_some()));

@@ -1,7 +1,8 @@
 //! Homography of a flat target, robust against single wrong points (start values only; the adjustment decides).
 
-use super::dense::{Dense, eigen};
 use super::observations::Sight;
+use fringe::math::linear::{Dense, eigen};
+use fringe::math::statistics::median;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Fewest points of a view: four determine the homography, the others tell a wrong one.
@@ -28,7 +29,7 @@ pub(super) fn homography(board: &[Vector3<f64>], sights: &[Sight]) -> Option<Mat
             let h = found * Vector3::new(p.x, p.y, 1.0);
             squares.push(((h.xy() / h.z - q).norm_squared(), h.z));
         }
-        let scale = median(squares.iter().map(|s| s.0).collect()).max(1e-24);
+        let scale = median(&mut squares.iter().map(|s| s.0).collect::<Vec<f64>>()).unwrap_or(0.0).max(1e-24);
         for (weight, (square, z)) in weights.iter_mut().zip(&squares) {
             // Cauchy's weight, and 1/z² to turn the algebraic error into the distance in the image.
             *weight = 1.0 / (1.0 + square / (4.0 * scale)).powi(2) / (z * z).max(1e-6);
@@ -72,15 +73,6 @@ fn normalised(points: impl Iterator<Item = Vector2<f64>> + Clone) -> (Vec<Vector
     let scale = (2.0 / square.max(1e-300)).sqrt();
     let matrix = Matrix3::new(scale, 0.0, -scale * mean.x, 0.0, scale, -scale * mean.y, 0.0, 0.0, 1.0);
     (points.map(|p| (p - mean) * scale).collect(), matrix)
-}
-
-/// The median (upper one of an even count); 0 of nothing.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return 0.0;
-    }
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 #[cfg(test)]

@@ -21,7 +21,6 @@ mod adjust;
 mod between;
 mod covariance;
 mod datum;
-pub(crate) mod dense;
 mod error;
 mod finish;
 mod graph;

@@ -1,7 +1,7 @@
 //! Normal equations with the poses eliminated (Schur complement), in a fixed order of sums.
 
-use super::dense::{Dense, Factor, dot};
 use super::model::POSE;
+use fringe::math::linear::{Dense, Factor, dot};
 
 /// Normal equations: devices dense, poses block diagonal.
 #[derive(Debug, Clone)]

@@ -1,9 +1,9 @@
 //! What the covariance says about projections and points.
 
 use super::covariance::Gauge;
-use super::dense::{Dense, dot};
 use super::model::{DEVICE, world_rows};
 use super::result::Calibration;
+use fringe::math::linear::{Dense, dot};
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Point3, Vector3};
 
 /// Uncertainty of a triangulated point.

@@ -5,6 +5,7 @@
 //! squares about the corner, their rims left out, and read at the corner.
 
 use super::observations::{Link, Sight};
+use fringe::math::statistics::sigma_by_median;
 use fringe::phase::PhaseView;
 use nalgebra::{Matrix2, Matrix6, Point2, RowVector2, Vector2, Vector6};
 use std::f64::consts::TAU;
@@ -75,9 +76,8 @@ struct Reading {
 fn coordinate(map: &PhaseView, place: Point2<f64>, radius_px: f64) -> Option<Reading> {
     let mut pixels = bright_pixels(map, place, radius_px);
     let first = fit(&pixels, radius_px)?;
-    let mut sizes: Vec<f64> = pixels.iter().map(|p| first.residual(p).abs()).collect();
-    let middle = sizes.len() / 2;
-    let limit = OUTLIER * 1.4826 * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let mut residuals: Vec<f64> = pixels.iter().map(|p| first.residual(p)).collect();
+    let limit = OUTLIER * sigma_by_median(&mut residuals)?;
     pixels.retain(|p| first.residual(p).abs() <= limit.max(1e-9));
     let last = fit(&pixels, radius_px)?;
     let period = map.info.period_px / TAU;

@@ -2,7 +2,6 @@
 
 use super::CalibrationError;
 use super::adjust::{approach, robust_variances, solve};
-use super::dense::Factor;
 use super::homography::homography;
 use super::model::{Board, DEVICE, Shape, State};
 use super::observations::{Device, DeviceKind, Observations, Sight};
@@ -11,6 +10,7 @@ use super::settings::{CalibrationSettings, LensModel, TargetShape};
 use super::zhang::{candidates, normal_lens, pose};
 use fringe::geometry::camera::Camera;
 use fringe::math;
+use fringe::math::linear::Factor;
 use nalgebra::{Isometry3, Matrix3};
 
 /// Two views leave focal length and principal point hanging together; a third one tells them apart.

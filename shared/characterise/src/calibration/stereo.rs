@@ -3,10 +3,10 @@
 //! Rectifying rotations and the baseline frame stand in [`fringe::rectify`].
 
 use super::covariance::Gauge;
-use super::dense::Dense;
 use super::model::{DEVICE, INTRINSIC, POSE, compose};
 use super::result::{Calibration, Residual, ViewReport};
 use fringe::geometry::camera::Camera;
+use fringe::math::linear::Dense;
 use nalgebra::{Isometry3, Matrix3, Point2, Vector3};
 
 /// Right from left with its matrices; pixels for `fundamental` are without distortion.

@@ -1,9 +1,9 @@
 //! JᵀJ and Jᵀr of all sights, run by run in a fixed order.
 
-use super::dense::Dense;
 use super::model::{DEVICE, LOCAL, POSE, State, WARP};
 use super::normal::{Normal, PoseBlock};
 use super::problem::{Problem, Run, WIDE, WideRows};
+use fringe::math::linear::Dense;
 
 /// First of the pose's columns in an equation.
 const FIRST: usize = DEVICE + WARP;

@@ -4,12 +4,12 @@
 //! the difference of two independent calibrations exceeds what their covariances predict, the model is wrong.
 
 use super::covariance::Gauge;
-use super::dense::{Dense, Factor, dot};
 use super::model::{DEVICE, INTRINSIC, WARP, compose, rotation_vector, world_rows};
 use super::observations::Observations;
 use super::result::Calibration;
 use super::settings::{CalibrationSettings, WorldFrame};
 use super::{CalibrationError, calibrate};
+use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::{Point3, Vector3};
 
 /// About this many points of the target are compared in each pose.

@@ -1,9 +1,9 @@
 //! Start values of one device: intrinsics from homographies (Zhang 2000), poses from their decomposition.
 
-use super::dense::{Dense, Factor, eigen};
 use super::model::compose;
 use super::observations::{Device, DeviceKind};
 use fringe::geometry::camera::{BrownConrady, Camera};
+use fringe::math::linear::{Dense, Factor, eigen};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// Second smallest over largest eigenvalue of Zhang's system below which the principal point is open.

@@ -4,6 +4,7 @@ use super::FocusError;
 use crate::response::Roi;
 use fringe::frame::FrameView;
 use fringe::math::fourier::{Complex, transform_2d};
+use fringe::math::statistics::median;
 use fringe::math::{cos, ln, sincos};
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -197,8 +198,7 @@ impl Spectrum {
                 best = Some((*magnitude, f));
             }
         }
-        let middle = all.len() / 2;
-        let median = *all.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let median = median(&mut all)?;
         best.map(|(_, f)| (f, median))
     }
 }

@@ -2,6 +2,7 @@
 
 use super::FocusError;
 use super::carrier::{Carrier, find, usual_region};
+use crate::least_squares::minimise;
 use crate::response::Roi;
 use fringe::frame::FrameView;
 use fringe::math::{exp, ln};
@@ -185,7 +186,7 @@ fn crossing<'a>(mut points: impl Iterator<Item = &'a (f64, f64)>, limit: f64) ->
     (before.0, None)
 }
 
-/// Least squares by Levenberg–Marquardt; peak, place and width scaled to the points.
+/// Least squares of peak, place and width; the start and the end of the search scale with the points.
 fn fit(points: &[(f64, f64)], top: usize) -> Option<FocusFit> {
     let span = points[points.len() - 1].0 - points[0].0;
     let model = |p: &Vector3<f64>, z: f64| {
@@ -193,42 +194,31 @@ fn fit(points: &[(f64, f64)], top: usize) -> Option<FocusFit> {
         let bell = exp(-0.5 * u * u);
         (p[0] * bell, Vector3::new(bell, p[0] * bell * u / p[2], p[0] * bell * u * u / p[2]))
     };
-    let squares = |p: &Vector3<f64>| points.iter().map(|(z, c)| (c - model(p, *z).0).powi(2)).sum::<f64>();
-    let mut p = Vector3::new(points[top].1, points[top].0, 0.25 * span);
-    let (mut damping, mut sum) = (1e-3, squares(&p));
-    for _ in 0..MOST_ROUNDS {
+    let squares = |p: &Vector3<f64>| {
+        // A width of many spans is a flat curve: nothing to be found there.
+        let allowed = p[0] > 0.0 && p[2] > 0.0 && p[2] < 1e3 * span;
+        allowed.then(|| points.iter().map(|(z, c)| (c - model(p, *z).0).powi(2)).sum::<f64>())
+    };
+    let linearise = |p: &Vector3<f64>| {
         let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
         for (z, c) in points {
-            let (value, row) = model(&p, *z);
+            let (value, row) = model(p, *z);
             normal += row * row.transpose();
             right += row * (c - value);
         }
-        let mut change = None;
-        while change.is_none() && damping < 1e12 {
-            let damped = normal + Matrix3::from_diagonal(&(normal.diagonal() * damping));
-            let step = damped.try_inverse()? * right;
-            let next = p + step;
-            // A width of many spans is a flat curve: nothing to be found there.
-            let sane = next[0] > 0.0 && next[2] > 0.0 && next[2] < 1e3 * span;
-            if sane && squares(&next) < sum {
-                (p, sum, damping, change) = (next, squares(&next), damping * 0.1, Some(step));
-            } else {
-                damping *= 10.0;
-            }
-        }
-        if change.is_none_or(|s| s[1].abs() + s[2].abs() < 1e-9 * span) {
-            let variance = sum / (points.len() - 3) as f64;
-            let covariance = normal.try_inverse()? * variance;
-            let u = |i: usize| covariance[(i, i)].max(0.0).sqrt();
-            return Some(FocusFit {
-                peak_contrast: p[0],
-                best_focus_mm: p[1],
-                u_best_focus_mm: u(1),
-                width_mm: p[2],
-                u_width_mm: u(2),
-                residual_rms: (sum / points.len() as f64).sqrt(),
-            });
-        }
-    }
-    None
+        (normal, right)
+    };
+    let start = Vector3::new(points[top].1, points[top].0, 0.25 * span);
+    let settled = |step: &Vector3<f64>| step[1].abs() + step[2].abs() < 1e-9 * span;
+    let found = minimise(start, MOST_ROUNDS, squares, linearise, settled)?;
+    let covariance = found.inverse * (found.sum / (points.len() - 3) as f64);
+    let u = |i: usize| covariance[(i, i)].max(0.0).sqrt();
+    Some(FocusFit {
+        peak_contrast: found.parameters[0],
+        best_focus_mm: found.parameters[1],
+        u_best_focus_mm: u(1),
+        width_mm: found.parameters[2],
+        u_width_mm: u(2),
+        residual_rms: (found.sum / points.len() as f64).sqrt(),
+    })
 }

@@ -7,8 +7,8 @@ use super::rows::{CAUSES, Row, UNKNOWNS, rows};
 use super::settings::HealthSettings;
 use super::tiles::Tiles;
 use super::{HealthError, robust};
-use crate::calibration::dense::{Dense, Factor};
 use fringe::geometry::camera::Camera;
+use fringe::math::linear::{Dense, Factor};
 
 /// A cause whose effect is this small against that of the most visible one of its unit cannot be seen.
 const VISIBLE: f64 = 1e-3;

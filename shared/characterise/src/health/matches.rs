@@ -2,6 +2,7 @@
 
 use super::HealthError;
 use super::quadratic::{Quadratic, REACH};
+use fringe::math::statistics::median;
 use fringe::pattern::Axis;
 use fringe::phase::PhaseView;
 use nalgebra::{Matrix2, Point2, Vector2};
@@ -137,12 +138,7 @@ impl Window {
 
 /// The median misfit of all windows: about 1 where the stated noise is the real one.
 fn median_misfit<'a>(windows: impl Iterator<Item = &'a Window>) -> f64 {
-    let mut all: Vec<f64> = windows.map(Window::misfit).collect();
-    if all.is_empty() {
-        return 1.0;
-    }
-    let middle = all.len() / 2;
-    *all.select_nth_unstable_by(middle, f64::total_cmp).1
+    median(&mut windows.map(Window::misfit).collect::<Vec<f64>>()).unwrap_or(1.0)
 }
 
 /// Matches two cameras under one projector by the phases of both axes; the maps are those of x, then y.

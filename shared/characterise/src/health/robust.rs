@@ -1,7 +1,8 @@
 //! The robust fit of the joint drift.
 
 use super::rows::{Row, UNKNOWNS};
-use crate::calibration::dense::{Dense, eigen};
+use fringe::math::linear::{Dense, eigen};
+use fringe::math::statistics::sigma_by_median;
 
 /// Directions whose information, scaled to unit diagonal, is below this are not told by the matches (a flat object
 /// leaves one open).
@@ -89,11 +90,9 @@ fn solve(rows: &[Row], weight: impl Fn(usize) -> f64) -> Option<([f64; UNKNOWNS]
     sane.then_some((drift, directions))
 }
 
-/// 1.4826 times the median absolute value.
+/// Standard deviation by the median of the magnitudes; 0 without residuals.
 fn spread(residuals: &[f64]) -> f64 {
-    let mut sizes: Vec<f64> = residuals.iter().map(|r| r.abs()).collect();
-    let middle = sizes.len() / 2;
-    1.4826 * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1
+    sigma_by_median(&mut residuals.to_vec()).unwrap_or(0.0)
 }
 
 /// Fits the drift; `None` for rows that tell nothing.

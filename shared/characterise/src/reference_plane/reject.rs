@@ -3,18 +3,17 @@
 //! With n planes and m coefficients the residuals of a least-squares fit share out an outlier, so each plane is held against the
 //! polynomial through the others (deleted residual). Even without outliers these are not zero: noise, and what the polynomial does not
 //! follow, which is alike all over the field. So each plane's deleted residuals are measured against their own median and scatter
-//! (1.4826 times the median magnitude about it) over the field, the scatter raised where a pixel's phase is noisier than most. Where one is beyond
+//! (by the median magnitude about it) over the field, the scatter raised where a pixel's phase is noisier than most. Where one is beyond
 //! the limit, the plane without which the others fit best is left out (an outlier bends the polynomial past its neighbours, whose
 //! residuals may be larger than its own), and the rest judged again, while at least m + 1 planes would be left: with m + 1 given, their residuals tell that one is wrong
 //! but not which, and the pixel is left out as a whole.
 
 use super::MOST_DEGREE;
 use super::polynomial::{Fit, fit, height};
+use fringe::math::statistics::{median, sigma_by_median};
 
 /// Pixels that make the scales of the planes.
 const SAMPLES: usize = 32_768;
-/// Median magnitude to standard deviation, for normal values.
-const SIGMA_OF_MEDIAN: f64 = 1.4826;
 /// Scatter below this share of the calibrated range is rounding.
 const LEAST_SCATTER: f64 = 1e-6;
 
@@ -61,11 +60,6 @@ fn deleted_mm(seen: &[Seen], index: usize, degree: usize) -> Option<f64> {
     Some(height(&others, x) - z_mm)
 }
 
-fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() { f64::NAN } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
-}
-
 /// The scale of each plane, from pixels that saw all of them.
 pub(super) fn scales(
     planes: usize,
@@ -87,12 +81,13 @@ pub(super) fn scales(
         }
     }
     let scale = |(residuals, noise): (&mut Vec<f64>, &mut Vec<f64>)| {
-        let median_mm = median(residuals);
+        let median_mm = median(residuals).unwrap_or(f64::NAN);
         for residual in residuals.iter_mut() {
-            *residual = (*residual - median_mm).abs();
+            *residual -= median_mm;
         }
-        let sigma_mm = (SIGMA_OF_MEDIAN * median(residuals)).max(LEAST_SCATTER * range_mm);
-        Scale { median_mm, sigma_mm, sigma_rad: median(noise) }
+        let sigma_mm =
+            sigma_by_median(residuals).map_or(f64::NAN, |sigma| sigma.max(LEAST_SCATTER * range_mm));
+        Scale { median_mm, sigma_mm, sigma_rad: median(noise).unwrap_or(f64::NAN) }
     };
     residuals.iter_mut().zip(&mut noise).map(scale).collect()
 }

@@ -7,6 +7,7 @@
 
 use super::ResponseError;
 use super::waveform::PhaseError;
+use crate::least_squares::minimise;
 use fringe::frame::FrameView;
 use fringe::math::{atan2, cos, pow, sincos};
 use nalgebra::{Matrix3, Vector3};
@@ -72,7 +73,7 @@ impl FringeResponse {
         }
         let unit: Vec<(f64, f64)> = (0..steps).map(|i| sincos(TAU * i as f64 / steps as f64)).collect();
         let residuals = |p: &Parameters| residuals(&pixels, &unit, p);
-        adjust(&residuals, found * (steps - 1)).map(|(p, u_gamma, rms)| Self {
+        adjust(&residuals, pixels.len(), found * (steps - 1)).map(|(p, u_gamma, rms)| Self {
             gamma: p[0],
             u_gamma,
             gain: p[2] - p[1],
@@ -159,19 +160,19 @@ fn residuals(pixels: &[f64], unit: &[(f64, f64)], p: &Parameters) -> Vec<f64> {
     out
 }
 
-/// Levenberg–Marquardt with differences for derivatives: γ, b, a + b; the standard uncertainty of γ; the rms.
+/// Least squares with differences for derivatives: γ, b, a + b; the standard uncertainty of γ; the rms.
 fn adjust(
     residuals: &impl Fn(&Parameters) -> Vec<f64>,
+    count: usize,
     freedom: usize,
 ) -> Result<(Parameters, f64, f64), ResponseError> {
     const STEP: f64 = 1e-4;
-    let allowed = |p: &Parameters| (0.1..=10.0).contains(&p[0]) && p[2] - p[1] > 0.1;
-    let squares = |r: &[f64]| r.iter().map(|v| v * v).sum::<f64>();
-    let mut p = Parameters::new(1.2, 0.0, 1.0);
-    let mut r = residuals(&p);
-    let mut damping = 1e-3;
-    let undetermined = || ResponseError::Undetermined { what: "the exponent from these fringes" };
-    for _ in 0..MOST_ROUNDS {
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    let squares = |p: &Parameters| {
+        let allowed = (0.1..=10.0).contains(&p[0]) && p[2] - p[1] > 0.1;
+        allowed.then(|| residuals(p).iter().map(|v| v * v).sum::<f64>())
+    };
+    let linearise = |p: &Parameters| {
         let columns: Vec<Vec<f64>> = (0..3)
             .map(|k| {
                 let step = Parameters::ith(k, STEP);
@@ -179,27 +180,13 @@ fn adjust(
                 up.iter().zip(&down).map(|(u, d)| (u - d) / (2.0 * STEP)).collect()
             })
             .collect();
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+        let now = residuals(p);
         let normal = Matrix3::from_fn(|i, j| dot(&columns[i], &columns[j]));
-        let right = Vector3::from_fn(|i, _| -dot(&columns[i], &r));
-        let mut change = Vector3::zeros();
-        let mut better = false;
-        while !better && damping < 1e9 {
-            let damped = normal + Matrix3::from_diagonal(&(normal.diagonal() * damping));
-            change = damped.try_inverse().ok_or_else(undetermined)? * right;
-            let next = p + change;
-            let tried = if allowed(&next) { Some(residuals(&next)) } else { None };
-            match tried.filter(|t| squares(t) < squares(&r)) {
-                Some(lower) => (p, r, damping, better) = (next, lower, damping * 0.1, true),
-                None => damping *= 10.0,
-            }
-        }
-        if !better || change.norm() < 1e-7 {
-            let sum = squares(&r);
-            let covariance = normal.try_inverse().ok_or_else(undetermined)?;
-            let u_gamma = (covariance[(0, 0)] * sum / freedom as f64).max(0.0).sqrt();
-            return Ok((p, u_gamma, (sum / r.len() as f64).sqrt()));
-        }
-    }
-    Err(undetermined())
+        (normal, Vector3::from_fn(|i, _| -dot(&columns[i], &now)))
+    };
+    let start = Parameters::new(1.2, 0.0, 1.0);
+    let found = minimise(start, MOST_ROUNDS, squares, linearise, |step| step.norm() < 1e-7)
+        .ok_or(ResponseError::Undetermined { what: "the exponent from these fringes" })?;
+    let u_gamma = (found.inverse[(0, 0)] * found.sum / freedom as f64).max(0.0).sqrt();
+    Ok((found.parameters, u_gamma, (found.sum / count as f64).sqrt()))
 }

@@ -1,12 +1,14 @@
-//! Transcendental functions whose bits do not depend on the machine.
+//! Mathematics whose bits do not depend on the machine.
 //!
-//! glibc picks fused or unfused variants by processor; the `libm` crate is plain Rust and gives the same bits
-//! everywhere. `sqrt` is exact by IEEE 754 and may be called directly.
+//! Transcendental functions: glibc picks fused or unfused variants by processor; the `libm` crate is plain Rust and gives the
+//! same bits everywhere. `sqrt` is exact by IEEE 754 and may be called directly.
 
 pub mod cosine;
 pub mod fourier;
+pub mod linear;
 pub mod parallel;
 pub mod random;
+pub mod statistics;
 
 use std::f64::consts::{PI, TAU};
 

@@ -4,7 +4,7 @@ use nalgebra::{SVector, Vector3};
 
 use super::FitError;
 use super::centred::tree;
-use super::linear::Normal;
+use super::normal::Normal;
 
 /// Most iterations. Good starts need five to ten; a cap of a few degrees some thirty.
 const MAX_ITERATIONS: usize = 200;

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Vector3};
 
 use super::adjust::{Model, adjust};
 use super::centred::Principal;
-use super::linear::tangents;
+use super::normal::tangents;
 use super::sphere::polar;
 use fringe::math;
 

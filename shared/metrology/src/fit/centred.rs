@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::linear::eigen;
 use super::{COORDINATE_LIMIT_MM, FitError};
+use fringe::math::linear::eigen_fixed;
 
 /// Points summed one after another before the binary tree takes over.
 const LEAF: usize = 256;
@@ -73,7 +73,7 @@ impl Principal {
             &|leaf| leaf.iter().map(|p| p * p.transpose()).sum(),
             &|a: Matrix3<f64>, b: Matrix3<f64>| a + b,
         );
-        let (_, axes) = eigen(&scatter);
+        let (_, axes) = eigen_fixed(&scatter);
         // Measured along the axes, not as roots of the eigenvalues: those of a plane carry 1e-16 of the largest one,
         // whose root would be a thickness of 1e-8.
         let squares: Vector3<f64> = tree(

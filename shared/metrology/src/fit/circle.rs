@@ -7,7 +7,7 @@ use super::adjust::{Model, adjust};
 use super::axis::Axis;
 use super::centred::{Principal, tree};
 use super::form::{Form, Residuals};
-use super::linear::{Normal, tangents};
+use super::normal::{Normal, tangents};
 use super::solve::solve;
 use super::sphere::{LARGEST_RADIUS_RATIO, polar};
 use super::{FitError, FitSettings, Support};

@@ -11,7 +11,6 @@ use serde::Serialize;
 use super::adjust::{Adjusted, Model, singular};
 use super::cells::cells_of;
 use super::correlation::estimate;
-use super::linear::product;
 use super::{Correlation, FitError, FitSettings};
 
 /// Fewest cells from which the sandwich is trusted: with G cells its own relative error is about 1/√(2 G).
@@ -57,7 +56,7 @@ pub(super) fn covariance<M: Model<P>, const P: usize>(
             let (meat, cells) = cell_scores(&adjusted.model, points, edge_mm);
             if cells >= fewest {
                 let few = cells as f64 / (cells - 1) as f64 * (rows - 1.0) / freedom;
-                let sandwich = product(&product(&inverse, &meat), &inverse) * (few / (shrink * shrink));
+                let sandwich = inverse * meat * inverse * (few / (shrink * shrink));
                 let support = Support { cells, correlation_reach_mm: None };
                 return Ok(((sandwich + sandwich.transpose()) * 0.5, support));
             }

@@ -7,7 +7,7 @@ use super::adjust::Model;
 use super::axis::{Axis, best_of, directions, thinned, worst_tilt_rad};
 use super::centred::{Principal, tree};
 use super::form::{Form, Residuals};
-use super::linear::Normal;
+use super::normal::Normal;
 use super::plane::refuse_flat;
 use super::solve::solve;
 use super::{FitError, FitSettings, Support};

@@ -15,7 +15,7 @@ use nalgebra::{Cholesky, SMatrix, SVector, Vector3};
 
 use super::adjust::Model;
 use super::cells::cells_of;
-use super::linear::product;
+use fringe::math::statistics::median;
 
 /// Most cells: half a million pairs, some four milliseconds. Finer cells stated the same uncertainties on a hundred
 /// scans.
@@ -97,7 +97,7 @@ pub(super) fn estimate<M: Model<P>, const P: usize>(
 
 /// A⁻¹ M A⁻¹, symmetric to the last bit.
 fn sandwich<const P: usize>(inverse: &SMatrix<f64, P, P>, middle: &SMatrix<f64, P, P>) -> SMatrix<f64, P, P> {
-    let full = product(&product(inverse, middle), inverse);
+    let full = inverse * middle * inverse;
     (full + full.transpose()) * 0.5
 }
 
@@ -109,7 +109,7 @@ fn middle<const P: usize>(
 ) -> (SMatrix<f64, P, P>, SMatrix<f64, P, P>, usize) {
     let mut within = SMatrix::<f64, P, P>::zeros();
     for cell in cells {
-        let followed = product(&product(&cell.information, covariance), &cell.information);
+        let followed = cell.information * covariance * cell.information;
         within += cell.score * cell.score.transpose() + followed;
     }
     let mut between = SMatrix::<f64, P, P>::zeros();
@@ -264,6 +264,5 @@ fn spacing_mm(positions: &[Vector3<f64>]) -> f64 {
     if nearest.len() < 2 {
         return 0.0;
     }
-    let middle = nearest.len() / 2;
-    nearest.select_nth_unstable_by(middle, f64::total_cmp).1.sqrt()
+    median(&mut nearest).map_or(0.0, f64::sqrt)
 }

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Point3, Vector3, Vector4};
 use serde::Serialize;
 
 use super::axis::worst_tilt_rad;
-use super::linear::tangents;
+use super::normal::tangents;
 use super::{PlaneFit, SphereFit};
 use fringe::math;
 

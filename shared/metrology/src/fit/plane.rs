@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::adjust::Model;
 use super::centred::Principal;
 use super::form::{Form, Residuals};
-use super::linear::tangents;
+use super::normal::tangents;
 use super::solve::solve;
 use super::{FitError, FitSettings, Support};
 

@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::adjust::{Model, adjust};
 use super::centred::{Centred, Principal, tree};
 use super::form::{Form, Residuals};
-use super::linear::Normal;
+use super::normal::Normal;
 use super::solve::{Solution, solve};
 use super::{FitError, FitSettings, Support};
 

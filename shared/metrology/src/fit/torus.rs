@@ -154,7 +154,7 @@ mod tests {
         for seed in 0..30 {
             let mut noise = Noise(seed);
             let direction = noise.direction();
-            let [e1, e2] = super::super::linear::tangents(&direction);
+            let [e1, e2] = super::super::normal::tangents(&direction);
             let center = Vector3::new(200.0, -100.0, 500.0);
             for (turn, lowest) in [(TAU, -PI), (TAU, 0.0), (2.1, 0.0)] {
                 let points: Vec<Point3<f64>> = (0..600)

@@ -8,9 +8,7 @@ use super::{LEAST_POINTS, RegisterError, RegisterSettings};
 use crate::fit::Normal;
 use crate::reference::{CHUNK, Match, Reference};
 use fringe::geometry::pose::Pose;
-
-/// Median of the magnitudes to standard deviation, for normally distributed distances.
-const SIGMA_OF_MEDIAN: f64 = 1.4826;
+use fringe::math::statistics::{SIGMA_OF_MEDIAN, median};
 
 /// The reach of a round, in medians of the matched points' distances along the normal in the round before: far enough to
 /// hold a part that is still turned.
@@ -64,7 +62,8 @@ pub(super) fn refine(level: &Level<'_>, start: Pose) -> Result<Refined, Register
         if pairs.len() < LEAST_POINTS {
             return Err(RegisterError::Few { matched: pairs.len(), needed });
         }
-        let median_mm = median(pairs.iter().map(|p| p.distance_mm.abs()).collect());
+        let mut distances: Vec<f64> = pairs.iter().map(|p| p.distance_mm.abs()).collect();
+        let median_mm = median(&mut distances).unwrap_or(0.0);
         let equations = equations(&pairs, level.settings.trim_sigmas * SIGMA_OF_MEDIAN * median_mm);
         let principal = equations.principal(level.reference.normal_variance());
         let motion = equations.step(&principal);
@@ -115,11 +114,6 @@ fn pairs(level: &Level<'_>, pose: &Pose, reach_mm: f64, hints: &mut [u32]) -> Ve
         })
         .collect();
     found.concat()
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
 /// Sums the equations of the pairs up to a distance, in fixed parts.

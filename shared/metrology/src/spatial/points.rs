@@ -1,6 +1,7 @@
 //! A tree over points: the nearest one, all within a radius.
 
 use super::bvh::{Aabb, Bvh};
+use fringe::math::statistics::median;
 use nalgebra::Point3;
 
 /// Points per leaf: one or two lines of a surface patch; a loop over neighbouring memory beats further box tests.
@@ -97,11 +98,7 @@ impl PointTree {
     pub fn spacing_mm(&self) -> f64 {
         let step = self.sites.len().div_ceil(DENSITY_SAMPLES).max(1);
         let mut reach: Vec<f64> = self.sites.iter().step_by(step).map(|p| self.reach2_mm2(p)).collect();
-        if reach.is_empty() {
-            return 0.0;
-        }
-        let middle = reach.len() / 2;
-        let reach2 = *reach.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let Some(reach2) = median(&mut reach) else { return 0.0 };
         let held = DENSITY_NEIGHBOURS.min(self.sites.len() - 1).max(1) as f64;
         (reach2 * std::f64::consts::PI / held).sqrt()
     }

@@ -1,11 +1,11 @@
 //! Projectors that are read where a camera found the points: the errors that both share count once.
 
-use super::super::dense::{Dense, Factor, dot};
 use super::super::model::{Board, DEVICE, LOCAL, POSE, Projector, Shape, State, WARP};
 use super::super::problem::{Problem, ViewRange, columns};
 use super::super::*;
 use super::synthetic::{WARP_MM, World};
 use super::truth::{chi_square, errors};
+use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::{Matrix2, Translation3};
 
 /// Standard deviation of the reading alone, px.

@@ -1,9 +1,9 @@
 //! Recovered parameters against the truth, in units of their predicted standard deviation.
 
-use super::super::dense::{Dense, Factor, dot};
 use super::super::model::{DEVICE, Projector, Shape, compose, motion, moved, rotation_vector};
 use super::super::*;
 use super::synthetic::{WARP_MM, World};
+use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::Isometry3;
 
 /// Differences found − true of all parameters, extrinsics relative to the first device.

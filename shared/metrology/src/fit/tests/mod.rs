@@ -173,7 +173,7 @@ proptest! {
     fn bodies_of_rotation_are_found_in_any_pose(seed in 0u64..1000, arc in 1.5..6.2f64, half_deg in 5.0..70.0f64) {
         let mut noise = Noise(seed);
         let axis = noise.direction();
-        let [e1, e2] = super::linear::tangents(&axis);
+        let [e1, e2] = super::normal::tangents(&axis);
         let place = Vector3::new(300.0, -200.0, 600.0);
         let slope = fringe::math::tan(half_deg.to_radians());
         let body = |noise: &mut Noise, cone: bool| -> Vec<Point3<f64>> {

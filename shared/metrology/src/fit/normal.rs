@@ -1,7 +1,7 @@
-//! Small dense algebra with fixed operation order: normal equations, their solution, eigenvectors.
+//! Normal equations of an adjustment: their sums, their solution, their inverse.
 //!
-//! nalgebra's product dispatches on the processor from 6 × 6 on and its eigenvalue iteration calls the system's
-//! `hypot`; both would let the machine into the bits. Hence these few loops.
+//! All sizes are known at compile time, for which nalgebra's products and Cholesky factors are plain loops: their bits do not
+//! depend on the processor.
 
 use nalgebra::{Cholesky, SMatrix, SVector, Vector3};
 
@@ -17,12 +17,12 @@ pub(crate) struct Normal<const P: usize> {
     pub gradient: SVector<f64, P>,
     /// rᵀr.
     pub sum: f64,
-    /// Number of rows.
+    /// Number of residuals summed.
     pub rows: usize,
 }
 
 impl<const P: usize> Normal<P> {
-    /// Empty sums.
+    /// Sums over no rows.
     pub fn zero() -> Self {
         Self { matrix: SMatrix::zeros(), gradient: SVector::zeros(), sum: 0.0, rows: 0 }
     }
@@ -92,57 +92,6 @@ fn factorise<const P: usize>(
     (pivot * pivot > SMALLEST_PIVOT).then_some((factor, scale))
 }
 
-/// a · b, each entry summed from left to right.
-pub(super) fn product<const P: usize>(a: &SMatrix<f64, P, P>, b: &SMatrix<f64, P, P>) -> SMatrix<f64, P, P> {
-    SMatrix::from_fn(|row, column| (0..P).map(|k| a[(row, k)] * b[(k, column)]).sum())
-}
-
-/// Eigenvalues of a small symmetric matrix in ascending order, and unit eigenvectors in the columns.
-///
-/// Cyclic Jacobi rotations (Golub & Van Loan, 8.5): only roots and quotients; eight sweeps pass the last bit.
-pub(crate) fn eigen<const P: usize>(matrix: &SMatrix<f64, P, P>) -> (SVector<f64, P>, SMatrix<f64, P, P>) {
-    let mut a = *matrix;
-    let mut vectors = SMatrix::identity();
-    for _ in 0..8 {
-        for p in 0..P {
-            for q in p + 1..P {
-                rotate(&mut a, &mut vectors, p, q);
-            }
-        }
-    }
-    let mut order: [usize; P] = std::array::from_fn(|i| i);
-    order.sort_by(|&i, &j| a[(i, i)].total_cmp(&a[(j, j)]));
-    let values = SVector::from(order.map(|i| a[(i, i)]));
-    (values, SMatrix::from_columns(&order.map(|i| vectors.column(i).into_owned())))
-}
-
-/// One Jacobi rotation that makes the entry (p, q) zero.
-fn rotate<const P: usize>(a: &mut SMatrix<f64, P, P>, vectors: &mut SMatrix<f64, P, P>, p: usize, q: usize) {
-    let off = a[(p, q)];
-    if off == 0.0 {
-        return;
-    }
-    let tau = (a[(q, q)] - a[(p, p)]) / (2.0 * off);
-    let root = tau.abs() + (1.0 + tau * tau).sqrt();
-    // τ overflows when the entry is already negligible: t is then 0, and the rotation the identity.
-    let t = if tau < 0.0 { -1.0 / root } else { 1.0 / root };
-    let c = 1.0 / (1.0 + t * t).sqrt();
-    let s = t * c;
-    for k in 0..P {
-        let (x, y) = (a[(k, p)], a[(k, q)]);
-        a[(k, p)] = c * x - s * y;
-        a[(k, q)] = s * x + c * y;
-    }
-    for k in 0..P {
-        let (x, y) = (a[(p, k)], a[(q, k)]);
-        a[(p, k)] = c * x - s * y;
-        a[(q, k)] = s * x + c * y;
-        let (x, y) = (vectors[(k, p)], vectors[(k, q)]);
-        vectors[(k, p)] = c * x - s * y;
-        vectors[(k, q)] = s * x + c * y;
-    }
-}
-
 /// Two unit vectors that complete a unit vector to a right-handed frame (e1, e2, axis).
 pub fn tangents(axis: &Vector3<f64>) -> [Vector3<f64>; 2] {
     // Crossing with the coordinate axis farthest from `axis` keeps the length away from zero.
@@ -158,28 +107,6 @@ pub fn tangents(axis: &Vector3<f64>) -> [Vector3<f64>; 2] {
 mod tests {
     use super::*;
     use nalgebra::Matrix3;
-
-    #[test]
-    fn eigenvectors_rebuild_the_matrix() {
-        let matrix = Matrix3::new(4.0, -2.0, 0.5, -2.0, 3.0, 1.25, 0.5, 1.25, 7.0);
-        let (values, vectors) = eigen(&matrix);
-        let again = vectors * Matrix3::from_diagonal(&values) * vectors.transpose();
-        assert!((again - matrix).amax() < 1e-14 * matrix.amax());
-        assert!((vectors.transpose() * vectors - Matrix3::identity()).amax() < 1e-14);
-        assert!(values[0] <= values[1] && values[1] <= values[2]);
-    }
-
-    #[test]
-    fn eigenvectors_of_extreme_matrices_stay_finite() {
-        for matrix in [
-            Matrix3::zeros(),
-            Matrix3::identity() * 1e-300,
-            Matrix3::new(1e300, 1.0, 0.0, 1.0, 1e-300, 0.0, 0.0, 0.0, 1.0),
-        ] {
-            let (values, vectors) = eigen(&matrix);
-            assert!(values.iter().chain(vectors.iter()).all(|v| v.is_finite()), "{matrix}");
-        }
-    }
 
     #[test]
     fn a_singular_system_gives_no_step() {

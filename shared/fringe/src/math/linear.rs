@@ -1,71 +1,78 @@
-//! Dense algebra of run-time size with a fixed order of operations.
+//! Small dense linear algebra whose order of operations is fixed.
 //!
-//! The matrix product of nalgebra dispatches on the processor from 6 × 6 on, and its eigenvalue iteration calls the
-//! system's `hypot`; both would let the machine into the bits. Hence these loops.
+//! [`Dense`] has a size known at run time. nalgebra hands products of such matrices, from 6 × 6 on, to a kernel that is
+//! chosen by the processor (fused or not), which would let the machine into the bits; its products of matrices of a size
+//! known at compile time are plain loops and may be used. [`Factor`] names the parameter that the others determine, which
+//! nalgebra's Cholesky factor does not. Eigenvectors come from Jacobi rotations for both kinds of matrix: they keep small
+//! eigenvalues of scaled matrices to full relative accuracy and always end.
+
+use nalgebra::{SMatrix, SVector};
 
 /// A pivot of the matrix scaled to unit diagonal below this is rounding: the parameter follows from the others.
 const SMALLEST_PIVOT: f64 = 1e-13;
 
-/// Sweeps of Jacobi's method: it converges quadratically, nine unknowns need six to eight.
+/// Most sweeps of Jacobi's method; it converges quadratically, nine unknowns need six to eight.
 const SWEEPS: usize = 40;
 
-/// A matrix, row by row.
+/// A matrix of a size known at run time, stored row by row.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Dense {
-    /// Rows.
+pub struct Dense {
+    /// Number of rows.
     pub rows: usize,
-    /// Columns.
+    /// Number of columns.
     pub cols: usize,
     data: Vec<f64>,
 }
 
 impl Dense {
-    /// All zero.
+    /// A matrix of zeros.
     pub fn zeros(rows: usize, cols: usize) -> Self {
         Self { rows, cols, data: vec![0.0; rows * cols] }
     }
 
-    /// The identity.
+    /// The n × n identity matrix.
     pub fn identity(n: usize) -> Self {
         Self::from_fn(n, n, |i, j| f64::from(u8::from(i == j)))
     }
 
-    /// Entry by entry.
+    /// A matrix whose entries are `entry(row, column)`.
     pub fn from_fn(rows: usize, cols: usize, entry: impl Fn(usize, usize) -> f64) -> Self {
         let data = (0..rows * cols).map(|k| entry(k / cols, k % cols)).collect();
         Self { rows, cols, data }
     }
 
-    /// An entry.
+    /// The entry in a row and a column.
     #[inline]
     pub fn at(&self, row: usize, col: usize) -> f64 {
         self.data[row * self.cols + col]
     }
 
-    /// Adds to an entry.
+    /// Adds `value` to an entry.
     #[inline]
     pub fn add(&mut self, row: usize, col: usize, value: f64) {
         self.data[row * self.cols + col] += value;
     }
 
-    /// Sets an entry.
+    /// Sets an entry to `value`.
     #[inline]
     pub fn set(&mut self, row: usize, col: usize, value: f64) {
         self.data[row * self.cols + col] = value;
     }
 
-    /// A row.
+    /// The entries of one row.
     #[inline]
     pub fn row(&self, row: usize) -> &[f64] {
         &self.data[row * self.cols..(row + 1) * self.cols]
     }
 
-    /// The transpose.
+    /// The transposed matrix.
+    #[must_use]
     pub fn transposed(&self) -> Self {
         Self::from_fn(self.cols, self.rows, |i, j| self.at(j, i))
     }
 
     /// The product with another matrix.
+    #[must_use]
     pub fn times(&self, other: &Self) -> Self {
         let mut product = Self::zeros(self.rows, other.cols);
         for i in 0..self.rows {
@@ -87,31 +94,36 @@ impl Dense {
     }
 
     /// The sum with another matrix of the same size.
+    #[must_use]
     pub fn plus(&self, other: &Self) -> Self {
         Self::from_fn(self.rows, self.cols, |i, j| self.at(i, j) + other.at(i, j))
     }
 
     /// A Σ Aᵀ for a symmetric Σ.
+    #[must_use]
     pub fn sandwich(&self, inner: &Self) -> Self {
         self.times(inner).times(&self.transposed())
     }
 }
 
-/// Scalar product.
+/// Scalar product, summed from the first element to the last.
 #[inline]
-pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
 /// Cholesky factor of a symmetric matrix that was scaled to unit diagonal.
 #[derive(Debug, Clone)]
-pub(crate) struct Factor {
+pub struct Factor {
     lower: Dense,
     scale: Vec<f64>,
 }
 
 impl Factor {
-    /// Factorises the lower triangle; `Err` holds the index of the first parameter that the others determine.
+    /// Factorises the lower triangle.
+    ///
+    /// # Errors
+    /// The index of the first parameter that those before it determine.
     pub fn new(matrix: &Dense) -> Result<Self, usize> {
         let n = matrix.rows;
         let scale: Vec<f64> = (0..n).map(|i| 1.0 / matrix.at(i, i).sqrt()).collect();
@@ -137,7 +149,7 @@ impl Factor {
         Ok(Self { lower, scale })
     }
 
-    /// Solves M x = b.
+    /// The solution x of M x = `right`.
     pub fn solve(&self, right: &[f64]) -> Vec<f64> {
         let n = self.scale.len();
         let mut x: Vec<f64> = right.iter().zip(&self.scale).map(|(b, s)| b * s).collect();
@@ -152,7 +164,7 @@ impl Factor {
         x.iter().zip(&self.scale).map(|(x, s)| x * s).collect()
     }
 
-    /// M⁻¹, exactly symmetric.
+    /// The inverse of M, exactly symmetric.
     pub fn inverse(&self) -> Dense {
         let n = self.scale.len();
         let mut inverse = Dense::zeros(n, n);
@@ -169,59 +181,79 @@ impl Factor {
     }
 }
 
-/// Eigenvalues in rising order and eigenvectors (as rows) of a symmetric matrix, by Jacobi's method.
-pub(crate) fn eigen(matrix: &Dense) -> (Vec<f64>, Dense) {
+/// Eigenvalues of a symmetric matrix in rising order, and unit eigenvectors in the rows.
+pub fn eigen(matrix: &Dense) -> (Vec<f64>, Dense) {
     let n = matrix.rows;
     let (mut a, mut vectors) = (matrix.clone(), Dense::identity(n));
-    for _ in 0..SWEEPS {
-        let off: f64 =
-            (0..n).flat_map(|i| (0..i).map(move |j| (i, j))).map(|(i, j)| a.at(i, j).powi(2)).sum();
-        if off == 0.0 || !off.is_finite() {
-            break;
-        }
-        for p in 0..n {
-            for q in p + 1..n {
-                rotate(&mut a, &mut vectors, p, q);
-            }
-        }
-    }
+    diagonalise(&mut a.data, &mut vectors.data, n);
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|i, j| a.at(*i, *i).total_cmp(&a.at(*j, *j)));
     let values = order.iter().map(|i| a.at(*i, *i)).collect();
     (values, Dense::from_fn(n, n, |i, j| vectors.at(order[i], j)))
 }
 
-/// One Jacobi rotation that zeroes the entry (p, q); `vectors` keeps eigenvectors as rows.
-fn rotate(a: &mut Dense, vectors: &mut Dense, p: usize, q: usize) {
-    let off = a.at(p, q);
+/// Eigenvalues of a symmetric matrix in rising order, and unit eigenvectors in the columns.
+pub fn eigen_fixed<const P: usize>(matrix: &SMatrix<f64, P, P>) -> (SVector<f64, P>, SMatrix<f64, P, P>) {
+    let mut a = *matrix;
+    let mut vectors = SMatrix::<f64, P, P>::identity();
+    // Stored column by column: what the kernel takes for rows of the vectors are columns here.
+    diagonalise(a.as_mut_slice(), vectors.as_mut_slice(), P);
+    let mut order: [usize; P] = std::array::from_fn(|i| i);
+    order.sort_by(|&i, &j| a[(i, i)].total_cmp(&a[(j, j)]));
+    let values = SVector::from(order.map(|i| a[(i, i)]));
+    (values, SMatrix::from_columns(&order.map(|i| vectors.column(i).into_owned())))
+}
+
+/// Cyclic Jacobi rotations (Golub & Van Loan, 8.5) of an n × n matrix; `vectors` starts as the identity and gets the
+/// eigenvectors as rows.
+#[inline]
+fn diagonalise(a: &mut [f64], vectors: &mut [f64], n: usize) {
+    for _ in 0..SWEEPS {
+        let off_diagonal = || (0..n).flat_map(|i| (0..i).map(move |j| i * n + j));
+        if off_diagonal().all(|i| a[i] == 0.0) || !off_diagonal().all(|i| a[i].is_finite()) {
+            break;
+        }
+        for p in 0..n {
+            for q in p + 1..n {
+                rotate(a, vectors, n, [p, q]);
+            }
+        }
+    }
+}
+
+/// One Jacobi rotation that makes the entry (p, q) zero.
+#[inline]
+fn rotate(a: &mut [f64], vectors: &mut [f64], n: usize, [p, q]: [usize; 2]) {
+    let off = a[p * n + q];
     if off == 0.0 {
         return;
     }
-    let tau = (a.at(q, q) - a.at(p, p)) / (2.0 * off);
+    let tau = (a[q * n + q] - a[p * n + p]) / (2.0 * off);
     let root = tau.abs() + (1.0 + tau * tau).sqrt();
     // τ overflows when the entry is already negligible: t is then 0, and the rotation the identity.
     let t = if tau < 0.0 { -1.0 / root } else { 1.0 / root };
     let c = 1.0 / (1.0 + t * t).sqrt();
     let s = t * c;
-    for k in 0..a.rows {
-        let (x, y) = (a.at(k, p), a.at(k, q));
-        a.set(k, p, c * x - s * y);
-        a.set(k, q, s * x + c * y);
+    for k in 0..n {
+        let (x, y) = (a[k * n + p], a[k * n + q]);
+        a[k * n + p] = c * x - s * y;
+        a[k * n + q] = s * x + c * y;
     }
-    for k in 0..a.rows {
-        for m in [&mut *a, &mut *vectors] {
-            let (x, y) = (m.at(p, k), m.at(q, k));
-            m.set(p, k, c * x - s * y);
-            m.set(q, k, s * x + c * y);
+    for k in 0..n {
+        for matrix in [&mut *a, &mut *vectors] {
+            let (x, y) = (matrix[p * n + k], matrix[q * n + k]);
+            matrix[p * n + k] = c * x - s * y;
+            matrix[q * n + k] = s * x + c * y;
         }
     }
-    a.set(p, q, 0.0);
-    a.set(q, p, 0.0);
+    a[p * n + q] = 0.0;
+    a[q * n + p] = 0.0;
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Matrix3;
 
     fn spd(n: usize) -> Dense {
         let root = Dense::from_fn(n, n, |i, j| 1.0 / (1.0 + (i * 7 + j * 3) as f64 % 11.0));
@@ -255,5 +287,32 @@ mod tests {
     fn a_singular_matrix_names_the_dependent_parameter() {
         let singular = Dense::from_fn(3, 3, |i, j| [1.0, 2.0, 3.0][i] * [1.0, 2.0, 3.0][j]);
         assert_eq!(Factor::new(&singular).unwrap_err(), 1);
+    }
+
+    #[test]
+    fn eigenvectors_of_extreme_matrices_stay_finite() {
+        for matrix in [
+            Matrix3::zeros(),
+            Matrix3::identity() * 1e-300,
+            Matrix3::new(1e300, 1.0, 0.0, 1.0, 1e-300, 0.0, 0.0, 0.0, 1.0),
+            Matrix3::new(1.0, 1e-200, 0.0, 1e-200, 1.0, 0.0, 0.0, 0.0, 1.0) * 1e-100,
+        ] {
+            let (values, vectors) = eigen_fixed(&matrix);
+            assert!(values.iter().chain(vectors.iter()).all(|v| v.is_finite()), "{matrix}");
+        }
+    }
+
+    /// Both kinds of matrix give the same bits.
+    #[test]
+    fn the_size_at_compile_time_gives_the_same_eigenvectors() {
+        let matrix = Matrix3::new(4.0, -2.0, 0.5, -2.0, 3.0, 1.25, 0.5, 1.25, 7.0);
+        let (values, vectors) = eigen_fixed(&matrix);
+        let again = vectors * Matrix3::from_diagonal(&values) * vectors.transpose();
+        assert!((again - matrix).amax() < 1e-14 * matrix.amax());
+        assert!((vectors.transpose() * vectors - Matrix3::identity()).amax() < 1e-14);
+        assert!(values[0] <= values[1] && values[1] <= values[2]);
+        let (same, rows) = eigen(&Dense::from_fn(3, 3, |i, j| matrix[(i, j)]));
+        assert_eq!(same, values.as_slice());
+        assert_eq!(rows, Dense::from_fn(3, 3, |i, j| vectors[(j, i)]));
     }
 }
