@@ -187,7 +187,7 @@ impl ScheduleChart {
     }
 
     fn axis(&self, svg: &mut String, scale: f64, height: f64) {
-        let step = tick(self.end() / 8.0);
+        let step = report::number::round_up(self.end() / 8.0);
         let mut at = 0.0;
         while at <= self.end() {
             let x = LEFT_PX + scale * at;
@@ -334,29 +334,6 @@ fn legend(svg: &mut String, height: f64) {
     }
 }
 
-/// Rounds up to 1, 2 or 5 times a power of ten.
-fn tick(least: f64) -> f64 {
-    let decade = 10_f64.powf(least.log10().floor());
-    [1.0, 2.0, 5.0, 10.0]
-        .map(|step| step * decade)
-        .into_iter()
-        .find(|&step| step >= least)
-        .unwrap_or(10.0 * decade)
-}
-
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::tick;
-
-    #[test]
-    fn ticks_are_round_numbers_and_not_too_many() {
-        for (least, step) in [(0.9, 1.0), (1.0, 1.0), (1.1, 2.0), (26.0, 50.0), (0.03, 0.05), (600.0, 1000.0)]
-        {
-            assert!((tick(least) / step - 1.0).abs() < 1e-12, "{least}: {}", tick(least));
-        }
-    }
 }

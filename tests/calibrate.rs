@@ -173,7 +173,7 @@ fn a_rig_is_judged_by_poses_it_does_not_know_and_by_lengths() {
     let poses = Poses::new();
     let (report, html, drawn) = (poses.path("r.json"), poses.path("report.html"), poses.path("draw"));
     // Far corners: 8 and 5 pitches of 9 mm apart.
-    let outputs = ["--json", &report, "--report", &html, "--draw", &drawn];
+    let outputs = ["--json", &report, "--report", &html, "--pictures", &drawn];
     let length = ["--check-length", "0,0:8,5=84.9058,0.0005"];
     let ran = poses.calibrate("target.toml", &[&outputs[..], &length].concat()).expect_success();
     for word in ["held-out poses (in turn, 5 groups): proj1", "χ²", "nothing to correct", "rejected"] {
@@ -233,7 +233,7 @@ fn validation_is_sound(report: &serde_json::Value) {
 
 fn report_stands_alone(html: &str) {
     for heading in [
-        "What the figures say",
+        "Summary",
         "Cameras and projectors",
         "Certified lengths",
         "The cell and all poses",
@@ -296,7 +296,7 @@ fn what_cannot_be_judged_is_refused(poses: &Poses) {
         (&["--check-length", "0,0:8,5=-3"], "positive length"),
         (&["--check-length", "0,0:8,5=10,NaN"], "0 ≤ u"),
         (&["--report", &absent], "--report"),
-        (&["--draw", &file], "target.toml"),
+        (&["--pictures", &file], "target.toml"),
     ];
     for (arguments, word) in cases {
         let ran = poses.calibrate("target.toml", arguments);
@@ -323,8 +323,17 @@ fn pictures_without_target_are_drawn_with_the_reason() {
     }
     let (target, out, drawn) = (path("target.toml"), path("rig.toml"), path("draw"));
     let images = format!("a/b={}", path("flat*.png"));
-    let ran =
-        fringetool(&["calibrate", "--target", &target, "--out", &out, "--draw", &drawn, "--images", &images]);
+    let ran = fringetool(&[
+        "calibrate",
+        "--target",
+        &target,
+        "--out",
+        &out,
+        "--pictures",
+        &drawn,
+        "--images",
+        &images,
+    ]);
     assert_eq!(ran.code, Some(2), "{}", ran.stderr);
     for number in 0..3 {
         let file = folder.path().join(format!("draw/00{number}-a_b.png"));

@@ -327,7 +327,7 @@ fn refusals_of_arguments(folder: &Folder, reference: &str) {
     let cloud = folder.write("cloud.ply", ply(&face(0.5, lifted(0.1))));
     let out = folder.path("out.ply");
     for (arguments, words) in [
-        (vec!["--start", &mirror], vec!["mirror.txt", "mirrors"]),
+        (vec!["--start", &mirror], vec!["mirror.txt", "is a reflection"]),
         (vec!["--start", &short], vec!["short.json", "16"]),
         (vec!["--start", "nowhere.json"], vec!["nowhere.json"]),
         (vec!["--overlap", "7"], vec!["--overlap", "7"]),

@@ -120,12 +120,12 @@ fn regions_that_hold_no_such_element_are_refused_and_leave_no_file() {
     let fit = |element: &str, cloud: &str, more: &[&str]| {
         fringetool(&[&["fit", element, cloud, "--json", &out][..], more].concat())
     };
-    refused(&fit("sphere", &cloud, &[]), &["plate.ply", "sphere", "are they a plane's"]);
+    refused(&fit("sphere", &cloud, &[]), &["plate.ply", "sphere", "are they points of a plane"]);
     let few = desk.cloud("few.ply", &[ball[0], ball[800], ball[1600], ball[2400]]);
     refused(&fit("sphere", &few, &[]), &["few.ply", "4 points, needs at least 5"]);
     refused(&fit("sphere", &desk.cloud("none.ply", &[]), &[]), &["none.ply", "no point"]);
     refused(&fit("sphere", &cloud, &["--near", "900,0,0,1"]), &["within --near"]);
-    refused(&fit("plane", &cloud, &["--radius", "3"]), &["--radius", "sphere only"]);
+    refused(&fit("plane", &cloud, &["--radius", "3"]), &["--radius", "spheres only"]);
     refused(&fit("sphere", &cloud, &["--radius=-3"]), &["diameter_mm = -6"]);
     refused(&fit("sphere", &cloud, &["--within", "0"]), &["margin_mm = 0"]);
     refused(&fit("cone", &cloud, &["--minimum-zone"]), &["--minimum-zone"]);

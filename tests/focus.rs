@@ -41,11 +41,11 @@ fn a_stack_of_pictures_tells_best_focus_and_depth() {
     assert_eq!(result["curve"].as_array().unwrap().len(), 11);
     assert!(std::fs::read_to_string(&html).unwrap().contains("best focus"));
     let cases = [
-        ("460:550:10", &[][..], "11 pictures, but --positions: 10"),
+        ("460:550:10", &[][..], "11 images, but --positions: 10"),
         ("460:560:10", &["--fraction", "1.5"], "fraction 1.5"),
-        ("460:560:10", &["--roi", "100,100,64,64"], "does not lie in the frame"),
+        ("460:560:10", &["--roi", "100,100,64,64"], "is not within the frame"),
         ("1,1,1,1,1,1,1,1,1,1,1", &[], "1 different positions"),
-        ("far", &[], "is no number"),
+        ("far", &[], "is neither a number"),
     ];
     for (positions, more, expected) in cases {
         let ran = run(positions, more);

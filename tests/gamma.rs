@@ -114,8 +114,8 @@ fn what_tells_no_response_is_refused_with_one_line() {
     shuffled.swap(3, 12);
     let good = folder("good", &rising);
     let cases = [
-        (good.clone(), "0:225:15", "65,0,10,10", "does not lie in the frame"),
-        (good.clone(), "0:240:15", "0,0,10,10", "16 pictures, but --levels: 17"),
+        (good.clone(), "0:225:15", "65,0,10,10", "is not within the frame"),
+        (good.clone(), "0:240:15", "0,0,10,10", "16 images, but --levels: 17"),
         (good.clone(), "0:3825:255", "0,0,10,10", "add --bits"),
         (folder("few", &rising[..8]), "0:105:15", "0,0,10,10", "at least 9 needed"),
         (folder("even", &[90; 16]), "0:225:15", "0,0,10,10", "needed; is the projector's light"),

@@ -63,7 +63,7 @@ scene = {:?}
 fn a_knocked_camera_is_told_from_a_healthy_rig_and_the_trend_keeps_it() {
     let lit = Lit::new();
     let (trend, chart, json) = (lit.path("trend.txt"), lit.path("trend.svg"), lit.path("check.json"));
-    let keep = ["--trend", &trend, "--chart", &chart, "--json", &json];
+    let keep = ["--trend", &trend, "--picture", &chart, "--json", &json];
     let healthy = lit.check("rig.toml", &[&keep[..], &["--date", "2026-01-31"]].concat()).expect_success();
     assert!(healthy.stdout.contains("healthy") && !healthy.stdout.contains("NOT"), "{}", healthy.stdout);
     // 0.05° about an axis along the baseline moves the image by 0.6 px across it.
@@ -103,7 +103,7 @@ fn what_cannot_be_checked_says_what_is_missing() {
         (vec!["--false-alarm", "2"], "false_alarm = 2 is outside"),
         (vec!["--trend", "absent/trend.txt"], "there is no folder absent"),
         (vec!["--date", "yesterday"], "--date yesterday: is no date"),
-        (vec!["--chart", "c.svg"], "--trend"),
+        (vec!["--picture", "c.svg"], "--trend"),
     ] {
         let ran = fringetool(&[one_direction.as_slice(), &arguments].concat());
         assert_eq!(ran.code, Some(2), "{arguments:?}: {}", ran.stderr);

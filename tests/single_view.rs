@@ -250,7 +250,7 @@ fn a_ball_tells_the_axis_and_views_come_together() {
     assert!((cell.json("fit.json")["diameter_mm"].as_f64().unwrap() - 30.0).abs() < 0.03);
 
     let same: Vec<String> = (0..3).flat_map(|_| views[..2].to_vec()).collect();
-    refused(&run(&["calibrate", "--out", &cell.path("no.toml")], &same), &["leave the axis open"]);
+    refused(&run(&["calibrate", "--out", &cell.path("no.toml")], &same), &["do not determine the axis"]);
     assert!(!Path::new(&cell.path("no.toml")).exists());
     let two = &views[..4];
     refused(&run(&["calibrate", "--out", &cell.path("no.toml")], two), &["2 views"]);

@@ -6,14 +6,13 @@ use anyhow::{Result, bail};
 use report::acceptance::{Outputs, read_master, write_all, write_master};
 use std::path::PathBuf;
 
-/// Arguments of `report`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Result of an acceptance test: the --json file of vdi2634 (fringecell-acceptance/1).
+    /// Result of an acceptance test (docs/formats.md): the --json file of `vdi2634`.
     result: PathBuf,
     #[command(flatten)]
     files: Files,
-    /// The result again, checked.
+    /// Write the checked result as JSON to this file; `-` is standard output.
     #[arg(long)]
     json: Option<PathBuf>,
 }
@@ -21,19 +20,19 @@ pub struct Args {
 /// Where the formats go.
 #[derive(clap::Args)]
 pub struct Files {
-    /// Report as one HTML file.
-    #[arg(long, value_name = "FILE")]
+    /// Write the report as one HTML file.
+    #[arg(long, alias = "report", value_name = "FILE")]
     html: Option<PathBuf>,
-    /// Report as PDF, A4.
+    /// Write the report as PDF (A4).
     #[arg(long, value_name = "FILE")]
     pdf: Option<PathBuf>,
-    /// Table with one line a position and characteristic (CSV).
+    /// Write a table with one line for each position and characteristic (CSV).
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// QIF 3.0 results (ISO 23952).
+    /// Write the results as QIF 3.0 (ISO 23952).
     #[arg(long, value_name = "FILE")]
     qif: Option<PathBuf>,
-    /// Q-DAS ASCII transfer format.
+    /// Write the results in the Q-DAS ASCII transfer format.
     #[arg(long, value_name = "FILE")]
     dfq: Option<PathBuf>,
 }
@@ -51,7 +50,7 @@ impl Files {
     }
 }
 
-/// Runs the command. Its exit code tells whether the report was written, not whether the test passed.
+/// Runs the command. Its exit code reports whether the files were written, not whether the test passed.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = args.files.outputs();
     let mut wanted = outputs.flags().to_vec();

@@ -9,22 +9,21 @@ use metrology::uncertainty::{self, Uncertain};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// Arguments of `cmm-compare`.
 #[derive(clap::Args)]
 pub struct Args {
     /// Result of `fringetool measure --json` or of a cycle (`result.json`).
     result: PathBuf,
     /// Results of the machine: CSV with the columns name, value, unit and u (standard) or U (k = 2).
     cmm: PathBuf,
-    /// Table to write.
-    #[arg(long)]
+    /// Write the comparison as a table to this file (CSV).
+    #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// What is read of a result; whatever else it holds is of no concern here.
+/// The keys of a result that are read; others are ignored.
 #[derive(Deserialize)]
 struct Measured {
     features: Vec<Feature>,
@@ -56,7 +55,7 @@ struct Line {
     e_n: f64,
 }
 
-/// The comparison.
+/// Comparison of all features.
 #[derive(Serialize)]
 struct Comparison {
     coverage_factor: f64,
@@ -67,7 +66,7 @@ struct Comparison {
     not_compared: Vec<String>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [("--csv", args.csv.as_deref()), ("--json", args.json.as_deref())];
     check_outputs(&outputs, &[&args.result, &args.cmm], None)?;

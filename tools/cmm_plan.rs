@@ -11,7 +11,6 @@ use nalgebra::{Point3, Unit, Vector3};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
-/// Arguments of `cmm-plan`.
 #[derive(clap::Args)]
 pub struct Args {
     #[command(subcommand)]
@@ -22,14 +21,14 @@ pub struct Args {
 enum What {
     /// All elements of an inspection plan, in the part frame, without what the plan excludes.
     Part {
-        /// Inspection plan (TOML).
+        /// Inspection plan (TOML, docs/formats.md).
         plan: PathBuf,
         #[command(flatten)]
         common: Common,
     },
     /// A sphere or a cap of one: Hammersley points.
     Sphere {
-        /// Diameter, mm.
+        /// Diameter of the sphere, mm.
         #[arg(long)]
         diameter: f64,
         /// Largest angle from the axis that is probed, degrees (90: the upper half).
@@ -42,7 +41,7 @@ enum What {
     },
     /// A rectangle: a grid of cells, one random point in each.
     Plane {
-        /// Edges, mm, such as 50x30.
+        /// Edge lengths of the rectangle, mm, such as 50x30.
         #[arg(long, value_parser = size)]
         size: [f64; 2],
         #[command(flatten)]
@@ -52,10 +51,10 @@ enum What {
     },
     /// A cylinder: circles spaced like the points on them (thesis eq. 4.13, 4.14).
     Cylinder {
-        /// Diameter, mm.
+        /// Diameter of the cylinder, mm.
         #[arg(long)]
         diameter: f64,
-        /// Height, mm.
+        /// Height of the cylinder, mm.
         #[arg(long)]
         height: f64,
         #[command(flatten)]
@@ -67,27 +66,27 @@ enum What {
 
 #[derive(clap::Args)]
 struct Place {
-    /// Centre, mm.
+    /// Centre of the element, mm.
     #[arg(long, value_name = "x,y,z", value_parser = vector, allow_hyphen_values = true, default_value = "0,0,0")]
     center: [f64; 3],
-    /// Axis, or normal of the plane out of the material.
+    /// Axis of the element; for a plane its normal out of the material.
     #[arg(long, value_name = "x,y,z", value_parser = vector, allow_hyphen_values = true, default_value = "0,0,1")]
     axis: [f64; 3],
 }
 
 #[derive(clap::Args)]
 struct Common {
-    /// Points on each element: grids and circles round it up.
+    /// Number of points on each element; grids and circles round it up.
     #[arg(long, default_value_t = 25)]
     points: usize,
-    /// Draws the random places of planes.
+    /// Seed of the random positions on planes.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Table to write: element, number, x, y, z and the normal out of the material.
-    #[arg(long)]
+    /// Table to write (CSV): element, number, x, y, z and the normal out of the material.
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -97,7 +96,7 @@ const MOST_POINTS: usize = 100_000;
 /// Longest length that is meant, mm.
 const LONGEST_MM: f64 = 1e5;
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let (common, inputs): (&Common, Vec<&Path>) = match &args.what {
         What::Part { plan, common } => (common, vec![plan]),
@@ -187,7 +186,7 @@ fn of_element(element: &Element, common: &Common, plan: &Path) -> Result<Vec<Pro
             let probes = probing::plane(&rectangle, common.points, common.seed, &taken);
             if probes.len() < common.points {
                 bail!(
-                    "{}: element {}: its exclusions leave no room for {} points",
+                    "{}: element {}: its exclusions leave no area for {} points",
                     plan.display(),
                     element.name,
                     common.points
@@ -211,7 +210,7 @@ impl Place {
     }
 }
 
-/// Checks a length.
+/// Checks that a length is positive.
 fn length(flag: &str, value_mm: f64) -> Result<f64> {
     if value_mm > 0.0 && value_mm <= LONGEST_MM {
         return Ok(value_mm);
@@ -219,12 +218,12 @@ fn length(flag: &str, value_mm: f64) -> Result<f64> {
     bail!("{flag} {value_mm}: must be above 0 and at most {LONGEST_MM} mm")
 }
 
-/// Three numbers.
+/// Parses three numbers `x,y,z`.
 fn vector(text: &str) -> Result<[f64; 3], String> {
     numbers(text, ',')?.try_into().map_err(|_| "three numbers x,y,z".into())
 }
 
-/// Two edges.
+/// Parses two edges `AxB`.
 fn size(text: &str) -> Result<[f64; 2], String> {
     numbers(text, 'x')?.try_into().map_err(|_| "two edges in mm, such as 50x30".into())
 }
@@ -232,6 +231,6 @@ fn size(text: &str) -> Result<[f64; 2], String> {
 fn numbers(text: &str, between: char) -> Result<Vec<f64>, String> {
     let parse = |part: &str| part.trim().parse::<f64>().ok().filter(|v| v.abs() <= LONGEST_MM);
     text.split(between)
-        .map(|p| parse(p).ok_or_else(|| format!("\"{p}\" is no number up to {LONGEST_MM}")))
+        .map(|p| parse(p).ok_or_else(|| format!("\"{p}\" is not a number up to {LONGEST_MM}")))
         .collect()
 }

@@ -15,7 +15,6 @@ use fringe::phase::PhaseMap;
 use report::picture;
 use std::path::{Path, PathBuf};
 
-/// Arguments of `decode`.
 #[derive(clap::Args)]
 pub struct Args {
     /// Folder of the recording.
@@ -24,25 +23,25 @@ pub struct Args {
     /// `…-wrong-order.npy` (probability), `…-threshold.npy` and `…-threshold-u.npy` (DN) of one exposure.
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Only this camera.
+    /// Decode only this camera.
     #[arg(long)]
     camera: Option<String>,
-    /// Only this projector.
+    /// Decode only this projector.
     #[arg(long)]
     projector: Option<String>,
     #[command(flatten)]
     filters: Filters,
-    /// How the wrapped phase is found.
-    #[arg(long, value_enum, default_value_t)]
+    /// Method of the wrapped phase.
+    #[arg(long = "phase-method", alias = "method", value_enum, default_value_t)]
     method: PhaseName,
     #[command(flatten)]
     phase: PhaseArgs,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let recording_file = args.recording.join(RECORDING_FILE);
     check_outputs(&[("--json", args.json.as_deref())], &[&recording_file], args.out.as_deref())?;

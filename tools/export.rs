@@ -9,23 +9,22 @@ use files::rig_file::read_rig;
 use fringe::geometry::rig::{Pair, Rig};
 use std::path::{Path, PathBuf};
 
-/// Arguments of `export`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Rig file.
-    #[arg(long)]
+    /// Rig file (TOML, docs/formats.md).
+    #[arg(long, value_name = "FILE")]
     rig: PathBuf,
-    /// Language of the result.
+    /// Format of the result.
     #[arg(long, value_enum, default_value_t = Format::Opencv)]
     format: Format,
-    /// A file `.yml`, `.yaml` or `.xml` for one pair, or a folder for a file `<pair>.yml` for each.
-    #[arg(long)]
+    /// File to write (`.yml`, `.yaml` or `.xml`) for one pair, or a folder that gets a file `<pair>.yml` for each pair.
+    #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
-    /// Only these pairs (all when absent).
+    /// Only these pairs; by default all.
     #[arg(long)]
     pair: Vec<String>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -36,7 +35,7 @@ pub enum Format {
     Opencv,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let Format::Opencv = args.format;
     let language = language(&args.out);
@@ -67,7 +66,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Told by the file's ending; a folder has none of them.
+/// Whether the file's ending is one of the format; a folder has none.
 fn language(out: &Path) -> Option<Language> {
     match out.extension()?.to_str()?.to_ascii_lowercase().as_str() {
         "yml" | "yaml" => Some(Language::Yaml),
@@ -88,7 +87,7 @@ fn pairs(args: &Args, rig: &Rig) -> Result<Vec<Pair>> {
     }
     if pairs.len() > 1 && language(&args.out).is_some() {
         bail!(
-            "--out {}: one file holds one pair, there are {} ({}); choose one with --pair, or name a folder",
+            "--out {}: a file contains one pair, there are {} ({}); choose one with --pair, or name a folder",
             args.out.display(),
             pairs.len(),
             known.join(", ")

@@ -15,45 +15,44 @@ use region::{Corners, Left, Near};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Arguments of `fit`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Which element.
+    /// Element to fit.
     #[arg(value_enum)]
     element: Element,
     /// Point cloud (PLY or E57), lengths in mm.
     cloud: PathBuf,
-    /// Only points within r of (x, y, z), mm.
+    /// Use only points within r of (x, y, z), mm.
     #[arg(long, value_name = "x,y,z,r", allow_hyphen_values = true)]
     near: Option<Near>,
-    /// Only points within these two corners, mm.
+    /// Use only points between these two corners, mm.
     #[arg(long = "box", value_name = "x0,y0,z0,x1,y1,z1", allow_hyphen_values = true)]
     corners: Option<Corners>,
-    /// Sphere and plane: only points within this many mm of the element that most points of the region agree on. The
-    /// search draws its samples with a fixed seed; how many points it leaves out is reported.
+    /// Sphere and plane: use only points within this distance of the element that most points of the region agree on, mm.
+    /// The search draws its samples with a fixed seed; the number of points left out is reported.
     #[arg(long, value_name = "MM")]
     within: Option<f64>,
-    /// Fraction of the points that is rejected, largest residuals first, 0 … 0.5 (VDI/VDE 2634 part 3 allows 0.03).
+    /// Fraction of the points to reject, largest residuals first, 0 … 0.5 (VDI/VDE 2634 part 3 allows 0.03).
     #[arg(long, default_value_t = 0.0)]
     reject: f64,
-    /// Sphere only: a given diameter, mm.
+    /// Sphere only: fixed diameter, mm.
     #[arg(long)]
     diameter: Option<f64>,
-    /// Sphere only: a given radius, mm.
+    /// Sphere only: fixed radius, mm.
     #[arg(long, conflicts_with = "diameter")]
     radius: Option<f64>,
-    /// Also the minimum zone (Chebyshev) of the points used: sphere, plane, cylinder, circle.
+    /// Also compute the minimum zone (Chebyshev) of the points used: sphere, plane, cylinder, circle.
     #[arg(long)]
     minimum_zone: bool,
-    /// Edge of the cells within which noise is correlated, mm. Without it the correlation is estimated from the
+    /// Edge of the cells within which noise is correlated, mm; by default the correlation is estimated from the
     /// residuals.
     #[arg(long)]
     cluster: Option<f64>,
-    /// Count points as independent: promises too small uncertainties wherever neighbours share noise.
+    /// Treat points as independent: uncertainties are too small wherever neighbours share noise.
     #[arg(long, conflicts_with = "cluster")]
     independent: bool,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -68,7 +67,7 @@ enum Element {
     Torus,
 }
 
-/// The fit with what else was asked for.
+/// The fit with its minimum zone.
 #[derive(Serialize)]
 struct Report<'a, F: Serialize, Z: Serialize> {
     #[serde(flatten)]
@@ -81,7 +80,7 @@ struct Report<'a, F: Serialize, Z: Serialize> {
     minimum_zone: Option<Z>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[&args.cloud], None)?;
     refuse_strays(args)?;
@@ -95,13 +94,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
 fn refuse_strays(args: &Args) -> Result<()> {
     let Args { element, .. } = args;
     if *element != Element::Sphere && (args.diameter.is_some() || args.radius.is_some()) {
-        bail!("--diameter and --radius go with sphere only; leave them out");
+        bail!("--diameter and --radius are for spheres only; leave them out");
     }
     if args.within.is_some() && !matches!(element, Element::Sphere | Element::Plane) {
-        bail!("--within goes with sphere and plane only; cut the region with --near");
+        bail!("--within is for sphere and plane only; limit the region with --near");
     }
     if args.minimum_zone && matches!(element, Element::Cone | Element::Line | Element::Torus) {
-        bail!("--minimum-zone goes with sphere, plane, cylinder and circle; leave it out");
+        bail!("--minimum-zone is for sphere, plane, cylinder and circle only; leave it out");
     }
     Ok(())
 }
@@ -160,7 +159,7 @@ fn fit(args: &Args, points: &[Point3<f64>], left: Left) -> Result<()> {
     }
 }
 
-/// A minimum zone.
+/// A minimum zone of any element.
 trait Zone: Serialize {
     fn width_mm(&self) -> f64;
 }
@@ -177,7 +176,7 @@ zones!(SphereZone, PlaneZone, CylinderZone, CircleZone);
 /// How a zone is found.
 type Finder<Z> = fn(&[Point3<f64>]) -> Result<Z, FitError>;
 
-/// For elements whose minimum zone is not computed; `refuse_strays` has told so.
+/// For elements whose minimum zone is not computed; `refuse_strays` refuses these.
 const NO_ZONE: Option<Finder<PlaneZone>> = None;
 
 /// What is printed and written about.
@@ -188,7 +187,7 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    /// Prints and writes a fit, with its minimum zone where asked for.
+    /// Prints and writes a fit, with its minimum zone where requested.
     fn finish<F: Serialize + Describe, Z: Zone>(
         self,
         fit: &F,

@@ -12,29 +12,28 @@ use report::{FlatnessInput, FlatnessRepeat, write_flatness};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Arguments of `flatness`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Point clouds of the same surface (PLY or E57), one a repeat, lengths in mm.
+    /// Point clouds of the same surface (PLY or E57, docs/formats.md), one for each repeat, lengths in mm.
     #[arg(required = true)]
     clouds: Vec<PathBuf>,
-    /// Only points within r of (x, y, z), mm.
+    /// Use only points within r of (x, y, z), mm.
     #[arg(long, value_name = "x,y,z,r", allow_hyphen_values = true)]
     near: Option<Near>,
-    /// Only points within these two corners, mm.
+    /// Use only points between these two corners, mm.
     #[arg(long = "box", value_name = "x0,y0,z0,x1,y1,z1", allow_hyphen_values = true)]
     corners: Option<Corners>,
-    /// Edge of the squares whose means make the filtered flatness, mm.
+    /// Edge of the square cells whose means give the filtered flatness, mm.
     #[arg(long, default_value = "2.5", value_parser = length)]
     filter: f64,
-    /// End of the colour bar, mm; by default from the data.
+    /// Upper limit of the colour scale, mm; by default from the data.
     #[arg(long, value_parser = length)]
     range: Option<f64>,
-    /// Report with a map and a histogram of each repeat (HTML).
-    #[arg(long)]
+    /// Write a report with a map and a histogram of each repeat (HTML).
+    #[arg(long, alias = "html", value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -52,7 +51,7 @@ struct Repeat {
     filter: FlatnessFilter,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let inputs: Vec<&Path> = args.clouds.iter().map(PathBuf::as_path).collect();
     check_outputs(&[("--report", args.report.as_deref()), ("--json", args.json.as_deref())], &inputs, None)?;
@@ -61,7 +60,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for path in &args.clouds {
         let (repeat, picture, own_axes) = measure(args, path).with_context(|| path.display().to_string())?;
         if axes.is_some_and(|axes| axes != own_axes) {
-            bail!("{}: faces another way than the first one; give repeats of one surface", path.display());
+            bail!(
+                "{}: has another orientation than the first one; give repeats of one surface",
+                path.display()
+            );
         }
         axes = Some(own_axes);
         println!("{}", line(&repeat));

@@ -11,32 +11,31 @@ use fringe::frame::Frame;
 use report::plot::{Mark, Plot, Series, Sheet, write_sheet};
 use std::path::PathBuf;
 
-/// Arguments of `focus`.
 #[derive(clap::Args)]
 pub struct Args {
     /// Recordings, one a position: the first frame of the first projector and camera counts.
     recordings: Vec<PathBuf>,
-    /// Pictures instead, one a position: patterns with `*`, taken in the order of the numbers in their names.
+    /// Images instead of a recording, one for each position: patterns with `*`, in the order of the numbers in the names.
     #[arg(long, value_name = "PATTERN", num_args = 1..)]
     images: Vec<String>,
-    /// Position of each picture, mm: z1,z2,… or first:last:step.
+    /// Position of each image, mm: z1,z2,… or first:last:step.
     #[arg(long, value_name = "LIST", allow_hyphen_values = true)]
     positions: String,
-    /// Region with the checkerboard, px; without it the middle, up to 512 × 512 px.
+    /// Region with the checkerboard, px; by default the middle, up to 512 × 512 px.
     #[arg(long, value_name = "x,y,w,h")]
     roi: Option<Roi>,
     /// Fraction of the largest contrast that bounds the depth of focus, 0 … 1.
     #[arg(long, default_value_t = 0.5)]
     fraction: f64,
-    /// Diagram of the curve (HTML).
-    #[arg(long, value_name = "FILE")]
+    /// Write a report with the contrast curve (HTML).
+    #[arg(long, alias = "html", value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [("--report", args.report.as_deref()), ("--json", args.json.as_deref())];
     let inputs: Vec<_> = args.recordings.iter().map(PathBuf::as_path).collect();
@@ -69,7 +68,7 @@ fn read(args: &Args, count: usize) -> Result<(Vec<String>, Vec<Frame>)> {
         files.extend(crate::glob::expand(pattern).with_context(|| format!("--images {pattern}"))?);
     }
     if files.len() != count {
-        bail!("{} pictures, but --positions: {count}; give one position a picture", files.len());
+        bail!("{} images, but --positions: {count}; give one position for each image", files.len());
     }
     let mut progress = Progress::new(count, "reading");
     let mut frames = Vec::with_capacity(count);
@@ -90,7 +89,7 @@ fn first_frame(recording: &Recording) -> Result<Frame> {
     Ok(recording.load(&projector.name, &camera.name, 0)?)
 }
 
-/// Saturated pixels that are worth saying, fraction of the region.
+/// Fraction of saturated pixels in the region above which a note is printed.
 const MOST_SATURATED: f64 = 0.01;
 
 fn print(focus: &Focus) {
@@ -122,7 +121,7 @@ fn print(focus: &Focus) {
     match (focus.best_focus_mm, focus.u_best_focus_mm) {
         (Some(best), Some(u)) => println!("best focus {best:.3} mm, u {u:.3} mm"),
         _ => println!(
-            "the curve has no maximum between the positions; the sharpest picture is at {:.3} mm",
+            "the curve has no maximum between the positions; the sharpest image is at {:.3} mm",
             focus.sharpest_mm
         ),
     }

@@ -1,27 +1,26 @@
-//! `fringetool import`: other people's image files and OpenCV calibration become a recording and a rig file.
+//! `fringetool import`: image files of another system and an OpenCV calibration become a recording and a rig file.
 
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::Result;
 use std::path::PathBuf;
 
-/// Arguments of `import`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Layout (TOML) that says which file is which frame; tests/layouts/ has examples.
+    /// Layout (TOML, docs/formats.md) that maps files to frames; tests/layouts/ has examples.
     layout: PathBuf,
-    /// Folder of the foreign files.
-    #[arg(long)]
+    /// Folder of the files to import.
+    #[arg(long, value_name = "DIR")]
     from: PathBuf,
-    /// Folder for the recording; when the layout has a calibration, the rig file goes into it as `rig.toml`.
-    #[arg(long)]
+    /// Folder to write the recording to (docs/formats.md); with a calibration in the layout also the rig file `rig.toml`.
+    #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[&args.layout], Some(&args.out))?;
     let report = files::import::import(&args.layout, &args.from, &args.out)?;

@@ -8,18 +8,17 @@ use files::opencv::{CalibrationNames, Storage, rig_of_calibration};
 use files::rig_file::{parse_rig, rig_text, write_rig};
 use std::path::PathBuf;
 
-/// Arguments of `import-rig`.
 #[derive(clap::Args)]
 pub struct Args {
     /// OpenCV YAML or XML with `M1 D1 M2 D2 R T` (also `K1`, `cameraMatrix1`, …), or `K D` for a single camera.
     calibration: PathBuf,
-    /// Rig file to write.
-    #[arg(long)]
+    /// Rig file to write (TOML, docs/formats.md).
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Names of the views in the rig, `left,right`; one name for a single camera.
     #[arg(long, default_value = "left,right", value_delimiter = ',')]
     views: Vec<String>,
-    /// Image size, `1280x1024`, where the file has no image_width and image_height.
+    /// Image size such as `1280x1024`, where the file has no image_width and image_height.
     #[arg(long)]
     size: Option<String>,
     /// The second view is a projector.
@@ -28,12 +27,12 @@ pub struct Args {
     /// Millimetres per unit of T: 1000 for a calibration in metres.
     #[arg(long, default_value_t = 1.0)]
     unit_mm: f64,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
     check_outputs(&outputs, &[&args.calibration], None)?;

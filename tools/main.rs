@@ -53,25 +53,25 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Write a recording of the digital twin, and its truth apart.
+    /// Simulate a recording with the digital twin; the true values go to a separate file.
     Simulate(simulate::Args),
-    /// Decode a recording: phase, modulation and fringe order as images.
+    /// Decode a recording into images of phase, modulation and fringe order.
     Decode(decode::Args),
-    /// Unwrap a wrapped phase by its neighbours: branch cuts, quality, reliability, least squares.
+    /// Unwrap a wrapped phase spatially: branch cuts, quality, reliability, least squares.
     Unwrap(unwrap::Args),
-    /// Turn a recording into a point cloud.
+    /// Reconstruct a point cloud from a recording.
     Reconstruct(reconstruct::Args),
-    /// Height from the phase difference to a reference plane: calibrate with planes, measure.
+    /// Measure heights by the phase difference to a reference plane: calibrate with planes, measure.
     ReferencePlane(reference_plane::Args),
-    /// Find the axis of a rotation stage; bring views at known angles together.
+    /// Calibrate the axis of a rotation stage, and merge views taken at known angles.
     RotationStage(rotation_stage::Args),
     /// Fit a sphere, plane, cylinder, cone, circle, line or torus to the points of a cloud.
     Fit(fit::Args),
-    /// Flatness of a surface from one or more repeats: numbers by their definitions, maps and histograms.
+    /// Evaluate the flatness of a surface from one or more repeats: values, maps and histograms.
     Flatness(flatness::Args),
-    /// Hold a cloud against a cloud or a CAD mesh: signed deviations, M3C2, report.
+    /// Compare two clouds, or a cloud with a CAD mesh: signed deviations, M3C2, report.
     Compare(compare::Args),
-    /// Bring clouds onto a reference (point-to-plane ICP), with its uncertainty.
+    /// Register clouds to a reference (point-to-plane ICP), with the covariance of the transform.
     Register(register::Args),
     /// Evaluate an inspection plan on a cloud: features, uncertainties, verdict.
     Measure(measure::Args),
@@ -80,27 +80,27 @@ enum Command {
     Vdi2634(vdi2634::Args),
     /// Simulate a whole acceptance test on the digital twin: recordings and plan.
     SimulateTest(simulate_test::Args),
-    /// Say where a coordinate measuring machine probes spheres, planes, cylinders or a whole part, as CSV.
+    /// Plan the probing points of a coordinate measuring machine on spheres, planes, cylinders or a whole part (CSV).
     CmmPlan(cmm_plan::Args),
-    /// Hold measured features against a machine's: deviations, expanded uncertainties, normalised errors.
+    /// Compare measured features with those of a coordinate measuring machine: deviations, normalised errors.
     CmmCompare(cmm_compare::Args),
-    /// Turn other people's image files and OpenCV calibration into a recording and a rig file.
+    /// Import image files of another system and an OpenCV calibration as a recording and a rig file.
     Import(import::Args),
-    /// Turn an OpenCV calibration (YAML or XML) into a rig file.
+    /// Convert an OpenCV calibration (YAML or XML) into a rig file.
     ImportRig(import_rig::Args),
-    /// Write the pairs of a rig file in OpenCV's keys (YAML or XML).
+    /// Export the pairs of a rig file as OpenCV calibrations (YAML or XML).
     Export(export::Args),
-    /// Characterise all cameras and projectors from pictures of a target, in one adjustment.
+    /// Calibrate all cameras and projectors from images of a target, in one adjustment.
     Calibrate(calibrate::Args),
-    /// Tell a knocked or warm camera from a healthy rig, on any object lit with both fringe directions.
+    /// Detect camera drift, on any object lit with fringes in both directions.
     CheckRig(check_rig::Args),
     /// Measure a projector's response from grey levels and write the pattern correction.
     Gamma(gamma::Args),
-    /// Find best focus and depth of focus from pictures of a projected checkerboard.
+    /// Find best focus and depth of focus from images of a projected checkerboard.
     Focus(focus::Args),
-    /// Evaluate a measurement uncertainty budget by the GUM, and by Monte Carlo.
+    /// Evaluate a measurement uncertainty budget by the GUM and by Monte Carlo (GUM Supplement 1).
     Uncertainty(uncertainty::Args),
-    /// Propose period, steps and code for a projector, a noise and a wanted uncertainty.
+    /// Propose period, steps and code from the projector, the noise and the wanted uncertainty.
     PlanPatterns(plan_patterns::Args),
     /// Write the report of an acceptance test (HTML, PDF, CSV, QIF, DFQ) from its result.
     Report(acceptance_report::Args),
@@ -112,7 +112,7 @@ enum Command {
 
 /// How a command ended that did not break.
 pub enum Outcome {
-    /// Exit code 0.
+    /// The command did its work: exit code 0.
     Done,
     /// Exit code 1: the measurement or test fails its limit.
     LimitFailed,

@@ -8,15 +8,14 @@ use metrology::inspection::{FeatureResult, InspectionResult, Plan, Verdict, eval
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Arguments of `measure`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Inspection plan (TOML).
+    /// Inspection plan (TOML, docs/formats.md).
     plan: PathBuf,
     /// Point cloud (PLY or E57), lengths in mm.
     cloud: PathBuf,
-    /// Machine-readable result: features, elements and where the part was found.
-    #[arg(long)]
+    /// Write the result as JSON to this file (`-`: standard output): features, elements and the pose of the part.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -29,7 +28,7 @@ struct Measurement<'a> {
     result: &'a InspectionResult,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[&args.plan, &args.cloud], None)?;
     let document = Document::read(&args.plan)?;
@@ -52,7 +51,7 @@ fn print(result: &InspectionResult) {
             result.plan, found.offset_mm, found.angle_deg, found.line_residual_mm
         ),
         (_, Some(reason)) => println!("{}: not found: {reason}", result.plan),
-        _ => println!("{}: taken where it nominally lies", result.plan),
+        _ => println!("{}: evaluated at its nominal pose", result.plan),
     }
     let wide = result.features.iter().map(|f| f.name.chars().count()).max().unwrap_or(0).max(7);
     println!(

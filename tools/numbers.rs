@@ -2,10 +2,10 @@
 
 use anyhow::{Context, Result, bail};
 
-/// Longest list.
+/// Largest number of values in a list.
 const MOST: usize = 4096;
 
-/// Numbers parted by commas; `first:last:step` stands for a series, `first:last` for one with step 1.
+/// Numbers separated by commas; `first:last:step` is a series, `first:last` one with step 1.
 pub fn list(flag: &str, text: &str) -> Result<Vec<f64>> {
     let mut numbers = Vec::new();
     for part in text.split(',').map(str::trim).filter(|part| !part.is_empty()) {
@@ -14,20 +14,20 @@ pub fn list(flag: &str, text: &str) -> Result<Vec<f64>> {
             [one] => numbers.push(*one),
             [first, last] => series(flag, part, [*first, *last, 1.0], &mut numbers)?,
             [first, last, step] => series(flag, part, [*first, *last, *step], &mut numbers)?,
-            _ => bail!("{flag}: \"{part}\" is no number and no first:last:step"),
+            _ => bail!("{flag}: \"{part}\" is neither a number nor first:last:step"),
         }
         if numbers.len() > MOST {
             bail!("{flag}: more than {MOST} numbers; is the step right?");
         }
     }
     if numbers.is_empty() {
-        bail!("{flag}: no number; write them with commas, such as 0,5,10, or as 0:255:5");
+        bail!("{flag}: no numbers; separate them by commas, such as 0,5,10, or as 0:255:5");
     }
     Ok(numbers)
 }
 
 fn number(flag: &str, text: &str) -> Result<f64> {
-    let value: f64 = text.trim().parse().with_context(|| format!("{flag}: \"{text}\" is no number"))?;
+    let value: f64 = text.trim().parse().with_context(|| format!("{flag}: \"{text}\" is not a number"))?;
     if !value.is_finite() {
         bail!("{flag}: {text} is not finite");
     }
@@ -37,7 +37,7 @@ fn number(flag: &str, text: &str) -> Result<f64> {
 fn series(flag: &str, part: &str, [first, last, step]: [f64; 3], numbers: &mut Vec<f64>) -> Result<()> {
     let count = (last - first) / step;
     if !count.is_finite() || !(0.0..MOST as f64).contains(&count) {
-        bail!("{flag}: \"{part}\" gives no series of at most {MOST} numbers; write first:last:step");
+        bail!("{flag}: \"{part}\" is not a series of at most {MOST} numbers; write first:last:step");
     }
     // A step such as 0.1 has no exact binary value; the last one counts when it is met but for rounding.
     let steps = (count + 1e-9).floor() as usize;

@@ -11,10 +11,10 @@ use std::collections::BTreeMap;
 /// Options.
 #[derive(clap::Args, Clone, Default)]
 pub struct PhaseArgs {
-    /// What tells the fringe order.
+    /// Method of the fringe order.
     #[arg(long, value_enum, default_value_t)]
     order: OrderName,
-    /// The inverse-variance mean of all sine sets of an axis instead of the finest alone.
+    /// Average all sine sets of an axis, weighted by inverse variance, instead of using the finest alone.
     #[arg(long)]
     fuse: bool,
     /// Estimate the harmonic (gamma) error from the phase and remove it.

@@ -13,25 +13,24 @@ use fringe::planning::{Proposal, Wanted, geometry, propose};
 use fringe::surface::SurfaceSettings;
 use std::path::PathBuf;
 
-/// Arguments of `plan-patterns`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Rig file: the projector's size and the geometry of its pairs.
-    #[arg(long)]
+    /// Rig file (TOML, docs/formats.md): the projector's size and the geometry of its pairs.
+    #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
-    /// Pair of the rig; the first one when absent.
+    /// Pair of the rig; by default the first.
     #[arg(long, requires = "rig")]
     pair: Option<String>,
     /// Without a rig: projector pixels along the axis.
     #[arg(long, conflicts_with = "rig", required_unless_present = "rig")]
     extent_px: Option<u32>,
-    /// Without a rig: micrometres of a point per projector pixel, the point as it comes out (smoothed or not).
+    /// Without a rig: displacement of a point per projector pixel, micrometres, after smoothing if any.
     #[arg(long, conflicts_with = "rig", required_unless_present = "rig")]
     um_per_px: Option<f64>,
     /// Axis along which the patterns vary.
     #[arg(long, value_enum, default_value_t = AxisName::X)]
     axis: AxisName,
-    /// Noise of the camera: read noise in grey values, and grey values per electron (`decode --json` tells both).
+    /// Noise of the camera: read noise in grey values, and grey values per electron (`decode --json` reports both).
     #[arg(long, value_name = "DN,DN_PER_E", value_delimiter = ',', num_args = 1..=2, default_value = "0.4,0.024")]
     noise: Vec<f64>,
     /// Largest grey value of the camera.
@@ -43,7 +42,7 @@ pub struct Args {
     /// Background A, grey values (`decode --json`: threshold_median_dn).
     #[arg(long, default_value_t = 80.0)]
     background_dn: f64,
-    /// Blur of the projector on the part, standard deviation in projector pixels (`focus` tells it).
+    /// Blur of the projector on the part, standard deviation in projector pixels (`focus` measures it).
     #[arg(long, default_value_t = 0.6)]
     blur_px: f64,
     /// With a rig: blur of the camera, lens and area of the pixel together, standard deviation in its pixels.
@@ -58,17 +57,17 @@ pub struct Args {
     /// Wanted standard uncertainty of a single point, micrometres.
     #[arg(long)]
     want_u_um: Option<f64>,
-    /// Largest chance of a wrong fringe order.
+    /// Largest acceptable probability of a wrong fringe order.
     #[arg(long, default_value_t = 1e-6)]
     most_wrong_orders: f64,
-    /// Rows of the table.
+    /// Number of proposals in the table.
     #[arg(long, default_value_t = 12)]
     rows: usize,
-    /// Write the `[[projector]]` of the first proposal, as a recording or configuration takes it.
-    #[arg(long)]
+    /// Write the `[[projector]]` section of the first proposal (TOML, docs/formats.md), for a recording or a configuration.
+    #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -94,7 +93,7 @@ fn both_px(one_px: f64, other_px: f64) -> f64 {
     (one_px * one_px + other_px * other_px).sqrt()
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let inputs: Vec<_> = args.rig.iter().map(PathBuf::as_path).collect();
     check_outputs(&[("--out", args.out.as_deref()), ("--json", args.json.as_deref())], &inputs, None)?;
@@ -185,7 +184,9 @@ fn of_pair(rig: &Rig, pair: &Pair, axis: Axis, surface: &SurfaceSettings) -> Res
     let left = rig.camera(&pair.left).with_context(|| format!("no camera \"{}\" in the rig", pair.left))?;
     let name = if rig.projector(&pair.right).is_some() { &pair.right } else { &pair.projector };
     let projector = rig.projector(name).with_context(|| {
-        format!("no projector \"{name}\" in the rig: its place is needed; give --extent-px and --um-per-px")
+        format!(
+            "no projector \"{name}\" in the rig, but its pose is needed; give --extent-px and --um-per-px"
+        )
     })?;
     let (depth, cameras) = match rig.camera(&pair.right) {
         Some(right) => (
@@ -195,7 +196,7 @@ fn of_pair(rig: &Rig, pair: &Pair, axis: Axis, surface: &SurfaceSettings) -> Res
         None => (geometry::by_projector(left, projector, axis, surface), vec![pair.left.clone()]),
     };
     let depth = depth.with_context(|| {
-        format!("patterns along {axis:?} tell no depth: the views do not cross; try the other axis")
+        format!("patterns along {axis:?} contain no depth: the views do not cross; try the other axis")
     })?;
     Ok(Target {
         projector: name.clone(),
@@ -244,7 +245,7 @@ fn print(target: &Target, proposals: &[Proposal], rows: usize) {
         );
     }
     println!(
-        "for smooth faces of that brightness, standing still; edges and light that bounces are not in it"
+        "for smooth faces of that brightness, standing still; edges and interreflections are not included"
     );
     if proposals.len() > rows {
         println!("({} more: --rows)", proposals.len() - rows);

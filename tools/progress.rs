@@ -31,7 +31,7 @@ impl Progress {
         progress
     }
 
-    /// One step done.
+    /// Counts one finished step.
     pub fn step(&mut self) {
         if !self.shown && self.started.elapsed() > Duration::from_secs(1) {
             self.bar.set_draw_target(ProgressDrawTarget::stderr());

@@ -25,12 +25,11 @@ use fringe::projector::{ProjectorMatcher, ProjectorReport, ProjectorSettings};
 use fringe::surface::SurfaceSettings;
 use std::path::PathBuf;
 
-/// Arguments of `reconstruct`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Folder of the recording.
+    /// Folder of the recording (docs/formats.md).
     recording: PathBuf,
-    /// Rig file.
+    /// Rig file (TOML, docs/formats.md).
     #[arg(long)]
     rig: PathBuf,
     /// `phase`: match the phase of two cameras; `projector`: camera against calibrated projector.
@@ -39,7 +38,7 @@ pub struct Args {
     /// Point cloud to write (PLY).
     #[arg(long)]
     out: PathBuf,
-    /// Only these pairs (all when absent).
+    /// Reconstruct only these pairs; by default all.
     #[arg(long)]
     pair: Vec<String>,
     #[command(flatten)]
@@ -47,13 +46,13 @@ pub struct Args {
     /// Side of the window over which points are smoothed by a quadratic, px: 1 (not at all), 3, 5 or 7.
     #[arg(long, value_name = "PX")]
     smoothing_px: Option<u32>,
-    /// How the wrapped phase is found.
+    /// Method of the wrapped phase.
     #[arg(long, value_enum, default_value_t)]
     phase_method: PhaseName,
     #[command(flatten)]
     phase: PhaseArgs,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -112,7 +111,7 @@ impl std::fmt::Display for PairReport {
     }
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
     check_outputs(&outputs, &[&args.rig, &args.recording.join(RECORDING_FILE)], None)?;

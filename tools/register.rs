@@ -11,28 +11,27 @@ use nalgebra::Vector3;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Arguments of `register`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Clouds to be aligned, each for itself (PLY, E57), lengths in mm.
+    /// Clouds to register, each on its own (PLY or E57, docs/formats.md), lengths in mm.
     #[arg(required = true)]
     clouds: Vec<PathBuf>,
-    /// What they are aligned with: a cloud (PLY, E57) or a mesh (STL, PLY with faces), lengths in mm.
+    /// Reference: a cloud (PLY, E57) or a mesh (STL, PLY with faces), lengths in mm.
     #[arg(long, value_name = "REFERENCE")]
     to: PathBuf,
-    /// The aligned cloud (PLY); of several clouds a folder, which gets a cloud and a transform for each.
+    /// Registered cloud to write (PLY); for several clouds a folder, which gets a cloud and a transform for each.
     #[arg(long)]
     out: PathBuf,
-    /// Where to begin: `search`, `as-it-lies`, or a file with a 4 × 4 matrix (16 numbers, or JSON with `matrix`).
+    /// Start of the registration: `search`, `as-it-lies` (identity), or a file with a 4 × 4 matrix (16 numbers, or JSON with `matrix`).
     #[arg(long, default_value = "search")]
     start: String,
-    /// Farthest match of the first round, mm; by default a tenth of the reference's diagonal.
+    /// Largest distance of a match in the first round, mm; by default a tenth of the reference's diagonal.
     #[arg(long, value_parser = length)]
     reach: Option<f64>,
-    /// Least share of a cloud's points that must match, 0 … 1.
+    /// Smallest share of a cloud's points that must match, 0 … 1.
     #[arg(long, default_value_t = RegisterSettings::default().least_overlap)]
     overlap: f64,
-    /// Transform and report for a program.
+    /// Write the transform and the result as JSON to this file; `-` is standard output.
     #[arg(long)]
     json: Option<PathBuf>,
 }
@@ -54,7 +53,7 @@ struct All<'a> {
     clouds: Vec<&'a Aligned>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let several = args.clouds.len() > 1;
     let mut inputs: Vec<&Path> = args.clouds.iter().map(PathBuf::as_path).collect();

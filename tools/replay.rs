@@ -16,15 +16,14 @@ use serde::Serialize;
 use source::Source;
 use std::path::{Path, PathBuf};
 
-/// Arguments of `replay`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// File that `fringecell run --cycle-record FILE` wrote.
+    /// Cycle record written by `fringecell run --cycle-record FILE` (docs/formats.md).
     record: PathBuf,
-    /// The configuration, if it lies elsewhere now; it must be the same, byte by byte.
+    /// Configuration at another place than when recorded; its content must be identical.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// Machine-readable result.
+    /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -50,7 +49,7 @@ struct Found {
     differences: Vec<Difference>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[&args.record], None)?;
     let mut reader = RecordReader::open(&args.record)?;

@@ -1,4 +1,4 @@
-//! What commands print and write: lines for people, JSON for programs.
+//! Output of the commands: printed lines and JSON.
 
 use crate::pipeline::{DecodedMap, Expected, Threshold, median_valid};
 use anyhow::Result;
@@ -10,7 +10,7 @@ use std::path::Path;
 
 pub use flow::output_check::check_outputs;
 
-/// Writes the machine-readable result where the user asked for one.
+/// Writes the result as JSON to a file, or to standard output for `-`.
 pub fn emit<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {
     match path {
         Some(path) if path == Path::new("-") => println!("{}", serde_json::to_string_pretty(value)?),
@@ -57,7 +57,7 @@ pub struct DecodeLine {
 }
 
 impl DecodeLine {
-    /// Gathers the numbers.
+    /// Collects the figures of one decoded view.
     pub fn new(projector: &str, camera: &str, decoded: &DecodedMap) -> Self {
         let (map, report) = (&decoded.map, &decoded.report);
         Self {
@@ -127,7 +127,7 @@ impl fmt::Display for DecodeLine {
         if let Some(footprint_px) = self.footprint_px {
             write!(f, "; footprint {footprint_px:.3} px")?;
         }
-        // Less than one in all needs no word.
+        // Less than one pixel in all is not reported.
         let Expected { wrong_orders_expected: wrong, wrong_orders_by_bits: by_bits, .. } = self.expected;
         if wrong >= 1.0 {
             write!(

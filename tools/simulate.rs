@@ -1,4 +1,4 @@
-//! `fringetool simulate`: a recording of the digital twin, with the truth in a file apart.
+//! `fringetool simulate`: a recording of the digital twin, with the true values in a separate file.
 
 use crate::Outcome;
 use crate::progress::Progress;
@@ -15,63 +15,62 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use twin::{PixelsMut, Scene, Twin, TwinSettings, View};
 
-/// Arguments of `simulate`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Cell configuration whose [twin] is simulated.
+    /// Cell configuration (TOML, docs/formats.md) whose [twin] is simulated.
     #[arg(default_value = "configs/demo.toml")]
     config: PathBuf,
-    /// Folder for the recording; the truth is written beside it, to `<DIR>.truth.toml`.
-    #[arg(long)]
+    /// Folder to write the recording to (docs/formats.md); the true values go to `<DIR>.truth.toml` beside it.
+    #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Which placement of the part: the number of the cycle.
+    /// Number of the cycle, which determines the placement of the part.
     #[arg(long, default_value_t = 0)]
     cycle: u64,
-    /// No noise, no blur, 16 bits, whatever the configuration says.
+    /// No noise, no blur, 16 bits, regardless of the configuration.
     #[arg(long)]
     ideal: bool,
-    /// Another part than the configuration's.
-    #[arg(long)]
+    /// Scene file (TOML, docs/formats.md) instead of that of the configuration.
+    #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Another seed than the configuration's.
+    /// Seed instead of that of the configuration.
     #[arg(long)]
     seed: Option<u64>,
-    /// Another seed for noise and vibration alone: the part stays where it is.
+    /// Separate seed for noise and vibration: the placement of the part does not change.
     #[arg(long, value_name = "N")]
     noise_seed: Option<u64>,
-    /// Draw the patterns corrected by this file (from `gamma`); without a projector in it, for all projectors.
+    /// Correct the patterns by this file (from `gamma`; docs/formats.md): for the projector that it names, else for all.
     #[arg(long, value_name = "FILE")]
     pattern_correction: Option<PathBuf>,
-    /// Exponent of the projectors' response, instead of the configuration's.
+    /// Exponent of the projectors' response instead of that of the configuration.
     #[arg(long, value_name = "G")]
     projector_gamma: Option<f64>,
-    /// Rays per pixel for the first bounce of light between surfaces (0: none).
+    /// Rays per pixel for first-order interreflections between surfaces (0: none).
     #[arg(long, value_name = "N")]
     bounce_rays: Option<u32>,
-    /// Blur of the projector per mm out of focus, projector pixels.
+    /// Blur of the projector per mm of defocus, projector pixels.
     #[arg(long, value_name = "PX")]
     defocus_px_per_mm: Option<f64>,
-    /// Strength added to the gloss of all surfaces: a shiny part.
+    /// Strength of gloss added to all surfaces.
     #[arg(long, value_name = "R")]
     gloss: Option<f64>,
-    /// Several exposures of every frame, as factors on the configuration's: 0.25,1,4.
+    /// Several exposures of every frame, as factors of that of the configuration: 0.25,1,4.
     #[arg(long, value_name = "F", value_delimiter = ',')]
     exposures: Vec<f64>,
-    /// This many even grey levels, and fringes in 60 steps, instead of the configuration's patterns: for `gamma`.
+    /// Project this many uniform grey levels, and fringes in 60 steps, instead of the patterns of the configuration: for `gamma`.
     #[arg(long, value_name = "N")]
     grey_levels: Option<u32>,
-    /// Put the part on a rotation stage turned by this angle, degrees.
+    /// Angle of a rotation stage that carries the part, degrees.
     #[arg(long, value_name = "DEG", allow_hyphen_values = true, requires = "stage_axis")]
     stage_deg: Option<f64>,
-    /// The stage's axis: a point (mm, world frame) and a direction.
+    /// Axis of the stage: a point (mm, world frame) and a direction.
     #[arg(long, value_name = "x,y,z,dx,dy,dz", allow_hyphen_values = true, requires = "stage_deg")]
     stage_axis: Option<Axis>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let inputs: Vec<&Path> = [Some(&args.config), args.scene.as_ref(), args.pattern_correction.as_ref()]
         .into_iter()
@@ -279,7 +278,7 @@ pub enum Buffer {
 }
 
 impl Buffer {
-    /// Room for a frame of a view.
+    /// Buffer for a frame of a view.
     pub fn new(view: &View) -> Self {
         let n = view.width_px() as usize * view.height_px() as usize;
         if view.full_scale_dn() > 255 { Self::Wide(vec![0; n]) } else { Self::Narrow(vec![0; n]) }
@@ -293,7 +292,7 @@ impl Buffer {
         }
     }
 
-    /// As a frame.
+    /// The buffer as a frame.
     pub fn frame(&self, view: &View) -> FrameView<'_> {
         FrameView {
             width_px: view.width_px(),

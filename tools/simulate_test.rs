@@ -17,30 +17,29 @@ use twin::{Scene, Twin, TwinSettings};
 const SPHERE: &str = include_str!("../configs/sphere.scene.toml");
 const BAR: &str = include_str!("../configs/compliant-bar.scene.toml");
 
-/// Arguments of `simulate-test`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Cell configuration whose [twin] is tested.
+    /// Cell configuration (TOML, docs/formats.md) whose [twin] is tested.
     #[arg(default_value = "configs/demo.toml")]
     config: PathBuf,
-    /// Folder for recordings and plan.
+    /// Folder to write the recordings and the plan to (docs/formats.md).
     #[arg(long)]
     out: PathBuf,
-    /// Rig file that the plan evaluates with, such as one from `calibrate`; without it the twin's own.
+    /// Rig file (TOML, docs/formats.md) for the evaluation, such as one from `calibrate`; by default that of the twin.
     #[arg(long)]
     rig: Option<PathBuf>,
-    /// One sphere position with two views and two bar positions: a reduced test, for trying things out.
+    /// Reduced test with one sphere position of two views and two bar positions.
     #[arg(long)]
     reduced: bool,
-    /// Another seed than the configuration's.
+    /// Seed instead of that of the configuration.
     #[arg(long)]
     seed: Option<u64>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let inputs: Vec<&Path> = std::iter::once(&args.config).chain(&args.rig).map(PathBuf::as_path).collect();
     check_outputs(&[("--json", args.json.as_deref())], &inputs, Some(&args.out))?;

@@ -18,12 +18,12 @@ const UNIT_RATIO: f64 = 300.0;
 /// Rows of a rotation may be off unit length and right angles by so much: six printed digits.
 const ROTATION_TOLERANCE: f64 = 1e-5;
 
-/// Reads a cloud and says what was left out of it.
+/// Reads a cloud and reports the points left out.
 pub fn read_cloud(path: &Path) -> Result<Cloud> {
     let cloud = surface_file::read_cloud(path)?;
     said(path, &cloud);
     if cloud.points.is_empty() {
-        bail!("{}: holds no point with finite coordinates; is this the right file?", path.display());
+        bail!("{}: has no point with finite coordinates; is this the right file?", path.display());
     }
     Ok(cloud)
 }
@@ -43,7 +43,7 @@ fn said(path: &Path, cloud: &Cloud) {
     }
 }
 
-/// Reads a reference.
+/// Reads a reference: a cloud or a mesh.
 pub fn read_reference(path: &Path, towards: Vector3<f64>, radius_mm: Option<f64>) -> Result<Reference> {
     let named = || path.display().to_string();
     match surface_file::read(path)? {
@@ -69,7 +69,7 @@ pub fn read_reference(path: &Path, towards: Vector3<f64>, radius_mm: Option<f64>
     }
 }
 
-/// Refuses a cloud and a reference whose sizes tell of two units.
+/// Refuses a cloud and a reference whose sizes differ as if by their units.
 pub fn check_units(cloud: (&Path, &[Point]), reference: (&Path, &Reference)) -> Result<()> {
     let positions: Vec<Point3<f64>> = cloud.1.iter().map(Point::position).collect();
     let diagonal = |b: Aabb| (b.high - b.low).norm();
@@ -128,7 +128,7 @@ fn read_transform(path: &Path) -> Result<Pose> {
     } else {
         text.split([',', ' ', '\t', '\n', '\r', ';'])
             .filter(|word| !word.is_empty())
-            .map(|word| word.parse().map_err(|_| anyhow!("{}: \"{word}\" is no number", path.display())))
+            .map(|word| word.parse().map_err(|_| anyhow!("{}: \"{word}\" is not a number", path.display())))
             .collect::<Result<_>>()?
     };
     pose_of(&numbers).with_context(|| path.display().to_string())
@@ -144,16 +144,16 @@ fn pose_of(numbers: &[f64]) -> Result<Pose> {
     let last = [at(3, 0), at(3, 1), at(3, 2), at(3, 3) - 1.0];
     if off > ROTATION_TOLERANCE || last.iter().any(|v| v.abs() > ROTATION_TOLERANCE) {
         bail!(
-            "matrix: is no rigid motion: its rotation is off by {off:.1e}, limit {ROTATION_TOLERANCE:.0e}, or its last row is not 0 0 0 1"
+            "matrix: is not a rigid motion: its rotation is off by {off:.1e}, limit {ROTATION_TOLERANCE:.0e}, or its last row is not 0 0 0 1"
         );
     }
     if rotation.determinant() < 0.0 {
-        bail!("matrix: mirrors (determinant −1); a rigid motion has determinant +1");
+        bail!("matrix: is a reflection (determinant −1); a rigid motion has determinant +1");
     }
     Ok(Pose { rotation, translation: Vector3::new(at(0, 3), at(1, 3), at(2, 3)) })
 }
 
-/// A direction `x,y,z`.
+/// A direction given as `x,y,z`.
 #[derive(Clone, Copy, Debug)]
 pub struct Direction(pub Vector3<f64>);
 
@@ -173,7 +173,7 @@ impl FromStr for Direction {
 fn numbers(text: &str) -> Result<Vec<f64>, String> {
     let one = |part: &str| {
         let number = part.trim().parse::<f64>().ok().filter(|v| v.is_finite());
-        number.ok_or_else(|| format!("\"{part}\" is no finite number"))
+        number.ok_or_else(|| format!("\"{part}\" is not a finite number"))
     };
     text.split(',').map(one).collect()
 }

@@ -23,19 +23,18 @@ const RULE_SETS: [(&str, &str); 4] = [
     ("iso10360-13", include_str!("../configs/rules/iso10360-13.toml")),
 ];
 
-/// Arguments of `vdi2634`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Plan of the test (TOML): rule set, conditions, artefacts, limits, positions.
+    /// Plan of the test (TOML, docs/formats.md): rule set, conditions, artefacts, limits, positions.
     plan: PathBuf,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
     #[command(flatten)]
     files: Files,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = args.files.outputs();
     let mut wanted = outputs.flags().to_vec();

@@ -26,7 +26,7 @@ const OUTLIER_MM: f64 = 0.5;
 pub(super) struct Row {
     name: &'static str,
     pub points: usize,
-    /// Away from edges.
+    /// Number of points away from edges, whose distances count.
     judged: usize,
     pub outliers: usize,
     pub rms_um: f64,
@@ -68,7 +68,7 @@ pub fn run(json: Option<&Path>) -> Result<Outcome> {
 pub(super) struct Case {
     pub name: &'static str,
     pub settings: TwinSettings,
-    /// The same without random parts, to tell scatter from bias.
+    /// The same without random parts, to separate scatter from bias.
     pub quiet: Option<TwinSettings>,
     pub lens: bool,
 }

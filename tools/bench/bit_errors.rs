@@ -15,18 +15,18 @@ const LEVELS_DN: [f64; 2] = [20_000.0, 45_000.0];
 /// Fringes of the cases with sines, projector pixels.
 const PERIOD_PX: f64 = 16.0;
 
-/// A promise and what was counted.
+/// A predicted rate and the rate that was counted.
 #[derive(Debug, Serialize)]
 pub struct Row {
-    /// What is counted.
+    /// The kind of error whose rate is counted.
     pub name: String,
-    /// As predicted.
+    /// Predicted rate, fraction of the pixels.
     pub predicted: f64,
-    /// As counted.
+    /// Counted rate, fraction of the pixels.
     pub observed: f64,
-    /// Counted over predicted.
+    /// Counted rate over predicted rate.
     pub ratio: f64,
-    /// Pixels behind it.
+    /// Number of pixels that were counted.
     pub pixels: u64,
 }
 
@@ -43,7 +43,7 @@ pub struct BitCase {
 /// Stripes of all cases.
 const BITS: u32 = 7;
 
-/// All cases.
+/// Every case of the table.
 pub fn cases() -> Vec<BitCase> {
     let set = |code, stripe_px: f64, invert, threshold| {
         let (axis, shift_px) = (Axis::X, 0.0);
@@ -122,7 +122,7 @@ impl BitCase {
 
     fn picture(&self, seed: u64, picture: u64) -> Result<Counts> {
         let key = Key::new(seed).with(100 + picture);
-        // Away from the ends, where a coordinate may stand for one beyond the projector.
+        // Away from the ends, where a coordinate may belong to a place beyond the projector.
         let margin_px = 2.0 * PERIOD_PX;
         let at = |i: u64| margin_px + (self.extent_px() - 2.0 * margin_px) * key.open(i);
         let truth: Vec<f64> = (0..u64::from(SIDE * SIDE)).map(at).collect();

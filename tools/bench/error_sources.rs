@@ -1,7 +1,7 @@
 //! What each source of error of section 2.4 does to the phase and to the point, on the twin.
 
 use super::accuracy::{Bench, Case};
-use super::shown::{Judged, Shown};
+use super::shown::{Evaluated, Shown};
 use crate::Outcome;
 use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
@@ -13,24 +13,23 @@ use serde::Serialize;
 use std::path::{Path, PathBuf};
 use twin::{Twin, TwinSettings};
 
-/// Arguments of `bench error-sources`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Camera columns; rows follow. The demo has 1124.
+    /// Columns of the camera, px; the rows keep the aspect ratio. The demo has 1124.
     #[arg(long, default_value_t = 562)]
     width_px: u32,
-    /// Picture of the phase errors, one tile a source in the order of the table: grey is zero, black and white are ∓ 0.1 rad.
-    #[arg(long)]
+    /// Image of the phase errors (PNG), one tile for each source in the order of the table: grey is zero, black and white are ∓ 0.1 rad.
+    #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
 #[derive(Serialize)]
 struct Row {
     source: &'static str,
-    phase: Judged,
+    phase: Evaluated,
     point_rms_um: f64,
     point_mean_um: f64,
     outliers: usize,
@@ -42,7 +41,7 @@ const PICTURE_RAD: f32 = 0.1;
 /// Tiles of a row of the picture.
 const TILES: usize = 4;
 
-/// Runs the benchmark.
+/// Runs the benchmark, prints its table and writes the result.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [("--picture", args.picture.as_deref()), ("--json", args.json.as_deref())];
     check_outputs(&outputs, &[], None)?;
@@ -58,7 +57,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let twin = Twin::new(&bench.scene, settings.clone(), &bench.rig)?;
         let shown = Shown::new(&twin, &bench.rig, "cam1", "proj1", &bench.sequence)?;
         let (decode, method) = (DecodeSettings::default(), PhaseMethod::default());
-        let phase = shown.judge(&decode, &method)?;
+        let phase = shown.evaluate(&decode, &method)?;
         tiles.push(shown.errors_rad(&shown.decode(&decode, &method)?.0)?.0);
         let point = bench.measure(Case { name: source, settings, quiet: None, lens: true })?;
         rows.push(Row {

@@ -14,17 +14,16 @@ use std::f32::consts::PI;
 use std::path::{Path, PathBuf};
 use twin::{Twin, TwinSettings};
 
-/// Arguments of `bench exposures`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Strength of the gloss that is added to all surfaces.
+    /// Strength of the gloss added to all surfaces.
     #[arg(long, default_value_t = 1.5)]
     gloss: f64,
-    /// Exposures, as factors on the twin's.
+    /// Exposures, as factors of the twin's exposure.
     #[arg(long, value_delimiter = ',', default_value = "0.2,0.8,3.2")]
     exposures: Vec<f64>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -36,7 +35,7 @@ struct Row {
     wrong_orders: f64,
 }
 
-/// Runs the benchmark.
+/// Runs the benchmark, prints its table and writes the result.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     let config = Config::load(Path::new("configs/demo.toml"))?;

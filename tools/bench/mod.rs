@@ -20,49 +20,47 @@ use crate::Outcome;
 use anyhow::{Result, bail};
 use std::path::PathBuf;
 
-/// Arguments of `bench`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// What to measure.
     #[command(subcommand)]
     what: What,
 }
 
 #[derive(clap::Subcommand)]
 enum What {
-    /// The twin's part, ideal and with each imperfection alone: cloud and features against the truth.
+    /// Accuracy on the twin, ideal and with each imperfection alone: cloud and features compared with the truth.
     Accuracy(Common),
-    /// Rigs characterised from the twin's boards against the truth: parameters, reprojection, sphere spacings, time.
+    /// Calibrations from the twin's boards compared with the truth: parameters, reprojection, sphere spacings, time.
     Calibration(calibration::Args),
-    /// What each source of error does to phase and point, alone.
+    /// Effect of each source of error on phase and point, one at a time.
     ErrorSources(error_sources::Args),
-    /// One exposure against several on a shiny part.
+    /// One exposure compared with several, on a shiny part.
     Exposures(exposures::Args),
-    /// Predicted phase noise and rates of wrong bits and orders against counted ones.
+    /// Predicted phase noise and rates of wrong bits and orders compared with counted ones.
     OrderErrors(order_errors::Args),
-    /// Every phase method and every order: error, wrong orders, time.
+    /// Every phase method and every fringe order method: error, wrong orders, time.
     PhaseMethods(phase_methods::Args),
-    /// What plan-patterns promises against what comes out on the twin.
+    /// Predictions of `plan-patterns` compared with results on the twin.
     PlanPatterns(planned::Args),
-    /// Decode and matching: nanoseconds per pixel, share of the memory bandwidth, whole compute of a pair.
+    /// Speed of decoding and matching: nanoseconds per pixel, share of the memory bandwidth, total of a pair.
     Speed(speed::Args),
-    /// The stated uncertainty of a stage's axis against its errors, over many seeds.
+    /// Stated uncertainty of a rotation stage's axis compared with its errors, over many seeds.
     StageAxis(stage_axis::Args),
-    /// Spatial unwrapping on maps whose answer is known: wrong pixels and time of every method.
+    /// Spatial unwrapping on maps with known solution: wrong pixels and time of every method.
     Unwrap(unwrap::Args),
-    /// A frame from one process to another: shared memory beside a Unix socket and a pipe; the share of a cycle.
+    /// Transport of a frame between processes: shared memory, Unix socket and pipe; its share of a cycle.
     Transport(transport::Args),
 }
 
-/// Arguments of one that has none of its own.
+/// Arguments of a benchmark without further options.
 #[derive(clap::Args)]
 pub struct Common {
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     match &args.what {
         What::Accuracy(common) => accuracy::run(common.json.as_deref()),
@@ -79,7 +77,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
 }
 
-/// Refuses a number.
+/// Reports a number outside of its limits.
 fn out_of_range(flag: &str, value: u64, limit: &str) -> Result<Outcome> {
     bail!("{flag} {value}: must be {limit}")
 }

@@ -20,17 +20,16 @@ use std::path::PathBuf;
 /// Pixels of one parallel job: fixed, so that the draws are the same on every machine.
 const CHUNK: u64 = 1 << 16;
 
-/// Arguments of `bench order-errors`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Pixels per row of the tables.
+    /// Number of pixels for each row of the tables.
     #[arg(long, default_value_t = 10_000_000)]
     pixels: u64,
     /// Seed of the noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 

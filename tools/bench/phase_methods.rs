@@ -19,17 +19,16 @@ use twin::{Scene, Twin, TwinSettings};
 /// Camera of the tables: half the demo's, so that the whole table takes minutes.
 const CAMERA_PX: (u32, u32) = (562, 375);
 
-/// Arguments of `bench phase-methods`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Recordings of real frames instead of the twin: each method is given some of the steps and held against all of them.
+    /// Recordings of real frames instead of the twin (docs/formats.md): each method gets some of the steps and is compared with all of them.
     #[arg(long = "recording")]
     recordings: Vec<PathBuf>,
-    /// Another recording of the same scene by the same camera and projector that stands as reference, for instance of a code.
-    #[arg(long, requires = "recordings")]
+    /// Another recording of the same scene, by the same camera and projector, as reference: for instance one with a code.
+    #[arg(long, value_name = "DIR", requires = "recordings")]
     reference: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -48,7 +47,7 @@ struct Column {
     settings: TwinSettings,
 }
 
-/// Runs the benchmark.
+/// Runs the benchmark, prints its table and writes the result.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     if !args.recordings.is_empty() {
@@ -62,7 +61,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         for column in &columns {
             let twin = Twin::new(&column.scene, column.settings.clone(), &rig)?;
             let shown = Shown::new(&twin, &rig, "cam1", "proj1", &row.sequence)?;
-            let judged = shown.judge(&row.settings, &row.method);
+            let judged = shown.evaluate(&row.settings, &row.method);
             let refused = judged.as_ref().err().map(|error| format!("{error:#}"));
             cells.push(Cell { method: row.name, case: column.name.to_owned(), refused, judged: judged.ok() });
             progress.step();
@@ -77,7 +76,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 fn on_recordings(args: &Args) -> Result<Outcome> {
     if let (Some(other), 2..) = (&args.reference, args.recordings.len()) {
         bail!(
-            "--reference {}: stands for one recording, {} are given",
+            "--reference {}: is the reference of one recording, {} are given; give one --recording",
             other.display(),
             args.recordings.len()
         );
@@ -168,7 +167,7 @@ fn rows() -> Vec<Row> {
         let settings = DecodeSettings { order, fuse, ..counting() };
         Row { name, sequence, settings, method: PhaseMethod::default() }
     };
-    // Levels of grey must stand apart: 13 of them number the periods of 96 px, which number those of 16 px.
+    // Grey levels must be separable: 13 of them number the periods of 96 px, which number those of 16 px.
     let stair = |stair_px, steps| PatternSet::Stair { axis: X, stair_px, steps };
     let whole = |shift_px| code(6, 16.0, shift_px, Code::Gray);
     rows.extend([

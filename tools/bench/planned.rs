@@ -1,5 +1,5 @@
-//! What `plan-patterns` promises against what comes out: proposals are projected by the twin of the demo's cell onto a plate that faces
-//! the first projector, decoded, turned into points, and held against the truth.
+//! Predictions of `plan-patterns` compared with results: the twin of the demo's cell projects proposals onto a plate that faces
+//! the first projector, and points from the decoded phase are compared with the truth.
 
 use crate::Outcome;
 use crate::pipeline::match_maps;
@@ -28,7 +28,7 @@ use twin::{Scene, Twin, TwinSettings, View};
 const PLATE: &str = "format = \"fringecell-scene/1\"\n[[material]]\nname = \"matte\"\nalbedo = 0.7\n[[body]]\nname = \"plate\"\n\
     material = \"matte\"\nposition_mm = [0.0, 0.0, 15.0]\nrotation_deg = [0.0, 42.0, 0.0]\n\
     geometry = { shape = \"plane\", size_mm = [90.0, 90.0], thickness_mm = 5.0 }\n";
-/// Points farther from the middle of the plate are not judged: its rim mixes two faces.
+/// Points farther from the middle of the plate do not count: its rim mixes two faces.
 const INNER_MM: f64 = 35.0;
 /// Most wrong orders, as a share of the pixels, of a risky proposal.
 const RISKY: f64 = 0.02;
@@ -36,14 +36,13 @@ const RISKY: f64 = 0.02;
 /// Light of the risky rows: a sixth leaves as much modulation as the decoder takes.
 const DIM: f64 = 0.16;
 
-/// Arguments of `bench plan-patterns`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Camera columns; rows follow. The demo has 1124.
+    /// Columns of the camera, px; the rows keep the aspect ratio. The demo has 1124.
     #[arg(long, default_value_t = 562)]
     width_px: u32,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -54,7 +53,7 @@ enum Way {
     Projector,
 }
 
-/// A promise and what came of it.
+/// Predictions for a proposal and what was observed.
 #[derive(Serialize)]
 struct Row {
     case: String,
@@ -70,7 +69,7 @@ struct Row {
     points: usize,
 }
 
-/// Runs the benchmark.
+/// Runs the benchmark, prints its table and writes the result.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     if !(64..=4496).contains(&args.width_px) {
@@ -150,7 +149,7 @@ struct Bench<'a> {
     settings: TwinSettings,
 }
 
-/// One recording, decoded.
+/// One decoded recording of the twin.
 struct Seen {
     view: View,
     map: PhaseMap,
@@ -256,7 +255,7 @@ impl<'a> Bench<'a> {
         }
         let points = self.points(&twins[0], &one, sequence, &settings, way)?;
         let positions: Vec<Point3<f64>> = points.iter().map(Point::position).collect();
-        // Fringes so noisy that next to no match is certain enough leave no points to judge.
+        // Fringes with so much noise that hardly any match is certain leave no points to evaluate.
         let scatter_mm =
             plane(&positions, &FitSettings::default()).map_or(f64::NAN, |fit| fit.form.form_sigma_mm);
         let n = count.max(1) as f64;

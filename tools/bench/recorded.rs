@@ -1,11 +1,11 @@
-//! Phase methods on real frames, where no truth is known: each method is given some of the steps and held against the phase that
-//! all of them tell, or against another recording of the same scene.
+//! Phase methods on real frames, where no truth is known: each method gets some of the steps and is compared with the phase of
+//! all steps, or with another recording of the same scene.
 //!
-//! What the difference shows is what the method adds: its noise, the harmonics that its number of steps lets through, what it
-//! loses at edges. What all frames have in common (the lens, light that bounces, harmonics of the orders N ± 1 of all N steps) no such
-//! comparison can show. How good the reference itself is, its two halves tell: the even and the odd steps are different frames.
+//! The difference shows what the method adds: its noise, the harmonics that its number of steps lets through, what it
+//! loses at edges. It cannot show what all frames have in common (the lens, interreflections, harmonics of the orders N ± 1 of all N
+//! steps). The quality of the reference itself is estimated from its two halves: the even and the odd steps are different frames.
 
-use super::shown::{Cell, Judged, Taken, counting};
+use super::shown::{Cell, Evaluated, Taken, counting};
 use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
 use anyhow::{Context, Result, anyhow, bail};
@@ -21,7 +21,7 @@ use std::path::Path;
 /// Which steps of each sine set a method is given.
 #[derive(Clone, Copy)]
 enum Steps {
-    /// All of them.
+    /// All steps of the set.
     All,
     /// So many, evenly spread, beginning with one.
     Even(usize, usize),
@@ -33,7 +33,7 @@ enum Steps {
 
 /// A row of the table.
 pub struct Row {
-    /// As printed.
+    /// Name as printed in the table.
     pub name: &'static str,
     steps: Steps,
     settings: DecodeSettings,
@@ -47,13 +47,13 @@ pub struct Row {
 pub struct Reference {
     /// Recording, camera and axis.
     pub case: String,
-    /// What it is.
+    /// What the reference is, for the output.
     kind: String,
-    /// Valid pixels.
+    /// Number of valid pixels.
     valid: usize,
     /// Root mean square of its stated uncertainty, rad of the finest sine.
     stated_rad: f64,
-    /// Half the root mean square difference of the phases that the even and the odd steps tell, rad; `None` below six steps.
+    /// Half the root mean square difference of the phases of the even and the odd steps, rad; `None` below six steps.
     halves_rad: Option<f64>,
 }
 
@@ -125,10 +125,7 @@ pub fn views(folder: &Path, reference: Option<&Path>) -> Result<Vec<View>> {
         }
     }
     if found.is_empty() {
-        bail!(
-            "{}: has no sine set, so there is nothing that a phase method could be given",
-            folder.display()
-        );
+        bail!("{}: has no sine set, so no phase method applies", folder.display());
     }
     Ok(found)
 }
@@ -151,7 +148,7 @@ impl View {
         let (own, _) = taken.decode(axis, &plain.0, &plain.1)?;
         let period_px = own.info.period_px;
         let (map, kind) = match other {
-            None => (own, "the phase that all steps tell by least squares".to_owned()),
+            None => (own, "the least-squares phase of all steps".to_owned()),
             Some(recording) => {
                 let file = &recording.document.path;
                 let projector = recording.projectors.first().context("a recording has projectors")?;
@@ -161,7 +158,7 @@ impl View {
                     .with_context(|| file.display().to_string())?;
                 if (map.info.width_px, map.info.height_px) != (own.info.width_px, own.info.height_px) {
                     bail!(
-                        "--reference {}: has {} x {} px, the recording {} x {} px; it must show the same scene to the same camera",
+                        "--reference {}: has {} x {} px, the recording {} x {} px; it must be of the same scene and camera",
                         file.display(),
                         map.info.width_px,
                         map.info.height_px,
@@ -194,23 +191,23 @@ impl View {
         };
         let (even, odd) = (half(0)?, half(1)?);
         let differences = differences_rad(&even, &odd);
-        Ok(0.5 * Judged::new(&even, &differences, even.info.len(), 0.0).rms_rad)
+        Ok(0.5 * Evaluated::new(&even, &differences, even.info.len(), 0.0).rms_rad)
     }
 
     /// One cell of the table.
     pub fn cell(&self, row: &Row) -> Cell {
-        let judged = self.judge(row);
+        let judged = self.evaluate(row);
         let refused = judged.as_ref().err().map(|error| format!("{error:#}"));
         Cell { method: row.name, case: self.reference.case.clone(), refused, judged: judged.ok() }
     }
 
-    fn judge(&self, row: &Row) -> Result<Judged> {
+    fn evaluate(&self, row: &Row) -> Result<Evaluated> {
         let mut taken = self.taken.with_steps(|n| row.steps.of(n))?;
         if row.whole_stripes {
             taken.leave_out_last_bit(self.axis)?;
         }
         let (map, seconds) = taken.decode(self.axis, &row.settings, &row.method)?;
-        Ok(Judged::new(&map, &differences_rad(&map, &self.map), self.reference.valid, seconds))
+        Ok(Evaluated::new(&map, &differences_rad(&map, &self.map), self.reference.valid, seconds))
     }
 }
 
@@ -244,7 +241,7 @@ impl Steps {
                 Ok(spread(count, n / 4, 0))
             }
             Self::Quarters(count) => {
-                Err(anyhow!("the {n} steps of a sine set do not hold {count} that are 90 degrees apart"))
+                Err(anyhow!("no {count} of the {n} steps of a sine set are 90 degrees apart"))
             }
             Self::Uneven if n >= 9 => Ok(vec![0, 1, 3, 6, 8]),
             Self::Uneven => {
@@ -255,7 +252,7 @@ impl Steps {
 }
 
 impl Taken {
-    /// The same with some of the steps of each sine set: `choose` tells which of n.
+    /// The same with some of the steps of each sine set: `choose` selects from n.
     fn with_steps(&self, choose: impl Fn(usize) -> Result<Vec<usize>>) -> Result<Self> {
         let mut out = Self { frames: Vec::new(), sequence: Vec::new(), extent_px: self.extent_px };
         let mut first = 0;
@@ -318,7 +315,7 @@ pub fn print(views: &[View]) {
             format!("{:.1} mrad by its halves", halves * 1e3)
         });
         println!(
-            "{case}: held against {kind}: {valid} pixels, {:.1} mrad stated, {halves}",
+            "{case}: compared with {kind}: {valid} pixels, {:.1} mrad stated, {halves}",
             stated_rad * 1e3
         );
     }

@@ -14,9 +14,9 @@ use twin::Twin;
 
 /// The fused cloud of all pairs.
 pub struct Scan {
-    /// Points.
+    /// Points of the fused cloud.
     pub points: Vec<Point>,
-    /// How fusion went.
+    /// What fusion kept and removed.
     pub fusion: FusionReport,
 }
 

@@ -1,4 +1,4 @@
-//! Frames in memory, decoded by a method of choice, and held against what is known of them: for the tables of methods and errors.
+//! Frames in memory, decoded by a chosen method and compared with the truth: for the tables of methods and errors.
 
 use crate::phase_method::PhaseMethod;
 use crate::simulate::Buffer;
@@ -17,7 +17,7 @@ use twin::{Twin, View};
 pub struct Taken {
     /// In the order of the sequence.
     pub frames: Vec<Frame>,
-    /// What was projected.
+    /// Pattern sets in the order of projection.
     pub sequence: Vec<PatternSet>,
     /// Columns and rows of the projector.
     pub extent_px: [u32; 2],
@@ -30,14 +30,14 @@ pub struct Shown {
     projector: String,
 }
 
-/// A map held against the truth.
+/// A phase map compared with the truth.
 #[derive(Debug, Clone, Copy, Serialize)]
-pub struct Judged {
+pub struct Evaluated {
     /// Valid pixels of those that the projector lights.
     pub valid_share: f64,
-    /// Root mean square phase error of the finest sine, wrong orders left out, rad; NaN where there is nothing to tell it by.
+    /// Root mean square phase error of the finest sine, wrong orders left out, rad; NaN without valid pixels.
     pub rms_rad: f64,
-    /// Its mean, rad.
+    /// Mean phase error, rad.
     pub mean_rad: f64,
     /// Median of the predicted uncertainty, rad.
     pub sigma_rad: f64,
@@ -50,24 +50,24 @@ pub struct Judged {
 /// A method on a surface.
 #[derive(Serialize)]
 pub struct Cell {
-    /// Row.
+    /// Method: the row of the table.
     pub method: &'static str,
-    /// Column.
+    /// Surface and condition: the column of the table.
     pub case: String,
     /// Why there is no result.
     pub refused: Option<String>,
-    /// The result.
+    /// The result of the method on the case.
     #[serde(flatten)]
-    pub judged: Option<Judged>,
+    pub judged: Option<Evaluated>,
 }
 
-/// Settings that refuse no map for its wrong orders: they shall be counted.
+/// Settings that refuse no map for its wrong orders, so that they are counted.
 pub fn counting() -> DecodeSettings {
     DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() }
 }
 
 impl Shown {
-    /// Renders all frames.
+    /// Renders all frames of the sequence.
     pub fn new(
         twin: &Twin,
         rig: &Rig,
@@ -95,7 +95,7 @@ impl Shown {
         Ok(Self { view, taken, projector: projector.to_owned() })
     }
 
-    /// Decodes along x; also tells the seconds of processor time that it took.
+    /// Decodes along x; also returns the processor time in seconds.
     pub fn decode(&self, settings: &DecodeSettings, method: &PhaseMethod) -> Result<(PhaseMap, f64)> {
         self.taken.decode(Axis::X, settings, method)
     }
@@ -115,16 +115,16 @@ impl Shown {
         Ok((errors, lit))
     }
 
-    /// Decodes and judges.
-    pub fn judge(&self, settings: &DecodeSettings, method: &PhaseMethod) -> Result<Judged> {
+    /// Decodes along x and compares with the truth.
+    pub fn evaluate(&self, settings: &DecodeSettings, method: &PhaseMethod) -> Result<Evaluated> {
         let (map, seconds) = self.decode(settings, method)?;
         let (errors, lit) = self.errors_rad(&map)?;
-        Ok(Judged::new(&map, &errors, lit, seconds))
+        Ok(Evaluated::new(&map, &errors, lit, seconds))
     }
 }
 
 impl Taken {
-    /// Decodes one axis; also tells the seconds of processor time that it took.
+    /// Decodes one axis; also returns the processor time in seconds.
     pub fn decode(
         &self,
         axis: Axis,
@@ -147,7 +147,7 @@ impl Taken {
     }
 }
 
-impl Judged {
+impl Evaluated {
     /// From the error of each pixel, rad, NaN where there is none, and the number of pixels that could have one.
     pub fn new(map: &PhaseMap, errors: &[f32], lit: usize, seconds: f64) -> Self {
         let told: Vec<f64> = errors.iter().filter(|e| !e.is_nan()).map(|e| f64::from(*e)).collect();

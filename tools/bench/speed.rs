@@ -16,21 +16,20 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use twin::{Twin, TwinSettings, View};
 
-/// Arguments of `bench speed`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Repeats of each measurement; the median counts.
+    /// Number of repeats of each measurement; the median is reported.
     #[arg(long, default_value_t = 9)]
     repeats: usize,
-    /// Also a pair of 4496 × 3000 (takes about two minutes and 3 GiB).
+    /// Also measure a pair of 4496 × 3000 px (about two minutes, 3 GiB).
     #[arg(long)]
     large: bool,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Times of one image size, median, ms unless said otherwise.
+/// Times of one image size, median, ms unless stated otherwise.
 #[derive(Debug, Serialize)]
 struct Times {
     width_px: u32,
@@ -49,7 +48,7 @@ struct Times {
     decode_bandwidth_share: f64,
 }
 
-/// Runs the benchmark.
+/// Runs the benchmark, prints its table and writes the result.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     let bandwidth = memory_bandwidth();

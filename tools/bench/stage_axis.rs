@@ -22,21 +22,20 @@ const ANGLES_DEG: [f64; 4] = [0.0, 35.0, 70.0, 105.0];
 /// From the first view of a run to that of the next.
 const TURN_DEG: f64 = 29.0;
 
-/// Arguments of `bench stage-axis`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Runs, each with noise and a first angle of its own.
+    /// Number of runs, each with its own noise and first angle.
     #[arg(long, default_value_t = 12)]
     seeds: u64,
-    /// The camera of the single-view system is reduced by this factor.
+    /// Factor by which the camera of the single-view system is reduced.
     #[arg(long, default_value_t = 4)]
     reduce: u32,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// One run.
+/// Result of one seed.
 #[derive(Serialize)]
 struct Row {
     seed: u64,
@@ -46,7 +45,7 @@ struct Row {
     u_point_mm: f64,
 }
 
-/// Runs the benchmark.
+/// Runs the benchmark, prints its table and writes the result.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     if !(1..=1000).contains(&args.seeds) {

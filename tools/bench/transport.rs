@@ -16,33 +16,32 @@ use flow::graph::{self, Options};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Arguments of `bench transport`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Frames per measurement.
+    /// Number of frames per measurement.
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(10..100_000))]
     frames: u32,
-    /// Columns of a frame; with the default height 13.5 MB at 8 bits.
-    #[arg(long, default_value_t = 4500, value_parser = clap::value_parser!(u32).range(1..65_536))]
+    /// Columns of a frame, px; with the default rows 13.5 MB at 8 bits.
+    #[arg(long = "width-px", alias = "width", default_value_t = 4500, value_parser = clap::value_parser!(u32).range(1..65_536))]
     width: u32,
-    /// Rows of a frame.
-    #[arg(long, default_value_t = 3000, value_parser = clap::value_parser!(u32).range(1..65_536))]
+    /// Rows of a frame, px.
+    #[arg(long = "height-px", alias = "height", default_value_t = 3000, value_parser = clap::value_parser!(u32).range(1..65_536))]
     height: u32,
-    /// Frames per second while latency is measured.
+    /// Frames per second in the measurement of latency.
     #[arg(long, default_value_t = 50.0)]
     rate_hz: f64,
-    /// The trace.json of a run: says which share of its cycles handing over takes, instead of measuring frames.
+    /// The trace.json of a run: report the share of its cycles that transport takes, instead of measuring frames.
     #[arg(long, value_name = "FILE", requires = "config")]
     trace: Option<PathBuf>,
-    /// The configuration of that run.
+    /// Configuration of that run (TOML, docs/formats.md).
     #[arg(long, value_name = "FILE", requires = "trace")]
     config: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// The other process.
+    /// The receiving process of the benchmark.
     #[arg(long, hide = true)]
-    receive: Option<receive::From>,
+    receive: Option<receive::Source>,
 }
 
 /// Size and number of the frames.
@@ -118,7 +117,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Says which share of the cycles of a run handing over takes.
+/// Reports the share of the cycles of a run that transport takes.
 fn share_of(trace: &Path, config: &Path, json: Option<&Path>) -> Result<Outcome> {
     let cell = graph::load(config, &Options::default())?;
     let share = share::share(&cell, &read_trace(trace)?).with_context(|| trace.display().to_string())?;

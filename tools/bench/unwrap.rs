@@ -1,5 +1,5 @@
 //! Spatial unwrapping on maps whose answer is known: wrong pixels and time of every method. The maps are written, so that
-//! another program can be held against them.
+//! another program can be compared with them.
 
 use super::scan::decode as decode_scan;
 use crate::Outcome;
@@ -22,23 +22,22 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use twin::{Twin, TwinSettings};
 
-/// Arguments of `bench unwrap`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Folder for the maps: `<map>-wrapped.npy` and `<map>-truth.npy`, rad, NaN where masked.
-    #[arg(long)]
+    /// Folder to write the maps to: `<map>-wrapped.npy` and `<map>-truth.npy`, rad, NaN where masked.
+    #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Recordings with a code as further maps: their absolute phase is the truth.
+    /// Recordings with a code as further maps (docs/formats.md): their absolute phase is the truth.
     #[arg(long = "recording")]
     recordings: Vec<PathBuf>,
     /// Side of the synthetic maps, px.
     #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=8192))]
     side_px: u32,
-    /// Repeats of each measurement; the median time counts.
+    /// Number of repeats of each measurement; the median time is reported.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeats: u32,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -66,7 +65,7 @@ struct Row {
     ms_per_megapixel: f64,
 }
 
-/// Runs the benchmark.
+/// Runs the benchmark, prints its table and writes the result.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], args.out.as_deref())?;
     let mut maps = synthetic(args.side_px as usize);
@@ -174,7 +173,7 @@ fn synthetic(side: usize) -> Vec<Map> {
         };
         Map { name: name.into(), width: side, truth: (0..side * side).map(value).collect(), modulation: None }
     };
-    // A fault whose height grows from nothing to ten turns: where it is near half a turn nobody can tell.
+    // A step whose height grows from zero to ten periods: near half a period its order is undetermined.
     let fault = move |x: f64, y: f64| hill(x, y) + if x > 0.0 && y > 0.0 { 10.0 * TAU * y } else { 0.0 };
     let hole = |x: f64, y: f64| {
         let ring = (x * x + y * y).sqrt();

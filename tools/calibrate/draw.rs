@@ -1,12 +1,12 @@
 //! `--draw`: every picture with what was found in it, and its residuals once there is a calibration.
 
-use super::shots::Shot;
-use super::sights::Gathered;
+use super::detections::Gathered;
+use super::target_images::TargetImage;
 use crate::progress::Progress;
 use anyhow::{Context, Result};
 use characterise::calibration::{Calibration, Observations, View, ViewReport};
 use fringe::frame::Frame;
-use report::{GreyPicture, SightMark, SightPicture, sights_png};
+use report::{GreyPicture, ImagePointMark, ImagePointPicture, image_points_png};
 use std::path::Path;
 
 /// A typical arrow spans this part of the picture's width.
@@ -21,12 +21,12 @@ pub fn write(
     columns: u32,
 ) -> Result<()> {
     files::atomic::create_dir(folder)?;
-    let mut progress = Progress::new(gathered.shots.len(), "drawing");
-    for shot in &gathered.shots {
+    let mut progress = Progress::new(gathered.target_images.len(), "drawing");
+    for image in &gathered.target_images {
         progress.step();
-        let name = format!("{:03}-{}.png", shot.pose, file_name(&observations.devices[shot.device].name));
-        let picture = picture(shot, observations, calibration, columns)?;
-        let png = sights_png(&picture).with_context(|| shot.place.clone())?;
+        let name = format!("{:03}-{}.png", image.pose, file_name(&observations.devices[image.device].name));
+        let picture = picture(image, observations, calibration, columns)?;
+        let png = image_points_png(&picture).with_context(|| image.place.clone())?;
         files::atomic::write(&folder.join(name), &png)?;
     }
     Ok(())
@@ -39,47 +39,47 @@ fn file_name(name: &str) -> String {
 }
 
 fn picture(
-    shot: &Shot,
+    image: &TargetImage,
     observations: &Observations,
     calibration: Option<&Calibration>,
     columns: u32,
-) -> Result<SightPicture> {
-    let is = |v: &View| v.device == shot.device && v.pose == shot.pose;
+) -> Result<ImagePointPicture> {
+    let is = |v: &View| v.device == image.device && v.pose == image.pose;
     let view = observations.views.iter().find(|v| is(v));
     let report = calibration.and_then(|c| {
-        let report = c.views.iter().find(|v| v.device == shot.device && v.pose == shot.pose)?;
-        Some((report, magnification(c, shot.device)))
+        let report = c.views.iter().find(|v| v.device == image.device && v.pose == image.pose)?;
+        Some((report, magnification(c, image.device)))
     });
     let (marks, magnification, note) = match (view, report) {
         (Some(_), Some((report, magnification))) => {
             (adjusted(report, columns), magnification, told(report, magnification))
         }
         (Some(view), None) => (found(view, columns), 1.0, not_adjusted(view, calibration)),
-        (None, _) => (Vec::new(), 1.0, shot.why.clone().unwrap_or_default()),
+        (None, _) => (Vec::new(), 1.0, image.why.clone().unwrap_or_default()),
     };
-    let grey = grey(&shot.load()?, shot.place.clone());
-    Ok(SightPicture { grey, marks, magnification, note })
+    let grey = grey(&image.load()?, image.place.clone());
+    Ok(ImagePointPicture { grey, marks, magnification, note })
 }
 
 fn index(point: usize, columns: u32) -> (u32, u32) {
     (point as u32 % columns.max(1), point as u32 / columns.max(1))
 }
 
-fn found(view: &View, columns: u32) -> Vec<SightMark> {
-    let mark = |s: &characterise::calibration::Sight| SightMark {
+fn found(view: &View, columns: u32) -> Vec<ImagePointMark> {
+    let mark = |s: &characterise::calibration::ImagePoint| ImagePointMark {
         index: index(s.index, columns),
         pixel: [s.pixel.x, s.pixel.y],
         error_px: None,
         rejected: false,
     };
-    view.sights.iter().map(mark).collect()
+    view.image_points.iter().map(mark).collect()
 }
 
-fn adjusted(report: &ViewReport, columns: u32) -> Vec<SightMark> {
-    let mut marks: Vec<SightMark> = report
+fn adjusted(report: &ViewReport, columns: u32) -> Vec<ImagePointMark> {
+    let mut marks: Vec<ImagePointMark> = report
         .residuals
         .iter()
-        .map(|r| SightMark {
+        .map(|r| ImagePointMark {
             index: index(r.index, columns),
             pixel: [r.pixel.x, r.pixel.y],
             error_px: r.error_px,
@@ -103,7 +103,7 @@ fn told(report: &ViewReport, magnification: f64) -> String {
 
 fn not_adjusted(view: &View, calibration: Option<&Calibration>) -> String {
     let why = if calibration.is_some() { "not part of the adjustment" } else { "no calibration" };
-    format!("{} points; {why}", view.sights.len())
+    format!("{} points; {why}", view.image_points.len())
 }
 
 /// One for all pictures of a camera, so that they can be compared: 1, 2 or 5 times a power of ten.

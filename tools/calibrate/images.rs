@@ -1,7 +1,7 @@
 //! Pictures of a target without a recording: `--images cam1='left*.png'`.
 
-use super::shots::Source;
-use super::sights::{Gathered, Look, for_all, look};
+use super::detections::{Gathered, SearchedImage, for_all, search};
+use super::target_images::Source;
 use anyhow::{Context, Result, bail};
 use characterise::calibration::DeviceKind;
 use characterise::target::TargetSpec;
@@ -13,16 +13,16 @@ pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
     let (first, count) = (&lists[0].0, lists[0].1.len());
     if let Some((camera, files)) = lists.iter().find(|(_, files)| files.len() != count) {
         bail!(
-            "--images: camera \"{camera}\" has {} pictures, \"{first}\" has {count}: one of each pose for every camera",
+            "--images: camera \"{camera}\" has {} images, \"{first}\" has {count}; give one of each pose for every camera",
             files.len()
         );
     }
     let pictures: Vec<(usize, usize)> =
         (0..count).flat_map(|number| (0..lists.len()).map(move |list| (number, list))).collect();
-    let looks = for_all("finding targets", &pictures, |(number, list)| -> Result<Look> {
+    let looks = for_all("finding targets", &pictures, |(number, list)| -> Result<SearchedImage> {
         let path = &lists[*list].1[*number];
         let frame = files::image_file::read_foreign_frame(path, None)?;
-        Ok(look(&frame, target, path.display().to_string(), Source::File(path.clone())))
+        Ok(search(&frame, target, path.display().to_string(), Source::File(path.clone())))
     });
     let mut all = Gathered::default();
     for ((number, list), look) in pictures.into_iter().zip(looks) {

@@ -1,7 +1,7 @@
 //! `--check-length`: a certified length between two points of the target, as each pair measures it in each pose.
 //!
-//! The scale of a rig comes from `pitch_mm` alone, and nothing in the adjustment can tell when it is wrong. A length
-//! that was measured otherwise can. Where poses were held out, each is measured by the rig that does not know it.
+//! The scale of a rig comes from `pitch_mm` alone, and the adjustment cannot detect when it is wrong. A length
+//! that was measured independently can. Held-out poses are measured by the rig that was calibrated without them.
 
 use super::validation::Validation;
 use anyhow::{Context, Result, bail};
@@ -20,7 +20,7 @@ pub struct Certified {
 }
 
 impl Certified {
-    /// Reads `column,row:column,row=LENGTH_MM[,U_MM]`.
+    /// Parses the argument `column,row:column,row=LENGTH_MM[,U_MM]`.
     pub fn parse(argument: &str, target: &TargetSpec) -> Result<Self> {
         let form = || {
             format!("--check-length {argument}: write column,row:column,row=length_mm or …=length_mm,u_mm")
@@ -70,7 +70,7 @@ impl Certified {
     ) -> Result<LengthCheck> {
         self.refuse_ambiguous(observations)?;
         if pairs.is_empty() {
-            bail!("--check-length {}: no pair measures it; name one with --pair", self.text);
+            bail!("--check-length {}: no pair measures it; define one with --pair", self.text);
         }
         let own = [(calibration, calibration.views.as_slice())];
         let sources: Vec<(&Calibration, &[ViewReport])> = match &validation.held {
@@ -120,7 +120,7 @@ impl Certified {
         found
     }
 
-    /// On a target without marks, which looks the same after half a turn, only opposite points are told for sure.
+    /// On a target without marks, which looks the same after half a turn, only opposite points are identified with certainty.
     fn refuse_ambiguous(&self, observations: &Observations) -> Result<()> {
         let last = observations.target_mm.len() - 1;
         if observations.views.iter().any(|v| v.may_be_turned) && self.points[0] + self.points[1] != last {
@@ -134,7 +134,7 @@ impl Certified {
     }
 }
 
-/// Lines for people.
+/// Prints the comparison of each pair.
 pub fn print(check: &LengthCheck) {
     let s = check.summary();
     println!(
@@ -145,7 +145,7 @@ pub fn print(check: &LengthCheck) {
     println!("length {}: {}", check.name, check.verdict());
 }
 
-/// For programs.
+/// The comparison as JSON.
 pub fn json(check: &LengthCheck) -> Value {
     let s = check.summary();
     json!({

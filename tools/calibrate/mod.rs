@@ -1,13 +1,13 @@
-//! `fringetool calibrate`: from pictures of a target to the rig file, all cameras and projectors in one adjustment.
+//! `fringetool calibrate`: from images of a target to the rig file, all cameras and projectors in one adjustment.
 
+pub mod detections;
 mod draw;
 mod images;
 mod lengths;
 pub mod model;
 mod output;
 mod report;
-mod shots;
-pub mod sights;
+mod target_images;
 mod validation;
 
 use crate::Outcome;
@@ -15,53 +15,52 @@ use crate::report::check_outputs;
 use anyhow::{Context, Result, bail};
 use characterise::calibration::{Calibration, Observations, SpacingSettings};
 use characterise::target::TargetSpec;
+use detections::Gathered;
 use files::recording::Recording;
 use lengths::Certified;
 use report::Parts;
-use sights::Gathered;
 use std::path::PathBuf;
 use validation::{Plan, Validation};
 
-/// Arguments of `calibrate`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// What the target is (TOML: kind, columns, rows, pitch_mm).
-    #[arg(long)]
+    /// Target file (TOML: kind, columns, rows, pitch_mm; docs/formats.md).
+    #[arg(long, value_name = "FILE")]
     target: PathBuf,
-    /// Rig file to write.
-    #[arg(long)]
+    /// Rig file to write (TOML, docs/formats.md).
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Recordings of the target, one a pose. Projectors are characterised where both fringe directions were recorded.
+    /// Recordings of the target (docs/formats.md), one for each pose. Projectors are calibrated where both fringe directions were recorded.
     recordings: Vec<PathBuf>,
-    /// Pictures instead of recordings, `camera=pattern` with `*`; the n-th picture of each camera shows the same pose.
+    /// Images instead of recordings, `camera=pattern` with `*`; the n-th image of each camera shows the same pose.
     #[arg(long, value_name = "camera=pattern")]
     images: Vec<String>,
-    /// A pair: `name=left,right` or `name=left,right,projector`. Without it each projector that lit exactly two cameras
-    /// makes one.
+    /// A pair: `name=left,right` or `name=left,right,projector`. By default each projector seen by exactly two cameras makes
+    /// one pair.
     #[arg(long, value_name = "name=left,right[,projector]")]
     pair: Vec<String>,
-    /// Judge the rig by poses that it does not know: a number of groups held out in turn (0: none, default 5 where that is
-    /// possible), or the name of a pose that the rig shall not know (may be repeated).
+    /// Validate the rig with poses that were not used: a number of groups held out in turn (0: none, default 5 where that is
+    /// possible), or the name of a pose to leave out (may be repeated).
     #[arg(long, value_name = "GROUPS|POSE")]
     hold_out: Vec<String>,
-    /// A certified length between two points of the target, with its standard uncertainty (k = 1): it is measured in each pose
-    /// and compared; nothing is scaled.
+    /// A certified length between two points of the target, with its standard uncertainty (k = 1). It is measured in each pose
+    /// and compared; the rig is not scaled.
     #[arg(long, value_name = "column,row:column,row=mm[,u_mm]")]
     check_length: Vec<String>,
-    /// Folder for a picture of each image with what was found in it and its residuals.
-    #[arg(long, value_name = "DIR")]
+    /// Folder to write an annotated copy of each image to: detected points and residuals.
+    #[arg(long = "pictures", alias = "draw", value_name = "DIR")]
     draw: Option<PathBuf>,
-    /// Report for people: one HTML file.
-    #[arg(long, value_name = "FILE.html")]
+    /// Write a report as one HTML file.
+    #[arg(long, alias = "html", value_name = "FILE.html")]
     report: Option<PathBuf>,
     #[command(flatten)]
     model: model::Model,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [
         ("--out", Some(args.out.as_path())),
@@ -70,7 +69,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     ];
     check_outputs(&outputs, &[&args.target], None)?;
     if let Some(folder) = args.draw.as_ref().filter(|folder| folder.exists() && !folder.is_dir()) {
-        bail!("--draw {}: is a file; name a folder for the pictures", folder.display());
+        bail!("--pictures {}: is a file; name a folder for the images", folder.display());
     }
     let text = files::document::read_text(&args.target)?;
     let target = TargetSpec::parse(&text).with_context(|| args.target.display().to_string())?;
@@ -79,7 +78,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let gathered = gather(args, &target)?;
     let observations = gathered.observations(&target);
     let solved = solve(args, &gathered, &target, &observations);
-    // A failed calibration needs the pictures most.
+    // A failed calibration needs the images most.
     if let Some(folder) = &args.draw {
         let calibration = solved.as_ref().ok().map(|(calibration, _)| calibration);
         draw::write(folder, &gathered, &observations, calibration, target.columns)?;
@@ -120,7 +119,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Calibrates and judges the rig, once it is clear that the pictures show the target.
+/// Calibrates and validates the rig, after checking that the images show the target.
 fn solve(
     args: &Args,
     gathered: &Gathered,
@@ -135,14 +134,14 @@ fn solve(
 fn gather(args: &Args, target: &TargetSpec) -> Result<Gathered> {
     match (args.recordings.is_empty(), args.images.is_empty()) {
         (true, true) => {
-            bail!("neither recordings nor --images: name the recordings of the target, one a pose")
+            bail!("neither recordings nor --images: name the recordings of the target, one for each pose")
         }
         (false, false) => bail!("recordings and --images together: give one of them"),
         (true, false) => images::gather(&args.images, target),
         (false, true) => {
             let opened =
                 args.recordings.iter().map(|path| Ok(Recording::open(path)?)).collect::<Result<Vec<_>>>()?;
-            sights::gather(&opened, target)
+            detections::gather(&opened, target)
         }
     }
 }

@@ -2,20 +2,20 @@
 
 use characterise::calibration::{Calibration, CalibrationSettings, LensModel, TargetShape};
 
-/// Beyond this the shifts that single corners ask for are no chance: of twice their standard deviation all together.
+/// Root mean square of the estimated corner shifts, in standard deviations, above which they are significant.
 const MISFIT: f64 = 2.0;
 
 /// Options of the model.
 #[derive(clap::Args)]
 pub struct Model {
-    /// What is adjusted of the target: nothing, its bend, or each of its points. A printed board is good to tenths of a
-    /// millimetre only; `free` measures its points along with the cameras and holds the mean scale (from five poses on).
+    /// What is adjusted of the target: nothing (`flat`), its bend (`bent`), or each of its points (`free`). A printed board is accurate to tenths of a
+    /// millimetre only; `free` estimates its points together with the cameras and keeps the mean scale (needs five poses).
     #[arg(long, value_name = "flat|bent|free", default_value = "bent", value_parser = target_shape)]
     board: TargetShape,
-    /// Adjust the skew of the cameras; real sensors have none.
+    /// Adjust the skew of the cameras (sensors have none).
     #[arg(long)]
     skew: bool,
-    /// Radial lens terms of the cameras: k1, k2, k3. The third one is for wide lenses.
+    /// Number of radial lens terms of the cameras (k1, k2, k3). Three are for wide-angle lenses.
     #[arg(long, value_name = "0..3", default_value_t = 2, value_parser = clap::value_parser!(u8).range(0..=3))]
     radial_terms: u8,
 }
@@ -44,7 +44,7 @@ pub fn note(calibration: &Calibration) -> Option<String> {
     let misfit = calibration.target_misfit;
     (misfit > MISFIT).then(|| {
         format!(
-            "the target's points are not where they were declared: their shifts are {misfit:.1} times their uncertainty, limit \
+            "the target's points are not at their declared places: their shifts are {misfit:.1} times their uncertainty, limit \
              {MISFIT}; measure them along with --board free"
         )
     })

@@ -8,7 +8,7 @@ use files::rig_file::CovarianceRef;
 use fringe::geometry::rig::{Named, Pair, Rig};
 use std::path::Path;
 
-/// The pairs that were asked for, or one per projector that lit exactly two cameras; each with its two devices.
+/// The pairs given by `--pair`, or one for each projector seen by exactly two cameras; each with its two devices.
 pub fn pairs(
     asked: &[String],
     calibration: &Calibration,

@@ -12,27 +12,27 @@ use std::path::Path;
 pub struct Parts<'a> {
     /// The rig file as written.
     pub rig: &'a Path,
-    /// The target file.
+    /// Path of the target file.
     pub target_file: &'a Path,
-    /// What it says.
+    /// Content of the target file.
     pub target: &'a TargetSpec,
-    /// The adjustment.
+    /// Result of the adjustment.
     pub calibration: &'a Calibration,
     /// What it was given.
     pub observations: &'a Observations,
     /// Pairs and their devices.
     pub pairs: &'a [(Pair, [usize; 2])],
-    /// Predicted sphere spacing.
+    /// Predicted uncertainty of a sphere spacing.
     pub spacing: Option<SphereSpacing>,
     /// Held-out poses and halves.
     pub validation: &'a Validation,
-    /// Certified lengths.
+    /// Certified lengths compared with measured ones.
     pub lengths: &'a [LengthCheck],
     /// What was left out.
     pub notes: &'a [String],
 }
 
-/// Writes the report.
+/// Writes the report as HTML.
 pub fn write(path: &Path, parts: &Parts) -> Result<()> {
     let pairs: Vec<(String, [usize; 2])> = parts.pairs.iter().map(|(p, d)| (p.name.clone(), *d)).collect();
     let report = CalibrationReport {

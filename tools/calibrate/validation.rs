@@ -1,4 +1,4 @@
-//! What says whether the rig may be trusted beyond the points it was adjusted to: held-out poses, two halves.
+//! Validation of the rig beyond the points it was adjusted to: held-out poses, two halves.
 
 use anyhow::{Context, Result, bail};
 use characterise::calibration::{
@@ -10,20 +10,20 @@ use serde_json::{Value, json};
 /// Poses are held out in this many groups by default: four fifths of them determine a rig nearly as well as all.
 const TURNS: usize = 5;
 
-/// What `--hold-out` asks for.
+/// Which poses `--hold-out` selects.
 pub enum Plan {
-    /// So many groups, each held out in turn from a calibration of its own; the rig knows all poses. With whether this was
-    /// asked for.
+    /// So many groups, each held out in turn from a separate calibration; the rig uses all poses. The flag is set where the
+    /// number was given.
     InTurn(usize, bool),
-    /// These poses; the rig does not know them.
+    /// These poses; the rig is calibrated without them.
     Named(Vec<usize>),
 }
 
-/// What was found.
+/// Results of the validation.
 pub struct Validation {
     /// Held-out poses, or why there are none.
     pub held: Result<HeldOut, String>,
-    /// How far the rig moves from one group of poses to another, where that was asked for of three groups or more.
+    /// How far the rig differs from one group of poses to another, where three groups or more were requested.
     pub between: Option<Vec<BetweenPoses>>,
     /// How they were chosen.
     pub how: String,
@@ -59,7 +59,7 @@ impl Plan {
             match found.as_slice() {
                 [pose] => poses.push(*pose),
                 [] => bail!("--hold-out {name}: no such pose; there are: {}", observations.poses.join(", ")),
-                _ => bail!("--hold-out {name}: fits {} poses; write more of the path", found.len()),
+                _ => bail!("--hold-out {name}: matches {} poses; give more of the path", found.len()),
             }
         }
         poses.sort_unstable();
@@ -67,7 +67,7 @@ impl Plan {
         Ok(Self::Named(poses))
     }
 
-    /// Calibrates and judges.
+    /// Calibrates the rig and validates it.
     pub fn solve(
         &self,
         observations: &Observations,
@@ -109,14 +109,13 @@ pub fn notes(validation: &Validation) -> impl Iterator<Item = String> {
     let beyond = validation.between.iter().flatten().filter(|b| b.over_stated > DISAGREEMENT);
     beyond.map(|b| {
         format!(
-            "{}: from one group of poses to another it moves {:.1} times as far as its stated uncertainties say, limit \
-             {DISAGREEMENT}; go by the uncertainty between poses, add poses, and see that the board is rigid and as declared",
+            "{}: from one group of poses to another it differs by {:.1} times its stated uncertainties, limit {DISAGREEMENT}; use the uncertainty between poses, add poses, and check that the board is rigid and as declared",
             b.name, b.over_stated
         )
     })
 }
 
-/// Lines for people.
+/// Prints the results of the validation.
 pub fn print(validation: &Validation) {
     match &validation.held {
         Ok(held) => {

@@ -1,4 +1,4 @@
-//! `fringetool check-rig`: any object lit with both fringe directions tells whether the rig still is what its file says.
+//! `fringetool check-rig`: detects from fringes on any object whether a rig has changed since its calibration.
 
 mod print;
 mod trend;
@@ -19,41 +19,40 @@ use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::PhaseView;
 use std::path::PathBuf;
 
-/// Arguments of `check-rig`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Folder of the recording: any object with smooth faces, lit with fringes along both axes.
+    /// Folder of the recording (docs/formats.md): any object with smooth faces, lit with fringes along both axes.
     recording: PathBuf,
-    /// Rig file to be checked.
-    #[arg(long)]
+    /// Rig file to check (TOML, docs/formats.md).
+    #[arg(long, value_name = "FILE")]
     rig: PathBuf,
-    /// Probability with which a healthy pair is called unhealthy.
+    /// Probability that a healthy pair is reported as unhealthy.
     #[arg(long, default_value_t = HealthSettings::default().false_alarm)]
     false_alarm: f64,
-    /// Smooth errors that the phase itself carries (footprint, blur, stray light), rms in px.
+    /// Smooth systematic errors of the phase (footprint, blur, stray light), rms in px.
     #[arg(long, default_value_t = HealthSettings::default().phase_error_px)]
     phase_error_px: f64,
-    /// Append the result to this trend file, one sealed line a check, and print its history. It is made when absent.
-    #[arg(long)]
+    /// Append the result to this trend file, one sealed line for each check, and print its history. The file is created when absent.
+    #[arg(long, value_name = "FILE")]
     trend: Option<PathBuf>,
     /// Key file (16 bytes or more) that seals the lines of the trend file; without it they are only chained by SHA-256.
-    #[arg(long, requires = "trend")]
+    #[arg(long, value_name = "FILE", requires = "trend")]
     key: Option<PathBuf>,
-    /// When the recording was made, RFC 3339; default: `date` in the recording's provenance, else now.
+    /// Date of the recording (RFC 3339); default: `date` in the recording's provenance, else now.
     #[arg(long)]
     date: Option<String>,
-    /// Draw the trend (SVG).
-    #[arg(long, requires = "trend")]
-    chart: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Draw the trend as an SVG image.
+    #[arg(long, alias = "chart", value_name = "FILE", requires = "trend")]
+    picture: Option<PathBuf>,
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// What a pair was found to be.
+/// Result of the check of one pair.
 #[derive(serde::Serialize)]
 pub struct PairCheck {
-    /// As in the rig file.
+    /// Name in the rig file.
     name: String,
     left: String,
     right: String,
@@ -64,7 +63,7 @@ pub struct PairCheck {
     health: PairHealth,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_files(args)?;
     let settings = HealthSettings {
@@ -75,7 +74,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     settings.check()?;
     let recording = Recording::open(&args.recording)?;
     let date = trend::date(args, &recording)?;
-    // A broken trend is told before the work, not after.
+    // A broken trend file is reported before the work, not after.
     trend::verify(args)?;
     let rig_file = read_rig(&args.rig)?;
     let covariance = rig_file.read_covariance()?;
@@ -114,7 +113,7 @@ fn check_files(args: &Args) -> Result<()> {
     inputs.extend(args.key.as_deref());
     let outputs = [
         ("--trend", args.trend.as_deref()),
-        ("--chart", args.chart.as_deref()),
+        ("--picture", args.picture.as_deref()),
         ("--json", args.json.as_deref()),
     ];
     check_outputs(&outputs, &inputs, None)
@@ -160,7 +159,7 @@ fn check(
         let view = views.iter().find(|v| v.projector == pair.projector && v.camera == camera);
         let maps = view.and_then(|view| Some([view.map(Axis::X)?.view(), view.map(Axis::Y)?.view()]));
         maps.with_context(|| {
-            format!("projector \"{}\" did not light camera \"{camera}\" along both axes", pair.projector)
+            format!("projector \"{}\" is not seen by camera \"{camera}\" along both axes", pair.projector)
         })
     };
     let [lx, ly] = both(&pair.left)?;
@@ -178,7 +177,7 @@ fn check(
     Ok(PairCheck { name, left, right, projector, counts: found.counts, health })
 }
 
-/// The part of the covariance that a pair needs; `None` where the calibration did not hold one of its views.
+/// The part of the covariance that a pair needs; `None` where the calibration did not include one of its views.
 fn pair_covariance(covariance: &Covariance, pair: &Pair) -> Option<PairCovariance> {
     let matrix = covariance.part(&[&pair.left, &pair.right])?;
     let names = [covariance.parameters.clone(), covariance.parameters.clone()];

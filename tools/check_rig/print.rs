@@ -1,4 +1,4 @@
-//! What the check says to people.
+//! Prints the result of the check.
 
 use super::PairCheck;
 use characterise::health::Cause;
@@ -28,8 +28,8 @@ pub fn print(checks: &[PairCheck], with_covariance: bool) {
         );
         if h.pattern_px > h.pattern_limit_px {
             println!(
-                "  what no drift explains: {:.4} px rms, limit {:.4} px: a lens changed, or the phase is worse than \
-                 --phase-error-px says (few steps, gamma, a dark or shiny object)",
+                "  not explained by drift: {:.4} px rms, limit {:.4} px: a lens changed, or the phase is worse than \
+                 --phase-error-px states (few steps, gamma, a dark or shiny object)",
                 h.pattern_px, h.pattern_limit_px
             );
         }
@@ -44,7 +44,7 @@ pub fn print(checks: &[PairCheck], with_covariance: bool) {
         println!("in every unhealthy pair: {}", suspects.join(", "));
     }
     if !with_covariance {
-        println!("the rig file names no covariance: the limit holds noise and phase error only");
+        println!("the rig file has no covariance: the limit includes noise and phase error only");
     }
 }
 

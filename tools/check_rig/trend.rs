@@ -11,7 +11,7 @@ use report::trend_chart::chart_svg;
 /// Checks of the history that are printed.
 const SHOWN: usize = 8;
 
-/// As the person says, as the recording says, or now.
+/// The date given by `--date`, that of the recording, or now.
 pub fn date(args: &Args, recording: &Recording) -> Result<String> {
     let recorded = recording.provenance.get("date").map(|date| match date {
         toml::Value::String(text) => text.clone(),
@@ -20,7 +20,9 @@ pub fn date(args: &Args, recording: &Recording) -> Result<String> {
     let Some(given) = args.date.clone().or(recorded) else { return Ok(files::clock::rfc3339_now()) };
     match given.parse::<toml::value::Datetime>() {
         Ok(date) if date.date.is_some() => Ok(given),
-        _ => bail!("--date {given}: is no date; write RFC 3339, such as 2026-01-31T08:00:00Z or 2026-01-31"),
+        _ => {
+            bail!("--date {given}: is not a date; write RFC 3339, such as 2026-01-31T08:00:00Z or 2026-01-31")
+        }
     }
 }
 
@@ -28,7 +30,7 @@ fn seal(args: &Args) -> Result<Seal> {
     Ok(args.key.as_deref().map(Seal::read_key).transpose()?.unwrap_or(Seal::Chain))
 }
 
-/// Reads the trend file, if one is asked for.
+/// Checks the trend file given by `--trend`.
 pub fn verify(args: &Args) -> Result<()> {
     if let Some(path) = &args.trend {
         read_trend(path, &seal(args)?)?;
@@ -36,7 +38,7 @@ pub fn verify(args: &Args) -> Result<()> {
     Ok(())
 }
 
-/// Appends the check and prints the history, if a trend file is asked for.
+/// Appends the check to the trend file given by `--trend` and prints its history.
 pub fn append(
     args: &Args,
     date: String,
@@ -68,7 +70,7 @@ pub fn append(
         println!("  {} rig {rig} {verdict}: {}", entry.date, pairs.join(", "));
     }
     println!("  last seal {}", trend.last_seal);
-    if let Some(chart) = &args.chart {
+    if let Some(chart) = &args.picture {
         atomic::write(chart, chart_svg(&trend.entries).as_bytes())?;
     }
     Ok(())

@@ -20,32 +20,31 @@ use std::path::{Path, PathBuf};
 /// Fewest points of a cloud: a standard deviation takes two.
 const LEAST_POINTS: usize = 2;
 
-/// Arguments of `compare`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The cloud (PLY, E57), lengths in mm.
+    /// Cloud to compare (PLY or E57, docs/formats.md), lengths in mm.
     cloud: PathBuf,
-    /// What it is compared with: a cloud (PLY, E57) or a mesh (STL, PLY with faces), lengths in mm.
+    /// Reference: a cloud (PLY, E57) or a mesh (STL, PLY with faces), lengths in mm.
     reference: PathBuf,
-    /// How distances are taken: from the surface of the reference, or as means in cylinders with a level of detection.
+    /// Definition of the distances: to the surface of the reference, or means in cylinders with a level of detection.
     #[arg(long, value_enum, default_value_t = Method::Surface)]
     method: Method,
-    /// Brings the cloud onto the reference first.
+    /// Register the cloud to the reference first.
     #[arg(long, value_enum, default_value_t = Align::None)]
     align: Align,
-    /// Inspection plan with the datums of `--align rps`; the reference lies in its part frame.
+    /// Inspection plan (TOML, docs/formats.md) with the datums of `--align rps`; the reference is in its part frame.
     #[arg(long)]
     plan: Option<PathBuf>,
-    /// Where `--align best-fit` begins: `search`, `as-it-lies`, or a file with a 4 × 4 matrix.
+    /// Start of `--align best-fit`: `search`, `as-it-lies` (identity), or a file with a 4 × 4 matrix.
     #[arg(long, default_value = "search")]
     start: String,
     /// Points farther from the reference than this are counted and left out, mm.
     #[arg(long, value_parser = length)]
     max_distance: Option<f64>,
-    /// Radius of the surroundings that make the surface of a reference cloud, mm; by default three spacings of its points.
+    /// Radius of the neighbourhood that defines the surface of a reference cloud, mm; by default three spacings of its points.
     #[arg(long, value_parser = length)]
     radius: Option<f64>,
-    /// Where the outside of a reference cloud without normals is.
+    /// Direction to the outside of a reference cloud without normals.
     #[arg(long, value_name = "x,y,z", default_value = "0,0,1", allow_hyphen_values = true)]
     towards: Direction,
     /// M3C2: diameters on which normals are tried, mm.
@@ -54,23 +53,23 @@ pub struct Args {
     /// M3C2: diameter of the cylinder, mm.
     #[arg(long, value_parser = length)]
     projection_scale: Option<f64>,
-    /// M3C2: edge of the cells that keep one core point each, mm.
+    /// M3C2: edge of the cells that contain one core point each, mm.
     #[arg(long, value_parser = length)]
     core: Option<f64>,
     /// M3C2: uncertainty of the alignment, mm.
     #[arg(long, default_value_t = 0.0)]
     registration: f64,
-    /// End of the colour bar, mm; by default from the data.
+    /// Upper limit of the colour scale, mm; by default from the data.
     #[arg(long, value_parser = length)]
     range: Option<f64>,
-    /// The cloud with its deviations as `deviation` (mm) and colours (PLY).
+    /// Write the cloud with its deviations as `deviation` (mm) and colours (PLY).
     #[arg(long)]
     out: Option<PathBuf>,
-    /// Report with the map of deviations and the histogram (HTML).
+    /// Write a report with the map of deviations and the histogram (HTML).
     #[arg(long)]
     report: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -84,7 +83,7 @@ enum Method {
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Align {
-    /// As it lies.
+    /// No registration: as measured.
     None,
     /// Point-to-plane ICP over all points.
     BestFit,
@@ -92,7 +91,7 @@ enum Align {
     Rps,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [
         ("--out", args.out.as_deref()),

@@ -1,21 +1,21 @@
-//! A fit in a few lines for people.
+//! Prints a fit in a few lines.
 
 use super::region::Left;
 use metrology::fit::{
     CircleFit, ConeFit, CylinderFit, Form, LineFit, PlaneFit, SphereFit, Support, TorusFit,
 };
 
-/// What a fit says about itself.
+/// Properties of a fit that are printed.
 pub trait Describe {
     /// Its parameters with uncertainties.
     fn parameters(&self) -> String;
-    /// Its form deviation.
+    /// Form deviation of the fit.
     fn form(&self) -> &Form;
     /// What its uncertainties rest on.
     fn support(&self) -> &Support;
 }
 
-/// Prints a fit.
+/// Prints a fit and the points left out.
 pub fn print(fit: &impl Describe, left: &Left, minimum_zone_mm: Option<f64>) {
     println!("{}", fit.parameters());
     let form = fit.form();
@@ -24,7 +24,7 @@ pub fn print(fit: &impl Describe, left: &Left, minimum_zone_mm: Option<f64>) {
         form.points, form.rejected, form.form_range_mm, form.form_sigma_mm, form.form_d95_mm
     );
     if let Some(outside) = left.outside_margin {
-        println!("  {outside} points of the region lie outside the margin");
+        println!("  {outside} points of the region are outside the margin");
     }
     if let Some(width) = minimum_zone_mm {
         println!("  minimum zone {width:.5} mm");
@@ -37,7 +37,7 @@ fn words(support: &Support) -> String {
         (0, _) => "points taken as independent".into(),
         (cells, None) => format!("noise correlated within {cells} cells"),
         (cells, Some(reach)) if reach > 0.0 => {
-            format!("noise correlated over {reach:.2} mm by the residuals' own account ({cells} cells)")
+            format!("noise correlated over {reach:.2} mm as estimated from the residuals ({cells} cells)")
         }
         (cells, Some(_)) => format!("no correlation between {cells} cells in the residuals"),
     }

@@ -71,7 +71,7 @@ impl FromStr for Corners {
 fn numbers(text: &str) -> Result<Vec<f64>, String> {
     let one = |part: &str| {
         let number = part.trim().parse::<f64>().ok().filter(|v| v.is_finite());
-        number.ok_or_else(|| format!("\"{part}\" is no finite number"))
+        number.ok_or_else(|| format!("\"{part}\" is not a finite number"))
     };
     text.split(',').map(one).collect()
 }

@@ -23,15 +23,15 @@ pub struct FringeResult {
     pub corrected: bool,
     /// γ of the projector: that of the fringes times that of their encoding.
     pub gamma: f64,
-    /// Its standard uncertainty.
+    /// Standard uncertainty of the exponent.
     pub u_gamma: f64,
     /// Exponent with which the fringes were drawn, as level^(1/P).
     pub encoded_gamma: f64,
     /// The fringes as they arrived.
     pub fringes: FringeResponse,
-    /// Level to draw, 0 … 1; entry i of n stands for the wanted level i / (n − 1).
+    /// Level to project, 0 … 1; entry i of n belongs to the wanted level i / (n − 1).
     pub lut: LevelTable,
-    /// The recorded fringes' waveform, as the fitted response tells it.
+    /// Waveform of the recorded fringes by the fitted response.
     pub before: Waveform,
     /// The same with patterns drawn by the table.
     pub after: Waveform,

@@ -19,7 +19,7 @@ pub struct Seen {
     pub camera: Option<String>,
     /// Whether the patterns were drawn corrected.
     pub corrected: bool,
-    /// Grey levels.
+    /// Frames of grey levels.
     pub stack: Option<Stack>,
     /// Fringes of one sine set, in order of their steps; empty if there are none.
     pub sine: Vec<Frame>,
@@ -30,7 +30,7 @@ pub struct Seen {
 /// Reads recording or pictures.
 pub fn gather(args: &Args) -> Result<Seen> {
     match (&args.recording, args.images.is_empty()) {
-        (None, true) => bail!("neither a recording nor --images: name one of them"),
+        (None, true) => bail!("neither a recording nor --images: give one of them"),
         (Some(_), false) => bail!("a recording and --images together: give one of them"),
         (Some(path), true) => {
             let recording = Recording::open(path)?;
@@ -54,10 +54,10 @@ fn levels(text: &str, bits: u8) -> Result<Vec<f64>> {
 
 fn pictures(args: &Args) -> Result<Seen> {
     if args.projector.is_some() || args.camera.is_some() {
-        bail!("--projector and --camera go with a recording, not with --images");
+        bail!("--projector and --camera apply to a recording, not to --images");
     }
     let Some(text) = &args.levels else {
-        bail!("--images needs --levels: the projected level of each picture, such as 0:255:5");
+        bail!("--images needs --levels: the projected level of each image, such as 0:255:5");
     };
     let levels = levels(text, args.bits)?;
     let mut files: Vec<PathBuf> = Vec::new();
@@ -66,7 +66,7 @@ fn pictures(args: &Args) -> Result<Seen> {
     }
     if files.len() != levels.len() {
         bail!(
-            "--images: {} pictures, but --levels: {} levels; give one level a picture",
+            "--images: {} images, but --levels: {} levels; give one level for each image",
             files.len(),
             levels.len()
         );
@@ -99,7 +99,7 @@ fn recorded(args: &Args, recording: &Recording) -> Result<Seen> {
     };
     let Some(camera) = camera else {
         bail!(
-            "{source}: --camera {}: did not look at \"{}\"; there are: {}",
+            "{source}: --camera {}: has no images of \"{}\"; there are: {}",
             args.camera.as_deref().unwrap_or(""),
             projector.name,
             names()
@@ -136,7 +136,7 @@ fn recorded(args: &Args, recording: &Recording) -> Result<Seen> {
         let (Some(white), Some(black), false) = (white, black, seen.sine.is_empty()) else {
             bail!(
                 "{}: projector \"{}\" shows no grey levels, nor fringes with white and black; record {{ set = \"ramp\", levels = 52 }}, \
-                 or say the level of each frame with --levels",
+                 or give the level of each frame with --levels",
                 seen.source,
                 projector.name
             );
@@ -179,7 +179,7 @@ fn grey_frames(args: &Args, projector: &RecordedProjector) -> Result<Option<(usi
     let frames = frame_count(sequence);
     if frames != levels.len() {
         bail!(
-            "--levels: {} levels, but projector \"{}\" has {frames} frames and no set of that many grey ones; give one level a frame",
+            "--levels: {} levels, but projector \"{}\" has {frames} frames and no set of that many grey ones; give one level for each frame",
             levels.len(),
             projector.name
         );

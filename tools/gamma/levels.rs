@@ -21,27 +21,27 @@ pub struct LevelResult {
     pub camera: Option<String>,
     /// Whether the patterns were drawn corrected.
     pub corrected: bool,
-    /// The region.
+    /// Evaluated region of the image.
     pub roi: Roi,
     /// Pixels of the region.
     pub pixels: u64,
     /// Of these, left out because they saturate at some level.
     pub saturated_pixels: usize,
-    /// By rising level.
+    /// Measured levels, in rising order.
     pub levels: Vec<GreyLevel>,
     /// γ of eq. 3.1.
     pub gamma: f64,
-    /// Its standard uncertainty.
+    /// Standard uncertainty of the exponent.
     pub u_gamma: f64,
-    /// Eq. 3.1.
+    /// Power law, eq. 3.1 of the thesis.
     pub power_law: PowerLaw,
-    /// Eq. 3.2.
+    /// Inverse polynomial, eq. 3.2 of the thesis.
     pub polynomial: InversePolynomial,
     /// Standard uncertainties of its coefficients.
     pub u_coefficients: [f64; COEFFICIENTS],
     /// What the table inverts.
     pub table_source: &'static str,
-    /// Level to draw, 0 … 1; entry i of n stands for the wanted level i / (n − 1).
+    /// Level to project, 0 … 1; entry i of n belongs to the wanted level i / (n − 1).
     pub lut: LevelTable,
     /// As the measured response predicts it, drawn without correction.
     pub before: Waveform,
@@ -109,7 +109,7 @@ fn evaluate(args: &Args, seen: &Seen) -> Result<LevelResult> {
     })
 }
 
-/// Fringes beside the grey levels, where there are enough steps to say more than their own phase.
+/// Fringes recorded with the grey levels, where there are enough steps to determine more than their phase.
 fn recorded(args: &Args, sine: &[Frame]) -> Result<Option<RecordedWaveform>> {
     if sine.is_empty() {
         return Ok(None);

@@ -15,48 +15,47 @@ use input::Seen;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Arguments of `gamma`.
 #[derive(clap::Args)]
 pub struct Args {
     /// A recording with grey levels ({ set = "ramp", levels = 52 }; further fringes with fine steps show the waveform), or
     /// with fringes, white and black.
     recording: Option<PathBuf>,
-    /// Pictures instead of a recording, one a level: patterns with `*`, taken in the order of the numbers in their names.
+    /// Images instead of a recording, one for each level: patterns with `*`, in the order of the numbers in the names.
     #[arg(long, value_name = "PATTERN", num_args = 1..)]
     images: Vec<String>,
-    /// Projected level of each picture, 0 … 255 (or 0 … 1 if none is above 1): 0,5,10,… or 0:255:5. With a recording: of its
-    /// frames, where the sequence does not tell.
+    /// Projected level of each image, 0 … 255 (or 0 … 1 if none is above 1): 0,5,10,… or 0:255:5. With a recording: of its
+    /// frames, where the sequence does not contain the levels.
     #[arg(long, value_name = "LIST", allow_hyphen_values = true)]
     levels: Option<String>,
-    /// Which projector of the recording; without it the first one.
+    /// Projector of the recording; by default the first.
     #[arg(long)]
     projector: Option<String>,
-    /// Which camera of the recording; without it the first one.
+    /// Camera of the recording; by default the first.
     #[arg(long)]
     camera: Option<String>,
-    /// Region whose mean counts, px; without it the middle 100 × 100 px (fringes: the whole frame).
+    /// Region whose mean is evaluated, px; by default the middle 100 × 100 px (fringes: the whole frame).
     #[arg(long, value_name = "x,y,w,h")]
     roi: Option<Roi>,
-    /// Steps N of the phase whose error is told.
+    /// Number of steps N of the phase whose error is reported.
     #[arg(long, default_value_t = 3)]
     steps: u32,
-    /// Bits of the projector: the table has 2^bits entries.
+    /// Bit depth of the projector: the table has 2^bits entries.
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(8..=16))]
     bits: u8,
     /// What the table inverts: the measured response, or the polynomial of order 7 (eq. 3.2).
     #[arg(long, value_enum, default_value = "response")]
     table: Inverts,
-    /// Exponent P with which the recorded fringes were drawn, as level^(1/P); for recordings without grey levels.
+    /// Exponent P with which the recorded fringes were encoded, as level^(1/P); for recordings without grey levels.
     #[arg(long, value_name = "P", default_value_t = 1.0)]
     encoded_gamma: f64,
-    /// Pattern correction to write, for `pattern_correction` of a configuration and for `simulate`.
+    /// Pattern correction to write (TOML, docs/formats.md), for `pattern_correction` of a configuration and for `simulate`.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Diagrams: response, residuals, harmonics (HTML).
-    #[arg(long, value_name = "FILE")]
+    /// Write a report with response, residuals and harmonics (HTML).
+    #[arg(long, alias = "html", value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -82,7 +81,7 @@ impl Waveform {
     }
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let inputs: Vec<&Path> = args.recording.iter().map(PathBuf::as_path).collect();
     let outputs = [
@@ -100,8 +99,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let seen = input::gather(args)?;
     if args.out.is_some() && seen.corrected {
         bail!(
-            "{}: its patterns were drawn corrected, so the response is not the projector's own; record without \
-             pattern_correction, or leave --out away to see what the correction left",
+            "{}: its patterns were corrected, so the response is not that of the projector; record without pattern_correction, or omit --out to see the residual error of the correction",
             seen.source
         );
     }
@@ -115,7 +113,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Writes what was asked for.
+/// Writes the requested files and prints the result.
 fn finish<T: Serialize>(
     args: &Args,
     seen: &Seen,
@@ -132,7 +130,9 @@ fn finish<T: Serialize>(
         println!("{}", path.display());
     }
     if seen.corrected {
-        println!("the patterns were drawn corrected: what is told is what the correction left");
+        println!(
+            "the projected patterns were corrected: the figures are the residual error of the correction"
+        );
     }
     emit(args.json.as_deref(), result)
 }

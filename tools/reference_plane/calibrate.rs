@@ -12,32 +12,31 @@ use fringe::phase::PhaseMap;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Arguments of `reference-plane calibrate`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// A plane: its height in mm and its recording, `0=plane-00`; once for each. The first one is the reference.
+    /// A plane: its height in mm and its recording (docs/formats.md), such as `0=plane-00`; repeated for each plane. The first one is the reference.
     #[arg(long = "plane", value_name = "MM=RECORDING", required = true, allow_hyphen_values = true)]
     planes: Vec<Plane>,
-    /// Degree of the polynomials: 1 is K₀ alone (eq. 2.19), 1 to 3.
+    /// Degree of the polynomials, 1 to 3; 1 is K₀ alone (eq. 2.19).
     #[arg(long, default_value_t = 2)]
     degree: usize,
-    /// In each pixel, leave out planes beyond so many robust standard deviations of what the field shows; `inf` leaves none out.
+    /// In each pixel, leave out planes beyond so many robust standard deviations of the residuals over the field; `inf` leaves none out.
     #[arg(long, value_name = "SIGMAS", default_value_t = 6.0)]
     reject: f64,
-    /// Which camera; needed when the recordings have several.
+    /// Camera of the recordings; required when they have several.
     #[arg(long)]
     camera: Option<String>,
-    /// Which projector; needed when the recordings have several.
+    /// Projector of the recordings; required when they have several.
     #[arg(long)]
     projector: Option<String>,
-    /// Along which axis: the one across which camera and projector stand apart.
+    /// Axis of the fringes: the one along which camera and projector are separated.
     #[arg(long, value_enum, default_value_t = AxisName::X)]
     axis: AxisName,
-    /// Folder for the calibration.
-    #[arg(long)]
+    /// Folder to write the calibration to.
+    #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -60,12 +59,12 @@ impl FromStr for Plane {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let (height, path) = text.split_once('=').ok_or("must be MM=RECORDING, as in 10=plane-10")?;
-        let height_mm = height.trim().parse().map_err(|_| format!("\"{height}\" is no height in mm"))?;
+        let height_mm = height.trim().parse().map_err(|_| format!("\"{height}\" is not a height in mm"))?;
         Ok(Self { height_mm, recording: path.into() })
     }
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let files: Vec<PathBuf> = args.planes.iter().map(|plane| plane.recording.join(RECORDING_FILE)).collect();
     let inputs: Vec<&Path> = files.iter().map(PathBuf::as_path).collect();
@@ -78,7 +77,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let (calibration, report) = calibrate(&planes, args.degree, args.reject)?;
     if report.calibrated == 0 {
         bail!(
-            "no pixel sees {} planes or more at different phases; are the recordings of one camera?",
+            "no pixel has {} planes or more at different phases; check that the recordings are of one camera",
             args.degree + 1
         );
     }
@@ -110,7 +109,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     if report.inconsistent > 0 {
         println!(
-            "  {} px left out: their planes contradict each other, and none is to spare",
+            "  {} px left out: their planes contradict each other, and there is no redundancy",
             report.inconsistent
         );
     }

@@ -16,32 +16,31 @@ use report::ColourMap;
 use report::picture::{Range, Scalar, scalar_png};
 use std::path::{Path, PathBuf};
 
-/// Arguments of `reference-plane measure`.
 #[derive(clap::Args)]
 pub struct Args {
     /// Folder of the recording.
     recording: PathBuf,
     /// Folder of the calibration.
-    #[arg(long)]
+    #[arg(long, value_name = "DIR")]
     calibration: PathBuf,
-    /// Heights in mm, NaN where not known (`.npy`).
-    #[arg(long)]
+    /// Write the heights in mm, NaN where unknown (`.npy`).
+    #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// Picture of the heights (PNG).
-    #[arg(long)]
+    /// Write an image of the heights (PNG).
+    #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
-    /// Point cloud (PLY); takes --rig, whose plane z = 0 must be the reference plane.
-    #[arg(long, requires = "rig")]
+    /// Write a point cloud (PLY, docs/formats.md); requires --rig, whose plane z = 0 must be the reference plane.
+    #[arg(long, value_name = "FILE", requires = "rig")]
     cloud: Option<PathBuf>,
-    /// Rig file with the camera, for the lateral coordinates of --cloud.
-    #[arg(long, requires = "cloud")]
+    /// Rig file (TOML, docs/formats.md) with the camera, for the lateral coordinates of --cloud.
+    #[arg(long, value_name = "FILE", requires = "cloud")]
     rig: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let (recording, planes) = (args.recording.join(RECORDING_FILE), args.calibration.join(PLANE_FILE));
     let mut inputs: Vec<&Path> = vec![&recording, &planes];
@@ -110,7 +109,7 @@ fn print_report(args: &Args, heights: &Heights) -> Result<Outcome> {
     let (low, high) = known().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| (l.min(z), h.max(z)));
     if count == 0 {
         bail!(
-            "{}: no pixel has a height; {} lie beyond the calibrated range; was anything moved since the calibration?",
+            "{}: no pixel has a height; {} are beyond the calibrated range; check that nothing was moved since the calibration",
             args.recording.display(),
             heights.beyond
         );

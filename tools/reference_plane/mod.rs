@@ -12,10 +12,8 @@ use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
 use std::path::Path;
 
-/// Arguments of `reference-plane`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// What to do.
     #[command(subcommand)]
     what: What,
 }
@@ -28,7 +26,7 @@ enum What {
     Measure(measure::Args),
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     match &args.what {
         What::Calibrate(args) => calibrate::run(args),
@@ -44,7 +42,7 @@ struct Which {
     axis: Axis,
 }
 
-/// Decodes one view.
+/// Decodes one view along one axis.
 fn decode(folder: &Path, which: &Which) -> Result<PhaseMap> {
     let recording = Recording::open(folder)?;
     let views = decode_views(&recording, &DecodeSettings::default(), |projector, camera| {
@@ -54,7 +52,7 @@ fn decode(folder: &Path, which: &Which) -> Result<PhaseMap> {
     match maps.into_iter().find(|map| map.info.axis == which.axis) {
         Some(map) => Ok(map),
         None => bail!(
-            "{}: camera \"{}\" under projector \"{}\" tells no phase along {:?}; measure with the view that was calibrated",
+            "{}: camera \"{}\" under projector \"{}\" has no phase along {:?}; measure with the view that was calibrated",
             recording.document.path.display(),
             which.camera,
             which.projector,

@@ -12,36 +12,35 @@ use metrology::fit::{self, FitSettings};
 use nalgebra::Point3;
 use std::path::{Path, PathBuf};
 
-/// Arguments of `rotation-stage calibrate`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// A view and its angle in degrees, right-handed about the axis: `30=view.ply`; once for each view.
+    /// A view (PLY or E57, docs/formats.md) and its angle in degrees, right-handed about the axis, such as `30=view.ply`; repeated for each view.
     #[arg(long = "view", value_name = "DEG=CLOUD", required = true, allow_hyphen_values = true)]
     views: Vec<ViewArg>,
-    /// What turned: a sphere beside the axis, or any object whose views overlap.
+    /// What was on the stage: a sphere beside the axis, or any object whose views overlap.
     #[arg(long, value_enum, default_value_t = Artefact::Sphere)]
     artefact: Artefact,
-    /// Points within this of the sphere belong to it, mm.
+    /// Sphere: use only points within this distance of its surface, mm.
     #[arg(long, default_value = "0.2", value_parser = length)]
     within: f64,
-    /// Diameter of the sphere, mm, where it is known.
+    /// Sphere: fixed diameter, mm; by default it is fitted.
     #[arg(long, value_parser = length)]
     diameter: Option<f64>,
-    /// Object: about where the axis lies; without it each view is searched for on the one before.
+    /// Object: approximate axis, a point (mm) and a direction; by default each view is registered to the one before by search.
     #[arg(long, value_name = "x,y,z,dx,dy,dz", allow_hyphen_values = true)]
     rough: Option<Axis>,
-    /// The axis, to be written.
-    #[arg(long)]
+    /// Axis file to write (TOML, docs/formats.md).
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// What turned.
+/// What was on the stage.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Artefact {
-    /// Its centre tells the axis.
+    /// Its centres determine the axis.
     Sphere,
     /// The alignment of its views does.
     Object,
@@ -50,7 +49,7 @@ enum Artefact {
 /// An axis whose direction is less sure than this moves what lies 100 mm off by half a millimetre: nothing was measured.
 const DIRECTION_LIMIT_RAD: f64 = 5e-3;
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let inputs: Vec<&Path> = args.views.iter().map(|view| view.path.as_path()).collect();
     let outputs = [("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
@@ -60,10 +59,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
         Artefact::Sphere => axis_from_places(&centres(args, &views)?)?,
         Artefact::Object => axis_of_object(&views, args.rough.map(|Axis(axis)| axis))?,
     };
-    // Whatever is written is used: an axis that the views do not tell must not be.
+    // An axis that the views do not determine is not written.
     if found.u_direction_rad.is_nan() || found.u_direction_rad > DIRECTION_LIMIT_RAD {
         bail!(
-            "these views do not tell an axis: u of its direction {:.1} mrad, the limit is {} mrad, residual {:.4} mm; are the \
+            "these views do not determine an axis: u of its direction {:.1} mrad, the limit is {} mrad, residual {:.4} mm; are the \
              angles right, is it one sphere in all views (--diameter), did it stay where it was on the stage?",
             found.u_direction_rad * 1e3,
             DIRECTION_LIMIT_RAD * 1e3,

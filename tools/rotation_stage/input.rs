@@ -15,9 +15,9 @@ use std::str::FromStr;
 /// A cloud and the angle of the stage at which it was taken: `ANGLE=FILE`.
 #[derive(Debug, Clone)]
 pub struct ViewArg {
-    /// Degrees.
+    /// Angle of the stage, degrees.
     pub angle_deg: f64,
-    /// The cloud.
+    /// File of the cloud.
     pub path: PathBuf,
 }
 
@@ -27,7 +27,7 @@ impl FromStr for ViewArg {
     fn from_str(text: &str) -> Result<Self, String> {
         let (angle, path) = text.split_once('=').ok_or("must be ANGLE=FILE, as in 30=view-030.ply")?;
         let angle_deg: f64 =
-            angle.trim().parse().map_err(|_| format!("\"{angle}\" is no angle in degrees"))?;
+            angle.trim().parse().map_err(|_| format!("\"{angle}\" is not an angle in degrees"))?;
         if !angle_deg.is_finite() {
             return Err(format!("{angle} must be finite"));
         }
@@ -35,7 +35,7 @@ impl FromStr for ViewArg {
     }
 }
 
-/// An axis `x,y,z,dx,dy,dz`.
+/// An axis given as `x,y,z,dx,dy,dz`.
 #[derive(Debug, Clone, Copy)]
 pub struct Axis(pub StageAxis);
 
@@ -55,17 +55,17 @@ impl FromStr for Axis {
 
 /// A view that was read.
 pub struct View {
-    /// For messages.
+    /// File name, for messages.
     pub name: String,
-    /// As given, degrees.
+    /// Angle of the stage as given, degrees.
     pub angle_deg: f64,
-    /// rad.
+    /// Angle of the stage, rad.
     pub angle_rad: f64,
-    /// As measured.
+    /// Points in the frame of the sensor, mm.
     pub points: Vec<Point>,
 }
 
-/// Reads all views.
+/// Reads the clouds of all views.
 pub fn read(views: &[ViewArg]) -> Result<Vec<View>> {
     let mut progress = Progress::new(views.len(), "reading");
     let mut all = Vec::new();
@@ -93,18 +93,17 @@ pub fn onto(view: &View, there: &[Point], start: From, reach_mm: Option<f64>) ->
         .with_context(|| view.name.clone())
 }
 
-/// Whether an alignment may replace what the axis says.
+/// Whether an alignment may replace the motion about the axis.
 pub fn trusted(found: &Registration) -> bool {
     found.converged && found.undetermined.is_empty()
 }
 
-/// Refuses a motion that ICP found to be far from what the axis says.
+/// Refuses a motion from ICP that is far from the motion about the axis.
 pub fn check_near(found: &Pose, expected: &Pose, at: &Point3<f64>, limit_mm: f64, name: &str) -> Result<f64> {
     let apart_mm = (found.point(&at.coords) - expected.point(&at.coords)).norm();
     if apart_mm > limit_mm {
         bail!(
-            "{name}: the alignment moves the view by {apart_mm:.3} mm from where the axis puts it, limit {limit_mm} mm; is the \
-             angle right, and the axis that of this stage?"
+            "{name}: the alignment moves the view by {apart_mm:.3} mm from its place by the axis, limit {limit_mm} mm; check the angle, and that the axis is that of this stage"
         );
     }
     Ok(apart_mm)

@@ -15,26 +15,25 @@ use metrology::register::From;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Arguments of `rotation-stage merge`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// The axis (from `rotation-stage calibrate`).
-    #[arg(long)]
+    /// Axis file (from `rotation-stage calibrate`; docs/formats.md).
+    #[arg(long, value_name = "FILE")]
     stage: PathBuf,
-    /// A view and its angle in degrees: `30=view.ply`; once for each view. All come to where the part stood at angle 0.
+    /// A view (PLY or E57, docs/formats.md) and its angle in degrees, such as `30=view.ply`; repeated for each view. All are moved to angle 0.
     #[arg(long = "view", value_name = "DEG=CLOUD", required = true, allow_hyphen_values = true)]
     views: Vec<ViewArg>,
-    /// Trust the axis alone, without ICP.
+    /// Use the axis alone, without ICP.
     #[arg(long)]
     no_refine: bool,
-    /// Farthest match of the ICP, and farthest that it may move a view, mm.
+    /// Largest distance of a match in ICP, and largest motion of a view by it, mm.
     #[arg(long, default_value = "1", value_parser = length)]
     reach: f64,
-    /// The merged cloud (PLY).
-    #[arg(long)]
+    /// Merged cloud to write (PLY).
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -44,18 +43,18 @@ struct Placed {
     cloud: String,
     angle_deg: f64,
     points: usize,
-    /// Whether ICP had the last word, or the axis.
+    /// Whether the pose comes from ICP or from the axis.
     refined: bool,
     /// How far ICP moved the middle of the view, mm.
     moved_mm: f64,
     /// Distance of the matches, mm; absent for the first view and without ICP.
     rms_mm: Option<f64>,
-    /// Why ICP was not trusted.
+    /// Why the result of ICP was not used.
     #[serde(skip_serializing_if = "Option::is_none")]
     reason: Option<String>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let mut inputs: Vec<&Path> = args.views.iter().map(|view| view.path.as_path()).collect();
     inputs.push(&args.stage);

@@ -11,10 +11,8 @@ pub use object::axis_of_object;
 use crate::Outcome;
 use anyhow::Result;
 
-/// Arguments of `rotation-stage`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// What to do.
     #[command(subcommand)]
     what: What,
 }
@@ -27,7 +25,7 @@ enum What {
     Merge(merge::Args),
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     match &args.what {
         What::Calibrate(args) => calibrate::run(args),

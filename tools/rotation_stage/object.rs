@@ -1,4 +1,4 @@
-//! The axis from views of any object that overlap, and how far it can be trusted.
+//! The axis from overlapping views of any object, and its uncertainty.
 
 use super::input::{View, middle, onto};
 use crate::progress::Progress;
@@ -13,8 +13,8 @@ use nalgebra::{Point3, Vector3};
 const BLOCKS: usize = 8;
 
 /// Each view onto the one before, all motions chained to the first; then, with the axis so found, again from there. The uncertainty
-/// comes from doing it again without each block of the object in turn: neighbouring points share noise and whatever else is wrong with
-/// them, so that their number says little.
+/// comes from repeating it without each block of the object in turn: neighbouring points share noise and other errors,
+/// so that their number means little.
 pub fn axis_of_object(views: &[View], rough: Option<StageAxis>) -> Result<StageCalibration> {
     let [first, others @ ..] = views else { bail!("no --view") };
     let mut progress = Progress::new((2 + BLOCKS) * others.len(), "aligning");
@@ -52,7 +52,7 @@ fn align(views: &[View], rough: Option<StageAxis>, step: &mut impl FnMut()) -> R
         let registration = onto(view, &before.points, start, None)?;
         if !registration.undetermined.is_empty() {
             bail!(
-                "{}: slides on the view before it ({}); turn an object with more shape, or a sphere with --artefact sphere",
+                "{}: is free to slide on the view before it ({}); use an object with more shape, or a sphere with --artefact sphere",
                 view.name,
                 registration.undetermined[0].describe()
             );

@@ -1,4 +1,4 @@
-//! `fringetool uncertainty`: a measurement uncertainty budget by the GUM, and by Monte Carlo where asked for.
+//! `fringetool uncertainty`: a measurement uncertainty budget by the GUM, and by Monte Carlo on request.
 
 mod table;
 
@@ -14,7 +14,6 @@ use report::uncertainty::{UncertaintyInput, write_uncertainty};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Arguments of `uncertainty`.
 #[derive(clap::Args)]
 pub struct Args {
     /// Budget file (TOML, fringecell-budget/1).
@@ -22,18 +21,18 @@ pub struct Args {
     /// Also propagate the distributions (GUM Supplement 1) and compare.
     #[arg(long)]
     monte_carlo: bool,
-    /// Another seed than the budget's.
+    /// Seed instead of that of the budget.
     #[arg(long, requires = "monte_carlo")]
     seed: Option<u64>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Report as one HTML file.
-    #[arg(long)]
+    /// Write a report as one HTML file.
+    #[arg(long, alias = "html", value_name = "FILE")]
     report: Option<PathBuf>,
 }
 
-/// The machine-readable result.
+/// The result as written to JSON.
 #[derive(Serialize)]
 struct Output<'a> {
     format: &'static str,
@@ -50,7 +49,7 @@ struct Output<'a> {
     comparison: Option<&'a Comparison>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [("--json", args.json.as_deref()), ("--report", args.report.as_deref())];
     check_outputs(&outputs, &[&args.budget], None)?;

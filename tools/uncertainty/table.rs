@@ -94,7 +94,7 @@ fn summary(file: &BudgetFile, evaluation: &Evaluation) -> String {
     )
 }
 
-/// Columns as wide as their widest cell, two blanks between; words begin and numbers end together.
+/// Columns as wide as their widest cell, separated by two blanks; text is left-aligned, numbers are right-aligned.
 fn columns(rows: &[Vec<String>]) -> String {
     const WORDS: [usize; 4] = [0, 2, 3, 7];
     let count = rows.iter().map(Vec::len).max().unwrap_or(0);

@@ -17,13 +17,13 @@ const WIDE_PX: u32 = 1 << 20;
 pub struct Item {
     /// For the names of files: `proj1-cam1-x`.
     pub name: String,
-    /// For messages.
+    /// Recording, camera and axis, for messages.
     pub place: String,
     /// Phase within 0 … 2π.
     pub map: PhaseMap,
     /// Whether the modulation is known.
     pub measured: bool,
-    /// The absolute phase that the code tells, where it was asked for.
+    /// The absolute phase from the code, where it is the anchor.
     pub coded: Option<PhaseMap>,
 }
 
@@ -93,7 +93,7 @@ pub fn recording(
         }
         if items.len() == before {
             bail!(
-                "{}: projector \"{}\" showed no sine set; there is no phase to unwrap",
+                "{}: projector \"{}\" has no sine set; there is no phase to unwrap",
                 recording.document.path.display(),
                 projector.name
             );
@@ -121,10 +121,12 @@ fn item(
 ) -> Result<Item> {
     let set = &projector.sequence[number];
     let first: usize = projector.sequence[..number].iter().map(PatternSet::frames).sum();
-    // As if a single period covered the projector: the phase within it is all there is to tell, and that is the wrapped
+    // As if a single period covered the projector: the phase within it is then the wrapped
     // phase. So wide a period that the projector's margin, half a pixel, masks no phase.
     let mut one = set.clone();
-    let PatternSet::Sine { period_px: wide_px, .. } = &mut one else { bail!("set {number} is no sine set") };
+    let PatternSet::Sine { period_px: wide_px, .. } = &mut one else {
+        bail!("set {number} is not a sine set")
+    };
     let period_px = std::mem::replace(wide_px, f64::from(WIDE_PX));
     // Every wrap looks like a jump of the order there, and is none.
     let open = DecodeSettings { max_contradiction: 1.0, repair_spikes: false, ..DecodeSettings::default() };

@@ -1,4 +1,4 @@
-//! How to unwrap, as the command line says it.
+//! The unwrapping method and its options on the command line.
 
 use anyhow::Result;
 use fringe::unwrap::{Method, QualityMap, UnwrapSettings};
@@ -6,44 +6,44 @@ use fringe::unwrap::{Method, QualityMap, UnwrapSettings};
 /// The method and its settings.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Choice {
-    /// How.
+    /// Unwrapping method.
     #[arg(long, value_enum, default_value_t = Name::Reliability)]
     method: Name,
-    /// What `quality` and `weighted-least-squares` go by.
+    /// Quality map of `quality` and `weighted-least-squares`.
     #[arg(long, value_enum, default_value_t = Quality::DerivativeVariance)]
     quality: Quality,
-    /// Branch cuts: farthest partner of a residue, px.
+    /// Branch cuts: largest distance between paired residues, px.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     reach_px: u32,
-    /// Least squares: the residual, as a fraction of the first one, that is good enough.
+    /// Least squares: stop at this residual, as a fraction of the first.
     #[arg(long, default_value_t = 1e-4)]
     tolerance: f64,
-    /// Least squares: steps at most.
+    /// Least squares: largest number of steps.
     #[arg(long, default_value_t = 200)]
     max_iterations: u32,
-    /// Least squares: give the smooth solution, not the nearest phase that keeps what was measured.
+    /// Least squares: write the smooth solution instead of the measured phase plus whole periods nearest to it.
     #[arg(long)]
     smooth: bool,
 }
 
-/// The methods.
+/// Unwrapping methods, as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Name {
     /// Rows, then columns: the baseline.
     Itoh,
-    /// Goldstein's branch cuts.
+    /// Branch cuts by Goldstein's algorithm.
     Goldstein,
-    /// Best pixels first.
+    /// Flood fill in the order of quality.
     Quality,
     /// Best edges first, by second differences (Herráez).
     Reliability,
-    /// Least squares.
+    /// Least squares without weights.
     LeastSquares,
     /// Least squares weighted by the quality.
     WeightedLeastSquares,
 }
 
-/// The quality maps.
+/// Quality maps, as typed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Quality {
     /// As measured (recordings only).
@@ -57,7 +57,7 @@ pub enum Quality {
 }
 
 impl Name {
-    /// All of them.
+    /// Every method, for benchmarks.
     pub const ALL: [Self; 6] = [
         Self::Itoh,
         Self::Goldstein,
@@ -67,7 +67,7 @@ impl Name {
         Self::WeightedLeastSquares,
     ];
 
-    /// As typed.
+    /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Itoh => "itoh",
@@ -93,7 +93,7 @@ impl Name {
 }
 
 impl Choice {
-    /// As typed.
+    /// The name on the command line.
     pub fn name(&self) -> &'static str {
         self.method.name()
     }

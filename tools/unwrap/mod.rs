@@ -1,4 +1,4 @@
-//! `fringetool unwrap`: a wrapped phase becomes continuous by its neighbours, absolute where an anchor tells so.
+//! `fringetool unwrap`: a wrapped phase becomes continuous by its neighbours, and absolute by an anchor.
 
 mod input;
 mod method;
@@ -15,32 +15,31 @@ use method::Choice;
 use output::Line;
 use std::path::{Path, PathBuf};
 
-/// Arguments of `unwrap`.
 #[derive(clap::Args)]
 pub struct Args {
     /// Folder of a recording, or a wrapped phase in rad (`.npy`, NaN where there is none).
     input: PathBuf,
     #[command(flatten)]
     choice: Choice,
-    /// What makes the phase absolute: `none`; `code`: what the recording's code tells; or a file (`.npy`) with the absolute
-    /// phase in rad, NaN where it is not known.
+    /// What makes the phase absolute: `none`; `code`: the code of the recording; or a file (`.npy`) with the absolute
+    /// phase in rad, NaN where it is unknown.
     #[arg(long, default_value = "none", value_name = "none|code|FILE")]
     anchor: String,
-    /// Only this camera.
+    /// Process only this camera.
     #[arg(long)]
     camera: Option<String>,
-    /// Only this projector.
+    /// Process only this projector.
     #[arg(long)]
     projector: Option<String>,
-    /// Folder for the wrapped and the unwrapped phase of each view (`….npy`) and its picture (`….png`).
-    #[arg(long)]
+    /// Folder to write the wrapped and the unwrapped phase of each view to (`….npy`), with images (`….png`).
+    #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// Runs the command.
+/// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let from_file = args.input.is_file();
     let mut inputs: Vec<&Path> = Vec::new();
@@ -51,7 +50,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &inputs, args.out.as_deref())?;
     let settings = args.choice.settings()?;
     if from_file && args.anchor == "code" {
-        bail!("--anchor code: {} has no code; name a recording, or a file as anchor", args.input.display());
+        bail!(
+            "--anchor code: {} has no code; give a recording with one, or a file as anchor",
+            args.input.display()
+        );
     }
     let items = if from_file {
         vec![input::file(&args.input)?]

@@ -29,7 +29,7 @@ pub struct Line {
     residues: Option<fringe::unwrap::Residues>,
     #[serde(skip_serializing_if = "Option::is_none")]
     convergence: Option<fringe::unwrap::Convergence>,
-    /// Pixels that code and neighbours both tell, and those of them where they tell different orders.
+    /// Pixels with an order from both the code and the neighbours, and those of them where the two differ.
     #[serde(skip_serializing_if = "Option::is_none")]
     against_code: Option<AgainstCode>,
 }
@@ -42,7 +42,7 @@ pub struct AgainstCode {
 }
 
 impl Line {
-    /// Gathers the numbers.
+    /// Collects the figures of one map.
     pub fn new(item: &Item, done: &Unwrapped) -> Self {
         let UnwrapReport { valid, components, discontinuities, residues, convergence } = &done.report;
         let mut largest = components.clone();

@@ -20,7 +20,7 @@ pub(crate) struct Minimum<const P: usize> {
 /// Minimises a sum of squares from a start; `None` where the parameters are not determined or `most_rounds` do not suffice.
 ///
 /// `sum` is the sum of squares at some parameters, `None` where these are not allowed; `linearise` gives JᵀJ and
-/// Jᵀ(measured − modelled); `settled` tells from the last step whether the minimum is reached.
+/// Jᵀ(measured − modelled); `settled` decides from the last step whether the minimum is reached.
 pub(crate) fn minimise<const P: usize>(
     start: SVector<f64, P>,
     most_rounds: usize,

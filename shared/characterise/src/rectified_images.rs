@@ -114,7 +114,7 @@ mod tests {
     }
 
     /// Figures of OpenCV 5.0.0 (`cv2.stereoRectify(M1, D1, M2, D2, (640, 480), R, T)`) for a pair one above the other.
-    /// OpenCV undistorts the corners in single precision, hence the digits that are asked for.
+    /// OpenCV undistorts the corners in single precision, hence the tolerance.
     #[test]
     fn opencv_gives_the_same_for_an_upright_pair() {
         let camera = |focal_px: [f64; 2], camera_from_world| Camera {

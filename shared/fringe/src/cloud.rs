@@ -1,4 +1,4 @@
-//! A point of a cloud, as it lies in shared memory.
+//! A point of a cloud, as laid out in shared memory.
 
 use bytemuck::{Pod, Zeroable};
 use nalgebra::{Point3, Vector3};
@@ -24,7 +24,7 @@ pub struct Point {
 }
 
 impl Point {
-    /// Position, mm.
+    /// Position in the world frame, mm.
     pub fn position(&self) -> Point3<f64> {
         Point3::from(self.position_mm)
     }

@@ -10,7 +10,7 @@ pub enum Pixels<'a> {
 }
 
 impl Pixels<'_> {
-    /// Number of pixels.
+    /// Number of pixels of the buffer.
     pub fn len(&self) -> usize {
         match self {
             Self::Mono8(values) => values.len(),
@@ -32,12 +32,12 @@ impl Pixels<'_> {
     }
 }
 
-/// A frame that lives elsewhere: in shared memory, in a decoded file.
+/// A frame stored elsewhere: in shared memory, in a decoded file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrameView<'a> {
-    /// Columns.
+    /// Number of columns, px.
     pub width_px: u32,
-    /// Rows.
+    /// Number of rows, px.
     pub height_px: u32,
     /// The grey value at which the sensor is full: 255, 1023, 4095, 65535.
     pub full_scale_dn: u16,
@@ -57,9 +57,9 @@ pub enum PixelBuffer {
 /// A frame that owns its pixels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
-    /// Columns.
+    /// Number of columns, px.
     pub width_px: u32,
-    /// Rows.
+    /// Number of rows, px.
     pub height_px: u32,
     /// The grey value at which the sensor is full.
     pub full_scale_dn: u16,
@@ -68,7 +68,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Borrows the frame.
+    /// A view that borrows the frame.
     pub fn view(&self) -> FrameView<'_> {
         FrameView {
             width_px: self.width_px,

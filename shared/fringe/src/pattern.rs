@@ -39,7 +39,7 @@ pub enum Direction {
 }
 
 impl Direction {
-    /// +1 or −1.
+    /// Sign of the direction, +1 or −1.
     pub fn sign(self) -> f64 {
         match self {
             Self::Forward => 1.0,
@@ -55,7 +55,7 @@ pub enum Code {
     /// Reflected binary: neighbours differ in one bit.
     #[default]
     Gray,
-    /// Plain binary.
+    /// Plain binary numbers.
     Binary,
 }
 
@@ -77,7 +77,7 @@ pub enum Threshold {
 pub enum PatternSet {
     /// Phase-stepped sinusoids: A + B cos(2πx/period − 2πi/steps − first_step).
     Sine {
-        /// Direction of change.
+        /// Axis along which the pattern varies.
         axis: Axis,
         /// Projector pixels per 2π.
         period_px: f64,
@@ -89,15 +89,15 @@ pub enum PatternSet {
         /// Sense of the steps.
         #[serde(default, skip_serializing_if = "is_default")]
         direction: Direction,
-        /// Phase step of each frame, rad, where the steps are not the even ones 2πi/N: any values that tell a phase.
+        /// Phase step of each frame, rad, where the steps are not the even ones 2πi/N: any values that determine a phase.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         shifts_rad: Vec<f64>,
     },
     /// Stripe number as bits, most significant first.
     Gray {
-        /// Direction of change.
+        /// Axis along which the pattern varies.
         axis: Axis,
-        /// Number of frames.
+        /// Number of bits, each one frame.
         bits: u32,
         /// Projector pixels per stripe: the period of the sines, or half of it for a code without jumps.
         stripe_px: f64,
@@ -108,7 +108,7 @@ pub enum PatternSet {
         /// Black and white exchanged.
         #[serde(default, skip_serializing_if = "is_default")]
         invert: bool,
-        /// Numbering.
+        /// Code in which the stripes are numbered.
         #[serde(default, skip_serializing_if = "is_default")]
         code: Code,
         /// What the bits are compared with. When absent: a complementary set if the sequence has one, else white and
@@ -116,13 +116,13 @@ pub enum PatternSet {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         threshold: Option<Threshold>,
     },
-    /// All on.
+    /// Every pixel at full level.
     White {},
-    /// All off.
+    /// Every pixel at level zero.
     Black {},
     /// Fringe order as a phase, or as a grey level (eq. 2.59–2.61).
     Stair {
-        /// Direction of change.
+        /// Axis along which the pattern varies.
         axis: Axis,
         /// Projector pixels per stair: the period of the sines, or half of it for an order without jumps.
         stair_px: f64,
@@ -147,7 +147,7 @@ pub enum PatternSet {
     },
     /// Random dots; cannot be generated, only recorded and ignored.
     Random {
-        /// Number of frames.
+        /// Number of frames of the set.
         #[serde(default = "one")]
         frames: u32,
     },
@@ -198,7 +198,7 @@ impl PatternSet {
         }
     }
 
-    /// Number of frames.
+    /// Number of frames of the set.
     pub fn frames(&self) -> usize {
         (match self {
             Self::Sine { steps, .. } | Self::Stair { steps, .. } => *steps,
@@ -341,7 +341,7 @@ fn check_steps(steps: u32) -> Result<(), PatternError> {
     if (3..=64).contains(&steps) { Ok(()) } else { Err(PatternError::Steps { steps }) }
 }
 
-/// Unequal shifts must tell three unknowns without multiplying the noise.
+/// Unequal shifts must determine three unknowns without multiplying the noise.
 fn check_shifts(steps: u32, shifts_rad: &[f64]) -> Result<(), PatternError> {
     if shifts_rad.is_empty() {
         return Ok(());

@@ -9,18 +9,18 @@ use std::f64::consts::{PI, TAU};
 /// A surface that a ray meets.
 #[derive(Debug, Clone, Copy)]
 pub enum Surface {
-    /// n·X = distance.
+    /// The plane n·X = distance.
     Plane {
-        /// Unit normal n.
+        /// Normal n, unit vector.
         normal: Vector3<f64>,
         /// Distance of the origin along the normal, mm.
         distance_mm: f64,
     },
     /// Outside of a ball.
     Sphere {
-        /// Centre, mm.
+        /// Centre of the sphere, mm.
         centre: Point3<f64>,
-        /// Radius, mm.
+        /// Radius of the sphere, mm.
         radius_mm: f64,
     },
 }
@@ -159,7 +159,7 @@ pub fn rig(width_px: u32, height_px: u32) -> [Camera; 3] {
     ]
 }
 
-/// Seeded noise (SplitMix64).
+/// Noise from a seed (SplitMix64).
 #[derive(Debug, Clone)]
 pub struct Noise(pub u64);
 
@@ -173,7 +173,7 @@ impl Noise {
         z ^ (z >> 31)
     }
 
-    /// In (0, 1).
+    /// A uniform value in (0, 1).
     pub fn unit(&mut self) -> f64 {
         ((self.next_bits() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
     }

@@ -1,4 +1,4 @@
-//! What a reader of TOML says, on one line.
+//! The message of a TOML reader on one line.
 
 /// Line number, the line, and the message.
 pub fn on_one_line(error: &toml::de::Error, text: &str) -> String {

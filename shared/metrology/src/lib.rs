@@ -1,7 +1,7 @@
 //! From clouds to values: fits, inspection plans, comparison, registration, acceptance tests, uncertainty.
 //!
-//! Pure: no files, no clock, no environment, no logging, no `unsafe`. It knows clouds ([`fringe::cloud`]) and nothing
-//! of how they were measured. Conventions and determinism are those of [`fringe`].
+//! Pure: no files, no clock, no environment, no logging, no `unsafe`. It depends on clouds ([`fringe::cloud`]) and not on
+//! how they were measured. Conventions and determinism are those of [`fringe`].
 
 pub mod acceptance;
 pub mod compare;

@@ -46,13 +46,13 @@ fn radical_inverse(index: u32) -> f64 {
 /// A rectangle in a plane.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rectangle {
-    /// Middle, mm.
+    /// Centre of the rectangle, mm.
     pub center_mm: Point3<f64>,
     /// Unit normal out of the material.
     pub normal: Vector3<f64>,
     /// Unit directions of its edges.
     pub edges: [Vector3<f64>; 2],
-    /// Half edges, mm.
+    /// Half the edge lengths, mm.
     pub half_size_mm: [f64; 2],
 }
 

@@ -1,4 +1,4 @@
-//! What a cloud is held against: another cloud, or a mesh.
+//! The reference that a cloud is compared with: another cloud, or a mesh.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -31,21 +31,21 @@ const ENOUGH_POINTS: usize = 12;
 /// Fewest points of a reference cloud: those of one plane.
 pub const LEAST_REFERENCE_POINTS: usize = 4;
 
-/// Why a cloud cannot be a reference, or cannot be held against one.
+/// Why a cloud cannot be a reference, or cannot be compared with one.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum CloudError {
-    /// Too small.
+    /// The reference has too few points.
     #[error("has {found} points, at least {needed} are needed; is this the right file?")]
     Few {
-        /// As found.
+        /// Number of points found.
         found: usize,
-        /// Least number.
+        /// Smallest number of points.
         needed: usize,
     },
     /// Too large for 32-bit numbers.
-    #[error("has {found} points, limit 4294967295; thin it out")]
+    #[error("has {found} points, limit 4294967295; reduce it")]
     Many {
-        /// As found.
+        /// Number of points in the reference.
         found: usize,
     },
     /// A coordinate that is no place in a measuring cell.
@@ -53,7 +53,7 @@ pub enum CloudError {
         "point {index} has a coordinate that is not within ±{COORDINATE_LIMIT_MM:e} mm; are the units mm, is the file damaged?"
     )]
     Coordinate {
-        /// Counted from 0.
+        /// Index of the point, from 0.
         index: usize,
     },
     /// All points in one place.
@@ -61,12 +61,12 @@ pub enum CloudError {
     Coincident,
 }
 
-/// A reference.
+/// A reference for comparison: a mesh, or a cloud with a local surface.
 #[derive(Debug, Clone)]
 pub enum Reference {
     /// Points of a surface.
     Cloud(CloudReference),
-    /// Triangles.
+    /// Triangles of a CAD model.
     Mesh(TriangleMesh),
 }
 
@@ -75,7 +75,7 @@ pub enum Reference {
 pub enum Deviation {
     /// Along the normal of the reference, positive outside, mm.
     Mm(f64),
-    /// Farther away than asked for.
+    /// Farther away than the largest distance.
     TooFar,
     /// Beside the reference: its foot lies where the reference has no points or triangles.
     BeyondEdge,
@@ -121,7 +121,7 @@ pub fn check(points: &[Point], needed: usize) -> Result<(), CloudError> {
     }
 }
 
-/// Points of a surface, ready to be asked for distances.
+/// Points of a surface, prepared for distance queries.
 #[derive(Debug, Clone)]
 pub struct CloudReference {
     pub(crate) tree: PointTree,
@@ -301,7 +301,7 @@ struct Surroundings {
 }
 
 impl Reference {
-    /// Box of everything.
+    /// Bounding box of the reference, mm.
     pub fn bounds(&self) -> Aabb {
         match self {
             Self::Cloud(cloud) => cloud.tree.bounds().unwrap_or(Aabb::of(&[])),

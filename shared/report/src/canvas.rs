@@ -34,7 +34,7 @@ impl Sum {
 /// foremost point alone would be the one whose noise points towards the eye, and a deviation map would show that
 /// choice instead of the part.
 pub struct Canvas {
-    /// What is drawn.
+    /// The image that is drawn.
     pub raster: Raster,
     depth_mm: Vec<f64>,
     sums: Vec<Sum>,

@@ -7,9 +7,9 @@ use super::number::{self, count, fixed, milliseconds, signed};
 use super::page::{Page, Text};
 use super::picture::{Ends, share};
 use super::statistics::Summary;
+use super::svg::{self, Anchor, INK};
 use super::{Activity, FeatureRow, Mark, Span};
 
-const INK: &str = "#1f2933";
 const SOFT: &str = "#5b6875";
 const LINE: &str = "#d5dbe1";
 const COMPUTE: &str = "#0b5cad";
@@ -49,9 +49,8 @@ pub fn tolerance(page: &mut Page, feature: &FeatureRow, uncertainty: Option<f64>
 /// A colour bar with values and unit, to stand below a picture.
 pub fn colour_bar(page: &mut Page, map: ColourMap, ends: Ends, title: &str, with_sign: bool) {
     let id = page.fresh_id();
-    page.put(format_args!(
-        "<svg class=\"bar\" viewBox=\"0 0 600 58\" role=\"img\" aria-label=\"colour bar\"><defs><linearGradient id=\"{id}\">"
-    ));
+    svg::open(page, "bar", [600.0, 58.0], "colour bar");
+    page.put(format_args!("<defs><linearGradient id=\"{id}\">"));
     let table = map.table();
     for (i, colour) in table.iter().enumerate() {
         let offset = i as f64 / (table.len() - 1) as f64;
@@ -63,15 +62,10 @@ pub fn colour_bar(page: &mut Page, map: ColourMap, ends: Ends, title: &str, with
     ));
     for (value, text) in bar_labels(map, ends, with_sign) {
         let x = 30.0 + 540.0 * share(value, ends);
-        page.put(format_args!(
-            "<path d=\"M{x:.1} 19V24\" stroke=\"{INK}\"/><text x=\"{x:.1}\" y=\"38\" font-size=\"13\" \
-             text-anchor=\"middle\">{text}</text>"
-        ));
+        svg::mark_below(page, [x, 19.0], 5.0, 13.0, &text);
     }
-    page.put(format_args!(
-        "<text x=\"300\" y=\"55\" font-size=\"13\" text-anchor=\"middle\">{}</text></svg>\n",
-        Text(title)
-    ));
+    svg::text(page, [300.0, 55.0], 13.0, Anchor::Middle, title);
+    svg::close(page);
 }
 
 /// Values of a colour bar and how they are written.
@@ -96,37 +90,25 @@ pub fn histogram(page: &mut Page, deviations_mm: &[f64], summary: &Summary, half
     let highest = bins.iter().copied().max().unwrap_or(0).max(1) as f64;
     let x = |mm: f64| LEFT + (RIGHT - LEFT) * (0.5 + mm / (2.0 * half_range_mm));
     let y = |n: f64| BASE - (BASE - TOP) * (n / (highest * 1.05)).min(1.0);
-    page.put(format_args!(
-        "<div class=\"chart\"><svg viewBox=\"0 0 1000 302\" role=\"img\" aria-label=\"histogram of deviations\">\n"
-    ));
+    page.put(format_args!("<div class=\"chart\">"));
+    svg::open(page, "", [1000.0, 302.0], "histogram of deviations");
     let (values, _) = number::ticks(0.0, highest, 4);
     for value in values {
-        let at = y(value);
-        page.put(format_args!(
-            "<path d=\"M{LEFT} {at:.1}H{RIGHT}\" stroke=\"#e9edf0\"/><text x=\"{:.1}\" y=\"{:.1}\" font-size=\"13\" \
-             text-anchor=\"end\">{}</text>\n",
-            LEFT - 8.0,
-            at + 4.5,
-            count(value as u64)
-        ));
+        svg::grid_line(page, [LEFT, RIGHT], y(value), 13.0, &count(value as u64));
     }
     let width_mm = 2.0 * half_range_mm / BINS as f64;
     for (i, n) in bins.iter().enumerate().filter(|(_, n)| **n > 0) {
         let low_mm = -half_range_mm + width_mm * i as f64;
         let colour = ColourMap::Diverging.colour((i as f64 + 0.5) / BINS as f64);
-        page.put(format_args!(
-            "<rect x=\"{:.2}\" y=\"{:.2}\" width=\"{:.2}\" height=\"{:.2}\" fill=\"{}\" stroke=\"#7b8794\" \
-             stroke-width=\"0.6\"/>",
-            x(low_mm),
-            y(*n as f64),
-            x(low_mm + width_mm) - x(low_mm),
-            BASE - y(*n as f64),
-            hex(colour)
-        ));
+        let (left, top) = (x(low_mm), y(*n as f64));
+        let size = [x(low_mm + width_mm) - left, BASE - top];
+        let outline = "stroke=\"#7b8794\" stroke-width=\"0.6\"";
+        svg::rectangle(page, [left, top], size, &hex(colour), outline);
     }
     normal_curve(page, summary, half_range_mm, &x, &y);
     histogram_axis(page, half_range_mm, summary, &x);
-    page.put(format_args!("</svg></div>\n"));
+    svg::close(page);
+    page.put(format_args!("</div>\n"));
 }
 
 /// Counts between −range and +range; the last bin includes its upper end.
@@ -151,39 +133,26 @@ fn normal_curve(
     };
     let width_mm = 2.0 * half_range_mm / BINS as f64;
     let peak = summary.count as f64 * width_mm / (sd * std::f64::consts::TAU.sqrt());
-    page.put(format_args!("<path d=\""));
-    for step in 0..=180 {
+    let curve = (0..=180).map(|step| {
         let mm = half_range_mm * (f64::from(step) / 90.0 - 1.0);
         let z = (mm - mean) / sd;
-        let letter = if step == 0 { 'M' } else { 'L' };
-        page.put(format_args!("{letter}{:.1} {:.1}", x(mm), y(peak * exp(-0.5 * z * z))));
-    }
-    page.put(format_args!(
-        "\" fill=\"none\" stroke=\"{INK}\" stroke-width=\"1.4\" stroke-dasharray=\"5 3\"/>\n"
-    ));
+        [x(mm), y(peak * exp(-0.5 * z * z))]
+    });
+    svg::line(page, curve, &format!("stroke=\"{INK}\" stroke-width=\"1.4\" stroke-dasharray=\"5 3\""));
 }
 
 fn histogram_axis(page: &mut Page, half_range_mm: f64, summary: &Summary, x: &dyn Fn(f64) -> f64) {
-    page.put(format_args!("<path d=\"M74 250H980\" stroke=\"{INK}\"/>\n"));
+    svg::line(page, [[74.0, 250.0], [980.0, 250.0]], &format!("stroke=\"{INK}\""));
     let (values, digits) = number::ticks(-half_range_mm * 1e3, half_range_mm * 1e3, 8);
     for value in values {
-        let at = x(value * 1e-3);
-        page.put(format_args!(
-            "<path d=\"M{at:.1} 250v5\" stroke=\"{INK}\"/><text x=\"{at:.1}\" y=\"270\" font-size=\"13\" \
-             text-anchor=\"middle\">{}</text>\n",
-            signed(value, digits)
-        ));
+        svg::mark_below(page, [x(value * 1e-3), 250.0], 5.0, 13.0, &signed(value, digits));
     }
-    page.put(format_args!(
-        "<text x=\"527\" y=\"293\" font-size=\"13\" text-anchor=\"middle\">Deviation, µm</text>\
-         <text x=\"16\" y=\"142\" font-size=\"13\" text-anchor=\"middle\" transform=\"rotate(-90 16 142)\">Points</text>\n"
-    ));
+    svg::text(page, [527.0, 293.0], 13.0, Anchor::Middle, "Deviation, µm");
+    svg::upright_text(page, [16.0, 142.0], 13.0, "Points");
     let in_um = |value: Option<f64>| value.map(|v| v * 1e3);
     if let Some(mean) = summary.mean.filter(|mean| mean.abs() <= half_range_mm) {
-        page.put(format_args!(
-            "<path d=\"M{0:.1} 26V250\" stroke=\"{INK}\" stroke-width=\"1.4\"/>\n",
-            x(mean)
-        ));
+        let line = [[x(mean), 26.0], [x(mean), 250.0]];
+        svg::line(page, line, &format!("stroke=\"{INK}\" stroke-width=\"1.4\""));
     }
     let text = format!(
         "mean {} µm   sd {} µm   n {}",
@@ -191,10 +160,8 @@ fn histogram_axis(page: &mut Page, half_range_mm: f64, summary: &Summary, x: &dy
         number::optional(in_um(summary.sd), 2),
         count(summary.count as u64)
     );
-    page.put(format_args!(
-        "<text x=\"980\" y=\"18\" font-size=\"14\" font-weight=\"600\" text-anchor=\"end\" xml:space=\"preserve\">{}</text>\n",
-        Text(&text)
-    ));
+    let bold = "font-weight=\"600\" xml:space=\"preserve\"";
+    svg::styled_text(page, [980.0, 18.0], 14.0, Anchor::End, bold, &text);
 }
 
 /// What each stage did in the last cycle.
@@ -216,32 +183,25 @@ pub fn timeline(page: &mut Page, spans: &[Span], marks: &[Mark]) {
     page.section("Stage timeline of the last cycle");
     page.put(format_args!(
         "<ul class=\"legend\"><li><i style=\"background:{COMPUTE}\"></i>compute</li>\
-         <li><i style=\"background:{WAIT}\"></i>wait</li></ul>\n\
-         <div class=\"chart\"><svg viewBox=\"0 0 1000 {:.0}\" role=\"img\" aria-label=\"stage timeline\">\n",
-        base + 46.0
+         <li><i style=\"background:{WAIT}\"></i>wait</li></ul>\n<div class=\"chart\">"
     ));
+    svg::open(page, "", [1000.0, base + 46.0], "stage timeline");
     time_axis(page, length_ns, base);
     for (row, stage) in stages.iter().enumerate() {
         let top = 30.0 + 24.0 * row as f64;
-        page.put(format_args!(
-            "<text x=\"140\" y=\"{:.1}\" font-size=\"13\" text-anchor=\"end\">{}</text>\n",
-            top + 15.5,
-            Text(stage)
-        ));
+        svg::text(page, [140.0, top + 15.5], 13.0, Anchor::End, stage);
         for span in spans.iter().filter(|s| s.stage == *stage) {
             bar(page, span, x(span.start_ns), x(span.end_ns.max(span.start_ns)), top);
         }
     }
     for mark in marks.iter().filter(|m| (start..=end).contains(&m.at_ns)) {
         let at = x(mark.at_ns);
-        let anchor = if at > 850.0 { "end" } else { "start" };
-        page.put(format_args!(
-            "<path d=\"M{at:.1} 20V{base:.1}\" stroke=\"#ad1f1f\" stroke-dasharray=\"3 2\"/>\
-             <text x=\"{at:.1}\" y=\"14\" font-size=\"12.5\" text-anchor=\"{anchor}\" style=\"fill:#ad1f1f\">{}</text>\n",
-            Text(&mark.name)
-        ));
+        let anchor = if at > 850.0 { Anchor::End } else { Anchor::Start };
+        svg::line(page, [[at, 20.0], [at, base]], "stroke=\"#ad1f1f\" stroke-dasharray=\"3 2\"");
+        svg::styled_text(page, [at, 14.0], 12.5, anchor, "style=\"fill:#ad1f1f\"", &mark.name);
     }
-    page.put(format_args!("</svg></div>\n"));
+    svg::close(page);
+    page.put(format_args!("</div>\n"));
     page.end_section();
 }
 
@@ -266,19 +226,11 @@ fn time_axis(page: &mut Page, length_ns: f64, base: f64) {
     let (values, digits) = number::ticks(0.0, length_ms, 10);
     for value in values {
         let at = 150.0 + 830.0 * value / length_ms;
-        page.put(format_args!(
-            "<path d=\"M{at:.1} 26V{:.1}\" stroke=\"#e3e8ed\"/><text x=\"{at:.1}\" y=\"{:.1}\" font-size=\"13\" \
-             text-anchor=\"middle\">{}</text>\n",
-            base + 4.0,
-            base + 20.0,
-            fixed(value, digits)
-        ));
+        svg::line(page, [[at, 26.0], [at, base + 4.0]], "stroke=\"#e3e8ed\"");
+        svg::text(page, [at, base + 20.0], 13.0, Anchor::Middle, &fixed(value, digits));
     }
-    page.put(format_args!(
-        "<path d=\"M150 {base:.1}H980\" stroke=\"{INK}\"/><text x=\"565\" y=\"{:.1}\" font-size=\"13\" \
-         text-anchor=\"middle\">Time, ms</text>\n",
-        base + 40.0
-    ));
+    svg::line(page, [[150.0, base], [980.0, base]], &format!("stroke=\"{INK}\""));
+    svg::text(page, [565.0, base + 40.0], 13.0, Anchor::Middle, "Time, ms");
 }
 
 #[cfg(test)]

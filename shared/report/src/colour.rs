@@ -5,13 +5,13 @@
 //! - diverging: *vik*, and cyclic: *romaO*, F. Crameri, Scientific colour maps 8.0, doi:10.5281/zenodo.1243862
 //!   (MIT licence, Copyright (c) 2023 Fabio Crameri); also readable with a colour vision deficiency.
 
-/// An sRGB colour.
+/// An sRGB colour: red, green, blue.
 pub type Rgb = [u8; 3];
 
-/// Paper.
+/// Colour of the paper.
 pub const WHITE: Rgb = [255, 255, 255];
 
-/// Lines and text.
+/// Colour of lines and text.
 pub const INK: Rgb = [31, 41, 51];
 
 /// Where a raster has no valid value: lighter than any colour of the maps.
@@ -53,7 +53,7 @@ impl ColourMap {
     }
 }
 
-/// Colours of pairs, told apart also with a colour vision deficiency.
+/// Colours of pairs, distinguishable also with a colour vision deficiency.
 ///
 /// Source: M. Okabe and K. Ito, Color Universal Design, 2008.
 const PAIRS: [Rgb; 7] = [
@@ -71,7 +71,7 @@ pub fn pair_colour(pair: usize) -> Rgb {
     PAIRS[pair % PAIRS.len()]
 }
 
-/// `#rrggbb`.
+/// The colour as `#rrggbb`.
 pub fn hex(colour: Rgb) -> String {
     format!("#{:02x}{:02x}{:02x}", colour[0], colour[1], colour[2])
 }

@@ -6,7 +6,7 @@ use files::atomic;
 use fringe::cloud::Point;
 use std::path::Path;
 
-/// What the report of a comparison says.
+/// Content of the report of a comparison.
 #[derive(Debug, Clone, Default)]
 pub struct ComparisonInput<'a> {
     /// Its title: what is compared with what.

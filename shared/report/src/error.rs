@@ -7,9 +7,9 @@ use thiserror::Error;
 /// Why a report is not written.
 #[derive(Debug, Error)]
 pub enum ReportError {
-    /// The banner says more than the table.
+    /// The verdict contradicts the table.
     #[error(
-        "the report would say PASS although feature {feature:?} is not PASS: give the verdict that follows from the features"
+        "the verdict is PASS although feature {feature:?} is not PASS: give the verdict that follows from the features"
     )]
     Contradiction {
         /// A feature that failed or is indeterminate.
@@ -18,9 +18,9 @@ pub enum ReportError {
     /// A picture cannot be made.
     #[error("{what}")]
     Picture {
-        /// Which one.
+        /// Caption of the picture.
         what: String,
-        /// Why.
+        /// Why it cannot be drawn.
         source: PictureError,
     },
     /// The file cannot be written.

@@ -8,9 +8,9 @@ use super::number::{self, count, fixed, optional, signed};
 use super::page::{Page, Text, data_uri};
 use super::picture::{self, Ends, Scalar};
 use super::raster::{PictureError, Raster, grey_to_png};
-use super::splat::{Rendered, View, render};
+use super::splat::{View, render};
 use super::statistics::{Summary, summary};
-use super::{GreyPicture, ReportError, ReportInput, charts};
+use super::{GreyPicture, ReportError, ReportInput, charts, svg};
 
 /// Pictures are reduced by a whole factor until they are at most this wide: wider than any sheet shows them.
 const MAX_WIDTH_PX: usize = 1200;
@@ -76,7 +76,7 @@ fn deviation_numbers(values_mm: &[f64], summary: &Summary, half_range_mm: f64, p
     )];
     if beyond > 0 {
         sentences
-            .push(format!("{} lie beyond the colour bar and have its end colours.", count(beyond as u64)));
+            .push(format!("{} are beyond the colour bar and have its end colours.", count(beyond as u64)));
     }
     if summary.not_finite > 0 {
         sentences.push(format!("{} could not be evaluated.", count(summary.not_finite as u64)));
@@ -155,47 +155,17 @@ fn cloud(
     let rendered = render(input.cloud, view, colouring).map_err(of(what))?;
     let png = rendered.raster.to_png().map_err(of(what))?;
     let (width, height) = (rendered.raster.width, rendered.raster.height);
-    page.put(format_args!(
-        "<figure><svg class=\"framed\" viewBox=\"0 0 {width} {height}\" role=\"img\" aria-label=\"{what}, {0}\">\
-         <image width=\"{width}\" height=\"{height}\" href=\"{1}\"/>\n",
-        Text(&view.name),
-        data_uri(&png)
-    ));
-    scale_bar(page, &rendered);
-    triad(page, &rendered);
-    page.put(format_args!("</svg><figcaption>{}</figcaption></figure>\n", Text(&view.name)));
-    Ok(())
-}
-
-fn scale_bar(page: &mut Page, rendered: &Rendered) {
-    let Some(bar_mm) = rendered.scale_bar_mm() else {
-        return;
-    };
-    let base = rendered.raster.height as f64 - 22.0;
-    let right = 22.0 + bar_mm / rendered.mm_per_px;
-    page.put(format_args!(
-        "<path d=\"M22 {0:.1}v8H{right:.1}v-8\" fill=\"none\" stroke=\"#1f2933\" stroke-width=\"2.5\"/>\
-         <text x=\"22\" y=\"{1:.1}\" font-size=\"22\">{bar_mm} mm</text>\n",
-        base - 4.0,
-        base - 12.0
-    ));
-}
-
-/// The world axes, bottom right; one seen end-on is left out.
-fn triad(page: &mut Page, rendered: &Rendered) {
-    let (x, y) = (rendered.raster.width as f64 - 78.0, rendered.raster.height as f64 - 64.0);
-    for ([right, down], name) in rendered.axes.into_iter().zip(["x", "y", "z"]) {
-        if right * right + down * down > 0.01 {
-            page.put(format_args!(
-                "<path d=\"M{x} {y}L{:.1} {:.1}\" stroke=\"#1f2933\" stroke-width=\"2.5\"/>\
-                 <text x=\"{:.1}\" y=\"{:.1}\" font-size=\"20\" text-anchor=\"middle\">{name}</text>\n",
-                x + 40.0 * right,
-                y + 40.0 * down,
-                x + 54.0 * right,
-                y + 54.0 * down + 7.0
-            ));
-        }
+    page.put(format_args!("<figure>"));
+    svg::open(page, "framed", [width as f64, height as f64], &format!("{what}, {}", view.name));
+    page.put(format_args!("<image width=\"{width}\" height=\"{height}\" href=\"{}\"/>\n", data_uri(&png)));
+    if let Some(bar_mm) = rendered.scale_bar_mm() {
+        let length = bar_mm / rendered.mm_per_px;
+        svg::scale_bar(page, [22.0, height as f64 - 18.0], length, 22.0, &format!("{bar_mm} mm"));
     }
+    svg::triad(page, [width as f64 - 78.0, height as f64 - 64.0], rendered.axes, 20.0);
+    svg::close(page);
+    page.put(format_args!("<figcaption>{}</figcaption></figure>\n", Text(&view.name)));
+    Ok(())
 }
 
 /// Camera views and phase maps.

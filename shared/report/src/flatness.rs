@@ -7,6 +7,7 @@ use super::number::{self, fixed};
 use super::page::{Page, Text, data_uri};
 use super::picture::{Ends, Range, Scalar, scalar_raster};
 use super::statistics::summary;
+use super::svg::{self, Anchor};
 use files::atomic;
 use std::path::Path;
 
@@ -23,20 +24,20 @@ const ABOVE: f64 = 10.0;
 /// One measurement of the surface.
 #[derive(Debug, Clone)]
 pub struct FlatnessRepeat {
-    /// Its name.
+    /// Name of the repeat.
     pub name: String,
     /// Places along the two axes of the map, mm.
     pub across_mm: Vec<[f64; 2]>,
     /// Signed distance of each from the fitted plane, mm.
     pub deviations_mm: Vec<f64>,
-    /// Below its map.
+    /// Text below the map.
     pub caption: String,
 }
 
-/// What the report says.
+/// Content of the report.
 #[derive(Debug, Clone)]
 pub struct FlatnessInput {
-    /// Title.
+    /// Title of the report.
     pub title: String,
     /// Labels and texts of the header.
     pub details: Vec<(String, String)>,
@@ -172,18 +173,18 @@ fn map(
     let png = scalar_raster(&scalar).and_then(|(raster, _)| raster.to_png()).map_err(of)?;
     let scale = WIDTH / grid.size[0] as f64;
     let height = scale * grid.size[1] as f64;
+    page.put(format_args!("<figure>"));
+    svg::open(page, "", [LEFT + WIDTH + 20.0, ABOVE + height + BELOW], "deviation map");
     page.put(format_args!(
-        "<figure><svg viewBox=\"0 0 {:.0} {:.0}\" role=\"img\" aria-label=\"deviation map\">\
-         <image x=\"{LEFT}\" y=\"{ABOVE}\" width=\"{WIDTH}\" height=\"{height:.1}\" preserveAspectRatio=\"none\" \
+        "<image x=\"{LEFT}\" y=\"{ABOVE}\" width=\"{WIDTH}\" height=\"{height:.1}\" preserveAspectRatio=\"none\" \
          style=\"image-rendering:pixelated\" href=\"{}\"/>\n\
          <rect x=\"{LEFT}\" y=\"{ABOVE}\" width=\"{WIDTH}\" height=\"{height:.1}\" fill=\"none\" stroke=\"#5b6875\"/>\n",
-        LEFT + WIDTH + 20.0,
-        ABOVE + height + BELOW,
         data_uri(&png)
     ));
     axes(page, input.axes, &grid, scale, height);
+    svg::close(page);
     page.put(format_args!(
-        "</svg><figcaption>{}: {}</figcaption></figure>\n",
+        "<figcaption>{}: {}</figcaption></figure>\n",
         Text(&repeat.name),
         Text(&repeat.caption)
     ));
@@ -198,36 +199,16 @@ fn axes(page: &mut Page, names: [&str; 2], grid: &Grid, scale: f64, height: f64)
     let (values, digits) = ticks(0);
     for value in values {
         let x = LEFT + (value - grid.low_mm[0]) * px_per_mm;
-        page.put(format_args!(
-            "<path d=\"M{x:.1} {base:.1}v8\" stroke=\"#1f2933\"/><text x=\"{x:.1}\" y=\"{:.1}\" font-size=\"24\" \
-             text-anchor=\"middle\">{}</text>\n",
-            base + 32.0,
-            fixed(value, digits)
-        ));
+        svg::mark_below(page, [x, base], 8.0, 24.0, &fixed(value, digits));
     }
     let (values, digits) = ticks(1);
     for value in values {
         let y = base - (value - grid.low_mm[1]) * px_per_mm;
-        page.put(format_args!(
-            "<path d=\"M{LEFT} {y:.1}h-8\" stroke=\"#1f2933\"/><text x=\"{:.1}\" y=\"{:.1}\" font-size=\"24\" \
-             text-anchor=\"end\">{}</text>\n",
-            LEFT - 13.0,
-            y + 8.0,
-            fixed(value, digits)
-        ));
+        svg::line(page, [[LEFT - 8.0, y], [LEFT, y]], &format!("stroke=\"{}\"", svg::INK));
+        svg::text(page, [LEFT - 13.0, y + 8.0], 24.0, Anchor::End, &fixed(value, digits));
     }
-    let middle = ABOVE + 0.5 * height;
-    page.put(format_args!(
-        "<text x=\"{:.1}\" y=\"{:.1}\" font-size=\"24\" text-anchor=\"middle\">{}, mm</text>\n",
-        LEFT + 0.5 * WIDTH,
-        base + 66.0,
-        Text(names[0])
-    ));
-    page.put(format_args!(
-        "<text x=\"24\" y=\"{middle:.1}\" font-size=\"24\" text-anchor=\"middle\" \
-         transform=\"rotate(-90 24 {middle:.1})\">{}, mm</text>\n",
-        Text(names[1])
-    ));
+    svg::text(page, [LEFT + 0.5 * WIDTH, base + 66.0], 24.0, Anchor::Middle, &format!("{}, mm", names[0]));
+    svg::upright_text(page, [24.0, ABOVE + 0.5 * height], 24.0, &format!("{}, mm", names[1]));
 }
 
 #[cfg(test)]

@@ -76,7 +76,7 @@ fn latin(sign: char) -> char {
 
 /// Draws a line between two places in pixels of the picture; the part outside is cut off.
 pub fn line(raster: &mut Raster, from: [f64; 2], to: [f64; 2], width: usize, colour: Rgb) {
-    // What lies far outside is brought near, so that no line is endless; NaN draws nothing.
+    // Ends far outside are moved near, so that no line is endless; NaN draws nothing.
     let far = 3.0 * raster.width.max(raster.height) as f64;
     let [from, to] = [from, to].map(|end| end.map(|v| v.clamp(-far, far)));
     let [dx, dy] = [to[0] - from[0], to[1] - from[1]];
@@ -94,7 +94,7 @@ pub fn line(raster: &mut Raster, from: [f64; 2], to: [f64; 2], width: usize, col
     }
 }
 
-/// Draws a circle.
+/// Draws the outline of a circle.
 pub fn circle(raster: &mut Raster, centre: [f64; 2], radius: f64, width: usize, colour: Rgb) {
     const SIDES: u32 = 24;
     let corner = |i: u32| {

@@ -1,23 +1,23 @@
-//! What a report says.
+//! Content of a measurement report.
 
 use fringe::cloud::Point;
 use fringe::phase::PhaseView;
 
-/// The word at the top, or at the end of a row.
+/// Verdict of the measurement or of a feature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Verdict {
     /// Conforms to its limits.
     Pass,
     /// The uncertainty reaches across a limit.
     Indeterminate,
-    /// Does not conform.
+    /// Non-conformity is proven.
     Fail,
-    /// There is nothing to judge: the cycle did not end well.
+    /// Nothing can be evaluated: the cycle failed.
     #[default]
     NoResult,
 }
 
-/// Everything the report says. Empty parts are left out of it or named as absent.
+/// Content of the report. Empty parts are left out or named as absent.
 #[derive(Debug, Clone, Default)]
 pub struct ReportInput<'a> {
     /// Name of the cell.
@@ -34,7 +34,7 @@ pub struct ReportInput<'a> {
     pub plan_id: String,
     /// Further lines of the header: label and text.
     pub details: Vec<(String, String)>,
-    /// The word at the top.
+    /// Verdict of the whole measurement.
     pub verdict: Verdict,
     /// One sentence below it: why there is no result, for instance. May be empty.
     pub reason: String,
@@ -42,9 +42,9 @@ pub struct ReportInput<'a> {
     pub coverage_factor: Option<f64>,
     /// How uncertainty enters the verdict, as one sentence below the table. May be empty.
     pub decision_rule: String,
-    /// One row each.
+    /// Features in the order of the plan.
     pub features: Vec<FeatureRow>,
-    /// Camera views.
+    /// Grey images of the cameras.
     pub camera_views: Vec<GreyPicture>,
     /// Phase maps: each is shown absolute and wrapped.
     pub phase_maps: Vec<PhasePicture<'a>>,
@@ -66,13 +66,13 @@ pub struct ReportInput<'a> {
     pub marks: Vec<Mark>,
     /// Times of each stage over all cycles.
     pub stages: Vec<StageTimes>,
-    /// Each cycle.
+    /// Outcome of each cycle of the run.
     pub cycles: Vec<CycleRow>,
     /// Remarks at the end, a paragraph each.
     pub notes: Vec<String>,
 }
 
-/// One measured feature.
+/// One measured feature with its limits.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FeatureRow {
     /// Name in the plan.
@@ -83,13 +83,13 @@ pub struct FeatureRow {
     pub unit: String,
     /// Measured value; NaN if it could not be measured.
     pub value: f64,
-    /// Standard uncertainty (k = 1), whatever is printed.
+    /// Standard uncertainty (k = 1), also where the expanded one is printed.
     pub standard_uncertainty: Option<f64>,
-    /// Lower limit.
+    /// Lower limit of the value, in its unit.
     pub lower: Option<f64>,
-    /// Upper limit.
+    /// Upper limit of the value, in its unit.
     pub upper: Option<f64>,
-    /// `None` without limits.
+    /// Verdict of the feature; `None` without limits.
     pub verdict: Option<Verdict>,
     /// The simulator's true value, in a demonstration. Adds the columns truth and error.
     pub truth: Option<f64>,
@@ -98,11 +98,11 @@ pub struct FeatureRow {
 /// An 8-bit camera image.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct GreyPicture {
-    /// Below the picture.
+    /// Text below the picture.
     pub caption: String,
-    /// Columns.
+    /// Number of columns, px.
     pub width_px: u32,
-    /// Rows.
+    /// Number of rows, px.
     pub height_px: u32,
     /// width × height grey values.
     pub values: Vec<u8>,
@@ -111,24 +111,24 @@ pub struct GreyPicture {
 /// A phase map to be shown.
 #[derive(Debug, Clone, Copy)]
 pub struct PhasePicture<'a> {
-    /// Below the picture.
+    /// Text below the picture.
     pub caption: &'a str,
-    /// The map.
+    /// The absolute phase map.
     pub phase: PhaseView<'a>,
 }
 
 /// Signed distance between two pairs where both saw the part.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct OverlapRow {
-    /// First pair.
+    /// Name of the first pair.
     pub a: String,
-    /// Second pair.
+    /// Name of the second pair.
     pub b: String,
-    /// Mean, mm.
+    /// Mean distance between both clouds, mm.
     pub mean_mm: f64,
     /// Sample standard deviation, mm.
     pub sd_mm: f64,
-    /// Points compared.
+    /// Number of points compared.
     pub count: u64,
 }
 
@@ -137,7 +137,7 @@ pub struct OverlapRow {
 pub enum Activity {
     /// Waited for its input.
     Wait,
-    /// Computed.
+    /// The stage computed.
     Compute,
 }
 
@@ -146,18 +146,18 @@ pub enum Activity {
 pub struct Span {
     /// Name of the stage: its row.
     pub stage: String,
-    /// What it did.
+    /// Whether the stage computed or waited.
     pub activity: Activity,
     /// Start on any clock, the same for all spans, ns.
     pub start_ns: u64,
-    /// End, ns.
+    /// End of the span, ns.
     pub end_ns: u64,
 }
 
 /// A moment of the timeline.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mark {
-    /// A word or two.
+    /// Short name, for the legend.
     pub name: String,
     /// On the clock of the spans, ns.
     pub at_ns: u64,
@@ -168,16 +168,16 @@ pub struct Mark {
 pub struct StageTimes {
     /// Name of the stage.
     pub name: String,
-    /// Waiting, ns.
+    /// Waiting time of each cycle, ns.
     pub wait_ns: Vec<u64>,
-    /// Computing, ns.
+    /// Computing time of each cycle, ns.
     pub compute_ns: Vec<u64>,
 }
 
-/// One cycle.
+/// Outcome of one cycle.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct CycleRow {
-    /// Its number.
+    /// Number of the cycle, as in the result.
     pub cycle: u64,
     /// `ok`, or the reason.
     pub outcome: String,

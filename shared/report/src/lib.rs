@@ -1,6 +1,6 @@
 //! The measurement report: one HTML file that needs nothing else, neither a network nor scripts, on screen or on paper.
 //!
-//! [`ReportInput`] holds what is to be said, in the words of the caller; [`write_html`] sets it. Dates and versions are
+//! [`ReportInput`] is the content, given by the caller; [`write_html`] sets it. Dates and versions are
 //! passed in as text, nothing is read from a clock, so the same input gives the same bytes. All text is escaped.
 //!
 //! [`picture`] gives the pictures alone, as PNG files with colour bars.
@@ -20,15 +20,16 @@ mod figures;
 mod flatness;
 mod from_result;
 mod glyph;
+mod image_points;
 mod input;
 pub mod number;
 mod page;
 pub mod picture;
 pub mod plot;
 mod raster;
-mod sights;
 mod splat;
 pub mod statistics;
+mod svg;
 mod tables;
 #[cfg(test)]
 mod tests;
@@ -40,13 +41,13 @@ pub use comparison::{ComparisonInput, write_comparison};
 pub use error::ReportError;
 pub use flatness::{FlatnessInput, FlatnessRepeat, write_flatness};
 pub use from_result::stage_times;
+pub use image_points::{ImagePointMark, ImagePointPicture, image_points_png};
 pub use input::{
     Activity, CycleRow, FeatureRow, GreyPicture, Mark, OverlapRow, PhasePicture, ReportInput, Span,
     StageTimes, Verdict,
 };
 pub(crate) use page::Text;
 pub use picture::PictureError;
-pub use sights::{SightMark, SightPicture, sights_png};
 
 /// Writes the report; the file is complete or absent.
 ///

@@ -86,7 +86,7 @@ pub fn count(value: u64) -> String {
     text
 }
 
-/// Nanoseconds in ms.
+/// A time given in ns, as text in ms.
 pub fn milliseconds(time_ns: Option<u64>) -> String {
     time_ns.map_or_else(|| NONE.to_owned(), |t| fixed(t as f64 * 1e-6, 2))
 }
@@ -191,6 +191,7 @@ mod tests {
     fn axes_have_round_ticks() {
         assert_eq!(round_up(0.011), 0.02);
         assert_eq!(round_up(0.05), 0.05);
+        assert_eq!((round_up(26.0), round_up(600.0)), (50.0, 1000.0));
         assert_eq!(round_up(-1.0), 0.0);
         let (values, digits) = ticks(-0.05, 0.05, 5);
         assert_eq!((values.len(), digits), (5, 2));

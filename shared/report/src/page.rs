@@ -5,7 +5,7 @@ use std::fmt::{self, Display, Write};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 
-/// Text from outside, made harmless: shown as it is, in elements and in attributes.
+/// Text from outside, escaped for elements and attributes.
 pub struct Text<'a>(pub &'a str);
 
 impl Display for Text<'_> {
@@ -17,7 +17,7 @@ impl Display for Text<'_> {
                 '>' => f.write_str("&gt;")?,
                 '"' => f.write_str("&quot;")?,
                 '\'' => f.write_str("&#39;")?,
-                // HTML knows no other control characters; a terminal's escape codes end here.
+                // HTML allows no other control characters, such as a terminal's escape codes.
                 '\n' | '\t' => f.write_char(sign)?,
                 control if control.is_control() => f.write_char('\u{fffd}')?,
                 other => f.write_char(other)?,
@@ -39,7 +39,7 @@ pub struct Page {
 }
 
 impl Page {
-    /// Head and style.
+    /// Begins a page with head and style.
     pub fn begin(title: &str) -> Self {
         let mut page = Self { html: String::with_capacity(1 << 20), ids: 0 };
         page.put(format_args!(
@@ -54,7 +54,7 @@ impl Page {
         page
     }
 
-    /// Appends HTML.
+    /// Appends HTML to the page.
     pub fn put(&mut self, html: fmt::Arguments<'_>) {
         // Writing to a String cannot fail.
         let _ = self.html.write_fmt(html);
@@ -65,7 +65,7 @@ impl Page {
         self.put(format_args!("<section>\n<h2>{}</h2>\n", Text(heading)));
     }
 
-    /// Closes a section.
+    /// Closes the open section.
     pub fn end_section(&mut self) {
         self.put(format_args!("</section>\n"));
     }

@@ -28,22 +28,22 @@ const BAR: usize = 16;
 pub enum Range {
     /// From the data, the outermost thousandth of the values at each side left out.
     Inner,
-    /// These two values.
+    /// From the first to the second value.
     Fixed(f64, f64),
 }
 
 /// A raster of numbers to be coloured.
 #[derive(Debug, Clone, Copy)]
 pub struct Scalar<'a> {
-    /// Columns.
+    /// Number of columns, px.
     pub width_px: u32,
-    /// Rows.
+    /// Number of rows, px.
     pub height_px: u32,
     /// width × height values; NaN shows as invalid.
     pub values: &'a [f32],
     /// 0 where a value may not be used; `None` if all may.
     pub valid: Option<&'a [u8]>,
-    /// Colours.
+    /// Colour map of the values.
     pub map: ColourMap,
     /// Ends of the colour bar.
     pub range: Range,
@@ -85,7 +85,7 @@ pub fn wrapped_phase_png(phase: &PhaseView<'_>) -> Result<Vec<u8>, PictureError>
     scalar_png(&wrapped_scalar(phase, &values))
 }
 
-/// Modulation in DN with a colour bar from 0; invalid pixels included, since they are what one wants to see.
+/// Modulation in DN with a colour bar from 0, including invalid pixels.
 ///
 /// # Errors
 /// Planes that do not fit the size of the map.

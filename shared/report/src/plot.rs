@@ -2,12 +2,11 @@
 
 use super::number::{self, fixed};
 use super::page::{Page, Text};
+use super::svg::{self, Anchor};
 use files::atomic;
 use files::error::FileError;
 use std::path::Path;
 
-const INK: &str = "#1f2933";
-const GRID: &str = "#e9edf0";
 const COLOURS: [&str; 4] = ["#0b5cad", "#c4570c", "#17693a", "#7a3b9a"];
 
 const LEFT: f64 = 84.0;
@@ -23,7 +22,7 @@ const MOST_DECADES: i32 = 6;
 pub enum Mark {
     /// A line through the points.
     Line,
-    /// Dots.
+    /// A dot at each point.
     Dots,
     /// Bars from the bottom; the bars of several series stand side by side at each whole x.
     Bars,
@@ -32,7 +31,7 @@ pub enum Mark {
 /// Points of one kind.
 #[derive(Debug, Clone)]
 pub struct Series {
-    /// For the legend.
+    /// Name in the legend.
     pub name: String,
     /// How they are drawn.
     pub mark: Mark,
@@ -40,10 +39,10 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
 }
 
-/// A diagram.
+/// A diagram with its axes and series.
 #[derive(Debug, Clone)]
 pub struct Plot {
-    /// Heading.
+    /// Heading of the diagram.
     pub title: String,
     /// Quantity and unit along x.
     pub x_label: String,
@@ -55,22 +54,22 @@ pub struct Plot {
     pub series: Vec<Series>,
     /// Positions along x that are marked with a name.
     pub marks: Vec<(f64, String)>,
-    /// Below the diagram.
+    /// Text below the diagram.
     pub note: String,
 }
 
 /// A page of diagrams.
 #[derive(Debug, Clone)]
 pub struct Sheet {
-    /// Title.
+    /// Title of the page.
     pub title: String,
-    /// Below the title.
+    /// Text below the title.
     pub subtitle: String,
-    /// Names and values.
+    /// Names and values at the top of the page.
     pub facts: Vec<(String, String)>,
-    /// Diagrams.
+    /// Diagrams in their order.
     pub plots: Vec<Plot>,
-    /// Remarks.
+    /// Remarks at the end of the page.
     pub notes: Vec<String>,
 }
 
@@ -183,38 +182,33 @@ fn draw(page: &mut Page, plot: &Plot) {
         Axis::linear(all().map(|(_, y)| *y), 0.05, (bars > 0).then_some(0.0))
     };
     legend(page, plot);
-    page.put(format_args!(
-        "<div class=\"chart\"><svg viewBox=\"0 0 1000 340\" role=\"img\" aria-label=\"{}\">\n",
-        Text(&plot.title)
-    ));
+    page.put(format_args!("<div class=\"chart\">"));
+    svg::open(page, "", [1000.0, 340.0], &plot.title);
     axes(page, plot, &x, &y);
     let mut bar = 0;
     for (series, colour) in plot.series.iter().zip(COLOURS.iter().cycle()) {
         let place = |(px, py): &(f64, f64)| {
             let (sx, sy) = (x.share(*px)?, y.share(*py)?);
-            Some((LEFT + (RIGHT - LEFT) * sx, BASE - (BASE - TOP) * sy))
+            Some([LEFT + (RIGHT - LEFT) * sx, BASE - (BASE - TOP) * sy])
         };
-        let places: Vec<(f64, f64)> = series.points.iter().filter_map(place).collect();
+        let places: Vec<[f64; 2]> = series.points.iter().filter_map(place).collect();
         match series.mark {
-            Mark::Line => line(page, &places, colour),
+            Mark::Line => svg::line(page, places, &format!("stroke=\"{colour}\" stroke-width=\"1.6\"")),
             Mark::Dots => dots(page, &places, colour),
             Mark::Bars => {
                 let unit = (RIGHT - LEFT) / (x.high - x.low);
                 let width = 0.7 * unit / bars as f64;
                 let first = -0.35 * unit + width * f64::from(bar);
                 bar += 1;
-                for (at, top) in &places {
-                    page.put(format_args!(
-                        "<rect x=\"{:.2}\" y=\"{top:.2}\" width=\"{:.2}\" height=\"{:.2}\" fill=\"{colour}\"/>\n",
-                        at + first,
-                        width * 0.92,
-                        (BASE - top).max(0.5)
-                    ));
+                for [at, top] in &places {
+                    let size = [width * 0.92, (BASE - top).max(0.5)];
+                    svg::rectangle(page, [at + first, *top], size, colour, "");
                 }
             }
         }
     }
-    page.put(format_args!("</svg></div>\n"));
+    svg::close(page);
+    page.put(format_args!("</div>\n"));
 }
 
 fn legend(page: &mut Page, plot: &Plot) {
@@ -225,17 +219,9 @@ fn legend(page: &mut Page, plot: &Plot) {
     page.put(format_args!("</ul>\n"));
 }
 
-fn line(page: &mut Page, places: &[(f64, f64)], colour: &str) {
-    page.put(format_args!("<path d=\""));
-    for (i, (x, y)) in places.iter().enumerate() {
-        page.put(format_args!("{}{x:.2} {y:.2}", if i == 0 { 'M' } else { 'L' }));
-    }
-    page.put(format_args!("\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.6\"/>\n"));
-}
-
-fn dots(page: &mut Page, places: &[(f64, f64)], colour: &str) {
+fn dots(page: &mut Page, places: &[[f64; 2]], colour: &str) {
     let radius = if places.len() > 80 { 2.0 } else { 3.2 };
-    for (x, y) in places {
+    for [x, y] in places {
         page.put(format_args!("<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius}\" fill=\"{colour}\"/>"));
     }
     page.put(format_args!("\n"));
@@ -244,12 +230,7 @@ fn dots(page: &mut Page, places: &[(f64, f64)], colour: &str) {
 fn axes(page: &mut Page, plot: &Plot, x: &Axis, y: &Axis) {
     for (value, text) in y.ticks(5) {
         let at = BASE - (BASE - TOP) * y.share(value).unwrap_or(0.0);
-        page.put(format_args!(
-            "<path d=\"M{LEFT} {at:.1}H{RIGHT}\" stroke=\"{GRID}\"/><text x=\"{:.1}\" y=\"{:.1}\" font-size=\"13\" \
-             text-anchor=\"end\">{text}</text>\n",
-            LEFT - 8.0,
-            at + 4.5
-        ));
+        svg::grid_line(page, [LEFT, RIGHT], at, 13.0, &text);
     }
     // Bars stand for whole numbers, so nothing is written between them.
     let bars = plot.series.iter().any(|s| s.mark == Mark::Bars);
@@ -258,33 +239,20 @@ fn axes(page: &mut Page, plot: &Plot, x: &Axis, y: &Axis) {
     for (value, text) in ticks {
         let text = if bars { fixed(value, 0) } else { text };
         let at = LEFT + (RIGHT - LEFT) * x.share(value).unwrap_or(0.0);
-        page.put(format_args!(
-            "<path d=\"M{at:.1} {BASE}v5\" stroke=\"{INK}\"/><text x=\"{at:.1}\" y=\"{:.1}\" font-size=\"13\" \
-             text-anchor=\"middle\">{text}</text>\n",
-            BASE + 20.0
-        ));
+        svg::mark_below(page, [at, BASE], 5.0, 13.0, &text);
     }
     for (value, name) in &plot.marks {
         let Some(share) = x.share(*value) else { continue };
         let at = LEFT + (RIGHT - LEFT) * share;
         // Above the diagram, so that no curve crosses the name.
-        let anchor = if share > 0.9 { "end" } else { "middle" };
-        page.put(format_args!(
-            "<path d=\"M{at:.1} {TOP}V{BASE}\" stroke=\"#ad1f1f\" stroke-dasharray=\"3 2\"/><text x=\"{:.1}\" y=\"{:.1}\" \
-             font-size=\"12.5\" text-anchor=\"{anchor}\" style=\"fill:#ad1f1f\">{}</text>\n",
-            at,
-            TOP - 6.0,
-            Text(name)
-        ));
+        let anchor = if share > 0.9 { Anchor::End } else { Anchor::Middle };
+        svg::line(page, [[at, TOP], [at, BASE]], "stroke=\"#ad1f1f\" stroke-dasharray=\"3 2\"");
+        svg::styled_text(page, [at, TOP - 6.0], 12.5, anchor, "style=\"fill:#ad1f1f\"", name);
     }
-    let middle = 0.5 * (TOP + BASE);
-    page.put(format_args!(
-        "<path d=\"M{LEFT} {TOP}V{BASE}H{RIGHT}\" stroke=\"{INK}\" fill=\"none\"/>\
-         <text x=\"532\" y=\"333\" font-size=\"13\" text-anchor=\"middle\">{}</text>\
-         <text x=\"16\" y=\"{middle}\" font-size=\"13\" text-anchor=\"middle\" transform=\"rotate(-90 16 {middle})\">{}</text>\n",
-        Text(&plot.x_label),
-        Text(&plot.y_label)
-    ));
+    let frame = [[LEFT, TOP], [LEFT, BASE], [RIGHT, BASE]];
+    svg::line(page, frame, &format!("stroke=\"{}\"", svg::INK));
+    svg::text(page, [532.0, 333.0], 13.0, Anchor::Middle, &plot.x_label);
+    svg::upright_text(page, [16.0, 0.5 * (TOP + BASE)], 13.0, &plot.y_label);
 }
 
 #[cfg(test)]

@@ -14,36 +14,36 @@ const MAX_PIXELS: usize = 1 << 26;
 pub enum PictureError {
     /// Size zero or too large.
     #[error(
-        "picture of {width_px} × {height_px} px: each side must be at least 1 and the area at most {MAX_PIXELS} px"
+        "image of {width_px} × {height_px} px: each side must be at least 1 and the area at most {MAX_PIXELS} px"
     )]
     Size {
-        /// Columns.
+        /// Number of columns, px.
         width_px: usize,
-        /// Rows.
+        /// Number of rows, px.
         height_px: usize,
     },
     /// A plane has not width × height values.
     #[error("{what} has {found} values, but {width_px} × {height_px} px need {expected}", expected = width_px * height_px)]
     Length {
-        /// Which plane.
+        /// Name of the plane.
         what: &'static str,
-        /// Columns.
+        /// Number of columns, px.
         width_px: usize,
-        /// Rows.
+        /// Number of rows, px.
         height_px: usize,
-        /// Values given.
+        /// Number of values given.
         found: usize,
     },
     /// A deviation belongs to no point.
     #[error("a deviation is given for point {index}, but the cloud has {points} points (counted from 0)")]
     NoSuchPoint {
-        /// Its index.
+        /// Index that is out of range.
         index: u32,
         /// Points of the cloud.
         points: usize,
     },
     /// The PNG encoder failed.
-    #[error("the picture cannot be encoded as PNG")]
+    #[error("the image cannot be encoded as PNG")]
     Encode(#[from] image::ImageError),
 }
 
@@ -103,9 +103,9 @@ fn encode(
 /// Colours, row by row.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Raster {
-    /// Columns.
+    /// Number of columns, px.
     pub width: usize,
-    /// Rows.
+    /// Number of rows, px.
     pub height: usize,
     /// width × height colours.
     pub pixels: Vec<Rgb>,

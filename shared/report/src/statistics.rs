@@ -29,7 +29,7 @@ fn sorted(samples: &[u64]) -> Vec<u64> {
 /// What a set of deviations has in common.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Summary {
-    /// Finite values.
+    /// Number of finite values.
     pub count: usize,
     /// Values that are NaN or infinite; they enter nothing else.
     pub not_finite: usize,
@@ -41,13 +41,13 @@ pub struct Summary {
     pub magnitude_95: Option<f64>,
     /// 99th percentile of the magnitudes by nearest rank.
     pub magnitude_99: Option<f64>,
-    /// Smallest value.
+    /// Smallest value; `None` without values.
     pub min: Option<f64>,
-    /// Largest value.
+    /// Largest value; `None` without values.
     pub max: Option<f64>,
 }
 
-/// Sums values in their order (two passes, so that a large mean does not eat the deviation).
+/// Sums values in their order (two passes, so that a large mean costs no digits of the deviation).
 pub fn summary(values: impl Iterator<Item = f64>) -> Summary {
     let all: Vec<f64> = values.collect();
     let finite: Vec<f64> = all.iter().copied().filter(|v| v.is_finite()).collect();

@@ -31,7 +31,7 @@ impl Verdict {
     }
 }
 
-/// Title and the lines that say what was measured, when, with what.
+/// Title, and what was measured, when and with what.
 pub fn header(page: &mut Page, input: &ReportInput<'_>) {
     page.put(format_args!(
         "<header>\n<h1>Measurement report</h1>\n<p class=\"sub\">Optical coordinate measurement by fringe projection</p>\n\
@@ -52,7 +52,7 @@ pub fn header(page: &mut Page, input: &ReportInput<'_>) {
     page.put(format_args!("</dl>\n</header>\n"));
 }
 
-/// The banner.
+/// Writes the verdict banner.
 pub fn verdict(page: &mut Page, input: &ReportInput<'_>) {
     let class = input.verdict.class();
     page.put(format_args!(
@@ -66,7 +66,7 @@ pub fn verdict(page: &mut Page, input: &ReportInput<'_>) {
     page.put(format_args!("</div></div>\n"));
 }
 
-/// The verdict in words, counted from the table.
+/// The verdict as a sentence, counted from the table.
 fn sentence(input: &ReportInput<'_>) -> String {
     let number = |wanted: Verdict| input.features.iter().filter(|f| f.verdict == Some(wanted)).count();
     let judged = input.features.iter().filter(|f| f.verdict.is_some()).count();
@@ -83,7 +83,7 @@ fn sentence(input: &ReportInput<'_>) -> String {
     };
     let mut parts = vec![format!("{} within", number(Verdict::Pass))];
     let others = [
-        (Verdict::Indeterminate, "too close to a limit to tell"),
+        (Verdict::Indeterminate, "too close to a limit to decide"),
         (Verdict::Fail, "outside"),
         (Verdict::NoResult, "not measured"),
     ];

@@ -13,7 +13,7 @@ const BASE: f64 = 270.0;
 /// Decades of the ratio that are drawn: a hundredth of the limit to a hundred times.
 const DECADES: f64 = 2.0;
 
-/// Okabe and Ito's colours, which eyes of every kind tell apart.
+/// Okabe and Ito's colours, distinguishable also with a colour vision deficiency.
 const COLOURS: [&str; 7] = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#5b6875"];
 
 /// √(statistic/limit) of each pair over the checks, on a logarithmic scale: 1 is the limit.

@@ -7,14 +7,15 @@ use metrology::uncertainty::{Comparison, Evaluation, MonteCarloResult, Row, Vali
 use super::ReportError;
 use super::number::{self, count, fixed, signed, significant};
 use super::page::{Page, Text};
+use super::svg::{self, Anchor};
 use files::atomic;
 use files::budget::BudgetFile;
 
-/// What the report says.
+/// Content of the report.
 pub struct UncertaintyInput<'a> {
-    /// The budget.
+    /// The budget as read from its file.
     pub file: &'a BudgetFile,
-    /// Its evaluation.
+    /// Evaluation of the budget.
     pub evaluation: &'a Evaluation,
     /// Propagation of distributions, and how the budget compares.
     pub monte_carlo: Option<(&'a MonteCarloResult, Validation)>,
@@ -192,7 +193,7 @@ pub fn monte_carlo_lines(file: &BudgetFile, m: &MonteCarloResult, validation: Va
     let stable = match m.converged {
         Some(true) => format!("stable to {} {unit}", significant(m.tolerance, 2)),
         Some(false) => format!(
-            "NOT stable to {} {unit} within max_trials; allow more, or ask for digits = 1",
+            "NOT stable to {} {unit} within max_trials; allow more, or set digits = 1",
             significant(m.tolerance, 2)
         ),
         None => "a fixed number, stability not checked".to_owned(),
@@ -275,7 +276,6 @@ impl Chart {
     const RIGHT: f64 = 980.0;
     const TOP: f64 = 34.0;
     const BASE: f64 = 250.0;
-    const INK: &'static str = "#1f2933";
     const BUDGET: &'static str = "#ad1f1f";
     const BARS: &'static str = "#9db8d6";
     const TRIALS: &'static str = "#0b5cad";
@@ -317,11 +317,11 @@ impl Chart {
             ));
         }
         page.put(format_args!(
-            "<li><i style=\"background:{}\"></i>budget: t with ν_eff = {}, and y ± U</li></ul>\n<div class=\"chart\"><svg \
-             viewBox=\"0 0 1000 302\" role=\"img\" aria-label=\"distribution of the measurand\">\n",
+            "<li><i style=\"background:{}\"></i>budget: t with ν_eff = {}, and y ± U</li></ul>\n<div class=\"chart\">",
             Self::BUDGET,
             degrees(e.effective_dof)
         ));
+        svg::open(page, "", [1000.0, 302.0], "distribution of the measurand");
         if let Some((m, _)) = input.monte_carlo {
             self.bars(page, m);
             let interval = m.decisive();
@@ -331,7 +331,8 @@ impl Chart {
         let ends = [e.estimate - e.expanded_uncertainty, e.estimate + e.expanded_uncertainty];
         self.ends(page, ends, Self::BUDGET, "5 3");
         self.axis(page, input.file);
-        page.put(format_args!("</svg></div>\n"));
+        svg::close(page);
+        page.put(format_args!("</div>\n"));
     }
 
     fn bars(&self, page: &mut Page, m: &MonteCarloResult) {
@@ -339,61 +340,38 @@ impl Chart {
         for (i, n) in h.counts.iter().enumerate().filter(|(_, n)| **n > 0) {
             let left = h.low + h.width * i as f64;
             let top = self.y(*n as f64 / (m.trials as f64 * h.width));
-            page.put(format_args!(
-                "<rect x=\"{:.2}\" y=\"{top:.2}\" width=\"{:.2}\" height=\"{:.2}\" fill=\"{}\"/>",
-                self.x(left),
-                self.x(left + h.width) - self.x(left),
-                Self::BASE - top,
-                Self::BARS
-            ));
+            let size = [self.x(left + h.width) - self.x(left), Self::BASE - top];
+            svg::rectangle(page, [self.x(left), top], size, Self::BARS, "");
         }
         page.put(format_args!("\n"));
     }
 
     fn curve(&self, page: &mut Page, e: &Evaluation) {
-        page.put(format_args!("<path d=\""));
-        for step in 0..=240 {
+        let curve = (0..=240).map(|step| {
             let value = self.low + (self.high - self.low) * f64::from(step) / 240.0;
             let t = (value - e.estimate) / e.combined_standard_uncertainty;
             let height = density(t, e.effective_dof) / e.combined_standard_uncertainty;
-            let letter = if step == 0 { 'M' } else { 'L' };
-            page.put(format_args!("{letter}{:.1} {:.1}", self.x(value), self.y(height)));
-        }
-        page.put(format_args!("\" fill=\"none\" stroke=\"{}\" stroke-width=\"1.8\"/>\n", Self::BUDGET));
+            [self.x(value), self.y(height)]
+        });
+        svg::line(page, curve, &format!("stroke=\"{}\" stroke-width=\"1.8\"", Self::BUDGET));
     }
 
     fn ends(&self, page: &mut Page, ends: [f64; 2], colour: &str, dashes: &str) {
         for end in ends {
             let x = self.x(end);
-            page.put(format_args!(
-                "<path d=\"M{x:.1} {}V{}\" stroke=\"{colour}\" stroke-width=\"1.6\" stroke-dasharray=\"{dashes}\"/>\n",
-                Self::TOP - 8.0,
-                Self::BASE
-            ));
+            let style = format!("stroke=\"{colour}\" stroke-width=\"1.6\" stroke-dasharray=\"{dashes}\"");
+            svg::line(page, [[x, Self::TOP - 8.0], [x, Self::BASE]], &style);
         }
     }
 
     fn axis(&self, page: &mut Page, file: &BudgetFile) {
-        page.put(format_args!(
-            "<path d=\"M{} 250H{}\" stroke=\"{}\"/>\n",
-            Self::LEFT,
-            Self::RIGHT,
-            Self::INK
-        ));
+        let axis = [[Self::LEFT, Self::BASE], [Self::RIGHT, Self::BASE]];
+        svg::line(page, axis, &format!("stroke=\"{}\"", svg::INK));
         let (values, digits) = number::ticks(self.low, self.high, 8);
         for value in values {
-            let x = self.x(value);
-            page.put(format_args!(
-                "<path d=\"M{x:.1} 250v5\" stroke=\"{}\"/><text x=\"{x:.1}\" y=\"270\" font-size=\"13\" \
-                 text-anchor=\"middle\">{}</text>\n",
-                Self::INK,
-                fixed(value, digits)
-            ));
+            svg::mark_below(page, [self.x(value), Self::BASE], 5.0, 13.0, &fixed(value, digits));
         }
         let label = format!("{}, {}", file.symbol, number::unit(&file.unit));
-        page.put(format_args!(
-            "<text x=\"500\" y=\"293\" font-size=\"13\" text-anchor=\"middle\">{}</text>\n",
-            Text(&label)
-        ));
+        svg::text(page, [500.0, 293.0], 13.0, Anchor::Middle, &label);
     }
 }

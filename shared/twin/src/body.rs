@@ -18,9 +18,9 @@ pub(crate) enum Form {
 /// A body with its place and surface.
 #[derive(Debug, Clone)]
 pub struct Body {
-    /// Unique.
+    /// Name of the body, unique in the scene.
     pub name: String,
-    /// How it reflects.
+    /// Reflection of the surface.
     pub surface: Surface,
     form: Form,
     /// p_body = turn · (p_part − shift).
@@ -37,7 +37,7 @@ pub struct Hit {
     pub t_mm: f64,
     /// The surface point, mm.
     pub point_mm: Point3<f64>,
-    /// Outward unit normal.
+    /// Outward normal, unit vector.
     pub normal: Vector3<f64>,
     /// Index of the body.
     pub body: usize,

@@ -17,7 +17,7 @@ use crate::light::LARGEST_SIDE_PX;
 /// Rays per camera beyond which the planes would not fit a workstation: 16 times a 16-megapixel camera.
 const MOST_RAYS: u64 = 1 << 28;
 
-/// Why the twin cannot do what it is asked.
+/// Why the twin cannot simulate a view.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum TwinError {
     /// A setting outside its range.
@@ -26,9 +26,9 @@ pub enum TwinError {
     /// A camera or projector that cannot be.
     #[error("camera \"{name}\"")]
     Camera {
-        /// Which one.
+        /// Name of the camera.
         name: String,
-        /// What is wrong.
+        /// What is wrong with the camera.
         source: CameraError,
     },
     /// Nothing to see with.
@@ -39,72 +39,72 @@ pub enum TwinError {
         "projector \"{name}\" has {width_px} × {height_px} px; the twin takes at most {LARGEST_SIDE_PX} along a side"
     )]
     ProjectorSize {
-        /// Which one.
+        /// Name of the projector.
         name: String,
-        /// Columns.
+        /// Columns of its chip, px.
         width_px: u32,
-        /// Rows.
+        /// Rows of its chip, px.
         height_px: u32,
     },
-    /// Too many rays.
+    /// The view needs more rays than allowed.
     #[error("camera \"{name}\" with subsamples = {subsamples} needs {rays} rays, limit {MOST_RAYS}")]
     Rays {
-        /// Which one.
+        /// Name of the camera.
         name: String,
-        /// As set.
+        /// Value of `subsamples`.
         subsamples: u32,
-        /// Rays.
+        /// Number of rays needed.
         rays: u64,
     },
     /// A name that the rig does not have.
     #[error("no {kind} \"{name}\" here; there are: {known}")]
     Unknown {
-        /// camera or projector.
+        /// Kind of the device: camera or projector.
         kind: &'static str,
-        /// As asked.
+        /// Requested name.
         name: String,
-        /// Those that are.
+        /// Names that exist.
         known: String,
     },
-    /// The optical centre lies in the part.
-    #[error("\"{name}\" stands inside body \"{body}\" in cycle {cycle}; move it out of the part")]
+    /// The optical centre is inside of the part.
+    #[error("\"{name}\" is inside body \"{body}\" in cycle {cycle}; move it out of the part")]
     Inside {
-        /// Camera or projector.
+        /// Name of the camera or projector.
         name: String,
-        /// The body.
+        /// Name of the body.
         body: String,
-        /// The cycle.
+        /// Number of the cycle.
         cycle: u64,
     },
     /// A pattern that cannot be generated.
     #[error("frame {frame} of projector \"{projector}\"")]
     Pattern {
-        /// Which projector.
+        /// Name of the projector.
         projector: String,
         /// Number in the sequence.
         frame: usize,
-        /// What is wrong.
+        /// What is wrong with the pattern.
         source: PatternError,
     },
     /// A view or renderer of another twin.
-    #[error("view and twin do not belong together; make the view from the twin that shall render it")]
+    #[error("the view is not of this twin; make it with the twin that renders it")]
     Foreign,
     /// A frame beyond the sequence.
     #[error("frame {frame} does not exist: the sequence of projector \"{projector}\" has {count} frames")]
     Frame {
-        /// Which projector.
+        /// Name of the projector.
         projector: String,
-        /// As asked.
+        /// Requested index.
         frame: usize,
-        /// Frames there are.
+        /// Number of frames of the sequence.
         count: usize,
     },
     /// A pixel buffer of another size or depth.
     #[error("the buffer holds {given}, the frame needs {needed}")]
     Buffer {
-        /// As given.
+        /// Size of the buffer given.
         given: String,
-        /// As needed.
+        /// Size of the buffer needed.
         needed: String,
     },
 }
@@ -117,7 +117,7 @@ pub(crate) struct Shared {
     pub normal: Normal,
 }
 
-/// A cell in software. It knows the truth and shows only what cameras see.
+/// A simulated cell. It contains the truth; its frames contain only what cameras see.
 #[derive(Debug, Clone)]
 pub struct Twin {
     scene: Scene,
@@ -127,7 +127,7 @@ pub struct Twin {
     pub(crate) shared: Arc<Shared>,
 }
 
-/// One camera's sight of one pose: the geometry, ready to be lit.
+/// One camera's image point of one pose: the geometry, ready to be lit.
 #[derive(Debug, Clone)]
 pub struct View {
     pub(crate) shared: Arc<Shared>,
@@ -137,7 +137,7 @@ pub struct View {
     pub(crate) height: usize,
     /// Indices of the traced projectors.
     pub(crate) lamps: Vec<usize>,
-    /// Albedo per ray.
+    /// Albedo met by each ray, for ambient light.
     pub(crate) ambient: Vec<f32>,
     /// Per ray and traced projector.
     pub(crate) lit: Vec<Lit>,
@@ -147,7 +147,7 @@ pub struct View {
     pub(crate) bounce: Vec<Lit>,
 }
 
-/// What a ray of sight truly meets.
+/// The true intersection of a line of sight.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TruthPoint {
     /// In the world frame, mm.
@@ -201,7 +201,7 @@ impl Twin {
         })
     }
 
-    /// The settings.
+    /// Settings of the twin.
     pub fn settings(&self) -> &TwinSettings {
         &self.shared.settings
     }
@@ -311,7 +311,7 @@ impl Twin {
         })
     }
 
-    /// What the ray of a pixel truly meets; `None` beside the part. For judging a measurement, not for making one.
+    /// The true point on the line of sight of a pixel; `None` beside the part. For evaluating a measurement, not for making one.
     ///
     /// # Errors
     /// As [`Self::view`].

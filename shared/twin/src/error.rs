@@ -13,37 +13,37 @@ pub enum SceneError {
     /// Another format or version.
     #[error("format = \"{0}\" is not \"{FORMAT}\"")]
     Format(String),
-    /// Nothing to see.
+    /// The scene has no body.
     #[error("the scene has no [[body]]")]
     NoBody,
     /// Two of a kind with one name.
     #[error("[[{kind}]] name = \"{name}\" occurs twice; names must be unique")]
     Duplicate {
-        /// material, body, truth.
+        /// Kind of the table: material, body or truth.
         kind: &'static str,
-        /// The name.
+        /// Name used twice.
         name: String,
     },
     /// A body of an unknown material.
     #[error("[[body]] \"{body}\": material = \"{material}\" is not among the [[material]] names: {known}")]
     UnknownMaterial {
-        /// The body.
+        /// Name of the body.
         body: String,
-        /// As written.
+        /// Material named in the scene file.
         material: String,
-        /// Names that exist.
+        /// Names of the materials that exist.
         known: String,
     },
     /// A number outside its range.
     #[error("[[{kind}]] \"{name}\": {key} = {value} must be {limit}")]
     Value {
-        /// material, body, truth.
+        /// Kind of the table: material, body or truth.
         kind: &'static str,
-        /// Its name.
+        /// Name of the table.
         name: String,
-        /// The key.
+        /// Key of the value.
         key: &'static str,
-        /// As written.
+        /// Value in the scene file.
         value: f64,
         /// What it may be.
         limit: String,
@@ -51,31 +51,31 @@ pub enum SceneError {
     /// Lists that belong together differ in length.
     #[error("[[body]] \"{body}\": {a_len} diameters_mm but {b_len} offsets_mm; give one offset per sphere")]
     Lengths {
-        /// The body.
+        /// Name of the body.
         body: String,
-        /// Number of diameters.
+        /// Number of diameters given.
         a_len: usize,
-        /// Number of offsets.
+        /// Number of offsets given.
         b_len: usize,
     },
     /// The mesh file could not be had.
     #[error("[[body]] \"{body}\": file = \"{file}\": {reason}")]
     MeshFile {
-        /// The body.
+        /// Name of the body.
         body: String,
-        /// As written.
+        /// Path in the scene file.
         file: String,
-        /// Of the loader.
+        /// Reason given by the loader.
         reason: String,
     },
     /// The mesh file is no mesh.
     #[error("[[body]] \"{body}\": file = \"{file}\"")]
     Mesh {
-        /// The body.
+        /// Name of the body.
         body: String,
-        /// As written.
+        /// Path in the scene file.
         file: String,
-        /// What is wrong.
+        /// What is wrong with the mesh.
         source: MeshError,
     },
 }

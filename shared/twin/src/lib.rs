@@ -21,8 +21,8 @@
 //! * Not modelled: further bounces, depth of field of the camera, vignetting, rolling shutters.
 //!
 //! # Truth
-//! [`scene::Scene::truth`], [`cell::Twin::pose`] and the functions named `truth_…` know what no camera can; only what
-//! judges a measurement may call them. Frames carry nothing but grey values.
+//! [`scene::Scene::truth`], [`cell::Twin::pose`] and the functions named `truth_…` return what no camera can measure; only the
+//! evaluation of a measurement may call them. Frames contain nothing but grey values.
 
 mod assemble;
 mod blur;

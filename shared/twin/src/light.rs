@@ -37,12 +37,12 @@ const LAYERS: usize = 13;
 /// Light, 0 … 1.
 #[derive(Debug, Clone)]
 pub(crate) enum Light {
-    /// The same everywhere.
+    /// The same level everywhere.
     Even(f32),
     /// Blurred or stepped: tabulated at the centres of cells of 1/32 px, from coordinate −1 px on. Layer i is out of focus by
     /// i·[`LAYER_PX`].
     Table { axis: Axis, layers: Vec<Vec<f32>> },
-    /// The formula itself.
+    /// The pattern's formula, evaluated at each place.
     Formula { axis: Axis, set: PatternSet, step: usize, size_px: u32, response: Response },
 }
 
@@ -116,7 +116,7 @@ impl Light {
             }
             Self::Formula { axis, set, step, size_px, response } => {
                 let at = pixel(if *axis == Axis::X { u } else { v });
-                // The set was asked once when this light was made, so it can be generated.
+                // The set was checked when this light was made, so it can be generated.
                 response.light(set.intensity(*step, at, *size_px).unwrap_or(0.0)) as f32
             }
         }

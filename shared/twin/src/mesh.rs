@@ -1,4 +1,4 @@
-//! Triangle meshes: from STL bytes, hit by rays, asked for the nearest point.
+//! Triangle meshes from STL bytes: intersection with rays, nearest point.
 
 use crate::solid::{Contact, Nearest};
 use metrology::spatial::{Aabb, Bvh, Triangle, nearest_on_segment};
@@ -11,7 +11,7 @@ use thiserror::Error;
 /// curved face (CAD systems export with 5° to 15° chords). Cosine of 25°.
 const CREASE_COSINE: f64 = 0.906;
 
-/// More triangles than this would not fit the tree's 32-bit numbers with room to spare.
+/// More triangles than this would exceed the tree's 32-bit numbers.
 const MOST_TRIANGLES: usize = 50_000_000;
 
 /// What is wrong with a mesh.
@@ -23,19 +23,19 @@ pub enum MeshError {
     /// A corner is NaN or infinite.
     #[error("triangle {triangle} of the STL has a corner that is not a finite number")]
     NotFinite {
-        /// Counted from 0.
+        /// Index of the triangle, from 0.
         triangle: usize,
     },
-    /// Nothing to hit.
+    /// The mesh has no triangle with an area.
     #[error("the mesh has no triangle of positive area ({given} given)")]
     Empty {
         /// Triangles before those without area were left out.
         given: usize,
     },
     /// Beyond what the tree can number.
-    #[error("the mesh has {given} triangles, limit {MOST_TRIANGLES}; thin it out")]
+    #[error("the mesh has {given} triangles, limit {MOST_TRIANGLES}; reduce it")]
     TooLarge {
-        /// Number of triangles.
+        /// Number of triangles in the file.
         given: usize,
     },
 }
@@ -91,7 +91,7 @@ impl Mesh {
         Ok(Self { triangles, tree: Bvh::new(&boxes), creases, crease_tree: Bvh::new(&crease_boxes) })
     }
 
-    /// Number of triangles.
+    /// Number of triangles of the mesh.
     pub fn triangles(&self) -> usize {
         self.triangles.len()
     }

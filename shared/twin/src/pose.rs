@@ -5,7 +5,7 @@ use fringe::math::random::{Key, Normal};
 use fringe::math::{cos, sin};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
-/// Tells the streams of draws of one seed apart.
+/// Separates the streams of draws of one seed.
 const POSE: u64 = 1;
 const VIBRATION: u64 = 2;
 

@@ -14,7 +14,7 @@ use fringe::pattern::{PatternSet, frame_count, locate};
 use nalgebra::{Point2, Vector3};
 use std::sync::Arc;
 
-/// Tells the noise apart from the other draws of a seed.
+/// Separates the noise from the other draws of a seed.
 const NOISE: u64 = 3;
 
 /// Fraction of full scale that a reflectance of 1 gives at exposure 1 and at the reference distance.
@@ -81,12 +81,12 @@ impl Twin {
 }
 
 impl View {
-    /// Columns.
+    /// Columns of the camera, px.
     pub fn width_px(&self) -> u32 {
         self.width as u32
     }
 
-    /// Rows.
+    /// Rows of the camera, px.
     pub fn height_px(&self) -> u32 {
         self.height as u32
     }
@@ -111,7 +111,7 @@ impl View {
     }
 
     /// The true projector coordinate of a pixel's centre; `None` where the projector does not light it. With several
-    /// rays per pixel, that of the middle one. For judging a measurement, not for making one.
+    /// rays per pixel, that of the middle one. For evaluating a measurement, not for making one.
     ///
     /// # Errors
     /// A projector that this view was not traced with.
@@ -167,7 +167,7 @@ impl Renderer {
         Ok(Self { shared, projector: index, first, lights, taps, exposure, image, spare, padded })
     }
 
-    /// Number of frames.
+    /// Number of frames of the sequence.
     pub fn frames(&self) -> usize {
         self.lights.len()
     }

@@ -1,4 +1,4 @@
-//! The scene, as meant: checked bodies in the part frame, and apart from them the truth.
+//! The scene: checked bodies in the part frame, and separately the truth.
 
 use crate::assemble;
 use crate::body::{self, Body, Hit};
@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-/// The true feature values, kept apart from the scene that cameras see.
+/// The true feature values, separate from the scene that cameras see.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Truth {
     /// In the order of the file.
@@ -57,7 +57,7 @@ impl Scene {
     /// Reads and checks a scene file; `load` fetches the bytes of a mesh file by its path as written.
     ///
     /// # Errors
-    /// Whatever makes the scene unusable, with key, value and limit.
+    /// Why the scene is invalid, with key, value and limit.
     pub fn parse(
         text: &str,
         load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
@@ -106,7 +106,7 @@ impl Scene {
         self.bodies.iter().map(|b| b.name.as_str())
     }
 
-    /// The true feature values. Only what judges a measurement may ask for them.
+    /// The true feature values, only for evaluating a measurement.
     pub fn truth(&self) -> &Truth {
         &self.truth
     }
@@ -149,7 +149,7 @@ impl Scene {
         best
     }
 
-    /// The first body that holds a point of the part frame.
+    /// The first body that contains a point of the part frame.
     pub(crate) fn holder(&self, p: &Point3<f64>) -> Option<&str> {
         self.bodies.iter().find(|b| b.holds(p)).map(|b| b.name.as_str())
     }

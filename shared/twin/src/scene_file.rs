@@ -9,7 +9,7 @@ pub const FORMAT: &str = "fringecell-scene/1";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
-    /// Always [`FORMAT`].
+    /// Format of the file, always [`FORMAT`].
     pub format: String,
     /// What the scene is.
     #[serde(default)]
@@ -29,7 +29,7 @@ pub struct SceneFile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaterialFile {
-    /// Unique.
+    /// Name of the material, unique in the file.
     pub name: String,
     /// Lambertian reflectance, 0 … 1.
     pub albedo: f64,
@@ -59,7 +59,7 @@ fn twenty() -> f64 {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BodyFile {
-    /// Unique.
+    /// Name of the body, unique in the file.
     pub name: String,
     /// Name of a material.
     pub material: String,
@@ -69,7 +69,7 @@ pub struct BodyFile {
     /// Turns about the part's x, then y, then z axis, degrees: R = Rz·Ry·Rx.
     #[serde(default)]
     pub rotation_deg: [f64; 3],
-    /// Shape and sizes.
+    /// Shape of the body and its sizes.
     pub geometry: GeometryFile,
 }
 
@@ -77,27 +77,27 @@ pub struct BodyFile {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "shape", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum GeometryFile {
-    /// About the origin.
+    /// A sphere about the origin.
     Sphere {
-        /// Diameter.
+        /// Diameter of the sphere, mm.
         diameter_mm: f64,
     },
     /// Two spheres on the x axis, their middle in the origin, joined by a rod.
     BallBar {
         /// The sphere at −x, the sphere at +x.
         diameters_mm: [f64; 2],
-        /// Centre to centre.
+        /// Distance of the sphere centres, mm.
         spacing_mm: f64,
         /// The rod; 0 for none.
         rod_diameter_mm: f64,
     },
     /// Spheres in a row along x above a rod.
     BallBeam {
-        /// Of each sphere.
+        /// Diameter of each sphere, mm.
         diameters_mm: Vec<f64>,
         /// x of each centre.
         offsets_mm: Vec<f64>,
-        /// The rod.
+        /// Diameter of the rod, mm.
         rod_diameter_mm: f64,
         /// Length of the rod, its middle in x = 0.
         rod_length_mm: f64,
@@ -108,13 +108,13 @@ pub enum GeometryFile {
     Plane {
         /// Along x, along y.
         size_mm: [f64; 2],
-        /// Of the solid.
+        /// Thickness of the solid plate, mm.
         thickness_mm: f64,
         /// Squares on the top face.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         checkerboard: Option<CheckerboardFile>,
     },
-    /// About the origin.
+    /// A box about the origin.
     Box {
         /// Along x, y, z.
         size_mm: [f64; 3],
@@ -130,7 +130,7 @@ pub enum GeometryFile {
     },
     /// Half a sphere on z = 0, optionally on a base below.
     Hemisphere {
-        /// Diameter.
+        /// Diameter of the hemisphere, mm.
         diameter_mm: f64,
         /// Base along x, y, z; its top face is z = 0.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -138,14 +138,14 @@ pub enum GeometryFile {
     },
     /// About the z axis from z = 0.
     Cylinder {
-        /// Diameter.
+        /// Diameter of the cylinder, mm.
         diameter_mm: f64,
-        /// Along z.
+        /// Height along z, mm.
         height_mm: f64,
     },
     /// An STL file beside the scene file.
     Mesh {
-        /// Its path.
+        /// Path of the STL file, relative to the scene file.
         file: String,
         /// Millimetres per unit of the file.
         #[serde(default = "one")]
@@ -173,8 +173,8 @@ pub struct CheckerboardFile {
 pub struct TrueValue {
     /// Name of the feature, as in the inspection plan.
     pub name: String,
-    /// In `unit`.
+    /// True value in `unit`.
     pub value: f64,
-    /// mm, deg, …
+    /// Unit of the value, such as mm or deg.
     pub unit: String,
 }

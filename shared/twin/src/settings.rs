@@ -1,4 +1,4 @@
-//! Every imperfection of projector, sensor and stand as a knob of its own.
+//! Settings of the twin: every imperfection of projector, sensor and stand on its own.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -7,9 +7,9 @@ use thiserror::Error;
 #[derive(Debug, Error, Clone, PartialEq)]
 #[error("{key} = {value} must be {limit}")]
 pub struct SettingError {
-    /// The key.
+    /// Key of the setting.
     pub key: &'static str,
-    /// As given.
+    /// Value given for the setting.
     pub value: f64,
     /// What it may be.
     pub limit: &'static str,

@@ -1,7 +1,7 @@
 //! Convex bodies with closed-form intersections and distances, in their own frame.
 //!
 //! Each one is a quadric, or nothing, cut by half-spaces: a ray keeps one span of parameters inside it. All faces are
-//! numbered, so that a point can tell on which face it lies.
+//! numbered, so that the face of each point is known.
 
 use nalgebra::{Point3, Vector2, Vector3};
 
@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 pub struct Contact {
     /// Distance along the (unit) direction, mm.
     pub t_mm: f64,
-    /// Outward unit normal.
+    /// Outward normal, unit vector.
     pub normal: Vector3<f64>,
     /// Face number, see the body's variant.
     pub face: u32,
@@ -21,9 +21,9 @@ pub struct Contact {
 pub struct Nearest {
     /// Distance, mm; negative inside.
     pub signed_mm: f64,
-    /// The surface point.
+    /// Nearest point of the surface, mm.
     pub foot_mm: Point3<f64>,
-    /// Its face.
+    /// Number of its face.
     pub face: u32,
     /// Distance of the foot to the next face of the body, mm: a lower bound of the distance to an edge; infinite if
     /// the body has one face only.
@@ -33,7 +33,7 @@ pub struct Nearest {
 /// A plane with its outward unit normal: the inside is n·x ≤ offset.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfSpace {
-    /// Outward unit normal.
+    /// Outward normal, unit vector.
     pub normal: Vector3<f64>,
     /// Distance of the plane from the origin along the normal, mm.
     pub offset_mm: f64,
@@ -50,24 +50,24 @@ pub struct Prism {
     faces: Vec<HalfSpace>,
 }
 
-/// A convex body.
+/// A convex body in its own frame.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Solid {
     /// Sphere about the origin. Face 0.
     Ball {
-        /// Radius, mm.
+        /// Radius of the sphere, mm.
         radius_mm: f64,
     },
     /// The half z ≥ 0 of a sphere about the origin. Face 0 the cap, 1 the disc.
     Dome {
-        /// Radius, mm.
+        /// Radius of the solid, mm.
         radius_mm: f64,
     },
     /// Cylinder about the z axis from z = 0. Face 0 the mantle, 1 the bottom, 2 the top.
     Tube {
-        /// Radius, mm.
+        /// Radius of the solid, mm.
         radius_mm: f64,
-        /// Length, mm.
+        /// Length along the axis, mm.
         length_mm: f64,
     },
     /// Extruded polygon. Faces in the order of the profile's edges, then −y, then +y.

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 /// A surface: Lambertian with a grainy albedo, and a specular lobe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Surface {
-    /// Lambertian reflectance.
+    /// Lambertian reflectance, 0 … 1.
     pub albedo: f64,
     /// Relative amplitude of the albedo's texture.
     pub texture: f64,

@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector3};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// Tells the directions of the bounce apart from the other draws of a seed.
+/// Separates the directions of the bounce from the other draws of a seed.
 const BOUNCE: u64 = 4;
 
 /// A ray that goes on from a surface starts so far above it, mm: beyond the rounding, below anything that is seen.
@@ -68,7 +68,7 @@ impl Placed {
         }
     }
 
-    /// The same, ready to tell where points lie on its chip.
+    /// The same, prepared to project points onto its chip.
     pub fn projector(camera: &Camera, world_from_part: &Isometry3<f64>, reference_mm: f64) -> Self {
         Self { reach2: reach2(camera), ..Self::new(camera, world_from_part, reference_mm) }
     }

@@ -32,15 +32,15 @@ const CAP_COSINE: f64 = 0.574;
 /// Errors of spacings, all in mm.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct SpacingReport {
-    /// Which pair.
+    /// Name of the pair.
     pub pair: String,
     /// Bars that both cameras see.
     pub bars: usize,
-    /// Mean error.
+    /// Mean error of the spacing, mm.
     pub mean_mm: f64,
     /// Root mean square error.
     pub rms_mm: f64,
-    /// Largest absolute error.
+    /// Largest absolute error of the spacing, mm.
     pub max_mm: f64,
     /// Root mean square of the predicted standard uncertainty.
     pub u_rms_mm: f64,
@@ -72,7 +72,7 @@ pub fn bars() -> Vec<[Point3<f64>; 2]> {
     bars
 }
 
-/// What the found rig makes of the pixels in which the true rig sees the spheres: no noise but that of the calibration.
+/// Sphere centres that the calibrated rig triangulates from the true pixels: no noise but that of the calibration.
 pub fn by_geometry(found: &Calibration, truth: &Rig) -> Result<Vec<SpacingReport>> {
     truth.pairs.iter().map(|pair| one_pair(found, truth, pair)).collect()
 }
@@ -134,7 +134,7 @@ fn centre(at: &Point3<f64>, truth: [&Camera; 2], ours: [&Camera; 2]) -> Option<P
 pub struct MeasuredBar {
     /// Its middle, mm in the true world.
     pub middle_mm: [f64; 3],
-    /// Its direction.
+    /// Direction of the bar, unit vector.
     pub direction: [f64; 3],
     /// Error of the spacing with the calibrated rig for each pair and for both fused, mm.
     pub calibrated_mm: Vec<Option<f64>>,

@@ -2,10 +2,10 @@
 //! `calibrate`; and the same without images, from drawn errors.
 
 use super::super::scan::decode;
-use crate::calibrate::sights::{index, pitch_px};
+use crate::calibrate::detections::{index, pitch_px};
 use crate::simulate::Buffer;
 use anyhow::{Context, Result};
-use characterise::calibration::{Device, DeviceKind, Observations, Sight, View, projector_pixel};
+use characterise::calibration::{Device, DeviceKind, ImagePoint, Observations, View, projector_pixel};
 use characterise::target::{Detection, TargetSettings, TargetSpec, detect};
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::{Pair, Rig};
@@ -18,7 +18,7 @@ use twin::{Scene, Twin, TwinSettings, thesis};
 
 /// Turn of the boards about their normal, ± rad.
 const TURN_RAD: f64 = 0.6;
-/// A drawn corner this near to the rim of an image has no room for its window, px.
+/// Within this distance of the rim of an image a corner's window does not fit, px.
 const RIM_PX: f64 = 8.0;
 
 /// The board and its poses.
@@ -97,9 +97,9 @@ impl Plan {
 /// Where a corner was found, beside where it truly is.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerError {
-    /// Device.
+    /// Index of the device: cameras, then projectors.
     pub device: usize,
-    /// Pose.
+    /// Index of the pose.
     pub pose: usize,
     /// Column and row on the target.
     pub index: (u32, u32),
@@ -113,7 +113,7 @@ pub struct CornerError {
 pub struct Seen {
     /// As the adjustment takes it.
     pub observations: Observations,
-    /// Of each sight, in order.
+    /// Error of each image point, in their order, px.
     pub errors: Vec<CornerError>,
     /// Time of all detections.
     pub detection: Duration,
@@ -121,11 +121,11 @@ pub struct Seen {
     pub images: usize,
 }
 
-/// The true cell.
+/// The cell that is known exactly.
 pub struct Cell {
-    /// Cameras, projectors, pairs.
+    /// True cameras, projectors and pairs.
     pub rig: Rig,
-    /// Board and poses.
+    /// The board and its poses.
     pub plan: Plan,
     scene: Scene,
     spec: TargetSpec,
@@ -143,7 +143,7 @@ impl Cell {
         Ok(Self { rig: thesis::rig(1124, 750), plan, scene, spec, sequence: sequence(), subsamples })
     }
 
-    /// Cameras, then projectors.
+    /// All devices: cameras, then projectors.
     pub fn devices(&self) -> Vec<&Camera> {
         self.rig.cameras.iter().chain(&self.rig.projectors).map(|n| &n.camera).collect()
     }
@@ -189,7 +189,7 @@ impl Cell {
         Ok(seen)
     }
 
-    /// Both cameras of a pair, and their projector as that camera tells it that found more corners.
+    /// Both cameras of a pair, and their projector as measured through the camera that found more corners.
     fn look_at(
         &self,
         twin: &Twin,
@@ -207,11 +207,11 @@ impl Cell {
             seen.detection += started.elapsed();
             seen.images += 1;
             let Ok(detection) = found else { continue };
-            let sights = detection.points.iter().map(|p| {
+            let image_points = detection.points.iter().map(|p| {
                 let (pixel, covariance_px2) = (p.pixel, p.covariance_px2);
-                (p.index, Sight { index: index(&detection, p.index), pixel, covariance_px2, link: None })
+                (p.index, ImagePoint { index: index(&detection, p.index), pixel, covariance_px2, link: None })
             });
-            self.add(seen, name, (pose, board), sights.collect());
+            self.add(seen, name, (pose, board), image_points.collect());
             if best.as_ref().is_none_or(|(_, other)| other.points.len() < detection.points.len()) {
                 best = Some((name, detection));
             }
@@ -221,42 +221,46 @@ impl Cell {
         let map = |axis| maps.iter().find(|m| m.info.axis == axis).context("both axes were decoded");
         let (x, y) = (map(Axis::X)?, map(Axis::Y)?);
         let device = self.rig.cameras.iter().position(|c| c.name == camera).context("a camera of the rig")?;
-        let sights = detection.points.iter().filter_map(|point| {
+        let image_points = detection.points.iter().filter_map(|point| {
             let radius_px = pitch_px(&detection, point.index)?;
             let read = projector_pixel(&x.view(), &y.view(), point.pixel, radius_px)?;
-            Some((point.index, read.sight(index(&detection, point.index), device, &point.covariance_px2)))
+            Some((
+                point.index,
+                read.image_point(index(&detection, point.index), device, &point.covariance_px2),
+            ))
         });
-        self.add(seen, &pair.projector, (pose, board), sights.collect());
+        self.add(seen, &pair.projector, (pose, board), image_points.collect());
         Ok(())
     }
 
-    /// Adds a view and what is wrong with each of its sights.
+    /// Adds a view and the error of each of its image points.
     fn add(
         &self,
         seen: &mut Seen,
         name: &str,
         (pose, board): (usize, &Isometry3<f64>),
-        sights: Vec<((u32, u32), Sight)>,
+        image_points: Vec<((u32, u32), ImagePoint)>,
     ) {
         let Some(device) = seen.observations.devices.iter().position(|d| d.name == name) else { return };
         let camera = self.devices()[device];
         let error = |index: (u32, u32), pixel: Point2<f64>, turned: bool| {
             camera.project(&(board * self.plan.corner(index, turned))).map(|truth| pixel - truth)
         };
-        // Colours tell which end is which, but not to the twin: the numbering of the squares is its own.
+        // Colours identify the ends, but the twin numbers the squares itself.
         let far = |turned: bool| -> f64 {
-            sights.iter().filter_map(|(i, s)| error(*i, s.pixel, turned)).map(|e| e.norm()).sum()
+            image_points.iter().filter_map(|(i, s)| error(*i, s.pixel, turned)).map(|e| e.norm()).sum()
         };
         let turned = far(true) < far(false);
-        for (index, sight) in &sights {
-            let Some(error_px) = error(*index, sight.pixel, turned) else { continue };
-            let c = &sight.covariance_px2;
+        for (index, image_point) in &image_points {
+            let Some(error_px) = error(*index, image_point.pixel, turned) else { continue };
+            let c = &image_point.covariance_px2;
             let stated_px = Vector2::new(c.m11.sqrt(), c.m22.sqrt());
             seen.errors.push(CornerError { device, pose, index: *index, error_px, stated_px });
         }
-        let sights: Vec<Sight> = sights.into_iter().map(|(_, sight)| sight).collect();
-        if sights.len() >= 6 {
-            seen.observations.views.push(View { device, pose, sights, may_be_turned: false });
+        let image_points: Vec<ImagePoint> =
+            image_points.into_iter().map(|(_, image_point)| image_point).collect();
+        if image_points.len() >= 6 {
+            seen.observations.views.push(View { device, pose, image_points, may_be_turned: false });
         }
     }
 
@@ -267,22 +271,24 @@ impl Cell {
         for (pose, board) in boards.iter().enumerate() {
             for (device, (camera, sd)) in self.devices().into_iter().zip(noise_px).enumerate() {
                 let key = Key::new(seed).with(7).with(pose as u64).with(device as u64);
-                let sights: Vec<Sight> = (0..self.plan.columns * self.plan.rows)
+                let image_points: Vec<ImagePoint> = (0..self.plan.columns * self.plan.rows)
                     .filter_map(|i| {
                         let index = (i % self.plan.columns, i / self.plan.columns);
                         let pixel = camera.project(&(board * self.plan.corner(index, false)))?;
                         let draw = |n: u32| f64::from(normal.draw(key.bits(u64::from(2 * i + n)))) * sd;
                         let rim = |at: f64, size: u32| (RIM_PX..f64::from(size) - RIM_PX).contains(&at);
-                        (rim(pixel.x, camera.width_px) && rim(pixel.y, camera.height_px)).then(|| Sight {
-                            index: i as usize,
-                            pixel: pixel + Vector2::new(draw(0), draw(1)),
-                            covariance_px2: Matrix2::identity() * (sd * sd),
-                            link: None,
+                        (rim(pixel.x, camera.width_px) && rim(pixel.y, camera.height_px)).then(|| {
+                            ImagePoint {
+                                index: i as usize,
+                                pixel: pixel + Vector2::new(draw(0), draw(1)),
+                                covariance_px2: Matrix2::identity() * (sd * sd),
+                                link: None,
+                            }
                         })
                     })
                     .collect();
-                if sights.len() >= 6 {
-                    observations.views.push(View { device, pose, sights, may_be_turned: false });
+                if image_points.len() >= 6 {
+                    observations.views.push(View { device, pose, image_points, may_be_turned: false });
                 }
             }
         }

@@ -24,28 +24,27 @@ use std::time::Instant;
 /// Poses of the timing: as many as in the thesis (section 5.3.1).
 const TIMED_POSES: usize = 46;
 
-/// Arguments of `bench calibration`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Calibrations from drawn corner errors.
+    /// Number of calibrations with simulated corner errors.
     #[arg(long, default_value_t = 100)]
     trials: u64,
-    /// Calibrations from rendered images.
+    /// Number of calibrations from rendered images.
     #[arg(long, default_value_t = 1)]
     images: u64,
     #[command(flatten)]
     plan: Plan,
-    /// What is adjusted of the target: nothing, its bend, or each of its points.
+    /// What is adjusted of the target: nothing (`flat`), its bend (`bent`), or each of its points (`free`).
     #[arg(long, value_name = "flat|bent|free", default_value = "bent", value_parser = crate::calibrate::model::target_shape)]
     board: TargetShape,
     /// Rays per pixel along each axis. Edges of the print are exact with two or more.
     #[arg(long, default_value_t = 2)]
     subsamples: u32,
-    /// First seed.
+    /// Seed of the first trial; each further trial takes the next one.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -126,7 +125,7 @@ struct Time {
     adjustment_all_s: f64,
 }
 
-/// Runs the benchmark.
+/// Runs the benchmark, prints its table and writes the result.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     let cell = Cell::new(args.plan.clone(), args.subsamples)?;

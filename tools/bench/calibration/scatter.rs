@@ -18,7 +18,7 @@ const GROUPS: [(&str, Range<usize>); 5] = [
     ("relative translation", 13..16),
 ];
 
-/// Sums over trials.
+/// Sums of squared errors over the trials.
 #[derive(Debug, Default)]
 pub struct Scatter {
     chi_square: f64,
@@ -31,7 +31,7 @@ pub struct Scatter {
 /// What the trials show.
 #[derive(Debug, Serialize)]
 pub struct ScatterReport {
-    /// How many.
+    /// Number of trials summed.
     pub trials: usize,
     /// δᵀΣ⁻¹δ, all parameters of all trials, extrinsics relative to the first camera.
     pub chi_square: f64,
@@ -43,10 +43,10 @@ pub struct ScatterReport {
     pub groups: Vec<GroupReport>,
 }
 
-/// One group.
+/// Errors of one group of parameters.
 #[derive(Debug, Serialize)]
 pub struct GroupReport {
-    /// Name.
+    /// Name of the group.
     pub name: &'static str,
     /// Of cameras or projectors.
     pub devices: &'static str,

@@ -1,10 +1,10 @@
-//! The benchmark's tables for people.
+//! Prints the tables of the benchmark.
 
 use super::Report;
 use super::bars::SpacingReport;
 use super::scatter::ScatterReport;
 
-/// Prints all tables.
+/// Prints every table of the report.
 pub fn print(report: &Report) {
     println!("points in the images, found − true");
     for c in &report.corners {

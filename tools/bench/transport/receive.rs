@@ -1,4 +1,4 @@
-//! The process that receives, and what it tells: arrival times as JSON on its standard output.
+//! The receiving process: it writes arrival times as JSON to its standard output.
 
 use super::Plan;
 use anyhow::{Context, Result, bail, ensure};
@@ -18,21 +18,21 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// Frames that only warm up: the first touch of each buffer costs page faults, which a cell has behind it at its start.
 pub(super) const WARM_UP: u32 = 16;
 
-/// What lies before each frame of a stream: number, hash.
+/// Bytes before each frame of a stream: number, hash.
 pub(super) const STREAM_HEADER: usize = 16;
 
 /// Where frames come from.
 #[derive(Debug, Clone)]
-pub enum From {
+pub enum Source {
     /// The shared memory of a cell.
     Memory(CellName),
     /// The socket at a path.
     Socket(String),
-    /// Standard input.
+    /// Frames on standard input.
     Pipe,
 }
 
-impl std::str::FromStr for From {
+impl std::str::FromStr for Source {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -54,16 +54,16 @@ pub(super) struct Seen {
     pub read_ns: u64,
 }
 
-/// Receives all frames.
-pub(super) fn run(from: &From, plan: Plan) -> Result<()> {
+/// Receives all frames and reports their arrival.
+pub(super) fn run(from: &Source, plan: Plan) -> Result<()> {
     let seen = match from {
-        From::Memory(name) => memory(name, plan)?,
-        From::Socket(path) => {
+        Source::Memory(name) => memory(name, plan)?,
+        Source::Socket(path) => {
             let mut stream = UnixStream::connect(path).with_context(|| path.clone())?;
             stream.set_read_timeout(Some(PATIENCE))?;
             stream_of(&mut stream, plan)?
         }
-        From::Pipe => stream_of(&mut std::io::stdin().lock(), plan)?,
+        Source::Pipe => stream_of(&mut std::io::stdin().lock(), plan)?,
     };
     println!("{}", serde_json::to_string(&seen)?);
     Ok(())

@@ -13,7 +13,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// How long the receiver may take to come, and to make room.
+/// How long the receiver may take to connect, and to free a buffer.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 /// A way of transport.
@@ -165,9 +165,9 @@ fn receiver(from: &str, plan: Plan, stdin: Stdio) -> Result<Child> {
             from,
             "--frames",
             frames,
-            "--width",
+            "--width-px",
             width,
-            "--height",
+            "--height-px",
             height,
         ])
         .stdin(stdin)

@@ -40,17 +40,17 @@ pub struct Share {
 pub struct Between {
     /// What was done before.
     pub from: String,
-    /// What began.
+    /// The work that began.
     pub to: String,
     /// How often in all cycles.
     pub count: usize,
-    /// Median, µs.
+    /// Median of the gaps, µs.
     pub median_us: f64,
-    /// Sum, ms.
+    /// Sum of the gaps, ms.
     pub sum_ms: f64,
 }
 
-/// One cycle.
+/// Work and gaps of one cycle.
 #[derive(Debug, Clone, Default, PartialEq)]
 struct Chain {
     work_ns: u64,
@@ -199,7 +199,7 @@ impl<'a> Done<'a> {
         inputs.max().max(on_core)
     }
 
-    /// Patterns at a given rate wait for their time and not for anybody.
+    /// Patterns at a given rate wait for their time, not for another stage.
     fn keeps_a_pace(&self, number: usize) -> bool {
         matches!(self.cell.schedule.activations[number].work, Work::Project { .. })
             && self.cell.graph.rate_hz.is_some_and(|rate_hz| rate_hz > 0.0)

@@ -1,7 +1,7 @@
 //! Levenberg–Marquardt on the normal equations, then the rounds that find outliers and noise.
 
 use super::datum::Datum;
-use super::homography::MIN_SIGHTS;
+use super::homography::MIN_IMAGE_POINTS;
 use super::model::{DEVICE, State, compose, motion, moved};
 use super::normal::{Normal, Step};
 use super::problem::Problem;
@@ -16,10 +16,10 @@ const MAX_ITERATIONS: usize = 100;
 const FIRST_DAMPING: f64 = 1e-3;
 
 /// A step whose square in standard deviations of all parameters together is less than this ends the iteration: 1e-4
-/// standard deviations. A cost of 1e5 terms tells steps down to 1e-5 from rounding, not smaller ones.
+/// standard deviations. A cost of 1e5 terms resolves steps down to 1e-5, not smaller ones.
 const SETTLED: f64 = 1e-8;
 
-/// No residual is told from rounding below this, px: exact data must not be called outliers of each other.
+/// Residuals below this are rounding, px: exact data must not be outliers of each other.
 const ROUNDING_PX: f64 = 1e-7;
 
 /// Rounds of reweighting; the set of outliers settles after three to five.
@@ -28,9 +28,9 @@ const MAX_ROUNDS: usize = 20;
 /// Where an adjustment ended.
 #[derive(Debug, Clone)]
 pub(super) struct Solved {
-    /// Parameters.
+    /// Parameters at the minimum.
     pub state: State,
-    /// Normal equations there.
+    /// Normal equations at these parameters.
     pub normal: Normal,
     /// Accepted and refused steps.
     pub iterations: usize,
@@ -51,7 +51,7 @@ pub(super) fn solve(problem: &Problem, start: State, weights: &[f64], most: usiz
     while solved.iterations < most && damping < 1e10 {
         solved.iterations += 1;
         let variance = solved.normal.cost.max(floor) / freedom;
-        // Whether it has settled is asked of the undamped step: a damped one is short for other reasons.
+        // The undamped step decides whether it has settled: a damped one is short for other reasons.
         let last = solved.normal.step(0.0).filter(|step| solved.normal.length(step) <= SETTLED * variance);
         let Some(step) = last.clone().or_else(|| solved.normal.step(damping)) else {
             damping *= 10.0;
@@ -114,7 +114,7 @@ pub(super) fn robust_variances(problem: &Problem, state: &State) -> (Vec<f64>, V
     (squares, variances)
 }
 
-/// A few rounds with Cauchy weights: gets near the solution whatever single points say.
+/// A few rounds with Cauchy weights, which approach the solution in spite of wrong points.
 pub(super) fn approach(problem: &Problem, mut state: State) -> Option<State> {
     for most in [8, 8, 12, 20] {
         let (squares, variances) = robust_variances(problem, &state);
@@ -123,7 +123,7 @@ pub(super) fn approach(problem: &Problem, mut state: State) -> Option<State> {
             let scale = 4.0 * variances[view.device];
             for number in view.start..view.end {
                 let square = squares[number];
-                // A sight behind its device would make the cost infinite; it has no say until it is in front.
+                // An image point behind its device would make the cost infinite; it has no weight until it is in front.
                 weights[number] =
                     if square.is_finite() { 1.0 / (1.0 + square / scale.max(1e-24)) } else { 0.0 };
             }
@@ -136,13 +136,13 @@ pub(super) fn approach(problem: &Problem, mut state: State) -> Option<State> {
 /// The final solution and what it was weighted with.
 #[derive(Debug, Clone)]
 pub(super) struct Weighted {
-    /// The solution.
+    /// The last solution of the rounds.
     pub solved: Solved,
-    /// Weight of each sight; 0 marks an outlier.
+    /// Weight of each image point; 0 marks an outlier.
     pub weights: Vec<f64>,
     /// Variance factor of each device.
     pub variances: Vec<f64>,
-    /// All iterations.
+    /// Iterations of all rounds together.
     pub iterations: usize,
 }
 
@@ -183,7 +183,7 @@ fn weights(problem: &Problem, used: &[bool], variances: &[f64], estimate: bool) 
     weights
 }
 
-/// Which sights are no outliers.
+/// Which image points are no outliers.
 fn accepted(
     problem: &Problem,
     squares: &[f64],
@@ -201,7 +201,7 @@ fn accepted(
     drop_remnants(problem, &mut used);
     // Light read where a camera was wrong about the point is that of another place.
     for (number, link) in problem.links.iter().enumerate() {
-        used[number] &= link.as_ref().is_none_or(|l| used[l.sight]);
+        used[number] &= link.as_ref().is_none_or(|l| used[l.image_point]);
     }
     drop_remnants(problem, &mut used);
     used
@@ -211,7 +211,7 @@ fn accepted(
 fn drop_remnants(problem: &Problem, used: &mut [bool]) {
     for view in &problem.views {
         let own = &mut used[view.start..view.end];
-        if own.iter().filter(|u| **u).count() < MIN_SIGHTS {
+        if own.iter().filter(|u| **u).count() < MIN_IMAGE_POINTS {
             own.fill(false);
         }
     }

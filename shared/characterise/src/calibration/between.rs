@@ -2,7 +2,7 @@
 //!
 //! The covariance of an adjustment takes the errors of all points as independent. What the points of one pose share (a
 //! board that bends under its own weight, light, focus) or what one point has in all poses (a poor print) makes it too
-//! small, and no residual says by how much. Calibrations that each lack one of G groups of poses do:
+//! small, and no residual shows by how much. Calibrations that each lack one of G groups of poses do:
 //! u² = (G − 1)/G Σ (θ₍₋g₎ − θ̄)². An error that all poses have in common, as a wrong pitch, stays hidden even here.
 //!
 //! Source: Efron, Tibshirani, "An Introduction to the Bootstrap", 1993, section 11.5; G − 1 degrees of freedom only, so that
@@ -13,7 +13,7 @@ use super::model::{DEVICE, INTRINSIC, compose, rotation_vector};
 use super::result::{CalibratedDevice, Calibration};
 use fringe::geometry::camera::Camera;
 
-/// Fewest groups of poses that tell a scatter.
+/// Fewest groups of poses from which a scatter is estimated.
 const LEAST_GROUPS: usize = 3;
 
 /// Scatter of one device's parameters between sets of poses.
@@ -30,7 +30,7 @@ pub struct BetweenPoses {
 }
 
 impl HeldOut {
-    /// What the folds say of each device of the calibration of all poses; `None` for fewer than three folds.
+    /// The scatter of each device over the folds; `None` for fewer than three folds.
     pub fn between_poses(&self, all: &Calibration) -> Option<Vec<BetweenPoses>> {
         (self.folds.len() >= LEAST_GROUPS).then(|| {
             all.devices.iter().enumerate().map(|(number, device)| self.device(all, number, device)).collect()

@@ -40,7 +40,7 @@ pub struct Covariance {
 }
 
 impl Covariance {
-    /// Number of rows.
+    /// Number of rows of the covariance.
     pub fn size(&self) -> usize {
         self.first_device.rows
     }

@@ -2,7 +2,7 @@
 //!
 //! A similarity of all points is met by one of all poses and devices without changing any pixel. Seven inner
 //! constraints take it out: Σ δ = 0, Σ p × δ = 0, Σ p·δ = 0 for displacements δ of points p about their mean (free
-//! network adjustment). So the scale is that of the declared points on the average, and no single point has a say of its
+//! network adjustment). So the scale is that of the declared points on the average, and no single point decides it on its
 //! own. As the freedom is exact and the displacements start from zero, the constraints stand in the matrix alone.
 //!
 //! Source: Strobl, Hirzinger, "More accurate pinhole camera calibration with imperfect planar target", 2011; they hold

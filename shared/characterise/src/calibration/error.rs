@@ -5,7 +5,7 @@ use thiserror::Error;
 /// Why there is no calibration.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum CalibrationError {
-    /// Nothing to adjust.
+    /// The observations have no device or no view.
     #[error("no device or no view: nothing to calibrate")]
     Empty,
     /// Image size out of range.
@@ -13,9 +13,9 @@ pub enum CalibrationError {
     Size {
         /// Name of the device.
         device: String,
-        /// Columns.
+        /// Image columns, px.
         width_px: u32,
-        /// Rows.
+        /// Image rows, px.
         height_px: u32,
     },
     /// A name or view occurs twice.
@@ -24,7 +24,7 @@ pub enum CalibrationError {
     /// The target cannot be used.
     #[error("target: {what}")]
     Target {
-        /// What is wrong.
+        /// What is wrong with the target.
         what: String,
     },
     /// An index out of range or repeated.
@@ -32,37 +32,37 @@ pub enum CalibrationError {
     Index {
         /// Which view, from 0.
         view: usize,
-        /// Which index.
+        /// The index that is out of range.
         what: String,
     },
     /// A pixel or covariance that no detector can have meant.
     #[error("{view}: point {index} at pixel ({}, {}) is not finite, or its covariance is not positive", pixel[0], pixel[1])]
-    Sight {
-        /// Which view.
+    ImagePoint {
+        /// Device and pose of the view.
         view: String,
-        /// Which point.
+        /// Index of the target point.
         index: usize,
-        /// Its pixel.
+        /// Pixel of the image point, px.
         pixel: [f64; 2],
     },
     /// A setting out of range.
-    #[error("{key} = {value} must lie in {limits}")]
+    #[error("{key} = {value}: must be in {limits}")]
     Setting {
         /// Name of the setting.
         key: &'static str,
-        /// Its value.
+        /// Value given for the setting.
         value: f64,
-        /// Allowed interval.
+        /// Interval allowed for the setting.
         limits: &'static str,
     },
     /// A device has too few usable views.
-    #[error("{device}: {views} usable views of the board, needs {needs}; add poses, each tilted another way")]
+    #[error("{device}: {views} usable views of the board, needs {needs}; add poses with different tilts")]
     TooFewPoses {
         /// Name of the device.
         device: String,
         /// Views with enough points.
         views: usize,
-        /// Fewest.
+        /// Fewest views needed.
         needs: usize,
     },
     /// The poses do not determine a device.
@@ -70,11 +70,11 @@ pub enum CalibrationError {
     Degenerate {
         /// Name of the device.
         device: String,
-        /// Views used.
+        /// Number of views used.
         views: usize,
         /// What stays open, with its uncertainty where there is one.
         what: String,
-        /// What is missing.
+        /// What the user can do.
         remedy: String,
     },
     /// Devices that no common pose connects.
@@ -85,30 +85,29 @@ pub enum CalibrationError {
     },
     /// So many outliers that they are the rule.
     #[error(
-        "{device}: {outliers} of {points} points are outliers, limit {:.0} %; is the board the declared one \
-         (columns, rows, pitch), and did it stand still?", limit * 100.0
+        "{device}: {outliers} of {points} points are outliers, limit {:.0} %; check that the board is the declared one (columns, rows, pitch) and did not move", limit * 100.0
     )]
     Outliers {
         /// Name of the device.
         device: String,
-        /// Outliers.
+        /// Number of outliers.
         outliers: usize,
-        /// Points.
+        /// Number of points.
         points: usize,
-        /// Largest fraction allowed.
+        /// Largest fraction of outliers allowed.
         limit: f64,
     },
     /// The iteration did not settle.
     #[error("{stage}: no convergence after {iterations} iterations; do all views show the declared board?")]
     NoConvergence {
-        /// Which adjustment.
+        /// Which of the adjustments failed.
         stage: String,
-        /// Iterations done.
+        /// Iterations before it ended.
         iterations: usize,
     },
 }
 
-/// "[cam1, cam2] [cam3]".
+/// Groups of names as text: "[cam1, cam2] [cam3]".
 fn listed(groups: &[Vec<String>]) -> String {
     groups.iter().map(|group| format!("[{}]", group.join(", "))).collect::<Vec<_>>().join(" ")
 }

@@ -1,4 +1,4 @@
-//! From the solution of the adjustment to the result in the world frame asked for.
+//! From the solution of the adjustment to the result in the requested world frame.
 
 use super::CalibrationError;
 use super::adjust::Weighted;
@@ -13,19 +13,19 @@ use nalgebra::{Isometry3, Point3, Translation3};
 
 /// What the parts below need.
 pub(super) struct Finish<'a> {
-    /// Input.
+    /// The observations that were adjusted.
     pub observations: &'a Observations,
-    /// Settings.
+    /// Settings of the calibration.
     pub settings: &'a CalibrationSettings,
-    /// Target.
+    /// The target and its points.
     pub board: &'a Board,
-    /// Adjustment.
+    /// The adjustment problem.
     pub problem: &'a Problem<'a>,
     /// Views used, in the order of the problem.
     pub seen: &'a [Seen],
     /// Which of them were turned.
     pub turned: &'a [bool],
-    /// Solution.
+    /// The solution with its weights.
     pub weighted: &'a Weighted,
 }
 
@@ -165,8 +165,8 @@ pub(super) fn reports(problem: &Problem, weighted: &Weighted, origin: &[(usize, 
     let report = |(range, (view, turned)): (&ViewRange, &(usize, bool))| {
         let residuals: Vec<Residual> = (range.start..range.end)
             .map(|i| Residual {
-                index: problem.sights[i].index,
-                pixel: problem.sights[i].pixel,
+                index: problem.image_points[i].index,
+                pixel: problem.image_points[i].pixel,
                 error_px: errors[i],
                 used: weighted.weights[i] > 0.0,
             })

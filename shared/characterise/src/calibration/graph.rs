@@ -12,7 +12,7 @@ const TOLERANCE: f64 = 0.1;
 /// Start values in the frame of the first device.
 #[derive(Debug, Clone)]
 pub(super) struct Placed {
-    /// device_from_world.
+    /// Poses of the devices, device_from_world.
     pub devices: Vec<Isometry3<f64>>,
     /// world_from_board of each pose that was seen.
     pub boards: Vec<Option<Isometry3<f64>>>,
@@ -45,7 +45,7 @@ pub(super) fn connected(observations: &Observations, seen: &[Seen]) -> Result<()
 /// A pose while devices are added.
 #[derive(Debug, Clone, Default)]
 struct Pose {
-    /// world_from_board.
+    /// Pose of the board, world_from_board.
     placed: Option<Isometry3<f64>>,
     /// Whether a view whose indices are sure has fixed the orientation.
     sure: bool,
@@ -80,7 +80,7 @@ fn next(devices: &[Option<Isometry3<f64>>], poses: &[Pose], seen: &[Seen]) -> Op
     open.map(|d| (shared(d), d)).max_by_key(|(count, d)| (*count, std::cmp::Reverse(*d))).map(|(_, d)| d)
 }
 
-/// device_from_world as one view tells it, with its indices as they are or turned.
+/// device_from_world by one view, with its indices as they are or turned.
 fn told(view: &Seen, board: &Isometry3<f64>, turn: bool) -> Isometry3<f64> {
     let own = if turn { compose(&view.device_from_board, &half_turn()) } else { view.device_from_board };
     compose(&own, &board.inverse())

@@ -1,16 +1,16 @@
-//! Held-out poses: how well a rig predicts what its devices see of a target in poses that had no say in its calibration.
+//! Held-out poses: how well a rig predicts the image points of a target in poses that were not used in its calibration.
 //!
 //! Residuals of an adjustment are too small where its parameters bend to the noise, and silent about errors that the
 //! poses of the boards took over. Here only the six parameters of each held-out pose are solved; all devices together
 //! must agree about it. What noise and covariance predict for the same residuals stands beside them: residuals well
-//! beyond it say that the camera model or the target is wrong.
+//! beyond it show that the camera model or the target is wrong.
 
 use super::adjust::{Weighted, approach, weighted};
 use super::covariance::Gauge;
 use super::finish::{reports, rms};
 use super::homography::homography;
 use super::model::{Board, DEVICE, LOCAL, POSE, Projector, Shape, State, WARP, compose};
-use super::observations::{Observations, Sight};
+use super::observations::{ImagePoint, Observations};
 use super::problem::{Problem, Run, ViewRange};
 use super::result::{Calibration, ViewReport};
 use super::settings::CalibrationSettings;
@@ -23,22 +23,22 @@ use nalgebra::Isometry3;
 /// Residuals of one device in poses that it was not calibrated from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeldOutDevice {
-    /// Name.
+    /// Name of the pose.
     pub name: String,
     /// Root mean squared distance between seen and predicted pixel over the points used, px.
     pub rms_px: f64,
     /// What the noise of the points and the covariance of the calibration predict for it, px.
     pub predicted_px: f64,
-    /// Points used.
+    /// Number of points used.
     pub points: usize,
-    /// Points rejected.
+    /// Number of points rejected as outliers.
     pub outliers: usize,
 }
 
-/// A rig and the poses that it was judged by.
+/// A rig and the poses that it was validated with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fold {
-    /// Calibration without them.
+    /// The calibration without these poses.
     pub calibration: Calibration,
     /// Their views; indices as in the observations.
     pub views: Vec<ViewReport>,
@@ -63,7 +63,7 @@ pub fn in_turn(observations: &Observations, turns: usize) -> Vec<Vec<usize>> {
     (0..turns).map(|turn| poses.iter().skip(turn).step_by(turns.max(1)).copied().collect()).collect()
 }
 
-/// Calibrates without each group of poses and judges the rig by them.
+/// Calibrates without each group of poses and validates the rig with them.
 ///
 /// # Errors
 /// As [`calibrate`], for the poses that are left in any of the groups.
@@ -111,11 +111,11 @@ fn fold(
     let fixed = vec![None; DEVICE];
     let mut columns = vec![fixed; observations.devices.len()];
     columns.push(vec![None; WARP]);
-    let (mut views, mut sights, mut origin) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut views, mut image_points, mut origin) = (Vec::new(), Vec::new(), Vec::new());
     for pose in held {
-        origin.extend(add_pose((&mut views, &mut sights), &board, &mut state, observations, *pose));
+        origin.extend(add_pose((&mut views, &mut image_points), &board, &mut state, observations, *pose));
     }
-    let problem = Problem::new(&board, views, sights, (columns, 0));
+    let problem = Problem::new(&board, views, image_points, (columns, 0));
     let weighted = approach(&problem, state)
         .and_then(|state| weighted(&problem, state, settings))
         .ok_or_else(|| CalibrationError::NoConvergence { stage: "held-out poses".into(), iterations: 0 })?;
@@ -131,7 +131,7 @@ fn fold(
 ///
 /// Which way round the first view is read does not matter: a target that may be read turned meets itself.
 fn add_pose(
-    (views, sights): (&mut Vec<ViewRange>, &mut Vec<Sight>),
+    (views, image_points): (&mut Vec<ViewRange>, &mut Vec<ImagePoint>),
     board: &Board,
     state: &mut State,
     observations: &Observations,
@@ -139,35 +139,35 @@ fn add_pose(
 ) -> Vec<(usize, bool)> {
     let seen = |(number, view): (usize, &super::View)| {
         let camera = &state.cameras[view.device];
-        let board_pose = zhang::pose(camera, &homography(&board.points, &view.sights)?)?;
+        let board_pose = zhang::pose(camera, &homography(&board.points, &view.image_points)?)?;
         Some((number, compose(&camera.camera_from_world.inverse(), &board_pose)))
     };
     let own: Vec<(usize, Isometry3<f64>)> =
         observations.views.iter().enumerate().filter(|(_, v)| v.pose == pose).filter_map(seen).collect();
     let view = |number: usize| &observations.views[number];
-    let best = own.iter().max_by_key(|(n, _)| (!view(*n).may_be_turned, view(*n).sights.len()));
+    let best = own.iter().max_by_key(|(n, _)| (!view(*n).may_be_turned, view(*n).image_points.len()));
     let Some((_, placed)) = best else { return Vec::new() };
     let opposite = board.turned();
     let mut added = Vec::new();
     for (number, _) in &own {
         let view = view(*number);
         let projector = Projector::new(&state.cameras[view.device], placed);
-        let turned: Option<Vec<Sight>> = opposite
-            .as_ref()
-            .filter(|_| view.may_be_turned)
-            .map(|opposite| view.sights.iter().map(|s| Sight { index: opposite[s.index], ..*s }).collect());
-        let off = |sights: &[Sight]| {
-            let square = |s: &Sight| {
+        let turned: Option<Vec<ImagePoint>> =
+            opposite.as_ref().filter(|_| view.may_be_turned).map(|opposite| {
+                view.image_points.iter().map(|s| ImagePoint { index: opposite[s.index], ..*s }).collect()
+            });
+        let off = |image_points: &[ImagePoint]| {
+            let square = |s: &ImagePoint| {
                 let pixel = projector.pixel(&board.point(s.index, &state.shape));
                 pixel.map_or(f64::INFINITY, |p| (p - s.pixel).norm_squared())
             };
-            median(&mut sights.iter().map(square).collect::<Vec<f64>>()).unwrap_or(0.0)
+            median(&mut image_points.iter().map(square).collect::<Vec<f64>>()).unwrap_or(0.0)
         };
-        let turned = turned.filter(|turned| off(turned) < off(&view.sights));
+        let turned = turned.filter(|turned| off(turned) < off(&view.image_points));
         added.push((*number, turned.is_some()));
-        let start = sights.len();
-        sights.extend(turned.as_ref().unwrap_or(&view.sights));
-        let end = sights.len();
+        let start = image_points.len();
+        image_points.extend(turned.as_ref().unwrap_or(&view.image_points));
+        let end = image_points.len();
         views.push(ViewRange { device: view.device, pose: state.boards.len(), start, end });
     }
     state.boards.push(Some(*placed));
@@ -255,14 +255,18 @@ fn rows(calibration: &Calibration, problem: &Problem, weighted: &Weighted, pose:
     for (number, view) in problem.views.iter().enumerate().filter(|(_, v)| v.pose == pose) {
         let projector = Projector::new(&state.cameras[view.device], board);
         for at in (view.start..view.end).filter(|n| weighted.weights[*n] > 0.0) {
-            let sight = &problem.sights[at];
-            let point = problem.board.point(sight.index, &state.shape);
-            let Some((_, both)) = projector.rows(&point, problem.board.rise[sight.index]) else { continue };
+            let image_point = &problem.image_points[at];
+            let point = problem.board.point(image_point.index, &state.shape);
+            let Some((_, both)) = projector.rows(&point, problem.board.rise[image_point.index]) else {
+                continue;
+            };
             let own = variance(calibration, view.device);
-            let covariance_px2 = problem.links[at].as_ref().map_or(sight.covariance_px2 * own, |link| {
-                let seen = problem.sights[link.sight].covariance_px2 * variance(calibration, link.device);
-                link.slopes * seen * link.slopes.transpose() + link.covariance_px2 * own
-            });
+            let covariance_px2 =
+                problem.links[at].as_ref().map_or(image_point.covariance_px2 * own, |link| {
+                    let seen = problem.image_points[link.image_point].covariance_px2
+                        * variance(calibration, link.device);
+                    link.slopes * seen * link.slopes.transpose() + link.covariance_px2 * own
+                });
             for (axis, local) in both.iter().enumerate() {
                 rows.push(Row {
                     view: number,

@@ -1,12 +1,12 @@
 //! Homography of a flat target, robust against single wrong points (start values only; the adjustment decides).
 
-use super::observations::Sight;
+use super::observations::ImagePoint;
 use fringe::math::linear::{Dense, eigen};
 use fringe::math::statistics::median;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-/// Fewest points of a view: four determine the homography, the others tell a wrong one.
-pub(super) const MIN_SIGHTS: usize = 6;
+/// Fewest points of a view: four determine the homography, the others detect a wrong one.
+pub(super) const MIN_IMAGE_POINTS: usize = 6;
 
 /// Reweighted rounds: the weights of wrong points fall by an order of magnitude each.
 const ROUNDS: usize = 8;
@@ -15,16 +15,16 @@ const ROUNDS: usize = 8;
 const COLLINEAR: f64 = 1e-9;
 
 /// Pixel ← (x, y, 1) on the target, mm; `None` for points that determine none.
-pub(super) fn homography(board: &[Vector3<f64>], sights: &[Sight]) -> Option<Matrix3<f64>> {
-    if sights.len() < MIN_SIGHTS {
+pub(super) fn homography(board: &[Vector3<f64>], image_points: &[ImagePoint]) -> Option<Matrix3<f64>> {
+    if image_points.len() < MIN_IMAGE_POINTS {
         return None;
     }
-    let (place, to_place) = normalised(sights.iter().map(|s| board[s.index].xy()));
-    let (image, to_image) = normalised(sights.iter().map(|s| s.pixel.coords));
-    let mut weights = vec![1.0; sights.len()];
+    let (place, to_place) = normalised(image_points.iter().map(|s| board[s.index].xy()));
+    let (image, to_image) = normalised(image_points.iter().map(|s| s.pixel.coords));
+    let mut weights = vec![1.0; image_points.len()];
     let mut found = direct(&place, &image, &weights)?;
     for _ in 0..ROUNDS {
-        let mut squares = Vec::with_capacity(sights.len());
+        let mut squares = Vec::with_capacity(image_points.len());
         for (p, q) in place.iter().zip(&image) {
             let h = found * Vector3::new(p.x, p.y, 1.0);
             squares.push(((h.xy() / h.z - q).norm_squared(), h.z));
@@ -95,10 +95,10 @@ mod tests {
             let h = truth * Vector3::new(p.x, p.y, 1.0);
             h.xy() / h.z
         };
-        let mut sights: Vec<Sight> = board
+        let mut image_points: Vec<ImagePoint> = board
             .iter()
             .enumerate()
-            .map(|(index, p)| Sight {
+            .map(|(index, p)| ImagePoint {
                 index,
                 pixel: Point2::from(pixel(p) + Vector2::new(noise.gauss(), noise.gauss()) * 0.01),
                 covariance_px2: Matrix2::identity(),
@@ -106,9 +106,9 @@ mod tests {
             })
             .collect();
         for wrong in [5, 20, 41] {
-            sights[wrong].pixel.x += 60.0;
+            image_points[wrong].pixel.x += 60.0;
         }
-        let found = homography(&board, &sights).unwrap();
+        let found = homography(&board, &image_points).unwrap();
         for p in &board {
             let h = found * Vector3::new(p.x, p.y, 1.0);
             assert!((h.xy() / h.z - pixel(p)).norm() < 0.05);
@@ -118,14 +118,14 @@ mod tests {
     #[test]
     fn points_on_a_line_give_none() {
         let board = grid();
-        let sights: Vec<Sight> = (0..8)
-            .map(|i| Sight {
+        let image_points: Vec<ImagePoint> = (0..8)
+            .map(|i| ImagePoint {
                 index: i,
                 pixel: Point2::new(10.0 * i as f64, 3.0 * i as f64),
                 covariance_px2: Matrix2::identity(),
                 link: None,
             })
             .collect();
-        assert_eq!(homography(&board, &sights), None);
+        assert_eq!(homography(&board, &image_points), None);
     }
 }

@@ -1,7 +1,7 @@
 //! A known length between two points of the target, as a pair of devices measures it in each pose.
 //!
-//! The scale of a rig is that of its target's pitch, and no residual can tell when it is wrong: only another length can.
-//! Over the poses the same length also lies in many places and directions, so its scatter says what a length measured
+//! The scale of a rig is that of its target's pitch, and no residual can detect when it is wrong: only another length can.
+//! Over the poses the same length is at many places and in many directions, so its scatter shows what a length measured
 //! there is worth.
 
 use super::result::{Calibration, ViewReport};
@@ -24,7 +24,7 @@ impl Calibration {
     /// Triangulates both points from the pixels seen by both devices of one pose; `None` where one of the four was not seen
     /// or was rejected, or where the rays do not cross.
     ///
-    /// `views` belong to the devices of `pair`; they may come from poses that this calibration does not know.
+    /// `views` belong to the devices of `pair`; they may come from poses that this calibration did not use.
     pub fn measured_length(
         &self,
         pair: [usize; 2],

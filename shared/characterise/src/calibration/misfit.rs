@@ -6,13 +6,13 @@ use super::problem::Problem;
 use nalgebra::{Matrix3, Vector3};
 
 impl Problem<'_> {
-    /// Root mean square of the shifts that single points ask for, each over its standard uncertainty.
+    /// Root mean square of the estimated shifts of single points, each over its standard uncertainty.
     ///
-    /// With all else held, point i asks for M⁻¹g, M = Σ JᵀJ and g = Σ Jᵀr over its sights, and the sum of squares falls by
+    /// With all else fixed, the estimated shift of point i is M⁻¹g, M = Σ JᵀJ and g = Σ Jᵀr over its image points, and the sum of squares falls by
     /// gᵀM⁻¹g. Their mean over three degrees of freedom a point (seven less, which the poses have taken) is compared with
     /// the mean square of what remains, an F ratio: the noise as estimated holds the shifts already, and where eight views
     /// show a point it would hide all but the largest. Points seen from one side only are left out. 0 when the points
-    /// were adjusted or when nothing remains, for then nothing is left to ask.
+    /// were adjusted or when no redundancy remains.
     pub fn misfit(&self, state: &State, weights: &[f64], cost: f64, degrees_of_freedom: usize) -> f64 {
         if self.datum.is_some() {
             return 0.0;
@@ -22,7 +22,7 @@ impl Problem<'_> {
             let Some(eyes) = Self::eyes(state, &run) else { continue };
             for number in (run.start..run.end).filter(|n| weights[*n] > 0.0) {
                 let Some((residual, rows)) = self.equations(state, &eyes, number) else { continue };
-                let (matrix, right) = &mut sums[self.sights[number].index];
+                let (matrix, right) = &mut sums[self.image_points[number].index];
                 for (row, r) in rows.iter().zip(residual) {
                     let slope = Vector3::from_column_slice(&row[LOCAL - 3..LOCAL]);
                     *matrix += slope * slope.transpose() * weights[number];

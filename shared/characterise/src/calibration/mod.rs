@@ -53,7 +53,7 @@ pub use held_out::{Fold, HeldOut, HeldOutDevice, hold_out, in_turn};
 pub use lengths::MeasuredLength;
 pub use maps::{MapGrid, UncertaintyMap};
 pub(crate) use model::{moved, rotation, rotation_vector};
-pub use observations::{Device, DeviceKind, Link, Observations, Sight, View};
+pub use observations::{Device, DeviceKind, ImagePoint, Link, Observations, View};
 pub use predict::PointUncertainty;
 pub use reading::{ProjectorReading, projector_pixel};
 pub use result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
@@ -128,23 +128,23 @@ fn joint<'a>(
     settings: &CalibrationSettings,
 ) -> Problem<'a> {
     let opposite = board.turned();
-    let (mut views, mut sights) = (Vec::with_capacity(seen.len()), Vec::new());
+    let (mut views, mut image_points) = (Vec::with_capacity(seen.len()), Vec::new());
     for (view, turned) in seen.iter().zip(turned) {
-        let start = sights.len();
-        for sight in &observations.views[view.view].sights {
-            let mut sight = *sight;
+        let start = image_points.len();
+        for image_point in &observations.views[view.view].image_points {
+            let mut image_point = *image_point;
             if let (true, Some(opposite)) = (turned, &opposite) {
-                sight.index = opposite[sight.index];
+                image_point.index = opposite[image_point.index];
             }
-            sights.push(sight);
+            image_points.push(image_point);
         }
-        views.push(ViewRange { device: view.device, pose: view.pose, start, end: sights.len() });
+        views.push(ViewRange { device: view.device, pose: view.pose, start, end: image_points.len() });
     }
     let lenses: Vec<LensModel> =
         (0..observations.devices.len()).map(|device| lens(observations, device, settings)).collect();
     // Points get free from a target that is nearly right: their own step starts from the bend.
     let target = if settings.target == TargetShape::Flat { TargetShape::Flat } else { TargetShape::Bent };
-    Problem::new(board, views, sights, columns(&lenses, target))
+    Problem::new(board, views, image_points, columns(&lenses, target))
 }
 
 /// Adjusts each point of the target too, from the solution for the bent one; the bend stays what it is, as a reference.

@@ -24,7 +24,7 @@ pub(super) const DEVICE: usize = 16;
 pub(super) const WARP: usize = 2;
 /// Parameters of a pose.
 pub(super) const POSE: usize = 6;
-/// All parameters that a sight depends on.
+/// All parameters that an image point depends on.
 pub(super) const LOCAL: usize = DEVICE + WARP + POSE;
 
 /// The target about its centre.
@@ -78,7 +78,7 @@ impl Board {
 /// How the target differs from the declared one.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Shape {
-    /// Warp, mm.
+    /// Warp of the board along x and y, mm.
     pub warp_mm: [f64; 2],
     /// Displacement of each point on top of the warp, mm; empty unless the points are adjusted.
     pub offsets_mm: Vec<Vector3<f64>>,
@@ -87,11 +87,11 @@ pub(super) struct Shape {
 /// All that is adjusted. The world is the first device's frame; boards are about their centre.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct State {
-    /// Devices; `camera_from_world` included.
+    /// Intrinsics and poses of the devices.
     pub cameras: Vec<Camera>,
     /// world_from_board of each pose that is used.
     pub boards: Vec<Option<Isometry3<f64>>>,
-    /// The target.
+    /// Warp and point offsets of the target.
     pub shape: Shape,
 }
 

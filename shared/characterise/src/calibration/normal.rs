@@ -23,16 +23,16 @@ pub(super) struct Normal {
 /// What belongs to one pose.
 #[derive(Debug, Clone)]
 pub(super) struct PoseBlock {
-    /// 6 × 6.
+    /// Normal matrix of the pose, 6 × 6.
     pub matrix: Dense,
-    /// Jᵀr.
+    /// Right side of the pose, Jᵀr.
     pub right: Vec<f64>,
     /// Reduced parameters × 6.
     pub coupling: Dense,
 }
 
 impl PoseBlock {
-    /// Without sights.
+    /// Normal equations without any image point.
     pub fn new(unknowns: usize) -> Self {
         let coupling = Dense::zeros(unknowns, POSE);
         Self { matrix: Dense::zeros(POSE, POSE), right: vec![0.0; POSE], coupling }
@@ -42,7 +42,7 @@ impl PoseBlock {
 /// A step of all parameters.
 #[derive(Debug, Clone)]
 pub(super) struct Step {
-    /// Reduced parameters.
+    /// Step of the reduced parameters.
     pub devices: Vec<f64>,
     /// Six for each pose that is used.
     pub poses: Vec<Option<Vec<f64>>>,
@@ -53,7 +53,7 @@ impl Normal {
     pub fn pose_inverses(&self, damping: f64) -> Result<Vec<Option<Dense>>, usize> {
         let inverse = |(pose, block): (usize, &Option<PoseBlock>)| match block {
             None => Ok(None),
-            // All its sights are outliers: the pose stays where it is.
+            // All its image points are outliers: the pose stays where it is.
             Some(block) if (0..POSE).all(|i| block.matrix.at(i, i) == 0.0) => Ok(None),
             Some(block) => {
                 Factor::new(&damped(&block.matrix, damping)).map(|f| Some(f.inverse())).map_err(|_| pose)

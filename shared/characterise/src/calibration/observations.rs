@@ -4,7 +4,7 @@ use super::CalibrationError;
 use nalgebra::{Matrix2, Point2, Point3};
 use std::collections::BTreeSet;
 
-/// Fewest points of a target: four determine a homography, the rest tells whether it is right.
+/// Fewest points of a target: four determine a homography, the rest checks it.
 pub(super) const MIN_TARGET_POINTS: usize = 6;
 
 /// A target may be this uneven (largest |z| over its extent) and still start from homographies.
@@ -13,7 +13,7 @@ const MAX_RELIEF: f64 = 0.05;
 /// Camera, or projector as an inverse camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DeviceKind {
-    /// Sees the target.
+    /// A camera, which sees the target.
     Camera,
     /// Lights the target; its pixels come from the phase at the target's points.
     Projector,
@@ -22,26 +22,26 @@ pub enum DeviceKind {
 /// A camera or projector to be characterised.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Device {
-    /// Unique name.
+    /// Name of the device, unique.
     pub name: String,
-    /// Camera or projector.
+    /// Whether it is a camera or a projector.
     pub kind: DeviceKind,
-    /// Columns.
+    /// Image columns, px.
     pub width_px: u32,
-    /// Rows.
+    /// Image rows, px.
     pub height_px: u32,
 }
 
 /// One point of the target in one view.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sight {
-    /// Index into [`Observations::target_mm`].
+pub struct ImagePoint {
+    /// Index of the point in [`Observations::target_mm`].
     pub index: usize,
     /// Where it was seen.
     pub pixel: Point2<f64>,
     /// Covariance of `pixel`, px². Only ratios matter when the noise is estimated.
     pub covariance_px2: Matrix2<f64>,
-    /// The camera that told a projector where its light met the point.
+    /// The camera in which the projector's coordinate at the point was read.
     pub link: Option<Link>,
 }
 
@@ -61,12 +61,12 @@ pub struct Link {
 /// One device and one pose of the target.
 #[derive(Debug, Clone, PartialEq)]
 pub struct View {
-    /// Index into [`Observations::devices`].
+    /// Index of the device in [`Observations::devices`].
     pub device: usize,
-    /// Index into [`Observations::poses`].
+    /// Index of the pose in [`Observations::poses`].
     pub pose: usize,
     /// What was seen; part of the target is enough.
-    pub sights: Vec<Sight>,
+    pub image_points: Vec<ImagePoint>,
     /// Whether the indices may be turned by 180° (a target without marks).
     pub may_be_turned: bool,
 }
@@ -74,7 +74,7 @@ pub struct View {
 /// Everything that was observed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observations {
-    /// Cameras and projectors.
+    /// Cameras and projectors, in any order.
     pub devices: Vec<Device>,
     /// Points of the target, mm in its own frame; flat (z small against x and y).
     pub target_mm: Vec<Point3<f64>>,
@@ -154,27 +154,30 @@ impl Observations {
             });
         }
         let mut indices = BTreeSet::new();
-        for sight in &view.sights {
-            if sight.index >= self.target_mm.len() || !indices.insert(sight.index) {
-                return Err(CalibrationError::Index { view: number, what: format!("point {}", sight.index) });
+        for image_point in &view.image_points {
+            if image_point.index >= self.target_mm.len() || !indices.insert(image_point.index) {
+                return Err(CalibrationError::Index {
+                    view: number,
+                    what: format!("point {}", image_point.index),
+                });
             }
-            if let Some(link) = &sight.link
+            if let Some(link) = &image_point.link
                 && (self.devices[view.device].kind != DeviceKind::Projector
                     || self.devices.get(link.device).is_none_or(|d| d.kind != DeviceKind::Camera))
             {
                 let what = format!("a camera {} that read this projector", link.device);
                 return Err(CalibrationError::Index { view: number, what });
             }
-            let linked = sight.link.as_ref().is_none_or(|link| {
+            let linked = image_point.link.as_ref().is_none_or(|link| {
                 link.slopes.iter().all(|v| v.is_finite() && v.abs() < 1e9)
                     && is_covariance(&link.covariance_px2)
             });
-            let finite = sight.pixel.iter().all(|v| v.is_finite() && v.abs() < 1e9);
-            if !(finite && linked && is_covariance(&sight.covariance_px2)) {
-                return Err(CalibrationError::Sight {
+            let finite = image_point.pixel.iter().all(|v| v.is_finite() && v.abs() < 1e9);
+            if !(finite && linked && is_covariance(&image_point.covariance_px2)) {
+                return Err(CalibrationError::ImagePoint {
                     view: self.view_name(view),
-                    index: sight.index,
-                    pixel: [sight.pixel.x, sight.pixel.y],
+                    index: image_point.index,
+                    pixel: [image_point.pixel.x, image_point.pixel.y],
                 });
             }
         }

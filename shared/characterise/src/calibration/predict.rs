@@ -1,4 +1,4 @@
-//! What the covariance says about projections and points.
+//! Uncertainties of projections and points from the covariance.
 
 use super::covariance::Gauge;
 use super::model::{DEVICE, world_rows};
@@ -57,7 +57,7 @@ impl Calibration {
         let sensitivity = self.sensitivity(pair, world_mm)?;
         let inner = self.part(&sensitivity.places, &sensitivity.places);
         let covariance = sensitivity.rows.sandwich(&inner);
-        let (_, halves, inverse) = self.sights(pair, world_mm)?;
+        let (_, halves, inverse) = self.image_points(pair, world_mm)?;
         let mut noise = Matrix3::zeros();
         for (half, sd) in halves.iter().zip(noise_px) {
             noise += half.transpose() * half * (sd * sd);
@@ -70,7 +70,7 @@ impl Calibration {
 
     /// −(HᵀH)⁻¹ Hᵀ ∂q/∂θ of the pair's parameters: where the point goes when the pixels stay and the model changes.
     pub(super) fn sensitivity(&self, pair: [usize; 2], world_mm: &Point3<f64>) -> Option<Sensitivity> {
-        let (rows, halves, inverse) = self.sights(pair, world_mm)?;
+        let (rows, halves, inverse) = self.image_points(pair, world_mm)?;
         let mut sensitivity = Dense::zeros(3, 2 * DEVICE);
         for (side, (own, half)) in rows.iter().zip(&halves).enumerate() {
             let back = inverse * half.transpose();
@@ -93,7 +93,7 @@ impl Calibration {
 
     /// Derivatives of both projections, and (HᵀH)⁻¹.
     #[expect(clippy::type_complexity, reason = "three parts of one computation, used twice above")]
-    fn sights(
+    fn image_points(
         &self,
         pair: [usize; 2],
         world_mm: &Point3<f64>,

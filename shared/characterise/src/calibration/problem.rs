@@ -1,48 +1,48 @@
-//! What is adjusted to what: sights, the columns of their parameters, and the equations of independent errors.
+//! What is adjusted to what: image points, the columns of their parameters, and the equations of independent errors.
 //!
 //! A projector's pixel is read where a camera found the point (see [`super::Link`]); its error S e_c + e_r holds that camera's
 //! error e_c. The two residuals r_c and r_p are correlated, but r_c and r_p − S r_c are not: their errors are e_c and e_r. That
-//! is what a linked sight brings into the sums, with the rows J_p − S J_c and the covariance of e_r; it is least squares with
+//! is what a linked image point brings into the sums, with the rows J_p − S J_c and the covariance of e_r; it is least squares with
 //! the whole covariance matrix of all pixels, block by block.
 
 use super::datum::Datum;
 use super::model::{Board, DEVICE, INTRINSIC, LOCAL, POSE, Projector, State, WARP};
-use super::observations::Sight;
+use super::observations::ImagePoint;
 use super::settings::{LensModel, TargetShape};
 use nalgebra::{Matrix2, Point2};
 use std::collections::BTreeMap;
 
-/// Columns of an equation: those of [`super::model`], then the sixteen of the camera that a sight is linked to.
+/// Columns of an equation: those of [`super::model`], then the sixteen of the camera that an image point is linked to.
 pub(super) const WIDE: usize = LOCAL + DEVICE;
 
 /// Two rows of the Jacobian.
 pub(super) type WideRows = [[f64; WIDE]; 2];
 
-/// A view as the adjustment sees it: sights `start .. end` of the flat list.
+/// A view as the adjustment sees it: image points `start .. end` of the flat list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ViewRange {
-    /// Device.
+    /// Index of the device.
     pub device: usize,
-    /// Pose.
+    /// Index of the pose.
     pub pose: usize,
-    /// First sight.
+    /// Index of the first image point.
     pub start: usize,
-    /// One past the last sight.
+    /// One past the last image point.
     pub end: usize,
 }
 
 /// What does not change during an adjustment.
 #[derive(Debug, Clone)]
 pub(super) struct Problem<'a> {
-    /// The target.
+    /// The target and its points.
     pub board: &'a Board,
     /// Views in a fixed order.
     pub views: Vec<ViewRange>,
-    /// All sights, view by view.
-    pub sights: Vec<Sight>,
-    /// What each sight is linked to.
+    /// All image points, view by view.
+    pub image_points: Vec<ImagePoint>,
+    /// What each image point is linked to.
     pub links: Vec<Option<Linked>>,
-    /// Lower triangle (a, b, c) of the whitening matrix of each sight's own error: r ↦ (a r₀, b r₀ + c r₁).
+    /// Lower triangle (a, b, c) of the whitening matrix of each image point's own error: r ↦ (a r₀, b r₀ + c r₁).
     pub whiten: Vec<[f64; 3]>,
     /// Column of each device's parameters and of the warp (last) in the reduced system; `None` where fixed.
     pub columns: Vec<Vec<Option<usize>>>,
@@ -52,12 +52,12 @@ pub(super) struct Problem<'a> {
     pub datum: Option<Datum>,
 }
 
-/// A projector's sight and the camera's sight of the same point in the same pose.
+/// A projector's image point and the camera's image point of the same point in the same pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Linked {
-    /// Place of the camera's sight in the flat list.
-    pub sight: usize,
-    /// The camera.
+    /// Place of the camera's image point in the flat list.
+    pub image_point: usize,
+    /// Index of the camera.
     pub device: usize,
     /// Projector pixels per camera pixel.
     pub slopes: Matrix2<f64>,
@@ -65,43 +65,43 @@ pub(super) struct Linked {
     pub covariance_px2: Matrix2<f64>,
 }
 
-/// Finds the camera's sight of each linked one; where it is not there, a projector's sight stands by itself.
-fn links(views: &[ViewRange], sights: &[Sight]) -> Vec<Option<Linked>> {
+/// Finds the camera's image point of each linked one; where it is not there, a projector's image point stands by itself.
+fn links(views: &[ViewRange], image_points: &[ImagePoint]) -> Vec<Option<Linked>> {
     let mut places = BTreeMap::new();
     for view in views {
-        for (number, sight) in sights.iter().enumerate().take(view.end).skip(view.start) {
-            places.insert((view.device, view.pose, sight.index), number);
+        for (number, image_point) in image_points.iter().enumerate().take(view.end).skip(view.start) {
+            places.insert((view.device, view.pose, image_point.index), number);
         }
     }
-    let mut links = vec![None; sights.len()];
+    let mut links = vec![None; image_points.len()];
     for view in views {
-        for (number, sight) in sights.iter().enumerate().take(view.end).skip(view.start) {
-            links[number] = sight.link.and_then(|link| {
-                let sight = *places.get(&(link.device, view.pose, sight.index))?;
+        for (number, image_point) in image_points.iter().enumerate().take(view.end).skip(view.start) {
+            links[number] = image_point.link.and_then(|link| {
+                let image_point = *places.get(&(link.device, view.pose, image_point.index))?;
                 let (device, slopes, covariance_px2) = (link.device, link.slopes, link.covariance_px2);
-                Some(Linked { sight, device, slopes, covariance_px2 })
+                Some(Linked { image_point, device, slopes, covariance_px2 })
             });
         }
     }
     links
 }
 
-/// Consecutive sights of a view that hang on the same camera, or on none.
+/// Consecutive image points of a view that hang on the same camera, or on none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Run {
-    /// Device.
+    /// Index of the device.
     pub device: usize,
-    /// Pose.
+    /// Index of the pose.
     pub pose: usize,
-    /// Camera that the sights are linked to.
+    /// Camera that the image points are linked to.
     pub linked: Option<usize>,
-    /// First sight.
+    /// Index of the first image point.
     pub start: usize,
-    /// One past the last sight.
+    /// One past the last image point.
     pub end: usize,
 }
 
-/// The devices that the sights of a run depend on, and the target's pose before them.
+/// The devices that the image points of a run depend on, and the target's pose before them.
 pub(super) struct Eyes<'a> {
     own: Projector<'a>,
     linked: Option<Projector<'a>>,
@@ -144,67 +144,67 @@ impl<'a> Problem<'a> {
     pub fn new(
         board: &'a Board,
         views: Vec<ViewRange>,
-        sights: Vec<Sight>,
+        image_points: Vec<ImagePoint>,
         (columns, unknowns): (Vec<Vec<Option<usize>>>, usize),
     ) -> Self {
-        let links = links(&views, &sights);
-        let own = |(sight, link): (&Sight, &Option<Linked>)| {
-            whitening(&link.map_or(sight.covariance_px2, |l| l.covariance_px2))
+        let links = links(&views, &image_points);
+        let own = |(image_point, link): (&ImagePoint, &Option<Linked>)| {
+            whitening(&link.map_or(image_point.covariance_px2, |l| l.covariance_px2))
         };
-        let whiten = sights.iter().zip(&links).map(own).collect();
-        Self { board, views, sights, links, whiten, columns, unknowns, datum: None }
+        let whiten = image_points.iter().zip(&links).map(own).collect();
+        Self { board, views, image_points, links, whiten, columns, unknowns, datum: None }
     }
 }
 
 impl Problem<'_> {
-    /// The whitened residual (seen − model) of a sight's own error.
+    /// The whitened residual (seen − model) of an image point's own error.
     #[inline]
-    fn whitened(&self, sight: usize, residual: [f64; 2]) -> [f64; 2] {
-        let [a, b, c] = self.whiten[sight];
+    fn whitened(&self, image_point: usize, residual: [f64; 2]) -> [f64; 2] {
+        let [a, b, c] = self.whiten[image_point];
         [a * residual[0], b * residual[0] + c * residual[1]]
     }
 
-    /// Residual in px (seen − model) of each sight; `None` behind the device or without a pose.
+    /// Residual in px (seen − model) of each image point; `None` behind the device or without a pose.
     pub fn residuals(&self, state: &State) -> Vec<Option<[f64; 2]>> {
-        let mut residuals = Vec::with_capacity(self.sights.len());
+        let mut residuals = Vec::with_capacity(self.image_points.len());
         for view in &self.views {
             let projector = state.boards[view.pose]
                 .as_ref()
                 .map(|board| Projector::new(&state.cameras[view.device], board));
-            for sight in &self.sights[view.start..view.end] {
-                let point = self.board.point(sight.index, &state.shape);
+            for image_point in &self.image_points[view.start..view.end] {
+                let point = self.board.point(image_point.index, &state.shape);
                 let pixel = projector.as_ref().and_then(|p| p.pixel(&point));
-                residuals.push(pixel.map(|q| [sight.pixel.x - q.x, sight.pixel.y - q.y]));
+                residuals.push(pixel.map(|q| [image_point.pixel.x - q.x, image_point.pixel.y - q.y]));
             }
         }
         residuals
     }
 
-    /// Squared whitened length of each sight's own error; infinite where there is none.
+    /// Squared whitened length of each image point's own error; infinite where there is none.
     pub fn squares(&self, state: &State) -> Vec<f64> {
         let residuals = self.residuals(state);
-        let own = |sight: usize| {
-            let [x, y] = residuals[sight]?;
-            let Some(link) = &self.links[sight] else { return Some([x, y]) };
-            let [left, up] = residuals[link.sight]?;
+        let own = |image_point: usize| {
+            let [x, y] = residuals[image_point]?;
+            let Some(link) = &self.links[image_point] else { return Some([x, y]) };
+            let [left, up] = residuals[link.image_point]?;
             let s = &link.slopes;
             Some([x - s.m11 * left - s.m12 * up, y - s.m21 * left - s.m22 * up])
         };
-        let square = |sight: usize| {
-            own(sight).map_or(f64::INFINITY, |r| {
-                let [x, y] = self.whitened(sight, r);
+        let square = |image_point: usize| {
+            own(image_point).map_or(f64::INFINITY, |r| {
+                let [x, y] = self.whitened(image_point, r);
                 x * x + y * y
             })
         };
         (0..residuals.len()).map(square).collect()
     }
 
-    /// Weighted sum of squares; infinite when a sight that counts lies behind its device.
+    /// Weighted sum of squares; infinite when an image point that counts lies behind its device.
     pub fn cost(&self, state: &State, weights: &[f64]) -> f64 {
         self.squares(state).iter().zip(weights).filter(|(_, w)| **w > 0.0).map(|(s, w)| s * w).sum()
     }
 
-    /// Parameters that the sights determine, poses excluded.
+    /// Parameters that the image points determine, poses excluded.
     pub fn parameters(&self) -> usize {
         self.unknowns - self.datum.as_ref().map_or(0, |_| Datum::HELD)
     }
@@ -227,28 +227,28 @@ impl Problem<'_> {
         own.chain([None; POSE]).chain(linked).collect()
     }
 
-    /// What looks at the sights of a run; `None` without a pose.
+    /// What looks at the image points of a run; `None` without a pose.
     pub fn eyes<'s>(state: &'s State, run: &Run) -> Option<Eyes<'s>> {
         let board = state.boards[run.pose].as_ref()?;
         let eye = |device: usize| Projector::new(&state.cameras[device], board);
         Some(Eyes { own: eye(run.device), linked: run.linked.map(eye) })
     }
 
-    /// The whitened residual of a sight's own error and its derivatives; `None` behind a device.
+    /// The whitened residual of an image point's own error and its derivatives; `None` behind a device.
     pub fn equations(&self, state: &State, eyes: &Eyes, number: usize) -> Option<([f64; 2], WideRows)> {
-        let sight = &self.sights[number];
-        let point = self.board.point(sight.index, &state.shape);
-        let rise = self.board.rise[sight.index];
+        let image_point = &self.image_points[number];
+        let point = self.board.point(image_point.index, &state.shape);
+        let rise = self.board.rise[image_point.index];
         let off = |seen: &Point2<f64>, model: Point2<f64>| [seen.x - model.x, seen.y - model.y];
         let (pixel, rows) = eyes.own.rows(&point, rise)?;
-        let mut residual = off(&sight.pixel, pixel);
+        let mut residual = off(&image_point.pixel, pixel);
         let mut wide = [[0.0; WIDE]; 2];
         for (wide, row) in wide.iter_mut().zip(&rows) {
             wide[..LOCAL].copy_from_slice(row);
         }
         if let (Some(link), Some(eye)) = (&self.links[number], &eyes.linked) {
             let (pixel, rows) = eye.rows(&point, rise)?;
-            let other = off(&self.sights[link.sight].pixel, pixel);
+            let other = off(&self.image_points[link.image_point].pixel, pixel);
             for (i, wide) in wide.iter_mut().enumerate() {
                 for (j, row) in rows.iter().enumerate() {
                     let slope = link.slopes[(i, j)];

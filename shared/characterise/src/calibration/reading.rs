@@ -4,7 +4,7 @@
 //! checkerboard a pixel's phase is that of a shifted footprint. Here a quadratic is fitted to the phase of the bright
 //! squares about the corner, their rims left out, and read at the corner.
 
-use super::observations::{Link, Sight};
+use super::observations::{ImagePoint, Link};
 use fringe::math::statistics::sigma_by_median;
 use fringe::phase::PhaseView;
 use nalgebra::{Matrix2, Matrix6, Point2, RowVector2, Vector2, Vector6};
@@ -23,7 +23,7 @@ const ROUNDING_PX2: f64 = 1e-14;
 /// The projector's pixel at a place of a camera's image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProjectorReading {
-    /// The projector's pixel.
+    /// Pixel of the projector, px.
     pub pixel: Point2<f64>,
     /// How it changes with the place, projector pixels per camera pixel.
     pub slopes: Matrix2<f64>,
@@ -32,15 +32,15 @@ pub struct ProjectorReading {
 }
 
 impl ProjectorReading {
-    /// As a sight of point `index`, for a place where camera `device` found the point with this covariance, px²: light is read
+    /// As an image point of point `index`, for a place where camera `device` found the point with this covariance, px²: light is read
     /// where the point was found, not where it is.
-    pub fn sight(&self, index: usize, device: usize, found_px2: &Matrix2<f64>) -> Sight {
+    pub fn image_point(&self, index: usize, device: usize, found_px2: &Matrix2<f64>) -> ImagePoint {
         let Self { pixel, slopes, covariance_px2 } = *self;
         let link = Some(Link { device, slopes, covariance_px2 });
         let covariance_px2 = slopes * found_px2 * slopes.transpose() + covariance_px2;
         // Rounding must not make it look unsymmetrical.
         let covariance_px2 = (covariance_px2 + covariance_px2.transpose()) * 0.5;
-        Sight { index, pixel, covariance_px2, link }
+        ImagePoint { index, pixel, covariance_px2, link }
     }
 }
 
@@ -69,7 +69,7 @@ pub fn projector_pixel(
 struct Reading {
     value: f64,
     variance: f64,
-    /// Per camera pixel.
+    /// Change of the value per camera pixel.
     slope: RowVector2<f64>,
 }
 
@@ -191,7 +191,7 @@ mod tests {
         assert!((pixel.x - expected).abs() < 1e-4 && (pixel.y - expected).abs() < 1e-4, "{pixel} {expected}");
         assert!(read.covariance_px2[(0, 0)] < 1e-6);
         // A corner that is off by 0.1 px is lit by what lies 0.1 px away: 0.21 and 0.05 rad/px and the curvature there.
-        let carried = read.sight(0, 0, &(Matrix2::identity() * 0.01)).covariance_px2;
+        let carried = read.image_point(0, 0, &(Matrix2::identity() * 0.01)).covariance_px2;
         let step =
             |d: Vector2<f64>| (truth(place.x + d.x, place.y + d.y) - truth(place.x, place.y)) * 16.0 / TAU;
         let slope = Vector2::new(step(Vector2::x() * 1e-4), step(Vector2::y() * 1e-4)) * 1e4;

@@ -6,23 +6,23 @@ use super::observations::DeviceKind;
 use fringe::geometry::camera::Camera;
 use nalgebra::{Isometry3, Point2, Point3};
 
-/// A characterised device.
+/// A calibrated device with its uncertainties.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CalibratedDevice {
-    /// Name as given.
+    /// Name of the device as given.
     pub name: String,
-    /// Camera or projector.
+    /// Whether it is a camera or a projector.
     pub kind: DeviceKind,
     /// Intrinsics, lens and pose in the world frame.
     pub camera: Camera,
     /// Root of the mean squared *distance* between seen and modelled pixel over the points used (OpenCV's convention;
     /// √2 times the standard deviation of one coordinate).
     pub rms_reprojection_px: f64,
-    /// Views used.
+    /// Number of views used.
     pub views: usize,
-    /// Points used.
+    /// Number of points used.
     pub points: usize,
-    /// Points rejected.
+    /// Number of points rejected as outliers.
     pub outliers: usize,
     /// Root of the variance component: by how much the residuals exceed the given covariances; of a projector that cameras
     /// read, what remains of its residuals without the cameras' own errors beside that of the reading ([`super::Link`]).
@@ -38,7 +38,7 @@ pub struct Warp {
     pub x_mm: f64,
     /// Rise of the middle over the edges along y, mm.
     pub y_mm: f64,
-    /// Standard uncertainties, mm.
+    /// Standard uncertainties of both components, mm.
     pub u_mm: [f64; 2],
 }
 
@@ -60,15 +60,15 @@ pub struct Residual {
 pub struct ViewReport {
     /// Index into the views given.
     pub view: usize,
-    /// Device.
+    /// Index of the device.
     pub device: usize,
-    /// Pose.
+    /// Index of the pose.
     pub pose: usize,
     /// Whether the indices were turned by 180°.
     pub turned: bool,
     /// Root mean squared distance over the points used; 0 where none is.
     pub rms_px: f64,
-    /// All points.
+    /// Residuals of all points of the view.
     pub residuals: Vec<Residual>,
 }
 
@@ -83,7 +83,7 @@ pub struct Outlier {
     pub error_px: Option<[f64; 2]>,
 }
 
-/// The characterised rig.
+/// The calibrated rig with its covariance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
     /// In the order given.
@@ -102,13 +102,13 @@ pub struct Calibration {
     pub views: Vec<ViewReport>,
     /// Views (indices) left out: too few points, or points on a line.
     pub unused_views: Vec<usize>,
-    /// Points rejected.
+    /// Points rejected as outliers.
     pub outliers: Vec<Outlier>,
     /// Covariance of the devices.
     pub covariance: Covariance,
     /// Root of the weighted sum of squares over the degrees of freedom; near 1 when the noise was estimated.
     pub sigma0: f64,
-    /// Rows less parameters.
+    /// Degrees of freedom: rows less parameters.
     pub degrees_of_freedom: usize,
     /// Iterations of the final adjustment.
     pub iterations: usize,

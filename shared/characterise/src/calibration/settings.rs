@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct LensModel {
     /// How many of k1, k2, k3: 0 … 3. k3 needs a wide lens; in a narrow field it only follows k2.
     pub radial_terms: usize,
-    /// p1 and p2.
+    /// Whether p1 and p2 are adjusted.
     pub tangential: bool,
     /// The skew of K; real sensors have none.
     pub skew: bool,
@@ -35,14 +35,14 @@ pub enum TargetShape {
     Free,
 }
 
-/// Where the world frame lies.
+/// Choice of the world frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WorldFrame {
     /// The target in its first pose (as in the thesis, section 5.3.1): z is 0 on the target.
     #[default]
     FirstBoard,
-    /// The first device.
+    /// The frame of the first device.
     FirstDevice,
 }
 
@@ -64,7 +64,7 @@ pub struct CalibrationSettings {
     /// Whether each device's noise is estimated from its residuals (variance components); otherwise the given
     /// covariances are taken in their ratio, with one common factor.
     pub estimate_noise: bool,
-    /// Where the world frame lies.
+    /// Choice of the world frame.
     pub world: WorldFrame,
 }
 

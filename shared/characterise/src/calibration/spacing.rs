@@ -10,13 +10,13 @@ const STEPS: i32 = 4;
 /// A box about the origin of its own frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Volume {
-    /// Where it lies.
+    /// Pose of the volume in the world frame.
     pub world_from_volume: Isometry3<f64>,
     /// Half of the edges along its own axes, mm.
     pub half_mm: Vector3<f64>,
 }
 
-/// What is predicted.
+/// Predicted uncertainty of the sphere spacing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpacingSettings {
     /// Distance of the spheres' centres, mm.
@@ -38,7 +38,7 @@ impl Default for SpacingSettings {
 pub struct SphereSpacing {
     /// Root mean square of the standard uncertainty over all bars, mm.
     pub rms_mm: f64,
-    /// Largest one, mm.
+    /// Largest standard uncertainty, mm.
     pub worst_mm: f64,
     /// Ends of the bar that has it.
     pub worst_ends_mm: [Point3<f64>; 2],

@@ -4,7 +4,7 @@ use super::CalibrationError;
 use super::adjust::{approach, robust_variances, solve};
 use super::homography::homography;
 use super::model::{Board, DEVICE, Shape, State};
-use super::observations::{Device, DeviceKind, Observations, Sight};
+use super::observations::{Device, DeviceKind, ImagePoint, Observations};
 use super::problem::{Problem, ViewRange, columns};
 use super::settings::{CalibrationSettings, LensModel, TargetShape};
 use super::zhang::{candidates, normal_lens, pose};
@@ -13,7 +13,7 @@ use fringe::math;
 use fringe::math::linear::Factor;
 use nalgebra::{Isometry3, Matrix3};
 
-/// Two views leave focal length and principal point hanging together; a third one tells them apart.
+/// Two views leave focal length and principal point correlated; a third one separates them.
 const MIN_VIEWS: usize = 3;
 
 /// A focal length known worse than this is not known: 5 % of 500 mm are 25 mm.
@@ -33,13 +33,13 @@ const NEAR: f64 = 1e-3;
 pub(super) struct Seen {
     /// Index into the views given.
     pub view: usize,
-    /// Device.
+    /// Index of the device.
     pub device: usize,
-    /// Pose.
+    /// Index of the pose.
     pub pose: usize,
     /// Pixel ← target about its centre.
     pub homography: Matrix3<f64>,
-    /// Start value.
+    /// Start value of the pose.
     pub device_from_board: Isometry3<f64>,
 }
 
@@ -58,7 +58,7 @@ pub(super) fn usable(observations: &Observations, board: &Board) -> Vec<Seen> {
             view: number,
             device: view.device,
             pose: view.pose,
-            homography: homography(&board.points, &view.sights)?,
+            homography: homography(&board.points, &view.image_points)?,
             device_from_board: Isometry3::identity(),
         })
     });
@@ -132,14 +132,16 @@ fn alone<'a>(
     seen: &[Seen],
     lens: LensModel,
 ) -> Problem<'a> {
-    let (mut views, mut sights) = (Vec::new(), Vec::new());
+    let (mut views, mut image_points) = (Vec::new(), Vec::new());
     for (pose, i) in own.iter().enumerate() {
-        let start = sights.len();
-        // What a projector's sights are linked to is not part of this.
-        sights.extend(observations.views[seen[*i].view].sights.iter().map(|s| Sight { link: None, ..*s }));
-        views.push(ViewRange { device: 0, pose, start, end: sights.len() });
+        let start = image_points.len();
+        // What a projector's image points are linked to is not part of this.
+        image_points.extend(
+            observations.views[seen[*i].view].image_points.iter().map(|s| ImagePoint { link: None, ..*s }),
+        );
+        views.push(ViewRange { device: 0, pose, start, end: image_points.len() });
     }
-    Problem::new(board, views, sights, columns(&[lens], TargetShape::Flat))
+    Problem::new(board, views, image_points, columns(&[lens], TargetShape::Flat))
 }
 
 /// Refuses a device whose intrinsics its poses leave open.
@@ -179,7 +181,7 @@ fn determined(
     Err(CalibrationError::Degenerate { device, views, what, remedy: remedy(boards.iter()) })
 }
 
-/// Says which intrinsic parameter is open, given standard uncertainties in the order of the model.
+/// Names the intrinsic parameter that is undetermined, given standard uncertainties in the order of the model.
 pub(super) fn open(camera: &Camera, u: &[f64]) -> Option<String> {
     let size = 0.5 * f64::from(camera.width_px + camera.height_px);
     let values =
@@ -192,7 +194,7 @@ pub(super) fn open(camera: &Camera, u: &[f64]) -> Option<String> {
         .map(|i| format!("{} ({:.1} ± {:.1} px, limit ± {:.1} px)", names[i], values[i], u[i], limits[i]))
 }
 
-/// What to do, judged by the directions in which the target faced the device.
+/// The remedy, by the directions in which the target faced the device.
 pub(super) fn remedy<'a>(boards: impl Iterator<Item = &'a Isometry3<f64>>) -> String {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     for board in boards {

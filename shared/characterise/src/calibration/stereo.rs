@@ -25,7 +25,7 @@ pub struct StereoGeometry {
 /// A relative pose with its uncertainty.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RelativePose {
-    /// Right from left.
+    /// Pose of the left device in the frame of the right one.
     pub right_from_left: Isometry3<f64>,
     /// Covariance of (ω, τ) in X ↦ exp(ω) X + τ in the right device's frame; rad and mm.
     pub covariance: [[f64; POSE]; POSE],
@@ -34,7 +34,7 @@ pub struct RelativePose {
 /// Epipolar residuals of the target's points that two devices saw in the same poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EpipolarResiduals {
-    /// Points.
+    /// Number of points used.
     pub count: usize,
     /// Mean of the signed Sampson distances, px.
     pub mean_px: f64,

@@ -1,4 +1,4 @@
-//! JᵀJ and Jᵀr of all sights, run by run in a fixed order.
+//! JᵀJ and Jᵀr of all image points, run by run in a fixed order.
 
 use super::model::{DEVICE, LOCAL, POSE, State, WARP};
 use super::normal::{Normal, PoseBlock};
@@ -14,7 +14,7 @@ impl Problem<'_> {
         self.datum.as_ref().map(|datum| self.unknowns - datum.size() + 3 * index)
     }
 
-    /// Normal equations of a state; `None` when a sight that counts lies behind its device.
+    /// Normal equations of a state; `None` when an image point that counts lies behind its device.
     pub fn normal(&self, state: &State, weights: &[f64]) -> Option<Normal> {
         let n = self.unknowns;
         let mut normal = Normal {
@@ -37,7 +37,7 @@ impl Problem<'_> {
         Some(normal)
     }
 
-    /// Adds the sights of a run, which belongs to view `number`.
+    /// Adds the image points of a run, which belongs to view `number`.
     fn add_run(
         &self,
         state: &State,
@@ -56,13 +56,13 @@ impl Problem<'_> {
             block,
             share: 0.0,
         };
-        for (sight, weight) in weights.iter().enumerate().take(run.end).skip(run.start) {
+        for (image_point, weight) in weights.iter().enumerate().take(run.end).skip(run.start) {
             if *weight == 0.0 {
                 continue;
             }
-            let (residual, rows) = self.equations(state, &eyes, sight)?;
+            let (residual, rows) = self.equations(state, &eyes, image_point)?;
             local.add(&rows, residual, *weight);
-            if let Some(first) = self.point_column(self.sights[sight].index) {
+            if let Some(first) = self.point_column(self.image_points[image_point].index) {
                 points.add(first, &rows, residual, *weight);
             }
         }
@@ -107,7 +107,7 @@ impl Local {
     }
 }
 
-/// Where the rows of single target points go: each sight has columns of its own, so no run can sum them first.
+/// Where the rows of single target points go: each image point has columns of its own, so no run can sum them first.
 struct Points<'a> {
     columns: &'a [Option<usize>],
     devices: &'a mut Dense,
@@ -117,7 +117,7 @@ struct Points<'a> {
 }
 
 impl Points<'_> {
-    /// Adds the two rows of a sight whose point has the columns `first .. first + 3`.
+    /// Adds the two rows of an image point whose point has the columns `first .. first + 3`.
     fn add(&mut self, first: usize, rows: &WideRows, residual: [f64; 2], weight: f64) {
         for (row, r) in rows.iter().zip(residual) {
             // The derivatives by the point are those by the shift of its pose.

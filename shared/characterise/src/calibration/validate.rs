@@ -1,6 +1,6 @@
 //! Cross-validation: two calibrations from independent halves of the poses, and whether they differ as predicted.
 //!
-//! Source: mrcal, "cross-validation": a low reprojection error says only that the model fits the points it saw; when
+//! Source: mrcal, "cross-validation": a low reprojection error shows only that the model fits the points used; when
 //! the difference of two independent calibrations exceeds what their covariances predict, the model is wrong.
 
 use super::covariance::Gauge;
@@ -18,7 +18,7 @@ const POINTS: usize = 9;
 /// Difference of the projections of one device.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeviceDifference {
-    /// Name.
+    /// Name of the device.
     pub name: String,
     /// Root mean squared distance of both projections over the volume, px.
     pub rms_px: f64,
@@ -26,12 +26,12 @@ pub struct DeviceDifference {
     pub predicted_px: f64,
 }
 
-/// Two halves compared.
+/// Comparison of two halves of the poses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CrossValidation {
     /// First half (poses 0, 2, 4 … of those seen), world in the first device.
     pub first: Calibration,
-    /// Second half.
+    /// Calibration of the second half of the poses.
     pub second: Calibration,
     /// Per device, after the best-fitting rigid motion between both worlds.
     pub devices: Vec<DeviceDifference>,

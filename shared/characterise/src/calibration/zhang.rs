@@ -9,7 +9,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 /// Second smallest over largest eigenvalue of Zhang's system below which the principal point is open.
 const OPEN: f64 = 1e-10;
 
-/// Focal lengths outside these multiples of the image size are not believed.
+/// Focal lengths outside these multiples of the image size are refused.
 const FOCAL_RANGE: [f64; 2] = [0.1, 100.0];
 
 /// Possible intrinsics, the full solution first, then assumed principal points.
@@ -41,7 +41,7 @@ pub(super) fn candidates(device: &Device, homographies: &[Matrix3<f64>]) -> Vec<
         }
     }
     if found.is_empty() {
-        // A normal lens; the adjustment finds the way, or the covariance tells that nothing can.
+        // A normal lens; the adjustment converges from there, or the covariance shows that the data are insufficient.
         found.push(normal_lens(device));
     }
     found
@@ -106,7 +106,7 @@ fn full(homographies: &[Matrix3<f64>]) -> Option<[f64; 4]> {
     (fx2 > 0.0 && fy2 > 0.0 && cx.is_finite() && cy.is_finite()).then(|| [fx2.sqrt(), fy2.sqrt(), cx, cy])
 }
 
-/// fx, fy for a known principal point (the origin); equal ones where the poses tell only one.
+/// fx, fy for a known principal point (the origin); equal ones where the poses determine only one.
 fn fixed_centre(homographies: &[Matrix3<f64>]) -> Option<[f64; 2]> {
     let mut normal = Dense::zeros(2, 2);
     let mut right = [0.0; 2];

@@ -29,11 +29,11 @@ const NEAR: f64 = 0.3;
 pub struct Carrier {
     /// Cycles per pixel along x and y.
     pub frequency_per_px: [f64; 2],
-    /// Amplitude, DN.
+    /// Amplitude of the checkerboard's component, DN.
     pub amplitude_dn: f64,
     /// Mean grey value of the region, DN.
     pub mean_dn: f64,
-    /// Amplitude over mean.
+    /// Amplitude over the mean of the region.
     pub contrast: f64,
     /// Amplitude over the median of the spectrum.
     pub peak_to_median: f64,
@@ -178,7 +178,7 @@ struct Spectrum {
 }
 
 impl Spectrum {
-    /// Frequency of the largest magnitude, cycles per pixel, and the median magnitude. Half of the plane says it all.
+    /// Frequency of the largest magnitude, cycles per pixel, and the median magnitude. Half of the plane suffices by symmetry.
     fn strongest(&self, roi: &Roi, near: Option<&Carrier>) -> Option<([f64; 2], f64)> {
         let signed = |k: usize, n: usize| {
             if 2 * k > n { k as f64 / n as f64 - 1.0 } else { k as f64 / n as f64 }

@@ -21,12 +21,12 @@ const LEAST_RATIO: f64 = 8.0;
 /// Rounds of the adjustment; some ten are enough.
 const MOST_ROUNDS: usize = 100;
 
-/// One picture.
+/// Contrast at one position.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FocusPoint {
-    /// Where, mm.
+    /// Position of the image, mm.
     pub position_mm: f64,
-    /// What was found.
+    /// The checkerboard's component.
     #[serde(flatten)]
     pub carrier: Carrier,
     /// Contrast over the largest of all pictures.
@@ -36,13 +36,13 @@ pub struct FocusPoint {
 /// `contrast = peak · exp(−(z − best)² / 2 width²)`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FocusFit {
-    /// Contrast in focus.
+    /// Contrast at best focus.
     pub peak_contrast: f64,
     /// Place of the maximum, mm.
     pub best_focus_mm: f64,
     /// Its standard uncertainty from the residuals, mm.
     pub u_best_focus_mm: f64,
-    /// Width, mm.
+    /// Standard deviation of the curve, mm.
     pub width_mm: f64,
     /// Its standard uncertainty, mm.
     pub u_width_mm: f64,
@@ -58,12 +58,12 @@ impl FocusFit {
     }
 }
 
-/// What the stack tells.
+/// Result of the focus evaluation.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Focus {
-    /// The region.
+    /// Evaluated region of the images.
     pub roi: Roi,
-    /// By rising position.
+    /// Contrast of each image, in rising position.
     pub curve: Vec<FocusPoint>,
     /// Position of the picture with the largest contrast, mm.
     pub sharpest_mm: f64,

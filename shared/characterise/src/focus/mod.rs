@@ -2,7 +2,7 @@
 //!
 //! A checkerboard's strongest component lies on the diagonal, at one half of a cycle per square along both axes. Defocus
 //! damps it by the modulation transfer at that frequency, so the maximum of the 2D Fourier transform over a stack of
-//! pictures tells the focus. Here ([`carrier`]) the maximum is sought in a Hann window without the mean, refined between
+//! images measures the focus. Here ([`carrier`]) the maximum is sought in a Hann window without the mean, refined between
 //! the bins of the transform, and divided by the mean grey value, so that neither the light's fall with distance nor the
 //! pitch in pixels enters. Over the position ([`curve`]) a blur that grows in proportion to the distance from focus makes
 //! a Gaussian, which is fitted; the depth of focus is the range in which it stays above a stated fraction of its maximum.
@@ -15,7 +15,7 @@ mod tests;
 use crate::response::ResponseError;
 use thiserror::Error;
 
-/// Why a focus cannot be told; the message ends with the likely remedy.
+/// Why a focus cannot be determined; the message ends with the likely remedy.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum FocusError {
     /// A region that does not fit.
@@ -23,31 +23,31 @@ pub enum FocusError {
     Region(#[from] ResponseError),
     /// A region too small for a frequency.
     #[error(
-        "region {roi} is smaller than {least} × {least} px or larger than {most} pixels; name another --roi"
+        "region {roi} is smaller than {least} × {least} px or larger than {most} pixels; choose another --roi"
     )]
     RegionSize {
-        /// As `x,y,width,height`.
+        /// The region as `x,y,width,height`.
         roi: String,
-        /// Smallest side, px.
+        /// Smallest side allowed, px.
         least: u32,
-        /// Most pixels.
+        /// Largest number of pixels allowed.
         most: u64,
     },
-    /// No checkerboard.
+    /// No image shows a projected checkerboard.
     #[error(
-        "no picture shows a periodic pattern in region {roi} (strongest component {contrast:.5} of the mean, {ratio:.1} times the \
+        "no image shows a periodic pattern in region {roi} (strongest component {contrast:.5} of the mean, {ratio:.1} times the \
          median; at least {least_contrast} and {least_ratio} times needed); is the checkerboard in the region?"
     )]
     NoPattern {
-        /// As `x,y,width,height`.
+        /// The region as `x,y,width,height`.
         roi: String,
         /// Of the best picture.
         contrast: f64,
         /// Of the best picture.
         ratio: f64,
-        /// Limit.
+        /// Smallest contrast accepted.
         least_contrast: f64,
-        /// Limit.
+        /// Smallest ratio of peak to median accepted.
         least_ratio: f64,
     },
     /// Light beyond the sensor's range.
@@ -58,12 +58,12 @@ pub enum FocusError {
         /// Pixels of the region.
         pixels: usize,
     },
-    /// Too few positions.
-    #[error("{found} different positions, at least {needed} needed for a curve; take more pictures")]
+    /// Fewer different positions than the curve needs.
+    #[error("{found} different positions, at least {needed} needed for a curve; record more images")]
     TooFewPositions {
-        /// As given.
+        /// Number of different positions given.
         found: usize,
-        /// Fewest accepted.
+        /// Fewest positions accepted.
         needed: usize,
     },
     /// A fraction that cannot be one.

@@ -30,7 +30,7 @@ pub struct Cause {
     pub explains: f64,
 }
 
-/// The joint fit.
+/// Joint fit of the drifts of a pair.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Drift {
     /// Root mean square of the fitted drift over the matches, px.
@@ -39,9 +39,9 @@ pub struct Drift {
     pub limit_px: f64,
     /// Score test: χ² of [`Self::degrees_of_freedom`] in a healthy rig.
     pub statistic: f64,
-    /// It exceeds this with the probability that was asked for.
+    /// A healthy pair exceeds this with the false alarm probability.
     pub limit: f64,
-    /// How many independent drifts the matches tell apart.
+    /// Number of independent drifts that the matches determine.
     pub degrees_of_freedom: usize,
     /// Each cause by itself, the best one first.
     pub causes: Vec<Cause>,
@@ -50,7 +50,7 @@ pub struct Drift {
 /// The state of a pair.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct PairHealth {
-    /// Matches used.
+    /// Number of matches used.
     pub used: usize,
     /// Matches rejected: farther from the fitted drift than the others' scatter.
     pub rejected: usize,
@@ -78,10 +78,10 @@ pub struct PairHealth {
     pub healthy: bool,
 }
 
-/// Judges a pair by the places that both views have in common.
+/// Checks a pair by the places that both views have in common.
 ///
 /// # Errors
-/// Impossible cameras or settings, too few matches, or matches that tell nothing.
+/// Impossible cameras or settings, too few matches, or matches that determine no drift.
 pub fn check_pair(
     left: &Camera,
     right: &Camera,
@@ -125,7 +125,7 @@ pub fn check_pair(
 
 /// What the score test needs.
 struct Test {
-    /// Σ a e.
+    /// Weighted sum of derivatives times residuals, Σ a e.
     score: [f64; UNKNOWNS],
     /// What the fit leaves, part by part of the image.
     tiles: Tiles,
@@ -233,7 +233,7 @@ impl Test {
         })
     }
 
-    /// Each cause by itself; the most telling one first.
+    /// Each cause by itself; the one that explains most comes first.
     fn causes(&self, kept: &[&Row], fit: &robust::Fit) -> Vec<Cause> {
         let (noise, all) = self.score_covariance(kept, |row| row.cause);
         let explained: f64 = fit.drift.iter().zip(self.score).map(|(a, b)| a * b).sum();

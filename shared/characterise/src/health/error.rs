@@ -1,25 +1,25 @@
-//! Why a pair cannot be judged.
+//! Errors of the check of a pair.
 
 use fringe::geometry::camera::CameraError;
 use thiserror::Error;
 
-/// Why a pair cannot be judged.
+/// Why a pair cannot be checked.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum HealthError {
     /// A setting outside its range.
     #[error("{key} = {value} is outside {limits}")]
     Setting {
-        /// Which.
+        /// Name of the setting.
         key: &'static str,
-        /// As given.
+        /// Value given for the setting.
         value: f64,
-        /// What is allowed.
+        /// Interval allowed for the setting.
         limits: &'static str,
     },
     /// A map that does not belong to the others.
     #[error("the phase maps of the {side} view do not belong together: {what}")]
     Maps {
-        /// "left" or "right".
+        /// View of the pair: "left" or "right".
         side: &'static str,
         /// In what they differ.
         what: String,
@@ -27,7 +27,7 @@ pub enum HealthError {
     /// A camera that cannot be.
     #[error("{side} view: {source}")]
     Camera {
-        /// "left" or "right".
+        /// View of the pair: "left" or "right".
         side: &'static str,
         /// What is wrong with it.
         source: CameraError,
@@ -38,13 +38,13 @@ pub enum HealthError {
          see it lit, and record both fringe directions"
     )]
     TooFew {
-        /// Matches.
+        /// Number of matches found.
         found: usize,
-        /// Needed.
+        /// Fewest matches needed.
         needed: usize,
     },
     /// The matches do not fix the drift.
-    #[error("the matches lie so close together that they tell no drift apart; use a larger object")]
+    #[error("the matches are so close together that they determine no drift; use a larger object")]
     Degenerate,
     /// A covariance of other parameters.
     #[error(
@@ -52,11 +52,11 @@ pub enum HealthError {
     )]
     Parameter(String),
     /// A covariance of another size.
-    #[error("the covariance has {found} entries, but its parameters ask for {needed}")]
+    #[error("the covariance has {found} entries, its parameters need {needed}")]
     Covariance {
-        /// As given.
+        /// Number of entries given.
         found: usize,
-        /// Needed.
+        /// Number of entries needed.
         needed: usize,
     },
 }

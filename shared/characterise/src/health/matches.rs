@@ -11,7 +11,7 @@ use std::f64::consts::TAU;
 /// Windows of the left view stand side by side and share no pixel, so that their noise is independent.
 const STRIDE: usize = 2 * REACH + 1;
 
-/// A window whose misfit is this many times the median one lies on a step or at a shadow's edge.
+/// A window whose misfit is this many times the median is on a step or at a shadow's edge.
 const ROUGH: f64 = 3.0;
 
 /// Moves of the window in the right view until it lies about the place looked for.
@@ -48,9 +48,9 @@ pub struct MatchCounts {
 /// Matches, in the order of the left pixels.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Matches {
-    /// The matches.
+    /// Matches of both views.
     pub matches: Vec<Match>,
-    /// Windows.
+    /// Number of windows by outcome.
     pub counts: MatchCounts,
 }
 
@@ -120,7 +120,7 @@ impl Window {
         Vector2::from_fn(|axis, _| self.fits[axis].at(at.x, at.y) * scale[axis])
     }
 
-    /// Derivative of [`Self::lit`].
+    /// Derivative of [`Self::lit`] by the place.
     fn slope(&self, scale: [f64; 2], at: Vector2<f64>) -> Matrix2<f64> {
         Matrix2::from_fn(|axis, by| self.fits[axis].slope(at.x, at.y)[by] * scale[axis])
     }
@@ -208,7 +208,7 @@ struct Found {
     middle: Point2<f64>,
     offset: Vector2<f64>,
     window: Window,
-    /// Of the slope.
+    /// Inverse of the slope.
     inverse: Matrix2<f64>,
 }
 
@@ -230,7 +230,7 @@ fn approach(right: &Maps, start: usize, wanted: Vector2<f64>) -> Option<Found> {
         if offset.amax() <= 0.75 {
             return Some(Found { middle: Point2::new(column as f64, row as f64), offset, window, inverse });
         }
-        // A long way is not trusted to one window's curvature.
+        // The curvature of one window does not hold over a long way.
         let step = |v: f64| v.clamp(-8.0, 8.0).round() as i64;
         column = usize::try_from(column as i64 + step(offset.x)).ok()?;
         row = usize::try_from(row as i64 + step(offset.y)).ok()?;

@@ -1,4 +1,4 @@
-//! The state of a rig, told from any object that was lit with both fringe directions.
+//! The state of a rig, estimated from any object that was lit with both fringe directions.
 //!
 //! The phases of both projector axes name the same surface point in two views without any geometry: the rig is not used
 //! to match, so its epipolar constraint is a test (Bräuer-Burchardt 2011, "phase in two directions as an online epipolar
@@ -8,10 +8,10 @@
 //!    steps and shadow edges left out, sub-pixel place with the covariance that the phase noise gives it.
 //! 2. [`check_pair`]: Sampson distances; a robust fit of what a drift of the right view would do to them (rotations, shifts
 //!    across the baseline, focal length); and a score test of that drift against phase noise, the calibration's
-//!    covariance and the error of the phase itself. A healthy rig passes it with the probability asked for. A smooth
-//!    pattern that the drift leaves is judged beside it: a lens that changed, or a phase worse than stated.
+//!    covariance and the error of the phase itself. A healthy rig passes it with the given probability. A smooth
+//!    pattern that the drift leaves is tested beside it: a lens that changed, or a phase worse than stated.
 //!
-//! What no epipolar residual can tell: a shift along the baseline (it only scales the measured lengths), and which of
+//! What no epipolar residual can detect: a shift along the baseline (it only scales the measured lengths), and which of
 //! the two views moved; where a view has several partners, it is the one that all unhealthy pairs have in common.
 
 mod chi_square;

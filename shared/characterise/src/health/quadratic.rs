@@ -11,7 +11,7 @@ pub(super) const REACH: usize = 2;
 /// Sums of the squared polynomials over the lattice.
 const NORMS: [f64; 6] = [25.0, 50.0, 50.0, 70.0, 100.0, 70.0];
 
-/// Pixels less parameters.
+/// Degrees of freedom of a window: pixels less parameters.
 const FREEDOM: f64 = 19.0;
 
 /// The fit of one window.

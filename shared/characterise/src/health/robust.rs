@@ -4,7 +4,7 @@ use super::rows::{Row, UNKNOWNS};
 use fringe::math::linear::{Dense, eigen};
 use fringe::math::statistics::sigma_by_median;
 
-/// Directions whose information, scaled to unit diagonal, is below this are not told by the matches (a flat object
+/// Directions whose information, scaled to unit diagonal, is below this are not determined by the matches (a flat object
 /// leaves one open).
 const LEAST_INFORMATION: f64 = 1e-6;
 
@@ -20,20 +20,20 @@ const OUTLIER: f64 = 4.0;
 /// Tuning constant of Cauchy's weight, 95 % efficient.
 const CAUCHY: f64 = 2.385;
 
-/// A robust fit.
+/// Result of the robust fit.
 pub(super) struct Fit {
-    /// The drift.
+    /// Estimated drift of each unknown.
     pub drift: [f64; UNKNOWNS],
     /// Which rows were kept.
     pub kept: Vec<bool>,
     /// Robust standard deviation of the residuals over the predicted one.
     pub scale: f64,
-    /// The drifts that the matches tell apart: conjugate directions, each of unit information.
+    /// The drifts that the matches determine: conjugate directions, each of unit information.
     pub directions: Vec<[f64; UNKNOWNS]>,
 }
 
 impl Fit {
-    /// What the drift makes of a row.
+    /// The residual of a row by the drift.
     pub fn modelled(&self, row: &Row) -> f64 {
         modelled(&self.drift, row)
     }
@@ -56,7 +56,7 @@ pub(super) fn normal<'a>(rows: impl Iterator<Item = (&'a Row, f64)>) -> Dense {
     normal
 }
 
-/// Conjugate directions of unit information; those that nothing tells are left out.
+/// Conjugate directions of unit information; undetermined ones are left out.
 fn directions(normal: &Dense) -> Vec<[f64; UNKNOWNS]> {
     let scale: [f64; UNKNOWNS] = std::array::from_fn(|i| {
         let information = normal.at(i, i);
@@ -72,7 +72,7 @@ fn directions(normal: &Dense) -> Vec<[f64; UNKNOWNS]> {
         .collect()
 }
 
-/// Weighted least squares within the directions that are told; also these.
+/// Weighted least squares within the determined directions; also returns these.
 fn solve(rows: &[Row], weight: impl Fn(usize) -> f64) -> Option<([f64; UNKNOWNS], Vec<[f64; UNKNOWNS]>)> {
     let weighted = || rows.iter().enumerate().map(|(i, row)| (row, weight(i)));
     let matrix = normal(weighted());
@@ -95,7 +95,7 @@ fn spread(residuals: &[f64]) -> f64 {
     sigma_by_median(&mut residuals.to_vec()).unwrap_or(0.0)
 }
 
-/// Fits the drift; `None` for rows that tell nothing.
+/// Fits the drift; `None` for rows that determine nothing.
 pub(super) fn fit(rows: &[Row]) -> Option<Fit> {
     let residuals = |drift: &[f64; UNKNOWNS]| -> Vec<f64> {
         rows.iter().map(|row| row.error - modelled(drift, row)).collect()

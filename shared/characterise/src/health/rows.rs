@@ -1,4 +1,4 @@
-//! What the matches of a pair tell, row by row: residuals with their derivatives.
+//! Equations of the matches of a pair: residuals with their derivatives.
 
 use super::matches::Match;
 use super::parameters::{COUNT, Sensitivity};
@@ -24,7 +24,7 @@ pub(super) const CAUSES: [(&str, &str); 7] = [
 /// A residual with its derivatives, all over its standard deviation.
 #[derive(Debug, Clone)]
 pub(super) struct Row {
-    /// Residual.
+    /// Epipolar residual, px.
     pub error: f64,
     /// By the unknowns of the joint fit.
     pub by: [f64; UNKNOWNS],
@@ -32,7 +32,7 @@ pub(super) struct Row {
     pub cause: [f64; CAUSES.len()],
     /// By the rig file's parameters.
     pub file: [f64; 2 * COUNT],
-    /// Standard deviation, px.
+    /// Standard deviation of the residual, px.
     pub sigma_px: f64,
     /// Part of the image, for sums over neighbours.
     pub tile: u64,

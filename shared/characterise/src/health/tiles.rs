@@ -12,14 +12,14 @@ const LEAST_IN_TILE: f64 = 8.0;
 struct Tile {
     /// Σ a r, over the standard deviations.
     score: [f64; UNKNOWNS],
-    /// Σ r, px.
+    /// Sum of residuals Σ r, px.
     sum_px: f64,
-    /// Σ r², px².
+    /// Sum of squares Σ r², px².
     squares_px2: f64,
     count: f64,
 }
 
-/// What the tiles tell.
+/// Statistics of the residuals over tiles.
 pub(super) struct Tiles {
     /// Mean over the drifts of the variance of their scores over that of independent residuals with the predicted noise.
     ///

@@ -9,59 +9,59 @@ pub enum PlaneError {
     /// Not between 1 and 3.
     #[error("degree {degree} must be 1 to {MOST_DEGREE}")]
     Degree {
-        /// As asked.
+        /// Degree that was requested.
         degree: usize,
     },
-    /// Not enough planes.
+    /// Fewer planes than coefficients.
     #[error(
-        "{planes} planes do not tell the {needed} coefficients of each pixel; measure {needed} or more at different heights"
+        "{planes} planes do not determine the {needed} coefficients of each pixel; measure {needed} or more at different heights"
     )]
     Few {
-        /// As given.
+        /// Number of planes given.
         planes: usize,
-        /// Coefficients.
+        /// Number of coefficients of each pixel.
         needed: usize,
     },
-    /// Too many.
+    /// More planes than allowed.
     #[error("{planes} planes are more than {MOST_PLANES}; leave some out")]
     Many {
-        /// As given.
+        /// Number of planes given.
         planes: usize,
     },
-    /// No limit.
+    /// A rejection limit that is not positive.
     #[error(
         "rejection beyond {sigmas} standard deviations: must be above 0; 6 is usual, inf rejects nothing"
     )]
     Reject {
-        /// As given.
+        /// Limit given, standard deviations.
         sigmas: f64,
     },
     /// Repeated or not finite.
     #[error(
-        "height {z_mm} mm of plane {number} is not finite or stands twice; each plane needs a height of its own"
+        "height {z_mm} mm of plane {number} is not finite or occurs twice; each plane needs its own height"
     )]
     Height {
-        /// From 1.
+        /// Number of the plane, from 1.
         number: usize,
-        /// As given.
+        /// Height given, mm.
         z_mm: f64,
     },
-    /// Another size.
-    #[error("map {number} is not as large as the reference; use one camera at one resolution")]
+    /// A phase map with another size than the reference.
+    #[error("map {number} has another size than the reference; use one camera at one resolution")]
     Size {
-        /// From 1.
+        /// Number of the map, from 1.
         number: usize,
     },
-    /// Other fringes.
+    /// A phase map with another period than the reference.
     #[error(
         "map {number} has another axis or period ({period_px} px) than the reference ({expected_px} px); project the same fringes"
     )]
     Pattern {
-        /// From 1.
+        /// Number of the map, from 1.
         number: usize,
-        /// As given.
+        /// Period of the map, px.
         period_px: f64,
-        /// Of the reference.
+        /// Period of the reference, px.
         expected_px: f64,
     },
 }

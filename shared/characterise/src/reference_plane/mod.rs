@@ -5,7 +5,7 @@
 //! heights give each pixel its own polynomial Z = k₀ + k₁ Δφ + k₂ Δφ² + …, by least squares. k₁ is the K₀ of eq. 2.19. Neither camera
 //! nor projector needs to be characterised; lateral coordinates, tilt and the height of the planes are taken from
 //! elsewhere. A plane that a pixel saw wrongly is left out of that pixel's polynomial where enough others are left. A pixel that fewer planes show than there are coefficients has no height, and heights are given within the
-//! calibrated range and a margin only: a polynomial tells nothing beyond its planes.
+//! calibrated range and a margin only: a polynomial is not valid beyond its planes.
 
 mod error;
 mod polynomial;
@@ -24,7 +24,7 @@ use serde::Serialize;
 /// Highest degree: beyond a cubic there is nothing left to fit but noise.
 pub const MOST_DEGREE: usize = 3;
 
-/// Most planes.
+/// Largest number of planes.
 pub const MOST_PLANES: usize = 64;
 
 /// Heights beyond the calibrated planes are given within this share of the range between them.
@@ -46,7 +46,7 @@ pub struct PlaneCalibration {
 /// How well the planes fit.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct PlaneReport {
-    /// Planes.
+    /// Number of planes used.
     pub planes: usize,
     /// Degree of the polynomials.
     pub degree: usize,
@@ -66,9 +66,9 @@ pub struct PlaneReport {
 /// Heights over the reference plane.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Heights {
-    /// Columns.
+    /// Columns of the camera, px.
     pub width_px: u32,
-    /// Rows.
+    /// Rows of the camera, px.
     pub height_px: u32,
     /// Height, mm; NaN where not known.
     pub height_mm: Vec<f32>,

@@ -3,7 +3,7 @@
 use super::MOST_DEGREE;
 use nalgebra::{Matrix4, Vector4};
 
-/// Phase differences of all planes within this of each other, rad, tell no slope.
+/// Phase differences of all planes within this of each other, rad, determine no slope.
 const LEAST_SPREAD_RAD: f64 = 1e-4;
 
 /// A polynomial through the planes of one pixel.
@@ -13,7 +13,7 @@ pub struct Fit {
     pub coefficients: [f64; MOST_DEGREE + 1],
     /// Sum of squared residuals, mm².
     pub squares: f64,
-    /// Planes less coefficients.
+    /// Degrees of freedom: planes less coefficients.
     pub freedom: usize,
 }
 
@@ -27,7 +27,7 @@ pub fn slope(k: &[f64; MOST_DEGREE + 1], difference_rad: f64) -> f64 {
     (1..k.len()).rev().fold(0.0, |sum, i| sum * difference_rad + i as f64 * k[i])
 }
 
-/// Least squares of Z over (Δφ, Z); `None` with fewer points than coefficients, or phases that tell no slope.
+/// Least squares of Z over (Δφ, Z); `None` with fewer points than coefficients, or phases that determine no slope.
 pub fn fit(points: &[(f64, f64)], degree: usize) -> Option<Fit> {
     let scale = points.iter().map(|(x, _)| x.abs()).fold(0.0, f64::max);
     if points.len() < degree + 1 || scale < LEAST_SPREAD_RAD {

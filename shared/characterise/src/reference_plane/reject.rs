@@ -1,11 +1,11 @@
-//! Planes that one pixel saw wrongly: a fringe order, a glint, dust.
+//! Rejection of planes that one pixel measured wrongly: wrong fringe order, glint, dust.
 //!
-//! With n planes and m coefficients the residuals of a least-squares fit share out an outlier, so each plane is held against the
+//! With n planes and m coefficients the residuals of a least-squares fit share out an outlier, so each plane is compared with the
 //! polynomial through the others (deleted residual). Even without outliers these are not zero: noise, and what the polynomial does not
 //! follow, which is alike all over the field. So each plane's deleted residuals are measured against their own median and scatter
 //! (by the median magnitude about it) over the field, the scatter raised where a pixel's phase is noisier than most. Where one is beyond
 //! the limit, the plane without which the others fit best is left out (an outlier bends the polynomial past its neighbours, whose
-//! residuals may be larger than its own), and the rest judged again, while at least m + 1 planes would be left: with m + 1 given, their residuals tell that one is wrong
+//! residuals may be larger than its own), and the rest tested again, while at least m + 1 planes would be left: with m + 1 given, their residuals show that one is wrong
 //! but not which, and the pixel is left out as a whole.
 
 use super::MOST_DEGREE;
@@ -44,7 +44,7 @@ pub(super) enum Judged {
     Kept(Fit, u64),
     /// Fewer planes than coefficients, or no slope.
     Unknown,
-    /// One of its planes is wrong, and it cannot be told which.
+    /// One of its planes is wrong, and it is undetermined which.
     Inconsistent,
 }
 
@@ -92,12 +92,12 @@ pub(super) fn scales(
     residuals.iter_mut().zip(&mut noise).map(scale).collect()
 }
 
-/// Fits a pixel without the planes that it saw wrongly, beyond `limit` standard deviations.
+/// Fits a pixel without its outlier planes, beyond `limit` standard deviations.
 pub(super) fn judge(mut seen: Vec<Seen>, degree: usize, limit: f64, scales: &[Scale]) -> Judged {
     let mut rejected = 0_u64;
     loop {
         let Some(whole) = fit(&points(&seen), degree) else { return Judged::Unknown };
-        // Without a plane to spare nothing can be judged; without scales nothing shall be.
+        // Without redundancy or without scales no plane can be tested.
         if seen.len() < degree + 2 || scales.iter().any(|scale| scale.sigma_mm.is_nan()) {
             return Judged::Kept(whole, rejected);
         }
@@ -114,7 +114,7 @@ pub(super) fn judge(mut seen: Vec<Seen>, degree: usize, limit: f64, scales: &[Sc
         if seen.len() == degree + 2 {
             return Judged::Inconsistent;
         }
-        // The scales stay those of all planes: fewer scatter a little more, for which the limit has room.
+        // The scales stay those of all planes: fewer scatter a little more, which the limit allows for.
         let left = |index: usize| {
             let mut rest = points(&seen);
             rest.remove(index);

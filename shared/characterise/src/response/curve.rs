@@ -18,7 +18,7 @@ struct Knot {
     level: f64,
     /// Grey value that the camera shows, DN.
     dn: f64,
-    /// dDN/dlevel.
+    /// Slope dDN/dlevel at the knot.
     slope: f64,
 }
 

@@ -1,26 +1,26 @@
-//! Why a response cannot be told.
+//! Errors of the response evaluation.
 
 use thiserror::Error;
 
-/// Why a response cannot be told; the message ends with the likely remedy.
+/// Why a response cannot be determined; the message ends with the likely remedy.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum ResponseError {
     /// A region that is not in the picture.
-    #[error("region {roi} does not lie in the frame of {width_px} × {height_px} px; correct --roi")]
+    #[error("region {roi} is not within the frame of {width_px} × {height_px} px; correct --roi")]
     RoiOutside {
-        /// As `x,y,width,height`.
+        /// The region as `x,y,width,height`.
         roi: String,
-        /// Columns.
+        /// Columns of the frame, px.
         width_px: u32,
-        /// Rows.
+        /// Rows of the frame, px.
         height_px: u32,
     },
     /// A region that would fill the memory.
-    #[error("the region has {pixels} pixels, limit {limit}; a smaller --roi averages well enough")]
+    #[error("the region has {pixels} pixels, limit {limit}; choose a smaller --roi")]
     RoiLarge {
-        /// As given.
+        /// Number of pixels of the region.
         pixels: u64,
-        /// Largest accepted.
+        /// Largest number of pixels accepted.
         limit: u64,
     },
     /// Frames of unequal size or depth.
@@ -30,15 +30,14 @@ pub enum ResponseError {
     Unequal {
         /// Which frame, from 0.
         number: usize,
-        /// Its size.
+        /// Size of the frame found.
         found: String,
-        /// The first one's.
+        /// Size of the first frame.
         expected: String,
     },
     /// Too many saturated pixels.
     #[error(
-        "{saturated} of {pixels} pixels of the region saturate (most at level {level:.3}); lower exposure or gain, or name \
-         another --roi"
+        "{saturated} of {pixels} pixels of the region saturate (most at level {level:.3}); lower exposure or gain, or choose another --roi"
     )]
     Saturated {
         /// Pixels at full scale in some frame.
@@ -53,20 +52,19 @@ pub enum ResponseError {
         "{found} different grey levels, at least {needed} needed for a polynomial of order 7 with a residual; record more"
     )]
     TooFewLevels {
-        /// Different levels.
+        /// Number of different levels.
         found: usize,
-        /// Fewest accepted.
+        /// Fewest levels accepted.
         needed: usize,
     },
     /// A picture that does not answer.
     #[error(
-        "the region changes by {range_dn:.2} DN from darkest to brightest level, at least {least_dn:.1} DN needed; is the \
-         projector's light in the region (--roi), are the levels the right ones?"
+        "the region changes by {range_dn:.2} DN from darkest to brightest level, at least {least_dn:.1} DN needed; check that the region (--roi) is lit by the projector and that the levels are right"
     )]
     Flat {
         /// Range of the means.
         range_dn: f64,
-        /// Smallest accepted.
+        /// Smallest range accepted, DN.
         least_dn: f64,
     },
     /// A response that falls.
@@ -75,16 +73,16 @@ pub enum ResponseError {
          and levels in the same order?"
     )]
     NotMonotonic {
-        /// The lower level.
+        /// Lower of both levels.
         here: f64,
-        /// Its mean.
+        /// Mean grey value at the lower level, DN.
         here_dn: f64,
-        /// The higher level.
+        /// Higher of both levels.
         there: f64,
-        /// Its mean.
+        /// Mean grey value at the higher level, DN.
         there_dn: f64,
     },
-    /// A curve that does not determine what is asked.
+    /// A curve that does not determine the requested quantity.
     #[error("the grey levels do not determine {what}; record more levels between black and white")]
     Undetermined {
         /// What was to be found.
@@ -93,17 +91,17 @@ pub enum ResponseError {
     /// Steps that make no phase.
     #[error("{steps} phase steps: must be 3 to 64")]
     Steps {
-        /// As asked.
+        /// Number of steps requested.
         steps: u32,
     },
-    /// Fringes without contrast.
+    /// Too few pixels have contrast.
     #[error(
-        "{found} pixels are lit and not saturated, at least {needed} needed; name a --roi with fringes in it"
+        "{found} pixels are lit and not saturated, at least {needed} needed; choose a --roi with fringes"
     )]
     NoFringes {
-        /// Pixels with contrast.
+        /// Number of pixels with contrast.
         found: usize,
-        /// Fewest accepted.
+        /// Fewest pixels accepted.
         needed: usize,
     },
 }

@@ -33,13 +33,13 @@ pub struct FringeResponse {
     pub gamma: f64,
     /// Standard uncertainty of γ from the residuals; pixels count as independent.
     pub u_gamma: f64,
-    /// a.
+    /// Gain a of the light.
     pub gain: f64,
-    /// b.
+    /// Offset b of the light.
     pub offset: f64,
     /// Root mean square of the residuals, fraction of white less black.
     pub residual_rms: f64,
-    /// Pixels used.
+    /// Number of pixels used.
     pub pixels: usize,
 }
 
@@ -47,9 +47,9 @@ pub struct FringeResponse {
 pub struct Fringes<'a> {
     /// In order of the steps.
     pub steps: &'a [FrameView<'a>],
-    /// All on.
+    /// Frame with the projector at full level.
     pub white: FrameView<'a>,
-    /// All off.
+    /// Frame with the projector at level zero.
     pub black: FrameView<'a>,
 }
 

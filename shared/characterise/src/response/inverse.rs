@@ -16,7 +16,7 @@ type Square = SMatrix<f64, COEFFICIENTS, COEFFICIENTS>;
 /// fraction of the range from the darkest to the brightest level measured.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct InversePolynomial {
-    /// a₀ … a₇.
+    /// Coefficients a₀ … a₇.
     pub coefficients: [f64; COEFFICIENTS],
     /// Covariance of the coefficients, from the residuals with n − 8 degrees of freedom.
     pub covariance: [[f64; COEFFICIENTS]; COEFFICIENTS],

@@ -4,7 +4,7 @@
 //! harmonics, which an N-step phase takes for phase: harmonics of the orders N·m ± 1 shift it by an error that repeats N
 //! times a fringe. This module measures the response from frames of even grey levels ([`Stack`], [`ResponseCurve`]), fits the
 //! thesis' inverse polynomial of order 7 ([`InversePolynomial`], eq. 3.2) and the power law ([`PowerLaw`], eq. 3.1), makes
-//! the table that pattern generation applies ([`fringe::pattern::LevelTable`]), and tells harmonics and phase error before and after, both
+//! the table that pattern generation applies ([`fringe::pattern::LevelTable`]), and reports harmonics and phase error before and after, both
 //! as the curve predicts them ([`waveform`]) and as recorded fringes show them ([`recorded`]). Without grey frames the
 //! exponent can be had from the fringes themselves ([`fringes`]).
 //!

@@ -5,19 +5,19 @@ use fringe::math::{exp, ln, pow};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::Serialize;
 
-/// Exponents looked at.
+/// Interval in which the exponent is searched.
 const GAMMA_RANGE: [f64; 2] = [0.05, 20.0];
 
 /// `I_out = a I_inᵞ + b` (eq. 3.1), least squares in `I_out`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PowerLaw {
-    /// γ.
+    /// Exponent γ of the response.
     pub gamma: f64,
     /// Standard uncertainty of γ, from the residuals with n − 3 degrees of freedom.
     pub u_gamma: f64,
-    /// a, DN.
+    /// Gain a, DN.
     pub gain_dn: f64,
-    /// b, DN.
+    /// Offset b, DN.
     pub offset_dn: f64,
     /// Root mean square of the residuals, DN.
     pub residual_rms_dn: f64,

@@ -19,12 +19,12 @@ const LEAST_PIXELS: usize = 64;
 /// What phase-stepped frames show of the waveform.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RecordedWaveform {
-    /// Steps recorded.
+    /// Number of steps recorded.
     pub steps_recorded: u32,
-    /// Pixels used.
+    /// Number of pixels used.
     pub pixels: usize,
     /// Amplitude of the 2nd to 5th harmonic relative to the first, averaged in phase over all pixels so that noise drops
-    /// out. Absent where the steps are too few to tell the order from its alias (at least 2·order + 1 are needed).
+    /// out. Absent where the steps are too few to separate the order from its alias (at least 2·order + 1 are needed).
     pub harmonics: [Option<f64>; 4],
     /// Error of the phase from every (recorded / N)-th frame against that from all frames, averaged over noise in 64 parts
     /// of the fringe. Absent unless the recorded steps are at least twice N and a multiple of it.

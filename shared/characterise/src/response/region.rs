@@ -15,13 +15,13 @@ const USUAL_SIDE_PX: u32 = 100;
 /// A rectangle of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Roi {
-    /// First column.
+    /// First column, px.
     pub x: u32,
-    /// First row.
+    /// First row, px.
     pub y: u32,
-    /// Columns.
+    /// Number of columns, px.
     pub width_px: u32,
-    /// Rows.
+    /// Number of rows, px.
     pub height_px: u32,
 }
 
@@ -38,7 +38,7 @@ impl Roi {
         }
     }
 
-    /// Number of pixels.
+    /// Number of pixels of the region.
     pub fn pixels(&self) -> u64 {
         u64::from(self.width_px) * u64::from(self.height_px)
     }

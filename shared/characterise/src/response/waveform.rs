@@ -14,7 +14,7 @@ pub type Harmonics = [f64; 4];
 /// Error of an N-step phase.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct PhaseError {
-    /// N.
+    /// Number N of steps.
     pub steps: u32,
     /// Root mean square over one fringe, rad.
     pub rms_rad: f64,

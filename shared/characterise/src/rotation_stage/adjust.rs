@@ -15,9 +15,9 @@ const LEAST_CONDITION: f64 = 1e-10;
 pub struct Observation {
     /// By which the stage turned, rad.
     pub angle_rad: f64,
-    /// Before, mm.
+    /// Position before the turn, mm.
     pub from: Vector3<f64>,
-    /// After, mm.
+    /// Position after the turn, mm.
     pub to: Vector3<f64>,
     /// Number of the unknown correction of `from`, where that is a measured place itself.
     pub point: Option<usize>,
@@ -28,7 +28,7 @@ pub struct Observation {
 pub enum Freedom {
     /// Each coordinate by itself.
     Places,
-    /// Motions: whatever they are compared at, each has six freedoms.
+    /// Motions: each has six degrees of freedom, however many points it is compared at.
     Motions,
 }
 
@@ -87,9 +87,12 @@ fn centre(
     }
     // Turns by a tenth of a degree altogether move a point by less than any scanner sees.
     if seen < 1e-5 {
-        return Err(StageError::Open { why: "all views stand at one angle" });
+        return Err(StageError::Open { why: "all views have the same angle" });
     }
-    normal.cholesky().map(|c| c.solve(&right)).ok_or(StageError::Open { why: "all views stand at one angle" })
+    normal
+        .cholesky()
+        .map(|c| c.solve(&right))
+        .ok_or(StageError::Open { why: "all views have the same angle" })
 }
 
 #[derive(Debug, Clone, Copy)]

@@ -2,20 +2,20 @@
 
 use thiserror::Error;
 
-/// Views that do not tell the axis.
+/// Views that do not determine the axis.
 #[derive(Debug, Error, Clone, Copy, PartialEq, Eq)]
 pub enum StageError {
     /// Not enough of them.
-    #[error("{views} views do not tell the axis; it takes {needed} or more, at different angles")]
+    #[error("{views} views do not determine the axis; {needed} or more at different angles are needed")]
     Few {
-        /// As given.
+        /// Number of views given.
         views: usize,
-        /// What it takes.
+        /// Fewest views needed.
         needed: usize,
     },
     /// The equations leave it open.
     #[error(
-        "the views leave the axis open: {why}; take views at three or more angles spread over the turn, the object beside the axis"
+        "the views do not determine the axis: {why}; record views at three or more angles spread over the turn, the object beside the axis"
     )]
     Open {
         /// What is wrong with them.

@@ -42,23 +42,23 @@ pub struct StageAxis {
 pub struct StageCalibration {
     /// The point of the axis nearest to what was seen, mm.
     pub point_mm: [f64; 3],
-    /// Unit vector.
+    /// Direction of the axis, unit vector.
     pub direction: [f64; 3],
     /// Standard uncertainty of the point across the axis, the worst direction, mm; from the residuals, or from what parts of the
-    /// object say where that is more ([`jackknife`]).
+    /// object show where that is more ([`jackknife`]).
     pub u_point_mm: f64,
     /// Standard uncertainty of the direction, the worst tilt, rad; as above.
     pub u_direction_rad: f64,
     /// Root mean square residual of the places or of the motions at the object's size, per coordinate, mm.
     pub rms_mm: f64,
-    /// Views.
+    /// Number of views used.
     pub views: usize,
-    /// Distance of what was seen from the axis: the arm that makes the axis visible, mm.
+    /// Largest distance of the observed points from the axis, mm: the lever arm that determines the axis.
     pub arm_mm: f64,
 }
 
 impl StageCalibration {
-    /// The axis alone.
+    /// The axis without its uncertainties.
     pub fn axis(&self) -> StageAxis {
         StageAxis { point_mm: self.point_mm.into(), direction: self.direction.into() }
     }
@@ -110,7 +110,7 @@ pub fn axis_from_places(views: &[(f64, Point3<f64>)]) -> Result<StageCalibration
     let direction = area
         .try_normalize(1e-3 * spread * spread)
         .filter(|_| spread > 1e-9)
-        .ok_or(StageError::Open { why: "the places lie on a line or in one spot" })?;
+        .ok_or(StageError::Open { why: "the positions are on a line or in one place" })?;
     let first = views[0];
     let observations: Vec<Observation> = views[1..]
         .iter()

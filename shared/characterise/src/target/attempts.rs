@@ -1,4 +1,4 @@
-//! Several ways to look at one image, and the refusal that tells most when all fail.
+//! Several ways to search one image, and the most informative refusal when all fail.
 
 use super::detection::Detection;
 use super::error::TargetError;
@@ -56,7 +56,7 @@ fn other_size(spec: &TargetSpec, refused: &[[u32; 2]]) -> TargetError {
 }
 
 /// The first attempt that finds `enough` points of the target, or sees several targets; else the one that finds most; else the
-/// refusal that tells most.
+/// most informative refusal.
 pub(crate) fn first<A>(
     attempts: impl IntoIterator<Item = A>,
     what: &'static str,
@@ -77,7 +77,7 @@ pub(crate) fn first<A>(
     most.ok_or(best)
 }
 
-/// How much a refusal tells: whether the extent was right, then points seen.
+/// Rank of a refusal: whether the extent was right, then the number of points found.
 fn rank(error: &TargetError) -> (u8, usize) {
     match error {
         TargetError::Endless { columns, rows, .. } => (3, *columns as usize * *rows as usize),

@@ -15,7 +15,7 @@ const LONGEST: f64 = 4.0;
 /// An area is an ellipse when its pixels are this much of 4π·√det(moments), within; a square has 0.95, a ring or a bar more or less.
 const FULL: std::ops::Range<f64> = 0.88..1.08;
 
-/// An area.
+/// A connected area of pixels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Blob {
     pub pixel: Point2<f64>,

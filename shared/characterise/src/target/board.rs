@@ -6,7 +6,7 @@ use super::raster::Raster;
 use nalgebra::{Point2, Vector2};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A corner may lie this far from where its neighbours say, as a fraction of the pitch: perspective and lens stay below a
+/// A corner may be this far from the place predicted by its neighbours, as a fraction of the pitch: perspective and lens stay below a
 /// tenth a square, a wrong corner lies elsewhere.
 const STRAY: f64 = 0.25;
 /// Least contrast of a corner, as a fraction of its neighbours'.
@@ -15,7 +15,7 @@ const FAINT: f64 = 0.3;
 const MISFIT: f64 = 0.25;
 /// Largest residual over contrast, as a multiple of the board's median: what covers a part of a window shows there first.
 const OUTSTANDING: f64 = 4.0;
-/// A narrower window must leave this part of the residual at most, else the wider one knows more.
+/// A narrower window must leave this part of the residual at most, else the wider one is better.
 const CLEARER: f64 = 0.6;
 /// Below this part of the contrast a residual is texture or sharpening, not something that covers the corner.
 const TEXTURE: f64 = 0.06;
@@ -85,7 +85,7 @@ fn drop_covered(board: &mut Board) {
 /// A corner at a place, if the image holds one of the proper colour there; `second`: the corner that a first fit gave, and the
 /// curvature of the lines through it.
 ///
-/// What lies in its squares may disturb the fit: markers, dirt. Then the nearest neighbourhood of the edges is asked alone.
+/// Markers or dirt in its squares may disturb the fit. Then only the nearest neighbourhood of the edges is used.
 fn fitted(
     view: &View,
     place: Place,
@@ -108,7 +108,7 @@ fn fitted(
     (misfit(&best) < MISFIT).then_some(best)
 }
 
-/// Residual over contrast.
+/// Residual over contrast of a corner.
 fn misfit(corner: &Corner) -> f64 {
     corner.residual_dn / corner.contrast_dn.abs()
 }

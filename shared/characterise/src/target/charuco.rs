@@ -1,6 +1,6 @@
 //! A ChArUco board: its corners are those of a checkerboard, their numbers come from the markers in its light squares.
 //!
-//! Each marker alone says how the lattice of corners lies on the board (a quarter turn and a shift). The lattice is taken
+//! Each marker alone determines how the lattice of corners is placed on the board (a quarter turn and a shift). The lattice is taken
 //! where markers agree; so a part of the board is enough, and half a turn is never in doubt.
 
 use super::attempts::first;

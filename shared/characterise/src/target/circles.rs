@@ -247,7 +247,7 @@ fn numberings(discs: &Discs, spec: &TargetSpec) -> Vec<Numbering> {
     numberings.retain(|numbering| {
         lengths(numbering, discs) == declared && discs.keys().all(|p| numbering.index(*p, spec).is_some())
     });
-    // A hidden part can leave room for a sheared numbering beside the true one: then none is sure.
+    // A hidden part can allow a sheared numbering beside the true one: then none is certain.
     let turned = |a: &Numbering| {
         numberings.iter().any(|b| (b.x, b.y) == (a.x.map(i32::wrapping_neg), a.y.map(i32::wrapping_neg)))
     };

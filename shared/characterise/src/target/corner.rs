@@ -23,7 +23,7 @@ const START_BLUR_PX: f64 = 1.0;
 const LEAST_BLUR_PX: f64 = 0.4;
 /// Largest change of the contrast from the middle of a window to its rim, as a part of it.
 const STEEPEST: f64 = 0.6;
-/// Room between a corner and the border of the image, px: as far as the blur reaches.
+/// Margin between a corner and the border of the image, px: as far as the blur reaches.
 pub(crate) const LEAST_ROOM_PX: f64 = 4.0;
 
 /// Where a corner is expected.
@@ -40,7 +40,7 @@ pub(crate) struct Expected {
     pub leash_px: f64,
 }
 
-/// A corner found.
+/// A corner with its uncertainty.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Corner {
     pub pixel: Point2<f64>,
@@ -65,7 +65,7 @@ pub(crate) struct Window {
 }
 
 /// Distance from the edges within which pixels count, as a fraction of the pitch and at least: the inside of the squares
-/// tells nothing about the edges, and may carry markers.
+/// has no information on the edges, and may carry markers.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Band {
     fraction: f64,
@@ -73,7 +73,7 @@ pub(crate) struct Band {
 }
 
 impl Band {
-    /// For most corners.
+    /// The window for most corners.
     pub const WIDE: Self = Self { fraction: 0.22, least_px: 4.5 };
     /// Between the edges and markers that come close to them.
     pub const NARROW: Self = Self { fraction: 0.12, least_px: 2.5 };

@@ -24,7 +24,7 @@ pub struct DetectedPoint {
 /// Whether the numbering of the points is the only one that the image allows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ambiguity {
-    /// It is.
+    /// The numbering is unique.
     None,
     /// The target looks the same after half a turn: the true numbering is this one or [`Detection::half_turned`].
     HalfTurn,
@@ -36,16 +36,16 @@ pub enum Ambiguity {
 /// A target found in an image.
 ///
 /// Rows run along the first index. The numbering never mirrors: columns to rows turns as x to y of the image, since a
-/// target is seen from its front. Where colours tell (an odd sum of columns and rows, or an odd square), the outer square
+/// target is seen from its front. Where colours decide (an odd sum of columns and rows, or an odd square), the outer square
 /// beside point (0, 0) is dark; where they do not, the columns run as nearly as possible with the image's x, and
-/// [`Self::ambiguity`] says so.
+/// [`Self::ambiguity`] reports it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Detection {
     /// Points, row by row; hidden ones are left out.
     pub points: Vec<DetectedPoint>,
-    /// Declared columns.
+    /// Columns declared in the target file.
     pub columns: u32,
-    /// Declared rows.
+    /// Rows declared in the target file.
     pub rows: u32,
     /// Other numberings that fit as well.
     pub ambiguity: Ambiguity,

@@ -14,10 +14,10 @@ const PARAMETERS: usize = 10;
 const START_BLUR_PX: f64 = 1.0;
 /// As for corners: an edge that was sharpened is fitted with this blur held.
 const LEAST_BLUR_PX: f64 = 0.4;
-/// Smallest semi-axis with room for an inside, px.
+/// Smallest semi-axis that leaves an inside, px.
 const LEAST_RADIUS_PX: f64 = 1.5;
 
-/// A circle found.
+/// A circle with its uncertainty.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Disc {
     pub pixel: Point2<f64>,

@@ -8,19 +8,19 @@ pub enum TargetError {
     /// The text is not a target.
     #[error("target file: {0}")]
     Text(String),
-    /// Another format.
+    /// The file has another format.
     #[error("target key format = \"{0}\": must be \"fringecell-target/1\", or left out")]
     Format(String),
     /// A number of the target or of the settings is out of its range.
     #[error("target key {key} = {value}: must be {least} to {most}")]
     Key {
-        /// The key.
+        /// Key of the target file.
         key: &'static str,
-        /// As written.
+        /// Value in the target file.
         value: f64,
-        /// Least.
+        /// Smallest value allowed.
         least: f64,
-        /// Most.
+        /// Largest value allowed.
         most: f64,
     },
     /// Squares have no diameter.
@@ -37,12 +37,12 @@ pub enum TargetError {
     MarkersElsewhere,
     /// More squares than markers.
     #[error(
-        "target key dictionary: it has {there} markers, columns and rows need {needed}; name the printed one"
+        "target key dictionary: it has {there} markers, columns and rows need {needed}; give the printed one"
     )]
     FewMarkers {
-        /// Light squares.
+        /// Number of light squares that need a marker.
         needed: u64,
-        /// Markers.
+        /// Number of markers of the dictionary.
         there: usize,
     },
     /// Squares, but no markers that agree.
@@ -53,21 +53,21 @@ pub enum TargetError {
     Unmarked {
         /// Corners of the largest board.
         corners: usize,
-        /// Markers read.
+        /// Number of markers that were read.
         read: usize,
     },
-    /// The raster is too small, too large, or has another number of values than its size says.
+    /// The raster is too small, too large, or has another number of values than its size requires.
     #[error(
         "image of {width_px} x {height_px} px with {values} values: it needs width x height values, 16 to 65535 a side, \
          at most {} in all",
         super::raster::MAX_PIXELS
     )]
     Size {
-        /// Columns.
+        /// Image columns, px.
         width_px: u32,
-        /// Rows.
+        /// Image rows, px.
         height_px: u32,
-        /// Values given.
+        /// Number of values given.
         values: usize,
     },
     /// Nothing that looks like the target.
@@ -89,9 +89,9 @@ pub enum TargetError {
     OtherSize {
         /// `inner corners` or `circles`.
         points: &'static str,
-        /// Declared columns.
+        /// Columns declared in the target file.
         columns: u32,
-        /// Declared rows.
+        /// Rows declared in the target file.
         rows: u32,
         /// Extent of the grids found, the largest first.
         found: Vec<(u32, u32)>,
@@ -99,36 +99,33 @@ pub enum TargetError {
     /// The extent is right, but too many points are hidden.
     #[error("{found} of {count} points are visible; the settings need {needed}")]
     Hidden {
-        /// Points found.
+        /// Number of points found.
         found: usize,
         /// Points of the target.
         count: usize,
-        /// Points needed.
+        /// Number of points needed.
         needed: usize,
     },
     /// The extent is right, but the target runs out of the image on opposite sides.
     #[error(
-        "{columns} x {rows} {points} are seen, but the target runs out of the image on opposite sides: nobody can tell whether it \
-         ends there; move it so that the image shows its end on one of them"
+        "{columns} x {rows} {points} are seen, but the target runs out of the image on opposite sides: it is undetermined where it ends; move it so that the image shows its end on one of them"
     )]
     Endless {
         /// `inner corners` or `circles`.
         points: &'static str,
-        /// Declared columns.
+        /// Columns declared in the target file.
         columns: u32,
-        /// Declared rows.
+        /// Rows declared in the target file.
         rows: u32,
     },
     /// More than one such target.
-    #[error(
-        "{count} targets of {columns} x {rows} points in one image: which one is meant? cover the others"
-    )]
+    #[error("{count} targets of {columns} x {rows} points in one image; cover all but one")]
     Several {
-        /// How many.
+        /// Number of solutions.
         count: usize,
-        /// Declared columns.
+        /// Columns declared in the target file.
         columns: u32,
-        /// Declared rows.
+        /// Rows declared in the target file.
         rows: u32,
     },
 }

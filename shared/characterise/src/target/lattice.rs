@@ -1,4 +1,4 @@
-//! What neighbours on a lattice say about each other.
+//! Prediction of lattice points from their neighbours.
 
 use nalgebra::{Point2, Vector2};
 
@@ -39,7 +39,7 @@ fn moved(place: Place, by: Place, times: i32) -> Place {
     (place.0 + by.0 * times, place.1 + by.1 * times)
 }
 
-/// Points by place.
+/// Points by their place on the lattice.
 pub(crate) trait Lattice {
     /// The point at a place.
     fn pixel(&self, place: Place) -> Option<Point2<f64>>;
@@ -67,7 +67,7 @@ pub(crate) trait Lattice {
         Some([step(0)?, step(1)?])
     }
 
-    /// Where the neighbours expect the point of a place (which itself has no say).
+    /// Position predicted by the neighbours of a place, without the place itself.
     fn predicted(&self, place: Place) -> Option<Point2<f64>> {
         let mut between = Vec::new();
         let mut beyond = Vec::new();

@@ -4,7 +4,7 @@
 //! that both ends agree on (`links`), a least-squares model of each corner (`corner`), growth into holes and margins where
 //! the model holds (`board`). The numbering follows from extent and colours (`checkerboard`).
 //!
-//! On a ChArUco board the markers in the light squares say which corner is which (`markers`, `charuco`), so a part of it is enough.
+//! On a ChArUco board the markers in the light squares identify the corners (`markers`, `charuco`), so a part of it is enough.
 //!
 //! Circles are areas that fill their ellipse (`blobs`), put on a lattice by local steps and numbered by the one change
 //! of basis that gives the declared pattern (`circles`), each fitted as a blurred ellipse (`disc`).

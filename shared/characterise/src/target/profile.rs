@@ -1,4 +1,4 @@
-//! The profile of a blurred edge, from a table: a window of pixels asks for it a thousand times per step of a fit.
+//! The profile of a blurred edge, from a table: a window of pixels needs it a thousand times per step of a fit.
 
 use fringe::math::{erf, exp};
 use std::sync::LazyLock;
@@ -35,7 +35,7 @@ impl Profile {
         &PROFILE
     }
 
-    /// P(t) and P′(t).
+    /// The profile P(t) and its derivative P′(t).
     pub fn at(&self, t: f64) -> (f64, f64) {
         if t.abs() >= REACH {
             return (t.signum(), 0.0);

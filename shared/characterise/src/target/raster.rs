@@ -16,7 +16,7 @@ pub(crate) struct Raster {
 }
 
 impl Raster {
-    /// Copies a frame.
+    /// Copies a frame into a raster.
     pub fn of_frame(frame: &FrameView) -> Result<Self, TargetError> {
         let (width, height) = (frame.width_px as usize, frame.height_px as usize);
         let sides = 16..=65_535;

@@ -3,7 +3,7 @@
 use super::error::TargetError;
 use serde::{Deserialize, Serialize};
 
-/// Settings of [`super::detect`].
+/// Settings of the detection by [`super::detect`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TargetSettings {
@@ -11,7 +11,7 @@ pub struct TargetSettings {
     /// which noise and texture reach too.
     pub min_contrast_fraction: f64,
     /// Fraction of the points that must be visible, 1 for the whole target. Whatever it is, the outermost rows and
-    /// columns must each show a point: without them nobody knows which row is which.
+    /// columns must each show a point: without them the rows cannot be numbered.
     pub min_visible_fraction: f64,
     /// Reach of the window around a corner along its edges, as a fraction of the distance to the next corner. Below a half,
     /// so that boards whose outer squares are cut in half (many are) keep their outer corners.

@@ -14,13 +14,13 @@ pub(crate) struct Sample {
 pub(crate) trait Model<const N: usize> {
     /// What all pixels share at one set of parameters.
     type Prepared;
-    /// Computes it.
+    /// Computes what all pixels share.
     fn prepare(&self, parameters: &SVector<f64, N>) -> Self::Prepared;
     /// Value and derivative by each parameter.
     fn evaluate(&self, prepared: &Self::Prepared, x: f64, y: f64) -> (f64, [f64; N]);
 }
 
-/// A solution.
+/// Result of the least-squares fit.
 #[derive(Debug, Clone)]
 pub(crate) struct Fit<const N: usize> {
     pub parameters: SVector<f64, N>,
@@ -30,7 +30,7 @@ pub(crate) struct Fit<const N: usize> {
     pub residual_dn: f64,
 }
 
-/// Where the sensor stops telling.
+/// Grey values at which the sensor is clipped.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Range {
     empty_dn: f64,
@@ -41,7 +41,7 @@ pub(crate) struct Range {
 const BETWEEN: f64 = 0.04;
 
 impl Range {
-    /// Of a window.
+    /// The range of a window of pixels.
     pub fn of(samples: &[Sample], full_scale_dn: f64) -> Self {
         let between = samples.iter().filter(|s| s.value > 0.0 && s.value < full_scale_dn).count();
         if (between as f64) < BETWEEN * samples.len() as f64 {
@@ -50,7 +50,7 @@ impl Range {
         Self { empty_dn: 0.0, full_dn: full_scale_dn }
     }
 
-    /// A full pixel tells only that the light was at least that much, an empty one that it was at most none.
+    /// A full pixel gives only a lower limit of the light, an empty one only an upper limit.
     fn hides(&self, seen: f64, model: f64) -> bool {
         (seen >= self.full_dn && model >= self.full_dn) || (seen <= self.empty_dn && model <= self.empty_dn)
     }
@@ -75,7 +75,7 @@ struct Normal<const N: usize> {
     matrix: SMatrix<f64, N, N>,
     vector: SVector<f64, N>,
     cost: f64,
-    /// Pixels that told something.
+    /// Number of pixels that were not clipped.
     count: usize,
 }
 

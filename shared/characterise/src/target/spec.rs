@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 /// Value of the optional key `format` of a target file.
 pub const TARGET_FORMAT: &str = "fringecell-target/1";
 
-/// Most columns or rows that a target may have: a board of 500 points a side has no room for squares in any image.
+/// Most columns or rows that a target may have: with 500 points a side the squares are too small in any image.
 const MAX_SIDE: u32 = 500;
 
 /// What is printed on the target.
@@ -21,7 +21,7 @@ pub enum TargetKind {
     Circles,
     /// Circles of which every second row is shifted by half the distance of columns; the points are the centres.
     AsymmetricCircles,
-    /// A checkerboard with coded markers in its light squares, which tell a part of it from the rest; the points are the
+    /// A checkerboard with coded markers in its light squares, which identify a visible part of it; the points are the
     /// inner corners.
     Charuco,
 }
@@ -126,7 +126,7 @@ impl TargetSpec {
         let (Some(dictionary), Some(marker_mm)) = (self.dictionary, self.marker_mm) else {
             return Err(TargetError::NoMarkers);
         };
-        // Half of a square, so that cells can be told; a margin, so that the corners of the squares can.
+        // Half of a square, so that cells can be resolved; a margin, so that the corners of the squares can.
         in_range("marker_mm", marker_mm, 0.4 * self.pitch_mm, 0.9 * self.pitch_mm)?;
         let squares = (u64::from(self.columns) + 1) * (u64::from(self.rows) + 1);
         let (needed, there) = (squares / 2, dictionary.codes().len());
@@ -139,7 +139,7 @@ impl TargetSpec {
         Some(Marking { dictionary, size: marker_mm / self.pitch_mm })
     }
 
-    /// Number of points.
+    /// Number of points of the target.
     pub fn count(&self) -> usize {
         self.columns as usize * self.rows as usize
     }

@@ -9,7 +9,7 @@ use thiserror::Error;
 
 /// Largest deviation of R·Rᵀ from the identity that a rotation from a file may have.
 ///
-/// Calibration files carry six to eight digits, so honest ones stay below 1e-5; a scaled or sheared matrix does not.
+/// Calibration files carry six to eight digits, so valid ones stay below 1e-5; a scaled or sheared matrix does not.
 pub const ROTATION_TOLERANCE: f64 = 1e-4;
 
 /// Least and largest focal length, in lengths of the image's longer side: fields from 180° less a tenth of a degree down to
@@ -23,7 +23,7 @@ const OFFSET_PER_SIDE: f64 = 1e4;
 /// No camera stands farther from the origin of its world, mm: a kilometre.
 const FARTHEST_MM: f64 = 1e6;
 
-/// Newton steps to invert the distortion: it doubles the digits each time, five pass 1e-12 from any sane start.
+/// Newton steps to invert the distortion: each doubles the digits, five reach 1e-12 from any valid start.
 const UNDISTORT_STEPS: usize = 20;
 
 /// What is wrong with a camera.
@@ -32,9 +32,9 @@ pub enum CameraError {
     /// Image size zero or beyond 65 535.
     #[error("image size {width_px} × {height_px} px is outside 1 … 65535")]
     Size {
-        /// Columns.
+        /// Columns given, px.
         width_px: u32,
-        /// Rows.
+        /// Rows given, px.
         height_px: u32,
     },
     /// Focal length not finite or not positive.
@@ -43,23 +43,23 @@ pub enum CameraError {
     /// A focal length that no image of this size can have.
     #[error("focal length {focal_px} px is outside {least} … {most} px, which an image of this size allows")]
     FocalRange {
-        /// As given.
+        /// Focal length given, px.
         focal_px: f64,
-        /// Smallest accepted.
+        /// Smallest value accepted, px.
         least: f64,
-        /// Largest accepted.
+        /// Largest value accepted, px.
         most: f64,
     },
     /// A parameter that no real camera can have.
     #[error("{name} = {value}: its magnitude must be at most {most} {unit}")]
     Magnitude {
-        /// Which.
+        /// Name of the parameter.
         name: &'static str,
-        /// As given.
+        /// Value of the parameter.
         value: f64,
-        /// Largest accepted.
+        /// Largest magnitude accepted.
         most: f64,
-        /// Of both.
+        /// Unit of both values.
         unit: &'static str,
     },
     /// A parameter is NaN or infinite.
@@ -70,7 +70,7 @@ pub enum CameraError {
         "rotation is not orthonormal: largest entry of R·Rᵀ − 1 is {deviation:.2e}, limit {ROTATION_TOLERANCE:.0e}"
     )]
     NotOrthonormal {
-        /// Largest deviation.
+        /// Largest deviation from a rotation.
         deviation: f64,
     },
     /// The rotation has determinant −1.
@@ -139,26 +139,26 @@ impl BrownConrady {
 /// A half line in the world frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ray {
-    /// Start, mm.
+    /// Origin of the ray, mm.
     pub origin_mm: Point3<f64>,
-    /// Unit direction.
+    /// Direction of the ray, unit vector.
     pub direction: Vector3<f64>,
 }
 
 /// A camera, or a projector as an inverse camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
-    /// Columns.
+    /// Number of columns, px.
     pub width_px: u32,
-    /// Rows.
+    /// Number of rows, px.
     pub height_px: u32,
-    /// fx, fy.
+    /// Focal lengths fx, fy, px.
     pub focal_px: [f64; 2],
-    /// cx, cy.
+    /// Principal point cx, cy, px.
     pub principal_point_px: [f64; 2],
     /// Skew s of the matrix K = [fx s cx; 0 fy cy; 0 0 1].
     pub skew: f64,
-    /// Lens.
+    /// Distortion of the lens.
     pub distortion: BrownConrady,
     /// X_camera = R X_world + t, t in mm.
     pub camera_from_world: Isometry3<f64>,
@@ -216,7 +216,7 @@ impl Camera {
             })
     }
 
-    /// The matrix K.
+    /// The camera matrix K, px.
     pub fn matrix(&self) -> Matrix3<f64> {
         let [fx, fy] = self.focal_px;
         let [cx, cy] = self.principal_point_px;
@@ -268,7 +268,7 @@ impl Camera {
         self.camera_from_world.inverse() * Point3::origin()
     }
 
-    /// The ray of sight of a pixel in the world frame; `None` where the lens model folds over.
+    /// The line of sight of a pixel in the world frame; `None` where the lens model folds over.
     pub fn ray(&self, pixel: Point2<f64>) -> Option<Ray> {
         let ideal = self.normalised_from_pixel(pixel)?;
         let direction = self.camera_from_world.rotation.inverse() * Vector3::new(ideal.x, ideal.y, 1.0);

@@ -1,4 +1,4 @@
-//! A rigid motion as matrix and vector: what a loop over a million points wants.
+//! A rigid motion as matrix and vector, for loops over many points.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -7,20 +7,20 @@ use crate::math;
 /// x ↦ R x + t.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
-    /// R.
+    /// Rotation matrix R.
     pub rotation: Matrix3<f64>,
-    /// t, mm.
+    /// Translation t, mm.
     pub translation: Vector3<f64>,
 }
 
 impl Pose {
-    /// The same motion.
+    /// The motion of an isometry.
     pub fn new(isometry: &Isometry3<f64>) -> Self {
         let rotation = isometry.rotation.to_rotation_matrix().into_inner();
         Self { rotation, translation: isometry.translation.vector }
     }
 
-    /// The same motion.
+    /// The motion as an isometry.
     pub fn isometry(&self) -> Isometry3<f64> {
         let rotation = Rotation3::from_matrix_unchecked(self.rotation);
         Isometry3::from_parts(
@@ -35,7 +35,7 @@ impl Pose {
         self.rotation * point + self.translation
     }
 
-    /// The motion back.
+    /// The inverse of the motion.
     #[must_use]
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();

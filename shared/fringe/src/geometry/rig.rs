@@ -7,16 +7,16 @@ use crate::geometry::camera::Camera;
 pub struct Named {
     /// Unique among cameras and projectors.
     pub name: String,
-    /// Geometry.
+    /// Intrinsics, distortion and pose.
     pub camera: Camera,
 }
 
 /// Two views that are matched, and the projector whose phase they share.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pair {
-    /// Unique among pairs.
+    /// Name of the pair, unique.
     pub name: String,
-    /// A camera.
+    /// Name of the left camera.
     pub left: String,
     /// A camera, or a projector for the conventional approach.
     pub right: String,
@@ -27,11 +27,11 @@ pub struct Pair {
 /// All of it, in the order of the rig file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Rig {
-    /// Cameras.
+    /// Cameras of the rig, in the order of the file.
     pub cameras: Vec<Named>,
     /// Projectors that are characterised; approach 2 needs none.
     pub projectors: Vec<Named>,
-    /// Pairs.
+    /// Pairs of the rig, in the order of the file.
     pub pairs: Vec<Pair>,
 }
 

@@ -65,7 +65,7 @@ impl CosinePlan {
     }
 }
 
-/// Where each value of a row stands in the complex transform: the even ones rising, then the odd ones falling.
+/// Place of each value of a row in the complex transform: the even ones rising, then the odd ones falling.
 fn interleaved(n: usize) -> impl Iterator<Item = usize> {
     (0..n).map(move |j| if j % 2 == 0 { j / 2 } else { n - 1 - j / 2 })
 }

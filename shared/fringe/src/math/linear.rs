@@ -1,7 +1,7 @@
 //! Small dense linear algebra whose order of operations is fixed.
 //!
 //! [`Dense`] has a size known at run time. nalgebra hands products of such matrices, from 6 × 6 on, to a kernel that is
-//! chosen by the processor (fused or not), which would let the machine into the bits; its products of matrices of a size
+//! chosen by the processor (fused or not), which would make the bits depend on the machine; its products of matrices of a size
 //! known at compile time are plain loops and may be used. [`Factor`] names the parameter that the others determine, which
 //! nalgebra's Cholesky factor does not. Eigenvectors come from Jacobi rotations for both kinds of matrix: they keep small
 //! eigenvalues of scaled matrices to full relative accuracy and always end.

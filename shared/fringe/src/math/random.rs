@@ -8,7 +8,7 @@ const BINS: usize = 4096;
 /// Bins at each end that are computed instead of interpolated: there the quantile is too curved.
 const TAIL_BINS: usize = 4;
 
-/// A key, made by mixing in whatever tells one stream of draws from another.
+/// A key, made by mixing in what separates one stream of draws from another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Key(u64);
 

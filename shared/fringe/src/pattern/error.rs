@@ -8,35 +8,35 @@ pub enum PatternError {
     /// Fewer than three steps.
     #[error("steps = {steps}: a phase needs at least 3 steps (and at most 64)")]
     Steps {
-        /// As written.
+        /// Number of steps given.
         steps: u32,
     },
-    /// Not a length.
+    /// A length that is not finite or too small.
     #[error("{key} = {value}: must be a finite number of at least {least} projector pixels")]
     Length {
-        /// The key.
+        /// Key of the value.
         key: &'static str,
-        /// As written.
+        /// Value given for the key.
         value: f64,
-        /// Smallest meaningful value.
+        /// Smallest value accepted for the key.
         least: f64,
     },
     /// Too few or too many bits.
     #[error("bits = {bits}: must be 1 to 16")]
     Bits {
-        /// As written.
+        /// Number of bits given.
         bits: u32,
     },
     /// Too few or too many grey levels.
     #[error("levels: {count} grey levels; must be 2 to 1024")]
     Levels {
-        /// As written.
+        /// Number of grey levels given.
         count: usize,
     },
     /// No grey value of 8 bits.
-    #[error("levels: {value} is no grey value; must be 0 to 255")]
+    #[error("levels: {value} is not a grey value; must be 0 to 255")]
     Level {
-        /// As written.
+        /// Grey level given, DN.
         value: f64,
     },
     /// A ramp of both kinds.
@@ -50,9 +50,9 @@ pub enum PatternError {
     /// Shifts that do not belong to the steps.
     #[error("shifts_rad has {shifts} numbers for steps = {steps}: one finite number per step is needed")]
     Shifts {
-        /// Numbers given.
+        /// Number of shifts given.
         shifts: usize,
-        /// As written.
+        /// Number of steps given.
         steps: u32,
     },
     /// Shifts that leave background, modulation or phase open.
@@ -63,24 +63,24 @@ pub enum PatternError {
     ShiftsAlike {
         /// √(trace/2) of the covariance of B cos φ and B sin φ per unit noise; infinite when singular.
         gain: f64,
-        /// Largest usable.
+        /// Largest value accepted.
         most: f64,
     },
     /// Neither stairs of phase nor of grey levels.
     #[error("steps = {steps}: stairs need 1 frame (grey levels) or 3 to 64 (phase)")]
     StairSteps {
-        /// As written.
+        /// Number of steps given.
         steps: u32,
     },
     /// A code moved by a stripe or more.
     #[error("shift_px = {shift_px}: must be 0 or more and less than stripe_px = {stripe_px}")]
     CodeShift {
-        /// As written.
+        /// Shift given, projector px.
         shift_px: f64,
-        /// As written.
+        /// Width of a stripe given, projector px.
         stripe_px: f64,
     },
-    /// The generator does not know this set.
+    /// The generator does not support this set.
     #[error("set \"{0}\" can be recorded but not generated")]
     NotGenerated(&'static str),
     /// A table that cannot be one.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Most entries: all levels of 16 bits.
 const MOST_ENTRIES: usize = 65_536;
 
-/// From the wanted level to the level that has to be drawn, both 0 … 1: entry i of n stands for the wanted level i / (n − 1),
+/// From the wanted level to the level to project, both 0 … 1: entry i of n belongs to the wanted level i / (n − 1),
 /// values between entries are interpolated linearly.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<f64>", into = "Vec<f64>")]
@@ -60,7 +60,7 @@ impl LevelTable {
         low + (high - low) * (place - index as f64)
     }
 
-    /// The entries.
+    /// Levels to project, entry by entry.
     pub fn values(&self) -> &[f64] {
         &self.0
     }

@@ -17,7 +17,7 @@ pub enum GreyLevels {
 pub(super) const ALL_LEVELS: GreyLevels = GreyLevels::Count(256);
 
 impl GreyLevels {
-    /// Number of frames.
+    /// Number of levels, each one frame.
     pub fn count(&self) -> usize {
         match self {
             Self::Count(count) => *count as usize,

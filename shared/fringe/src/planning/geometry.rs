@@ -70,7 +70,7 @@ fn towards(view: &Camera, at: &Point3<f64>) -> Vector3<f64> {
     (view.centre_mm() - at).normalize()
 }
 
-/// Camera against projector: depth along the camera's ray. `None` where the pattern's axis does not tell the depth.
+/// Camera and projector: depth along the camera's ray. `None` where the pattern's axis does not determine the depth.
 pub fn by_projector(
     camera: &Camera,
     projector: &Camera,

@@ -40,11 +40,11 @@ pub struct Wanted {
     pub full_scale_dn: f64,
     /// Modulation of a coarse fringe: half the difference between white and black, DN.
     pub modulation_dn: f64,
-    /// Background, DN.
+    /// Background of the fringes, DN.
     pub background_dn: f64,
     /// Noise of a grey value in the dark, quantisation included, DN; less than that of whole DN, 1/√12, counts as it.
     pub read_noise_dn: f64,
-    /// DN per photo-electron.
+    /// Grey values per photo-electron, DN.
     pub gain_dn: f64,
     /// Blur of projector and camera together, standard deviation in projector pixels.
     pub blur_px: f64,
@@ -62,9 +62,9 @@ pub struct Wanted {
 #[derive(Debug, Error, Clone, PartialEq)]
 #[error("{key} = {value}: must be {limit}")]
 pub struct WantedError {
-    /// Which number.
+    /// Key of the value.
     pub key: &'static str,
-    /// As given.
+    /// Value given for the key.
     pub value: f64,
     /// What it may be.
     pub limit: &'static str,
@@ -73,17 +73,17 @@ pub struct WantedError {
 /// One choice of patterns.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Proposal {
-    /// What tells the order, as `decode --order` takes it.
+    /// Method of the fringe order, as for `decode --order`.
     pub order: &'static str,
     /// Finest period, projector pixels.
     pub period_px: f64,
     /// Steps of each sine set.
     pub steps: u32,
-    /// Frames in all.
+    /// Number of frames of the proposal.
     pub frames: usize,
     /// Modulation at the finest period, DN.
     pub modulation_dn: f64,
-    /// Phase noise, rad.
+    /// Standard deviation of the phase by noise, rad.
     pub sigma_phase_rad: f64,
     /// Error of the pattern itself: harmonics of the response, rounding of the levels; root mean square over all phases, rad.
     pub pattern_error_rad: f64,
@@ -97,7 +97,7 @@ pub struct Proposal {
     pub usable: bool,
     /// Whether it is usable and meets what is wanted.
     pub meets: bool,
-    /// The sets.
+    /// Pattern sets to project.
     pub sequence: Vec<PatternSet>,
 }
 

@@ -1,4 +1,4 @@
-//! What blur, projector pixels, response and rounding of levels make of a sine.
+//! Effect of blur, projector pixels, response and rounding of levels on a sine.
 
 use crate::math::{exp, sin};
 use std::f64::consts::PI;
@@ -37,7 +37,7 @@ pub fn rounding_error_rad(blur_px: f64, period_px: f64, steps: u32) -> f64 {
     (2.0 / f64::from(steps) / 12.0).sqrt() / (0.5 * LEVELS) * averaged / contrast(blur_px, period_px, 1)
 }
 
-/// Both together.
+/// Error by response and rounding together, rad.
 pub fn error_rad(gamma: f64, blur_px: f64, period_px: f64, steps: u32) -> f64 {
     let (a, b) =
         (harmonic_error_rad(gamma, blur_px, period_px, steps), rounding_error_rad(blur_px, period_px, steps));

@@ -9,7 +9,7 @@ use crate::math::erfc;
 use crate::pattern::{Code, PatternSet};
 use std::f64::consts::SQRT_2;
 
-/// Steps that a contrast is worth at most: beyond, a sine adds no noise to speak of.
+/// Largest useful number of steps for a contrast: beyond, a sine adds no significant noise.
 const MOST_WORTH: f64 = 1e6;
 
 /// Bits of a code of a thousand stripes: the chance of a wrong one is a matter of powers of ten.

@@ -15,7 +15,7 @@ pub struct Anchor<'a> {
 /// Turns of one pixel beyond this come from no projector and would not fit the sums.
 const MOST_TURNS: f64 = 1e6;
 
-/// Moves each component by the median of the whole turns that the anchor asks for at its pixels.
+/// Moves each component by the median of the whole turns between anchor and phase at its pixels.
 pub fn place(
     component: &[u32],
     angles: &Angles<'_>,

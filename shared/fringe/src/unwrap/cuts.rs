@@ -16,7 +16,7 @@ pub struct Cuts {
 }
 
 impl Cuts {
-    /// Balances all charges.
+    /// Connects residues until all charges are balanced.
     pub fn new(faces: &Faces, grid: &Grid<'_>, reach_px: u32) -> Self {
         let mut search = Search {
             faces,

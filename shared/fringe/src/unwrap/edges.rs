@@ -9,16 +9,16 @@ pub type Edge = (usize, usize);
 /// Which neighbours are joined at all.
 #[derive(Debug, Clone, Copy)]
 pub struct Grid<'a> {
-    /// Columns.
+    /// Number of columns, px.
     pub width: usize,
-    /// Rows.
+    /// Number of rows, px.
     pub height: usize,
-    /// Valid pixels.
+    /// Which pixels are valid.
     pub valid: &'a [bool],
 }
 
 impl<'a> Grid<'a> {
-    /// Of an image.
+    /// The grid of an image.
     pub fn new(width: usize, height: usize, valid: &'a [bool]) -> Self {
         Self { width, height, valid }
     }

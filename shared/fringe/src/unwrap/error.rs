@@ -11,9 +11,9 @@ pub enum UnwrapError {
         "a wrapped phase of {width_px} × {height_px} px cannot be unwrapped; it must have 1 to {MAX_PIXELS} pixels"
     )]
     Size {
-        /// Columns.
+        /// Columns given, px.
         width_px: u32,
-        /// Rows.
+        /// Rows given, px.
         height_px: u32,
     },
     /// A plane of another size.
@@ -21,9 +21,9 @@ pub enum UnwrapError {
         "the plane {plane} has {length} values, width × height is {expected}; all planes must be of one size"
     )]
     Plane {
-        /// Which.
+        /// Name of the plane.
         plane: &'static str,
-        /// Its values.
+        /// Number of its values.
         length: usize,
         /// What it should have.
         expected: usize,
@@ -31,16 +31,16 @@ pub enum UnwrapError {
     /// Needs what was not given.
     #[error("the quality is to be the modulation, which is not known; choose another quality map")]
     Modulation,
-    /// Out of range.
+    /// The tolerance is out of range.
     #[error("tolerance = {value} must lie between 0 and 1, without these")]
     Tolerance {
-        /// As given.
+        /// Tolerance that was given.
         value: f64,
     },
-    /// Out of range.
+    /// The number of iterations is out of range.
     #[error("max_iterations = {value} must be 1 to 10000")]
     Iterations {
-        /// As given.
+        /// Number of iterations given.
         value: u32,
     },
 }

@@ -1,4 +1,4 @@
-//! Faces: the loops of 2 × 2 pixels, where residues live, and the holes of the mask.
+//! Faces: the loops of 2 × 2 pixels, where residues occur, and the holes of the mask.
 //!
 //! Face (x, y) is the corner between the pixels (x − 1, y − 1), (x, y − 1), (x − 1, y) and (x, y), for x = 0 … width and
 //! y = 0 … height. An edge between two valid pixels separates two faces; where the pixels are not both valid the faces

@@ -20,7 +20,7 @@ pub struct Forest {
     size: Vec<u32>,
 }
 
-/// What a forest says about each pixel.
+/// Labels of each pixel by the forest.
 #[derive(Debug)]
 pub struct Labels {
     /// Number of the group in the order of their first pixels; [`NO_COMPONENT`] where not valid.

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 /// Values summed at a time; fixed, so that no sum depends on the number of threads.
 const CHUNK: usize = 16_384;
 
-/// What came out.
+/// Result of least-squares unwrapping.
 pub struct Solved {
     /// Components, and the whole turns of the wrapped phase nearest to the solution.
     pub labels: Labels,

@@ -16,8 +16,8 @@
 //!
 //! # What a spatial result is
 //! Neighbours that are joined by valid pixels (4-connected) form a component. Within it the phase is known up to one
-//! constant, a whole number of turns, that no spatial method can tell: the first pixel of the component, row by row, keeps
-//! its wrapped phase in [0, 2π) unless an [`Anchor`] tells the absolute phase of some pixels. Between components nothing
+//! constant, a whole number of turns, that no spatial method can determine: the first pixel of the component, row by row, keeps
+//! its wrapped phase in [0, 2π) unless an [`Anchor`] gives the absolute phase of some pixels. Between components nothing
 //! is known. Pixels that are not valid, NaN or infinite stay NaN: nothing is ever filled.
 //!
 //! # Exactness
@@ -55,31 +55,31 @@ use rayon::prelude::*;
 use std::f64::consts::TAU;
 use tiles::span;
 
-/// A wrapped phase that lives elsewhere, row by row without padding.
+/// A wrapped phase stored elsewhere, row by row without padding.
 #[derive(Debug, Clone, Copy)]
 pub struct Wrapped<'a> {
-    /// Columns.
+    /// Number of columns, px.
     pub width_px: u32,
-    /// Rows.
+    /// Number of rows, px.
     pub height_px: u32,
     /// Phase, rad, in any interval: only its fraction of a turn counts.
     pub phase_rad: &'a [f32],
     /// 1 where the phase may be used, else 0.
     pub valid: &'a [u8],
-    /// Modulation B, DN, or another quality that grows with trust; needed by [`QualityMap::Modulation`] only.
+    /// Modulation B, DN, or another quality that grows with reliability; needed by [`QualityMap::Modulation`] only.
     pub modulation: Option<&'a [f32]>,
 }
 
-/// How to unwrap.
+/// Method of spatial unwrapping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
     /// Along the rows, which the first columns join.
     Itoh,
     /// Branch cuts between residues.
     Goldstein,
-    /// Best pixels first.
+    /// Flood fill in the order of a quality map.
     Quality(QualityMap),
-    /// Best edges first.
+    /// Joins edges in the order of their reliability.
     Reliability,
     /// Least squares, all pixels alike.
     LeastSquares,
@@ -90,7 +90,7 @@ pub enum Method {
 /// Settings of all methods.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnwrapSettings {
-    /// How.
+    /// Method of unwrapping.
     pub method: Method,
     /// Branch cuts: farthest partner that a residue is paired with, px; beyond, it is led to the border or a hole.
     pub reach_px: u32,
@@ -116,7 +116,7 @@ pub struct Unwrapped {
     pub phase_rad: Vec<f32>,
     /// Number of the component, from 0; [`NO_COMPONENT`] where not valid.
     pub component: Vec<u32>,
-    /// What was found.
+    /// Figures of the result.
     pub report: UnwrapReport,
 }
 

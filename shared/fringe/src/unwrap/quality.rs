@@ -1,4 +1,4 @@
-//! Quality maps: how far a pixel may be trusted, larger is better (Ghiglia & Pritt 1998, chapter 3; eq. 2.31–2.33).
+//! Quality maps: reliability of each pixel, larger is better (Ghiglia & Pritt 1998, chapter 3; eq. 2.31–2.33).
 
 use super::angle::{Angles, turns};
 use super::edges::Grid;
@@ -7,7 +7,7 @@ use crate::math;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
-/// Where the trust comes from.
+/// Quantity that measures the reliability.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum QualityMap {
     /// The modulation as measured, as a fraction of its largest value.
@@ -68,7 +68,7 @@ fn derivative_variance(angles: &Angles<'_>, grid: &Grid<'_>, x: usize, y: usize)
             sum += step;
             squares += step * step;
         }
-        // A single derivative says nothing about its spread: the worst that is possible.
+        // A single derivative has no spread: the worst that is possible.
         if count < 2.0 { 0.5 } else { (squares / count - (sum / count) * (sum / count)).max(0.0).sqrt() }
     };
     (1.0 - spread(&|i| grid.right(i)) - spread(&|i| grid.down(i))) as f32
@@ -82,7 +82,7 @@ fn pseudo_correlation(angles: &Angles<'_>, grid: &Grid<'_>, x: usize, y: usize) 
         real += cosine;
         imaginary += sine;
     }
-    // One pixel alone agrees with itself, which says nothing.
+    // One pixel alone agrees with itself, which is no information.
     if count < 2.0 { 0.0 } else { ((real * real + imaginary * imaginary).sqrt() / count) as f32 }
 }
 

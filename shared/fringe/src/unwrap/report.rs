@@ -11,22 +11,22 @@ pub struct UnwrapReport {
     pub components: Vec<Component>,
     /// Pairs of valid neighbours that differ by more than half a turn in the result: noise, steps of the part, or errors.
     pub discontinuities: usize,
-    /// Of branch cuts.
+    /// Residues of the branch cut method.
     pub residues: Option<Residues>,
-    /// Of least squares.
+    /// Convergence of the least-squares methods.
     pub convergence: Option<Convergence>,
 }
 
 /// Pixels that valid neighbours join.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Component {
-    /// How many.
+    /// Number of pixels of the component.
     pub pixels: usize,
     /// The first one, row by row.
     pub first_px: [u32; 2],
     /// Whole turns that the anchor added to all of them; 0 without one.
     pub turns: i32,
-    /// Pixels whose absolute phase the anchor tells.
+    /// Number of pixels whose absolute phase the anchor gives.
     pub anchored: usize,
     /// How many of these then agree with the anchor within half a turn.
     pub agreeing: usize,
@@ -42,9 +42,9 @@ impl Component {
 /// Residues (eq. 2.20) and what became of them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct Residues {
-    /// With charge +1.
+    /// Number of residues with charge +1.
     pub positive: usize,
-    /// With charge −1.
+    /// Number of residues with charge −1.
     pub negative: usize,
     /// Holes of the mask about which the differences do not sum to zero.
     pub charged_holes: usize,
@@ -59,7 +59,7 @@ pub struct Residues {
 pub struct Convergence {
     /// Whether the residual reached the tolerance.
     pub converged: bool,
-    /// Steps taken.
+    /// Number of steps taken.
     pub iterations: u32,
     /// Residual, as a fraction of the first one.
     pub residual: f64,

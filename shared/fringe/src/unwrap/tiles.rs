@@ -90,7 +90,7 @@ impl Default for Groups {
 }
 
 impl Groups {
-    /// Root of a pixel's group; halves the path on its way. The remainders tell the compiler that no index is out of bounds.
+    /// Root of a pixel's group; halves the path on its way. The remainders show the compiler that no index is out of bounds.
     #[inline]
     fn find(&mut self, pixel: usize) -> usize {
         let mut at = pixel;
@@ -111,7 +111,7 @@ impl Groups {
         self.parent[a % PIXELS] == self.parent[b % PIXELS]
     }
 
-    /// Joins the groups of two roots; tells whether both lie at a border.
+    /// Joins the groups of two roots; returns whether both are at a border.
     #[inline]
     fn link(&mut self, a: usize, b: usize) -> bool {
         let (weight_a, weight_b) = (self.weight[a % PIXELS], self.weight[b % PIXELS]);
@@ -143,7 +143,7 @@ impl<'a> Tile<'a> {
         (self.top + y) * self.grid.width + self.left + x
     }
 
-    /// Finds the joints that are sure, and tells the other edges that may belong to the tree, as [`Grid::edge`] numbers them.
+    /// Finds the joints that are certain, and returns the other edges that may belong to the tree, as [`Grid::edge`] numbers them.
     fn solve(&self, scratch: &mut Scratch, key: &impl Fn(Edge) -> u32, open: &mut Vec<u64>) {
         self.inner_edges(key, &mut scratch.edges);
         sort(&mut scratch.edges, &mut scratch.spare);

@@ -4,7 +4,7 @@
 //! 82, 2013. At each core point of the reference the normal is that of the scale at which the reference is most planar;
 //! both clouds are averaged along it inside a cylinder, and the difference of the means is significant where it exceeds
 //! LOD₉₅ = 1.96 (√(s₁²/n₁ + s₂²/n₂) + reg). The scatter s takes in noise and roughness; what shifts a cloud as a
-//! whole is for `reg` to say.
+//! whole is added as `reg`.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -62,12 +62,12 @@ impl M3c2Point {
     }
 }
 
-/// The comparison.
+/// Result of an M3C2 comparison.
 #[derive(Debug, Clone)]
 pub struct M3c2 {
-    /// Each core point.
+    /// Distance at each core point, in their order.
     pub points: Vec<M3c2Point>,
-    /// Of all distances.
+    /// Statistics of all distances; `None` without any.
     pub statistics: Option<Statistics>,
     /// Core points with a distance beyond their level of detection.
     pub significant: usize,

@@ -1,4 +1,4 @@
-//! A cloud held against a reference: signed distances and what they have in common.
+//! Comparison of a cloud with a reference: signed distances and their statistics.
 //!
 //! Against a mesh the distance is that from the nearest triangle, exactly. Against a cloud it is that from the surface
 //! which the reference's points around the nearest one make (a paraboloid), along its normal: not from the nearest
@@ -30,14 +30,14 @@ pub struct Comparison {
 /// How many points were compared, and why others were not.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct Counts {
-    /// Points given.
+    /// Number of points of the cloud.
     pub points: usize,
-    /// Points with a distance: the count of the statistics, which is why it is not said again in a file.
+    /// Points with a distance: the count of the statistics, therefore not written again.
     #[serde(skip)]
     pub count: usize,
     /// Farther from the reference than the limit.
     pub cut_too_far: usize,
-    /// Beside the reference.
+    /// Number of points whose foot is outside of the reference's border.
     pub cut_beyond_edge: usize,
     /// Where the reference has too few points for a plane.
     pub cut_no_surface: usize,

@@ -14,9 +14,9 @@ const HISTOGRAM_SHARE: f64 = 0.99;
 /// Statistics of signed distances.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Statistics {
-    /// Number of values.
+    /// Number of finite values evaluated.
     pub count: usize,
-    /// Arithmetic mean, mm.
+    /// Arithmetic mean of the signed values, mm.
     pub mean_mm: f64,
     /// Sample standard deviation (n − 1), mm; `None` of a single value.
     pub sd_mm: Option<f64>,
@@ -26,9 +26,9 @@ pub struct Statistics {
     pub mean_abs_mm: f64,
     /// The middle value, or the mean of the two middle ones, mm.
     pub median_mm: f64,
-    /// Smallest value, mm.
+    /// Smallest of the signed values, mm.
     pub min_mm: f64,
-    /// Largest value, mm.
+    /// Largest of the signed values, mm.
     pub max_mm: f64,
     /// See [`PERCENTS`]; linear between the sorted values, the smallest one being 0 %, the largest 100 %.
     pub percentiles: Vec<Percentile>,
@@ -39,9 +39,9 @@ pub struct Statistics {
 /// A value that a share of all values does not exceed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Percentile {
-    /// The share, %.
+    /// Share of the values at or below `value_mm`, %.
     pub percent: f64,
-    /// The value, mm.
+    /// Value at this share, mm.
     pub value_mm: f64,
 }
 
@@ -63,7 +63,7 @@ pub struct Histogram {
 }
 
 impl Statistics {
-    /// Of finite values; `None` without any. Two passes, so that a large mean does not eat the deviation.
+    /// Of finite values; `None` without any. Two passes, so that a large mean costs no digits of the deviation.
     pub fn of(values: &[f64]) -> Option<Self> {
         let mut sorted = values.to_vec();
         sorted.sort_unstable_by(f64::total_cmp);

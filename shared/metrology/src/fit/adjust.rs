@@ -13,7 +13,7 @@ const MAX_ITERATIONS: usize = 200;
 const FIRST_DAMPING: f64 = 1e-3;
 
 /// A step that moves the surface by less than this part of the extent is in the terminal phase: the sum of squares no
-/// longer tells better from worse (its relative resolution is 1e-16), the step itself does.
+/// longer distinguishes better from worse (its relative resolution is 1e-16), the step itself does.
 const TERMINAL: f64 = 1e-9;
 
 /// Steps that no longer shrink by this factor are rounding. Surfaces shrink theirs a hundredfold each time, models that
@@ -51,9 +51,9 @@ pub(super) fn normal<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f
 
 /// Where the adjustment ended.
 pub(super) struct Adjusted<M, const P: usize> {
-    /// The fitted model.
+    /// The model at the minimum.
     pub model: M,
-    /// Its normal equations.
+    /// Normal equations of the model there.
     pub normal: Normal<P>,
 }
 

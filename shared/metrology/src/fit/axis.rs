@@ -22,7 +22,7 @@ const CANDIDATES: usize = 8;
 pub(super) struct Axis {
     /// Point of the axis nearest to the origin.
     pub point: Vector3<f64>,
-    /// Unit direction.
+    /// Direction of the axis, unit vector.
     pub direction: Vector3<f64>,
     /// Directions of tilts and shifts.
     pub tangents: [Vector3<f64>; 2],

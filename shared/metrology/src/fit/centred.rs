@@ -15,7 +15,7 @@ const FLAT: f64 = 1e-9;
 /// Points in mm about their centroid.
 #[derive(Debug, Clone)]
 pub(super) struct Centred {
-    /// Centroid, mm.
+    /// Centroid of the points, mm.
     pub centroid: Vector3<f64>,
     /// Points less the centroid, mm.
     pub points: Vec<Vector3<f64>>,

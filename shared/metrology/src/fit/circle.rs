@@ -14,14 +14,14 @@ use super::{FitError, FitSettings, Support};
 
 const ELEMENT: &str = "circle";
 
-/// A fitted circle.
+/// A circle fitted to points in space, with uncertainties.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CircleFit {
-    /// Centre, mm.
+    /// Centre of the circle, mm.
     pub center_mm: [f64; 3],
     /// Unit normal of its plane; its largest component is positive.
     pub normal: [f64; 3],
-    /// Diameter, mm.
+    /// Diameter of the circle, mm.
     pub diameter_mm: f64,
     /// Points and form. The residual is the distance in space from the circle, negative inside.
     #[serde(flatten)]

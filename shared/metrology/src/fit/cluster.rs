@@ -13,7 +13,7 @@ use super::cells::cells_of;
 use super::correlation::estimate;
 use super::{Correlation, FitError, FitSettings};
 
-/// Fewest cells from which the sandwich is trusted: with G cells its own relative error is about 1/√(2 G).
+/// Fewest cells for the sandwich estimator: with G cells its own relative error is about 1/√(2 G).
 const FEWEST_CELLS: usize = 20;
 
 /// What stated uncertainties rest on.
@@ -71,7 +71,7 @@ fn trimming_shrink<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64
     let sizes: Vec<f64> = points.iter().map(|p| model.deviation(p).abs()).collect();
     let limit = sizes.iter().copied().fold(0.0, f64::max);
     let near = sizes.iter().filter(|s| **s > 0.9 * limit).count();
-    // Below one half the count would say that most points sit at the limit: no noise distribution does that.
+    // Below one half the count would mean that most points are at the limit, which no noise distribution gives.
     (1.0 - near as f64 / 0.1 / points.len().max(1) as f64).max(0.5)
 }
 

@@ -18,7 +18,7 @@ const ELEMENT: &str = "cone";
 /// Smallest half angle, rad: below it the apex lies a million radii away, and a cylinder is meant.
 const SMALLEST_ANGLE_RAD: f64 = 1e-6;
 
-/// A fitted cone.
+/// A cone fitted to points, with uncertainties.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ConeFit {
     /// Point of the axis nearest to the centroid of the points, mm.
@@ -29,9 +29,9 @@ pub struct ConeFit {
     pub diameter_mm: f64,
     /// Angle between axis and surface, deg.
     pub half_angle_deg: f64,
-    /// Apex, mm.
+    /// Apex of the cone, mm.
     pub apex_mm: [f64; 3],
-    /// Points and form.
+    /// Points used and form deviation.
     #[serde(flatten)]
     pub form: Form,
     /// Standard uncertainty of the axis' place at `axis_point_mm`, across the axis in its worst direction, mm.

@@ -24,7 +24,7 @@ const MOST_CELLS: usize = 1000;
 /// Residuals a point may have (two for curves in space).
 const MOST_ROWS: usize = 2;
 
-/// Noise that reaches farther than this part of the extent cannot be told from form.
+/// Noise correlated over more than this part of the extent cannot be separated from form.
 const REACH_SHARE: f64 = 1.0 / 3.0;
 
 /// Rounds of adding back what the fit followed: each leaves the followed share (a tenth, say) of the error before.
@@ -35,7 +35,7 @@ const ROUNDS: usize = 8;
 const SIGNIFICANT: f64 = 1.0;
 
 /// Variance after adding back over variance before: beyond it the fixed point runs away, because the noise reaches over
-/// so much of the element that the residuals cannot tell how much of it the fit followed.
+/// so much of the element that the residuals do not show how much of it the fit followed.
 const RUNAWAY: f64 = 4.0;
 
 /// Sums over the points of a cell.
@@ -54,13 +54,13 @@ struct Cell<const P: usize> {
 
 /// Pairs of cells of about one distance.
 struct Bin<const P: usize> {
-    /// Σ S S′.
+    /// Sum of products of scores, Σ S S′.
     product: f64,
-    /// Σ (S S′)².
+    /// Sum of squared products of scores, Σ (S S′)².
     square: f64,
-    /// Σ n n′.
+    /// Number of pairs of points, Σ n n′.
     pairs: f64,
-    /// Σ J J′ᵀ.
+    /// Sum of products of derivatives, Σ J J′ᵀ.
     derivatives: SMatrix<f64, P, P>,
 }
 
@@ -209,7 +209,7 @@ fn extent_mm(points: &[Vector3<f64>]) -> f64 {
 fn correlogram<const P: usize>(cells: &[Cell<P>]) -> (Vec<Bin<P>>, f64) {
     let positions: Vec<Vector3<f64>> = cells.iter().map(|c| c.position).collect();
     let reach_mm = REACH_SHARE * extent_mm(&positions);
-    // No more bins than cells: neighbours that coincide would ask for endless ones.
+    // No more bins than cells: neighbours that coincide would need infinitely many.
     let width_mm = spacing_mm(&positions).max(reach_mm / cells.len().max(1) as f64);
     if width_mm <= 0.0 {
         return (Vec::new(), 0.0);

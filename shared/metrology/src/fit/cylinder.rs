@@ -15,16 +15,16 @@ use super::{FitError, FitSettings, Support};
 
 const ELEMENT: &str = "cylinder";
 
-/// A fitted cylinder.
+/// A cylinder fitted to points, with uncertainties.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CylinderFit {
     /// Point of the axis nearest to the centroid of the points, mm.
     pub axis_point_mm: [f64; 3],
     /// Unit direction of the axis; its largest component is positive.
     pub axis_direction: [f64; 3],
-    /// Diameter, mm.
+    /// Diameter of the cylinder, mm.
     pub diameter_mm: f64,
-    /// Points and form.
+    /// Points used and form deviation.
     #[serde(flatten)]
     pub form: Form,
     /// Standard uncertainty of the axis' place at `axis_point_mm`, across the axis in its worst direction, mm.

@@ -14,9 +14,9 @@ use fringe::math;
 /// A value with its standard uncertainty, both in the unit that the function states.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Derived {
-    /// The value.
+    /// Value of the derived quantity, mm or rad.
     pub value: f64,
-    /// Its standard uncertainty.
+    /// Standard uncertainty in the unit of the value.
     pub u: f64,
 }
 

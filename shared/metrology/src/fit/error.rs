@@ -8,10 +8,10 @@ pub const COORDINATE_LIMIT_MM: f64 = 1e7;
 /// Why there is no fit.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum FitError {
-    /// Not enough points.
+    /// Fewer points than the element needs.
     #[error("{element}: {points} points, needs at least {needs}")]
     TooFewPoints {
-        /// Which element.
+        /// Kind of the element.
         element: &'static str,
         /// Points left after rejection.
         points: usize,
@@ -21,37 +21,37 @@ pub enum FitError {
     /// A coordinate is NaN, infinite, or no length in mm.
     #[error("{element}: point {index} has the coordinate {value}, limit ±{COORDINATE_LIMIT_MM:e} mm")]
     Coordinate {
-        /// Which element.
+        /// Kind of the element.
         element: &'static str,
         /// Which point, from 0.
         index: usize,
-        /// The value.
+        /// Largest coordinate magnitude found, mm.
         value: f64,
     },
     /// The points do not determine the element.
     #[error("{element}: the points do not determine it: {why}")]
     Degenerate {
-        /// Which element.
+        /// Kind of the element.
         element: &'static str,
-        /// What is degenerate.
+        /// Why the points do not determine the element.
         why: &'static str,
     },
     /// The iteration did not settle.
     #[error("{element}: no convergence after {iterations} iterations; are the points those of a {element}?")]
     NoConvergence {
-        /// Which element.
+        /// Kind of the element.
         element: &'static str,
-        /// Iterations done.
+        /// Iterations before the search ended.
         iterations: usize,
     },
     /// A setting out of range.
-    #[error("{key} = {value} must lie in {limits}")]
+    #[error("{key} = {value}: must be in {limits}")]
     Setting {
         /// Name of the setting.
         key: &'static str,
-        /// Its value.
+        /// Value given for the setting.
         value: f64,
-        /// Allowed interval.
+        /// Interval allowed for the setting.
         limits: &'static str,
     },
 }

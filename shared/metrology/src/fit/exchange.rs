@@ -16,16 +16,16 @@ const SMALLEST_PIVOT: f64 = 1e-10;
 /// A row of the linearised problem.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row<const P: usize> {
-    /// r, mm.
+    /// Distance r from the present element, mm.
     pub residual: f64,
     /// a: its derivatives by the parameters.
     pub derivatives: SVector<f64, P>,
 }
 
-/// The optimum.
+/// Solution of the linear minimax problem.
 #[derive(Debug, Clone)]
 pub(super) struct Levelled<const P: usize> {
-    /// The step δ.
+    /// Step δ of the parameters.
     pub step: SVector<f64, P>,
     /// Largest |r + a · δ| of all rows, mm.
     pub half_width: f64,

@@ -41,7 +41,7 @@ impl Residuals {
         marked(&self.deviation_mm, &self.used)
     }
 
-    /// Form statistics.
+    /// Range, standard deviation and quantile of the residuals.
     pub(super) fn form(&self) -> Form {
         let mut sorted = self.of_used();
         let points = sorted.len();

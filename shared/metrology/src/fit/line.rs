@@ -12,7 +12,7 @@ use super::{FitError, FitSettings, Support};
 
 const ELEMENT: &str = "line";
 
-/// A fitted line.
+/// A line fitted to points, with uncertainties.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LineFit {
     /// Point of the line nearest to the centroid of the points, mm.

@@ -13,9 +13,9 @@ const SMALLEST_PIVOT: f64 = 1e-12;
 pub(crate) struct Normal<const P: usize> {
     /// JᵀJ; only the upper triangle is filled before [`Normal::symmetric`].
     matrix: SMatrix<f64, P, P>,
-    /// Jᵀr.
+    /// Gradient of half the sum of squares, Jᵀr.
     pub gradient: SVector<f64, P>,
-    /// rᵀr.
+    /// Sum of squared residuals, rᵀr.
     pub sum: f64,
     /// Number of residuals summed.
     pub rows: usize,
@@ -40,7 +40,7 @@ impl<const P: usize> Normal<P> {
         self.rows += 1;
     }
 
-    /// Joins two sums.
+    /// Sums over the rows of both.
     pub fn join(&self, other: &Self) -> Self {
         Self {
             matrix: self.matrix + other.matrix,
@@ -50,7 +50,7 @@ impl<const P: usize> Normal<P> {
         }
     }
 
-    /// JᵀJ in full.
+    /// The normal matrix JᵀJ with both triangles.
     pub fn symmetric(&self) -> SMatrix<f64, P, P> {
         let mut full = self.matrix;
         full.fill_lower_triangle_with_upper_triangle();

@@ -55,7 +55,7 @@ impl PlaneFit {
 
     /// Signed distance of a point, mm.
     pub fn distance_mm(&self, point: &Point3<f64>) -> f64 {
-        // About the centroid, which keeps the digits that a far origin would eat.
+        // About the centroid: a far origin would cost digits.
         self.normal_vector().dot(&(point - Point3::from(self.centroid_mm)))
     }
 
@@ -96,9 +96,10 @@ pub(super) fn refuse_flat(
     let settings =
         FitSettings { max_reject_fraction: settings.max_reject_fraction, ..FitSettings::default() };
     match plane(points, &settings) {
-        Ok(flat) if flat.form.form_sigma_mm < form.form_sigma_mm => {
-            Err(FitError::Degenerate { element, why: "a plane lies nearer to them; are they a plane's?" })
-        }
+        Ok(flat) if flat.form.form_sigma_mm < form.form_sigma_mm => Err(FitError::Degenerate {
+            element,
+            why: "a plane is nearer to them; are they points of a plane?",
+        }),
         _ => Ok(()),
     }
 }

@@ -12,13 +12,13 @@ use fringe::math::random::Key;
 /// Samples drawn. With a third of the points on a sphere, one sample in 81 is clean: some fifty are.
 const SAMPLES: u64 = 4000;
 
-/// Points that vote: the place of an element is asked for, not its last micrometre.
+/// Points used by the search: it needs the approximate place of an element only.
 const VOTERS: usize = 1500;
 
 /// Rounds of fit and choice; each takes points within the margin, so the choice settles within a few.
 const ROUNDS: usize = 30;
 
-/// A rough element.
+/// An approximate element through a few points.
 #[derive(Debug, Clone, Copy)]
 enum Rough {
     Plane { normal: Vector3<f64>, offset: f64 },

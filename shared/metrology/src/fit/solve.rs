@@ -89,7 +89,7 @@ fn finish<M: Model<P>, const P: usize>(
     })
 }
 
-/// Checks the settings.
+/// Checks that the settings are within their limits.
 fn check(settings: &FitSettings) -> Result<(), FitError> {
     let fraction = settings.max_reject_fraction;
     if !(0.0..=0.5).contains(&fraction) {

@@ -24,14 +24,14 @@ const FLAT_SHARE: f64 = 0.05;
 
 const FLAT_POINTS: &str = "their curvature does not stand out of their noise; are they a plane's? a wider cap, or a given diameter, helps";
 
-/// A fitted sphere.
+/// A sphere fitted to points, with uncertainties.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SphereFit {
-    /// Centre, mm.
+    /// Centre of the sphere, mm.
     pub center_mm: [f64; 3],
-    /// Diameter, mm.
+    /// Diameter of the sphere, mm.
     pub diameter_mm: f64,
-    /// Points and form.
+    /// Points used and form deviation.
     #[serde(flatten)]
     pub form: Form,
     /// Standard uncertainty of the centre, mm.
@@ -79,7 +79,7 @@ pub fn sphere(points: &[Point3<f64>], settings: &FitSettings) -> Result<SphereFi
     Ok(result(solution.centroid + solution.model.center, radius, covariance, solution))
 }
 
-/// A sphere that runs away through ever larger radii: told as what it is when the points are flat.
+/// A sphere whose radius diverges: reported as a plane when the points are flat.
 fn flat_or(error: FitError, points: &[Point3<f64>]) -> FitError {
     let FitError::NoConvergence { .. } = error else { return error };
     match Centred::new(ELEMENT, points).map(|centred| Principal::new(&centred.points).extents_mm) {
@@ -146,7 +146,7 @@ fn spread<M, const P: usize>(solution: &Solution<M, P>, points: &[Point3<f64>]) 
     (squares / points.len().max(1) as f64).sqrt()
 }
 
-/// Fills the result.
+/// Assembles the result from the adjustment.
 fn result<M, const P: usize>(
     center: Vector3<f64>,
     radius: f64,
@@ -166,7 +166,7 @@ fn result<M, const P: usize>(
     }
 }
 
-/// Parameters: centre, radius.
+/// A sphere with free radius; parameters: centre, radius.
 #[derive(Debug, Clone)]
 pub(super) struct FreeSphere {
     pub center: Vector3<f64>,
@@ -188,7 +188,7 @@ impl Model<4> for FreeSphere {
     }
 }
 
-/// Parameters: centre.
+/// A sphere of fixed radius; parameters: centre.
 #[derive(Debug, Clone)]
 struct FixedSphere {
     center: Vector3<f64>,

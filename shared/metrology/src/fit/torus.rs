@@ -15,10 +15,10 @@ use super::{FitError, FitSettings, Support};
 
 const ELEMENT: &str = "torus";
 
-/// A fitted torus.
+/// A torus fitted to points, with uncertainties.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TorusFit {
-    /// Centre, mm.
+    /// Centre of the torus, mm.
     pub center_mm: [f64; 3],
     /// Unit direction of the axis of rotation; its largest component is positive.
     pub axis_direction: [f64; 3],
@@ -26,7 +26,7 @@ pub struct TorusFit {
     pub ring_diameter_mm: f64,
     /// Diameter of the tube, mm.
     pub tube_diameter_mm: f64,
-    /// Points and form.
+    /// Points used and form deviation.
     #[serde(flatten)]
     pub form: Form,
     /// Standard uncertainty of the direction about its worst axis, rad.

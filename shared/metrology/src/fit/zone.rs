@@ -23,13 +23,13 @@ const MAX_HALVINGS: usize = 30;
 /// How far the zone may stay above the bound that the linearised problem gives, as a part of the extent.
 const GAP: f64 = 1e-12;
 
-/// A minimum zone.
+/// A minimum zone and its element.
 pub(super) struct Zone<M> {
     /// In coordinates about `centroid`.
     pub model: M,
     /// Centroid of the points, mm.
     pub centroid: Vector3<f64>,
-    /// Width, mm.
+    /// Width of the zone, mm.
     pub width_mm: f64,
 }
 
@@ -79,7 +79,7 @@ pub(super) fn minimum_zone<M: Model<P>, const P: usize>(
     Err(FitError::NoConvergence { element, iterations: MAX_ROUNDS })
 }
 
-/// Largest |distance|, mm.
+/// Largest absolute distance of the points, mm.
 fn half_width<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) -> f64 {
     points.iter().fold(0.0, |most: f64, p| most.max(model.deviation(p).abs()))
 }
@@ -109,7 +109,7 @@ pub struct PlaneZone {
 pub struct SphereZone {
     /// Difference of their radii, mm.
     pub minimum_zone_mm: f64,
-    /// Their centre, mm.
+    /// Common centre of both spheres, mm.
     pub center_mm: [f64; 3],
     /// Diameter of the sphere midway, mm.
     pub diameter_mm: f64,

@@ -39,7 +39,7 @@ struct Sighted {
 }
 
 impl Sighted {
-    /// From nominal geometry.
+    /// Datum targets at their nominal geometry.
     fn nominal(plan: &Plan, datums: &Datums) -> Self {
         let place = |index: usize| match &plan.elements[index].geometry {
             Geometry::Sphere { center_mm, .. } => center_mm.coords,
@@ -79,7 +79,7 @@ impl Sighted {
     }
 }
 
-/// The part, found.
+/// The pose of the part as found on its datums.
 pub(super) struct Found {
     pub world_from_part: Pose,
     pub result: AlignmentResult,

@@ -19,7 +19,7 @@ pub enum MeasureError {
         points: usize,
         /// Points that fulfil all but that of the normal.
         without_normals: usize,
-        /// Fewest points.
+        /// Smallest number of points.
         needs: usize,
     },
     /// The points fill the region instead of lying on a surface.
@@ -34,7 +34,7 @@ pub enum MeasureError {
         sigma_mm: f64,
         /// Margin of the region.
         margin_mm: f64,
-        /// Largest standard deviation.
+        /// Largest standard deviation allowed, mm.
         limit_mm: f64,
     },
     /// The fitted element lies too far from where the plan has it.
@@ -44,27 +44,27 @@ pub enum MeasureError {
     Displaced {
         /// Name of the element.
         element: String,
-        /// How far.
+        /// Distance between the start and the found place, mm.
         shift_mm: f64,
         /// How far it may be.
         limit_mm: f64,
     },
-    /// No fit.
+    /// The fit of an element failed.
     #[error("element {element}: {source}")]
     Fit {
         /// Name of the element.
         element: String,
-        /// Why.
+        /// Reason given by the fit.
         source: FitError,
     },
-    /// The filter of a flatness leaves too little to judge its noise by.
+    /// The filter of a flatness leaves too few blocks to estimate its noise.
     #[error(
         "flatness filter: filter_mm = {filter_mm} mm leaves {cells} cells of {fewest_points} or more points in each quarter and \
          {blocks} blocks of 2 × 2 of them, needs at least {needs} blocks: a smaller filter_mm, or a larger or more \
          densely measured element"
     )]
     FilteredAway {
-        /// Nesting index.
+        /// Nesting index of the filter, mm.
         filter_mm: f64,
         /// Cells with enough points.
         cells: usize,
@@ -72,51 +72,51 @@ pub enum MeasureError {
         fewest_points: usize,
         /// Blocks of 2 × 2 such cells.
         blocks: usize,
-        /// Fewest blocks.
+        /// Smallest number of blocks.
         needs: usize,
     },
     /// The part lies farther off than the plan allows.
     #[error(
         "the part lies {offset_mm:.2} mm and {angle_deg:.2}° from its nominal place, limits {limit_mm} mm \
-         (search_mm) and {limit_deg}° (search_deg): clamp it anew or widen the search"
+         (search_mm) and {limit_deg}° (search_deg): clamp it again or widen the search"
     )]
     OutOfReach {
         /// Shift of the datum surfaces.
         offset_mm: f64,
-        /// Turn.
+        /// Angle by which the part was turned, degrees.
         angle_deg: f64,
-        /// Largest shift.
+        /// Largest shift allowed, mm.
         limit_mm: f64,
-        /// Largest turn.
+        /// Largest angle allowed, degrees.
         limit_deg: f64,
     },
     /// The datum elements are not those of the part.
     #[error(
         "the datum spheres are {measured_mm:.3} mm apart, nominally {nominal_mm:.3} mm, limit ±{limit_mm} mm: \
-         another part, or one of them was taken for something else"
+         another part, or a wrong object was found in place of one of them"
     )]
     WrongPart {
-        /// Distance found.
+        /// Measured distance of the datums, mm.
         measured_mm: f64,
         /// Distance in the plan.
         nominal_mm: f64,
-        /// Largest difference.
+        /// Largest difference allowed, mm.
         limit_mm: f64,
     },
     /// The pose does not settle.
     #[error("alignment: the pose still moves by {moved_mm:.4} mm after {rounds} rounds, limit {limit_mm} mm")]
     Unsettled {
-        /// Last motion.
+        /// Motion in the last round, mm.
         moved_mm: f64,
-        /// Rounds done.
+        /// Number of rounds of the search.
         rounds: usize,
-        /// Largest motion.
+        /// Largest motion that counts as settled, mm.
         limit_mm: f64,
     },
     /// The cloud is too large for 32-bit indices.
     #[error("the cloud has {points} points, limit {}", u32::MAX)]
     CloudSize {
-        /// Points.
+        /// Number of points found.
         points: usize,
     },
 }

@@ -1,6 +1,6 @@
 //! Filtration of a flatness.
 //!
-//! The range of single points grows with their noise and their number, so it says little of the form. GPS evaluates
+//! The range of single points grows with their noise and their number, so it does not measure the form. GPS evaluates
 //! flatness after filtration with a stated nesting index (ISO 12781-1, -2). Here the filter is the area mean: the
 //! plane is laid out in squares of the nesting index e, and the surface is the mean deviation in each. A wave of
 //! length λ along an edge passes by sinc(e/λ): nothing at λ = e, half at 1.66 e (where a Gaussian filter of that
@@ -14,7 +14,7 @@
 //! Noise of the means: in a block of 2 × 2 neighbouring cells, m₀₀ − m₀₁ − m₁₀ + m₁₁ holds no offset, no slope and no
 //! curvature along the edges, but the noise of four means, correlation within a cell included. Its squares over all
 //! blocks, against Σ 1/n of the points behind, give the variance v per point, and v/n that of a mean. What is
-//! correlated over more than a cell cannot be told from form and counts as such.
+//! correlated over more than a cell cannot be separated from form and counts as form.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -24,7 +24,7 @@ use fringe::math;
 
 /// Fewest points of each quarter of a cell: in parts of the median over cells (of a quarter's share, a quarter), and
 /// absolutely. Where one of two pairs is shadowed half of the points are left. A cell that a shadow or the border cuts
-/// has an empty side: its mean would stand for another place, and points at the edge of a shadow are biased.
+/// has an empty side: its mean would belong to another place, and points at the edge of a shadow are biased.
 const MEDIAN_PART: usize = 16;
 const LEAST_POINTS: usize = 2;
 
@@ -36,14 +36,14 @@ const DEFINITION: &str = "highest less lowest mean distance over squares of edge
     plane of these means; all points of the element count; squares with fewer than fewest_points points in one of their quarters are \
     left out; noise is not subtracted";
 
-/// A filtered range.
+/// Flatness range after the filter.
 #[derive(Debug, Clone)]
 pub struct Filtered {
     /// Highest less lowest cell mean, mm.
     pub range_mm: f64,
     /// Its standard uncertainty from noise, mm.
     pub u_mm: f64,
-    /// What was done.
+    /// What the filter did, for the result.
     pub report: FlatnessFilter,
 }
 
@@ -56,7 +56,7 @@ struct Cell {
     fewest: usize,
     /// Mean place of the points, mm.
     across_mm: Vector2<f64>,
-    /// Mean deviation, mm.
+    /// Mean deviation in the cell, mm.
     mean_mm: f64,
 }
 

@@ -4,7 +4,7 @@
 //! the spacings of the order statistics are independent, x(j) − x(j+1) ~ β/j (Rényi 1953). Hence β from the spacings
 //! of the largest |residuals|, and the variance of the j-th largest is β² Σ 1/i², i ≥ j.
 
-/// Share of the points that stand for the tail, and the bounds of their number.
+/// Share of the points taken as the tail, and the limits of their number.
 const TAIL_SHARE: usize = 100;
 const TAIL_LEAST: usize = 10;
 const TAIL_MOST: usize = 1000;

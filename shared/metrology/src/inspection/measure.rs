@@ -14,7 +14,7 @@ use fringe::geometry::pose::Pose;
 pub(super) const REACH_MARGINS: f64 = 2.0;
 
 /// A surface whose residuals scatter by more than this part of the margin is none: points spread evenly over the
-/// region would have 0.58, and honest ones stay below a tenth.
+/// region would have 0.58, and valid ones stay below a tenth.
 const LARGEST_SCATTER: f64 = 0.35;
 
 /// Rounds in which region and fit follow each other, and the motion, in margins, below which the region stands still.
@@ -26,10 +26,10 @@ const STILL_MARGINS: f64 = 0.01;
 /// the margin at most.
 const PLACING_POINTS: usize = 4000;
 
-/// Rough fits place a region; nobody reads their uncertainties.
+/// Rough fits place a region; their uncertainties are not used.
 pub(super) const PLACING: Correlation = Correlation::Independent;
 
-/// Points that a region's list has room for from the start: small lists would grow a dozen times in every cycle.
+/// Initial capacity of a region's list of points: small lists would grow a dozen times in every cycle.
 const GATHERED: usize = 4096;
 
 /// Fewest points that thinning may leave.

@@ -12,12 +12,12 @@ const PARALLEL: usize = 1 << 14;
 /// Deepest tree: halving 2³² things takes 32 levels, and a walk keeps one sibling per level.
 const DEPTH: usize = 64;
 
-/// An axis-parallel box.
+/// A box parallel to the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Aabb {
-    /// Lower corner, mm.
+    /// Corner with the smallest coordinates, mm.
     pub low: Point3<f64>,
-    /// Upper corner, mm.
+    /// Corner with the largest coordinates, mm.
     pub high: Point3<f64>,
 }
 
@@ -37,7 +37,7 @@ impl Aabb {
         Self { low: self.low.inf(&other.low), high: self.high.sup(&other.high) }
     }
 
-    /// Middle, mm.
+    /// Centre of the box, mm.
     pub fn centre(&self) -> Point3<f64> {
         nalgebra::center(&self.low, &self.high)
     }
@@ -82,7 +82,7 @@ struct Entry {
     item: u32,
 }
 
-/// The tree.
+/// A tree of bounding boxes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bvh {
     nodes: Vec<Node>,

@@ -23,12 +23,12 @@ pub(crate) struct Moments {
 }
 
 impl Moments {
-    /// No points yet.
+    /// Moments of no points, about an origin.
     pub fn about(about: Point3<f64>) -> Self {
         Self { about, count: 0, first: Vector3::zeros(), second: [0.0; 6] }
     }
 
-    /// One more point.
+    /// Adds one point to the moments.
     #[inline]
     pub fn add(&mut self, p: &Point3<f64>) {
         let d = p - self.about;
@@ -40,14 +40,14 @@ impl Moments {
         }
     }
 
-    /// More points.
+    /// Adds points in their order.
     pub fn extend(&mut self, points: &[Point3<f64>]) {
         for p in points {
             self.add(p);
         }
     }
 
-    /// Number of points.
+    /// Number of points summed so far.
     pub fn count(&self) -> usize {
         self.count
     }
@@ -169,7 +169,7 @@ impl Patch {
         [self.tangents[0].dot(&d), self.tangents[1].dot(&d), self.normal.dot(&d)]
     }
 
-    /// The unit normal.
+    /// Unit normal of the fitted plane.
     pub fn normal(&self) -> Vector3<f64> {
         self.normal
     }

@@ -1,4 +1,4 @@
-//! A triangle mesh that knows its nearest point and on which side of it a point lies.
+//! A triangle mesh with queries for its nearest point and for the side of a point.
 
 use super::bvh::{Aabb, Bvh};
 use super::triangle::{Part, Triangle};
@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use thiserror::Error;
 
-/// More triangles than this would not fit the tree's 32-bit numbers with room to spare.
+/// More triangles than this would exceed the tree's 32-bit numbers.
 pub const MOST_TRIANGLES: usize = 50_000_000;
 
 /// Why there is no mesh.
@@ -15,19 +15,19 @@ pub enum MeshError {
     /// A corner is NaN or infinite.
     #[error("triangle {triangle} has a corner that is not a finite number; export the mesh again")]
     NotFinite {
-        /// Counted from 0.
+        /// Index of the triangle, from 0.
         triangle: usize,
     },
-    /// No surface.
+    /// The mesh has no triangle with an area.
     #[error("no triangle has an area ({given} given); is this the right mesh?")]
     Empty {
         /// Triangles before those without area were left out.
         given: usize,
     },
     /// Beyond what the tree can number.
-    #[error("{given} triangles, limit {MOST_TRIANGLES}; thin the mesh out")]
+    #[error("{given} triangles, limit {MOST_TRIANGLES}; reduce the mesh")]
     TooLarge {
-        /// Number of triangles.
+        /// Number of triangles in the file.
         given: usize,
     },
 }
@@ -35,9 +35,9 @@ pub enum MeshError {
 /// The nearest point of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Foot {
-    /// Where it is.
+    /// Nearest point of the mesh, mm.
     pub position: Point3<f64>,
-    /// Signed distance of the point asked about, mm; positive outside.
+    /// Signed distance of the queried point, mm; positive outside.
     pub signed_mm: f64,
     /// Unit normal of the triangle.
     pub normal: Vector3<f64>,
@@ -47,8 +47,8 @@ pub struct Foot {
 
 /// Triangles with a tree, and pseudo-normals on edges and corners.
 ///
-/// The sign of a distance whose foot lies on an edge or corner cannot be told from any one of the triangles that meet
-/// there. The sum of their normals, weighted by the angle that each takes up, tells it for every closed mesh:
+/// The sign of a distance whose foot lies on an edge or corner does not follow from any one of the triangles that meet
+/// there. The sum of their normals, weighted by the angle of each, gives it for every closed mesh:
 /// Bærentzen & Aanæs, Signed distance computation using the angle weighted pseudonormal, IEEE TVCG 11(3), 2005.
 #[derive(Debug, Clone)]
 pub struct TriangleMesh {
@@ -117,7 +117,7 @@ impl TriangleMesh {
         self.border_edges
     }
 
-    /// Box of everything.
+    /// Bounding box of the mesh, mm.
     pub fn bounds(&self) -> Aabb {
         self.tree.bounds().unwrap_or(Aabb::of(&[]))
     }

@@ -1,4 +1,4 @@
-//! Where things lie: a tree over boxes, a tree over points, triangles, and the local shape of a sampled surface.
+//! Spatial queries: a tree over boxes, a tree over points, triangles, and the local shape of a sampled surface.
 
 mod bvh;
 mod local;

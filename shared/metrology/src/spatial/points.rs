@@ -7,10 +7,10 @@ use nalgebra::Point3;
 /// Points per leaf: one or two lines of a surface patch; a loop over neighbouring memory beats further box tests.
 const LEAF: usize = 8;
 
-/// Neighbours whose distances tell the density.
+/// Number of the neighbour whose distance estimates the density.
 const DENSITY_NEIGHBOURS: usize = 8;
 
-/// Points whose surroundings tell the density of a cloud.
+/// Number of points at which the density of a cloud is estimated.
 const DENSITY_SAMPLES: usize = 1001;
 
 /// Points sorted into a tree. A *slot* is a place in its order, an *index* one in the order given.
@@ -32,7 +32,7 @@ impl PointTree {
         Self { tree, sites }
     }
 
-    /// Positions by slot.
+    /// Positions in the order of the tree, mm.
     pub fn sites(&self) -> &[Point3<f64>] {
         &self.sites
     }

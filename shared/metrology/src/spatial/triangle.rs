@@ -1,4 +1,4 @@
-//! A triangle: hit by a ray, asked for its nearest point.
+//! A triangle: intersection with a ray, nearest point.
 
 use fringe::math;
 use nalgebra::{Point3, Vector3};
@@ -90,11 +90,11 @@ impl Triangle {
 /// A part of a triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Part {
-    /// Its inside.
+    /// Inside the triangle's face.
     Face,
     /// The edge from this corner to the next.
     Edge(usize),
-    /// This corner.
+    /// On the corner of this index.
     Corner(usize),
 }
 

@@ -10,22 +10,22 @@ use super::model::Model;
 pub enum Method {
     /// By statistics of readings.
     A,
-    /// By other means.
+    /// Type B: from other information than repeated observations.
     B,
 }
 
 /// An input quantity X_i.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quantity {
-    /// Symbol.
+    /// Symbol of the quantity in the model.
     pub name: String,
     /// What it is and where its uncertainty comes from.
     pub source: String,
     /// Unit of estimate and value.
     pub unit: String,
-    /// x_i.
+    /// Estimate x_i of the quantity.
     pub estimate: f64,
-    /// Evaluation type.
+    /// Type of evaluation, A or B.
     pub method: Method,
     /// Shape about the estimate.
     pub distribution: Distribution,
@@ -47,20 +47,20 @@ impl Quantity {
 /// A correlation coefficient r(x_i, x_j).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Correlation {
-    /// i.
+    /// Index i of the first quantity.
     pub first: usize,
-    /// j.
+    /// Index j of the second quantity.
     pub second: usize,
-    /// −1 … 1.
+    /// Correlation coefficient r(x_i, x_j), −1 … 1.
     pub coefficient: f64,
 }
 
 /// All that a result's uncertainty follows from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Budget {
-    /// X₁, …, X_n.
+    /// Input quantities X₁, …, X_n.
     pub quantities: Vec<Quantity>,
-    /// f.
+    /// Model f of the measurement.
     pub model: Model,
     /// Pairs that are not independent.
     pub correlations: Vec<Correlation>,
@@ -75,24 +75,24 @@ pub struct Budget {
 /// One line of the budget table.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// Symbol.
+    /// Symbol of the quantity in the model.
     pub name: String,
     /// Where the uncertainty comes from.
     pub source: String,
     /// Unit of estimate, value and standard uncertainty.
     pub unit: String,
-    /// x_i.
+    /// Estimate x_i of the quantity.
     pub estimate: f64,
-    /// Evaluation type.
+    /// Type of evaluation, A or B.
     #[serde(rename = "type")]
     pub method: Method,
-    /// Shape.
+    /// Probability distribution of the quantity.
     pub distribution: Distribution,
-    /// As stated.
+    /// Half-width or uncertainty of the estimate as stated in the budget.
     pub value: f64,
     /// value / divisor = u(x_i).
     pub divisor: f64,
-    /// u(x_i).
+    /// Standard uncertainty u(x_i) of the estimate.
     pub standard_uncertainty: f64,
     /// c_i = ∂f/∂x_i, unit of the measurand over that of the quantity.
     pub sensitivity: f64,
@@ -107,9 +107,9 @@ pub struct Row {
 /// An estimate with its expanded uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Uncertain {
-    /// y.
+    /// Estimate y of the measurand.
     pub value: f64,
-    /// U.
+    /// Expanded uncertainty U = k·u_c(y).
     pub expanded_uncertainty: f64,
 }
 
@@ -122,24 +122,24 @@ pub struct Evaluation {
     pub rows: Vec<Row>,
     /// Share of the variance that comes from correlation; may be negative.
     pub correlation_share: f64,
-    /// u_c(y) (eq. 4.10).
+    /// Combined standard uncertainty u_c(y) (eq. 4.10).
     pub combined_standard_uncertainty: f64,
     /// ν_eff (eq. 4.9); infinite is written as null in JSON.
     pub effective_dof: f64,
-    /// k.
+    /// Coverage factor k of U.
     pub coverage_factor: f64,
-    /// p that was asked for.
+    /// Requested coverage probability p.
     pub coverage_probability: f64,
     /// What ± k·u_c holds at ν_eff: p, or less where a fixed k is too small.
     pub covered_probability: f64,
     /// U = k·u_c (eq. 4.11).
     pub expanded_uncertainty: f64,
-    /// What a reader of the result must know.
+    /// Notes that a reader of the result needs.
     pub notes: Vec<String>,
 }
 
 impl Evaluation {
-    /// y ± U.
+    /// The result y with its expanded uncertainty U.
     pub fn result(&self) -> Uncertain {
         Uncertain { value: self.estimate, expanded_uncertainty: self.expanded_uncertainty }
     }

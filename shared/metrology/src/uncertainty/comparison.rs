@@ -8,13 +8,13 @@ use super::error::UncertaintyError;
 /// A result beside another one of the same measurand (thesis tables 4.5, 4.6, 5.2).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Comparison {
-    /// x − X.
+    /// Deviation from the reference value, x − X.
     pub deviation: f64,
-    /// √(U_x² + U_X²).
+    /// Expanded uncertainty of the deviation, √(U_x² + U_X²).
     pub deviation_expanded_uncertainty: f64,
-    /// E_n.
+    /// Normalised error E_n = deviation / its expanded uncertainty.
     pub normalised_error: f64,
-    /// |E_n| ≤ 1.
+    /// Whether both results agree, |E_n| ≤ 1.
     pub agrees: bool,
 }
 

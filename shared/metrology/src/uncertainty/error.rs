@@ -7,7 +7,7 @@ use super::expression::ExpressionError;
 /// Why there is no uncertainty.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum UncertaintyError {
-    /// Nothing to combine.
+    /// The budget has no input quantity.
     #[error("the budget has no input quantity; give at least one")]
     Empty,
     /// A number that cannot be meant.
@@ -17,27 +17,27 @@ pub enum UncertaintyError {
         place: String,
         /// Which of its numbers.
         key: &'static str,
-        /// As given.
+        /// Value given in the budget.
         value: f64,
-        /// What is allowed.
+        /// Limit of the value.
         limit: &'static str,
     },
     /// Too few readings for a standard deviation.
     #[error("{place}: {found} readings, at least {least} are needed")]
     Readings {
-        /// Which quantity.
+        /// Quantity that the value belongs to.
         place: String,
-        /// As given.
+        /// Number of observations given.
         found: usize,
-        /// Fewest.
+        /// Smallest number of observations.
         least: usize,
     },
     /// A coefficient and what it must fit.
     #[error("correlation of \"{first}\" and \"{second}\": {problem}")]
     Correlation {
-        /// One end.
+        /// Symbol of the first quantity.
         first: String,
-        /// The other end.
+        /// Symbol of the second quantity.
         second: String,
         /// What is wrong, with the remedy.
         problem: String,
@@ -51,15 +51,15 @@ pub enum UncertaintyError {
     NotPositiveSemidefinite {
         /// Where the factorisation breaks.
         quantity: String,
-        /// The negative variance.
+        /// Variance by the model, which is negative.
         variance: f64,
     },
     /// A model that does not fit the quantities.
     #[error("the model takes {expected} quantities, the budget has {found}")]
     Arity {
-        /// By the model.
+        /// Number of quantities in the model.
         expected: usize,
-        /// In the budget.
+        /// Number of quantities in the budget.
         found: usize,
     },
     /// The text of the model.
@@ -68,7 +68,7 @@ pub enum UncertaintyError {
     /// The model has no value at the estimates.
     #[error("the model gives {value} at the estimates; check their values and units")]
     ModelValue {
-        /// What came out.
+        /// Value of the model.
         value: f64,
     },
     /// The model has no slope at the estimates.
@@ -76,9 +76,9 @@ pub enum UncertaintyError {
         "the model has no derivative by \"{quantity}\" at the estimates (it gives {value}); change the model or the estimate"
     )]
     Derivative {
-        /// By which input.
+        /// Symbol of the input quantity.
         quantity: String,
-        /// What came out.
+        /// Value of the derivative.
         value: f64,
     },
     /// The model breaks at some draws.
@@ -94,7 +94,7 @@ pub enum UncertaintyError {
     /// A quantity that cannot be drawn as the Supplement demands.
     #[error("Monte Carlo: \"{quantity}\": {problem}")]
     NotDrawable {
-        /// Which.
+        /// Symbol of the quantity.
         quantity: String,
         /// Why, with the remedy.
         problem: String,

@@ -14,7 +14,7 @@ impl Budget {
     /// Combines and expands.
     ///
     /// Correlated quantities enter ν_eff as one contribution with the ν that they share: exact for quantities read at the
-    /// same time (R. Willink, Metrologia 44, 340, 2007), and with the smallest of different ν, which a note says.
+    /// same time (R. Willink, Metrologia 44, 340, 2007), and with the smallest of different ν, which a note reports.
     ///
     /// # Errors
     /// See [`UncertaintyError`].
@@ -111,7 +111,7 @@ impl Budget {
                 let names: Vec<&str> =
                     group.members.iter().map(|i| self.quantities[*i].name.as_str()).collect();
                 notes.push(format!(
-                    "{} are correlated and have different degrees of freedom: the smallest, {least}, stands for all",
+                    "{} are correlated and have different degrees of freedom: the smallest, {least}, is used for all",
                     names.join(", ")
                 ));
             }
@@ -121,7 +121,7 @@ impl Budget {
         (combined * scale, effective_dof(combined, &parts))
     }
 
-    /// k for ν_eff, or the fixed one with a note where it covers less than asked for.
+    /// k for ν_eff, or the fixed one with a note where it covers less than requested.
     fn factor(&self, dof: f64, notes: &mut Vec<String>) -> f64 {
         let used = if self.truncate_dof && dof.is_finite() { dof.floor().max(1.0) } else { dof };
         let needed = coverage_factor(self.coverage_probability, used);

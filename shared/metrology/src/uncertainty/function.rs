@@ -6,31 +6,31 @@ use std::f64::consts::LN_10;
 /// A function of one argument, with its slope.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Function {
-    /// Square root.
+    /// Square root, argument 0 or more.
     Sqrt,
     /// e to the power of.
     Exp,
-    /// Natural logarithm.
+    /// Natural logarithm, argument above 0.
     Ln,
-    /// Decadic logarithm.
+    /// Decimal logarithm, argument above 0.
     Log10,
-    /// Sine.
+    /// Sine of an angle in rad.
     Sin,
-    /// Cosine.
+    /// Cosine of an angle in rad.
     Cos,
-    /// Tangent.
+    /// Tangent of an angle in rad.
     Tan,
-    /// Arc sine.
+    /// Arc sine in rad, argument −1 … 1.
     Asin,
-    /// Arc cosine.
+    /// Arc cosine in rad, argument −1 … 1.
     Acos,
-    /// Arc tangent.
+    /// Arc tangent, result in rad.
     Atan,
-    /// Magnitude.
+    /// Absolute value of the argument.
     Abs,
-    /// Radians to degrees.
+    /// Conversion from radians to degrees.
     Deg,
-    /// Degrees to radians.
+    /// Conversion from degrees to radians.
     Rad,
 }
 
@@ -52,7 +52,7 @@ pub(super) const FUNCTIONS: [(&str, Function); 13] = [
 ];
 
 impl Function {
-    /// f(x).
+    /// Value f(x) of the function.
     pub fn value(self, x: f64) -> f64 {
         match self {
             Self::Sqrt => x.sqrt(),

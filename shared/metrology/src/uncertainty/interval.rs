@@ -16,9 +16,9 @@ pub enum IntervalKind {
 /// Ends of a coverage interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Interval {
-    /// y_low.
+    /// Lower end y_low of the interval.
     pub low: f64,
-    /// y_high.
+    /// Upper end y_high of the interval.
     pub high: f64,
 }
 

@@ -14,7 +14,7 @@
 //!
 //! # Where it goes beyond thesis chapter 4
 //! * The thesis expands every budget with k = 2. Here k follows from ν_eff (eq. 4.9) and the coverage probability,
-//!   unless the budget fixes k; then the result says what that k covers at ν_eff.
+//!   unless the budget fixes k; then the result reports what that k covers at ν_eff.
 //! * Equation 4.8 leaves out the divisor √3 that its tables use; here every row shows its divisor.
 //! * Sensitivities come from the model by automatic differentiation, exact to rounding, not by finite differences.
 

@@ -8,7 +8,7 @@ use super::number::{Dual, Number};
 pub enum Model {
     /// Y = Σ c_i X_i with these sensitivities.
     Linear(Vec<f64>),
-    /// A formula.
+    /// A formula given as text.
     Expression(Expression),
 }
 

@@ -32,7 +32,7 @@ const REACH: f64 = 4.0;
 /// How the trials are done.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MonteCarloSettings {
-    /// Of the draws.
+    /// Seed of the random draws.
     pub seed: u64,
     /// Significant digits of u that matter, 1 or 2.
     pub digits: u8,
@@ -62,7 +62,7 @@ pub struct Histogram {
     pub low: f64,
     /// Width of a bar.
     pub width: f64,
-    /// Values within.
+    /// Number of values in each bin.
     pub counts: Vec<u64>,
     /// Values outside all bars.
     pub outside: u64,
@@ -71,27 +71,27 @@ pub struct Histogram {
 /// The distribution of the measurand in numbers.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MonteCarloResult {
-    /// Seed.
+    /// Seed of the random draws.
     pub seed: u64,
-    /// M.
+    /// Number M of trials.
     pub trials: u64,
     /// Whether the numbers are stable to the tolerance; `None` for a fixed number of trials, which nothing checks.
     pub converged: Option<bool>,
     /// Tolerance of the adaptive method, a fifth of δ.
     pub tolerance: f64,
-    /// Mean.
+    /// Mean of the model's values.
     pub estimate: f64,
-    /// Standard deviation.
+    /// Standard deviation of the model's values.
     pub standard_uncertainty: f64,
     /// p of the intervals.
     pub coverage_probability: f64,
     /// As much below as above.
     pub probabilistically_symmetric: Interval,
-    /// Shortest.
+    /// Shortest coverage interval of the probability.
     pub shortest: Interval,
     /// Which of the two decided.
     pub interval: IntervalKind,
-    /// For a picture.
+    /// Histogram of the values, for the report.
     pub histogram: Histogram,
 }
 
@@ -114,7 +114,7 @@ pub struct Validation {
     pub low_difference: f64,
     /// |y + U − y_high|.
     pub high_difference: f64,
-    /// Both within δ.
+    /// Whether both ends agree with the GUM interval within δ.
     pub valid: bool,
 }
 
@@ -143,7 +143,7 @@ pub fn validate(budget: &Evaluation, monte_carlo: &MonteCarloResult, digits: u8)
 
 impl Budget {
     /// Draws until twice the standard deviations of estimate, uncertainty and interval ends, as averages of blocks, are
-    /// within the tolerance; `observe` is told the trials done and, roughly, the trials needed.
+    /// within the tolerance; `observe` gets the trials done and, approximately, the trials needed.
     ///
     /// # Errors
     /// See [`UncertaintyError`]; also a model without a finite value at some draw.

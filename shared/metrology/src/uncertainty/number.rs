@@ -43,9 +43,9 @@ impl Number for f64 {
 /// A value and its derivative by one input: forward automatic differentiation, exact to rounding.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dual {
-    /// f.
+    /// Value f of the expression.
     pub value: f64,
-    /// ∂f/∂x.
+    /// Derivative ∂f/∂x by the chosen quantity.
     pub derivative: f64,
 }
 

@@ -7,7 +7,7 @@ use super::error::UncertaintyError;
 use fringe::math::ln;
 use fringe::math::random::{Key, normal_quantile};
 
-/// Streams of the χ² of groups lie apart from those of quantities.
+/// The χ² of groups have streams separate from those of quantities.
 const GROUP_STREAM: u64 = 1 << 32;
 
 /// Most degrees of freedom of a group that are drawn one by one; above, the normal distribution differs by less than
@@ -24,7 +24,7 @@ pub struct Sampler<'a> {
 }
 
 impl<'a> Sampler<'a> {
-    /// Checks that the Supplement tells how to draw each quantity.
+    /// Checks that the Supplement defines how to draw each quantity.
     ///
     /// # Errors
     /// t with ν ≤ 2, whose standard deviation does not exist; correlated quantities that are not all normal with one

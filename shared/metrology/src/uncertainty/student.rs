@@ -1,6 +1,6 @@
 //! Student's t distribution: coverage factors at any ν > 0, whole or not.
 //!
-//! Own code: the statistics library at hand calls the system's logarithm and exponential (bits differ between machines)
+//! Own code: available statistics libraries call the system's logarithm and exponential (bits differ between machines)
 //! and its inverse incomplete beta function does not end for some arguments (statrs issue 435).
 
 use fringe::math::random::normal_quantile;

@@ -2,10 +2,10 @@
 
 use super::error::UncertaintyError;
 
-/// What n readings of one quantity say.
+/// Statistics of n readings of one quantity (Type A evaluation).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TypeA {
-    /// Arithmetic mean.
+    /// Arithmetic mean of the observations.
     pub mean: f64,
     /// Sample standard deviation s, divisor n − 1.
     pub standard_deviation: f64,
@@ -16,7 +16,7 @@ pub struct TypeA {
 }
 
 impl TypeA {
-    /// Evaluates readings in any unit. Two passes, so that a large mean does not eat the deviations.
+    /// Evaluates readings in any unit. Two passes, so that a large mean costs no digits of the deviations.
     ///
     /// # Errors
     /// Fewer than two readings, or one that is not finite.

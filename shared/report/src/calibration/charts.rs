@@ -5,6 +5,7 @@ use fringe::math::exp;
 
 use super::super::number::ticks;
 use super::super::page::{Page, Text};
+use super::super::svg::{self, Anchor};
 use super::{CalibrationReport, kind};
 
 /// Bars of a histogram over ± [`RANGE`] standard deviations.
@@ -18,13 +19,13 @@ pub fn images(page: &mut Page, report: &CalibrationReport<'_>) {
     page.section("Error of each image");
     page.put(format_args!(
         "<ul class=\"legend\"><li><i style=\"background:#0b5cad\"></i>adjusted</li><li><i style=\"background:#ad1f1f\"></i>more than \
-         1.5 times its device's</li><li><i style=\"background:#1f2933;border-radius:50%\"></i>held out: the same image when its pose has no \
-         say</li></ul>\n"
+         1.5 times its device's</li><li><i style=\"background:#1f2933;border-radius:50%\"></i>held out: the same image when its pose is \
+         left out</li></ul>\n"
     ));
     for number in 0..report.calibration.devices.len() {
         bars(page, report, number);
     }
-    page.small("Named by pose. Bars that stand out: look at that picture (--draw) for blur, glare, or a target that moved.");
+    page.small("Named by pose. Bars that stand out: look at that image (--pictures) for blur, glare, or a target that moved.");
     page.end_section();
 }
 
@@ -43,19 +44,13 @@ fn bars(page: &mut Page, report: &CalibrationReport<'_>, number: usize) {
     let (base, top) = (112.0, 10.0);
     let y = |px: f64| base - (base - top) * (px / highest).min(1.0);
     let step = 850.0 / poses.len().max(1) as f64;
-    page.put(format_args!(
-        "<div class=\"chart\"><svg viewBox=\"0 0 1000 150\" role=\"img\" aria-label=\"error of each image of {0}\">\
-         <text x=\"0\" y=\"58\" font-size=\"14\" font-weight=\"600\">{0}</text><text x=\"0\" y=\"75\" font-size=\"12\">{1}, px</text>\n",
-        Text(&device.name),
-        kind(device.kind)
-    ));
+    page.put(format_args!("<div class=\"chart\">"));
+    svg::open(page, "", [1000.0, 150.0], &format!("error of each image of {}", device.name));
+    svg::styled_text(page, [0.0, 58.0], 14.0, Anchor::Start, "font-weight=\"600\"", &device.name);
+    svg::text(page, [0.0, 75.0], 12.0, Anchor::Start, &format!("{}, px", kind(device.kind)));
     let (values, digits) = ticks(0.0, highest, 3);
     for value in values {
-        page.put(format_args!(
-            "<path d=\"M140 {0:.1}H1000\" stroke=\"#e9edf0\"/><text x=\"134\" y=\"{1:.1}\" font-size=\"12\" text-anchor=\"end\">{value:.digits$}</text>\n",
-            y(value),
-            y(value) + 4.0
-        ));
+        svg::grid_line(page, [140.0, 1000.0], y(value), 12.0, &format!("{value:.digits$}"));
     }
     // Names of all images where they fit, else of every second, third …
     let every = (58.0 / step).ceil().max(1.0) as usize;
@@ -80,15 +75,12 @@ fn bars(page: &mut Page, report: &CalibrationReport<'_>, number: usize) {
         }
         if place % every == 0 {
             let name: String = report.pose_name(*pose).chars().take(12).collect();
-            page.put(format_args!(
-                "<text x=\"{:.1}\" y=\"{:.1}\" font-size=\"11\" text-anchor=\"middle\">{}</text>\n",
-                left + 0.39 * step,
-                base + 15.0,
-                Text(&name)
-            ));
+            svg::text(page, [left + 0.39 * step, base + 15.0], 11.0, Anchor::Middle, &name);
         }
     }
-    page.put(format_args!("<path d=\"M140 {base}H1000\" stroke=\"#1f2933\"/></svg></div>\n"));
+    svg::line(page, [[140.0, base], [1000.0, base]], &format!("stroke=\"{}\"", svg::INK));
+    svg::close(page);
+    page.put(format_args!("</div>\n"));
 }
 
 /// A small histogram for each device.
@@ -105,10 +97,11 @@ pub fn histograms(page: &mut Page, report: &CalibrationReport<'_>) {
             .flatten()
             .map(|e| e / sd.max(1e-300))
             .collect();
+        page.put(format_args!("<figure>"));
         histogram(page, &errors);
         let beyond = errors.iter().filter(|e| e.abs() > 3.0).count() as f64 / errors.len().max(1) as f64;
         page.put(format_args!(
-            "</svg><figcaption>{} {}: one standard deviation is {sd:.4} px; {:.2} % lie beyond three (normal: 0.27 %)</figcaption></figure>\n",
+            "<figcaption>{} {}: one standard deviation is {sd:.4} px; {:.2} % are beyond three (normal: 0.27 %)</figcaption></figure>\n",
             kind(device.kind),
             Text(&device.name),
             beyond * 100.0
@@ -132,32 +125,21 @@ fn histogram(page: &mut Page, errors: &[f64]) {
     let (width, base) = (360.0, 150.0);
     let y = |n: f64| base - 140.0 * n / highest;
     let x = |at: f64| (at / RANGE + 1.0) * 0.5 * width;
-    page.put(format_args!(
-        "<figure><svg viewBox=\"0 0 {width} 172\" role=\"img\" aria-label=\"histogram of residuals\">\n"
-    ));
+    svg::open(page, "", [width, 172.0], "histogram of residuals");
     let step = width / BINS as f64;
     for (i, n) in bins.iter().enumerate().filter(|(_, n)| **n > 0) {
         let top = y(f64::from(*n));
-        page.put(format_args!(
-            "<rect x=\"{:.1}\" y=\"{top:.1}\" width=\"{:.1}\" height=\"{:.1}\" fill=\"#9fc1e3\"/>",
-            step * i as f64,
-            step - 0.6,
-            base - top
-        ));
+        svg::rectangle(page, [step * i as f64, top], [step - 0.6, base - top], "#9fc1e3", "");
     }
-    page.put(format_args!("<path d=\""));
-    for i in 0..=100 {
+    let curve = (0..=100).map(|i| {
         let at = RANGE * (f64::from(i) / 50.0 - 1.0);
-        page.put(format_args!("{}{:.1} {:.1}", if i == 0 { 'M' } else { 'L' }, x(at), y(expected(at))));
-    }
-    page.put(format_args!(
-        "\" fill=\"none\" stroke=\"#1f2933\" stroke-width=\"1.5\"/><path d=\"M0 {base}H{width}\" stroke=\"#1f2933\"/>\n"
-    ));
+        [x(at), y(expected(at))]
+    });
+    svg::line(page, curve, &format!("stroke=\"{}\" stroke-width=\"1.5\"", svg::INK));
+    svg::line(page, [[0.0, base], [width, base]], &format!("stroke=\"{}\"", svg::INK));
     for at in [-4, -2, 0, 2, 4] {
         let text = if at < 0 { format!("−{}", -at) } else { at.to_string() };
-        page.put(format_args!(
-            "<text x=\"{:.1}\" y=\"167\" font-size=\"13\" text-anchor=\"middle\">{text}</text>\n",
-            x(f64::from(at))
-        ));
+        svg::text(page, [x(f64::from(at)), 167.0], 13.0, Anchor::Middle, &text);
     }
+    svg::close(page);
 }

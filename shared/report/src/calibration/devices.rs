@@ -4,7 +4,7 @@ use super::super::number::count;
 use super::super::page::{Page, Text};
 use super::{CalibrationReport, kind};
 
-/// The section.
+/// Writes the section on the parameters of the devices.
 pub fn section(page: &mut Page, report: &CalibrationReport<'_>) {
     page.section("Cameras and projectors");
     page.put(format_args!(

@@ -5,6 +5,7 @@ use characterise::calibration::Residual;
 use super::super::colour::{ColourMap, hex};
 use super::super::number::round_up;
 use super::super::page::{Page, Text};
+use super::super::svg;
 use super::{CalibrationReport, kind};
 
 /// Cells along the wider side of an image: wide enough for some ten points each with the usual twenty poses.
@@ -20,13 +21,13 @@ const WIDTH: f64 = 520.0;
 pub struct Cells {
     /// Cells along a row.
     pub columns: usize,
-    /// Rows of cells.
+    /// Number of rows of cells.
     pub rows: usize,
     /// Row by row: number and mean residual, px.
     pub means: Vec<(usize, [f64; 2])>,
     /// Standard deviation of one coordinate of a residual, px.
     pub sd_px: f64,
-    /// Root mean square length of the means over well-filled cells, less what noise makes of them, px.
+    /// Root mean square length of the means over well-filled cells, corrected for noise, px.
     pub systematic_px: f64,
     /// Share of cells with a point.
     pub covered: f64,
@@ -72,7 +73,7 @@ pub fn cells(report: &CalibrationReport<'_>, device: usize) -> Cells {
     Cells { columns, rows, means, sd_px: variance.sqrt(), systematic_px, covered }
 }
 
-/// The section.
+/// Writes the section on the residuals over the image.
 pub fn section(page: &mut Page, report: &CalibrationReport<'_>) {
     page.section("Residuals over the image");
     page.small("Left: every residual (seen − modelled) of all poses; a good picture has short arrows in all directions, like noise. \
@@ -96,8 +97,9 @@ pub fn section(page: &mut Page, report: &CalibrationReport<'_>) {
         }
         page.put(format_args!("\" stroke=\"#0b5cad\" stroke-width=\"0.7\" fill=\"none\"/>\n"));
         key(page, height * scale, long);
+        svg::close(page);
         page.put(format_args!(
-            "</svg><figcaption>{}: all residuals, rms {:.4} px</figcaption></figure>\n",
+            "<figcaption>{}: all residuals, rms {:.4} px</figcaption></figure>\n",
             Text(&heading),
             device.rms_reprojection_px
         ));
@@ -109,11 +111,8 @@ pub fn section(page: &mut Page, report: &CalibrationReport<'_>) {
 }
 
 fn begin(page: &mut Page, heading: &str, height: f64) {
-    page.put(format_args!(
-        "<figure><svg class=\"framed\" viewBox=\"0 0 {WIDTH} {:.1}\" role=\"img\" aria-label=\"residuals of {}\">\n",
-        height + 26.0,
-        Text(heading)
-    ));
+    page.put(format_args!("<figure>"));
+    svg::open(page, "framed", [WIDTH, height + 26.0], &format!("residuals of {heading}"));
 }
 
 /// A line of known length below the picture.
@@ -157,8 +156,9 @@ fn means(page: &mut Page, cells: &Cells, heading: &str, height: f64) {
         }
     }
     key(page, height, long);
+    svg::close(page);
     page.put(format_args!(
-        "</svg><figcaption>{}: means in cells; systematic part {:.4} px; points in {:.0} % of the cells</figcaption></figure>\n",
+        "<figcaption>{}: means in cells; systematic part {:.4} px; points in {:.0} % of the cells</figcaption></figure>\n",
         Text(heading),
         cells.systematic_px,
         cells.covered * 100.0

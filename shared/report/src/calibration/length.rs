@@ -4,14 +4,14 @@ use super::super::number::signed;
 use super::super::page::{Page, Text};
 use super::super::statistics;
 
-/// One measurement.
+/// Measurement of the length in one pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CheckedLength {
     /// Name of the pose.
     pub pose: String,
     /// Name of the pair.
     pub pair: String,
-    /// Measured length, mm.
+    /// Length measured in the pose, mm.
     pub measured_mm: f64,
     /// Predicted standard uncertainty by calibration and noise, mm.
     pub u_mm: f64,
@@ -20,13 +20,13 @@ pub struct CheckedLength {
 /// A length and how it was measured all over the volume.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LengthCheck {
-    /// Its two points.
+    /// Names of its two points.
     pub name: String,
-    /// Certified value, mm.
+    /// Certified value of the length, mm.
     pub certified_mm: f64,
     /// Its standard uncertainty, mm.
     pub u_certified_mm: f64,
-    /// Whether the rig did not know the poses in which it measured.
+    /// Whether the poses measured were left out of the calibration.
     pub held_out: bool,
     /// Each measurement; at least one.
     pub rows: Vec<CheckedLength>,
@@ -35,9 +35,9 @@ pub struct LengthCheck {
 /// Statistics of the deviations measured − certified.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LengthSummary {
-    /// Measurements.
+    /// Number of measurements.
     pub count: usize,
-    /// Mean deviation, mm.
+    /// Mean deviation from the certified value, mm.
     pub mean_mm: f64,
     /// Sample standard deviation (n − 1), mm; 0 of one.
     pub sd_mm: f64,
@@ -121,9 +121,9 @@ pub fn section(page: &mut Page, checks: &[LengthCheck]) {
     page.put(format_args!("</tbody></table></div>\n"));
     for check in checks {
         let known = if check.held_out {
-            "by rigs that do not know the pose"
+            "by rigs calibrated without the pose"
         } else {
-            "by the rig that knows the pose"
+            "by the rig calibrated with the pose"
         };
         page.small(&format!(
             "{}: measured in each pose by each pair, {known}. Result: {}.",

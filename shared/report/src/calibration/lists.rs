@@ -1,9 +1,9 @@
-//! What was rejected or left out, and what the words mean.
+//! Points and images that were rejected, and the definitions.
 
 use super::super::page::{Page, Text};
 use super::CalibrationReport;
 
-/// More rows than this tell no more.
+/// Largest number of rows of a list.
 const LISTED: usize = 30;
 
 /// The sections at the end.
@@ -54,7 +54,7 @@ fn outliers(page: &mut Page, report: &CalibrationReport<'_>) {
 }
 
 fn definitions(page: &mut Page) {
-    page.section("What the words mean");
+    page.section("Definitions");
     page.put(format_args!("<dl class=\"terms\">\n"));
     for (term, meaning) in [
         (

@@ -17,7 +17,7 @@ const COARSE: MapGrid = MapGrid { across: 16, planes: 3 };
 /// How a plane of the volume is shown.
 #[derive(Clone, Copy)]
 struct Flat {
-    /// Width over height.
+    /// Ratio of width to height.
     ratio: f64,
     /// Whether y and z point the other way, so that z points to the devices.
     turned: bool,
@@ -40,7 +40,7 @@ pub fn section(page: &mut Page, report: &CalibrationReport<'_>) -> Result<(), Re
     page.section("Predicted uncertainty over the working volume");
     page.small(&format!(
         "The volume is the box about all poses of the target, {:.0} × {:.0} × {:.0} mm; axes as in the drawings of the cell. Standard \
-         uncertainties (k = 1) by the calibration alone, on three planes; grey: not seen, or no room. Places where no pose was, mostly the \
+         uncertainties (k = 1) by the calibration alone, on three planes; grey: not seen, or outside of the volume. Places where no pose was, mostly the \
          corners, are known worst: measure away from them, or add poses there.",
         half.x, half.y, half.z
     ));
@@ -71,7 +71,7 @@ pub fn section(page: &mut Page, report: &CalibrationReport<'_>) -> Result<(), Re
     group(page, &title, &bars, 1e3, flat)?;
     if report.pairs.is_empty() {
         page.small(
-            "No pair is defined, so nothing is said about points and distances; name one with --pair.",
+            "No pair is defined, so uncertainties of points and distances are not predicted; define one with --pair.",
         );
     }
     page.end_section();

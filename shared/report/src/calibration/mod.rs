@@ -1,4 +1,4 @@
-//! The calibration report: what the rig is worth, in words and pictures that a customer understands.
+//! The calibration report: quality of the rig, in text and diagrams for its user.
 //!
 //! Like the measurement report it is one HTML file without scripts and without a clock.
 
@@ -23,14 +23,14 @@ mod summary;
 
 pub use length::{CheckedLength, LengthCheck, LengthSummary};
 
-/// What the report says.
+/// Content of the report.
 #[derive(Debug, Clone)]
 pub struct CalibrationReport<'a> {
     /// Name of the rig.
     pub rig: String,
     /// Lines of the header: label and text (target, software, files with their hashes).
     pub details: Vec<(String, String)>,
-    /// The adjustment.
+    /// Result of the adjustment.
     pub calibration: &'a Calibration,
     /// What it was given.
     pub observations: &'a Observations,
@@ -48,7 +48,7 @@ pub struct CalibrationReport<'a> {
     pub held_out_how: &'a str,
     /// Two halves of the poses, or why they were not compared.
     pub cross: Result<&'a CrossValidation, &'a str>,
-    /// Certified lengths.
+    /// Certified lengths compared with measured ones.
     pub lengths: &'a [LengthCheck],
     /// Pictures and views that were left out, a line each.
     pub notes: &'a [String],
@@ -68,7 +68,7 @@ impl CalibrationReport<'_> {
     }
 }
 
-/// "camera", "projector".
+/// Kind of a device as text: "camera" or "projector".
 fn kind(kind: DeviceKind) -> &'static str {
     match kind {
         DeviceKind::Camera => "camera",

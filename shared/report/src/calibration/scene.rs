@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
 use super::super::number::round_up;
 use super::super::page::{Page, Text};
+use super::super::svg::{self, Anchor};
 use super::CalibrationReport;
 
 const WIDTH: f64 = 520.0;
@@ -35,7 +36,7 @@ struct Shape {
     label: Option<String>,
 }
 
-/// The section.
+/// Writes the section with cameras, projectors and poses.
 pub fn section(page: &mut Page, report: &CalibrationReport<'_>) {
     let Some(volume) = report.calibration.volume() else { return };
     let shapes = shapes(report, &volume);
@@ -141,10 +142,8 @@ fn draw(page: &mut Page, shapes: &[Shape], side: &Side) {
     };
     let mut order: Vec<&Shape> = shapes.iter().collect();
     order.sort_by(|a, b| depth(b).total_cmp(&depth(a)));
-    page.put(format_args!(
-        "<figure><svg class=\"framed\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" aria-label=\"cell, {}\">\n",
-        Text(side.name)
-    ));
+    page.put(format_args!("<figure>"));
+    svg::open(page, "framed", [WIDTH, HEIGHT], &format!("cell, {}", side.name));
     for shape in order {
         page.put(format_args!("<path d=\""));
         for (i, point) in shape.points.iter().enumerate() {
@@ -161,41 +160,13 @@ fn draw(page: &mut Page, shapes: &[Shape], side: &Side) {
             x += at[0] / 4.0;
             y = y.min(at[1]);
         }
-        page.put(format_args!(
-            "<text x=\"{x:.1}\" y=\"{:.1}\" font-size=\"15\" font-weight=\"600\" text-anchor=\"middle\" stroke=\"#fff\" stroke-width=\"3\" \
-             paint-order=\"stroke\">{}</text>\n",
-            y - 6.0,
-            Text(label)
-        ));
+        let halo = "font-weight=\"600\" stroke=\"#fff\" stroke-width=\"3\" paint-order=\"stroke\"";
+        svg::styled_text(page, [x, y - 6.0], 15.0, Anchor::Middle, halo, label);
     }
-    furniture(page, side, scale);
-    page.put(format_args!("</svg><figcaption>{}</figcaption></figure>\n", Text(side.name)));
-}
-
-/// Scale bar and axes.
-fn furniture(page: &mut Page, side: &Side, scale: f64) {
     let bar_mm = round_up(60.0 / scale);
-    let base = HEIGHT - 14.0;
-    page.put(format_args!(
-        "<path d=\"M14 {0:.1}v6H{1:.1}v-6\" fill=\"none\" stroke=\"#1f2933\" stroke-width=\"1.6\"/><text x=\"14\" y=\"{2:.1}\" \
-         font-size=\"14\">{bar_mm} mm</text>\n",
-        base - 4.0,
-        14.0 + bar_mm * scale,
-        base - 10.0
-    ));
-    let (x, y) = (WIDTH - 48.0, HEIGHT - 42.0);
-    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-        let unit = Vector3::from_fn(|i, _| if i == axis { 1.0 } else { 0.0 });
-        let (right, down) = (unit.dot(&side.axes[0]), unit.dot(&side.axes[1]));
-        if right * right + down * down > 0.01 {
-            page.put(format_args!(
-                "<path d=\"M{x} {y}L{:.1} {:.1}\" stroke=\"#1f2933\" stroke-width=\"1.6\"/><text x=\"{:.1}\" y=\"{:.1}\" \
-                 font-size=\"13\" text-anchor=\"middle\">{name}</text>\n",
-                x + 26.0 * right,
-                y + 26.0 * down,
-                x + 36.0 * right,
-                y + 36.0 * down + 4.0
-            ));
-        }
-    }
+    svg::scale_bar(page, [14.0, HEIGHT - 12.0], bar_mm * scale, 14.0, &format!("{bar_mm} mm"));
+    let axes = [0, 1, 2].map(|axis| [side.axes[0][axis], side.axes[1][axis]]);
+    svg::triad(page, [WIDTH - 48.0, HEIGHT - 42.0], axes, 13.0);
+    svg::close(page);
+    page.put(format_args!("<figcaption>{}</figcaption></figure>\n", Text(side.name)));
 }

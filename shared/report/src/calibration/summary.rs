@@ -1,4 +1,4 @@
-//! The table at the top: each figure in plain words, what a good value is, and whether this one is.
+//! The table at the top: each figure with its meaning, the range of good values, and its rating.
 
 use characterise::calibration::{CalibratedDevice, DeviceKind};
 
@@ -16,7 +16,7 @@ fn judge(value: f64, good: f64, bad: f64) -> Mark {
     }
 }
 
-/// The word at the end of a row.
+/// Rating at the end of a row.
 #[derive(Clone, Copy)]
 enum Mark {
     Good,
@@ -36,7 +36,7 @@ impl Mark {
     }
 }
 
-/// One row.
+/// One row of the summary.
 struct Figure {
     name: &'static str,
     words: &'static str,
@@ -45,10 +45,10 @@ struct Figure {
     mark: Mark,
 }
 
-/// The section.
+/// Writes the summary section.
 pub fn section(page: &mut Page, report: &CalibrationReport<'_>) {
     let figures = figures(report);
-    page.section("What the figures say");
+    page.section("Summary");
     page.put(format_args!("<p>{}</p>\n", Text(&overall(&figures))));
     page.put(format_args!(
         "<div class=\"scroll\"><table><thead><tr><th>Figure</th><th>This rig</th><th>A good value</th><th></th></tr></thead><tbody>\n"
@@ -74,7 +74,7 @@ fn overall(figures: &[Figure]) -> String {
     };
     let (bad, look) = (names("not good"), names("look closer"));
     match (bad.is_empty(), look.is_empty()) {
-        (true, true) => "All figures that can be judged are good.".to_owned(),
+        (true, true) => "All evaluated figures are good.".to_owned(),
         (true, false) => format!("The rig can be used; look closer at: {}.", look.join("; ")),
         (false, _) => {
             let more = if look.is_empty() {
@@ -206,7 +206,7 @@ fn between_poses(report: &CalibrationReport<'_>) -> Figure {
         words: "How far focal lengths and principal points move when groups of poses are left out (jackknife), over what the \
                 stated uncertainties say. What the points of a pose have in common, as a board that bends, makes it large.",
         value,
-        good: "0.5 to 1.7; beyond 2.5 go by the uncertainty between poses",
+        good: "0.5 to 1.7; beyond 2.5 use the uncertainty between poses",
         mark,
     }
 }
@@ -294,7 +294,7 @@ fn rejected(report: &CalibrationReport<'_>) -> Figure {
     let share = outliers as f64 / points.max(1) as f64;
     Figure {
         name: "Points rejected",
-        words: "Points so far off that noise cannot explain them; they have no say. Each is listed below.",
+        words: "Points whose deviation noise cannot explain; they were not used. Each is listed below.",
         value: format!("{} of {} ({:.2} %)", count(outliers as u64), count(points as u64), share * 100.0),
         good: "below 0.5 %",
         mark: judge(share, 0.005, 0.03),

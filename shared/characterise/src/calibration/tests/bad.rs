@@ -3,7 +3,7 @@
 use super::super::model::rotation;
 use super::super::start::remedy;
 use super::super::*;
-use super::synthetic::{World, board, sight};
+use super::synthetic::{World, board, image_point};
 use fringe::synthetic::Noise;
 use nalgebra::{Isometry3, Vector3};
 
@@ -20,12 +20,12 @@ fn wrong_points_are_found_and_no_others() {
     let mut noise = Noise(9);
     let mut wrong = Vec::new();
     for number in (0..observations.views.len()).step_by(3) {
-        let count = observations.views[number].sights.len();
+        let count = observations.views[number].image_points.len();
         let at = (noise.next_bits() as usize) % count;
         let error = if number % 2 == 0 { 0.2 } else { 25.0 };
-        let sight = &mut observations.views[number].sights[at];
-        sight.pixel.x += error;
-        wrong.push((number, sight.index));
+        let image_point = &mut observations.views[number].image_points[at];
+        image_point.pixel.x += error;
+        wrong.push((number, image_point.index));
     }
     let found = calibrate(&observations, &CalibrationSettings::default()).unwrap();
     let listed: Vec<(usize, usize)> = found.outliers.iter().map(|o| (o.view, o.index)).collect();
@@ -36,15 +36,15 @@ fn wrong_points_are_found_and_no_others() {
 fn a_view_of_another_board_is_rejected_as_a_whole() {
     let world = World::new(12);
     let mut observations = world.observe(5, 1.0);
-    let other = observations.views[13].sights.clone();
+    let other = observations.views[13].image_points.clone();
     let view = &mut observations.views[7];
     // The points of another pose and device.
-    for (sight, wrong) in view.sights.iter_mut().zip(other) {
-        sight.pixel = wrong.pixel;
+    for (image_point, wrong) in view.image_points.iter_mut().zip(other) {
+        image_point.pixel = wrong.pixel;
     }
     let found = calibrate(&observations, &CalibrationSettings::default()).unwrap();
     assert!(found.outliers.iter().all(|o| o.view == 7));
-    assert_eq!(found.outliers.len(), observations.views[7].sights.len());
+    assert_eq!(found.outliers.len(), observations.views[7].image_points.len());
 }
 
 #[test]
@@ -60,8 +60,8 @@ fn boards_read_the_other_way_round_are_turned_back() {
         view.may_be_turned = view.device != 2;
         if view.may_be_turned && noise.next_bits().is_multiple_of(2) {
             turned.push(number);
-            for sight in &mut view.sights {
-                sight.index = 87 - sight.index;
+            for image_point in &mut view.image_points {
+                image_point.index = 87 - image_point.index;
             }
         }
     }
@@ -88,8 +88,8 @@ fn boards_without_any_mark_are_made_consistent() {
     for view in &mut observations.views {
         view.may_be_turned = true;
         if noise.next_bits().is_multiple_of(2) {
-            for sight in &mut view.sights {
-                sight.index = 87 - sight.index;
+            for image_point in &mut view.image_points {
+                image_point.index = 87 - image_point.index;
             }
         }
     }
@@ -151,9 +151,9 @@ fn faulty_input_is_refused_without_a_panic() {
         |o| o.devices[1].width_px = 0,
         |o| o.views[0].device = 99,
         |o| o.views[0].pose = 99,
-        |o| o.views[0].sights[0].index = 88,
-        |o| o.views[0].sights[0].pixel.x = f64::NAN,
-        |o| o.views[0].sights[0].covariance_px2.m12 = 1.0,
+        |o| o.views[0].image_points[0].index = 88,
+        |o| o.views[0].image_points[0].pixel.x = f64::NAN,
+        |o| o.views[0].image_points[0].covariance_px2.m12 = 1.0,
         |o| o.target_mm[5].z = 30.0,
     ];
     for (number, fault) in breaks.iter().enumerate() {
@@ -162,7 +162,7 @@ fn faulty_input_is_refused_without_a_panic() {
         assert!(calibrate(&observations, &CalibrationSettings::default()).is_err(), "fault {number}");
     }
     let mut twice = good.clone();
-    twice.views[0].sights.push(sight(0, 1.0, 1.0));
+    twice.views[0].image_points.push(image_point(0, 1.0, 1.0));
     assert!(calibrate(&twice, &CalibrationSettings::default()).is_err());
     let settings = CalibrationSettings { outlier_limit: f64::NAN, ..Default::default() };
     assert!(calibrate(&good, &settings).is_err());

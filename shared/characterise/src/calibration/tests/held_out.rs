@@ -65,7 +65,7 @@ fn held_out_views_that_are_read_turned_are_turned_back() {
     for (number, view) in observations.views.iter_mut().enumerate() {
         view.may_be_turned = true;
         if number % 3 == 1 {
-            view.sights.iter_mut().for_each(|s| s.index = last - s.index);
+            view.image_points.iter_mut().for_each(|s| s.index = last - s.index);
         }
     }
     let held = hold_out(&observations, &CalibrationSettings::default(), &in_turn(&observations, 3)).unwrap();

@@ -19,7 +19,7 @@ struct Whole {
 }
 
 fn whole(problem: &Problem, state: &State) -> Whole {
-    let (n, rows) = (problem.unknowns, 2 * problem.sights.len());
+    let (n, rows) = (problem.unknowns, 2 * problem.image_points.len());
     let (mut jacobian, mut residual) = (Dense::zeros(rows, n + 2 * POSE), vec![0.0; rows]);
     let mut covariance = Dense::zeros(rows, rows);
     for view in &problem.views {
@@ -29,18 +29,22 @@ fn whole(problem: &Problem, state: &State) -> Whole {
         let places: Vec<Option<usize>> = own.chain(pose).collect();
         assert_eq!((places.len(), DEVICE + WARP + POSE), (LOCAL, LOCAL));
         for number in view.start..view.end {
-            let sight = &problem.sights[number];
-            let point = problem.board.point(sight.index, &state.shape);
-            let (pixel, local) = eye.rows(&point, problem.board.rise[sight.index]).unwrap();
-            let error = sight.pixel - pixel;
+            let image_point = &problem.image_points[number];
+            let point = problem.board.point(image_point.index, &state.shape);
+            let (pixel, local) = eye.rows(&point, problem.board.rise[image_point.index]).unwrap();
+            let error = image_point.pixel - pixel;
             let mut put = |i: usize, other: usize, block: &Matrix2<f64>| {
                 (0..2).for_each(|j| covariance.set(2 * number + i, 2 * other + j, block[(i, j)]));
             };
             for i in 0..2 {
                 residual[2 * number + i] = error[i];
-                put(i, number, &sight.covariance_px2);
+                put(i, number, &image_point.covariance_px2);
                 if let Some(link) = &problem.links[number] {
-                    put(i, link.sight, &(link.slopes * problem.sights[link.sight].covariance_px2));
+                    put(
+                        i,
+                        link.image_point,
+                        &(link.slopes * problem.image_points[link.image_point].covariance_px2),
+                    );
                 }
                 for (column, value) in places.iter().zip(&local[i]) {
                     if let Some(column) = *column {
@@ -54,8 +58,8 @@ fn whole(problem: &Problem, state: &State) -> Whole {
     for (number, link) in problem.links.iter().enumerate() {
         let Some(link) = link else { continue };
         for (i, j) in (0..4).map(|k| (k / 2, k % 2)) {
-            let value = covariance.at(2 * number + i, 2 * link.sight + j);
-            covariance.set(2 * link.sight + j, 2 * number + i, value);
+            let value = covariance.at(2 * number + i, 2 * link.image_point + j);
+            covariance.set(2 * link.image_point + j, 2 * number + i, value);
         }
     }
     Whole { jacobian, residual, covariance }
@@ -67,27 +71,28 @@ fn linked_sums_are_those_of_the_whole_covariance_matrix() {
     let world = World::new(2);
     let mut observations = world.read_by_cameras(3, 1.0);
     for view in &mut observations.views {
-        view.sights = view.sights.iter().step_by(9).copied().collect();
+        view.image_points = view.image_points.iter().step_by(9).copied().collect();
     }
     let board = Board::new(&observations);
     let shape = Shape { warp_mm: [0.5 * WARP_MM[0], 0.0], offsets_mm: Vec::new() };
     let centre = Translation3::from(board.centre);
     let boards: Vec<_> = world.boards.iter().map(|b| Some(b * centre)).collect();
     let state = State { cameras: world.cameras.clone(), boards, shape };
-    let (mut views, mut sights) = (Vec::new(), Vec::new());
+    let (mut views, mut image_points) = (Vec::new(), Vec::new());
     for view in &observations.views {
-        let start = sights.len();
-        sights.extend(&view.sights);
-        views.push(ViewRange { device: view.device, pose: view.pose, start, end: sights.len() });
+        let start = image_points.len();
+        image_points.extend(&view.image_points);
+        views.push(ViewRange { device: view.device, pose: view.pose, start, end: image_points.len() });
     }
-    let problem = Problem::new(&board, views, sights, columns(&[LensModel::default(); 6], TargetShape::Bent));
+    let problem =
+        Problem::new(&board, views, image_points, columns(&[LensModel::default(); 6], TargetShape::Bent));
     assert!(problem.links.iter().flatten().count() > 20);
     let Whole { jacobian, residual, covariance } = whole(&problem, &state);
     let (n, rows) = (problem.unknowns, residual.len());
     let factor = Factor::new(&covariance).unwrap();
     let transposed = jacobian.transposed();
     let columns: Vec<Vec<f64>> = (0..transposed.rows).map(|c| factor.solve(transposed.row(c))).collect();
-    let sums = problem.normal(&state, &vec![1.0; problem.sights.len()]).unwrap();
+    let sums = problem.normal(&state, &vec![1.0; problem.image_points.len()]).unwrap();
     let cost = dot(&residual, &factor.solve(&residual));
     assert!((sums.cost / cost - 1.0).abs() < 1e-9, "{} beside {cost}", sums.cost);
     assert!((problem.cost(&state, &vec![1.0; rows / 2]) / cost - 1.0).abs() < 1e-9);
@@ -111,12 +116,12 @@ fn linked_sums_are_those_of_the_whole_covariance_matrix() {
 }
 
 /// χ² over seeded trials, and its number of degrees.
-fn scatter(trials: u64, change: impl Fn(&mut Sight)) -> (f64, f64) {
+fn scatter(trials: u64, change: impl Fn(&mut ImagePoint)) -> (f64, f64) {
     let world = World::new(12);
     let (mut sum, mut freedom) = (0.0, 0);
     for seed in 0..trials {
         let mut observations = world.read_by_cameras(3000 + seed, 1.0);
-        observations.views.iter_mut().flat_map(|v| &mut v.sights).for_each(&change);
+        observations.views.iter_mut().flat_map(|v| &mut v.image_points).for_each(&change);
         let found = calibrate(&observations, &CalibrationSettings::default()).unwrap();
         let (square, n) = chi_square(&errors(&world, &found), &found.covariance);
         sum += square;
@@ -131,7 +136,7 @@ fn shared_errors_count_once() {
     let half = |freedom: f64| 1.96 * (2.0 * freedom).sqrt();
     let (sum, freedom) = scatter(12, |_| {});
     assert!((sum - freedom).abs() < half(freedom), "χ² {sum:.0} of {freedom}");
-    let (sum, freedom) = scatter(12, |sight| sight.link = None);
+    let (sum, freedom) = scatter(12, |image_point| image_point.link = None);
     assert!((sum - freedom).abs() > half(freedom), "χ² {sum:.0} of {freedom}");
 }
 
@@ -147,8 +152,9 @@ fn held_out_residuals_of_linked_projectors_are_as_predicted() {
     let whole = calibrate(&observations, &CalibrationSettings::default()).unwrap();
     for (number, device) in whole.devices.iter().enumerate() {
         assert!((0.9..1.1).contains(&device.noise_factor), "{}: {}", device.name, device.noise_factor);
-        let sights = observations.views.iter().filter(|v| v.device == number).flat_map(|v| &v.sights);
-        let variances: Vec<f64> = sights.map(|s| s.covariance_px2.trace()).collect();
+        let image_points =
+            observations.views.iter().filter(|v| v.device == number).flat_map(|v| &v.image_points);
+        let variances: Vec<f64> = image_points.map(|s| s.covariance_px2.trace()).collect();
         let expected = (variances.iter().sum::<f64>() / variances.len() as f64).sqrt();
         assert!((device.rms_reprojection_px / expected - 1.0).abs() < 0.1, "{device:?} beside {expected}");
     }
@@ -159,14 +165,14 @@ fn held_out_residuals_of_linked_projectors_are_as_predicted() {
 fn light_at_a_wrong_corner_is_rejected_with_it() {
     let mut observations = World::new(8).read_by_cameras(6, 1.0);
     let number = observations.views.iter().position(|v| v.device == 4).unwrap();
-    let (sight, pose) = (observations.views[number].sights[30], observations.views[number].pose);
-    let link = sight.link.unwrap();
+    let (image_point, pose) = (observations.views[number].image_points[30], observations.views[number].pose);
+    let link = image_point.link.unwrap();
     let off = nalgebra::Vector2::new(1.5, -1.0);
-    observations.views[number].sights[30].pixel += link.slopes * off;
+    observations.views[number].image_points[30].pixel += link.slopes * off;
     let seen = observations.views.iter_mut().find(|v| (v.device, v.pose) == (link.device, pose)).unwrap();
-    seen.sights.iter_mut().find(|s| s.index == sight.index).unwrap().pixel += off;
+    seen.image_points.iter_mut().find(|s| s.index == image_point.index).unwrap().pixel += off;
     let found = calibrate(&observations, &CalibrationSettings::default()).unwrap();
-    let rejected = found.outliers.iter().filter(|o| o.index == sight.index).count();
+    let rejected = found.outliers.iter().filter(|o| o.index == image_point.index).count();
     assert_eq!((rejected, found.outliers.len()), (2, 2), "{:?}", found.outliers);
 }
 
@@ -176,7 +182,7 @@ fn a_link_to_what_is_no_camera_is_refused() {
     let number = observations.views.iter().position(|v| v.device == 4).unwrap();
     let refused = |change: fn(&mut Link)| {
         let mut wrong = observations.clone();
-        change(wrong.views[number].sights[3].link.as_mut().unwrap());
+        change(wrong.views[number].image_points[3].link.as_mut().unwrap());
         wrong.check().unwrap_err().to_string()
     };
     assert!(refused(|l| l.device = 5).contains("a camera 5"));
@@ -184,8 +190,8 @@ fn a_link_to_what_is_no_camera_is_refused() {
     assert!(refused(|l| l.slopes[(0, 1)] = f64::NAN).contains("point"));
     assert!(refused(|l| l.covariance_px2 = Matrix2::zeros()).contains("point"));
     let mut camera = observations.clone();
-    let link = observations.views[number].sights[3].link;
-    camera.views[0].sights[0].link = link;
+    let link = observations.views[number].image_points[3].link;
+    camera.views[0].image_points[0].link = link;
     assert!(camera.check().is_err());
 }
 
@@ -202,24 +208,25 @@ impl World {
             }
             let reader = 2 * (device - 4);
             let of = |all: &Observations| {
-                all.views.iter().find(|v| (v.device, v.pose) == (reader, pose)).unwrap().sights.clone()
+                all.views.iter().find(|v| (v.device, v.pose) == (reader, pose)).unwrap().image_points.clone()
             };
             let (found, truth) = (of(&observations), of(&exact));
-            let mut sights = Vec::new();
-            for mut sight in exact.views[number].sights.iter().copied() {
-                let at = found.iter().position(|s| s.index == sight.index);
+            let mut image_points = Vec::new();
+            for mut image_point in exact.views[number].image_points.iter().copied() {
+                let at = found.iter().position(|s| s.index == image_point.index);
                 let Some(at) = at else { continue };
-                let slopes = self.slopes([reader, device], pose, sight.index);
+                let slopes = self.slopes([reader, device], pose, image_point.index);
                 let reading = nalgebra::Vector2::new(noise.gauss(), noise.gauss()) * (READING_PX * scale);
-                sight.pixel += slopes * (found[at].pixel - truth[at].pixel) + reading;
+                image_point.pixel += slopes * (found[at].pixel - truth[at].pixel) + reading;
                 let covariance_px2 = Matrix2::identity() * (READING_PX * READING_PX);
-                sight.covariance_px2 =
+                image_point.covariance_px2 =
                     slopes * found[at].covariance_px2 * slopes.transpose() + covariance_px2;
-                sight.covariance_px2 = (sight.covariance_px2 + sight.covariance_px2.transpose()) * 0.5;
-                sight.link = Some(Link { device: reader, slopes, covariance_px2 });
-                sights.push(sight);
+                image_point.covariance_px2 =
+                    (image_point.covariance_px2 + image_point.covariance_px2.transpose()) * 0.5;
+                image_point.link = Some(Link { device: reader, slopes, covariance_px2 });
+                image_points.push(image_point);
             }
-            observations.views[number].sights = sights;
+            observations.views[number].image_points = image_points;
         }
         observations
     }

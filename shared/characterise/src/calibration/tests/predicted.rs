@@ -30,11 +30,11 @@ fn sphere_spacings_scatter_as_predicted() {
         for (a, b) in bars {
             for pair in &PAIRS {
                 let measured = [a, b].map(|end| {
-                    let sight = |d: usize| {
+                    let image_point = |d: usize| {
                         let pixel = world.cameras[d].project(&Point3::from(end)).unwrap();
                         (&found.devices[d].camera, pixel)
                     };
-                    triangulate(sight(pair[0]), sight(pair[1])).unwrap().position_mm
+                    triangulate(image_point(pair[0]), image_point(pair[1])).unwrap().position_mm
                 });
                 let ends = [a, b].map(|end| move_in * Point3::from(end));
                 let u = found.distance_u_mm([(pair, &ends[0]), (pair, &ends[1])]).unwrap();

@@ -1,7 +1,7 @@
 //! Real point lists, with what other software found on them.
 
 use super::super::*;
-use super::synthetic::sight;
+use super::synthetic::image_point;
 use nalgebra::Point3;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/real/");
@@ -31,8 +31,8 @@ fn thirteen_poses(cameras: &[&str]) -> Option<Observations> {
         let pixels = numbers(&format!("calib_points_13pose/{file}"))?;
         for (pose, block) in pixels.chunks_exact(2 * target_mm.len()).enumerate() {
             let seen = block.chunks_exact(2).enumerate().filter(|(_, p)| p[0] >= 0.0);
-            let sights = seen.map(|(index, p)| sight(index, p[0], p[1])).collect();
-            views.push(View { device, pose, sights, may_be_turned: false });
+            let image_points = seen.map(|(index, p)| image_point(index, p[0], p[1])).collect();
+            views.push(View { device, pose, image_points, may_be_turned: false });
         }
     }
     let device = |file: &&str| Device {
@@ -115,8 +115,8 @@ fn the_published_solution_of_seven_views_is_met() {
             let index = target_mm.iter().position(|t| (t - Point3::from_slice(p)).norm() < 1e-9);
             (index, q)
         });
-        let sights = seen.filter_map(|(index, q)| Some(sight(index?, q[0], q[1]))).collect();
-        View { device: 0, pose, sights, may_be_turned: false }
+        let image_points = seen.filter_map(|(index, q)| Some(image_point(index?, q[0], q[1]))).collect();
+        View { device: 0, pose, image_points, may_be_turned: false }
     };
     let views: Vec<View> = (0..views).map(view).collect();
     let device = Device {

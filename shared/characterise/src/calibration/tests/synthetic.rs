@@ -97,7 +97,7 @@ impl World {
         for (pose, board) in self.boards.iter().enumerate() {
             for (device, camera) in self.cameras.iter().enumerate() {
                 let sd = self.noise_px[device];
-                let mut sights = Vec::new();
+                let mut image_points = Vec::new();
                 for index in 0..self.target_mm.len() {
                     let pixel = camera.project(&(board * self.bent(index))).unwrap();
                     let error = Vector2::new(noise.gauss(), noise.gauss()) * (sd * scale);
@@ -107,10 +107,15 @@ impl World {
                         && pixel.y < f64::from(camera.height_px - 1)
                     {
                         let covariance_px2 = Matrix2::identity() * (sd * sd);
-                        sights.push(Sight { index, pixel: pixel + error, covariance_px2, link: None });
+                        image_points.push(ImagePoint {
+                            index,
+                            pixel: pixel + error,
+                            covariance_px2,
+                            link: None,
+                        });
                     }
                 }
-                views.push(View { device, pose, sights, may_be_turned: false });
+                views.push(View { device, pose, image_points, may_be_turned: false });
             }
         }
         Observations {
@@ -134,7 +139,7 @@ pub(super) fn board(noise: &mut Noise, tilt: f64) -> Isometry3<f64> {
     Isometry3::from_parts((at - middle).into(), turned)
 }
 
-/// Whitened-pixel helper for tests that need one sight.
-pub(super) fn sight(index: usize, x: f64, y: f64) -> Sight {
-    Sight { index, pixel: Point2::new(x, y), covariance_px2: Matrix2::identity(), link: None }
+/// Whitened-pixel helper for tests that need one image point.
+pub(super) fn image_point(index: usize, x: f64, y: f64) -> ImagePoint {
+    ImagePoint { index, pixel: Point2::new(x, y), covariance_px2: Matrix2::identity(), link: None }
 }

@@ -23,13 +23,13 @@ impl Noise {
         ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Standard normal (Box–Muller).
+    /// A standard normal value (Box–Muller).
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * fringe::math::ln(1.0 - self.uniform())).sqrt();
         radius * fringe::math::cos(std::f64::consts::TAU * self.uniform())
     }
 
-    /// Uniform direction.
+    /// A uniformly distributed unit vector.
     pub fn direction(&mut self) -> Vector3<f64> {
         let v = Vector3::new(self.normal(), self.normal(), self.normal());
         v / v.norm()
@@ -132,7 +132,7 @@ fn degenerate_inputs_are_named() {
         ("sphere, fraction", sphere(&hole, &greedy).unwrap_err().to_string(), "max_reject_fraction = 0.7"),
         ("sphere, cells", sphere(&hole, &cells).unwrap_err().to_string(), "cluster_mm = -1"),
         ("sphere, diameter", sphere_of_diameter(&tilted, 0.0, &d).unwrap_err().to_string(), "diameter_mm"),
-        ("sphere, noisy plane", sphere(&bumpy, &d).unwrap_err().to_string(), "are they a plane's?"),
+        ("sphere, noisy plane", sphere(&bumpy, &d).unwrap_err().to_string(), "are they points of a plane?"),
         ("fixed, plane", sphere_of_diameter(&tilted, 9.0, &d).unwrap_err().to_string(), "in one plane"),
         ("plane, line", plane(&collinear, &d).unwrap_err().to_string(), "on one line"),
         ("plane, same", plane(&same, &d).unwrap_err().to_string(), "coincide"),

@@ -24,7 +24,7 @@ impl Builtin {
     /// Most arguments that one takes.
     pub const MAX_ARITY: usize = 6;
 
-    /// Number of arguments.
+    /// Number of arguments of the function.
     pub fn arity(self) -> usize {
         match self {
             Self::Atan2 => 2,

@@ -6,7 +6,7 @@
 //! `deg` (rad to °) and `rad` (° to rad), `atan2(y, x)`, and the models of [`super::models`]: `distance(x1, y1, z1, x2,
 //! y2, z2)`, `direction_cosine(…)` and `plane_angle(…)` of six coordinates, `length_at_20(L, alpha, t)`. Angles in rad.
 //!
-//! Own code rather than a library: the libraries at hand call the system's mathematics, whose bits differ between
+//! Own code rather than a library: available libraries call the system's mathematics, whose bits differ between
 //! machines, and evaluate plain numbers only, so that derivatives would need finite differences.
 
 mod function;
@@ -56,75 +56,75 @@ pub struct Expression {
 /// What is wrong with a formula; columns count from 1.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum ExpressionError {
-    /// Nothing there.
+    /// The formula contains no characters but blanks.
     #[error("the formula is empty")]
     Empty,
     /// Longer or deeper than formulas are.
     #[error("the formula is too {what}: {found}, limit {limit}")]
     TooLarge {
-        /// long or deep.
+        /// Which limit is exceeded: `long` or `deep`.
         what: &'static str,
-        /// As found.
+        /// Length or depth of the formula.
         found: usize,
-        /// Largest accepted.
+        /// Largest length or depth accepted.
         limit: usize,
     },
-    /// A sign that the language does not know.
+    /// A character that is not part of the formula language.
     #[error("column {column}: \"{sign}\" is not understood here")]
     Sign {
-        /// Where.
+        /// Column in the formula, from 1.
         column: usize,
-        /// The sign.
+        /// Character that no formula contains.
         sign: char,
     },
     /// Something else should stand there.
     #[error("column {column}: {expected} expected, {found} found")]
     Expected {
-        /// Where.
+        /// Column in the formula, from 1.
         column: usize,
         /// What should stand there.
         expected: &'static str,
-        /// What stands there.
+        /// Text found at the column.
         found: String,
     },
     /// A name without meaning.
     #[error("column {column}: unknown variable \"{name}\"; known: {known}")]
     UnknownName {
-        /// Where.
+        /// Column in the formula, from 1.
         column: usize,
-        /// As written.
+        /// Name as written in the formula.
         name: String,
-        /// All quantities.
+        /// All quantities of the budget, for the message.
         known: String,
     },
     /// A function without meaning.
     #[error("column {column}: unknown function \"{name}\"; known: {known}")]
     UnknownFunction {
-        /// Where.
+        /// Column in the formula, from 1.
         column: usize,
-        /// As written.
+        /// Name as written in the formula.
         name: String,
-        /// All functions.
+        /// All known functions, for the message.
         known: String,
     },
     /// Too few or too many arguments.
     #[error("column {column}: {name} takes {expected} arguments, {found} are given")]
     Arguments {
-        /// Where.
+        /// Column in the formula, from 1.
         column: usize,
-        /// Which function.
+        /// Name of the function.
         name: String,
-        /// By its definition.
+        /// Number of arguments that the function takes.
         expected: usize,
-        /// As written.
+        /// Number of arguments given.
         found: usize,
     },
     /// A quantity that nothing can call.
     #[error("quantity \"{name}\": {problem}")]
     QuantityName {
-        /// As written.
+        /// Symbol as written in the budget.
         name: String,
-        /// What is wrong.
+        /// Why the symbol is invalid.
         problem: &'static str,
     },
 }
@@ -142,12 +142,12 @@ impl Expression {
         Ok(Self { text: text.to_owned(), steps, arity: names.len() })
     }
 
-    /// As written.
+    /// The formula as written.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// Number of quantities.
+    /// Number of quantities that the formula may contain.
     pub fn arity(&self) -> usize {
         self.arity
     }

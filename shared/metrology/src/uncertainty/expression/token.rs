@@ -13,7 +13,7 @@ pub enum Token {
 }
 
 impl Token {
-    /// For a message.
+    /// The token in words, for messages.
     pub fn words(&self) -> String {
         match self {
             Self::Number(value) => format!("number {value}"),

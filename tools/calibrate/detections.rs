@@ -1,11 +1,11 @@
-//! What the cameras saw of the target, and where the projectors' light met it.
+//! Points of the target found in the images of the cameras, and the projector coordinates there.
 
-use super::shots::{Shot, Source, bright_frame};
+use super::target_images::{Source, TargetImage, bright_frame};
 use crate::phase_method::PhaseMethod;
 use crate::pipeline::decode_view;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
-use characterise::calibration::{Device, DeviceKind, Observations, Sight, View, projector_pixel};
+use characterise::calibration::{Device, DeviceKind, ImagePoint, Observations, View, projector_pixel};
 use characterise::target::{
     Ambiguity, DetectedPoint, Detection, TargetError, TargetSettings, TargetSpec, detect,
 };
@@ -16,7 +16,7 @@ use fringe::pattern::{Axis, PatternSet};
 use rayon::prelude::*;
 use std::sync::Mutex;
 
-/// Everything that was found.
+/// All detections, ready for the adjustment.
 #[derive(Default)]
 pub struct Gathered {
     devices: Vec<Device>,
@@ -26,33 +26,33 @@ pub struct Gathered {
     pub lit: Vec<(String, Vec<String>)>,
     /// What was left out, one line each.
     pub notes: Vec<String>,
-    /// Every picture that was looked at.
-    pub shots: Vec<Shot>,
-    /// Pictures in which the target was found.
+    /// Every image that was searched.
+    pub target_images: Vec<TargetImage>,
+    /// Number of images in which the target was found.
     found: usize,
-    /// Pictures in which it was not, with the reason.
+    /// Images in which it was not found, with the reason.
     refused: Vec<(String, TargetError)>,
 }
 
-/// A picture looked at.
-pub struct Look {
+/// The result of searching one image.
+pub struct SearchedImage {
     /// Where it comes from, for messages.
     pub place: String,
-    /// Columns and rows.
+    /// Columns and rows of the image, px.
     pub size_px: (u32, u32),
-    /// What was found.
+    /// The detected target, or why there is none.
     pub found: Result<Detection, TargetError>,
-    /// Where to read it again.
+    /// Where the image is read from again.
     pub source: Source,
 }
 
-/// Looks at a picture.
-pub fn look(frame: &Frame, target: &TargetSpec, place: String, source: Source) -> Look {
+/// Searches an image for the target.
+pub fn search(frame: &Frame, target: &TargetSpec, place: String, source: Source) -> SearchedImage {
     let found = detect(&frame.view(), target, &TargetSettings::default());
-    Look { place, size_px: (frame.width_px, frame.height_px), found, source }
+    SearchedImage { place, size_px: (frame.width_px, frame.height_px), found, source }
 }
 
-/// Work on all items at once, with a bar; the results come in the order of the items, whatever the threads do.
+/// Processes all items in parallel with a progress bar; the results have the order of the items.
 pub fn for_all<'a, T: Sync, R: Send>(
     what: &'static str,
     items: &'a [T],
@@ -70,7 +70,7 @@ pub fn for_all<'a, T: Sync, R: Send>(
 }
 
 impl Gathered {
-    /// As the adjustment takes it.
+    /// The observations for the adjustment.
     pub fn observations(&self, target: &TargetSpec) -> Observations {
         Observations {
             devices: self.devices.clone(),
@@ -92,7 +92,7 @@ impl Gathered {
             let known = &self.devices[index];
             if (known.width_px, known.height_px) != (width_px, height_px) {
                 bail!(
-                    "\"{name}\" has {width_px} × {height_px} px here and {} × {} px in an earlier pose: one size for all",
+                    "\"{name}\" has {width_px} × {height_px} px here and {} × {} px in an earlier pose; use one size for all",
                     known.width_px,
                     known.height_px
                 );
@@ -104,11 +104,17 @@ impl Gathered {
     }
 
     /// Takes what a look found; a refusal becomes a note.
-    pub fn take(&mut self, look: Look, device: usize, pose: usize) -> Option<Detection> {
-        // A camera that found nothing by the light of one projector is asked again by that of the next.
-        self.shots.retain(|s| (s.device, s.pose) != (device, pose));
+    pub fn take(&mut self, look: SearchedImage, device: usize, pose: usize) -> Option<Detection> {
+        // A camera that found nothing under one projector is searched again under the next.
+        self.target_images.retain(|s| (s.device, s.pose) != (device, pose));
         let why = look.found.as_ref().err().map(ToString::to_string);
-        self.shots.push(Shot { place: look.place.clone(), device, pose, why, source: look.source });
+        self.target_images.push(TargetImage {
+            place: look.place.clone(),
+            device,
+            pose,
+            why,
+            source: look.source,
+        });
         match look.found {
             Ok(detection) => {
                 self.found += 1;
@@ -136,10 +142,10 @@ impl Gathered {
         let telling = self.refused.iter().rev().max_by_key(|(_, error)| seen(error));
         match telling {
             Some((place, error)) if self.found == 0 => {
-                bail!("none of {total} pictures can be used; {place}: {error}")
+                bail!("none of {total} images can be used; {place}: {error}")
             }
             Some((place, error)) if larger > self.found => {
-                bail!("{larger} of {total} pictures show a larger target; {place}: {error}")
+                bail!("{larger} of {total} images show a larger target; {place}: {error}")
             }
             _ => Ok(()),
         }
@@ -158,10 +164,10 @@ impl Gathered {
 
     /// Adds a camera's view.
     pub fn add(&mut self, device: usize, pose: usize, detection: &Detection) {
-        let sights = detection
+        let image_points = detection
             .points
             .iter()
-            .map(|p| Sight {
+            .map(|p| ImagePoint {
                 index: index(detection, p.index),
                 pixel: p.pixel,
                 covariance_px2: p.covariance_px2,
@@ -169,7 +175,7 @@ impl Gathered {
             })
             .collect();
         let may_be_turned = detection.ambiguity != Ambiguity::None;
-        self.views.push(View { device, pose, sights, may_be_turned });
+        self.views.push(View { device, pose, image_points, may_be_turned });
     }
 }
 
@@ -201,15 +207,15 @@ pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered>
         }
     }
     let read = for_all("reading projectors", &lamps, Lamp::read);
-    for (lamp, sights) in lamps.iter().zip(read) {
-        all.add_projector(lamp, sights?)?;
+    for (lamp, image_points) in lamps.iter().zip(read) {
+        all.add_projector(lamp, image_points?)?;
     }
     Ok(all)
 }
 
 /// Each camera in the light of the first projector that shows it the target.
-fn look_around<'a>(recording: &'a Recording, target: &TargetSpec) -> Result<Vec<(&'a str, Look)>> {
-    let mut looks: Vec<(&str, Look)> = Vec::new();
+fn look_around<'a>(recording: &'a Recording, target: &TargetSpec) -> Result<Vec<(&'a str, SearchedImage)>> {
+    let mut looks: Vec<(&str, SearchedImage)> = Vec::new();
     for projector in &recording.projectors {
         for camera in &projector.cameras {
             let name = camera.name.as_str();
@@ -219,7 +225,7 @@ fn look_around<'a>(recording: &'a Recording, target: &TargetSpec) -> Result<Vec<
             let place = format!("{}: camera \"{name}\"", recording.folder.display());
             let source = Source::Recorded(Box::new((recording.clone(), projector.clone(), camera.clone())));
             let frame = bright_frame(recording, projector, camera)?;
-            looks.push((name, look(&frame, target, place, source)));
+            looks.push((name, search(&frame, target, place, source)));
         }
     }
     Ok(looks)
@@ -234,7 +240,7 @@ impl Gathered {
     }
 }
 
-/// A projector with both fringe directions, and the camera that tells where its light met the target's points.
+/// A projector with both fringe directions, and the camera in which its coordinates are read at the target's points.
 struct Lamp<'a> {
     recording: &'a Recording,
     projector: &'a RecordedProjector,
@@ -246,7 +252,7 @@ struct Lamp<'a> {
 }
 
 impl<'a> Lamp<'a> {
-    /// One camera is enough, and two would tell the same light twice: the one that saw most points. `None` without.
+    /// One camera is enough, two would count the same information twice: the one that found most points; `None` without any.
     fn new(
         recording: &'a Recording,
         projector: &'a RecordedProjector,
@@ -273,7 +279,7 @@ impl<'a> Lamp<'a> {
     }
 
     /// Its pixels at the target's points; `None` where the sequence has no phase along both axes.
-    fn read(&self) -> Result<Option<Vec<Sight>>> {
+    fn read(&self) -> Result<Option<Vec<ImagePoint>>> {
         let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
         let view = decode_view(
             self.recording,
@@ -284,21 +290,21 @@ impl<'a> Lamp<'a> {
         )?;
         let Some((x, y)) = view.map(Axis::X).zip(view.map(Axis::Y)) else { return Ok(None) };
         let detection = &self.detection;
-        let sight = |point: &DetectedPoint| {
+        let image_point = |point: &DetectedPoint| {
             let radius_px = pitch_px(detection, point.index)?;
             let read = projector_pixel(&x.view(), &y.view(), point.pixel, radius_px)?;
-            Some(read.sight(index(detection, point.index), self.device, &point.covariance_px2))
+            Some(read.image_point(index(detection, point.index), self.device, &point.covariance_px2))
         };
-        Ok(Some(detection.points.iter().filter_map(sight).collect()))
+        Ok(Some(detection.points.iter().filter_map(image_point).collect()))
     }
 }
 
 impl Gathered {
-    fn add_projector(&mut self, lamp: &Lamp, sights: Option<Vec<Sight>>) -> Result<()> {
-        let Some(sights) = sights else { return Ok(()) };
+    fn add_projector(&mut self, lamp: &Lamp, image_points: Option<Vec<ImagePoint>>) -> Result<()> {
+        let Some(image_points) = image_points else { return Ok(()) };
         let (projector, place) = (lamp.projector, lamp.recording.folder.display());
-        if sights.len() < 6 {
-            let (name, count) = (&projector.name, sights.len());
+        if image_points.len() < 6 {
+            let (name, count) = (&projector.name, image_points.len());
             self.notes
                 .push(format!("{place}: projector \"{name}\" lights {count} points of the target; left out"));
             return Ok(());
@@ -306,7 +312,7 @@ impl Gathered {
         let (width, height) = (projector.width_px, projector.height_px);
         let device = self.device(&projector.name, DeviceKind::Projector, width, height)?;
         let may_be_turned = lamp.detection.ambiguity != Ambiguity::None;
-        self.views.push(View { device, pose: lamp.pose, sights, may_be_turned });
+        self.views.push(View { device, pose: lamp.pose, image_points, may_be_turned });
         Ok(())
     }
 }

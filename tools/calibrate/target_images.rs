@@ -1,4 +1,4 @@
-//! The pictures that were looked at, to be read again when they are drawn: kept in memory they would be gigabytes.
+//! The images that were searched for the target; they are read again when drawn, since all of them would not fit into memory.
 
 use anyhow::Result;
 use files::recording::{RecordedCamera, RecordedProjector, Recording};
@@ -7,30 +7,30 @@ use fringe::pattern::PatternSet;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
-/// A picture of a camera, whether it shows the target or not.
-pub struct Shot {
+/// An image of a camera, whether the target was found in it or not.
+pub struct TargetImage {
     /// File, or recording and camera.
     pub place: String,
-    /// Camera.
+    /// Index of the camera.
     pub device: usize,
-    /// Pose.
+    /// Index of the pose.
     pub pose: usize,
-    /// Why there is no target in it.
+    /// Why no target was found; `None` where it was.
     pub why: Option<String>,
-    /// Where it is.
+    /// Where the image is read from.
     pub source: Source,
 }
 
-/// Where a picture is.
+/// Where an image is stored.
 pub enum Source {
-    /// An image file.
+    /// A single image file.
     File(PathBuf),
     /// The bright frame of a recording.
     Recorded(Box<(Recording, RecordedProjector, RecordedCamera)>),
 }
 
-impl Shot {
-    /// Reads the picture again.
+impl TargetImage {
+    /// Reads the image again.
     pub fn load(&self) -> Result<Frame> {
         match &self.source {
             Source::File(path) => Ok(files::image_file::read_foreign_frame(path, None)?),

@@ -8,7 +8,7 @@ use super::raster::{PictureError, Raster, check_plane};
 /// Small pictures are enlarged by a whole factor to about this width, so that a tenth of a pixel can be seen.
 const WIDTH_PX: usize = 1400;
 
-/// Arrows of residuals.
+/// Colour of the arrows of residuals.
 const ARROW: Rgb = [255, 60, 60];
 
 /// Size of the text below.
@@ -16,7 +16,7 @@ const TEXT: usize = 2;
 
 /// A point of a target in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SightMark {
+pub struct ImagePointMark {
     /// Column and row on the target.
     pub index: (u32, u32),
     /// Where it was seen.
@@ -27,13 +27,13 @@ pub struct SightMark {
     pub rejected: bool,
 }
 
-/// What is drawn.
+/// Content of the drawing.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SightPicture {
+pub struct ImagePointPicture {
     /// The picture; its caption is the first line below.
     pub grey: GreyPicture,
     /// In the order of the target; empty where no target was found.
-    pub marks: Vec<SightMark>,
+    pub marks: Vec<ImagePointMark>,
     /// Length of a drawn arrow over that of the residual.
     pub magnification: f64,
     /// Second line below: number of points and rms, or why there is no target.
@@ -44,7 +44,7 @@ pub struct SightPicture {
 ///
 /// # Errors
 /// A size that does not fit the number of values.
-pub fn sights_png(picture: &SightPicture) -> Result<Vec<u8>, PictureError> {
+pub fn image_points_png(picture: &ImagePointPicture) -> Result<Vec<u8>, PictureError> {
     let grey = &picture.grey;
     let (width, height) = (grey.width_px as usize, grey.height_px as usize);
     check_plane("grey picture", width, height, grey.values.len())?;
@@ -66,7 +66,7 @@ pub fn sights_png(picture: &SightPicture) -> Result<Vec<u8>, PictureError> {
 }
 
 /// The lines below, broken at the width of the picture.
-fn footer(picture: &SightPicture, width: usize) -> Vec<String> {
+fn footer(picture: &ImagePointPicture, width: usize) -> Vec<String> {
     let most = (width.saturating_sub(12) / text_width("0", TEXT)).max(8);
     let mut lines = Vec::new();
     for text in [&picture.grey.caption, &picture.note] {
@@ -85,7 +85,7 @@ fn footer(picture: &SightPicture, width: usize) -> Vec<String> {
     lines
 }
 
-fn draw_marks(raster: &mut Raster, picture: &SightPicture, factor: f64) {
+fn draw_marks(raster: &mut Raster, picture: &ImagePointPicture, factor: f64) {
     // Pixel (0, 0) is a block of factor × factor whose middle is the pixel's.
     let place = |pixel: [f64; 2]| pixel.map(|v| (v + 0.5) * factor - 0.5);
     let rows = picture.marks.iter().map(|m| m.index.1).max().unwrap_or(0) + 1;
@@ -132,14 +132,14 @@ fn arrow(raster: &mut Raster, from: [f64; 2], to: [f64; 2]) {
 mod tests {
     use super::*;
 
-    fn picture() -> SightPicture {
-        let mark = |i: u32| SightMark {
+    fn picture() -> ImagePointPicture {
+        let mark = |i: u32| ImagePointMark {
             index: (i % 3, i / 3),
             pixel: [10.0 + 20.0 * f64::from(i % 3), 10.0 + 15.0 * f64::from(i / 3)],
             error_px: Some([0.1, f64::from(i) * 0.01]),
             rejected: i == 4,
         };
-        SightPicture {
+        ImagePointPicture {
             grey: GreyPicture {
                 caption: "left01.png".into(),
                 width_px: 64,
@@ -154,9 +154,9 @@ mod tests {
 
     #[test]
     fn points_arrows_and_text_are_drawn_and_a_picture_without_points_keeps_its_pixels() {
-        let full = image::load_from_memory(&sights_png(&picture()).unwrap()).unwrap().to_rgb8();
-        let bare = SightPicture { marks: Vec::new(), note: "no target: too dark".into(), ..picture() };
-        let bare = image::load_from_memory(&sights_png(&bare).unwrap()).unwrap().to_rgb8();
+        let full = image::load_from_memory(&image_points_png(&picture()).unwrap()).unwrap().to_rgb8();
+        let bare = ImagePointPicture { marks: Vec::new(), note: "no target: too dark".into(), ..picture() };
+        let bare = image::load_from_memory(&image_points_png(&bare).unwrap()).unwrap().to_rgb8();
         assert_eq!(full.dimensions(), bare.dimensions());
         assert_eq!(full.width(), 512);
         assert!(bare.enumerate_pixels().all(|(_, y, p)| y >= 320 || p.0 == [90; 3]));
@@ -172,8 +172,8 @@ mod tests {
         long.marks[1].error_px = Some([f64::INFINITY, 0.0]);
         let (short, tall) = (footer(&picture(), 512).len(), footer(&long, 512).len());
         assert!(tall > short + 5, "{tall} lines");
-        sights_png(&long).unwrap();
+        image_points_png(&long).unwrap();
         long.grey.values.pop();
-        assert!(sights_png(&long).is_err());
+        assert!(image_points_png(&long).is_err());
     }
 }
