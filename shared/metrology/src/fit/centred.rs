@@ -94,6 +94,15 @@ impl Principal {
         self.extents_mm[0] <= FLAT * self.extents_mm[2]
     }
 
+    /// Refuses points that lie in one plane, which determine no curved surface.
+    pub fn check_spatial(&self, element: &'static str) -> Result<(), FitError> {
+        match (self.coplanar(), self.collinear()) {
+            (false, _) => Ok(()),
+            (true, true) => Err(FitError::Degenerate { element, why: "they lie on one line" }),
+            (true, false) => Err(FitError::Degenerate { element, why: "they lie in one plane" }),
+        }
+    }
+
     /// Whether all points coincide.
     pub fn coincident(&self) -> bool {
         self.extents_mm[2] == 0.0

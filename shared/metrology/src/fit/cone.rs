@@ -134,11 +134,7 @@ impl Model<6> for Cone {
 
 /// Start: for many directions the algebraic cone along them; the best few adjusted.
 fn start(points: &[Vector3<f64>]) -> Result<Cone, FitError> {
-    let principal = Principal::new(points);
-    if principal.coplanar() {
-        let why = if principal.collinear() { "they lie on one line" } else { "they lie in one plane" };
-        return Err(FitError::Degenerate { element: ELEMENT, why });
-    }
+    Principal::new(points).check_spatial(ELEMENT)?;
     let thin = thinned(points);
     let candidates = directions(points).into_iter().filter_map(|d| algebraic(&thin, d));
     best_of(ELEMENT, candidates, &thin).ok_or(FitError::NoConvergence { element: ELEMENT, iterations: 0 })

@@ -97,10 +97,7 @@ pub(super) fn fitted(points: &[Vector3<f64>]) -> Result<Cylinder, FitError> {
 /// Start: for many directions the algebraic circle of the points seen along them; the best few adjusted.
 fn start(points: &[Vector3<f64>]) -> Result<Cylinder, FitError> {
     let principal = Principal::new(points);
-    if principal.coplanar() {
-        let why = if principal.collinear() { "they lie on one line" } else { "they lie in one plane" };
-        return Err(FitError::Degenerate { element: ELEMENT, why });
-    }
+    principal.check_spatial(ELEMENT)?;
     let thin = thinned(points);
     let candidates = directions(points).into_iter().filter_map(|direction| {
         let (point, radius) = algebraic_circle(&thin, &direction)?;

@@ -22,7 +22,7 @@ const LARGEST_U_RATIO: f64 = 1.0 / 3.0;
 /// Points thinner than this part of their extent pass for a plane's (a cap of 12° half angle).
 const FLAT_SHARE: f64 = 0.05;
 
-const FLAT_POINTS: &str = "their curvature does not stand out of their noise; are they a plane's? a wider cap, or a given diameter, helps";
+const FLAT_POINTS: &str = "their curvature does not stand out of their noise; are they points of a plane? a wider cap or a given diameter helps";
 
 /// A sphere fitted to points, with uncertainties.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -223,11 +223,7 @@ pub(super) fn fitted(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
 
 /// Algebraic start: |p|² = 2 c·p + (R² − c²) is linear in c and the bracket.
 fn algebraic(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
-    let principal = Principal::new(points);
-    if principal.coplanar() {
-        let why = if principal.collinear() { "they lie on one line" } else { "they lie in one plane" };
-        return Err(FitError::Degenerate { element: ELEMENT, why });
-    }
+    Principal::new(points).check_spatial(ELEMENT)?;
     let normal: Normal<4> = tree(
         points,
         &|leaf| {

@@ -52,7 +52,7 @@ pub fn torus(points: &[Point3<f64>], settings: &FitSettings) -> Result<TorusFit,
     refuse_flat(ELEMENT, points, &solution.form, settings)?;
     let (model, covariance) = (solution.model, solution.covariance);
     if !(model.tube > 0.0 && model.tube < model.ring) {
-        let why = "the tube would be wider than its ring; are they a sphere's?";
+        let why = "the tube would be wider than its ring; are they points of a sphere?";
         return Err(FitError::Degenerate { element: ELEMENT, why });
     }
     let direction = model.axis.direction;
@@ -118,10 +118,7 @@ impl Model<7> for Torus {
 /// Start: for many directions the algebraic circle of the points seen along them; the best few adjusted.
 fn start(points: &[Vector3<f64>]) -> Result<Torus, FitError> {
     let principal = Principal::new(points);
-    if principal.coplanar() {
-        let why = if principal.collinear() { "they lie on one line" } else { "they lie in one plane" };
-        return Err(FitError::Degenerate { element: ELEMENT, why });
-    }
+    principal.check_spatial(ELEMENT)?;
     let thin = thinned(points);
     let candidates = directions(points).into_iter().filter_map(|direction| {
         let (point, ring) = algebraic_circle(&thin, &direction)?;
