@@ -87,6 +87,7 @@ impl Capture {
         let t_ns = now_ns();
         loan.header_mut().t_ns = t_ns;
         let output = (loan.payload().len(), xxh3_128(loan.payload()));
+        loan.header_mut().set_hash(output.1);
         link.sending(|| loan.send())?;
         let exposed = Trigger { t_ns, camera: self.camera as u32, ..trigger };
         link.sending(|| self.exposed.send(exposed, &[]))?;

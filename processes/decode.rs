@@ -88,6 +88,9 @@ impl Decode {
             )));
         };
         let view = payload::frame(header, message.payload()).map_err(|e| lost(&e))?;
+        payload::check_pixels(header, message.payload()).map_err(|e| {
+            Fault::Cycle(format!("frame {frame:03} of {}: {e}", link.cell.graph.cameras[camera].name))
+        })?;
         let lit = &mut self.lights[light];
         lit.decoder.push(frame, &view).map_err(|e| lost(&e))?;
         lit.t_ns = header.t_ns;

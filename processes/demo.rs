@@ -51,6 +51,7 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         keep: Kept::Hashes,
         cell: Some(args.cell.clone()),
         metrics: None,
+        allow_remote: false,
         serve: false,
         trace: None,
     };

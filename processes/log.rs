@@ -1,5 +1,6 @@
 //! Log messages on standard error; `FRINGECELL_LOG` selects them.
 
+use crate::terminal;
 use std::io::IsTerminal;
 use tracing::level_filters::LevelFilter;
 use tracing_subscriber::EnvFilter;
@@ -18,14 +19,14 @@ pub fn to_stderr(report_errors: bool) {
     let (filter, error) = filter(value.as_deref());
     tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(|| terminal::StderrWriter)
         // Log the duration of each span.
         .with_span_events(FmtSpan::CLOSE)
         .with_ansi(std::io::stderr().is_terminal())
         .without_time()
         .init();
     if let Some(error) = error.filter(|_| report_errors) {
-        eprintln!("warning: {error}");
+        terminal::print_error(&format!("warning: {error}"));
     }
 }
 

@@ -82,13 +82,14 @@ enum Command {
 fn main() -> ExitCode {
     let command = Cli::parse().command;
     log::to_stderr(!matches!(command, Command::Stage(_)));
-    match execute(&command) {
-        Ok(code) => ExitCode::from(code),
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::from(BAD_INPUT)
-        }
+    let result = execute(&command);
+    if let Err(error) = &result {
+        terminal::print_error(&format!("error: {error:#}"));
+    } else if let Some(error) = terminal::output_error() {
+        terminal::print_error(&format!("error: standard output: {error}"));
+        return ExitCode::from(BAD_INPUT);
     }
+    ExitCode::from(result.unwrap_or(BAD_INPUT))
 }
 
 fn execute(command: &Command) -> Result<u8> {

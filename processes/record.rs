@@ -67,6 +67,7 @@ impl Record {
             )));
         };
         let view = payload::frame(header, message.payload()).map_err(|e| lost(&e))?;
+        payload::check_pixels(header, message.payload()).map_err(|e| lost(&e))?;
         open.writer
             .write(&projector.name, &camera.name, header.frame as usize, &view)
             .map_err(|e| lost(&e))?;

@@ -52,6 +52,9 @@ pub struct RunArgs {
     /// Serve metrics for Prometheus at this address, for example 127.0.0.1:9464; port 0: any free port.
     #[arg(long, value_name = "ADDRESS:PORT")]
     pub metrics: Option<SocketAddr>,
+    /// Allow --metrics at an address that other machines can reach.
+    #[arg(long, requires = "metrics")]
+    pub allow_remote: bool,
 }
 
 /// Runs a cell. If the truth is given, features are compared with it.
@@ -73,15 +76,16 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     ipc::cell::CellName::new(&cell.name)?;
     let written = [("--cycle-record", args.cycle_record.as_deref()), ("--trace", args.trace.as_deref())];
     check_outputs(&written, &cell.config.paths(), None)?;
+    check_address(args)?;
     kernels::rehearse(&cell)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;
     }
     if (cell.schedule.in_flight as u32) < cell.config.schedule.cycles_in_flight {
-        eprintln!(
+        terminal::print_error(&format!(
             "note: with --keep {} one cycle is in flight at a time, so that the record of each is complete",
             args.keep
-        );
+        ));
     }
     let interrupted = Arc::new(AtomicBool::new(false));
     let options = RunOptions {
@@ -140,6 +144,18 @@ fn write_files(
     }
 }
 
+/// Refuses an address that other machines can reach, unless that is wanted: metrics tell rate and verdicts of production.
+fn check_address(args: &RunArgs) -> Result<()> {
+    match args.metrics {
+        Some(address) if !address.ip().is_loopback() && !args.allow_remote => {
+            bail!(
+                "--metrics {address}: other machines can reach this address; add --allow-remote, or use 127.0.0.1"
+            )
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Whether standard output is the only output of an unbounded run: then the run stops when it closes.
 fn needs_stdout(args: &RunArgs, options: &RunOptions) -> bool {
     !options.serve
@@ -182,7 +198,7 @@ fn print_tables(cell: &Cell, results: &[CycleResult], truth: Option<&Truth>) {
 
 fn exit_code(summary: &Summary, options: &RunOptions) -> u8 {
     if let Some(reason) = &summary.gave_up {
-        eprintln!("error: the cell gave up: {reason}");
+        terminal::print_error(&format!("error: the cell gave up: {reason}"));
         return 1;
     }
     if options.serve {
@@ -191,5 +207,5 @@ fn exit_code(summary: &Summary, options: &RunOptions) -> u8 {
     }
     // Stopping an unbounded run is no failure, although it ends the last cycle.
     let stopped = u64::from(summary.stopped && options.cycles.is_none());
-    u8::from(summary.not_ok > stopped || summary.not_pass > 0)
+    u8::from(summary.not_ok > stopped || summary.not_pass > 0 || summary.not_run > 0)
 }

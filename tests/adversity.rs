@@ -1,7 +1,8 @@
 //! A machine that is in the way: no memory, no room, nobody who reads, somebody else's cell beside.
 
-use crate::running::{Cell, PATIENCE, children, pid_of, poke, results, signal, text, wait};
+use crate::running::{Cell, PATIENCE, children, json, not_run, pid_of, poke, results, signal, text, wait};
 use std::io::{BufRead, BufReader};
+use std::os::unix::fs::FileExt;
 use std::process::{Command, Output, Stdio};
 use std::time::Instant;
 
@@ -73,7 +74,7 @@ fn a_stage_that_finds_no_memory_makes_the_cell_give_up_with_its_last_words() {
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("the cell gave up: stage decode/cam1 failed 2 times within 60 s"), "{said}");
     println!("{said}");
-    assert_eq!(results(&cell.out()).len(), 9, "every requested cycle has an outcome");
+    assert_eq!(results(&cell.out()).len() + not_run(&output), 9, "every requested cycle is accounted for");
     assert_eq!(cell.left(), Vec::<String>::new());
 }
 
@@ -87,6 +88,81 @@ fn a_reader_that_goes_away_does_not_stop_a_run_of_so_many_cycles() {
     let output = wait(run);
     assert_eq!((output.status.code(), text(&output.stderr).as_str()), (Some(0), ""));
     assert_eq!(results(&cell.out()).len(), 3);
+}
+
+/// Proves: a frame whose bytes another process changes in shared memory ends its cycle and never becomes a cloud.
+#[test]
+fn a_changed_byte_of_a_frame_in_shared_memory_ends_the_cycle() {
+    let cell = Cell::played("flipped", 0.0, "stage_budget_ms = 60000");
+    let run = cell.program("played.toml", &["--serve"]).spawn().unwrap();
+    let decode = pid_of(&cell.until("ready", |status| status["state"] == "Ready"), "decode/cam1");
+    signal("STOP", decode);
+    let file = cell.small.path("one.json");
+    let trigger = ["trigger", &cell.name, "--part", "1", "--json", &file];
+    let asked = Command::new(programs().0).args(trigger).stdout(Stdio::null()).spawn().unwrap();
+    let frame = image::open(cell.small.path("rec/frames/proj1/cam1/000.png")).unwrap().to_luma8().into_raw();
+    let begin = Instant::now();
+    while !flip_a_byte(&cell, &frame) {
+        assert!(begin.elapsed() < PATIENCE, "the frame is not in shared memory");
+    }
+    signal("CONT", decode);
+    assert_eq!(wait(asked).status.code(), Some(1));
+    let outcome = json(file.as_ref())["outcome"].as_str().unwrap().to_owned();
+    assert_eq!(outcome, "stage decode/cam1: frame 000 of cam1: its pixels were changed in shared memory");
+    let stop = Command::new(programs().0).args(["stop", "--cell", &cell.name]).output().unwrap();
+    assert!(stop.status.success(), "{}", text(&stop.stderr));
+    wait(run);
+}
+
+/// Changes a byte of a frame in the shared memory of a cell, if it is there.
+fn flip_a_byte(cell: &Cell, frame: &[u8]) -> bool {
+    let paths = cell.left().into_iter().map(|name| std::path::Path::new("/dev/shm").join(name));
+    for path in paths.filter(|path| path.is_file()) {
+        let Ok(bytes) = std::fs::read(&path) else { continue };
+        if let Some(at) = bytes.windows(frame.len()).position(|window| window == frame) {
+            let file = std::fs::OpenOptions::new().write(true).open(path).unwrap();
+            let middle = frame.len() / 2;
+            file.write_all_at(&[frame[middle] ^ 1], (at + middle) as u64).unwrap();
+            return true;
+        }
+    }
+    false
+}
+
+/// Proves: output that is lost on a full device is an error with its reason, and neither stops a cell nor panics.
+#[test]
+fn a_full_device_behind_an_output_is_exit_code_2_with_the_reason() {
+    let cell = Cell::played("full", 0.0, "");
+    let full = || Stdio::from(std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap());
+    let (fringecell, fringetool) = programs();
+    let config = cell.small.path("played.toml");
+    for arguments in [&["schedule", &config][..], &["--version"]] {
+        let output = Command::new(fringecell).args(arguments).stdout(full()).output().unwrap();
+        let said = text(&output.stderr);
+        if arguments[0] == "schedule" {
+            assert_eq!(output.status.code(), Some(2), "{said}");
+            assert!(said.contains("standard output: No space left on device"), "{said}");
+        }
+        assert_ne!(output.status.code(), Some(101), "{arguments:?}: {said}");
+    }
+    let rig = cell.small.path("rig.toml");
+    let plan = ["plan-patterns", "--rig", &rig, "--want-u-um", "50"];
+    let output = Command::new(fringetool).args(plan).stdout(full()).output().unwrap();
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("error: stdout: No space left on device"), "{said}");
+    // An error that cannot be told anywhere still has its exit code.
+    let output = Command::new(fringetool)
+        .args(["uncertainty", "no-such-file.toml"])
+        .stdout(full())
+        .stderr(full())
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let run = cell.program("played.toml", &["--cycles", "2"]).stdout(full()).stderr(full()).spawn().unwrap();
+    assert_eq!(wait(run).status.code(), Some(2));
+    assert_eq!(results(&cell.out()).len(), 2, "the cell measures all the same");
+    assert_eq!(cell.left(), Vec::<String>::new());
 }
 
 #[test]

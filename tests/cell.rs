@@ -2,7 +2,7 @@
 //!
 //! Durations are not asserted; every wait has a limit so that a dead lock fails instead of hanging.
 
-use crate::running::{Cell, PATIENCE, is_alive, json, pid_of, results, signal, text, wait};
+use crate::running::{Cell, PATIENCE, is_alive, json, not_run, pid_of, results, signal, text, wait};
 use serde_json::Value;
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -98,13 +98,13 @@ fn a_stage_that_dies_again_and_again_makes_the_cell_give_up_and_say_so() {
     assert_eq!(output.status.code(), Some(1));
     let said = text(&output.stderr);
     assert!(said.contains("the cell gave up: stage fusion failed 2 times within 60 s"), "{said}");
-    assert_eq!(results(&cell.out()).len(), 9, "every requested cycle has an outcome");
+    assert_eq!(results(&cell.out()).len() + not_run(&output), 9, "every requested cycle is accounted for");
 }
 
 #[test]
 fn the_interrupt_key_a_second_supervisor_and_stop() {
     let cell = Cell::played("stop", 20.0, "");
-    for how in ["INT", "TERM", "stop"] {
+    for how in ["INT", "TERM", "QUIT", "HUP", "stop"] {
         let run = cell.program("played.toml", &[]).spawn().unwrap();
         let status = cell.until("running", |status| status["cycle"].is_u64());
         let pid = status["pid"].as_u64().unwrap();
@@ -128,6 +128,30 @@ fn the_interrupt_key_a_second_supervisor_and_stop() {
         let stage = pid_of(&status, "projection");
         assert!(!is_alive(stage), "{how} left a stage");
     }
+}
+
+/// Proves: restarts that an operator requests are no failures, and a stop counts the cycles that are not run in one line.
+#[test]
+fn restarts_by_an_operator_are_no_failures_and_a_stop_counts_what_is_not_run() {
+    let cell = Cell::played("operator", 20.0, "restarts_max = 1");
+    let run = cell.program("played.toml", &["--cycles", "300"]).spawn().unwrap();
+    let program = env!("CARGO_BIN_EXE_fringecell");
+    let fusion = |status: &Value| {
+        status["stages"].as_array().unwrap().iter().find(|s| s["name"] == "fusion").unwrap().clone()
+    };
+    for restarts in 0..6 {
+        cell.until("up", |s| fusion(s)["state"] == "up" && fusion(s)["restarts"] == restarts);
+        let asked = Command::new(program).args(["restart", "fusion", "--cell", &cell.name]).output().unwrap();
+        assert!(asked.status.success(), "{}", text(&asked.stderr));
+    }
+    cell.until("up again", |s| fusion(s)["restarts"] == 6 && s["state"] == "ContinuousExecution");
+    let stop = Command::new(program).args(["stop", "--cell", &cell.name]).output().unwrap();
+    assert!(stop.status.success(), "{}", text(&stop.stderr));
+    let output = wait(run);
+    assert_eq!(output.status.code(), Some(1));
+    let said = text(&output.stdout);
+    assert_eq!(said.matches(" not run: stopped by the operator").count(), 1, "{said}");
+    assert_eq!(results(&cell.out()).len() + not_run(&output), 300);
 }
 
 #[test]

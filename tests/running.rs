@@ -142,6 +142,13 @@ pub fn results(folder: &Path) -> Vec<Value> {
     paths.iter().map(|path| json(path)).collect()
 }
 
+/// Requested cycles that were never started, as the run printed them.
+pub fn not_run(output: &Output) -> usize {
+    let said = text(&output.stdout);
+    let count = |line: &str| line.split_once(" not run: ")?.0.split(' ').next()?.parse().ok();
+    said.lines().find_map(count).unwrap_or(0)
+}
+
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }

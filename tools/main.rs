@@ -37,6 +37,7 @@ mod unwrap;
 mod vdi2634;
 
 use clap::{Parser, Subcommand};
+use std::io::Write as _;
 use std::process::ExitCode;
 
 #[derive(Parser)]
@@ -118,8 +119,23 @@ pub enum Outcome {
     LimitFailed,
 }
 
+/// Makes output that cannot be written an error with its reason: `println!` panics on a full device.
+fn exit_on_lost_output() {
+    let default = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        let text = panic.payload().downcast_ref::<String>();
+        let Some(reason) = text.and_then(|text| text.strip_prefix("failed printing to ")) else {
+            return default(panic);
+        };
+        // Standard error may be the device that is full.
+        let _ = writeln!(std::io::stderr(), "error: {reason}");
+        std::process::exit(2)
+    }));
+}
+
 fn main() -> ExitCode {
     ipc::os::restore_sigpipe();
+    exit_on_lost_output();
     let result = match Cli::parse().command {
         Command::Simulate(args) => simulate::run(&args),
         Command::Decode(args) => decode::run(&args),

@@ -18,6 +18,15 @@ const MAX_REQUEST: usize = 4096;
 /// Clients at once; each one needs a thread.
 const MAX_CLIENTS: usize = 32;
 
+/// Further clients, for one short request each: `status` and `stop` work whatever the other clients do.
+const RESERVED_CLIENTS: usize = 8;
+
+/// Time limit for the request of a client on a reserved place.
+const SHORT_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Pause after a connection that could not be accepted, for instance without free file descriptors.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+
 /// Time limit for the end of a line, for sending an answer, and for an answer of the supervisor. Only an inspection takes as
 /// long as its cycle.
 const TIMEOUT: Duration = Duration::from_secs(10);
@@ -28,40 +37,95 @@ const IDLE_TIMEOUT: Duration = Duration::from_secs(600);
 /// A request with the channel for its answer.
 pub type Call = (Request, Sender<Answer>);
 
+/// Counts of the clients of a socket.
+#[derive(Debug, Default)]
+pub struct Clients {
+    connected: AtomicUsize,
+    unanswered: AtomicUsize,
+}
+
+impl Clients {
+    /// Number of requests that were received and not answered yet.
+    pub fn unanswered(&self) -> usize {
+        self.unanswered.load(Ordering::SeqCst)
+    }
+}
+
+/// Counts up until dropped.
+struct Count<F: Fn(&Clients) -> &AtomicUsize>(Arc<Clients>, F);
+
+impl<F: Fn(&Clients) -> &AtomicUsize> Count<F> {
+    fn new(clients: &Arc<Clients>, of: F) -> Self {
+        of(clients).fetch_add(1, Ordering::SeqCst);
+        Self(Arc::clone(clients), of)
+    }
+}
+
+impl<F: Fn(&Clients) -> &AtomicUsize> Drop for Count<F> {
+    fn drop(&mut self) {
+        (self.1)(&self.0).fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
 /// Listens on a socket and passes requests on.
-pub fn listen(path: &Path, calls: Sender<Call>) -> Result<()> {
+pub fn listen(path: &Path, calls: Sender<Call>) -> Result<Arc<Clients>> {
     let listener = UnixListener::bind(path).with_context(|| format!("listening on {}", path.display()))?;
-    let clients = Arc::new(AtomicUsize::new(0));
-    std::thread::spawn(move || {
-        for stream in listener.incoming().filter_map(Result::ok) {
-            if clients.fetch_add(1, Ordering::SeqCst) >= MAX_CLIENTS {
-                clients.fetch_sub(1, Ordering::SeqCst);
-                // One line fits into the buffer of a new socket; a client may have disconnected.
-                let _ = write(
-                    &stream,
-                    &refused(format!("{MAX_CLIENTS} clients are connected, which is the limit")),
-                );
-                continue;
+    let clients = Arc::new(Clients::default());
+    let counts = Arc::clone(&clients);
+    let accept = move || {
+        for stream in listener.incoming() {
+            match stream {
+                Ok(stream) => accept(Arc::new(stream), &calls, &counts),
+                Err(_) => std::thread::sleep(ACCEPT_PAUSE),
             }
-            let (calls, clients) = (calls.clone(), Arc::clone(&clients));
-            std::thread::spawn(move || {
-                // The client may have disconnected.
-                let _ = serve(&stream, &calls);
-                clients.fetch_sub(1, Ordering::SeqCst);
-            });
         }
-    });
-    Ok(())
+    };
+    std::thread::Builder::new().name("command socket".into()).spawn(accept).context("starting a thread")?;
+    Ok(clients)
+}
+
+/// Serves a client in a thread of its own.
+fn accept(stream: Arc<UnixStream>, calls: &Sender<Call>, clients: &Arc<Clients>) {
+    let place = Count::new(clients, |clients| &clients.connected);
+    let connected = clients.connected.load(Ordering::SeqCst);
+    // One line fits into the buffer of a new socket; a client may have disconnected.
+    let refuse = |stream: &UnixStream, reason: String| drop(write(stream, &refused(reason)));
+    if connected > MAX_CLIENTS + RESERVED_CLIENTS {
+        return refuse(&stream, too_many_clients());
+    }
+    let (calls, counts, served) = (calls.clone(), Arc::clone(clients), Arc::clone(&stream));
+    let serve = move || {
+        let _place = place;
+        // The client may have disconnected.
+        let _ = if connected > MAX_CLIENTS {
+            serve_shortly(&served, &calls, &counts)
+        } else {
+            serve(&served, &calls, &counts)
+        };
+    };
+    if let Err(error) = std::thread::Builder::new().name("client".into()).spawn(serve) {
+        tracing::warn!("a client is refused: {error}");
+        refuse(&stream, format!("the system has no thread for this client: {error}; retry later"));
+    }
+}
+
+fn too_many_clients() -> String {
+    format!(
+        "{MAX_CLIENTS} clients are connected, which is the limit; only status, state, metrics, halt and stop are answered now"
+    )
 }
 
 /// Answers line after line until the client disconnects or sends an invalid line.
-fn serve(stream: &UnixStream, calls: &Sender<Call>) -> Result<()> {
+fn serve(stream: &UnixStream, calls: &Sender<Call>, clients: &Arc<Clients>) -> Result<()> {
     stream.set_write_timeout(Some(TIMEOUT))?;
     let mut reader = BufReader::new(stream);
     loop {
-        match line(&mut reader, stream)? {
+        match line(&mut reader, stream, IDLE_TIMEOUT)? {
             Line::Text(text) if text.iter().all(u8::is_ascii_whitespace) => {}
-            Line::Text(text) => write(stream, &answer(&text, calls)?)?,
+            Line::Text(text) => {
+                let _unanswered = Count::new(clients, |clients| &clients.unanswered);
+                write(stream, &answer(request(&text), calls))?;
+            }
             Line::End => return Ok(()),
             // The following bytes may belong to this line or to a new one.
             Line::Invalid(reason) => return write(stream, &refused(reason)),
@@ -69,17 +133,47 @@ fn serve(stream: &UnixStream, calls: &Sender<Call>) -> Result<()> {
     }
 }
 
-fn answer(text: &[u8], calls: &Sender<Call>) -> Result<Answer> {
-    let request = match serde_json::from_slice::<Request>(text) {
+/// Answers one request that needs no job.
+fn serve_shortly(stream: &UnixStream, calls: &Sender<Call>, clients: &Arc<Clients>) -> Result<()> {
+    stream.set_write_timeout(Some(SHORT_TIMEOUT))?;
+    let text = match line(&mut BufReader::new(stream), stream, SHORT_TIMEOUT)? {
+        Line::Text(text) => text,
+        Line::End => return Ok(()),
+        Line::Invalid(_) => return write(stream, &refused(too_many_clients())),
+    };
+    let _unanswered = Count::new(clients, |clients| &clients.unanswered);
+    let request = request(&text).and_then(|request| match request {
+        Request::Status {}
+        | Request::State {}
+        | Request::Metrics {}
+        | Request::Halt {}
+        | Request::Stop {} => Ok(request),
+        _ => Err(refused(too_many_clients())),
+    });
+    write(stream, &answer(request, calls))
+}
+
+fn request(text: &[u8]) -> Result<Request, Answer> {
+    serde_json::from_slice(text).map_err(|error| refused(format!("not a request: {error}")))
+}
+
+fn answer(request: Result<Request, Answer>, calls: &Sender<Call>) -> Answer {
+    let request = match request {
         Ok(request) => request,
-        Err(error) => return Ok(refused(format!("not a request: {error}"))),
+        Err(answer) => return answer,
     };
     let inspects = matches!(request, Request::Inspect { .. });
     let (reply, answer) = bounded(1);
-    calls.send((request, reply))?;
+    if calls.send((request, reply)).is_err() {
+        return refused(STOPPED.into());
+    }
     // Every cycle has an outcome within its deadline, so this returns.
-    Ok(if inspects { answer.recv()? } else { answer.recv_timeout(TIMEOUT)? })
+    let answer = if inspects { answer.recv().ok() } else { answer.recv_timeout(TIMEOUT).ok() };
+    answer.unwrap_or_else(|| refused(STOPPED.into()))
 }
+
+/// The answer to requests that come too late.
+pub const STOPPED: &str = "the cell has stopped";
 
 fn refused(reason: String) -> Answer {
     Answer::Refused(reason)
@@ -93,18 +187,18 @@ enum Line {
 }
 
 /// Reads a line. The last one needs no line feed. A line that is incomplete for too long or too long is invalid.
-fn line(reader: &mut BufReader<&UnixStream>, stream: &UnixStream) -> Result<Line> {
+fn line(reader: &mut BufReader<&UnixStream>, stream: &UnixStream, idle: Duration) -> Result<Line> {
     let mut text = Vec::new();
     let mut started = Instant::now();
     loop {
-        let limit = if text.is_empty() { IDLE_TIMEOUT } else { TIMEOUT };
+        let limit = if text.is_empty() { idle } else { TIMEOUT.min(idle) };
         let left = limit.saturating_sub(started.elapsed()).max(Duration::from_millis(1));
         stream.set_read_timeout(Some(left))?;
         let chunk = match reader.fill_buf() {
             Ok(chunk) => chunk,
             Err(e) if e.kind() == std::io::ErrorKind::Interrupted => continue,
             Err(_) if text.is_empty() => {
-                return Ok(Line::Invalid("no request for 10 min; connect again".into()));
+                return Ok(Line::Invalid(format!("no request for {} s; connect again", idle.as_secs())));
             }
             Err(_) => {
                 return Ok(Line::Invalid(format!("the line has no end within {} s", TIMEOUT.as_secs())));
@@ -229,26 +323,53 @@ mod tests {
         assert_eq!(line, "{\"refused\":\"a request has at most 4096 bytes\"}\n");
     }
 
+    /// Proves: connected clients lock out neither each other nor a short `status` or `stop`.
     #[test]
-    fn more_clients_than_allowed_are_refused_and_the_others_are_served() {
+    fn more_clients_than_allowed_get_short_requests_answered() {
         let (_folder, path) = cell();
         let clients: Vec<UnixStream> =
             (0..MAX_CLIENTS).map(|_| UnixStream::connect(&path).unwrap()).collect();
-        // Half a line in each: none of them keeps the last one from being served.
+        // Half a line in each: none of them keeps another from being served.
         for mut client in &clients[1..] {
             client.write_all(b"{\"comm").unwrap();
         }
-        assert!(received(&UnixStream::connect(&path).unwrap()).contains("32 clients are connected"));
+        for request in [Request::Status {}, Request::Stop {}] {
+            assert!(matches!(ask(&path, &request).unwrap(), Answer::Done(_)), "{request:?}");
+        }
+        let inspect = Request::Inspect { part: "1".into(), recipe: None };
+        assert!(
+            matches!(ask(&path, &inspect).unwrap(), Answer::Refused(why) if why.contains("32 clients are connected"))
+        );
         (&clients[0]).write_all(b"{\"command\":\"stop\"}\n").unwrap();
         let mut line = String::new();
         BufReader::new(&clients[0]).read_line(&mut line).unwrap();
         assert_eq!(line, "{\"done\":\"Stop\"}\n");
-        drop(clients);
+        let silent: Vec<UnixStream> =
+            (0..RESERVED_CLIENTS).map(|_| UnixStream::connect(&path).unwrap()).collect();
+        assert!(received(&UnixStream::connect(&path).unwrap()).contains("32 clients are connected"));
+        // A silent client on a reserved place loses it soon.
+        assert!(received(&silent[0]).contains("32 clients are connected"));
+        drop((clients, silent));
         let begin = Instant::now();
-        while ask(&path, &Request::Stop {}).is_err()
-            || !matches!(ask(&path, &Request::Stop {}), Ok(Answer::Done(_)))
-        {
+        while !matches!(ask(&path, &inspect), Ok(Answer::Done(_))) {
             assert!(begin.elapsed() < Duration::from_secs(60), "the places are not given back");
         }
+    }
+
+    #[test]
+    fn a_request_to_a_cell_that_has_stopped_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("command");
+        let (calls, requests) = bounded::<Call>(4);
+        let clients = listen(&path, calls).unwrap();
+        let stopping = std::thread::spawn(move || {
+            let call = requests.recv().unwrap();
+            let unanswered = clients.unanswered();
+            drop(call);
+            unanswered
+        });
+        let answer = ask(&path, &Request::Inspect { part: "1".into(), recipe: None }).unwrap();
+        assert_eq!(answer, Answer::Refused(STOPPED.into()));
+        assert_eq!(stopping.join().unwrap(), 1);
     }
 }

@@ -1,7 +1,7 @@
 //! State machine of the cycles: takes the time and an input, returns actions. Pure.
 //!
-//! Every requested cycle gets exactly one outcome, in order, for any order of inputs: complete with all activations and a
-//! result, or ended with a reason. A new cycle starts only when all stages are ready, fewer cycles than planned are in
+//! Every cycle that starts gets exactly one outcome, in order, for any order of inputs: complete with all activations and a
+//! result, or ended with a reason. Requested cycles that a stop prevents are counted once. A new cycle starts only when all stages are ready, fewer cycles than planned are in
 //! flight, and the last one is acquired. Cycles are evaluated one after another.
 
 use super::in_flight::{CycleInFlight, Steps};
@@ -105,7 +105,14 @@ pub enum Action {
         /// Ok, or the reason why not.
         result: Result<(), String>,
     },
-    /// Every requested cycle has its outcome.
+    /// Requested cycles that are never started.
+    NotRun {
+        /// Number of cycles.
+        count: u64,
+        /// The reason.
+        reason: String,
+    },
+    /// Every requested cycle has its outcome or is not run.
     Finished,
 }
 
@@ -312,8 +319,13 @@ impl Cycles {
     fn stop(&mut self, reason: &str, actions: &mut VecDeque<Action>) {
         self.end_all(reason, actions);
         self.conclude(actions);
-        while self.requested.is_some_and(|n| self.next < n) {
-            self.skip(reason, actions);
+        let count = self.requested.map_or(0, |n| n.saturating_sub(self.next));
+        if self.open {
+            // A client waits for the outcome of each of them.
+            (0..count).for_each(|_| self.skip(reason, actions));
+        } else if count > 0 {
+            self.next += count;
+            actions.push_back(Action::NotRun { count, reason: reason.to_owned() });
         }
         self.finished = true;
         actions.push_back(Action::Finished);

@@ -1,5 +1,6 @@
 //! The job controller: connects command socket, control states and cycles.
 
+use super::command_socket::STOPPED;
 use super::protocol::{Answer, RecipeReport, StateReport};
 use crate::control::{Action, Event, Machine, Refusal, State};
 use crossbeam::channel::Sender;
@@ -143,6 +144,13 @@ impl JobController {
             self.job = None;
         }
         action
+    }
+
+    /// Answers the client that waits for a job that will not end any more.
+    pub(super) fn close(&mut self) {
+        if let Some(reply) = self.job.as_mut().and_then(|job| job.reply.take()) {
+            let _ = reply.send(Answer::Refused(STOPPED.into()));
+        }
     }
 
     /// State, job and recipes of the cell.

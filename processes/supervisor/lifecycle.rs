@@ -14,14 +14,40 @@ const MIN_CONNECT_NS: u64 = 5_000_000_000;
 
 impl Supervisor<'_> {
     /// Starts the stages whose start is due.
-    pub(super) fn start_due(&mut self) -> Result<()> {
+    ///
+    /// A start may fail for a moment without memory or processes; it is retried like a failed stage.
+    pub(super) fn start_due(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         let now = now_ns();
-        for child in &mut self.stages {
-            if matches!(child.state, ProcessState::Waiting { until_ns } if until_ns <= now) {
-                child.start(now)?;
+        for stage in 0..self.stages.len() {
+            let child = &mut self.stages[stage];
+            if !matches!(child.state, ProcessState::Waiting { until_ns } if until_ns <= now) {
+                continue;
+            }
+            if let Err(error) = child.start(now) {
+                tracing::warn!("{error:#}");
+                child.ended(now);
+                self.give_up_if_failed(stage, &format!("{error:#}"), each)?;
             }
         }
         Ok(())
+    }
+
+    /// Gives up if a stage has failed too often.
+    fn give_up_if_failed(
+        &mut self,
+        stage: usize,
+        end: &str,
+        each: &mut dyn FnMut(&CycleResult),
+    ) -> Result<()> {
+        let child = &self.stages[stage];
+        if child.state != ProcessState::GaveUp {
+            return Ok(());
+        }
+        let (name, failures) = (&child.name, child.restarts.recent());
+        let window_s = self.cell.config.limits.restart_window_ms / 1000;
+        let reason =
+            format!("stage {name} failed {failures} times within {window_s} s, the last time: {end}");
+        self.give_up(reason, each)
     }
 
     /// Kills stages that exceed a time limit, reaps those that ended, and schedules restarts.
@@ -46,18 +72,11 @@ impl Supervisor<'_> {
             tracing::warn!(stage = child.name, end, "stage ended");
             // Its last message may still be queued. iceoryx2 can release its memory only now that it is reaped.
             self.drain(each)?;
-            self.ports.node.clean_up_dead();
+            self.ports.clean_up_dead()?;
             let child = &mut self.stages[stage];
-            child.failed(now);
-            let gave_up = child.state == ProcessState::GaveUp;
-            let (name, failures) = (child.name.clone(), child.restarts.recent());
+            child.ended(now);
             self.step(Input::Lost { stage, reason: end.clone() }, each)?;
-            if gave_up {
-                let window_s = self.cell.config.limits.restart_window_ms / 1000;
-                let reason =
-                    format!("stage {name} failed {failures} times within {window_s} s, the last time: {end}");
-                self.give_up(reason, each)?;
-            }
+            self.give_up_if_failed(stage, &end, each)?;
         }
         Ok(())
     }
@@ -105,6 +124,7 @@ impl Supervisor<'_> {
             }
             std::thread::sleep(TICK / 4);
         }
-        self.ports.node.clean_up_dead();
+        // A changed segment was reported by the event loop.
+        let _ = self.ports.clean_up_dead();
     }
 }

@@ -125,7 +125,7 @@ fn stages(text: &mut String, status: &Status) {
         ("fringecell_stage_up", "gauge", "1 while the stage is up.", |s| {
             f64::from(u8::from(s.state == "up"))
         }),
-        ("fringecell_stage_restarts_total", "counter", "Failures of the stage.", |s| f64::from(s.restarts)),
+        ("fringecell_stage_restarts_total", "counter", "Restarts of the stage.", |s| f64::from(s.restarts)),
         ("fringecell_stage_activations_total", "counter", "Completed activations.", |s| {
             f64::from(s.total.activations)
         }),

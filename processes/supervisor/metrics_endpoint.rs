@@ -19,6 +19,9 @@ const MAX_HEAD: usize = 8192;
 /// Connections at once; further ones are closed.
 const MAX_CLIENTS: usize = 16;
 
+/// Pause after a connection that could not be accepted, for instance without free file descriptors.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
+
 /// Time limit for a client to send its request, and again to receive the answer.
 const TIMEOUT: Duration = Duration::from_secs(2);
 
@@ -31,21 +34,29 @@ pub fn listen(address: SocketAddr, calls: Sender<Call>) -> Result<SocketAddr> {
         .with_context(|| format!("--metrics {address}: cannot listen on this address"))?;
     let local = listener.local_addr()?;
     let clients = Arc::new(AtomicUsize::new(0));
-    std::thread::spawn(move || {
-        for stream in listener.incoming().filter_map(Result::ok) {
+    let accept = move || {
+        for stream in listener.incoming() {
+            let Ok(stream) = stream else {
+                std::thread::sleep(ACCEPT_PAUSE);
+                continue;
+            };
             if clients.fetch_add(1, Ordering::SeqCst) >= MAX_CLIENTS {
                 clients.fetch_sub(1, Ordering::SeqCst);
                 // Dropped unanswered: an answer could block this thread.
                 continue;
             }
-            let (calls, clients) = (calls.clone(), Arc::clone(&clients));
-            std::thread::spawn(move || {
+            let (calls, served) = (calls.clone(), Arc::clone(&clients));
+            let serve = move || {
                 // The client may have disconnected.
                 let _ = serve(&stream, &calls);
+                served.fetch_sub(1, Ordering::SeqCst);
+            };
+            if std::thread::Builder::new().name("metrics client".into()).spawn(serve).is_err() {
                 clients.fetch_sub(1, Ordering::SeqCst);
-            });
+            }
         }
-    });
+    };
+    std::thread::Builder::new().name("metrics".into()).spawn(accept).context("starting a thread")?;
     Ok(local)
 }
 

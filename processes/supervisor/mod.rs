@@ -27,12 +27,11 @@ pub use setup::RunOptions;
 pub use state::Summary;
 
 use crate::graph::Cell;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use cycle::Input;
 use files::result::CycleResult;
 use state::{Supervisor, TICK};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 /// Runs a cell. `each` is called with the result of every cycle as soon as it is known.
 ///
@@ -40,20 +39,33 @@ use std::sync::atomic::Ordering;
 /// The cell cannot start, or the supervisor itself cannot continue.
 pub fn run(cell: &Cell, options: &RunOptions, each: &mut dyn FnMut(&CycleResult)) -> Result<Summary> {
     let interrupted = Arc::clone(&options.interrupted);
-    let flag = Arc::clone(&interrupted);
-    ctrlc::set_handler(move || flag.store(true, Ordering::SeqCst))
-        .context("handling the termination signals")?;
+    ipc::os::catch_termination().context("handling the termination signals")?;
     privileges::claim(cell);
     let mut supervisor = Supervisor::new(cell, options, interrupted)?;
-    let ended = event_loop(&mut supervisor, each);
+    let ended = without_panic(|| event_loop(&mut supervisor, each));
+    if let Err(error) = &ended {
+        // Every cycle has an outcome, also after an error of the supervisor itself.
+        let reason = format!("the supervisor failed: {error:#}");
+        let _ = without_panic(|| supervisor.step(Input::Stop { reason }, each));
+    }
     supervisor.shut_down();
+    supervisor.answer_remaining();
     ended?;
     Ok(supervisor.summary())
 }
 
+/// Makes a panic an error: stages, files and clients are then left in order.
+fn without_panic(work: impl FnOnce() -> Result<()>) -> Result<()> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message");
+        Err(anyhow!("panic: {text}"))
+    })
+}
+
 fn event_loop(supervisor: &mut Supervisor, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
     while !supervisor.cycles.is_finished() {
-        supervisor.start_due()?;
+        supervisor.start_due(each)?;
         supervisor.drain(each)?;
         supervisor.reap_ended(each)?;
         supervisor.connect(each)?;

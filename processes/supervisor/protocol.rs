@@ -186,7 +186,7 @@ pub struct StageStatus {
     pub pid: Option<u32>,
     /// State of the process: `starting`, `up`, `waiting to restart`, `held` (failed too often) or `ended`.
     pub state: String,
-    /// Number of failures since the start of the cell.
+    /// Number of restarts since the start of the cell, requested ones included.
     pub restarts: u32,
     /// Time since its last message, ms.
     pub silent_ms: u64,

@@ -1,10 +1,11 @@
 //! Handles the requests of people, scripts and gateways.
 
+use super::command_socket::STOPPED;
 use super::cycle::Input;
 use super::metrics;
 use super::protocol::{Answer, Request, SpanRow, Spans, StageStatus, Status};
 use super::stage_process::ProcessState;
-use super::state::Supervisor;
+use super::state::{Supervisor, TICK};
 use crate::control::{Action, Event, State};
 use crate::schedule::label;
 use anyhow::Result;
@@ -12,6 +13,9 @@ use crossbeam::channel::Sender;
 use files::result::CycleResult;
 use ipc::os::now_ns;
 use std::sync::atomic::Ordering;
+
+/// Longest wait at the end of a run until all clients have their answers, ns.
+const LAST_ANSWERS_NS: u64 = 1_000_000_000;
 
 /// Activations in an answer: about ten cycles of a large cell, 1 MB of JSON.
 const MAX_SPANS: usize = 5000;
@@ -22,7 +26,7 @@ const MAX_CYCLES: usize = 1000;
 impl Supervisor<'_> {
     /// Handles a termination signal and all queued requests.
     pub(super) fn handle_requests(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
-        if self.interrupted.load(Ordering::SeqCst) {
+        if self.interrupted.load(Ordering::SeqCst) || ipc::os::is_terminated() {
             self.stop(each)?;
         }
         self.update_control_state();
@@ -46,6 +50,11 @@ impl Supervisor<'_> {
         reply: Sender<Answer>,
         each: &mut dyn FnMut(&CycleResult),
     ) -> Result<()> {
+        if let Some(answer) = self.report(&request) {
+            // The client may have disconnected.
+            let _ = reply.send(answer);
+            return Ok(());
+        }
         let (action, answer) = match request {
             Request::Inspect { part, recipe } => {
                 let action = self.jobs.inspect(part, recipe.as_deref(), reply);
@@ -60,21 +69,47 @@ impl Supervisor<'_> {
             Request::Reset {} => self.jobs.change_state(Event::Reset, "reset"),
             Request::Prepare { recipe } => (Action::None, self.jobs.select(&recipe, true)),
             Request::Unprepare { recipe } => (Action::None, self.jobs.select(&recipe, false)),
-            Request::State {} => (Action::None, Answer::State(self.jobs.report())),
-            Request::Status {} => (Action::None, Answer::Status(Box::new(self.status()))),
-            Request::Metrics {} => {
-                (Action::None, Answer::Metrics(metrics::render(&self.status(), &self.profile)))
-            }
-            Request::Spans {} => (Action::None, Answer::Spans(self.last_spans())),
             Request::Restart { stage } => (Action::None, self.restart(&stage)),
             Request::Stop {} => {
                 self.stop(each)?;
                 (Action::None, Answer::Done("stopping".into()))
             }
+            // Reported above.
+            Request::State {} | Request::Status {} | Request::Metrics {} | Request::Spans {} => return Ok(()),
         };
         // The client may have disconnected.
         let _ = reply.send(answer);
         self.apply(action, each)
+    }
+
+    /// The answer to a request that changes nothing.
+    fn report(&self, request: &Request) -> Option<Answer> {
+        match request {
+            Request::State {} => Some(Answer::State(self.jobs.report())),
+            Request::Status {} => Some(Answer::Status(Box::new(self.status()))),
+            Request::Metrics {} => Some(Answer::Metrics(metrics::render(&self.status(), &self.profile))),
+            Request::Spans {} => Some(Answer::Spans(self.last_spans())),
+            _ => None,
+        }
+    }
+
+    /// Answers the requests that arrived before the end of the run, and waits until their clients have the answers.
+    pub(super) fn answer_remaining(&mut self) {
+        self.jobs.close();
+        let deadline_ns = now_ns().saturating_add(LAST_ANSWERS_NS);
+        loop {
+            while let Ok((request, reply)) = self.requests.try_recv() {
+                let answer = match request {
+                    Request::Stop {} => Answer::Done("stopping".into()),
+                    other => self.report(&other).unwrap_or_else(|| Answer::Refused(STOPPED.into())),
+                };
+                let _ = reply.send(answer);
+            }
+            if self.clients.unanswered() == 0 || now_ns() > deadline_ns {
+                return;
+            }
+            std::thread::sleep(TICK / 20);
+        }
     }
 
     /// Carries out an action of the job controller.
@@ -125,7 +160,7 @@ impl Supervisor<'_> {
                 Answer::Refused(format!("stage \"{name}\" is not running; it waits for its restart"))
             }
             Some(stage) => {
-                self.stages[stage].kill("was restarted by the operator");
+                self.stages[stage].restart();
                 Answer::Done(format!("restarting {name}"))
             }
         }

@@ -56,12 +56,18 @@ impl Restarts {
         Decision::RestartAt(now_ns.saturating_add(pause_ns))
     }
 
+    /// Decides about a restart that an operator requested: it is no failure.
+    pub fn requested(&mut self, now_ns: u64) -> Decision {
+        self.total = self.total.saturating_add(1);
+        Decision::RestartAt(now_ns.saturating_add(FIRST_PAUSE_NS))
+    }
+
     /// Clears the failures of the window, after an operator removed the cause.
     pub fn clear(&mut self) {
         self.recent_ns.clear();
     }
 
-    /// Number of failures since the start of the cell.
+    /// Number of restarts since the start of the cell, requested ones included.
     pub fn total(&self) -> u32 {
         self.total
     }
@@ -98,6 +104,17 @@ mod tests {
             assert!(matches!(restarts.failed(now), Decision::RestartAt(_)), "{i}");
         }
         assert_eq!(restarts.total(), 100);
+    }
+
+    #[test]
+    fn requested_restarts_are_no_failures() {
+        let mut restarts = Restarts::new(Policy { restarts_max: 1, ..POLICY });
+        for _ in 0..100 {
+            assert_eq!(restarts.requested(SECOND), Decision::RestartAt(SECOND + FIRST_PAUSE_NS));
+        }
+        assert_eq!((restarts.total(), restarts.recent()), (100, 0));
+        assert!(matches!(restarts.failed(SECOND), Decision::RestartAt(_)));
+        assert_eq!(restarts.failed(SECOND), Decision::GiveUp);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! A stage as a process: start, kill, reap, exit reason.
 
 use super::restart::{Decision, Policy, Restarts};
+use crate::terminal;
 use anyhow::{Context, Result};
 use ipc::os::now_ns;
 use std::io::{BufRead, BufReader};
@@ -60,6 +61,8 @@ pub struct StageProcess {
     pub last_message_ns: u64,
     /// Reason why the supervisor killed it, if it did.
     pub killed: Option<String>,
+    /// Whether an operator requested the restart.
+    restart_requested: bool,
     /// Reason that it sent before it ended.
     pub final_message: Option<String>,
     child: Option<Child>,
@@ -77,6 +80,7 @@ impl StageProcess {
             restarts: Restarts::new(policy),
             last_message_ns: now_ns(),
             killed: None,
+            restart_requested: false,
             final_message: None,
             child: None,
             stderr: None,
@@ -103,7 +107,15 @@ impl StageProcess {
             .process_group(0)
             .spawn()
             .with_context(|| format!("starting stage {}", self.name))?;
-        self.stderr = child.stderr.take().map(|stderr| StderrReader::start(&self.name, stderr));
+        match child.stderr.take().map(|stderr| StderrReader::start(&self.name, stderr)).transpose() {
+            Ok(stderr) => self.stderr = stderr,
+            Err(error) => {
+                // Unread, its messages would fill the pipe and block it.
+                let _ = child.kill();
+                let _ = child.wait();
+                return Err(error).context("starting the thread that reads its messages");
+            }
+        }
         tracing::info!(stage = self.name, pid = child.id(), "stage started");
         self.child = Some(child);
         self.state = ProcessState::Starting { since_ns: now_ns };
@@ -120,6 +132,12 @@ impl StageProcess {
         }
     }
 
+    /// Kills the process at the request of an operator; its end does not count as a failure.
+    pub fn restart(&mut self) {
+        self.restart_requested = true;
+        self.kill("was restarted by the operator");
+    }
+
     /// Reaps the process if it has ended; returns the reason.
     pub fn reap(&mut self) -> Option<String> {
         let status = self.child.as_mut()?.try_wait().ok()??;
@@ -133,9 +151,13 @@ impl StageProcess {
         self.state = ProcessState::Waiting { until_ns: 0 };
     }
 
-    /// Schedules the restart after an unexpected end, or gives up.
-    pub fn failed(&mut self, now_ns: u64) {
-        self.state = match self.restarts.failed(now_ns) {
+    /// Schedules the restart after the end of the process, or gives up.
+    pub fn ended(&mut self, now_ns: u64) {
+        let decision = match std::mem::take(&mut self.restart_requested) {
+            true => self.restarts.requested(now_ns),
+            false => self.restarts.failed(now_ns),
+        };
+        self.state = match decision {
             Decision::RestartAt(until_ns) => ProcessState::Waiting { until_ns },
             Decision::GiveUp => ProcessState::GaveUp,
         };
@@ -187,16 +209,16 @@ struct StderrReader {
 }
 
 impl StderrReader {
-    fn start(name: &str, stderr: ChildStderr) -> Self {
+    fn start(name: &str, stderr: ChildStderr) -> std::io::Result<Self> {
         let (name, last) = (name.to_owned(), Arc::new(Mutex::new(String::new())));
         let kept = Arc::clone(&last);
-        let thread = std::thread::spawn(move || {
+        let thread = std::thread::Builder::new().spawn(move || {
             for line in BufReader::new(stderr).lines().map_while(Result::ok) {
-                eprintln!("[{name}] {line}");
+                terminal::print_error(&format!("[{name}] {line}"));
                 keep_last(&mut kept.lock().unwrap_or_else(PoisonError::into_inner), &line);
             }
-        });
-        Self { last, thread }
+        })?;
+        Ok(Self { last, thread })
     }
 
     /// The line with the reason why the process ended.

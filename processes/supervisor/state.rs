@@ -1,7 +1,7 @@
 //! State of the supervisor; passes messages and events to the pure modules and carries out their actions.
 
 use super::collect::Collector;
-use super::command_socket::{self, Call};
+use super::command_socket::{self, Call, Clients};
 use super::cycle::{Action, Cycles, Input};
 use super::cycle_recorder::CycleRecorder;
 use super::history::{self, History};
@@ -47,6 +47,8 @@ pub struct Summary {
     pub not_ok: u64,
     /// Cycles with a plan whose verdict is not pass.
     pub not_pass: u64,
+    /// Requested cycles that were never started.
+    pub not_run: u64,
     /// Whether an operator stopped the run.
     pub stopped: bool,
     /// Why the cell gave up, if it did.
@@ -65,7 +67,7 @@ pub struct Summary {
 pub(super) struct Ports {
     _services: Vec<ServiceHandle>,
     pub(super) node: Node,
-    _lock: CellLock,
+    lock: CellLock,
 }
 
 /// The supervisor of a running cell.
@@ -89,6 +91,7 @@ pub(super) struct Supervisor<'a> {
     pub(super) order: Order,
     pub(super) gates: SequenceGates,
     pub(super) requests: Receiver<Call>,
+    pub(super) clients: Arc<Clients>,
     pub(super) interrupted: Arc<AtomicBool>,
     pub(super) history: History,
     pub(super) requested: Option<u64>,
@@ -106,26 +109,41 @@ pub(super) struct Tally {
     pub(super) done: u64,
     pub(super) ok: u64,
     not_pass: u64,
+    /// Requested cycles that were never started.
+    not_run: u64,
     pub(super) stopped: bool,
     pub(super) gave_up: Option<String>,
     /// The last cycle that is not ok, and the reason.
     pub(super) last_failure: Option<(u64, String)>,
 }
 
+impl Ports {
+    /// Releases the shared memory of dead processes.
+    ///
+    /// # Errors
+    /// Another process changed the shared memory: iceoryx2 might not return then.
+    pub(super) fn clean_up_dead(&self) -> Result<(), IpcError> {
+        self.lock.check_segments()?;
+        self.node.clean_up_dead();
+        Ok(())
+    }
+}
+
 impl<'a> Supervisor<'a> {
     /// Creates the shared memory and the ports; no stage runs yet.
     pub(super) fn new(cell: &'a Cell, options: &RunOptions, interrupted: Arc<AtomicBool>) -> Result<Self> {
         let name = CellName::new(&cell.name)?;
-        let lock = CellLock::take(&name)?;
+        let mut lock = CellLock::take(&name)?;
         lock.check_space(cell.schedule.memory_bytes())?;
         let node = Node::join(&name, SUPERVISOR)?;
+        lock.protect_segments()?;
         let mut services =
             cell.schedule.topics.iter().map(|t| setup::create(&node, t)).collect::<Result<Vec<_>, _>>()?;
         for owner in cell.schedule.stages.iter().map(|s| s.name.as_str()).chain([SUPERVISOR]) {
             services.push(node.create_notification(owner)?);
         }
         let (calls, requests) = bounded(QUEUED_CALLS);
-        command_socket::listen(&name.socket(), calls.clone())?;
+        let clients = command_socket::listen(&name.socket(), calls.clone())?;
         if let Some(address) = options.metrics {
             let address = metrics_endpoint::listen(address, calls)?;
             terminal::print_line(&format!("metrics at http://{address}/metrics"));
@@ -151,6 +169,7 @@ impl<'a> Supervisor<'a> {
             gates: SequenceGates::create(&name, order.lanes.len())?,
             order,
             requests,
+            clients,
             interrupted,
             history: History::default(),
             requested: options.cycles,
@@ -158,7 +177,7 @@ impl<'a> Supervisor<'a> {
             was_ready: false,
             jobs: JobController::new(cell.recipes.iter().map(|r| r.name.clone()).collect(), options.serve),
             profile: Profile::new(&names, setup::ns_of_ms(cell.config.limits.cycle_deadline_ms))?,
-            ports: Ports { _services: services, node, _lock: lock },
+            ports: Ports { _services: services, node, lock },
             cell,
         })
     }
@@ -183,6 +202,11 @@ impl<'a> Supervisor<'a> {
                 Action::Abort(cycle) => self.command(Command::Abort, wire(cycle))?,
                 Action::Kill { stage, reason } => self.stages[stage].kill(&reason),
                 Action::Outcome { cycle, result } => self.conclude(cycle, &result, each)?,
+                Action::NotRun { count, reason } => {
+                    self.tally.not_run += count;
+                    let cycles = if count == 1 { "cycle" } else { "cycles" };
+                    terminal::print_line(&format!("{count} {cycles} not run: {reason}"));
+                }
                 Action::Finished => {}
             }
         }
@@ -339,6 +363,7 @@ impl<'a> Supervisor<'a> {
             unrecorded,
             not_ok: self.tally.done - self.tally.ok,
             not_pass: self.tally.not_pass,
+            not_run: self.tally.not_run,
             stopped: self.tally.stopped,
             gave_up: self.tally.gave_up,
             history: self.history,

@@ -29,6 +29,14 @@ pub enum IpcError {
         /// The error of the operating system.
         source: std::io::Error,
     },
+    /// Another user may control a file of the runtime folder or of the shared memory.
+    #[error("{path}: {reason}; it is not used; remove it, or choose another cell name with --cell")]
+    Untrusted {
+        /// Path of the file.
+        path: PathBuf,
+        /// Why it is not trusted.
+        reason: String,
+    },
     /// The buffers of the schedule do not fit in shared memory.
     #[error(
         "/dev/shm has {free_mb} MB free, the buffers of this cell need up to {needed_mb} MB; enlarge it (docker run --shm-size, mount -o remount,size=…) or reduce the image size"
@@ -118,6 +126,9 @@ pub enum MessageError {
         /// Capacity of the payload.
         capacity: u64,
     },
+    /// The pixels are not those that the camera gave.
+    #[error("its pixels were changed in shared memory")]
+    Changed,
     /// The payload is not aligned for its element type.
     #[error("the payload is not aligned for its element type")]
     Alignment,

@@ -133,12 +133,16 @@ impl Header for Trigger {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
 #[repr(C)]
 #[repr(align(64))]
-#[type_name("fringecell.Frame.1")]
+#[type_name("fringecell.Frame.2")]
 pub struct Frame {
     /// Cycle.
     pub cycle: u64,
     /// End of the exposure (monotonic clock), ns.
     pub t_ns: u64,
+    /// Hash of the pixels (xxh3, 128 bits), high half.
+    pub hash_high: u64,
+    /// Low half of the hash.
+    pub hash_low: u64,
     /// Index of the camera.
     pub camera: u32,
     /// Index of the projector that was on.
@@ -153,6 +157,13 @@ pub struct Frame {
     pub bytes_per_px: u32,
     /// Grey value of a saturated pixel, digital numbers.
     pub full_scale_dn: u32,
+}
+
+impl Frame {
+    /// Sets the hash of the pixels (xxh3, 128 bits).
+    pub fn set_hash(&mut self, hash: u128) {
+        (self.hash_high, self.hash_low) = ((hash >> 64) as u64, hash as u64);
+    }
 }
 
 impl Header for Frame {

@@ -19,6 +19,8 @@ pub mod header;
 pub mod os;
 pub mod payload;
 pub mod port;
+mod runtime_folder;
+mod segments;
 pub mod sequence;
 
 pub use error::IpcError;

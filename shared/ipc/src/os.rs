@@ -3,6 +3,7 @@
 
 use std::io;
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The monotonic clock that all processes of a machine share, ns.
 pub fn now_ns() -> u64 {
@@ -218,6 +219,44 @@ pub fn lock_memory() -> io::Result<()> {
         return Err(io::Error::last_os_error());
     }
     Ok(())
+}
+
+/// Set by the termination signals.
+static TERMINATED: AtomicBool = AtomicBool::new(false);
+
+extern "C" fn terminate(_signal: libc::c_int) {
+    TERMINATED.store(true, Ordering::Relaxed);
+}
+
+/// Catches SIGINT, SIGTERM, SIGQUIT and SIGHUP (closed terminal); [`is_terminated`] tells of them. A SIGHUP that is ignored,
+/// as under `nohup`, stays so.
+///
+/// # Errors
+/// The kernel refuses.
+pub fn catch_termination() -> io::Result<()> {
+    for signal in [libc::SIGINT, libc::SIGTERM, libc::SIGQUIT, libc::SIGHUP] {
+        // SAFETY: an all-zero sigaction is a valid value of that plain C struct.
+        let mut action: libc::sigaction = unsafe { std::mem::zeroed() };
+        // SAFETY: a null new action only reads the current one into a valid struct.
+        if unsafe { libc::sigaction(signal, std::ptr::null(), &raw mut action) } != 0 {
+            return Err(io::Error::last_os_error());
+        }
+        if signal == libc::SIGHUP && action.sa_sigaction == libc::SIG_IGN {
+            continue;
+        }
+        action.sa_sigaction = terminate as extern "C" fn(libc::c_int) as libc::sighandler_t;
+        action.sa_flags = libc::SA_RESTART;
+        // SAFETY: the handler only stores to an atomic, which is allowed in a signal handler.
+        if unsafe { libc::sigaction(signal, &raw const action, std::ptr::null_mut()) } != 0 {
+            return Err(io::Error::last_os_error());
+        }
+    }
+    Ok(())
+}
+
+/// Whether a termination signal arrived since [`catch_termination`].
+pub fn is_terminated() -> bool {
+    TERMINATED.load(Ordering::Relaxed)
 }
 
 /// Ignores SIGINT (Ctrl-C): the supervisor stops the stages.

@@ -8,6 +8,7 @@ use crate::header::{Cloud, Frame, Header, Phase};
 use fringe::cloud::Point;
 use fringe::frame::{FrameView, Pixels};
 use fringe::phase::{PhaseView, PhaseViewMut};
+use xxhash_rust::xxh3::xxh3_128;
 
 /// Checks that a payload has the length that its header states.
 ///
@@ -36,6 +37,19 @@ pub fn frame<'a>(header: &Frame, payload: &'a [u8]) -> Result<FrameView<'a>, Mes
         full_scale_dn: header.full_scale_dn as u16,
         pixels,
     })
+}
+
+/// Checks that the pixels are those that the camera gave: nothing has changed them in shared memory.
+///
+/// # Errors
+/// [`MessageError::Changed`].
+pub fn check_pixels(header: &Frame, payload: &[u8]) -> Result<(), MessageError> {
+    let hash = xxh3_128(payload);
+    if (header.hash_high, header.hash_low) == ((hash >> 64) as u64, hash as u64) {
+        Ok(())
+    } else {
+        Err(MessageError::Changed)
+    }
 }
 
 /// A phase map for the matcher.
@@ -151,6 +165,37 @@ mod tests {
         ] {
             assert!(frame(&invalid, &bytes[..16]).is_err(), "{invalid:?}");
         }
+    }
+
+    #[test]
+    fn one_changed_bit_of_a_frame_is_found() {
+        let mut pixels: Vec<u8> = (0..=255).collect();
+        let mut header =
+            Frame { width_px: 16, height_px: 16, bytes_per_px: 1, full_scale_dn: 255, ..Frame::default() };
+        header.set_hash(xxh3_128(&pixels));
+        check_pixels(&header, &pixels).unwrap();
+        for bit in 0..8 * pixels.len() {
+            pixels[bit / 8] ^= 1 << (bit % 8);
+            assert_eq!(check_pixels(&header, &pixels), Err(MessageError::Changed), "{bit}");
+            pixels[bit / 8] ^= 1 << (bit % 8);
+        }
+    }
+
+    #[test]
+    #[ignore = "a measurement: what the check costs"]
+    fn time_of_the_check_of_a_frame() {
+        let pixels = vec![7_u8; 5_000_000];
+        let mut header = Frame::default();
+        header.set_hash(xxh3_128(&pixels));
+        let mut times: Vec<_> = (0..101)
+            .map(|_| {
+                let begin = std::time::Instant::now();
+                check_pixels(&header, std::hint::black_box(&pixels)).unwrap();
+                begin.elapsed()
+            })
+            .collect();
+        times.sort();
+        println!("5 MB: median {:?}, minimum {:?}", times[50], times[0]);
     }
 
     #[test]

@@ -7,12 +7,16 @@
 
 use crate::cell::CellName;
 use crate::error::IpcError;
-use std::fs::{File, OpenOptions};
+use crate::runtime_folder::RuntimeFolder;
+use rustix::fs::OFlags;
+use std::fs::File;
 use std::io;
 use std::os::fd::AsRawFd;
-use std::path::PathBuf;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Name of the file in the runtime folder.
+const FILE: &str = "sequence";
 
 /// A counter with a cache line of its own.
 #[repr(align(64))]
@@ -49,9 +53,9 @@ impl SequenceGates {
     /// # Errors
     /// [`IpcError::File`].
     pub fn create(cell: &CellName, lanes: usize) -> Result<Self, IpcError> {
-        let path = path(cell);
-        let created = OpenOptions::new().read(true).write(true).create(true).truncate(true).open(&path);
-        let file = created.map_err(|source| file_error(cell, "creating", source))?;
+        let folder = RuntimeFolder::open(&cell.folder())?;
+        let flags = OFlags::RDWR | OFlags::CREATE | OFlags::EXCL;
+        let file = folder.open_file(FILE, flags).map_err(|source| file_error(cell, "creating", source))?;
         let resized = file.set_len((lanes * size_of::<Counter>()) as u64);
         resized.map_err(|source| file_error(cell, "resizing", source))?;
         map(&file, lanes).map_err(|source| file_error(cell, "mapping", source))
@@ -62,8 +66,9 @@ impl SequenceGates {
     /// # Errors
     /// [`IpcError::File`], also if the number of lanes differs.
     pub fn open(cell: &CellName, lanes: usize) -> Result<Self, IpcError> {
-        let opened = OpenOptions::new().read(true).write(true).open(path(cell));
-        let file = opened.map_err(|source| file_error(cell, "opening", source))?;
+        let folder = RuntimeFolder::open(&cell.folder())?;
+        let file =
+            folder.open_file(FILE, OFlags::RDWR).map_err(|source| file_error(cell, "opening", source))?;
         let found = file.metadata().map_err(|source| file_error(cell, "reading the size of", source))?.len();
         if found != (lanes * size_of::<Counter>()) as u64 {
             let reason = format!("the file has {found} bytes, which is not the size for {lanes} lanes");
@@ -143,12 +148,8 @@ fn map(file: &File, lanes: usize) -> io::Result<SequenceGates> {
         .ok_or_else(|| io::Error::other("no address"))
 }
 
-fn path(cell: &CellName) -> PathBuf {
-    cell.folder().join("sequence")
-}
-
 fn file_error(cell: &CellName, action: &'static str, source: io::Error) -> IpcError {
-    IpcError::File { path: path(cell), action, source }
+    IpcError::File { path: cell.folder().join(FILE), action, source }
 }
 
 #[cfg(test)]

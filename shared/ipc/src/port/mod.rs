@@ -59,7 +59,8 @@ impl Node {
         let root = cell.folder();
         let root = root.to_str().ok_or_else(|| fail("the folder is not UTF-8".into()))?;
         config.global.set_root_path(&Path::new(root.as_bytes()).map_err(|e| fail(format!("{e:?}")))?);
-        config.global.prefix = FileName::new(cell.prefix().as_bytes()).map_err(|e| fail(format!("{e:?}")))?;
+        config.global.prefix =
+            FileName::new(cell.run_prefix()?.as_bytes()).map_err(|e| fail(format!("{e:?}")))?;
         let node = NodeBuilder::new()
             .name(&NodeName::new(name).map_err(|e| fail(format!("{e:?}")))?)
             .config(&config)
