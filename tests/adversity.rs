@@ -93,7 +93,7 @@ fn a_reader_that_goes_away_does_not_stop_a_run_of_so_many_cycles() {
 /// Proves: a frame whose bytes another process changes in shared memory ends its cycle and never becomes a cloud.
 #[test]
 fn a_changed_byte_of_a_frame_in_shared_memory_ends_the_cycle() {
-    let cell = Cell::played("flipped", 0.0, "stage_budget_ms = 60000");
+    let cell = Cell::played("flipped", 0.0, "cycle_deadline_ms = 100000\nstage_budget_ms = 90000");
     let run = cell.program("played.toml", &["--serve"]).spawn().unwrap();
     let decode = pid_of(&cell.until("ready", |status| status["state"] == "Ready"), "decode/cam1");
     signal("STOP", decode);
@@ -199,7 +199,7 @@ fn real_time_and_locked_memory_are_asked_for_and_not_needed() {
     let said = text(&refused.stderr);
     assert_eq!(refused.status.code(), Some(0), "{said}");
     for key in
-        ["schedule.realtime_priority: the system refuses", "schedule.lock_memory: the system does not let"]
+        ["schedule.realtime_priority: the system refuses", "schedule.lock_memory: the system does not allow"]
     {
         assert!(said.contains(key), "{said}");
     }

@@ -75,7 +75,7 @@ pub fn listen(path: &Path, calls: Sender<Call>) -> Result<Arc<Clients>> {
     let accept = move || {
         for stream in listener.incoming() {
             match stream {
-                Ok(stream) => accept(Arc::new(stream), &calls, &counts),
+                Ok(stream) => accept(&Arc::new(stream), &calls, &counts),
                 Err(_) => std::thread::sleep(ACCEPT_PAUSE),
             }
         }
@@ -85,15 +85,15 @@ pub fn listen(path: &Path, calls: Sender<Call>) -> Result<Arc<Clients>> {
 }
 
 /// Serves a client in a thread of its own.
-fn accept(stream: Arc<UnixStream>, calls: &Sender<Call>, clients: &Arc<Clients>) {
+fn accept(stream: &Arc<UnixStream>, calls: &Sender<Call>, clients: &Arc<Clients>) {
     let place = Count::new(clients, |clients| &clients.connected);
     let connected = clients.connected.load(Ordering::SeqCst);
     // One line fits into the buffer of a new socket; a client may have disconnected.
     let refuse = |stream: &UnixStream, reason: String| drop(write(stream, &refused(reason)));
     if connected > MAX_CLIENTS + RESERVED_CLIENTS {
-        return refuse(&stream, too_many_clients());
+        return refuse(stream, too_many_clients());
     }
-    let (calls, counts, served) = (calls.clone(), Arc::clone(clients), Arc::clone(&stream));
+    let (calls, counts, served) = (calls.clone(), Arc::clone(clients), Arc::clone(stream));
     let serve = move || {
         let _place = place;
         // The client may have disconnected.
@@ -105,7 +105,7 @@ fn accept(stream: Arc<UnixStream>, calls: &Sender<Call>, clients: &Arc<Clients>)
     };
     if let Err(error) = std::thread::Builder::new().name("client".into()).spawn(serve) {
         tracing::warn!("a client is refused: {error}");
-        refuse(&stream, format!("the system has no thread for this client: {error}; retry later"));
+        refuse(stream, format!("the system has no thread for this client: {error}; retry later"));
     }
 }
 

@@ -153,9 +153,10 @@ impl StageProcess {
 
     /// Schedules the restart after the end of the process, or gives up.
     pub fn ended(&mut self, now_ns: u64) {
-        let decision = match std::mem::take(&mut self.restart_requested) {
-            true => self.restarts.requested(now_ns),
-            false => self.restarts.failed(now_ns),
+        let decision = if std::mem::take(&mut self.restart_requested) {
+            self.restarts.requested(now_ns)
+        } else {
+            self.restarts.failed(now_ns)
         };
         self.state = match decision {
             Decision::RestartAt(until_ns) => ProcessState::Waiting { until_ns },

@@ -7,9 +7,9 @@
 //! Every user can create files in `/dev/shm`, so folder and segments are checked before use ([`crate::runtime_folder`],
 //! [`crate::segments`]). The random letters make the names of a run unknown in advance.
 //!
-//! The path of a Unix socket has at most 107 bytes. iceoryx2 names the socket of a notification folder + '/' + prefix + number
-//! + ".event" with a number that grows with the ports of a process (31 digits for the tenth, 36 for the ten-millionth). A cell
-//! name of 32 bytes leaves 12 for the prefix: hence a hash.
+//! The path of a Unix socket has at most 107 bytes. iceoryx2 makes the path of a notification of the folder, '/', the prefix, a
+//! number that grows with the ports of a process (31 digits for the tenth, 36 for the ten-millionth) and ".event". A cell name
+//! of 32 bytes leaves 12 bytes for the prefix: hence a hash.
 
 use crate::error::IpcError;
 use crate::os;
