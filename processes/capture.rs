@@ -1,11 +1,11 @@
 //! The capture process of one camera: exposes on a trigger, straight into shared memory.
 
-use crate::cycle_number::unwire;
-use crate::drivers::{self, Camera, Format};
-use crate::kernels;
-use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, Worker};
 use anyhow::Result;
+use cell::FrameFormat;
+use cell::cycle_number::unwire;
+use cell::schedule::Work;
+use devices::Camera;
 use ipc::IpcError;
 use ipc::header::{Frame, Trigger};
 use ipc::os::now_ns;
@@ -16,7 +16,7 @@ use xxhash_rust::xxh3::xxh3_128;
 struct Light {
     projector: usize,
     frames: usize,
-    format: Format,
+    format: FrameFormat,
     triggers: Inbox<Trigger>,
     next: usize,
 }
@@ -42,7 +42,7 @@ impl Capture {
             Ok(Light {
                 projector,
                 frames: p.frames,
-                format: Format::of(kernels::full_scale_dn(&cell.config, projector, camera)?),
+                format: cell.format(projector, camera)?,
                 triggers: link.inbox(&format!("trigger/{}", p.name))?,
                 next: 0,
             })
@@ -52,7 +52,7 @@ impl Capture {
             width_px: node.width_px,
             height_px: node.height_px,
             lights: lights.collect::<Result<_>>()?,
-            driver: drivers::camera(cell, camera)?,
+            driver: devices::camera(cell, camera)?,
             frames: link.publisher(&format!("frame/{}", node.name))?,
             exposed: link.publisher("exposed")?,
         })

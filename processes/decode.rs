@@ -1,9 +1,9 @@
 //! The decode process of one camera: takes frames as they land, gives absolute phase.
 
-use crate::kernels::decoder;
-use crate::schedule::{Work, label};
 use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::Result;
+use cell::kernels::decoder;
+use cell::schedule::{Work, label};
 use fringe::decode::Decoder;
 use fringe::pattern::Axis;
 use ipc::IpcError;

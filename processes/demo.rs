@@ -1,6 +1,5 @@
 //! `fringecell demo`: runs the cell of `configs/demo.toml`, which is part of the program, and compares with the truth.
 
-use crate::kernels;
 use crate::run::{self, RunArgs};
 use crate::terminal;
 use anyhow::{Context, Result};
@@ -56,7 +55,8 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         trace: None,
     };
     // The truth of the scene is used only here; the stages never read it.
-    let truth = kernels::scene(&files::config::Config::load(&config)?)?.truth().clone();
+    let twin = files::config::Config::load(&config)?.twin.context("the demo has no [twin]")?;
+    let truth = devices::twin_source::scene(&twin.scene)?.truth().clone();
     let code = run::run(&run_args, Some(&truth))?;
     let folder = args.out.canonicalize().unwrap_or_else(|_| args.out.clone());
     terminal::print_line(&format!("files in {}:\n{GUIDE}", folder.display()));

@@ -1,8 +1,8 @@
 //! The fusion process: joins the clouds of all pairs in the world frame.
 
-use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::{Result, ensure};
+use cell::schedule::Work;
 use fringe::cloud::Point;
 use fringe::fusion::Fuser;
 use ipc::IpcError;

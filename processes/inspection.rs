@@ -1,9 +1,9 @@
 //! The inspection process: measures the features of the plan on the fused cloud and judges them.
 
-use crate::judgement::judge;
-use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::Result;
+use cell::judgement::judge;
+use cell::schedule::Work;
 use ipc::IpcError;
 use ipc::header::{Cloud, Outcome};
 use ipc::os::now_ns;

@@ -1,8 +1,8 @@
 //! `fringecell`: measures parts with cameras and projectors, from patterns to a verdict.
 //!
 //! This program is every process of a cell: `run` is the supervisor, which starts the program again for each stage. The
-//! modules named after stages connect topics to algorithms; the algorithms are in `fringe`, shared memory is in `ipc`, file
-//! formats are in `files`.
+//! modules named after stages connect topics to algorithms; what they compute is in `cell`, the algorithms are in `fringe`,
+//! shared memory is in `ipc`, drivers are in `devices`, file formats are in `files`.
 
 #[cfg(feature = "count-allocations")]
 mod allocations;
@@ -27,9 +27,6 @@ mod status;
 mod supervisor;
 mod terminal;
 mod trigger;
-
-// The computation of the stages is in the library, which `fringetool replay` uses as well.
-use flow::{cycle_number, drivers, graph, judgement, kernels, output_check, schedule};
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};

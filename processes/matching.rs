@@ -1,9 +1,9 @@
 //! The matching process of one pair: takes its phases, gives its cloud.
 
-use crate::kernels::{Method, matcher};
-use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::Result;
+use cell::kernels::{Method, matcher};
+use cell::schedule::Work;
 use fringe::cloud::Point;
 use fringe::pattern::Axis;
 use ipc::IpcError;

@@ -2,10 +2,10 @@
 //!
 //! A pattern stands until every camera of its projector has exposed; only then the next one is shown.
 
-use crate::drivers::{self, Projector};
-use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, Worker};
 use anyhow::Result;
+use cell::schedule::Work;
+use devices::Projector;
 use ipc::IpcError;
 use ipc::header::Trigger;
 use ipc::os::now_ns;
@@ -37,7 +37,7 @@ impl Projection {
         let sequence =
             graph.projectors.iter().enumerate().flat_map(|(p, node)| (0..node.frames).map(move |f| (p, f)));
         Ok(Self {
-            driver: drivers::projector(&link.cell),
+            driver: devices::projector(&link.cell),
             triggers,
             exposed: link.inbox("exposed")?,
             sequence: sequence.collect(),

@@ -1,9 +1,9 @@
 //! The record stage: writes the frames of the cameras as a recording.
 
-use crate::cycle_number::unwire;
-use crate::schedule::Work;
 use crate::stage::{Fault, Inbox, Link, Report, StageArgs, Worker, lost};
 use anyhow::{Context, Result};
+use cell::cycle_number::unwire;
+use cell::schedule::Work;
 use files::recording::{ProjectorRecord, RecordingWriter};
 use ipc::IpcError;
 use ipc::header::Frame;

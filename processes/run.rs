@@ -1,14 +1,13 @@
 //! `fringecell run`: runs a cell, writes its files and returns the exit code.
 
-use crate::graph::{self, Cell, Options};
-use crate::kernels;
-use crate::output_check::check_outputs;
 use crate::run_files::{self, RunFiles};
 use crate::supervisor::{self, RunOptions, Summary};
 use crate::terminal;
 use anyhow::{Context, Result, bail};
+use cell::{Cell, Options};
 use files::atomic;
 use files::cycle_record::Kept;
+use files::output_check::check_outputs;
 use files::result::CycleResult;
 use std::collections::VecDeque;
 use std::net::SocketAddr;
@@ -72,12 +71,12 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         record: args.record.is_some(),
         kept: args.keep,
     };
-    let cell = graph::load(&config, &graph_options)?;
+    let cell = devices::load(&config, &graph_options)?;
     ipc::cell::CellName::new(&cell.name)?;
     let written = [("--cycle-record", args.cycle_record.as_deref()), ("--trace", args.trace.as_deref())];
     check_outputs(&written, &cell.config.paths(), None)?;
     check_address(args)?;
-    kernels::rehearse(&cell)?;
+    devices::check(&cell)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;
     }

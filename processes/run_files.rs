@@ -1,12 +1,12 @@
 //! Writes the files of a run: results, cloud, trace and report.
 
-use crate::cycle_number::wire;
-use crate::graph::Cell;
-use crate::schedule::label;
 use crate::supervisor::collect::Span;
 use crate::supervisor::history::History;
 use crate::supervisor::snapshot::Snapshot;
 use anyhow::Result;
+use cell::Cell;
+use cell::cycle_number::wire;
+use cell::schedule::label;
 use files::atomic;
 use files::ply::write_cloud;
 use files::result::{CycleResult, OUTCOME_OK, write_json};
@@ -226,7 +226,7 @@ fn timeline(cell: &Cell, history: &History, cycle: u64) -> Vec<report::Span> {
 }
 
 fn marks(cell: &Cell, history: &History, cycle: u64) -> Vec<Mark> {
-    use crate::schedule::Work;
+    use cell::schedule::Work;
     let ends = |test: fn(&Work) -> bool| {
         let of_cycle = history.spans.iter().filter(|s| s.cycle == cycle);
         let matching =

@@ -5,9 +5,9 @@
 //! activation of its lane are done. If cycles overlap, the chart shows two of them, the second one pale or in lower case; it
 //! does not show how they slow each other down on a shared core.
 
-use crate::graph::Cell;
-use crate::schedule::{Activation, Half, Lane, Order, Schedule, Work, label};
 use anyhow::{Result, ensure};
+use cell::Cell;
+use cell::schedule::{Activation, Half, Lane, Order, Schedule, Work, label};
 use files::result::CycleResult;
 use std::fmt::Write as _;
 

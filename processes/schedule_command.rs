@@ -1,11 +1,11 @@
 //! `fringecell schedule`: shows the schedule of a cycle as tables and as a chart.
 
-use crate::graph::{self, Cell};
-use crate::output_check::check_outputs;
-use crate::schedule::{Half, Schedule, label};
 use crate::schedule_chart::ScheduleChart;
 use anyhow::{Context, Result};
+use cell::schedule::{Half, Schedule, label};
+use cell::{Cell, Options};
 use files::atomic;
+use files::output_check::check_outputs;
 use files::result::read_json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -28,7 +28,7 @@ pub struct ScheduleArgs {
 /// # Errors
 /// The cell cannot be planned, the result is of another cell, or the chart cannot be written.
 pub fn schedule(args: &ScheduleArgs) -> Result<(String, bool)> {
-    let cell = graph::load(&args.config, &graph::Options::default())?;
+    let cell = devices::load(&args.config, &Options::default())?;
     let mut inputs = cell.config.paths();
     inputs.extend(args.result.as_deref());
     check_outputs(&[("--picture", args.picture.as_deref())], &inputs, None)?;

@@ -1,10 +1,10 @@
 //! `fringecell stage`: the process of a stage.
 
-use crate::graph::{self, Cell, Options};
-use crate::schedule::{Half, Kind};
 use crate::stage::{Link, StageArgs, Worker, serve, short_hashes};
 use crate::{capture, decode, fusion, inspection, matching, projection, record};
 use anyhow::{Context, Result, bail, ensure};
+use cell::schedule::{Half, Kind};
+use cell::{Cell, Options};
 use ipc::os;
 
 /// Runs a stage until the supervisor ends it.
@@ -18,7 +18,7 @@ pub fn run(args: &StageArgs) -> Result<()> {
         record: args.record.is_some(),
         kept: args.kept,
     };
-    let cell = graph::load(&args.config, &options)?;
+    let cell = devices::load(&args.config, &options)?;
     check_files(&cell, args)?;
     pin(&cell, args)?;
     claim(&cell, args.kind);

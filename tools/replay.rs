@@ -7,11 +7,11 @@ use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
+use cell::executor::Executor;
+use cell::schedule::{label, output};
+use cell::{Cell, Options};
 use compare::Difference;
 use files::cycle_record::{ActivationName, Ending, Kept, Next, RecordHeader, RecordReader, RecordedCycle};
-use flow::graph::{self, Cell, Options};
-use flow::rerun::Rerun;
-use flow::schedule::{label, output};
 use serde::Serialize;
 use source::Source;
 use std::path::{Path, PathBuf};
@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 fn cell(args: &Args, header: &RecordHeader) -> Result<Cell> {
     let path = args.config.clone().unwrap_or_else(|| PathBuf::from(&header.config));
     let options = Options { cell: Some(header.cell.clone()), kept: header.kept, ..Options::default() };
-    let cell = graph::load(&path, &options).with_context(|| {
+    let cell = devices::load(&path, &options).with_context(|| {
         format!("{}: the configuration of the record; --config names another place", args.record.display())
     })?;
     let recording = cell.config.recording.as_ref().map(|r| r.recording.sha256.clone());
@@ -103,7 +103,7 @@ fn cell(args: &Args, header: &RecordHeader) -> Result<Cell> {
 /// Every recipe of the record must still be the one that was recorded. The configuration is known to be the same, so
 /// names and number are; the files that it names may have been changed.
 fn check_recipes(args: &Args, header: &RecordHeader, cell: &Cell) -> Result<()> {
-    let now = graph::recorded_recipes(cell);
+    let now = cell::recorded_recipes(cell);
     let changed = header.recipes.iter().zip(&now).find(|(recorded, now)| recorded != now);
     let Some((recorded, _)) = changed else { return Ok(()) };
     bail!(
@@ -115,7 +115,7 @@ fn check_recipes(args: &Args, header: &RecordHeader, cell: &Cell) -> Result<()> 
 
 fn names(cell: &Cell) -> Vec<ActivationName> {
     let schedule = &cell.schedule;
-    let name = |a: &flow::schedule::Activation| ActivationName {
+    let name = |a: &cell::schedule::Activation| ActivationName {
         stage: schedule.stages[a.stage].name.clone(),
         label: label(&cell.graph, a.work),
         output: output(&cell.graph, a.work),
@@ -125,7 +125,7 @@ fn names(cell: &Cell) -> Vec<ActivationName> {
 
 fn replay(reader: &mut RecordReader, cell: &Cell) -> Result<Found> {
     let mut found = Found { recorded_by: reader.header.software.clone(), ..Found::default() };
-    let mut rerun = Rerun::new(cell)?;
+    let mut executor = Executor::new(cell)?;
     let mut source = Source::new(cell, reader.header.kept)?;
     let mut progress = Progress::unbounded("replaying");
     let mut next_number = None;
@@ -141,7 +141,7 @@ fn replay(reader: &mut RecordReader, cell: &Cell) -> Result<Found> {
         found.missing.extend(next_number.unwrap_or(number)..number);
         next_number = Some(number + 1);
         found.cycles += 1;
-        again(reader, &cycle, &mut rerun, &mut source, &mut found)?;
+        again(reader, &cycle, &mut executor, &mut source, &mut found)?;
         progress.step();
     }
 }
@@ -150,7 +150,7 @@ fn replay(reader: &mut RecordReader, cell: &Cell) -> Result<Found> {
 fn again(
     reader: &mut RecordReader,
     cycle: &RecordedCycle,
-    rerun: &mut Rerun,
+    executor: &mut Executor,
     source: &mut Source,
     found: &mut Found,
 ) -> Result<()> {
@@ -161,7 +161,7 @@ fn again(
         return Ok(());
     };
     source.load(reader, cycle)?;
-    rerun.begin(cycle.entry.recipe as usize);
+    executor.begin(cycle.entry.recipe as usize);
     for number in 0..=last {
         let recorded = cycle.entry.activations.iter().find(|a| a.activation == number);
         let Some(name) = activations.get(number as usize) else {
@@ -170,14 +170,15 @@ fn again(
                 cycle.entry.cycle
             );
         };
-        let outcome = rerun.step(number as usize, source);
+        let outcome =
+            executor.step(number as usize, source).map_err(|e| format!("{:#}", anyhow::Error::from(e)));
         let Some(recorded) = recorded.filter(|a| a.bytes > 0) else {
             match outcome {
                 Ok(_) => continue,
                 // A stage of the recorded cycle may have failed here as well; if it did not, something follows below.
                 Err(_) if cycle.entry.outcome != files::result::OUTCOME_OK => return Ok(()),
                 Err(error) => {
-                    found.differences.push(Difference::failed(cycle.entry.cycle, name, &error));
+                    found.differences.push(Difference::failed(cycle.entry.cycle, name, error));
                     return Ok(());
                 }
             }
@@ -199,7 +200,7 @@ fn again(
                 ));
             }
             Err(error) => {
-                found.differences.push(Difference::failed(cycle.entry.cycle, name, &error));
+                found.differences.push(Difference::failed(cycle.entry.cycle, name, error));
                 return Ok(());
             }
         }

@@ -8,7 +8,7 @@ use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 
-pub use flow::output_check::check_outputs;
+pub use files::output_check::check_outputs;
 
 /// Writes the result as JSON to a file, or to standard output for `-`.
 pub fn emit<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {

@@ -5,8 +5,8 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::rotation_stage::Axis;
 use anyhow::{Context, Result, anyhow, bail};
+use devices::twin_source;
 use files::config::{Config, ProjectorConfig, TwinConfig};
-use files::error::Problem;
 use files::recording::{ProjectorRecord, RecordingWriter};
 use fringe::frame::{FrameView, Pixels};
 use fringe::pattern::{GreyLevels, PatternSet, frame_count};
@@ -111,7 +111,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 fn settings(args: &Args, config: &Config, twin: &TwinConfig) -> Result<TwinSettings> {
-    let written = written_settings(config, twin)?;
+    let written = twin_source::written_settings(config)?;
     let seed = args.seed.unwrap_or(twin.seed);
     if args.ideal {
         let TwinSettings { position_scatter_mm, angle_scatter_deg, .. } = written;
@@ -131,20 +131,6 @@ fn settings(args: &Args, config: &Config, twin: &TwinConfig) -> Result<TwinSetti
         .check()
         .map_err(|e| anyhow!("--{} {}: must be {}", e.key.replace('_', "-"), e.value, e.limit))?;
     Ok(settings)
-}
-
-/// `[twin.settings]` of a configuration, each value within its range.
-pub fn written_settings(config: &Config, twin: &TwinConfig) -> Result<TwinSettings> {
-    let written: TwinSettings = config.document.typed("twin.settings", twin.settings.clone())?;
-    written.check().map_err(|error| {
-        let problem = Problem::Value { value: error.value.to_string(), limit: error.limit.into() };
-        config.document.fault(
-            &format!("twin.settings.{}", error.key),
-            problem,
-            "change it, or leave it out for the usual value",
-        )
-    })?;
-    Ok(written)
 }
 
 /// Puts a correction on the projector that it names, or on all.
@@ -193,15 +179,8 @@ pub fn load_scene(other: Option<&Path>, config: &TwinConfig) -> Result<Scene> {
         Some(path) => files::config::TextFile::read(path)?,
         None => config.scene.clone(),
     };
-    let folder = scene.path.parent().unwrap_or(Path::new("")).to_owned();
-    Scene::parse(&scene.text, &mut |name| {
-        files::document::read_bytes(&folder.join(name), MOST_MESH_BYTES).map_err(|error| format!("{error:#}"))
-    })
-    .with_context(|| scene.path.display().to_string())
+    Ok(twin_source::scene(&scene)?)
 }
-
-/// A mesh beyond this has some twenty million triangles: more than the twin can trace in sensible time.
-const MOST_MESH_BYTES: u64 = 1 << 30;
 
 /// What an exposure factor of 1 is called in a recording, ms.
 const NOMINAL_MS: f64 = 10.0;

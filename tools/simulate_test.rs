@@ -6,7 +6,7 @@ mod plan;
 use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
-use crate::simulate::{frames, truth_text, write_recording, written_settings};
+use crate::simulate::{frames, truth_text, write_recording};
 use anyhow::{Context, Result, bail};
 use files::config::Config;
 use layout::{Shot, shots};
@@ -50,7 +50,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let Some(twin) = &config.twin else {
         bail!("{}: has no [twin]; simulate-test needs one", args.config.display());
     };
-    let settings = written_settings(&config, twin)?;
+    let settings = devices::twin_source::written_settings(&config)?;
     let settings = TwinSettings { seed: args.seed.unwrap_or(twin.seed), ..settings };
     let shots = shots(args.reduced);
     let mut progress = Progress::new(shots.len() * frames(&config), "simulating");

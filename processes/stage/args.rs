@@ -1,6 +1,6 @@
 //! Arguments that the supervisor passes to a stage.
 
-use crate::schedule::Kind;
+use cell::schedule::Kind;
 use files::cycle_record::Kept;
 use std::path::PathBuf;
 

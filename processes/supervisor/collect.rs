@@ -1,9 +1,9 @@
 //! Collects the reports of the stages into the result of a cycle.
 
 use super::profile;
-use crate::graph::Cell;
-use crate::judgement::Judgement;
-use crate::schedule::{Interval, Schedule, Work, output};
+use cell::Cell;
+use cell::judgement::Judgement;
+use cell::schedule::{Interval, Schedule, Work, output};
 use files::result::{CycleResult, OUTCOME_OK, StageResult};
 use ipc::header::Event;
 use serde_json::{Value, json};

@@ -137,7 +137,7 @@ pub struct Cycles {
 
 impl Cycles {
     /// A machine for `requested` cycles, at most `in_flight` at once. Cycles are numbered from 0 here; people see cycle + 1,
-    /// and so do messages, see [`crate::cycle_number::wire`].
+    /// and so do messages, see [`cell::cycle_number::wire`].
     pub fn new(
         stages: Vec<String>,
         steps: Vec<Step>,

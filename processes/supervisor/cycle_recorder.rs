@@ -3,10 +3,10 @@
 //! The supervisor never waits for the disk. While the disk is too slow, messages stay queued; their senders then wait, as
 //! for any slow receiver.
 
-use crate::cycle_number::wire;
-use crate::graph::{Cell, recorded_recipes};
-use crate::schedule::{Work, label, output};
 use anyhow::{Context, Result, anyhow};
+use cell::cycle_number::wire;
+use cell::schedule::{Work, label, output};
+use cell::{Cell, recorded_recipes};
 use crossbeam::channel::{Receiver, Sender, unbounded};
 use files::cycle_record::{
     ActivationEntry, ActivationName, CycleEntry, Kept, RecordHeader, RecordWriter, ValueKey,

@@ -1,7 +1,7 @@
 //! Exactly one outcome per requested cycle, whatever happens; and the right one where the reason is plain.
 
 use super::*;
-use crate::schedule::Half;
+use cell::schedule::Half;
 use proptest::prelude::*;
 
 const MS: u64 = 1_000_000;

@@ -1,6 +1,6 @@
 //! A cycle in progress: which activations are done, which are runnable. Pure.
 
-use crate::schedule::Half;
+use cell::schedule::Half;
 
 /// An activation as the state machine needs it.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! The supervisor: starts, monitors, restarts and stops the stages, and collects their results.
 //!
-//! Pure modules decide ([`crate::schedule`], [`cycle`], [`restart`]); `state` connects them to messages, processes and the
+//! Pure modules decide ([`cell::schedule`], [`cycle`], [`restart`]); `state` connects them to messages, processes and the
 //! clock. The supervisor never waits for a stage: it checks all of them every 20 ms.
 
 pub mod collect;
@@ -26,8 +26,8 @@ mod state;
 pub use setup::RunOptions;
 pub use state::Summary;
 
-use crate::graph::Cell;
 use anyhow::{Context, Result, anyhow};
+use cell::Cell;
 use cycle::Input;
 use files::result::CycleResult;
 use state::{Supervisor, TICK};

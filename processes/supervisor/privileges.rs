@@ -1,7 +1,7 @@
 //! Real-time priority and locked memory. If the system refuses one, the cell prints why and runs without it.
 
-use crate::graph::Cell;
 use crate::terminal;
+use cell::Cell;
 use ipc::os;
 
 /// Sets the priority of the supervisor above that of the stages, and reports what the stages will not get.

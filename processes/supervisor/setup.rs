@@ -3,11 +3,11 @@
 use super::cycle::{Budgets, Cycles, Step};
 use super::restart::Policy;
 use super::stage_process::StageProcess;
-use crate::graph::Cell;
-use crate::schedule::{Carries, Kind, Order, Stage, Topic, label};
 use crate::stage::short_hashes;
+use cell::Cell;
+use cell::schedule::{Carries, Kind, Order, Stage, Topic, label};
 use ipc::IpcError;
-use ipc::port::{Node, ServiceHandle};
+use ipc::port::{Node, ServiceHandle, TopicSize};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -35,14 +35,16 @@ pub struct RunOptions {
 /// Creates the service of a topic.
 pub(super) fn create(node: &Node, topic: &Topic) -> Result<ServiceHandle, IpcError> {
     use ipc::header;
+    let cell::schedule::TopicSize { publishers, subscribers, buffer, borrowed } = topic.size;
+    let size = TopicSize { publishers, subscribers, buffer, borrowed };
     match topic.carries {
-        Carries::Control => node.create_topic::<header::Control>(&topic.name, topic.size),
-        Carries::Event => node.create_topic::<header::Event>(&topic.name, topic.size),
-        Carries::Trigger => node.create_topic::<header::Trigger>(&topic.name, topic.size),
-        Carries::Frame => node.create_topic::<header::Frame>(&topic.name, topic.size),
-        Carries::Phase => node.create_topic::<header::Phase>(&topic.name, topic.size),
-        Carries::Cloud => node.create_topic::<header::Cloud>(&topic.name, topic.size),
-        Carries::Outcome => node.create_topic::<header::Outcome>(&topic.name, topic.size),
+        Carries::Control => node.create_topic::<header::Control>(&topic.name, size),
+        Carries::Event => node.create_topic::<header::Event>(&topic.name, size),
+        Carries::Trigger => node.create_topic::<header::Trigger>(&topic.name, size),
+        Carries::Frame => node.create_topic::<header::Frame>(&topic.name, size),
+        Carries::Phase => node.create_topic::<header::Phase>(&topic.name, size),
+        Carries::Cloud => node.create_topic::<header::Cloud>(&topic.name, size),
+        Carries::Outcome => node.create_topic::<header::Outcome>(&topic.name, size),
     }
 }
 

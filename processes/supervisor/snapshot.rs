@@ -1,8 +1,8 @@
 //! Data of the last cycle for the report of a run: one image of each camera, the phase maps and the fused cloud. Phase maps
 //! and cloud stay in shared memory; images are copied.
 
-use crate::graph::Cell;
 use anyhow::Result;
+use cell::Cell;
 use fringe::pattern::{PatternSet, locate};
 use ipc::header::{Cloud, Frame, Header, Phase};
 use ipc::payload;

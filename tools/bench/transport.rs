@@ -11,8 +11,8 @@ mod share;
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, ensure};
+use cell::Options;
 use files::trace::read_trace;
-use flow::graph::{self, Options};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -119,7 +119,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 /// Reports the share of the cycles of a run that transport takes.
 fn share_of(trace: &Path, config: &Path, json: Option<&Path>) -> Result<Outcome> {
-    let cell = graph::load(config, &Options::default())?;
+    let cell = devices::load(config, &Options::default())?;
     let share = share::share(&cell, &read_trace(trace)?).with_context(|| trace.display().to_string())?;
     println!(
         "{} cycles; in the median one, from start to outcome: {:.1} ms, of which {} hand-overs take {:.2} ms \

@@ -116,7 +116,7 @@ fn check_files(args: &Args) -> Result<()> {
         ("--picture", args.picture.as_deref()),
         ("--json", args.json.as_deref()),
     ];
-    check_outputs(&outputs, &inputs, None)
+    Ok(check_outputs(&outputs, &inputs, None)?)
 }
 
 /// Pairs of cameras, then cameras with the projector, of all projectors that showed both fringe directions.

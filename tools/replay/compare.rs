@@ -64,7 +64,7 @@ impl Difference {
     }
 
     /// A step that gave something when it was recorded and fails now.
-    pub fn failed(cycle: u64, name: &ActivationName, error: &anyhow::Error) -> Self {
+    pub fn failed(cycle: u64, name: &ActivationName, error: String) -> Self {
         Self {
             cycle,
             stage: name.stage.clone(),
@@ -74,7 +74,7 @@ impl Difference {
             replayed_bytes: None,
             first_byte: None,
             byte: None,
-            error: Some(format!("{error:#}")),
+            error: Some(error),
         }
     }
 }

@@ -1,10 +1,11 @@
 //! The frames of a replay: those in the record, or those that the drivers give again.
 
-use anyhow::{Context, Result, ensure};
+use anyhow::Result;
+use cell::Cell;
+use cell::executor::{Frames, SourceError};
+use cell::schedule::Work;
+use devices::Driven;
 use files::cycle_record::{Kept, RecordReader, RecordedCycle};
-use flow::graph::Cell;
-use flow::rerun::{Driven, Frames};
-use flow::schedule::Work;
 use std::collections::BTreeMap;
 
 /// Where frames come from.
@@ -32,7 +33,7 @@ impl<'a> Source<'a> {
     /// Gets the frames of a cycle ready.
     pub fn load(&mut self, reader: &mut RecordReader, cycle: &RecordedCycle) -> Result<()> {
         match self {
-            Self::Driven(driven) => driven.begin(cycle.entry.cycle),
+            Self::Driven(driven) => Ok(driven.begin(cycle.entry.cycle)?),
             Self::Kept { cell, frames } => {
                 frames.clear();
                 for (&number, value) in &cycle.values {
@@ -48,17 +49,15 @@ impl<'a> Source<'a> {
 }
 
 impl Frames for Source<'_> {
-    fn expose(&mut self, activation: usize, out: &mut [u8]) -> Result<()> {
+    fn expose(&mut self, activation: usize, out: &mut [u8]) -> Result<(), SourceError> {
         match self {
             Self::Driven(driven) => driven.expose(activation, out),
             Self::Kept { frames, .. } => {
-                let frame = frames.get(&activation).context("the record does not hold this frame")?;
-                ensure!(
-                    frame.len() == out.len(),
-                    "the frame has {} bytes, the configuration wants {}",
-                    frame.len(),
-                    out.len()
-                );
+                let frame = frames.get(&activation).ok_or("the record does not hold this frame")?;
+                if frame.len() != out.len() {
+                    let (here, there) = (frame.len(), out.len());
+                    return Err(format!("the frame has {here} bytes, the configuration wants {there}").into());
+                }
                 out.copy_from_slice(frame);
                 Ok(())
             }

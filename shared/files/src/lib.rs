@@ -18,6 +18,7 @@ pub mod import;
 pub mod name;
 pub mod npy;
 pub mod opencv;
+pub mod output_check;
 pub mod plane_file;
 pub mod ply;
 pub mod recording;

@@ -45,6 +45,19 @@ pub struct FrameView<'a> {
     pub pixels: Pixels<'a>,
 }
 
+impl<'a> FrameView<'a> {
+    /// A frame in one piece: one byte per pixel, or two in the order of the machine. `None` for another length, or 16-bit
+    /// values that are not aligned.
+    pub fn from_bytes(width_px: u32, height_px: u32, full_scale_dn: u16, bytes: &'a [u8]) -> Option<Self> {
+        let pixels = match (width_px as usize).checked_mul(height_px as usize)? {
+            n if bytes.len() == n => Pixels::Mono8(bytes),
+            n if bytes.len() == 2 * n => Pixels::Mono16(bytemuck::try_cast_slice(bytes).ok()?),
+            _ => return None,
+        };
+        Some(Self { width_px, height_px, full_scale_dn, pixels })
+    }
+}
+
 /// Grey values that a frame owns.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PixelBuffer {

@@ -2,6 +2,10 @@
 
 use crate::pattern::Axis;
 
+/// Bytes per pixel of a phase map in one piece: phase, sigma and modulation as f32, validity as u8, one plane after
+/// another.
+pub const PHASE_BYTES_PER_PX: usize = 13;
+
 /// What all planes of a phase map share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhaseInfo {
@@ -42,6 +46,26 @@ pub struct PhaseView<'a> {
     pub valid: &'a [u8],
 }
 
+impl<'a> PhaseView<'a> {
+    /// The planes of a map in one piece; `None` for another length, or memory that is not aligned to four bytes.
+    pub fn from_bytes(info: PhaseInfo, bytes: &'a [u8]) -> Option<Self> {
+        let plane = 4 * info.len();
+        if bytes.len() != PHASE_BYTES_PER_PX * info.len() {
+            return None;
+        }
+        let (phase, rest) = bytes.split_at(plane);
+        let (sigma, rest) = rest.split_at(plane);
+        let (modulation, valid) = rest.split_at(plane);
+        Some(Self {
+            info,
+            phase_rad: bytemuck::try_cast_slice(phase).ok()?,
+            sigma_rad: bytemuck::try_cast_slice(sigma).ok()?,
+            modulation: bytemuck::try_cast_slice(modulation).ok()?,
+            valid,
+        })
+    }
+}
+
 /// The same, to be written.
 #[derive(Debug)]
 pub struct PhaseViewMut<'a> {
@@ -55,6 +79,26 @@ pub struct PhaseViewMut<'a> {
     pub modulation: &'a mut [f32],
     /// 1 where the phase may be used, else 0.
     pub valid: &'a mut [u8],
+}
+
+impl<'a> PhaseViewMut<'a> {
+    /// As [`PhaseView::from_bytes`].
+    pub fn from_bytes(info: PhaseInfo, bytes: &'a mut [u8]) -> Option<Self> {
+        let plane = 4 * info.len();
+        if bytes.len() != PHASE_BYTES_PER_PX * info.len() {
+            return None;
+        }
+        let (phase, rest) = bytes.split_at_mut(plane);
+        let (sigma, rest) = rest.split_at_mut(plane);
+        let (modulation, valid) = rest.split_at_mut(plane);
+        Some(Self {
+            info,
+            phase_rad: bytemuck::try_cast_slice_mut(phase).ok()?,
+            sigma_rad: bytemuck::try_cast_slice_mut(sigma).ok()?,
+            modulation: bytemuck::try_cast_slice_mut(modulation).ok()?,
+            valid,
+        })
+    }
 }
 
 /// A phase map that owns its planes.

@@ -8,7 +8,7 @@
 use crate::error::MessageError;
 use fringe::cloud::Point;
 use fringe::pattern::Axis;
-use fringe::phase::PhaseInfo;
+use fringe::phase::{PHASE_BYTES_PER_PX, PhaseInfo};
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Longest text in an event, bytes: a report with a hundred overlaps fits.
@@ -16,9 +16,6 @@ pub const MAX_TEXT_BYTES: usize = 16 * 1024;
 
 /// Largest result that the inspection may send, bytes: 1 MB is ten thousand features.
 pub const MAX_RESULT_BYTES: usize = 1 << 20;
-
-/// Bytes per pixel of a phase map: phase, sigma, modulation as f32, validity as u8.
-pub const PHASE_BYTES_PER_PX: usize = 13;
 
 /// What every header states: its cycle and the length of its payload.
 pub trait Header: ZeroCopySend + std::fmt::Debug + Clone + Copy + Default + 'static {

@@ -58,18 +58,7 @@ pub fn check_pixels(header: &Frame, payload: &[u8]) -> Result<(), MessageError> 
 /// A header that contradicts its payload.
 pub fn phase<'a>(header: &Phase, payload: &'a [u8]) -> Result<PhaseView<'a>, MessageError> {
     check(header, payload)?;
-    let info = header.info()?;
-    let plane = 4 * info.len();
-    let (phase_bytes, rest) = payload.split_at(plane);
-    let (sigma_bytes, rest) = rest.split_at(plane);
-    let (modulation_bytes, valid) = rest.split_at(plane);
-    Ok(PhaseView {
-        info,
-        phase_rad: cast(phase_bytes)?,
-        sigma_rad: cast(sigma_bytes)?,
-        modulation: cast(modulation_bytes)?,
-        valid,
-    })
+    PhaseView::from_bytes(header.info()?, payload).ok_or(MessageError::Alignment)
 }
 
 /// A phase map for the decoder to write.
@@ -78,18 +67,7 @@ pub fn phase<'a>(header: &Phase, payload: &'a [u8]) -> Result<PhaseView<'a>, Mes
 /// A header that contradicts its payload.
 pub fn phase_mut<'a>(header: &Phase, payload: &'a mut [u8]) -> Result<PhaseViewMut<'a>, MessageError> {
     check(header, payload)?;
-    let info = header.info()?;
-    let plane = 4 * info.len();
-    let (phase_bytes, rest) = payload.split_at_mut(plane);
-    let (sigma_bytes, rest) = rest.split_at_mut(plane);
-    let (modulation_bytes, valid) = rest.split_at_mut(plane);
-    Ok(PhaseViewMut {
-        info,
-        phase_rad: cast_mut(phase_bytes)?,
-        sigma_rad: cast_mut(sigma_bytes)?,
-        modulation: cast_mut(modulation_bytes)?,
-        valid,
-    })
+    PhaseViewMut::from_bytes(header.info()?, payload).ok_or(MessageError::Alignment)
 }
 
 /// The points of a cloud message.
@@ -120,14 +98,6 @@ pub fn points_mut(payload: &mut [u8]) -> Result<&mut [Point], MessageError> {
     cast_mut(payload)
 }
 
-/// The pixels of a 16-bit frame, to be written.
-///
-/// # Errors
-/// [`MessageError::Alignment`] for an odd number of bytes.
-pub fn mono16_mut(payload: &mut [u8]) -> Result<&mut [u16], MessageError> {
-    cast_mut(payload)
-}
-
 fn cast<T: bytemuck::AnyBitPattern>(bytes: &[u8]) -> Result<&[T], MessageError> {
     bytemuck::try_cast_slice(bytes).map_err(|_| MessageError::Alignment)
 }
@@ -139,7 +109,8 @@ fn cast_mut<T: bytemuck::Pod>(bytes: &mut [u8]) -> Result<&mut [T], MessageError
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::header::{Event, PHASE_BYTES_PER_PX};
+    use crate::header::Event;
+    use fringe::phase::PHASE_BYTES_PER_PX;
 
     /// Memory aligned like a loan.
     fn aligned(words: usize) -> Vec<u64> {

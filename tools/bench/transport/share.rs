@@ -7,10 +7,10 @@
 //! (the twin moves its part) is neither.
 
 use anyhow::{Context, Result, ensure};
+use cell::Cell;
+use cell::schedule::{Work, label};
 use files::result::OUTCOME_OK;
 use files::trace::{Trace, TraceCycle, TraceSpan};
-use flow::graph::Cell;
-use flow::schedule::{Work, label};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -222,7 +222,8 @@ impl<'a> Done<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use flow::graph::{Options, load};
+    use cell::Options;
+    use devices::load;
 
     /// A run in which every piece of work takes 1000 ns, of which 100 are sending, and every hand-over 50.
     fn trace(cell: &Cell, cycles: u64) -> Trace {

@@ -1,10 +1,9 @@
 //! The topics of a cell, with buffers that are just large enough.
 
-use super::graph::{CameraNode, Graph, ProjectorNode, axes_taken};
-use super::parts::{Carries, SUPERVISOR, Stage, Topic};
+use super::parts::{Carries, SUPERVISOR, Stage, Topic, TopicSize};
+use crate::graph::{CameraNode, Graph, ProjectorNode, axes_taken};
 use files::cycle_record::Kept;
-use ipc::header::{MAX_RESULT_BYTES, MAX_TEXT_BYTES, PHASE_BYTES_PER_PX};
-use ipc::port::TopicSize;
+use fringe::phase::PHASE_BYTES_PER_PX;
 
 /// Frames that wait in front of a decoder: it may lag behind the camera by that many before the camera is held.
 pub const FRAME_BUFFER: usize = 8;
@@ -12,6 +11,12 @@ pub const FRAME_BUFFER: usize = 8;
 /// Events that wait in front of the supervisor, per stage. A stage has at most one event per frame under way and the
 /// supervisor looks every 20 ms, so 64 last for a camera of 3 kHz.
 pub const EVENT_BUFFER: usize = 64;
+
+/// Longest text of a report, bytes.
+pub const REPORT_BYTES: usize = 16 * 1024;
+
+/// Longest text of a result, bytes.
+pub const RESULT_BYTES: usize = 1 << 20;
 
 /// Commands that wait in front of a stage: start, evaluate, abort, start … while it is busy with one activation.
 pub const CONTROL_BUFFER: usize = 32;
@@ -22,7 +27,7 @@ pub(super) fn topics(graph: &Graph, stages: &[Stage]) -> Vec<Topic> {
     let supervisor = || vec![SUPERVISOR.to_owned()];
     let mut topics = vec![
         topic("control", Carries::Control, supervisor(), all.clone(), CONTROL_BUFFER, 1),
-        topic("event", Carries::Event, all, supervisor(), EVENT_BUFFER, MAX_TEXT_BYTES as u64),
+        topic("event", Carries::Event, all, supervisor(), EVENT_BUFFER, REPORT_BYTES as u64),
     ];
     let captures = |projector: &ProjectorNode| -> Vec<String> {
         projector.cameras.iter().map(|&c| format!("capture/{}", graph.cameras[c].name)).collect()
@@ -68,7 +73,7 @@ pub(super) fn topics(graph: &Graph, stages: &[Stage]) -> Vec<Topic> {
         vec!["inspection".into()],
         supervisor(),
         2,
-        MAX_RESULT_BYTES as u64,
+        RESULT_BYTES as u64,
     ));
     topics
 }

@@ -2,23 +2,31 @@
 //!
 //! Everything behind a driver cannot tell which one it was.
 
+#![forbid(unsafe_code)]
+
 mod device;
+mod driven;
+mod error;
+mod load;
 mod recording;
-mod twin;
+mod twin_camera;
+pub mod twin_source;
 
-pub use device::{Camera, Format, Projector};
+pub use device::{Camera, Projector};
+pub use driven::Driven;
+pub use error::DeviceError;
+pub use load::{check, load};
 
-use crate::graph::Cell;
-use anyhow::Result;
+use cell::Cell;
 use files::config::Driver;
 
 /// The camera of a capture stage.
 ///
 /// # Errors
 /// A driver that does not open.
-pub fn camera(cell: &Cell, camera: usize) -> Result<Box<dyn Camera>> {
+pub fn camera(cell: &Cell, camera: usize) -> Result<Box<dyn Camera>, DeviceError> {
     Ok(match cell.config.cameras[camera].driver {
-        Driver::Twin => Box::new(twin::TwinCamera::new(cell, camera)?),
+        Driver::Twin => Box::new(twin_camera::TwinCamera::new(cell, camera)?),
         Driver::Recording => Box::new(recording::RecordedCamera::new(cell, camera)?),
     })
 }

@@ -5,19 +5,19 @@
 //! comes before its use, so the numbering itself proves that the graph has no cycle.
 
 mod check;
-mod graph;
+mod labels;
 mod order;
 mod parts;
 mod plan;
 mod topics;
-mod words;
 
 pub use check::ScheduleError;
-pub use graph::{CameraNode, Graph, PairNode, ProjectorNode, Right, axes_taken};
+pub use labels::{label, output};
 pub use order::{Interval, Order, violation};
-pub use parts::{Activation, Carries, Half, Kind, SUPERVISOR, Stage, Topic, Work};
-pub use topics::FRAME_BUFFER;
-pub use words::{label, output};
+pub use parts::{Activation, Carries, Half, Kind, SUPERVISOR, Stage, Topic, TopicSize, Work};
+pub use topics::{FRAME_BUFFER, REPORT_BYTES, RESULT_BYTES};
+
+use crate::graph::Graph;
 
 /// The whole plan of a cycle.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,19 +1,51 @@
 //! One cycle through the same kernels as the stages', in the order of the schedule, in one process.
 
-use crate::drivers::{Camera, Format, camera};
-use crate::graph::Cell;
+use crate::cell::Cell;
+use crate::error::CellError;
+use crate::frame_format::FrameFormat;
+use crate::graph::PairNode;
 use crate::judgement::judge;
-use crate::kernels::{self, Method, decoder, matcher};
-use crate::schedule::{PairNode, Work};
-use anyhow::{Context, Result, ensure};
+use crate::kernels::{Method, decoder, matcher};
+use crate::schedule::Work;
 use bytemuck::{cast_slice, cast_slice_mut};
 use fringe::cloud::Point;
-use fringe::decode::Decoder;
+use fringe::decode::{DecodeError, Decoder};
+use fringe::frame::FrameView;
 use fringe::fusion::Fuser;
+use fringe::matching::MatchError;
 use fringe::pattern::Axis;
-use ipc::header::{Frame, Header, Phase};
-use ipc::payload;
+use fringe::phase::{PHASE_BYTES_PER_PX, PhaseInfo, PhaseView, PhaseViewMut};
 use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// Why a frame cannot be had.
+pub type SourceError = Box<dyn std::error::Error + Send + Sync>;
+
+/// Why a piece of work failed.
+#[derive(Debug, Error)]
+pub enum WorkError {
+    /// The frame cannot be had.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The decoder refuses.
+    #[error(transparent)]
+    Decode(#[from] DecodeError),
+    /// The matcher refuses.
+    #[error(transparent)]
+    Match(#[from] MatchError),
+    /// The cell does not fit the schedule.
+    #[error(transparent)]
+    Cell(#[from] CellError),
+    /// An input of this work is missing: what comes before it in the schedule was not done.
+    #[error("{0}")]
+    Missing(String),
+    /// No pair gives a point.
+    #[error("no point at all")]
+    NoPoint,
+    /// The result cannot be written as JSON.
+    #[error(transparent)]
+    Json(#[from] serde_json::Error),
+}
 
 /// Where the frames of a cycle come from.
 pub trait Frames {
@@ -21,41 +53,7 @@ pub trait Frames {
     ///
     /// # Errors
     /// It cannot be had, or is of another size than `out`.
-    fn expose(&mut self, activation: usize, out: &mut [u8]) -> Result<()>;
-}
-
-/// The frames that the drivers of the cell give.
-pub struct Driven<'a> {
-    cell: &'a Cell,
-    cameras: Vec<Box<dyn Camera>>,
-}
-
-impl<'a> Driven<'a> {
-    /// Opens the drivers.
-    ///
-    /// # Errors
-    /// A driver that does not open.
-    pub fn new(cell: &'a Cell) -> Result<Self> {
-        let cameras = (0..cell.graph.cameras.len()).map(|number| camera(cell, number));
-        Ok(Self { cell, cameras: cameras.collect::<Result<_>>()? })
-    }
-
-    /// A cycle starts.
-    ///
-    /// # Errors
-    /// There is none with this number.
-    pub fn begin(&mut self, cycle: u64) -> Result<()> {
-        self.cameras.iter_mut().try_for_each(|camera| camera.begin(cycle))
-    }
-}
-
-impl Frames for Driven<'_> {
-    fn expose(&mut self, activation: usize, out: &mut [u8]) -> Result<()> {
-        match self.cell.schedule.activations[activation].work {
-            Work::Expose { camera, projector, frame } => self.cameras[camera].expose(projector, frame, out),
-            other => anyhow::bail!("{other:?} is no exposure"),
-        }
-    }
+    fn expose(&mut self, activation: usize, out: &mut [u8]) -> Result<(), SourceError>;
 }
 
 /// Bytes aligned like those of a message.
@@ -78,12 +76,12 @@ impl Bytes {
 }
 
 /// The kernels of a cell and what they gave last.
-pub struct Rerun<'a> {
+pub struct Executor<'a> {
     cell: &'a Cell,
     decoders: Decoders,
     pairs: Vec<(Method, usize)>,
     fuser: Fuser,
-    frames: Vec<(Frame, Bytes)>,
+    frames: Vec<(u16, Bytes)>,
     phases: PhaseMaps,
     clouds: Vec<Vec<Point>>,
     fused: Vec<Point>,
@@ -91,12 +89,12 @@ pub struct Rerun<'a> {
     result: String,
 }
 
-impl<'a> Rerun<'a> {
+impl<'a> Executor<'a> {
     /// Builds what the stages would build.
     ///
     /// # Errors
     /// Settings that a kernel refuses.
-    pub fn new(cell: &'a Cell) -> Result<Self> {
+    pub fn new(cell: &'a Cell) -> Result<Self, CellError> {
         let mut decoders = Decoders::new();
         for (projector, node) in cell.graph.projectors.iter().enumerate() {
             for &camera in &node.cameras {
@@ -104,12 +102,12 @@ impl<'a> Rerun<'a> {
             }
         }
         let pairs = (0..cell.graph.pairs.len()).map(|pair| matcher(cell, pair));
-        let pairs = pairs.collect::<Result<Vec<_>>>()?;
+        let pairs = pairs.collect::<Result<Vec<_>, CellError>>()?;
         Ok(Self {
             cell,
             decoders,
             fuser: Fuser::default(),
-            frames: cell.graph.cameras.iter().map(|_| (Frame::default(), Bytes::default())).collect(),
+            frames: cell.graph.cameras.iter().map(|_| (0, Bytes::default())).collect(),
             phases: PhaseMaps::new(),
             clouds: pairs.iter().map(|(_, capacity)| vec![bytemuck::Zeroable::zeroed(); *capacity]).collect(),
             pairs,
@@ -130,14 +128,14 @@ impl<'a> Rerun<'a> {
     ///
     /// # Errors
     /// What would have ended the cycle.
-    pub fn step(&mut self, activation: usize, source: &mut dyn Frames) -> Result<&[u8]> {
+    pub fn step(&mut self, activation: usize, source: &mut dyn Frames) -> Result<&[u8], WorkError> {
         match self.cell.schedule.activations[activation].work {
-            Work::Expose { camera, projector, frame } => {
-                self.expose(activation, camera, projector, frame, source)
-            }
+            Work::Expose { camera, projector, .. } => self.expose(activation, camera, projector, source),
             Work::Accumulate { camera, projector, frame } => {
-                let (header, bytes) = &self.frames[camera];
-                let view = payload::frame(header, bytes.get())?;
+                let node = &self.cell.graph.cameras[camera];
+                let (full_scale_dn, bytes) = &self.frames[camera];
+                let view = FrameView::from_bytes(node.width_px, node.height_px, *full_scale_dn, bytes.get());
+                let view = view.ok_or_else(|| WorkError::Missing("there is no frame".into()))?;
                 seen(&mut self.decoders, camera, projector)?.push(frame, &view)?;
                 Ok(&[])
             }
@@ -147,12 +145,12 @@ impl<'a> Rerun<'a> {
                 let clouds: Vec<&[Point]> = self.clouds.iter().map(Vec::as_slice).collect();
                 self.fused.clear();
                 self.fuser.fuse(&clouds, &self.cell.fusion, &mut self.fused);
-                ensure!(!self.fused.is_empty(), "no point at all");
-                Ok(cast_slice(&self.fused))
+                if self.fused.is_empty() { Err(WorkError::NoPoint) } else { Ok(cast_slice(&self.fused)) }
             }
             Work::Inspect => {
                 let recipe = self.cell.recipes.get(self.recipe);
-                let recipe = recipe.with_context(|| format!("the cell has no recipe {}", self.recipe))?;
+                let recipe = recipe
+                    .ok_or_else(|| WorkError::Missing(format!("the cell has no recipe {}", self.recipe)))?;
                 self.result = serde_json::to_string(&judge(recipe.plan.as_ref(), &self.fused))?;
                 Ok(self.result.as_bytes())
             }
@@ -165,47 +163,30 @@ impl<'a> Rerun<'a> {
         activation: usize,
         camera: usize,
         projector: usize,
-        frame: usize,
         source: &mut dyn Frames,
-    ) -> Result<&[u8]> {
+    ) -> Result<&[u8], WorkError> {
         let node = &self.cell.graph.cameras[camera];
-        let format = Format::of(kernels::full_scale_dn(&self.cell.config, projector, camera)?);
-        let header = Frame {
-            camera: camera as u32,
-            projector: projector as u32,
-            frame: frame as u32,
-            width_px: node.width_px,
-            height_px: node.height_px,
-            bytes_per_px: format.bytes_per_px,
-            full_scale_dn: format.full_scale_dn.into(),
-            ..Frame::default()
-        };
-        let (kept, bytes) = &mut self.frames[camera];
-        *kept = header;
-        source.expose(activation, bytes.resize(header.payload_bytes()?))?;
+        let FrameFormat { bytes_per_px, full_scale_dn } = self.cell.format(projector, camera)?;
+        let pixels = node.width_px as usize * node.height_px as usize;
+        let (full_scale, bytes) = &mut self.frames[camera];
+        *full_scale = full_scale_dn;
+        source.expose(activation, bytes.resize(pixels * bytes_per_px as usize))?;
         Ok(bytes.get())
     }
 
-    fn phase(&mut self, camera: usize, projector: usize, axis: Axis) -> Result<&[u8]> {
+    fn phase(&mut self, camera: usize, projector: usize, axis: Axis) -> Result<&[u8], WorkError> {
         let decoder = seen(&mut self.decoders, camera, projector)?;
         let info = decoder.info(axis)?;
-        let header = Phase {
-            period_px: info.period_px,
-            camera: camera as u32,
-            projector: projector as u32,
-            axis: Phase::axis_number(axis),
-            width_px: info.width_px,
-            height_px: info.height_px,
-            ..Phase::default()
-        };
-        let (kept, bytes) = self.phases.entry((camera, projector, axis)).or_default();
-        *kept = header;
-        let room = bytes.resize(header.payload_bytes()?);
-        decoder.finish(axis, &mut payload::phase_mut(&header, room)?)?;
+        let (known, bytes) =
+            self.phases.entry((camera, projector, axis)).or_insert_with(|| (info, Bytes::default()));
+        *known = info;
+        let planes = PhaseViewMut::from_bytes(info, bytes.resize(PHASE_BYTES_PER_PX * info.len()));
+        let mut planes = planes.ok_or_else(|| WorkError::Missing("the phase map has no memory".into()))?;
+        decoder.finish(axis, &mut planes)?;
         Ok(bytes.get())
     }
 
-    fn match_pair(&mut self, pair: usize) -> Result<&[u8]> {
+    fn match_pair(&mut self, pair: usize) -> Result<&[u8], WorkError> {
         let node = &self.cell.graph.pairs[pair];
         let axes = node.axes(&self.cell.graph.projectors[node.projector]);
         let views = views(&self.phases, node, &axes)?;
@@ -222,10 +203,11 @@ impl<'a> Rerun<'a> {
 type Decoders = BTreeMap<(usize, usize), Decoder>;
 
 /// By camera, projector and axis.
-type PhaseMaps = BTreeMap<(usize, usize, Axis), (Phase, Bytes)>;
+type PhaseMaps = BTreeMap<(usize, usize, Axis), (PhaseInfo, Bytes)>;
 
-fn seen(decoders: &mut Decoders, camera: usize, projector: usize) -> Result<&mut Decoder> {
-    decoders.get_mut(&(camera, projector)).context("the camera does not see this projector")
+fn seen(decoders: &mut Decoders, camera: usize, projector: usize) -> Result<&mut Decoder, WorkError> {
+    let decoder = decoders.get_mut(&(camera, projector));
+    decoder.ok_or_else(|| WorkError::Missing("the camera does not see this projector".into()))
 }
 
 /// The phases of a pair: left first; with the projector method x before y.
@@ -233,14 +215,16 @@ fn views<'a>(
     phases: &'a PhaseMaps,
     pair: &PairNode,
     axes: &[Axis],
-) -> Result<Vec<(Axis, fringe::phase::PhaseView<'a>)>> {
+) -> Result<Vec<(Axis, PhaseView<'a>)>, WorkError> {
     let cameras = pair.cameras();
     let wanted = cameras.iter().flat_map(|&camera| axes.iter().map(move |&axis| (camera, axis)));
     wanted
         .map(|(camera, axis)| {
             let map = phases.get(&(camera, pair.projector, axis));
-            let (header, bytes) = map.with_context(|| format!("the phase of camera {camera} is missing"))?;
-            Ok((axis, payload::phase(header, bytes.get())?))
+            let view = map.and_then(|(info, bytes)| PhaseView::from_bytes(*info, bytes.get()));
+            let view =
+                view.ok_or_else(|| WorkError::Missing(format!("the phase of camera {camera} is missing")))?;
+            Ok((axis, view))
         })
         .collect()
 }

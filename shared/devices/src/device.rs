@@ -1,22 +1,6 @@
 //! What a camera and a projector have to do.
 
-use anyhow::Result;
-
-/// How a camera delivers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Format {
-    /// 1 or 2.
-    pub bytes_per_px: u32,
-    /// Grey value of a full pixel.
-    pub full_scale_dn: u16,
-}
-
-impl Format {
-    /// Whole bytes for a full scale.
-    pub fn of(full_scale_dn: u16) -> Self {
-        Self { bytes_per_px: if full_scale_dn > 255 { 2 } else { 1 }, full_scale_dn }
-    }
-}
+use crate::error::DeviceError;
 
 /// A camera.
 pub trait Camera {
@@ -24,13 +8,13 @@ pub trait Camera {
     ///
     /// # Errors
     /// There is no part for this cycle.
-    fn begin(&mut self, cycle: u64) -> Result<()>;
+    fn begin(&mut self, cycle: u64) -> Result<(), DeviceError>;
 
     /// Takes the frame of a projector's sequence straight into shared memory: width · height · `bytes_per_px` bytes.
     ///
     /// # Errors
     /// The frame cannot be had, or is of another size than `out`.
-    fn expose(&mut self, projector: usize, frame: usize, out: &mut [u8]) -> Result<()>;
+    fn expose(&mut self, projector: usize, frame: usize, out: &mut [u8]) -> Result<(), DeviceError>;
 }
 
 /// A projector, or all of them when they share one driver.
@@ -45,5 +29,5 @@ pub trait Projector {
     ///
     /// # Errors
     /// The device refuses.
-    fn show(&mut self, projector: usize, frame: usize, now_ns: u64) -> Result<()>;
+    fn show(&mut self, projector: usize, frame: usize, now_ns: u64) -> Result<(), DeviceError>;
 }

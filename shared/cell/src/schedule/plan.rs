@@ -1,7 +1,7 @@
 //! The stages and the order of their work.
 
-use super::graph::{Graph, axes_taken};
 use super::parts::{Activation, Kind, Stage, Topic, Work};
+use crate::graph::{Graph, axes_taken};
 
 /// A camera's capture and decode share a core: its frames then stay in that core's cache.
 pub(super) fn stages(graph: &Graph) -> Vec<Stage> {

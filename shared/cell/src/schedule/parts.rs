@@ -1,13 +1,13 @@
 //! What a schedule is made of: stages, their work, the topics between them.
 
 use fringe::pattern::Axis;
-use ipc::port::TopicSize;
+use std::str::FromStr;
 
 /// Name of the process that owns the schedule, as a consumer of topics.
 pub const SUPERVISOR: &str = "supervisor";
 
 /// The kind of a stage; one process each.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     /// Shows patterns and triggers cameras.
     Projection,
@@ -34,7 +34,27 @@ pub enum Half {
     Evaluation,
 }
 
+impl FromStr for Kind {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        let kind = Self::ALL.into_iter().find(|kind| kind.word() == word);
+        kind.ok_or_else(|| format!("\"{word}\" is no kind of stage"))
+    }
+}
+
 impl Kind {
+    /// All kinds, in the order of the flow.
+    pub const ALL: [Self; 7] = [
+        Self::Projection,
+        Self::Capture,
+        Self::Decode,
+        Self::Matching,
+        Self::Fusion,
+        Self::Inspection,
+        Self::Record,
+    ];
+
     /// The half of the cycle that it works in.
     pub fn half(self) -> Half {
         match self {
@@ -150,6 +170,19 @@ pub enum Carries {
     Cloud,
     /// The result.
     Outcome,
+}
+
+/// How many ends and buffers a topic has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TopicSize {
+    /// Senders, counting those that may overlap while one is being restarted.
+    pub publishers: usize,
+    /// Receivers.
+    pub subscribers: usize,
+    /// Messages that may wait in front of each receiver.
+    pub buffer: usize,
+    /// Messages that a receiver may hold at once.
+    pub borrowed: usize,
 }
 
 /// A topic with its buffers.

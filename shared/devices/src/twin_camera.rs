@@ -1,10 +1,9 @@
 //! A camera that looks at the digital twin.
 
-use super::device::Camera;
-use crate::graph::Cell;
-use crate::kernels;
-use anyhow::{Context, Result};
-use ipc::payload::mono16_mut;
+use crate::device::Camera;
+use crate::error::DeviceError;
+use crate::twin_source;
+use cell::Cell;
 use twin::{PixelsMut, Renderer, Twin, View};
 
 /// Traces its own view once per pose; a frame is then a look-up.
@@ -20,9 +19,9 @@ pub struct TwinCamera {
 
 impl TwinCamera {
     /// Builds the twin.
-    pub fn new(cell: &Cell, camera: usize) -> Result<Self> {
+    pub fn new(cell: &Cell, camera: usize) -> Result<Self, DeviceError> {
         let config = &cell.config;
-        let twin = kernels::twin(config)?;
+        let twin = twin_source::build(config)?;
         let lit = cell.graph.projectors.iter().enumerate().filter(|(_, p)| p.cameras.contains(&camera));
         let lamps = lit
             .map(|(number, p)| {
@@ -30,7 +29,7 @@ impl TwinCamera {
                 let table = shown.pattern_correction.as_ref().map(|c| &c.table);
                 Ok((number, twin.corrected_renderer(&p.name, &shown.sequence, table)?))
             })
-            .collect::<Result<Vec<_>>>()?;
+            .collect::<Result<Vec<_>, DeviceError>>()?;
         let lamp_names = lamps.iter().map(|(number, _)| config.projectors[*number].name.clone()).collect();
         let is_8bit = twin.settings().full_scale_dn() <= 255;
         Ok(Self { name: config.cameras[camera].name.clone(), twin, lamps, lamp_names, view: None, is_8bit })
@@ -38,7 +37,7 @@ impl TwinCamera {
 }
 
 impl Camera for TwinCamera {
-    fn begin(&mut self, cycle: u64) -> Result<()> {
+    fn begin(&mut self, cycle: u64) -> Result<(), DeviceError> {
         if let Some(view) = &mut self.view {
             return Ok(self.twin.retrace(view, cycle)?);
         }
@@ -47,11 +46,17 @@ impl Camera for TwinCamera {
         Ok(())
     }
 
-    fn expose(&mut self, projector: usize, frame: usize, out: &mut [u8]) -> Result<()> {
-        let view = self.view.as_ref().context("no part stands before the camera")?;
+    fn expose(&mut self, projector: usize, frame: usize, out: &mut [u8]) -> Result<(), DeviceError> {
+        let missing = |what: &str| DeviceError::Frame(what.to_owned());
+        let view = self.view.as_ref().ok_or_else(|| missing("no part stands before the camera"))?;
         let lamp = self.lamps.iter_mut().find(|(number, _)| *number == projector);
-        let (_, renderer) = lamp.context("the camera does not see this projector")?;
-        let pixels = if self.is_8bit { PixelsMut::Mono8(out) } else { PixelsMut::Mono16(mono16_mut(out)?) };
+        let (_, renderer) = lamp.ok_or_else(|| missing("the camera does not see this projector"))?;
+        let pixels = if self.is_8bit {
+            PixelsMut::Mono8(out)
+        } else {
+            let unaligned = |_| missing("memory of an odd number of bytes for a frame of 16 bits");
+            PixelsMut::Mono16(bytemuck::try_cast_slice_mut(out).map_err(unaligned)?)
+        };
         Ok(renderer.render(view, frame, pixels)?)
     }
 }

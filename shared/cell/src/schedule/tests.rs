@@ -2,6 +2,7 @@
 
 use super::topics::FRAME_BUFFER;
 use super::*;
+use crate::graph::{CameraNode, PairNode, ProjectorNode, Right, axes_taken};
 use files::cycle_record::Kept;
 use fringe::pattern::Axis;
 

@@ -1,7 +1,7 @@
 //! Activations in words.
 
-use super::graph::Graph;
 use super::parts::Work;
+use crate::graph::Graph;
 use fringe::pattern::Axis;
 
 /// The name of what an activation gives, as in the `hashes` of a result.

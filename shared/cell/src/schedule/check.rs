@@ -1,6 +1,6 @@
 //! Whether a graph can be run at all.
 
-use super::graph::{Graph, PairNode, axes_taken};
+use crate::graph::{Graph, PairNode, axes_taken};
 use thiserror::Error;
 
 /// Why a graph cannot be run.

@@ -1,28 +1,43 @@
 //! Checks output paths before any work is done.
 
-use anyhow::{Result, bail};
 use std::path::Path;
+use thiserror::Error;
+
+/// An output that would fail at the end, or destroy something.
+#[derive(Debug, Error)]
+pub enum OutputError {
+    /// With its option, and what to do instead.
+    #[error("{0}")]
+    Refused(String),
+    /// A path without meaning.
+    #[error(transparent)]
+    Io(#[from] std::io::Error),
+}
 
 /// Refuses outputs that cannot be written, that overwrite an input, or that are named twice. `made` is a folder that the
 /// command will create.
 ///
 /// # Errors
 /// The first such output, with its option.
-pub fn check_outputs(outputs: &[(&str, Option<&Path>)], inputs: &[&Path], made: Option<&Path>) -> Result<()> {
+pub fn check_outputs(
+    outputs: &[(&str, Option<&Path>)],
+    inputs: &[&Path],
+    made: Option<&Path>,
+) -> Result<(), OutputError> {
+    let refused = |flag: &str, path: &Path, why: &str| {
+        Err(OutputError::Refused(format!("{flag} {}: {why}", path.display())))
+    };
     let real = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path));
     for (index, (flag, path)) in outputs.iter().enumerate() {
         let Some(path) = path else { continue };
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         let absent = |folder: &&Path| !folder.is_dir() && made.is_none_or(|made| !folder.starts_with(made));
         if let Some(folder) = folder.filter(absent) {
-            bail!(
-                "{flag} {}: the folder {} does not exist; create it first",
-                path.display(),
-                folder.display()
-            );
+            let why = format!("the folder {} does not exist; create it first", folder.display());
+            return refused(flag, path, &why);
         }
         if path.is_dir() {
-            bail!("{flag} {}: is a folder; name a file", path.display());
+            return refused(flag, path, "is a folder; name a file");
         }
         // Devices may be named several times.
         if path.exists() && !path.is_file() {
@@ -31,12 +46,12 @@ pub fn check_outputs(outputs: &[(&str, Option<&Path>)], inputs: &[&Path], made: 
         let here = real(path)?;
         for input in inputs {
             if real(input)? == here {
-                bail!("{flag} {}: would overwrite an input; name another file", path.display());
+                return refused(flag, path, "would overwrite an input; name another file");
             }
         }
         for (other, same) in outputs[..index].iter().filter_map(|(other, path)| Some((other, (*path)?))) {
             if real(same)? == here {
-                bail!("{flag} {}: is also the file of {other}; name two files", path.display());
+                return refused(flag, path, &format!("is also the file of {other}; name two files"));
             }
         }
     }

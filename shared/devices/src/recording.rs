@@ -1,11 +1,10 @@
 //! A camera that plays the frames of a recording, and the pace at which they come.
 
-use super::device::{Camera, Projector};
-use crate::graph::Cell;
-use anyhow::{Result, anyhow, bail};
+use crate::device::{Camera, Projector};
+use crate::error::DeviceError;
+use cell::Cell;
 use files::recording::Recording;
 use fringe::frame::Pixels;
-use ipc::payload::mono16_mut;
 
 /// Reads one frame per exposure.
 pub struct RecordedCamera {
@@ -17,10 +16,9 @@ pub struct RecordedCamera {
 
 impl RecordedCamera {
     /// Takes the recording that the configuration opened.
-    pub fn new(cell: &Cell, camera: usize) -> Result<Self> {
+    pub fn new(cell: &Cell, camera: usize) -> Result<Self, DeviceError> {
         let config = &cell.config;
-        let played =
-            config.recording.as_ref().ok_or_else(|| anyhow!("the configuration has no [recording]"))?;
+        let played = config.recording.as_ref().ok_or(DeviceError::Missing("recording"))?;
         Ok(Self {
             recording: played.recording.clone(),
             repeat: played.repeat,
@@ -31,24 +29,37 @@ impl RecordedCamera {
 }
 
 impl Camera for RecordedCamera {
-    fn begin(&mut self, cycle: u64) -> Result<()> {
+    fn begin(&mut self, cycle: u64) -> Result<(), DeviceError> {
         if cycle > 0 && !self.repeat {
             let folder = self.recording.folder.display();
-            bail!("the recording {folder} is at its end; set recording.loop = true to begin again");
+            return Err(DeviceError::Frame(format!(
+                "the recording {folder} is at its end; set recording.loop = true to begin again"
+            )));
         }
         Ok(())
     }
 
-    fn expose(&mut self, projector: usize, frame: usize, out: &mut [u8]) -> Result<()> {
+    fn expose(&mut self, projector: usize, frame: usize, out: &mut [u8]) -> Result<(), DeviceError> {
         let loaded = self.recording.load(&self.projectors[projector], &self.camera, frame)?;
-        let differs = |n: usize| anyhow!("frame {frame} has {n} pixels, the rig file says {}", out.len());
-        match loaded.view().pixels {
-            Pixels::Mono8(values) if values.len() == out.len() => out.copy_from_slice(values),
-            Pixels::Mono16(values) if 2 * values.len() == out.len() => {
-                mono16_mut(out)?.copy_from_slice(values);
-            }
-            other => return Err(differs(other.len())),
+        let view = loaded.view();
+        let bytes: &[u8] = match view.pixels {
+            Pixels::Mono8(values) => values,
+            Pixels::Mono16(values) => bytemuck::cast_slice(values),
+        };
+        if bytes.len() != out.len() {
+            return Err(DeviceError::Frame(format!(
+                "frame {} of camera \"{}\" under projector \"{}\" has {} × {} px in {} bytes, {} bytes were expected; was \
+                 the recording changed?",
+                frame + 1,
+                self.camera,
+                self.projectors[projector],
+                view.width_px,
+                view.height_px,
+                bytes.len(),
+                out.len()
+            )));
         }
+        out.copy_from_slice(bytes);
         Ok(())
     }
 }
@@ -76,7 +87,7 @@ impl Projector for Pace {
         self.due_ns
     }
 
-    fn show(&mut self, _projector: usize, _frame: usize, now_ns: u64) -> Result<()> {
+    fn show(&mut self, _projector: usize, _frame: usize, now_ns: u64) -> Result<(), DeviceError> {
         // A late frame does not make the next ones hurry.
         self.due_ns = self.due_ns.map(|due| due.max(now_ns.saturating_sub(self.period_ns)) + self.period_ns);
         Ok(())

@@ -1,8 +1,10 @@
-//! From the configuration to the graph of the cell and its schedule.
+//! A cell: a checked configuration with the graph and the schedule that follow from it.
 
-use crate::schedule::{CameraNode, Graph, PairNode, ProjectorNode, Right, Schedule};
-use anyhow::{Context, Result, anyhow};
-use files::config::{Config, DEFAULT_RECIPE, TextFile};
+use crate::error::CellError;
+use crate::frame_format::FrameFormat;
+use crate::graph::{CameraNode, Graph, PairNode, ProjectorNode, Right};
+use crate::schedule::Schedule;
+use files::config::{CameraConfig, Config, DEFAULT_RECIPE, TextFile};
 use files::cycle_record::{Kept, RecordedRecipe};
 use files::hash::sha256_hex;
 use fringe::decode::DecodeSettings;
@@ -11,7 +13,6 @@ use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet, frame_count};
 use metrology::inspection::Plan;
 use std::collections::BTreeSet;
-use std::path::Path;
 
 /// A configuration with everything that follows from it.
 #[derive(Debug, Clone)]
@@ -32,6 +33,8 @@ pub struct Cell {
     pub fusion: FusionSettings,
     /// All that a request may choose; at least one. The first one counts where none is named.
     pub recipes: Vec<Recipe>,
+    /// How frames lie in memory: by projector and camera; absent where the camera does not look at the projector.
+    pub formats: Vec<Vec<Option<FrameFormat>>>,
 }
 
 /// A way to inspect a part.
@@ -58,39 +61,59 @@ pub struct Options {
     pub kept: Kept,
 }
 
-/// Reads a configuration and plans its cell.
-///
-/// # Errors
-/// Anything that would keep the cell from running: every setting is parsed here, before a process starts.
-pub fn load(path: &Path, options: &Options) -> Result<Cell> {
-    let config = Config::load(path)?;
-    let graph = graph(&config, options)?;
-    let schedule = Schedule::new(&graph).with_context(|| path.display().to_string())?;
-    let document = &config.document;
-    let recipes = recipes(&config)?;
-    Ok(Cell {
-        name: options.cell.clone().unwrap_or_else(|| config.name.clone()),
-        decode: document.typed("decode", config.decode.clone())?,
-        matching: document.typed("matching", config.matching.clone())?,
-        fusion: document.typed("fusion", config.fusion.clone())?,
-        recipes,
-        graph,
-        schedule,
-        config,
-    })
+impl Cell {
+    /// Plans the cell of a configuration.
+    ///
+    /// # Errors
+    /// Anything that would keep the cell from running: every setting is parsed here, before a process starts.
+    pub fn new(
+        config: Config,
+        formats: Vec<Vec<Option<FrameFormat>>>,
+        options: &Options,
+    ) -> Result<Self, CellError> {
+        let graph = graph(&config, options)?;
+        let schedule =
+            Schedule::new(&graph).map_err(|e| CellError::from(e).at(config.document.path.as_path()))?;
+        let document = &config.document;
+        let recipes = recipes(&config)?;
+        Ok(Self {
+            name: options.cell.clone().unwrap_or_else(|| config.name.clone()),
+            decode: document.typed("decode", config.decode.clone())?,
+            matching: document.typed("matching", config.matching.clone())?,
+            fusion: document.typed("fusion", config.fusion.clone())?,
+            recipes,
+            graph,
+            schedule,
+            formats,
+            config,
+        })
+    }
+
+    /// How the frames of a camera under a projector lie in memory.
+    ///
+    /// # Errors
+    /// The camera does not look at the projector.
+    pub fn format(&self, projector: usize, camera: usize) -> Result<FrameFormat, CellError> {
+        let format = self.formats.get(projector).and_then(|cameras| cameras.get(camera).copied().flatten());
+        format.ok_or_else(|| {
+            let (camera, projector) =
+                (&self.config.cameras[camera].name, &self.config.projectors[projector].name);
+            CellError::Unknown(format!("camera \"{camera}\" does not look at projector \"{projector}\""))
+        })
+    }
 }
 
 /// The plan of the configuration first, then its further recipes; without either one that measures nothing.
-fn recipes(config: &Config) -> Result<Vec<Recipe>> {
+fn recipes(config: &Config) -> Result<Vec<Recipe>, CellError> {
     let recipe = |name: &str, file: &TextFile| {
-        let plan = Plan::from_toml(&file.text).with_context(|| file.path.display().to_string())?;
+        let plan = Plan::from_toml(&file.text).map_err(|e| CellError::from(e).at(file.path.as_path()))?;
         let plan_sha256 = Some(sha256_hex(file.text.as_bytes()));
         Ok(Recipe { name: name.to_owned(), plan: Some(plan), plan_sha256 })
     };
     let first = config.plan.iter().map(|plan| (DEFAULT_RECIPE, plan));
     let further = config.recipes.iter().map(|recipe| (recipe.name.as_str(), &recipe.plan));
     let mut recipes =
-        first.chain(further).map(|(name, file)| recipe(name, file)).collect::<Result<Vec<_>>>()?;
+        first.chain(further).map(|(name, file)| recipe(name, file)).collect::<Result<Vec<_>, CellError>>()?;
     if recipes.is_empty() {
         recipes.push(Recipe { name: DEFAULT_RECIPE.to_owned(), plan: None, plan_sha256: None });
     }
@@ -103,20 +126,23 @@ pub fn recorded_recipes(cell: &Cell) -> Vec<RecordedRecipe> {
     cell.recipes.iter().map(recorded).collect()
 }
 
-fn graph(config: &Config, options: &Options) -> Result<Graph> {
+fn graph(config: &Config, options: &Options) -> Result<Graph, CellError> {
     let camera = |name: &str| {
         let found = config.cameras.iter().position(|c| c.name == name);
-        found.ok_or_else(|| anyhow!("camera \"{name}\" has no [[camera]] in the configuration"))
+        found.ok_or_else(|| {
+            CellError::Unknown(format!("camera \"{name}\" has no [[camera]] in the configuration"))
+        })
     };
     let projectors = config.projectors.iter().map(|p| {
-        let cameras = p.cameras.iter().map(|name| camera(name)).collect::<Result<Vec<_>>>()?;
+        let cameras = p.cameras.iter().map(|name| camera(name)).collect::<Result<Vec<_>, CellError>>()?;
         let frames = frame_count(&p.sequence);
         Ok(ProjectorNode { name: p.name.clone(), frames, axes: sine_axes(&p.sequence), cameras })
     });
     let pairs = config.rig.pairs.iter().map(|pair| {
         let projector = config.projectors.iter().position(|p| p.name == pair.projector);
         let projector = projector.ok_or_else(|| {
-            anyhow!("pair \"{}\": projector \"{}\" has no [[projector]]", pair.name, pair.projector)
+            let (pair, projector) = (&pair.name, &pair.projector);
+            CellError::Unknown(format!("pair \"{pair}\": projector \"{projector}\" has no [[projector]]"))
         })?;
         let right = match config.rig.camera(&pair.right) {
             Some(_) => Right::Camera(camera(&pair.right)?),
@@ -124,15 +150,12 @@ fn graph(config: &Config, options: &Options) -> Result<Graph> {
         };
         Ok(PairNode { name: pair.name.clone(), left: camera(&pair.left)?, right, projector })
     });
-    let node = |c: &files::config::CameraConfig| CameraNode {
-        name: c.name.clone(),
-        width_px: c.width_px,
-        height_px: c.height_px,
-    };
+    let node =
+        |c: &CameraConfig| CameraNode { name: c.name.clone(), width_px: c.width_px, height_px: c.height_px };
     Ok(Graph {
         cameras: config.cameras.iter().map(node).collect(),
-        projectors: projectors.collect::<Result<_>>()?,
-        pairs: pairs.collect::<Result<_>>()?,
+        projectors: projectors.collect::<Result<_, CellError>>()?,
+        pairs: pairs.collect::<Result<_, CellError>>()?,
         cores: config.schedule.cores as usize,
         in_flight: in_flight(config, options),
         record: options.record,

@@ -1,0 +1,21 @@
+//! What a cell computes, apart from the processes and devices of it: its graph and schedule, and one executor for each kind
+//! of work.
+//!
+//! Both programs stand on it: `fringecell` runs a cell in many processes over shared memory, `fringetool replay` runs the
+//! same steps in one. Pure: no files, no clock, no environment, no logging, no `unsafe`.
+
+#![forbid(unsafe_code)]
+
+mod cell;
+pub mod cycle_number;
+mod error;
+pub mod executor;
+mod frame_format;
+pub mod graph;
+pub mod judgement;
+pub mod kernels;
+pub mod schedule;
+
+pub use cell::{Cell, Options, Recipe, recorded_recipes};
+pub use error::CellError;
+pub use frame_format::FrameFormat;
