@@ -1,6 +1,6 @@
 //! The capture process of one camera: exposes on a trigger, straight into shared memory.
 
-use crate::stage::{Fault, Inbox, Link, Report, Worker};
+use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
 use anyhow::Result;
 use cell::FrameFormat;
 use cell::cycle_number::unwire;
@@ -64,8 +64,11 @@ impl Capture {
         if (trigger.projector as usize, trigger.frame as usize) != (projector, frame) || frame >= light.frames
         {
             return Err(Fault::Cycle(format!(
-                "trigger for frame {} of projector {} where frame {frame} of projector {projector} was due",
-                trigger.frame, trigger.projector
+                "a trigger for frame {} of projector \"{}\" came where frame {} of projector \"{}\" was due",
+                u64::from(trigger.frame) + 1,
+                link.cell.graph.projector_name(trigger.projector as usize),
+                frame + 1,
+                link.cell.graph.projector_name(projector)
             )));
         }
         light.next += 1;
@@ -81,9 +84,7 @@ impl Capture {
             full_scale_dn: light.format.full_scale_dn.into(),
             ..Frame::default()
         })?;
-        self.driver
-            .expose(projector, frame, loan.payload_mut())
-            .map_err(|e| Fault::Cycle(format!("{e:#}")))?;
+        self.driver.expose(projector, frame, loan.payload_mut()).map_err(|e| lost(&e))?;
         let t_ns = now_ns();
         loan.header_mut().t_ns = t_ns;
         let output = (loan.payload().len(), xxh3_128(loan.payload()));
@@ -104,7 +105,7 @@ impl Worker for Capture {
     fn begin(&mut self, link: &mut Link) -> Result<(), Fault> {
         self.forget();
         let cycle = unwire(link.cycle()).unwrap_or_default();
-        self.driver.begin(cycle).map_err(|e| Fault::Cycle(format!("{e:#}")))?;
+        self.driver.begin(cycle).map_err(|e| lost(&e))?;
         // The twin traced the new pose: in a real cell a gripper did that, and nobody counts it as waiting.
         link.reset_counters();
         Ok(())

@@ -40,7 +40,7 @@ pub fn cell_name(which: Option<&str>) -> Result<Option<String>> {
     if !which.contains(['.', '/']) {
         return Ok(Some(which.to_owned()));
     }
-    Ok(Some(files::config::Config::load(std::path::Path::new(which))?.name))
+    Ok(Some(files::config::Config::load(std::path::Path::new(which))?.cell.name))
 }
 
 /// Sends a request to a cell.

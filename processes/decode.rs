@@ -2,7 +2,7 @@
 
 use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::Result;
-use cell::kernels::decoder;
+use cell::executor::decoder;
 use cell::schedule::{Work, label};
 use fringe::decode::Decoder;
 use fringe::pattern::Axis;
@@ -82,8 +82,9 @@ impl Decode {
         let work = Work::Accumulate { camera, projector, frame };
         let Some(&(light, _)) = self.works.get(self.next).filter(|(_, due)| *due == work) else {
             let due = self.works.get(self.next).map(|(_, due)| label(&link.cell.graph, *due));
+            let came = link.cell.graph.frame_name(camera, projector, frame);
             return Err(Fault::Cycle(format!(
-                "frame {frame} of camera {camera} under projector {projector} came where {} was due",
+                "{came} came where \"{}\" was due",
                 due.as_deref().unwrap_or("nothing")
             )));
         };
@@ -115,7 +116,8 @@ impl Decode {
             return Ok(());
         }
         let (projector, frame) = came;
-        Err(Fault::Cycle(format!("frame {frame} of projector {projector} came twice or astray")))
+        let came = link.cell.graph.frame_name(self.camera, projector, frame);
+        Err(Fault::Cycle(format!("{came} came twice or out of place")))
     }
 
     fn finish(&mut self, link: &mut Link, light: usize, axis: Axis) -> Result<(), Fault> {

@@ -3,8 +3,8 @@
 use crate::run::{self, RunArgs};
 use crate::terminal;
 use anyhow::{Context, Result};
+use cell::Retention;
 use files::atomic;
-use files::cycle_record::Kept;
 use std::path::{Path, PathBuf};
 
 /// Names and contents of the files of the demo cell.
@@ -47,7 +47,7 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         out: Some(args.out.clone()),
         record: None,
         cycle_record: None,
-        keep: Kept::Hashes,
+        keep: Retention::Hashes,
         cell: Some(args.cell.clone()),
         metrics: None,
         allow_remote: false,

@@ -12,6 +12,9 @@ use ipc::payload;
 use ipc::port::{Publisher, Received};
 use xxhash_rust::xxh3::xxh3_128;
 
+/// Bytes of the report on one overlap of two pairs, at most.
+const OVERLAP_BYTES: usize = 256;
+
 /// Pairs of a cell: a point names its pair with one byte.
 const MAX_PAIRS: usize = 256;
 
@@ -53,7 +56,7 @@ impl Fusion {
             capacity,
             fuser: Fuser::default(),
             clouds: link.publisher("cloud/fused")?,
-            text: TextBuffer::new(),
+            text: TextBuffer::with_capacity(OVERLAP_BYTES * graph.pairs.len().pow(2) / 2),
         })
     }
 
@@ -76,7 +79,7 @@ impl Fusion {
         };
         let mut loan = self.clouds.loan(header)?;
         let room = payload::points_mut(loan.payload_mut()).map_err(|e| lost(&e))?;
-        let Some(report) = self.fuser.fuse_into(clouds, &link.cell.fusion, room) else {
+        let Some(report) = self.fuser.fuse_into(clouds, &link.cell.config.settings.fusion, room) else {
             return Err(Fault::Cycle(format!("more points came than the {} that may", self.capacity)));
         };
         let points = report.points as usize;
@@ -113,8 +116,10 @@ impl Worker for Fusion {
         for (number, part) in self.parts.iter_mut().enumerate() {
             if let Some(message) = part.inbox.take(link)? {
                 if part.cloud.is_some() || message.header().pair as usize != number {
-                    let pair = message.header().pair;
-                    return Err(Fault::Cycle(format!("the cloud of pair {pair} came twice or astray")));
+                    let pair = link.cell.graph.pair_name(message.header().pair as usize);
+                    return Err(Fault::Cycle(format!(
+                        "the cloud of pair \"{pair}\" came twice or out of place"
+                    )));
                 }
                 part.cloud = Some(message);
                 return Ok(true);

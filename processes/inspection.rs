@@ -24,7 +24,7 @@ impl Inspection {
     /// Opens the ports.
     pub fn new(link: &Link) -> Result<Self> {
         Ok(Self {
-            plans: link.cell.recipes.iter().map(|recipe| recipe.plan.clone()).collect(),
+            plans: link.cell.config.recipes.iter().map(|recipe| recipe.plan.clone()).collect(),
             fused: link.inbox("cloud/fused")?,
             results: link.publisher("result")?,
             text: TextBuffer::new(),

@@ -2,7 +2,7 @@
 
 use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::Result;
-use cell::kernels::{Method, matcher};
+use cell::executor::{PairMatcher, Views, pair_matcher};
 use cell::schedule::Work;
 use fringe::cloud::Point;
 use fringe::pattern::Axis;
@@ -24,9 +24,8 @@ struct Need {
 pub struct Matching {
     pair: usize,
     projector: usize,
-    capacity: usize,
-    method: Method,
-    /// Left first; with the projector method x before y.
+    left: usize,
+    matcher: PairMatcher,
     needs: Vec<Need>,
     inboxes: Vec<Inbox<Phase>>,
     clouds: Publisher<Cloud>,
@@ -43,14 +42,13 @@ impl Matching {
             .cameras()
             .into_iter()
             .flat_map(|camera| axes.iter().map(move |&axis| Need { camera, axis, map: None }));
-        let (method, capacity) = matcher(cell, pair)?;
         let inboxes =
             node.cameras().into_iter().map(|c| link.inbox(&format!("phase/{}", cell.graph.cameras[c].name)));
         Ok(Self {
             pair,
             projector: node.projector,
-            capacity,
-            method,
+            left: node.left,
+            matcher: pair_matcher(cell, pair)?,
             needs: needs.collect(),
             inboxes: inboxes.collect::<Result<_>>()?,
             clouds: link.publisher(&format!("cloud/{}", node.name))?,
@@ -59,7 +57,7 @@ impl Matching {
     }
 
     /// Keeps a phase that the pair needs; those of other projectors are not for it.
-    fn keep(&mut self, message: Received<Phase>) -> Result<(), Fault> {
+    fn keep(&mut self, link: &Link, message: Received<Phase>) -> Result<(), Fault> {
         let header = *message.header();
         if header.projector as usize != self.projector {
             return Ok(());
@@ -71,7 +69,10 @@ impl Matching {
                 need.map = Some(message);
                 Ok(())
             }
-            Some(_) => Err(Fault::Cycle(format!("the phase of camera {} came twice", header.camera))),
+            Some(_) => {
+                let camera = link.cell.graph.camera_name(header.camera as usize);
+                Err(Fault::Cycle(format!("a phase of camera \"{camera}\" came twice")))
+            }
             None => Ok(()), // an axis that only another pair takes
         }
     }
@@ -79,28 +80,23 @@ impl Matching {
     fn run(&mut self, link: &mut Link) -> Result<(), Fault> {
         let start_ns = now_ns();
         let mut t_ns = 0;
-        // Two phases at most: two cameras of one axis, or one camera along one or both axes.
-        let mut views = [None; 2];
-        for (need, view) in self.needs.iter().zip(&mut views) {
+        let (mut left, mut right) = (Views::default(), Views::default());
+        for need in &self.needs {
             let Some(map) = &need.map else { return Ok(()) };
             t_ns = t_ns.max(map.header().t_ns);
-            *view = Some((need.axis, payload::phase(map.header(), map.payload()).map_err(|e| lost(&e))?));
+            let view = payload::phase(map.header(), map.payload()).map_err(|e| lost(&e))?;
+            if need.camera == self.left { left.set(view) } else { right.set(view) }
         }
-        let views = match views {
-            [Some(first), second] => [first, second.unwrap_or(first)],
-            _ => return Ok(()),
-        };
         let header = Cloud {
             cycle: link.cycle(),
             t_ns,
             pair: self.pair as u32,
-            capacity: self.capacity as u32,
+            capacity: self.matcher.capacity() as u32,
             points: 0,
         };
         let mut loan = self.clouds.loan(header)?;
         let room = payload::points_mut(loan.payload_mut()).map_err(|e| lost(&e))?;
-        let matched = self.method.run(&views[..self.needs.len().min(2)], self.pair as u32, room);
-        let matched = matched.map_err(|e| lost(&e))?;
+        let matched = self.matcher.run(&left, &right, room).map_err(|e| lost(&e))?;
         let points = matched.points();
         loan.header_mut().points = points;
         let used = points as usize * size_of::<Point>();
@@ -126,7 +122,7 @@ impl Worker for Matching {
         let turn = link.may_start(Work::Match { pair: self.pair });
         for inbox in 0..self.inboxes.len() {
             if let Some(message) = self.inboxes[inbox].take(link)? {
-                self.keep(message)?;
+                self.keep(link, message)?;
                 return Ok(true);
             }
         }

@@ -2,8 +2,9 @@
 //!
 //! A pattern stands until every camera of its projector has exposed; only then the next one is shown.
 
-use crate::stage::{Fault, Inbox, Link, Report, Worker};
+use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
 use anyhow::Result;
+use cell::graph::Graph;
 use cell::schedule::Work;
 use devices::Projector;
 use ipc::IpcError;
@@ -50,7 +51,7 @@ impl Projection {
     fn show(&mut self, link: &mut Link) -> Result<(), Fault> {
         let (projector, frame) = self.sequence[self.next];
         let start_ns = now_ns();
-        self.driver.show(projector, frame, start_ns).map_err(|e| Fault::Cycle(format!("{e:#}")))?;
+        self.driver.show(projector, frame, start_ns).map_err(|e| lost(&e))?;
         self.waiting.clear();
         self.waiting.extend_from_slice(&link.cell.graph.projectors[projector].cameras);
         let trigger = Trigger {
@@ -65,7 +66,7 @@ impl Projection {
         link.done(Work::Project { projector, frame }, start_ns, &[], Report::default())
     }
 
-    fn answer(&mut self, answer: Trigger) -> Result<(), Fault> {
+    fn answer(&mut self, graph: &Graph, answer: Trigger) -> Result<(), Fault> {
         let shown = self.sequence[self.next - 1];
         let (projector, frame, camera) =
             (answer.projector as usize, answer.frame as usize, answer.camera as usize);
@@ -76,8 +77,10 @@ impl Projection {
                 Ok(())
             }
             None => Err(Fault::Cycle(format!(
-                "camera {camera} exposed frame {frame} of projector {projector} while frame {} of projector {} stood",
-                shown.1, shown.0
+                "{} was exposed while frame {} of projector \"{}\" was shown",
+                graph.frame_name(camera, projector, frame),
+                shown.1 + 1,
+                graph.projector_name(shown.0)
             ))),
         }
     }
@@ -99,11 +102,11 @@ impl Worker for Projection {
             let answer = *answer.header();
             if self.next == 0 {
                 return Err(Fault::Cycle(format!(
-                    "camera {} exposed before any pattern stood",
-                    answer.camera
+                    "camera \"{}\" exposed before any pattern was shown",
+                    link.cell.graph.camera_name(answer.camera as usize)
                 )));
             }
-            self.answer(answer)?;
+            self.answer(&link.cell.graph, answer)?;
             return Ok(true);
         }
         let due = self.driver.due_ns().is_none_or(|due| due <= now_ns());

@@ -84,11 +84,11 @@ impl Record {
         let provenance = [
             ("cell", link.cell.name.clone()),
             ("software", format!("fringecell {}", env!("CARGO_PKG_VERSION"))),
-            ("config_sha256", link.cell.config.sha256.clone()),
+            ("config_sha256", link.cell.file.sha256.clone()),
         ];
         let mut provenance: toml::Table =
             provenance.into_iter().map(|(k, v)| (k.to_owned(), v.into())).collect();
-        files::correction::note(&mut provenance, link.cell.config.corrected());
+        files::correction::note(&mut provenance, link.cell.file.corrected());
         open.writer.finish(&provenance).map_err(|e| lost(&e))?;
         link.done(Work::Store, start_ns, &[], Report { count: open.written, text: "" })
     }

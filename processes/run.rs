@@ -4,9 +4,10 @@ use crate::run_files::{self, RunFiles};
 use crate::supervisor::{self, RunOptions, Summary};
 use crate::terminal;
 use anyhow::{Context, Result, bail};
+use cell::Retention;
 use cell::{Cell, Options};
+use devices::LoadedCell;
 use files::atomic;
-use files::cycle_record::Kept;
 use files::output_check::check_outputs;
 use files::result::CycleResult;
 use std::collections::VecDeque;
@@ -38,7 +39,7 @@ pub struct RunArgs {
     pub cycle_record: Option<PathBuf>,
     /// Data in the cycle record beside hashes and times: hashes (none), frames, or all (frames and stage outputs).
     #[arg(long, value_name = "WHAT", default_value_t, requires = "cycle_record")]
-    pub keep: Kept,
+    pub keep: Retention,
     /// Name of the cell; overrides the configuration, to run it several times at once.
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
@@ -72,9 +73,8 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         kept: args.keep,
     };
     let cell = devices::load(&config, &graph_options)?;
-    ipc::cell::CellName::new(&cell.name)?;
     let written = [("--cycle-record", args.cycle_record.as_deref()), ("--trace", args.trace.as_deref())];
-    check_outputs(&written, &cell.config.paths(), None)?;
+    check_outputs(&written, &cell.file.paths(), None)?;
     check_address(args)?;
     devices::check(&cell)?;
     if let Some(folder) = &args.out {
@@ -125,7 +125,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
 /// Writes the files at the end of a run. Cycles that are missing in the cycle record are an error.
 fn write_files(
     args: &RunArgs,
-    cell: &Cell,
+    cell: &LoadedCell,
     results: &[CycleResult],
     summary: &mut Summary,
     truth: Option<&Truth>,
@@ -165,8 +165,8 @@ fn needs_stdout(args: &RunArgs, options: &RunOptions) -> bool {
 }
 
 /// The number of cycles; a recording without `loop` has one.
-fn cycles(args: &RunArgs, cell: &Cell) -> Option<u64> {
-    let once = cell.config.recording.as_ref().is_some_and(|r| !r.repeat).then_some(1);
+fn cycles(args: &RunArgs, cell: &LoadedCell) -> Option<u64> {
+    let once = cell.file.recording.as_ref().is_some_and(|r| !r.repeat).then_some(1);
     args.cycles.or(cell.config.cycles).or(once).map(u64::from)
 }
 

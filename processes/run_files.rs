@@ -6,7 +6,9 @@ use crate::supervisor::snapshot::Snapshot;
 use anyhow::Result;
 use cell::Cell;
 use cell::cycle_number::wire;
+use cell::executor::method_name;
 use cell::schedule::label;
+use devices::LoadedCell;
 use files::atomic;
 use files::ply::write_cloud;
 use files::result::{CycleResult, OUTCOME_OK, write_json};
@@ -33,7 +35,7 @@ pub fn cycle(folder: &Path, result: &CycleResult) -> Result<()> {
 /// Data for the files at the end of a run.
 pub struct RunFiles<'a> {
     /// Configuration, graph and schedule of the cell.
-    pub cell: &'a Cell,
+    pub cell: &'a LoadedCell,
     /// Results of the last cycles.
     pub results: &'a [CycleResult],
     /// Times of the last cycles.
@@ -52,13 +54,13 @@ pub fn files(folder: &Path, run: &RunFiles) -> Result<()> {
         None => &[],
     };
     if run.snapshot.cloud.is_some() {
-        let config = &run.cell.config;
+        let file = &run.cell.file;
         let software = format!("fringecell {}", env!("CARGO_PKG_VERSION"));
         let comments = [
-            ("rig_sha256", config.rig_sha256.as_str()),
-            ("config_sha256", &config.sha256),
+            ("rig_sha256", file.rig_sha256.as_str()),
+            ("config_sha256", &file.sha256),
             ("cell", &run.cell.name),
-            ("method", "phase"),
+            ("method", method_name(&run.cell.config.rig)),
             ("version", &software),
         ];
         write_cloud(&folder.join("cloud.ply"), points, &comments)?;
@@ -103,9 +105,9 @@ fn report(folder: &Path, run: &RunFiles, points: &[Point]) -> Result<()> {
         part: plan.map_or_else(|| "no inspection plan".to_owned(), |p| p.name.clone()),
         date: files::clock::utc_now(),
         software_version: format!("fringecell {}", env!("CARGO_PKG_VERSION")),
-        rig_hash: cell.config.rig_sha256.clone(),
+        rig_hash: cell.file.rig_sha256.clone(),
         plan_id: plan.map(|p| p.name.clone()).unwrap_or_default(),
-        details: vec![("Configuration".into(), cell.config.sha256.clone())],
+        details: vec![("Configuration".into(), cell.file.sha256.clone())],
         verdict: last.verdict.map_or(Verdict::NoResult, Verdict::from),
         reason: if ok { String::new() } else { last.outcome.clone() },
         coverage_factor: Some(2.0),
@@ -144,7 +146,7 @@ const TRUTH_NOTE: &str = "The part is simulated. The column truth comes from the
 /// The plan of the recipe of a cycle.
 fn plan_of<'a>(cell: &'a Cell, result: &CycleResult) -> Option<&'a Plan> {
     let name = result.more.get("recipe").and_then(serde_json::Value::as_str);
-    cell.recipes.iter().find(|recipe| Some(recipe.name.as_str()) == name)?.plan.as_ref()
+    cell.config.recipes.iter().find(|recipe| Some(recipe.name.as_str()) == name)?.plan.as_ref()
 }
 
 fn decision_rule(guard_factor: f64) -> String {

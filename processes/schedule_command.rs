@@ -29,7 +29,8 @@ pub struct ScheduleArgs {
 /// The cell cannot be planned, the result is of another cell, or the chart cannot be written.
 pub fn schedule(args: &ScheduleArgs) -> Result<(String, bool)> {
     let cell = devices::load(&args.config, &Options::default())?;
-    let mut inputs = cell.config.paths();
+    devices::check(&cell)?;
+    let mut inputs = cell.file.paths();
     inputs.extend(args.result.as_deref());
     check_outputs(&[("--picture", args.picture.as_deref())], &inputs, None)?;
     let measured = args.result.as_ref().map(|file| read_json(file)).transpose()?;

@@ -5,6 +5,7 @@ use crate::{capture, decode, fusion, inspection, matching, projection, record};
 use anyhow::{Context, Result, bail, ensure};
 use cell::schedule::{Half, Kind};
 use cell::{Cell, Options};
+use devices::LoadedCell;
 use ipc::os;
 
 /// Runs a stage until the supervisor ends it.
@@ -33,8 +34,8 @@ pub fn run(args: &StageArgs) -> Result<()> {
 }
 
 /// Refuses files that changed since the supervisor read them.
-fn check_files(cell: &Cell, args: &StageArgs) -> Result<()> {
-    let files = cell.config.read_files();
+fn check_files(cell: &LoadedCell, args: &StageArgs) -> Result<()> {
+    let files = cell.file.read_files();
     // A list of another length implies another configuration, which is its first entry.
     let changed =
         files.iter().zip(short_hashes(&files)).zip(&args.files).find(|((_, now), then)| now != *then);

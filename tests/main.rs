@@ -21,6 +21,7 @@
 //! - [`fits`]: elements, inspection plans and comparisons with a coordinate measuring machine
 //! - [`proof`]: the same bytes whatever the timing, and nothing that grows
 //! - [`storm`]: one outcome per cycle and no wrong cloud, whatever dies, hangs or lies
+//! - [`one_flow`]: a cell and the offline tools give the same cloud of the same frames
 //! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
 //! - [`running`]: how the tests run a cell and harm it
 //! - [`plan_patterns`]: what a plan of patterns promises against what its recording gives
@@ -45,6 +46,7 @@ mod focus;
 mod gamma;
 mod golden_cells;
 mod offline;
+mod one_flow;
 mod phase_methods;
 mod plan_patterns;
 mod proof;

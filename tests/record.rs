@@ -2,7 +2,8 @@
 
 use crate::running::{Cell, json, pid_of, signal, text, wait};
 use crate::support::{Ran, fringetool};
-use files::cycle_record::{Kept, Next, RecordReader, RecordWriter, RecordedCycle, ValueKey};
+use cell::Retention;
+use files::cycle_record::{Next, RecordReader, RecordWriter, RecordedCycle, ValueKey};
 use serde_json::Value;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_128;
@@ -141,7 +142,7 @@ fn the_record_of_a_failed_cycle_holds_its_reason_and_what_was_done() {
     signal("KILL", pid_of(&cell.until_a_cycle_begins(), "matching/pair1"));
     wait(run);
     let (reader, all) = cycles(&record);
-    assert_eq!((all.len(), reader.header.kept), (3, Kept::All));
+    assert_eq!((all.len(), reader.header.kept), (3, Retention::All));
     let outcomes: Vec<&str> = all.iter().map(|c| c.entry.outcome.as_str()).collect();
     assert_eq!(outcomes.iter().filter(|o| **o == "ok").count(), 2, "{outcomes:?}");
     assert!(outcomes.contains(&"stage matching/pair1 died (signal 9)"), "{outcomes:?}");

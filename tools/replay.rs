@@ -7,11 +7,15 @@ use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
-use cell::executor::Executor;
+use cell::Retention;
+use cell::executor::InProcess;
 use cell::schedule::{label, output};
 use cell::{Cell, Options};
 use compare::Difference;
-use files::cycle_record::{ActivationName, Ending, Kept, Next, RecordHeader, RecordReader, RecordedCycle};
+use devices::LoadedCell;
+use files::cycle_record::{
+    ActivationName, Ending, Next, RecordHeader, RecordReader, RecordedCycle, RecordedRecipe,
+};
 use serde::Serialize;
 use source::Source;
 use std::path::{Path, PathBuf};
@@ -61,16 +65,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 /// The cell that was recorded; another one has nothing to be compared with.
-fn cell(args: &Args, header: &RecordHeader) -> Result<Cell> {
+fn cell(args: &Args, header: &RecordHeader) -> Result<LoadedCell> {
     let path = args.config.clone().unwrap_or_else(|| PathBuf::from(&header.config));
     let options = Options { cell: Some(header.cell.clone()), kept: header.kept, ..Options::default() };
     let cell = devices::load(&path, &options).with_context(|| {
         format!("{}: the configuration of the record; --config names another place", args.record.display())
     })?;
-    let recording = cell.config.recording.as_ref().map(|r| r.recording.sha256.clone());
+    let recording = cell.file.recording.as_ref().map(|r| r.recording.sha256.clone());
     for (what, recorded, now) in [
-        ("the configuration", Some(&header.config_sha256), Some(&cell.config.sha256)),
-        ("the rig file", Some(&header.rig_sha256), Some(&cell.config.rig_sha256)),
+        ("the configuration", Some(&header.config_sha256), Some(&cell.file.sha256)),
+        ("the rig file", Some(&header.rig_sha256), Some(&cell.file.rig_sha256)),
         ("the recording", header.recording_sha256.as_ref(), recording.as_ref()),
     ] {
         if recorded != now {
@@ -103,7 +107,7 @@ fn cell(args: &Args, header: &RecordHeader) -> Result<Cell> {
 /// Every recipe of the record must still be the one that was recorded. The configuration is known to be the same, so
 /// names and number are; the files that it names may have been changed.
 fn check_recipes(args: &Args, header: &RecordHeader, cell: &Cell) -> Result<()> {
-    let now = cell::recorded_recipes(cell);
+    let now: Vec<RecordedRecipe> = cell.config.recipes.iter().map(Into::into).collect();
     let changed = header.recipes.iter().zip(&now).find(|(recorded, now)| recorded != now);
     let Some((recorded, _)) = changed else { return Ok(()) };
     bail!(
@@ -123,9 +127,9 @@ fn names(cell: &Cell) -> Vec<ActivationName> {
     schedule.activations.iter().map(name).collect()
 }
 
-fn replay(reader: &mut RecordReader, cell: &Cell) -> Result<Found> {
+fn replay(reader: &mut RecordReader, cell: &LoadedCell) -> Result<Found> {
     let mut found = Found { recorded_by: reader.header.software.clone(), ..Found::default() };
-    let mut executor = Executor::new(cell)?;
+    let mut executor = InProcess::new(cell)?;
     let mut source = Source::new(cell, reader.header.kept)?;
     let mut progress = Progress::unbounded("replaying");
     let mut next_number = None;
@@ -150,7 +154,7 @@ fn replay(reader: &mut RecordReader, cell: &Cell) -> Result<Found> {
 fn again(
     reader: &mut RecordReader,
     cycle: &RecordedCycle,
-    executor: &mut Executor,
+    executor: &mut InProcess,
     source: &mut Source,
     found: &mut Found,
 ) -> Result<()> {
@@ -241,7 +245,8 @@ fn text(path: &Path, header: &RecordHeader, found: &Found) -> String {
     lines.push(match found.differences.len() {
         0 => "all equal".to_owned(),
         n => {
-            let hint = if header.kept == Kept::All { "" } else { "; record with --keep all to see the byte" };
+            let hint =
+                if header.kept == Retention::All { "" } else { "; record with --keep all to see the byte" };
             format!("{n} outputs differ; of each cycle the first is named{hint}")
         }
     });

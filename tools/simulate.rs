@@ -5,8 +5,9 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::rotation_stage::Axis;
 use anyhow::{Context, Result, anyhow, bail};
+use cell::configuration::ProjectorConfig;
 use devices::twin_source;
-use files::config::{Config, ProjectorConfig, TwinConfig};
+use files::config::{Config, TwinConfig};
 use files::recording::{ProjectorRecord, RecordingWriter};
 use fringe::frame::{FrameView, Pixels};
 use fringe::pattern::{GreyLevels, PatternSet, frame_count};
@@ -88,7 +89,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         correct(&mut config, path)?;
     }
     if let Some(levels) = args.grey_levels {
-        config.projectors.iter_mut().try_for_each(|p| grey_levels(p, levels))?;
+        config.cell.projectors.iter_mut().try_for_each(|p| grey_levels(p, levels))?;
     }
     let scene = load_scene(args.scene.as_deref(), twin_config)?;
     let settings = settings(args, &config, twin_config)?;
@@ -136,11 +137,11 @@ fn settings(args: &Args, config: &Config, twin: &TwinConfig) -> Result<TwinSetti
 /// Puts a correction on the projector that it names, or on all.
 fn correct(config: &mut Config, path: &Path) -> Result<()> {
     let correction = files::correction::read_correction(path)?;
-    let known = config.projectors.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
+    let known = config.cell.projectors.iter().map(|p| p.name.as_str()).collect::<Vec<_>>().join(", ");
     let mut used = false;
-    for projector in &mut config.projectors {
+    for projector in &mut config.cell.projectors {
         if correction.projector.as_ref().is_none_or(|name| *name == projector.name) {
-            projector.pattern_correction = Some(correction.clone());
+            projector.level_table = Some(correction.table.clone());
             used = true;
         }
     }
@@ -201,12 +202,12 @@ fn records(config: &Config, exposures: &[f64]) -> Vec<ProjectorRecord> {
         exposures_ms: exposures.iter().map(|factor| factor * NOMINAL_MS).collect(),
         full_scale_dn: BTreeMap::new(),
     };
-    config.projectors.iter().map(record).collect()
+    config.cell.projectors.iter().map(record).collect()
 }
 
 /// Frames of one recording.
 pub fn frames(config: &Config) -> usize {
-    config.projectors.iter().map(|p| p.cameras.len() * frame_count(&p.sequence)).sum()
+    config.cell.projectors.iter().map(|p| p.cameras.len() * frame_count(&p.sequence)).sum()
 }
 
 /// Renders a recording. The truth (path, text) goes before the file that makes the frames a recording, so that a fault
@@ -225,8 +226,12 @@ pub fn write_recording(
     let records = records(config, exposures);
     let mut writer = RecordingWriter::create(out, &records)?;
     for record in &records {
-        let table =
-            config.projector(&record.name).and_then(|p| p.pattern_correction.as_ref()).map(|c| &c.table);
+        let table = config
+            .cell
+            .projectors
+            .iter()
+            .find(|p| p.name == record.name)
+            .and_then(|p| p.level_table.as_ref());
         let mut renderer = twin.corrected_renderer(&record.name, &record.sequence, table)?;
         for camera in &record.cameras {
             let view = twin.view_lit_by(camera, &[record.name.as_str()], cycle)?;

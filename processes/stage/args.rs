@@ -1,7 +1,7 @@
 //! Arguments that the supervisor passes to a stage.
 
+use cell::Retention;
 use cell::schedule::Kind;
-use files::cycle_record::Kept;
 use std::path::PathBuf;
 
 /// Digits of each file hash on the command line of a stage: enough to detect every change.
@@ -36,7 +36,7 @@ pub struct StageArgs {
     pub watch: bool,
     /// Which values the supervisor keeps in a cycle record.
     #[arg(long)]
-    pub kept: Kept,
+    pub kept: Retention,
     /// Folder of the recording, if one is written.
     #[arg(long)]
     pub record: Option<PathBuf>,

@@ -7,10 +7,12 @@ use super::text_buffer::shorten;
 use anyhow::{Context, Result, anyhow};
 use cell::Cell;
 use cell::schedule::{Carries, FRAME_BUFFER, Half, Order, SUPERVISOR, Topic, Work};
+use devices::LoadedCell;
 use ipc::IpcError;
 use ipc::cell::CellName;
 use ipc::error::MessageError;
 use ipc::header::{Command, Control, Event, EventKind, Header, MAX_TEXT_BYTES};
+use ipc::long_text::parts;
 use ipc::os::{Usage, now_ns};
 use ipc::port::{Listener, Node, Notifier, Publisher, Received, Subscriber, loans};
 use ipc::sequence::{SequenceGates, SequencePoint};
@@ -21,7 +23,7 @@ use xxhash_rust::xxh3::xxh3_128;
 /// Link of a stage to its cell.
 pub struct Link {
     /// Configuration, graph and schedule.
-    pub cell: Cell,
+    pub cell: LoadedCell,
     /// Index of this stage in the schedule.
     pub stage: usize,
     /// Index of the recipe of the current cycle.
@@ -76,7 +78,7 @@ fn allocations() -> u64 {
 
 impl Link {
     /// Joins the cell and opens the ports to the supervisor.
-    pub fn join(args: &StageArgs, cell: Cell) -> Result<Self> {
+    pub fn join(args: &StageArgs, cell: LoadedCell) -> Result<Self> {
         let stage = cell
             .schedule
             .stages
@@ -270,14 +272,30 @@ impl Link {
             messages: (messages - self.messages) as u32,
             activation: activation as u32,
             count: report.count as u32,
-            ..self.event(EventKind::Done, report.text.len())
+            ..self.event(EventKind::Done, 0)
         };
         tracing::debug!(?work, bytes, wait_ns = header.wait_ns, ns = end_ns.saturating_sub(start_ns), "done");
         (self.idle_since_ns, self.usage, self.send_ns) = (end_ns, usage, 0);
         (self.allocations, self.messages) = (allocated, messages);
-        self.events.send(header, report.text.as_bytes())?;
+        self.send_report(header, report.text)?;
         self.advance(activation);
         if self.supervisor_notifications.contains(&activation) {
+            self.supervisor.notify();
+        }
+        Ok(())
+    }
+
+    /// Sends a report; a text that is longer than an event in parts, the last of which comes with `done`.
+    fn send_report(&self, done: Event, text: &str) -> Result<(), IpcError> {
+        let mut parts = parts(text, MAX_TEXT_BYTES).peekable();
+        while let Some(part) = parts.next() {
+            let text_bytes = part.len() as u32;
+            if parts.peek().is_none() {
+                return self.events.send(Event { text_bytes, ..done }, part.as_bytes());
+            }
+            let event = Event { text_bytes, kind: EventKind::Part as u32, ..done };
+            self.events.send(event, part.as_bytes())?;
+            // So many parts may come that they fill the buffer: the supervisor empties it meanwhile.
             self.supervisor.notify();
         }
         Ok(())

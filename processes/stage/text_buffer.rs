@@ -10,7 +10,12 @@ pub struct TextBuffer(Vec<u8>);
 impl TextBuffer {
     /// A buffer with the capacity of the longest text of an event.
     pub fn new() -> Self {
-        Self(Vec::with_capacity(MAX_TEXT_BYTES))
+        Self::with_capacity(MAX_TEXT_BYTES)
+    }
+
+    /// A buffer for longer texts.
+    pub fn with_capacity(bytes: usize) -> Self {
+        Self(Vec::with_capacity(bytes.max(MAX_TEXT_BYTES)))
     }
 
     /// Writes a value as JSON.

@@ -4,6 +4,7 @@ use super::profile;
 use cell::Cell;
 use cell::judgement::Judgement;
 use cell::schedule::{Interval, Schedule, Work, output};
+use devices::LoadedCell;
 use files::result::{CycleResult, OUTCOME_OK, StageResult};
 use ipc::header::Event;
 use serde_json::{Value, json};
@@ -45,8 +46,8 @@ pub struct Collector {
 
 impl Collector {
     /// Adds the report of an activation.
-    pub fn done(&mut self, event: Event, text: &str) {
-        self.done.insert(event.activation as usize, (event, text.to_owned()));
+    pub fn done(&mut self, event: Event, text: String) {
+        self.done.insert(event.activation as usize, (event, text));
     }
 
     /// Adds the result of the inspection, with its text and the time since the last frame, ns.
@@ -93,7 +94,7 @@ impl Collector {
     }
 
     /// The result of the cycle with its outcome.
-    pub fn result(&self, cell: &Cell, cycle: u64, outcome: &Result<(), String>) -> CycleResult {
+    pub fn result(&self, cell: &LoadedCell, cycle: u64, outcome: &Result<(), String>) -> CycleResult {
         let ok = outcome.is_ok();
         let judged = self.judgement.as_ref().filter(|_| ok);
         CycleResult {
@@ -140,12 +141,12 @@ impl Collector {
         parts.iter().map(|(key, hashes)| (key.clone(), join(hashes))).collect()
     }
 
-    fn more(&self, cell: &Cell, ok: bool) -> BTreeMap<String, Value> {
+    fn more(&self, cell: &LoadedCell, ok: bool) -> BTreeMap<String, Value> {
         let mut more = BTreeMap::from([
             ("cell".to_owned(), json!(cell.name)),
             ("version".to_owned(), json!(env!("CARGO_PKG_VERSION"))),
-            ("config_sha256".to_owned(), json!(cell.config.sha256)),
-            ("rig_sha256".to_owned(), json!(cell.config.rig_sha256)),
+            ("config_sha256".to_owned(), json!(cell.file.sha256)),
+            ("rig_sha256".to_owned(), json!(cell.file.rig_sha256)),
         ]);
         let mut reports = BTreeMap::new();
         for (activation, (event, text)) in &self.done {

@@ -4,12 +4,14 @@
 //! for any slow receiver.
 
 use anyhow::{Context, Result, anyhow};
+use cell::Cell;
+use cell::Retention;
 use cell::cycle_number::wire;
 use cell::schedule::{Work, label, output};
-use cell::{Cell, recorded_recipes};
 use crossbeam::channel::{Receiver, Sender, unbounded};
+use devices::LoadedCell;
 use files::cycle_record::{
-    ActivationEntry, ActivationName, CycleEntry, Kept, RecordHeader, RecordWriter, ValueKey,
+    ActivationEntry, ActivationName, CycleEntry, RecordHeader, RecordWriter, ValueKey,
 };
 use files::error::FileError;
 use files::result::CycleResult;
@@ -53,7 +55,7 @@ pub struct CycleRecorder {
 
 impl CycleRecorder {
     /// Creates the file, the thread and the subscribers.
-    pub fn new(path: &Path, cell: &Cell, node: &Node) -> Result<Self> {
+    pub fn new(path: &Path, cell: &LoadedCell, node: &Node) -> Result<Self> {
         let writer = RecordWriter::create(path, &header(cell)?)?;
         let (items, waiting) = unbounded();
         let thread = std::thread::Builder::new().name("cycle record".into());
@@ -83,7 +85,7 @@ impl CycleRecorder {
 
     /// Records the result of the inspection, which the supervisor receives itself.
     pub fn result(&self, cell: &Cell, wire_cycle: u64, text: &str) {
-        if cell.graph.kept == Kept::All {
+        if cell.graph.kept == Retention::All {
             self.record(cell, wire_cycle, Work::Inspect, text.as_bytes());
         }
     }
@@ -173,15 +175,15 @@ impl Subscribers {
         let cameras =
             |prefix: &'static str| graph.cameras.iter().map(move |c| format!("{prefix}/{}", c.name));
         let pairs = graph.pairs.iter().map(|p| format!("cloud/{}", p.name)).chain(["cloud/fused".to_owned()]);
-        let frames = cameras("frame").filter(|_| kept != Kept::Hashes);
+        let frames = cameras("frame").filter(|_| kept != Retention::Hashes);
         Ok(Self {
             frames: frames.map(|t| node.subscriber(&t)).collect::<Result<_, _>>()?,
             phases: cameras("phase")
-                .filter(|_| kept == Kept::All)
+                .filter(|_| kept == Retention::All)
                 .map(|t| node.subscriber(&t))
                 .collect::<Result<_, _>>()?,
             clouds: pairs
-                .filter(|_| kept == Kept::All)
+                .filter(|_| kept == Retention::All)
                 .map(|t| node.subscriber(&t))
                 .collect::<Result<_, _>>()?,
         })
@@ -229,8 +231,8 @@ fn write(mut writer: RecordWriter, items: &Receiver<Item>) -> Loss {
     loss
 }
 
-fn header(cell: &Cell) -> Result<RecordHeader> {
-    let config = &cell.config;
+fn header(cell: &LoadedCell) -> Result<RecordHeader> {
+    let config = &cell.file;
     let path = config.document.path.to_str().context("the path of the configuration is not UTF-8")?;
     let activations = cell.schedule.activations.iter().map(|a| ActivationName {
         stage: cell.schedule.stages[a.stage].name.clone(),
@@ -244,7 +246,7 @@ fn header(cell: &Cell) -> Result<RecordHeader> {
         config: path.to_owned(),
         config_sha256: config.sha256.clone(),
         rig_sha256: config.rig_sha256.clone(),
-        recipes: recorded_recipes(cell),
+        recipes: cell.config.recipes.iter().map(Into::into).collect(),
         recording_sha256: config.recording.as_ref().map(|r| r.recording.sha256.clone()),
         kept: cell.graph.kept,
         activations: activations.collect(),

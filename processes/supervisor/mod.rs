@@ -27,8 +27,8 @@ pub use setup::RunOptions;
 pub use state::Summary;
 
 use anyhow::{Context, Result, anyhow};
-use cell::Cell;
 use cycle::Input;
+use devices::LoadedCell;
 use files::result::CycleResult;
 use state::{Supervisor, TICK};
 use std::sync::Arc;
@@ -37,7 +37,7 @@ use std::sync::Arc;
 ///
 /// # Errors
 /// The cell cannot start, or the supervisor itself cannot continue.
-pub fn run(cell: &Cell, options: &RunOptions, each: &mut dyn FnMut(&CycleResult)) -> Result<Summary> {
+pub fn run(cell: &LoadedCell, options: &RunOptions, each: &mut dyn FnMut(&CycleResult)) -> Result<Summary> {
     let interrupted = Arc::clone(&options.interrupted);
     ipc::os::catch_termination().context("handling the termination signals")?;
     privileges::claim(cell);

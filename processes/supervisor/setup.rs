@@ -6,6 +6,7 @@ use super::stage_process::StageProcess;
 use crate::stage::short_hashes;
 use cell::Cell;
 use cell::schedule::{Carries, Kind, Order, Stage, Topic, label};
+use devices::LoadedCell;
 use ipc::IpcError;
 use ipc::port::{Node, ServiceHandle, TopicSize};
 use std::net::SocketAddr;
@@ -67,7 +68,7 @@ pub(super) fn machine(cell: &Cell, options: &RunOptions) -> Cycles {
 }
 
 /// The stage processes, not started yet.
-pub(super) fn stages(cell: &Cell, options: &RunOptions) -> Vec<StageProcess> {
+pub(super) fn stages(cell: &LoadedCell, options: &RunOptions) -> Vec<StageProcess> {
     let limits = &cell.config.limits;
     let policy = Policy { restarts_max: limits.restarts_max, window_ns: ns_of_ms(limits.restart_window_ms) };
     let stages = cell.schedule.stages.iter().map(|stage| {
@@ -81,12 +82,12 @@ pub(super) fn stages(cell: &Cell, options: &RunOptions) -> Vec<StageProcess> {
     stages.collect()
 }
 
-fn arguments(cell: &Cell, options: &RunOptions, stage: &Stage) -> Vec<String> {
+fn arguments(cell: &LoadedCell, options: &RunOptions, stage: &Stage) -> Vec<String> {
     let mut arguments: Vec<String> = ["stage", stage.kind.word(), &stage.name].map(str::to_owned).to_vec();
     let mut option = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
     option("--cell", cell.name.clone());
     option("--config", options.config.display().to_string());
-    option("--files", short_hashes(&cell.config.read_files()).join(","));
+    option("--files", short_hashes(&cell.file.read_files()).join(","));
     option("--parent", std::process::id().to_string());
     option("--kept", cell.graph.kept.to_string());
     if let Some(folder) = &options.record {

@@ -3,6 +3,7 @@
 use super::restart::{Decision, Policy, Restarts};
 use crate::terminal;
 use anyhow::{Context, Result};
+use ipc::long_text::Joined;
 use ipc::os::now_ns;
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -63,6 +64,8 @@ pub struct StageProcess {
     pub killed: Option<String>,
     /// Whether an operator requested the restart.
     restart_requested: bool,
+    /// Parts of a report that is not complete yet.
+    pub report: Joined,
     /// Reason that it sent before it ended.
     pub final_message: Option<String>,
     child: Option<Child>,
@@ -81,6 +84,7 @@ impl StageProcess {
             last_message_ns: now_ns(),
             killed: None,
             restart_requested: false,
+            report: Joined::default(),
             final_message: None,
             child: None,
             stderr: None,

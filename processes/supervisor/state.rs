@@ -13,11 +13,11 @@ use super::snapshot::Snapshot;
 use super::stage_process::{ProcessState, StageProcess};
 use crate::terminal;
 use anyhow::Result;
-use cell::Cell;
 use cell::cycle_number::{unwire, wire};
 use cell::judgement::Judgement;
 use cell::schedule::{Half, Interval, Order, SUPERVISOR, label, violation};
 use crossbeam::channel::{Receiver, bounded};
+use devices::LoadedCell;
 use files::result::CycleResult;
 use ipc::IpcError;
 use ipc::cell::{CellLock, CellName};
@@ -72,7 +72,7 @@ pub(super) struct Ports {
 
 /// The supervisor of a running cell.
 pub(super) struct Supervisor<'a> {
-    pub(super) cell: &'a Cell,
+    pub(super) cell: &'a LoadedCell,
     pub(super) control: Publisher<Control>,
     pub(super) events: Subscriber<Event>,
     pub(super) results: Subscriber<Outcome>,
@@ -131,7 +131,11 @@ impl Ports {
 
 impl<'a> Supervisor<'a> {
     /// Creates the shared memory and the ports; no stage runs yet.
-    pub(super) fn new(cell: &'a Cell, options: &RunOptions, interrupted: Arc<AtomicBool>) -> Result<Self> {
+    pub(super) fn new(
+        cell: &'a LoadedCell,
+        options: &RunOptions,
+        interrupted: Arc<AtomicBool>,
+    ) -> Result<Self> {
         let name = CellName::new(&cell.name)?;
         let mut lock = CellLock::take(&name)?;
         lock.check_space(cell.schedule.memory_bytes())?;
@@ -175,7 +179,10 @@ impl<'a> Supervisor<'a> {
             requested: options.cycles,
             tally: Tally::default(),
             was_ready: false,
-            jobs: JobController::new(cell.recipes.iter().map(|r| r.name.clone()).collect(), options.serve),
+            jobs: JobController::new(
+                cell.config.recipes.iter().map(|r| r.name.clone()).collect(),
+                options.serve,
+            ),
             profile: Profile::new(&names, setup::ns_of_ms(cell.config.limits.cycle_deadline_ms))?,
             ports: Ports { _services: services, node, lock },
             cell,
@@ -246,7 +253,7 @@ impl<'a> Supervisor<'a> {
         if let Some(duration_ns) = duration_ns {
             result.more.insert("duration_ns".into(), duration_ns.into());
         }
-        let plan = self.cell.recipes.get(self.jobs.recipe()).and_then(|recipe| recipe.plan.as_ref());
+        let plan = self.cell.config.recipes.get(self.jobs.recipe()).and_then(|recipe| recipe.plan.as_ref());
         self.jobs.annotate(&mut result);
         if let Some(duration_ns) = duration_ns {
             self.history.add(history::ended(&result, end_ns, duration_ns), collector.spans(cycle));
@@ -339,7 +346,9 @@ impl<'a> Supervisor<'a> {
             }
             EventKind::Ready if event.cycle == self.epoch => self.step(Input::Ready { stage }, each),
             EventKind::Ready => Ok(()),
+            EventKind::Part => Ok(child.report.push(text)?),
             EventKind::Failed => {
+                child.report.clear();
                 if let Some(cycle) = unwire(event.cycle) {
                     return self.step(Input::Failed { stage, cycle, reason: text.to_owned() }, each);
                 }
@@ -347,6 +356,7 @@ impl<'a> Supervisor<'a> {
                 Ok(())
             }
             EventKind::Done => {
+                let text = child.report.take(text);
                 let Some(cycle) = unwire(event.cycle) else { return Ok(()) };
                 if let Some(collector) = self.collectors.get_mut(&cycle) {
                     collector.done(event, text);

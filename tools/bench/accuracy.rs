@@ -119,8 +119,8 @@ impl Bench {
         let config = Config::load(Path::new("configs/demo.toml"))?;
         let twin_config = config.twin.as_ref().context("configs/demo.toml: has no [twin]")?;
         let scene = load_scene(None, twin_config)?;
-        let plan_file = config.plan.as_ref().context("configs/demo.toml: has no plan")?;
-        let plan = Plan::from_toml(&plan_file.text).with_context(|| plan_file.path.display().to_string())?;
+        let plan = config.cell.recipes.first().and_then(|recipe| recipe.plan.clone());
+        let plan = plan.context("configs/demo.toml: has no plan")?;
         Ok(Self { scene, plan, rig: twin_config.rig.clone(), sequence: twin::thesis::sequence() })
     }
 

@@ -145,7 +145,7 @@ impl Bench {
             TwinSettings { seed, position_scatter_mm, angle_scatter_deg, ..TwinSettings::default() };
         let twin =
             Twin::new(&self.scene, settings, &self.rig)?.on_stage(self.axis.turn(angle_rad).isometry());
-        let projector = self.config.projectors.first().context("no projector")?;
+        let projector = self.config.cell.projectors.first().context("no projector")?;
         let maps = decode(&twin, "cam1", &projector.name, &self.rig, &projector.sequence, 0)?;
         let (camera, lamp) = (self.rig.camera("cam1"), self.rig.projector(&projector.name));
         let (camera, lamp) = (camera.context("cam1")?, lamp.context("the projector")?);

@@ -1,26 +1,17 @@
 //! Which pairs a recording and a rig file have in common.
 
-use super::{Args, Method};
 use anyhow::{Result, bail};
 use files::recording::{RecordedRig, Recording};
 use files::rig_file::RigFile;
 use fringe::geometry::rig::Pair;
 
-/// The pairs to reconstruct.
-pub(super) fn chosen(args: &Args, recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
-    let mut pairs = match args.method {
-        Method::Phase => camera_pairs(recording, rig_file)?,
-        Method::Projector => projector_pairs_or_fault(recording, rig_file)?,
-    };
-    if let Some(unknown) = args.pair.iter().find(|name| pairs.iter().all(|p| p.name != **name)) {
+/// The pairs with these names, in their order; all where none is named.
+pub(super) fn chosen(mut pairs: Vec<Pair>, names: &[String]) -> Result<Vec<Pair>> {
+    if let Some(unknown) = names.iter().find(|name| pairs.iter().all(|p| p.name != **name)) {
         let known: Vec<&str> = pairs.iter().map(|p| p.name.as_str()).collect();
-        bail!(
-            "--pair {unknown}: no such pair for method {}; there are: {}",
-            args.method.name(),
-            known.join(", ")
-        );
+        bail!("--pair {unknown}: no such pair for this method; there are: {}", known.join(", "));
     }
-    pairs.retain(|pair| args.pair.is_empty() || args.pair.contains(&pair.name));
+    pairs.retain(|pair| names.is_empty() || names.contains(&pair.name));
     Ok(pairs)
 }
 

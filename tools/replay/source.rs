@@ -2,10 +2,12 @@
 
 use anyhow::Result;
 use cell::Cell;
+use cell::Retention;
 use cell::executor::{Frames, SourceError};
 use cell::schedule::Work;
 use devices::Driven;
-use files::cycle_record::{Kept, RecordReader, RecordedCycle};
+use devices::LoadedCell;
+use files::cycle_record::{RecordReader, RecordedCycle};
 use std::collections::BTreeMap;
 
 /// Where frames come from.
@@ -23,10 +25,10 @@ pub enum Source<'a> {
 
 impl<'a> Source<'a> {
     /// Frames that the record holds are preferred: they are what was measured.
-    pub fn new(cell: &'a Cell, kept: Kept) -> Result<Self> {
+    pub fn new(cell: &'a LoadedCell, kept: Retention) -> Result<Self> {
         Ok(match kept {
-            Kept::Hashes => Self::Driven(Driven::new(cell)?),
-            Kept::Frames | Kept::All => Self::Kept { cell, frames: BTreeMap::new() },
+            Retention::Hashes => Self::Driven(Driven::new(cell)?),
+            Retention::Frames | Retention::All => Self::Kept { cell, frames: BTreeMap::new() },
         })
     }
 

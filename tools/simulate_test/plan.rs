@@ -23,17 +23,17 @@ const LIMITS: [(&str, Limit); 3] = [
 
 /// The plan as TOML.
 pub fn text(shots: &[Shot], rig: &str, reduced: bool, config: &Config) -> Result<String> {
-    let frames = config.projectors.first().map_or(0, |p| frame_count(&p.sequence));
+    let frames = config.cell.projectors.first().map_or(0, |p| frame_count(&p.sequence));
     let plan = TestPlan {
         format: TEST_FORMAT.into(),
-        name: format!("{} on the digital twin", config.name),
+        name: format!("{} on the digital twin", config.cell.name),
         rule_set: "vdi2634-3".into(),
         allow_reduced: reduced,
         reject_fraction: None,
         conditions: Conditions {
             operator: "fringetool simulate-test".into(),
             date: "simulated".into(),
-            instrument: Some(format!("digital twin of {}", config.name)),
+            instrument: Some(format!("digital twin of {}", config.cell.name)),
             temperature_c: 20.0,
             u_temperature_k: 0.1,
             operating_mode: format!("one exposure, {frames} frames a view, no averaging"),

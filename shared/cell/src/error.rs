@@ -1,28 +1,28 @@
-//! Why a cell cannot be built from its configuration.
+//! Why the kernels of a cell cannot be built, or refuse their work.
 
-use crate::schedule::ScheduleError;
-use files::error::FileError;
 use fringe::decode::DecodeError;
 use fringe::matching::MatchError;
-use metrology::inspection::PlanError;
-use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a cell cannot be built from its configuration.
-#[derive(Debug, Error)]
+/// Why the kernels of a cell cannot be built.
+#[derive(Debug, Error, Clone, PartialEq)]
 pub enum CellError {
-    /// A setting of the configuration.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// A name in the rig file or in `cameras` that the configuration lacks.
-    #[error("{0}")]
-    Unknown(String),
-    /// A graph that cannot be run.
-    #[error(transparent)]
-    Schedule(#[from] ScheduleError),
-    /// An inspection plan that cannot be used.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
+    /// A camera without frames of a projector.
+    #[error("camera \"{camera}\" does not look at projector \"{projector}\"")]
+    NotSeen {
+        /// Camera.
+        camera: String,
+        /// Projector.
+        projector: String,
+    },
+    /// A view of a pair that the rig lacks.
+    #[error("pair \"{pair}\": \"{view}\" is neither a camera nor a projector of the rig file")]
+    NoView {
+        /// Pair.
+        pair: String,
+        /// As in the pair.
+        view: String,
+    },
     /// A sequence or settings that the decoder refuses.
     #[error("sequence of projector \"{projector}\"")]
     Decode {
@@ -39,20 +39,4 @@ pub enum CellError {
         /// Why.
         source: MatchError,
     },
-    /// Any of these, with its file.
-    #[error("{}", path.display())]
-    In {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        source: Box<CellError>,
-    },
-}
-
-impl CellError {
-    /// The same fault with its file.
-    #[must_use]
-    pub fn at(self, path: impl Into<PathBuf>) -> Self {
-        Self::In { path: path.into(), source: Box::new(self) }
-    }
 }

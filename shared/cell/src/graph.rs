@@ -1,7 +1,10 @@
 //! The cell as the schedule sees it: who looks, who lights, who is matched.
 
-use files::cycle_record::Kept;
-use fringe::pattern::Axis;
+use crate::cell::Options;
+use crate::configuration::{CameraConfig, Configuration};
+use crate::retention::Retention;
+use crate::schedule::ScheduleError;
+use fringe::pattern::{Axis, PatternSet, frame_count};
 use std::collections::BTreeSet;
 
 /// The cell as the schedule sees it. Indices count in the order of the config.
@@ -22,11 +25,94 @@ pub struct Graph {
     /// Whether the supervisor watches frames, phases and the fused cloud for its report.
     pub watch: bool,
     /// Which bytes the supervisor keeps in a cycle record.
-    pub kept: Kept,
+    pub kept: Retention,
     /// Frames per second of a recording that is played, if one is and it is paced.
     pub rate_hz: Option<f64>,
     /// Longest duration of a cycle, ms.
     pub cycle_deadline_ms: u64,
+}
+
+impl Graph {
+    /// The graph of a configuration.
+    ///
+    /// # Errors
+    /// A camera or projector that a pair names and the cell lacks, with both names.
+    pub fn new(config: &Configuration, options: &Options) -> Result<Self, ScheduleError> {
+        let camera = |name: &str| config.cameras.iter().position(|c| c.name == name);
+        let projectors = config.projectors.iter().map(|p| ProjectorNode {
+            name: p.name.clone(),
+            frames: frame_count(&p.sequence),
+            axes: sine_axes(&p.sequence),
+            cameras: p.cameras.iter().filter_map(|name| camera(name)).collect(),
+        });
+        let pairs = config.rig.pairs.iter().map(|pair| {
+            let number = |name: &str| {
+                let absent = || ScheduleError::NoCamera { pair: pair.name.clone(), camera: name.to_owned() };
+                camera(name).ok_or_else(absent)
+            };
+            let left = number(&pair.left)?;
+            let right = match config.rig.camera(&pair.right) {
+                Some(_) => Right::Camera(number(&pair.right)?),
+                None => Right::Projector,
+            };
+            let projector = config.projectors.iter().position(|p| p.name == pair.projector);
+            let projector = projector.ok_or_else(|| ScheduleError::NoProjector {
+                pair: pair.name.clone(),
+                projector: pair.projector.clone(),
+            })?;
+            Ok(PairNode { name: pair.name.clone(), left, right, projector })
+        });
+        let node = |c: &CameraConfig| CameraNode {
+            name: c.name.clone(),
+            width_px: c.width_px,
+            height_px: c.height_px,
+        };
+        // A record that keeps bytes takes them cycle by cycle, so that a crash loses one cycle and not all that follow.
+        let in_flight = match options.kept {
+            Retention::Hashes => config.schedule.cycles_in_flight as usize,
+            Retention::Frames | Retention::All => 1,
+        };
+        Ok(Self {
+            cameras: config.cameras.iter().map(node).collect(),
+            projectors: projectors.collect(),
+            pairs: pairs.collect::<Result<_, _>>()?,
+            cores: config.schedule.cores as usize,
+            in_flight,
+            record: options.record,
+            watch: options.watch,
+            kept: options.kept,
+            rate_hz: config.rate_hz,
+            cycle_deadline_ms: config.limits.cycle_deadline_ms,
+        })
+    }
+
+    /// The name of a camera, for messages.
+    pub fn camera_name(&self, camera: usize) -> &str {
+        self.cameras.get(camera).map_or("unknown", |c| &c.name)
+    }
+
+    /// The name of a projector, for messages.
+    pub fn projector_name(&self, projector: usize) -> &str {
+        self.projectors.get(projector).map_or("unknown", |p| &p.name)
+    }
+
+    /// The name of a pair, for messages.
+    pub fn pair_name(&self, pair: usize) -> &str {
+        self.pairs.get(pair).map_or("unknown", |p| &p.name)
+    }
+
+    /// A frame of a camera in words that an operator knows; frames count from 1.
+    pub fn frame_name(&self, camera: usize, projector: usize, frame: usize) -> String {
+        let (camera, projector) = (self.camera_name(camera), self.projector_name(projector));
+        format!("frame {} of camera \"{camera}\" under projector \"{projector}\"", frame + 1)
+    }
+}
+
+/// Axes along which a sequence tells a phase, x before y.
+fn sine_axes(sequence: &[PatternSet]) -> Vec<Axis> {
+    let sines = sequence.iter().filter(|set| matches!(set, PatternSet::Sine { .. }));
+    let axes: BTreeSet<Axis> = sines.filter_map(PatternSet::axis).collect();
+    axes.into_iter().collect()
 }
 
 /// A camera.
@@ -84,18 +170,17 @@ impl PairNode {
         }
     }
 
-    /// Axes whose phases it takes: stereo matching needs one, and x is the one along the baseline of most cells.
-    pub fn axes(&self, projector: &ProjectorNode) -> Vec<Axis> {
-        match self.right {
-            Right::Camera(_) => projector.axes.iter().copied().take(1).collect(),
-            Right::Projector => projector.axes.clone(),
-        }
+    /// Axes whose phases it takes: all that the projector shows. Two cameras match the one that changes most along their
+    /// epipolar lines, which only the phases tell.
+    pub fn axes<'a>(&self, projector: &'a ProjectorNode) -> &'a [Axis] {
+        &projector.axes
     }
 }
 
 /// Axes whose phases of a camera and a projector somebody takes.
 pub fn axes_taken(graph: &Graph, camera: usize, projector: usize) -> Vec<Axis> {
     let takers = graph.pairs.iter().filter(|p| p.projector == projector && p.cameras().contains(&camera));
-    let axes: BTreeSet<Axis> = takers.flat_map(|p| p.axes(&graph.projectors[projector])).collect();
+    let axes: BTreeSet<Axis> =
+        takers.flat_map(|p| p.axes(&graph.projectors[projector]).iter().copied()).collect();
     axes.into_iter().collect()
 }

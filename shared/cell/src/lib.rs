@@ -7,15 +7,18 @@
 #![forbid(unsafe_code)]
 
 mod cell;
+pub mod configuration;
 pub mod cycle_number;
 mod error;
 pub mod executor;
 mod frame_format;
 pub mod graph;
 pub mod judgement;
-pub mod kernels;
+mod retention;
 pub mod schedule;
 
-pub use cell::{Cell, Options, Recipe, recorded_recipes};
+pub use cell::{Cell, Options};
+pub use configuration::{Configuration, Recipe, Settings};
 pub use error::CellError;
 pub use frame_format::FrameFormat;
+pub use retention::Retention;

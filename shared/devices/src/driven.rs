@@ -2,13 +2,13 @@
 
 use crate::device::Camera;
 use crate::error::DeviceError;
-use cell::Cell;
+use crate::load::LoadedCell;
 use cell::executor::{Frames, SourceError};
 use cell::schedule::Work;
 
 /// The frames that the drivers of the cell give.
 pub struct Driven<'a> {
-    cell: &'a Cell,
+    cell: &'a LoadedCell,
     cameras: Vec<Box<dyn Camera>>,
 }
 
@@ -17,7 +17,7 @@ impl<'a> Driven<'a> {
     ///
     /// # Errors
     /// A driver that does not open.
-    pub fn new(cell: &'a Cell) -> Result<Self, DeviceError> {
+    pub fn new(cell: &'a LoadedCell) -> Result<Self, DeviceError> {
         let cameras = (0..cell.graph.cameras.len()).map(|number| crate::camera(cell, number));
         Ok(Self { cell, cameras: cameras.collect::<Result<_, _>>()? })
     }

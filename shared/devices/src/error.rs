@@ -1,7 +1,9 @@
 //! Why a device cannot do what it should.
 
 use cell::CellError;
+use cell::schedule::ScheduleError;
 use files::error::FileError;
+use fringe::text::CELL_NAME;
 use std::path::PathBuf;
 use thiserror::Error;
 use twin::{SceneError, TwinError};
@@ -13,8 +15,24 @@ pub enum DeviceError {
     #[error(transparent)]
     File(#[from] FileError),
     /// A cell that cannot be planned.
-    #[error(transparent)]
-    Cell(#[from] CellError),
+    #[error("{}", path.display())]
+    Schedule {
+        /// The configuration.
+        path: PathBuf,
+        /// Why.
+        source: ScheduleError,
+    },
+    /// A cell whose kernels cannot be built.
+    #[error("{}", path.display())]
+    Cell {
+        /// The configuration.
+        path: PathBuf,
+        /// Why.
+        source: CellError,
+    },
+    /// A name that no cell may have.
+    #[error("--cell {0:?}: {CELL_NAME}")]
+    CellName(String),
     /// The twin refuses.
     #[error(transparent)]
     Twin(#[from] TwinError),

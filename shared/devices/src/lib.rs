@@ -15,16 +15,15 @@ pub mod twin_source;
 pub use device::{Camera, Projector};
 pub use driven::Driven;
 pub use error::DeviceError;
-pub use load::{check, load};
+pub use load::{LoadedCell, check, load};
 
-use cell::Cell;
-use files::config::Driver;
+use cell::configuration::Driver;
 
 /// The camera of a capture stage.
 ///
 /// # Errors
 /// A driver that does not open.
-pub fn camera(cell: &Cell, camera: usize) -> Result<Box<dyn Camera>, DeviceError> {
+pub fn camera(cell: &LoadedCell, camera: usize) -> Result<Box<dyn Camera>, DeviceError> {
     Ok(match cell.config.cameras[camera].driver {
         Driver::Twin => Box::new(twin_camera::TwinCamera::new(cell, camera)?),
         Driver::Recording => Box::new(recording::RecordedCamera::new(cell, camera)?),
@@ -32,8 +31,8 @@ pub fn camera(cell: &Cell, camera: usize) -> Result<Box<dyn Camera>, DeviceError
 }
 
 /// The projectors of the cell.
-pub fn projector(cell: &Cell) -> Box<dyn Projector> {
-    let rate_hz = cell.config.recording.as_ref().map_or(0.0, |r| r.rate_hz);
+pub fn projector(cell: &LoadedCell) -> Box<dyn Projector> {
+    let rate_hz = cell.file.recording.as_ref().map_or(0.0, |r| r.rate_hz);
     // The light of the twin and of a recording is in the frames; only the pace is left.
     Box::new(recording::Pace::new(rate_hz))
 }

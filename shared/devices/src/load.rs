@@ -2,45 +2,77 @@
 
 use crate::error::DeviceError;
 use crate::twin_source;
-use cell::{Cell, FrameFormat, Options};
-use files::config::{Config, Driver};
+use cell::configuration::Driver;
+use cell::{Cell, FrameFormat, Options, executor};
+use files::config::Config;
+use fringe::text::is_cell_name;
+use std::ops::Deref;
 use std::path::Path;
+use twin::TwinSettings;
+
+/// A cell with the files that it came from.
+#[derive(Debug, Clone)]
+pub struct LoadedCell {
+    /// The files.
+    pub file: Config,
+    /// What they mean.
+    pub cell: Cell,
+    /// Settings of the twin, checked; present whenever there is a twin.
+    pub twin: Option<TwinSettings>,
+}
+
+impl Deref for LoadedCell {
+    type Target = Cell;
+
+    fn deref(&self) -> &Cell {
+        &self.cell
+    }
+}
 
 /// Reads a configuration and plans its cell.
 ///
 /// # Errors
 /// Anything that would keep the cell from running: every setting is parsed here, before a process starts.
-pub fn load(path: &Path, options: &Options) -> Result<Cell, DeviceError> {
-    let config = Config::load(path)?;
-    let formats = formats(&config)?;
-    Ok(Cell::new(config, formats, options)?)
+pub fn load(path: &Path, options: &Options) -> Result<LoadedCell, DeviceError> {
+    if let Some(name) = options.cell.as_ref().filter(|name| !is_cell_name(name)) {
+        return Err(DeviceError::CellName(name.clone()));
+    }
+    let file = Config::load(path)?;
+    let twin = file.twin.as_ref().map(|_| twin_source::settings(&file)).transpose()?;
+    let formats = formats(&file, twin.as_ref())?;
+    let cell = Cell::new(file.cell.clone(), formats, options)
+        .map_err(|source| DeviceError::Schedule { path: path.to_owned(), source })?;
+    Ok(LoadedCell { file, cell, twin })
 }
 
 /// Builds what the stages will build, to find out before a process starts whether it can be built.
 ///
 /// # Errors
 /// Settings that a kernel refuses, cameras that make no pair, a scene that cannot be traced.
-pub fn check(cell: &Cell) -> Result<(), DeviceError> {
-    cell::kernels::check(cell)?;
-    if cell.config.twin.is_some() {
-        twin_source::build(&cell.config)?;
+pub fn check(cell: &LoadedCell) -> Result<(), DeviceError> {
+    let path = || cell.file.document.path.clone();
+    executor::check(cell).map_err(|source| DeviceError::Cell { path: path(), source })?;
+    if cell.file.twin.is_some() {
+        twin_source::build(&cell.file)?;
     }
     Ok(())
 }
 
 /// How the frames of each camera under each projector lie in memory.
-fn formats(config: &Config) -> Result<Vec<Vec<Option<FrameFormat>>>, DeviceError> {
-    let twin = config.twin.as_ref().map(|_| twin_source::settings(config)).transpose()?;
+fn formats(
+    config: &Config,
+    twin: Option<&TwinSettings>,
+) -> Result<Vec<Vec<Option<FrameFormat>>>, DeviceError> {
     let mut formats = Vec::new();
-    for projector in &config.projectors {
+    for projector in &config.cell.projectors {
         let mut row = Vec::new();
-        for camera in &config.cameras {
+        for camera in &config.cell.cameras {
             if !projector.cameras.contains(&camera.name) {
                 row.push(None);
                 continue;
             }
             let full_scale_dn = match camera.driver {
-                Driver::Twin => twin.as_ref().ok_or(DeviceError::Missing("twin"))?.full_scale_dn(),
+                Driver::Twin => twin.ok_or(DeviceError::Missing("twin"))?.full_scale_dn(),
                 Driver::Recording => recorded_full_scale_dn(config, &projector.name, &camera.name)?,
             };
             row.push(Some(FrameFormat::of(full_scale_dn)));

@@ -2,7 +2,7 @@
 
 use crate::device::{Camera, Projector};
 use crate::error::DeviceError;
-use cell::Cell;
+use crate::load::LoadedCell;
 use files::recording::Recording;
 use fringe::frame::Pixels;
 
@@ -16,9 +16,9 @@ pub struct RecordedCamera {
 
 impl RecordedCamera {
     /// Takes the recording that the configuration opened.
-    pub fn new(cell: &Cell, camera: usize) -> Result<Self, DeviceError> {
+    pub fn new(cell: &LoadedCell, camera: usize) -> Result<Self, DeviceError> {
         let config = &cell.config;
-        let played = config.recording.as_ref().ok_or(DeviceError::Missing("recording"))?;
+        let played = cell.file.recording.as_ref().ok_or(DeviceError::Missing("recording"))?;
         Ok(Self {
             recording: played.recording.clone(),
             repeat: played.repeat,

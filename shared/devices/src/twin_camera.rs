@@ -2,8 +2,8 @@
 
 use crate::device::Camera;
 use crate::error::DeviceError;
+use crate::load::LoadedCell;
 use crate::twin_source;
-use cell::Cell;
 use twin::{PixelsMut, Renderer, Twin, View};
 
 /// Traces its own view once per pose; a frame is then a look-up.
@@ -19,14 +19,14 @@ pub struct TwinCamera {
 
 impl TwinCamera {
     /// Builds the twin.
-    pub fn new(cell: &Cell, camera: usize) -> Result<Self, DeviceError> {
+    pub fn new(cell: &LoadedCell, camera: usize) -> Result<Self, DeviceError> {
         let config = &cell.config;
-        let twin = twin_source::build(config)?;
+        let twin = twin_source::build(&cell.file)?;
         let lit = cell.graph.projectors.iter().enumerate().filter(|(_, p)| p.cameras.contains(&camera));
         let lamps = lit
             .map(|(number, p)| {
                 let shown = &config.projectors[number];
-                let table = shown.pattern_correction.as_ref().map(|c| &c.table);
+                let table = shown.level_table.as_ref();
                 Ok((number, twin.corrected_renderer(&p.name, &shown.sequence, table)?))
             })
             .collect::<Result<Vec<_>, DeviceError>>()?;

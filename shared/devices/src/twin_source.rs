@@ -26,7 +26,8 @@ fn chain(error: &FileError) -> String {
     let mut text = error.to_string();
     let mut cause = std::error::Error::source(error);
     while let Some(next) = cause {
-        text.push_str(&format!(": {next}"));
+        text.push_str(": ");
+        text.push_str(&next.to_string());
         cause = next.source();
     }
     text

@@ -114,6 +114,12 @@ pub enum Problem {
     /// A sequence or settings that the decoder refuses.
     #[error(transparent)]
     Decode(fringe::decode::DecodeError),
+    /// Parts of a cell that do not fit each other.
+    #[error(transparent)]
+    Schedule(cell::schedule::ScheduleError),
+    /// An inspection plan that cannot be used.
+    #[error(transparent)]
+    Plan(metrology::inspection::PlanError),
     /// A thing that this program does not do.
     #[error("{0}")]
     Unsupported(String),

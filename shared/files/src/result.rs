@@ -3,6 +3,7 @@
 use crate::atomic;
 use crate::document::read_text;
 use crate::error::{FileError, Problem};
+pub use cell::judgement::{FeatureResult, ResultVerdict};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -31,43 +32,6 @@ pub struct CycleResult {
     /// Further keys: number of points, overlaps, rig, version.
     #[serde(flatten)]
     pub more: BTreeMap<String, serde_json::Value>,
-}
-
-/// A judgement against a tolerance, with the measurement's uncertainty.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ResultVerdict {
-    /// Surely within.
-    Pass,
-    /// The uncertainty reaches over a limit.
-    Indeterminate,
-    /// Surely outside.
-    Fail,
-}
-
-/// One feature of a cycle.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct FeatureResult {
-    /// As in the plan.
-    pub name: String,
-    /// In `unit`; absent when it could not be measured.
-    pub value: Option<f64>,
-    /// `mm`, `deg`.
-    pub unit: String,
-    /// Standard uncertainty, in `unit`.
-    pub u: Option<f64>,
-    /// Lower limit, in `unit`.
-    pub lower: Option<f64>,
-    /// Upper limit, in `unit`.
-    pub upper: Option<f64>,
-    /// Absent when the plan sets no limit or there is no value.
-    pub verdict: Option<ResultVerdict>,
-    /// Why there is no value.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub reason: Option<String>,
-    /// How the value is defined and what else was seen, where the name does not say it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub detail: Option<String>,
 }
 
 /// What one stage did and used in one cycle. Waiting, computing and sending do not overlap.

@@ -20,9 +20,6 @@ use std::fs::{self, File, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
-/// Longest name of a cell, see above.
-const MAX_NAME_BYTES: usize = 32;
-
 /// Attempts to take the lock: another supervisor may be removing it, or a client may be checking it.
 const LOCK_ATTEMPTS: usize = 20;
 
@@ -54,9 +51,7 @@ impl CellName {
     /// # Errors
     /// [`IpcError::CellName`].
     pub fn new(name: &str) -> Result<Self, IpcError> {
-        let letters = name.bytes().all(|b| matches!(b, b'a'..=b'z' | b'0'..=b'9' | b'-' | b'_'));
-        let begins = name.bytes().next().is_some_and(|b| b.is_ascii_alphanumeric());
-        if letters && begins && name.len() <= MAX_NAME_BYTES {
+        if fringe::text::is_cell_name(name) {
             Ok(Self(name.to_owned()))
         } else {
             Err(IpcError::CellName(name.to_owned()))

@@ -7,7 +7,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum IpcError {
     /// The name cannot be part of a path or a service name.
-    #[error("cell name \"{0}\": use 1 to 32 of a–z, 0–9, '-' and '_', beginning with a letter or digit")]
+    #[error("cell name \"{0}\": {rule}", rule = fringe::text::CELL_NAME)]
     CellName(String),
     /// Another supervisor runs this cell.
     #[error(

@@ -11,7 +11,7 @@ use fringe::pattern::Axis;
 use fringe::phase::{PHASE_BYTES_PER_PX, PhaseInfo};
 use iceoryx2::prelude::ZeroCopySend;
 
-/// Longest text in an event, bytes: a report with a hundred overlaps fits.
+/// Longest text in one event, bytes; longer ones travel in parts ([`crate::long_text`]).
 pub const MAX_TEXT_BYTES: usize = 16 * 1024;
 
 /// Largest result that the inspection may send, bytes: 1 MB is ten thousand features.
@@ -364,6 +364,8 @@ pub enum EventKind {
     Done = 2,
     /// The cycle cannot be completed; the text gives the reason.
     Failed = 3,
+    /// A part of the text of the next `Done`, which carries the last part.
+    Part = 4,
 }
 
 impl Event {
@@ -376,7 +378,8 @@ impl Event {
             1 => Ok(EventKind::Ready),
             2 => Ok(EventKind::Done),
             3 => Ok(EventKind::Failed),
-            other => Err(value("kind", other.into(), "1 ready, 2 done, 3 failed")),
+            4 => Ok(EventKind::Part),
+            other => Err(value("kind", other.into(), "1 ready, 2 done, 3 failed, 4 part of a text")),
         }
     }
 }

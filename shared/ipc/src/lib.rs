@@ -16,6 +16,7 @@
 pub mod cell;
 pub mod error;
 pub mod header;
+pub mod long_text;
 pub mod os;
 pub mod payload;
 pub mod port;

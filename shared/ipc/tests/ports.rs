@@ -2,7 +2,8 @@
 
 use ipc::IpcError;
 use ipc::cell::{CellLock, CellName};
-use ipc::header::{Command, Control, Event, EventKind, Frame};
+use ipc::header::{Command, Control, Event, EventKind, Frame, MAX_TEXT_BYTES};
+use ipc::long_text::{Joined, parts};
 use ipc::payload;
 use ipc::port::{Node, ServiceHandle, TopicSize};
 use std::time::Duration;
@@ -149,4 +150,45 @@ fn nothing_is_left_in_shared_memory_at_the_end() {
         .filter(|f| f.contains(name.as_str()) || f.starts_with(&prefix))
         .collect();
     assert!(left.is_empty(), "{left:?}");
+}
+
+/// The report on the fusion of 64 pairs, 2016 overlaps, through a topic whose buffer holds three messages.
+#[test]
+fn a_report_of_64_pairs_travels_in_parts_and_comes_out_whole() {
+    let overlap = |a: usize, b: usize| {
+        format!("{{\"a\":{a},\"b\":{b},\"count\":{},\"mean_mm\":{}}}", 1000 * a + b, -1.0 / (a + b) as f64)
+    };
+    let overlaps: Vec<String> = (0..64).flat_map(|a| (a + 1..64).map(move |b| overlap(a, b))).collect();
+    let report = format!("{{\"overlaps\":[{}]}}", overlaps.join(","));
+    assert!(report.len() > 5 * MAX_TEXT_BYTES, "{} bytes", report.len());
+
+    let cell = cell("long");
+    let subscriber = cell.node.subscriber::<Event>("event").unwrap();
+    let name = cell.name.clone();
+    let sent = report.clone();
+    let stage = std::thread::spawn(move || {
+        let stage = Node::join(&name, "decode/cam1").unwrap();
+        let events = stage.publisher::<Event>("event", MAX_TEXT_BYTES, &consumers(), LONG).unwrap();
+        let all: Vec<&str> = parts(&sent, MAX_TEXT_BYTES).collect();
+        for (number, part) in all.iter().enumerate() {
+            let kind = if number + 1 == all.len() { EventKind::Done } else { EventKind::Part };
+            let event = Event { kind: kind as u32, text_bytes: part.len() as u32, ..Event::default() };
+            events.send(event, part.as_bytes()).unwrap();
+        }
+    });
+    let mut joined = Joined::default();
+    let received = loop {
+        subscriber.connect().unwrap();
+        let Some(message) = subscriber.receive().unwrap() else {
+            std::thread::sleep(Duration::from_millis(1));
+            continue;
+        };
+        let text = payload::text(message.header().text_bytes, message.payload()).unwrap();
+        match message.header().kind().unwrap() {
+            EventKind::Part => joined.push(text).unwrap(),
+            _ => break joined.take(text),
+        }
+    };
+    stage.join().unwrap();
+    assert_eq!(received, report);
 }

@@ -259,7 +259,7 @@ mod tests {
     }
 
     fn demo() -> Cell {
-        load("configs/demo.toml".as_ref(), &Options::default()).unwrap()
+        load("configs/demo.toml".as_ref(), &Options::default()).unwrap().cell
     }
 
     /// Proves: each piece of the chain counts once, so the chain is as long as the cycle and its share as made.

@@ -15,6 +15,24 @@ pub enum ScheduleError {
     /// A camera without light.
     #[error("camera \"{0}\" is in no projector's `cameras`; add it to one, or remove it")]
     Dark(String),
+    /// A camera that a pair names and the cell lacks.
+    #[error(
+        "pair \"{pair}\" needs camera \"{camera}\", but this cell has no such [[camera]]; add the camera, or list pairs = […] without \"{pair}\""
+    )]
+    NoCamera {
+        /// Pair.
+        pair: String,
+        /// Camera.
+        camera: String,
+    },
+    /// A projector that a pair names and the cell lacks.
+    #[error("pair \"{pair}\" needs projector \"{projector}\", but this cell has no such [[projector]]")]
+    NoProjector {
+        /// Pair.
+        pair: String,
+        /// Projector.
+        projector: String,
+    },
     /// A sequence without phase.
     #[error(
         "pair \"{pair}\" needs a phase, but the sequence of projector \"{projector}\" has no sine set; add one"

@@ -3,7 +3,7 @@
 use super::topics::FRAME_BUFFER;
 use super::*;
 use crate::graph::{CameraNode, PairNode, ProjectorNode, Right, axes_taken};
-use files::cycle_record::Kept;
+use crate::retention::Retention;
 use fringe::pattern::Axis;
 
 /// Four cameras, two projectors, two pairs: the demo in small.
@@ -29,7 +29,7 @@ pub fn demo() -> Graph {
         in_flight: 1,
         record: false,
         watch: true,
-        kept: Kept::Hashes,
+        kept: Retention::Hashes,
         rate_hz: None,
         cycle_deadline_ms: 1000,
     }

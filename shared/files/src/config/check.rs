@@ -1,20 +1,20 @@
 //! From what is written to what is meant.
 
-use super::graph::{check_drivers, check_twin, check_use, pairs};
-use super::light::{check_recorded_sizes, projectors};
-use super::limits::{cycles, fusion, limits, schedule};
+use super::light::{Lights, check_recorded_sizes, projectors};
+use super::limits::{cycles, limits, schedule, settings};
 use super::raw::RawConfig;
 use super::recipes::recipes;
+use super::references::{check_drivers, check_graph, check_twin, pairs};
 use super::values::{driver, referenced, value};
-use super::{CONFIG_FORMAT, CameraConfig, Config, Driver, RecordingConfig, TextFile, TwinConfig};
+use super::{CONFIG_FORMAT, Config, RecordingConfig, TextFile, TwinConfig};
 use crate::document::Document;
 use crate::error::{FileError, Problem, did_you_mean, list};
 use crate::hash::sha256_hex;
 use crate::name::duplicate;
 use crate::recording::Recording;
 use crate::rig_file::{RigFile, read_rig};
-use fringe::decode::DecodeSettings;
-use fringe::matching::MatchSettings;
+use cell::configuration::{CameraConfig, Configuration, Driver};
+use fringe::text::{CELL_NAME, is_cell_name};
 use std::path::Path;
 
 impl Config {
@@ -30,14 +30,11 @@ impl Config {
         let cameras = cameras(&document, &raw, &rig_file)?;
         check_tables(&document, &raw)?;
         let recording = recording(&document, &raw)?;
-        let decode: DecodeSettings = document.typed("decode", raw.decode.clone())?;
-        decode.check().map_err(|error| document.fault("decode", Problem::Decode(error), ""))?;
-        let _: MatchSettings = document.typed("matching", raw.matching.clone())?;
-        fusion(&document, &document.typed("fusion", raw.fusion.clone())?)?;
+        let settings = settings(&document, &raw)?;
         let played = recording.as_ref().map(|recording| &recording.recording);
-        let projectors = projectors(&document, &raw, &cameras, played, &decode)?;
+        let Lights { projectors, corrections } =
+            projectors(&document, &raw, &cameras, played, &settings.decode)?;
         let rig = pairs(&document, &raw, &rig_file, &projectors)?;
-        check_use(&document, &rig, &cameras)?;
         let twin = twin(&document, &raw, &rig_file)?;
         check_drivers(&document, &cameras, &projectors)?;
         if let Some(recording) = played {
@@ -46,37 +43,39 @@ impl Config {
         if let Some(twin) = &twin {
             check_twin(&document, &rig, twin, &cameras, &projectors)?;
         }
-        let plan =
-            raw.plan.as_ref().map(|plan| referenced(&document, "plan", plan, TextFile::read)).transpose()?;
-        Ok(Self {
-            sha256: sha256_hex(document.text.as_bytes()),
+        let (recipes, plans) = recipes(&document, &raw)?;
+        let cell = Configuration {
             name: raw.name.clone(),
             cycles: cycles(&document, raw.cycles)?,
             rig,
-            rig_path: rig_file.path,
-            rig_sha256: rig_file.sha256,
-            plan,
-            recipes: recipes(&document, &raw.recipe)?,
             limits: limits(&document, &raw.limits)?,
             projectors,
             cameras,
-            decode: raw.decode,
-            matching: raw.matching,
-            fusion: raw.fusion,
+            settings,
+            recipes,
+            schedule: schedule(&document, &raw.schedule)?,
+            rate_hz: recording.as_ref().map(|r| r.rate_hz),
+        };
+        check_graph(&document, &rig_file, &cell)?;
+        Ok(Self {
+            sha256: sha256_hex(document.text.as_bytes()),
+            cell,
+            rig_path: rig_file.path,
+            rig_sha256: rig_file.sha256,
+            plans,
+            corrections,
             twin,
             recording,
-            schedule: schedule(&document, &raw.schedule)?,
             document,
         })
     }
 }
 
 fn check_cell_name(document: &Document, name: &str) -> Result<(), FileError> {
-    let letter = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
-    if (1..=32).contains(&name.len()) && name.chars().all(letter) {
+    if is_cell_name(name) {
         return Ok(());
     }
-    let problem = value(format!("{name:?}"), "a cell name has 1 to 32 of the characters a-z, 0-9 and '-'");
+    let problem = value(format!("{name:?}"), CELL_NAME);
     Err(document.fault("name", problem, "it becomes the name of a folder and of services"))
 }
 

@@ -2,7 +2,6 @@
 
 use super::raw::{RawConfig, RawProjector};
 use super::values::{driver, referenced};
-use super::{CameraConfig, Driver, ProjectorConfig};
 use crate::correction::{PatternCorrection, read_correction};
 use crate::document::Document;
 use crate::error::{FileError, Problem};
@@ -10,8 +9,18 @@ use crate::name::{check_name, duplicate};
 use crate::recording::{RecordedProjector, Recording};
 use crate::rig_file::unknown;
 use crate::sequence::check_sequence;
+use cell::configuration::{CameraConfig, Driver, ProjectorConfig};
 use fringe::decode::{DecodeSettings, Decoder};
 use fringe::pattern::frame_count;
+use std::collections::BTreeMap;
+
+/// What lights, and how patterns are corrected.
+pub(super) struct Lights {
+    /// In the order of projection.
+    pub(super) projectors: Vec<ProjectorConfig>,
+    /// By projector.
+    pub(super) corrections: BTreeMap<String, PatternCorrection>,
+}
 
 pub(super) fn projectors(
     document: &Document,
@@ -19,7 +28,7 @@ pub(super) fn projectors(
     cameras: &[CameraConfig],
     recording: Option<&Recording>,
     decode: &DecodeSettings,
-) -> Result<Vec<ProjectorConfig>, FileError> {
+) -> Result<Lights, FileError> {
     if raw.projector.is_empty() {
         let problem = Problem::Missing("[[projector]]".into());
         return Err(document.fault("projector", problem, "a cell has at least one projector"));
@@ -31,19 +40,21 @@ pub(super) fn projectors(
         let key = format!("projector[{}].name", index.saturating_sub(cameras.len()));
         return Err(document.fault(&key, problem, "cameras and projectors share one set of names"));
     }
-    raw.projector
-        .iter()
-        .enumerate()
-        .map(|(index, projector)| {
-            let key = format!("projector[{index}]");
-            let projector = one_projector(document, &key, projector, recording)?;
-            let size_px = [projector.width_px, projector.height_px];
-            check_sequence(document, &key, size_px, &projector.sequence)?;
-            check_decodable(document, &key, &projector, decode)?;
-            check_lookers(document, &key, &projector, cameras)?;
-            Ok(projector)
-        })
-        .collect()
+    let mut lights = Lights { projectors: Vec::new(), corrections: BTreeMap::new() };
+    for (index, raw) in raw.projector.iter().enumerate() {
+        let key = format!("projector[{index}]");
+        let mut projector = one_projector(document, &key, raw, recording)?;
+        let size_px = [projector.width_px, projector.height_px];
+        check_sequence(document, &key, size_px, &projector.sequence)?;
+        check_decodable(document, &key, &projector, decode)?;
+        check_lookers(document, &key, &projector, cameras)?;
+        if let Some(correction) = correction(document, &key, raw, projector.driver)? {
+            projector.level_table = Some(correction.table.clone());
+            lights.corrections.insert(projector.name.clone(), correction);
+        }
+        lights.projectors.push(projector);
+    }
+    Ok(lights)
 }
 
 /// The decoder's own judgement, on the smallest possible image.
@@ -76,7 +87,6 @@ fn one_projector(
         let problem = Problem::Missing(format!("{part} of projector \"{}\"", raw.name));
         document.fault(key, problem, format!("add {part} = …"))
     };
-    let pattern_correction = correction(document, key, raw, driver)?;
     let recorded_cameras = || recorded.map(|r| r.cameras.iter().map(|camera| camera.name.clone()).collect());
     Ok(ProjectorConfig {
         name: raw.name.clone(),
@@ -89,7 +99,7 @@ fn one_projector(
             .clone()
             .or_else(|| recorded.map(|r| r.sequence.clone()))
             .ok_or_else(|| needed("sequence"))?,
-        pattern_correction,
+        level_table: None,
     })
 }
 

@@ -1,11 +1,13 @@
 //! Numbers with limits.
 
-use super::raw::{RawLimits, RawSchedule};
+use super::raw::{RawConfig, RawLimits, RawSchedule};
 use super::values::value;
-use super::{Limits, ScheduleConfig};
 use crate::document::Document;
 use crate::error::{FileError, Problem};
+use cell::configuration::{Limits, ScheduleConfig, Settings};
+use fringe::decode::DecodeError;
 use fringe::fusion::FusionSettings;
+use fringe::matching::MatchError;
 
 /// Longest time that a limit may be set to, ms: a day. Longer ones are typing errors.
 const TIME_LIMIT_MS: u64 = 86_400_000;
@@ -51,8 +53,33 @@ pub(super) fn limits(document: &Document, raw: &RawLimits) -> Result<Limits, Fil
     Ok(limits)
 }
 
+/// The tables `decode`, `matching` and `fusion`: parsed and checked here and nowhere else.
+pub(super) fn settings(document: &Document, raw: &RawConfig) -> Result<Settings, FileError> {
+    let settings = Settings {
+        decode: document.typed("decode", raw.decode.clone())?,
+        matching: document.typed("matching", raw.matching.clone())?,
+        fusion: document.typed("fusion", raw.fusion.clone())?,
+    };
+    settings.decode.check().map_err(|error| {
+        let key = match &error {
+            DecodeError::Setting { key, .. } => format!("decode.{key}"),
+            _ => "decode".to_owned(),
+        };
+        document.fault(&key, Problem::Decode(error), "")
+    })?;
+    settings.matching.check().map_err(|error| match error {
+        MatchError::Setting { key, value: found, limits } => {
+            let remedy = "change it, or leave it out for the usual value";
+            document.fault(&format!("matching.{key}"), value(found, limits), remedy)
+        }
+        other => document.fault("matching", Problem::Unsupported(other.to_string()), ""),
+    })?;
+    fusion(document, &settings.fusion)?;
+    Ok(settings)
+}
+
 /// Checks the numbers of the table `fusion`.
-pub(super) fn fusion(document: &Document, settings: &FusionSettings) -> Result<(), FileError> {
+fn fusion(document: &Document, settings: &FusionSettings) -> Result<(), FileError> {
     let (radius_mm, angle_deg) = (settings.radius_mm, settings.max_normal_angle_deg);
     if let Some(bad) = radius_mm.filter(|radius| !(1e-6..=1e3).contains(radius)) {
         let remedy = "leave it out to take it from the spacing of the points";

@@ -1,7 +1,7 @@
 //! The cell configuration: one page of TOML that says what the whole cell is.
 //!
-//! Two stages: `RawConfig` is what is written (unknown keys refused), [`Config`] is what is meant (every reference
-//! resolved, every gap found). A [`Config`] that exists can be run.
+//! Two steps: `RawConfig` is what is written (unknown keys refused), [`Configuration`] is what is meant (every reference
+//! resolved, every gap found). A configuration that exists can be run.
 //!
 //! ```toml
 //! format = "fringecell-config/1"
@@ -45,11 +45,11 @@
 //! ```
 
 mod check;
-mod graph;
 mod light;
 mod limits;
 mod raw;
 mod recipes;
+mod references;
 #[cfg(test)]
 mod tests;
 mod values;
@@ -59,65 +59,35 @@ use crate::document::{Document, read_text};
 use crate::error::FileError;
 use crate::hash::sha256_hex;
 use crate::recording::Recording;
+use cell::Configuration;
 use fringe::geometry::rig::Rig;
-use fringe::pattern::PatternSet;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Value of `format` in a configuration.
 pub const CONFIG_FORMAT: &str = "fringecell-config/1";
 
-/// Name of the recipe that is used where none is named.
-pub const DEFAULT_RECIPE: &str = "default";
-
-/// A cell, checked and with every file resolved.
+/// The file of a cell, and what it means.
 #[derive(Debug, Clone)]
 pub struct Config {
     /// The file itself, for messages that point into it.
     pub document: Document,
     /// SHA-256 of its bytes.
     pub sha256: String,
-    /// Cell name: `[a-z0-9-]{1,32}`.
-    pub name: String,
-    /// Number of cycles; `None`: until stopped.
-    pub cycles: Option<u32>,
-    /// What the measuring side knows. Its pairs are those that the cell runs, in the order of the rig file, each
-    /// with its projector.
-    pub rig: Rig,
+    /// The cell: checked, with every file resolved.
+    pub cell: Configuration,
     /// Where the rig was read from.
     pub rig_path: PathBuf,
     /// SHA-256 of the rig file.
     pub rig_sha256: String,
-    /// Inspection plan: that of the recipe [`DEFAULT_RECIPE`].
-    pub plan: Option<TextFile>,
-    /// Further inspection plans.
-    pub recipes: Vec<Recipe>,
-    /// Budgets and restart policy.
-    pub limits: Limits,
-    /// What lights, in the order of projection.
-    pub projectors: Vec<ProjectorConfig>,
-    /// What looks.
-    pub cameras: Vec<CameraConfig>,
-    /// `[decode]`, as written.
-    pub decode: toml::Table,
-    /// `[matching]`, as written.
-    pub matching: toml::Table,
-    /// `[fusion]`, as written.
-    pub fusion: toml::Table,
+    /// The files of all recipes, in their order.
+    pub plans: Vec<TextFile>,
+    /// The pattern correction of each projector that has one.
+    pub corrections: BTreeMap<String, PatternCorrection>,
     /// The digital twin; present whenever a driver needs it.
     pub twin: Option<TwinConfig>,
     /// The recording to play; present whenever a driver needs it.
     pub recording: Option<RecordingConfig>,
-    /// Cores.
-    pub schedule: ScheduleConfig,
-}
-
-/// Where frames come from or patterns go to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Driver {
-    /// The digital twin.
-    Twin,
-    /// A folder of frames.
-    Recording,
 }
 
 /// A text file that another part of the program reads.
@@ -127,64 +97,6 @@ pub struct TextFile {
     pub path: PathBuf,
     /// Contents.
     pub text: String,
-}
-
-/// An inspection plan that a request can choose.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Recipe {
-    /// Unique; [`DEFAULT_RECIPE`] is taken.
-    pub name: String,
-    /// What is inspected.
-    pub plan: TextFile,
-}
-
-/// A projector of the cell.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ProjectorConfig {
-    /// Unique among projectors and cameras.
-    pub name: String,
-    /// Driver.
-    pub driver: Driver,
-    /// Columns.
-    pub width_px: u32,
-    /// Rows.
-    pub height_px: u32,
-    /// Who looks while it is on.
-    pub cameras: Vec<String>,
-    /// What it shows.
-    pub sequence: Vec<PatternSet>,
-    /// How levels are drawn so that the light is proportional to them.
-    pub pattern_correction: Option<PatternCorrection>,
-}
-
-/// A camera of the cell.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CameraConfig {
-    /// As in the rig file.
-    pub name: String,
-    /// Driver.
-    pub driver: Driver,
-    /// Columns, from the rig file.
-    pub width_px: u32,
-    /// Rows, from the rig file.
-    pub height_px: u32,
-}
-
-/// Budgets and restart policy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Limits {
-    /// A stage without progress for this long while it has work is hung, ms. Default 5000.
-    pub stage_budget_ms: u64,
-    /// A cycle that has not ended by then is ended, ms. Default 20 000.
-    pub cycle_deadline_ms: u64,
-    /// A stage must report ready this long after its start, ms. Default 20 000.
-    pub start_ms: u64,
-    /// A stage that was asked to stop is killed after this long, ms. Default 3000.
-    pub stop_ms: u64,
-    /// Restarts of one stage within the window before the cell gives up. Default 5.
-    pub restarts_max: u32,
-    /// The window, ms. Default 60 000.
-    pub restart_window_ms: u64,
 }
 
 /// What the twin simulates.
@@ -215,32 +127,10 @@ pub struct RecordingConfig {
     pub repeat: bool,
 }
 
-/// Cores.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ScheduleConfig {
-    /// Cores to plan for. Default 2. A constant of the cell, not of the machine: the schedule depends on it.
-    pub cores: u32,
-    /// How many cycles may be under way at once, 1 … 4. Default 1. From 2 on the next cycle is acquired while the last one
-    /// is evaluated.
-    pub cycles_in_flight: u32,
-    /// Pin each stage to its planned core. Default false.
-    pub pin: bool,
-    /// `SCHED_FIFO` priority of the stages; the supervisor takes the one above, so that it can end a stage that spins.
-    /// Absent: none.
-    pub realtime_priority: Option<u32>,
-    /// Whether each stage keeps all its memory resident. Default false.
-    pub lock_memory: bool,
-}
-
 impl Config {
-    /// A projector by name.
-    pub fn projector(&self, name: &str) -> Option<&ProjectorConfig> {
-        self.projectors.iter().find(|projector| projector.name == name)
-    }
-
     /// Names of the projectors that draw corrected patterns.
     pub fn corrected(&self) -> impl Iterator<Item = &str> {
-        self.projectors.iter().filter(|p| p.pattern_correction.is_some()).map(|p| p.name.as_str())
+        self.cell.projectors.iter().filter(|p| p.level_table.is_some()).map(|p| p.name.as_str())
     }
 
     /// All that was read, each with its SHA-256, the configuration first: equal hashes mean the same cell. Frames and
@@ -248,11 +138,10 @@ impl Config {
     pub fn read_files(&self) -> Vec<(String, String)> {
         let mut files: Vec<(String, String)> =
             self.hashed().into_iter().map(|(path, sha256)| (path.display().to_string(), sha256)).collect();
-        for projector in &self.projectors {
-            let correction = projector.pattern_correction.as_ref().map(PatternCorrection::sha256);
-            let name = format!("the pattern correction of projector \"{}\"", projector.name);
-            files.extend(correction.map(|sha256| (name, sha256)));
-        }
+        let corrections = self.corrections.iter();
+        files.extend(corrections.map(|(projector, correction)| {
+            (format!("the pattern correction of projector \"{projector}\""), correction.sha256())
+        }));
         files
     }
 
@@ -267,8 +156,7 @@ impl Config {
             (self.document.path.as_path(), self.sha256.clone()),
             (&self.rig_path, self.rig_sha256.clone()),
         ];
-        let plans = self.plan.iter().chain(self.recipes.iter().map(|recipe| &recipe.plan));
-        files.extend(plans.map(|plan| (plan.path.as_path(), text(plan))));
+        files.extend(self.plans.iter().map(|plan| (plan.path.as_path(), text(plan))));
         if let Some(twin) = &self.twin {
             files.push((&twin.scene.path, text(&twin.scene)));
             files.push((&twin.rig_path, twin.rig_sha256.clone()));
@@ -277,11 +165,6 @@ impl Config {
             files.push((&recording.document.path, recording.sha256.clone()));
         }
         files
-    }
-
-    /// A camera by name.
-    pub fn camera(&self, name: &str) -> Option<&CameraConfig> {
-        self.cameras.iter().find(|camera| camera.name == name)
     }
 }
 

@@ -1,10 +1,13 @@
 //! The recipes of a cell.
 
-use super::raw::RawRecipe;
+use super::TextFile;
+use super::raw::RawConfig;
 use super::values::{referenced, value};
-use super::{DEFAULT_RECIPE, Recipe, TextFile};
 use crate::document::Document;
 use crate::error::{FileError, Problem};
+use crate::hash::sha256_hex;
+use cell::configuration::{DEFAULT_RECIPE, Recipe};
+use metrology::inspection::Plan;
 
 /// Recipes that a cell may have: each is held by the inspection at all times.
 const MAX_RECIPES: usize = 1000;
@@ -12,28 +15,51 @@ const MAX_RECIPES: usize = 1000;
 /// Longest name, bytes: it stands in requests of at most 4 kB.
 const MAX_NAME: usize = 64;
 
-/// Reads all plans and checks the names.
-pub(super) fn recipes(document: &Document, raw: &[RawRecipe]) -> Result<Vec<Recipe>, FileError> {
-    if raw.len() > MAX_RECIPES {
-        let problem = value(raw.len(), format!("at most {MAX_RECIPES} recipes"));
+/// The plan of the configuration first, then its further recipes, with the files of all; without either one that measures
+/// nothing.
+pub(super) fn recipes(
+    document: &Document,
+    raw: &RawConfig,
+) -> Result<(Vec<Recipe>, Vec<TextFile>), FileError> {
+    if raw.recipe.len() > MAX_RECIPES {
+        let problem = value(raw.recipe.len(), format!("at most {MAX_RECIPES} recipes"));
         return Err(document.fault("recipe", problem, "make two cells of it"));
     }
-    let mut all: Vec<Recipe> = Vec::with_capacity(raw.len());
-    for (index, recipe) in raw.iter().enumerate() {
-        let key = |key: &str| format!("recipe[{index}].{key}");
-        let name = recipe.name.as_str();
-        if name.is_empty() || name.len() > MAX_NAME || name.chars().any(char::is_control) {
-            let problem = value(format!("{name:?}"), format!("1 to {MAX_NAME} bytes of printable text"));
-            return Err(document.fault(&key("name"), problem, "requests name the recipe by it"));
-        }
-        if name == DEFAULT_RECIPE || all.iter().any(|other| other.name == name) {
-            let problem = Problem::Duplicate { kind: "recipe", name: name.to_owned() };
-            let remedy =
-                "\"default\" is the plan at the top of the configuration; every other name may be used once";
-            return Err(document.fault(&key("name"), problem, remedy));
-        }
-        let plan = referenced(document, &key("plan"), &recipe.plan, TextFile::read)?;
-        all.push(Recipe { name: name.to_owned(), plan });
+    let (mut all, mut files) = (Vec::new(), Vec::new());
+    let mut add = |name: &str, key: &str, path: &str| {
+        let file = referenced(document, key, path, TextFile::read)?;
+        let plan = Plan::from_toml(&file.text)
+            .map_err(|error| FileError::new(&file.path, Problem::Plan(error), ""))?;
+        let plan_sha256 = Some(sha256_hex(file.text.as_bytes()));
+        all.push(Recipe { name: name.to_owned(), plan: Some(plan), plan_sha256 });
+        files.push(file);
+        Ok(())
+    };
+    if let Some(plan) = &raw.plan {
+        add(DEFAULT_RECIPE, "plan", plan)?;
     }
-    Ok(all)
+    for (index, recipe) in raw.recipe.iter().enumerate() {
+        check_name(document, index, raw)?;
+        add(&recipe.name, &format!("recipe[{index}].plan"), &recipe.plan)?;
+    }
+    if all.is_empty() {
+        all.push(Recipe { name: DEFAULT_RECIPE.to_owned(), plan: None, plan_sha256: None });
+    }
+    Ok((all, files))
+}
+
+fn check_name(document: &Document, index: usize, raw: &RawConfig) -> Result<(), FileError> {
+    let key = format!("recipe[{index}].name");
+    let name = raw.recipe[index].name.as_str();
+    if name.is_empty() || name.len() > MAX_NAME || name.chars().any(char::is_control) {
+        let problem = value(format!("{name:?}"), format!("1 to {MAX_NAME} bytes of printable text"));
+        return Err(document.fault(&key, problem, "requests name the recipe by it"));
+    }
+    if name == DEFAULT_RECIPE || raw.recipe[..index].iter().any(|other| other.name == name) {
+        let problem = Problem::Duplicate { kind: "recipe", name: name.to_owned() };
+        let remedy =
+            "\"default\" is the plan at the top of the configuration; every other name may be used once";
+        return Err(document.fault(&key, problem, remedy));
+    }
+    Ok(())
 }

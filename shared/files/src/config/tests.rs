@@ -71,14 +71,14 @@ fn load(dir: &tempfile::TempDir, text: &str) -> Result<Config, String> {
 fn a_whole_configuration_is_resolved() {
     let dir = folder();
     let config = load(&dir, &twin_text()).unwrap();
-    assert_eq!((config.name.as_str(), config.cycles), ("demo", Some(2)));
-    assert_eq!(config.rig.pairs.len(), 2);
-    assert_eq!(config.rig.pairs[1].projector, "proj2");
-    assert_eq!(config.limits.stage_budget_ms, 700);
-    assert_eq!((config.limits.cycle_deadline_ms, config.limits.restarts_max), (20_000, 5));
+    assert_eq!((config.cell.name.as_str(), config.cell.cycles), ("demo", Some(2)));
+    assert_eq!(config.cell.rig.pairs.len(), 2);
+    assert_eq!(config.cell.rig.pairs[1].projector, "proj2");
+    assert_eq!(config.cell.limits.stage_budget_ms, 700);
+    assert_eq!((config.cell.limits.cycle_deadline_ms, config.cell.limits.restarts_max), (20_000, 5));
     assert_eq!(
-        config.schedule,
-        ScheduleConfig {
+        config.cell.schedule,
+        cell::configuration::ScheduleConfig {
             cores: 4,
             cycles_in_flight: 1,
             pin: false,
@@ -86,8 +86,8 @@ fn a_whole_configuration_is_resolved() {
             lock_memory: false
         }
     );
-    assert_eq!(config.camera("cam4").map(|c| (c.width_px, c.height_px)), Some((6, 4)));
-    assert_eq!(config.projector("proj1").unwrap().sequence.len(), 2);
+    assert_eq!((config.cell.cameras[3].width_px, config.cell.cameras[3].height_px), (6, 4));
+    assert_eq!(config.cell.projectors[0].sequence.len(), 2);
     let twin = config.twin.unwrap();
     assert_eq!((twin.seed, twin.scene.text.as_str(), twin.rig.projectors.len()), (3, "scene", 2));
     assert!(twin.scene.path.is_absolute());
@@ -105,10 +105,10 @@ camera = [{ name = "cam1", driver = "recording" }, { name = "cam2", driver = "re
 recording = { path = "scan", rate_hz = 20, loop = true }
 "#;
     let config = load(&dir, text).unwrap();
-    assert_eq!(config.rig.pairs.len(), 1);
-    assert_eq!(config.projectors[0].cameras, ["cam1", "cam2"]);
-    assert_eq!((config.projectors[0].width_px, config.projectors[0].sequence.len()), (64, 2));
-    assert_eq!(config.cycles, None);
+    assert_eq!(config.cell.rig.pairs.len(), 1);
+    assert_eq!(config.cell.projectors[0].cameras, ["cam1", "cam2"]);
+    assert_eq!((config.cell.projectors[0].width_px, config.cell.projectors[0].sequence.len()), (64, 2));
+    assert_eq!(config.cell.cycles, None);
     let recording = config.recording.unwrap();
     assert!(recording.repeat);
     assert_eq!(recording.recording.load("proj1", "cam2", 5).unwrap().width_px, 6);
@@ -162,7 +162,11 @@ const GAPS: &[(&str, &str, &str)] = &[
         "driver = \"twn\"",
         "driver \"twn\" is unknown; known: twin, recording; did you mean",
     ),
-    ("[\"cam1\", \"cam2\"]", "[\"cam1\"]", "pair \"pair1\" needs \"cam2\" to look at it"),
+    (
+        "[\"cam1\", \"cam2\"]",
+        "[\"cam1\"]",
+        "projector[0].cameras: pair \"pair1\" takes camera \"cam2\", but projector \"proj1\" lights only cam1",
+    ),
     (
         "[\"cam1\", \"cam2\"]",
         "[\"cam1\", \"cam9\"]",
@@ -194,7 +198,11 @@ const GAPS: &[(&str, &str, &str)] = &[
     ("rig = \"truth.toml\"", "rig = \"rig.toml\"", "projector \"proj1\" in the twin's rig"),
     ("scene = \"scene.toml\"", "scene = \"nowhere.toml\"", "twin.scene: the file "),
     ("cycles = 2", "pairs = [\"pair1\", \"pair9\"]", "pair \"pair9\" is unknown; known: pair1, pair2"),
-    ("cycles = 2", "pairs = [\"pair1\"]", "camera \"cam3\" belongs to no pair"),
+    (
+        "cycles = 2",
+        "pairs = [\"pair1\"]",
+        "camera \"cam3\" looks at projector \"proj2\", but no pair takes its phase",
+    ),
     ("cycles = 2", "pairs = []", "a [[pair]] in "),
     ("cycles = 2", "cycles = [", "cell.toml:"),
 ];
@@ -237,7 +245,7 @@ fn a_pattern_correction_is_of_the_projector_that_names_it() {
     assert!(load(&dir, &named).unwrap_err().contains("pattern_correction"));
     crate::correction::write_correction(&file, &correction).unwrap();
     let config = load(&dir, &named).unwrap();
-    assert_eq!(config.projectors[0].pattern_correction.as_ref().map(|c| &c.table), Some(&table));
+    assert_eq!(config.cell.projectors[0].level_table.as_ref(), Some(&table));
     assert_eq!(config.corrected().collect::<Vec<_>>(), ["proj1"]);
     correction.projector = Some("proj2".into());
     crate::correction::write_correction(&file, &correction).unwrap();
@@ -247,14 +255,18 @@ fn a_pattern_correction_is_of_the_projector_that_names_it() {
 #[test]
 fn recipes_have_names_of_their_own_and_plans_that_exist() {
     let dir = folder();
-    fs::write(dir.path().join("a.plan.toml"), "text").unwrap();
+    let plan = include_str!("../../../../configs/complex-artefact.plan.toml");
+    fs::write(dir.path().join("a.plan.toml"), plan).unwrap();
+    fs::write(dir.path().join("b.plan.toml"), "text").unwrap();
     let recipe = |name: &str, plan: &str| format!("[[recipe]]\nname = {name:?}\nplan = \"{plan}\"\n");
     let with = |more: &str| load(&dir, &format!("{}{more}", twin_text()));
     let config = with(&(recipe("b", "a.plan.toml") + &recipe("a c", "a.plan.toml"))).unwrap();
-    let names: Vec<&str> = config.recipes.iter().map(|recipe| recipe.name.as_str()).collect();
-    assert_eq!((names, config.recipes[0].plan.text.as_str()), (vec!["b", "a c"], "text"));
+    let names: Vec<&str> = config.cell.recipes.iter().map(|recipe| recipe.name.as_str()).collect();
+    assert_eq!((names, config.plans[0].text.as_str()), (vec!["b", "a c"], plan));
+    assert!(config.cell.recipes.iter().all(|recipe| recipe.plan.is_some()));
     for (more, expected) in [
         (recipe("b", "no.toml"), "recipe[0].plan"),
+        (recipe("b", "b.plan.toml"), "b.plan.toml: "),
         (recipe("default", "a.plan.toml"), "recipe[0].name: recipe \"default\" occurs twice"),
         (
             recipe("b", "a.plan.toml") + &recipe("b", "a.plan.toml"),
@@ -274,6 +286,15 @@ fn settings_are_checked_before_anything_runs() {
     for (table, expected) in [
         ("[decode]\nmax_sigma = 1\n", "decode.max_sigma: unknown key \"max_sigma\""),
         ("[decode]\nmax_sigma_rad = 9\n", "decode setting max_sigma_rad = 9: must be"),
+        (
+            "[matching]\nmax_step_px = -1.0\n",
+            "matching.max_step_px: value -1 is not allowed: a positive number",
+        ),
+        ("[matching]\ndepth_mm = [5.0, 4.0]\n", "matching.depth_mm[1]: value 4 is not allowed"),
+        (
+            "[matching.surface]\nsmoothing_px = 4\n",
+            "matching.surface.smoothing_px: value 4 is not allowed: 1, 3, 5 or 7",
+        ),
         ("[matching]\nmax_stp_px = 1\n", "did you mean \"max_step_px\"?"),
     ] {
         let error = load(&dir, &format!("{}{table}", twin_text())).unwrap_err();

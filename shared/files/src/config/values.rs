@@ -1,9 +1,9 @@
 //! Single values that several tables share.
 
-use super::Driver;
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::rig_file::unknown;
+use cell::configuration::Driver;
 use std::path::{Path, PathBuf};
 
 /// A value out of its limits.

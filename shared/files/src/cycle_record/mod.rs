@@ -20,50 +20,14 @@ pub use read::{Ending, Next, RecordReader, RecordedCycle, StoredValue};
 pub use write::RecordWriter;
 
 use crate::result::ResultVerdict;
+pub use cell::Retention;
 use serde::{Deserialize, Serialize};
-use std::fmt;
-use std::str::FromStr;
 
 /// Version of the file; another one is refused. 2: the recipes of the cell, and of each cycle its recipe.
 pub const RECORD_VERSION: u32 = 2;
 
 /// What stands at the beginning, before the version.
 const MAGIC: [u8; 12] = *b"fringecycles";
-
-/// Which bytes a record keeps beside the hashes.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Kept {
-    /// None: the driver can give the same frames again (a recording, the digital twin).
-    #[default]
-    Hashes,
-    /// All frames.
-    Frames,
-    /// All frames and all stage outputs.
-    All,
-}
-
-impl fmt::Display for Kept {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Hashes => "hashes",
-            Self::Frames => "frames",
-            Self::All => "all",
-        })
-    }
-}
-
-impl FromStr for Kept {
-    type Err = String;
-
-    fn from_str(word: &str) -> Result<Self, String> {
-        match word {
-            "hashes" => Ok(Self::Hashes),
-            "frames" => Ok(Self::Frames),
-            "all" => Ok(Self::All),
-            other => Err(format!("\"{other}\" is not one of hashes, frames, all")),
-        }
-    }
-}
 
 /// What was run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -85,7 +49,7 @@ pub struct RecordHeader {
     /// SHA-256 of the description of the recording that was played.
     pub recording_sha256: Option<String>,
     /// Which bytes are kept.
-    pub kept: Kept,
+    pub kept: Retention,
     /// The schedule: what the numbers of the activations mean.
     pub activations: Vec<ActivationName>,
 }
@@ -97,6 +61,12 @@ pub struct RecordedRecipe {
     pub name: String,
     /// SHA-256 of its inspection plan; absent when nothing is inspected.
     pub plan_sha256: Option<String>,
+}
+
+impl From<&cell::Recipe> for RecordedRecipe {
+    fn from(recipe: &cell::Recipe) -> Self {
+        Self { name: recipe.name.clone(), plan_sha256: recipe.plan_sha256.clone() }
+    }
 }
 
 /// An activation of the schedule.

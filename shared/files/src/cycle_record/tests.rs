@@ -15,7 +15,7 @@ fn header() -> RecordHeader {
         rig_sha256: "cd".into(),
         recipes: vec![RecordedRecipe { name: "default".into(), plan_sha256: Some("12".into()) }],
         recording_sha256: Some("ef".into()),
-        kept: Kept::Frames,
+        kept: Retention::Frames,
         activations: vec![ActivationName { stage: "fusion".into(), label: "fuse".into(), output: None }],
     }
 }

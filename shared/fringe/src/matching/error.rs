@@ -94,8 +94,10 @@ pub enum MatchError {
         /// The matcher's capacity.
         needed: usize,
     },
-    /// The projector method was given no phase at all.
-    #[error("neither a phase along x nor one along y was given: the projector method needs one of them")]
+    /// The views of a pair have no phase along the same axis.
+    #[error(
+        "no phase was given that matching can use: the views need one along the same projector axis, x or y"
+    )]
     NoPhase,
 }
 

@@ -43,7 +43,11 @@ impl Default for MatchSettings {
 }
 
 impl MatchSettings {
-    pub(super) fn check(&self) -> Result<(), MatchError> {
+    /// Checks every number against its limits.
+    ///
+    /// # Errors
+    /// [`MatchError::Setting`] names key, value and limits.
+    pub fn check(&self) -> Result<(), MatchError> {
         if let Some((key, value, limits)) = self.surface.fault() {
             return Err(MatchError::Setting { key, value, limits });
         }

@@ -20,8 +20,9 @@ use std::time::Duration;
 /// Pause between two attempts of a sender whose receiver has a full buffer. It sleeps: the receiver may need the same core.
 const BACKPRESSURE_PAUSE: Duration = Duration::from_micros(200);
 
-/// Processes that may have a service open at once: all stages of a large cell, twice while they are restarted.
-const MAX_NODES: usize = 128;
+/// Processes that may have a service open at once: all stages of the largest cell (256 pairs of 512 cameras), twice while
+/// they are restarted. It costs some bytes for each in the management segment of a service.
+const MAX_NODES: usize = 4096;
 
 /// Capacity of a topic.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

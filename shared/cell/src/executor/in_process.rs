@@ -1,11 +1,11 @@
-//! One cycle through the same kernels as the stages', in the order of the schedule, in one process.
+//! One cycle through the same executors as the stages', in the order of the schedule, in one process.
 
+use super::matching::{PairMatcher, Views};
+use super::{decoder, pair_matcher};
 use crate::cell::Cell;
 use crate::error::CellError;
 use crate::frame_format::FrameFormat;
-use crate::graph::PairNode;
 use crate::judgement::judge;
-use crate::kernels::{Method, decoder, matcher};
 use crate::schedule::Work;
 use bytemuck::{cast_slice, cast_slice_mut};
 use fringe::cloud::Point;
@@ -33,11 +33,11 @@ pub enum WorkError {
     /// The matcher refuses.
     #[error(transparent)]
     Match(#[from] MatchError),
-    /// The cell does not fit the schedule.
+    /// The work is not that of this cell.
     #[error(transparent)]
     Cell(#[from] CellError),
     /// An input of this work is missing: what comes before it in the schedule was not done.
-    #[error("{0}")]
+    #[error("{0} is missing")]
     Missing(String),
     /// No pair gives a point.
     #[error("no point at all")]
@@ -75,12 +75,19 @@ impl Bytes {
     }
 }
 
-/// The kernels of a cell and what they gave last.
-pub struct Executor<'a> {
+/// By camera and projector.
+type Decoders = BTreeMap<(usize, usize), Decoder>;
+
+/// By camera and projector.
+type PhaseMaps = BTreeMap<(usize, usize), Vec<(PhaseInfo, Bytes)>>;
+
+/// The executors of a cell and what they gave last.
+pub struct InProcess<'a> {
     cell: &'a Cell,
     decoders: Decoders,
-    pairs: Vec<(Method, usize)>,
+    matchers: Vec<PairMatcher>,
     fuser: Fuser,
+    /// The last frame of each camera, with its full scale.
     frames: Vec<(u16, Bytes)>,
     phases: PhaseMaps,
     clouds: Vec<Vec<Point>>,
@@ -89,7 +96,7 @@ pub struct Executor<'a> {
     result: String,
 }
 
-impl<'a> Executor<'a> {
+impl<'a> InProcess<'a> {
     /// Builds what the stages would build.
     ///
     /// # Errors
@@ -101,16 +108,15 @@ impl<'a> Executor<'a> {
                 decoders.insert((camera, projector), decoder(cell, projector, camera)?);
             }
         }
-        let pairs = (0..cell.graph.pairs.len()).map(|pair| matcher(cell, pair));
-        let pairs = pairs.collect::<Result<Vec<_>, CellError>>()?;
+        let matchers = (0..cell.graph.pairs.len()).map(|pair| pair_matcher(cell, pair));
         Ok(Self {
             cell,
             decoders,
+            matchers: matchers.collect::<Result<_, _>>()?,
             fuser: Fuser::default(),
             frames: cell.graph.cameras.iter().map(|_| (0, Bytes::default())).collect(),
             phases: PhaseMaps::new(),
-            clouds: pairs.iter().map(|(_, capacity)| vec![bytemuck::Zeroable::zeroed(); *capacity]).collect(),
-            pairs,
+            clouds: vec![Vec::new(); cell.graph.pairs.len()],
             fused: Vec::new(),
             recipe: 0,
             result: String::new(),
@@ -121,6 +127,7 @@ impl<'a> Executor<'a> {
     pub fn begin(&mut self, recipe: usize) {
         self.recipe = recipe;
         self.decoders.values_mut().for_each(Decoder::begin);
+        self.phases.clear();
     }
 
     /// Does one activation; what comes before it in the schedule must have been done. Gives the bytes that the stage
@@ -132,25 +139,20 @@ impl<'a> Executor<'a> {
         match self.cell.schedule.activations[activation].work {
             Work::Expose { camera, projector, .. } => self.expose(activation, camera, projector, source),
             Work::Accumulate { camera, projector, frame } => {
-                let node = &self.cell.graph.cameras[camera];
-                let (full_scale_dn, bytes) = &self.frames[camera];
-                let view = FrameView::from_bytes(node.width_px, node.height_px, *full_scale_dn, bytes.get());
-                let view = view.ok_or_else(|| WorkError::Missing("there is no frame".into()))?;
-                seen(&mut self.decoders, camera, projector)?.push(frame, &view)?;
+                self.accumulate(camera, projector, frame)?;
                 Ok(&[])
             }
             Work::Phase { camera, projector, axis } => self.phase(camera, projector, axis),
             Work::Match { pair } => self.match_pair(pair),
             Work::Fuse => {
                 let clouds: Vec<&[Point]> = self.clouds.iter().map(Vec::as_slice).collect();
-                self.fused.clear();
-                self.fuser.fuse(&clouds, &self.cell.fusion, &mut self.fused);
+                self.fuser.fuse(&clouds, &self.cell.config.settings.fusion, &mut self.fused);
                 if self.fused.is_empty() { Err(WorkError::NoPoint) } else { Ok(cast_slice(&self.fused)) }
             }
             Work::Inspect => {
-                let recipe = self.cell.recipes.get(self.recipe);
-                let recipe = recipe
-                    .ok_or_else(|| WorkError::Missing(format!("the cell has no recipe {}", self.recipe)))?;
+                let recipe = self.cell.config.recipes.get(self.recipe);
+                let recipe =
+                    recipe.ok_or_else(|| WorkError::Missing(format!("recipe {}", self.recipe + 1)))?;
                 self.result = serde_json::to_string(&judge(recipe.plan.as_ref(), &self.fused))?;
                 Ok(self.result.as_bytes())
             }
@@ -174,57 +176,50 @@ impl<'a> Executor<'a> {
         Ok(bytes.get())
     }
 
+    fn accumulate(&mut self, camera: usize, projector: usize, frame: usize) -> Result<(), WorkError> {
+        let node = &self.cell.graph.cameras[camera];
+        let (full_scale_dn, bytes) = &self.frames[camera];
+        let view = FrameView::from_bytes(node.width_px, node.height_px, *full_scale_dn, bytes.get());
+        let name = || self.cell.graph.frame_name(camera, projector, frame);
+        let view = view.ok_or_else(|| WorkError::Missing(name()))?;
+        Ok(lit(&mut self.decoders, self.cell, camera, projector)?.push(frame, &view)?)
+    }
+
     fn phase(&mut self, camera: usize, projector: usize, axis: Axis) -> Result<&[u8], WorkError> {
-        let decoder = seen(&mut self.decoders, camera, projector)?;
+        let decoder = lit(&mut self.decoders, self.cell, camera, projector)?;
         let info = decoder.info(axis)?;
-        let (known, bytes) =
-            self.phases.entry((camera, projector, axis)).or_insert_with(|| (info, Bytes::default()));
-        *known = info;
+        let maps = self.phases.entry((camera, projector)).or_default();
+        maps.retain(|(known, _)| known.axis != axis);
+        maps.push((info, Bytes::default()));
+        let Some((_, bytes)) = maps.last_mut() else { return Ok(&[]) };
         let planes = PhaseViewMut::from_bytes(info, bytes.resize(PHASE_BYTES_PER_PX * info.len()));
-        let mut planes = planes.ok_or_else(|| WorkError::Missing("the phase map has no memory".into()))?;
+        let mut planes = planes.ok_or_else(|| WorkError::Missing("memory for a phase".into()))?;
         decoder.finish(axis, &mut planes)?;
         Ok(bytes.get())
     }
 
     fn match_pair(&mut self, pair: usize) -> Result<&[u8], WorkError> {
         let node = &self.cell.graph.pairs[pair];
-        let axes = node.axes(&self.cell.graph.projectors[node.projector]);
-        let views = views(&self.phases, node, &axes)?;
-        let (method, capacity) = &mut self.pairs[pair];
-        let cloud = &mut self.clouds[pair];
-        cloud.resize(*capacity, bytemuck::Zeroable::zeroed());
-        let matched = method.run(&views, pair as u32, cloud)?;
-        cloud.truncate(matched.points() as usize);
-        Ok(cast_slice(cloud))
+        let views = |camera: usize| {
+            let maps = self.phases.get(&(camera, node.projector)).map_or(&[][..], Vec::as_slice);
+            Views::of(maps.iter().filter_map(|(info, bytes)| PhaseView::from_bytes(*info, bytes.get())))
+        };
+        let mut cameras = node.cameras().into_iter().map(views);
+        let (left, right) = (cameras.next().unwrap_or_default(), cameras.next().unwrap_or_default());
+        let (points, _) = self.matchers[pair].cloud(&left, &right)?;
+        self.clouds[pair] = points;
+        Ok(cast_slice(&self.clouds[pair]))
     }
 }
 
-/// By camera and projector.
-type Decoders = BTreeMap<(usize, usize), Decoder>;
-
-/// By camera, projector and axis.
-type PhaseMaps = BTreeMap<(usize, usize, Axis), (PhaseInfo, Bytes)>;
-
-fn seen(decoders: &mut Decoders, camera: usize, projector: usize) -> Result<&mut Decoder, WorkError> {
-    let decoder = decoders.get_mut(&(camera, projector));
-    decoder.ok_or_else(|| WorkError::Missing("the camera does not see this projector".into()))
-}
-
-/// The phases of a pair: left first; with the projector method x before y.
-fn views<'a>(
-    phases: &'a PhaseMaps,
-    pair: &PairNode,
-    axes: &[Axis],
-) -> Result<Vec<(Axis, PhaseView<'a>)>, WorkError> {
-    let cameras = pair.cameras();
-    let wanted = cameras.iter().flat_map(|&camera| axes.iter().map(move |&axis| (camera, axis)));
-    wanted
-        .map(|(camera, axis)| {
-            let map = phases.get(&(camera, pair.projector, axis));
-            let view = map.and_then(|(info, bytes)| PhaseView::from_bytes(*info, bytes.get()));
-            let view =
-                view.ok_or_else(|| WorkError::Missing(format!("the phase of camera {camera} is missing")))?;
-            Ok((axis, view))
-        })
-        .collect()
+fn lit<'d>(
+    decoders: &'d mut Decoders,
+    cell: &Cell,
+    camera: usize,
+    projector: usize,
+) -> Result<&'d mut Decoder, CellError> {
+    decoders.get_mut(&(camera, projector)).ok_or_else(|| CellError::NotSeen {
+        camera: cell.graph.camera_name(camera).to_owned(),
+        projector: cell.graph.projector_name(projector).to_owned(),
+    })
 }

@@ -1,12 +1,16 @@
-//! The graph of the cell: every pair has its cameras and its light, every camera has a pair, no gap.
+//! What the parts of a cell say of each other: every pair has its cameras and its light, every camera has a pair.
 
+use super::TwinConfig;
 use super::raw::RawConfig;
-use super::{CameraConfig, Driver, ProjectorConfig, TwinConfig};
 use crate::document::Document;
 use crate::error::{FileError, Problem, did_you_mean, list};
 use crate::rig_file::{RigFile, resolve_pairs, unknown};
+use cell::Options;
+use cell::configuration::{CameraConfig, Configuration, Driver, ProjectorConfig};
+use cell::graph::Graph;
+use cell::schedule::{Schedule, ScheduleError};
 use fringe::geometry::camera::Camera;
-use fringe::geometry::rig::{Pair, Rig};
+use fringe::geometry::rig::Rig;
 use fringe::pattern::{PatternError, PatternSet};
 
 /// The rig with the pairs that the cell runs, each with its projector.
@@ -30,75 +34,48 @@ pub(super) fn pairs(
         let problem = Problem::Missing(format!("a [[pair]] in {}", rig_file.path.display()));
         return Err(document.fault("pairs", problem, "a cell matches at least one pair"));
     }
-    for pair in &rig.pairs {
-        check_pair_cameras(document, raw, rig_file, pair)?;
-    }
     let lit: Vec<_> = projectors.iter().map(|p| (p.name.as_str(), p.cameras.as_slice())).collect();
     resolve_pairs(&rig_file.path, &mut rig, &lit)?;
-    for pair in &rig.pairs {
-        check_pair_light(document, rig_file, pair, projectors)?;
-    }
     Ok(rig)
 }
 
-fn check_pair_cameras(
-    document: &Document,
-    raw: &RawConfig,
-    rig_file: &RigFile,
-    pair: &Pair,
-) -> Result<(), FileError> {
-    let views = [&pair.left, &pair.right].into_iter();
-    let mut cameras = views.filter(|view| rig_file.rig.camera(view).is_some());
-    let absent = cameras.find(|view| !raw.camera.iter().any(|camera| camera.name == **view));
-    let Some(absent) = absent else { return Ok(()) };
-    let problem = Problem::Disagreement {
-        what: "pair and cameras",
-        here: format!("pair \"{}\" of {} needs camera \"{absent}\"", pair.name, rig_file.path.display()),
-        there: "this cell has no such [[camera]]".into(),
-    };
-    let remedy = format!("add the camera, or list pairs = […] without \"{}\"", pair.name);
-    Err(document.fault("camera", problem, remedy))
-}
-
-fn check_pair_light(
+/// Plans the cell, as every command will, and points to the key of what is wrong.
+pub(super) fn check_graph(
     document: &Document,
     rig_file: &RigFile,
-    pair: &Pair,
-    projectors: &[ProjectorConfig],
+    cell: &Configuration,
 ) -> Result<(), FileError> {
-    let Some(index) = projectors.iter().position(|projector| projector.name == pair.projector) else {
-        let known = projectors.iter().map(|projector| projector.name.as_str());
-        let key = format!("pair {}: projector", pair.name);
-        let problem = Problem::UnknownName {
-            kind: "projector",
-            name: pair.projector.clone(),
-            known: list(known.clone()),
-        };
-        let remedy = did_you_mean(&pair.projector, known, "name a [[projector]] of the cell");
-        return Err(FileError::new(&rig_file.path, problem, remedy).at(key));
+    let planned = Graph::new(cell, &Options::default()).and_then(|graph| Schedule::new(&graph));
+    let Err(error) = planned else { return Ok(()) };
+    let projector = |name: &str, part: &str| {
+        let index = cell.projectors.iter().position(|p| p.name == name).unwrap_or_default();
+        format!("projector[{index}].{part}")
     };
-    let views = [&pair.left, &pair.right].into_iter();
-    let mut cameras = views.filter(|view| rig_file.rig.camera(view).is_some());
-    let Some(dark) = cameras.find(|view| !projectors[index].cameras.contains(view)) else { return Ok(()) };
-    let problem = Problem::Disagreement {
-        what: "pair and projector",
-        here: format!("cameras = [{}] look at \"{}\"", projectors[index].cameras.join(", "), pair.projector),
-        there: format!("pair \"{}\" needs \"{dark}\" to look at it", pair.name),
+    let camera = |name: &str| {
+        let index = cell.cameras.iter().position(|c| c.name == name).unwrap_or_default();
+        format!("camera[{index}]")
     };
-    let remedy = format!("add \"{dark}\" to the cameras, or change the pair's projector in the rig file");
-    Err(document.fault(&format!("projector[{index}].cameras"), problem, remedy))
-}
-
-/// A camera that no pair uses would take frames for nobody.
-pub(super) fn check_use(document: &Document, rig: &Rig, cameras: &[CameraConfig]) -> Result<(), FileError> {
-    for (index, camera) in cameras.iter().enumerate() {
-        if !rig.pairs.iter().any(|pair| pair.left == camera.name || pair.right == camera.name) {
-            let problem = Problem::Unsupported(format!("camera \"{}\" belongs to no pair", camera.name));
-            let remedy = "remove it, or add a [[pair]] to the rig file";
-            return Err(document.fault(&format!("camera[{index}]"), problem, remedy));
+    let key = match &error {
+        ScheduleError::NoProjector { pair, projector } => {
+            let known = cell.projectors.iter().map(|projector| projector.name.as_str());
+            let problem = Problem::UnknownName {
+                kind: "projector",
+                name: projector.clone(),
+                known: list(known.clone()),
+            };
+            let remedy = did_you_mean(projector, known, "name a [[projector]] of the cell");
+            return Err(FileError::new(&rig_file.path, problem, remedy).at(format!("pair {pair}: projector")));
         }
-    }
-    Ok(())
+        ScheduleError::Empty(what) => (*what).to_owned(),
+        ScheduleError::NoCamera { .. } | ScheduleError::TooLarge { .. } => "camera".to_owned(),
+        ScheduleError::Unseen(name) | ScheduleError::Gap { projector: name, .. } => {
+            projector(name, "cameras")
+        }
+        ScheduleError::NoPhase { projector: name, .. } => projector(name, "sequence"),
+        ScheduleError::Dark(name) | ScheduleError::Unused { camera: name, .. } => camera(name),
+        ScheduleError::Deadline { .. } => "limits.cycle_deadline_ms".to_owned(),
+    };
+    Err(document.fault(&key, Problem::Schedule(error), ""))
 }
 
 /// Light and eyes of one projection come from the same world.

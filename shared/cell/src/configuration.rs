@@ -1,0 +1,136 @@
+//! What a cell is: checked, every reference resolved, no file in sight.
+//!
+//! `files` reads it from TOML and points into that file where something is wrong.
+
+use fringe::decode::DecodeSettings;
+use fringe::fusion::FusionSettings;
+use fringe::geometry::rig::Rig;
+use fringe::matching::MatchSettings;
+use fringe::pattern::{LevelTable, PatternSet};
+use metrology::inspection::Plan;
+
+/// Name of the recipe that is used where none is named.
+pub const DEFAULT_RECIPE: &str = "default";
+
+/// A cell as its configuration means it.
+#[derive(Debug, Clone)]
+pub struct Configuration {
+    /// Cell name.
+    pub name: String,
+    /// Number of cycles; `None`: until stopped.
+    pub cycles: Option<u32>,
+    /// What the measuring side knows. Its pairs are those that the cell runs, in the order of the rig file, each
+    /// with its projector.
+    pub rig: Rig,
+    /// Budgets and restart policy.
+    pub limits: Limits,
+    /// What lights, in the order of projection.
+    pub projectors: Vec<ProjectorConfig>,
+    /// What looks.
+    pub cameras: Vec<CameraConfig>,
+    /// How frames become points.
+    pub settings: Settings,
+    /// All that a request may choose; at least one. The first one counts where none is named.
+    pub recipes: Vec<Recipe>,
+    /// Cores.
+    pub schedule: ScheduleConfig,
+    /// Frames per second of a recording that is played, if one is; 0: as fast as possible.
+    pub rate_hz: Option<f64>,
+}
+
+/// How frames become points: the tables `[decode]`, `[matching]` and `[fusion]`.
+#[derive(Debug, Clone, Default)]
+pub struct Settings {
+    /// Of the decoder.
+    pub decode: DecodeSettings,
+    /// Of the matcher; depth and surface hold for pairs of a camera and a projector too.
+    pub matching: MatchSettings,
+    /// Of the fusion.
+    pub fusion: FusionSettings,
+}
+
+/// A way to inspect a part.
+#[derive(Debug, Clone)]
+pub struct Recipe {
+    /// Unique; [`DEFAULT_RECIPE`] is the plan at the top of the configuration.
+    pub name: String,
+    /// What is inspected; absent: nothing, the cloud alone is wanted.
+    pub plan: Option<Plan>,
+    /// SHA-256 of the file of the plan.
+    pub plan_sha256: Option<String>,
+}
+
+/// Where frames come from or patterns go to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Driver {
+    /// The digital twin.
+    Twin,
+    /// A folder of frames.
+    Recording,
+}
+
+/// A projector of the cell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProjectorConfig {
+    /// Unique among projectors and cameras.
+    pub name: String,
+    /// Driver.
+    pub driver: Driver,
+    /// Columns.
+    pub width_px: u32,
+    /// Rows.
+    pub height_px: u32,
+    /// Who looks while it is on.
+    pub cameras: Vec<String>,
+    /// What it shows.
+    pub sequence: Vec<PatternSet>,
+    /// How levels are drawn so that the light is proportional to them.
+    pub level_table: Option<LevelTable>,
+}
+
+/// A camera of the cell.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CameraConfig {
+    /// As in the rig file.
+    pub name: String,
+    /// Driver.
+    pub driver: Driver,
+    /// Columns, from the rig file.
+    pub width_px: u32,
+    /// Rows, from the rig file.
+    pub height_px: u32,
+}
+
+/// Budgets and restart policy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Limits {
+    /// A stage without progress for this long while it has work is hung, ms. Default 5000.
+    pub stage_budget_ms: u64,
+    /// A cycle that has not ended by then is ended, ms. Default 20 000.
+    pub cycle_deadline_ms: u64,
+    /// A stage must report ready this long after its start, ms. Default 20 000.
+    pub start_ms: u64,
+    /// A stage that was asked to stop is killed after this long, ms. Default 3000.
+    pub stop_ms: u64,
+    /// Restarts of one stage within the window before the cell gives up. Default 5.
+    pub restarts_max: u32,
+    /// The window, ms. Default 60 000.
+    pub restart_window_ms: u64,
+}
+
+/// Cores.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ScheduleConfig {
+    /// Cores to plan for. Default 2. A constant of the cell, not of the machine: the schedule depends on it.
+    pub cores: u32,
+    /// How many cycles may be under way at once, 1 … 4. Default 1. From 2 on the next cycle is acquired while the last one
+    /// is evaluated.
+    pub cycles_in_flight: u32,
+    /// Pin each stage to its planned core. Default false.
+    pub pin: bool,
+    /// `SCHED_FIFO` priority of the stages; the supervisor takes the one above, so that it can end a stage that spins.
+    /// Absent: none.
+    pub realtime_priority: Option<u32>,
+    /// Whether each stage keeps all its memory resident. Default false.
+    pub lock_memory: bool,
+}
