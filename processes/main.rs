@@ -41,6 +41,9 @@ const BAD_INPUT: u8 = 2;
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Cli {
+    /// Check the arguments and end: for the test of the documentation.
+    #[arg(long, hide = true)]
+    parse_only: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -77,7 +80,10 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let command = Cli::parse().command;
+    let Cli { parse_only, command } = Cli::parse();
+    if parse_only {
+        return ExitCode::SUCCESS;
+    }
     log::to_stderr(!matches!(command, Command::Stage(_)));
     let result = execute(&command);
     if let Err(error) = &result {

@@ -25,6 +25,9 @@
 //! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
 //! - [`running`]: how the tests run a cell and harm it
 //! - [`plan_patterns`]: what a plan of patterns promises against what its recording gives
+//! - [`documented_commands`]: every command of README and `docs/`, page by page
+//! - [`documentation`]: README and pages: lengths, links, commands and options that exist
+//! - [`file_formats`]: the keys of `docs/formats.md` against the parsers
 //! - [`twin_knobs`]: settings of the twin in a configuration and on the command line: what is refused, and how it is said
 //! - [`single_view`]: one camera and projector: unwrapping, filters, reference planes, a rotation stage
 //! - [`support`]: how the tests run programs and make small recordings
@@ -41,6 +44,9 @@ mod cell;
 mod charuco;
 mod compare;
 mod control;
+mod documentation;
+mod documented_commands;
+mod file_formats;
 mod fits;
 mod focus;
 mod gamma;

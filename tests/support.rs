@@ -29,13 +29,22 @@ impl Ran {
 
 /// Runs `fringetool` in the repository's root.
 pub fn fringetool<S: AsRef<std::ffi::OsStr>>(arguments: &[S]) -> Ran {
-    run(env!("CARGO_BIN_EXE_fringetool"), arguments)
+    run_in(root(), env!("CARGO_BIN_EXE_fringetool"), arguments)
 }
 
-fn run<S: AsRef<std::ffi::OsStr>>(program: &str, arguments: &[S]) -> Ran {
-    let output =
-        Command::new(program).args(arguments).current_dir(root()).output().expect("the program starts");
-    Ran::new(&output)
+/// Runs `fringetool` in a folder.
+pub fn fringetool_in<S: AsRef<std::ffi::OsStr>>(folder: &Path, arguments: &[S]) -> Ran {
+    run_in(folder, env!("CARGO_BIN_EXE_fringetool"), arguments)
+}
+
+/// Runs `fringecell` in a folder.
+pub fn fringecell_in<S: AsRef<std::ffi::OsStr>>(folder: &Path, arguments: &[S]) -> Ran {
+    run_in(folder, env!("CARGO_BIN_EXE_fringecell"), arguments)
+}
+
+fn run_in<S: AsRef<std::ffi::OsStr>>(folder: &Path, program: &str, arguments: &[S]) -> Ran {
+    let output = Command::new(program).args(arguments).current_dir(folder).output();
+    Ran::new(&output.expect("the program starts"))
 }
 
 /// The repository.

@@ -48,6 +48,9 @@ use std::process::ExitCode;
     max_term_width = 100
 )]
 struct Cli {
+    /// Check the arguments and end: for the test of the documentation.
+    #[arg(long, hide = true)]
+    parse_only: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -136,7 +139,11 @@ fn exit_on_lost_output() {
 fn main() -> ExitCode {
     ipc::os::restore_sigpipe();
     exit_on_lost_output();
-    let result = match Cli::parse().command {
+    let cli = Cli::parse();
+    if cli.parse_only {
+        return ExitCode::SUCCESS;
+    }
+    let result = match cli.command {
         Command::Simulate(args) => simulate::run(&args),
         Command::Decode(args) => decode::run(&args),
         Command::Unwrap(args) => unwrap::run(&args),
