@@ -62,7 +62,9 @@ fn every_link_leads_somewhere() {
             let (file, place) = link.split_once('#').map_or((link.as_str(), None), |(f, p)| (f, Some(p)));
             let target = if file.is_empty() { page.clone() } else { page.parent().unwrap().join(file) };
             let there = target.exists()
-                && place.is_none_or(|place| text(&target).lines().any(|l| l.starts_with('#') && anchor(l) == place));
+                && place.is_none_or(|place| {
+                    text(&target).lines().any(|l| l.starts_with('#') && anchor(l) == place)
+                });
             if !there {
                 dead.push(format!("{}: {link}", page.display()));
             }
@@ -86,7 +88,9 @@ fn subcommands(help: &str) -> Vec<String> {
     let list = help.lines().skip_while(|line| !line.starts_with("Commands:")).skip(1);
     let list = list.take_while(|line| line.starts_with("  "));
     // Longer lines are continuations, with more spaces in front.
-    let names = list.filter(|l| l.chars().nth(2).is_some_and(|c| c != ' ')).filter_map(|l| l.split_whitespace().next());
+    let names = list
+        .filter(|l| l.chars().nth(2).is_some_and(|c| c != ' '))
+        .filter_map(|l| l.split_whitespace().next());
     names.filter(|name| *name != "help").map(str::to_owned).collect()
 }
 
@@ -94,10 +98,12 @@ fn subcommands(help: &str) -> Vec<String> {
 fn options(help: &str) -> BTreeSet<String> {
     let first = help.lines().filter_map(|line| {
         let line = line.trim_start();
-        let line = line.strip_prefix("-").and_then(|l| l.get(1..)).map_or(line, |l| l.trim_start_matches(", "));
+        let line =
+            line.strip_prefix("-").and_then(|l| l.get(1..)).map_or(line, |l| l.trim_start_matches(", "));
         line.strip_prefix("--").or_else(|| line.strip_prefix('-'))
     });
-    let name = |rest: &str| rest.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '-').collect::<String>();
+    let name =
+        |rest: &str| rest.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '-').collect::<String>();
     first.map(name).filter(|name| !["help", "version", ""].contains(&name.as_str())).collect()
 }
 

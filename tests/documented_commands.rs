@@ -91,7 +91,10 @@ fn script(steps: &[Step], run_long: bool) -> String {
     for step in steps {
         match step {
             Step::File { path, text } => {
-                let _ = writeln!(script, "mkdir -p \"$(dirname '{path}')\"\ncat > '{path}' <<'END OF FILE'\n{text}END OF FILE");
+                let _ = writeln!(
+                    script,
+                    "mkdir -p \"$(dirname '{path}')\"\ncat > '{path}' <<'END OF FILE'\n{text}END OF FILE"
+                );
             }
             Step::Block(commands) => {
                 let only_parse = !run_long && commands.iter().any(Documented::is_long);
@@ -151,9 +154,15 @@ fn run_page(page: &Path, run_long: bool) -> Result<String, String> {
         .expect("bash starts");
     let told = String::from_utf8_lossy(&output.stderr).into_owned();
     if output.status.success() {
-        return Ok(told.lines().filter(|line| line.starts_with("@@")).map(|line| format!("{line}\n")).collect());
+        return Ok(told
+            .lines()
+            .filter(|line| line.starts_with("@@"))
+            .map(|line| format!("{line}\n"))
+            .collect());
     }
-    let last = |text: &str| text.lines().rev().take(25).collect::<Vec<_>>().into_iter().rev().collect::<Vec<_>>().join("\n");
+    let last = |text: &str| {
+        text.lines().rev().take(25).collect::<Vec<_>>().into_iter().rev().collect::<Vec<_>>().join("\n")
+    };
     Err(format!("{}:\n{}\n{}", page.display(), last(&String::from_utf8_lossy(&output.stdout)), last(&told)))
 }
 

@@ -24,7 +24,12 @@ struct Reader {
 }
 
 const READERS: [Reader; 13] = [
-    Reader { section: "Configuration", file: "cell.toml", arguments: &["schedule", "cell.toml"], absent: None },
+    Reader {
+        section: "Configuration",
+        file: "cell.toml",
+        arguments: &["schedule", "cell.toml"],
+        absent: None,
+    },
     Reader {
         section: "Rig",
         file: "rig.toml",
@@ -46,7 +51,15 @@ const READERS: [Reader; 13] = [
     Reader {
         section: "Target",
         file: "target.toml",
-        arguments: &["calibrate", "--target", "target.toml", "--out", "new.toml", "--images", "cam1=none*.png"],
+        arguments: &[
+            "calibrate",
+            "--target",
+            "target.toml",
+            "--out",
+            "new.toml",
+            "--images",
+            "cam1=none*.png",
+        ],
         absent: Some("none*.png"),
     },
     Reader {
@@ -67,7 +80,12 @@ const READERS: [Reader; 13] = [
         arguments: &["vdi2634", "with-rules.toml"],
         absent: Some("ball.ply"),
     },
-    Reader { section: "Budget", file: "budget.toml", arguments: &["uncertainty", "budget.toml"], absent: None },
+    Reader {
+        section: "Budget",
+        file: "budget.toml",
+        arguments: &["uncertainty", "budget.toml"],
+        absent: None,
+    },
     Reader {
         section: "Scene",
         file: "scene.toml",
@@ -83,7 +101,16 @@ const READERS: [Reader; 13] = [
     Reader {
         section: "Rotation stage",
         file: "stage.toml",
-        arguments: &["rotation-stage", "merge", "--stage", "stage.toml", "--view", "0=ball.ply", "--out", "all.ply"],
+        arguments: &[
+            "rotation-stage",
+            "merge",
+            "--stage",
+            "stage.toml",
+            "--view",
+            "0=ball.ply",
+            "--out",
+            "all.ply",
+        ],
         absent: Some("ball.ply"),
     },
     Reader {
@@ -192,7 +219,8 @@ fn folder() -> TempDir {
     }
     let small = Small::new();
     let cell = std::fs::read_to_string(small.path("cell.toml")).unwrap();
-    std::fs::write(path("small.toml"), cell.replace("rig = \"rig.toml\"", "rig = \"small-rig.toml\"")).unwrap();
+    std::fs::write(path("small.toml"), cell.replace("rig = \"rig.toml\"", "rig = \"small-rig.toml\""))
+        .unwrap();
     std::fs::copy(small.path("rig.toml"), path("small-rig.toml")).unwrap();
     std::os::unix::fs::symlink(small.folder.keep().join("rec"), path("small")).unwrap();
     for name in ["rec", "planes"] {
@@ -233,7 +261,8 @@ fn every_key_of_the_page_is_known_to_its_parser_and_the_other_way_round() {
         }
     }
     assert!(faults.is_empty(), "{}", faults.join("\n"));
-    let sections: BTreeSet<&str> = READERS.iter().map(|reader| reader.section).chain(["Pattern sets"]).collect();
+    let sections: BTreeSet<&str> =
+        READERS.iter().map(|reader| reader.section).chain(["Pattern sets"]).collect();
     let strange: Vec<&KeyTable> = tables.iter().filter(|t| !sections.contains(t.section.as_str())).collect();
     assert!(strange.is_empty(), "no parser reads {strange:?}");
 }
@@ -246,7 +275,8 @@ fn compare(folder: &Path, reader: &Reader, table: &KeyTable, example: &Table) ->
     let place = format!("{}, {} {:?}", table.section, table.path, table.variant);
     let Some(text) = with_stranger(table, example) else {
         // A mesh names a file of its own: the example has none.
-        return (table.variant.as_ref()?.1 != "mesh").then(|| format!("{place}: the example has no such table"));
+        return (table.variant.as_ref()?.1 != "mesh")
+            .then(|| format!("{place}: the example has no such table"));
     };
     let ran = read(folder, reader, &text);
     let Some(mut known) = known_keys(&ran.stderr) else {
