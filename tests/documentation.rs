@@ -96,15 +96,13 @@ fn subcommands(help: &str) -> Vec<String> {
 
 /// The long options of a help text.
 fn options(help: &str) -> BTreeSet<String> {
-    let first = help.lines().filter_map(|line| {
+    let long = help.lines().filter_map(|line| {
         let line = line.trim_start();
-        let line =
-            line.strip_prefix("-").and_then(|l| l.get(1..)).map_or(line, |l| l.trim_start_matches(", "));
-        line.strip_prefix("--").or_else(|| line.strip_prefix('-'))
+        line.strip_prefix("--").or_else(|| line.strip_prefix('-')?.split_once(", --").map(|(_, long)| long))
     });
     let name =
         |rest: &str| rest.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '-').collect::<String>();
-    first.map(name).filter(|name| !["help", "version", ""].contains(&name.as_str())).collect()
+    long.map(name).filter(|name| !["help", "version", ""].contains(&name.as_str())).collect()
 }
 
 /// Every command of a program with its options, subcommands of subcommands included.

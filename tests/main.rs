@@ -26,6 +26,7 @@
 //! - [`running`]: how the tests run a cell and harm it
 //! - [`plan_patterns`]: what a plan of patterns promises against what its recording gives
 //! - [`documented_commands`]: every command of README and `docs/`, page by page
+//! - [`examples`]: the programs in `examples/` on small inputs
 //! - [`documentation`]: README and pages: lengths, links, commands and options that exist
 //! - [`file_formats`]: the keys of `docs/formats.md` against the parsers
 //! - [`twin_knobs`]: settings of the twin in a configuration and on the command line: what is refused, and how it is said
@@ -46,6 +47,7 @@ mod compare;
 mod control;
 mod documentation;
 mod documented_commands;
+mod examples;
 mod file_formats;
 mod fits;
 mod focus;

@@ -1,0 +1,57 @@
+//! From pictures of a checkerboard by two cameras to a rig file. The n-th picture of each camera shows pose n:
+//!
+//!     cargo run --release --example images_to_rig -- TARGET.toml RIG.toml LEFT1.png RIGHT1.png LEFT2.png RIGHT2.png …
+
+use characterise::calibration::{
+    CalibrationSettings, Device, DeviceKind, Observations, Sight, View, calibrate,
+};
+use characterise::target::{TargetSettings, TargetSpec, detect};
+use files::image_file::read_foreign_frame;
+use fringe::geometry::rig::{Named, Pair, Rig};
+use std::error::Error;
+use std::path::Path;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [target, out, pictures @ ..] = arguments.as_slice() else {
+        return Err("arguments: TARGET.toml RIG.toml LEFT1.png RIGHT1.png …".into());
+    };
+    let target = TargetSpec::parse(&std::fs::read_to_string(target)?)?;
+    let target_mm = target.board_points_mm().into_iter().map(|(_, point)| point).collect();
+    let mut seen = Observations { devices: Vec::new(), target_mm, poses: Vec::new(), views: Vec::new() };
+    for (number, picture) in pictures.iter().enumerate() {
+        let (pose, device) = (number / 2, number % 2);
+        let frame = read_foreign_frame(Path::new(picture), None)?;
+        if pose == 0 {
+            let (name, kind) = (["left", "right"][device].to_owned(), DeviceKind::Camera);
+            seen.devices.push(Device { name, kind, width_px: frame.width_px, height_px: frame.height_px });
+        }
+        if device == 0 {
+            seen.poses.push(picture.clone());
+        }
+        let found = detect(&frame.view(), &target, &TargetSettings::default())?;
+        let sights = found.points.iter().map(|point| Sight {
+            index: (point.index.1 * target.columns + point.index.0) as usize,
+            pixel: point.pixel,
+            covariance_px2: point.covariance_px2,
+            link: None,
+        });
+        seen.views.push(View { device, pose, sights: sights.collect(), may_be_turned: false });
+    }
+    let calibration = calibrate(&seen, &CalibrationSettings::default())?;
+    for device in &calibration.devices {
+        let (u_px, rms_px) = (device.standard_uncertainty[0], device.rms_reprojection_px);
+        println!(
+            "{}: focal length {:.2} ± {u_px:.2} px, rms {rms_px:.4} px",
+            device.name, device.camera.focal_px[0]
+        );
+    }
+    let cameras =
+        calibration.devices.iter().map(|d| Named { name: d.name.clone(), camera: d.camera.clone() });
+    let [name, left, right] = ["pair1", "left", "right"].map(str::to_owned);
+    let pairs = vec![Pair { name, left, right, projector: String::new() }];
+    let rig = Rig { cameras: cameras.collect(), projectors: Vec::new(), pairs };
+    files::rig_file::write_rig(Path::new(out), &rig, &toml::Table::new(), None)?;
+    println!("{out}: from {} poses", seen.poses.len());
+    Ok(())
+}
