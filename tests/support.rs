@@ -57,12 +57,14 @@ pub fn real_data(set: &str) -> Option<PathBuf> {
     shared_data(&format!("real/{set}"))
 }
 
-/// A folder of data that lie beside the repository; `None`, said in one line, where it is absent.
+/// A folder of data that lie beside the repository; `None`, said in one line, where it is absent. The tests that need them
+/// are ignored there (`cfg(shared_data)`, tests/build.rs); where `CI` is set, absence is a failure.
 pub fn shared_data(name: &str) -> Option<PathBuf> {
     let folder = root().join("../shared/data").join(name);
     if folder.is_dir() {
         return Some(folder);
     }
+    assert!(std::env::var_os("CI").is_none(), "{} is absent", folder.display());
     eprintln!("skipped: {} is absent; these data are not part of the repository", folder.display());
     None
 }

@@ -336,6 +336,7 @@ fn pdf_is_complete_and_every_page_of_a_reduced_test_says_so() {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
 fn qif_is_valid_by_the_schema_of_the_standard() {
     let schema =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/qif/schema/QIFDocument.xsd");

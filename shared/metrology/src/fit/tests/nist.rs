@@ -122,6 +122,7 @@ fn any_size(set: &Set, start: usize) -> Result<[f64; 2], FitError> {
 }
 
 #[test]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
 #[expect(
     clippy::disallowed_methods,
     clippy::disallowed_macros,
