@@ -64,7 +64,7 @@ fn steps(page: &str) -> Vec<Step> {
         if language == "console" {
             steps.push(Step::Block(commands(&block)));
         } else if let Some((_, path)) = language.split_once("file=") {
-            let text = block.iter().map(|(_, line)| format!("{line}\n")).collect();
+            let text = block.iter().flat_map(|(_, line)| [*line, "\n"]).collect();
             steps.push(Step::File { path: path.to_owned(), text });
         }
     }
@@ -167,7 +167,7 @@ fn run_page(page: &Path, run_long: bool) -> Result<String, String> {
         return Ok(told
             .lines()
             .filter(|line| line.starts_with("@@"))
-            .map(|line| format!("{line}\n"))
+            .flat_map(|line| [line, "\n"])
             .collect());
     }
     let last = |text: &str| {

@@ -143,7 +143,7 @@ fn page() -> (Vec<KeyTable>, Vec<(String, Table)>) {
                 let text = toml.take().unwrap();
                 examples.push((section.clone(), text.parse().unwrap_or_else(|e| panic!("{section}: {e}"))));
             }
-            (Some(text), line) => *text += &format!("{line}\n"),
+            (Some(text), line) => text.extend([line, "\n"]),
             (None, "```toml") => toml = Some(String::new()),
             (None, line) => {
                 if let Some(title) = line.strip_prefix("## ") {
