@@ -3,7 +3,7 @@
 //!     cargo run --release --example images_to_rig -- TARGET.toml RIG.toml LEFT1.png RIGHT1.png LEFT2.png RIGHT2.png …
 
 use characterise::calibration::{
-    CalibrationSettings, Device, DeviceKind, Observations, Sight, View, calibrate,
+    CalibrationSettings, Device, DeviceKind, ImagePoint, Observations, View, calibrate,
 };
 use characterise::target::{TargetSettings, TargetSpec, detect};
 use files::image_file::read_foreign_frame;
@@ -30,13 +30,14 @@ fn main() -> Result<(), Box<dyn Error>> {
             seen.poses.push(picture.clone());
         }
         let found = detect(&frame.view(), &target, &TargetSettings::default())?;
-        let sights = found.points.iter().map(|point| Sight {
+        let image_points = found.points.iter().map(|point| ImagePoint {
             index: (point.index.1 * target.columns + point.index.0) as usize,
             pixel: point.pixel,
             covariance_px2: point.covariance_px2,
             link: None,
         });
-        seen.views.push(View { device, pose, sights: sights.collect(), may_be_turned: false });
+        let image_points = image_points.collect();
+        seen.views.push(View { device, pose, image_points, may_be_turned: false });
     }
     let calibration = calibrate(&seen, &CalibrationSettings::default())?;
     for device in &calibration.devices {
