@@ -111,7 +111,8 @@ fn script(steps: &[Step], run_long: bool) -> String {
 }
 
 const PROLOGUE: &str = r#"
-trap 'kill $(jobs -p) 2>/dev/null; wait 2>/dev/null' EXIT
+# A page that fails leaves no cell behind, which would keep the output open.
+trap 'command fringecell stop >/dev/null 2>&1; kill $(jobs -p) 2>/dev/null; wait 2>/dev/null' EXIT
 fringecell() { command fringecell $parse_only "$@"; }
 fringetool() { command fringetool $parse_only "$@"; }
 for move in cp mv; do eval "$move() { [ -n \"\$parse_only\" ] || command $move \"\$@\"; }"; done
