@@ -118,7 +118,7 @@ fn what_tells_no_response_is_refused_with_one_line() {
         (good.clone(), "0:240:15", "0,0,10,10", "16 images, but --levels: 17"),
         (good.clone(), "0:3825:255", "0,0,10,10", "add --bits"),
         (folder("few", &rising[..8]), "0:105:15", "0,0,10,10", "at least 9 needed"),
-        (folder("even", &[90; 16]), "0:225:15", "0,0,10,10", "needed; is the projector's light"),
+        (folder("even", &[90; 16]), "0:225:15", "0,0,10,10", "needed; check that the region"),
         (folder("full", &[255; 16]), "0:225:15", "0,0,10,10", "saturate"),
         (folder("shuffled", &shuffled), "0:225:15", "0,0,10,10", "not monotonic"),
         (dir.path().join("none*").to_str().unwrap().into(), "0:225:15", "0,0,1,1", "no file matches"),

@@ -102,7 +102,7 @@ fn what_cannot_be_checked_says_what_is_missing() {
         (vec![], "no projector shows fringes along both axes"),
         (vec!["--false-alarm", "2"], "false_alarm = 2 is outside"),
         (vec!["--trend", "absent/trend.txt"], "there is no folder absent"),
-        (vec!["--date", "yesterday"], "--date yesterday: is no date"),
+        (vec!["--date", "yesterday"], "--date yesterday: is not a date"),
         (vec!["--picture", "c.svg"], "--trend"),
     ] {
         let ran = fringetool(&[one_direction.as_slice(), &arguments].concat());
