@@ -9,6 +9,7 @@
 //! - [`focus`]: best focus and depth of focus from pictures of a checkerboard
 //! - [`gamma`]: a projector's response is measured and corrected
 //! - [`compare`]: deviations and motions that are known beforehand
+//! - [`pose`]: where a part lies is found from anywhere, or refused
 //! - [`rig_state`]: a rig file against what its cameras see, and against other programs
 //! - [`adversity`]: no memory, no room, nobody who reads, another cell beside
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
@@ -57,6 +58,7 @@ mod offline;
 mod one_flow;
 mod phase_methods;
 mod plan_patterns;
+mod pose;
 mod proof;
 mod real;
 mod record;

@@ -21,6 +21,7 @@ mod measure;
 mod numbers;
 mod phase_method;
 mod pipeline;
+mod place;
 mod plan_patterns;
 mod progress;
 mod reconstruct;
@@ -75,10 +76,12 @@ enum Command {
     Flatness(flatness::Args),
     /// Compare two clouds, or a cloud with a CAD mesh: signed deviations, M3C2, report.
     Compare(compare::Args),
-    /// Register clouds to a reference (point-to-plane ICP), with the covariance of the transform.
+    /// Register clouds to a reference from any pose (search, point-to-plane ICP), with the covariance of the transform.
     Register(register::Args),
     /// Evaluate an inspection plan on a cloud: features, uncertainties, verdict.
     Measure(measure::Args),
+    /// Find the part of an inspection plan in a first cloud and write its placement into the plan.
+    Place(place::Args),
     /// Evaluate an acceptance test following VDI/VDE 2634 or ISO 10360-13 from its plan.
     #[command(name = "vdi2634")]
     Vdi2634(vdi2634::Args),
@@ -155,6 +158,7 @@ fn main() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Register(args) => register::run(&args),
         Command::Measure(args) => measure::run(&args),
+        Command::Place(args) => place::run(&args),
         Command::Vdi2634(args) => vdi2634::run(&args),
         Command::SimulateTest(args) => simulate_test::run(&args),
         Command::CmmPlan(args) => cmm_plan::run(&args),

@@ -1,4 +1,4 @@
-//! `fringetool register`: brings clouds onto a reference by point-to-plane ICP.
+//! `fringetool register`: brings clouds onto a reference: search over all poses, then point-to-plane ICP.
 
 use crate::Outcome;
 use crate::progress::Progress;
@@ -6,7 +6,7 @@ use crate::report::{check_outputs, emit};
 use crate::surface::{check_units, length, moved, read_cloud, read_reference, start};
 use anyhow::{Context, Result, bail};
 use metrology::reference::Reference;
-use metrology::register::{RegisterSettings, Registration, register};
+use metrology::register::{Outcome as Fit, RegisterSettings, Registration, register};
 use nalgebra::Vector3;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -82,7 +82,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     drop(progress);
     write(args, &outs, &done)?;
-    Ok(Outcome::Done)
+    let reliable = done.iter().all(|(_, aligned)| aligned.registration.is_reliable());
+    Ok(if reliable { Outcome::Done } else { Outcome::LimitFailed })
 }
 
 /// Of a cloud: with the normals that the alignment needs.
@@ -148,6 +149,7 @@ fn write(args: &Args, outs: &[PathBuf], done: &[(Vec<fringe::cloud::Point>, Alig
         let comments = [
             ("source", aligned.cloud.as_str()),
             ("aligned_with", aligned.reference.as_str()),
+            ("alignment", word(&aligned.registration)),
             ("software", aligned.software.as_str()),
         ];
         files::ply::write_cloud(out, points, &comments)?;
@@ -177,7 +179,7 @@ pub fn summary(r: &Registration) {
         r.rms_mm,
         r.inliers,
         100.0 * r.overlap,
-        if r.converged { "converged" } else { "NOT CONVERGED" },
+        if r.converged { "converged" } else { "not converged" },
         r.iterations,
         r.last_motion_mm
     );
@@ -187,10 +189,46 @@ pub fn summary(r: &Registration) {
         "  u of the centre ({a:.1e}, {b:.1e}, {c:.1e}) mm, of the rotation ({p:.1}, {q:.1}, {s:.1}) µrad, condition {:.1}",
         r.condition
     );
-    for free in &r.undetermined {
-        println!("  UNDETERMINED, left as it was: {}", free.describe());
+    for line in doubts(r) {
+        println!("  {line}");
     }
+}
+
+/// The outcome in one word.
+pub fn word(r: &Registration) -> &'static str {
+    match r.outcome {
+        Fit::Aligned => "aligned",
+        Fit::Undetermined => "undetermined",
+        Fit::Ambiguous => "ambiguous",
+        Fit::NotConverged => "not converged",
+    }
+}
+
+/// Why the pose may not be used, or not all of it.
+pub fn doubts(r: &Registration) -> Vec<String> {
+    let mut lines: Vec<String> = r
+        .undetermined
+        .iter()
+        .map(|free| format!("UNDETERMINED, left as it was: {}", free.describe()))
+        .collect();
     if let Some(share) = r.rival {
-        println!("  AMBIGUOUS: a different pose matches {:.0} % as many points; give --start", 100.0 * share);
+        let why = if r.rival_is_symmetry == Some(true) {
+            "it differs by a symmetry of the reference"
+        } else {
+            "the points do not tell the two apart"
+        };
+        lines.push(format!(
+            "{}: another pose matches {:.1} % as many points: {why}; to choose one, give --start (as-it-lies, or a file \
+             with the pose near which to begin)",
+            if r.outcome == Fit::Undetermined { "SYMMETRIC" } else { "AMBIGUOUS" },
+            100.0 * share
+        ));
     }
+    if r.outcome == Fit::NotConverged {
+        lines.push(format!(
+            "NOT CONVERGED: the points still move by {:.1e} mm a round; give a start nearer to the pose (--start)",
+            r.last_motion_mm
+        ));
+    }
+    lines
 }

@@ -6,7 +6,7 @@ use files::surface_file::{self, Surface};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 use metrology::reference::{CloudReference, Reference};
-use metrology::register::From as Start;
+use metrology::register::InitialPose;
 use metrology::spatial::{Aabb, TriangleMesh};
 use nalgebra::{Matrix3, Point3, Vector3};
 use std::path::Path;
@@ -102,13 +102,13 @@ pub fn moved(points: &[Point], pose: &Pose) -> Vec<Point> {
 }
 
 /// `search`, `as-it-lies`, or the file of a transform.
-pub fn start(text: &str) -> Result<Start> {
+pub fn start(text: &str) -> Result<InitialPose> {
     match text {
-        "search" => Ok(Start::Search),
+        "search" => Ok(InitialPose::Search),
         "as-it-lies" => {
-            Ok(Start::Pose(Pose { rotation: Matrix3::identity(), translation: Vector3::zeros() }))
+            Ok(InitialPose::Given(Pose { rotation: Matrix3::identity(), translation: Vector3::zeros() }))
         }
-        file => read_transform(Path::new(file)).map(Start::Pose),
+        file => read_transform(Path::new(file)).map(InitialPose::Given),
     }
 }
 

@@ -1,4 +1,4 @@
-//! `fringetool compare`: a cloud held against a cloud or a CAD mesh.
+//! `fringetool compare`: compares a cloud with a cloud or a CAD mesh.
 
 mod m3c2;
 mod output;
@@ -115,7 +115,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     };
     write(args, &compared, &reference, &alignment)?;
-    Ok(Outcome::Done)
+    let reliable = match &alignment {
+        Alignment::BestFit(found) => found.is_reliable(),
+        Alignment::None | Alignment::Rps(_) => true,
+    };
+    Ok(if reliable { Outcome::Done } else { Outcome::LimitFailed })
 }
 
 fn check_flags(args: &Args) -> Result<()> {

@@ -1,6 +1,7 @@
 //! What `compare` prints and writes.
 
 use super::{Align, Alignment, Args, Method};
+use crate::register::{doubts, word};
 use crate::report::emit;
 use anyhow::Result;
 use fringe::cloud::Point;
@@ -227,11 +228,7 @@ fn alignment_rows(alignment: &Alignment) -> Vec<[String; 3]> {
         ],
         Alignment::BestFit(found) => {
             let mut rows = vec![
-                row(
-                    "Best fit",
-                    format!("{:?} iterations", found.iterations),
-                    if found.converged { "converged" } else { "not converged" },
-                ),
+                row("Best fit", word(found).into(), &format!("after {:?} iterations", found.iterations)),
                 row("Translation", vector(found.translation_mm), "mm"),
                 row("Rotation", format!("{:.6}", found.angle_deg()), "°"),
                 row("Residual", format!("{:.5}", found.rms_mm), "mm rms along the normal"),
@@ -239,11 +236,10 @@ fn alignment_rows(alignment: &Alignment) -> Vec<[String; 3]> {
                 row(
                     "Uncertainty of the place",
                     vector(found.u_translation_mm),
-                    "mm, k = 1, noise independent",
+                    "mm, k = 1, correlation of neighbours included",
                 ),
             ];
-            let free = found.undetermined.iter();
-            rows.extend(free.map(|f| row("Undetermined", f.describe(), "left as it was")));
+            rows.extend(doubts(found).into_iter().map(|doubt| row("Attention", doubt, "")));
             rows
         }
     }

@@ -7,7 +7,7 @@ use characterise::rotation_stage::StageAxis;
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 use metrology::reference::{CloudReference, Reference};
-use metrology::register::{From, RegisterSettings, Registration, register};
+use metrology::register::{InitialPose, RegisterSettings, Registration, register};
 use nalgebra::{Point3, Vector3};
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -86,7 +86,7 @@ pub fn middle(points: &[Point]) -> Point3<f64> {
 }
 
 /// Brings a view, which `start` puts about where it belongs, onto points that are there already.
-pub fn onto(view: &View, there: &[Point], start: From, reach_mm: Option<f64>) -> Result<Registration> {
+pub fn onto(view: &View, there: &[Point], start: InitialPose, reach_mm: Option<f64>) -> Result<Registration> {
     let reference = CloudReference::new(there, Vector3::z(), None).context("the views before it")?;
     let settings = RegisterSettings { reach_mm, ..RegisterSettings::default() };
     register(&view.points, &Reference::Cloud(reference.with_normals()), &start, &settings)

@@ -11,7 +11,7 @@ use files::stage_file::read_stage;
 use fringe::cloud::Point;
 use fringe::fusion::{FusionReport, FusionSettings, fuse};
 use fringe::geometry::pose::Pose;
-use metrology::register::From;
+use metrology::register::InitialPose;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -104,7 +104,7 @@ fn place(args: &Args, axis: &StageAxis, views: &[View]) -> Result<(Vec<Vec<Point
 }
 
 fn refine(args: &Args, view: &View, there: &[Point], by_axis: &Pose) -> Result<(Pose, Placed)> {
-    let found = match onto(view, there, From::Pose(*by_axis), Some(args.reach)) {
+    let found = match onto(view, there, InitialPose::Given(*by_axis), Some(args.reach)) {
         Ok(found) if trusted(&found) => found,
         Ok(found) => {
             let free = found.undetermined.first().map(metrology::register::Freedom::describe);

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use characterise::rotation_stage::{StageAxis, StageCalibration, axis_from_motions, jackknife};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
-use metrology::register::From;
+use metrology::register::InitialPose;
 use nalgebra::{Point3, Vector3};
 
 /// Blocks of the object that are left out in turn: two along each of its three extents.
@@ -48,7 +48,7 @@ fn align(views: &[View], rough: Option<StageAxis>, step: &mut impl FnMut()) -> R
     let mut before = first;
     for view in others {
         let step_rad = view.angle_rad - before.angle_rad;
-        let start = rough.map_or(From::Search, |axis| From::Pose(axis.back(step_rad)));
+        let start = rough.map_or(InitialPose::Search, |axis| InitialPose::Given(axis.back(step_rad)));
         let registration = onto(view, &before.points, start, None)?;
         if !registration.undetermined.is_empty() {
             bail!(

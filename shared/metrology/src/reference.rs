@@ -166,6 +166,16 @@ impl CloudReference {
         self.spacing_mm
     }
 
+    /// Number of its points.
+    pub(crate) fn len(&self) -> usize {
+        self.tree.sites().len()
+    }
+
+    /// Its points with the normals of [`Self::with_normals`].
+    pub(crate) fn oriented(&self) -> impl Iterator<Item = (Point3<f64>, Vector3<f64>)> + '_ {
+        self.tree.sites().iter().zip(&self.normals).filter_map(|(site, normal)| Some((*site, (*normal)?)))
+    }
+
     /// Radius of the surroundings of which the surface is made, mm.
     pub fn radius_mm(&self) -> f64 {
         self.radius_mm

@@ -14,7 +14,7 @@ use super::correlation::estimate;
 use super::{Correlation, FitError, FitSettings};
 
 /// Fewest cells for the sandwich estimator: with G cells its own relative error is about 1/√(2 G).
-const FEWEST_CELLS: usize = 20;
+pub(crate) const FEWEST_CELLS: usize = 20;
 
 /// What stated uncertainties rest on.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]

@@ -65,19 +65,32 @@ struct Bin<const P: usize> {
 }
 
 /// The middle matrix of the sandwich applied: covariance, number of cells, reach of the correlation.
-pub(super) struct Estimate<const P: usize> {
+pub(crate) struct Estimate<const P: usize> {
     pub covariance: SMatrix<f64, P, P>,
     pub cells: usize,
     pub reach_mm: f64,
 }
 
-/// Estimates the covariance of the parameters; `inverse` is A⁻¹.
+/// Estimates the covariance of the parameters of a model; `inverse` is A⁻¹.
 pub(super) fn estimate<M: Model<P>, const P: usize>(
     model: &M,
     points: &[Vector3<f64>],
     inverse: &SMatrix<f64, P, P>,
 ) -> Estimate<P> {
-    let cells = gather(model, points);
+    estimate_rows(points, &|index, mut add| model.rows(&points[index], &mut add), inverse)
+}
+
+/// Gives the residuals of a point, by its index, with their derivatives.
+type Rows<'a, const P: usize> = &'a dyn Fn(usize, &mut dyn FnMut(f64, &SVector<f64, P>));
+
+/// Estimates the covariance of parameters from the residuals of points; `inverse` is A⁻¹. Parameters that are held fixed
+/// have zero derivatives, and zeros in `inverse`.
+pub(crate) fn estimate_rows<const P: usize>(
+    points: &[Vector3<f64>],
+    rows: Rows<'_, P>,
+    inverse: &SMatrix<f64, P, P>,
+) -> Estimate<P> {
+    let cells = gather(rows, points);
     let (bins, width_mm) = correlogram(&cells);
     let with = |covariance: &SMatrix<f64, P, P>| {
         let (within, between, reach) = middle(&cells, &bins, covariance);
@@ -135,17 +148,19 @@ fn admissible<const P: usize>(within: &SMatrix<f64, P, P>, all: &SMatrix<f64, P,
     let scale = within.diagonal().map(|d| if d > 0.0 { 1.0 / d.sqrt() } else { 0.0 });
     let scaled =
         |m: &SMatrix<f64, P, P>| SMatrix::<f64, P, P>::from_fn(|r, c| m[(r, c)] * scale[r] * scale[c]);
-    if Cholesky::new(scaled(&(all - within * 0.25))).is_some() {
+    // Parameters that are held fixed have no variance; a one in their place leaves the others as they are.
+    let fixed = SMatrix::<f64, P, P>::from_diagonal(&scale.map(|s| f64::from(u8::from(s == 0.0))));
+    if Cholesky::new(scaled(&(all - within * 0.25)) + fixed).is_some() {
         return *all;
     }
-    let inflation = scaled(all).trace() / P as f64;
+    let inflation = scaled(all).trace() / (P as f64 - fixed.trace());
     if inflation > 1.0 { within * inflation } else { *within }
 }
 
 /// Sums the points into cells; few points are a cell each.
-fn gather<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) -> Vec<Cell<P>> {
+fn gather<const P: usize>(rows: Rows<'_, P>, points: &[Vector3<f64>]) -> Vec<Cell<P>> {
     if points.len() <= MOST_CELLS {
-        return (0..points.len() as u32).map(|index| cell(model, points, &[(0, index)])).collect();
+        return (0..points.len() as u32).map(|index| cell(rows, points, &[(0, index)])).collect();
     }
     let extent_mm = extent_mm(points);
     let mut edge_mm = extent_mm / 40.0;
@@ -164,12 +179,12 @@ fn gather<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) -> Ve
         keyed = cells_of(points, edge_mm);
     }
     let mut cells = Vec::with_capacity(MOST_CELLS);
-    cells.extend(keyed.chunk_by(|a, b| a.0 == b.0).map(|members| cell(model, points, members)));
+    cells.extend(keyed.chunk_by(|a, b| a.0 == b.0).map(|members| cell(rows, points, members)));
     cells
 }
 
 /// Sums over one cell.
-fn cell<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>], members: &[(u64, u32)]) -> Cell<P> {
+fn cell<const P: usize>(rows: Rows<'_, P>, points: &[Vector3<f64>], members: &[(u64, u32)]) -> Cell<P> {
     let mut sums = Cell {
         position: Vector3::zeros(),
         count: members.len() as f64,
@@ -179,10 +194,9 @@ fn cell<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>], members
         information: SMatrix::zeros(),
     };
     for (_, index) in members {
-        let point = &points[*index as usize];
-        sums.position += point;
+        sums.position += points[*index as usize];
         let mut row = 0;
-        model.rows(point, &mut |residual, derivatives| {
+        rows(*index as usize, &mut |residual, derivatives| {
             sums.residual[row] += residual;
             sums.derivatives[row] += derivatives;
             sums.score += derivatives * residual;

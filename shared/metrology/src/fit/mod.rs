@@ -35,8 +35,10 @@ mod torus;
 mod zone;
 
 pub use circle::{CircleFit, circle};
+pub(crate) use cluster::FEWEST_CELLS;
 pub use cluster::Support;
 pub use cone::{ConeFit, cone};
+pub(crate) use correlation::estimate_rows;
 pub use cylinder::{CylinderFit, cylinder};
 pub use derived::{
     Derived, DirectionAngles, centre_distance_mm, direction_angles, height_mm, plane_angle_rad,

@@ -10,7 +10,8 @@ pub enum MeasureError {
     /// Not enough points in the region.
     #[error(
         "element {element}: {points} points in its region ({without_normals} before the test of normals), needs \
-         {needs}: part missing, hidden or misplaced?"
+         {needs}: the part is missing, hidden, or elsewhere; `fringetool place PLAN CLOUD --out PLACED` writes where it \
+         lies into the plan"
     )]
     TooFewPoints {
         /// Name of the element.
@@ -78,7 +79,8 @@ pub enum MeasureError {
     /// The part lies farther off than the plan allows.
     #[error(
         "the part lies {offset_mm:.2} mm and {angle_deg:.2}° from its nominal place, limits {limit_mm} mm \
-         (search_mm) and {limit_deg}° (search_deg): clamp it again or widen the search"
+         (search_mm) and {limit_deg}° (search_deg): clamp it again, widen the search, or place the plan on this cloud \
+         (`fringetool place`)"
     )]
     OutOfReach {
         /// Shift of the datum surfaces.

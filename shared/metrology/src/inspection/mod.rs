@@ -12,6 +12,7 @@ mod evaluate;
 mod filter;
 mod flatness;
 mod measure;
+mod place;
 mod plan;
 mod raw;
 mod region;
@@ -23,6 +24,7 @@ mod verdict;
 pub use error::MeasureError;
 pub use evaluate::{evaluate, locate};
 pub use filter::{Filtered, filtered as filtered_flatness};
+pub use place::{PlaceError, Placement, place};
 pub use plan::{
     Datums, Element, Exclusion, ExclusionShape, Feature, Geometry, PLAN_FORMAT, Plan, PlanError, Quantity,
     Settings,

@@ -38,14 +38,18 @@ pub(super) struct Refined {
     pub overlapping: usize,
     pub points: usize,
     pub median_mm: f64,
+    /// The matches of the last round, and up to which distance they were used, mm.
+    pub pairs: Vec<Pair>,
+    pub limit_mm: f64,
 }
 
 /// A matched point.
 #[derive(Clone, Copy)]
-struct Pair {
-    place: Point3<f64>,
-    matched: Match,
-    distance_mm: f64,
+pub(super) struct Pair {
+    pub place: Point3<f64>,
+    pub matched: Match,
+    /// Along the normal of the match.
+    pub distance_mm: f64,
 }
 
 /// Runs rounds until the points stand still.
@@ -64,7 +68,8 @@ pub(super) fn refine(level: &Level<'_>, start: Pose) -> Result<Refined, Register
         }
         let mut distances: Vec<f64> = pairs.iter().map(|p| p.distance_mm.abs()).collect();
         let median_mm = median(&mut distances).unwrap_or(0.0);
-        let equations = equations(&pairs, level.settings.trim_sigmas * SIGMA_OF_MEDIAN * median_mm);
+        let limit_mm = level.settings.trim_sigmas * SIGMA_OF_MEDIAN * median_mm;
+        let equations = equations(&pairs, limit_mm);
         let principal = equations.principal(level.reference.normal_variance());
         let motion = equations.step(&principal);
         let moved_mm = motion.fixed_rows::<3>(0).norm() + motion.fixed_rows::<3>(3).norm();
@@ -86,6 +91,8 @@ pub(super) fn refine(level: &Level<'_>, start: Pose) -> Result<Refined, Register
                 overlapping,
                 points,
                 median_mm,
+                pairs,
+                limit_mm,
             });
         }
     }

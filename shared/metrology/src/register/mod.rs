@@ -5,24 +5,34 @@
 //! round matches points with the nearest places of the reference, drops those beside it and those whose distance lies
 //! beyond three robust standard deviations, and solves the linear equations of the small motion. Directions in which the
 //! surfaces slide on each other (a plane on a plane) are found from the normal matrix, left as they were, and reported.
+//!
+//! Without a given start, poses are proposed from pairs of oriented points, refined, and compared by the share of the
+//! cloud that lies on the reference in each. A second pose that the points do not tell from the first makes the result
+//! ambiguous.
 
+mod covariance;
 mod error;
+mod features;
+mod freedom;
 mod icp;
 mod motion;
+mod near;
+mod oriented;
 mod result;
 mod search;
 #[cfg(test)]
 mod tests;
 
 pub use error::RegisterError;
-pub use result::{Freedom, Registration, Start};
+pub use result::{Freedom, Outcome, Registration, Rival, Start};
 
 use icp::{Level, refine};
 use nalgebra::Point3;
+use search::Found;
 use serde::{Deserialize, Serialize};
 
 use crate::reference::{Reference, check};
-use crate::spatial::thinned;
+use crate::spatial::thin_to;
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 
@@ -54,12 +64,12 @@ impl Default for RegisterSettings {
     }
 }
 
-/// Where to begin.
+/// Where the alignment begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum From {
+pub enum InitialPose {
     /// At this pose: reference frame from cloud frame.
-    Pose(Pose),
-    /// As it lies, and if that does not match, at principal axes and turns about the centre.
+    Given(Pose),
+    /// Anywhere: the pose is searched; where several match alike, the one nearest to how the cloud lies is preferred.
     Search,
 }
 
@@ -70,17 +80,20 @@ pub enum From {
 pub fn register(
     points: &[Point],
     reference: &Reference,
-    from: &From,
+    initial: &InitialPose,
     settings: &RegisterSettings,
 ) -> Result<Registration, RegisterError> {
     check(points, LEAST_POINTS)?;
     let positions: Vec<Point3<f64>> = points.iter().map(Point::position).collect();
     let levels = levels(&positions);
-    let (mut pose, start, rival) = match from {
-        From::Pose(pose) => (*pose, Start::Given, None),
-        From::Search => search::start(&levels[0], reference, settings)?,
+    let widest_mm = settings.reach_mm.unwrap_or_else(|| 0.1 * diagonal_mm(reference));
+    let found = match initial {
+        InitialPose::Given(pose) => {
+            Found { pose: *pose, start: Start::Given, rival: None, reach_mm: widest_mm }
+        }
+        InitialPose::Search => search::start(points, reference, settings)?,
     };
-    let mut reach_mm = settings.reach_mm.unwrap_or_else(|| 0.1 * diagonal_mm(reference));
+    let (mut pose, mut reach_mm) = (found.pose, found.reach_mm);
     let mut rounds = Vec::new();
     let mut last = None;
     for points in &levels {
@@ -92,7 +105,7 @@ pub fn register(
         last = Some(level);
     }
     let Some(last) = last else { return Err(RegisterError::Few { matched: 0, needed: LEAST_POINTS }) };
-    result::conclude(&last, rounds, start, rival, settings)
+    result::conclude(&last, rounds, found.start, found.rival, settings)
 }
 
 fn diagonal_mm(reference: &Reference) -> f64 {
@@ -102,25 +115,9 @@ fn diagonal_mm(reference: &Reference) -> f64 {
 
 /// The cloud thinned evenly over its surface, coarse to fine, and last as it is.
 fn levels(positions: &[Point3<f64>]) -> Vec<Vec<Point3<f64>>> {
+    let thin = |n: &usize| thin_to(positions, *n).into_iter().map(|i| positions[i as usize]).collect();
     let mut levels: Vec<Vec<Point3<f64>>> =
-        LEVEL_POINTS.iter().filter(|n| positions.len() > 2 * **n).map(|n| thin_to(positions, *n)).collect();
+        LEVEL_POINTS.iter().filter(|n| positions.len() > 2 * **n).map(thin).collect();
     levels.push(positions.to_vec());
     levels
-}
-
-/// About `wanted` points: one of each cell of a grid whose edge is found by halving.
-fn thin_to(positions: &[Point3<f64>], wanted: usize) -> Vec<Point3<f64>> {
-    let low = positions.iter().fold(Point3::from([f64::INFINITY; 3]), |a, p| a.inf(p));
-    let high = positions.iter().fold(Point3::from([f64::NEG_INFINITY; 3]), |a, p| a.sup(p));
-    // A surface of the size of the box's diagonal squared would need this edge; halving twice reaches most parts.
-    let mut edge_mm = (high - low).norm() / (wanted as f64).sqrt();
-    let mut kept = thinned(positions, edge_mm);
-    for _ in 0..6 {
-        if kept.len() >= wanted {
-            break;
-        }
-        edge_mm *= (kept.len() as f64 / (1.2 * wanted as f64)).sqrt().clamp(0.25, 0.9);
-        kept = thinned(positions, edge_mm);
-    }
-    kept.into_iter().map(|i| positions[i as usize]).collect()
 }

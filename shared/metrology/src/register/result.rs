@@ -1,15 +1,13 @@
 //! The alignment and how much it is worth.
 
-use nalgebra::{SMatrix, Vector3};
+use nalgebra::Vector3;
 use serde::Serialize;
 
+use super::covariance::{Stated, covariance};
 use super::icp::Refined;
 use super::motion::{Equations, Principal};
 use super::{RegisterError, RegisterSettings};
 use fringe::geometry::pose::Pose;
-
-/// Unknowns of a rigid motion.
-const UNKNOWNS: usize = 6;
 
 /// How the start was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -19,10 +17,33 @@ pub enum Start {
     Given,
     /// As the cloud lay.
     AsItLay,
-    /// Principal axes on principal axes.
-    PrincipalAxes,
-    /// Turns spread evenly over all rotations.
-    Turns,
+    /// By a search over all poses.
+    Search,
+}
+
+/// What an alignment is worth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// One pose fits, and the surfaces determine all of it.
+    Aligned,
+    /// One pose fits, but for motions that bring the surfaces onto themselves (a sphere turns, a plane slides).
+    Undetermined,
+    /// Another pose fits as well, and no motion along the surfaces leads there.
+    Ambiguous,
+    /// The points still moved when the rounds were used up.
+    NotConverged,
+}
+
+/// A pose that the points do not tell from the chosen one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rival {
+    /// Its share of matches over the chosen one's.
+    pub share: f64,
+    /// Whether the motion between the two brings the reference onto itself.
+    pub symmetric: bool,
+    /// Where it is.
+    pub pose: Pose,
 }
 
 /// A motion that the surfaces do not determine: it was left at its start.
@@ -45,6 +66,8 @@ pub struct Registration {
     pub translation_mm: [f64; 3],
     /// Both as one matrix, row by row.
     pub matrix: [[f64; 4]; 4],
+    /// What the alignment is worth.
+    pub outcome: Outcome,
     /// How the start was found.
     pub start: Start,
     /// Whether the points stood still at the end.
@@ -79,8 +102,16 @@ pub struct Registration {
     pub u_translation_mm: [f64; 3],
     /// Where the rotation of the covariance turns: centre of the matches, reference frame, mm.
     pub centre_mm: [f64; 3],
-    /// A clearly different pose that matches nearly as well (a symmetric part): its share of matches over this one's.
+    /// Cells behind the uncertainties; 0 where the points had to count as independent.
+    pub cells: usize,
+    /// How far the noise of neighbours is correlated by the residuals' own account, mm.
+    pub correlation_reach_mm: Option<f64>,
+    /// Another pose that matches as well: its share of matches over this one's.
     pub rival: Option<f64>,
+    /// Whether that pose differs by a symmetry of the reference.
+    pub rival_is_symmetry: Option<bool>,
+    /// That pose, row by row.
+    pub rival_matrix: Option<[[f64; 4]; 4]>,
 }
 
 impl Freedom {
@@ -100,6 +131,11 @@ impl Freedom {
 }
 
 impl Registration {
+    /// Whether the pose may be used: the points stand still, and no other pose fits as well.
+    pub fn is_reliable(&self) -> bool {
+        matches!(self.outcome, Outcome::Aligned | Outcome::Undetermined)
+    }
+
     /// Angle of the rotation, degrees.
     pub fn angle_deg(&self) -> f64 {
         self.pose().angle_rad().to_degrees()
@@ -123,7 +159,7 @@ pub(super) fn conclude(
     last: &Refined,
     iterations: Vec<usize>,
     start: Start,
-    rival: Option<f64>,
+    rival: Option<Rival>,
     settings: &RegisterSettings,
 ) -> Result<Registration, RegisterError> {
     let overlap = last.overlapping as f64 / last.points as f64;
@@ -136,16 +172,16 @@ pub(super) fn conclude(
     let (Some(least), Some(most)) = (slopes.first(), slopes.last()) else {
         return Err(RegisterError::Free);
     };
-    let covariance = covariance(equations, principal);
+    let Stated { covariance, cells, correlation_reach_mm } = covariance(last);
     let u = |i: usize| covariance[(i, i)].max(0.0).sqrt();
     let (r, t) = (last.pose.rotation, last.pose.translation);
     let row = |i: usize| [r[(i, 0)], r[(i, 1)], r[(i, 2)]];
+    let undetermined: Vec<Freedom> = principal.free().map(|i| freedom(equations, principal, i)).collect();
     Ok(Registration {
         rotation: [row(0), row(1), row(2)],
         translation_mm: t.into(),
-        matrix: std::array::from_fn(|i| {
-            if i == 3 { [0.0, 0.0, 0.0, 1.0] } else { [r[(i, 0)], r[(i, 1)], r[(i, 2)], t[i]] }
-        }),
+        matrix: matrix(&last.pose),
+        outcome: outcome(last.converged, !undetermined.is_empty(), rival.as_ref()),
         start,
         converged: last.converged,
         iterations,
@@ -157,31 +193,37 @@ pub(super) fn conclude(
         points: last.points,
         reach_mm: last.next_reach_mm,
         condition: most / least,
-        undetermined: principal.free().map(|i| freedom(equations, principal, i)).collect(),
+        undetermined,
         covariance: std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)])),
         u_rotation_rad: [u(0), u(1), u(2)],
         u_translation_mm: [u(3), u(4), u(5)],
         centre_mm: equations.centre.coords.into(),
-        rival,
+        cells,
+        correlation_reach_mm,
+        rival: rival.map(|r| r.share),
+        rival_is_symmetry: rival.map(|r| r.symmetric),
+        rival_matrix: rival.map(|r| matrix(&r.pose)),
     })
 }
 
-/// σ² (JᵀJ)⁻¹ within the determined motions, rotations in rad.
-fn covariance(equations: &Equations, principal: &Principal) -> SMatrix<f64, 6, 6> {
-    let rows = equations.normal.rows as f64;
-    let variance = equations.normal.sum / (rows - UNKNOWNS as f64).max(1.0);
-    let mut sum = SMatrix::<f64, 6, 6>::zeros();
-    for i in principal.determined() {
-        let weight = variance / (rows * principal.values[i]);
-        let v = principal.vectors.column(i);
-        for c in 0..UNKNOWNS {
-            for r in 0..UNKNOWNS {
-                sum[(r, c)] += weight * v[r] * v[c];
-            }
-        }
+/// What weighs most, first. Where the surfaces leave a motion free, a symmetry of the reference is no further doubt.
+fn outcome(converged: bool, free: bool, rival: Option<&Rival>) -> Outcome {
+    match rival {
+        _ if !converged => Outcome::NotConverged,
+        Some(rival) if !(free && rival.symmetric) => Outcome::Ambiguous,
+        _ if free => Outcome::Undetermined,
+        _ => Outcome::Aligned,
     }
-    let unit = |i: usize| if i < 3 { equations.arm_mm } else { 1.0 };
-    SMatrix::from_fn(|r, c| sum[(r, c)] / (unit(r) * unit(c)))
+}
+
+/// A motion as a 4 × 4 matrix, row by row.
+fn matrix(pose: &Pose) -> [[f64; 4]; 4] {
+    let (r, t) = (&pose.rotation, &pose.translation);
+    std::array::from_fn(
+        |i| {
+            if i == 3 { [0.0, 0.0, 0.0, 1.0] } else { [r[(i, 0)], r[(i, 1)], r[(i, 2)], t[i]] }
+        },
+    )
 }
 
 fn freedom(equations: &Equations, principal: &Principal, i: usize) -> Freedom {

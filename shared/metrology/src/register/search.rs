@@ -1,164 +1,308 @@
-//! Where to begin when nobody knows: many poses tried on few points, the best one by what it matches.
+//! Where to begin when nobody knows: poses proposed by features and by principal axes, refined on few points, and the
+//! one chosen that most of the cloud's points lie on the reference in; what matches as well is reported.
 
-use nalgebra::{Matrix3, Point3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
-use std::f64::consts::TAU;
 
-use super::icp::{Level, refine};
-use super::result::Start;
+use super::features::{Proposal, Proposer, apart_mm, moved};
+use super::freedom::{Other, other};
+use super::icp::{Level, Refined, refine};
+use super::near::Near;
+use super::oriented::{Sample, Samples, area_mm2};
+use super::result::{Rival, Start};
 use super::{RegisterError, RegisterSettings, diagonal_mm};
 use crate::fit::eigen;
 use crate::reference::Reference;
-use crate::spatial::{Moments, thinned};
+use crate::spatial::Moments;
+use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
-use fringe::math;
 
-/// Points and rounds of a trial.
-const TRIAL_POINTS: usize = 500;
-const TRIAL_ROUNDS: usize = 20;
+/// Samples of the cloud: pairs are drawn from all, poses compared on all, counted and refined on a few.
+const CLOUD_SAMPLES: usize = 2000;
+const COUNTED_SAMPLES: usize = 150;
+const REFINED_SAMPLES: usize = 600;
 
-/// Turns when the principal axes do not lead anywhere: a mean distance of 24° between neighbours, which ICP bridges.
-const TURNS: usize = 512;
+/// Most samples of the reference for features, and how finely they divide the cloud's diagonal.
+const REFERENCE_SAMPLES: f64 = 4000.0;
+const DIAGONAL_STEPS: f64 = 30.0;
 
-/// Share of matches that makes turning unnecessary.
-const GOOD_SHARE: f64 = 0.6;
+/// Samples of the grid lie so much closer.
+const GRID_FINER: f64 = 3.0;
 
-/// Another pose must match so much more of the cloud than the one in which it lay.
-const CLEARLY_BETTER: f64 = 1.05;
+/// Rounds on the grid, and rounds against the reference itself.
+const GRID_ROUNDS: i32 = 10;
+const TRIAL_ROUNDS: usize = 30;
 
-/// A pose is another one when it moves the points by more than this part of the reference's diagonal.
-const ANOTHER_POSE: f64 = 0.05;
+/// Proposals adjusted on the grid, and poses refined against the reference.
+const MOST_ADJUSTED: usize = 400;
+const MOST_TRIALS: usize = 24;
 
-/// A pose that matches at least this share of what the best one matches is reported.
-const RIVAL_SHARE: f64 = 0.95;
+/// A pose is another one when it moves the cloud's points by more than this part of its diagonal, on the average.
+const ANOTHER_POSE: f64 = 0.02;
 
-/// Fineness of the grid that evens out the density of the reference, in parts of its diagonal.
-const EVEN_PARTS: f64 = 100.0;
+/// Points lie on the reference within so many median distances of the best pose: four standard deviations of noise.
+const TOLERANCE_MEDIANS: f64 = 6.0;
 
-/// A pose after a few rounds.
+/// Normals of a point and its place on the reference agree within 60°.
+const NORMAL_COSINE: f64 = 0.5;
+
+/// Two poses are told apart when at least this share of the points, and so many standard deviations of the number of
+/// points that lie on the reference in one of the two only, speak for one of them.
+const TELLING_SHARE: f64 = 0.01;
+const TELLING_SIGMAS: f64 = 4.0;
+
+/// Below this share of matches the signs of the normals are put in doubt.
+const DOUBTFUL_SHARE: f64 = 0.5;
+
+/// A pose refined against the reference.
 struct Trial {
-    pose: Pose,
     start: Start,
-    median_mm: f64,
+    refined: Refined,
 }
 
-/// The best start, how it was found, and the share of a rival.
+/// What the search found.
+pub(super) struct Found {
+    pub pose: Pose,
+    pub start: Start,
+    pub rival: Option<Rival>,
+    /// Points farther away than this are no matches in the next level, mm.
+    pub reach_mm: f64,
+}
+
+/// The best start, how it was found, and a rival.
+///
+/// # Errors
+/// The cloud has no surface, or no pose matches.
 pub(super) fn start(
-    points: &[Point3<f64>],
+    points: &[Point],
     reference: &Reference,
     settings: &RegisterSettings,
-) -> Result<(Pose, Start, Option<f64>), RegisterError> {
-    let step = points.len().div_ceil(TRIAL_POINTS).max(1);
-    let few: Vec<Point3<f64>> = points.iter().copied().step_by(step).collect();
-    let mut poses =
-        vec![(Pose { rotation: Matrix3::identity(), translation: Vector3::zeros() }, Start::AsItLay)];
-    poses.extend(axis_poses(points, reference).into_iter().map(|pose| (pose, Start::PrincipalAxes)));
-    let mut trials = run(&few, reference, settings, &poses);
-    let mut ranked = rank(&few, reference, &trials);
-    if ranked.first().is_none_or(|best| best.1 < GOOD_SHARE) {
-        let turns = turn_poses(points, reference).into_iter().map(|pose| (pose, Start::Turns));
-        trials.extend(run(&few, reference, settings, &turns.collect::<Vec<_>>()));
-        ranked = rank(&few, reference, &trials);
+) -> Result<Found, RegisterError> {
+    let cloud = Samples::of_cloud(points, CLOUD_SAMPLES)?;
+    let search = Search { cloud: &cloud, reference, settings, diagonal_mm: cloud.diagonal_mm() };
+    let signed = cloud.signed && reference_signed(reference);
+    let ranked = search.ranked(signed);
+    let doubtful = |r: &Option<Ranked>| r.as_ref().is_none_or(|r| r.share() < DOUBTFUL_SHARE);
+    if signed && doubtful(&ranked) {
+        let unsigned = search.ranked(false);
+        let share = |r: &Option<Ranked>| r.as_ref().map_or(0.0, Ranked::share);
+        if share(&unsigned) > 2.0 * share(&ranked) {
+            return search.conclude(unsigned);
+        }
     }
-    let Some(&(best, share)) = ranked.first() else {
-        return Err(RegisterError::Few { matched: 0, needed: super::LEAST_POINTS });
-    };
-    let another = |a: &Pose, b: &Pose| {
-        let moved: f64 = few.iter().map(|p| (a.point(&p.coords) - b.point(&p.coords)).norm()).sum();
-        moved / few.len().max(1) as f64 > ANOTHER_POSE * diagonal_mm(reference)
-    };
-    let chosen = &trials[best];
-    let rival = ranked.iter().find(|(i, _)| another(&trials[*i].pose, &chosen.pose));
-    let rival = rival.map(|(_, other)| other / share).filter(|ratio| *ratio >= RIVAL_SHARE);
-    Ok((chosen.pose, chosen.start, rival))
+    search.conclude(ranked)
 }
 
-/// A few rounds from each pose; those that match nothing are gone.
-fn run(
-    points: &[Point3<f64>],
-    reference: &Reference,
-    settings: &RegisterSettings,
-    poses: &[(Pose, Start)],
-) -> Vec<Trial> {
-    let settings = RegisterSettings { max_rounds: TRIAL_ROUNDS, ..*settings };
-    let reach_mm = settings.reach_mm.unwrap_or_else(|| 0.1 * diagonal_mm(reference));
-    let level = Level { points, reference, reach_mm, settings: &settings };
-    let trial = |(pose, start): &(Pose, Start)| {
-        let found = refine(&level, *pose).ok()?;
-        Some(Trial { pose: found.pose, start: *start, median_mm: found.median_mm })
-    };
-    let tried: Vec<Option<Trial>> = poses.par_iter().map(trial).collect();
-    tried.into_iter().flatten().collect()
+fn reference_signed(reference: &Reference) -> bool {
+    match reference {
+        Reference::Cloud(cloud) => cloud.has_normals(),
+        Reference::Mesh(_) => true,
+    }
 }
 
-/// Trials with the share of points that lie on the reference, best first; the pose as it lay wins unless another one
-/// is clearly better.
-fn rank(points: &[Point3<f64>], reference: &Reference, trials: &[Trial]) -> Vec<(usize, f64)> {
-    let tightest = trials.iter().map(|t| t.median_mm).fold(f64::INFINITY, f64::min);
-    let tolerance_mm = (6.0 * tightest).max(1e-4 * diagonal_mm(reference));
-    let share = |pose: &Pose| {
-        let lies_on = |p: &&Point3<f64>| {
-            let place = Point3::from(pose.point(&p.coords));
-            let matched = reference.closest(&place, diagonal_mm(reference), &mut u32::MAX.clone());
-            let near =
-                |m: &crate::reference::Match| m.normal.dot(&(place - m.position)).abs() <= tolerance_mm;
-            matched.filter(|m| !m.beyond_edge).as_ref().is_some_and(near)
+/// One search.
+struct Search<'a> {
+    cloud: &'a Samples,
+    reference: &'a Reference,
+    settings: &'a RegisterSettings,
+    /// Of the cloud.
+    diagonal_mm: f64,
+}
+
+/// Trials with what lies on the reference in each, the best one first.
+struct Ranked {
+    trials: Vec<Trial>,
+    /// For each trial and sample of the cloud.
+    lies: Vec<Vec<bool>>,
+    tolerance_mm: f64,
+}
+
+impl Ranked {
+    fn share(&self) -> f64 {
+        self.lies.first().map_or(0.0, |lies| count(lies) as f64 / lies.len().max(1) as f64)
+    }
+}
+
+fn count(lies: &[bool]) -> usize {
+    lies.iter().filter(|l| **l).count()
+}
+
+/// Whether the points speak for the first of two poses.
+fn told_apart(first: &[bool], second: &[bool]) -> bool {
+    let only = |a: &[bool], b: &[bool]| a.iter().zip(b).filter(|(a, b)| **a && !**b).count() as f64;
+    let (for_first, for_second) = (only(first, second), only(second, first));
+    let needed = (TELLING_SHARE * first.len() as f64).max(TELLING_SIGMAS * (for_first + for_second).sqrt());
+    for_first - for_second >= needed
+}
+
+impl Search<'_> {
+    /// Proposes, refines, ranks. `None` without any pose that matches.
+    fn ranked(&self, signed: bool) -> Option<Ranked> {
+        let spacing_mm = (self.diagonal_mm.min(diagonal_mm(self.reference)) / DIAGONAL_STEPS)
+            .max((area_mm2(self.reference) / REFERENCE_SAMPLES).sqrt());
+        let fine = Samples::of_reference(self.reference, spacing_mm / GRID_FINER);
+        let coarse = fine.thinned(spacing_mm);
+        let near = Near::new(&fine.list, signed, 1.5 * spacing_mm);
+        let few = self.cloud.few(COUNTED_SAMPLES);
+        let proposer =
+            Proposer { cloud: self.cloud, few: &few, reference: &coarse, spacing_mm, near: &near, signed };
+        let mut proposals = proposer.propose();
+        proposals.truncate(MOST_ADJUSTED);
+        let axes = axis_poses(&self.cloud.list, &coarse.list);
+        proposals.extend(axes.into_iter().map(|pose| Proposal { pose, count: 0 }));
+        let chosen = self.adjusted(&proposals, &near, &few, spacing_mm);
+        let mut starts: Vec<(Pose, Start, f64)> =
+            chosen.into_iter().map(|pose| (pose, Start::Search, spacing_mm)).collect();
+        let as_it_lay = Pose { rotation: Matrix3::identity(), translation: Vector3::zeros() };
+        starts.insert(0, (as_it_lay, Start::AsItLay, 0.1 * diagonal_mm(self.reference)));
+        self.rank(self.trials(&starts), signed)
+    }
+
+    /// Proposals adjusted on the grid: the best ones that are different.
+    fn adjusted(
+        &self,
+        proposals: &[Proposal],
+        near: &Near<'_>,
+        few: &[Sample],
+        spacing_mm: f64,
+    ) -> Vec<Pose> {
+        let limits_mm = [1.5 * spacing_mm, 0.5 * spacing_mm];
+        let adjust = |proposal: &Proposal| {
+            let pose = near.settled(few, &proposal.pose, limits_mm, GRID_ROUNDS);
+            Proposal { pose, count: near.count(&self.cloud.list, &pose, 0.25 * spacing_mm, 1) }
         };
-        points.iter().filter(lies_on).count() as f64 / points.len().max(1) as f64
-    };
-    let shares: Vec<f64> = trials.par_iter().map(|t| share(&t.pose)).collect();
-    let mut ranked: Vec<(usize, f64)> = shares.into_iter().enumerate().collect();
-    let weight = |(i, share): &(usize, f64)| {
-        if trials[*i].start == Start::AsItLay { share * CLEARLY_BETTER } else { *share }
-    };
-    ranked.sort_by(|a, b| weight(b).total_cmp(&weight(a)).then(a.0.cmp(&b.0)));
-    ranked
+        let mut adjusted: Vec<Proposal> = proposals.par_iter().map(adjust).collect();
+        adjusted.sort_by_key(|p| std::cmp::Reverse(p.count));
+        let mut chosen: Vec<Pose> = Vec::new();
+        for proposal in adjusted {
+            let another = |pose: &Pose| apart_mm(few, pose, &proposal.pose) > ANOTHER_POSE * self.diagonal_mm;
+            if chosen.iter().all(another) {
+                chosen.push(proposal.pose);
+            }
+            if chosen.len() == MOST_TRIALS {
+                break;
+            }
+        }
+        chosen
+    }
+
+    /// Some rounds against the reference from each start; those that match nothing are gone.
+    fn trials(&self, starts: &[(Pose, Start, f64)]) -> Vec<Trial> {
+        let settings = RegisterSettings { max_rounds: TRIAL_ROUNDS, ..*self.settings };
+        let few: Vec<Point3<f64>> =
+            self.cloud.few(REFINED_SAMPLES).iter().map(|s| Point3::from(s.place)).collect();
+        let trial = |(pose, start, reach_mm): &(Pose, Start, f64)| {
+            let reach_mm = settings.reach_mm.unwrap_or(*reach_mm);
+            let level = Level { points: &few, reference: self.reference, reach_mm, settings: &settings };
+            Some(Trial { start: *start, refined: refine(&level, *pose).ok()? })
+        };
+        let tried: Vec<Option<Trial>> = starts.par_iter().map(trial).collect();
+        tried.into_iter().flatten().collect()
+    }
+
+    /// Puts the trial first that most points lie on the reference in; the pose as it lay, where no other is better.
+    fn rank(&self, mut trials: Vec<Trial>, signed: bool) -> Option<Ranked> {
+        let medians = trials.iter().map(|t| t.refined.median_mm);
+        let floor_mm = 1e-4 * diagonal_mm(self.reference);
+        let tolerance = |median_mm: f64| (TOLERANCE_MEDIANS * median_mm).max(floor_mm);
+        let all = |tolerance_mm: f64| -> Vec<Vec<bool>> {
+            trials.par_iter().map(|t| self.lies(&t.refined.pose, tolerance_mm, signed)).collect()
+        };
+        let most =
+            |lies: &[Vec<bool>]| (0..lies.len()).max_by_key(|i| (count(&lies[*i]), std::cmp::Reverse(*i)));
+        // A pose that a few points match may have the tightest residuals; what counts are those of the best one.
+        let mut tolerance_mm = tolerance(medians.fold(f64::INFINITY, f64::min));
+        let mut lies = all(tolerance_mm);
+        let own_mm = tolerance(trials[most(&lies)?].refined.median_mm);
+        if own_mm > tolerance_mm {
+            (tolerance_mm, lies) = (own_mm, all(own_mm));
+        }
+        let best = most(&lies)?;
+        let as_it_lay = trials.iter().position(|t| t.start == Start::AsItLay);
+        let first = as_it_lay.filter(|i| !told_apart(&lies[best], &lies[*i])).unwrap_or(best);
+        trials.swap(0, first);
+        lies.swap(0, first);
+        Some(Ranked { trials, lies, tolerance_mm })
+    }
+
+    /// Which samples lie on the reference.
+    fn lies(&self, pose: &Pose, tolerance_mm: f64, signed: bool) -> Vec<bool> {
+        let on = |sample: &Sample| {
+            let (place, normal) = moved(sample, pose);
+            let place = Point3::from(place);
+            let matched = self.reference.closest(&place, 20.0 * tolerance_mm, &mut u32::MAX.clone());
+            matched.filter(|m| !m.beyond_edge).is_some_and(|m| {
+                let cosine = m.normal.dot(&normal);
+                let agree = if signed { cosine } else { cosine.abs() } >= NORMAL_COSINE;
+                agree && m.normal.dot(&(place - m.position)).abs() <= tolerance_mm
+            })
+        };
+        self.cloud.list.iter().map(on).collect()
+    }
+
+    /// The first trial with the rivals that the points do not tell from it.
+    fn conclude(&self, ranked: Option<Ranked>) -> Result<Found, RegisterError> {
+        let few = RegisterError::Few { matched: 0, needed: super::LEAST_POINTS };
+        let Some(ranked) = ranked.filter(|r| r.share() > 0.0) else { return Err(few) };
+        let (chosen, lies) = (&ranked.trials[0], &ranked.lies[0]);
+        let samples = self.cloud.few(COUNTED_SAMPLES);
+        let limit_mm = ANOTHER_POSE * self.diagonal_mm;
+        let mut rival: Option<Rival> = None;
+        for (trial, matches) in ranked.trials.iter().zip(&ranked.lies).skip(1) {
+            if told_apart(lies, matches) {
+                continue;
+            }
+            let share = count(matches) as f64 / count(lies).max(1) as f64;
+            let kind = other(&samples, &chosen.refined, &trial.refined.pose, limit_mm, || {
+                self.symmetric(&trial.refined.pose.after(&chosen.refined.pose.inverse()), ranked.tolerance_mm)
+            });
+            let symmetric = match kind {
+                Other::Same => continue,
+                Other::Symmetric => true,
+                Other::Different => false,
+            };
+            // The most telling one: a rival that is no symmetry before one that is, then the one that matches more.
+            let rank = |r: &Rival| (!r.symmetric, r.share);
+            let this = Rival { share, symmetric, pose: trial.refined.pose };
+            if rival.as_ref().is_none_or(|old| rank(&this) > rank(old)) {
+                rival = Some(this);
+            }
+        }
+        let refined = &chosen.refined;
+        Ok(Found { pose: refined.pose, start: chosen.start, rival, reach_mm: refined.next_reach_mm })
+    }
+
+    /// Whether a motion brings the reference onto itself.
+    fn symmetric(&self, motion: &Pose, tolerance_mm: f64) -> bool {
+        let samples = Samples::of_reference(self.reference, diagonal_mm(self.reference) / DIAGONAL_STEPS);
+        let lies = |sample: &Sample| {
+            let (place, normal) = moved(sample, motion);
+            let place = Point3::from(place);
+            let matched = self.reference.closest(&place, 20.0 * tolerance_mm, &mut u32::MAX.clone());
+            matched.is_some_and(|m| {
+                m.normal.dot(&normal).abs() >= NORMAL_COSINE
+                    && m.normal.dot(&(place - m.position)).abs() <= 2.0 * tolerance_mm
+            })
+        };
+        let found = samples.list.iter().filter(|s| lies(s)).count();
+        found as f64 >= 0.98 * samples.list.len() as f64
+    }
 }
 
-/// Centroid and principal axes (columns, right-handed) of a cloud.
-fn axes(points: &[Point3<f64>]) -> (Vector3<f64>, Matrix3<f64>) {
-    let mut moments = Moments::about(points.first().copied().unwrap_or_else(Point3::origin));
-    moments.extend(points);
-    (moments.centroid().coords, right_handed(&moments.covariance()))
-}
-
-fn right_handed(covariance: &Matrix3<f64>) -> Matrix3<f64> {
-    let (_, mut vectors) = eigen(covariance);
+/// Centroid and principal axes (columns, right-handed) of samples.
+fn axes(samples: &[Sample]) -> (Vector3<f64>, Matrix3<f64>) {
+    let mut moments = Moments::about(samples.first().map_or_else(Point3::origin, |s| Point3::from(s.place)));
+    samples.iter().for_each(|s| moments.add(&Point3::from(s.place)));
+    let (_, mut vectors) = eigen(&moments.covariance());
     if vectors.determinant() < 0.0 {
         vectors.set_column(0, &-vectors.column(0));
     }
-    vectors
+    (moments.centroid().coords, vectors)
 }
 
-/// Centroid and principal axes of the surface of the reference.
-fn reference_axes(reference: &Reference) -> (Vector3<f64>, Matrix3<f64>) {
-    match reference {
-        Reference::Cloud(cloud) => {
-            let sites = cloud.tree.sites();
-            let even = thinned(sites, diagonal_mm(reference) / EVEN_PARTS);
-            axes(&even.into_iter().map(|i| sites[i as usize]).collect::<Vec<_>>())
-        }
-        Reference::Mesh(mesh) => {
-            // Moments of a triangle: area/12 · (Σ vᵢ vᵢᵀ + 9 c cᵀ).
-            let (mut area, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
-            let about = mesh.bounds().centre();
-            for triangle in mesh.triangles() {
-                let [a, b, c] = triangle.corners.map(|p| p - about);
-                let (own, middle) = (0.5 * (b - a).cross(&(c - a)).norm(), (a + b + c) / 3.0);
-                area += own;
-                first += middle * own;
-                let corners = a * a.transpose() + b * b.transpose() + c * c.transpose();
-                second += (corners + middle * middle.transpose() * 9.0) * (own / 12.0);
-            }
-            let mean = first / area;
-            (about.coords + mean, right_handed(&(second / area - mean * mean.transpose())))
-        }
-    }
-}
-
-/// The 24 ways to lay principal axes on principal axes.
-fn axis_poses(points: &[Point3<f64>], reference: &Reference) -> Vec<Pose> {
-    let ((from, from_axes), (to, to_axes)) = (axes(points), reference_axes(reference));
+/// The 24 ways to lay principal axes on principal axes: what serves surfaces too smooth for features.
+fn axis_poses(cloud: &[Sample], reference: &[Sample]) -> Vec<Pose> {
+    let ((from, from_axes), (to, to_axes)) = (axes(cloud), axes(reference));
     // Eigenvalues in order first: the other orders matter only where two are nearly equal.
     let orders = [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
     let mut poses = Vec::new();
@@ -169,30 +313,10 @@ fn axis_poses(points: &[Point3<f64>], reference: &Reference) -> Vec<Pose> {
                 turn[(row, column)] = if signs >> column & 1 == 1 { -1.0 } else { 1.0 };
             }
             if turn.determinant() > 0.0 {
-                poses.push(about(to_axes * turn * from_axes.transpose(), &from, &to));
+                let rotation = to_axes * turn * from_axes.transpose();
+                poses.push(Pose { rotation, translation: to - rotation * from });
             }
         }
     }
     poses
-}
-
-/// Rotation that takes one centre to the other.
-fn about(rotation: Matrix3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> Pose {
-    Pose { rotation, translation: to - rotation * from }
-}
-
-/// Turns about the centre, spread evenly over all rotations: M. Alexa, Super-Fibonacci spirals, CVPR 2022.
-fn turn_poses(points: &[Point3<f64>], reference: &Reference) -> Vec<Pose> {
-    const PSI: f64 = 1.533_751_168_755_204_3;
-    let ((from, _), (to, _)) = (axes(points), reference_axes(reference));
-    (0..TURNS)
-        .map(|i| {
-            let s = i as f64 + 0.5;
-            let t = s / TURNS as f64;
-            let (a, b) = (math::sincos(TAU * s / std::f64::consts::SQRT_2), math::sincos(TAU * s / PSI));
-            let (inner, outer) = (t.sqrt(), (1.0 - t).sqrt());
-            let q = Quaternion::new(outer * b.1, inner * a.0, inner * a.1, outer * b.0);
-            about(UnitQuaternion::from_quaternion(q).to_rotation_matrix().into_inner(), &from, &to)
-        })
-        .collect()
 }

@@ -11,5 +11,5 @@ pub use bvh::{Aabb, Bvh};
 pub(crate) use local::{Moments, Patch, eigen_normal};
 pub use mesh::{Foot, MeshError, TriangleMesh};
 pub(crate) use points::PointTree;
-pub(crate) use thin::thinned;
+pub(crate) use thin::{thin_to, thinned};
 pub use triangle::{Triangle, nearest_on_segment};

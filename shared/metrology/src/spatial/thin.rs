@@ -1,5 +1,6 @@
 //! One point for each cell of a grid.
 
+use super::bvh::Aabb;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
@@ -21,6 +22,25 @@ pub(crate) fn thinned(points: &[Point3<f64>], edge_mm: f64) -> Vec<u32> {
     let mut kept: Vec<u32> =
         keyed.chunk_by(|a, b| a.0 == b.0).filter_map(|cell| Some(cell.first()?.1)).collect();
     kept.sort_unstable();
+    kept
+}
+
+/// Indices of about `wanted` points: one of each cell of a grid whose edge is found by trial.
+pub(crate) fn thin_to(positions: &[Point3<f64>], wanted: usize) -> Vec<u32> {
+    if positions.len() <= wanted {
+        return (0..positions.len() as u32).collect();
+    }
+    let bounds = Aabb::of(positions);
+    // A surface of the size of the box's diagonal squared would need this edge; a few steps reach most parts.
+    let mut edge_mm = (bounds.high - bounds.low).norm() / (wanted as f64).sqrt();
+    let mut kept = thinned(positions, edge_mm);
+    for _ in 0..6 {
+        if kept.len() >= wanted {
+            break;
+        }
+        edge_mm *= (kept.len() as f64 / (1.2 * wanted as f64)).sqrt().clamp(0.25, 0.9);
+        kept = thinned(positions, edge_mm);
+    }
     kept
 }
 

@@ -3,4 +3,5 @@
 mod artefact;
 mod clouds;
 mod flatness;
+mod places;
 mod plans;
