@@ -51,7 +51,7 @@ fn describe(a: &Sample, b: &Sample, step_mm: f64) -> Option<[f64; 4]> {
     let along = b.place - a.place;
     let distance_mm = along.norm();
     let direction = along / distance_mm;
-    if !(distance_mm > 0.0) || distance_mm / step_mm >= DISTANCE_BINS as f64 - 1.0 {
+    if distance_mm <= 0.0 || distance_mm / step_mm >= DISTANCE_BINS as f64 - 1.0 {
         return None;
     }
     let angle =
