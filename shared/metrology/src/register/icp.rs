@@ -17,6 +17,12 @@ const REACH_MEDIANS: f64 = 20.0;
 /// The reach is never less than so many spacings of the reference.
 const REACH_SPACINGS: f64 = 4.0;
 
+/// After so many rounds, points at the limits may join and leave in turn. Steps are then halved, which averages over the
+/// turns, and the alignment has converged when a step is this part of a standard deviation of the pose, for points that
+/// count as independent. What is left adds less than one part in a hundred to the uncertainty.
+const SETTLING_ROUNDS: usize = 20;
+const SETTLED_SIGMAS: f64 = 0.1;
+
 /// What a level works on.
 pub(super) struct Level<'a> {
     pub points: &'a [Point3<f64>],
@@ -71,11 +77,13 @@ pub(super) fn refine(level: &Level<'_>, start: Pose) -> Result<Refined, Register
         let limit_mm = level.settings.trim_sigmas * SIGMA_OF_MEDIAN * median_mm;
         let equations = equations(&pairs, limit_mm);
         let principal = equations.principal(level.reference.normal_variance());
-        let motion = equations.step(&principal);
+        let settling = rounds > SETTLING_ROUNDS;
+        let motion = equations.step(&principal) * if settling { 0.5 } else { 1.0 };
         let moved_mm = motion.fixed_rows::<3>(0).norm() + motion.fixed_rows::<3>(3).norm();
         let step = equations.pose(&motion).after(&pose);
         pose = Pose { rotation: orthonormal(&step.rotation), translation: step.translation };
-        let converged = moved_mm <= level.settings.still_mm;
+        let within_noise = settling && equations.in_sigmas(&principal, &motion) <= SETTLED_SIGMAS;
+        let converged = moved_mm <= level.settings.still_mm || within_noise;
         reach_mm = reach_mm.min((REACH_MEDIANS * median_mm + moved_mm).max(least_reach_mm));
         if converged || rounds >= level.settings.max_rounds {
             let (overlapping, points) = (pairs.len(), level.points.len());

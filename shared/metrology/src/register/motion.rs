@@ -63,6 +63,16 @@ impl Equations {
         })
     }
 
+    /// Size of a motion in standard deviations of the pose, for independent residuals.
+    pub fn in_sigmas(&self, principal: &Principal, motion: &Motion) -> f64 {
+        let rows = self.normal.rows as f64;
+        let variance = self.normal.sum / (rows - 6.0).max(1.0);
+        let along = |i: usize| principal.vectors.column(i).dot(motion);
+        let square: f64 =
+            principal.determined().map(|i| along(i) * along(i) * rows * principal.values[i]).sum();
+        (square / variance.max(f64::MIN_POSITIVE)).sqrt()
+    }
+
     /// The motion as a pose.
     pub fn pose(&self, motion: &Motion) -> Pose {
         let turn = Vector3::new(motion[0], motion[1], motion[2]) / self.arm_mm;
