@@ -30,13 +30,18 @@ impl Folder {
 
 /// Points evenly on spheres: centre and diameter.
 fn spheres(balls: &[([f64; 3], f64)]) -> String {
+    spheres_turned(balls, 0.0)
+}
+
+/// The same, turned about the vertical.
+fn spheres_turned(balls: &[([f64; 3], f64)], turn_rad: f64) -> String {
     let count = 900;
     let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", balls.len() * count);
     text.push_str("property double x\nproperty double y\nproperty double z\nend_header\n");
     for ([x, y, z], diameter) in balls {
         for i in 0..count {
             let height = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;
-            let (sin, cos) = (2.399_963_229_728_653 * i as f64).sin_cos();
+            let (sin, cos) = (2.399_963_229_728_653 * i as f64 + turn_rad).sin_cos();
             let (ring, radius) = ((1.0 - height * height).sqrt(), 0.5 * diameter);
             let _ = writeln!(
                 text,
@@ -50,16 +55,25 @@ fn spheres(balls: &[([f64; 3], f64)]) -> String {
     text
 }
 
-/// The thesis' plan with clouds of its artefacts: sizes right, spacings wrong by `error` mm.
+/// The plan of the thesis with clouds of its artefacts: sizes right, spacings wrong by `error` mm.
 fn thesis(folder: &Folder, error: f64) -> String {
-    for position in 1..4 {
+    let middles = [[-18.0, -15.0, -2.0], [20.0, -8.0, 16.0], [0.0, 18.0, 34.0]];
+    for (position, middle) in middles.into_iter().enumerate() {
         for view in 1..6 {
-            folder.write(&format!("sphere{position}-view{view}.ply"), &spheres(&[([0.0; 3], 20.001_37)]));
+            let name = format!("sphere{}-view{view}.ply", position + 1);
+            folder.write(&name, &spheres_turned(&[(middle, 20.001_37)], 0.1 * f64::from(view)));
         }
     }
-    for position in 1..8 {
-        let balls = [([0.0; 3], 20.000_73), ([120.055_09 + error, 0.0, 0.0], 20.001_30)];
-        folder.write(&format!("beam{position}.ply"), &spheres(&balls));
+    let axes =
+        [(45.0, 0.0), (135.0, 0.0), (45.0, 25.0), (135.0, 25.0), (225.0, 25.0), (315.0, 25.0), (20.0, 8.0)];
+    for (position, (azimuth, elevation)) in axes.into_iter().enumerate() {
+        let (azimuth, elevation) = (f64::to_radians(azimuth), f64::to_radians(elevation));
+        let half = 0.5 * (120.055_09 + error);
+        let across = half * elevation.cos();
+        let end = [across * azimuth.cos(), across * azimuth.sin(), half * elevation.sin()];
+        let [x, y, z] = end;
+        let balls = [([-x, -y, 15.0 - z], 20.000_73), ([x, y, 15.0 + z], 20.001_30)];
+        folder.write(&format!("beam{}.ply", position + 1), &spheres(&balls));
     }
     std::fs::read_to_string(root().join("configs/thesis.test.toml")).unwrap()
 }
@@ -84,7 +98,9 @@ fn the_thesis_breaks_its_own_rule_and_a_negative_error_fails() {
     );
     let report = report.unwrap();
     assert_eq!(report["verdict"], "fail");
-    assert_eq!(report["reduced"].as_array().unwrap().len(), 1);
+    assert_eq!(report["reduced"].as_array().unwrap().len(), 1, "{}", report["reduced"]);
+    assert_eq!(report["inputs"].as_array().unwrap().len(), 22);
+    assert_eq!(report["inputs"][0]["sha256"].as_str().unwrap().len(), 64);
     let sd = report["characteristics"].as_array().unwrap().iter().find(|c| c["symbol"] == "SD").unwrap();
     // The beam is 0.5 K colder than calibrated: 0.03 µm.
     assert!((sd["value"].as_f64().unwrap() + 0.2).abs() < 1e-4, "{sd}");
@@ -94,7 +110,12 @@ fn the_thesis_breaks_its_own_rule_and_a_negative_error_fails() {
 fn tests_that_cannot_be_meant_end_with_a_message() {
     let folder = Folder::new();
     let text = thesis(&folder, 0.0).replace("allow_reduced = false", "allow_reduced = true");
-    let cases: [(&str, &str, &[&str]); 5] = [
+    std::fs::copy(folder.path("beam1.ply"), folder.path("copy.ply")).unwrap();
+    let cases: [(&str, &str, &[&str]); 9] = [
+        ("\"beam3.ply\"", "\"copy.ply\"", &["\"beam 3\"", "\"beam 1\"", "twice"]),
+        ("\"beam3.ply\"", "\"./beam1.ply\"", &["beam 3", "./beam1.ply", "another view"]),
+        ("u_spacing_mm = 0.0008\n", "", &["u_spacing_mm is missing", "write u_spacing_mm = "]),
+        ("u_diameter_mm = 0.0005\n", "u_diameter_mm = 0\n", &["u_diameter_mm = 0", "zero_reason"]),
         ("rule_set = \"vdi2634-3\"", "rule_set = \"vdi2634-9\"", &["rule_set", "vdi2634-3", "iso10360-13"]),
         ("\"beam3.ply\"", "\"none.ply\"", &["none.ply"]),
         ("\"beam3.ply\"", "\"empty.ply\"", &["empty.ply", "no point"]),
@@ -140,7 +161,7 @@ fn a_test_of_the_twin_runs_from_end_to_end_and_again_to_the_same_bytes() {
         fringetool(&["simulate-test", "configs/demo.toml", "--reduced", "--out", &out]).expect_success();
         let (ran, report) = folder.vdi(&format!("{out}/plan.toml"));
         assert_eq!(ran.code, Some(0), "{}{}", ran.stdout, ran.stderr);
-        assert!(ran.stdout.contains("REDUCED TEST"), "{}", ran.stdout);
+        assert!(ran.stdout.contains("REDUCED TEST") && ran.stdout.contains("SIMULATED"), "{}", ran.stdout);
         masters.push((report.unwrap(), std::fs::read(folder.path("report.json")).unwrap()));
     }
     let all = ["a", "b"].map(|name| contents(&folder.0.path().join(name)));

@@ -5,13 +5,19 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 fn master() -> Value {
-    let position = |name: &str, value: f64| json!({ "position": name, "repeat": 1, "value": value, "points": 900, "rejected": 2, "views": ["v1"] });
+    let position = |name: &str, value: f64| {
+        json!({
+            "position": name, "repeat": 1, "value": value, "test_value_u": 0.001, "verdict": "pass",
+            "points": 900, "rejected": 2, "views": ["v1"]
+        })
+    };
     json!({
         "format": "fringecell-acceptance/1",
         "rule_set": {
             "id": "vdi2634-2", "standard": "VDI/VDE 2634 part 2", "edition": "2012-08",
             "wording": "evaluated following VDI/VDE 2634 part 2, edition 2012-08", "assumed": []
         },
+        "guard_factor": 1.65,
         "reduced": [],
         "conditions": [["Operator", "M. M."]],
         "sensor_volume": { "size_mm": [100.0, 80.0, 60.0], "body_diagonal_mm": 141.4 },
@@ -72,7 +78,22 @@ fn a_bad_master_is_told_on_one_line_and_leaves_nothing() {
         (with(&|m| m["characteristics"] = json!([])), "there is none"),
         (with(&|m| m["characteristics"][0]["value"] = Value::Null), "null"),
         (with(&|m| m["format"] = "fringecell-result/1".into()), "expected \"fringecell-acceptance/1\""),
-        (with(&|m| m["characteristics"][0]["verdict"] = "fail".into()), "the test passes although"),
+        (with(&|m| m["characteristics"][0]["verdict"] = "fail".into()), "its positions give pass"),
+        (with(&|m| m["guard_factor"] = Value::Null), "guard_factor"),
+        (
+            with(&|m| {
+                m.as_object_mut().unwrap().remove("guard_factor");
+            }),
+            "missing field `guard_factor`",
+        ),
+        // A forged master: 29.5 µm of 30 µm with U = 1 µm proves nothing, whatever the verdicts say.
+        (
+            with(&|m| {
+                m["characteristics"][0]["value"] = (-0.0295).into();
+                m["characteristics"][0]["positions"][1]["value"] = (-0.0295).into();
+            }),
+            "give indeterminate",
+        ),
         ("{\"cycle\": 3}".to_owned(), "fringecell-acceptance/1"),
         ("\u{1}".to_owned(), "result.json"),
     ] {

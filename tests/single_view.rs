@@ -89,6 +89,15 @@ fn neighbours_and_code_tell_the_same_orders() {
         cell.json("u.json")["views"][0]["components"]
     );
 
+    // In degrees it lies beyond one turn of radians: refused until the unit is told, and then the same as in radians.
+    let turns = npy(8, 8, |x, _| ((40 * x) % 360) as f32);
+    std::fs::write(cell.path("degrees.npy"), turns).unwrap();
+    let degrees = cell.path("degrees.npy");
+    refused(&fringetool(&["unwrap", &degrees]), &["degrees.npy", "from 0 to 320", "--phase-unit"]);
+    refused(&fringetool(&["unwrap", &rec, "--phase-unit", "deg"]), &["--phase-unit", "recording"]);
+    fringetool(&["unwrap", &degrees, "--phase-unit", "deg", "--json", &json]).expect_success();
+    assert_eq!(cell.json("u.json")["views"][0]["discontinuities"], 0);
+
     refused(&fringetool(&["unwrap", &rec, "--method", "itoh", "--smooth"]), &["--smooth", "itoh"]);
     refused(&fringetool(&["unwrap", &wrapped, "--anchor", "code"]), &["--anchor code", "no code"]);
     refused(
@@ -256,4 +265,17 @@ fn a_ball_tells_the_axis_and_views_come_together() {
     refused(&run(&["calibrate", "--out", &cell.path("no.toml")], two), &["2 views"]);
     let bad = ["rotation-stage", "merge", "--stage", &stage, "--view", "x=y", "--out", &merged];
     assert_eq!(fringetool(&bad).code, Some(2));
+}
+
+/// A raster of single precision in NumPy's format, version 1.
+fn npy(width: u32, height: u32, value: impl Fn(u32, u32) -> f32) -> Vec<u8> {
+    let head = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({height}, {width}), }}");
+    let length = (head.len() + 11).div_ceil(64) * 64 - 10;
+    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
+    bytes.extend((length as u16).to_le_bytes());
+    bytes.extend(format!("{head:<0$}\n", length - 1).into_bytes());
+    for y in 0..height {
+        bytes.extend((0..width).flat_map(|x| value(x, y).to_le_bytes()));
+    }
+    bytes
 }

@@ -52,6 +52,14 @@ pub fn read_reference(path: &Path, towards: Vector3<f64>, radius_mm: Option<f64>
             if mesh.without_area() > 0 {
                 eprintln!("{}: {} triangles without area left out", named(), mesh.without_area());
             }
+            if mesh.turned() > 0 {
+                eprintln!(
+                    "{}: {} of {} triangles faced the wrong way and were turned round",
+                    named(),
+                    mesh.turned(),
+                    mesh.triangles().len()
+                );
+            }
             if mesh.border_edges() > 0 {
                 eprintln!(
                     "{}: the mesh is open: it ends at {} edges; points beside it have no deviation",

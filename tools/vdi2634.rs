@@ -5,12 +5,13 @@ use crate::acceptance_report::Files;
 use crate::reconstruct::{Method, fused_cloud, surface_settings};
 use crate::report::check_outputs;
 use anyhow::{Context, Result, anyhow, bail};
+use files::hash::sha256_hex;
 use files::recording::Recording;
 use files::rig_file::{RigFile, read_rig};
 use fringe::cloud::Point;
 use fringe::surface::SurfaceSettings;
 use metrology::acceptance::{
-    Characteristic, Evaluator, RuleSet, TestPlan, TestReport, TestVerdict, ViewPlan,
+    Characteristic, Evaluator, Input, RuleSet, TestPlan, TestReport, TestVerdict, ViewPlan,
 };
 use report::acceptance::{write_all, write_master};
 use std::path::{Path, PathBuf};
@@ -61,15 +62,48 @@ pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
     let rules = rule_set(&plan.rule_set, folder).with_context(named)?;
     let mut evaluator = Evaluator::new(&plan, &rules).with_context(named)?;
     let sources = Sources::new(&plan, folder).with_context(named)?;
+    let mut inputs = Vec::new();
     for position in &plan.positions {
+        for view in &position.views {
+            inputs.push(Input {
+                position: position.name.clone(),
+                repeat: position.repeat,
+                view: view.name.clone(),
+                source: view.source().to_owned(),
+                sha256: sha256_of(&folder.join(view.source())).with_context(named)?,
+            });
+        }
         let clouds = position.views.iter().map(|view| sources.cloud(view)).collect::<Result<Vec<_>>>();
         let clouds = clouds.with_context(|| format!("{}: position \"{}\"", named(), position.name))?;
         evaluator.add(position, &clouds).with_context(named)?;
     }
     let mut conditions = sources.conditions();
-    conditions.push(("plan".into(), format!("sha256 {}", files::hash::sha256_hex(text.as_bytes()))));
+    conditions.push(("plan".into(), format!("sha256 {}", sha256_hex(text.as_bytes()))));
     conditions.push(("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION"))));
-    evaluator.finish(conditions).with_context(named)
+    evaluator.finish(conditions, inputs).with_context(named)
+}
+
+/// SHA-256 of a file; of a folder: of the list of its files, each with its own, in the order of their names.
+fn sha256_of(path: &Path) -> Result<String> {
+    let read = |path: &Path| std::fs::read(path).with_context(|| path.display().to_string());
+    if !path.is_dir() {
+        return Ok(sha256_hex(&read(path)?));
+    }
+    let mut folders = vec![path.to_owned()];
+    let mut lines = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(&folder).with_context(|| folder.display().to_string())? {
+            let inner = entry.with_context(|| folder.display().to_string())?.path();
+            if inner.is_dir() {
+                folders.push(inner);
+            } else {
+                let name = inner.strip_prefix(path).unwrap_or(&inner).display().to_string();
+                lines.push(format!("{name} {}\n", sha256_hex(&read(&inner)?)));
+            }
+        }
+    }
+    lines.sort_unstable();
+    Ok(sha256_hex(lines.concat().as_bytes()))
 }
 
 /// A rule set by its name, or from a file beside the plan.
@@ -132,7 +166,11 @@ impl<'a> Sources<'a> {
 }
 
 fn print(report: &TestReport) {
-    let reduced = if report.reduced.is_empty() { "" } else { " — REDUCED TEST, not the standard's" };
+    let mut reduced =
+        if report.reduced.is_empty() { "" } else { " — REDUCED TEST, not the standard's" }.to_owned();
+    if report.simulated {
+        reduced.push_str(" — SIMULATED, no instrument was tested");
+    }
     println!("{}{reduced}", report.rule_set.wording);
     for violation in &report.reduced {
         println!("  breaks a rule: {}", violation.text);
@@ -156,7 +194,7 @@ fn print(report: &TestReport) {
 
 fn line(one: &Characteristic, wide: usize) -> String {
     let number = |value: Option<f64>| value.map_or_else(|| "–".to_owned(), |v| format!("{v:.4}"));
-    let worst = one.positions.iter().find(|p| p.value == one.value);
+    let worst = one.positions.iter().find(|p| p.value == one.value && !p.replaced);
     let place = worst.map_or_else(String::new, |p| {
         let views = if p.views.len() > 1 { format!("{} views", p.views.len()) } else { p.views.join("") };
         format!("{} ({views}; {} points, {} rejected)", p.position, p.points, p.rejected)

@@ -21,6 +21,9 @@ const LIMITS: [(&str, Limit); 3] = [
     ("SD", Limit::Length(LengthLimit { a_mm: 0.015, k_um_per_m: 50.0, b_mm: Some(0.030) })),
 ];
 
+/// Day of the simulated test and of its simulated certificates: a fixed one, so that the same command gives the same bytes.
+const DAY: &str = "2026-01-01";
+
 /// The plan as TOML.
 pub fn text(shots: &[Shot], rig: &str, reduced: bool, config: &Config) -> Result<String> {
     let frames = config.cell.projectors.first().map_or(0, |p| frame_count(&p.sequence));
@@ -32,15 +35,21 @@ pub fn text(shots: &[Shot], rig: &str, reduced: bool, config: &Config) -> Result
         reject_fraction: None,
         conditions: Conditions {
             operator: "fringetool simulate-test".into(),
-            date: "simulated".into(),
-            instrument: Some(format!("digital twin of {}", config.cell.name)),
+            date: DAY.into(),
+            instrument: Some(format!("digital twin of {}, simulated, no serial number", config.cell.name)),
             temperature_c: 20.0,
             u_temperature_k: 0.1,
             operating_mode: format!("one exposure, {frames} frames a view, no averaging"),
             warm_up: None,
+            zero_reason: None,
+            simulated: true,
         },
         // The volume of the thesis, section 6.4; all cameras of the cell see it, so it is both.
-        volume: Volumes { sensor_mm: [140.0, 140.0, 90.0], total_mm: [140.0, 140.0, 90.0] },
+        volume: Volumes {
+            sensor_mm: [140.0, 140.0, 90.0],
+            total_mm: [140.0, 140.0, 90.0],
+            center_mm: Some([0.0, 0.0, 15.0]),
+        },
         decision: Decision::default(),
         limits: LIMITS.iter().map(|(symbol, limit)| ((*symbol).to_owned(), *limit)).collect(),
         measurement: Some(Measurement { rig: rig.to_owned(), method: "phase".into(), smoothing_px: None }),
@@ -58,15 +67,19 @@ fn artefacts() -> Vec<Artefact> {
         id: "sphere 1".into(),
         kind: Kind::Sphere,
         certificate: "simulated: configs/sphere.scene.toml".into(),
+        certificate_date: Some(DAY.into()),
+        certificate_valid_until: Some(DAY.into()),
         diameters_mm: vec![20.00137],
-        u_diameter_mm: 0.0005,
+        u_diameter_mm: Some(0.0005),
         spacings_mm: Vec::new(),
-        u_spacing_mm: 0.0,
+        u_spacing_mm: None,
+        rod_diameter_mm: None,
         size_mm: None,
         form_mm: 0.00195,
         u_form_mm: 0.0003,
         expansion_per_k: 5.5e-6,
         u_expansion_per_k: 0.5e-6,
+        zero_reason: None,
         calibrated_at_c: 20.0,
     };
     let bar = Artefact {
@@ -75,7 +88,8 @@ fn artefacts() -> Vec<Artefact> {
         certificate: "simulated: configs/compliant-bar.scene.toml".into(),
         diameters_mm: vec![20.00137, 20.00146],
         spacings_mm: vec![150.0421],
-        u_spacing_mm: 0.0008,
+        u_spacing_mm: Some(0.0008),
+        rod_diameter_mm: Some(8.0),
         expansion_per_k: 0.5e-6,
         u_expansion_per_k: 0.5e-6,
         ..sphere.clone()
@@ -91,6 +105,7 @@ fn positions(shots: &[Shot]) -> Vec<PositionPlan> {
             recording: Some(shot.name.clone()),
             cloud: None,
             near_mm: Vec::new(),
+            exclude_mm: Vec::new(),
             transform: None,
         };
         match positions.last_mut().filter(|last| last.name == shot.position) {
@@ -98,6 +113,7 @@ fn positions(shots: &[Shot]) -> Vec<PositionPlan> {
             None => positions.push(PositionPlan {
                 name: shot.position.clone(),
                 repeat: 1,
+                retest: false,
                 artefact: if shot.bar { "compliant bar" } else { "sphere 1" }.into(),
                 register: if shot.bar { RegisterBy::Frame } else { RegisterBy::References },
                 views: vec![view],

@@ -8,6 +8,7 @@ use files::recording::{RecordedCamera, RecordedProjector, Recording};
 use fringe::decode::DecodeSettings;
 use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::{PhaseInfo, PhaseMap};
+use std::f64::consts::TAU;
 use std::path::Path;
 
 /// Columns and rows of a projector that a single period covers.
@@ -27,9 +28,27 @@ pub struct Item {
     pub coded: Option<PhaseMap>,
 }
 
-/// A phase from a file.
-pub fn file(path: &Path) -> Result<Item> {
-    let raster = npy::read(path)?;
+/// Unit of a phase from a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum PhaseUnit {
+    /// Radians.
+    Rad,
+    /// Degrees.
+    Deg,
+    /// Whole turns: one period is 1.
+    Turn,
+}
+
+/// Room for rounding to single precision at the ends of a turn, rad.
+const ROUNDING_RAD: f32 = 1e-4;
+
+/// A phase from a file, in `unit`; without one it must lie within one turn of radians, -π … π or 0 … 2π.
+pub fn file(path: &Path, unit: Option<PhaseUnit>) -> Result<Item> {
+    let mut raster = npy::read(path)?;
+    match unit {
+        Some(unit) => to_one_turn(&mut raster.values, unit),
+        None => within_one_turn(path, &raster.values)?,
+    }
     let info =
         PhaseInfo { width_px: raster.width_px, height_px: raster.height_px, axis: Axis::X, period_px: 1.0 };
     let mut map = PhaseMap::new(info);
@@ -39,6 +58,33 @@ pub fn file(path: &Path) -> Result<Item> {
     map.phase_rad = raster.values;
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     Ok(Item { name, place: path.display().to_string(), map, measured: false, coded: None })
+}
+
+/// In radians, 0 … 2π.
+fn to_one_turn(values: &mut [f32], unit: PhaseUnit) {
+    let turn = match unit {
+        PhaseUnit::Rad => TAU,
+        PhaseUnit::Deg => 360.0,
+        PhaseUnit::Turn => 1.0,
+    };
+    for value in values {
+        let turns = f64::from(*value) / turn;
+        *value = ((turns - turns.floor()) * TAU) as f32;
+    }
+}
+
+fn within_one_turn(path: &Path, values: &[f32]) -> Result<()> {
+    let finite = || values.iter().copied().filter(|v| v.is_finite());
+    let (low, high) = (finite().fold(f32::INFINITY, f32::min), finite().fold(f32::NEG_INFINITY, f32::max));
+    let (pi, tau) = (std::f32::consts::PI + ROUNDING_RAD, std::f32::consts::TAU + ROUNDING_RAD);
+    if low > high || (low >= -pi && high <= pi) || (low >= -ROUNDING_RAD && high <= tau) {
+        return Ok(());
+    }
+    bail!(
+        "{}: its phase reaches from {low} to {high}, a wrapped phase in radians lies within -π … π or 0 … 2π; say --phase-unit \
+         deg or turn for another unit, or --phase-unit rad to take radians modulo 2π",
+        path.display()
+    )
 }
 
 /// An absolute phase from a file.

@@ -10,7 +10,7 @@ use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
 use fringe::unwrap::{Anchor, unwrap};
-use input::Item;
+use input::{Item, PhaseUnit};
 use method::Choice;
 use output::Line;
 use std::path::{Path, PathBuf};
@@ -19,6 +19,9 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Folder of a recording, or a wrapped phase in rad (`.npy`, NaN where there is none).
     input: PathBuf,
+    /// Unit of a phase from a file whose values are not within -π … π or 0 … 2π; a recording needs none.
+    #[arg(long, value_enum)]
+    phase_unit: Option<PhaseUnit>,
     #[command(flatten)]
     choice: Choice,
     /// What makes the phase absolute: `none`; `code`: the code of the recording; or a file (`.npy`) with the absolute
@@ -55,8 +58,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
             args.input.display()
         );
     }
+    if !from_file && args.phase_unit.is_some() {
+        bail!("--phase-unit goes with a phase from a file; a recording knows its own");
+    }
     let items = if from_file {
-        vec![input::file(&args.input)?]
+        vec![input::file(&args.input, args.phase_unit)?]
     } else {
         input::recording(
             &args.input,

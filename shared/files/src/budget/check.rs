@@ -2,7 +2,7 @@
 
 use metrology::uncertainty::{
     Budget, Correlation, Expression, ExpressionError, Model, MonteCarloSettings, Quantity,
-    observed_correlation,
+    observed_correlation, same_unit,
 };
 
 use super::quantity::Place;
@@ -103,6 +103,7 @@ fn model(document: &Document, raw: &RawBudget, quantities: &[Quantity]) -> Resul
         }
     }
     let Some(text) = &raw.measurand.model else {
+        sum_units(document, raw, quantities)?;
         return Ok(Model::Linear(raw.quantity.iter().map(|q| q.sensitivity.unwrap_or(1.0)).collect()));
     };
     let names: Vec<&str> = quantities.iter().map(|q| q.name.as_str()).collect();
@@ -124,7 +125,37 @@ fn model(document: &Document, raw: &RawBudget, quantities: &[Quantity]) -> Resul
             "add it to the model, or remove the quantity",
         ));
     }
+    let units: Vec<&str> = quantities.iter().map(|q| q.unit.as_str()).collect();
+    expression.check_units(&units, &raw.measurand.unit).map_err(|[one, other]| {
+        let problem = Problem::Disagreement { what: "units in a sum", here: one, there: other };
+        document.fault(
+            "measurand.model",
+            problem,
+            "give both quantities in one unit, or multiply one of them by its factor in the model",
+        )
+    })?;
     Ok(Model::Expression(expression))
+}
+
+/// In a sum a quantity of another unit needs the sensitivity that converts it.
+fn sum_units(document: &Document, raw: &RawBudget, quantities: &[Quantity]) -> Result<(), FileError> {
+    let measurand = &raw.measurand.unit;
+    for (index, (quantity, written)) in quantities.iter().zip(&raw.quantity).enumerate() {
+        let converted = written.sensitivity.is_some_and(|c| c != 1.0);
+        if !converted && !same_unit(&quantity.unit, measurand) {
+            let (here, there) = (
+                format!("quantity \"{}\" is in {}", quantity.name, quantity.unit),
+                format!("the measurand in {measurand}"),
+            );
+            let problem = Problem::Disagreement { what: "units of the sum", here, there };
+            let remedy = format!(
+                "add sensitivity = …, {measurand} per {}, or give the quantity in {measurand}",
+                quantity.unit
+            );
+            return Err(document.fault(&format!("quantity[{index}].unit"), problem, &remedy));
+        }
+    }
+    Ok(())
 }
 
 fn correlation(

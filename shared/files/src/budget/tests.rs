@@ -149,3 +149,28 @@ fn defaults_are_those_that_the_format_says() {
     assert_eq!(file.budget.quantities[1].unit, "mm");
     assert!(file.budget.evaluate().is_ok());
 }
+
+/// 5 µm beside millimetres were added as 5 mm.
+#[test]
+fn a_sum_of_different_units_is_refused_unless_a_factor_converts_it() {
+    let two = |unit: &str, more: &str| {
+        read(&format!(
+            "{HEAD}{TWO}[[quantity]]\nname = \"um\"\nunit = \"{unit}\"\nestimate = 5.0\nstandard_uncertainty = 1.0\n{more}"
+        ))
+    };
+    for (unit, more) in [("µm", ""), ("um", "sensitivity = 1.0\n"), ("K", "")] {
+        let error = two(unit, more).unwrap_err().to_string();
+        assert!(error.contains("quantity[2].unit") && error.contains("the measurand in mm"), "{error}");
+    }
+    assert!(two("µm", "sensitivity = 0.001\n").is_ok() && two("mm", "").is_ok());
+    let head = HEAD.replace("unit = \"mm\"", "unit = \"mm\"\nmodel = \"L + d\"");
+    let model = |unit: &str| {
+        read(&format!(
+            "{head}[[quantity]]\nname = \"L\"\nestimate = 1.0\nstandard_uncertainty = 0.1\n[[quantity]]\nname = \"d\"\n\
+             unit = \"{unit}\"\nestimate = 5.0\nstandard_uncertainty = 1.0\n"
+        ))
+    };
+    let error = model("µm").unwrap_err().to_string();
+    assert!(error.contains("measurand.model") && error.contains("mm") && error.contains("um"), "{error}");
+    assert!(model("mm").is_ok());
+}

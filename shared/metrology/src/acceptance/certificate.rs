@@ -26,7 +26,13 @@ pub(super) fn at_test(length_mm: f64, u_mm: f64, artefact: &Artefact, conditions
 /// Calibrated diameter of a sphere.
 pub(super) fn diameter(index: usize, artefact: &Artefact, conditions: &Conditions) -> Length {
     let nominal = artefact.diameters_mm.get(index).copied().unwrap_or(f64::NAN);
-    at_test(nominal, artefact.u_diameter_mm, artefact, conditions)
+    at_test(nominal, artefact.u_diameter_mm.unwrap_or(f64::NAN), artefact, conditions)
+}
+
+/// Calibrated distance of a ball bar's first sphere from another.
+pub(super) fn spacing(index: usize, artefact: &Artefact, conditions: &Conditions) -> Length {
+    let nominal = artefact.spacings_mm.get(index).copied().unwrap_or(f64::NAN);
+    at_test(nominal, artefact.u_spacing_mm.unwrap_or(f64::NAN), artefact, conditions)
 }
 
 /// Standard uncertainty of a test value, mm: artefact, temperature and form, never the instrument.
@@ -49,15 +55,20 @@ pub(super) fn u_test_value_mm(
         }
         Statistic::Size | Statistic::Size25 => u_length(diameter(length, artefact, conditions), 1.0),
         Statistic::Spacing | Statistic::SpacingAndSize => {
-            let nominal = artefact.spacings_mm.get(length).copied().unwrap_or(f64::NAN);
-            u_length(at_test(nominal, artefact.u_spacing_mm, artefact, conditions), 2.0)
+            u_length(spacing(length, artefact, conditions), 2.0)
+        }
+        // Both diameters come from one laboratory: their mean is as uncertain as each.
+        Statistic::LengthBidirectional => {
+            let between = u_length(spacing(length, artefact, conditions), 2.0);
+            let of_size = u_length(diameter(length + 1, artefact, conditions), 1.0);
+            (between * between + of_size * of_size).sqrt()
         }
     }
 }
 
 /// The artefact as a report shows it.
 pub(super) fn record(artefact: &Artefact) -> ArtefactRecord {
-    let mut values: Vec<(String, f64, f64)> = Vec::new();
+    let mut values: Vec<(String, f64, Option<f64>)> = Vec::new();
     for (index, diameter) in artefact.diameters_mm.iter().enumerate() {
         values.push((format!("diameter {}", index + 1), *diameter, artefact.u_diameter_mm));
     }
@@ -66,9 +77,20 @@ pub(super) fn record(artefact: &Artefact) -> ArtefactRecord {
     }
     if artefact.kind == Kind::Plane {
         let sides = artefact.size_mm.iter().flatten();
-        values.extend(sides.zip(["length", "width"]).map(|(side, name)| (name.to_owned(), *side, 0.0)));
+        values.extend(sides.zip(["length", "width"]).map(|(side, name)| (name.to_owned(), *side, None)));
     }
-    values.push(("form deviation".to_owned(), artefact.form_mm, artefact.u_form_mm));
+    values.push(("form deviation".to_owned(), artefact.form_mm, Some(artefact.u_form_mm)));
     let Artefact { id, kind, certificate, .. } = artefact;
-    ArtefactRecord { id: id.clone(), kind: kind.name().to_owned(), certificate: certificate.clone(), values }
+    let mut validity = Vec::new();
+    validity.extend(artefact.certificate_date.as_ref().map(|day| format!("from {day}")));
+    validity.extend(artefact.certificate_valid_until.as_ref().map(|day| format!("until {day}")));
+    validity.extend(artefact.zero_reason.as_ref().map(|why| format!("uncertainty 0: {why}")));
+    let validity = validity.join(", ");
+    ArtefactRecord {
+        id: id.clone(),
+        kind: kind.name().to_owned(),
+        certificate: certificate.clone(),
+        validity,
+        values,
+    }
 }

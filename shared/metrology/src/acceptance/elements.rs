@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::plan::{Artefact, PositionPlan, RegisterBy, TestPlan, ViewPlan};
 use super::register::register;
 use super::rules::{CloudOf, Kind};
-use super::segment::{LEAST_POINTS, Segment, Wanted, find, positions};
+use super::segment::{Excluded, LEAST_POINTS, Segment, Segments, Wanted, find, positions};
 use super::{AcceptanceError, at};
 use crate::fit::{FitSettings, SphereFit, sphere};
 use fringe::cloud::Point;
@@ -20,6 +20,10 @@ pub(super) struct Group {
     pub views: Vec<String>,
     /// Points of each element.
     pub elements: Vec<Vec<Point3<f64>>>,
+    /// How many of the first element's points are those of its first view.
+    pub first_view: usize,
+    /// Points in the zones of the elements that the plan excludes.
+    pub excluded: usize,
 }
 
 /// What a position shows.
@@ -27,8 +31,8 @@ pub(super) struct Group {
 pub(super) struct Found {
     /// Pairs, views, and all together.
     pub groups: Vec<Group>,
-    /// Points beside the elements.
-    pub beside: usize,
+    /// Points of other bodies, in no zone of the artefact.
+    pub elsewhere: usize,
     /// Worst root mean square of reference spheres, mm.
     pub registration_rms_mm: Option<f64>,
 }
@@ -48,7 +52,7 @@ pub(super) fn groups(
     let by_references = position.register == RegisterBy::References;
     let mut wanted = elements(artefact);
     let own = wanted.len();
-    let mut found = Found { groups: Vec::new(), beside: 0, registration_rms_mm: None };
+    let mut found = Found { groups: Vec::new(), elsewhere: 0, registration_rms_mm: None };
     if by_references {
         wanted.extend(plan.references.iter().map(|r| Wanted::Sphere(r.diameter_mm)));
     }
@@ -57,9 +61,12 @@ pub(super) fn groups(
     let mut references = Vec::new();
     for (view, cloud) in position.views.iter().zip(clouds) {
         let place = place(view);
-        let mut segments = seek(&place, cloud, &wanted, own, view, plan)?;
-        references.push(spheres(&place, &segments.split_off(own))?);
-        seen.push(segments);
+        let left_out = Excluded { balls_mm: &view.exclude_mm, rod_diameter_mm: artefact.rod_diameter_mm };
+        let Segments { mut elements, elsewhere } =
+            find(&place, cloud, (&wanted, own), &view.near_mm, &left_out, &plan.segmentation)?;
+        found.elsewhere += elsewhere;
+        references.push(spheres(&place, &elements.split_off(own))?);
+        seen.push(elements);
     }
     let registered = if by_references {
         let (poses, rms) = register(&references).ok_or_else(|| AcceptanceError::Plan {
@@ -76,7 +83,6 @@ pub(super) fn groups(
             Some(poses) => poses.get(index).copied(),
             None => view.transform.map(pose_of),
         };
-        found.beside += segments.iter().map(|s| s.beside).sum::<usize>();
         for (element, segment) in all.iter_mut().zip(segments) {
             let moved = segment.points.iter().map(|p| match pose {
                 Some(pose) => Point3::from(pose.point(&p.position().coords)),
@@ -86,29 +92,23 @@ pub(super) fn groups(
         }
         found.groups.extend(of_pairs(&view.name, segments));
         let elements = segments.iter().map(|s| positions(&s.points)).collect();
-        found.groups.push(Group { cloud: CloudOf::View, views: vec![view.name.clone()], elements });
+        let views = vec![view.name.clone()];
+        let (first_view, excluded) = (first(segments), excluded(segments));
+        found.groups.push(Group { cloud: CloudOf::View, views, elements, first_view, excluded });
     }
     let views = position.views.iter().map(|view| view.name.clone()).collect();
-    found.groups.push(Group { cloud: CloudOf::Registered, views, elements: all });
+    let first_view = seen.first().map_or(0, |segments| first(segments));
+    let excluded = seen.iter().map(|segments| excluded(segments)).sum();
+    found.groups.push(Group { cloud: CloudOf::Registered, views, elements: all, first_view, excluded });
     Ok(found)
 }
 
-/// Elements of the artefact where the plan says or by search; reference spheres always by search.
-fn seek(
-    place: &str,
-    cloud: &[Point],
-    wanted: &[Wanted],
-    own: usize,
-    view: &ViewPlan,
-    plan: &TestPlan,
-) -> Result<Vec<Segment>, AcceptanceError> {
-    if view.near_mm.is_empty() || wanted.len() == own {
-        return find(place, cloud, wanted, &view.near_mm, &plan.segmentation);
-    }
-    let (elements, references) = wanted.split_at(own);
-    let mut segments = find(place, cloud, elements, &view.near_mm, &plan.segmentation)?;
-    segments.extend(find(place, cloud, references, &[], &plan.segmentation)?);
-    Ok(segments)
+fn first(segments: &[Segment]) -> usize {
+    segments.first().map_or(0, |segment| segment.points.len())
+}
+
+fn excluded(segments: &[Segment]) -> usize {
+    segments.iter().map(|segment| segment.excluded).sum()
 }
 
 fn elements(artefact: &Artefact) -> Vec<Wanted> {
@@ -138,10 +138,13 @@ fn of_pairs(view: &str, segments: &[Segment]) -> Vec<Group> {
         let only = |s: &Segment| s.points.iter().filter(|p| p.pair == pair).map(Point::position).collect();
         let elements: Vec<Vec<Point3<f64>>> = segments.iter().map(only).collect();
         let enough = elements.iter().all(|points| points.len() >= LEAST_POINTS);
+        let first_view = elements.first().map_or(0, Vec::len);
         enough.then(|| Group {
             cloud: CloudOf::Pair,
             views: vec![format!("{view}, pair {}", pair + 1)],
             elements,
+            first_view,
+            excluded: 0,
         })
     };
     pairs.into_iter().filter_map(of_pair).collect()

@@ -2,16 +2,18 @@
 
 use nalgebra::Point3;
 
-use super::certificate::{diameter, record, u_test_value_mm};
-use super::conform::{coverage as coverage_rules, violations};
+use super::arrangement::{Arrangement, Placed};
+use super::certificate::{diameter, record, spacing, u_test_value_mm};
+use super::conform::{measured, violations};
 use super::elements::{Group, groups};
-use super::patches::{coverage, representative};
+use super::fitted::Fitted;
+use super::patches::{coverage, middle_direction, representative};
 use super::plan::{Artefact, DecisionRule, Limit, PositionPlan, TestPlan};
-use super::result::{PositionValue, TestReport, Violation, Volume};
-use super::rules::{CharacteristicRule, CloudOf, RuleSet, Statistic};
-use super::summary::{Value, summarise, test_verdict};
+use super::result::{Input, PositionValue, TestReport, TestVerdict, Violation, Volume};
+use super::rules::{CharacteristicRule, CloudOf, Quantity, RuleSet, Statistic};
+use super::summary::{Value, summarise};
 use super::{AcceptanceError, at};
-use crate::fit::{FitSettings, PlaneFit, SphereFit, centre_distance_mm, plane, sphere};
+use crate::fit::{FitSettings, SphereFit, centre_distance_mm, sphere};
 use fringe::cloud::Point;
 
 /// Evaluates positions one after another; the clouds of one need not stay in memory.
@@ -22,8 +24,10 @@ pub struct Evaluator<'a> {
     violations: Vec<Violation>,
     /// One list per characteristic of the rule set.
     values: Vec<Vec<Value>>,
+    arrangement: Arrangement,
     worst_registration_mm: Option<f64>,
-    beside: usize,
+    elsewhere: usize,
+    excluded: usize,
 }
 
 impl<'a> Evaluator<'a> {
@@ -42,8 +46,7 @@ impl<'a> Evaluator<'a> {
                     known: known.join(", "),
                 });
             };
-            let of_lengths = matches!(one.statistic, Statistic::Spacing | Statistic::SpacingAndSize);
-            if matches!(limit, Limit::Length(_)) && !of_lengths {
+            if matches!(limit, Limit::Length(_)) && !one.statistic.of_length() {
                 return Err(AcceptanceError::Plan {
                     place: format!("limits, {symbol}"),
                     message: "grows with the length (a_mm, k_um_per_m), but this characteristic is no length error; \
@@ -52,9 +55,17 @@ impl<'a> Evaluator<'a> {
                 });
             }
         }
-        let violations = violations(plan, rules);
-        let values = vec![Vec::new(); rules.characteristics.len()];
-        let evaluator = Self { plan, rules, violations, values, worst_registration_mm: None, beside: 0 };
+        super::retest::check(plan, rules)?;
+        let evaluator = Self {
+            plan,
+            rules,
+            violations: violations(plan, rules),
+            values: vec![Vec::new(); rules.characteristics.len()],
+            arrangement: Arrangement::default(),
+            worst_registration_mm: None,
+            elsewhere: 0,
+            excluded: 0,
+        };
         evaluator.refuse()?;
         Ok(evaluator)
     }
@@ -69,7 +80,8 @@ impl<'a> Evaluator<'a> {
     /// Adds a position: the cloud of each of its views, in their order.
     ///
     /// # Errors
-    /// Elements that are not found or not fitted; views that cannot be registered.
+    /// A measurement that counts twice, elements that are not found or not fitted, a form that reaches the margin; views that
+    /// cannot be registered.
     pub fn add(&mut self, position: &PositionPlan, clouds: &[Vec<Point>]) -> Result<(), AcceptanceError> {
         let Some(artefact) = self.plan.artefact_of(position) else {
             return Err(AcceptanceError::Plan {
@@ -77,8 +89,15 @@ impl<'a> Evaluator<'a> {
                 message: format!("names the artefact \"{}\", which is not there", position.artefact),
             });
         };
+        for (view, cloud) in position.views.iter().zip(clouds) {
+            let place =
+                format!("position \"{}\" repeat {}, view \"{}\"", position.name, position.repeat, view.name);
+            if !cloud.is_empty() {
+                self.arrangement.cloud(&place, cloud)?;
+            }
+        }
         let found = groups(self.plan, position, artefact, clouds)?;
-        self.beside += found.beside;
+        self.elsewhere += found.elsewhere;
         self.worst_registration_mm = match (self.worst_registration_mm, found.registration_rms_mm) {
             (Some(worst), Some(rms)) => Some(worst.max(rms)),
             (worst, rms) => worst.or(rms),
@@ -95,19 +114,27 @@ impl<'a> Evaluator<'a> {
         artefact: &Artefact,
         group: &Group,
     ) -> Result<(), AcceptanceError> {
-        let place = format!("position \"{}\", {}", position.name, group.views.join(" + "));
+        let place =
+            format!("position \"{}\" repeat {}, {}", position.name, position.repeat, group.views.join(" + "));
         let settings = FitSettings {
             max_reject_fraction: self.plan.reject_fraction(self.rules),
             ..FitSettings::default()
         };
         let fitted = Fitted::new(artefact, group, &settings).map_err(|source| at(&place, source))?;
-        if let (CloudOf::Registered, Fitted::Spheres(fits), [points]) =
-            (group.cloud, &fitted, group.elements.as_slice())
-        {
-            let share = coverage(&fits[0], points);
-            let volume = Volume::new(self.plan.volume.total_mm);
-            self.violations.extend(coverage_rules(self.rules, &volume, &position.name, share));
+        fitted.check(&place, artefact, self.plan.segmentation.margin_mm)?;
+        match group.cloud {
+            CloudOf::Pair => {}
+            CloudOf::View => {
+                self.excluded += group.excluded;
+                self.arrangement.forms(&place, fitted.forms())?;
+            }
+            CloudOf::Registered => self.arrangement.place(Placed {
+                position: position.name.clone(),
+                kind: artefact.kind,
+                centres: fitted.centres(artefact),
+            }),
         }
+        self.cover(&place, artefact, group, &fitted);
         for (index, one) in self.rules.characteristics.iter().enumerate() {
             if one.artefact != artefact.kind || one.cloud != group.cloud {
                 continue;
@@ -119,13 +146,45 @@ impl<'a> Evaluator<'a> {
         Ok(())
     }
 
-    /// The report; `conditions` is added to the plan's.
+    /// Compares how much of each sphere the points cover with the rules, for the clouds by which the rule set decides.
+    fn cover(&mut self, place: &str, artefact: &Artefact, group: &Group, fitted: &Fitted) {
+        let decides = |one: &CharacteristicRule| {
+            one.decides && one.artefact == artefact.kind && one.cloud == group.cloud
+        };
+        let Fitted::Spheres(fits) = fitted else { return };
+        if !self.rules.characteristics.iter().any(decides) {
+            return;
+        }
+        let volume = Volume::new(self.plan.volume.total_mm);
+        for (index, (fit, points)) in fits.iter().zip(&group.elements).enumerate() {
+            let used: Vec<Point3<f64>> =
+                points.iter().zip(&fit.residuals.used).filter(|(_, used)| **used).map(|(p, _)| *p).collect();
+            let what =
+                if fits.len() > 1 { format!("{place}, sphere {}", index + 1) } else { place.to_owned() };
+            let share = coverage(fit, &used);
+            self.violations.extend(measured(
+                self.rules,
+                &volume,
+                (artefact.kind, Quantity::Coverage),
+                &what,
+                share,
+            ));
+        }
+    }
+
+    /// The report; `conditions` is added to those of the plan, `inputs` are what was read.
     ///
     /// # Errors
     /// Rules that the points break without `allow_reduced`.
-    pub fn finish(mut self, conditions: Vec<(String, String)>) -> Result<TestReport, AcceptanceError> {
-        self.refuse()?;
+    pub fn finish(
+        mut self,
+        conditions: Vec<(String, String)>,
+        inputs: Vec<Input>,
+    ) -> Result<TestReport, AcceptanceError> {
+        self.violations.extend(self.arrangement.violations(self.plan, self.rules));
         self.add_sizes();
+        self.not_measured();
+        self.refuse()?;
         let characteristics: Vec<_> = self
             .rules
             .characteristics
@@ -135,16 +194,36 @@ impl<'a> Evaluator<'a> {
             .collect();
         let mut all = self.conditions();
         all.extend(conditions);
-        Ok(TestReport {
+        let mut report = TestReport {
             rule_set: self.rules.id(),
-            verdict: test_verdict(&characteristics),
+            verdict: TestVerdict::Indeterminate,
+            guard_factor: self.plan.decision.factor(),
+            simulated: self.plan.conditions.simulated,
+            inputs,
             reduced: self.violations,
             conditions: all,
             sensor_volume: Volume::new(self.plan.volume.sensor_mm),
             total_volume: Volume::new(self.plan.volume.total_mm),
             artefacts: self.plan.artefacts.iter().map(record).collect(),
             characteristics,
-        })
+        };
+        report.verdict = report.verdict_of_characteristics();
+        Ok(report)
+    }
+
+    /// A characteristic that decides and of which there is no value.
+    fn not_measured(&mut self) {
+        let rules = self.rules.characteristics.iter().zip(&self.values);
+        for (one, _) in rules.filter(|(one, values)| one.decides && values.is_empty()) {
+            let text = format!(
+                "{} ({}) was not measured: add positions of a {}",
+                one.symbol,
+                one.name,
+                one.artefact.name()
+            );
+            let rule = "characteristics that decide".to_owned();
+            self.violations.push(Violation { rule, required: 1.0, actual: 0.0, unit: "values".into(), text });
+        }
     }
 
     /// Adds to each spacing error the size error, of all positions, that makes it worst.
@@ -176,7 +255,10 @@ impl<'a> Evaluator<'a> {
         let rule = match decision.rule {
             DecisionRule::Simple => "simple acceptance, as agreed".to_owned(),
             DecisionRule::Iso14253 => {
-                format!("ISO 14253-1, guard band {} u of the test value", decision.guard_factor)
+                format!(
+                    "ISO 14253-1, guard band {} times the standard uncertainty of each test value",
+                    decision.guard_factor
+                )
             }
         };
         let rejected = 100.0 * self.plan.reject_fraction(self.rules);
@@ -194,15 +276,23 @@ impl<'a> Evaluator<'a> {
             ),
             ("operating mode", conditions.operating_mode.clone()),
         ]);
+        list.extend(conditions.zero_reason.clone().map(|text| ("temperature without uncertainty", text)));
+        if conditions.simulated {
+            list.push(("simulated", "yes: no instrument was tested".to_owned()));
+        }
         list.extend(conditions.warm_up.clone().map(|text| ("warm-up", text)));
         list.extend([
             ("decision rule", rule),
             ("rejected fraction", format!("{rejected} % of the points of each fit, largest residuals first")),
             (
-                "segmentation",
+                "points of the artefact",
                 format!(
-                    "points within {} mm of the surface of calibrated size; {} points lie beside, within three times that",
-                    segmentation.margin_mm, self.beside
+                    "all within {} of a surface and all inside a sphere, {} excluded by the plan (stem, rod, fixture); {} points of \
+                     other bodies; form deviations below {} mm can be evaluated",
+                    segmentation.zone_mm.map_or("its radius".to_owned(), |zone| format!("{zone} mm")),
+                    self.excluded,
+                    self.elsewhere,
+                    segmentation.margin_mm
                 ),
             ),
         ]);
@@ -213,30 +303,6 @@ impl<'a> Evaluator<'a> {
             ));
         }
         list.into_iter().map(|(label, text)| (label.to_owned(), text)).collect()
-    }
-}
-
-/// The elements of a group, fitted.
-enum Fitted {
-    Spheres(Vec<SphereFit>),
-    Plane(Box<PlaneFit>),
-}
-
-impl Fitted {
-    fn new(artefact: &Artefact, group: &Group, settings: &FitSettings) -> Result<Self, crate::fit::FitError> {
-        if let ([points], true) = (group.elements.as_slice(), artefact.diameters_mm.is_empty()) {
-            return Ok(Self::Plane(Box::new(plane(points, settings)?)));
-        }
-        Ok(Self::Spheres(
-            group.elements.iter().map(|points| sphere(points, settings)).collect::<Result<_, _>>()?,
-        ))
-    }
-
-    fn form(&self, element: usize) -> Option<&crate::fit::Form> {
-        match self {
-            Self::Spheres(fits) => fits.get(element).map(|fit| &fit.form),
-            Self::Plane(fit) => Some(&fit.form),
-        }
     }
 }
 
@@ -266,9 +332,10 @@ impl Job<'_> {
             (Statistic::Form25 | Statistic::Size25, Fitted::Spheres(fits)) => {
                 self.of_25(one.statistic, fits)?.into_iter().collect()
             }
-            (Statistic::Spacing | Statistic::SpacingAndSize, Fitted::Spheres(fits)) => {
-                self.spacings(one.statistic, fits)
-            }
+            (
+                Statistic::Spacing | Statistic::SpacingAndSize | Statistic::LengthBidirectional,
+                Fitted::Spheres(fits),
+            ) => self.spacings(one.statistic, fits),
             (_, Fitted::Plane(_)) => Vec::new(),
         })
     }
@@ -279,14 +346,18 @@ impl Job<'_> {
 
     fn spacings(&self, statistic: Statistic, fits: &[SphereFit]) -> Vec<Value> {
         let Some((first, others)) = fits.split_first() else { return Vec::new() };
+        let size = |index: usize| diameter(index, self.artefact, &self.plan.conditions).value_mm;
         others
             .iter()
-            .zip(&self.artefact.spacings_mm)
             .enumerate()
-            .map(|(index, (other, nominal))| {
-                let calibrated =
-                    super::certificate::at_test(*nominal, 0.0, self.artefact, &self.plan.conditions).value_mm;
-                let error = centre_distance_mm(first, other).value - calibrated;
+            .map(|(index, other)| {
+                let mut calibrated = spacing(index, self.artefact, &self.plan.conditions).value_mm;
+                let mut found = centre_distance_mm(first, other).value;
+                if statistic == Statistic::LengthBidirectional {
+                    calibrated += 0.5 * (size(0) + size(index + 1));
+                    found += 0.5 * (first.diameter_mm + other.diameter_mm);
+                }
+                let error = found - calibrated;
                 let mut value = self.value(statistic, index, error, &[&first.form, &other.form]);
                 value.shown.length_mm = Some(calibrated);
                 if others.len() > 1 {
@@ -301,7 +372,15 @@ impl Job<'_> {
         let (Some(fit), Some(points)) = (fits.first(), self.group.elements.first()) else { return Ok(None) };
         let used: Vec<Point3<f64>> =
             points.iter().zip(&fit.residuals.used).filter(|(_, used)| **used).map(|(p, _)| *p).collect();
-        let chosen = representative(fit, &used).map_err(|missing| AcceptanceError::NotFound {
+        let first: Vec<Point3<f64>> = points
+            .iter()
+            .zip(&fit.residuals.used)
+            .take(self.group.first_view)
+            .filter(|(_, used)| **used)
+            .map(|(p, _)| *p)
+            .collect();
+        let pole = middle_direction(fit, &first);
+        let chosen = representative(fit, &used, &pole).map_err(|missing| AcceptanceError::NotFound {
             place: self.place.to_owned(),
             message: format!(
                 "{missing} of the 25 directions of the sphere show no points: measure it from more sides"
@@ -320,10 +399,15 @@ impl Job<'_> {
                 value,
                 length_mm: None,
                 limit: None,
+                test_value_u: None,
+                verdict: None,
+                replaced: false,
                 points: forms.iter().map(|form| form.points).sum(),
                 rejected: forms.iter().map(|form| form.rejected).sum(),
+                excluded: self.group.excluded,
                 views: self.group.views.clone(),
             },
+            retest: self.position.retest,
             u_mm: u_test_value_mm(statistic, length, self.artefact, &self.plan.conditions),
         }
     }

@@ -14,16 +14,20 @@
 //! * The scatter of repeats and the scatter of positions are two numbers; repeats are no independent positions.
 //! * The uncertainty of a test value comes from artefact and temperature alone (ISO/TS 23165), not from the errors found.
 
+mod arrangement;
 mod certificate;
 mod conform;
+mod date;
 mod elements;
 mod error;
 mod evaluate;
+mod fitted;
 mod join;
 mod patches;
 mod plan;
 mod register;
 mod result;
+mod retest;
 mod rules;
 mod segment;
 mod summary;
@@ -37,11 +41,12 @@ pub use plan::{
     RegisterBy, Segmentation, TEST_FORMAT, TestPlan, ViewPlan, Volumes,
 };
 pub use result::{
-    ArtefactRecord, Characteristic, PositionValue, RuleSetId, TestReport, TestVerdict, Violation, Volume,
+    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, TestReport, TestVerdict, Violation,
+    Volume,
 };
 pub use rules::{
-    CharacteristicRule, CloudOf, Kind, Quantity, RULES_FORMAT, RejectFraction, Rule, RuleSet, Statistic,
-    Status,
+    CharacteristicRule, CloudOf, Kind, Quantity, RULES_FORMAT, RejectFraction, RetestRule, Rule, RuleSet,
+    Statistic, Status,
 };
 
 use crate::fit::FitError;

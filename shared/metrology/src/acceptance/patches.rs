@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Point3, Vector3};
 
-use crate::fit::SphereFit;
+use crate::fit::{SphereFit, tangents};
 use fringe::math;
 
 /// Bands of equal area between the poles, and sectors of each: patches of 1/128 of the surface.
@@ -32,11 +32,22 @@ pub(super) fn coverage(fit: &SphereFit, points: &[Point3<f64>]) -> f64 {
     seen.iter().filter(|s| **s).count() as f64 / seen.len() as f64
 }
 
-/// 25 representative points: in each direction the mean radial distance of the points near it.
+/// Middle direction of points on a sphere: of one view, the line of sight against which the sensor looked.
+pub(super) fn middle_direction(fit: &SphereFit, points: &[Point3<f64>]) -> Vector3<f64> {
+    let sum: Vector3<f64> = points.iter().filter_map(|p| (p - fit.center()).try_normalize(0.0)).sum();
+    sum.try_normalize(1e-6 * points.len() as f64).unwrap_or(Vector3::z())
+}
+
+/// 25 representative points of the pattern about `pole`: in each direction the mean radial distance of the points near it.
 ///
 /// # Errors
 /// The number of directions without points.
-pub(super) fn representative(fit: &SphereFit, points: &[Point3<f64>]) -> Result<Vec<Point3<f64>>, usize> {
+pub(super) fn representative(
+    fit: &SphereFit,
+    points: &[Point3<f64>],
+    pole: &Vector3<f64>,
+) -> Result<Vec<Point3<f64>>, usize> {
+    let [e1, e2] = tangents(pole);
     let near = math::cos(NEAR_DEG.to_radians());
     let arms: Vec<(Vector3<f64>, f64)> = points
         .iter()
@@ -47,6 +58,7 @@ pub(super) fn representative(fit: &SphereFit, points: &[Point3<f64>]) -> Result<
         .collect();
     let found: Vec<Option<Point3<f64>>> = directions()
         .map(|direction| {
+            let direction = e1 * direction.x + e2 * direction.y + pole * direction.z;
             let radii = arms.iter().filter(|(out, _)| out.dot(&direction) >= near).map(|(_, radius)| *radius);
             let (count, sum) = radii.fold((0_usize, 0.0), |(count, sum), radius| (count + 1, sum + radius));
             (count > 0).then(|| fit.center() + direction * (sum / count as f64))

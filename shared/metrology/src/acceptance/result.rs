@@ -2,6 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::inspection::{Verdict, decide};
+
+/// Coverage factor of the stated uncertainties of test values.
+pub(super) const COVERAGE_FACTOR: f64 = 2.0;
+
 /// The whole test.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TestReport {
@@ -9,6 +14,15 @@ pub struct TestReport {
     pub rule_set: RuleSetId,
     /// Rules that the plan breaks; not empty: a reduced test.
     pub reduced: Vec<Violation>,
+    /// Guard band over the standard uncertainty of a test value by which a value must lie within its limit to pass, and beyond
+    /// it to fail; 0 for simple acceptance.
+    pub guard_factor: f64,
+    /// Whether the recordings were simulated: no instrument was tested.
+    #[serde(default)]
+    pub simulated: bool,
+    /// Recordings and clouds behind the values.
+    #[serde(default)]
+    pub inputs: Vec<Input>,
     /// Label and text: operator, date, temperature, operating mode, rig hash, software version …
     pub conditions: Vec<(String, String)>,
     /// What one view sees.
@@ -21,6 +35,31 @@ pub struct TestReport {
     pub characteristics: Vec<Characteristic>,
     /// One deciding characteristic that fails fails the test; it passes when all pass.
     pub verdict: TestVerdict,
+}
+
+impl TestReport {
+    /// The verdict that the verdicts of the characteristics give: one limit that is broken fails the test, and a deciding
+    /// characteristic without a limit proves nothing.
+    pub fn verdict_of_characteristics(&self) -> TestVerdict {
+        let deciding = self.characteristics.iter().filter(|c| c.decides || c.limit.is_some());
+        TestVerdict::worst(deciding.map(|c| c.verdict.unwrap_or(TestVerdict::Indeterminate)))
+            .unwrap_or(TestVerdict::Indeterminate)
+    }
+}
+
+/// A recording or a cloud.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Input {
+    /// Name of the position.
+    pub position: String,
+    /// Repeat, from 1.
+    pub repeat: u32,
+    /// Name of the view.
+    pub view: String,
+    /// As the plan names it.
+    pub source: String,
+    /// SHA-256 of the file; of a recording: of the list of its files with theirs.
+    pub sha256: String,
 }
 
 /// Names a rule set.
@@ -79,8 +118,11 @@ pub struct ArtefactRecord {
     pub kind: String,
     /// Number of the certificate.
     pub certificate: String,
-    /// Calibrated values: name, value mm, standard uncertainty mm.
-    pub values: Vec<(String, f64, f64)>,
+    /// From when until when the certificate is valid, and why an uncertainty is 0; empty: not stated.
+    #[serde(default)]
+    pub validity: String,
+    /// Calibrated values: name, value mm, standard uncertainty mm; `None` where the certificate states none.
+    pub values: Vec<(String, f64, Option<f64>)>,
 }
 
 /// A characteristic over all positions.
@@ -101,15 +143,17 @@ pub struct Characteristic {
     pub decides: bool,
     /// Maximum permissible error at `value`: |value| has to stay within.
     pub limit: Option<f64>,
-    /// Expanded uncertainty of the test value (k = 2): of artefact and its use, never of the instrument.
+    /// Expanded uncertainty (k = 2) of the test value `value`: of artefact and its use, never of the instrument. Each position
+    /// has its own.
     pub test_value_u: Option<f64>,
-    /// Decision; `None` without a limit.
+    /// The worst verdict over all positions that count; `None` without a limit.
     pub verdict: Option<TestVerdict>,
     /// Values, in the order of the plan.
     pub positions: Vec<PositionValue>,
-    /// Scatter of repeats within positions: pooled sample standard deviation; `None` without repeats.
+    /// Scatter of repeats within positions: pooled sample standard deviation; `None` without repeats, or where they do not
+    /// differ by more than the arithmetic resolves.
     pub repeatability: Option<f64>,
-    /// Scatter of the means of positions: sample standard deviation; `None` with one position.
+    /// Scatter of the means of positions: sample standard deviation; `None` with one position, or as above.
     pub between_positions: Option<f64>,
 }
 
@@ -123,6 +167,24 @@ impl Characteristic {
     pub fn common_limit(&self) -> Option<f64> {
         let alike = self.positions.iter().all(|p| self.limit_of(p) == self.limit);
         self.limit.filter(|_| alike)
+    }
+
+    /// What the value of one of its positions proves; `None` without a limit.
+    pub fn verdict_at(&self, position: &PositionValue, guard_factor: f64) -> Option<TestVerdict> {
+        let limit = self.limit_of(position)?;
+        let u = position.test_value_u.or(self.test_value_u).unwrap_or(0.0) / COVERAGE_FACTOR;
+        // A negative error counts as a positive one.
+        Some(match decide(position.value, u, guard_factor, Some(-limit), limit) {
+            Verdict::Pass => TestVerdict::Pass,
+            Verdict::Fail => TestVerdict::Fail,
+            Verdict::Indeterminate | Verdict::NotMeasured => TestVerdict::Indeterminate,
+        })
+    }
+
+    /// What all its values prove: every one that counts must pass. `None` without a limit or without a value.
+    pub fn verdict_over_positions(&self, guard_factor: f64) -> Option<TestVerdict> {
+        let counting = self.positions.iter().filter(|p| !p.replaced);
+        TestVerdict::worst(counting.filter_map(|p| self.verdict_at(p, guard_factor)))
     }
 }
 
@@ -141,10 +203,22 @@ pub struct PositionValue {
     /// Its own limit, where limits grow with the length; absent: the characteristic's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub limit: Option<f64>,
+    /// Expanded uncertainty (k = 2) of this test value.
+    #[serde(default)]
+    pub test_value_u: Option<f64>,
+    /// What this value proves; absent without a limit.
+    #[serde(default)]
+    pub verdict: Option<TestVerdict>,
+    /// Whether a retest took the place of this value: it stands here but does not count.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub replaced: bool,
     /// Points behind it.
     pub points: usize,
     /// Points left out by the stated fraction.
     pub rejected: usize,
+    /// Points that the plan excludes as those of a stem, a rod or a fixture.
+    #[serde(default)]
+    pub excluded: usize,
     /// Views whose points are in it.
     pub views: Vec<String>,
 }
@@ -159,4 +233,15 @@ pub enum TestVerdict {
     Indeterminate,
     /// Non-conformity proven.
     Fail,
+}
+
+impl TestVerdict {
+    /// Any fail is a fail, any doubt is a doubt; `None` of nothing.
+    pub fn worst(verdicts: impl Iterator<Item = Self>) -> Option<Self> {
+        verdicts.max_by_key(|verdict| match verdict {
+            Self::Pass => 0,
+            Self::Indeterminate => 1,
+            Self::Fail => 2,
+        })
+    }
 }

@@ -22,6 +22,9 @@ pub struct RuleSet {
     pub edition: String,
     /// Fraction of the points that a fit may leave out.
     pub reject_fraction: RejectFraction,
+    /// How often a position may be measured again whose value broke its limit; absent: never.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub retest: Option<RetestRule>,
     /// Conditions that a plan has to fulfil.
     #[serde(default, rename = "rule")]
     pub rules: Vec<Rule>,
@@ -50,6 +53,20 @@ pub enum Status {
 pub struct RejectFraction {
     /// 0 … 0.5.
     pub most: f64,
+    /// How well it is known.
+    pub status: Status,
+    /// From where.
+    pub source: String,
+}
+
+/// Measuring again after a broken limit: the new values decide in place of the old, which stay in the report.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RetestRule {
+    /// Positions of the whole test that may be measured again.
+    pub most_positions: usize,
+    /// New measurements of each such position; all of them must keep the limit.
+    pub measurements: usize,
     /// How well it is known.
     pub status: Status,
     /// From where.
@@ -87,8 +104,20 @@ pub enum Quantity {
     Positions,
     /// Views of each position.
     Views,
-    /// Share of the sphere's surface with points, of each position.
+    /// Share of a sphere's surface with points, of each sphere in each cloud that decides.
     Coverage,
+    /// Distance of two positions of the artefact, the least over all, over the body diagonal.
+    ApartOverDiagonal,
+    /// Directions of the artefact's axis, at least 15° apart.
+    Directions,
+    /// Extent of all centres along an axis over the edge of the total volume, the least of three.
+    ExtentOverVolume,
+    /// `zone_mm` over the diameter of a sphere.
+    ZoneOverDiameter,
+    /// Certified form deviation over the limit of a form.
+    FormOverLimit,
+    /// Expanded uncertainty (k = 2) of a test value over its limit.
+    UncertaintyOverLimit,
     /// Calibrated diameters over the body diagonal of the total volume.
     DiameterOverDiagonal,
     /// Longest calibrated length over the body diagonal.
@@ -110,10 +139,16 @@ impl Quantity {
             Self::Positions => (1.0, "positions"),
             Self::Views => (1.0, "views"),
             Self::Lengths => (1.0, "lengths"),
-            Self::Coverage => (100.0, "%"),
-            Self::DiameterOverDiagonal | Self::LongestOverDiagonal | Self::LengthOverDiagonal => {
-                (l0_mm, "mm")
-            }
+            Self::Directions => (1.0, "directions"),
+            Self::Coverage
+            | Self::ExtentOverVolume
+            | Self::ZoneOverDiameter
+            | Self::FormOverLimit
+            | Self::UncertaintyOverLimit => (100.0, "%"),
+            Self::DiameterOverDiagonal
+            | Self::LongestOverDiagonal
+            | Self::LengthOverDiagonal
+            | Self::ApartOverDiagonal => (l0_mm, "mm"),
             Self::LongestOverShortestSide => (shortest_mm, "mm"),
             Self::WidthMm => (1.0, "mm"),
         }
@@ -163,14 +198,26 @@ pub enum Statistic {
     Spacing,
     /// Spacing error plus the size error that makes it worst.
     SpacingAndSize,
+    /// Measured less calibrated length from the far side of one sphere to that of the other: bidirectional.
+    LengthBidirectional,
 }
 
 impl Statistic {
+    /// Whether it is the error of a length, whose limit may grow with the length.
+    pub(super) fn of_length(self) -> bool {
+        matches!(self, Self::Spacing | Self::SpacingAndSize | Self::LengthBidirectional)
+    }
+
+    /// Whether it is a deviation from the form.
+    pub(super) fn of_form(self) -> bool {
+        matches!(self, Self::FormRange | Self::FormSigma | Self::FormD95 | Self::Form25)
+    }
+
     fn suits(self, kind: Kind) -> bool {
         match self {
             Self::FormRange | Self::FormSigma | Self::FormD95 => kind != Kind::BallBar,
             Self::Form25 | Self::Size | Self::Size25 => kind == Kind::Sphere,
-            Self::Spacing | Self::SpacingAndSize => kind == Kind::BallBar,
+            Self::Spacing | Self::SpacingAndSize | Self::LengthBidirectional => kind == Kind::BallBar,
         }
     }
 }
@@ -241,6 +288,9 @@ impl RuleSet {
         if !(0.0..=0.5).contains(&self.reject_fraction.most) {
             return Err(bad("reject_fraction", "most", self.reject_fraction.most, "0 … 0.5"));
         }
+        if self.retest.as_ref().is_some_and(|r| r.measurements == 0 || r.most_positions == 0) {
+            return Err(bad("retest", "measurements and most_positions", 0.0, "at least 1"));
+        }
         for rule in &self.rules {
             for (key, value) in [("least", rule.least), ("most", rule.most)] {
                 if let Some(value) = value.filter(|v| !(v.is_finite() && *v >= 0.0)) {
@@ -275,6 +325,12 @@ impl RuleSet {
         if assumed(self.reject_fraction.status) {
             let RejectFraction { most, source, .. } = &self.reject_fraction;
             list.push(format!("rejected fraction at most {most} ({source})"));
+        }
+        if let Some(retest) = self.retest.as_ref().filter(|r| assumed(r.status)) {
+            let RetestRule { most_positions, measurements, source, .. } = retest;
+            list.push(format!(
+                "retest: at most {most_positions} positions, {measurements} measurements of each ({source})"
+            ));
         }
         for rule in self.rules.iter().filter(|rule| assumed(rule.status)) {
             let limits = [("at least", rule.least), ("at most", rule.most)];

@@ -2,26 +2,44 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::AcceptanceError;
 use super::plan::Segmentation;
-use crate::fit::{FitSettings, find_plane, find_sphere, sphere};
+use crate::fit::{FitError, FitSettings, find_plane, find_sphere, sphere};
 use fringe::cloud::Point;
 
 /// Fewest points of an element: below, a form deviation says nothing.
 pub(super) const LEAST_POINTS: usize = 50;
 
-/// Points this many margins from the surface are told as lying beside it.
-const BESIDE_MARGINS: f64 = 3.0;
+/// Zone of a plane over the margin, where the plan gives none.
+const PLANE_ZONE_MARGINS: f64 = 10.0;
 
 /// The points of an element.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Segment {
-    /// Its points.
+    /// Its points: all that lie in its zone.
     pub points: Vec<Point>,
-    /// Points within three margins of the surface, but not within one.
-    pub beside: usize,
+    /// Points in its zone that the plan excludes.
+    pub excluded: usize,
+}
+
+/// What a cloud shows.
+#[derive(Debug, Clone)]
+pub(super) struct Segments {
+    /// The elements, in their order.
+    pub elements: Vec<Segment>,
+    /// Points in no zone: of other bodies.
+    pub elsewhere: usize,
+}
+
+/// Points that the plan excludes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Excluded<'a> {
+    /// Balls x, y, z, r in mm.
+    pub balls_mm: &'a [[f64; 4]],
+    /// Diameter of the rod between the first sphere and the others.
+    pub rod_diameter_mm: Option<f64>,
 }
 
 /// What is looked for.
@@ -33,33 +51,159 @@ pub(super) enum Wanted {
     Plane,
 }
 
-/// Finds the elements in their order; `near_mm` is empty or has a ball for each.
+/// Where an element is, from the points that agree on it.
+#[derive(Debug, Clone, Copy)]
+enum Located {
+    Sphere {
+        center: Point3<f64>,
+        radius_mm: f64,
+    },
+    /// `reach_mm`: how far from `center` its points go.
+    Plane {
+        center: Point3<f64>,
+        normal: Vector3<f64>,
+        reach_mm: f64,
+    },
+}
+
+impl Located {
+    /// Distance from the surface, and whether the point lies inside a sphere, where nothing else can be.
+    fn distance(&self, point: &Point3<f64>) -> (f64, bool) {
+        match self {
+            Self::Sphere { center, radius_mm } => {
+                let off = (point - center).norm() - radius_mm;
+                (off.abs(), off < 0.0)
+            }
+            Self::Plane { center, normal, reach_mm } => {
+                let arm = point - center;
+                let off = if arm.norm() <= *reach_mm { arm.dot(normal).abs() } else { f64::INFINITY };
+                (off, false)
+            }
+        }
+    }
+
+    fn zone_mm(&self, settings: &Segmentation) -> f64 {
+        settings.zone_mm.unwrap_or(match self {
+            Self::Sphere { radius_mm, .. } => *radius_mm,
+            Self::Plane { .. } => PLANE_ZONE_MARGINS * settings.margin_mm,
+        })
+    }
+}
+
+/// Finds the elements in their order, and with the first `own` of them, which are the artefact's, every point in their zones.
+/// The others are reference spheres, of which the points within the margin are taken. `near_mm` is empty or has a ball for
+/// each of the artefact's elements. A point in two zones belongs to the nearer surface.
 ///
 /// # Errors
 /// An element that is not there; spheres that cannot be told apart.
 pub(super) fn find(
     place: &str,
     cloud: &[Point],
+    (wanted, own): (&[Wanted], usize),
+    near_mm: &[[f64; 4]],
+    excluded: &Excluded<'_>,
+    settings: &Segmentation,
+) -> Result<Segments, AcceptanceError> {
+    let located = locate(place, cloud, wanted, near_mm, settings)?;
+    let mut found = Segments { elements: vec![Segment::default(); wanted.len()], elsewhere: 0 };
+    for point in cloud {
+        let at = point.position();
+        let zones =
+            located.iter().enumerate().map(|(index, one)| (index, one.distance(&at), one.zone_mm(settings)));
+        let nearest = zones
+            .filter(|(_, (off, inside), zone)| *inside || off <= zone)
+            .min_by(|(_, (a, _), _), (_, (b, _), _)| a.total_cmp(b));
+        let counts =
+            |(index, (off, _), _): &(usize, (f64, bool), f64)| *index < own || *off <= settings.margin_mm;
+        match nearest.filter(counts).and_then(|(index, _, _)| found.elements.get_mut(index)) {
+            Some(element) if excluded.holds(&at, &located[..own], settings.margin_mm) => {
+                element.excluded += 1
+            }
+            Some(element) => element.points.push(*point),
+            None => found.elsewhere += 1,
+        }
+    }
+    for (element, one) in found.elements.iter().zip(wanted) {
+        if element.points.len() < LEAST_POINTS {
+            let message = format!(
+                "{}: {} points count, needs {LEAST_POINTS}; the plan excludes {}",
+                describe(*one),
+                element.points.len(),
+                element.excluded
+            );
+            return Err(not_found(place, message));
+        }
+    }
+    Ok(found)
+}
+
+impl Excluded<'_> {
+    /// The rod is taken two margins wider than it is: its points scatter too.
+    fn holds(&self, point: &Point3<f64>, located: &[Located], margin_mm: f64) -> bool {
+        let in_ball = |[x, y, z, r]: &[f64; 4]| (point - Point3::new(*x, *y, *z)).norm() <= *r;
+        if self.balls_mm.iter().any(in_ball) {
+            return true;
+        }
+        let (Some(diameter), Some(Located::Sphere { center: first, .. })) =
+            (self.rod_diameter_mm, located.first())
+        else {
+            return false;
+        };
+        let in_rod = |other: &Located| {
+            let Located::Sphere { center, .. } = other else { return false };
+            let (axis, arm) = (center - first, point - first);
+            let Some(direction) = axis.try_normalize(0.0) else { return false };
+            let along = arm.dot(&direction);
+            let across = (arm - direction * along).norm();
+            (0.0..=axis.norm()).contains(&along) && across <= 0.5 * diameter + 2.0 * margin_mm
+        };
+        located.iter().skip(1).any(in_rod)
+    }
+}
+
+/// Where the elements are.
+fn locate(
+    place: &str,
+    cloud: &[Point],
     wanted: &[Wanted],
     near_mm: &[[f64; 4]],
     settings: &Segmentation,
-) -> Result<Vec<Segment>, AcceptanceError> {
+) -> Result<Vec<Located>, AcceptanceError> {
     if cloud.is_empty() {
         return Err(not_found(place, "the cloud has no point".into()));
     }
-    if near_mm.len() == wanted.len() {
-        return wanted
-            .iter()
-            .zip(near_mm)
-            .map(|(one, ball)| in_ball(place, cloud, *one, ball, settings))
-            .collect();
-    }
-    let mut left = bodies(cloud, settings.gap_mm);
+    let at = |one: &Wanted, held: &[Point]| {
+        located(*one, &positions(held))
+            .map_err(|source| AcceptanceError::Fit { place: place.to_owned(), source })
+    };
     let mut found = Vec::new();
-    for one in wanted {
-        found.push(take(place, &mut left, *one, wanted, settings)?);
+    for (one, ball) in wanted.iter().zip(near_mm) {
+        found.push(at(one, &in_ball(place, cloud, *one, ball, settings)?)?);
+    }
+    if found.len() < wanted.len() {
+        let mut left = bodies(cloud, settings.gap_mm);
+        for one in &wanted[found.len()..] {
+            found.push(at(one, &take(place, &mut left, *one, wanted, settings)?)?);
+        }
     }
     Ok(found)
+}
+
+fn located(wanted: Wanted, held: &[Point3<f64>]) -> Result<Located, FitError> {
+    let settings = FitSettings::default();
+    match wanted {
+        Wanted::Sphere(diameter) => {
+            let fit = crate::fit::sphere_of_diameter(held, diameter, &settings)?;
+            Ok(Located::Sphere { center: fit.center(), radius_mm: 0.5 * diameter })
+        }
+        Wanted::Plane => {
+            let normal = crate::fit::plane(held, &settings)?.normal_vector();
+            let sum: Vector3<f64> = held.iter().map(|p| p.coords).sum();
+            let center = Point3::from(sum / held.len() as f64);
+            let reach_mm = held.iter().map(|p| (p - center).norm()).fold(0.0, f64::max);
+            Ok(Located::Plane { center, normal, reach_mm })
+        }
+    }
 }
 
 fn not_found(place: &str, message: String) -> AcceptanceError {
@@ -72,21 +216,21 @@ fn in_ball(
     wanted: Wanted,
     [x, y, z, r]: &[f64; 4],
     settings: &Segmentation,
-) -> Result<Segment, AcceptanceError> {
+) -> Result<Vec<Point>, AcceptanceError> {
     let centre = Point3::new(*x, *y, *z);
     let region: Vec<Point> = cloud.iter().filter(|p| (p.position() - centre).norm() <= *r).copied().collect();
     let held = mark(&region, wanted, settings.margin_mm).unwrap_or_default();
-    let segment = segment(&region, &held, wanted, settings.margin_mm);
-    if segment.points.len() < LEAST_POINTS {
+    let held = kept(&region, &held);
+    if held.len() < LEAST_POINTS {
         let message = format!(
             "{} in near_mm = [{x}, {y}, {z}, {r}]: {} of {} points there lie on one, needs {LEAST_POINTS}",
             describe(wanted),
-            segment.points.len(),
+            held.len(),
             region.len()
         );
         return Err(not_found(place, message));
     }
-    Ok(segment)
+    Ok(held)
 }
 
 fn describe(wanted: Wanted) -> String {
@@ -103,7 +247,7 @@ fn take(
     wanted: Wanted,
     all: &[Wanted],
     settings: &Segmentation,
-) -> Result<Segment, AcceptanceError> {
+) -> Result<Vec<Point>, AcceptanceError> {
     let mut best: Option<(usize, Vec<bool>, usize)> = None;
     for (index, body) in bodies.iter().enumerate() {
         if body.len() < LEAST_POINTS || best.as_ref().is_some_and(|(_, _, count)| *count >= body.len()) {
@@ -128,7 +272,7 @@ fn take(
         return Err(not_found(place, message));
     };
     let body = &mut bodies[index];
-    let found = segment(body, &held, wanted, settings.margin_mm);
+    let found = kept(body, &held);
     let mut rest = held.iter();
     body.retain(|_| rest.next().is_some_and(|held| !held));
     Ok(found)
@@ -152,28 +296,6 @@ fn mark(points: &[Point], wanted: Wanted, margin_mm: f64) -> Option<Vec<bool>> {
     match wanted {
         Wanted::Sphere(diameter) => find_sphere(&points, Some(diameter), margin_mm).ok(),
         Wanted::Plane => find_plane(&points, margin_mm).ok(),
-    }
-}
-
-fn segment(points: &[Point], held: &[bool], wanted: Wanted, margin_mm: f64) -> Segment {
-    let inside = kept(points, held);
-    let beside = beside(points, &inside, wanted, margin_mm);
-    Segment { points: inside, beside }
-}
-
-/// Points that a wider margin would take.
-fn beside(points: &[Point], inside: &[Point], wanted: Wanted, margin_mm: f64) -> usize {
-    let settings = FitSettings::default();
-    let wide = BESIDE_MARGINS * margin_mm;
-    let within = |distance: &dyn Fn(&Point3<f64>) -> f64| {
-        points.iter().filter(|p| distance(&p.position()).abs() <= wide).count().saturating_sub(inside.len())
-    };
-    match wanted {
-        Wanted::Sphere(diameter) => crate::fit::sphere_of_diameter(&positions(inside), diameter, &settings)
-            .map_or(0, |fit| within(&|p| (p - fit.center()).norm() - 0.5 * diameter)),
-        Wanted::Plane => {
-            crate::fit::plane(&positions(inside), &settings).map_or(0, |fit| within(&|p| fit.distance_mm(p)))
-        }
     }
 }
 

@@ -2,19 +2,20 @@
 
 use std::collections::BTreeMap;
 
-use super::plan::{DecisionRule, Limit, TestPlan};
-use super::result::{Characteristic, PositionValue, TestVerdict};
+use super::plan::{Limit, TestPlan};
+use super::result::{COVERAGE_FACTOR, Characteristic, PositionValue};
 use super::rules::CharacteristicRule;
-use crate::inspection::{Verdict, decide};
 
-/// Coverage factor of the stated test-value uncertainty.
-const COVERAGE_FACTOR: f64 = 2.0;
+/// Scatter below this is rounding, mm: it says nothing and is left undetermined.
+const RESOLUTION_MM: f64 = 1e-7;
 
 /// A value with the standard uncertainty of its test value.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Value {
     /// As the report shows it.
     pub shown: PositionValue,
+    /// Whether it was measured again after a broken limit.
+    pub retest: bool,
     /// mm.
     pub u_mm: f64,
 }
@@ -26,65 +27,49 @@ pub(super) fn summarise(
     plan: &TestPlan,
 ) -> Option<Characteristic> {
     let limit_of = |v: &Value| plan.limits.get(&one.symbol).and_then(|limit| limit.at(v.shown.length_mm));
+    let mut values = values.to_vec();
+    replace(&mut values, &|v| Some((limit_of(v)?, plan.decision.factor())));
+    let values = &values[..];
     let taken = |v: &Value| v.shown.value.abs() / limit_of(v).unwrap_or(1.0);
-    let worst = values.iter().max_by(|a, b| taken(a).total_cmp(&taken(b)))?;
-    let limit = limit_of(worst);
+    let counting = values.iter().filter(|v| !v.shown.replaced);
+    let worst = counting.max_by(|a, b| taken(a).total_cmp(&taken(b)))?;
     let grows = matches!(plan.limits.get(&one.symbol), Some(Limit::Length(_)));
-    let guard = match plan.decision.rule {
-        DecisionRule::Simple => 0.0,
-        DecisionRule::Iso14253 => plan.decision.guard_factor,
+    let row = |v: &Value| PositionValue {
+        limit: limit_of(v).filter(|_| grows),
+        test_value_u: Some(COVERAGE_FACTOR * v.u_mm),
+        ..v.shown.clone()
     };
-    // Every value must pass, and a negative error counts as a positive one.
-    let verdict = values
-        .iter()
-        .filter_map(|v| {
-            let limit = limit_of(v)?;
-            Some(verdict_of(decide(v.shown.value, v.u_mm, guard, Some(-limit), limit)))
-        })
-        .max_by_key(|verdict| rank(*verdict));
     let CharacteristicRule { symbol, name, definition, decides, .. } = one;
-    Some(Characteristic {
+    let mut result = Characteristic {
         symbol: symbol.clone(),
         name: name.clone(),
         definition: definition.clone(),
         unit: "mm".to_owned(),
         value: worst.shown.value,
         decides: *decides,
-        limit,
+        limit: limit_of(worst),
         test_value_u: Some(COVERAGE_FACTOR * worst.u_mm),
-        verdict,
-        positions: values
-            .iter()
-            .map(|v| PositionValue { limit: limit_of(v).filter(|_| grows), ..v.shown.clone() })
-            .collect(),
+        verdict: None,
+        positions: values.iter().map(row).collect(),
         repeatability: repeatability(values),
         between_positions: between(values),
-    })
-}
-
-fn verdict_of(verdict: Verdict) -> TestVerdict {
-    match verdict {
-        Verdict::Pass => TestVerdict::Pass,
-        Verdict::Fail => TestVerdict::Fail,
-        Verdict::Indeterminate | Verdict::NotMeasured => TestVerdict::Indeterminate,
+    };
+    let guard_factor = plan.decision.factor();
+    let verdicts: Vec<_> = result.positions.iter().map(|p| result.verdict_at(p, guard_factor)).collect();
+    for (position, verdict) in result.positions.iter_mut().zip(verdicts) {
+        position.verdict = verdict;
     }
+    result.verdict = result.verdict_over_positions(guard_factor);
+    Some(result)
 }
 
-fn rank(verdict: TestVerdict) -> u8 {
-    match verdict {
-        TestVerdict::Pass => 0,
-        TestVerdict::Indeterminate => 1,
-        TestVerdict::Fail => 2,
+/// Marks values that do not keep their limit and were measured again.
+fn replace(values: &mut [Value], limit_and_guard: &dyn Fn(&Value) -> Option<(f64, f64)>) {
+    let again: Vec<String> = values.iter().filter(|v| v.retest).map(|v| v.shown.position.clone()).collect();
+    for value in values.iter_mut().filter(|v| !v.retest && again.contains(&v.shown.position)) {
+        let Some((limit, guard)) = limit_and_guard(value) else { continue };
+        value.shown.replaced = value.shown.value.abs() > limit - guard * value.u_mm;
     }
-}
-
-/// Verdict of the test: one limit that is broken fails it. A deciding characteristic without a limit proves nothing.
-pub(super) fn test_verdict(characteristics: &[Characteristic]) -> TestVerdict {
-    let verdicts = characteristics.iter().filter(|c| c.decides || c.limit.is_some());
-    verdicts
-        .map(|c| c.verdict.unwrap_or(TestVerdict::Indeterminate))
-        .max_by_key(|verdict| rank(*verdict))
-        .unwrap_or(TestVerdict::Indeterminate)
 }
 
 /// Values of the same position and views, one a repeat.
@@ -110,11 +95,12 @@ fn repeatability(values: &[Value]) -> Option<f64> {
     let groups = repeats(values);
     let dof: usize = groups.values().map(|list| list.len() - 1).sum();
     let sum: f64 = groups.values().map(|list| squares(list)).sum();
-    (dof > 0).then(|| (sum / dof as f64).sqrt())
+    (dof > 0).then(|| (sum / dof as f64).sqrt()).filter(|scatter| *scatter > RESOLUTION_MM)
 }
 
 /// Sample standard deviation of the means of positions.
 fn between(values: &[Value]) -> Option<f64> {
     let means: Vec<f64> = repeats(values).values().map(|list| mean(list)).collect();
-    (means.len() > 1).then(|| (squares(&means) / (means.len() - 1) as f64).sqrt())
+    let scatter = (means.len() > 1).then(|| (squares(&means) / (means.len() - 1) as f64).sqrt());
+    scatter.filter(|scatter| *scatter > RESOLUTION_MM)
 }

@@ -29,8 +29,9 @@ pub struct Support {
 /// Covariance of the chart's parameters and what it rests on.
 ///
 /// Trimming at the largest |residual| kept, c, weakens the normal matrix by the points that a small motion pushes
-/// across c: A = JᵀJ · (1 − c · h(c)/n), h the density of |r| (counted over the last tenth below c). Without this the
-/// uncertainty of a trimmed fit would be 20 % too small for Gaussian noise.
+/// across c: A = JᵀJ · (1 − c · h(c)/(d n)), h the density of |r| (counted over the last tenth below c) and d the number of
+/// residuals of a point: a motion along one of d directions changes |r| by the cosine to it, whose mean square is 1/d. Without
+/// this the uncertainty of a trimmed fit would be 20 % too small for Gaussian noise.
 ///
 /// # Errors
 /// Singular normal equations.
@@ -44,7 +45,8 @@ pub(super) fn covariance<M: Model<P>, const P: usize>(
     let inverse = adjusted.normal.inverse().ok_or_else(|| singular(element))?;
     let rows = adjusted.normal.rows as f64;
     let freedom = rows - P as f64;
-    let shrink = if trimmed { trimming_shrink(&adjusted.model, points) } else { 1.0 };
+    let rows_a_point = rows / points.len().max(1) as f64;
+    let shrink = if trimmed { trimming_shrink(&adjusted.model, points, rows_a_point) } else { 1.0 };
     let fewest = FEWEST_CELLS.max(2 * P);
     match settings.correlation {
         Correlation::Estimated if points.len() >= fewest => {
@@ -54,25 +56,34 @@ pub(super) fn covariance<M: Model<P>, const P: usize>(
         }
         Correlation::Cells(edge_mm) => {
             let (meat, cells) = cell_scores(&adjusted.model, points, edge_mm);
+            let support = Support { cells, correlation_reach_mm: None };
             if cells >= fewest {
                 let few = cells as f64 / (cells - 1) as f64 * (rows - 1.0) / freedom;
                 let sandwich = inverse * meat * inverse * (few / (shrink * shrink));
-                let support = Support { cells, correlation_reach_mm: None };
                 return Ok(((sandwich + sandwich.transpose()) * 0.5, support));
             }
+            // Too few cells tell no covariance. At worst the points of a cell all err alike: a cell then counts as one
+            // point, and as independent ones they would promise far too much.
+            let points_a_cell = points.len() as f64 / cells.max(1) as f64;
+            let independent = inverse * (adjusted.normal.sum / freedom / (shrink * shrink));
+            return Ok((independent * points_a_cell, support));
         }
         Correlation::Estimated | Correlation::Independent => {}
     }
     Ok((inverse * (adjusted.normal.sum / freedom / (shrink * shrink)), Support::default()))
 }
 
-/// 1 − c · h(c)/n, see [`covariance`].
-fn trimming_shrink<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) -> f64 {
+/// 1 − c · h(c)/(d n), see [`covariance`].
+fn trimming_shrink<M: Model<P>, const P: usize>(
+    model: &M,
+    points: &[Vector3<f64>],
+    rows_a_point: f64,
+) -> f64 {
     let sizes: Vec<f64> = points.iter().map(|p| model.deviation(p).abs()).collect();
     let limit = sizes.iter().copied().fold(0.0, f64::max);
     let near = sizes.iter().filter(|s| **s > 0.9 * limit).count();
     // Below one half the count would mean that most points are at the limit, which no noise distribution gives.
-    (1.0 - near as f64 / 0.1 / points.len().max(1) as f64).max(0.5)
+    (1.0 - near as f64 / 0.1 / (rows_a_point * points.len().max(1) as f64)).max(0.5)
 }
 
 /// Σ over cells of the outer products of the cells' scores, and the number of cells.

@@ -24,6 +24,15 @@ pub enum MeshError {
         /// Triangles before those without area were left out.
         given: usize,
     },
+    /// A surface without an outside.
+    #[error(
+        "the surface has one side only, seen at triangle {triangle} (counted from 0): it has no outside, so that distances have no \
+         sign; repair the mesh"
+    )]
+    OneSided {
+        /// Counted from 0.
+        triangle: usize,
+    },
     /// Beyond what the tree can number.
     #[error("{given} triangles, limit {MOST_TRIANGLES}; reduce the mesh")]
     TooLarge {
@@ -62,14 +71,16 @@ pub struct TriangleMesh {
     borders: Vec<u8>,
     without_area: usize,
     border_edges: usize,
+    turned: usize,
 }
 
 impl TriangleMesh {
-    /// Builds a mesh of triangles whose corners run counter-clockwise when seen from outside, mm. Triangles without area
-    /// are left out and counted.
+    /// Builds a mesh of triangles, mm. Triangles without area are left out and counted. Triangles that do not face like their
+    /// neighbours, and closed bodies that are inside out, are turned round and counted; of an open surface the corners have to
+    /// run counter-clockwise when seen from outside.
     ///
     /// # Errors
-    /// Corners that are not finite, no triangle with an area, more than [`MOST_TRIANGLES`].
+    /// Corners that are not finite, no triangle with an area, more than [`MOST_TRIANGLES`], a surface with one side only.
     pub fn new(corners: &[[Point3<f64>; 3]]) -> Result<Self, MeshError> {
         let finite = |c: &[Point3<f64>; 3]| c.iter().all(|p| p.iter().all(|x| x.is_finite()));
         if let Some(triangle) = corners.iter().position(|c| !finite(c)) {
@@ -78,6 +89,9 @@ impl TriangleMesh {
         if corners.len() > MOST_TRIANGLES {
             return Err(MeshError::TooLarge { given: corners.len() });
         }
+        let mut corners = corners.to_vec();
+        let turned = super::orient::orient(&mut corners)?;
+        let corners = &corners[..];
         let mut triangles = Vec::with_capacity(corners.len());
         let mut places = Vec::with_capacity(corners.len());
         for corners in corners {
@@ -96,6 +110,7 @@ impl TriangleMesh {
             edge_normals: vec![[Vector3::zeros(); 3]; triangles.len()],
             borders: vec![0; triangles.len()],
             border_edges: 0,
+            turned,
             triangles,
         };
         mesh.join(&corner_names(corners), &places);
@@ -115,6 +130,11 @@ impl TriangleMesh {
     /// Edges that belong to one triangle only; a closed surface has none.
     pub fn border_edges(&self) -> usize {
         self.border_edges
+    }
+
+    /// Triangles that were turned round, because they did not face like their neighbours or their body was inside out.
+    pub fn turned(&self) -> usize {
+        self.turned
     }
 
     /// Bounding box of the mesh, mm.
@@ -189,7 +209,7 @@ impl TriangleMesh {
 
 /// The edges of all triangles, equal ones together: numbers of the ends, triangle, which of its edges. Triangles that have
 /// two corners in one place join nothing.
-fn edges(names: &[[u32; 3]]) -> Vec<([u32; 2], u32, u8)> {
+pub(super) fn edges(names: &[[u32; 3]]) -> Vec<([u32; 2], u32, u8)> {
     let of = |(names, item): (&[u32; 3], u32)| {
         let [a, b, c] = *names;
         [(a, b), (b, c), (c, a)]
@@ -204,7 +224,7 @@ fn edges(names: &[[u32; 3]]) -> Vec<([u32; 2], u32, u8)> {
 }
 
 /// Numbers of the corners of each triangle: the same number for the same place.
-fn corner_names(triangles: &[[Point3<f64>; 3]]) -> Vec<[u32; 3]> {
+pub(super) fn corner_names(triangles: &[[Point3<f64>; 3]]) -> Vec<[u32; 3]> {
     // + 0.0 makes −0 and 0 one place.
     let key = |p: &Point3<f64>| [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
     let mut places: Vec<([u64; 3], u32)> =

@@ -3,6 +3,7 @@
 mod bvh;
 mod local;
 mod mesh;
+mod orient;
 mod points;
 mod thin;
 mod triangle;

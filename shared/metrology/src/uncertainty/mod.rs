@@ -43,7 +43,7 @@ pub use comparison::{Comparison, compare, normalised_error};
 pub use distribution::Distribution;
 pub use dof::{dof_of_judgement, effective_dof};
 pub use error::UncertaintyError;
-pub use expression::{Expression, ExpressionError};
+pub use expression::{Expression, ExpressionError, same_unit};
 pub use function::Function;
 pub use interval::{Interval, IntervalKind, probabilistically_symmetric, shortest};
 pub use model::Model;

@@ -1,9 +1,9 @@
 //! All values of a characteristic beside its limit: zones of conformity, of doubt and of non-conformity.
 
 use super::drawing::{Anchor, Drawing, Shape, Tone};
-use super::words::{differing_limits, digits, judgement, verdict_key};
+use super::words::{digits, judgement, verdict_key};
 use crate::number::{fixed, signed, ticks};
-use metrology::acceptance::{Characteristic, TestVerdict};
+use metrology::acceptance::{Characteristic, PositionValue, TestVerdict};
 
 /// How large a chart is drawn.
 #[derive(Debug, Clone, Copy)]
@@ -30,10 +30,12 @@ struct Frame {
 }
 
 impl Frame {
-    fn new(one: &Characteristic, size: Size) -> Self {
-        let widest =
-            one.positions.iter().filter_map(|p| one.limit_of(p)).fold(one.limit.unwrap_or(0.0), f64::max);
-        let outermost = widest + guard(one);
+    fn new(one: &Characteristic, guard_factor: f64, size: Size) -> Self {
+        let outermost = one
+            .positions
+            .iter()
+            .filter_map(|p| Some(one.limit_of(p)? + guard_mm(one, p, guard_factor)))
+            .fold(one.limit.unwrap_or(0.0), f64::max);
         let largest = one.positions.iter().fold(one.value.abs().max(outermost), |m, p| m.max(p.value.abs()));
         let end = if largest > 0.0 { largest * (1.0 + MARGIN) } else { 1.0 };
         let signed = one.positions.iter().any(|p| p.value < 0.0) || one.value < 0.0;
@@ -70,41 +72,51 @@ impl Frame {
 
     /// Width of a position's place.
     fn slot(&self, numbers: &[usize]) -> f64 {
-        (self.right - self.left) / numbers.last().copied().unwrap_or(1).max(1) as f64
+        (self.right - self.left) / numbers.iter().copied().max().unwrap_or(1).max(1) as f64
     }
 }
 
-/// From where to where each limit holds: over the whole width where it is the same at all positions.
-fn spans(frame: &Frame, one: &Characteristic) -> Vec<([f64; 2], f64)> {
-    if let (Some(limit), true) = (one.limit, differing_limits(one).is_none()) {
-        return vec![([frame.left, frame.right], limit)];
-    }
+/// A limit with its guard band, both mm, and from where to where they hold.
+struct Span {
+    ends: [f64; 2],
+    limit: f64,
+    guard: f64,
+}
+
+/// Over the whole width where limit and guard band are the same at all positions.
+fn spans(frame: &Frame, one: &Characteristic, guard_factor: f64) -> Vec<Span> {
     let numbers = numbers(one);
     let slot = frame.slot(&numbers);
-    let place = |number: usize| frame.left + slot * (number as f64 - 1.0);
-    let mut spans: Vec<([f64; 2], f64)> = Vec::new();
-    for (position, number) in one.positions.iter().zip(numbers) {
-        let Some(limit) = one.limit_of(position) else { continue };
+    let last = numbers.iter().copied().max().unwrap_or(0);
+    let mut spans: Vec<Span> = Vec::new();
+    for number in 1..=last {
+        // Repeats of a position have one place: its limit, and the widest of their guard bands.
+        let here = || one.positions.iter().zip(&numbers).filter(move |(_, n)| **n == number).map(|(p, _)| p);
+        let Some(limit) = here().find_map(|p| one.limit_of(p)) else { continue };
+        let guard = here().map(|p| guard_mm(one, p, guard_factor)).fold(0.0, f64::max);
+        let left = frame.left + slot * (number as f64 - 1.0);
         match spans.last_mut() {
-            Some((ends, last)) if *last == limit => ends[1] = place(number + 1),
-            _ => spans.push(([place(number), place(number + 1)], limit)),
+            Some(span) if span.limit == limit && span.guard == guard => span.ends[1] = left + slot,
+            _ => spans.push(Span { ends: [left, left + slot], limit, guard }),
         }
     }
     spans
 }
 
-/// Half width of the zone of doubt: the stated uncertainty, which never reaches beyond zero.
-fn guard(one: &Characteristic) -> f64 {
-    one.test_value_u.unwrap_or(0.0).min(one.limit.unwrap_or(0.0))
+/// The guard band that decides about a value: the guard factor times its standard uncertainty. It never reaches beyond zero.
+fn guard_mm(one: &Characteristic, position: &PositionValue, guard_factor: f64) -> f64 {
+    let expanded = position.test_value_u.or(one.test_value_u).unwrap_or(0.0);
+    (0.5 * guard_factor * expanded).min(one.limit_of(position).unwrap_or(0.0))
 }
 
 /// The chart.
-pub fn chart(one: &Characteristic, size: Size) -> Drawing {
-    let frame = Frame::new(one, size);
+pub fn chart(one: &Characteristic, guard_factor: f64, size: Size) -> Drawing {
+    let frame = Frame::new(one, guard_factor, size);
+    let spans = spans(&frame, one, guard_factor);
     let mut shapes = Vec::new();
-    zones(&mut shapes, &frame, one);
+    zones(&mut shapes, &frame, &spans);
     axis(&mut shapes, &frame);
-    limits(&mut shapes, &frame, one);
+    limits(&mut shapes, &frame, one, &spans);
     points(&mut shapes, &frame, one);
     let letter = size.letter;
     shapes.push(Shape::Word {
@@ -137,9 +149,9 @@ pub fn tone_of(verdict: Option<TestVerdict>) -> Tone {
     }
 }
 
-fn zones(shapes: &mut Vec<Shape>, frame: &Frame, one: &Characteristic) {
-    let guard = guard(one);
-    for (ends, limit) in spans(frame, one) {
+fn zones(shapes: &mut Vec<Shape>, frame: &Frame, spans: &[Span]) {
+    for Span { ends, limit, guard } in spans {
+        let (ends, limit, guard) = (*ends, *limit, *guard);
         shapes.push(frame.band(ends, frame.low, frame.high, Tone::FailArea));
         shapes.push(frame.band(ends, -limit - guard, limit + guard, Tone::DoubtArea));
         shapes.push(frame.band(ends, guard - limit, limit - guard, Tone::PassArea));
@@ -147,9 +159,9 @@ fn zones(shapes: &mut Vec<Shape>, frame: &Frame, one: &Characteristic) {
 }
 
 /// Lines of the limits; the last stands in numbers beside them.
-fn limits(shapes: &mut Vec<Shape>, frame: &Frame, one: &Characteristic) {
-    let (digits, spans) = (digits(one), spans(frame, one));
-    for (index, (ends, limit)) in spans.iter().enumerate() {
+fn limits(shapes: &mut Vec<Shape>, frame: &Frame, one: &Characteristic, spans: &[Span]) {
+    let digits = digits(one);
+    for (index, Span { ends, limit, .. }) in spans.iter().enumerate() {
         for value in [*limit, -limit].into_iter().filter(|value| *value >= frame.low) {
             shapes.push(frame.across(*ends, value, 1.2, Tone::Fail));
             if index + 1 == spans.len() {
@@ -195,7 +207,13 @@ fn points(shapes: &mut Vec<Shape>, frame: &Frame, one: &Characteristic) {
         let y = frame.y(position.value);
         let ends = [[x, frame.y(0.0)], [x, y]];
         shapes.push(Shape::Line { ends, width: 0.7, tone: Tone::Soft });
-        shapes.push(Shape::Dot { at: [x, y], radius: 0.34 * letter, tone: Tone::Ink });
+        // A value that a retest replaced stays, pale; one that does not pass has the colour of its own verdict.
+        let tone = match (position.replaced, position.verdict) {
+            (true, _) => Tone::Soft,
+            (false, Some(TestVerdict::Pass) | None) => Tone::Ink,
+            (false, verdict) => tone_of(verdict),
+        };
+        shapes.push(Shape::Dot { at: [x, y], radius: 0.34 * letter, tone });
         if before == 0 && (number - 1).is_multiple_of(every) {
             let at = [middle, frame.base + 1.2 * letter];
             shapes.push(frame.word(at, Anchor::Middle, Tone::Soft, number.to_string()));

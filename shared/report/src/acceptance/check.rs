@@ -1,7 +1,8 @@
 //! What a report must not say: a standard without its edition, numbers that are none, verdicts that do not follow.
 
+use super::words::verdict_key;
 use files::error::FileError;
-use metrology::acceptance::{Characteristic, TestReport, TestVerdict, Volume};
+use metrology::acceptance::{Characteristic, PositionValue, TestReport, TestVerdict, Volume};
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -89,10 +90,11 @@ pub fn check(report: &TestReport) -> Checked {
     for artefact in &report.artefacts {
         for (name, value, u) in &artefact.values {
             finite(|| format!("artefact {:?} {name:?}", artefact.id), *value)?;
-            at_least_zero(|| format!("artefact {:?} {name:?} uncertainty", artefact.id), Some(*u))?;
+            at_least_zero(|| format!("artefact {:?} {name:?} uncertainty", artefact.id), *u)?;
         }
     }
-    report.characteristics.iter().try_for_each(characteristic)?;
+    at_least_zero(|| "guard_factor".to_owned(), Some(report.guard_factor))?;
+    report.characteristics.iter().try_for_each(|one| characteristic(one, report.guard_factor))?;
     verdict(report)
 }
 
@@ -124,7 +126,7 @@ fn volume(key: &str, volume: &Volume) -> Checked {
     Ok(())
 }
 
-fn characteristic(one: &Characteristic) -> Checked {
+fn characteristic(one: &Characteristic, guard_factor: f64) -> Checked {
     let key = |what: &str| format!("characteristic {:?} {what}", one.symbol);
     if one.unit != "mm" {
         let (symbol, unit) = (one.symbol.clone(), one.unit.clone());
@@ -138,40 +140,74 @@ fn characteristic(one: &Characteristic) -> Checked {
     for position in &one.positions {
         finite(|| key(&format!("position {:?}", position.position)), position.value)?;
         at_least_zero(|| key(&format!("position {:?} limit", position.position)), position.limit)?;
+        at_least_zero(
+            || key(&format!("position {:?} test_value_u", position.position)),
+            position.test_value_u,
+        )?;
     }
-    let contradiction = |says: String, but: String| {
-        let place = format!("characteristic {:?}", one.symbol);
-        Err(AcceptanceReportError::Contradiction { place, says, but })
-    };
+    worst(one)?;
+    verdicts(one, guard_factor)
+}
+
+fn contradiction(one: &Characteristic, says: String, but: String) -> Checked {
+    let place = format!("characteristic {:?}", one.symbol);
+    Err(AcceptanceReportError::Contradiction { place, says, but })
+}
+
+/// The worst value is one of those at the positions, with the uncertainty of that one, and none is worse.
+fn worst(one: &Characteristic) -> Checked {
+    let counting = || one.positions.iter().filter(|p| !p.replaced);
     // Of a limit that grows with the length the worst value takes up most; quotients are rounded.
     let share = |value: f64, limit: Option<f64>| value.abs() / limit.unwrap_or(1.0);
     let most = share(one.value, one.limit) * (1.0 + 1e-12);
-    if let Some(worse) = one.positions.iter().find(|p| share(p.value, one.limit_of(p)) > most) {
-        let says = format!("the worst value is {} mm", one.value);
-        return contradiction(says, format!("position {:?} has {} mm", worse.position, worse.value));
+    if let Some(worse) = counting().find(|p| share(p.value, one.limit_of(p)) > most) {
+        let but = format!("position {:?} has {} mm", worse.position, worse.value);
+        return contradiction(one, format!("the worst value is {} mm", one.value), but);
     }
-    match (one.verdict, one.limit) {
-        (Some(verdict), None) => {
-            contradiction(format!("its verdict is {verdict:?}"), "it has no limit".to_owned())
-        }
-        (Some(TestVerdict::Pass), Some(limit)) if one.value.abs() > limit => {
-            contradiction("its verdict is Pass".to_owned(), format!("|{} mm| is above {limit} mm", one.value))
-        }
-        _ => Ok(()),
+    let here = |p: &&PositionValue| p.value == one.value && p.test_value_u == one.test_value_u;
+    if !counting().any(|p| here(&p)) {
+        let says = format!("the worst value is {} mm, its uncertainty {:?} mm", one.value, one.test_value_u);
+        return contradiction(one, says, "no position has them".to_owned());
     }
+    Ok(())
 }
 
-fn verdict(report: &TestReport) -> Checked {
-    let unfit =
-        |c: &&Characteristic| (c.decides || c.limit.is_some()) && c.verdict != Some(TestVerdict::Pass);
-    match report.characteristics.iter().find(unfit) {
-        Some(bad) if report.verdict == TestVerdict::Pass => Err(AcceptanceReportError::Contradiction {
-            place: "verdict".to_owned(),
-            says: "the test passes".to_owned(),
-            but: format!("characteristic {:?} does not", bad.symbol),
-        }),
-        _ => Ok(()),
+/// Every verdict is decided again from value, uncertainty, limit and guard factor.
+fn verdicts(one: &Characteristic, guard_factor: f64) -> Checked {
+    let named = |verdict: Option<TestVerdict>| verdict_key(verdict);
+    for position in &one.positions {
+        let decided = one.verdict_at(position, guard_factor);
+        if decided != position.verdict {
+            let says = format!("position {:?} is stated as {}", position.position, named(position.verdict));
+            let but = format!(
+                "{} mm with U = {:?} mm, limit {:?} mm and guard factor {guard_factor} give {}",
+                position.value,
+                position.test_value_u,
+                one.limit_of(position),
+                named(decided)
+            );
+            return contradiction(one, says, but);
+        }
     }
+    let decided = one.verdict_over_positions(guard_factor);
+    if decided != one.verdict {
+        let says = format!("its verdict is stated as {}", named(one.verdict));
+        return contradiction(one, says, format!("its positions give {}", named(decided)));
+    }
+    Ok(())
+}
+
+/// The verdict of the test follows from those of the characteristics.
+fn verdict(report: &TestReport) -> Checked {
+    let decided = report.verdict_of_characteristics();
+    if decided == report.verdict {
+        return Ok(());
+    }
+    Err(AcceptanceReportError::Contradiction {
+        place: "verdict".to_owned(),
+        says: format!("the test is stated as {}", verdict_key(Some(report.verdict))),
+        but: format!("its characteristics give {}", verdict_key(Some(decided))),
+    })
 }
 
 fn finite(key: impl Fn() -> String, value: f64) -> Checked {

@@ -7,7 +7,7 @@ use super::words::{
     differing_limits, digits, judgement, limit_text, sentences, verdict_key, verdict_word, worst_position,
 };
 use crate::number::{NONE, count, fixed, limit, limit_decimals, optional, signed};
-use metrology::acceptance::{Characteristic, PositionValue, TestReport, TestVerdict, Volume};
+use metrology::acceptance::{Characteristic, Input, PositionValue, TestReport, TestVerdict, Volume};
 
 /// A part of the report.
 pub enum Block<'a> {
@@ -23,8 +23,8 @@ pub enum Block<'a> {
     Pairs(Vec<(String, String)>),
     /// A table.
     Table(Table),
-    /// Charts, side by side where they fit.
-    Charts(Vec<&'a Characteristic>),
+    /// Charts, side by side where they fit, with the guard factor of the test.
+    Charts(Vec<&'a Characteristic>, f64),
     /// Lines to sign on, each with what stands below it.
     Signatures([&'static str; 4]),
 }
@@ -95,13 +95,19 @@ pub fn document<'a>(report: &'a TestReport, sha256: &str) -> Document<'a> {
     let title =
         if reduced.is_empty() { "Acceptance test report" } else { "Acceptance test report: reduced test" };
     let word = verdict_word(Some(report.verdict));
-    let word = if reduced.is_empty() { word.to_owned() } else { format!("{word} (reduced test)") };
+    let word = match (reduced.is_empty(), report.simulated) {
+        (true, false) => word.to_owned(),
+        (false, false) => format!("{word} (reduced test)"),
+        (true, true) => format!("{word} (simulated)"),
+        (false, true) => format!("{word} (reduced test, simulated)"),
+    };
     let mut blocks = characteristics(report);
     charts(&mut blocks, report);
     conditions(&mut blocks, report);
     artefacts(&mut blocks, report);
     signatures(&mut blocks);
     positions(&mut blocks, report);
+    inputs(&mut blocks, report);
     assumed(&mut blocks, report);
     repeat(&mut blocks, report, sha256);
     Document {
@@ -126,6 +132,10 @@ fn capital(text: &str) -> String {
 fn reduced(report: &TestReport) -> Vec<String> {
     let number = |v: f64| fixed(v, limit_decimals(Some(v)).min(4));
     let line = |v: &metrology::acceptance::Violation| {
+        // What is missing has no number.
+        if v.actual == 0.0 && v.required == 1.0 {
+            return v.text.clone();
+        }
         format!(
             "{}: required {} {unit}, this test {} {unit}. {}",
             v.rule,
@@ -183,10 +193,11 @@ fn charts<'a>(blocks: &mut Vec<Block<'a>>, report: &'a TestReport) {
         return;
     }
     blocks.push(Block::Heading("All positions".to_owned()));
-    blocks.push(Block::Charts(charts));
+    blocks.push(Block::Charts(charts, report.guard_factor));
     blocks.push(Block::Small(
-        "Red lines: MPE. Green: conformity is proven where the decision rule takes U into account; amber: within U of the \
-         limit; red: beyond. Repeats of a position stand side by side. Names of the positions: table of values."
+        "Red lines: MPE. Green: conformity is proven; amber: within the guard band of the limit, where neither is; red: beyond. The \
+         guard band is the one that decides, the guard factor times the standard uncertainty of each test value. Repeats of a \
+         position stand side by side. Names of the positions: table of values."
             .to_owned(),
     ));
 }
@@ -196,9 +207,17 @@ fn conditions(blocks: &mut Vec<Block<'_>>, report: &TestReport) {
     let mut pairs = vec![
         ("Sensor measuring volume (one view)".to_owned(), volume(&report.sensor_volume)),
         ("Total measuring volume (all views)".to_owned(), volume(&report.total_volume)),
+        ("Guard factor".to_owned(), guard(report.guard_factor)),
     ];
     pairs.extend(report.conditions.iter().map(|(label, text)| (capital(label), text.clone())));
     blocks.push(Block::Pairs(pairs));
+}
+
+fn guard(factor: f64) -> String {
+    if factor == 0.0 {
+        return "0: simple acceptance, as agreed".to_owned();
+    }
+    format!("{factor} times the standard uncertainty (U / 2) of each test value")
 }
 
 fn volume(volume: &Volume) -> String {
@@ -218,7 +237,7 @@ fn artefacts(blocks: &mut Vec<Block<'_>>, report: &TestReport) {
     ];
     let mut rows = Vec::new();
     for artefact in &report.artefacts {
-        let none = [(NONE.to_owned(), f64::NAN, f64::NAN)];
+        let none = [(NONE.to_owned(), f64::NAN, None)];
         let values = if artefact.values.is_empty() { &none[..] } else { &artefact.values[..] };
         for (index, (name, value, u)) in values.iter().enumerate() {
             let first = |text: &str| Cell::plain(if index == 0 { text } else { "" });
@@ -230,10 +249,11 @@ fn artefacts(blocks: &mut Vec<Block<'_>>, report: &TestReport) {
                     "none given"
                 } else {
                     &artefact.certificate
-                }),
+                })
+                .with_detail(if index == 0 { &artefact.validity } else { "" }),
                 Cell::plain(name),
                 Cell::plain(fixed(*value, digits(*value))),
-                Cell::plain(fixed(*u, digits(*u))),
+                Cell::plain(optional(*u, u.map_or(0, digits))),
             ]);
         }
     }
@@ -272,6 +292,7 @@ fn values(group: &[&Characteristic]) -> Table {
     columns.extend([
         column("Points", 0.85, true),
         column("Left out", 0.75, true),
+        column("Excluded by plan", 0.8, true),
         column("Views", 1.4, false),
     ]);
     let Some(first) = group.first() else { return Table { columns, rows: Vec::new() } };
@@ -280,11 +301,16 @@ fn values(group: &[&Characteristic]) -> Table {
         let mut row = vec![
             Cell::plain(numbers.get(index).map_or_else(String::new, ToString::to_string)),
             Cell::plain(&position.position),
-            Cell::plain(position.repeat.to_string()),
+            Cell::plain(position.repeat.to_string()).with_detail(if position.replaced {
+                "replaced by a retest"
+            } else {
+                ""
+            }),
         ];
         row.extend(group.iter().filter_map(|one| one.positions.get(index).map(|p| cell(one, p))));
         row.push(Cell::plain(count(position.points as u64)));
         row.push(Cell::plain(count(position.rejected as u64)));
+        row.push(Cell::plain(count(position.excluded as u64)));
         row.push(Cell::plain(position.views.join(", ")));
         row
     };
@@ -296,15 +322,21 @@ fn differs(one: &Characteristic) -> bool {
     differing_limits(one).is_some()
 }
 
-/// The worst value stands out; one beyond its limit is red.
+/// A value with its own uncertainty, limit where it differs, and verdict; the worst value is heavy.
 fn cell(one: &Characteristic, position: &PositionValue) -> Cell {
-    let value = position.value;
-    let text = signed(value, digits(one));
-    let own = position.limit.filter(|_| differs(one));
-    let detail = own.map_or_else(String::new, |own| format!("MPE ±{}", limit(Some(own), digits(one))));
-    let beyond = one.limit_of(position).is_some_and(|limit| value.abs() > limit);
-    let tone = if beyond { tone_of(Some(TestVerdict::Fail)) } else { Tone::Ink };
-    Cell { text, detail, bold: value == one.value, tone }
+    let digits = digits(one);
+    let mut details = Vec::new();
+    if let Some(own) = position.limit.filter(|_| differs(one)) {
+        details.push(format!("MPE ±{}", limit(Some(own), digits)));
+    }
+    details.extend(position.test_value_u.map(|u| format!("U {}", fixed(u, digits))));
+    details.extend(position.verdict.map(|verdict| verdict_key(Some(verdict)).to_owned()));
+    let tone = match position.verdict {
+        None | Some(TestVerdict::Pass) => Tone::Ink,
+        verdict => tone_of(verdict),
+    };
+    let bold = position.value == one.value && !position.replaced;
+    Cell { text: signed(position.value, digits), detail: details.join(", "), bold, tone }
 }
 
 fn scatter(group: &[&Characteristic]) -> Option<String> {
@@ -324,6 +356,31 @@ fn scatter(group: &[&Characteristic]) -> Option<String> {
             list.join("; ")
         )
     })
+}
+
+fn inputs(blocks: &mut Vec<Block<'_>>, report: &TestReport) {
+    if report.inputs.is_empty() {
+        return;
+    }
+    blocks.push(Block::Heading("Recordings and clouds".to_owned()));
+    let columns = vec![
+        column("Position", 1.2, false),
+        column("Repeat", 0.5, true),
+        column("View", 0.9, false),
+        column("File or folder", 1.8, false),
+        column("SHA-256", 3.4, false),
+    ];
+    let row = |input: &Input| {
+        vec![
+            Cell::plain(&input.position),
+            Cell::plain(input.repeat.to_string()),
+            Cell::plain(&input.view),
+            Cell::plain(&input.source),
+            Cell::plain(&input.sha256),
+        ]
+    };
+    let rows = report.inputs.iter().map(row).collect();
+    blocks.push(Block::Table(Table { columns, rows }));
 }
 
 fn assumed(blocks: &mut Vec<Block<'_>>, report: &TestReport) {

@@ -5,7 +5,7 @@ use metrology::acceptance::{Characteristic, PositionValue, TestReport};
 use std::fmt::Write as _;
 
 const HEAD: &str = "rule_set,standard,edition,test,test_verdict,symbol,name,decides,position,repeat,views,value_mm,points,\
-                    rejected,worst,limit_mm,expanded_uncertainty_mm,verdict";
+                    rejected,worst,limit_mm,expanded_uncertainty_mm,verdict,retest,excluded,guard_factor,simulated";
 
 /// The whole table, with its head. Lines end in CR LF.
 pub fn render(report: &TestReport) -> String {
@@ -29,7 +29,7 @@ fn line(text: &mut String, report: &TestReport, one: &Characteristic, position: 
     let value = position.map_or(one.value, |p| p.value);
     let _ = write!(
         text,
-        "{},{},{},{test},{},{},{},{},{},{},{},{value},{},{},{},{},{},{}\r\n",
+        "{},{},{},{test},{},{},{},{},{},{},{},{value},{},{},{},{},{},{},{},{},{},{}\r\n",
         field(&set.id),
         field(&set.standard),
         field(&set.edition),
@@ -42,10 +42,14 @@ fn line(text: &mut String, report: &TestReport, one: &Characteristic, position: 
         position.map_or_else(String::new, |p| field(&p.views.join(" "))),
         count(position.map(|p| p.points)),
         count(position.map(|p| p.rejected)),
-        value == one.value,
+        value == one.value && !position.is_some_and(|p| p.replaced),
         number(position.map_or(one.limit, |p| one.limit_of(p))),
-        number(one.test_value_u),
-        verdict_key(one.verdict),
+        number(position.map_or(one.test_value_u, |p| p.test_value_u)),
+        verdict_key(position.map_or(one.verdict, |p| p.verdict)),
+        position.map_or("", |p| if p.replaced { "replaced" } else { "" }),
+        count(position.map(|p| p.excluded)),
+        report.guard_factor,
+        report.simulated,
     );
 }
 

@@ -24,9 +24,10 @@ pub fn render(report: &TestReport) -> String {
     field(&mut text, "K0100", &report.characteristics.len().to_string(), NUMBER);
     field(&mut text, "K1001", &set.id, PART);
     let reduced = if report.reduced.is_empty() { "" } else { "REDUCED TEST, " };
-    field(&mut text, "K1002", &format!("{reduced}{}", set.standard), NAME);
+    let simulated = if report.simulated { "SIMULATED, " } else { "" };
+    field(&mut text, "K1002", &format!("{simulated}{reduced}{}", set.standard), NAME);
     let verdict = super::words::verdict_word(Some(report.verdict));
-    field(&mut text, "K1900", &format!("{reduced}{}; verdict {verdict}", set.wording), REMARK);
+    field(&mut text, "K1900", &format!("{simulated}{reduced}{}; verdict {verdict}", set.wording), REMARK);
     for (index, one) in report.characteristics.iter().enumerate() {
         describe(&mut text, index + 1, one);
     }
@@ -55,7 +56,8 @@ fn describe(text: &mut String, i: usize, one: &Characteristic) {
 fn values(text: &mut String, i: usize, one: &Characteristic) {
     for position in &one.positions {
         value(text, i, position.value);
-        let place = format!("{} repeat {}", position.position, position.repeat);
+        let again = if position.replaced { ", replaced by a retest" } else { "" };
+        let place = format!("{} repeat {}{again}", position.position, position.repeat);
         field(text, &format!("K0009/{i}"), &place, REMARK);
     }
     if one.positions.is_empty() {

@@ -78,10 +78,10 @@ fn body(page: &mut Page, block: &Block<'_>) {
             page.put(format_args!("</dl>\n"));
         }
         Block::Table(block) => table(page, block),
-        Block::Charts(all) => {
+        Block::Charts(all, guard_factor) => {
             page.put(format_args!("<div class=\"pictures wide\">\n"));
             for one in all {
-                page.put(format_args!("<figure>{}</figure>\n", chart(one, CHART).svg()));
+                page.put(format_args!("<figure>{}</figure>\n", chart(one, *guard_factor, CHART).svg()));
             }
             page.put(format_args!("</div>\n"));
         }

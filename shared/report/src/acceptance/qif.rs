@@ -2,8 +2,8 @@
 //!
 //! The values of an acceptance test are errors, nominally zero, not sizes: a range of radial distances is a QIF sphericity,
 //! every other error a user-defined linear characteristic with target 0 and the limits ±MPE, named and described as in the
-//! report. Each characteristic has an item for its worst value, which carries the verdict, and one a position, which is not
-//! judged alone. A limit that differs with the length is no tolerance of one definition: the description says so. `combinedUncertainty` is the standard uncertainty, half of U (k = 2). No time stamp: no clock is read; the
+//! report. Each characteristic has an item for its worst value, with the verdict over all positions, and one a position, with
+//! its own. A limit that differs with the length is no tolerance of one definition: the description says so. `combinedUncertainty` is the standard uncertainty, half of U (k = 2). No time stamp: no clock is read; the
 //! id of the document comes from the SHA-256 of the master.
 
 use super::words::{differing_limits, one_line, verdict_word};
@@ -51,6 +51,7 @@ const FIRST_ID: usize = 3;
 struct Item {
     name: String,
     value: f64,
+    expanded_u: Option<f64>,
     status: &'static str,
     id: usize,
     measurement_id: usize,
@@ -84,16 +85,22 @@ impl<'a> Plan<'a> {
             };
             let (definition_id, nominal_id) = (next(), next());
             let mut items = Vec::new();
-            let positions = one
-                .positions
-                .iter()
-                .map(|p| (format!("{} {} repeat {}", one.symbol, p.position, p.repeat), p.value));
-            let worst = (format!("{} worst over all positions", one.symbol), one.value);
-            for (index, (name, value)) in [worst].into_iter().chain(positions).enumerate() {
-                let status = if index == 0 { status(one.verdict) } else { "NOT_ANALYZED" };
+            let positions = one.positions.iter().map(|p| {
+                let again = if p.replaced { ", replaced by a retest" } else { "" };
+                let name = format!("{} {} repeat {}{again}", one.symbol, p.position, p.repeat);
+                (name, p.value, p.test_value_u, p.verdict)
+            });
+            let worst = (
+                format!("{} worst over all positions", one.symbol),
+                one.value,
+                one.test_value_u,
+                one.verdict,
+            );
+            for (name, value, expanded_u, verdict) in [worst].into_iter().chain(positions) {
+                let status = status(verdict);
                 let (id, measurement_id) = (next(), next());
                 last = measurement_id;
-                items.push(Item { name, value, status, id, measurement_id });
+                items.push(Item { name, value, expanded_u, status, id, measurement_id });
             }
             entries.push(Entry { one, kind, definition_id, nominal_id, items });
         }
@@ -124,7 +131,8 @@ fn header(xml: &mut Xml, report: &TestReport) {
         } else {
             "REDUCED TEST: breaks conditions of its rule set"
         };
-        xml.leaf("Scope", scope);
+        let simulated = if report.simulated { "; SIMULATED: no instrument was tested" } else { "" };
+        xml.leaf("Scope", &format!("{scope}{simulated}"));
     });
 }
 
@@ -230,7 +238,7 @@ fn measurement(xml: &mut Xml, entry: &Entry<'_>, item: &Item) {
         xml.within("Status", &[], |xml| xml.leaf("CharacteristicStatusEnum", item.status));
         xml.leaf("CharacteristicItemId", &item.id.to_string());
         // The schema asks for both or none.
-        let u = entry.one.test_value_u.map(|expanded| (expanded / 2.0).to_string());
+        let u = item.expanded_u.map(|expanded| (expanded / 2.0).to_string());
         let both = u.as_ref().map(|u| [("combinedUncertainty", u.as_str()), ("meanError", "0")]);
         let value = item.value.to_string();
         xml.within("Value", both.as_ref().map_or(&[], |both| &both[..]), |xml| {
@@ -246,6 +254,11 @@ fn attributes(xml: &mut Xml, report: &TestReport) {
         let text =
             format!("{} (required {} {unit}, actual {} {unit})", v.text, v.required, v.actual, unit = v.unit);
         (format!("reduced test: {}", v.rule), text)
+    }));
+    pairs.push(("guard factor".to_owned(), report.guard_factor.to_string()));
+    pairs.extend(report.inputs.iter().map(|input| {
+        let name = format!("input {} repeat {} {}", input.position, input.repeat, input.view);
+        (name, format!("{} sha256 {}", input.source, input.sha256))
     }));
     pairs.extend(report.rule_set.assumed.iter().map(|text| ("assumed".to_owned(), text.clone())));
     pairs

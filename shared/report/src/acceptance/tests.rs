@@ -2,7 +2,7 @@
 
 use super::*;
 use metrology::acceptance::{
-    ArtefactRecord, Characteristic, PositionValue, RuleSetId, TestVerdict, Violation, Volume,
+    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, TestVerdict, Violation, Volume,
 };
 use std::process::Command;
 
@@ -13,8 +13,12 @@ fn positions(name: &str, values: &[f64], views: usize) -> Vec<PositionValue> {
         value: *value,
         length_mm: None,
         limit: None,
+        test_value_u: Some(U_MM),
+        verdict: None,
+        replaced: false,
         points: 48_211 + index,
         rejected: 144,
+        excluded: 0,
         views: (1..=views).map(|v| format!("v{v}")).collect(),
     };
     values.iter().enumerate().map(position).collect()
@@ -27,13 +31,7 @@ fn characteristic(
     positions: Vec<PositionValue>,
 ) -> Characteristic {
     let value = positions.iter().map(|p| p.value).max_by(|a, b| a.abs().total_cmp(&b.abs())).unwrap_or(0.0);
-    let u = 0.0021;
-    let verdict = limit.map(|limit: f64| match value.abs() {
-        v if v <= limit - u => TestVerdict::Pass,
-        v if v > limit + u => TestVerdict::Fail,
-        _ => TestVerdict::Indeterminate,
-    });
-    Characteristic {
+    let mut one = Characteristic {
         symbol: symbol.into(),
         name: name.into(),
         definition: "difference of the largest and smallest radial distance to the least-squares sphere of free radius".into(),
@@ -41,12 +39,27 @@ fn characteristic(
         value,
         decides: limit.is_some(),
         limit,
-        test_value_u: Some(u),
-        verdict,
+        test_value_u: Some(U_MM),
+        verdict: None,
         positions,
         repeatability: Some(0.0007),
         between_positions: Some(0.0031),
-    }
+    };
+    decide(&mut one);
+    one
+}
+
+/// Expanded uncertainty of the test values.
+const U_MM: f64 = 0.0021;
+
+/// Guard factor of the test.
+const GUARD: f64 = 2.0;
+
+/// Verdicts that follow from the values.
+fn decide(one: &mut Characteristic) {
+    let verdicts: Vec<_> = one.positions.iter().map(|p| one.verdict_at(p, GUARD)).collect();
+    one.positions.iter_mut().zip(verdicts).for_each(|(p, verdict)| p.verdict = verdict);
+    one.verdict = one.verdict_over_positions(GUARD);
 }
 
 /// A test as the twin gives it.
@@ -82,6 +95,15 @@ fn report() -> TestReport {
             assumed: vec!["at most 3 % of the points left out".into()],
         },
         reduced: Vec::new(),
+        guard_factor: GUARD,
+        simulated: false,
+        inputs: vec![Input {
+            position: "sphere-1".into(),
+            repeat: 1,
+            view: "v1".into(),
+            source: "s1v1.ply".into(),
+            sha256: "0123456789abcdef".repeat(4),
+        }],
         conditions: vec![
             ("Operator".into(), "M. Messtechnik".into()),
             ("Date".into(), "2026-11-20".into()),
@@ -91,20 +113,22 @@ fn report() -> TestReport {
             ("Rig file (SHA-256)".into(), "7d0a5f3bb2c96a9d41c2".into()),
             ("Software".into(), "fringecell 0.1.0".into()),
         ],
-        sensor_volume: Volume::new([160.0, 120.0, 80.0]),
+        sensor_volume: Volume::new([150.0, 120.0, 80.0]),
         total_volume: Volume::new([150.0, 120.0, 100.0]),
         artefacts: vec![
             ArtefactRecord {
                 id: "sphere-20".into(),
                 kind: "sphere".into(),
                 certificate: "K-2024-117".into(),
-                values: vec![("diameter".into(), 20.001_37, 0.0004)],
+                validity: "from 2026-01-10, until 2027-01-09".into(),
+                values: vec![("diameter".into(), 20.001_37, Some(0.0004))],
             },
             ArtefactRecord {
                 id: "bar-145".into(),
                 kind: "ball-bar".into(),
                 certificate: "K-2024-118".into(),
-                values: vec![("spacing".into(), 145.055_09, 0.0006), ("diameter 1".into(), 19.998, 0.0004)],
+                validity: String::new(),
+                values: vec![("spacing".into(), 145.055_09, Some(0.0006)), ("length".into(), 300.0, None)],
             },
         ],
         characteristics,
@@ -197,10 +221,24 @@ fn what_the_numbers_do_not_bear_is_refused() {
     refused(&|r| r.characteristics[0].unit = "m\n".into(), "\"m\\n\"");
     refused(&|r| r.total_volume.size_mm[1] = f64::NAN, "total_volume");
     refused(&|r| r.artefacts[0].values[0].1 = f64::NAN, "sphere-20");
-    refused(&|r| r.verdict = TestVerdict::Pass, "the test passes although characteristic");
+    refused(
+        &|r| r.verdict = TestVerdict::Pass,
+        "the test is stated as pass although its characteristics give fail",
+    );
+    refused(&|r| r.verdict = TestVerdict::Indeterminate, "its characteristics give fail");
+    // PS lies within the guard band of its limit: nothing is proven, whatever the master says.
+    refused(&|r| r.characteristics[2].verdict = Some(TestVerdict::Pass), "its positions give indeterminate");
+    refused(
+        &|r| r.characteristics[2].positions[2].verdict = Some(TestVerdict::Pass),
+        "\"sphere-3\" is stated as pass",
+    );
+    refused(&|r| r.characteristics[2].positions[2].test_value_u = Some(1e-6), "no position has them");
+    refused(&|r| r.guard_factor = 0.0, "guard factor 0 give pass");
+    refused(&|r| r.guard_factor = -1.0, "guard_factor");
+    refused(&|r| r.characteristics[3].positions[2].replaced = true, "no position has them");
     refused(&|r| r.characteristics[2].value = 0.001, "\"sphere-1\" has -0.0121 mm");
-    refused(&|r| r.characteristics[3].verdict = Some(TestVerdict::Pass), "above 0.03 mm");
-    refused(&|r| r.characteristics[1].verdict = Some(TestVerdict::Fail), "it has no limit");
+    refused(&|r| r.characteristics[3].verdict = Some(TestVerdict::Pass), "its positions give fail");
+    refused(&|r| r.characteristics[1].verdict = Some(TestVerdict::Fail), "its positions give none");
 }
 
 #[test]
@@ -255,7 +293,7 @@ fn csv_keeps_one_line_a_value_whatever_the_names() {
     assert_eq!(
         row,
         "vdi2634-3,VDI/VDE 2634 part 3,2008-12,full,fail,SD,sphere spacing error,true,bar-3,1,v1,0.0412,48213,144,true,\
-         0.03,0.0021,fail"
+         0.03,0.0021,fail,,0,2,false"
     );
     assert_eq!(row.split(',').count(), text.lines().next().unwrap().split(',').count());
 }
@@ -292,7 +330,8 @@ fn two_lengths() -> TestReport {
     {
         (position.length_mm, position.limit, position.value) = (Some(length), Some(limit), value);
     }
-    (one.value, one.limit, one.verdict) = (0.014, Some(0.0175), Some(TestVerdict::Pass));
+    (one.value, one.limit) = (0.014, Some(0.0175));
+    decide(one);
     report.verdict = TestVerdict::Indeterminate;
     report
 }
@@ -303,7 +342,7 @@ fn limits_that_differ_with_the_length_stand_beside_their_values_only() {
     let report = two_lengths();
     check(&report).unwrap();
     let one = &report.characteristics[3];
-    let chart = chart::chart(one, chart::Size { width: 540.0, height: 250.0, letter: 12.0 });
+    let chart = chart::chart(one, GUARD, chart::Size { width: 540.0, height: 250.0, letter: 12.0 });
     let limits = |s: &&drawing::Shape| matches!(s, drawing::Shape::Line { tone: drawing::Tone::Fail, .. });
     assert_eq!(chart.shapes.iter().filter(limits).count(), 4, "two on either side");
     let rows = csv::render(&report);

@@ -57,7 +57,7 @@ pub fn differing_limits(one: &Characteristic) -> Option<String> {
 
 /// Where the worst value occurred.
 pub fn worst_position(one: &Characteristic) -> String {
-    let worst = one.positions.iter().find(|p| p.value == one.value);
+    let worst = one.positions.iter().find(|p| p.value == one.value && !p.replaced);
     worst.map_or_else(
         || "derived".to_owned(),
         |p| {
@@ -91,14 +91,19 @@ pub fn sentences(report: &TestReport) -> Vec<String> {
         }
     }
     if with(TestVerdict::Indeterminate).count() > 0 {
-        text.push(format!(
-            "Nearer to the limit than the uncertainty of the test value: {}.",
-            list(TestVerdict::Indeterminate)
-        ));
+        text.push(format!("Nearer to the limit than the guard band: {}.", list(TestVerdict::Indeterminate)));
     }
     let open: Vec<_> = judged.iter().filter(|c| c.limit.is_none()).map(|c| c.symbol.as_str()).collect();
     if !open.is_empty() {
         text.push(format!("No limit was given for {}.", open.join(", ")));
+    }
+    if report.characteristics.iter().any(|c| c.positions.iter().any(|p| p.replaced)) {
+        text.push(
+            "A retest took the place of values that broke their limit; they stand in the table.".to_owned(),
+        );
+    }
+    if report.simulated {
+        text.push("The recordings are simulated: no instrument was tested.".to_owned());
     }
     text
 }

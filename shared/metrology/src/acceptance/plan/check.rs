@@ -1,6 +1,8 @@
 //! What must hold in a plan whatever its rules.
 
-use super::{Artefact, LengthLimit, Limit, PositionPlan, RegisterBy, TEST_FORMAT, TestPlan, ViewPlan};
+use super::{
+    Artefact, LengthLimit, Limit, PositionPlan, RegisterBy, TEST_FORMAT, TestPlan, ViewPlan, Volumes,
+};
 use crate::acceptance::AcceptanceError;
 use crate::acceptance::rules::Kind;
 
@@ -23,7 +25,7 @@ impl TestPlan {
         if self.positions.is_empty() {
             return Err(fault("position", "the plan has none: nothing would be tested; add [[position]]"));
         }
-        let mut sources: Vec<&str> = Vec::new();
+        let mut sources: Vec<String> = Vec::new();
         for (index, position) in self.positions.iter().enumerate() {
             if self.positions[..index]
                 .iter()
@@ -49,11 +51,7 @@ impl TestPlan {
         let place = |name: &str, key, value, limits| {
             Err(AcceptanceError::Value { place: name.to_owned(), key, value, limits })
         };
-        for (key, edges) in [("sensor_mm", volume.sensor_mm), ("total_mm", volume.total_mm)] {
-            if let Some(edge) = edges.iter().find(|e| !(**e > 0.0 && e.is_finite())) {
-                return place("volume", key, *edge, "above 0");
-            }
-        }
+        volume.check()?;
         if !(-50.0..=100.0).contains(&conditions.temperature_c) {
             return place("conditions", "temperature_c", conditions.temperature_c, "-50 … 100 °C");
         }
@@ -62,6 +60,8 @@ impl TestPlan {
         if !not_negative(conditions.u_temperature_k) {
             return place("conditions", "u_temperature_k", conditions.u_temperature_k, "0 or more");
         }
+        let zero = [("u_temperature_k", conditions.u_temperature_k)];
+        check_zeros("conditions", &zero, conditions.zero_reason.as_deref())?;
         if !(not_negative(decision.guard_factor) && decision.guard_factor <= 10.0) {
             return place("decision", "guard_factor", decision.guard_factor, "0 … 10");
         }
@@ -69,6 +69,10 @@ impl TestPlan {
             if !(positive(value) && value <= 100.0) {
                 return place("segmentation", key, value, "0 … 100 mm, zero excluded");
             }
+        }
+        if let Some(zone) = segmentation.zone_mm.filter(|z| !(*z >= segmentation.margin_mm && z.is_finite()))
+        {
+            return place("segmentation", "zone_mm", zone, "at least margin_mm");
         }
         if let Some(fraction) = self.reject_fraction.filter(|f| !(0.0..=0.5).contains(f)) {
             return place("plan", "reject_fraction", fraction, "0 … 0.5");
@@ -89,10 +93,10 @@ impl TestPlan {
         Ok(())
     }
 
-    fn check_position<'a>(
-        &'a self,
-        position: &'a PositionPlan,
-        sources: &mut Vec<&'a str>,
+    fn check_position(
+        &self,
+        position: &PositionPlan,
+        sources: &mut Vec<String>,
     ) -> Result<(), AcceptanceError> {
         let place = format!("position \"{}\"", position.name);
         let Some(artefact) = self.artefact_of(position) else {
@@ -125,10 +129,11 @@ impl TestPlan {
                 ));
             }
             // Counted twice, one measurement would pass for two positions.
-            if sources.contains(&view.source()) {
+            let source = view.plain_source();
+            if sources.contains(&source) {
                 return Err(fault(&place, &format!("{} is named by another view too", view.source())));
             }
-            sources.push(view.source());
+            sources.push(source);
             view.check(&place, needed, position.register)?;
         }
         Ok(())
@@ -181,6 +186,49 @@ impl Limit {
     }
 }
 
+impl Volumes {
+    fn check(&self) -> Result<(), AcceptanceError> {
+        for (key, edges) in [("sensor_mm", self.sensor_mm), ("total_mm", self.total_mm)] {
+            if let Some(value) = edges.iter().copied().find(|e| !(*e > 0.0 && e.is_finite())) {
+                return Err(AcceptanceError::Value { place: "volume".into(), key, value, limits: "above 0" });
+            }
+        }
+        if self.center_mm.iter().flatten().any(|v| !v.is_finite()) {
+            return Err(fault("volume", "center_mm: three finite numbers, mm"));
+        }
+        let sorted = |mut edges: [f64; 3]| {
+            edges.sort_unstable_by(f64::total_cmp);
+            edges
+        };
+        let (sensor, total) = (sorted(self.sensor_mm), sorted(self.total_mm));
+        match sensor.iter().zip(&total).find(|(sensor, total)| sensor > total) {
+            None => Ok(()),
+            Some(_) => Err(fault(
+                "volume",
+                &format!(
+                    "sensor_mm = {:?} does not fit into total_mm = {:?}: one view cannot see more than all views together; \
+                     correct one of them",
+                    self.sensor_mm, self.total_mm
+                ),
+            )),
+        }
+    }
+}
+
+/// A standard uncertainty of 0 narrows the guard band to nothing: it needs a reason.
+fn check_zeros(place: &str, values: &[(&str, f64)], reason: Option<&str>) -> Result<(), AcceptanceError> {
+    let zero = values.iter().find(|(_, value)| *value == 0.0);
+    match (zero, reason.is_some_and(|text| !text.trim().is_empty())) {
+        (Some((key, _)), false) => Err(fault(
+            place,
+            &format!(
+                "{key} = 0 says that nothing is uncertain: write zero_reason = \"why\", or the value of the certificate"
+            ),
+        )),
+        _ => Ok(()),
+    }
+}
+
 impl ViewPlan {
     fn check(&self, place: &str, needed: usize, register: RegisterBy) -> Result<(), AcceptanceError> {
         if !self.near_mm.is_empty() && self.near_mm.len() != needed {
@@ -190,11 +238,11 @@ impl ViewPlan {
                 &format!("near_mm has {found} balls, the artefact has {needed} elements"),
             ));
         }
-        if let Some(ball) = self.near_mm.iter().find(|b| b.iter().any(|v| !v.is_finite()) || b[3] <= 0.0) {
-            return Err(fault(
-                place,
-                &format!("near_mm = {ball:?}: four finite numbers x, y, z, r, r above 0"),
-            ));
+        for (key, balls) in [("near_mm", &self.near_mm), ("exclude_mm", &self.exclude_mm)] {
+            if let Some(ball) = balls.iter().find(|b| b.iter().any(|v| !v.is_finite()) || b[3] <= 0.0) {
+                let message = format!("{key} = {ball:?}: four finite numbers x, y, z, r, r above 0");
+                return Err(fault(place, &message));
+            }
         }
         if self.near_mm.is_empty() && needed > 2 {
             let message = format!(
@@ -243,18 +291,7 @@ impl Artefact {
         if let Some(bad) = lengths.copied().find(|v| !(*v > 0.0 && v.is_finite())) {
             return Err(AcceptanceError::Value { place, key: "a length", value: bad, limits: "above 0 mm" });
         }
-        let amounts = [
-            ("u_diameter_mm", self.u_diameter_mm),
-            ("u_spacing_mm", self.u_spacing_mm),
-            ("form_mm", self.form_mm),
-            ("u_form_mm", self.u_form_mm),
-            ("u_expansion_per_k", self.u_expansion_per_k),
-        ];
-        for (key, value) in amounts {
-            if !(value >= 0.0 && value.is_finite()) {
-                return Err(AcceptanceError::Value { place, key, value, limits: "0 or more" });
-            }
-        }
+        self.check_uncertainties(&place)?;
         let (expansion, at) = (self.expansion_per_k, self.calibrated_at_c);
         if !(-1e-3..=1e-3).contains(&expansion) {
             return Err(AcceptanceError::Value {
@@ -273,6 +310,42 @@ impl Artefact {
             });
         }
         Ok(())
+    }
+}
+
+impl Artefact {
+    /// Uncertainties of the certificate: all there, none negative, none 0 without a reason.
+    fn check_uncertainties(&self, place: &str) -> Result<(), AcceptanceError> {
+        let needed = |key: &str, value: Option<f64>, of: &str| {
+            value.ok_or_else(|| {
+                let message = format!(
+                    "{key} is missing: write {key} = 0.0005, the standard uncertainty (k = 1) of {of} from its certificate, \
+                     mm; 0 needs zero_reason = \"why\""
+                );
+                fault(place, &message)
+            })
+        };
+        let mut amounts = vec![("u_form_mm", self.u_form_mm), ("u_expansion_per_k", self.u_expansion_per_k)];
+        if self.kind != Kind::Plane {
+            amounts.push(("u_diameter_mm", needed("u_diameter_mm", self.u_diameter_mm, "a diameter")?));
+        }
+        if self.kind == Kind::BallBar {
+            amounts.push(("u_spacing_mm", needed("u_spacing_mm", self.u_spacing_mm, "a sphere spacing")?));
+        }
+        let others = [
+            ("form_mm", Some(self.form_mm)),
+            ("rod_diameter_mm", self.rod_diameter_mm),
+            ("u_diameter_mm", self.u_diameter_mm),
+            ("u_spacing_mm", self.u_spacing_mm),
+        ];
+        let others = others.iter().filter_map(|(key, value)| Some((*key, (*value)?)));
+        for (key, value) in amounts.iter().copied().chain(others) {
+            if !(value >= 0.0 && value.is_finite()) {
+                let place = place.to_owned();
+                return Err(AcceptanceError::Value { place, key, value, limits: "0 or more" });
+            }
+        }
+        check_zeros(place, &amounts, self.zero_reason.as_deref())
     }
 }
 

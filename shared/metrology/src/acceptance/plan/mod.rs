@@ -98,18 +98,27 @@ impl Limit {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Conditions {
-    /// Who tested.
+    /// Who tested. Without it, as without the three below, the test is a reduced one.
+    #[serde(default)]
     pub operator: String,
-    /// When.
+    /// Day of the test, YYYY-MM-DD; a time may follow.
+    #[serde(default)]
     pub date: String,
-    /// What was tested: maker, type, serial number.
+    /// Identity of the instrument: maker, type, serial number.
     pub instrument: Option<String>,
-    /// Of the artefact, °C.
+    /// Exposures, patterns, averaging, filters.
+    #[serde(default)]
+    pub operating_mode: String,
+    /// Temperature of the artefact, °C.
     pub temperature_c: f64,
     /// Its standard uncertainty, K.
     pub u_temperature_k: f64,
-    /// Exposures, patterns, averaging, filters.
-    pub operating_mode: String,
+    /// Why `u_temperature_k` is 0, where it is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub zero_reason: Option<String>,
+    /// Whether the recordings come from a simulation: no instrument was tested then, and every report says so.
+    #[serde(default)]
+    pub simulated: bool,
     /// How long the system was on.
     pub warm_up: Option<String>,
 }
@@ -122,6 +131,10 @@ pub struct Volumes {
     pub sensor_mm: [f64; 3],
     /// What all views together measure.
     pub total_mm: [f64; 3],
+    /// Middle of the total volume in the frame of the positions; its edges are parallel to the axes of that frame. Without
+    /// it nobody can tell whether the positions lie in the volume, and the test is a reduced one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub center_mm: Option<[f64; 3]>,
 }
 
 /// Decision rules.
@@ -153,6 +166,16 @@ impl Default for Decision {
     }
 }
 
+impl Decision {
+    /// Guard band over the standard uncertainty that the rule asks for; 0 for simple acceptance.
+    pub fn factor(&self) -> f64 {
+        match self.rule {
+            DecisionRule::Iso14253 => self.guard_factor,
+            DecisionRule::Simple => 0.0,
+        }
+    }
+}
+
 /// How recordings become clouds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -170,16 +193,20 @@ pub struct Measurement {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Segmentation {
-    /// Points within this distance of the sphere of calibrated diameter (or of the plane) that most points agree on
-    /// belong to it. Wide enough to hold every error that shall be found.
+    /// An element is where most points agree on a sphere of calibrated diameter (or a plane) within this distance. A form
+    /// deviation that reaches it is an error of the evaluation, never a value.
     pub margin_mm: f64,
+    /// Every point within this distance of an element's surface belongs to the artefact and counts, and every point inside a
+    /// sphere. Absent: the radius of a sphere, ten times `margin_mm` of a plane.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub zone_mm: Option<f64>,
     /// Points farther apart than this belong to different bodies.
     pub gap_mm: f64,
 }
 
 impl Default for Segmentation {
     fn default() -> Self {
-        Self { margin_mm: 0.5, gap_mm: 1.5 }
+        Self { margin_mm: 0.5, zone_mm: None, gap_mm: 1.5 }
     }
 }
 
@@ -201,18 +228,27 @@ pub struct Artefact {
     pub kind: Kind,
     /// Number of its certificate.
     pub certificate: String,
+    /// Day of the calibration, YYYY-MM-DD. Without it, or outside its validity, the test is a reduced one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub certificate_date: Option<String>,
+    /// Last day on which the certificate is valid, YYYY-MM-DD.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub certificate_valid_until: Option<String>,
     /// Calibrated diameters of its spheres, in their order.
     #[serde(default)]
     pub diameters_mm: Vec<f64>,
-    /// Standard uncertainty of a diameter.
-    #[serde(default)]
-    pub u_diameter_mm: f64,
+    /// Standard uncertainty of a diameter; no artefact with spheres goes without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub u_diameter_mm: Option<f64>,
     /// Of a ball bar: calibrated distances of the first sphere's centre from those of the others.
     #[serde(default)]
     pub spacings_mm: Vec<f64>,
-    /// Standard uncertainty of a distance.
-    #[serde(default)]
-    pub u_spacing_mm: f64,
+    /// Standard uncertainty of a distance; no ball bar goes without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub u_spacing_mm: Option<f64>,
+    /// Of a ball bar: diameter of the rod between its spheres; points of the rod do not count.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rod_diameter_mm: Option<f64>,
     /// Of a plane: its sides.
     pub size_mm: Option<[f64; 2]>,
     /// Certified form deviation (range) of its spheres or plane.
@@ -223,6 +259,9 @@ pub struct Artefact {
     pub expansion_per_k: f64,
     /// Its standard uncertainty, 1/K.
     pub u_expansion_per_k: f64,
+    /// Why a standard uncertainty of this artefact is 0, where one is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub zero_reason: Option<String>,
     /// Temperature at which the certificate holds, °C.
     #[serde(default = "twenty")]
     pub calibrated_at_c: f64,
@@ -252,6 +291,9 @@ pub struct PositionPlan {
     /// Counts repeats from 1.
     #[serde(default = "one")]
     pub repeat: u32,
+    /// Measures a position again whose value broke its limit, where the rule set has a rule for it.
+    #[serde(default)]
+    pub retest: bool,
     /// Which artefact stands there.
     pub artefact: String,
     /// How the views come together.
@@ -280,7 +322,10 @@ pub struct ViewPlan {
     /// plane. Without it they are searched.
     #[serde(default)]
     pub near_mm: Vec<[f64; 4]>,
-    /// Three rows of R | t: point in the position's frame = R · point in the cloud + t.
+    /// Balls x, y, z, r in mm whose points are no part of the artefact: a stem, a fixture. They are counted and reported.
+    #[serde(default)]
+    pub exclude_mm: Vec<[f64; 4]>,
+    /// Three rows of R | t: point in the frame of the position = R · point in the cloud + t.
     pub transform: Option<[[f64; 4]; 3]>,
 }
 
@@ -288,6 +333,19 @@ impl ViewPlan {
     /// The recording or the cloud, as written.
     pub fn source(&self) -> &str {
         self.recording.as_deref().or(self.cloud.as_deref()).unwrap_or("")
+    }
+
+    /// The same without detours, so that `./b0.ply` and `x/../b0.ply` are `b0.ply`.
+    pub(super) fn plain_source(&self) -> String {
+        let mut parts: Vec<&str> = Vec::new();
+        for part in self.source().split('/').filter(|part| !matches!(*part, "" | ".")) {
+            match (part, parts.last()) {
+                ("..", Some(last)) if *last != ".." => drop(parts.pop()),
+                _ => parts.push(part),
+            }
+        }
+        let root = if self.source().starts_with('/') { "/" } else { "" };
+        root.to_owned() + &parts.join("/")
     }
 }
 

@@ -116,3 +116,55 @@ fn estimated_correlation_holds_whatever_its_reach() {
     let (naive, cells) = (ratio(2.0, Correlation::Independent), ratio(2.0, Correlation::Cells(2.0)));
     assert!(naive > 2.5 && cells > 1.4, "independent: {naive}, cells of 2 mm: {cells}");
 }
+
+/// Too few cells fell back to independent points, with an uncertainty ten times too small.
+#[test]
+fn too_few_cells_widen_the_uncertainty() {
+    let points = smooth_cap(3, 500, 3.5);
+    let of = |correlation| sphere(&points, &FitSettings { correlation, ..FitSettings::default() }).unwrap();
+    let (independent, cells) = (of(Correlation::Independent), of(Correlation::Cells(9.0)));
+    assert!((1..20).contains(&cells.support.cells), "{:?}", cells.support);
+    let wider = (500.0 / cells.support.cells as f64).sqrt();
+    assert!((cells.u_diameter_mm / independent.u_diameter_mm / wider - 1.0).abs() < 1e-9);
+    let settings = FitSettings { correlation: Correlation::Cells(9.0), ..FitSettings::default() };
+    let fits: Vec<SphereFit> =
+        (0..60).map(|seed| sphere(&smooth_cap(seed, 500, 3.5), &settings).unwrap()).collect();
+    let (_, scatter) = mean_and_sd(&fits.iter().map(|f| f.diameter_mm).collect::<Vec<_>>());
+    let stated = fits.iter().map(|f| f.u_diameter_mm.powi(2)).sum::<f64>() / fits.len() as f64;
+    assert!(scatter < 1.1 * stated.sqrt(), "{scatter} against {}", stated.sqrt());
+}
+
+/// Points with two residuals each: trimming was corrected for as if they had one, which made u 1.3 times too large.
+#[test]
+fn trimmed_circles_and_lines_scatter_as_stated() {
+    let settings = FitSettings { max_reject_fraction: 0.03, ..FitSettings::default() };
+    let noise_mm = 0.01;
+    let circles: Vec<CircleFit> = (0..400)
+        .map(|seed| {
+            let mut noise = Noise(seed);
+            let point = |_| {
+                let (sin, cos) = fringe::math::sincos(std::f64::consts::TAU * noise.uniform());
+                let radius = 10.0 + noise_mm * noise.normal();
+                Point3::new(radius * cos, radius * sin, noise_mm * noise.normal())
+            };
+            circle(&(0..300).map(point).collect::<Vec<_>>(), &settings).unwrap()
+        })
+        .collect();
+    let (_, scatter) = mean_and_sd(&circles.iter().map(|f| f.diameter_mm).collect::<Vec<_>>());
+    let stated = (circles.iter().map(|f| f.u_diameter_mm.powi(2)).sum::<f64>() / 400.0).sqrt();
+    assert!((0.89..1.11).contains(&(scatter / stated)), "circle: {scatter} stated {stated}");
+
+    let lines: Vec<LineFit> = (0..400)
+        .map(|seed| {
+            let mut noise = Noise(1000 + seed);
+            let point = |i| {
+                Point3::new(0.1 * f64::from(i) - 15.0, noise_mm * noise.normal(), noise_mm * noise.normal())
+            };
+            line(&(0..300).map(point).collect::<Vec<_>>(), &settings).unwrap()
+        })
+        .collect();
+    let (_, scatter) = mean_and_sd(&lines.iter().map(|f| f.axis_point_mm[1]).collect::<Vec<_>>());
+    let stated = (lines.iter().map(|f| f.u_axis_point_mm.powi(2)).sum::<f64>() / 400.0).sqrt();
+    // The worse of two equal directions is stated, a few per cent above either.
+    assert!((0.85..1.11).contains(&(scatter / stated)), "line: {scatter} stated {stated}");
+}

@@ -14,6 +14,7 @@ mod parse;
 #[cfg(test)]
 mod tests;
 mod token;
+mod units;
 
 use thiserror::Error;
 
@@ -21,6 +22,7 @@ use super::function::Function;
 use super::models;
 use super::number::Number;
 use function::Builtin;
+pub use units::same_unit;
 
 /// Longest formula: thousands of terms are a program, not a formula.
 const MAX_LENGTH: usize = 4096;

@@ -32,7 +32,7 @@ pub fn put(sheets: &mut Sheets, block: &Block<'_>) {
         }
         Block::Pairs(pairs) => pairs_of(sheets, pairs),
         Block::Table(block) => table(sheets, block),
-        Block::Charts(all) => charts(sheets, all),
+        Block::Charts(all, guard_factor) => charts(sheets, all, *guard_factor),
         Block::Signatures(labels) => signatures(sheets, labels),
     }
 }
@@ -97,13 +97,13 @@ fn column_of(sheets: &mut Sheets, lines: &[Vec<u8>], x: f64, style: Style) {
     }
 }
 
-fn charts(sheets: &mut Sheets, all: &[&Characteristic]) {
+fn charts(sheets: &mut Sheets, all: &[&Characteristic], guard_factor: f64) {
     for two in all.chunks(2) {
         sheets.need(CHART.height);
         for (column, one) in two.iter().enumerate() {
             let x = MARGIN + column as f64 * (CHART.width + GAP);
             let at = [x, sheets.y];
-            sheets.drawing(&chart(one, CHART), at);
+            sheets.drawing(&chart(one, guard_factor, CHART), at);
         }
         sheets.y += CHART.height + 6.0;
     }
