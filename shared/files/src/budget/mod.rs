@@ -26,7 +26,9 @@
 //! distribution = "rectangular"
 //! ```
 //! Without a model Y is the sum of `sensitivity · quantity` (sensitivity 1 where none is given); with one, sensitivities
-//! are its derivatives. A quantity states its uncertainty in exactly one of these ways:
+//! are its derivatives. Units are compared, not converted: in a sum a quantity of another unit than the measurand's needs the
+//! `sensitivity` that converts it, and what a model adds or returns must be of one unit (a factor in the model converts).
+//! A quantity states its uncertainty in exactly one of these ways:
 //!
 //! | keys | meaning |
 //! |---|---|
