@@ -62,6 +62,25 @@ fn decide(one: &mut Characteristic) {
     one.verdict = one.verdict_over_positions(GUARD);
 }
 
+fn artefacts() -> Vec<ArtefactRecord> {
+    vec![
+        ArtefactRecord {
+            id: "sphere-20".into(),
+            kind: "sphere".into(),
+            certificate: "K-2024-117".into(),
+            validity: "from 2026-01-10, until 2027-01-09".into(),
+            values: vec![("diameter".into(), 20.001_37, Some(0.0004))],
+        },
+        ArtefactRecord {
+            id: "bar-145".into(),
+            kind: "ball-bar".into(),
+            certificate: "K-2024-118".into(),
+            validity: String::new(),
+            values: vec![("spacing".into(), 145.055_09, Some(0.0006)), ("length".into(), 300.0, None)],
+        },
+    ]
+}
+
 /// A test as the twin gives it.
 fn report() -> TestReport {
     let sphere = |values: &[f64]| positions("sphere", values, 5);
@@ -115,22 +134,7 @@ fn report() -> TestReport {
         ],
         sensor_volume: Volume::new([150.0, 120.0, 80.0]),
         total_volume: Volume::new([150.0, 120.0, 100.0]),
-        artefacts: vec![
-            ArtefactRecord {
-                id: "sphere-20".into(),
-                kind: "sphere".into(),
-                certificate: "K-2024-117".into(),
-                validity: "from 2026-01-10, until 2027-01-09".into(),
-                values: vec![("diameter".into(), 20.001_37, Some(0.0004))],
-            },
-            ArtefactRecord {
-                id: "bar-145".into(),
-                kind: "ball-bar".into(),
-                certificate: "K-2024-118".into(),
-                validity: String::new(),
-                values: vec![("spacing".into(), 145.055_09, Some(0.0006)), ("length".into(), 300.0, None)],
-            },
-        ],
+        artefacts: artefacts(),
         characteristics,
         verdict: TestVerdict::Fail,
     }
