@@ -79,7 +79,6 @@ fn a_bad_master_is_told_on_one_line_and_leaves_nothing() {
         (with(&|m| m["characteristics"][0]["value"] = Value::Null), "null"),
         (with(&|m| m["format"] = "fringecell-result/1".into()), "expected \"fringecell-acceptance/1\""),
         (with(&|m| m["characteristics"][0]["verdict"] = "fail".into()), "its positions give pass"),
-        (with(&|m| m["guard_factor"] = Value::Null), "guard_factor"),
         (
             with(&|m| {
                 m.as_object_mut().unwrap().remove("guard_factor");
