@@ -420,3 +420,22 @@ fn qif_carries_value_limit_uncertainty_and_verdict() {
         assert!(text.contains(words), "{words}\n{text}");
     }
 }
+
+/// The band was U wide, whatever the guard factor that decided.
+#[test]
+fn the_band_of_a_chart_is_the_guard_band_that_decides() {
+    let report = report();
+    for (guard_factor, guard_mm) in [(2.0, U_MM), (1.65, 0.825 * U_MM), (0.0, 0.0)] {
+        let size = chart::Size { width: 540.0, height: 250.0, letter: 12.0 };
+        let drawing = chart::chart(&report.characteristics[3], guard_factor, size);
+        let height = |wanted: drawing::Tone| {
+            let area = |shape: &drawing::Shape| match shape {
+                drawing::Shape::Area([_, _, _, height], tone) if *tone == wanted => Some(*height),
+                _ => None,
+            };
+            drawing.shapes.iter().find_map(area).unwrap()
+        };
+        let ratio = height(drawing::Tone::DoubtArea) / height(drawing::Tone::PassArea);
+        assert!((ratio - (0.03 + guard_mm) / (0.03 - guard_mm)).abs() < 1e-9, "{guard_factor}: {ratio}");
+    }
+}
