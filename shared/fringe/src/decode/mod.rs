@@ -24,8 +24,8 @@
 //! superfluous codes) are named in the report.
 //!
 //! # Uncertainty
-//! σ_φ = √(2/N) σ_I / B with σ_I² = read² + gain · A from the residuals of the fit (`noise`), from the settings, or
-//! assumed. For N = 3 shot noise adds a term that alternates with 3φ; its mean is zero and it is left out.
+//! σ_φ = √(2/N) σ_I / B with σ_I² = read² + gain · A from the residuals of the fit (`noise`), from neighbouring pixels
+//! where there are too few steps (`spatial`), from the settings, or assumed where there is too little light. For N = 3 shot noise adds a term that alternates with 3φ; its mean is zero and it is left out.
 
 mod accumulate;
 pub mod arctan;
@@ -51,6 +51,7 @@ mod risk;
 mod roles;
 mod sets;
 mod settings;
+mod spatial;
 mod spectrum;
 #[cfg(test)]
 mod tests;
@@ -76,6 +77,7 @@ use neighbours::Field;
 use noise::{Probe, QUANTISATION_DN2};
 use order::Kernel;
 use roles::{AxisPlan, Plan, Role};
+use spatial::{Places, sample_code, sample_phase};
 use std::sync::Arc;
 use verdict::{Verdicts, apply, correct_rows};
 
@@ -273,10 +275,10 @@ impl Decoder {
         if out.info != info || sizes != [n; 4] {
             return Err(DecodeError::Output);
         }
-        let gathered = &self.axes[home];
-        if let Some(residual) = gathered.probe.disorder(self.full_scale_dn) {
+        if let Some(residual) = self.axes[home].probe.disorder(self.full_scale_dn) {
             return Err(DecodeError::Disorder { axis, residual });
         }
+        self.estimate_from_neighbours(home);
         let plan = &self.plan.axes[home];
         let kernel = self.kernel(home, plan);
         let (tally, noise) = (decode_blocks(&kernel, out), kernel.noise);
@@ -295,7 +297,7 @@ impl Decoder {
         } else {
             Verdicts::of_mask(out.valid)
         };
-        let mut report = verdicts.report(tally, noise, Arc::clone(&gathered.ignored));
+        let mut report = verdicts.report(tally, noise, Arc::clone(&self.axes[home].ignored));
         if !self.plan.axes[home].sines.is_empty() {
             report.continuity = Continuity::of(out);
             report.check_orders(axis, self.settings.max_contradiction)?;
@@ -329,6 +331,32 @@ impl Decoder {
             settings: &self.settings,
             least_modulation_dn: self.least_modulation_dn() as f32,
         }
+    }
+
+    /// The noise model where neither settings nor residuals tell it.
+    fn estimate_from_neighbours(&mut self, home: usize) {
+        let least_dn = self.least_modulation_dn();
+        let (plan, axis) = (&self.plan.axes[home], &mut self.axes[home]);
+        if axis.estimate.is_some() || self.settings.camera_noise.is_some() {
+            return;
+        }
+        let AxisState { probe, saturated, .. } = axis;
+        axis.estimate = probe.model_of_neighbours(|positions, samples| {
+            let places = Places { positions, width: self.width_px as usize, saturated };
+            match (plan.sines.first(), &plan.code) {
+                (Some(finest), _) => {
+                    sample_phase(
+                        &places,
+                        &self.sums[*finest],
+                        self.steps[*finest] as usize,
+                        least_dn,
+                        samples,
+                    );
+                }
+                (None, Some(code)) => sample_code(&places, &self.rasters, code, least_dn, samples),
+                (None, None) => {}
+            }
+        });
     }
 
     /// Removes the bias of the pixel's footprint; its standard deviation, where it is known.

@@ -28,10 +28,10 @@ const FEWEST_STEPS: usize = 4;
 
 /// A residual variance at a background level.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Sample {
-    background_dn: f64,
-    variance_dn2: f64,
-    freedom: f64,
+pub(super) struct Sample {
+    pub background_dn: f64,
+    pub variance_dn2: f64,
+    pub freedom: f64,
 }
 
 /// The frames of a sparse, fixed subset of the pixels, for one axis.
@@ -80,7 +80,7 @@ impl Probe {
         }
         let positions: Vec<usize> = (0..pixels).step_by(stride).collect();
         let steps_max = sets.iter().map(|s| s.steps as usize).max().unwrap_or(0);
-        let room = positions.len() * sets.len();
+        let room = positions.len() * sets.len().max(1);
         Self {
             frames: vec![0; positions.len() * steps_max],
             positions,
@@ -198,6 +198,16 @@ impl Probe {
         many.or_else(|| self.unexplained_of_four.beyond(DISORDER_OF_FOUR, full_scale_dn))
     }
 
+    /// The model from neighbouring pixels (see [`super::spatial`]): `gather` fills the samples of the given positions.
+    pub fn model_of_neighbours(
+        &mut self,
+        gather: impl FnOnce(&[usize], &mut Vec<Sample>),
+    ) -> Option<NoiseModel> {
+        self.samples.clear();
+        gather(&self.positions, &mut self.samples);
+        self.model()
+    }
+
     /// Fits the straight line; `None` when there is too little light.
     pub fn model(&mut self) -> Option<NoiseModel> {
         let count = self.samples.len();
@@ -253,14 +263,36 @@ struct Bin {
     freedom: f64,
 }
 
+/// Where samples of a variance are cut off, relative to their mean.
+struct Cut {
+    /// Median of all.
+    median: f64,
+    /// The cut.
+    limit: f64,
+    /// Mean of those below it.
+    mean_below: f64,
+}
+
+impl Cut {
+    /// Of χ²/ν. One degree of freedom comes from neighbouring pixels, where edges and texture make a long tail: the cut is at
+    /// 2.5 standard deviations, and the mean below it is 1 − 2c φ(c)/(2Φ(c) − 1). Otherwise the median is (1 − 2/9ν)³ and the cut the
+    /// 99.995 % quantile (both after Wilson and Hilferty), so that noise alone loses nothing that matters.
+    fn of(freedom: f64) -> Self {
+        if freedom < 1.5 {
+            return Self { median: 0.454_936, limit: 6.25, mean_below: 0.911_256 };
+        }
+        let cube = |x: f64| x * x * x;
+        let spread = 2.0 / (9.0 * freedom);
+        Self { median: cube(1.0 - spread), limit: cube(1.0 - spread + 3.9 * spread.sqrt()), mean_below: 1.0 }
+    }
+}
+
 /// Mean of the variances of a bin without the samples that no noise makes: edges that moved, glints, wrong light.
 ///
-/// The scale comes from the model or, without one, from the median of the χ² distribution, (1 − 2/9ν)³ of its mean; the limit is its 99.995 % quantile
-/// (both after Wilson and Hilferty), so honest noise loses nothing that matters.
+/// The scale comes from the model or, without one, from the median of the samples; see [`Cut`].
 fn robust_mean(samples: &[Sample], model: Option<(f64, f64)>, scratch: &mut Vec<f64>) -> Bin {
-    let cube = |x: f64| x * x * x;
     scratch.clear();
-    scratch.extend(samples.iter().map(|s| s.variance_dn2 / cube(1.0 - 2.0 / (9.0 * s.freedom))));
+    scratch.extend(samples.iter().map(|s| s.variance_dn2 / Cut::of(s.freedom).median));
     let middle = scratch.len() / 2;
     if scratch.is_empty() {
         return Bin::default();
@@ -269,10 +301,10 @@ fn robust_mean(samples: &[Sample], model: Option<(f64, f64)>, scratch: &mut Vec<
     let mut bin = Bin::default();
     for s in samples {
         let scale = model.map_or(median, |(read, gain)| read + gain * s.background_dn);
-        let spread = 2.0 / (9.0 * s.freedom);
-        if s.variance_dn2 <= scale * cube(1.0 - spread + 3.9 * spread.sqrt()) {
+        let cut = Cut::of(s.freedom);
+        if s.variance_dn2 <= scale * cut.limit {
             bin.background_dn += s.freedom * s.background_dn;
-            bin.variance_dn2 += s.freedom * s.variance_dn2;
+            bin.variance_dn2 += s.freedom * s.variance_dn2 / cut.mean_below;
             bin.freedom += s.freedom;
         }
     }

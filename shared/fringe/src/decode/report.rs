@@ -8,7 +8,7 @@ use std::sync::Arc;
 /// Where the noise model comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum NoiseSource {
-    /// Residuals of the sine sets; so many pixels entered.
+    /// Residuals of the sine sets, or differences of neighbouring pixels; so many pixels entered.
     Estimated {
         /// Pixels that entered the regression.
         pixels: usize,

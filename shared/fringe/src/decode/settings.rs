@@ -74,7 +74,8 @@ pub struct DecodeSettings {
     /// Largest usable standard uncertainty of the phase, rad. At π/8 the wrap and its noise can no longer be told apart.
     pub max_sigma_rad: f64,
     /// Noise of the camera where it is known. When absent it is estimated from the residuals of the sine sets with five
-    /// or more steps, or assumed (see [`Self::assumed_read_noise_fraction`]).
+    /// or more steps, from neighbouring pixels where there are fewer or only a code, or assumed where too few pixels are lit
+    /// (see [`Self::assumed_read_noise_fraction`]).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub camera_noise: Option<CameraNoise>,
     /// Read noise as a fraction of full scale, used beside the quantisation noise 1/√12 DN where nothing better is known.

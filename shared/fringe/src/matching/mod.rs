@@ -56,15 +56,22 @@ use crate::geometry::camera::Camera;
 use crate::math::parallel::for_parts;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
-use crate::surface::{Sample, SurfaceBuilder, View, mark_rims};
+use crate::surface::{Cause, Sample, SurfaceBuilder, View, mark_rims};
 use nalgebra::Vector3;
 use report::PART_ROWS;
-use rows::Row;
+use rows::{Row, StepLimits};
 use scan::{Scan, Task};
+use std::f64::consts::TAU;
 use subpixel::{RightPhase, SETTLED_PX};
 
 /// Relative difference of two periods that are the same: they come from the same sequence.
 const SAME_PERIOD: f64 = 1e-9;
+
+/// Noise of the phase, projector pixels, beside which the shift two pixels from a rim does not matter.
+const RIM_NOISE_PX: f64 = 0.25;
+
+/// The median noise of a map comes from at most so many pixels.
+const NOISE_SAMPLES: usize = 65_536;
 
 /// Matches the phase maps of one pair. All tables and buffers are made once; `run` allocates nothing.
 #[derive(Debug, Clone)]
@@ -88,8 +95,11 @@ pub struct Matcher {
     right_phase: Vec<f32>,
     /// Not zero where the right surface ends within `surface.edge_px`.
     right_rims: Vec<u8>,
-    /// Scratch for a row of them.
+    /// Scratch for a row of them, and for the gaps between them.
     rim_counts: Vec<u16>,
+    right_gaps: Vec<u8>,
+    /// Scratch for the median noise.
+    noise: Vec<f32>,
     /// In the sequence of `order`.
     hits: Vec<Sample>,
     /// On the native left grid.
@@ -136,6 +146,8 @@ impl Matcher {
             right_phase: vec![f32::NAN; right.width_px as usize * right.height_px as usize],
             right_rims: vec![0; right.width_px as usize * right.height_px as usize],
             rim_counts: vec![0; right.width_px as usize],
+            right_gaps: vec![0; right.width_px as usize * right.height_px as usize],
+            noise: Vec::with_capacity(NOISE_SAMPLES),
             hits: vec![Sample::NONE; order.len()],
             order,
             samples: vec![Sample::NONE; columns * rows],
@@ -165,13 +177,20 @@ impl Matcher {
         self.check(left, right, out.len())?;
         mask(left, &mut self.left_phase);
         mask(right, &mut self.right_phase);
-        let edge = self.settings.surface.edge_px as usize;
-        mark_rims(&self.right_phase, edge, &mut self.rim_counts, &mut self.right_rims);
-        let mut report = self.match_rows(left, right);
-        self.samples.fill(Sample::NONE);
+        let edge_px = self.settings.surface.edge_px as usize;
+        let (limits, noise_px) = self.step_limits(left, right);
+        // A rim shifts the phase two pixels away by less than noise like this hides.
+        let edge = if noise_px > RIM_NOISE_PX { edge_px.min(1) } else { edge_px };
+        let Self { right_gaps, rim_counts, right_rims, .. } = self;
+        mark_rims(&self.right_phase, edge, limits.max_rad, right_gaps, rim_counts, right_rims);
+        let mut report = self.match_rows(left, right, limits);
+        for (sample, phase) in self.samples.iter_mut().zip(&self.left_phase) {
+            *sample = Sample::without(if phase.is_nan() { Cause::Dark } else { Cause::Outside });
+        }
         for (pixel, hit) in self.order.iter().zip(&self.hits) {
             self.samples[*pixel as usize] = *hit;
         }
+        report.outside = self.samples.iter().map(|s| u32::from(s.cause == Cause::Outside)).sum();
         let view = View {
             width: self.pair.left.camera.width_px as usize,
             height: self.pair.left.camera.height_px as usize,
@@ -180,13 +199,37 @@ impl Matcher {
             world_from_sight: self.pair.world_from_rectified,
             origin_mm: self.pair.origin_mm,
             other_mm: Vector3::new(self.pair.baseline_mm, 0.0, 0.0),
+            max_sigma: self.settings.max_disparity_sigma_px / (self.pair.focal_px * self.pair.baseline_mm),
         };
         report.surface = self.surface.build(&view, &mut self.samples, pair, out);
         report.points = report.surface.points;
         Ok(report)
     }
 
-    fn match_rows(&mut self, left: &PhaseView, right: &PhaseView) -> MatchReport {
+    /// What became of each left pixel in the last run.
+    pub fn causes(&self) -> &[Cause] {
+        self.surface.causes()
+    }
+
+    /// Limits of the steps along rows, for the median noise of both maps, and this noise, projector pixels.
+    fn step_limits(&mut self, left: &PhaseView, right: &PhaseView) -> (StepLimits, f64) {
+        let noise_rad = [(left, &self.left_phase), (right, &self.right_phase)].map(|(map, masked)| {
+            let stride = masked.len().div_ceil(NOISE_SAMPLES).max(1);
+            self.noise.clear();
+            let places = (0..masked.len()).step_by(stride).filter(|i| !masked[*i].is_nan());
+            self.noise.extend(places.map(|i| map.sigma_rad[i]));
+            let middle = self.noise.len() / 2;
+            if self.noise.is_empty() {
+                0.0
+            } else {
+                *self.noise.select_nth_unstable_by(middle, f32::total_cmp).1
+            }
+        });
+        let (period_px, noise_rad) = (left.info.period_px, noise_rad[0].max(noise_rad[1]));
+        (self.settings.step_limits(period_px, noise_rad), f64::from(noise_rad) * period_px / TAU)
+    }
+
+    fn match_rows(&mut self, left: &PhaseView, right: &PhaseView, limits: StepLimits) -> MatchReport {
         let Self { tasks, hits, parts, .. } = self;
         let scan = Scan {
             pair: &self.pair,
@@ -207,7 +250,7 @@ impl Matcher {
             directions: &self.directions,
             left: *left,
             right: *right,
-            limits: self.settings.step_limits(left.info.period_px),
+            limits,
         };
         let order = &self.order;
         for_parts(parts, hits, tasks, &|part, hits, task| {
@@ -243,6 +286,7 @@ impl MatchReport {
         self.ambiguous += other.ambiguous;
         self.inconsistent += other.inconsistent;
         self.discontinuous += other.discontinuous;
+        self.uncertain += other.uncertain;
         self.bilinear += other.bilinear;
     }
 }

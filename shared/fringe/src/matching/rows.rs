@@ -38,19 +38,48 @@ pub(super) struct Row {
     phase_rad: Vec<f32>,
     runs: Vec<Run>,
     hot: usize,
+    /// Whether noise made averaging necessary anywhere in the row.
+    smoothed: bool,
+    /// Running sums of a stretch.
+    sums: Vec<f64>,
 }
+
+/// Noise of a cell beyond this share of the phase step per cell would cut a row into pieces.
+const QUIET_SHARE: f64 = 0.25;
+
+/// A mean over w cells differs from the next one by √2 σ/w: so many of these may reach the step.
+const SENSE_SIGMAS: f64 = 4.2;
+
+/// Largest half width of the mean.
+const MAX_HALF: usize = 15;
+
+/// Shorter stretches do not tell their noise.
+const LEAST_CELLS: usize = 8;
+
+/// The slope is taken over so many cells.
+const SLOPE_CELLS: usize = 7;
+
+/// Standard deviation over the mean magnitude of second differences: 1/√6 · √(π/2).
+const SIGMA_OF_SECOND: f64 = 0.511_663;
 
 impl Row {
     /// A row of at most `width` cells.
     pub fn with_capacity(width: usize) -> Self {
         // A run has at least two cells.
-        Self { phase_rad: Vec::with_capacity(width), runs: Vec::with_capacity(width / 2 + 1), hot: 0 }
+        Self {
+            phase_rad: Vec::with_capacity(width),
+            runs: Vec::with_capacity(width / 2 + 1),
+            hot: 0,
+            smoothed: false,
+            sums: Vec::with_capacity(width + 1),
+        }
     }
 
     /// Takes the phase of a row (NaN where not valid) and cuts it into runs.
     pub fn fill(&mut self, phase_rad: impl Iterator<Item = f32>, limits: StepLimits) {
         self.phase_rad.clear();
         self.phase_rad.extend(phase_rad);
+        self.smooth(limits);
         self.runs.clear();
         self.hot = 0;
         let mut start = 0;
@@ -66,6 +95,70 @@ impl Row {
             high_so_far = high_so_far.max(run.high);
             run.high_so_far = high_so_far;
         }
+    }
+
+    /// The mean phase at a column where noise was averaged out of the row; `None` elsewhere.
+    #[inline]
+    pub fn mean_at(&self, column: f64) -> Option<f32> {
+        let at = column as usize;
+        if !self.smoothed || column < 0.0 || at + 1 >= self.phase_rad.len() {
+            return None;
+        }
+        let (from, to) = (self.phase_rad[at], self.phase_rad[at + 1]);
+        let mean = from + (to - from) * (column - at as f64) as f32;
+        mean.is_finite().then_some(mean)
+    }
+
+    /// Averages noise out of the continuous stretches that have so much of it that neighbouring cells change places.
+    ///
+    /// Noise and slope are those of the stretch itself. Means are symmetric and get narrower towards its ends, so that a slope
+    /// stays what it is. Only the search sees them.
+    fn smooth(&mut self, limits: StepLimits) {
+        self.smoothed = false;
+        let mut start = 0;
+        for cell in 1..=self.phase_rad.len() {
+            let step = self.phase_rad.get(cell).map_or(f32::NAN, |v| v - self.phase_rad[cell - 1]);
+            // NaN on either side fails the comparison.
+            let joined = step.abs() <= limits.max_rad;
+            if !joined {
+                self.smooth_stretch(start, cell);
+                start = cell;
+            }
+        }
+    }
+
+    fn smooth_stretch(&mut self, start: usize, end: usize) {
+        let cells = &mut self.phase_rad[start..end];
+        if cells.len() < LEAST_CELLS {
+            return;
+        }
+        let second: f64 =
+            cells.windows(3).map(|w| f64::from((w[0] - w[1]) - (w[1] - w[2])).abs()).sum::<f64>()
+                / (cells.len() - 2) as f64;
+        let across = |w: &[f32]| f64::from(w[w.len() - 1] - w[0]).abs();
+        let slope = cells.windows(SLOPE_CELLS + 1).map(across).sum::<f64>()
+            / ((cells.len() - SLOPE_CELLS) * SLOPE_CELLS) as f64;
+        let noise = SIGMA_OF_SECOND * second;
+        if noise <= QUIET_SHARE * slope {
+            return;
+        }
+        let wanted = 0.5 * SENSE_SIGMAS * noise / slope.max(1e-12);
+        let half = if wanted < MAX_HALF as f64 { wanted.ceil() as usize } else { MAX_HALF };
+        let origin = cells[0];
+        let mut sum = 0.0;
+        self.sums.clear();
+        self.sums.push(0.0);
+        self.sums.extend(cells.iter().map(|v| {
+            sum += f64::from(v - origin);
+            sum
+        }));
+        let count = cells.len();
+        for (i, value) in cells.iter_mut().enumerate() {
+            let half = half.min(i).min(count - 1 - i);
+            let total = self.sums[i + half + 1] - self.sums[i - half];
+            *value = origin + (total / (2 * half + 1) as f64) as f32;
+        }
+        self.smoothed = true;
     }
 
     fn close(&mut self, start: usize, end: usize) {
@@ -87,11 +180,12 @@ impl Row {
         });
     }
 
-    /// Calls `visit` with the fractional column of every place where the row takes this phase, one per run.
+    /// Calls `visit` with the fractional column of every place where the row takes this phase, one per run, and the mean slope of
+    /// the run, rad per cell.
     ///
     /// A run that contains the column `near` is searched from there, another one from where its last search ended.
     #[inline]
-    pub fn find(&mut self, phase_rad: f32, near: Option<f64>, mut visit: impl FnMut(f64)) {
+    pub fn find(&mut self, phase_rad: f32, near: Option<f64>, mut visit: impl FnMut(f64, f64)) {
         let Some(last) = self.runs.len().checked_sub(1) else { return };
         // The number of runs that begin below the phase changes little from pixel to pixel: walk, do not search.
         let mut hot = self.hot.min(last);
@@ -114,7 +208,7 @@ impl Row {
                     run.cursor = near as u32;
                 }
                 if let Some(column) = run.walk(&self.phase_rad, phase_rad) {
-                    visit(column);
+                    visit(column, run.slope());
                 }
             }
         }
@@ -135,6 +229,10 @@ fn continues(phase: &[f32], start: usize, cell: usize, limits: StepLimits) -> bo
 }
 
 impl Run {
+    fn slope(&self) -> f64 {
+        f64::from(self.high - self.low) / f64::from(self.end - self.start)
+    }
+
     /// Walks from the cursor to the bracket of a phase and interpolates in it; `None` where only the noise of the ends
     /// reaches that far.
     #[inline]
@@ -173,7 +271,7 @@ mod tests {
 
     fn places(row: &mut Row, phase: f32) -> Vec<f64> {
         let mut found = Vec::new();
-        row.find(phase, None, |column| found.push(column));
+        row.find(phase, None, |column, _| found.push(column));
         found.sort_by(f64::total_cmp);
         found
     }

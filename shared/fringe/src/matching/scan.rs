@@ -3,10 +3,10 @@
 use super::report::{MatchReport, PART_ROWS};
 use super::rows::{Row, StepLimits};
 use super::settings::MatchSettings;
-use super::subpixel::{Crossing, RightPhase, solve};
+use super::subpixel::{Crossing, MAX_SHIFT_PX, RightPhase, solve};
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid};
-use crate::surface::Sample;
+use crate::surface::{Cause, Sample};
 
 /// Buffers and counts of one part.
 #[derive(Debug, Clone, Default)]
@@ -29,7 +29,29 @@ enum Miss {
     Ambiguous,
     Inconsistent,
     Discontinuous,
+    Uncertain,
 }
+
+impl Miss {
+    fn cause(self) -> Cause {
+        match self {
+            Self::Unmatched => Cause::Unmatched,
+            Self::Ambiguous => Cause::Ambiguous,
+            Self::Inconsistent => Cause::Inconsistent,
+            Self::Discontinuous => Cause::Discontinuous,
+            Self::Uncertain => Cause::Uncertain,
+        }
+    }
+}
+
+/// Single matches may be so many times less certain than smoothed ones must be: no smoothing mends more.
+const SINGLE_SIGMAS: f64 = 6.0;
+
+/// So many standard deviations of the left phase widen the search of the fine stage …
+const SEARCH_SIGMAS: f64 = 4.0;
+
+/// … up to this, px.
+const MAX_SEARCH_PX: f64 = 12.0;
 
 /// What all parts of a run share.
 pub(super) struct Scan<'a> {
@@ -69,10 +91,10 @@ impl Scan<'_> {
                     *hit = sample;
                     task.report.bilinear += u32::from(bilinear);
                 }
-                Err(Miss::Unmatched) => task.report.unmatched += 1,
-                Err(Miss::Ambiguous) => task.report.ambiguous += 1,
-                Err(Miss::Inconsistent) => task.report.inconsistent += 1,
-                Err(Miss::Discontinuous) => task.report.discontinuous += 1,
+                Err(miss) => {
+                    *hit = Sample::without(miss.cause());
+                    task.report.count(miss.cause());
+                }
             }
         }
     }
@@ -93,21 +115,25 @@ impl Scan<'_> {
         let allowed = |left: f64, right: f64| (limits[0]..=limits[1]).contains(&(left - right));
         let tolerance = self.settings.left_right_tolerance_px;
 
+        let own = self.left_grid.column(x);
+        // Where noise was averaged out of the rows, the mean phase of this place is sought, and the fine stage searches farther.
+        let sought = task.left.mean_at(own).unwrap_or(phase);
         let mut coarse = None;
+        let mut steepness = 0.0_f64;
         let mut ambiguous = false;
-        task.right.find(phase, None, |column| {
+        task.right.find(sought, None, |column, slope| {
             let place = self.right_grid.abscissa(column);
             if allowed(x, place) {
                 ambiguous |= coarse.is_some_and(|c: f64| (c - place).abs() * self.pair.focal_px > tolerance);
                 coarse = Some(place);
+                steepness = slope;
             }
         });
         let coarse = coarse.ok_or(Miss::Unmatched)?;
 
         // Backwards: the left row must show this phase here and nowhere else that the right pixel could mean.
-        let own = self.left_grid.column(x);
         let mut returned = false;
-        task.left.find(phase, Some(own), |column| {
+        task.left.find(sought, Some(own), |column, _| {
             if (column - own).abs() <= tolerance {
                 returned = true;
             } else {
@@ -120,14 +146,16 @@ impl Scan<'_> {
         if !returned {
             return Err(Miss::Inconsistent);
         }
-        self.refine(pixel, phase, coarse, limits)
+        let noise_px = SEARCH_SIGMAS * f64::from(self.left.sigma_rad[pixel]) / steepness;
+        let search_px = MAX_SHIFT_PX + if noise_px < MAX_SEARCH_PX { noise_px } else { MAX_SEARCH_PX };
+        self.refine(pixel, phase, (coarse, search_px), limits)
     }
 
     fn refine(
         &self,
         pixel: usize,
         phase: f32,
-        coarse: f64,
+        coarse: (f64, f64),
         limits: [f64; 2],
     ) -> Result<(Sample, bool), Miss> {
         let [x, y] = self.directions[pixel];
@@ -138,13 +166,17 @@ impl Scan<'_> {
         let sigma_left = f64::from(self.left.sigma_rad[pixel]);
         let (own, both) = (sigma_left * sigma_left, sigma_left * sigma_left + variance);
         let sigma = (both / (slope * slope)).sqrt();
-        // A silhouette of this view: the left view may see the surface go on.
+        // A silhouette of that view: the left view may see the surface go on.
         if self.right_phase.rims[right] != 0 {
             return Err(Miss::Discontinuous);
         }
-        let certain = sigma <= self.settings.max_disparity_sigma_px * pitch;
+        // Smoothing decides about the rest, see [`crate::surface::View::max_sigma`].
+        let certain = sigma <= SINGLE_SIGMAS * self.settings.max_disparity_sigma_px * pitch;
+        if !certain {
+            return Err(Miss::Uncertain);
+        }
         let disparity = x - place;
-        if !certain || !(limits[0]..=limits[1]).contains(&disparity) {
+        if !(limits[0]..=limits[1]).contains(&disparity) {
             return Err(Miss::Discontinuous);
         }
         let sample = Sample {
@@ -152,6 +184,7 @@ impl Scan<'_> {
             sigma: (sigma / self.pair.baseline_mm) as f32,
             own_share: if both > 0.0 { (own / both) as f32 } else { 1.0 },
             modulation: self.left.modulation[pixel].min(self.right.modulation[right]),
+            cause: Cause::Point,
         };
         Ok((sample, bilinear))
     }

@@ -22,11 +22,14 @@ pub struct MatchSettings {
     pub max_back_step_px: f64,
     /// Two places of equal phase this close in a row are one (noise), camera pixels.
     pub left_right_tolerance_px: f64,
-    /// Matches whose disparity is less certain are dropped, camera pixels.
+    /// Points whose disparity is less certain after smoothing are dropped, camera pixels.
     pub max_disparity_sigma_px: f64,
     /// What counts as a surface.
     pub surface: SurfaceSettings,
 }
+
+/// Noise of so many standard deviations of a cell is no step: 4.2 of a difference.
+const STEP_SIGMAS: f32 = 6.0;
 
 impl Default for MatchSettings {
     fn default() -> Self {
@@ -36,7 +39,7 @@ impl Default for MatchSettings {
             max_step_px: 6.0,
             max_back_step_px: 0.5,
             left_right_tolerance_px: 1.5,
-            max_disparity_sigma_px: 0.5,
+            max_disparity_sigma_px: 1.0,
             surface: SurfaceSettings::default(),
         }
     }
@@ -66,10 +69,11 @@ impl MatchSettings {
         }
     }
 
-    pub(super) fn step_limits(&self, period_px: f64) -> StepLimits {
+    /// Limits on the steps of a row whose cells have this noise.
+    pub(super) fn step_limits(&self, period_px: f64, noise_rad: f32) -> StepLimits {
         let rad = TAU / period_px;
         StepLimits {
-            max_rad: (self.max_step_px * rad) as f32,
+            max_rad: (self.max_step_px * rad) as f32 + STEP_SIGMAS * noise_rad,
             back_rad: (self.max_back_step_px * rad) as f32,
         }
     }

@@ -21,7 +21,7 @@ const MAX_STEP_RATIO: f32 = 2.5;
 const CELL_MARGIN: f64 = 0.1;
 
 /// The fine solution may lie this far from the coarse one, px: rounding to rows and columns moves it by less.
-const MAX_SHIFT_PX: f64 = 2.5;
+pub(super) const MAX_SHIFT_PX: f64 = 2.5;
 
 /// Displacement by the neglected bend of the lens that ends the search, px: single precision of phases is coarser.
 pub(super) const SETTLED_PX: f64 = 1e-5;
@@ -63,12 +63,17 @@ pub(super) struct Crossing {
     pub bilinear: bool,
 }
 
-/// Finds the crossing nearest to the coarse abscissa; `None` where no continuous surface supports one.
+/// Finds the crossing nearest to the coarse abscissa and within `search_px` of it; `None` where no continuous surface supports one.
 ///
 /// The curve is evaluated exactly, followed by tangent and stretch to where the local model vanishes, and evaluated again
 /// there when that was too far for them to be exact or led to another cell.
 #[inline]
-pub(super) fn solve(right: &RightPhase, curve: &EpipolarCurve, wanted: f32, coarse: f64) -> Option<Crossing> {
+pub(super) fn solve(
+    right: &RightPhase,
+    curve: &EpipolarCurve,
+    wanted: f32,
+    (coarse, search_px): (f64, f64),
+) -> Option<Crossing> {
     let pitch = right.pitch;
     // The cubic model holds only where it was made.
     let cubic = right.interpolation == Interpolation::Cubic;
@@ -85,7 +90,7 @@ pub(super) fn solve(right: &RightPhase, curve: &EpipolarCurve, wanted: f32, coar
         model = Some(current);
         let (along, slope) = current.patch.step(offset, at.tangent, pitch);
         // A vanishing slope gives an infinite step, or NaN: no crossing.
-        let sane = along.abs() <= 2.0 * MAX_SHIFT_PX * pitch;
+        let sane = along.abs() <= 2.0 * search_px * pitch;
         if !sane {
             return None;
         }
@@ -93,7 +98,7 @@ pub(super) fn solve(right: &RightPhase, curve: &EpipolarCurve, wanted: f32, coar
         x += along * (1.0 - 0.5 * at.stretch * along);
         let offset = [offset[0] + at.tangent[0] * along, offset[1] + at.tangent[1] * along];
         if along.abs() < reach && inside(offset) {
-            let near = (x - coarse).abs() <= MAX_SHIFT_PX * pitch;
+            let near = (x - coarse).abs() <= search_px * pitch;
             let pixel = right.nearest(current.column, current.row, offset);
             let sigma = f64::from(right.sigma_rad[pixel]);
             return near.then(|| Crossing {

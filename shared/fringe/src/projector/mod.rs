@@ -22,7 +22,7 @@ use crate::math::parallel::for_parts;
 use crate::pattern::Axis;
 use crate::phase::PhaseView;
 use crate::rectify::RectifiedCamera;
-use crate::surface::{Sample, SurfaceBuilder, View};
+use crate::surface::{Cause, Sample, SurfaceBuilder, View};
 use nalgebra::Matrix3;
 use rays::{Observation, Rays};
 use report::{Task, summed};
@@ -118,10 +118,16 @@ impl ProjectorMatcher {
                 .into_inner(),
             origin_mm: self.camera.centre_mm(),
             other_mm: (self.camera.camera_from_world * self.projector.centre_mm()).coords,
+            max_sigma: f64::INFINITY,
         };
         report.surface = self.surface.build(&view, &mut self.samples, pair, out);
         report.points = report.surface.points;
         Ok(report)
+    }
+
+    /// What became of each pixel in the last run.
+    pub fn causes(&self) -> &[Cause] {
+        self.surface.causes()
     }
 
     fn intersect(&mut self, phase_x: Option<&PhaseView>, phase_y: Option<&PhaseView>) -> ProjectorReport {

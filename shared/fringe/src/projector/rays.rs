@@ -3,7 +3,7 @@
 use super::report::Task;
 use super::settings::ProjectorSettings;
 use crate::geometry::camera::Camera;
-use crate::surface::Sample;
+use crate::surface::{Cause, Sample};
 use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
 /// Newton steps along the ray; from the ideal plane three reach 1e-12 mm.
@@ -51,10 +51,17 @@ impl Rays<'_> {
                 }
                 // dq = dZ / Z².
                 let sigma = (sigma_depth / (depth * depth)) as f32;
-                *sample = Sample { inverse_depth: 1.0 / depth, sigma, own_share: 1.0, modulation };
+                let inverse_depth = 1.0 / depth;
+                *sample = Sample { inverse_depth, sigma, own_share: 1.0, modulation, cause: Cause::Point };
             }
-            Err(Miss::Missed) => task.missed += 1,
-            Err(Miss::Contradicting) => task.contradicting += 1,
+            Err(Miss::Missed) => {
+                *sample = Sample::without(Cause::Missed);
+                task.missed += 1;
+            }
+            Err(Miss::Contradicting) => {
+                *sample = Sample::without(Cause::Inconsistent);
+                task.contradicting += 1;
+            }
         }
     }
 

@@ -14,7 +14,7 @@ pub struct ProjectorReport {
     pub contradicting: u32,
     /// Root mean square disagreement of both axes, projector pixels; absent with one axis.
     pub epipolar_rms_px: Option<f64>,
-    /// Dropped as spikes, crumbs or steep, and points.
+    /// Dropped at the surface, and points.
     pub surface: SurfaceReport,
     /// Points written: `surface.points`.
     pub points: u32,

@@ -1,6 +1,6 @@
 //! The memory of a surface builder, and its parts of rows.
 
-use super::SurfaceSettings;
+use super::{Cause, SurfaceSettings};
 
 /// Rows per part of parallel work; fixed, so that no result depends on the number of threads.
 const PART_ROWS: usize = 16;
@@ -20,6 +20,8 @@ pub(crate) struct SurfaceBuilder {
     pub(super) keep: Vec<u8>,
     pub(super) parents: Vec<u32>,
     pub(super) sizes: Vec<u32>,
+    /// What became of each pixel.
+    pub(super) causes: Vec<Cause>,
 }
 
 /// What was counted in a part.
@@ -28,11 +30,28 @@ pub(super) struct PartCount {
     pub(super) spikes: u32,
     pub(super) steep: u32,
     pub(super) rims: u32,
+    pub(super) uncertain: u32,
     pub(super) points: u32,
     pub(super) without_normal: u32,
 }
 
+impl PartCount {
+    pub(super) fn add(&mut self, cause: Cause) {
+        match cause {
+            Cause::Steep => self.steep += 1,
+            Cause::Rim => self.rims += 1,
+            Cause::Uncertain => self.uncertain += 1,
+            _ => self.points += 1,
+        }
+    }
+}
+
 impl SurfaceBuilder {
+    /// What became of each pixel in the last run.
+    pub fn causes(&self) -> &[Cause] {
+        &self.causes
+    }
+
     pub fn new(width: usize, height: usize, settings: SurfaceSettings) -> Self {
         let parts = height.div_ceil(PART_ROWS);
         let pixels = width * height;
@@ -46,6 +65,7 @@ impl SurfaceBuilder {
             keep: vec![0; pixels],
             parents: vec![0; pixels],
             sizes: vec![0; pixels],
+            causes: vec![Cause::Dark; pixels],
         }
     }
 }

@@ -1,13 +1,14 @@
 //! The way from samples to points.
 
-use super::SurfaceReport;
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::normals::{Link, normal};
 use super::rim::at_rim;
 use super::sample::{Sample, View};
-use super::smooth::smoothed;
+use super::smooth::{smoothed, smoothed_partly};
+use super::{Cause, SurfaceReport};
 use crate::cloud::Point;
 use crate::math::parallel::for_parts;
+use bytemuck::Zeroable;
 
 impl SurfaceBuilder {
     /// Drops spikes, crumbs and steep points from `samples`, then writes the points in pixel order; `out` has room for all pixels.
@@ -21,6 +22,8 @@ impl SurfaceBuilder {
         let link = Link { max_step: self.max_tangent * view.pitch };
         let spikes = self.drop_spikes(view, samples, link);
         let crumbs = self.drop_crumbs(view.width, samples, link);
+        self.mark_gaps((view.width, view.height), samples, link);
+        self.causes.iter_mut().zip(&*samples).for_each(|(cause, sample)| *cause = sample.cause);
         let written = self.write(view, samples, link, pair, out);
         SurfaceReport { spikes, crumbs, ..written }
     }
@@ -44,24 +47,55 @@ impl SurfaceBuilder {
         let half = self.settings.normal_window_px as usize / 2;
         let (edge, smoothing) = (self.settings.edge_px as usize, self.settings.smoothing_half());
         let size = (view.width, view.height);
+        let gaps = &self.keep;
         for_parts(&self.point_parts, &mut out[..total], &mut self.counts, &|part, points, count| {
             *count = PartCount::default();
+            // Points from the front, dropped pixels with their cause from the back: there is room for exactly all of them.
             let mut room = points.iter_mut();
             for pixel in (self.row_parts[part]..self.row_parts[part + 1]).filter(filled) {
                 let normal = normal(view, samples, pixel, link, half);
-                let (sample, window) = smoothed(size, samples, pixel, link.max_step, smoothing);
-                if normal.is_some_and(|n| view.is_steep(&samples[pixel], pixel, &n, self.min_cosine)) {
-                    count.steep += 1;
-                } else if window < edge && at_rim(size, samples, pixel, link, edge) {
-                    count.rims += 1;
-                } else if let Some(point) = room.next() {
+                let (mut sample, window) = smoothed(size, samples, pixel, link.max_step, smoothing);
+                let steep =
+                    normal.is_some_and(|n| view.is_steep(&samples[pixel], pixel, &n, self.min_cosine));
+                let edge = view.rim_px(&samples[pixel], edge);
+                let rim = !steep && window < edge && at_rim(size, samples, gaps, pixel, link, edge);
+                if window < smoothing && !rim {
+                    sample = smoothed_partly(size, samples, gaps, pixel, link, (window, smoothing))
+                        .unwrap_or(sample);
+                }
+                let cause = if steep {
+                    Cause::Steep
+                } else if rim {
+                    Cause::Rim
+                } else if f64::from(sample.sigma) > view.max_sigma {
+                    Cause::Uncertain
+                } else {
+                    Cause::Point
+                };
+                count.add(cause);
+                if cause == Cause::Point {
+                    let Some(point) = room.next() else { break };
                     *point = view.point(&sample, pixel, pair, normal);
-                    count.points += 1;
                     count.without_normal += u32::from(normal.is_none());
+                } else if let Some(dropped) = room.next_back() {
+                    *dropped = Point { pixel: pixel as u32, reserved: cause as u32, ..Zeroable::zeroed() };
                 }
             }
         });
+        self.note_causes(&out[..total]);
         self.close_gaps(out)
+    }
+
+    /// Keeps what became of the pixels of all parts.
+    fn note_causes(&mut self, written: &[Point]) {
+        for part in 0..self.counts.len() {
+            let (start, end) = (self.point_parts[part], self.point_parts[part + 1]);
+            let points = self.counts[part].points as usize;
+            for (index, point) in written[start..end].iter().enumerate() {
+                let dropped = Cause::ALL.get(point.reserved as usize).copied().unwrap_or_default();
+                self.causes[point.pixel as usize] = if index < points { Cause::Point } else { dropped };
+            }
+        }
     }
 
     /// Moves the points of all parts together and adds up their counts.
@@ -75,6 +109,7 @@ impl SurfaceBuilder {
             report.points += count.points;
             report.steep += count.steep;
             report.rims += count.rims;
+            report.uncertain += count.uncertain;
             report.without_normal += count.without_normal;
         }
         report

@@ -5,6 +5,8 @@
 
 mod buffers;
 mod build;
+mod cause;
+mod gaps;
 mod normals;
 mod rim;
 mod sample;
@@ -12,6 +14,7 @@ mod smooth;
 mod support;
 
 pub(crate) use buffers::SurfaceBuilder;
+pub use cause::Cause;
 pub(crate) use rim::mark_rims;
 pub(crate) use sample::{Sample, View};
 
@@ -30,8 +33,8 @@ pub struct SurfaceSettings {
     pub min_patch_points: u32,
     /// Side of the window of the normal's plane fit, px: 3 or 5.
     pub normal_window_px: u32,
-    /// Points that either view (camera or projector) sees more steeply than this from the normal are dropped, degrees.
-    /// Towards a limb a pixel covers ever more surface: on a sphere of 22 mm at 0.21 mm per pixel the error of exact
+    /// Points that either view (camera or projector) sees more steeply than this from the normal are dropped, degrees;
+    /// only beyond more where the error of the footprint is small beside the noise of the point. Towards a limb a pixel covers ever more surface: on a sphere of 22 mm at 0.21 mm per pixel the error of exact
     /// phase is below 0.4 µm up to 65°, 1 µm at 70°, 3 µm at 75°, 8 µm at 80°.
     pub max_incidence_deg: f64,
     /// Points nearer than this many pixels to where their surface ends in the picture are dropped: the footprint of
@@ -105,6 +108,8 @@ pub struct SurfaceReport {
     pub steep: u32,
     /// At the rim of their surface.
     pub rims: u32,
+    /// Too uncertain after smoothing.
+    pub uncertain: u32,
     /// Points written.
     pub points: u32,
     /// Of these, without a normal.

@@ -37,6 +37,22 @@ struct Plane {
     by_row: f64,
 }
 
+/// Largest standard uncertainty of a slope that a normal may have from noise, as a tangent: 9°.
+const MAX_SLOPE_NOISE: f64 = 0.15;
+
+/// Largest half width of the window of a normal where the noise asks for it.
+const MAX_HALF: usize = 12;
+
+/// Half width of the window over which the noise of single samples leaves a slope that is certain enough.
+#[inline]
+fn quiet_half(view: &View, sample: &Sample) -> usize {
+    let noise = f64::from(sample.sigma) / (sample.inverse_depth.abs() * view.pitch * MAX_SLOPE_NOISE);
+    // Σu² over (2h + 1)² samples must reach noise².
+    let wanted = noise * noise;
+    let sum = |half: usize| ((2 * half + 1) * (2 * half + 1) * half * (half + 1)) as f64 / 3.0;
+    if wanted <= sum(2) { 1 } else { (3..MAX_HALF).find(|half| sum(*half) >= wanted).unwrap_or(MAX_HALF) }
+}
+
 /// Unit normal at a pixel in the view frame, towards the camera; `None` where the neighbours do not give one.
 #[inline]
 pub(crate) fn normal(
@@ -46,9 +62,10 @@ pub(crate) fn normal(
     link: Link,
     half: usize,
 ) -> Option<Vector3<f64>> {
+    let half = half.max(quiet_half(view, &samples[pixel]));
     let (column, row) = (pixel % view.width, pixel / view.width);
     let inner = column >= half && row >= half && column + half < view.width && row + half < view.height;
-    let full = if !inner {
+    let full = if !inner || half > 2 {
         None
     } else if half == 2 {
         full_window::<2>(view.width, samples, pixel, link)
@@ -200,6 +217,7 @@ mod tests {
             world_from_sight: Matrix3::identity(),
             origin_mm: Point3::origin(),
             other_mm: Vector3::zeros(),
+            max_sigma: f64::INFINITY,
         }
     }
 
@@ -209,8 +227,8 @@ mod tests {
             .map(|[x, y]| Sample {
                 inverse_depth: normal.dot(&Vector3::new(*x, *y, 1.0)) / -distance_mm,
                 sigma: 0.0,
-                own_share: 1.0,
                 modulation: 1.0,
+                ..Sample::NONE
             })
             .collect()
     }

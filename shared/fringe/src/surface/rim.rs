@@ -1,28 +1,56 @@
 //! Where a surface ends in the picture.
 
+use super::gaps::bridges_line;
 use super::normals::Link;
 use super::sample::Sample;
 
 /// A window at a rim lacks more than this part of its samples; a speck that could not be matched lacks less.
 const SPECK_SHARE: f64 = 0.1;
 
-/// Marks the pixels of a raster with more than specks of NaN up to `edge` pixels away; beyond the picture nothing is missed.
+/// Marks the pixels of a raster with more than specks of NaN up to `edge` pixels away; beyond the picture nothing is missed,
+/// nor in a gap of up to three pixels whose sides differ by less than `max_step` per pixel.
 ///
 /// `columns` is scratch, as long as a row: the count of a window is a sum along the row of sums along columns.
-pub(crate) fn mark_rims(values: &[f32], edge: usize, columns: &mut [u16], rims: &mut [u8]) {
+pub(crate) fn mark_rims(
+    values: &[f32],
+    edge: usize,
+    max_step: f32,
+    gaps: &mut [u8],
+    columns: &mut [u16],
+    rims: &mut [u8],
+) {
     let width = columns.len();
     if edge == 0 || width == 0 {
         rims.fill(0);
         return;
     }
     let height = values.len() / width;
+    for (pixel, missing) in gaps.iter_mut().enumerate() {
+        let joined = |a: usize, b: usize, d: usize| (values[a] - values[b]).abs() <= max_step * d as f32;
+        let (column, row) = (pixel % width, pixel / width);
+        let in_row = |i: usize| row * width + i;
+        let in_column = |i: usize| i * width + column;
+        let bridged = values[pixel].is_nan()
+            && (bridges_line(
+                column,
+                width,
+                |i| !values[in_row(i)].is_nan(),
+                |i, j| joined(in_row(i), in_row(j), j - i),
+            ) || bridges_line(
+                row,
+                height,
+                |i| !values[in_column(i)].is_nan(),
+                |i, j| joined(in_column(i), in_column(j), j - i),
+            ));
+        *missing = u8::from(values[pixel].is_nan() && !bridged);
+    }
     let span = |at: usize, end: usize| at.saturating_sub(edge)..(at + edge + 1).min(end);
     for row in 0..height {
         columns.fill(0);
         let lines = span(row, height);
         for line in lines.clone() {
-            let values = &values[line * width..(line + 1) * width];
-            columns.iter_mut().zip(values).for_each(|(count, value)| *count += u16::from(value.is_nan()));
+            let missing = &gaps[line * width..(line + 1) * width];
+            columns.iter_mut().zip(missing).for_each(|(count, missing)| *count += u16::from(*missing));
         }
         for (column, rim) in rims[row * width..(row + 1) * width].iter_mut().enumerate() {
             let places = span(column, width);
@@ -32,10 +60,12 @@ pub(crate) fn mark_rims(values: &[f32], edge: usize, columns: &mut [u16], rims: 
     }
 }
 
-/// Whether more than specks are missing among the samples up to `edge` pixels away; beyond the picture nothing is missed.
+/// Whether more than specks are missing among the samples up to `edge` pixels away; beyond the picture and in narrow gaps
+/// (`gaps` not zero) nothing is missed.
 pub(super) fn at_rim(
     (width, height): (usize, usize),
     samples: &[Sample],
+    gaps: &[u8],
     pixel: usize,
     link: Link,
     edge: usize,
@@ -47,7 +77,8 @@ pub(super) fn at_rim(
         for place in column.saturating_sub(edge)..(column + edge + 1).min(width) {
             let distance = line.abs_diff(row).max(place.abs_diff(column));
             all += 1;
-            missing += usize::from(!link.joins(centre, &samples[line * width + place], distance));
+            let at = line * width + place;
+            missing += usize::from(gaps[at] == 0 && !link.joins(centre, &samples[at], distance));
         }
     }
     missing as f64 > SPECK_SHARE * all as f64
@@ -61,7 +92,7 @@ mod tests {
 
     fn samples(picture: &[&str]) -> (usize, Vec<Sample>) {
         let depth = |c: u8| if c == b'.' { f64::NAN } else { 0.002 + 0.001 * f64::from(c - b'0') };
-        let sample = |c| Sample { inverse_depth: depth(c), sigma: 0.0, own_share: 1.0, modulation: 1.0 };
+        let sample = |c| Sample { inverse_depth: depth(c), sigma: 0.0, modulation: 1.0, ..Sample::NONE };
         (picture[0].len(), picture.iter().flat_map(|line| line.bytes()).map(sample).collect())
     }
 
@@ -71,7 +102,9 @@ mod tests {
         let picture =
             ["1111111....", "1111111....", "11.11112222", "11111112222", "11111112222", "11111112222"];
         let (width, samples) = samples(&picture);
-        let at = |column, row| at_rim((width, picture.len()), &samples, row * width + column, LINK, 2);
+        let at = |column, row| {
+            at_rim((width, picture.len()), &samples, &vec![0; samples.len()], row * width + column, LINK, 2)
+        };
         assert!((0..5).all(|column| !at(column, 4)), "three pixels away, beside the border");
         assert!([5, 6, 7, 8].iter().all(|column| at(*column, 4)), "on both sides of a step");
         assert!(!at(1, 1) && !at(2, 3), "one sample is a speck");
@@ -87,20 +120,25 @@ mod tests {
         let values: Vec<f32> = (0..width * height).map(|i| if inside(i) { 1.0 } else { f32::NAN }).collect();
         let sample = |i| {
             if inside(i) {
-                Sample { inverse_depth: 0.002, sigma: 0.0, own_share: 1.0, modulation: 1.0 }
+                Sample { inverse_depth: 0.002, sigma: 0.0, modulation: 1.0, ..Sample::NONE }
             } else {
                 Sample::NONE
             }
         };
         let samples: Vec<Sample> = (0..width * height).map(sample).collect();
         let (mut columns, mut rims) = (vec![0; width], vec![0; width * height]);
+        let (mut gaps, none) = (vec![0; width * height], vec![0; width * height]);
         for edge in [1, 2, 3] {
-            mark_rims(&values, edge, &mut columns, &mut rims);
+            mark_rims(&values, edge, -1.0, &mut gaps, &mut columns, &mut rims);
             for pixel in (0..width * height).filter(|i| inside(*i)) {
-                assert_eq!(rims[pixel] != 0, at_rim((width, height), &samples, pixel, LINK, edge), "{pixel}");
+                assert_eq!(
+                    rims[pixel] != 0,
+                    at_rim((width, height), &samples, &none, pixel, LINK, edge),
+                    "{pixel}"
+                );
             }
         }
-        mark_rims(&values, 0, &mut columns, &mut rims);
+        mark_rims(&values, 0, 0.0, &mut gaps, &mut columns, &mut rims);
         assert!(rims.iter().all(|rim| *rim == 0));
     }
 }

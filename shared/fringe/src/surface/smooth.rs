@@ -7,7 +7,9 @@
 //! Smoothed neighbours share noise: nothing that is fitted to many points gets more certain by it, and the correlation
 //! has to be looked after there, as with [`metrology::fit::Correlation`].
 
+use super::normals::Link;
 use super::sample::Sample;
+use nalgebra::{Matrix6, Vector6};
 
 /// Residuals beyond this many sigmas are not noise of one surface. Nineteen degrees of freedom scatter by ± 0.16.
 const MAX_NOISE: f64 = 1.5;
@@ -57,6 +59,94 @@ pub(super) fn smoothed(
         }
     }
     (samples[pixel], 0)
+}
+
+/// Fewer samples of a window do not make a quadratic.
+const LEAST_SHARE: f64 = 0.6;
+
+/// A partial window may leave so much more noise than a full one.
+const MOST_EXTRA_NOISE: f64 = 2.0;
+
+/// The same over a window that lacks the samples of narrow gaps: the largest one beyond half width `none` up to `half`. The sample is
+/// left alone where more than gaps is missing.
+pub(super) fn smoothed_partly(
+    (width, height): (usize, usize),
+    samples: &[Sample],
+    gaps: &[u8],
+    pixel: usize,
+    link: Link,
+    (none, half): (usize, usize),
+) -> Option<Sample> {
+    let (column, row) = (pixel % width, pixel / width);
+    let room = column.min(row).min(width - 1 - column).min(height - 1 - row);
+    (none + 1..=half.min(room)).rev().find_map(|half| {
+        let fit = Partial::gather((width, half), samples, gaps, pixel, link)?;
+        let (inverse_depth, own) = fit.solve(&samples[pixel], half)?;
+        let extra = own / OWN_SHARE[half];
+        let independent = f64::from(samples[pixel].own_share);
+        let left = independent * own + (1.0 - independent) * (OTHER_SHARE[half] * extra).min(1.0);
+        let sigma = (f64::from(samples[pixel].sigma) * left.sqrt()) as f32;
+        (extra <= MOST_EXTRA_NOISE).then_some(Sample { inverse_depth, sigma, ..samples[pixel] })
+    })
+}
+
+/// Normal equations of a quadratic over part of a window.
+struct Partial {
+    normal: Matrix6<f64>,
+    moments: Vector6<f64>,
+    squares: f64,
+    count: f64,
+}
+
+impl Partial {
+    /// The samples on the surface of the middle one; `None` where another surface or more than gaps lies in the window.
+    fn gather(
+        (width, half): (usize, usize),
+        samples: &[Sample],
+        gaps: &[u8],
+        pixel: usize,
+        link: Link,
+    ) -> Option<Self> {
+        let centre = &samples[pixel];
+        let mut sums = Self { normal: Matrix6::zeros(), moments: Vector6::zeros(), squares: 0.0, count: 0.0 };
+        for v in -(half as isize)..=half as isize {
+            for u in -(half as isize)..=half as isize {
+                let at = (pixel as isize + v * width as isize + u) as usize;
+                let sample = &samples[at];
+                if !sample.inverse_depth.is_finite() {
+                    if gaps[at] == 0 {
+                        return None;
+                    }
+                    continue;
+                }
+                if !link.joins(centre, sample, u.unsigned_abs().max(v.unsigned_abs())) {
+                    return None;
+                }
+                let (u, v) = (u as f64, v as f64);
+                let terms = Vector6::new(1.0, u, v, u * u, u * v, v * v);
+                let difference = sample.inverse_depth - centre.inverse_depth;
+                sums.normal += terms * terms.transpose();
+                sums.moments += terms * difference;
+                sums.squares += difference * difference;
+                sums.count += 1.0;
+            }
+        }
+        let side = (2 * half + 1) as f64;
+        (sums.count >= LEAST_SHARE * side * side).then_some(sums)
+    }
+
+    /// Inverse depth at the middle and the share of independent noise that is left; `None` where the samples are rougher than noise
+    /// and one smooth surface explain.
+    fn solve(&self, centre: &Sample, half: usize) -> Option<(f64, f64)> {
+        let inverse = self.normal.cholesky()?.inverse();
+        let fit = inverse * self.moments;
+        let residual = (self.squares - fit.dot(&self.moments)) / (self.count - 6.0).max(1.0);
+        let noise = MAX_NOISE * f64::from(centre.sigma);
+        let slope2 = fit[1] * fit[1] + fit[2] * fit[2];
+        let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * slope2 + 1e-12 * self.squares;
+        let enough = half > 1 || self.count > 7.0;
+        (enough && residual <= limit).then_some((centre.inverse_depth + fit[0], inverse[(0, 0)]))
+    }
 }
 
 /// The quadratic over (2 HALF + 1)² samples at its middle; `None` where they are not one smooth surface.
@@ -123,7 +213,7 @@ mod tests {
     fn raster(f: impl Fn(f64, f64) -> f64, sigma: f32) -> Vec<Sample> {
         let at = |i: usize| f((i % SIDE) as f64 - 4.0, (i / SIDE) as f64 - 4.0);
         (0..SIDE * SIDE)
-            .map(|i| Sample { inverse_depth: at(i), sigma, own_share: 1.0, modulation: 1.0 })
+            .map(|i| Sample { inverse_depth: at(i), sigma, modulation: 1.0, ..Sample::NONE })
             .collect()
     }
 

@@ -1,6 +1,7 @@
 //! Which points belong to a surface: spikes have too few neighbours, crumbs are patches that are too small.
 
 use super::buffers::{PartCount, SurfaceBuilder};
+use super::cause::Cause;
 use super::normals::Link;
 use super::sample::{Sample, View};
 use crate::math::parallel::for_parts;
@@ -24,8 +25,8 @@ impl SurfaceBuilder {
             }
         });
         for (sample, keep) in samples.iter_mut().zip(&self.keep) {
-            if *keep == 0 {
-                *sample = Sample::NONE;
+            if *keep == 0 && sample.inverse_depth.is_finite() {
+                *sample = Sample::without(Cause::Spike);
             }
         }
         self.counts.iter().map(|c| c.spikes).sum()
@@ -46,7 +47,7 @@ impl SurfaceBuilder {
             if sample.inverse_depth.is_finite() {
                 let root = find(&mut self.parents, pixel as u32);
                 if self.sizes[root as usize] < wanted {
-                    *sample = Sample::NONE;
+                    *sample = Sample::without(Cause::Crumb);
                     dropped += 1;
                 }
             }
@@ -127,8 +128,8 @@ mod tests {
         let samples = picture.iter().flat_map(|line| line.bytes()).map(|c| Sample {
             inverse_depth: value(c),
             sigma: 0.0,
-            own_share: 1.0,
             modulation: 1.0,
+            ..Sample::NONE
         });
         (picture[0].len(), samples.collect())
     }
@@ -145,6 +146,7 @@ mod tests {
             world_from_sight: Matrix3::identity(),
             origin_mm: Point3::origin(),
             other_mm: Vector3::zeros(),
+            max_sigma: f64::INFINITY,
         };
         let spikes = builder.drop_spikes(&view, &mut samples, LINK);
         let crumbs = builder.drop_crumbs(width, &mut samples, LINK);
