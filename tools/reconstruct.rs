@@ -20,7 +20,7 @@ use fringe::cloud::Point;
 use fringe::fusion::{FusionReport, fuse};
 use fringe::geometry::rig::Pair;
 use fringe::matching::MatchSettings;
-use fringe::surface::SurfaceSettings;
+use fringe::surface::{SurfaceReport, SurfaceSettings};
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
@@ -82,12 +82,21 @@ struct PairCloud {
     report: Matched,
 }
 
-/// What became of the pixels of a pair, on one line.
+/// What became of the pixels of a pair, on one line; the causes add up to the valid pixels less the points.
 fn line(report: &Matched) -> String {
     match report {
         Matched::Phase(r) => format!(
-            "{} points of {} valid pixels; {} not seen by both, {} ambiguous, {} inconsistent, {} at steps or edges",
-            r.points, r.valid, r.unmatched, r.ambiguous, r.inconsistent, r.discontinuous
+            "{} points of {} valid pixels; {} outside the other view, {} not seen by it, {} ambiguous, {} inconsistent, {} at steps \
+             or edges, {} too uncertain, {}",
+            r.points,
+            r.valid + r.outside,
+            r.outside,
+            r.unmatched,
+            r.ambiguous,
+            r.inconsistent,
+            r.discontinuous,
+            r.uncertain + r.surface.uncertain,
+            dropped(&r.surface)
         ),
         Matched::Projector(r) => {
             let both = r.epipolar_rms_px.map(|rms| {
@@ -95,11 +104,20 @@ fn line(report: &Matched) -> String {
             });
             let both = both.unwrap_or_default();
             format!(
-                "{} points of {} valid pixels; {} beside the projector{both}",
-                r.points, r.valid, r.missed
+                "{} points of {} valid pixels; {} beside the projector, {}{both}",
+                r.points,
+                r.valid,
+                r.missed,
+                dropped(&r.surface)
             )
         }
     }
+}
+
+/// The points that the surface stage left out, by cause.
+fn dropped(surface: &SurfaceReport) -> String {
+    let SurfaceReport { spikes, crumbs, steep, rims, .. } = surface;
+    format!("{spikes} without neighbours, {crumbs} in small patches, {steep} too steep, {rims} at rims")
 }
 
 /// Runs the command; the outcome becomes the exit code.

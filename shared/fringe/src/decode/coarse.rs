@@ -11,6 +11,8 @@ use std::ops::Range;
 
 /// More uncertain bits than this are not tried in all combinations.
 const MOST_UNSURE_BITS: u32 = 4;
+/// Uncertain bits of a code without sines may leave so many stripes open on either side.
+pub(super) const MOST_STRIPES_APART: u16 = 7;
 /// Residues this near to the border between two tuples of orders need a neighbour that confirms them.
 const RESIDUES_WEAK: f64 = 0.9;
 
@@ -170,14 +172,15 @@ impl Kernel<'_> {
             let x = lanes.coordinate_px[i];
             let contrast = lanes.stripes.contrast[i];
             let lit = contrast >= self.least_modulation_dn && contrast > 0.0;
-            let known = lit
-                && x < self.plan.extent_px + 0.5 * stripe_px
-                && neighbours_only(code, &lanes.stripes, i)
-                && neighbours_only(code, &lanes.shifted, i);
+            let apart = stripes_apart(code, &lanes.stripes, i).max(stripes_apart(code, &lanes.shifted, i));
+            let most = if self.plan.shifted.is_some() { 1 } else { MOST_STRIPES_APART };
+            let known = lit && x < self.plan.extent_px + 0.5 * stripe_px && apart <= most;
             tally.dark += usize::from(!lit);
             tally.noisy += usize::from(lit && !known);
             out.modulation[i] = contrast.max(0.0);
-            out.state[i] = u8::from(known);
+            // Bits that the noise could have turned leave an interval of several stripes: its neighbours' edges narrow it down.
+            let level = if apart <= 1 { state::SURE } else { state::OPEN };
+            out.state[i] = if known { level } else { state::INVALID };
             out.phase_rad[i] = if known { (x * scale) as f32 } else { f32::NAN };
             out.sigma_rad[i] = if known { sigma } else { f32::NAN };
         }
@@ -191,18 +194,16 @@ pub(super) fn centre_px(stripe_px: f64, number: u32) -> f64 {
     f64::from(number) * stripe_px + (0.5 * stripe_px - 0.5)
 }
 
-/// Whether every value of the uncertain bits means the same stripe or one beside it.
-fn neighbours_only(code: &CodePlan, stripes: &Stripes, i: usize) -> bool {
+/// How many stripes away the stripe may be, over all values of the uncertain bits.
+fn stripes_apart(code: &CodePlan, stripes: &Stripes, i: usize) -> u16 {
     let unsure = stripes.unsure[i];
     if unsure.count_ones() > MOST_UNSURE_BITS {
-        return false;
+        return u16::MAX;
     }
-    let mut flips = unsure;
+    let (mut flips, mut most) = (unsure, 0);
     while flips != 0 {
-        if resolve(stripes.seen[i] ^ flips, code.code).abs_diff(stripes.number[i]) > 1 {
-            return false;
-        }
+        most = most.max(resolve(stripes.seen[i] ^ flips, code.code).abs_diff(stripes.number[i]));
         flips = (flips - 1) & unsure;
     }
-    true
+    most
 }

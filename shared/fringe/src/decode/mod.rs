@@ -20,7 +20,8 @@
 //! period no margin is left at the edges; pixels there are settled by their neighbours or masked (`neighbours`).
 //!
 //! The result is the phase of the finest sine of an axis; the coarser ones only give its order. A code without
-//! sines gives the centre of its stripe with the uncertainty s/√12. Sets that tell nothing more (stair, ramp, random,
+//! sines gives what lies between the edges of its stripes (`edges`), or the centre of a stripe with the uncertainty s/√12 where
+//! there are none. Sets that tell nothing more (stair, ramp, random,
 //! superfluous codes) are named in the report.
 //!
 //! # Uncertainty
@@ -36,6 +37,7 @@ pub mod chain;
 mod coarse;
 mod continuity;
 mod diagnose;
+mod edges;
 mod error;
 mod exposures;
 mod footprint;
@@ -72,6 +74,7 @@ use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseViewMut};
 use accumulate::{Rasters, Sums};
 use blocks::decode_blocks;
+use edges::Edges;
 use footprint::{Footprint, Reflectance};
 use neighbours::Field;
 use noise::{Probe, QUANTISATION_DN2};
@@ -97,6 +100,8 @@ pub struct Decoder {
     axes: Vec<AxisState>,
     correction: Vec<i16>,
     footprint: Footprint,
+    /// Of codes without sines.
+    edges: Option<Edges>,
     next: usize,
 }
 
@@ -152,6 +157,11 @@ impl Decoder {
             axes,
             correction: vec![0; pixels],
             footprint: Footprint::new(width_px as usize, pixels),
+            edges: plan
+                .axes
+                .iter()
+                .any(|axis| axis.chain.is_none())
+                .then(|| Edges::new(width_px as usize, pixels)),
             plan,
             next: 0,
         };
@@ -281,7 +291,7 @@ impl Decoder {
         self.estimate_from_neighbours(home);
         let plan = &self.plan.axes[home];
         let kernel = self.kernel(home, plan);
-        let (tally, noise) = (decode_blocks(&kernel, out), kernel.noise);
+        let (mut tally, noise) = (decode_blocks(&kernel, out), kernel.noise);
         let verdicts = if plan.chain.is_some() {
             let field = Field {
                 width: self.width_px as usize,
@@ -295,6 +305,11 @@ impl Decoder {
             correct_rows(&field, &mut self.correction);
             apply(plan, &self.correction, out)
         } else {
+            if let Some((edges, code)) = self.edges.as_mut().zip(plan.code.as_ref())
+                && plan.shifted.is_none()
+            {
+                tally.noisy += edges.interpolate(&self.rasters, code, out);
+            }
             Verdicts::of_mask(out.valid)
         };
         let mut report = verdicts.report(tally, noise, Arc::clone(&self.axes[home].ignored));

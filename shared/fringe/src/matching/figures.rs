@@ -183,7 +183,7 @@ fn figures_of_resampling() {
             let a = resampled(&pair.left, &matcher.left_grid, &maps[0]);
             let b = resampled(&pair.right, &matcher.right_grid, &maps[1]);
             let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
-            let (mut row, limits) = (Row::default(), matcher.settings.step_limits(16.0));
+            let (mut row, limits) = (Row::default(), matcher.settings.step_limits(16.0, 0.0, 0.0));
             for line in 0..matcher.left_grid.height {
                 let cells = |grid: &RectifiedGrid| line * grid.width..(line + 1) * grid.width;
                 row.fill(b[cells(&matcher.right_grid)].iter().copied(), limits);
@@ -192,7 +192,7 @@ fn figures_of_resampling() {
                 {
                     let x = matcher.left_grid.abscissa(column as f64);
                     let y = matcher.left_grid.y0 + line as f64 / pair.focal_px;
-                    row.find(*phase, None, |place| {
+                    row.find(*phase, None, |place, _| {
                         let depth = pair.baseline_mm / (x - matcher.right_grid.abscissa(place));
                         let at =
                             pair.origin_mm + pair.world_from_rectified * (Vector3::new(x, y, 1.0) * depth);

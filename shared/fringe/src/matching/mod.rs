@@ -56,7 +56,7 @@ use crate::geometry::camera::Camera;
 use crate::math::parallel::for_parts;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
-use crate::surface::{Cause, Sample, SurfaceBuilder, View, mark_rims};
+use crate::surface::{Cause, Sample, SurfaceBuilder, View, independent_share, mark_rims};
 use nalgebra::Vector3;
 use report::PART_ROWS;
 use rows::{Row, StepLimits};
@@ -178,6 +178,11 @@ impl Matcher {
         mask(left, &mut self.left_phase);
         mask(right, &mut self.right_phase);
         let edge_px = self.settings.surface.edge_px as usize;
+        let independent = independent_share(left, &self.left_phase, &mut self.noise).min(independent_share(
+            right,
+            &self.right_phase,
+            &mut self.noise,
+        ));
         let (limits, noise_px) = self.step_limits(left, right);
         // A rim shifts the phase two pixels away by less than noise like this hides.
         let edge = if noise_px > RIM_NOISE_PX { edge_px.min(1) } else { edge_px };
@@ -199,6 +204,7 @@ impl Matcher {
             world_from_sight: self.pair.world_from_rectified,
             origin_mm: self.pair.origin_mm,
             other_mm: Vector3::new(self.pair.baseline_mm, 0.0, 0.0),
+            independent,
             max_sigma: self.settings.max_disparity_sigma_px / (self.pair.focal_px * self.pair.baseline_mm),
         };
         report.surface = self.surface.build(&view, &mut self.samples, pair, out);
@@ -226,7 +232,29 @@ impl Matcher {
             }
         });
         let (period_px, noise_rad) = (left.info.period_px, noise_rad[0].max(noise_rad[1]));
-        (self.settings.step_limits(period_px, noise_rad), f64::from(noise_rad) * period_px / TAU)
+        let step_rad = self.median_step_rad();
+        (self.settings.step_limits(period_px, noise_rad, step_rad), f64::from(noise_rad) * period_px / TAU)
+    }
+
+    /// Median difference of neighbours, rad: along rows and along columns, in both maps, the largest.
+    fn median_step_rad(&mut self) -> f32 {
+        let Self { left_phase, right_phase, noise, pair, .. } = self;
+        let widths = [pair.left.camera.width_px, pair.right.camera.width_px].map(|w| w as usize);
+        let mut most = 0.0_f32;
+        for (phase, width) in [(&*left_phase, widths[0]), (&*right_phase, widths[1])] {
+            let stride = phase.len().div_ceil(NOISE_SAMPLES).max(1);
+            for next in [1, width] {
+                noise.clear();
+                let places = (0..phase.len().saturating_sub(next)).step_by(stride);
+                noise
+                    .extend(places.map(|i| (phase[i + next] - phase[i]).abs()).filter(|step| !step.is_nan()));
+                let middle = noise.len() / 2;
+                if !noise.is_empty() {
+                    most = most.max(*noise.select_nth_unstable_by(middle, f32::total_cmp).1);
+                }
+            }
+        }
+        most
     }
 
     fn match_rows(&mut self, left: &PhaseView, right: &PhaseView, limits: StepLimits) -> MatchReport {

@@ -16,7 +16,8 @@ pub struct MatchSettings {
     pub depth_mm: Option<[f64; 2]>,
     /// How the right phase is read between pixels.
     pub interpolation: Interpolation,
-    /// Neighbouring pixels whose phases differ by more lie on different surfaces, projector pixels.
+    /// Neighbouring pixels whose phases differ by more than this, by more than noise and by more than three times the usual step lie on
+    /// different surfaces, projector pixels.
     pub max_step_px: f64,
     /// Steps against the sense of the phase along a row beyond this end a surface, projector pixels.
     pub max_back_step_px: f64,
@@ -30,6 +31,9 @@ pub struct MatchSettings {
 
 /// Noise of so many standard deviations of a cell is no step: 4.2 of a difference.
 const STEP_SIGMAS: f32 = 6.0;
+
+/// A projector with many pixels for one of the camera makes large steps everywhere: so many times the usual one are an edge.
+const STEP_RATIO: f32 = 3.0;
 
 impl Default for MatchSettings {
     fn default() -> Self {
@@ -69,11 +73,11 @@ impl MatchSettings {
         }
     }
 
-    /// Limits on the steps of a row whose cells have this noise.
-    pub(super) fn step_limits(&self, period_px: f64, noise_rad: f32) -> StepLimits {
+    /// Limits on the steps of a row whose cells have this noise and these usual steps.
+    pub(super) fn step_limits(&self, period_px: f64, noise_rad: f32, step_rad: f32) -> StepLimits {
         let rad = TAU / period_px;
         StepLimits {
-            max_rad: (self.max_step_px * rad) as f32 + STEP_SIGMAS * noise_rad,
+            max_rad: ((self.max_step_px * rad) as f32).max(STEP_RATIO * step_rad) + STEP_SIGMAS * noise_rad,
             back_rad: (self.max_back_step_px * rad) as f32,
         }
     }

@@ -22,7 +22,7 @@ use crate::math::parallel::for_parts;
 use crate::pattern::Axis;
 use crate::phase::PhaseView;
 use crate::rectify::RectifiedCamera;
-use crate::surface::{Cause, Sample, SurfaceBuilder, View};
+use crate::surface::{Cause, Sample, SurfaceBuilder, View, WINDOWS, independent_share};
 use nalgebra::Matrix3;
 use rays::{Observation, Rays};
 use report::{Task, summed};
@@ -43,6 +43,7 @@ pub struct ProjectorMatcher {
     tasks: Vec<Task>,
     phase_x: Vec<f32>,
     phase_y: Vec<f32>,
+    scratch: Vec<f32>,
     samples: Vec<Sample>,
     surface: SurfaceBuilder,
 }
@@ -74,6 +75,7 @@ impl ProjectorMatcher {
             tasks: vec![Task::default(); pixels.div_ceil(PART_PIXELS)],
             phase_x: vec![f32::NAN; pixels],
             phase_y: vec![f32::NAN; pixels],
+            scratch: Vec::with_capacity(WINDOWS + 1),
             samples: vec![Sample::NONE; pixels],
             surface: SurfaceBuilder::new(width, height, settings.surface),
         })
@@ -103,6 +105,11 @@ impl ProjectorMatcher {
         if let Some(map) = phase_y {
             mask(map, &mut self.phase_y);
         }
+        let Self { phase_x: masked_x, phase_y: masked_y, scratch, .. } = self;
+        let independent = [(phase_x, masked_x), (phase_y, masked_y)]
+            .into_iter()
+            .filter_map(|(map, masked)| Some(independent_share(map?, masked, scratch)))
+            .fold(1.0, f64::min);
         let mut report = self.intersect(phase_x, phase_y);
         let view = View {
             width: self.camera.width_px as usize,
@@ -118,6 +125,7 @@ impl ProjectorMatcher {
                 .into_inner(),
             origin_mm: self.camera.centre_mm(),
             other_mm: (self.camera.camera_from_world * self.projector.centre_mm()).coords,
+            independent,
             max_sigma: f64::INFINITY,
         };
         report.surface = self.surface.build(&view, &mut self.samples, pair, out);

@@ -54,14 +54,22 @@ impl SurfaceBuilder {
             let mut room = points.iter_mut();
             for pixel in (self.row_parts[part]..self.row_parts[part + 1]).filter(filled) {
                 let normal = normal(view, samples, pixel, link, half);
-                let (mut sample, window) = smoothed(size, samples, pixel, link.max_step, smoothing);
+                let (mut sample, window) =
+                    smoothed((size, view.independent), samples, pixel, link.max_step, smoothing);
                 let steep =
                     normal.is_some_and(|n| view.is_steep(&samples[pixel], pixel, &n, self.min_cosine));
                 let edge = view.rim_px(&samples[pixel], edge);
                 let rim = !steep && window < edge && at_rim(size, samples, gaps, pixel, link, edge);
                 if window < smoothing && !rim {
-                    sample = smoothed_partly(size, samples, gaps, pixel, link, (window, smoothing))
-                        .unwrap_or(sample);
+                    sample = smoothed_partly(
+                        (size, view.independent),
+                        samples,
+                        gaps,
+                        pixel,
+                        link,
+                        (window, smoothing),
+                    )
+                    .unwrap_or(sample);
                 }
                 let cause = if steep {
                     Cause::Steep

@@ -7,6 +7,7 @@ mod buffers;
 mod build;
 mod cause;
 mod gaps;
+mod independence;
 mod normals;
 mod rim;
 mod sample;
@@ -15,6 +16,7 @@ mod support;
 
 pub(crate) use buffers::SurfaceBuilder;
 pub use cause::Cause;
+pub(crate) use independence::{WINDOWS, independent_share};
 pub(crate) use rim::mark_rims;
 pub(crate) use sample::{Sample, View};
 

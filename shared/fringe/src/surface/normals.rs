@@ -218,6 +218,7 @@ mod tests {
             origin_mm: Point3::origin(),
             other_mm: Vector3::zeros(),
             max_sigma: f64::INFINITY,
+            independent: 1.0,
         }
     }
 

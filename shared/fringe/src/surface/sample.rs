@@ -48,6 +48,8 @@ pub(crate) struct View<'a> {
     pub origin_mm: Point3<f64>,
     /// Optical centre of the other view, mm, seen from this one.
     pub other_mm: Vector3<f64>,
+    /// Share of the noise that differs from pixel to pixel, so that smoothing takes it out; see [`super::independence`].
+    pub independent: f64,
     /// Largest standard uncertainty of the inverse depth after smoothing, 1/mm.
     pub max_sigma: f64,
 }

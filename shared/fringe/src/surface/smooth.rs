@@ -35,10 +35,15 @@ pub(super) fn share_left(half: usize, own: f64) -> f64 {
     own * OWN_SHARE[half] + (1.0 - own) * OTHER_SHARE[half]
 }
 
+/// Smoothing takes out only what differs from pixel to pixel.
+fn shared(left: f64, independent: f64) -> f64 {
+    1.0 - (1.0 - left) * independent
+}
+
 /// The sample with less noise, from the largest window up to `half` that shows one smooth surface.
 #[inline]
 pub(super) fn smoothed(
-    (width, height): (usize, usize),
+    ((width, height), independent): ((usize, usize), f64),
     samples: &[Sample],
     pixel: usize,
     max_step: f64,
@@ -54,7 +59,8 @@ pub(super) fn smoothed(
         };
         if let Some(inverse_depth) = value {
             let own = f64::from(samples[pixel].own_share);
-            let sigma = (f64::from(samples[pixel].sigma) * share_left(half, own).sqrt()) as f32;
+            let left = shared(share_left(half, own), independent);
+            let sigma = (f64::from(samples[pixel].sigma) * left.sqrt()) as f32;
             return (Sample { inverse_depth, sigma, ..samples[pixel] }, half);
         }
     }
@@ -70,7 +76,7 @@ const MOST_EXTRA_NOISE: f64 = 2.0;
 /// The same over a window that lacks the samples of narrow gaps: the largest one beyond half width `none` up to `half`. The sample is
 /// left alone where more than gaps is missing.
 pub(super) fn smoothed_partly(
-    (width, height): (usize, usize),
+    ((width, height), white): ((usize, usize), f64),
     samples: &[Sample],
     gaps: &[u8],
     pixel: usize,
@@ -85,6 +91,7 @@ pub(super) fn smoothed_partly(
         let extra = own / OWN_SHARE[half];
         let independent = f64::from(samples[pixel].own_share);
         let left = independent * own + (1.0 - independent) * (OTHER_SHARE[half] * extra).min(1.0);
+        let left = shared(left, white);
         let sigma = (f64::from(samples[pixel].sigma) * left.sqrt()) as f32;
         (extra <= MOST_EXTRA_NOISE).then_some(Sample { inverse_depth, sigma, ..samples[pixel] })
     })
@@ -218,7 +225,7 @@ mod tests {
     }
 
     fn at_middle(samples: &[Sample], half: usize) -> (Sample, usize) {
-        smoothed((SIDE, SIDE), samples, MIDDLE, STEP, half)
+        smoothed(((SIDE, SIDE), 1.0), samples, MIDDLE, STEP, half)
     }
 
     #[test]

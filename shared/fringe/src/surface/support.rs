@@ -147,6 +147,7 @@ mod tests {
             origin_mm: Point3::origin(),
             other_mm: Vector3::zeros(),
             max_sigma: f64::INFINITY,
+            independent: 1.0,
         };
         let spikes = builder.drop_spikes(&view, &mut samples, LINK);
         let crumbs = builder.drop_crumbs(width, &mut samples, LINK);
