@@ -25,13 +25,16 @@ fn matched(
     let mut matcher = Matcher::new(&cameras[0], &cameras[1], settings).unwrap();
     let mut points = vec![blank(); matcher.capacity()];
     let report = matcher.run(&left.view(), &right.view(), 3, &mut points).unwrap();
-    let lost = report.unmatched + report.ambiguous + report.inconsistent + report.discontinuous;
+    let lost =
+        report.unmatched + report.ambiguous + report.inconsistent + report.discontinuous + report.uncertain;
     let surface = report.surface;
-    assert_eq!(
-        report.valid,
-        lost + surface.spikes + surface.crumbs + surface.steep + surface.rims + report.points,
-        "{report:?}"
-    );
+    let dropped = surface.spikes + surface.crumbs + surface.steep + surface.rims + surface.uncertain;
+    assert_eq!(report.valid, lost + dropped + report.points, "{report:?}");
+    let count = |cause: Cause| matcher.causes().iter().filter(|c| **c == cause).count();
+    assert_eq!(count(Cause::Point), report.points as usize);
+    assert_eq!(count(Cause::Rim) + count(Cause::Steep), (surface.rims + surface.steep) as usize);
+    let lit = matcher.causes().len() - count(Cause::Dark);
+    assert_eq!(lit, (report.valid + report.outside) as usize, "{report:?}");
     points.truncate(report.points as usize);
     (points, report)
 }
