@@ -132,6 +132,13 @@ impl Row {
         if cells.len() < LEAST_CELLS {
             return;
         }
+        // Where no two neighbours change places there is nothing to mend.
+        let (rises, falls) = cells.windows(2).fold((0_u32, 0_u32), |(rises, falls), w| {
+            (rises + u32::from(w[1] > w[0]), falls + u32::from(w[1] < w[0]))
+        });
+        if rises == 0 || falls == 0 {
+            return;
+        }
         let second: f64 =
             cells.windows(3).map(|w| f64::from((w[0] - w[1]) - (w[1] - w[2])).abs()).sum::<f64>()
                 / (cells.len() - 2) as f64;
