@@ -56,8 +56,7 @@ impl SurfaceBuilder {
                 let normal = normal(view, samples, pixel, link, half);
                 let (mut sample, window) =
                     smoothed((size, view.independent), samples, pixel, link.max_step, smoothing);
-                let steep =
-                    normal.is_some_and(|n| view.is_steep(&samples[pixel], pixel, &n, self.min_cosine));
+                let steep = normal.is_some_and(|n| view.is_steep(&sample, pixel, &n, self.min_cosine));
                 let edge = view.rim_px(&samples[pixel], edge);
                 let rim = !steep && window < edge && at_rim(size, samples, gaps, pixel, link, edge);
                 if window < smoothing && !rim {
