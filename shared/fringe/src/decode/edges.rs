@@ -129,14 +129,14 @@ impl Edges {
                     }
                     let beyond = if open { f64::from(MOST_STRIPES_APART) } else { BEYOND };
                     let within = f64::from(plane.offset.abs()) <= 0.5 + beyond;
-                    if !within {
-                        (phase[i], sigma[i], valid[i]) = (f32::NAN, f32::NAN, state::INVALID);
-                        masked += 1;
-                    } else {
+                    if within {
                         let squares = f64::from(plane.squares) + COMMON_EDGES * common;
                         let variance = squares / (f64::from(plane.freedom) + COMMON_EDGES);
                         phase[i] += (TAU * f64::from(plane.offset)) as f32;
                         sigma[i] = (TAU * f64::from(plane.factor) * variance.sqrt()) as f32;
+                    } else {
+                        (phase[i], sigma[i], valid[i]) = (f32::NAN, f32::NAN, state::INVALID);
+                        masked += 1;
                     }
                 }
                 masked

@@ -46,5 +46,5 @@ pub(crate) fn independent_share(map: &PhaseView, masked: &[f32], scratch: &mut V
     }
     let middle = scratch.len() / 2;
     let scatter = f64::from(*scratch.select_nth_unstable_by(middle, f32::total_cmp).1) / MEDIAN_NORMAL;
-    if scatter >= INDEPENDENT || scatter < EXACT { 1.0 } else { scatter * scatter }
+    if (EXACT..INDEPENDENT).contains(&scatter) { scatter * scatter } else { 1.0 }
 }
