@@ -143,7 +143,9 @@ fn prism(outline: &[Vector3<f64>], along: &Vector3<f64>, out: &mut Vec<Corners>)
 /// Body by body: closed surfaces that reach into each other, with faces inside and corners that do not meet.
 pub fn unfused() -> Vec<Corners> {
     let mut out = Vec::new();
-    bodies().iter().for_each(|body| body.triangles(&mut out));
+    for body in &bodies() {
+        body.triangles(&mut out);
+    }
     out
 }
 

@@ -5,7 +5,7 @@
 pub(super) struct Day {
     year: u16,
     month: u8,
-    day: u8,
+    of_month: u8,
 }
 
 impl Day {
@@ -31,7 +31,7 @@ impl Day {
             1..=12 => 31,
             _ => return None,
         };
-        (1..=days).contains(&day).then_some(Self { year, month: month as u8, day: day as u8 })
+        (1..=days).contains(&day).then_some(Self { year, month: month as u8, of_month: day as u8 })
     }
 }
 

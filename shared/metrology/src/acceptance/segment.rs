@@ -117,7 +117,7 @@ pub(super) fn find(
             |(index, (off, _), _): &(usize, (f64, bool), f64)| *index < own || *off <= settings.margin_mm;
         match nearest.filter(counts).and_then(|(index, _, _)| found.elements.get_mut(index)) {
             Some(element) if excluded.holds(&at, &located[..own], settings.margin_mm) => {
-                element.excluded += 1
+                element.excluded += 1;
             }
             Some(element) => element.points.push(*point),
             None => found.elsewhere += 1,

@@ -100,12 +100,11 @@ pub fn place(
     let thin: Vec<Point> = thin_to(&positions, CLOUD_POINTS).into_iter().map(|i| cloud[i as usize]).collect();
     let settings = RegisterSettings { least_overlap: LEAST_OVERLAP, ..RegisterSettings::default() };
     let with_cad = cad.is_some();
-    let (points, reference) = match cad {
-        Some(mesh) => (thin, Reference::Mesh(mesh)),
-        None => {
-            let surface = CloudReference::new(&thin, Vector3::z(), None)?.with_normals();
-            (nominal_places(plan), Reference::Cloud(surface))
-        }
+    let (points, reference) = if let Some(mesh) = cad {
+        (thin, Reference::Mesh(mesh))
+    } else {
+        let surface = CloudReference::new(&thin, Vector3::z(), None)?.with_normals();
+        (nominal_places(plan), Reference::Cloud(surface))
     };
     // A start says where the part lies; the alignment with CAD moves the cloud to the part.
     let initial = match initial {

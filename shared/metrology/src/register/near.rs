@@ -36,8 +36,8 @@ impl<'a> Near<'a> {
             samples.iter().fold(Vector3::repeat(start), |sum, s| pick(&sum, &s.place))
         };
         let margin = Vector3::repeat(reach_mm);
-        let low = fold(f64::INFINITY, |a, b| a.inf(b)) - margin;
-        let high = fold(f64::NEG_INFINITY, |a, b| a.sup(b)) + margin;
+        let low = fold(f64::INFINITY, Vector3::inf) - margin;
+        let high = fold(f64::NEG_INFINITY, Vector3::sup) + margin;
         let edge_mm = (0.4 * reach_mm).max((high - low).max() / MOST_CELLS);
         let cells: [usize; 3] = std::array::from_fn(|axis| ((high - low)[axis] / edge_mm) as usize + 1);
         let mut near =

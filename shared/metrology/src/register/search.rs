@@ -292,7 +292,9 @@ impl Search<'_> {
 /// Centroid and principal axes (columns, right-handed) of samples.
 fn axes(samples: &[Sample]) -> (Vector3<f64>, Matrix3<f64>) {
     let mut moments = Moments::about(samples.first().map_or_else(Point3::origin, |s| Point3::from(s.place)));
-    samples.iter().for_each(|s| moments.add(&Point3::from(s.place)));
+    for sample in samples {
+        moments.add(&Point3::from(sample.place));
+    }
     let (_, mut vectors) = eigen(&moments.covariance());
     if vectors.determinant() < 0.0 {
         vectors.set_column(0, &-vectors.column(0));

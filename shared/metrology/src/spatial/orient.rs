@@ -48,7 +48,9 @@ pub(super) fn orient(corners: &mut [[Point3<f64>; 3]]) -> Result<usize, MeshErro
             chosen.map(|t| area(&corners[*t as usize])).sum()
         };
         if area(true) > area(false) {
-            members.iter().for_each(|t| turned[*t as usize] ^= true);
+            for member in &members {
+                turned[*member as usize] ^= true;
+            }
         }
         bodies.push(body(members, corners, &turned, &open));
     }
@@ -86,7 +88,9 @@ fn neighbours(names: &[[u32; 3]]) -> (Vec<(u32, u32, bool)>, Vec<bool>) {
     };
     for same in edges(names).chunk_by(|a, b| a.0 == b.0) {
         let [(_, a, edge_a), (_, b, edge_b)] = same else {
-            same.iter().for_each(|(_, item, _)| open[*item as usize] = true);
+            for (_, item, _) in same {
+                open[*item as usize] = true;
+            }
             continue;
         };
         // Neighbours that face alike run along their edge in opposite directions.
@@ -164,7 +168,9 @@ mod tests {
     }
 
     fn inverted(mut triangles: Vec<[Point3<f64>; 3]>) -> Vec<[Point3<f64>; 3]> {
-        triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        for triangle in &mut triangles {
+            triangle.swap(1, 2);
+        }
         triangles
     }
 

@@ -124,7 +124,13 @@ expansion_per_k = 0.0
 u_expansion_per_k = 0.0
 "#
     );
-    for p in 0..positions {
+    write_positions(&mut text, positions);
+    text
+}
+
+/// Sphere positions of five views each, then seven bars of one.
+fn write_positions(text: &mut String, spheres: usize) {
+    for p in 0..spheres {
         let _ = writeln!(text, "[[position]]\nname = \"s{p}\"\nartefact = \"ball\"");
         for v in 0..5 {
             let _ = writeln!(text, "[[position.view]]\nname = \"v{v}\"\ncloud = \"s{p}v{v}.ply\"");
@@ -134,7 +140,6 @@ u_expansion_per_k = 0.0
         let _ = writeln!(text, "[[position]]\nname = \"b{p}\"\nartefact = \"bar\"");
         let _ = writeln!(text, "[[position.view]]\nname = \"v\"\ncloud = \"b{p}.ply\"");
     }
-    text
 }
 
 /// Sphere positions with these (size error, form) and bars with these spacing errors, mm.

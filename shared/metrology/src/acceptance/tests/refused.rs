@@ -2,11 +2,14 @@
 
 use super::*;
 
-/// A test of spheres and bars with clouds that a closure may change: position, view.
+/// From the name of a position, the number of a view and its points to the points that are evaluated instead.
+type Change<'a> = &'a dyn Fn(&str, usize, Vec<Point>) -> Vec<Point>;
+
+/// A test of spheres and bars with clouds that a closure may change.
 fn evaluate_changed(
     text: &str,
     rules: &str,
-    change: &dyn Fn(&str, usize, Vec<Point>) -> Vec<Point>,
+    change: Change,
 ) -> Result<TestReport, AcceptanceError> {
     let plan = TestPlan::from_toml(text)?;
     let rules = RuleSet::from_toml(rules)?;
