@@ -38,6 +38,7 @@ pub struct Args {
 
 /// The result for a program.
 #[derive(Serialize)]
+#[allow(clippy::struct_field_names, reason = "keys of the machine-readable result")]
 struct Placed<'a> {
     plan: &'a Path,
     cloud: &'a Path,
