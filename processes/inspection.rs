@@ -2,14 +2,13 @@
 
 use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::Result;
-use cell::judgement::judge;
 use cell::schedule::Work;
 use ipc::IpcError;
 use ipc::header::{Cloud, Outcome};
 use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Publisher, Received};
-use metrology::inspection::Plan;
+use metrology::inspection::{Plan, evaluate};
 
 /// State of the inspection.
 pub struct Inspection {
@@ -37,8 +36,8 @@ impl Inspection {
         let plan = self.plans.get(link.recipe).ok_or_else(|| {
             Fault::Cycle(format!("recipe {} is not among the {} of the cell", link.recipe, self.plans.len()))
         })?;
-        let judgement = judge(plan.as_ref(), points);
-        let text = self.text.json(&judgement)?;
+        let result = plan.as_ref().map(|plan| evaluate(plan, points));
+        let text = self.text.json(&result)?;
         let header = Outcome {
             cycle: link.cycle(),
             t_last_frame_ns: message.header().t_ns,
@@ -46,7 +45,7 @@ impl Inspection {
             text_bytes: text.len() as u32,
         };
         link.sending(|| self.results.send(header, text.as_bytes()))?;
-        let report = Report { count: judgement.features.len(), text: "" };
+        let report = Report { count: result.map_or(0, |result| result.features.len()), text: "" };
         link.done(Work::Inspect, start_ns, text.as_bytes(), report)
     }
 }

@@ -11,16 +11,13 @@ use cell::schedule::label;
 use devices::LoadedCell;
 use files::atomic;
 use files::ply::write_cloud;
-use files::result::{CycleResult, OUTCOME_OK, write_json};
+use files::result::{CycleResult, write_json};
 use files::trace::{TraceCycle, TraceSpan, write_trace};
 use fringe::cloud::Point;
 use fringe::phase::PhaseView;
 use ipc::payload;
-use metrology::inspection::{Plan, evaluate};
-use report::{
-    Activity, CycleRow, FeatureRow, GreyPicture, Mark, OverlapRow, PhasePicture, ReportInput, Verdict,
-    stage_times, write_html,
-};
+use metrology::inspection::{self, FeatureResult, Plan};
+use report::{Activity, FeatureRow, GreyPicture, Mark, PhasePicture, ReportInput, write_html};
 use std::path::Path;
 use twin::Truth;
 
@@ -91,15 +88,16 @@ fn trace_span(cell: &Cell, span: &Span) -> Option<TraceSpan> {
 
 fn report(folder: &Path, run: &RunFiles, points: &[Point]) -> Result<()> {
     let Some(last) = run.results.last() else { return Ok(()) };
-    let ok = last.outcome == OUTCOME_OK;
+    let ok = last.is_ok();
     let cell = run.cell;
     let plan = plan_of(cell, last);
     let captions: Vec<(String, PhaseView)> = if ok { phase_maps(run, last.cycle)? } else { Vec::new() };
-    let deviations = if ok { deviations(plan, points) } else { Vec::new() };
-    let mut features: Vec<FeatureRow> = last.features.iter().map(FeatureRow::from).collect();
-    for row in &mut features {
-        row.truth = run.truth.and_then(|t| t.get(&row.name)).filter(|t| t.unit == row.unit).map(|t| t.value);
-    }
+    let deviations = deviations(plan, last, points);
+    let row = |feature: &FeatureResult| {
+        let truth = run.truth.and_then(|t| t.get(&feature.name));
+        let truth = truth.filter(|t| t.unit == feature.unit.to_string()).map(|t| t.value);
+        FeatureRow { feature: feature.clone(), truth }
+    };
     let input = ReportInput {
         cell: cell.name.clone(),
         part: plan.map_or_else(|| "no inspection plan".to_owned(), |p| p.name.clone()),
@@ -108,11 +106,11 @@ fn report(folder: &Path, run: &RunFiles, points: &[Point]) -> Result<()> {
         rig_hash: cell.file.rig_sha256.clone(),
         plan_id: plan.map(|p| p.name.clone()).unwrap_or_default(),
         details: vec![("Configuration".into(), cell.file.sha256.clone())],
-        verdict: last.verdict.map_or(Verdict::NoResult, Verdict::from),
+        verdict: last.verdict,
         reason: if ok { String::new() } else { last.outcome.clone() },
         coverage_factor: Some(2.0),
         decision_rule: plan.map_or_else(String::new, |p| decision_rule(p.settings.guard_factor)),
-        features,
+        features: last.features.iter().map(row).collect(),
         camera_views: if ok { camera_views(run, last.cycle) } else { Vec::new() },
         phase_maps: captions.iter().map(|(caption, phase)| PhasePicture { caption, phase: *phase }).collect(),
         cloud: if ok { points } else { &[] },
@@ -120,11 +118,10 @@ fn report(folder: &Path, run: &RunFiles, points: &[Point]) -> Result<()> {
         deviations: &deviations,
         deviation_meaning:
             "Distance from the fitted element of the plan; positive is outside of the material.".into(),
-        overlaps: overlaps(cell, last),
+        overlaps: last.overlaps.as_deref().unwrap_or_default(),
         timeline: timeline(cell, run.history, last.cycle),
         marks: marks(cell, run.history, last.cycle),
-        stages: stage_times(run.results),
-        cycles: run.results.iter().map(CycleRow::from).collect(),
+        cycles: run.results,
         notes: [Some(UNCERTAINTY_NOTE), run.truth.map(|_| TRUTH_NOTE)]
             .into_iter()
             .flatten()
@@ -145,25 +142,20 @@ const TRUTH_NOTE: &str = "The part is simulated. The column truth comes from the
 
 /// The plan of the recipe of a cycle.
 fn plan_of<'a>(cell: &'a Cell, result: &CycleResult) -> Option<&'a Plan> {
-    let name = result.more.get("recipe").and_then(serde_json::Value::as_str);
-    cell.config.recipes.iter().find(|recipe| Some(recipe.name.as_str()) == name)?.plan.as_ref()
+    let name = result.recipe.as_ref()?;
+    cell.config.recipes.iter().find(|recipe| recipe.name == *name)?.plan.as_ref()
 }
 
 fn decision_rule(guard_factor: f64) -> String {
     format!("ISO 14253-1 with a guard band of {guard_factor} standard uncertainties.")
 }
 
-/// Deviations of the points from their fitted elements, each point once.
-fn deviations(plan: Option<&Plan>, points: &[Point]) -> Vec<(u32, f32)> {
-    let Some(plan) = plan else { return Vec::new() };
-    let mut all: Vec<(u32, f32)> = evaluate(plan, points)
-        .elements
-        .iter()
-        .flat_map(|element| element.points.iter().map(|p| (p.index, p.from_fit_mm)))
-        .collect();
-    all.sort_by_key(|(index, _)| *index);
-    all.dedup_by_key(|(index, _)| *index);
-    all
+/// Distances of the points from the elements that the inspection fitted.
+fn deviations(plan: Option<&Plan>, result: &CycleResult, points: &[Point]) -> Vec<(u32, f32)> {
+    match (plan, &result.alignment) {
+        (Some(plan), Some(alignment)) => inspection::deviations(plan, alignment, &result.elements, points),
+        _ => Vec::new(),
+    }
 }
 
 fn camera_views(run: &RunFiles, cycle: u64) -> Vec<GreyPicture> {
@@ -193,22 +185,6 @@ fn phase_maps<'a>(run: &'a RunFiles, cycle: u64) -> Result<Vec<(String, PhaseVie
             Ok((format!("{}, axis {axis}", name(header.camera)), payload::phase(header, map.payload())?))
         })
         .collect()
-}
-
-fn overlaps(cell: &Cell, result: &CycleResult) -> Vec<OverlapRow> {
-    let all = result.more.get("overlaps").and_then(|o| o.as_array()).cloned().unwrap_or_default();
-    let rows = all.iter().filter_map(|overlap| {
-        let number = |key: &str| overlap.get(key).and_then(serde_json::Value::as_f64);
-        let name = |key: &str| cell.graph.pairs.get(number(key)? as usize).map(|p| p.name.clone());
-        Some(OverlapRow {
-            a: name("a")?,
-            b: name("b")?,
-            mean_mm: number("mean_mm")?,
-            sd_mm: number("sd_mm")?,
-            count: number("count")? as u64,
-        })
-    });
-    rows.collect()
 }
 
 fn timeline(cell: &Cell, history: &History, cycle: u64) -> Vec<report::Span> {

@@ -1,6 +1,8 @@
 //! Output of a run on the terminal: a line per cycle, then tables.
 
-use files::result::{CycleResult, FeatureResult, OUTCOME_OK, ResultVerdict};
+use files::result::CycleResult;
+use metrology::inspection::FeatureResult;
+use metrology::verdict::Verdict;
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::sync::OnceLock;
@@ -53,37 +55,32 @@ impl io::Write for StderrWriter {
 /// The line of a cycle.
 pub fn cycle_line(result: &CycleResult, requested: Option<u64>) -> String {
     let of = requested.map_or_else(String::new, |n| format!("/{n}"));
-    let mut line = format!("cycle {:>3}{of}  ", result.cycle + 1);
-    if result.outcome != OUTCOME_OK {
+    let mut line = format!("cycle {:>3}{of}  ", result.number());
+    if !result.is_ok() {
         let _ = write!(line, "NOT OK  {}", result.outcome);
         return line;
     }
-    let points = result.more.get("points").and_then(serde_json::Value::as_u64).unwrap_or(0);
+    let points = result.points.unwrap_or(0);
     let latency_ms = result.latency_ns.unwrap_or(0) as f64 / 1e6;
     let _ = write!(
         line,
         "ok  {:<13}  {points:>8} points  {latency_ms:>7.1} ms from last frame to verdict",
         verdict_name(result.verdict)
     );
-    if let Some(reason) = result.more.get("alignment_failure").and_then(|r| r.as_str()) {
+    if let Some(reason) = &result.alignment_failure {
         let _ = write!(line, "  ({reason})");
     }
     line
 }
 
 /// The name of a verdict.
-pub fn verdict_name(verdict: Option<ResultVerdict>) -> &'static str {
-    match verdict {
-        Some(ResultVerdict::Pass) => "PASS",
-        Some(ResultVerdict::Indeterminate) => "INDETERMINATE",
-        Some(ResultVerdict::Fail) => "FAIL",
-        None => "no verdict",
-    }
+pub fn verdict_name(verdict: Option<Verdict>) -> &'static str {
+    verdict.map_or("no verdict", Verdict::word)
 }
 
 /// Median and 99th percentile of each stage and of the latency, over the cycles that are ok.
 pub fn stage_table(results: &[CycleResult]) -> String {
-    let ok: Vec<&CycleResult> = results.iter().filter(|r| r.outcome == OUTCOME_OK).collect();
+    let ok: Vec<&CycleResult> = results.iter().filter(|r| r.is_ok()).collect();
     let Some(first) = ok.first() else { return String::new() };
     let mut text = format!(
         "{:<20} {:>12} {:>12} {:>12}   (ms per cycle, {} cycles)\n",
@@ -120,20 +117,18 @@ pub fn stage_table(results: &[CycleResult]) -> String {
 
 /// Number of points of a cycle and differences in the overlaps of pairs.
 pub fn cloud_lines(result: &CycleResult, pairs: &[&str]) -> String {
-    let points = result.more.get("points").and_then(serde_json::Value::as_u64).unwrap_or(0);
+    let points = result.points.unwrap_or(0);
     let mut text = format!("points {points}\n");
-    let overlaps = result.more.get("overlaps").and_then(|o| o.as_array()).cloned().unwrap_or_default();
-    for overlap in overlaps {
-        let number = |key: &str| overlap.get(key).and_then(serde_json::Value::as_f64).unwrap_or(f64::NAN);
-        let name = |key: &str| pairs.get(number(key) as usize).copied().unwrap_or("?");
+    let name = |pair: usize| pairs.get(pair).copied().unwrap_or("?");
+    for overlap in result.overlaps.iter().flatten() {
         let _ = writeln!(
             text,
             "overlap {} – {}: mean {:+.1} µm, standard deviation {:.1} µm, {} points",
-            name("a"),
-            name("b"),
-            1e3 * number("mean_mm"),
-            1e3 * number("sd_mm"),
-            number("count")
+            name(overlap.a),
+            name(overlap.b),
+            1e3 * overlap.mean_mm,
+            1e3 * overlap.sd_mm,
+            overlap.count
         );
     }
     text
@@ -153,7 +148,7 @@ pub fn feature_table(features: &[FeatureResult], truth: Option<&Truth>) -> Strin
                 let u = feature.u.unwrap_or(f64::NAN);
                 let _ = write!(text, "{value:>12.4} {u:>9.4} {:>5}", feature.unit);
                 if let Some(truth) = truth {
-                    let known = truth.get(&feature.name).filter(|t| t.unit == feature.unit);
+                    let known = truth.get(&feature.name).filter(|t| t.unit == feature.unit.to_string());
                     let _ = match known {
                         Some(t) => write!(text, " {:>12.4} {:>+10.4}", t.value, value - t.value),
                         None => write!(text, " {:>12} {:>10}", "–", "–"),

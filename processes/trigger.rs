@@ -4,7 +4,8 @@ use crate::client;
 use crate::supervisor::protocol::{Answer, Request};
 use crate::terminal;
 use anyhow::{Result, bail};
-use files::result::{CycleResult, OUTCOME_OK, ResultVerdict, write_json};
+use files::result::{CycleResult, OUTCOME_OK, write_json};
+use metrology::verdict::Verdict;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -65,6 +66,6 @@ fn print_result(args: &TriggerArgs, result: &CycleResult) -> Result<u8> {
     if !result.features.is_empty() {
         terminal::print_line(terminal::feature_table(&result.features, None).trim_end());
     }
-    let pass = matches!(result.verdict, Some(ResultVerdict::Pass) | None) && result.outcome == OUTCOME_OK;
+    let pass = matches!(result.verdict, Some(Verdict::Pass) | None) && result.outcome == OUTCOME_OK;
     Ok(u8::from(!pass))
 }

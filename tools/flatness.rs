@@ -180,7 +180,7 @@ fn report(
     };
     let rows = repeats.iter().zip(&shown).map(row);
     let table = std::iter::once(head.map(str::to_owned).to_vec()).chain(rows).collect();
-    let definition = repeats.first().map_or("", |repeat| repeat.filter.definition);
+    let definition = repeats.first().map_or("", |repeat| &repeat.filter.definition);
     FlatnessInput {
         title: format!("{} repeats", repeats.len()),
         details: vec![

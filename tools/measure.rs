@@ -4,8 +4,9 @@ use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result};
 use files::document::Document;
-use metrology::inspection::{FeatureResult, InspectionResult, Plan, Verdict, evaluate};
-use serde::Serialize;
+use metrology::inspection::{FeatureResult, InspectionResult, Plan, evaluate};
+use metrology::verdict::Verdict;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 
 #[derive(clap::Args)]
@@ -19,15 +20,6 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
-/// The result with what it was made from.
-#[derive(Serialize)]
-struct Measurement<'a> {
-    cloud: &'a PathBuf,
-    points: usize,
-    #[serde(flatten)]
-    result: &'a InspectionResult,
-}
-
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[&args.plan, &args.cloud], None)?;
@@ -35,13 +27,25 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let plan = Plan::from_toml(&document.text).with_context(|| args.plan.display().to_string())?;
     let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
     let result = evaluate(&plan, &cloud.points);
-    emit(
-        args.json.as_deref(),
-        &Measurement { cloud: &args.cloud, points: cloud.points.len(), result: &result },
-    )?;
+    emit(args.json.as_deref(), &machine_readable(args, cloud.points.len(), &result)?)?;
     print(&result);
     // What is not proven is not accepted; a part that was not found is nothing measured.
     Ok(if result.verdict == Verdict::Pass { Outcome::Done } else { Outcome::LimitFailed })
+}
+
+/// The result with what it was made from. A feature without a verdict says so by a word, and has its `reason` even when it is
+/// `null`.
+fn machine_readable(args: &Args, points: usize, result: &InspectionResult) -> Result<Value> {
+    let mut all = serde_json::to_value(result)?;
+    all["cloud"] = json!(args.cloud);
+    all["points"] = json!(points);
+    for feature in all["features"].as_array_mut().into_iter().flatten() {
+        if feature["verdict"].is_null() {
+            feature["verdict"] = json!("not-measured");
+        }
+        feature.as_object_mut().map(|feature| feature.entry("reason").or_insert(Value::Null));
+    }
+    Ok(all)
 }
 
 fn print(result: &InspectionResult) {
@@ -69,11 +73,11 @@ fn conclusion(result: &InspectionResult) -> String {
     if result.alignment_failure.is_some() {
         return "none, because the part was not found".to_owned();
     }
-    let missing = result.features.iter().filter(|f| f.verdict == Verdict::NotMeasured).count();
+    let missing = result.features.iter().filter(|f| f.verdict.is_none()).count();
     match missing {
-        0 => word(result.verdict).to_owned(),
+        0 => result.verdict.to_string(),
         _ => {
-            format!("{}; {missing} of {} features not measured", word(result.verdict), result.features.len())
+            format!("{}; {missing} of {} features not measured", result.verdict, result.features.len())
         }
     }
 }
@@ -84,18 +88,11 @@ fn line(feature: &FeatureResult, wide: usize) -> String {
         let reason = feature.reason.as_deref().unwrap_or("no reason given");
         return format!("{:wide$}  not measured: {reason}", feature.name);
     };
-    let FeatureResult { name, unit, lower, upper, .. } = feature;
+    let FeatureResult { name, unit, .. } = feature;
+    let lower = feature.lower.unwrap_or(f64::NEG_INFINITY);
+    let upper = feature.upper.unwrap_or(f64::INFINITY);
+    let verdict = feature.verdict.map_or_else(|| "not measured".to_owned(), |v| v.to_string());
     format!(
-        "{name:wide$}  {value:>8.4} {unit:<3} {u:>9.5}  {deviation:>+9.4}  {lower:>11.4} … {upper:<11.4} {}",
-        word(feature.verdict)
+        "{name:wide$}  {value:>8.4} {unit:<3} {u:>9.5}  {deviation:>+9.4}  {lower:>11.4} … {upper:<11.4} {verdict}"
     )
-}
-
-fn word(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Pass => "pass",
-        Verdict::Indeterminate => "indeterminate",
-        Verdict::Fail => "fail",
-        Verdict::NotMeasured => "not measured",
-    }
 }

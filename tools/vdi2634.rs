@@ -11,8 +11,9 @@ use files::rig_file::{RigFile, read_rig};
 use fringe::cloud::Point;
 use fringe::surface::SurfaceSettings;
 use metrology::acceptance::{
-    Characteristic, Evaluator, Input, RuleSet, TestPlan, TestReport, TestVerdict, ViewPlan,
+    Characteristic, Evaluator, Input, RuleSet, TestPlan, TestReport, ViewPlan,
 };
+use metrology::verdict::Verdict;
 use report::acceptance::{write_all, write_master};
 use std::path::{Path, PathBuf};
 
@@ -49,7 +50,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     print(&report);
     let limited = report.characteristics.iter().any(|c| c.limit.is_some());
     // What is not proven is not accepted; without any limit there is nothing to prove.
-    let passed = report.verdict == TestVerdict::Pass || !limited;
+    let passed = report.verdict == Verdict::Pass || !limited;
     Ok(if passed { Outcome::Done } else { Outcome::LimitFailed })
 }
 
@@ -215,10 +216,10 @@ fn line(one: &Characteristic, wide: usize) -> String {
     )
 }
 
-fn word(verdict: TestVerdict) -> &'static str {
+fn word(verdict: Verdict) -> &'static str {
     match verdict {
-        TestVerdict::Pass => "pass",
-        TestVerdict::Indeterminate => "indeterminate",
-        TestVerdict::Fail => "fail",
+        Verdict::Pass => "pass",
+        Verdict::Indeterminate => "indeterminate",
+        Verdict::Fail => "fail",
     }
 }

@@ -2,12 +2,14 @@
 
 use super::profile;
 use cell::Cell;
-use cell::judgement::Judgement;
 use cell::schedule::{Interval, Schedule, Work, output};
 use devices::LoadedCell;
 use files::result::{CycleResult, OUTCOME_OK, StageResult};
+use fringe::fusion::Overlap;
 use ipc::header::Event;
-use serde_json::{Value, json};
+use metrology::inspection::InspectionResult;
+use serde::Deserialize;
+use serde_json::Value;
 use std::collections::BTreeMap;
 use xxhash_rust::xxh3::xxh3_128;
 
@@ -31,7 +33,8 @@ pub struct Span {
 /// A result as it arrived.
 #[derive(Debug)]
 struct Judged {
-    judgement: Judgement,
+    /// Absent without a plan.
+    inspection: Option<InspectionResult>,
     latency_ns: u64,
     /// Of its text.
     hash: u128,
@@ -41,7 +44,7 @@ struct Judged {
 #[derive(Debug, Default)]
 pub struct Collector {
     done: BTreeMap<usize, (Event, String)>,
-    judgement: Option<Judged>,
+    judged: Option<Judged>,
 }
 
 impl Collector {
@@ -51,15 +54,15 @@ impl Collector {
     }
 
     /// Adds the result of the inspection, with its text and the time since the last frame, ns.
-    pub fn judged(&mut self, judgement: Judgement, text: &str, latency_ns: u64) {
-        self.judgement = Some(Judged { judgement, latency_ns, hash: xxh3_128(text.as_bytes()) });
+    pub fn judged(&mut self, inspection: Option<InspectionResult>, text: &str, latency_ns: u64) {
+        self.judged = Some(Judged { inspection, latency_ns, hash: xxh3_128(text.as_bytes()) });
     }
 
     /// Refuses a result whose hash differs from the one that the inspection reported.
     pub fn check_result(&self, schedule: &Schedule) -> Result<(), String> {
         let reported = schedule.find(Work::Inspect).and_then(|number| self.done.get(&number));
         let reported = reported.map(|(event, _)| [event.hash_high, event.hash_low]);
-        let came = self.judgement.as_ref().map(|j| [(j.hash >> 64) as u64, j.hash as u64]);
+        let came = self.judged.as_ref().map(|j| [(j.hash >> 64) as u64, j.hash as u64]);
         if reported.is_some() && reported == came {
             return Ok(());
         }
@@ -93,19 +96,34 @@ impl Collector {
         })
     }
 
-    /// The result of the cycle with its outcome.
+    /// The result of the cycle with its outcome; the caller adds recipe, part and duration.
     pub fn result(&self, cell: &LoadedCell, cycle: u64, outcome: &Result<(), String>) -> CycleResult {
         let ok = outcome.is_ok();
-        let judged = self.judgement.as_ref().filter(|_| ok);
+        let judged = self.judged.as_ref();
+        let inspection = judged.and_then(|j| j.inspection.as_ref());
+        // A part that was not found is told even of a cycle that failed; its values are not.
+        let alignment_failure = inspection.and_then(|i| i.alignment_failure.clone());
+        let inspection = inspection.filter(|_| ok);
+        let fused = self.fused(cell).filter(|_| ok);
         CycleResult {
             cycle,
             outcome: outcome.as_ref().err().map_or_else(|| OUTCOME_OK.to_owned(), Clone::clone),
-            verdict: judged.and_then(|j| j.judgement.verdict),
-            features: judged.map(|j| j.judgement.features.clone()).unwrap_or_default(),
+            verdict: inspection.map(|i| i.verdict),
+            features: inspection.map(|i| i.features.clone()).unwrap_or_default(),
             stages: self.stages(&cell.schedule),
-            latency_ns: judged.map(|j| j.latency_ns),
+            latency_ns: judged.filter(|_| ok).map(|j| j.latency_ns),
             hashes: self.hashes(cell),
-            more: self.more(cell, ok),
+            alignment: inspection.and_then(|i| i.alignment.clone()),
+            alignment_failure,
+            elements: inspection.map(|i| i.elements.clone()).unwrap_or_default(),
+            cell: cell.name.clone(),
+            config_sha256: cell.file.sha256.clone(),
+            overlaps: fused.and_then(|(_, text)| Some(serde_json::from_str::<Fused>(text).ok()?.overlaps)),
+            points: fused.map(|(event, _)| event.count.into()),
+            reports: self.reports(cell),
+            rig_sha256: cell.file.rig_sha256.clone(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            ..CycleResult::default()
         }
     }
 
@@ -141,31 +159,26 @@ impl Collector {
         parts.iter().map(|(key, hashes)| (key.clone(), join(hashes))).collect()
     }
 
-    fn more(&self, cell: &LoadedCell, ok: bool) -> BTreeMap<String, Value> {
-        let mut more = BTreeMap::from([
-            ("cell".to_owned(), json!(cell.name)),
-            ("version".to_owned(), json!(env!("CARGO_PKG_VERSION"))),
-            ("config_sha256".to_owned(), json!(cell.file.sha256)),
-            ("rig_sha256".to_owned(), json!(cell.file.rig_sha256)),
-        ]);
-        let mut reports = BTreeMap::new();
-        for (activation, (event, text)) in &self.done {
-            let Some(activation) = cell.schedule.activations.get(*activation) else { continue };
-            let report: Value = serde_json::from_str(text).unwrap_or(Value::Null);
-            if activation.work == Work::Fuse && ok {
-                more.insert("points".into(), json!(event.count));
-                more.insert("overlaps".into(), report.get("overlaps").cloned().unwrap_or(Value::Null));
-            }
-            if let (Some(key), false) = (output(&cell.graph, activation.work), report.is_null()) {
-                reports.insert(key, report);
-            }
-        }
-        more.insert("reports".into(), json!(reports));
-        if let Some(reason) = self.judgement.as_ref().and_then(|j| j.judgement.alignment_failure.as_ref()) {
-            more.insert("alignment_failure".into(), json!(reason));
-        }
-        more
+    /// What the fusion reported.
+    fn fused(&self, cell: &Cell) -> Option<&(Event, String)> {
+        self.done.get(&cell.schedule.find(Work::Fuse)?)
     }
+
+    /// What stages told of their outputs, by output.
+    fn reports(&self, cell: &Cell) -> BTreeMap<String, Value> {
+        let report = |(activation, (_, text)): (&usize, &(Event, String))| {
+            let activation = cell.schedule.activations.get(*activation)?;
+            let report: Value = serde_json::from_str(text).ok()?;
+            Some((output(&cell.graph, activation.work)?, report))
+        };
+        self.done.iter().filter_map(report).filter(|(_, report)| !report.is_null()).collect()
+    }
+}
+
+/// What is read of the fusion's report.
+#[derive(Deserialize)]
+struct Fused {
+    overlaps: Vec<Overlap>,
 }
 
 /// The share of one activation in the result of its stage.

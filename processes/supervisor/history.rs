@@ -13,12 +13,11 @@ const KEPT_CYCLES: usize = 1_000;
 
 /// The trace entry of a cycle that ended now.
 pub(super) fn ended(result: &CycleResult, end_ns: u64, duration_ns: u64) -> TraceCycle {
-    let text = |key: &str| result.more.get(key).and_then(|value| value.as_str()).map(str::to_owned);
     TraceCycle {
         cycle: result.cycle,
         outcome: result.outcome.clone(),
-        part: text("part"),
-        recipe: text("recipe"),
+        part: result.part.clone(),
+        recipe: result.recipe.clone(),
         start_ns: end_ns.saturating_sub(duration_ns),
         end_ns,
     }

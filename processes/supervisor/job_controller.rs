@@ -5,7 +5,6 @@ use super::protocol::{Answer, RecipeReport, StateReport};
 use crate::control::{Action, Event, Machine, Refusal, State};
 use crossbeam::channel::Sender;
 use files::result::CycleResult;
-use serde_json::json;
 
 /// Longest name of a part, bytes.
 const MAX_PART: usize = 256;
@@ -124,10 +123,8 @@ impl JobController {
 
     /// Adds recipe and part of the job to a result.
     pub(super) fn annotate(&self, result: &mut CycleResult) {
-        result.more.insert("recipe".into(), json!(self.recipes[self.recipe()]));
-        if let Some(part) = self.job.as_ref().and_then(|job| job.part.as_ref()) {
-            result.more.insert("part".into(), json!(part));
-        }
+        result.recipe = Some(self.recipes[self.recipe()].clone());
+        result.part = self.job.as_ref().and_then(|job| job.part.clone());
     }
 
     /// Handles the end of a cycle whose files are written: answers the waiting client and may start the next cycle.

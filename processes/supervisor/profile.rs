@@ -1,8 +1,9 @@
 //! Statistics of a cell: counts since the start, and percentiles of the last cycles. Pure, with constant memory.
 
 use anyhow::Result;
-use files::result::{CycleResult, OUTCOME_OK, ResultVerdict, StageResult};
+use files::result::{CycleResult, OUTCOME_OK, StageResult};
 use hdrhistogram::Histogram;
+use metrology::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -199,9 +200,9 @@ impl Profile {
         let ok = result.outcome == OUTCOME_OK;
         let place = match result.verdict {
             _ if !ok => &mut self.outcomes.not_ok,
-            Some(ResultVerdict::Pass) => &mut self.outcomes.pass,
-            Some(ResultVerdict::Indeterminate) => &mut self.outcomes.indeterminate,
-            Some(ResultVerdict::Fail) => &mut self.outcomes.fail,
+            Some(Verdict::Pass) => &mut self.outcomes.pass,
+            Some(Verdict::Indeterminate) => &mut self.outcomes.indeterminate,
+            Some(Verdict::Fail) => &mut self.outcomes.fail,
             None => &mut self.outcomes.no_verdict,
         };
         *place += 1;
@@ -267,20 +268,17 @@ pub fn add(sum: &mut StageResult, more: &StageResult) {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-    use std::collections::BTreeMap;
 
-    fn result(cycle: u64, outcome: &str, verdict: Option<ResultVerdict>) -> CycleResult {
+    fn result(cycle: u64, outcome: &str, verdict: Option<Verdict>) -> CycleResult {
         let stage =
             StageResult { name: "fusion".into(), wait_ns: 3_000_000, bytes: 7, ..StageResult::default() };
         CycleResult {
             cycle,
             outcome: outcome.into(),
             verdict,
-            features: vec![],
             stages: vec![stage],
             latency_ns: Some(2_000_000),
-            hashes: BTreeMap::new(),
-            more: BTreeMap::new(),
+            ..CycleResult::default()
         }
     }
 
@@ -288,11 +286,11 @@ mod tests {
     fn cycles_are_counted_by_outcome_and_only_ok_ones_are_timed() {
         let mut profile = Profile::new(&["fusion".into()], 10_000_000).unwrap();
         for (cycle, outcome, verdict) in [
-            (0, "ok", Some(ResultVerdict::Pass)),
-            (1, "ok", Some(ResultVerdict::Fail)),
+            (0, "ok", Some(Verdict::Pass)),
+            (1, "ok", Some(Verdict::Fail)),
             (2, "stage fusion died (signal 9)", None),
             (3, "ok", None),
-            (4, "ok", Some(ResultVerdict::Indeterminate)),
+            (4, "ok", Some(Verdict::Indeterminate)),
         ] {
             profile.begin(cycle, cycle * 1_000_000_000);
             // The one that is not ok is also the one that takes too long.

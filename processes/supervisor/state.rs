@@ -14,7 +14,6 @@ use super::stage_process::{ProcessState, StageProcess};
 use crate::terminal;
 use anyhow::Result;
 use cell::cycle_number::{unwire, wire};
-use cell::judgement::Judgement;
 use cell::schedule::{Half, Interval, Order, SUPERVISOR, label, violation};
 use crossbeam::channel::{Receiver, bounded};
 use devices::LoadedCell;
@@ -27,6 +26,7 @@ use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Listener, Node, Publisher, ServiceHandle, Subscriber};
 use ipc::sequence::SequenceGates;
+use metrology::verdict::Verdict;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -250,9 +250,7 @@ impl<'a> Supervisor<'a> {
         let end_ns = now_ns();
         let duration_ns = self.profile.end(&result, end_ns);
         tracing::info!(cycle, outcome = result.outcome, verdict = ?result.verdict, duration_ns, "cycle ended");
-        if let Some(duration_ns) = duration_ns {
-            result.more.insert("duration_ns".into(), duration_ns.into());
-        }
+        result.duration_ns = duration_ns;
         let plan = self.cell.config.recipes.get(self.jobs.recipe()).and_then(|recipe| recipe.plan.as_ref());
         self.jobs.annotate(&mut result);
         if let Some(duration_ns) = duration_ns {
@@ -263,7 +261,7 @@ impl<'a> Supervisor<'a> {
         if let Err(reason) = outcome {
             self.tally.last_failure = Some((cycle, reason.clone()));
         }
-        let pass = result.verdict == Some(files::result::ResultVerdict::Pass);
+        let pass = result.verdict == Some(Verdict::Pass);
         self.tally.not_pass += u64::from(outcome.is_ok() && plan.is_some() && !pass);
         each(&result);
         let next = self.jobs.cycle_ended(&result);
@@ -310,11 +308,11 @@ impl<'a> Supervisor<'a> {
             let Some(cycle) = unwire(header.cycle) else { continue };
             let Some(collector) = self.collectors.get_mut(&cycle) else { continue };
             let text = payload::text(header.text_bytes, message.payload())?;
-            let judgement: Judgement = serde_json::from_str(text)?;
+            let inspection = serde_json::from_str(text)?;
             if let Some(recorder) = &self.recorder {
                 recorder.result(self.cell, header.cycle, text);
             }
-            collector.judged(judgement, text, header.t_ns.saturating_sub(header.t_last_frame_ns));
+            collector.judged(inspection, text, header.t_ns.saturating_sub(header.t_last_frame_ns));
             self.step(Input::Result { cycle }, each)?;
         }
         if let Some(snapshot) = &mut self.snapshot {

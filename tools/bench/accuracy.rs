@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use files::config::Config;
 use fringe::geometry::camera::BrownConrady;
 use fringe::geometry::rig::Rig;
-use metrology::inspection::{InspectionResult, Plan, evaluate};
+use metrology::inspection::{InspectionResult, Plan, Unit, evaluate};
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -42,7 +42,7 @@ pub(super) struct Row {
 #[derive(Debug, Serialize)]
 struct FeatureError {
     name: String,
-    unit: &'static str,
+    unit: Unit,
     error: Option<f64>,
     u: Option<f64>,
 }

@@ -13,7 +13,6 @@ mod error;
 pub mod executor;
 mod frame_format;
 pub mod graph;
-pub mod judgement;
 mod retention;
 pub mod schedule;
 

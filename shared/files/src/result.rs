@@ -3,24 +3,27 @@
 use crate::atomic;
 use crate::document::read_text;
 use crate::error::{FileError, Problem};
-pub use cell::judgement::{FeatureResult, ResultVerdict};
+use fringe::fusion::Overlap;
+use metrology::inspection::{AlignmentResult, ElementResult, FeatureResult};
+use metrology::verdict::Verdict;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Outcome of a cycle that did all it should; anything else is the reason why not.
 pub const OUTCOME_OK: &str = "ok";
 
-/// The outcome of one cycle.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// The outcome of one cycle, from the supervisor to files, socket, console and report.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct CycleResult {
     /// Number of the cycle, from 0.
     pub cycle: u64,
     /// [`OUTCOME_OK`] or the reason.
     pub outcome: String,
     /// Over all features; absent when nothing was judged.
-    pub verdict: Option<ResultVerdict>,
+    pub verdict: Option<Verdict>,
     /// In the order of the inspection plan.
     pub features: Vec<FeatureResult>,
     /// In the order of the schedule.
@@ -29,9 +32,57 @@ pub struct CycleResult {
     pub latency_ns: Option<u64>,
     /// Of each stage's output, hexadecimal.
     pub hashes: BTreeMap<String, String>,
-    /// Further keys: number of points, overlaps, rig, version.
-    #[serde(flatten)]
-    pub more: BTreeMap<String, serde_json::Value>,
+    /// Where the part was found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alignment: Option<AlignmentResult>,
+    /// Why the part was not found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub alignment_failure: Option<String>,
+    /// What was fitted, in the order of the inspection plan.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub elements: Vec<ElementResult>,
+    /// Name of the cell.
+    #[serde(default)]
+    pub cell: String,
+    /// SHA-256 of the configuration, hexadecimal.
+    #[serde(default)]
+    pub config_sha256: String,
+    /// From the start of the cycle to its outcome, ns.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub duration_ns: Option<u64>,
+    /// How well pairs agree; `a` and `b` count the pairs of the rig.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub overlaps: Option<Vec<Overlap>>,
+    /// The part, as the job named it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part: Option<String>,
+    /// Points of the fused cloud.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub points: Option<u64>,
+    /// The recipe that the part was inspected with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recipe: Option<String>,
+    /// What stages tell of their outputs, by output; each stage has keys of its own.
+    #[serde(default)]
+    pub reports: BTreeMap<String, Value>,
+    /// SHA-256 of the rig file, hexadecimal.
+    #[serde(default)]
+    pub rig_sha256: String,
+    /// Version of the software.
+    #[serde(default)]
+    pub version: String,
+}
+
+impl CycleResult {
+    /// Number of the cycle as a person sees it: from 1.
+    pub fn number(&self) -> u64 {
+        self.cycle + 1
+    }
+
+    /// Whether the cycle did all it should.
+    pub fn is_ok(&self) -> bool {
+        self.outcome == OUTCOME_OK
+    }
 }
 
 /// What one stage did and used in one cycle. Waiting, computing and sending do not overlap.
@@ -101,22 +152,24 @@ pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, FileError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use metrology::inspection::Unit;
 
     fn result() -> CycleResult {
         CycleResult {
             cycle: 3,
             outcome: OUTCOME_OK.into(),
-            verdict: Some(ResultVerdict::Indeterminate),
+            verdict: Some(Verdict::Indeterminate),
             features: vec![FeatureResult {
                 name: "sphere1".into(),
                 value: Some(0.1 + 0.2),
-                unit: "mm".into(),
+                unit: Unit::Mm,
                 u: Some(1.0 / 3.0),
                 lower: None,
                 upper: Some(22.0),
-                verdict: Some(ResultVerdict::Pass),
-                reason: None,
-                detail: None,
+                verdict: Some(Verdict::Pass),
+                u_noise: Some(5e-324),
+                u_system: 1e308,
+                ..FeatureResult::default()
             }],
             stages: vec![StageResult {
                 name: "decode cam1".into(),
@@ -127,7 +180,8 @@ mod tests {
             }],
             latency_ns: Some(5),
             hashes: BTreeMap::from([("cloud/fused".into(), "00ff".into())]),
-            more: BTreeMap::from([("points".into(), 7.into())]),
+            points: Some(7),
+            ..CycleResult::default()
         }
     }
 

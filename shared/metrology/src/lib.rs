@@ -12,3 +12,4 @@ pub mod reference;
 pub mod register;
 pub mod spatial;
 pub mod uncertainty;
+pub mod verdict;

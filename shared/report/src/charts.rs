@@ -8,7 +8,8 @@ use super::page::{Page, Text};
 use super::picture::{Ends, share};
 use super::statistics::Summary;
 use super::svg::{self, Anchor, INK};
-use super::{Activity, FeatureRow, Mark, Span};
+use super::{Activity, Mark, Span};
+use metrology::inspection::FeatureResult;
 
 const SOFT: &str = "#5b6875";
 const LINE: &str = "#d5dbe1";
@@ -19,8 +20,8 @@ const WAIT: &str = "#ccd5de";
 const BINS: usize = 60;
 
 /// Where a value lies between its limits, with its uncertainty; nothing without an upper limit or a value.
-pub fn tolerance(page: &mut Page, feature: &FeatureRow, uncertainty: Option<f64>) {
-    let (Some(upper), true) = (feature.upper, feature.value.is_finite()) else {
+pub fn tolerance(page: &mut Page, feature: &FeatureResult, uncertainty: Option<f64>) {
+    let (Some(upper), Some(value)) = (feature.upper, feature.value.filter(|value| value.is_finite())) else {
         return page.put(format_args!("{}", number::NONE));
     };
     // A form deviation has no lower limit; zero is its natural end.
@@ -29,8 +30,8 @@ pub fn tolerance(page: &mut Page, feature: &FeatureRow, uncertainty: Option<f64>
         return page.put(format_args!("{}", number::NONE));
     }
     let place = |value: f64| (25.0 + 90.0 * (value - lower) / (upper - lower)).clamp(3.0, 137.0);
-    let (x, u) = (place(feature.value), uncertainty.unwrap_or(0.0));
-    let (left, right) = (place(feature.value - u), place(feature.value + u));
+    let (x, u) = (place(value), uncertainty.unwrap_or(0.0));
+    let (left, right) = (place(value - u), place(value + u));
     page.put(format_args!(
         "<svg width=\"140\" height=\"18\" viewBox=\"0 0 140 18\" role=\"img\" aria-label=\"place of the value between its \
          limits\"><rect x=\"25\" y=\"6\" width=\"90\" height=\"6\" fill=\"#e3e8ed\"/><path d=\"M0 9H140\" stroke=\"{LINE}\"/>"

@@ -1,21 +1,11 @@
 //! Content of a measurement report.
 
+use files::result::CycleResult;
 use fringe::cloud::Point;
+use fringe::fusion::Overlap;
 use fringe::phase::PhaseView;
-
-/// Verdict of the measurement or of a feature.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Verdict {
-    /// Conforms to its limits.
-    Pass,
-    /// The uncertainty reaches across a limit.
-    Indeterminate,
-    /// Non-conformity is proven.
-    Fail,
-    /// Nothing can be evaluated: the cycle failed.
-    #[default]
-    NoResult,
-}
+use metrology::inspection::FeatureResult;
+use metrology::verdict::Verdict;
 
 /// Content of the report. Empty parts are left out or named as absent.
 #[derive(Debug, Clone, Default)]
@@ -34,8 +24,8 @@ pub struct ReportInput<'a> {
     pub plan_id: String,
     /// Further lines of the header: label and text.
     pub details: Vec<(String, String)>,
-    /// Verdict of the whole measurement.
-    pub verdict: Verdict,
+    /// The word at the top; `None`: the cycle did not end well, or nothing was judged.
+    pub verdict: Option<Verdict>,
     /// One sentence below it: why there is no result, for instance. May be empty.
     pub reason: String,
     /// Uncertainties are printed as expanded, U = k·u, with this k; as standard uncertainty u if `None`.
@@ -58,39 +48,23 @@ pub struct ReportInput<'a> {
     pub deviation_meaning: String,
     /// End of the colour bar, mm; if `None`, the 99th percentile of the magnitudes, rounded up to 1, 2 or 5 · 10ⁿ.
     pub deviation_half_range_mm: Option<f64>,
-    /// Overlap of the pairs.
-    pub overlaps: Vec<OverlapRow>,
+    /// Overlap of the pairs, which it counts as `pair_names` does.
+    pub overlaps: &'a [Overlap],
     /// The last cycle: rows in order of their first span.
     pub timeline: Vec<Span>,
     /// Moments of the last cycle, drawn as lines.
     pub marks: Vec<Mark>,
-    /// Times of each stage over all cycles.
-    pub stages: Vec<StageTimes>,
-    /// Outcome of each cycle of the run.
-    pub cycles: Vec<CycleRow>,
+    /// Each cycle, with the times of its stages.
+    pub cycles: &'a [CycleResult],
     /// Remarks at the end, a paragraph each.
     pub notes: Vec<String>,
 }
 
-/// One measured feature with its limits.
+/// One row of the table of features.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FeatureRow {
-    /// Name in the plan.
-    pub name: String,
-    /// Small print below it: number of points, form. May be empty.
-    pub detail: String,
-    /// Unit of all numbers of the row: `mm`, `deg`, `um`.
-    pub unit: String,
-    /// Measured value; NaN if it could not be measured.
-    pub value: f64,
-    /// Standard uncertainty (k = 1), also where the expanded one is printed.
-    pub standard_uncertainty: Option<f64>,
-    /// Lower limit of the value, in its unit.
-    pub lower: Option<f64>,
-    /// Upper limit of the value, in its unit.
-    pub upper: Option<f64>,
-    /// Verdict of the feature; `None` without limits.
-    pub verdict: Option<Verdict>,
+    /// What was measured.
+    pub feature: FeatureResult,
     /// The simulator's true value, in a demonstration. Adds the columns truth and error.
     pub truth: Option<f64>,
 }
@@ -115,21 +89,6 @@ pub struct PhasePicture<'a> {
     pub caption: &'a str,
     /// The absolute phase map.
     pub phase: PhaseView<'a>,
-}
-
-/// Signed distance between two pairs where both saw the part.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct OverlapRow {
-    /// Name of the first pair.
-    pub a: String,
-    /// Name of the second pair.
-    pub b: String,
-    /// Mean distance between both clouds, mm.
-    pub mean_mm: f64,
-    /// Sample standard deviation, mm.
-    pub sd_mm: f64,
-    /// Number of points compared.
-    pub count: u64,
 }
 
 /// What a process did in a span.
@@ -161,30 +120,4 @@ pub struct Mark {
     pub name: String,
     /// On the clock of the spans, ns.
     pub at_ns: u64,
-}
-
-/// All times of one stage, a value for each cycle.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct StageTimes {
-    /// Name of the stage.
-    pub name: String,
-    /// Waiting time of each cycle, ns.
-    pub wait_ns: Vec<u64>,
-    /// Computing time of each cycle, ns.
-    pub compute_ns: Vec<u64>,
-}
-
-/// Outcome of one cycle.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct CycleRow {
-    /// Number of the cycle, as in the result.
-    pub cycle: u64,
-    /// `ok`, or the reason.
-    pub outcome: String,
-    /// `None` if the outcome is not `ok`.
-    pub verdict: Option<Verdict>,
-    /// From the last frame to the verdict, ns.
-    pub latency_ns: Option<u64>,
-    /// Points of the fused cloud.
-    pub points: Option<u64>,
 }

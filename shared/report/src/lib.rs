@@ -8,6 +8,7 @@
 use std::path::Path;
 
 use files::atomic;
+use metrology::verdict::Verdict;
 
 pub mod acceptance;
 pub mod calibration;
@@ -18,7 +19,6 @@ mod comparison;
 mod error;
 mod figures;
 mod flatness;
-mod from_result;
 mod glyph;
 mod image_points;
 mod input;
@@ -28,6 +28,7 @@ pub mod picture;
 pub mod plot;
 mod raster;
 mod splat;
+mod stage_times;
 pub mod statistics;
 mod svg;
 mod tables;
@@ -40,12 +41,8 @@ pub use colour::ColourMap;
 pub use comparison::{ComparisonInput, write_comparison};
 pub use error::ReportError;
 pub use flatness::{FlatnessInput, FlatnessRepeat, write_flatness};
-pub use from_result::stage_times;
 pub use image_points::{ImagePointMark, ImagePointPicture, image_points_png};
-pub use input::{
-    Activity, CycleRow, FeatureRow, GreyPicture, Mark, OverlapRow, PhasePicture, ReportInput, Span,
-    StageTimes, Verdict,
-};
+pub use input::{Activity, FeatureRow, GreyPicture, Mark, PhasePicture, ReportInput, Span};
 pub(crate) use page::Text;
 pub use picture::PictureError;
 
@@ -62,10 +59,10 @@ pub fn write_html(path: &Path, input: &ReportInput<'_>) -> Result<(), ReportErro
 /// # Errors
 /// A contradiction, or a picture whose data do not fit their size.
 pub fn html(input: &ReportInput<'_>) -> Result<String, ReportError> {
-    let unfit = |f: &&FeatureRow| f.verdict.is_some_and(|v| v != Verdict::Pass);
+    let unfit = |row: &&FeatureRow| row.is_judged() && row.feature.verdict != Some(Verdict::Pass);
     match input.features.iter().find(unfit) {
-        Some(bad) if input.verdict == Verdict::Pass => {
-            return Err(ReportError::Contradiction { feature: bad.name.clone() });
+        Some(bad) if input.verdict == Some(Verdict::Pass) => {
+            return Err(ReportError::Contradiction { feature: bad.feature.name.clone() });
         }
         _ => {}
     }

@@ -4,30 +4,29 @@ use super::number::{
     NONE, count, decimals, fixed, limit, limit_decimals, milliseconds, optional, signed, unit,
 };
 use super::page::{Page, Text};
+use super::stage_times::stage_times;
 use super::statistics::{median_ns, percentile_99_ns};
-use super::{CycleRow, FeatureRow, ReportInput, Verdict, charts};
+use super::{FeatureRow, ReportInput, charts};
+use files::result::CycleResult;
+use metrology::verdict::Verdict;
 
 /// Above this number of cycles only the last ones and those that went wrong are listed.
 const CYCLES_LISTED: usize = 60;
 
-impl Verdict {
-    /// As it is printed.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Pass => "PASS",
-            Self::Indeterminate => "INDETERMINATE",
-            Self::Fail => "FAIL",
-            Self::NoResult => "NO RESULT",
-        }
-    }
+/// A verdict as it is printed.
+fn word(verdict: Option<Verdict>) -> &'static str {
+    verdict.map_or("NO RESULT", Verdict::word)
+}
 
-    fn class(self) -> &'static str {
-        match self {
-            Self::Pass => "pass",
-            Self::Indeterminate => "indeterminate",
-            Self::Fail => "fail",
-            Self::NoResult => "none",
-        }
+/// Its class in the style sheet.
+fn class(verdict: Option<Verdict>) -> &'static str {
+    verdict.map_or("none", Verdict::key)
+}
+
+impl FeatureRow {
+    /// Whether it counts for the verdict: it has limits, or was decided about.
+    pub(super) fn is_judged(&self) -> bool {
+        self.feature.verdict.is_some() || self.feature.has_limits()
     }
 }
 
@@ -54,10 +53,10 @@ pub fn header(page: &mut Page, input: &ReportInput<'_>) {
 
 /// Writes the verdict banner.
 pub fn verdict(page: &mut Page, input: &ReportInput<'_>) {
-    let class = input.verdict.class();
+    let class = class(input.verdict);
     page.put(format_args!(
         "<div class=\"verdict {class}\" role=\"status\"><span class=\"word {class}\">{}</span><div><p>{}</p>",
-        input.verdict.word(),
+        word(input.verdict),
         Text(&sentence(input))
     ));
     if !input.reason.is_empty() {
@@ -68,24 +67,25 @@ pub fn verdict(page: &mut Page, input: &ReportInput<'_>) {
 
 /// The verdict as a sentence, counted from the table.
 fn sentence(input: &ReportInput<'_>) -> String {
-    let number = |wanted: Verdict| input.features.iter().filter(|f| f.verdict == Some(wanted)).count();
-    let judged = input.features.iter().filter(|f| f.verdict.is_some()).count();
-    if judged == 0 {
+    let judged: Vec<Option<Verdict>> =
+        input.features.iter().filter(|row| row.is_judged()).map(|row| row.feature.verdict).collect();
+    let number = |wanted: Option<Verdict>| judged.iter().filter(|verdict| **verdict == wanted).count();
+    if judged.is_empty() {
         return match input.verdict {
-            Verdict::NoResult => "The measurement gave no result.".to_owned(),
-            _ => "No feature has limits.".to_owned(),
+            None => "The measurement gave no result.".to_owned(),
+            Some(_) => "No feature has limits.".to_owned(),
         };
     }
-    let all = if judged == 1 {
+    let all = if judged.len() == 1 {
         "1 feature with limits".to_owned()
     } else {
-        format!("{judged} features with limits")
+        format!("{} features with limits", judged.len())
     };
-    let mut parts = vec![format!("{} within", number(Verdict::Pass))];
+    let mut parts = vec![format!("{} within", number(Some(Verdict::Pass)))];
     let others = [
-        (Verdict::Indeterminate, "too close to a limit to decide"),
-        (Verdict::Fail, "outside"),
-        (Verdict::NoResult, "not measured"),
+        (Some(Verdict::Indeterminate), "too close to a limit to decide"),
+        (Some(Verdict::Fail), "outside"),
+        (None, "not measured"),
     ];
     for (verdict, words) in others {
         match number(verdict) {
@@ -93,7 +93,7 @@ fn sentence(input: &ReportInput<'_>) -> String {
             n => parts.push(format!("{n} {words}")),
         }
     }
-    if number(Verdict::Pass) == judged {
+    if number(Some(Verdict::Pass)) == judged.len() {
         format!("{all}: all within.")
     } else {
         format!("{all}: {}.", parts.join(", "))
@@ -121,8 +121,8 @@ pub fn features(page: &mut Page, input: &ReportInput<'_>) {
         page.put(format_args!("<th class=\"n truth\">Truth</th><th class=\"n truth\">Error</th>"));
     }
     page.put(format_args!("</tr></thead>\n<tbody>\n"));
-    for feature in &input.features {
-        feature_row(page, feature, input.coverage_factor.unwrap_or(1.0), truth);
+    for row in &input.features {
+        feature_row(page, row, input.coverage_factor.unwrap_or(1.0), truth);
     }
     page.put(format_args!("</tbody></table></div>\n"));
     page.small(match input.coverage_factor {
@@ -144,40 +144,41 @@ fn plain(factor: f64) -> String {
     limit(Some(factor), 0)
 }
 
-fn feature_row(page: &mut Page, feature: &FeatureRow, factor: f64, truth: bool) {
-    let uncertainty = feature.standard_uncertainty.map(|u| u * factor).filter(|u| u.is_finite());
+fn feature_row(page: &mut Page, row: &FeatureRow, factor: f64, truth: bool) {
+    let feature = &row.feature;
+    let value = feature.value.unwrap_or(f64::NAN);
+    let uncertainty = feature.u.map(|u| u * factor).filter(|u| u.is_finite());
     let digits = decimals(uncertainty);
     let limit_digits = limit_decimals(feature.lower).max(limit_decimals(feature.upper));
     page.put(format_args!("<tr><td>{}", Text(&feature.name)));
-    if !feature.detail.is_empty() {
-        page.put(format_args!("<span class=\"detail\">{}</span>", Text(&feature.detail)));
+    // Why there is no value, else how the value is defined.
+    if let Some(detail) = feature.reason.as_ref().or(feature.detail.as_ref()) {
+        page.put(format_args!("<span class=\"detail\">{}</span>", Text(detail)));
     }
     page.put(format_args!(
         "</td><td class=\"n\"><b>{}</b></td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
          <td class=\"unit\">{}</td><td class=\"c\">",
-        fixed(feature.value, digits),
+        fixed(value, digits),
         optional(uncertainty, digits),
         limit(feature.lower, limit_digits),
         limit(feature.upper, limit_digits),
-        Text(unit(&feature.unit))
+        Text(unit(&feature.unit.to_string()))
     ));
     charts::tolerance(page, feature, uncertainty);
-    page.put(format_args!("</td><td>{}</td>", verdict_mark(feature.verdict)));
+    let mark = if row.is_judged() { verdict_mark(feature.verdict) } else { NONE.to_owned() };
+    page.put(format_args!("</td><td>{mark}</td>"));
     if truth {
-        let error = feature.truth.map_or_else(|| NONE.to_owned(), |t| signed(feature.value - t, digits));
+        let error = row.truth.map_or_else(|| NONE.to_owned(), |t| signed(value - t, digits));
         page.put(format_args!(
             "<td class=\"n truth\">{}</td><td class=\"n truth\">{error}</td>",
-            optional(feature.truth, digits)
+            optional(row.truth, digits)
         ));
     }
     page.put(format_args!("</tr>\n"));
 }
 
 fn verdict_mark(verdict: Option<Verdict>) -> String {
-    verdict.map_or_else(
-        || NONE.to_owned(),
-        |v| format!("<span class=\"mark {}\">{}</span>", v.class(), v.word()),
-    )
+    format!("<span class=\"mark {}\">{}</span>", class(verdict), word(verdict))
 }
 
 /// Agreement of the pairs.
@@ -190,14 +191,15 @@ pub fn overlaps(page: &mut Page, input: &ReportInput<'_>) {
         "<div class=\"scroll\"><table>\n<thead><tr><th>Pairs</th><th class=\"n\">Mean distance, µm</th>\
          <th class=\"n\">Standard deviation, µm</th><th class=\"n\">Points compared</th></tr></thead>\n<tbody>\n"
     ));
-    for row in &input.overlaps {
+    let name = |pair: usize| input.pair_names.get(pair).map_or(NONE, String::as_str);
+    for row in input.overlaps {
         page.put(format_args!(
             "<tr><td>{} – {}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>\n",
-            Text(&row.a),
-            Text(&row.b),
+            Text(name(row.a)),
+            Text(name(row.b)),
             signed(row.mean_mm * 1e3, 1),
             fixed(row.sd_mm * 1e3, 1),
-            count(row.count)
+            count(row.count.into())
         ));
     }
     page.put(format_args!("</tbody></table></div>\n"));
@@ -206,7 +208,8 @@ pub fn overlaps(page: &mut Page, input: &ReportInput<'_>) {
 
 /// Times of the stages.
 pub fn stages(page: &mut Page, input: &ReportInput<'_>) {
-    if input.stages.is_empty() {
+    let stages = stage_times(input.cycles);
+    if stages.is_empty() {
         return;
     }
     page.section("Stage times, ms");
@@ -215,7 +218,7 @@ pub fn stages(page: &mut Page, input: &ReportInput<'_>) {
          <th class=\"n\">Compute, 99th percentile</th><th class=\"n\">Wait, median</th>\
          <th class=\"n\">Wait, 99th percentile</th><th class=\"n\">Cycles</th></tr></thead>\n<tbody>\n"
     ));
-    for stage in &input.stages {
+    for stage in &stages {
         page.put(format_args!(
             "<tr><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td>\
              <td class=\"n\">{}</td><td class=\"n\">{}</td></tr>\n",
@@ -237,21 +240,21 @@ pub fn cycles(page: &mut Page, input: &ReportInput<'_>) {
         return;
     }
     page.section("Cycles");
-    let good = input.cycles.iter().filter(|c| c.outcome == "ok").count();
+    let good = input.cycles.iter().filter(|c| c.is_ok()).count();
     let total = input.cycles.len();
     page.put(format_args!(
         "<div class=\"scroll\"><table>\n<thead><tr><th class=\"n\">Cycle</th><th>Outcome</th><th>Verdict</th>\
          <th class=\"n\">Latency, ms</th><th class=\"n\">Points</th></tr></thead>\n<tbody>\n"
     ));
     let first_listed = total.saturating_sub(CYCLES_LISTED);
-    let listed = |(place, cycle): &(usize, &CycleRow)| *place >= first_listed || cycle.outcome != "ok";
-    let rows: Vec<&CycleRow> = input.cycles.iter().enumerate().filter(listed).map(|(_, c)| c).collect();
+    let listed = |(place, cycle): &(usize, &CycleResult)| *place >= first_listed || !cycle.is_ok();
+    let rows: Vec<&CycleResult> = input.cycles.iter().enumerate().filter(listed).map(|(_, c)| c).collect();
     for cycle in &rows {
         page.put(format_args!(
             "<tr><td class=\"n\">{}</td><td>{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>\n",
-            cycle.cycle,
+            cycle.number(),
             Text(&cycle.outcome),
-            verdict_mark(cycle.verdict),
+            cycle.verdict.map_or_else(|| NONE.to_owned(), |verdict| verdict_mark(Some(verdict))),
             milliseconds(cycle.latency_ns),
             cycle.points.map_or_else(|| NONE.to_owned(), count)
         ));

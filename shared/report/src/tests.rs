@@ -7,6 +7,9 @@ use fringe::pattern::Axis;
 use fringe::phase::{PhaseInfo, PhaseMap};
 
 use super::*;
+use files::result::{CycleResult, StageResult};
+use fringe::fusion::Overlap;
+use metrology::inspection::FeatureResult;
 
 fn cap() -> Vec<Point> {
     let places = (0..400).map(|i| (f64::from(i % 20) - 9.5, f64::from(i / 20) - 9.5));
@@ -37,21 +40,78 @@ fn ramp() -> PhaseMap {
     map
 }
 
-fn feature(name: &str, value: f64, verdict: Verdict) -> FeatureRow {
-    FeatureRow {
+fn measured(name: &str, value: f64, verdict: Option<Verdict>) -> FeatureResult {
+    FeatureResult {
         name: name.to_owned(),
-        detail: "2 311 points".to_owned(),
-        unit: "mm".to_owned(),
-        value,
-        standard_uncertainty: Some(0.003),
+        detail: Some("2 311 points".to_owned()),
+        value: Some(value),
+        u: Some(0.003),
         lower: Some(60.15),
         upper: Some(60.25),
-        verdict: Some(verdict),
-        truth: Some(60.194),
+        verdict,
+        ..FeatureResult::default()
     }
 }
 
-fn rich<'a>(cloud: &'a [Point], map: &'a PhaseMap, deviations: &'a [(u32, f32)]) -> ReportInput<'a> {
+fn row(feature: FeatureResult) -> FeatureRow {
+    FeatureRow { feature, truth: Some(60.194) }
+}
+
+fn feature(name: &str, value: f64, verdict: Verdict) -> FeatureRow {
+    row(measured(name, value, Some(verdict)))
+}
+
+fn overlaps() -> Vec<Overlap> {
+    vec![Overlap {
+        a: 0,
+        b: 1,
+        count: 1234,
+        mean_mm: -0.0021,
+        sd_mm: 0.0123,
+        max_mm: 0.1,
+        sd_over_sigma: None,
+    }]
+}
+
+fn cycles() -> Vec<CycleResult> {
+    let stage = |compute_ns| StageResult {
+        name: "decode cam1".to_owned(),
+        wait_ns: 3_000_000,
+        compute_ns,
+        ..StageResult::default()
+    };
+    vec![CycleResult {
+        cycle: 1,
+        outcome: "ok".to_owned(),
+        verdict: Some(Verdict::Pass),
+        latency_ns: Some(41_500_000),
+        points: Some(400),
+        stages: vec![stage(5_000_000), stage(7_000_000)],
+        ..CycleResult::default()
+    }]
+}
+
+/// What the report only looks at, so that it outlives it.
+struct Seen {
+    cloud: Vec<Point>,
+    map: PhaseMap,
+    deviations: Vec<(u32, f32)>,
+    overlaps: Vec<Overlap>,
+    cycles: Vec<CycleResult>,
+}
+
+impl Seen {
+    fn new() -> Self {
+        Self { cloud: cap(), map: ramp(), deviations: Vec::new(), overlaps: overlaps(), cycles: cycles() }
+    }
+
+    fn with(deviations: Vec<(u32, f32)>) -> Self {
+        Self { deviations, ..Self::new() }
+    }
+}
+
+fn rich(seen: &Seen) -> ReportInput<'_> {
+    let Seen { cloud, map, deviations, overlaps, cycles } = seen;
     let span = |stage: &str, activity, start_ns, end_ns| Span {
         stage: stage.to_owned(),
         activity,
@@ -66,7 +126,7 @@ fn rich<'a>(cloud: &'a [Point], map: &'a PhaseMap, deviations: &'a [(u32, f32)])
         rig_hash: "ab12".to_owned(),
         plan_id: "plan-7".to_owned(),
         details: vec![("Operator".to_owned(), "N. N.".to_owned())],
-        verdict: Verdict::Pass,
+        verdict: Some(Verdict::Pass),
         coverage_factor: Some(2.0),
         features: vec![feature("hemisphere diameter", 60.1966, Verdict::Pass)],
         camera_views: vec![GreyPicture {
@@ -80,31 +140,14 @@ fn rich<'a>(cloud: &'a [Point], map: &'a PhaseMap, deviations: &'a [(u32, f32)])
         pair_names: vec!["left pair".to_owned(), "right pair".to_owned()],
         deviations,
         deviation_meaning: "Distance from the sphere.".to_owned(),
-        overlaps: vec![OverlapRow {
-            a: "left pair".to_owned(),
-            b: "right pair".to_owned(),
-            mean_mm: -0.0021,
-            sd_mm: 0.0123,
-            count: 1234,
-        }],
+        overlaps,
         timeline: vec![
             span("decode cam1", Activity::Wait, 1_000_000, 4_000_000),
             span("decode cam1", Activity::Compute, 4_000_000, 9_000_000),
             span("fusion", Activity::Compute, 9_000_000, 8_000_000),
         ],
         marks: vec![Mark { name: "last frame".to_owned(), at_ns: 5_000_000 }],
-        stages: vec![StageTimes {
-            name: "decode cam1".to_owned(),
-            wait_ns: vec![3_000_000],
-            compute_ns: vec![5_000_000, 7_000_000],
-        }],
-        cycles: vec![CycleRow {
-            cycle: 1,
-            outcome: "ok".to_owned(),
-            verdict: Some(Verdict::Pass),
-            latency_ns: Some(41_500_000),
-            points: Some(400),
-        }],
+        cycles,
         notes: vec!["A remark.".to_owned()],
         ..ReportInput::default()
     }
@@ -116,8 +159,8 @@ fn waves() -> Vec<(u32, f32)> {
 
 #[test]
 fn a_full_report_says_what_it_was_given() {
-    let (cloud, map, deviations) = (cap(), ramp(), waves());
-    let html = html(&rich(&cloud, &map, &deviations)).unwrap();
+    let seen = Seen::with(waves());
+    let html = html(&rich(&seen)).unwrap();
     let said = [
         "PASS",
         "1 feature with limits: all within.",
@@ -141,8 +184,8 @@ fn a_full_report_says_what_it_was_given() {
 
 #[test]
 fn the_file_needs_nothing_else() {
-    let (cloud, map, deviations) = (cap(), ramp(), waves());
-    let html = html(&rich(&cloud, &map, &deviations)).unwrap();
+    let seen = Seen::with(waves());
+    let html = html(&rich(&seen)).unwrap();
     for attribute in ["src=\"", "href=\""] {
         let targets: Vec<&str> = html.split(attribute).skip(1).collect();
         assert!(!targets.is_empty());
@@ -157,35 +200,33 @@ fn the_file_needs_nothing_else() {
 
 #[test]
 fn the_same_input_gives_the_same_bytes() {
-    let (cloud, map, deviations) = (cap(), ramp(), waves());
-    let input = rich(&cloud, &map, &deviations);
+    let seen = Seen::with(waves());
+    let input = rich(&seen);
     assert_eq!(html(&input).unwrap(), html(&input.clone()).unwrap());
 }
 
 #[test]
 fn text_from_outside_stays_text() {
     let evil = "\"><script>alert(1)</script>";
-    let (cloud, map) = (cap(), ramp());
-    let mut input = rich(&cloud, &map, &[]);
+    let mut seen = Seen::new();
+    evil.clone_into(&mut seen.cycles[0].outcome);
+    evil.clone_into(&mut seen.cycles[0].stages[0].name);
+    let mut input = rich(&seen);
     for text in [&mut input.cell, &mut input.part, &mut input.date, &mut input.rig_hash, &mut input.reason] {
         evil.clone_into(text);
     }
     input.details = vec![(evil.to_owned(), evil.to_owned())];
-    input.features[0].name = evil.to_owned();
-    input.features[0].detail = evil.to_owned();
-    input.features[0].unit = evil.to_owned();
+    input.features[0].feature.name = evil.to_owned();
+    input.features[0].feature.detail = Some(evil.to_owned());
     input.camera_views[0].caption = evil.to_owned();
     input.phase_maps[0].caption = evil;
     input.pair_names[0] = evil.to_owned();
-    input.overlaps[0].a = evil.to_owned();
     input.timeline[0].stage = evil.to_owned();
     input.marks[0].name = evil.to_owned();
-    input.stages[0].name = evil.to_owned();
-    input.cycles[0].outcome = evil.to_owned();
     input.notes = vec![evil.to_owned()];
     let html = html(&input).unwrap();
     assert!(!html.contains("<script"));
-    assert!(html.matches("&quot;&gt;&lt;script&gt;").count() >= 18);
+    assert!(html.matches("&quot;&gt;&lt;script&gt;").count() >= 17);
 }
 
 #[test]
@@ -199,32 +240,38 @@ fn an_empty_input_gives_an_honest_report() {
 
 #[test]
 fn values_that_are_no_numbers_are_shown_as_absent() {
-    let cloud = cap();
-    let mut map = ramp();
-    map.valid.fill(0);
-    let deviations = [(3, f32::NAN)];
-    let mut input = rich(&cloud, &map, &deviations);
-    input.verdict = Verdict::Fail;
-    input.features = vec![
-        feature("never seen", f64::NAN, Verdict::NoResult),
-        FeatureRow { standard_uncertainty: Some(f64::NAN), ..feature("u unknown", 60.3, Verdict::Fail) },
-        FeatureRow { lower: Some(2.0), upper: Some(1.0), ..feature("limits swapped", 1.5, Verdict::Fail) },
-        FeatureRow { upper: Some(f64::INFINITY), ..feature("endless", 1.5, Verdict::Fail) },
-    ];
-    input.overlaps[0].mean_mm = f64::NAN;
-    input.stages.push(StageTimes { name: "never ran".to_owned(), ..StageTimes::default() });
+    let mut seen = Seen::with(vec![(3, f32::NAN)]);
+    seen.map.valid.fill(0);
+    seen.overlaps[0].mean_mm = f64::NAN;
+    seen.cycles.push(CycleResult::default());
+    let mut input = rich(&seen);
+    input.verdict = Some(Verdict::Fail);
+    let failed = |name, value| measured(name, value, Some(Verdict::Fail));
+    input.features = [
+        FeatureResult {
+            value: None,
+            reason: Some("12 points, at least 100 needed".into()),
+            ..measured("never seen", 0.0, None)
+        },
+        FeatureResult { u: Some(f64::NAN), ..failed("u unknown", 60.3) },
+        FeatureResult { lower: Some(2.0), upper: Some(1.0), ..failed("limits swapped", 1.5) },
+        FeatureResult { upper: Some(f64::INFINITY), ..failed("endless", 1.5) },
+        FeatureResult { lower: None, upper: None, ..measured("no limits", 1.5, None) },
+    ]
+    .map(row)
+    .to_vec();
     let html = html(&input).unwrap();
     assert!(!html.contains("NaN") && !html.contains("inf<") && !html.contains("inf\""));
     assert!(html.contains("4 features with limits: 0 within, 3 outside, 1 not measured."));
     assert!(html.contains("1 could not be evaluated."));
+    assert!(html.contains("12 points, at least 100 needed"), "the reason stands where the value would");
+    assert_eq!(html.matches("NO RESULT").count(), 1, "a feature without limits is not judged");
 }
 
 #[test]
 fn one_deviation_makes_a_histogram() {
-    let cloud = cap();
-    let map = ramp();
     for deviation in [0.0, 0.004, -7e30] {
-        let html = html(&rich(&cloud, &map, &[(0, deviation)])).unwrap();
+        let html = html(&rich(&Seen::with(vec![(0, deviation)]))).unwrap();
         assert!(html.contains("sd – µm"), "one value has no standard deviation");
         assert!(!html.contains("NaN"));
     }
@@ -232,44 +279,43 @@ fn one_deviation_makes_a_histogram() {
 
 #[test]
 fn a_banner_cannot_contradict_its_table() {
-    let (cloud, map) = (cap(), ramp());
-    let mut input = rich(&cloud, &map, &[]);
+    let seen = Seen::new();
+    let mut input = rich(&seen);
     input.features.push(feature("sphere spacing", 60.26, Verdict::Fail));
     let refused = html(&input).unwrap_err().to_string();
     assert!(refused.contains("sphere spacing"), "{refused}");
-    input.verdict = Verdict::Fail;
+    input.verdict = Some(Verdict::Fail);
     assert!(html(&input).is_ok());
 }
 
 #[test]
 fn pictures_that_do_not_fit_their_size_are_named() {
-    let (cloud, map) = (cap(), ramp());
-    let mut input = rich(&cloud, &map, &[]);
+    let mut seen = Seen::new();
+    let mut input = rich(&seen);
     input.camera_views[0].width_px = 5;
     assert!(matches!(html(&input), Err(ReportError::Picture { what, .. }) if what == "cam1"));
-    let outside = [(400, 0.0)];
-    assert!(matches!(html(&rich(&cloud, &map, &outside)), Err(ReportError::Picture { .. })));
-    let mut short = ramp();
-    short.valid.pop();
-    assert!(matches!(html(&rich(&cloud, &short, &[])), Err(ReportError::Picture { .. })));
+    let outside = Seen::with(vec![(400, 0.0)]);
+    assert!(matches!(html(&rich(&outside)), Err(ReportError::Picture { .. })));
+    seen.map.valid.pop();
+    assert!(matches!(html(&rich(&seen)), Err(ReportError::Picture { .. })));
 }
 
 #[test]
 fn a_large_camera_is_reduced_and_a_long_run_is_shortened_aloud() {
-    let (cloud, map) = (cap(), ramp());
-    let mut input = rich(&cloud, &map, &[]);
+    let mut seen = Seen::new();
+    seen.cycles = (0..300)
+        .map(|cycle| CycleResult {
+            cycle,
+            outcome: if cycle == 5 { "stage decode cam1 was killed".to_owned() } else { "ok".to_owned() },
+            ..CycleResult::default()
+        })
+        .collect();
+    let mut input = rich(&seen);
     let (width_px, height_px) = (2500, 6);
     input.camera_views[0] =
         GreyPicture { caption: "large".to_owned(), width_px, height_px, values: vec![77; 2500 * 6] };
-    input.cycles = (0..300)
-        .map(|cycle| CycleRow {
-            cycle,
-            outcome: if cycle == 5 { "stage decode cam1 was killed".to_owned() } else { "ok".to_owned() },
-            ..CycleRow::default()
-        })
-        .collect();
     let html = html(&input).unwrap();
-    assert!(html.contains("stage decode cam1 was killed"));
+    assert!(html.contains("<td class=\"n\">6</td><td>stage decode cam1 was killed"), "cycles count from 1");
     assert!(html.contains("299 of 300 cycles ended ok.") && html.contains("239 earlier cycles"));
 }
 

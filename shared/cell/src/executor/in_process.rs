@@ -5,7 +5,6 @@ use super::{decoder, pair_matcher};
 use crate::cell::Cell;
 use crate::error::CellError;
 use crate::frame_format::FrameFormat;
-use crate::judgement::judge;
 use crate::schedule::Work;
 use bytemuck::{cast_slice, cast_slice_mut};
 use fringe::cloud::Point;
@@ -15,6 +14,7 @@ use fringe::fusion::Fuser;
 use fringe::matching::MatchError;
 use fringe::pattern::Axis;
 use fringe::phase::{PHASE_BYTES_PER_PX, PhaseInfo, PhaseView, PhaseViewMut};
+use metrology::inspection::evaluate;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -153,7 +153,8 @@ impl<'a> InProcess<'a> {
                 let recipe = self.cell.config.recipes.get(self.recipe);
                 let recipe =
                     recipe.ok_or_else(|| WorkError::Missing(format!("recipe {}", self.recipe + 1)))?;
-                self.result = serde_json::to_string(&judge(recipe.plan.as_ref(), &self.fused))?;
+                let result = recipe.plan.as_ref().map(|plan| evaluate(plan, &self.fused));
+                self.result = serde_json::to_string(&result)?;
                 Ok(self.result.as_bytes())
             }
             Work::Project { .. } | Work::Store => Ok(&[]),

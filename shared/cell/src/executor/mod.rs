@@ -5,7 +5,7 @@
 //! | accumulate, phase | [`decoder`]: a [`fringe::decode::Decoder`] per camera and projector |
 //! | match | [`PairMatcher`]: two cameras, or a camera and its projector |
 //! | fuse | [`fringe::fusion::Fuser`] with the settings of the cell |
-//! | inspect | [`crate::judgement::judge`] with the plan of the recipe |
+//! | inspect | [`metrology::inspection::evaluate`] with the plan of the recipe |
 //!
 //! [`InProcess`] does all of them one after another in the order of the schedule.
 

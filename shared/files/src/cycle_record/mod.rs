@@ -19,8 +19,8 @@ mod write;
 pub use read::{Ending, Next, RecordReader, RecordedCycle, StoredValue};
 pub use write::RecordWriter;
 
-use crate::result::ResultVerdict;
 pub use cell::Retention;
+use metrology::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
 /// Version of the file; another one is refused. 2: the recipes of the cell, and of each cycle its recipe.
@@ -90,7 +90,7 @@ pub struct CycleEntry {
     /// `ok` or the reason.
     pub outcome: String,
     /// The judgement, if there was one.
-    pub verdict: Option<ResultVerdict>,
+    pub verdict: Option<Verdict>,
     /// From the last frame to the verdict, ns.
     pub latency_ns: Option<u64>,
     /// What was done, in the order of the schedule; after a failure some are absent.

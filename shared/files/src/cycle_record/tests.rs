@@ -34,7 +34,7 @@ fn entry(cycle: u64) -> CycleEntry {
         cycle,
         recipe: 0,
         outcome: "ok".into(),
-        verdict: Some(ResultVerdict::Pass),
+        verdict: Some(Verdict::Pass),
         latency_ns: Some(7),
         activations: vec![done],
     }

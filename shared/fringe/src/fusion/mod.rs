@@ -47,7 +47,7 @@ impl Default for FusionSettings {
 }
 
 /// How well two pairs agree where both see the part. Lengths in mm.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Overlap {
     /// Number of a cloud.
     pub a: usize,

@@ -9,7 +9,8 @@ use super::elements::{Group, groups};
 use super::fitted::Fitted;
 use super::patches::{coverage, middle_direction, representative};
 use super::plan::{Artefact, DecisionRule, Limit, PositionPlan, TestPlan};
-use super::result::{Input, PositionValue, TestReport, TestVerdict, Violation, Volume};
+use super::result::{Input, PositionValue, TestReport, Violation, Volume};
+use crate::verdict::Verdict;
 use super::rules::{CharacteristicRule, CloudOf, Quantity, RuleSet, Statistic};
 use super::summary::{Value, summarise};
 use super::{AcceptanceError, at};
@@ -196,7 +197,7 @@ impl<'a> Evaluator<'a> {
         all.extend(conditions);
         let mut report = TestReport {
             rule_set: self.rules.id(),
-            verdict: TestVerdict::Indeterminate,
+            verdict: Verdict::Indeterminate,
             guard_factor: self.plan.decision.factor(),
             simulated: self.plan.conditions.simulated,
             inputs,

@@ -41,7 +41,7 @@ pub use plan::{
     RegisterBy, Segmentation, TEST_FORMAT, TestPlan, ViewPlan, Volumes,
 };
 pub use result::{
-    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, TestReport, TestVerdict, Violation,
+    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, TestReport, Violation,
     Volume,
 };
 pub use rules::{

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::inspection::{Verdict, decide};
+use crate::verdict::{Verdict, decide};
 
 /// Coverage factor of the stated uncertainties of test values.
 pub(super) const COVERAGE_FACTOR: f64 = 2.0;
@@ -34,16 +34,15 @@ pub struct TestReport {
     /// Characteristics in the order of the rule set.
     pub characteristics: Vec<Characteristic>,
     /// One deciding characteristic that fails fails the test; it passes when all pass.
-    pub verdict: TestVerdict,
+    pub verdict: Verdict,
 }
 
 impl TestReport {
     /// The verdict that the verdicts of the characteristics give: one limit that is broken fails the test, and a deciding
     /// characteristic without a limit proves nothing.
-    pub fn verdict_of_characteristics(&self) -> TestVerdict {
+    pub fn verdict_of_characteristics(&self) -> Verdict {
         let deciding = self.characteristics.iter().filter(|c| c.decides || c.limit.is_some());
-        TestVerdict::worst(deciding.map(|c| c.verdict.unwrap_or(TestVerdict::Indeterminate)))
-            .unwrap_or(TestVerdict::Indeterminate)
+        deciding.map(|c| c.verdict.unwrap_or(Verdict::Indeterminate)).max().unwrap_or(Verdict::Indeterminate)
     }
 }
 
@@ -147,7 +146,7 @@ pub struct Characteristic {
     /// has its own.
     pub test_value_u: Option<f64>,
     /// The worst verdict over all positions that count; `None` without a limit.
-    pub verdict: Option<TestVerdict>,
+    pub verdict: Option<Verdict>,
     /// Values, in the order of the plan.
     pub positions: Vec<PositionValue>,
     /// Scatter of repeats within positions: pooled sample standard deviation; `None` without repeats, or where they do not
@@ -170,21 +169,17 @@ impl Characteristic {
     }
 
     /// What the value of one of its positions proves; `None` without a limit.
-    pub fn verdict_at(&self, position: &PositionValue, guard_factor: f64) -> Option<TestVerdict> {
+    pub fn verdict_at(&self, position: &PositionValue, guard_factor: f64) -> Option<Verdict> {
         let limit = self.limit_of(position)?;
         let u = position.test_value_u.or(self.test_value_u).unwrap_or(0.0) / COVERAGE_FACTOR;
         // A negative error counts as a positive one.
-        Some(match decide(position.value, u, guard_factor, Some(-limit), limit) {
-            Verdict::Pass => TestVerdict::Pass,
-            Verdict::Fail => TestVerdict::Fail,
-            Verdict::Indeterminate | Verdict::NotMeasured => TestVerdict::Indeterminate,
-        })
+        Some(decide(position.value, u, guard_factor, Some(-limit), limit).unwrap_or(Verdict::Indeterminate))
     }
 
     /// What all its values prove: every one that counts must pass. `None` without a limit or without a value.
-    pub fn verdict_over_positions(&self, guard_factor: f64) -> Option<TestVerdict> {
+    pub fn verdict_over_positions(&self, guard_factor: f64) -> Option<Verdict> {
         let counting = self.positions.iter().filter(|p| !p.replaced);
-        TestVerdict::worst(counting.filter_map(|p| self.verdict_at(p, guard_factor)))
+        counting.filter_map(|p| self.verdict_at(p, guard_factor)).max()
     }
 }
 
@@ -208,7 +203,7 @@ pub struct PositionValue {
     pub test_value_u: Option<f64>,
     /// What this value proves; absent without a limit.
     #[serde(default)]
-    pub verdict: Option<TestVerdict>,
+    pub verdict: Option<Verdict>,
     /// Whether a retest took the place of this value: it stands here but does not count.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub replaced: bool,
@@ -223,25 +218,3 @@ pub struct PositionValue {
     pub views: Vec<String>,
 }
 
-/// Decision about a characteristic or a test.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum TestVerdict {
-    /// Conformity proven.
-    Pass,
-    /// Neither proven.
-    Indeterminate,
-    /// Non-conformity proven.
-    Fail,
-}
-
-impl TestVerdict {
-    /// Any fail is a fail, any doubt is a doubt; `None` of nothing.
-    pub fn worst(verdicts: impl Iterator<Item = Self>) -> Option<Self> {
-        verdicts.max_by_key(|verdict| match verdict {
-            Self::Pass => 0,
-            Self::Indeterminate => 1,
-            Self::Fail => 2,
-        })
-    }
-}

@@ -6,7 +6,7 @@
 //! G/(G − 1) · (n − 1)/(n − p) for few cells.
 
 use nalgebra::{SMatrix, SVector, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::adjust::{Adjusted, Model, singular};
 use super::cells::cells_of;
@@ -17,7 +17,7 @@ use super::{Correlation, FitError, FitSettings};
 pub(crate) const FEWEST_CELLS: usize = 20;
 
 /// What stated uncertainties rest on.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Support {
     /// Cells behind the uncertainties; 0 when points counted as independent.
     pub cells: usize,

@@ -1,11 +1,11 @@
 //! What remains between points and fitted element.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::centred::tree;
 
 /// Form deviation of the points used, each statistic with its definition in its name.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Form {
     /// Points used in the fit (the rejected ones not counted).
     pub points: usize,

@@ -1,7 +1,7 @@
 //! The plane.
 
 use nalgebra::{Matrix3, Point3, SVector, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::adjust::Model;
 use super::centred::Principal;
@@ -13,7 +13,7 @@ use super::{FitError, FitSettings, Support};
 const ELEMENT: &str = "plane";
 
 /// A fitted plane: the points x with normal · x = `offset_mm`.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlaneFit {
     /// Unit normal; its largest component is positive (see [`PlaneFit::towards`]).
     pub normal: [f64; 3],

@@ -1,7 +1,7 @@
 //! The sphere, of free or given diameter.
 
 use nalgebra::{Matrix4, Point3, SVector, Vector3, Vector4};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::adjust::{Model, adjust};
 use super::centred::{Centred, Principal, tree};
@@ -25,7 +25,7 @@ const FLAT_SHARE: f64 = 0.05;
 const FLAT_POINTS: &str = "their curvature does not stand out of their noise; are they points of a plane? a wider cap or a given diameter helps";
 
 /// A sphere fitted to points, with uncertainties.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SphereFit {
     /// Centre of the sphere, mm.
     pub center_mm: [f64; 3],

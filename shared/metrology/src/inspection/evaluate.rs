@@ -4,19 +4,20 @@ use super::MeasureError;
 use super::align::{Found, align, describe};
 use super::filter::filtered;
 use super::flatness::u_range_mm;
-use super::measure::{Measured, REACH_MARGINS, gather, measure};
+use super::measure::{Measured, REACH_MARGINS, about, gather, measure};
 use super::plan::{Feature, Plan, Quantity};
 use super::region::Region;
 use super::result::{
     AlignmentResult, ElementResult, FeatureResult, FittedElement, FlatnessFilter, InspectionResult,
 };
-use super::verdict::{Verdict, decide, overall};
 use crate::fit::{
     Correlation, Derived, Form, PlaneFit, Residuals, SphereFit, centre_distance_mm, plane_angle_rad,
     plane_distance_mm, sphere_height_mm,
 };
+use crate::verdict::{decide, overall};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
+use nalgebra::Vector3;
 
 /// Inspects a cloud in the world frame.
 ///
@@ -54,6 +55,34 @@ pub fn locate(plan: &Plan, cloud: &[Point]) -> Result<AlignmentResult, MeasureEr
         return Err(MeasureError::CloudSize { points: cloud.len() });
     }
     Ok(place(plan, cloud)?.result)
+}
+
+/// Points of a cloud that belong to a fitted element, with their signed distance from it, mm, positive out of the material:
+/// each point once, in the order of the cloud. Nothing is fitted again.
+///
+/// The points are those of each element's region about its fit; [`evaluate`] took those about the last rough fit, which lies
+/// within a hundredth of a margin of it.
+pub fn deviations(
+    plan: &Plan,
+    alignment: &AlignmentResult,
+    elements: &[ElementResult],
+    cloud: &[Point],
+) -> Vec<(u32, f32)> {
+    let pairs = plan.elements.iter().zip(elements);
+    let found: Vec<(Region, &FittedElement)> = pairs
+        .filter_map(|(element, result)| Some((element, result.fit.as_ref()?)))
+        .map(|(element, fit)| (about(&Region::new(element, element.margin_mm, 0.0), fit), fit))
+        .collect();
+    let part_from_world = alignment.pose().inverse();
+    let distance = |(index, point): (usize, &Point)| {
+        let position = part_from_world.point(&Vector3::from(point.position_mm));
+        let normal = part_from_world.rotation * point.normal_vector();
+        let holds =
+            |region: &Region| region.holds_position(&position) && region.holds_normal(&position, &normal);
+        let (_, fit) = found.iter().find(|(region, _)| holds(region))?;
+        Some((index as u32, fit.distance_mm(&position) as f32))
+    };
+    cloud.iter().enumerate().filter_map(distance).collect()
 }
 
 /// An element's fit, or why there is none.
@@ -112,6 +141,13 @@ impl Reading {
         Self::new(derived.value, derived.u, forms)
     }
 
+    /// Whether every number that is reported is one.
+    fn is_finite(&self) -> bool {
+        let filter = self.filter.as_ref().map_or([0.0; 2], |f| [f.u_cell_mm, f.noise_range_mm]);
+        let form = [self.form_sigma_mm, self.form_range_mm].map(Option::unwrap_or_default);
+        [self.value, self.u_noise].iter().chain(&filter).chain(&form).all(|v| v.is_finite())
+    }
+
     fn new(value: f64, u_noise: f64, forms: &[&Form]) -> Self {
         Self {
             value,
@@ -133,9 +169,9 @@ fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome]) -> FeatureResul
         value: None,
         unit: feature.quantity.unit(),
         u: None,
-        lower: feature.lower,
-        upper: feature.upper,
-        verdict: Verdict::NotMeasured,
+        lower: Some(feature.lower).filter(|limit| limit.is_finite()),
+        upper: Some(feature.upper).filter(|limit| limit.is_finite()),
+        verdict: None,
         nominal: feature.nominal,
         deviation: None,
         u_noise: None,
@@ -146,9 +182,10 @@ fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome]) -> FeatureResul
         points: 0,
         rejected: 0,
         reason: None,
+        detail: None,
     };
     match measured {
-        Ok(found) if found.value.is_finite() && found.u_noise.is_finite() => {
+        Ok(found) if found.is_finite() => {
             let u = (found.u_noise * found.u_noise + feature.u_system * feature.u_system).sqrt();
             // No range lies below zero, so a flatness has no lower limit to prove.
             let lower =
@@ -167,7 +204,7 @@ fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome]) -> FeatureResul
         Ok(_) => result.reason = Some("the value or its uncertainty is not finite".into()),
         Err(reason) => result.reason = Some(reason),
     }
-    result
+    result.described()
 }
 
 fn sphere(elements: &[Outcome], index: usize) -> Result<&SphereFit, String> {

@@ -99,7 +99,7 @@ pub fn filtered(
         range_mm: high.mean_mm - low.mean_mm,
         u_mm: (noise_range_mm * noise_range_mm + of_mean(&low) + of_mean(&high) + of_tilt).sqrt(),
         report: FlatnessFilter {
-            definition: DEFINITION,
+            definition: DEFINITION.into(),
             filter_mm,
             cells: kept.len(),
             cells_left_out: all.len() - kept.len(),

@@ -6,7 +6,7 @@ use super::MeasureError;
 use super::plan::{Element, Geometry};
 use super::region::Region;
 use super::result::{DeviationPoint, FittedElement};
-use crate::fit::{self, Correlation, FitSettings};
+use crate::fit::{self, Correlation, FitError, FitSettings};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 
@@ -34,6 +34,8 @@ const GATHERED: usize = 4096;
 
 /// Fewest points that thinning may leave.
 const THINNED_LEAST: usize = 500;
+
+const NOT_FINITE: &str = "its values or their uncertainties are not finite";
 
 /// A point of the cloud in the part frame.
 #[derive(Debug, Clone, Copy)]
@@ -146,6 +148,10 @@ pub(super) fn measure(
     let chosen = choose(element, &region, samples, element.min_points)?;
     let found = fit(element, &positions(samples, &chosen), correlation)?;
     check(element, &found)?;
+    if !found.is_finite() {
+        let source = FitError::Degenerate { element: element.geometry.kind(), why: NOT_FINITE };
+        return Err(MeasureError::Fit { element: element.name.clone(), source });
+    }
     let points = deviations(&nominal, &found, samples, &chosen);
     let across_mm = across(&nominal, samples, &chosen);
     Ok(Measured { fit: found, points, across_mm })

@@ -19,18 +19,16 @@ mod region;
 mod result;
 #[cfg(test)]
 mod tests;
-mod verdict;
 
 pub use error::MeasureError;
-pub use evaluate::{evaluate, locate};
+pub use evaluate::{deviations, evaluate, locate};
 pub use filter::{Filtered, filtered as filtered_flatness};
 pub use place::{PlaceError, Placement, place};
 pub use plan::{
     Datums, Element, Exclusion, ExclusionShape, Feature, Geometry, PLAN_FORMAT, Plan, PlanError, Quantity,
-    Settings,
+    Settings, Unit,
 };
 pub use result::{
     AlignmentResult, DeviationPoint, ElementResult, FeatureResult, FittedElement, FlatnessFilter,
     InspectionResult,
 };
-pub use verdict::{Verdict, decide};

@@ -5,6 +5,7 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use thiserror::Error;
 
 /// The format this build reads.
@@ -208,9 +209,29 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// "mm" or "deg".
-    pub fn unit(&self) -> &'static str {
-        if matches!(self, Self::PlaneAngle { .. }) { "deg" } else { "mm" }
+    /// Of its values.
+    pub fn unit(&self) -> Unit {
+        if matches!(self, Self::PlaneAngle { .. }) { Unit::Deg } else { Unit::Mm }
+    }
+}
+
+/// Unit of a feature's values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Unit {
+    /// Millimetre.
+    #[default]
+    Mm,
+    /// Degree.
+    Deg,
+}
+
+impl fmt::Display for Unit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Mm => "mm",
+            Self::Deg => "deg",
+        })
     }
 }
 

@@ -1,14 +1,16 @@
 //! What an inspection found.
 
-use nalgebra::{Isometry3, Matrix3, Vector3};
-use serde::Serialize;
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
-use super::verdict::Verdict;
+use super::plan::Unit;
 use crate::fit::{PlaneFit, SphereFit};
+use crate::verdict::Verdict;
 use fringe::geometry::pose::Pose;
 
 /// The whole result.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct InspectionResult {
     /// Name of the plan.
     pub plan: String,
@@ -25,7 +27,7 @@ pub struct InspectionResult {
 }
 
 /// Where the part was found.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct AlignmentResult {
     /// X_world = R X_part + t: rows of R.
     pub rotation: [[f64; 3]; 3],
@@ -44,19 +46,50 @@ pub struct AlignmentResult {
 impl AlignmentResult {
     /// The pose as a motion.
     pub fn world_from_part(&self) -> Isometry3<f64> {
+        self.pose().isometry()
+    }
+
+    pub(super) fn pose(&self) -> Pose {
         let rotation = Matrix3::from_row_slice(self.rotation.as_flattened());
-        Pose { rotation, translation: Vector3::from(self.translation_mm) }.isometry()
+        Pose { rotation, translation: Vector3::from(self.translation_mm) }
     }
 }
 
-/// A fitted element, in the part frame as found.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// A fitted element, in the part frame as found. All its numbers are finite.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum FittedElement {
     /// A sphere.
     Sphere(SphereFit),
     /// A plane; its normal points out of the material.
     Plane(PlaneFit),
+}
+
+impl FittedElement {
+    /// Signed distance of a position in the part frame, mm; positive out of the material.
+    pub(super) fn distance_mm(&self, position: &Vector3<f64>) -> f64 {
+        match self {
+            Self::Sphere(sphere) => (position - sphere.center().coords).norm() - 0.5 * sphere.diameter_mm,
+            Self::Plane(plane) => plane.distance_mm(&Point3::from(*position)),
+        }
+    }
+
+    /// Whether every number that is reported is one.
+    pub(super) fn is_finite(&self) -> bool {
+        let (place, form, u) = match self {
+            Self::Sphere(s) => {
+                let [x, y, z] = s.center_mm;
+                let [u_x, u_y, u_z] = s.u_center_mm;
+                ([x, y, z, s.diameter_mm], &s.form, [u_x, u_y, u_z, s.u_diameter_mm])
+            }
+            Self::Plane(p) => {
+                let [x, y, z] = p.normal;
+                ([x, y, z, p.offset_mm], &p.form, [p.u_centroid_mm, p.u_offset_mm, p.u_normal_rad, 0.0])
+            }
+        };
+        let form = [form.form_range_mm, form.form_sigma_mm, form.form_d95_mm];
+        place.iter().chain(&u).chain(&form).all(|v| v.is_finite())
+    }
 }
 
 /// A point of the cloud that belongs to an element.
@@ -71,7 +104,7 @@ pub struct DeviationPoint {
 }
 
 /// An element: found, or the reason why not.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ElementResult {
     /// Name.
     pub name: String,
@@ -85,10 +118,10 @@ pub struct ElementResult {
 }
 
 /// What the filter of a flatness did.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FlatnessFilter {
     /// What the value is, in words.
-    pub definition: &'static str,
+    pub definition: Cow<'static, str>,
     /// Nesting index: edge of the cells, mm.
     pub filter_mm: f64,
     /// Cells behind the value.
@@ -105,23 +138,23 @@ pub struct FlatnessFilter {
     pub noise_range_mm: f64,
 }
 
-/// A feature: value, uncertainty, verdict, or the reason why there is none.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// A feature: value, uncertainty, verdict, or the reason why there is none. The same in messages, files and reports.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct FeatureResult {
     /// Name.
     pub name: String,
     /// Value in `unit`.
     pub value: Option<f64>,
-    /// "mm" or "deg".
-    pub unit: &'static str,
+    /// Of all its values.
+    pub unit: Unit,
     /// Standard uncertainty: `u_noise` and the plan's `u_system` in squares.
     pub u: Option<f64>,
-    /// Lower limit of the value.
-    pub lower: f64,
+    /// Lower limit of the value; `None` where the plan sets none.
+    pub lower: Option<f64>,
     /// Upper limit of the value.
-    pub upper: f64,
-    /// Decision by ISO 14253-1.
-    pub verdict: Verdict,
+    pub upper: Option<f64>,
+    /// Decision by ISO 14253-1; `None` without a value.
+    pub verdict: Option<Verdict>,
     /// Nominal value.
     pub nominal: f64,
     /// Value less nominal.
@@ -141,12 +174,28 @@ pub struct FeatureResult {
     /// Points rejected by the stated fractions.
     pub rejected: usize,
     /// Why it was not measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// How the value is defined and what else was seen, where the name does not say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub detail: Option<String>,
 }
 
 impl FeatureResult {
+    /// Whether the plan sets a limit.
+    pub fn has_limits(&self) -> bool {
+        self.lower.is_some() || self.upper.is_some()
+    }
+
+    /// The same with its detail.
+    #[must_use]
+    pub(super) fn described(mut self) -> Self {
+        self.detail = self.flatness_detail();
+        self
+    }
+
     /// Of a flatness: its definition, what the filter did, and what the single points show. Lengths in mm.
-    pub fn detail(&self) -> Option<String> {
+    fn flatness_detail(&self) -> Option<String> {
         let (range_mm, sigma_mm) = (self.form_range_mm?, self.form_sigma_mm?);
         let unfiltered = format!("single points: range {range_mm:.4} mm, sigma {sigma_mm:.4} mm");
         let Some(filter) = &self.filter else {

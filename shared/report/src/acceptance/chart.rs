@@ -3,7 +3,8 @@
 use super::drawing::{Anchor, Drawing, Shape, Tone};
 use super::words::{digits, judgement, verdict_key};
 use crate::number::{fixed, signed, ticks};
-use metrology::acceptance::{Characteristic, PositionValue, TestVerdict};
+use metrology::acceptance::{Characteristic, PositionValue};
+use metrology::verdict::Verdict;
 
 /// How large a chart is drawn.
 #[derive(Debug, Clone, Copy)]
@@ -140,11 +141,11 @@ pub fn chart(one: &Characteristic, guard_factor: f64, size: Size) -> Drawing {
 }
 
 /// The colour of a verdict.
-pub fn tone_of(verdict: Option<TestVerdict>) -> Tone {
+pub fn tone_of(verdict: Option<Verdict>) -> Tone {
     match verdict {
-        Some(TestVerdict::Pass) => Tone::Pass,
-        Some(TestVerdict::Indeterminate) => Tone::Doubt,
-        Some(TestVerdict::Fail) => Tone::Fail,
+        Some(Verdict::Pass) => Tone::Pass,
+        Some(Verdict::Indeterminate) => Tone::Doubt,
+        Some(Verdict::Fail) => Tone::Fail,
         None => Tone::Soft,
     }
 }
@@ -210,7 +211,7 @@ fn points(shapes: &mut Vec<Shape>, frame: &Frame, one: &Characteristic) {
         // A value that a retest replaced stays, pale; one that does not pass has the colour of its own verdict.
         let tone = match (position.replaced, position.verdict) {
             (true, _) => Tone::Soft,
-            (false, Some(TestVerdict::Pass) | None) => Tone::Ink,
+            (false, Some(Verdict::Pass) | None) => Tone::Ink,
             (false, verdict) => tone_of(verdict),
         };
         shapes.push(Shape::Dot { at: [x, y], radius: 0.34 * letter, tone });

@@ -2,7 +2,8 @@
 
 use super::words::verdict_key;
 use files::error::FileError;
-use metrology::acceptance::{Characteristic, PositionValue, TestReport, TestVerdict, Volume};
+use metrology::acceptance::{Characteristic, PositionValue, TestReport, Volume};
+use metrology::verdict::Verdict;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -174,7 +175,7 @@ fn worst(one: &Characteristic) -> Checked {
 
 /// Every verdict is decided again from value, uncertainty, limit and guard factor.
 fn verdicts(one: &Characteristic, guard_factor: f64) -> Checked {
-    let named = |verdict: Option<TestVerdict>| verdict_key(verdict);
+    let named = |verdict: Option<Verdict>| verdict_key(verdict);
     for position in &one.positions {
         let decided = one.verdict_at(position, guard_factor);
         if decided != position.verdict {

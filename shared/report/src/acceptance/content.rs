@@ -7,7 +7,8 @@ use super::words::{
     differing_limits, digits, judgement, limit_text, sentences, verdict_key, verdict_word, worst_position,
 };
 use crate::number::{NONE, count, fixed, limit, limit_decimals, optional, signed};
-use metrology::acceptance::{Characteristic, Input, PositionValue, TestReport, TestVerdict, Volume};
+use metrology::acceptance::{Characteristic, Input, PositionValue, TestReport, Volume};
+use metrology::verdict::Verdict;
 
 /// A part of the report.
 pub enum Block<'a> {
@@ -332,7 +333,7 @@ fn cell(one: &Characteristic, position: &PositionValue) -> Cell {
     details.extend(position.test_value_u.map(|u| format!("U {}", fixed(u, digits))));
     details.extend(position.verdict.map(|verdict| verdict_key(Some(verdict)).to_owned()));
     let tone = match position.verdict {
-        None | Some(TestVerdict::Pass) => Tone::Ink,
+        None | Some(Verdict::Pass) => Tone::Ink,
         verdict => tone_of(verdict),
     };
     let bold = position.value == one.value && !position.replaced;

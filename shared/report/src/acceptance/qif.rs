@@ -7,7 +7,8 @@
 //! id of the document comes from the SHA-256 of the master.
 
 use super::words::{differing_limits, one_line, verdict_word};
-use metrology::acceptance::{Characteristic, TestReport, TestVerdict};
+use metrology::acceptance::{Characteristic, TestReport};
+use metrology::verdict::Verdict;
 use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, BytesEnd, BytesStart, BytesText, Event};
 
@@ -112,7 +113,7 @@ impl<'a> Plan<'a> {
     }
 }
 
-fn status(verdict: Option<TestVerdict>) -> &'static str {
+fn status(verdict: Option<Verdict>) -> &'static str {
     verdict.map_or("NOT_ANALYZED", |verdict| verdict_word(Some(verdict)))
 }
 
@@ -223,7 +224,7 @@ fn results(xml: &mut Xml, report: &TestReport, plan: &Plan<'_>) {
         });
         xml.within("InspectionStatus", &[], |xml| {
             // QIF has no word for "indeterminate" of a whole inspection.
-            let word = if report.verdict == TestVerdict::Indeterminate {
+            let word = if report.verdict == Verdict::Indeterminate {
                 "UNKNOWN"
             } else {
                 status(Some(report.verdict))

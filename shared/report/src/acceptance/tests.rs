@@ -2,7 +2,7 @@
 
 use super::*;
 use metrology::acceptance::{
-    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, TestVerdict, Violation, Volume,
+    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, Verdict, Violation, Volume,
 };
 use std::process::Command;
 
@@ -136,7 +136,7 @@ fn report() -> TestReport {
         total_volume: Volume::new([150.0, 120.0, 100.0]),
         artefacts: artefacts(),
         characteristics,
-        verdict: TestVerdict::Fail,
+        verdict: Verdict::Fail,
     }
 }
 
@@ -226,14 +226,14 @@ fn what_the_numbers_do_not_bear_is_refused() {
     refused(&|r| r.total_volume.size_mm[1] = f64::NAN, "total_volume");
     refused(&|r| r.artefacts[0].values[0].1 = f64::NAN, "sphere-20");
     refused(
-        &|r| r.verdict = TestVerdict::Pass,
+        &|r| r.verdict = Verdict::Pass,
         "the test is stated as pass although its characteristics give fail",
     );
-    refused(&|r| r.verdict = TestVerdict::Indeterminate, "its characteristics give fail");
+    refused(&|r| r.verdict = Verdict::Indeterminate, "its characteristics give fail");
     // PS lies within the guard band of its limit: nothing is proven, whatever the master says.
-    refused(&|r| r.characteristics[2].verdict = Some(TestVerdict::Pass), "its positions give indeterminate");
+    refused(&|r| r.characteristics[2].verdict = Some(Verdict::Pass), "its positions give indeterminate");
     refused(
-        &|r| r.characteristics[2].positions[2].verdict = Some(TestVerdict::Pass),
+        &|r| r.characteristics[2].positions[2].verdict = Some(Verdict::Pass),
         "\"sphere-3\" is stated as pass",
     );
     refused(&|r| r.characteristics[2].positions[2].test_value_u = Some(1e-6), "no position has them");
@@ -241,8 +241,8 @@ fn what_the_numbers_do_not_bear_is_refused() {
     refused(&|r| r.guard_factor = -1.0, "guard_factor");
     refused(&|r| r.characteristics[3].positions[2].replaced = true, "no position has them");
     refused(&|r| r.characteristics[2].value = 0.001, "\"sphere-1\" has -0.0121 mm");
-    refused(&|r| r.characteristics[3].verdict = Some(TestVerdict::Pass), "its positions give fail");
-    refused(&|r| r.characteristics[1].verdict = Some(TestVerdict::Fail), "its positions give none");
+    refused(&|r| r.characteristics[3].verdict = Some(Verdict::Pass), "its positions give fail");
+    refused(&|r| r.characteristics[1].verdict = Some(Verdict::Fail), "its positions give none");
 }
 
 #[test]
@@ -336,7 +336,7 @@ fn two_lengths() -> TestReport {
     }
     (one.value, one.limit) = (0.014, Some(0.0175));
     decide(one);
-    report.verdict = TestVerdict::Indeterminate;
+    report.verdict = Verdict::Indeterminate;
     report
 }
 

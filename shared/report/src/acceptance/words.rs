@@ -1,26 +1,17 @@
 //! The words of the report, once for all formats.
 
 use crate::number::{NONE, decimals, limit, limit_decimals, signed};
-use metrology::acceptance::{Characteristic, TestReport, TestVerdict};
+use metrology::acceptance::{Characteristic, TestReport};
+use metrology::verdict::Verdict;
 
 /// As a banner shows it.
-pub fn verdict_word(verdict: Option<TestVerdict>) -> &'static str {
-    match verdict {
-        Some(TestVerdict::Pass) => "PASS",
-        Some(TestVerdict::Indeterminate) => "INDETERMINATE",
-        Some(TestVerdict::Fail) => "FAIL",
-        None => NONE,
-    }
+pub fn verdict_word(verdict: Option<Verdict>) -> &'static str {
+    verdict.map_or(NONE, Verdict::word)
 }
 
 /// As the master and style sheets name it.
-pub fn verdict_key(verdict: Option<TestVerdict>) -> &'static str {
-    match verdict {
-        Some(TestVerdict::Pass) => "pass",
-        Some(TestVerdict::Indeterminate) => "indeterminate",
-        Some(TestVerdict::Fail) => "fail",
-        None => "none",
-    }
+pub fn verdict_key(verdict: Option<Verdict>) -> &'static str {
+    verdict.map_or("none", Verdict::key)
 }
 
 /// What the table of characteristics says.
@@ -74,24 +65,24 @@ pub fn sentences(report: &TestReport) -> Vec<String> {
     let list = |verdict| with(verdict).map(|c| with_numbers(c)).collect::<Vec<_>>().join("; ");
     let mut text = Vec::new();
     match report.verdict {
-        TestVerdict::Pass => text.push(format!(
+        Verdict::Pass => text.push(format!(
             "Every value at every position keeps its limit, for all {} characteristics that decide.",
             judged.len()
         )),
-        TestVerdict::Fail => text.push(format!(
+        Verdict::Fail => text.push(format!(
             "Beyond the limit, {} of {} characteristics: {}.",
-            with(TestVerdict::Fail).count(),
+            with(Verdict::Fail).count(),
             judged.len(),
-            list(TestVerdict::Fail)
+            list(Verdict::Fail)
         )),
-        TestVerdict::Indeterminate => {
+        Verdict::Indeterminate => {
             text.push(
                 "The test proves neither that the limits are kept nor that they are broken.".to_owned(),
             );
         }
     }
-    if with(TestVerdict::Indeterminate).count() > 0 {
-        text.push(format!("Nearer to the limit than the guard band: {}.", list(TestVerdict::Indeterminate)));
+    if with(Verdict::Indeterminate).count() > 0 {
+        text.push(format!("Nearer to the limit than the guard band: {}.", list(Verdict::Indeterminate)));
     }
     let open: Vec<_> = judged.iter().filter(|c| c.limit.is_none()).map(|c| c.symbol.as_str()).collect();
     if !open.is_empty() {

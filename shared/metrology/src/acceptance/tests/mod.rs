@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use nalgebra::{Point3, Vector3};
 
 use super::*;
+use crate::verdict::Verdict;
 use fringe::cloud::Point;
 use fringe::math;
 
@@ -192,7 +193,7 @@ fn known_errors_are_found_with_sign_and_the_worst_position_stands() {
     assert!(report.reduced.is_empty());
     assert_eq!(report.rule_set.wording, "evaluated following VDI/VDE 2634 part 3, edition 2008-12");
     // Without limits nothing is proven.
-    assert_eq!(report.verdict, TestVerdict::Indeterminate);
+    assert_eq!(report.verdict, Verdict::Indeterminate);
 }
 
 #[test]
@@ -202,14 +203,14 @@ fn a_negative_error_fails_and_guard_bands_separate_three_verdicts() {
         evaluate(&plan_text(&limits, 3, 150.0, ""), &SPHERES, &BARS).unwrap().verdict
     };
     // Worst errors −0.03 and −0.04; u = 1.2 and 1 µm, guard bands about 2 µm.
-    assert_eq!(verdict(0.035, 0.045, "iso14253-1"), TestVerdict::Pass);
-    assert_eq!(verdict(0.035, 0.041, "iso14253-1"), TestVerdict::Indeterminate);
-    assert_eq!(verdict(0.035, 0.039, "iso14253-1"), TestVerdict::Indeterminate);
-    assert_eq!(verdict(0.035, 0.041, "simple"), TestVerdict::Pass);
-    assert_eq!(verdict(0.035, 0.039, "simple"), TestVerdict::Fail);
+    assert_eq!(verdict(0.035, 0.045, "iso14253-1"), Verdict::Pass);
+    assert_eq!(verdict(0.035, 0.041, "iso14253-1"), Verdict::Indeterminate);
+    assert_eq!(verdict(0.035, 0.039, "iso14253-1"), Verdict::Indeterminate);
+    assert_eq!(verdict(0.035, 0.041, "simple"), Verdict::Pass);
+    assert_eq!(verdict(0.035, 0.039, "simple"), Verdict::Fail);
     // A negative error beyond its limit, smaller than every positive one: |error| counts.
-    assert_eq!(verdict(0.025, 0.045, "iso14253-1"), TestVerdict::Fail);
-    assert_eq!(verdict(0.035, 0.03, "iso14253-1"), TestVerdict::Fail);
+    assert_eq!(verdict(0.025, 0.045, "iso14253-1"), Verdict::Fail);
+    assert_eq!(verdict(0.035, 0.03, "iso14253-1"), Verdict::Fail);
 }
 
 #[test]
@@ -332,7 +333,7 @@ fn the_thesis_values_give_the_worst_error_not_a_standard_deviation() {
     let rule = rules.characteristics.iter().find(|c| c.symbol == "SD").unwrap();
     let sd = super::summary::summarise(rule, &values, &plan).unwrap();
     assert!((sd.value - 0.430_91).abs() < 1e-9);
-    assert_eq!(sd.verdict, Some(TestVerdict::Fail));
+    assert_eq!(sd.verdict, Some(Verdict::Fail));
     assert!((sd.repeatability.unwrap() - 0.0186).abs() < 1e-4);
     assert!((sd.between_positions.unwrap() - 0.2506).abs() < 1e-3);
 }
@@ -421,9 +422,9 @@ fn clouds_without_the_artefact_are_refused() {
 fn limits_of_lengths_grow_with_the_length() {
     let bars = [0.0, 0.0, 0.02, 0.0, 0.0, 0.0, -0.019];
     for (limit, bound_mm, verdict) in [
-        ("{ a_mm = 0.010, k_um_per_m = 100.0 }", 0.025, TestVerdict::Pass),
-        ("{ a_mm = 0.010, k_um_per_m = 0.0 }", 0.010, TestVerdict::Fail),
-        ("{ a_mm = 0.010, k_um_per_m = 100.0, b_mm = 0.015 }", 0.015, TestVerdict::Fail),
+        ("{ a_mm = 0.010, k_um_per_m = 100.0 }", 0.025, Verdict::Pass),
+        ("{ a_mm = 0.010, k_um_per_m = 0.0 }", 0.010, Verdict::Fail),
+        ("{ a_mm = 0.010, k_um_per_m = 100.0, b_mm = 0.015 }", 0.015, Verdict::Fail),
     ] {
         let text = plan_text(&format!("SD = {limit}"), 3, 150.0, "");
         let report = evaluate(&text, &[(0.0, 0.0); 3], &bars).unwrap();
@@ -471,7 +472,7 @@ fn flatness_is_the_range_about_the_plane_and_the_worst_position_decides() {
             "[[position]]\nname = \"p{p}\"\nartefact = \"plate\"\n[[position.view]]\nname = \"v\"\ncloud = \"p{p}.ply\"\n"
         );
     }
-    for (worst_mm, verdict) in [(0.01, TestVerdict::Pass), (0.03, TestVerdict::Fail)] {
+    for (worst_mm, verdict) in [(0.01, Verdict::Pass), (0.03, Verdict::Fail)] {
         let plan = TestPlan::from_toml(&text).unwrap();
         let rules = RuleSet::from_toml(ALL[1]).unwrap();
         let mut evaluator = Evaluator::new(&plan, &rules).unwrap();

@@ -55,7 +55,7 @@ fn outwards(p: &Point, centre: [f64; 3], by: f64) -> Point {
 #[test]
 fn points_off_a_sphere_are_neither_lost_nor_taken_for_another_form() {
     let text = plan_text(LIMITS, 3, 150.0, "");
-    assert_eq!(evaluate_changed(&text, PART_3, &unchanged).unwrap().verdict, TestVerdict::Pass);
+    assert_eq!(evaluate_changed(&text, PART_3, &unchanged).unwrap().verdict, Verdict::Pass);
     // A third of the points of one view lies 3 mm off: they were left out without being counted, and the test passed.
     let ghost = |name: &str, view: usize, cloud: Vec<Point>| -> Vec<Point> {
         let off = |(i, p): (usize, &Point)| {
@@ -92,7 +92,7 @@ fn a_form_beyond_the_margin_is_an_error_and_with_a_wider_margin_its_whole_range(
     let wide = plan_text(LIMITS, 3, 150.0, "") + "[segmentation]\nmargin_mm = 2.0\n";
     let report = evaluate_changed(&wide, PART_3, &bent).unwrap();
     assert!((one(&report, "PF_range").value - 2.48).abs() < 1e-6);
-    assert_eq!(report.verdict, TestVerdict::Fail);
+    assert_eq!(report.verdict, Verdict::Fail);
 }
 
 #[test]
@@ -309,10 +309,10 @@ fn a_retest_takes_the_place_of_a_value_only_by_a_rule() {
     assert!(told(evaluate(&retest(3))).contains("the rule set asks for 3"));
     let report = evaluate(&retest(1)).unwrap();
     let sd = one(&report, "SD");
-    assert_eq!((sd.verdict, report.verdict), (Some(TestVerdict::Pass), TestVerdict::Pass));
+    assert_eq!((sd.verdict, report.verdict), (Some(Verdict::Pass), Verdict::Pass));
     let old = &sd.positions[4];
     assert!(
-        old.replaced && old.verdict == Some(TestVerdict::Fail) && (old.value + 0.04).abs() < 1e-9,
+        old.replaced && old.verdict == Some(Verdict::Fail) && (old.value + 0.04).abs() < 1e-9,
         "{old:?}"
     );
     assert!(report.rule_set.assumed.iter().any(|text| text.contains("retest")));
@@ -324,8 +324,8 @@ fn each_row_has_its_own_uncertainty_and_verdict() {
     let report = evaluate(&plan_text(limits, 3, 150.0, ""), &SPHERES, &BARS).unwrap();
     let sd = one(&report, "SD");
     assert_eq!(report.guard_factor, 1.65);
-    assert_eq!(sd.positions[4].verdict, Some(TestVerdict::Indeterminate));
-    assert!(sd.positions.iter().enumerate().all(|(i, p)| i == 4 || p.verdict == Some(TestVerdict::Pass)));
+    assert_eq!(sd.positions[4].verdict, Some(Verdict::Indeterminate));
+    assert!(sd.positions.iter().enumerate().all(|(i, p)| i == 4 || p.verdict == Some(Verdict::Pass)));
     assert!(sd.positions.iter().all(|p| p.test_value_u == sd.test_value_u));
     assert_eq!(one(&report, "PF_sigma").positions[0].verdict, None);
 }

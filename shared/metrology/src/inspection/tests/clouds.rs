@@ -5,7 +5,8 @@ use proptest::prelude::*;
 
 use super::artefact::{Setup, Solid, TRUTH, pose};
 use crate::fit::tests::Noise;
-use crate::inspection::{FeatureResult, InspectionResult, Plan, Verdict, evaluate};
+use crate::inspection::{FeatureResult, InspectionResult, Plan, deviations, evaluate};
+use crate::verdict::Verdict;
 use fringe::cloud::Point;
 
 const PLAN: &str =
@@ -125,10 +126,10 @@ fn a_small_sphere_and_a_steep_wedge_fail() {
     let result = evaluate(&plan(), &setup.cloud());
     assert_eq!(result.verdict, Verdict::Fail);
     let small = find(&result, "sphere1_diameter");
-    assert_eq!(small.verdict, Verdict::Fail);
+    assert_eq!(small.verdict, Some(Verdict::Fail));
     assert!((small.deviation.unwrap() + 0.1).abs() < 0.01);
-    assert_eq!(find(&result, "step_height").verdict, Verdict::Fail);
-    assert_eq!(find(&result, "sphere2_diameter").verdict, Verdict::Pass);
+    assert_eq!(find(&result, "step_height").verdict, Some(Verdict::Fail));
+    assert_eq!(find(&result, "sphere2_diameter").verdict, Some(Verdict::Pass));
 }
 
 /// What is missing is named, what does not depend on it is measured, and the part does not pass.
@@ -136,15 +137,15 @@ fn a_small_sphere_and_a_steep_wedge_fail() {
 fn missing_elements_are_named_and_never_pass() {
     let result = evaluate(&plan(), &Setup::new(1).without(&["step"]).cloud());
     let step = find(&result, "step_height");
-    assert_eq!((step.verdict, step.value, step.u), (Verdict::NotMeasured, None, None));
+    assert_eq!((step.verdict, step.value, step.u), (None, None, None));
     assert!(step.reason.as_ref().unwrap().contains("element step: 0 points in its region"));
-    assert_eq!(find(&result, "sphere1_diameter").verdict, Verdict::Pass);
+    assert_eq!(find(&result, "sphere1_diameter").verdict, Some(Verdict::Pass));
     assert_eq!(result.verdict, Verdict::Indeterminate);
 
     let result = evaluate(&plan(), &Setup::new(1).without(&["sphere1", "post1"]).cloud());
     assert!(result.alignment.is_none());
     assert!(result.alignment_failure.as_ref().unwrap().contains("element sphere1"), "{result:?}");
-    assert!(result.features.iter().all(|f| f.verdict == Verdict::NotMeasured && f.reason.is_some()));
+    assert!(result.features.iter().all(|f| f.verdict.is_none() && f.reason.is_some()));
     assert_eq!(result.verdict, Verdict::Indeterminate);
 }
 
@@ -179,7 +180,7 @@ fn clouds_that_are_not_the_part_are_refused_with_a_reason() {
     for (case, cloud, words) in table {
         let result = evaluate(&loosened(4), &cloud);
         assert_ne!(result.verdict, Verdict::Pass, "{case}");
-        assert!(result.features.iter().all(|f| f.verdict == Verdict::NotMeasured), "{case}: {result:?}");
+        assert!(result.features.iter().all(|f| f.verdict.is_none()), "{case}: {result:?}");
         let reason = result.alignment_failure.unwrap();
         assert!(reason.contains(words), "{case}: {reason}");
     }
@@ -200,6 +201,26 @@ fn the_same_cloud_gives_the_same_bits_and_a_readable_result() {
     let points = &first.elements[0].points;
     assert!(points.windows(2).all(|w| w[0].index < w[1].index));
     assert!(points.iter().all(|p| (p.from_fit_mm - p.from_nominal_mm).abs() < 0.05));
+}
+
+/// What another process draws from the result that it received is what the inspection saw: the same points at the same
+/// distances, but for those at the border of a region that a last hundredth of a margin moved.
+#[test]
+fn the_deviations_of_a_received_result_are_those_of_the_inspection() {
+    let (plan, cloud) = (plan(), Setup::new(8).cloud());
+    let result = evaluate(&plan, &cloud);
+    let received: InspectionResult = serde_json::from_str(&serde_json::to_string(&result).unwrap()).unwrap();
+    assert_eq!(received.features, result.features);
+    assert_eq!(received.alignment, result.alignment);
+    let drawn = deviations(&plan, &received.alignment.unwrap(), &received.elements, &cloud);
+    let mut seen = std::collections::BTreeMap::new();
+    for point in result.elements.iter().flat_map(|e| &e.points) {
+        seen.entry(point.index).or_insert(point.from_fit_mm);
+    }
+    let same = drawn.iter().filter(|(index, mm)| seen.get(index).is_some_and(|s| (s - mm).abs() < 1e-5));
+    let same = same.count();
+    assert!(same > 20_000 && same * 1000 > 999 * seen.len().max(drawn.len()), "{same} of {}", seen.len());
+    assert!(drawn.windows(2).all(|w| w[0].0 < w[1].0));
 }
 
 /// A part that stands elsewhere by plan, without an alignment: the placement maps part to world.
@@ -244,7 +265,7 @@ fn system_uncertainty_widens_the_guard_band() {
     let result = evaluate(&plan, &Setup::new(5).cloud());
     let feature = &result.features[0];
     assert!((feature.u.unwrap() - (0.0016 + feature.u_noise.unwrap().powi(2)).sqrt()).abs() < 1e-15);
-    assert_eq!(feature.verdict, Verdict::Indeterminate);
+    assert_eq!(feature.verdict, Some(Verdict::Indeterminate));
     assert_eq!(result.verdict, Verdict::Indeterminate);
 }
 
@@ -267,8 +288,11 @@ proptest! {
             let result = evaluate(&plan, &cloud);
             for feature in &result.features {
                 prop_assert_ne!(feature.value.is_some(), feature.reason.is_some());
-                prop_assert_eq!(feature.value.is_none(), feature.verdict == Verdict::NotMeasured);
+                prop_assert_eq!(feature.value.is_none(), feature.verdict.is_none());
             }
+            // What a stage says, the supervisor must be able to read.
+            let text = serde_json::to_string(&result).unwrap();
+            prop_assert!(serde_json::from_str::<InspectionResult>(&text).is_ok(), "{text}");
         }
     }
 }
