@@ -21,6 +21,7 @@ mod run;
 mod run_files;
 mod schedule_chart;
 mod schedule_command;
+mod software;
 mod stage;
 mod stage_main;
 mod status;
@@ -39,7 +40,7 @@ const BAD_INPUT: u8 = 2;
 ///
 /// Exit codes: 0 all cycles are ok and pass, 1 a cycle failed or did not pass, 2 invalid input.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version = software::VERSION_LINE)]
 struct Cli {
     /// Check the arguments and end: for the test of the documentation.
     #[arg(long, hide = true)]

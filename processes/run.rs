@@ -188,7 +188,7 @@ fn print_tables(cell: &Cell, results: &[CycleResult], truth: Option<&Truth>) {
         terminal::print_line(&format!("\n{stages}"));
     }
     if let Some(last) = results.iter().rev().find(|r| r.outcome == files::result::OUTCOME_OK) {
-        terminal::print_line(&format!("cycle {}: {}", last.cycle + 1, terminal::cloud_lines(last, &pairs)));
+        terminal::print_line(&format!("cycle {}: {}", last.number, terminal::cloud_lines(last, &pairs)));
         if !last.features.is_empty() {
             terminal::print_line(&terminal::feature_table(&last.features, truth));
         }

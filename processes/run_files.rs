@@ -1,5 +1,6 @@
 //! Writes the files of a run: results, cloud, trace and report.
 
+use crate::software::FRINGECELL;
 use crate::supervisor::collect::Span;
 use crate::supervisor::history::History;
 use crate::supervisor::snapshot::Snapshot;
@@ -25,7 +26,7 @@ use twin::Truth;
 pub fn cycle(folder: &Path, result: &CycleResult) -> Result<()> {
     let results = folder.join("results");
     atomic::create_dir(&results)?;
-    write_json(&results.join(format!("{:04}.json", result.cycle)), result)?;
+    write_json(&results.join(format!("{:04}.json", result.number)), result)?;
     Ok(write_json(&folder.join("result.json"), result)?)
 }
 
@@ -100,12 +101,16 @@ fn report(folder: &Path, run: &RunFiles, points: &[Point]) -> Result<()> {
     };
     let input = ReportInput {
         cell: cell.name.clone(),
-        part: plan.map_or_else(|| "no inspection plan".to_owned(), |p| p.name.clone()),
-        date: files::clock::utc_now(),
-        software_version: format!("fringecell {}", env!("CARGO_PKG_VERSION")),
+        part: part(last, plan),
+        date: last.date.clone(),
+        software_version: FRINGECELL.line(),
         rig_hash: cell.file.rig_sha256.clone(),
-        plan_id: plan.map(|p| p.name.clone()).unwrap_or_default(),
-        details: vec![("Configuration".into(), cell.file.sha256.clone())],
+        plan_id: plan_line(last, plan),
+        details: vec![
+            ("Recipe".into(), last.recipe.clone().unwrap_or_default()),
+            ("Cycle".into(), last.number.to_string()),
+            ("Configuration".into(), cell.file.sha256.clone()),
+        ],
         verdict: last.verdict,
         reason: if ok { String::new() } else { last.outcome.clone() },
         coverage_factor: Some(2.0),
@@ -144,6 +149,18 @@ const TRUTH_NOTE: &str = "The part is simulated. The column truth comes from the
 fn plan_of<'a>(cell: &'a Cell, result: &CycleResult) -> Option<&'a Plan> {
     let name = result.recipe.as_ref()?;
     cell.config.recipes.iter().find(|recipe| recipe.name == *name)?.plan.as_ref()
+}
+
+/// The part as the job named it, else as the plan does.
+fn part(result: &CycleResult, plan: Option<&Plan>) -> String {
+    let named = result.part.as_ref().or(plan.map(|plan| &plan.name));
+    named.cloned().unwrap_or_else(|| "no inspection plan".to_owned())
+}
+
+/// Name and hash of the plan.
+fn plan_line(result: &CycleResult, plan: Option<&Plan>) -> String {
+    let Some(plan) = plan else { return String::new() };
+    format!("{}, SHA-256 {}", plan.name, result.plan_sha256.as_deref().unwrap_or("unknown"))
 }
 
 fn decision_rule(guard_factor: f64) -> String {

@@ -55,7 +55,7 @@ impl io::Write for StderrWriter {
 /// The line of a cycle.
 pub fn cycle_line(result: &CycleResult, requested: Option<u64>) -> String {
     let of = requested.map_or_else(String::new, |n| format!("/{n}"));
-    let mut line = format!("cycle {:>3}{of}  ", result.number());
+    let mut line = format!("cycle {:>3}{of}  ", result.number);
     if !result.is_ok() {
         let _ = write!(line, "NOT OK  {}", result.outcome);
         return line;

@@ -135,6 +135,7 @@ fn parts_are_inspected_on_request_each_with_its_recipe() {
     {
         let file = served.cell.small.path("one.json");
         let output = served.trigger(&["--part", part, "--recipe", recipe, "--json", &file]);
+        crate::schema::assert_valid("result", file.as_ref());
         let result = json(file.as_ref());
         assert_eq!(
             output.status.code(),
@@ -331,7 +332,7 @@ fn a_run_that_goes_by_itself_takes_no_jobs() {
     let trace = json(trace.as_ref());
     let events = trace["traceEvents"].as_array().unwrap();
     assert!(events.len() > 50);
-    assert!(events.iter().any(|e| e["cat"] == "cycle" && e["name"] == "cycle 0: ok"), "{trace}");
+    assert!(events.iter().any(|e| e["cat"] == "cycle" && e["name"] == "cycle 1: ok"), "{trace}");
     let output = wait(run);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     let result = json(&cell.out().join("result.json"));

@@ -24,6 +24,7 @@
 //! - [`storm`]: one outcome per cycle and no wrong cloud, whatever dies, hangs or lies
 //! - [`one_flow`]: a cell and the offline tools give the same cloud of the same frames
 //! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
+//! - [`schemas`]: what the programs write as JSON against `docs/schemas`; [`schema`] is the check
 //! - [`running`]: how the tests run a cell and harm it
 //! - [`plan_patterns`]: what a plan of patterns promises against what its recording gives
 //! - [`documented_commands`]: every command of README and `docs/`, page by page
@@ -64,6 +65,8 @@ mod real;
 mod record;
 mod rig_state;
 mod running;
+mod schema;
+mod schemas;
 mod single_view;
 mod storm;
 mod support;

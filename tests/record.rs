@@ -53,7 +53,7 @@ fn a_replay_of_the_same_frames_gives_every_byte_again_and_another_frame_does_not
     let (ran, found) = cell.replay(&record);
     assert_eq!(ran.code, Some(1), "{}{}", ran.stdout, ran.stderr);
     assert!(
-        ran.stdout.contains("cycle 0: stage capture/cam2, \"expose proj1 004\": the hash of"),
+        ran.stdout.contains("cycle 1: stage capture/cam2, \"expose proj1 004\": the hash of"),
         "{}",
         ran.stdout
     );
@@ -85,7 +85,7 @@ fn a_difference_names_cycle_stage_and_byte() {
     assert_eq!(cell.replay(&record).0.code, Some(0));
     let (ran, found) = cell.replay(&altered);
     assert_eq!(ran.code, Some(1), "{}{}", ran.stdout, ran.stderr);
-    assert!(ran.stdout.contains("cycle 1: stage fusion, \"fuse\": byte 1000 of"), "{}", ran.stdout);
+    assert!(ran.stdout.contains("cycle 2: stage fusion, \"fuse\": byte 1000 of"), "{}", ran.stdout);
     let differences = found["differences"].as_array().unwrap();
     assert_eq!((differences.len(), &differences[0]["first_byte"]), (1, &1000.into()), "{found}");
 }

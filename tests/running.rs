@@ -139,7 +139,11 @@ pub fn results(folder: &Path) -> Vec<Value> {
     let mut paths: Vec<PathBuf> =
         std::fs::read_dir(folder.join("results")).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.sort();
-    paths.iter().map(|path| json(path)).collect()
+    let result = |path: &PathBuf| {
+        crate::schema::assert_valid("result", path);
+        json(path)
+    };
+    paths.iter().map(result).collect()
 }
 
 /// Requested cycles that were never started, as the run printed them.

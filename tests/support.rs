@@ -4,6 +4,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use tempfile::TempDir;
 
+/// The date of all outputs of [`fringetool`]: 2026-01-01T00:00:00Z.
+const EPOCH: &str = "1767225600";
+
 /// What a program did.
 pub struct Ran {
     pub code: Option<i32>,
@@ -27,14 +30,23 @@ impl Ran {
     }
 }
 
-/// Runs `fringetool` in the repository's root.
+/// Runs `fringetool` in the repository's root. What it writes with `--json` must follow its schema.
 pub fn fringetool<S: AsRef<std::ffi::OsStr>>(arguments: &[S]) -> Ran {
-    run_in(root(), env!("CARGO_BIN_EXE_fringetool"), arguments)
+    fringetool_in(root(), arguments)
 }
 
-/// Runs `fringetool` in a folder.
+/// Runs `fringetool` in a folder. What it writes with `--json` must follow its schema.
 pub fn fringetool_in<S: AsRef<std::ffi::OsStr>>(folder: &Path, arguments: &[S]) -> Ran {
-    run_in(folder, env!("CARGO_BIN_EXE_fringetool"), arguments)
+    let ran = run_in(folder, env!("CARGO_BIN_EXE_fringetool"), arguments);
+    let words: Vec<&str> = arguments.iter().filter_map(|word| word.as_ref().to_str()).collect();
+    let json = words.iter().position(|word| *word == "--json").and_then(|at| words.get(at + 1));
+    if let (Some(file), Some(command), Some(0 | 1)) = (json, crate::schema::command_of(&words), ran.code) {
+        let file = folder.join(file);
+        if file.is_file() {
+            crate::schema::assert_valid(&command, &file);
+        }
+    }
+    ran
 }
 
 /// Runs `fringecell` in a folder.
@@ -43,8 +55,10 @@ pub fn fringecell_in<S: AsRef<std::ffi::OsStr>>(folder: &Path, arguments: &[S]) 
 }
 
 fn run_in<S: AsRef<std::ffi::OsStr>>(folder: &Path, program: &str, arguments: &[S]) -> Ran {
-    let output = Command::new(program).args(arguments).current_dir(folder).output();
-    Ran::new(&output.expect("the program starts"))
+    let mut command = Command::new(program);
+    // Results carry their date; these must not differ between two runs of the same.
+    command.args(arguments).current_dir(folder).env("SOURCE_DATE_EPOCH", EPOCH);
+    Ran::new(&command.output().expect("the program starts"))
 }
 
 /// The repository.

@@ -185,7 +185,8 @@ fn report(
         title: format!("{} repeats", repeats.len()),
         details: vec![
             ("Region".into(), region(args)),
-            ("Software".into(), concat!("fringetool ", env!("CARGO_PKG_VERSION")).into()),
+            ("Date".into(), files::clock::rfc3339_now()),
+            ("Software".into(), crate::software::FRINGETOOL.line()),
         ],
         table,
         repeats: shown,

@@ -32,6 +32,7 @@ mod report;
 mod rotation_stage;
 mod simulate;
 mod simulate_test;
+mod software;
 mod surface;
 mod uncertainty;
 mod unwrap;
@@ -44,7 +45,7 @@ use std::process::ExitCode;
 #[derive(Parser)]
 #[command(
     name = "fringetool",
-    version,
+    version = software::VERSION_LINE,
     about = "Offline tools of the fringecell measuring cell",
     max_term_width = 100
 )]

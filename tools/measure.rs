@@ -1,9 +1,12 @@
 //! `fringetool measure`: an inspection plan on a cloud, as the cell does it, without the cell.
 
 use crate::Outcome;
-use crate::report::{check_outputs, emit};
+use crate::report::{check_outputs, emit_made_with};
+use crate::software::FRINGETOOL;
 use anyhow::{Context, Result};
 use files::document::Document;
+use files::hash::sha256_hex;
+use files::provenance::Provenance;
 use metrology::inspection::{FeatureResult, InspectionResult, Plan, evaluate};
 use metrology::verdict::Verdict;
 use serde_json::{Value, json};
@@ -27,7 +30,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let plan = Plan::from_toml(&document.text).with_context(|| args.plan.display().to_string())?;
     let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
     let result = evaluate(&plan, &cloud.points);
-    emit(args.json.as_deref(), &machine_readable(args, cloud.points.len(), &result)?)?;
+    let provenance = Provenance::now(&FRINGETOOL).plan(&plan.name, &sha256_hex(document.text.as_bytes()));
+    emit_made_with(args.json.as_deref(), &machine_readable(args, cloud.points.len(), &result)?, provenance)?;
     print(&result);
     // What is not proven is not accepted; a part that was not found is nothing measured.
     Ok(if result.verdict == Verdict::Pass { Outcome::Done } else { Outcome::LimitFailed })

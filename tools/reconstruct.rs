@@ -10,10 +10,12 @@ use crate::decode::lines;
 use crate::filters::{FilterLine, Filters};
 use crate::phase_method::{PhaseArgs, PhaseMethod, PhaseName};
 use crate::pipeline::{DecodedView, decode_views_by};
-use crate::report::{check_outputs, emit};
+use crate::report::{check_outputs, emit_made_with};
+use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use cell::Settings;
 use cell::executor::{Matched, PairMatcher, Views};
+use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
 use files::rig_file::RigFile;
 use fringe::cloud::Point;
@@ -146,7 +148,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     print_report(&done, &fusion, fused.len(), args);
     let mut result = json(args, &task, &done, &fusion, &fused);
     result["filters"] = serde_json::json!(done.filtered);
-    emit(args.json.as_deref(), &result)?;
+    let provenance = Provenance::now(&FRINGETOOL).rig(&task.rig.sha256);
+    emit_made_with(args.json.as_deref(), &result, provenance)?;
     Ok(Outcome::Done)
 }
 

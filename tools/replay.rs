@@ -171,7 +171,7 @@ fn again(
         let Some(name) = activations.get(number as usize) else {
             bail!(
                 "cycle {} of the record has an activation {number} that the schedule lacks",
-                cycle.entry.cycle
+                cycle.entry.cycle + 1
             );
         };
         let outcome =
@@ -226,8 +226,12 @@ fn text(path: &Path, header: &RecordHeader, found: &Found) -> String {
         lines.push(format!("{} cycles ended before anything was given", found.empty));
     }
     if let (Some(first), Some(last)) = (found.missing.first(), found.missing.last()) {
-        lines
-            .push(format!("{} cycles between {first} and {last} are not in the record", found.missing.len()));
+        lines.push(format!(
+            "{} cycles between {} and {} are not in the record",
+            found.missing.len(),
+            first + 1,
+            last + 1
+        ));
     }
     if found.incomplete_bytes > 0 {
         lines.push(format!(

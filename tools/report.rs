@@ -1,7 +1,9 @@
 //! Output of the commands: printed lines and JSON.
 
 use crate::pipeline::{DecodedMap, Expected, Threshold, median_valid};
+use crate::software::FRINGETOOL;
 use anyhow::Result;
+use files::provenance::{Provenance, WithProvenance};
 use fringe::decode::NoiseSource;
 use fringe::phase::PhaseMap;
 use serde::Serialize;
@@ -10,8 +12,18 @@ use std::path::Path;
 
 pub use files::output_check::check_outputs;
 
-/// Writes the result as JSON to a file, or to standard output for `-`.
+/// Writes the result as JSON to a file, or to standard output for `-`, with date and software under `provenance`.
 pub fn emit<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {
+    emit_made_with(path, value, Provenance::now(&FRINGETOOL))
+}
+
+/// The same of a result that a rig or a plan stands behind.
+pub fn emit_made_with<T: Serialize>(path: Option<&Path>, result: &T, provenance: Provenance) -> Result<()> {
+    emit_bare(path, &WithProvenance { result, provenance })
+}
+
+/// The same without provenance: of a benchmark, whose result is a list.
+pub fn emit_bare<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {
     match path {
         Some(path) if path == Path::new("-") => println!("{}", serde_json::to_string_pretty(value)?),
         Some(path) => files::result::write_json(path, value)?,

@@ -1,6 +1,7 @@
 //! Collects the reports of the stages into the result of a cycle.
 
 use super::profile;
+use crate::software::FRINGECELL;
 use cell::Cell;
 use cell::schedule::{Interval, Schedule, Work, output};
 use devices::LoadedCell;
@@ -117,12 +118,15 @@ impl Collector {
             alignment_failure,
             elements: inspection.map(|i| i.elements.clone()).unwrap_or_default(),
             cell: cell.name.clone(),
+            commit: FRINGECELL.commit.to_owned(),
             config_sha256: cell.file.sha256.clone(),
+            date: files::clock::rfc3339_now(),
+            number: cycle + 1,
             overlaps: fused.and_then(|(_, text)| Some(serde_json::from_str::<Fused>(text).ok()?.overlaps)),
             points: fused.map(|(event, _)| event.count.into()),
             reports: self.reports(cell),
             rig_sha256: cell.file.rig_sha256.clone(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            version: FRINGECELL.version.to_owned(),
             ..CycleResult::default()
         }
     }

@@ -251,7 +251,9 @@ impl<'a> Supervisor<'a> {
         let duration_ns = self.profile.end(&result, end_ns);
         tracing::info!(cycle, outcome = result.outcome, verdict = ?result.verdict, duration_ns, "cycle ended");
         result.duration_ns = duration_ns;
-        let plan = self.cell.config.recipes.get(self.jobs.recipe()).and_then(|recipe| recipe.plan.as_ref());
+        let recipe = self.cell.config.recipes.get(self.jobs.recipe());
+        let plan = recipe.and_then(|recipe| recipe.plan.as_ref());
+        result.plan_sha256 = recipe.and_then(|recipe| recipe.plan_sha256.clone());
         self.jobs.annotate(&mut result);
         if let Some(duration_ns) = duration_ns {
             self.history.add(history::ended(&result, end_ns, duration_ns), collector.spans(cycle));

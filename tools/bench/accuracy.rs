@@ -3,7 +3,7 @@
 use super::scan::{Scan, scan};
 use crate::Outcome;
 use crate::progress::Progress;
-use crate::report::{check_outputs, emit};
+use crate::report::{check_outputs, emit_bare};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result};
 use files::config::Config;
@@ -60,7 +60,7 @@ pub fn run(json: Option<&Path>) -> Result<Outcome> {
     }
     drop(progress);
     print(&rows);
-    emit(json, &rows)?;
+    emit_bare(json, &rows)?;
     Ok(Outcome::Done)
 }
 

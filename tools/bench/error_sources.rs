@@ -5,7 +5,7 @@ use super::shown::{Evaluated, Shown};
 use crate::Outcome;
 use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
-use crate::report::{check_outputs, emit};
+use crate::report::{check_outputs, emit_bare};
 use anyhow::Result;
 use fringe::decode::DecodeSettings;
 use fringe::frame::{FrameView, Pixels};
@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         write_picture(path, &tiles, args.width_px as usize)?;
         println!("{}", path.display());
     }
-    emit(args.json.as_deref(), &rows)?;
+    emit_bare(args.json.as_deref(), &rows)?;
     Ok(Outcome::Done)
 }
 

@@ -3,7 +3,7 @@
 use super::shown::Shown;
 use crate::Outcome;
 use crate::phase_method::PhaseMethod;
-use crate::report::{check_outputs, emit};
+use crate::report::{check_outputs, emit_bare};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result};
 use files::config::Config;
@@ -76,7 +76,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             row.wrong_orders * 1e6
         );
     }
-    emit(args.json.as_deref(), &rows)?;
+    emit_bare(args.json.as_deref(), &rows)?;
     Ok(Outcome::Done)
 }
 

@@ -5,7 +5,7 @@ use super::shown::{Cell, Shown, counting};
 use crate::Outcome;
 use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
-use crate::report::{check_outputs, emit};
+use crate::report::{check_outputs, emit, emit_bare};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result, bail};
 use files::config::Config;
@@ -69,7 +69,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     drop(progress);
     print("phase error", &columns.iter().map(|column| column.name).collect::<Vec<_>>(), &cells);
-    emit(args.json.as_deref(), &cells)?;
+    emit_bare(args.json.as_deref(), &cells)?;
     Ok(Outcome::Done)
 }
 

@@ -4,7 +4,7 @@
 use crate::Outcome;
 use crate::pipeline::match_maps;
 use crate::progress::Progress;
-use crate::report::{check_outputs, emit};
+use crate::report::{check_outputs, emit_bare};
 use crate::simulate::Buffer;
 use anyhow::{Context, Result};
 use fringe::cloud::Point;
@@ -105,7 +105,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     progress.step();
     drop(progress);
     print(&rows);
-    emit(args.json.as_deref(), &rows)?;
+    emit_bare(args.json.as_deref(), &rows)?;
     Ok(Outcome::Done)
 }
 

@@ -4,7 +4,7 @@
 use super::scan::decode as decode_scan;
 use crate::Outcome;
 use crate::pipeline::decode_views;
-use crate::report::{check_outputs, emit};
+use crate::report::{check_outputs, emit_bare};
 use crate::simulate::load_scene;
 use crate::unwrap::Name;
 use anyhow::{Context, Result};
@@ -88,7 +88,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
             rows.push(row);
         }
     }
-    emit(args.json.as_deref(), &rows)?;
+    emit_bare(args.json.as_deref(), &rows)?;
     Ok(Outcome::Done)
 }
 

@@ -81,7 +81,8 @@ fn details(parts: &Parts) -> Result<Vec<(String, String)>> {
             ),
         ),
         ("Held-out poses", parts.validation.how.clone()),
-        ("Software", format!("fringetool {}", env!("CARGO_PKG_VERSION"))),
+        ("Date", files::clock::rfc3339_now()),
+        ("Software", crate::software::FRINGETOOL.line()),
     ]
     .map(|(label, text)| (label.to_owned(), text))
     .into())

@@ -6,11 +6,13 @@ mod trend;
 use crate::Outcome;
 use crate::pipeline::{DecodedView, decode_views};
 use crate::reconstruct::projector_pairs;
-use crate::report::{check_outputs, emit};
+use crate::report::{check_outputs, emit_made_with};
+use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use characterise::health::{
     HealthSettings, MatchCounts, PairCovariance, PairHealth, check_pair, match_projector, match_views,
 };
+use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
 use files::rig_file::{Covariance, RigFile, read_rig};
 use fringe::decode::DecodeSettings;
@@ -103,7 +105,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         "suspects": print::suspects(&checks),
         "healthy": healthy,
     });
-    emit(args.json.as_deref(), &result)?;
+    let provenance = Provenance::now(&FRINGETOOL).rig(&rig_file.sha256);
+    emit_made_with(args.json.as_deref(), &result, provenance)?;
     Ok(if healthy { Outcome::Done } else { Outcome::LimitFailed })
 }
 

@@ -3,6 +3,7 @@
 use super::{Align, Alignment, Args, Method};
 use crate::register::{doubts, word};
 use crate::report::emit;
+use crate::software::FRINGETOOL;
 use anyhow::Result;
 use fringe::cloud::Point;
 use metrology::compare::m3c2::M3c2Settings;
@@ -205,7 +206,8 @@ fn details(args: &Args, result: &Written<'_>) -> Vec<(String, String)> {
         ("Reference".to_owned(), format!("{} ({})", result.reference, result.reference_kind)),
         ("Method".to_owned(), result.method.to_owned()),
         ("Alignment".to_owned(), result.align.to_owned()),
-        ("Software".to_owned(), SOFTWARE.to_owned()),
+        ("Date".to_owned(), files::clock::rfc3339_now()),
+        ("Software".to_owned(), FRINGETOOL.line()),
     ];
     if let Some(spacing) = result.reference_spacing_mm {
         lines.push(("Spacing of the reference".to_owned(), format!("{spacing:.4} mm")));

@@ -8,7 +8,7 @@ use xxhash_rust::xxh3::xxh3_128;
 /// An output that differs.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Difference {
-    /// Cycle, from 0.
+    /// Counter of the cycle, from 0; people see it from 1.
     pub cycle: u64,
     /// Its stage.
     pub stage: String,
@@ -81,7 +81,7 @@ impl Difference {
 
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "cycle {}: stage {}, \"{}\": ", self.cycle, self.stage, self.activation)?;
+        write!(f, "cycle {}: stage {}, \"{}\": ", self.cycle + 1, self.stage, self.activation)?;
         if let Some(error) = &self.error {
             return write!(f, "fails now: {error}");
         }
@@ -124,7 +124,7 @@ mod tests {
         let said = between(b"abc", true, b"aBC").unwrap();
         assert_eq!(
             said,
-            "cycle 4: stage s, \"work\": byte 1 of 3 is the first that differs: 62 in the record, 42 now"
+            "cycle 5: stage s, \"work\": byte 1 of 3 is the first that differs: 62 in the record, 42 now"
         );
         assert!(between(b"abc", true, b"ab").unwrap().contains("63 in the record, the end now"));
         assert!(between(b"abc", false, b"ab").unwrap().ends_with("3 bytes in the record, 2 now"));

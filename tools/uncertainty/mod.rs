@@ -80,7 +80,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
             evaluation: &evaluation,
             monte_carlo: monte_carlo.as_ref().zip(validation),
             comparison,
-            software_version: format!("fringecell {}", env!("CARGO_PKG_VERSION")),
+            date: files::clock::rfc3339_now(),
+            software_version: crate::software::FRINGETOOL.line(),
         };
         write_uncertainty(path, &input)?;
     }

@@ -21,6 +21,7 @@ pub mod opencv;
 pub mod output_check;
 pub mod plane_file;
 pub mod ply;
+pub mod provenance;
 pub mod recording;
 pub mod result;
 pub mod rig_file;

@@ -18,7 +18,7 @@ pub const OUTCOME_OK: &str = "ok";
 /// The outcome of one cycle, from the supervisor to files, socket, console and report.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct CycleResult {
-    /// Number of the cycle, from 0.
+    /// Counter of the cycle, from 0; people see [`Self::number`].
     pub cycle: u64,
     /// [`OUTCOME_OK`] or the reason.
     pub outcome: String,
@@ -44,18 +44,30 @@ pub struct CycleResult {
     /// Name of the cell.
     #[serde(default)]
     pub cell: String,
+    /// Git commit that the software was built from; `unknown` without git.
+    #[serde(default)]
+    pub commit: String,
     /// SHA-256 of the configuration, hexadecimal.
     #[serde(default)]
     pub config_sha256: String,
+    /// When the outcome of the cycle was known, UTC (ISO 8601): `2026-01-31T08:00:00Z`.
+    #[serde(default)]
+    pub date: String,
     /// From the start of the cycle to its outcome, ns.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub duration_ns: Option<u64>,
+    /// Number of the cycle as console, report and file names show it: from 1.
+    #[serde(default)]
+    pub number: u64,
     /// How well pairs agree; `a` and `b` count the pairs of the rig.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overlaps: Option<Vec<Overlap>>,
     /// The part, as the job named it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub part: Option<String>,
+    /// SHA-256 of the inspection plan, hexadecimal; absent without a plan.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub plan_sha256: Option<String>,
     /// Points of the fused cloud.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub points: Option<u64>,
@@ -74,11 +86,6 @@ pub struct CycleResult {
 }
 
 impl CycleResult {
-    /// Number of the cycle as a person sees it: from 1.
-    pub fn number(&self) -> u64 {
-        self.cycle + 1
-    }
-
     /// Whether the cycle did all it should.
     pub fn is_ok(&self) -> bool {
         self.outcome == OUTCOME_OK

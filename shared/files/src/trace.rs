@@ -98,7 +98,7 @@ fn cycle_events(pid: usize, cycles: &[TraceCycle], zero_ns: u64) -> Vec<Value> {
         let part = cycle.part.as_ref().map_or_else(String::new, |part| format!(", part {part}"));
         events.push(json!({
             "ph": "X", "pid": pid, "tid": thread + 1, "cat": "cycle",
-            "name": format!("cycle {}: {}{part}", cycle.cycle, cycle.outcome),
+            "name": format!("cycle {}: {}{part}", cycle.cycle + 1, cycle.outcome),
             "ts": micro(cycle.start_ns.saturating_sub(zero_ns)),
             "dur": micro(cycle.end_ns.saturating_sub(cycle.start_ns)),
             "args": {"cycle": cycle.cycle, "outcome": cycle.outcome, "part": cycle.part, "recipe": cycle.recipe},
@@ -279,7 +279,7 @@ mod tests {
         let events = value["traceEvents"].as_array().unwrap();
         let row = |e: &Value| (e["name"].as_str().unwrap().to_owned(), e["tid"].as_u64().unwrap());
         let rows: Vec<_> = events.iter().filter(|e| e["ph"] == "X" && e["pid"] == 1).map(row).collect();
-        let expected = [("cycle 0: ok, part 4711", 1), ("cycle 1: stopped", 2), ("cycle 2: ok", 1)];
+        let expected = [("cycle 1: ok, part 4711", 1), ("cycle 2: stopped", 2), ("cycle 3: ok", 1)];
         assert_eq!(rows, expected.map(|(name, thread)| (name.to_owned(), thread)));
         assert_eq!((&events[0]["ts"], &events[0]["dur"]), (&json!(0.0), &json!(2.0)));
         assert!(events.iter().any(|e| e["pid"] == 1 && e["args"]["name"] == "cycles"), "{events:?}");

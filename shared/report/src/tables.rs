@@ -252,7 +252,7 @@ pub fn cycles(page: &mut Page, input: &ReportInput<'_>) {
     for cycle in &rows {
         page.put(format_args!(
             "<tr><td class=\"n\">{}</td><td>{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>\n",
-            cycle.number(),
+            cycle.number,
             Text(&cycle.outcome),
             cycle.verdict.map_or_else(|| NONE.to_owned(), |verdict| verdict_mark(Some(verdict))),
             milliseconds(cycle.latency_ns),

@@ -81,7 +81,7 @@ fn cycles() -> Vec<CycleResult> {
         ..StageResult::default()
     };
     vec![CycleResult {
-        cycle: 1,
+        number: 2,
         outcome: "ok".to_owned(),
         verdict: Some(Verdict::Pass),
         latency_ns: Some(41_500_000),
@@ -305,7 +305,7 @@ fn a_large_camera_is_reduced_and_a_long_run_is_shortened_aloud() {
     let mut seen = Seen::new();
     seen.cycles = (0..300)
         .map(|cycle| CycleResult {
-            cycle,
+            number: cycle + 1,
             outcome: if cycle == 5 { "stage decode cam1 was killed".to_owned() } else { "ok".to_owned() },
             ..CycleResult::default()
         })

@@ -21,6 +21,8 @@ pub struct UncertaintyInput<'a> {
     pub monte_carlo: Option<(&'a MonteCarloResult, Validation)>,
     /// Beside the budget's reference.
     pub comparison: Option<Comparison>,
+    /// When it was evaluated, UTC.
+    pub date: String,
     /// Name and version of the program.
     pub software_version: String,
 }
@@ -57,6 +59,7 @@ fn header(page: &mut Page, input: &UncertaintyInput<'_>) {
         ("Measurand", measurand.as_str()),
         ("Model", model),
         ("Remark", &file.remark),
+        ("Date", &input.date),
         ("Software", &input.software_version),
         ("Budget file (SHA-256)", &file.sha256),
     ] {

@@ -219,7 +219,8 @@ fn the_deviations_of_a_received_result_are_those_of_the_inspection() {
     }
     let same = drawn.iter().filter(|(index, mm)| seen.get(index).is_some_and(|s| (s - mm).abs() < 1e-5));
     let same = same.count();
-    assert!(same > 20_000 && same * 1000 > 999 * seen.len().max(drawn.len()), "{same} of {}", seen.len());
+    let most = seen.len().max(drawn.len());
+    assert!(same > 5_000 && same * 1000 > 995 * most, "{same} of {most}");
     assert!(drawn.windows(2).all(|w| w[0].0 < w[1].0));
 }
 

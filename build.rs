@@ -1,0 +1,36 @@
+//! Tells the programs from which commit they were built; they state it in every result.
+
+use std::path::Path;
+use std::process::Command;
+
+fn main() {
+    // Only what may change the answer: sources, and where the commit of this working copy is written.
+    for path in ["processes", "tools", "shared", "configs", "Cargo.toml", "Cargo.lock", "build.rs"] {
+        println!("cargo:rerun-if-changed={path}");
+    }
+    for name in ["HEAD", "logs/HEAD"] {
+        if let Some(path) = git(&["rev-parse", "--git-path", name]).filter(|path| Path::new(path).exists()) {
+            println!("cargo:rerun-if-changed={path}");
+        }
+    }
+    println!("cargo:rustc-env=FRINGECELL_COMMIT={}", commit().unwrap_or_else(|| "unknown".to_owned()));
+}
+
+/// The commit, with `-dirty` where files differ from it; `None` without git, or in a copy that is no repository.
+fn commit() -> Option<String> {
+    // A copy unpacked inside of another repository is not that repository's commit.
+    let top = git(&["rev-parse", "--show-toplevel"])?;
+    let here = Path::new(env!("CARGO_MANIFEST_DIR")).canonicalize().ok()?;
+    if Path::new(&top).canonicalize().ok()? != here {
+        return None;
+    }
+    git(&["describe", "--always", "--abbrev=12", "--dirty", "--exclude=*"])
+}
+
+/// One line from git; `None` where it is absent or refuses.
+fn git(arguments: &[&str]) -> Option<String> {
+    let output =
+        Command::new("git").args(arguments).output().ok().filter(|output| output.status.success())?;
+    let text = String::from_utf8(output.stdout).ok()?;
+    Some(text.trim().to_owned()).filter(|text| !text.is_empty())
+}

@@ -1,0 +1,10 @@
+//! This program, as results name it.
+
+use files::provenance::Software;
+
+/// The offline tools.
+pub const FRINGETOOL: Software =
+    Software { name: "fringetool", version: env!("CARGO_PKG_VERSION"), commit: env!("FRINGECELL_COMMIT") };
+
+/// Version and commit on one line, for `--version`.
+pub const VERSION_LINE: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("FRINGECELL_COMMIT"), ")");
