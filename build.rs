@@ -1,9 +1,14 @@
-//! Tells the programs from which commit they were built; they state it in every result.
+//! Gives the programs the commit from which they were built, which they state in every result, and the tests the knowledge
+//! whether the data beside the repository are there.
+
+#[path = "tests/build.rs"]
+mod shared_data;
 
 use std::path::Path;
 use std::process::Command;
 
 fn main() {
+    shared_data::main();
     // Only what may change the answer: sources, and where the commit of this working copy is written.
     for path in ["processes", "tools", "shared", "configs", "Cargo.toml", "Cargo.lock", "build.rs"] {
         println!("cargo:rerun-if-changed={path}");

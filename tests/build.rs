@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-fn main() {
+pub fn main() {
     println!("cargo::rustc-check-cfg=cfg(shared_data)");
     let manifest = std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets it");
     let root = Path::new(&manifest).ancestors().find(|folder| folder.join("Cargo.lock").exists());
