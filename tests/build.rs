@@ -6,6 +6,7 @@
 
 use std::path::Path;
 
+/// Sets `shared_data` where the data are there.
 pub fn main() {
     println!("cargo::rustc-check-cfg=cfg(shared_data)");
     let manifest = std::env::var("CARGO_MANIFEST_DIR").expect("cargo sets it");

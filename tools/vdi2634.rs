@@ -10,9 +10,7 @@ use files::recording::Recording;
 use files::rig_file::{RigFile, read_rig};
 use fringe::cloud::Point;
 use fringe::surface::SurfaceSettings;
-use metrology::acceptance::{
-    Characteristic, Evaluator, Input, RuleSet, TestPlan, TestReport, ViewPlan,
-};
+use metrology::acceptance::{Characteristic, Evaluator, Input, RuleSet, TestPlan, TestReport, ViewPlan};
 use metrology::verdict::Verdict;
 use report::acceptance::{write_all, write_master};
 use std::path::{Path, PathBuf};

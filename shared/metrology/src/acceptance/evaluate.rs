@@ -10,11 +10,11 @@ use super::fitted::Fitted;
 use super::patches::{coverage, middle_direction, representative};
 use super::plan::{Artefact, DecisionRule, Limit, PositionPlan, TestPlan};
 use super::result::{Input, PositionValue, TestReport, Violation, Volume};
-use crate::verdict::Verdict;
 use super::rules::{CharacteristicRule, CloudOf, Quantity, RuleSet, Statistic};
 use super::summary::{Value, summarise};
 use super::{AcceptanceError, at};
 use crate::fit::{FitSettings, SphereFit, centre_distance_mm, sphere};
+use crate::verdict::Verdict;
 use fringe::cloud::Point;
 
 /// Evaluates positions one after another; the clouds of one need not stay in memory.

@@ -41,8 +41,7 @@ pub use plan::{
     RegisterBy, Segmentation, TEST_FORMAT, TestPlan, ViewPlan, Volumes,
 };
 pub use result::{
-    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, TestReport, Violation,
-    Volume,
+    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, TestReport, Violation, Volume,
 };
 pub use rules::{
     CharacteristicRule, CloudOf, Kind, Quantity, RULES_FORMAT, RejectFraction, RetestRule, Rule, RuleSet,

@@ -217,4 +217,3 @@ pub struct PositionValue {
     /// Views whose points are in it.
     pub views: Vec<String>,
 }
-

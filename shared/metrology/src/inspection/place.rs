@@ -9,9 +9,9 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use std::f64::consts::TAU;
 use thiserror::Error;
 
+use super::evaluate;
 use super::plan::{Element, Geometry, Plan};
 use super::result::InspectionResult;
-use super::{Verdict, evaluate};
 use crate::fit::tangents;
 use crate::reference::{CloudError, CloudReference, Reference};
 use crate::register::{
@@ -153,7 +153,7 @@ fn unique(found: &Registration) -> Result<(), PlaceError> {
 fn all_found(inspection: &InspectionResult) -> Result<(), PlaceError> {
     let alignment = inspection.alignment_failure.iter().cloned();
     let elements = inspection.elements.iter().filter_map(|e| e.reason.clone());
-    let features = inspection.features.iter().filter(|f| f.verdict == Verdict::NotMeasured);
+    let features = inspection.features.iter().filter(|f| f.verdict.is_none());
     let features =
         features.map(|f| format!("feature {}: {}", f.name, f.reason.as_deref().unwrap_or("not measured")));
     let mut reasons: Vec<String> = alignment.collect();

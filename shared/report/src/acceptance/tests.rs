@@ -2,8 +2,9 @@
 
 use super::*;
 use metrology::acceptance::{
-    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, Verdict, Violation, Volume,
+    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, Violation, Volume,
 };
+use metrology::verdict::Verdict;
 use std::process::Command;
 
 fn positions(name: &str, values: &[f64], views: usize) -> Vec<PositionValue> {

@@ -6,11 +6,7 @@ use super::*;
 type Change<'a> = &'a dyn Fn(&str, usize, Vec<Point>) -> Vec<Point>;
 
 /// A test of spheres and bars with clouds that a closure may change.
-fn evaluate_changed(
-    text: &str,
-    rules: &str,
-    change: Change,
-) -> Result<TestReport, AcceptanceError> {
+fn evaluate_changed(text: &str, rules: &str, change: Change) -> Result<TestReport, AcceptanceError> {
     let plan = TestPlan::from_toml(text)?;
     let rules = RuleSet::from_toml(rules)?;
     let mut evaluator = Evaluator::new(&plan, &rules)?;
@@ -311,10 +307,7 @@ fn a_retest_takes_the_place_of_a_value_only_by_a_rule() {
     let sd = one(&report, "SD");
     assert_eq!((sd.verdict, report.verdict), (Some(Verdict::Pass), Verdict::Pass));
     let old = &sd.positions[4];
-    assert!(
-        old.replaced && old.verdict == Some(Verdict::Fail) && (old.value + 0.04).abs() < 1e-9,
-        "{old:?}"
-    );
+    assert!(old.replaced && old.verdict == Some(Verdict::Fail) && (old.value + 0.04).abs() < 1e-9, "{old:?}");
     assert!(report.rule_set.assumed.iter().any(|text| text.contains("retest")));
 }
 
