@@ -36,13 +36,6 @@ impl Config {
             projectors(&document, &raw, &cameras, played, &settings.decode)?;
         let rig = pairs(&document, &raw, &rig_file, &projectors)?;
         let twin = twin(&document, &raw, &rig_file)?;
-        check_drivers(&document, &cameras, &projectors)?;
-        if let Some(recording) = played {
-            check_recorded_sizes(&document, recording, &cameras)?;
-        }
-        if let Some(twin) = &twin {
-            check_twin(&document, &rig, twin, &cameras, &projectors)?;
-        }
         let (recipes, plans) = recipes(&document, &raw)?;
         let cell = Configuration {
             name: raw.name.clone(),
@@ -57,6 +50,13 @@ impl Config {
             rate_hz: recording.as_ref().map(|r| r.rate_hz),
         };
         check_graph(&document, &rig_file, &cell)?;
+        check_drivers(&document, &cell.cameras, &cell.projectors)?;
+        if let Some(recording) = played {
+            check_recorded_sizes(&document, recording, &cell.cameras)?;
+        }
+        if let Some(twin) = &twin {
+            check_twin(&document, &cell.rig, twin, &cell.cameras, &cell.projectors)?;
+        }
         Ok(Self {
             sha256: sha256_hex(document.text.as_bytes()),
             cell,

@@ -26,6 +26,8 @@ const LEAST_EDGES: f64 = 6.0;
 const BEYOND: f64 = 0.25;
 /// Edges farther from the plane than this share of a stripe do not belong to it.
 const OUTLIER: f64 = 0.5;
+/// Coordinates of edges are whole stripes apart: a smaller sum of squares about their mean is that of one line of edges.
+const ONE_LINE: f64 = 0.5;
 /// Steps per pixel beyond so many times the median are another surface.
 const STEP_RATIO: f64 = 3.0;
 /// The scatter of one plane counts as so many edges of the common one.
@@ -309,8 +311,8 @@ impl Window<'_> {
         let (cuu, cuv, cvv) = (suu - su * mu, suv - su * mv, svv - sv * mv);
         let (cux, cvx) = (sux - su * sx / n, svx - sv * sx / n);
         let determinant = cuu * cvv - cuv * cuv;
-        // Edges in a line leave the slope across it open.
-        if determinant < 0.02 * n * n {
+        // Edges in a line, or all between the same two stripes, leave the slope across them open.
+        if determinant < 0.02 * n * n || sxx - sx * sx / n < ONE_LINE {
             return None;
         }
         let b = (cvv * cux - cuv * cvx) / determinant;

@@ -84,6 +84,7 @@ fn what_leaves_a_choice_or_does_not_fit_is_refused() {
     let plan = Plan::from_toml(PLAN).unwrap();
     for cad in [None, Some(TriangleMesh::new(&triangles()).unwrap())] {
         let error = place(&plan, &seen(&lies(), &other), cad, &InitialPose::Search).unwrap_err();
-        assert!(!matches!(error, PlaceError::Cloud(_) | PlaceError::NotConverged { .. }), "{error}");
+        // For which reason depends on where the fit of a part that cannot fit comes to rest, if it does.
+        assert!(!matches!(error, PlaceError::Cloud(_)), "{error}");
     }
 }
