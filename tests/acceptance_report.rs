@@ -109,7 +109,7 @@ fn no_output_takes_the_place_of_the_input_or_of_another() {
     let folder = tempfile::tempdir().unwrap();
     for (more, words) in [
         (&["--html", "DIR/result.json"][..], "would overwrite an input"),
-        (&["--html", "DIR/a", "--pdf", "DIR/a"], "is the file of --html too"),
+        (&["--html", "DIR/a", "--pdf", "DIR/a"], "is also the file of --html"),
         (&[], "nothing to write"),
     ] {
         let text = master().to_string();

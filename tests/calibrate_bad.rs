@@ -136,7 +136,7 @@ fn good_pictures_calibrate_whichever_side_is_called_columns() {
 fn no_board_another_one_and_two_are_refused_with_what_was_seen() {
     let flat = |picture: &GrayImage| GrayImage::from_pixel(picture.width(), picture.height(), Luma([90]));
     let set = Set::of(BOARD, &POSES).change(flat);
-    set.expect_refusal(&["left"], &["target.toml", "6 pictures", "left0.png", "no checkerboard", "focus"]);
+    set.expect_refusal(&["left"], &["target.toml", "6 images", "left0.png", "no checkerboard", "focus"]);
     let set = Set::of((7, 5), &POSES);
     let words = ["found 7 x 5 inner corners, target.toml declares 8 x 5", "left0.png"];
     set.expect_refusal(&["left"], &words);
@@ -155,7 +155,7 @@ fn a_larger_board_in_most_pictures_counts_more_than_the_declared_one_in_some() {
     for (number, pose) in POSES[..4].iter().enumerate() {
         set.save(&format!("left{}.png", 3 + number), &picture((9, 5), *pose));
     }
-    set.expect_refusal(&["left"], &["4 of 7 pictures", "left3.png", "found 9 x 5", "declares 8 x 5"]);
+    set.expect_refusal(&["left"], &["4 of 7 images", "left3.png", "found 9 x 5", "declares 8 x 5"]);
 }
 
 #[test]

@@ -45,7 +45,7 @@ fn a_stack_of_pictures_tells_best_focus_and_depth() {
         ("460:560:10", &["--fraction", "1.5"], "fraction 1.5"),
         ("460:560:10", &["--roi", "100,100,64,64"], "is not within the frame"),
         ("1,1,1,1,1,1,1,1,1,1,1", &[], "1 different positions"),
-        ("far", &[], "is neither a number"),
+        ("far", &[], "\"far\" is not a number"),
     ];
     for (positions, more, expected) in cases {
         let ran = run(positions, more);

@@ -101,7 +101,7 @@ fn what_cannot_be_checked_says_what_is_missing() {
     for (arguments, expected) in [
         (vec![], "no projector shows fringes along both axes"),
         (vec!["--false-alarm", "2"], "false_alarm = 2 is outside"),
-        (vec!["--trend", "absent/trend.txt"], "there is no folder absent"),
+        (vec!["--trend", "absent/trend.txt"], "the folder absent does not exist"),
         (vec!["--date", "yesterday"], "--date yesterday: is not a date"),
         (vec!["--picture", "c.svg"], "--trend"),
     ] {

@@ -44,7 +44,9 @@ impl Cell {
     }
 
     pub fn program(&self, config: &str, more: &[&str]) -> Command {
-        let mut program = Command::new(env!("CARGO_BIN_EXE_fringecell"));
+        // Signals that the caller ignores, as `nohup` does, would stay ignored.
+        let mut program = Command::new("env");
+        program.args(["--default-signal", env!("CARGO_BIN_EXE_fringecell")]);
         program.args([
             "run",
             &self.small.path(config),

@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 /// ```
 /// use nalgebra::{Matrix3, Point2};
 /// // Seen straight on, a circle is a circle.
-/// let bias = crate::target::projected_circle_center_bias(&Matrix3::identity(), Point2::new(3.0, 4.0), 1.0);
+/// let bias = characterise::target::projected_circle_center_bias(&Matrix3::identity(), Point2::new(3.0, 4.0), 1.0);
 /// assert_eq!(bias.map(|b| b.norm()), Some(0.0));
 /// ```
 pub fn projected_circle_center_bias(

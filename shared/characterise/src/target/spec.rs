@@ -39,9 +39,9 @@ impl TargetKind {
 /// A calibration target as declared in `target.toml`.
 ///
 /// ```
-/// let spec = crate::target::TargetSpec::parse("kind = \"checkerboard\"\ncolumns = 9\nrows = 6\npitch_mm = 25.0")?;
+/// let spec = characterise::target::TargetSpec::parse("kind = \"checkerboard\"\ncolumns = 9\nrows = 6\npitch_mm = 25.0")?;
 /// assert_eq!(spec.board_points_mm().len(), 54);
-/// # Ok::<(), crate::target::TargetError>(())
+/// # Ok::<(), characterise::target::TargetError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
