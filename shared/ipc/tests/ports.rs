@@ -10,6 +10,8 @@ use std::time::Duration;
 
 const PATIENCE: Duration = Duration::from_millis(20);
 const LONG: Duration = Duration::from_secs(10);
+/// Longer than any of these takes on a busy machine.
+const WATCHDOG: Duration = Duration::from_secs(60);
 
 struct Cell {
     // Dropped in this order: the services before the node, the node before the folder.
@@ -166,6 +168,8 @@ fn a_report_of_64_pairs_travels_in_parts_and_comes_out_whole() {
     let subscriber = cell.node.subscriber::<Event>("event").unwrap();
     let name = cell.name.clone();
     let sent = report.clone();
+    // A publisher that is gone takes what was not received yet with it.
+    let (done, received_all) = std::sync::mpsc::channel::<()>();
     let stage = std::thread::spawn(move || {
         let stage = Node::join(&name, "decode/cam1").unwrap();
         let events = stage.publisher::<Event>("event", MAX_TEXT_BYTES, &consumers(), LONG).unwrap();
@@ -175,11 +179,14 @@ fn a_report_of_64_pairs_travels_in_parts_and_comes_out_whole() {
             let event = Event { kind: kind as u32, text_bytes: part.len() as u32, ..Event::default() };
             events.send(event, part.as_bytes()).unwrap();
         }
+        let _ = received_all.recv();
     });
+    let started = std::time::Instant::now();
     let mut joined = Joined::default();
     let received = loop {
         subscriber.connect().unwrap();
         let Some(message) = subscriber.receive().unwrap() else {
+            assert!(started.elapsed() < WATCHDOG, "the report does not arrive");
             std::thread::sleep(Duration::from_millis(1));
             continue;
         };
@@ -189,6 +196,7 @@ fn a_report_of_64_pairs_travels_in_parts_and_comes_out_whole() {
             _ => break joined.take(text),
         }
     };
+    done.send(()).unwrap();
     stage.join().unwrap();
     assert_eq!(received, report);
 }
