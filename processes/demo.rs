@@ -22,7 +22,7 @@ const GUIDE: &str = "  report.html   the report; open it in a browser
   trace.json    the times of all stages; open it at https://ui.perfetto.dev
   config/       the configuration, to edit and start with `fringecell run`";
 
-/// Arguments of `demo`.
+/// Command-line arguments of `fringecell demo`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct DemoArgs {
     /// Write result.json, cloud.ply, report.html and trace.json to this folder.

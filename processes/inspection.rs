@@ -12,7 +12,7 @@ use metrology::inspection::{Plan, evaluate};
 
 /// State of the inspection.
 pub struct Inspection {
-    /// Of each recipe.
+    /// Inspection plan of each recipe; `None`: the recipe inspects nothing.
     plans: Vec<Option<Plan>>,
     fused: Inbox<Cloud>,
     results: Publisher<Outcome>,
@@ -20,7 +20,7 @@ pub struct Inspection {
 }
 
 impl Inspection {
-    /// Opens the ports.
+    /// Opens the ports of the stage.
     pub fn new(link: &Link) -> Result<Self> {
         Ok(Self {
             plans: link.cell.config.recipes.iter().map(|recipe| recipe.plan.clone()).collect(),

@@ -27,7 +27,7 @@ pub struct Projection {
 }
 
 impl Projection {
-    /// Opens the ports.
+    /// Opens the ports of the stage.
     pub fn new(link: &Link) -> Result<Self> {
         let graph = &link.cell.graph;
         let triggers = graph

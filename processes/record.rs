@@ -31,7 +31,7 @@ struct Open {
 }
 
 impl Record {
-    /// Opens the inboxes.
+    /// Opens the inboxes of all cameras.
     pub fn new(args: &StageArgs, link: &Link) -> Result<Self> {
         let projectors = link.cell.config.projectors.iter().map(|p| ProjectorRecord {
             name: p.name.clone(),

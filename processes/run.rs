@@ -20,7 +20,7 @@ use twin::Truth;
 /// Results for tables and report: a run until stopped must not grow.
 const MAX_RESULTS: usize = 1000;
 
-/// Arguments of `run`.
+/// Command-line arguments of `fringecell run`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct RunArgs {
     /// Configuration of the cell.

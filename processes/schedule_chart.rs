@@ -20,7 +20,7 @@ const WIDTH_PX: f64 = 1400.0;
 /// Height of a stage, px.
 const ROW_PX: f64 = 26.0;
 
-/// Narrowest bar, px.
+/// Smallest width of a bar, px.
 const LEAST_PX: f64 = 1.5;
 
 /// Left margin for the names, px.
@@ -36,7 +36,7 @@ pub struct ScheduleChart {
     cycles: Vec<Vec<(f64, f64)>>,
     /// Time from the start of a cycle to that of the next: at least each half, and at least the work of each core.
     period: f64,
-    /// `ms` or `units`.
+    /// Unit of the times: `ms` or `units`.
     unit: &'static str,
 }
 

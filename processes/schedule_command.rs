@@ -10,7 +10,7 @@ use files::result::read_json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-/// Arguments of `schedule`.
+/// Command-line arguments of `fringecell schedule`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ScheduleArgs {
     /// Configuration of the cell.

@@ -2,7 +2,7 @@
 
 use files::provenance::Software;
 
-/// The measuring cell.
+/// Name and version of the program `fringecell`.
 pub const FRINGECELL: Software =
     Software { name: "fringecell", version: env!("CARGO_PKG_VERSION"), commit: env!("FRINGECELL_COMMIT") };
 

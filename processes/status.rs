@@ -18,7 +18,7 @@ use view::{View, table};
 /// Refresh interval of the live view.
 const REFRESH: Duration = Duration::from_millis(500);
 
-/// Arguments of `status`.
+/// Command-line arguments of `fringecell status`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct StatusArgs {
     /// Name or configuration file of the cell; default: the only running cell.

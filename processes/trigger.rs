@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// Pause between two requests to a cell that is not ready.
 const RETRY_PAUSE: Duration = Duration::from_millis(100);
 
-/// Arguments of `trigger`.
+/// Command-line arguments of `fringecell trigger`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct TriggerArgs {
     /// Name or configuration file of the cell; default: the only running cell.

@@ -77,7 +77,7 @@ impl Set {
         picture.save(self.path(name)).unwrap();
     }
 
-    /// Replaces each picture.
+    /// Replaces each image by `change` of it.
     fn change(self, change: impl Fn(&GrayImage) -> GrayImage) -> Self {
         for number in 0..POSES.len() {
             let name = format!("left{number}.png");

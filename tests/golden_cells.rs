@@ -14,7 +14,7 @@ const STEEL_PER_K: f64 = 10.3e-6;
 const NYLON_PER_K: f64 = 100e-6;
 const CHANGE_K: f64 = 1.0;
 
-/// Table, row, cell.
+/// Table, row and column of a cell.
 type Place = (String, String, String);
 
 /// Lines of a CSV file below its header, without comments; no field but the last holds a comma.

@@ -128,7 +128,7 @@ fn is_of(kind: &str, value: &Value) -> bool {
     }
 }
 
-/// `2026-01-31T08:00:00Z`.
+/// Whether a text has the form `2026-01-31T08:00:00Z`.
 fn is_date_time(text: &str) -> bool {
     let shape = "0000-00-00T00:00:00Z";
     text.len() == shape.len()

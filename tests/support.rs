@@ -61,7 +61,7 @@ fn run_in<S: AsRef<std::ffi::OsStr>>(folder: &Path, program: &str, arguments: &[
     Ran::new(&command.output().expect("the program starts"))
 }
 
-/// The repository.
+/// The folder of the repository.
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
@@ -110,7 +110,7 @@ impl Small {
         self.folder.path().join(name).to_str().expect("a path in UTF-8").to_owned()
     }
 
-    /// Reconstructs into `cloud.ply`.
+    /// Reconstructs the recording into `cloud.ply`.
     pub fn reconstruct(&self, more: &[&str]) -> Ran {
         let (rig, out, recording) = (self.path("rig.toml"), self.path("cloud.ply"), self.path("rec"));
         let mut arguments = vec!["reconstruct", "--rig", &rig, "--out", &out, &recording];

@@ -13,7 +13,7 @@ pub struct Args {
     #[command(flatten)]
     files: Files,
     /// Write the checked result as JSON to this file; `-` is standard output.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -38,7 +38,7 @@ pub struct Files {
 }
 
 impl Files {
-    /// For the writer.
+    /// The files that the report writer takes.
     pub fn outputs(&self) -> Outputs<'_> {
         Outputs {
             html: self.html.as_deref(),

@@ -17,7 +17,7 @@ use std::path::PathBuf;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Element to fit.
+    /// Element that is fitted to the cloud.
     #[arg(value_enum)]
     element: Element,
     /// Point cloud (PLY or E57), lengths in mm.

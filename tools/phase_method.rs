@@ -8,7 +8,7 @@ use fringe::wrapped::windowed::{WindowedSettings, filter};
 use fringe::wrapped::{Method, Stack, Wrapped};
 use std::collections::BTreeMap;
 
-/// Options.
+/// Options of the phase and of the fringe order.
 #[derive(clap::Args, Clone, Default)]
 pub struct PhaseArgs {
     /// Method of the fringe order.
@@ -49,9 +49,9 @@ enum OrderName {
     /// What survives the most noise.
     #[default]
     Auto,
-    /// Gray code.
+    /// Reflected Gray code: neighbouring stripes differ in one bit.
     Gray,
-    /// Plain binary code.
+    /// Plain binary code: the bits are the stripe number.
     Binary,
     /// Two codes half a stripe apart.
     ShiftedGray,

@@ -20,9 +20,9 @@ const READ_AHEAD: usize = 8;
 /// What one camera saw of one projector, decoded: one map per axis of the sequence.
 #[derive(Debug)]
 pub struct DecodedView {
-    /// Which projector lit.
+    /// Name of the projector that was on.
     pub projector: String,
-    /// Which camera looked.
+    /// Name of the camera.
     pub camera: String,
     /// In the order of [`Decoder::axes`].
     pub maps: Vec<DecodedMap>,
@@ -31,7 +31,7 @@ pub struct DecodedView {
 /// One axis of a view.
 #[derive(Debug)]
 pub struct DecodedMap {
-    /// The absolute phase.
+    /// Absolute phase of each pixel.
     pub map: PhaseMap,
     /// How it came about; of several exposures, that with the most valid pixels.
     pub report: DecodeReport,

@@ -13,10 +13,10 @@ use nalgebra::{Isometry3, Vector3};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Arguments of `place`.
+/// Command-line arguments of `fringetool place`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Inspection plan (TOML).
+    /// Inspection plan of the part (TOML).
     plan: PathBuf,
     /// First cloud of the part as the cell sees it (PLY or E57), lengths in mm.
     cloud: PathBuf,
@@ -31,8 +31,8 @@ pub struct Args {
     /// or a file with a 4 × 4 matrix.
     #[arg(long, default_value = "search")]
     start: String,
-    /// Machine-readable result.
-    #[arg(long)]
+    /// Write the result as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
@@ -44,7 +44,7 @@ struct Placed<'a> {
     cloud: &'a Path,
     cad: Option<&'a Path>,
     placed: bool,
-    /// Why not.
+    /// Why the part could not be placed.
     reason: Option<String>,
     world_from_part: Option<WorldFromPart>,
     registration: Option<&'a Registration>,
@@ -58,7 +58,7 @@ struct WorldFromPart {
     translation_mm: [f64; 3],
 }
 
-/// Runs the command.
+/// Runs the command `place`.
 pub fn run(args: &Args) -> Result<Outcome> {
     let mut inputs: Vec<&Path> = vec![&args.plan, &args.cloud];
     inputs.extend(args.cad.as_deref());

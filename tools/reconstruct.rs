@@ -62,9 +62,9 @@ pub struct Args {
 /// How points are found.
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Method {
-    /// Two cameras.
+    /// Two cameras see the same phase.
     Phase,
-    /// Camera and projector.
+    /// One camera and the calibrated projector.
     Projector,
 }
 

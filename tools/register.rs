@@ -32,11 +32,11 @@ pub struct Args {
     #[arg(long, default_value_t = RegisterSettings::default().least_overlap)]
     overlap: f64,
     /// Write the transform and the result as JSON to this file; `-` is standard output.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
 
-/// One aligned cloud.
+/// The registration of one cloud.
 #[derive(Serialize)]
 struct Aligned {
     cloud: String,
@@ -47,7 +47,7 @@ struct Aligned {
     registration: Registration,
 }
 
-/// Several.
+/// The result for several clouds.
 #[derive(Serialize)]
 struct All<'a> {
     clouds: Vec<&'a Aligned>,

@@ -35,7 +35,7 @@ pub struct Args {
 /// What a replay found.
 #[derive(Debug, Default, Serialize)]
 struct Found {
-    /// Program that recorded.
+    /// Program and version that recorded.
     recorded_by: String,
     /// Complete cycles in the record.
     cycles: u64,
@@ -43,9 +43,9 @@ struct Found {
     empty: u64,
     /// Numbers between the first and the last cycle that are not in the record.
     missing: Vec<u64>,
-    /// Outputs compared.
+    /// Number of outputs compared.
     outputs: u64,
-    /// Bytes of them.
+    /// Bytes of the outputs compared.
     bytes: u64,
     /// Bytes after the last complete cycle.
     incomplete_bytes: u64,

@@ -2,7 +2,7 @@
 
 use files::provenance::Software;
 
-/// The offline tools.
+/// Name and version of the program `fringetool`.
 pub const FRINGETOOL: Software =
     Software { name: "fringetool", version: env!("CARGO_PKG_VERSION"), commit: env!("FRINGECELL_COMMIT") };
 

@@ -52,7 +52,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(if passed { Outcome::Done } else { Outcome::LimitFailed })
 }
 
-/// Evaluates a plan.
+/// Evaluates the recordings of a test plan.
 pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
     let named = || plan_path.display().to_string();
     let text = files::document::read_text(plan_path)?;

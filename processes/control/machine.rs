@@ -18,7 +18,7 @@ pub enum State {
     Initialized,
     /// Ready for a job.
     Ready,
-    /// Inspects one part.
+    /// A job of one cycle is running.
     SingleExecution,
     /// Inspects one part after another.
     ContinuousExecution,
@@ -49,7 +49,7 @@ pub enum Event {
         /// Index of the recipe.
         recipe: usize,
     },
-    /// Inspect one part.
+    /// Start a job of one cycle.
     StartSingle {
         /// Index of the recipe.
         recipe: usize,
@@ -74,7 +74,7 @@ pub enum Event {
 /// Action for the supervisor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action {
-    /// No action.
+    /// Nothing has to be done.
     None,
     /// Start a cycle with this recipe.
     StartCycle {
@@ -90,7 +90,7 @@ pub enum Action {
 /// Why a request is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
-    /// Stages are starting.
+    /// Stages are still starting.
     #[error("the stages are starting")]
     Starting,
     /// A job is running.
@@ -120,7 +120,7 @@ impl Refusal {
     }
 }
 
-/// The current job.
+/// The job that is running.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Job {
     recipe: usize,
@@ -143,7 +143,7 @@ impl Machine {
         Self { state: State::Preoperational, up: false, prepared: vec![true; recipes], job: None }
     }
 
-    /// The current state.
+    /// The current state of the cell.
     pub fn state(&self) -> State {
         self.state
     }

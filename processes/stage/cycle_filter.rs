@@ -44,7 +44,7 @@ impl CycleFilter {
         self.current.take_if(|current| *current == cycle).is_some()
     }
 
-    /// The current cycle.
+    /// The current cycle, counted from 0; `None` between cycles.
     pub fn current(&self) -> Option<u64> {
         self.current
     }

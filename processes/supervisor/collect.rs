@@ -23,9 +23,9 @@ pub struct Span {
     pub activation: usize,
     /// Waiting before the start, ns.
     pub wait_ns: u64,
-    /// Start, ns.
+    /// Start on the machine's monotonic clock, ns.
     pub start_ns: u64,
-    /// End, ns.
+    /// End on the machine's monotonic clock, ns.
     pub end_ns: u64,
     /// Sending, part of the time between start and end, ns.
     pub send_ns: u64,
@@ -37,7 +37,7 @@ struct Judged {
     /// Absent without a plan.
     inspection: Option<InspectionResult>,
     latency_ns: u64,
-    /// Of its text.
+    /// xxh3 of the result's text, 128 bits.
     hash: u128,
 }
 

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-/// Longest request, bytes.
+/// Longest request that is read, bytes.
 const MAX_REQUEST: usize = 4096;
 
 /// Clients at once; each one needs a thread.

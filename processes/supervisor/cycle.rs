@@ -9,7 +9,7 @@ use std::collections::VecDeque;
 
 pub use super::in_flight::Step;
 
-/// Time limits.
+/// Time limits of a cycle and its stages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Budgets {
     /// A stage whose next activation is runnable for longer than this is hung, ns.
@@ -26,7 +26,7 @@ pub enum Input {
         /// Index of the stage.
         stage: usize,
     },
-    /// A stage ended.
+    /// The process of a stage ended.
     Lost {
         /// Index of the stage.
         stage: usize,
@@ -42,7 +42,7 @@ pub enum Input {
     Done {
         /// Index of the stage that reports it.
         stage: usize,
-        /// The cycle.
+        /// Cycle, counted from 0.
         cycle: u64,
         /// Index of the activation.
         activation: usize,
@@ -51,33 +51,33 @@ pub enum Input {
     Failed {
         /// Index of the stage.
         stage: usize,
-        /// The cycle.
+        /// Cycle, counted from 0.
         cycle: u64,
-        /// The reason.
+        /// The reason, for the outcome of the cycle.
         reason: String,
     },
     /// The result of a cycle arrived.
     Result {
-        /// The cycle.
+        /// Cycle, counted from 0.
         cycle: u64,
     },
     /// A stage sent an invalid message.
     InvalidMessage {
-        /// What is invalid.
+        /// What is invalid about the message.
         reason: String,
     },
     /// One more cycle is requested; only for a machine that is [`Cycles::open`].
     Request,
     /// Ends the cycles in progress, or else the one that waits for its stages; the machine continues.
     Abort {
-        /// The reason.
+        /// The reason, for the outcomes of the cycles.
         reason: String,
     },
-    /// Time passed.
+    /// Time has passed; nothing else happened.
     Tick,
     /// Ends the cycles in progress and starts no more.
     Stop {
-        /// The reason.
+        /// The reason, for the outcomes of the cycles.
         reason: String,
     },
 }
@@ -95,21 +95,21 @@ pub enum Action {
     Kill {
         /// Index of the stage.
         stage: usize,
-        /// The reason.
+        /// The reason, for the outcome of the cycle.
         reason: String,
     },
     /// A cycle has its outcome.
     Outcome {
-        /// The cycle.
+        /// Cycle, counted from 0.
         cycle: u64,
         /// Ok, or the reason why not.
         result: Result<(), String>,
     },
     /// Requested cycles that are never started.
     NotRun {
-        /// Number of cycles.
+        /// Number of cycles that are not run.
         count: u64,
-        /// The reason.
+        /// The reason that is reported for them.
         reason: String,
     },
     /// Every requested cycle has its outcome or is not run.

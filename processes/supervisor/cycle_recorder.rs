@@ -73,7 +73,7 @@ impl CycleRecorder {
         Ok(self.subscribers.clouds.iter().try_for_each(Subscriber::connect)?)
     }
 
-    /// Starts a cycle.
+    /// Starts the record of a cycle.
     pub fn begin(&mut self, cycle: u64) {
         self.current = Some(wire(cycle));
     }

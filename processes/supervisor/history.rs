@@ -23,7 +23,7 @@ pub(super) fn ended(result: &CycleResult, end_ns: u64, duration_ns: u64) -> Trac
     }
 }
 
-/// The last cycles.
+/// Times of the last cycles and their activations.
 #[derive(Debug, Default)]
 pub struct History {
     /// Activations, in the order of the outcomes.

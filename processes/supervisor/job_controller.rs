@@ -18,7 +18,7 @@ pub(super) struct JobController {
     job: Option<Job>,
 }
 
-/// The current job.
+/// The job that is running.
 struct Job {
     recipe: usize,
     part: Option<String>,

@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 /// Content type of the text format.
 pub const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
 
-/// A metric family.
+/// One metric family of the Prometheus text format.
 struct Family<'a> {
     text: &'a mut String,
     name: &'static str,

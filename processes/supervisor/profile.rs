@@ -40,13 +40,13 @@ pub const BOUNDS_NS: [u64; 17] = [
 pub struct Percentiles {
     /// Number of cycles covered.
     pub cycles: u64,
-    /// Median, ms.
+    /// Median of the durations, ms.
     pub p50_ms: f64,
-    /// 95th percentile, ms.
+    /// 95th percentile of the durations, ms.
     pub p95_ms: f64,
-    /// 99th percentile, ms.
+    /// 99th percentile of the durations, ms.
     pub p99_ms: f64,
-    /// Maximum, ms.
+    /// Largest of the durations, ms.
     pub max_ms: f64,
 }
 
@@ -71,7 +71,7 @@ impl Timing {
         self.window.record(ns);
     }
 
-    /// Number of durations.
+    /// Number of durations since the start.
     pub fn count(&self) -> u64 {
         self.buckets.iter().sum()
     }
@@ -121,7 +121,7 @@ impl Window {
 pub struct StageProfile {
     /// Waiting for input, per cycle.
     pub wait: Timing,
-    /// Computing, per cycle.
+    /// Computing time, one duration per cycle.
     pub compute: Timing,
     /// Sending outputs, per cycle.
     pub send: Timing,
@@ -142,7 +142,7 @@ pub struct Outcomes {
     pub fail: u64,
     /// Ok, without a verdict.
     pub no_verdict: u64,
-    /// Not ok.
+    /// Cycles that are not ok.
     pub not_ok: u64,
 }
 
@@ -190,7 +190,7 @@ impl Profile {
         })
     }
 
-    /// Starts a cycle.
+    /// Notes the start of a cycle.
     pub fn begin(&mut self, cycle: u64, now_ns: u64) {
         self.running.push((cycle, now_ns));
     }

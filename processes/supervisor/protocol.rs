@@ -21,7 +21,7 @@ pub enum Request {
         /// Name of the stage.
         stage: String,
     },
-    /// End the run.
+    /// End the run of the cell.
     Stop {},
     /// State, current job and recipes.
     State {},
@@ -81,7 +81,7 @@ pub enum Answer {
     NotReady {
         /// State of the cell.
         state: State,
-        /// The reason.
+        /// The reason, for the user.
         reason: String,
     },
 }
@@ -134,7 +134,7 @@ pub struct SpanRow {
     pub wait_ns: u64,
     /// Start on the machine's monotonic clock, ns.
     pub start_ns: u64,
-    /// End, ns.
+    /// End on the machine's monotonic clock, ns.
     pub end_ns: u64,
     /// Sending, part of the time between start and end, ns.
     pub send_ns: u64,
@@ -194,7 +194,7 @@ pub struct StageStatus {
     pub cycles: u64,
     /// Waiting for input, per cycle.
     pub wait: Percentiles,
-    /// Computing, per cycle.
+    /// Computing time, one duration per cycle.
     pub compute: Percentiles,
     /// Sending outputs, per cycle.
     pub send: Percentiles,

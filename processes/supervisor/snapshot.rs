@@ -14,9 +14,9 @@ use std::collections::BTreeMap;
 pub struct CameraImage {
     /// Cycle as in messages.
     pub cycle: u64,
-    /// Width, px.
+    /// Columns of the image, px.
     pub width_px: u32,
-    /// Height, px.
+    /// Rows of the image, px.
     pub height_px: u32,
     /// Grey values, row by row.
     pub values: Vec<u8>,
@@ -40,7 +40,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// Opens the ports.
+    /// Opens the subscribers of all topics that are shown.
     pub fn new(node: &Node, cell: &Cell) -> Result<Self> {
         let names = |prefix: &str| -> Vec<String> {
             cell.graph.cameras.iter().map(|c| format!("{prefix}/{}", c.name)).collect()

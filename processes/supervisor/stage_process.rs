@@ -32,7 +32,7 @@ pub enum ProcessState {
     },
     /// Failed too often; is not started again.
     GaveUp,
-    /// Ended on request.
+    /// The process ended on request.
     Ended,
 }
 

@@ -73,7 +73,7 @@ struct Tally {
     wrong: usize,
 }
 
-/// The motion found.
+/// The motion in `matrix` of a result.
 fn matrix(result: &Value) -> Pose {
     let at = |r: usize, c: usize| result["matrix"][r][c].as_f64().unwrap();
     Pose { rotation: nalgebra::Matrix3::from_fn(at), translation: Vector3::from_fn(|r, _| at(r, 3)) }

@@ -27,11 +27,11 @@ pub struct Compared {
     pub statistics: Statistics,
     /// Why others have none.
     pub counts: Option<Counts>,
-    /// Levels of detection.
+    /// Levels of detection; `None` without M3C2.
     pub m3c2: Option<Levels>,
 }
 
-/// What M3C2 adds.
+/// Settings and counts of M3C2.
 #[derive(Serialize)]
 pub struct Levels {
     #[serde(flatten)]

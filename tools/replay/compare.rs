@@ -10,11 +10,11 @@ use xxhash_rust::xxh3::xxh3_128;
 pub struct Difference {
     /// Counter of the cycle, from 0; people see it from 1.
     pub cycle: u64,
-    /// Its stage.
+    /// Name of the stage.
     pub stage: String,
-    /// What it did.
+    /// Label of the activation.
     pub activation: String,
-    /// What it gave.
+    /// Topic of the output; absent when nothing leaves the stage.
     pub output: Option<String>,
     /// Bytes in the record.
     pub recorded_bytes: u64,

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 pub enum Source<'a> {
     /// From recording or twin.
     Driven(Driven<'a>),
-    /// From the record.
+    /// From the cycle record.
     Kept {
         /// The cell whose frames these are.
         cell: &'a Cell,

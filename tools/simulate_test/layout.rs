@@ -20,9 +20,9 @@ const BARS: [(f64, f64, [f64; 3]); 7] = [
     (20.0, 8.0, [0.0, 0.0, 15.0]),
 ];
 
-/// One recording.
+/// One recording of the test.
 pub struct Shot {
-    /// Folder.
+    /// Name of the recording's folder.
     pub name: String,
     /// Position that it belongs to.
     pub position: String,

@@ -31,9 +31,9 @@ pub struct Item {
 /// Unit of a phase from a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum PhaseUnit {
-    /// Radians.
+    /// Radians: one period is 2π.
     Rad,
-    /// Degrees.
+    /// Degrees: one period is 360.
     Deg,
     /// Whole turns: one period is 1.
     Turn,

@@ -6,7 +6,7 @@ use fringe::unwrap::{Method, QualityMap, UnwrapSettings};
 /// The method and its settings.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Choice {
-    /// Unwrapping method.
+    /// Method of spatial unwrapping.
     #[arg(long, value_enum, default_value_t = Name::Reliability)]
     method: Name,
     /// Quality map of `quality` and `weighted-least-squares`.

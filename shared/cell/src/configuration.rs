@@ -15,7 +15,7 @@ pub const DEFAULT_RECIPE: &str = "default";
 /// A cell as its configuration means it.
 #[derive(Debug, Clone)]
 pub struct Configuration {
-    /// Cell name.
+    /// Name of the cell.
     pub name: String,
     /// Number of cycles; `None`: until stopped.
     pub cycles: Option<u32>,
@@ -26,13 +26,13 @@ pub struct Configuration {
     pub limits: Limits,
     /// What lights, in the order of projection.
     pub projectors: Vec<ProjectorConfig>,
-    /// What looks.
+    /// Cameras, in the order of the configuration.
     pub cameras: Vec<CameraConfig>,
     /// How frames become points.
     pub settings: Settings,
     /// All that a request may choose; at least one. The first one counts where none is named.
     pub recipes: Vec<Recipe>,
-    /// Cores.
+    /// Cores and cycles in flight.
     pub schedule: ScheduleConfig,
     /// Frames per second of a recording that is played, if one is; 0: as fast as possible.
     pub rate_hz: Option<f64>,
@@ -41,11 +41,11 @@ pub struct Configuration {
 /// How frames become points: the tables `[decode]`, `[matching]` and `[fusion]`.
 #[derive(Debug, Clone, Default)]
 pub struct Settings {
-    /// Of the decoder.
+    /// Settings of the decoder.
     pub decode: DecodeSettings,
     /// Of the matcher; depth and surface hold for pairs of a camera and a projector too.
     pub matching: MatchSettings,
-    /// Of the fusion.
+    /// Settings of the fusion.
     pub fusion: FusionSettings,
 }
 
@@ -63,7 +63,7 @@ pub struct Recipe {
 /// Where frames come from or patterns go to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Driver {
-    /// The digital twin.
+    /// The digital twin simulates the device.
     Twin,
     /// A folder of frames.
     Recording,
@@ -74,15 +74,15 @@ pub enum Driver {
 pub struct ProjectorConfig {
     /// Unique among projectors and cameras.
     pub name: String,
-    /// Driver.
+    /// Where the patterns go to.
     pub driver: Driver,
-    /// Columns.
+    /// Columns of the projector, px.
     pub width_px: u32,
-    /// Rows.
+    /// Rows of the projector, px.
     pub height_px: u32,
     /// Who looks while it is on.
     pub cameras: Vec<String>,
-    /// What it shows.
+    /// Pattern sets, in the order of projection.
     pub sequence: Vec<PatternSet>,
     /// How levels are drawn so that the light is proportional to them.
     pub level_table: Option<LevelTable>,
@@ -93,7 +93,7 @@ pub struct ProjectorConfig {
 pub struct CameraConfig {
     /// As in the rig file.
     pub name: String,
-    /// Driver.
+    /// Where the frames come from.
     pub driver: Driver,
     /// Columns, from the rig file.
     pub width_px: u32,
@@ -118,7 +118,7 @@ pub struct Limits {
     pub restart_window_ms: u64,
 }
 
-/// Cores.
+/// Cores, pinning and cycles in flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ScheduleConfig {
     /// Cores to plan for. Default 2. A constant of the cell, not of the machine: the schedule depends on it.

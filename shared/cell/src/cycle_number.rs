@@ -5,7 +5,7 @@ pub fn wire(cycle: u64) -> u64 {
     cycle + 1
 }
 
-/// Back from [`wire`].
+/// The cycle, counted from 0, of a number from [`wire`].
 pub fn unwire(cycle: u64) -> Option<u64> {
     cycle.checked_sub(1)
 }

@@ -10,15 +10,15 @@ pub enum CellError {
     /// A camera without frames of a projector.
     #[error("camera \"{camera}\" does not look at projector \"{projector}\"")]
     NotSeen {
-        /// Camera.
+        /// Name of the camera.
         camera: String,
-        /// Projector.
+        /// Name of the projector.
         projector: String,
     },
     /// A view of a pair that the rig lacks.
     #[error("pair \"{pair}\": \"{view}\" is neither a camera nor a projector of the rig file")]
     NoView {
-        /// Pair.
+        /// Name of the pair.
         pair: String,
         /// As in the pair.
         view: String,
@@ -26,17 +26,17 @@ pub enum CellError {
     /// A sequence or settings that the decoder refuses.
     #[error("sequence of projector \"{projector}\"")]
     Decode {
-        /// Projector.
+        /// Name of the projector.
         projector: String,
-        /// Why.
+        /// The fault that the decoder found.
         source: DecodeError,
     },
     /// Views or settings that the matcher refuses.
     #[error("pair \"{pair}\"")]
     Match {
-        /// Pair.
+        /// Name of the pair.
         pair: String,
-        /// Why.
+        /// The fault that the matcher found.
         source: MatchError,
     },
 }

@@ -3,7 +3,7 @@
 /// How a camera delivers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameFormat {
-    /// 1 or 2.
+    /// Bytes of one pixel, 1 or 2.
     pub bytes_per_px: u32,
     /// Grey value of a full pixel.
     pub full_scale_dn: u16,

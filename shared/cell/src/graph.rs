@@ -10,11 +10,11 @@ use std::collections::BTreeSet;
 /// The cell as the schedule sees it. Indices count in the order of the config.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Graph {
-    /// What looks.
+    /// Cameras, in the order of the configuration.
     pub cameras: Vec<CameraNode>,
     /// What lights, in the order of projection.
     pub projectors: Vec<ProjectorNode>,
-    /// What is matched.
+    /// Pairs, in the order of the rig file.
     pub pairs: Vec<PairNode>,
     /// Cores to plan for, at least 1.
     pub cores: usize,
@@ -115,21 +115,21 @@ fn sine_axes(sequence: &[PatternSet]) -> Vec<Axis> {
     axes.into_iter().collect()
 }
 
-/// A camera.
+/// A camera of the graph.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CameraNode {
-    /// Name.
+    /// Name of the camera.
     pub name: String,
-    /// Columns.
+    /// Columns of the camera, px.
     pub width_px: u32,
-    /// Rows.
+    /// Rows of the camera, px.
     pub height_px: u32,
 }
 
-/// A projector.
+/// A projector of the graph.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProjectorNode {
-    /// Name.
+    /// Name of the projector.
     pub name: String,
     /// Frames of its sequence.
     pub frames: usize,
@@ -151,11 +151,11 @@ pub enum Right {
 /// Two views that are matched.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PairNode {
-    /// Name.
+    /// Name of the pair.
     pub name: String,
-    /// Left camera.
+    /// Index of the left camera.
     pub left: usize,
-    /// Right side.
+    /// The right camera, or the projector.
     pub right: Right,
     /// Projector whose phase they share.
     pub projector: usize,

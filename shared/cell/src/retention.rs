@@ -10,7 +10,7 @@ pub enum Retention {
     /// None: the driver can give the same frames again (a recording, the digital twin).
     #[default]
     Hashes,
-    /// All frames.
+    /// The bytes of all frames.
     Frames,
     /// All frames and all stage outputs.
     All,

@@ -2,7 +2,7 @@
 
 use crate::error::DeviceError;
 
-/// A camera.
+/// A camera that takes frames on a trigger.
 pub trait Camera {
     /// A cycle starts: the part stands.
     ///
@@ -19,7 +19,7 @@ pub trait Camera {
 
 /// A projector, or all of them when they share one driver.
 pub trait Projector {
-    /// A cycle starts.
+    /// Prepares the projector for a new cycle.
     fn begin(&mut self, now_ns: u64);
 
     /// When the next pattern may be shown, if it has to wait.

@@ -17,39 +17,39 @@ pub enum DeviceError {
     /// A cell that cannot be planned.
     #[error("{}", path.display())]
     Schedule {
-        /// The configuration.
+        /// Path of the configuration.
         path: PathBuf,
-        /// Why.
+        /// The fault of the graph.
         source: ScheduleError,
     },
     /// A cell whose kernels cannot be built.
     #[error("{}", path.display())]
     Cell {
-        /// The configuration.
+        /// Path of the configuration.
         path: PathBuf,
-        /// Why.
+        /// The fault that the kernels found.
         source: CellError,
     },
     /// A name that no cell may have.
     #[error("--cell {0:?}: {CELL_NAME}")]
     CellName(String),
-    /// The twin refuses.
+    /// The twin cannot simulate this.
     #[error(transparent)]
     Twin(#[from] TwinError),
     /// The twin refuses what a configuration says.
     #[error("{}", path.display())]
     Configured {
-        /// The configuration.
+        /// Path of the configuration.
         path: PathBuf,
-        /// Why.
+        /// The fault that the twin found.
         source: TwinError,
     },
     /// A scene that cannot be used.
     #[error("{}", path.display())]
     Scene {
-        /// The scene file.
+        /// Path of the scene file.
         path: PathBuf,
-        /// What is wrong.
+        /// The fault in the scene.
         source: SceneError,
     },
     /// A part of the configuration that a driver needs.

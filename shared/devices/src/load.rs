@@ -13,9 +13,9 @@ use twin::TwinSettings;
 /// A cell with the files that it came from.
 #[derive(Debug, Clone)]
 pub struct LoadedCell {
-    /// The files.
+    /// The configuration with the files that it names.
     pub file: Config,
-    /// What they mean.
+    /// The checked cell of the configuration.
     pub cell: Cell,
     /// Settings of the twin, checked; present whenever there is a twin.
     pub twin: Option<TwinSettings>,

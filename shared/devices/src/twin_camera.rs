@@ -18,7 +18,7 @@ pub struct TwinCamera {
 }
 
 impl TwinCamera {
-    /// Builds the twin.
+    /// Builds the twin of one camera.
     pub fn new(cell: &LoadedCell, camera: usize) -> Result<Self, DeviceError> {
         let config = &cell.config;
         let twin = twin_source::build(&cell.file)?;

@@ -15,9 +15,9 @@ use std::path::Path;
 pub struct CmmValue {
     /// As in the inspection plan.
     pub name: String,
-    /// In `unit`.
+    /// The measured value, in `unit`.
     pub value: f64,
-    /// `mm` or `deg`.
+    /// Unit of the value: `mm` or `deg`.
     pub unit: String,
     /// Expanded uncertainty, k = 2, in `unit`.
     pub expanded_uncertainty: f64,

@@ -85,9 +85,9 @@ pub(crate) fn refuse_special(path: &Path) -> Result<(), FileError> {
 /// A TOML text with the path that messages name.
 #[derive(Debug, Clone)]
 pub struct Document {
-    /// As given.
+    /// The path as it was given.
     pub path: PathBuf,
-    /// The whole text.
+    /// The whole text of the file.
     pub text: String,
 }
 

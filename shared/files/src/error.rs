@@ -18,7 +18,7 @@ pub struct FileError {
     pub line: Option<usize>,
     /// Key in the file, such as `camera[0].from_world.rotation`; empty where there is none.
     pub key: String,
-    /// What is wrong.
+    /// The kind of fault with its values.
     pub problem: Box<Problem>,
     /// What the reader of the message can do; empty where that is plain.
     pub remedy: String,
@@ -30,9 +30,9 @@ pub enum Problem {
     /// The operating system refused.
     #[error("cannot {action}")]
     Io {
-        /// What was tried.
+        /// The operation that failed, for example "read".
         action: &'static str,
-        /// Why not.
+        /// The error of the operating system.
         #[source]
         source: std::io::Error,
     },
@@ -45,9 +45,9 @@ pub enum Problem {
     /// The text or file is larger than anything meant.
     #[error("is {found} bytes long, limit {limit}")]
     TooLarge {
-        /// As found.
+        /// Size of the file, bytes.
         found: u64,
-        /// Largest accepted.
+        /// Largest size accepted, bytes.
         limit: u64,
     },
     /// Another kind of file.
@@ -55,13 +55,13 @@ pub enum Problem {
     Format {
         /// As written; empty when absent.
         found: String,
-        /// As demanded.
+        /// The format that is expected.
         expected: String,
     },
     /// A key that nobody reads.
     #[error("unknown key \"{name}\"; known here: {known}")]
     UnknownKey {
-        /// As written.
+        /// The key as written.
         name: String,
         /// All that would be read.
         known: String,
@@ -72,9 +72,9 @@ pub enum Problem {
     /// A value that cannot be meant.
     #[error("value {value} is not allowed: {limit}")]
     Value {
-        /// As written.
+        /// The value as written.
         value: String,
-        /// What is allowed.
+        /// The values that are allowed.
         limit: String,
     },
     /// A name that refers to nothing.
@@ -82,9 +82,9 @@ pub enum Problem {
     UnknownName {
         /// What it should name.
         kind: &'static str,
-        /// As written.
+        /// The name as written.
         name: String,
-        /// All that exist.
+        /// All names that exist, as a list.
         known: String,
     },
     /// Two things with one name.
@@ -92,13 +92,13 @@ pub enum Problem {
     Duplicate {
         /// What carries the name.
         kind: &'static str,
-        /// The name.
+        /// The name that occurs twice.
         name: String,
     },
     /// Two places that must agree and do not.
     #[error("{what} disagree: {here}, but {there}")]
     Disagreement {
-        /// What should agree.
+        /// The values that should agree.
         what: &'static str,
         /// One end, with its number.
         here: String,

@@ -18,11 +18,11 @@ const PIXELS_LIMIT: u64 = 1 << 29;
 /// What the head of an image file says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ImageHeader {
-    /// Columns.
+    /// Columns of the image, px.
     pub width_px: u32,
-    /// Rows.
+    /// Rows of the image, px.
     pub height_px: u32,
-    /// 8 or 16.
+    /// Bits of a grey value, 8 or 16.
     pub bits: u8,
     /// Three channels, which must turn out equal.
     pub colour: bool,

@@ -97,11 +97,11 @@ const MOST_DIGITS: usize = 20;
 /// What an import wrote.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ImportReport {
-    /// The recording's folder.
+    /// Folder of the new recording.
     pub recording: PathBuf,
     /// The rig file, if the layout names a calibration.
     pub rig: Option<PathBuf>,
-    /// Number of frames.
+    /// Number of frames written.
     pub frames: usize,
 }
 

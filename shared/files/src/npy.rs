@@ -17,9 +17,9 @@ const LIMIT_BYTES: u64 = fringe::decode::MAX_PIXELS as u64 * 8 + 65_536;
 /// Numbers, row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Raster {
-    /// Columns.
+    /// Columns of the raster, px.
     pub width_px: u32,
-    /// Rows.
+    /// Rows of the raster, px.
     pub height_px: u32,
     /// width × height values; NaN where there is none.
     pub values: Vec<f32>,
@@ -86,7 +86,7 @@ pub fn read(path: &Path) -> Result<Raster, FileError> {
     Ok(Raster { width_px, height_px, values })
 }
 
-/// Header and data.
+/// Splits a file into its header and its data.
 fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let rest = bytes.strip_prefix(MAGIC)?;
     let (length, rest) = match rest.first()? {

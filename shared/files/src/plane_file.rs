@@ -23,7 +23,7 @@ use serde::Deserialize;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Value of `format`.
+/// Value of the key `format`.
 pub const PLANE_FORMAT: &str = "fringecell-reference-plane/1";
 
 /// Name of the file that makes a folder a calibration.
@@ -36,7 +36,7 @@ pub struct PlaneFile {
     pub projector: String,
     /// The camera that looked.
     pub camera: String,
-    /// The polynomials.
+    /// The polynomials that give heights.
     pub calibration: PlaneCalibration,
 }
 

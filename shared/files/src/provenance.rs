@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 /// A program that makes results.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Software {
-    /// `fringecell` or `fringetool`.
+    /// Name of the program: `fringecell` or `fringetool`.
     pub name: &'static str,
-    /// Its version.
+    /// Version of the program, from Cargo.toml.
     pub version: &'static str,
     /// The git commit that it was built from, with `-dirty` where files differed from it; `unknown` without git.
     pub commit: &'static str,
@@ -30,7 +30,7 @@ pub struct Provenance {
     pub date: String,
     /// Name of the program.
     pub software: String,
-    /// Its version.
+    /// Version of the program.
     pub version: String,
     /// The git commit that it was built from, or `unknown`.
     pub commit: String,

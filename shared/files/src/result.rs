@@ -99,15 +99,15 @@ pub struct StageResult {
     pub name: String,
     /// Waiting for input, ns.
     pub wait_ns: u64,
-    /// Working, ns.
+    /// Time spent computing, ns.
     pub compute_ns: u64,
     /// Handing outputs over, waiting for room included, ns.
     #[serde(default)]
     pub send_ns: u64,
-    /// Activations done.
+    /// Number of activations done.
     #[serde(default)]
     pub activations: u32,
-    /// Bytes given.
+    /// Bytes of the outputs sent.
     #[serde(default)]
     pub bytes: u64,
     /// Messages sent, triggers and reports included.

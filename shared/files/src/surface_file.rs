@@ -24,13 +24,13 @@ const MM_PER_METRE: f64 = 1000.0;
 /// A cloud or a mesh.
 #[derive(Debug, Clone)]
 pub enum Surface {
-    /// Points.
+    /// Points without faces, mm.
     Cloud(Cloud),
     /// Triangles, mm; corners counter-clockwise when seen from outside.
     Mesh(Vec<[Point3<f64>; 3]>),
 }
 
-/// Kinds of file.
+/// The formats that are recognised.
 enum Kind {
     Ply,
     Stl,

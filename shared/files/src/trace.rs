@@ -17,15 +17,15 @@ use std::path::Path;
 pub struct TraceSpan {
     /// Number of the stage in [`write_trace`]'s list.
     pub stage: usize,
-    /// What was done.
+    /// Label of the activation.
     pub name: String,
-    /// In which cycle.
+    /// Number of the cycle, from 0.
     pub cycle: u64,
     /// Waiting before the start, ns.
     pub wait_ns: u64,
     /// Start on any clock, the same for all spans, ns.
     pub start_ns: u64,
-    /// End, ns.
+    /// End on the same clock, ns.
     pub end_ns: u64,
     /// Handing over, part of the time between start and end, ns.
     pub send_ns: u64,
@@ -34,17 +34,17 @@ pub struct TraceSpan {
 /// One cycle, from its start to its outcome.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TraceCycle {
-    /// Number.
+    /// Number of the cycle, from 0.
     pub cycle: u64,
     /// `ok` or the reason.
     pub outcome: String,
     /// Part, if there is one.
     pub part: Option<String>,
-    /// Recipe.
+    /// Recipe, if it is named.
     pub recipe: Option<String>,
     /// Start on the same clock as the spans, ns.
     pub start_ns: u64,
-    /// End, ns.
+    /// End on the same clock, ns.
     pub end_ns: u64,
 }
 
@@ -151,9 +151,9 @@ fn micro(ns: u64) -> f64 {
 pub struct Trace {
     /// Names of the stages, as their numbers in the spans count them.
     pub stages: Vec<String>,
-    /// What was done.
+    /// Times of the activations.
     pub spans: Vec<TraceSpan>,
-    /// The cycles.
+    /// Start, end and outcome of the cycles.
     pub cycles: Vec<TraceCycle>,
 }
 

@@ -55,7 +55,7 @@ pub enum Code {
     /// Reflected binary: neighbours differ in one bit.
     #[default]
     Gray,
-    /// Plain binary numbers.
+    /// Plain binary: the bits are the stripe number.
     Binary,
 }
 
@@ -135,7 +135,7 @@ pub enum PatternSet {
         /// Direction of change of a single frame.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         axis: Option<Axis>,
-        /// The even frames.
+        /// The grey levels of the even frames.
         #[serde(
             default,
             skip_serializing_if = "Option::is_none",

@@ -9,9 +9,9 @@ pub const PHASE_BYTES_PER_PX: usize = 13;
 /// What all planes of a phase map share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PhaseInfo {
-    /// Columns.
+    /// Columns of the map, px.
     pub width_px: u32,
-    /// Rows.
+    /// Rows of the map, px.
     pub height_px: u32,
     /// The projector axis that the phase tells.
     pub axis: Axis,
@@ -20,7 +20,7 @@ pub struct PhaseInfo {
 }
 
 impl PhaseInfo {
-    /// Number of pixels.
+    /// Number of pixels: columns times rows.
     pub fn len(&self) -> usize {
         self.width_px as usize * self.height_px as usize
     }
@@ -34,13 +34,13 @@ impl PhaseInfo {
 /// A phase map that lives elsewhere, in shared memory for instance. All planes are row by row, without padding.
 #[derive(Debug, Clone, Copy)]
 pub struct PhaseView<'a> {
-    /// Size, axis, period.
+    /// Size, projector axis and fringe period of the map.
     pub info: PhaseInfo,
     /// Absolute phase, rad; NaN where not valid.
     pub phase_rad: &'a [f32],
     /// Standard uncertainty of the phase, rad; NaN where not valid.
     pub sigma_rad: &'a [f32],
-    /// Modulation B, DN.
+    /// Modulation B of each pixel, DN.
     pub modulation: &'a [f32],
     /// 1 where the phase may be used, else 0.
     pub valid: &'a [u8],
@@ -69,20 +69,20 @@ impl<'a> PhaseView<'a> {
 /// The same, to be written.
 #[derive(Debug)]
 pub struct PhaseViewMut<'a> {
-    /// Size, axis, period.
+    /// Size, projector axis and fringe period of the map.
     pub info: PhaseInfo,
     /// Absolute phase, rad; NaN where not valid.
     pub phase_rad: &'a mut [f32],
     /// Standard uncertainty of the phase, rad; NaN where not valid.
     pub sigma_rad: &'a mut [f32],
-    /// Modulation B, DN.
+    /// Modulation B of each pixel, DN.
     pub modulation: &'a mut [f32],
     /// 1 where the phase may be used, else 0.
     pub valid: &'a mut [u8],
 }
 
 impl<'a> PhaseViewMut<'a> {
-    /// As [`PhaseView::from_bytes`].
+    /// The mutable form of [`PhaseView::from_bytes`].
     pub fn from_bytes(info: PhaseInfo, bytes: &'a mut [u8]) -> Option<Self> {
         let plane = 4 * info.len();
         if bytes.len() != PHASE_BYTES_PER_PX * info.len() {
@@ -104,13 +104,13 @@ impl<'a> PhaseViewMut<'a> {
 /// A phase map that owns its planes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhaseMap {
-    /// Size, axis, period.
+    /// Size, projector axis and fringe period of the map.
     pub info: PhaseInfo,
     /// Absolute phase, rad; NaN where not valid.
     pub phase_rad: Vec<f32>,
     /// Standard uncertainty of the phase, rad; NaN where not valid.
     pub sigma_rad: Vec<f32>,
-    /// Modulation B, DN.
+    /// Modulation B of each pixel, DN.
     pub modulation: Vec<f32>,
     /// 1 where the phase may be used, else 0.
     pub valid: Vec<u8>,
@@ -129,7 +129,7 @@ impl PhaseMap {
         }
     }
 
-    /// Borrows the map.
+    /// Borrows the map as a view of its planes.
     pub fn view(&self) -> PhaseView<'_> {
         PhaseView {
             info: self.info,

@@ -58,7 +58,7 @@ impl CellName {
         }
     }
 
-    /// The name.
+    /// The name of the cell.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -97,7 +97,7 @@ impl CellName {
         format!("{SHARED_MEMORY}/{}", self.prefix())
     }
 
-    /// The command socket.
+    /// Path of the command socket.
     pub fn socket(&self) -> PathBuf {
         self.folder().join("command")
     }
@@ -141,7 +141,7 @@ impl CellLock {
         Err(refusal)
     }
 
-    /// The cell.
+    /// Name of the locked cell.
     pub fn name(&self) -> &CellName {
         &self.name
     }

@@ -42,7 +42,7 @@ pub enum IpcError {
         "/dev/shm has {free_mb} MB free, the buffers of this cell need up to {needed_mb} MB; enlarge it (docker run --shm-size, mount -o remount,size=…) or reduce the image size"
     )]
     Space {
-        /// Free space, MB.
+        /// Free shared memory in `/dev/shm`, MB.
         free_mb: u64,
         /// Space for all buffers of the schedule, MB.
         needed_mb: u64,
@@ -50,7 +50,7 @@ pub enum IpcError {
     /// iceoryx2 reported an error.
     #[error("{what} \"{name}\": {reason}")]
     Service {
-        /// The operation.
+        /// The operation that failed.
         what: &'static str,
         /// Name of the topic, of the process that is notified, or of the node.
         name: String,
@@ -60,7 +60,7 @@ pub enum IpcError {
     /// Some receivers of the schedule did not get a message.
     #[error("a message on \"{topic}\" reached {reached} of {expected} receivers")]
     NotReached {
-        /// Topic.
+        /// Name of the topic.
         topic: String,
         /// Receivers that got the message.
         reached: usize,
@@ -70,7 +70,7 @@ pub enum IpcError {
     /// The buffer of a receiver stayed full.
     #[error("\"{topic}\": a receiver's buffer of {buffer} messages stayed full for {waited_ms} ms")]
     Full {
-        /// Topic.
+        /// Name of the topic.
         topic: String,
         /// Capacity of the buffer, messages.
         buffer: usize,
@@ -80,9 +80,9 @@ pub enum IpcError {
     /// A message whose header contradicts its payload or the schedule.
     #[error("invalid message on \"{topic}\"")]
     Message {
-        /// Topic.
+        /// Name of the topic.
         topic: String,
-        /// The contradiction.
+        /// How header and payload contradict each other.
         source: MessageError,
     },
 }
@@ -113,9 +113,9 @@ pub enum MessageError {
     Value {
         /// Name of the field.
         key: &'static str,
-        /// Its value.
+        /// The value of the field.
         value: u64,
-        /// The allowed values.
+        /// The values that are allowed.
         allowed: &'static str,
     },
     /// More points or bytes than the payload has.

@@ -37,7 +37,7 @@ pub trait Header: ZeroCopySend + std::fmt::Debug + Clone + Copy + Default + 'sta
 pub struct Control {
     /// Cycle to start or abort; number of the request for connect; unused for shutdown.
     pub cycle: u64,
-    /// One of [`Command`].
+    /// The number of a [`Command`].
     pub command: u32,
     /// Index of the recipe of the cycle to start, in the order of the configuration.
     pub recipe: u32,
@@ -49,9 +49,9 @@ pub struct Control {
 pub enum Command {
     /// To the acquisition stages: start the cycle and drop older ones.
     Start = 1,
-    /// Drop the cycle.
+    /// Drop the cycle and wait for the next.
     Abort = 2,
-    /// End the process.
+    /// End the process of the stage.
     Shutdown = 3,
     /// Connect to senders and receivers that joined since, then report ready with the same number as cycle.
     Connect = 4,
@@ -99,7 +99,7 @@ impl Header for Control {
 #[repr(align(64))]
 #[type_name("fringecell.Trigger.1")]
 pub struct Trigger {
-    /// Cycle.
+    /// Cycle, from 1; 0 is outside of cycles.
     pub cycle: u64,
     /// Time when the pattern was shown or the exposure ended (monotonic clock), ns.
     pub t_ns: u64,
@@ -132,7 +132,7 @@ impl Header for Trigger {
 #[repr(align(64))]
 #[type_name("fringecell.Frame.2")]
 pub struct Frame {
-    /// Cycle.
+    /// Cycle, from 1; 0 is outside of cycles.
     pub cycle: u64,
     /// End of the exposure (monotonic clock), ns.
     pub t_ns: u64,
@@ -146,9 +146,9 @@ pub struct Frame {
     pub projector: u32,
     /// Frame number in the projector's sequence.
     pub frame: u32,
-    /// Width, px.
+    /// Columns of the image, px.
     pub width_px: u32,
-    /// Height, px.
+    /// Rows of the image, px.
     pub height_px: u32,
     /// Bytes per pixel, 1 or 2.
     pub bytes_per_px: u32,
@@ -186,7 +186,7 @@ impl Header for Frame {
 #[repr(align(64))]
 #[type_name("fringecell.Phase.1")]
 pub struct Phase {
-    /// Cycle.
+    /// Cycle, from 1; 0 is outside of cycles.
     pub cycle: u64,
     /// End of the last exposure used, ns.
     pub t_ns: u64,
@@ -198,9 +198,9 @@ pub struct Phase {
     pub projector: u32,
     /// 0 along columns (x), 1 along rows (y).
     pub axis: u32,
-    /// Width, px.
+    /// Columns of the map, px.
     pub width_px: u32,
-    /// Height, px.
+    /// Rows of the map, px.
     pub height_px: u32,
     /// Number of valid pixels.
     pub valid_count: u32,
@@ -245,7 +245,7 @@ impl Header for Phase {
 #[repr(align(64))]
 #[type_name("fringecell.Cloud.1")]
 pub struct Cloud {
-    /// Cycle.
+    /// Cycle, from 1; 0 is outside of cycles.
     pub cycle: u64,
     /// End of the last exposure used, ns.
     pub t_ns: u64,
@@ -284,7 +284,7 @@ impl Header for Cloud {
 #[repr(align(64))]
 #[type_name("fringecell.Outcome.1")]
 pub struct Outcome {
-    /// Cycle.
+    /// Cycle, from 1; 0 is outside of cycles.
     pub cycle: u64,
     /// End of the last exposure of the cycle, ns.
     pub t_last_frame_ns: u64,
@@ -330,7 +330,7 @@ pub struct Event {
     pub cpu_ns: u64,
     /// Index of the stage in the schedule.
     pub stage: u32,
-    /// One of [`EventKind`].
+    /// The number of an [`EventKind`].
     pub kind: u32,
     /// Index of the activation in the schedule.
     pub activation: u32,
@@ -354,7 +354,7 @@ pub struct Event {
     pub messages: u32,
 }
 
-/// Kinds of events.
+/// Kinds of events that stages report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum EventKind {

@@ -29,7 +29,7 @@ pub struct Usage {
 }
 
 impl Usage {
-    /// The current values.
+    /// Reads the current values from the operating system.
     pub fn now() -> Self {
         // SAFETY: an all-zero rusage is a valid value of that plain C struct.
         let mut usage: libc::rusage = unsafe { std::mem::zeroed() };

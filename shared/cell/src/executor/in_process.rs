@@ -27,10 +27,10 @@ pub enum WorkError {
     /// The frame cannot be had.
     #[error(transparent)]
     Source(#[from] SourceError),
-    /// The decoder refuses.
+    /// The decoder refuses the frames or settings.
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    /// The matcher refuses.
+    /// The matcher refuses the phase maps.
     #[error(transparent)]
     Match(#[from] MatchError),
     /// The work is not that of this cell.

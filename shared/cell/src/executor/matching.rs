@@ -11,9 +11,9 @@ use fringe::projector::{ProjectorMatcher, ProjectorReport, ProjectorSettings};
 /// The phases of one camera under one projector, by the projector axis that they tell.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Views<'a> {
-    /// Along projector columns.
+    /// Phase along projector columns, axis "x".
     pub x: Option<PhaseView<'a>>,
-    /// Along projector rows.
+    /// Phase along projector rows, axis "y".
     pub y: Option<PhaseView<'a>>,
 }
 
@@ -25,7 +25,7 @@ impl<'a> Views<'a> {
         all
     }
 
-    /// Adds a phase.
+    /// Adds the phase of one axis.
     pub fn set(&mut self, view: PhaseView<'a>) {
         match view.info.axis {
             Axis::X => self.x = Some(view),
@@ -91,14 +91,14 @@ enum Kernel {
 #[derive(Debug, serde::Serialize)]
 #[serde(untagged)]
 pub enum Matched {
-    /// Of two cameras.
+    /// Report of a pair of two cameras.
     Phase(MatchReport),
     /// Of a camera and the projector.
     Projector(ProjectorReport),
 }
 
 impl Matched {
-    /// Number of points.
+    /// Number of points found.
     pub fn points(&self) -> u32 {
         match self {
             Self::Phase(report) => report.points,

@@ -6,7 +6,7 @@ use thiserror::Error;
 /// Why a graph cannot be run.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum ScheduleError {
-    /// Nothing to do.
+    /// The cell has no camera, no projector or no pair.
     #[error("the cell has no {0}")]
     Empty(&'static str),
     /// A projector whose light nobody sees.
@@ -20,17 +20,17 @@ pub enum ScheduleError {
         "pair \"{pair}\" needs camera \"{camera}\", but this cell has no such [[camera]]; add the camera, or list pairs = […] without \"{pair}\""
     )]
     NoCamera {
-        /// Pair.
+        /// Name of the pair.
         pair: String,
-        /// Camera.
+        /// Name of the camera.
         camera: String,
     },
     /// A projector that a pair names and the cell lacks.
     #[error("pair \"{pair}\" needs projector \"{projector}\", but this cell has no such [[projector]]")]
     NoProjector {
-        /// Pair.
+        /// Name of the pair.
         pair: String,
-        /// Projector.
+        /// Name of the projector.
         projector: String,
     },
     /// A sequence without phase.
@@ -38,9 +38,9 @@ pub enum ScheduleError {
         "pair \"{pair}\" needs a phase, but the sequence of projector \"{projector}\" has no sine set; add one"
     )]
     NoPhase {
-        /// Pair.
+        /// Name of the pair.
         pair: String,
-        /// Projector.
+        /// Name of the projector.
         projector: String,
     },
     /// One end of a pair has no frames.
@@ -48,11 +48,11 @@ pub enum ScheduleError {
         "pair \"{pair}\" takes camera \"{camera}\", but projector \"{projector}\" lights only {lit}; add it to the projector's `cameras`"
     )]
     Gap {
-        /// Pair.
+        /// Name of the pair.
         pair: String,
-        /// Camera.
+        /// Name of the camera.
         camera: String,
-        /// Projector.
+        /// Name of the projector.
         projector: String,
         /// Cameras that it does light.
         lit: String,
@@ -62,9 +62,9 @@ pub enum ScheduleError {
         "camera \"{camera}\" looks at projector \"{projector}\", but no pair takes its phase; name a pair, or remove the camera"
     )]
     Unused {
-        /// Camera.
+        /// Name of the camera.
         camera: String,
-        /// Projector.
+        /// Name of the projector.
         projector: String,
     },
     /// The frames alone last longer than a cycle may.
@@ -74,7 +74,7 @@ pub enum ScheduleError {
     Deadline {
         /// Frames of a cycle.
         frames: usize,
-        /// Frames per second.
+        /// Frames per second of the recording.
         rate_hz: f64,
         /// Time for the frames.
         needed_ms: u64,
@@ -84,11 +84,11 @@ pub enum ScheduleError {
     /// Sizes that no memory holds.
     #[error("topic \"{topic}\" would need messages of {bytes} bytes, the limit is {limit}")]
     TooLarge {
-        /// Topic.
+        /// Name of the topic.
         topic: String,
-        /// Needed.
+        /// Largest message of the topic, bytes.
         bytes: u64,
-        /// Limit.
+        /// Largest message allowed, bytes.
         limit: u64,
     },
 }

@@ -26,9 +26,9 @@ pub struct Schedule {
     pub stages: Vec<Stage>,
     /// Work, in an order in which inputs come first.
     pub activations: Vec<Activation>,
-    /// Topics.
+    /// Topics of all messages, with their buffers.
     pub topics: Vec<Topic>,
-    /// Cores planned for.
+    /// Number of cores planned for.
     pub cores: usize,
     /// Cycles that may be under way at once: while one is evaluated the next ones are acquired.
     pub in_flight: usize,
@@ -38,7 +38,7 @@ pub struct Schedule {
 /// for each half of the cycle, so that the evaluation of a cycle and the acquisition of the next share the core.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Lane {
-    /// The core.
+    /// Number of the core, from 0.
     pub core: usize,
     /// The half of the cycle; absent: all of it.
     pub half: Option<Half>,

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 /// Where each activation stands in its lane.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Order {
-    /// The lanes.
+    /// All lanes of the schedule.
     pub lanes: Vec<Lane>,
     /// Lane of each activation.
     pub lane: Vec<usize>,
@@ -25,7 +25,7 @@ pub struct Interval {
     pub activation: usize,
     /// Start on the machine's monotonic clock, ns.
     pub start_ns: u64,
-    /// End, ns.
+    /// End on the machine's monotonic clock, ns.
     pub end_ns: u64,
 }
 

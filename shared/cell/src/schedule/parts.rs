@@ -11,17 +11,17 @@ pub const SUPERVISOR: &str = "supervisor";
 pub enum Kind {
     /// Shows patterns and triggers cameras.
     Projection,
-    /// Exposes one camera.
+    /// Takes the frames of one camera.
     Capture,
     /// Turns the frames of one camera into phases.
     Decode,
     /// Turns the phases of one pair into a cloud.
     Matching,
-    /// Joins the clouds.
+    /// Fuses the clouds of all pairs.
     Fusion,
-    /// Measures the features.
+    /// Measures and evaluates the features of the part.
     Inspection,
-    /// Writes a recording.
+    /// Writes the frames as a recording.
     Record,
 }
 
@@ -77,14 +77,14 @@ impl Kind {
     }
 }
 
-/// A process.
+/// A stage: one process of the cell.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Stage {
-    /// What it is.
+    /// The kind of work that it does.
     pub kind: Kind,
     /// The camera or pair it serves, counted in the graph; 0 for the others.
     pub subject: usize,
-    /// `capture/cam1`.
+    /// Name with its subject: `capture/cam1`.
     pub name: String,
     /// Core that it is planned for.
     pub core: usize,
@@ -93,16 +93,16 @@ pub struct Stage {
 /// One piece of work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Work {
-    /// Show a pattern.
+    /// Show a pattern on a projector.
     Project {
-        /// Projector.
+        /// Index of the projector.
         projector: usize,
         /// Frame of its sequence.
         frame: usize,
     },
-    /// Take a frame.
+    /// Take a frame with a camera.
     Expose {
-        /// Camera.
+        /// Index of the camera.
         camera: usize,
         /// Projector that is on.
         projector: usize,
@@ -111,7 +111,7 @@ pub enum Work {
     },
     /// Add a frame to the sums of a decoder.
     Accumulate {
-        /// Camera.
+        /// Index of the camera.
         camera: usize,
         /// Projector that was on.
         projector: usize,
@@ -120,21 +120,21 @@ pub enum Work {
     },
     /// Make the absolute phase.
     Phase {
-        /// Camera.
+        /// Index of the camera.
         camera: usize,
         /// Projector that was on.
         projector: usize,
-        /// Axis.
+        /// Projector axis of the phase.
         axis: Axis,
     },
     /// Match and triangulate a pair.
     Match {
-        /// Pair.
+        /// Index of the pair.
         pair: usize,
     },
-    /// Join all clouds.
+    /// Fuse the clouds of all pairs.
     Fuse,
-    /// Measure and judge.
+    /// Measure and evaluate the features.
     Inspect,
     /// Write all frames of a cycle.
     Store,
@@ -143,9 +143,9 @@ pub enum Work {
 /// One piece of work with its place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Activation {
-    /// Who does it.
+    /// Index of the stage that does it.
     pub stage: usize,
-    /// What.
+    /// The work that is done.
     pub work: Work,
     /// Activations that must be done before.
     pub inputs: Vec<usize>,
@@ -156,19 +156,19 @@ pub struct Activation {
 /// What a topic carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Carries {
-    /// Commands.
+    /// Commands of the supervisor to the stages.
     Control,
-    /// Reports of stages.
+    /// Reports of the stages to the supervisor.
     Event,
-    /// Triggers.
+    /// Triggers of a projector to its cameras.
     Trigger,
-    /// Images.
+    /// Images of a camera.
     Frame,
-    /// Phase maps.
+    /// Phase maps of a camera.
     Phase,
-    /// Points.
+    /// Points of a pair, or the fused cloud.
     Cloud,
-    /// The result.
+    /// The result of the inspection.
     Outcome,
 }
 
@@ -177,7 +177,7 @@ pub enum Carries {
 pub struct TopicSize {
     /// Senders, counting those that may overlap while one is being restarted.
     pub publishers: usize,
-    /// Receivers.
+    /// Receivers of the topic.
     pub subscribers: usize,
     /// Messages that may wait in front of each receiver.
     pub buffer: usize,
@@ -188,17 +188,17 @@ pub struct TopicSize {
 /// A topic with its buffers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Topic {
-    /// Name.
+    /// Name of the topic.
     pub name: String,
-    /// Kind of message.
+    /// Kind of its messages.
     pub carries: Carries,
-    /// Senders.
+    /// Names of the stages that send.
     pub producers: Vec<String>,
-    /// Receivers.
+    /// Names of the stages that receive.
     pub consumers: Vec<String>,
-    /// Buffers.
+    /// Number of ends and buffers.
     pub size: TopicSize,
-    /// Largest message, bytes.
+    /// Size of the largest message, bytes.
     pub bytes: u64,
 }
 

@@ -80,7 +80,7 @@ pub const BUDGET_FORMAT: &str = "fringecell-budget/1";
 pub struct BudgetFile {
     /// SHA-256 of the text that was read, hexadecimal.
     pub sha256: String,
-    /// Title.
+    /// Title of the budget.
     pub name: String,
     /// Where the numbers come from; may be empty.
     pub remark: String,
@@ -101,7 +101,7 @@ pub struct BudgetFile {
 /// Another result of the same measurand, independent of the budget's.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reference {
-    /// Whose.
+    /// Who or what gave the other result.
     pub name: String,
     /// X, in the unit of the measurand.
     pub value: f64,

@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 pub(super) struct Lights {
     /// In the order of projection.
     pub(super) projectors: Vec<ProjectorConfig>,
-    /// By projector.
+    /// Pattern correction of each projector, by name.
     pub(super) corrections: BTreeMap<String, PatternCorrection>,
 }
 

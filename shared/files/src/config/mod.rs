@@ -93,9 +93,9 @@ pub struct Config {
 /// A text file that another part of the program reads.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TextFile {
-    /// Absolute.
+    /// Absolute path of the file.
     pub path: PathBuf,
-    /// Contents.
+    /// The whole text of the file.
     pub text: String,
 }
 
@@ -112,7 +112,7 @@ pub struct TwinConfig {
     pub rig_sha256: String,
     /// Seed of all noise.
     pub seed: u64,
-    /// `settings`, as written.
+    /// The table `settings` as written in the configuration.
     pub settings: toml::Table,
 }
 

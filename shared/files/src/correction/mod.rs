@@ -48,7 +48,7 @@ impl TableSource {
     }
 }
 
-/// A pattern correction.
+/// A correction of the projected grey levels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PatternCorrection {
     /// Whose; `None`: any projector's.
@@ -59,7 +59,7 @@ pub struct PatternCorrection {
     pub gamma: Option<f64>,
     /// a₀ … a₇ of eq. 3.2.
     pub coefficients: Option<Vec<f64>>,
-    /// The table.
+    /// Drawn level for each wanted level.
     pub table: LevelTable,
     /// From what, by which software.
     pub provenance: toml::Table,

@@ -21,9 +21,9 @@ pub(super) enum Kind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Head {
     pub kind: Kind,
-    /// Bytes that follow.
+    /// Number of bytes that follow the head.
     pub length: u64,
-    /// Of these bytes.
+    /// Checksum (xxh3) of the bytes that follow.
     pub checksum: u64,
 }
 
@@ -52,7 +52,7 @@ impl Head {
         bytes
     }
 
-    /// `None`: no head.
+    /// Parses a head; `None` where its checksum does not hold.
     pub fn from_bytes(bytes: &[u8; HEAD_BYTES]) -> Option<Self> {
         let mut unsummed = *bytes;
         unsummed[4..8].fill(0);

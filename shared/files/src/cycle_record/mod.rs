@@ -29,16 +29,16 @@ pub const RECORD_VERSION: u32 = 2;
 /// What stands at the beginning, before the version.
 const MAGIC: [u8; 12] = *b"fringecycles";
 
-/// What was run.
+/// Description of the run: cell, files, schedule.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordHeader {
     /// Name of the cell.
     pub cell: String,
-    /// Program and version.
+    /// Program that recorded, with version and commit.
     pub software: String,
     /// Start of the run, RFC 3339.
     pub started: String,
-    /// Configuration, absolute path.
+    /// Absolute path of the configuration.
     pub config: String,
     /// SHA-256 of the configuration.
     pub config_sha256: String,
@@ -57,7 +57,7 @@ pub struct RecordHeader {
 /// A way to inspect a part.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordedRecipe {
-    /// Name.
+    /// Name of the recipe.
     pub name: String,
     /// SHA-256 of its inspection plan; absent when nothing is inspected.
     pub plan_sha256: Option<String>,
@@ -108,18 +108,18 @@ pub struct ActivationEntry {
     pub hash: [u64; 2],
     /// Valid pixels, points, features.
     pub count: u32,
-    /// Waiting before, ns.
+    /// Waiting before the start, ns.
     pub wait_ns: u64,
     /// Start on the machine's monotonic clock, ns.
     pub start_ns: u64,
-    /// End, ns.
+    /// End on the machine's monotonic clock, ns.
     pub end_ns: u64,
 }
 
 /// Whose bytes a value block holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ValueKey {
-    /// Cycle, from 0.
+    /// Number of the cycle, from 0.
     pub cycle: u64,
     /// Activation of the schedule.
     pub activation: u32,

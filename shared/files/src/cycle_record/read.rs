@@ -15,14 +15,14 @@ use xxhash_rust::xxh3::xxh3_64;
 #[derive(Debug)]
 pub struct RecordReader {
     blocks: Blocks,
-    /// What was run.
+    /// Description of the run.
     pub header: RecordHeader,
 }
 
 /// A cycle of a record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordedCycle {
-    /// How it went.
+    /// Outcome, verdict and activations of the cycle.
     pub entry: CycleEntry,
     /// Where its bytes lie, by activation.
     pub values: BTreeMap<u32, StoredValue>,
@@ -40,7 +40,7 @@ pub struct StoredValue {
 /// How a record ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
-    /// After a cycle.
+    /// After a complete cycle.
     Whole,
     /// Within a cycle, which does not count: the run was killed, or still goes on. So many bytes belong to it.
     Torn(u64),
@@ -49,7 +49,7 @@ pub enum Ending {
 /// What a record gives next.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Next {
-    /// A complete cycle.
+    /// The next complete cycle.
     Cycle(RecordedCycle),
     /// There is no further one.
     End(Ending),

@@ -9,7 +9,7 @@ use fringe::geometry::rig::{Pair, Rig};
 /// Names of K, without and with the number of the view.
 const MATRIX: [&str; 8] =
     ["M", "K", "cameraMatrix", "camera_matrix", "CameraMatrix", "A", "intrinsic_matrix", "mtx"];
-/// Names of D.
+/// Names of the distortion coefficients D.
 const DISTORTION: [&str; 8] =
     ["D", "distCoeffs", "dist_coeffs", "distortion_coefficients", "DistCoeffs", "kc", "distortion", "dist"];
 /// Names of the image size.

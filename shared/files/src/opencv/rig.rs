@@ -11,10 +11,10 @@ use serde::Deserialize;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ViewKind {
-    /// A camera.
+    /// The view is a camera.
     #[default]
     Camera,
-    /// A projector.
+    /// The view is a projector.
     Projector,
 }
 
@@ -24,12 +24,12 @@ pub enum ViewKind {
 pub struct ViewKeys {
     /// Its name in the rig.
     pub name: String,
-    /// Camera or projector.
+    /// Whether the view is a camera or a projector.
     #[serde(default)]
     pub kind: ViewKind,
-    /// Columns.
+    /// Columns of the view, px.
     pub width_px: u32,
-    /// Rows.
+    /// Rows of the view, px.
     pub height_px: u32,
     /// Key of the 3 × 3 matrix K.
     pub matrix: String,

@@ -7,11 +7,11 @@ use std::path::PathBuf;
 /// A matrix as written; several channels stand side by side in its columns.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matrix {
-    /// Rows.
+    /// Number of rows of the matrix.
     pub rows: usize,
-    /// Columns × channels.
+    /// Number of columns times number of channels.
     pub columns: usize,
-    /// Row by row.
+    /// All values, row by row.
     pub data: Vec<f64>,
 }
 
@@ -20,9 +20,9 @@ pub struct Matrix {
 pub struct Storage {
     /// Where they were read from.
     pub path: PathBuf,
-    /// Matrices.
+    /// All matrices of the file, by key.
     pub matrices: BTreeMap<String, Matrix>,
-    /// Plain numbers.
+    /// All single numbers of the file, by key.
     pub numbers: BTreeMap<String, f64>,
 }
 

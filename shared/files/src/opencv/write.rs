@@ -10,9 +10,9 @@ use std::fmt::Write as _;
 /// Language of a FileStorage file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Language {
-    /// `%YAML:1.0`.
+    /// YAML with the first line `%YAML:1.0`.
     Yaml,
-    /// `<opencv_storage>`.
+    /// XML with the root element `<opencv_storage>`.
     Xml,
 }
 
@@ -67,7 +67,7 @@ pub fn pair_text(first: &Camera, second: &Camera, language: Language) -> Result<
     })
 }
 
-/// Row by row.
+/// An entry with the values of a matrix, row by row.
 fn matrix<R, C, S>(matrix: &Matrix<f64, R, C, S>) -> Entry
 where
     R: nalgebra::Dim,

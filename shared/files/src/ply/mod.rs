@@ -24,7 +24,7 @@ use std::path::Path;
 /// A header is shorter than this: hundreds of times the longest one meant.
 const HEADER_LIMIT_BYTES: usize = 1 << 20;
 
-/// Its last line.
+/// The last line of the header.
 const HEADER_END: &[u8] = b"end_header";
 
 /// A bounding box below this diagonal is more likely in metres than a part of that size in mm.
@@ -46,13 +46,13 @@ pub struct Cloud {
 /// Properties that a cloud may carry.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Columns {
-    /// `nx ny nz`
+    /// Normals in the properties `nx ny nz`.
     pub normal: bool,
-    /// `sigma`
+    /// Standard uncertainty in the property `sigma`.
     pub sigma: bool,
-    /// `modulation`
+    /// Modulation in the property `modulation`.
     pub modulation: bool,
-    /// `pair`
+    /// Index of the pair in the property `pair`.
     pub pair: bool,
 }
 

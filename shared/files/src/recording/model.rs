@@ -18,11 +18,11 @@ pub const RECORDING_FILE: &str = "recording.toml";
 /// A recording whose frames are all there: counted, named and of equal size, but not yet decoded.
 #[derive(Debug, Clone)]
 pub struct Recording {
-    /// The folder.
+    /// Folder of the recording.
     pub folder: PathBuf,
     /// `recording.toml`, for messages that point into it.
     pub document: Document,
-    /// SHA-256 of `recording.toml`.
+    /// SHA-256 of `recording.toml`, hexadecimal.
     pub sha256: String,
     /// What lit, in the order of projection.
     pub projectors: Vec<RecordedProjector>,
@@ -33,17 +33,17 @@ pub struct Recording {
 /// A projector of a recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedProjector {
-    /// Unique.
+    /// Name, unique among the projectors.
     pub name: String,
-    /// Columns.
+    /// Columns of the projector, px.
     pub width_px: u32,
-    /// Rows.
+    /// Rows of the projector, px.
     pub height_px: u32,
-    /// What it showed.
+    /// Pattern sets, in the order of projection.
     pub sequence: Vec<PatternSet>,
     /// Exposure times, rising or not, of recordings that have several; else empty.
     pub exposures_ms: Vec<f64>,
-    /// Who looked.
+    /// Cameras with frames of this projector.
     pub cameras: Vec<RecordedCamera>,
 }
 
@@ -52,11 +52,11 @@ pub struct RecordedProjector {
 pub struct RecordedCamera {
     /// Unique among the cameras of the projector.
     pub name: String,
-    /// Columns.
+    /// Columns of the frames, px.
     pub width_px: u32,
-    /// Rows.
+    /// Rows of the frames, px.
     pub height_px: u32,
-    /// 8 or 16.
+    /// Bits of a grey value, 8 or 16.
     pub bits: u8,
     /// The grey value at which the sensor is full.
     pub full_scale_dn: u16,

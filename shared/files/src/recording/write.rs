@@ -15,15 +15,15 @@ use std::path::{Path, PathBuf};
 /// What will be recorded of one projector.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProjectorRecord {
-    /// Unique.
+    /// Name, unique among the projectors.
     pub name: String,
-    /// Columns.
+    /// Columns of the projector, px.
     pub width_px: u32,
-    /// Rows.
+    /// Rows of the projector, px.
     pub height_px: u32,
-    /// Who looks.
+    /// Names of the cameras that take frames.
     pub cameras: Vec<String>,
-    /// What it shows.
+    /// Pattern sets, in the order of projection.
     pub sequence: Vec<PatternSet>,
     /// Exposure times where there are several; else empty.
     pub exposures_ms: Vec<f64>,
@@ -153,7 +153,7 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Without extension.
+    /// Path of a frame, without extension.
     fn place(&self, projector: &str, camera: &str, [exposure, frame]: [usize; 2]) -> PathBuf {
         let name = if exposure == 0 { format!("{frame:03}") } else { format!("{frame:03}_{exposure}") };
         self.folder.join("frames").join(projector).join(camera).join(name)

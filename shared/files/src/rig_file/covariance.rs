@@ -36,7 +36,7 @@ pub struct Covariance {
     matrix: Vec<Vec<f64>>,
 }
 
-/// As written.
+/// The covariance file as written, before it is checked.
 #[derive(Deserialize)]
 struct RawCovariance {
     format: String,

@@ -46,7 +46,7 @@ pub struct RigFile {
     pub covariance: Option<CovarianceRef>,
 }
 
-/// As written.
+/// The rig file as written, before it is checked.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawRig {

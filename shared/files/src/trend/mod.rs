@@ -26,29 +26,29 @@ const SHORTEST_KEY_BYTES: usize = 16;
 /// A longer file is no key.
 const LONGEST_KEY_BYTES: u64 = 4096;
 
-/// One check.
+/// The result of one drift check.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrendEntry {
-    /// [`TREND_FORMAT`].
+    /// Always the text [`TREND_FORMAT`].
     pub format: String,
     /// When the recording was made, RFC 3339.
     pub date: String,
     /// SHA-256 of the rig file.
     pub rig_sha256: String,
-    /// SHA-256 of `recording.toml`.
+    /// SHA-256 of `recording.toml`, hexadecimal.
     pub recording_sha256: String,
-    /// All pairs.
+    /// Whether all pairs are healthy.
     pub healthy: bool,
-    /// Each pair.
+    /// The result of each pair.
     pub pairs: Vec<TrendPair>,
 }
 
 /// One pair of a check.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrendPair {
-    /// Name.
+    /// Name of the pair.
     pub name: String,
-    /// Places used.
+    /// Number of matched places used.
     pub used: usize,
     /// Mean epipolar residual, px.
     pub mean_px: f64,
@@ -56,11 +56,11 @@ pub struct TrendPair {
     pub rms_px: f64,
     /// Root mean square of the fitted drift, px.
     pub drift_px: f64,
-    /// Test statistic.
+    /// Test statistic of the drift.
     pub statistic: f64,
-    /// Its limit.
+    /// Limit of the test statistic.
     pub limit: f64,
-    /// Verdict.
+    /// Whether the statistic is below the limit.
     pub healthy: bool,
 }
 

@@ -17,7 +17,7 @@ const CHUNK: usize = 16_384;
 /// Single precision: N ≤ 64 values of at most 16 bits have an exact sum, and the others err by about 1e-7 of it.
 #[derive(Debug)]
 pub struct Sums {
-    /// Σ I, DN.
+    /// Σ I of each pixel, DN; row by row.
     pub sum: Vec<f32>,
     /// Σ I cos δ, DN.
     pub cos: Vec<f32>,
@@ -119,7 +119,7 @@ impl Sums {
 pub enum Rasters {
     /// Full scale up to 255.
     Bytes(Vec<u8>),
-    /// Beyond.
+    /// Full scale above 255.
     Words(Vec<u16>),
 }
 

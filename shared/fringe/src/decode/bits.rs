@@ -9,7 +9,7 @@ use std::ops::{Neg, Range, Sub};
 
 /// Stripe numbers of a block of pixels.
 pub struct Stripes {
-    /// Stripe number.
+    /// Stripe number of each pixel of the block, from 0.
     pub number: [u16; BLOCK],
     /// The bits as seen, most significant first, before the Gray code is resolved.
     pub seen: [u16; BLOCK],
@@ -20,7 +20,7 @@ pub struct Stripes {
 }
 
 impl Stripes {
-    /// Zeros.
+    /// A block in which all numbers are zero.
     pub fn new() -> Self {
         Self { number: [0; BLOCK], seen: [0; BLOCK], unsure: [0; BLOCK], contrast: [0.0; BLOCK] }
     }

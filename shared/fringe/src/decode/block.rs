@@ -10,9 +10,9 @@ pub const CHUNK: usize = 64 * BLOCK;
 
 /// What is known of a pixel's order after its own frames; stands in the validity plane until the neighbours have spoken.
 pub mod state {
-    /// Masked.
+    /// The pixel is masked: no phase.
     pub const INVALID: u8 = 0;
-    /// Order certain.
+    /// The fringe order is certain.
     pub const SURE: u8 = 1;
     /// Order decided close to the limit: one neighbour must confirm it.
     pub const WEAK: u8 = 2;
@@ -25,9 +25,9 @@ pub mod state {
 pub struct Tally {
     /// A clipped sine frame.
     pub saturated: usize,
-    /// Too little modulation.
+    /// Pixels with too little modulation.
     pub dark: usize,
-    /// Too much noise.
+    /// Pixels whose phase noise exceeds the limit.
     pub noisy: usize,
 }
 
@@ -41,12 +41,12 @@ impl AddAssign for Tally {
 
 /// The part of the output planes that belongs to a block.
 pub struct Planes<'a> {
-    /// Absolute phase, rad.
+    /// Absolute phase of each pixel, rad.
     pub phase_rad: &'a mut [f32],
     /// Its standard uncertainty, rad.
     pub sigma_rad: &'a mut [f32],
-    /// B, DN.
+    /// Modulation B of each pixel, DN.
     pub modulation: &'a mut [f32],
-    /// [`state`].
+    /// One value of [`state`] for each pixel.
     pub state: &'a mut [u8],
 }

@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 pub struct Sine {
     /// Projector pixels per 2π.
     pub period_px: f64,
-    /// Number of steps.
+    /// Number of phase steps N.
     pub steps: u32,
 }
 
@@ -34,7 +34,7 @@ pub struct Stage {
 /// Where the chain begins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Start {
-    /// At a code.
+    /// At a binary or Gray code.
     Code,
     /// In the middle of the projector: the first member covers it.
     Centre,
@@ -45,7 +45,7 @@ pub enum Start {
 /// A way from nothing to the finest coordinate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chain {
-    /// Where it begins.
+    /// Where the chain begins.
     pub start: Start,
     /// Its members; the last one is the finest sine.
     pub stages: Vec<Stage>,

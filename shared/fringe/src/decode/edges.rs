@@ -35,7 +35,7 @@ const COMMON_EDGES: f64 = 6.0;
 /// The median step and the median scatter come from at most so many pixels.
 const SAMPLES: usize = 16_384;
 
-/// Memory, reserved once.
+/// Buffers of the edge search, allocated once.
 #[derive(Debug)]
 pub struct Edges {
     width: usize,

@@ -19,13 +19,13 @@ pub enum DecodeError {
     /// A setting is out of its range.
     #[error("decode setting {key} = {value}: must be {least} to {most}")]
     Setting {
-        /// The key.
+        /// Key of the setting, as in the configuration.
         key: &'static str,
-        /// As written.
+        /// The value that was given.
         value: f64,
-        /// Least.
+        /// Smallest value that is allowed.
         least: f64,
-        /// Most.
+        /// Largest value that is allowed.
         most: f64,
     },
     /// The sine frames do not follow the sequence.
@@ -48,7 +48,7 @@ pub enum DecodeError {
         limit * 100.0
     )]
     Contradiction {
-        /// Axis.
+        /// Projector axis of the code and the phase.
         axis: Axis,
         /// Places where the absolute phase jumps by whole periods.
         jumps: usize,
@@ -58,7 +58,7 @@ pub enum DecodeError {
         unresolved: usize,
         /// These and the valid ones.
         lit: usize,
-        /// `max_contradiction`.
+        /// The setting `max_contradiction`, a fraction.
         limit: f64,
     },
     /// White and black frames are exchanged.
@@ -75,9 +75,9 @@ pub enum DecodeError {
         super::limits::MAX_PIXELS
     )]
     Size {
-        /// Columns.
+        /// Columns of the camera, px.
         width_px: u32,
-        /// Rows.
+        /// Rows of the camera, px.
         height_px: u32,
     },
     /// The grey scale is empty.
@@ -103,7 +103,7 @@ pub enum DecodeError {
         second: usize,
         /// As in the recording.
         name: &'static str,
-        /// Axis of both.
+        /// Projector axis of both sets.
         axis: Axis,
     },
     /// A sequence beyond any projector's memory.
@@ -117,7 +117,7 @@ pub enum DecodeError {
     TooManySines {
         /// Axis of the sets.
         axis: Axis,
-        /// How many.
+        /// Number of sine sets on the axis.
         count: usize,
     },
     /// A code set without anything to compare its bits with.
@@ -143,7 +143,7 @@ pub enum DecodeError {
         index: usize,
         /// Axis of the set.
         axis: Axis,
-        /// 2^bits · stripe.
+        /// Projector pixels that the code numbers: 2^bits · stripe_px.
         covers_px: f64,
         /// Projector pixels along the axis.
         extent_px: u32,
@@ -157,7 +157,7 @@ pub enum DecodeError {
         axis: Axis,
         /// Projector pixels along the axis.
         extent_px: u32,
-        /// Finest period.
+        /// Finest fringe period, projector pixels.
         finest_px: f64,
         /// What was found instead.
         missing: String,
@@ -181,7 +181,7 @@ pub enum DecodeError {
     Replace {
         /// Position in the sequence.
         index: usize,
-        /// Pixels given.
+        /// Pixels of the given map.
         pixels: usize,
     },
     /// A frame out of turn.
@@ -199,11 +199,11 @@ pub enum DecodeError {
         "frame {index} is {width_px} x {height_px} with {pixels} values, but the camera has {want_width_px} x {want_height_px}"
     )]
     FrameSize {
-        /// Frame number.
+        /// Frame number in the sequence, from 0.
         index: usize,
-        /// Columns.
+        /// Columns of the frame, px.
         width_px: u32,
-        /// Rows.
+        /// Rows of the frame, px.
         height_px: u32,
         /// Values that came with it.
         pixels: usize,
@@ -215,7 +215,7 @@ pub enum DecodeError {
     /// A frame of another grey scale.
     #[error("frame {index} has full scale {got_dn} DN, but the sequence began with {want_dn} DN")]
     FrameFullScale {
-        /// Frame number.
+        /// Frame number in the sequence, from 0.
         index: usize,
         /// Full scale of the frame.
         got_dn: u16,
@@ -227,21 +227,21 @@ pub enum DecodeError {
         "frame {index}, pixel {pixel}: {value_dn} DN exceeds full scale {full_scale_dn} DN; is the bit depth right, and are the values in the low bits?"
     )]
     AboveFullScale {
-        /// Frame number.
+        /// Frame number in the sequence, from 0.
         index: usize,
         /// Row · width + column.
         pixel: usize,
-        /// Grey value.
+        /// Grey value of the pixel, DN.
         value_dn: u16,
-        /// Full scale.
+        /// Full scale of the frame, DN.
         full_scale_dn: u16,
     },
     /// `finish` before the axis is complete.
     #[error("axis {axis:?} is not complete: {landed} frames have landed, {needed} are needed")]
     Incomplete {
-        /// Axis asked for.
+        /// Projector axis that was asked for.
         axis: Axis,
-        /// Frames landed.
+        /// Frames of the axis that have landed.
         landed: usize,
         /// Frames that the axis needs.
         needed: usize,
@@ -249,7 +249,7 @@ pub enum DecodeError {
     /// The sequence has no set that tells this axis.
     #[error("the sequence has no sine or gray set on axis {axis:?}")]
     NoSuchAxis {
-        /// Axis asked for.
+        /// Projector axis that was asked for.
         axis: Axis,
     },
     /// The output planes do not fit.

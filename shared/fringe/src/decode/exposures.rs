@@ -9,9 +9,9 @@ use crate::phase::PhaseMap;
 /// The map of one exposure.
 #[derive(Debug, Clone, Copy)]
 pub struct Exposed<'a> {
-    /// Absolute phase.
+    /// Absolute phase decoded from this exposure.
     pub map: &'a PhaseMap,
-    /// Exposure time, ms.
+    /// Exposure time in milliseconds.
     pub exposure_ms: f64,
 }
 

@@ -66,9 +66,9 @@ const ROWS: usize = 16;
 /// The frames that tell R, and the grey value from which they do not.
 #[derive(Debug, Clone, Copy)]
 pub struct Reflectance<'a> {
-    /// Stored frames.
+    /// The stored frames of the sequence.
     pub rasters: &'a Rasters,
-    /// Which of them.
+    /// Where white and black lie among the stored frames.
     pub levels: Levels,
     /// A white frame from here on is clipped.
     pub clipped_dn: u16,
@@ -102,12 +102,12 @@ struct Place {
     weight: f64,
 }
 
-/// Local quadratic model.
+/// Derivatives of the phase and the modulation at one pixel.
 #[derive(Debug, Clone, Copy)]
 struct Local {
     gradient: [f32; 2],
     laplacian: f32,
-    /// ∇B/B.
+    /// ∇B/B, 1/px, by column and row.
     shading: [f32; 2],
 }
 

@@ -1,8 +1,8 @@
 //! How large a sequence and its frames may be.
 
-/// Largest frame, pixels.
+/// Largest frame that is decoded, pixels.
 pub const MAX_PIXELS: usize = 1 << 27;
-/// Longest sequence, frames.
+/// Longest sequence that is decoded, frames.
 pub const MAX_FRAMES: usize = 4096;
 /// Most sine sets on one axis.
 pub const MAX_SINES: usize = 6;

@@ -21,13 +21,13 @@ const GROUP: usize = 16;
 /// Phase and state of the whole image, before any correction.
 #[derive(Clone, Copy)]
 pub struct Field<'a> {
-    /// Columns.
+    /// Image width in pixels.
     pub width: usize,
-    /// Rows.
+    /// Image height in pixels.
     pub height: usize,
     /// Absolute phase with the orders found so far, rad; NaN where invalid.
     pub phase_rad: &'a [f32],
-    /// [`state`].
+    /// One value of [`state`] for each pixel.
     pub state: &'a [u8],
     /// Step (rows, columns) that probably crosses the fringes: cameras mostly stand as upright as the projector. Only a
     /// preference, no assumption: a vote is the same whatever way it comes.

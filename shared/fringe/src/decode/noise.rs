@@ -53,7 +53,7 @@ pub struct Probe {
 struct Unexplained {
     /// Σ residual variance over the sampled pixels, DN².
     variance_dn2: f64,
-    /// Σ B², DN².
+    /// Σ B² over the sampled pixels, DN².
     power_dn2: f64,
     pixels: usize,
 }
@@ -265,9 +265,9 @@ struct Bin {
 
 /// Where samples of a variance are cut off, relative to their mean.
 struct Cut {
-    /// Median of all.
+    /// Median of all samples, relative to their mean.
     median: f64,
-    /// The cut.
+    /// Samples above this are cut off, relative to their mean.
     limit: f64,
     /// Mean of those below it.
     mean_below: f64,

@@ -33,16 +33,16 @@ const MOST_TUPLES: usize = 1 << 12;
 /// Why the periods tell no order.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum ResidueError {
-    /// One period.
+    /// There is only one period.
     #[error("a second sine set: one period repeats after {period_px} px")]
     One {
-        /// Its period.
+        /// The only period, projector pixels.
         period_px: f64,
     },
     /// Periods without a common measure.
     #[error("periods in whole pixels (or whole {MOST_SCALE}ths of them), but one is {period_px} px")]
     Broken {
-        /// The period.
+        /// A period that is no whole number of pixels, projector pixels.
         period_px: f64,
     },
     /// Periods that repeat too early.
@@ -50,11 +50,11 @@ pub enum ResidueError {
         "periods that cover {extent_px} px: those of {list} px repeat after {lcm_px} px; take coprime ones"
     )]
     Short {
-        /// Projector pixels.
+        /// Projector pixels along the axis.
         extent_px: u32,
-        /// The periods.
+        /// All periods, projector pixels, as text.
         list: String,
-        /// Least common multiple.
+        /// Least common multiple of the periods, projector pixels.
         lcm_px: f64,
     },
     /// A table that would be too large.
@@ -62,9 +62,9 @@ pub enum ResidueError {
         "shorter or fewer periods: {cells} cells or {tuples} orders, limits {MOST_CELLS} and {MOST_TUPLES}"
     )]
     Large {
-        /// Cells.
+        /// Cells that the table would have.
         cells: usize,
-        /// Tuples of orders.
+        /// Tuples of fringe orders that the table would have.
         tuples: usize,
     },
 }
@@ -72,7 +72,7 @@ pub enum ResidueError {
 /// A tuple of orders and where it holds.
 #[derive(Debug, Clone, PartialEq)]
 struct Tuple {
-    /// kᵢ pᵢ.
+    /// Start kᵢ pᵢ of each sine's period, projector pixels.
     starts_px: Vec<f64>,
     /// Length of the stretch, px.
     length_px: f64,
@@ -289,7 +289,7 @@ impl Residues {
         self.half_px = least;
     }
 
-    /// Number of sines.
+    /// Number of sine sets.
     pub fn len(&self) -> usize {
         self.periods_px.len()
     }

@@ -37,15 +37,15 @@ pub struct Kernel<'a> {
     pub steps: &'a [u32],
     /// Their periods, projector pixels.
     pub periods_px: &'a [f64],
-    /// Stored frames.
+    /// The stored frames: bits, white, black.
     pub rasters: &'a Rasters,
     /// Nonzero where a sine frame of the axis was clipped.
     pub saturated: &'a [u8],
     /// Noise of the camera.
     pub noise: NoiseModel,
-    /// Limits.
+    /// Limits of modulation, noise and order.
     pub settings: &'a DecodeSettings,
-    /// Least modulation, DN.
+    /// Smallest modulation of a valid pixel, DN.
     pub least_modulation_dn: f32,
 }
 
@@ -241,9 +241,9 @@ impl Kernel<'_> {
 
 /// Limits of |c − x| / P in a step.
 struct Limits {
-    /// Beyond: open.
+    /// A larger distance leaves the order open.
     most: f64,
-    /// Beyond: weak.
+    /// A larger distance makes the order weak.
     weak: f64,
     /// Distance to 1/2 that is open, per rad and per rad² of phase noise.
     linear: f64,

@@ -10,9 +10,9 @@ use crate::wrapped::{Limits, Wrapped};
 pub struct SineSet {
     /// Position in the sequence.
     pub index: usize,
-    /// Its first frame.
+    /// Number of the set's first frame in the sequence, from 0.
     pub first_frame: usize,
-    /// Axis.
+    /// Projector axis of the set.
     pub axis: Axis,
     /// Phase step of each frame, rad.
     pub shifts_rad: Vec<f64>,

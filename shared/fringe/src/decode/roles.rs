@@ -7,11 +7,11 @@ use crate::pattern::{Axis, Code};
 /// What a landing frame is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
-    /// Nothing.
+    /// The decoder does not use the frame.
     Ignored,
     /// Step of a sine set (index into [`Plan::sines`]).
     Sine {
-        /// Which.
+        /// Index of the set in [`Plan::sines`].
         slot: usize,
         /// Frame in the set.
         step: usize,
@@ -25,7 +25,7 @@ pub enum Role {
 pub struct SinePlan {
     /// Position in the sequence.
     pub index: usize,
-    /// Axis.
+    /// Projector axis of the set.
     pub axis: Axis,
     /// Projector pixels per 2π.
     pub period_px: f64,
@@ -40,7 +40,7 @@ pub struct SinePlan {
 /// What the bits are compared with, as stored rasters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reference {
-    /// (white, black).
+    /// Rasters of the white and of the black frame.
     WhiteBlack(usize, usize),
     /// Background of this sine.
     SineMean(usize),
@@ -53,7 +53,7 @@ pub enum Reference {
 pub struct CodePlan {
     /// First stored raster; the others follow.
     pub first: usize,
-    /// Number of bits.
+    /// Number of bits, one raster each.
     pub bits: usize,
     /// Projector pixels per stripe.
     pub stripe_px: f64,
@@ -61,9 +61,9 @@ pub struct CodePlan {
     pub shift_px: f64,
     /// Black and white exchanged.
     pub invert: bool,
-    /// Numbering.
+    /// Numbering of the stripes.
     pub code: Code,
-    /// Threshold.
+    /// What the bits are compared with.
     pub reference: Reference,
 }
 
@@ -72,9 +72,9 @@ pub struct CodePlan {
 pub struct StairPlan {
     /// Projector pixels per stair.
     pub stair_px: f64,
-    /// Number of stairs.
+    /// Number of stairs over the projector.
     pub stairs: f64,
-    /// Where they are.
+    /// Frames that the stairs are read from.
     pub source: StairSource,
 }
 
@@ -99,7 +99,7 @@ pub struct Levels {
 /// How one axis is decoded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisPlan {
-    /// Axis.
+    /// Projector axis that is decoded.
     pub axis: Axis,
     /// Projector pixels along the axis.
     pub extent_px: f64,
@@ -127,7 +127,7 @@ pub struct AxisPlan {
     pub ignored: Vec<String>,
 }
 
-/// The whole sequence.
+/// The role of every frame and the plan of every axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// One role per frame.

@@ -10,7 +10,7 @@ use crate::pattern::{Axis, PatternSet};
 
 /// The sequence with the number of each set's first frame.
 pub(super) struct Sets<'a> {
-    /// As recorded.
+    /// All sets in the order of projection.
     pub list: &'a [PatternSet],
     /// Number of each set's first frame.
     pub first_frame: Vec<usize>,

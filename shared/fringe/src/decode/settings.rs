@@ -21,9 +21,9 @@ pub enum OrderMethod {
     /// Of all ways through code and sines the one that survives the most noise; stairs where there is no code.
     #[default]
     Auto,
-    /// Gray code.
+    /// Reflected Gray code: neighbouring stripes differ in one bit.
     Gray,
-    /// Plain binary code.
+    /// Plain binary code: the bits are the stripe number.
     Binary,
     /// Two codes, half a stripe apart: no jumps.
     ShiftedGray,

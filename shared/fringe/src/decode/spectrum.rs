@@ -11,9 +11,9 @@ const ALTERNATING: usize = MAX_HARMONICS - 1;
 /// Phasor of the fundamental and what the harmonics left, of one pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct Fit {
-    /// A, DN.
+    /// Background A of the pixel, DN.
     pub background_dn: f64,
-    /// B, DN.
+    /// Modulation B of the pixel, DN.
     pub modulation_dn: f64,
     /// cos φ, sin φ.
     pub phasor: (f64, f64),
@@ -22,7 +22,7 @@ pub struct Fit {
 /// The discrete Fourier transform over the steps of one set.
 #[derive(Debug)]
 pub struct Spectrum {
-    /// N.
+    /// Number of steps N.
     pub steps: usize,
     /// Whether the steps are equal.
     pub even: bool,
@@ -31,7 +31,7 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// Of a set.
+    /// Builds the table for the steps of a set.
     pub fn new(plan: &SinePlan) -> Self {
         let steps = plan.steps as usize;
         let mut table = vec![(0.0, 0.0); (steps / 2 + 1) * steps];

@@ -24,7 +24,7 @@ use thiserror::Error;
 /// Largest radius, px: the work per pixel grows with its square.
 const MOST_RADIUS_PX: u32 = 32;
 
-/// One filter.
+/// A filter of phase maps with its settings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Filter {
     /// Corrects single pixels by whole turns where that puts them among their neighbours, and masks them otherwise.
@@ -34,7 +34,7 @@ pub enum Filter {
     },
     /// Weighted mean, the weights a Gaussian.
     Gaussian {
-        /// Standard deviation, px.
+        /// Standard deviation of the Gaussian, px.
         sigma_px: f64,
         /// Pairs of neighbours whose mean differs more than this from the pixel lie across an edge, rad.
         edge_rad: f64,
@@ -50,9 +50,9 @@ pub enum Filter {
 #[derive(Debug, Error, Clone, PartialEq)]
 #[error("{key} = {value} must be {limit}")]
 pub struct FilterError {
-    /// Which.
+    /// Key of the setting.
     pub key: &'static str,
-    /// As given.
+    /// The value that was given.
     pub value: f64,
     /// What it may be.
     pub limit: &'static str,
@@ -61,11 +61,11 @@ pub struct FilterError {
 /// What a filter did.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub struct FilterReport {
-    /// Valid pixels before.
+    /// Valid pixels before the filter.
     pub valid: usize,
     /// Spikes moved by whole turns.
     pub corrected: usize,
-    /// Spikes masked.
+    /// Spikes that were masked.
     pub masked: usize,
     /// Pixels whose phase is now a mean or median with others.
     pub smoothed: usize,

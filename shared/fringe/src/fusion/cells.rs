@@ -165,7 +165,7 @@ fn radix_sort(data: &mut Vec<(u64, u32)>, spare: &mut Vec<(u64, u32)>, bits: u32
     }
 }
 
-/// Squared distance, mm².
+/// Squared distance of two points, mm².
 #[inline]
 pub(super) fn distance2(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     let [x, y, z] = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];

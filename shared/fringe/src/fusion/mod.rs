@@ -25,7 +25,7 @@ const RADIUS_PER_SPACING: f64 = 3.0;
 /// Pairs of pixel neighbours that are sampled for the spacing.
 const SPACING_SAMPLES: usize = 4096;
 
-/// How to fuse.
+/// Settings of the fusion of point clouds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FusionSettings {
@@ -59,14 +59,14 @@ pub struct Overlap {
     pub mean_mm: f64,
     /// Sample standard deviation of the signed distance. Zero below two points.
     pub sd_mm: f64,
-    /// Largest absolute distance.
+    /// Largest absolute distance, mm.
     pub max_mm: f64,
     /// Root mean square of (distance − mean) over its predicted uncertainty, which takes the points as independent; about 1
     /// when noise is all there is, some 1.1 where neighbours share noise because they were smoothed. Absent without points or uncertainties.
     pub sd_over_sigma: Option<f64>,
 }
 
-/// What fusion did.
+/// Counts and overlaps of a fusion.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct FusionReport {
     /// Points of the fused cloud.

@@ -32,9 +32,9 @@ pub enum CameraError {
     /// Image size zero or beyond 65 535.
     #[error("image size {width_px} × {height_px} px is outside 1 … 65535")]
     Size {
-        /// Columns given, px.
+        /// Image columns given, px.
         width_px: u32,
-        /// Rows given, px.
+        /// Image rows given, px.
         height_px: u32,
     },
     /// Focal length not finite or not positive.
@@ -57,7 +57,7 @@ pub enum CameraError {
         name: &'static str,
         /// Value of the parameter.
         value: f64,
-        /// Largest magnitude accepted.
+        /// Largest magnitude accepted, in `unit`.
         most: f64,
         /// Unit of both values.
         unit: &'static str,

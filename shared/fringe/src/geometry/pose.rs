@@ -7,9 +7,9 @@ use crate::math;
 /// x ↦ R x + t.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
-    /// Rotation matrix R.
+    /// Rotation matrix R of X' = R X + t.
     pub rotation: Matrix3<f64>,
-    /// Translation t, mm.
+    /// Translation t of X' = R X + t, mm.
     pub translation: Vector3<f64>,
 }
 

@@ -12,9 +12,9 @@ pub enum MatchError {
     /// A camera with impossible numbers.
     #[error("{side} view of the pair")]
     Camera {
-        /// "left" or "right".
+        /// Which view: "left" or "right".
         side: &'static str,
-        /// What is wrong.
+        /// The fault of the camera parameters.
         source: CameraError,
     },
     /// The cameras do not make a pair.
@@ -25,9 +25,9 @@ pub enum MatchError {
     Setting {
         /// Name as in the configuration.
         key: &'static str,
-        /// What was given.
+        /// The value that was given.
         value: f64,
-        /// What is allowed.
+        /// The values that are allowed.
         limits: &'static str,
     },
     /// A map does not belong to its camera.
@@ -36,7 +36,7 @@ pub enum MatchError {
          or calibrate at this one"
     )]
     Size {
-        /// "left" or "right".
+        /// Which view: "left" or "right".
         side: &'static str,
         /// Columns, rows of the map.
         map_px: [u32; 2],
@@ -48,13 +48,13 @@ pub enum MatchError {
         "the {side} phase map's plane `{plane}` has {length} values where {expected} pixels need one each"
     )]
     Plane {
-        /// "left" or "right".
+        /// Which view: "left" or "right".
         side: &'static str,
         /// Name of the plane.
         plane: &'static str,
-        /// Its length.
+        /// Values in the plane.
         length: usize,
-        /// Number of pixels.
+        /// Pixels of the map.
         expected: usize,
     },
     /// The maps tell different projector axes.
@@ -72,7 +72,7 @@ pub enum MatchError {
     WrongAxis {
         /// What it was given for.
         wanted: Axis,
-        /// What it tells.
+        /// Projector axis that the map was decoded for.
         found: Axis,
     },
     /// The maps have different fringe periods.
@@ -91,7 +91,7 @@ pub enum MatchError {
     Room {
         /// Length of the buffer.
         room: usize,
-        /// The matcher's capacity.
+        /// Points that a full image needs.
         needed: usize,
     },
     /// The views of a pair have no phase along the same axis.

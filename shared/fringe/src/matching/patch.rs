@@ -16,7 +16,7 @@ pub enum Interpolation {
     Quadratic,
     /// Third-degree Lagrange polynomials over 4 × 4 pixels, bilinear where there is no such neighbourhood.
     Cubic,
-    /// Bilinear everywhere.
+    /// Bilinear between the four nearest pixels, everywhere.
     Bilinear,
 }
 

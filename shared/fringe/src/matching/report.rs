@@ -27,7 +27,7 @@ pub struct MatchReport {
     pub bilinear: u32,
     /// Dropped at the surface, and points.
     pub surface: SurfaceReport,
-    /// Points written: `surface.points`.
+    /// Points written, the same number as `surface.points`.
     pub points: u32,
 }
 

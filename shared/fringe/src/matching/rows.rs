@@ -7,15 +7,15 @@
 /// A continuous, monotone stretch of a row: a bracket lies between any two of its neighbouring cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Run {
-    /// Smallest phase, rad.
+    /// Smallest phase of the run, rad.
     low: f32,
-    /// Largest phase, rad.
+    /// Largest phase of the run, rad.
     high: f32,
     /// Largest `high` of this and all earlier runs of the sorted row: ends the search.
     high_so_far: f32,
-    /// First cell.
+    /// First cell of the run.
     start: u32,
-    /// Last cell.
+    /// Last cell of the run.
     end: u32,
     /// Where the last walk ended.
     cursor: u32,
@@ -23,7 +23,7 @@ pub(super) struct Run {
     rising: bool,
 }
 
-/// What separates runs.
+/// Limits of the phase steps that separate two runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct StepLimits {
     /// Largest step between neighbours of a run, rad.

@@ -7,7 +7,7 @@ use crate::surface::SurfaceSettings;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
-/// How to match.
+/// Settings of the search for corresponding pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MatchSettings {

@@ -43,21 +43,21 @@ pub(super) struct RightPhase<'a> {
     pub height: usize,
     /// Rectified length of a pixel.
     pub pitch: f64,
-    /// See [`crate::rectify::RectifiedCamera::reach`].
+    /// Largest step by tangent and stretch, rectified; see [`crate::rectify::RectifiedCamera::reach`].
     pub reach: f64,
     pub interpolation: Interpolation,
 }
 
-/// A solution.
+/// Where the right phase equals the left one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Crossing {
-    /// Rectified abscissa.
+    /// Rectified abscissa of the match, normalised coordinates.
     pub x: f64,
     /// Derivative of the right phase along the curve, rad per unit of x.
     pub slope: f64,
     /// Variance of the interpolated right phase, rad².
     pub variance: f64,
-    /// Nearest native pixel.
+    /// Index of the nearest native pixel.
     pub pixel: usize,
     /// Whether the bilinear fallback was used.
     pub bilinear: bool,

@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 /// What transforms of one length share.
 pub struct CosinePlan {
     plan: Plan,
-    /// e^(−iπk/2n).
+    /// e^(−iπk/2n) for each k.
     quarters: Vec<Complex>,
 }
 

@@ -178,7 +178,7 @@ fn exchanges(order: &[usize]) -> Vec<[u32; 2]> {
 /// A transform of any length as a convolution with e^(iπk²/n), by transforms whose length is a power of two.
 struct Convolution {
     plan: Plan,
-    /// e^(−iπk²/n).
+    /// e^(−iπk²/n) for each k.
     chirp: Vec<Complex>,
     /// Transform of the conjugate chirp at both signs of k, over the length of the plan.
     kernel: Vec<Complex>,
@@ -216,7 +216,7 @@ impl Convolution {
     }
 }
 
-/// e^(−i angle).
+/// The complex number e^(−i angle).
 pub(super) fn unit(angle_rad: f64) -> Complex {
     let (sin, cos) = sincos(angle_rad);
     (cos, -sin)

@@ -17,9 +17,9 @@ const SWEEPS: usize = 40;
 /// A matrix of a size known at run time, stored row by row.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dense {
-    /// Number of rows.
+    /// Number of rows of the matrix.
     pub rows: usize,
-    /// Number of columns.
+    /// Number of columns of the matrix.
     pub cols: usize,
     data: Vec<f64>,
 }
@@ -65,7 +65,7 @@ impl Dense {
         &self.data[row * self.cols..(row + 1) * self.cols]
     }
 
-    /// The transposed matrix.
+    /// Returns the transposed matrix.
     #[must_use]
     pub fn transposed(&self) -> Self {
         Self::from_fn(self.cols, self.rows, |i, j| self.at(j, i))

@@ -63,7 +63,7 @@ pub enum PatternError {
     ShiftsAlike {
         /// √(trace/2) of the covariance of B cos φ and B sin φ per unit noise; infinite when singular.
         gain: f64,
-        /// Largest value accepted.
+        /// Largest value accepted, in the unit of `value`.
         most: f64,
     },
     /// Neither stairs of phase nor of grey levels.

@@ -10,13 +10,13 @@ pub struct ProjectorReport {
     pub valid: u32,
     /// The ray does not meet the column within the projector's image and the depth limits.
     pub missed: u32,
-    /// Both axes disagree.
+    /// Pixels where the two projector axes disagree.
     pub contradicting: u32,
     /// Root mean square disagreement of both axes, projector pixels; absent with one axis.
     pub epipolar_rms_px: Option<f64>,
     /// Dropped at the surface, and points.
     pub surface: SurfaceReport,
-    /// Points written: `surface.points`.
+    /// Points written, the same number as `surface.points`.
     pub points: u32,
 }
 

@@ -4,7 +4,7 @@ use crate::matching::{MatchError, check_depth};
 use crate::surface::SurfaceSettings;
 use serde::{Deserialize, Serialize};
 
-/// How to intersect.
+/// Settings of the intersection of camera rays with projector planes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ProjectorSettings {

@@ -91,7 +91,7 @@ proptest! {
     }
 }
 
-/// Eq. 3.5–3.7.
+/// Depth in closed form, thesis eq. 3.5 – 3.7.
 fn closed_form(camera: &Camera, projector: &Camera, seen: Point2<f64>, column: f64) -> nalgebra::Point3<f64> {
     let homography = |view: &Camera| {
         let pose = view.camera_from_world.to_homogeneous();

@@ -44,11 +44,11 @@ pub enum RectifyError {
          baseline, and rows cannot be matched; place them side by side"
     )]
     EpipoleInView {
-        /// "left" or "right".
+        /// Which view: "left" or "right".
         side: &'static str,
-        /// Ideal normalised coordinates of the epipole.
+        /// Ideal normalised x of the epipole.
         x: f64,
-        /// The same, y.
+        /// Ideal normalised y of the epipole.
         y: f64,
     },
     /// The optical axes are opposite.
@@ -63,15 +63,15 @@ pub enum RectifyError {
          much, or a distortion is wrong"
     )]
     GridTooLarge {
-        /// Columns times rows.
+        /// Columns times rows of the grid.
         cells: f64,
-        /// Largest accepted.
+        /// Largest number of cells accepted.
         limit: f64,
     },
     /// The lens model folds over in the whole image.
     #[error("no pixel of the {side} camera has a ray: its distortion folds over everywhere")]
     NoRays {
-        /// "left" or "right".
+        /// Which view: "left" or "right".
         side: &'static str,
     },
 }
@@ -79,7 +79,7 @@ pub enum RectifyError {
 /// A camera seen from the rectified frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RectifiedCamera {
-    /// The camera.
+    /// The camera with its lens.
     pub camera: Camera,
     /// Rotation of rectified directions into the camera frame.
     pub camera_from_rectified: Matrix3<f64>,
@@ -154,7 +154,7 @@ pub struct EpipolarCurve<'a> {
 /// A place on an epipolar curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CurvePoint {
-    /// Native pixel.
+    /// Native pixel (column, row).
     pub pixel: [f64; 2],
     /// Its derivative by the rectified abscissa.
     pub tangent: [f64; 2],
@@ -188,9 +188,9 @@ impl EpipolarCurve<'_> {
 /// The rectified frame of a pair.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rectification {
-    /// Left view.
+    /// Left view of the pair.
     pub left: RectifiedCamera,
-    /// Right view.
+    /// Right view of the pair.
     pub right: RectifiedCamera,
     /// Distance of the optical centres, mm.
     pub baseline_mm: f64,
@@ -287,9 +287,9 @@ pub struct RectifiedGrid {
     pub x0: f64,
     /// Rectified ordinate of row 0.
     pub y0: f64,
-    /// Columns.
+    /// Columns of the grid.
     pub width: usize,
-    /// Rows.
+    /// Rows of the grid.
     pub height: usize,
     /// Native pixel of each cell, row by row, or [`NO_PIXEL`].
     pub index: Vec<u32>,

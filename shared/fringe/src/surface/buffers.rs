@@ -5,7 +5,7 @@ use super::{Cause, SurfaceSettings};
 /// Rows per part of parallel work; fixed, so that no result depends on the number of threads.
 const PART_ROWS: usize = 16;
 
-/// Buffers, allocated once.
+/// Settings and buffers of the surface builder, allocated once.
 #[derive(Debug, Clone)]
 pub(crate) struct SurfaceBuilder {
     pub(super) settings: SurfaceSettings,

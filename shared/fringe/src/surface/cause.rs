@@ -28,7 +28,7 @@ pub enum Cause {
     Spike,
     /// In a patch that is too small.
     Crumb,
-    /// Seen too steeply.
+    /// The surface is seen too steeply.
     Steep,
     /// At the rim of its surface.
     Rim,

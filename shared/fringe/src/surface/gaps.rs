@@ -5,7 +5,7 @@ use super::normals::Link;
 use super::sample::Sample;
 use crate::math::parallel::for_parts;
 
-/// Widest gap, px.
+/// Widest gap that is bridged, px.
 pub(crate) const GAP_PX: usize = 3;
 
 /// Whether both sides of a gap around `at` on a line of `count` values belong together. `valid(i)` tells whether there is a value,

@@ -106,13 +106,13 @@ pub struct SurfaceReport {
     pub spikes: u32,
     /// In patches that are too small.
     pub crumbs: u32,
-    /// Seen too steeply.
+    /// Points dropped because the surface is seen too steeply.
     pub steep: u32,
     /// At the rim of their surface.
     pub rims: u32,
     /// Too uncertain after smoothing.
     pub uncertain: u32,
-    /// Points written.
+    /// Points written to the cloud.
     pub points: u32,
     /// Of these, without a normal.
     pub without_normal: u32,

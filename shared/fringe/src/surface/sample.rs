@@ -14,7 +14,7 @@ pub(crate) struct Sample {
     /// Share of its variance that comes from the pixel itself and is independent of its neighbours'; the rest comes from
     /// the other view.
     pub own_share: f32,
-    /// Modulation, DN.
+    /// Modulation B of the pixel, DN.
     pub modulation: f32,
     /// Why there is no point; [`Cause::Point`] where there is one.
     pub cause: Cause,

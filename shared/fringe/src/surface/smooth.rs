@@ -18,7 +18,7 @@ const MAX_NOISE: f64 = 1.5;
 /// have 0.01, an edge of 90° 0.04 and more.
 const MAX_ROUGHNESS: f64 = 0.02;
 
-/// Largest half width.
+/// Largest half width of the smoothing window, px.
 pub(super) const MAX_HALF: usize = 3;
 
 /// Sum of squared weights by the half width of the window: the variance left of noise that is independent in each sample.

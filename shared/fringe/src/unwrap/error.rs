@@ -11,9 +11,9 @@ pub enum UnwrapError {
         "a wrapped phase of {width_px} × {height_px} px cannot be unwrapped; it must have 1 to {MAX_PIXELS} pixels"
     )]
     Size {
-        /// Columns given, px.
+        /// Columns of the map, px.
         width_px: u32,
-        /// Rows given, px.
+        /// Rows of the map, px.
         height_px: u32,
     },
     /// A plane of another size.

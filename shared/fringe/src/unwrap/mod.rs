@@ -90,7 +90,7 @@ pub enum Method {
 /// Settings of all methods.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnwrapSettings {
-    /// Method of unwrapping.
+    /// Method of unwrapping and its quality map.
     pub method: Method,
     /// Branch cuts: farthest partner that a residue is paired with, px; beyond, it is led to the border or a hole.
     pub reach_px: u32,

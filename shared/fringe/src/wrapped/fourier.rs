@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 /// Fewest periods over the picture.
 const LEAST_PERIODS: f64 = 4.0;
-/// Shortest period, px.
+/// Shortest period that is searched, px.
 const SHORTEST_PX: f64 = 3.0;
 /// Least share of the strongest frequency and its neighbours in the weighted power.
 const LEAST_SHARE: f64 = 0.01;
@@ -119,7 +119,7 @@ fn carrier(spectra: &[Vec<Complex>], columns: usize) -> Option<(usize, f64)> {
     (total > 0.0).then_some((best + least, near / total))
 }
 
-/// Row by row.
+/// Fourier method on each row alone (one-dimensional).
 pub(super) fn rows(stack: &Stack, limits: &Limits) -> Result<Wrapped, WrapError> {
     let method = Method::FourierRows.name();
     let flat = Picture::new(stack, 0, false);

@@ -26,7 +26,7 @@ pub struct PhaseHarmonics {
     pub steps: u32,
     /// cₙ of n = N, 2N, 3N; zero where not significant.
     pub density: Vec<(f64, f64)>,
-    /// Pixels that told.
+    /// Number of valid pixels that the estimate uses.
     pub pixels: usize,
 }
 

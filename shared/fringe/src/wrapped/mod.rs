@@ -83,17 +83,17 @@ impl Limits {
 /// A wrapped phase map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wrapped {
-    /// Columns.
+    /// Columns of the map, px.
     pub width_px: u32,
-    /// Rows.
+    /// Rows of the map, px.
     pub height_px: u32,
     /// Phase in [0, 2π), rad; NaN where not valid.
     pub phase_rad: Vec<f32>,
     /// Its standard uncertainty, rad; NaN where not valid.
     pub sigma_rad: Vec<f32>,
-    /// Modulation B, DN.
+    /// Modulation B of each pixel, DN.
     pub modulation: Vec<f32>,
-    /// Background A, DN.
+    /// Background A of each pixel, DN.
     pub background: Vec<f32>,
     /// 1 where the phase may be used, else 0.
     pub valid: Vec<u8>,
@@ -123,7 +123,7 @@ impl Wrapped {
         }
     }
 
-    /// Number of pixels.
+    /// Number of pixels: columns times rows.
     pub fn len(&self) -> usize {
         self.valid.len()
     }
@@ -171,9 +171,9 @@ pub enum WrapError {
     Frames {
         /// As on the command line.
         method: &'static str,
-        /// What it takes.
+        /// Number of frames that the method takes.
         needed: &'static str,
-        /// Frames given.
+        /// Number of frames given.
         got: usize,
     },
     /// Shifts that the method does not take.
@@ -181,23 +181,23 @@ pub enum WrapError {
     Shifts {
         /// As on the command line.
         method: &'static str,
-        /// What it takes.
+        /// Phase shifts that the method takes.
         needed: &'static str,
-        /// Shifts, degrees.
+        /// Phase shifts given, degrees, as text.
         got: String,
     },
     /// Frames of unequal size, or none.
     #[error("frame {index} has {got} pixels, the first one {want} in {width_px} x {height_px}")]
     Size {
-        /// Which frame.
+        /// Frame number in the set, from 0.
         index: usize,
-        /// Its pixels.
+        /// Pixels of the frame.
         got: usize,
         /// Pixels of the first.
         want: usize,
-        /// Columns.
+        /// Columns of the first frame, px.
         width_px: u32,
-        /// Rows.
+        /// Rows of the first frame, px.
         height_px: u32,
     },
     /// Nothing periodic in the picture.
@@ -254,7 +254,7 @@ impl<'a> Stack<'a> {
         }
     }
 
-    /// Number of pixels.
+    /// Number of pixels: columns times rows.
     pub fn len(&self) -> usize {
         self.width_px as usize * self.height_px as usize
     }

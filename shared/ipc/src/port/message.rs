@@ -193,7 +193,7 @@ pub struct Received<H: Header> {
 }
 
 impl<H: Header> Received<H> {
-    /// The header.
+    /// The header of the message.
     pub fn header(&self) -> &H {
         self.sample.user_header()
     }
