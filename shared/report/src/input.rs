@@ -63,7 +63,7 @@ pub struct ReportInput<'a> {
 /// One row of the table of features.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FeatureRow {
-    /// What was measured.
+    /// The result of the feature.
     pub feature: FeatureResult,
     /// The simulator's true value, in a demonstration. Adds the columns truth and error.
     pub truth: Option<f64>,
@@ -96,7 +96,7 @@ pub struct PhasePicture<'a> {
 pub enum Activity {
     /// Waited for its input.
     Wait,
-    /// The stage computed.
+    /// The stage computed its output.
     Compute,
 }
 

@@ -7,9 +7,9 @@ use files::result::CycleResult;
 pub(crate) struct StageTimes {
     /// Name of the stage.
     pub name: String,
-    /// Waiting, ns.
+    /// Time waiting for input of each cycle, ns.
     pub wait_ns: Vec<u64>,
-    /// Computing, ns.
+    /// Time computing of each cycle, ns.
     pub compute_ns: Vec<u64>,
 }
 

@@ -41,7 +41,7 @@ pub fn open(page: &mut Page, class: &str, [width, height]: [f64; 2], label: &str
     ));
 }
 
-/// Closes a drawing.
+/// Closes the element `svg`.
 pub fn close(page: &mut Page) {
     page.put(format_args!("</svg>"));
 }

@@ -51,7 +51,7 @@ pub enum TwinError {
     Rays {
         /// Name of the camera.
         name: String,
-        /// Value of `subsamples`.
+        /// Value of the key `subsamples`.
         subsamples: u32,
         /// Number of rays needed.
         rays: u64,
@@ -61,9 +61,9 @@ pub enum TwinError {
     Unknown {
         /// Kind of the device: camera or projector.
         kind: &'static str,
-        /// Requested name.
+        /// The name that was requested.
         name: String,
-        /// Names that exist.
+        /// All names that exist.
         known: String,
     },
     /// The optical centre is inside of the part.
@@ -94,7 +94,7 @@ pub enum TwinError {
     Frame {
         /// Name of the projector.
         projector: String,
-        /// Requested index.
+        /// Frame number that was requested, from 0.
         frame: usize,
         /// Number of frames of the sequence.
         count: usize,

@@ -21,7 +21,7 @@ pub enum SceneError {
     Duplicate {
         /// Kind of the table: material, body or truth.
         kind: &'static str,
-        /// Name used twice.
+        /// The name that occurs twice.
         name: String,
     },
     /// A body of an unknown material.

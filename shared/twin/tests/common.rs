@@ -15,7 +15,7 @@ pub fn parse(bodies: &str) -> Result<Scene, twin::SceneError> {
     Scene::parse(&format!("{head}{bodies}"), &mut |_| Err("no file in this test".into()))
 }
 
-/// One `[[body]]` table.
+/// A `[[body]]` table of a scene file.
 pub fn body(name: &str, position_mm: [f64; 3], geometry: &str) -> String {
     format!(
         "[[body]]\nname = \"{name}\"\nmaterial = \"white\"\nposition_mm = {position_mm:?}\ngeometry = {geometry}\n"
@@ -41,7 +41,7 @@ pub fn points(seed: u64, count: u64, centre: [f64; 3], half_mm: f64) -> Vec<Poin
     (0..count).map(|i| Point3::from(Vector3::from(centre) + draw(i) * half_mm)).collect()
 }
 
-/// A binary STL.
+/// The bytes of a binary STL file.
 pub fn stl(triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
     let mut bytes = vec![0; 80];
     bytes.extend((triangles.len() as u32).to_le_bytes());

@@ -13,9 +13,9 @@ pub enum CalibrationError {
     Size {
         /// Name of the device.
         device: String,
-        /// Image columns, px.
+        /// Columns of the image, px.
         width_px: u32,
-        /// Image rows, px.
+        /// Rows of the image, px.
         height_px: u32,
     },
     /// A name or view occurs twice.
@@ -62,7 +62,7 @@ pub enum CalibrationError {
         device: String,
         /// Views with enough points.
         views: usize,
-        /// Fewest views needed.
+        /// Fewest views that are needed.
         needs: usize,
     },
     /// The poses do not determine a device.
@@ -90,9 +90,9 @@ pub enum CalibrationError {
     Outliers {
         /// Name of the device.
         device: String,
-        /// Number of outliers.
+        /// Number of points that are outliers.
         outliers: usize,
-        /// Number of points.
+        /// Number of points of the device.
         points: usize,
         /// Largest fraction of outliers allowed.
         limit: f64,

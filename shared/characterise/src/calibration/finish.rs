@@ -19,7 +19,7 @@ pub(super) struct Finish<'a> {
     pub settings: &'a CalibrationSettings,
     /// The target and its points.
     pub board: &'a Board,
-    /// The adjustment problem.
+    /// Observations and unknowns of the adjustment.
     pub problem: &'a Problem<'a>,
     /// Views used, in the order of the problem.
     pub seen: &'a [Seen],

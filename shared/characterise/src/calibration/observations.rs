@@ -26,9 +26,9 @@ pub struct Device {
     pub name: String,
     /// Whether it is a camera or a projector.
     pub kind: DeviceKind,
-    /// Image columns, px.
+    /// Columns of the image, px.
     pub width_px: u32,
-    /// Image rows, px.
+    /// Rows of the image, px.
     pub height_px: u32,
 }
 

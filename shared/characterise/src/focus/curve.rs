@@ -26,7 +26,7 @@ const MOST_ROUNDS: usize = 100;
 pub struct FocusPoint {
     /// Position of the image, mm.
     pub position_mm: f64,
-    /// The checkerboard's component.
+    /// Component of the image at the spatial frequency of the checkerboard.
     #[serde(flatten)]
     pub carrier: Carrier,
     /// Contrast over the largest of all pictures.

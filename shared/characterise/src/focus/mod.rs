@@ -45,7 +45,7 @@ pub enum FocusError {
         contrast: f64,
         /// Of the best picture.
         ratio: f64,
-        /// Smallest contrast accepted.
+        /// Smallest contrast that is accepted.
         least_contrast: f64,
         /// Smallest ratio of peak to median accepted.
         least_ratio: f64,
@@ -63,7 +63,7 @@ pub enum FocusError {
     TooFewPositions {
         /// Number of different positions given.
         found: usize,
-        /// Fewest positions accepted.
+        /// Fewest positions that are accepted.
         needed: usize,
     },
     /// A fraction that cannot be one.

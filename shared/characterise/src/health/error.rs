@@ -40,7 +40,7 @@ pub enum HealthError {
     TooFew {
         /// Number of matches found.
         found: usize,
-        /// Fewest matches needed.
+        /// Fewest matches that are needed.
         needed: usize,
     },
     /// The matches do not fix the drift.

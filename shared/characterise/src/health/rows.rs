@@ -24,7 +24,7 @@ pub(super) const CAUSES: [(&str, &str); 7] = [
 /// A residual with its derivatives, all over its standard deviation.
 #[derive(Debug, Clone)]
 pub(super) struct Row {
-    /// Epipolar residual, px.
+    /// Epipolar residual over its standard deviation.
     pub error: f64,
     /// By the unknowns of the joint fit.
     pub by: [f64; UNKNOWNS],

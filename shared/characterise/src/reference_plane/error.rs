@@ -43,7 +43,7 @@ pub enum PlaneError {
     Height {
         /// Number of the plane, from 1.
         number: usize,
-        /// Height given, mm.
+        /// Height that was given, mm.
         z_mm: f64,
     },
     /// A phase map with another size than the reference.

@@ -54,7 +54,7 @@ pub enum ResponseError {
     TooFewLevels {
         /// Number of different levels.
         found: usize,
-        /// Fewest levels accepted.
+        /// Fewest grey levels that are accepted.
         needed: usize,
     },
     /// A picture that does not answer.
@@ -101,7 +101,7 @@ pub enum ResponseError {
     NoFringes {
         /// Number of pixels with contrast.
         found: usize,
-        /// Fewest pixels accepted.
+        /// Fewest pixels that are accepted.
         needed: usize,
     },
 }

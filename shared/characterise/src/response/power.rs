@@ -15,9 +15,9 @@ pub struct PowerLaw {
     pub gamma: f64,
     /// Standard uncertainty of γ, from the residuals with n − 3 degrees of freedom.
     pub u_gamma: f64,
-    /// Gain a, DN.
+    /// Gain a of the power law, DN.
     pub gain_dn: f64,
-    /// Offset b, DN.
+    /// Offset b of the power law, DN.
     pub offset_dn: f64,
     /// Root mean square of the residuals, DN.
     pub residual_rms_dn: f64,

@@ -15,9 +15,9 @@ const USUAL_SIDE_PX: u32 = 100;
 /// A rectangle of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Roi {
-    /// First column, px.
+    /// First column of the region, px.
     pub x: u32,
-    /// First row, px.
+    /// First row of the region, px.
     pub y: u32,
     /// Number of columns, px.
     pub width_px: u32,

@@ -10,7 +10,7 @@ pub enum StageError {
     Few {
         /// Number of views given.
         views: usize,
-        /// Fewest views needed.
+        /// Fewest views that are needed.
         needed: usize,
     },
     /// The equations leave it open.

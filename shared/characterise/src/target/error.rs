@@ -18,9 +18,9 @@ pub enum TargetError {
         key: &'static str,
         /// Value in the target file.
         value: f64,
-        /// Smallest value allowed.
+        /// Smallest value that is allowed.
         least: f64,
-        /// Largest value allowed.
+        /// Largest value that is allowed.
         most: f64,
     },
     /// Squares have no diameter.
@@ -63,9 +63,9 @@ pub enum TargetError {
         super::raster::MAX_PIXELS
     )]
     Size {
-        /// Image columns, px.
+        /// Columns of the image, px.
         width_px: u32,
-        /// Image rows, px.
+        /// Rows of the image, px.
         height_px: u32,
         /// Number of values given.
         values: usize,
@@ -121,7 +121,7 @@ pub enum TargetError {
     /// More than one such target.
     #[error("{count} targets of {columns} x {rows} points in one image; cover all but one")]
     Several {
-        /// Number of solutions.
+        /// Number of targets that were found.
         count: usize,
         /// Columns declared in the target file.
         columns: u32,

@@ -26,7 +26,7 @@ const LEAST_FORM_MM: f64 = 1e-6;
 pub(super) struct Placed {
     /// Name of the position; repeats have the same.
     pub position: String,
-    /// What stood there.
+    /// Kind of the artefact.
     pub kind: Kind,
     /// Centres of its spheres; of a plane two points above and below its middle.
     pub centres: Vec<Point3<f64>>,

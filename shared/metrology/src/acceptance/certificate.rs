@@ -7,9 +7,9 @@ use super::rules::{Kind, Statistic};
 /// A calibrated length at the temperature of the test.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Length {
-    /// mm.
+    /// Length at the temperature of the test, mm.
     pub value_mm: f64,
-    /// Standard uncertainty, mm.
+    /// Standard uncertainty of the length, mm.
     pub u_mm: f64,
 }
 

@@ -14,7 +14,7 @@ use fringe::geometry::pose::Pose;
 /// Points that are evaluated together.
 #[derive(Debug, Clone)]
 pub(super) struct Group {
-    /// Whose they are.
+    /// Kind of cloud that the points come from.
     pub cloud: CloudOf,
     /// Views in it, with the pair where it is only one.
     pub views: Vec<String>,

@@ -13,15 +13,15 @@ pub enum AcceptanceError {
     Toml {
         /// "rule set" or "test plan".
         what: &'static str,
-        /// The reader's words.
+        /// Message of the TOML parser.
         message: String,
     },
-    /// Another format.
+    /// A file of another format or version.
     #[error("format = \"{found}\", this program reads \"{reads}\"")]
     Format {
-        /// As written.
+        /// The format as written.
         found: String,
-        /// As read.
+        /// The format that this program reads.
         reads: &'static str,
     },
     /// A rule set without name or edition.
@@ -32,9 +32,9 @@ pub enum AcceptanceError {
     Value {
         /// Table with its name.
         place: String,
-        /// Key.
+        /// Key of the number in the file.
         key: &'static str,
-        /// As written.
+        /// The value as written.
         value: f64,
         /// What it must be.
         limits: &'static str,
@@ -42,17 +42,17 @@ pub enum AcceptanceError {
     /// A statistic of another artefact.
     #[error("characteristic \"{symbol}\": its statistic cannot be taken on a {kind}")]
     Statistic {
-        /// Its symbol.
+        /// Symbol of the characteristic.
         symbol: String,
-        /// The artefact.
+        /// Kind of the artefact.
         kind: &'static str,
     },
     /// A name used twice.
     #[error("{what} \"{name}\" is there twice; names tell them apart")]
     Twice {
-        /// Kind of thing.
+        /// What is named, for example "position".
         what: &'static str,
-        /// The name.
+        /// The name that occurs twice.
         name: String,
     },
     /// A name that is not there.
@@ -60,11 +60,11 @@ pub enum AcceptanceError {
     Unknown {
         /// Table with its name.
         place: String,
-        /// Key.
+        /// Key of the reference in the file.
         key: &'static str,
-        /// As written.
+        /// The name as written.
         name: String,
-        /// What there is.
+        /// All names that exist, as a list.
         known: String,
     },
     /// Something that must be there is not, or the reverse.
@@ -81,7 +81,7 @@ pub enum AcceptanceError {
     /// An element was not found in its points.
     #[error("{place}: {message}")]
     NotFound {
-        /// Position and view.
+        /// Name of position and view.
         place: String,
         /// What was looked for, what was there.
         message: String,
@@ -89,9 +89,9 @@ pub enum AcceptanceError {
     /// An element was found but not fitted.
     #[error("{place}")]
     Fit {
-        /// Position and view.
+        /// Name of position and view.
         place: String,
-        /// Why.
+        /// The error of the fit.
         source: FitError,
     },
 }

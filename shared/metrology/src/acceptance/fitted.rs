@@ -18,7 +18,7 @@ pub(super) enum Fitted {
 }
 
 impl Fitted {
-    /// Fits each element.
+    /// Fits each element of the artefact.
     pub fn new(artefact: &Artefact, group: &Group, settings: &FitSettings) -> Result<Self, FitError> {
         if let ([points], true) = (group.elements.as_slice(), artefact.diameters_mm.is_empty()) {
             return Ok(Self::Plane(Box::new(plane(points, settings)?)));

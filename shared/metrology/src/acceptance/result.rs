@@ -7,7 +7,7 @@ use crate::verdict::{Verdict, decide};
 /// Coverage factor of the stated uncertainties of test values.
 pub(super) const COVERAGE_FACTOR: f64 = 2.0;
 
-/// The whole test.
+/// The result of an acceptance test.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TestReport {
     /// Rules that the test followed.
@@ -51,7 +51,7 @@ impl TestReport {
 pub struct Input {
     /// Name of the position.
     pub position: String,
-    /// Repeat, from 1.
+    /// Number of the repeat, from 1.
     pub repeat: u32,
     /// Name of the view.
     pub view: String,
@@ -64,11 +64,11 @@ pub struct Input {
 /// Names a rule set.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RuleSetId {
-    /// For example "vdi2634-3".
+    /// Identifier, for example "vdi2634-3".
     pub id: String,
     /// For example "VDI/VDE 2634 part 3".
     pub standard: String,
-    /// For example "2008-12".
+    /// Edition, for example "2008-12".
     pub edition: String,
     /// For example "evaluated following VDI/VDE 2634 part 3, edition 2008-12".
     pub wording: String,
@@ -85,16 +85,16 @@ pub struct Violation {
     pub required: f64,
     /// What the plan offers, in `unit`.
     pub actual: f64,
-    /// "mm", "positions" …
+    /// Unit of both values: "mm", "positions" …
     pub unit: String,
     /// The sentence for the report.
     pub text: String,
 }
 
-/// A measuring volume.
+/// A measuring volume, a box.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Volume {
-    /// Edges.
+    /// Lengths of the edges x, y, z, mm.
     pub size_mm: [f64; 3],
     /// √(x² + y² + z²).
     pub body_diagonal_mm: f64,
@@ -133,7 +133,7 @@ pub struct Characteristic {
     pub name: String,
     /// How the value comes about.
     pub definition: String,
-    /// "mm".
+    /// Unit of the values: "mm".
     pub unit: String,
     /// The value farthest from zero over all positions, with its sign; where the limit grows with the length, the one that
     /// takes up most of its limit.
@@ -188,9 +188,9 @@ impl Characteristic {
 pub struct PositionValue {
     /// Name of the position.
     pub position: String,
-    /// Repeat, from 1.
+    /// Number of the repeat, from 1.
     pub repeat: u32,
-    /// Signed value.
+    /// Value with its sign, in the unit of the characteristic.
     pub value: f64,
     /// Calibrated length that it is the error of, mm; absent for forms and sizes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -207,7 +207,7 @@ pub struct PositionValue {
     /// Whether a retest took the place of this value: it stands here but does not count.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub replaced: bool,
-    /// Points behind it.
+    /// Number of points that the value is taken from.
     pub points: usize,
     /// Points left out by the stated fraction.
     pub rejected: usize,

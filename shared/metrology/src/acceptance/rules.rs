@@ -12,13 +12,13 @@ pub const RULES_FORMAT: &str = "fringecell-rules/1";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RuleSet {
-    /// Always [`RULES_FORMAT`].
+    /// Always the text [`RULES_FORMAT`].
     pub format: String,
-    /// For example "vdi2634-3".
+    /// Identifier, for example "vdi2634-3".
     pub id: String,
     /// For example "VDI/VDE 2634 part 3".
     pub standard: String,
-    /// For example "2008-12".
+    /// Edition, for example "2008-12".
     pub edition: String,
     /// Fraction of the points that a fit may leave out.
     pub reject_fraction: RejectFraction,
@@ -28,7 +28,7 @@ pub struct RuleSet {
     /// Conditions that a plan has to fulfil.
     #[serde(default, rename = "rule")]
     pub rules: Vec<Rule>,
-    /// What is evaluated.
+    /// Characteristics that are evaluated.
     #[serde(rename = "characteristic")]
     pub characteristics: Vec<CharacteristicRule>,
 }
@@ -47,15 +47,15 @@ pub enum Status {
     Information,
 }
 
-/// Largest rejected fraction.
+/// Largest fraction of points that a fit may leave out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RejectFraction {
-    /// 0 … 0.5.
+    /// The fraction, 0 … 0.5.
     pub most: f64,
     /// How well it is known.
     pub status: Status,
-    /// From where.
+    /// The text that states the value.
     pub source: String,
 }
 
@@ -69,24 +69,24 @@ pub struct RetestRule {
     pub measurements: usize,
     /// How well it is known.
     pub status: Status,
-    /// From where.
+    /// The text that states the values.
     pub source: String,
 }
 
-/// Kinds of artefacts.
+/// Kinds of calibrated artefacts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Kind {
-    /// One sphere.
+    /// A sphere of calibrated diameter.
     Sphere,
     /// Two or more spheres at calibrated distances from the first.
     BallBar,
-    /// A flat plate.
+    /// A flat plate of calibrated form.
     Plane,
 }
 
 impl Kind {
-    /// As in files.
+    /// The name in plans and results.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sphere => "sphere",
@@ -155,23 +155,23 @@ impl Quantity {
     }
 }
 
-/// A condition.
+/// A condition that a plan has to fulfil.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rule {
-    /// In words.
+    /// Name of the rule in words.
     pub name: String,
     /// Artefacts that it is about.
     pub artefact: Kind,
-    /// What it limits.
+    /// The quantity that the rule limits.
     pub quantity: Quantity,
-    /// Smallest value.
+    /// Smallest value allowed; absent: no lower limit.
     pub least: Option<f64>,
-    /// Largest value.
+    /// Largest value allowed; absent: no upper limit.
     pub most: Option<f64>,
     /// How well it is known.
     pub status: Status,
-    /// From where.
+    /// The text that states the rule.
     pub source: String,
 }
 
@@ -238,23 +238,23 @@ pub enum CloudOf {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CharacteristicRule {
-    /// Unique.
+    /// Symbol, unique in the rule set.
     pub symbol: String,
-    /// In words.
+    /// Name of the characteristic in words.
     pub name: String,
     /// How it comes about.
     pub definition: String,
     /// What it is measured on.
     pub artefact: Kind,
-    /// The number.
+    /// How the value is computed from the fits.
     pub statistic: Statistic,
-    /// The points.
+    /// Which points the value is taken from.
     pub cloud: CloudOf,
     /// Whether the standard decides by it.
     pub decides: bool,
     /// How well it is known.
     pub status: Status,
-    /// From where.
+    /// The text that defines the characteristic.
     pub source: Option<String>,
 }
 

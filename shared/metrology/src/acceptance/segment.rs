@@ -47,7 +47,7 @@ pub(super) struct Excluded<'a> {
 pub(super) enum Wanted {
     /// A sphere of this diameter, mm.
     Sphere(f64),
-    /// A plane.
+    /// A plane of any extent.
     Plane,
 }
 
@@ -303,7 +303,7 @@ fn kept(points: &[Point], held: &[bool]) -> Vec<Point> {
     points.iter().zip(held).filter(|(_, held)| **held).map(|(point, _)| *point).collect()
 }
 
-/// Positions of points.
+/// Positions of the points, mm.
 pub(super) fn positions(points: &[Point]) -> Vec<Point3<f64>> {
     points.iter().map(Point::position).collect()
 }

@@ -16,7 +16,7 @@ pub(super) struct Value {
     pub shown: PositionValue,
     /// Whether it was measured again after a broken limit.
     pub retest: bool,
-    /// mm.
+    /// Standard uncertainty of the test value, mm.
     pub u_mm: f64,
 }
 

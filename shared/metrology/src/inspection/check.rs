@@ -251,7 +251,7 @@ fn exclusion(
     Ok(Exclusion { center_mm: edges.map(|e| arm.dot(&e)), shape })
 }
 
-/// Elements by name.
+/// Finds elements of a plan by name.
 struct Lookup<'a>(&'a [Element]);
 
 impl Lookup<'_> {

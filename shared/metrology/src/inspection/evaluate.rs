@@ -97,7 +97,7 @@ fn place(plan: &Plan, cloud: &[Point]) -> Result<Found, MeasureError> {
     align(plan, datums, cloud)
 }
 
-/// Fits all elements.
+/// Fits all elements of the plan.
 fn fit_elements(plan: &Plan, cloud: &[Point], world_from_part: &Pose) -> Vec<Outcome> {
     let regions: Vec<Region> =
         plan.elements.iter().map(|e| Region::new(e, REACH_MARGINS * e.margin_mm, 0.0)).collect();

@@ -38,10 +38,10 @@ pub enum PlaceError {
     /// The cloud is none.
     #[error(transparent)]
     Cloud(#[from] CloudError),
-    /// No pose matches.
+    /// No pose of the part matches the cloud.
     #[error("no pose of the part matches the cloud: {0}")]
     NoPose(RegisterError),
-    /// Several poses match.
+    /// Several poses match the cloud equally well.
     #[error(
         "the pose is not unique: another one matches {share_percent:.1} % as many places; give the CAD (--cad), name more \
          elements in the plan, or say where to begin (--start)"
@@ -70,12 +70,12 @@ pub enum PlaceError {
     /// The plan does not find its elements there.
     #[error("the plan does not fit the cloud at the pose found: {reasons}")]
     Elements {
-        /// Element by element.
+        /// The reason for each element that is not found.
         reasons: String,
     },
 }
 
-/// A placed plan.
+/// A plan with the pose of its part.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
     /// Where the part lies.

@@ -25,9 +25,9 @@ pub enum PlanError {
     Value {
         /// Element or feature with its name, or table.
         place: String,
-        /// Key.
+        /// Key of the number in the plan.
         key: &'static str,
-        /// Value.
+        /// The value as written.
         value: f64,
         /// What it must be.
         limits: &'static str,
@@ -35,19 +35,19 @@ pub enum PlanError {
     /// A name that is used twice, or empty.
     #[error("{what} name \"{name}\" is empty or used twice; names tell {what}s apart")]
     Name {
-        /// "element" or "feature".
+        /// What is named: "element" or "feature".
         what: &'static str,
-        /// The name.
+        /// The name as written.
         name: String,
     },
     /// A reference to an element that is not there or is of another kind.
     #[error("{place}: {key} names \"{name}\", but the plan's {kind} elements are: {known}")]
     Reference {
-        /// Feature or table.
+        /// The feature or table that refers to the element.
         place: String,
-        /// Key.
+        /// Key of the reference in the plan.
         key: &'static str,
-        /// The name given.
+        /// The name as written.
         name: String,
         /// Kind of element that is wanted.
         kind: &'static str,
@@ -109,7 +109,7 @@ pub struct Exclusion {
 /// Shape of an [`Exclusion`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ExclusionShape {
-    /// Radius, mm.
+    /// A disc of this radius, mm.
     Disc(f64),
     /// Half edges along the plane's two directions, mm.
     Rectangle([f64; 2]),
@@ -120,9 +120,9 @@ pub enum ExclusionShape {
 pub enum Geometry {
     /// A sphere or a part of one, between two polar angles about an axis.
     Sphere {
-        /// Centre, mm.
+        /// Centre in the part frame, mm.
         center_mm: Point3<f64>,
-        /// Radius, mm.
+        /// Radius of the sphere, mm.
         radius_mm: f64,
         /// Unit axis of the polar angles.
         axis: Vector3<f64>,
@@ -145,7 +145,7 @@ pub enum Geometry {
 }
 
 impl Geometry {
-    /// "sphere" or "plane".
+    /// Kind of the element: "sphere" or "plane".
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Sphere { .. } => "sphere",
@@ -157,15 +157,15 @@ impl Geometry {
 /// An element that is fitted on a region of the cloud.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Element {
-    /// Name.
+    /// Name, unique among the elements.
     pub name: String,
-    /// Nominal geometry.
+    /// Nominal geometry in the part frame.
     pub geometry: Geometry,
     /// How far a point of the element may lie from the surface, mm.
     pub margin_mm: f64,
     /// Largest angle between the normal of a point and that of the surface, rad. `None`: normals are not looked at.
     pub normal_tolerance_rad: Option<f64>,
-    /// Fewest points.
+    /// Fewest points that a fit needs.
     pub min_points: usize,
     /// Fraction of the points left out of the fit.
     pub max_reject_fraction: f64,
@@ -180,7 +180,7 @@ pub enum Quantity {
     CentreDistance([usize; 2]),
     /// Peak-to-valley flatness about the least-squares plane (FLTt, LSPL of ISO 12781-1).
     PlaneFlatness {
-        /// Plane element.
+        /// Index of the plane element.
         plane: usize,
         /// Nesting index, mm: the range is that of the means over squares of this edge, about the least-squares plane
         /// of the means. The squares lie along the element's directions from its nominal point; those with fewer than
@@ -194,22 +194,22 @@ pub enum Quantity {
     PlaneDistance([usize; 2]),
     /// Angle between the normals of two planes; the supplement to 180° when `supplement` is set.
     PlaneAngle {
-        /// Elements.
+        /// Indices of the two plane elements.
         planes: [usize; 2],
         /// Whether the supplement is meant.
         supplement: bool,
     },
     /// Top of a sphere over a plane: distance of its centre from the plane plus its radius.
     HemisphereHeight {
-        /// Sphere element.
+        /// Index of the sphere element.
         sphere: usize,
-        /// Plane element.
+        /// Index of the plane element.
         plane: usize,
     },
 }
 
 impl Quantity {
-    /// Of its values.
+    /// Unit of the values of this quantity.
     pub fn unit(&self) -> Unit {
         if matches!(self, Self::PlaneAngle { .. }) { Unit::Deg } else { Unit::Mm }
     }
@@ -219,10 +219,10 @@ impl Quantity {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Unit {
-    /// Millimetre.
+    /// Millimetre, for lengths and forms.
     #[default]
     Mm,
-    /// Degree.
+    /// Degree, the unit of angles.
     Deg,
 }
 
@@ -238,9 +238,9 @@ impl fmt::Display for Unit {
 /// A feature with its tolerance, in the unit of its quantity.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Feature {
-    /// Name.
+    /// Name, unique among the features.
     pub name: String,
-    /// What is measured.
+    /// The quantity and its elements.
     pub quantity: Quantity,
     /// Nominal value; 0 for a flatness.
     pub nominal: f64,
@@ -255,9 +255,9 @@ pub struct Feature {
 /// A checked inspection plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// Name.
+    /// Name of the plan.
     pub name: String,
-    /// Settings.
+    /// Settings of the evaluation.
     pub settings: Settings,
     /// Where the part nominally lies.
     pub world_from_part: Isometry3<f64>,

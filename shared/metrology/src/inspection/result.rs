@@ -9,7 +9,7 @@ use crate::fit::{PlaneFit, SphereFit};
 use crate::verdict::Verdict;
 use fringe::geometry::pose::Pose;
 
-/// The whole result.
+/// The result of an inspection.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct InspectionResult {
     /// Name of the plan.
@@ -31,7 +31,7 @@ pub struct InspectionResult {
 pub struct AlignmentResult {
     /// X_world = R X_part + t: rows of R.
     pub rotation: [[f64; 3]; 3],
-    /// t, mm.
+    /// Translation vector t, mm.
     pub translation_mm: [f64; 3],
     /// Largest shift of a datum element against its nominal place, mm.
     pub offset_mm: f64,
@@ -59,7 +59,7 @@ impl AlignmentResult {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum FittedElement {
-    /// A sphere.
+    /// A sphere with its form and uncertainties.
     Sphere(SphereFit),
     /// A plane; its normal points out of the material.
     Plane(PlaneFit),
@@ -106,9 +106,9 @@ pub struct DeviationPoint {
 /// An element: found, or the reason why not.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ElementResult {
-    /// Name.
+    /// Name of the element in the plan.
     pub name: String,
-    /// The fit.
+    /// The fitted element; absent when the fit failed.
     pub fit: Option<FittedElement>,
     /// Why there is none.
     pub reason: Option<String>,
@@ -128,7 +128,7 @@ pub struct FlatnessFilter {
     pub cells: usize,
     /// Cells with some points, but too few in one of their quarters.
     pub cells_left_out: usize,
-    /// Points in them.
+    /// Points in the cells that were left out.
     pub points_left_out: usize,
     /// Fewest points of each quarter of a cell: a sixteenth of the median over the cells that hold any, and at least 2.
     pub fewest_points: usize,
@@ -141,9 +141,9 @@ pub struct FlatnessFilter {
 /// A feature: value, uncertainty, verdict, or the reason why there is none. The same in messages, files and reports.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct FeatureResult {
-    /// Name.
+    /// Name of the feature in the plan.
     pub name: String,
-    /// Value in `unit`.
+    /// Measured value in `unit`; absent when nothing was measured.
     pub value: Option<f64>,
     /// Of all its values.
     pub unit: Unit,
@@ -155,9 +155,9 @@ pub struct FeatureResult {
     pub upper: Option<f64>,
     /// Decision by ISO 14253-1; `None` without a value.
     pub verdict: Option<Verdict>,
-    /// Nominal value.
+    /// Nominal value in `unit`.
     pub nominal: f64,
-    /// Value less nominal.
+    /// Value less nominal, in `unit`.
     pub deviation: Option<f64>,
     /// Standard uncertainty from the scatter of the points alone (correlation within cells included).
     pub u_noise: Option<f64>,

@@ -16,7 +16,7 @@ pub enum RegisterError {
     Few {
         /// Points with a match.
         matched: usize,
-        /// Least number.
+        /// Fewest points that are needed.
         needed: usize,
     },
     /// Less matches than must.
@@ -26,7 +26,7 @@ pub enum RegisterError {
     Overlap {
         /// Share that matches, %.
         share_percent: f64,
-        /// Least share, %.
+        /// Smallest share of matches accepted, %.
         least_percent: f64,
     },
     /// Nothing fixes the pose.

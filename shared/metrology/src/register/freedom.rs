@@ -15,7 +15,7 @@ pub(super) enum Other {
     Same,
     /// One that the symmetry of the reference makes as good.
     Symmetric,
-    /// Another one.
+    /// A different pose of the part.
     Different,
 }
 

@@ -49,7 +49,7 @@ pub(super) struct Refined {
     pub limit_mm: f64,
 }
 
-/// A matched point.
+/// A point of the cloud with its match.
 #[derive(Clone, Copy)]
 pub(super) struct Pair {
     pub place: Point3<f64>,

@@ -42,7 +42,7 @@ const LEAST_POINTS: usize = 7;
 /// Points of the first levels; the last one takes all. A tenth each time: the coarse ones cost next to nothing.
 const LEVEL_POINTS: [usize; 2] = [2000, 20_000];
 
-/// How to align.
+/// Settings of the iterative closest point alignment.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RegisterSettings {

@@ -24,7 +24,7 @@ pub(super) struct Equations {
     pub arm_mm: f64,
 }
 
-/// The principal motions.
+/// Principal motions of the alignment.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Principal {
     /// Mean squared sensitivities, ascending.

@@ -42,7 +42,7 @@ pub struct Rival {
     pub share: f64,
     /// Whether the motion between the two brings the reference onto itself.
     pub symmetric: bool,
-    /// Where it is.
+    /// The other pose of the cloud.
     pub pose: Pose,
 }
 
@@ -60,9 +60,9 @@ pub struct Freedom {
 /// An alignment: x ↦ rotation · x + translation brings the cloud onto the reference.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Registration {
-    /// Row by row.
+    /// Rotation matrix, row by row.
     pub rotation: [[f64; 3]; 3],
-    /// Translation, mm.
+    /// Translation of the cloud, mm.
     pub translation_mm: [f64; 3],
     /// Both as one matrix, row by row.
     pub matrix: [[f64; 4]; 4],
@@ -82,7 +82,7 @@ pub struct Registration {
     pub median_abs_mm: f64,
     /// Share of the cloud's points that lie on the reference, within the reach.
     pub overlap: f64,
-    /// Matches used.
+    /// Number of matches used.
     pub inliers: usize,
     /// Points of the cloud.
     pub points: usize,
@@ -98,7 +98,7 @@ pub struct Registration {
     pub covariance: [[f64; 6]; 6],
     /// Standard uncertainties: roots of the diagonal of the covariance.
     pub u_rotation_rad: [f64; 3],
-    /// As above, mm.
+    /// Standard uncertainties of the translation x, y, z, mm.
     pub u_translation_mm: [f64; 3],
     /// Where the rotation of the covariance turns: centre of the matches, reference frame, mm.
     pub centre_mm: [f64; 3],
@@ -141,7 +141,7 @@ impl Registration {
         self.pose().angle_rad().to_degrees()
     }
 
-    /// The motion.
+    /// Rotation and translation as a pose.
     pub fn pose(&self) -> Pose {
         let rows = self.rotation;
         Pose {

@@ -100,12 +100,12 @@ fn reference_signed(reference: &Reference) -> bool {
     }
 }
 
-/// One search.
+/// The inputs of one search.
 struct Search<'a> {
     cloud: &'a Samples,
     reference: &'a Reference,
     settings: &'a RegisterSettings,
-    /// Of the cloud.
+    /// Diagonal of the cloud's bounding box, mm.
     diagonal_mm: f64,
 }
 

@@ -30,7 +30,7 @@ pub enum MeshError {
          sign; repair the mesh"
     )]
     OneSided {
-        /// Counted from 0.
+        /// Index of the triangle, from 0.
         triangle: usize,
     },
     /// Beyond what the tree can number.

@@ -9,11 +9,11 @@ use metrology::verdict::Verdict;
 /// How large a chart is drawn.
 #[derive(Debug, Clone, Copy)]
 pub struct Size {
-    /// Of the sheet.
+    /// Width of the drawing, in its own units.
     pub width: f64,
-    /// Of the sheet.
+    /// Height of the drawing, in its own units.
     pub height: f64,
-    /// Of the letters.
+    /// Height of the letters, in the same units.
     pub letter: f64,
 }
 
@@ -110,7 +110,7 @@ fn guard_mm(one: &Characteristic, position: &PositionValue, guard_factor: f64) -
     (0.5 * guard_factor * expanded).min(one.limit_of(position).unwrap_or(0.0))
 }
 
-/// The chart.
+/// Draws the chart of one characteristic.
 pub fn chart(one: &Characteristic, guard_factor: f64, size: Size) -> Drawing {
     let frame = Frame::new(one, guard_factor, size);
     let spans = spans(&frame, one, guard_factor);

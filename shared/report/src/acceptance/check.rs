@@ -17,22 +17,22 @@ pub enum AcceptanceReportError {
     RuleSet {
         /// "id", "edition" or "wording".
         key: &'static str,
-        /// As found.
+        /// The value in the result.
         found: String,
         /// The standard that the report names.
         standard: String,
     },
-    /// Nothing was tested.
+    /// The result has no characteristic.
     #[error("characteristics: there is none: a report needs at least one; evaluate the test again")]
     Empty,
     /// NaN, infinity, or out of its range.
     #[error("{key}: value {value} is not allowed: {limit}; evaluate the test again")]
     Number {
-        /// Where.
+        /// Path of the key in the result.
         key: String,
-        /// As found.
+        /// The value in the result.
         value: f64,
-        /// What is allowed.
+        /// The values that are allowed.
         limit: &'static str,
     },
     /// A unit that no format knows.
@@ -40,30 +40,30 @@ pub enum AcceptanceReportError {
         "characteristic {symbol:?}: unit {unit:?} is not allowed: lengths are in \"mm\"; convert the values"
     )]
     Unit {
-        /// Of the characteristic.
+        /// Symbol of the characteristic.
         symbol: String,
-        /// As found.
+        /// The unit in the result.
         unit: String,
     },
     /// A verdict that the numbers do not bear.
     #[error("{place}: {says} although {but}; evaluate the test again")]
     Contradiction {
-        /// Where.
+        /// Path of the key in the result.
         place: String,
-        /// What it says.
+        /// The statement of the result.
         says: String,
         /// What speaks against it.
         but: String,
     },
-    /// JSON refuses.
+    /// The result has no representation in JSON.
     #[error("the result cannot be written as JSON: {0}")]
     Json(String),
     /// A fault of the contents of a file.
     #[error("{}", .path.display())]
     InFile {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The fault.
+        /// The fault in its contents.
         source: Box<Self>,
     },
     /// A file cannot be read or written.

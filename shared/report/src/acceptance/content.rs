@@ -12,17 +12,17 @@ use metrology::verdict::Verdict;
 
 /// A part of the report.
 pub enum Block<'a> {
-    /// Opens a section.
+    /// The heading of a section.
     Heading(String),
-    /// A paragraph.
+    /// A paragraph of running text.
     Text(String),
     /// A paragraph in small print.
     Small(String),
-    /// Numbered steps.
+    /// A numbered list of steps.
     Steps(Vec<String>),
-    /// Label and text.
+    /// A list of labels, each with its text.
     Pairs(Vec<(String, String)>),
-    /// A table.
+    /// A table with its columns and cells.
     Table(Table),
     /// Charts, side by side where they fit, with the guard factor of the test.
     Charts(Vec<&'a Characteristic>, f64),
@@ -30,7 +30,7 @@ pub enum Block<'a> {
     Signatures([&'static str; 4]),
 }
 
-/// A table.
+/// A table of the report.
 pub struct Table {
     /// Title, relative width, whether numbers stand right.
     pub columns: Vec<(String, f64, bool)>,
@@ -38,13 +38,13 @@ pub struct Table {
     pub rows: Vec<Vec<Cell>>,
 }
 
-/// One cell.
+/// One cell of a table.
 pub struct Cell {
-    /// What it says.
+    /// Text of the cell.
     pub text: String,
-    /// Small print below.
+    /// Small print below the text; may be empty.
     pub detail: String,
-    /// Heavy letters.
+    /// Whether the text is bold.
     pub bold: bool,
     /// Colour of the letters.
     pub tone: Tone,
@@ -65,11 +65,11 @@ impl Cell {
     }
 }
 
-/// The whole report.
+/// The contents of the report, for any output format.
 pub struct Document<'a> {
-    /// Heading.
+    /// Title of the report.
     pub title: String,
-    /// "evaluated following …".
+    /// The statement "evaluated following …".
     pub wording: String,
     /// Rule set and edition.
     pub rule_set: String,
@@ -79,11 +79,11 @@ pub struct Document<'a> {
     pub word: String,
     /// Its class in the style sheet.
     pub class: &'static str,
-    /// Its colour.
+    /// Colour of the banner.
     pub tone: Tone,
     /// The verdict in plain words.
     pub sentences: Vec<String>,
-    /// What follows.
+    /// Parts of the report, in their order.
     pub blocks: Vec<Block<'a>>,
     /// SHA-256 of the master.
     pub sha256: String,

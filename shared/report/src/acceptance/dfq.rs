@@ -17,7 +17,7 @@ const PART: usize = 40;
 const NAME: usize = 80;
 const REMARK: usize = 255;
 
-/// The whole file.
+/// Renders the file in the Q-DAS transfer format.
 pub fn render(report: &TestReport) -> String {
     let mut text = String::new();
     let set = &report.rule_set;

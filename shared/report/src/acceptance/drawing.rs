@@ -6,28 +6,28 @@ use std::fmt::Write as _;
 /// Colours, named by what they mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Tone {
-    /// Text and values.
+    /// Colour of text and values.
     Ink,
     /// Words beside the point.
     Soft,
-    /// Rules between rows.
+    /// Colour of rules between rows.
     Line,
-    /// Conformity.
+    /// Colour of conformity, `pass`.
     Pass,
-    /// Neither.
+    /// Colour of an `indeterminate` verdict.
     Doubt,
-    /// Non-conformity.
+    /// Colour of non-conformity, `fail`.
     Fail,
-    /// Area of conformity.
+    /// Background where values pass.
     PassArea,
-    /// Area of doubt.
+    /// Background of the guard bands.
     DoubtArea,
-    /// Area of non-conformity.
+    /// Background where values fail.
     FailArea,
 }
 
 impl Tone {
-    /// Red, green, blue.
+    /// Red, green and blue, 0 … 255.
     pub fn rgb(self) -> [u8; 3] {
         match self {
             Self::Ink => [0x1f, 0x29, 0x33],
@@ -51,50 +51,50 @@ impl Tone {
 /// Where a word stands to its point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
-    /// Begins there.
+    /// The word begins at the point.
     Start,
     /// Its middle is there.
     Middle,
-    /// Ends there.
+    /// The word ends at the point.
     End,
 }
 
-/// One element.
+/// One element of a drawing.
 #[derive(Debug, Clone)]
 pub enum Shape {
-    /// A straight line.
+    /// A straight line between two points.
     Line {
-        /// From and to.
+        /// Start and end point.
         ends: [[f64; 2]; 2],
-        /// Its width.
+        /// Width of the line.
         width: f64,
-        /// Its colour.
+        /// Colour of the line.
         tone: Tone,
     },
     /// A filled rectangle: left, top, width, height.
     Area([f64; 4], Tone),
-    /// A filled circle.
+    /// A filled circle, for a value.
     Dot {
-        /// Centre.
+        /// Centre of the circle.
         at: [f64; 2],
-        /// Radius.
+        /// Radius of the circle.
         radius: f64,
-        /// Its colour.
+        /// Colour of the circle.
         tone: Tone,
     },
     /// A word; the point lies on its base line.
     Word {
-        /// Where.
+        /// Point on the base line.
         at: [f64; 2],
         /// Height of the letters' body.
         size: f64,
         /// Place relative to the point.
         anchor: Anchor,
-        /// Heavy letters.
+        /// Whether the word is bold.
         bold: bool,
-        /// Its colour.
+        /// Colour of the word.
         tone: Tone,
-        /// What it says.
+        /// The text of the word.
         text: String,
     },
 }

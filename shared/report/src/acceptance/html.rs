@@ -5,10 +5,10 @@ use super::content::{Block, Cell, Document, Table};
 use super::drawing::Tone;
 use crate::page::{Page, Text};
 
-/// Charts of HTML.
+/// Size of the charts in the HTML report.
 const CHART: Size = Size { width: 540.0, height: 250.0, letter: 12.0 };
 
-/// The whole page.
+/// Renders the report as one HTML page.
 pub fn render(document: &Document<'_>) -> String {
     let mut page = Page::begin(&format!("{} – {}", document.title, document.word));
     head(&mut page, document);

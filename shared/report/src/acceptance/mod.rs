@@ -36,7 +36,7 @@ pub struct Outputs<'a> {
     pub pdf: Option<&'a Path>,
     /// One line a position and characteristic.
     pub csv: Option<&'a Path>,
-    /// QIF 3.0 results.
+    /// Results as QIF 3.0 (ISO 23952).
     pub qif: Option<&'a Path>,
     /// Q-DAS ASCII transfer format.
     pub dfq: Option<&'a Path>,

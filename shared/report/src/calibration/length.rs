@@ -35,7 +35,7 @@ pub struct LengthCheck {
 /// Statistics of the deviations measured − certified.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LengthSummary {
-    /// Number of measurements.
+    /// Number of measurements summarised.
     pub count: usize,
     /// Mean deviation from the certified value, mm.
     pub mean_mm: f64,

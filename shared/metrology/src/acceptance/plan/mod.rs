@@ -16,9 +16,9 @@ pub const TEST_FORMAT: &str = "fringecell-test/1";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TestPlan {
-    /// Always [`TEST_FORMAT`].
+    /// Always the text [`TEST_FORMAT`].
     pub format: String,
-    /// What is tested.
+    /// Name of the test, for the report.
     pub name: String,
     /// A rule set that comes with the program, or the path of a rule set file.
     pub rule_set: String,
@@ -27,9 +27,9 @@ pub struct TestPlan {
     pub allow_reduced: bool,
     /// Fraction of the points that each fit leaves out; absent: what the rule set allows.
     pub reject_fraction: Option<f64>,
-    /// Under which conditions.
+    /// Conditions of the measurement, for the report.
     pub conditions: Conditions,
-    /// Measuring volumes.
+    /// Measuring volumes of sensor and system.
     pub volume: Volumes,
     /// How it is decided.
     #[serde(default)]
@@ -45,10 +45,10 @@ pub struct TestPlan {
     /// Reference spheres that stand beside the artefact and move with it, for positions registered by them.
     #[serde(default, rename = "reference")]
     pub references: Vec<Reference>,
-    /// Artefacts.
+    /// All artefacts, each with its certificate.
     #[serde(rename = "artefact")]
     pub artefacts: Vec<Artefact>,
-    /// Positions.
+    /// Positions of the artefacts, in the order of measurement.
     #[serde(rename = "position")]
     pub positions: Vec<PositionPlan>,
 }
@@ -70,7 +70,7 @@ pub enum Limit {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LengthLimit {
-    /// A, mm.
+    /// Constant part A of the limit, mm.
     pub a_mm: f64,
     /// K, micrometres per metre of length: 20 adds 2 µm per 100 mm.
     pub k_um_per_m: f64,
@@ -137,7 +137,7 @@ pub struct Volumes {
     pub center_mm: Option<[f64; 3]>,
 }
 
-/// Decision rules.
+/// How a value is compared with its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DecisionRule {
@@ -153,7 +153,7 @@ pub enum DecisionRule {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Decision {
-    /// The rule.
+    /// Guard bands or simple acceptance.
     pub rule: DecisionRule,
     /// Guard band over the standard uncertainty: 1.65 for a conformance probability of 95 % at one limit (ISO
     /// 14253-1:2017), 2 as in the edition of 1998.
@@ -182,7 +182,7 @@ impl Decision {
 pub struct Measurement {
     /// Rig file, beside the plan.
     pub rig: String,
-    /// "phase" or "projector".
+    /// Method of measurement: "phase" or "projector".
     pub method: String,
     /// Side of the window over which points are smoothed, px: 1 (not at all), 3, 5 or 7; absent: as `reconstruct` does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -214,17 +214,17 @@ impl Default for Segmentation {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reference {
-    /// Nominal diameter.
+    /// Nominal diameter of the sphere, mm.
     pub diameter_mm: f64,
 }
 
-/// An artefact.
+/// A calibrated artefact with its certificate.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Artefact {
-    /// Unique.
+    /// Name, unique among the artefacts.
     pub id: String,
-    /// What it is.
+    /// Sphere, ball bar or plane.
     pub kind: Kind,
     /// Number of its certificate.
     pub certificate: String,
@@ -299,7 +299,7 @@ pub struct PositionPlan {
     /// How the views come together.
     #[serde(default)]
     pub register: RegisterBy,
-    /// Its views.
+    /// Views of the artefact at this position.
     #[serde(rename = "view")]
     pub views: Vec<ViewPlan>,
 }
@@ -316,7 +316,7 @@ pub struct ViewPlan {
     pub name: String,
     /// Folder of a recording.
     pub recording: Option<String>,
-    /// Or a cloud.
+    /// Path of a cloud, instead of a recording.
     pub cloud: Option<String>,
     /// Where the elements of the artefact are: a ball x, y, z, r in mm for each sphere in their order, or one for the
     /// plane. Without it they are searched.

@@ -2,7 +2,7 @@
 
 use crate::uncertainty::{coverage_factor, coverage_probability, density};
 
-/// Probability, ν, k.
+/// Coverage probability, degrees of freedom ν, coverage factor k.
 #[rustfmt::skip]
 #[expect(clippy::unreadable_literal, clippy::excessive_precision, reason = "digits as computed")]
 const REFERENCE: [(f64, f64, f64); 84] = [

@@ -9,7 +9,7 @@ use super::drawing::{Anchor, Tone};
 use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, TextStr};
 use sheet::{BOLD, MARGIN, PAPER, REGULAR, Sheets, Style, WIDTH};
 
-/// The whole file.
+/// Renders the report as a PDF file.
 pub fn render(document: &Document<'_>) -> Vec<u8> {
     let mut sheets = Sheets::new();
     head(&mut sheets, document);

@@ -4,7 +4,7 @@ use super::font::{encode, width, wrap};
 use crate::acceptance::drawing::{Anchor, Drawing, Shape, Tone};
 use pdf_writer::{Content, Name, Str};
 
-/// A4.
+/// Size of a sheet A4, points of 1/72 inch.
 pub const PAPER: [f64; 2] = [595.0, 842.0];
 /// Left and right of the text.
 pub const MARGIN: f64 = 44.0;
@@ -15,17 +15,17 @@ const BOTTOM: f64 = PAPER[1] - 52.0;
 
 /// Names of the fonts in the resources.
 pub const REGULAR: Name<'static> = Name(b"F1");
-/// Heavy letters.
+/// Resource name of the bold font.
 pub const BOLD: Name<'static> = Name(b"F2");
 
 /// How a word looks.
 #[derive(Debug, Clone, Copy)]
 pub struct Style {
-    /// Points.
+    /// Size of the letters, points.
     pub size: f64,
-    /// Heavy letters.
+    /// Whether the letters are bold.
     pub bold: bool,
-    /// Its colour.
+    /// Colour of the letters.
     pub tone: Tone,
 }
 
@@ -49,7 +49,7 @@ pub struct Sheets {
 }
 
 impl Sheets {
-    /// One empty sheet.
+    /// Starts with one empty sheet.
     pub fn new() -> Self {
         Self { pages: vec![Content::new()], y: TOP }
     }
@@ -64,7 +64,7 @@ impl Sheets {
         full
     }
 
-    /// The sheets.
+    /// Returns the contents of all sheets.
     pub fn into_pages(self) -> Vec<Content> {
         self.pages
     }
@@ -77,12 +77,12 @@ impl Sheets {
         &mut self.pages[last]
     }
 
-    /// A filled rectangle.
+    /// Draws a filled rectangle.
     pub fn area(&mut self, [x, y, w, h]: [f64; 4], tone: Tone) {
         area(self.page(), [x, y, w, h], tone);
     }
 
-    /// A line.
+    /// Draws a straight line.
     pub fn line(&mut self, ends: [[f64; 2]; 2], width: f64, tone: Tone) {
         line(self.page(), ends, width, tone);
     }
