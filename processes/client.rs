@@ -4,6 +4,7 @@ use crate::supervisor::command_socket::ask;
 use crate::supervisor::protocol::{Answer, Request, Spans, Status};
 use anyhow::{Context, Result, bail};
 use ipc::cell::{CellName, running_cells, running_pid};
+use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 /// Longest wait of `stop` for the end of the cell.
@@ -41,6 +42,16 @@ pub fn cell_name(which: Option<&str>) -> Result<Option<String>> {
         return Ok(Some(which.to_owned()));
     }
     Ok(Some(files::config::Config::load(std::path::Path::new(which))?.cell.name))
+}
+
+/// Checks that a cell runs and accepts connections.
+///
+/// # Errors
+/// It does not, or not yet.
+pub fn reach(cell: Option<&str>) -> Result<()> {
+    let name = find(cell)?;
+    UnixStream::connect(name.socket()).with_context(|| name.socket().display().to_string())?;
+    Ok(())
 }
 
 /// Sends a request to a cell.

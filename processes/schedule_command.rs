@@ -8,7 +8,7 @@ use files::atomic;
 use files::output_check::check_outputs;
 use files::result::read_json;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Command-line arguments of `fringecell schedule`.
 #[derive(Debug, Clone, clap::Args)]
@@ -43,7 +43,8 @@ pub fn schedule(args: &ScheduleArgs) -> Result<(String, bool)> {
         atomic::write(file, chart.svg(&cell).as_bytes())?;
     }
     let (limits, within_limits) = chart.check_limits(&cell).unwrap_or((String::new(), true));
-    Ok((format!("{}\n{}{limits}", render(&cell), chart.text(&cell)), within_limits))
+    let memory = memory(&args.config, &cell)?;
+    Ok((format!("{}{memory}\n{}{limits}", render(&cell), chart.text(&cell)), within_limits))
 }
 
 /// The order of the activations on each core, then the topics with their buffers.
@@ -100,8 +101,14 @@ fn render(cell: &Cell) -> String {
             shorten(&topic.consumers)
         );
     }
-    let _ = writeln!(text, "\nshared memory at most {} MB", schedule.memory_bytes().div_ceil(1_000_000));
     text
+}
+
+/// The shared memory that a run needs; with `--out` the supervisor receives frames, phase maps and cloud as well.
+fn memory(config: &Path, cell: &Cell) -> Result<String> {
+    let with_out = graph::load(config, &graph::Options { watch: true, ..graph::Options::default() })?;
+    let mb = |cell: &Cell| cell.schedule.memory_bytes().div_ceil(1_000_000);
+    Ok(format!("\nshared memory at most {} MB, with `run --out` {} MB\n", mb(cell), mb(&with_out)))
 }
 
 /// The overlap of cycles in words.

@@ -24,7 +24,7 @@ pub struct TriggerArgs {
     /// Name of the recipe; default: the first one.
     #[arg(long, value_name = "NAME")]
     pub recipe: Option<String>,
-    /// Longest wait for a cell that is starting or busy, s.
+    /// Longest wait for a cell that is starting or busy, s; 0: do not wait.
     #[arg(long, value_name = "SECONDS", default_value_t = 30)]
     pub patience: u64,
     /// Write the result of the cycle to this file, as JSON.
@@ -40,6 +40,7 @@ pub fn trigger(args: &TriggerArgs) -> Result<u8> {
     let cell = client::cell_name(args.cell.as_deref())?;
     let request = Request::Inspect { part: args.part.clone(), recipe: args.recipe.clone() };
     let begin = Instant::now();
+    wait_for_start(args, cell.as_deref(), begin)?;
     loop {
         match client::ask_cell(cell.as_deref(), &request)? {
             Answer::Inspected(result) => return print_result(args, &result),
@@ -54,6 +55,26 @@ pub fn trigger(args: &TriggerArgs) -> Result<u8> {
             }
             Answer::Refused(reason) => bail!("the part was not inspected: {reason}"),
             _ => bail!("the cell sent an unexpected answer"),
+        }
+    }
+}
+
+/// Waits for the command socket of a named cell. Only before the request: a request is never sent twice.
+fn wait_for_start(args: &TriggerArgs, cell: Option<&str>, begin: Instant) -> Result<()> {
+    let mut noted = false;
+    loop {
+        match client::reach(cell) {
+            Err(_) if cell.is_some() && begin.elapsed() < Duration::from_secs(args.patience) => {
+                if !std::mem::replace(&mut noted, true) {
+                    let name = cell.unwrap_or_default();
+                    terminal::print_error(&format!(
+                        "waiting up to {} s for cell '{name}' to start",
+                        args.patience
+                    ));
+                }
+                std::thread::sleep(RETRY_PAUSE);
+            }
+            other => return other,
         }
     }
 }

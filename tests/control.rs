@@ -7,7 +7,7 @@ use serde_json::{Value, json as value};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
-use std::process::{Child, Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
 /// The plan of the artefact with other tolerances, for cameras that see few points.
@@ -252,6 +252,34 @@ fn a_stage_that_dies_during_an_inspection_is_an_outcome_and_no_hang() {
     let next = served.trigger(&["--part", "y"]);
     assert_eq!(next.status.code(), Some(0), "{}{}", text(&next.stdout), text(&next.stderr));
     served.stop();
+}
+
+/// Proves: a client may come before the cell and waits for it.
+#[test]
+fn a_trigger_waits_for_a_cell_that_is_still_starting() {
+    let cell = Cell::played("early", 0.0, "");
+    let program = env!("CARGO_BIN_EXE_fringecell");
+    let trigger = |patience: &str| {
+        let mut trigger = Command::new(program);
+        trigger.args(["trigger", &cell.name, "--part", "1", "--patience", patience]);
+        trigger.stdout(Stdio::piped()).stderr(Stdio::piped());
+        trigger
+    };
+    let none = trigger("0").output().unwrap();
+    assert_eq!(none.status.code(), Some(2));
+    assert!(
+        text(&none.stderr).contains(&format!("no cell '{}' is running", cell.name)),
+        "{}",
+        text(&none.stderr)
+    );
+    let early = trigger("100").spawn().unwrap();
+    std::thread::sleep(Duration::from_millis(300));
+    let run = cell.program("played.toml", &["--serve"]).spawn().unwrap();
+    let output = wait(early);
+    assert_eq!(output.status.code(), Some(0), "{}{}", text(&output.stdout), text(&output.stderr));
+    let stop = Command::new(program).args(["stop", "--cell", &cell.name]).output().unwrap();
+    assert!(stop.status.success(), "{}", text(&stop.stderr));
+    wait(run);
 }
 
 /// The grammar of the text format, version 0.0.4, as far as the cell uses it: one sample or comment per line.
