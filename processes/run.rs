@@ -92,28 +92,24 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         config,
         cycles: if args.serve { None } else { cycles(args, &cell) },
         serve: args.serve,
+        out: args.out.clone(),
         record: record_folder(args)?,
         cycle_record: args.cycle_record.clone(),
         metrics: args.metrics,
     };
     let needs_stdout = needs_stdout(args, &options);
     let mut results = VecDeque::new();
-    let mut write_error = None;
     let mut summary = supervisor::run(&cell, &options, &mut |result| {
         let printed = terminal::print_line(&terminal::cycle_line(result, options.cycles));
         if !printed && needs_stdout {
             interrupted.store(true, Ordering::SeqCst);
-        }
-        if let Some(Err(error)) = args.out.as_ref().map(|folder| run_files::cycle(folder, result)) {
-            tracing::error!("{error:#}");
-            write_error.get_or_insert(error);
         }
         if results.len() == MAX_RESULTS {
             results.pop_front();
         }
         results.push_back(result.clone());
     })?;
-    if let Some(error) = write_error {
+    if let Some(error) = summary.unwritten.take() {
         return Err(error);
     }
     let results: Vec<CycleResult> = results.into();

@@ -4,7 +4,7 @@ use crate::client;
 use crate::supervisor::protocol::{Answer, Request};
 use crate::terminal;
 use anyhow::{Result, bail};
-use files::result::{CycleResult, OUTCOME_OK, write_json};
+use files::result::{CycleResult, write_json};
 use metrology::verdict::Verdict;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -32,7 +32,8 @@ pub struct TriggerArgs {
     pub json: Option<PathBuf>,
 }
 
-/// Inspects a part. Exit code 0: it passes, or was measured without a plan; 1: anything else.
+/// Inspects a part. Exit code 0: it passes, or was measured without a plan, and what was asked for is on the disk; 1: anything
+/// else.
 ///
 /// # Errors
 /// The cell refuses the request.
@@ -87,6 +88,9 @@ fn print_result(args: &TriggerArgs, result: &CycleResult) -> Result<u8> {
     if !result.features.is_empty() {
         terminal::print_line(terminal::feature_table(&result.features, None).trim_end());
     }
-    let pass = matches!(result.verdict, Some(Verdict::Pass) | None) && result.outcome == OUTCOME_OK;
-    Ok(u8::from(!pass))
+    if let Some(kept) = &result.kept {
+        terminal::print_error(&format!("error: the files of this part are not kept: {kept}"));
+    }
+    let pass = matches!(result.verdict, Some(Verdict::Pass) | None) && result.is_ok();
+    Ok(u8::from(!pass || result.kept.is_some()))
 }

@@ -12,6 +12,7 @@
 //! - [`pose`]: where a part lies is found from anywhere, or refused
 //! - [`rig_state`]: a rig file against what its cameras see, and against other programs
 //! - [`adversity`]: no memory, no room, nobody who reads, another cell beside
+//! - [`hung_disk`]: a disk that does not answer
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - `allocations`: what warm stages do not do; only with the feature `count-allocations`
 //! - [`control`]: a cell that takes jobs: states, recipes, refusals, metrics
@@ -55,6 +56,7 @@ mod fits;
 mod focus;
 mod gamma;
 mod golden_cells;
+mod hung_disk;
 mod offline;
 mod one_flow;
 mod phase_methods;

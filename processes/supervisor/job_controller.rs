@@ -127,12 +127,13 @@ impl JobController {
         result.part = self.job.as_ref().and_then(|job| job.part.clone());
     }
 
-    /// Handles the end of a cycle whose files are written: answers the waiting client and may start the next cycle.
-    pub(super) fn cycle_ended(&mut self, result: &CycleResult) -> Action {
-        if let Some(reply) = self.job.as_mut().and_then(|job| job.reply.take()) {
-            // The client may have disconnected; the files are written anyway.
-            let _ = reply.send(Answer::Inspected(Box::new(result.clone())));
-        }
+    /// The client that waits for the result of the current job.
+    pub(super) fn take_reply(&mut self) -> Option<Sender<Answer>> {
+        self.job.as_mut().and_then(|job| job.reply.take())
+    }
+
+    /// Handles the end of a cycle; may start the next one.
+    pub(super) fn cycle_ended(&mut self) -> Action {
         if !self.serves {
             return Action::None;
         }
@@ -145,7 +146,7 @@ impl JobController {
 
     /// Answers the client that waits for a job that will not end any more.
     pub(super) fn close(&mut self) {
-        if let Some(reply) = self.job.as_mut().and_then(|job| job.reply.take()) {
+        if let Some(reply) = self.take_reply() {
             let _ = reply.send(Answer::Refused(STOPPED.into()));
         }
     }

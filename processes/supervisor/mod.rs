@@ -18,6 +18,8 @@ pub mod profile;
 pub mod protocol;
 mod requests;
 pub mod restart;
+mod result_delivery;
+mod result_writer;
 mod setup;
 pub mod snapshot;
 mod stage_process;
@@ -70,6 +72,7 @@ fn event_loop(supervisor: &mut Supervisor, each: &mut dyn FnMut(&CycleResult)) -
         supervisor.reap_ended(each)?;
         supervisor.connect(each)?;
         supervisor.handle_requests(each)?;
+        supervisor.results_out.update();
         supervisor.step(Input::Tick, each)?;
         if !supervisor.cycles.is_finished() {
             supervisor.listener.wait(TICK)?;

@@ -105,6 +105,7 @@ impl Supervisor<'_> {
                 };
                 let _ = reply.send(answer);
             }
+            self.results_out.update();
             if self.clients.unanswered() == 0 || now_ns() > deadline_ns {
                 return;
             }

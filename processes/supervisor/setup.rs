@@ -2,13 +2,16 @@
 
 use super::cycle::{Budgets, Cycles, Step};
 use super::restart::Policy;
+use super::result_writer::ResultWriter;
 use super::stage_process::StageProcess;
+use crate::run_files;
 use crate::stage::short_hashes;
+use anyhow::Result;
 use cell::Cell;
 use cell::schedule::{Carries, Kind, Order, Stage, Topic, label};
 use devices::LoadedCell;
 use ipc::IpcError;
-use ipc::port::{Node, ServiceHandle, TopicSize};
+use ipc::port::{Node, ServiceHandle};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -23,6 +26,8 @@ pub struct RunOptions {
     pub cycles: Option<u64>,
     /// Whether cycles are requested over the command socket instead.
     pub serve: bool,
+    /// Folder for the results of the cycles.
+    pub out: Option<PathBuf>,
     /// Folder for a recording.
     pub record: Option<PathBuf>,
     /// Set to end the run.
@@ -100,6 +105,12 @@ fn arguments(cell: &LoadedCell, options: &RunOptions, stage: &Stage) -> Vec<Stri
         arguments.push("--watch".into());
     }
     arguments
+}
+
+/// The thread that writes the results, if they are written.
+pub(super) fn result_writer(options: &RunOptions) -> Result<Option<ResultWriter>> {
+    let Some(folder) = options.out.clone() else { return Ok(None) };
+    ResultWriter::start(move |result| run_files::cycle(&folder, result)).map(Some)
 }
 
 /// Converts ms to ns.

@@ -8,6 +8,7 @@ use super::history::{self, History};
 use super::job_controller::JobController;
 use super::metrics_endpoint;
 use super::profile::Profile;
+use super::result_delivery::ResultDelivery;
 use super::setup::{self, RunOptions};
 use super::snapshot::Snapshot;
 use super::stage_process::{ProcessState, StageProcess};
@@ -57,6 +58,8 @@ pub struct Summary {
     pub history: History,
     /// Images, phase maps and cloud of the last cycle.
     pub snapshot: Option<Snapshot>,
+    /// Why results are missing in the output folder.
+    pub unwritten: Option<anyhow::Error>,
     /// Why cycles are missing in the cycle record.
     pub unrecorded: Option<anyhow::Error>,
     // Dropped last, in this order: the ports above before the node, the node before the folder.
@@ -98,6 +101,7 @@ pub(super) struct Supervisor<'a> {
     pub(super) tally: Tally,
     pub(super) profile: Profile,
     pub(super) jobs: JobController,
+    pub(super) results_out: ResultDelivery,
     /// Whether all stages were ready at the last check.
     pub(super) was_ready: bool,
     pub(super) ports: Ports,
@@ -178,6 +182,7 @@ impl<'a> Supervisor<'a> {
             history: History::default(),
             requested: options.cycles,
             tally: Tally::default(),
+            results_out: ResultDelivery::new(setup::result_writer(options)?),
             was_ready: false,
             jobs: JobController::new(
                 cell.config.recipes.iter().map(|r| r.name.clone()).collect(),
@@ -266,7 +271,9 @@ impl<'a> Supervisor<'a> {
         let pass = result.verdict == Some(Verdict::Pass);
         self.tally.not_pass += u64::from(outcome.is_ok() && plan.is_some() && !pass);
         each(&result);
-        let next = self.jobs.cycle_ended(&result);
+        let reply = self.jobs.take_reply();
+        self.results_out.deliver(&result, reply);
+        let next = self.jobs.cycle_ended();
         self.apply(next, each)
     }
 
@@ -368,9 +375,13 @@ impl<'a> Supervisor<'a> {
 
     /// The summary of the run.
     pub(super) fn summary(mut self) -> Summary {
+        let unwritten = self.results_out.finish();
+        // Who waited for the disk has an answer only now.
+        self.answer_remaining();
         let unrecorded = self.recorder.as_mut().and_then(|recorder| recorder.finish().err());
         Summary {
             unrecorded,
+            unwritten,
             not_ok: self.tally.done - self.tally.ok,
             not_pass: self.tally.not_pass,
             not_run: self.tally.not_run,

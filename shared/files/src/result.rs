@@ -56,6 +56,9 @@ pub struct CycleResult {
     /// From the start of the cycle to its outcome, ns.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub duration_ns: Option<u64>,
+    /// Why the files of this cycle are not on the disk; absent when they are, or when none were asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kept: Option<String>,
     /// Number of the cycle as console, report and file names show it: from 1.
     #[serde(default)]
     pub number: u64,

@@ -1,0 +1,113 @@
+//! Writes the results of cycles in a thread of its own: a disk that hangs stops neither control nor monitoring.
+
+use anyhow::{Context, Result, bail};
+use crossbeam::channel::{Receiver, Sender, TrySendError, bounded, unbounded};
+use files::result::CycleResult;
+use std::time::{Duration, Instant};
+
+/// Results that may wait for the disk; further ones are not written.
+const QUEUE_LIMIT: usize = 64;
+
+/// A result that the thread is done with.
+#[derive(Debug)]
+pub struct Written {
+    /// The cycle.
+    pub cycle: u64,
+    /// Ok, or why the result is not on the disk.
+    pub result: Result<()>,
+}
+
+/// The thread with its queue.
+#[derive(Debug)]
+pub struct ResultWriter {
+    queue: Option<Sender<CycleResult>>,
+    written: Receiver<Written>,
+}
+
+impl ResultWriter {
+    /// Starts the thread; `write` writes one result.
+    ///
+    /// # Errors
+    /// The system has no thread.
+    pub fn start(mut write: impl FnMut(&CycleResult) -> Result<()> + Send + 'static) -> Result<Self> {
+        let (queue, results) = bounded::<CycleResult>(QUEUE_LIMIT);
+        let (done, written) = unbounded();
+        let work = move || {
+            for result in results {
+                // The supervisor may have ended already.
+                let _ = done.send(Written { cycle: result.cycle, result: write(&result) });
+            }
+        };
+        let thread = std::thread::Builder::new().name("results".into());
+        thread.spawn(work).context("starting the thread that writes results")?;
+        Ok(Self { queue: Some(queue), written })
+    }
+
+    /// Queues a result.
+    ///
+    /// # Errors
+    /// The queue is full, since the disk does not answer, or the thread has ended.
+    pub fn queue(&self, result: &CycleResult) -> Result<()> {
+        match self.queue.as_ref().map(|queue| queue.try_send(result.clone())) {
+            Some(Ok(())) => Ok(()),
+            Some(Err(TrySendError::Full(_))) => {
+                bail!("--out: the disk does not answer, and {QUEUE_LIMIT} results wait for it already")
+            }
+            Some(Err(TrySendError::Disconnected(_))) | None => {
+                bail!("--out: the thread that writes results has ended")
+            }
+        }
+    }
+
+    /// The results that the thread finished since the last call.
+    pub fn written(&self) -> impl Iterator<Item = Written> {
+        self.written.try_iter()
+    }
+
+    /// Ends the queue and waits for the rest, up to a limit.
+    pub fn finish(&mut self, timeout: Duration) -> Vec<Written> {
+        self.queue = None;
+        let deadline = Instant::now() + timeout;
+        std::iter::from_fn(|| self.written.recv_deadline(deadline).ok()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn result(cycle: u64) -> CycleResult {
+        CycleResult { cycle, outcome: "ok".into(), ..CycleResult::default() }
+    }
+
+    /// Proves: a disk that hangs blocks nobody, its queue is bounded, and once it answers everything queued is written.
+    #[test]
+    fn a_hung_disk_blocks_nobody_and_loses_only_what_does_not_fit() {
+        let (disk, hung) = bounded::<()>(0);
+        let mut writer = ResultWriter::start(move |_| {
+            let _ = hung.recv();
+            Ok(())
+        })
+        .unwrap();
+        // One is being written, the others wait.
+        writer.queue(&result(0)).unwrap();
+        while !writer.queue.as_ref().unwrap().is_empty() {
+            std::thread::yield_now();
+        }
+        let queued = (1..200).take_while(|&cycle| writer.queue(&result(cycle)).is_ok()).count();
+        assert_eq!((queued, writer.written().count()), (QUEUE_LIMIT, 0));
+        assert!(writer.queue(&result(200)).unwrap_err().to_string().contains("64 results wait"));
+        assert_eq!(writer.finish(Duration::from_millis(20)).len(), 0);
+        drop(disk);
+        let cycles: Vec<u64> = writer.finish(Duration::from_secs(60)).iter().map(|w| w.cycle).collect();
+        assert_eq!(cycles, (0..=QUEUE_LIMIT as u64).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_result_that_cannot_be_written_is_reported_with_its_cycle() {
+        let mut writer = ResultWriter::start(|_| bail!("no space")).unwrap();
+        writer.queue(&result(7)).unwrap();
+        let written = writer.finish(Duration::from_secs(60));
+        assert!(matches!(&written[..], [Written { cycle: 7, result: Err(_) }]), "{written:?}");
+    }
+}
