@@ -106,7 +106,7 @@ fn render(cell: &Cell) -> String {
 
 /// The shared memory that a run needs; with `--out` the supervisor receives frames, phase maps and cloud as well.
 fn memory(config: &Path, cell: &Cell) -> Result<String> {
-    let with_out = graph::load(config, &graph::Options { watch: true, ..graph::Options::default() })?;
+    let with_out = devices::load(config, &Options { watch: true, ..Options::default() })?;
     let mb = |cell: &Cell| cell.schedule.memory_bytes().div_ceil(1_000_000);
     Ok(format!("\nshared memory at most {} MB, with `run --out` {} MB\n", mb(cell), mb(&with_out)))
 }

@@ -112,7 +112,10 @@ fn a_cell_on_a_hung_disk_stops_with_what_is_missing() {
     let output = wait(run);
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("error: 1 result is not written: --out: the disk did not answer within 10 s"), "{said}");
+    assert!(
+        said.contains("error: 1 result is not written: --out: the disk did not answer within 10 s"),
+        "{said}"
+    );
     assert_eq!(wait(waiting).status.code(), Some(1), "who waited has an answer");
     assert_eq!(json(file.as_ref())["kept"], "no, disk");
     assert!(!cell.out().join("result.json").exists());

@@ -11,7 +11,7 @@ use cell::Cell;
 use cell::schedule::{Carries, Kind, Order, Stage, Topic, label};
 use devices::LoadedCell;
 use ipc::IpcError;
-use ipc::port::{Node, ServiceHandle};
+use ipc::port::{Node, ServiceHandle, TopicSize};
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
