@@ -20,7 +20,7 @@ pub struct Written {
 /// The thread with its queue.
 #[derive(Debug)]
 pub struct ResultWriter {
-    queue: Option<Sender<CycleResult>>,
+    queue: Option<Sender<Box<CycleResult>>>,
     written: Receiver<Written>,
 }
 
@@ -30,7 +30,7 @@ impl ResultWriter {
     /// # Errors
     /// The system has no thread.
     pub fn start(mut write: impl FnMut(&CycleResult) -> Result<()> + Send + 'static) -> Result<Self> {
-        let (queue, results) = bounded::<CycleResult>(QUEUE_LIMIT);
+        let (queue, results) = bounded::<Box<CycleResult>>(QUEUE_LIMIT);
         let (done, written) = unbounded();
         let work = move || {
             for result in results {
@@ -48,7 +48,7 @@ impl ResultWriter {
     /// # Errors
     /// The queue is full, since the disk does not answer, or the thread has ended.
     pub fn queue(&self, result: &CycleResult) -> Result<()> {
-        match self.queue.as_ref().map(|queue| queue.try_send(result.clone())) {
+        match self.queue.as_ref().map(|queue| queue.try_send(Box::new(result.clone()))) {
             Some(Ok(())) => Ok(()),
             Some(Err(TrySendError::Full(_))) => {
                 bail!("--out: the disk does not answer, and {QUEUE_LIMIT} results wait for it already")
