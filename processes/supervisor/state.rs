@@ -23,6 +23,7 @@ use ipc::IpcError;
 use ipc::cell::{CellLock, CellName};
 use ipc::error::MessageError;
 use ipc::header::{Command, Control, Event, EventKind, Outcome};
+use ipc::long_text::TextKey;
 use ipc::os::now_ns;
 use ipc::payload;
 use ipc::port::{Listener, Node, Publisher, ServiceHandle, Subscriber};
@@ -353,9 +354,8 @@ impl<'a> Supervisor<'a> {
             }
             EventKind::Ready if event.cycle == self.epoch => self.step(Input::Ready { stage }, each),
             EventKind::Ready => Ok(()),
-            EventKind::Part => Ok(child.report.push(text)?),
+            EventKind::Part => Ok(child.report.push(TextKey::of(&event), text)?),
             EventKind::Failed => {
-                child.report.clear();
                 if let Some(cycle) = unwire(event.cycle) {
                     return self.step(Input::Failed { stage, cycle, reason: text.to_owned() }, each);
                 }
@@ -363,7 +363,7 @@ impl<'a> Supervisor<'a> {
                 Ok(())
             }
             EventKind::Done => {
-                let text = child.report.take(text);
+                let text = child.report.take(TextKey::of(&event), text);
                 let Some(cycle) = unwire(event.cycle) else { return Ok(()) };
                 if let Some(collector) = self.collectors.get_mut(&cycle) {
                     collector.done(event, text);

@@ -1,6 +1,7 @@
 //! Texts that are longer than a message: sent in parts, joined again.
 
 use crate::error::MessageError;
+use crate::header::Event;
 
 /// Longest text that is joined, bytes: the report on a fusion of 256 pairs has some 7 MB.
 pub const MAX_JOINED_BYTES: usize = 64 << 20;
@@ -25,41 +26,86 @@ pub fn parts(text: &str, limit: usize) -> impl Iterator<Item = &str> {
     })
 }
 
-/// Joins the parts of a text.
+/// Which report a part belongs to: those of a process that died in the middle must not begin the next one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TextKey {
+    /// Process that sends it.
+    pub pid: u32,
+    /// Cycle that it reports on, as in messages.
+    pub cycle: u64,
+    /// Activation of the schedule that it reports on.
+    pub activation: u32,
+}
+
+impl TextKey {
+    /// The key of the report that this event is a part of.
+    pub fn of(event: &Event) -> Self {
+        Self { pid: event.pid, cycle: event.cycle, activation: event.activation }
+    }
+}
+
+/// Joins the parts of a text. Parts of an earlier text that has no end are forgotten.
 #[derive(Debug, Default)]
-pub struct Joined(String);
+pub struct Joined {
+    key: Option<TextKey>,
+    text: String,
+}
 
 impl Joined {
     /// Adds a part that is not the last one.
     ///
     /// # Errors
     /// [`MessageError::Count`] for a text longer than [`MAX_JOINED_BYTES`].
-    pub fn push(&mut self, part: &str) -> Result<(), MessageError> {
-        let used = self.0.len() + part.len();
+    pub fn push(&mut self, key: TextKey, part: &str) -> Result<(), MessageError> {
+        self.select(key);
+        let used = self.text.len() + part.len();
         if used > MAX_JOINED_BYTES {
-            self.0.clear();
+            self.text.clear();
             return Err(MessageError::Count { used: used as u64, capacity: MAX_JOINED_BYTES as u64 });
         }
-        self.0.push_str(part);
+        self.text.push_str(part);
         Ok(())
     }
 
     /// The whole text with its last part; the next one begins anew.
-    pub fn take(&mut self, last: &str) -> String {
-        let mut text = std::mem::take(&mut self.0);
+    pub fn take(&mut self, key: TextKey, last: &str) -> String {
+        self.select(key);
+        self.key = None;
+        let mut text = std::mem::take(&mut self.text);
         text.push_str(last);
         text
     }
 
-    /// Forgets what came: the text that it belongs to was broken off.
-    pub fn clear(&mut self) {
-        self.0.clear();
+    fn select(&mut self, key: TextKey) {
+        if self.key != Some(key) {
+            self.key = Some(key);
+            self.text.clear();
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const KEY: TextKey = TextKey { pid: 4, cycle: 7, activation: 2 };
+
+    #[test]
+    fn a_report_that_was_broken_off_does_not_begin_the_next_one() {
+        let others = [
+            TextKey { pid: 5, ..KEY },
+            TextKey { cycle: 8, ..KEY },
+            TextKey { activation: 3, ..KEY },
+        ];
+        for next in others {
+            let mut joined = Joined::default();
+            joined.push(KEY, "{\"half\":").unwrap();
+            assert_eq!(joined.take(next, "{}"), "{}");
+            joined.push(KEY, "{\"half\":").unwrap();
+            joined.push(next, "{\"a\":").unwrap();
+            assert_eq!(joined.take(next, "1}"), "{\"a\":1}");
+        }
+    }
 
     #[test]
     fn parts_are_short_and_join_to_the_same_text() {
@@ -72,10 +118,10 @@ mod tests {
                 let (last, before) = all.split_last().unwrap();
                 let mut joined = Joined::default();
                 for part in before {
-                    joined.push(part).unwrap();
+                    joined.push(KEY, part).unwrap();
                 }
-                assert_eq!(joined.take(last), text);
-                assert_eq!(joined.take(""), "", "a text that was taken leaves nothing");
+                assert_eq!(joined.take(KEY, last), text);
+                assert_eq!(joined.take(KEY, ""), "", "a text that was taken leaves nothing");
             }
         }
     }
@@ -85,8 +131,8 @@ mod tests {
         let part = "x".repeat(1 << 20);
         let mut joined = Joined::default();
         for _ in 0..64 {
-            joined.push(&part).unwrap();
+            joined.push(KEY, &part).unwrap();
         }
-        assert!(matches!(joined.push("x"), Err(MessageError::Count { .. })));
+        assert!(matches!(joined.push(KEY, "x"), Err(MessageError::Count { .. })));
     }
 }
