@@ -6,6 +6,7 @@ mod calibration;
 mod error_sources;
 mod exposures;
 mod order_errors;
+mod peers_case;
 mod phase_methods;
 mod planned;
 mod recorded;
@@ -38,6 +39,8 @@ enum What {
     Exposures(exposures::Args),
     /// Predicted phase noise and rates of wrong bits and orders compared with counted ones.
     OrderErrors(order_errors::Args),
+    /// One case of a comparison with programs in other languages, on inputs that a foreign script wrote.
+    PeersCase(peers_case::Args),
     /// Every phase method and every fringe order method: error, wrong orders, time.
     PhaseMethods(phase_methods::Args),
     /// Predictions of `plan-patterns` compared with results on the twin.
@@ -68,6 +71,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         What::ErrorSources(args) => error_sources::run(args),
         What::Exposures(args) => exposures::run(args),
         What::OrderErrors(args) => order_errors::run(args),
+        What::PeersCase(args) => peers_case::run(args),
         What::PhaseMethods(args) => phase_methods::run(args),
         What::PlanPatterns(args) => planned::run(args),
         What::Speed(args) => speed::run(args),

@@ -86,6 +86,65 @@ pub fn read(path: &Path) -> Result<Raster, FileError> {
     Ok(Raster { width_px, height_px, values })
 }
 
+/// Numbers of an array as the file has them.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Values {
+    /// Bytes; `bool` too, as 0 and 1.
+    U8(Vec<u8>),
+    /// Single precision.
+    F32(Vec<f32>),
+    /// Double precision.
+    F64(Vec<f64>),
+}
+
+/// An array of any number of dimensions, the last one fastest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Array {
+    /// Length of each dimension.
+    pub shape: Vec<usize>,
+    /// As many values as the lengths multiply to.
+    pub values: Values,
+}
+
+/// Reads an array of `uint8`, `bool`, `float32` or `float64`.
+///
+/// # Errors
+/// No such file, another kind of file or of numbers, or a length that does not fit the shape.
+pub fn read_array(path: &Path) -> Result<Array, FileError> {
+    let bytes = read_bytes(path, LIMIT_BYTES)?;
+    let fault = |what: &str| {
+        let remedy = "write an array of uint8, float32 or float64, rows first, with numpy.save";
+        FileError::new(path, Problem::Unsupported(what.to_owned()), remedy)
+    };
+    let (header, data) = split(&bytes).ok_or_else(|| fault("is no NumPy file"))?;
+    if field(header, "fortran_order") != Some("False") {
+        return Err(fault("holds columns first"));
+    }
+    let values = match field(header, "descr").map(|text| text.trim_matches(['\'', '"'])) {
+        Some("|u1" | "|b1") => Values::U8(data.to_vec()),
+        Some("<f4") => Values::F32(data.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()),
+        Some("<f8") => Values::F64(data.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect()),
+        _ => return Err(fault("holds numbers other than uint8, float32 and float64 (little-endian)")),
+    };
+    let shape = dimensions(header).ok_or_else(|| fault("has no shape"))?;
+    let count = shape.iter().try_fold(1_usize, |product, side| product.checked_mul(*side));
+    let (length, size) = match &values {
+        Values::U8(values) => (values.len(), 1),
+        Values::F32(values) => (values.len(), 4),
+        Values::F64(values) => (values.len(), 8),
+    };
+    if count != Some(length) || length * size != data.len() {
+        return Err(fault("is shorter or longer than its shape says"));
+    }
+    Ok(Array { shape, values })
+}
+
+/// Lengths of all dimensions in the header.
+fn dimensions(header: &str) -> Option<Vec<usize>> {
+    let inside = header.split_once("'shape':")?.1.split_once('(')?.1.split_once(')')?.0;
+    inside.split(',').map(str::trim).filter(|text| !text.is_empty()).map(|text| text.parse().ok()).collect()
+}
+
 /// Splits a file into its header and its data.
 fn split(bytes: &[u8]) -> Option<(&str, &[u8])> {
     let rest = bytes.strip_prefix(MAGIC)?;
@@ -113,6 +172,39 @@ fn shape(header: &str) -> Option<(u32, u32)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn arrays_have_the_shape_and_numbers_of_the_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.npy");
+        let file = |descr: &str, shape: &str, data: &[u8]| {
+            let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}\n");
+            let mut bytes =
+                [MAGIC, &[1, 0], &(header.len() as u16).to_le_bytes(), header.as_bytes()].concat();
+            bytes.extend(data);
+            std::fs::write(&path, bytes).unwrap();
+            read_array(&path)
+        };
+        let bytes = file("|u1", "(2, 1, 3)", &[1, 2, 3, 4, 5, 6]).unwrap();
+        assert_eq!(bytes, Array { shape: vec![2, 1, 3], values: Values::U8(vec![1, 2, 3, 4, 5, 6]) });
+        let double = file("<f8", "(1,)", &2.5_f64.to_le_bytes()).unwrap();
+        assert_eq!(double, Array { shape: vec![1], values: Values::F64(vec![2.5]) });
+        let single = file("<f4", "()", &(-1.0_f32).to_le_bytes()).unwrap();
+        assert_eq!(single, Array { shape: vec![], values: Values::F32(vec![-1.0]) });
+        let huge = format!("({0}, {0}, {0})", usize::MAX / 2);
+        for (descr, shape, data) in [
+            ("|u1", "(2, 2)", &[1, 2, 3][..]),
+            ("|u1", &huge, &[1][..]),
+            ("<f4", "(1,)", &[0; 5][..]),
+            ("<i8", "(1,)", &[0; 8][..]),
+            ("|u1", "(-1,)", &[0][..]),
+        ] {
+            assert!(
+                file(descr, shape, data).unwrap_err().to_string().contains("numpy.save"),
+                "{descr} {shape}"
+            );
+        }
+    }
 
     #[test]
     fn rasters_come_back_and_damage_is_named() {

@@ -92,11 +92,8 @@ mod tests {
 
     #[test]
     fn a_report_that_was_broken_off_does_not_begin_the_next_one() {
-        let others = [
-            TextKey { pid: 5, ..KEY },
-            TextKey { cycle: 8, ..KEY },
-            TextKey { activation: 3, ..KEY },
-        ];
+        let others =
+            [TextKey { pid: 5, ..KEY }, TextKey { cycle: 8, ..KEY }, TextKey { activation: 3, ..KEY }];
         for next in others {
             let mut joined = Joined::default();
             joined.push(KEY, "{\"half\":").unwrap();

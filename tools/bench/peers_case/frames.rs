@@ -1,0 +1,232 @@
+//! Decoding, matching, and both: 10 steps over fringes of 20 px, 6 bits of half fringes, black, white.
+
+use super::Bench;
+use anyhow::{Context, Result, ensure};
+use bytemuck::Zeroable;
+use fringe::cloud::Point;
+use fringe::decode::{DecodeSettings, Decoder};
+use fringe::frame::FrameView;
+use fringe::geometry::camera::Camera;
+use fringe::matching::{MatchSettings, Matcher};
+use fringe::pattern::{Axis, Direction, PatternSet};
+use fringe::phase::{PhaseInfo, PhaseMap};
+use nalgebra::{Matrix3, Vector3};
+use serde_json::{Value, json};
+
+/// Projector pixels per fringe.
+const PERIOD_PX: f64 = 20.0;
+
+/// Columns and rows of the projector.
+const PROJECTOR_PX: [u32; 2] = [608, 684];
+
+const FRAMES: usize = 18;
+
+/// Phases that are wrong by more than this have a wrong fringe order, rad.
+const ORDER_ERROR_RAD: f64 = 3.0;
+
+/// Depths that are wrong by more than this are outliers, mm.
+const OUTLIER_MM: f64 = 2.0;
+
+/// Noise of these frames, rad, for a match without decoding: 9.5 mrad.
+const SIGMA_RAD: f32 = 0.0095;
+
+fn sequence() -> Vec<PatternSet> {
+    let mut sine = PatternSet::sine(Axis::X, PERIOD_PX, 10);
+    if let PatternSet::Sine { direction, .. } = &mut sine {
+        *direction = Direction::Backward;
+    }
+    // The code of the inputs begins half a pixel later than ours: a twentieth of a stripe, which half fringes allow for.
+    let gray = PatternSet::gray(Axis::X, 6, PERIOD_PX / 2.0);
+    vec![sine, gray, PatternSet::Black {}, PatternSet::White {}]
+}
+
+/// Eighteen frames of a camera and what decodes them.
+pub(super) struct Camera18 {
+    width_px: u32,
+    height_px: u32,
+    frames: Vec<u8>,
+    decoder: Decoder,
+    pub(super) map: PhaseMap,
+}
+
+impl Camera18 {
+    pub(super) fn read(bench: &Bench, number: usize) -> Result<Self> {
+        let (width_px, height_px) = bench.image_size()?;
+        let (shape, frames) = bench.bytes(&format!("frames{number}"))?;
+        ensure!(
+            shape == [FRAMES, height_px as usize, width_px as usize],
+            "frames{number}.npy has shape {shape:?}"
+        );
+        let decoder =
+            Decoder::new(&sequence(), width_px, height_px, 255, PROJECTOR_PX, &DecodeSettings::default())?;
+        let map = PhaseMap::new(decoder.info(Axis::X)?);
+        Ok(Self { width_px, height_px, frames, decoder, map })
+    }
+
+    pub(super) fn decode(&mut self) -> Result<()> {
+        self.decoder.begin();
+        let pixels = self.width_px as usize * self.height_px as usize;
+        for (number, frame) in self.frames.chunks_exact(pixels).enumerate() {
+            let view =
+                FrameView::from_bytes(self.width_px, self.height_px, 255, frame).context("frame size")?;
+            self.decoder.push(number, &view)?;
+        }
+        self.decoder.finish(Axis::X, &mut self.map.view_mut())?;
+        Ok(())
+    }
+
+    fn accuracy(&self, truth: &[f32]) -> Value {
+        let valid = self.map.valid.iter().filter(|v| **v == 1).count();
+        let planes = self.map.phase_rad.iter().zip(truth).zip(&self.map.valid);
+        let errors: Vec<f64> =
+            planes.filter(|(_, v)| **v == 1).map(|((p, t), _)| f64::from(p - t).abs()).collect();
+        let good: Vec<f64> = errors.iter().copied().filter(|e| *e < ORDER_ERROR_RAD).collect();
+        let squares: f64 = good.iter().map(|e| e * e).sum();
+        json!({
+            "rms_mrad": (squares / good.len().max(1) as f64).sqrt() * 1e3,
+            "order_errors": errors.len() - good.len(),
+            "valid": valid as f64 / truth.len().max(1) as f64,
+        })
+    }
+}
+
+/// Decodes one camera.
+pub(super) fn decode(bench: &mut Bench) -> Result<()> {
+    let mut camera = Camera18::read(bench, 0)?;
+    let truth = bench.floats("truth_phase0")?;
+    let bytes = truth.len() * (FRAMES + 4 + 1);
+    for threads in [1, 2] {
+        bench.time("decode", threads, || camera.decode())?;
+        let accuracy = camera.accuracy(&truth);
+        let Some(row) = bench.rows.last_mut() else { continue };
+        row.with(json!({ "bytes": bytes }));
+        row.with(accuracy);
+    }
+    Ok(())
+}
+
+/// Matches two decoded maps: points with normals and uncertainties, smoothed.
+pub(super) fn matching(bench: &mut Bench) -> Result<()> {
+    let (width_px, height_px) = bench.image_size()?;
+    let info = PhaseInfo { width_px, height_px, axis: Axis::X, period_px: PERIOD_PX };
+    let mut maps = Vec::new();
+    for number in [0, 1] {
+        let phase_rad = bench.floats(&format!("phase{number}"))?;
+        ensure!(phase_rad.len() == info.len(), "phase{number}.npy has {} pixels", phase_rad.len());
+        let valid: Vec<u8> = phase_rad.iter().map(|p| u8::from(p.is_finite())).collect();
+        let sigma_rad = phase_rad.iter().map(|p| if p.is_finite() { SIGMA_RAD } else { f32::NAN }).collect();
+        maps.push(PhaseMap { info, phase_rad, sigma_rad, modulation: vec![70.0; info.len()], valid });
+    }
+    let mut stereo = Stereo::new(bench)?;
+    for threads in [1, 2] {
+        bench.time("match rows", threads, || stereo.run(&maps[0], &maps[1]))?;
+        let accuracy = stereo.accuracy()?;
+        let Some(row) = bench.rows.last_mut() else { continue };
+        row.with(accuracy);
+        row.with(json!({ "note": "remap, match, triangulation, normals, sigma and smoothing in one" }));
+    }
+    Ok(())
+}
+
+/// From the frames of two cameras to points.
+pub(super) fn pipeline(bench: &mut Bench) -> Result<()> {
+    let mut cameras = [Camera18::read(bench, 0)?, Camera18::read(bench, 1)?];
+    let mut stereo = Stereo::new(bench)?;
+    for threads in [1, 2] {
+        let mut stages = [Vec::new(), Vec::new()];
+        bench.time("pipeline", threads, || {
+            let start = std::time::Instant::now();
+            cameras.iter_mut().try_for_each(Camera18::decode)?;
+            stages[0].push(start.elapsed().as_secs_f64() * 1e3);
+            let start = std::time::Instant::now();
+            stereo.run(&cameras[0].map, &cameras[1].map)?;
+            stages[1].push(start.elapsed().as_secs_f64() * 1e3);
+            Ok(())
+        })?;
+        let accuracy = stereo.accuracy()?;
+        let [decode_ms, match_ms] = stages.map(|mut ms| fringe::math::statistics::median(&mut ms));
+        let Some(row) = bench.rows.last_mut() else { continue };
+        row.with(json!({ "decode_ms": decode_ms, "match_ms": match_ms, "points": stereo.count }));
+        row.with(accuracy);
+    }
+    Ok(())
+}
+
+/// A matcher with its output and what its points are compared with.
+struct Stereo {
+    matcher: Matcher,
+    points: Vec<Point>,
+    count: usize,
+    left: Camera,
+    /// Rotation of the left camera onto the rectified one, and that one's projection.
+    rotation: Matrix3<f64>,
+    projection: Vec<f64>,
+    depth_mm: Vec<f32>,
+    valid: Vec<u8>,
+}
+
+impl Stereo {
+    fn new(bench: &Bench) -> Result<Self> {
+        let [left, right] = bench.cameras()?;
+        let matcher = Matcher::new(&left, &right, &MatchSettings::default())?;
+        let points = vec![Point::zeroed(); matcher.capacity()];
+        Ok(Self {
+            matcher,
+            points,
+            count: 0,
+            left,
+            rotation: Matrix3::from_row_slice(&bench.matrix("R1", 3, 3)?),
+            projection: bench.matrix("P1", 3, 4)?,
+            depth_mm: bench.floats("truth_rect_depth")?,
+            valid: bench.bytes("truth_rect_valid")?.1,
+        })
+    }
+
+    fn run(&mut self, left: &PhaseMap, right: &PhaseMap) -> Result<()> {
+        self.count = self.matcher.run(&left.view(), &right.view(), 0, &mut self.points)?.points as usize;
+        Ok(())
+    }
+
+    /// Depth errors against the truth, which is given at the pixels of the rectified left camera.
+    fn accuracy(&self) -> Result<Value> {
+        let width = self.left.width_px as usize;
+        let height = self.left.height_px as usize;
+        ensure!(
+            self.depth_mm.len() == width * height && self.valid.len() == width * height,
+            "truth of another size"
+        );
+        let (mut squares, mut good, mut outliers, mut hits) = (0.0, 0_usize, 0_usize, 0_usize);
+        for point in &self.points[..self.count] {
+            let at: Vector3<f64> = self.rotation * (self.left.camera_from_world * point.position()).coords;
+            let u = self.projection[0] * at.x / at.z + self.projection[2];
+            let v = self.projection[5] * at.y / at.z + self.projection[6];
+            let (c, r) = (u.floor(), v.floor());
+            if c < 0.0 || r < 0.0 || c + 1.0 >= width as f64 || r + 1.0 >= height as f64 {
+                continue;
+            }
+            let corner = r as usize * width + c as usize;
+            let four = [corner, corner + 1, corner + width, corner + width + 1];
+            if four.iter().any(|i| self.valid[*i] == 0) {
+                hits += usize::from(four.iter().any(|i| self.valid[*i] == 1));
+                continue;
+            }
+            hits += 1;
+            let z = four.map(|i| f64::from(self.depth_mm[i]));
+            let (a, b) = (u - c, v - r);
+            let truth = (1.0 - b) * ((1.0 - a) * z[0] + a * z[1]) + b * ((1.0 - a) * z[2] + a * z[3]);
+            let error = at.z - truth;
+            if error.abs() > OUTLIER_MM {
+                outliers += 1;
+            } else {
+                good += 1;
+                squares += error * error;
+            }
+        }
+        let lit = self.valid.iter().filter(|v| **v == 1).count();
+        Ok(json!({
+            "rms_um": (squares / good.max(1) as f64).sqrt() * 1e3,
+            "matched": hits as f64 / lit.max(1) as f64,
+            "outliers": outliers,
+        }))
+    }
+}
