@@ -76,7 +76,7 @@ impl Camera18 {
     }
 
     fn accuracy(&self, truth: &[f32]) -> Value {
-        let valid = self.map.valid.iter().filter(|v| **v == 1).count();
+        let valid: usize = self.map.valid.iter().map(|v| usize::from(*v)).sum();
         let planes = self.map.phase_rad.iter().zip(truth).zip(&self.map.valid);
         let errors: Vec<f64> =
             planes.filter(|(_, v)| **v == 1).map(|((p, t), _)| f64::from(p - t).abs()).collect();
@@ -222,7 +222,7 @@ impl Stereo {
                 squares += error * error;
             }
         }
-        let lit = self.valid.iter().filter(|v| **v == 1).count();
+        let lit: usize = self.valid.iter().map(|v| usize::from(*v)).sum();
         Ok(json!({
             "rms_um": (squares / good.max(1) as f64).sqrt() * 1e3,
             "matched": hits as f64 / lit.max(1) as f64,
