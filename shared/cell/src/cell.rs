@@ -1,11 +1,11 @@
 //! A cell: a checked configuration with the graph and the schedule that follow from it.
 
 use crate::configuration::Configuration;
-use crate::error::CellError;
+use crate::error::{CellError, ScheduleError};
 use crate::frame_format::FrameFormat;
 use crate::graph::Graph;
-use crate::retention::Retention;
-use crate::schedule::{Schedule, ScheduleError};
+use crate::options::Options;
+use crate::schedule::Schedule;
 
 /// A configuration with everything that follows from it.
 #[derive(Debug, Clone)]
@@ -20,19 +20,6 @@ pub struct Cell {
     pub schedule: Schedule,
     /// How frames lie in memory: by projector and camera; absent where the camera does not look at the projector.
     pub formats: Vec<Vec<Option<FrameFormat>>>,
-}
-
-/// What a command adds to the configuration.
-#[derive(Debug, Clone, Default)]
-pub struct Options {
-    /// Another name, to run one configuration several times at once.
-    pub cell: Option<String>,
-    /// Whether the supervisor watches frames, phases and the fused cloud.
-    pub watch: bool,
-    /// Whether a recording is written.
-    pub record: bool,
-    /// Which bytes a cycle record keeps.
-    pub kept: Retention,
 }
 
 impl Cell {

@@ -1,4 +1,4 @@
-//! Why the kernels of a cell cannot be built, or refuse their work.
+//! Why a cell cannot be planned, or its kernels cannot be built.
 
 use fringe::decode::DecodeError;
 use fringe::matching::MatchError;
@@ -38,5 +38,95 @@ pub enum CellError {
         pair: String,
         /// The fault that the matcher found.
         source: MatchError,
+    },
+}
+
+/// Why a graph cannot be run.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum ScheduleError {
+    /// The cell has no camera, no projector or no pair.
+    #[error("the cell has no {0}")]
+    Empty(&'static str),
+    /// A projector whose light nobody sees.
+    #[error("projector \"{0}\" lights no camera; name some in its `cameras`, or remove it")]
+    Unseen(String),
+    /// A camera without light.
+    #[error("camera \"{0}\" is in no projector's `cameras`; add it to one, or remove it")]
+    Dark(String),
+    /// A camera that a pair names and the cell lacks.
+    #[error(
+        "pair \"{pair}\" needs camera \"{camera}\", but this cell has no such [[camera]]; add the camera, or list pairs = […] without \"{pair}\""
+    )]
+    NoCamera {
+        /// Name of the pair.
+        pair: String,
+        /// Name of the camera.
+        camera: String,
+    },
+    /// A projector that a pair names and the cell lacks.
+    #[error("pair \"{pair}\" needs projector \"{projector}\", but this cell has no such [[projector]]")]
+    NoProjector {
+        /// Name of the pair.
+        pair: String,
+        /// Name of the projector.
+        projector: String,
+    },
+    /// A sequence without phase.
+    #[error(
+        "pair \"{pair}\" needs a phase, but the sequence of projector \"{projector}\" has no sine set; add one"
+    )]
+    NoPhase {
+        /// Name of the pair.
+        pair: String,
+        /// Name of the projector.
+        projector: String,
+    },
+    /// One end of a pair has no frames.
+    #[error(
+        "pair \"{pair}\" takes camera \"{camera}\", but projector \"{projector}\" lights only {lit}; add it to the projector's `cameras`"
+    )]
+    Gap {
+        /// Name of the pair.
+        pair: String,
+        /// Name of the camera.
+        camera: String,
+        /// Name of the projector.
+        projector: String,
+        /// Cameras that it does light.
+        lit: String,
+    },
+    /// Frames whose phase nobody takes.
+    #[error(
+        "camera \"{camera}\" looks at projector \"{projector}\", but no pair takes its phase; name a pair, or remove the camera"
+    )]
+    Unused {
+        /// Name of the camera.
+        camera: String,
+        /// Name of the projector.
+        projector: String,
+    },
+    /// The frames alone last longer than a cycle may.
+    #[error(
+        "{frames} frames at {rate_hz} Hz last {needed_ms} ms, the cycle must end within {deadline_ms} ms; raise limits.cycle_deadline_ms or recording.rate_hz"
+    )]
+    Deadline {
+        /// Frames of a cycle.
+        frames: usize,
+        /// Frames per second of the recording.
+        rate_hz: f64,
+        /// Time for the frames.
+        needed_ms: u64,
+        /// Time of the cycle.
+        deadline_ms: u64,
+    },
+    /// Sizes that no memory holds.
+    #[error("topic \"{topic}\" would need messages of {bytes} bytes, the limit is {limit}")]
+    TooLarge {
+        /// Name of the topic.
+        topic: String,
+        /// Largest message of the topic, bytes.
+        bytes: u64,
+        /// Largest message allowed, bytes.
+        limit: u64,
     },
 }

@@ -1,9 +1,9 @@
 //! The cell as the schedule sees it: who looks, who lights, who is matched.
 
-use crate::cell::Options;
 use crate::configuration::{CameraConfig, Configuration};
+use crate::error::ScheduleError;
+use crate::options::Options;
 use crate::retention::Retention;
-use crate::schedule::ScheduleError;
 use fringe::pattern::{Axis, PatternSet, frame_count};
 use std::collections::BTreeSet;
 

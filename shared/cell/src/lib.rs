@@ -13,11 +13,13 @@ mod error;
 pub mod executor;
 mod frame_format;
 pub mod graph;
+mod options;
 mod retention;
 pub mod schedule;
 
-pub use cell::{Cell, Options};
+pub use cell::Cell;
 pub use configuration::{Configuration, Recipe, Settings};
-pub use error::CellError;
+pub use error::{CellError, ScheduleError};
 pub use frame_format::FrameFormat;
+pub use options::Options;
 pub use retention::Retention;

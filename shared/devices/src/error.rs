@@ -1,7 +1,6 @@
 //! Why a device cannot do what it should.
 
-use cell::CellError;
-use cell::schedule::ScheduleError;
+use cell::{CellError, ScheduleError};
 use files::error::FileError;
 use fringe::text::CELL_NAME;
 use std::path::PathBuf;

@@ -116,7 +116,7 @@ pub enum Problem {
     Decode(fringe::decode::DecodeError),
     /// Parts of a cell that do not fit each other.
     #[error(transparent)]
-    Schedule(cell::schedule::ScheduleError),
+    Schedule(cell::ScheduleError),
     /// An inspection plan that cannot be used.
     #[error(transparent)]
     Plan(metrology::inspection::PlanError),

@@ -11,12 +11,12 @@ mod parts;
 mod plan;
 mod topics;
 
-pub use check::ScheduleError;
 pub use labels::{label, output};
 pub use order::{Interval, Order, violation};
 pub use parts::{Activation, Carries, Half, Kind, SUPERVISOR, Stage, Topic, TopicSize, Work};
 pub use topics::{FRAME_BUFFER, REPORT_BYTES, RESULT_BYTES};
 
+use crate::error::ScheduleError;
 use crate::graph::Graph;
 
 /// The whole plan of a cycle.

@@ -2,6 +2,9 @@
 
 use thiserror::Error;
 
+/// Most pixels of an image: four working rasters of f32 then take 3.2 GB at most.
+pub(crate) const MAX_PIXELS: usize = 200_000_000;
+
 /// A refusal: no points are better than wrong ones.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum TargetError {
@@ -60,7 +63,7 @@ pub enum TargetError {
     #[error(
         "image of {width_px} x {height_px} px with {values} values: it needs width x height values, 16 to 65535 a side, \
          at most {} in all",
-        super::raster::MAX_PIXELS
+        MAX_PIXELS
     )]
     Size {
         /// Columns of the image, px.

@@ -1,11 +1,8 @@
 //! Grey values as f32, smoothed and reduced, for the search of candidates.
 
-use super::error::TargetError;
+use super::error::{MAX_PIXELS, TargetError};
 use fringe::frame::{FrameView, Pixels};
 use nalgebra::Point2;
-
-/// Most pixels of an image: four working rasters of f32 then take 3.2 GB at most.
-pub(crate) const MAX_PIXELS: usize = 200_000_000;
 
 /// Grey values, row by row.
 #[derive(Debug, Clone)]

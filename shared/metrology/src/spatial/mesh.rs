@@ -1,45 +1,11 @@
 //! A triangle mesh with queries for its nearest point and for the side of a point.
 
 use super::bvh::{Aabb, Bvh};
+use super::error::{MOST_TRIANGLES, MeshError};
+use super::orient::orient;
+use super::topology::{corner_names, edges};
 use super::triangle::{Part, Triangle};
 use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
-use thiserror::Error;
-
-/// More triangles than this would exceed the tree's 32-bit numbers.
-pub const MOST_TRIANGLES: usize = 50_000_000;
-
-/// Why there is no mesh.
-#[derive(Debug, Error, Clone, PartialEq, Eq)]
-pub enum MeshError {
-    /// A corner is NaN or infinite.
-    #[error("triangle {triangle} has a corner that is not a finite number; export the mesh again")]
-    NotFinite {
-        /// Index of the triangle, from 0.
-        triangle: usize,
-    },
-    /// The mesh has no triangle with an area.
-    #[error("no triangle has an area ({given} given); is this the right mesh?")]
-    Empty {
-        /// Triangles before those without area were left out.
-        given: usize,
-    },
-    /// A surface without an outside.
-    #[error(
-        "the surface has one side only, seen at triangle {triangle} (counted from 0): it has no outside, so that distances have no \
-         sign; repair the mesh"
-    )]
-    OneSided {
-        /// Index of the triangle, from 0.
-        triangle: usize,
-    },
-    /// Beyond what the tree can number.
-    #[error("{given} triangles, limit {MOST_TRIANGLES}; reduce the mesh")]
-    TooLarge {
-        /// Number of triangles in the file.
-        given: usize,
-    },
-}
 
 /// The nearest point of a mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,7 +56,7 @@ impl TriangleMesh {
             return Err(MeshError::TooLarge { given: corners.len() });
         }
         let mut corners = corners.to_vec();
-        let turned = super::orient::orient(&mut corners)?;
+        let turned = orient(&mut corners)?;
         let corners = &corners[..];
         let mut triangles = Vec::with_capacity(corners.len());
         let mut places = Vec::with_capacity(corners.len());
@@ -205,38 +171,6 @@ impl TriangleMesh {
             }
         }
     }
-}
-
-/// The edges of all triangles, equal ones together: numbers of the ends, triangle, which of its edges. Triangles that have
-/// two corners in one place join nothing.
-pub(super) fn edges(names: &[[u32; 3]]) -> Vec<([u32; 2], u32, u8)> {
-    let of = |(names, item): (&[u32; 3], u32)| {
-        let [a, b, c] = *names;
-        [(a, b), (b, c), (c, a)]
-            .into_iter()
-            .zip(0_u8..)
-            .map(move |((a, b), e)| ([a.min(b), a.max(b)], item, e))
-    };
-    let apart = |([a, b, c], _): &(&[u32; 3], u32)| a != b && b != c && c != a;
-    let mut edges: Vec<_> = names.iter().zip(0_u32..).filter(apart).flat_map(of).collect();
-    edges.par_sort_unstable();
-    edges
-}
-
-/// Numbers of the corners of each triangle: the same number for the same place.
-pub(super) fn corner_names(triangles: &[[Point3<f64>; 3]]) -> Vec<[u32; 3]> {
-    // + 0.0 makes −0 and 0 one place.
-    let key = |p: &Point3<f64>| [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits());
-    let mut places: Vec<([u64; 3], u32)> =
-        triangles.iter().flatten().zip(0..).map(|(p, slot)| (key(p), slot)).collect();
-    places.par_sort_unstable();
-    let mut names = vec![[0; 3]; triangles.len()];
-    for (name, same) in (0..).zip(places.chunk_by(|a, b| a.0 == b.0)) {
-        for (_, slot) in same {
-            names[*slot as usize / 3][*slot as usize % 3] = name;
-        }
-    }
-    names
 }
 
 #[cfg(test)]

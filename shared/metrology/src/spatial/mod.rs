@@ -1,16 +1,19 @@
 //! Spatial queries: a tree over boxes, a tree over points, triangles, and the local shape of a sampled surface.
 
 mod bvh;
+mod error;
 mod local;
 mod mesh;
 mod orient;
 mod points;
 mod thin;
+mod topology;
 mod triangle;
 
 pub use bvh::{Aabb, Bvh};
+pub use error::MeshError;
 pub(crate) use local::{Moments, Patch, eigen_normal};
-pub use mesh::{Foot, MeshError, TriangleMesh};
+pub use mesh::{Foot, TriangleMesh};
 pub(crate) use points::PointTree;
 pub(crate) use thin::{thin_to, thinned};
 pub use triangle::{Triangle, nearest_on_segment};

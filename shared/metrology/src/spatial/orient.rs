@@ -1,8 +1,8 @@
 //! Which way the triangles of a mesh face: neighbours alike, closed bodies outwards.
 
+use super::error::MeshError;
+use super::topology::{corner_names, edges};
 use nalgebra::{Point3, Vector3};
-
-use super::mesh::{MeshError, corner_names, edges};
 
 /// A body whose volume is below this part of the cube of its size encloses nothing: its outside cannot be told.
 const FLAT: f64 = 1e-9;
