@@ -2,9 +2,8 @@
 
 use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
 use anyhow::Result;
-use cell::executor::decoder;
+use cell::executor::{ViewDecoder, decoder};
 use cell::schedule::{Work, label};
-use fringe::decode::Decoder;
 use fringe::pattern::Axis;
 use ipc::IpcError;
 use ipc::header::{Frame, Phase};
@@ -16,7 +15,7 @@ use xxhash_rust::xxh3::xxh3_128;
 /// The decoder of one projector.
 struct Light {
     projector: usize,
-    decoder: Decoder,
+    decoder: ViewDecoder,
     /// End of the last exposure that went in, ns.
     t_ns: u64,
 }

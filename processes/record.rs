@@ -39,7 +39,7 @@ impl Record {
             height_px: p.height_px,
             cameras: p.cameras.clone(),
             sequence: p.sequence.clone(),
-            exposures_ms: Vec::new(),
+            exposures_ms: p.exposures_ms.clone(),
             full_scale_dn: BTreeMap::new(),
         });
         let graph = &link.cell.graph;

@@ -90,6 +90,62 @@ fn same_cloud(name: &str, rig: &Rig, sequence: &[&str], method: &str) -> usize {
     live.points.len() / live.bytes_per_point
 }
 
+/// A recording of two exposures that a cell plays: all of both reach its cloud, and what it records of them again.
+#[test]
+fn a_recording_of_several_exposures_gives_the_same_cloud_live_and_offline() {
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (rig, sequence) = (rig(Baseline::Horizontal, false), [X, Y]);
+    files::rig_file::write_rig(&folder.path().join("rig.toml"), &rig, &toml::Table::new(), None).unwrap();
+    let shown = configuration(&rig, &sequence);
+    std::fs::write(folder.path().join("shown.toml"), &shown).unwrap();
+    let exposures = ["--exposures", "0.3,3"];
+    fringetool(&[&["simulate", &path("shown.toml"), "--out", &path("rec")][..], &exposures].concat())
+        .expect_success();
+    let (cell, _) = shown.split_once("[twin]").unwrap();
+    let played = cell.replace("\"twin\"", "\"recording\"") + "[recording]\npath = \"rec\"\n";
+    let config = path("played.toml");
+    std::fs::write(&config, played).unwrap();
+    let ran = Command::new(env!("CARGO_BIN_EXE_fringecell"))
+        .args([
+            "run",
+            &config,
+            "--cell",
+            &format!("t-flow-exposures-{}", std::process::id()),
+            "--cycles",
+            "1",
+        ])
+        .args(["--record", &path("again"), "--out", &path("out")])
+        .output()
+        .unwrap();
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let live = ply(&folder.path().join("out/cloud.ply"));
+    let offline = |recording: &str| {
+        let (recording, out) = (path(recording), path(&format!("{recording}.ply")));
+        fringetool(&["reconstruct", "--config", &config, &recording, "--out", &out]).expect_success();
+        ply(Path::new(&out))
+    };
+    for recording in ["rec", "again"] {
+        let offline = offline(recording);
+        assert_eq!(live.header, offline.header, "{recording}");
+        assert!(live.points == offline.points, "{recording}: the points differ");
+    }
+    // The first exposure alone sees less: the second one counts.
+    let file = path("again/recording.toml");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let single: Vec<&str> = text.lines().filter(|line| !line.starts_with("exposures_ms")).collect();
+    assert!(single.len() < text.lines().count(), "{text}");
+    std::fs::write(&file, single.join("\n")).unwrap();
+    for camera in ["cam1", "cam2"] {
+        let frames = std::fs::read_dir(path(&format!("again/frames/proj1/{camera}"))).unwrap();
+        let longer =
+            frames.map(|entry| entry.unwrap().path()).filter(|p| p.to_str().unwrap().contains("_1."));
+        assert!(longer.map(|path| std::fs::remove_file(path).unwrap()).count() > 0);
+    }
+    let first = offline("again");
+    assert!(first.points.len() < live.points.len(), "{} {}", first.points.len(), live.points.len());
+}
+
 /// A point cloud, with its provenance apart.
 struct Ply {
     method: String,

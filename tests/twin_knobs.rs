@@ -87,7 +87,8 @@ fn exposures_are_recorded_with_their_times() {
             [..projector.sequence.iter().position(|s| matches!(s, PatternSet::White {})).unwrap()],
     );
     let mean = |exposure: usize| {
-        let frame = recording.load_exposed("proj1", "cam1", exposure, white).unwrap();
+        let count = fringe::pattern::frame_count(&projector.sequence);
+        let frame = recording.load("proj1", "cam1", exposure * count + white).unwrap();
         let fringe::frame::PixelBuffer::Mono8(values) = frame.pixels else { panic!("8 bits") };
         let black = 255.0 * TwinSettings::default().black_level;
         values.iter().map(|v| f64::from(*v)).sum::<f64>() / values.len() as f64 - black

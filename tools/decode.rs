@@ -3,9 +3,10 @@
 use crate::Outcome;
 use crate::filters::Filters;
 use crate::phase_method::{PhaseArgs, PhaseName};
-use crate::pipeline::{DecodedMap, DecodedView, decode_views_by};
+use crate::pipeline::{DecodedView, decode_views_by};
 use crate::report::{DecodeLine, check_outputs, emit};
 use anyhow::{Context, Result};
+use cell::executor::Decoded;
 use files::atomic;
 use files::npy::Raster;
 use files::recording::{RECORDING_FILE, Recording};
@@ -48,11 +49,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let recording = Recording::open(&args.recording)?;
     check_names(args, &recording)?;
     let asked = |wanted: &Option<String>, name: &str| wanted.as_deref().is_none_or(|w| w == name);
-    let (settings, mut method) = args.phase.choose(args.method);
-    method.keep_diagnosis = args.out.is_some();
-    let mut views = decode_views_by(&recording, &settings, &method, |projector, camera| {
-        asked(&args.projector, projector) && asked(&args.camera, camera)
-    })?;
+    let (settings, method) = args.phase.choose(args.method);
+    let mut views =
+        decode_views_by(&recording, &settings, method, args.out.is_some(), |projector, camera| {
+            asked(&args.projector, projector) && asked(&args.camera, camera)
+        })?;
     let filtered = args.filters.apply(&mut views)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;
@@ -77,7 +78,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// One line per view and axis.
 pub fn lines(views: &[DecodedView]) -> Vec<DecodeLine> {
     let line =
-        |view: &DecodedView, decoded: &DecodedMap| DecodeLine::new(&view.projector, &view.camera, decoded);
+        |view: &DecodedView, decoded: &Decoded| DecodeLine::new(&view.projector, &view.camera, decoded);
     views.iter().flat_map(|view| view.maps.iter().map(move |decoded| line(view, decoded))).collect()
 }
 
@@ -107,7 +108,7 @@ fn stem(view: &DecodedView, map: &PhaseMap) -> String {
 }
 
 /// What the order of each pixel rests on; NaN where it is masked.
-fn write_diagnosis(folder: &Path, view: &DecodedView, decoded: &DecodedMap) -> Result<()> {
+fn write_diagnosis(folder: &Path, view: &DecodedView, decoded: &Decoded) -> Result<()> {
     type Part = fn(&Diagnosis) -> f32;
     let parts: [(&str, Part); 3] = [
         ("wrong-order", |d| d.wrong_order),

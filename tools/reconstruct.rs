@@ -8,13 +8,13 @@ use task::{Task, task};
 use crate::Outcome;
 use crate::decode::lines;
 use crate::filters::{FilterLine, Filters};
-use crate::phase_method::{PhaseArgs, PhaseMethod, PhaseName};
+use crate::phase_method::{PhaseArgs, PhaseName};
 use crate::pipeline::{DecodedView, decode_views_by};
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use cell::Settings;
-use cell::executor::{Matched, PairMatcher, Views};
+use cell::executor::{Matched, PairMatcher, PhaseMethod, Views};
 use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
 use files::rig_file::RigFile;
@@ -195,7 +195,7 @@ fn clouds(recording: &Recording, task: &Task, filters: &Filters) -> Result<Done>
     let lit = |projector: &str, camera: &str| {
         task.pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
     };
-    let mut views = decode_views_by(recording, &task.settings.decode, &task.phase, lit)?;
+    let mut views = decode_views_by(recording, &task.settings.decode, task.phase, false, lit)?;
     let filtered = filters.apply(&mut views)?;
     let match_pair = |(index, pair): (usize, &Pair)| {
         let mut matcher = PairMatcher::new(&task.rig.rig, pair, index, &task.settings.matching)

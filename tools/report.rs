@@ -1,8 +1,8 @@
 //! Output of the commands: printed lines and JSON.
 
-use crate::pipeline::{DecodedMap, Expected, Threshold, median_valid};
 use crate::software::FRINGETOOL;
 use anyhow::Result;
+use cell::executor::{Decoded, Expected, Threshold, median_valid};
 use files::provenance::{Provenance, WithProvenance};
 use fringe::decode::NoiseSource;
 use fringe::phase::PhaseMap;
@@ -70,7 +70,7 @@ pub struct DecodeLine {
 
 impl DecodeLine {
     /// Collects the figures of one decoded view.
-    pub fn new(projector: &str, camera: &str, decoded: &DecodedMap) -> Self {
+    pub fn new(projector: &str, camera: &str, decoded: &Decoded) -> Self {
         let (map, report) = (&decoded.map, &decoded.report);
         Self {
             projector: projector.to_owned(),

@@ -92,7 +92,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         config.cell.projectors.iter_mut().try_for_each(|p| grey_levels(p, levels))?;
     }
     let scene = load_scene(args.scene.as_deref(), twin_config)?;
-    let settings = settings(args, &config, twin_config)?;
+    let settings = settings(args, twin_config)?;
     let twin =
         Twin::new(&scene, settings, &twin_config.rig).with_context(|| args.config.display().to_string())?;
     let twin = match args.stage_axis.zip(args.stage_deg) {
@@ -111,9 +111,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn settings(args: &Args, config: &Config, twin: &TwinConfig) -> Result<TwinSettings> {
-    let written = twin_source::written_settings(config)?;
-    let seed = args.seed.unwrap_or(twin.seed);
+fn settings(args: &Args, twin: &TwinConfig) -> Result<TwinSettings> {
+    let written = twin.settings.clone();
+    let seed = args.seed.unwrap_or(written.seed);
     if args.ideal {
         let TwinSettings { position_scatter_mm, angle_scatter_deg, .. } = written;
         return Ok(TwinSettings { seed, position_scatter_mm, angle_scatter_deg, ..TwinSettings::ideal() });
@@ -239,9 +239,10 @@ pub fn write_recording(
             let factors = if exposures.is_empty() { &[1.0] } else { exposures };
             for (number, factor) in factors.iter().enumerate() {
                 renderer.expose(number as u64, *factor);
-                for frame in 0..frame_count(&record.sequence) {
+                let count = frame_count(&record.sequence);
+                for frame in 0..count {
                     renderer.render(&view, frame, buffer.pixels_mut())?;
-                    writer.write_exposed(&record.name, camera, [number, frame], &buffer.frame(&view))?;
+                    writer.write(&record.name, camera, number * count + frame, &buffer.frame(&view))?;
                     progress.step();
                 }
             }

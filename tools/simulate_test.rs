@@ -50,8 +50,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let Some(twin) = &config.twin else {
         bail!("{}: has no [twin]; simulate-test needs one", args.config.display());
     };
-    let settings = devices::twin_source::written_settings(&config)?;
-    let settings = TwinSettings { seed: args.seed.unwrap_or(twin.seed), ..settings };
+    let seed = args.seed.unwrap_or(twin.settings.seed);
+    let settings = TwinSettings { seed, ..twin.settings.clone() };
     let shots = shots(args.reduced);
     let mut progress = Progress::new(shots.len() * frames(&config), "simulating");
     files::atomic::create_dir(&args.out.join("truth"))?;

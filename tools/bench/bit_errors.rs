@@ -1,7 +1,8 @@
 //! Predicted against counted: wrong bits, and the orders and stripes that they make wrong, through the decoder itself.
 
 use anyhow::Result;
-use fringe::decode::{CameraNoise, DecodeSettings, Decoder, Diagnosis};
+use cell::executor::{PhaseMethod, View, ViewDecoder};
+use fringe::decode::{CameraNoise, DecodeSettings, Diagnosis};
 use fringe::frame::{FrameView, Pixels};
 use fringe::math::random::{Key, Normal};
 use fringe::pattern::{Axis, Code, PatternSet, Threshold};
@@ -129,7 +130,14 @@ impl BitCase {
         let camera_noise = Some(CameraNoise { read_noise_dn: self.read_noise_dn, gain_dn: self.gain_dn });
         let settings = DecodeSettings { camera_noise, certainty_sigmas: 0.0, ..DecodeSettings::default() };
         let extent_px = [self.extent_px() as u32; 2];
-        let mut decoder = Decoder::new(&self.sequence, SIDE, SIDE, u16::MAX, extent_px, &settings)?;
+        let view = View {
+            sequence: &self.sequence,
+            extent_px,
+            size_px: [SIDE; 2],
+            full_scale_dn: u16::MAX,
+            exposures_ms: &[],
+        };
+        let mut decoder = ViewDecoder::new(&view, &settings, PhaseMethod::default())?;
         let normal = Normal::default();
         let mut number = 0;
         for set in &self.sequence {

@@ -3,10 +3,10 @@
 use super::accuracy::{Bench, Case};
 use super::shown::{Evaluated, Shown};
 use crate::Outcome;
-use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
 use anyhow::Result;
+use cell::executor::PhaseMethod;
 use fringe::decode::DecodeSettings;
 use fringe::frame::{FrameView, Pixels};
 use serde::Serialize;
@@ -57,8 +57,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         let twin = Twin::new(&bench.scene, settings.clone(), &bench.rig)?;
         let shown = Shown::new(&twin, &bench.rig, "cam1", "proj1", &bench.sequence)?;
         let (decode, method) = (DecodeSettings::default(), PhaseMethod::default());
-        let phase = shown.evaluate(&decode, &method)?;
-        tiles.push(shown.errors_rad(&shown.decode(&decode, &method)?.0)?.0);
+        let phase = shown.evaluate(&decode, method)?;
+        tiles.push(shown.errors_rad(&shown.decode(&decode, method)?.0)?.0);
         let point = bench.measure(Case { name: source, settings, quiet: None, lens: true })?;
         rows.push(Row {
             source,

@@ -2,10 +2,10 @@
 
 use super::shown::Shown;
 use crate::Outcome;
-use crate::phase_method::PhaseMethod;
 use crate::report::{check_outputs, emit_bare};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result};
+use cell::executor::PhaseMethod;
 use files::config::Config;
 use fringe::decode::{DecodeSettings, Exposed, merge_exposures};
 use fringe::phase::PhaseMap;
@@ -57,7 +57,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         };
         let twin = Twin::new(&scene, settings, rig)?;
         let shown = Shown::new(&twin, rig, "cam1", "proj1", &sequence)?;
-        let (map, _) = shown.decode(&DecodeSettings::default(), &PhaseMethod::default())?;
+        let (map, _) = shown.decode(&DecodeSettings::default(), PhaseMethod::default())?;
         rows.push(row(&shown, &map, format!("{exposure}"))?);
         maps.push(map);
         last = Some(shown);
@@ -65,7 +65,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let shown = last.context("--exposures: at least one is needed")?;
     let exposed: Vec<Exposed> =
         maps.iter().zip(&args.exposures).map(|(map, e)| Exposed { map, exposure_ms: *e }).collect();
-    rows.push(row(&shown, &merge_exposures(&exposed).0, "all, merged".into())?);
+    let first = maps.first().context("--exposures: at least one is needed")?;
+    let (mut merged, mut best_of) = (PhaseMap::new(first.info), vec![0; maps.len()]);
+    merge_exposures(&exposed, &mut merged.view_mut(), &mut best_of);
+    rows.push(row(&shown, &merged, "all, merged".into())?);
     println!("{:16} {:>9} {:>12} {:>11}", "exposure", "valid %", "phase mrad", "wrong ppm");
     for row in &rows {
         println!(

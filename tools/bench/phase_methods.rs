@@ -3,11 +3,11 @@
 use super::recorded;
 use super::shown::{Cell, Shown, counting};
 use crate::Outcome;
-use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit, emit_bare};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result, bail};
+use cell::executor::PhaseMethod;
 use files::config::Config;
 use fringe::decode::{DecodeSettings, OrderMethod};
 use fringe::pattern::{Axis, Code, Direction, PatternSet};
@@ -61,7 +61,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         for column in &columns {
             let twin = Twin::new(&column.scene, column.settings.clone(), &rig)?;
             let shown = Shown::new(&twin, &rig, "cam1", "proj1", &row.sequence)?;
-            let judged = shown.evaluate(&row.settings, &row.method);
+            let judged = shown.evaluate(&row.settings, row.method);
             let refused = judged.as_ref().err().map(|error| format!("{error:#}"));
             cells.push(Cell { method: row.name, case: column.name.to_owned(), refused, judged: judged.ok() });
             progress.step();
@@ -146,13 +146,17 @@ fn rows() -> Vec<Row> {
     let coded = |set: PatternSet| [vec![set, code(7, 8.0, 0.0, Code::Gray)], levels.to_vec()].concat();
     let row = |name, sequence, method| Row { name, sequence, settings: counting(), method };
     let own = PhaseMethod::default();
-    let by = |method| PhaseMethod::new(Some(method), false, None);
+    let by = |method| PhaseMethod { method: Some(method), ..own };
     let quarter = |n: u32| (0..n).map(|i| FRAC_PI_2 * f64::from(i)).collect::<Vec<_>>();
     let mut rows = vec![
         row("three-step", coded(even(16.0, 3)), by(Method::ThreeStep)),
         row("3 steps", coded(even(16.0, 3)), own),
-        row("3 steps, harmonics removed", coded(even(16.0, 3)), PhaseMethod::new(None, true, None)),
-        row("3 steps, windowed filter", coded(even(16.0, 3)), PhaseMethod::new(None, false, Some(4.0))),
+        row(
+            "3 steps, harmonics removed",
+            coded(even(16.0, 3)),
+            PhaseMethod { remove_harmonics: true, ..own },
+        ),
+        row("3 steps, windowed filter", coded(even(16.0, 3)), PhaseMethod { window_px: Some(4.0), ..own }),
         row("4 steps", coded(even(16.0, 4)), own),
         row("5 uneven steps", coded(sine(16.0, 5, vec![0.1, 1.3, 2.2, 3.9, 4.4])), own),
         row("10 steps", coded(even(16.0, 10)), own),

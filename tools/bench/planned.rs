@@ -1,21 +1,20 @@
 //! Predictions of `plan-patterns` compared with results: the twin of the demo's cell projects proposals onto a plate that faces
 //! the first projector, and points from the decoded phase are compared with the truth.
 
+use super::scan::landed;
 use crate::Outcome;
-use crate::pipeline::match_maps;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
-use crate::simulate::Buffer;
 use anyhow::{Context, Result};
+use cell::executor::{PairMatcher, Views};
 use fringe::cloud::Point;
-use fringe::decode::{DecodeSettings, Decoder, Diagnosis};
-use fringe::geometry::rig::Rig;
-use fringe::matching::{MatchSettings, Matcher};
-use fringe::pattern::{Axis, PatternSet, frame_count};
+use fringe::decode::{DecodeSettings, Diagnosis};
+use fringe::geometry::rig::{Pair, Rig};
+use fringe::matching::MatchSettings;
+use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::PhaseMap;
 use fringe::planning::geometry::{by_phase, by_projector, projector_px_per_camera_px};
 use fringe::planning::{ORDERS, Proposal, Wanted, geometry::Depth, propose};
-use fringe::projector::{ProjectorMatcher, ProjectorSettings};
 use fringe::surface::SurfaceSettings;
 use metrology::fit::{FitSettings, plane};
 use nalgebra::{Point2, Point3};
@@ -213,20 +212,9 @@ impl<'a> Bench<'a> {
         settings: &DecodeSettings,
     ) -> Result<Seen> {
         let view = twin.view_lit_by(camera, &["proj1"], 0)?;
-        let mut renderer = twin.renderer("proj1", sequence)?;
-        let mut buffer = Buffer::new(&view);
-        let lamp = self.rig.projector("proj1").context("proj1")?;
-        let (width, height, full) = (view.width_px(), view.height_px(), view.full_scale_dn());
-        let extent_px = [lamp.width_px, lamp.height_px];
-        let mut decoder = Decoder::new(sequence, width, height, full, extent_px, settings)?;
-        for frame in 0..frame_count(sequence) {
-            renderer.render(&view, frame, buffer.pixels_mut())?;
-            decoder.push(frame, &buffer.frame(&view))?;
-        }
-        let mut map = PhaseMap::new(decoder.info(Axis::X)?);
-        let report = decoder.finish(Axis::X, &mut map.view_mut())?;
-        let noise = [report.noise.read_variance_dn2, report.noise.gain_dn];
-        Ok(Seen { view, map, diagnosis: decoder.diagnose(Axis::X)?, noise })
+        let seen = landed(twin, &view, "proj1", self.rig, sequence, settings)?.decoded(Axis::X)?;
+        let noise = [seen.report.noise.read_variance_dn2, seen.report.noise.gain_dn];
+        Ok(Seen { view, map: seen.map, diagnosis: seen.diagnosis, noise })
     }
 
     fn row(&self, case: &str, proposal: &Proposal, way: Way) -> Result<Row> {
@@ -283,23 +271,16 @@ impl<'a> Bench<'a> {
         settings: &DecodeSettings,
         way: Way,
     ) -> Result<Vec<Point>> {
-        let camera = |name: &str| self.rig.camera(name).context("a camera of the demo");
-        let left = camera("cam1")?;
-        let points = match way {
-            Way::Phase => {
-                let other = self.see(twin, "cam2", sequence, settings)?;
-                let mut matcher = Matcher::new(left, camera("cam2")?, &MatchSettings::default())?;
-                match_maps(&mut matcher, &one.map, &other.map, 0)?.0
-            }
-            Way::Projector => {
-                let projector = self.rig.projector("proj1").context("proj1")?;
-                let mut matcher = ProjectorMatcher::new(left, projector, &ProjectorSettings::default())?;
-                let mut points = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
-                let report = matcher.run(Some(&one.map.view()), None, 0, &mut points)?;
-                points.truncate(report.points as usize);
-                points
-            }
+        let (right, other) = match way {
+            Way::Phase => ("cam2", Some(self.see(twin, "cam2", sequence, settings)?)),
+            Way::Projector => ("proj1", None),
         };
+        let names = ["planned", "cam1", right, "proj1"].map(str::to_owned);
+        let [name, left, right, projector] = names;
+        let pair = Pair { name, left, right, projector };
+        let mut matcher = PairMatcher::new(self.rig, &pair, 0, &MatchSettings::default())?;
+        let other = Views::of(other.iter().map(|seen| seen.map.view()));
+        let (points, _) = matcher.cloud(&Views::of([one.map.view()]), &other)?;
         let middle = Point3::new(0.0, 0.0, 15.0);
         Ok(points.into_iter().filter(|p| (p.position() - middle).norm() < INNER_MM).collect())
     }

@@ -6,9 +6,9 @@
 //! steps). The quality of the reference itself is estimated from its two halves: the even and the odd steps are different frames.
 
 use super::shown::{Cell, Evaluated, Taken, counting};
-use crate::phase_method::PhaseMethod;
 use crate::progress::Progress;
 use anyhow::{Context, Result, anyhow, bail};
+use cell::executor::PhaseMethod;
 use files::recording::Recording;
 use fringe::decode::{DecodeSettings, OrderMethod};
 use fringe::pattern::{Axis, PatternSet};
@@ -70,7 +70,7 @@ pub struct View {
 pub fn rows() -> Vec<Row> {
     let row = |name, steps, method| Row { name, steps, settings: counting(), method, whole_stripes: false };
     let own = PhaseMethod::default();
-    let by = |method| PhaseMethod::new(Some(method), false, None);
+    let by = |method| PhaseMethod { method: Some(method), ..own };
     let order = |name, order, fuse| Row {
         name,
         steps: Steps::All,
@@ -85,8 +85,8 @@ pub fn rows() -> Vec<Row> {
         row("5 uneven steps", Steps::Uneven, own),
         row("3 steps", three, own),
         row("three-step", three, by(Method::ThreeStep)),
-        row("3 steps, harmonics removed", three, PhaseMethod::new(None, true, None)),
-        row("3 steps, windowed filter", three, PhaseMethod::new(None, false, Some(4.0))),
+        row("3 steps, harmonics removed", three, PhaseMethod { remove_harmonics: true, ..own }),
+        row("3 steps, windowed filter", three, PhaseMethod { window_px: Some(4.0), ..own }),
         row("Carré", Steps::Quarters(4), by(Method::Carre)),
         row("Hariharan", Steps::Quarters(5), by(Method::Hariharan)),
         row("Fourier, rows", three, by(Method::FourierRows)),
@@ -145,7 +145,7 @@ fn load(recording: &Recording, projector: &str, camera: &str) -> Result<Taken> {
 impl View {
     fn new(taken: Taken, axis: Axis, case: String, other: Option<&Recording>) -> Result<Self> {
         let plain = (DecodeSettings::default(), PhaseMethod::default());
-        let (own, _) = taken.decode(axis, &plain.0, &plain.1)?;
+        let (own, _) = taken.decode(axis, &plain.0, plain.1)?;
         let period_px = own.info.period_px;
         let (map, kind) = match other {
             None => (own, "the least-squares phase of all steps".to_owned()),
@@ -154,7 +154,7 @@ impl View {
                 let projector = recording.projectors.first().context("a recording has projectors")?;
                 let camera = projector.cameras.first().context("a projector has cameras")?;
                 let (map, _) = load(recording, &projector.name, &camera.name)?
-                    .decode(axis, &plain.0, &plain.1)
+                    .decode(axis, &plain.0, plain.1)
                     .with_context(|| file.display().to_string())?;
                 if (map.info.width_px, map.info.height_px) != (own.info.width_px, own.info.height_px) {
                     bail!(
@@ -187,7 +187,7 @@ impl View {
     fn halves_rad(&self) -> Result<f64> {
         let half = |first| {
             let half = self.taken.with_steps(|n| Steps::Even(n / 2, first).of(n))?;
-            Ok::<_, anyhow::Error>(half.decode(self.axis, &counting(), &PhaseMethod::default())?.0)
+            Ok::<_, anyhow::Error>(half.decode(self.axis, &counting(), PhaseMethod::default())?.0)
         };
         let (even, odd) = (half(0)?, half(1)?);
         let differences = differences_rad(&even, &odd);
@@ -206,7 +206,7 @@ impl View {
         if row.whole_stripes {
             taken.leave_out_last_bit(self.axis)?;
         }
-        let (map, seconds) = taken.decode(self.axis, &row.settings, &row.method)?;
+        let (map, seconds) = taken.decode(self.axis, &row.settings, row.method)?;
         Ok(Evaluated::new(&map, &differences_rad(&map, &self.map), self.reference.valid, seconds))
     }
 }

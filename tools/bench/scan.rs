@@ -1,16 +1,16 @@
 //! One measurement of the twin in memory: no files, no processes, the same kernels.
 
-use crate::pipeline::match_maps;
 use crate::simulate::Buffer;
 use anyhow::{Context, Result};
+use cell::executor::{PairMatcher, PhaseMethod, ViewDecoder, Views};
 use fringe::cloud::Point;
-use fringe::decode::{DecodeSettings, Decoder};
+use fringe::decode::DecodeSettings;
 use fringe::fusion::{FusionReport, FusionSettings, fuse};
 use fringe::geometry::rig::Rig;
-use fringe::matching::{MatchSettings, Matcher};
-use fringe::pattern::{Axis, PatternSet, frame_count};
+use fringe::matching::MatchSettings;
+use fringe::pattern::{PatternSet, frame_count};
 use fringe::phase::PhaseMap;
-use twin::Twin;
+use twin::{Twin, View};
 
 /// The fused cloud of all pairs.
 pub struct Scan {
@@ -27,15 +27,10 @@ pub fn scan(twin: &Twin, rig: &Rig, sequence: &[PatternSet], cycle: u64) -> Resu
         .iter()
         .enumerate()
         .map(|(index, pair)| {
-            let map = |camera: &str| -> Result<PhaseMap> {
-                let maps = decode(twin, camera, &pair.projector, rig, sequence, cycle)?;
-                maps.into_iter().find(|m| m.info.axis == Axis::X).context("the sequence has fringes along x")
-            };
-            let (left, right) = (map(&pair.left)?, map(&pair.right)?);
-            let camera = |name: &str| rig.camera(name).context("a pair of the rig names its cameras");
-            let mut matcher =
-                Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
-            Ok(match_maps(&mut matcher, &left, &right, index)?.0)
+            let maps = |camera: &str| decode(twin, camera, &pair.projector, rig, sequence, cycle);
+            let (left, right) = (maps(&pair.left)?, maps(&pair.right)?);
+            let mut matcher = PairMatcher::new(rig, pair, index, &MatchSettings::default())?;
+            Ok(matcher.cloud(&views(&left), &views(&right))?.0)
         })
         .collect::<Result<Vec<Vec<Point>>>>()?;
     let slices: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
@@ -54,22 +49,55 @@ pub fn decode(
     cycle: u64,
 ) -> Result<Vec<PhaseMap>> {
     let view = twin.view_lit_by(camera, &[projector], cycle)?;
-    let mut renderer = twin.renderer(projector, sequence)?;
-    let mut buffer = Buffer::new(&view);
-    let lamp = rig.projector(projector).context("the twin's rig has the projector")?;
-    let extent_px = [lamp.width_px, lamp.height_px];
     // The edges of a part or of a board's squares are contradictions of code and phase, however many they are.
     let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
-    let (width, height, full) = (view.width_px(), view.height_px(), view.full_scale_dn());
-    let mut decoder = Decoder::new(sequence, width, height, full, extent_px, &settings)?;
-    for frame in 0..frame_count(sequence) {
-        renderer.render(&view, frame, buffer.pixels_mut())?;
-        decoder.push(frame, &buffer.frame(&view))?;
-    }
+    let mut decoder = landed(twin, &view, projector, rig, sequence, &settings)?;
     let finished = decoder.axes().into_iter().map(|axis| {
         let mut map = PhaseMap::new(decoder.info(axis)?);
         decoder.finish(axis, &mut map.view_mut())?;
         Ok(map)
     });
     finished.collect()
+}
+
+/// The phases of a camera as a matcher takes them.
+pub fn views(maps: &[PhaseMap]) -> Views<'_> {
+    Views::of(maps.iter().map(PhaseMap::view))
+}
+
+/// A decoder in which all frames of a view have landed.
+pub fn landed(
+    twin: &Twin,
+    view: &View,
+    projector: &str,
+    rig: &Rig,
+    sequence: &[PatternSet],
+    settings: &DecodeSettings,
+) -> Result<ViewDecoder> {
+    let mut decoder =
+        ViewDecoder::new(&seen(view, projector, rig, sequence)?, settings, PhaseMethod::default())?;
+    let mut renderer = twin.renderer(projector, sequence)?;
+    let mut buffer = Buffer::new(view);
+    for frame in 0..frame_count(sequence) {
+        renderer.render(view, frame, buffer.pixels_mut())?;
+        decoder.push(frame, &buffer.frame(view))?;
+    }
+    Ok(decoder)
+}
+
+/// What a camera of the twin sees of a projector.
+pub fn seen<'a>(
+    view: &View,
+    projector: &str,
+    rig: &Rig,
+    sequence: &'a [PatternSet],
+) -> Result<cell::executor::View<'a>> {
+    let lamp = rig.projector(projector).context("the twin's rig has the projector")?;
+    Ok(cell::executor::View {
+        sequence,
+        extent_px: [lamp.width_px, lamp.height_px],
+        size_px: [view.width_px(), view.height_px()],
+        full_scale_dn: view.full_scale_dn(),
+        exposures_ms: &[],
+    })
 }

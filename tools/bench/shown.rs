@@ -1,9 +1,9 @@
 //! Frames in memory, decoded by a chosen method and compared with the truth: for the tables of methods and errors.
 
-use crate::phase_method::PhaseMethod;
 use crate::simulate::Buffer;
 use anyhow::{Context, Result};
-use fringe::decode::{DecodeSettings, Decoder};
+use cell::executor::{PhaseMethod, ViewDecoder};
+use fringe::decode::DecodeSettings;
 use fringe::frame::{Frame, PixelBuffer};
 use fringe::geometry::rig::Rig;
 use fringe::pattern::{Axis, PatternSet, frame_count};
@@ -96,7 +96,7 @@ impl Shown {
     }
 
     /// Decodes along x; also returns the processor time in seconds.
-    pub fn decode(&self, settings: &DecodeSettings, method: &PhaseMethod) -> Result<(PhaseMap, f64)> {
+    pub fn decode(&self, settings: &DecodeSettings, method: PhaseMethod) -> Result<(PhaseMap, f64)> {
         self.taken.decode(Axis::X, settings, method)
     }
 
@@ -116,7 +116,7 @@ impl Shown {
     }
 
     /// Decodes along x and compares with the truth.
-    pub fn evaluate(&self, settings: &DecodeSettings, method: &PhaseMethod) -> Result<Evaluated> {
+    pub fn evaluate(&self, settings: &DecodeSettings, method: PhaseMethod) -> Result<Evaluated> {
         let (map, seconds) = self.decode(settings, method)?;
         let (errors, lit) = self.errors_rad(&map)?;
         Ok(Evaluated::new(&map, &errors, lit, seconds))
@@ -129,18 +129,21 @@ impl Taken {
         &self,
         axis: Axis,
         settings: &DecodeSettings,
-        method: &PhaseMethod,
+        method: PhaseMethod,
     ) -> Result<(PhaseMap, f64)> {
         let start = Usage::now();
         let first = self.frames.first().context("a sequence has frames")?;
-        let (width, height, full) = (first.width_px, first.height_px, first.full_scale_dn);
-        let mut decoder = Decoder::new(&self.sequence, width, height, full, self.extent_px, settings)?;
-        let mut kept = method.keeper(&decoder);
+        let view = cell::executor::View {
+            sequence: &self.sequence,
+            extent_px: self.extent_px,
+            size_px: [first.width_px, first.height_px],
+            full_scale_dn: first.full_scale_dn,
+            exposures_ms: &[],
+        };
+        let mut decoder = ViewDecoder::new(&view, settings, method)?;
         for (number, frame) in self.frames.iter().enumerate() {
             decoder.push(number, &frame.view())?;
-            kept.keep(number, frame.clone());
         }
-        method.apply(&mut decoder, &kept)?;
         let mut map = PhaseMap::new(decoder.info(axis)?);
         decoder.finish(axis, &mut map.view_mut())?;
         Ok((map, Usage::now().since(start).cpu_ns as f64 * 1e-9))

@@ -1,14 +1,15 @@
 //! Speed of the kernels on this machine: decode and matching, beside the memory bandwidth that bounds them.
 
-use super::scan::decode as decode_scan;
+use super::scan::{decode as decode_scan, seen, views};
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use crate::simulate::{Buffer, load_scene};
 use anyhow::{Context, Result};
+use cell::executor::{PairMatcher, PhaseMethod, ViewDecoder, Views};
 use files::config::Config;
 use fringe::cloud::Point;
-use fringe::decode::{DecodeSettings, Decoder};
-use fringe::matching::{MatchSettings, Matcher};
+use fringe::decode::DecodeSettings;
+use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet, frame_count};
 use fringe::phase::PhaseMap;
 use serde::Serialize;
@@ -77,13 +78,12 @@ fn measure(width_px: u32, height_px: u32, threads: usize, repeats: usize, bandwi
     let sequence = twin::thesis::sequence();
     let twin = Twin::new(&scene, TwinSettings::default(), &rig)?;
     let pair = &rig.pairs[0];
-    let extent_px = [608, 684];
 
     let view = twin.view_lit_by(&pair.left, &[pair.projector.as_str()], 0)?;
     let frames = render(&twin, &view, &pair.projector, &sequence)?;
     let settings = DecodeSettings::default();
     let mut decoder =
-        Decoder::new(&sequence, width_px, height_px, view.full_scale_dn(), extent_px, &settings)?;
+        ViewDecoder::new(&seen(&view, &pair.projector, &rig, &sequence)?, &settings, PhaseMethod::default())?;
     let mut map = PhaseMap::new(decoder.info(Axis::X)?);
     let (mut push, mut finish) = (Vec::new(), Vec::new());
     for _ in 0..repeats {
@@ -98,15 +98,13 @@ fn measure(width_px: u32, height_px: u32, threads: usize, repeats: usize, bandwi
         finish.push(start.elapsed().as_secs_f64() * 1e3);
     }
     let right = decode_scan(&twin, &pair.right, &pair.projector, &rig, &sequence, 0)?;
-    let right = right.first().context("one axis was decoded")?;
-    let camera = |name: &str| rig.camera(name).context("the rig names its cameras");
-    let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &MatchSettings::default())?;
+    let mut matcher = PairMatcher::new(&rig, pair, 0, &MatchSettings::default())?;
     let mut points: Vec<Point> = vec![bytemuck::Zeroable::zeroed(); matcher.capacity()];
     let mut matching = Vec::new();
     let mut count = 0;
     for _ in 0..repeats {
         let start = Instant::now();
-        count = matcher.run(&map.view(), &right.view(), 0, &mut points)?.points;
+        count = matcher.run(&Views::of([map.view()]), &views(&right), &mut points)?.points();
         matching.push(start.elapsed().as_secs_f64() * 1e3);
     }
     let (push_ms, finish_ms, match_ms) = (median(push), median(finish), median(matching));

@@ -1,10 +1,10 @@
 //! Points of the target found in the images of the cameras, and the projector coordinates there.
 
 use super::target_images::{Source, TargetImage, bright_frame};
-use crate::phase_method::PhaseMethod;
-use crate::pipeline::decode_view;
+use crate::pipeline::RecordedView;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
+use cell::executor::PhaseMethod;
 use characterise::calibration::{Device, DeviceKind, ImagePoint, Observations, View, projector_pixel};
 use characterise::target::{
     Ambiguity, DetectedPoint, Detection, TargetError, TargetSettings, TargetSpec, detect,
@@ -281,14 +281,10 @@ impl<'a> Lamp<'a> {
     /// Its pixels at the target's points; `None` where the sequence has no phase along both axes.
     fn read(&self) -> Result<Option<Vec<ImagePoint>>> {
         let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
-        let view = decode_view(
-            self.recording,
-            self.projector,
-            self.camera,
-            (&settings, &PhaseMethod::default()),
-            &mut || {},
-        )?;
-        let Some((x, y)) = view.map(Axis::X).zip(view.map(Axis::Y)) else { return Ok(None) };
+        let view = RecordedView { recording: self.recording, projector: self.projector, camera: self.camera };
+        let maps = view.decode(&settings, PhaseMethod::default(), &mut || {})?;
+        let along = |axis| maps.iter().map(|decoded| &decoded.map).find(|map| map.info.axis == axis);
+        let Some((x, y)) = along(Axis::X).zip(along(Axis::Y)) else { return Ok(None) };
         let detection = &self.detection;
         let image_point = |point: &DetectedPoint| {
             let radius_px = pitch_px(detection, point.index)?;

@@ -2,10 +2,9 @@
 
 use super::pairs::{camera_pairs, chosen, projector_pairs_or_fault};
 use super::{Args, Method, surface_settings};
-use crate::phase_method::PhaseMethod;
 use anyhow::{Result, bail};
 use cell::Settings;
-use cell::executor::method_name;
+use cell::executor::{PhaseMethod, method_name};
 use files::config::Config;
 use files::recording::Recording;
 use files::rig_file::{RigFile, read_rig};

@@ -1,6 +1,6 @@
 //! Wrapped phases: from a file, or from the finest sine set of each axis of a recording.
 
-use crate::pipeline::decode_sets;
+use crate::pipeline::RecordedView;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
 use files::npy::{self, Raster};
@@ -178,8 +178,9 @@ fn item(
     let open = DecodeSettings { max_contradiction: 1.0, repair_spikes: false, ..DecodeSettings::default() };
     let mut decode = |sets: &[PatternSet], frames, extent_px, settings: &DecodeSettings| {
         let mut step = || progress.step();
-        let maps = decode_sets(recording, projector, camera, (sets, frames), extent_px, settings, &mut step)?;
-        maps.into_iter().map(|(map, _)| map).find(|map| map.info.axis == axis).with_context(|| {
+        let view = RecordedView { recording, projector, camera };
+        let maps = view.decode_sets((sets, frames), extent_px, settings, &mut step)?;
+        maps.into_iter().map(|decoded| decoded.map).find(|map| map.info.axis == axis).with_context(|| {
             format!("projector \"{}\", camera \"{}\": no phase along {axis:?}", projector.name, camera.name)
         })
     };

@@ -6,7 +6,7 @@ use fringe::decode::DecodeSettings;
 use fringe::fusion::FusionSettings;
 use fringe::geometry::rig::Rig;
 use fringe::matching::MatchSettings;
-use fringe::pattern::{LevelTable, PatternSet};
+use fringe::pattern::{LevelTable, PatternSet, frame_count};
 use metrology::inspection::Plan;
 
 /// Name of the recipe that is used where none is named.
@@ -84,8 +84,17 @@ pub struct ProjectorConfig {
     pub cameras: Vec<String>,
     /// Pattern sets, in the order of projection.
     pub sequence: Vec<PatternSet>,
+    /// Exposure times, ms, of a recording that has several: all of the sequence is seen once for each. Else empty.
+    pub exposures_ms: Vec<f64>,
     /// How levels are drawn so that the light is proportional to them.
     pub level_table: Option<LevelTable>,
+}
+
+impl ProjectorConfig {
+    /// Frames of a cycle: those of the sequence, once for each exposure.
+    pub fn frames(&self) -> usize {
+        frame_count(&self.sequence) * self.exposures_ms.len().max(1)
+    }
 }
 
 /// A camera of the cell.

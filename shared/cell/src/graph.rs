@@ -4,7 +4,7 @@ use crate::configuration::{CameraConfig, Configuration};
 use crate::error::ScheduleError;
 use crate::options::Options;
 use crate::retention::Retention;
-use fringe::pattern::{Axis, PatternSet, frame_count};
+use fringe::pattern::{Axis, PatternSet};
 use std::collections::BTreeSet;
 
 /// The cell as the schedule sees it. Indices count in the order of the config.
@@ -41,7 +41,7 @@ impl Graph {
         let camera = |name: &str| config.cameras.iter().position(|c| c.name == name);
         let projectors = config.projectors.iter().map(|p| ProjectorNode {
             name: p.name.clone(),
-            frames: frame_count(&p.sequence),
+            frames: p.frames(),
             axes: sine_axes(&p.sequence),
             cameras: p.cameras.iter().filter_map(|name| camera(name)).collect(),
         });
@@ -131,7 +131,7 @@ pub struct CameraNode {
 pub struct ProjectorNode {
     /// Name of the projector.
     pub name: String,
-    /// Frames of its sequence.
+    /// Frames of a cycle.
     pub frames: usize,
     /// Axes along which the sequence has sines, x before y.
     pub axes: Vec<Axis>,

@@ -8,7 +8,6 @@ use files::config::Config;
 use fringe::text::is_cell_name;
 use std::ops::Deref;
 use std::path::Path;
-use twin::TwinSettings;
 
 /// A cell with the files that it came from.
 #[derive(Debug, Clone)]
@@ -17,8 +16,6 @@ pub struct LoadedCell {
     pub file: Config,
     /// The checked cell of the configuration.
     pub cell: Cell,
-    /// Settings of the twin, checked; present whenever there is a twin.
-    pub twin: Option<TwinSettings>,
 }
 
 impl Deref for LoadedCell {
@@ -38,11 +35,10 @@ pub fn load(path: &Path, options: &Options) -> Result<LoadedCell, DeviceError> {
         return Err(DeviceError::CellName(name.clone()));
     }
     let file = Config::load(path)?;
-    let twin = file.twin.as_ref().map(|_| twin_source::settings(&file)).transpose()?;
-    let formats = formats(&file, twin.as_ref())?;
+    let formats = formats(&file)?;
     let cell = Cell::new(file.cell.clone(), formats, options)
         .map_err(|source| DeviceError::Schedule { path: path.to_owned(), source })?;
-    Ok(LoadedCell { file, cell, twin })
+    Ok(LoadedCell { file, cell })
 }
 
 /// Builds what the stages will build, to find out before a process starts whether it can be built.
@@ -59,10 +55,7 @@ pub fn check(cell: &LoadedCell) -> Result<(), DeviceError> {
 }
 
 /// How the frames of each camera under each projector lie in memory.
-fn formats(
-    config: &Config,
-    twin: Option<&TwinSettings>,
-) -> Result<Vec<Vec<Option<FrameFormat>>>, DeviceError> {
+fn formats(config: &Config) -> Result<Vec<Vec<Option<FrameFormat>>>, DeviceError> {
     let mut formats = Vec::new();
     for projector in &config.cell.projectors {
         let mut row = Vec::new();
@@ -72,7 +65,10 @@ fn formats(
                 continue;
             }
             let full_scale_dn = match camera.driver {
-                Driver::Twin => twin.ok_or(DeviceError::Missing("twin"))?.full_scale_dn(),
+                Driver::Twin => {
+                    let twin = config.twin.as_ref().ok_or(DeviceError::Missing("twin"))?;
+                    twin.settings.full_scale_dn()
+                }
                 Driver::Recording => recorded_full_scale_dn(config, &projector.name, &camera.name)?,
             };
             row.push(Some(FrameFormat::of(full_scale_dn)));

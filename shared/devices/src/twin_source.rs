@@ -1,11 +1,11 @@
 //! From the `[twin]` of a configuration to the digital twin.
 
 use crate::error::DeviceError;
-use files::config::{Config, TextFile, TwinConfig};
+use files::config::{Config, TextFile};
 use files::document::read_bytes;
-use files::error::{FileError, Problem};
+use files::error::FileError;
 use std::path::Path;
-use twin::{Scene, Twin, TwinSettings};
+use twin::{Scene, Twin};
 
 /// A mesh beyond this has some twenty million triangles: more than the twin can trace in sensible time.
 const MESH_LIMIT_BYTES: u64 = 1 << 30;
@@ -33,38 +33,12 @@ fn chain(error: &FileError) -> String {
     text
 }
 
-/// `[twin.settings]` as written, each value within its range.
-///
-/// # Errors
-/// Unknown keys or values out of range, with file, line and key.
-pub fn written_settings(config: &Config) -> Result<TwinSettings, DeviceError> {
-    let written: TwinSettings = config.document.typed("twin.settings", twin(config)?.settings.clone())?;
-    written.check().map_err(|error| {
-        let problem = Problem::Value { value: error.value.to_string(), limit: error.limit.into() };
-        let remedy = "change it, or leave it out for the usual value";
-        config.document.fault(&format!("twin.settings.{}", error.key), problem, remedy)
-    })?;
-    Ok(written)
-}
-
-/// Settings of the twin, with the seed of the configuration.
-///
-/// # Errors
-/// As [`written_settings`].
-pub fn settings(config: &Config) -> Result<TwinSettings, DeviceError> {
-    Ok(TwinSettings { seed: twin(config)?.seed, ..written_settings(config)? })
-}
-
 /// The twin.
 ///
 /// # Errors
-/// As [`scene`] and [`settings`], or a rig without projectors.
+/// As [`scene`], or a rig without projectors.
 pub fn build(config: &Config) -> Result<Twin, DeviceError> {
-    let TwinConfig { scene: file, rig, .. } = twin(config)?;
-    Twin::new(&scene(file)?, settings(config)?, rig)
+    let twin = config.twin.as_ref().ok_or(DeviceError::Missing("twin"))?;
+    Twin::new(&scene(&twin.scene)?, twin.settings.clone(), &twin.rig)
         .map_err(|source| DeviceError::Configured { path: config.document.path.clone(), source })
-}
-
-fn twin(config: &Config) -> Result<&TwinConfig, DeviceError> {
-    config.twin.as_ref().ok_or(DeviceError::Missing("twin"))
 }

@@ -94,3 +94,14 @@ impl Frame {
         }
     }
 }
+
+impl From<FrameView<'_>> for Frame {
+    fn from(view: FrameView<'_>) -> Self {
+        let pixels = match view.pixels {
+            Pixels::Mono8(values) => PixelBuffer::Mono8(values.to_vec()),
+            Pixels::Mono16(values) => PixelBuffer::Mono16(values.to_vec()),
+        };
+        let FrameView { width_px, height_px, full_scale_dn, .. } = view;
+        Self { width_px, height_px, full_scale_dn, pixels }
+    }
+}

@@ -1,14 +1,14 @@
 //! Sphere spacings that a characterised rig measures: by geometry alone all over the volume, and by measuring some.
 
-use super::super::scan::decode;
-use crate::pipeline::match_maps;
+use super::super::scan::{decode, views};
 use anyhow::{Context, Result};
+use cell::executor::PairMatcher;
 use characterise::calibration::Calibration;
 use fringe::fusion::{FusionSettings, fuse};
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::{Pair, Rig};
 use fringe::geometry::triangulate::triangulate;
-use fringe::matching::{MatchSettings, Matcher};
+use fringe::matching::MatchSettings;
 use fringe::phase::PhaseMap;
 use metrology::fit::{FitSettings, sphere};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
@@ -185,11 +185,8 @@ fn measure(
     let sequence = thesis::sequence();
     let mut maps = Vec::new();
     for pair in &truth.pairs {
-        let map = |camera: &str| -> Result<PhaseMap> {
-            let maps = decode(&twin, camera, &pair.projector, truth, &sequence, 0)?;
-            maps.into_iter().next().context("one axis was decoded")
-        };
-        maps.push((map(&pair.left)?, map(&pair.right)?));
+        let decoded = |camera: &str| decode(&twin, camera, &pair.projector, truth, &sequence, 0);
+        maps.push((decoded(&pair.left)?, decoded(&pair.right)?));
     }
     let ends = [-0.5, 0.5].map(|side| Point3::from(at + along * (side * SPACING_MM)));
     Ok(MeasuredBar {
@@ -204,7 +201,7 @@ fn measure(
 fn spacings(
     rig: &Rig,
     truth: &Rig,
-    maps: &[(PhaseMap, PhaseMap)],
+    maps: &[(Vec<PhaseMap>, Vec<PhaseMap>)],
     ends: [Point3<f64>; 2],
 ) -> Result<Vec<Option<f64>>> {
     // The worlds differ: the first camera is common to both.
@@ -213,10 +210,8 @@ fn spacings(
     let ours_from_true = first(rig)?.inverse() * first(truth)?;
     let mut clouds = Vec::new();
     for (number, (pair, (left, right))) in rig.pairs.iter().zip(maps).enumerate() {
-        let camera = |name: &str| rig.camera(name).with_context(|| format!("{name} was not calibrated"));
-        let settings = MatchSettings::default();
-        let mut matcher = Matcher::new(camera(&pair.left)?, camera(&pair.right)?, &settings)?;
-        clouds.push(match_maps(&mut matcher, left, right, number)?.0);
+        let mut matcher = PairMatcher::new(rig, pair, number, &MatchSettings::default())?;
+        clouds.push(matcher.cloud(&views(left), &views(right))?.0);
     }
     let slices: Vec<_> = clouds.iter().map(Vec::as_slice).collect();
     let mut fused = Vec::new();

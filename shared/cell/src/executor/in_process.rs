@@ -1,14 +1,14 @@
 //! One cycle through the same executors as the stages', in the order of the schedule, in one process.
 
 use super::matching::{PairMatcher, Views};
-use super::{decoder, pair_matcher};
+use super::{ViewDecoder, ViewError, decoder, pair_matcher};
 use crate::cell::Cell;
 use crate::error::CellError;
 use crate::frame_format::FrameFormat;
 use crate::schedule::Work;
 use bytemuck::{cast_slice, cast_slice_mut};
 use fringe::cloud::Point;
-use fringe::decode::{DecodeError, Decoder};
+use fringe::decode::DecodeError;
 use fringe::frame::FrameView;
 use fringe::fusion::Fuser;
 use fringe::matching::MatchError;
@@ -30,6 +30,9 @@ pub enum WorkError {
     /// The decoder refuses the frames or settings.
     #[error(transparent)]
     Decode(#[from] DecodeError),
+    /// The frames give no phase.
+    #[error(transparent)]
+    View(#[from] ViewError),
     /// The matcher refuses the phase maps.
     #[error(transparent)]
     Match(#[from] MatchError),
@@ -76,7 +79,7 @@ impl Bytes {
 }
 
 /// By camera and projector.
-type Decoders = BTreeMap<(usize, usize), Decoder>;
+type Decoders = BTreeMap<(usize, usize), ViewDecoder>;
 
 /// By camera and projector.
 type PhaseMaps = BTreeMap<(usize, usize), Vec<(PhaseInfo, Bytes)>>;
@@ -126,7 +129,7 @@ impl<'a> InProcess<'a> {
     /// Forgets what an earlier cycle left; the next one is inspected with a recipe of the cell.
     pub fn begin(&mut self, recipe: usize) {
         self.recipe = recipe;
-        self.decoders.values_mut().for_each(Decoder::begin);
+        self.decoders.values_mut().for_each(ViewDecoder::begin);
         self.phases.clear();
     }
 
@@ -218,7 +221,7 @@ fn lit<'d>(
     cell: &Cell,
     camera: usize,
     projector: usize,
-) -> Result<&'d mut Decoder, CellError> {
+) -> Result<&'d mut ViewDecoder, CellError> {
     decoders.get_mut(&(camera, projector)).ok_or_else(|| CellError::NotSeen {
         camera: cell.graph.camera_name(camera).to_owned(),
         projector: cell.graph.projector_name(projector).to_owned(),

@@ -2,7 +2,7 @@
 //!
 //! | work | executor |
 //! |---|---|
-//! | accumulate, phase | [`decoder`]: a [`fringe::decode::Decoder`] per camera and projector |
+//! | accumulate, phase | [`ViewDecoder`]: one per camera and projector, with all exposures |
 //! | match | [`PairMatcher`]: two cameras, or a camera and its projector |
 //! | fuse | [`fringe::fusion::Fuser`] with the settings of the cell |
 //! | inspect | [`metrology::inspection::evaluate`] with the plan of the recipe |
@@ -10,12 +10,17 @@
 //! [`InProcess`] does all of them one after another in the order of the schedule.
 
 mod decode;
+mod evidence;
+mod exposures;
 mod in_process;
 mod matching;
+mod phase_method;
 
-pub use decode::decoder;
+pub use decode::{Decoded, View, ViewDecoder, ViewError, decoder};
+pub use evidence::{Expected, Threshold, median_valid};
 pub use in_process::{Frames, InProcess, SourceError, WorkError};
 pub use matching::{Matched, Method, PairMatcher, Views, method_name};
+pub use phase_method::{PhaseMethod, PhaseMethodError};
 
 use crate::cell::Cell;
 use crate::error::CellError;

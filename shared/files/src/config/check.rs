@@ -2,7 +2,7 @@
 
 use super::light::{Lights, check_recorded_sizes, projectors};
 use super::limits::{cycles, limits, schedule, settings};
-use super::raw::RawConfig;
+use super::raw::{RawConfig, RawTwin};
 use super::recipes::recipes;
 use super::references::{check_drivers, check_graph, check_twin, pairs};
 use super::values::{driver, referenced, value};
@@ -16,6 +16,7 @@ use crate::rig_file::{RigFile, read_rig};
 use cell::configuration::{CameraConfig, Configuration, Driver};
 use fringe::text::{CELL_NAME, is_cell_name};
 use std::path::Path;
+use twin::TwinSettings;
 
 impl Config {
     /// Reads and checks a configuration and every file that it names.
@@ -156,7 +157,15 @@ fn twin(document: &Document, raw: &RawConfig, measured: &RigFile) -> Result<Opti
         rig: truth.rig,
         rig_path: truth.path,
         rig_sha256: truth.sha256,
-        seed: twin.seed,
-        settings: twin.settings.clone(),
+        settings: twin_settings(document, twin)?,
     }))
+}
+
+fn twin_settings(document: &Document, twin: &RawTwin) -> Result<TwinSettings, FileError> {
+    let written: TwinSettings = document.typed("twin.settings", twin.settings.clone())?;
+    written.check().map_err(|error| {
+        let remedy = "change it, or leave it out for the usual value";
+        document.fault(&format!("twin.settings.{}", error.key), value(error.value, error.limit), remedy)
+    })?;
+    Ok(TwinSettings { seed: twin.seed, ..written })
 }

@@ -99,6 +99,7 @@ fn one_projector(
             .clone()
             .or_else(|| recorded.map(|r| r.sequence.clone()))
             .ok_or_else(|| needed("sequence"))?,
+        exposures_ms: recorded.map(|r| r.exposures_ms.clone()).unwrap_or_default(),
         level_table: None,
     })
 }

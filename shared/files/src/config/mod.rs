@@ -63,6 +63,7 @@ use cell::Configuration;
 use fringe::geometry::rig::Rig;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use twin::TwinSettings;
 
 /// Value of `format` in a configuration.
 pub const CONFIG_FORMAT: &str = "fringecell-config/1";
@@ -110,10 +111,8 @@ pub struct TwinConfig {
     pub rig_path: PathBuf,
     /// SHA-256 of the true rig's file.
     pub rig_sha256: String,
-    /// Seed of all noise.
-    pub seed: u64,
-    /// The table `settings` as written in the configuration.
-    pub settings: toml::Table,
+    /// `settings`, checked, with the seed of all noise.
+    pub settings: TwinSettings,
 }
 
 /// The recording that the recording drivers play.

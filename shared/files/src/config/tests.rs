@@ -89,7 +89,7 @@ fn a_whole_configuration_is_resolved() {
     assert_eq!((config.cell.cameras[3].width_px, config.cell.cameras[3].height_px), (6, 4));
     assert_eq!(config.cell.projectors[0].sequence.len(), 2);
     let twin = config.twin.unwrap();
-    assert_eq!((twin.seed, twin.scene.text.as_str(), twin.rig.projectors.len()), (3, "scene", 2));
+    assert_eq!((twin.settings.seed, twin.scene.text.as_str(), twin.rig.projectors.len()), (3, "scene", 2));
     assert!(twin.scene.path.is_absolute());
 }
 

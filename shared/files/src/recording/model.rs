@@ -81,36 +81,20 @@ impl Recording {
         self.projectors.iter().find(|projector| projector.name == name)
     }
 
-    /// Decodes one frame.
+    /// Decodes one frame; frames count on from one exposure to the next.
     ///
     /// # Errors
     /// Unknown names, a number beyond the sequence, or a file that does not decode (truncated, changed since opened).
     pub fn load(&self, projector: &str, camera: &str, frame: usize) -> Result<Frame, FileError> {
-        self.load_exposed(projector, camera, 0, frame)
-    }
-
-    /// Decodes one frame of one exposure, which counts from 0.
-    ///
-    /// # Errors
-    /// As [`Self::load`].
-    pub fn load_exposed(
-        &self,
-        projector: &str,
-        camera: &str,
-        exposure: usize,
-        frame: usize,
-    ) -> Result<Frame, FileError> {
         let absent =
             |what: String| FileError::new(&self.folder, Problem::Missing(what), "see recording.toml");
         let camera = self
             .projector(projector)
             .and_then(|projector| projector.camera(camera))
             .ok_or_else(|| absent(format!("projector \"{projector}\" with camera \"{camera}\"")))?;
-        let count = camera.frames.len();
-        let frames = exposure.checked_sub(1).map_or(Some(&camera.frames), |more| camera.longer.get(more));
-        let path = frames
-            .and_then(|frames| frames.get(frame))
-            .ok_or_else(|| absent(format!("frame {frame} of {count} of camera \"{}\"", camera.name)))?;
+        let (path, count) = (camera.shown().nth(frame), camera.shown().count());
+        let path =
+            path.ok_or_else(|| absent(format!("frame {frame} of {count} of camera \"{}\"", camera.name)))?;
         camera.load(path)
     }
 
@@ -134,6 +118,11 @@ impl RecordedProjector {
 }
 
 impl RecordedCamera {
+    /// All frames, exposure by exposure.
+    pub fn shown(&self) -> impl Iterator<Item = &PathBuf> {
+        self.frames.iter().chain(self.longer.iter().flatten())
+    }
+
     fn load(&self, path: &Path) -> Result<Frame, FileError> {
         let frame = read_frame(path, (self.bits == 16).then_some(self.full_scale_dn))?;
         let (found, expected) = ((frame.width_px, frame.height_px), (self.width_px, self.height_px));

@@ -87,7 +87,7 @@ impl RecordingWriter {
         Ok(writer)
     }
 
-    /// Writes one frame.
+    /// Writes one frame; frames count on from one exposure to the next.
     ///
     /// # Errors
     /// Unknown names, a number beyond the sequence, a frame written twice or of another size, a full disk.
@@ -96,20 +96,6 @@ impl RecordingWriter {
         projector: &str,
         camera: &str,
         frame: usize,
-        view: &FrameView<'_>,
-    ) -> Result<(), FileError> {
-        self.write_exposed(projector, camera, [0, frame], view)
-    }
-
-    /// Writes one frame of one exposure: [exposure, frame].
-    ///
-    /// # Errors
-    /// As [`Self::write`].
-    pub fn write_exposed(
-        &mut self,
-        projector: &str,
-        camera: &str,
-        frame: [usize; 2],
         view: &FrameView<'_>,
     ) -> Result<(), FileError> {
         let place = self.place(projector, camera, frame).with_extension("png");
@@ -139,9 +125,9 @@ impl RecordingWriter {
         if !as_it_is {
             return self.write(projector, camera, frame, &content.view());
         }
-        let place = self.place(projector, camera, [0, frame]).with_extension(extension);
+        let place = self.place(projector, camera, frame).with_extension(extension);
         let size = (content.width_px, content.height_px, content.full_scale_dn);
-        let slot = self.slot(projector, camera, [0, frame], size, &place)?;
+        let slot = self.slot(projector, camera, frame, size, &place)?;
         if place.exists() {
             return Err(FileError::new(&place, Problem::Unsupported("exists already".into()), ""));
         }
@@ -154,7 +140,10 @@ impl RecordingWriter {
     }
 
     /// Path of a frame, without extension.
-    fn place(&self, projector: &str, camera: &str, [exposure, frame]: [usize; 2]) -> PathBuf {
+    fn place(&self, projector: &str, camera: &str, frame: usize) -> PathBuf {
+        let shown = self.projectors.iter().find(|p| p.name == projector);
+        let count = shown.map_or(0, |p| frame_count(&p.sequence)).max(1);
+        let (exposure, frame) = (frame / count, frame % count);
         let name = if exposure == 0 { format!("{frame:03}") } else { format!("{frame:03}_{exposure}") };
         self.folder.join("frames").join(projector).join(camera).join(name)
     }
@@ -164,7 +153,7 @@ impl RecordingWriter {
         &mut self,
         projector: &str,
         camera: &str,
-        [exposure, frame]: [usize; 2],
+        frame: usize,
         size: (u32, u32, u16),
         place: &Path,
     ) -> Result<&mut bool, FileError> {
@@ -172,10 +161,7 @@ impl RecordingWriter {
         let index = self.projectors.iter().position(|p| p.name == projector);
         let index =
             index.and_then(|p| Some((p, self.projectors[p].cameras.iter().position(|name| name == camera)?)));
-        let slot = index.and_then(|(p, c)| {
-            let frames = frame_count(&self.projectors[p].sequence);
-            self.written[p][c].get_mut(exposure * frames + frame).filter(|_| frame < frames)
-        });
+        let slot = index.and_then(|(p, c)| self.written[p][c].get_mut(frame));
         let Some(slot) = slot else {
             return Err(at(Problem::Unsupported("belongs to no frame of the sequence".into())));
         };

@@ -4,7 +4,7 @@
 //! of the exposures that tell it. Merging phases and not grey values keeps the camera's black level and the steps between exposures out of
 //! the fringes: a sum of cosines with an offset is still one, a patchwork of two scales is not.
 
-use crate::phase::PhaseMap;
+use crate::phase::{PhaseMap, PhaseViewMut};
 
 /// The map of one exposure.
 #[derive(Debug, Clone, Copy)]
@@ -19,34 +19,24 @@ pub struct Exposed<'a> {
 const APART_SIGMAS: f64 = 6.0;
 const APART_RAD: f32 = 1.0;
 
-/// Merges maps of one size, axis and period; also tells how many pixels each exposure tells best. The modulation is that of the best exposure,
-/// scaled to the first one's time.
+/// Merges maps of the size, axis and period of `out`; also counts the pixels that each exposure tells best. The modulation is that of the best
+/// exposure, scaled to the first one's time.
 ///
-/// A pixel where two exposures contradict each other by an order keeps the one with the smaller uncertainty. Without a map the result is empty.
-pub fn merge_exposures(exposures: &[Exposed<'_>]) -> (PhaseMap, Vec<usize>) {
-    let Some(first) = exposures.first() else {
-        let info = crate::phase::PhaseInfo {
-            width_px: 0,
-            height_px: 0,
-            axis: crate::pattern::Axis::X,
-            period_px: 1.0,
-        };
-        return (PhaseMap::new(info), Vec::new());
-    };
-    let mut out = PhaseMap::new(first.map.info);
-    let mut best_of = vec![0; exposures.len()];
-    let alike: Vec<(usize, &Exposed)> =
-        exposures.iter().enumerate().filter(|(_, e)| e.map.info == first.map.info).collect();
+/// A pixel where two exposures contradict each other by an order keeps the one with the smaller uncertainty. Without a map no pixel is valid.
+pub fn merge_exposures(exposures: &[Exposed<'_>], out: &mut PhaseViewMut<'_>, best_of: &mut [usize]) {
+    best_of.fill(0);
+    let alike = || exposures.iter().enumerate().filter(|(_, e)| e.map.info == out.info);
     for i in 0..out.info.len() {
-        let told = alike.iter().filter(|(_, e)| e.map.valid[i] == 1);
-        let best = told.min_by(|a, b| a.1.map.sigma_rad[i].total_cmp(&b.1.map.sigma_rad[i]));
+        let told = || alike().filter(|(_, e)| e.map.valid[i] == 1);
+        let best = told().min_by(|a, b| a.1.map.sigma_rad[i].total_cmp(&b.1.map.sigma_rad[i]));
         let Some((number, best)) = best else {
-            out.modulation[i] = first.map.modulation[i];
+            (out.phase_rad[i], out.sigma_rad[i], out.valid[i]) = (f32::NAN, f32::NAN, 0);
+            out.modulation[i] = alike().next().map_or(0.0, |(_, first)| first.map.modulation[i]);
             continue;
         };
         let (phase, sigma) = (best.map.phase_rad[i], f64::from(best.map.sigma_rad[i]));
         let (mut w, mut wx) = (0.0, 0.0);
-        for (_, e) in alike.iter().filter(|(_, e)| e.map.valid[i] == 1) {
+        for (_, e) in told() {
             let apart = e.map.phase_rad[i] - phase;
             let other = f64::from(e.map.sigma_rad[i]);
             let limit = APART_SIGMAS * (sigma * sigma + other * other).sqrt();
@@ -57,11 +47,10 @@ pub fn merge_exposures(exposures: &[Exposed<'_>]) -> (PhaseMap, Vec<usize>) {
         }
         out.phase_rad[i] = (f64::from(phase) + wx / w) as f32;
         out.sigma_rad[i] = (1.0 / w).sqrt() as f32;
-        out.modulation[i] = best.map.modulation[i] * (first.exposure_ms / best.exposure_ms) as f32;
+        out.modulation[i] = best.map.modulation[i] * (exposures[0].exposure_ms / best.exposure_ms) as f32;
         out.valid[i] = 1;
-        best_of[*number] += 1;
+        best_of[number] += 1;
     }
-    (out, best_of)
 }
 
 #[cfg(test)]
@@ -84,7 +73,8 @@ mod tests {
         let short = map(&[Some((5.0, 0.02)), Some((5.0, 0.03)), None, Some((7.0, 0.05))]);
         let long = map(&[None, Some((5.05, 0.04)), None, Some((7.0 + std::f32::consts::TAU, 0.01))]);
         let exposures = [Exposed { map: &short, exposure_ms: 2.0 }, Exposed { map: &long, exposure_ms: 8.0 }];
-        let (merged, best_of) = merge_exposures(&exposures);
+        let (mut merged, mut best_of) = (map(&[Some((1.0, 0.5)); 4]), vec![7; 2]);
+        merge_exposures(&exposures, &mut merged.view_mut(), &mut best_of);
         assert_eq!(merged.valid, [1, 1, 0, 1]);
         assert!(merged.phase_rad[2].is_nan() && merged.sigma_rad[2].is_nan());
         assert_eq!((merged.phase_rad[0], merged.sigma_rad[0]), (5.0, 0.02));
@@ -95,6 +85,7 @@ mod tests {
             (merged.phase_rad[3] - 7.0 - std::f32::consts::TAU).abs() < 1e-6 && merged.sigma_rad[3] == 0.01
         );
         assert_eq!((merged.modulation[0], merged.modulation[3], best_of), (80.0, 20.0, vec![2, 1]));
-        assert_eq!(merge_exposures(&[]).0.info.len(), 0);
+        merge_exposures(&[], &mut merged.view_mut(), &mut []);
+        assert_eq!(merged.valid, [0; 4]);
     }
 }
