@@ -173,8 +173,8 @@ impl Kernel<'_> {
             let contrast = lanes.stripes.contrast[i];
             let lit = contrast >= self.least_modulation_dn && contrast > 0.0;
             let apart = stripes_apart(code, &lanes.stripes, i).max(stripes_apart(code, &lanes.shifted, i));
-            let most = if self.plan.shifted.is_some() { 1 } else { MOST_STRIPES_APART };
-            let known = lit && x < self.plan.extent_px + 0.5 * stripe_px && apart <= most;
+            let settled = self.plan.shifted.is_none() || apart <= 1;
+            let known = lit && x < self.plan.extent_px + 0.5 * stripe_px && settled;
             tally.dark += usize::from(!lit);
             tally.noisy += usize::from(lit && !known);
             out.modulation[i] = contrast.max(0.0);

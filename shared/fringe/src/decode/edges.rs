@@ -6,8 +6,8 @@
 //! the zero is found on a straight line. A plane through the edges around a pixel, read at the pixel, is its coordinate.
 //!
 //! The stripe of a pixel is an interval, not a measurement with noise: it decides which edges belong to the pixel, and a plane that
-//! leaves it by more than a quarter of a stripe is refused. Uncertain bits make the interval longer; such pixels give no edges
-//! of their own. The uncertainty comes from the scatter of the edges about the planes.
+//! leaves it by more than a quarter of a stripe is refused. Uncertain bits make the interval longer: such pixels need edges that
+//! confirm what they show. Their own edges count: noise turns the bit whose edge is near, and other bits not by one stripe. The uncertainty comes from the scatter of the edges about the planes.
 
 use super::accumulate::Rasters;
 use super::block::{CHUNK, state};
@@ -22,12 +22,19 @@ use std::f64::consts::TAU;
 const WINDOWS: [usize; 5] = [2, 3, 5, 8, 12];
 /// Fewest edges of a plane: twice its unknowns.
 const LEAST_EDGES: f64 = 6.0;
-/// A plane may leave the stripe of its pixel by this share of a stripe.
+/// A plane may leave the stripe of its pixel by this share of a stripe …
 const BEYOND: f64 = 0.25;
+/// … and by so many standard deviations of an edge …
+const NOISE_SIGMAS: f64 = 3.0;
+/// … up to one stripe.
+const MOST_BEYOND: f64 = 1.0;
 /// Edges farther from the plane than this share of a stripe do not belong to it.
 const OUTLIER: f64 = 0.5;
 /// Coordinates of edges are whole stripes apart: a smaller sum of squares about their mean is that of one line of edges.
 const ONE_LINE: f64 = 0.5;
+/// Edges from dark to light and from light to dark are displaced against each other (white and black do not mark the middle exactly): a plane
+/// needs both kinds on either side, as three lines of edges have, two stripes apart. Two lines do where there are no more.
+const THREE_LINES: f32 = 2.0;
 /// Steps per pixel beyond so many times the median are another surface.
 const STEP_RATIO: f64 = 3.0;
 /// The scatter of one plane counts as so many edges of the common one.
@@ -58,9 +65,11 @@ struct Plane {
     squares: f32,
     /// Edges less the three unknowns.
     freedom: f32,
+    /// Coordinates of the edges from the first to the last, stripes.
+    span: f32,
 }
 
-const NO_PLANE: Plane = Plane { offset: f32::NAN, factor: f32::NAN, squares: 0.0, freedom: 0.0 };
+const NO_PLANE: Plane = Plane { offset: f32::NAN, factor: f32::NAN, squares: 0.0, freedom: 0.0, span: 0.0 };
 
 /// The code as it was decoded.
 struct Numbers<'a> {
@@ -129,11 +138,14 @@ impl Edges {
                     if plane.offset.is_nan() && !open {
                         continue;
                     }
-                    let beyond = if open { f64::from(MOST_STRIPES_APART) } else { BEYOND };
+                    let squares = f64::from(plane.squares) + COMMON_EDGES * common;
+                    let variance = squares / (f64::from(plane.freedom) + COMMON_EDGES);
+                    // The bits of a pixel near an edge turn with the noise of that edge.
+                    let noise = NOISE_SIGMAS * variance.sqrt();
+                    let beyond =
+                        if open { f64::from(MOST_STRIPES_APART) } else { noise.clamp(BEYOND, MOST_BEYOND) };
                     let within = f64::from(plane.offset.abs()) <= 0.5 + beyond;
                     if within {
-                        let squares = f64::from(plane.squares) + COMMON_EDGES * common;
-                        let variance = squares / (f64::from(plane.freedom) + COMMON_EDGES);
                         phase[i] += (TAU * f64::from(plane.offset)) as f32;
                         sigma[i] = (TAU * f64::from(plane.factor) * variance.sqrt()) as f32;
                     } else {
@@ -169,9 +181,6 @@ impl Numbers<'_> {
 
     /// Where the edge lies between two neighbouring pixels in neighbouring stripes.
     fn edge(&self, one: usize, other: usize) -> f32 {
-        if self.valid.get(other).is_none_or(|s| *s != state::SURE) || self.valid[one] != state::SURE {
-            return f32::NAN;
-        }
         let (Some(a), Some(b)) = (self.stripe(one), self.stripe(other)) else { return f32::NAN };
         if (a - b).abs() != 1 {
             return f32::NAN;
@@ -231,14 +240,17 @@ impl Numbers<'_> {
     /// The plane through the edges around a pixel, in stripes from the centre of its stripe.
     fn plane(&self, right: &[f32], down: &[f32], at: (usize, usize), most_step: f64) -> Option<Plane> {
         let own = self.stripe(at.1 * self.width + at.0)?;
-        WINDOWS
-            .iter()
-            .find_map(|half| {
-                let window = Window { numbers: self, right, down, at, half: *half, own, most_step };
-                let first = window.fit(None)?;
-                window.fit(Some(first.1))
-            })
-            .map(|(plane, _)| plane)
+        let mut two_lines = None;
+        for half in WINDOWS {
+            let window = Window { numbers: self, right, down, at, half, own, most_step };
+            let fit = window.fit(None).and_then(|first| window.fit(Some(first.1)));
+            match fit {
+                Some((plane, _)) if plane.span >= THREE_LINES => return Some(plane),
+                Some((plane, _)) => two_lines = two_lines.or(Some(plane)),
+                None => {}
+            }
+        }
+        two_lines
     }
 }
 
@@ -289,6 +301,7 @@ impl Window<'_> {
     fn fit(&self, near: Option<[f64; 3]>) -> Option<(Plane, [f64; 3])> {
         let (mut n, mut su, mut sv, mut suu, mut suv, mut svv) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
         let (mut sx, mut sux, mut svx, mut sxx) = (0.0, 0.0, 0.0, 0.0);
+        let (mut least, mut most) = (f64::INFINITY, f64::NEG_INFINITY);
         self.edges(|u, v, x| {
             if near.is_some_and(|[a, b, c]| (x - a - b * u - c * v).abs() > OUTLIER) {
                 return;
@@ -303,6 +316,8 @@ impl Window<'_> {
             sux += u * x;
             svx += v * x;
             sxx += x * x;
+            least = least.min(x);
+            most = most.max(x);
         });
         if n < LEAST_EDGES {
             return None;
@@ -325,6 +340,7 @@ impl Window<'_> {
             factor: factor as f32,
             squares: squares as f32,
             freedom: (n - 3.0) as f32,
+            span: (most - least) as f32,
         };
         Some((plane, [a, b, c]))
     }

@@ -84,6 +84,9 @@ use spatial::{Places, sample_code, sample_phase};
 use std::sync::Arc;
 use verdict::{Verdicts, apply, correct_rows};
 
+/// Distance of pixels that share no noise, px: neighbours share it behind a mosaic of colours.
+const APART_PX: usize = 3;
+
 /// Decodes the frames of one camera under one projector, sequence after sequence.
 #[derive(Debug)]
 pub struct Decoder {
@@ -112,6 +115,8 @@ struct AxisState {
     probe: Probe,
     open_sets: usize,
     estimate: Option<NoiseModel>,
+    /// Whether neighbours were asked about it.
+    settled: bool,
     ignored: Arc<[String]>,
 }
 
@@ -178,6 +183,7 @@ impl Decoder {
             axis.probe.begin();
             axis.open_sets = plan.sines.len();
             axis.estimate = None;
+            axis.settled = false;
         }
     }
 
@@ -348,30 +354,31 @@ impl Decoder {
         }
     }
 
-    /// The noise model where neither settings nor residuals tell it.
+    /// The noise model where neither settings nor residuals tell it, and where residuals tell too much.
     fn estimate_from_neighbours(&mut self, home: usize) {
         let least_dn = self.least_modulation_dn();
         let (plan, axis) = (&self.plan.axes[home], &mut self.axes[home]);
-        if axis.estimate.is_some() || self.settings.camera_noise.is_some() {
+        if axis.settled || self.settings.camera_noise.is_some() {
             return;
         }
+        axis.settled = true;
+        let lag = if axis.estimate.is_some() { APART_PX } else { 1 };
         let AxisState { probe, saturated, .. } = axis;
-        axis.estimate = probe.model_of_neighbours(|positions, samples| {
-            let places = Places { positions, width: self.width_px as usize, saturated };
+        let gather = |positions: &[usize], samples: &mut Vec<_>| {
+            let places = Places { positions, width: self.width_px as usize, saturated, lag };
             match (plan.sines.first(), &plan.code) {
                 (Some(finest), _) => {
-                    sample_phase(
-                        &places,
-                        &self.sums[*finest],
-                        self.steps[*finest] as usize,
-                        least_dn,
-                        samples,
-                    );
+                    let steps = self.steps[*finest] as usize;
+                    sample_phase(&places, &self.sums[*finest], steps, least_dn, samples);
                 }
                 (None, Some(code)) => sample_code(&places, &self.rasters, code, least_dn, samples),
                 (None, None) => {}
             }
-        });
+        };
+        axis.estimate = match axis.estimate {
+            Some(model) => Some(probe.lessen(model, gather)),
+            None => probe.model_of_neighbours(gather),
+        };
     }
 
     /// Removes the bias of the pixel's footprint; its standard deviation, where it is known.
@@ -428,6 +435,7 @@ impl AxisState {
             probe: Probe::new(width, pixels, &sets),
             open_sets: sets.len(),
             estimate: None,
+            settled: false,
             ignored: axis.ignored.as_slice().into(),
         }
     }

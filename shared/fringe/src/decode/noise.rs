@@ -17,6 +17,10 @@ const SAMPLES: usize = 8192;
 const RESERVE: usize = 4;
 /// Fewer pixels with light do not make a noise model.
 const LEAST_SAMPLES: usize = 200;
+/// So many pixels tell their scatter, to √(2/4096) = 2 %.
+const SCATTER_SAMPLES: usize = 4096;
+/// Scatter over residuals, as variances, below which the scatter counts: a standard deviation less by a tenth.
+const LESS: f64 = 0.81;
 /// Bins over the background.
 const BINS: usize = 16;
 /// Variance of the rounding to whole DN.
@@ -38,6 +42,8 @@ pub(super) struct Sample {
 #[derive(Debug)]
 pub struct Probe {
     positions: Vec<usize>,
+    /// Scratch: some of them.
+    few: Vec<usize>,
     frames: Vec<u16>,
     steps_max: usize,
     spectra: Vec<Spectrum>,
@@ -83,6 +89,7 @@ impl Probe {
         let room = positions.len() * sets.len().max(1);
         Self {
             frames: vec![0; positions.len() * steps_max],
+            few: Vec::with_capacity(positions.len()),
             positions,
             steps_max,
             spectra: sets.iter().map(|plan| Spectrum::new(plan)).collect(),
@@ -206,6 +213,32 @@ impl Probe {
         self.samples.clear();
         gather(&self.positions, &mut self.samples);
         self.model()
+    }
+
+    /// The model of the residuals, or less where the scatter of pixels apart is less: residuals also hold harmonics that differ from place
+    /// to place and light that flickers.
+    pub fn lessen(
+        &mut self,
+        model: NoiseModel,
+        gather: impl FnOnce(&[usize], &mut Vec<Sample>),
+    ) -> NoiseModel {
+        let every = (self.positions.len() / SCATTER_SAMPLES).max(1);
+        self.few.clear();
+        self.few.extend(self.positions.iter().step_by(every));
+        self.samples.clear();
+        gather(&self.few, &mut self.samples);
+        if self.samples.len() < LEAST_SAMPLES {
+            return model;
+        }
+        for sample in &mut self.samples {
+            sample.variance_dn2 /= model.read_variance_dn2 + model.gain_dn * sample.background_dn;
+        }
+        let factor = robust_mean(&self.samples, None, &mut self.scratch).variance_dn2;
+        if factor >= LESS {
+            return model;
+        }
+        let read_variance_dn2 = factor * model.read_variance_dn2;
+        NoiseModel { read_variance_dn2, gain_dn: factor * model.gain_dn, ..model }
     }
 
     /// Fits the straight line; `None` when there is too little light.

@@ -13,6 +13,9 @@
 //! Σ k² (2/N) σ_I²/B² over the nine pixels, which each window solves for σ_I². For a code it is applied to the
 //! difference of two frames where both show the same level. Noise that neighbours share (a Bayer mosaic that was
 //! interpolated, lossy compression) is underestimated.
+//!
+//! The residuals of many steps hold more than noise: harmonics that differ from place to place, light that flickers. Where pixels some distance
+//! apart scatter less than they tell, the scatter counts ([`super::noise::Probe::lessen`]).
 
 use super::accumulate::{Rasters, Sums};
 use super::arctan::angle_positive_rad;
@@ -35,31 +38,24 @@ pub struct Places<'a> {
     pub positions: &'a [usize],
     pub width: usize,
     pub saturated: &'a [u8],
+    /// Distance of the pixels of a window, px.
+    pub lag: usize,
 }
 
 impl Places<'_> {
     /// The 3 × 3 windows inside the image without clipped pixels, by their centre.
     fn windows(&self) -> impl Iterator<Item = [usize; 9]> {
-        let (width, pixels) = (self.width, self.saturated.len());
+        let (width, lag, pixels) = (self.width, self.lag, self.saturated.len());
         let inner = move |p: &usize| {
             let column = p % width;
-            column > 0 && column + 1 < width && *p >= width && p + width < pixels
+            column >= lag && column + lag < width && *p >= lag * width && p + lag * width < pixels
         };
         let around = move |p: usize| {
-            [
-                p - width - 1,
-                p - width,
-                p - width + 1,
-                p - 1,
-                p,
-                p + 1,
-                p + width - 1,
-                p + width,
-                p + width + 1,
-            ]
+            let first = p - lag * width - lag;
+            std::array::from_fn(|k| first + k / 3 * lag * width + k % 3 * lag)
         };
         let windows = self.positions.iter().copied().filter(inner).map(around);
-        windows.filter(|window| window.iter().all(|p| self.saturated[*p] == 0))
+        windows.filter(|window: &[usize; 9]| window.iter().all(|p| self.saturated[*p] == 0))
     }
 }
 

@@ -56,7 +56,7 @@ use crate::geometry::camera::Camera;
 use crate::math::parallel::for_parts;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
-use crate::surface::{Cause, Sample, SurfaceBuilder, View, independent_share, mark_rims};
+use crate::surface::{Cause, INTERPOLATED, Sample, SurfaceBuilder, View, independent_share, mark_rims};
 use nalgebra::Vector3;
 use report::PART_ROWS;
 use rows::{Row, StepLimits};
@@ -184,8 +184,9 @@ impl Matcher {
             &mut self.noise,
         ));
         let (limits, noise_px) = self.step_limits(left, right);
-        // A rim shifts the phase two pixels away by less than noise like this hides.
-        let edge = if noise_px > RIM_NOISE_PX { edge_px.min(1) } else { edge_px };
+        // A rim shifts the phase two pixels away by less than noise like this hides, and hardly one that was interpolated.
+        let hidden = noise_px > RIM_NOISE_PX || independent < INTERPOLATED;
+        let edge = if hidden { edge_px.min(1) } else { edge_px };
         let Self { right_gaps, rim_counts, right_rims, .. } = self;
         mark_rims(&self.right_phase, edge, limits.max_rad, right_gaps, rim_counts, right_rims);
         let mut report = self.match_rows(left, right, limits);

@@ -1,5 +1,6 @@
 //! The memory of a surface builder, and its parts of rows.
 
+use super::scatter::WINDOWS;
 use super::{Cause, SurfaceSettings};
 
 /// Rows per part of parallel work; fixed, so that no result depends on the number of threads.
@@ -22,6 +23,8 @@ pub(crate) struct SurfaceBuilder {
     pub(super) sizes: Vec<u32>,
     /// What became of each pixel.
     pub(super) causes: Vec<Cause>,
+    /// Scratch for the scatter of windows.
+    pub(super) ratios: Vec<f64>,
 }
 
 /// What was counted in a part.
@@ -66,6 +69,7 @@ impl SurfaceBuilder {
             parents: vec![0; pixels],
             sizes: vec![0; pixels],
             causes: vec![Cause::Dark; pixels],
+            ratios: Vec::with_capacity(WINDOWS + 1),
         }
     }
 }

@@ -1,14 +1,15 @@
 //! The way from samples to points.
 
 use super::buffers::{PartCount, SurfaceBuilder};
-use super::normals::{Link, normal};
+use super::normals::{Link, normal, quiet_half};
 use super::rim::at_rim;
 use super::sample::{Sample, View};
 use super::smooth::{smoothed, smoothed_partly};
-use super::{Cause, SurfaceReport};
+use super::{Cause, SurfaceReport, SurfaceSettings};
 use crate::cloud::Point;
 use crate::math::parallel::for_parts;
 use bytemuck::Zeroable;
+use nalgebra::Vector3;
 
 impl SurfaceBuilder {
     /// Drops spikes, crumbs and steep points from `samples`, then writes the points in pixel order; `out` has room for all pixels.
@@ -44,41 +45,21 @@ impl SurfaceBuilder {
                 total += (self.row_parts[part]..*end).filter(filled).count();
             }
         }
-        let half = self.settings.normal_window_px as usize / 2;
-        let (edge, smoothing) = (self.settings.edge_px as usize, self.settings.smoothing_half());
-        let size = (view.width, view.height);
-        let gaps = &self.keep;
+        let judge = Judge {
+            view,
+            samples,
+            link,
+            excess: self.excess(view, samples, link),
+            settings: &self.settings,
+            min_cosine: self.min_cosine,
+            gaps: &self.keep,
+        };
         for_parts(&self.point_parts, &mut out[..total], &mut self.counts, &|part, points, count| {
             *count = PartCount::default();
             // Points from the front, dropped pixels with their cause from the back: there is room for exactly all of them.
             let mut room = points.iter_mut();
             for pixel in (self.row_parts[part]..self.row_parts[part + 1]).filter(filled) {
-                let normal = normal(view, samples, pixel, link, half);
-                let (mut sample, window) =
-                    smoothed((size, view.independent), samples, pixel, link.max_step, smoothing);
-                let steep = normal.is_some_and(|n| view.is_steep(&sample, pixel, &n, self.min_cosine));
-                let edge = view.rim_px(&samples[pixel], edge);
-                let rim = !steep && window < edge && at_rim(size, samples, gaps, pixel, link, edge);
-                if window < smoothing && !rim {
-                    sample = smoothed_partly(
-                        (size, view.independent),
-                        samples,
-                        gaps,
-                        pixel,
-                        link,
-                        (window, smoothing),
-                    )
-                    .unwrap_or(sample);
-                }
-                let cause = if steep {
-                    Cause::Steep
-                } else if rim {
-                    Cause::Rim
-                } else if f64::from(sample.sigma) > view.max_sigma {
-                    Cause::Uncertain
-                } else {
-                    Cause::Point
-                };
+                let (sample, normal, cause) = judge.pixel(pixel);
                 count.add(cause);
                 if cause == Cause::Point {
                     let Some(point) = room.next() else { break };
@@ -120,5 +101,61 @@ impl SurfaceBuilder {
             report.without_normal += count.without_normal;
         }
         report
+    }
+}
+
+/// Decides what becomes of a pixel.
+struct Judge<'a> {
+    view: &'a View<'a>,
+    samples: &'a [Sample],
+    link: Link,
+    /// See [`super::scatter`].
+    excess: f64,
+    settings: &'a SurfaceSettings,
+    min_cosine: f64,
+    gaps: &'a [u8],
+}
+
+impl Judge<'_> {
+    /// The smoothed sample, its normal, and whether it is a point.
+    #[inline]
+    fn pixel(&self, pixel: usize) -> (Sample, Option<Vector3<f64>>, Cause) {
+        let Self { view, samples, link, gaps, settings, .. } = *self;
+        let (half, smoothing) = (settings.normal_window_px as usize / 2, settings.smoothing_half());
+        let size = (view.width, view.height);
+        let normal = normal(view, samples, pixel, link, half);
+        let (mut sample, window) =
+            smoothed((size, view.independent), samples, pixel, link.max_step, smoothing);
+        let edge = view.rim_px(&samples[pixel], settings.edge_px as usize);
+        let rim = window < edge && at_rim(size, samples, gaps, pixel, link, edge);
+        if window < smoothing && !rim {
+            let spread = (size, view.independent);
+            sample =
+                smoothed_partly(spread, samples, gaps, pixel, link, (window, smoothing)).unwrap_or(sample);
+        }
+        // Noise of the pixel alone hides what reaches over many.
+        if window > 0 || view.independent < 1.0 {
+            sample.sigma = (f64::from(sample.sigma) * self.excess) as f32;
+        }
+        let mut steep = false;
+        if let Some(normal) = normal {
+            let beyond = view.beyond_incidence(&sample, pixel, &normal, self.min_cosine);
+            let wide = quiet_half(view, &samples[pixel]);
+            steep = beyond > 0.0 && wide <= half;
+            if beyond > 0.0 && !steep {
+                let off = view.slope_error(&sample, pixel, &normal, wide, beyond);
+                sample.sigma = (f64::from(sample.sigma) * f64::from(sample.sigma) + off * off).sqrt() as f32;
+            }
+        }
+        let cause = if steep {
+            Cause::Steep
+        } else if rim {
+            Cause::Rim
+        } else if f64::from(sample.sigma) > view.max_sigma {
+            Cause::Uncertain
+        } else {
+            Cause::Point
+        };
+        (sample, normal, cause)
     }
 }

@@ -2,17 +2,20 @@
 //!
 //! It does where each pixel was measured by itself. It does not where phases were interpolated or filtered, or where pictures come from a
 //! mosaic or from lossy compression: neighbours share their noise there, and smoothing takes little of it out. A kernel that
-//! takes every quadratic out (see the noise of neighbours in the decoder) tells: on independent noise its scatter is that of the
-//! stated uncertainty.
+//! takes every quadratic out (see the noise of neighbours in the decoder) tells: on independent noise it scatters alike
+//! whether its nine pixels lie beside each other or some pixels apart; noise that neighbours share shows only between pixels apart.
 
 use crate::phase::PhaseView;
 
-/// Scatter over stated uncertainty above which noise counts as independent: estimates of noise scatter too.
+/// Scatter of neighbours over that of pixels apart above which noise counts as independent: estimates scatter, and shape adds to
+/// the latter.
 const INDEPENDENT: f64 = 0.7;
-/// Below this the map holds no noise at all, as computed ones do: nothing can be said.
+/// Distance of pixels that share no noise, px.
+const APART_PX: usize = 4;
+/// Below this scatter, in stated uncertainties, the map holds no noise at all, as computed ones do: nothing can be said.
 const EXACT: f64 = 0.01;
 /// Fewer windows say nothing.
-const LEAST: usize = 200;
+pub(super) const LEAST: usize = 200;
 /// At most so many windows are asked.
 pub(crate) const WINDOWS: usize = 16_384;
 /// Median magnitude of a standard normal variable.
@@ -21,18 +24,24 @@ const MEDIAN_NORMAL: f64 = 0.674_49;
 /// Share of the variance that differs from pixel to pixel, 0 to 1. `masked` is the phase with NaN where it may not be used; `scratch` has
 /// room for [`WINDOWS`] values.
 pub(crate) fn independent_share(map: &PhaseView, masked: &[f32], scratch: &mut Vec<f32>) -> f64 {
+    let mut scatter = |lag| scatter(map, masked, lag, scratch).filter(|scatter| *scatter >= EXACT);
+    let Some((near, apart)) = scatter(1).zip(scatter(APART_PX)) else { return 1.0 };
+    let ratio = near / apart;
+    if ratio < INDEPENDENT { ratio * ratio } else { 1.0 }
+}
+
+/// Scatter of pixels `lag` apart over the stated uncertainty; `None` from too few windows.
+fn scatter(map: &PhaseView, masked: &[f32], lag: usize, scratch: &mut Vec<f32>) -> Option<f64> {
     let (width, height) = (map.info.width_px as usize, map.info.height_px as usize);
     scratch.clear();
-    if width < 3 || height < 3 {
-        return 1.0;
-    }
     let stride = masked.len().div_ceil(WINDOWS).max(1);
     for pixel in (0..masked.len()).step_by(stride) {
         let (column, row) = (pixel % width, pixel / width);
-        if column == 0 || row == 0 || column + 1 >= width || row + 1 >= height {
+        if column < lag || row < lag || column + lag >= width || row + lag >= height {
             continue;
         }
-        let at = |dx: isize, dy: isize| masked[(pixel as isize + dy * width as isize + dx) as usize];
+        let step = lag as isize;
+        let at = |dx: isize, dy: isize| masked[(pixel as isize + (dy * width as isize + dx) * step) as usize];
         let high_pass = (at(-1, -1) - 2.0 * at(0, -1) + at(1, -1))
             - 2.0 * (at(-1, 0) - 2.0 * at(0, 0) + at(1, 0))
             + (at(-1, 1) - 2.0 * at(0, 1) + at(1, 1));
@@ -42,9 +51,49 @@ pub(crate) fn independent_share(map: &PhaseView, masked: &[f32], scratch: &mut V
         }
     }
     if scratch.len() < LEAST {
-        return 1.0;
+        return None;
     }
     let middle = scratch.len() / 2;
-    let scatter = f64::from(*scratch.select_nth_unstable_by(middle, f32::total_cmp).1) / MEDIAN_NORMAL;
-    if (EXACT..INDEPENDENT).contains(&scatter) { scatter * scatter } else { 1.0 }
+    Some(f64::from(*scratch.select_nth_unstable_by(middle, f32::total_cmp).1) / MEDIAN_NORMAL)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::random::{Key, normal_quantile};
+    use crate::pattern::Axis;
+    use crate::phase::{PhaseInfo, PhaseMap};
+
+    const SIDE: usize = 160;
+
+    fn share(stated: f32, value: impl Fn(&[f64], usize) -> f64) -> f64 {
+        let noise: Vec<f64> = (0..SIDE * SIDE).map(|i| normal_quantile(Key::new(5).open(i as u64))).collect();
+        let info =
+            PhaseInfo { width_px: SIDE as u32, height_px: SIDE as u32, axis: Axis::X, period_px: 16.0 };
+        let mut map = PhaseMap::new(info);
+        map.sigma_rad.fill(stated);
+        let masked: Vec<f32> = (0..SIDE * SIDE).map(|i| value(&noise, i) as f32).collect();
+        independent_share(&map.view(), &masked, &mut Vec::new())
+    }
+
+    /// The mean of 3 × 3 neighbours, scaled to the scatter of one.
+    fn spread(noise: &[f64], i: usize) -> f64 {
+        let (column, row) = (i % SIDE, i / SIDE);
+        if column == 0 || row == 0 || column + 1 == SIDE || row + 1 == SIDE {
+            return 0.0;
+        }
+        (0..9).map(|k| noise[i + k / 3 * SIDE + k % 3 - SIDE - 1]).sum::<f64>() / 3.0
+    }
+
+    /// Noise that is stated too large is still noise of single pixels; noise that neighbours share is not, whatever is stated.
+    #[test]
+    fn shared_noise_is_told_from_noise_that_is_stated_wrong() {
+        for stated in [0.01, 0.03, 0.005] {
+            let alone = share(stated, |noise, i| 0.01 * noise[i]);
+            assert!((alone - 1.0).abs() < 1e-12, "{stated}: {alone}");
+            let shared = share(stated, |noise, i| 0.01 * spread(noise, i));
+            assert!(shared < 0.2, "{stated}: {shared}");
+        }
+        assert!((share(0.01, |_, i| 1e-3 * i as f64) - 1.0).abs() < 1e-12, "no noise at all");
+    }
 }

@@ -11,6 +11,7 @@ mod independence;
 mod normals;
 mod rim;
 mod sample;
+mod scatter;
 mod smooth;
 mod support;
 
@@ -18,7 +19,7 @@ pub(crate) use buffers::SurfaceBuilder;
 pub use cause::Cause;
 pub(crate) use independence::{WINDOWS, independent_share};
 pub(crate) use rim::mark_rims;
-pub(crate) use sample::{Sample, View};
+pub(crate) use sample::{INTERPOLATED, Sample, View};
 
 use serde::{Deserialize, Serialize};
 

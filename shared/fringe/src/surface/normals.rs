@@ -45,7 +45,7 @@ const MAX_HALF: usize = 12;
 
 /// Half width of the window over which the noise of single samples leaves a slope that is certain enough.
 #[inline]
-fn quiet_half(view: &View, sample: &Sample) -> usize {
+pub(super) fn quiet_half(view: &View, sample: &Sample) -> usize {
     let noise = f64::from(sample.sigma) / (sample.inverse_depth.abs() * view.pitch * MAX_SLOPE_NOISE);
     // Σu² over (2h + 1)² samples must reach noise².
     let wanted = noise * noise;

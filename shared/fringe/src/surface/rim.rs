@@ -7,6 +7,14 @@ use super::sample::Sample;
 /// A window at a rim lacks more than this part of its samples; a speck that could not be matched lacks less.
 const SPECK_SHARE: f64 = 0.1;
 
+/// A single sample is a speck in any window: at a rim at least two of eight neighbours are missing, but for steps of a slanting one.
+const SPECK_SAMPLES: f64 = 1.0;
+
+/// Whether so many missing samples of a window are more than specks.
+fn more_than_specks(missing: usize, all: usize) -> bool {
+    missing as f64 > (SPECK_SHARE * all as f64).max(SPECK_SAMPLES)
+}
+
 /// Marks the pixels of a raster with more than specks of NaN up to `edge` pixels away; beyond the picture nothing is missed,
 /// nor in a gap of up to three pixels whose sides differ by less than `max_step` per pixel.
 ///
@@ -55,7 +63,7 @@ pub(crate) fn mark_rims(
         for (column, rim) in rims[row * width..(row + 1) * width].iter_mut().enumerate() {
             let places = span(column, width);
             let missing: u16 = columns[places.clone()].iter().sum();
-            *rim = u8::from(f64::from(missing) > SPECK_SHARE * (places.len() * lines.len()) as f64);
+            *rim = u8::from(more_than_specks(usize::from(missing), places.len() * lines.len()));
         }
     }
 }
@@ -81,7 +89,7 @@ pub(super) fn at_rim(
             missing += usize::from(gaps[at] == 0 && !link.joins(centre, &samples[at], distance));
         }
     }
-    missing as f64 > SPECK_SHARE * all as f64
+    more_than_specks(missing, all)
 }
 
 #[cfg(test)]
@@ -108,6 +116,18 @@ mod tests {
         assert!((0..5).all(|column| !at(column, 4)), "three pixels away, beside the border");
         assert!([5, 6, 7, 8].iter().all(|column| at(*column, 4)), "on both sides of a step");
         assert!(!at(1, 1) && !at(2, 3), "one sample is a speck");
+    }
+
+    /// One missing neighbour is a speck in the smallest window too; the three of a silhouette are a rim.
+    #[test]
+    fn one_missing_neighbour_is_no_rim() {
+        let picture = ["1111...", "1111...", "1.11...", "1111...", "1111..."];
+        let (width, samples) = samples(&picture);
+        let at = |column, row| {
+            at_rim((width, picture.len()), &samples, &vec![0; samples.len()], row * width + column, LINK, 1)
+        };
+        assert!(!at(0, 2) && !at(1, 1) && !at(2, 3));
+        assert!(at(3, 1) && at(3, 2));
     }
 
     #[test]

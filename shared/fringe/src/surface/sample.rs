@@ -61,6 +61,12 @@ const STEEP_ERROR: f64 = 2e-4;
 /// Such an error counts where it is more than this share of the point's own uncertainty: fits average noise, not this.
 const STEEP_SHARE: f64 = 0.1;
 
+/// Cosine of the steepest incidence that a slope is turned back from: 87°.
+const LEAST_COSINE: f64 = 0.05;
+
+/// Noise of which less than this share belongs to the pixel alone comes from an interpolation.
+pub(crate) const INTERPOLATED: f64 = 0.5;
+
 /// With more depth noise than this, in pixels on the surface, the shift of points two pixels from a rim does not matter.
 const RIM_NOISE_PX: f64 = 1.0;
 
@@ -73,20 +79,24 @@ impl View<'_> {
 
     /// How far from a rim the footprint still shifts a point by more than a tenth of its noise, px: a shift of 0.05 px is a depth of
     /// some 0.1 pixels.
+    ///
+    /// What was interpolated from more than the pixel itself hardly knows the pixel's own footprint.
     #[inline]
     pub(super) fn rim_px(&self, sample: &Sample, edge_px: usize) -> usize {
-        if self.noise_px(sample) > RIM_NOISE_PX { edge_px.min(1) } else { edge_px }
+        let hidden = self.noise_px(sample) > RIM_NOISE_PX || self.independent < INTERPOLATED;
+        if hidden { edge_px.min(1) } else { edge_px }
     }
 
-    /// Whether the normal is so far from the line of sight of either view that the error of the pixel's footprint matters.
+    /// How far the normal lies beyond the limit of incidence of either view, rad; 0 or less within both. The limit is where the
+    /// error of the pixel's footprint matters.
     #[inline]
-    pub(super) fn is_steep(
+    pub(super) fn beyond_incidence(
         &self,
         sample: &Sample,
         pixel: usize,
         normal: &Vector3<f64>,
         min_cosine: f64,
-    ) -> bool {
+    ) -> f64 {
         let noise = self.noise_px(sample);
         let cube = STEEP_ERROR / (STEEP_SHARE * noise.max(1e-9));
         let min_cosine =
@@ -95,8 +105,28 @@ impl View<'_> {
         let own = Vector3::new(x, y, 1.0);
         // The direction from the other view, scaled by the inverse depth.
         let other = own - self.other_mm * sample.inverse_depth;
-        let beyond = |sight: &Vector3<f64>| -normal.dot(sight) < min_cosine * sight.norm();
-        beyond(&own) || beyond(&other)
+        let least = (-normal.dot(&own) / own.norm()).min(-normal.dot(&other) / other.norm());
+        if least >= min_cosine {
+            return 0.0;
+        }
+        (crate::math::acos(least.clamp(-1.0, 1.0)) - crate::math::acos(min_cosine)).max(f64::MIN_POSITIVE)
+    }
+
+    /// Uncertainty of the inverse depth where noise made the window of the normal wide and its slope is still one that cannot be: over
+    /// the window, `half` pixels to either side, the depth is wrong by what turns the slope back.
+    #[inline]
+    pub(super) fn slope_error(
+        &self,
+        sample: &Sample,
+        pixel: usize,
+        normal: &Vector3<f64>,
+        half: usize,
+        beyond: f64,
+    ) -> f64 {
+        let [x, y] = self.directions[pixel];
+        let own = Vector3::new(x, y, 1.0);
+        let cosine = (-normal.dot(&own) / own.norm()).max(LEAST_COSINE);
+        half as f64 * self.pitch * sample.inverse_depth.abs() * beyond / (cosine * cosine)
     }
 
     /// The point of a pixel. Its uncertainty is along the normal, or along the ray where there is no normal.
