@@ -1,6 +1,6 @@
 //! The capture process of one camera: exposes on a trigger, straight into shared memory.
 
-use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
+use crate::stage::{Fault, Inbox, Report, StageContext, Worker, cycle_fault};
 use anyhow::Result;
 use cell::FrameFormat;
 use cell::cycle_number::unwire;
@@ -9,8 +9,8 @@ use devices::Camera;
 use ipc::IpcError;
 use ipc::header::{Frame, Trigger};
 use ipc::os::now_ns;
+use ipc::output_hash;
 use ipc::port::Publisher;
-use xxhash_rust::xxh3::xxh3_128;
 
 /// What the camera needs of one projector.
 struct Light {
@@ -34,8 +34,8 @@ pub struct Capture {
 
 impl Capture {
     /// Opens driver and ports.
-    pub fn new(link: &Link) -> Result<Self> {
-        let (cell, camera) = (&link.cell, link.subject());
+    pub fn new(context: &StageContext) -> Result<Self> {
+        let (cell, camera) = (&context.cell, context.subject());
         let node = &cell.graph.cameras[camera];
         let lit = cell.graph.projectors.iter().enumerate().filter(|(_, p)| p.cameras.contains(&camera));
         let lights = lit.map(|(projector, p)| {
@@ -43,7 +43,7 @@ impl Capture {
                 projector,
                 frames: p.frames,
                 format: cell.format(projector, camera)?,
-                triggers: link.inbox(&format!("trigger/{}", p.name))?,
+                triggers: context.inbox(&format!("trigger/{}", p.name))?,
                 next: 0,
             })
         });
@@ -53,12 +53,12 @@ impl Capture {
             height_px: node.height_px,
             lights: lights.collect::<Result<_>>()?,
             driver: devices::camera(cell, camera)?,
-            frames: link.publisher(&format!("frame/{}", node.name))?,
-            exposed: link.publisher("exposed")?,
+            frames: context.publisher(&format!("frame/{}", node.name))?,
+            exposed: context.publisher("exposed")?,
         })
     }
 
-    fn expose(&mut self, link: &mut Link, light: usize, trigger: Trigger) -> Result<(), Fault> {
+    fn expose(&mut self, context: &mut StageContext, light: usize, trigger: Trigger) -> Result<(), Fault> {
         let light = &mut self.lights[light];
         let (projector, frame) = (light.projector, light.next);
         if (trigger.projector as usize, trigger.frame as usize) != (projector, frame) || frame >= light.frames
@@ -66,15 +66,15 @@ impl Capture {
             return Err(Fault::Cycle(format!(
                 "a trigger for frame {} of projector \"{}\" came where frame {} of projector \"{}\" was due",
                 u64::from(trigger.frame) + 1,
-                link.cell.graph.projector_name(trigger.projector as usize),
+                context.cell.graph.projector_name(trigger.projector as usize),
                 frame + 1,
-                link.cell.graph.projector_name(projector)
+                context.cell.graph.projector_name(projector)
             )));
         }
         light.next += 1;
         let start_ns = now_ns();
         let mut loan = self.frames.loan(Frame {
-            cycle: link.cycle(),
+            cycle: context.cycle(),
             camera: self.camera as u32,
             projector: projector as u32,
             frame: frame as u32,
@@ -84,16 +84,16 @@ impl Capture {
             full_scale_dn: light.format.full_scale_dn.into(),
             ..Frame::default()
         })?;
-        self.driver.expose(projector, frame, loan.payload_mut()).map_err(|e| lost(&e))?;
+        self.driver.expose(projector, frame, loan.payload_mut()).map_err(|e| cycle_fault(&e))?;
         let t_ns = now_ns();
         loan.header_mut().t_ns = t_ns;
-        let output = (loan.payload().len(), xxh3_128(loan.payload()));
+        let output = (loan.payload().len(), output_hash(loan.payload()));
         loan.header_mut().set_hash(output.1);
-        link.sending(|| loan.send())?;
+        context.sending(|| loan.send())?;
         let exposed = Trigger { t_ns, camera: self.camera as u32, ..trigger };
-        link.sending(|| self.exposed.send(exposed, &[]))?;
+        context.sending(|| self.exposed.send(exposed, &[]))?;
         let work = Work::Expose { camera: self.camera, projector, frame };
-        link.done_hashed(work, start_ns, output, Report::default())
+        context.done_hashed(work, start_ns, output, Report::default())
     }
 }
 
@@ -102,26 +102,26 @@ impl Worker for Capture {
         self.lights.iter().try_for_each(|light| light.triggers.connect())
     }
 
-    fn begin(&mut self, link: &mut Link) -> Result<(), Fault> {
+    fn begin(&mut self, context: &mut StageContext) -> Result<(), Fault> {
         self.forget();
-        let cycle = unwire(link.cycle()).unwrap_or_default();
-        self.driver.begin(cycle).map_err(|e| lost(&e))?;
+        let cycle = unwire(context.cycle()).unwrap_or_default();
+        self.driver.begin(cycle).map_err(|e| cycle_fault(&e))?;
         // The twin traced the new pose: in a real cell a gripper did that, and nobody counts it as waiting.
-        link.reset_counters();
+        context.reset_counters();
         Ok(())
     }
 
-    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+    fn step(&mut self, context: &mut StageContext) -> Result<bool, Fault> {
         for light in 0..self.lights.len() {
             let Light { projector, next: frame, frames, .. } = self.lights[light];
             // One trigger too many is taken, to be refused.
-            if frame < frames && !link.may_start(Work::Expose { camera: self.camera, projector, frame }) {
+            if frame < frames && !context.may_start(Work::Expose { camera: self.camera, projector, frame }) {
                 continue;
             }
-            if let Some(trigger) = self.lights[light].triggers.take(link)? {
+            if let Some(trigger) = self.lights[light].triggers.take(context)? {
                 let header = *trigger.header();
                 drop(trigger);
-                self.expose(link, light, header)?;
+                self.expose(context, light, header)?;
                 return Ok(true);
             }
         }

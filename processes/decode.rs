@@ -1,6 +1,6 @@
 //! The decode process of one camera: takes frames as they land, gives absolute phase.
 
-use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
+use crate::stage::{Fault, Inbox, Report, StageContext, TextBuffer, Worker, cycle_fault};
 use anyhow::Result;
 use cell::executor::{ViewDecoder, decoder};
 use cell::schedule::{Work, label};
@@ -8,9 +8,9 @@ use fringe::pattern::Axis;
 use ipc::IpcError;
 use ipc::header::{Frame, Phase};
 use ipc::os::now_ns;
+use ipc::output_hash;
 use ipc::payload;
 use ipc::port::{Publisher, Received};
-use xxhash_rust::xxh3::xxh3_128;
 
 /// The decoder of one projector.
 struct Light {
@@ -51,60 +51,60 @@ struct Counts<'a> {
 
 impl Decode {
     /// Allocates the decoders and opens the ports.
-    pub fn new(link: &Link) -> Result<Self> {
-        let (cell, camera) = (&link.cell, link.subject());
+    pub fn new(context: &StageContext) -> Result<Self> {
+        let (cell, camera) = (&context.cell, context.subject());
         let lit = cell.graph.projectors.iter().enumerate().filter(|(_, p)| p.cameras.contains(&camera));
         let lights = lit.map(|(projector, _)| {
             Ok(Light { projector, decoder: decoder(cell, projector, camera)?, t_ns: 0 })
         });
         let name = &cell.graph.cameras[camera].name;
         let lights = lights.collect::<Result<Vec<_>>>()?;
-        let mine = cell.schedule.activations.iter().filter(|a| a.stage == link.stage);
+        let mine = cell.schedule.activations.iter().filter(|a| a.stage == context.stage);
         let works = mine.filter_map(|a| Some((light_of(&lights, a.work)?, a.work)));
         Ok(Self {
             camera,
             works: works.collect(),
             next: 0,
             lights,
-            frames: link.inbox(&format!("frame/{name}"))?,
+            frames: context.inbox(&format!("frame/{name}"))?,
             ahead: None,
-            phases: link.publisher(&format!("phase/{name}"))?,
+            phases: context.publisher(&format!("phase/{name}"))?,
             text: TextBuffer::new(),
         })
     }
 
-    fn accumulate(&mut self, link: &mut Link, message: &Received<Frame>) -> Result<(), Fault> {
+    fn accumulate(&mut self, context: &mut StageContext, message: &Received<Frame>) -> Result<(), Fault> {
         let start_ns = now_ns();
         let header = message.header();
         let (camera, projector, frame) =
             (header.camera as usize, header.projector as usize, header.frame as usize);
         let work = Work::Accumulate { camera, projector, frame };
         let Some(&(light, _)) = self.works.get(self.next).filter(|(_, due)| *due == work) else {
-            let due = self.works.get(self.next).map(|(_, due)| label(&link.cell.graph, *due));
-            let came = link.cell.graph.frame_name(camera, projector, frame);
+            let due = self.works.get(self.next).map(|(_, due)| label(&context.cell.graph, *due));
+            let came = context.cell.graph.frame_name(camera, projector, frame);
             return Err(Fault::Cycle(format!(
                 "{came} came where \"{}\" was due",
                 due.as_deref().unwrap_or("nothing")
             )));
         };
-        let view = payload::frame(header, message.payload()).map_err(|e| lost(&e))?;
+        let view = payload::frame(header, message.payload()).map_err(|e| cycle_fault(&e))?;
         payload::check_pixels(header, message.payload()).map_err(|e| {
-            Fault::Cycle(format!("frame {frame:03} of {}: {e}", link.cell.graph.cameras[camera].name))
+            Fault::Cycle(format!("frame {frame:03} of {}: {e}", context.cell.graph.cameras[camera].name))
         })?;
         let lit = &mut self.lights[light];
-        lit.decoder.push(frame, &view).map_err(|e| lost(&e))?;
+        lit.decoder.push(frame, &view).map_err(|e| cycle_fault(&e))?;
         lit.t_ns = header.t_ns;
         self.next += 1;
-        link.done(work, start_ns, &[], Report::default())
+        context.done(work, start_ns, &[], Report::default())
     }
 
     /// Before a phase is made of sums: the last frame must not have come twice. With it done, its true message has been
     /// seen, so what follows is of the next projector, or too much.
-    fn check_complete(&mut self, link: &mut Link) -> Result<(), Fault> {
+    fn check_complete(&mut self, context: &mut StageContext) -> Result<(), Fault> {
         if self.ahead.is_none() {
-            self.ahead = self.frames.take(link)?;
+            self.ahead = self.frames.take(context)?;
         }
-        self.frames.check_not_overtaken(link)?;
+        self.frames.check_not_overtaken(context)?;
         let Some(header) = self.ahead.as_ref().map(Received::header) else { return Ok(()) };
         let came = (header.projector as usize, header.frame as usize);
         let mut sums = self.works.iter().skip(self.next).filter_map(|(_, work)| match *work {
@@ -115,17 +115,17 @@ impl Decode {
             return Ok(());
         }
         let (projector, frame) = came;
-        let came = link.cell.graph.frame_name(self.camera, projector, frame);
+        let came = context.cell.graph.frame_name(self.camera, projector, frame);
         Err(Fault::Cycle(format!("{came} came twice or out of place")))
     }
 
-    fn finish(&mut self, link: &mut Link, light: usize, axis: Axis) -> Result<(), Fault> {
+    fn finish(&mut self, context: &mut StageContext, light: usize, axis: Axis) -> Result<(), Fault> {
         let start_ns = now_ns();
         self.next += 1;
         let light = &mut self.lights[light];
-        let info = light.decoder.info(axis).map_err(|e| lost(&e))?;
+        let info = light.decoder.info(axis).map_err(|e| cycle_fault(&e))?;
         let header = Phase {
-            cycle: link.cycle(),
+            cycle: context.cycle(),
             t_ns: light.t_ns,
             period_px: info.period_px,
             camera: self.camera as u32,
@@ -136,11 +136,11 @@ impl Decode {
             valid_count: 0,
         };
         let mut loan = self.phases.loan(header)?;
-        let mut map = payload::phase_mut(&header, loan.payload_mut()).map_err(|e| lost(&e))?;
-        let report = light.decoder.finish(axis, &mut map).map_err(|e| lost(&e))?;
+        let mut map = payload::phase_mut(&header, loan.payload_mut()).map_err(|e| cycle_fault(&e))?;
+        let report = light.decoder.finish(axis, &mut map).map_err(|e| cycle_fault(&e))?;
         loan.header_mut().valid_count = report.valid as u32;
-        let output = (loan.payload().len(), xxh3_128(loan.payload()));
-        link.sending(|| loan.send())?;
+        let output = (loan.payload().len(), output_hash(loan.payload()));
+        context.sending(|| loan.send())?;
         let text = self.text.json(&Counts {
             valid: report.valid,
             saturated: report.saturated,
@@ -153,7 +153,7 @@ impl Decode {
             ignored: &report.ignored,
         })?;
         let work = Work::Phase { camera: self.camera, projector: light.projector, axis };
-        link.done_hashed(work, start_ns, output, Report { count: report.valid, text })
+        context.done_hashed(work, start_ns, output, Report { count: report.valid, text })
     }
 }
 
@@ -171,24 +171,24 @@ impl Worker for Decode {
         self.frames.connect()
     }
 
-    fn begin(&mut self, _link: &mut Link) -> Result<(), Fault> {
+    fn begin(&mut self, _context: &mut StageContext) -> Result<(), Fault> {
         self.forget();
         Ok(())
     }
 
-    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
+    fn step(&mut self, context: &mut StageContext) -> Result<bool, Fault> {
         let due = self.works.get(self.next).copied();
-        if due.is_some_and(|(_, work)| !link.may_start(work)) {
+        if due.is_some_and(|(_, work)| !context.may_start(work)) {
             return Ok(false);
         }
         if let Some((light, Work::Phase { axis, .. })) = due {
-            self.check_complete(link)?;
-            return self.finish(link, light, axis).map(|()| true);
+            self.check_complete(context)?;
+            return self.finish(context, light, axis).map(|()| true);
         }
         let ahead = self.ahead.take();
-        let next = if ahead.is_some() { ahead } else { self.frames.take(link)? };
+        let next = if ahead.is_some() { ahead } else { self.frames.take(context)? };
         match next {
-            Some(message) => self.accumulate(link, &message).map(|()| true),
+            Some(message) => self.accumulate(context, &message).map(|()| true),
             None => Ok(false),
         }
     }

@@ -29,10 +29,10 @@ pub struct DemoArgs {
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     pub out: PathBuf,
     /// Number of cycles; overrides the configuration.
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub cycles: Option<u32>,
     /// Name of the cell.
-    #[arg(long, default_value = "demo")]
+    #[arg(long, value_name = "NAME", default_value = "demo")]
     pub cell: String,
 }
 
@@ -47,7 +47,7 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         out: Some(args.out.clone()),
         record: None,
         cycle_record: None,
-        keep: Retention::Hashes,
+        retain: Retention::Hashes,
         cell: Some(args.cell.clone()),
         metrics: None,
         allow_remote: false,

@@ -1,6 +1,6 @@
 //! The fusion process: joins the clouds of all pairs in the world frame.
 
-use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
+use crate::stage::{Fault, Inbox, Report, StageContext, TextBuffer, Worker, cycle_fault};
 use anyhow::{Result, ensure};
 use cell::schedule::Work;
 use fringe::cloud::Point;
@@ -8,9 +8,9 @@ use fringe::fusion::Fuser;
 use ipc::IpcError;
 use ipc::header::Cloud;
 use ipc::os::now_ns;
+use ipc::output_hash;
 use ipc::payload;
 use ipc::port::{Publisher, Received};
-use xxhash_rust::xxh3::xxh3_128;
 
 /// Bytes of the report on one overlap of two pairs, at most.
 const OVERLAP_BYTES: usize = 256;
@@ -36,12 +36,12 @@ pub struct Fusion {
 
 impl Fusion {
     /// Allocates room for all points and opens the ports.
-    pub fn new(link: &Link) -> Result<Self> {
-        let graph = &link.cell.graph;
+    pub fn new(context: &StageContext) -> Result<Self> {
+        let graph = &context.cell.graph;
         let parts = graph
             .pairs
             .iter()
-            .map(|pair| Ok(Part { inbox: link.inbox(&format!("cloud/{}", pair.name))?, cloud: None }));
+            .map(|pair| Ok(Part { inbox: context.inbox(&format!("cloud/{}", pair.name))?, cloud: None }));
         let pixels = |camera: usize| {
             graph.cameras[camera].width_px as usize * graph.cameras[camera].height_px as usize
         };
@@ -55,31 +55,31 @@ impl Fusion {
             parts: parts.collect::<Result<_>>()?,
             capacity,
             fuser: Fuser::default(),
-            clouds: link.publisher("cloud/fused")?,
+            clouds: context.publisher("cloud/fused")?,
             text: TextBuffer::with_capacity(OVERLAP_BYTES * graph.pairs.len().pow(2) / 2),
         })
     }
 
-    fn run(&mut self, link: &mut Link) -> Result<(), Fault> {
+    fn run(&mut self, context: &mut StageContext) -> Result<(), Fault> {
         let start_ns = now_ns();
         let mut t_ns = 0;
         let mut clouds: [&[Point]; MAX_PAIRS] = [&[]; MAX_PAIRS];
         let messages = self.parts.iter().filter_map(|part| part.cloud.as_ref());
         for (message, cloud) in messages.zip(&mut clouds) {
             t_ns = t_ns.max(message.header().t_ns);
-            *cloud = payload::points(message.header(), message.payload()).map_err(|e| lost(&e))?;
+            *cloud = payload::points(message.header(), message.payload()).map_err(|e| cycle_fault(&e))?;
         }
         let clouds = &clouds[..self.parts.len()];
         let header = Cloud {
-            cycle: link.cycle(),
+            cycle: context.cycle(),
             t_ns,
             pair: Cloud::FUSED,
             capacity: self.capacity as u32,
             points: 0,
         };
         let mut loan = self.clouds.loan(header)?;
-        let room = payload::points_mut(loan.payload_mut()).map_err(|e| lost(&e))?;
-        let Some(report) = self.fuser.fuse_into(clouds, &link.cell.config.settings.fusion, room) else {
+        let room = payload::points_mut(loan.payload_mut()).map_err(|e| cycle_fault(&e))?;
+        let Some(report) = self.fuser.fuse_into(clouds, &context.cell.config.settings.fusion, room) else {
             return Err(Fault::Cycle(format!("more points came than the {} that may", self.capacity)));
         };
         let points = report.points as usize;
@@ -93,11 +93,11 @@ impl Fusion {
         }
         loan.header_mut().points = report.points;
         let used = points * size_of::<Point>();
-        let output = (used, xxh3_128(&loan.payload()[..used]));
-        link.sending(|| loan.send())?;
+        let output = (used, output_hash(&loan.payload()[..used]));
+        context.sending(|| loan.send())?;
         release(&mut self.parts);
         let text = self.text.json(report)?;
-        link.done_hashed(Work::Fuse, start_ns, output, Report { count: points, text })
+        context.done_hashed(Work::Fuse, start_ns, output, Report { count: points, text })
     }
 }
 
@@ -106,17 +106,17 @@ impl Worker for Fusion {
         self.parts.iter().try_for_each(|part| part.inbox.connect())
     }
 
-    fn begin(&mut self, _link: &mut Link) -> Result<(), Fault> {
+    fn begin(&mut self, _context: &mut StageContext) -> Result<(), Fault> {
         self.forget();
         Ok(())
     }
 
-    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
-        let turn = link.may_start(Work::Fuse);
+    fn step(&mut self, context: &mut StageContext) -> Result<bool, Fault> {
+        let turn = context.may_start(Work::Fuse);
         for (number, part) in self.parts.iter_mut().enumerate() {
-            if let Some(message) = part.inbox.take(link)? {
+            if let Some(message) = part.inbox.take(context)? {
                 if part.cloud.is_some() || message.header().pair as usize != number {
-                    let pair = link.cell.graph.pair_name(message.header().pair as usize);
+                    let pair = context.cell.graph.pair_name(message.header().pair as usize);
                     return Err(Fault::Cycle(format!(
                         "the cloud of pair \"{pair}\" came twice or out of place"
                     )));
@@ -126,8 +126,8 @@ impl Worker for Fusion {
             }
         }
         if self.parts.iter().all(|part| part.cloud.is_some()) && turn {
-            self.parts.iter().try_for_each(|part| part.inbox.check_not_overtaken(link))?;
-            self.run(link)?;
+            self.parts.iter().try_for_each(|part| part.inbox.check_not_overtaken(context))?;
+            self.run(context)?;
             return Ok(true);
         }
         Ok(false)

@@ -1,6 +1,6 @@
-//! The inspection process: measures the features of the plan on the fused cloud and judges them.
+//! The inspection process: measures and evaluates the features of the plan on the fused cloud.
 
-use crate::stage::{Fault, Inbox, Link, Report, TextBuffer, Worker, lost};
+use crate::stage::{Fault, Inbox, Report, StageContext, TextBuffer, Worker, cycle_fault};
 use anyhow::Result;
 use cell::schedule::Work;
 use ipc::IpcError;
@@ -21,32 +21,36 @@ pub struct Inspection {
 
 impl Inspection {
     /// Opens the ports of the stage.
-    pub fn new(link: &Link) -> Result<Self> {
+    pub fn new(context: &StageContext) -> Result<Self> {
         Ok(Self {
-            plans: link.cell.config.recipes.iter().map(|recipe| recipe.plan.clone()).collect(),
-            fused: link.inbox("cloud/fused")?,
-            results: link.publisher("result")?,
+            plans: context.cell.config.recipes.iter().map(|recipe| recipe.plan.clone()).collect(),
+            fused: context.inbox("cloud/fused")?,
+            results: context.publisher("result")?,
             text: TextBuffer::new(),
         })
     }
 
-    fn run(&mut self, link: &mut Link, message: &Received<Cloud>) -> Result<(), Fault> {
+    fn run(&mut self, context: &mut StageContext, message: &Received<Cloud>) -> Result<(), Fault> {
         let start_ns = now_ns();
-        let points = payload::points(message.header(), message.payload()).map_err(|e| lost(&e))?;
-        let plan = self.plans.get(link.recipe).ok_or_else(|| {
-            Fault::Cycle(format!("recipe {} is not among the {} of the cell", link.recipe, self.plans.len()))
+        let points = payload::points(message.header(), message.payload()).map_err(|e| cycle_fault(&e))?;
+        let plan = self.plans.get(context.recipe).ok_or_else(|| {
+            Fault::Cycle(format!(
+                "recipe {} is not among the {} of the cell",
+                context.recipe,
+                self.plans.len()
+            ))
         })?;
         let result = plan.as_ref().map(|plan| evaluate(plan, points));
         let text = self.text.json(&result)?;
         let header = Outcome {
-            cycle: link.cycle(),
+            cycle: context.cycle(),
             t_last_frame_ns: message.header().t_ns,
             t_ns: now_ns(),
             text_bytes: text.len() as u32,
         };
-        link.sending(|| self.results.send(header, text.as_bytes()))?;
+        context.sending(|| self.results.send(header, text.as_bytes()))?;
         let report = Report { count: result.map_or(0, |result| result.features.len()), text: "" };
-        link.done(Work::Inspect, start_ns, text.as_bytes(), report)
+        context.done(Work::Inspect, start_ns, text.as_bytes(), report)
     }
 }
 
@@ -55,21 +59,21 @@ impl Worker for Inspection {
         self.fused.connect()
     }
 
-    fn begin(&mut self, _link: &mut Link) -> Result<(), Fault> {
+    fn begin(&mut self, _context: &mut StageContext) -> Result<(), Fault> {
         Ok(())
     }
 
-    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
-        if !link.may_start(Work::Inspect) {
+    fn step(&mut self, context: &mut StageContext) -> Result<bool, Fault> {
+        if !context.may_start(Work::Inspect) {
             return Ok(false);
         }
-        match self.fused.take(link)? {
-            Some(_) if self.fused.take(link)?.is_some() => {
+        match self.fused.take(context)? {
+            Some(_) if self.fused.take(context)?.is_some() => {
                 Err(Fault::Cycle("the fused cloud came twice".into()))
             }
             Some(message) => {
-                self.fused.check_not_overtaken(link)?;
-                self.run(link, &message).map(|()| true)
+                self.fused.check_not_overtaken(context)?;
+                self.run(context, &message).map(|()| true)
             }
             None => Ok(false),
         }

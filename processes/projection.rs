@@ -2,7 +2,7 @@
 //!
 //! A pattern stands until every camera of its projector has exposed; only then the next one is shown.
 
-use crate::stage::{Fault, Inbox, Link, Report, Worker, lost};
+use crate::stage::{Fault, Inbox, Report, StageContext, Worker, cycle_fault};
 use anyhow::Result;
 use cell::graph::Graph;
 use cell::schedule::Work;
@@ -22,25 +22,25 @@ pub struct Projection {
     next: usize,
     /// Cameras that have not yet exposed the pattern that stands.
     waiting: Vec<usize>,
-    /// The next pattern is due, but the core is not there yet; its bell will ring.
+    /// The next pattern is due, but the core is not there yet; it will be notified.
     held: bool,
 }
 
 impl Projection {
     /// Opens the ports of the stage.
-    pub fn new(link: &Link) -> Result<Self> {
-        let graph = &link.cell.graph;
+    pub fn new(context: &StageContext) -> Result<Self> {
+        let graph = &context.cell.graph;
         let triggers = graph
             .projectors
             .iter()
-            .map(|p| link.publisher(&format!("trigger/{}", p.name)))
+            .map(|p| context.publisher(&format!("trigger/{}", p.name)))
             .collect::<Result<_>>()?;
         let sequence =
             graph.projectors.iter().enumerate().flat_map(|(p, node)| (0..node.frames).map(move |f| (p, f)));
         Ok(Self {
-            driver: devices::projector(&link.cell),
+            driver: devices::projector(&context.cell),
             triggers,
-            exposed: link.inbox("exposed")?,
+            exposed: context.inbox("exposed")?,
             sequence: sequence.collect(),
             next: 0,
             waiting: Vec::with_capacity(graph.cameras.len()),
@@ -48,22 +48,22 @@ impl Projection {
         })
     }
 
-    fn show(&mut self, link: &mut Link) -> Result<(), Fault> {
+    fn show(&mut self, context: &mut StageContext) -> Result<(), Fault> {
         let (projector, frame) = self.sequence[self.next];
         let start_ns = now_ns();
-        self.driver.show(projector, frame, start_ns).map_err(|e| lost(&e))?;
+        self.driver.show(projector, frame, start_ns).map_err(|e| cycle_fault(&e))?;
         self.waiting.clear();
-        self.waiting.extend_from_slice(&link.cell.graph.projectors[projector].cameras);
+        self.waiting.extend_from_slice(&context.cell.graph.projectors[projector].cameras);
         let trigger = Trigger {
-            cycle: link.cycle(),
+            cycle: context.cycle(),
             t_ns: now_ns(),
             projector: projector as u32,
             frame: frame as u32,
             camera: Trigger::ALL,
         };
-        link.sending(|| self.triggers[projector].send(trigger, &[]))?;
+        context.sending(|| self.triggers[projector].send(trigger, &[]))?;
         self.next += 1;
-        link.done(Work::Project { projector, frame }, start_ns, &[], Report::default())
+        context.done(Work::Project { projector, frame }, start_ns, &[], Report::default())
     }
 
     fn answer(&mut self, graph: &Graph, answer: Trigger) -> Result<(), Fault> {
@@ -91,22 +91,22 @@ impl Worker for Projection {
         self.exposed.connect()
     }
 
-    fn begin(&mut self, _link: &mut Link) -> Result<(), Fault> {
+    fn begin(&mut self, _context: &mut StageContext) -> Result<(), Fault> {
         self.forget();
         self.driver.begin(now_ns());
         Ok(())
     }
 
-    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
-        if let Some(answer) = self.exposed.take(link)? {
+    fn step(&mut self, context: &mut StageContext) -> Result<bool, Fault> {
+        if let Some(answer) = self.exposed.take(context)? {
             let answer = *answer.header();
             if self.next == 0 {
                 return Err(Fault::Cycle(format!(
                     "camera \"{}\" exposed before any pattern was shown",
-                    link.cell.graph.camera_name(answer.camera as usize)
+                    context.cell.graph.camera_name(answer.camera as usize)
                 )));
             }
-            self.answer(&link.cell.graph, answer)?;
+            self.answer(&context.cell.graph, answer)?;
             return Ok(true);
         }
         let due = self.driver.due_ns().is_none_or(|due| due <= now_ns());
@@ -114,9 +114,9 @@ impl Worker for Projection {
             return Ok(false);
         }
         let Some(&(projector, frame)) = self.sequence.get(self.next) else { return Ok(false) };
-        self.held = !link.may_start(Work::Project { projector, frame });
+        self.held = !context.may_start(Work::Project { projector, frame });
         if !self.held {
-            self.show(link)?;
+            self.show(context)?;
         }
         Ok(!self.held)
     }

@@ -1,6 +1,6 @@
 //! The record stage: writes the frames of the cameras as a recording.
 
-use crate::stage::{Fault, Inbox, Link, Report, StageArgs, Worker, lost};
+use crate::stage::{Fault, Inbox, Report, StageArgs, StageContext, Worker, cycle_fault};
 use anyhow::{Context, Result};
 use cell::cycle_number::unwire;
 use cell::schedule::Work;
@@ -32,8 +32,8 @@ struct Open {
 
 impl Record {
     /// Opens the inboxes of all cameras.
-    pub fn new(args: &StageArgs, link: &Link) -> Result<Self> {
-        let projectors = link.cell.config.projectors.iter().map(|p| ProjectorRecord {
+    pub fn new(args: &StageArgs, context: &StageContext) -> Result<Self> {
+        let projectors = context.cell.config.projectors.iter().map(|p| ProjectorRecord {
             name: p.name.clone(),
             width_px: p.width_px,
             height_px: p.height_px,
@@ -42,8 +42,8 @@ impl Record {
             exposures_ms: p.exposures_ms.clone(),
             full_scale_dn: BTreeMap::new(),
         });
-        let graph = &link.cell.graph;
-        let inboxes = graph.cameras.iter().map(|c| link.inbox(&format!("frame/{}", c.name)));
+        let graph = &context.cell.graph;
+        let inboxes = graph.cameras.iter().map(|c| context.inbox(&format!("frame/{}", c.name)));
         Ok(Self {
             folder: args.record.clone().context("the record stage has no folder")?,
             many: args.record_many,
@@ -54,10 +54,10 @@ impl Record {
         })
     }
 
-    fn write(&mut self, link: &mut Link, message: &Received<Frame>) -> Result<(), Fault> {
+    fn write(&mut self, context: &mut StageContext, message: &Received<Frame>) -> Result<(), Fault> {
         let Some(open) = &mut self.open else { return Ok(()) };
         let header = message.header();
-        let (config, camera) = (&link.cell.config, header.camera as usize);
+        let (config, camera) = (&context.cell.config, header.camera as usize);
         let names = config.projectors.get(header.projector as usize).zip(config.cameras.get(camera));
         let Some((projector, camera)) = names else {
             return Err(Fault::Cycle(format!(
@@ -66,11 +66,11 @@ impl Record {
                 config.cameras.len()
             )));
         };
-        let view = payload::frame(header, message.payload()).map_err(|e| lost(&e))?;
-        payload::check_pixels(header, message.payload()).map_err(|e| lost(&e))?;
+        let view = payload::frame(header, message.payload()).map_err(|e| cycle_fault(&e))?;
+        payload::check_pixels(header, message.payload()).map_err(|e| cycle_fault(&e))?;
         open.writer
             .write(&projector.name, &camera.name, header.frame as usize, &view)
-            .map_err(|e| lost(&e))?;
+            .map_err(|e| cycle_fault(&e))?;
         open.written += 1;
         if open.written > self.frames {
             return Err(Fault::Cycle(format!("received more than the {} frames of a cycle", self.frames)));
@@ -78,19 +78,19 @@ impl Record {
         Ok(())
     }
 
-    fn finish(&mut self, link: &mut Link) -> Result<(), Fault> {
+    fn finish(&mut self, context: &mut StageContext) -> Result<(), Fault> {
         let Some(open) = self.open.take() else { return Ok(()) };
         let start_ns = now_ns();
         let provenance = [
-            ("cell", link.cell.name.clone()),
+            ("cell", context.cell.name.clone()),
             ("software", format!("fringecell {}", env!("CARGO_PKG_VERSION"))),
-            ("config_sha256", link.cell.file.sha256.clone()),
+            ("config_sha256", context.cell.file.sha256.clone()),
         ];
         let mut provenance: toml::Table =
             provenance.into_iter().map(|(k, v)| (k.to_owned(), v.into())).collect();
-        files::correction::note(&mut provenance, link.cell.file.corrected());
-        open.writer.finish(&provenance).map_err(|e| lost(&e))?;
-        link.done(Work::Store, start_ns, &[], Report { count: open.written, text: "" })
+        files::correction::note(&mut provenance, context.cell.file.corrected());
+        open.writer.finish(&provenance).map_err(|e| cycle_fault(&e))?;
+        context.done(Work::Store, start_ns, &[], Report { count: open.written, text: "" })
     }
 }
 
@@ -99,27 +99,27 @@ impl Worker for Record {
         self.inboxes.iter().try_for_each(Inbox::connect)
     }
 
-    fn begin(&mut self, link: &mut Link) -> Result<(), Fault> {
+    fn begin(&mut self, context: &mut StageContext) -> Result<(), Fault> {
         self.forget();
-        let cycle = unwire(link.cycle()).unwrap_or_default();
+        let cycle = unwire(context.cycle()).unwrap_or_default();
         let folder = if self.many { self.folder.join(format!("{cycle:04}")) } else { self.folder.clone() };
-        let writer = RecordingWriter::create(&folder, &self.projectors).map_err(|e| lost(&e))?;
+        let writer = RecordingWriter::create(&folder, &self.projectors).map_err(|e| cycle_fault(&e))?;
         self.open = Some(Open { writer, folder, written: 0 });
         Ok(())
     }
 
-    fn step(&mut self, link: &mut Link) -> Result<bool, Fault> {
-        let may_start = link.may_start(Work::Store);
+    fn step(&mut self, context: &mut StageContext) -> Result<bool, Fault> {
+        let may_start = context.may_start(Work::Store);
         for inbox in 0..self.inboxes.len() {
-            if let Some(message) = self.inboxes[inbox].take(link)? {
-                self.write(link, &message)?;
+            if let Some(message) = self.inboxes[inbox].take(context)? {
+                self.write(context, &message)?;
                 return Ok(true);
             }
         }
         let complete = self.open.as_ref().is_some_and(|open| open.written == self.frames);
         if complete && may_start {
-            self.inboxes.iter().try_for_each(|inbox| inbox.check_not_overtaken(link))?;
-            self.finish(link)?;
+            self.inboxes.iter().try_for_each(|inbox| inbox.check_not_overtaken(context))?;
+            self.finish(context)?;
             return Ok(true);
         }
         Ok(false)

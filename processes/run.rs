@@ -26,7 +26,7 @@ pub struct RunArgs {
     /// Configuration of the cell.
     pub config: PathBuf,
     /// Number of cycles; overrides `cycles` of the configuration. Without either the cell runs until stopped.
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub cycles: Option<u32>,
     /// Write result.json, cloud.ply, report.html and trace.json to this folder.
     #[arg(long, value_name = "DIR")]
@@ -38,8 +38,8 @@ pub struct RunArgs {
     #[arg(long, value_name = "FILE")]
     pub cycle_record: Option<PathBuf>,
     /// Data in the cycle record beside hashes and times: hashes (none), frames, or all (frames and stage outputs).
-    #[arg(long, value_name = "WHAT", default_value_t, requires = "cycle_record")]
-    pub keep: Retention,
+    #[arg(long, alias = "keep", value_name = "WHAT", default_value_t, requires = "cycle_record")]
+    pub retain: Retention,
     /// Name of the cell; overrides the configuration, to run it several times at once.
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
@@ -70,7 +70,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         cell: args.cell.clone(),
         watch: args.out.is_some(),
         record: args.record.is_some(),
-        kept: args.keep,
+        retention: args.retain,
     };
     let cell = devices::load(&config, &graph_options)?;
     let written = [("--cycle-record", args.cycle_record.as_deref()), ("--trace", args.trace.as_deref())];
@@ -82,8 +82,8 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     }
     if (cell.schedule.in_flight as u32) < cell.config.schedule.cycles_in_flight {
         terminal::print_error(&format!(
-            "note: with --keep {} one cycle is in flight at a time, so that the record of each is complete",
-            args.keep
+            "note: with --retain {} one cycle is in flight at a time, so that the record of each is complete",
+            args.retain
         ));
     }
     let interrupted = Arc::new(AtomicBool::new(false));
@@ -139,7 +139,7 @@ fn write_files(
     }
 }
 
-/// Refuses an address that other machines can reach, unless that is wanted: metrics tell rate and verdicts of production.
+/// Refuses an address that other machines can reach, unless that is wanted: metrics disclose rate and verdicts of production.
 fn check_address(args: &RunArgs) -> Result<()> {
     match args.metrics {
         Some(address) if !address.ip().is_loopback() && !args.allow_remote => {

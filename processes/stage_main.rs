@@ -1,6 +1,6 @@
 //! `fringecell stage`: the process of a stage.
 
-use crate::stage::{Link, StageArgs, Worker, serve, short_hashes};
+use crate::stage::{StageArgs, StageContext, Worker, serve, short_hashes};
 use crate::{capture, decode, fusion, inspection, matching, projection, record};
 use anyhow::{Context, Result, bail, ensure};
 use cell::schedule::{Half, Kind};
@@ -17,18 +17,18 @@ pub fn run(args: &StageArgs) -> Result<()> {
         cell: Some(args.cell.clone()),
         watch: args.watch,
         record: args.record.is_some(),
-        kept: args.kept,
+        retention: args.retention,
     };
     let cell = devices::load(&args.config, &options)?;
     check_files(&cell, args)?;
     pin(&cell, args)?;
     claim(&cell, args.kind);
     build_thread_pool()?;
-    let mut link = Link::join(args, cell)?;
-    let ended = worker(args, &link).and_then(|mut worker| serve(&mut link, worker.as_mut()));
+    let mut context = StageContext::join(args, cell)?;
+    let ended = worker(args, &context).and_then(|mut worker| serve(&mut context, worker.as_mut()));
     if let Err(error) = &ended {
         // The reason for the outcome of the cycle; if it cannot be sent, the supervisor sees the exit code.
-        let _ = link.failed(0, &format!("{error:#}"));
+        let _ = context.failed(0, &format!("{error:#}"));
     }
     ended
 }
@@ -83,14 +83,14 @@ fn build_thread_pool() -> Result<()> {
     Ok(())
 }
 
-fn worker(args: &StageArgs, link: &Link) -> Result<Box<dyn Worker>> {
+fn worker(args: &StageArgs, context: &StageContext) -> Result<Box<dyn Worker>> {
     Ok(match args.kind {
-        Kind::Projection => Box::new(projection::Projection::new(link)?),
-        Kind::Capture => Box::new(capture::Capture::new(link)?),
-        Kind::Decode => Box::new(decode::Decode::new(link)?),
-        Kind::Matching => Box::new(matching::Matching::new(link)?),
-        Kind::Fusion => Box::new(fusion::Fusion::new(link)?),
-        Kind::Inspection => Box::new(inspection::Inspection::new(link)?),
-        Kind::Record => Box::new(record::Record::new(args, link)?),
+        Kind::Projection => Box::new(projection::Projection::new(context)?),
+        Kind::Capture => Box::new(capture::Capture::new(context)?),
+        Kind::Decode => Box::new(decode::Decode::new(context)?),
+        Kind::Matching => Box::new(matching::Matching::new(context)?),
+        Kind::Fusion => Box::new(fusion::Fusion::new(context)?),
+        Kind::Inspection => Box::new(inspection::Inspection::new(context)?),
+        Kind::Record => Box::new(record::Record::new(args, context)?),
     })
 }

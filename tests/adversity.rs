@@ -1,4 +1,4 @@
-//! A machine that is in the way: no memory, no room, nobody who reads, somebody else's cell beside.
+//! Faults of the machine: no memory, a full disk, a closed output, another cell on the same machine.
 
 use crate::running::{Cell, PATIENCE, children, json, not_run, pid_of, poke, results, signal, text, wait};
 use std::io::{BufRead, BufReader};
@@ -151,7 +151,7 @@ fn a_full_device_behind_an_output_is_exit_code_2_with_the_reason() {
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(said.contains("error: stdout: No space left on device"), "{said}");
-    // An error that cannot be told anywhere still has its exit code.
+    // An error that cannot be determined anywhere still has its exit code.
     let output = Command::new(fringetool)
         .args(["uncertainty", "no-such-file.toml"])
         .stdout(full())
@@ -243,7 +243,10 @@ fn a_disk_that_fills_up_costs_cycles_of_the_record_and_nothing_else() {
         "{said}{cried}"
     );
     assert!(cried.contains("cycles are missing in the cycle record"), "{cried}");
-    assert!(cried.contains("cannot write the cycle record; make room on the disk: No space left"), "{cried}");
+    assert!(
+        cried.contains("cannot write the cycle record; free space on the disk: No space left"),
+        "{cried}"
+    );
     let replayed: u64 = said.split("disk/r: ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
     assert!((1..6).contains(&replayed), "{said}");
 }

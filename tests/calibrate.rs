@@ -1,4 +1,4 @@
-//! Calibration through the real binary, on real pictures and on pictures that cannot be used.
+//! Calibration through the real binary, on real images and on images that cannot be used.
 
 use crate::support::{fringetool, real_data};
 use std::path::Path;
@@ -10,7 +10,7 @@ fn json(path: &Path) -> serde_json::Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// Thirteen pairs of real pictures, 640 × 480. Its README: OpenCV's f 536.1 px and rms 0.41 px with one camera,
+/// Thirteen pairs of real images, 640 × 480. Its README: OpenCV's f 536.1 px and rms 0.41 px with one camera,
 /// baseline 83.45 mm.
 #[test]
 #[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
@@ -311,7 +311,7 @@ fn what_cannot_be_judged_is_refused(poses: &Poses) {
     }
 }
 
-/// Pictures without a board: the calibration fails, and the drawn pictures say why.
+/// Images without a board: the calibration fails, and the drawn images say why.
 #[test]
 fn pictures_without_target_are_drawn_with_the_reason() {
     let folder = TempDir::new().unwrap();

@@ -1,4 +1,4 @@
-//! Pictures and target files that `fringetool calibrate` cannot use: exit code 2, one line that names what to mend, no file.
+//! Images and target files that `fringetool calibrate` cannot use: exit code 2, one line that names what to mend, no file.
 
 use crate::support::{Ran, fringetool};
 use image::{GrayImage, Luma};
@@ -48,7 +48,7 @@ fn picture((columns, rows): (u32, u32), [tilt_x, tilt_y, turn, x_mm, y_mm]: Pose
     })
 }
 
-/// A folder with a target file and pictures.
+/// A folder with a target file and images.
 struct Set {
     folder: TempDir,
 }
@@ -60,7 +60,7 @@ impl Set {
         set
     }
 
-    /// Pictures `left0.png` … of a board in the given poses.
+    /// Images `left0.png` … of a board in the given poses.
     fn of(board: (u32, u32), poses: &[Pose]) -> Self {
         let set = Self::new();
         for (number, pose) in poses.iter().enumerate() {
@@ -119,7 +119,7 @@ impl Set {
     }
 }
 
-/// The control: the pictures of the other tests are good ones.
+/// The control: the images of the other tests are good ones.
 #[test]
 fn good_pictures_calibrate_whichever_side_is_called_columns() {
     let set = Set::of(BOARD, &POSES);

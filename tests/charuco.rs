@@ -1,4 +1,4 @@
-//! ChArUco boards through the real binary. The pictures `charuco/five*.png` show OpenCV's board of 8 × 6 squares of 10 mm with
+//! ChArUco boards through the real binary. The images `charuco/five*.png` show OpenCV's board of 8 × 6 squares of 10 mm with
 //! markers of 7 mm (`DICT_5X5_100`) before a pinhole camera of 400 px and centre (159.5, 119.5), blurred by 0.7 px; in the last two
 //! the board leaves the image.
 
@@ -7,7 +7,7 @@ use tempfile::TempDir;
 
 const TARGET: &str = "kind = \"charuco\"\ncolumns = 7\nrows = 5\npitch_mm = 10.0\ndictionary = \"DICT_5X5_100\"\nmarker_mm = 7.0\n";
 
-/// Calibrates from the pictures with this target; exit code, standard error and the result.
+/// Calibrates from the images with this target; exit code, standard error and the result.
 fn calibrate(target: &str) -> (Option<i32>, String, Option<serde_json::Value>) {
     let folder = TempDir::new().unwrap();
     let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();

@@ -73,6 +73,23 @@ fn every_link_leads_somewhere() {
     assert!(dead.is_empty(), "{dead:#?}");
 }
 
+/// A path of a file of this repository in backticks, such as `shared/fringe/src/lib.rs`, must exist.
+#[test]
+fn every_named_source_file_exists() {
+    let folders = ["shared/", "processes/", "tools/", "tests/", "configs/", "examples/"];
+    let mut absent = Vec::new();
+    for page in pages() {
+        let text = text(&page);
+        for path in text.split('`').filter(|path| folders.iter().any(|folder| path.starts_with(folder))) {
+            let plain = path.chars().all(|c| c.is_ascii_alphanumeric() || "/_-.".contains(c));
+            if plain && !root().join(path).exists() {
+                absent.push(format!("{}: {path}", page.display()));
+            }
+        }
+    }
+    assert!(absent.is_empty(), "{absent:#?}");
+}
+
 #[test]
 fn the_index_names_every_page() {
     let index = text(&root().join("docs/README.md"));

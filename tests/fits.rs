@@ -39,11 +39,11 @@ fn ball_on_plate() -> Vec<Point> {
     points
 }
 
-struct Desk {
+struct Workspace {
     folder: TempDir,
 }
 
-impl Desk {
+impl Workspace {
     fn new() -> Self {
         Self { folder: TempDir::new().unwrap() }
     }
@@ -85,14 +85,14 @@ fn refused(ran: &Ran, words: &[&str]) {
 
 #[test]
 fn a_ball_is_found_on_its_plate_and_its_keys_stay_what_others_rely_on() {
-    let desk = Desk::new();
-    let cloud = desk.cloud("c.ply", &ball_on_plate());
-    let out = desk.text("fit.json");
+    let workspace = Workspace::new();
+    let cloud = workspace.cloud("c.ply", &ball_on_plate());
+    let out = workspace.text("fit.json");
     let base = ["--near", "5,6,300,14", "--within", "0.1", "--minimum-zone", "--json", &out];
     let fit = |element: &str, more: &[&str]| {
         let arguments = [&["fit", element, &cloud][..], &base, more].concat();
         fringetool(&arguments).expect_success();
-        desk.json("fit.json")
+        workspace.json("fit.json")
     };
     let sphere = fit("sphere", &[]);
     assert!((sphere["diameter_mm"].as_f64().unwrap() - 20.0).abs() < 0.01, "{sphere}");
@@ -112,18 +112,18 @@ fn a_ball_is_found_on_its_plate_and_its_keys_stay_what_others_rely_on() {
 
 #[test]
 fn regions_that_hold_no_such_element_are_refused_and_leave_no_file() {
-    let desk = Desk::new();
+    let workspace = Workspace::new();
     let ball = ball_on_plate();
     let (ball, plate) = ball.split_at(3000);
-    let cloud = desk.cloud("plate.ply", plate);
-    let out = desk.text("fit.json");
+    let cloud = workspace.cloud("plate.ply", plate);
+    let out = workspace.text("fit.json");
     let fit = |element: &str, cloud: &str, more: &[&str]| {
         fringetool(&[&["fit", element, cloud, "--json", &out][..], more].concat())
     };
     refused(&fit("sphere", &cloud, &[]), &["plate.ply", "sphere", "are they points of a plane"]);
-    let few = desk.cloud("few.ply", &[ball[0], ball[800], ball[1600], ball[2400]]);
+    let few = workspace.cloud("few.ply", &[ball[0], ball[800], ball[1600], ball[2400]]);
     refused(&fit("sphere", &few, &[]), &["few.ply", "4 points, needs at least 5"]);
-    refused(&fit("sphere", &desk.cloud("none.ply", &[]), &[]), &["none.ply", "no point"]);
+    refused(&fit("sphere", &workspace.cloud("none.ply", &[]), &[]), &["none.ply", "no point"]);
     refused(&fit("sphere", &cloud, &["--near", "900,0,0,1"]), &["within --near"]);
     refused(&fit("plane", &cloud, &["--radius", "3"]), &["--radius", "spheres only"]);
     refused(&fit("sphere", &cloud, &["--radius=-3"]), &["diameter_mm = -6"]);
@@ -131,18 +131,21 @@ fn regions_that_hold_no_such_element_are_refused_and_leave_no_file() {
     refused(&fit("cone", &cloud, &["--minimum-zone"]), &["--minimum-zone"]);
     let mut torn = ball.to_vec();
     torn[7].position_mm[1] = f64::NAN;
-    let ran = fit("sphere", &desk.cloud("torn.ply", &torn), &[]).expect_success();
+    let ran = fit("sphere", &workspace.cloud("torn.ply", &torn), &[]).expect_success();
     assert!(ran.stderr.contains("1 points without finite"), "{}", ran.stderr);
-    std::fs::remove_file(desk.path("fit.json")).unwrap();
+    std::fs::remove_file(workspace.path("fit.json")).unwrap();
     let metres: Vec<Point> = ball.iter().map(|p| point(p.position_mm.map(|v| v * 1e-3), [0.0; 3])).collect();
     refused(
-        &fit("sphere", &desk.cloud("metres.ply", &metres), &[]),
+        &fit("sphere", &workspace.cloud("metres.ply", &metres), &[]),
         &["metres.ply", "is the file in metres?"],
     );
-    let bytes = std::fs::read(desk.path("plate.ply")).unwrap();
-    std::fs::write(desk.path("long.ply"), [&bytes[..], &bytes[..45]].concat()).unwrap();
-    refused(&fit("plane", &desk.text("long.ply"), &[]), &["long.ply", "3600 \"vertex\"", "45 bytes follow"]);
-    assert!(!desk.path("fit.json").exists());
+    let bytes = std::fs::read(workspace.path("plate.ply")).unwrap();
+    std::fs::write(workspace.path("long.ply"), [&bytes[..], &bytes[..45]].concat()).unwrap();
+    refused(
+        &fit("plane", &workspace.text("long.ply"), &[]),
+        &["long.ply", "3600 \"vertex\"", "45 bytes follow"],
+    );
+    assert!(!workspace.path("fit.json").exists());
 }
 
 /// A plan for the ball on its plate, where it nominally lies.
@@ -189,12 +192,12 @@ tolerance_mm = [-0.05, 0.05]
 
 #[test]
 fn a_plan_is_measured_on_a_cloud_and_compared_with_a_machine() {
-    let desk = Desk::new();
-    let cloud = desk.cloud("c.ply", &ball_on_plate());
-    let (plan_path, out) = (desk.file("plan.toml", &plan(0.05)), desk.text("m.json"));
+    let workspace = Workspace::new();
+    let cloud = workspace.cloud("c.ply", &ball_on_plate());
+    let (plan_path, out) = (workspace.file("plan.toml", &plan(0.05)), workspace.text("m.json"));
     let ran = fringetool(&["measure", &plan_path, &cloud, "--json", &out]).expect_success();
     assert!(ran.stdout.contains("verdict: pass"), "{}", ran.stdout);
-    let result = desk.json("m.json");
+    let result = workspace.json("m.json");
     for (index, name) in ["diameter", "height"].iter().enumerate() {
         let feature = &result["features"][index];
         assert_eq!((feature["name"].as_str(), feature["verdict"].as_str()), (Some(*name), Some("pass")));
@@ -202,32 +205,32 @@ fn a_plan_is_measured_on_a_cloud_and_compared_with_a_machine() {
     }
     let deviation = result["features"][0]["deviation"].as_f64().unwrap();
     let shifted = plan(0.05).replace("nominal_mm = 20.0\ntolerance", "nominal_mm = 19.8\ntolerance");
-    let wrong = desk.file("wrong.toml", &shifted);
+    let wrong = workspace.file("wrong.toml", &shifted);
     let ran = fringetool(&["measure", &wrong, &cloud]);
     assert_eq!(ran.code, Some(1), "{}", ran.stdout);
     let elsewhere = plan(0.05).replace("center_mm = [5.02", "center_mm = [65.02");
-    let ran = fringetool(&["measure", &desk.file("elsewhere.toml", &elsewhere), &cloud]);
+    let ran = fringetool(&["measure", &workspace.file("elsewhere.toml", &elsewhere), &cloud]);
     assert_eq!(ran.code, Some(1), "{}", ran.stdout);
     assert!(ran.stdout.contains("verdict: indeterminate; 2 of 2 features not measured"), "{}", ran.stdout);
     let other = root().join("configs/complex-artefact.plan.toml");
     let ran = fringetool(&["measure", &other.display().to_string(), &cloud]);
     assert_eq!(ran.code, Some(1), "{}", ran.stdout);
     assert!(ran.stdout.contains("verdict: none, because the part was not found"), "{}", ran.stdout);
-    let torn = desk.file("torn.toml", &plan(0.05).replace("min_points = 500\n", "min_pints = 500\n"));
+    let torn = workspace.file("torn.toml", &plan(0.05).replace("min_points = 500\n", "min_pints = 500\n"));
     refused(
         &fringetool(&["measure", &torn, &cloud]),
         &["torn.toml: not an inspection plan: line ", "min_pints"],
     );
     refused(&fringetool(&["measure", &cloud, &plan_path]), &["c.ply"]);
-    refused(&fringetool(&["measure", &plan_path, &desk.text("absent.ply")]), &["absent.ply"]);
+    refused(&fringetool(&["measure", &plan_path, &workspace.text("absent.ply")]), &["absent.ply"]);
 
-    let table = desk.file("cmm.csv", "name,value,unit,u\ndiameter,20.0,mm,0.001\nbore,3.0,mm,0.001\n");
-    let (csv, json) = (desk.text("table.csv"), desk.text("table.json"));
+    let table = workspace.file("cmm.csv", "name,value,unit,u\ndiameter,20.0,mm,0.001\nbore,3.0,mm,0.001\n");
+    let (csv, json) = (workspace.text("table.csv"), workspace.text("table.json"));
     let ran = fringetool(&["cmm-compare", &out, &table, "--csv", &csv, "--json", &json]).expect_success();
     assert!(
         ran.stdout.contains("bore: not in the result") && ran.stdout.contains("height: not in the table")
     );
-    let comparison = desk.json("table.json");
+    let comparison = workspace.json("table.json");
     assert!((comparison["lines"][0]["deviation"].as_f64().unwrap() - deviation).abs() < 1e-12);
     assert!(std::fs::read_to_string(csv).unwrap().starts_with("name,unit,cmm,U_cmm,measured,"));
 }
@@ -235,7 +238,7 @@ fn a_plan_is_measured_on_a_cloud_and_compared_with_a_machine() {
 /// Table 5.2 as its own input: deviations, their uncertainties and normalised errors to the printed digits.
 #[test]
 fn the_thesis_table_comes_out_of_its_own_values() {
-    let desk = Desk::new();
+    let workspace = Workspace::new();
     let rows = [
         ("sphere1_diameter", "mm", 22.580, 0.121, 0.118, 0.123, 0.960),
         ("sphere2_diameter", "mm", 22.386, 0.120, 0.019, 0.123, 0.151),
@@ -250,13 +253,13 @@ fn the_thesis_table_comes_out_of_its_own_values() {
             serde_json::json!({ "name": name, "value": value, "unit": unit, "u": 0.5 * expanded })
         })
         .collect();
-    let result = desk.file("result.json", &serde_json::json!({ "features": features }).to_string());
+    let result = workspace.file("result.json", &serde_json::json!({ "features": features }).to_string());
     let table = root().join("configs/complex-artefact.cmm.csv");
-    let json = desk.text("table.json");
+    let json = workspace.text("table.json");
     let ran = fringetool(&["cmm-compare", &result, table.to_str().unwrap(), "--json", &json]);
     assert_eq!(ran.code, Some(1), "the wedges disagree: {}{}", ran.stdout, ran.stderr);
     for (line, (name, _, _, _, deviation, expanded, e_n)) in
-        desk.json("table.json")["lines"].as_array().unwrap().iter().zip(rows)
+        workspace.json("table.json")["lines"].as_array().unwrap().iter().zip(rows)
     {
         let near = |key: &str, printed: f64, last: f64| (line[key].as_f64().unwrap() - printed).abs() <= last;
         assert!(near("deviation", deviation, 1e-9), "{name}: {line}");
@@ -270,7 +273,7 @@ fn the_thesis_table_comes_out_of_its_own_values() {
         ("name,value,unit,u\nsphere1_diameter,22,mm,-1\n", "u: value -1"),
         ("\u{feff}", "the column"),
     ] {
-        let table = desk.file("bad.csv", csv);
+        let table = workspace.file("bad.csv", csv);
         refused(&fringetool(&["cmm-compare", &result, &table]), &["bad.csv", words]);
     }
     refused(&fringetool(&["cmm-compare", table.to_str().unwrap(), table.to_str().unwrap()]), &["cmm.csv"]);
@@ -278,8 +281,8 @@ fn the_thesis_table_comes_out_of_its_own_values() {
 
 #[test]
 fn sampling_plans_are_written_for_parts_and_elements() {
-    let desk = Desk::new();
-    let out = desk.text("plan.csv");
+    let workspace = Workspace::new();
+    let out = workspace.text("plan.csv");
     let lines = |arguments: &[&str]| -> usize {
         fringetool(&[arguments, &["--out", &out]].concat()).expect_success();
         std::fs::read_to_string(&out).unwrap().lines().count() - 1
@@ -301,5 +304,5 @@ fn sampling_plans_are_written_for_parts_and_elements() {
     ] {
         refused(&fringetool(&[arguments, &["--out", &out]].concat()), &[words]);
     }
-    assert!(!desk.path("plan.csv").exists());
+    assert!(!workspace.path("plan.csv").exists());
 }

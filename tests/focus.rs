@@ -1,4 +1,4 @@
-//! `fringetool focus` on pictures of a checkerboard with known blur.
+//! `fringetool focus` on images of a checkerboard with known blur.
 
 use crate::support::fringetool;
 use serde_json::Value;

@@ -74,7 +74,7 @@ fn a_measured_correction_makes_the_projected_fringes_sinusoidal() {
     assert!(!Path::new(&small.path("x.toml")).exists());
 }
 
-/// Grey pictures of a response, as another program may have saved them.
+/// Grey images of a response, as another program may have saved them.
 fn pictures(folder: &Path, name: impl Fn(usize) -> String, values: &[u8]) {
     for (index, value) in values.iter().enumerate() {
         let frame = image::GrayImage::from_pixel(60, 40, image::Luma([*value]));

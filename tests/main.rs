@@ -3,15 +3,15 @@
 //! - [`offline`]: the twin's frames become a cloud whose features are true
 //! - [`real`]: recordings by other people's cameras
 //! - [`bad_input`]: whatever is wrong with the input, a message and exit code 2
-//! - [`calibrate`]: real pictures of boards become a rig file
-//! - [`calibrate_bad`]: pictures and targets that cannot be used end in one line and no file
+//! - [`calibrate`]: real images of boards become a rig file
+//! - [`calibrate_bad`]: images and targets that cannot be used end in one line and no file
 //! - [`charuco`]: boards with markers, whole and in part
-//! - [`focus`]: best focus and depth of focus from pictures of a checkerboard
+//! - [`focus`]: best focus and depth of focus from images of a checkerboard
 //! - [`gamma`]: a projector's response is measured and corrected
 //! - [`compare`]: deviations and motions that are known beforehand
 //! - [`pose`]: where a part lies is found from anywhere, or refused
 //! - [`rig_state`]: a rig file against what its cameras see, and against other programs
-//! - [`adversity`]: no memory, no room, nobody who reads, another cell beside
+//! - [`adversity`]: no memory, a full disk, a closed output, another cell on the same machine
 //! - [`hung_disk`]: a disk that does not answer
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - `allocations`: what warm stages do not do; only with the feature `count-allocations`
@@ -22,7 +22,7 @@
 //! - [`acceptance`]: acceptance tests from their plans
 //! - [`fits`]: elements, inspection plans and comparisons with a coordinate measuring machine
 //! - [`proof`]: the same bytes whatever the timing, and nothing that grows
-//! - [`storm`]: one outcome per cycle and no wrong cloud, whatever dies, hangs or lies
+//! - [`storm`]: one outcome per cycle and no wrong cloud, whatever stage dies, hangs or sends invalid messages
 //! - [`one_flow`]: a cell and the offline tools give the same cloud of the same frames
 //! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
 //! - [`schemas`]: what the programs write as JSON against `docs/schemas`; [`schema`] is the check
@@ -32,8 +32,9 @@
 //! - [`examples`]: the programs in `examples/` on small inputs
 //! - [`documentation`]: README and pages: lengths, links, commands and options that exist
 //! - [`file_formats`]: the keys of `docs/formats.md` against the parsers
-//! - [`twin_knobs`]: settings of the twin in a configuration and on the command line: what is refused, and how it is said
+//! - [`twin_settings`]: settings of the twin in a configuration and on the command line: what is refused, and how it is said
 //! - [`single_view`]: one camera and projector: unwrapping, filters, reference planes, a rotation stage
+//! - [`words`]: doc comments, help texts and option names in standard words; former option names
 //! - [`support`]: how the tests run programs and make small recordings
 
 mod acceptance;
@@ -72,5 +73,6 @@ mod schemas;
 mod single_view;
 mod storm;
 mod support;
-mod twin_knobs;
+mod twin_settings;
 mod uncertainty;
+mod words;

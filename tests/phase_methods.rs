@@ -1,4 +1,4 @@
-//! Phase methods on a recording whose truth nobody tells: held against all of its steps, or against another recording.
+//! Phase methods on a recording without known truth: compared with all of its steps, or with another recording.
 
 use crate::support::{Small, fringetool};
 use serde_json::Value;

@@ -90,9 +90,9 @@ fn the_next_cycle_is_acquired_while_the_last_one_is_evaluated() {
     assert_eq!(hashes(&cell, 12), alone);
     let entries = entries(&record);
     let shown = |entry: &CycleEntry| entry.activations.iter().map(|a| a.start_ns).min().unwrap();
-    let judged = |entry: &CycleEntry| entry.activations.iter().map(|a| a.end_ns).max().unwrap();
-    let overlaps = entries.windows(2).filter(|pair| shown(&pair[1]) < judged(&pair[0])).count();
-    let crowded = entries.windows(3).filter(|three| shown(&three[2]) < judged(&three[0])).count();
+    let ended = |entry: &CycleEntry| entry.activations.iter().map(|a| a.end_ns).max().unwrap();
+    let overlaps = entries.windows(2).filter(|pair| shown(&pair[1]) < ended(&pair[0])).count();
+    let crowded = entries.windows(3).filter(|three| shown(&three[2]) < ended(&three[0])).count();
     assert!(overlaps > 0, "no cycle began before the verdict on the one before");
     assert_eq!(crowded, 0, "more than two cycles were in flight");
     println!("{overlaps} of {} cycles began before the verdict on the one before", entries.len() - 1);

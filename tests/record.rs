@@ -137,12 +137,12 @@ fn a_killed_run_leaves_a_record_of_its_complete_cycles() {
 fn the_record_of_a_failed_cycle_holds_its_reason_and_what_was_done() {
     let cell = Cell::played("reason", 20.0, "");
     let record = cell.small.path("cycles.record");
-    let more = ["--cycles", "3", "--cycle-record", &record, "--keep", "all"];
+    let more = ["--cycles", "3", "--cycle-record", &record, "--retain", "all"];
     let run = cell.program("played.toml", &more).spawn().unwrap();
     signal("KILL", pid_of(&cell.until_a_cycle_begins(), "matching/pair1"));
     wait(run);
     let (reader, all) = cycles(&record);
-    assert_eq!((all.len(), reader.header.kept), (3, Retention::All));
+    assert_eq!((all.len(), reader.header.retention), (3, Retention::All));
     let outcomes: Vec<&str> = all.iter().map(|c| c.entry.outcome.as_str()).collect();
     assert_eq!(outcomes.iter().filter(|o| **o == "ok").count(), 2, "{outcomes:?}");
     assert!(outcomes.contains(&"stage matching/pair1 died (signal 9)"), "{outcomes:?}");
@@ -160,6 +160,6 @@ fn a_record_that_cannot_be_written_is_refused_before_anything_starts() {
     let output = cell.run("played.toml", &["--cycles", "1", "--cycle-record", "/dev/full"]);
     assert_eq!(output.status.code(), Some(2));
     let said = text(&output.stderr);
-    assert!(said.contains("/dev/full: cannot write the cycle record; make room on the disk"), "{said}");
+    assert!(said.contains("/dev/full: cannot write the cycle record; free space on the disk"), "{said}");
     assert_eq!(cell.left(), Vec::<String>::new());
 }

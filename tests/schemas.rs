@@ -63,6 +63,37 @@ fn every_schema_says_what_it_means_and_only_what_is_checked() {
     }
 }
 
+/// Keys below `schema` that are not described in three words or more, or have no type.
+fn undescribed(schema: &Value, place: &str, found: &mut Vec<String>) {
+    for (key, own) in schema["properties"].as_object().into_iter().flatten() {
+        let place = format!("{place}.{key}");
+        if own["description"].as_str().is_none_or(|text| text.split_whitespace().count() < 3) {
+            found.push(format!("{place}: description {}", own["description"]));
+        }
+        if own["type"].is_null() && own["enum"].is_null() {
+            found.push(format!("{place}: no type"));
+        }
+        if own["type"] == "array" && own["items"].is_null() {
+            found.push(format!("{place}: no type of its items"));
+        }
+        undescribed(own, &place, found);
+    }
+    for inner in [&schema["items"], &schema["additionalProperties"]] {
+        if inner.is_object() {
+            undescribed(inner, place, found);
+        }
+    }
+}
+
+#[test]
+fn every_key_of_a_schema_has_a_description_and_a_type() {
+    let mut found = Vec::new();
+    for (name, schema) in all() {
+        undescribed(&schema, &name, &mut found);
+    }
+    assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
 /// Each required key taken away, and each value replaced by one of another type, must be noticed.
 fn damage_is_noticed(name: &str, file: &Path) {
     assert_valid(name, file);

@@ -1,4 +1,4 @@
-//! Stages that are killed, hang or hear lies, every third cycle: one outcome per cycle, no wrong cloud, nothing left.
+//! Stages that are killed, hang or receive invalid messages, every third cycle: one outcome per cycle, no wrong cloud, nothing left.
 //!
 //! Nothing inside the cell helps: processes are stopped, killed and lied to from outside.
 
@@ -25,15 +25,15 @@ enum Harm {
 const HARMS: [Harm; 6] =
     [Harm::Kill, Harm::Abort, Harm::Hang, Harm::WrongSize, Harm::WrongCycle, Harm::Twice];
 
-/// Sends one message that no honest stage would send, on a random topic of the flow.
-fn lie(cell: &CellName, harm: Harm, wire_cycle: u64, dice: &mut Dice) {
+/// Sends one message that no correct stage sends, on a random topic of the flow.
+fn send_invalid(cell: &CellName, harm: Harm, wire_cycle: u64, dice: &mut Dice) {
     let camera = dice.below(2) as u32;
     let name = ["cam1", "cam2"][camera as usize];
     let cycle = if harm == Harm::WrongCycle { wire_cycle + 1000 } else { wire_cycle };
     let decode = format!("decode/{name}");
     match dice.below(4) {
         0 => {
-            // Beyond the last frame of the sequence, so that it is one too many even where its turn has not come.
+            // Beyond the last frame of the sequence, so that it is one too many even before it is due.
             let header =
                 Trigger { cycle, projector: 0, frame: 40, camera: Trigger::ALL, ..Trigger::default() };
             let wrong = Trigger { frame: u32::MAX, ..header };
@@ -69,17 +69,17 @@ fn lie(cell: &CellName, harm: Harm, wire_cycle: u64, dice: &mut Dice) {
     }
 }
 
-/// Sends a payload that fits `honest` under the header `said`, if there is one.
-fn send<H: Header>(cell: &CellName, topic: &str, consumers: &[&str], honest: H, said: Option<H>) {
-    // A cell that is just ending, or a topic whose places are taken, is no harm done; the next try will do some.
-    let Ok(node) = Node::join(cell, "liar") else { return };
+/// Sends a payload that fits the header `valid`, under the header `invalid` if there is one.
+fn send<H: Header>(cell: &CellName, topic: &str, consumers: &[&str], valid: H, invalid: Option<H>) {
+    // A cell that is just ending, or a topic whose places are taken, refuses the message; the next disturbance follows soon.
+    let Ok(node) = Node::join(cell, "invalid-sender") else { return };
     let consumers: Vec<String> = consumers.iter().map(|&c| c.to_owned()).collect();
     let patience = Duration::from_millis(20);
     let Ok(publisher) = node.publisher::<H>(topic, 1 << 20, &consumers, patience) else { return };
-    let Ok(mut loan) = publisher.loan(honest) else { return };
+    let Ok(mut loan) = publisher.loan(valid) else { return };
     loan.payload_mut().fill(7);
-    if let Some(said) = said {
-        *loan.header_mut() = said;
+    if let Some(invalid) = invalid {
+        *loan.header_mut() = invalid;
     }
     let _ = loan.send_unchecked();
 }
@@ -136,7 +136,9 @@ fn storm(cell: &Cell, cycles: u64, seed: u64) -> Storm {
             Harm::Kill => poke("KILL", pid_of(&status, &stage)),
             Harm::Abort => poke("ABRT", pid_of(&status, &stage)),
             Harm::Hang => poke("STOP", pid_of(&status, &stage)),
-            Harm::WrongSize | Harm::WrongCycle | Harm::Twice => lie(&name, harm, cycle + 1, &mut dice),
+            Harm::WrongSize | Harm::WrongCycle | Harm::Twice => {
+                send_invalid(&name, harm, cycle + 1, &mut dice);
+            }
         }
         *storm.harms.entry(harm).or_default() += 1;
         let done = Instant::now();

@@ -29,10 +29,10 @@ enum What {
     /// A sphere or a cap of one: Hammersley points.
     Sphere {
         /// Diameter of the sphere, mm.
-        #[arg(long)]
+        #[arg(long, value_name = "MM")]
         diameter: f64,
         /// Largest angle from the axis that is probed, degrees (90: the upper half).
-        #[arg(long, default_value_t = 90.0)]
+        #[arg(long, value_name = "DEG", default_value_t = 90.0)]
         polar_deg: f64,
         #[command(flatten)]
         place: Place,
@@ -52,10 +52,10 @@ enum What {
     /// A cylinder: circles spaced like the points on them (thesis eq. 4.13, 4.14).
     Cylinder {
         /// Diameter of the cylinder, mm.
-        #[arg(long)]
+        #[arg(long, value_name = "MM")]
         diameter: f64,
         /// Height of the cylinder, mm.
-        #[arg(long)]
+        #[arg(long, value_name = "MM")]
         height: f64,
         #[command(flatten)]
         place: Place,
@@ -77,10 +77,10 @@ struct Place {
 #[derive(clap::Args)]
 struct Common {
     /// Number of points on each element; grids and circles round it up.
-    #[arg(long, default_value_t = 25)]
+    #[arg(long, value_name = "N", default_value_t = 25)]
     points: usize,
     /// Seed of the random positions on planes.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Table to write (CSV): element, number, x, y, z and the normal out of the material.
     #[arg(long, value_name = "FILE")]

@@ -1,4 +1,4 @@
-//! `fringetool decode`: phase, modulation and fringe order of a recording, as pictures and numbers.
+//! `fringetool decode`: phase, modulation and fringe order of a recording, as images and numbers.
 
 use crate::Outcome;
 use crate::filters::Filters;
@@ -20,15 +20,15 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// Folder of the recording.
     recording: PathBuf,
-    /// Folder for the pictures `<projector>-<camera>-<axis>-phase.png`, `…-modulation.png`, `…-order.png`, and for the rasters
+    /// Folder for the images `<projector>-<camera>-<axis>-phase.png`, `…-modulation.png`, `…-order.png`, and for the rasters
     /// `…-wrong-order.npy` (probability), `…-threshold.npy` and `…-threshold-u.npy` (DN) of one exposure.
-    #[arg(long)]
+    #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Decode only this camera.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     camera: Option<String>,
     /// Decode only this projector.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     projector: Option<String>,
     #[command(flatten)]
     filters: Filters,
@@ -88,7 +88,7 @@ fn check_names(args: &Args, recording: &Recording) -> Result<()> {
         && recording.projector(name).is_none()
     {
         let known: Vec<&str> = recording.projectors.iter().map(|p| p.name.as_str()).collect();
-        anyhow::bail!("{path}: no projector \"{name}\"; there are: {}", known.join(", "));
+        anyhow::bail!("{path}: no projector \"{name}\"; known: {}", known.join(", "));
     }
     if let Some(name) = &args.camera
         && recording.projectors.iter().all(|p| p.camera(name).is_none())

@@ -21,7 +21,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
     /// Only these pairs; by default all.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     pair: Vec<String>,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
@@ -78,7 +78,7 @@ fn language(out: &Path) -> Option<Language> {
 fn pairs(args: &Args, rig: &Rig) -> Result<Vec<Pair>> {
     let known: Vec<&str> = rig.pairs.iter().map(|p| p.name.as_str()).collect();
     if let Some(unknown) = args.pair.iter().find(|name| !known.contains(&name.as_str())) {
-        bail!("--pair {unknown}: {} has no such pair; there are: {}", args.rig.display(), known.join(", "));
+        bail!("--pair {unknown}: {} has no such pair; known: {}", args.rig.display(), known.join(", "));
     }
     let asked = |pair: &&Pair| args.pair.is_empty() || args.pair.contains(&pair.name);
     let pairs: Vec<Pair> = rig.pairs.iter().filter(asked).cloned().collect();

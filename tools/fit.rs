@@ -33,20 +33,20 @@ pub struct Args {
     #[arg(long, value_name = "MM")]
     within: Option<f64>,
     /// Fraction of the points to reject, largest residuals first, 0 … 0.5 (VDI/VDE 2634 part 3 allows 0.03).
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long = "reject-fraction", alias = "reject", value_name = "F", default_value_t = 0.0)]
     reject: f64,
     /// Sphere only: fixed diameter, mm.
-    #[arg(long)]
+    #[arg(long, value_name = "MM")]
     diameter: Option<f64>,
     /// Sphere only: fixed radius, mm.
-    #[arg(long, conflicts_with = "diameter")]
+    #[arg(long, value_name = "MM", conflicts_with = "diameter")]
     radius: Option<f64>,
     /// Also compute the minimum zone (Chebyshev) of the points used: sphere, plane, cylinder, circle.
     #[arg(long)]
     minimum_zone: bool,
     /// Edge of the cells within which noise is correlated, mm; by default the correlation is estimated from the
     /// residuals.
-    #[arg(long)]
+    #[arg(long, value_name = "MM")]
     cluster: Option<f64>,
     /// Treat points as independent: uncertainties are too small wherever neighbours share noise.
     #[arg(long, conflicts_with = "cluster")]

@@ -24,10 +24,10 @@ pub struct Args {
     #[arg(long = "box", value_name = "x0,y0,z0,x1,y1,z1", allow_hyphen_values = true)]
     corners: Option<Corners>,
     /// Edge of the square cells whose means give the filtered flatness, mm.
-    #[arg(long, default_value = "2.5", value_parser = length)]
+    #[arg(long = "filter-mm", alias = "filter", value_name = "MM", default_value = "2.5", value_parser = length)]
     filter: f64,
     /// Upper limit of the colour scale, mm; by default from the data.
-    #[arg(long, value_parser = length)]
+    #[arg(long, value_name = "MM", value_parser = length)]
     range: Option<f64>,
     /// Write a report with a map and a histogram of each repeat (HTML).
     #[arg(long, alias = "html", value_name = "FILE")]
@@ -103,7 +103,7 @@ fn measure(args: &Args, path: &Path) -> Result<(Repeat, FlatnessRepeat, [&'stati
     };
     let across_mm: Vec<[f64; 2]> = points.iter().map(|p| [p[first], p[second]]).collect();
     let deviations_mm = plane.residuals.deviation_mm;
-    let filtered = filtered_flatness(&across_mm, &deviations_mm, args.filter).context("--filter")?;
+    let filtered = filtered_flatness(&across_mm, &deviations_mm, args.filter).context("--filter-mm")?;
     let mut stated: Vec<f32> = held.iter().map(|p| p.sigma_mm).filter(|s| *s > 0.0).collect();
     stated.sort_unstable_by(f32::total_cmp);
     let repeat = Repeat {
@@ -205,6 +205,6 @@ fn report(
 
 fn region(args: &Args) -> String {
     let parts = [args.corners.map(|c| c.to_string()), args.near.map(|n| n.to_string())];
-    let told: Vec<String> = parts.into_iter().flatten().collect();
-    if told.is_empty() { "the whole cloud".into() } else { told.join(", ") }
+    let text: Vec<String> = parts.into_iter().flatten().collect();
+    if text.is_empty() { "the whole cloud".into() } else { text.join(", ") }
 }

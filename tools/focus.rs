@@ -1,4 +1,4 @@
-//! `fringetool focus`: best focus and depth of focus from pictures of a projected checkerboard.
+//! `fringetool focus`: best focus and depth of focus from images of a projected checkerboard.
 
 use crate::Outcome;
 use crate::progress::Progress;
@@ -25,7 +25,7 @@ pub struct Args {
     #[arg(long, value_name = "x,y,w,h")]
     roi: Option<Roi>,
     /// Fraction of the largest contrast that bounds the depth of focus, 0 … 1.
-    #[arg(long, default_value_t = 0.5)]
+    #[arg(long, value_name = "F", default_value_t = 0.5)]
     fraction: f64,
     /// Write a report with the contrast curve (HTML).
     #[arg(long, alias = "html", value_name = "FILE")]

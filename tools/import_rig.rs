@@ -16,16 +16,16 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Names of the views in the rig, `left,right`; one name for a single camera.
-    #[arg(long, default_value = "left,right", value_delimiter = ',')]
+    #[arg(long, value_name = "NAMES", default_value = "left,right", value_delimiter = ',')]
     views: Vec<String>,
     /// Image size such as `1280x1024`, where the file has no image_width and image_height.
     #[arg(long)]
     size: Option<String>,
     /// The second view is a projector.
-    #[arg(long)]
+    #[arg(long = "second-is-projector", alias = "projector")]
     projector: bool,
     /// Millimetres per unit of T: 1000 for a calibration in metres.
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, value_name = "MM", default_value_t = 1.0)]
     unit_mm: f64,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]

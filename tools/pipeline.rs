@@ -36,7 +36,7 @@ impl DecodedView {
 /// Decodes the views of a recording that `wanted(projector, camera)` asks for, in the order of the recording.
 ///
 /// # Errors
-/// A sequence that tells no absolute phase, or a frame that does not decode.
+/// A sequence that gives no absolute phase, or a frame that does not decode.
 pub fn decode_views(
     recording: &Recording,
     settings: &DecodeSettings,
@@ -83,14 +83,14 @@ pub fn decode_views_by(
 pub struct RecordedView<'a> {
     /// Where the frames are.
     pub recording: &'a Recording,
-    /// What lit.
+    /// The projector that was on.
     pub projector: &'a RecordedProjector,
-    /// Who looked.
+    /// The camera that took the frames.
     pub camera: &'a RecordedCamera,
 }
 
 impl RecordedView<'_> {
-    /// Decodes all exposures; `step` is told of each frame.
+    /// Decodes all exposures; `step` is called for each frame.
     ///
     /// # Errors
     /// As [`decode_views_by`].
@@ -109,7 +109,7 @@ impl RecordedView<'_> {
     /// and rows.
     ///
     /// # Errors
-    /// Sets that tell no absolute phase over the extent, or a frame that does not decode.
+    /// Sets that give no absolute phase over the extent, or a frame that does not decode.
     pub fn decode_sets(
         self,
         (sequence, frames): (&[PatternSet], Range<usize>),

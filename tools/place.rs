@@ -21,7 +21,7 @@ pub struct Args {
     /// First cloud of the part as the cell sees it (PLY or E57), lengths in mm.
     cloud: PathBuf,
     /// The plan with the part's place as its `[placement]` (TOML).
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// The part's CAD in the plan's part frame (STL, or PLY with faces), lengths in mm: the whole surface then fixes the
     /// pose, not only the plan's elements.
@@ -174,7 +174,9 @@ fn check_text(text: &str, plan: &Plan, pose: &WorldFromPart) -> Result<()> {
     let near = (again.world_from_part.translation.vector - Vector3::from(pose.translation_mm)).norm() < 1e-9;
     let same = Plan { world_from_part: plan.world_from_part, ..again };
     if !near || same != *plan {
-        bail!("placement: cannot be replaced where it stands; write it as a table of its own, [placement]");
+        bail!(
+            "placement: cannot be replaced in its present form; write it as a table of its own, [placement]"
+        );
     }
     Ok(())
 }
@@ -200,7 +202,7 @@ mod tests {
         let twice = with_placement(&once, &pose(7.0));
         check_text(&twice, &plan, &pose(7.0)).unwrap();
         assert_eq!((twice.matches("[placement]").count(), twice.contains("600.25")), (1, false));
-        // A place that is written as a value of its own cannot be replaced: that is told, not written.
+        // A place that is written as a value of its own cannot be replaced: that is reported, and nothing is written.
         let inline = PLAN.replacen(
             "\n\n",
             "\nplacement = { rotation = [[1,0,0],[0,1,0],[0,0,1]], translation_mm = [0,0,0] }\n\n",

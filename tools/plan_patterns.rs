@@ -9,7 +9,7 @@ use files::rig_file::read_rig;
 use fringe::geometry::rig::{Pair, Rig};
 use fringe::pattern::Axis;
 use fringe::planning::geometry::Depth;
-use fringe::planning::{Proposal, Wanted, geometry, propose};
+use fringe::planning::{Proposal, Requirements, geometry, propose};
 use fringe::surface::SurfaceSettings;
 use std::path::PathBuf;
 
@@ -19,13 +19,13 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Pair of the rig; by default the first.
-    #[arg(long, requires = "rig")]
+    #[arg(long, value_name = "NAME", requires = "rig")]
     pair: Option<String>,
     /// Without a rig: projector pixels along the axis.
-    #[arg(long, conflicts_with = "rig", required_unless_present = "rig")]
+    #[arg(long, value_name = "PX", conflicts_with = "rig", required_unless_present = "rig")]
     extent_px: Option<u32>,
     /// Without a rig: displacement of a point per projector pixel, micrometres, after smoothing if any.
-    #[arg(long, conflicts_with = "rig", required_unless_present = "rig")]
+    #[arg(long, value_name = "UM", conflicts_with = "rig", required_unless_present = "rig")]
     um_per_px: Option<f64>,
     /// Axis along which the patterns vary.
     #[arg(long, value_enum, default_value_t = AxisName::X)]
@@ -34,34 +34,34 @@ pub struct Args {
     #[arg(long, value_name = "DN,DN_PER_E", value_delimiter = ',', num_args = 1..=2, default_value = "0.4,0.024")]
     noise: Vec<f64>,
     /// Largest grey value of the camera.
-    #[arg(long, default_value_t = 255.0)]
+    #[arg(long, value_name = "DN", default_value_t = 255.0)]
     full_scale_dn: f64,
     /// Half the difference between white and black on the part, grey values (`decode --json`: contrast_median_dn).
-    #[arg(long, default_value_t = 60.0)]
+    #[arg(long, value_name = "DN", default_value_t = 60.0)]
     modulation_dn: f64,
     /// Background A, grey values (`decode --json`: threshold_median_dn).
-    #[arg(long, default_value_t = 80.0)]
+    #[arg(long, value_name = "DN", default_value_t = 80.0)]
     background_dn: f64,
     /// Blur of the projector on the part, standard deviation in projector pixels (`focus` measures it).
-    #[arg(long, default_value_t = 0.6)]
+    #[arg(long, value_name = "PX", default_value_t = 0.6)]
     blur_px: f64,
     /// With a rig: blur of the camera, lens and area of the pixel together, standard deviation in its pixels.
-    #[arg(long, default_value_t = 0.58)]
+    #[arg(long, value_name = "PX", default_value_t = 0.58)]
     camera_blur_px: f64,
     /// Exponent of the projector's response; 1 for corrected patterns (`gamma` measures it).
-    #[arg(long, default_value_t = 1.05)]
+    #[arg(long, value_name = "G", default_value_t = 1.05)]
     projector_gamma: f64,
     /// With a rig: side of the window over which `reconstruct` smooths points, px.
     #[arg(long, value_name = "PX", default_value_t = SurfaceSettings::default().smoothing_px)]
     smoothing_px: u32,
     /// Wanted standard uncertainty of a single point, micrometres.
-    #[arg(long)]
+    #[arg(long, value_name = "UM")]
     want_u_um: Option<f64>,
     /// Largest acceptable probability of a wrong fringe order.
-    #[arg(long, default_value_t = 1e-6)]
+    #[arg(long, value_name = "P", default_value_t = 1e-6)]
     most_wrong_orders: f64,
     /// Number of proposals in the table.
-    #[arg(long, default_value_t = 12)]
+    #[arg(long = "proposals", alias = "rows", value_name = "N", default_value_t = 12)]
     rows: usize,
     /// Write the `[[projector]]` section of the first proposal (TOML, docs/formats.md), for a recording or a configuration.
     #[arg(long, value_name = "FILE")]
@@ -107,7 +107,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         AxisName::Y => Axis::Y,
     };
     let target = target(args, axis)?;
-    let wanted = Wanted {
+    let wanted = Requirements {
         axis,
         extent_px: target.size_px[usize::from(axis == Axis::Y)],
         full_scale_dn: args.full_scale_dn,
@@ -172,7 +172,7 @@ fn target(args: &Args, axis: Axis) -> Result<Target> {
     let pair = match &args.pair {
         Some(name) => rig.pairs.iter().find(|pair| pair.name == *name).with_context(|| {
             let known: Vec<&str> = rig.pairs.iter().map(|pair| pair.name.as_str()).collect();
-            format!("{}: no pair \"{name}\"; there are: {}", path.display(), known.join(", "))
+            format!("{}: no pair \"{name}\"; known: {}", path.display(), known.join(", "))
         })?,
         None => rig.pairs.first().with_context(|| format!("{}: has no [[pair]]", path.display()))?,
     };
@@ -248,7 +248,7 @@ fn print(target: &Target, proposals: &[Proposal], rows: usize) {
         "for smooth faces of that brightness, standing still; edges and interreflections are not included"
     );
     if proposals.len() > rows {
-        println!("({} more: --rows)", proposals.len() - rows);
+        println!("({} more: --proposals)", proposals.len() - rows);
     }
 }
 

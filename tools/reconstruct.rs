@@ -30,7 +30,7 @@ pub struct Args {
     /// Folder of the recording (docs/formats.md).
     recording: PathBuf,
     /// Rig file (TOML, docs/formats.md).
-    #[arg(long, required_unless_present = "config")]
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
     rig: Option<PathBuf>,
     /// Configuration of a cell (TOML, docs/formats.md): its rig, its pairs and its settings give the cloud that the cell gives for these frames.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["rig", "method", "order", "fuse"])]
@@ -39,10 +39,10 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = Method::Phase)]
     method: Method,
     /// Point cloud to write (PLY).
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Reconstruct only these pairs; by default all.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     pair: Vec<String>,
     #[command(flatten)]
     filters: Filters,

@@ -20,16 +20,16 @@ pub struct Args {
     #[arg(long, value_name = "REFERENCE")]
     to: PathBuf,
     /// Registered cloud to write (PLY); for several clouds a folder, which gets a cloud and a transform for each.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
     /// Start of the registration: `search`, `as-it-lies` (identity), or a file with a 4 × 4 matrix (16 numbers, or JSON with `matrix`).
     #[arg(long, default_value = "search")]
     start: String,
     /// Largest distance of a match in the first round, mm; by default a tenth of the reference's diagonal.
-    #[arg(long, value_parser = length)]
+    #[arg(long, value_name = "MM", value_parser = length)]
     reach: Option<f64>,
     /// Smallest share of a cloud's points that must match, 0 … 1.
-    #[arg(long, default_value_t = RegisterSettings::default().least_overlap)]
+    #[arg(long, value_name = "F", default_value_t = RegisterSettings::default().least_overlap)]
     overlap: f64,
     /// Write the transform and the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
@@ -215,7 +215,7 @@ pub fn doubts(r: &Registration) -> Vec<String> {
         let why = if r.rival_is_symmetry == Some(true) {
             "it differs by a symmetry of the reference"
         } else {
-            "the points do not tell the two apart"
+            "the points do not distinguish the two"
         };
         lines.push(format!(
             "{}: another pose matches {:.1} % as many points: {why}; to choose one, give --start (as-it-lies, or a file \

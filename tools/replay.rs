@@ -32,9 +32,9 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
-/// What a replay found.
+/// Counts and differences of a replay.
 #[derive(Debug, Default, Serialize)]
-struct Found {
+struct ReplayReport {
     /// Program and version that recorded.
     recorded_by: String,
     /// Complete cycles in the record.
@@ -67,7 +67,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// The cell that was recorded; another one has nothing to be compared with.
 fn cell(args: &Args, header: &RecordHeader) -> Result<LoadedCell> {
     let path = args.config.clone().unwrap_or_else(|| PathBuf::from(&header.config));
-    let options = Options { cell: Some(header.cell.clone()), kept: header.kept, ..Options::default() };
+    let options =
+        Options { cell: Some(header.cell.clone()), retention: header.retention, ..Options::default() };
     let cell = devices::load(&path, &options).with_context(|| {
         format!("{}: the configuration of the record; --config names another place", args.record.display())
     })?;
@@ -127,10 +128,10 @@ fn names(cell: &Cell) -> Vec<ActivationName> {
     schedule.activations.iter().map(name).collect()
 }
 
-fn replay(reader: &mut RecordReader, cell: &LoadedCell) -> Result<Found> {
-    let mut found = Found { recorded_by: reader.header.software.clone(), ..Found::default() };
+fn replay(reader: &mut RecordReader, cell: &LoadedCell) -> Result<ReplayReport> {
+    let mut found = ReplayReport { recorded_by: reader.header.software.clone(), ..ReplayReport::default() };
     let mut executor = InProcess::new(cell)?;
-    let mut source = Source::new(cell, reader.header.kept)?;
+    let mut source = Source::new(cell, reader.header.retention)?;
     let mut progress = Progress::unbounded("replaying");
     let mut next_number = None;
     loop {
@@ -156,7 +157,7 @@ fn again(
     cycle: &RecordedCycle,
     executor: &mut InProcess,
     source: &mut Source,
-    found: &mut Found,
+    found: &mut ReplayReport,
 ) -> Result<()> {
     let activations = reader.header.activations.clone();
     let given = cycle.entry.activations.iter().filter(|a| a.bytes > 0);
@@ -212,7 +213,7 @@ fn again(
     Ok(())
 }
 
-fn text(path: &Path, header: &RecordHeader, found: &Found) -> String {
+fn text(path: &Path, header: &RecordHeader, found: &ReplayReport) -> String {
     let mut lines = vec![format!(
         "{}: {} cycles of cell '{}' by {}, {} outputs ({} MB) compared",
         path.display(),
@@ -249,8 +250,11 @@ fn text(path: &Path, header: &RecordHeader, found: &Found) -> String {
     lines.push(match found.differences.len() {
         0 => "all equal".to_owned(),
         n => {
-            let hint =
-                if header.kept == Retention::All { "" } else { "; record with --keep all to see the byte" };
+            let hint = if header.retention == Retention::All {
+                ""
+            } else {
+                "; record with --retain all to see the byte"
+            };
             format!("{n} outputs differ; of each cycle the first is named{hint}")
         }
     });

@@ -25,7 +25,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Number of the cycle, which determines the placement of the part.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0)]
     cycle: u64,
     /// No noise, no blur, 16 bits, regardless of the configuration.
     #[arg(long)]
@@ -34,7 +34,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
     /// Seed instead of that of the configuration.
-    #[arg(long)]
+    #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Separate seed for noise and vibration: the placement of the part does not change.
     #[arg(long, value_name = "N")]

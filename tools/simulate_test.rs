@@ -9,7 +9,7 @@ use crate::report::{check_outputs, emit};
 use crate::simulate::{frames, truth_text, write_recording};
 use anyhow::{Context, Result, bail};
 use files::config::Config;
-use layout::{Shot, shots};
+use layout::{TestRecording, recordings};
 use std::path::{Path, PathBuf};
 use twin::scene_file::SceneFile;
 use twin::{Scene, Twin, TwinSettings};
@@ -23,16 +23,16 @@ pub struct Args {
     #[arg(default_value = "configs/demo.toml")]
     config: PathBuf,
     /// Folder to write the recordings and the plan to (docs/formats.md).
-    #[arg(long)]
+    #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Rig file (TOML, docs/formats.md) for the evaluation, such as one from `calibrate`; by default that of the twin.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
     /// Reduced test with one sphere position of two views and two bar positions.
     #[arg(long)]
     reduced: bool,
     /// Seed instead of that of the configuration.
-    #[arg(long)]
+    #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
@@ -52,24 +52,24 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     let seed = args.seed.unwrap_or(twin.settings.seed);
     let settings = TwinSettings { seed, ..twin.settings.clone() };
-    let shots = shots(args.reduced);
-    let mut progress = Progress::new(shots.len() * frames(&config), "simulating");
+    let recordings = recordings(args.reduced);
+    let mut progress = Progress::new(recordings.len() * frames(&config), "simulating");
     files::atomic::create_dir(&args.out.join("truth"))?;
-    for (cycle, shot) in shots.iter().enumerate() {
-        let scene = scene(shot)?;
+    for (cycle, recording) in recordings.iter().enumerate() {
+        let scene = scene(recording)?;
         let twin = Twin::new(&scene, settings.clone(), &twin.rig)
             .with_context(|| args.config.display().to_string())?;
-        let truth_path = args.out.join("truth").join(format!("{}.toml", shot.name));
+        let truth_path = args.out.join("truth").join(format!("{}.toml", recording.name));
         let truth = (truth_path.as_path(), truth_text(&scene, &twin, cycle as u64));
-        let out = args.out.join(&shot.name);
+        let out = args.out.join(&recording.name);
         write_recording((&out, truth.0, &truth.1), &config, &twin, cycle as u64, &[], &mut progress)?;
     }
     drop(progress);
     let rig = copy_rig(args, &twin.rig)?;
     let path = args.out.join("plan.toml");
-    files::atomic::write(&path, plan::text(&shots, &rig, args.reduced, &config)?.as_bytes())?;
-    println!("{} recordings; next: fringetool vdi2634 {}", shots.len(), path.display());
-    emit(args.json.as_deref(), &serde_json::json!({ "plan": path, "recordings": shots.len() }))?;
+    files::atomic::write(&path, plan::text(&recordings, &rig, args.reduced, &config)?.as_bytes())?;
+    println!("{} recordings; next: fringetool vdi2634 {}", recordings.len(), path.display());
+    emit(args.json.as_deref(), &serde_json::json!({ "plan": path, "recordings": recordings.len() }))?;
     Ok(Outcome::Done)
 }
 
@@ -85,9 +85,9 @@ fn copy_rig(args: &Args, own: &fringe::geometry::rig::Rig) -> Result<String> {
     Ok("rig.toml".to_owned())
 }
 
-/// The artefact of a shot where the shot has it.
-fn scene(shot: &Shot) -> Result<Scene> {
-    let text = if shot.bar { BAR } else { SPHERE };
+/// The artefact of a recording where the recording has it.
+fn scene(recording: &TestRecording) -> Result<Scene> {
+    let text = if recording.bar { BAR } else { SPHERE };
     let mut file: SceneFile = toml::from_str(text).context("the scene that comes with the program")?;
     for body in &mut file.bodies {
         let [x, y, z] = body.rotation_deg.map(f64::to_radians);
@@ -95,7 +95,7 @@ fn scene(shot: &Shot) -> Result<Scene> {
             nalgebra::Vector3::from(body.position_mm).into(),
             nalgebra::UnitQuaternion::from_euler_angles(x, y, z),
         );
-        let moved = shot.place() * part_from_body;
+        let moved = recording.place() * part_from_body;
         let (roll, pitch, yaw) = moved.rotation.euler_angles();
         body.position_mm = moved.translation.vector.into();
         body.rotation_deg = [roll, pitch, yaw].map(f64::to_degrees);

@@ -20,7 +20,7 @@ pub struct StageArgs {
     /// Name of the stage in the schedule.
     pub name: String,
     /// Name of the cell.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     pub cell: String,
     /// Path of the configuration.
     #[arg(long)]
@@ -36,7 +36,7 @@ pub struct StageArgs {
     pub watch: bool,
     /// Which values the supervisor keeps in a cycle record.
     #[arg(long)]
-    pub kept: Retention,
+    pub retention: Retention,
     /// Folder of the recording, if one is written.
     #[arg(long)]
     pub record: Option<PathBuf>,

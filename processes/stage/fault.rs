@@ -37,7 +37,7 @@ pub fn chain(error: &dyn std::error::Error) -> String {
     text
 }
 
-/// The current cycle fails with an error.
-pub fn lost(error: &dyn std::error::Error) -> Fault {
+/// The fault that ends the current cycle, with an error as its reason.
+pub fn cycle_fault(error: &dyn std::error::Error) -> Fault {
     Fault::Cycle(chain(error))
 }

@@ -4,15 +4,15 @@
 //! left to do.
 
 mod args;
+mod context;
 mod cycle_filter;
 mod fault;
-mod link;
 mod text_buffer;
 mod worker;
 
 pub use args::{StageArgs, short_hashes};
-pub use fault::{Fault, lost};
-pub use link::{Inbox, Link, Report};
+pub use context::{Inbox, Report, StageContext};
+pub use fault::{Fault, cycle_fault};
 pub use text_buffer::TextBuffer;
 pub use worker::Worker;
 
@@ -25,11 +25,11 @@ use std::time::Duration;
 const SLEEP: Duration = Duration::from_millis(500);
 
 /// Works through cycles until the supervisor ends the stage.
-pub fn serve(link: &mut Link, worker: &mut dyn Worker) -> Result<()> {
+pub fn serve(context: &mut StageContext, worker: &mut dyn Worker) -> Result<()> {
     let _span = tracing::info_span!("stage", pid = std::process::id()).entered();
-    link.ready(0)?;
+    context.ready(0)?;
     loop {
-        while let Some(message) = link.control.receive()? {
+        while let Some(message) = context.control.receive()? {
             let Control { cycle, recipe, .. } = *message.header();
             let command = message.header().command()?;
             drop(message);
@@ -37,46 +37,46 @@ pub fn serve(link: &mut Link, worker: &mut dyn Worker) -> Result<()> {
                 Command::Shutdown => return Ok(()),
                 Command::Connect => {
                     worker.connect()?;
-                    link.populate()?;
-                    link.ready(cycle)?;
+                    context.populate()?;
+                    context.ready(cycle)?;
                 }
                 Command::Abort => {
-                    if link.cycles.end(cycle) {
+                    if context.cycles.end(cycle) {
                         worker.forget();
                     }
                 }
-                other if other != link.start_command() => {} // for the other half of the cycle
+                other if other != context.start_command() => {} // for the other half of the cycle
                 Command::Start | Command::Evaluate => {
-                    link.cycles.start(cycle);
-                    link.recipe = recipe as usize;
-                    link.reset_counters();
-                    let begun = worker.begin(link);
-                    settle(link, worker, begun.map(|()| true))?;
+                    context.cycles.start(cycle);
+                    context.recipe = recipe as usize;
+                    context.reset_counters();
+                    let begun = worker.begin(context);
+                    settle(context, worker, begun.map(|()| true))?;
                 }
             }
         }
-        let progress = match link.cycles.current() {
+        let progress = match context.cycles.current() {
             Some(cycle) => {
                 let _span = tracing::trace_span!("step", cycle).entered();
-                let stepped = worker.step(link);
-                settle(link, worker, stepped)?
+                let stepped = worker.step(context);
+                settle(context, worker, stepped)?
             }
             None => false,
         };
         if !progress {
             let until_due = worker.due_ns().map(|due| Duration::from_nanos(due.saturating_sub(os::now_ns())));
-            link.sleep(until_due.unwrap_or(SLEEP).min(SLEEP))?;
+            context.sleep(until_due.unwrap_or(SLEEP).min(SLEEP))?;
         }
     }
 }
 
 /// Reports a failed cycle and drops it; any other error ends the stage.
-fn settle(link: &mut Link, worker: &mut dyn Worker, result: Result<bool, Fault>) -> Result<bool> {
+fn settle(context: &mut StageContext, worker: &mut dyn Worker, result: Result<bool, Fault>) -> Result<bool> {
     match result {
         Ok(progress) => Ok(progress),
         Err(Fault::Fatal(error)) => Err(error),
         Err(Fault::Cycle(reason)) => {
-            link.failed(link.cycle(), &reason)?;
+            context.failed(context.cycle(), &reason)?;
             worker.forget();
             Ok(true)
         }

@@ -1,6 +1,6 @@
 //! Texts of reports: a reused buffer, and a limit for the length.
 
-use super::fault::{Fault, lost};
+use super::fault::{Fault, cycle_fault};
 use ipc::header::MAX_TEXT_BYTES;
 
 /// A buffer for texts, reused without allocation.
@@ -21,8 +21,8 @@ impl TextBuffer {
     /// Writes a value as JSON.
     pub fn json<T: serde::Serialize>(&mut self, value: &T) -> Result<&str, Fault> {
         self.0.clear();
-        serde_json::to_writer(&mut self.0, value).map_err(|e| lost(&e))?;
-        std::str::from_utf8(&self.0).map_err(|e| lost(&e))
+        serde_json::to_writer(&mut self.0, value).map_err(|e| cycle_fault(&e))?;
+        std::str::from_utf8(&self.0).map_err(|e| cycle_fault(&e))
     }
 }
 

@@ -1,7 +1,7 @@
 //! The interface between the main loop of a stage and the kinds of stages.
 
+use super::context::StageContext;
 use super::fault::Fault;
-use super::link::Link;
 use ipc::IpcError;
 
 /// The work of one kind of stage.
@@ -10,10 +10,10 @@ pub trait Worker {
     fn connect(&self) -> Result<(), IpcError>;
 
     /// Starts a cycle and drops what is left of an older one.
-    fn begin(&mut self, link: &mut Link) -> Result<(), Fault>;
+    fn begin(&mut self, context: &mut StageContext) -> Result<(), Fault>;
 
     /// Handles one message or one activation; `false` if there is nothing to do.
-    fn step(&mut self, link: &mut Link) -> Result<bool, Fault>;
+    fn step(&mut self, context: &mut StageContext) -> Result<bool, Fault>;
 
     /// Drops the aborted cycle.
     fn forget(&mut self);

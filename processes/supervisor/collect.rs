@@ -8,11 +8,11 @@ use devices::LoadedCell;
 use files::result::{CycleResult, OUTCOME_OK, StageResult};
 use fringe::fusion::Overlap;
 use ipc::header::Event;
+use ipc::output_hash;
 use metrology::inspection::InspectionResult;
 use serde::Deserialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
-use xxhash_rust::xxh3::xxh3_128;
 
 /// Times of one activation.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -33,7 +33,7 @@ pub struct Span {
 
 /// A result as it arrived.
 #[derive(Debug)]
-struct Judged {
+struct Inspected {
     /// Absent without a plan.
     inspection: Option<InspectionResult>,
     latency_ns: u64,
@@ -45,7 +45,7 @@ struct Judged {
 #[derive(Debug, Default)]
 pub struct Collector {
     done: BTreeMap<usize, (Event, String)>,
-    judged: Option<Judged>,
+    inspected: Option<Inspected>,
 }
 
 impl Collector {
@@ -55,15 +55,15 @@ impl Collector {
     }
 
     /// Adds the result of the inspection, with its text and the time since the last frame, ns.
-    pub fn judged(&mut self, inspection: Option<InspectionResult>, text: &str, latency_ns: u64) {
-        self.judged = Some(Judged { inspection, latency_ns, hash: xxh3_128(text.as_bytes()) });
+    pub fn inspected(&mut self, inspection: Option<InspectionResult>, text: &str, latency_ns: u64) {
+        self.inspected = Some(Inspected { inspection, latency_ns, hash: output_hash(text.as_bytes()) });
     }
 
     /// Refuses a result whose hash differs from the one that the inspection reported.
     pub fn check_result(&self, schedule: &Schedule) -> Result<(), String> {
         let reported = schedule.find(Work::Inspect).and_then(|number| self.done.get(&number));
         let reported = reported.map(|(event, _)| [event.hash_high, event.hash_low]);
-        let came = self.judged.as_ref().map(|j| [(j.hash >> 64) as u64, j.hash as u64]);
+        let came = self.inspected.as_ref().map(|j| [(j.hash >> 64) as u64, j.hash as u64]);
         if reported.is_some() && reported == came {
             return Ok(());
         }
@@ -100,9 +100,9 @@ impl Collector {
     /// The result of the cycle with its outcome; the caller adds recipe, part and duration.
     pub fn result(&self, cell: &LoadedCell, cycle: u64, outcome: &Result<(), String>) -> CycleResult {
         let ok = outcome.is_ok();
-        let judged = self.judged.as_ref();
-        let inspection = judged.and_then(|j| j.inspection.as_ref());
-        // A part that was not found is told even of a cycle that failed; its values are not.
+        let inspected = self.inspected.as_ref();
+        let inspection = inspected.and_then(|j| j.inspection.as_ref());
+        // A part that was not found is reported even of a cycle that failed; its values are not.
         let alignment_failure = inspection.and_then(|i| i.alignment_failure.clone());
         let inspection = inspection.filter(|_| ok);
         let fused = self.fused(cell).filter(|_| ok);
@@ -112,7 +112,7 @@ impl Collector {
             verdict: inspection.map(|i| i.verdict),
             features: inspection.map(|i| i.features.clone()).unwrap_or_default(),
             stages: self.stages(&cell.schedule),
-            latency_ns: judged.filter(|_| ok).map(|j| j.latency_ns),
+            latency_ns: inspected.filter(|_| ok).map(|j| j.latency_ns),
             hashes: self.hashes(cell),
             alignment: inspection.and_then(|i| i.alignment.clone()),
             alignment_failure,
@@ -157,7 +157,7 @@ impl Collector {
             [[high, low]] => format!("{high:016x}{low:016x}"),
             many => {
                 let bytes: Vec<u8> = many.iter().flatten().flat_map(|half| half.to_be_bytes()).collect();
-                format!("{:032x}", xxh3_128(&bytes))
+                format!("{:032x}", output_hash(&bytes))
             }
         };
         parts.iter().map(|(key, hashes)| (key.clone(), join(hashes))).collect()
@@ -168,7 +168,7 @@ impl Collector {
         self.done.get(&cell.schedule.find(Work::Fuse)?)
     }
 
-    /// What stages told of their outputs, by output.
+    /// Reports of the stages on their outputs, by output.
     fn reports(&self, cell: &Cell) -> BTreeMap<String, Value> {
         let report = |(activation, (_, text)): (&usize, &(Event, String))| {
             let activation = cell.schedule.activations.get(*activation)?;

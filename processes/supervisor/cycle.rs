@@ -343,7 +343,7 @@ fn running(flights: &mut VecDeque<CycleInFlight>, cycle: u64) -> Option<&mut Cyc
     flights.iter_mut().find(|flight| flight.cycle == cycle && flight.ended.is_none())
 }
 
-/// Ends a cycle; without a result the stages are told to drop it.
+/// Ends a cycle; without a result the stages drop it.
 fn end(flight: &mut CycleInFlight, result: Result<(), String>, actions: &mut VecDeque<Action>) {
     if result.is_err() {
         actions.push_back(Action::Abort(flight.cycle));

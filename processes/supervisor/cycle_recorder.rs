@@ -85,7 +85,7 @@ impl CycleRecorder {
 
     /// Records the result of the inspection, which the supervisor receives itself.
     pub fn result(&self, cell: &Cell, wire_cycle: u64, text: &str) {
-        if cell.graph.kept == Retention::All {
+        if cell.graph.retention == Retention::All {
             self.record(cell, wire_cycle, Work::Inspect, text.as_bytes());
         }
     }
@@ -171,7 +171,7 @@ impl Drop for CycleRecorder {
 
 impl Subscribers {
     fn new(cell: &Cell, node: &Node) -> Result<Self> {
-        let (graph, kept) = (&cell.graph, cell.graph.kept);
+        let (graph, kept) = (&cell.graph, cell.graph.retention);
         let cameras =
             |prefix: &'static str| graph.cameras.iter().map(move |c| format!("{prefix}/{}", c.name));
         let pairs = graph.pairs.iter().map(|p| format!("cloud/{}", p.name)).chain(["cloud/fused".to_owned()]);
@@ -248,7 +248,7 @@ fn header(cell: &LoadedCell) -> Result<RecordHeader> {
         rig_sha256: config.rig_sha256.clone(),
         recipes: cell.config.recipes.iter().map(Into::into).collect(),
         recording_sha256: config.recording.as_ref().map(|r| r.recording.sha256.clone()),
-        kept: cell.graph.kept,
+        retention: cell.graph.retention,
         activations: activations.collect(),
     })
 }

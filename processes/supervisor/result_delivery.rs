@@ -51,7 +51,7 @@ impl ResultDelivery {
         let written: Vec<Written> = self.writer.iter().flat_map(ResultWriter::written).collect();
         self.settle(written);
         let now = now_ns();
-        // Only who waits is told; the result stays queued, because a disk may come back.
+        // Only the waiting clients are informed; the result stays queued, because a disk may come back.
         for late in self.pending.iter_mut().filter(|pending| pending.deadline_ns <= now) {
             if late.reply.is_some() {
                 tracing::error!(

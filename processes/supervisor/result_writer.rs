@@ -11,7 +11,7 @@ const QUEUE_LIMIT: usize = 64;
 /// A result that the thread is done with.
 #[derive(Debug)]
 pub struct Written {
-    /// The cycle.
+    /// Cycle, counted from 0.
     pub cycle: u64,
     /// Ok, or why the result is not on the disk.
     pub result: Result<()>,
@@ -80,7 +80,7 @@ mod tests {
         CycleResult { cycle, outcome: "ok".into(), ..CycleResult::default() }
     }
 
-    /// Proves: a disk that hangs blocks nobody, its queue is bounded, and once it answers everything queued is written.
+    /// Proves: a disk that hangs blocks no other part of the supervisor, its queue is bounded, and once it answers everything queued is written.
     #[test]
     fn a_hung_disk_blocks_nobody_and_loses_only_what_does_not_fit() {
         let (disk, hung) = bounded::<()>(0);

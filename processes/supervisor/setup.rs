@@ -94,7 +94,7 @@ fn arguments(cell: &LoadedCell, options: &RunOptions, stage: &Stage) -> Vec<Stri
     option("--config", options.config.display().to_string());
     option("--files", short_hashes(&cell.file.read_files()).join(","));
     option("--parent", std::process::id().to_string());
-    option("--kept", cell.graph.kept.to_string());
+    option("--retention", cell.graph.retention.to_string());
     if let Some(folder) = &options.record {
         option("--record", folder.display().to_string());
         if options.cycles != Some(1) {

@@ -322,7 +322,7 @@ impl<'a> Supervisor<'a> {
             if let Some(recorder) = &self.recorder {
                 recorder.result(self.cell, header.cycle, text);
             }
-            collector.judged(inspection, text, header.t_ns.saturating_sub(header.t_last_frame_ns));
+            collector.inspected(inspection, text, header.t_ns.saturating_sub(header.t_last_frame_ns));
             self.step(Input::Result { cycle }, each)?;
         }
         if let Some(snapshot) = &mut self.snapshot {

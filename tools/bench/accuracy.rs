@@ -27,7 +27,8 @@ pub(super) struct Row {
     name: &'static str,
     pub points: usize,
     /// Number of points away from edges, whose distances count.
-    judged: usize,
+    #[serde(rename = "judged")]
+    evaluated: usize,
     pub outliers: usize,
     pub rms_um: f64,
     pub mean_um: f64,
@@ -150,7 +151,7 @@ impl Bench {
         Ok(Row {
             name: case.name,
             points: scanned.points.len(),
-            judged: distances.len(),
+            evaluated: distances.len(),
             outliers: distances.len() - good.len(),
             rms_um: (good.iter().map(|d| d * d).sum::<f64>() / n).sqrt() * 1e3,
             mean_um: mean * 1e3,

@@ -9,7 +9,7 @@ use fringe::pattern::{Axis, Code, PatternSet, Threshold};
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Side of a drawn picture: fixed, so that the draws are the same on every machine.
+/// Side of a drawn image: fixed, so that the draws are the same on every machine.
 const SIDE: u32 = 256;
 /// Black and white, DN of 65535.
 const LEVELS_DN: [f64; 2] = [20_000.0, 45_000.0];

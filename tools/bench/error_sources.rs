@@ -16,7 +16,7 @@ use twin::{Twin, TwinSettings};
 #[derive(clap::Args)]
 pub struct Args {
     /// Columns of the camera, px; the rows keep the aspect ratio. The demo has 1124.
-    #[arg(long, default_value_t = 562)]
+    #[arg(long, value_name = "PX", default_value_t = 562)]
     width_px: u32,
     /// Image of the phase errors (PNG), one tile for each source in the order of the table: grey is zero, black and white are ∓ 0.1 rad.
     #[arg(long, value_name = "FILE")]
@@ -36,9 +36,9 @@ struct Row {
     points: usize,
 }
 
-/// Error in the picture that is black or white, rad.
+/// Error in the image that is black or white, rad.
 const PICTURE_RAD: f32 = 0.1;
-/// Tiles of a row of the picture.
+/// Tiles of a row of the image.
 const TILES: usize = 4;
 
 /// Runs the benchmark, prints its table and writes the result.

@@ -17,10 +17,10 @@ use twin::{Twin, TwinSettings};
 #[derive(clap::Args)]
 pub struct Args {
     /// Strength of the gloss added to all surfaces.
-    #[arg(long, default_value_t = 1.5)]
+    #[arg(long, value_name = "F", default_value_t = 1.5)]
     gloss: f64,
     /// Exposures, as factors of the twin's exposure.
-    #[arg(long, value_delimiter = ',', default_value = "0.2,0.8,3.2")]
+    #[arg(long, value_name = "F", value_delimiter = ',', default_value = "0.2,0.8,3.2")]
     exposures: Vec<f64>,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
@@ -85,13 +85,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
 
 fn row(shown: &Shown, map: &PhaseMap, exposures: String) -> Result<Row> {
     let (errors, lit) = shown.errors_rad(map)?;
-    let told: Vec<f32> = errors.into_iter().filter(|e| !e.is_nan()).collect();
-    let right: Vec<f64> = told.iter().filter(|e| e.abs() < PI).map(|e| f64::from(*e)).collect();
+    let valid: Vec<f32> = errors.into_iter().filter(|e| !e.is_nan()).collect();
+    let right: Vec<f64> = valid.iter().filter(|e| e.abs() < PI).map(|e| f64::from(*e)).collect();
     let n = right.len().max(1) as f64;
     Ok(Row {
         exposures,
-        valid_share: told.len() as f64 / lit.max(1) as f64,
+        valid_share: valid.len() as f64 / lit.max(1) as f64,
         rms_rad: (right.iter().map(|e| e * e).sum::<f64>() / n).sqrt(),
-        wrong_orders: (told.len() - right.len()) as f64 / told.len().max(1) as f64,
+        wrong_orders: (valid.len() - right.len()) as f64 / valid.len().max(1) as f64,
     })
 }

@@ -23,10 +23,10 @@ const CHUNK: u64 = 1 << 16;
 #[derive(clap::Args)]
 pub struct Args {
     /// Number of pixels for each row of the tables.
-    #[arg(long, default_value_t = 10_000_000)]
+    #[arg(long, value_name = "N", default_value_t = 10_000_000)]
     pixels: u64,
     /// Seed of the noise.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]

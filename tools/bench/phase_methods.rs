@@ -22,7 +22,7 @@ const CAMERA_PX: (u32, u32) = (562, 375);
 #[derive(clap::Args)]
 pub struct Args {
     /// Recordings of real frames instead of the twin (docs/formats.md): each method gets some of the steps and is compared with all of them.
-    #[arg(long = "recording")]
+    #[arg(long = "recording", value_name = "DIR")]
     recordings: Vec<PathBuf>,
     /// Another recording of the same scene, by the same camera and projector, as reference: for instance one with a code.
     #[arg(long, value_name = "DIR", requires = "recordings")]
@@ -61,9 +61,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
         for column in &columns {
             let twin = Twin::new(&column.scene, column.settings.clone(), &rig)?;
             let shown = Shown::new(&twin, &rig, "cam1", "proj1", &row.sequence)?;
-            let judged = shown.evaluate(&row.settings, row.method);
-            let refused = judged.as_ref().err().map(|error| format!("{error:#}"));
-            cells.push(Cell { method: row.name, case: column.name.to_owned(), refused, judged: judged.ok() });
+            let evaluated = shown.evaluate(&row.settings, row.method);
+            let refused = evaluated.as_ref().err().map(|error| format!("{error:#}"));
+            cells.push(Cell {
+                method: row.name,
+                case: column.name.to_owned(),
+                refused,
+                evaluated: evaluated.ok(),
+            });
             progress.step();
         }
     }
@@ -200,13 +205,14 @@ fn print(what: &str, columns: &[&str], cells: &[Cell]) {
     for cells in cells.chunks(columns.len()) {
         print!("{:34}", cells[0].method);
         for cell in cells {
-            let told = cell.judged.map_or("refused".to_owned(), |j| {
+            let text = cell.evaluated.map_or("refused".to_owned(), |j| {
                 let (wrong, valid) = (j.wrong_orders * 1e6, j.valid_share * 100.0);
                 format!("{:.1} / {wrong:.0} / {valid:.1}", j.rms_rad * 1e3)
             });
-            print!(" {told:>22}");
+            print!(" {text:>22}");
         }
-        let mut times: Vec<f64> = cells.iter().filter_map(|c| c.judged.map(|j| j.seconds_per_mpx)).collect();
+        let mut times: Vec<f64> =
+            cells.iter().filter_map(|c| c.evaluated.map(|j| j.seconds_per_mpx)).collect();
         times.sort_by(f64::total_cmp);
         println!(" {:>11.3}", times.get(times.len() / 2).copied().unwrap_or(f64::NAN));
     }

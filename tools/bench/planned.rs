@@ -14,7 +14,7 @@ use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::PhaseMap;
 use fringe::planning::geometry::{by_phase, by_projector, projector_px_per_camera_px};
-use fringe::planning::{ORDERS, Proposal, Wanted, geometry::Depth, propose};
+use fringe::planning::{ORDERS, Proposal, Requirements, geometry::Depth, propose};
 use fringe::surface::SurfaceSettings;
 use metrology::fit::{FitSettings, plane};
 use nalgebra::{Point2, Point3};
@@ -38,7 +38,7 @@ const DIM: f64 = 0.16;
 #[derive(clap::Args)]
 pub struct Args {
     /// Columns of the camera, px; the rows keep the aspect ratio. The demo has 1124.
-    #[arg(long, default_value_t = 562)]
+    #[arg(long, value_name = "PX", default_value_t = 562)]
     width_px: u32,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
@@ -149,7 +149,7 @@ struct Bench<'a> {
 }
 
 /// One decoded recording of the twin.
-struct Seen {
+struct DecodedRecording {
     view: View,
     map: PhaseMap,
     diagnosis: Vec<Diagnosis>,
@@ -168,7 +168,7 @@ impl<'a> Bench<'a> {
     }
 
     /// What a user reads from a recording with the demo's patterns (`decode --json`), and the geometry of the rig.
-    fn wanted(&self, way: Way, want_u_um: Option<f64>) -> Result<Wanted> {
+    fn wanted(&self, way: Way, want_u_um: Option<f64>) -> Result<Requirements> {
         let twin = self.twin(1)?;
         let seen = self.see(&twin, "cam1", &twin::thesis::sequence(), &DecodeSettings::default())?;
         let [left, right] = ["cam1", "cam2"].map(|name| self.rig.camera(name));
@@ -188,7 +188,7 @@ impl<'a> Bench<'a> {
             values.sort_by(f32::total_cmp);
             values.get(values.len() / 2).map_or(0.0, |v| f64::from(*v))
         };
-        Ok(Wanted {
+        Ok(Requirements {
             axis: Axis::X,
             extent_px: projector.width_px,
             full_scale_dn: f64::from(twin.settings().full_scale_dn()),
@@ -210,11 +210,11 @@ impl<'a> Bench<'a> {
         camera: &str,
         sequence: &[PatternSet],
         settings: &DecodeSettings,
-    ) -> Result<Seen> {
+    ) -> Result<DecodedRecording> {
         let view = twin.view_lit_by(camera, &["proj1"], 0)?;
         let seen = landed(twin, &view, "proj1", self.rig, sequence, settings)?.decoded(Axis::X)?;
         let noise = [seen.report.noise.read_variance_dn2, seen.report.noise.gain_dn];
-        Ok(Seen { view, map: seen.map, diagnosis: seen.diagnosis, noise })
+        Ok(DecodedRecording { view, map: seen.map, diagnosis: seen.diagnosis, noise })
     }
 
     fn row(&self, case: &str, proposal: &Proposal, way: Way) -> Result<Row> {
@@ -266,7 +266,7 @@ impl<'a> Bench<'a> {
     fn points(
         &self,
         twin: &Twin,
-        one: &Seen,
+        one: &DecodedRecording,
         sequence: &[PatternSet],
         settings: &DecodeSettings,
         way: Way,
@@ -287,7 +287,7 @@ impl<'a> Bench<'a> {
 }
 
 /// Pixels that see the inner part of the plate.
-fn inner(twin: &Twin, seen: &Seen) -> Result<Vec<usize>> {
+fn inner(twin: &Twin, seen: &DecodedRecording) -> Result<Vec<usize>> {
     let width = seen.view.width_px() as usize;
     let mut inner = Vec::new();
     for index in 0..seen.map.info.len() {

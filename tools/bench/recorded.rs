@@ -196,9 +196,9 @@ impl View {
 
     /// One cell of the table.
     pub fn cell(&self, row: &Row) -> Cell {
-        let judged = self.evaluate(row);
-        let refused = judged.as_ref().err().map(|error| format!("{error:#}"));
-        Cell { method: row.name, case: self.reference.case.clone(), refused, judged: judged.ok() }
+        let evaluated = self.evaluate(row);
+        let refused = evaluated.as_ref().err().map(|error| format!("{error:#}"));
+        Cell { method: row.name, case: self.reference.case.clone(), refused, evaluated: evaluated.ok() }
     }
 
     fn evaluate(&self, row: &Row) -> Result<Evaluated> {

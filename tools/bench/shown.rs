@@ -58,7 +58,7 @@ pub struct Cell {
     pub refused: Option<String>,
     /// The result of the method on the case.
     #[serde(flatten)]
-    pub judged: Option<Evaluated>,
+    pub evaluated: Option<Evaluated>,
 }
 
 /// Settings that refuse no map for its wrong orders, so that they are counted.
@@ -153,17 +153,17 @@ impl Taken {
 impl Evaluated {
     /// From the error of each pixel, rad, NaN where there is none, and the number of pixels that could have one.
     pub fn new(map: &PhaseMap, errors: &[f32], lit: usize, seconds: f64) -> Self {
-        let told: Vec<f64> = errors.iter().filter(|e| !e.is_nan()).map(|e| f64::from(*e)).collect();
-        let right: Vec<f64> = told.iter().copied().filter(|e| e.abs() < PI).collect();
+        let valid: Vec<f64> = errors.iter().filter(|e| !e.is_nan()).map(|e| f64::from(*e)).collect();
+        let right: Vec<f64> = valid.iter().copied().filter(|e| e.abs() < PI).collect();
         let n = right.len().max(1) as f64;
         let mut sigma: Vec<f32> = map.sigma_rad.iter().copied().filter(|s| s.is_finite()).collect();
         sigma.sort_by(f32::total_cmp);
         Self {
-            valid_share: told.len() as f64 / lit.max(1) as f64,
+            valid_share: valid.len() as f64 / lit.max(1) as f64,
             rms_rad: (right.iter().map(|e| e * e).sum::<f64>() / n).sqrt(),
             mean_rad: right.iter().sum::<f64>() / n,
             sigma_rad: sigma.get(sigma.len() / 2).map_or(f64::NAN, |s| f64::from(*s)),
-            wrong_orders: (told.len() - right.len()) as f64 / told.len().max(1) as f64,
+            wrong_orders: (valid.len() - right.len()) as f64 / valid.len().max(1) as f64,
             seconds_per_mpx: seconds / (map.info.len() as f64 * 1e-6),
         }
     }

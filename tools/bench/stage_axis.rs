@@ -25,10 +25,10 @@ const TURN_DEG: f64 = 29.0;
 #[derive(clap::Args)]
 pub struct Args {
     /// Number of runs, each with its own noise and first angle.
-    #[arg(long, default_value_t = 12)]
+    #[arg(long = "trials", alias = "seeds", value_name = "N", default_value_t = 12)]
     seeds: u64,
     /// Factor by which the camera of the single-view system is reduced.
-    #[arg(long, default_value_t = 4)]
+    #[arg(long, value_name = "N", default_value_t = 4)]
     reduce: u32,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
@@ -49,7 +49,7 @@ struct Row {
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     if !(1..=1000).contains(&args.seeds) {
-        return super::out_of_range("--seeds", args.seeds, "1 to 1000");
+        return super::out_of_range("--trials", args.seeds, "1 to 1000");
     }
     if !(1..=8).contains(&args.reduce) {
         return super::out_of_range("--reduce", args.reduce.into(), "1 to 8");

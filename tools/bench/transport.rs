@@ -19,16 +19,16 @@ use std::path::{Path, PathBuf};
 #[derive(clap::Args)]
 pub struct Args {
     /// Number of frames per measurement.
-    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(10..100_000))]
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(10..100_000))]
     frames: u32,
     /// Columns of a frame, px; with the default rows 13.5 MB at 8 bits.
-    #[arg(long = "width-px", alias = "width", default_value_t = 4500, value_parser = clap::value_parser!(u32).range(1..65_536))]
+    #[arg(long = "width-px", alias = "width", value_name = "PX", default_value_t = 4500, value_parser = clap::value_parser!(u32).range(1..65_536))]
     width: u32,
     /// Rows of a frame, px.
-    #[arg(long = "height-px", alias = "height", default_value_t = 3000, value_parser = clap::value_parser!(u32).range(1..65_536))]
+    #[arg(long = "height-px", alias = "height", value_name = "PX", default_value_t = 3000, value_parser = clap::value_parser!(u32).range(1..65_536))]
     height: u32,
     /// Frames per second in the measurement of latency.
-    #[arg(long, default_value_t = 50.0)]
+    #[arg(long, value_name = "HZ", default_value_t = 50.0)]
     rate_hz: f64,
     /// The trace.json of a run: report the share of its cycles that transport takes, instead of measuring frames.
     #[arg(long, value_name = "FILE", requires = "config")]

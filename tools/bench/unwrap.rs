@@ -28,13 +28,13 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Recordings with a code as further maps (docs/formats.md): their absolute phase is the truth.
-    #[arg(long = "recording")]
+    #[arg(long = "recording", value_name = "DIR")]
     recordings: Vec<PathBuf>,
     /// Side of the synthetic maps, px.
-    #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=8192))]
+    #[arg(long, value_name = "PX", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(16..=8192))]
     side_px: u32,
     /// Number of repeats of each measurement; the median time is reported.
-    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
     repeats: u32,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]

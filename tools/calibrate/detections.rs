@@ -86,7 +86,7 @@ impl Gathered {
         self.poses.len() - 1
     }
 
-    /// Number of a device, made when it is new; one size for all its pictures.
+    /// Number of a device, made when it is new; one size for all its images.
     pub fn device(&mut self, name: &str, kind: DeviceKind, width_px: u32, height_px: u32) -> Result<usize> {
         if let Some(index) = self.devices.iter().position(|d| d.name == name) {
             let known = &self.devices[index];
@@ -128,7 +128,7 @@ impl Gathered {
         }
     }
 
-    /// Refuses what no adjustment can mend: the target in no picture, or a larger one than declared in most.
+    /// Refuses what no adjustment can mend: the target in no image, or a larger one than declared in most.
     pub fn check(&self, target: &TargetSpec) -> Result<()> {
         let total = self.found + self.refused.len();
         let count = |(columns, rows): (u32, u32)| u64::from(columns) * u64::from(rows);

@@ -1,4 +1,4 @@
-//! `--draw`: every picture with what was found in it, and its residuals once there is a calibration.
+//! `--draw`: every image with what was found in it, and its residuals once there is a calibration.
 
 use super::detections::Gathered;
 use super::target_images::TargetImage;
@@ -9,10 +9,10 @@ use fringe::frame::Frame;
 use report::{GreyPicture, ImagePointMark, ImagePointPicture, image_points_png};
 use std::path::Path;
 
-/// A typical arrow spans this part of the picture's width.
+/// A typical arrow spans this part of the image's width.
 const ARROW_SHARE: f64 = 0.02;
 
-/// Writes `<pose>-<camera>.png` for each picture, also where no target or no calibration was found.
+/// Writes `<pose>-<camera>.png` for each image, also where no target or no calibration was found.
 pub fn write(
     folder: &Path,
     gathered: &Gathered,
@@ -52,7 +52,7 @@ fn picture(
     });
     let (marks, magnification, note) = match (view, report) {
         (Some(_), Some((report, magnification))) => {
-            (adjusted(report, columns), magnification, told(report, magnification))
+            (adjusted(report, columns), magnification, caption(report, magnification))
         }
         (Some(view), None) => (found(view, columns), 1.0, not_adjusted(view, calibration)),
         (None, _) => (Vec::new(), 1.0, image.why.clone().unwrap_or_default()),
@@ -91,7 +91,7 @@ fn adjusted(report: &ViewReport, columns: u32) -> Vec<ImagePointMark> {
     marks
 }
 
-fn told(report: &ViewReport, magnification: f64) -> String {
+fn caption(report: &ViewReport, magnification: f64) -> String {
     let rejected = report.residuals.iter().filter(|r| !r.used).count();
     let turned = if report.turned { ", read the other way round" } else { "" };
     format!(
@@ -106,7 +106,7 @@ fn not_adjusted(view: &View, calibration: Option<&Calibration>) -> String {
     format!("{} points; {why}", view.image_points.len())
 }
 
-/// One for all pictures of a camera, so that they can be compared: 1, 2 or 5 times a power of ten.
+/// One for all images of a camera, so that they can be compared: 1, 2 or 5 times a power of ten.
 fn magnification(calibration: &Calibration, device: usize) -> f64 {
     let device = &calibration.devices[device];
     let wanted = ARROW_SHARE * f64::from(device.camera.width_px) / device.rms_reprojection_px.max(1e-9);

@@ -1,4 +1,4 @@
-//! Pictures of a target without a recording: `--images cam1='left*.png'`.
+//! Images of a target without a recording: `--images cam1='left*.png'`.
 
 use super::detections::{Gathered, SearchedImage, for_all, search};
 use super::target_images::Source;
@@ -7,7 +7,7 @@ use characterise::calibration::DeviceKind;
 use characterise::target::TargetSpec;
 use std::path::PathBuf;
 
-/// Finds the target in the pictures of all cameras; the n-th of each shows pose n.
+/// Finds the target in the images of all cameras; the n-th of each shows pose n.
 pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
     let lists = patterns.iter().map(|pattern| list(pattern)).collect::<Result<Vec<_>>>()?;
     let (first, count) = (&lists[0].0, lists[0].1.len());

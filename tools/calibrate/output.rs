@@ -56,7 +56,7 @@ fn pair(argument: &str, calibration: &Calibration) -> Result<Pair> {
     for device in [left, right] {
         if calibration.device(device).is_none() {
             let known: Vec<&str> = calibration.devices.iter().map(|d| d.name.as_str()).collect();
-            bail!("--pair {argument}: \"{device}\" was not calibrated; there are: {}", known.join(", "));
+            bail!("--pair {argument}: \"{device}\" was not calibrated; known: {}", known.join(", "));
         }
     }
     Ok(Pair {

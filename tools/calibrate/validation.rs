@@ -58,7 +58,7 @@ impl Plan {
                 (0..observations.poses.len()).filter(|p| fits(&observations.poses[*p])).collect();
             match found.as_slice() {
                 [pose] => poses.push(*pose),
-                [] => bail!("--hold-out {name}: no such pose; there are: {}", observations.poses.join(", ")),
+                [] => bail!("--hold-out {name}: no such pose; known: {}", observations.poses.join(", ")),
                 _ => bail!("--hold-out {name}: matches {} poses; give more of the path", found.len()),
             }
         }

@@ -29,10 +29,10 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     rig: PathBuf,
     /// Probability that a healthy pair is reported as unhealthy.
-    #[arg(long, default_value_t = HealthSettings::default().false_alarm)]
+    #[arg(long, value_name = "P", default_value_t = HealthSettings::default().false_alarm)]
     false_alarm: f64,
     /// Smooth systematic errors of the phase (footprint, blur, stray light), rms in px.
-    #[arg(long, default_value_t = HealthSettings::default().phase_error_px)]
+    #[arg(long, value_name = "PX", default_value_t = HealthSettings::default().phase_error_px)]
     phase_error_px: f64,
     /// Append the result to this trend file, one sealed line for each check, and print its history. The file is created when absent.
     #[arg(long, value_name = "FILE")]

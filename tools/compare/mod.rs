@@ -33,16 +33,16 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = Align::None)]
     align: Align,
     /// Inspection plan (TOML, docs/formats.md) with the datums of `--align rps`; the reference is in its part frame.
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     plan: Option<PathBuf>,
     /// Start of `--align best-fit`: `search`, `as-it-lies` (identity), or a file with a 4 × 4 matrix.
     #[arg(long, default_value = "search")]
     start: String,
     /// Points farther from the reference than this are counted and left out, mm.
-    #[arg(long, value_parser = length)]
+    #[arg(long, value_name = "MM", value_parser = length)]
     max_distance: Option<f64>,
     /// Radius of the neighbourhood that defines the surface of a reference cloud, mm; by default three spacings of its points.
-    #[arg(long, value_parser = length)]
+    #[arg(long, value_name = "MM", value_parser = length)]
     radius: Option<f64>,
     /// Direction to the outside of a reference cloud without normals.
     #[arg(long, value_name = "x,y,z", default_value = "0,0,1", allow_hyphen_values = true)]
@@ -51,22 +51,22 @@ pub struct Args {
     #[arg(long, value_name = "D,D,…", value_delimiter = ',', value_parser = length)]
     normal_scales: Option<Vec<f64>>,
     /// M3C2: diameter of the cylinder, mm.
-    #[arg(long, value_parser = length)]
+    #[arg(long, value_name = "MM", value_parser = length)]
     projection_scale: Option<f64>,
     /// M3C2: edge of the cells that contain one core point each, mm.
-    #[arg(long, value_parser = length)]
+    #[arg(long, value_name = "MM", value_parser = length)]
     core: Option<f64>,
     /// M3C2: uncertainty of the alignment, mm.
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long = "registration-error", alias = "registration", value_name = "MM", default_value_t = 0.0)]
     registration: f64,
     /// Upper limit of the colour scale, mm; by default from the data.
-    #[arg(long, value_parser = length)]
+    #[arg(long, value_name = "MM", value_parser = length)]
     range: Option<f64>,
     /// Write the cloud with its deviations as `deviation` (mm) and colours (PLY).
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Write a report with the map of deviations and the histogram (HTML).
-    #[arg(long)]
+    #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
@@ -127,7 +127,7 @@ fn check_flags(args: &Args) -> Result<()> {
         bail!("--align rps and --plan go together: the plan names the datums");
     }
     if args.registration < 0.0 || !args.registration.is_finite() {
-        bail!("--registration {}: an uncertainty is not negative", args.registration);
+        bail!("--registration-error {}: an uncertainty is not negative", args.registration);
     }
     Ok(())
 }

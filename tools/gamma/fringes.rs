@@ -1,6 +1,6 @@
 //! The exponent from fringes, white and black, where no grey levels were recorded.
 
-use super::input::Seen;
+use super::input::ResponseFrames;
 use super::{Args, Waveform, correction, percent};
 use anyhow::{Context, Result};
 use characterise::response::fringes::{FringeResponse, Fringes};
@@ -38,7 +38,7 @@ pub struct FringeResult {
 }
 
 /// Evaluates and prints fringes.
-pub fn run(args: &Args, seen: &Seen) -> Result<(FringeResult, PatternCorrection)> {
+pub fn run(args: &Args, seen: &ResponseFrames) -> Result<(FringeResult, PatternCorrection)> {
     let result = evaluate(args, seen).with_context(|| seen.source.clone())?;
     println!(
         "gamma {:.4}, u {:.4} (from fringes of {} px: {:.4} as drawn, offset {:.4}, gain {:.4}, residuals {:.4} rms)",
@@ -63,7 +63,7 @@ pub fn run(args: &Args, seen: &Seen) -> Result<(FringeResult, PatternCorrection)
     Ok((result, correction))
 }
 
-fn evaluate(args: &Args, seen: &Seen) -> Result<FringeResult> {
+fn evaluate(args: &Args, seen: &ResponseFrames) -> Result<FringeResult> {
     let [white, black] = seen.white_black.as_ref().context("no white and black")?;
     let steps: Vec<_> = seen.sine.iter().map(Frame::view).collect();
     let set = Fringes { steps: &steps, white: white.view(), black: black.view() };

@@ -9,8 +9,8 @@ use fringe::frame::Frame;
 use fringe::pattern::{PatternSet, frame_count};
 use std::path::PathBuf;
 
-/// Frames of one projector and one camera.
-pub struct Seen {
+/// Frames of one projector and one camera, for the response.
+pub struct ResponseFrames {
     /// Where from, for messages.
     pub source: String,
     /// Which projector, if it has a name.
@@ -27,8 +27,8 @@ pub struct Seen {
     pub white_black: Option<[Frame; 2]>,
 }
 
-/// Reads recording or pictures.
-pub fn gather(args: &Args) -> Result<Seen> {
+/// Reads recording or images.
+pub fn gather(args: &Args) -> Result<ResponseFrames> {
     match (&args.recording, args.images.is_empty()) {
         (None, true) => bail!("neither a recording nor --images: give one of them"),
         (Some(_), false) => bail!("a recording and --images together: give one of them"),
@@ -52,7 +52,7 @@ fn levels(text: &str, bits: u8) -> Result<Vec<f64>> {
     }
 }
 
-fn pictures(args: &Args) -> Result<Seen> {
+fn pictures(args: &Args) -> Result<ResponseFrames> {
     if args.projector.is_some() || args.camera.is_some() {
         bail!("--projector and --camera apply to a recording, not to --images");
     }
@@ -78,7 +78,7 @@ fn pictures(args: &Args) -> Result<Seen> {
         stack.push(level, &frame.view()).with_context(|| file.display().to_string())?;
         progress.step();
     }
-    Ok(Seen {
+    Ok(ResponseFrames {
         source: args.images.join(" "),
         projector: None,
         camera: None,
@@ -89,7 +89,7 @@ fn pictures(args: &Args) -> Result<Seen> {
     })
 }
 
-fn recorded(args: &Args, recording: &Recording) -> Result<Seen> {
+fn recorded(args: &Args, recording: &Recording) -> Result<ResponseFrames> {
     let source = recording.folder.display().to_string();
     let projector = projector(args, recording).with_context(|| source.clone())?;
     let names = || projector.cameras.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
@@ -99,7 +99,7 @@ fn recorded(args: &Args, recording: &Recording) -> Result<Seen> {
     };
     let Some(camera) = camera else {
         bail!(
-            "{source}: --camera {}: has no images of \"{}\"; there are: {}",
+            "{source}: --camera {}: has no images of \"{}\"; known: {}",
             args.camera.as_deref().unwrap_or(""),
             projector.name,
             names()
@@ -118,7 +118,7 @@ fn recorded(args: &Args, recording: &Recording) -> Result<Seen> {
         }
         stack = Some(filled);
     }
-    let mut seen = Seen {
+    let mut seen = ResponseFrames {
         corrected: files::correction::is_noted(&recording.provenance, &projector.name),
         projector: Some(projector.name.clone()),
         camera: Some(camera.name.clone()),
@@ -153,7 +153,7 @@ fn projector<'a>(args: &Args, recording: &'a Recording) -> Result<&'a RecordedPr
     match &args.projector {
         Some(name) => recording
             .projector(name)
-            .with_context(|| format!("--projector {name}: not in the recording; there are: {}", names())),
+            .with_context(|| format!("--projector {name}: not in the recording; known: {}", names())),
         None => all
             .iter()
             .find(|p| p.sequence.iter().any(|set| set.grey_levels().is_some()))

@@ -1,6 +1,6 @@
 //! The response from grey levels.
 
-use super::input::Seen;
+use super::input::ResponseFrames;
 use super::{Args, Inverts, Waveform, correction, percent};
 use anyhow::{Context, Result};
 use characterise::response::recorded::{RecordedWaveform, analyse};
@@ -56,7 +56,7 @@ pub struct LevelResult {
 }
 
 /// Evaluates and prints grey levels.
-pub fn run(args: &Args, seen: &Seen) -> Result<(LevelResult, PatternCorrection)> {
+pub fn run(args: &Args, seen: &ResponseFrames) -> Result<(LevelResult, PatternCorrection)> {
     let result = evaluate(args, seen).with_context(|| seen.source.clone())?;
     print(&result);
     let source = match args.table {
@@ -68,7 +68,7 @@ pub fn run(args: &Args, seen: &Seen) -> Result<(LevelResult, PatternCorrection)>
     Ok((result, correction))
 }
 
-fn evaluate(args: &Args, seen: &Seen) -> Result<LevelResult> {
+fn evaluate(args: &Args, seen: &ResponseFrames) -> Result<LevelResult> {
     let stack = seen.stack.as_ref().context("no grey levels")?;
     let levels = stack.levels()?;
     let curve = ResponseCurve::new(&levels, stack.full_scale_dn())?;

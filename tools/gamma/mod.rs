@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail};
 use characterise::response::{Roi, waveform};
 use files::correction::{PatternCorrection, TableSource, write_correction};
 use fringe::pattern::LevelTable;
-use input::Seen;
+use input::ResponseFrames;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -28,19 +28,19 @@ pub struct Args {
     #[arg(long, value_name = "LIST", allow_hyphen_values = true)]
     levels: Option<String>,
     /// Projector of the recording; by default the first.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     projector: Option<String>,
     /// Camera of the recording; by default the first.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     camera: Option<String>,
     /// Region whose mean is evaluated, px; by default the middle 100 × 100 px (fringes: the whole frame).
     #[arg(long, value_name = "x,y,w,h")]
     roi: Option<Roi>,
     /// Number of steps N of the phase whose error is reported.
-    #[arg(long, default_value_t = 3)]
+    #[arg(long, value_name = "N", default_value_t = 3)]
     steps: u32,
     /// Bit depth of the projector: the table has 2^bits entries.
-    #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(8..=16))]
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u8).range(8..=16))]
     bits: u8,
     /// What the table inverts: the measured response, or the polynomial of order 7 (eq. 3.2).
     #[arg(long, value_enum, default_value = "response")]
@@ -116,7 +116,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// Writes the requested files and prints the result.
 fn finish<T: Serialize>(
     args: &Args,
-    seen: &Seen,
+    seen: &ResponseFrames,
     result: &T,
     correction: &PatternCorrection,
     sheet: &report::plot::Sheet,
@@ -138,7 +138,7 @@ fn finish<T: Serialize>(
 }
 
 fn correction(
-    seen: &Seen,
+    seen: &ResponseFrames,
     source: TableSource,
     gamma: f64,
     coefficients: Option<Vec<f64>>,

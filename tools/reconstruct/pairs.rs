@@ -9,7 +9,7 @@ use fringe::geometry::rig::Pair;
 pub(super) fn chosen(mut pairs: Vec<Pair>, names: &[String]) -> Result<Vec<Pair>> {
     if let Some(unknown) = names.iter().find(|name| pairs.iter().all(|p| p.name != **name)) {
         let known: Vec<&str> = pairs.iter().map(|p| p.name.as_str()).collect();
-        bail!("--pair {unknown}: no such pair for this method; there are: {}", known.join(", "));
+        bail!("--pair {unknown}: no such pair for this method; known: {}", known.join(", "));
     }
     pairs.retain(|pair| names.is_empty() || names.contains(&pair.name));
     Ok(pairs)

@@ -18,16 +18,16 @@ pub struct Args {
     #[arg(long = "plane", value_name = "MM=RECORDING", required = true, allow_hyphen_values = true)]
     planes: Vec<Plane>,
     /// Degree of the polynomials, 1 to 3; 1 is K₀ alone (eq. 2.19).
-    #[arg(long, default_value_t = 2)]
+    #[arg(long, value_name = "N", default_value_t = 2)]
     degree: usize,
     /// In each pixel, leave out planes beyond so many robust standard deviations of the residuals over the field; `inf` leaves none out.
-    #[arg(long, value_name = "SIGMAS", default_value_t = 6.0)]
+    #[arg(long = "reject-sigmas", alias = "reject", value_name = "SIGMAS", default_value_t = 6.0)]
     reject: f64,
     /// Camera of the recordings; required when they have several.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     camera: Option<String>,
     /// Projector of the recordings; required when they have several.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     projector: Option<String>,
     /// Axis of the fringes: the one along which camera and projector are separated.
     #[arg(long, value_enum, default_value_t = AxisName::X)]

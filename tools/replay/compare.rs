@@ -1,9 +1,9 @@
 //! How an output of the replay differs from the recorded one.
 
 use files::cycle_record::{ActivationEntry, ActivationName};
+use ipc::output_hash;
 use serde::Serialize;
 use std::fmt;
-use xxhash_rust::xxh3::xxh3_128;
 
 /// An output that differs.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -30,7 +30,7 @@ pub struct Difference {
 
 /// The hash of an output, as stages report it.
 pub fn hash(bytes: &[u8]) -> [u64; 2] {
-    let hash = xxh3_128(bytes);
+    let hash = output_hash(bytes);
     [(hash >> 64) as u64, hash as u64]
 }
 

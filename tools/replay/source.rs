@@ -15,7 +15,7 @@ pub enum Source<'a> {
     /// From recording or twin.
     Driven(Driven<'a>),
     /// From the cycle record.
-    Kept {
+    Recorded {
         /// The cell whose frames these are.
         cell: &'a Cell,
         /// Those of one cycle, by activation.
@@ -28,7 +28,7 @@ impl<'a> Source<'a> {
     pub fn new(cell: &'a LoadedCell, kept: Retention) -> Result<Self> {
         Ok(match kept {
             Retention::Hashes => Self::Driven(Driven::new(cell)?),
-            Retention::Frames | Retention::All => Self::Kept { cell, frames: BTreeMap::new() },
+            Retention::Frames | Retention::All => Self::Recorded { cell, frames: BTreeMap::new() },
         })
     }
 
@@ -36,7 +36,7 @@ impl<'a> Source<'a> {
     pub fn load(&mut self, reader: &mut RecordReader, cycle: &RecordedCycle) -> Result<()> {
         match self {
             Self::Driven(driven) => Ok(driven.begin(cycle.entry.cycle)?),
-            Self::Kept { cell, frames } => {
+            Self::Recorded { cell, frames } => {
                 frames.clear();
                 for (&number, value) in &cycle.values {
                     let activation = cell.schedule.activations.get(number as usize);
@@ -54,7 +54,7 @@ impl Frames for Source<'_> {
     fn expose(&mut self, activation: usize, out: &mut [u8]) -> Result<(), SourceError> {
         match self {
             Self::Driven(driven) => driven.expose(activation, out),
-            Self::Kept { frames, .. } => {
+            Self::Recorded { frames, .. } => {
                 let frame = frames.get(&activation).ok_or("the record does not hold this frame")?;
                 if frame.len() != out.len() {
                     let (here, there) = (frame.len(), out.len());

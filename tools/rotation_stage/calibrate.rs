@@ -21,10 +21,10 @@ pub struct Args {
     #[arg(long, value_enum, default_value_t = Artefact::Sphere)]
     artefact: Artefact,
     /// Sphere: use only points within this distance of its surface, mm.
-    #[arg(long, default_value = "0.2", value_parser = length)]
+    #[arg(long, value_name = "MM", default_value = "0.2", value_parser = length)]
     within: f64,
     /// Sphere: fixed diameter, mm; by default it is fitted.
-    #[arg(long, value_parser = length)]
+    #[arg(long, value_name = "MM", value_parser = length)]
     diameter: Option<f64>,
     /// Object: approximate axis, a point (mm) and a direction; by default each view is registered to the one before by search.
     #[arg(long, value_name = "x,y,z,dx,dy,dz", allow_hyphen_values = true)]

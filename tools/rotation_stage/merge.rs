@@ -27,7 +27,7 @@ pub struct Args {
     #[arg(long)]
     no_refine: bool,
     /// Largest distance of a match in ICP, and largest motion of a view by it, mm.
-    #[arg(long, default_value = "1", value_parser = length)]
+    #[arg(long, value_name = "MM", default_value = "1", value_parser = length)]
     reach: f64,
     /// Merged cloud to write (PLY).
     #[arg(long, value_name = "FILE")]

@@ -21,7 +21,7 @@ const BARS: [(f64, f64, [f64; 3]); 7] = [
 ];
 
 /// One recording of the test.
-pub struct Shot {
+pub struct TestRecording {
     /// Name of the recording's folder.
     pub name: String,
     /// Position that it belongs to.
@@ -35,7 +35,7 @@ pub struct Shot {
     middle_mm: [f64; 3],
 }
 
-impl Shot {
+impl TestRecording {
     /// Nominal motion of the artefact: first the inclination, then the turn about the vertical.
     pub fn place(&self) -> Isometry3<f64> {
         let (elevation, azimuth) = (-self.elevation_deg.to_radians(), self.azimuth_deg.to_radians());
@@ -45,12 +45,12 @@ impl Shot {
 }
 
 /// All recordings of a test.
-pub fn shots(reduced: bool) -> Vec<Shot> {
+pub fn recordings(reduced: bool) -> Vec<TestRecording> {
     let (positions, views, bars) = if reduced { (1, 2, 2) } else { (SPHERE_MM.len(), VIEWS, BARS.len()) };
-    let mut shots = Vec::new();
+    let mut recordings = Vec::new();
     for (p, middle_mm) in SPHERE_MM.iter().take(positions).enumerate() {
         for v in 0..views {
-            shots.push(Shot {
+            recordings.push(TestRecording {
                 name: format!("sphere{}-view{}", p + 1, v + 1),
                 position: format!("sphere {}", p + 1),
                 view: format!("view {}", v + 1),
@@ -62,7 +62,7 @@ pub fn shots(reduced: bool) -> Vec<Shot> {
         }
     }
     for (b, (azimuth_deg, elevation_deg, middle_mm)) in BARS.iter().take(bars).enumerate() {
-        shots.push(Shot {
+        recordings.push(TestRecording {
             name: format!("bar{}", b + 1),
             position: format!("bar {}", b + 1),
             view: "view 1".to_owned(),
@@ -72,5 +72,5 @@ pub fn shots(reduced: bool) -> Vec<Shot> {
             middle_mm: *middle_mm,
         });
     }
-    shots
+    recordings
 }

@@ -1,6 +1,6 @@
 //! The plan that goes with simulated recordings.
 
-use super::layout::Shot;
+use super::layout::TestRecording;
 use anyhow::{Context, Result};
 use files::config::Config;
 use fringe::pattern::frame_count;
@@ -25,7 +25,7 @@ const LIMITS: [(&str, Limit); 3] = [
 const DAY: &str = "2026-01-01";
 
 /// The plan as TOML.
-pub fn text(shots: &[Shot], rig: &str, reduced: bool, config: &Config) -> Result<String> {
+pub fn text(recordings: &[TestRecording], rig: &str, reduced: bool, config: &Config) -> Result<String> {
     let frames = config.cell.projectors.first().map_or(0, |p| frame_count(&p.sequence));
     let plan = TestPlan {
         format: TEST_FORMAT.into(),
@@ -56,7 +56,7 @@ pub fn text(shots: &[Shot], rig: &str, reduced: bool, config: &Config) -> Result
         segmentation: Segmentation::default(),
         references: REFERENCES_MM.map(|diameter_mm| Reference { diameter_mm }).into(),
         artefacts: artefacts(),
-        positions: positions(shots),
+        positions: positions(recordings),
     };
     toml::to_string(&plan).context("the plan")
 }
@@ -97,25 +97,25 @@ fn artefacts() -> Vec<Artefact> {
     vec![sphere, bar]
 }
 
-fn positions(shots: &[Shot]) -> Vec<PositionPlan> {
+fn positions(recordings: &[TestRecording]) -> Vec<PositionPlan> {
     let mut positions: Vec<PositionPlan> = Vec::new();
-    for shot in shots {
+    for recording in recordings {
         let view = ViewPlan {
-            name: shot.view.clone(),
-            recording: Some(shot.name.clone()),
+            name: recording.view.clone(),
+            recording: Some(recording.name.clone()),
             cloud: None,
             near_mm: Vec::new(),
             exclude_mm: Vec::new(),
             transform: None,
         };
-        match positions.last_mut().filter(|last| last.name == shot.position) {
+        match positions.last_mut().filter(|last| last.name == recording.position) {
             Some(position) => position.views.push(view),
             None => positions.push(PositionPlan {
-                name: shot.position.clone(),
+                name: recording.position.clone(),
                 repeat: 1,
                 retest: false,
-                artefact: if shot.bar { "compliant bar" } else { "sphere 1" }.into(),
-                register: if shot.bar { RegisterBy::Frame } else { RegisterBy::References },
+                artefact: if recording.bar { "compliant bar" } else { "sphere 1" }.into(),
+                register: if recording.bar { RegisterBy::Frame } else { RegisterBy::References },
                 views: vec![view],
             }),
         }

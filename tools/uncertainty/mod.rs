@@ -22,7 +22,7 @@ pub struct Args {
     #[arg(long)]
     monte_carlo: bool,
     /// Seed instead of that of the budget.
-    #[arg(long, requires = "monte_carlo")]
+    #[arg(long, value_name = "N", requires = "monte_carlo")]
     seed: Option<u64>,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]

@@ -13,13 +13,13 @@ pub struct Choice {
     #[arg(long, value_enum, default_value_t = Quality::DerivativeVariance)]
     quality: Quality,
     /// Branch cuts: largest distance between paired residues, px.
-    #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "PX", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     reach_px: u32,
     /// Least squares: stop at this residual, as a fraction of the first.
-    #[arg(long, default_value_t = 1e-4)]
+    #[arg(long, value_name = "F", default_value_t = 1e-4)]
     tolerance: f64,
     /// Least squares: largest number of steps.
-    #[arg(long, default_value_t = 200)]
+    #[arg(long, value_name = "N", default_value_t = 200)]
     max_iterations: u32,
     /// Least squares: write the smooth solution instead of the measured phase plus whole periods nearest to it.
     #[arg(long)]

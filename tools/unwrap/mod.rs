@@ -29,10 +29,10 @@ pub struct Args {
     #[arg(long, default_value = "none", value_name = "none|code|FILE")]
     anchor: String,
     /// Process only this camera.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     camera: Option<String>,
     /// Process only this projector.
-    #[arg(long)]
+    #[arg(long, value_name = "NAME")]
     projector: Option<String>,
     /// Folder to write the wrapped and the unwrapped phase of each view to (`….npy`), with images (`….png`).
     #[arg(long, value_name = "DIR")]

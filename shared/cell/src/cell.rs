@@ -18,7 +18,7 @@ pub struct Cell {
     pub graph: Graph,
     /// The plan of a cycle.
     pub schedule: Schedule,
-    /// How frames lie in memory: by projector and camera; absent where the camera does not look at the projector.
+    /// How frames lie in memory: by projector and camera; absent where the camera takes no frames of the projector.
     pub formats: Vec<Vec<Option<FrameFormat>>>,
 }
 
@@ -41,7 +41,7 @@ impl Cell {
     /// How the frames of a camera under a projector lie in memory.
     ///
     /// # Errors
-    /// The camera does not look at the projector.
+    /// The camera takes no frames of the projector.
     pub fn format(&self, projector: usize, camera: usize) -> Result<FrameFormat, CellError> {
         let format = self.formats.get(projector).and_then(|cameras| cameras.get(camera).copied().flatten());
         format.ok_or_else(|| CellError::NotSeen {

@@ -1,4 +1,4 @@
-//! What a cell is: checked, every reference resolved, no file in sight.
+//! The checked configuration of a cell: every reference is resolved, and no file is needed any more.
 //!
 //! `files` reads it from TOML and points into that file where something is wrong.
 

@@ -8,7 +8,7 @@ use thiserror::Error;
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum CellError {
     /// A camera without frames of a projector.
-    #[error("camera \"{camera}\" does not look at projector \"{projector}\"")]
+    #[error("camera \"{camera}\" takes no frames of projector \"{projector}\"")]
     NotSeen {
         /// Name of the camera.
         camera: String,

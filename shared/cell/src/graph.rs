@@ -1,4 +1,4 @@
-//! The cell as the schedule sees it: who looks, who lights, who is matched.
+//! The graph of a cell for the schedule: cameras, projectors and pairs by index.
 
 use crate::configuration::{CameraConfig, Configuration};
 use crate::error::ScheduleError;
@@ -25,7 +25,7 @@ pub struct Graph {
     /// Whether the supervisor watches frames, phases and the fused cloud for its report.
     pub watch: bool,
     /// Which bytes the supervisor keeps in a cycle record.
-    pub kept: Retention,
+    pub retention: Retention,
     /// Frames per second of a recording that is played, if one is and it is paced.
     pub rate_hz: Option<f64>,
     /// Longest duration of a cycle, ms.
@@ -68,7 +68,7 @@ impl Graph {
             height_px: c.height_px,
         };
         // A record that keeps bytes takes them cycle by cycle, so that a crash loses one cycle and not all that follow.
-        let in_flight = match options.kept {
+        let in_flight = match options.retention {
             Retention::Hashes => config.schedule.cycles_in_flight as usize,
             Retention::Frames | Retention::All => 1,
         };
@@ -80,7 +80,7 @@ impl Graph {
             in_flight,
             record: options.record,
             watch: options.watch,
-            kept: options.kept,
+            retention: options.retention,
             rate_hz: config.rate_hz,
             cycle_deadline_ms: config.limits.cycle_deadline_ms,
         })
@@ -108,7 +108,7 @@ impl Graph {
     }
 }
 
-/// Axes along which a sequence tells a phase, x before y.
+/// Axes along which a sequence gives a phase, x before y.
 fn sine_axes(sequence: &[PatternSet]) -> Vec<Axis> {
     let sines = sequence.iter().filter(|set| matches!(set, PatternSet::Sine { .. }));
     let axes: BTreeSet<Axis> = sines.filter_map(PatternSet::axis).collect();
@@ -171,13 +171,13 @@ impl PairNode {
     }
 
     /// Axes whose phases it takes: all that the projector shows. Two cameras match the one that changes most along their
-    /// epipolar lines, which only the phases tell.
+    /// epipolar lines, which only the phases show.
     pub fn axes<'a>(&self, projector: &'a ProjectorNode) -> &'a [Axis] {
         &projector.axes
     }
 }
 
-/// Axes whose phases of a camera and a projector somebody takes.
+/// Axes whose phases of a camera under a projector are used by a pair.
 pub fn axes_taken(graph: &Graph, camera: usize, projector: usize) -> Vec<Axis> {
     let takers = graph.pairs.iter().filter(|p| p.projector == projector && p.cameras().contains(&camera));
     let axes: BTreeSet<Axis> =

@@ -12,5 +12,5 @@ pub struct Options {
     /// Whether a recording is written.
     pub record: bool,
     /// Which bytes a cycle record keeps.
-    pub kept: Retention,
+    pub retention: Retention,
 }

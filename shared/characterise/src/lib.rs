@@ -1,4 +1,4 @@
-//! From pictures to a rig: what is known of cameras, projectors and stages before a part is measured.
+//! From images to a rig: what is known of cameras, projectors and stages before a part is measured.
 //!
 //! Pure: no files, no clock, no environment, no logging, no `unsafe`. Conventions and determinism are those of
 //! [`fringe`].

@@ -48,7 +48,7 @@ impl Camera for TwinCamera {
 
     fn expose(&mut self, projector: usize, frame: usize, out: &mut [u8]) -> Result<(), DeviceError> {
         let missing = |what: &str| DeviceError::Frame(what.to_owned());
-        let view = self.view.as_ref().ok_or_else(|| missing("no part stands before the camera"))?;
+        let view = self.view.as_ref().ok_or_else(|| missing("there is no part in this cycle"))?;
         let lamp = self.lamps.iter_mut().find(|(number, _)| *number == projector);
         let (_, renderer) = lamp.ok_or_else(|| missing("the camera does not see this projector"))?;
         let pixels = if self.is_8bit {

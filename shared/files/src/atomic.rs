@@ -7,7 +7,7 @@ use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Tells the temporary files of one process apart; the process id tells processes apart.
+/// Distinguishes the temporary files of one process; the process id distinguishes processes.
 static COUNTER: AtomicU64 = AtomicU64::new(0);
 
 /// Writes a file in one step: a temporary one beside it, flushed to the disk, then renamed over it.

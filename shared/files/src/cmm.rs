@@ -57,7 +57,7 @@ pub fn read_values(path: &Path) -> Result<Vec<CmmValue>, FileError> {
         let found = value(&columns, &record, semicolons).and_then(|found| {
             let twice = values.iter().any(|earlier| earlier.name == found.name);
             if twice {
-                let limit = "each name stands once".into();
+                let limit = "each name occurs once".into();
                 return Err((Problem::Value { value: found.name, limit }, "name"));
             }
             Ok(found)

@@ -47,7 +47,7 @@ pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>, FileError> {
         ));
     }
     let mut bytes = Vec::new();
-    // One byte beyond the limit tells a longer file, also where the metadata do not know the length (pipes).
+    // One byte beyond the limit shows a longer file, also where the metadata do not know the length (pipes).
     file.take(limit + 1).read_to_end(&mut bytes).map_err(|source| FileError::io(path, "read it", source))?;
     if bytes.len() as u64 > limit {
         let found = metadata.len().max(bytes.len() as u64);
@@ -69,7 +69,7 @@ pub(crate) fn refuse_named_pipe(path: &Path) -> Result<(), FileError> {
     Ok(())
 }
 
-/// Refuses what is there but no file: folders, devices, pipes. What is absent passes, for the caller to tell.
+/// Refuses what is there but no file: folders, devices, pipes. What is absent passes, for the caller to report.
 ///
 /// # Errors
 /// A folder, device or pipe.

@@ -58,7 +58,7 @@ pub enum Problem {
         /// The format that is expected.
         expected: String,
     },
-    /// A key that nobody reads.
+    /// A key that the format does not have.
     #[error("unknown key \"{name}\"; known here: {known}")]
     UnknownKey {
         /// The key as written.
@@ -142,7 +142,7 @@ impl FileError {
         let remedy = match source.kind() {
             std::io::ErrorKind::NotFound => "check the path",
             std::io::ErrorKind::PermissionDenied => "check the permissions",
-            std::io::ErrorKind::StorageFull => "make room on the disk",
+            std::io::ErrorKind::StorageFull => "free space on the disk",
             _ => "",
         };
         Self::new(path, Problem::Io { action, source }, remedy)

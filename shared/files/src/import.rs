@@ -116,7 +116,7 @@ pub fn import(layout: &Path, source: &Path, out: &Path) -> Result<ImportReport, 
     let raw: RawLayout = document.parse(LAYOUT_FORMAT)?;
     if raw.projector.is_empty() {
         let problem = Problem::Missing("[[projector]]".into());
-        return Err(document.fault("projector", problem, "say what was projected"));
+        return Err(document.fault("projector", problem, "describe each projector and its sequence"));
     }
     let files = raw
         .projector
@@ -214,7 +214,7 @@ fn frame_files(
             }
             _ => {
                 let problem = Problem::Unsupported("needs files (with first), or list, not both".into());
-                return Err(document.fault(&key, problem, "say which file is which frame"));
+                return Err(document.fault(&key, problem, "name the file of each frame"));
             }
         };
         let paths: Vec<PathBuf> = names.iter().map(|name| source.join(name)).collect();

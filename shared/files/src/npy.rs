@@ -76,7 +76,7 @@ pub fn read(path: &Path) -> Result<Raster, FileError> {
         shape(header).ok_or_else(|| fault("is not two-dimensional with 1 to 65535 rows and columns"))?;
     let pixels = width_px as usize * height_px as usize;
     if data.len() != pixels * if double { 8 } else { 4 } {
-        return Err(fault("is shorter or longer than its shape says"));
+        return Err(fault("does not have the length that its shape states"));
     }
     let values = if double {
         data.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b) as f32).collect()
@@ -91,9 +91,9 @@ pub fn read(path: &Path) -> Result<Raster, FileError> {
 pub enum Values {
     /// Bytes; `bool` too, as 0 and 1.
     U8(Vec<u8>),
-    /// Single precision.
+    /// Values in single precision.
     F32(Vec<f32>),
-    /// Double precision.
+    /// Values in double precision.
     F64(Vec<f64>),
 }
 

@@ -22,7 +22,7 @@ pub struct CycleResult {
     pub cycle: u64,
     /// [`OUTCOME_OK`] or the reason.
     pub outcome: String,
-    /// Over all features; absent when nothing was judged.
+    /// Over all features; absent when no feature has limits.
     pub verdict: Option<Verdict>,
     /// In the order of the inspection plan.
     pub features: Vec<FeatureResult>,
@@ -77,7 +77,7 @@ pub struct CycleResult {
     /// The recipe that the part was inspected with.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recipe: Option<String>,
-    /// What stages tell of their outputs, by output; each stage has keys of its own.
+    /// Reports of the stages on their outputs, by output; each kind of stage has its own keys.
     #[serde(default)]
     pub reports: BTreeMap<String, Value>,
     /// SHA-256 of the rig file, hexadecimal.
@@ -150,7 +150,7 @@ pub fn write_json<T: Serialize>(path: &Path, value: &T) -> Result<(), FileError>
 /// Reads JSON.
 ///
 /// # Errors
-/// Absent, not JSON, or other keys than meant; the message tells the line.
+/// Absent, not JSON, or other keys than meant; the message names the line.
 pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, FileError> {
     serde_json::from_str(&read_text(path)?).map_err(|error| {
         let mut fault = FileError::new(path, Problem::Syntax(error.to_string()), "");

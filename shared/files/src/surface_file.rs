@@ -37,7 +37,7 @@ enum Kind {
     E57,
 }
 
-/// Reads a cloud (PLY, E57) or a mesh (STL, PLY with faces), told apart by content.
+/// Reads a cloud (PLY, E57) or a mesh (STL, PLY with faces), distinguished by content.
 ///
 /// # Errors
 /// Another kind of file, or a damaged one.

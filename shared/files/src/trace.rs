@@ -194,7 +194,7 @@ struct RawTrace {
 /// Reads what [`write_trace`] wrote; its times count from the first span or cycle, in whole ns.
 ///
 /// # Errors
-/// Absent, or not such a trace; the message tells the line.
+/// Absent, or not such a trace; the message names the line.
 pub fn read_trace(path: &Path) -> Result<Trace, FileError> {
     let raw: RawTrace = read_json(path)?;
     let mut trace = Trace::default();

@@ -13,7 +13,7 @@ pub struct PhaseInfo {
     pub width_px: u32,
     /// Rows of the map, px.
     pub height_px: u32,
-    /// The projector axis that the phase tells.
+    /// The projector axis of the phase.
     pub axis: Axis,
     /// Projector pixels per 2π: projector coordinate = phase · period / 2π.
     pub period_px: f64,

@@ -228,7 +228,7 @@ extern "C" fn terminate(_signal: libc::c_int) {
     TERMINATED.store(true, Ordering::Relaxed);
 }
 
-/// Catches SIGINT, SIGTERM, SIGQUIT and SIGHUP (closed terminal); [`is_terminated`] tells of them. A SIGHUP that is ignored,
+/// Catches SIGINT, SIGTERM, SIGQUIT and SIGHUP (closed terminal); [`is_terminated`] reports them. A SIGHUP that is ignored,
 /// as under `nohup`, stays so.
 ///
 /// # Errors

@@ -5,10 +5,10 @@
 
 use crate::error::MessageError;
 use crate::header::{Cloud, Frame, Header, Phase};
+use crate::output_hash;
 use fringe::cloud::Point;
 use fringe::frame::{FrameView, Pixels};
 use fringe::phase::{PhaseView, PhaseViewMut};
-use xxhash_rust::xxh3::xxh3_128;
 
 /// Checks that a payload has the length that its header states.
 ///
@@ -44,7 +44,7 @@ pub fn frame<'a>(header: &Frame, payload: &'a [u8]) -> Result<FrameView<'a>, Mes
 /// # Errors
 /// [`MessageError::Changed`].
 pub fn check_pixels(header: &Frame, payload: &[u8]) -> Result<(), MessageError> {
-    let hash = xxh3_128(payload);
+    let hash = output_hash(payload);
     if (header.hash_high, header.hash_low) == ((hash >> 64) as u64, hash as u64) {
         Ok(())
     } else {
@@ -143,7 +143,7 @@ mod tests {
         let mut pixels: Vec<u8> = (0..=255).collect();
         let mut header =
             Frame { width_px: 16, height_px: 16, bytes_per_px: 1, full_scale_dn: 255, ..Frame::default() };
-        header.set_hash(xxh3_128(&pixels));
+        header.set_hash(output_hash(&pixels));
         check_pixels(&header, &pixels).unwrap();
         for bit in 0..8 * pixels.len() {
             pixels[bit / 8] ^= 1 << (bit % 8);
@@ -157,7 +157,7 @@ mod tests {
     fn time_of_the_check_of_a_frame() {
         let pixels = vec![7_u8; 5_000_000];
         let mut header = Frame::default();
-        header.set_hash(xxh3_128(&pixels));
+        header.set_hash(output_hash(&pixels));
         let mut times: Vec<_> = (0..101)
             .map(|_| {
                 let begin = std::time::Instant::now();

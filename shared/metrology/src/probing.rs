@@ -57,7 +57,7 @@ pub struct Rectangle {
 }
 
 /// At least `count` points on a rectangle: a grid of cells as square as possible, one point at random in each, which
-/// keeps the spread even and the waves of milling apart from the grid. `taken` tells which places (along the edges from
+/// keeps the spread even and the waves of milling apart from the grid. `taken` states which places (along the edges from
 /// the middle, mm) may be probed; the grid becomes finer until enough of its points fall on such places.
 ///
 /// Returns fewer points only when `taken` refuses nearly everything.

@@ -24,7 +24,7 @@ pub struct ReportInput<'a> {
     pub plan_id: String,
     /// Further lines of the header: label and text.
     pub details: Vec<(String, String)>,
-    /// The word at the top; `None`: the cycle did not end well, or nothing was judged.
+    /// The word at the top; `None`: the cycle did not end well, or no feature has limits.
     pub verdict: Option<Verdict>,
     /// One sentence below it: why there is no result, for instance. May be empty.
     pub reason: String,

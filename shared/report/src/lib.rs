@@ -59,7 +59,7 @@ pub fn write_html(path: &Path, input: &ReportInput<'_>) -> Result<(), ReportErro
 /// # Errors
 /// A contradiction, or a picture whose data do not fit their size.
 pub fn html(input: &ReportInput<'_>) -> Result<String, ReportError> {
-    let unfit = |row: &&FeatureRow| row.is_judged() && row.feature.verdict != Some(Verdict::Pass);
+    let unfit = |row: &&FeatureRow| row.has_limits() && row.feature.verdict != Some(Verdict::Pass);
     match input.features.iter().find(unfit) {
         Some(bad) if input.verdict == Some(Verdict::Pass) => {
             return Err(ReportError::Contradiction { feature: bad.feature.name.clone() });

@@ -25,7 +25,7 @@ fn class(verdict: Option<Verdict>) -> &'static str {
 
 impl FeatureRow {
     /// Whether it counts for the verdict: it has limits, or was decided about.
-    pub(super) fn is_judged(&self) -> bool {
+    pub(super) fn has_limits(&self) -> bool {
         self.feature.verdict.is_some() || self.feature.has_limits()
     }
 }
@@ -67,19 +67,19 @@ pub fn verdict(page: &mut Page, input: &ReportInput<'_>) {
 
 /// The verdict as a sentence, counted from the table.
 fn sentence(input: &ReportInput<'_>) -> String {
-    let judged: Vec<Option<Verdict>> =
-        input.features.iter().filter(|row| row.is_judged()).map(|row| row.feature.verdict).collect();
-    let number = |wanted: Option<Verdict>| judged.iter().filter(|verdict| **verdict == wanted).count();
-    if judged.is_empty() {
+    let verdicts: Vec<Option<Verdict>> =
+        input.features.iter().filter(|row| row.has_limits()).map(|row| row.feature.verdict).collect();
+    let number = |wanted: Option<Verdict>| verdicts.iter().filter(|verdict| **verdict == wanted).count();
+    if verdicts.is_empty() {
         return match input.verdict {
             None => "The measurement gave no result.".to_owned(),
             Some(_) => "No feature has limits.".to_owned(),
         };
     }
-    let all = if judged.len() == 1 {
+    let all = if verdicts.len() == 1 {
         "1 feature with limits".to_owned()
     } else {
-        format!("{} features with limits", judged.len())
+        format!("{} features with limits", verdicts.len())
     };
     let mut parts = vec![format!("{} within", number(Some(Verdict::Pass)))];
     let others = [
@@ -93,7 +93,7 @@ fn sentence(input: &ReportInput<'_>) -> String {
             n => parts.push(format!("{n} {words}")),
         }
     }
-    if number(Some(Verdict::Pass)) == judged.len() {
+    if number(Some(Verdict::Pass)) == verdicts.len() {
         format!("{all}: all within.")
     } else {
         format!("{all}: {}.", parts.join(", "))
@@ -132,7 +132,7 @@ pub fn features(page: &mut Page, input: &ReportInput<'_>) {
     page.small(&input.decision_rule);
     if truth {
         page.small(
-            "Truth is what the simulator was told to build; it is known only because this part is simulated, and the \
+            "Truth is the value in the scene of the simulator; it is known only because this part is simulated, and the \
              measurement did not see it. Error is measured minus truth.",
         );
     }
@@ -165,7 +165,7 @@ fn feature_row(page: &mut Page, row: &FeatureRow, factor: f64, truth: bool) {
         Text(unit(&feature.unit.to_string()))
     ));
     charts::tolerance(page, feature, uncertainty);
-    let mark = if row.is_judged() { verdict_mark(feature.verdict) } else { NONE.to_owned() };
+    let mark = if row.has_limits() { verdict_mark(feature.verdict) } else { NONE.to_owned() };
     page.put(format_args!("</td><td>{mark}</td>"));
     if truth {
         let error = row.truth.map_or_else(|| NONE.to_owned(), |t| signed(value - t, digits));

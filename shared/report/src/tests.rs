@@ -92,7 +92,7 @@ fn cycles() -> Vec<CycleResult> {
 }
 
 /// What the report only looks at, so that it outlives it.
-struct Seen {
+struct Inputs {
     cloud: Vec<Point>,
     map: PhaseMap,
     deviations: Vec<(u32, f32)>,
@@ -100,7 +100,7 @@ struct Seen {
     cycles: Vec<CycleResult>,
 }
 
-impl Seen {
+impl Inputs {
     fn new() -> Self {
         Self { cloud: cap(), map: ramp(), deviations: Vec::new(), overlaps: overlaps(), cycles: cycles() }
     }
@@ -110,8 +110,8 @@ impl Seen {
     }
 }
 
-fn rich(seen: &Seen) -> ReportInput<'_> {
-    let Seen { cloud, map, deviations, overlaps, cycles } = seen;
+fn rich(seen: &Inputs) -> ReportInput<'_> {
+    let Inputs { cloud, map, deviations, overlaps, cycles } = seen;
     let span = |stage: &str, activity, start_ns, end_ns| Span {
         stage: stage.to_owned(),
         activity,
@@ -159,7 +159,7 @@ fn waves() -> Vec<(u32, f32)> {
 
 #[test]
 fn a_full_report_says_what_it_was_given() {
-    let seen = Seen::with(waves());
+    let seen = Inputs::with(waves());
     let html = html(&rich(&seen)).unwrap();
     let said = [
         "PASS",
@@ -167,7 +167,7 @@ fn a_full_report_says_what_it_was_given() {
         // Expanded uncertainty 0.0060 mm: four digits; error against the truth with its sign.
         "<b>60.1966</b></td><td class=\"n\">0.0060</td>",
         "+0.0026",
-        "the simulator was told",
+        "the scene of the simulator",
         "U <small>(k&#8239;=&#8239;2)</small>",
         "left pair (200 points)",
         "−2.1",
@@ -184,7 +184,7 @@ fn a_full_report_says_what_it_was_given() {
 
 #[test]
 fn the_file_needs_nothing_else() {
-    let seen = Seen::with(waves());
+    let seen = Inputs::with(waves());
     let html = html(&rich(&seen)).unwrap();
     for attribute in ["src=\"", "href=\""] {
         let targets: Vec<&str> = html.split(attribute).skip(1).collect();
@@ -200,7 +200,7 @@ fn the_file_needs_nothing_else() {
 
 #[test]
 fn the_same_input_gives_the_same_bytes() {
-    let seen = Seen::with(waves());
+    let seen = Inputs::with(waves());
     let input = rich(&seen);
     assert_eq!(html(&input).unwrap(), html(&input.clone()).unwrap());
 }
@@ -208,7 +208,7 @@ fn the_same_input_gives_the_same_bytes() {
 #[test]
 fn text_from_outside_stays_text() {
     let evil = "\"><script>alert(1)</script>";
-    let mut seen = Seen::new();
+    let mut seen = Inputs::new();
     evil.clone_into(&mut seen.cycles[0].outcome);
     evil.clone_into(&mut seen.cycles[0].stages[0].name);
     let mut input = rich(&seen);
@@ -230,7 +230,7 @@ fn text_from_outside_stays_text() {
 }
 
 #[test]
-fn an_empty_input_gives_an_honest_report() {
+fn an_empty_input_gives_an_valid_report() {
     let html = html(&ReportInput::default()).unwrap();
     for words in ["NO RESULT", "The measurement gave no result.", "names no feature", "The cloud is empty."] {
         assert!(html.contains(words), "{words:?} is not in the report");
@@ -240,7 +240,7 @@ fn an_empty_input_gives_an_honest_report() {
 
 #[test]
 fn values_that_are_no_numbers_are_shown_as_absent() {
-    let mut seen = Seen::with(vec![(3, f32::NAN)]);
+    let mut seen = Inputs::with(vec![(3, f32::NAN)]);
     seen.map.valid.fill(0);
     seen.overlaps[0].mean_mm = f64::NAN;
     seen.cycles.push(CycleResult::default());
@@ -265,13 +265,13 @@ fn values_that_are_no_numbers_are_shown_as_absent() {
     assert!(html.contains("4 features with limits: 0 within, 3 outside, 1 not measured."));
     assert!(html.contains("1 could not be evaluated."));
     assert!(html.contains("12 points, at least 100 needed"), "the reason stands where the value would");
-    assert_eq!(html.matches("NO RESULT").count(), 1, "a feature without limits is not judged");
+    assert_eq!(html.matches("NO RESULT").count(), 1, "a feature without limits has no verdict");
 }
 
 #[test]
 fn one_deviation_makes_a_histogram() {
     for deviation in [0.0, 0.004, -7e30] {
-        let html = html(&rich(&Seen::with(vec![(0, deviation)]))).unwrap();
+        let html = html(&rich(&Inputs::with(vec![(0, deviation)]))).unwrap();
         assert!(html.contains("sd – µm"), "one value has no standard deviation");
         assert!(!html.contains("NaN"));
     }
@@ -279,7 +279,7 @@ fn one_deviation_makes_a_histogram() {
 
 #[test]
 fn a_banner_cannot_contradict_its_table() {
-    let seen = Seen::new();
+    let seen = Inputs::new();
     let mut input = rich(&seen);
     input.features.push(feature("sphere spacing", 60.26, Verdict::Fail));
     let refused = html(&input).unwrap_err().to_string();
@@ -290,11 +290,11 @@ fn a_banner_cannot_contradict_its_table() {
 
 #[test]
 fn pictures_that_do_not_fit_their_size_are_named() {
-    let mut seen = Seen::new();
+    let mut seen = Inputs::new();
     let mut input = rich(&seen);
     input.camera_views[0].width_px = 5;
     assert!(matches!(html(&input), Err(ReportError::Picture { what, .. }) if what == "cam1"));
-    let outside = Seen::with(vec![(400, 0.0)]);
+    let outside = Inputs::with(vec![(400, 0.0)]);
     assert!(matches!(html(&rich(&outside)), Err(ReportError::Picture { .. })));
     seen.map.valid.pop();
     assert!(matches!(html(&rich(&seen)), Err(ReportError::Picture { .. })));
@@ -302,7 +302,7 @@ fn pictures_that_do_not_fit_their_size_are_named() {
 
 #[test]
 fn a_large_camera_is_reduced_and_a_long_run_is_shortened_aloud() {
-    let mut seen = Seen::new();
+    let mut seen = Inputs::new();
     seen.cycles = (0..300)
         .map(|cycle| CycleResult {
             number: cycle + 1,

@@ -57,7 +57,7 @@ pub enum TwinError {
         rays: u64,
     },
     /// A name that the rig does not have.
-    #[error("no {kind} \"{name}\" here; there are: {known}")]
+    #[error("no {kind} \"{name}\" here; known: {known}")]
     Unknown {
         /// Kind of the device: camera or projector.
         kind: &'static str,

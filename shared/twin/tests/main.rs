@@ -5,8 +5,8 @@ mod common;
 mod frames;
 /// Ray, distance and mesh against brute force.
 mod geometry;
-/// Defocus, drift, bounce, exposures: what each knob does, by its definition.
-mod knobs;
+/// Defocus, drift, bounce, exposures: what each setting does, by its definition.
+mod imperfections;
 /// Scene files: what is refused and how it is said; the scenes of the project.
 mod scenes;
 /// Views: projector coordinates, shadow and occlusion against marching.

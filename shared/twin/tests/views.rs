@@ -53,7 +53,7 @@ fn free(scene: &Scene, from: &Point3<f64>, to: &Point3<f64>) -> Option<bool> {
         }
         t += step.max(2e-3);
     }
-    // A near miss cannot be judged with steps of this size.
+    // Steps of this size cannot distinguish a near miss from a hit.
     (closest > 5e-3).then_some(true)
 }
 
@@ -157,7 +157,7 @@ fn unknown_names_and_impossible_rigs_are_refused() {
     let rig = small_rig();
     let twin = Twin::new(&scene, TwinSettings::ideal(), &rig).unwrap();
     let message = twin.view("cam9", 0).unwrap_err().to_string();
-    assert_eq!(message, "no camera \"cam9\" here; there are: cam1, cam2, cam3, cam4");
+    assert_eq!(message, "no camera \"cam9\" here; known: cam1, cam2, cam3, cam4");
     assert!(matches!(twin.view_lit_by("cam1", &["proj7"], 0), Err(TwinError::Unknown { .. })));
     let view = twin.view_lit_by("cam1", &["proj2"], 0).unwrap();
     assert!(matches!(view.truth_coordinate("proj1", 0), Err(TwinError::Unknown { .. })));

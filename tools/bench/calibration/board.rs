@@ -25,25 +25,25 @@ const RIM_PX: f64 = 8.0;
 #[derive(Debug, Clone, clap::Args, Serialize)]
 pub struct Plan {
     /// Inner corners along x.
-    #[arg(long, default_value_t = 14)]
+    #[arg(long, value_name = "N", default_value_t = 14)]
     pub columns: u32,
     /// Inner corners along y.
-    #[arg(long, default_value_t = 9)]
+    #[arg(long, value_name = "N", default_value_t = 9)]
     pub rows: u32,
     /// Side of a square.
-    #[arg(long, default_value_t = 8.0)]
+    #[arg(long, value_name = "MM", default_value_t = 8.0)]
     pub pitch_mm: f64,
     /// Relative amplitude of the paper's grain of half a millimetre.
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, value_name = "F", default_value_t = 0.0)]
     pub grain: f64,
     /// Poses of the board.
-    #[arg(long, default_value_t = 20)]
+    #[arg(long, value_name = "N", default_value_t = 20)]
     pub poses: usize,
     /// Tilt of the boards about their x and y axes, ± degrees.
-    #[arg(long, default_value_t = 26.0)]
+    #[arg(long, value_name = "DEG", default_value_t = 26.0)]
     pub tilt_deg: f64,
     /// Places of the board's middle about that of the volume, ± mm along each axis.
-    #[arg(long, default_value_t = 32.0)]
+    #[arg(long, value_name = "MM", default_value_t = 32.0)]
     pub spread_mm: f64,
 }
 
@@ -109,8 +109,8 @@ pub struct CornerError {
     pub stated_px: Vector2<f64>,
 }
 
-/// What was seen of all poses.
-pub struct Seen {
+/// Simulated views of all poses, with their errors.
+pub struct SimulatedViews {
     /// As the adjustment takes it.
     pub observations: Observations,
     /// Error of each image point, in their order, px.
@@ -166,9 +166,15 @@ impl Cell {
     }
 
     /// Renders, detects and decodes all poses.
-    pub fn look(&self, boards: &[Isometry3<f64>], seed: u64, step: &mut dyn FnMut()) -> Result<Seen> {
+    pub fn look(
+        &self,
+        boards: &[Isometry3<f64>],
+        seed: u64,
+        step: &mut dyn FnMut(),
+    ) -> Result<SimulatedViews> {
         let observations = self.empty(boards.len());
-        let mut seen = Seen { observations, errors: Vec::new(), detection: Duration::ZERO, images: 0 };
+        let mut seen =
+            SimulatedViews { observations, errors: Vec::new(), detection: Duration::ZERO, images: 0 };
         for (pose, board) in boards.iter().enumerate() {
             let settings = TwinSettings {
                 seed: seed.wrapping_mul(1000).wrapping_add(pose as u64),
@@ -195,7 +201,7 @@ impl Cell {
         twin: &Twin,
         pair: &Pair,
         (pose, board): (usize, &Isometry3<f64>),
-        seen: &mut Seen,
+        seen: &mut SimulatedViews,
     ) -> Result<()> {
         let mut best: Option<(&str, Detection)> = None;
         for name in [&pair.left, &pair.right] {
@@ -236,7 +242,7 @@ impl Cell {
     /// Adds a view and the error of each of its image points.
     fn add(
         &self,
-        seen: &mut Seen,
+        seen: &mut SimulatedViews,
         name: &str,
         (pose, board): (usize, &Isometry3<f64>),
         image_points: Vec<((u32, u32), ImagePoint)>,

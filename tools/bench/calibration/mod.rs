@@ -11,7 +11,7 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result};
 use bars::{MeasuredBar, SpacingReport, by_geometry, by_measuring};
-use board::{Cell, CornerError, Plan, Seen};
+use board::{Cell, CornerError, Plan, SimulatedViews};
 use characterise::calibration::{
     Calibration, CalibrationSettings, DeviceKind, Observations, TargetShape, calibrate,
 };
@@ -27,10 +27,10 @@ const TIMED_POSES: usize = 46;
 #[derive(clap::Args)]
 pub struct Args {
     /// Number of calibrations with simulated corner errors.
-    #[arg(long, default_value_t = 100)]
+    #[arg(long, value_name = "N", default_value_t = 100)]
     trials: u64,
     /// Number of calibrations from rendered images.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long = "image-trials", alias = "images", value_name = "N", default_value_t = 1)]
     images: u64,
     #[command(flatten)]
     plan: Plan,
@@ -38,10 +38,10 @@ pub struct Args {
     #[arg(long, value_name = "flat|bent|free", default_value = "bent", value_parser = crate::calibrate::model::target_shape)]
     board: TargetShape,
     /// Rays per pixel along each axis. Edges of the print are exact with two or more.
-    #[arg(long, default_value_t = 2)]
+    #[arg(long, value_name = "N", default_value_t = 2)]
     subsamples: u32,
     /// Seed of the first trial; each further trial takes the next one.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
@@ -272,7 +272,7 @@ struct Errors {
 
 impl Errors {
     /// Makes the last trial's poses its own.
-    fn observe(&mut self, seen: &Seen, trial: u64) {
+    fn observe(&mut self, seen: &SimulatedViews, trial: u64) {
         let first = self.errors.len() - seen.errors.len();
         for error in &mut self.errors[first..] {
             error.pose += trial as usize * seen.observations.poses.len();

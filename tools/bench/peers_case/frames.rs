@@ -90,7 +90,7 @@ impl Camera18 {
     }
 }
 
-/// Decodes one camera.
+/// Decodes the frames of the first camera.
 pub(super) fn decode(bench: &mut Bench) -> Result<()> {
     let mut camera = Camera18::read(bench, 0)?;
     let truth = bench.floats("truth_phase0")?;

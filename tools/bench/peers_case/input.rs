@@ -73,7 +73,7 @@ impl Bench {
         Ok(values.as_chunks::<3>().0.iter().map(|p| Point3::new(p[0], p[1], p[2])).collect())
     }
 
-    /// Both cameras.
+    /// Both cameras of the pair.
     pub(super) fn cameras(&self) -> Result<[Camera; 2]> {
         let (width_px, height_px) = self.image_size()?;
         let path = self.input.join("calib.json");

@@ -1,7 +1,7 @@
 //! Our side of a comparison with programs in other languages: one case on inputs that a foreign script wrote, timed as that
 //! script times its own (one call to warm up, then repetitions), with the same keys for accuracy.
 //!
-//! `fringetool bench peers-case --case decode --size 1124x750 --input DIR --reps 5 --json FILE`
+//! `fringetool bench peers-case --case decode --size 1124x750 --input DIR --repeats 5 --json FILE`
 
 mod clouds;
 mod corners;
@@ -19,13 +19,13 @@ use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-/// Repetitions of one row end after this time, unless fewer than `--reps` were made.
+/// Repetitions of one row end after this time, unless fewer than `--repeats` were made.
 const BUDGET: Duration = Duration::from_millis(1500);
 
 /// Most repetitions of one row.
 const MOST_REPEATS: usize = 50;
 
-/// What is measured.
+/// Case of the comparison that is measured.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 #[value(rename_all = "snake_case")]
 enum Case {
@@ -37,7 +37,7 @@ enum Case {
     Match,
     /// Two times eighteen frames to points.
     Pipeline,
-    /// Spatial unwrapping.
+    /// Spatial unwrapping of one phase map.
     Unwrap,
     /// Corners of a checkerboard in an image.
     Calib,
@@ -45,7 +45,7 @@ enum Case {
     CalibSolve,
     /// Alignment of two clouds, distances between them.
     Icp,
-    /// Fit of a sphere.
+    /// Least-squares fit of a sphere.
     Sphere,
     /// Transport between processes: see `fringetool bench transport`.
     Ipc,
@@ -53,7 +53,7 @@ enum Case {
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// What is measured.
+    /// Case of the comparison that is measured.
     #[arg(long, value_enum)]
     case: Case,
     /// Size as in the inputs, for instance `1124x750` or `200k`.
@@ -63,7 +63,13 @@ pub struct Args {
     #[arg(long, value_name = "DIR", default_value = "")]
     input: PathBuf,
     /// Least number of repetitions.
-    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(
+        long = "repeats",
+        alias = "reps",
+        value_name = "N",
+        default_value_t = 5,
+        value_parser = clap::value_parser!(u32).range(1..=1000)
+    )]
     reps: u32,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
@@ -97,7 +103,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// Times `call` on so many threads: once to warm up, then at least `--reps` times.
+    /// Times `call` on so many threads: once to warm up, then at least `--repeats` times.
     fn time(
         &mut self,
         task: &str,

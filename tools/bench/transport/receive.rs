@@ -45,9 +45,9 @@ impl std::str::FromStr for Source {
     }
 }
 
-/// What the receiver saw, ns on the machine's monotonic clock.
+/// Times of the received frames, ns on the machine's monotonic clock.
 #[derive(Debug, Default, Serialize, Deserialize)]
-pub(super) struct Seen {
+pub(super) struct ReceivedFrames {
     /// When each frame could be read.
     pub arrived_ns: Vec<u64>,
     /// When the last one had been read.
@@ -69,7 +69,7 @@ pub(super) fn run(from: &Source, plan: Plan) -> Result<()> {
     Ok(())
 }
 
-impl Seen {
+impl ReceivedFrames {
     fn arrived(&mut self, number: u32, now_ns: u64) {
         if number >= WARM_UP {
             self.arrived_ns.push(now_ns);
@@ -77,20 +77,20 @@ impl Seen {
     }
 }
 
-fn memory(name: &CellName, plan: Plan) -> Result<Seen> {
+fn memory(name: &CellName, plan: Plan) -> Result<ReceivedFrames> {
     let node = Node::join(name, "receiver")?;
-    let bell = node.listener("receiver")?;
+    let listener = node.listener("receiver")?;
     let frames = node.subscriber::<Frame>("frame")?;
     frames.connect()?;
     let ready = node.publisher::<Frame>("ready", 1, &["sender".to_owned()], PATIENCE)?;
     ready.send(tiny(), &[0])?;
-    let mut seen = Seen::default();
+    let mut seen = ReceivedFrames::default();
     for number in 0..WARM_UP + plan.frames {
         let message = loop {
             if let Some(message) = frames.receive()? {
                 break message;
             }
-            if !bell.wait(PATIENCE)? && frames.receive()?.is_none() {
+            if !listener.wait(PATIENCE)? && frames.receive()?.is_none() {
                 bail!("no frame came for {} s", PATIENCE.as_secs());
             }
         };
@@ -107,8 +107,8 @@ pub(super) fn tiny() -> Frame {
     Frame { width_px: 1, height_px: 1, bytes_per_px: 1, full_scale_dn: 255, ..Frame::default() }
 }
 
-fn stream_of(stream: &mut dyn Read, plan: Plan) -> Result<Seen> {
-    let mut seen = Seen::default();
+fn stream_of(stream: &mut dyn Read, plan: Plan) -> Result<ReceivedFrames> {
+    let mut seen = ReceivedFrames::default();
     let (mut header, mut frame) = ([0; STREAM_HEADER], vec![0; plan.bytes()]);
     for number in 0..WARM_UP + plan.frames {
         stream.read_exact(&mut header).context("the sender ended")?;

@@ -1,7 +1,7 @@
 //! The process that sends.
 
 use super::Plan;
-use super::receive::{STREAM_HEADER, Seen, WARM_UP, tiny};
+use super::receive::{ReceivedFrames, STREAM_HEADER, WARM_UP, tiny};
 use anyhow::{Context, Result, ensure};
 use ipc::cell::{CellLock, CellName};
 use ipc::header::Frame;
@@ -98,7 +98,7 @@ fn fill(frame: &mut [u8], number: u32) {
     frame.fill(number as u8);
 }
 
-fn memory(plan: Plan, clock: &mut Clock) -> Result<Seen> {
+fn memory(plan: Plan, clock: &mut Clock) -> Result<ReceivedFrames> {
     let name = CellName::new(&format!("bench-{}", std::process::id()))?;
     let _lock = CellLock::take(&name)?;
     let node = Node::join(&name, "sender")?;
@@ -110,11 +110,11 @@ fn memory(plan: Plan, clock: &mut Clock) -> Result<Seen> {
         node.create_notification("receiver")?,
         node.create_notification("sender")?,
     );
-    let (bell, ready) = (node.listener("sender")?, node.subscriber::<Frame>("ready")?);
+    let (listener, ready) = (node.listener("sender")?, node.subscriber::<Frame>("ready")?);
     let frames = node.publisher::<Frame>("frame", plan.bytes(), &["receiver".to_owned()], PATIENCE)?;
     let child = receiver(&format!("memory:{}", name.as_str()), plan, Stdio::null())?;
     while ready.receive()?.is_none() {
-        ensure!(bell.wait(PATIENCE)?, "the receiver did not come within {} s", PATIENCE.as_secs());
+        ensure!(listener.wait(PATIENCE)?, "the receiver did not come within {} s", PATIENCE.as_secs());
     }
     for number in 0..WARM_UP + plan.frames {
         clock.begin(number);
@@ -129,7 +129,7 @@ fn memory(plan: Plan, clock: &mut Clock) -> Result<Seen> {
     seen(child)
 }
 
-fn socket(plan: Plan, clock: &mut Clock) -> Result<Seen> {
+fn socket(plan: Plan, clock: &mut Clock) -> Result<ReceivedFrames> {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("socket");
     let listener = UnixListener::bind(&path)?;
@@ -176,7 +176,7 @@ fn receiver(from: &str, plan: Plan, stdin: Stdio) -> Result<Child> {
         .context("starting the receiver")
 }
 
-fn seen(mut child: Child) -> Result<Seen> {
+fn seen(mut child: Child) -> Result<ReceivedFrames> {
     let mut text = String::new();
     child.stdout.take().context("the receiver has no output")?.read_to_string(&mut text)?;
     ensure!(child.wait()?.success(), "the receiver failed");

@@ -1,7 +1,7 @@
 //! Which share of a cycle handing over takes, from the trace of a run.
 //!
 //! From the verdict back to the first pattern there is one chain of work in which each piece began when the last thing
-//! that it needed was done: an input, or the work before it on its core. Between the two lies the hand-over: report, bell,
+//! that it needed was done: an input, or the work before it on its core. Between the two lies the hand-over: report, notification,
 //! waking up, taking. With it counts the time that the chain's own work spent on sending, and the ways from the
 //! supervisor and back to it. The rest of the chain is work. What a stage did apart from the schedule before it waited
 //! (the twin moves its part) is neither.

@@ -2,7 +2,7 @@
 
 use super::evidence::{Expected, Threshold};
 use super::exposures::Exposures;
-use super::phase_method::{Kept, PhaseMethod, PhaseMethodError};
+use super::phase_method::{PhaseMethod, PhaseMethodError, SineFrames};
 use crate::cell::Cell;
 use crate::error::CellError;
 use fringe::decode::{DecodeError, DecodeReport, DecodeSettings, Decoder, Diagnosis};
@@ -29,7 +29,7 @@ pub struct View<'a> {
 /// Why frames give no phase.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum ViewError {
-    /// The decoder refuses.
+    /// The decoder refuses the frames or settings.
     #[error(transparent)]
     Decode(#[from] DecodeError),
     /// The method of the wrapped phase refuses.
@@ -38,26 +38,26 @@ pub enum ViewError {
     /// One of several exposures is refused.
     #[error("exposure of {exposure_ms} ms")]
     Exposure {
-        /// Its time.
+        /// Exposure time of the frames, ms.
         exposure_ms: f64,
-        /// Why.
+        /// The fault of this exposure.
         source: Box<ViewError>,
     },
 }
 
-/// Decodes what a camera sees of a projector, sequence after sequence. Frames of several exposures come exposure by
+/// Decodes the frames of one camera under one projector, sequence after sequence. Frames of several exposures come exposure by
 /// exposure; the phases are then merged ([`fringe::decode::merge_exposures`]).
 #[derive(Debug)]
 pub struct ViewDecoder {
     decoder: Decoder,
     method: PhaseMethod,
-    kept: Kept,
+    frames: SineFrames,
     /// Of a sequence that is shown more than once.
     several: Option<Exposures>,
     evidence: bool,
 }
 
-/// A phase map with all that is known of it.
+/// A phase map with its report and diagnosis.
 #[derive(Debug)]
 pub struct Decoded {
     /// Absolute phase of each pixel.
@@ -78,7 +78,7 @@ impl ViewDecoder {
     /// Allocates all that it needs.
     ///
     /// # Errors
-    /// A sequence that tells no absolute phase, or settings out of range.
+    /// A sequence that gives no absolute phase, or settings out of range.
     pub fn new(view: &View<'_>, settings: &DecodeSettings, method: PhaseMethod) -> Result<Self, DecodeError> {
         let [width_px, height_px] = view.size_px;
         let decoder =
@@ -87,7 +87,7 @@ impl ViewDecoder {
             [] | [_] => None,
             times => Some(Exposures::new(&decoder, times)?),
         };
-        Ok(Self { kept: method.keeper(&decoder), decoder, method, several, evidence: false })
+        Ok(Self { frames: method.sine_frames(&decoder), decoder, method, several, evidence: false })
     }
 
     /// Also finds what the orders of each of several exposures rest on, for [`Self::decoded`].
@@ -107,19 +107,19 @@ impl ViewDecoder {
     /// Takes a frame. Frames come in order, each once, and count on from one exposure to the next.
     ///
     /// # Errors
-    /// A frame out of turn, of another size or grey scale; with the last frame of an exposure, frames that give no phase.
+    /// A frame out of order, of another size or grey scale; with the last frame of an exposure, frames that give no phase.
     pub fn push(&mut self, frame: usize, view: &FrameView<'_>) -> Result<(), ViewError> {
         let Some(several) = &mut self.several else {
-            return take(&mut self.decoder, &mut self.kept, &self.method, (frame, view));
+            return take(&mut self.decoder, &mut self.frames, &self.method, (frame, view));
         };
         let index = several.place(&self.decoder, frame)?;
         let exposure_ms = several.exposure_ms();
         let of = |source| ViewError::Exposure { exposure_ms, source: Box::new(source) };
-        take(&mut self.decoder, &mut self.kept, &self.method, (index, view)).map_err(of)?;
+        take(&mut self.decoder, &mut self.frames, &self.method, (index, view)).map_err(of)?;
         several.landed(&mut self.decoder, self.evidence).map_err(|error| of(error.into()))
     }
 
-    /// The axes that the sequence tells, x before y.
+    /// The axes of which the sequence gives a phase, x before y.
     pub fn axes(&self) -> Vec<Axis> {
         self.decoder.axes()
     }
@@ -168,17 +168,17 @@ impl ViewDecoder {
     }
 }
 
-/// Takes a frame; after the last one the method has its turn.
+/// Takes a frame; after the last frame the method is applied.
 fn take(
     decoder: &mut Decoder,
-    kept: &mut Kept,
+    frames: &mut SineFrames,
     method: &PhaseMethod,
     (index, view): (usize, &FrameView<'_>),
 ) -> Result<(), ViewError> {
     decoder.push(index, view)?;
-    kept.keep(index, view);
+    frames.add(index, view);
     if index + 1 == decoder.frames() {
-        method.apply(decoder, kept)?;
+        method.apply(decoder, frames)?;
     }
     Ok(())
 }
@@ -186,7 +186,7 @@ fn take(
 /// The decoder of a camera of a cell under a projector.
 ///
 /// # Errors
-/// A sequence that tells no absolute phase, or settings out of range.
+/// A sequence that gives no absolute phase, or settings out of range.
 pub fn decoder(cell: &Cell, projector: usize, camera: usize) -> Result<ViewDecoder, CellError> {
     let (light, node) = (&cell.config.projectors[projector], &cell.graph.cameras[camera]);
     let view = View {

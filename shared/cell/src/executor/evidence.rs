@@ -16,7 +16,7 @@ pub struct Expected {
 }
 
 impl Expected {
-    /// Of one map.
+    /// The expected errors of one phase map.
     pub(super) fn of(map: &PhaseMap, diagnosis: &[Diagnosis]) -> Self {
         let valid = || diagnosis.iter().zip(&map.valid).filter(|(_, valid)| **valid == 1).map(|(d, _)| d);
         let sum = |part: fn(&Diagnosis) -> f32| valid().map(|d| f64::from(part(d))).sum::<f64>();

@@ -16,11 +16,11 @@ pub(super) struct Exposures {
     done: usize,
 }
 
-/// What the exposures told along one axis.
+/// The maps of the exposures along one axis.
 #[derive(Debug)]
 struct AxisMaps {
     axis: Axis,
-    /// By exposure.
+    /// One map for each exposure.
     maps: Vec<PhaseMap>,
     reports: Vec<DecodeReport>,
     expected: Vec<Expected>,

@@ -8,7 +8,7 @@ use fringe::pattern::Axis;
 use fringe::phase::PhaseView;
 use fringe::projector::{ProjectorMatcher, ProjectorReport, ProjectorSettings};
 
-/// The phases of one camera under one projector, by the projector axis that they tell.
+/// The phases of one camera under one projector, by their projector axis.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Views<'a> {
     /// Phase along projector columns, axis "x".
@@ -141,7 +141,7 @@ impl PairMatcher {
     /// Matches; the points go to `points`, in the order of the left pixels. With the projector there is no right view.
     ///
     /// Of two cameras that have the phases of both projector axes, that axis is matched whose projector coordinate
-    /// changes most along the epipolar lines of the left camera ([`Matcher::best_axis`]): it tells the disparity with the
+    /// changes most along the epipolar lines of the left camera ([`Matcher::best_axis`]): it determines the disparity with the
     /// least uncertainty, whether the baseline is horizontal or vertical and however the projector is turned. Where
     /// both change alike, or no pixel is valid, it is x.
     ///

@@ -34,7 +34,7 @@ pub enum PhaseMethodError {
     Wrap {
         /// Position in the sequence, from 0.
         set: usize,
-        /// Why.
+        /// The fault that the method found.
         source: WrapError,
     },
     /// Steps of unequal size.
@@ -45,8 +45,8 @@ pub enum PhaseMethodError {
         /// Position in the sequence, from 0.
         set: usize,
     },
-    /// Too few pixels.
-    #[error("sine set {set}: --remove-harmonics: too few pixels with light to tell the error")]
+    /// Too few pixels for the estimate of harmonics.
+    #[error("sine set {set}: --remove-harmonics: too few lit pixels to estimate the error")]
     FewPixels {
         /// Position in the sequence, from 0.
         set: usize,
@@ -58,14 +58,14 @@ pub enum PhaseMethodError {
 
 /// The frames of the sine sets, kept until the last one has landed; empty where the decoder's own sums are enough.
 #[derive(Debug, Default)]
-pub(super) struct Kept {
+pub(super) struct SineFrames {
     sets: Vec<SineSet>,
     frames: BTreeMap<usize, Frame>,
 }
 
-impl Kept {
-    /// Keeps a frame that the method will ask for.
-    pub(super) fn keep(&mut self, number: usize, frame: &FrameView<'_>) {
+impl SineFrames {
+    /// Adds a frame, if it belongs to a sine set that the method needs.
+    pub(super) fn add(&mut self, number: usize, frame: &FrameView<'_>) {
         let of = |set: &SineSet| (set.first_frame..set.first_frame + set.shifts_rad.len()).contains(&number);
         if self.sets.iter().any(of) {
             self.frames.insert(number, Frame::from(*frame));
@@ -74,28 +74,33 @@ impl Kept {
 }
 
 impl PhaseMethod {
-    /// What keeps the frames that the method needs.
-    pub(super) fn keeper(&self, decoder: &Decoder) -> Kept {
+    /// An empty collection for the frames that the method needs.
+    pub(super) fn sine_frames(&self, decoder: &Decoder) -> SineFrames {
         let own = *self == Self::default();
-        Kept { sets: if own { Vec::new() } else { decoder.sine_sets() }, frames: BTreeMap::new() }
+        SineFrames { sets: if own { Vec::new() } else { decoder.sine_sets() }, frames: BTreeMap::new() }
     }
 
     /// Puts the method's phases in the place of the decoder's.
-    pub(super) fn apply(&self, decoder: &mut Decoder, kept: &Kept) -> Result<(), PhaseMethodError> {
+    pub(super) fn apply(&self, decoder: &mut Decoder, frames: &SineFrames) -> Result<(), PhaseMethodError> {
         if let Some(px) = self.window_px.filter(|px| !(1.0..=32.0).contains(px)) {
             return Err(PhaseMethodError::Window(px));
         }
-        for set in &kept.sets {
-            let map = self.wrap(decoder, kept, set)?;
+        for set in &frames.sets {
+            let map = self.wrap(decoder, frames, set)?;
             decoder.replace(set.index, &map)?;
         }
         Ok(())
     }
 
-    fn wrap(&self, decoder: &Decoder, kept: &Kept, set: &SineSet) -> Result<Wrapped, PhaseMethodError> {
+    fn wrap(
+        &self,
+        decoder: &Decoder,
+        frames: &SineFrames,
+        set: &SineSet,
+    ) -> Result<Wrapped, PhaseMethodError> {
         let refused = |source| PhaseMethodError::Wrap { set: set.index, source };
         let numbers = set.first_frame..set.first_frame + set.shifts_rad.len();
-        let views: Vec<_> = numbers.filter_map(|n| kept.frames.get(&n)).map(Frame::view).collect();
+        let views: Vec<_> = numbers.filter_map(|n| frames.frames.get(&n)).map(Frame::view).collect();
         let stack = Stack::new(&views, &set.shifts_rad).map_err(refused)?;
         let many = set.periods >= LEAST_PERIODS;
         let by_fringes = |method: &Method| many || !matches!(method, Method::FourierRows | Method::Fourier);

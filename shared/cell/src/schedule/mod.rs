@@ -4,11 +4,11 @@
 //! themselves and work through their part of it in order. Activations are numbered in an order in which every input
 //! comes before its use, so the numbering itself proves that the graph has no cycle.
 
+mod activations;
 mod check;
 mod labels;
 mod order;
 mod parts;
-mod plan;
 mod topics;
 
 pub use labels::{label, output};
@@ -61,7 +61,7 @@ impl Schedule {
     /// The first gap, excess or deadline that cannot be met, with both ends and both numbers.
     pub fn new(graph: &Graph) -> Result<Self, ScheduleError> {
         check::check(graph)?;
-        let stages = plan::stages(graph);
+        let stages = activations::stages(graph);
         let topics = topics::topics(graph, &stages);
         if let Some(topic) = topics.iter().find(|t| t.bytes > MAX_MESSAGE_BYTES) {
             return Err(ScheduleError::TooLarge {
@@ -70,7 +70,7 @@ impl Schedule {
                 limit: MAX_MESSAGE_BYTES,
             });
         }
-        let activations = plan::activations(graph, &stages, &topics);
+        let activations = activations::activations(graph, &stages, &topics);
         Ok(Self { stages, activations, topics, cores: graph.cores, in_flight: graph.in_flight })
     }
 

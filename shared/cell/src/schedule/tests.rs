@@ -29,7 +29,7 @@ pub fn demo() -> Graph {
         in_flight: 1,
         record: false,
         watch: true,
-        kept: Retention::Hashes,
+        retention: Retention::Hashes,
         rate_hz: None,
         cycle_deadline_ms: 1000,
     }

@@ -57,12 +57,12 @@ pub(super) fn topics(graph: &Graph, stages: &[Stage]) -> Vec<Topic> {
         capacity += bytes;
         let from = vec![format!("matching/{}", pair.name)];
         let name = format!("cloud/{}", pair.name);
-        let readers = [vec!["fusion".to_owned()], kept(graph, Retention::All)].concat();
+        let readers = [vec!["fusion".to_owned()], cycle_recorder(graph, Retention::All)].concat();
         topics.push(topic(&name, Carries::Cloud, from, readers, 1, bytes));
     }
     let mut readers = vec!["inspection".to_owned()];
     readers.extend(graph.watch.then(|| SUPERVISOR.to_owned()));
-    readers.extend(kept(graph, Retention::All));
+    readers.extend(cycle_recorder(graph, Retention::All));
     let mut fused = topic("cloud/fused", Carries::Cloud, vec!["fusion".into()], readers, 1, capacity);
     // The supervisor holds the last good cloud and that of the running cycle while the next one comes.
     fused.size.borrowed = 3;
@@ -79,8 +79,8 @@ pub(super) fn topics(graph: &Graph, stages: &[Stage]) -> Vec<Topic> {
 }
 
 /// The supervisor once more, with ports of its own, where a cycle record keeps these bytes.
-fn kept(graph: &Graph, least: Retention) -> Vec<String> {
-    let keeps = graph.kept == Retention::All || graph.kept == least;
+fn cycle_recorder(graph: &Graph, least: Retention) -> Vec<String> {
+    let keeps = graph.retention == Retention::All || graph.retention == least;
     if keeps { vec![SUPERVISOR.to_owned()] } else { Vec::new() }
 }
 
@@ -107,7 +107,7 @@ fn frame_topic(graph: &Graph, camera: &CameraNode) -> Topic {
     let mut readers = vec![format!("decode/{}", camera.name)];
     readers.extend(graph.record.then(|| "record".to_owned()));
     readers.extend(graph.watch.then(|| SUPERVISOR.to_owned()));
-    readers.extend(kept(graph, Retention::Frames));
+    readers.extend(cycle_recorder(graph, Retention::Frames));
     let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);
     // Two bytes per pixel: whether a driver gives 8 or 16 bits is known only when it runs.
     topic(
@@ -126,7 +126,7 @@ fn phase_topic(graph: &Graph, number: usize) -> Topic {
     let takers = graph.pairs.iter().filter(|p| p.cameras().contains(&number));
     let mut readers: Vec<String> = takers.map(|p| format!("matching/{}", p.name)).collect();
     readers.extend(graph.watch.then(|| SUPERVISOR.to_owned()));
-    readers.extend(kept(graph, Retention::All));
+    readers.extend(cycle_recorder(graph, Retention::All));
     let maps: usize = (0..graph.projectors.len()).map(|p| axes_taken(graph, number, p).len()).sum();
     let waiting = maps.max(1) * graph.in_flight;
     let pixels = u64::from(camera.width_px) * u64::from(camera.height_px);

@@ -2,7 +2,7 @@
 //!
 //! The world may be moved as a whole without changing any pixel, so a covariance needs a statement of what is held.
 //! - *First device*: its frame is the world. Extrinsics are relative poses, which is how they are reported.
-//! - *Boards*: the mean of all target points (their best-fitting rigid motion) is held. It tells how well a device
+//! - *Boards*: the mean of all target points (their best-fitting rigid motion) is held. It shows how well a device
 //!   sees the working volume, the first one included: the question of projection uncertainty.
 //!
 //! Distances have the same uncertainty in both.

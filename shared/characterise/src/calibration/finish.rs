@@ -8,7 +8,7 @@ use super::observations::Observations;
 use super::problem::{Problem, ViewRange};
 use super::result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
 use super::settings::{CalibrationSettings, TargetShape, WorldFrame};
-use super::start::{Seen, open, remedy};
+use super::start::{ViewHomography, open, remedy};
 use nalgebra::{Isometry3, Point3, Translation3};
 
 /// What the parts below need.
@@ -22,7 +22,7 @@ pub(super) struct Finish<'a> {
     /// Observations and unknowns of the adjustment.
     pub problem: &'a Problem<'a>,
     /// Views used, in the order of the problem.
-    pub seen: &'a [Seen],
+    pub seen: &'a [ViewHomography],
     /// Which of them were turned.
     pub turned: &'a [bool],
     /// The solution with its weights.

@@ -3,7 +3,7 @@
 use super::CalibrationError;
 use super::model::{compose, rotation_vector};
 use super::observations::Observations;
-use super::start::Seen;
+use super::start::ViewHomography;
 use nalgebra::{Isometry3, UnitQuaternion};
 
 /// Two start values of a device's pose that differ by more than this (rad, and part of the distance) contradict.
@@ -21,7 +21,10 @@ pub(super) struct Placed {
 }
 
 /// Refuses devices that no common pose connects, naming the groups.
-pub(super) fn connected(observations: &Observations, seen: &[Seen]) -> Result<(), CalibrationError> {
+pub(super) fn connected(
+    observations: &Observations,
+    seen: &[ViewHomography],
+) -> Result<(), CalibrationError> {
     let devices = observations.devices.len();
     let mut group: Vec<usize> = (0..devices).collect();
     for a in seen {
@@ -55,7 +58,7 @@ struct Pose {
 ///
 /// A view that may be turned offers two device poses; the right ones of all poses agree, the wrong ones scatter by half
 /// a turn about as many board normals. With a single common pose there is nothing to agree with, and the indices stay.
-pub(super) fn place(observations: &Observations, seen: &[Seen]) -> Placed {
+pub(super) fn place(observations: &Observations, seen: &[ViewHomography]) -> Placed {
     let mut poses = vec![Pose::default(); observations.poses.len()];
     let mut devices: Vec<Option<Isometry3<f64>>> = vec![None; observations.devices.len()];
     let mut turned = vec![false; seen.len()];
@@ -74,20 +77,20 @@ pub(super) fn place(observations: &Observations, seen: &[Seen]) -> Placed {
 }
 
 /// The device that is not placed yet and shares most poses with those that are; the first one to begin with.
-fn next(devices: &[Option<Isometry3<f64>>], poses: &[Pose], seen: &[Seen]) -> Option<usize> {
+fn next(devices: &[Option<Isometry3<f64>>], poses: &[Pose], seen: &[ViewHomography]) -> Option<usize> {
     let shared = |d: usize| seen.iter().filter(|s| s.device == d && poses[s.pose].placed.is_some()).count();
     let open = (0..devices.len()).filter(|d| devices[*d].is_none());
     open.map(|d| (shared(d), d)).max_by_key(|(count, d)| (*count, std::cmp::Reverse(*d))).map(|(_, d)| d)
 }
 
 /// device_from_world by one view, with its indices as they are or turned.
-fn told(view: &Seen, board: &Isometry3<f64>, turn: bool) -> Isometry3<f64> {
+fn board_pose(view: &ViewHomography, board: &Isometry3<f64>, turn: bool) -> Isometry3<f64> {
     let own = if turn { compose(&view.device_from_board, &half_turn()) } else { view.device_from_board };
     compose(&own, &board.inverse())
 }
 
 /// Which turns a view may have against its pose.
-fn turns(view: &Seen, poses: &[Pose], observations: &Observations) -> &'static [bool] {
+fn turns(view: &ViewHomography, poses: &[Pose], observations: &Observations) -> &'static [bool] {
     if observations.views[view.view].may_be_turned || !poses[view.pose].sure {
         &[false, true]
     } else {
@@ -96,13 +99,18 @@ fn turns(view: &Seen, poses: &[Pose], observations: &Observations) -> &'static [
 }
 
 /// The device pose that most poses agree on.
-fn agreed(device: usize, poses: &[Pose], observations: &Observations, seen: &[Seen]) -> Isometry3<f64> {
+fn agreed(
+    device: usize,
+    poses: &[Pose],
+    observations: &Observations,
+    seen: &[ViewHomography],
+) -> Isometry3<f64> {
     let options: Vec<Vec<Isometry3<f64>>> = seen
         .iter()
         .filter(|s| s.device == device)
         .filter_map(|s| {
             let board = poses[s.pose].placed?;
-            Some(turns(s, poses, observations).iter().map(|turn| told(s, &board, *turn)).collect())
+            Some(turns(s, poses, observations).iter().map(|turn| board_pose(s, &board, *turn)).collect())
         })
         .collect();
     let mut best = (f64::INFINITY, Isometry3::identity());
@@ -124,7 +132,7 @@ fn settle(
     poses: &mut [Pose],
     turned: &mut [bool],
     observations: &Observations,
-    seen: &[Seen],
+    seen: &[ViewHomography],
 ) {
     let view = &seen[number];
     let may = observations.views[view.view].may_be_turned;
@@ -133,7 +141,7 @@ fn settle(
             Pose { placed: Some(compose(&device.inverse(), &view.device_from_board)), sure: !may };
         return;
     };
-    let off = |turn: bool| distance(device, &told(view, &board, turn));
+    let off = |turn: bool| distance(device, &board_pose(view, &board, turn));
     let turn = turns(view, poses, observations).len() > 1 && off(true) < off(false);
     if may {
         turned[number] = turn;

@@ -31,7 +31,7 @@ impl MapGrid {
         let longer = half.x.max(half.y);
         let count = |edge: f64| ((edge / longer * self.across as f64).round() as usize).max(1);
         let (columns, rows) = (count(half.x), count(half.y));
-        // Middles of cells, so that the pictures end where the volume does.
+        // Middles of cells, so that the images end where the volume does.
         let middle = |i: usize, n: usize| (2.0 * i as f64 + 1.0) / n as f64 - 1.0;
         let plane = |number: usize| {
             let z_mm = if self.planes < 2 {

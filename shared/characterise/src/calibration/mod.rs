@@ -69,7 +69,7 @@ use fringe::geometry::camera::Camera;
 use model::{Board, Shape, State, WARP};
 use nalgebra::Vector3;
 use problem::{Problem, ViewRange, columns};
-use start::{Seen, lens};
+use start::{ViewHomography, lens};
 
 /// Characterises all devices of a rig.
 ///
@@ -123,7 +123,7 @@ pub fn calibrate(
 fn joint<'a>(
     observations: &Observations,
     board: &'a Board,
-    seen: &[Seen],
+    seen: &[ViewHomography],
     turned: &[bool],
     settings: &CalibrationSettings,
 ) -> Problem<'a> {

@@ -30,7 +30,7 @@ const NEAR: f64 = 1e-3;
 
 /// A view with a homography.
 #[derive(Debug, Clone)]
-pub(super) struct Seen {
+pub(super) struct ViewHomography {
     /// Index into the views given.
     pub view: usize,
     /// Index of the device.
@@ -52,9 +52,9 @@ pub(super) fn lens(observations: &Observations, device: usize, settings: &Calibr
 }
 
 /// All views that have a homography.
-pub(super) fn usable(observations: &Observations, board: &Board) -> Vec<Seen> {
+pub(super) fn usable(observations: &Observations, board: &Board) -> Vec<ViewHomography> {
     let seen = observations.views.iter().enumerate().filter_map(|(number, view)| {
-        Some(Seen {
+        Some(ViewHomography {
             view: number,
             device: view.device,
             pose: view.pose,
@@ -66,7 +66,10 @@ pub(super) fn usable(observations: &Observations, board: &Board) -> Vec<Seen> {
 }
 
 /// Refuses devices with too few views.
-pub(super) fn enough_views(observations: &Observations, seen: &[Seen]) -> Result<(), CalibrationError> {
+pub(super) fn enough_views(
+    observations: &Observations,
+    seen: &[ViewHomography],
+) -> Result<(), CalibrationError> {
     for (number, device) in observations.devices.iter().enumerate() {
         let views = seen.iter().filter(|s| s.device == number).count();
         if views < MIN_VIEWS {
@@ -85,7 +88,7 @@ pub(super) fn start(
     observations: &Observations,
     board: &Board,
     device: usize,
-    seen: &mut [Seen],
+    seen: &mut [ViewHomography],
     settings: &CalibrationSettings,
 ) -> Result<Camera, CalibrationError> {
     let own: Vec<usize> = (0..seen.len()).filter(|i| seen[*i].device == device).collect();
@@ -129,7 +132,7 @@ fn alone<'a>(
     observations: &Observations,
     board: &'a Board,
     own: &[usize],
-    seen: &[Seen],
+    seen: &[ViewHomography],
     lens: LensModel,
 ) -> Problem<'a> {
     let (mut views, mut image_points) = (Vec::new(), Vec::new());

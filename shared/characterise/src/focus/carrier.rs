@@ -1,4 +1,4 @@
-//! The strongest component of a picture's spectrum.
+//! The strongest component of an image's spectrum.
 
 use super::FocusError;
 use crate::response::Roi;
@@ -24,7 +24,7 @@ const LEAST_CYCLES: f64 = 3.0;
 /// A known carrier is sought within this fraction of its frequency: the pitch changes with the distance.
 const NEAR: f64 = 0.3;
 
-/// A component of a picture.
+/// A component of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Carrier {
     /// Cycles per pixel along x and y.

@@ -29,7 +29,7 @@ pub struct FocusPoint {
     /// Component of the image at the spatial frequency of the checkerboard.
     #[serde(flatten)]
     pub carrier: Carrier,
-    /// Contrast over the largest of all pictures.
+    /// Contrast over the largest of all images.
     pub normalised: f64,
 }
 
@@ -65,7 +65,7 @@ pub struct Focus {
     pub roi: Roi,
     /// Contrast of each image, in rising position.
     pub curve: Vec<FocusPoint>,
-    /// Position of the picture with the largest contrast, mm.
+    /// Position of the image with the largest contrast, mm.
     pub sharpest_mm: f64,
     /// Fraction of the maximum that bounds the depth of focus.
     pub fraction: f64,
@@ -81,16 +81,16 @@ pub struct Focus {
     pub depth_of_focus_mm: Option<f64>,
     /// The same from the points alone, straight lines between them, relative to the largest.
     pub depth_by_points_mm: Option<f64>,
-    /// Length of the range around the sharpest picture in which all pictures stay above the fraction.
+    /// Length of the range around the sharpest image in which all images stay above the fraction.
     pub depth_at_least_mm: f64,
     /// The fitted curve, if there is one.
     pub fit: Option<FocusFit>,
 }
 
-/// Evaluates pictures at positions in mm; `fraction` bounds the depth of focus.
+/// Evaluates images at positions in mm; `fraction` bounds the depth of focus.
 ///
 /// # Errors
-/// Too few positions, a region that does not fit, no pattern in any picture, saturation, a fraction beyond 0 … 1.
+/// Too few positions, a region that does not fit, no pattern in any image, saturation, a fraction beyond 0 … 1.
 pub fn evaluate(
     pictures: &[(f64, FrameView<'_>)],
     roi: Option<Roi>,
@@ -122,10 +122,10 @@ pub fn evaluate(
             normalised: carrier.contrast / top,
         })
         .collect();
-    Ok(judge(roi, curve, fraction))
+    Ok(summarise(roi, curve, fraction))
 }
 
-/// The carrier of the picture that shows it best.
+/// The carrier of the image that shows it best.
 fn reference(pictures: &[&(f64, FrameView<'_>)], roi: &Roi) -> Result<Carrier, FocusError> {
     let mut best: Option<Carrier> = None;
     for (_, frame) in pictures {
@@ -144,7 +144,7 @@ fn reference(pictures: &[&(f64, FrameView<'_>)], roi: &Roi) -> Result<Carrier, F
     })
 }
 
-fn judge(roi: Roi, curve: Vec<FocusPoint>, fraction: f64) -> Focus {
+fn summarise(roi: Roi, curve: Vec<FocusPoint>, fraction: f64) -> Focus {
     let points: Vec<(f64, f64)> = curve.iter().map(|p| (p.position_mm, p.carrier.contrast)).collect();
     let top = (0..points.len()).max_by(|a, b| points[*a].1.total_cmp(&points[*b].1)).unwrap_or(0);
     let (first, last) = (points[0].0, points[points.len() - 1].0);

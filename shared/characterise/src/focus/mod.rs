@@ -1,4 +1,4 @@
-//! Best focus and depth of focus from pictures of a projected checkerboard (thesis section 3.2).
+//! Best focus and depth of focus from images of a projected checkerboard (thesis section 3.2).
 //!
 //! A checkerboard's strongest component lies on the diagonal, at one half of a cycle per square along both axes. Defocus
 //! damps it by the modulation transfer at that frequency, so the maximum of the 2D Fourier transform over a stack of
@@ -41,9 +41,9 @@ pub enum FocusError {
     NoPattern {
         /// The region as `x,y,width,height`.
         roi: String,
-        /// Of the best picture.
+        /// Of the best image.
         contrast: f64,
-        /// Of the best picture.
+        /// Of the best image.
         ratio: f64,
         /// Smallest contrast that is accepted.
         least_contrast: f64,

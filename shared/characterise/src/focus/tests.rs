@@ -1,4 +1,4 @@
-//! Pictures of checkerboards with known blur.
+//! Images of checkerboards with known blur.
 
 use super::carrier::{find, usual_region};
 use super::curve::evaluate;

@@ -203,8 +203,8 @@ pub fn match_projector(camera: [&PhaseView; 2]) -> Result<Matches, HealthError> 
     Ok(out)
 }
 
-/// A place found in the right view.
-struct Found {
+/// A window of the left view and its match in the right view.
+struct MatchedWindow {
     middle: Point2<f64>,
     offset: Vector2<f64>,
     window: Window,
@@ -213,7 +213,7 @@ struct Found {
 }
 
 /// Newton's method on the local surface; the window follows until the place lies about its middle.
-fn approach(right: &Maps, start: usize, wanted: Vector2<f64>) -> Option<Found> {
+fn approach(right: &Maps, start: usize, wanted: Vector2<f64>) -> Option<MatchedWindow> {
     let (mut column, mut row) = (start % right.width, start / right.width);
     for _ in 0..MOST_MOVES {
         let window = right.window(column, row)?;
@@ -228,7 +228,12 @@ fn approach(right: &Maps, start: usize, wanted: Vector2<f64>) -> Option<Found> {
             return None;
         }
         if offset.amax() <= 0.75 {
-            return Some(Found { middle: Point2::new(column as f64, row as f64), offset, window, inverse });
+            return Some(MatchedWindow {
+                middle: Point2::new(column as f64, row as f64),
+                offset,
+                window,
+                inverse,
+            });
         }
         // The curvature of one window does not hold over a long way.
         let step = |v: f64| v.clamp(-8.0, 8.0).round() as i64;

@@ -107,7 +107,7 @@ pub(super) fn fit(rows: &[Row]) -> Option<Fit> {
         (drift, _) = solve(rows, |i| 1.0 / (1.0 + (now[i] / scale).powi(2)))?;
     }
     let mut kept = vec![true; rows.len()];
-    let mut told = Vec::new();
+    let mut directions = Vec::new();
     let mut scale = 0.0;
     for _ in 0..REJECTION_ROUNDS {
         let now = residuals(&drift);
@@ -115,12 +115,12 @@ pub(super) fn fit(rows: &[Row]) -> Option<Fit> {
         // Ideal data: rounding is no outlier.
         let limit = (OUTLIER * scale).max(1e-9);
         let next: Vec<bool> = now.iter().map(|r| r.abs() <= limit).collect();
-        let settled = next == kept && !told.is_empty();
+        let settled = next == kept && !directions.is_empty();
         kept = next;
-        (drift, told) = solve(rows, |i| f64::from(u8::from(kept[i])))?;
+        (drift, directions) = solve(rows, |i| f64::from(u8::from(kept[i])))?;
         if settled {
             break;
         }
     }
-    Some(Fit { drift, kept, scale, directions: told })
+    Some(Fit { drift, kept, scale, directions })
 }

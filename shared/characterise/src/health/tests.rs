@@ -125,7 +125,7 @@ fn what_cannot_be_seen_is_not_claimed_and_what_is_no_drift_is_told_apart() {
     assert!(!health.healthy && health.pattern_px > health.pattern_limit_px, "{health:?}");
 }
 
-/// A plane leaves a drift open; what it tells is still judged.
+/// A plane leaves a drift open; what it determines is still tested.
 #[test]
 fn a_flat_object_tells_fewer_drifts() {
     let [left, right, _] = rig(1124, 750);
@@ -201,8 +201,8 @@ fn what_tells_nothing_is_refused() {
         covariance_px2: Matrix2::identity(),
     };
     let same = vec![one; 300];
-    let told = check_pair(&left, &right, &same, None, &HealthSettings::default());
-    assert!(told.is_err() || told.unwrap().drift.degrees_of_freedom < 3);
+    let checked = check_pair(&left, &right, &same, None, &HealthSettings::default());
+    assert!(checked.is_err() || checked.unwrap().drift.degrees_of_freedom < 3);
     let covariance = PairCovariance { names: [vec!["hue".into()], vec![]], matrix: vec![1.0] };
     let error = check_pair(&left, &right, &same, Some(&covariance), &HealthSettings::default()).unwrap_err();
     assert!(error.to_string().contains("\"hue\""), "{error}");

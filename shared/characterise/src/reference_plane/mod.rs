@@ -18,7 +18,7 @@ pub use error::PlaneError;
 use fringe::phase::{PhaseInfo, PhaseView};
 use polynomial::{Fit, height, slope};
 use rayon::prelude::*;
-use reject::{Judged, Seen, judge, scales};
+use reject::{Outcome, PlaneSample, reject_outliers, scales};
 use serde::Serialize;
 
 /// Highest degree: beyond a cubic there is nothing left to fit but noise.
@@ -96,18 +96,18 @@ pub fn calibrate(
     let spare = planes.len() > degree + 1 && reject_sigmas.is_finite();
     let scales = if spare { scales(planes.len(), info.len(), degree, high - low, seen) } else { Vec::new() };
     let limit = if spare { reject_sigmas } else { f64::INFINITY };
-    let judged: Vec<Judged> =
-        (0..info.len()).into_par_iter().map(|i| judge(seen(i), degree, limit, &scales)).collect();
-    let inconsistent = judged.iter().filter(|j| matches!(j, Judged::Inconsistent)).count();
+    let outcomes: Vec<Outcome> =
+        (0..info.len()).into_par_iter().map(|i| reject_outliers(seen(i), degree, limit, &scales)).collect();
+    let inconsistent = outcomes.iter().filter(|j| matches!(j, Outcome::Inconsistent)).count();
     let mut rejected = vec![0; planes.len()];
-    let fits: Vec<Option<Fit>> = judged
+    let fits: Vec<Option<Fit>> = outcomes
         .into_iter()
-        .map(|judged| match judged {
-            Judged::Kept(fit, without) => {
+        .map(|outcome| match outcome {
+            Outcome::Fitted(fit, without) => {
                 rejected.iter_mut().enumerate().for_each(|(i, n)| *n += ((without >> i) & 1) as usize);
                 Some(fit)
             }
-            Judged::Unknown | Judged::Inconsistent => None,
+            Outcome::Unknown | Outcome::Inconsistent => None,
         })
         .collect();
     let plane = |value: &dyn Fn(&Fit) -> f64| -> Vec<f32> {
@@ -176,14 +176,14 @@ impl PlaneCalibration {
 }
 
 /// What a pixel saw of the planes; nothing without the reference.
-fn of_pixel(planes: &[(f64, PhaseView<'_>)], pixel: usize) -> Vec<Seen> {
+fn of_pixel(planes: &[(f64, PhaseView<'_>)], pixel: usize) -> Vec<PlaneSample> {
     let phase = |map: &PhaseView<'_>| {
         (map.valid[pixel] == 1 && map.phase_rad[pixel].is_finite()).then(|| f64::from(map.phase_rad[pixel]))
     };
     let Some(reference_rad) = phase(&planes[0].1) else { return Vec::new() };
     let of_plane = |(plane, (z_mm, map)): (usize, &(f64, PhaseView<'_>))| {
         let difference_rad = phase(map)? - reference_rad;
-        Some(Seen { plane, difference_rad, z_mm: *z_mm, sigma_rad: f64::from(map.sigma_rad[pixel]) })
+        Some(PlaneSample { plane, difference_rad, z_mm: *z_mm, sigma_rad: f64::from(map.sigma_rad[pixel]) })
     };
     planes.iter().enumerate().filter_map(of_plane).collect()
 }

@@ -19,7 +19,7 @@ const LEAST_SCATTER: f64 = 1e-6;
 
 /// What one pixel saw of one plane.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Seen {
+pub(super) struct PlaneSample {
     /// Number of the plane.
     pub plane: usize,
     /// Phase less that of the reference, rad.
@@ -39,21 +39,21 @@ pub(super) struct Scale {
 }
 
 /// What became of a pixel.
-pub(super) enum Judged {
+pub(super) enum Outcome {
     /// Without the planes whose numbers are set in the mask.
-    Kept(Fit, u64),
+    Fitted(Fit, u64),
     /// Fewer planes than coefficients, or no slope.
     Unknown,
     /// One of its planes is wrong, and it is undetermined which.
     Inconsistent,
 }
 
-fn points(seen: &[Seen]) -> Vec<(f64, f64)> {
+fn points(seen: &[PlaneSample]) -> Vec<(f64, f64)> {
     seen.iter().map(|s| (s.difference_rad, s.z_mm)).collect()
 }
 
 /// Height of a plane by the polynomial through the others, less its own, mm.
-fn deleted_mm(seen: &[Seen], index: usize, degree: usize) -> Option<f64> {
+fn deleted_mm(seen: &[PlaneSample], index: usize, degree: usize) -> Option<f64> {
     let mut others = points(seen);
     let (x, z_mm) = others.remove(index);
     let others: [f64; MOST_DEGREE + 1] = fit(&others, degree)?.coefficients;
@@ -66,7 +66,7 @@ pub(super) fn scales(
     pixels: usize,
     degree: usize,
     range_mm: f64,
-    of_pixel: impl Fn(usize) -> Vec<Seen>,
+    of_pixel: impl Fn(usize) -> Vec<PlaneSample>,
 ) -> Vec<Scale> {
     let mut residuals: Vec<Vec<f64>> = vec![Vec::new(); planes];
     let mut noise: Vec<Vec<f64>> = vec![Vec::new(); planes];
@@ -93,15 +93,20 @@ pub(super) fn scales(
 }
 
 /// Fits a pixel without its outlier planes, beyond `limit` standard deviations.
-pub(super) fn judge(mut seen: Vec<Seen>, degree: usize, limit: f64, scales: &[Scale]) -> Judged {
+pub(super) fn reject_outliers(
+    mut seen: Vec<PlaneSample>,
+    degree: usize,
+    limit: f64,
+    scales: &[Scale],
+) -> Outcome {
     let mut rejected = 0_u64;
     loop {
-        let Some(whole) = fit(&points(&seen), degree) else { return Judged::Unknown };
+        let Some(whole) = fit(&points(&seen), degree) else { return Outcome::Unknown };
         // Without redundancy or without scales no plane can be tested.
         if seen.len() < degree + 2 || scales.iter().any(|scale| scale.sigma_mm.is_nan()) {
-            return Judged::Kept(whole, rejected);
+            return Outcome::Fitted(whole, rejected);
         }
-        let size = |(index, one): (usize, &Seen)| -> Option<f64> {
+        let size = |(index, one): (usize, &PlaneSample)| -> Option<f64> {
             let scale = scales.get(one.plane)?;
             let noisier = (one.sigma_rad / scale.sigma_rad).max(1.0);
             let noisier = if noisier.is_finite() { noisier } else { 1.0 };
@@ -109,10 +114,10 @@ pub(super) fn judge(mut seen: Vec<Seen>, degree: usize, limit: f64, scales: &[Sc
         };
         let sizes: Vec<f64> = seen.iter().enumerate().map(|part| size(part).unwrap_or(0.0)).collect();
         if sizes.iter().all(|size| *size <= limit) {
-            return Judged::Kept(whole, rejected);
+            return Outcome::Fitted(whole, rejected);
         }
         if seen.len() == degree + 2 {
-            return Judged::Inconsistent;
+            return Outcome::Inconsistent;
         }
         // The scales stay those of all planes: fewer scatter a little more, which the limit allows for.
         let left = |index: usize| {

@@ -94,7 +94,7 @@ fn impossible_planes_are_named() {
     let mut other = plane(1.0);
     other.info.period_px = 20.0;
     assert!(matches!(calibrate(&[two[0], (1.0, other.view())], 1, 6.0), Err(PlaneError::Pattern { .. })));
-    // Planes of one phase tell no slope: a camera that looks along the projector's rays.
+    // Planes of one phase give no slope: a camera that looks along the projector's rays.
     let flat = map(|x| x);
     let (_, report) = calibrate(&[(0.0, flat.view()), (1.0, flat.view())], 1, 6.0).unwrap();
     assert_eq!((report.calibrated, report.k0_mm_per_rad), (0, None));

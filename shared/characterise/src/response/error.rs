@@ -5,7 +5,7 @@ use thiserror::Error;
 /// Why a response cannot be determined; the message ends with the likely remedy.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum ResponseError {
-    /// A region that is not in the picture.
+    /// A region that is not in the image.
     #[error("region {roi} is not within the frame of {width_px} × {height_px} px; correct --roi")]
     RoiOutside {
         /// The region as `x,y,width,height`.
@@ -57,7 +57,7 @@ pub enum ResponseError {
         /// Fewest grey levels that are accepted.
         needed: usize,
     },
-    /// A picture that does not answer.
+    /// A image that does not answer.
     #[error(
         "the region changes by {range_dn:.2} DN from darkest to brightest level, at least {least_dn:.1} DN needed; check that the region (--roi) is lit by the projector and that the levels are right"
     )]

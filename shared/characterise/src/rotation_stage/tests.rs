@@ -1,4 +1,4 @@
-//! The axis comes back, with the scatter that it states; views that do not tell it are refused.
+//! The axis comes back, with the scatter that it states; views that do not determine it are refused.
 
 use super::*;
 use fringe::math::random::{Key, Normal};
@@ -104,7 +104,7 @@ fn the_jackknife_states_what_blocks_with_errors_of_their_own_make() {
     for run in 0..runs {
         let key = Key::new(900 + run);
         let draw = |block: u64, i: u64| f64::from(normal.draw(key.bits(4 * block + i)));
-        // The axis that the blocks without one of them tell: the mean of their errors.
+        // The axis that the blocks without one of them give: the mean of their errors.
         let estimate = |left_out: Option<u64>| {
             let held: Vec<u64> = (0..blocks).filter(|b| Some(*b) != left_out).collect();
             let mean = |i: u64| held.iter().map(|b| draw(*b, i)).sum::<f64>() / held.len() as f64;

@@ -21,7 +21,7 @@ const SEARCH_PX: usize = 1_500_000;
 const COARSEST: usize = 8;
 /// Grids looked at per image: boards, not clutter, which comes in pieces of four to six.
 const GRIDS: usize = 12;
-/// A board that takes less than this part of the area of another is a picture of it: on a screen, in a mirror.
+/// A board that takes less than this part of the area of another is an image of it: on a screen, in a mirror.
 const PICTURE: f64 = 0.05;
 /// A line of a grid with fewer points than this part of the declared ones is a stray, not a line of the board.
 const STRAY_LINE: f64 = 0.25;

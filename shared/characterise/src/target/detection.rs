@@ -1,7 +1,37 @@
-//! What was found.
+//! Detects a target in an image, and the result of the detection.
 
+use super::error::TargetError;
+use super::raster::Raster;
+use super::settings::TargetSettings;
 use super::spec::{TargetKind, TargetSpec};
+use super::{charuco, checkerboard, circles};
+use fringe::frame::FrameView;
 use nalgebra::{Matrix2, Point2};
+
+/// Finds the points of a target in a frame, each with its covariance.
+///
+/// Deterministic: the same frame gives the same bits. One thread; different frames may be given to different threads.
+///
+/// # Errors
+/// The target or the settings are impossible, the frame's size does not fit its values, or no target, another one, a hidden one,
+/// several, or one that may be a part of a larger one are seen.
+pub fn detect(
+    frame: &FrameView,
+    spec: &TargetSpec,
+    settings: &TargetSettings,
+) -> Result<Detection, TargetError> {
+    spec.check()?;
+    settings.check()?;
+    let image = Raster::of_frame(frame)?;
+    let full_scale_dn = f64::from(frame.full_scale_dn.max(1));
+    match spec.kind {
+        TargetKind::Checkerboard => checkerboard::detect(&image, full_scale_dn, spec, settings),
+        TargetKind::Charuco => charuco::detect(&image, full_scale_dn, spec, settings),
+        TargetKind::Circles | TargetKind::AsymmetricCircles => {
+            circles::detect(&image, full_scale_dn, spec, settings)
+        }
+    }
+}
 
 /// One point of the target in the image.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,7 +1,7 @@
 //! One circle to the noise limit: a blurred ellipse on an uneven ground.
 //!
 //! I(x) = (1 + g·x)·(m + A·P(s/σ)) with P(t) = erf(t/√2) and s the distance from the ellipse dᵀMd = 1, positive outside, to first
-//! order: s = (q − 1)·q/|Md| with q² = dᵀMd. The inside of a small circle is too small to tell how light falls on it, so one
+//! order: s = (q − 1)·q/|Md| with q² = dᵀMd. The inside of a small circle is too small to show how light falls on it, so one
 //! slope g of the light serves disc and ground; blurred, it moves the edge by σ²·g, as for a corner.
 
 use super::profile::Profile;

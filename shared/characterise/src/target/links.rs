@@ -26,7 +26,7 @@ pub(crate) fn grids(saddles: &[Saddle], smooth: &Raster) -> Vec<BTreeMap<(i32, i
     for seed in 0..saddles.len() {
         if !taken[seed] {
             let grid = component(saddles, &links, seed, &mut taken);
-            // Fewer cannot be told from clutter.
+            // Fewer cannot be distinguished from clutter.
             if grid.len() >= 4 {
                 grids.push(grid);
             }

@@ -37,35 +37,8 @@ mod spec;
 mod tests;
 
 pub use bias::projected_circle_center_bias;
-pub use detection::{Ambiguity, DetectedPoint, Detection};
+pub use detection::{Ambiguity, DetectedPoint, Detection, detect};
 pub use error::TargetError;
 pub use markers::MarkerDictionary;
 pub use settings::TargetSettings;
 pub use spec::{TARGET_FORMAT, TargetKind, TargetSpec};
-
-use fringe::frame::FrameView;
-
-/// Finds the points of a target in a frame, each with its covariance.
-///
-/// Deterministic: the same frame gives the same bits. One thread; different frames may be given to different threads.
-///
-/// # Errors
-/// The target or the settings are impossible, the frame's size does not fit its values, or no target, another one, a hidden one,
-/// several, or one that may be a part of a larger one are seen.
-pub fn detect(
-    frame: &FrameView,
-    spec: &TargetSpec,
-    settings: &TargetSettings,
-) -> Result<Detection, TargetError> {
-    spec.check()?;
-    settings.check()?;
-    let image = raster::Raster::of_frame(frame)?;
-    let full_scale_dn = f64::from(frame.full_scale_dn.max(1));
-    match spec.kind {
-        TargetKind::Checkerboard => checkerboard::detect(&image, full_scale_dn, spec, settings),
-        TargetKind::Charuco => charuco::detect(&image, full_scale_dn, spec, settings),
-        TargetKind::Circles | TargetKind::AsymmetricCircles => {
-            circles::detect(&image, full_scale_dn, spec, settings)
-        }
-    }
-}

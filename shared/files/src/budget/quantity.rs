@@ -89,7 +89,7 @@ impl Place<'_> {
     fn keys_together(&self) -> Result<(), FileError> {
         let raw = self.raw;
         let shape = raw.distribution.as_deref();
-        let judged = raw.standard_uncertainty.or(raw.expanded_uncertainty).or(raw.half_width).is_some();
+        let type_b = raw.standard_uncertainty.or(raw.expanded_uncertainty).or(raw.half_width).is_some();
         let rules = [
             (
                 "observations",
@@ -115,11 +115,11 @@ impl Place<'_> {
                 shape == Some("curvilinear-trapezoidal"),
                 "distribution = \"curvilinear-trapezoidal\"",
             ),
-            ("dof", raw.dof.is_some(), judged, "standard_uncertainty, expanded_uncertainty or half_width"),
+            ("dof", raw.dof.is_some(), type_b, "standard_uncertainty, expanded_uncertainty or half_width"),
             (
                 "relative_uncertainty_of_u",
                 raw.relative_uncertainty_of_u.is_some(),
-                judged && raw.dof.is_none(),
+                type_b && raw.dof.is_none(),
                 "standard_uncertainty, expanded_uncertainty or half_width, and without dof",
             ),
         ];
@@ -174,7 +174,7 @@ impl Place<'_> {
             (_, Some(s), ..) => self.standard_deviation(s),
             (_, _, Some(u), _) => {
                 let value = self.not_negative("standard_uncertainty", u)?;
-                self.judged(Distribution::Normal { coverage_factor: 1.0 }, value)
+                self.type_b(Distribution::Normal { coverage_factor: 1.0 }, value)
             }
             (.., Some(expanded)) => {
                 let value = self.not_negative("expanded_uncertainty", expanded)?;
@@ -187,7 +187,7 @@ impl Place<'_> {
                     ));
                 };
                 let coverage_factor = self.number("coverage_factor", k, k > 0.0, "above 0")?;
-                self.judged(Distribution::Normal { coverage_factor }, value)
+                self.type_b(Distribution::Normal { coverage_factor }, value)
             }
             _ => self.half_width(),
         }
@@ -265,11 +265,11 @@ impl Place<'_> {
                 return Err(self.fault("half_width", Problem::Missing("distribution".into()), &remedy));
             }
         };
-        self.judged(distribution, value)
+        self.type_b(distribution, value)
     }
 
     /// A type B statement, unless the file says otherwise.
-    fn judged(&self, distribution: Distribution, value: f64) -> Result<Statement, FileError> {
+    fn type_b(&self, distribution: Distribution, value: f64) -> Result<Statement, FileError> {
         let dof = match (self.raw.dof, self.raw.relative_uncertainty_of_u) {
             (Some(dof), _) if dof == f64::INFINITY => dof,
             (Some(dof), _) => {

@@ -180,7 +180,8 @@ fn check_lookers(
 ) -> Result<(), FileError> {
     let key = format!("{key}.cameras");
     if projector.cameras.is_empty() {
-        let problem = Problem::Missing(format!("a camera that looks while \"{}\" is on", projector.name));
+        let problem =
+            Problem::Missing(format!("a camera that takes frames of projector \"{}\"", projector.name));
         return Err(document.fault(&key, problem, "name at least one camera"));
     }
     if let Some((_, name)) = duplicate(projector.cameras.iter().map(String::as_str)) {

@@ -97,7 +97,7 @@ pub(super) fn check_drivers(
             let problem = Problem::Disagreement {
                 what: "drivers",
                 here: format!("projector \"{}\" has {:?}", projector.name, projector.driver),
-                there: format!("camera \"{}\", which looks at it, has {:?}", other.name, other.driver),
+                there: format!("camera \"{}\", which takes its frames, has {:?}", other.name, other.driver),
             };
             return Err(document.fault(&key, problem, "give both the same driver"));
         }

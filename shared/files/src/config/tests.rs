@@ -1,4 +1,4 @@
-//! A configuration that loads is whole; each gap is told with line, key and both ends.
+//! A configuration that loads is whole; each gap is reported with line, key and both ends.
 
 use super::*;
 use crate::recording::{ProjectorRecord, RecordingWriter};
@@ -201,7 +201,7 @@ const GAPS: &[(&str, &str, &str)] = &[
     (
         "cycles = 2",
         "pairs = [\"pair1\"]",
-        "camera \"cam3\" looks at projector \"proj2\", but no pair takes its phase",
+        "camera \"cam3\" takes frames of projector \"proj2\", but no pair uses its phase",
     ),
     ("cycles = 2", "pairs = []", "a [[pair]] in "),
     ("cycles = 2", "cycles = [", "cell.toml:"),

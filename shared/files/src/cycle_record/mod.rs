@@ -49,7 +49,7 @@ pub struct RecordHeader {
     /// SHA-256 of the description of the recording that was played.
     pub recording_sha256: Option<String>,
     /// Which bytes are kept.
-    pub kept: Retention,
+    pub retention: Retention,
     /// The schedule: what the numbers of the activations mean.
     pub activations: Vec<ActivationName>,
 }

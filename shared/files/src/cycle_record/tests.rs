@@ -15,7 +15,7 @@ fn header() -> RecordHeader {
         rig_sha256: "cd".into(),
         recipes: vec![RecordedRecipe { name: "default".into(), plan_sha256: Some("12".into()) }],
         recording_sha256: Some("ef".into()),
-        kept: Retention::Frames,
+        retention: Retention::Frames,
         activations: vec![ActivationName { stage: "fusion".into(), label: "fuse".into(), output: None }],
     }
 }
@@ -148,5 +148,5 @@ fn other_files_and_versions_are_refused_and_nothing_is_overwritten() {
 fn a_full_disk_is_told_and_leaves_no_half_record() {
     let error = RecordWriter::create(Path::new("/dev/full"), &header()).unwrap_err();
     assert!(error.to_string().contains("/dev/full: cannot write the cycle record"), "{error}");
-    assert!(error.to_string().contains("make room on the disk"), "{error}");
+    assert!(error.to_string().contains("free space on the disk"), "{error}");
 }

@@ -1,4 +1,4 @@
-//! Which keys of a calibration are meant, told by the names that programs use.
+//! Which keys of a calibration are meant, found by the names that programs use.
 
 use super::rig::{ViewKeys, ViewKind, rig_from_opencv};
 use super::storage::Storage;

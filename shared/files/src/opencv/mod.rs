@@ -21,7 +21,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 impl Storage {
-    /// Reads a FileStorage file; YAML or XML is told by its first letters.
+    /// Reads a FileStorage file; YAML or XML is recognised by its first letters.
     ///
     /// # Errors
     /// Absent, neither YAML nor XML, or a matrix whose numbers are not numbers or not rows × columns many.

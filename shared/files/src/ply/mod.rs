@@ -2,7 +2,7 @@
 //!
 //! Written: binary little-endian, `x y z` as double, `nx ny nz sigma modulation` as float, `pair` as uchar, 45 bytes a
 //! point, positions in mm in the world frame. Read: any PLY (text, both byte orders, float or double, elements and
-//! properties in any order; those that nobody knows are skipped).
+//! properties in any order; unknown ones are skipped).
 
 mod mesh;
 mod write;

@@ -77,7 +77,7 @@ pub(super) fn open(folder: &Path) -> Result<Recording, FileError> {
     let raw: RawRecording = document.parse(RECORDING_FORMAT)?;
     if raw.projector.is_empty() {
         let problem = Problem::Missing("[[projector]]".into());
-        return Err(document.fault("projector", problem, "say what was projected"));
+        return Err(document.fault("projector", problem, "describe each projector and its sequence"));
     }
     if let Some((index, name)) = duplicate(raw.projector.iter().map(|p| p.name.as_str())) {
         let problem = Problem::Duplicate { kind: "projector", name: name.to_owned() };
@@ -108,7 +108,7 @@ fn projector(
     let cameras_key = format!("{key}.cameras");
     if raw.cameras.is_empty() {
         let problem = Problem::Missing("a camera".into());
-        return Err(document.fault(&cameras_key, problem, "say who looked"));
+        return Err(document.fault(&cameras_key, problem, "name the cameras that took frames"));
     }
     if let Some((_, name)) = duplicate(raw.cameras.iter().map(String::as_str)) {
         let problem = Problem::Duplicate { kind: "camera", name: name.to_owned() };

@@ -1,4 +1,4 @@
-//! A recording comes back as it was written, and each kind of damage is told with place and remedy.
+//! A recording comes back as it was written, and each kind of damage is reported with place and remedy.
 
 use super::*;
 use crate::rig_file::{read_rig, write_rig};

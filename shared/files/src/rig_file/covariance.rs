@@ -76,7 +76,7 @@ impl RigFile {
             let problem = Problem::Disagreement {
                 what: "covariance and rig file",
                 here: format!("this file has the SHA-256 {found}"),
-                there: format!("{} says {}", self.path.display(), reference.sha256),
+                there: format!("{} has {}", self.path.display(), reference.sha256),
             };
             return Err(FileError::new(
                 &path,

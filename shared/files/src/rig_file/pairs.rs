@@ -42,7 +42,11 @@ pub(super) fn check_pairs(document: &Document, rig: &Rig) -> Result<(), FileErro
                 here: format!("projector = \"{}\"", pair.projector),
                 there: format!("right = \"{}\" is a projector", pair.right),
             };
-            return Err(document.fault(&key("projector"), problem, "a projector sees only its own light"));
+            return Err(document.fault(
+                &key("projector"),
+                problem,
+                "leave `projector` out, or name the right view",
+            ));
         }
     }
     Ok(())
@@ -66,7 +70,7 @@ pub(crate) fn unknown<'a>(
 /// Fills in the projector of pairs that name none: the only one that lit both of their cameras.
 ///
 /// `lit` lists each projector with the cameras that looked while it was on, as a recording or a cell configuration
-/// tells. A pair that names its projector is left as it is.
+/// shows. A pair that names its projector is left as it is.
 ///
 /// # Errors
 /// No projector lit both cameras of a pair, or several did; the key names the pair by its name.

@@ -1,4 +1,4 @@
-//! A rig comes back with the digits that it had; what cannot be a rig is told with line, key and remedy.
+//! A rig comes back with the digits that it had; an invalid rig is reported with line, key and remedy.
 
 use super::*;
 use crate::testing::{camera, rig};

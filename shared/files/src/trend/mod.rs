@@ -5,7 +5,7 @@
 //! ```
 //! The seal of a line is the SHA-256 of the seal before it (of the format's name for the first line), a line feed and the
 //! line's JSON. So a line that was changed, moved, inserted or taken out shows at its place. What a seal without a secret
-//! cannot show: a file that somebody sealed anew from the first changed line on, or whose last lines were cut off; note
+//! cannot show: a file that was sealed again from the first changed line on, or whose last lines were cut off; note
 //! the last seal elsewhere, or use a key. With a key the seals are `hmac-sha256:`, which only its holders can make; cut
 //! ends still need the note.
 

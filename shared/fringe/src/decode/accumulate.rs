@@ -32,7 +32,7 @@ pub struct Sums {
 }
 
 impl Sums {
-    /// Room for one set.
+    /// Allocates the sums of one set.
     pub fn new(plan: &SinePlan, pixels: usize) -> Self {
         let even = |shift: &f64| {
             let (s, c) = sincos(*shift);
@@ -40,7 +40,7 @@ impl Sums {
         };
         let n = f64::from(plan.steps);
         let scaled = |w: &[f64; 3]| [(w[0] * n) as f32, (w[1] * 0.5 * n) as f32, (w[2] * 0.5 * n) as f32];
-        // The pattern was checked: its shifts tell three unknowns.
+        // The pattern was checked: its shifts determine three unknowns.
         let uneven = if plan.even { None } else { LeastSquares::new(&plan.shifts_rad) };
         let weights = match &uneven {
             Some(fit) => fit.weights.iter().map(scaled).collect(),
@@ -124,7 +124,7 @@ pub enum Rasters {
 }
 
 impl Rasters {
-    /// Room for `count` frames.
+    /// Allocates memory for `count` frames.
     pub fn new(count: usize, pixels: usize, full_scale_dn: u16) -> Self {
         if full_scale_dn <= 255 {
             Self::Bytes(vec![0; count * pixels])

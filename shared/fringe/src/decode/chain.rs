@@ -38,7 +38,7 @@ pub enum Start {
     Code,
     /// In the middle of the projector: the first member covers it.
     Centre,
-    /// At the coordinate that the residues by all periods tell.
+    /// At the coordinate given by the residues of all periods.
     Residues,
 }
 
@@ -52,7 +52,7 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// The finest sine alone, after the residues have told where.
+    /// The finest sine alone, after the residues have given the coordinate.
     pub fn of_residues(period_px: f64) -> Self {
         let stage = Stage {
             period_px,
@@ -153,7 +153,7 @@ fn combinations(sines: &[Sine], finest_px: f64, most_phases: i32) -> Vec<Node> {
     for coefficients in vectors {
         let frequency: f64 = coefficients.iter().zip(sines).map(|(a, s)| f64::from(*a) / s.period_px).sum();
         let period_px = 1.0 / frequency;
-        // A vanishing or negative frequency tells nothing (the latter has its positive twin in the list).
+        // A vanishing or negative frequency gives no information (the latter has its positive twin in the list).
         if frequency > 1e-9 && period_px * EQUAL >= finest_px {
             nodes.push(Node { coefficients, period_px });
         }

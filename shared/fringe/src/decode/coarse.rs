@@ -88,7 +88,7 @@ impl Kernel<'_> {
         }
     }
 
-    /// The inverse-variance mean of all sines, each at the order that the finest one tells; σ follows.
+    /// The inverse-variance mean of all sines, each at the order of the finest one; σ follows.
     ///
     /// Where a set disagrees beyond its noise, an order is wrong: the neighbours shall correct the finest phase, not a mean with it.
     /// Var xⱼ = (pⱼ/2π)² · 2σ²/(Nⱼ Bⱼ²) and Bⱼ² = (2/Nⱼ)²(c² + s²) give the weights (c² + s²)/(Nⱼ pⱼ²).

@@ -9,7 +9,7 @@ use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 /// One of so many rows and columns is walked along.
 const STRIDE: usize = 4;
-/// Fewer wraps and jumps do not judge a sequence.
+/// With fewer wraps and jumps the sequence is not checked.
 const LEAST: usize = 50;
 
 /// Neighbours along rows and columns whose wrapped phases differ by less than π/2.
@@ -22,7 +22,7 @@ pub struct Continuity {
 }
 
 impl Continuity {
-    /// Jumps per wrap; 0 where too few wraps were met to judge.
+    /// Jumps per wrap; 0 with too few wraps.
     pub fn jump_fraction(&self) -> f64 {
         if self.wraps.max(self.jumps) < LEAST { 0.0 } else { self.jumps as f64 / self.wraps.max(1) as f64 }
     }

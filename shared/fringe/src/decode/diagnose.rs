@@ -12,7 +12,7 @@
 //! | (I + Ī)/2, complement | mean of abs(I − Ī)/2 over n bits | u²(T) | u²(T)/n | (σ_L² + σ_K²)/4 |
 //!
 //! σ² is the variance of the frame's own grey value: σ_L² of a light bit, σ_K² of a dark one, σ_A² between them. A bit that shows an edge of
-//! its stripe within the pixel's footprint has less contrast; it tells one of two neighbouring stripes, which the phase settles, and
+//! its stripe within the pixel's footprint has less contrast; it selects one of two neighbouring stripes, which the phase settles, and
 //! lowers ĉ by its share, to the safe side.
 //!
 //! # Orders
@@ -46,7 +46,7 @@ pub struct Diagnosis {
     pub wrong_order: f32,
     /// The part of it that comes from bits.
     pub wrong_order_by_bits: f32,
-    /// Projector coordinate that the pixel's own frames tell, before any neighbour is asked, px.
+    /// Projector coordinate from the pixel's own frames, before any neighbour is asked, px.
     pub own_px: f32,
 }
 
@@ -72,7 +72,7 @@ impl Decoder {
     /// [`DecodeError::NoSuchAxis`], [`DecodeError::Incomplete`].
     pub fn diagnose(&self, axis: Axis) -> Result<Vec<Diagnosis>, DecodeError> {
         let home = self.complete(axis)?;
-        // The order is told before the sines are fused, from the finest one's noise.
+        // The order is set before the sines are fused, from the finest one's noise.
         let plan = AxisPlan { fused: false, ..self.plan.axes[home].clone() };
         let kernel = self.kernel(home, &plan);
         let mut pixels = vec![(Diagnosis::NONE, f32::NAN); self.correction.len()];
@@ -114,7 +114,7 @@ fn add_phase_noise(risk: &OrderRisk, pixels: &mut [(Diagnosis, f32)]) {
     }
 }
 
-/// Planes that nobody keeps.
+/// Output planes that are discarded.
 struct Scratch {
     phase: [f32; BLOCK],
     sigma: [f32; BLOCK],
@@ -236,7 +236,7 @@ impl Kernel<'_> {
                 let [light, dark] = self.levels_dn2(threshold_dn, contrast_dn);
                 let threshold = 0.25 * (light + dark);
                 let own = 0.25 * (light / groups.count[0] + dark / groups.count[1]);
-                judged(
+                bit_errors(
                     [threshold_dn, contrast_dn],
                     threshold,
                     [light + threshold - own, dark + threshold - own],
@@ -252,7 +252,7 @@ impl Kernel<'_> {
                 let excess = (groups.count[0] - groups.count[1]) / bits;
                 let own = (groups.count[0] * light + groups.count[1] * dark) / (bits * bits)
                     + excess * excess * threshold;
-                judged(
+                bit_errors(
                     [threshold_dn, contrast_dn],
                     threshold,
                     [light + threshold - own, dark + threshold - own],
@@ -267,7 +267,7 @@ impl Kernel<'_> {
                 }
                 let [light, dark] = self.levels_dn2(sum / bits, apart / bits);
                 let threshold = 0.25 * (light + dark);
-                judged([sum / bits, apart / bits], threshold, [threshold * (1.0 - 1.0 / bits); 2])
+                bit_errors([sum / bits, apart / bits], threshold, [threshold * (1.0 - 1.0 / bits); 2])
             }
         }
     }
@@ -284,7 +284,7 @@ fn is_dark(code: &CodePlan, stripes: &Stripes, i: usize, bit: usize) -> bool {
 }
 
 /// Chances from threshold and contrast, the variance of the threshold, and s² of a light and of a dark bit.
-fn judged([threshold_dn, contrast_dn]: [f64; 2], threshold_dn2: f64, spread_dn2: [f64; 2]) -> Bits {
+fn bit_errors([threshold_dn, contrast_dn]: [f64; 2], threshold_dn2: f64, spread_dn2: [f64; 2]) -> Bits {
     let chance = |variance: f64| 0.5 * erfc(contrast_dn / (2.0 * variance.max(QUANTISATION_DN2)).sqrt());
     Bits { threshold_dn, u_threshold_dn: threshold_dn2.sqrt(), contrast_dn, wrong: spread_dn2.map(chance) }
 }

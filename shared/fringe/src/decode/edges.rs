@@ -84,7 +84,7 @@ struct Numbers<'a> {
 }
 
 impl Edges {
-    /// Room for an image.
+    /// Allocates the buffers for one image.
     pub fn new(width: usize, pixels: usize) -> Self {
         Self {
             width,
@@ -162,8 +162,8 @@ impl Edges {
     fn common_variance(&mut self) -> f64 {
         let stride = self.planes.len().div_ceil(SAMPLES).max(1);
         self.scratch.clear();
-        let told = self.planes.iter().step_by(stride).filter(|p| p.freedom > 2.0);
-        self.scratch.extend(told.map(|p| f64::from(p.squares / p.freedom)));
+        let usable = self.planes.iter().step_by(stride).filter(|p| p.freedom > 2.0);
+        self.scratch.extend(usable.map(|p| f64::from(p.squares / p.freedom)));
         let middle = self.scratch.len() / 2;
         if self.scratch.is_empty() {
             0.0

@@ -40,7 +40,7 @@ pub enum DecodeError {
         /// Standard deviation of the residuals over the modulation.
         residual: f64,
     },
-    /// Code and phase tell different places.
+    /// Code and phase give different coordinates.
     #[error(
         "code and phase along axis {axis:?} contradict each other: {jumps} order jumps at {wraps} wraps, {unresolved} of {lit} \
          lit pixels without order, limit {:.0} % of either; are the code's frames in order, are stripe_px, code, invert, \
@@ -54,7 +54,7 @@ pub enum DecodeError {
         jumps: usize,
         /// Places where the wrapped phase passes 2π.
         wraps: usize,
-        /// Pixels whose order nobody settled.
+        /// Pixels whose order stays open.
         unresolved: usize,
         /// These and the valid ones.
         lit: usize,
@@ -89,7 +89,7 @@ pub enum DecodeError {
         /// Axis of the sets.
         axis: Axis,
     },
-    /// Nothing in the sequence tells a projector coordinate.
+    /// No set of the sequence gives a projector coordinate.
     #[error("the sequence has neither a sine nor a gray set: there is nothing to decode")]
     NothingToDecode,
     /// Two sets say the same.
@@ -246,7 +246,7 @@ pub enum DecodeError {
         /// Frames that the axis needs.
         needed: usize,
     },
-    /// The sequence has no set that tells this axis.
+    /// The sequence has no set along this axis.
     #[error("the sequence has no sine or gray set on axis {axis:?}")]
     NoSuchAxis {
         /// Projector axis that was asked for.

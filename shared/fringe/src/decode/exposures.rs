@@ -1,7 +1,7 @@
 //! One phase map from several exposures of the same scene, for parts that are shiny here and dark there.
 //!
 //! Each exposure is decoded by itself, with its own noise and its own mask of clipped and dark pixels; then a pixel takes the inverse-variance mean
-//! of the exposures that tell it. Merging phases and not grey values keeps the camera's black level and the steps between exposures out of
+//! of the exposures that are valid there. Merging phases and not grey values keeps the camera's black level and the steps between exposures out of
 //! the fringes: a sum of cosines with an offset is still one, a patchwork of two scales is not.
 
 use crate::phase::{PhaseMap, PhaseViewMut};
@@ -27,8 +27,8 @@ pub fn merge_exposures(exposures: &[Exposed<'_>], out: &mut PhaseViewMut<'_>, be
     best_of.fill(0);
     let alike = || exposures.iter().enumerate().filter(|(_, e)| e.map.info == out.info);
     for i in 0..out.info.len() {
-        let told = || alike().filter(|(_, e)| e.map.valid[i] == 1);
-        let best = told().min_by(|a, b| a.1.map.sigma_rad[i].total_cmp(&b.1.map.sigma_rad[i]));
+        let usable = || alike().filter(|(_, e)| e.map.valid[i] == 1);
+        let best = usable().min_by(|a, b| a.1.map.sigma_rad[i].total_cmp(&b.1.map.sigma_rad[i]));
         let Some((number, best)) = best else {
             (out.phase_rad[i], out.sigma_rad[i], out.valid[i]) = (f32::NAN, f32::NAN, 0);
             out.modulation[i] = alike().next().map_or(0.0, |(_, first)| first.map.modulation[i]);
@@ -36,7 +36,7 @@ pub fn merge_exposures(exposures: &[Exposed<'_>], out: &mut PhaseViewMut<'_>, be
         };
         let (phase, sigma) = (best.map.phase_rad[i], f64::from(best.map.sigma_rad[i]));
         let (mut w, mut wx) = (0.0, 0.0);
-        for (_, e) in told() {
+        for (_, e) in usable() {
             let apart = e.map.phase_rad[i] - phase;
             let other = f64::from(e.map.sigma_rad[i]);
             let limit = APART_SIGMAS * (sigma * sigma + other * other).sqrt();

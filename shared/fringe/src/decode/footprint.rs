@@ -45,7 +45,7 @@ const SMOOTH_RAD: f32 = 0.02;
 /// Bins along |∇φ|², four to the octave from 2⁻¹⁰ rad²/px² on; the last one has no end.
 const BINS: usize = 40;
 const FIRST_BITS: usize = (127 - 10) << 2;
-/// Rows are dealt to so many groups; how the groups scatter tells the uncertainty of a bin.
+/// Rows are dealt to so many groups; the scatter of the groups gives the uncertainty of a bin.
 const GROUPS: usize = 8;
 /// Fewer pixels in a group of a bin say nothing.
 const LEAST_IN_GROUP: u32 = 20;
@@ -63,7 +63,7 @@ const LANES: usize = 8;
 /// Rows of one parallel job; a multiple of `GROUPS`.
 const ROWS: usize = 16;
 
-/// The frames that tell R, and the grey value from which they do not.
+/// The frames that give R, and the grey value from which they do not.
 #[derive(Debug, Clone, Copy)]
 pub struct Reflectance<'a> {
     /// The stored frames of the sequence.
@@ -112,7 +112,7 @@ struct Local {
 }
 
 impl Footprint {
-    /// Room for images of a size.
+    /// Allocates the buffers for images of one size.
     pub fn new(width: usize, pixels: usize) -> Self {
         let jobs = (pixels / width.max(1)).div_ceil(ROWS);
         let empty = [[Sums::default(); GROUPS]; BINS];
@@ -120,7 +120,7 @@ impl Footprint {
     }
 
     /// Derivatives of the whole map, and from them the variance s² of the footprint, px²; `None` where the frames do
-    /// not tell it.
+    /// not determine it.
     pub fn survey(&mut self, map: &PhaseViewMut, reflectance: Option<Reflectance>) -> Option<f64> {
         let width = self.width;
         let rows = self.bias.len() / width;
@@ -152,12 +152,12 @@ impl Footprint {
             count += 1;
         }
         let (slope, u_slope) = line(&places[..count])?;
-        let (told, known) = (1.0 / (4.0 * u_slope * u_slope), 1.0 / (LENS_U_PX2 * LENS_U_PX2));
-        let variance_px2 = (told * -2.0 * slope + known * LENS_PX2) / (told + known);
+        let (measured, known) = (1.0 / (4.0 * u_slope * u_slope), 1.0 / (LENS_U_PX2 * LENS_U_PX2));
+        let variance_px2 = (measured * -2.0 * slope + known * LENS_PX2) / (measured + known);
         (variance_px2 > LEAST_PX2).then_some(variance_px2.min(MOST_PX2))
     }
 
-    /// Removes the bias of a footprint from the phase; its noise grows by some per cent, which the uncertainty tells.
+    /// Removes the bias of a footprint from the phase; its noise grows by some per cent, which the uncertainty contains.
     /// Pixels without a smooth neighbourhood stay as they are. The map must be the one surveyed last.
     pub fn correct(&self, variance_px2: f64, map: &mut PhaseViewMut) {
         let half = 0.5 * variance_px2;

@@ -10,10 +10,10 @@
 //!
 //! # Convention
 //! I = A + B cos(2πx/p − δ), δᵢ = ±(2πi/N + first step), gives φ = 2πx/p (mod 2π) in [0, 2π), so x = φ p/2π + m p. The order m is
-//! an integer of any size and sign; phase 0 is as good as any other, only the mask tells what is usable.
+//! an integer of any size and sign; phase 0 is as good as any other, only the mask marks what is usable.
 //!
 //! # One rule for the order
-//! Whatever tells the order gives a coarse coordinate c, and m = round((c − x_w) / p):
+//! Every method of the fringe order gives a coarse coordinate c, and m = round((c − x_w) / p):
 //! stripe k of a code gives c = k s + s/2 − 1/2 (its centre: a code edge lies half a column before the phase zero), a
 //! longer period or a beat gives its own coordinate ([`chain`]). With stripes of half a period the two differ by at most
 //! p/4 where p/2 would be harmful, so neither blur nor noise at the code's edges makes a jump. With stripes of a whole
@@ -21,7 +21,7 @@
 //!
 //! The result is the phase of the finest sine of an axis; the coarser ones only give its order. A code without
 //! sines gives what lies between the edges of its stripes (`edges`), or the centre of a stripe with the uncertainty s/√12 where
-//! there are none. Sets that tell nothing more (stair, ramp, random,
+//! there are none. Sets that are not needed (stair, ramp, random,
 //! superfluous codes) are named in the report.
 //!
 //! # Uncertainty
@@ -265,7 +265,7 @@ impl Decoder {
         }
     }
 
-    /// The axes that the sequence tells, x before y.
+    /// The axes of which the sequence gives a phase, x before y.
     pub fn axes(&self) -> Vec<Axis> {
         self.plan.axes.iter().map(|a| a.axis).collect()
     }
@@ -354,7 +354,7 @@ impl Decoder {
         }
     }
 
-    /// The noise model where neither settings nor residuals tell it, and where residuals tell too much.
+    /// The noise model where neither settings nor residuals give it, and where residuals show too much.
     fn estimate_from_neighbours(&mut self, home: usize) {
         let least_dn = self.least_modulation_dn();
         let (plan, axis) = (&self.plan.axes[home], &mut self.axes[home]);
@@ -396,13 +396,13 @@ impl Decoder {
             levels,
             clipped_dn,
         });
-        // Neither given nor to be told by the frames: no derivative is needed.
+        // Neither given nor to be estimated from the frames: no derivative is needed.
         let unknown = given_px.is_none() && reflectance.is_none();
         if plan.sines.is_empty() || given_px == Some(0.0) || unknown {
             return Ok(None);
         }
-        let told = self.footprint.survey(out, reflectance);
-        let variance_px2 = given_px.map(|footprint_px| footprint_px * footprint_px).or(told);
+        let survey = self.footprint.survey(out, reflectance);
+        let variance_px2 = given_px.map(|footprint_px| footprint_px * footprint_px).or(survey);
         if let Some(variance_px2) = variance_px2 {
             self.footprint.correct(variance_px2, out);
         }

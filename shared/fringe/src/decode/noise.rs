@@ -25,9 +25,9 @@ const LESS: f64 = 0.81;
 const BINS: usize = 16;
 /// Variance of the rounding to whole DN.
 pub const QUANTISATION_DN2: f64 = 1.0 / 12.0;
-/// Fewest steps whose residuals tell noise: with four there is one residual, and the second harmonic owns it.
+/// Fewest steps whose residuals give the noise: with four there is one residual, and the second harmonic owns it.
 const LEAST_STEPS: usize = 5;
-/// Fewest steps that leave a residual at all, which tells frames out of order.
+/// Fewest steps that leave a residual at all, which shows frames out of order.
 const FEWEST_STEPS: usize = 4;
 
 /// A residual variance at a background level.
@@ -86,15 +86,15 @@ impl Probe {
         }
         let positions: Vec<usize> = (0..pixels).step_by(stride).collect();
         let steps_max = sets.iter().map(|s| s.steps as usize).max().unwrap_or(0);
-        let room = positions.len() * sets.len().max(1);
+        let capacity = positions.len() * sets.len().max(1);
         Self {
             frames: vec![0; positions.len() * steps_max],
             few: Vec::with_capacity(positions.len()),
             positions,
             steps_max,
             spectra: sets.iter().map(|plan| Spectrum::new(plan)).collect(),
-            samples: Vec::with_capacity(room),
-            scratch: Vec::with_capacity(room),
+            samples: Vec::with_capacity(capacity),
+            scratch: Vec::with_capacity(capacity),
             unexplained: Unexplained::default(),
             unexplained_of_four: Unexplained::default(),
         }
@@ -170,7 +170,7 @@ impl Probe {
         }
     }
 
-    /// Σ residual variance, Σ B² and number of the pixels with one black frame among lit ones. They tell no noise, but a
+    /// Σ residual variance, Σ B² and number of the pixels with one black frame among lit ones. They give no noise, but a
     /// whole frame that stayed black (a trigger that was lost) hides in them; a sine that touches black leaves next to
     /// nothing there.
     fn blackened(
@@ -250,7 +250,7 @@ impl Probe {
         // Equal backgrounds must not be ordered by variance, or a bin would get the quiet ones and the next the rest.
         self.samples.sort_unstable_by(|a, b| a.background_dn.total_cmp(&b.background_dn));
         let mut model = None;
-        // First every bin judges its outliers by its own median, then all by the line through the bins.
+        // First each bin rejects outliers by its own median, then all bins by the line through them.
         for _ in 0..3 {
             let mut bins = [Bin::default(); BINS];
             for (index, bin) in bins.iter_mut().enumerate() {

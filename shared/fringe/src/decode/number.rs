@@ -1,4 +1,4 @@
-//! Number-theoretical order: the residues of the coordinate by several periods tell it up to their least common multiple.
+//! Number-theoretical order: the residues of the coordinate by several periods determine it up to their least common multiple.
 //!
 //! x = wᵢ + kᵢ pᵢ for every period pᵢ, so the differences wᵢ − w₀ = k₀ p₀ − kᵢ pᵢ take one value per tuple of orders (eq. 2.57, there
 //! multiplied with fᵢ). A table over these differences, one cell a pixel, names the tuples that can be nearest in that cell (eq. 2.58), and the nearest
@@ -30,7 +30,7 @@ const FAR: f64 = 6.0;
 /// Most tuples: a projector of 65535 px with six periods of 16 px has 24 576.
 const MOST_TUPLES: usize = 1 << 12;
 
-/// Why the periods tell no order.
+/// Why the periods give no order.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum ResidueError {
     /// There is only one period.

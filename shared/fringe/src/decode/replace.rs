@@ -43,7 +43,7 @@ impl Decoder {
             .collect()
     }
 
-    /// Limits for a method of [`crate::wrapped`], with the noise that the frames of an axis tell so far.
+    /// Limits for a method of [`crate::wrapped`], with the noise estimated from the frames of an axis so far.
     ///
     /// # Errors
     /// [`DecodeError::NoSuchAxis`].

@@ -30,7 +30,7 @@ pub struct NoiseModel {
     pub source: NoiseSource,
 }
 
-/// Fewer lit pixels do not judge a sequence.
+/// With fewer lit pixels the sequence is not checked.
 const LEAST_LIT: usize = 200;
 
 impl DecodeReport {
@@ -54,7 +54,7 @@ impl DecodeReport {
         Err(DecodeError::Contradiction { axis, jumps, wraps, unresolved, lit, limit })
     }
 
-    /// Pixels whose order nobody settled, and these with the valid ones.
+    /// Pixels whose order stays open; and these together with the valid ones.
     pub fn unresolved(&self) -> (usize, usize) {
         let unresolved = self.ambiguous - self.resolved.min(self.ambiguous);
         (unresolved, self.valid + unresolved)

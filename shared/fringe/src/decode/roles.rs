@@ -105,7 +105,7 @@ pub struct AxisPlan {
     pub extent_px: f64,
     /// Period of the result: finest sine, or the stripe where there is no sine.
     pub period_px: f64,
-    /// White and black, where the sequence has both: they tell the pixel's footprint.
+    /// White and black, where the sequence has both: they give the pixel's footprint.
     pub levels: Option<Levels>,
     /// Sines in use (indices into [`Plan::sines`]); the first one is the finest. The chain counts in this list.
     pub sines: Vec<usize>,

@@ -14,7 +14,7 @@ pub(super) struct Sets<'a> {
     pub list: &'a [PatternSet],
     /// Number of each set's first frame.
     pub first_frame: Vec<usize>,
-    /// What tells the order.
+    /// Method of the order.
     pub order: OrderMethod,
     /// Whether all sines say where a pixel is.
     pub fuse: bool,

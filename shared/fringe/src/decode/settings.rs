@@ -14,7 +14,7 @@ pub struct CameraNoise {
     pub gain_dn: f64,
 }
 
-/// What tells the fringe order.
+/// Method of the fringe order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OrderMethod {
@@ -71,7 +71,7 @@ pub struct DecodeSettings {
     pub min_modulation_fraction: f64,
     /// A sine frame at or above this fraction of full scale is clipped; its pixel is masked.
     pub saturation_fraction: f64,
-    /// Largest usable standard uncertainty of the phase, rad. At π/8 the wrap and its noise can no longer be told apart.
+    /// Largest usable standard uncertainty of the phase, rad. At π/8 the wrap and its noise can no longer be distinguished.
     pub max_sigma_rad: f64,
     /// Noise of the camera where it is known. When absent it is estimated from the residuals of the sine sets with five
     /// or more steps, from neighbouring pixels where there are fewer or only a code, or assumed where too few pixels are lit
@@ -91,10 +91,10 @@ pub struct DecodeSettings {
     /// the frames do not follow the sequence. A part full of steps may need more.
     pub max_contradiction: f64,
     /// Standard deviation of a pixel's footprint (its area and the lens blur), camera pixels; 0 corrects nothing. When
-    /// absent it is estimated from white, black and the modulation, and nothing is corrected where they do not tell it.
+    /// absent it is estimated from white, black and the modulation, and nothing is corrected where they do not determine it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub footprint_px: Option<f64>,
-    /// What tells the fringe order.
+    /// Method of the fringe order.
     pub order: OrderMethod,
     /// Whether the result is the inverse-variance mean of all sine sets of an axis, not the finest alone.
     pub fuse: bool,

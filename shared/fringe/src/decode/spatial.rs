@@ -1,4 +1,4 @@
-//! Noise of the camera from neighbouring pixels, where the steps leave no residual that tells it.
+//! Noise of the camera from neighbouring pixels, where the steps leave no residual to estimate it from.
 //!
 //! Three steps leave no residual, four leave one that the second harmonic owns, and a code has none. But the phase of a
 //! surface is smooth over 3 × 3 pixels and noise is not. The kernel

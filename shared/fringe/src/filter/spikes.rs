@@ -1,6 +1,6 @@
 //! Spikes and dips found with Sobel's kernels (thesis section 3.1.3.3).
 //!
-//! A spike of height d adds d/4 to the slope that Sobel's kernel tells at its left neighbour and takes d/4 from that at the right one;
+//! A spike of height d adds d/4 to the slope that Sobel's kernel gives at its left neighbour and takes d/4 from that at the right one;
 //! likewise above and below. So d = 2 (Gₗ − Gᵣ) along both axes, and the slope of the surface cancels. An edge gives that
 //! along one axis only. The corner of a step gives it along both, but has three neighbours of its own height.
 
@@ -23,14 +23,14 @@ enum Verdict {
     Mask,
 }
 
-/// Corrects or masks all spikes at once: each is judged by the map as it was.
+/// Corrects or masks all spikes at once: each is compared with the map before the correction.
 pub fn remove(map: &mut PhaseMap, height_rad: f32) -> FilterReport {
     let width = map.info.width_px as usize;
     let mut verdicts = vec![Verdict::Keep; map.info.len()];
     let before = &*map;
     verdicts.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
         for (x, verdict) in row.iter_mut().enumerate() {
-            *verdict = judge(before, x as i64, y as i64, height_rad);
+            *verdict = classify(before, x as i64, y as i64, height_rad);
         }
     });
     let mut report = FilterReport::default();
@@ -52,7 +52,7 @@ pub fn remove(map: &mut PhaseMap, height_rad: f32) -> FilterReport {
     report
 }
 
-fn judge(map: &PhaseMap, x: i64, y: i64, height_rad: f32) -> Verdict {
+fn classify(map: &PhaseMap, x: i64, y: i64, height_rad: f32) -> Verdict {
     let Some(centre) = value(map, x, y) else { return Verdict::Keep };
     // Most pixels end here: none of the four next to them is far off.
     let far = |other: Option<f32>| other.is_some_and(|other| (other - centre).abs() > 0.5 * height_rad);

@@ -84,12 +84,12 @@ impl Grid {
 impl Cells {
     /// Sorts points; `first_index` numbers the first of them. Buffers are reused.
     pub fn fill(&mut self, grid: &Grid, points: &[Point], first_index: u32) {
-        make_room(&mut self.order, points.len());
+        clear_and_reserve(&mut self.order, points.len());
         self.order.extend(points.iter().zip(0..).map(|(point, index)| (grid.key(&point.position_mm), index)));
         radix_sort(&mut self.order, &mut self.spare, grid.bits.iter().sum());
-        make_room(&mut self.sites, points.len());
-        make_room(&mut self.keys, points.len());
-        make_room(&mut self.occupied, points.len() + 1);
+        clear_and_reserve(&mut self.sites, points.len());
+        clear_and_reserve(&mut self.keys, points.len());
+        clear_and_reserve(&mut self.occupied, points.len() + 1);
         for (key, index) in &self.order {
             if self.occupied.last().is_none_or(|(last, _)| last != key) {
                 self.occupied.push((*key, self.sites.len() as u32));
@@ -131,9 +131,9 @@ impl Cells {
     }
 }
 
-/// Empties a list and makes room for so many entries, and a quarter more where it has to grow: the next cloud of the same
+/// Empties a list and reserves memory for `entries` elements, and a quarter more where it has to grow: the next cloud of the same
 /// part is a little larger or smaller.
-pub(super) fn make_room<T>(list: &mut Vec<T>, entries: usize) {
+pub(super) fn clear_and_reserve<T>(list: &mut Vec<T>, entries: usize) {
     list.clear();
     if list.capacity() < entries {
         list.reserve_exact(entries + entries / 4);
@@ -142,7 +142,7 @@ pub(super) fn make_room<T>(list: &mut Vec<T>, entries: usize) {
 
 /// Stable sort by the lowest `bits` of the keys.
 fn radix_sort(data: &mut Vec<(u64, u32)>, spare: &mut Vec<(u64, u32)>, bits: u32) {
-    make_room(spare, data.len());
+    clear_and_reserve(spare, data.len());
     spare.resize(data.len(), (0, 0));
     let mut shift = 0;
     while shift < bits {

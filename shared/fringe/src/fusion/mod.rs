@@ -1,4 +1,4 @@
-//! One cloud from all pairs: isolated points removed, agreement of the pairs told.
+//! One cloud from all pairs: isolated points removed, agreement of the pairs reported.
 //!
 //! # Rules
 //! - A point stays when at least `min_neighbours` other points, of whichever pair, lie within the radius; otherwise
@@ -15,7 +15,7 @@
 mod cells;
 
 use crate::cloud::Point;
-use cells::{Cells, Grid, Site, distance2, make_room};
+use cells::{Cells, Grid, Site, clear_and_reserve, distance2};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -108,29 +108,29 @@ impl Fuser {
         settings: &FusionSettings,
         out: &mut Vec<Point>,
     ) -> &FusionReport {
-        make_room(out, count(clouds));
+        clear_and_reserve(out, count(clouds));
         out.resize(count(clouds), bytemuck::Zeroable::zeroed());
         self.fuse_all(clouds, settings, out);
         out.truncate(self.report.points as usize);
         &self.report
     }
 
-    /// Fuses clouds, in the order of the pairs, to the beginning of `room`; `None` where that has less room than all clouds
+    /// Fuses clouds, in the order of the pairs, to the beginning of `out`; `None` where `out` is shorter than all clouds
     /// have points. Allocates only where this call needs more memory than all before it, by a quarter.
     pub fn fuse_into(
         &mut self,
         clouds: &[&[Point]],
         settings: &FusionSettings,
-        room: &mut [Point],
+        out: &mut [Point],
     ) -> Option<&FusionReport> {
-        if room.len() < count(clouds) {
+        if out.len() < count(clouds) {
             return None;
         }
-        self.fuse_all(clouds, settings, room);
+        self.fuse_all(clouds, settings, out);
         Some(&self.report)
     }
 
-    fn fuse_all(&mut self, clouds: &[&[Point]], settings: &FusionSettings, room: &mut [Point]) {
+    fn fuse_all(&mut self, clouds: &[&[Point]], settings: &FusionSettings, out: &mut [Point]) {
         self.gather(clouds);
         self.report.radius_mm = 0.0;
         let radius_mm = settings.radius_mm.filter(|r| *r > 0.0).unwrap_or_else(|| self.radius(clouds));
@@ -146,7 +146,7 @@ impl Fuser {
             self.kept_starts.push(begin);
             let range = self.starts[cloud]..self.starts[cloud + 1];
             let kept = self.all[range.clone()].iter().zip(&self.keep[range]).filter(|(_, keep)| **keep);
-            for (slot, (point, _)) in room[begin..].iter_mut().zip(kept) {
+            for (slot, (point, _)) in out[begin..].iter_mut().zip(kept) {
                 *slot = *point;
                 used += 1;
             }
@@ -155,12 +155,12 @@ impl Fuser {
         self.kept_starts.push(used);
         self.report.points = used as u32;
         self.report.overlaps.clear();
-        self.overlaps(&room[..used], radius_mm, settings);
+        self.overlaps(&out[..used], radius_mm, settings);
     }
 
     /// Copies the finite points.
     fn gather(&mut self, clouds: &[&[Point]]) {
-        make_room(&mut self.all, count(clouds));
+        clear_and_reserve(&mut self.all, count(clouds));
         self.starts.clear();
         self.starts.push(0);
         for cloud in clouds {
@@ -168,14 +168,14 @@ impl Fuser {
             self.all.extend(finite);
             self.starts.push(self.all.len());
         }
-        make_room(&mut self.keep, self.all.len());
+        clear_and_reserve(&mut self.keep, self.all.len());
         self.keep.resize(self.all.len(), false);
     }
 
     /// Median distance of row neighbours, sampled evenly, times the factor; 1 mm when no two points are neighbours.
     fn radius(&mut self, clouds: &[&[Point]]) -> f64 {
         let stride = (self.all.len() / SPACING_SAMPLES).max(1);
-        make_room(&mut self.spacings, self.all.len() / stride + clouds.len());
+        clear_and_reserve(&mut self.spacings, self.all.len() / stride + clouds.len());
         for cloud in clouds {
             let neighbours =
                 cloud.windows(2).step_by(stride).filter(|w| w[1].pixel == w[0].pixel.wrapping_add(1));

@@ -162,18 +162,18 @@ fn buffers_do_not_leak_from_one_run_to_the_next() {
     assert_eq!((before, first), (after, again));
 }
 
-/// Proves: fusing into given room gives the same points and report, touches nothing behind them, and refuses too little room.
+/// Proves: fusing into a given buffer gives the same points and report, touches nothing behind them, and refuses a buffer that is too short.
 #[test]
-fn fusing_into_given_room_gives_the_same() {
+fn fusing_into_a_given_buffer_gives_the_same() {
     let (a, b) = (patch(plane(0.0), 0.0, 0.01, 1), patch(sphere(20.0), 0.1, 0.01, 2));
     let mut list = Vec::new();
     let report = fuse(&[&a, &b], &FusionSettings::default(), &mut list);
     let marked = Point { pixel: u32::MAX, ..bytemuck::Zeroable::zeroed() };
-    let mut room = vec![marked; a.len() + b.len() + 1];
+    let mut buffer = vec![marked; a.len() + b.len() + 1];
     let mut fuser = Fuser::default();
-    let into = fuser.fuse_into(&[&a, &b], &FusionSettings::default(), &mut room).cloned();
-    assert_eq!((into, &room[..list.len()]), (Some(report), &list[..]));
-    assert!(room[list.len()..].iter().all(|point| *point == marked));
-    let small = &mut room[..a.len()];
+    let into = fuser.fuse_into(&[&a, &b], &FusionSettings::default(), &mut buffer).cloned();
+    assert_eq!((into, &buffer[..list.len()]), (Some(report), &list[..]));
+    assert!(buffer[list.len()..].iter().all(|point| *point == marked));
+    let small = &mut buffer[..a.len()];
     assert!(fuser.fuse_into(&[&a, &b], &FusionSettings::default(), small).is_none());
 }

@@ -1,4 +1,4 @@
-//! Which of several phases tells a pair's disparity: the one that changes along the epipolar lines.
+//! Which of several phases determines a pair's disparity: the one that changes along the epipolar lines.
 
 use super::Matcher;
 use crate::pattern::Axis;

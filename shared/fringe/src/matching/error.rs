@@ -1,4 +1,4 @@
-//! Why maps or cameras cannot be matched, and the checks that tell.
+//! Why maps or cameras cannot be matched, and the checks that find out.
 
 use crate::geometry::camera::{Camera, CameraError};
 use crate::pattern::Axis;
@@ -57,9 +57,9 @@ pub enum MatchError {
         /// Pixels of the map.
         expected: usize,
     },
-    /// The maps tell different projector axes.
+    /// The maps have different projector axes.
     #[error(
-        "the left phase map tells projector axis {left:?}, the right one {right:?}: both must tell the same"
+        "the left phase map is along projector axis {left:?}, the right one along {right:?}: both must have the same axis"
     )]
     Axis {
         /// Of the left map.
@@ -67,7 +67,7 @@ pub enum MatchError {
         /// Of the right map.
         right: Axis,
     },
-    /// A map tells the other axis than the one it was given for.
+    /// A map has another axis than the one it was given for.
     #[error("a phase map of projector axis {found:?} was given for axis {wanted:?}")]
     WrongAxis {
         /// What it was given for.
@@ -87,10 +87,10 @@ pub enum MatchError {
         right_px: f64,
     },
     /// The caller's buffer cannot take a full image.
-    #[error("room for {room} points, a full image needs {needed}")]
-    Room {
+    #[error("the output buffer holds {capacity} points, a full image needs {needed}")]
+    BufferTooSmall {
         /// Length of the buffer.
-        room: usize,
+        capacity: usize,
         /// Points that a full image needs.
         needed: usize,
     },

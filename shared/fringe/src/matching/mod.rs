@@ -32,12 +32,12 @@
 //! scatter of single points, more of it shared by neighbours.
 
 mod axis;
+mod epipolar_rows;
 mod error;
 #[cfg(test)]
 mod figures;
 mod patch;
 mod report;
-mod rows;
 mod scan;
 mod settings;
 mod subpixel;
@@ -57,9 +57,9 @@ use crate::math::parallel::for_parts;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
 use crate::surface::{Cause, INTERPOLATED, Sample, SurfaceBuilder, View, independent_share, mark_rims};
+use epipolar_rows::{Row, StepLimits};
 use nalgebra::Vector3;
 use report::PART_ROWS;
-use rows::{Row, StepLimits};
 use scan::{Scan, Task};
 use std::f64::consts::TAU;
 use subpixel::{RightPhase, SETTLED_PX};
@@ -293,7 +293,7 @@ impl Matcher {
         sum
     }
 
-    fn check(&self, left: &PhaseView, right: &PhaseView, room: usize) -> Result<(), MatchError> {
+    fn check(&self, left: &PhaseView, right: &PhaseView, capacity: usize) -> Result<(), MatchError> {
         check_map("left", left, &self.pair.left.camera)?;
         check_map("right", right, &self.pair.right.camera)?;
         if left.info.axis != right.info.axis {
@@ -304,7 +304,7 @@ impl Matcher {
             return Err(MatchError::Period { left_px, right_px });
         }
         let needed = self.capacity();
-        if room < needed { Err(MatchError::Room { room, needed }) } else { Ok(()) }
+        if capacity < needed { Err(MatchError::BufferTooSmall { capacity, needed }) } else { Ok(()) }
     }
 }
 

@@ -23,7 +23,7 @@ pub struct MatchReport {
     pub discontinuous: u32,
     /// The match is more uncertain than any smoothing could mend (see `surface.uncertain` for what it did not mend).
     pub uncertain: u32,
-    /// Of the points, how many were read bilinearly for want of a 4 × 4 neighbourhood (before support is judged).
+    /// Of the points, how many were read bilinearly for want of a 4 × 4 neighbourhood (before support is checked).
     pub bilinear: u32,
     /// Dropped at the surface, and points.
     pub surface: SurfaceReport,

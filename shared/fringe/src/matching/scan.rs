@@ -1,7 +1,7 @@
 //! The work on one part of the rows: coarse search, uniqueness, fine solution.
 
+use super::epipolar_rows::{Row, StepLimits};
 use super::report::{MatchReport, PART_ROWS};
-use super::rows::{Row, StepLimits};
 use super::settings::MatchSettings;
 use super::subpixel::{Crossing, MAX_SHIFT_PX, RightPhase, solve};
 use crate::phase::PhaseView;

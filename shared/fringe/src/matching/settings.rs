@@ -1,8 +1,8 @@
 //! Settings of the matching and their limits.
 
+use super::epipolar_rows::StepLimits;
 use super::error::MatchError;
 use super::patch::Interpolation;
-use super::rows::StepLimits;
 use crate::surface::SurfaceSettings;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;

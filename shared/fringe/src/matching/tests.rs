@@ -299,8 +299,8 @@ fn maps_that_do_not_fit_are_refused_with_both_numbers() {
     let maps = [&left, &right].map(|c| scene.phase_map(c, Axis::X, 0.0, 3));
     let mut matcher = Matcher::new(&left, &right, &MatchSettings::default()).unwrap();
     let mut out = vec![blank(); matcher.capacity()];
-    let mut refused = |left: &PhaseView, right: &PhaseView, room: usize, wanted: [&str; 2]| {
-        let message = matcher.run(left, right, 0, &mut out[..room]).unwrap_err().to_string();
+    let mut refused = |left: &PhaseView, right: &PhaseView, capacity: usize, wanted: [&str; 2]| {
+        let message = matcher.run(left, right, 0, &mut out[..capacity]).unwrap_err().to_string();
         assert!(wanted.iter().all(|w| message.contains(w)), "{message}");
     };
     let other = scene.phase_map(&rig(30, 20)[1], Axis::X, 0.0, 3);

@@ -29,9 +29,9 @@ const PERIODS_PX: [f64; 12] = [6.0, 8.0, 10.0, 12.0, 16.0, 18.0, 20.0, 24.0, 32.
 /// Steps that are tried.
 const STEPS: [u32; 10] = [3, 4, 5, 6, 8, 10, 12, 16, 24, 32];
 
-/// What is known and wanted.
+/// Properties of the cell and the wanted uncertainty.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Wanted {
+pub struct Requirements {
     /// Axis along which the patterns vary.
     pub axis: Axis,
     /// Projector pixels along it.
@@ -101,7 +101,7 @@ pub struct Proposal {
     pub sequence: Vec<PatternSet>,
 }
 
-impl Wanted {
+impl Requirements {
     fn check(&self) -> Result<(), WantedError> {
         let within = |key, value: f64, (least, most): (f64, f64), limit| {
             if value >= least && value <= most { Ok(()) } else { Err(WantedError { key, value, limit }) }
@@ -146,7 +146,7 @@ impl Wanted {
 ///
 /// # Errors
 /// A number outside its range.
-pub fn propose(wanted: &Wanted) -> Result<Vec<Proposal>, WantedError> {
+pub fn propose(wanted: &Requirements) -> Result<Vec<Proposal>, WantedError> {
     wanted.check()?;
     let mut all = Vec::new();
     for period_px in PERIODS_PX.into_iter().filter(|p| 2.0 * p <= f64::from(wanted.extent_px)) {
@@ -173,7 +173,7 @@ pub fn propose(wanted: &Wanted) -> Result<Vec<Proposal>, WantedError> {
 }
 
 /// One choice; `None` where the code cannot number this projector or the decoder would not take it.
-fn evaluate(wanted: &Wanted, order: OrderMethod, period_px: f64, steps: u32) -> Option<Proposal> {
+fn evaluate(wanted: &Requirements, order: OrderMethod, period_px: f64, steps: u32) -> Option<Proposal> {
     let (sequence, periods_px) = sets::sequence(wanted, order, period_px, steps)?;
     let (modulation_dn, sigma_phase_rad) = wanted.phase_noise(period_px, steps);
     let pattern_error_rad = pattern::error_rad(wanted.projector_gamma, wanted.blur_px, period_px, steps);

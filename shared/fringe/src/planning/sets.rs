@@ -1,6 +1,6 @@
 //! The sets of a candidate, and its chance of a wrong order.
 
-use super::Wanted;
+use super::Requirements;
 use super::pattern::contrast;
 use crate::decode::chain::{Sine, widest_of};
 use crate::decode::number::Residues;
@@ -24,7 +24,7 @@ pub const ORDERS: [OrderMethod; 5] = [
     OrderMethod::NumberTheoretical,
 ];
 
-fn gray(wanted: &Wanted, stripe_px: f64, shift_px: f64) -> PatternSet {
+fn gray(wanted: &Requirements, stripe_px: f64, shift_px: f64) -> PatternSet {
     let stripes = f64::from(wanted.extent_px) / stripe_px;
     let bits = (1..=16).find(|bits| f64::from(1_u32 << bits) >= stripes + 1.0).unwrap_or(16);
     let (axis, invert, code, threshold) = (wanted.axis, false, Code::Gray, None);
@@ -33,7 +33,7 @@ fn gray(wanted: &Wanted, stripe_px: f64, shift_px: f64) -> PatternSet {
 
 /// The sets and the periods of the sines, finest first; `None` where this order cannot number the projector with this period.
 pub(super) fn sequence(
-    wanted: &Wanted,
+    wanted: &Requirements,
     order: OrderMethod,
     period_px: f64,
     steps: u32,
@@ -105,7 +105,7 @@ fn coprime(period_px: f64, extent_px: u32) -> Option<Vec<f64>> {
 
 /// Chance of a wrong order at a phase noise of the finest sine. Longer periods keep more contrast, which is worth as much as more steps.
 pub(super) fn wrong_order(
-    wanted: &Wanted,
+    wanted: &Requirements,
     order: OrderMethod,
     periods_px: &[f64],
     steps: u32,
@@ -132,7 +132,7 @@ pub(super) fn wrong_order(
 
 /// Chance that any bit is read wrongly against the mean of white and black, whose noise adds half as much again; most bits are of
 /// another order, so all of them count.
-fn by_bits(wanted: &Wanted, order: OrderMethod) -> f64 {
+fn by_bits(wanted: &Requirements, order: OrderMethod) -> f64 {
     let sigma_dn = wanted.grey_noise_dn() * 1.5_f64.sqrt();
     let wrong = 0.5 * erfc(wanted.modulation_dn / (sigma_dn * SQRT_2));
     let codes = if order == OrderMethod::ShiftedGray { 2.0 } else { 1.0 };

@@ -7,8 +7,8 @@ use crate::surface::SurfaceSettings;
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::f64::consts::PI;
 
-fn wanted() -> Wanted {
-    Wanted {
+fn wanted() -> Requirements {
+    Requirements {
         axis: Axis::X,
         extent_px: 608,
         full_scale_dn: 255.0,
@@ -38,7 +38,7 @@ fn the_first_proposal_meets_what_is_wanted_with_the_fewest_frames() {
     assert!((first.sigma_phase_rad / sigma - 1.0).abs() < 1e-12);
     assert!((first.u_point_um - 700.0 * sigma * first.period_px / TAU).abs() < 1e-9);
     // Less than can be had.
-    let hopeless = propose(&Wanted { want_u_um: Some(1e-3), ..wanted() }).unwrap();
+    let hopeless = propose(&Requirements { want_u_um: Some(1e-3), ..wanted() }).unwrap();
     assert!(!hopeless.is_empty() && hopeless.iter().all(|p| !p.meets));
     assert!(hopeless.windows(2).all(|w| w[0].u_point_um <= w[1].u_point_um));
 }
@@ -46,7 +46,7 @@ fn the_first_proposal_meets_what_is_wanted_with_the_fewest_frames() {
 #[test]
 fn the_decoder_takes_every_proposal() {
     for extent_px in [40, 608, 1280, 1920] {
-        for proposal in propose(&Wanted { extent_px, want_u_um: None, ..wanted() }).unwrap() {
+        for proposal in propose(&Requirements { extent_px, want_u_um: None, ..wanted() }).unwrap() {
             let order = sets::ORDERS.into_iter().find(|o| o.name() == proposal.order).unwrap();
             let settings = DecodeSettings { order, ..DecodeSettings::default() };
             let made = Decoder::new(&proposal.sequence, 8, 8, 255, [extent_px; 2], &settings);
@@ -58,22 +58,22 @@ fn the_decoder_takes_every_proposal() {
 /// What the decoder would mask is no plan: fringes too faint, too bright.
 #[test]
 fn fringes_that_the_decoder_masks_do_not_meet_anything() {
-    let want = Wanted { want_u_um: None, ..wanted() };
-    let any = |wanted: &Wanted| propose(wanted).unwrap().iter().any(|p| p.meets);
+    let want = Requirements { want_u_um: None, ..wanted() };
+    let any = |wanted: &Requirements| propose(wanted).unwrap().iter().any(|p| p.meets);
     assert!(any(&want));
-    assert!(!any(&Wanted { modulation_dn: 5.0, background_dn: 6.0, ..want.clone() }));
-    assert!(!any(&Wanted { background_dn: 200.0, ..want.clone() }));
-    assert!(!any(&Wanted { full_scale_dn: 4095.0, ..want }));
+    assert!(!any(&Requirements { modulation_dn: 5.0, background_dn: 6.0, ..want.clone() }));
+    assert!(!any(&Requirements { background_dn: 200.0, ..want.clone() }));
+    assert!(!any(&Requirements { full_scale_dn: 4095.0, ..want }));
 }
 
 #[test]
 fn numbers_that_make_no_sense_are_named() {
     for (bad, key) in [
-        (Wanted { extent_px: 3, ..wanted() }, "extent_px"),
-        (Wanted { modulation_dn: 0.0, ..wanted() }, "modulation_dn"),
-        (Wanted { background_dn: 30.0, ..wanted() }, "modulation_dn"),
-        (Wanted { read_noise_dn: f64::NAN, ..wanted() }, "read_noise_dn"),
-        (Wanted { want_u_um: Some(-1.0), ..wanted() }, "want_u_um"),
+        (Requirements { extent_px: 3, ..wanted() }, "extent_px"),
+        (Requirements { modulation_dn: 0.0, ..wanted() }, "modulation_dn"),
+        (Requirements { background_dn: 30.0, ..wanted() }, "modulation_dn"),
+        (Requirements { read_noise_dn: f64::NAN, ..wanted() }, "read_noise_dn"),
+        (Requirements { want_u_um: Some(-1.0), ..wanted() }, "want_u_um"),
     ] {
         assert_eq!(propose(&bad).unwrap_err().key, key);
     }
@@ -147,8 +147,9 @@ fn the_error_of_the_response_is_that_of_drawn_steps() {
 #[test]
 fn three_steps_through_a_response_are_not_proposed_where_their_ripple_matters() {
     let depth = Depth { um_per_px: 700.0, noise_share: 1.0, pattern_cancels: false };
-    let coarse = || Wanted { want_u_um: Some(20.0), ..wanted() };
-    let of = |projector_gamma| propose(&Wanted { projector_gamma, depth, ..coarse() }).unwrap()[0].clone();
+    let coarse = || Requirements { want_u_um: Some(20.0), ..wanted() };
+    let of =
+        |projector_gamma| propose(&Requirements { projector_gamma, depth, ..coarse() }).unwrap()[0].clone();
     let (corrected, crooked) = (of(1.0), of(1.3));
     assert!(
         corrected.meets && crooked.meets && corrected.steps == 3 && crooked.steps > 3,
@@ -156,6 +157,6 @@ fn three_steps_through_a_response_are_not_proposed_where_their_ripple_matters() 
     );
     assert!(crooked.pattern_error_rad < 0.02);
     // Two cameras do not mind.
-    let pair = Wanted { projector_gamma: 1.3, ..coarse() };
+    let pair = Requirements { projector_gamma: 1.3, ..coarse() };
     assert_eq!(propose(&pair).unwrap()[0].frames, propose(&coarse()).unwrap()[0].frames);
 }

@@ -1,9 +1,9 @@
 //! The conventional approach: one camera and a projector read backwards (thesis eq. 3.7).
 //!
-//! The phase tells the projector column (or row), which is a surface in space: a plane without lens distortion, curved
+//! The phase gives the projector column (or row), which is a surface in space: a plane without lens distortion, curved
 //! with it. The point is where the camera's ray meets that surface. The plane gives the start, then Newton's method
 //! along the ray solves the exact projector model, so that nothing is linearised. With phases along both axes the
-//! point is the weighted least-squares one on the ray, and their disagreement tells wrong fringe orders (an epipolar
+//! point is the weighted least-squares one on the ray, and their disagreement shows wrong fringe orders (an epipolar
 //! check, Bräuer-Burchardt 2011).
 
 mod rays;
@@ -89,7 +89,7 @@ impl ProjectorMatcher {
     /// Intersects; the first `report.points` elements of `out` are the points in the order of the pixels.
     ///
     /// # Errors
-    /// No phase at all, maps that do not fit the camera or tell another axis, or an `out` shorter than
+    /// No phase at all, maps that do not fit the camera or have another axis, or an `out` shorter than
     /// [`Self::capacity`].
     pub fn run(
         &mut self,
@@ -174,7 +174,7 @@ impl ProjectorMatcher {
         summed(tasks)
     }
 
-    fn check(&self, x: Option<&PhaseView>, y: Option<&PhaseView>, room: usize) -> Result<(), MatchError> {
+    fn check(&self, x: Option<&PhaseView>, y: Option<&PhaseView>, capacity: usize) -> Result<(), MatchError> {
         if x.is_none() && y.is_none() {
             return Err(MatchError::NoPhase);
         }
@@ -186,6 +186,6 @@ impl ProjectorMatcher {
             }
         }
         let needed = self.capacity();
-        if room < needed { Err(MatchError::Room { room, needed }) } else { Ok(()) }
+        if capacity < needed { Err(MatchError::BufferTooSmall { capacity, needed }) } else { Ok(()) }
     }
 }

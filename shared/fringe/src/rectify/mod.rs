@@ -23,7 +23,7 @@ const CELLS_PER_PIXEL: f64 = 64.0;
 /// As many cells are always granted: tiny images have mostly rim.
 const LEAST_CELLS: f64 = 1e6;
 
-/// A baseline shorter than this does not tell depth, mm.
+/// A baseline shorter than this does not determine depth, mm.
 pub const MIN_BASELINE_MM: f64 = 1e-6;
 
 /// Marks a grid cell that no native pixel belongs to.
@@ -278,7 +278,7 @@ fn refuse_epipole(
     if inside { Err(RectifyError::EpipoleInView { side, x, y }) } else { Ok(()) }
 }
 
-/// A rectified raster that only tells which native pixel lies nearest to each of its cells.
+/// A rectified raster that only states which native pixel lies nearest to each of its cells.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RectifiedGrid {
     /// Cells per unit of rectified coordinates.

@@ -12,7 +12,7 @@ use bytemuck::Zeroable;
 use nalgebra::Vector3;
 
 impl SurfaceBuilder {
-    /// Drops spikes, crumbs and steep points from `samples`, then writes the points in pixel order; `out` has room for all pixels.
+    /// Drops spikes, crumbs and steep points from `samples`, then writes the points in pixel order; `out` has at least one element per pixel.
     pub fn build(
         &mut self,
         view: &View,
@@ -45,7 +45,7 @@ impl SurfaceBuilder {
                 total += (self.row_parts[part]..*end).filter(filled).count();
             }
         }
-        let judge = Judge {
+        let selector = Selector {
             view,
             samples,
             link,
@@ -56,16 +56,16 @@ impl SurfaceBuilder {
         };
         for_parts(&self.point_parts, &mut out[..total], &mut self.counts, &|part, points, count| {
             *count = PartCount::default();
-            // Points from the front, dropped pixels with their cause from the back: there is room for exactly all of them.
-            let mut room = points.iter_mut();
+            // Points from the front, dropped pixels with their cause from the back: together they fill the part exactly.
+            let mut slots = points.iter_mut();
             for pixel in (self.row_parts[part]..self.row_parts[part + 1]).filter(filled) {
-                let (sample, normal, cause) = judge.pixel(pixel);
+                let (sample, normal, cause) = selector.pixel(pixel);
                 count.add(cause);
                 if cause == Cause::Point {
-                    let Some(point) = room.next() else { break };
+                    let Some(point) = slots.next() else { break };
                     *point = view.point(&sample, pixel, pair, normal);
                     count.without_normal += u32::from(normal.is_none());
-                } else if let Some(dropped) = room.next_back() {
+                } else if let Some(dropped) = slots.next_back() {
                     *dropped = Point { pixel: pixel as u32, reserved: cause as u32, ..Zeroable::zeroed() };
                 }
             }
@@ -104,19 +104,19 @@ impl SurfaceBuilder {
     }
 }
 
-/// Decides what becomes of a pixel.
-struct Judge<'a> {
+/// Decides whether a pixel becomes a point, or why it is dropped.
+struct Selector<'a> {
     view: &'a View<'a>,
     samples: &'a [Sample],
     link: Link,
-    /// See [`super::scatter`].
+    /// Excess of the scatter, see [`super::scatter`].
     excess: f64,
     settings: &'a SurfaceSettings,
     min_cosine: f64,
     gaps: &'a [u8],
 }
 
-impl Judge<'_> {
+impl Selector<'_> {
     /// The smoothed sample, its normal, and whether it is a point.
     #[inline]
     fn pixel(&self, pixel: usize) -> (Sample, Option<Vector3<f64>>, Cause) {

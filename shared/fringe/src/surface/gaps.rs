@@ -8,7 +8,7 @@ use crate::math::parallel::for_parts;
 /// Widest gap that is bridged, px.
 pub(crate) const GAP_PX: usize = 3;
 
-/// Whether both sides of a gap around `at` on a line of `count` values belong together. `valid(i)` tells whether there is a value,
+/// Whether both sides of a gap around `at` on a line of `count` values belong together. `valid(i)` states whether there is a value,
 /// `joined(i, j)` whether two of them lie on one surface.
 #[inline]
 pub(crate) fn bridges_line(

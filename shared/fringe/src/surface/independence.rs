@@ -2,7 +2,7 @@
 //!
 //! It does where each pixel was measured by itself. It does not where phases were interpolated or filtered, or where pictures come from a
 //! mosaic or from lossy compression: neighbours share their noise there, and smoothing takes little of it out. A kernel that
-//! takes every quadratic out (see the noise of neighbours in the decoder) tells: on independent noise it scatters alike
+//! takes every quadratic out (see the noise of neighbours in the decoder) shows this: on independent noise it scatters alike
 //! whether its nine pixels lie beside each other or some pixels apart; noise that neighbours share shows only between pixels apart.
 
 use crate::phase::PhaseView;
@@ -22,7 +22,7 @@ pub(crate) const WINDOWS: usize = 16_384;
 const MEDIAN_NORMAL: f64 = 0.674_49;
 
 /// Share of the variance that differs from pixel to pixel, 0 to 1. `masked` is the phase with NaN where it may not be used; `scratch` has
-/// room for [`WINDOWS`] values.
+/// a capacity of [`WINDOWS`] values.
 pub(crate) fn independent_share(map: &PhaseView, masked: &[f32], scratch: &mut Vec<f32>) -> f64 {
     let mut scatter = |lag| scatter(map, masked, lag, scratch).filter(|scatter| *scatter >= EXACT);
     let Some((near, apart)) = scatter(1).zip(scatter(APART_PX)) else { return 1.0 };

@@ -22,7 +22,7 @@ const EXCESS: f64 = 1.08;
 const OTHER_EXCESS: f64 = 0.14;
 /// A second distance tells shape from noise: so many pixels more.
 const FARTHER_PX: usize = 2;
-/// Scatter that grows more between both distances is shape, and tells nothing of the noise.
+/// Scatter that grows more between both distances is shape, and gives no information of the noise.
 const SHAPE: f64 = 1.25;
 /// Noise that neighbours share reaches so far, px.
 const SHARED_PX: usize = 10;

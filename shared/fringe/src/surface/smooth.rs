@@ -50,8 +50,8 @@ pub(super) fn smoothed(
     half: usize,
 ) -> (Sample, usize) {
     let (column, row) = (pixel % width, pixel / width);
-    let room = column.min(row).min(width - 1 - column).min(height - 1 - row);
-    for half in (1..=half.min(room)).rev() {
+    let border = column.min(row).min(width - 1 - column).min(height - 1 - row);
+    for half in (1..=half.min(border)).rev() {
         let value = match half {
             3 => middle::<3>(width, samples, pixel, max_step),
             2 => middle::<2>(width, samples, pixel, max_step),
@@ -84,8 +84,8 @@ pub(super) fn smoothed_partly(
     (none, half): (usize, usize),
 ) -> Option<Sample> {
     let (column, row) = (pixel % width, pixel / width);
-    let room = column.min(row).min(width - 1 - column).min(height - 1 - row);
-    (none + 1..=half.min(room)).rev().find_map(|half| {
+    let border = column.min(row).min(width - 1 - column).min(height - 1 - row);
+    (none + 1..=half.min(border)).rev().find_map(|half| {
         let fit = Partial::gather((width, half), samples, gaps, pixel, link)?;
         let (inverse_depth, own) = fit.solve(&samples[pixel], half)?;
         let extra = own / OWN_SHARE[half];

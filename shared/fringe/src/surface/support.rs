@@ -9,17 +9,17 @@ use crate::math::parallel::for_parts;
 impl SurfaceBuilder {
     /// Clears samples with fewer than `min_neighbours` of eight neighbours on the same surface; returns how many.
     ///
-    /// All are judged by the samples as they came, so that the order of the pixels does not matter.
+    /// Every sample is compared with the samples before this step, so that the order of the pixels does not matter.
     pub(super) fn drop_spikes(&mut self, view: &View, samples: &mut [Sample], link: Link) -> u32 {
         let wanted = self.settings.min_neighbours;
-        let judged: &[Sample] = samples;
+        let before: &[Sample] = samples;
         for_parts(&self.row_parts, &mut self.keep, &mut self.counts, &|part, keep, count| {
             *count = PartCount::default();
             let first = self.row_parts[part];
             for (offset, keep) in keep.iter_mut().enumerate() {
                 let pixel = first + offset;
-                let valid = judged[pixel].inverse_depth.is_finite();
-                let supported = valid && neighbours(view, judged, pixel, link) >= wanted;
+                let valid = before[pixel].inverse_depth.is_finite();
+                let supported = valid && neighbours(view, before, pixel, link) >= wanted;
                 count.spikes += u32::from(valid && !supported);
                 *keep = u8::from(supported);
             }

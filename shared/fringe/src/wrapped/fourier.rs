@@ -8,13 +8,13 @@
 //! and at the picture's ends would reach into the lobe. Where the window sees less than the whole (an outline, a step, an end) the
 //! modulation dips; pixels with less than [`LEAST_OF_NEAR`] of the largest modulation within a period are masked.
 //!
-//! One frame does not tell in which direction the phase rises; a second one of the set does, where there is one. Else it rises
+//! One frame does not show in which direction the phase rises; a second one of the set does, where there is one. Else it rises
 //! along +x (along +y for a carrier that runs down).
 //!
 //! σ counts the noise that passes the window, not what the part's edges leave in it: near edges the phase is worse than it says,
 //! which is the method's weakness (section 2.1.4).
 
-use super::{Found, Limits, Method, Stack, WrapError, Wrapped};
+use super::{Limits, Method, PixelPhase, Stack, WrapError, Wrapped};
 use crate::math::fourier::{Complex, Plan, inverse, inverse_2d, transform_2d};
 use crate::math::{cos, wrap_rad};
 use rayon::prelude::*;
@@ -246,7 +246,7 @@ fn finish(
         let background_dn = value - modulation_dn * cos(angle);
         let sigma_rad = (2.0 * passed).sqrt() * limits.noise_dn(background_dn) / modulation_dn;
         let phase_rad = sign * angle + stack.shifts_rad[0];
-        let found = Found { phase_rad, modulation_dn, background_dn, sigma_rad };
+        let found = PixelPhase { phase_rad, modulation_dn, background_dn, sigma_rad };
         out.set(index, &found, limits.least_modulation_dn);
         if x < margin || x + margin >= picture.columns || !whole[i] {
             out.mask(index);

@@ -1,6 +1,6 @@
 //! The error that harmonics of the fringes (gamma) leave in an N-step phase, found in the phase itself and removed.
 //!
-//! Harmonics of the orders kN ± 1 shift the measured phase by an error that repeats N times a fringe. No frame of its own tells it,
+//! Harmonics of the orders kN ± 1 shift the measured phase by an error that repeats N times a fringe. No frame shows it by itself,
 //! but over a part that is crossed by many fringes every true phase is equally frequent, so the measured one is not: with its
 //! density ρ, φ = ∫ 2πρ dφₘ, which in Fourier coefficients cₙ = ⟨e^{−inφₘ}⟩ is φ = φₘ + Σₙ (2/n) Im(cₙ e^{inφₘ}), n = kN (histogram
 //! equalisation: Wang, Nguyen, Barnes, Opt. Lasers Eng. 48, 2010, here restricted to the orders that a waveform can cause). Other orders

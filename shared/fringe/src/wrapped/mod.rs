@@ -101,7 +101,7 @@ pub struct Wrapped {
 
 /// What a method finds at one pixel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Found {
+struct PixelPhase {
     phase_rad: f64,
     modulation_dn: f64,
     background_dn: f64,
@@ -138,8 +138,8 @@ impl Wrapped {
         self.valid.iter().map(|v| usize::from(*v)).sum()
     }
 
-    fn set(&mut self, index: usize, found: &Found, least_modulation_dn: f64) {
-        let Found { phase_rad, modulation_dn, background_dn, sigma_rad } = *found;
+    fn set(&mut self, index: usize, found: &PixelPhase, least_modulation_dn: f64) {
+        let PixelPhase { phase_rad, modulation_dn, background_dn, sigma_rad } = *found;
         self.modulation[index] = if modulation_dn.is_finite() { modulation_dn as f32 } else { 0.0 };
         self.background[index] = if background_dn.is_finite() { background_dn as f32 } else { 0.0 };
         let lit = modulation_dn >= least_modulation_dn && modulation_dn > 0.0 && modulation_dn.is_finite();
@@ -213,7 +213,7 @@ pub enum WrapError {
     },
     /// Four or five frames whose steps are not equal to each other.
     #[error(
-        "method {method}: no pixel tells the size of the steps; is there light, are the frames in order?"
+        "method {method}: the step size cannot be computed at any pixel; is there light, are the frames in order?"
     )]
     NoStep {
         /// As on the command line.
@@ -278,7 +278,7 @@ impl<'a> Stack<'a> {
     /// Finds the wrapped phase of every pixel.
     ///
     /// # Errors
-    /// Frames or shifts that the method does not take; no carrier, no step that could be told.
+    /// Frames or shifts that the method does not take; no carrier, no step that could be determined.
     pub fn wrap(&self, method: Method, limits: &Limits) -> Result<Wrapped, WrapError> {
         match method {
             Method::LeastSquares => steps::least_squares(self, limits),
@@ -291,7 +291,7 @@ impl<'a> Stack<'a> {
     }
 
     /// Applies a formula to the grey values of every pixel that is not clipped.
-    fn map(&self, limits: &Limits, formula: impl Fn(&[f64]) -> Found) -> Wrapped {
+    fn map(&self, limits: &Limits, formula: impl Fn(&[f64]) -> PixelPhase) -> Wrapped {
         let mut out = Wrapped::new(self.width_px, self.height_px);
         let mut values = vec![0.0; self.frames.len()];
         for index in 0..self.len() {

@@ -1,12 +1,12 @@
 //! Methods that do not trust the projector's steps: Carré's four frames and Hariharan's five.
 
-use super::{Found, Limits, Method, Stack, WrapError, Wrapped, polar};
+use super::{Limits, Method, PixelPhase, Stack, WrapError, Wrapped, polar};
 use crate::math::{acos, atan, cos, sin};
 use std::f64::consts::FRAC_PI_2;
 
 /// Hariharan's method is exact for 90° and errs by the square of the deviation; beyond this it is the wrong one, rad.
 const MOST_DEVIATION_RAD: f64 = 0.35;
-/// Pixels that tell the step: enough for a median.
+/// Pixels that give the step: enough for a median.
 const SAMPLES: usize = 20_000;
 
 /// Carré's four frames with equal steps 2α. With θ = φ − mean shift:
@@ -44,7 +44,7 @@ pub(super) fn carre(stack: &Stack, limits: &Limits) -> Result<Wrapped, WrapError
         let noise = (var_n * c * c + var_d * s * s).sqrt() / scale;
         let background_dn = background(i, modulation_dn, theta_rad, alpha_rad);
         let sigma_rad = noise * limits.noise_dn(background_dn) / modulation_dn;
-        Found { phase_rad: turned * theta_rad + middle_rad, modulation_dn, background_dn, sigma_rad }
+        PixelPhase { phase_rad: turned * theta_rad + middle_rad, modulation_dn, background_dn, sigma_rad }
     }))
 }
 
@@ -87,7 +87,7 @@ pub(super) fn hariharan(stack: &Stack, limits: &Limits) -> Result<Wrapped, WrapE
         let background_dn = (i.iter().sum::<f64>() + modulation_dn * c) / 5.0;
         let noise = (8.0 * c * c + 6.0 * s * s).sqrt() / 4.0;
         let sigma_rad = noise * limits.noise_dn(background_dn) / modulation_dn;
-        Found { phase_rad: turned * theta_rad + middle_rad, modulation_dn, background_dn, sigma_rad }
+        PixelPhase { phase_rad: turned * theta_rad + middle_rad, modulation_dn, background_dn, sigma_rad }
     }))
 }
 
@@ -99,14 +99,14 @@ fn equal(stack: &Stack, method: &'static str, needed: &'static str) -> Result<f6
         .ok_or_else(|| WrapError::Shifts { method, needed, got: stack.degrees() })
 }
 
-/// Median of an angle over pixels; the angle of a pixel counts where the light that tells it is strong: `told` gives angle and
+/// Median of an angle over pixels; the angle of a pixel counts where there is enough light: `angle` gives angle and
 /// light, and only the brighter half of the pixels votes.
-fn median(stack: &Stack, limits: &Limits, told: impl Fn(&[f64]) -> Option<(f64, f64)>) -> Option<f64> {
+fn median(stack: &Stack, limits: &Limits, angle: impl Fn(&[f64]) -> Option<(f64, f64)>) -> Option<f64> {
     let mut values = vec![0.0; stack.frames.len()];
     let mut votes = Vec::new();
     for index in (0..stack.len()).step_by((stack.len() / SAMPLES).max(1)) {
         if stack.pixel(index, limits.clipped_dn, &mut values)
-            && let Some((angle, light)) = told(&values)
+            && let Some((angle, light)) = angle(&values)
             && angle.is_finite()
             && light > limits.least_modulation_dn
         {

@@ -1,6 +1,6 @@
 //! Known shifts: least squares for any of them, and the closed form of three.
 
-use super::{Found, Limits, Method, Stack, WrapError, Wrapped, polar};
+use super::{Limits, Method, PixelPhase, Stack, WrapError, Wrapped, polar};
 use crate::math::{cos, sin, sincos};
 use nalgebra::{Matrix3, Vector3};
 
@@ -69,7 +69,7 @@ pub(super) fn least_squares(stack: &Stack, limits: &Limits) -> Result<Wrapped, W
         let (phase_rad, modulation_dn) = polar(s, c);
         let noise = fit.noise(c / modulation_dn, s / modulation_dn);
         let sigma_rad = noise * limits.noise_dn(background_dn) / modulation_dn;
-        Found { phase_rad, modulation_dn, background_dn, sigma_rad }
+        PixelPhase { phase_rad, modulation_dn, background_dn, sigma_rad }
     }))
 }
 
@@ -99,6 +99,6 @@ pub(super) fn three_step(stack: &Stack, limits: &Limits) -> Result<Wrapped, Wrap
         let (var_n, var_d) = (2.0 * (1.0 - cos_a) * (1.0 - cos_a), 6.0 * sin_a * sin_a);
         let noise = (var_n * c * c + var_d * s * s).sqrt() / factor.abs();
         let sigma_rad = noise * limits.noise_dn(background_dn) / modulation_dn;
-        Found { phase_rad: theta_rad + middle_rad, modulation_dn, background_dn, sigma_rad }
+        PixelPhase { phase_rad: theta_rad + middle_rad, modulation_dn, background_dn, sigma_rad }
     }))
 }

@@ -65,7 +65,7 @@ fn even(steps: usize) -> Vec<f64> {
 }
 
 /// Root mean square error, largest error, root mean square of error over σ, valid share.
-fn judge(map: &Wrapped, phase: impl Fn(usize, usize) -> f64) -> (f64, f64, f64, f64) {
+fn statistics(map: &Wrapped, phase: impl Fn(usize, usize) -> f64) -> (f64, f64, f64, f64) {
     let (mut sum, mut worst, mut ratio, mut n) = (0.0, 0.0_f64, 0.0, 0.0);
     for i in 0..map.len() {
         let (x, y) = (i % map.width_px as usize, i / map.width_px as usize);
@@ -101,12 +101,12 @@ fn cases() -> Vec<(Method, Vec<f64>)> {
 fn every_method_gives_back_what_was_drawn_and_predicts_its_scatter() {
     for (method, shifts) in cases() {
         let clean = wrap(&frames(&shifts, 0.0, phase), &shifts, method, &limits(0.0)).unwrap();
-        let (_, worst, _, share) = judge(&clean, phase);
+        let (_, worst, _, share) = statistics(&clean, phase);
         // Rounding to whole DN at B = 18 000 DN; Carré's root doubles it near θ = 0.
         assert!(worst < 3e-3 && share == 1.0, "{method:?} {shifts:?}: {worst} {share}");
         let noisy = wrap(&frames(&shifts, NOISE_DN, phase), &shifts, method, &limits(NOISE_DN)).unwrap();
-        let (_, _, ratio, _) = judge(&noisy, phase);
-        // 15 360 pixels tell a scatter to 0.6 %; five standard deviations of that.
+        let (_, _, ratio, _) = statistics(&noisy, phase);
+        // 15 360 pixels give a scatter to 0.6 %; five standard deviations of that.
         assert!((ratio - 1.0).abs() < 0.03, "{method:?} {shifts:?}: {ratio}");
         let b = f64::from(noisy.modulation[777]);
         assert!((b / B_DN - 1.0).abs() < 0.05, "{method:?}: B {b}");
@@ -134,9 +134,9 @@ fn self_calibrating_methods_do_not_trust_the_steps() {
         // The projector steps by 94° where 90° were meant.
         let shifts: Vec<f64> = nominal(n).iter().map(|s| s * 94.0 / 90.0).collect();
         let frames = frames(&shifts, 0.0, phase);
-        let (rms, ..) = judge(&wrap(&frames, &nominal(n), method, &limits(1.0)).unwrap(), phase);
+        let (rms, ..) = statistics(&wrap(&frames, &nominal(n), method, &limits(1.0)).unwrap(), phase);
         let trusting = wrap(&frames, &nominal(n), Method::LeastSquares, &limits(1.0)).unwrap();
-        let (naive, ..) = judge(&trusting, phase);
+        let (naive, ..) = statistics(&trusting, phase);
         assert!(rms < most && naive > 5.0 * rms, "{method:?}: {rms} against {naive}");
     }
 }
@@ -166,7 +166,7 @@ fn the_windowed_filter_takes_out_noise_and_says_how_much() {
     let shifts = even(3);
     let map = wrap(&frames(&shifts, 3000.0, phase), &shifts, Method::LeastSquares, &limits(3000.0)).unwrap();
     let clear = filter(&map, &WindowedSettings::default());
-    let ((before, ..), (after, _, ratio, share)) = (judge(&map, phase), judge(&clear, phase));
+    let ((before, ..), (after, _, ratio, share)) = (statistics(&map, phase), statistics(&clear, phase));
     assert!(after < 0.25 * before && share == 1.0, "{before} {after} {share}");
     assert!((0.7..1.4).contains(&ratio), "{ratio}");
 }
@@ -177,10 +177,10 @@ fn the_error_of_a_gamma_is_found_in_the_phase_and_removed() {
     let light = |x, y, s: f64| 50_000.0 * pow(0.5 + 0.5 * cos(phase(x, y) - s), 2.2);
     let drawn: Vec<Frame> = shifts.iter().map(|s| frame((WIDTH, HEIGHT), |x, y| light(x, y, *s))).collect();
     let mut map = wrap(&drawn, &shifts, Method::LeastSquares, &limits(1.0)).unwrap();
-    let (before, ..) = judge(&map, phase);
+    let (before, ..) = statistics(&map, phase);
     let found = PhaseHarmonics::find(&map, 3).unwrap();
     found.remove(&mut map);
-    let (after, ..) = judge(&map, phase);
+    let (after, ..) = statistics(&map, phase);
     assert!(before > 0.1 && after < 0.15 * before, "{before} {after}");
     // A phase without harmonics is left as it is.
     let clean = wrap(&frames(&shifts, 0.0, phase), &shifts, Method::LeastSquares, &limits(1.0)).unwrap();
@@ -220,12 +220,12 @@ fn constant_frames_and_lines_of_one_pixel_have_defined_results() {
             assert_eq!(filter(&map, &WindowedSettings::default()).valid_count(), 0);
         }
         for (method, n) in [(Method::Carre, 4), (Method::Hariharan, 5)] {
-            let told = wrap(&flat[..n], &quarter[..n], method, &limits(1.0));
-            assert!(matches!(told, Err(WrapError::NoStep { .. })), "{method:?}");
+            let refused = wrap(&flat[..n], &quarter[..n], method, &limits(1.0));
+            assert!(matches!(refused, Err(WrapError::NoStep { .. })), "{method:?}");
         }
         for method in [Method::FourierRows, Method::Fourier] {
-            let told = wrap(&flat[..1], &[0.0], method, &limits(1.0));
-            assert!(matches!(told, Err(WrapError::NoCarrier { .. })), "{method:?} {size:?}");
+            let refused = wrap(&flat[..1], &[0.0], method, &limits(1.0));
+            assert!(matches!(refused, Err(WrapError::NoCarrier { .. })), "{method:?} {size:?}");
         }
     }
 }

@@ -169,9 +169,9 @@ fn apart_mm(a: &Placed, b: &Placed) -> f64 {
 
 fn closest(placed: &[&Placed]) -> Option<(String, f64)> {
     let pairs = placed.iter().enumerate().flat_map(|(i, a)| placed[..i].iter().map(move |b| (*b, *a)));
-    let told = pairs
+    let distances = pairs
         .map(|(a, b)| (format!("the pair of positions {} and {}", a.position, b.position), apart_mm(a, b)));
-    told.min_by(|a, b| a.1.total_cmp(&b.1))
+    distances.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// Axes that differ by at least [`SAME_DIRECTION_DEG`] from all counted before.

@@ -6,7 +6,7 @@ use super::plan::{Artefact, PositionPlan, TestPlan};
 use super::result::{COVERAGE_FACTOR, Violation, Volume};
 use super::rules::{Kind, Quantity, Rule, RuleSet};
 
-/// The rules that a plan breaks, as far as the plan alone tells.
+/// The rules that a plan breaks, as far as the plan alone shows.
 pub fn violations(plan: &TestPlan, rules: &RuleSet) -> Vec<Violation> {
     let mut list = missing(plan);
     list.extend(rules.rules.iter().flat_map(|rule| broken(plan, rules, rule)));
@@ -19,7 +19,7 @@ pub fn violations(plan: &TestPlan, rules: &RuleSet) -> Vec<Violation> {
     list
 }
 
-/// What a verdict needs to be told: who tested what, when and how, where the volume is, and certificates that hold.
+/// What a verdict needs: who tested what, when and how, where the volume is, and certificates that hold.
 fn missing(plan: &TestPlan) -> Vec<Violation> {
     let conditions = &plan.conditions;
     let instrument = conditions.instrument.as_deref().unwrap_or("");
@@ -42,7 +42,7 @@ fn missing(plan: &TestPlan) -> Vec<Violation> {
     }
     if plan.volume.center_mm.is_none() {
         texts.push(
-            "volume: center_mm is missing, so nobody can tell whether the positions lie in the volume: write center_mm = \
+            "volume: center_mm is missing, so it is unknown whether the positions lie in the volume: write center_mm = \
              [x, y, z], the middle of the total volume in the frame of the clouds"
                 .to_owned(),
         );
@@ -111,7 +111,7 @@ fn broken(plan: &TestPlan, rules: &RuleSet, rule: &Rule) -> Vec<Violation> {
             .collect(),
         _ => {
             let of_one = |artefact: &&Artefact| {
-                // Two spheres that both break a rule by nearly the same size are told once.
+                // Two spheres that both break a rule by nearly the same size are reported once.
                 let values = of_artefact(rule, plan, rules, artefact);
                 values.into_iter().find_map(|value| check(rule, &volume, value, &artefact.id))
             };
@@ -120,7 +120,7 @@ fn broken(plan: &TestPlan, rules: &RuleSet, rule: &Rule) -> Vec<Violation> {
     }
 }
 
-/// Values of an artefact that a rule limits; empty where its points tell them, see [`super::arrangement`].
+/// Values of an artefact that a rule limits; empty where its points give them, see [`super::arrangement`].
 fn of_artefact(rule: &Rule, plan: &TestPlan, rules: &RuleSet, artefact: &Artefact) -> Vec<f64> {
     let volume = Volume::new(plan.volume.total_mm);
     let l0 = volume.body_diagonal_mm;
@@ -193,7 +193,7 @@ fn check(rule: &Rule, volume: &Volume, value: f64, what: &str) -> Option<Violati
         (_, Some(most)) if value > most => ("at most", most),
         _ => return None,
     };
-    let (factor, unit) = rule.quantity.told(volume.body_diagonal_mm, shortest_mm(volume));
+    let (factor, unit) = rule.quantity.reported(volume.body_diagonal_mm, shortest_mm(volume));
     let (required, actual) = (limit * factor, value * factor);
     let digits = match unit {
         "mm" => 3,

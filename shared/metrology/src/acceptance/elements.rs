@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::plan::{Artefact, PositionPlan, RegisterBy, TestPlan, ViewPlan};
 use super::register::register;
 use super::rules::{CloudOf, Kind};
-use super::segment::{Excluded, LEAST_POINTS, Segment, Segments, Wanted, find, positions};
+use super::segment::{ElementShape, Excluded, LEAST_POINTS, Segment, Segments, find, positions};
 use super::{AcceptanceError, at};
 use crate::fit::{FitSettings, SphereFit, sphere};
 use fringe::cloud::Point;
@@ -26,9 +26,9 @@ pub(super) struct Group {
     pub excluded: usize,
 }
 
-/// What a position shows.
+/// The points of the artefact at a position.
 #[derive(Debug, Clone)]
-pub(super) struct Found {
+pub(super) struct PositionElements {
     /// Pairs, views, and all together.
     pub groups: Vec<Group>,
     /// Points of other bodies, in no zone of the artefact.
@@ -43,7 +43,7 @@ pub(super) fn groups(
     position: &PositionPlan,
     artefact: &Artefact,
     clouds: &[Vec<Point>],
-) -> Result<Found, AcceptanceError> {
+) -> Result<PositionElements, AcceptanceError> {
     let place = |view: &ViewPlan| format!("position \"{}\", view \"{}\"", position.name, view.name);
     if clouds.len() != position.views.len() {
         let message = format!("{} clouds for {} views", clouds.len(), position.views.len());
@@ -52,9 +52,9 @@ pub(super) fn groups(
     let by_references = position.register == RegisterBy::References;
     let mut wanted = elements(artefact);
     let own = wanted.len();
-    let mut found = Found { groups: Vec::new(), elsewhere: 0, registration_rms_mm: None };
+    let mut found = PositionElements { groups: Vec::new(), elsewhere: 0, registration_rms_mm: None };
     if by_references {
-        wanted.extend(plan.references.iter().map(|r| Wanted::Sphere(r.diameter_mm)));
+        wanted.extend(plan.references.iter().map(|r| ElementShape::Sphere(r.diameter_mm)));
     }
     let mut all = vec![Vec::new(); own];
     let mut seen = Vec::new();
@@ -111,10 +111,12 @@ fn excluded(segments: &[Segment]) -> usize {
     segments.iter().map(|segment| segment.excluded).sum()
 }
 
-fn elements(artefact: &Artefact) -> Vec<Wanted> {
+fn elements(artefact: &Artefact) -> Vec<ElementShape> {
     match artefact.kind {
-        Kind::Plane => vec![Wanted::Plane],
-        Kind::Sphere | Kind::BallBar => artefact.diameters_mm.iter().map(|d| Wanted::Sphere(*d)).collect(),
+        Kind::Plane => vec![ElementShape::Plane],
+        Kind::Sphere | Kind::BallBar => {
+            artefact.diameters_mm.iter().map(|d| ElementShape::Sphere(*d)).collect()
+        }
     }
 }
 

@@ -48,7 +48,7 @@ pub enum AcceptanceError {
         kind: &'static str,
     },
     /// A name used twice.
-    #[error("{what} \"{name}\" is there twice; names tell them apart")]
+    #[error("{what} \"{name}\" occurs twice; names must be unique")]
     Twice {
         /// What is named, for example "position".
         what: &'static str,
@@ -56,7 +56,7 @@ pub enum AcceptanceError {
         name: String,
     },
     /// A name that is not there.
-    #[error("{place}: {key} names \"{name}\"; there are: {known}")]
+    #[error("{place}: {key} names \"{name}\", which does not exist; known: {known}")]
     Unknown {
         /// Table with its name.
         place: String,

@@ -52,7 +52,7 @@ impl Fitted {
     }
 
     /// Centres of the spheres; of a plate the points above and below its middle by half its longer side, so that both its
-    /// place and its normal tell it from another.
+    /// place and its normal distinguish it from another.
     pub fn centres(&self, artefact: &Artefact) -> Vec<Point3<f64>> {
         match self {
             Self::Spheres(fits) => fits.iter().map(SphereFit::center).collect(),
@@ -91,8 +91,8 @@ impl Fitted {
             let found = centre_distance_mm(first, other).value;
             if (found - nominal).abs() > 0.5 * first.diameter_mm {
                 let message = format!(
-                    "spheres 1 and {} are {found:.3} mm apart, the certificate of {} says {nominal} mm: they are not the spheres \
-                     of this bar; take other bodies out of the cloud, or say with near_mm where its spheres are",
+                    "spheres 1 and {} are {found:.3} mm apart, the certificate of {} states {nominal} mm: they are not the spheres \
+                     of this bar; take other bodies out of the cloud, or give the places of its spheres in near_mm",
                     index + 2,
                     artefact.id
                 );

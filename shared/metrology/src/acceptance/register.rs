@@ -18,7 +18,7 @@ const MOST_ROUNDS: usize = 500;
 const SETTLED_MM: f64 = 1e-10;
 
 /// A reference sphere as one view shows it.
-struct Sight {
+struct Observation {
     centre: Vector3<f64>,
     radius_mm: f64,
     /// W with WᵀW the inverse of the covariance of (centre, radius).
@@ -28,63 +28,69 @@ struct Sight {
 /// Motion of each view into the frame of the first, and the root mean square of what remains between its centres and the
 /// adjusted ones, mm, the worst over all views. `None` where the spheres fix no motion: fewer than three, or on a line.
 pub(super) fn register(views: &[Vec<SphereFit>]) -> Option<(Vec<Pose>, f64)> {
-    let sights: Vec<Vec<Sight>> =
-        views.iter().map(|view| view.iter().map(sight).collect::<Option<Vec<_>>>()).collect::<Option<_>>()?;
-    let centres = |view: &[Sight]| -> Vec<Point3<f64>> { view.iter().map(|s| s.centre.into()).collect() };
-    let first = centres(sights.first()?);
-    let mut poses =
-        sights.iter().map(|view| Some(motion(&centres(view), &first)?.0)).collect::<Option<Vec<Pose>>>()?;
+    let observations: Vec<Vec<Observation>> = views
+        .iter()
+        .map(|view| view.iter().map(observation).collect::<Option<Vec<_>>>())
+        .collect::<Option<_>>()?;
+    let centres =
+        |view: &[Observation]| -> Vec<Point3<f64>> { view.iter().map(|s| s.centre.into()).collect() };
+    let first = centres(observations.first()?);
+    let mut poses = observations
+        .iter()
+        .map(|view| Some(motion(&centres(view), &first)?.0))
+        .collect::<Option<Vec<Pose>>>()?;
     poses[0] = Pose { rotation: Matrix3::identity(), translation: Vector3::zeros() };
     let mut spheres: Vec<Vector4<f64>> = Vec::new();
     for _ in 0..MOST_ROUNDS {
-        spheres = (0..first.len()).map(|index| sphere(&sights, &poses, index)).collect::<Option<_>>()?;
+        spheres =
+            (0..first.len()).map(|index| sphere(&observations, &poses, index)).collect::<Option<_>>()?;
         let mut largest_mm = 0.0_f64;
-        for (view, pose) in sights.iter().zip(&mut poses).skip(1) {
-            largest_mm = largest_mm.max(turn(view, pose, &spheres)?);
+        for (view, pose) in observations.iter().zip(&mut poses).skip(1) {
+            largest_mm = largest_mm.max(step_pose(view, pose, &spheres)?);
         }
         if largest_mm <= SETTLED_MM {
             break;
         }
     }
-    let off = |view: &[Sight], pose: &Pose| {
+    let off = |view: &[Observation], pose: &Pose| {
         let squares =
             view.iter().zip(&spheres).map(|(s, c)| (pose.point(&s.centre) - c.xyz()).norm_squared());
         (squares.sum::<f64>() / first.len() as f64).sqrt()
     };
-    let worst_mm = sights.iter().zip(&poses).map(|(view, pose)| off(view, pose)).fold(0.0, f64::max);
+    let worst_mm = observations.iter().zip(&poses).map(|(view, pose)| off(view, pose)).fold(0.0, f64::max);
     Some((poses, worst_mm))
 }
 
-fn sight(fit: &SphereFit) -> Option<Sight> {
+fn observation(fit: &SphereFit) -> Option<Observation> {
     let factor = Cholesky::new(fit.covariance_mm2)?.l();
     let whitening = factor.try_inverse()?;
-    Some(Sight { centre: fit.center().coords, radius_mm: 0.5 * fit.diameter_mm, whitening })
+    Some(Observation { centre: fit.center().coords, radius_mm: 0.5 * fit.diameter_mm, whitening })
 }
 
 /// What a view leaves of a sphere (centre, radius), in its own frame.
-fn residual(sight: &Sight, pose: &Pose, sphere: &Vector4<f64>) -> Vector4<f64> {
+fn residual(observation: &Observation, pose: &Pose, sphere: &Vector4<f64>) -> Vector4<f64> {
     let seen = pose.rotation.transpose() * (sphere.xyz() - pose.translation);
-    (seen - sight.centre).push(sphere.w - sight.radius_mm)
+    (seen - observation.centre).push(sphere.w - observation.radius_mm)
 }
 
 /// The sphere that agrees best with all views: linear.
-fn sphere(sights: &[Vec<Sight>], poses: &[Pose], index: usize) -> Option<Vector4<f64>> {
-    let start = (poses[0].point(&sights[0][index].centre)).push(sights[0][index].radius_mm);
+fn sphere(observations: &[Vec<Observation>], poses: &[Pose], index: usize) -> Option<Vector4<f64>> {
+    let start = (poses[0].point(&observations[0][index].centre)).push(observations[0][index].radius_mm);
     let mut sums = Normal::<4>::zero();
-    for (view, pose) in sights.iter().zip(poses) {
-        let sight = &view[index];
+    for (view, pose) in observations.iter().zip(poses) {
+        let observation = &view[index];
         let rotation = pose.rotation.transpose().insert_row(3, 0.0).insert_column(3, 0.0);
-        let derivatives = sight.whitening * (rotation + Matrix4::from_diagonal(&Vector4::w()));
-        add(&mut sums, &(sight.whitening * residual(sight, pose, &start)), &derivatives);
+        let derivatives = observation.whitening * (rotation + Matrix4::from_diagonal(&Vector4::w()));
+        add(&mut sums, &(observation.whitening * residual(observation, pose, &start)), &derivatives);
     }
     Some(start + sums.step(0.0)?)
 }
 
 /// One Gauss–Newton step of a view's motion, about the middle of the spheres; returns how far it moved them at most, mm.
-fn turn(view: &[Sight], pose: &mut Pose, spheres: &[Vector4<f64>]) -> Option<f64> {
+fn step_pose(view: &[Observation], pose: &mut Pose, spheres: &[Vector4<f64>]) -> Option<f64> {
     let middle = spheres.iter().map(Vector4::xyz).sum::<Vector3<f64>>() / spheres.len() as f64;
     let mut sums = Normal::<6>::zero();
-    for (sight, sphere) in view.iter().zip(spheres) {
+    for (observation, sphere) in view.iter().zip(spheres) {
         // x ↦ middle + exp(ω) (x − middle) + d after the motion: seen moves by −Rᵀ(ω × (sphere − middle) + d).
         let arm = sphere.xyz() - middle;
         let back = pose.rotation.transpose();
@@ -92,7 +98,11 @@ fn turn(view: &[Sight], pose: &mut Pose, spheres: &[Vector4<f64>]) -> Option<f64
         let mut derivatives = nalgebra::SMatrix::<f64, 4, 6>::zeros();
         derivatives.fixed_view_mut::<3, 3>(0, 0).copy_from(&by_turn);
         derivatives.fixed_view_mut::<3, 3>(0, 3).copy_from(&-back);
-        add(&mut sums, &(sight.whitening * residual(sight, pose, sphere)), &(sight.whitening * derivatives));
+        add(
+            &mut sums,
+            &(observation.whitening * residual(observation, pose, sphere)),
+            &(observation.whitening * derivatives),
+        );
     }
     let step = sums.step(0.0)?;
     let (angle, shift) = (step.fixed_rows::<3>(0).into_owned(), step.fixed_rows::<3>(3).into_owned());

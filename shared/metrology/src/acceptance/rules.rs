@@ -133,8 +133,8 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// Factor and unit in which a violation is told: ratios become mm.
-    pub(super) fn told(self, l0_mm: f64, shortest_mm: f64) -> (f64, &'static str) {
+    /// Factor and unit in which a violation is reported: ratios become mm.
+    pub(super) fn reported(self, l0_mm: f64, shortest_mm: f64) -> (f64, &'static str) {
         match self {
             Self::Positions => (1.0, "positions"),
             Self::Views => (1.0, "views"),

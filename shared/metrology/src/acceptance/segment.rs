@@ -42,9 +42,9 @@ pub(super) struct Excluded<'a> {
     pub rod_diameter_mm: Option<f64>,
 }
 
-/// What is looked for.
+/// Shape of the element that is searched.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Wanted {
+pub(super) enum ElementShape {
     /// A sphere of this diameter, mm.
     Sphere(f64),
     /// A plane of any extent.
@@ -95,11 +95,11 @@ impl Located {
 /// each of the artefact's elements. A point in two zones belongs to the nearer surface.
 ///
 /// # Errors
-/// An element that is not there; spheres that cannot be told apart.
+/// An element that is not there; spheres that cannot be distinguished.
 pub(super) fn find(
     place: &str,
     cloud: &[Point],
-    (wanted, own): (&[Wanted], usize),
+    (wanted, own): (&[ElementShape], usize),
     near_mm: &[[f64; 4]],
     excluded: &Excluded<'_>,
     settings: &Segmentation,
@@ -165,14 +165,14 @@ impl Excluded<'_> {
 fn locate(
     place: &str,
     cloud: &[Point],
-    wanted: &[Wanted],
+    wanted: &[ElementShape],
     near_mm: &[[f64; 4]],
     settings: &Segmentation,
 ) -> Result<Vec<Located>, AcceptanceError> {
     if cloud.is_empty() {
         return Err(not_found(place, "the cloud has no point".into()));
     }
-    let at = |one: &Wanted, held: &[Point]| {
+    let at = |one: &ElementShape, held: &[Point]| {
         located(*one, &positions(held))
             .map_err(|source| AcceptanceError::Fit { place: place.to_owned(), source })
     };
@@ -189,14 +189,14 @@ fn locate(
     Ok(found)
 }
 
-fn located(wanted: Wanted, held: &[Point3<f64>]) -> Result<Located, FitError> {
+fn located(wanted: ElementShape, held: &[Point3<f64>]) -> Result<Located, FitError> {
     let settings = FitSettings::default();
     match wanted {
-        Wanted::Sphere(diameter) => {
+        ElementShape::Sphere(diameter) => {
             let fit = crate::fit::sphere_of_diameter(held, diameter, &settings)?;
             Ok(Located::Sphere { center: fit.center(), radius_mm: 0.5 * diameter })
         }
-        Wanted::Plane => {
+        ElementShape::Plane => {
             let normal = crate::fit::plane(held, &settings)?.normal_vector();
             let sum: Vector3<f64> = held.iter().map(|p| p.coords).sum();
             let center = Point3::from(sum / held.len() as f64);
@@ -213,7 +213,7 @@ fn not_found(place: &str, message: String) -> AcceptanceError {
 fn in_ball(
     place: &str,
     cloud: &[Point],
-    wanted: Wanted,
+    wanted: ElementShape,
     [x, y, z, r]: &[f64; 4],
     settings: &Segmentation,
 ) -> Result<Vec<Point>, AcceptanceError> {
@@ -233,10 +233,10 @@ fn in_ball(
     Ok(held)
 }
 
-fn describe(wanted: Wanted) -> String {
+fn describe(wanted: ElementShape) -> String {
     match wanted {
-        Wanted::Sphere(diameter) => format!("sphere of {diameter} mm"),
-        Wanted::Plane => "plane".to_owned(),
+        ElementShape::Sphere(diameter) => format!("sphere of {diameter} mm"),
+        ElementShape::Plane => "plane".to_owned(),
     }
 }
 
@@ -244,8 +244,8 @@ fn describe(wanted: Wanted) -> String {
 fn take(
     place: &str,
     bodies: &mut [Vec<Point>],
-    wanted: Wanted,
-    all: &[Wanted],
+    wanted: ElementShape,
+    all: &[ElementShape],
     settings: &Segmentation,
 ) -> Result<Vec<Point>, AcceptanceError> {
     let mut best: Option<(usize, Vec<bool>, usize)> = None;
@@ -264,7 +264,7 @@ fn take(
         let bodies: Vec<String> = bodies.iter().map(|b| b.len().to_string()).take(12).collect();
         let message = format!(
             "no {} with {LEAST_POINTS} points within margin_mm = {}; the cloud has bodies of {} points: is the \
-             artefact in sight, and is the cloud in mm? near_mm tells where to look",
+             artefact visible, and is the cloud in mm? near_mm limits the search to its place",
             describe(wanted),
             settings.margin_mm,
             if bodies.is_empty() { "no".to_owned() } else { bodies.join(", ") }
@@ -279,23 +279,30 @@ fn take(
 }
 
 /// Whether points taken for a sphere of one diameter are not those of another wanted one.
-fn is_sized(body: &[Point], held: &[bool], wanted: Wanted, all: &[Wanted], margin_mm: f64) -> bool {
-    let Wanted::Sphere(diameter) = wanted else { return true };
+fn is_sized(
+    body: &[Point],
+    held: &[bool],
+    wanted: ElementShape,
+    all: &[ElementShape],
+    margin_mm: f64,
+) -> bool {
+    let ElementShape::Sphere(diameter) = wanted else { return true };
     let Ok(fit) = sphere(&positions(&kept(body, held)), &FitSettings::default()) else { return false };
     let off = (fit.diameter_mm - diameter).abs();
-    let nearer = |other: &Wanted| matches!(other, Wanted::Sphere(d) if (fit.diameter_mm - d).abs() < off);
+    let nearer =
+        |other: &ElementShape| matches!(other, ElementShape::Sphere(d) if (fit.diameter_mm - d).abs() < off);
     off <= 2.0 * margin_mm
         && !all.iter().any(|other| {
-            // Two balls of a bar differ by less than any measurement tells.
-            nearer(other) && matches!(other, Wanted::Sphere(d) if (d - diameter).abs() >= margin_mm)
+            // Two balls of a bar differ by less than any measurement resolves.
+            nearer(other) && matches!(other, ElementShape::Sphere(d) if (d - diameter).abs() >= margin_mm)
         })
 }
 
-fn mark(points: &[Point], wanted: Wanted, margin_mm: f64) -> Option<Vec<bool>> {
+fn mark(points: &[Point], wanted: ElementShape, margin_mm: f64) -> Option<Vec<bool>> {
     let points = positions(points);
     match wanted {
-        Wanted::Sphere(diameter) => find_sphere(&points, Some(diameter), margin_mm).ok(),
-        Wanted::Plane => find_plane(&points, margin_mm).ok(),
+        ElementShape::Sphere(diameter) => find_sphere(&points, Some(diameter), margin_mm).ok(),
+        ElementShape::Plane => find_plane(&points, margin_mm).ok(),
     }
 }
 

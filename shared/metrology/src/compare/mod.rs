@@ -2,7 +2,7 @@
 //!
 //! Against a mesh the distance is that from the nearest triangle, exactly. Against a cloud it is that from the surface
 //! which the reference's points around the nearest one make (a paraboloid), along its normal: not from the nearest
-//! point, whose distance grows with the spacing of the points. [`m3c2`] compares means in cylinders instead and tells
+//! point, whose distance grows with the spacing of the points. [`m3c2`] compares means in cylinders instead and reports
 //! which changes the scatter leaves significant.
 
 pub mod m3c2;

@@ -29,7 +29,7 @@ pub(super) struct Axis {
 }
 
 /// A point seen from an axis.
-pub(super) struct Seen {
+pub(super) struct AxialPoint {
     /// Distance from the axis.
     pub radius: f64,
     /// Coordinate along the axis.
@@ -46,11 +46,11 @@ impl Axis {
     }
 
     /// A point in the axis' cylindrical coordinates.
-    pub fn see(&self, point: &Vector3<f64>) -> Seen {
+    pub fn see(&self, point: &Vector3<f64>) -> AxialPoint {
         let arm = point - self.point;
         let height = arm.dot(&self.direction);
         let (radius, out) = polar(&(arm - self.direction * height));
-        Seen { radius, height, out: [out.dot(&self.tangents[0]), out.dot(&self.tangents[1])] }
+        AxialPoint { radius, height, out: [out.dot(&self.tangents[0]), out.dot(&self.tangents[1])] }
     }
 
     /// The axis after tilts (rad) and shifts, and how far its reference point slid along it.

@@ -62,7 +62,7 @@ pub(super) fn covariance<M: Model<P>, const P: usize>(
                 let sandwich = inverse * meat * inverse * (few / (shrink * shrink));
                 return Ok(((sandwich + sandwich.transpose()) * 0.5, support));
             }
-            // Too few cells tell no covariance. At worst the points of a cell all err alike: a cell then counts as one
+            // Too few cells give no covariance. At worst the points of a cell all err alike: a cell then counts as one
             // point, and as independent ones they would promise far too much.
             let points_a_cell = points.len() as f64 / cells.max(1) as f64;
             let independent = inverse * (adjusted.normal.sum / freedom / (shrink * shrink));

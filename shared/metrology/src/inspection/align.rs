@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::MeasureError;
-use super::measure::{PLACING, REACH_MARGINS, Sample, choose, fit, gather, positions, thinned};
+use super::fit_element::{PLACING, REACH_MARGINS, Sample, choose, fit, gather, positions, thinned};
 use super::plan::{Datums, Element, Geometry, Plan};
 use super::region::Region;
 use super::result::{AlignmentResult, FittedElement};
@@ -31,14 +31,14 @@ const STILL_MM: f64 = 1e-4;
 
 /// Where datums are: nominal, or measured.
 #[derive(Debug, Clone, Copy)]
-struct Sighted {
+struct DatumPlaces {
     normal: Vector3<f64>,
     plane_point: Vector3<f64>,
     line: [Vector3<f64>; 2],
     origin: Vector3<f64>,
 }
 
-impl Sighted {
+impl DatumPlaces {
     /// Datum targets at their nominal geometry.
     fn nominal(plan: &Plan, datums: &Datums) -> Self {
         let place = |index: usize| match &plan.elements[index].geometry {
@@ -80,7 +80,7 @@ impl Sighted {
 }
 
 /// The pose of the part as found on its datums.
-pub(super) struct Found {
+pub(super) struct PlacedPart {
     pub world_from_part: Pose,
     pub result: AlignmentResult,
 }
@@ -89,8 +89,8 @@ pub(super) struct Found {
 ///
 /// # Errors
 /// Names the datum element that was not found, or says why the pose is not that of the part.
-pub(super) fn align(plan: &Plan, datums: &Datums, cloud: &[Point]) -> Result<Found, MeasureError> {
-    let nominal = Sighted::nominal(plan, datums);
+pub(super) fn align(plan: &Plan, datums: &Datums, cloud: &[Point]) -> Result<PlacedPart, MeasureError> {
+    let nominal = DatumPlaces::nominal(plan, datums);
     let placed = Pose::new(&plan.world_from_part);
     let coarse = search(plan, datums, &nominal, placed, cloud)?;
     let indices = element_indices(datums);
@@ -106,18 +106,18 @@ pub(super) fn align(plan: &Plan, datums: &Datums, cloud: &[Point]) -> Result<Fou
         let part_from_coarse = world_from_part.inverse().after(&coarse);
         let samples: Vec<Vec<Sample>> =
             gathered.iter().map(|list| transformed(list, &part_from_coarse)).collect();
-        let sighted = sight(datums, &indices, &nominal, |slot| {
+        let found = find_datums(datums, &indices, &nominal, |slot| {
             let element = &plan.elements[indices[slot]];
             let region = Region::new(element, element.margin_mm, 0.0);
             let chosen = choose(element, &region, &samples[slot], element.min_points)?;
             fit(element, &positions(&samples[slot], &thinned(&chosen, &samples[slot], FINE_POINTS)), PLACING)
                 .map(Place::from)
         })?;
-        let correction = correction(&nominal, &sighted)?;
+        let correction = correction(&nominal, &found)?;
         world_from_part = world_from_part.after(&correction);
         moved_mm = motion_mm(plan, datums, &correction);
         if moved_mm <= STILL_MM {
-            return finish(plan, datums, world_from_part, sighted.length_mm() - nominal.length_mm(), round);
+            return finish(plan, datums, world_from_part, found.length_mm() - nominal.length_mm(), round);
         }
     }
     Err(MeasureError::Unsettled { moved_mm, rounds: FINE_ROUNDS, limit_mm: STILL_MM })
@@ -130,10 +130,10 @@ fn finish(
     world_from_part: Pose,
     line_residual_mm: f64,
     rounds: usize,
-) -> Result<Found, MeasureError> {
+) -> Result<PlacedPart, MeasureError> {
     let limit_mm: f64 = datums.line.iter().map(|i| plan.elements[*i].margin_mm).sum();
     if line_residual_mm.abs() > limit_mm {
-        let nominal_mm = Sighted::nominal(plan, datums).length_mm();
+        let nominal_mm = DatumPlaces::nominal(plan, datums).length_mm();
         return Err(MeasureError::WrongPart {
             measured_mm: nominal_mm + line_residual_mm,
             nominal_mm,
@@ -151,7 +151,7 @@ fn finish(
         });
     }
     let result = describe(&world_from_part, offset_mm, angle_rad, line_residual_mm, rounds);
-    Ok(Found { world_from_part, result })
+    Ok(PlacedPart { world_from_part, result })
 }
 
 /// A pose as it is reported.
@@ -176,7 +176,7 @@ pub(super) fn describe(
 fn search(
     plan: &Plan,
     datums: &Datums,
-    nominal: &Sighted,
+    nominal: &DatumPlaces,
     placed: Pose,
     cloud: &[Point],
 ) -> Result<Pose, MeasureError> {
@@ -194,13 +194,13 @@ fn search(
             .collect();
         let thin = cloud.iter().enumerate().step_by(stride).map(|(i, p)| (i as u32, p));
         let samples = gather(thin, &pose.inverse(), &regions);
-        let sighted = sight(datums, &indices, nominal, |slot| {
+        let found = find_datums(datums, &indices, nominal, |slot| {
             let element = &plan.elements[indices[slot]];
             let needs = (element.min_points / stride).max(COARSE_LEAST);
             let chosen = choose(element, &regions[slot], &samples[slot], needs)?;
             coarse_place(element, &positions(&samples[slot], &chosen))
         })?;
-        pose = pose.after(&correction(nominal, &sighted)?);
+        pose = pose.after(&correction(nominal, &found)?);
         if margin_mm <= narrowest {
             return Ok(pose);
         }
@@ -246,30 +246,30 @@ fn element_indices(datums: &Datums) -> [usize; 4] {
 }
 
 /// Looks for all datums; an element that serves twice is fitted once.
-fn sight(
+fn find_datums(
     datums: &Datums,
     indices: &[usize; 4],
-    nominal: &Sighted,
+    nominal: &DatumPlaces,
     mut place: impl FnMut(usize) -> Result<Place, MeasureError>,
-) -> Result<Sighted, MeasureError> {
-    let mut sighted = *nominal;
+) -> Result<DatumPlaces, MeasureError> {
+    let mut found = *nominal;
     for slot in 0..indices.len() {
         let earlier = indices[..slot].iter().position(|i| *i == indices[slot]);
         match earlier {
-            Some(earlier) if slot == 3 => sighted.origin = sighted.line[earlier - 1],
+            Some(earlier) if slot == 3 => found.origin = found.line[earlier - 1],
             _ => match place(slot)? {
-                Place::Plane { normal, point } => (sighted.normal, sighted.plane_point) = (normal, point),
-                Place::Centre(center) if slot == 3 => sighted.origin = center,
-                Place::Centre(center) => sighted.line[slot - 1] = center,
+                Place::Plane { normal, point } => (found.normal, found.plane_point) = (normal, point),
+                Place::Centre(center) if slot == 3 => found.origin = center,
+                Place::Centre(center) => found.line[slot - 1] = center,
             },
         }
     }
     debug_assert!(datums.line[0] != datums.line[1]);
-    Ok(sighted)
+    Ok(found)
 }
 
 /// The motion that brings the nominal datums onto the measured ones.
-fn correction(nominal: &Sighted, measured: &Sighted) -> Result<Pose, MeasureError> {
+fn correction(nominal: &DatumPlaces, measured: &DatumPlaces) -> Result<Pose, MeasureError> {
     match (measured.frame(), nominal.frame()) {
         (Some(measured), Some(nominal)) => Ok(measured.after(&nominal.inverse())),
         _ => Err(MeasureError::WrongPart {

@@ -106,7 +106,7 @@ impl Within {
     }
 }
 
-/// Names must tell apart.
+/// Names must be unique.
 fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a str>) -> Result<(), PlanError> {
     let mut seen = std::collections::BTreeSet::new();
     for name in names {
@@ -190,7 +190,7 @@ impl Common {
     fn with(self, geometry: Geometry, place: &Within) -> Result<Element, PlanError> {
         place.positive("margin_mm", self.margin_mm)?;
         place.check("max_reject_fraction", self.max_reject_fraction, 0.0..=0.5, "a fraction of 0 … 0.5")?;
-        // A sphere has four parameters; below ten points nothing is left to judge it by.
+        // A sphere has four parameters; with fewer than ten points the residuals say too little about the fit.
         place.check("min_points", self.min_points as f64, 10.0..=1e9, "10 … 1e9")?;
         let tolerance =
             self.normal_tolerance_deg.map(|d| place.angle_rad("normal_tolerance_deg", d)).transpose()?;

@@ -1,10 +1,10 @@
 //! The inspection of a cloud.
 
 use super::MeasureError;
-use super::align::{Found, align, describe};
+use super::align::{PlacedPart, align, describe};
 use super::filter::filtered;
+use super::fit_element::{Measured, REACH_MARGINS, about, gather, measure};
 use super::flatness::u_range_mm;
-use super::measure::{Measured, REACH_MARGINS, about, gather, measure};
 use super::plan::{Feature, Plan, Quantity};
 use super::region::Region;
 use super::result::{
@@ -89,10 +89,10 @@ pub fn deviations(
 type Outcome = Result<Measured, String>;
 
 /// Finds the part, or takes it where it nominally lies.
-fn place(plan: &Plan, cloud: &[Point]) -> Result<Found, MeasureError> {
+fn place(plan: &Plan, cloud: &[Point]) -> Result<PlacedPart, MeasureError> {
     let Some(datums) = &plan.datums else {
         let world_from_part = Pose::new(&plan.world_from_part);
-        return Ok(Found { result: describe(&world_from_part, 0.0, 0.0, 0.0, 0), world_from_part });
+        return Ok(PlacedPart { result: describe(&world_from_part, 0.0, 0.0, 0.0, 0), world_from_part });
     };
     align(plan, datums, cloud)
 }

@@ -1,4 +1,4 @@
-//! Places a plan on a cloud when nobody knows where the part lies: the cell's world frame is that of its calibration
+//! Places a plan on a cloud when the pose of the part is unknown: the cell's world frame is that of its calibration
 //! (OpenCV's is the first camera), the plan's that of the part.
 //!
 //! The pose is searched ([`crate::register`]): the cloud on the part's CAD mesh, or, without one, places on the plan's
@@ -25,7 +25,7 @@ use fringe::math;
 /// Points of the cloud that the search works on: their mean spacing is a three-hundredth of the part's size.
 const CLOUD_POINTS: usize = 40_000;
 
-/// Places on the plan's elements together, and the fewest on each: small ones tell poses apart, too.
+/// Places on the plan's elements together, and the fewest on each: small ones distinguish poses, too.
 const NOMINAL_PLACES: f64 = 1600.0;
 const ELEMENT_PLACES: f64 = 80.0;
 
@@ -44,7 +44,7 @@ pub enum PlaceError {
     /// Several poses match the cloud equally well.
     #[error(
         "the pose is not unique: another one matches {share_percent:.1} % as many places; give the CAD (--cad), name more \
-         elements in the plan, or say where to begin (--start)"
+         elements in the plan, or give a start (--start)"
     )]
     Ambiguous {
         /// Its matches over those of the best one, %.

@@ -33,7 +33,7 @@ pub enum PlanError {
         limits: &'static str,
     },
     /// A name that is used twice, or empty.
-    #[error("{what} name \"{name}\" is empty or used twice; names tell {what}s apart")]
+    #[error("{what} name \"{name}\" is empty or used twice; each {what} needs a name of its own")]
     Name {
         /// What is named: "element" or "feature".
         what: &'static str,

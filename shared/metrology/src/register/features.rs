@@ -14,7 +14,7 @@ use fringe::geometry::pose::Pose;
 use fringe::math;
 use fringe::math::random::Key;
 
-/// Steps of an angle: 15°, more than normals scatter and less than what tells shapes apart.
+/// Steps of an angle: 15°, more than normals scatter and less than what distinguishes shapes.
 const ANGLE_BINS: usize = 12;
 
 /// Steps of a distance.
@@ -60,7 +60,7 @@ fn describe(a: &Sample, b: &Sample, step_mm: f64) -> Option<[f64; 4]> {
     Some([distance_mm / step_mm, angle(first), angle(second), angle(a.normal.dot(&b.normal))])
 }
 
-/// Whether both places may lie in one plane: such a pair tells a plane and a point of it, and most parts are full of them.
+/// Whether both places may lie in one plane: such a pair defines a plane and a point of it, and most parts are full of them.
 fn in_one_plane(a: &Sample, b: &Sample) -> bool {
     let along = b.place - a.place;
     a.normal.dot(&b.normal).abs() > 0.95 && a.normal.dot(&along).abs() < 0.12 * along.norm()

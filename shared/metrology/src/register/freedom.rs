@@ -19,7 +19,7 @@ pub(super) enum Other {
     Different,
 }
 
-/// Compares a pose with the chosen one. `symmetric` tells whether the motion between them brings the reference onto
+/// Compares a pose with the chosen one. `symmetric` states whether the motion between them brings the reference onto
 /// itself; it is asked only where that matters.
 pub(super) fn other(
     samples: &[Sample],

@@ -7,7 +7,7 @@
 //! surfaces slide on each other (a plane on a plane) are found from the normal matrix, left as they were, and reported.
 //!
 //! Without a given start, poses are proposed from pairs of oriented points, refined, and compared by the share of the
-//! cloud that lies on the reference in each. A second pose that the points do not tell from the first makes the result
+//! cloud that lies on the reference in each. A second pose that the points do not distinguish from the first makes the result
 //! ambiguous.
 
 mod covariance;
@@ -28,7 +28,7 @@ pub use result::{Freedom, Outcome, Registration, Rival, Start};
 
 use icp::{Level, refine};
 use nalgebra::Point3;
-use search::Found;
+use search::SearchResult;
 use serde::{Deserialize, Serialize};
 
 use crate::reference::{Reference, check};
@@ -89,7 +89,7 @@ pub fn register(
     let widest_mm = settings.reach_mm.unwrap_or_else(|| 0.1 * diagonal_mm(reference));
     let found = match initial {
         InitialPose::Given(pose) => {
-            Found { pose: *pose, start: Start::Given, rival: None, reach_mm: widest_mm }
+            SearchResult { pose: *pose, start: Start::Given, rival: None, reach_mm: widest_mm }
         }
         InitialPose::Search => search::start(points, reference, settings)?,
     };

@@ -35,7 +35,7 @@ pub enum Outcome {
     NotConverged,
 }
 
-/// A pose that the points do not tell from the chosen one.
+/// A pose that the points do not distinguish from the chosen one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rival {
     /// Its share of matches over the chosen one's.
@@ -151,7 +151,7 @@ impl Registration {
     }
 }
 
-/// Puts the report together and judges it.
+/// Builds the report and sets its outcome.
 ///
 /// # Errors
 /// Too little overlap, or nothing that the surfaces determine.

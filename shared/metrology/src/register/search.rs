@@ -1,4 +1,4 @@
-//! Where to begin when nobody knows: poses proposed by features and by principal axes, refined on few points, and the
+//! The start of an alignment when none is given: poses proposed by features and by principal axes, refined on few points, and the
 //! one chosen that most of the cloud's points lie on the reference in; what matches as well is reported.
 
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -46,7 +46,7 @@ const TOLERANCE_MEDIANS: f64 = 6.0;
 /// Normals of a point and its place on the reference agree within 60°.
 const NORMAL_COSINE: f64 = 0.5;
 
-/// Two poses are told apart when at least this share of the points, and so many standard deviations of the number of
+/// Two poses are distinguished when at least this share of the points, and so many standard deviations of the number of
 /// points that lie on the reference in one of the two only, speak for one of them.
 const TELLING_SHARE: f64 = 0.01;
 const TELLING_SIGMAS: f64 = 4.0;
@@ -60,8 +60,8 @@ struct Trial {
     refined: Refined,
 }
 
-/// What the search found.
-pub(super) struct Found {
+/// The result of the search.
+pub(super) struct SearchResult {
     pub pose: Pose,
     pub start: Start,
     pub rival: Option<Rival>,
@@ -77,7 +77,7 @@ pub(super) fn start(
     points: &[Point],
     reference: &Reference,
     settings: &RegisterSettings,
-) -> Result<Found, RegisterError> {
+) -> Result<SearchResult, RegisterError> {
     let cloud = Samples::of_cloud(points, CLOUD_SAMPLES)?;
     let search = Search { cloud: &cloud, reference, settings, diagonal_mm: cloud.diagonal_mm() };
     let signed = cloud.signed && reference_signed(reference);
@@ -240,8 +240,8 @@ impl Search<'_> {
         self.cloud.list.iter().map(on).collect()
     }
 
-    /// The first trial with the rivals that the points do not tell from it.
-    fn conclude(&self, ranked: Option<Ranked>) -> Result<Found, RegisterError> {
+    /// The first trial with the rivals that the points do not distinguish from it.
+    fn conclude(&self, ranked: Option<Ranked>) -> Result<SearchResult, RegisterError> {
         let few = RegisterError::Few { matched: 0, needed: super::LEAST_POINTS };
         let Some(ranked) = ranked.filter(|r| r.share() > 0.0) else { return Err(few) };
         let (chosen, lies) = (&ranked.trials[0], &ranked.lies[0]);
@@ -269,7 +269,7 @@ impl Search<'_> {
             }
         }
         let refined = &chosen.refined;
-        Ok(Found { pose: refined.pose, start: chosen.start, rival, reach_mm: refined.next_reach_mm })
+        Ok(SearchResult { pose: refined.pose, start: chosen.start, rival, reach_mm: refined.next_reach_mm })
     }
 
     /// Whether a motion brings the reference onto itself.

@@ -4,7 +4,7 @@ use super::error::MeshError;
 use super::topology::{corner_names, edges};
 use nalgebra::{Point3, Vector3};
 
-/// A body whose volume is below this part of the cube of its size encloses nothing: its outside cannot be told.
+/// A body whose volume is below this part of the cube of its size encloses nothing: its outside cannot be determined.
 const FLAT: f64 = 1e-9;
 
 /// Triangles that hang together over edges with two owners.

@@ -341,7 +341,7 @@ fn two_lengths() -> TestReport {
     report
 }
 
-/// Transfer formats hold one limit a characteristic: one that differs with the length is left out of the fields and told.
+/// Transfer formats hold one limit a characteristic: one that differs with the length is left out of the fields and noted.
 #[test]
 fn limits_that_differ_with_the_length_stand_beside_their_values_only() {
     let report = two_lengths();

@@ -60,19 +60,20 @@ pub fn worst_position(one: &Characteristic) -> String {
 
 /// The verdict in plain words, a sentence each.
 pub fn sentences(report: &TestReport) -> Vec<String> {
-    let judged: Vec<_> = report.characteristics.iter().filter(|c| c.decides || c.limit.is_some()).collect();
-    let with = |verdict| judged.iter().filter(move |c| c.limit.is_some() && c.verdict == Some(verdict));
+    let evaluated: Vec<_> =
+        report.characteristics.iter().filter(|c| c.decides || c.limit.is_some()).collect();
+    let with = |verdict| evaluated.iter().filter(move |c| c.limit.is_some() && c.verdict == Some(verdict));
     let list = |verdict| with(verdict).map(|c| with_numbers(c)).collect::<Vec<_>>().join("; ");
     let mut text = Vec::new();
     match report.verdict {
         Verdict::Pass => text.push(format!(
             "Every value at every position keeps its limit, for all {} characteristics that decide.",
-            judged.len()
+            evaluated.len()
         )),
         Verdict::Fail => text.push(format!(
             "Beyond the limit, {} of {} characteristics: {}.",
             with(Verdict::Fail).count(),
-            judged.len(),
+            evaluated.len(),
             list(Verdict::Fail)
         )),
         Verdict::Indeterminate => {
@@ -84,7 +85,7 @@ pub fn sentences(report: &TestReport) -> Vec<String> {
     if with(Verdict::Indeterminate).count() > 0 {
         text.push(format!("Nearer to the limit than the guard band: {}.", list(Verdict::Indeterminate)));
     }
-    let open: Vec<_> = judged.iter().filter(|c| c.limit.is_none()).map(|c| c.symbol.as_str()).collect();
+    let open: Vec<_> = evaluated.iter().filter(|c| c.limit.is_none()).map(|c| c.symbol.as_str()).collect();
     if !open.is_empty() {
         text.push(format!("No limit was given for {}.", open.join(", ")));
     }

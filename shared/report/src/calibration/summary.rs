@@ -7,8 +7,8 @@ use super::super::page::{Page, Text};
 use super::field;
 use super::{CalibrationReport, kind};
 
-/// A figure below the first bound is good, below the second to be looked at, beyond it bad.
-fn judge(value: f64, good: f64, bad: f64) -> Mark {
+/// Rates a figure: good up to `good`, to be looked at up to `bad`, bad beyond.
+fn rate(value: f64, good: f64, bad: f64) -> Mark {
     match value {
         v if v <= good => Mark::Good,
         v if v <= bad => Mark::Look,
@@ -155,7 +155,7 @@ fn residual(report: &CalibrationReport<'_>, wanted: DeviceKind) -> Option<Figure
                 says nothing about places where no point was.",
         value: format!("{:.4} px ({}, the worst)", worst.rms_reprojection_px, worst.name),
         good: text,
-        mark: judge(worst.rms_reprojection_px, good, bad),
+        mark: rate(worst.rms_reprojection_px, good, bad),
     })
 }
 
@@ -173,7 +173,7 @@ fn held_out(report: &CalibrationReport<'_>) -> Figure {
                     worst.rms_px,
                     worst.predicted_px
                 ),
-                judge(ratio(&worst), 1.15, 1.5),
+                rate(ratio(&worst), 1.15, 1.5),
             ),
         },
     };
@@ -194,11 +194,11 @@ fn between_poses(report: &CalibrationReport<'_>) -> Figure {
         None => ("not done: it takes three groups of poses that are held out".to_owned(), Mark::None),
         Some(worst) => {
             let [fx, fy, ..] = worst.standard_uncertainty;
-            let told = format!(
+            let reported = format!(
                 "{:.2} of the stated uncertainties ({}: focal lengths {fx:.3} and {fy:.3} px)",
                 worst.over_stated, worst.name
             );
-            (told, judge(worst.over_stated, 1.7, 2.5))
+            (reported, rate(worst.over_stated, 1.7, 2.5))
         }
     };
     Figure {
@@ -219,12 +219,12 @@ fn halves(report: &CalibrationReport<'_>) -> Figure {
                 |d: &characterise::calibration::DeviceDifference| d.rms_px / d.predicted_px.max(1e-300);
             let worst = cross.devices.iter().max_by(|a, b| ratio(a).total_cmp(&ratio(b)));
             let n = cross.degrees_of_freedom as f64;
-            let told = worst.map_or_else(String::new, |w| {
+            let reported = worst.map_or_else(String::new, |w| {
                 format!("{} differs by {:.4} px, predicted {:.4} px; ", w.name, w.rms_px, w.predicted_px)
             });
             let limit = n + 1.96 * (2.0 * n).sqrt();
-            let mark = judge(cross.chi_square, limit, 2.0 * n);
-            (format!("{told}χ² {:.0} for {n:.0} parameters", cross.chi_square), mark)
+            let mark = rate(cross.chi_square, limit, 2.0 * n);
+            (format!("{reported}χ² {:.0} for {n:.0} parameters", cross.chi_square), mark)
         }
     };
     Figure {
@@ -249,7 +249,7 @@ fn systematic(report: &CalibrationReport<'_>) -> Figure {
             let px = field::cells(report, i).systematic_px;
             (
                 format!("{px:.4} px ({} {}, {:.0} % of its error)", kind(d.kind), d.name, share * 100.0),
-                judge(share, 0.3, 0.6),
+                rate(share, 0.3, 0.6),
             )
         },
     );
@@ -297,6 +297,6 @@ fn rejected(report: &CalibrationReport<'_>) -> Figure {
         words: "Points whose deviation noise cannot explain; they were not used. Each is listed below.",
         value: format!("{} of {} ({:.2} %)", count(outliers as u64), count(points as u64), share * 100.0),
         good: "below 0.5 %",
-        mark: judge(share, 0.005, 0.03),
+        mark: rate(share, 0.005, 0.03),
     }
 }

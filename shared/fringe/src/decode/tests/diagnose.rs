@@ -16,8 +16,8 @@ fn known(read_noise_dn: f64, gain_dn: f64) -> DecodeSettings {
 }
 
 fn mean(found: &[Diagnosis], part: fn(&Diagnosis) -> f32) -> f64 {
-    let told: Vec<f64> = found.iter().map(part).filter(|v| !v.is_nan()).map(f64::from).collect();
-    told.iter().sum::<f64>() / told.len() as f64
+    let valid: Vec<f64> = found.iter().map(part).filter(|v| !v.is_nan()).map(f64::from).collect();
+    valid.iter().sum::<f64>() / valid.len() as f64
 }
 
 /// Threshold and uncertainty scatter as stated; bits and orders are wrong as often as stated.
@@ -62,7 +62,7 @@ fn bits_are_wrong_as_often_as_stated() {
     }
 }
 
-/// Without noise worth speaking of no error is expected, and the own coordinate is the truth; dark pixels tell nothing.
+/// Without noise worth speaking of no error is expected, and the own coordinate is the truth; dark pixels give no information.
 #[test]
 fn without_noise_nothing_is_expected_to_be_wrong() {
     let mut scene = Scene::ramp(600, 20, 1.0, 0.1, 608).eight_bits();

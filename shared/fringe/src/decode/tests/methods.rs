@@ -192,7 +192,7 @@ fn the_predicted_rate_of_wrong_orders_is_the_observed_one() {
         (vec![24.0, 26.0, 29.0], 608, 0.15, true),
     ] {
         let (observed, predicted) = rates(&periods, extent_px, sigma_rad, table, 300_000);
-        assert!(observed > 0.002, "{periods:?}: too few events to judge: {observed}");
+        assert!(observed > 0.002, "{periods:?}: too few events for a rate: {observed}");
         // Five standard deviations of the count.
         let spread = 5.0 / (observed * 300_000.0).sqrt();
         assert!((observed / predicted - 1.0).abs() < spread.max(0.05), "{periods:?}: {observed} {predicted}");

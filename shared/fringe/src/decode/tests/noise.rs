@@ -35,7 +35,7 @@ fn the_predicted_sigma_is_the_scatter() {
     ];
     for (name, mut scene, noise, steps) in cases {
         scene.noise = noise;
-        // Reflectances from 1 to 0.3 spread the background, so that read and shot noise can be told apart.
+        // Reflectances from 1 to 0.3 spread the background, so that read and shot noise can be distinguished.
         let mut sequence = demo(8.0, 7);
         sequence[0] = sine(Axis::X, 16.0, steps);
         let (ratio, model) = normalised_scatter(scene, &sequence, &DecodeSettings::default());
@@ -104,7 +104,7 @@ fn outliers_do_not_reach_the_noise_model() {
     assert!((sigma_dn / (2.25_f64 + 1.0 / 12.0).sqrt() - 1.0).abs() < 0.02, "{:?}", report.noise);
 }
 
-/// With four steps there is one residual: too little to tell noise, enough to tell frames out of order from a gamma.
+/// With four steps there is one residual: too little to estimate noise, enough to distinguish frames out of order from a gamma.
 #[test]
 fn four_steps_out_of_order_are_refused_and_a_gamma_is_not() {
     let mut scene = Scene::ramp(300, 100, 0.9, 0.05, 608).eight_bits();

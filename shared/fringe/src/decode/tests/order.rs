@@ -95,7 +95,7 @@ fn a_unit_period_leads_down_the_hierarchy_even_at_the_edges_of_the_projector() {
     let (worst, count) = scene.worst_px(&map);
     assert!(worst < 3.0, "{worst}");
     assert!(count > 1820 * 8 - 100, "{report:?}");
-    // Three steps leave no residual: neighbouring pixels tell the noise, rounding included.
+    // Three steps leave no residual: neighbouring pixels give the noise, rounding included.
     let sigma_dn = (report.noise.read_variance_dn2 + report.noise.gain_dn * 110.0).sqrt();
     assert!(matches!(report.noise.source, NoiseSource::Estimated { .. }), "{report:?}");
     assert!((sigma_dn / (1.0_f64 + 1.0 / 12.0).sqrt() - 1.0).abs() < 0.05, "{report:?}");

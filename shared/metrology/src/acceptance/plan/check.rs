@@ -139,7 +139,7 @@ impl TestPlan {
         Ok(())
     }
 
-    /// Reference spheres are told apart by their diameters alone.
+    /// Reference spheres are distinguished by their diameters alone.
     fn check_references(&self, place: &str) -> Result<(), AcceptanceError> {
         if self.references.len() < LEAST_REFERENCES {
             let found = self.references.len();
@@ -154,7 +154,7 @@ impl TestPlan {
             let others = self.references[..index].iter().map(|r| r.diameter_mm).chain(own.clone());
             if let Some(near) = others.into_iter().find(|d| (d - reference.diameter_mm).abs() < apart_mm) {
                 let message = format!(
-                    "reference spheres are told apart by their diameters: {} and {near} mm differ by less than twice \
+                    "reference spheres are distinguished by their diameters: {} and {near} mm differ by less than twice \
                      margin_mm, {apart_mm} mm",
                     reference.diameter_mm
                 );
@@ -222,7 +222,7 @@ fn check_zeros(place: &str, values: &[(&str, f64)], reason: Option<&str>) -> Res
         (Some((key, _)), false) => Err(fault(
             place,
             &format!(
-                "{key} = 0 says that nothing is uncertain: write zero_reason = \"why\", or the value of the certificate"
+                "{key} = 0 states that there is no uncertainty: give zero_reason = \"why\", or the value of the certificate"
             ),
         )),
         _ => Ok(()),
@@ -246,7 +246,7 @@ impl ViewPlan {
         }
         if self.near_mm.is_empty() && needed > 2 {
             let message = format!(
-                "needs near_mm: the {needed} spheres of its artefact look alike, their order does not show"
+                "needs near_mm: the {needed} spheres of its artefact have the same size, so that their order is unknown"
             );
             return Err(fault(place, &message));
         }

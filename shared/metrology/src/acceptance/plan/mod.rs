@@ -132,7 +132,7 @@ pub struct Volumes {
     /// What all views together measure.
     pub total_mm: [f64; 3],
     /// Middle of the total volume in the frame of the positions; its edges are parallel to the axes of that frame. Without
-    /// it nobody can tell whether the positions lie in the volume, and the test is a reduced one.
+    /// it, it is unknown whether the positions lie in the volume, and the test is a reduced one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub center_mm: Option<[f64; 3]>,
 }
@@ -210,7 +210,7 @@ impl Default for Segmentation {
     }
 }
 
-/// A reference sphere. Its diameter tells it from the others; it need not be calibrated.
+/// A reference sphere. Its diameter distinguishes it from the others; it need not be calibrated.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reference {

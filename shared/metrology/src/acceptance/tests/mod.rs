@@ -375,7 +375,7 @@ fn plans_that_cannot_be_meant_are_refused() {
         (good.replace("fringecell-test/1", "fringecell-test/9"), "this program reads"),
         (good.replace("kind = \"sphere\"", "kind = \"ball-bar\""), "spacings_mm"),
         (good.replace("certificate = \"C1\"", "certificate = \"\""), "certificate"),
-        (good.replace("artefact = \"ball\"", "artefact = \"bowl\""), "there are: ball, bar"),
+        (good.replace("artefact = \"ball\"", "artefact = \"bowl\""), "known: ball, bar"),
         (good.replace("s1v1.ply", "s0v0.ply"), "another view"),
         (good.replace("b1.ply", "./b0.ply"), "another view"),
         (good.replace("b1.ply", "x/..//b0.ply"), "another view"),

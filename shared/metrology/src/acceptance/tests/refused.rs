@@ -29,7 +29,7 @@ fn evaluate_changed(text: &str, rules: &str, change: Change) -> Result<TestRepor
 /// Forms of the spheres; no view of one has the form of a view of another.
 const FORMS: [f64; 3] = [0.001, 0.002_37, 0.003_37];
 
-fn told(result: Result<TestReport, AcceptanceError>) -> String {
+fn message(result: Result<TestReport, AcceptanceError>) -> String {
     let text =
         result.map(|report| format!("{:?} {:?}", report.verdict, report.reduced)).unwrap_err().to_string();
     assert!(!text.contains('\n'), "{text}");
@@ -59,7 +59,7 @@ fn points_off_a_sphere_are_neither_lost_nor_taken_for_another_form() {
         };
         cloud.iter().enumerate().map(off).collect()
     };
-    let error = told(evaluate_changed(&text, PART_3, &ghost));
+    let error = message(evaluate_changed(&text, PART_3, &ghost));
     assert!(
         error.contains("\"s1\"") && error.contains("points that count") && error.contains("margin_mm"),
         "{error}"
@@ -71,7 +71,7 @@ fn points_off_a_sphere_are_neither_lost_nor_taken_for_another_form() {
         };
         cloud.iter().enumerate().map(off).collect()
     };
-    assert!(told(evaluate_changed(&text, PART_3, &inside)).contains("points that count"));
+    assert!(message(evaluate_changed(&text, PART_3, &inside)).contains("points that count"));
 }
 
 #[test]
@@ -82,7 +82,7 @@ fn a_form_beyond_the_margin_is_an_error_and_with_a_wider_margin_its_whole_range(
     };
     for rules in [PART_3, ALL[3]] {
         let text = plan_text("", 3, 150.0, "allow_reduced = true").replace("vdi2634-3", "any");
-        let error = told(evaluate_changed(&text, rules, &bent));
+        let error = message(evaluate_changed(&text, rules, &bent));
         assert!(error.contains("margin_mm") && error.contains("1.24"), "{error}");
     }
     let wide = plan_text(LIMITS, 3, 150.0, "") + "[segmentation]\nmargin_mm = 2.0\n";
@@ -106,7 +106,7 @@ fn points_are_removed_only_as_the_rule_allows_and_counted() {
     let report = evaluate_changed(&text, PART_3, &few(2)).unwrap();
     let row = &one(&report, "PF_range").positions[2];
     assert_eq!((row.rejected, row.points), (300, 9700));
-    assert!(told(evaluate_changed(&text, PART_3, &few(4))).contains("points that count"));
+    assert!(message(evaluate_changed(&text, PART_3, &few(4))).contains("points that count"));
 }
 
 #[test]
@@ -122,7 +122,7 @@ fn what_the_plan_excludes_is_counted_and_only_what_it_names() {
         cloud
     };
     let text = plan_text(LIMITS, 3, 150.0, "");
-    assert!(told(evaluate_changed(&text, PART_3, &stem)).contains("exclude_mm"));
+    assert!(message(evaluate_changed(&text, PART_3, &stem)).contains("exclude_mm"));
     let named = text.replacen(
         "cloud = \"s0v0.ply\"",
         "cloud = \"s0v0.ply\"\nexclude_mm = [[1.0, 2.0, -10.0, 4.5]]",
@@ -168,13 +168,13 @@ fn one_measurement_counts_once() {
     let copied = |name: &str, _: usize, cloud: Vec<Point>| {
         if name.starts_with('b') { bar_at(AXES[0], 150.0).into_iter().rev().collect() } else { cloud }
     };
-    let error = told(evaluate_changed(&text, PART_3, &copied));
+    let error = message(evaluate_changed(&text, PART_3, &copied));
     assert!(error.contains("\"b1\"") && error.contains("\"b0\"") && error.contains("twice"), "{error}");
     // The same measurement, carried to another place.
     let moved = |name: &str, view: usize, cloud: Vec<Point>| {
         if name == "s1" { ball_seen(PLACES[1], 20.0, 0.001 * (1.0 - 0.1 * view as f64), view) } else { cloud }
     };
-    let error = told(evaluate_changed(&text, PART_3, &moved));
+    let error = message(evaluate_changed(&text, PART_3, &moved));
     assert!(error.contains("\"s1\"") && error.contains("residuals"), "{error}");
 }
 
@@ -185,7 +185,7 @@ fn artefacts_stand_apart_in_the_volume_and_in_every_direction_of_it() {
         let step = name[1..].parse::<f64>().unwrap_or(0.0);
         if name.starts_with('b') { bar_at([45.0 + 0.01 * step, 0.0], 150.0) } else { cloud }
     };
-    let error = told(evaluate_changed(&text, PART_3, &alike));
+    let error = message(evaluate_changed(&text, PART_3, &alike));
     for words in
         ["distance of two ball bar positions", "directions of the ball bar", "extent of the ball bar"]
     {
@@ -195,7 +195,7 @@ fn artefacts_stand_apart_in_the_volume_and_in_every_direction_of_it() {
         let by = if name.starts_with('s') { 2000.0 } else { 0.0 };
         cloud.iter().map(|p| point(p.position() + Vector3::new(by, 0.0, 0.0))).collect()
     };
-    let error = told(evaluate_changed(&text, PART_3, &away));
+    let error = message(evaluate_changed(&text, PART_3, &away));
     assert!(
         error.contains("position s0 lies 2001.000 mm from center_mm along x, at most 70.000 mm"),
         "{error}"
@@ -204,12 +204,12 @@ fn artefacts_stand_apart_in_the_volume_and_in_every_direction_of_it() {
     let other = |name: &str, _: usize, cloud: Vec<Point>| {
         if name == "b2" { bar_at(AXES[2], 2000.0) } else { cloud }
     };
-    let error = told(evaluate_changed(&text, PART_3, &other));
+    let error = message(evaluate_changed(&text, PART_3, &other));
     assert!(error.contains("not the spheres of this bar"), "{error}");
     let unknown = text.replace("center_mm = [0.0, 0.0, 0.0]\n", "");
-    assert!(told(evaluate(&unknown, &SPHERES, &BARS)).contains("write center_mm = [x, y, z]"));
+    assert!(message(evaluate(&unknown, &SPHERES, &BARS)).contains("write center_mm = [x, y, z]"));
     let large = text.replace("sensor_mm = [140.0, 140.0, 90.0]", "sensor_mm = [140.0, 91.0, 141.0]");
-    assert!(told(evaluate(&large, &SPHERES, &BARS)).contains("does not fit into total_mm"));
+    assert!(message(evaluate(&large, &SPHERES, &BARS)).contains("does not fit into total_mm"));
 }
 
 #[test]
@@ -256,7 +256,7 @@ fn a_verdict_without_reduced_names_who_what_when_and_how_with_valid_certificates
     ] {
         assert!(good.contains(from), "{from}");
         let text = good.replacen(from, to, 1);
-        let error = told(evaluate(&text, &SPHERES, &BARS));
+        let error = message(evaluate(&text, &SPHERES, &BARS));
         assert!(error.contains(words), "{words}: {error}");
         let reduced = text.replacen("reject_fraction", "allow_reduced = true\nreject_fraction", 1);
         assert!(!evaluate(&reduced, &SPHERES, &BARS).unwrap().reduced.is_empty(), "{words}");
@@ -268,11 +268,12 @@ fn an_artefact_is_better_than_the_limit_that_it_tests() {
     // Form 2 µm over 9 µm; U of a spacing 2 µm over 5 µm.
     let form = plan_text("PF_range = 0.009\nPS = 0.05\nSD = 0.05", 3, 150.0, "");
     assert!(
-        told(evaluate(&form, &SPHERES, &BARS)).contains("form deviation of the sphere, by its certificate")
+        message(evaluate(&form, &SPHERES, &BARS))
+            .contains("form deviation of the sphere, by its certificate")
     );
     let spacing = plan_text("PF_range = 0.1\nPS = 0.05\nSD = 0.005", 3, 150.0, "");
     assert!(
-        told(evaluate(&spacing, &SPHERES, &BARS))
+        message(evaluate(&spacing, &SPHERES, &BARS))
             .contains("expanded uncertainty of a test value of the ball bar")
     );
 }
@@ -295,14 +296,14 @@ fn a_retest_takes_the_place_of_a_value_only_by_a_rule() {
         }
         evaluator.finish(Vec::new(), Vec::new())
     };
-    assert!(told(evaluate(PART_3)).contains("has no [retest]"));
+    assert!(message(evaluate(PART_3)).contains("has no [retest]"));
     let retest = |count: usize| {
         let rule = format!(
             "[retest]\nmost_positions = 1\nmeasurements = {count}\nstatus = \"assumed\"\nsource = \"agreed\"\n\n[[rule]]"
         );
         PART_3.replacen("[[rule]]", &rule, 1)
     };
-    assert!(told(evaluate(&retest(3))).contains("the rule set asks for 3"));
+    assert!(message(evaluate(&retest(3))).contains("the rule set asks for 3"));
     let report = evaluate(&retest(1)).unwrap();
     let sd = one(&report, "SD");
     assert_eq!((sd.verdict, report.verdict), (Some(Verdict::Pass), Verdict::Pass));
@@ -348,7 +349,7 @@ fn part_13_decides_by_flat_form_and_by_lengths_in_the_concatenated_volume() {
     let decides = |symbol: &str| rules.characteristics.iter().any(|c| c.symbol == symbol && c.decides);
     assert!(decides("E_Form.Pla.D95%") && decides("E_Vol") && rules.reject_fraction.most == 0.0);
     // Without a plate the test is no full one.
-    let error = told(evaluate_changed(&plan_text("", 3, 150.0, ""), ALL[3], &unchanged));
+    let error = message(evaluate_changed(&plan_text("", 3, 150.0, ""), ALL[3], &unchanged));
     assert!(error.contains("plane positions"), "{error}");
     // Both spheres 10 µm too large, their centres 5 µm too far apart: 15 µm.
     let larger = |name: &str, _: usize, cloud: Vec<Point>| {

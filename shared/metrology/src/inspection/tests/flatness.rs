@@ -96,7 +96,7 @@ fn the_range_of_a_perfect_plane_is_the_stated_noise() {
         assert!((feature.form_sigma_mm.unwrap() / SIGMA_MM - 1.0).abs() < 0.03);
     }
     assert!((0.95..1.05).contains(&ratio), "value over expected noise: {ratio}");
-    // The error of the value is the value itself; u is there to cover it, not to bury it.
+    // The error of the value is the value itself; u has to cover it without being far larger.
     assert!((0.85..1.05).contains(&squares.sqrt()), "error over u: {}", squares.sqrt());
     // What the single points say of the same perfect planes: 6 sigma, more than the limit of 0.1 mm.
     assert!(raw > 5.5 * SIGMA_MM, "{raw}");

@@ -3,7 +3,7 @@
 use super::function::Builtin;
 use super::{Expression, Step};
 
-/// The unit of an intermediate result; `None` where it cannot be told: constants, products, functions.
+/// The unit of an intermediate result; `None` where it cannot be determined: constants, products, functions.
 type Unit<'a> = Option<&'a str>;
 
 impl Expression {

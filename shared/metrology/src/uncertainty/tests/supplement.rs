@@ -103,13 +103,14 @@ fn s1_9_5_gauge_block() {
 fn the_adaptive_method_stops_when_it_is_stable_and_says_when_it_is_not() {
     let budget = additive(NORMAL, 1.0);
     let settings = MonteCarloSettings { digits: 1, ..MonteCarloSettings::default() };
-    let mut told = Vec::new();
-    let result = budget.monte_carlo(&settings, &mut |done, expected| told.push((done, expected))).unwrap();
+    let mut reported = Vec::new();
+    let result =
+        budget.monte_carlo(&settings, &mut |done, expected| reported.push((done, expected))).unwrap();
     assert_eq!(result.converged, Some(true));
     assert_eq!(result.tolerance, 0.1, "a fifth of δ = 0.5");
     assert!(result.trials >= 20_000 && result.trials.is_multiple_of(10_000));
     assert!((result.probabilistically_symmetric.high - 3.92).abs() < result.tolerance);
-    assert!(told.iter().all(|(done, expected)| done <= expected));
+    assert!(reported.iter().all(|(done, expected)| done <= expected));
     let stopped = MonteCarloSettings { max_trials: 30_000, ..MonteCarloSettings::default() };
     let result = budget.monte_carlo(&stopped, &mut |_, _| {}).unwrap();
     assert_eq!((result.converged, result.trials), (Some(false), 30_000));

@@ -49,7 +49,7 @@ const HIGH: [(char, u8); 27] = [
     ('Ÿ', 0x9f),
 ];
 
-/// WinAnsi bytes of a text; signs that Helvetica has not are told in other words, or as a question mark.
+/// WinAnsi bytes of a text; signs that Helvetica has not are written in other letters, or as a question mark.
 pub fn encode(text: &str) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(text.len());
     for sign in text.chars() {

@@ -54,7 +54,7 @@ impl Sheets {
         Self { pages: vec![Content::new()], y: TOP }
     }
 
-    /// A new sheet where less than `height` is left; tells whether.
+    /// A new sheet where less than `height` is left; returns whether.
     pub fn need(&mut self, height: f64) -> bool {
         let full = self.y + height > BOTTOM && self.y > TOP;
         if full {

@@ -60,7 +60,7 @@ fn defocus_takes_the_modulation_that_its_blur_takes() {
     let (before, after) =
         (modulation(&sharp, &view_of_sharp, period_px), modulation(&blurred, &view(&blurred), period_px));
     let middle = plate.centre_mm();
-    let (mut judged, mut most_lost) = (0, 0.0_f64);
+    let (mut evaluated, mut most_lost) = (0, 0.0_f64);
     for i in 0..before.len() {
         let Some(at) = view_of_sharp.truth_coordinate("proj1", i).unwrap() else { continue };
         // At the border of the chip the blur mixes in darkness.
@@ -75,10 +75,10 @@ fn defocus_takes_the_modulation_that_its_blur_takes() {
         let expected = exp(-2.0 * PI * PI * (blur_px / period_px).powi(2));
         let found = after[i] / before[i];
         assert!((found - expected).abs() < 0.01, "{blur_px} px: {found} instead of {expected}");
-        judged += 1;
+        evaluated += 1;
         most_lost = most_lost.max(1.0 - expected);
     }
-    assert!(judged > 3000 && most_lost > 0.3, "{judged} pixels, at most {most_lost} lost");
+    assert!(evaluated > 3000 && most_lost > 0.3, "{evaluated} pixels, at most {most_lost} lost");
 }
 
 /// Frame n stands n times the drift higher, and nothing else moves.
@@ -209,7 +209,7 @@ fn an_exposure_multiplies_the_light_and_has_noise_of_its_own() {
 }
 
 #[test]
-fn every_knob_is_written_and_read_and_checked_against_its_range() {
+fn every_setting_is_written_and_read_and_checked_against_its_range() {
     let turned = TwinSettings {
         defocus_px_per_mm: 0.037,
         bounce_rays: 11,
@@ -221,7 +221,7 @@ fn every_knob_is_written_and_read_and_checked_against_its_range() {
     let text = toml::to_string(&turned).unwrap();
     assert_eq!(toml::from_str::<TwinSettings>(&text).unwrap(), turned);
     assert_eq!(toml::from_str::<TwinSettings>("").unwrap(), TwinSettings::default());
-    assert!(toml::from_str::<TwinSettings>("defocus = 1.0").is_err(), "an unknown knob");
+    assert!(toml::from_str::<TwinSettings>("defocus = 1.0").is_err(), "an unknown setting");
     let ideal = TwinSettings::ideal;
     for (bad, key) in [
         (TwinSettings { defocus_px_per_mm: 1.5, ..ideal() }, "defocus_px_per_mm"),

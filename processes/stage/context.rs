@@ -1,4 +1,4 @@
-//! The link of a stage to its cell: ports to the supervisor, position in the schedule, current cycle.
+//! The context of a stage in its cell: ports to the supervisor, position in the schedule, current cycle.
 
 use super::args::StageArgs;
 use super::cycle_filter::{Admission, CycleFilter};
@@ -14,14 +14,14 @@ use ipc::error::MessageError;
 use ipc::header::{Command, Control, Event, EventKind, Header, MAX_TEXT_BYTES};
 use ipc::long_text::parts;
 use ipc::os::{Usage, now_ns};
+use ipc::output_hash;
 use ipc::port::{Listener, Node, Notifier, Publisher, Received, Subscriber, loans};
 use ipc::sequence::{SequenceGates, SequencePoint};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
-use xxhash_rust::xxh3::xxh3_128;
 
-/// Link of a stage to its cell.
-pub struct Link {
+/// Context of a stage in its cell: its ports, its position in the schedule, the current cycle.
+pub struct StageContext {
     /// Configuration, graph and schedule.
     pub cell: LoadedCell,
     /// Index of this stage in the schedule.
@@ -76,7 +76,7 @@ fn allocations() -> u64 {
     0
 }
 
-impl Link {
+impl StageContext {
     /// Joins the cell and opens the ports to the supervisor.
     pub fn join(args: &StageArgs, cell: LoadedCell) -> Result<Self> {
         let stage = cell
@@ -235,7 +235,7 @@ impl Link {
 
     /// Reports an activation that started at `start_ns` and has the output `bytes`.
     pub fn done(&mut self, work: Work, start_ns: u64, bytes: &[u8], report: Report<'_>) -> Result<(), Fault> {
-        let hash = if bytes.is_empty() { 0 } else { xxh3_128(bytes) };
+        let hash = if bytes.is_empty() { 0 } else { output_hash(bytes) };
         self.done_hashed(work, start_ns, (bytes.len(), hash), report)
     }
 
@@ -366,14 +366,14 @@ pub struct Inbox<H: Header> {
 
 impl<H: Header> Inbox<H> {
     /// The next message of the current cycle.
-    pub fn take(&mut self, link: &mut Link) -> Result<Option<Received<H>>, IpcError> {
+    pub fn take(&mut self, context: &mut StageContext) -> Result<Option<Received<H>>, IpcError> {
         loop {
             let next = match self.early.take() {
                 Some(early) => Some(early),
                 None => self.subscriber.receive()?,
             };
             let Some(message) = next else { return Ok(None) };
-            match link.cycles.classify(message.header().cycle()) {
+            match context.cycles.classify(message.header().cycle()) {
                 Admission::Now => return Ok(Some(message)),
                 Admission::Stale => {}
                 Admission::Impossible => {
@@ -394,8 +394,8 @@ impl<H: Header> Inbox<H> {
     ///
     /// No stage sends one while this cycle is in progress: the message is invalid, or the cycle has ended and the command that
     /// says so has not arrived yet.
-    pub fn check_not_overtaken(&self, link: &Link) -> Result<(), Fault> {
-        let allowed = link.cycle().saturating_add(self.ahead);
+    pub fn check_not_overtaken(&self, context: &StageContext) -> Result<(), Fault> {
+        let allowed = context.cycle().saturating_add(self.ahead);
         match self.early.as_ref().filter(|early| early.header().cycle() > allowed) {
             Some(early) => Err(Fault::Cycle(format!(
                 "a message of cycle {} arrived on {} before this cycle was complete",

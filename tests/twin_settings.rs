@@ -15,7 +15,7 @@ fn simulate(small: &Small, settings: &str, more: &[&str], out: &str) -> Ran {
 }
 
 #[test]
-fn knobs_beyond_their_range_are_named_with_file_key_value_and_limit() {
+fn settings_beyond_their_range_are_named_with_file_key_value_and_limit() {
     let small = Small::new();
     for (settings, words) in [
         ("defocus_px_per_mm = 1.5", ["twin.settings.defocus_px_per_mm", "1.5", "0 to 1"]),
@@ -48,9 +48,9 @@ fn knobs_beyond_their_range_are_named_with_file_key_value_and_limit() {
     }
 }
 
-/// A knob in the file and the same knob as a flag give the same bytes, other than without it.
+/// A setting in the file and the same setting as an option give the same bytes; without it the bytes differ.
 #[test]
-fn a_knob_in_the_file_is_the_knob_on_the_command_line() {
+fn a_setting_in_the_file_equals_the_option_on_the_command_line() {
     let small = Small::new();
     let frame = |folder: &str| {
         std::fs::read(Path::new(&small.path(folder)).join("frames/proj1/cam1/003.png")).unwrap()

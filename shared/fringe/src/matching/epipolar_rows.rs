@@ -53,7 +53,7 @@ const SENSE_SIGMAS: f64 = 4.2;
 /// Largest half width of the mean.
 const MAX_HALF: usize = 15;
 
-/// Shorter stretches do not tell their noise.
+/// Shorter stretches do not show their noise.
 const LEAST_CELLS: usize = 8;
 
 /// The slope is taken over so many cells.
@@ -291,7 +291,7 @@ mod tests {
         assert_eq!(places(&mut row, 1.5), [] as [f64; 0], "the mask edge is no bracket");
         assert_eq!(places(&mut row, 5.0), [] as [f64; 0], "the depth step is no bracket");
         assert_eq!(places(&mut row, 8.25), [7.5]);
-        assert_eq!(places(&mut row, 0.625), [1.25, 10.5], "both places are told");
+        assert_eq!(places(&mut row, 0.625), [1.25, 10.5], "both places are reported");
     }
 
     #[test]
