@@ -2,8 +2,9 @@
 //!
 //!     cargo run --release --example cloud_to_features -- PLAN.toml CLOUD.ply
 
+use files::plan_file::read_plan;
 use metrology::fit::{Correlation, FitSettings, sphere};
-use metrology::inspection::{Geometry, Plan, evaluate};
+use metrology::inspection::{Geometry, evaluate};
 use std::error::Error;
 use std::path::Path;
 
@@ -12,7 +13,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [plan, cloud] = arguments.as_slice() else {
         return Err("arguments: PLAN.toml CLOUD.ply".into());
     };
-    let plan = Plan::from_toml(&std::fs::read_to_string(plan)?)?;
+    let (plan, _) = read_plan(Path::new(plan))?;
     let points = files::ply::read_cloud(Path::new(cloud))?.points;
 
     let result = evaluate(&plan, &points);

@@ -5,8 +5,9 @@
 use characterise::calibration::{
     CalibrationSettings, Device, DeviceKind, ImagePoint, Observations, View, calibrate,
 };
-use characterise::target::{TargetSettings, TargetSpec, detect};
+use characterise::target::{TargetSettings, detect};
 use files::image_file::read_foreign_frame;
+use files::target_file::read_target;
 use fringe::geometry::rig::{Named, Pair, Rig};
 use std::error::Error;
 use std::path::Path;
@@ -16,7 +17,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [target, out, pictures @ ..] = arguments.as_slice() else {
         return Err("arguments: TARGET.toml RIG.toml LEFT1.png RIGHT1.png …".into());
     };
-    let target = TargetSpec::parse(&std::fs::read_to_string(target)?)?;
+    let target = read_target(Path::new(target))?;
     let target_mm = target.board_points_mm().into_iter().map(|(_, point)| point).collect();
     let mut seen = Observations { devices: Vec::new(), target_mm, poses: Vec::new(), views: Vec::new() };
     for (number, picture) in pictures.iter().enumerate() {

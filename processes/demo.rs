@@ -56,7 +56,7 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
     };
     // The truth of the scene is used only here; the stages never read it.
     let twin = files::config::Config::load(&config)?.twin.context("the demo has no [twin]")?;
-    let truth = devices::twin_source::scene(&twin.scene)?.truth().clone();
+    let truth = files::scene_file::parse_scene(&twin.scene)?.truth().clone();
     let code = run::run(&run_args, Some(&truth))?;
     let folder = args.out.canonicalize().unwrap_or_else(|_| args.out.clone());
     terminal::print_line(&format!("files in {}:\n{GUIDE}", folder.display()));

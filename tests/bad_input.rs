@@ -1,6 +1,9 @@
 //! Whatever is wrong with a recording or a rig file: one message that names it, exit code 2, no output file, no panic.
 
+mod harm;
+
 use crate::support::{Ran, Small, fringetool};
+use harm::*;
 use std::fs;
 
 /// What breaks a small recording.
@@ -17,8 +20,6 @@ struct Case {
 const fn case(name: &'static str, harm: Harm, words: &'static [&'static str]) -> Case {
     Case { name, harm, arguments: &[], words }
 }
-
-const FRAME: &str = "rec/frames/proj1/cam1/003.png";
 
 const CASES: &[Case] = &[
     case("missing frame", |s| fs::remove_file(s.path(FRAME)).unwrap(), &["cam1", "003"]),
@@ -211,131 +212,6 @@ fn copy_folder(from: &std::path::Path, to: &std::path::Path) {
     }
 }
 
-fn frame(camera: &str, number: usize) -> String {
-    format!("rec/frames/proj1/{camera}/{number:03}.png")
-}
-
-fn truncate(small: &Small, name: &str) {
-    let bytes = fs::read(small.path(name)).unwrap();
-    fs::write(small.path(name), &bytes[..bytes.len() / 2]).unwrap();
-}
-
-fn write_grey(small: &Small, name: &str, width: u32, height: u32) {
-    image::GrayImage::from_pixel(width, height, image::Luma([90])).save(small.path(name)).unwrap();
-}
-
-fn swap(small: &Small, a: usize, b: usize) {
-    let (a, b, spare) = (small.path(&frame("cam1", a)), small.path(&frame("cam1", b)), small.path("spare"));
-    fs::rename(&a, &spare).unwrap();
-    fs::rename(&b, &a).unwrap();
-    fs::rename(&spare, &b).unwrap();
-}
-
-fn paint(small: &Small, numbers: std::ops::Range<usize>, value: u8) {
-    for camera in ["cam1", "cam2"] {
-        for number in numbers.clone() {
-            let (width, height) = crate::support::SMALL_PX;
-            let image = image::GrayImage::from_pixel(width, height, image::Luma([value]));
-            image.save(small.path(&frame(camera, number))).unwrap();
-        }
-    }
-}
-
-fn saturate(small: &Small) {
-    paint(small, 0..10, 255);
-}
-
-fn darken(small: &Small) {
-    paint(small, 0..19, 3);
-}
-
-fn no_code(small: &Small) {
-    let text = fs::read_to_string(small.path("rec/recording.toml")).unwrap();
-    let kept: Vec<&str> = text.lines().filter(|line| !line.contains("gray")).collect();
-    fs::write(small.path("rec/recording.toml"), kept.join("\n")).unwrap();
-    for camera in ["cam1", "cam2"] {
-        for number in 10..17 {
-            fs::remove_file(small.path(&frame(camera, number))).unwrap();
-        }
-        for (from, to) in [(17, 10), (18, 11)] {
-            fs::rename(small.path(&frame(camera, from)), small.path(&frame(camera, to))).unwrap();
-        }
-    }
-}
-
-/// Edits the parsed rig file.
-fn edit_rig(small: &Small, edit: impl Fn(&mut toml::Table)) {
-    let mut table: toml::Table = fs::read_to_string(small.path("rig.toml")).unwrap().parse().unwrap();
-    edit(&mut table);
-    fs::write(small.path("rig.toml"), toml::to_string(&table).unwrap()).unwrap();
-}
-
-fn camera(table: &mut toml::Table, index: usize) -> &mut toml::Table {
-    table["camera"].as_array_mut().unwrap()[index].as_table_mut().unwrap()
-}
-
-fn mirror(small: &Small) {
-    edit_rig(small, |table| {
-        let row = &mut camera(table, 0)["from_world"]["rotation"].as_array_mut().unwrap()[0];
-        for value in row.as_array_mut().unwrap() {
-            *value = (-value.as_float().unwrap()).into();
-        }
-    });
-}
-
-fn zero_focal(small: &Small) {
-    edit_rig(small, |table| camera(table, 1)["focal_px"].as_array_mut().unwrap()[0] = 0.0.into());
-}
-
-fn same_place(small: &Small) {
-    edit_rig(small, |table| {
-        let pose = camera(table, 0)["from_world"].clone();
-        camera(table, 1)["from_world"] = pose;
-    });
-}
-
-/// Moves the second camera so far aside that its rays meet those of the first nowhere in front of both.
-fn turn_away(small: &Small) {
-    edit_rig(small, |table| {
-        camera(table, 1)["from_world"]["translation_mm"].as_array_mut().unwrap()[1] = 90_000.0.into();
-    });
-}
-
-fn make_pipe(path: &str) {
-    fs::remove_file(path).unwrap();
-    assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
-}
-
-fn pipe(small: &Small) {
-    make_pipe(&small.path(FRAME));
-}
-
-fn pipe_text(small: &Small) {
-    make_pipe(&small.path("rec/recording.toml"));
-}
-
-fn focal(small: &Small, focal_px: f64) {
-    edit_rig(small, |table| camera(table, 0)["focal_px"] = vec![focal_px; 2].into());
-}
-
-fn far_away(small: &Small, mm: f64) {
-    edit_rig(small, |table| {
-        camera(table, 1)["from_world"]["translation_mm"].as_array_mut().unwrap()[2] = mm.into();
-    });
-}
-
-fn many_pairs(small: &Small) {
-    edit_rig(small, |table| {
-        let pairs = table["pair"].as_array_mut().unwrap();
-        let first = pairs[0].as_table().unwrap().clone();
-        for number in 0..298 {
-            let mut pair = first.clone();
-            pair.insert("name".into(), format!("copy{number}").into());
-            pairs.push(pair.into());
-        }
-    });
-}
-
 /// Ways to make a simulation fail, the last two after its frames were begun, and a word of the message.
 const BROKEN_OFF: &[(&str, Harm, &str)] = &[
     (
@@ -346,11 +222,6 @@ const BROKEN_OFF: &[(&str, Harm, &str)] = &[
     ("truth that cannot be written", |s| fs::create_dir(s.path("new.truth.toml")).unwrap(), "new.truth.toml"),
     ("camera inside of the part", |s| edit_rig(s, |t| inside(camera(t, 0))), "cam1"),
 ];
-
-/// Puts a camera below the surface of the hemisphere.
-fn inside(camera: &mut toml::Table) {
-    camera["from_world"]["translation_mm"] = vec![0.0, 0.0, -10.0].into();
-}
 
 #[test]
 fn a_simulation_that_fails_leaves_nothing() {
@@ -406,10 +277,4 @@ fn a_cloud_that_never_ends_is_refused_at_its_start() {
         assert_eq!(ran.code, Some(2), "{cloud}: {}", ran.stderr);
         assert!(ran.stderr.contains("device"), "{}", ran.stderr);
     }
-}
-
-fn drop_projectors(small: &Small) {
-    edit_rig(small, |table| {
-        table.remove("projector");
-    });
 }

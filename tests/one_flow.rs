@@ -146,6 +146,37 @@ fn a_recording_of_several_exposures_gives_the_same_cloud_live_and_offline() {
     assert!(first.points.len() < live.points.len(), "{} {}", first.points.len(), live.points.len());
 }
 
+/// A recording for a calibration shows every projector to every camera; the cell gives the same cloud meanwhile.
+#[test]
+fn a_camera_may_look_at_the_projector_of_another_pair() {
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let rig = twin::thesis::rig(SMALL_PX.0, SMALL_PX.1);
+    files::rig_file::write_rig(&folder.path().join("rig.toml"), &rig, &toml::Table::new(), None).unwrap();
+    let text = configuration(&rig, &[X]);
+    let (head, rest) = text.split_once("[[projector]]").unwrap();
+    let (projector, cameras) = rest.split_once("[[camera]]").unwrap();
+    let second = projector.replace("proj1", "proj2");
+    let crossed = format!("{head}[[projector]]{projector}[[projector]]{second}[[camera]]{cameras}");
+    let all = r#""cam1", "cam2", "cam3", "cam4""#;
+    let apart = crossed.replacen(all, r#""cam1", "cam2""#, 1).replacen(all, r#""cam3", "cam4""#, 1);
+    let run = |name: &str, text: &str| {
+        std::fs::write(path(&format!("{name}.toml")), text).unwrap();
+        let cell = format!("t-flow-{name}-{}", std::process::id());
+        let ran = Command::new(env!("CARGO_BIN_EXE_fringecell"))
+            .args(["run", &path(&format!("{name}.toml")), "--cell", &cell, "--cycles", "1"])
+            .args(["--record", &path(&format!("{name}-rec")), "--out", &path(name)])
+            .output()
+            .unwrap();
+        assert!(ran.status.success(), "{name}: {}", String::from_utf8_lossy(&ran.stderr));
+        ply(&folder.path().join(name).join("cloud.ply"))
+    };
+    let (one, other) = (run("crossed", &crossed), run("apart", &apart));
+    assert!(!one.points.is_empty() && one.points == other.points);
+    let frame = |name: &str| Path::new(&path(&format!("{name}-rec/frames/proj1/cam4/000.png"))).exists();
+    assert!(frame("crossed") && !frame("apart"));
+}
+
 /// A point cloud, with its provenance apart.
 struct Ply {
     method: String,

@@ -2,10 +2,10 @@
 
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
-use anyhow::{Context, Result, bail};
-use files::document::Document;
+use anyhow::{Result, bail};
+use files::plan_file::read_plan;
 use metrology::fit::tangents;
-use metrology::inspection::{Element, Geometry, Plan};
+use metrology::inspection::{Element, Geometry};
 use metrology::probing::{self, Probe, Rectangle};
 use nalgebra::{Point3, Unit, Vector3};
 use serde_json::json;
@@ -135,8 +135,7 @@ fn elements(what: &What, common: &Common) -> Result<Vec<(String, Vec<Probe>)>> {
     let one = |name: &str, probes: Vec<Probe>| Ok(vec![(name.to_owned(), probes)]);
     match what {
         What::Part { plan: path, .. } => {
-            let document = Document::read(path)?;
-            let plan = Plan::from_toml(&document.text).with_context(|| path.display().to_string())?;
+            let (plan, _) = read_plan(path)?;
             plan.elements.iter().map(|e| Ok((e.name.clone(), of_element(e, common, path)?))).collect()
         }
         What::Sphere { diameter, polar_deg, place, .. } => {

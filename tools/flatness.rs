@@ -5,6 +5,7 @@ use crate::fit::region::{Corners, Near, within};
 use crate::report::{check_outputs, emit};
 use crate::surface::{length, read_cloud_in_mm};
 use anyhow::{Context, Result, bail};
+use fringe::math::statistics::median;
 use metrology::fit::{self, FitSettings, Form};
 use metrology::inspection::{FlatnessFilter, filtered_flatness};
 use nalgebra::Point3;
@@ -105,11 +106,10 @@ fn measure(args: &Args, path: &Path) -> Result<(Repeat, FlatnessRepeat, [&'stati
     let deviations_mm = plane.residuals.deviation_mm;
     let filtered = filtered_flatness(&across_mm, &deviations_mm, args.filter).context("--filter-mm")?;
     let mut stated: Vec<f32> = held.iter().map(|p| p.sigma_mm).filter(|s| *s > 0.0).collect();
-    stated.sort_unstable_by(f32::total_cmp);
     let repeat = Repeat {
         cloud: path.display().to_string(),
         form: plane.form,
-        sigma_stated_median_mm: stated.get(stated.len() / 2).map(|s| f64::from(*s)),
+        sigma_stated_median_mm: median(&mut stated).map(f64::from),
         flatness_filtered_mm: filtered.range_mm,
         u_flatness_filtered_mm: filtered.u_mm,
         filter: filtered.report,

@@ -3,11 +3,11 @@
 use crate::Outcome;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
-use anyhow::{Context, Result};
-use files::document::Document;
+use anyhow::Result;
 use files::hash::sha256_hex;
+use files::plan_file::read_plan;
 use files::provenance::Provenance;
-use metrology::inspection::{FeatureResult, InspectionResult, Plan, evaluate};
+use metrology::inspection::{FeatureResult, InspectionResult, evaluate};
 use metrology::verdict::Verdict;
 use serde_json::{Value, json};
 use std::path::PathBuf;
@@ -26,8 +26,7 @@ pub struct Args {
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[&args.plan, &args.cloud], None)?;
-    let document = Document::read(&args.plan)?;
-    let plan = Plan::from_toml(&document.text).with_context(|| args.plan.display().to_string())?;
+    let (plan, document) = read_plan(&args.plan)?;
     let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
     let result = evaluate(&plan, &cloud.points);
     let provenance = Provenance::now(&FRINGETOOL).plan(&plan.name, &sha256_hex(document.text.as_bytes()));

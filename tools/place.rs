@@ -6,6 +6,8 @@ use crate::report::{check_outputs, emit};
 use crate::surface::{check_units, read_cloud, read_reference, start};
 use anyhow::{Context, Result, bail};
 use files::document::Document;
+use files::error::FileError;
+use files::plan_file::{parse_plan, read_plan};
 use metrology::inspection::{PlaceError, Placement, Plan, place};
 use metrology::reference::Reference;
 use metrology::register::Registration;
@@ -63,8 +65,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut inputs: Vec<&Path> = vec![&args.plan, &args.cloud];
     inputs.extend(args.cad.as_deref());
     check_outputs(&[("--out", Some(&args.out)), ("--json", args.json.as_deref())], &inputs, None)?;
-    let document = Document::read(&args.plan)?;
-    let plan = Plan::from_toml(&document.text).with_context(|| args.plan.display().to_string())?;
+    let (plan, document) = read_plan(&args.plan)?;
     let cloud = read_cloud(&args.cloud)?;
     let mesh = match &args.cad {
         None => None,
@@ -168,9 +169,13 @@ fn header(line: &str) -> Option<&str> {
     opens.then(|| name.split(']').next().unwrap_or(name).trim())
 }
 
+fn parse(text: &str) -> Result<Plan, FileError> {
+    parse_plan(&Document { path: "plan".into(), text: text.to_owned() })
+}
+
 /// Refuses to write a plan that is not the one read with another place.
 fn check_text(text: &str, plan: &Plan, pose: &WorldFromPart) -> Result<()> {
-    let again = Plan::from_toml(text).context("with the place written into it")?;
+    let again = parse(text).context("with the place written into it")?;
     let near = (again.world_from_part.translation.vector - Vector3::from(pose.translation_mm)).norm() < 1e-9;
     let same = Plan { world_from_part: plan.world_from_part, ..again };
     if !near || same != *plan {
@@ -195,7 +200,7 @@ mod tests {
             rotation: [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
             translation_mm: [1.5, -2.0, z],
         };
-        let plan = Plan::from_toml(PLAN).unwrap();
+        let plan = parse(PLAN).unwrap();
         let once = with_placement(PLAN, &pose(600.25));
         check_text(&once, &plan, &pose(600.25)).unwrap();
         assert!(once.contains("# A plan.") && once.contains("# Its elements."));

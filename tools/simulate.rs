@@ -6,9 +6,10 @@ use crate::report::{check_outputs, emit};
 use crate::rotation_stage::Axis;
 use anyhow::{Context, Result, anyhow, bail};
 use cell::configuration::ProjectorConfig;
-use devices::twin_source;
 use files::config::{Config, TwinConfig};
+use files::document::Document;
 use files::recording::{ProjectorRecord, RecordingWriter};
+use files::scene_file::parse_scene;
 use fringe::frame::{FrameView, Pixels};
 use fringe::pattern::{GreyLevels, PatternSet, frame_count};
 use std::collections::BTreeMap;
@@ -177,10 +178,10 @@ fn grey_levels(projector: &mut ProjectorConfig, levels: u32) -> Result<()> {
 /// Reads the scene that the command line or the configuration names.
 pub fn load_scene(other: Option<&Path>, config: &TwinConfig) -> Result<Scene> {
     let scene = match other {
-        Some(path) => files::config::TextFile::read(path)?,
+        Some(path) => Document::read(path)?,
         None => config.scene.clone(),
     };
-    Ok(twin_source::scene(&scene)?)
+    Ok(parse_scene(&scene)?)
 }
 
 /// What an exposure factor of 1 is called in a recording, ms.

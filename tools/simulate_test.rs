@@ -9,9 +9,10 @@ use crate::report::{check_outputs, emit};
 use crate::simulate::{frames, truth_text, write_recording};
 use anyhow::{Context, Result, bail};
 use files::config::Config;
+use files::document::Document;
+use files::scene_file::parse_file;
 use layout::{TestRecording, recordings};
 use std::path::{Path, PathBuf};
-use twin::scene_file::SceneFile;
 use twin::{Scene, Twin, TwinSettings};
 
 const SPHERE: &str = include_str!("../configs/sphere.scene.toml");
@@ -88,7 +89,8 @@ fn copy_rig(args: &Args, own: &fringe::geometry::rig::Rig) -> Result<String> {
 /// The artefact of a recording where the recording has it.
 fn scene(recording: &TestRecording) -> Result<Scene> {
     let text = if recording.bar { BAR } else { SPHERE };
-    let mut file: SceneFile = toml::from_str(text).context("the scene that comes with the program")?;
+    let document = Document { path: "the scene that comes with the program".into(), text: text.to_owned() };
+    let mut file = parse_file(&document)?;
     for body in &mut file.bodies {
         let [x, y, z] = body.rotation_deg.map(f64::to_radians);
         let part_from_body = nalgebra::Isometry3::from_parts(

@@ -5,6 +5,8 @@ use crate::acceptance_report::Files;
 use crate::reconstruct::{Method, fused_cloud, surface_settings};
 use crate::report::check_outputs;
 use anyhow::{Context, Result, anyhow, bail};
+use files::acceptance_file::{parse_rules, parse_test_plan};
+use files::document::Document;
 use files::hash::sha256_hex;
 use files::recording::Recording;
 use files::rig_file::{RigFile, read_rig};
@@ -55,8 +57,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
 /// Evaluates the recordings of a test plan.
 pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
     let named = || plan_path.display().to_string();
-    let text = files::document::read_text(plan_path)?;
-    let plan = TestPlan::from_toml(&text).with_context(named)?;
+    let document = Document::read(plan_path)?;
+    let plan = parse_test_plan(&document)?;
     let folder = plan_path.parent().unwrap_or(Path::new(""));
     let rules = rule_set(&plan.rule_set, folder).with_context(named)?;
     let mut evaluator = Evaluator::new(&plan, &rules).with_context(named)?;
@@ -77,7 +79,7 @@ pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
         evaluator.add(position, &clouds).with_context(named)?;
     }
     let mut conditions = sources.conditions();
-    conditions.push(("plan".into(), format!("sha256 {}", sha256_hex(text.as_bytes()))));
+    conditions.push(("plan".into(), format!("sha256 {}", sha256_hex(document.text.as_bytes()))));
     conditions.push(("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION"))));
     evaluator.finish(conditions, inputs).with_context(named)
 }
@@ -108,15 +110,13 @@ fn sha256_of(path: &Path) -> Result<String> {
 /// A rule set by its name, or from a file beside the plan.
 fn rule_set(name: &str, folder: &Path) -> Result<RuleSet> {
     if let Some((_, text)) = RULE_SETS.iter().find(|(known, _)| *known == name) {
-        return RuleSet::from_toml(text).context(name.to_owned());
+        return Ok(parse_rules(&Document { path: name.into(), text: (*text).to_owned() })?);
     }
     if Path::new(name).extension().is_none_or(|extension| extension != "toml") {
         let known: Vec<&str> = RULE_SETS.iter().map(|(name, _)| *name).collect();
         bail!("rule_set = \"{name}\": there are {}; or name a rule set file, NAME.toml", known.join(", "));
     }
-    let path = folder.join(name);
-    let text = files::document::read_text(&path)?;
-    RuleSet::from_toml(&text).with_context(|| path.display().to_string())
+    Ok(parse_rules(&Document::read(&folder.join(name))?)?)
 }
 
 /// Where clouds come from.

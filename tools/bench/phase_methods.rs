@@ -10,6 +10,7 @@ use anyhow::{Context, Result, bail};
 use cell::executor::PhaseMethod;
 use files::config::Config;
 use fringe::decode::{DecodeSettings, OrderMethod};
+use fringe::math::statistics::median;
 use fringe::pattern::{Axis, Code, Direction, PatternSet};
 use fringe::wrapped::Method;
 use std::f64::consts::FRAC_PI_2;
@@ -213,8 +214,7 @@ fn print(what: &str, columns: &[&str], cells: &[Cell]) {
         }
         let mut times: Vec<f64> =
             cells.iter().filter_map(|c| c.evaluated.map(|j| j.seconds_per_mpx)).collect();
-        times.sort_by(f64::total_cmp);
-        println!(" {:>11.3}", times.get(times.len() / 2).copied().unwrap_or(f64::NAN));
+        println!(" {:>11.3}", median(&mut times).unwrap_or(f64::NAN));
     }
     for cell in cells {
         if let Some(reason) = &cell.refused {

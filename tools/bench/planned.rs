@@ -7,10 +7,13 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
 use anyhow::{Context, Result};
 use cell::executor::{PairMatcher, Views};
+use files::document::Document;
+use files::scene_file::parse_scene;
 use fringe::cloud::Point;
 use fringe::decode::{DecodeSettings, Diagnosis};
 use fringe::geometry::rig::{Pair, Rig};
 use fringe::matching::MatchSettings;
+use fringe::math::statistics;
 use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::PhaseMap;
 use fringe::planning::geometry::{by_phase, by_projector, projector_px_per_camera_px};
@@ -75,7 +78,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         return super::out_of_range("--width-px", args.width_px.into(), "64 to 4496");
     }
     let rig = twin::thesis::rig(args.width_px, args.width_px * 750 / 1124);
-    let scene = Scene::parse(PLATE, &mut |_| Err("no file in this scene".into()))?;
+    let scene = parse_scene(&Document { path: "plate".into(), text: PLATE.into() })?;
     let cases = [
         ("full light, 2 cameras, 10 µm", 1.0, Some(10.0), Way::Phase),
         ("full light, 2 cameras, 4 µm", 1.0, Some(4.0), Way::Phase),
@@ -185,8 +188,7 @@ impl<'a> Bench<'a> {
         let inner = inner(&twin, &seen)?;
         let median = |part: fn(&Diagnosis) -> f32| {
             let mut values: Vec<f32> = inner.iter().map(|i| part(&seen.diagnosis[*i])).collect();
-            values.sort_by(f32::total_cmp);
-            values.get(values.len() / 2).map_or(0.0, |v| f64::from(*v))
+            statistics::median(&mut values).map_or(0.0, f64::from)
         };
         Ok(Requirements {
             axis: Axis::X,

@@ -6,6 +6,7 @@ use cell::executor::{PhaseMethod, ViewDecoder};
 use fringe::decode::DecodeSettings;
 use fringe::frame::{Frame, PixelBuffer};
 use fringe::geometry::rig::Rig;
+use fringe::math::statistics::median;
 use fringe::pattern::{Axis, PatternSet, frame_count};
 use fringe::phase::PhaseMap;
 use ipc::os::Usage;
@@ -157,12 +158,11 @@ impl Evaluated {
         let right: Vec<f64> = valid.iter().copied().filter(|e| e.abs() < PI).collect();
         let n = right.len().max(1) as f64;
         let mut sigma: Vec<f32> = map.sigma_rad.iter().copied().filter(|s| s.is_finite()).collect();
-        sigma.sort_by(f32::total_cmp);
         Self {
             valid_share: valid.len() as f64 / lit.max(1) as f64,
             rms_rad: (right.iter().map(|e| e * e).sum::<f64>() / n).sqrt(),
             mean_rad: right.iter().sum::<f64>() / n,
-            sigma_rad: sigma.get(sigma.len() / 2).map_or(f64::NAN, |s| f64::from(*s)),
+            sigma_rad: median(&mut sigma).map_or(f64::NAN, f64::from),
             wrong_orders: (valid.len() - right.len()) as f64 / valid.len().max(1) as f64,
             seconds_per_mpx: seconds / (map.info.len() as f64 * 1e-6),
         }

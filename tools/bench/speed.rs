@@ -158,8 +158,7 @@ fn memory_bandwidth() -> f64 {
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
+    fringe::math::statistics::median(&mut values).unwrap_or(f64::NAN)
 }
 
 fn print(t: &Times) {

@@ -8,7 +8,8 @@ use crate::rotation_stage::{View, axis_of_object};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result};
 use characterise::rotation_stage::StageAxis;
-use files::config::{Config, TextFile};
+use files::config::Config;
+use files::document::Document;
 use fringe::cloud::Point;
 use fringe::projector::{ProjectorMatcher, ProjectorSettings};
 use nalgebra::{Point3, Vector3};
@@ -112,7 +113,7 @@ impl Bench {
         camera.focal_px = camera.focal_px.map(|f| f / factor);
         camera.principal_point_px = camera.principal_point_px.map(|c| (c + 0.5) / factor - 0.5);
         let mut part = twin.clone();
-        part.scene = TextFile::read(Path::new("configs/complex-artefact.scene.toml"))?;
+        part.scene = Document::read(Path::new("configs/complex-artefact.scene.toml"))?;
         let scene = load_scene(None, &part)?;
         let axis = StageAxis {
             point_mm: Point3::new(3.0, -2.0, 0.0),

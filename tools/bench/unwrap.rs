@@ -14,6 +14,7 @@ use files::recording::Recording;
 use fringe::decode::DecodeSettings;
 use fringe::math;
 use fringe::math::random::{Key, Normal};
+use fringe::math::statistics::median;
 use fringe::unwrap::{NO_COMPONENT, QualityMap, UnwrapSettings, Wrapped, unwrap};
 use ipc::os::Usage;
 use serde::Serialize;
@@ -130,11 +131,8 @@ impl Map {
             processor.push(Usage::now().since(usage).cpu_ns as f64 * 1e-6);
         }
         let found = last.context("at least one repeat")?;
-        let median = |values: &mut Vec<f64>| {
-            values.sort_by(f64::total_cmp);
-            values[values.len() / 2]
-        };
-        let (time_ms, processor_ms) = (median(&mut times), median(&mut processor));
+        let of = |values: &mut [f64]| median(values).unwrap_or(f64::NAN);
+        let (time_ms, processor_ms) = (of(&mut times), of(&mut processor));
         Ok(Row {
             map: self.name.clone(),
             method: method.name(),

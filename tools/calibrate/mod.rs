@@ -17,6 +17,7 @@ use characterise::calibration::{Calibration, Observations, SpacingSettings};
 use characterise::target::TargetSpec;
 use detections::Gathered;
 use files::recording::Recording;
+use files::target_file::read_target;
 use lengths::Certified;
 use report::Parts;
 use std::path::PathBuf;
@@ -71,8 +72,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if let Some(folder) = args.draw.as_ref().filter(|folder| folder.exists() && !folder.is_dir()) {
         bail!("--pictures {}: is a file; name a folder for the images", folder.display());
     }
-    let text = files::document::read_text(&args.target)?;
-    let target = TargetSpec::parse(&text).with_context(|| args.target.display().to_string())?;
+    let target = read_target(&args.target)?;
     let certified =
         args.check_length.iter().map(|c| Certified::parse(c, &target)).collect::<Result<Vec<_>>>()?;
     let gathered = gather(args, &target)?;

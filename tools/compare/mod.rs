@@ -157,9 +157,7 @@ fn align(
         }
         Align::Rps => {
             let path = args.plan.as_deref().ok_or_else(|| anyhow!("--align rps needs --plan"))?;
-            let text = files::document::read_text(path)?;
-            let plan =
-                metrology::inspection::Plan::from_toml(&text).with_context(|| path.display().to_string())?;
+            let (plan, _) = files::plan_file::read_plan(path)?;
             let found = metrology::inspection::locate(&plan, &points).with_context(named)?;
             let world_from_part = Pose {
                 rotation: nalgebra::Matrix3::from_fn(|r, c| found.rotation[r][c]),

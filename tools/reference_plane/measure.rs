@@ -11,6 +11,7 @@ use files::recording::RECORDING_FILE;
 use files::rig_file::read_rig;
 use fringe::cloud::Point;
 use fringe::geometry::camera::Camera;
+use fringe::math::statistics::median;
 use nalgebra::Point2;
 use report::ColourMap;
 use report::picture::{Range, Scalar, scalar_png};
@@ -115,8 +116,7 @@ fn print_report(args: &Args, heights: &Heights) -> Result<Outcome> {
         );
     }
     let mut sigma: Vec<f32> = heights.sigma_mm.iter().copied().filter(|s| s.is_finite()).collect();
-    sigma.sort_by(f32::total_cmp);
-    let sigma_mm = sigma.get(sigma.len() / 2);
+    let sigma_mm = median(&mut sigma);
     println!(
         "{}: {count} heights, {low:.3} … {high:.3} mm; noise {} µm (median); {} beyond the calibrated range",
         args.recording.display(),

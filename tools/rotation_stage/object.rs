@@ -6,6 +6,7 @@ use anyhow::{Context, Result, bail};
 use characterise::rotation_stage::{StageAxis, StageCalibration, axis_from_motions, jackknife};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
+use fringe::math::statistics::median;
 use metrology::register::InitialPose;
 use nalgebra::{Point3, Vector3};
 
@@ -83,15 +84,14 @@ impl Blocks {
 
 fn blocks(points: &[Point], centre_mm: &Point3<f64>) -> Blocks {
     let all: Vec<Vector3<f64>> = points.iter().map(|p| p.position().coords).collect();
-    let median = |axis: usize, held: &dyn Fn(&Vector3<f64>) -> bool| {
+    let middle = |axis: usize, held: &dyn Fn(&Vector3<f64>) -> bool| {
         let mut values: Vec<f64> = all.iter().filter(|p| held(p)).map(|p| p[axis]).collect();
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied().unwrap_or(centre_mm[axis])
+        median(&mut values).unwrap_or(centre_mm[axis])
     };
-    let x_mm = median(0, &|_| true);
+    let x_mm = middle(0, &|_| true);
     let half = move |p: &Vector3<f64>| usize::from(p.x > x_mm);
-    let y_mm = [0, 1].map(|x| median(1, &|p| half(p) == x));
+    let y_mm = [0, 1].map(|x| middle(1, &|p| half(p) == x));
     let quarter = move |p: &Vector3<f64>| 2 * half(p) + usize::from(p.y > y_mm[half(p)]);
-    let z_mm = [0, 1, 2, 3].map(|y| median(2, &|p| quarter(p) == y));
+    let z_mm = [0, 1, 2, 3].map(|y| middle(2, &|p| quarter(p) == y));
     Blocks { x_mm, y_mm, z_mm }
 }

@@ -95,7 +95,7 @@ pub enum ScheduleError {
         /// Cameras that it does light.
         lit: String,
     },
-    /// Frames whose phase nobody takes.
+    /// A camera whose phase no pair takes, whichever projector is on.
     #[error(
         "camera \"{camera}\" looks at projector \"{projector}\", but no pair takes its phase; name a pair, or remove the camera"
     )]

@@ -5,7 +5,7 @@ use files::error::FileError;
 use fringe::text::CELL_NAME;
 use std::path::PathBuf;
 use thiserror::Error;
-use twin::{SceneError, TwinError};
+use twin::TwinError;
 
 /// Why a device cannot do what it should.
 #[derive(Debug, Error)]
@@ -42,14 +42,6 @@ pub enum DeviceError {
         path: PathBuf,
         /// The fault that the twin found.
         source: TwinError,
-    },
-    /// A scene that cannot be used.
-    #[error("{}", path.display())]
-    Scene {
-        /// Path of the scene file.
-        path: PathBuf,
-        /// The fault in the scene.
-        source: SceneError,
     },
     /// A part of the configuration that a driver needs.
     #[error("the configuration has no [{0}]")]

@@ -11,7 +11,7 @@ mod error;
 mod load;
 mod recording;
 mod twin_camera;
-pub mod twin_source;
+mod twin_source;
 
 pub use device::{Camera, Projector};
 pub use driven::Driven;

@@ -105,10 +105,9 @@ impl Document {
     /// # Errors
     /// Not TOML, another format, unknown, missing or mistyped keys.
     pub fn parse<T: DeserializeOwned>(&self, format: &str) -> Result<T, FileError> {
-        let table = DeTable::parse(&self.text).map_err(|error| self.toml_fault(&error))?;
-        let found = table.get_ref().get("format").and_then(|value| value.get_ref().as_str()).unwrap_or("");
+        let found = self.format()?.unwrap_or_default();
         if found != format {
-            let problem = Problem::Format { found: found.to_owned(), expected: format.to_owned() };
+            let problem = Problem::Format { found: found.clone(), expected: format.to_owned() };
             let remedy = if found.is_empty() {
                 format!("add the line: format = \"{format}\"")
             } else {
@@ -117,6 +116,43 @@ impl Document {
             return Err(self.fault("format", problem, remedy));
         }
         toml::from_str(&self.text).map_err(|error| self.toml_fault(&error))
+    }
+
+    /// The same where the key `format` may be left out.
+    ///
+    /// # Errors
+    /// As [`Self::parse`].
+    pub fn parse_bare<T: DeserializeOwned>(&self, format: &str) -> Result<T, FileError> {
+        match self.format()? {
+            Some(_) => self.parse(format),
+            None => toml::from_str(&self.text).map_err(|error| self.toml_fault(&error)),
+        }
+    }
+
+    /// The key `format` as written.
+    fn format(&self) -> Result<Option<String>, FileError> {
+        let table = DeTable::parse(&self.text).map_err(|error| self.toml_fault(&error))?;
+        let format = table.get_ref().get("format").and_then(|value| value.get_ref().as_str());
+        Ok(format.map(str::to_owned))
+    }
+
+    /// A fault at a key of the table of this kind and name, such as the `[[element]]` with the name "top"; each may be empty.
+    pub(crate) fn fault_of(&self, [kind, name, key]: [&str; 3], problem: Problem, remedy: &str) -> FileError {
+        let table = self.index_of(kind, name).map_or(kind.to_owned(), |index| format!("{kind}[{index}]"));
+        let dot = if table.is_empty() || key.is_empty() { "" } else { "." };
+        self.fault(&format!("{table}{dot}{key}"), problem, remedy)
+    }
+
+    /// Number of the table in its list.
+    fn index_of(&self, kind: &str, name: &str) -> Option<usize> {
+        let all = DeTable::parse(&self.text).ok()?;
+        let tables = all.get_ref().get(kind)?.get_ref().as_array()?;
+        let is_called = |table: &Spanned<DeValue<'_>>| {
+            let named =
+                |key: &str| table.get_ref().get(key).is_some_and(|v| v.get_ref().as_str() == Some(name));
+            ["name", "id", "symbol"].iter().any(|key| named(key))
+        };
+        tables.iter().position(is_called)
     }
 
     /// A fault at a key such as `camera[0].name`; the line is looked up.

@@ -120,6 +120,15 @@ pub enum Problem {
     /// An inspection plan that cannot be used.
     #[error(transparent)]
     Plan(metrology::inspection::PlanError),
+    /// An acceptance plan or a rule set that cannot be used.
+    #[error(transparent)]
+    Acceptance(metrology::acceptance::AcceptanceError),
+    /// A calibration target that cannot be.
+    #[error(transparent)]
+    Target(characterise::target::TargetError),
+    /// A scene that the twin cannot trace.
+    #[error(transparent)]
+    Scene(twin::SceneError),
     /// A thing that this program does not do.
     #[error("{0}")]
     Unsupported(String),

@@ -3,6 +3,7 @@
 //! Every reader checks what it reads and names file, line, key, value, limit and remedy ([`error::FileError`]); every
 //! writer leaves a complete file or none ([`atomic`]).
 
+pub mod acceptance_file;
 pub mod atomic;
 pub mod budget;
 pub mod clock;
@@ -19,15 +20,18 @@ pub mod name;
 pub mod npy;
 pub mod opencv;
 pub mod output_check;
+pub mod plan_file;
 pub mod plane_file;
 pub mod ply;
 pub mod provenance;
 pub mod recording;
 pub mod result;
 pub mod rig_file;
+pub mod scene_file;
 mod sequence;
 pub mod stage_file;
 pub mod surface_file;
+pub mod target_file;
 #[cfg(test)]
 mod testing;
 pub mod trace;

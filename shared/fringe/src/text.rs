@@ -1,4 +1,4 @@
-//! Rules for texts that several crates share: names of cells, messages on one line.
+//! Rules for names that several crates share.
 
 /// Longest name of a cell, bytes: it becomes part of the paths of sockets, which the system limits to 107 bytes.
 const CELL_NAME_BYTES: usize = 32;
@@ -11,13 +11,4 @@ pub const CELL_NAME: &str =
 pub fn is_cell_name(name: &str) -> bool {
     let letters = name.bytes().all(|b| matches!(b, b'a'..=b'z' | b'0'..=b'9' | b'-' | b'_'));
     letters && name.len() <= CELL_NAME_BYTES && name.bytes().next().is_some_and(|b| b.is_ascii_alphanumeric())
-}
-
-/// Line number, the line, and the message.
-pub fn on_one_line(error: &toml::de::Error, text: &str) -> String {
-    let start = error.span().map_or(0, |span| span.start);
-    let number = text.get(..start).unwrap_or_default().matches('\n').count();
-    let line: String = text.lines().nth(number).unwrap_or_default().trim().chars().take(60).collect();
-    let message: Vec<&str> = error.message().split_whitespace().collect();
-    format!("line {} ({line}): {}", number + 1, message.join(" "))
 }

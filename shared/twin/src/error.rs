@@ -7,9 +7,6 @@ use thiserror::Error;
 /// What is wrong with a scene; the caller adds the file.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum SceneError {
-    /// Not TOML, an unknown key, a missing key, a value of another type.
-    #[error("{0}")]
-    Syntax(String),
     /// Another format or version.
     #[error("format = \"{0}\" is not \"{FORMAT}\"")]
     Format(String),
@@ -78,4 +75,20 @@ pub enum SceneError {
         /// What is wrong with the mesh.
         source: MeshError,
     },
+}
+
+impl SceneError {
+    /// Kind and name of the table where the fault lies, and its key; any of them may be empty.
+    pub fn place(&self) -> (&str, &str, &str) {
+        match self {
+            Self::Value { kind, name, key, .. } => (kind, name, key),
+            Self::Duplicate { kind, name } => (kind, name, "name"),
+            Self::UnknownMaterial { body, .. } => ("body", body, "material"),
+            Self::Lengths { body, .. } | Self::MeshFile { body, .. } | Self::Mesh { body, .. } => {
+                ("body", body, "geometry")
+            }
+            Self::Format(_) => ("format", "", ""),
+            Self::NoBody => ("body", "", ""),
+        }
+    }
 }

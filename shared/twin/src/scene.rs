@@ -54,22 +54,10 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Reads and checks a scene file; `load` fetches the bytes of a mesh file by its path as written.
+    /// Checks a scene file; `load` fetches the bytes of a mesh file by its path as written.
     ///
     /// # Errors
     /// Why the scene is invalid, with key, value and limit.
-    pub fn parse(
-        text: &str,
-        load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
-    ) -> Result<Self, SceneError> {
-        let file: SceneFile = toml::from_str(text).map_err(|e| SceneError::Syntax(e.to_string()))?;
-        Self::new(&file, load)
-    }
-
-    /// Checks a scene file.
-    ///
-    /// # Errors
-    /// As [`Self::parse`].
     pub fn new(
         file: &SceneFile,
         load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,

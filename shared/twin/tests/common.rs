@@ -10,9 +10,18 @@ pub fn scene(bodies: &str) -> Scene {
     parse(bodies).unwrap()
 }
 
-pub fn parse(bodies: &str) -> Result<Scene, twin::SceneError> {
+pub fn parse(bodies: &str) -> Result<Scene, String> {
     let head = "format = \"fringecell-scene/1\"\n[[material]]\nname = \"white\"\nalbedo = 0.7\n";
-    Scene::parse(&format!("{head}{bodies}"), &mut |_| Err("no file in this test".into()))
+    parse_text(&format!("{head}{bodies}"), &mut |_| Err("no file in this test".into()))
+}
+
+/// As the reader of files does it.
+pub fn parse_text(
+    text: &str,
+    load: &mut dyn FnMut(&str) -> Result<Vec<u8>, String>,
+) -> Result<Scene, String> {
+    let file = toml::from_str(text).map_err(|error| error.to_string())?;
+    Scene::new(&file, load).map_err(|error| error.to_string())
 }
 
 /// A `[[body]]` table of a scene file.
@@ -30,7 +39,7 @@ pub fn small_rig() -> Rig {
 pub const ARTEFACT: &str = include_str!("../../../configs/complex-artefact.scene.toml");
 
 pub fn artefact() -> Scene {
-    Scene::parse(ARTEFACT, &mut |_| Err("no file in this scene".into())).unwrap()
+    parse_text(ARTEFACT, &mut |_| Err("no file in this scene".into())).unwrap()
 }
 
 /// Even points in a cube about a centre.

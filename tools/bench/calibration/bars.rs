@@ -4,6 +4,8 @@ use super::super::scan::{decode, views};
 use anyhow::{Context, Result};
 use cell::executor::PairMatcher;
 use characterise::calibration::Calibration;
+use files::document::Document;
+use files::scene_file::parse_scene;
 use fringe::fusion::{FusionSettings, fuse};
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::{Pair, Rig};
@@ -13,7 +15,7 @@ use fringe::phase::PhaseMap;
 use metrology::fit::{FitSettings, sphere};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use serde::Serialize;
-use twin::{Scene, Twin, TwinSettings, thesis};
+use twin::{Twin, TwinSettings, thesis};
 
 /// Centre to centre, mm.
 pub const SPACING_MM: f64 = 120.0;
@@ -177,7 +179,7 @@ fn measure(
          rod_diameter_mm = 0.0 }}\n",
         d = 2.0 * RADIUS_MM
     );
-    let scene = Scene::parse(&scene, &mut |name| Err(format!("{name}: there is no mesh here")))?;
+    let scene = parse_scene(&Document { path: "bar".into(), text: scene })?;
     let settings =
         TwinSettings { seed, position_scatter_mm: 0.0, angle_scatter_deg: 0.0, ..TwinSettings::default() };
     let world_from_bar = Isometry3::from_parts(at.into(), turn);

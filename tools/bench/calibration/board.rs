@@ -7,6 +7,9 @@ use crate::simulate::Buffer;
 use anyhow::{Context, Result};
 use characterise::calibration::{Device, DeviceKind, ImagePoint, Observations, View, projector_pixel};
 use characterise::target::{Detection, TargetSettings, TargetSpec, detect};
+use files::document::Document;
+use files::scene_file::parse_scene;
+use files::target_file::parse_target;
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::{Pair, Rig};
 use fringe::math::random::{Key, Normal};
@@ -53,7 +56,7 @@ impl Plan {
         let Self { columns, rows, pitch_mm, .. } = self;
         let text =
             format!("kind = \"checkerboard\"\ncolumns = {columns}\nrows = {rows}\npitch_mm = {pitch_mm:?}\n");
-        Ok(TargetSpec::parse(&text)?)
+        Ok(parse_target(&Document { path: "board".into(), text })?)
     }
 
     /// A board of paper with a margin of a square and a half beyond its outer corners' squares.
@@ -68,7 +71,7 @@ impl Plan {
             size(*columns),
             size(*rows)
         );
-        Ok(Scene::parse(&text, &mut |name| Err(format!("{name}: there is no mesh here")))?)
+        Ok(parse_scene(&Document { path: "board".into(), text })?)
     }
 
     /// Seeded poses of the board's middle all over the volume: world_from_board.

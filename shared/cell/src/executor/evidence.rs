@@ -1,6 +1,7 @@
 //! What decoded orders rest on, summed up over a map.
 
 use fringe::decode::Diagnosis;
+use fringe::math::statistics::median;
 use fringe::phase::PhaseMap;
 
 /// Numbers of errors to be expected among the valid pixels of a map, before neighbours repair them.
@@ -53,11 +54,11 @@ pub struct Threshold {
 
 impl Threshold {
     pub(super) fn of(map: &PhaseMap, diagnosis: &[Diagnosis]) -> Option<Self> {
-        let median = |part: fn(&Diagnosis) -> f32| median_valid(map, diagnosis.iter().map(part));
+        let of = |part: fn(&Diagnosis) -> f32| median_valid(map, diagnosis.iter().map(part));
         Some(Self {
-            threshold_median_dn: median(|d| d.threshold_dn)?,
-            u_threshold_median_dn: median(|d| d.u_threshold_dn)?,
-            contrast_median_dn: median(|d| d.contrast_dn)?,
+            threshold_median_dn: of(|d| d.threshold_dn)?,
+            u_threshold_median_dn: of(|d| d.u_threshold_dn)?,
+            contrast_median_dn: of(|d| d.contrast_dn)?,
         })
     }
 }
@@ -66,6 +67,5 @@ impl Threshold {
 pub fn median_valid(map: &PhaseMap, values: impl Iterator<Item = f32>) -> Option<f32> {
     let kept = values.zip(&map.valid).filter(|(value, valid)| **valid == 1 && !value.is_nan());
     let mut kept: Vec<f32> = kept.map(|(value, _)| value).collect();
-    let middle = kept.len() / 2;
-    if kept.is_empty() { None } else { Some(*kept.select_nth_unstable_by(middle, f32::total_cmp).1) }
+    median(&mut kept)
 }

@@ -1,7 +1,7 @@
 //! Whether a graph can be run at all.
 
 use crate::error::ScheduleError;
-use crate::graph::{Graph, PairNode, axes_taken};
+use crate::graph::{Graph, PairNode};
 
 /// Finds the first fault of a graph.
 pub(super) fn check(graph: &Graph) -> Result<(), ScheduleError> {
@@ -25,14 +25,14 @@ pub(super) fn check(graph: &Graph) -> Result<(), ScheduleError> {
     if let Some(dark) = (0..graph.cameras.len()).find(|camera| !lit(camera)) {
         return Err(ScheduleError::Dark(graph.cameras[dark].name.clone()));
     }
-    for (number, projector) in graph.projectors.iter().enumerate() {
-        for &camera in &projector.cameras {
-            if axes_taken(graph, camera, number).is_empty() {
-                return Err(ScheduleError::Unused {
-                    camera: graph.cameras[camera].name.clone(),
-                    projector: projector.name.clone(),
-                });
-            }
+    // A camera of some pair may also look at the projector of another one: recordings for a calibration are made so.
+    let paired = |camera: &usize| graph.pairs.iter().any(|pair| pair.cameras().contains(camera));
+    for projector in &graph.projectors {
+        if let Some(&camera) = projector.cameras.iter().find(|camera| !paired(camera)) {
+            return Err(ScheduleError::Unused {
+                camera: graph.cameras[camera].name.clone(),
+                projector: projector.name.clone(),
+            });
         }
     }
     check_deadline(graph)

@@ -185,7 +185,7 @@ fn graphs_that_cannot_run_are_refused_with_both_ends() {
         (|g| g.projectors[0].axes.clear(), "\"proj1\" has no sine set"),
         (|g| g.projectors[0].cameras = vec![0], "\"cam2\", but projector \"proj1\" lights only cam1"),
         (|g| g.cameras.push(g.cameras[0].clone()), "camera \"cam1\" is in no projector's `cameras`"),
-        (|g| g.projectors[0].cameras.push(2), "\"cam3\" looks at projector \"proj1\", but no pair"),
+        (|g| drop(g.pairs.pop()), "\"cam3\" looks at projector \"proj2\", but no pair"),
         (|g| g.rate_hz = Some(5.0), "10 frames at 5 Hz last 2000 ms, the cycle must end within 1000 ms"),
     ];
     for (change, message) in faults {

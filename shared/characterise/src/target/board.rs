@@ -3,6 +3,7 @@
 use super::corner::{Band, Corner, Expected, Window, refine};
 use super::lattice::{Lattice, Place, bounds_of};
 use super::raster::Raster;
+use fringe::math::statistics::median;
 use nalgebra::{Point2, Vector2};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -77,8 +78,7 @@ pub(crate) fn overlap(a: &Board, b: &Board) -> bool {
 /// Drops corners whose model fits much worse than that of the others.
 fn drop_covered(board: &mut Board) {
     let mut misfits: Vec<f64> = board.values().map(misfit).collect();
-    misfits.sort_by(f64::total_cmp);
-    let Some(median) = misfits.get(misfits.len() / 2).copied() else { return };
+    let Some(median) = median(&mut misfits) else { return };
     board.retain(|_, corner| misfit(corner) <= (OUTSTANDING * median).max(TEXTURE));
 }
 

@@ -9,6 +9,7 @@ use super::lattice::{Lattice, Place, bounds_of};
 use super::raster::Raster;
 use super::settings::TargetSettings;
 use super::spec::{TargetKind, TargetSpec};
+use fringe::math::statistics::median;
 use nalgebra::{Point2, Vector2};
 use std::collections::BTreeMap;
 
@@ -308,6 +309,5 @@ fn radius_per_pitch(discs: &Discs, spec: &TargetSpec) -> f64 {
             Some(disc.radius_px() * (pitches / e.perp(&f).abs()).sqrt())
         })
         .collect();
-    radii.sort_by(f64::total_cmp);
-    radii.get(radii.len() / 2).copied().unwrap_or(f64::NAN)
+    median(&mut radii).unwrap_or(f64::NAN)
 }

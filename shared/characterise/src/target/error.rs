@@ -8,14 +8,11 @@ pub(crate) const MAX_PIXELS: usize = 200_000_000;
 /// A refusal: no points are better than wrong ones.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum TargetError {
-    /// The text is not a target.
-    #[error("target file: {0}")]
-    Text(String),
     /// The file has another format.
-    #[error("target key format = \"{0}\": must be \"fringecell-target/1\", or left out")]
+    #[error("format = \"{0}\": must be \"fringecell-target/1\", or left out")]
     Format(String),
     /// A number of the target or of the settings is out of its range.
-    #[error("target key {key} = {value}: must be {least} to {most}")]
+    #[error("{key} = {value}: must be {least} to {most}")]
     Key {
         /// Key of the target file.
         key: &'static str,
@@ -27,21 +24,19 @@ pub enum TargetError {
         most: f64,
     },
     /// Squares have no diameter.
-    #[error("target key diameter_mm: only circles and asymmetric-circles have one; leave it out")]
+    #[error("diameter_mm: only circles and asymmetric-circles have one; leave it out")]
     DiameterOfSquares,
     /// A ChArUco board without its markers.
     #[error(
-        "target keys dictionary, marker_mm: a charuco target needs both; dictionary = \"DICT_4X4_50\", \"DICT_5X5_100\" or \
+        "dictionary, marker_mm: a charuco target needs both; dictionary = \"DICT_4X4_50\", \"DICT_5X5_100\" or \
          \"DICT_6X6_250\""
     )]
     NoMarkers,
     /// Markers on something else.
-    #[error("target keys dictionary, marker_mm: only a charuco target has markers; leave them out")]
+    #[error("dictionary, marker_mm: only a charuco target has markers; leave them out")]
     MarkersElsewhere,
     /// More squares than markers.
-    #[error(
-        "target key dictionary: it has {there} markers, columns and rows need {needed}; give the printed one"
-    )]
+    #[error("dictionary: it has {there} markers, columns and rows need {needed}; give the printed one")]
     FewMarkers {
         /// Number of light squares that need a marker.
         needed: u64,
@@ -131,6 +126,20 @@ pub enum TargetError {
         /// Rows declared in the target file.
         rows: u32,
     },
+}
+
+impl TargetError {
+    /// The key of the target file where the fault lies; empty where there is none.
+    pub fn key(&self) -> &str {
+        match self {
+            Self::Key { key, .. } => key,
+            Self::Format(_) => "format",
+            Self::DiameterOfSquares => "diameter_mm",
+            Self::NoMarkers => "kind",
+            Self::MarkersElsewhere | Self::FewMarkers { .. } => "dictionary",
+            _ => "",
+        }
+    }
 }
 
 fn sizes(found: &[(u32, u32)]) -> String {

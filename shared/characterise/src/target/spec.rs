@@ -37,12 +37,6 @@ impl TargetKind {
 }
 
 /// A calibration target as declared in `target.toml`.
-///
-/// ```
-/// let spec = characterise::target::TargetSpec::parse("kind = \"checkerboard\"\ncolumns = 9\nrows = 6\npitch_mm = 25.0")?;
-/// assert_eq!(spec.board_points_mm().len(), 54);
-/// # Ok::<(), characterise::target::TargetError>(())
-/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TargetSpec {
@@ -79,17 +73,6 @@ pub(crate) struct Marking {
 }
 
 impl TargetSpec {
-    /// Reads the text of a `target.toml`.
-    ///
-    /// # Errors
-    /// The text is not TOML with these keys, or [`Self::check`] refuses a value.
-    pub fn parse(text: &str) -> Result<Self, TargetError> {
-        let spec: Self = toml::from_str(text)
-            .map_err(|error| TargetError::Text(fringe::text::on_one_line(&error, text)))?;
-        spec.check()?;
-        Ok(spec)
-    }
-
     /// Checks the numbers.
     ///
     /// # Errors
@@ -174,6 +157,14 @@ fn in_range(key: &'static str, value: f64, least: f64, most: f64) -> Result<(), 
 mod tests {
     use super::*;
 
+    impl TargetSpec {
+        /// As the reader of files does it; a text that is no target has its own message there.
+        pub(crate) fn parse(text: &str) -> Result<Self, TargetError> {
+            let spec: Self = toml::from_str(text).expect("TOML");
+            spec.check().map(|()| spec)
+        }
+    }
+
     const TEXT: &str = "kind = \"asymmetric-circles\"\ncolumns = 4\nrows = 11\npitch_mm = 20.0\n";
 
     #[test]
@@ -181,8 +172,6 @@ mod tests {
         let spec = TargetSpec::parse(TEXT).expect("valid");
         assert_eq!(spec.board_point_mm((3, 1)), Point3::new(140.0, 20.0, 0.0));
         assert!(TargetSpec::parse(&format!("{TEXT}format = \"{TARGET_FORMAT}\"")).is_ok());
-        let error = TargetSpec::parse(&format!("{TEXT}colour = 1")).expect_err("unknown key");
-        assert!(error.to_string().contains("colour"), "{error}");
     }
 
     #[test]

@@ -6,7 +6,7 @@ use super::raw::{RawConfig, RawTwin};
 use super::recipes::recipes;
 use super::references::{check_drivers, check_graph, check_twin, pairs};
 use super::values::{driver, referenced, value};
-use super::{CONFIG_FORMAT, Config, RecordingConfig, TextFile, TwinConfig};
+use super::{CONFIG_FORMAT, Config, RecordingConfig, TwinConfig};
 use crate::document::Document;
 use crate::error::{FileError, Problem, did_you_mean, list};
 use crate::hash::sha256_hex;
@@ -147,7 +147,7 @@ fn recording(document: &Document, raw: &RawConfig) -> Result<Option<RecordingCon
 
 fn twin(document: &Document, raw: &RawConfig, measured: &RigFile) -> Result<Option<TwinConfig>, FileError> {
     let Some(twin) = &raw.twin else { return Ok(None) };
-    let scene = referenced(document, "twin.scene", &twin.scene, TextFile::read)?;
+    let scene = referenced(document, "twin.scene", &twin.scene, Document::read)?;
     let truth = match &twin.rig {
         Some(path) => referenced(document, "twin.rig", path, read_rig)?,
         None => measured.clone(),

@@ -55,8 +55,7 @@ mod tests;
 mod values;
 
 use crate::correction::PatternCorrection;
-use crate::document::{Document, read_text};
-use crate::error::FileError;
+use crate::document::Document;
 use crate::hash::sha256_hex;
 use crate::recording::Recording;
 use cell::Configuration;
@@ -82,7 +81,7 @@ pub struct Config {
     /// SHA-256 of the rig file.
     pub rig_sha256: String,
     /// The files of all recipes, in their order.
-    pub plans: Vec<TextFile>,
+    pub plans: Vec<Document>,
     /// The pattern correction of each projector that has one.
     pub corrections: BTreeMap<String, PatternCorrection>,
     /// The digital twin; present whenever a driver needs it.
@@ -91,20 +90,11 @@ pub struct Config {
     pub recording: Option<RecordingConfig>,
 }
 
-/// A text file that another part of the program reads.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct TextFile {
-    /// Absolute path of the file.
-    pub path: PathBuf,
-    /// The whole text of the file.
-    pub text: String,
-}
-
 /// What the twin simulates.
 #[derive(Debug, Clone)]
 pub struct TwinConfig {
-    /// The scene file; the twin crate parses it.
-    pub scene: TextFile,
+    /// The scene file; [`crate::scene_file`] parses it.
+    pub scene: Document,
     /// The true rig, with projectors. The measuring side must not look at it.
     pub rig: Rig,
     /// Where the true rig was read from.
@@ -150,7 +140,7 @@ impl Config {
     }
 
     fn hashed(&self) -> Vec<(&Path, String)> {
-        let text = |file: &TextFile| sha256_hex(file.text.as_bytes());
+        let text = |file: &Document| sha256_hex(file.text.as_bytes());
         let mut files = vec![
             (self.document.path.as_path(), self.sha256.clone()),
             (&self.rig_path, self.rig_sha256.clone()),
@@ -164,15 +154,5 @@ impl Config {
             files.push((&recording.document.path, recording.sha256.clone()));
         }
         files
-    }
-}
-
-impl TextFile {
-    /// Reads a text file.
-    ///
-    /// # Errors
-    /// As [`read_text`].
-    pub fn read(path: &Path) -> Result<Self, FileError> {
-        Ok(Self { path: path.to_owned(), text: read_text(path)? })
     }
 }

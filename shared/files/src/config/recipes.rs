@@ -1,13 +1,12 @@
 //! The recipes of a cell.
 
-use super::TextFile;
 use super::raw::RawConfig;
 use super::values::{referenced, value};
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
+use crate::plan_file::parse_plan;
 use cell::configuration::{DEFAULT_RECIPE, Recipe};
-use metrology::inspection::Plan;
 
 /// Recipes that a cell may have: each is held by the inspection at all times.
 const MAX_RECIPES: usize = 1000;
@@ -20,16 +19,15 @@ const MAX_NAME: usize = 64;
 pub(super) fn recipes(
     document: &Document,
     raw: &RawConfig,
-) -> Result<(Vec<Recipe>, Vec<TextFile>), FileError> {
+) -> Result<(Vec<Recipe>, Vec<Document>), FileError> {
     if raw.recipe.len() > MAX_RECIPES {
         let problem = value(raw.recipe.len(), format!("at most {MAX_RECIPES} recipes"));
         return Err(document.fault("recipe", problem, "make two cells of it"));
     }
     let (mut all, mut files) = (Vec::new(), Vec::new());
     let mut add = |name: &str, key: &str, path: &str| {
-        let file = referenced(document, key, path, TextFile::read)?;
-        let plan = Plan::from_toml(&file.text)
-            .map_err(|error| FileError::new(&file.path, Problem::Plan(error), ""))?;
+        let file = referenced(document, key, path, Document::read)?;
+        let plan = parse_plan(&file)?;
         let plan_sha256 = Some(sha256_hex(file.text.as_bytes()));
         all.push(Recipe { name: name.to_owned(), plan: Some(plan), plan_sha256 });
         files.push(file);

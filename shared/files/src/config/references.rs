@@ -39,8 +39,7 @@ pub(super) fn pairs(
     Ok(rig)
 }
 
-/// Plans the cell, as `run` and `schedule` will, and points to the key of what is wrong. A camera of some pair may also look at a
-/// projector of another one here: recordings for a calibration are simulated so; the two commands refuse it.
+/// Plans the cell, as `run` and `schedule` will, and points to the key of what is wrong.
 pub(super) fn check_graph(
     document: &Document,
     rig_file: &RigFile,
@@ -48,11 +47,6 @@ pub(super) fn check_graph(
 ) -> Result<(), FileError> {
     let planned = Graph::new(cell, &Options::default()).and_then(|graph| Schedule::new(&graph));
     let Err(error) = planned else { return Ok(()) };
-    if let ScheduleError::Unused { camera, .. } = &error
-        && cell.rig.pairs.iter().any(|pair| pair.left == *camera || pair.right == *camera)
-    {
-        return Ok(());
-    }
     let projector = |name: &str, part: &str| {
         let index = cell.projectors.iter().position(|p| p.name == name).unwrap_or_default();
         format!("projector[{index}].{part}")

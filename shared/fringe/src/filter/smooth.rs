@@ -2,6 +2,7 @@
 
 use super::{FilterReport, value};
 use crate::math;
+use crate::math::statistics;
 use crate::phase::PhaseMap;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -49,10 +50,9 @@ pub fn median(map: &mut PhaseMap, radius: usize) -> FilterReport {
                 values.extend([a, b]);
             }
         }
-        let middle = values.len() / 2;
         // The median of many normal values scatters √(π/2) times as much as their mean.
         let factor = (PI / 2.0 / values.len() as f64).sqrt().min(1.0) as f32;
-        (middle > 0).then(|| (*values.select_nth_unstable_by(middle, f32::total_cmp).1, factor))
+        statistics::median(&mut values).filter(|_| values.len() > 1).map(|median| (median, factor))
     })
 }
 

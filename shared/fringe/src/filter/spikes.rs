@@ -5,6 +5,7 @@
 //! along one axis only. The corner of a step gives it along both, but has three neighbours of its own height.
 
 use super::{FilterReport, value};
+use crate::math::statistics::median;
 use crate::phase::PhaseMap;
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_PI_4, TAU};
@@ -77,8 +78,7 @@ fn classify(map: &PhaseMap, x: i64, y: i64, height_rad: f32) -> Verdict {
     if around.len() < LEAST_NEIGHBOURS || equals > MOST_EQUALS {
         return Verdict::Keep;
     }
-    let middle = around.len() / 2;
-    let off = centre - *around.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let off = centre - median(&mut around).unwrap_or(centre);
     let turns = (off / TAU).round();
     if turns != 0.0 && (off - turns * TAU).abs() < FRAC_PI_4 { Verdict::Turn(turns) } else { Verdict::Mask }
 }

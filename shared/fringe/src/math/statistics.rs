@@ -1,13 +1,39 @@
 //! Order statistics that single wrong values do not move.
 
+use std::cmp::Ordering;
+
 /// Standard deviation of normally distributed values over the median of their magnitudes.
 pub const SIGMA_OF_MEDIAN: f64 = 1.4826;
 
 /// The median, of an even number of values the upper of the two in the middle, so that it is a value that occurred; `None` of
 /// no values. Changes the order of `values`.
-pub fn median(values: &mut [f64]) -> Option<f64> {
+pub fn median<T: Ordered>(values: &mut [T]) -> Option<T> {
     let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, T::order).1)
+}
+
+/// Numbers with a total order.
+pub trait Ordered: Copy {
+    /// The order of two numbers.
+    fn order(&self, other: &Self) -> Ordering;
+}
+
+impl Ordered for f64 {
+    fn order(&self, other: &Self) -> Ordering {
+        self.total_cmp(other)
+    }
+}
+
+impl Ordered for f32 {
+    fn order(&self, other: &Self) -> Ordering {
+        self.total_cmp(other)
+    }
+}
+
+impl Ordered for usize {
+    fn order(&self, other: &Self) -> Ordering {
+        self.cmp(other)
+    }
 }
 
 /// Standard deviation of deviations from zero, from the median of their magnitudes; `None` of no values. Leaves the
@@ -26,7 +52,8 @@ mod tests {
 
     #[test]
     fn the_median_is_a_value_that_occurred() {
-        assert_eq!(median(&mut []), None);
+        assert_eq!(median::<f64>(&mut []), None);
+        assert_eq!(median(&mut [2.0_f32, f32::NAN, -1.0]), Some(2.0));
         assert_eq!(median(&mut [3.0]), Some(3.0));
         assert_eq!(median(&mut [4.0, 1.0, 9.0, 2.0]), Some(4.0));
         assert_eq!(median(&mut [5.0, -1.0, f64::INFINITY]), Some(5.0));

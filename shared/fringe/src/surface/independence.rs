@@ -5,6 +5,7 @@
 //! takes every quadratic out (see the noise of neighbours in the decoder) shows this: on independent noise it scatters alike
 //! whether its nine pixels lie beside each other or some pixels apart; noise that neighbours share shows only between pixels apart.
 
+use crate::math::statistics::median;
 use crate::phase::PhaseView;
 
 /// Scatter of neighbours over that of pixels apart above which noise counts as independent: estimates scatter, and shape adds to
@@ -53,8 +54,7 @@ fn scatter(map: &PhaseView, masked: &[f32], lag: usize, scratch: &mut Vec<f32>) 
     if scratch.len() < LEAST {
         return None;
     }
-    let middle = scratch.len() / 2;
-    Some(f64::from(*scratch.select_nth_unstable_by(middle, f32::total_cmp).1) / MEDIAN_NORMAL)
+    median(scratch).map(|median| f64::from(median) / MEDIAN_NORMAL)
 }
 
 #[cfg(test)]

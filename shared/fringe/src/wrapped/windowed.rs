@@ -5,6 +5,7 @@
 //! frequencies is found from the differences of neighbouring phases. Masked pixels enter as zero and stay masked.
 
 use super::{Wrapped, wrap_f32};
+use crate::math::statistics::median;
 use crate::math::{atan2, exp, sincos, wrap_rad};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -102,8 +103,7 @@ fn field(map: &Wrapped) -> Field {
 fn median_noise(map: &Wrapped) -> Option<f64> {
     let valid = (0..map.len()).filter(|i| map.valid[*i] == 1);
     let mut noise: Vec<f32> = valid.map(|i| map.modulation[i] * map.sigma_rad[i]).collect();
-    let middle = noise.len() / 2;
-    (!noise.is_empty()).then(|| f64::from(*noise.select_nth_unstable_by(middle, f32::total_cmp).1))
+    median(&mut noise).map(f64::from)
 }
 
 /// Wrapped differences of valid neighbours at `stride`, of every 7th pixel.

@@ -8,14 +8,6 @@ use crate::fit::FitError;
 /// Why a test cannot be evaluated.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum AcceptanceError {
-    /// Not TOML, a key missing, unknown or mistyped.
-    #[error("not a {what}: {message}")]
-    Toml {
-        /// "rule set" or "test plan".
-        what: &'static str,
-        /// Message of the TOML parser.
-        message: String,
-    },
     /// A file of another format or version.
     #[error("format = \"{found}\", this program reads \"{reads}\"")]
     Format {
@@ -94,6 +86,19 @@ pub enum AcceptanceError {
         /// The error of the fit.
         source: FitError,
     },
+}
+
+impl AcceptanceError {
+    /// The table, such as `artefact "ball"`, and the key of it where the fault lies; both may be empty.
+    pub fn place(&self) -> (&str, &str) {
+        match self {
+            Self::Value { place, key, .. } | Self::Unknown { place, key, .. } => (place, key),
+            Self::Plan { place, .. } | Self::NotFound { place, .. } | Self::Fit { place, .. } => (place, ""),
+            Self::Format { .. } => ("format", ""),
+            Self::Twice { what, .. } => (what, ""),
+            Self::Nameless | Self::Statistic { .. } | Self::Rules(_) => ("", ""),
+        }
+    }
 }
 
 fn refusal(violations: &[Violation]) -> String {

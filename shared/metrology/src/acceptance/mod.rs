@@ -33,6 +33,7 @@ mod segment;
 mod summary;
 #[cfg(test)]
 mod tests;
+mod values;
 
 pub use error::AcceptanceError;
 pub use evaluate::Evaluator;

@@ -259,20 +259,11 @@ pub struct CharacteristicRule {
 }
 
 impl RuleSet {
-    /// Reads and checks a rule set.
+    /// Checks a rule set.
     ///
     /// # Errors
-    /// Not TOML, unknown keys, another format, limits that cannot be met, a statistic that does not suit its artefact.
-    pub fn from_toml(text: &str) -> Result<Self, AcceptanceError> {
-        let set: Self = toml::from_str(text).map_err(|error| AcceptanceError::Toml {
-            what: "rule set",
-            message: fringe::text::on_one_line(&error, text),
-        })?;
-        set.check()?;
-        Ok(set)
-    }
-
-    fn check(&self) -> Result<(), AcceptanceError> {
+    /// Another format, limits that cannot be met, a statistic that does not suit its artefact.
+    pub fn check(&self) -> Result<(), AcceptanceError> {
         if self.format != RULES_FORMAT {
             return Err(AcceptanceError::Format { found: self.format.clone(), reads: RULES_FORMAT });
         }

@@ -5,23 +5,19 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::plan::{
     Datums, Element, Exclusion, ExclusionShape, Feature, Geometry, PLAN_FORMAT, Plan, PlanError, Quantity,
 };
-use super::raw::{RawAlignment, RawElement, RawExclusion, RawFeature, RawFormat, RawPlacement, RawPlan};
+use super::raw::{RawAlignment, RawElement, RawExclusion, RawFeature, RawPlacement, RawPlan};
 use crate::fit::{COORDINATE_LIMIT_MM, tangents};
 use fringe::math;
 
 impl Plan {
-    /// Reads and checks a plan.
+    /// Checks a plan as it is written.
     ///
     /// # Errors
     /// See [`PlanError`].
-    pub fn from_toml(text: &str) -> Result<Self, PlanError> {
-        let toml = |e: toml::de::Error| PlanError::Toml(fringe::text::on_one_line(&e, text));
-        match toml::from_str::<RawFormat>(text).map_err(toml)?.format {
-            Some(format) if format != PLAN_FORMAT => return Err(PlanError::Format(format)),
-            _ => {}
+    pub fn new(raw: RawPlan) -> Result<Self, PlanError> {
+        if raw.format != PLAN_FORMAT {
+            return Err(PlanError::Format(raw.format));
         }
-        let raw: RawPlan = toml::from_str(text).map_err(toml)?;
-        debug_assert_eq!(raw.format, PLAN_FORMAT);
         let within = Within("settings".into());
         raw.settings.cluster_mm.map(|edge| within.positive("cluster_mm", edge)).transpose()?;
         within.check("guard_factor", raw.settings.guard_factor, 0.0..=10.0, "0 … 10")?;
@@ -50,7 +46,7 @@ fn placement(raw: Option<RawPlacement>) -> Result<Isometry3<f64>, PlanError> {
         place.coordinate("translation_mm", value)?;
     }
     fringe::geometry::camera::pose(raw.rotation, raw.translation_mm)
-        .map_err(|error| PlanError::Toml(format!("placement: {error}")))
+        .map_err(|error| PlanError::Part { place: place.0, message: error.to_string() })
 }
 
 /// Checks of numbers under one place of the plan.
@@ -244,8 +240,8 @@ fn exclusion(
             ExclusionShape::Rectangle(size.map(|s| 0.5 * s))
         }
         _ => {
-            let message = format!("{}: exclude needs either radius_mm or size_mm, not both", place.0);
-            return Err(PlanError::Toml(message));
+            let message = "exclude needs either radius_mm or size_mm, not both".into();
+            return Err(PlanError::Part { place: place.0.clone(), message });
         }
     };
     Ok(Exclusion { center_mm: edges.map(|e| arm.dot(&e)), shape })

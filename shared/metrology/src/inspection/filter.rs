@@ -16,6 +16,7 @@
 //! blocks, against Σ 1/n of the points behind, give the variance v per point, and v/n that of a mean. What is
 //! correlated over more than a cell cannot be separated from form and counts as form.
 
+use fringe::math::statistics::median;
 use nalgebra::{Matrix2, Vector2};
 
 use super::MeasureError;
@@ -165,8 +166,7 @@ fn cells(across_mm: &[[f64; 2]], deviation_mm: &[f64], filter_mm: f64) -> Vec<Ce
 /// Median of the points of a cell; 0 without cells.
 fn median_points(cells: &[Cell]) -> usize {
     let mut counts: Vec<usize> = cells.iter().map(|c| c.points).collect();
-    counts.sort_unstable();
-    counts.get(counts.len() / 2).copied().unwrap_or(0)
+    median(&mut counts).unwrap_or(0)
 }
 
 /// The first cell of largest `sign` · mean.

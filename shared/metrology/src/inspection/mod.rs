@@ -28,6 +28,7 @@ pub use plan::{
     Datums, Element, Exclusion, ExclusionShape, Feature, Geometry, PLAN_FORMAT, Plan, PlanError, Quantity,
     Settings, Unit,
 };
+pub use raw::RawPlan;
 pub use result::{
     AlignmentResult, DeviationPoint, ElementResult, FeatureResult, FittedElement, FlatnessFilter,
     InspectionResult,

@@ -1,6 +1,6 @@
 //! The inspection plan: what is measured where on the part, and what it may be.
 //!
-//! A plan is TOML. As written it is a [`raw`](super::raw) structure that refuses unknown keys; [`Plan::from_toml`]
+//! As written it is a [`RawPlan`](super::RawPlan) that refuses unknown keys; [`Plan::new`]
 //! checks it and turns names into indices, degrees into radians, deviations into limits.
 
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -14,9 +14,14 @@ pub const PLAN_FORMAT: &str = "fringecell-plan/1";
 /// What is wrong with a plan.
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum PlanError {
-    /// Not TOML, a key missing, unknown, or of the wrong type.
-    #[error("not an inspection plan: {0}")]
-    Toml(String),
+    /// A table whose values do not go together.
+    #[error("{place}: {message}")]
+    Part {
+        /// Element or feature with its name, or table.
+        place: String,
+        /// What is wrong.
+        message: String,
+    },
     /// Another format or version.
     #[error("format = \"{0}\", this program reads \"{PLAN_FORMAT}\"")]
     Format(String),
@@ -60,6 +65,19 @@ pub enum PlanError {
     /// No element or no feature.
     #[error("the plan has no [[{0}]]: nothing would be inspected")]
     Empty(&'static str),
+}
+
+impl PlanError {
+    /// The table, such as `element "top"`, and the key of it where the fault lies; both may be empty.
+    pub fn place(&self) -> (&str, &str) {
+        match self {
+            Self::Value { place, key, .. } | Self::Reference { place, key, .. } => (place, key),
+            Self::Part { place, .. } => (place, ""),
+            Self::Name { what, .. } | Self::Empty(what) => (what, ""),
+            Self::Datum(_) => ("alignment", ""),
+            Self::Format(_) => ("format", ""),
+        }
+    }
 }
 
 /// Settings of the whole inspection.

@@ -4,25 +4,20 @@ use serde::Deserialize;
 
 use super::plan::Settings;
 
+/// An inspection plan as it is written; [`Plan::new`](super::Plan::new) checks it.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct RawPlan {
-    pub format: String,
-    pub name: String,
+pub struct RawPlan {
+    pub(super) format: String,
+    pub(super) name: String,
     #[serde(default)]
-    pub settings: Settings,
-    pub placement: Option<RawPlacement>,
-    pub alignment: Option<RawAlignment>,
+    pub(super) settings: Settings,
+    pub(super) placement: Option<RawPlacement>,
+    pub(super) alignment: Option<RawAlignment>,
     #[serde(default)]
-    pub element: Vec<RawElement>,
+    pub(super) element: Vec<RawElement>,
     #[serde(default)]
-    pub feature: Vec<RawFeature>,
-}
-
-/// Only the format, to say "other version" before "unknown key".
-#[derive(Deserialize)]
-pub(super) struct RawFormat {
-    pub format: Option<String>,
+    pub(super) feature: Vec<RawFeature>,
 }
 
 #[derive(Deserialize)]

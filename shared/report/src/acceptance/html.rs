@@ -1,7 +1,7 @@
 //! The report as one HTML file.
 
+use super::blocks::{Block, Cell, Document, Table};
 use super::chart::{Size, chart};
-use super::content::{Block, Cell, Document, Table};
 use super::drawing::Tone;
 use crate::page::{Page, Text};
 

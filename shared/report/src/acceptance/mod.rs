@@ -4,6 +4,7 @@
 //! QIF 3.0 (ISO 23952) and Q-DAS DFQ carry the numbers to other programs. No clock is read and no number drawn: the same
 //! master gives the same bytes.
 
+mod blocks;
 mod chart;
 mod check;
 mod content;

@@ -10,8 +10,11 @@ use crate::acceptance::rules::Kind;
 const LEAST_REFERENCES: usize = 3;
 
 impl TestPlan {
-    /// Numbers in their limits, names that fit together.
-    pub(super) fn check(&self) -> Result<(), AcceptanceError> {
+    /// Checks everything that needs no rules.
+    ///
+    /// # Errors
+    /// Another format, numbers out of range, names that do not fit together.
+    pub fn check(&self) -> Result<(), AcceptanceError> {
         if self.format != TEST_FORMAT {
             return Err(AcceptanceError::Format { found: self.format.clone(), reads: TEST_FORMAT });
         }

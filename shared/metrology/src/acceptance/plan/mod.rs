@@ -6,7 +6,6 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::AcceptanceError;
 use super::rules::{Kind, RuleSet};
 
 /// The format this build reads.
@@ -350,19 +349,6 @@ impl ViewPlan {
 }
 
 impl TestPlan {
-    /// Reads a plan and checks everything that needs no rules.
-    ///
-    /// # Errors
-    /// Not TOML, unknown keys, numbers out of range, names that do not fit together.
-    pub fn from_toml(text: &str) -> Result<Self, AcceptanceError> {
-        let plan: Self = toml::from_str(text).map_err(|error| AcceptanceError::Toml {
-            what: "test plan",
-            message: fringe::text::on_one_line(&error, text),
-        })?;
-        plan.check()?;
-        Ok(plan)
-    }
-
     /// The artefact of a position.
     pub fn artefact_of(&self, position: &PositionPlan) -> Option<&Artefact> {
         self.artefacts.iter().find(|artefact| artefact.id == position.artefact)

@@ -1,6 +1,11 @@
 //! What must not pass: each test was passed by an instrument, or by a plan, that must be refused.
 
-use super::*;
+use super::super::*;
+use super::synthetic::*;
+use crate::verdict::Verdict;
+use fringe::cloud::Point;
+use fringe::math;
+use nalgebra::{Point3, Vector3};
 
 /// From the name of a position, the number of a view and its points to the points that are evaluated instead.
 type Change<'a> = &'a dyn Fn(&str, usize, Vec<Point>) -> Vec<Point>;

@@ -5,3 +5,13 @@ mod clouds;
 mod flatness;
 mod places;
 mod plans;
+
+use super::{Plan, PlanError};
+
+impl Plan {
+    /// As the reader of files does it; a text that is no plan has its own message there.
+    fn from_toml(text: &str) -> Result<Self, PlanError> {
+        let refused = |e: toml::de::Error| PlanError::Part { place: "line".into(), message: e.to_string() };
+        Self::new(toml::from_str(text).map_err(refused)?)
+    }
+}

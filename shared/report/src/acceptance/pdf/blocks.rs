@@ -2,8 +2,8 @@
 
 use super::font::wrap;
 use super::sheet::{MARGIN, Sheets, Style, WIDTH};
+use crate::acceptance::blocks::{Block, Cell, Table};
 use crate::acceptance::chart::{Size, chart};
-use crate::acceptance::content::{Block, Cell, Table};
 use crate::acceptance::drawing::{Anchor, Tone};
 use metrology::acceptance::Characteristic;
 

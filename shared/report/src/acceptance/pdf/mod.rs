@@ -4,7 +4,7 @@ mod blocks;
 mod font;
 mod sheet;
 
-use super::content::Document;
+use super::blocks::Document;
 use super::drawing::{Anchor, Tone};
 use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, TextStr};
 use sheet::{BOLD, MARGIN, PAPER, REGULAR, Sheets, Style, WIDTH};
