@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mistyped_value_is_told_with_line_and_key() {
+    fn a_mistyped_value_is_reported_with_line_and_key() {
         let error =
             document("format = \"f/1\"\n[[item]]\nwidth_px = \"3\"\n").parse::<Demo>("f/1").unwrap_err();
         assert!(error.to_string().starts_with("demo.toml:3: width_px: invalid type"), "{error}");

@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_json_is_told_with_its_line() {
+    fn damaged_json_is_reported_with_its_line() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("result.json");
         std::fs::write(&path, "{\n \"cycle\": \n").unwrap();

@@ -51,7 +51,7 @@ fn every_statement_gives_its_standard_uncertainty() {
 }
 
 #[test]
-fn what_cannot_be_meant_is_told_with_line_and_key() {
+fn what_cannot_be_meant_is_reported_with_line_and_key() {
     for (lines, words) in [
         (
             "estimate = 0\nstandard_uncertainty = -0.1",

@@ -22,7 +22,7 @@ fn twin_text() -> String {
     format!(
         "format = \"fringecell-config/1\"\nname = \"demo\"\nrig = \"rig.toml\"\ncycles = 2\n{}{}{}{}{}{}\
          [limits]\nstage_budget_ms = 700\n[twin]\nscene = \"scene.toml\"\nrig = \"truth.toml\"\nseed = 3\n\
-         settings = {{ gamma = 2.2 }}\n[schedule]\ncores = 4\n",
+         settings = {{ projector_gamma = 2.2 }}\n[schedule]\ncores = 4\n",
         projector("proj1", "\"cam1\", \"cam2\""),
         projector("proj2", "\"cam3\", \"cam4\""),
         camera("cam1"),
@@ -208,7 +208,7 @@ const GAPS: &[(&str, &str, &str)] = &[
 ];
 
 #[test]
-fn each_gap_is_told_with_place_and_remedy() {
+fn each_gap_is_reported_with_place_and_remedy() {
     let dir = folder();
     for (from, to, expected) in GAPS {
         let text = twin_text();

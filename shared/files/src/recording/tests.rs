@@ -190,7 +190,7 @@ fn a_frame_cut_short_after_opening_is_an_error() {
 }
 
 #[test]
-fn a_wrong_description_is_told_with_line_and_key() {
+fn a_wrong_description_is_reported_with_line_and_key() {
     let table = [
         ("steps = 3", "steps = 2", "recording.toml:9: projector[0].sequence[0]: steps = 2: a phase needs"),
         ("period_px = 16.0", "period_px = nan", "period_px = NaN"),

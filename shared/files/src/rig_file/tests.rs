@@ -139,7 +139,7 @@ const FAULTS: &[(&str, &str, &str)] = &[
 ];
 
 #[test]
-fn each_fault_is_told_with_place_and_remedy() {
+fn each_fault_is_reported_with_place_and_remedy() {
     let mut plain = rig(10, 8);
     plain.cameras.truncate(2);
     plain.pairs.truncate(1);

@@ -39,7 +39,7 @@ fn sphere(radius_mm: f64) -> impl Fn(f64, f64) -> (f64, [f64; 3]) {
 }
 
 #[test]
-fn the_distance_of_two_planes_is_told_with_its_sign() {
+fn the_distance_of_two_planes_is_reported_with_its_sign() {
     let (a, b) = (patch(plane(0.0), 0.0, 0.0, 1), patch(plane(0.025), 0.07, 0.0, 2));
     let mut out = Vec::new();
     let report = fuse(&[&a, &b], &FusionSettings::default(), &mut out);

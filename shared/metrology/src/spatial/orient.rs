@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn each_body_is_judged_alone_and_a_cavity_faces_its_hollow() {
+    fn each_body_is_oriented_alone_and_a_cavity_faces_its_hollow() {
         let away = |triangles: Vec<[Point3<f64>; 3]>| -> Vec<[Point3<f64>; 3]> {
             triangles.iter().map(|t| t.map(|p| p + Vector3::new(20.0, 0.0, 0.0))).collect()
         };

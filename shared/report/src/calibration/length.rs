@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_is_judged_by_its_own_uncertainty_and_the_certificate() {
+    fn the_mean_is_tested_by_its_own_uncertainty_and_the_certificate() {
         let s = check(&[0.004, -0.004], 0.001).summary();
         assert!((s.sd_mm - 0.004 * 2.0_f64.sqrt()).abs() < 1e-12 && s.mean_mm.abs() < 1e-12, "{s:?}");
         assert!((s.expanded_mm - 2.0 * (0.004_f64.powi(2) + 1e-6).sqrt()).abs() < 1e-12, "{s:?}");

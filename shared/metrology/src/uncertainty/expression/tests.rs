@@ -39,7 +39,7 @@ fn precedence_is_that_of_mathematics() {
 }
 
 #[test]
-fn a_wrong_formula_is_told_with_its_column() {
+fn a_wrong_formula_is_reported_with_its_column() {
     assert_eq!(error("x + z"), "column 5: unknown variable \"z\"; known: x, y");
     assert_eq!(error(" "), "the formula is empty");
     assert_eq!(error("x +"), "column 4: a number, a name or \"(\" expected, the end found");
