@@ -19,7 +19,7 @@ pub enum PlanError {
     Part {
         /// Element or feature with its name, or table.
         place: String,
-        /// What is wrong.
+        /// The fault and its remedy.
         message: String,
     },
     /// Another format or version.
