@@ -1,6 +1,6 @@
 //! The capture process of one camera: exposes on a trigger, straight into shared memory.
 
-use crate::stage::{Fault, Inbox, Report, StageContext, Worker, cycle_fault};
+use crate::stage::{Fault, Inbox, Report, StageArgs, StageContext, Worker, cycle_fault};
 use anyhow::Result;
 use cell::FrameFormat;
 use cell::cycle_number::unwire;
@@ -34,7 +34,7 @@ pub struct Capture {
 
 impl Capture {
     /// Opens driver and ports.
-    pub fn new(context: &StageContext) -> Result<Self> {
+    pub fn new(args: &StageArgs, context: &StageContext) -> Result<Self> {
         let (cell, camera) = (&context.cell, context.subject());
         let node = &cell.graph.cameras[camera];
         let lit = cell.graph.projectors.iter().enumerate().filter(|(_, p)| p.cameras.contains(&camera));
@@ -52,7 +52,7 @@ impl Capture {
             width_px: node.width_px,
             height_px: node.height_px,
             lights: lights.collect::<Result<_>>()?,
-            driver: devices::camera(cell, camera)?,
+            driver: devices::camera_of(cell, camera, args.frames.as_deref())?,
             frames: context.publisher(&format!("frame/{}", node.name))?,
             exposed: context.publisher("exposed")?,
         })

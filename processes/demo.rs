@@ -2,7 +2,7 @@
 
 use crate::run::{self, RunArgs};
 use crate::terminal;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use cell::Retention;
 use files::atomic;
 use std::path::{Path, PathBuf};
@@ -40,7 +40,7 @@ pub struct DemoArgs {
 pub fn demo(args: &DemoArgs) -> Result<u8> {
     // Check the name before writing any file.
     ipc::cell::CellName::new(&args.cell)?;
-    let config = write_files(&args.out.join("config"))?;
+    let config = write_files(&args.out.join("config"), files::guard::replaces_anything())?;
     let run_args = RunArgs {
         config: config.clone(),
         cycles: args.cycles,
@@ -63,9 +63,21 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
     Ok(code)
 }
 
-/// Writes the configuration beside the results, to read, edit and run it again.
-fn write_files(folder: &Path) -> Result<PathBuf> {
+/// Writes the configuration beside the results, to read, edit and run it again. One that was edited stays.
+fn write_files(folder: &Path, force: bool) -> Result<PathBuf> {
     atomic::create_dir(folder)?;
+    let differs = |(name, text): &(&str, &str)| {
+        std::fs::read(folder.join(name)).is_ok_and(|bytes| bytes != text.as_bytes())
+    };
+    if let Some((name, _)) = FILES.iter().find(|file| differs(file)).filter(|_| !force) {
+        let (file, main) = (folder.join(name), folder.join(FILES[0].0));
+        bail!(
+            "{}: differs from the one of the demo: edited, or of another version; run it with \"fringecell run {}\", \
+             choose another folder with --out, or add --force to replace it",
+            file.display(),
+            main.display()
+        );
+    }
     for (name, text) in FILES {
         atomic::write(&folder.join(name), text.as_bytes())
             .context("the demo cannot write its configuration; choose another folder with --out")?;

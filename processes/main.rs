@@ -15,10 +15,12 @@ mod fusion;
 mod inspection;
 mod log;
 mod matching;
+mod part_files;
 mod projection;
 mod record;
 mod run;
 mod run_files;
+mod run_folder;
 mod schedule_chart;
 mod schedule_command;
 mod software;
@@ -45,6 +47,9 @@ struct Cli {
     /// Check the arguments and end: for the test of the documentation.
     #[arg(long, hide = true)]
     parse_only: bool,
+    /// Replace existing output files of any kind. By default a file is replaced by its own kind only; inputs never are.
+    #[arg(long, global = true)]
+    force: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -81,9 +86,12 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let Cli { parse_only, command } = Cli::parse();
+    let Cli { parse_only, force, command } = Cli::parse();
     if parse_only {
         return ExitCode::SUCCESS;
+    }
+    if force {
+        files::guard::replace_anything();
     }
     log::to_stderr(!matches!(command, Command::Stage(_)));
     let result = execute(&command);

@@ -1,6 +1,7 @@
 //! `fringecell run`: runs a cell, writes its files and returns the exit code.
 
 use crate::run_files::{self, RunFiles};
+use crate::run_folder::RunFolder;
 use crate::supervisor::{self, RunOptions, Summary};
 use crate::terminal;
 use anyhow::{Context, Result, bail};
@@ -10,6 +11,7 @@ use devices::LoadedCell;
 use files::atomic;
 use files::output_check::check_outputs;
 use files::result::CycleResult;
+use ipc::payload;
 use std::collections::VecDeque;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -77,9 +79,9 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     check_outputs(&written, &cell.file.paths(), None)?;
     check_address(args)?;
     devices::check(&cell)?;
-    if let Some(folder) = &args.out {
-        atomic::create_dir(folder)?;
-    }
+    let record = record_folder(args)?;
+    let frames = devices::played_files(&cell)?;
+    let folder = args.out.as_deref().map(|folder| RunFolder::take(folder, &cell)).transpose()?.map(Arc::new);
     if (cell.schedule.in_flight as u32) < cell.config.schedule.cycles_in_flight {
         terminal::print_error(&format!(
             "note: with --retain {} one cycle is in flight at a time, so that the record of each is complete",
@@ -92,8 +94,9 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         config,
         cycles: if args.serve { None } else { cycles(args, &cell) },
         serve: args.serve,
-        out: args.out.clone(),
-        record: record_folder(args)?,
+        out: folder.clone(),
+        frames,
+        record,
         cycle_record: args.cycle_record.clone(),
         metrics: args.metrics,
     };
@@ -114,7 +117,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     }
     let results: Vec<CycleResult> = results.into();
     print_tables(&cell, &results, truth);
-    write_files(args, &cell, &results, &mut summary, truth)?;
+    write_files(args, &cell, &results, &mut summary, folder.as_deref(), truth)?;
     Ok(exit_code(&summary, &options))
 }
 
@@ -124,11 +127,17 @@ fn write_files(
     cell: &LoadedCell,
     results: &[CycleResult],
     summary: &mut Summary,
+    folder: Option<&RunFolder>,
     truth: Option<&Truth>,
 ) -> Result<()> {
     let history = &summary.history;
-    if let (Some(folder), Some(snapshot)) = (&args.out, &summary.snapshot) {
-        run_files::files(folder, &RunFiles { cell, results, history, snapshot, truth })?;
+    if let (Some(folder), Some(snapshot)) = (folder, &summary.snapshot) {
+        folder.check()?;
+        let (images, maps) = (&snapshot.images, &snapshot.maps);
+        let cloud = snapshot.cloud.as_ref().map(|cloud| payload::points(cloud.header(), cloud.payload()));
+        let points = cloud.transpose()?;
+        let run = RunFiles { cell, results, history, images, maps, points, truth };
+        run_files::files(folder.path(), &run)?;
     }
     if let Some(error) = summary.unrecorded.take() {
         return Err(error);

@@ -3,7 +3,7 @@
 use crate::software::FRINGECELL;
 use crate::supervisor::collect::Span;
 use crate::supervisor::history::History;
-use crate::supervisor::snapshot::Snapshot;
+use crate::supervisor::snapshot::CameraImage;
 use anyhow::Result;
 use cell::Cell;
 use cell::cycle_number::wire;
@@ -16,9 +16,12 @@ use files::result::{CycleResult, write_json};
 use files::trace::{TraceCycle, TraceSpan, write_trace};
 use fringe::cloud::Point;
 use fringe::phase::PhaseView;
+use ipc::header::Phase;
 use ipc::payload;
+use ipc::port::Received;
 use metrology::inspection::{self, FeatureResult, Plan};
 use report::{Activity, FeatureRow, GreyPicture, Mark, PhasePicture, ReportInput, write_html};
+use std::collections::BTreeMap;
 use std::path::Path;
 use twin::Truth;
 
@@ -38,8 +41,12 @@ pub struct RunFiles<'a> {
     pub results: &'a [CycleResult],
     /// Times of the last cycles.
     pub history: &'a History,
-    /// Images, phase maps and cloud of the last cycle.
-    pub snapshot: &'a Snapshot,
+    /// Images by indices of camera and projector.
+    pub images: &'a BTreeMap<(u32, u32), CameraImage>,
+    /// Phase maps by indices of camera and projector and by axis.
+    pub maps: &'a BTreeMap<(u32, u32, u32), Received<Phase>>,
+    /// Fused cloud of the last cycle that is ok.
+    pub points: Option<&'a [Point]>,
     /// Truth of the simulation, in the demo.
     pub truth: Option<&'a Truth>,
 }
@@ -47,23 +54,23 @@ pub struct RunFiles<'a> {
 /// Writes cloud, trace and report.
 pub fn files(folder: &Path, run: &RunFiles) -> Result<()> {
     trace(&folder.join("trace.json"), run.cell, run.history)?;
-    let points = match &run.snapshot.cloud {
-        Some(cloud) => payload::points(cloud.header(), cloud.payload())?,
-        None => &[],
-    };
-    if run.snapshot.cloud.is_some() {
-        let file = &run.cell.file;
-        let software = format!("fringecell {}", env!("CARGO_PKG_VERSION"));
-        let comments = [
-            ("rig_sha256", file.rig_sha256.as_str()),
-            ("config_sha256", &file.sha256),
-            ("cell", &run.cell.name),
-            ("method", method_name(&run.cell.config.rig)),
-            ("version", &software),
-        ];
-        write_cloud(&folder.join("cloud.ply"), points, &comments)?;
+    if let Some(points) = run.points {
+        cloud(&folder.join("cloud.ply"), run.cell, points)?;
     }
-    report(folder, run, points)
+    report(folder, run)
+}
+
+/// Writes the fused cloud.
+pub fn cloud(path: &Path, cell: &LoadedCell, points: &[Point]) -> Result<()> {
+    let software = format!("fringecell {}", env!("CARGO_PKG_VERSION"));
+    let comments = [
+        ("rig_sha256", cell.file.rig_sha256.as_str()),
+        ("config_sha256", &cell.file.sha256),
+        ("cell", &cell.name),
+        ("method", method_name(&cell.config.rig)),
+        ("version", &software),
+    ];
+    Ok(write_cloud(path, points, &comments)?)
 }
 
 /// Writes the times of all stages.
@@ -87,8 +94,10 @@ fn trace_span(cell: &Cell, span: &Span) -> Option<TraceSpan> {
     })
 }
 
-fn report(folder: &Path, run: &RunFiles, points: &[Point]) -> Result<()> {
+/// Writes the report of the last cycle.
+pub fn report(folder: &Path, run: &RunFiles) -> Result<()> {
     let Some(last) = run.results.last() else { return Ok(()) };
+    let points = run.points.unwrap_or_default();
     let ok = last.is_ok();
     let cell = run.cell;
     let plan = plan_of(cell, last);
@@ -177,7 +186,7 @@ fn deviations(plan: Option<&Plan>, result: &CycleResult, points: &[Point]) -> Ve
 
 fn camera_views(run: &RunFiles, cycle: u64) -> Vec<GreyPicture> {
     let graph = &run.cell.graph;
-    let fresh = run.snapshot.images.iter().filter(|(_, p)| p.cycle == wire(cycle));
+    let fresh = run.images.iter().filter(|(_, p)| p.cycle == wire(cycle));
     let views = fresh.filter_map(|((camera, projector), picture)| {
         let (camera, projector) =
             (graph.cameras.get(*camera as usize)?, graph.projectors.get(*projector as usize)?);
@@ -193,7 +202,7 @@ fn camera_views(run: &RunFiles, cycle: u64) -> Vec<GreyPicture> {
 
 fn phase_maps<'a>(run: &'a RunFiles, cycle: u64) -> Result<Vec<(String, PhaseView<'a>)>> {
     let graph = &run.cell.graph;
-    let fresh = run.snapshot.maps.values().filter(|m| m.header().cycle == wire(cycle));
+    let fresh = run.maps.values().filter(|m| m.header().cycle == wire(cycle));
     fresh
         .map(|map| {
             let header = map.header();

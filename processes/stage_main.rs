@@ -86,7 +86,7 @@ fn build_thread_pool() -> Result<()> {
 fn worker(args: &StageArgs, context: &StageContext) -> Result<Box<dyn Worker>> {
     Ok(match args.kind {
         Kind::Projection => Box::new(projection::Projection::new(context)?),
-        Kind::Capture => Box::new(capture::Capture::new(context)?),
+        Kind::Capture => Box::new(capture::Capture::new(args, context)?),
         Kind::Decode => Box::new(decode::Decode::new(context)?),
         Kind::Matching => Box::new(matching::Matching::new(context)?),
         Kind::Fusion => Box::new(fusion::Fusion::new(context)?),

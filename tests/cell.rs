@@ -109,10 +109,18 @@ fn the_interrupt_key_a_second_supervisor_and_stop() {
         let status = cell.until("running", |status| status["cycle"].is_u64());
         let pid = status["pid"].as_u64().unwrap();
 
-        let second = cell.run("played.toml", &["--cycles", "1"]);
-        assert_eq!(second.status.code(), Some(2));
-        let said = text(&second.stderr);
-        assert!(said.contains(&format!("is already running, pid {pid}")), "{said}");
+        // The same cell once more, without a folder of its own and with the same folder.
+        let config = cell.small.path("played.toml");
+        let again = ["run", &config, "--cell", &cell.name, "--cycles", "1"];
+        let second = Command::new(env!("CARGO_BIN_EXE_fringecell")).args(again).output().unwrap();
+        let third = cell.run("played.toml", &["--cycles", "1"]);
+        for (ran, expected) in
+            [(second, "is already running, pid"), (third, "writes there; name another folder")]
+        {
+            assert_eq!(ran.status.code(), Some(2));
+            let said = text(&ran.stderr);
+            assert!(said.contains(expected) && said.contains(&pid.to_string()), "{said}");
+        }
 
         if how == "stop" {
             let program = env!("CARGO_BIN_EXE_fringecell");

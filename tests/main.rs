@@ -24,6 +24,9 @@
 //! - [`proof`]: the same bytes whatever the timing, and nothing that grows
 //! - [`storm`]: one outcome per cycle and no wrong cloud, whatever stage dies, hangs or sends invalid messages
 //! - [`one_flow`]: a cell and the offline tools give the same cloud of the same frames
+//! - [`overwrite`]: outputs that would destroy an input or a file of another kind
+//! - [`changed_files`]: configuration, rig, plan, recording and frames that change under a running cell
+//! - [`run_folder`]: the output folder of a run: earlier runs, two cells, killed runs, parts of a serving cell
 //! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
 //! - [`schemas`]: what the programs write as JSON against `docs/schemas`; [`schema`] is the check
 //! - [`running`]: how the tests run a cell and harm it
@@ -46,6 +49,7 @@ mod bad_input;
 mod calibrate;
 mod calibrate_bad;
 mod cell;
+mod changed_files;
 mod charuco;
 mod compare;
 mod control;
@@ -60,6 +64,7 @@ mod golden_cells;
 mod hung_disk;
 mod offline;
 mod one_flow;
+mod overwrite;
 mod phase_methods;
 mod plan_patterns;
 mod pose;
@@ -67,6 +72,7 @@ mod proof;
 mod real;
 mod record;
 mod rig_state;
+mod run_folder;
 mod running;
 mod schema;
 mod schemas;

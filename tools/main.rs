@@ -53,6 +53,9 @@ struct Cli {
     /// Check the arguments and end: for the test of the documentation.
     #[arg(long, hide = true)]
     parse_only: bool,
+    /// Replace existing output files of any kind. By default a file is replaced by its own kind only; inputs never are.
+    #[arg(long, global = true)]
+    force: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -146,6 +149,9 @@ fn main() -> ExitCode {
     let cli = Cli::parse();
     if cli.parse_only {
         return ExitCode::SUCCESS;
+    }
+    if cli.force {
+        files::guard::replace_anything();
     }
     let result = match cli.command {
         Command::Simulate(args) => simulate::run(&args),

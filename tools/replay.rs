@@ -14,7 +14,7 @@ use cell::{Cell, Options};
 use compare::Difference;
 use devices::LoadedCell;
 use files::cycle_record::{
-    ActivationName, Ending, Next, RecordHeader, RecordReader, RecordedCycle, RecordedRecipe,
+    ActivationName, DamagedCycle, Ending, Next, RecordHeader, RecordReader, RecordedCycle, RecordedRecipe,
 };
 use serde::Serialize;
 use source::Source;
@@ -49,6 +49,12 @@ struct ReplayReport {
     bytes: u64,
     /// Bytes after the last complete cycle.
     incomplete_bytes: u64,
+    /// Whether the record has its seal, so that nothing is missing at its end.
+    sealed: bool,
+    /// Cycles that the run could not record, as the seal states.
+    lost: u64,
+    /// What is damaged, by cycle; these cycles are not compared.
+    damage: Vec<String>,
     /// Outputs that differ, in the order of record and schedule.
     differences: Vec<Difference>,
 }
@@ -61,7 +67,27 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let found = replay(&mut reader, &cell)?;
     emit(args.json.as_deref(), &found)?;
     println!("{}", text(&args.record, &reader.header, &found));
+    check_record(&args.record, &found)?;
     Ok(if found.differences.is_empty() { Outcome::Done } else { Outcome::LimitFailed })
+}
+
+/// A record that is damaged, that ends early or that holds nothing to compare proves nothing: never exit code 0.
+fn check_record(path: &Path, found: &ReplayReport) -> Result<()> {
+    let path = path.display();
+    if let Some(first) = found.damage.first() {
+        bail!("{path}: the record is damaged: {first}; restore it from a copy");
+    }
+    if !found.sealed {
+        bail!(
+            "{path}: the record has no seal after its {} complete cycles: its run was killed or still goes on, or the \
+             file was cut; cycles may be missing",
+            found.cycles
+        );
+    }
+    if found.outputs == 0 {
+        bail!("{path}: the record holds {} cycles and no output to compare", found.cycles);
+    }
+    Ok(())
 }
 
 /// The cell that was recorded; another one has nothing to be compared with.
@@ -135,10 +161,23 @@ fn replay(reader: &mut RecordReader, cell: &LoadedCell) -> Result<ReplayReport> 
     let mut progress = Progress::unbounded("replaying");
     let mut next_number = None;
     loop {
-        let cycle = match reader.next_cycle()? {
-            Next::Cycle(cycle) => cycle,
-            Next::End(ending) => {
-                found.incomplete_bytes = if let Ending::Torn(bytes) = ending { bytes } else { 0 };
+        let cycle = match reader.next_cycle() {
+            Ok(Next::Cycle(cycle)) => cycle,
+            Ok(Next::Damaged(damaged)) => {
+                next_number = Some(damaged.cycle.saturating_add(1));
+                found.damage.push(damage(&damaged, &reader.header));
+                continue;
+            }
+            Ok(Next::End(Ending::Sealed(seal))) => {
+                (found.sealed, found.lost) = (true, seal.lost);
+                return Ok(found);
+            }
+            Ok(Next::End(Ending::Torn(bytes))) => {
+                found.incomplete_bytes = bytes;
+                return Ok(found);
+            }
+            Err(error) => {
+                found.damage.push(format!("{error:#}"));
                 return Ok(found);
             }
         };
@@ -149,6 +188,16 @@ fn replay(reader: &mut RecordReader, cell: &LoadedCell) -> Result<ReplayReport> 
         again(reader, &cycle, &mut executor, &mut source, &mut found)?;
         progress.step();
     }
+}
+
+/// Names the damaged parts of a cycle.
+fn damage(damaged: &DamagedCycle, header: &RecordHeader) -> String {
+    let part = |part: &Option<u32>| match part.and_then(|number| header.activations.get(number as usize)) {
+        Some(name) => format!("the kept bytes of stage {}, \"{}\"", name.stage, name.label),
+        None => "hashes, times and outcome".to_owned(),
+    };
+    let parts: Vec<String> = damaged.parts.iter().map(part).collect();
+    format!("cycle {}: {}", damaged.cycle + 1, parts.join(", "))
 }
 
 /// Runs one cycle again, as far as it was recorded.
@@ -234,7 +283,11 @@ fn text(path: &Path, header: &RecordHeader, found: &ReplayReport) -> String {
             last + 1
         ));
     }
-    if found.incomplete_bytes > 0 {
+    if found.lost > 0 {
+        lines.push(format!("{} cycles could not be recorded", found.lost));
+    }
+    lines.extend(found.damage.iter().map(|what| format!("damaged: {what}")));
+    if found.incomplete_bytes > 0 && found.damage.is_empty() {
         lines.push(format!(
             "the record ends within a cycle ({} bytes), which does not count: the run was killed or still goes on",
             found.incomplete_bytes
@@ -248,6 +301,8 @@ fn text(path: &Path, header: &RecordHeader, found: &ReplayReport) -> String {
         }
     }
     lines.push(match found.differences.len() {
+        0 if found.outputs == 0 => "nothing to compare".to_owned(),
+        0 if !found.sealed || !found.damage.is_empty() => "what could be compared is equal".to_owned(),
         0 => "all equal".to_owned(),
         n => {
             let hint = if header.retention == Retention::All {

@@ -28,6 +28,9 @@ pub struct StageArgs {
     /// Hashes of all files that the supervisor read; the stage must read the same.
     #[arg(long, value_delimiter = ',')]
     pub files: Vec<String>,
+    /// Hash of the files that a capture stage plays; it must find the same.
+    #[arg(long)]
+    pub frames: Option<String>,
     /// Process id of the supervisor.
     #[arg(long)]
     pub parent: u32,

@@ -114,6 +114,9 @@ impl CycleRecorder {
         let Some(thread) = self.thread.take() else { return Ok(()) };
         let loss = thread.join().map_err(|_| anyhow!("the thread of the cycle record panicked"))?;
         match loss.first {
+            Some(first) if loss.cycles == 0 => {
+                Err(anyhow::Error::from(first).context("the cycle record is complete, but not sealed"))
+            }
             Some(first) => Err(anyhow::Error::from(first)
                 .context(format!("{} cycles are missing in the cycle record", loss.cycles))),
             None => Ok(()),
@@ -227,6 +230,9 @@ fn write(mut writer: RecordWriter, items: &Receiver<Item>) -> Loss {
                 }
             },
         }
+    }
+    if let Err(error) = writer.finish() {
+        report(error, &mut loss.first);
     }
     loss
 }

@@ -2,6 +2,7 @@
 
 use super::protocol::Answer;
 use super::result_writer::{ResultWriter, Written};
+use crate::part_files::Kept;
 use crossbeam::channel::Sender;
 use files::result::CycleResult;
 use ipc::os::now_ns;
@@ -34,10 +35,15 @@ impl ResultDelivery {
         Self { writer, ..Self::default() }
     }
 
+    /// Whether the cloud of one more part may wait for the disk.
+    pub(super) fn has_room(&self) -> bool {
+        self.writer.as_ref().is_some_and(ResultWriter::has_room)
+    }
+
     /// Writes a result and then answers the client that waits for it.
-    pub(super) fn deliver(&mut self, result: &CycleResult, reply: Option<Sender<Answer>>) {
+    pub(super) fn deliver(&mut self, result: &CycleResult, kept: Kept, reply: Option<Sender<Answer>>) {
         let Some(writer) = &self.writer else { return answer(reply, result.clone()) };
-        let queued = writer.queue(result);
+        let queued = writer.queue(result, kept);
         let deadline_ns = now_ns().saturating_add(DISK_TIMEOUT.as_nanos() as u64);
         let pending = Pending { result: result.clone(), reply, deadline_ns };
         match queued {

@@ -1,5 +1,6 @@
 //! Writes the results of cycles in a thread of its own: a disk that hangs stops neither control nor monitoring.
 
+use crate::part_files::Kept;
 use anyhow::{Context, Result, bail};
 use crossbeam::channel::{Receiver, Sender, TrySendError, bounded, unbounded};
 use files::result::CycleResult;
@@ -7,6 +8,9 @@ use std::time::{Duration, Instant};
 
 /// Results that may wait for the disk; further ones are not written.
 const QUEUE_LIMIT: usize = 64;
+
+/// Results that may wait before no more clouds are kept.
+const CLOUD_LIMIT: usize = 4;
 
 /// A result that the thread is done with.
 #[derive(Debug)]
@@ -20,7 +24,7 @@ pub struct Written {
 /// The thread with its queue.
 #[derive(Debug)]
 pub struct ResultWriter {
-    queue: Option<Sender<Box<CycleResult>>>,
+    queue: Option<Sender<Box<(CycleResult, Kept)>>>,
     written: Receiver<Written>,
 }
 
@@ -29,13 +33,14 @@ impl ResultWriter {
     ///
     /// # Errors
     /// The system has no thread.
-    pub fn start(mut write: impl FnMut(&CycleResult) -> Result<()> + Send + 'static) -> Result<Self> {
-        let (queue, results) = bounded::<Box<CycleResult>>(QUEUE_LIMIT);
+    pub fn start(mut write: impl FnMut(&CycleResult, &Kept) -> Result<()> + Send + 'static) -> Result<Self> {
+        let (queue, results) = bounded::<Box<(CycleResult, Kept)>>(QUEUE_LIMIT);
         let (done, written) = unbounded();
         let work = move || {
-            for result in results {
+            for item in results {
+                let (result, kept) = &*item;
                 // The supervisor may have ended already.
-                let _ = done.send(Written { cycle: result.cycle, result: write(&result) });
+                let _ = done.send(Written { cycle: result.cycle, result: write(result, kept) });
             }
         };
         let thread = std::thread::Builder::new().name("results".into());
@@ -47,8 +52,8 @@ impl ResultWriter {
     ///
     /// # Errors
     /// The queue is full, since the disk does not answer, or the thread has ended.
-    pub fn queue(&self, result: &CycleResult) -> Result<()> {
-        match self.queue.as_ref().map(|queue| queue.try_send(Box::new(result.clone()))) {
+    pub fn queue(&self, result: &CycleResult, kept: Kept) -> Result<()> {
+        match self.queue.as_ref().map(|queue| queue.try_send(Box::new((result.clone(), kept)))) {
             Some(Ok(())) => Ok(()),
             Some(Err(TrySendError::Full(_))) => {
                 bail!("--out: the disk does not answer, and {QUEUE_LIMIT} results wait for it already")
@@ -57,6 +62,11 @@ impl ResultWriter {
                 bail!("--out: the thread that writes results has ended")
             }
         }
+    }
+
+    /// Whether one more cloud may wait: clouds are large.
+    pub fn has_room(&self) -> bool {
+        self.queue.as_ref().is_some_and(|queue| queue.len() < CLOUD_LIMIT)
     }
 
     /// The results that the thread finished since the last call.
@@ -84,19 +94,21 @@ mod tests {
     #[test]
     fn a_hung_disk_blocks_nobody_and_loses_only_what_does_not_fit() {
         let (disk, hung) = bounded::<()>(0);
-        let mut writer = ResultWriter::start(move |_| {
+        let mut writer = ResultWriter::start(move |_, _| {
             let _ = hung.recv();
             Ok(())
         })
         .unwrap();
         // One is being written, the others wait.
-        writer.queue(&result(0)).unwrap();
+        writer.queue(&result(0), Kept::Result).unwrap();
         while !writer.queue.as_ref().unwrap().is_empty() {
             std::thread::yield_now();
         }
-        let queued = (1..200).take_while(|&cycle| writer.queue(&result(cycle)).is_ok()).count();
+        let queued = (1..200).take_while(|&cycle| writer.queue(&result(cycle), Kept::Result).is_ok()).count();
         assert_eq!((queued, writer.written().count()), (QUEUE_LIMIT, 0));
-        assert!(writer.queue(&result(200)).unwrap_err().to_string().contains("64 results wait"));
+        assert!(
+            writer.queue(&result(200), Kept::Result).unwrap_err().to_string().contains("64 results wait")
+        );
         assert_eq!(writer.finish(Duration::from_millis(20)).len(), 0);
         drop(disk);
         let cycles: Vec<u64> = writer.finish(Duration::from_secs(60)).iter().map(|w| w.cycle).collect();
@@ -105,8 +117,8 @@ mod tests {
 
     #[test]
     fn a_result_that_cannot_be_written_is_reported_with_its_cycle() {
-        let mut writer = ResultWriter::start(|_| bail!("no space")).unwrap();
-        writer.queue(&result(7)).unwrap();
+        let mut writer = ResultWriter::start(|_, _| bail!("no space")).unwrap();
+        writer.queue(&result(7), Kept::Result).unwrap();
         let written = writer.finish(Duration::from_secs(60));
         assert!(matches!(&written[..], [Written { cycle: 7, result: Err(_) }]), "{written:?}");
     }

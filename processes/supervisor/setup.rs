@@ -4,7 +4,8 @@ use super::cycle::{Budgets, Cycles, Step};
 use super::restart::Policy;
 use super::result_writer::ResultWriter;
 use super::stage_process::StageProcess;
-use crate::run_files;
+use crate::part_files::PartFiles;
+use crate::run_folder::RunFolder;
 use crate::stage::short_hashes;
 use anyhow::Result;
 use cell::Cell;
@@ -27,7 +28,9 @@ pub struct RunOptions {
     /// Whether cycles are requested over the command socket instead.
     pub serve: bool,
     /// Folder for the results of the cycles.
-    pub out: Option<PathBuf>,
+    pub out: Option<Arc<RunFolder>>,
+    /// Of each camera that plays a recording: name, and hash of the files.
+    pub frames: Vec<(String, String)>,
     /// Folder for a recording.
     pub record: Option<PathBuf>,
     /// Set to end the run.
@@ -93,6 +96,10 @@ fn arguments(cell: &LoadedCell, options: &RunOptions, stage: &Stage) -> Vec<Stri
     option("--cell", cell.name.clone());
     option("--config", options.config.display().to_string());
     option("--files", short_hashes(&cell.file.read_files()).join(","));
+    let camera = (stage.kind == Kind::Capture).then(|| &cell.config.cameras[stage.subject].name);
+    if let Some((_, hash)) = options.frames.iter().find(|(name, _)| Some(name) == camera) {
+        option("--frames", hash.clone());
+    }
     option("--parent", std::process::id().to_string());
     option("--retention", cell.graph.retention.to_string());
     if let Some(folder) = &options.record {
@@ -108,9 +115,10 @@ fn arguments(cell: &LoadedCell, options: &RunOptions, stage: &Stage) -> Vec<Stri
 }
 
 /// The thread that writes the results, if they are written.
-pub(super) fn result_writer(options: &RunOptions) -> Result<Option<ResultWriter>> {
+pub(super) fn result_writer(cell: &LoadedCell, options: &RunOptions) -> Result<Option<ResultWriter>> {
     let Some(folder) = options.out.clone() else { return Ok(None) };
-    ResultWriter::start(move |result| run_files::cycle(&folder, result)).map(Some)
+    let mut files = PartFiles::new(folder, cell);
+    ResultWriter::start(move |result, kept| files.write(result, kept)).map(Some)
 }
 
 /// Converts ms to ns.

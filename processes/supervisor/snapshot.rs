@@ -3,6 +3,7 @@
 
 use anyhow::Result;
 use cell::Cell;
+use fringe::cloud::Point;
 use fringe::pattern::{PatternSet, locate};
 use ipc::header::{Cloud, Frame, Header, Phase};
 use ipc::payload;
@@ -85,6 +86,13 @@ impl Snapshot {
             self.running = Some(message);
         }
         Ok(())
+    }
+
+    /// Points of the cloud of a cycle; none if it is not ok.
+    pub fn points_of(&self, wire_cycle: u64) -> Vec<Point> {
+        let cloud = self.cloud.as_ref().filter(|cloud| cloud.header().cycle() == wire_cycle);
+        let points = cloud.and_then(|cloud| payload::points(cloud.header(), cloud.payload()).ok());
+        points.map(<[Point]>::to_vec).unwrap_or_default()
     }
 
     /// Ends a cycle; keeps its cloud if it is ok.

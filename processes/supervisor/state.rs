@@ -12,6 +12,7 @@ use super::result_delivery::ResultDelivery;
 use super::setup::{self, RunOptions};
 use super::snapshot::Snapshot;
 use super::stage_process::{ProcessState, StageProcess};
+use crate::part_files::{Kept, Scan};
 use crate::terminal;
 use anyhow::Result;
 use cell::cycle_number::{unwire, wire};
@@ -103,6 +104,8 @@ pub(super) struct Supervisor<'a> {
     pub(super) profile: Profile,
     pub(super) jobs: JobController,
     pub(super) results_out: ResultDelivery,
+    /// Whether cloud and report of every part are written.
+    keeps_parts: bool,
     /// Whether all stages were ready at the last check.
     pub(super) was_ready: bool,
     pub(super) ports: Ports,
@@ -183,8 +186,9 @@ impl<'a> Supervisor<'a> {
             history: History::default(),
             requested: options.cycles,
             tally: Tally::default(),
-            results_out: ResultDelivery::new(setup::result_writer(options)?),
+            results_out: ResultDelivery::new(setup::result_writer(cell, options)?),
             was_ready: false,
+            keeps_parts: options.serve && options.out.is_some() && cell.file.results.keep_parts > 0,
             jobs: JobController::new(
                 cell.config.recipes.iter().map(|r| r.name.clone()).collect(),
                 options.serve,
@@ -272,10 +276,25 @@ impl<'a> Supervisor<'a> {
         let pass = result.verdict == Some(Verdict::Pass);
         self.tally.not_pass += u64::from(outcome.is_ok() && plan.is_some() && !pass);
         each(&result);
+        let kept = self.kept(&result);
         let reply = self.jobs.take_reply();
-        self.results_out.deliver(&result, reply);
+        self.results_out.deliver(&result, kept, reply);
         let next = self.jobs.cycle_ended();
         self.apply(next, each)
+    }
+
+    /// What is kept of a cycle: a serving cell keeps cloud and report of every part.
+    fn kept(&self, result: &CycleResult) -> Kept {
+        let Some(snapshot) = self.snapshot.as_ref().filter(|_| self.keeps_parts) else { return Kept::Result };
+        if !self.results_out.has_room() {
+            return Kept::TooMany;
+        }
+        let spans = self.history.spans.iter().filter(|span| span.cycle == result.cycle).cloned().collect();
+        Kept::Scan(Box::new(Scan {
+            points: snapshot.points_of(wire(result.cycle)),
+            images: snapshot.images.clone(),
+            spans,
+        }))
     }
 
     /// Refuses a result whose activations did not run in the order of the schedule.

@@ -23,3 +23,39 @@ pub fn projector(cell: &LoadedCell) -> Box<dyn Projector> {
     // Frames of the twin and of a recording already contain the projected light; only the pace remains.
     Box::new(recording::Pace::new(rate_hz))
 }
+
+/// Of each camera that plays a recording: its name, and one hash of all files that it will give. A process that opens the
+/// camera later must find the same.
+///
+/// # Errors
+/// A frame that cannot be read.
+pub fn played_files(cell: &LoadedCell) -> Result<Vec<(String, String)>, DeviceError> {
+    let played = cell.config.cameras.iter().enumerate().filter(|(_, c)| c.driver == Driver::Recording);
+    played
+        .map(|(number, c)| Ok((c.name.clone(), recording::RecordedCamera::new(cell, number)?.content())))
+        .collect()
+}
+
+/// The camera of a capture stage, which must give the files that `content` is the hash of, as [`played_files`] gave it.
+///
+/// # Errors
+/// A driver that does not open; a recording that was changed.
+pub fn camera_of(
+    cell: &LoadedCell,
+    camera: usize,
+    content: Option<&str>,
+) -> Result<Box<dyn Camera>, DeviceError> {
+    let config = &cell.config.cameras[camera];
+    if config.driver != Driver::Recording {
+        return self::camera(cell, camera);
+    }
+    let opened = recording::RecordedCamera::new(cell, camera)?;
+    if content.is_some_and(|content| opened.content() != content) {
+        return Err(DeviceError::Frame(format!(
+            "the frames of camera \"{}\" in the recording have changed since the start of the cell; stop the cell and start \
+             it again",
+            config.name
+        )));
+    }
+    Ok(Box::new(opened))
+}

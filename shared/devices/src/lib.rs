@@ -15,6 +15,6 @@ mod twin_source;
 
 pub use device::{Camera, Projector};
 pub use driven::Driven;
-pub use drivers::{camera, projector};
+pub use drivers::{camera, camera_of, played_files, projector};
 pub use error::DeviceError;
 pub use load::{LoadedCell, check, load};

@@ -3,12 +3,17 @@
 use crate::device::{Camera, Projector};
 use crate::error::DeviceError;
 use crate::load::LoadedCell;
+use cell::configuration::ProjectorConfig;
+use files::error::FileError;
+use files::hash::sha256_hex;
 use files::recording::Recording;
 use fringe::frame::Pixels;
 
-/// Reads one frame per exposure.
+/// Reads one frame per exposure, and only as it was when the camera was opened.
 pub struct RecordedCamera {
     recording: Recording,
+    /// Hashes of the files, by projector and frame; empty where the camera did not look.
+    files: Vec<Vec<u128>>,
     repeat: bool,
     camera: String,
     projectors: Vec<String>,
@@ -19,12 +24,21 @@ impl RecordedCamera {
     pub fn new(cell: &LoadedCell, camera: usize) -> Result<Self, DeviceError> {
         let config = &cell.config;
         let played = cell.file.recording.as_ref().ok_or(DeviceError::Missing("recording"))?;
-        Ok(Self {
-            recording: played.recording.clone(),
-            repeat: played.repeat,
-            camera: config.cameras[camera].name.clone(),
-            projectors: config.projectors.iter().map(|p| p.name.clone()).collect(),
-        })
+        let (recording, name) = (played.recording.clone(), config.cameras[camera].name.clone());
+        let of = |projector: &ProjectorConfig| {
+            let frames = recording.projector(&projector.name).and_then(|p| p.camera(&name));
+            let count = frames.map_or(0, |camera| camera.shown().count());
+            (0..count).map(|frame| recording.file_hash(&projector.name, &name, frame)).collect()
+        };
+        let files = config.projectors.iter().map(of).collect::<Result<Vec<_>, FileError>>()?;
+        let projectors = config.projectors.iter().map(|p| p.name.clone()).collect();
+        Ok(Self { files, recording, repeat: played.repeat, camera: name, projectors })
+    }
+
+    /// One hash of all files.
+    pub fn content(&self) -> String {
+        let all: Vec<u8> = self.files.iter().flatten().flat_map(|hash| hash.to_le_bytes()).collect();
+        sha256_hex(&all)
     }
 }
 
@@ -40,7 +54,10 @@ impl Camera for RecordedCamera {
     }
 
     fn expose(&mut self, projector: usize, frame: usize, out: &mut [u8]) -> Result<(), DeviceError> {
-        let loaded = self.recording.load(&self.projectors[projector], &self.camera, frame)?;
+        let hash = self.files.get(projector).and_then(|files| files.get(frame)).copied();
+        let hash = hash.ok_or(DeviceError::Missing("frame of the recording"))?;
+        let name = &self.projectors[projector];
+        let loaded = self.recording.load_unchanged(name, &self.camera, frame, hash)?;
         let view = loaded.view();
         let bytes: &[u8] = match view.pixels {
             Pixels::Mono8(values) => values,

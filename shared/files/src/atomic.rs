@@ -2,6 +2,7 @@
 
 use crate::document::refuse_named_pipe;
 use crate::error::{FileError, Problem};
+use crate::guard;
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -10,7 +11,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Distinguishes the temporary files of one process; the process id distinguishes processes.
 static COUNTER: AtomicU64 = AtomicU64::new(0);
 
-/// Writes a file in one step: a temporary one beside it, flushed to the disk, then renamed over it.
+/// Writes a file in one step: a temporary one beside it, flushed to the disk, then renamed over it. Inputs and files of
+/// another kind are not replaced ([`guard`]).
 ///
 /// # Errors
 /// The folder is absent or cannot be written, or the disk is full; the old file, if any, is untouched then.
@@ -37,14 +39,17 @@ pub fn write_with(
     // A symbolic link stays; what it points to is replaced.
     let linked = if path.is_symlink() { path.canonicalize().ok() } else { None };
     let target = linked.unwrap_or_else(|| path.to_owned());
+    guard::may_write(&target, "")?;
     let temporary = Temporary(beside(&target)?);
+    let failed = |source| FileError::io(path, "write it", source);
     let written = || -> io::Result<()> {
         let mut out = BufWriter::with_capacity(1 << 16, File::create_new(&temporary.0)?);
         fill(&mut out)?;
-        out.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
-        fs::rename(&temporary.0, &target)
+        out.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
     };
-    written().map_err(|source| FileError::io(path, "write it", source))
+    written().map_err(failed)?;
+    guard::may_replace(&target, &temporary.0)?;
+    fs::rename(&temporary.0, &target).map_err(failed)
 }
 
 /// Whether the path is a device or an unnamed pipe, such as `/dev/stdout`: written to, never replaced.
@@ -124,11 +129,11 @@ mod tests {
         assert!(write(Path::new("/dev/full"), b"x").is_err());
         let dir = tempfile::tempdir().unwrap();
         let (link, place) = (dir.path().join("link"), dir.path().join("place"));
-        fs::write(&place, b"old").unwrap();
+        fs::write(&place, b"list\nold").unwrap();
         std::os::unix::fs::symlink("place", &link).unwrap();
-        write(&link, b"new").unwrap();
+        write(&link, b"list\nnew").unwrap();
         assert!(link.is_symlink());
-        assert_eq!(fs::read(&place).unwrap(), b"new");
+        assert_eq!(fs::read(&place).unwrap(), b"list\nnew");
     }
 
     #[test]

@@ -1,8 +1,9 @@
 //! Text files and TOML documents, read whole, with messages that point into them.
 
 use crate::error::{FileError, Problem, did_you_mean};
+use crate::guard;
 use serde::de::DeserializeOwned;
-use std::fs::File;
+use std::fs::{File, Metadata};
 use std::io::Read;
 use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
@@ -37,8 +38,7 @@ pub fn read_text(path: &Path) -> Result<String, FileError> {
 /// Absent, not a file, or longer than the limit.
 pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>, FileError> {
     refuse_named_pipe(path)?;
-    let file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
-    let metadata = file.metadata().map_err(|source| FileError::io(path, "inspect it", source))?;
+    let (file, metadata) = open_input(path)?;
     if metadata.is_dir() {
         return Err(FileError::new(
             path,
@@ -54,6 +54,17 @@ pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>, FileError> {
         return Err(FileError::new(path, Problem::TooLarge { found, limit }, "is this the right file?"));
     }
     Ok(bytes)
+}
+
+/// Opens a file that is going to be read, and notes it as an input ([`guard`]).
+///
+/// # Errors
+/// Absent, not permitted, or an output of the same command.
+pub(crate) fn open_input(path: &Path) -> Result<(File, Metadata), FileError> {
+    let file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
+    let metadata = file.metadata().map_err(|source| FileError::io(path, "inspect it", source))?;
+    guard::opened(path, &metadata)?;
+    Ok((file, metadata))
 }
 
 /// Refuses a named pipe, which would wait for a writer for ever. Pipes of the shell (`/dev/stdin`, `<(…)`) have no name.

@@ -3,13 +3,13 @@
 //! A frame is 8- or 16-bit greyscale. A file of three colour channels is accepted when they are equal everywhere (many
 //! programs save grey so); otherwise it is refused, since any mix of colours would be a guess about the sensor.
 
-use crate::document::refuse_special;
+use crate::document::{open_input, refuse_special};
 use crate::error::{FileError, Problem};
 use fringe::frame::{Frame, FrameView, PixelBuffer, Pixels};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ColorType, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader, Limits};
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Write};
+use std::io::{self, BufRead, BufReader, BufWriter, Cursor, Seek, Write};
 use std::path::Path;
 
 /// Most pixels of one frame: four times the largest area sensor sold. Guards memory against a header that lies.
@@ -58,10 +58,27 @@ pub fn read_foreign_frame(path: &Path, full_scale_dn: Option<u16>) -> Result<Fra
     frame(path, open(path, &formats)?, full_scale_dn)
 }
 
+/// As [`read_frame`], from the bytes of the file, which were read before.
+///
+/// # Errors
+/// As [`read_frame`].
+pub fn decode_frame(path: &Path, bytes: Vec<u8>, full_scale_dn: Option<u16>) -> Result<Frame, FileError> {
+    let decoder = decoder(path, Cursor::new(bytes), &[ImageFormat::Png, ImageFormat::Tiff])?;
+    frame(path, decoder, full_scale_dn)
+}
+
 fn open(path: &Path, formats: &[ImageFormat]) -> Result<Decoder, FileError> {
     refuse_special(path)?;
-    let file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
-    let reader = ImageReader::new(BufReader::new(file));
+    let (file, _) = open_input(path)?;
+    decoder(path, BufReader::new(file), formats)
+}
+
+fn decoder<R: BufRead + Seek + 'static>(
+    path: &Path,
+    source: R,
+    formats: &[ImageFormat],
+) -> Result<Decoder, FileError> {
+    let reader = ImageReader::new(source);
     let reader = reader.with_guessed_format().map_err(|source| FileError::io(path, "read it", source))?;
     match reader.format() {
         Some(format) if formats.contains(&format) => {}

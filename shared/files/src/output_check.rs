@@ -1,5 +1,7 @@
 //! Checks output paths before any work is done.
 
+use crate::error::FileError;
+use crate::guard;
 use std::path::Path;
 use thiserror::Error;
 
@@ -12,6 +14,15 @@ pub enum OutputError {
     /// A path without meaning.
     #[error(transparent)]
     Io(#[from] std::io::Error),
+    /// An output that the guard refuses, with its option.
+    #[error("{flag}")]
+    Guarded {
+        /// The option.
+        flag: String,
+        /// Why.
+        #[source]
+        source: Box<FileError>,
+    },
 }
 
 /// Refuses outputs that cannot be written, that overwrite an input, or that are named twice. `made` is a folder that the
@@ -45,15 +56,17 @@ pub fn check_outputs(
         }
         let here = real(path)?;
         for input in inputs {
-            if real(input)? == here {
+            if real(input)? == here || guard::same_file(input, path) {
                 return refused(flag, path, "would overwrite an input; name another file");
             }
         }
         for (other, same) in outputs[..index].iter().filter_map(|(other, path)| Some((other, (*path)?))) {
-            if real(same)? == here {
+            if real(same)? == here || guard::same_file(same, path) {
                 return refused(flag, path, &format!("is also the file of {other}; name two files"));
             }
         }
+        guard::announce(flag, path)
+            .map_err(|source| OutputError::Guarded { flag: (*flag).to_owned(), source: Box::new(source) })?;
     }
     Ok(())
 }

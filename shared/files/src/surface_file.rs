@@ -1,13 +1,12 @@
 //! Clouds and meshes by whatever file they come in: PLY, STL, E57.
 
-use crate::document::{read_bytes, refuse_special};
+use crate::document::{open_input, read_bytes, refuse_special};
 use crate::error::{FileError, Problem};
 use crate::ply::{self, Cloud};
 use bytemuck::Zeroable;
 use e57::{CartesianCoordinate, E57Reader};
 use fringe::cloud::Point;
 use nalgebra::Point3;
-use std::fs::File;
 use std::io::{BufReader, Cursor, Read};
 use std::path::Path;
 
@@ -70,8 +69,8 @@ pub fn read_cloud(path: &Path) -> Result<Cloud, FileError> {
 
 fn kind(path: &Path) -> Result<Kind, FileError> {
     refuse_special(path)?;
-    let mut file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
-    let bytes = file.metadata().map_err(|source| FileError::io(path, "inspect it", source))?.len();
+    let (mut file, metadata) = open_input(path)?;
+    let bytes = metadata.len();
     let mut start = Vec::new();
     (&mut file)
         .take(STL_HEADER_BYTES)
@@ -136,7 +135,7 @@ fn read_e57(path: &Path) -> Result<Cloud, FileError> {
             Problem::Syntax(format!("is no readable E57: {}", error.to_string().replace('\n', " ")));
         FileError::new(path, problem, "truncated? export or copy it again")
     };
-    let file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
+    let (file, _) = open_input(path)?;
     let mut reader = E57Reader::new(BufReader::new(file)).map_err(fault)?;
     let mut cloud = Cloud::default();
     for scan in reader.pointclouds() {

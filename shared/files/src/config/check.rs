@@ -1,7 +1,7 @@
 //! From what is written to what is meant.
 
 use super::light::{Lights, check_recorded_sizes, projectors};
-use super::limits::{cycles, limits, schedule, settings};
+use super::limits::{cycles, limits, results, schedule, settings};
 use super::raw::{RawConfig, RawTwin};
 use super::recipes::recipes;
 use super::references::{check_drivers, check_graph, check_twin, pairs};
@@ -67,6 +67,7 @@ impl Config {
             corrections,
             twin,
             recording,
+            results: results(&document, &raw.results)?,
             document,
         })
     }

@@ -1,6 +1,7 @@
 //! Numbers with limits.
 
-use super::raw::{RawConfig, RawLimits, RawSchedule};
+use super::PartRetention;
+use super::raw::{RawConfig, RawLimits, RawResults, RawSchedule};
 use super::values::value;
 use crate::document::Document;
 use crate::error::{FileError, Problem};
@@ -90,6 +91,23 @@ fn fusion(document: &Document, settings: &FusionSettings) -> Result<(), FileErro
         return Err(document.fault("fusion.max_normal_angle_deg", problem, "the default is 30"));
     }
     Ok(())
+}
+
+/// Largest numbers of parts and MB that are a limit at all.
+const PARTS_LIMIT: u64 = 1_000_000;
+const MB_LIMIT: u64 = 1_000_000_000;
+
+pub(super) fn results(document: &Document, raw: &RawResults) -> Result<PartRetention, FileError> {
+    let (keep_parts, keep_mb) = (raw.keep_parts.unwrap_or(1_000), raw.keep_mb.unwrap_or(10_000));
+    if keep_parts > PARTS_LIMIT {
+        let remedy = "the default is 1000; 0 keeps results without clouds and reports";
+        return Err(document.fault("results.keep_parts", value(keep_parts, "0 … 1 000 000"), remedy));
+    }
+    if !(1..=MB_LIMIT).contains(&keep_mb) {
+        let problem = value(keep_mb, "1 … 1 000 000 000 MB");
+        return Err(document.fault("results.keep_mb", problem, "the default is 10000"));
+    }
+    Ok(PartRetention { keep_parts, keep_mb })
 }
 
 pub(super) fn schedule(document: &Document, raw: &RawSchedule) -> Result<ScheduleConfig, FileError> {

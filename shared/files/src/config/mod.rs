@@ -42,6 +42,9 @@
 //! pin = false
 //! realtime_priority = 50              # optional, 1 … 98: first come first served by the kernel (SCHED_FIFO), where permitted
 //! lock_memory = false                 # keep all buffers in memory from the start (mlockall), where permitted
+//! [results]                           # what a serving cell keeps of its parts; the oldest are removed
+//! keep_parts = 1000                   # cloud and report of so many; 0: none
+//! keep_mb = 10000
 //! ```
 
 mod check;
@@ -88,6 +91,17 @@ pub struct Config {
     pub twin: Option<TwinConfig>,
     /// The recording to play; present whenever a driver needs it.
     pub recording: Option<RecordingConfig>,
+    /// How much a serving cell keeps of the parts that it inspected.
+    pub results: PartRetention,
+}
+
+/// How much a serving cell keeps of the parts that it inspected, beside their results.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PartRetention {
+    /// Parts whose cloud and report are kept; 0: none.
+    pub keep_parts: u64,
+    /// Size of them in all, MB.
+    pub keep_mb: u64,
 }
 
 /// What the twin simulates.

@@ -31,6 +31,15 @@ pub(super) struct RawConfig {
     pub recording: Option<RawRecording>,
     #[serde(default)]
     pub schedule: RawSchedule,
+    #[serde(default)]
+    pub results: RawResults,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawResults {
+    pub keep_parts: Option<u64>,
+    pub keep_mb: Option<u64>,
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -1,13 +1,13 @@
-//! The blocks of the file: a head that vouches for itself and for what follows it.
+//! The blocks of the file: each head vouches for itself, for its contents and for all heads before it.
 
 use super::ValueKey;
-use xxhash_rust::xxh3::{Xxh3, xxh3_64};
+use xxhash_rust::xxh3::{Xxh3, xxh3_64_with_seed};
 
 /// Bytes of a head.
-pub(super) const HEAD_BYTES: usize = 24;
+pub(super) const HEAD_BYTES: usize = 40;
 
-/// Bytes in front of a value: cycle and activation.
-pub(super) const KEY_BYTES: usize = 12;
+/// Bytes of a head that its chain sum covers: all before it.
+const SUMMED_BYTES: usize = 32;
 
 /// What a block holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,74 +15,67 @@ pub(super) enum Kind {
     Header,
     Value,
     Cycle,
+    Seal,
 }
 
 /// What stands before each block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Head {
     pub kind: Kind,
-    /// Number of bytes that follow the head.
+    /// Cycle and activation that the contents belong to; 0 in the header and the seal.
+    pub key: ValueKey,
+    /// Bytes that follow.
     pub length: u64,
-    /// Checksum (xxh3) of the bytes that follow.
+    /// Of these bytes.
     pub checksum: u64,
 }
 
 impl Head {
-    /// The head of a block made of these parts.
-    pub fn of(kind: Kind, parts: &[&[u8]]) -> Self {
+    /// The head of a block with these contents.
+    pub fn of(kind: Kind, key: ValueKey, contents: &[u8]) -> Self {
         let mut sum = Xxh3::new();
-        for part in parts {
-            sum.update(part);
-        }
-        Self { kind, length: parts.iter().map(|part| part.len() as u64).sum(), checksum: sum.digest() }
+        sum.update(contents);
+        Self { kind, key, length: contents.len() as u64, checksum: sum.digest() }
     }
 
-    pub fn to_bytes(self) -> [u8; HEAD_BYTES] {
+    /// The bytes of the head, and the chain sum after it. `chain` is the sum after the head before it.
+    pub fn to_bytes(self, chain: u64) -> ([u8; HEAD_BYTES], u64) {
         let mut bytes = [0; HEAD_BYTES];
         let kind: u32 = match self.kind {
             Kind::Header => 1,
             Kind::Value => 2,
             Kind::Cycle => 3,
+            Kind::Seal => 4,
         };
         bytes[..4].copy_from_slice(&kind.to_le_bytes());
-        bytes[8..16].copy_from_slice(&self.length.to_le_bytes());
-        bytes[16..].copy_from_slice(&self.checksum.to_le_bytes());
-        let sum = xxh3_64(&bytes) as u32;
-        bytes[4..8].copy_from_slice(&sum.to_le_bytes());
-        bytes
+        bytes[4..8].copy_from_slice(&self.key.activation.to_le_bytes());
+        bytes[8..16].copy_from_slice(&self.key.cycle.to_le_bytes());
+        bytes[16..24].copy_from_slice(&self.length.to_le_bytes());
+        bytes[24..32].copy_from_slice(&self.checksum.to_le_bytes());
+        let chain = xxh3_64_with_seed(&bytes[..SUMMED_BYTES], chain);
+        bytes[SUMMED_BYTES..].copy_from_slice(&chain.to_le_bytes());
+        (bytes, chain)
     }
 
-    /// Parses a head; `None` where its checksum does not hold.
-    pub fn from_bytes(bytes: &[u8; HEAD_BYTES]) -> Option<Self> {
-        let mut unsummed = *bytes;
-        unsummed[4..8].fill(0);
-        if u32::from_le_bytes(part(bytes, 4)) != xxh3_64(&unsummed) as u32 {
+    /// The head and the chain sum after it. `None`: this is no head, or not the one that followed the sum `chain`.
+    pub fn from_bytes(bytes: &[u8; HEAD_BYTES], chain: u64) -> Option<(Self, u64)> {
+        let chain = xxh3_64_with_seed(&bytes[..SUMMED_BYTES], chain);
+        if u64::from_le_bytes(part(bytes, SUMMED_BYTES)) != chain {
             return None;
         }
         let kind = match u32::from_le_bytes(part(bytes, 0)) {
             1 => Kind::Header,
             2 => Kind::Value,
             3 => Kind::Cycle,
+            4 => Kind::Seal,
             _ => return None,
         };
-        Some(Self {
-            kind,
-            length: u64::from_le_bytes(part(bytes, 8)),
-            checksum: u64::from_le_bytes(part(bytes, 16)),
-        })
-    }
-}
-
-impl ValueKey {
-    pub(super) fn to_bytes(self) -> [u8; KEY_BYTES] {
-        let mut bytes = [0; KEY_BYTES];
-        bytes[..8].copy_from_slice(&self.cycle.to_le_bytes());
-        bytes[8..].copy_from_slice(&self.activation.to_le_bytes());
-        bytes
-    }
-
-    pub(super) fn from_bytes(bytes: &[u8; KEY_BYTES]) -> Self {
-        Self { cycle: u64::from_le_bytes(part(bytes, 0)), activation: u32::from_le_bytes(part(bytes, 8)) }
+        let key = ValueKey {
+            cycle: u64::from_le_bytes(part(bytes, 8)),
+            activation: u32::from_le_bytes(part(bytes, 4)),
+        };
+        let length = u64::from_le_bytes(part(bytes, 16));
+        Some((Self { kind, key, length, checksum: u64::from_le_bytes(part(bytes, 24)) }, chain))
     }
 }
 

@@ -2,12 +2,15 @@
 //!
 //! ```text
 //! "fringecycles" version(u32)                       16 bytes
-//! block*: kind(u32) sum of the head(u32) length(u64) checksum(u64), then `length` bytes
+//! block*: kind(u32) activation(u32) cycle(u64) length(u64) checksum(u64) chain(u64), then `length` bytes
 //! ```
-//! All numbers little-endian; both sums are xxh3. The first block is the [`RecordHeader`]. A cycle is any number of value
-//! blocks (frames and stage outputs, if they are kept) closed by one [`CycleEntry`]; what no entry closes does not
-//! count. So the file is readable after a crash, up to the last complete cycle, and half a cycle is never taken for a
-//! whole one.
+//! All numbers little-endian; the sums are xxh3 (64 bits). `checksum` is of the contents of the block; `chain` is of the
+//! 32 bytes before it, seeded with the chain of the block before (at first with the sum of the first 16 bytes). So every
+//! byte is under a sum, and no block can be altered, left out, repeated or moved unnoticed. The first block is the
+//! [`RecordHeader`]. A cycle is any number of value blocks (frames and stage outputs, if they are kept) closed by one
+//! [`CycleEntry`]; what no entry closes does not count. The last block is the [`Seal`]: a record without one was cut
+//! off, its run was killed, or still goes on. So the file is readable after a crash, up to the last complete cycle; half a
+//! cycle is never taken for a whole one, nor half a record for a whole record.
 
 mod block;
 mod codec;
@@ -16,15 +19,16 @@ mod read;
 mod tests;
 mod write;
 
-pub use read::{Ending, Next, RecordReader, RecordedCycle, StoredValue};
+pub use read::{DamagedCycle, Ending, Next, RecordReader, RecordedCycle, StoredValue};
 pub use write::RecordWriter;
 
 pub use cell::Retention;
 use metrology::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
-/// Version of the file; another one is refused. 2: the recipes of the cell, and of each cycle its recipe.
-pub const RECORD_VERSION: u32 = 2;
+/// Version of the file; another one is refused. 2: the recipes of the cell, and of each cycle its recipe. 3: every byte
+/// is under a sum, the sums are chained, the end is sealed.
+pub const RECORD_VERSION: u32 = 3;
 
 /// What stands at the beginning, before the version.
 const MAGIC: [u8; 12] = *b"fringecycles";
@@ -114,6 +118,15 @@ pub struct ActivationEntry {
     pub start_ns: u64,
     /// End on the machine's monotonic clock, ns.
     pub end_ns: u64,
+}
+
+/// The end of a record whose run came to its end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Seal {
+    /// Cycles in the record.
+    pub cycles: u64,
+    /// Cycles that could not be recorded.
+    pub lost: u64,
 }
 
 /// Whose bytes a value block holds.

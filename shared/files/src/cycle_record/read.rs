@@ -1,37 +1,49 @@
-//! Reading a record, up to its last complete cycle.
+//! Reading a record, up to its last complete cycle. Every byte is checked, also of values that nobody asks for.
 
-use super::block::{HEAD_BYTES, Head, KEY_BYTES, Kind};
+use super::block::{HEAD_BYTES, Head, Kind};
 use super::codec::decode;
-use super::{CycleEntry, MAGIC, RECORD_VERSION, RecordHeader, ValueKey};
+use super::{CycleEntry, MAGIC, RECORD_VERSION, RecordHeader, Seal};
 use crate::error::{FileError, Problem};
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
-use xxhash_rust::xxh3::xxh3_64;
+use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 /// A record that is being read.
 #[derive(Debug)]
 pub struct RecordReader {
     blocks: Blocks,
-    /// Description of the run.
+    /// What was run.
     pub header: RecordHeader,
+    /// Cycles that were closed, damaged ones included.
+    closed: u64,
+    /// The last of them.
+    last: Option<u64>,
 }
 
 /// A cycle of a record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordedCycle {
-    /// Outcome, verdict and activations of the cycle.
+    /// How it went.
     pub entry: CycleEntry,
     /// Where its bytes lie, by activation.
     pub values: BTreeMap<u32, StoredValue>,
 }
 
+/// A cycle whose bytes are not those that were written.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DamagedCycle {
+    /// Number, from 0.
+    pub cycle: u64,
+    /// Its parts: an activation whose kept bytes are damaged; `None`: the entry with hashes and outcome.
+    pub parts: Vec<Option<u32>>,
+}
+
 /// Where bytes lie in the record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StoredValue {
-    /// Of the block's contents, the key included.
     offset: u64,
     length: u64,
     checksum: u64,
@@ -40,17 +52,19 @@ pub struct StoredValue {
 /// How a record ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ending {
-    /// After a complete cycle.
-    Whole,
-    /// Within a cycle, which does not count: the run was killed, or still goes on. So many bytes belong to it.
+    /// With its seal: nothing is missing.
+    Sealed(Seal),
+    /// Without: the run was killed, still goes on, or the file was cut. So many bytes belong to no complete cycle.
     Torn(u64),
 }
 
 /// What a record gives next.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Next {
-    /// The next complete cycle.
+    /// A complete cycle.
     Cycle(RecordedCycle),
+    /// A cycle that is there and cannot be used; more may follow.
+    Damaged(DamagedCycle),
     /// There is no further one.
     End(Ending),
 }
@@ -63,41 +77,60 @@ impl RecordReader {
     pub fn open(path: &Path) -> Result<Self, FileError> {
         let mut blocks = Blocks::open(path)?;
         let broken = || refusal(path, "was broken off before its first cycle", "there is nothing to replay");
-        let head = blocks.head()?.ok_or_else(broken)?;
+        let head = blocks.head("in its header")?.ok_or_else(broken)?;
         if head.kind != Kind::Header {
-            return Err(blocks.damaged("does not begin with a header"));
+            return Err(blocks.damaged("it does not begin with a header"));
         }
-        let header = blocks.typed(head)?.ok_or_else(broken)?;
-        Ok(Self { blocks, header })
+        let Some(bytes) = blocks.contents(head)? else {
+            return Err(blocks.damaged("its header has a wrong checksum"));
+        };
+        let header = blocks.typed(&bytes)?;
+        Ok(Self { blocks, header, closed: 0, last: None })
     }
 
-    /// The next complete cycle. The bytes of its values are not read yet.
+    /// The next cycle that was closed, or the end.
     ///
     /// # Errors
-    /// A damaged file, as opposed to one that ends early.
+    /// A file that cannot be read further because it is damaged, as opposed to one that ends early.
     pub fn next_cycle(&mut self) -> Result<Next, FileError> {
         let begin = self.blocks.at;
-        let mut values: BTreeMap<ValueKey, StoredValue> = BTreeMap::new();
+        let torn = Next::End(Ending::Torn(self.blocks.size - begin));
+        let mut values = BTreeMap::new();
+        let mut damaged = Vec::new();
         loop {
-            let torn = self.blocks.size - begin;
-            let end = if torn == 0 { Ending::Whole } else { Ending::Torn(torn) };
-            let Some(head) = self.blocks.head()? else { return Ok(Next::End(end)) };
+            let place = self.place();
+            let Some(head) = self.blocks.head(&place)? else { return Ok(torn) };
             match head.kind {
-                Kind::Header => return Err(self.blocks.damaged("has a second header")),
+                Kind::Header => return Err(self.blocks.damaged("it has a second header")),
                 Kind::Value => {
-                    let Some((key, value)) = self.blocks.value(head)? else { return Ok(Next::End(end)) };
-                    values.insert(key, value);
+                    let stored =
+                        StoredValue { offset: self.blocks.at, length: head.length, checksum: head.checksum };
+                    if !self.blocks.intact(head)? {
+                        damaged.push(Some(head.key.activation));
+                    }
+                    values.insert(head.key, stored);
                 }
                 Kind::Cycle => {
-                    let Some(entry) = self.blocks.typed::<CycleEntry>(head)? else {
-                        return Ok(Next::End(end));
-                    };
-                    if values.keys().any(|key| key.cycle != entry.cycle) {
-                        return Err(self.blocks.damaged("has bytes of another cycle before the end of one"));
+                    let cycle = head.key.cycle;
+                    if values.keys().any(|key| key.cycle != cycle) {
+                        return Err(self
+                            .blocks
+                            .damaged("it has bytes of another cycle before the end of one"));
                     }
+                    self.closed += 1;
+                    self.last = Some(cycle);
+                    let Some(bytes) = self.blocks.contents(head)? else {
+                        damaged.push(None);
+                        return Ok(Next::Damaged(DamagedCycle { cycle, parts: damaged }));
+                    };
+                    if !damaged.is_empty() {
+                        return Ok(Next::Damaged(DamagedCycle { cycle, parts: damaged }));
+                    }
+                    let entry = self.blocks.typed(&bytes)?;
                     let values = values.into_iter().map(|(key, value)| (key.activation, value)).collect();
                     return Ok(Next::Cycle(RecordedCycle { entry, values }));
                 }
+                Kind::Seal => return self.seal(head),
             }
         }
     }
@@ -111,10 +144,33 @@ impl RecordReader {
         self.blocks.seek(value.offset)?;
         let bytes = self.blocks.take(value.length)?;
         if xxh3_64(&bytes) != value.checksum {
-            return Err(self.blocks.damaged("has a kept frame or output with a wrong checksum"));
+            return Err(self.blocks.damaged("a kept frame or output has a wrong checksum"));
         }
         self.blocks.seek(back)?;
-        Ok(bytes[KEY_BYTES..].to_vec())
+        Ok(bytes)
+    }
+
+    fn seal(&mut self, head: Head) -> Result<Next, FileError> {
+        let Some(bytes) = self.blocks.contents(head)? else {
+            return Err(self.blocks.damaged("its seal has a wrong checksum"));
+        };
+        let seal: Seal = self.blocks.typed(&bytes)?;
+        if self.blocks.at != self.blocks.size {
+            return Err(self.blocks.damaged("something follows its seal"));
+        }
+        if seal.cycles != self.closed {
+            let text = format!("its seal counts {} cycles, and {} are there", seal.cycles, self.closed);
+            return Err(self.blocks.damaged(&text));
+        }
+        Ok(Next::End(Ending::Sealed(seal)))
+    }
+
+    /// Where the reader is, for messages: cycles are counted from 1 for people.
+    fn place(&self) -> String {
+        match self.last {
+            None => "in its first cycle".to_owned(),
+            Some(last) => format!("after cycle {}", last + 1),
+        }
     }
 }
 
@@ -126,19 +182,21 @@ struct Blocks {
     size: u64,
     /// Where the next byte is read.
     at: u64,
+    /// Chain sum after the last head.
+    chain: u64,
 }
 
 impl Blocks {
     fn open(path: &Path) -> Result<Self, FileError> {
         crate::document::refuse_named_pipe(path)?;
-        let file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
-        let metadata = file.metadata().map_err(|source| FileError::io(path, "read it", source))?;
+        let (file, metadata) = crate::document::open_input(path)?;
         if !metadata.is_file() {
             return Err(refusal(path, "is no file", "name a cycle record"));
         }
-        let mut blocks =
-            Self { path: path.to_owned(), file: BufReader::new(file), size: metadata.len(), at: 0 };
+        let size = metadata.len();
+        let mut blocks = Self { path: path.to_owned(), file: BufReader::new(file), size, at: 0, chain: 0 };
         let start = blocks.take(blocks.size.min(16))?;
+        blocks.chain = xxh3_64(&start);
         let version = start.strip_prefix(&MAGIC).and_then(|v| v.try_into().ok()).map(u32::from_le_bytes);
         match version {
             Some(RECORD_VERSION) => Ok(blocks),
@@ -157,43 +215,49 @@ impl Blocks {
     }
 
     /// The next head; `None` at the end, which a crash may have left anywhere.
-    fn head(&mut self) -> Result<Option<Head>, FileError> {
-        let left = self.size - self.at;
-        if left < HEAD_BYTES as u64 {
+    fn head(&mut self, place: &str) -> Result<Option<Head>, FileError> {
+        let start = self.at;
+        if self.size - start < HEAD_BYTES as u64 {
             return Ok(None);
         }
         let bytes = self.take(HEAD_BYTES as u64)?;
         let fixed = bytes.as_slice().try_into().ok();
-        match fixed.and_then(Head::from_bytes) {
-            Some(head) if head.length > self.size - self.at => Ok(None),
-            Some(head) => Ok(Some(head)),
-            // A file system may have made room for what it never wrote: zeros to the end.
-            None if self.rest_is_zero()? => Ok(None),
-            None => Err(self.damaged("has no block where one must begin")),
+        match fixed.and_then(|bytes| Head::from_bytes(bytes, self.chain)) {
+            Some((head, _)) if head.length > self.size - self.at => Ok(None),
+            Some((head, chain)) => {
+                self.chain = chain;
+                Ok(Some(head))
+            }
+            None => {
+                // A file system may have made room for what it never wrote: zeros to the end.
+                self.seek(start)?;
+                if self.rest_is_zero()? {
+                    return Ok(None);
+                }
+                Err(self.damaged(&format!("{place}, the head of a block is not the one that was written")))
+            }
         }
     }
 
-    /// The contents of a block; `None` if it is the last one and was not written whole.
-    fn typed<T: DeserializeOwned>(&mut self, head: Head) -> Result<Option<T>, FileError> {
+    /// The contents of a block; `None` if they are not those that were written.
+    fn contents(&mut self, head: Head) -> Result<Option<Vec<u8>>, FileError> {
         let bytes = self.take(head.length)?;
-        if xxh3_64(&bytes) != head.checksum {
-            let last = self.rest_is_zero()?;
-            return if last { Ok(None) } else { Err(self.damaged("has a block with a wrong checksum")) };
-        }
-        decode(&bytes).map(Some).map_err(|reason| self.damaged(&format!("does not decode: {reason}")))
+        Ok((xxh3_64(&bytes) == head.checksum).then_some(bytes))
     }
 
-    /// Where a value lies; `None` for an end within it.
-    fn value(&mut self, head: Head) -> Result<Option<(ValueKey, StoredValue)>, FileError> {
-        let offset = self.at;
-        if head.length < KEY_BYTES as u64 {
-            return Err(self.damaged("has a kept frame or output without number"));
+    /// Reads over the contents of a block; whether they are those that were written.
+    fn intact(&mut self, head: Head) -> Result<bool, FileError> {
+        let (mut sum, mut left) = (Xxh3::new(), head.length);
+        while left > 0 {
+            let bytes = self.take(left.min(1 << 20))?;
+            sum.update(&bytes);
+            left -= bytes.len() as u64;
         }
-        let key = self.take(KEY_BYTES as u64)?;
-        let Ok(key) = key.as_slice().try_into() else { return Ok(None) };
-        self.seek(offset + head.length)?;
-        let value = StoredValue { offset, length: head.length, checksum: head.checksum };
-        Ok(Some((ValueKey::from_bytes(key), value)))
+        Ok(sum.digest() == head.checksum)
+    }
+
+    fn typed<T: DeserializeOwned>(&self, bytes: &[u8]) -> Result<T, FileError> {
+        decode(bytes).map_err(|reason| self.damaged(&format!("a block does not decode: {reason}")))
     }
 
     /// Reads so many bytes, which the caller knows to be there.
@@ -223,7 +287,7 @@ impl Blocks {
     }
 
     fn damaged(&self, what: &str) -> FileError {
-        let text = format!("is damaged before byte {}: it {what}", self.at);
+        let text = format!("is damaged near byte {}: {what}", self.at);
         refusal(&self.path, &text, "restore it from a copy; a crash cannot leave this")
     }
 }

@@ -40,7 +40,7 @@ fn entry(cycle: u64) -> CycleEntry {
     }
 }
 
-/// A record of `cycles` cycles with one value each, and where each cycle ends.
+/// A sealed record of `cycles` cycles with one value each, and where each cycle ends.
 fn written(folder: &Path, cycles: u64) -> (PathBuf, Vec<u64>) {
     let path = folder.join("a.record");
     let mut writer = RecordWriter::create(&path, &header()).unwrap();
@@ -51,19 +51,28 @@ fn written(folder: &Path, cycles: u64) -> (PathBuf, Vec<u64>) {
         assert!(writer.cycle(&entry(cycle)).unwrap());
         ends.push(size());
     }
+    writer.finish().unwrap();
     (path, ends)
 }
 
-/// The complete cycles and how it ends.
-fn read(path: &Path) -> Result<(Vec<RecordedCycle>, Ending), FileError> {
+/// The complete cycles, the damaged ones and how it ends.
+type Content = (Vec<RecordedCycle>, Vec<DamagedCycle>, Ending);
+
+fn read(path: &Path) -> Result<Content, FileError> {
     let mut reader = RecordReader::open(path)?;
-    let mut cycles = Vec::new();
+    let (mut cycles, mut damaged) = (Vec::new(), Vec::new());
     loop {
         match reader.next_cycle()? {
             Next::Cycle(cycle) => cycles.push(cycle),
-            Next::End(ending) => return Ok((cycles, ending)),
+            Next::Damaged(cycle) => damaged.push(cycle),
+            Next::End(ending) => return Ok((cycles, damaged, ending)),
         }
     }
+}
+
+/// Whether a reader takes the file for a whole, undamaged record.
+fn whole(path: &Path) -> bool {
+    read(path).is_ok_and(|(_, damaged, ending)| damaged.is_empty() && matches!(ending, Ending::Sealed(_)))
 }
 
 #[test]
@@ -77,54 +86,93 @@ fn what_was_written_is_read_back() {
         assert_eq!(cycle.entry, entry(number));
         assert_eq!(reader.load(&cycle.values[&0]).unwrap(), [number as u8; 5]);
     }
-    assert_eq!(reader.next_cycle().unwrap(), Next::End(Ending::Whole));
+    let seal = Seal { cycles: 3, lost: 0 };
+    assert_eq!(reader.next_cycle().unwrap(), Next::End(Ending::Sealed(seal)));
 }
 
-/// Proves: wherever a crash cuts the file, all complete cycles are there and nothing else.
+/// Proves: wherever a crash or a copy cuts the file, all complete cycles are there, nothing else, and no seal.
 #[test]
-fn a_record_cut_anywhere_gives_its_complete_cycles() {
+fn a_record_cut_anywhere_gives_its_complete_cycles_and_no_seal() {
     let folder = tempfile::tempdir().unwrap();
     let (path, ends) = written(folder.path(), 2);
-    let whole = fs::read(&path).unwrap();
-    for cut in ends[0] as usize..whole.len() {
-        fs::write(&path, &whole[..cut]).unwrap();
-        let (cycles, ending) = read(&path).unwrap();
+    let bytes = fs::read(&path).unwrap();
+    for cut in ends[0] as usize..bytes.len() {
+        fs::write(&path, &bytes[..cut]).unwrap();
+        let (cycles, damaged, ending) = read(&path).unwrap();
         let complete = ends[1..].iter().filter(|&&end| end <= cut as u64).count();
-        assert_eq!(cycles.len(), complete, "cut at {cut}");
-        let expected = cut as u64 - ends[complete];
-        assert_eq!(
-            ending,
-            if expected == 0 { Ending::Whole } else { Ending::Torn(expected) },
-            "cut at {cut}"
-        );
-        // Room that the file system gave and never filled is no damage either.
-        fs::write(&path, [&whole[..cut], &[0; 100]].concat()).unwrap();
-        assert_eq!(read(&path).unwrap().0.len(), complete, "zeros from {cut}");
+        assert_eq!((cycles.len(), damaged.len()), (complete, 0), "cut at {cut}");
+        assert_eq!(ending, Ending::Torn(cut as u64 - ends[complete]), "cut at {cut}");
+        // Room that the file system gave and never filled ends it likewise.
+        fs::write(&path, [&bytes[..cut], &[0; 100]].concat()).unwrap();
+        assert!(!whole(&path), "zeros from {cut}");
     }
     for cut in 0..ends[0] as usize {
-        fs::write(&path, &whole[..cut]).unwrap();
+        fs::write(&path, &bytes[..cut]).unwrap();
         assert!(read(&path).is_err(), "cut at {cut}");
+    }
+    fs::write(&path, [&bytes[..], b"x"].concat()).unwrap();
+    assert!(read(&path).unwrap_err().to_string().contains("something follows its seal"));
+}
+
+/// Proves: each single bit that flips is told, and no cycle is believed that is not the one that was written.
+#[test]
+fn every_flipped_bit_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, _) = written(folder.path(), 3);
+    let bytes = fs::read(&path).unwrap();
+    let intact = read(&path).unwrap().0;
+    let mut named = 0;
+    for bit in 0..bytes.len() * 8 {
+        let mut altered = bytes.clone();
+        altered[bit / 8] ^= 1 << (bit % 8);
+        fs::write(&path, &altered).unwrap();
+        assert!(!whole(&path), "bit {bit} of byte {} is taken for what was written", bit / 8);
+        let Ok((cycles, damaged, _)) = read(&path) else { continue };
+        assert!(cycles.iter().all(|cycle| intact.contains(cycle)), "bit {bit}");
+        // Damage within the contents of one block costs its cycle only, and is named.
+        if let [one] = &damaged[..] {
+            assert_eq!(cycles.len(), 2, "bit {bit}");
+            assert!(cycles.iter().all(|cycle| cycle.entry.cycle != one.cycle), "bit {bit}");
+            named += 1;
+        }
+    }
+    let contents = 8 * 3 * (5 + codec::encode(&entry(0)).unwrap().len());
+    assert_eq!(named, contents, "flips within contents that are named with their cycle");
+}
+
+/// Proves: whole blocks, each with good sums, cannot be left out, repeated or exchanged.
+#[test]
+fn blocks_left_out_repeated_or_exchanged_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, ends) = written(folder.path(), 3);
+    let bytes = fs::read(&path).unwrap();
+    let at = |number: usize| ends[number] as usize;
+    let cycle = |number: usize| &bytes[at(number)..at(number + 1)];
+    let (start, seal) = (&bytes[..at(0)], &bytes[at(3)..]);
+    for (what, parts) in [
+        ("left out", vec![start, cycle(0), cycle(2), seal]),
+        ("the last left out", vec![start, cycle(0), cycle(1), seal]),
+        ("repeated", vec![start, cycle(0), cycle(0), cycle(1), cycle(2), seal]),
+        ("exchanged", vec![start, cycle(1), cycle(0), cycle(2), seal]),
+        ("all left out", vec![start, seal]),
+    ] {
+        fs::write(&path, parts.concat()).unwrap();
+        assert!(!whole(&path), "{what}");
     }
 }
 
-/// Proves: no altered byte is taken for what was written.
+/// Proves: a cycle that was begun and not closed is no part of a record that is sealed.
 #[test]
-fn an_altered_byte_is_found_wherever_it_is() {
+fn what_no_entry_closed_is_left_out_by_the_seal() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, _) = written(folder.path(), 3);
-    let whole = fs::read(&path).unwrap();
-    let intact = read(&path).unwrap().0;
-    for at in 0..whole.len() {
-        let mut altered = whole.clone();
-        altered[at] ^= 0x40;
-        fs::write(&path, &altered).unwrap();
-        let Ok((cycles, _)) = read(&path) else { continue };
-        let mut reader = RecordReader::open(&path).unwrap();
-        let values = cycles.iter().flat_map(|c| c.values.values());
-        let loads = values.map(|value| reader.load(value)).all(|loaded| loaded.is_ok());
-        // Only an end that was not written whole may go unnoticed, and then its cycle is not there.
-        assert!(!loads || (cycles.len() < 3 && cycles[..] == intact[..cycles.len()]), "byte {at}");
-    }
+    let path = folder.path().join("b.record");
+    let mut writer = RecordWriter::create(&path, &header()).unwrap();
+    writer.value(ValueKey { cycle: 0, activation: 0 }, b"first").unwrap();
+    assert!(writer.cycle(&entry(0)).unwrap());
+    writer.value(ValueKey { cycle: 1, activation: 0 }, b"half").unwrap();
+    writer.finish().unwrap();
+    assert!(whole(&path));
+    assert_eq!(read(&path).unwrap().0.len(), 1);
 }
 
 #[test]
@@ -137,7 +185,7 @@ fn other_files_and_versions_are_refused_and_nothing_is_overwritten() {
     bytes[12] = 9;
     fs::write(&path, &bytes).unwrap();
     let error = read(&path).unwrap_err().to_string();
-    assert!(error.contains("version: value 9") && error.contains("this program reads 2"), "{error}");
+    assert!(error.contains("version: value 9") && error.contains("this program reads 3"), "{error}");
     for nonsense in [&b""[..], b"fringe", b"format = \"fringecell-config/1\""] {
         fs::write(&path, nonsense).unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("is no cycle record"));

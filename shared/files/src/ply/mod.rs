@@ -10,7 +10,7 @@ mod write;
 pub use mesh::read_triangles;
 pub use write::{write_cloud, write_deviations};
 
-use crate::document::refuse_special;
+use crate::document::{open_input, refuse_special};
 use crate::error::{FileError, Problem};
 use fringe::cloud::Point;
 use ply_rs_bw::parser::{Parser, Reader};
@@ -97,8 +97,7 @@ pub fn read_cloud(path: &Path) -> Result<Cloud, FileError> {
 /// Opens a PLY file with points and reads its header.
 fn open(path: &Path) -> Result<(Header, Reader<BufReader<File>>), FileError> {
     refuse_special(path)?;
-    let file = File::open(path).map_err(|source| FileError::io(path, "open it", source))?;
-    let metadata = file.metadata().map_err(|source| FileError::io(path, "inspect it", source))?;
+    let (file, metadata) = open_input(path)?;
     let mut buffered = BufReader::with_capacity(HEADER_LIMIT_BYTES, file);
     let start = buffered.fill_buf().map_err(|source| FileError::io(path, "read it", source))?;
     // A text without line ends would be read whole as one line.

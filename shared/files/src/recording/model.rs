@@ -1,13 +1,17 @@
 //! A recording as it was read.
 
-use crate::document::Document;
+use crate::document::{Document, read_bytes};
 use crate::error::{FileError, Problem};
-use crate::image_file::read_frame;
+use crate::image_file::{decode_frame, read_frame};
 use crate::rig_file::resolve_pairs;
 use fringe::frame::Frame;
 use fringe::geometry::rig::{Pair, Rig};
 use fringe::pattern::PatternSet;
 use std::path::{Path, PathBuf};
+use xxhash_rust::xxh3::xxh3_128;
+
+/// Longest file of a frame: all pixels that a frame may have, uncompressed.
+const FRAME_LIMIT_BYTES: u64 = 1 << 32;
 
 /// Value of `format` in a recording.
 pub const RECORDING_FORMAT: &str = "fringecell-recording/1";
@@ -86,6 +90,53 @@ impl Recording {
     /// # Errors
     /// Unknown names, a number beyond the sequence, or a file that does not decode (truncated, changed since opened).
     pub fn load(&self, projector: &str, camera: &str, frame: usize) -> Result<Frame, FileError> {
+        let (camera, path) = self.place(projector, camera, frame)?;
+        camera.check(path, read_frame(path, camera.full_scale())?)
+    }
+
+    /// The hash of the file of one frame (xxh3, 128 bits): what a later reading must find again.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn file_hash(&self, projector: &str, camera: &str, frame: usize) -> Result<u128, FileError> {
+        let (_, path) = self.place(projector, camera, frame)?;
+        Ok(xxh3_128(&read_bytes(path, FRAME_LIMIT_BYTES)?))
+    }
+
+    /// Decodes one frame whose file still is what it was when [`Self::file_hash`] was taken.
+    ///
+    /// # Errors
+    /// As [`Self::load`]; a file that was changed meanwhile.
+    pub fn load_unchanged(
+        &self,
+        projector: &str,
+        camera: &str,
+        frame: usize,
+        hash: u128,
+    ) -> Result<Frame, FileError> {
+        let (of, path) = self.place(projector, camera, frame)?;
+        let bytes = read_bytes(path, FRAME_LIMIT_BYTES)?;
+        if xxh3_128(&bytes) != hash {
+            let problem = Problem::Unsupported(format!(
+                "frame {frame:03} of camera \"{camera}\" under projector \"{projector}\" was changed while the recording \
+                 is played"
+            ));
+            return Err(FileError::new(
+                path,
+                problem,
+                "restore the file, or stop the cell and start it again",
+            ));
+        }
+        of.check(path, decode_frame(path, bytes, of.full_scale())?)
+    }
+
+    /// The camera and the file of a frame.
+    fn place(
+        &self,
+        projector: &str,
+        camera: &str,
+        frame: usize,
+    ) -> Result<(&RecordedCamera, &Path), FileError> {
         let absent =
             |what: String| FileError::new(&self.folder, Problem::Missing(what), "see recording.toml");
         let camera = self
@@ -95,7 +146,7 @@ impl Recording {
         let (path, count) = (camera.shown().nth(frame), camera.shown().count());
         let path =
             path.ok_or_else(|| absent(format!("frame {frame} of {count} of camera \"{}\"", camera.name)))?;
-        camera.load(path)
+        Ok((camera, path))
     }
 
     /// Which cameras saw which projector, as [`resolve_pairs`] takes it.
@@ -123,8 +174,13 @@ impl RecordedCamera {
         self.frames.iter().chain(self.longer.iter().flatten())
     }
 
-    fn load(&self, path: &Path) -> Result<Frame, FileError> {
-        let frame = read_frame(path, (self.bits == 16).then_some(self.full_scale_dn))?;
+    /// The full scale as the files cannot say it.
+    fn full_scale(&self) -> Option<u16> {
+        (self.bits == 16).then_some(self.full_scale_dn)
+    }
+
+    /// Refuses a frame of another size than when the recording was opened.
+    fn check(&self, path: &Path, frame: Frame) -> Result<Frame, FileError> {
         let (found, expected) = ((frame.width_px, frame.height_px), (self.width_px, self.height_px));
         if found != expected {
             let problem = Problem::Disagreement {

@@ -11,6 +11,7 @@
 
 use crate::document::{read_bytes, read_text};
 use crate::error::{FileError, Problem};
+use crate::guard;
 use crate::hash::{hmac_sha256_hex, sha256_hex};
 use serde::{Deserialize, Serialize};
 use std::fs::{File, OpenOptions};
@@ -176,8 +177,11 @@ const RESTORE: &str = "restore it from a copy, or begin a new file";
 /// As [`read_trend`]; a place that cannot be written.
 pub fn append_trend(path: &Path, seal: &Seal, entry: TrendEntry) -> Result<Trend, FileError> {
     crate::document::refuse_special(path)?;
+    // It is read and then appended to, which only an input must not be.
+    guard::may_write(path, "--trend")?;
     let io = |action: &'static str| move |source| FileError::io(path, action, source);
     let mut file = OpenOptions::new().append(true).create(true).open(path).map_err(io("open it"))?;
+    guard::appending(&file.metadata().map_err(io("inspect it"))?);
     // Two checks at once would seal their lines with the same line before.
     file.lock().map_err(io("lock it"))?;
     let mut trend = read_trend(path, seal)?;

@@ -1,0 +1,209 @@
+//! The output folder of a run: no run is mixed with another, none is lost, and one cell at a time writes to it.
+
+use crate::running::{Cell, json, pid_of, signal, text, wait};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command};
+
+impl Cell {
+    /// The folders of earlier runs.
+    fn earlier(&self) -> Vec<PathBuf> {
+        let mut runs: Vec<PathBuf> = fs::read_dir(self.out().join("runs"))
+            .map(|entries| entries.map(|entry| entry.unwrap().path()).collect())
+            .unwrap_or_default();
+        runs.sort();
+        runs
+    }
+
+    pub fn serving(&self, config: &str) -> Child {
+        let run = self.program(config, &["--serve"]).spawn().unwrap();
+        self.until("ready", |status| status["state"] == "Ready");
+        run
+    }
+
+    /// The result of one part, and the exit code of its request.
+    pub fn part(&self, part: &str) -> (Value, Option<i32>) {
+        let file = self.small.path("part.json");
+        let _ = fs::remove_file(&file);
+        let mut trigger = Command::new(env!("CARGO_BIN_EXE_fringecell"));
+        let output = trigger.args(["trigger", &self.name, "--part", part, "--json", &file]).output().unwrap();
+        let result = if Path::new(&file).exists() { json(Path::new(&file)) } else { Value::Null };
+        (result, output.status.code())
+    }
+
+    pub fn stop(&self, run: Child) -> std::process::Output {
+        let stop = ["stop", "--cell", &self.name];
+        let output = Command::new(env!("CARGO_BIN_EXE_fringecell")).args(stop).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        wait(run)
+    }
+}
+
+/// What a run writes to its folder, without the folder of earlier ones.
+fn names(folder: &Path) -> Vec<String> {
+    let entries = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = entries.filter(|name| name != "runs").collect();
+    names.sort();
+    names
+}
+
+const ALL: [&str; 6] = ["cloud.ply", "report.html", "result.json", "results", "run.json", "trace.json"];
+
+/// Proves: a second run into the same folder loses nothing of the first and mixes nothing with it; a run whose only cycle
+/// failed leaves no cloud beside its result.
+#[test]
+fn a_run_moves_the_one_before_aside_and_shows_its_own_files_only() {
+    let cell = Cell::played("again", 0.0, "");
+    assert_eq!(cell.run("played.toml", &["--cycles", "2"]).status.code(), Some(0));
+    assert_eq!(names(&cell.out()), ALL);
+    fs::write(cell.out().join("notes.txt"), "mine").unwrap();
+    let first: Vec<Vec<u8>> = ["cloud.ply", "result.json", "run.json"]
+        .map(|name| fs::read(cell.out().join(name)).unwrap())
+        .to_vec();
+
+    // The second run: its cycle dies.
+    cell.small.edit("played.toml", "rate_hz = 0.0", "rate_hz = 20.0");
+    let run = cell.program("played.toml", &["--cycles", "1"]).spawn().unwrap();
+    let status = cell.until("in its cycle", |status| status["cycle"].is_u64());
+    signal("KILL", pid_of(&status, "matching/pair1"));
+    assert_eq!(wait(run).status.code(), Some(1));
+    assert!(json(&cell.out().join("result.json"))["outcome"].as_str().unwrap().contains("died"));
+    assert_eq!(
+        names(&cell.out()).iter().filter(|name| *name == "cloud.ply").count(),
+        0,
+        "{:?}",
+        names(&cell.out())
+    );
+    assert_eq!(fs::read_dir(cell.out().join("results")).unwrap().count(), 1);
+    assert_eq!(fs::read(cell.out().join("notes.txt")).unwrap(), b"mine");
+
+    let runs = cell.earlier();
+    assert_eq!((runs.len(), names(&runs[0])), (1, ALL.map(str::to_owned).to_vec()));
+    let kept = ["cloud.ply", "result.json", "run.json"].map(|name| fs::read(runs[0].join(name)).unwrap());
+    assert_eq!(kept.to_vec(), first);
+    let stamp = runs[0].file_name().unwrap().to_str().unwrap().to_owned();
+    assert!(stamp.ends_with("Z-1") && stamp.len() == "20260131T080000Z-1".len(), "{stamp}");
+    assert_eq!(cell.run("played.toml", &["--cycles", "1"]).status.code(), Some(0));
+    assert_eq!(cell.earlier().len(), 2);
+}
+
+/// Proves: a move that was broken off is continued, and files that no run wrote are neither moved nor replaced.
+#[test]
+fn a_broken_move_is_continued_and_foreign_files_are_refused() {
+    let cell = Cell::played("move", 0.0, "");
+    assert_eq!(cell.run("played.toml", &["--cycles", "1"]).status.code(), Some(0));
+    let moving = cell.out().join("runs/.moving");
+    fs::create_dir_all(&moving).unwrap();
+    for name in ["run.json", "result.json", "cloud.ply"] {
+        fs::rename(cell.out().join(name), moving.join(name)).unwrap();
+    }
+    assert_eq!(cell.run("played.toml", &["--cycles", "1"]).status.code(), Some(0));
+    let runs = cell.earlier();
+    assert_eq!((runs.len(), names(&runs[0])), (1, ALL.map(str::to_owned).to_vec()));
+
+    fs::remove_dir_all(cell.out()).unwrap();
+    fs::create_dir(cell.out()).unwrap();
+    fs::write(cell.out().join("report.html"), "<html>mine</html>").unwrap();
+    let output = cell.run("played.toml", &["--cycles", "1"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(
+        text(&output.stderr).contains("holds report.html, which no run wrote"),
+        "{}",
+        text(&output.stderr)
+    );
+    assert_eq!(names(&cell.out()), ["report.html"]);
+}
+
+/// Proves: of two cells on one folder the second is refused with the name of the first, by whatever path it comes, and the
+/// first is told; both in one line. Nothing of the first is touched.
+#[test]
+fn two_cells_on_one_folder_are_both_told() {
+    let cell = Cell::played("first", 0.0, "");
+    let run = cell.serving("played.toml");
+    assert_eq!(cell.part("a").1, Some(0));
+    let before = fs::read(cell.out().join("result.json")).unwrap();
+    std::os::unix::fs::symlink("out", cell.small.path("other")).unwrap();
+    for path in ["out", "other", "rec/../out"] {
+        let other = format!("{}-b", cell.name);
+        let mut second = Command::new(env!("CARGO_BIN_EXE_fringecell"));
+        second.args(["run", &cell.small.path("played.toml"), "--cell", &other, "--cycles", "1"]);
+        let output = second.args(["--out", &cell.small.path(path)]).output().unwrap();
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        let expected = format!("cell '{}' (process {} on ", cell.name, run.id());
+        assert!(said.contains(&expected) && said.contains("writes there; name another folder"), "{said}");
+    }
+    assert_eq!(fs::read(cell.out().join("result.json")).unwrap(), before);
+    assert_eq!(cell.part("b").1, Some(0));
+    let said = text(&cell.stop(run).stderr);
+    assert_eq!(said.matches("wanted this folder and was refused").count(), 3, "{said}");
+    assert!(said.contains(&format!("cell '{}-b'", cell.name)), "{said}");
+    assert!(!cell.out().join(".fringecell.lock").exists());
+}
+
+/// Proves: the lock of a run that was killed stops nobody; its files are kept as those of an earlier run. Of a run whose
+/// lock was taken away nothing more is written.
+#[test]
+fn the_lock_of_a_killed_run_is_stale_and_a_lost_lock_ends_writing() {
+    let cell = Cell::played("stale", 0.0, "");
+    let mut run = cell.serving("played.toml");
+    assert_eq!(cell.part("a").1, Some(0));
+    run.kill().unwrap();
+    run.wait().unwrap();
+    assert!(cell.out().join(".fringecell.lock").exists());
+    let run = cell.serving("played.toml");
+    assert_eq!(cell.part("b").1, Some(0));
+    assert_eq!(json(&cell.earlier()[0].join("result.json"))["part"], "a");
+
+    fs::remove_file(cell.out().join(".fringecell.lock")).unwrap();
+    let (result, code) = cell.part("c");
+    assert_eq!(
+        (result["outcome"].as_str(), result["kept"].as_str(), code),
+        (Some("ok"), Some("no, disk"), Some(1))
+    );
+    assert_eq!(json(&cell.out().join("result.json"))["part"], "b");
+    let said = text(&cell.stop(run).stderr);
+    assert!(said.contains("ended without removing its lock"), "{said}");
+    assert!(said.contains("the lock of this run was removed or replaced"), "{said}");
+}
+
+/// Proves: a serving cell keeps result, cloud and report of every part, as many as its configuration says.
+#[test]
+fn a_serving_cell_keeps_the_files_of_its_last_parts() {
+    let cell = Cell::played("parts", 0.0, "");
+    let config = fs::read_to_string(cell.small.path("played.toml")).unwrap();
+    fs::write(cell.small.path("few.toml"), format!("{config}[results]\nkeep_parts = 2\n")).unwrap();
+    let run = cell.serving("few.toml");
+    let parts = cell.out().join("parts");
+    for (part, expected) in
+        [("a", vec!["0001-a"]), ("b/1", vec!["0001-a", "0002-b_1"]), ("c", vec!["0002-b_1", "0003-c"])]
+    {
+        assert_eq!(cell.part(part).1, Some(0));
+        assert_eq!(names(&parts), expected);
+    }
+    for (folder, part) in [("0002-b_1", "b/1"), ("0003-c", "c")] {
+        let folder = parts.join(folder);
+        assert_eq!(names(&folder), ["cloud.ply", "report.html", "result.json"]);
+        let result = json(&folder.join("result.json"));
+        assert_eq!(result["part"], part);
+        let cloud = files::ply::read_cloud(&folder.join("cloud.ply")).unwrap();
+        assert_eq!(Some(cloud.points.len() as u64), result["points"].as_u64());
+        assert!(fs::read_to_string(folder.join("report.html")).unwrap().contains(part));
+    }
+    cell.stop(run);
+    assert_eq!(fs::read_dir(cell.out().join("results")).unwrap().count(), 3);
+    let size: u64 = 1; // MB: one cloud of this cell is smaller, three are not
+    fs::write(cell.small.path("few.toml"), format!("{config}[results]\nkeep_mb = {size}\n")).unwrap();
+    let run = cell.serving("few.toml");
+    for part in ["d", "e", "f", "g"] {
+        assert_eq!(cell.part(part).1, Some(0));
+    }
+    let bytes = |folder: &Path| -> u64 {
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().metadata().unwrap().len()).sum()
+    };
+    let all: u64 = names(&parts).iter().map(|name| bytes(&parts.join(name))).sum();
+    assert!(all <= size * 1_000_000 || names(&parts).len() == 1, "{all}");
+    assert!(names(&parts).last().unwrap().ends_with("-g") && names(&parts).len() < 4, "{:?}", names(&parts));
+    cell.stop(run);
+}
