@@ -51,7 +51,7 @@ fn plans_that_cannot_be_meant_are_refused() {
         (good.replace("s1v1.ply", "s0v0.ply"), "another view"),
         (good.replace("b1.ply", "./b0.ply"), "another view"),
         (good.replace("b1.ply", "x/..//b0.ply"), "another view"),
-        (good.replace("s1\"", "s0\""), "there twice"),
+        (good.replace("s1\"", "s0\""), "occurs twice"),
         (good.replace("20.0\nu_temperature_k", "nan\nu_temperature_k"), "temperature_c"),
         (good.replace("[limits]\n", "[limits]\nPS = -0.1\n"), "limits, PS"),
         (good.replace("u_spacing_mm = 0.001", "u_spacing_mm = -0.001"), "u_spacing_mm"),
