@@ -19,6 +19,16 @@ fn main() {
         }
     }
     println!("cargo:rustc-env=FRINGECELL_COMMIT={}", commit().unwrap_or_else(|| "unknown".to_owned()));
+    println!("cargo:rustc-env=FRINGECELL_FEATURES={}", features());
+}
+
+/// The features that the programs are built with.
+fn features() -> String {
+    let set =
+        std::env::vars().filter_map(|(name, _)| Some(name.strip_prefix("CARGO_FEATURE_")?.to_lowercase()));
+    let mut names: Vec<String> = set.map(|name| name.replace('_', "-")).collect();
+    names.sort();
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
 }
 
 /// The commit, with `-dirty` where files differ from it; `None` without git, or in a copy that is no repository.

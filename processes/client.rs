@@ -1,4 +1,4 @@
-//! Client of the command socket, for `status`, `trigger`, `restart` and `stop`.
+//! Client of the command socket, for the commands to a running cell.
 
 use crate::supervisor::command_socket::ask;
 use crate::supervisor::protocol::{Answer, Request, Spans, Status};
@@ -64,7 +64,11 @@ pub fn ask_cell(cell: Option<&str>, request: &Request) -> Result<Answer> {
         .with_context(|| format!("requesting from cell '{}' over {}", name.as_str(), name.socket().display()))
 }
 
-fn request(cell: Option<&str>, request: &Request) -> Result<(CellName, Answer)> {
+/// Sends a request; returns the cell and its answer.
+///
+/// # Errors
+/// The cell does not exist, does not answer, or refuses.
+pub fn request(cell: Option<&str>, request: &Request) -> Result<(CellName, Answer)> {
     let name = find(cell)?;
     match ask_cell(Some(name.as_str()), request)? {
         Answer::Refused(reason) => bail!("cell '{}': {reason}", name.as_str()),
@@ -94,22 +98,11 @@ pub fn spans(cell: Option<&str>) -> Result<Spans> {
     }
 }
 
-/// Restarts a stage.
-///
-/// # Errors
-/// The cell or the stage does not exist.
-pub fn restart(cell: Option<&str>, stage: &str) -> Result<String> {
-    match request(cell, &Request::Restart { stage: stage.to_owned() })?.1 {
-        Answer::Done(text) => Ok(text),
-        _ => bail!("the cell sent an unexpected answer"),
-    }
-}
-
 /// Stops a cell and waits for its end.
 ///
 /// # Errors
 /// The cell does not exist or does not stop.
-pub fn stop(cell: Option<&str>) -> Result<String> {
+pub fn stop(cell: Option<&str>) -> Result<(CellName, String)> {
     let (name, _) = request(cell, &Request::Stop {})?;
     let begin = Instant::now();
     while running_pid(&name).is_some() {
@@ -118,5 +111,6 @@ pub fn stop(cell: Option<&str>) -> Result<String> {
         }
         std::thread::sleep(Duration::from_millis(20));
     }
-    Ok(format!("cell '{}' stopped", name.as_str()))
+    let text = format!("cell '{}' stopped", name.as_str());
+    Ok((name, text))
 }

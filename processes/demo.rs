@@ -34,6 +34,9 @@ pub struct DemoArgs {
     /// Name of the cell.
     #[arg(long, value_name = "NAME", default_value = "demo")]
     pub cell: String,
+    /// Write counts and results of all cycles as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// Runs the demo; exit code 0 if every feature passes.
@@ -53,6 +56,7 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         allow_remote: false,
         serve: false,
         trace: None,
+        json: args.json.clone(),
     };
     // The truth of the scene is used only here; the stages never read it.
     let twin = files::config::Config::load(&config)?.twin.context("the demo has no [twin]")?;
@@ -64,7 +68,7 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
 }
 
 /// Writes the configuration beside the results, to read, edit and run it again. One that was edited stays.
-fn write_files(folder: &Path, force: bool) -> Result<PathBuf> {
+pub fn write_files(folder: &Path, force: bool) -> Result<PathBuf> {
     atomic::create_dir(folder)?;
     let differs = |(name, text): &(&str, &str)| {
         std::fs::read(folder.join(name)).is_ok_and(|bytes| bytes != text.as_bytes())

@@ -1,7 +1,6 @@
 //! Log messages on standard error; `FRINGECELL_LOG` selects them.
 
 use crate::terminal;
-use std::io::IsTerminal;
 use tracing::level_filters::LevelFilter;
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::format::FmtSpan;
@@ -12,28 +11,37 @@ const VARIABLE: &str = "FRINGECELL_LOG";
 /// Its syntax, for the error message.
 const REMEDY: &str = "use off, error, warn, info, debug or trace; per module: warn,fringecell::stage=debug";
 
-/// Starts logging; the default level is `warn`. `info`: stages and cycles; `debug`: each activation; `trace`: each step of a
+/// Starts logging; the default level is `warn`, with `--verbose` `info`, with `--quiet` `error`; the variable comes first. `info`: stages and cycles; `debug`: each activation; `trace`: each step of a
 /// stage with its duration. `report_errors`: print a warning if the variable is invalid; stages leave that to the supervisor.
 pub fn to_stderr(report_errors: bool) {
     let value = std::env::var_os(VARIABLE).map(|text| text.to_string_lossy().into_owned());
     let (filter, error) = filter(value.as_deref());
     tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(|| terminal::StderrWriter)
+        .with_writer(|| cli::output::Stderr)
         // Log the duration of each span.
         .with_span_events(FmtSpan::CLOSE)
-        .with_ansi(std::io::stderr().is_terminal())
+        .with_ansi(cli::output::has_color())
         .without_time()
         .init();
     if let Some(error) = error.filter(|_| report_errors) {
-        terminal::print_error(&format!("warning: {error}"));
+        terminal::print_note(&format!("warning: {error}"));
     }
 }
 
 /// The filter of a value; for an invalid one, the default filter and the error.
 fn filter(value: Option<&str>) -> (EnvFilter, Option<String>) {
     let warnings = || EnvFilter::new("warn");
-    let Some(text) = value.filter(|text| !text.trim().is_empty()) else { return (warnings(), None) };
+    let default = if cli::is_quiet() {
+        "error"
+    } else if cli::is_verbose() {
+        "info"
+    } else {
+        "warn"
+    };
+    let Some(text) = value.filter(|text| !text.trim().is_empty()) else {
+        return (EnvFilter::new(default), None);
+    };
     let wrong = match EnvFilter::builder().parse(text) {
         Ok(filter) => match unknown_level(text) {
             None => return (filter, None),

@@ -13,8 +13,10 @@ mod decode;
 mod demo;
 mod fusion;
 mod inspection;
+mod json;
 mod log;
 mod matching;
+mod operate;
 mod part_files;
 mod projection;
 mod record;
@@ -23,6 +25,7 @@ mod run_files;
 mod run_folder;
 mod schedule_chart;
 mod schedule_command;
+mod schedule_json;
 mod software;
 mod stage;
 mod stage_main;
@@ -32,21 +35,22 @@ mod terminal;
 mod trigger;
 
 use anyhow::Result;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, Parser, Subcommand};
+use cli::generate;
+use std::path::Path;
 use std::process::ExitCode;
-
-/// Exit code for invalid input and for errors of the machine.
-const BAD_INPUT: u8 = 2;
 
 /// Multi-view fringe projection measuring cell.
 ///
-/// Exit codes: 0 all cycles are ok and pass, 1 a cycle failed or did not pass, 2 invalid input.
+/// Exit codes: 0 all cycles are ok and pass, 1 a cycle failed or did not pass, 2 invalid input or lost output.
 #[derive(Debug, Parser)]
-#[command(version = software::VERSION_LINE)]
+#[command(version = software::VERSION_LINE, max_term_width = 100)]
 struct Cli {
     /// Check the arguments and end: for the test of the documentation.
     #[arg(long, hide = true)]
     parse_only: bool,
+    #[command(flatten)]
+    global: cli::Global,
     /// Replace existing output files of any kind. By default a file is replaced by its own kind only; inputs never are.
     #[arg(long, global = true)]
     force: bool,
@@ -66,27 +70,38 @@ enum Command {
     Status(status::StatusArgs),
     /// Inspect a part with a serving cell. Exit codes: 0 the part passes, 1 it does not, 2 the request is refused.
     Trigger(trigger::TriggerArgs),
+    /// Start a job of a serving cell: part after part, until `finish` or for a number of cycles.
+    Start(operate::StartArgs),
+    /// End the job of a serving cell after its cycle.
+    Finish(operate::CellArgs),
+    /// End the job of a serving cell and its cycle now.
+    Abort(operate::CellArgs),
+    /// Halt a serving cell: it takes no jobs until `reset`.
+    Halt(operate::CellArgs),
+    /// Make a halted cell, or one in error, ready again.
+    Reset(operate::CellArgs),
+    /// Make a recipe of a serving cell selectable.
+    Prepare(operate::RecipeArgs),
+    /// Make a recipe of a serving cell not selectable.
+    Unprepare(operate::RecipeArgs),
     /// Restart a stage of a running cell.
-    Restart {
-        /// Name of the stage, as shown by `status`.
-        stage: String,
-        /// Name of the cell, if several run.
-        #[arg(long, value_name = "NAME")]
-        cell: Option<String>,
-    },
+    Restart(operate::RestartArgs),
     /// Stop a running cell.
-    Stop {
-        /// Name of the cell, if several run.
-        #[arg(long, value_name = "NAME")]
-        cell: Option<String>,
-    },
+    Stop(operate::CellArgs),
+    /// Print the completions of a shell: fringecell completions bash > /etc/bash_completion.d/fringecell
+    Completions(generate::Completions),
+    /// Write the man pages.
+    Man(generate::Man),
     /// Run one stage; used by the supervisor.
     #[command(hide = true)]
     Stage(stage::StageArgs),
 }
 
 fn main() -> ExitCode {
-    let Cli { parse_only, force, command } = Cli::parse();
+    let Cli { parse_only, force, command, .. } = match cli::parse() {
+        Ok(cli) => cli,
+        Err(code) => return ExitCode::from(code),
+    };
     if parse_only {
         return ExitCode::SUCCESS;
     }
@@ -94,31 +109,40 @@ fn main() -> ExitCode {
         files::guard::replace_anything();
     }
     log::to_stderr(!matches!(command, Command::Stage(_)));
-    let result = execute(&command);
-    if let Err(error) = &result {
-        terminal::print_error(&format!("error: {error:#}"));
-    } else if let Some(error) = terminal::output_error() {
-        terminal::print_error(&format!("error: standard output: {error}"));
-        return ExitCode::from(BAD_INPUT);
-    }
-    ExitCode::from(result.unwrap_or(BAD_INPUT))
+    ExitCode::from(cli::exit_code(execute(&command)))
 }
 
 fn execute(command: &Command) -> Result<u8> {
-    let text = match command {
-        Command::Demo(args) => return demo::demo(args),
-        Command::Run(args) => return run::run(args, None),
-        Command::Stage(args) => return stage_main::run(args).map(|()| 0),
-        Command::Schedule(args) => {
-            let (text, kept) = schedule_command::schedule(args)?;
-            terminal::print_line(text.trim_end());
-            return Ok(u8::from(!kept));
+    use supervisor::protocol::Request;
+    match command {
+        Command::Demo(args) => demo::demo(args),
+        Command::Run(args) => run::run(args, None),
+        Command::Stage(args) => stage_main::run(args).map(|()| 0),
+        Command::Schedule(args) => schedule_command::schedule(args),
+        Command::Status(args) => status::status(args).map(|()| 0),
+        Command::Trigger(args) => trigger::trigger(args),
+        Command::Start(args) => operate::start(args),
+        Command::Finish(args) => operate::send(args, &Request::Finish {}),
+        Command::Abort(args) => operate::send(args, &Request::Abort {}),
+        Command::Halt(args) => operate::send(args, &Request::Halt {}),
+        Command::Reset(args) => operate::send(args, &Request::Reset {}),
+        Command::Prepare(args) => operate::prepare(args, true),
+        Command::Unprepare(args) => operate::prepare(args, false),
+        Command::Restart(args) => operate::restart(args),
+        Command::Stop(args) => operate::stop(args),
+        Command::Completions(args) => {
+            generate::print_completions(Cli::command(), args.shell);
+            Ok(0)
         }
-        Command::Status(args) => return status::status(args).map(|()| 0),
-        Command::Trigger(args) => return trigger::trigger(args),
-        Command::Restart { stage, cell } => client::restart(cell.as_deref(), stage)?,
-        Command::Stop { cell } => client::stop(cell.as_deref())?,
-    };
-    terminal::print_line(text.trim_end());
+        Command::Man(args) => write_man_pages(&args.out),
+    }
+}
+
+fn write_man_pages(folder: &Path) -> Result<u8> {
+    files::atomic::create_dir(folder)?;
+    for (name, page) in generate::man_pages(Cli::command())? {
+        files::atomic::write(&folder.join(&name), &page)?;
+        terminal::print_line(&folder.join(name).display().to_string());
+    }
     Ok(0)
 }

@@ -1,5 +1,6 @@
 //! `fringecell run`: runs a cell, writes its files and returns the exit code.
 
+use crate::json;
 use crate::run_files::{self, RunFiles};
 use crate::run_folder::RunFolder;
 use crate::supervisor::{self, RunOptions, Summary};
@@ -12,6 +13,7 @@ use files::atomic;
 use files::output_check::check_outputs;
 use files::result::CycleResult;
 use ipc::payload;
+use serde::Serialize;
 use std::collections::VecDeque;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -57,6 +59,27 @@ pub struct RunArgs {
     /// Allow --metrics at an address that other machines can reach.
     #[arg(long, requires = "metrics")]
     pub allow_remote: bool,
+    /// Write counts and results of the last 1000 cycles as JSON to this file at the end; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+}
+
+/// What a run did, as JSON.
+#[derive(Debug, Serialize)]
+struct RunReport<'a> {
+    cell: &'a str,
+    config_sha256: &'a str,
+    cycles_done: u64,
+    cycles_ok: u64,
+    /// Cycles with a plan whose verdict is not pass.
+    cycles_not_pass: u64,
+    /// Requested cycles that were never started.
+    cycles_not_run: u64,
+    /// Whether an operator stopped the run.
+    stopped: bool,
+    /// Why the cell gave up, if it did.
+    gave_up: Option<&'a str>,
+    results: &'a [CycleResult],
 }
 
 /// Runs a cell. If the truth is given, features are compared with it.
@@ -75,19 +98,18 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         retention: args.retain,
     };
     let cell = devices::load(&config, &graph_options)?;
-    let written = [("--cycle-record", args.cycle_record.as_deref()), ("--trace", args.trace.as_deref())];
+    let written = [
+        ("--cycle-record", args.cycle_record.as_deref()),
+        ("--trace", args.trace.as_deref()),
+        ("--json", args.json.as_deref()),
+    ];
     check_outputs(&written, &cell.file.paths(), None)?;
     check_address(args)?;
     devices::check(&cell)?;
     let record = record_folder(args)?;
     let frames = devices::played_files(&cell)?;
     let folder = args.out.as_deref().map(|folder| RunFolder::take(folder, &cell)).transpose()?.map(Arc::new);
-    if (cell.schedule.in_flight as u32) < cell.config.schedule.cycles_in_flight {
-        terminal::print_error(&format!(
-            "note: with --retain {} one cycle is in flight at a time, so that the record of each is complete",
-            args.retain
-        ));
-    }
+    note_overlap(args, &cell);
     let interrupted = Arc::new(AtomicBool::new(false));
     let options = RunOptions {
         interrupted: Arc::clone(&interrupted),
@@ -118,7 +140,33 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     let results: Vec<CycleResult> = results.into();
     print_tables(&cell, &results, truth);
     write_files(args, &cell, &results, &mut summary, folder.as_deref(), truth)?;
-    Ok(exit_code(&summary, &options))
+    let code = exit_code(&summary, &options);
+    json::emit(args.json.as_deref(), &report(&cell, &summary, &results))?;
+    Ok(code)
+}
+
+/// Notes that the cycles of this run do not overlap, although the configuration asks for it.
+fn note_overlap(args: &RunArgs, cell: &LoadedCell) {
+    if (cell.schedule.in_flight as u32) < cell.config.schedule.cycles_in_flight {
+        terminal::print_note(&format!(
+            "note: with --retain {} one cycle is in flight at a time, so that the record of each is complete",
+            args.retain
+        ));
+    }
+}
+
+fn report<'a>(cell: &'a LoadedCell, summary: &'a Summary, results: &'a [CycleResult]) -> RunReport<'a> {
+    RunReport {
+        cell: &cell.name,
+        config_sha256: &cell.file.sha256,
+        cycles_done: summary.done,
+        cycles_ok: summary.done - summary.not_ok,
+        cycles_not_pass: summary.not_pass,
+        cycles_not_run: summary.not_run,
+        stopped: summary.stopped,
+        gave_up: summary.gave_up.as_deref(),
+        results,
+    }
 }
 
 /// Writes the files at the end of a run. Cycles that are missing in the cycle record are an error.
@@ -202,7 +250,7 @@ fn print_tables(cell: &Cell, results: &[CycleResult], truth: Option<&Truth>) {
 
 fn exit_code(summary: &Summary, options: &RunOptions) -> u8 {
     if let Some(reason) = &summary.gave_up {
-        terminal::print_error(&format!("error: the cell gave up: {reason}"));
+        cli::error(format_args!("the cell gave up: {reason}"));
         return 1;
     }
     if options.serve {

@@ -1,38 +1,55 @@
 //! `fringecell schedule`: shows the schedule of a cycle as tables and as a chart.
 
+use crate::demo;
+use crate::json;
 use crate::schedule_chart::ScheduleChart;
+use crate::schedule_json;
+use crate::terminal;
 use anyhow::{Context, Result};
 use cell::schedule::{Half, Schedule, label};
 use cell::{Cell, Options};
 use files::atomic;
 use files::output_check::check_outputs;
 use files::result::read_json;
-use std::fmt::Write as _;
+use serde::Serialize;
+use std::fmt::{self, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Command-line arguments of `fringecell schedule`.
 #[derive(Debug, Clone, clap::Args)]
 pub struct ScheduleArgs {
-    /// Configuration of the cell.
-    pub config: PathBuf,
+    /// Configuration of the cell; default: that of the demo, which is part of the program.
+    pub config: Option<PathBuf>,
     /// Write the schedule as a chart to this file.
     #[arg(long, value_name = "FILE.svg")]
     pub picture: Option<PathBuf>,
     /// Take the durations of the chart from this result.json of the same cell.
     #[arg(long, value_name = "FILE")]
     pub result: Option<PathBuf>,
+    /// Write the schedule as JSON to this file; `-` is standard output.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
-/// Plans a cell; returns tables and chart as text, and whether measured times keep the limits.
+/// Plans a cell and prints tables and chart. Exit code 1: measured times exceed the limits.
 ///
 /// # Errors
-/// The cell cannot be planned, the result is of another cell, or the chart cannot be written.
-pub fn schedule(args: &ScheduleArgs) -> Result<(String, bool)> {
-    let cell = devices::load(&args.config, &Options::default())?;
+/// The cell cannot be planned, the result is of another cell, or an output cannot be written.
+pub fn schedule(args: &ScheduleArgs) -> Result<u8> {
+    // Removed when dropped.
+    let mut bundled = None;
+    let config = if let Some(config) = &args.config {
+        config.clone()
+    } else {
+        terminal::print_note("schedule of the demo; name a configuration for another one");
+        demo::write_files(bundled.insert(tempfile::tempdir()?).path(), false)?
+    };
+    let cell = devices::load(&config, &Options::default())?;
     devices::check(&cell)?;
     let mut inputs = cell.file.paths();
     inputs.extend(args.result.as_deref());
-    check_outputs(&[("--picture", args.picture.as_deref())], &inputs, None)?;
+    let outputs = [("--picture", args.picture.as_deref()), ("--json", args.json.as_deref())];
+    check_outputs(&outputs, &inputs, None)?;
     let measured = args.result.as_ref().map(|file| read_json(file)).transpose()?;
     let chart = ScheduleChart::new(&cell.schedule, measured.as_ref());
     let chart = match &args.result {
@@ -42,9 +59,13 @@ pub fn schedule(args: &ScheduleArgs) -> Result<(String, bool)> {
     if let Some(file) = &args.picture {
         atomic::write(file, chart.svg(&cell).as_bytes())?;
     }
-    let (limits, within_limits) = chart.check_limits(&cell).unwrap_or((String::new(), true));
-    let memory = memory(&args.config, &cell)?;
-    Ok((format!("{}{memory}\n{}{limits}", render(&cell), chart.text(&cell)), within_limits))
+    let limits = chart.check_limits(&cell);
+    let memory = Memory::of(&config, &cell)?;
+    json::emit(args.json.as_deref(), &schedule_json::report(&cell, memory, limits.as_ref().map(|l| l.1)))?;
+    let (limits, within_limits) = limits.unwrap_or((String::new(), true));
+    let text = format!("{}{memory}\n{}{limits}", render(&cell), chart.text(&cell));
+    terminal::print_line(text.trim_end());
+    Ok(u8::from(!within_limits))
 }
 
 /// The order of the activations on each core, then the topics with their buffers.
@@ -104,11 +125,29 @@ fn render(cell: &Cell) -> String {
     text
 }
 
-/// The shared memory that a run needs; with `--out` the supervisor receives frames, phase maps and cloud as well.
-fn memory(config: &Path, cell: &Cell) -> Result<String> {
-    let with_out = devices::load(config, &Options { watch: true, ..Options::default() })?;
-    let mb = |cell: &Cell| cell.schedule.memory_bytes().div_ceil(1_000_000);
-    Ok(format!("\nshared memory at most {} MB, with `run --out` {} MB\n", mb(cell), mb(&with_out)))
+/// The shared memory that a run needs at most; with `--out` the supervisor receives frames, phase maps and cloud as well.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct Memory {
+    /// Of a run without `--out`.
+    run_bytes: u64,
+    /// Of a run with `--out`.
+    run_out_bytes: u64,
+}
+
+impl Memory {
+    fn of(config: &Path, cell: &Cell) -> Result<Self> {
+        let with_out = devices::load(config, &Options { watch: true, ..Options::default() })?;
+        let run_out_bytes = with_out.schedule.memory_bytes();
+        Ok(Self { run_bytes: cell.schedule.memory_bytes(), run_out_bytes })
+    }
+}
+
+impl fmt::Display for Memory {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mb = |bytes: u64| bytes.div_ceil(1_000_000);
+        let (run, run_out) = (mb(self.run_bytes), mb(self.run_out_bytes));
+        writeln!(f, "\nshared memory at most {run} MB, with `run --out` {run_out} MB")
+    }
 }
 
 /// The overlap of cycles in words.

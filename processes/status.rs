@@ -3,12 +3,10 @@
 mod view;
 
 use crate::client;
-use crate::software::FRINGECELL;
+use crate::json;
 use crate::supervisor::protocol::Spans;
 use crate::terminal;
 use anyhow::Result;
-use files::provenance::{Provenance, WithProvenance};
-use files::result::write_json;
 use files::trace::{TraceSpan, write_trace};
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
@@ -48,12 +46,8 @@ pub fn status(args: &StatusArgs) -> Result<()> {
         return trace(file, which.as_deref());
     }
     let mut status = client::status(which.as_deref())?;
-    let with_provenance = |result| WithProvenance { result, provenance: Provenance::now(&FRINGECELL) };
     match &args.json {
-        Some(file) if file == Path::new("-") => {
-            terminal::print_line(&serde_json::to_string_pretty(&with_provenance(&status))?);
-        }
-        Some(file) => write_json(file, &with_provenance(&status))?,
+        Some(file) => json::emit(Some(file), &status)?,
         None if args.once || !std::io::stdout().is_terminal() => {
             terminal::print_line(table(&status, view::columns()).trim_end());
         }

@@ -4,52 +4,16 @@ use files::result::CycleResult;
 use metrology::inspection::FeatureResult;
 use metrology::verdict::Verdict;
 use std::fmt::Write as _;
-use std::io::{self, Write as _};
-use std::sync::OnceLock;
 use twin::Truth;
 
-/// The first error of standard output other than a closed pipe.
-static OUTPUT_ERROR: OnceLock<io::Error> = OnceLock::new();
-
-/// Prints a line to standard output. Returns whether it was written: the reader may have closed it (`| head`).
+/// Prints a line of the result. Returns whether it was written: the reader may have closed it (`| head`).
 pub fn print_line(text: &str) -> bool {
-    let mut out = io::stdout().lock();
-    match writeln!(out, "{text}").and_then(|()| out.flush()) {
-        Ok(()) => true,
-        Err(error) => {
-            // A reader that has seen enough is no error; a full device is.
-            if error.kind() != io::ErrorKind::BrokenPipe {
-                let _ = OUTPUT_ERROR.set(error);
-            }
-            false
-        }
-    }
+    cli::text(format_args!("{text}\n"))
 }
 
-/// Prints a line to standard error, if that is possible.
-pub fn print_error(text: &str) {
-    let _ = writeln!(StderrWriter, "{text}");
-}
-
-/// The first error of standard output, if output was lost.
-pub fn output_error() -> Option<&'static io::Error> {
-    OUTPUT_ERROR.get()
-}
-
-/// Standard error that never fails: neither a closed terminal nor a full device ends a cell.
-#[derive(Debug, Clone, Copy)]
-pub struct StderrWriter;
-
-impl io::Write for StderrWriter {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let _ = io::stderr().write_all(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        let _ = io::stderr().flush();
-        Ok(())
-    }
+/// Prints a note to standard error, if that is possible.
+pub fn print_note(text: &str) {
+    cli::note(format_args!("{text}\n"));
 }
 
 /// The line of a cycle.

@@ -1,10 +1,11 @@
 //! `fringecell trigger`: requests the inspection of one part from a serving cell.
 
 use crate::client;
+use crate::json;
 use crate::supervisor::protocol::{Answer, Request};
 use crate::terminal;
 use anyhow::{Result, bail};
-use files::result::{CycleResult, write_json};
+use files::result::CycleResult;
 use metrology::verdict::Verdict;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -27,7 +28,7 @@ pub struct TriggerArgs {
     /// Longest wait for a cell that is starting or busy, s; 0: do not wait.
     #[arg(long, value_name = "SECONDS", default_value_t = 30)]
     pub patience: u64,
-    /// Write the result of the cycle to this file, as JSON.
+    /// Write the result of the cycle as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
@@ -68,7 +69,7 @@ fn wait_for_start(args: &TriggerArgs, cell: Option<&str>, begin: Instant) -> Res
             Err(_) if cell.is_some() && begin.elapsed() < Duration::from_secs(args.patience) => {
                 if !std::mem::replace(&mut noted, true) {
                     let name = cell.unwrap_or_default();
-                    terminal::print_error(&format!(
+                    terminal::print_note(&format!(
                         "waiting up to {} s for cell '{name}' to start",
                         args.patience
                     ));
@@ -81,15 +82,13 @@ fn wait_for_start(args: &TriggerArgs, cell: Option<&str>, begin: Instant) -> Res
 }
 
 fn print_result(args: &TriggerArgs, result: &CycleResult) -> Result<u8> {
-    if let Some(file) = &args.json {
-        write_json(file, result)?;
-    }
+    json::emit_bare(args.json.as_deref(), result)?;
     terminal::print_line(&terminal::cycle_line(result, None));
     if !result.features.is_empty() {
         terminal::print_line(terminal::feature_table(&result.features, None).trim_end());
     }
     if let Some(kept) = &result.kept {
-        terminal::print_error(&format!("error: the files of this part are not kept: {kept}"));
+        cli::error(format_args!("the files of this part are not kept: {kept}"));
     }
     let pass = matches!(result.verdict, Some(Verdict::Pass) | None) && result.is_ok();
     Ok(u8::from(!pass || result.kept.is_some()))

@@ -29,7 +29,7 @@ impl Folder {
 }
 
 /// Points evenly on spheres: centre and diameter.
-fn spheres(balls: &[([f64; 3], f64)]) -> String {
+pub fn spheres(balls: &[([f64; 3], f64)]) -> String {
     spheres_turned(balls, 0.0)
 }
 
@@ -76,6 +76,16 @@ fn thesis(folder: &Folder, error: f64) -> String {
         folder.write(&format!("beam{}.ply", position + 1), &spheres(&balls));
     }
     std::fs::read_to_string(root().join("configs/thesis.test.toml")).unwrap()
+}
+
+/// A test that runs, `thesis.test.toml`, with its clouds in a folder.
+pub fn thesis_test(folder: &std::path::Path) {
+    let made = Folder::new();
+    let plan = thesis(&made, 0.0).replace("allow_reduced = false", "allow_reduced = true");
+    made.write("thesis.test.toml", &plan);
+    for entry in std::fs::read_dir(made.0.path()).unwrap().map(Result::unwrap) {
+        std::fs::copy(entry.path(), folder.join(entry.file_name())).unwrap();
+    }
 }
 
 #[test]
@@ -130,7 +140,7 @@ fn tests_that_cannot_be_meant_end_with_a_message() {
         let (ran, report) = folder.vdi(&plan);
         assert_eq!(ran.code, Some(2), "{to}: {}", ran.stderr);
         assert!(words.iter().all(|word| ran.stderr.contains(word)), "{to}: {}", ran.stderr);
-        assert_eq!(ran.stderr.trim_end().lines().filter(|l| l.starts_with("fringetool: ")).count(), 1);
+        assert_eq!(ran.stderr.trim_end().lines().filter(|l| l.starts_with("error: ")).count(), 1);
         assert!(report.is_none() && !ran.stderr.contains("panicked"), "{to}: {}", ran.stderr);
     }
 }

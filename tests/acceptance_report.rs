@@ -4,7 +4,7 @@ use crate::support::fringetool;
 use serde_json::{Value, json};
 use std::path::Path;
 
-fn master() -> Value {
+pub fn master() -> Value {
     let position = |name: &str, value: f64| {
         json!({
             "position": name, "repeat": 1, "value": value, "test_value_u": 0.001, "verdict": "pass",

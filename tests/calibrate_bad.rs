@@ -119,6 +119,14 @@ impl Set {
     }
 }
 
+/// `target.toml` and good pictures `left0.png` … of its board in a folder.
+pub fn boards(folder: &Path) {
+    fs::write(folder.join("target.toml"), TARGET).unwrap();
+    for (number, pose) in POSES.iter().enumerate() {
+        picture(BOARD, *pose).save(folder.join(format!("left{number}.png"))).unwrap();
+    }
+}
+
 /// The control: the images of the other tests are good ones.
 #[test]
 fn good_pictures_calibrate_whichever_side_is_called_columns() {

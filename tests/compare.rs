@@ -353,7 +353,7 @@ fn refusals_of_arguments(folder: &Folder, reference: &str) {
 /// Exit code 2 and one line that holds the words.
 fn refused(name: &str, ran: &Ran, words: &[&str]) {
     assert_eq!(ran.code, Some(2), "{name}: {}{}", ran.stdout, ran.stderr);
-    let messages: Vec<&str> = ran.stderr.lines().filter(|line| line.starts_with("fringetool: ")).collect();
+    let messages: Vec<&str> = ran.stderr.lines().filter(|line| line.starts_with("error: ")).collect();
     assert_eq!(messages.len(), 1, "{name}: {}", ran.stderr);
     assert!(words.iter().all(|word| ran.stderr.contains(word)), "{name}: {words:?}: {}", ran.stderr);
     assert!(!ran.stderr.contains("panicked"), "{name}: {}", ran.stderr);

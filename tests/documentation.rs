@@ -138,17 +138,24 @@ fn commands(program: &str, run: impl Fn(&[&str]) -> String) -> Vec<(String, BTre
     all
 }
 
-/// The page has a heading `### program command` for each command, and below it a table of its options.
+/// The page has a table of the options that every command takes, then a heading `### program command` for each command, and
+/// below it a table of its own options.
 #[test]
 fn the_command_reference_has_every_command_and_option_and_no_other() {
     let page = text(&root().join("docs/commands.md"));
     let mut on_page: Vec<(String, BTreeSet<String>)> = Vec::new();
+    let mut everywhere = BTreeSet::new();
     for line in page.lines() {
         if let Some(name) = line.strip_prefix("### ") {
             on_page.push((name.trim_matches('`').to_owned(), BTreeSet::new()));
-        } else if let (Some(row), Some((_, options))) = (line.strip_prefix("| `--"), on_page.last_mut()) {
+        } else if let Some(row) = line.strip_prefix("| `--") {
+            let options = on_page.last_mut().map_or(&mut everywhere, |(_, options)| options);
             options.insert(row.split(['`', ' ', '=', '[']).next().unwrap().to_owned());
         }
+    }
+    assert!(everywhere.contains("quiet") && everywhere.contains("verbose"), "{everywhere:?}");
+    for (_, options) in &mut on_page {
+        options.extend(everywhere.iter().cloned());
     }
     let mut real = commands("fringecell", |arguments| fringecell_in(root(), arguments).stdout);
     real.extend(commands("fringetool", |arguments| fringetool_in(root(), arguments).stdout));

@@ -19,16 +19,20 @@ fn board(path: &Path, sigma: f64) {
         .unwrap();
 }
 
+/// Eleven pictures from 460 mm to 560 mm: sharpest (0.8 px) at 512 mm; the blur grows by 0.08 px/mm.
+pub fn stack(folder: &Path) {
+    for i in 0..11 {
+        let defocus = 0.08 * (460.0 + 10.0 * f64::from(i) - 512.0);
+        board(&folder.join(format!("focus{}.png", 460 + 10 * i)), (0.64 + defocus * defocus).sqrt());
+    }
+}
+
 #[test]
 fn a_stack_of_pictures_tells_best_focus_and_depth() {
     let dir = tempfile::tempdir().unwrap();
-    // Sharpest (0.8 px) at 512 mm; the blur grows by 0.08 px/mm.
-    for i in 0..11 {
-        let defocus = 0.08 * (460.0 + 10.0 * f64::from(i) - 512.0);
-        board(&dir.path().join(format!("z{}.png", 460 + 10 * i)), (0.64 + defocus * defocus).sqrt());
-    }
+    stack(dir.path());
     let path = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
-    let (images, json, html) = (path("z*.png"), path("f.json"), path("f.html"));
+    let (images, json, html) = (path("focus*.png"), path("f.json"), path("f.html"));
     let base = ["focus", "--images", &images, "--json", &json, "--report", &html, "--positions"];
     let run = |positions: &str, more: &[&str]| fringetool(&[&base, &[positions][..], more].concat());
     println!("{}", run("460:560:10", &[]).expect_success().stdout);

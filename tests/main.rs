@@ -12,6 +12,9 @@
 //! - [`pose`]: where a part lies is found from anywhere, or refused
 //! - [`rig_state`]: a rig file against what its cameras see, and against other programs
 //! - [`adversity`]: no memory, a full disk, a closed output, another cell on the same machine
+//! - [`limits`]: files that promise more than fits, memory and threads that are not there
+//! - [`other_user`]: another user of the machine; no processes, no file descriptors, no readers
+//! - [`every_command`]: standard output of every command: pure JSON, or an error when it is lost
 //! - [`hung_disk`]: a disk that does not answer
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - `allocations`: what warm stages do not do; only with the feature `count-allocations`
@@ -36,6 +39,7 @@
 //! - [`documentation`]: README and pages: lengths, links, commands and options that exist
 //! - [`file_formats`]: the keys of `docs/formats.md` against the parsers
 //! - [`twin_settings`]: settings of the twin in a configuration and on the command line: what is refused, and how it is said
+//! - [`service`]: what a service manager hears, the unit, the Debian package
 //! - [`single_view`]: one camera and projector: unwrapping, filters, reference planes, a rotation stage
 //! - [`words`]: doc comments, help texts and option names in standard words; former option names
 //! - [`support`]: how the tests run programs and make small recordings
@@ -55,6 +59,7 @@ mod compare;
 mod control;
 mod documentation;
 mod documented_commands;
+mod every_command;
 mod examples;
 mod file_formats;
 mod fits;
@@ -62,8 +67,10 @@ mod focus;
 mod gamma;
 mod golden_cells;
 mod hung_disk;
+mod limits;
 mod offline;
 mod one_flow;
+mod other_user;
 mod overwrite;
 mod phase_methods;
 mod plan_patterns;
@@ -76,6 +83,7 @@ mod run_folder;
 mod running;
 mod schema;
 mod schemas;
+mod service;
 mod single_view;
 mod storm;
 mod support;

@@ -59,6 +59,15 @@ scene = {:?}
     }
 }
 
+/// The recording `lit` and its rig `lit-rig.toml` in a folder.
+pub fn lit(folder: &Path) {
+    let lit = Lit::new();
+    std::fs::copy(lit.path("rig.toml"), folder.join("lit-rig.toml")).unwrap();
+    let copied =
+        std::process::Command::new("cp").arg("-r").arg(lit.path("rec")).arg(folder.join("lit")).status();
+    assert!(copied.unwrap().success());
+}
+
 #[test]
 fn a_knocked_camera_is_told_from_a_healthy_rig_and_the_trend_keeps_it() {
     let lit = Lit::new();

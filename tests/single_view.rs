@@ -55,6 +55,18 @@ impl Cell {
     }
 }
 
+/// Recordings `z0`, `z10` … of planes at heights, in a folder.
+pub fn planes(folder: &Path, heights_mm: &[f64]) {
+    let cell = Cell::new();
+    for z_mm in heights_mm {
+        let name = format!("z{z_mm}");
+        cell.plane(&name, *z_mm);
+        let copied =
+            std::process::Command::new("cp").arg("-r").arg(cell.path(&name)).arg(folder.join(&name)).status();
+        assert!(copied.unwrap().success());
+    }
+}
+
 fn refused(ran: &Ran, words: &[&str]) {
     assert_eq!(ran.code, Some(2), "{}{}", ran.stdout, ran.stderr);
     assert_eq!(ran.stderr.lines().count(), 1, "{}", ran.stderr);

@@ -3,8 +3,9 @@
 use crate::Outcome;
 use crate::report::check_outputs;
 use anyhow::{Result, bail};
-use report::acceptance::{Outputs, read_master, write_all, write_master};
-use std::path::PathBuf;
+use metrology::acceptance::TestReport;
+use report::acceptance::{Outputs, master_text, read_master, write_all, write_master};
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -63,13 +64,19 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     let report = read_master(&args.result)?;
     write_all(&report, &outputs)?;
-    if let Some(path) = &args.json {
-        write_master(path, &report)?;
-    }
-    for (_, path) in wanted {
-        if let Some(path) = path {
-            println!("{}", path.display());
-        }
+    emit_master(args.json.as_deref(), &report)?;
+    for path in wanted.into_iter().filter_map(|(_, path)| path).filter(|path| !cli::is_stdout(path)) {
+        println!("{}", path.display());
     }
     Ok(Outcome::Done)
+}
+
+/// Writes the result of an acceptance test to a file, or to standard output for `-`.
+pub fn emit_master(file: Option<&Path>, report: &TestReport) -> Result<()> {
+    match file {
+        Some(file) if cli::is_stdout(file) => cli::output::raw(master_text(report)?.as_bytes()),
+        Some(file) => write_master(file, report)?,
+        None => {}
+    }
+    Ok(())
 }

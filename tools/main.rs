@@ -1,6 +1,31 @@
 //! `fringetool`: simulate, decode, reconstruct, import and measure. One module per subcommand: arguments in, report out.
 
+/// Prints text for people, instead of the macro of the standard library, which panics on a full device: see [`cli::output`].
+macro_rules! println {
+    () => {
+        println!("")
+    };
+    ($($text:tt)*) => {{
+        let _ = cli::text(format_args!("{}\n", format_args!($($text)*)));
+    }};
+}
+
+/// As `println`, without the end of the line.
+macro_rules! print {
+    ($($text:tt)*) => {{
+        let _ = cli::text(format_args!($($text)*));
+    }};
+}
+
+/// Prints a note: see [`cli::output`].
+macro_rules! eprintln {
+    ($($text:tt)*) => {
+        cli::note(format_args!("{}\n", format_args!($($text)*)))
+    };
+}
+
 mod acceptance_report;
+mod allocator;
 mod bench;
 mod calibrate;
 mod check_rig;
@@ -38,21 +63,23 @@ mod uncertainty;
 mod unwrap;
 mod vdi2634;
 
-use clap::{Parser, Subcommand};
-use std::io::Write as _;
+use anyhow::{Result, bail, ensure};
+use clap::{CommandFactory as _, Parser, Subcommand};
+use cli::generate;
+use std::path::Path;
 use std::process::ExitCode;
 
+/// Offline tools of the fringecell measuring cell.
+///
+/// Exit codes: 0 done, 1 the measurement or test fails its limit, 2 invalid input or lost output.
 #[derive(Parser)]
-#[command(
-    name = "fringetool",
-    version = software::VERSION_LINE,
-    about = "Offline tools of the fringecell measuring cell",
-    max_term_width = 100
-)]
+#[command(name = "fringetool", version = software::VERSION_LINE, max_term_width = 100)]
 struct Cli {
     /// Check the arguments and end: for the test of the documentation.
     #[arg(long, hide = true)]
     parse_only: bool,
+    #[command(flatten)]
+    global: cli::Global,
     /// Replace existing output files of any kind. By default a file is replaced by its own kind only; inputs never are.
     #[arg(long, global = true)]
     force: bool,
@@ -119,6 +146,10 @@ enum Command {
     Replay(replay::Args),
     /// Measure accuracy on the twin, or speed on this machine.
     Bench(bench::Args),
+    /// Print the completions of a shell: fringetool completions bash > /etc/bash_completion.d/fringetool
+    Completions(generate::Completions),
+    /// Write the man pages.
+    Man(generate::Man),
 }
 
 /// How a command ended that did not break.
@@ -129,67 +160,90 @@ pub enum Outcome {
     LimitFailed,
 }
 
-/// Makes output that cannot be written an error with its reason: `println!` panics on a full device.
-fn exit_on_lost_output() {
-    let default = std::panic::take_hook();
-    std::panic::set_hook(Box::new(move |panic| {
-        let text = panic.payload().downcast_ref::<String>();
-        let Some(reason) = text.and_then(|text| text.strip_prefix("failed printing to ")) else {
-            return default(panic);
-        };
-        // Standard error may be the device that is full.
-        let _ = writeln!(std::io::stderr(), "error: {reason}");
-        std::process::exit(2)
-    }));
-}
-
 fn main() -> ExitCode {
-    ipc::os::restore_sigpipe();
-    exit_on_lost_output();
-    let cli = Cli::parse();
-    if cli.parse_only {
+    let Cli { parse_only, force, command, .. } = match cli::parse() {
+        Ok(cli) => cli,
+        Err(code) => return ExitCode::from(code),
+    };
+    if parse_only {
         return ExitCode::SUCCESS;
     }
-    if cli.force {
+    if force {
         files::guard::replace_anything();
     }
-    let result = match cli.command {
-        Command::Simulate(args) => simulate::run(&args),
-        Command::Decode(args) => decode::run(&args),
-        Command::Unwrap(args) => unwrap::run(&args),
-        Command::Reconstruct(args) => reconstruct::run(&args),
-        Command::ReferencePlane(args) => reference_plane::run(&args),
-        Command::RotationStage(args) => rotation_stage::run(&args),
-        Command::Fit(args) => fit::run(&args),
-        Command::Flatness(args) => flatness::run(&args),
-        Command::Compare(args) => compare::run(&args),
-        Command::Register(args) => register::run(&args),
-        Command::Measure(args) => measure::run(&args),
-        Command::Place(args) => place::run(&args),
-        Command::Vdi2634(args) => vdi2634::run(&args),
-        Command::SimulateTest(args) => simulate_test::run(&args),
-        Command::CmmPlan(args) => cmm_plan::run(&args),
-        Command::CmmCompare(args) => cmm_compare::run(&args),
-        Command::Import(args) => import::run(&args),
-        Command::ImportRig(args) => import_rig::run(&args),
-        Command::Export(args) => export::run(&args),
-        Command::Calibrate(args) => calibrate::run(&args),
-        Command::CheckRig(args) => check_rig::run(&args),
-        Command::Gamma(args) => gamma::run(&args),
-        Command::Focus(args) => focus::run(&args),
-        Command::Uncertainty(args) => uncertainty::run(&args),
-        Command::PlanPatterns(args) => plan_patterns::run(&args),
-        Command::Report(args) => acceptance_report::run(&args),
-        Command::Replay(args) => replay::run(&args),
-        Command::Bench(args) => bench::run(&args),
+    let code = start_threads().and_then(|()| execute(&command)).map(|outcome| match outcome {
+        Outcome::Done => 0,
+        Outcome::LimitFailed => cli::LIMIT_FAILED,
+    });
+    ExitCode::from(cli::exit_code(code))
+}
+
+/// Most threads: more than the machine has cores slow it down, and each needs memory.
+const MAX_THREADS: usize = 512;
+
+/// Starts the threads of the kernels, as many as RAYON_NUM_THREADS says or as there are cores; fewer where the system has no more.
+fn start_threads() -> Result<()> {
+    let wanted = match std::env::var("RAYON_NUM_THREADS") {
+        Ok(text) => match text.trim().parse::<usize>() {
+            Ok(count) if count <= MAX_THREADS => count,
+            _ => bail!("RAYON_NUM_THREADS={text:?}: 0 (as many as cores) to {MAX_THREADS} are possible"),
+        },
+        Err(_) => 0,
     };
-    match result {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::LimitFailed) => ExitCode::from(1),
-        Err(error) => {
-            // The one place where an error is printed: the whole chain on one line.
-            eprintln!("fringetool: {error:#}");
-            ExitCode::from(2)
-        }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut count = if wanted == 0 { cores.min(MAX_THREADS) } else { wanted };
+    // The global pool can be built only once, so another one tells whether the system has the threads. The results do not depend
+    // on their number.
+    while let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(count).build() {
+        ensure!(count > 1, "the system has no thread for this program: {error}");
+        count /= 2;
     }
+    Ok(rayon::ThreadPoolBuilder::new().num_threads(count).build_global()?)
+}
+
+fn execute(command: &Command) -> Result<Outcome> {
+    match command {
+        Command::Simulate(args) => simulate::run(args),
+        Command::Decode(args) => decode::run(args),
+        Command::Unwrap(args) => unwrap::run(args),
+        Command::Reconstruct(args) => reconstruct::run(args),
+        Command::ReferencePlane(args) => reference_plane::run(args),
+        Command::RotationStage(args) => rotation_stage::run(args),
+        Command::Fit(args) => fit::run(args),
+        Command::Flatness(args) => flatness::run(args),
+        Command::Compare(args) => compare::run(args),
+        Command::Register(args) => register::run(args),
+        Command::Measure(args) => measure::run(args),
+        Command::Place(args) => place::run(args),
+        Command::Vdi2634(args) => vdi2634::run(args),
+        Command::SimulateTest(args) => simulate_test::run(args),
+        Command::CmmPlan(args) => cmm_plan::run(args),
+        Command::CmmCompare(args) => cmm_compare::run(args),
+        Command::Import(args) => import::run(args),
+        Command::ImportRig(args) => import_rig::run(args),
+        Command::Export(args) => export::run(args),
+        Command::Calibrate(args) => calibrate::run(args),
+        Command::CheckRig(args) => check_rig::run(args),
+        Command::Gamma(args) => gamma::run(args),
+        Command::Focus(args) => focus::run(args),
+        Command::Uncertainty(args) => uncertainty::run(args),
+        Command::PlanPatterns(args) => plan_patterns::run(args),
+        Command::Report(args) => acceptance_report::run(args),
+        Command::Replay(args) => replay::run(args),
+        Command::Bench(args) => bench::run(args),
+        Command::Completions(args) => {
+            generate::print_completions(Cli::command(), args.shell);
+            Ok(Outcome::Done)
+        }
+        Command::Man(args) => write_man_pages(&args.out),
+    }
+}
+
+fn write_man_pages(folder: &Path) -> Result<Outcome> {
+    files::atomic::create_dir(folder)?;
+    for (name, page) in generate::man_pages(Cli::command())? {
+        files::atomic::write(&folder.join(&name), &page)?;
+        println!("{}", folder.join(name).display());
+    }
+    Ok(Outcome::Done)
 }

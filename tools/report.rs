@@ -25,7 +25,7 @@ pub fn emit_made_with<T: Serialize>(path: Option<&Path>, result: &T, provenance:
 /// The same without provenance: of a benchmark, whose result is a list.
 pub fn emit_bare<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {
     match path {
-        Some(path) if path == Path::new("-") => println!("{}", serde_json::to_string_pretty(value)?),
+        Some(path) if cli::is_stdout(path) => cli::json(value)?,
         Some(path) => files::result::write_json(path, value)?,
         None => {}
     }

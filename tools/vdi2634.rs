@@ -1,7 +1,7 @@
 //! `fringetool vdi2634`: an acceptance test, from its plan to the verdict.
 
 use crate::Outcome;
-use crate::acceptance_report::Files;
+use crate::acceptance_report::{Files, emit_master};
 use crate::reconstruct::{Method, fused_cloud, surface_settings};
 use crate::report::check_outputs;
 use anyhow::{Context, Result, anyhow, bail};
@@ -14,7 +14,7 @@ use fringe::cloud::Point;
 use fringe::surface::SurfaceSettings;
 use metrology::acceptance::{Characteristic, Evaluator, Input, RuleSet, TestPlan, TestReport, ViewPlan};
 use metrology::verdict::Verdict;
-use report::acceptance::{write_all, write_master};
+use report::acceptance::write_all;
 use std::path::{Path, PathBuf};
 
 /// Rule sets that come with the program.
@@ -44,9 +44,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&wanted, &[&args.plan], None)?;
     let report = evaluate(&args.plan)?;
     write_all(&report, &outputs)?;
-    if let Some(path) = &args.json {
-        write_master(path, &report)?;
-    }
+    emit_master(args.json.as_deref(), &report)?;
     print(&report);
     let limited = report.characteristics.iter().any(|c| c.limit.is_some());
     // What is not proven is not accepted; without any limit there is nothing to prove.

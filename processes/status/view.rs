@@ -1,7 +1,9 @@
 //! Tables of `status`, fitted to the terminal.
 
 use crate::supervisor::profile::Percentiles;
-use crate::supervisor::protocol::{StageStatus, Status};
+use crate::supervisor::protocol::{LastPart, StageStatus, Status};
+use files::result::OUTCOME_OK;
+use metrology::verdict::Verdict;
 use std::fmt::Write as _;
 use std::io::{IsTerminal as _, Write as _};
 
@@ -140,13 +142,42 @@ fn head(status: &Status, columns: usize) -> String {
             o.pass, o.indeterminate, o.fail, o.no_verdict, o.not_ok
         ),
     ];
+    if let Some(recipe) = &status.recipe {
+        lines.push(format!("now: {}", part_and_recipe(status.part.as_deref(), recipe)));
+    }
+    lines.extend(status.last.as_ref().map(last_part));
     if let Some(reason) = &status.reason {
-        lines.push(format!("in error: {reason}; remove the cause, then send the command reset"));
+        let cell = &status.cell;
+        lines.push(format!("in error: {reason}; remove the cause, then: fringecell reset {cell}"));
     }
     if let Some((cycle, reason)) = &status.last_failure {
         lines.push(format!("last failure, cycle {}: {reason}", cycle + 1));
     }
     lines.iter().map(|line| wrapped(line, columns)).collect()
+}
+
+fn part_and_recipe(part: Option<&str>, recipe: &str) -> String {
+    let part = part.map_or_else(String::new, |part| format!("part {part:?}, "));
+    format!("{part}recipe {recipe}")
+}
+
+/// The last part with its verdict, and the features that did not pass.
+fn last_part(last: &LastPart) -> String {
+    let what = part_and_recipe(last.part.as_deref(), last.recipe.as_deref().unwrap_or("none"));
+    let verdict = match last.outcome.as_str() {
+        OUTCOME_OK => last.verdict.map_or("no verdict", Verdict::word),
+        reason => reason,
+    };
+    let mut line = format!("last: cycle {}, {what}: {verdict}", last.number);
+    for feature in last.features.iter().filter(|feature| feature.verdict != Some(Verdict::Pass)) {
+        let _ = match (feature.value, feature.verdict) {
+            (Some(value), Some(verdict)) => {
+                write!(line, "; {} {} {value:.4} {}", feature.name, verdict.word(), feature.unit)
+            }
+            _ => write!(line, "; {} not measured", feature.name),
+        };
+    }
+    line
 }
 
 /// Wraps a line at spaces; further lines are indented.
@@ -217,6 +248,7 @@ mod tests {
     use crate::control::State;
     use crate::supervisor::profile::Outcomes;
     use files::result::StageResult;
+    use metrology::inspection::FeatureResult;
 
     fn stage(name: &str) -> StageStatus {
         let times = Percentiles { cycles: 9, p50_ms: 12_345.6, p95_ms: 1.0, p99_ms: 99_999.0, max_ms: 123.4 };
@@ -231,6 +263,27 @@ mod tests {
             compute: times,
             send: times,
             total: StageResult::default(),
+        }
+    }
+
+    fn last() -> LastPart {
+        let feature = |name: &str, value, verdict| FeatureResult {
+            name: name.into(),
+            value,
+            verdict,
+            ..FeatureResult::default()
+        };
+        LastPart {
+            number: 9,
+            part: Some("4710".into()),
+            recipe: Some("spheres".into()),
+            outcome: "ok".into(),
+            verdict: Some(Verdict::Fail),
+            features: vec![
+                feature("good", Some(1.0), Some(Verdict::Pass)),
+                feature("wide", Some(20.12), Some(Verdict::Fail)),
+                feature("hidden", None, None),
+            ],
         }
     }
 
@@ -259,6 +312,9 @@ mod tests {
             cycle_time: Percentiles::default(),
             latency: Percentiles::default(),
             last_failure: Some((7, "word ".repeat(40))),
+            part: Some("4711".into()),
+            recipe: Some("spheres".into()),
+            last: Some(last()),
             stages: stages.iter().map(|name| stage(name)).collect(),
         }
     }
@@ -276,6 +332,9 @@ mod tests {
         }
         let narrow = table(&status(&["projection", "matching/pair1"]), 80);
         assert!(narrow.contains("matching/pair1 waiting   4194304  12"), "{narrow}");
+        assert!(narrow.contains("now: part \"4711\", recipe spheres\n"), "{narrow}");
+        let last = "last: cycle 9, part \"4710\", recipe spheres: FAIL; wide FAIL 20.1200 mm; hidden";
+        assert!(narrow.contains(last), "{narrow}");
     }
 
     #[test]

@@ -3,7 +3,9 @@
 //! Names follow the conventions of Prometheus: base units, `_total` for counters, one help and one type line per family.
 
 use super::profile::{BOUNDS_NS, Profile, StageProfile, Timing};
-use super::protocol::{StageStatus, Status};
+use super::protocol::{LastPart, StageStatus, Status};
+use metrology::inspection::FeatureResult;
+use metrology::verdict::Verdict;
 use std::fmt::Write as _;
 
 /// Content type of the text format.
@@ -49,6 +51,9 @@ pub fn render(status: &Status, profile: &Profile) -> String {
     let mut text = String::new();
     cycles(&mut text, status, profile);
     stages(&mut text, status);
+    if let Some(last) = &status.last {
+        features(&mut text, &status.cell, last);
+    }
     for (name, help, pick) in [
         (
             "fringecell_stage_wait_seconds",
@@ -154,6 +159,61 @@ fn stages(text: &mut String, status: &Status) {
     }
 }
 
+/// The features of the last cycle; none where it measured none, so that no old value passes for a new one.
+fn features(text: &mut String, cell: &str, last: &LastPart) {
+    type Pick = fn(&FeatureResult) -> Option<f64>;
+    let families: [(&'static str, &str, Pick); 5] = [
+        ("fringecell_feature_value", "Measured value of the feature in the last cycle.", |f| f.value),
+        ("fringecell_feature_deviation", "Measured less nominal value.", |f| f.deviation),
+        ("fringecell_feature_uncertainty", "Standard uncertainty of the value.", |f| f.u),
+        ("fringecell_feature_lower_limit", "Lower limit of the value.", |f| f.lower),
+        ("fringecell_feature_upper_limit", "Upper limit of the value.", |f| f.upper),
+    ];
+    let recipe = last.recipe.as_deref().unwrap_or_default();
+    for (name, help, pick) in families {
+        if last.features.iter().all(|feature| pick(feature).is_none()) {
+            continue;
+        }
+        let mut family = Family::new(text, cell, name, "gauge", help);
+        for feature in &last.features {
+            if let Some(value) = pick(feature) {
+                let unit = feature.unit.to_string();
+                family.sample("", &[("feature", &feature.name), ("recipe", recipe), ("unit", &unit)], value);
+            }
+        }
+    }
+    verdicts(text, cell, last, recipe);
+}
+
+/// One sample for each possible verdict: 1 for the one that holds.
+fn verdicts(text: &mut String, cell: &str, last: &LastPart, recipe: &str) {
+    let all = [Some(Verdict::Pass), Some(Verdict::Indeterminate), Some(Verdict::Fail), None];
+    let word = |verdict: Option<Verdict>| match verdict {
+        Some(Verdict::Pass) => "pass",
+        Some(Verdict::Indeterminate) => "indeterminate",
+        Some(Verdict::Fail) => "fail",
+        None => "none",
+    };
+    let holds = |one: Option<Verdict>, other: Option<Verdict>| f64::from(u8::from(one == other));
+    let help = "1 for the verdict over the part of the last cycle.";
+    let mut family = Family::new(text, cell, "fringecell_part_verdict", "gauge", help);
+    for verdict in all {
+        let labels = [("recipe", recipe), ("verdict", word(verdict))];
+        family.sample("", &labels, holds(last.verdict, verdict));
+    }
+    if last.features.is_empty() {
+        return;
+    }
+    let help = "1 for the verdict over the feature in the last cycle.";
+    let mut family = Family::new(text, cell, "fringecell_feature_verdict", "gauge", help);
+    for feature in &last.features {
+        for verdict in all {
+            let labels = [("feature", feature.name.as_str()), ("recipe", recipe), ("verdict", word(verdict))];
+            family.sample("", &labels, holds(feature.verdict, verdict));
+        }
+    }
+}
+
 fn seconds(ns: u64) -> f64 {
     ns as f64 / 1e9
 }
@@ -161,4 +221,54 @@ fn seconds(ns: u64) -> f64 {
 /// Escapes a label value.
 fn escape(label: &str) -> String {
     label.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metrology::inspection::Unit;
+
+    /// Names come from a plan that anybody may write.
+    #[test]
+    fn features_are_gauges_whatever_their_names() {
+        let feature = FeatureResult {
+            name: "a \"b\"\\c\nd".into(),
+            value: Some(20.5),
+            deviation: Some(0.5),
+            u: Some(0.001),
+            upper: Some(20.1),
+            verdict: Some(Verdict::Fail),
+            unit: Unit::Mm,
+            ..FeatureResult::default()
+        };
+        let last = LastPart {
+            recipe: Some("r".into()),
+            verdict: Some(Verdict::Fail),
+            features: vec![feature],
+            ..LastPart::default()
+        };
+        let mut text = String::new();
+        features(&mut text, "c", &last);
+        let labels = r#"cell="c",feature="a \"b\"\\c\nd",recipe="r""#;
+        for line in [
+            format!(r#"fringecell_feature_value{{{labels},unit="mm"}} 20.5"#),
+            format!(r#"fringecell_feature_deviation{{{labels},unit="mm"}} 0.5"#),
+            format!(r#"fringecell_feature_uncertainty{{{labels},unit="mm"}} 0.001"#),
+            format!(r#"fringecell_feature_upper_limit{{{labels},unit="mm"}} 20.1"#),
+            format!(r#"fringecell_feature_verdict{{{labels},verdict="fail"}} 1"#),
+            format!(r#"fringecell_feature_verdict{{{labels},verdict="pass"}} 0"#),
+            r#"fringecell_part_verdict{cell="c",recipe="r",verdict="fail"} 1"#.to_owned(),
+        ] {
+            assert!(text.lines().any(|found| found == line), "{line} is not in\n{text}");
+        }
+        assert!(!text.contains("lower_limit"), "a limit that the plan does not set");
+    }
+
+    #[test]
+    fn a_cycle_without_features_has_no_old_values() {
+        let mut text = String::new();
+        features(&mut text, "c", &LastPart { outcome: "stage fusion died".into(), ..LastPart::default() });
+        assert!(!text.contains("fringecell_feature"), "{text}");
+        assert!(text.contains(r#"verdict="none"} 1"#), "{text}");
+    }
 }

@@ -20,6 +20,7 @@ mod requests;
 pub mod restart;
 mod result_delivery;
 mod result_writer;
+mod service_manager;
 mod setup;
 pub mod snapshot;
 mod stage_process;
@@ -50,6 +51,7 @@ pub fn run(cell: &LoadedCell, options: &RunOptions, each: &mut dyn FnMut(&CycleR
         let reason = format!("the supervisor failed: {error:#}");
         let _ = without_panic(|| supervisor.step(Input::Stop { reason }, each));
     }
+    service_manager::ServiceManager::stopping();
     supervisor.shut_down();
     supervisor.answer_remaining();
     ended?;
@@ -73,10 +75,27 @@ fn event_loop(supervisor: &mut Supervisor, each: &mut dyn FnMut(&CycleResult)) -
         supervisor.connect(each)?;
         supervisor.handle_requests(each)?;
         supervisor.results_out.update();
+        supervisor.notify_service_manager();
         supervisor.step(Input::Tick, each)?;
         if !supervisor.cycles.is_finished() {
             supervisor.listener.wait(TICK)?;
         }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_is_an_error_with_its_words() {
+        assert!(without_panic(|| Ok(())).is_ok());
+        let error = without_panic(|| panic!("index {} of {}", 3, 2)).unwrap_err();
+        assert_eq!(error.to_string(), "panic: index 3 of 2");
+        let error = without_panic(|| panic!("plain")).unwrap_err();
+        assert_eq!(error.to_string(), "panic: plain");
+        let error = without_panic(|| std::panic::panic_any(7)).unwrap_err();
+        assert_eq!(error.to_string(), "panic: no message");
+    }
 }

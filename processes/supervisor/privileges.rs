@@ -10,13 +10,13 @@ pub(super) fn claim(cell: &Cell) {
     if let Some(priority) = schedule.realtime_priority
         && let Err(error) = os::realtime(priority + 1)
     {
-        terminal::print_error(&format!(
+        terminal::print_note(&format!(
             "warning: schedule.realtime_priority: the system refuses ({error}), so the cell runs without; grant CAP_SYS_NICE or raise `ulimit -r`"
         ));
     }
     let bytes = cell.schedule.memory_bytes();
     if schedule.lock_memory && !os::may_lock_memory(bytes).unwrap_or(false) {
-        terminal::print_error(&format!(
+        terminal::print_note(&format!(
             "warning: schedule.lock_memory: the system does not allow locking {} MB, so the cell runs without; grant CAP_IPC_LOCK or raise `ulimit -l`",
             bytes.div_ceil(1_000_000)
         ));

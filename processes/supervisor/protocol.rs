@@ -4,6 +4,8 @@ use super::profile::{Outcomes, Percentiles};
 use crate::control::State;
 use files::result::{CycleResult, StageResult};
 use files::trace::TraceCycle;
+use metrology::inspection::FeatureResult;
+use metrology::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
 /// A request to a cell.
@@ -173,8 +175,48 @@ pub struct Status {
     pub latency: Percentiles,
     /// The last cycle that is not ok, counted from 0, and the reason.
     pub last_failure: Option<(u64, String)>,
+    /// Identification of the part in progress, as the job names it.
+    #[serde(default)]
+    pub part: Option<String>,
+    /// Recipe of the job in progress.
+    #[serde(default)]
+    pub recipe: Option<String>,
+    /// The last cycle with an outcome.
+    #[serde(default)]
+    pub last: Option<LastPart>,
     /// Status of the stages, in the order of the schedule.
     pub stages: Vec<StageStatus>,
+}
+
+/// What the last cycle found.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct LastPart {
+    /// Number of the cycle, from 1.
+    pub number: u64,
+    /// Identification of the part, as the job named it.
+    pub part: Option<String>,
+    /// Recipe of the inspection.
+    pub recipe: Option<String>,
+    /// `ok` or the reason.
+    pub outcome: String,
+    /// Over all features; absent when nothing was judged.
+    pub verdict: Option<Verdict>,
+    /// In the order of the inspection plan.
+    pub features: Vec<FeatureResult>,
+}
+
+impl LastPart {
+    /// What status and metrics show of a result.
+    pub fn of(result: &CycleResult) -> Self {
+        Self {
+            number: result.number,
+            part: result.part.clone(),
+            recipe: result.recipe.clone(),
+            outcome: result.outcome.clone(),
+            verdict: result.verdict,
+            features: result.features.clone(),
+        }
+    }
 }
 
 /// Status of a stage.

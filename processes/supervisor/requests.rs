@@ -113,6 +113,16 @@ impl Supervisor<'_> {
         }
     }
 
+    /// Tells the service manager that the cell is ready and alive.
+    pub(super) fn notify_service_manager(&mut self) {
+        let (state, done) = (self.jobs.state(), self.tally.done);
+        let status = match self.jobs.reason() {
+            Some(reason) => format!("{state:?}: {reason}"),
+            None => format!("{state:?}, {done} cycles"),
+        };
+        self.service.update(now_ns(), self.was_ready, &status);
+    }
+
     /// Carries out an action of the job controller.
     pub(super) fn apply(&mut self, action: Action, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
         match action {
@@ -201,6 +211,7 @@ impl Supervisor<'_> {
             send: profile.send.percentiles(),
             total: profile.sum.clone(),
         });
+        let job = self.jobs.report();
         Status {
             cell: self.cell.name.clone(),
             pid: std::process::id(),
@@ -217,6 +228,9 @@ impl Supervisor<'_> {
             cycle_time: profile.cycle.percentiles(),
             latency: profile.latency.percentiles(),
             last_failure: self.tally.last_failure.clone(),
+            part: job.part,
+            recipe: job.recipe,
+            last: self.tally.last.clone(),
             stages: stages.collect(),
         }
     }

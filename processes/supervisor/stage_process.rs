@@ -104,6 +104,8 @@ impl StageProcess {
             .arg0("fringecell")
             .args(&self.arguments)
             .env("RAYON_NUM_THREADS", self.threads.to_string())
+            // Only the supervisor speaks with the service manager.
+            .env_remove("NOTIFY_SOCKET")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
@@ -219,7 +221,7 @@ impl StderrReader {
         let kept = Arc::clone(&last);
         let thread = std::thread::Builder::new().spawn(move || {
             for line in BufReader::new(stderr).lines().map_while(Result::ok) {
-                terminal::print_error(&format!("[{name}] {line}"));
+                terminal::print_note(&format!("[{name}] {line}"));
                 keep_last(&mut kept.lock().unwrap_or_else(PoisonError::into_inner), &line);
             }
         })?;

@@ -8,7 +8,9 @@ use super::history::{self, History};
 use super::job_controller::JobController;
 use super::metrics_endpoint;
 use super::profile::Profile;
+use super::protocol::LastPart;
 use super::result_delivery::ResultDelivery;
+use super::service_manager::ServiceManager;
 use super::setup::{self, RunOptions};
 use super::snapshot::Snapshot;
 use super::stage_process::{ProcessState, StageProcess};
@@ -46,6 +48,8 @@ const QUEUED_CALLS: usize = 64;
 
 /// The end of a run: counts, and the data for its files.
 pub struct Summary {
+    /// Cycles with an outcome.
+    pub done: u64,
     /// Cycles that are not ok.
     pub not_ok: u64,
     /// Cycles with a plan whose verdict is not pass.
@@ -106,6 +110,7 @@ pub(super) struct Supervisor<'a> {
     pub(super) results_out: ResultDelivery,
     /// Whether cloud and report of every part are written.
     keeps_parts: bool,
+    pub(super) service: ServiceManager,
     /// Whether all stages were ready at the last check.
     pub(super) was_ready: bool,
     pub(super) ports: Ports,
@@ -123,6 +128,8 @@ pub(super) struct Tally {
     pub(super) gave_up: Option<String>,
     /// The last cycle that is not ok, and the reason.
     pub(super) last_failure: Option<(u64, String)>,
+    /// What the last cycle found.
+    pub(super) last: Option<LastPart>,
 }
 
 impl Ports {
@@ -187,6 +194,7 @@ impl<'a> Supervisor<'a> {
             requested: options.cycles,
             tally: Tally::default(),
             results_out: ResultDelivery::new(setup::result_writer(cell, options)?),
+            service: ServiceManager::new(),
             was_ready: false,
             keeps_parts: options.serve && options.out.is_some() && cell.file.results.keep_parts > 0,
             jobs: JobController::new(
@@ -275,6 +283,7 @@ impl<'a> Supervisor<'a> {
         }
         let pass = result.verdict == Some(Verdict::Pass);
         self.tally.not_pass += u64::from(outcome.is_ok() && plan.is_some() && !pass);
+        self.tally.last = Some(LastPart::of(&result));
         each(&result);
         let kept = self.kept(&result);
         let reply = self.jobs.take_reply();
@@ -401,6 +410,7 @@ impl<'a> Supervisor<'a> {
         Summary {
             unrecorded,
             unwritten,
+            done: self.tally.done,
             not_ok: self.tally.done - self.tally.ok,
             not_pass: self.tally.not_pass,
             not_run: self.tally.not_run,

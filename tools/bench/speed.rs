@@ -20,7 +20,7 @@ use twin::{Twin, TwinSettings, View};
 #[derive(clap::Args)]
 pub struct Args {
     /// Number of repeats of each measurement; the median is reported.
-    #[arg(long, value_name = "N", default_value_t = 9)]
+    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(1..=1000))]
     repeats: usize,
     /// Also measure a pair of 4496 × 3000 px (about two minutes, 3 GiB).
     #[arg(long)]

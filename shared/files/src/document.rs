@@ -2,6 +2,7 @@
 
 use crate::error::{FileError, Problem, did_you_mean};
 use crate::guard;
+use crate::memory;
 use serde::de::DeserializeOwned;
 use std::fs::{File, Metadata};
 use std::io::Read;
@@ -45,6 +46,9 @@ pub fn read_bytes(path: &Path, limit: u64) -> Result<Vec<u8>, FileError> {
             Problem::Unsupported("is a folder, not a file".into()),
             "name a file",
         ));
+    }
+    if metadata.len() <= limit {
+        memory::check(path, &format!("{} bytes", metadata.len()), metadata.len())?;
     }
     let mut bytes = Vec::new();
     // One byte beyond the limit shows a longer file, also where the metadata do not know the length (pipes).

@@ -5,6 +5,7 @@
 
 use crate::document::{open_input, refuse_special};
 use crate::error::{FileError, Problem};
+use crate::memory;
 use fringe::frame::{Frame, FrameView, PixelBuffer, Pixels};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ColorType, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader, Limits};
@@ -139,6 +140,9 @@ fn frame(path: &Path, decoder: Decoder, full_scale_dn: Option<u16>) -> Result<Fr
         return Err(FileError::new(path, problem, "convert it to 8- or 16-bit greyscale PNG"));
     }
     let values = head.width_px as usize * head.height_px as usize * channels;
+    // The decoder holds another copy.
+    let bytes = 2 * values as u64 * u64::from(head.bits) / 8;
+    memory::check(path, &format!("{} × {} px", head.width_px, head.height_px), bytes)?;
     let (pixels, full_scale_dn) = if head.bits == 8 {
         let mut bytes = vec![0_u8; values];
         decoder.read_image(&mut bytes).map_err(|error| damaged(path, error))?;

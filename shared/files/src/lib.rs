@@ -18,6 +18,7 @@ pub mod hash;
 pub mod image_file;
 pub mod import;
 pub mod kind;
+pub mod memory;
 pub mod name;
 pub mod npy;
 pub mod opencv;

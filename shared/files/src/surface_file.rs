@@ -2,12 +2,15 @@
 
 use crate::document::{open_input, read_bytes, refuse_special};
 use crate::error::{FileError, Problem};
+use crate::memory;
 use crate::ply::{self, Cloud};
 use bytemuck::Zeroable;
 use e57::{CartesianCoordinate, E57Reader};
 use fringe::cloud::Point;
 use nalgebra::Point3;
+use std::fs::File;
 use std::io::{BufReader, Cursor, Read};
+use std::os::unix::fs::FileExt as _;
 use std::path::Path;
 
 /// Largest STL: 50 million triangles in binary form.
@@ -98,6 +101,13 @@ fn is_binary_stl(start: &[u8], bytes: u64) -> bool {
 }
 
 fn read_stl(path: &Path) -> Result<Vec<[Point3<f64>; 3]>, FileError> {
+    // The file, and a triangle of nine numbers for each of its 50 bytes.
+    let length = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+    if length <= STL_LIMIT_BYTES {
+        let triangles = length / STL_TRIANGLE_BYTES;
+        let bytes = length + 2 * triangles * size_of::<[Point3<f64>; 3]>() as u64;
+        memory::check(path, &format!("{triangles} triangles"), bytes)?;
+    }
     let mut bytes = read_bytes(path, STL_LIMIT_BYTES)?;
     if is_binary_stl(&bytes, bytes.len() as u64) {
         // The reader takes "solid" for text.
@@ -136,9 +146,12 @@ fn read_e57(path: &Path) -> Result<Cloud, FileError> {
         FileError::new(path, problem, "truncated? export or copy it again")
     };
     let (file, _) = open_input(path)?;
+    check_e57_header(path, &file)?;
     let mut reader = E57Reader::new(BufReader::new(file)).map_err(fault)?;
     let mut cloud = Cloud::default();
     for scan in reader.pointclouds() {
+        let bytes = scan.records.saturating_mul(2 * size_of::<Point>() as u64);
+        memory::check(path, &format!("{} points", scan.records), bytes)?;
         for point in reader.pointcloud_simple(&scan).map_err(fault)? {
             match point.map_err(fault)?.cartesian {
                 CartesianCoordinate::Valid { x, y, z } if [x, y, z].iter().all(|v| v.is_finite()) => {
@@ -150,6 +163,28 @@ fn read_e57(path: &Path) -> Result<Cloud, FileError> {
         }
     }
     Ok(cloud)
+}
+
+/// Refuses a header that promises more than the file has: the reader would make room for it. Bytes 24, 32 and 40: place and
+/// length of the XML section, size of a page (ASTM E2807).
+fn check_e57_header(path: &Path, file: &File) -> Result<(), FileError> {
+    let bytes = file.metadata().map_err(|source| FileError::io(path, "inspect it", source))?.len();
+    let mut header = [0; 48];
+    // A shorter file is the reader's to refuse.
+    if file.read_exact_at(&mut header, 0).is_err() {
+        return Ok(());
+    }
+    let (words, _) = header.as_chunks::<8>();
+    let [length, page] = [4, 5].map(|word| u64::from_le_bytes(words[word]));
+    if length <= bytes && page <= bytes {
+        return Ok(());
+    }
+    let problem = Problem::Disagreement {
+        what: "header and size",
+        here: format!("{length} bytes of XML in pages of {page}"),
+        there: format!("the file has {bytes}"),
+    };
+    Err(FileError::new(path, problem, "truncated? export or copy it again"))
 }
 
 #[cfg(test)]

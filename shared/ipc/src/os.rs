@@ -137,13 +137,6 @@ pub fn die_with_parent(parent_pid: u32) -> io::Result<bool> {
     Ok(std::os::unix::process::parent_id() == parent_pid)
 }
 
-/// Makes this process end by SIGPIPE when the reader of its output closes (`| head`), as Unix programs do. Rust ignores
-/// SIGPIPE by default, and a failing print panics. Not for processes that write to sockets.
-pub fn restore_sigpipe() {
-    // SAFETY: SIG_DFL is a valid disposition of SIGPIPE and no handler of ours is replaced.
-    unsafe { libc::signal(libc::SIGPIPE, libc::SIG_DFL) };
-}
-
 /// Free space of a file system for unprivileged users, bytes.
 ///
 /// # Errors

@@ -28,10 +28,10 @@ const RIM_PX: f64 = 8.0;
 #[derive(Debug, Clone, clap::Args, Serialize)]
 pub struct Plan {
     /// Inner corners along x.
-    #[arg(long, value_name = "N", default_value_t = 14)]
+    #[arg(long, value_name = "N", default_value_t = 14, value_parser = clap::value_parser!(u32).range(3..=200))]
     pub columns: u32,
     /// Inner corners along y.
-    #[arg(long, value_name = "N", default_value_t = 9)]
+    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(3..=200))]
     pub rows: u32,
     /// Side of a square.
     #[arg(long, value_name = "MM", default_value_t = 8.0)]
@@ -40,7 +40,7 @@ pub struct Plan {
     #[arg(long, value_name = "F", default_value_t = 0.0)]
     pub grain: f64,
     /// Poses of the board.
-    #[arg(long, value_name = "N", default_value_t = 20)]
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::builder::RangedU64ValueParser::<usize>::new().range(3..=1000))]
     pub poses: usize,
     /// Tilt of the boards about their x and y axes, ± degrees.
     #[arg(long, value_name = "DEG", default_value_t = 26.0)]

@@ -27,10 +27,10 @@ const TIMED_POSES: usize = 46;
 #[derive(clap::Args)]
 pub struct Args {
     /// Number of calibrations with simulated corner errors.
-    #[arg(long, value_name = "N", default_value_t = 100)]
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u64).range(..=100_000))]
     trials: u64,
     /// Number of calibrations from rendered images.
-    #[arg(long = "image-trials", alias = "images", value_name = "N", default_value_t = 1)]
+    #[arg(long = "image-trials", alias = "images", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..=1000))]
     images: u64,
     #[command(flatten)]
     plan: Plan,
@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, value_name = "flat|bent|free", default_value = "bent", value_parser = crate::calibrate::model::target_shape)]
     board: TargetShape,
     /// Rays per pixel along each axis. Edges of the print are exact with two or more.
-    #[arg(long, value_name = "N", default_value_t = 2)]
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=16))]
     subsamples: u32,
     /// Seed of the first trial; each further trial takes the next one.
     #[arg(long, value_name = "N", default_value_t = 1)]

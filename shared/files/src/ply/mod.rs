@@ -12,6 +12,7 @@ pub use write::{write_cloud, write_deviations};
 
 use crate::document::{open_input, refuse_special};
 use crate::error::{FileError, Problem};
+use crate::memory;
 use fringe::cloud::Point;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{
@@ -227,8 +228,22 @@ fn check_header(path: &Path, header: &Header, file_bytes: u64) -> Result<(), Fil
             };
             return Err(FileError::new(path, problem, "truncated? write or copy it again"));
         }
+        let bytes = held_bytes(name).saturating_mul(element.count as u64);
+        memory::check(path, &format!("{} elements \"{name}\"", element.count), bytes)?;
     }
     Ok(())
+}
+
+/// Memory that one element takes while it is read: lists grow by doubling. Others than points and faces are not kept.
+fn held_bytes(name: &str) -> u64 {
+    match name {
+        "vertex" => 2 * size_of::<Point>() as u64,
+        // Its list of three corners, and the triangle.
+        "face" => {
+            2 * (size_of::<Vec<i64>>() + 3 * size_of::<i64>()) as u64 + size_of::<[[f64; 3]; 3]>() as u64
+        }
+        _ => 0,
+    }
 }
 
 /// Bytes that one element takes at least.
