@@ -4,6 +4,7 @@
 
 use crate::stage::{Fault, Inbox, Report, StageContext, Worker, cycle_fault};
 use anyhow::Result;
+use cell::cycle_number::unwire;
 use cell::graph::Graph;
 use cell::schedule::Work;
 use devices::Projector;
@@ -38,7 +39,7 @@ impl Projection {
         let sequence =
             graph.projectors.iter().enumerate().flat_map(|(p, node)| (0..node.frames).map(move |f| (p, f)));
         Ok(Self {
-            driver: devices::projector(&context.cell),
+            driver: devices::projector(&context.cell)?,
             triggers,
             exposed: context.inbox("exposed")?,
             sequence: sequence.collect(),
@@ -91,10 +92,10 @@ impl Worker for Projection {
         self.exposed.connect()
     }
 
-    fn begin(&mut self, _context: &mut StageContext) -> Result<(), Fault> {
+    fn begin(&mut self, context: &mut StageContext) -> Result<(), Fault> {
         self.forget();
-        self.driver.begin(now_ns());
-        Ok(())
+        let cycle = unwire(context.cycle()).unwrap_or_default();
+        self.driver.begin(cycle, now_ns()).map_err(|e| cycle_fault(&e))
     }
 
     fn step(&mut self, context: &mut StageContext) -> Result<bool, Fault> {

@@ -21,6 +21,7 @@
 //! - [`control`]: a cell that takes jobs: states, recipes, refusals, metrics
 //! - [`uncertainty`]: budgets in, table, JSON and report out
 //! - [`acceptance_report`]: every format from one result of an acceptance test
+//! - [`gige`]: cameras on the network give the bytes of the twin, and losses are repaired or told
 //! - [`golden_cells`]: the printed cells of the thesis' tables, recomputed
 //! - [`acceptance`]: acceptance tests from their plans
 //! - [`fits`]: elements, inspection plans and comparisons with a coordinate measuring machine
@@ -65,6 +66,7 @@ mod file_formats;
 mod fits;
 mod focus;
 mod gamma;
+mod gige;
 mod golden_cells;
 mod hung_disk;
 mod limits;

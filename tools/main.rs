@@ -28,6 +28,7 @@ mod acceptance_report;
 mod allocator;
 mod bench;
 mod calibrate;
+mod cameras;
 mod check_rig;
 mod cmm_compare;
 mod cmm_plan;
@@ -55,6 +56,7 @@ mod register;
 mod replay;
 mod report;
 mod rotation_stage;
+mod serve_camera;
 mod simulate;
 mod simulate_test;
 mod software;
@@ -122,6 +124,10 @@ enum Command {
     CmmPlan(cmm_plan::Args),
     /// Compare measured features with those of a coordinate measuring machine: deviations, normalised errors.
     CmmCompare(cmm_compare::Args),
+    /// List the GigE Vision cameras on the network: address, serial number, name, model.
+    Cameras(cameras::Args),
+    /// Serve the cameras of a digital twin as GigE Vision cameras, for tests without hardware.
+    ServeCamera(serve_camera::Args),
     /// Import image files of another system and an OpenCV calibration as a recording and a rig file.
     Import(import::Args),
     /// Convert an OpenCV calibration (YAML or XML) into a rig file.
@@ -219,6 +225,8 @@ fn execute(command: &Command) -> Result<Outcome> {
         Command::SimulateTest(args) => simulate_test::run(args),
         Command::CmmPlan(args) => cmm_plan::run(args),
         Command::CmmCompare(args) => cmm_compare::run(args),
+        Command::Cameras(args) => cameras::run(args),
+        Command::ServeCamera(args) => serve_camera::run(args),
         Command::Import(args) => import::run(args),
         Command::ImportRig(args) => import_rig::run(args),
         Command::Export(args) => export::run(args),

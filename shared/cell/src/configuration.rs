@@ -2,12 +2,14 @@
 //!
 //! `files` reads it from TOML and points into that file where something is wrong.
 
+use crate::pixel_format::PixelFormat;
 use fringe::decode::DecodeSettings;
 use fringe::fusion::FusionSettings;
 use fringe::geometry::rig::Rig;
 use fringe::matching::MatchSettings;
 use fringe::pattern::{LevelTable, PatternSet, frame_count};
 use metrology::inspection::Plan;
+use std::net::{IpAddr, SocketAddr};
 
 /// Name of the recipe that is used where none is named.
 pub const DEFAULT_RECIPE: &str = "default";
@@ -67,6 +69,44 @@ pub enum Driver {
     Twin,
     /// A folder of frames.
     Recording,
+    /// A camera on the network: GigE Vision.
+    Genicam,
+    /// A projector that another program works: it is told over the network what to show.
+    Network,
+}
+
+impl Driver {
+    /// Name in the configuration.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Twin => "twin",
+            Self::Recording => "recording",
+            Self::Genicam => "genicam",
+            Self::Network => "network",
+        }
+    }
+
+    /// Whether the frames show the world, not a simulation or a recording.
+    pub fn is_live(self) -> bool {
+        matches!(self, Self::Genicam | Self::Network)
+    }
+}
+
+/// How a GenICam camera is found and set.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GenicamCamera {
+    /// Address of the device; absent: the serial number counts.
+    pub address: Option<IpAddr>,
+    /// Serial number, or the name that a person gave the device.
+    pub serial: Option<String>,
+    /// Format of the pixels.
+    pub pixel_format: PixelFormat,
+    /// Exposure time, µs; absent: as the camera is.
+    pub exposure_us: Option<f64>,
+    /// Gain, dB; absent: as the camera is.
+    pub gain_db: Option<f64>,
+    /// Pause between two packets, ticks of the camera's clock; absent: none.
+    pub packet_delay_ticks: Option<u32>,
 }
 
 /// A projector of the cell.
@@ -86,6 +126,8 @@ pub struct ProjectorConfig {
     pub sequence: Vec<PatternSet>,
     /// Exposure times, ms, of a recording that has several: all of the sequence is seen once for each. Else empty.
     pub exposures_ms: Vec<f64>,
+    /// Of a projector that another program works: its address.
+    pub address: Option<SocketAddr>,
     /// How levels are drawn so that the light is proportional to them.
     pub level_table: Option<LevelTable>,
 }
@@ -98,7 +140,7 @@ impl ProjectorConfig {
 }
 
 /// A camera of the cell.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct CameraConfig {
     /// As in the rig file.
     pub name: String,
@@ -108,6 +150,8 @@ pub struct CameraConfig {
     pub width_px: u32,
     /// Rows, from the rig file.
     pub height_px: u32,
+    /// Of a GenICam camera: how it is found and set.
+    pub genicam: Option<GenicamCamera>,
 }
 
 /// Budgets and restart policy.

@@ -14,6 +14,7 @@ pub mod executor;
 mod frame_format;
 pub mod graph;
 mod options;
+pub mod pixel_format;
 mod retention;
 pub mod schedule;
 

@@ -3,7 +3,7 @@
 use crate::error::DeviceError;
 
 /// A camera that takes frames on a trigger.
-pub trait Camera {
+pub trait Camera: Send {
     /// A cycle starts: the part stands.
     ///
     /// # Errors
@@ -19,8 +19,11 @@ pub trait Camera {
 
 /// A projector, or all of them when they share one driver.
 pub trait Projector {
-    /// Prepares the projector for a new cycle.
-    fn begin(&mut self, now_ns: u64);
+    /// Prepares the projector for a new cycle, counted from 0.
+    ///
+    /// # Errors
+    /// The device is not ready.
+    fn begin(&mut self, cycle: u64, now_ns: u64) -> Result<(), DeviceError>;
 
     /// When the next pattern may be shown, if it has to wait.
     fn due_ns(&self) -> Option<u64>;

@@ -3,7 +3,7 @@
 use crate::device::{Camera, Projector};
 use crate::error::DeviceError;
 use crate::load::LoadedCell;
-use crate::{recording, twin_camera};
+use crate::{genicam, light, recording, twin_camera};
 use cell::configuration::Driver;
 
 /// Opens the camera of a capture stage with the driver of its configuration.
@@ -11,17 +11,30 @@ use cell::configuration::Driver;
 /// # Errors
 /// A driver that does not open.
 pub fn camera(cell: &LoadedCell, camera: usize) -> Result<Box<dyn Camera>, DeviceError> {
-    Ok(match cell.config.cameras[camera].driver {
-        Driver::Twin => Box::new(twin_camera::TwinCamera::new(cell, camera)?),
-        Driver::Recording => Box::new(recording::RecordedCamera::new(cell, camera)?),
+    let config = &cell.config.cameras[camera];
+    Ok(match (config.driver, &config.genicam) {
+        (Driver::Twin, _) => Box::new(twin_camera::TwinCamera::new(cell, camera)?),
+        (Driver::Genicam, Some(wanted)) => {
+            let size_px = [config.width_px, config.height_px];
+            Box::new(genicam::GenicamDevice::new(&config.name, wanted, size_px)?)
+        }
+        _ => Box::new(recording::RecordedCamera::new(cell, camera)?),
     })
 }
 
 /// The projectors of the cell.
-pub fn projector(cell: &LoadedCell) -> Box<dyn Projector> {
+///
+/// # Errors
+/// A projector that cannot be reached.
+pub fn projector(cell: &LoadedCell) -> Result<Box<dyn Projector>, DeviceError> {
+    let projectors = &cell.config.projectors;
+    if let Some(address) = projectors.iter().find_map(|p| p.address) {
+        let names = projectors.iter().map(|p| p.name.clone()).collect();
+        return Ok(Box::new(light::NetworkProjector::new(address, names)?));
+    }
     let rate_hz = cell.file.recording.as_ref().map_or(0.0, |r| r.rate_hz);
     // Frames of the twin and of a recording already contain the projected light; only the pace remains.
-    Box::new(recording::Pace::new(rate_hz))
+    Ok(Box::new(recording::Pace::new(rate_hz)))
 }
 
 /// Of each camera that plays a recording: its name, and one hash of all files that it will give. A process that opens the

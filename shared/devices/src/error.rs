@@ -3,6 +3,7 @@
 use cell::{CellError, ScheduleError};
 use files::error::FileError;
 use fringe::text::CELL_NAME;
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use thiserror::Error;
 use twin::TwinError;
@@ -46,6 +47,14 @@ pub enum DeviceError {
     /// A part of the configuration that a driver needs.
     #[error("the configuration has no [{0}]")]
     Missing(&'static str),
+    /// A socket that cannot be used.
+    #[error("{address}: {source}")]
+    Light {
+        /// Address of the socket.
+        address: SocketAddr,
+        /// What the system says.
+        source: std::io::Error,
+    },
     /// The frame or the part cannot be had.
     #[error("{0}")]
     Frame(String),

@@ -96,8 +96,9 @@ impl Pace {
 }
 
 impl Projector for Pace {
-    fn begin(&mut self, now_ns: u64) {
+    fn begin(&mut self, _cycle: u64, now_ns: u64) -> Result<(), DeviceError> {
         self.due_ns = (self.period_ns > 0).then_some(now_ns);
+        Ok(())
     }
 
     fn due_ns(&self) -> Option<u64> {

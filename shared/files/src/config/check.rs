@@ -1,5 +1,6 @@
 //! From what is written to what is meant.
 
+use super::devices::genicam;
 use super::light::{Lights, check_recorded_sizes, projectors};
 use super::limits::{cycles, limits, results, schedule, settings};
 use super::raw::{RawConfig, RawTwin};
@@ -110,6 +111,7 @@ fn cameras(document: &Document, raw: &RawConfig, rig: &RigFile) -> Result<Vec<Ca
             Ok(CameraConfig {
                 name: camera.name.clone(),
                 driver: driver(document, &key("driver"), &camera.driver)?,
+                genicam: genicam(document, &format!("camera[{index}]"), camera)?,
                 width_px: geometry.width_px,
                 height_px: geometry.height_px,
             })
@@ -126,6 +128,7 @@ fn check_tables(document: &Document, raw: &RawConfig) -> Result<(), FileError> {
         let (table, present) = match driver(document, &key, name)? {
             Driver::Twin => ("[twin]", raw.twin.is_some()),
             Driver::Recording => ("[recording]", raw.recording.is_some()),
+            Driver::Genicam | Driver::Network => continue,
         };
         if !present {
             let problem = Problem::Missing(format!("the table {table}, which this driver needs,"));

@@ -1,5 +1,6 @@
 //! Projectors: what is written, completed by what was recorded.
 
+use super::devices::network_address;
 use super::raw::{RawConfig, RawProjector};
 use super::values::{driver, referenced};
 use crate::correction::{PatternCorrection, read_correction};
@@ -100,6 +101,7 @@ fn one_projector(
             .or_else(|| recorded.map(|r| r.sequence.clone()))
             .ok_or_else(|| needed("sequence"))?,
         exposures_ms: recorded.map(|r| r.exposures_ms.clone()).unwrap_or_default(),
+        address: network_address(document, key, raw, driver)?,
         level_table: None,
     })
 }

@@ -48,6 +48,7 @@
 //! ```
 
 mod check;
+mod devices;
 mod light;
 mod limits;
 mod raw;

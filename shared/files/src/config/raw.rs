@@ -63,6 +63,7 @@ pub(super) struct RawProjector {
     pub cameras: Option<Vec<String>>,
     pub sequence: Option<Vec<PatternSet>>,
     pub pattern_correction: Option<String>,
+    pub address: Option<String>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -77,6 +78,12 @@ pub(super) struct RawRecipe {
 pub(super) struct RawCamera {
     pub name: String,
     pub driver: String,
+    pub address: Option<String>,
+    pub serial: Option<String>,
+    pub pixel_format: Option<String>,
+    pub exposure_us: Option<f64>,
+    pub gain_db: Option<f64>,
+    pub packet_delay_ticks: Option<u32>,
 }
 
 #[derive(Debug, Deserialize)]

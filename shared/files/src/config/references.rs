@@ -78,6 +78,12 @@ pub(super) fn check_graph(
     Err(document.fault(&key, Problem::Schedule(error), ""))
 }
 
+fn shown_by(projector: &ProjectorConfig) -> String {
+    projector
+        .address
+        .map_or_else(|| "the cell itself".to_owned(), |address| format!("the program at {address}"))
+}
+
 /// Light and eyes of one projection come from the same world.
 pub(super) fn check_drivers(
     document: &Document,
@@ -87,13 +93,32 @@ pub(super) fn check_drivers(
     for (index, projector) in projectors.iter().enumerate() {
         let key = format!("projector[{index}].driver");
         let mut lookers = cameras.iter().filter(|camera| projector.cameras.contains(&camera.name));
-        if let Some(other) = lookers.find(|camera| camera.driver != projector.driver) {
+        let agree = |camera: Driver| match projector.driver {
+            Driver::Network | Driver::Genicam => camera == Driver::Genicam,
+            simulated => camera == simulated,
+        };
+        if let Some(other) = lookers.find(|camera| !agree(camera.driver)) {
             let problem = Problem::Disagreement {
                 what: "drivers",
-                here: format!("projector \"{}\" has {:?}", projector.name, projector.driver),
-                there: format!("camera \"{}\", which takes its frames, has {:?}", other.name, other.driver),
+                here: format!("projector \"{}\" has \"{}\"", projector.name, projector.driver.name()),
+                there: format!(
+                    "camera \"{}\", which takes its frames, has \"{}\"",
+                    other.name,
+                    other.driver.name()
+                ),
             };
-            return Err(document.fault(&key, problem, "give both the same driver"));
+            let remedy =
+                "give both the same driver; cameras with \"genicam\" need a projector with \"network\"";
+            return Err(document.fault(&key, problem, remedy));
+        }
+        let other = projectors[..index].iter().find(|other| other.address != projector.address);
+        if let Some(other) = other {
+            let problem = Problem::Disagreement {
+                what: "projectors",
+                here: format!("projector \"{}\" is shown by {}", projector.name, shown_by(projector)),
+                there: format!("projector \"{}\" by {}", other.name, shown_by(other)),
+            };
+            return Err(document.fault(&key, problem, "let one program show the patterns of all projectors"));
         }
     }
     Ok(())

@@ -36,13 +36,15 @@ fn resolve(document: &Document, key: &str, target: &str) -> Result<PathBuf, File
 
 /// A driver by its name.
 pub(super) fn driver(document: &Document, key: &str, name: &str) -> Result<Driver, FileError> {
-    const KNOWN: [&str; 2] = ["twin", "recording"];
+    const KNOWN: [&str; 4] = ["twin", "recording", "genicam", "network"];
     match name {
         "twin" => Ok(Driver::Twin),
         "recording" => Ok(Driver::Recording),
-        "genicam" | "lightcrafter" | "screen" => {
+        "genicam" => Ok(Driver::Genicam),
+        "network" => Ok(Driver::Network),
+        "lightcrafter" | "screen" => {
             let problem = Problem::Unsupported(format!("driver \"{name}\" is not part of this version"));
-            Err(document.fault(key, problem, "use \"twin\" or \"recording\""))
+            Err(document.fault(key, problem, "use \"network\" and a program that shows the patterns"))
         }
         _ => Err(unknown(document, key, "driver", name, KNOWN)),
     }

@@ -1,0 +1,251 @@
+//! A GigE Vision camera: found by address or serial number, set, and triggered by software.
+//!
+//! Each setting is read back and compared. A frame is believed only if it is complete, of the expected size and format, and
+//! carries the number after the last one.
+
+use crate::device::Camera;
+use crate::error::DeviceError;
+use cell::configuration::GenicamCamera;
+use cell::pixel_format::PixelFormat;
+use std::net::{IpAddr, Ipv4Addr};
+use std::sync::Arc;
+use std::time::Duration;
+use telegenic::gige::discovery::{DiscoveredDevice, DiscoveryConfig, discover};
+use telegenic::gige::stream::{Frame, FrameChannel, FrameStatus, StreamChannel};
+use telegenic::gige::{GigECamera, GigeConfig};
+use telegenic::{GenICamera, SocketOption, StreamConfig};
+
+/// How long devices may take to answer a search: the standard lets them wait for a second.
+const SEARCH: Duration = Duration::from_millis(1200);
+
+/// A frame must arrive so long after its exposure ended, beside the time of the transfer.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// Frames that the receiver keeps.
+const BUFFERS: usize = 4;
+
+/// Block numbers of 16 bits run from 1 to 65535.
+const LAST_BLOCK: u64 = 65_535;
+
+/// A device that answered a search.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+pub struct FoundCamera {
+    /// Address of the device.
+    pub address: Ipv4Addr,
+    /// Serial number.
+    pub serial: String,
+    /// Name that a person gave it; may be empty.
+    pub user_name: String,
+    /// Manufacturer of the device.
+    pub manufacturer: String,
+    /// Model of the device.
+    pub model: String,
+    /// Version of the device.
+    pub version: String,
+    /// Hardware address.
+    pub mac: String,
+}
+
+/// Searches all network adapters for cameras; sorted by address.
+///
+/// # Errors
+/// No adapter can be used.
+pub fn find_cameras() -> Result<Vec<FoundCamera>, DeviceError> {
+    let config = DiscoveryConfig { recv_window: SEARCH, ..DiscoveryConfig::default() };
+    let found = discover(&config).map_err(|e| DeviceError::Frame(format!("searching for cameras: {e}")))?;
+    let mut cameras: Vec<FoundCamera> = found.iter().map(describe).collect();
+    cameras.sort_by_key(|camera| camera.address);
+    Ok(cameras)
+}
+
+fn describe(device: &DiscoveredDevice) -> FoundCamera {
+    let info = &device.info;
+    FoundCamera {
+        address: info.ip,
+        serial: info.serial.clone(),
+        user_name: info.user_defined_name.clone(),
+        manufacturer: info.manufacturer.clone(),
+        model: info.model.clone(),
+        version: info.device_version.clone(),
+        mac: info.mac.map(|byte| format!("{byte:02x}")).join(":"),
+    }
+}
+
+/// The camera of a capture stage.
+pub(crate) struct GenicamDevice {
+    name: String,
+    device: GenICamera,
+    // Stopped by being dropped, before the device is.
+    _stream: StreamChannel,
+    frames: FrameChannel,
+    size_px: [u32; 2],
+    format: PixelFormat,
+    patience: Duration,
+    last: u64,
+}
+
+impl GenicamDevice {
+    /// Takes control of the camera, sets it and starts the acquisition.
+    pub fn new(name: &str, wanted: &GenicamCamera, size_px: [u32; 2]) -> Result<Self, DeviceError> {
+        let fail =
+            |what: &str, reason: String| DeviceError::Frame(format!("camera \"{name}\": {what}: {reason}"));
+        let address = address(name, wanted)?;
+        let mut device = GenICamera::with_config(GigeConfig::new(address));
+        device.connect().map_err(|e| fail(&format!("connecting to {address}"), e.to_string()))?;
+        let exposure = set(&mut device, wanted, size_px).map_err(|(what, reason)| fail(&what, reason))?;
+        let bytes = size_px[0] as usize * size_px[1] as usize * 2;
+        let payload = device.get_integer("PayloadSize").map_err(|e| fail("PayloadSize", e.to_string()))?;
+        let mut stream = StreamConfig::new();
+        stream.payload_size = Some(payload.max(0) as usize);
+        stream.n_buffers = BUFFERS;
+        // A whole frame may wait while the receiver does not run; lost packets are asked for until all are there.
+        stream.stream_socket = vec![SocketOption::RecvBuffer((2 * bytes).max(8 << 20))];
+        stream.packet_request_ratio = 2.0;
+        stream.frame_retention = Duration::from_millis(500);
+        stream.packet_delay = wanted.packet_delay_ticks;
+        let channel =
+            transport(&device).open_stream(stream).map_err(|e| fail("opening the stream", e.to_string()))?;
+        let frames = channel.subscribe(BUFFERS);
+        device.execute("AcquisitionStart").map_err(|e| fail("AcquisitionStart", e.to_string()))?;
+        Ok(Self {
+            name: name.to_owned(),
+            device,
+            _stream: channel,
+            frames,
+            size_px,
+            format: wanted.pixel_format,
+            patience: PATIENCE + exposure,
+            last: 0,
+        })
+    }
+
+    fn fault(&self, reason: impl std::fmt::Display) -> DeviceError {
+        DeviceError::Frame(format!("camera \"{}\": {reason}", self.name))
+    }
+
+    /// The next frame, if it is the one that was triggered.
+    fn receive(&mut self) -> Result<Arc<Frame>, DeviceError> {
+        let Some(frame) = self.frames.wait_for(self.patience) else {
+            let seconds = self.patience.as_secs_f64();
+            return Err(self.fault(format!("no frame within {seconds:.1} s after the trigger")));
+        };
+        let expected = if self.last == LAST_BLOCK { 1 } else { self.last + 1 };
+        let (got, first) = (frame.frame_id, self.last == 0);
+        self.last = got;
+        // The camera may have counted before this process began.
+        if !first && got != expected {
+            return Err(self.fault(format!("frame {got} came where frame {expected} was due")));
+        }
+        if frame.status != FrameStatus::Complete {
+            let reason =
+                format!("frame {got} is not complete ({:?}, {} bytes)", frame.status, frame.received_size);
+            return Err(self.fault(reason));
+        }
+        if [frame.width, frame.height] != self.size_px {
+            let [width, height] = self.size_px;
+            let sizes = format!("{} × {} px, the rig file has {width} × {height}", frame.width, frame.height);
+            return Err(self.fault(format!("frame {got} has {sizes}")));
+        }
+        if frame.pixel_format.0 != self.format.code() {
+            let formats = format!("{} where {} was set", frame.pixel_format, self.format.name());
+            return Err(self.fault(format!("frame {got} has pixel format {formats}")));
+        }
+        Ok(frame)
+    }
+}
+
+impl Camera for GenicamDevice {
+    fn begin(&mut self, _cycle: u64) -> Result<(), DeviceError> {
+        // Frames of a cycle that was broken off.
+        while let Some(frame) = self.frames.try_recv() {
+            self.last = frame.frame_id;
+        }
+        Ok(())
+    }
+
+    fn expose(&mut self, _projector: usize, _frame: usize, out: &mut [u8]) -> Result<(), DeviceError> {
+        let late = self.frames.recv_all().len();
+        if late > 0 {
+            self.last = 0;
+            return Err(self.fault(format!("{late} frame(s) came without a trigger")));
+        }
+        self.device.execute("TriggerSoftware").map_err(|e| self.fault(format!("TriggerSoftware: {e}")))?;
+        let frame = self.receive()?;
+        if self.format.unpack(frame.data(), out) {
+            Ok(())
+        } else {
+            Err(self.fault(format!("{} bytes are no frame of {} bytes", frame.data().len(), out.len())))
+        }
+    }
+}
+
+fn transport(device: &GenICamera) -> &GigECamera {
+    device.transport()
+}
+
+/// The address of the camera: as written, or that of the device with the serial number.
+fn address(name: &str, wanted: &GenicamCamera) -> Result<IpAddr, DeviceError> {
+    if let Some(address) = wanted.address {
+        return Ok(address);
+    }
+    let serial = wanted.serial.as_deref().unwrap_or_default();
+    let found = find_cameras()?;
+    if let Some(camera) = found.iter().find(|camera| camera.serial == serial || camera.user_name == serial) {
+        return Ok(camera.address.into());
+    }
+    let known: Vec<String> = found.iter().map(|c| format!("{} at {}", c.serial, c.address)).collect();
+    let known = if known.is_empty() { "no camera answers".to_owned() } else { known.join(", ") };
+    Err(DeviceError::Frame(format!(
+        "camera \"{name}\": no device has the serial number or name \"{serial}\"; found: {known}; see `fringetool cameras`"
+    )))
+}
+
+/// Sets the camera and reads every setting back; the exposure time.
+fn set(
+    device: &mut GenICamera,
+    wanted: &GenicamCamera,
+    size_px: [u32; 2],
+) -> Result<Duration, (String, String)> {
+    let fail = |what: &str| {
+        let what = what.to_owned();
+        move |e: telegenic::GenicamError| (what, e.to_string())
+    };
+    for (key, size) in [("Width", size_px[0]), ("Height", size_px[1])] {
+        let size = i64::from(size);
+        let mut is = device.get_integer(key).map_err(fail(key))?;
+        if is != size {
+            device.set_integer(key, size).map_err(fail(key))?;
+            is = device.get_integer(key).map_err(fail(key))?;
+        }
+        if is != size {
+            return Err((key.to_owned(), format!("is {is}, the rig file has {size}")));
+        }
+    }
+    set_enum(device, "PixelFormat", wanted.pixel_format.name())?;
+    if device.has_feature("TriggerSelector") {
+        set_enum(device, "TriggerSelector", "FrameStart")?;
+    }
+    set_enum(device, "TriggerMode", "On")?;
+    set_enum(device, "TriggerSource", "Software")?;
+    for (key, value) in [("ExposureTime", wanted.exposure_us), ("Gain", wanted.gain_db)] {
+        let Some(value) = value else { continue };
+        device.set_float(key, value).map_err(fail(key))?;
+        let is = device.get_float(key).map_err(fail(key))?;
+        // Cameras round to their clock and steps.
+        if (is - value).abs() > 0.01 * value.abs().max(0.1) {
+            return Err((key.to_owned(), format!("is {is} after {value} was set")));
+        }
+    }
+    let exposure_us = device.get_float("ExposureTime").unwrap_or(0.0);
+    Ok(Duration::from_secs_f64(exposure_us.clamp(0.0, 1e7) * 1e-6))
+}
+
+fn set_enum(device: &mut GenICamera, key: &str, value: &str) -> Result<(), (String, String)> {
+    let fail = |e: telegenic::GenicamError| (key.to_owned(), e.to_string());
+    if let Err(error) = device.set_enum(key, value) {
+        let entries = device.enum_entries(key).unwrap_or_default().join(", ");
+        return Err((key.to_owned(), format!("{value} is refused ({error}); the camera has {entries}")));
+    }
+    let is = device.get_enum(key).map_err(fail)?;
+    if is == value { Ok(()) } else { Err((key.to_owned(), format!("is {is} after {value} was set"))) }
+}

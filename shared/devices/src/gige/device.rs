@@ -1,0 +1,300 @@
+//! A GigE Vision device without sockets: datagrams and times in, acknowledgements and actions out.
+
+use super::description::{MONO8, MONO10, MONO12, MONO16, xml};
+use super::gvcp::{Command, MAX_READ_BYTES, Request, Status};
+use super::registers::{Registers, XML_ADDRESS, bootstrap, feature};
+use std::net::{Ipv4Addr, SocketAddr};
+
+/// Stream packets, IP and UDP header included: at least what every network carries, at most what a datagram holds.
+const PACKET_BYTES: [u32; 2] = [576, 16_000];
+
+/// In the register of the packet size: send a test packet.
+const FIRE_TEST: u32 = 1 << 31;
+
+/// In the register of the packet size: the flags, not the size.
+const PACKET_FLAGS: u32 = 0xffff_0000;
+
+/// The register of the control privilege: exclusive and control access.
+const IN_CONTROL: u32 = 0b11;
+
+/// Capabilities: user name and serial number, write memory, several registers a command, packet resend.
+const CAPABILITIES: u32 = 1 << 31 | 1 << 30 | 1 << 2 | 1 << 1 | 1;
+
+/// A client that is silent for longer loses control, unless it asks for another time, ms.
+const HEARTBEAT_MS: u32 = 3000;
+
+/// Who the device says it is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Identity {
+    /// Address of the device.
+    pub address: Ipv4Addr,
+    /// Hardware address; unique on the network.
+    pub mac: [u8; 6],
+    /// Serial number, up to 15 characters.
+    pub serial: String,
+    /// Name that a person gave it, up to 15 characters.
+    pub user_name: String,
+    /// Columns of a frame, px.
+    pub width_px: u32,
+    /// Rows of a frame, px.
+    pub height_px: u32,
+    /// Grey value of a full pixel: 255, 1023, 4095 or 65535.
+    pub full_scale_dn: u16,
+}
+
+impl Identity {
+    fn pixel_format(&self) -> (&'static str, u32) {
+        match self.full_scale_dn {
+            ..=255 => ("Mono8", MONO8),
+            256..=1023 => ("Mono10", MONO10),
+            1024..=4095 => ("Mono12", MONO12),
+            _ => ("Mono16", MONO16),
+        }
+    }
+
+    /// Bytes of a frame.
+    pub fn frame_bytes(&self) -> usize {
+        let per_px = if self.full_scale_dn <= 255 { 1 } else { 2 };
+        self.width_px as usize * self.height_px as usize * per_px
+    }
+}
+
+/// What a datagram asks the host of the device to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Action {
+    /// Nothing beside the acknowledgement.
+    None,
+    /// Take a frame and stream it.
+    Trigger,
+    /// Send these packets of a block once more, both ends included.
+    Resend { block: u64, first: u32, last: u32 },
+    /// Send a packet of the configured size that holds nothing.
+    TestPacket,
+}
+
+/// A camera as its registers.
+#[derive(Debug)]
+pub struct Device {
+    registers: Registers,
+    /// The client in control and the time of its last command, ns.
+    controller: Option<(SocketAddr, u64)>,
+    /// Of the client in control: its last command and the answer, for a command that comes twice.
+    last: Option<(SocketAddr, u16, Vec<u8>)>,
+}
+
+impl Device {
+    /// A camera that nobody controls.
+    pub fn new(identity: &Identity) -> Self {
+        let (name, pixel_format) = identity.pixel_format();
+        let xml = xml((name, pixel_format));
+        let mut r = Registers::new(&xml);
+        r.set(bootstrap::VERSION, 0x0001_0002);
+        r.set(bootstrap::DEVICE_MODE, 0x8000_0001);
+        let [a, b, c, d, e, f] = identity.mac;
+        r.set(bootstrap::MAC_HIGH, u32::from_be_bytes([0, 0, a, b]));
+        r.set(bootstrap::MAC_LOW, u32::from_be_bytes([c, d, e, f]));
+        r.set(bootstrap::IP_OPTIONS, 0b111);
+        r.set(bootstrap::IP_CURRENT, 0b101);
+        r.set(bootstrap::IP_ADDRESS, identity.address.into());
+        r.set(bootstrap::SUBNET_MASK, 0xff00_0000);
+        r.set_text(bootstrap::MANUFACTURER, "fringecell", 32);
+        r.set_text(bootstrap::MODEL, "Twin", 32);
+        r.set_text(bootstrap::DEVICE_VERSION, env!("CARGO_PKG_VERSION"), 32);
+        r.set_text(bootstrap::MANUFACTURER_INFO, "simulated camera", 48);
+        r.set_text(bootstrap::SERIAL, &identity.serial, 16);
+        r.set_text(bootstrap::USER_NAME, &identity.user_name, 16);
+        r.set_text(bootstrap::XML_URL, &format!("Local:twin.xml;{XML_ADDRESS:X};{:X}", xml.len()), 512);
+        r.set(bootstrap::INTERFACES, 1);
+        r.set(bootstrap::STREAMS, 1);
+        r.set(bootstrap::CAPABILITIES, CAPABILITIES);
+        r.set(bootstrap::HEARTBEAT_MS, HEARTBEAT_MS);
+        r.set(bootstrap::TICKS_LOW, 1_000_000_000);
+        r.set(bootstrap::STREAM_PACKET, 1500);
+        r.set(feature::WIDTH, identity.width_px);
+        r.set(feature::HEIGHT, identity.height_px);
+        r.set(feature::PIXEL_FORMAT, pixel_format);
+        r.set(feature::PAYLOAD_BYTES, identity.frame_bytes() as u32);
+        r.set(feature::EXPOSURE_US, 10_000.0_f32.to_bits());
+        r.set(feature::TEMPERATURE_C, 35.0_f32.to_bits());
+        Self { registers: r, controller: None, last: None }
+    }
+
+    /// Value of `PixelFormat`.
+    pub fn pixel_format(&self) -> u32 {
+        self.registers.get(feature::PIXEL_FORMAT)
+    }
+
+    /// Where frames go to; `None` while no client opened the stream.
+    pub fn destination(&self) -> Option<SocketAddr> {
+        let port = self.registers.get(bootstrap::STREAM_PORT) as u16;
+        let address = Ipv4Addr::from(self.registers.get(bootstrap::STREAM_ADDRESS));
+        (port != 0 && !address.is_unspecified()).then(|| (address, port).into())
+    }
+
+    /// Size of a stream packet, IP and UDP header included, bytes.
+    pub fn packet_bytes(&self) -> usize {
+        (self.registers.get(bootstrap::STREAM_PACKET) & 0xffff) as usize
+    }
+
+    /// Exposure time, µs.
+    pub fn exposure_us(&self) -> f32 {
+        f32::from_bits(self.registers.get(feature::EXPOSURE_US))
+    }
+
+    /// Whether the client started the acquisition.
+    pub fn is_acquiring(&self) -> bool {
+        self.registers.get(feature::ACQUISITION) == 1
+    }
+
+    /// Takes control from a client that was silent for longer than its heartbeat.
+    pub fn expire(&mut self, now_ns: u64) {
+        let limit_ns = u64::from(self.registers.get(bootstrap::HEARTBEAT_MS)) * 1_000_000;
+        if self.controller.is_some_and(|(_, last_ns)| now_ns.saturating_sub(last_ns) > limit_ns) {
+            self.release();
+        }
+    }
+
+    fn release(&mut self) {
+        self.controller = None;
+        self.last = None;
+        for register in [bootstrap::CONTROL, bootstrap::STREAM_PORT, feature::ACQUISITION, feature::LOCKED] {
+            self.registers.set(register, 0);
+        }
+    }
+
+    /// Takes a datagram: the acknowledgement, if one is due, and what is to be done.
+    pub fn take(&mut self, datagram: &[u8], from: SocketAddr, now_ns: u64) -> (Option<Vec<u8>>, Action) {
+        self.expire(now_ns);
+        let Some(request) = Request::parse(datagram) else { return (None, Action::None) };
+        if let Some((_, last_ns)) = self.controller.as_mut().filter(|(client, _)| *client == from) {
+            *last_ns = now_ns;
+        }
+        // A client whose answer was lost asks again: the command must not be carried out twice.
+        if let Some((client, id, answer)) = &self.last {
+            if (*client, *id) == (from, request.id) && request.acknowledge {
+                return (Some(answer.clone()), Action::None);
+            }
+        }
+        let (status, payload, action) = self.execute(&request, from, now_ns);
+        let answer = request.answer(status, &payload);
+        if request.acknowledge && matches!(request.command, Command::WriteRegisters(_)) {
+            self.last = Some((from, request.id, answer.clone()));
+        }
+        (request.acknowledge.then_some(answer), action)
+    }
+
+    fn execute(&mut self, request: &Request<'_>, from: SocketAddr, now_ns: u64) -> (Status, Vec<u8>, Action) {
+        let plain = |status| (status, Vec::new(), Action::None);
+        match request.command {
+            Command::Discovery => {
+                let block = self.registers.read(0, bootstrap::DISCOVERY_BYTES).unwrap_or_default();
+                (Status::Success, block.to_vec(), Action::None)
+            }
+            Command::ReadRegisters(addresses) => {
+                let mut values = Vec::new();
+                for address in addresses.as_chunks::<4>().0 {
+                    let address = u32::from_be_bytes(*address);
+                    if address == bootstrap::TIME_HIGH || address == bootstrap::TIME_LOW {
+                        self.registers.set(bootstrap::TIME_HIGH, (now_ns >> 32) as u32);
+                        self.registers.set(bootstrap::TIME_LOW, now_ns as u32);
+                    }
+                    match self.registers.read(address, 4) {
+                        Some(_) if address % 4 != 0 => return plain(Status::BadAlignment),
+                        Some(value) => values.extend(value),
+                        None => return plain(Status::InvalidAddress),
+                    }
+                }
+                (Status::Success, values, Action::None)
+            }
+            Command::ReadMemory { address, count } => {
+                if address % 4 != 0 || count % 4 != 0 {
+                    return plain(Status::BadAlignment);
+                }
+                match self.registers.read(address, count) {
+                    Some(data) if count <= MAX_READ_BYTES => {
+                        (Status::Success, [&address.to_be_bytes(), data].concat(), Action::None)
+                    }
+                    Some(_) => plain(Status::InvalidParameter),
+                    None => plain(Status::InvalidAddress),
+                }
+            }
+            Command::WriteRegisters(pairs) => self.write_registers(pairs, from, now_ns),
+            Command::WriteMemory { address: bootstrap::USER_NAME, data } if data.len() == 16 => {
+                let text = String::from_utf8_lossy(data);
+                self.registers.set_text(bootstrap::USER_NAME, text.trim_end_matches('\0'), 16);
+                (Status::Success, vec![0, 0, 0, 16], Action::None)
+            }
+            Command::WriteMemory { .. } => plain(Status::WriteProtect),
+            Command::Resend { block, first, last } => {
+                (Status::Success, Vec::new(), Action::Resend { block, first, last })
+            }
+            Command::Malformed => plain(Status::InvalidParameter),
+            Command::Unknown => plain(Status::NotImplemented),
+        }
+    }
+
+    fn write_registers(&mut self, pairs: &[u8], from: SocketAddr, now_ns: u64) -> (Status, Vec<u8>, Action) {
+        let mut action = Action::None;
+        for (index, pair) in pairs.as_chunks::<8>().0.iter().enumerate() {
+            let (address, value) = pair.split_at(4);
+            let number = |bytes: &[u8]| bytes.try_into().map_or(0, u32::from_be_bytes);
+            match self.write(number(address), number(value), from, now_ns) {
+                Ok(Action::None) => {}
+                Ok(next) => action = next,
+                Err(status) => return (status, (index as u32).to_be_bytes().to_vec(), action),
+            }
+        }
+        (Status::Success, ((pairs.len() / 8) as u32).to_be_bytes().to_vec(), action)
+    }
+
+    fn write(&mut self, address: u32, value: u32, from: SocketAddr, now_ns: u64) -> Result<Action, Status> {
+        if address % 4 != 0 {
+            return Err(Status::BadAlignment);
+        }
+        let controls = self.controller.is_some_and(|(client, _)| client == from);
+        if address == bootstrap::CONTROL {
+            return self.change_control(value, from, now_ns, controls);
+        }
+        if !controls {
+            return Err(Status::AccessDenied);
+        }
+        if !Registers::is_writable(address) {
+            let known = self.registers.read(address, 4).is_some();
+            return Err(if known { Status::WriteProtect } else { Status::InvalidAddress });
+        }
+        match address {
+            bootstrap::STREAM_PACKET => {
+                let bytes = (value & 0xffff).clamp(PACKET_BYTES[0], PACKET_BYTES[1]) / 4 * 4;
+                self.registers.set(address, value & PACKET_FLAGS & !FIRE_TEST | bytes);
+                return Ok(if value & FIRE_TEST != 0 { Action::TestPacket } else { Action::None });
+            }
+            feature::PIXEL_FORMAT if value != self.pixel_format() => return Err(Status::InvalidParameter),
+            feature::TRIGGER_SOFTWARE => {
+                let ready = self.is_acquiring() && self.registers.get(feature::TRIGGER_MODE) == 1;
+                return Ok(if ready && value == 1 { Action::Trigger } else { Action::None });
+            }
+            _ => {}
+        }
+        self.registers.set(address, value);
+        Ok(Action::None)
+    }
+
+    fn change_control(
+        &mut self,
+        value: u32,
+        from: SocketAddr,
+        now_ns: u64,
+        controls: bool,
+    ) -> Result<Action, Status> {
+        if !controls && self.controller.is_some() {
+            return Err(Status::AccessDenied);
+        }
+        if value & IN_CONTROL == 0 {
+            self.release();
+        } else {
+            self.controller = Some((from, now_ns));
+            self.registers.set(bootstrap::CONTROL, value & IN_CONTROL);
+        }
+        Ok(Action::None)
+    }
+}

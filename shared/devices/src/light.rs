@@ -1,0 +1,230 @@
+//! A projector that another program works: it is told over the network what to show, and answers when it is shown.
+//!
+//! One datagram of text a command, numbered, so that a repeated one is not carried out twice:
+//!
+//! ```text
+//! 17 begin 3             the third cycle begins             17 ok
+//! 18 show proj1 4        show frame 4 (from 0) of proj1     18 ok        or  18 error REASON
+//! ```
+
+use crate::device::Projector;
+use crate::error::DeviceError;
+use std::io::{self, ErrorKind};
+use std::net::{SocketAddr, UdpSocket};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// A command without an answer is sent again after this time.
+const REPEAT: Duration = Duration::from_millis(200);
+
+/// A part may be put in place between two cycles: so long may the answer to `begin` take.
+const BEGIN_LIMIT: Duration = Duration::from_secs(60);
+
+/// Longest time until a pattern stands.
+const SHOW_LIMIT: Duration = Duration::from_secs(5);
+
+const MAX_TEXT_BYTES: usize = 512;
+
+/// What the other program is told.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum LightCommand {
+    /// A cycle begins, counted from 0: the part stands.
+    Begin(u64),
+    /// Show a frame of the sequence of a projector, counted from 0.
+    Show {
+        /// Name of the projector.
+        projector: String,
+        /// Number of the frame in its sequence, from 0.
+        frame: usize,
+    },
+}
+
+impl LightCommand {
+    fn parse(text: &str) -> Option<(u64, Self)> {
+        let words: Vec<&str> = text.split_ascii_whitespace().collect();
+        match words.as_slice() {
+            [id, "begin", cycle] => Some((id.parse().ok()?, Self::Begin(cycle.parse().ok()?))),
+            [id, "show", projector, frame] => {
+                let projector = (*projector).to_owned();
+                Some((id.parse().ok()?, Self::Show { projector, frame: frame.parse().ok()? }))
+            }
+            _ => None,
+        }
+    }
+}
+
+impl std::fmt::Display for LightCommand {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Begin(cycle) => write!(f, "begin {cycle}"),
+            Self::Show { projector, frame } => write!(f, "show {projector} {frame}"),
+        }
+    }
+}
+
+/// The projectors of a cell, worked by another program.
+pub(crate) struct NetworkProjector {
+    socket: UdpSocket,
+    address: SocketAddr,
+    names: Vec<String>,
+    id: u64,
+}
+
+impl NetworkProjector {
+    /// Opens a socket towards the program; `names` are those of the projectors, in the order of the cell.
+    pub fn new(address: SocketAddr, names: Vec<String>) -> Result<Self, DeviceError> {
+        let fail = |source| DeviceError::Light { address, source };
+        let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" }).map_err(fail)?;
+        socket.connect(address).map_err(fail)?;
+        socket.set_read_timeout(Some(REPEAT)).map_err(fail)?;
+        // Answers to an earlier process with other numbers must not match: begin with the clock.
+        let id = std::time::UNIX_EPOCH.elapsed().map_or(1, |t| t.as_micros() as u64);
+        Ok(Self { socket, address, names, id })
+    }
+
+    /// Sends a command until it is answered.
+    fn ask(&mut self, command: &LightCommand, limit: Duration) -> Result<(), DeviceError> {
+        self.id += 1;
+        let text = format!("{} {command}", self.id);
+        let refused = |reason: String| DeviceError::Frame(format!("projector at {}: {reason}", self.address));
+        let start = Instant::now();
+        let mut buffer = [0; MAX_TEXT_BYTES];
+        let mut last_fault = None;
+        while start.elapsed() < limit {
+            if let Err(source) = self.socket.send(text.as_bytes()) {
+                last_fault = Some(source.to_string());
+            }
+            let sent = Instant::now();
+            while sent.elapsed() < REPEAT {
+                let answer = match self.socket.recv(&mut buffer) {
+                    Ok(length) => String::from_utf8_lossy(&buffer[..length]).into_owned(),
+                    Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => break,
+                    Err(source) => {
+                        // Nobody listens yet.
+                        last_fault = Some(source.to_string());
+                        std::thread::sleep(REPEAT / 4);
+                        break;
+                    }
+                };
+                match answer.trim().split_once(' ') {
+                    Some((id, "ok")) if id == self.id.to_string() => return Ok(()),
+                    Some((id, rest)) if id == self.id.to_string() => {
+                        return Err(refused(rest.trim_start_matches("error ").to_owned()));
+                    }
+                    _ => {} // the answer to an earlier command
+                }
+            }
+        }
+        let fault = last_fault.map_or(String::new(), |fault| format!(" ({fault})"));
+        Err(refused(format!("no answer to \"{command}\" within {} s{fault}", limit.as_secs())))
+    }
+}
+
+impl Projector for NetworkProjector {
+    fn begin(&mut self, cycle: u64, _now_ns: u64) -> Result<(), DeviceError> {
+        self.ask(&LightCommand::Begin(cycle), BEGIN_LIMIT)
+    }
+
+    fn due_ns(&self) -> Option<u64> {
+        None
+    }
+
+    fn show(&mut self, projector: usize, frame: usize, _now_ns: u64) -> Result<(), DeviceError> {
+        let projector = self.names[projector].clone();
+        self.ask(&LightCommand::Show { projector, frame }, SHOW_LIMIT)
+    }
+}
+
+/// The other end: a program that shows what it is told, until dropped.
+#[derive(Debug)]
+pub struct LightServer {
+    address: SocketAddr,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl LightServer {
+    /// Listens on an address; `show` carries a command out and returns when it is done.
+    ///
+    /// # Errors
+    /// The address is taken or may not be opened.
+    pub fn start(
+        address: SocketAddr,
+        mut show: impl FnMut(LightCommand) -> Result<(), String> + Send + 'static,
+    ) -> io::Result<Self> {
+        let socket = UdpSocket::bind(address)?;
+        socket.set_read_timeout(Some(REPEAT))?;
+        let address = socket.local_addr()?;
+        let stop = Arc::new(AtomicBool::new(false));
+        let told = stop.clone();
+        let thread = std::thread::Builder::new().name("light".into()).spawn(move || {
+            let mut buffer = [0; MAX_TEXT_BYTES];
+            let mut last: Option<(SocketAddr, u64, String)> = None;
+            while !told.load(Ordering::Relaxed) {
+                let Ok((length, from)) = socket.recv_from(&mut buffer) else { continue };
+                let text = String::from_utf8_lossy(&buffer[..length]).into_owned();
+                let Some((id, command)) = LightCommand::parse(&text) else { continue };
+                let answer = match &last {
+                    Some((client, done, answer)) if (*client, *done) == (from, id) => answer.clone(),
+                    _ => match show(command) {
+                        Ok(()) => format!("{id} ok"),
+                        Err(reason) => format!("{id} error {reason}"),
+                    },
+                };
+                // A client that is gone asks no more.
+                let _ = socket.send_to(answer.as_bytes(), from);
+                last = Some((from, id, answer));
+            }
+        })?;
+        Ok(Self { address, stop, thread: Some(thread) })
+    }
+
+    /// The address that it listens on.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+impl Drop for LightServer {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Mutex;
+
+    #[test]
+    fn commands_arrive_once_in_order_and_refusals_come_back() {
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        let kept = seen.clone();
+        let any = "127.0.0.1:0".parse().unwrap();
+        let server = LightServer::start(any, move |command| {
+            // Longer than a client waits before it asks again.
+            if command == LightCommand::Begin(1) {
+                std::thread::sleep(REPEAT * 3);
+            }
+            kept.lock().unwrap().push(command.to_string());
+            if command.to_string().contains("proj2") { Err("the lamp is off".to_owned()) } else { Ok(()) }
+        })
+        .unwrap();
+        let names = vec!["proj1".to_owned(), "proj2".to_owned()];
+        let mut projector = NetworkProjector::new(server.address(), names).unwrap();
+        projector.begin(1, 0).unwrap();
+        projector.show(0, 4, 0).unwrap();
+        let refused = projector.show(1, 0, 0).unwrap_err().to_string();
+        assert!(refused.contains("the lamp is off"), "{refused}");
+        assert_eq!(*seen.lock().unwrap(), ["begin 1", "show proj1 4", "show proj2 0"]);
+        drop(server);
+        let lost =
+            projector.ask(&LightCommand::Begin(2), Duration::from_millis(500)).unwrap_err().to_string();
+        assert!(lost.contains("no answer to \"begin 2\""), "{lost}");
+    }
+}

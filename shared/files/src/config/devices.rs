@@ -1,0 +1,107 @@
+//! What real devices need to be found: cameras and projectors on the network.
+
+use super::raw::{RawCamera, RawProjector};
+use super::values::value;
+use crate::document::Document;
+use crate::error::{FileError, Problem};
+use crate::rig_file::unknown;
+use cell::configuration::{Driver, GenicamCamera};
+use cell::pixel_format::PixelFormat;
+use std::net::{IpAddr, SocketAddr};
+
+/// Exposure times of cameras, µs.
+const EXPOSURE_US: [f64; 2] = [1.0, 1e7];
+
+/// Gains of cameras, dB.
+const GAIN_DB: [f64; 2] = [0.0, 100.0];
+
+/// How a camera with the driver "genicam" is found and set; `None` for another driver.
+pub(super) fn genicam(
+    document: &Document,
+    key: &str,
+    raw: &RawCamera,
+) -> Result<Option<GenicamCamera>, FileError> {
+    let written = [
+        ("address", raw.address.is_some()),
+        ("serial", raw.serial.is_some()),
+        ("pixel_format", raw.pixel_format.is_some()),
+        ("exposure_us", raw.exposure_us.is_some()),
+        ("gain_db", raw.gain_db.is_some()),
+        ("packet_delay_ticks", raw.packet_delay_ticks.is_some()),
+    ];
+    if raw.driver != "genicam" {
+        return match written.iter().find(|(_, present)| *present) {
+            Some((part, _)) => Err(needs(document, &format!("{key}.{part}"), &raw.driver, "genicam")),
+            None => Ok(None),
+        };
+    }
+    let address = raw.address.as_ref().map(|text| {
+        text.parse::<IpAddr>().map_err(|_| {
+            let problem = value(format!("{text:?}"), "an IP address");
+            document.fault(&format!("{key}.address"), problem, "for instance \"192.168.1.10\"")
+        })
+    });
+    if raw.address.is_some() == raw.serial.is_some() {
+        let problem = Problem::Missing(format!("either address or serial of camera \"{}\"", raw.name));
+        return Err(document.fault(key, problem, "`fringetool cameras` lists both; write one of them"));
+    }
+    Ok(Some(GenicamCamera {
+        address: address.transpose()?,
+        serial: raw.serial.clone(),
+        pixel_format: pixel_format(document, key, raw)?,
+        exposure_us: within(document, &format!("{key}.exposure_us"), raw.exposure_us, EXPOSURE_US, "µs")?,
+        gain_db: within(document, &format!("{key}.gain_db"), raw.gain_db, GAIN_DB, "dB")?,
+        packet_delay_ticks: raw.packet_delay_ticks,
+    }))
+}
+
+fn pixel_format(document: &Document, key: &str, raw: &RawCamera) -> Result<PixelFormat, FileError> {
+    let Some(name) = &raw.pixel_format else { return Ok(PixelFormat::default()) };
+    let known = PixelFormat::ALL.map(PixelFormat::name);
+    PixelFormat::ALL
+        .into_iter()
+        .find(|format| format.name() == name)
+        .ok_or_else(|| unknown(document, &format!("{key}.pixel_format"), "pixel format", name, known))
+}
+
+/// Address of a projector with the driver "network"; `None` for another driver.
+pub(super) fn network_address(
+    document: &Document,
+    key: &str,
+    raw: &RawProjector,
+    driver: Driver,
+) -> Result<Option<SocketAddr>, FileError> {
+    let key = format!("{key}.address");
+    match (&raw.address, driver == Driver::Network) {
+        (None, false) => Ok(None),
+        (Some(_), false) => Err(needs(document, &key, &raw.driver, "network")),
+        (None, true) => {
+            let problem = Problem::Missing(format!("address of projector \"{}\"", raw.name));
+            Err(document.fault(&key, problem, "add address = \"127.0.0.1:3957\", where the program listens"))
+        }
+        (Some(text), true) => text.parse().map(Some).map_err(|_| {
+            let problem = value(format!("{text:?}"), "an IP address and a port");
+            document.fault(&key, problem, "for instance \"127.0.0.1:3957\"")
+        }),
+    }
+}
+
+fn needs(document: &Document, key: &str, driver: &str, other: &str) -> FileError {
+    let problem = Problem::Unsupported(format!("a device with the driver \"{driver}\" has no such key"));
+    document.fault(key, problem, format!("remove it, or use the driver \"{other}\""))
+}
+
+fn within(
+    document: &Document,
+    key: &str,
+    found: Option<f64>,
+    [least, most]: [f64; 2],
+    unit: &str,
+) -> Result<Option<f64>, FileError> {
+    match found {
+        Some(number) if !(least..=most).contains(&number) => {
+            Err(document.fault(key, value(number, format!("{least} … {most} {unit}")), ""))
+        }
+        _ => Ok(found),
+    }
+}

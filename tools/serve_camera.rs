@@ -1,0 +1,62 @@
+//! `fringetool serve-camera`: the cameras of a digital twin as GigE Vision cameras on this computer.
+
+use crate::Outcome;
+use anyhow::{Result, bail};
+use cell::Options;
+use devices::ServedTwin;
+use devices::gige::Faults;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// Configuration of a cell whose cameras are twins (TOML, docs/formats.md).
+    #[arg(value_name = "CONFIG")]
+    config: PathBuf,
+    /// Address of the first camera; the others have the addresses after it.
+    #[arg(long, default_value = "127.0.0.11")]
+    address: Ipv4Addr,
+    /// Address and port where the projectors are told what to show.
+    #[arg(long, default_value = "127.0.0.1:3957")]
+    light: SocketAddr,
+    /// Fault on the network, for tests: `drop=N`, `duplicate=N` or `swap=N` (every N-th packet), `ignore-trigger=N`
+    /// (every N-th trigger), `no-resend`. May be given several times.
+    #[arg(long = "fault", value_name = "FAULT")]
+    faults: Vec<String>,
+}
+
+/// Serves until the process is stopped.
+pub fn run(args: &Args) -> Result<Outcome> {
+    let cell = devices::load(&args.config, &Options::default())?;
+    let served = ServedTwin::start(&cell, args.address, args.light, faults(&args.faults)?)?;
+    for (name, address) in served.cameras() {
+        println!("camera \"{name}\" at {}", address.ip());
+    }
+    println!("projectors at {}", served.light());
+    if !served.is_searchable() {
+        println!("another program answers searches here: these cameras are found by their address only");
+    }
+    println!("serving until Ctrl-C");
+    loop {
+        std::thread::park();
+    }
+}
+
+fn faults(texts: &[String]) -> Result<Faults> {
+    let mut faults = Faults::default();
+    for text in texts {
+        let (name, every) = text.split_once('=').unwrap_or((text, "1"));
+        let Some(every) = every.parse::<u64>().ok().filter(|every| *every > 0) else {
+            bail!("--fault {text}: must count from 1, for instance drop=100");
+        };
+        match name {
+            "drop" => faults.drop_every = every,
+            "duplicate" => faults.duplicate_every = every,
+            "swap" => faults.swap_every = every,
+            "ignore-trigger" => faults.ignore_trigger_every = every,
+            "no-resend" => faults.no_resend = true,
+            _ => bail!("--fault {text}: must be drop=N, duplicate=N, swap=N, ignore-trigger=N or no-resend"),
+        }
+    }
+    Ok(faults)
+}
