@@ -24,3 +24,4 @@ pub use error::DeviceError;
 pub use genicam::{FoundCamera, find_cameras};
 pub use light::{LightCommand, LightServer};
 pub use load::{LoadedCell, check, load};
+pub use served_twin::ServedTwin;

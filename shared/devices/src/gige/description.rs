@@ -44,33 +44,33 @@ const FEATURES: [&str; 15] = [
 ];
 
 fn register(xml: &mut String, kind: &str, name: &str, address: u32, access: &str) {
-    let _ = write!(
+    let _ = writeln!(
         xml,
         "  <{kind} Name=\"{name}Reg\"><Address>0x{address:X}</Address><Length>4</Length><AccessMode>{access}</AccessMode>\
-         <pPort>Device</pPort><Cachable>NoCache</Cachable>{}<Endianess>BigEndian</Endianess></{kind}>\n",
+         <pPort>Device</pPort><Cachable>NoCache</Cachable>{}<Endianess>BigEndian</Endianess></{kind}>",
         if kind == "IntReg" { "<Sign>Unsigned</Sign>" } else { "" }
     );
 }
 
 fn integer(xml: &mut String, name: &str, address: u32, access: &str) {
-    let _ = write!(xml, "  <Integer Name=\"{name}\"><pValue>{name}Reg</pValue></Integer>\n");
+    let _ = writeln!(xml, "  <Integer Name=\"{name}\"><pValue>{name}Reg</pValue></Integer>");
     register(xml, "IntReg", name, address, access);
 }
 
 fn float(xml: &mut String, name: &str, address: u32, unit: &str, limits: Option<[f64; 2]>) {
     let range =
         limits.map_or(String::new(), |[least, most]| format!("<Min>{least:?}</Min><Max>{most:?}</Max>"));
-    let _ = write!(
+    let _ = writeln!(
         xml,
-        "  <Float Name=\"{name}\"><pValue>{name}Reg</pValue>{range}<Unit>{unit}</Unit></Float>\n"
+        "  <Float Name=\"{name}\"><pValue>{name}Reg</pValue>{range}<Unit>{unit}</Unit></Float>"
     );
     register(xml, "FloatReg", name, address, if limits.is_some() { "RW" } else { "RO" });
 }
 
 fn command(xml: &mut String, name: &str, pointer: &str, value: u32) {
-    let _ = write!(
+    let _ = writeln!(
         xml,
-        "  <Command Name=\"{name}\"><pValue>{pointer}Reg</pValue><CommandValue>{value}</CommandValue></Command>\n"
+        "  <Command Name=\"{name}\"><pValue>{pointer}Reg</pValue><CommandValue>{value}</CommandValue></Command>"
     );
 }
 
@@ -79,7 +79,7 @@ fn enumeration(xml: &mut String, name: &str, address: u32, entries: &[(&str, u32
     for (entry, value) in entries {
         let _ = write!(xml, "<EnumEntry Name=\"{entry}\"><Value>{value}</Value></EnumEntry>");
     }
-    let _ = write!(xml, "<pValue>{name}Reg</pValue></Enumeration>\n");
+    let _ = writeln!(xml, "<pValue>{name}Reg</pValue></Enumeration>");
     register(xml, "IntReg", name, address, "RW");
 }
 

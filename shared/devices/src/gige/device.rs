@@ -170,10 +170,9 @@ impl Device {
             *last_ns = now_ns;
         }
         // A client whose answer was lost asks again: the command must not be carried out twice.
-        if let Some((client, id, answer)) = &self.last {
-            if (*client, *id) == (from, request.id) && request.acknowledge {
-                return (Some(answer.clone()), Action::None);
-            }
+        let again = self.last.as_ref().filter(|(client, id, _)| (*client, *id) == (from, request.id));
+        if let Some((_, _, answer)) = again.filter(|_| request.acknowledge) {
+            return (Some(answer.clone()), Action::None);
         }
         let (status, payload, action) = self.execute(&request, from, now_ns);
         let answer = request.answer(status, &payload);
@@ -199,7 +198,7 @@ impl Device {
                         self.registers.set(bootstrap::TIME_LOW, now_ns as u32);
                     }
                     match self.registers.read(address, 4) {
-                        Some(_) if address % 4 != 0 => return plain(Status::BadAlignment),
+                        Some(_) if !address.is_multiple_of(4) => return plain(Status::BadAlignment),
                         Some(value) => values.extend(value),
                         None => return plain(Status::InvalidAddress),
                     }
@@ -207,7 +206,7 @@ impl Device {
                 (Status::Success, values, Action::None)
             }
             Command::ReadMemory { address, count } => {
-                if address % 4 != 0 || count % 4 != 0 {
+                if !address.is_multiple_of(4) || !count.is_multiple_of(4) {
                     return plain(Status::BadAlignment);
                 }
                 match self.registers.read(address, count) {
@@ -248,7 +247,7 @@ impl Device {
     }
 
     fn write(&mut self, address: u32, value: u32, from: SocketAddr, now_ns: u64) -> Result<Action, Status> {
-        if address % 4 != 0 {
+        if !address.is_multiple_of(4) {
             return Err(Status::BadAlignment);
         }
         let controls = self.controller.is_some_and(|(client, _)| client == from);
