@@ -85,7 +85,9 @@ fn cell(test: u8) -> (TempDir, String, String) {
 }
 
 fn run(folder: &Path, config: &str, out: &str, cycles: &str) -> Output {
-    let name = format!("t-gige-{out}-{}", std::process::id());
+    // Several tests run at once: the folder's name is unique.
+    let unique = folder.file_name().unwrap().to_str().unwrap().trim_start_matches(".tmp").to_lowercase();
+    let name = format!("t-gige-{out}-{unique}");
     Command::new(env!("CARGO_BIN_EXE_fringecell"))
         .args([
             "run",
@@ -217,8 +219,8 @@ fn impossible_devices_are_refused_with_their_key() {
     let (folder, _, live) = cell(6);
     let text = std::fs::read_to_string(&live).unwrap();
     let cases = [
-        ("driver = \"network\"\n", "driver = \"twin\"\n", "address"),
-        ("driver = \"genicam\"", "driver = \"twin\"", "address"),
+        ("driver = \"network\"\n", "driver = \"twin\"\n", "[twin]"),
+        ("driver = \"genicam\"", "driver = \"recording\"", "address"),
         ("[[camera]]", "[[camera]]\nserial = \"1\"", "either address or serial"),
         ("[[camera]]", "[[camera]]\npixel_format = \"Mono9\"", "pixel_format"),
         ("[[camera]]", "[[camera]]\nexposure_us = -1.0", "exposure_us"),
