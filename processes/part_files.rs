@@ -32,7 +32,7 @@ pub struct Scan {
 /// The files of one cycle.
 #[derive(Debug)]
 pub enum Kept {
-    /// Its result alone.
+    /// The result alone, without cloud and report.
     Result,
     /// Cloud and report too.
     Scan(Box<Scan>),

@@ -88,7 +88,7 @@ impl RunFolder {
         Ok(folder)
     }
 
-    /// The folder.
+    /// Path of the run folder.
     pub fn path(&self) -> &Path {
         &self.path
     }

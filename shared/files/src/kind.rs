@@ -12,9 +12,9 @@ const LOOK_BYTES: u64 = 4 << 20;
 /// A kind of file. Those of one language are told apart by what they say of themselves.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Kind {
-    /// Nothing in it.
+    /// A file without any bytes.
     Empty,
-    /// A point cloud.
+    /// A point cloud without faces.
     Cloud,
     /// A mesh in PLY format.
     Mesh,
@@ -34,7 +34,7 @@ pub enum Kind {
     Table,
     /// By a signature: PNG, TIFF, PDF, NumPy …
     Binary(&'static str),
-    /// Something else.
+    /// Content that is not recognised.
     Unknown,
 }
 

@@ -17,9 +17,9 @@ pub enum OutputError {
     /// An output that the guard refuses, with its option.
     #[error("{flag}")]
     Guarded {
-        /// The option.
+        /// Name of the option, such as `--out`.
         flag: String,
-        /// Why.
+        /// The reason of the refusal.
         #[source]
         source: Box<FileError>,
     },

@@ -24,9 +24,9 @@ pub(super) struct Head {
     pub kind: Kind,
     /// Cycle and activation that the contents belong to; 0 in the header and the seal.
     pub key: ValueKey,
-    /// Bytes that follow.
+    /// Number of bytes that follow the head.
     pub length: u64,
-    /// Of these bytes.
+    /// Checksum (xxh3) of the bytes that follow.
     pub checksum: u64,
 }
 

@@ -15,7 +15,7 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 #[derive(Debug)]
 pub struct RecordReader {
     blocks: Blocks,
-    /// What was run.
+    /// Description of the run.
     pub header: RecordHeader,
     /// Cycles that were closed, damaged ones included.
     closed: u64,
@@ -26,7 +26,7 @@ pub struct RecordReader {
 /// A cycle of a record.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecordedCycle {
-    /// How it went.
+    /// Outcome, verdict and activations of the cycle.
     pub entry: CycleEntry,
     /// Where its bytes lie, by activation.
     pub values: BTreeMap<u32, StoredValue>,
@@ -35,7 +35,7 @@ pub struct RecordedCycle {
 /// A cycle whose bytes are not those that were written.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DamagedCycle {
-    /// Number, from 0.
+    /// Number of the cycle, from 0.
     pub cycle: u64,
     /// Its parts: an activation whose kept bytes are damaged; `None`: the entry with hashes and outcome.
     pub parts: Vec<Option<u32>>,
@@ -61,7 +61,7 @@ pub enum Ending {
 /// What a record gives next.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Next {
-    /// A complete cycle.
+    /// The next complete cycle.
     Cycle(RecordedCycle),
     /// A cycle that is there and cannot be used; more may follow.
     Damaged(DamagedCycle),
