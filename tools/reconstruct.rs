@@ -1,5 +1,6 @@
 mod pairs;
 mod task;
+mod why;
 
 pub use pairs::projector_pairs;
 use pairs::{camera_pairs, projector_pairs_or_fault};
@@ -41,6 +42,9 @@ pub struct Args {
     /// Point cloud to write (PLY).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// Picture of what became of each pixel of the left camera, with a legend (PNG); of several pairs one each, `why-PAIR.png`.
+    #[arg(long, value_name = "FILE")]
+    map: Option<PathBuf>,
     /// Reconstruct only these pairs; by default all.
     #[arg(long, value_name = "NAME")]
     pair: Vec<String>,
@@ -82,6 +86,8 @@ struct PairCloud {
     pair: Pair,
     points: Vec<Point>,
     report: Matched,
+    /// What became of each pixel of the left camera (see [`why`]).
+    classes: Vec<u8>,
 }
 
 /// What became of the pixels of a pair, on one line; the causes add up to the valid pixels less the points.
@@ -124,7 +130,11 @@ fn dropped(surface: &SurfaceReport) -> String {
 
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
-    let outputs = [("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
+    let outputs = [
+        ("--out", Some(args.out.as_path())),
+        ("--json", args.json.as_deref()),
+        ("--map", args.map.as_deref()),
+    ];
     let recording_file = args.recording.join(RECORDING_FILE);
     let inputs: Vec<_> =
         args.rig.iter().chain(&args.config).chain([&recording_file]).map(PathBuf::as_path).collect();
@@ -142,6 +152,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
         );
     }
     write_cloud(args, &recording, &task, &fused)?;
+    if let Some(path) = &args.map {
+        for written in why::write(path, &done.views, &done.pairs)? {
+            println!("what became of each pixel: {}", written.display());
+        }
+    }
     for line in &done.filtered {
         println!("{line}");
     }
@@ -208,7 +223,9 @@ fn clouds(recording: &Recording, task: &Task, filters: &Filters) -> Result<Done>
         let matched = matcher.cloud(&view(&pair.left), &view(&pair.right));
         let (points, report) =
             matched.with_context(|| format!("{}: pair \"{}\"", task.rig.path.display(), pair.name))?;
-        Ok(PairCloud { pair: pair.clone(), points, report })
+        let mut cloud = PairCloud { pair: pair.clone(), points, report, classes: Vec::new() };
+        cloud.classes = why::classes(matcher.causes(), &why::left_maps(&views, &cloud));
+        Ok(cloud)
     };
     let pairs = task.pairs.iter().enumerate().map(match_pair).collect::<Result<_>>()?;
     Ok(Done { views, filtered, pairs })
@@ -242,6 +259,11 @@ fn print_report(done: &Done, fusion: &FusionReport, points: usize, args: &Args) 
     }
     for cloud in &done.pairs {
         println!("{}: {}", cloud.pair.name, line(&cloud.report));
+        let left_out: Vec<String> =
+            why::left_out(&cloud.classes).into_iter().map(|(cause, count)| format!("{count} {cause}")).collect();
+        if !left_out.is_empty() {
+            println!("{}: lit pixels without a point: {}", cloud.pair.name, left_out.join(", "));
+        }
     }
     for o in &fusion.overlaps {
         println!(
@@ -260,7 +282,13 @@ fn json(args: &Args, task: &Task, done: &Done, fusion: &FusionReport, fused: &[P
     let pairs: Vec<_> = done
         .pairs
         .iter()
-        .map(|c| serde_json::json!({ "name": c.pair.name, "points": c.points.len(), "matching": c.report }))
+        .map(|c| {
+            let left_out: serde_json::Map<String, serde_json::Value> =
+                why::left_out(&c.classes).into_iter().map(|(cause, count)| (cause, count.into())).collect();
+            serde_json::json!({
+                "name": c.pair.name, "points": c.points.len(), "matching": c.report, "left_out": left_out,
+            })
+        })
         .collect();
     serde_json::json!({
         "method": task.method,

@@ -14,6 +14,7 @@ use fringe::decode::DecodeSettings;
 use fringe::frame::Frame;
 use fringe::pattern::{Axis, PatternSet};
 use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
 
 /// All detections, ready for the adjustment.
@@ -26,6 +27,8 @@ pub struct Gathered {
     pub lit: Vec<(String, Vec<String>)>,
     /// What was left out, one line each.
     pub notes: Vec<String>,
+    /// Projectors that a recording does not characterise, and why.
+    missing: Vec<(String, String)>,
     /// Every image that was searched.
     pub target_images: Vec<TargetImage>,
     /// Number of images in which the target was found.
@@ -69,7 +72,49 @@ pub fn for_all<'a, T: Sync, R: Send>(
     worked.collect()
 }
 
+/// The size that most pictures of each camera have; of equally many the one that comes first.
+pub fn usual_sizes<'a>(
+    pictures: impl Iterator<Item = (&'a str, (u32, u32))>,
+) -> BTreeMap<&'a str, (u32, u32)> {
+    let mut counts: BTreeMap<&str, Vec<((u32, u32), usize)>> = BTreeMap::new();
+    for (camera, size_px) in pictures {
+        let sizes = counts.entry(camera).or_default();
+        match sizes.iter_mut().find(|(known, _)| *known == size_px) {
+            Some((_, count)) => *count += 1,
+            None => sizes.push((size_px, 1)),
+        }
+    }
+    let most = |sizes: Vec<((u32, u32), usize)>| sizes.into_iter().rev().max_by_key(|(_, count)| *count);
+    counts.into_iter().filter_map(|(camera, sizes)| Some((camera, most(sizes)?.0))).collect()
+}
+
 impl Gathered {
+    /// A picture that could be read and has the usual size; another becomes a note.
+    pub fn usable(
+        &mut self,
+        camera: &str,
+        sizes: &BTreeMap<&str, (u32, u32)>,
+        look: Result<SearchedImage>,
+    ) -> Option<SearchedImage> {
+        let look = match look {
+            Ok(look) => look,
+            Err(error) => {
+                self.notes.push(format!("{error:#}; left out"));
+                return None;
+            }
+        };
+        let usual = sizes.get(camera).copied().unwrap_or(look.size_px);
+        if look.size_px != usual {
+            let ((width_px, height_px), (usual_width_px, usual_height_px)) = (look.size_px, usual);
+            self.notes.push(format!(
+                "{}: {width_px} × {height_px} px, most pictures of \"{camera}\" have {usual_width_px} × {usual_height_px}; left out",
+                look.place
+            ));
+            return None;
+        }
+        Some(look)
+    }
+
     /// The observations for the adjustment.
     pub fn observations(&self, target: &TargetSpec) -> Observations {
         Observations {
@@ -151,6 +196,22 @@ impl Gathered {
         }
     }
 
+    /// Projectors that no recording characterises, each with the reasons, and cameras without a view.
+    pub fn not_characterised(&self) -> Vec<(String, String)> {
+        let viewed = |name: &str| {
+            self.views.iter().any(|view| self.devices.get(view.device).is_some_and(|d| d.name == name))
+        };
+        let mut all: BTreeMap<String, BTreeSet<&str>> = BTreeMap::new();
+        for (name, why) in self.missing.iter().filter(|(name, _)| !viewed(name)) {
+            all.entry(name.clone()).or_default().insert(why);
+        }
+        for device in self.devices.iter().filter(|d| !viewed(&d.name)) {
+            all.entry(device.name.clone()).or_default().insert("the target was found in none of its pictures");
+        }
+        let joined = |why: BTreeSet<&str>| why.into_iter().collect::<Vec<_>>().join("; ");
+        all.into_iter().map(|(name, why)| (name, joined(why))).collect()
+    }
+
     /// What there is, for messages.
     pub fn summary(&self) -> String {
         let (poses, views) = (self.poses.len(), self.views.len());
@@ -189,21 +250,26 @@ pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered>
     let mut all = Gathered::default();
     let looks = for_all("finding targets", recordings, |recording| look_around(recording, target));
     let mut lamps = Vec::new();
+    let sizes = usual_sizes(
+        looks.iter().flatten().filter_map(|(camera, look)| Some((*camera, look.as_ref().ok()?.size_px))),
+    );
     for (recording, looks) in recordings.iter().zip(looks) {
         let pose = all.pose(recording.folder.display().to_string());
         let mut seen: Vec<(usize, String, Detection)> = Vec::new();
-        for (camera, look) in looks? {
+        for (camera, look) in looks {
+            let Some(look) = all.usable(camera, &sizes, look) else { continue };
             let (width_px, height_px) = look.size_px;
-            let device = all
-                .device(camera, DeviceKind::Camera, width_px, height_px)
-                .with_context(|| look.place.clone())?;
+            let device = all.device(camera, DeviceKind::Camera, width_px, height_px)?;
             let Some(detection) = all.take(look, device, pose) else { continue };
             all.add(device, pose, &detection);
             seen.push((device, camera.to_owned(), detection));
         }
         for projector in &recording.projectors {
             all.note_lit(projector);
-            lamps.extend(Lamp::new(recording, projector, pose, &seen));
+            match Lamp::new(recording, projector, pose, &seen) {
+                Ok(lamp) => lamps.push(lamp),
+                Err(why) => all.missing.push((projector.name.clone(), why)),
+            }
         }
     }
     let read = for_all("reading projectors", &lamps, Lamp::read);
@@ -214,21 +280,24 @@ pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered>
 }
 
 /// Each camera in the light of the first projector that shows it the target.
-fn look_around<'a>(recording: &'a Recording, target: &TargetSpec) -> Result<Vec<(&'a str, SearchedImage)>> {
-    let mut looks: Vec<(&str, SearchedImage)> = Vec::new();
+fn look_around<'a>(recording: &'a Recording, target: &TargetSpec) -> Vec<(&'a str, Result<SearchedImage>)> {
+    let mut looks: Vec<(&str, Result<SearchedImage>)> = Vec::new();
     for projector in &recording.projectors {
         for camera in &projector.cameras {
             let name = camera.name.as_str();
-            if looks.iter().any(|(other, look)| *other == name && look.found.is_ok()) {
+            let found = |look: &Result<SearchedImage>| look.as_ref().is_ok_and(|look| look.found.is_ok());
+            if looks.iter().any(|(other, look)| *other == name && found(look)) {
                 continue;
             }
             let place = format!("{}: camera \"{name}\"", recording.folder.display());
             let source = Source::Recorded(Box::new((recording.clone(), projector.clone(), camera.clone())));
-            let frame = bright_frame(recording, projector, camera)?;
-            looks.push((name, search(&frame, target, place, source)));
+            let look = bright_frame(recording, projector, camera)
+                .with_context(|| place.clone())
+                .map(|frame| search(&frame, target, place, source));
+            looks.push((name, look));
         }
     }
-    Ok(looks)
+    looks
 }
 
 impl Gathered {
@@ -240,7 +309,16 @@ impl Gathered {
     }
 }
 
-/// A projector with both fringe directions, and the camera in which its coordinates are read at the target's points.
+/// The first axis along which no set of a sequence tells a coordinate.
+pub fn axis_without_coordinates(sequence: &[PatternSet]) -> Option<&'static str> {
+    let tells = |set: &PatternSet, axis| {
+        matches!(set, PatternSet::Sine { .. } | PatternSet::Gray { .. }) && set.axis() == Some(axis)
+    };
+    let axes = [(Axis::X, "x"), (Axis::Y, "y")];
+    axes.into_iter().find(|(axis, _)| !sequence.iter().any(|set| tells(set, *axis))).map(|(_, name)| name)
+}
+
+/// A projector with coordinates along both axes, and the camera in which its coordinates are read at the target's points.
 struct Lamp<'a> {
     recording: &'a Recording,
     projector: &'a RecordedProjector,
@@ -252,30 +330,24 @@ struct Lamp<'a> {
 }
 
 impl<'a> Lamp<'a> {
-    /// One camera is enough, two would count the same information twice: the one that found most points; `None` without any.
+    /// One camera is enough, two would count the same information twice: the one that found most points; else why there is none.
     fn new(
         recording: &'a Recording,
         projector: &'a RecordedProjector,
         pose: usize,
         seen: &[(usize, String, Detection)],
-    ) -> Option<Self> {
-        let has = |axis| {
-            projector.sequence.iter().any(|s| matches!(s, PatternSet::Sine { axis: a, .. } if *a == axis))
-        };
+    ) -> Result<Self, String> {
+        if let Some(axis) = axis_without_coordinates(&projector.sequence) {
+            return Err(format!("its sequence shows neither sine nor gray sets with axis = \"{axis}\""));
+        }
         let cameras = projector
             .cameras
             .iter()
             .filter_map(|c| Some((c, seen.iter().find(|(_, name, _)| *name == c.name)?)));
-        let (camera, (device, _, detection)) = cameras.max_by_key(|(_, (_, _, d))| d.points.len())?;
+        let (camera, (device, _, detection)) =
+            cameras.max_by_key(|(_, (_, _, d))| d.points.len()).ok_or("no camera shows the target in its light")?;
         let (device, detection) = (*device, detection.clone());
-        (has(Axis::X) && has(Axis::Y)).then_some(Self {
-            recording,
-            projector,
-            pose,
-            camera,
-            device,
-            detection,
-        })
+        Ok(Self { recording, projector, pose, camera, device, detection })
     }
 
     /// Its pixels at the target's points; `None` where the sequence has no phase along both axes.
@@ -303,6 +375,7 @@ impl Gathered {
             let (name, count) = (&projector.name, image_points.len());
             self.notes
                 .push(format!("{place}: projector \"{name}\" lights {count} points of the target; left out"));
+            self.missing.push((name.clone(), "it lights too few points of the target".to_owned()));
             return Ok(());
         }
         let (width, height) = (projector.width_px, projector.height_px);

@@ -1,6 +1,6 @@
 //! Images of a target without a recording: `--images cam1='left*.png'`.
 
-use super::detections::{Gathered, SearchedImage, for_all, search};
+use super::detections::{Gathered, SearchedImage, for_all, search, usual_sizes};
 use super::target_images::Source;
 use anyhow::{Context, Result, bail};
 use characterise::calibration::DeviceKind;
@@ -25,15 +25,17 @@ pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
         Ok(search(&frame, target, path.display().to_string(), Source::File(path.clone())))
     });
     let mut all = Gathered::default();
+    let sizes = usual_sizes(pictures.iter().zip(&looks).filter_map(|((_, list), look)| {
+        Some((lists[*list].0.as_str(), look.as_ref().ok()?.size_px))
+    }));
     for ((number, list), look) in pictures.into_iter().zip(looks) {
         if list == 0 {
             all.pose(lists[0].1[number].display().to_string());
         }
-        let look = look?;
+        let camera = &lists[list].0;
+        let Some(look) = all.usable(camera, &sizes, look) else { continue };
         let (width_px, height_px) = look.size_px;
-        let device = all
-            .device(&lists[list].0, DeviceKind::Camera, width_px, height_px)
-            .with_context(|| look.place.clone())?;
+        let device = all.device(camera, DeviceKind::Camera, width_px, height_px)?;
         if let Some(detection) = all.take(look, device, number) {
             all.add(device, number, &detection);
         }

@@ -31,7 +31,7 @@ pub struct Args {
     /// Rig file to write (TOML, docs/formats.md).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Recordings of the target (docs/formats.md), one for each pose. Projectors are calibrated where both fringe directions were recorded.
+    /// Recordings of the target (docs/formats.md), one for each pose. Projectors are characterised where sine or Gray sets along both axes were recorded.
     recordings: Vec<PathBuf>,
     /// Images instead of recordings, `camera=pattern` with `*`; the n-th image of each camera shows the same pose.
     #[arg(long, value_name = "camera=pattern")]
@@ -88,6 +88,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for note in gathered.notes.iter().cloned().chain(of_model) {
         eprintln!("{note}");
     }
+    let absent = gathered.not_characterised();
+    for (device, why) in &absent {
+        eprintln!("\"{device}\" is not characterised and not in the rig file: {why}");
+    }
     let pairs = output::pairs(&args.pair, &calibration, &gathered.lit)?;
     let lengths = certified
         .iter()
@@ -109,6 +113,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         validation: &validation,
         lengths: &lengths,
         notes: &gathered.notes,
+        not_characterised: &absent,
     };
     if let Some(path) = &args.report {
         report::write(path, &parts)?;

@@ -186,6 +186,9 @@ pub fn json(parts: &Parts) -> serde_json::Value {
         })).collect::<Vec<_>>(),
         "outliers": outliers(parts),
         "left_out": parts.notes,
+        "not_characterised": parts.not_characterised.iter().map(|(name, why)| serde_json::json!({
+            "name": name, "why": why,
+        })).collect::<Vec<_>>(),
         "held_out": validation::held_json(parts.validation, observations),
         "cross_validation": validation::cross_json(parts.validation),
         "lengths": parts.lengths.iter().map(lengths::json).collect::<Vec<_>>(),

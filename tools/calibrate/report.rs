@@ -30,6 +30,8 @@ pub struct Parts<'a> {
     pub lengths: &'a [LengthCheck],
     /// What was left out.
     pub notes: &'a [String],
+    /// Devices that are not in the rig, and why.
+    pub not_characterised: &'a [(String, String)],
 }
 
 /// Writes the report as HTML.

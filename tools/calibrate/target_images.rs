@@ -39,29 +39,32 @@ impl TargetImage {
     }
 }
 
-/// The white frame, or the mean of the sine frames where there is none.
+/// The white frame, or the mean of the first sine set where there is none, or that of the frames of a code: with its inverse they are even light.
 pub fn bright_frame(
     recording: &Recording,
     projector: &RecordedProjector,
     camera: &RecordedCamera,
 ) -> Result<Frame> {
     let mut first = 0;
-    let mut sines = BTreeSet::new();
+    let (mut sines, mut codes) = (BTreeSet::new(), BTreeSet::new());
     for set in &projector.sequence {
         match set {
             PatternSet::White {} => return Ok(recording.load(&projector.name, &camera.name, first)?),
             PatternSet::Sine { .. } if sines.is_empty() => sines.extend(first..first + set.frames()),
             _ => {}
         }
+        if matches!(set, PatternSet::Gray { .. }) {
+            codes.extend(first..first + set.frames());
+        }
         first += set.frames();
     }
-    let frames = sines
+    let frames = if sines.is_empty() { codes } else { sines }
         .iter()
         .map(|n| Ok(recording.load(&projector.name, &camera.name, *n)?))
         .collect::<Result<Vec<_>>>()?;
     mean(&frames).ok_or_else(|| {
         anyhow::anyhow!(
-            "{}: projector \"{}\" shows neither white nor sines: the target cannot be seen",
+            "{}: projector \"{}\" shows neither white nor sines nor a code: the target cannot be seen",
             recording.document.path.display(),
             projector.name
         )

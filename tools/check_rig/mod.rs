@@ -4,6 +4,7 @@ mod print;
 mod trend;
 
 use crate::Outcome;
+use crate::calibrate::detections::axis_without_coordinates;
 use crate::pipeline::{DecodedView, decode_views};
 use crate::reconstruct::projector_pairs;
 use crate::report::{check_outputs, emit_made_with};
@@ -17,7 +18,7 @@ use files::recording::{RECORDING_FILE, Recording};
 use files::rig_file::{Covariance, RigFile, read_rig};
 use fringe::decode::DecodeSettings;
 use fringe::geometry::rig::Pair;
-use fringe::pattern::{Axis, PatternSet};
+use fringe::pattern::Axis;
 use fringe::phase::PhaseView;
 use std::path::PathBuf;
 
@@ -80,7 +81,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     trend::verify(args)?;
     let rig_file = read_rig(&args.rig)?;
     let covariance = rig_file.read_covariance()?;
-    let pairs = pairs(&recording, &rig_file)?;
+    let (pairs, unchecked) = pairs(&recording, &rig_file)?;
     let lit = |projector: &str, camera: &str| {
         pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
     };
@@ -93,6 +94,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         })
         .collect::<Result<Vec<_>>>()?;
     print::print(&checks, covariance.is_some());
+    for (name, why) in &unchecked {
+        println!("\"{name}\" is not checked: {why}");
+    }
     let healthy = checks.iter().all(|check| check.health.healthy);
     trend::append(args, date.clone(), &recording, &rig_file, &checks)?;
     let result = serde_json::json!({
@@ -104,6 +108,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         "pairs": checks,
         "suspects": print::suspects(&checks),
         "healthy": healthy,
+        "not_checked": unchecked.iter().map(|(name, why)| serde_json::json!({ "name": name, "why": why })).collect::<Vec<_>>(),
     });
     let provenance = Provenance::now(&FRINGETOOL).rig(&rig_file.sha256);
     emit_made_with(args.json.as_deref(), &result, provenance)?;
@@ -122,22 +127,17 @@ fn check_files(args: &Args) -> Result<()> {
     Ok(check_outputs(&outputs, &inputs, None)?)
 }
 
-/// Pairs of cameras, then cameras with the projector, of all projectors that showed both fringe directions.
-fn pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
+/// Pairs of cameras, then cameras with the projector, of all projectors that showed coordinates along both axes; and what is not
+/// checked, with the reason.
+fn pairs(recording: &Recording, rig_file: &RigFile) -> Result<(Vec<Pair>, Vec<(String, String)>)> {
     let both = |name: &str| {
-        recording.projector(name).is_some_and(|projector| {
-            let has = |axis: Axis| {
-                projector
-                    .sequence
-                    .iter()
-                    .any(|set| matches!(set, PatternSet::Sine { axis: a, .. } if *a == axis))
-            };
-            has(Axis::X) && has(Axis::Y)
-        })
+        let recorded = recording.projector(name);
+        recorded.is_some_and(|projector| axis_without_coordinates(&projector.sequence).is_none())
     };
     let cameras = recording.rig(rig_file)?.rig.pairs;
     let by_camera = cameras.into_iter().filter(|pair| rig_file.rig.camera(&pair.right).is_some());
     let mut pairs: Vec<Pair> = by_camera.chain(projector_pairs(recording, rig_file)?).collect();
+    let unchecked = unchecked(recording, rig_file, &pairs, both);
     pairs.retain(|pair| both(&pair.projector));
     if pairs.is_empty() {
         bail!(
@@ -147,7 +147,39 @@ fn pairs(recording: &Recording, rig_file: &RigFile) -> Result<Vec<Pair>> {
             rig_file.path.display()
         );
     }
-    Ok(pairs)
+    Ok((pairs, unchecked))
+}
+
+/// What the recording does not check, and why.
+fn unchecked(
+    recording: &Recording,
+    rig_file: &RigFile,
+    pairs: &[Pair],
+    both: impl Fn(&str) -> bool,
+) -> Vec<(String, String)> {
+    let mut all: Vec<(String, String)> = Vec::new();
+    let mut add = |name: &str, why: String| {
+        if all.iter().all(|(known, _)| known != name) {
+            all.push((name.to_owned(), why));
+        }
+    };
+    for projector in &recording.projectors {
+        if rig_file.rig.projector(&projector.name).is_none() {
+            add(&projector.name, "it is not in the rig file".to_owned());
+        }
+    }
+    for pair in pairs.iter().filter(|pair| !both(&pair.projector)) {
+        let sequence = recording.projector(&pair.projector).map_or(&[][..], |p| &p.sequence);
+        let axis = axis_without_coordinates(sequence).unwrap_or("x");
+        add(&pair.name, format!("projector \"{}\" shows no sine or gray sets along {axis}", pair.projector));
+    }
+    for camera in &rig_file.rig.cameras {
+        let seen = |p: &Pair| both(&p.projector) && (p.left == camera.name || p.right == camera.name);
+        if !pairs.iter().any(seen) {
+            add(&camera.name, "no pair of it was recorded along both axes".to_owned());
+        }
+    }
+    all
 }
 
 fn check(

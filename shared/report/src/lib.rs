@@ -14,6 +14,7 @@ pub mod acceptance;
 pub mod calibration;
 mod canvas;
 mod charts;
+mod class_map;
 mod colour;
 mod comparison;
 mod error;
@@ -37,6 +38,7 @@ mod tests;
 pub mod trend_chart;
 pub mod uncertainty;
 
+pub use class_map::{Class, ClassMap, class_counts, class_map_png};
 pub use colour::ColourMap;
 pub use comparison::{ComparisonInput, write_comparison};
 pub use error::ReportError;

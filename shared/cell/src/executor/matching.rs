@@ -7,6 +7,7 @@ use fringe::matching::{MatchError, MatchReport, MatchSettings, Matcher};
 use fringe::pattern::Axis;
 use fringe::phase::PhaseView;
 use fringe::projector::{ProjectorMatcher, ProjectorReport, ProjectorSettings};
+use fringe::surface::Cause;
 
 /// The phases of one camera under one projector, by their projector axis.
 #[derive(Debug, Clone, Copy, Default)]
@@ -128,6 +129,14 @@ impl PairMatcher {
             Kernel::Projector(Box::new(ProjectorMatcher::new(left, projector, &settings).map_err(refused)?))
         };
         Ok(Self { kernel, pair: number as u32 })
+    }
+
+    /// What became of each pixel of the left camera in the last run.
+    pub fn causes(&self) -> &[Cause] {
+        match &self.kernel {
+            Kernel::Phase(matcher) => matcher.causes(),
+            Kernel::Projector(matcher) => matcher.causes(),
+        }
     }
 
     /// Most points that it may give.
