@@ -149,3 +149,91 @@ fn a_real_camera_and_projector_are_characterised_and_the_skull_stands_where_it_s
     println!("median depth {depth_mm:.2} mm");
     assert!((depth_mm - 386.0).abs() < 6.0, "{depth_mm} mm");
 }
+
+/// Recordings as they lie there, with their rig: points and gross causes. A plain pipeline gives 240 380 and 448 164 points.
+#[test]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+fn ordinary_recordings_keep_their_points_and_say_what_is_left_out() {
+    for (set, method, least) in
+        [("gray_stereo", "phase", 230_000), ("procam_skull_3step", "projector", 420_000)]
+    {
+        let Some(source) = real_data(set) else { return };
+        let folder = TempDir::new().unwrap();
+        let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+        let (ply, map, json) = (path("cloud.ply"), path("why.png"), path("result.json"));
+        let (recording, rig) = (source.to_str().unwrap(), source.join("rig.toml"));
+        let ran = fringetool(&[
+            "reconstruct",
+            "--rig",
+            rig.to_str().unwrap(),
+            "--method",
+            method,
+            "--out",
+            &ply,
+            "--map",
+            &map,
+            "--json",
+            &json,
+            recording,
+        ])
+        .expect_success();
+        let points = files::ply::read_cloud(ply.as_ref()).unwrap().points.len();
+        assert!(points > least, "{set}: {points}\n{}", ran.stdout);
+        assert!(ran.stdout.contains("lit pixels without a point"), "{}", ran.stdout);
+        let result: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+        let pair = &result["pairs"][0];
+        let left_out: u64 =
+            pair["left_out"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum();
+        // Every pixel of the picture is a point, left out, or not lit.
+        let picture = image::open(&map).unwrap().to_rgb8();
+        let not_lit = picture.pixels().filter(|p| p.0 == [20, 20, 24]).count() as u64;
+        let view = &result["views"][0];
+        let pixels = view["width_px"].as_u64().unwrap() * view["height_px"].as_u64().unwrap();
+        let counted = pair["points"].as_u64().unwrap() + left_out;
+        // The legend has one square of the dark colour.
+        assert!(counted <= pixels && pixels - counted <= not_lit && not_lit - (pixels - counted) < 5_000);
+    }
+}
+
+/// Gray codes of both axes alone: OpenCV gives the projector 0.24 px rms.
+#[test]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+fn a_projector_is_characterised_by_gray_codes_alone() {
+    let Some(source) = real_data("procam_board_gray") else { return };
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (rig, json) = (path("rig.toml"), path("result.json"));
+    let target = source.join("target.toml").to_str().unwrap().to_owned();
+    let poses: Vec<String> =
+        (0..4).map(|n| source.join(format!("pose_{n}")).to_str().unwrap().to_owned()).collect();
+    let mut arguments = vec!["calibrate", "--target", &target, "--out", &rig, "--json", &json];
+    arguments.extend(poses.iter().map(String::as_str));
+    fringetool(&arguments).expect_success();
+    let result: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap()).unwrap();
+    let rms_px = result["projectors"][0]["rms_reprojection_px"].as_f64().unwrap();
+    assert!(rms_px < 0.24, "{rms_px}");
+    assert_eq!(result["not_characterised"].as_array().unwrap().len(), 0);
+}
+
+/// Complete outer squares on overexposed paper: their outer corners are none of the board.
+#[test]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+fn a_board_with_complete_outer_squares_is_found_and_another_size_is_refused() {
+    let Some(source) = real_data("calib_phantom") else { return };
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let images = format!("cam1={}", source.join("left*.png").display());
+    let calibrate = |columns: u32| {
+        let text = format!("kind = \"checkerboard\"\ncolumns = {columns}\nrows = 6\npitch_mm = 20.0\n");
+        std::fs::write(path("target.toml"), text).unwrap();
+        let (target, rig, json) = (path("target.toml"), path("rig.toml"), path("result.json"));
+        fringetool(&["calibrate", "--target", &target, "--out", &rig, "--json", &json, "--images", &images])
+    };
+    calibrate(7).expect_success();
+    let result = std::fs::read_to_string(path("result.json")).unwrap();
+    let result: serde_json::Value = serde_json::from_str(&result).unwrap();
+    assert_eq!(result["cameras"][0]["views"], 16);
+    let refused = calibrate(8);
+    assert!(refused.stderr.contains("found 7 x 6 inner corners"), "{}", refused.stderr);
+}

@@ -21,7 +21,8 @@ pub struct Args {
     /// Folder of the recording.
     recording: PathBuf,
     /// Folder for the images `<projector>-<camera>-<axis>-phase.png`, `…-modulation.png`, `…-order.png`, and for the rasters
-    /// `…-wrong-order.npy` (probability), `…-threshold.npy` and `…-threshold-u.npy` (DN) of one exposure.
+    /// `…-phase.npy` (absolute, rad), `…-sigma.npy` (rad), `…-order.npy` (whole periods), NaN where masked; of one exposure
+    /// `…-wrong-order.npy` (probability), `…-threshold.npy` and `…-threshold-u.npy` (DN).
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Decode only this camera.
@@ -60,6 +61,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         for view in &views {
             for decoded in &view.maps {
                 write_pictures(folder, view, &decoded.map)?;
+                write_rasters(folder, view, &decoded.map)?;
                 write_diagnosis(folder, view, decoded)?;
             }
         }
@@ -122,6 +124,21 @@ fn write_diagnosis(folder: &Path, view: &DecodedView, decoded: &Decoded) -> Resu
             let path = folder.join(format!("{}-{what}.npy", stem(view, &decoded.map)));
             files::npy::write(&path, &Raster { width_px, height_px, values })?;
         }
+    }
+    Ok(())
+}
+
+/// Phase, its standard uncertainty and the order as numbers.
+fn write_rasters(folder: &Path, view: &DecodedView, map: &PhaseMap) -> Result<()> {
+    let (width_px, height_px) = (map.info.width_px, map.info.height_px);
+    let valid = |values: &[f32]| -> Vec<f32> {
+        values.iter().zip(&map.valid).map(|(v, valid)| if *valid == 1 { *v } else { f32::NAN }).collect()
+    };
+    let phase = valid(&map.phase_rad);
+    let order = phase.iter().map(|v| (v / std::f32::consts::TAU).floor()).collect();
+    for (what, values) in [("sigma", valid(&map.sigma_rad)), ("order", order), ("phase", phase)] {
+        let path = folder.join(format!("{}-{what}.npy", stem(view, map)));
+        files::npy::write(&path, &Raster { width_px, height_px, values })?;
     }
     Ok(())
 }

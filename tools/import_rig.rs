@@ -12,6 +12,9 @@ use std::path::PathBuf;
 pub struct Args {
     /// OpenCV YAML or XML with `M1 D1 M2 D2 R T` (also `K1`, `cameraMatrix1`, …), or `K D` for a single camera.
     calibration: PathBuf,
+    /// A second file with what the first lacks, such as `extrinsics.yml` beside `intrinsics.yml`.
+    #[arg(long, value_name = "FILE")]
+    and: Option<PathBuf>,
     /// Rig file to write (TOML, docs/formats.md).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -35,14 +38,19 @@ pub struct Args {
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
-    check_outputs(&outputs, &[&args.calibration], None)?;
+    let inputs: Vec<&std::path::Path> =
+        std::iter::once(&args.calibration).chain(&args.and).map(PathBuf::as_path).collect();
+    check_outputs(&outputs, &inputs, None)?;
     if !(1..=2).contains(&args.views.len()) {
         bail!("--views {}: name one view or two", args.views.join(","));
     }
     if !(args.unit_mm.is_finite() && args.unit_mm > 0.0) {
         bail!("--unit-mm {}: must be a positive number", args.unit_mm);
     }
-    let storage = Storage::read(&args.calibration)?;
+    let mut storage = Storage::read(&args.calibration)?;
+    if let Some(path) = &args.and {
+        storage.add(Storage::read(path)?)?;
+    }
     let names = CalibrationNames {
         views: args.views.clone(),
         size_px: args.size.as_deref().map(size).transpose()?,
@@ -55,6 +63,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     provenance.insert("calibration".into(), args.calibration.display().to_string().into());
     let bytes = files::document::read_text(&args.calibration)?;
     provenance.insert("calibration_sha256".into(), sha256_hex(bytes.as_bytes()).into());
+    if let Some(path) = &args.and {
+        let bytes = files::document::read_text(path)?;
+        provenance.insert("calibration_and".into(), path.display().to_string().into());
+        provenance.insert("calibration_and_sha256".into(), sha256_hex(bytes.as_bytes()).into());
+    }
     // Names are checked before anything is written: what is written can be read.
     let text = rig_text(&rig, &provenance, None);
     parse_rig(&args.out, text)?;

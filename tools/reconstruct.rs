@@ -259,8 +259,10 @@ fn print_report(done: &Done, fusion: &FusionReport, points: usize, args: &Args) 
     }
     for cloud in &done.pairs {
         println!("{}: {}", cloud.pair.name, line(&cloud.report));
-        let left_out: Vec<String> =
-            why::left_out(&cloud.classes).into_iter().map(|(cause, count)| format!("{count} {cause}")).collect();
+        let left_out: Vec<String> = why::left_out(&cloud.classes)
+            .into_iter()
+            .map(|(cause, count)| format!("{count} {cause}"))
+            .collect();
         if !left_out.is_empty() {
             println!("{}: lit pixels without a point: {}", cloud.pair.name, left_out.join(", "));
         }

@@ -76,16 +76,13 @@ pub fn for_all<'a, T: Sync, R: Send>(
 pub fn usual_sizes<'a>(
     pictures: impl Iterator<Item = (&'a str, (u32, u32))>,
 ) -> BTreeMap<&'a str, (u32, u32)> {
-    let mut counts: BTreeMap<&str, Vec<((u32, u32), usize)>> = BTreeMap::new();
-    for (camera, size_px) in pictures {
-        let sizes = counts.entry(camera).or_default();
-        match sizes.iter_mut().find(|(known, _)| *known == size_px) {
-            Some((_, count)) => *count += 1,
-            None => sizes.push((size_px, 1)),
-        }
-    }
-    let most = |sizes: Vec<((u32, u32), usize)>| sizes.into_iter().rev().max_by_key(|(_, count)| *count);
-    counts.into_iter().filter_map(|(camera, sizes)| Some((camera, most(sizes)?.0))).collect()
+    let mut sizes: BTreeMap<&str, Vec<(u32, u32)>> = BTreeMap::new();
+    pictures.for_each(|(camera, size_px)| sizes.entry(camera).or_default().push(size_px));
+    let usual = |sizes: Vec<(u32, u32)>| {
+        let count = |size: (u32, u32)| sizes.iter().filter(|other| **other == size).count();
+        sizes.iter().rev().max_by_key(|size| count(**size)).copied()
+    };
+    sizes.into_iter().filter_map(|(camera, sizes)| Some((camera, usual(sizes)?))).collect()
 }
 
 impl Gathered {
@@ -206,7 +203,9 @@ impl Gathered {
             all.entry(name.clone()).or_default().insert(why);
         }
         for device in self.devices.iter().filter(|d| !viewed(&d.name)) {
-            all.entry(device.name.clone()).or_default().insert("the target was found in none of its pictures");
+            all.entry(device.name.clone())
+                .or_default()
+                .insert("the target was found in none of its pictures");
         }
         let joined = |why: BTreeSet<&str>| why.into_iter().collect::<Vec<_>>().join("; ");
         all.into_iter().map(|(name, why)| (name, joined(why))).collect()
@@ -344,8 +343,9 @@ impl<'a> Lamp<'a> {
             .cameras
             .iter()
             .filter_map(|c| Some((c, seen.iter().find(|(_, name, _)| *name == c.name)?)));
-        let (camera, (device, _, detection)) =
-            cameras.max_by_key(|(_, (_, _, d))| d.points.len()).ok_or("no camera shows the target in its light")?;
+        let (camera, (device, _, detection)) = cameras
+            .max_by_key(|(_, (_, _, d))| d.points.len())
+            .ok_or("no camera shows the target in its light")?;
         let (device, detection) = (*device, detection.clone());
         Ok(Self { recording, projector, pose, camera, device, detection })
     }

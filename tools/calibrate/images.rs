@@ -25,9 +25,12 @@ pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
         Ok(search(&frame, target, path.display().to_string(), Source::File(path.clone())))
     });
     let mut all = Gathered::default();
-    let sizes = usual_sizes(pictures.iter().zip(&looks).filter_map(|((_, list), look)| {
-        Some((lists[*list].0.as_str(), look.as_ref().ok()?.size_px))
-    }));
+    let sizes = usual_sizes(
+        pictures
+            .iter()
+            .zip(&looks)
+            .filter_map(|((_, list), look)| Some((lists[*list].0.as_str(), look.as_ref().ok()?.size_px))),
+    );
     for ((number, list), look) in pictures.into_iter().zip(looks) {
         if list == 0 {
             all.pose(lists[0].1[number].display().to_string());

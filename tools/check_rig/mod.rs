@@ -52,6 +52,9 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
+/// Names of pairs and devices, each with the reason.
+type Unchecked = Vec<(String, String)>;
+
 /// Result of the check of one pair.
 #[derive(serde::Serialize)]
 pub struct PairCheck {
@@ -129,7 +132,7 @@ fn check_files(args: &Args) -> Result<()> {
 
 /// Pairs of cameras, then cameras with the projector, of all projectors that showed coordinates along both axes; and what is not
 /// checked, with the reason.
-fn pairs(recording: &Recording, rig_file: &RigFile) -> Result<(Vec<Pair>, Vec<(String, String)>)> {
+fn pairs(recording: &Recording, rig_file: &RigFile) -> Result<(Vec<Pair>, Unchecked)> {
     let both = |name: &str| {
         let recorded = recording.projector(name);
         recorded.is_some_and(|projector| axis_without_coordinates(&projector.sequence).is_none())
@@ -156,8 +159,8 @@ fn unchecked(
     rig_file: &RigFile,
     pairs: &[Pair],
     both: impl Fn(&str) -> bool,
-) -> Vec<(String, String)> {
-    let mut all: Vec<(String, String)> = Vec::new();
+) -> Unchecked {
+    let mut all = Unchecked::new();
     let mut add = |name: &str, why: String| {
         if all.iter().all(|(known, _)| known != name) {
             all.push((name.to_owned(), why));

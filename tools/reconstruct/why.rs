@@ -69,7 +69,7 @@ pub(super) fn left_out(classes: &[u8]) -> Vec<(String, usize)> {
         })
         .map(|(_, (class, count))| (class.name, count))
         .collect();
-    named.sort_by(|a, b| b.1.cmp(&a.1));
+    named.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
     named
 }
 

@@ -8,7 +8,7 @@ use crate::error::{FileError, Problem};
 use crate::memory;
 use fringe::frame::{Frame, FrameView, PixelBuffer, Pixels};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ColorType, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader, Limits};
+use image::{ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader, Limits};
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, BufWriter, Cursor, Seek, Write};
 use std::path::Path;
@@ -27,6 +27,25 @@ pub struct ImageHeader {
     pub bits: u8,
     /// Three channels, which must turn out equal.
     pub colour: bool,
+    /// A last channel of opacity, which is left out.
+    pub alpha: bool,
+}
+
+/// Which part of a colour picture is the frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Channel {
+    /// The picture is grey: its channels, if there are several, are equal.
+    #[default]
+    Grey,
+    /// The first channel.
+    Red,
+    /// The second channel.
+    Green,
+    /// The third channel.
+    Blue,
+    /// 0.299 red + 0.587 green + 0.114 blue (Rec. 601), for a camera of colours in white light.
+    Luminance,
 }
 
 type Decoder = Box<dyn ImageDecoder>;
@@ -47,16 +66,32 @@ pub fn read_header(path: &Path) -> Result<ImageHeader, FileError> {
 /// # Errors
 /// As [`read_header`]; truncated or damaged pixels, unequal colour channels, grey values above the full scale.
 pub fn read_frame(path: &Path, full_scale_dn: Option<u16>) -> Result<Frame, FileError> {
-    frame(path, open(path, &[ImageFormat::Png, ImageFormat::Tiff])?, full_scale_dn)
+    let decoder = open(path, &[ImageFormat::Png, ImageFormat::Tiff])?;
+    // A recording holds frames, not pictures made for the eye.
+    if header(path, decoder.as_ref())?.alpha {
+        let problem = Problem::Unsupported("has a channel of opacity".into());
+        return Err(FileError::new(path, problem, "convert it to 8- or 16-bit greyscale without alpha"));
+    }
+    frame(path, decoder, full_scale_dn, Channel::Grey)
 }
 
-/// As [`read_frame`], from BMP and JPEG files too: for imports, since a recording holds neither.
+/// As [`read_frame`], from BMP, JPEG and PGM files too, and with opacity, which is left out: for imports, since a recording holds
+/// none of them.
 ///
 /// # Errors
 /// As [`read_frame`].
 pub fn read_foreign_frame(path: &Path, full_scale_dn: Option<u16>) -> Result<Frame, FileError> {
-    let formats = [ImageFormat::Png, ImageFormat::Tiff, ImageFormat::Bmp, ImageFormat::Jpeg];
-    frame(path, open(path, &formats)?, full_scale_dn)
+    read_channel(path, full_scale_dn, Channel::Grey)
+}
+
+/// As [`read_foreign_frame`], of a colour picture one channel or its luminance.
+///
+/// # Errors
+/// As [`read_foreign_frame`].
+pub fn read_channel(path: &Path, full_scale_dn: Option<u16>, channel: Channel) -> Result<Frame, FileError> {
+    let formats =
+        [ImageFormat::Png, ImageFormat::Tiff, ImageFormat::Bmp, ImageFormat::Jpeg, ImageFormat::Pnm];
+    frame(path, open(path, &formats)?, full_scale_dn, channel)
 }
 
 /// As [`read_frame`], from the bytes of the file, which were read before.
@@ -108,11 +143,15 @@ fn damaged(path: &Path, error: image::ImageError) -> FileError {
 
 fn header(path: &Path, decoder: &dyn ImageDecoder) -> Result<ImageHeader, FileError> {
     let (width_px, height_px) = decoder.dimensions();
-    let (bits, colour) = match decoder.original_color_type() {
-        ExtendedColorType::L8 => (8, false),
-        ExtendedColorType::L16 => (16, false),
-        ExtendedColorType::Rgb8 => (8, true),
-        ExtendedColorType::Rgb16 => (16, true),
+    let (bits, colour, alpha) = match decoder.original_color_type() {
+        ExtendedColorType::L8 => (8, false, false),
+        ExtendedColorType::L16 => (16, false, false),
+        ExtendedColorType::Rgb8 | ExtendedColorType::Bgr8 => (8, true, false),
+        ExtendedColorType::Rgb16 => (16, true, false),
+        ExtendedColorType::La8 => (8, false, true),
+        ExtendedColorType::La16 => (16, false, true),
+        ExtendedColorType::Rgba8 | ExtendedColorType::Bgra8 => (8, true, true),
+        ExtendedColorType::Rgba16 => (16, true, true),
         other => {
             let problem = Problem::Unsupported(format!("has pixels of kind {other:?}"));
             return Err(FileError::new(path, problem, "convert it to 8- or 16-bit greyscale without alpha"));
@@ -127,16 +166,23 @@ fn header(path: &Path, decoder: &dyn ImageDecoder) -> Result<ImageHeader, FileEr
         let limit = format!("1 … 65535 px a side, at most {PIXELS_LIMIT} pixels");
         return Err(FileError::new(path, Problem::Value { value, limit }, "is this a camera frame?"));
     }
-    Ok(ImageHeader { width_px, height_px, bits, colour })
+    Ok(ImageHeader { width_px, height_px, bits, colour, alpha })
 }
 
-fn frame(path: &Path, decoder: Decoder, full_scale_dn: Option<u16>) -> Result<Frame, FileError> {
+fn frame(
+    path: &Path,
+    decoder: Decoder,
+    full_scale_dn: Option<u16>,
+    channel: Channel,
+) -> Result<Frame, FileError> {
     let head = header(path, decoder.as_ref())?;
-    let channels = if head.colour { 3 } else { 1 };
-    let expected =
-        if head.bits == 8 { [ColorType::L8, ColorType::Rgb8] } else { [ColorType::L16, ColorType::Rgb16] };
-    if !expected.contains(&decoder.color_type()) {
-        let problem = Problem::Unsupported(format!("decodes as {:?}", decoder.color_type()));
+    let channels = if head.colour { 3 } else { 1 } + usize::from(head.alpha);
+    let kind = decoder.color_type();
+    let bytes = if head.bits == 8 { 1 } else { 2 };
+    if usize::from(kind.channel_count()) != channels
+        || usize::from(kind.bytes_per_pixel()) != bytes * channels
+    {
+        let problem = Problem::Unsupported(format!("decodes as {kind:?}"));
         return Err(FileError::new(path, problem, "convert it to 8- or 16-bit greyscale PNG"));
     }
     let values = head.width_px as usize * head.height_px as usize * channels;
@@ -146,11 +192,11 @@ fn frame(path: &Path, decoder: Decoder, full_scale_dn: Option<u16>) -> Result<Fr
     let (pixels, full_scale_dn) = if head.bits == 8 {
         let mut bytes = vec![0_u8; values];
         decoder.read_image(&mut bytes).map_err(|error| damaged(path, error))?;
-        (PixelBuffer::Mono8(grey(path, bytes, channels)?), 255)
+        (PixelBuffer::Mono8(plane(path, bytes, &head, channel)?), 255)
     } else {
         let mut words = vec![0_u16; values];
         decoder.read_image(bytemuck::cast_slice_mut(&mut words)).map_err(|error| damaged(path, error))?;
-        let words = grey(path, words, channels)?;
+        let words = plane(path, words, &head, channel)?;
         let full = full_scale_dn.unwrap_or(u16::MAX);
         check_full_scale(path, &words, full)?;
         (PixelBuffer::Mono16(words), full)
@@ -158,21 +204,38 @@ fn frame(path: &Path, decoder: Decoder, full_scale_dn: Option<u16>) -> Result<Fr
     Ok(Frame { width_px: head.width_px, height_px: head.height_px, full_scale_dn, pixels })
 }
 
-/// Takes one of three equal channels.
-fn grey<T: PartialEq + Copy>(path: &Path, values: Vec<T>, channels: usize) -> Result<Vec<T>, FileError> {
-    if channels == 1 {
+/// The frame among the channels of a picture; of a grey picture always its only one.
+fn plane<T: PartialEq + Copy + Into<u32> + TryFrom<u32>>(
+    path: &Path,
+    values: Vec<T>,
+    head: &ImageHeader,
+    channel: Channel,
+) -> Result<Vec<T>, FileError> {
+    let stride = if head.colour { 3 } else { 1 } + usize::from(head.alpha);
+    if stride == 1 {
         return Ok(values);
     }
-    let (pixels, _) = values.as_chunks::<3>();
-    if pixels.iter().any(|[r, g, b]| r != g || g != b) {
-        let problem = Problem::Unsupported("is a colour image".into());
-        return Err(FileError::new(
-            path,
-            problem,
-            "record with a monochrome camera, or convert it to greyscale",
-        ));
+    let pixels = values.chunks_exact(stride);
+    if !head.colour {
+        return Ok(pixels.map(|pixel| pixel[0]).collect());
     }
-    Ok(pixels.iter().map(|[r, _, _]| *r).collect())
+    let one = |index: usize| values.chunks_exact(stride).map(|pixel| pixel[index]).collect();
+    match channel {
+        Channel::Red => Ok(one(0)),
+        Channel::Green => Ok(one(1)),
+        Channel::Blue => Ok(one(2)),
+        Channel::Luminance => {
+            // A mean of values of T is one of its values.
+            let mean = |p: &[T]| (299 * p[0].into() + 587 * p[1].into() + 114 * p[2].into() + 500) / 1000;
+            Ok(pixels.map(|p| T::try_from(mean(p)).unwrap_or(p[1])).collect())
+        }
+        Channel::Grey if pixels.clone().all(|p| p[0] == p[1] && p[1] == p[2]) => Ok(one(0)),
+        Channel::Grey => {
+            let problem = Problem::Unsupported("is a colour image".into());
+            let remedy = "record with a monochrome camera, or import it with channel = \"green\" (or red, blue, luminance)";
+            Err(FileError::new(path, problem, remedy))
+        }
+    }
 }
 
 fn check_full_scale(path: &Path, words: &[u16], full_scale_dn: u16) -> Result<(), FileError> {
@@ -278,6 +341,36 @@ mod tests {
         assert_eq!(read_frame(&path, None).unwrap().pixels, PixelBuffer::Mono8(vec![5, 9]));
         save(vec![5, 5, 5, 9, 9, 8]);
         assert!(read_frame(&path, None).unwrap_err().to_string().contains("is a colour image"));
+    }
+
+    #[test]
+    fn a_channel_of_a_colour_picture_is_a_frame_and_opacity_is_left_out() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.png");
+        let pixels = vec![10_u8, 20, 30, 128, 200, 100, 0, 255];
+        image::ImageBuffer::<image::Rgba<u8>, _>::from_raw(2, 1, pixels).unwrap().save(&path).unwrap();
+        for (channel, expected) in [
+            (Channel::Red, [10, 200]),
+            (Channel::Green, [20, 100]),
+            (Channel::Blue, [30, 0]),
+            (Channel::Luminance, [18, 119]),
+        ] {
+            let frame = read_channel(&path, None, channel).unwrap();
+            assert_eq!(frame.pixels, PixelBuffer::Mono8(expected.to_vec()), "{channel:?}");
+        }
+        assert!(read_foreign_frame(&path, None).unwrap_err().to_string().contains("is a colour image"));
+        assert!(read_frame(&path, None).unwrap_err().to_string().contains("opacity"));
+    }
+
+    #[test]
+    fn pgm_of_both_depths_is_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.pgm");
+        std::fs::write(&path, b"P5\n2 1\n255\n\x07\x3c").unwrap();
+        assert_eq!(read_foreign_frame(&path, None).unwrap().pixels, PixelBuffer::Mono8(vec![7, 60]));
+        std::fs::write(&path, b"P5\n2 1\n65535\n\x00\x07\x30\x39").unwrap();
+        assert_eq!(read_foreign_frame(&path, None).unwrap().pixels, PixelBuffer::Mono16(vec![7, 12345]));
+        assert!(read_frame(&path, None).is_err(), "a recording holds PNG and TIFF");
     }
 
     #[test]

@@ -12,6 +12,9 @@
 //! name = "left"
 //! files = "L/{n}.png"                  # {n}: the frame's number; {nn}, {nnn}: with at least two, three digits
 //! first = 1                            # the number of the first frame; default 0
+//! every = 2                            # frames of several views take turns in one series: each second number; default 1
+//! # or: files = "{s}_{ii}.png"         # {s}: number of the set, {i}: of the frame in its set, from first_set and first_step (0)
+//! channel = "green"                    # of colour pictures: red, green, blue or luminance; default grey
 //! # or: list = ["a.bmp", "b.bmp", …]   # one file per frame, in order of projection
 //! [rig]                                # optional
 //! opencv = "stereo_params.yaml"
@@ -22,11 +25,13 @@
 //! pair = [{ name = "pair1", left = "left", right = "right", projector = "proj1" }]
 //! ```
 //! Paths are relative to the source folder. A view without pose is the world frame; the others have
-//! X_view = R X_world + T. PNG and TIFF frames are taken as they are; BMP and JPEG become PNG.
+//! X_view = R X_world + T. Grey PNG and TIFF frames are taken as they are; BMP, JPEG, PGM and channels of
+//! colour pictures become PNG.
 
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
+use crate::image_file::Channel;
 use crate::opencv::{Storage, ViewKeys, rig_from_opencv};
 use crate::recording::{ProjectorRecord, RECORDING_FILE, Recording, RecordingWriter};
 use crate::rig_file::{read_rig, write_rig};
@@ -70,6 +75,11 @@ struct RawCamera {
     first: Option<usize>,
     list: Option<Vec<String>>,
     full_scale_dn: Option<u16>,
+    #[serde(default)]
+    channel: Channel,
+    every: Option<usize>,
+    first_set: Option<usize>,
+    first_step: Option<usize>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -154,7 +164,8 @@ fn write(
     for (projector, cameras) in raw.projector.iter().zip(files) {
         for (camera, files) in projector.camera.iter().zip(cameras) {
             for (number, file) in files.iter().enumerate() {
-                writer.adopt(&projector.name, &camera.name, number, file, camera.full_scale_dn)?;
+                let how = (camera.full_scale_dn, camera.channel);
+                writer.adopt(&projector.name, &camera.name, number, file, how)?;
                 frames += 1;
             }
         }
@@ -202,7 +213,7 @@ fn frame_files(
     let of_camera = |(number, camera): (usize, &RawCamera)| {
         let key = format!("{key}.camera[{number}]");
         let names = match (&camera.files, &camera.list) {
-            (Some(pattern), None) => numbered(document, &key, pattern, camera.first.unwrap_or(0), count)?,
+            (Some(pattern), None) => numbered(document, &key, pattern, camera, &projector.sequence)?,
             (None, Some(list)) if list.len() == count && camera.first.is_none() => list.clone(),
             (None, Some(list)) if camera.first.is_none() => {
                 let problem = Problem::Disagreement {
@@ -229,34 +240,74 @@ fn frame_files(
     projector.camera.iter().enumerate().map(of_camera).collect()
 }
 
+/// A place for a number in a pattern: which number, and its least digits.
+enum Part<'a> {
+    Text(&'a str),
+    Number(char, usize),
+}
+
+/// The parts of a pattern; `None` where it has no place for a number or a place for something else.
+fn parts(pattern: &str) -> Option<Vec<Part<'_>>> {
+    let mut parts = Vec::new();
+    let mut rest = pattern;
+    while let Some((head, tail)) = rest.split_once('{') {
+        let (hole, after) = tail.split_once('}')?;
+        let letter = hole.chars().next()?;
+        let plain = hole.len() <= MOST_DIGITS && "nsi".contains(letter) && hole.chars().all(|c| c == letter);
+        if !plain {
+            return None;
+        }
+        parts.extend([Part::Text(head), Part::Number(letter, hole.len())]);
+        rest = after;
+    }
+    let any = !parts.is_empty();
+    parts.push(Part::Text(rest));
+    any.then_some(parts)
+}
+
+/// The names of all frames by a pattern.
 fn numbered(
     document: &Document,
     key: &str,
     pattern: &str,
-    first: usize,
-    count: usize,
+    camera: &RawCamera,
+    sequence: &[PatternSet],
 ) -> Result<Vec<String>, FileError> {
-    let parts = pattern.split_once('{').and_then(|(head, rest)| {
-        let (hole, tail) = rest.split_once('}')?;
-        let plain = (1..=MOST_DIGITS).contains(&hole.len())
-            && hole.chars().all(|letter| letter == 'n')
-            && !tail.contains('{');
-        plain.then_some((head, hole.len(), tail))
-    });
-    let Some((head, digits, tail)) = parts else {
+    let Some(parts) = parts(pattern) else {
         let problem = Problem::Value {
             value: format!("\"{pattern}\""),
             limit: format!(
-                "a pattern has one place for the number: {{n}}, {{nn}}, {{nnn}}, at most {MOST_DIGITS} n"
+                "a pattern has one place for the number: {{n}}, {{nn}}, {{nnn}}, at most {MOST_DIGITS} n; or places for \
+                 the number of the set {{s}} and of the frame in it {{i}}"
             ),
         };
         return Err(document.fault(&format!("{key}.files"), problem, "such as \"left/{nn}.png\""));
     };
-    let Some(end) = first.checked_add(count) else {
-        let problem = Problem::Value { value: first.to_string(), limit: "the number of a file".into() };
+    let (first, every) = (camera.first.unwrap_or(0), camera.every.unwrap_or(1).max(1));
+    let last = every.checked_mul(frame_count(sequence)).and_then(|span| first.checked_add(span));
+    let highest = [camera.first_set, camera.first_step].into_iter().flatten().max().unwrap_or(0);
+    if last.is_none() || highest > u32::MAX as usize {
+        let problem =
+            Problem::Value { value: first.max(highest).to_string(), limit: "the number of a file".into() };
         return Err(document.fault(&format!("{key}.first"), problem, ""));
-    };
-    Ok((first..end).map(|number| format!("{head}{number:0digits$}{tail}")).collect())
+    }
+    let mut names = Vec::new();
+    for (set, patterns) in sequence.iter().enumerate() {
+        for step in 0..patterns.frames() {
+            let number = |letter: &char| match letter {
+                'n' => first + every * names.len(),
+                's' => camera.first_set.unwrap_or(0) + set,
+                _ => camera.first_step.unwrap_or(0) + step,
+            };
+            let name = parts.iter().map(|part| match part {
+                Part::Text(text) => (*text).to_owned(),
+                Part::Number(letter, digits) => format!("{:0digits$}", number(letter), digits = *digits),
+            });
+            let name: String = name.collect();
+            names.push(name);
+        }
+    }
+    Ok(names)
 }
 
 fn read_calibration(
@@ -348,6 +399,31 @@ pair = [{ name = "pair1", left = "left", right = "right" }]
         let rig = recording.rig(&read_rig(&report.rig.unwrap()).unwrap()).unwrap().rig;
         assert_eq!(rig.pairs[0].projector, "proj1");
         assert_eq!(recording.provenance["origin"].as_str(), Some("test"));
+    }
+
+    #[test]
+    fn patterns_count_frames_sets_and_steps() {
+        let sequence = "[{ set = \"sine\", axis = \"x\", period_px = 16.0, steps = 3 }, { set = \"white\" }]";
+        let sequence: Vec<PatternSet> =
+            toml::from_str::<toml::Table>(&format!("s = {sequence}")).unwrap()["s"]
+                .clone()
+                .try_into()
+                .unwrap();
+        let names = |text: &str| {
+            let camera: RawCamera = toml::from_str(&format!("name = \"c\"\n{text}")).unwrap();
+            let dir = tempfile::tempdir().unwrap();
+            let path = dir.path().join("layout.toml");
+            std::fs::write(&path, LAYOUT).unwrap();
+            let document = Document::read(&path).unwrap();
+            numbered(&document, "key", camera.files.as_deref().unwrap(), &camera, &sequence)
+                .map_err(|error| error.to_string())
+        };
+        let turns = names("files = \"{nn}.png\"\nfirst = 1\nevery = 2").unwrap();
+        assert_eq!(turns, ["01.png", "03.png", "05.png", "07.png"]);
+        let sets = names("files = \"s{s}/{ii}.png\"\nfirst_set = 1\nfirst_step = 1").unwrap();
+        assert_eq!(sets, ["s1/01.png", "s1/02.png", "s1/03.png", "s2/01.png"]);
+        assert!(names("files = \"plain.png\"").is_err());
+        assert!(names("files = \"{ns}.png\"").is_err());
     }
 
     #[test]

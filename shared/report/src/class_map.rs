@@ -59,11 +59,8 @@ pub fn class_map_png(map: &ClassMap) -> Result<Vec<u8>, PictureError> {
     let line = text_height(scale) + MARGIN;
     let square = text_height(scale);
     let widest = lines.iter().map(|(_, text)| text_width(text, scale)).max().unwrap_or(0);
-    let mut sheet = Raster::new(
-        width + square + widest + 3 * MARGIN,
-        height.max(lines.len() * line + MARGIN),
-        WHITE,
-    )?;
+    let mut sheet =
+        Raster::new(width + square + widest + 3 * MARGIN, height.max(lines.len() * line + MARGIN), WHITE)?;
     for (pixel, class) in map.classes.iter().enumerate() {
         let colour = map.legend.get(usize::from(*class)).map_or(WHITE, |class| class.colour);
         sheet.set(pixel % width, pixel / width, colour);

@@ -21,7 +21,7 @@ const START_BLUR_PX: f64 = 1.0;
 /// A pixel's own width blurs an edge by 0.29 px, and some optics follow; an edge that was sharpened is fitted with this
 /// blur held.
 const LEAST_BLUR_PX: f64 = 0.4;
-/// Largest change of the contrast from the middle of a window to its rim, as a part of it.
+/// Largest change of the contrast and of the light from the middle of a window to its rim, as a part of the contrast.
 const STEEPEST: f64 = 0.6;
 /// Margin between a corner and the border of the image, px: as far as the blur reaches.
 pub(crate) const LEAST_ROOM_PX: f64 = 4.0;
@@ -193,7 +193,9 @@ pub(crate) fn refine(
     let solved = fit(&model, start, &samples, Range::of(&samples, full_scale_dn), ending)?;
     let p = solved.parameters;
     // Where the contrast ends within the window there is a corner of one square, not of four.
-    if p[10] * p[10] + p[11] * p[11] > (STEEPEST * p[9]).powi(2) {
+    // The same where the light would have to change that much: one dark square whose opposite is beyond full scale.
+    let steep = |x: f64, y: f64| x * x + y * y > (STEEPEST * p[9]).powi(2);
+    if steep(p[10], p[11]) || steep(p[7], p[8]) {
         return None;
     }
     Some(Corner {

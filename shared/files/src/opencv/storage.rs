@@ -36,6 +36,30 @@ pub(super) struct RawMatrix {
 }
 
 impl Storage {
+    /// Takes what a second file holds.
+    ///
+    /// # Errors
+    /// A key that both hold with different values.
+    pub fn add(&mut self, other: Self) -> Result<(), FileError> {
+        let differs = |key: &String| {
+            self.matrices.get(key).is_some_and(|known| other.matrices.get(key) != Some(known))
+                || self.numbers.get(key).is_some_and(|known| other.numbers.get(key) != Some(known))
+        };
+        if let Some(key) = other.matrices.keys().chain(other.numbers.keys()).find(|key| differs(key)) {
+            let problem = Problem::Disagreement {
+                what: "values",
+                here: format!("\"{key}\" here"),
+                there: format!("another one in {}", self.path.display()),
+            };
+            return Err(
+                FileError::new(&other.path, problem, "name files of one calibration").at(key.as_str())
+            );
+        }
+        self.matrices.extend(other.matrices);
+        self.numbers.extend(other.numbers);
+        Ok(())
+    }
+
     /// A matrix by key.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use super::{RECORDING_FILE, RECORDING_FORMAT};
 use crate::atomic;
 use crate::error::{FileError, Problem};
-use crate::image_file::{read_foreign_frame, read_header, write_png};
+use crate::image_file::{Channel, read_channel, read_header, write_png};
 use crate::name::{check_name, duplicate};
 use crate::rig_file::quoted;
 use fringe::frame::FrameView;
@@ -106,8 +106,8 @@ impl RecordingWriter {
         Ok(())
     }
 
-    /// Takes a frame from a foreign file: PNG and TIFF by a hard link (or a copy where that is not possible), BMP and
-    /// JPEG by conversion to PNG. `full_scale_dn` is for 16-bit files, as in [`crate::image_file::read_frame`].
+    /// Takes a frame from a foreign file: PNG and TIFF by a hard link (or a copy where that is not possible),
+    /// others, and channels of colour pictures, by conversion to PNG. `full_scale_dn` is for 16-bit files, as in [`crate::image_file::read_frame`].
     ///
     /// # Errors
     /// As [`Self::write`], or a file that is no frame.
@@ -117,11 +117,12 @@ impl RecordingWriter {
         camera: &str,
         frame: usize,
         file: &Path,
-        full_scale_dn: Option<u16>,
+        (full_scale_dn, channel): (Option<u16>, Channel),
     ) -> Result<(), FileError> {
-        let content = read_foreign_frame(file, full_scale_dn)?;
+        let content = read_channel(file, full_scale_dn, channel)?;
         let extension = file.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-        let as_it_is = ["png", "tif", "tiff"].contains(&extension.as_str()) && read_header(file).is_ok();
+        let as_it_is = ["png", "tif", "tiff"].contains(&extension.as_str())
+            && read_header(file).is_ok_and(|head| !head.alpha && (channel == Channel::Grey || !head.colour));
         if !as_it_is {
             return self.write(projector, camera, frame, &content.view());
         }
