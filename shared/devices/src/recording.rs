@@ -119,14 +119,14 @@ mod tests {
     #[test]
     fn frames_follow_at_the_rate_and_a_late_one_is_not_made_up_for() {
         let mut pace = Pace::new(100.0);
-        pace.begin(1000);
+        pace.begin(0, 1000).unwrap();
         assert_eq!(pace.due_ns(), Some(1000));
         pace.show(0, 0, 1000).unwrap();
         assert_eq!(pace.due_ns(), Some(10_001_000));
         pace.show(0, 1, 95_000_000).unwrap();
         assert_eq!(pace.due_ns(), Some(95_000_000));
         let mut free = Pace::new(0.0);
-        free.begin(5);
+        free.begin(0, 5).unwrap();
         assert_eq!(free.due_ns(), None);
     }
 }

@@ -66,7 +66,13 @@ pub fn read_header(path: &Path) -> Result<ImageHeader, FileError> {
 /// # Errors
 /// As [`read_header`]; truncated or damaged pixels, unequal colour channels, grey values above the full scale.
 pub fn read_frame(path: &Path, full_scale_dn: Option<u16>) -> Result<Frame, FileError> {
-    let decoder = open(path, &[ImageFormat::Png, ImageFormat::Tiff])?;
+    recorded(path, open(path, &RECORDED)?, full_scale_dn)
+}
+
+/// The formats of a recording.
+const RECORDED: [ImageFormat; 2] = [ImageFormat::Png, ImageFormat::Tiff];
+
+fn recorded(path: &Path, decoder: Decoder, full_scale_dn: Option<u16>) -> Result<Frame, FileError> {
     // A recording holds frames, not pictures made for the eye.
     if header(path, decoder.as_ref())?.alpha {
         let problem = Problem::Unsupported("has a channel of opacity".into());
@@ -99,8 +105,7 @@ pub fn read_channel(path: &Path, full_scale_dn: Option<u16>, channel: Channel) -
 /// # Errors
 /// As [`read_frame`].
 pub fn decode_frame(path: &Path, bytes: Vec<u8>, full_scale_dn: Option<u16>) -> Result<Frame, FileError> {
-    let decoder = decoder(path, Cursor::new(bytes), &[ImageFormat::Png, ImageFormat::Tiff])?;
-    frame(path, decoder, full_scale_dn)
+    recorded(path, decoder(path, Cursor::new(bytes), &RECORDED)?, full_scale_dn)
 }
 
 fn open(path: &Path, formats: &[ImageFormat]) -> Result<Decoder, FileError> {

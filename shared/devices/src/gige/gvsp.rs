@@ -96,7 +96,7 @@ mod tests {
                 packet_bytes,
                 pixels: (0..pixels).map(|i| i as u8).collect(),
             };
-            let (mut packet, mut joined) = (Vec::new(), Vec::new());
+            let (mut packet, mut joined) = (Vec::new(), Vec::<u8>::new());
             for number in 0..block.packets() {
                 assert!(block.packet(number, &mut packet));
                 assert!(packet.len() + 28 <= packet_bytes.max(28 + 8 + 36));
