@@ -26,6 +26,7 @@ mod run_folder;
 mod schedule_chart;
 mod schedule_command;
 mod schedule_json;
+mod schedule_memory;
 mod software;
 mod stage;
 mod stage_main;

@@ -4,6 +4,7 @@ use crate::demo;
 use crate::json;
 use crate::schedule_chart::ScheduleChart;
 use crate::schedule_json;
+use crate::schedule_memory::Memory;
 use crate::terminal;
 use anyhow::{Context, Result};
 use cell::schedule::{Half, Schedule, label};
@@ -11,9 +12,8 @@ use cell::{Cell, Options};
 use files::atomic;
 use files::output_check::check_outputs;
 use files::result::read_json;
-use serde::Serialize;
-use std::fmt::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::fmt::Write as _;
+use std::path::PathBuf;
 
 /// Command-line arguments of `fringecell schedule`.
 #[derive(Debug, Clone, clap::Args)]
@@ -123,31 +123,6 @@ fn render(cell: &Cell) -> String {
         );
     }
     text
-}
-
-/// The shared memory that a run needs at most; with `--out` the supervisor receives frames, phase maps and cloud as well.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct Memory {
-    /// Of a run without `--out`.
-    run_bytes: u64,
-    /// Of a run with `--out`.
-    run_out_bytes: u64,
-}
-
-impl Memory {
-    fn of(config: &Path, cell: &Cell) -> Result<Self> {
-        let with_out = devices::load(config, &Options { watch: true, ..Options::default() })?;
-        let run_out_bytes = with_out.schedule.memory_bytes();
-        Ok(Self { run_bytes: cell.schedule.memory_bytes(), run_out_bytes })
-    }
-}
-
-impl fmt::Display for Memory {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mb = |bytes: u64| bytes.div_ceil(1_000_000);
-        let (run, run_out) = (mb(self.run_bytes), mb(self.run_out_bytes));
-        writeln!(f, "\nshared memory at most {run} MB, with `run --out` {run_out} MB")
-    }
 }
 
 /// The overlap of cycles in words.

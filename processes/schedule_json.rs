@@ -1,6 +1,6 @@
 //! The schedule of a cell as JSON.
 
-use crate::schedule_command::Memory;
+use crate::schedule_memory::Memory;
 use cell::Cell;
 use cell::schedule::{Activation, Half, Stage, Topic, label};
 use serde::Serialize;

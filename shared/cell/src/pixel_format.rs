@@ -23,7 +23,7 @@ pub enum PixelFormat {
 }
 
 impl PixelFormat {
-    /// All formats.
+    /// All formats that a driver can set.
     pub const ALL: [Self; 8] = [
         Self::Mono8,
         Self::Mono10,

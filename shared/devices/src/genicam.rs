@@ -32,7 +32,7 @@ const LAST_BLOCK: u64 = 65_535;
 pub struct FoundCamera {
     /// Address of the device.
     pub address: Ipv4Addr,
-    /// Serial number.
+    /// Serial number of the device.
     pub serial: String,
     /// Name that a person gave it; may be empty.
     pub user_name: String,
@@ -42,7 +42,7 @@ pub struct FoundCamera {
     pub model: String,
     /// Version of the device.
     pub version: String,
-    /// Hardware address.
+    /// Hardware address, hexadecimal bytes.
     pub mac: String,
 }
 

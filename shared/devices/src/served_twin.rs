@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 struct Shown {
     /// Cycle that was begun, and for which the views are traced.
     cycle: Option<u64>,
-    /// Projector and frame.
+    /// Projector and frame of its sequence.
     pattern: Option<(usize, usize)>,
 }
 

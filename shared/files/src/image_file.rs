@@ -5,6 +5,8 @@
 
 use crate::document::{open_input, refuse_special};
 use crate::error::{FileError, Problem};
+pub use crate::image_channel::Channel;
+use crate::image_channel::plane;
 use crate::memory;
 use fringe::frame::{Frame, FrameView, PixelBuffer, Pixels};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -29,23 +31,6 @@ pub struct ImageHeader {
     pub colour: bool,
     /// A last channel of opacity, which is left out.
     pub alpha: bool,
-}
-
-/// Which part of a colour picture is the frame.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Channel {
-    /// The picture is grey: its channels, if there are several, are equal.
-    #[default]
-    Grey,
-    /// The first channel.
-    Red,
-    /// The second channel.
-    Green,
-    /// The third channel.
-    Blue,
-    /// 0.299 red + 0.587 green + 0.114 blue (Rec. 601), for a camera of colours in white light.
-    Luminance,
 }
 
 type Decoder = Box<dyn ImageDecoder>;
@@ -197,50 +182,16 @@ fn frame(
     let (pixels, full_scale_dn) = if head.bits == 8 {
         let mut bytes = vec![0_u8; values];
         decoder.read_image(&mut bytes).map_err(|error| damaged(path, error))?;
-        (PixelBuffer::Mono8(plane(path, bytes, &head, channel)?), 255)
+        (PixelBuffer::Mono8(plane(path, bytes, (head.colour, head.alpha), channel)?), 255)
     } else {
         let mut words = vec![0_u16; values];
         decoder.read_image(bytemuck::cast_slice_mut(&mut words)).map_err(|error| damaged(path, error))?;
-        let words = plane(path, words, &head, channel)?;
+        let words = plane(path, words, (head.colour, head.alpha), channel)?;
         let full = full_scale_dn.unwrap_or(u16::MAX);
         check_full_scale(path, &words, full)?;
         (PixelBuffer::Mono16(words), full)
     };
     Ok(Frame { width_px: head.width_px, height_px: head.height_px, full_scale_dn, pixels })
-}
-
-/// The frame among the channels of a picture; of a grey picture always its only one.
-fn plane<T: PartialEq + Copy + Into<u32> + TryFrom<u32>>(
-    path: &Path,
-    values: Vec<T>,
-    head: &ImageHeader,
-    channel: Channel,
-) -> Result<Vec<T>, FileError> {
-    let stride = if head.colour { 3 } else { 1 } + usize::from(head.alpha);
-    if stride == 1 {
-        return Ok(values);
-    }
-    let pixels = values.chunks_exact(stride);
-    if !head.colour {
-        return Ok(pixels.map(|pixel| pixel[0]).collect());
-    }
-    let one = |index: usize| values.chunks_exact(stride).map(|pixel| pixel[index]).collect();
-    match channel {
-        Channel::Red => Ok(one(0)),
-        Channel::Green => Ok(one(1)),
-        Channel::Blue => Ok(one(2)),
-        Channel::Luminance => {
-            // A mean of values of T is one of its values.
-            let mean = |p: &[T]| (299 * p[0].into() + 587 * p[1].into() + 114 * p[2].into() + 500) / 1000;
-            Ok(pixels.map(|p| T::try_from(mean(p)).unwrap_or(p[1])).collect())
-        }
-        Channel::Grey if pixels.clone().all(|p| p[0] == p[1] && p[1] == p[2]) => Ok(one(0)),
-        Channel::Grey => {
-            let problem = Problem::Unsupported("is a colour image".into());
-            let remedy = "record with a monochrome camera, or import it with channel = \"green\" (or red, blue, luminance)";
-            Err(FileError::new(path, problem, remedy))
-        }
-    }
 }
 
 fn check_full_scale(path: &Path, words: &[u16], full_scale_dn: u16) -> Result<(), FileError> {

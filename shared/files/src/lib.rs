@@ -15,6 +15,7 @@ pub mod document;
 pub mod error;
 pub mod guard;
 pub mod hash;
+mod image_channel;
 pub mod image_file;
 pub mod import;
 pub mod kind;

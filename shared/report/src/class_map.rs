@@ -10,9 +10,9 @@ const MARGIN: usize = 10;
 /// What a pixel may be.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Class {
-    /// In the legend.
+    /// Its name in the legend.
     pub name: String,
-    /// In the picture.
+    /// Its colour in the picture.
     pub colour: Rgb,
 }
 

@@ -119,7 +119,7 @@ impl Device {
         Self { registers: r, controller: None, last: None }
     }
 
-    /// Value of `PixelFormat`.
+    /// Value of the feature `PixelFormat`.
     pub fn pixel_format(&self) -> u32 {
         self.registers.get(feature::PIXEL_FORMAT)
     }
@@ -136,7 +136,7 @@ impl Device {
         (self.registers.get(bootstrap::STREAM_PACKET) & 0xffff) as usize
     }
 
-    /// Exposure time, µs.
+    /// Exposure time that was set, µs.
     pub fn exposure_us(&self) -> f32 {
         f32::from_bits(self.registers.get(feature::EXPOSURE_US))
     }

@@ -28,7 +28,7 @@ pub mod code {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u16)]
 pub enum Status {
-    /// Done.
+    /// The command was carried out.
     Success = 0x0000,
     /// The device does not know this command.
     NotImplemented = 0x8001,
@@ -47,7 +47,7 @@ pub enum Status {
 /// A command with its parameters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Command<'a> {
-    /// Who is there?
+    /// Asks every device for its identity.
     Discovery,
     /// Values of registers; four bytes of address each.
     ReadRegisters(&'a [u8]),
@@ -55,7 +55,7 @@ pub enum Command<'a> {
     WriteRegisters(&'a [u8]),
     /// So many bytes of memory.
     ReadMemory { address: u32, count: usize },
-    /// Bytes into memory.
+    /// Writes bytes into the memory.
     WriteMemory { address: u32, data: &'a [u8] },
     /// These packets of a block once more, both ends included.
     Resend { block: u64, first: u32, last: u32 },
@@ -74,7 +74,7 @@ pub struct Request<'a> {
     pub code: u16,
     /// Whether the client waits for an acknowledgement.
     pub acknowledge: bool,
-    /// The command.
+    /// The command with its parameters.
     pub command: Command<'a>,
 }
 

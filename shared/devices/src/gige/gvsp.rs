@@ -16,11 +16,11 @@ pub struct Block {
     pub id: u16,
     /// Time of the exposure, ns.
     pub timestamp_ns: u64,
-    /// Value of `PixelFormat`.
+    /// Value of the feature `PixelFormat`.
     pub pixel_format: u32,
-    /// Columns, px.
+    /// Columns of the frame, px.
     pub width_px: u32,
-    /// Rows, px.
+    /// Rows of the frame, px.
     pub height_px: u32,
     /// Size of a packet, headers included, bytes.
     pub packet_bytes: usize,

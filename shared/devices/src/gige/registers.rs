@@ -104,7 +104,7 @@ impl Registers {
         self.read(address, 4).and_then(|b| b.try_into().ok()).map_or(0, u32::from_be_bytes)
     }
 
-    /// Sets a register.
+    /// Sets the value of a register.
     pub fn set(&mut self, address: u32, value: u32) {
         self.set_bytes(address, &value.to_be_bytes());
     }

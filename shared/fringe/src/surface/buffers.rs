@@ -1,10 +1,12 @@
 //! The memory of a surface builder, and its parts of rows.
 
-use super::scatter::WINDOWS;
 use super::{Cause, SurfaceSettings};
 
 /// Rows per part of parallel work; fixed, so that no result depends on the number of threads.
 const PART_ROWS: usize = 16;
+
+/// The scatter of points is estimated in so many windows at most.
+pub(super) const SCATTER_WINDOWS: usize = 4096;
 
 /// Settings and buffers of the surface builder, allocated once.
 #[derive(Debug, Clone)]
@@ -69,7 +71,7 @@ impl SurfaceBuilder {
             parents: vec![0; pixels],
             sizes: vec![0; pixels],
             causes: vec![Cause::Dark; pixels],
-            ratios: Vec::with_capacity(WINDOWS + 1),
+            ratios: Vec::with_capacity(SCATTER_WINDOWS + 1),
         }
     }
 }

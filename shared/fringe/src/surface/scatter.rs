@@ -4,14 +4,12 @@
 //! wanders) is small beside the noise of single pixels and is what remains of it. Smoothed points so far apart that they share
 //! no pixel tell how much: the kernel that takes every quadratic out, over nine of them.
 
-use super::buffers::SurfaceBuilder;
+use super::buffers::{SCATTER_WINDOWS, SurfaceBuilder};
 use super::independence::LEAST;
 use super::normals::Link;
 use super::sample::{Sample, View};
 use super::smooth::smoothed;
 
-/// Samples at which windows are asked.
-pub(super) const WINDOWS: usize = 4096;
 /// Of the magnitudes the lowest third is asked, not the median: shape adds most to the others.
 const QUANTILE: f64 = 1.0 / 3.0;
 /// The same quantile of the magnitude of a standard normal variable.
@@ -37,7 +35,7 @@ impl SurfaceBuilder {
         }
         let lag = if alone { 2 * half + 2 } else { SHARED_PX };
         let filled = |pixel: &usize| samples[*pixel].inverse_depth.is_finite();
-        let stride = (0..samples.len()).filter(filled).count().div_ceil(WINDOWS).max(1);
+        let stride = (0..samples.len()).filter(filled).count().div_ceil(SCATTER_WINDOWS).max(1);
         let asked = || (0..samples.len()).filter(filled).step_by(stride);
         let mut scatter = |lag| {
             self.ratios.clear();
