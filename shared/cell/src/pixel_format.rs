@@ -164,8 +164,9 @@ mod tests {
         for format in PixelFormat::ALL.into_iter().filter(|f| *f != PixelFormat::Mono8) {
             for count in [1, 2, 3, 4, 5, 17, 100] {
                 let full = u32::from(format.full_scale_dn());
-                let values: Vec<u16> =
-                    (0..count).map(|i| (i.wrapping_mul(2_654_435_761_u32) % (full + 1)) as u16).collect();
+                let values: Vec<u16> = (0..count)
+                    .map(|i: u32| (i.wrapping_mul(2_654_435_761_u32) % (full + 1)) as u16)
+                    .collect();
                 let packed = pack(format, &values);
                 let mut out = vec![0; 2 * values.len()];
                 assert!(format.unpack(&packed, &mut out), "{format:?} {count}");
