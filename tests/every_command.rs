@@ -42,6 +42,7 @@ const QUICK: &[&str] = &[
     "plan-patterns --rig DIR/rig.toml --want-u-um 50",
     "report DIR/master.json --csv NEW/values.csv",
     "replay DIR/record",
+    "cameras",
 ];
 
 /// Commands that take a minute or more.
@@ -60,6 +61,9 @@ const SLOW: &[&str] = &[
     "bench unwrap",
     "bench transport",
 ];
+
+/// Commands that end only when they are stopped; see the tests of network cameras.
+const ENDLESS: &[&str] = &["serve-camera DIR/cell.toml"];
 
 /// Commands whose output is no result.
 const WITHOUT_JSON: &[&str] = &["completions bash", "man --out NEW/man"];
@@ -210,7 +214,7 @@ fn listed(program: &str) -> BTreeSet<String> {
 #[test]
 fn the_table_has_every_command() {
     let known: BTreeSet<String> =
-        [QUICK, SLOW, WITHOUT_JSON].concat().iter().map(|line| command_of(line)).collect();
+        [QUICK, SLOW, WITHOUT_JSON, ENDLESS].concat().iter().map(|line| command_of(line)).collect();
     let mut listed_commands = listed(env!("CARGO_BIN_EXE_fringetool"));
     // What a CMM probes is an argument here, as the element of a fit.
     for group in ["fit", "cmm-plan"] {

@@ -177,7 +177,7 @@ fn numbers_of_threads_and_options_of_benchmarks_are_bounded() {
         &["calibration", "--poses", "0"],
         &["unwrap", "--side-px", "100000"],
         &["order-errors", "--pixels", "99999999999"],
-        &["stage-axis", "--seeds", "0"],
+        &["stage-axis", "--trials", "0"],
         &["error-sources", "--width-px", "100000"],
         &["transport", "--frames", "1000000"],
         &["transport", "--rate-hz", "nan"],

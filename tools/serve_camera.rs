@@ -16,7 +16,7 @@ pub struct Args {
     /// Address of the first camera; the others have the addresses after it.
     #[arg(long, default_value = "127.0.0.11")]
     address: Ipv4Addr,
-    /// Address and port where the projectors are told what to show.
+    /// Address and port where the projectors take their commands.
     #[arg(long, default_value = "127.0.0.1:3957")]
     light: SocketAddr,
     /// Fault on the network, for tests: `drop=N`, `duplicate=N` or `swap=N` (every N-th packet), `ignore-trigger=N`

@@ -5,7 +5,7 @@ use anyhow::{Result, bail};
 use files::atomic;
 use files::recording::Recording;
 use files::rig_file::RigFile;
-use files::trend::{Seal, TREND_FORMAT, TrendEntry, TrendPair, append_trend, read_trend};
+use files::trend::{Seal, TREND_FORMAT, TrendEntry, TrendPair, append_trend, verify_trend};
 use report::trend_chart::chart_svg;
 
 /// Checks of the history that are printed.
@@ -33,7 +33,7 @@ fn seal(args: &Args) -> Result<Seal> {
 /// Checks the trend file given by `--trend`.
 pub fn verify(args: &Args) -> Result<()> {
     if let Some(path) = &args.trend {
-        read_trend(path, &seal(args)?)?;
+        verify_trend(path, &seal(args)?)?;
     }
     Ok(())
 }

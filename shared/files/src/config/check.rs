@@ -6,7 +6,7 @@ use super::limits::{cycles, limits, results, schedule, settings};
 use super::raw::{RawConfig, RawTwin};
 use super::recipes::recipes;
 use super::references::{check_drivers, check_graph, check_twin, pairs};
-use super::values::{driver, referenced, value};
+use super::values::{camera_driver, driver, referenced, value};
 use super::{CONFIG_FORMAT, Config, RecordingConfig, TwinConfig};
 use crate::document::Document;
 use crate::error::{FileError, Problem, did_you_mean, list};
@@ -110,7 +110,7 @@ fn cameras(document: &Document, raw: &RawConfig, rig: &RigFile) -> Result<Vec<Ca
             };
             Ok(CameraConfig {
                 name: camera.name.clone(),
-                driver: driver(document, &key("driver"), &camera.driver)?,
+                driver: camera_driver(document, &key("driver"), &camera.driver)?,
                 genicam: genicam(document, &format!("camera[{index}]"), camera)?,
                 width_px: geometry.width_px,
                 height_px: geometry.height_px,

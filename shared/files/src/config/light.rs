@@ -2,7 +2,7 @@
 
 use super::devices::network_address;
 use super::raw::{RawConfig, RawProjector};
-use super::values::{driver, referenced};
+use super::values::{projector_driver, referenced};
 use crate::correction::{PatternCorrection, read_correction};
 use crate::document::Document;
 use crate::error::{FileError, Problem};
@@ -79,7 +79,7 @@ fn one_projector(
     recording: Option<&Recording>,
 ) -> Result<ProjectorConfig, FileError> {
     check_name(&raw.name).map_err(|problem| document.fault(&format!("{key}.name"), problem, ""))?;
-    let driver = driver(document, &format!("{key}.driver"), &raw.driver)?;
+    let driver = projector_driver(document, &format!("{key}.driver"), &raw.driver)?;
     let recorded = match (driver, recording) {
         (Driver::Recording, Some(recording)) => Some(played(document, key, raw, recording)?),
         _ => None,

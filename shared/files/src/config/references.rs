@@ -94,7 +94,7 @@ pub(super) fn check_drivers(
         let key = format!("projector[{index}].driver");
         let mut lookers = cameras.iter().filter(|camera| projector.cameras.contains(&camera.name));
         let agree = |camera: Driver| match projector.driver {
-            Driver::Network | Driver::Genicam => camera == Driver::Genicam,
+            Driver::Network => camera == Driver::Genicam,
             simulated => camera == simulated,
         };
         if let Some(other) = lookers.find(|camera| !agree(camera.driver)) {

@@ -156,11 +156,12 @@ const GAPS: &[(&str, &str, &str)] = &[
     ("cycles = 2", "cycles = -1", "cell.toml:4: cycles: "),
     ("rig = \"rig.toml\"", "rig = \"no.toml\"", "cell.toml:3: rig: the file "),
     ("rig = \"rig.toml\"", "rig = \"scene.toml\"", "scene.toml"),
-    ("driver = \"twin\"", "driver = \"genicam\"", "driver \"genicam\" is not part of this version; use"),
+    ("driver = \"twin\"", "driver = \"genicam\"", "\"genicam\" drives cameras, not projectors"),
+    ("driver = \"twin\"", "driver = \"screen\"", "driver \"screen\" is not part of this version; use"),
     (
         "driver = \"twin\"",
         "driver = \"twn\"",
-        "driver \"twn\" is unknown; known: twin, recording; did you mean",
+        "driver \"twn\" is unknown; known: twin, recording, genicam, network; did you mean",
     ),
     (
         "[\"cam1\", \"cam2\"]",
@@ -266,7 +267,7 @@ fn recipes_have_names_of_their_own_and_plans_that_exist() {
     assert!(config.cell.recipes.iter().all(|recipe| recipe.plan.is_some()));
     for (more, expected) in [
         (recipe("b", "no.toml"), "recipe[0].plan"),
-        (recipe("b", "b.plan.toml"), "b.plan.toml: "),
+        (recipe("b", "b.plan.toml"), "b.plan.toml:1: "),
         (recipe("default", "a.plan.toml"), "recipe[0].name: recipe \"default\" occurs twice"),
         (
             recipe("b", "a.plan.toml") + &recipe("b", "a.plan.toml"),

@@ -34,6 +34,28 @@ fn resolve(document: &Document, key: &str, target: &str) -> Result<PathBuf, File
     })
 }
 
+/// The driver of a camera by its name.
+pub(super) fn camera_driver(document: &Document, key: &str, name: &str) -> Result<Driver, FileError> {
+    match driver(document, key, name)? {
+        Driver::Network => {
+            let problem = Problem::Unsupported("\"network\" drives projectors, not cameras".into());
+            Err(document.fault(key, problem, "use \"genicam\" for a camera on the network"))
+        }
+        other => Ok(other),
+    }
+}
+
+/// The driver of a projector by its name.
+pub(super) fn projector_driver(document: &Document, key: &str, name: &str) -> Result<Driver, FileError> {
+    match driver(document, key, name)? {
+        Driver::Genicam => {
+            let problem = Problem::Unsupported("\"genicam\" drives cameras, not projectors".into());
+            Err(document.fault(key, problem, "use \"network\" and a program that shows the patterns"))
+        }
+        other => Ok(other),
+    }
+}
+
 /// A driver by its name.
 pub(super) fn driver(document: &Document, key: &str, name: &str) -> Result<Driver, FileError> {
     const KNOWN: [&str; 4] = ["twin", "recording", "genicam", "network"];

@@ -171,6 +171,18 @@ pub fn read_trend(path: &Path, seal: &Seal) -> Result<Trend, FileError> {
 
 const RESTORE: &str = "restore it from a copy, or begin a new file";
 
+/// Reads and verifies a trend file that will be appended to; an absent one is empty.
+///
+/// # Errors
+/// As [`read_trend`]; the file is an input of the same command.
+pub fn verify_trend(path: &Path, seal: &Seal) -> Result<Trend, FileError> {
+    guard::may_write(path, "--trend")?;
+    if path.exists() {
+        guard::appending(&path.metadata().map_err(|source| FileError::io(path, "inspect it", source))?);
+    }
+    read_trend(path, seal)
+}
+
 /// Appends a check to a trend file after verifying all of it; the file grows by one whole line or stays as it is.
 ///
 /// # Errors
