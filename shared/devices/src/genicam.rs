@@ -10,7 +10,9 @@ use cell::pixel_format::PixelFormat;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
-use telegenic::gige::discovery::{DiscoveredDevice, DiscoveryConfig, discover};
+use telegenic::gige::discovery::{
+    DiscoveredDevice, DiscoveryConfig, NetworkAdapter, discover, enumerate_adapters,
+};
 use telegenic::gige::stream::{Frame, FrameChannel, FrameStatus, StreamChannel};
 use telegenic::gige::{GigECamera, GigeConfig};
 use telegenic::{GenICamera, SocketOption, StreamConfig};
@@ -51,8 +53,18 @@ pub struct FoundCamera {
 /// # Errors
 /// No adapter can be used.
 pub fn find_cameras() -> Result<Vec<FoundCamera>, DeviceError> {
-    let config = DiscoveryConfig { recv_window: SEARCH, ..DiscoveryConfig::default() };
-    let found = discover(&config).map_err(|e| DeviceError::Frame(format!("searching for cameras: {e}")))?;
+    let fail = |e: &dyn std::fmt::Display| DeviceError::Frame(format!("searching for cameras: {e}"));
+    let mut adapters = enumerate_adapters().map_err(|e| fail(&e))?;
+    // Simulated cameras are on this computer.
+    adapters.push(NetworkAdapter {
+        name: "lo".to_owned(),
+        ip: Ipv4Addr::LOCALHOST,
+        netmask: Ipv4Addr::new(255, 0, 0, 0),
+        broadcast: Ipv4Addr::new(127, 255, 255, 255),
+    });
+    let config =
+        DiscoveryConfig { adapters: Some(adapters), recv_window: SEARCH, ..DiscoveryConfig::default() };
+    let found = discover(&config).map_err(|e| fail(&e))?;
     let mut cameras: Vec<FoundCamera> = found.iter().map(describe).collect();
     cameras.sort_by_key(|camera| camera.address);
     Ok(cameras)
