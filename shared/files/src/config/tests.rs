@@ -174,7 +174,7 @@ const GAPS: &[(&str, &str, &str)] = &[
         "[[camera]] \"cam9\" is unknown; known: cam1, cam2, cam3, cam4",
     ),
     ("[\"cam1\", \"cam2\"]", "[\"cam1\", \"cam1\"]", "camera \"cam1\" occurs twice"),
-    ("[\"cam1\", \"cam2\"]", "[]", "a camera that looks while \"proj1\" is on is missing"),
+    ("[\"cam1\", \"cam2\"]", "[]", "a camera that takes frames of projector \"proj1\" is missing"),
     (
         "name = \"cam4\"",
         "name = \"cam5\"",
@@ -202,7 +202,7 @@ const GAPS: &[(&str, &str, &str)] = &[
     (
         "cycles = 2",
         "pairs = [\"pair1\"]",
-        "camera \"cam3\" takes frames of projector \"proj2\", but no pair uses its phase",
+        "camera \"cam3\" looks at projector \"proj2\", but no pair takes its phase",
     ),
     ("cycles = 2", "pairs = []", "a [[pair]] in "),
     ("cycles = 2", "cycles = [", "cell.toml:"),
@@ -225,7 +225,7 @@ fn each_gap_is_reported_with_place_and_remedy() {
         twin_text().replacen("driver = \"twin\"\nwidth_px", "driver = \"recording\"\nwidth_px", 1);
     let two_worlds = format!("{two_worlds}[recording]\npath = \"scan\"\n");
     let error = load(&dir, &two_worlds).unwrap_err();
-    assert!(error.contains("projector \"proj1\" has Recording, but camera \"cam1\""), "{error}");
+    assert!(error.contains("projector \"proj1\" has \"recording\", but camera \"cam1\""), "{error}");
 }
 
 #[test]
