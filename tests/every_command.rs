@@ -15,6 +15,7 @@ use std::process::{Child, Command, Output, Stdio};
 const QUICK: &[&str] = &[
     "simulate DIR/cell.toml --out NEW/rec",
     "decode DIR/rec",
+    "explore DIR/rec",
     "unwrap DIR/rec",
     "reconstruct --rig DIR/rig.toml --out NEW/cloud.ply DIR/rec",
     "reference-plane calibrate --plane 0=DIR/z0 --plane 10=DIR/z10 --plane 20=DIR/z20 --out NEW/planes",

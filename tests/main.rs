@@ -40,6 +40,7 @@
 //! - [`documentation`]: README and pages: lengths, links, commands and options that exist
 //! - [`file_formats`]: the keys of `docs/formats.md` against the parsers
 //! - [`twin_settings`]: settings of the twin in a configuration and on the command line: what is refused, and how it is said
+//! - [`explore`]: sequences found in recordings by others, and what is proposed of them
 //! - [`service`]: what a service manager hears, the unit, the Debian package
 //! - [`single_view`]: one camera and projector: unwrapping, filters, reference planes, a rotation stage
 //! - [`words`]: doc comments, help texts and option names in standard words; former option names
@@ -62,6 +63,7 @@ mod documentation;
 mod documented_commands;
 mod every_command;
 mod examples;
+mod explore;
 mod file_formats;
 mod fits;
 mod focus;

@@ -143,7 +143,8 @@ fn write_rasters(folder: &Path, view: &DecodedView, map: &PhaseMap) -> Result<()
     Ok(())
 }
 
-fn write_pictures(folder: &Path, view: &DecodedView, map: &PhaseMap) -> Result<()> {
+/// Pictures of phase, modulation and order of one map.
+pub fn write_pictures(folder: &Path, view: &DecodedView, map: &PhaseMap) -> Result<()> {
     let phase = map.view();
     let pictures = [
         ("phase", picture::phase_png(&phase)),

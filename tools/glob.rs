@@ -40,7 +40,7 @@ fn matches(pattern: &str, name: &str) -> bool {
 }
 
 /// Key that puts `left2` before `left10`: text and numbers in turn.
-fn natural(name: &str) -> Vec<(String, u64)> {
+pub fn natural(name: &str) -> Vec<(String, u64)> {
     let mut key = vec![(String::new(), 0_u64)];
     let mut in_number = false;
     for letter in name.chars() {

@@ -34,6 +34,7 @@ mod cmm_compare;
 mod cmm_plan;
 mod compare;
 mod decode;
+mod explore;
 mod export;
 mod filters;
 mod fit;
@@ -95,6 +96,8 @@ enum Command {
     Simulate(simulate::Args),
     /// Decode a recording into images of phase, modulation and fringe order.
     Decode(decode::Args),
+    /// Explore a folder of frames: which patterns they show, and the recording that it could be.
+    Explore(explore::Args),
     /// Unwrap a wrapped phase spatially: branch cuts, quality, reliability, least squares.
     Unwrap(unwrap::Args),
     /// Reconstruct a point cloud from a recording.
@@ -211,6 +214,7 @@ fn execute(command: &Command) -> Result<Outcome> {
     match command {
         Command::Simulate(args) => simulate::run(args),
         Command::Decode(args) => decode::run(args),
+        Command::Explore(args) => explore::run(args),
         Command::Unwrap(args) => unwrap::run(args),
         Command::Reconstruct(args) => reconstruct::run(args),
         Command::ReferencePlane(args) => reference_plane::run(args),

@@ -4,6 +4,7 @@
 //! [`fringe`].
 
 pub mod calibration;
+pub mod explore;
 pub mod focus;
 pub mod health;
 mod least_squares;

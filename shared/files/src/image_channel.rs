@@ -20,6 +20,22 @@ pub enum Channel {
     Luminance,
 }
 
+impl Channel {
+    /// All, with their names in a layout and on a command line.
+    pub const NAMES: [(&'static str, Self); 5] = [
+        ("grey", Self::Grey),
+        ("red", Self::Red),
+        ("green", Self::Green),
+        ("blue", Self::Blue),
+        ("luminance", Self::Luminance),
+    ];
+
+    /// The channel of a name.
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::NAMES.iter().find(|(known, _)| *known == name).map(|(_, channel)| *channel)
+    }
+}
+
 /// The frame among the channels of a picture, which may have `colour` and opacity (`alpha`); of a grey picture always its only one.
 ///
 /// # Errors

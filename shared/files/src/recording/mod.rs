@@ -21,7 +21,7 @@ mod write;
 pub use model::{
     RECORDING_FILE, RECORDING_FORMAT, RecordedCamera, RecordedProjector, RecordedRig, Recording,
 };
-pub use write::{ProjectorRecord, RecordingWriter, recording_text};
+pub use write::{ProjectorRecord, RecordingWriter, recording_text, set_text};
 
 use crate::error::FileError;
 use crate::rig_file::RigFile;

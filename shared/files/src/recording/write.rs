@@ -271,7 +271,7 @@ pub fn recording_text(projectors: &[ProjectorRecord], provenance: &toml::Table) 
 }
 
 /// One set as an inline table, `set` and `axis` in front as in the contract.
-fn set_text(set: &PatternSet) -> String {
+pub fn set_text(set: &PatternSet) -> String {
     // A set is a flat table of numbers and words, which TOML can always hold.
     let table = toml::Table::try_from(set).unwrap_or_default();
     let rank = |key: &str| match key {
