@@ -5,15 +5,8 @@ use crate::terminal;
 use anyhow::{Context, Result, bail};
 use cell::Retention;
 use files::atomic;
+use files::bundled::DEMO;
 use std::path::{Path, PathBuf};
-
-/// Names and contents of the files of the demo cell.
-const FILES: [(&str, &str); 4] = [
-    ("demo.toml", include_str!("../configs/demo.toml")),
-    ("demo-rig.toml", include_str!("../configs/demo-rig.toml")),
-    ("complex-artefact.plan.toml", include_str!("../configs/complex-artefact.plan.toml")),
-    ("complex-artefact.scene.toml", include_str!("../configs/complex-artefact.scene.toml")),
-];
 
 /// List of the files in the output folder.
 const GUIDE: &str = "  report.html   the report; open it in a browser
@@ -73,8 +66,8 @@ pub fn write_files(folder: &Path, force: bool) -> Result<PathBuf> {
     let differs = |(name, text): &(&str, &str)| {
         std::fs::read(folder.join(name)).is_ok_and(|bytes| bytes != text.as_bytes())
     };
-    if let Some((name, _)) = FILES.iter().find(|file| differs(file)).filter(|_| !force) {
-        let (file, main) = (folder.join(name), folder.join(FILES[0].0));
+    if let Some((name, _)) = DEMO.iter().find(|file| differs(file)).filter(|_| !force) {
+        let (file, main) = (folder.join(name), folder.join(DEMO[0].0));
         bail!(
             "{}: differs from the one of the demo: edited, or of another version; run it with \"fringecell run {}\", \
              choose another folder with --out, or add --force to replace it",
@@ -82,9 +75,9 @@ pub fn write_files(folder: &Path, force: bool) -> Result<PathBuf> {
             main.display()
         );
     }
-    for (name, text) in FILES {
+    for (name, text) in DEMO {
         atomic::write(&folder.join(name), text.as_bytes())
             .context("the demo cannot write its configuration; choose another folder with --out")?;
     }
-    Ok(folder.join(FILES[0].0))
+    Ok(folder.join(DEMO[0].0))
 }

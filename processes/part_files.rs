@@ -1,5 +1,6 @@
 //! The files of every part that a serving cell inspects, and how many of them are kept.
 
+use crate::retention::Retention;
 use crate::run_files::{self, RunFiles};
 use crate::run_folder::RunFolder;
 use crate::supervisor::collect::Span;
@@ -10,9 +11,9 @@ use devices::LoadedCell;
 use files::atomic;
 use files::result::{CycleResult, write_json};
 use fringe::cloud::Point;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 /// Longest part of a folder's name that comes from the name of the part.
@@ -44,14 +45,15 @@ pub enum Kept {
 pub struct PartFiles {
     folder: Arc<RunFolder>,
     cell: LoadedCell,
-    /// Folders of this run with their sizes, the oldest first.
-    parts: VecDeque<(PathBuf, u64)>,
+    /// What is removed when there is more; `None`: nothing ever.
+    retention: Option<Retention>,
 }
 
 impl PartFiles {
-    /// For the folder of a run.
-    pub fn new(folder: Arc<RunFolder>, cell: &LoadedCell) -> Self {
-        Self { folder, cell: cell.clone(), parts: VecDeque::new() }
+    /// For the folder of a run; one that is `endless` removes the oldest results as its configuration says.
+    pub fn new(folder: Arc<RunFolder>, cell: &LoadedCell, endless: bool) -> Self {
+        let retention = endless.then(|| Retention::new(folder.path(), cell.file.results));
+        Self { folder, cell: cell.clone(), retention }
     }
 
     /// Writes what is kept of a cycle.
@@ -60,7 +62,10 @@ impl PartFiles {
     /// Something is not on the disk.
     pub fn write(&mut self, result: &CycleResult, kept: &Kept) -> Result<()> {
         self.folder.check()?;
-        run_files::cycle(self.folder.path(), result)?;
+        let path = run_files::cycle(self.folder.path(), result)?;
+        if let Some(retention) = &mut self.retention {
+            retention.result(path)?;
+        }
         match kept {
             Kept::Result => Ok(()),
             Kept::Scan(scan) => self.part(result, scan),
@@ -97,30 +102,20 @@ impl PartFiles {
         let place = all.join(folder_name(result));
         let moved = fs::rename(&making, &place);
         moved.with_context(|| format!("cannot create the folder {}", place.display()))?;
-        let bytes = size(&place);
-        self.parts.push_back((place, bytes));
-        self.remove_oldest()
+        link_latest(&all, &place)?;
+        self.retention.as_mut().map_or(Ok(()), |retention| retention.part(place))
     }
+}
 
-    fn remove_oldest(&mut self) -> Result<()> {
-        let limits = self.cell.file.results;
-        loop {
-            let bytes: u64 = self.parts.iter().map(|(_, bytes)| bytes).sum();
-            let over = self.parts.len() as u64 > limits.keep_parts || bytes > limits.keep_mb * 1_000_000;
-            // The last one stays, whatever its size.
-            if !over || self.parts.len() < 2 {
-                return Ok(());
-            }
-            if let Some((oldest, _)) = self.parts.pop_front() {
-                match fs::remove_dir_all(&oldest) {
-                    Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                        return Err(error).with_context(|| format!("cannot remove {}", oldest.display()));
-                    }
-                    _ => {}
-                }
-            }
-        }
-    }
+/// Makes the link `latest` beside a folder point to it, in one step.
+fn link_latest(all: &Path, place: &Path) -> Result<()> {
+    let (link, making) = (all.join("latest"), all.join(".latest"));
+    let Some(name) = place.file_name() else { return Ok(()) };
+    let linked = match fs::remove_file(&making) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
+        _ => std::os::unix::fs::symlink(name, &making).and_then(|()| fs::rename(&making, &link)),
+    };
+    linked.with_context(|| format!("cannot create the link {}", link.display()))
 }
 
 /// Number and part: `0007-bracket_12`.
@@ -128,11 +123,6 @@ fn folder_name(result: &CycleResult) -> String {
     let safe = |c: char| if c.is_ascii_alphanumeric() || "._-".contains(c) { c } else { '_' };
     let part: String = result.part.iter().flat_map(|part| part.chars().take(NAME_CHARS).map(safe)).collect();
     if part.is_empty() { format!("{:04}", result.number) } else { format!("{:04}-{part}", result.number) }
-}
-
-fn size(folder: &Path) -> u64 {
-    let entries = fs::read_dir(folder).into_iter().flatten().filter_map(Result::ok);
-    entries.filter_map(|entry| entry.metadata().ok()).map(|metadata| metadata.len()).sum()
 }
 
 #[cfg(test)]

@@ -22,15 +22,17 @@ use ipc::port::Received;
 use metrology::inspection::{self, FeatureResult, Plan};
 use report::{Activity, FeatureRow, GreyPicture, Mark, PhasePicture, ReportInput, write_html};
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use twin::Truth;
 
-/// Writes the result of a cycle, during the run.
-pub fn cycle(folder: &Path, result: &CycleResult) -> Result<()> {
+/// Writes the result of a cycle, during the run; returns the path of the file that no later cycle replaces.
+pub fn cycle(folder: &Path, result: &CycleResult) -> Result<PathBuf> {
     let results = folder.join("results");
     atomic::create_dir(&results)?;
-    write_json(&results.join(format!("{:04}.json", result.number)), result)?;
-    Ok(write_json(&folder.join("result.json"), result)?)
+    let path = results.join(format!("{:04}.json", result.number));
+    write_json(&path, result)?;
+    write_json(&folder.join("result.json"), result)?;
+    Ok(path)
 }
 
 /// Data for the files at the end of a run.

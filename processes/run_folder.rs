@@ -159,6 +159,21 @@ impl Drop for RunFolder {
     }
 }
 
+/// The folders of earlier runs in an output folder, the oldest first. Folders that no run wrote are left out.
+pub fn earlier_runs(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder.join(RUNS)).into_iter().flatten().filter_map(Result::ok);
+    let mut runs: Vec<(String, u64, PathBuf)> = entries
+        .filter_map(|entry| {
+            let name = entry.file_name();
+            let (stamp, number) = name.to_str()?.rsplit_once('-')?;
+            Some((stamp.to_owned(), number.parse().ok()?, entry.path()))
+        })
+        .filter(|(_, _, path)| !path.is_symlink() && started(path).is_some())
+        .collect();
+    runs.sort();
+    runs.into_iter().map(|(_, _, path)| path).collect()
+}
+
 /// When the run began whose files are in a folder; `None`: no run wrote them.
 fn started(folder: &Path) -> Option<String> {
     let text = |file: &str, key: &str| {

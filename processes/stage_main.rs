@@ -8,8 +8,12 @@ use cell::{Cell, Options};
 use devices::LoadedCell;
 use ipc::os;
 
+/// Exit code of a process that panicked, as Rust chooses it.
+const PANIC_CODE: i32 = 101;
+
 /// Runs a stage until the supervisor ends it.
 pub fn run(args: &StageArgs) -> Result<()> {
+    end_at_panic();
     os::ignore_interrupts();
     os::keep_freed_memory();
     ensure!(os::die_with_parent(args.parent)?, "the supervisor (pid {}) has ended", args.parent);
@@ -31,6 +35,16 @@ pub fn run(args: &StageArgs) -> Result<()> {
         let _ = context.failed(0, &format!("{error:#}"));
     }
     ended
+}
+
+/// Makes a panic of any thread end this process at once, as a kill does: a stage that unwinds would close its ports one by one,
+/// and cycles would fail by messages without a receiver before the supervisor knows why.
+fn end_at_panic() {
+    let print = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        print(panic);
+        std::process::exit(PANIC_CODE);
+    }));
 }
 
 /// Refuses files that changed since the supervisor read them.

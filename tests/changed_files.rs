@@ -121,3 +121,29 @@ fn a_played_recording_that_changes_is_noticed() {
     assert_eq!(failed.len() + clouds.len(), 6);
     assert!(failed.iter().all(|outcome| outcome.contains("007.png")), "{failed:?}");
 }
+
+/// Proves: a mesh that changes under a cell of the twin changes no cloud, and the stage that would read it again is refused with
+/// its name.
+#[test]
+fn a_mesh_that_changes_is_never_half_of_a_measurement() {
+    let cell = Cell::new("mesh");
+    for name in ["bracket.scene.toml", "bracket.stl"] {
+        fs::copy(root().join("configs/bracket").join(name), cell.small.path(name)).unwrap();
+    }
+    let config = fs::read_to_string(cell.small.path("cell.toml")).unwrap();
+    let (before, _) = config.split_once("scene = ").unwrap();
+    let config = format!("{before}scene = \"bracket.scene.toml\"\n[limits]\nrestarts_max = 1\n");
+    fs::write(cell.small.path("bracket.toml"), config).unwrap();
+    let run = cell.serving("bracket.toml");
+    assert_eq!(cell.part("1").0["outcome"], "ok");
+    let mut mesh = fs::read(cell.small.path("bracket.stl")).unwrap();
+    let middle = mesh.len() / 2;
+    mesh[middle] ^= 1;
+    fs::write(cell.small.path("bracket.stl"), mesh).unwrap();
+    assert_eq!(cell.part("2").0["outcome"], "ok", "what was read is kept");
+    signal("KILL", pid_of(&cell.status().unwrap(), "capture/cam1"));
+    let status = cell.until("in error", |status| status["state"] == "Error");
+    let reason = status["reason"].as_str().unwrap();
+    assert!(reason.contains("bracket.stl has changed since the start of the cell"), "{reason}");
+    cell.stop(run);
+}

@@ -3,7 +3,7 @@
 use crate::acceptance::spheres;
 use crate::acceptance_report::master;
 use crate::running::{Cell, text, wait};
-use crate::support::{fringetool, root};
+use crate::support::{fringetool, fringetool_in, root};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -134,7 +134,8 @@ impl Inputs {
         std::fs::create_dir_all(self.cell.small.path(pass)).unwrap();
         let mut program = Command::new(env!("CARGO_BIN_EXE_fringetool"));
         program.args(self.words(line, pass)).args(more).stdout(stdout).stderr(Stdio::piped());
-        output(&mut program)
+        // Outside the repository: what is not named is part of the program.
+        output(program.current_dir(self.cell.small.folder.path()))
     }
 }
 
@@ -181,12 +182,34 @@ fn expect_lost(line: &str, output: &Output, reason: &str) {
     assert!(!cried.contains("panicked"), "{line}: {cried}");
 }
 
+/// A file that no command wrote.
+const FOREIGN: &str = "{\"mine\": true}\n";
+
+/// Fails unless an output that would replace a file of another kind is refused, and the file is what it was.
+fn expect_kept(line: &str, file: &str, run: impl FnOnce(&str) -> Output) {
+    std::fs::write(file, FOREIGN).unwrap();
+    let output = run(file);
+    let cried = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{line}: {cried}");
+    assert!(cried.contains("add --force"), "{line}: {cried}");
+    assert_eq!(std::fs::read_to_string(file).unwrap(), FOREIGN, "{line}");
+}
+
+/// Prints a row of the table of commands.
+fn print_row(command: &str) {
+    println!("| `{command}` | JSON alone | exit code 2, reason | exit code 2, reason | refused, unchanged |");
+}
+
 fn check(inputs: &Inputs, lines: &[&str]) {
+    println!("| command | `--json -` | full device | reader gone | existing file of another kind |");
     for line in lines {
+        let foreign = inputs.cell.small.path("foreign.json");
+        expect_kept(line, &foreign, |file| inputs.run(line, "kept", &["--json", file], Stdio::piped()));
         expect_json(line, &inputs.run(line, "json", &["--json", "-"], Stdio::piped()));
         expect_lost(line, &inputs.run(line, "full", &["--json", "-"], full()), "No space left on device");
         expect_lost(line, &inputs.run(line, "unread", &[], unread()), "Broken pipe");
-        assert!(!root().join("-").exists(), "{line} wrote a file named -");
+        assert!(!inputs.cell.small.folder.path().join("-").exists(), "{line} wrote a file named -");
+        print_row(&command_of(line));
     }
 }
 
@@ -248,6 +271,17 @@ fn every_tool_gives_pure_json_and_tells_lost_output() {
 #[ignore = "takes half an hour: every benchmark three times"]
 fn every_slow_tool_gives_pure_json_and_tells_lost_output() {
     check(&Inputs::new(), SLOW);
+}
+
+/// Proves: a command whose configuration is that of the demo needs no repository.
+#[test]
+fn a_bare_simulation_works_outside_the_repository() {
+    let folder = tempfile::tempdir().unwrap();
+    let ran = fringetool_in(folder.path(), &["simulate", "--out", "rec"]).expect_success();
+    assert!(folder.path().join("rec/recording.toml").exists(), "{}", ran.stdout);
+    let named = fringetool_in(folder.path(), &["simulate", "configs/other.toml", "--out", "other"]);
+    assert_eq!(named.code, Some(2));
+    assert!(named.stderr.contains("configs/other.toml: cannot open it"), "{}", named.stderr);
 }
 
 /// Commands of `fringecell`; those from `status` on speak with a running cell.
@@ -325,8 +359,14 @@ fn every_command_to_a_cell_gives_pure_json_and_tells_lost_output() {
         report["cycles_done"].as_u64().map(|n| n as usize)
     );
     let run = serve(&cell);
+    let foreign = cell.small.path("foreign.json");
     operate(&cell, |command, arguments| {
+        // Refused before anything is asked of the cell: the command itself follows.
+        expect_kept(command, &foreign, |file| {
+            fringecell(&[arguments, &["--json", file]].concat(), Stdio::piped())
+        });
         expect_lost(command, &fringecell(arguments, full()), "No space left on device");
+        print_row(command);
     });
     wait(run);
     let run = serve(&cell);
@@ -352,6 +392,11 @@ fn cells_and_schedules_give_pure_json_and_tell_lost_output() {
         ("demo", vec!["demo", "--cycles", "1", "--cell", &cell.name, "--out", &folder]),
     ];
     for (what, arguments) in lines {
+        expect_kept(what, &cell.small.path("foreign.json"), |file| {
+            fringecell(&[&arguments[..], &["--json", file]].concat(), Stdio::piped())
+        });
+        std::fs::remove_dir_all(&folder).ok();
+        print_row(what);
         let value =
             expect_json(what, &fringecell(&[&arguments[..], &["--json", "-"]].concat(), Stdio::piped()));
         if matches!(what, "run" | "demo") {

@@ -15,10 +15,12 @@
 //! - [`limits`]: files that promise more than fits, memory and threads that are not there
 //! - [`other_user`]: another user of the machine; no processes, no file descriptors, no readers
 //! - [`every_command`]: standard output of every command: pure JSON, or an error when it is lost
+//! - [`panics`]: a panic in any process is an outcome
 //! - [`hung_disk`]: a disk that does not answer
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - `allocations`: what warm stages do not do; only with the feature `count-allocations`
 //! - [`control`]: a cell that takes jobs: states, recipes, refusals, metrics
+//! - [`control_page`]: the requests of `docs/control.md` against a cell
 //! - [`uncertainty`]: budgets in, table, JSON and report out
 //! - [`acceptance_report`]: every format from one result of an acceptance test
 //! - [`gige`]: cameras on the network give the bytes of the twin, and losses are repaired or told
@@ -59,6 +61,7 @@ mod changed_files;
 mod charuco;
 mod compare;
 mod control;
+mod control_page;
 mod documentation;
 mod documented_commands;
 mod every_command;
@@ -76,6 +79,7 @@ mod offline;
 mod one_flow;
 mod other_user;
 mod overwrite;
+mod panics;
 mod phase_methods;
 mod plan_patterns;
 mod pose;

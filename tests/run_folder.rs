@@ -180,7 +180,9 @@ fn a_serving_cell_keeps_the_files_of_its_last_parts() {
         [("a", vec!["0001-a"]), ("b/1", vec!["0001-a", "0002-b_1"]), ("c", vec!["0002-b_1", "0003-c"])]
     {
         assert_eq!(cell.part(part).1, Some(0));
-        assert_eq!(names(&parts), expected);
+        assert_eq!(numbered(&parts), expected);
+        let latest = fs::read_link(parts.join("latest")).unwrap();
+        assert_eq!(latest.to_str(), expected.last().copied(), "a link to the newest");
     }
     for (folder, part) in [("0002-b_1", "b/1"), ("0003-c", "c")] {
         let folder = parts.join(folder);
@@ -202,8 +204,56 @@ fn a_serving_cell_keeps_the_files_of_its_last_parts() {
     let bytes = |folder: &Path| -> u64 {
         fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().metadata().unwrap().len()).sum()
     };
-    let all: u64 = names(&parts).iter().map(|name| bytes(&parts.join(name))).sum();
-    assert!(all <= size * 1_000_000 || names(&parts).len() == 1, "{all}");
-    assert!(names(&parts).last().unwrap().ends_with("-g") && names(&parts).len() < 4, "{:?}", names(&parts));
+    let kept = numbered(&parts);
+    let all: u64 = kept.iter().map(|name| bytes(&parts.join(name))).sum();
+    assert!(all <= size * 1_000_000 || kept.len() == 1, "{all}");
+    assert!(kept.last().unwrap().ends_with("-g") && kept.len() < 4, "{kept:?}");
     cell.stop(run);
+}
+
+/// The folders of parts, without the link to the newest.
+fn numbered(parts: &Path) -> Vec<String> {
+    names(parts).into_iter().filter(|name| name != "latest").collect()
+}
+
+/// Proves: results, parts and earlier runs of a cell that serves are bounded, the oldest go first; a run of so many cycles
+/// removes nothing, and neither removes what no run wrote.
+#[test]
+fn a_serving_cell_bounds_results_parts_and_earlier_runs() {
+    let cell = Cell::played("bounded", 0.0, "");
+    let config = fs::read_to_string(cell.small.path("played.toml")).unwrap();
+    fs::write(cell.small.path("few.toml"), format!("{config}[results]\nkeep_results = 3\nkeep_parts = 2\n"))
+        .unwrap();
+    assert_eq!(cell.run("few.toml", &["--cycles", "5"]).status.code(), Some(0));
+    assert_eq!(fs::read_dir(cell.out().join("results")).unwrap().count(), 5, "a run of so many cycles");
+    let notes = cell.out().join("runs/20000101T000000Z-1");
+    fs::create_dir_all(&notes).unwrap();
+    fs::write(notes.join("notes.txt"), "mine").unwrap();
+
+    let run = cell.serving("few.toml");
+    let first = cell.earlier().into_iter().next_back().unwrap();
+    let left = |folder: &Path| fs::read_dir(folder.join("results")).map_or(0, Iterator::count);
+    assert_eq!(left(&first), 5, "nothing is removed before there is something new");
+    assert_eq!(cell.part("a").1, Some(0));
+    // One new result, the earlier run itself, and one of its results.
+    assert_eq!((left(&first), left(&cell.out())), (1, 1));
+    assert!(first.join("results/0005.json").exists() && first.join("cloud.ply").exists());
+    assert_eq!(cell.part("b").1, Some(0));
+    assert!(!first.join("cloud.ply").exists() && first.join("run.json").exists(), "two parts are kept");
+    assert_eq!(cell.part("c").1, Some(0));
+    assert!(!first.exists(), "an earlier run goes with its last result");
+    assert_eq!(numbered(&cell.out().join("parts")), ["0002-b", "0003-c"]);
+    assert_eq!(cell.part("d").1, Some(0));
+    assert_eq!(names(&cell.out().join("results")), ["0002.json", "0003.json", "0004.json"]);
+    cell.stop(run);
+
+    let run = cell.serving("few.toml");
+    assert_eq!(cell.part("e").1, Some(0));
+    cell.stop(run);
+    let second = cell.earlier().into_iter().next_back().unwrap();
+    // Three results: the new one, the earlier run itself, and its last one; parts: the new one and the files of that run.
+    assert_eq!((left(&second), left(&cell.out())), (1, 1));
+    assert!(second.join("results/0004.json").exists() && second.join("report.html").exists());
+    assert_eq!(numbered(&second.join("parts")), Vec::<String>::new());
+    assert_eq!(fs::read(notes.join("notes.txt")).unwrap(), b"mine");
 }

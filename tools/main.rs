@@ -27,6 +27,7 @@ macro_rules! eprintln {
 mod acceptance_report;
 mod allocator;
 mod bench;
+mod bundled;
 mod calibrate;
 mod cameras;
 mod check_rig;

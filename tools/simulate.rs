@@ -1,6 +1,7 @@
 //! `fringetool simulate`: a recording of the digital twin, with the true values in a separate file.
 
 use crate::Outcome;
+use crate::bundled;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::rotation_stage::Axis;
@@ -80,7 +81,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         .map(PathBuf::as_path)
         .collect();
     check_outputs(&[("--json", args.json.as_deref())], &inputs, Some(&args.out))?;
-    let mut config = Config::load(&args.config)?;
+    let found = bundled::find(&args.config)?;
+    let mut config = Config::load(&found.path)?;
     let Some(twin_config) = &config.twin else {
         bail!("{}: has no [twin]; simulate needs one with a scene", args.config.display());
     };

@@ -4,6 +4,7 @@ mod layout;
 mod plan;
 
 use crate::Outcome;
+use crate::bundled;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::simulate::{frames, truth_text, write_recording};
@@ -47,7 +48,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     if args.out.read_dir().is_ok_and(|mut entries| entries.next().is_some()) {
         bail!("--out {}: already holds something; name a new folder", args.out.display());
     }
-    let config = Config::load(&args.config)?;
+    let found = bundled::find(&args.config)?;
+    let config = Config::load(&found.path)?;
     let Some(twin) = &config.twin else {
         bail!("{}: has no [twin]; simulate-test needs one", args.config.display());
     };

@@ -185,6 +185,11 @@ impl StageContext {
             .for_each(Notifier::notify);
     }
 
+    /// Name of this stage.
+    pub fn name(&self) -> &str {
+        &self.cell.schedule.stages[self.stage].name
+    }
+
     /// Index of the camera or pair of this stage.
     pub fn subject(&self) -> usize {
         self.cell.schedule.stages[self.stage].subject

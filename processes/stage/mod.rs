@@ -16,6 +16,7 @@ pub use fault::{Fault, cycle_fault};
 pub use text_buffer::TextBuffer;
 pub use worker::Worker;
 
+use crate::panic_drill::panic_if_requested;
 use anyhow::Result;
 use ipc::header::{Command, Control};
 use ipc::os;
@@ -47,6 +48,7 @@ pub fn serve(context: &mut StageContext, worker: &mut dyn Worker) -> Result<()> 
                 }
                 other if other != context.start_command() => {} // for the other half of the cycle
                 Command::Start | Command::Evaluate => {
+                    panic_if_requested(context.name());
                     context.cycles.start(cycle);
                     context.recipe = recipe as usize;
                     context.reset_counters();

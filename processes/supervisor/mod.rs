@@ -29,7 +29,9 @@ mod state;
 pub use setup::RunOptions;
 pub use state::Summary;
 
+use crate::panic_drill::panic_if_requested;
 use anyhow::{Context, Result, anyhow};
+use cell::schedule::SUPERVISOR;
 use cycle::Input;
 use devices::LoadedCell;
 use files::result::CycleResult;
@@ -69,6 +71,7 @@ fn without_panic(work: impl FnOnce() -> Result<()>) -> Result<()> {
 
 fn event_loop(supervisor: &mut Supervisor, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
     while !supervisor.cycles.is_finished() {
+        panic_if_requested(SUPERVISOR);
         supervisor.start_due(each)?;
         supervisor.drain(each)?;
         supervisor.reap_ended(each)?;

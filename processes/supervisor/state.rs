@@ -196,7 +196,7 @@ impl<'a> Supervisor<'a> {
             results_out: ResultDelivery::new(setup::result_writer(cell, options)?),
             service: ServiceManager::new(),
             was_ready: false,
-            keeps_parts: options.serve && options.out.is_some() && cell.file.results.keep_parts > 0,
+            keeps_parts: options.serve && options.out.is_some() && cell.file.results.parts > 0,
             jobs: JobController::new(
                 cell.config.recipes.iter().map(|r| r.name.clone()).collect(),
                 options.serve,

@@ -2,11 +2,11 @@
 
 use super::scan::{Scan, scan};
 use crate::Outcome;
+use crate::bundled;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result};
-use files::config::Config;
 use fringe::geometry::camera::BrownConrady;
 use fringe::geometry::rig::Rig;
 use metrology::inspection::{InspectionResult, Plan, Unit, evaluate};
@@ -117,7 +117,7 @@ pub(super) struct Bench {
 impl Bench {
     /// Reads the demo's configuration.
     pub fn demo() -> Result<Self> {
-        let config = Config::load(Path::new("configs/demo.toml"))?;
+        let config = bundled::load("configs/demo.toml")?;
         let twin_config = config.twin.as_ref().context("configs/demo.toml: has no [twin]")?;
         let scene = load_scene(None, twin_config)?;
         let plan = config.cell.recipes.first().and_then(|recipe| recipe.plan.clone());

@@ -2,16 +2,16 @@
 
 use super::shown::Shown;
 use crate::Outcome;
+use crate::bundled;
 use crate::report::{check_outputs, emit_bare};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result};
 use cell::executor::PhaseMethod;
-use files::config::Config;
 use fringe::decode::{DecodeSettings, Exposed, merge_exposures};
 use fringe::phase::PhaseMap;
 use serde::Serialize;
 use std::f32::consts::PI;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use twin::{Twin, TwinSettings};
 
 #[derive(clap::Args)]
@@ -38,7 +38,7 @@ struct Row {
 /// Runs the benchmark, prints its table and writes the result.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
-    let config = Config::load(Path::new("configs/demo.toml"))?;
+    let config = bundled::load("configs/demo.toml")?;
     let twin_config = config.twin.as_ref().context("configs/demo.toml: has no [twin]")?;
     let scene = load_scene(None, twin_config)?;
     let rig = &twin_config.rig;

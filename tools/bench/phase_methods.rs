@@ -3,12 +3,12 @@
 use super::recorded;
 use super::shown::{Cell, Shown, counting};
 use crate::Outcome;
+use crate::bundled;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit, emit_bare};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result, bail};
 use cell::executor::PhaseMethod;
-use files::config::Config;
 use fringe::decode::{DecodeSettings, OrderMethod};
 use fringe::math::statistics::median;
 use fringe::pattern::{Axis, Code, Direction, PatternSet};
@@ -110,9 +110,9 @@ fn on_recordings(args: &Args) -> Result<Outcome> {
 }
 
 fn columns() -> Result<Vec<Column>> {
-    let config = Config::load(Path::new("configs/demo.toml"))?;
+    let config = bundled::load("configs/demo.toml")?;
     let twin_config = config.twin.as_ref().context("configs/demo.toml: has no [twin]")?;
-    let scene = |path: &str| load_scene(Some(Path::new(path)), twin_config);
+    let scene = |path: &str| load_scene(Some(&bundled::find(Path::new(path))?.path), twin_config);
     let (plate, artefact) = (scene("configs/plane.scene.toml")?, load_scene(None, twin_config)?);
     let real = TwinSettings { position_scatter_mm: 0.0, angle_scatter_deg: 0.0, ..TwinSettings::default() };
     let column = |name, scene: &Scene, settings| Column { name, scene: scene.clone(), settings };

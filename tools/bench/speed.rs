@@ -2,18 +2,18 @@
 
 use super::scan::{decode as decode_scan, seen, views};
 use crate::Outcome;
+use crate::bundled;
 use crate::report::{check_outputs, emit};
 use crate::simulate::{Buffer, load_scene};
 use anyhow::{Context, Result};
 use cell::executor::{PairMatcher, PhaseMethod, ViewDecoder, Views};
-use files::config::Config;
 use fringe::cloud::Point;
 use fringe::decode::DecodeSettings;
 use fringe::matching::MatchSettings;
 use fringe::pattern::{Axis, PatternSet, frame_count};
 use fringe::phase::PhaseMap;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 use twin::{Twin, TwinSettings, View};
 
@@ -72,7 +72,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 fn measure(width_px: u32, height_px: u32, threads: usize, repeats: usize, bandwidth: f64) -> Result<Times> {
-    let config = Config::load(Path::new("configs/demo.toml"))?;
+    let config = bundled::load("configs/demo.toml")?;
     let scene = load_scene(None, config.twin.as_ref().context("configs/demo.toml: has no [twin]")?)?;
     let rig = twin::thesis::rig(width_px, height_px);
     let sequence = twin::thesis::sequence();

@@ -2,6 +2,7 @@
 
 use super::scan::decode;
 use crate::Outcome;
+use crate::bundled;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
 use crate::rotation_stage::{View, axis_of_object};
@@ -104,7 +105,7 @@ struct Bench {
 
 impl Bench {
     fn new(reduce: u32) -> Result<Self> {
-        let config = Config::load(Path::new("configs/single-view.toml"))?;
+        let config = bundled::load("configs/single-view.toml")?;
         let twin = config.twin.as_ref().context("configs/single-view.toml: has no [twin]")?;
         let mut rig = twin.rig.clone();
         let camera = &mut rig.cameras.first_mut().context("no camera")?.camera;
@@ -113,7 +114,7 @@ impl Bench {
         camera.focal_px = camera.focal_px.map(|f| f / factor);
         camera.principal_point_px = camera.principal_point_px.map(|c| (c + 0.5) / factor - 0.5);
         let mut part = twin.clone();
-        part.scene = Document::read(Path::new("configs/complex-artefact.scene.toml"))?;
+        part.scene = Document::read(&bundled::find(Path::new("configs/complex-artefact.scene.toml"))?.path)?;
         let scene = load_scene(None, &part)?;
         let axis = StageAxis {
             point_mm: Point3::new(3.0, -2.0, 0.0),

@@ -3,12 +3,12 @@
 
 use super::scan::decode as decode_scan;
 use crate::Outcome;
+use crate::bundled;
 use crate::pipeline::decode_views;
 use crate::report::{check_outputs, emit_bare};
 use crate::simulate::load_scene;
 use crate::unwrap::Name;
 use anyhow::{Context, Result};
-use files::config::Config;
 use files::npy::{self, Raster};
 use files::recording::Recording;
 use fringe::decode::DecodeSettings;
@@ -192,7 +192,7 @@ fn synthetic(side: usize) -> Vec<Map> {
 
 /// The thesis' part on the twin of the demo cell.
 fn demo() -> Result<Map> {
-    let config = Config::load(Path::new("configs/demo.toml"))?;
+    let config = bundled::load("configs/demo.toml")?;
     let scene = load_scene(None, config.twin.as_ref().context("configs/demo.toml: has no [twin]")?)?;
     let rig = twin::thesis::rig(1124, 750);
     let twin = Twin::new(&scene, TwinSettings::default(), &rig)?;

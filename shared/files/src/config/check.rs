@@ -14,6 +14,7 @@ use crate::hash::sha256_hex;
 use crate::name::duplicate;
 use crate::recording::Recording;
 use crate::rig_file::{RigFile, read_rig};
+use crate::scene_file::mesh_files;
 use cell::configuration::{CameraConfig, Configuration, Driver};
 use fringe::text::{CELL_NAME, is_cell_name};
 use std::path::Path;
@@ -157,6 +158,7 @@ fn twin(document: &Document, raw: &RawConfig, measured: &RigFile) -> Result<Opti
         None => measured.clone(),
     };
     Ok(Some(TwinConfig {
+        meshes: mesh_files(&scene),
         scene,
         rig: truth.rig,
         rig_path: truth.path,

@@ -1,6 +1,6 @@
 //! Numbers with limits.
 
-use super::PartRetention;
+use super::ResultRetention;
 use super::raw::{RawConfig, RawLimits, RawResults, RawSchedule};
 use super::values::value;
 use crate::document::Document;
@@ -93,21 +93,27 @@ fn fusion(document: &Document, settings: &FusionSettings) -> Result<(), FileErro
     Ok(())
 }
 
-/// Largest numbers of parts and MB that are a limit at all.
+/// Largest numbers of results, parts and MB that are a limit at all.
+const RESULTS_LIMIT: u64 = 10_000_000;
 const PARTS_LIMIT: u64 = 1_000_000;
 const MB_LIMIT: u64 = 1_000_000_000;
 
-pub(super) fn results(document: &Document, raw: &RawResults) -> Result<PartRetention, FileError> {
-    let (keep_parts, keep_mb) = (raw.keep_parts.unwrap_or(1_000), raw.keep_mb.unwrap_or(10_000));
-    if keep_parts > PARTS_LIMIT {
-        let remedy = "the default is 1000; 0 keeps results without clouds and reports";
-        return Err(document.fault("results.keep_parts", value(keep_parts, "0 … 1 000 000"), remedy));
+pub(super) fn results(document: &Document, raw: &RawResults) -> Result<ResultRetention, FileError> {
+    let results = raw.results.unwrap_or(100_000);
+    let (parts, size_mb) = (raw.parts.unwrap_or(1_000), raw.size_mb.unwrap_or(10_000));
+    if !(1..=RESULTS_LIMIT).contains(&results) {
+        let problem = value(results, "1 … 10 000 000");
+        return Err(document.fault("results.keep_results", problem, "the default is 100000"));
     }
-    if !(1..=MB_LIMIT).contains(&keep_mb) {
-        let problem = value(keep_mb, "1 … 1 000 000 000 MB");
+    if parts > PARTS_LIMIT {
+        let remedy = "the default is 1000; 0 keeps results without clouds and reports";
+        return Err(document.fault("results.keep_parts", value(parts, "0 … 1 000 000"), remedy));
+    }
+    if !(1..=MB_LIMIT).contains(&size_mb) {
+        let problem = value(size_mb, "1 … 1 000 000 000 MB");
         return Err(document.fault("results.keep_mb", problem, "the default is 10000"));
     }
-    Ok(PartRetention { keep_parts, keep_mb })
+    Ok(ResultRetention { results, parts, size_mb })
 }
 
 pub(super) fn schedule(document: &Document, raw: &RawSchedule) -> Result<ScheduleConfig, FileError> {

@@ -42,7 +42,8 @@
 //! pin = false
 //! realtime_priority = 50              # optional, 1 … 98: first come first served by the kernel (SCHED_FIFO), where permitted
 //! lock_memory = false                 # keep all buffers in memory from the start (mlockall), where permitted
-//! [results]                           # what a serving cell keeps of its parts; the oldest are removed
+//! [results]                           # what a cell that runs without end keeps; the oldest are removed
+//! keep_results = 100000
 //! keep_parts = 1000                   # cloud and report of so many; 0: none
 //! keep_mb = 10000
 //! ```
@@ -62,6 +63,7 @@ use crate::correction::PatternCorrection;
 use crate::document::Document;
 use crate::hash::sha256_hex;
 use crate::recording::Recording;
+use crate::scene_file::MeshFile;
 use cell::Configuration;
 use fringe::geometry::rig::Rig;
 use std::collections::BTreeMap;
@@ -92,17 +94,19 @@ pub struct Config {
     pub twin: Option<TwinConfig>,
     /// The recording to play; present whenever a driver needs it.
     pub recording: Option<RecordingConfig>,
-    /// How much a serving cell keeps of the parts that it inspected.
-    pub results: PartRetention,
+    /// How much a cell that runs without end keeps of its results.
+    pub results: ResultRetention,
 }
 
-/// How much a serving cell keeps of the parts that it inspected, beside their results.
+/// How much a cell that runs without end keeps of its results, earlier runs in the same folder included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct PartRetention {
+pub struct ResultRetention {
+    /// Results of cycles.
+    pub results: u64,
     /// Parts whose cloud and report are kept; 0: none.
-    pub keep_parts: u64,
-    /// Size of them in all, MB.
-    pub keep_mb: u64,
+    pub parts: u64,
+    /// Size of clouds and reports in all, MB.
+    pub size_mb: u64,
 }
 
 /// What the twin simulates.
@@ -110,6 +114,8 @@ pub struct PartRetention {
 pub struct TwinConfig {
     /// The scene file; [`crate::scene_file`] parses it.
     pub scene: Document,
+    /// The meshes that the scene names.
+    pub meshes: Vec<MeshFile>,
     /// The true rig, with projectors. The measuring side must not look at it.
     pub rig: Rig,
     /// Where the true rig was read from.
@@ -137,8 +143,8 @@ impl Config {
         self.cell.projectors.iter().filter(|p| p.level_table.is_some()).map(|p| p.name.as_str())
     }
 
-    /// All that was read, each with its SHA-256, the configuration first: equal hashes mean the same cell. Frames and
-    /// meshes are not among it; they are what the cell looks at.
+    /// All that was read, each with its hash, the configuration first: equal hashes mean the same cell. Frames are not among
+    /// it; each camera knows its own.
     pub fn read_files(&self) -> Vec<(String, String)> {
         let mut files: Vec<(String, String)> =
             self.hashed().into_iter().map(|(path, sha256)| (path.display().to_string(), sha256)).collect();
@@ -164,6 +170,7 @@ impl Config {
         if let Some(twin) = &self.twin {
             files.push((&twin.scene.path, text(&twin.scene)));
             files.push((&twin.rig_path, twin.rig_sha256.clone()));
+            files.extend(twin.meshes.iter().map(|mesh| (mesh.path.as_path(), format!("{:032x}", mesh.hash))));
         }
         if let Some(RecordingConfig { recording, .. }) = &self.recording {
             files.push((&recording.document.path, recording.sha256.clone()));

@@ -38,8 +38,12 @@ pub(super) struct RawConfig {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RawResults {
-    pub keep_parts: Option<u64>,
-    pub keep_mb: Option<u64>,
+    #[serde(rename = "keep_results")]
+    pub results: Option<u64>,
+    #[serde(rename = "keep_parts")]
+    pub parts: Option<u64>,
+    #[serde(rename = "keep_mb")]
+    pub size_mb: Option<u64>,
 }
 
 #[derive(Debug, Default, Deserialize)]

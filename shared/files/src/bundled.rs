@@ -1,0 +1,17 @@
+//! Files of `configs/` that are part of the programs: commands without a configuration work outside the repository.
+
+/// Names and contents of the files of the demo cell, its configuration first.
+pub const DEMO: [(&str, &str); 4] = [
+    ("demo.toml", include_str!("../../../configs/demo.toml")),
+    ("demo-rig.toml", include_str!("../../../configs/demo-rig.toml")),
+    ("complex-artefact.plan.toml", include_str!("../../../configs/complex-artefact.plan.toml")),
+    ("complex-artefact.scene.toml", include_str!("../../../configs/complex-artefact.scene.toml")),
+];
+
+/// Names and contents of further files that benchmarks use.
+pub const FOR_BENCHMARKS: [(&str, &str); 4] = [
+    ("single-view.toml", include_str!("../../../configs/single-view.toml")),
+    ("single-view-rig.toml", include_str!("../../../configs/single-view-rig.toml")),
+    ("single-view-plate.scene.toml", include_str!("../../../configs/single-view-plate.scene.toml")),
+    ("plane.scene.toml", include_str!("../../../configs/plane.scene.toml")),
+];
