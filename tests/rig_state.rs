@@ -172,3 +172,45 @@ fn a_pair_goes_to_opencv_and_comes_back_with_its_digits() {
         assert!(!Path::new(&back).exists());
     }
 }
+
+/// ROS has a file a camera, Kalibr one chain; both come back in millimetres with the names that they hold.
+#[test]
+fn a_rig_goes_to_ros_and_kalibr_and_comes_back() {
+    let folder = TempDir::new().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let mut rig = twin::thesis::rig(336, 224);
+    for named in &mut rig.cameras {
+        named.camera.distortion.k[2] = 0.0;
+    }
+    let (file, back) = (path("rig.toml"), path("back.toml"));
+    write_rig(file.as_ref(), &rig, &toml::Table::new(), None).unwrap();
+    let compare = |names: [&str; 2], back: &str| {
+        let read = read_rig(back.as_ref()).unwrap().rig;
+        let step = |rig: &fringe::geometry::rig::Rig| {
+            let [a, b] = names.map(|name| rig.camera(name).unwrap().camera_from_world);
+            b * a.inverse()
+        };
+        let off = step(&rig) * step(&read).inverse();
+        assert!(off.translation.vector.amax() < 1e-9 && off.rotation.angle() < 1e-12, "{names:?}: {off}");
+        assert_eq!(read.camera(names[1]).unwrap().focal_px, rig.camera(names[1]).unwrap().focal_px);
+    };
+    fringetool(&["export", "--rig", &file, "--format", "ros", "--pair", "pair1", "--out", &path("ros")])
+        .expect_success();
+    let (left, right) = (path("ros/pair1-cam1.yaml"), path("ros/pair1-cam2.yaml"));
+    fringetool(&["import-rig", &left, "--and", &right, "--out", &back]).expect_success();
+    compare(["cam1", "cam2"], &back);
+    let chain = path("camchain.yaml");
+    fringetool(&["export", "--rig", &file, "--format", "kalibr", "--out", &chain]).expect_success();
+    fringetool(&["import-rig", &chain, "--views", "cam1,cam2,cam3,cam4", "--out", &back, "--force"])
+        .expect_success();
+    compare(["cam1", "cam4"], &back);
+    for (arguments, expected) in [
+        (vec!["export", "--rig", &file, "--format", "ros", "--out", "x.yaml"], "name a folder"),
+        (vec!["export", "--rig", &file, "--format", "kalibr", "--out", "x"], "Kalibr has one file"),
+        (vec!["import-rig", &chain, "--views", "a,b", "--out", "x.toml"], "4 cameras are there"),
+        (vec!["import-rig", &chain, "--size", "1x1", "--out", "x.toml"], "are for OpenCV's files"),
+    ] {
+        let ran = fringetool(&arguments);
+        assert!(ran.code == Some(2) && ran.stderr.contains(expected), "{arguments:?}: {}", ran.stderr);
+    }
+}

@@ -1,25 +1,30 @@
-//! `fringetool import-rig`: a calibration in OpenCV's YAML or XML becomes a rig file.
+//! `fringetool import-rig`: a calibration of OpenCV, ROS, Kalibr, mrcal or MATLAB becomes a rig file.
 
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
+use files::foreign_rig::{self, Program};
 use files::hash::sha256_hex;
 use files::opencv::{CalibrationNames, Storage, rig_of_calibration};
 use files::rig_file::{parse_rig, rig_text, write_rig};
-use std::path::PathBuf;
+use fringe::geometry::rig::Rig;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// OpenCV YAML or XML with `M1 D1 M2 D2 R T` (also `K1`, `cameraMatrix1`, …), or `K D` for a single camera.
+    /// OpenCV YAML or XML with `M1 D1 M2 D2 R T` (also `K1`, `cameraMatrix1`, …), or `K D` for a single camera; `camera_info` of ROS,
+    /// `camchain.yaml` of Kalibr, `.cameramodel` of mrcal, or MATLAB's `jsonencode(toStruct(parameters))`.
     calibration: PathBuf,
-    /// A second file with what the first lacks, such as `extrinsics.yml` beside `intrinsics.yml`.
+    /// A second file with what the first lacks, such as `extrinsics.yml` beside `intrinsics.yml`, or another camera of ROS or
+    /// mrcal; repeated for more cameras.
     #[arg(long, value_name = "FILE")]
-    and: Option<PathBuf>,
+    and: Vec<PathBuf>,
     /// Rig file to write (TOML, docs/formats.md).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Names of the views in the rig, `left,right`; one name for a single camera.
-    #[arg(long, value_name = "NAMES", default_value = "left,right", value_delimiter = ',')]
+    /// Names of the views in the rig; one name for a single camera. By default `left,right` of OpenCV, of other programs those in
+    /// the files, or `cam1,cam2,…`.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     views: Vec<String>,
     /// Image size such as `1280x1024`, where the file has no image_width and image_height.
     #[arg(long)]
@@ -27,9 +32,10 @@ pub struct Args {
     /// The second view is a projector.
     #[arg(long = "second-is-projector", alias = "projector")]
     projector: bool,
-    /// Millimetres per unit of T: 1000 for a calibration in metres.
-    #[arg(long, value_name = "MM", default_value_t = 1.0)]
-    unit_mm: f64,
+    /// Millimetres per unit of length: 1000 for a calibration in metres. By default 1 of OpenCV and MATLAB, 1000 of ROS, Kalibr
+    /// and mrcal.
+    #[arg(long, value_name = "MM")]
+    unit_mm: Option<f64>,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -38,35 +44,27 @@ pub struct Args {
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
-    let inputs: Vec<&std::path::Path> =
+    let inputs: Vec<&Path> =
         std::iter::once(&args.calibration).chain(&args.and).map(PathBuf::as_path).collect();
     check_outputs(&outputs, &inputs, None)?;
-    if !(1..=2).contains(&args.views.len()) {
-        bail!("--views {}: name one view or two", args.views.join(","));
+    if let Some(unit_mm) = args.unit_mm.filter(|unit_mm| !(unit_mm.is_finite() && *unit_mm > 0.0)) {
+        bail!("--unit-mm {unit_mm}: must be a positive number");
     }
-    if !(args.unit_mm.is_finite() && args.unit_mm > 0.0) {
-        bail!("--unit-mm {}: must be a positive number", args.unit_mm);
-    }
-    let mut storage = Storage::read(&args.calibration)?;
-    if let Some(path) = &args.and {
-        storage.add(Storage::read(path)?)?;
-    }
-    let names = CalibrationNames {
-        views: args.views.clone(),
-        size_px: args.size.as_deref().map(size).transpose()?,
-        projector: args.projector,
-        unit_mm: args.unit_mm,
+    let rig = match Program::of_file(&args.calibration)? {
+        Some(program) => of_program(args, program, &inputs)?,
+        None => of_opencv(args)?,
     };
-    let rig = rig_of_calibration(&storage, &names)?;
     let mut provenance = toml::Table::new();
     provenance.insert("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION")).into());
     provenance.insert("calibration".into(), args.calibration.display().to_string().into());
     let bytes = files::document::read_text(&args.calibration)?;
     provenance.insert("calibration_sha256".into(), sha256_hex(bytes.as_bytes()).into());
-    if let Some(path) = &args.and {
+    for (number, path) in args.and.iter().enumerate() {
         let bytes = files::document::read_text(path)?;
-        provenance.insert("calibration_and".into(), path.display().to_string().into());
-        provenance.insert("calibration_and_sha256".into(), sha256_hex(bytes.as_bytes()).into());
+        let key =
+            if number == 0 { "calibration_and".to_owned() } else { format!("calibration_and{}", number + 1) };
+        provenance.insert(format!("{key}_sha256"), sha256_hex(bytes.as_bytes()).into());
+        provenance.insert(key, path.display().to_string().into());
     }
     // Names are checked before anything is written: what is written can be read.
     let text = rig_text(&rig, &provenance, None);
@@ -77,6 +75,36 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let result = serde_json::json!({ "rig": args.out, "cameras": cameras, "projectors": projectors });
     emit(args.json.as_deref(), &result)?;
     Ok(Outcome::Done)
+}
+
+/// A calibration of OpenCV, of one camera or two views.
+fn of_opencv(args: &Args) -> Result<Rig> {
+    let default = || ["left", "right"].map(str::to_owned).to_vec();
+    let views = if args.views.is_empty() { default() } else { args.views.clone() };
+    if views.len() > 2 {
+        bail!("--views {}: name one view or two", views.join(","));
+    }
+    let mut storage = Storage::read(&args.calibration)?;
+    for path in &args.and {
+        storage.add(Storage::read(path)?)?;
+    }
+    let names = CalibrationNames {
+        views,
+        size_px: args.size.as_deref().map(size).transpose()?,
+        projector: args.projector,
+        unit_mm: args.unit_mm.unwrap_or(1.0),
+    };
+    Ok(rig_of_calibration(&storage, &names)?)
+}
+
+/// A calibration of another program.
+fn of_program(args: &Args, program: Program, files: &[&Path]) -> Result<Rig> {
+    if args.size.is_some() || args.projector {
+        bail!(
+            "--size and --second-is-projector are for OpenCV's files; this one is of {program:?}, and has sizes"
+        );
+    }
+    Ok(foreign_rig::read(program, files, &args.views, args.unit_mm.unwrap_or_else(|| program.unit_mm()))?)
 }
 
 fn size(text: &str) -> Result<(u32, u32)> {

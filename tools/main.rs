@@ -134,9 +134,9 @@ enum Command {
     ServeCamera(serve_camera::Args),
     /// Import image files of another system and an OpenCV calibration as a recording and a rig file.
     Import(import::Args),
-    /// Convert an OpenCV calibration (YAML or XML) into a rig file.
+    /// Convert a calibration of OpenCV, ROS, Kalibr, mrcal or MATLAB into a rig file.
     ImportRig(import_rig::Args),
-    /// Export the pairs of a rig file as OpenCV calibrations (YAML or XML).
+    /// Export a rig file for OpenCV, ROS or Kalibr.
     Export(export::Args),
     /// Calibrate all cameras and projectors from images of a target, in one adjustment.
     Calibrate(calibrate::Args),

@@ -14,6 +14,7 @@ pub mod correction;
 pub mod cycle_record;
 pub mod document;
 pub mod error;
+pub mod foreign_rig;
 pub mod guard;
 pub mod hash;
 mod image_channel;
