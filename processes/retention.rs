@@ -23,7 +23,7 @@ struct Entry {
 #[derive(Debug)]
 pub struct Retention {
     limits: ResultRetention,
-    /// Clouds and reports.
+    /// Clouds and reports of parts.
     parts: VecDeque<Entry>,
     /// Results; after those of an earlier run the folder of that run.
     results: VecDeque<PathBuf>,

@@ -126,6 +126,40 @@ fn what_is_too_far_is_counted() {
     assert!(result["max_mm"].as_f64().unwrap() < 0.02);
 }
 
+/// A tolerance is a verdict: a point that is cut as too far lies outside, it does not vanish.
+#[test]
+fn a_tolerance_counts_what_is_cut_and_gives_the_exit_code() {
+    let folder = Folder::new();
+    let mut points = face(0.25, |[x, y, _]| [x, y, 0.01]);
+    let (flat, plate) = (folder.write("flat.ply", ply(&points)), folder.write("plate.stl", stl()));
+    points.push([5.0, 5.0, 3.0]);
+    let cloud = folder.write("cloud.ply", ply(&points));
+    let (json, report) = (folder.path("a.json"), folder.path("a.html"));
+    let judged = |cloud: &str, more: &[&str]| {
+        let words =
+            [&["compare", cloud, &plate, "--max-distance", "1", "--json", &json, "--report", &report], more]
+                .concat();
+        let ran = fringetool(&words);
+        (ran.code, ran.stdout)
+    };
+    assert_eq!(judged(&flat, &["--tolerance", "0.02"]).0, Some(0));
+    assert_eq!(judged(&flat, &["--tolerance=-0.02,0.005"]).0, Some(1));
+    let (code, stdout) = judged(&cloud, &["--tolerance", "0.02"]);
+    assert!(code == Some(1) && stdout.contains("FAIL"), "{stdout}");
+    let found = &folder.json("a.json")["conformity"];
+    assert_eq!((found["verdict"].as_str(), found["too_far"].as_u64()), (Some("fail"), Some(1)));
+    assert!(std::fs::read_to_string(&report).unwrap().contains("Proven outside"));
+    assert_eq!(judged(&cloud, &["--tolerance", "0.02", "--allow-outside", "0.1"]).0, Some(0));
+    for wrong in [
+        &["--tolerance", "0.1,-0.1"][..],
+        &["--tolerance", "nan"],
+        &["--allow-outside", "5"],
+        &["--tolerance", "1", "--allow-outside", "100"],
+    ] {
+        assert_eq!(judged(&flat, wrong).0, Some(2), "{wrong:?}");
+    }
+}
+
 #[test]
 fn m3c2_and_best_fit_find_what_was_done() {
     let folder = Folder::new();

@@ -15,7 +15,7 @@ struct Row {
     answer: String,
 }
 
-/// Texts in backticks.
+/// Texts between backticks of a page.
 fn quoted(cell: &str) -> impl Iterator<Item = &str> {
     cell.split('`').skip(1).step_by(2)
 }

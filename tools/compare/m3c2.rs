@@ -51,5 +51,12 @@ pub fn compare(args: &Args, points: &[Point], reference: &CloudReference) -> Res
     };
     let cores = found.points.iter().map(|p| p.point).collect();
     let deviations_mm = found.points.iter().map(|p| p.distance_mm).collect();
-    Ok(Compared { points: cores, deviations_mm, statistics, counts: None, m3c2: Some(levels) })
+    Ok(Compared {
+        points: cores,
+        deviations_mm,
+        statistics,
+        counts: None,
+        m3c2: Some(levels),
+        conformity: None,
+    })
 }

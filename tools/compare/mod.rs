@@ -10,9 +10,10 @@ use crate::surface::{Direction, check_units, length, moved, read_cloud, read_ref
 use anyhow::{Context, Result, anyhow, bail};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
-use metrology::compare::compare;
+use metrology::compare::{Tolerance, compare};
 use metrology::reference::Reference;
 use metrology::register::{RegisterSettings, Registration, register};
+use metrology::verdict::Verdict;
 use nalgebra::Vector3;
 use output::{Compared, write};
 use std::path::{Path, PathBuf};
@@ -59,6 +60,12 @@ pub struct Args {
     /// M3C2: uncertainty of the alignment, mm.
     #[arg(long = "registration-error", alias = "registration", value_name = "MM", default_value_t = 0.0)]
     registration: f64,
+    /// Tolerance band of the deviations, mm: `LOWER,UPPER`, or one number for ± it. The verdict becomes the exit code.
+    #[arg(long, value_name = "MM", value_parser = band, allow_hyphen_values = true)]
+    tolerance: Option<[f64; 2]>,
+    /// Share of the points that may lie outside of the tolerance, %.
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0, requires = "tolerance")]
+    allow_outside: f64,
     /// Upper limit of the colour scale, mm; by default from the data.
     #[arg(long, value_name = "MM", value_parser = length)]
     range: Option<f64>,
@@ -115,6 +122,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
     };
     write(args, &compared, &reference, &alignment)?;
+    if compared.conformity.is_some_and(|conformity| conformity.verdict != Verdict::Pass) {
+        return Ok(Outcome::LimitFailed);
+    }
     let reliable = match &alignment {
         Alignment::BestFit(found) => found.is_reliable(),
         Alignment::None | Alignment::Rps(_) => true,
@@ -125,6 +135,14 @@ pub fn run(args: &Args) -> Result<Outcome> {
 fn check_flags(args: &Args) -> Result<()> {
     if (args.align == Align::Rps) != args.plan.is_some() {
         bail!("--align rps and --plan go together: the plan names the datums");
+    }
+    if !(0.0..100.0).contains(&args.allow_outside) {
+        bail!("--allow-outside {}: 0 % to less than 100 %", args.allow_outside);
+    }
+    if args.tolerance.is_some() && args.method == Method::M3c2 {
+        bail!(
+            "--tolerance judges points: it goes with --method surface; M3C2 has a level of detection instead"
+        );
     }
     if args.registration < 0.0 || !args.registration.is_finite() {
         bail!("--registration-error {}: an uncertainty is not negative", args.registration);
@@ -192,6 +210,10 @@ fn surface(args: &Args, points: &[Point], reference: &Reference) -> Result<Compa
             c.cut_no_surface
         );
     };
+    let conformity = args.tolerance.and_then(|[lower_mm, upper_mm]| {
+        let tolerance = Tolerance { lower_mm, upper_mm, allowed_share: args.allow_outside / 100.0 };
+        tolerance.judge(points, &compared.deviations)
+    });
     let deviations_mm = compared.deviations.iter().map(|d| d.mm()).collect();
     Ok(Compared {
         points: points.to_vec(),
@@ -199,5 +221,17 @@ fn surface(args: &Args, points: &[Point], reference: &Reference) -> Result<Compa
         statistics,
         counts: Some(compared.counts),
         m3c2: None,
+        conformity,
     })
+}
+
+/// A tolerance band: two limits, or one for both sides.
+fn band(text: &str) -> Result<[f64; 2], String> {
+    let parts =
+        text.split(',').map(|part| part.trim().parse::<f64>().map_err(|error| format!("{part:?}: {error}")));
+    match parts.collect::<Result<Vec<f64>, String>>()?[..] {
+        [half] if half.is_finite() && half > 0.0 => Ok([-half, half]),
+        [lower, upper] if lower.is_finite() && upper.is_finite() && lower < upper => Ok([lower, upper]),
+        _ => Err("LOWER,UPPER with LOWER below UPPER, or one number above 0".into()),
+    }
 }

@@ -7,7 +7,7 @@ use crate::software::FRINGETOOL;
 use anyhow::Result;
 use fringe::cloud::Point;
 use metrology::compare::m3c2::M3c2Settings;
-use metrology::compare::{Counts, Statistics};
+use metrology::compare::{Conformity, Counts, Statistics};
 use metrology::inspection::AlignmentResult;
 use metrology::reference::Reference;
 use metrology::register::Registration;
@@ -29,6 +29,8 @@ pub struct Compared {
     pub counts: Option<Counts>,
     /// Levels of detection; `None` without M3C2.
     pub m3c2: Option<Levels>,
+    /// What a tolerance says; `None` without one.
+    pub conformity: Option<Conformity>,
 }
 
 /// Settings and counts of M3C2.
@@ -65,6 +67,8 @@ struct Written<'a> {
     counts: Option<Counts>,
     #[serde(skip_serializing_if = "Option::is_none")]
     m3c2: Option<&'a Levels>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    conformity: Option<&'a Conformity>,
     software: &'static str,
 }
 
@@ -96,10 +100,7 @@ pub fn write(args: &Args, compared: &Compared, reference: &Reference, alignment:
         let input = ComparisonInput {
             title: format!("{} against {}", result.cloud, result.reference),
             details: details(args, &result),
-            tables: vec![
-                ("Deviations".into(), rows(compared)),
-                ("Alignment".into(), alignment_rows(alignment)),
-            ],
+            tables: tables(compared, alignment),
             cloud: &compared.points,
             deviations: &deviations,
             meaning: meaning(args.method, reference).to_owned(),
@@ -150,14 +151,56 @@ fn result<'a>(
         statistics: &compared.statistics,
         counts: compared.counts,
         m3c2: compared.m3c2.as_ref(),
+        conformity: compared.conformity.as_ref(),
         software: SOFTWARE,
     }
 }
 
+/// The tables of the report; the verdict comes first.
+fn tables(compared: &Compared, alignment: &Alignment) -> Vec<(String, Vec<[String; 3]>)> {
+    let tolerance = compared.conformity.iter().map(|c| ("Tolerance".to_owned(), conformity_rows(c)));
+    let others = [("Deviations".into(), rows(compared)), ("Alignment".into(), alignment_rows(alignment))];
+    tolerance.chain(others).collect()
+}
+
 fn print(compared: &Compared) {
-    for [label, value, meaning] in rows(compared) {
+    let conformity = compared.conformity.as_ref().map(conformity_rows).unwrap_or_default();
+    for [label, value, meaning] in rows(compared).into_iter().chain(conformity) {
         println!("{label:24} {value:>14}  {meaning}");
     }
+}
+
+fn conformity_rows(c: &Conformity) -> Vec<[String; 3]> {
+    let row = |label: &str, value: String, meaning: &str| [label.to_owned(), value, meaning.to_owned()];
+    let percent = |share: f64| format!("{:.3} %", 100.0 * share);
+    let limits = format!("{} … {}", c.tolerance.lower_mm, c.tolerance.upper_mm);
+    vec![
+        row("Verdict", c.verdict.word().to_owned(), "by ISO 14253-1"),
+        row("Tolerance", limits, "mm"),
+        row("Allowed outside", percent(c.tolerance.allowed_share), "of the points that are judged"),
+        row("Outside", percent(c.outside_share), "below, above, or farther away than is compared"),
+        row(
+            "Proven outside",
+            percent(c.proven_outside_share),
+            "outside by more than 2 standard uncertainties of the point",
+        ),
+        row(
+            "Possibly outside",
+            percent(c.possibly_outside_share),
+            "not inside by 2 standard uncertainties of the point",
+        ),
+        row("Below, above, too far", format!("{}, {}, {}", c.below, c.above, c.too_far), "points"),
+        row(
+            "Not judged",
+            c.not_judged.to_string(),
+            "points beside the reference, or where it has no surface",
+        ),
+        row(
+            "Largest guard band",
+            format!("{:.5}", c.largest_guard_mm),
+            "mm; 0 of a cloud without uncertainties",
+        ),
+    ]
 }
 
 fn rows(compared: &Compared) -> Vec<[String; 3]> {

@@ -101,7 +101,7 @@ pub struct Config {
 /// How much a cell that runs without end keeps of its results, earlier runs in the same folder included.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ResultRetention {
-    /// Results of cycles.
+    /// Result files of the cycles.
     pub results: u64,
     /// Parts whose cloud and report are kept; 0: none.
     pub parts: u64,

@@ -9,8 +9,10 @@ pub mod m3c2;
 mod statistics;
 #[cfg(test)]
 mod tests;
+mod tolerance;
 
 pub use statistics::{Histogram, PERCENTS, Percentile, Statistics};
+pub use tolerance::{Conformity, GUARD_FACTOR, Tolerance};
 
 use crate::reference::{Deviation, Reference};
 use fringe::cloud::Point;
