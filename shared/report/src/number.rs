@@ -50,7 +50,11 @@ pub fn limit_decimals(limit: Option<f64>) -> usize {
     let Some(value) = limit.filter(|v| v.is_finite()) else {
         return 0;
     };
-    let exact = |d: &usize| format!("{value:.d$}", d = *d).parse::<f64>() == Ok(value);
+    // Nominal and tolerance are added before they come here: 60.12 + 0.024 is 60.144000000000005.
+    let rounding = 4.0 * f64::EPSILON * value.abs();
+    let exact = |d: &usize| {
+        format!("{value:.d$}", d = *d).parse::<f64>().is_ok_and(|printed| (printed - value).abs() <= rounding)
+    };
     (0..MAX_DECIMALS).find(exact).unwrap_or(MAX_DECIMALS)
 }
 
@@ -161,6 +165,8 @@ mod tests {
     fn a_limit_keeps_the_digits_of_the_plan() {
         assert_eq!(limit(Some(60.1945), 2), "60.1945");
         assert_eq!(limit(Some(60.0), 2), "60.00");
+        assert_eq!(limit(Some(60.12 + 0.024), 2), "60.144");
+        assert_eq!(limit(Some(1.0 / 3.0), 2), "0.3333333");
         assert_eq!(limit(None, 2), NONE);
         assert_eq!(limit(Some(f64::INFINITY), 2), NONE);
     }

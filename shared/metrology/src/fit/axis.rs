@@ -1,6 +1,6 @@
 //! The axis of a body of rotation, and candidates for its direction.
 
-use nalgebra::{Matrix2, Vector3};
+use nalgebra::{Matrix2, SMatrix, Vector3};
 
 use super::adjust::{Model, adjust};
 use super::centred::Principal;
@@ -68,6 +68,15 @@ impl Axis {
 pub(super) fn worst_tilt_rad(tilts: Matrix2<f64>) -> f64 {
     let (trace, determinant) = (tilts.trace(), tilts.determinant());
     (0.5 * (trace + (trace * trace - 4.0 * determinant).max(0.0).sqrt())).max(0.0).sqrt()
+}
+
+/// Standard uncertainties of a point along x, y and z, from its change by each parameter and their covariance, mm.
+pub(super) fn u_point_mm<const P: usize>(
+    by: &SMatrix<f64, 3, P>,
+    covariance: &SMatrix<f64, P, P>,
+) -> [f64; 3] {
+    let variances = (by * covariance * by.transpose()).diagonal();
+    [0, 1, 2].map(|i| variances[i].max(0.0).sqrt())
 }
 
 /// At most [`SEARCH_POINTS`] points, evenly from the whole.

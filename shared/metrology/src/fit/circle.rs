@@ -26,6 +26,8 @@ pub struct CircleFit {
     /// Points and form. The residual is the distance in space from the circle, negative inside.
     #[serde(flatten)]
     pub form: Form,
+    /// Standard uncertainties of the centre along x, y and z, mm.
+    pub u_center_mm: [f64; 3],
     /// Standard uncertainty of the diameter, mm.
     pub u_diameter_mm: f64,
     /// What the uncertainties rest on.
@@ -49,6 +51,7 @@ pub fn circle(points: &[Point3<f64>], settings: &FitSettings) -> Result<CircleFi
         normal: (model.normal * sign).into(),
         diameter_mm: 2.0 * model.radius,
         form: solution.form,
+        u_center_mm: [2, 3, 4].map(|i| solution.covariance[(i, i)].max(0.0).sqrt()),
         u_diameter_mm: 2.0 * solution.covariance[(5, 5)].max(0.0).sqrt(),
         support: solution.support,
         residuals: solution.residuals,

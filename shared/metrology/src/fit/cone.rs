@@ -1,10 +1,10 @@
 //! The cone (one nappe; points are taken to lie on the side of the apex where the surface is).
 
-use nalgebra::{Point3, SVector, Vector3};
+use nalgebra::{Point3, SMatrix, SVector, Vector3};
 use serde::Serialize;
 
 use super::adjust::Model;
-use super::axis::{Axis, best_of, directions, thinned, worst_tilt_rad};
+use super::axis::{Axis, best_of, directions, thinned, u_point_mm, worst_tilt_rad};
 use super::centred::{Principal, tree};
 use super::form::{Form, Residuals};
 use super::normal::Normal;
@@ -38,6 +38,8 @@ pub struct ConeFit {
     pub u_axis_point_mm: f64,
     /// Standard uncertainty of the direction about its worst axis, rad.
     pub u_axis_direction_rad: f64,
+    /// Standard uncertainties of the apex along x, y and z, mm.
+    pub u_apex_mm: [f64; 3],
     /// Standard uncertainty of `diameter_mm`, mm.
     pub u_diameter_mm: f64,
     /// Standard uncertainty of the half angle, deg.
@@ -58,6 +60,8 @@ pub fn cone(points: &[Point3<f64>], settings: &FitSettings) -> Result<ConeFit, F
     let solution = solve(ELEMENT, 7, points, settings, start)?;
     refuse_flat(ELEMENT, points, &solution.form, settings)?;
     let covariance = solution.covariance;
+    // Before the axis is turned: the covariance belongs to these parameters.
+    let apex_by_parameters = solution.model.apex_by_parameters();
     let model = solution.model.widening();
     if model.angle_rad < SMALLEST_ANGLE_RAD {
         return Err(FitError::Degenerate { element: ELEMENT, why: "they lie on a cylinder" });
@@ -78,6 +82,7 @@ pub fn cone(points: &[Point3<f64>], settings: &FitSettings) -> Result<ConeFit, F
         form: solution.form,
         u_axis_point_mm: worst_tilt_rad(covariance.fixed_view::<2, 2>(2, 2).into_owned()),
         u_axis_direction_rad: worst_tilt_rad(covariance.fixed_view::<2, 2>(0, 0).into_owned()),
+        u_apex_mm: u_point_mm(&apex_by_parameters, &covariance),
         u_diameter_mm: 2.0 * variance.max(0.0).sqrt(),
         u_half_angle_deg: covariance[(5, 5)].max(0.0).sqrt().to_degrees(),
         support: solution.support,
@@ -97,6 +102,16 @@ struct Cone {
 }
 
 impl Cone {
+    /// Change of the apex by each parameter: it lies reach / sin ψ before the axis' point.
+    fn apex_by_parameters(&self) -> SMatrix<f64, 3, 6> {
+        let ([e1, e2], direction) = (self.axis.tangents, self.axis.direction);
+        let (sin, cos) = math::sincos(self.angle_rad);
+        let before = self.reach / sin;
+        let by_reach = direction * (-1.0 / sin);
+        let by_angle = direction * (before * cos / sin);
+        SMatrix::from_columns(&[e1 * -before, e2 * -before, e1, e2, by_reach, by_angle])
+    }
+
     /// The same cone with the axis pointing to where it widens.
     fn widening(&self) -> Self {
         if self.angle_rad >= 0.0 {

@@ -1,10 +1,10 @@
 //! The torus.
 
-use nalgebra::{Point3, SVector, Vector3};
+use nalgebra::{Point3, SMatrix, SVector, Vector3};
 use serde::Serialize;
 
 use super::adjust::Model;
-use super::axis::{Axis, best_of, directions, thinned, worst_tilt_rad};
+use super::axis::{Axis, best_of, directions, thinned, u_point_mm, worst_tilt_rad};
 use super::centred::Principal;
 use super::circle::algebraic_circle;
 use super::form::{Form, Residuals};
@@ -29,6 +29,8 @@ pub struct TorusFit {
     /// Points used and form deviation.
     #[serde(flatten)]
     pub form: Form,
+    /// Standard uncertainties of the centre along x, y and z, mm.
+    pub u_center_mm: [f64; 3],
     /// Standard uncertainty of the direction about its worst axis, rad.
     pub u_axis_direction_rad: f64,
     /// Standard uncertainty of `ring_diameter_mm`, mm.
@@ -63,6 +65,7 @@ pub fn torus(points: &[Point3<f64>], settings: &FitSettings) -> Result<TorusFit,
         ring_diameter_mm: 2.0 * model.ring,
         tube_diameter_mm: 2.0 * model.tube,
         form: solution.form,
+        u_center_mm: u_point_mm(&model.center_by_parameters(), &covariance),
         u_axis_direction_rad: worst_tilt_rad(covariance.fixed_view::<2, 2>(0, 0).into_owned()),
         u_ring_diameter_mm: 2.0 * covariance[(5, 5)].max(0.0).sqrt(),
         u_tube_diameter_mm: 2.0 * covariance[(6, 6)].max(0.0).sqrt(),
@@ -84,6 +87,12 @@ struct Torus {
 }
 
 impl Torus {
+    /// Change of the centre by each parameter: a tilt turns about the axis' point, which lies `along` away from the centre.
+    fn center_by_parameters(&self) -> SMatrix<f64, 3, 7> {
+        let ([e1, e2], direction, none) = (self.axis.tangents, self.axis.direction, Vector3::zeros());
+        SMatrix::from_columns(&[e1 * self.along, e2 * self.along, e1, e2, direction, none, none])
+    }
+
     /// Distance from the middle of the tube, and the unit vector from there in (ρ, z).
     fn section(&self, radius: f64, height: f64) -> (f64, [f64; 2]) {
         let (across, up) = (radius - self.ring, height - self.along);

@@ -102,6 +102,50 @@ fn line_and_circle_meet_their_scatter() {
     assert!(mean.abs() < 1e-4 && (0.85..1.11).contains(&(scatter / u_line.sqrt())));
 }
 
+/// Centres of circle and torus and the apex of a cone scatter as stated, along each axis; seen from one side, 300 seeds.
+#[test]
+fn centres_and_apex_meet_their_scatter() {
+    let axis = Vector3::new(0.36, 0.48, 0.8);
+    let (e1, e2) = (Vector3::new(0.8, -0.6, 0.0), Vector3::new(0.48, 0.64, -0.6));
+    let mut found: [Vec<([f64; 3], [f64; 3])>; 3] = Default::default();
+    for seed in 0..300 {
+        let mut noise = Noise(seed);
+        let mut jitter = |p: Vector3<f64>, n: Vector3<f64>| Point3::from(p + n * (0.01 * noise.normal()));
+        let (mut circle_points, mut torus_points, mut cone_points) = (Vec::new(), Vec::new(), Vec::new());
+        for i in 0..120 {
+            let (sin, cos) = fringe::math::sincos(f64::from(i % 12) * 0.25);
+            let (tube_sin, tube_cos) = fringe::math::sincos(f64::from(i / 12) * 0.3);
+            let out = e1 * cos + e2 * sin;
+            // Noise along the surface's normals: of a line in space there are two.
+            let on_circle = jitter(out * 6.0, out);
+            circle_points.push(jitter(on_circle.coords, axis));
+            let normal = out * tube_cos + axis * tube_sin;
+            torus_points.push(jitter(out * 15.0 + normal * 4.0, normal));
+            let height = 10.0 + f64::from(i / 12);
+            cone_points
+                .push(jitter(axis * height + out * (0.5 * height), (out - axis * 0.5) / 1.25_f64.sqrt()));
+        }
+        let settings = FitSettings::default();
+        let of_circle = circle(&circle_points, &settings).unwrap();
+        found[0].push((of_circle.center_mm, of_circle.u_center_mm));
+        let of_torus = torus(&torus_points, &settings).unwrap();
+        found[1].push((of_torus.center_mm, of_torus.u_center_mm));
+        let of_cone = cone(&cone_points, &settings).unwrap();
+        found[2].push((of_cone.apex_mm, of_cone.u_apex_mm));
+    }
+    for (element, fits) in ["circle", "torus", "cone"].into_iter().zip(&found) {
+        for coordinate in 0..3 {
+            let values: Vec<f64> = fits.iter().map(|(value, _)| value[coordinate]).collect();
+            let stated =
+                fits.iter().map(|(_, u)| u[coordinate] * u[coordinate]).sum::<f64>() / fits.len() as f64;
+            let (mean, scatter) = uncertainty::mean_and_sd(&values);
+            let ratio = scatter / stated.sqrt();
+            assert!(mean.abs() < 0.3 * scatter, "{element} {coordinate}: {mean} of {scatter}");
+            assert!((0.87..1.13).contains(&ratio), "{element} {coordinate}: {ratio}");
+        }
+    }
+}
+
 /// One line per input that determines nothing, with the words its message must hold.
 #[test]
 fn degenerate_inputs_are_named() {
