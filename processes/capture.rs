@@ -98,8 +98,8 @@ impl Capture {
 }
 
 impl Worker for Capture {
-    fn connect(&self) -> Result<(), IpcError> {
-        self.lights.iter().try_for_each(|light| light.triggers.connect())
+    fn connect(&mut self) -> Result<(), IpcError> {
+        self.lights.iter_mut().try_for_each(|light| light.triggers.connect())
     }
 
     fn begin(&mut self, context: &mut StageContext) -> Result<(), Fault> {

@@ -167,7 +167,7 @@ fn light_of(lights: &[Light], work: Work) -> Option<usize> {
 }
 
 impl Worker for Decode {
-    fn connect(&self) -> Result<(), IpcError> {
+    fn connect(&mut self) -> Result<(), IpcError> {
         self.frames.connect()
     }
 

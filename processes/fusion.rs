@@ -102,8 +102,8 @@ impl Fusion {
 }
 
 impl Worker for Fusion {
-    fn connect(&self) -> Result<(), IpcError> {
-        self.parts.iter().try_for_each(|part| part.inbox.connect())
+    fn connect(&mut self) -> Result<(), IpcError> {
+        self.parts.iter_mut().try_for_each(|part| part.inbox.connect())
     }
 
     fn begin(&mut self, _context: &mut StageContext) -> Result<(), Fault> {

@@ -55,7 +55,7 @@ impl Inspection {
 }
 
 impl Worker for Inspection {
-    fn connect(&self) -> Result<(), IpcError> {
+    fn connect(&mut self) -> Result<(), IpcError> {
         self.fused.connect()
     }
 

@@ -111,8 +111,8 @@ impl Matching {
 }
 
 impl Worker for Matching {
-    fn connect(&self) -> Result<(), IpcError> {
-        self.inboxes.iter().try_for_each(Inbox::connect)
+    fn connect(&mut self) -> Result<(), IpcError> {
+        self.inboxes.iter_mut().try_for_each(Inbox::connect)
     }
 
     fn begin(&mut self, _context: &mut StageContext) -> Result<(), Fault> {

@@ -88,7 +88,7 @@ impl Projection {
 }
 
 impl Worker for Projection {
-    fn connect(&self) -> Result<(), IpcError> {
+    fn connect(&mut self) -> Result<(), IpcError> {
         self.exposed.connect()
     }
 

@@ -95,8 +95,8 @@ impl Record {
 }
 
 impl Worker for Record {
-    fn connect(&self) -> Result<(), IpcError> {
-        self.inboxes.iter().try_for_each(Inbox::connect)
+    fn connect(&mut self) -> Result<(), IpcError> {
+        self.inboxes.iter_mut().try_for_each(Inbox::connect)
     }
 
     fn begin(&mut self, context: &mut StageContext) -> Result<(), Fault> {

@@ -12,7 +12,6 @@ use devices::LoadedCell;
 use files::atomic;
 use files::output_check::check_outputs;
 use files::result::CycleResult;
-use ipc::payload;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::net::SocketAddr;
@@ -182,8 +181,7 @@ fn write_files(
     if let (Some(folder), Some(snapshot)) = (folder, &summary.snapshot) {
         folder.check()?;
         let (images, maps) = (&snapshot.images, &snapshot.maps);
-        let cloud = snapshot.cloud.as_ref().map(|cloud| payload::points(cloud.header(), cloud.payload()));
-        let points = cloud.transpose()?;
+        let points = snapshot.points()?;
         let run = RunFiles { cell, results, history, images, maps, points, truth };
         run_files::files(folder.path(), &run)?;
     }

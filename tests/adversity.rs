@@ -269,6 +269,48 @@ fn too_little_shared_memory_is_refused_with_both_numbers() {
     assert!(cried.contains("/dev/shm has 2 MB free") && cried.contains("need up to"), "{cried}");
 }
 
+/// Proves: shared memory of just the size that the schedule states is enough for a cell whose stages are killed one after the
+/// other, with and without an output folder.
+#[test]
+fn shared_memory_as_the_schedule_states_is_enough_after_any_restart() {
+    let cell = Cell::played("sized", 100.0, "restarts_max = 100");
+    let config = cell.small.path("played.toml");
+    let schedule = Command::new(programs().0).args(["schedule", &config, "--json", "-"]).output().unwrap();
+    let schedule: serde_json::Value = serde_json::from_slice(&schedule.stdout).unwrap();
+    for (key, out) in
+        [("run_bytes", String::new()), ("run_out_bytes", format!("--out {}", cell.small.path("out")))]
+    {
+        let bytes = schedule["memory"][key].as_u64().unwrap();
+        let script = format!(
+            "mount -t tmpfs -o size={bytes} shm /dev/shm || exit 9
+             {program} run {config} --cell {name} --cycles 60 {out} & run=$!
+             until {program} status {name} --once 2>/dev/null | grep -q ' up '; do
+               kill -0 $run 2>/dev/null || break; sleep 0.05
+             done
+             for round in 1 2 3; do
+               for stage in projection capture/cam1 decode/cam1 decode/cam2 matching/pair1 fusion inspection; do
+                 {program} restart $stage --cell {name} >/dev/null
+                 for look in 1 2 3 4 5 6 7 8; do sleep 0.05; df --output=used -B1 /dev/shm | tail -1 >> {used}; done
+               done
+             done
+             {program} stop {name}; wait $run; echo run $?; ls /dev/shm | wc -l",
+            program = programs().0,
+            name = cell.name,
+            used = cell.small.path("used"),
+        );
+        let Some(output) = in_own_namespace(&script) else { return };
+        let (said, cried) = (text(&output.stdout), text(&output.stderr));
+        assert!(said.contains("  ok  "), "{key} {bytes}: {said}{cried}");
+        let used = std::fs::read_to_string(cell.small.path("used")).unwrap();
+        let most = used.lines().filter_map(|line| line.trim().parse::<u64>().ok()).max().unwrap();
+        std::fs::remove_file(cell.small.path("used")).unwrap();
+        println!("{key}: {bytes} bytes stated, {most} used");
+        assert!(most <= bytes && !cried.contains("/dev/shm"), "{key} {bytes}, {most} used: {said}{cried}");
+        assert!(said.matches("  ok  ").count() >= 10, "{said}{cried}");
+        assert!(said.trim().ends_with("\n0"), "something is left in shared memory: {said}{cried}");
+    }
+}
+
 /// Proves: a process that takes the last shared memory while the cell runs costs the cycles of the stage that needs some,
 /// with the reason, and when there is room again the cell goes on.
 #[test]

@@ -411,8 +411,16 @@ impl<H: Header> Inbox<H> {
         }
     }
 
-    /// Connects to publishers that joined since the last call.
-    pub fn connect(&self) -> Result<(), IpcError> {
-        self.subscriber.connect()
+    /// Connects to publishers that joined since the last call and lets go of those that ended. No cycle is in progress then, so
+    /// what is queued is out of date; it would keep the memory of its sender.
+    pub fn connect(&mut self) -> Result<(), IpcError> {
+        self.early = None;
+        loop {
+            match self.subscriber.receive() {
+                Ok(Some(_)) | Err(IpcError::Message { .. }) => {}
+                Ok(None) => return self.subscriber.connect(),
+                Err(error) => return Err(error),
+            }
+        }
     }
 }

@@ -38,6 +38,9 @@ pub fn serve(context: &mut StageContext, worker: &mut dyn Worker) -> Result<()> 
                 Command::Shutdown => return Ok(()),
                 Command::Connect => {
                     worker.connect()?;
+                    context.ready(cycle)?;
+                }
+                Command::Populate => {
                     context.populate()?;
                     context.ready(cycle)?;
                 }

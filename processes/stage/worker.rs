@@ -7,7 +7,7 @@ use ipc::IpcError;
 /// The work of one kind of stage.
 pub trait Worker {
     /// Connects the inboxes to publishers that joined since.
-    fn connect(&self) -> Result<(), IpcError>;
+    fn connect(&mut self) -> Result<(), IpcError>;
 
     /// Starts a cycle and drops what is left of an older one.
     fn begin(&mut self, context: &mut StageContext) -> Result<(), Fault>;

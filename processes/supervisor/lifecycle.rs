@@ -55,7 +55,8 @@ impl Supervisor<'_> {
         let limits = &self.cell.config.limits;
         let (now, start_ns) = (now_ns(), setup::ns_of_ms(limits.start_ms));
         let budget_ns = setup::ns_of_ms(limits.stage_budget_ms).max(MIN_CONNECT_NS);
-        for stage in 0..self.stages.len() {
+        let stages = self.stages.len();
+        for stage in 0..stages {
             let child = &mut self.stages[stage];
             if matches!(child.state, ProcessState::Starting { since_ns } if now.saturating_sub(since_ns) > start_ns)
             {
@@ -63,8 +64,10 @@ impl Supervisor<'_> {
             }
             // No cycle runs yet that could find the stage hung.
             let waited_ns = self.connect_ns.map_or(0, |since_ns| now.saturating_sub(since_ns));
-            let connects =
-                child.state == ProcessState::Up && !self.connecting && !self.cycles.is_stage_ready(stage);
+            let populating = self.connected.len() == stages;
+            let answered =
+                self.cycles.is_stage_ready(stage) || !populating && self.connected.contains(&stage);
+            let connects = child.state == ProcessState::Up && !self.connecting && !answered;
             if connects && child.killed.is_none() && waited_ns > budget_ns {
                 child.kill(&format!("hung: did not connect within {} ms", budget_ns / 1_000_000));
             }
@@ -87,12 +90,13 @@ impl Supervisor<'_> {
             return Ok(());
         }
         self.connecting = false;
+        self.connected.clear();
         self.connect_ns = Some(now_ns());
         self.epoch += 1;
         for stage in 0..self.stages.len() {
             self.step(Input::Unready { stage }, each)?;
         }
-        if let Some(snapshot) = &self.snapshot {
+        if let Some(snapshot) = &mut self.snapshot {
             snapshot.connect()?;
         }
         if let Some(recorder) = &self.recorder {
@@ -101,6 +105,21 @@ impl Supervisor<'_> {
         self.events.connect()?;
         self.results.connect()?;
         self.command(Command::Connect, self.epoch)
+    }
+
+    /// Handles the answer to a command that connects or populates. No stage populates the memory of a new one before all have let
+    /// go of that of its predecessor: both at once may not fit.
+    pub(super) fn answered(&mut self, stage: usize, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
+        if self.connected.len() == self.stages.len() {
+            return self.step(Input::Ready { stage }, each);
+        }
+        self.connected.insert(stage);
+        if self.connected.len() < self.stages.len() {
+            return Ok(());
+        }
+        self.connect_ns = Some(now_ns());
+        self.epoch += 1;
+        self.command(Command::Populate, self.epoch)
     }
 
     /// Asks all stages to end, then kills those that do not.

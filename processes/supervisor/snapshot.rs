@@ -1,5 +1,5 @@
 //! Data of the last cycle for the report of a run: one image of each camera, the phase maps and the fused cloud. Phase maps
-//! and cloud stay in shared memory; images are copied.
+//! and cloud stay in shared memory until a stage is started again; images are copied.
 
 use anyhow::Result;
 use cell::Cell;
@@ -23,6 +23,28 @@ pub struct CameraImage {
     pub values: Vec<u8>,
 }
 
+/// A cloud where its sender wrote it, or a copy.
+enum KeptCloud {
+    Shared(Received<Cloud>),
+    Copied { wire_cycle: u64, points: Vec<Point> },
+}
+
+impl KeptCloud {
+    fn wire_cycle(&self) -> u64 {
+        match self {
+            Self::Shared(cloud) => cloud.header().cycle(),
+            Self::Copied { wire_cycle, .. } => *wire_cycle,
+        }
+    }
+
+    fn points(&self) -> Result<&[Point]> {
+        match self {
+            Self::Shared(cloud) => Ok(payload::points(cloud.header(), cloud.payload())?),
+            Self::Copied { points, .. } => Ok(points),
+        }
+    }
+}
+
 /// Ports and data of the last cycle.
 pub struct Snapshot {
     frames: Vec<Subscriber<Frame>>,
@@ -35,7 +57,7 @@ pub struct Snapshot {
     /// Cloud of the cycle in progress.
     running: Option<Received<Cloud>>,
     /// Cloud of the last cycle that is ok.
-    pub cloud: Option<Received<Cloud>>,
+    cloud: Option<KeptCloud>,
     /// For each projector: the frame of its sequence that is kept as image.
     image_frames: Vec<usize>,
 }
@@ -59,8 +81,16 @@ impl Snapshot {
         })
     }
 
-    /// Connects to publishers that joined since the last call.
-    pub fn connect(&self) -> Result<()> {
+    /// Connects to publishers that joined since the last call and lets go of those that ended: phase maps are dropped, the cloud
+    /// is copied.
+    pub fn connect(&mut self) -> Result<()> {
+        self.update()?;
+        self.maps.clear();
+        self.running = None;
+        if let Some(cloud) = self.cloud.take() {
+            let points = cloud.points()?.to_vec();
+            self.cloud = Some(KeptCloud::Copied { wire_cycle: cloud.wire_cycle(), points });
+        }
         self.frames.iter().try_for_each(Subscriber::connect)?;
         self.phases.iter().try_for_each(Subscriber::connect)?;
         Ok(self.fused.connect()?)
@@ -90,16 +120,21 @@ impl Snapshot {
 
     /// Points of the cloud of a cycle; none if it is not ok.
     pub fn points_of(&self, wire_cycle: u64) -> Vec<Point> {
-        let cloud = self.cloud.as_ref().filter(|cloud| cloud.header().cycle() == wire_cycle);
-        let points = cloud.and_then(|cloud| payload::points(cloud.header(), cloud.payload()).ok());
+        let cloud = self.cloud.as_ref().filter(|cloud| cloud.wire_cycle() == wire_cycle);
+        let points = cloud.and_then(|cloud| cloud.points().ok());
         points.map(<[Point]>::to_vec).unwrap_or_default()
+    }
+
+    /// Points of the last cycle that is ok.
+    pub fn points(&self) -> Result<Option<&[Point]>> {
+        self.cloud.as_ref().map(KeptCloud::points).transpose()
     }
 
     /// Ends a cycle; keeps its cloud if it is ok.
     pub fn end_cycle(&mut self, wire_cycle: u64, ok: bool) {
         let of_cycle = self.running.take().filter(|c| c.header().cycle() == wire_cycle);
-        if ok && of_cycle.is_some() {
-            self.cloud = of_cycle;
+        if let Some(cloud) = of_cycle.filter(|_| ok) {
+            self.cloud = Some(KeptCloud::Shared(cloud));
         }
     }
 }

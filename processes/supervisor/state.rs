@@ -32,7 +32,7 @@ use ipc::payload;
 use ipc::port::{Listener, Node, Publisher, ServiceHandle, Subscriber};
 use ipc::sequence::SequenceGates;
 use metrology::verdict::Verdict;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -95,6 +95,8 @@ pub(super) struct Supervisor<'a> {
     pub(super) connecting: bool,
     /// Time of that command, ns.
     pub(super) connect_ns: Option<u64>,
+    /// Stages that are connected; all of them are before the first one populates its memory.
+    pub(super) connected: BTreeSet<usize>,
     /// Reports of the cycles in progress, by cycle.
     collectors: BTreeMap<u64, Collector>,
     pub(super) order: Order,
@@ -184,6 +186,7 @@ impl<'a> Supervisor<'a> {
             epoch: 0,
             connecting: false,
             connect_ns: None,
+            connected: BTreeSet::new(),
             collectors: BTreeMap::new(),
             gates: SequenceGates::create(&name, order.lanes.len())?,
             order,
@@ -380,7 +383,7 @@ impl<'a> Supervisor<'a> {
                 self.connecting = true;
                 Ok(())
             }
-            EventKind::Ready if event.cycle == self.epoch => self.step(Input::Ready { stage }, each),
+            EventKind::Ready if event.cycle == self.epoch => self.answered(stage, each),
             EventKind::Ready => Ok(()),
             EventKind::Part => Ok(child.report.push(TextKey::of(&event), text)?),
             EventKind::Failed => {

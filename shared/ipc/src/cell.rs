@@ -26,6 +26,9 @@ const LOCK_ATTEMPTS: usize = 20;
 /// Pause between two attempts.
 const LOCK_PAUSE: std::time::Duration = std::time::Duration::from_millis(5);
 
+/// Part of the memory of a cell that its folder with the lock may take before the rest is asked for, bytes.
+const FOLDER_BYTES: u64 = 64 << 10;
+
 /// Name of the lock file.
 const LOCK: &str = "lock";
 
@@ -171,7 +174,7 @@ impl CellLock {
         let path = Path::new(SHARED_MEMORY);
         let free =
             os::free_bytes(path).map_err(|source| file_error(path, "reading the free space", source))?;
-        if needed_bytes <= free {
+        if needed_bytes.saturating_sub(FOLDER_BYTES) <= free {
             return Ok(());
         }
         Err(IpcError::Space { free_mb: free / 1_000_000, needed_mb: needed_bytes.div_ceil(1_000_000) })

@@ -19,6 +19,12 @@ pub use topics::{FRAME_BUFFER, REPORT_BYTES, RESULT_BYTES};
 use crate::error::ScheduleError;
 use crate::graph::Graph;
 
+/// Shared memory that a service takes beside its messages, bytes: its lists of processes and ports, its file, its connections.
+const SERVICE_BYTES: u64 = 448 << 10;
+
+/// Shared memory of a message beside its payload, bytes: header and alignment.
+const SLOT_BYTES: u64 = 512;
+
 /// The whole plan of a cycle.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Schedule {
@@ -103,9 +109,13 @@ impl Schedule {
         self.stages[activation.stage].kind.half()
     }
 
-    /// Shared memory, were every buffer full.
+    /// Shared memory of a running cell, were every buffer full; a stage that is started again needs no more.
     pub fn memory_bytes(&self) -> u64 {
-        self.topics.iter().map(Topic::memory_bytes).fold(0, u64::saturating_add)
+        // Each stage and the supervisor have a notification.
+        let services = (self.topics.len() + self.stages.len() + 1) as u64;
+        let slots: u64 = self.topics.iter().map(Topic::slots).fold(0, u64::saturating_add);
+        let beside = (services * SERVICE_BYTES).saturating_add(slots.saturating_mul(SLOT_BYTES));
+        self.topics.iter().map(Topic::memory_bytes).fold(beside, u64::saturating_add)
     }
 }
 

@@ -203,9 +203,14 @@ pub struct Topic {
 }
 
 impl Topic {
+    /// Messages that all senders can have at once.
+    pub fn slots(&self) -> u64 {
+        let slots = self.consumers.len() * (self.size.buffer + self.size.borrowed) + 1;
+        slots as u64 * self.producers.len() as u64
+    }
+
     /// Memory of all senders, were every slot filled: each receiver's buffer and held messages, and the one being written.
     pub fn memory_bytes(&self) -> u64 {
-        let slots = self.consumers.len() * (self.size.buffer + self.size.borrowed) + 1;
-        self.bytes.saturating_mul(slots as u64).saturating_mul(self.producers.len() as u64)
+        self.bytes.saturating_mul(self.slots())
     }
 }

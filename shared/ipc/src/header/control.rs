@@ -28,10 +28,13 @@ pub enum Command {
     Abort = 2,
     /// End the process of the stage.
     Shutdown = 3,
-    /// Connect to senders and receivers that joined since, then report ready with the same number as cycle.
+    /// Connect to senders and receivers that joined since and let go of those that ended, then report ready with the same number
+    /// as cycle.
     Connect = 4,
     /// To the evaluation stages: start the cycle and drop older ones.
     Evaluate = 5,
+    /// Populate the memory of all connections, then report ready with the same number as cycle.
+    Populate = 6,
 }
 
 impl Control {
@@ -51,8 +54,10 @@ impl Control {
             3 => Ok(Command::Shutdown),
             4 => Ok(Command::Connect),
             5 => Ok(Command::Evaluate),
+            6 => Ok(Command::Populate),
             other => {
-                Err(value("command", other.into(), "1 start, 2 abort, 3 shutdown, 4 connect, 5 evaluate"))
+                let known = "1 start, 2 abort, 3 shutdown, 4 connect, 5 evaluate, 6 populate";
+                Err(value("command", other.into(), known))
             }
         }
     }
