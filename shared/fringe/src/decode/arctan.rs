@@ -22,7 +22,7 @@ const ARCTAN: [f32; 9] = [
 ///
 /// The octant is found in single precision, four lanes at a time even on the plainest 64-bit processor; the whole
 /// quarter turns are added in double precision, because 2π itself has only 2.4e-7 in single.
-#[inline]
+#[inline(always)]
 pub fn angle_positive_rad(s: f32, c: f32) -> f64 {
     let (abs_s, abs_c) = (s.abs(), c.abs());
     let short = if abs_s < abs_c { abs_s } else { abs_c };

@@ -1,7 +1,7 @@
 //! From bit frames to stripe numbers.
 
-use super::accumulate::Rasters;
 use super::block::BLOCK;
+use super::rasters::{Part, Rasters};
 use super::report::NoiseModel;
 use super::roles::{CodePlan, Reference};
 use crate::pattern::Code;
@@ -26,6 +26,7 @@ impl Stripes {
     }
 
     /// Reads the bits of the pixels in `range`. `mean_sum` is (Σ I, N) of the sine whose mean is the threshold.
+    #[inline(always)]
     pub fn read(
         &mut self,
         rasters: &Rasters,
@@ -36,8 +37,12 @@ impl Stripes {
         certain: &Certainty,
     ) {
         match rasters {
-            Rasters::Bytes(data) => self.read_values(&View { data, pixels, range }, plan, mean_sum, certain),
-            Rasters::Words(data) => self.read_values(&View { data, pixels, range }, plan, mean_sum, certain),
+            Rasters::Bytes(data) => {
+                self.read_values(&Part::new(data, pixels, range), plan, mean_sum, certain);
+            }
+            Rasters::Words(data) => {
+                self.read_values(&Part::new(data, pixels, range), plan, mean_sum, certain);
+            }
         }
         let mask = if plan.invert { (((1_u32 << plan.bits) - 1) & 0xffff) as u16 } else { 0 };
         let count = range.len();
@@ -47,14 +52,15 @@ impl Stripes {
         }
     }
 
+    #[inline(always)]
     fn read_values<T: Grey>(
         &mut self,
-        view: &View<T>,
+        view: &Part<T>,
         plan: &CodePlan,
         mean_sum: Option<(&[f32], u32)>,
         certain: &Certainty,
     ) {
-        let count = view.range.len();
+        let count = view.end - view.start;
         self.seen[..count].fill(0);
         self.unsure[..count].fill(0);
         self.contrast[..count].fill(0.0);
@@ -103,7 +109,7 @@ impl Stripes {
 }
 
 /// Stripe number of the bits as seen.
-#[inline]
+#[inline(always)]
 pub fn resolve(seen: u16, code: Code) -> u16 {
     match code {
         Code::Binary => seen,
@@ -143,32 +149,21 @@ impl Certainty {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn limit(&self, level_dn: f32) -> f32 {
         self.sigmas * (self.factor * (self.read_variance_dn2 + self.gain_dn * level_dn)).sqrt() + 1.0
     }
 }
 
-struct View<'a, T> {
-    data: &'a [T],
-    pixels: usize,
-    range: &'a Range<usize>,
-}
-
-impl<T> View<'_, T> {
-    fn raster(&self, index: usize) -> &[T] {
-        &self.data[index * self.pixels + self.range.start..index * self.pixels + self.range.end]
-    }
-}
-
-fn complement_sum<T: Grey>(twice: &mut [T::Wide; BLOCK], view: &View<T>, one: usize, other: usize) {
+#[inline(always)]
+fn complement_sum<T: Grey>(twice: &mut [T::Wide; BLOCK], view: &Part<T>, one: usize, other: usize) {
     for ((twice, a), b) in twice.iter_mut().zip(view.raster(one)).zip(view.raster(other)) {
         *twice = T::sum(*a, *b);
     }
 }
 
 /// Nearest integer of 0 … 2²²: adding 2²³ leaves it in the low bits. A plain cast checks its range and does not vectorise.
-#[inline]
+#[inline(always)]
 fn whole(value: f32) -> u32 {
     (value + 8_388_608.0).to_bits() & 0x007f_ffff
 }
@@ -184,19 +179,19 @@ trait Grey: Copy {
 
 impl Grey for u8 {
     type Wide = i16;
-    #[inline]
+    #[inline(always)]
     fn sum(a: Self, b: Self) -> i16 {
         i16::from(a) + i16::from(b)
     }
-    #[inline]
+    #[inline(always)]
     fn value(self) -> f32 {
         f32::from(self)
     }
-    #[inline]
+    #[inline(always)]
     fn wide(value: f32) -> i16 {
         whole(value.min(1024.0)) as i16
     }
-    #[inline]
+    #[inline(always)]
     fn narrow(value: i16) -> f32 {
         f32::from(value)
     }
@@ -204,19 +199,19 @@ impl Grey for u8 {
 
 impl Grey for u16 {
     type Wide = i32;
-    #[inline]
+    #[inline(always)]
     fn sum(a: Self, b: Self) -> i32 {
         i32::from(a) + i32::from(b)
     }
-    #[inline]
+    #[inline(always)]
     fn value(self) -> f32 {
         f32::from(self)
     }
-    #[inline]
+    #[inline(always)]
     fn wide(value: f32) -> i32 {
         whole(value.min(262_144.0)) as i32
     }
-    #[inline]
+    #[inline(always)]
     fn narrow(value: i32) -> f32 {
         value as f32
     }

@@ -3,31 +3,40 @@
 use super::block::{BLOCK, CHUNK, Planes, Tally};
 use super::order::{Kernel, Lanes};
 use super::verdict::sum;
+use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
+use fearless_simd::Level;
 use rayon::prelude::*;
 
 /// Decodes every pixel by its own frames.
-pub fn decode_blocks(kernel: &Kernel, out: &mut PhaseViewMut) -> Tally {
+pub fn decode_blocks(kernel: &Kernel, level: Level, out: &mut PhaseViewMut) -> Tally {
     let planes = out.phase_rad.par_chunks_mut(CHUNK).zip(out.sigma_rad.par_chunks_mut(CHUNK));
     let planes = planes.zip(out.modulation.par_chunks_mut(CHUNK)).zip(out.valid.par_chunks_mut(CHUNK));
     let tallies = planes.enumerate().map(|(chunk, (((phase_rad, sigma_rad), modulation), state))| {
-        let mut tally = Tally::default();
-        let mut lanes = Lanes::new();
-        for first in (0..state.len()).step_by(BLOCK) {
-            let part = first..(first + BLOCK).min(state.len());
-            let start = chunk * CHUNK + first;
-            tally += kernel.block(
-                &(start..start + part.len()),
-                &mut lanes,
-                &mut Planes {
-                    phase_rad: &mut phase_rad[part.clone()],
-                    sigma_rad: &mut sigma_rad[part.clone()],
-                    modulation: &mut modulation[part.clone()],
-                    state: &mut state[part],
-                },
-            );
-        }
-        tally
+        let mut planes = Planes { phase_rad, sigma_rad, modulation, state };
+        vectorised!(level, decode_chunk(kernel, chunk * CHUNK, &mut planes))
     });
     tallies.reduce(Tally::default, sum)
+}
+
+#[inline(always)]
+fn decode_chunk(kernel: &Kernel, chunk: usize, planes: &mut Planes) -> Tally {
+    let mut tally = Tally::default();
+    let mut lanes = Lanes::new();
+    let Planes { phase_rad, sigma_rad, modulation, state } = planes;
+    for first in (0..state.len()).step_by(BLOCK) {
+        let part = first..(first + BLOCK).min(state.len());
+        let start = chunk + first;
+        tally += kernel.block(
+            &(start..start + part.len()),
+            &mut lanes,
+            &mut Planes {
+                phase_rad: &mut phase_rad[part.clone()],
+                sigma_rad: &mut sigma_rad[part.clone()],
+                modulation: &mut modulation[part.clone()],
+                state: &mut state[part],
+            },
+        );
+    }
+    tally
 }

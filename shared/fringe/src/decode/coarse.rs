@@ -1,11 +1,12 @@
 //! The coarse coordinate that the order of the first sine is counted from: code, two codes, stairs or residues.
 
-use super::accumulate::Rasters;
 use super::bits::{Certainty, Stripes, resolve};
 use super::block::{Planes, Tally, state};
 use super::chain::Chain;
 use super::order::{CODE_EDGE_PERIODS, Kernel, Lanes, follow_one};
+use super::rasters::Rasters;
 use super::roles::{CodePlan, Reference, StairPlan, StairSource};
+use super::sums::BlockSums;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
@@ -30,6 +31,7 @@ impl Kernel<'_> {
     }
 
     /// Fills the coordinates of a block.
+    #[inline(always)]
     pub(super) fn coarse(&self, range: &Range<usize>, lanes: &mut Lanes) {
         let count = range.len();
         if let Some(code) = &self.plan.code {
@@ -60,19 +62,21 @@ impl Kernel<'_> {
     }
 
     /// Number of the stair: from its phase −π + 2π(n + ½)/stairs, or from its level between black and white (eq. 2.60, 2.61).
+    #[inline(never)]
     fn read_stair(&self, stair: &StairPlan, range: &Range<usize>, lanes: &mut Lanes) {
         let last = stair.stairs - 1.0;
         match stair.source {
             StairSource::Phase(slot) => {
-                let sums = &self.sums[slot];
-                for (i, at) in range.clone().enumerate() {
-                    let turns = (super::arctan::angle_positive_rad(sums.sin[at], sums.cos[at]) + PI) / TAU;
+                let mut sums = BlockSums::ZERO;
+                self.sums[slot].block(self.rasters, self.pixels, range, &mut sums);
+                for i in 0..range.len() {
+                    let turns = (super::arctan::angle_positive_rad(sums.sin[i], sums.cos[i]) + PI) / TAU;
                     let number = ((turns - turns.floor()) * stair.stairs).floor().clamp(0.0, last);
                     lanes.coordinate_px[i] = centre_px(stair.stair_px, number as u32);
                 }
             }
             StairSource::Grey(raster, levels) => {
-                let pixels = self.saturated.len();
+                let pixels = self.pixels;
                 let value = |one, other, at| Rasters::pair(self.rasters, one, other, pixels, at);
                 for (i, at) in range.clone().enumerate() {
                     let (grey, black) = value(raster, levels.black, at);
@@ -93,13 +97,13 @@ impl Kernel<'_> {
     /// Where a set disagrees beyond its noise, an order is wrong: the neighbours shall correct the finest phase, not a mean with it.
     /// Var xⱼ = (pⱼ/2π)² · 2σ²/(Nⱼ Bⱼ²) and Bⱼ² = (2/Nⱼ)²(c² + s²) give the weights (c² + s²)/(Nⱼ pⱼ²).
     pub(super) fn fuse(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) {
-        for (i, at) in range.clone().enumerate() {
+        for i in 0..range.len() {
             let x0 = lanes.coordinate_px[i];
             let sigma_px = f64::from(out.sigma_rad[i]) * self.plan.period_px / TAU;
             let (mut w, mut wx, mut finest, mut agree) = (0.0, 0.0, 1.0, true);
             for (j, slot) in self.plan.sines.iter().enumerate() {
-                let (sums, p) = (&self.sums[*slot], self.periods_px[*slot]);
-                let (c, s) = (f64::from(sums.cos[at]), f64::from(sums.sin[at]));
+                let (sums, p) = (&lanes.sums[j], self.periods_px[*slot]);
+                let (c, s) = (f64::from(sums.cos[i]), f64::from(sums.sin[i]));
                 let weight = (c * c + s * s) / (f64::from(self.steps[*slot]) * p * p);
                 let wrapped = lanes.phase_rad[j][i] * p / TAU;
                 let x = wrapped + ((x0 - wrapped) / p).round() * p;
@@ -116,18 +120,24 @@ impl Kernel<'_> {
         }
     }
 
+    #[inline(always)]
     fn read_code(&self, code: &CodePlan, range: &Range<usize>, stripes: &mut Stripes) {
+        let mut sums = BlockSums::ZERO;
         let mean = match code.reference {
-            Reference::SineMean(slot) => Some((&self.sums[slot].sum[range.clone()], self.steps[slot])),
+            Reference::SineMean(slot) => {
+                self.sums[slot].block(self.rasters, self.pixels, range, &mut sums);
+                Some((&sums.sum[..range.len()], self.steps[slot]))
+            }
             _ => None,
         };
         let certain =
             Certainty::new(code, mean.map_or(1, |m| m.1), &self.noise, self.settings.certainty_sigmas);
-        stripes.read(self.rasters, self.saturated.len(), code, range, mean, &certain);
+        stripes.read(self.rasters, self.pixels, code, range, mean, &certain);
     }
 
     /// Tries the other values of the uncertain bits: where one of them leads to another order that the phase does not
     /// exclude, the order is open.
+    #[inline(never)]
     pub(super) fn question_bits(&self, chain: &Chain, lanes: &mut Lanes, i: usize) {
         let (Some(code), Some(first)) = (&self.plan.code, chain.stages.first()) else { return };
         // Of two codes the one with uncertain bits is asked; both at once only happens in the dark.
@@ -162,6 +172,7 @@ impl Kernel<'_> {
     }
 
     /// A code without sines: centre of the stripe, uniform within it.
+    #[inline(never)]
     pub(super) fn code_block(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) -> Tally {
         let mut tally = Tally::default();
         let Some(code) = &self.plan.code else { return tally };
@@ -189,7 +200,7 @@ impl Kernel<'_> {
 }
 
 /// Centre of a stripe. Stripe k begins half a column before coordinate k s, where column k s begins.
-#[inline]
+#[inline(always)]
 pub(super) fn centre_px(stripe_px: f64, number: u32) -> f64 {
     f64::from(number) * stripe_px + (0.5 * stripe_px - 0.5)
 }

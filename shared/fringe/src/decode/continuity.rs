@@ -4,8 +4,19 @@
 //! give whole stripes a wrong order, each consistent in itself; what gives them away is that the phase jumps by
 //! multiples of 2π about as often as it wraps. A part's own steps do so too, but only along its edges.
 
+// Without branches a loop vectorises.
+#![allow(clippy::needless_bitwise_bool)]
+
+use super::verdict::sum;
+use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
-use std::f32::consts::{FRAC_PI_2, PI, TAU};
+use fearless_simd::Level;
+use rayon::prelude::*;
+use std::f32::consts::{FRAC_PI_2, TAU};
+use std::ops::AddAssign;
+
+/// Fewest rows of one parallel job.
+const ROWS: usize = 16;
 
 /// One of so many rows and columns is walked along.
 const STRIDE: usize = 4;
@@ -28,32 +39,63 @@ impl Continuity {
     }
 
     /// Walks along every [`STRIDE`]th row and column.
-    pub fn of(map: &PhaseViewMut) -> Self {
+    pub fn of(map: &PhaseViewMut, level: Level) -> Self {
         let (width, height) = (map.info.width_px as usize, map.info.height_px as usize);
+        let rows = (0..height).into_par_iter().with_min_len(ROWS);
+        let parts = rows.map(|row| vectorised!(level, Self::of_row(map, width, row)));
+        parts.reduce(Self::default, sum)
+    }
+
+    /// A row with itself, if it is one of those, and the columns between it and the row above.
+    #[inline(always)]
+    fn of_row(map: &PhaseViewMut, width: usize, row: usize) -> Self {
+        let (phase, valid) = (&map.phase_rad[..(row + 1) * width], &map.valid[..(row + 1) * width]);
+        let (here, here_valid) = (&phase[row * width..], &valid[row * width..]);
         let mut all = Self::default();
-        for row in (0..height).step_by(STRIDE) {
-            for column in 1..width {
-                all.look(map, row * width + column - 1, row * width + column);
-            }
+        if row.is_multiple_of(STRIDE) {
+            let pairs = here.iter().zip(here_valid).zip(here[1..].iter().zip(&here_valid[1..]));
+            all += Self::of_pairs(pairs);
         }
-        for column in (0..width).step_by(STRIDE) {
-            for row in 1..height {
-                all.look(map, (row - 1) * width + column, row * width + column);
-            }
+        if let Some(above) = row.checked_sub(1) {
+            let (above, above_valid) =
+                (&phase[above * width..row * width], &valid[above * width..row * width]);
+            let pairs = above.iter().zip(above_valid).zip(here.iter().zip(here_valid));
+            all += Self::of_pairs(pairs.step_by(STRIDE));
         }
         all
     }
 
-    fn look(&mut self, map: &PhaseViewMut, a: usize, b: usize) {
-        if map.valid[a] & map.valid[b] == 0 {
-            return;
+    #[inline(always)]
+    fn of_pairs<'a>(pairs: impl Iterator<Item = ((&'a f32, &'a u8), (&'a f32, &'a u8))>) -> Self {
+        let (mut wraps, mut jumps) = (0_u32, 0_u32);
+        for ((a, a_valid), (b, b_valid)) in pairs {
+            let difference = b - a;
+            let periods = nearest(difference / TAU);
+            let usable = (a_valid & b_valid != 0) & ((difference - periods * TAU).abs() < FRAC_PI_2);
+            jumps += u32::from(usable & (periods != 0.0));
+            // The wrapped phase passes 2π where both lie in different periods, the jump apart.
+            wraps += u32::from(usable & (whole(b / TAU) - whole(a / TAU) != periods));
         }
-        let difference = map.phase_rad[b] - map.phase_rad[a];
-        let periods = (difference / TAU).round();
-        if (difference - periods * TAU).abs() < FRAC_PI_2 {
-            self.jumps += usize::from(periods != 0.0);
-            let wrapped = |index: usize| map.phase_rad[index].rem_euclid(TAU);
-            self.wraps += usize::from((wrapped(b) - wrapped(a)).abs() > PI);
-        }
+        Self { wraps: wraps as usize, jumps: jumps as usize }
     }
+}
+
+impl AddAssign for Continuity {
+    fn add_assign(&mut self, other: Self) {
+        self.wraps += other.wraps;
+        self.jumps += other.jumps;
+    }
+}
+
+/// Nearest integer by plain arithmetic, for up to 2²¹.
+#[inline(always)]
+fn nearest(value: f32) -> f32 {
+    (value + 12_582_912.0) - 12_582_912.0
+}
+
+/// Largest integer that is not above a value.
+#[inline(always)]
+fn whole(value: f32) -> f32 {
+    let near = nearest(value);
+    if near > value { near - 1.0 } else { near }
 }

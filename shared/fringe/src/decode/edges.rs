@@ -9,9 +9,9 @@
 //! leaves it by more than a quarter of a stripe is refused. Uncertain bits make the interval longer: such pixels need edges that
 //! confirm what they show. Their own edges count: noise turns the bit whose edge is near, and other bits not by one stripe. The uncertainty comes from the scatter of the edges about the planes.
 
-use super::accumulate::Rasters;
 use super::block::{CHUNK, state};
 use super::coarse::MOST_STRIPES_APART;
+use super::rasters::Rasters;
 use super::roles::{CodePlan, Reference};
 use crate::pattern::Code;
 use crate::phase::PhaseViewMut;

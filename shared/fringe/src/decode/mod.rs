@@ -1,12 +1,13 @@
 //! Decoding: from the frames of one camera to absolute phase.
 //!
 //! ```text
-//! frame ─▶ Σ I, Σ I cos δ, Σ I sin δ  (push, as it lands) ─▶ wrapped phase, B, A, σ ─▶ order ─▶ neighbours ─▶ phase map
+//! frames, block by block ─▶ Σ I, Σ I cos δ, Σ I sin δ ─▶ wrapped phase, B, A, σ ─▶ order ─▶ neighbours ─▶ phase map
 //! ```
 //!
 //! [`Decoder::new`] reads the sequence once, decides what every frame is for and reserves all memory. [`Decoder::push`]
-//! adds a frame of a sine set to three sums per pixel and copies the frames of the code; [`Decoder::finish`] is left with
-//! the arctangent, the bits and the order. Neither allocates.
+//! copies a frame and, with the last of a sine set, estimates the camera's noise; [`Decoder::finish`] takes all frames block by block,
+//! so that what a block needs stays in the first cache: a frame is read twice, and no sum is ever written to memory. Neither
+//! allocates.
 //!
 //! # Convention
 //! I = A + B cos(2πx/p − δ), δᵢ = ±(2πi/N + first step), gives φ = 2πx/p (mod 2π) in [0, 2π), so x = φ p/2π + m p. The order m is
@@ -28,7 +29,6 @@
 //! σ_φ = √(2/N) σ_I / B with σ_I² = read² + gain · A from the residuals of the fit (`noise`), from neighbouring pixels
 //! where there are too few steps (`spatial`), from the settings, or assumed where there is too little light. For N = 3 shot noise adds a term that alternates with 3φ; its mean is zero and it is left out.
 
-mod accumulate;
 pub mod arctan;
 mod bits;
 mod block;
@@ -44,9 +44,12 @@ mod footprint;
 mod limits;
 mod neighbours;
 mod noise;
+mod noise_line;
 pub mod number;
 mod order;
 mod plan;
+mod probing;
+mod rasters;
 mod replace;
 mod report;
 mod risk;
@@ -55,6 +58,8 @@ mod sets;
 mod settings;
 mod spatial;
 mod spectrum;
+mod sums;
+mod survey;
 #[cfg(test)]
 mod tests;
 mod verdict;
@@ -70,18 +75,22 @@ pub use risk::OrderRisk;
 pub use settings::{CameraNoise, DecodeSettings, OrderMethod};
 
 use crate::frame::{FrameView, Pixels};
+use crate::math::simd::{best_level, vectorised};
 use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseViewMut};
-use accumulate::{Rasters, Sums};
 use blocks::decode_blocks;
 use edges::Edges;
+use fearless_simd::Level;
 use footprint::{Footprint, Reflectance};
 use neighbours::Field;
 use noise::{Probe, QUANTISATION_DN2};
 use order::Kernel;
+use probing::ProbeLimits;
+use rasters::Rasters;
 use roles::{AxisPlan, Plan, Role};
 use spatial::{Places, sample_code, sample_phase};
 use std::sync::Arc;
+use sums::{Clipping, Sums};
 use verdict::{Verdicts, apply, correct_rows};
 
 /// Distance of pixels that share no noise, px: neighbours share it behind a mosaic of colours.
@@ -106,12 +115,14 @@ pub struct Decoder {
     /// Of codes without sines.
     edges: Option<Edges>,
     next: usize,
+    /// Instructions that may be used.
+    level: Level,
 }
 
 /// What an axis gathers beside its sums.
 #[derive(Debug)]
 struct AxisState {
-    saturated: Vec<u8>,
+    clipping: Clipping,
     probe: Probe,
     open_sets: usize,
     estimate: Option<NoiseModel>,
@@ -124,8 +135,7 @@ impl Decoder {
     /// Prepares for a sequence.
     ///
     /// `extent_px` is the projector's size in columns and rows: it decides whether a period or a code covers it.
-    /// Memory per pixel: 12 bytes per sine set, 1 (8 bits) or 2 bytes per frame of a code, white and black, 3 bytes per
-    /// axis and image.
+    /// Memory per pixel: 1 (8 bits) or 2 bytes per frame that is used, and 6 bytes for what neighbours say.
     ///
     /// # Errors
     /// Names the set or setting that cannot be used, or what is missing for an absolute order.
@@ -147,17 +157,21 @@ impl Decoder {
         }
         let pixels = pixels as usize;
         let plan = Plan::new(sequence, extent_px, settings)?;
-        let axes =
-            plan.axes.iter().map(|axis| AxisState::new(axis, &plan, width_px as usize, pixels)).collect();
+        let clipped_dn = (settings.saturation_fraction * f64::from(full_scale_dn)).ceil() as u16;
+        let axes = plan
+            .axes
+            .iter()
+            .map(|axis| AxisState::new(axis, &plan, width_px as usize, pixels, clipped_dn))
+            .collect();
         let mut decoder = Self {
             width_px,
             height_px,
             full_scale_dn,
-            clipped_dn: (settings.saturation_fraction * f64::from(full_scale_dn)).ceil() as u16,
+            clipped_dn,
             settings: settings.clone(),
             steps: plan.sines.iter().map(|s| s.steps).collect(),
             periods_px: plan.sines.iter().map(|s| s.period_px).collect(),
-            sums: plan.sines.iter().map(|s| Sums::new(s, pixels)).collect(),
+            sums: plan.sines.iter().map(Sums::new).collect(),
             rasters: Rasters::new(plan.stored, pixels, full_scale_dn),
             axes,
             correction: vec![0; pixels],
@@ -169,6 +183,7 @@ impl Decoder {
                 .then(|| Edges::new(width_px as usize, pixels)),
             plan,
             next: 0,
+            level: best_level(),
         };
         decoder.begin();
         Ok(decoder)
@@ -177,9 +192,8 @@ impl Decoder {
     /// Starts a new sequence; what has landed is forgotten.
     pub fn begin(&mut self) {
         self.next = 0;
-        self.sums.iter_mut().for_each(|sums| sums.sigma_rad = None);
+        self.sums.iter_mut().for_each(|sums| sums.replaced = None);
         for (axis, plan) in self.axes.iter_mut().zip(&self.plan.axes) {
-            axis.saturated.fill(0);
             axis.probe.begin();
             axis.open_sets = plan.sines.len();
             axis.estimate = None;
@@ -201,29 +215,28 @@ impl Decoder {
         match self.plan.roles[index] {
             Role::Ignored => {}
             Role::Stored(raster) => self.rasters.keep(raster, frame.pixels),
-            Role::Sine { slot, step } => self.push_sine(slot, step, frame.pixels),
+            Role::Sine { slot, step } => {
+                self.rasters.keep(self.plan.sines[slot].first + step, frame.pixels);
+                if step + 1 == self.steps[slot] as usize && self.settings.camera_noise.is_none() {
+                    self.probe_noise(slot);
+                }
+            }
         }
         self.next += 1;
         Ok(())
     }
 
-    fn push_sine(&mut self, slot: usize, step: usize, pixels: Pixels) {
-        let least_modulation_dn = self.least_modulation_dn();
-        let wanted = self.plan.sines[slot].axis;
-        let home = self.plan.axes.iter().position(|a| a.axis == wanted);
-        let Some((axis, plan)) = home.and_then(|a| self.axes.get_mut(a).zip(self.plan.axes.get(a))) else {
-            return;
+    /// Samples the noise of a complete sine set; with the last set of its axis, the noise model.
+    fn probe_noise(&mut self, slot: usize) {
+        let limits = ProbeLimits {
+            least_modulation_dn: self.least_modulation_dn(),
+            clipped_dn: self.clipped_dn,
+            level: self.level,
         };
-        self.sums[slot].add(step, pixels, self.clipped_dn, &mut axis.saturated);
-        // Stairs are no sine of the axis: their phase jumps.
-        let Some(set) =
-            plan.sines.iter().position(|s| *s == slot).filter(|_| self.settings.camera_noise.is_none())
-        else {
-            return;
-        };
-        axis.probe.keep(step, pixels);
-        if step + 1 == self.steps[slot] as usize {
-            axis.probe.close_set(set, least_modulation_dn, self.clipped_dn);
+        for (axis, plan) in self.axes.iter_mut().zip(&self.plan.axes) {
+            // Stairs are no sine of the axis: their phase jumps.
+            let Some(set) = plan.sines.iter().position(|s| *s == slot) else { continue };
+            axis.probe.close_set(set, &self.sums[slot], &self.rasters, self.correction.len(), limits);
             axis.open_sets -= 1;
             if axis.open_sets == 0 {
                 axis.estimate = axis.probe.model();
@@ -297,7 +310,7 @@ impl Decoder {
         self.estimate_from_neighbours(home);
         let plan = &self.plan.axes[home];
         let kernel = self.kernel(home, plan);
-        let (mut tally, noise) = (decode_blocks(&kernel, out), kernel.noise);
+        let (mut tally, noise) = (decode_blocks(&kernel, self.level, out), kernel.noise);
         let verdicts = if plan.chain.is_some() {
             let field = Field {
                 width: self.width_px as usize,
@@ -308,8 +321,8 @@ impl Decoder {
                 reach: self.settings.neighbour_reach_px as usize,
                 spikes: self.settings.repair_spikes,
             };
-            correct_rows(&field, &mut self.correction);
-            apply(plan, &self.correction, out)
+            correct_rows(&field, &mut self.correction, self.level);
+            apply(plan, &self.correction, out, self.level)
         } else {
             if let Some((edges, code)) = self.edges.as_mut().zip(plan.code.as_ref())
                 && plan.shifted.is_none()
@@ -320,7 +333,7 @@ impl Decoder {
         };
         let mut report = verdicts.report(tally, noise, Arc::clone(&self.axes[home].ignored));
         if !self.plan.axes[home].sines.is_empty() {
-            report.continuity = Continuity::of(out);
+            report.continuity = Continuity::of(out, self.level);
             report.check_orders(axis, self.settings.max_contradiction)?;
         }
         report.footprint_px = self.remove_footprint(home, out)?;
@@ -343,11 +356,12 @@ impl Decoder {
         let gathered = &self.axes[home];
         Kernel {
             plan,
+            pixels: self.correction.len(),
             sums: &self.sums,
             steps: &self.steps,
             periods_px: &self.periods_px,
             rasters: &self.rasters,
-            saturated: &gathered.saturated,
+            clipping: &gathered.clipping,
             noise: self.noise(gathered),
             settings: &self.settings,
             least_modulation_dn: self.least_modulation_dn() as f32,
@@ -363,15 +377,23 @@ impl Decoder {
         }
         axis.settled = true;
         let lag = if axis.estimate.is_some() { APART_PX } else { 1 };
-        let AxisState { probe, saturated, .. } = axis;
+        let AxisState { probe, clipping, .. } = axis;
         let gather = |positions: &[usize], samples: &mut Vec<_>| {
-            let places = Places { positions, width: self.width_px as usize, saturated, lag };
+            let places = Places {
+                positions,
+                width: self.width_px as usize,
+                pixels: self.correction.len(),
+                rasters: &self.rasters,
+                clipping,
+                lag,
+            };
             match (plan.sines.first(), &plan.code) {
                 (Some(finest), _) => {
                     let steps = self.steps[*finest] as usize;
-                    sample_phase(&places, &self.sums[*finest], steps, least_dn, samples);
+                    let sums = &self.sums[*finest];
+                    vectorised!(self.level, sample_phase(&places, sums, steps, least_dn, samples));
                 }
-                (None, Some(code)) => sample_code(&places, &self.rasters, code, least_dn, samples),
+                (None, Some(code)) => sample_code(&places, code, least_dn, samples),
                 (None, None) => {}
             }
         };
@@ -401,10 +423,10 @@ impl Decoder {
         if plan.sines.is_empty() || given_px == Some(0.0) || unknown {
             return Ok(None);
         }
-        let survey = self.footprint.survey(out, reflectance);
+        let survey = self.footprint.survey(out, reflectance, self.level);
         let variance_px2 = given_px.map(|footprint_px| footprint_px * footprint_px).or(survey);
         if let Some(variance_px2) = variance_px2 {
-            self.footprint.correct(variance_px2, out);
+            self.footprint.correct(variance_px2, out, self.level);
         }
         Ok(variance_px2.map(f64::sqrt))
     }
@@ -428,10 +450,18 @@ impl Decoder {
 }
 
 impl AxisState {
-    fn new(axis: &AxisPlan, plan: &Plan, width: usize, pixels: usize) -> Self {
+    fn new(axis: &AxisPlan, plan: &Plan, width: usize, pixels: usize, clipped_dn: u16) -> Self {
         let sets: Vec<_> = axis.sines.iter().map(|slot| &plan.sines[*slot]).collect();
         Self {
-            saturated: vec![0; pixels],
+            clipping: Clipping {
+                rasters: plan
+                    .sines
+                    .iter()
+                    .filter(|sine| sine.axis == axis.axis)
+                    .flat_map(|sine| sine.first..sine.first + sine.steps as usize)
+                    .collect(),
+                clipped_dn,
+            },
             probe: Probe::new(width, pixels, &sets),
             open_sets: sets.len(),
             estimate: None,

@@ -40,6 +40,7 @@ pub struct Field<'a> {
 
 impl Field<'_> {
     /// Corrections of the rows from `row` on, in whole periods.
+    #[inline(always)]
     pub fn correct(&self, row: usize, out: &mut [i16]) {
         for (offset, line) in out.chunks_mut(self.width).enumerate() {
             self.flag(row + offset, line);
@@ -57,6 +58,7 @@ impl Field<'_> {
     }
 
     /// Marks the pixels that need a closer look: not certain, or more than π away from a neighbour.
+    #[inline(always)]
     fn flag(&self, row: usize, out: &mut [i16]) {
         let start = row * self.width;
         let line = &self.phase_rad[start..start + self.width];
@@ -85,6 +87,7 @@ impl Field<'_> {
         }
     }
 
+    #[inline(never)]
     fn decide(&self, row: usize, column: usize) -> i16 {
         match self.state[row * self.width + column] {
             state::INVALID => 0,

@@ -3,18 +3,19 @@
 //! Work is done in blocks that live on the stack and fit the first-level cache, one short loop per formula, so that each
 //! loop vectorises.
 
-// Without branches a loop vectorises.
-#![allow(clippy::needless_bitwise_bool)]
+// Without branches a loop vectorises. The values of a block live on the stack, once for each parallel job.
+#![allow(clippy::needless_bitwise_bool, clippy::large_stack_arrays)]
 
-use super::accumulate::{Rasters, Sums};
 use super::arctan::angle_positive_rad;
 use super::bits::Stripes;
 use super::block::{BLOCK, Planes, Tally, state};
 use super::chain::{Chain, Stage, Start};
 use super::limits::MAX_SINES;
+use super::rasters::Rasters;
 use super::report::NoiseModel;
 use super::roles::AxisPlan;
 use super::settings::DecodeSettings;
+use super::sums::{BlockSums, Clipping, Sums};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
@@ -31,7 +32,9 @@ const EYES: usize = 16;
 pub struct Kernel<'a> {
     /// How the axis is decoded.
     pub plan: &'a AxisPlan,
-    /// Sums of all sine sets.
+    /// Pixels of the image.
+    pub pixels: usize,
+    /// How the sums of all sine sets are made.
     pub sums: &'a [Sums],
     /// Steps of all sine sets.
     pub steps: &'a [u32],
@@ -39,8 +42,8 @@ pub struct Kernel<'a> {
     pub periods_px: &'a [f64],
     /// The stored frames: bits, white, black.
     pub rasters: &'a Rasters,
-    /// Nonzero where a sine frame of the axis was clipped.
-    pub saturated: &'a [u8],
+    /// Where a sine frame of the axis is clipped.
+    pub clipping: &'a Clipping,
     /// Noise of the camera.
     pub noise: NoiseModel,
     /// Limits of modulation, noise and order.
@@ -51,6 +54,9 @@ pub struct Kernel<'a> {
 
 /// Intermediate values of one block.
 pub struct Lanes {
+    /// Sums of the sines in use, the finest first.
+    pub(super) sums: [BlockSums; MAX_SINES],
+    clipped: [u8; BLOCK],
     pub(super) phase_rad: [[f64; BLOCK]; MAX_SINES],
     least_modulation: [f32; BLOCK],
     pub(super) coordinate_px: [f64; BLOCK],
@@ -64,6 +70,8 @@ impl Lanes {
     /// Zeros; made once per parallel job.
     pub fn new() -> Self {
         Self {
+            sums: [const { BlockSums::ZERO }; MAX_SINES],
+            clipped: [0; BLOCK],
             phase_rad: [[0.0; BLOCK]; MAX_SINES],
             least_modulation: [0.0; BLOCK],
             coordinate_px: [0.0; BLOCK],
@@ -77,6 +85,7 @@ impl Lanes {
 
 impl Kernel<'_> {
     /// Decodes the pixels in `range` (at most [`BLOCK`]) with the chain of the plan.
+    #[inline(always)]
     pub fn block(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) -> Tally {
         let Some(chain) = &self.plan.chain else { return self.code_block(range, lanes, out) };
         let count = range.len();
@@ -97,6 +106,7 @@ impl Kernel<'_> {
     }
 
     /// Uncertain bits and the edges of the projector, which few pixels have.
+    #[inline(always)]
     fn look_closer(&self, chain: &Chain, lanes: &mut Lanes, out: &Planes) {
         let slack_px = self.slack_px(self.settings.max_sigma_rad as f32);
         let (low, high) = (slack_px - 0.5, self.plan.extent_px - 0.5 - slack_px);
@@ -127,10 +137,12 @@ impl Kernel<'_> {
     }
 
     /// Wrapped phases, modulation and uncertainty; marks what is masked.
+    #[inline(always)]
     fn wrapped(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) -> Tally {
         for (j, slot) in self.plan.sines.iter().enumerate().rev() {
-            let sums = &self.sums[*slot];
-            let (cos, sin) = (&sums.cos[range.clone()], &sums.sin[range.clone()]);
+            let sums = &mut lanes.sums[j];
+            self.sums[*slot].block(self.rasters, self.pixels, range, sums);
+            let (cos, sin) = (&sums.cos[..range.len()], &sums.sin[..range.len()]);
             let scale = 2.0 / self.steps[*slot] as f32;
             for ((phase, c), s) in lanes.phase_rad[j].iter_mut().zip(cos).zip(sin) {
                 *phase = angle_positive_rad(*s, *c);
@@ -149,18 +161,20 @@ impl Kernel<'_> {
             self.noise.read_variance_dn2 as f32 * 2.0 / steps,
             self.noise.gain_dn as f32 * 2.0 / (steps * steps),
         );
-        let sum = &self.sums[finest].sum[range.clone()];
-        for ((sigma, b), sum) in out.sigma_rad.iter_mut().zip(&*out.modulation).zip(sum) {
+        let sums = &lanes.sums[0];
+        for ((sigma, b), sum) in out.sigma_rad.iter_mut().zip(&*out.modulation).zip(&sums.sum) {
             *sigma = (read + gain * sum).sqrt() / *b;
         }
-        self.sums[finest].other_noise(range, steps, out.sigma_rad);
-        self.mask(range, lanes, out)
+        self.sums[finest].other_noise(range, steps, sums, out.sigma_rad);
+        self.clipping.block(self.rasters, self.pixels, range, &mut lanes.clipped);
+        self.mask(lanes, out)
     }
 
-    fn mask(&self, range: &Range<usize>, lanes: &Lanes, out: &mut Planes) -> Tally {
+    #[inline(always)]
+    fn mask(&self, lanes: &Lanes, out: &mut Planes) -> Tally {
         let (mut saturated, mut dark, mut noisy) = (0_u32, 0_u32, 0_u32);
         let (least, most) = (self.least_modulation_dn, self.settings.max_sigma_rad as f32);
-        let pixels = self.saturated[range.clone()].iter().zip(&lanes.least_modulation).zip(&*out.sigma_rad);
+        let pixels = lanes.clipped.iter().zip(&lanes.least_modulation).zip(&*out.sigma_rad);
         for (state, ((clipped, b), sigma)) in out.state.iter_mut().zip(pixels) {
             let is_clipped = *clipped != 0;
             let is_dark = !is_clipped & ((*b < least) | (*b <= 0.0));
@@ -198,6 +212,8 @@ impl Kernel<'_> {
 
     /// A coordinate beyond the projector is an alias of one inside where a period covers the projector; at its very edge,
     /// where both could be meant, the order is open.
+    #[cold]
+    #[inline(never)]
     fn keep_inside(&self, chain: &Chain, lanes: &mut Lanes, i: usize, sigma_rad: f32) {
         let (low, high) = (-0.5, self.plan.extent_px - 0.5);
         let x = lanes.coordinate_px[i];
@@ -224,6 +240,7 @@ impl Kernel<'_> {
         0.5 + self.settings.certainty_sigmas * f64::from(sigma_rad) * self.plan.period_px / TAU
     }
 
+    #[inline(always)]
     fn write(&self, lanes: &Lanes, out: &mut Planes) {
         let scale = TAU / self.plan.period_px;
         for ((phase, x), (state, doubt)) in
@@ -251,6 +268,7 @@ struct Limits {
 }
 
 /// The nearest rule for a block: x = x_w + m P, m = round((c − x_w) / P).
+#[inline(always)]
 fn follow(stage: &Stage, limits: &Limits, lanes: &mut Lanes, sigma_rad: &[f32], count: usize) {
     let (period, inverse) = (stage.period_px, 1.0 / stage.period_px);
     let mut wrapped = [0.0; BLOCK];

@@ -129,8 +129,9 @@ impl Plan {
             }
         }
         for j in kept {
-            let (index, sine) = sines[j].clone();
+            let (index, mut sine) = sines[j].clone();
             let slot = self.sines.len();
+            sine.first = self.reserve(sine.steps as usize);
             for step in 0..sine.steps as usize {
                 self.roles[sets.first_frame[index] + step] = Role::Sine { slot, step };
             }
@@ -214,7 +215,16 @@ impl Plan {
         } else {
             let slot = self.sines.len();
             let shifts_rad = (0..steps as usize).map(|step| set.step_rad(step)).collect();
-            self.sines.push(SinePlan { index, axis, period_px: stair_px, steps, shifts_rad, even: true });
+            let first = self.reserve(steps as usize);
+            self.sines.push(SinePlan {
+                index,
+                axis,
+                period_px: stair_px,
+                steps,
+                first,
+                shifts_rad,
+                even: true,
+            });
             for step in 0..steps as usize {
                 self.roles[sets.first_frame[index] + step] = Role::Sine { slot, step };
             }
@@ -243,10 +253,16 @@ impl Plan {
         if let Some(Role::Stored(first)) = self.roles.get(first_frame) {
             return *first;
         }
-        let first = self.stored;
+        let first = self.reserve(frames);
         for step in 0..frames {
             self.roles[first_frame + step] = Role::Stored(first + step);
         }
+        first
+    }
+
+    /// Room for so many rasters; the first of them.
+    fn reserve(&mut self, frames: usize) -> usize {
+        let first = self.stored;
         self.stored += frames;
         first
     }

@@ -1,5 +1,6 @@
 //! Wrapped phases from other methods than the running sums, put in their place before the order is sought.
 
+use super::sums::Replaced;
 use super::{DecodeError, Decoder};
 use crate::math::sincos;
 use crate::pattern::Axis;
@@ -71,17 +72,16 @@ impl Decoder {
                 && map.len() == self.correction.len()
         });
         let slot = slot.ok_or(DecodeError::Replace { index, pixels: map.len() })?;
-        let sums = &mut self.sums[slot];
         let half = 0.5 * f64::from(self.steps[slot]);
+        let (mut cos, mut sin) = (vec![0.0; map.len()], vec![0.0; map.len()]);
         for i in 0..map.len() {
-            (sums.cos[i], sums.sin[i]) = (0.0, 0.0);
             if map.valid[i] == 1 {
                 let (s, c) = sincos(f64::from(map.phase_rad[i]));
                 let b = half * f64::from(map.modulation[i]);
-                (sums.cos[i], sums.sin[i]) = ((b * c) as f32, (b * s) as f32);
+                (cos[i], sin[i]) = ((b * c) as f32, (b * s) as f32);
             }
         }
-        sums.sigma_rad = Some(map.sigma_rad.clone());
+        self.sums[slot].replaced = Some(Replaced { cos, sin, sigma_rad: map.sigma_rad.clone() });
         Ok(())
     }
 }

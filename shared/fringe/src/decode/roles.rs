@@ -31,6 +31,8 @@ pub struct SinePlan {
     pub period_px: f64,
     /// Number of steps N.
     pub steps: u32,
+    /// Stored raster of the first step; the others follow.
+    pub first: usize,
     /// Phase step δ of each frame, rad.
     pub shifts_rad: Vec<f64>,
     /// Whether the steps are 2π/N.

@@ -30,7 +30,7 @@ impl Sets<'_> {
             {
                 let (period_px, steps, even) = (*period_px, *steps, shifts_rad.is_empty());
                 let shifts_rad = (0..steps as usize).map(|step| set.step_rad(step)).collect();
-                found.push((index, SinePlan { index, axis, period_px, steps, shifts_rad, even }));
+                found.push((index, SinePlan { index, axis, period_px, steps, first: 0, shifts_rad, even }));
             }
         }
         found.sort_by(|a, b| a.1.period_px.total_cmp(&b.1.period_px));

@@ -17,10 +17,12 @@
 //! The residuals of many steps hold more than noise: harmonics that differ from place to place, light that flickers. Where pixels some distance
 //! apart scatter less than they tell, the scatter counts ([`super::noise::Probe::lessen`]).
 
-use super::accumulate::{Rasters, Sums};
 use super::arctan::angle_positive_rad;
+use super::block::BLOCK;
 use super::noise::Sample;
+use super::rasters::Rasters;
 use super::roles::{CodePlan, Reference};
+use super::sums::{BlockSums, Clipping, Sums};
 use crate::math::wrap_rad;
 
 /// Weights of the kernel, row by row.
@@ -32,20 +34,22 @@ const EDGE_RAD: f64 = 1.2;
 /// Frames of a code show the same level where they differ by less than this share of the contrast.
 const SAME_LEVEL: f64 = 0.25;
 
-/// The pixels that are asked: places in an image of this width, and where a frame was clipped.
+/// The pixels that are asked: places in an image of this width, and where a frame is clipped.
 #[derive(Debug, Clone, Copy)]
 pub struct Places<'a> {
     pub positions: &'a [usize],
     pub width: usize,
-    pub saturated: &'a [u8],
+    pub pixels: usize,
+    pub rasters: &'a Rasters,
+    pub clipping: &'a Clipping,
     /// Distance of the pixels of a window, px.
     pub lag: usize,
 }
 
 impl Places<'_> {
-    /// The 3 × 3 windows inside the image without clipped pixels, by their centre.
+    /// The 3 × 3 windows inside the image, by their centre.
     fn windows(&self) -> impl Iterator<Item = [usize; 9]> {
-        let (width, lag, pixels) = (self.width, self.lag, self.saturated.len());
+        let (width, lag, pixels) = (self.width, self.lag, self.pixels);
         let inner = move |p: &usize| {
             let column = p % width;
             column >= lag && column + lag < width && *p >= lag * width && p + lag * width < pixels
@@ -54,12 +58,15 @@ impl Places<'_> {
             let first = p - lag * width - lag;
             std::array::from_fn(|k| first + k / 3 * lag * width + k % 3 * lag)
         };
-        let windows = self.positions.iter().copied().filter(inner).map(around);
-        windows.filter(|window: &[usize; 9]| window.iter().all(|p| self.saturated[*p] == 0))
+        self.positions.iter().copied().filter(inner).map(around)
     }
 }
 
+/// Windows that are worked on at once: a block of their pixels.
+const WINDOWS: usize = BLOCK / 9;
+
 /// Samples of σ_I² from the phase of one sine set with `steps` frames.
+#[inline(always)]
 pub fn sample_phase(
     places: &Places,
     sums: &Sums,
@@ -67,45 +74,69 @@ pub fn sample_phase(
     least_modulation_dn: f64,
     samples: &mut Vec<Sample>,
 ) {
-    let n = steps as f64;
-    for window in places.windows().take(samples.capacity()) {
-        let centre = window[4];
-        let middle = angle_positive_rad(sums.sin[centre], sums.cos[centre]);
-        let (mut high_pass, mut power, mut usable) = (0.0, 0.0, true);
-        for (weight, pixel) in KERNEL.iter().zip(window) {
-            let (c, s) = (f64::from(sums.cos[pixel]), f64::from(sums.sin[pixel]));
-            let length = (c * c + s * s).sqrt();
-            let modulation_dn = 2.0 / n * length;
-            if modulation_dn < least_modulation_dn || modulation_dn <= 0.0 {
-                usable = false;
-                break;
-            }
-            let difference = wrap_rad(angle_positive_rad(sums.sin[pixel], sums.cos[pixel]) - middle);
-            usable &= difference.abs() < EDGE_RAD;
-            high_pass += weight * difference;
-            let unit = sums.uneven.as_ref().map_or((2.0 / n).sqrt(), |fit| fit.noise(c / length, s / length));
-            let factor = weight * unit / modulation_dn;
-            power += factor * factor;
+    let mut windows = places.windows();
+    let (mut pixels, mut block) = ([0_usize; 9 * WINDOWS], BlockSums::ZERO);
+    let (mut clipped, mut phases) = ([0_u8; BLOCK], [0.0_f64; BLOCK]);
+    loop {
+        let mut count = 0;
+        for window in windows.by_ref().take(WINDOWS) {
+            pixels[9 * count..9 * (count + 1)].copy_from_slice(&window);
+            count += 1;
         }
-        if usable {
-            let background_dn = f64::from(sums.sum[centre]) / n;
-            let variance_dn2 = high_pass * high_pass / power;
-            samples.push(Sample { background_dn, variance_dn2, freedom: 1.0 });
+        if count == 0 {
+            return;
+        }
+        sums.gather(places.rasters, places.pixels, &pixels[..9 * count], &mut block);
+        places.clipping.gather(places.rasters, places.pixels, &pixels[..9 * count], &mut clipped);
+        for ((phase, s), c) in phases[..9 * count].iter_mut().zip(&block.sin).zip(&block.cos) {
+            *phase = angle_positive_rad(*s, *c);
+        }
+        for first in (0..9 * count).step_by(9) {
+            if clipped[first..first + 9].iter().all(|c| *c == 0) && samples.len() < samples.capacity() {
+                samples.extend(window_sample(sums, &block, &phases, first, steps, least_modulation_dn));
+            }
         }
     }
 }
 
+/// The sample of the window whose pixels stand from `first` on in a block.
+#[inline(always)]
+fn window_sample(
+    sums: &Sums,
+    block: &BlockSums,
+    phases_rad: &[f64; BLOCK],
+    first: usize,
+    steps: usize,
+    least_modulation_dn: f64,
+) -> Option<Sample> {
+    let n = steps as f64;
+    let middle = phases_rad[first + 4];
+    let (mut high_pass, mut power, mut usable) = (0.0, 0.0, true);
+    for (weight, pixel) in KERNEL.iter().zip(first..first + 9) {
+        let (c, s) = (f64::from(block.cos[pixel]), f64::from(block.sin[pixel]));
+        let length = (c * c + s * s).sqrt();
+        let modulation_dn = 2.0 / n * length;
+        if modulation_dn < least_modulation_dn || modulation_dn <= 0.0 {
+            return None;
+        }
+        let difference = wrap_rad(phases_rad[pixel] - middle);
+        usable &= difference.abs() < EDGE_RAD;
+        high_pass += weight * difference;
+        let unit = sums.uneven.as_ref().map_or((2.0 / n).sqrt(), |fit| fit.noise(c / length, s / length));
+        let factor = weight * unit / modulation_dn;
+        power += factor * factor;
+    }
+    usable.then(|| Sample {
+        background_dn: f64::from(block.sum[first + 4]) / n,
+        variance_dn2: high_pass * high_pass / power,
+        freedom: 1.0,
+    })
+}
+
 /// Samples of σ_I² from the two coarsest frames of a code, or from its only one and white.
-pub fn sample_code(
-    places: &Places,
-    rasters: &Rasters,
-    code: &CodePlan,
-    least_contrast_dn: f64,
-    samples: &mut Vec<Sample>,
-) {
-    let pixels = places.saturated.len();
+pub fn sample_code(places: &Places, code: &CodePlan, least_contrast_dn: f64, samples: &mut Vec<Sample>) {
     let read = |one: usize, other: usize, pixel: usize| {
-        let (a, b) = rasters.pair(one, other, pixels, pixel);
+        let (a, b) = places.rasters.pair(one, other, places.pixels, pixel);
         (f64::from(a), f64::from(b))
     };
     let (light, dark) = match code.reference {
@@ -120,7 +151,9 @@ pub fn sample_code(
     if one == other {
         return;
     }
-    for window in places.windows().take(samples.capacity()) {
+    let clipped = |p: &usize| places.clipping.at(places.rasters, places.pixels, *p);
+    let windows = places.windows().filter(|window| !window.iter().any(clipped));
+    for window in windows.take(samples.capacity()) {
         let (mut high_pass, mut usable) = (0.0, true);
         for (weight, pixel) in KERNEL.iter().zip(window) {
             let (a, b) = read(one, other, pixel);

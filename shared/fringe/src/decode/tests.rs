@@ -2,6 +2,7 @@
 
 mod diagnose;
 mod footprint;
+mod levels;
 mod methods;
 mod noise;
 mod order;

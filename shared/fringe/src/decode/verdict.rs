@@ -5,7 +5,9 @@ use super::continuity::Continuity;
 use super::neighbours::{Field, MASK};
 use super::report::{DecodeReport, NoiseModel};
 use super::roles::AxisPlan;
+use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
+use fearless_simd::Level;
 use rayon::prelude::*;
 use std::f32::consts::TAU;
 use std::ops::{AddAssign, RangeInclusive};
@@ -15,11 +17,11 @@ use std::sync::Arc;
 const ROWS: usize = 16;
 
 /// Asks the neighbours, row by row.
-pub fn correct_rows(field: &Field, correction: &mut [i16]) {
+pub fn correct_rows(field: &Field, correction: &mut [i16], level: Level) {
     correction
         .par_chunks_mut(ROWS * field.width)
         .enumerate()
-        .for_each(|(chunk, lines)| field.correct(chunk * ROWS, lines));
+        .for_each(|(chunk, lines)| vectorised!(level, field.correct(chunk * ROWS, lines)));
 }
 
 /// What became of the orders.
@@ -74,34 +76,38 @@ pub fn sum<T: AddAssign>(mut a: T, b: T) -> T {
 }
 
 /// Applies the corrections; states become the validity mask.
-pub fn apply(plan: &AxisPlan, correction: &[i16], out: &mut PhaseViewMut) -> Verdicts {
+pub fn apply(plan: &AxisPlan, correction: &[i16], out: &mut PhaseViewMut, level: Level) -> Verdicts {
     // One pixel beyond the projector's edge is noise, more is a wrong order.
     let scale = std::f64::consts::TAU / plan.period_px;
     let inside = ((-1.5 * scale) as f32)..=(((plan.extent_px + 0.5) * scale) as f32);
     let planes = out.phase_rad.par_chunks_mut(CHUNK).zip(out.sigma_rad.par_chunks_mut(CHUNK));
     let planes = planes.zip(out.valid.par_chunks_mut(CHUNK)).zip(correction.par_chunks(CHUNK));
     let verdicts = planes.map(|(((phase, sigma), valid), correction)| {
-        let mut verdicts = Verdicts::default();
-        for first in (0..valid.len()).step_by(BLOCK) {
-            let part = first..(first + BLOCK).min(valid.len());
-            let untouched = correction[part.clone()].iter().fold(0, |any, c| any | c) == 0
-                && valid[part.clone()].iter().fold(0, |most: u8, state| most.max(*state)) <= state::SURE;
-            if untouched {
-                verdicts.valid += valid[part].iter().map(|v| u32::from(*v)).sum::<u32>() as usize;
-                continue;
-            }
-            for i in part {
-                apply_one(
-                    correction[i],
-                    &inside,
-                    (&mut phase[i], &mut sigma[i], &mut valid[i]),
-                    &mut verdicts,
-                );
-            }
-        }
-        verdicts
+        vectorised!(level, apply_chunk(correction, &inside, (phase, sigma, valid)))
     });
     verdicts.reduce(Verdicts::default, sum)
+}
+
+#[inline(always)]
+fn apply_chunk(
+    correction: &[i16],
+    inside: &RangeInclusive<f32>,
+    (phase, sigma, valid): (&mut [f32], &mut [f32], &mut [u8]),
+) -> Verdicts {
+    let mut verdicts = Verdicts::default();
+    for first in (0..valid.len()).step_by(BLOCK) {
+        let part = first..(first + BLOCK).min(valid.len());
+        let untouched = correction[part.clone()].iter().fold(0, |any, c| any | c) == 0
+            && valid[part.clone()].iter().fold(0, |most: u8, state| most.max(*state)) <= state::SURE;
+        if untouched {
+            verdicts.valid += valid[part].iter().map(|v| u32::from(*v)).sum::<u32>() as usize;
+            continue;
+        }
+        for i in part {
+            apply_one(correction[i], inside, (&mut phase[i], &mut sigma[i], &mut valid[i]), &mut verdicts);
+        }
+    }
+    verdicts
 }
 
 fn apply_one(

@@ -8,6 +8,7 @@ pub mod fourier;
 pub mod linear;
 pub mod parallel;
 pub mod random;
+pub(crate) mod simd;
 pub mod statistics;
 
 use std::f64::consts::{PI, TAU};

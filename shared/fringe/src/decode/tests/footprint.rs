@@ -1,8 +1,9 @@
 //! The footprint: found from the frames, its bias removed, steps left alone.
 
-use super::super::accumulate::Rasters;
 use super::super::footprint::{Footprint, Reflectance};
+use super::super::rasters::Rasters;
 use super::super::roles::Levels;
+use crate::math::simd::best_level;
 use crate::math::{atan2, cos, exp, hypot, sin, wrap_rad};
 use crate::pattern::Axis;
 use crate::phase::{PhaseInfo, PhaseMap};
@@ -71,9 +72,9 @@ fn the_footprint_is_found_from_the_frames_and_its_bias_removed() {
         let (mut map, rasters) = blurred(variance_px2);
         let before = errors(&map);
         let mut footprint = Footprint::new(WIDTH, map.info.len());
-        let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters))).unwrap();
+        let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)), best_level()).unwrap();
         assert!((found / variance_px2 - 1.0).abs() < 0.05, "{found} instead of {variance_px2}");
-        footprint.correct(found, &mut map.view_mut());
+        footprint.correct(found, &mut map.view_mut(), best_level());
         let after = errors(&map);
         // Parts of opposite curvature and shading cancel in the mean, so the largest error is the measure of both.
         assert!(after.0.abs() < 0.03 * before.1, "(mean, largest) {before:?} became {after:?}");
@@ -85,10 +86,10 @@ fn the_footprint_is_found_from_the_frames_and_its_bias_removed() {
 fn no_footprint_is_found_where_there_is_none_or_where_nothing_tells_it() {
     let (mut map, rasters) = blurred(0.0);
     let mut footprint = Footprint::new(WIDTH, map.info.len());
-    let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)));
+    let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)), best_level());
     assert!(found.is_none_or(|s2| s2 < 0.005), "{found:?}");
     map.valid.fill(0);
-    assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters))), None);
+    assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters)), best_level()), None);
 }
 
 #[test]
@@ -101,8 +102,8 @@ fn a_step_is_left_alone() {
     }
     let before = map.clone();
     let mut footprint = Footprint::new(WIDTH, map.info.len());
-    assert_eq!(footprint.survey(&map.view_mut(), None), None);
-    footprint.correct(0.33, &mut map.view_mut());
+    assert_eq!(footprint.survey(&map.view_mut(), None, best_level()), None);
+    footprint.correct(0.33, &mut map.view_mut(), best_level());
     for row in 2..HEIGHT - 2 {
         for column in 118..122 {
             let index = row * WIDTH + column;
@@ -120,8 +121,8 @@ fn tiny_images_have_no_inside() {
         map.phase_rad.fill(1.0);
         let mut footprint = Footprint::new(width as usize, info.len());
         let rasters = Rasters::new(2, info.len(), 255);
-        assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters))), None);
-        footprint.correct(0.33, &mut map.view_mut());
+        assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters)), best_level()), None);
+        footprint.correct(0.33, &mut map.view_mut(), best_level());
         assert!(map.phase_rad.iter().all(|phase| *phase == 1.0));
     }
 }

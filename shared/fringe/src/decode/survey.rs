@@ -1,0 +1,252 @@
+//! Derivatives of a phase map: the least-squares quadratic over 5 × 5 pixels about each pixel.
+//!
+//! The sums of a window are sums of its rows, and a row's sums serve five windows: they are made once, for a tile that fits the first
+//! cache, relative to the pixel in the middle of the row. A window then joins five of them.
+
+// A tile is a local array so that it stays in the first cache.
+#![allow(clippy::large_stack_arrays)]
+
+use super::footprint::{BINS, Bins, FIRST_BITS, GROUPS, ROWS, Reflectance};
+use super::rasters::Rasters;
+use crate::phase::PhaseViewMut;
+
+/// Half the edge of the neighbourhood.
+const HALF: usize = 2;
+/// Σ x² over the 5 × 5 neighbourhood.
+const SUM_X2: f32 = 50.0;
+/// Σ (x² − 2)² over the neighbourhood.
+const SUM_Q2: f32 = 70.0;
+/// Σ x² y² over the neighbourhood.
+const SUM_XY2: f32 = 100.0;
+/// A neighbourhood is smooth when its residual stays within so many times the phase noise, plus this many rad.
+const SMOOTH_SIGMAS: f32 = 3.0;
+const SMOOTH_RAD: f32 = 0.02;
+/// Pixels that are worked on side by side, as vectors; narrower images are left alone.
+const LANES: usize = 16;
+/// Groups of them in a tile.
+const TILE: usize = 4;
+/// Rows of a tile with those above and below that its windows reach.
+const LINES: usize = ROWS + 2 * HALF;
+/// Pixels that enter the bins together where their slopes are alike.
+const ALIKE: usize = 8;
+/// Bin of a pixel that is not counted.
+const NO_BIN: u32 = u32::MAX;
+
+/// What is surveyed.
+#[derive(Clone, Copy)]
+pub struct Survey<'a> {
+    /// The phase map.
+    pub map: &'a PhaseViewMut<'a>,
+    /// The frames that give the reflectance, where there are any.
+    pub reflectance: Option<&'a Reflectance<'a>>,
+    /// Width of the image, px.
+    pub width: usize,
+}
+
+/// One value for each of the pixels side by side.
+type Lanes = [f32; LANES];
+
+/// Sums over the five pixels of a row about each pixel, u = −2 … 2, v = phase less that of the middle one.
+#[derive(Clone, Copy)]
+struct RowSums {
+    /// Σ v.
+    flat: Lanes,
+    /// Σ u v.
+    slope: Lanes,
+    /// Σ (u² − 2) v.
+    curve: Lanes,
+    /// Σ v².
+    squares: Lanes,
+    /// Σ B.
+    light: Lanes,
+    /// Σ u B.
+    light_slope: Lanes,
+    /// The phase itself.
+    middle: Lanes,
+}
+
+impl RowSums {
+    const ZERO: Self = Self {
+        flat: [0.0; LANES],
+        slope: [0.0; LANES],
+        curve: [0.0; LANES],
+        squares: [0.0; LANES],
+        light: [0.0; LANES],
+        light_slope: [0.0; LANES],
+        middle: [0.0; LANES],
+    };
+
+    /// The sums from the phase and the modulation of a row, which begin two pixels before the first one.
+    #[inline(always)]
+    fn new(phase: &[f32; LANES + 4], light: &[f32; LANES + 4]) -> Self {
+        let mut sums = Self::ZERO;
+        for i in 0..LANES {
+            let m = phase[i + 2];
+            let (v0, v1, v3, v4) = (phase[i] - m, phase[i + 1] - m, phase[i + 3] - m, phase[i + 4] - m);
+            sums.middle[i] = m;
+            sums.flat[i] = (v0 + v4) + (v1 + v3);
+            sums.slope[i] = 2.0 * (v4 - v0) + (v3 - v1);
+            sums.curve[i] = 2.0 * (v0 + v4) - (v1 + v3);
+            sums.squares[i] = (v0 * v0 + v4 * v4) + (v1 * v1 + v3 * v3);
+        }
+        for i in 0..LANES {
+            let (b0, b1, b2, b3, b4) = (light[i], light[i + 1], light[i + 2], light[i + 3], light[i + 4]);
+            sums.light[i] = (b0 + b4) + (b1 + b3) + b2;
+            sums.light_slope[i] = 2.0 * (b4 - b0) + (b3 - b1);
+        }
+        sums
+    }
+}
+
+/// ½ ∇²φ + ∇ln R · ∇φ and |∇φ|² of the pixels whose five rows are given; NaN where they are not one smooth surface.
+#[inline(always)]
+fn window(rows: [&RowSums; 5], sigma_rad: &Lanes, modulation: &Lanes) -> (Lanes, Lanes) {
+    let (mut bias, mut slope2) = ([0.0; LANES], [0.0; LANES]);
+    for i in 0..LANES {
+        let m = rows[2].middle[i];
+        let mut g = [0.0_f32; 5];
+        let mut d2 = 0.0;
+        for (g, row) in g.iter_mut().zip(rows) {
+            // The middle of the row less that of the window.
+            let v = row.middle[i] - m;
+            *g = row.flat[i] + 5.0 * v;
+            d2 += row.squares[i] + v * (row.flat[i] + *g);
+        }
+        let across = |v: [f32; 5]| (v[0] + v[4]) + (v[1] + v[3]) + v[2];
+        let along = |v: [f32; 5]| 2.0 * (v[4] - v[0]) + (v[3] - v[1]);
+        let d = across(g);
+        let (dx, dxx) = (across(rows.map(|row| row.slope[i])), across(rows.map(|row| row.curve[i])));
+        let (dy, dyy) = (along(g), 2.0 * (g[0] + g[4] - g[2]) - (g[1] + g[3]));
+        let dxy = along(rows.map(|row| row.slope[i]));
+        let explained = d * d * (1.0 / 25.0)
+            + (dx * dx + dy * dy) * (1.0 / SUM_X2)
+            + (dxx * dxx + dyy * dyy) * (1.0 / SUM_Q2)
+            + dxy * dxy * (1.0 / SUM_XY2);
+        let limit = SMOOTH_SIGMAS * sigma_rad[i] + SMOOTH_RAD;
+        // 25 values, six parameters. A masked neighbour makes the sum NaN, and NaN is not within the limit.
+        #[allow(clippy::needless_bitwise_bool, reason = "without branches the loop vectorises")]
+        let smooth = (d2 - explained <= 19.0 * limit * limit) & (modulation[i] > 0.0);
+        let (x, y) = (dx * (1.0 / SUM_X2), dy * (1.0 / SUM_X2));
+        let shading = 1.0 / (SUM_X2 * modulation[i]);
+        let u = across(rows.map(|row| row.light_slope[i])) * shading;
+        let v = along(rows.map(|row| row.light[i])) * shading;
+        let value = (dxx + dyy) * (1.0 / SUM_Q2) + (u * x + v * y);
+        bias[i] = if smooth { value } else { f32::NAN };
+        slope2[i] = if smooth { x * x + y * y } else { f32::NAN };
+    }
+    (bias, slope2)
+}
+
+/// A fixed number of values from `start` on; they must be there.
+#[inline(always)]
+fn taken<const N: usize>(values: &[f32], start: usize) -> [f32; N] {
+    let mut taken = [0.0; N];
+    taken.copy_from_slice(&values[start..start + N]);
+    taken
+}
+
+impl Survey<'_> {
+    /// Fills ½ ∇²φ + ∇ln R · ∇φ of up to [`ROWS`] rows from `row` on, where it is known, and adds them to the bins.
+    #[inline(always)]
+    pub fn rows(&self, row: usize, bias: &mut [f32], bins: &mut Bins) {
+        let (width, height) = (self.width, self.map.phase_rad.len() / self.width);
+        let (first, last) = (row.max(HALF), (row + ROWS).min(height.saturating_sub(HALF)));
+        if first >= last || width < LANES + 2 * HALF {
+            return;
+        }
+        let end = width - HALF;
+        let mut sums = [[RowSums::ZERO; TILE]; LINES];
+        for column in (HALF..end).step_by(TILE * LANES) {
+            let tile = TILE.min((end - column).div_ceil(LANES));
+            // The last group of a row reaches back, so that it ends with the row.
+            let start = |group: usize| (column + group * LANES).min(end - LANES);
+            let lit = |y: usize| {
+                self.map.valid[y * width + start(0)..y * width + start(tile - 1) + LANES].contains(&1)
+            };
+            if !(first..last).any(lit) {
+                continue;
+            }
+            for (y, sums) in (first - HALF..last + HALF).zip(&mut sums) {
+                for (group, sums) in sums[..tile].iter_mut().enumerate() {
+                    let at = y * width + start(group) - HALF;
+                    *sums = RowSums::new(&taken(self.map.phase_rad, at), &taken(self.map.modulation, at));
+                }
+            }
+            for (y, rows) in (first..last).zip(sums.windows(2 * HALF + 1)) {
+                if !lit(y) {
+                    continue;
+                }
+                for group in 0..tile {
+                    let at = y * width + start(group);
+                    let rows = [0, 1, 2, 3, 4].map(|r| &rows[r][group]);
+                    let modulation = taken(self.map.modulation, at);
+                    let (found, slope2) = window(rows, &taken(self.map.sigma_rad, at), &modulation);
+                    bias[at - row * width..][..LANES].copy_from_slice(&found);
+                    let counted = column + group * LANES - start(group);
+                    self.add_to_bins(at, counted, (&slope2, &modulation), y % GROUPS, bins);
+                }
+            }
+        }
+    }
+
+    /// Adds the pixels from `at` on, but for the first ones that were counted before.
+    #[inline(always)]
+    fn add_to_bins(
+        &self,
+        at: usize,
+        counted: usize,
+        (slope2, modulation): (&Lanes, &Lanes),
+        group: usize,
+        bins: &mut Bins,
+    ) {
+        let Some(light) = self.reflectance else { return };
+        let pixels = self.map.valid.len();
+        let reflectance = match light.rasters {
+            Rasters::Bytes(data) => light.read(data, pixels, at),
+            Rasters::Words(data) => light.read(data, pixels, at),
+        };
+        let mut places = [NO_BIN; LANES];
+        for i in 0..LANES {
+            // Four bins to the octave, read from the bits of the number.
+            let bits = (slope2[i].to_bits() >> 21).max(FIRST_BITS as u32);
+            let place = (bits - FIRST_BITS as u32).min(BINS as u32 - 1);
+            #[allow(clippy::needless_bitwise_bool, reason = "without branches the loop vectorises")]
+            let known = (slope2[i] >= 0.0) & (reflectance[i] > 0.0) & (i >= counted);
+            places[i] = if known { place } else { NO_BIN };
+        }
+        for first in (0..LANES).step_by(ALIKE) {
+            let part = first..first + ALIKE;
+            let place = places[first];
+            let alike = places[part.clone()].iter().fold(0, |other, bin| other | (*bin ^ place)) == 0;
+            if alike && place == NO_BIN {
+                continue;
+            }
+            if alike {
+                let sums = &mut bins[place as usize][group];
+                sums.add(&modulation[part.clone()], &reflectance[part.clone()], &slope2[part]);
+                continue;
+            }
+            for i in part.filter(|i| places[*i] != NO_BIN) {
+                let sums = &mut bins[places[i] as usize][group];
+                sums.add(&modulation[i..=i], &reflectance[i..=i], &slope2[i..=i]);
+            }
+        }
+    }
+}
+
+impl Reflectance<'_> {
+    /// White less black from pixel `at` on, DN; 0 where white is clipped or not brighter.
+    #[inline(always)]
+    fn read<T: Copy + Into<u16>>(&self, data: &[T], pixels: usize, at: usize) -> Lanes {
+        let white = &data[self.levels.white * pixels + at..][..LANES];
+        let black = &data[self.levels.black * pixels + at..][..LANES];
+        let mut out = [0.0; LANES];
+        for ((out, white), black) in out.iter_mut().zip(white).zip(black) {
+            let (white, black): (u16, u16) = ((*white).into(), (*black).into());
+            #[allow(clippy::needless_bitwise_bool, reason = "without branches the loop vectorises")]
+            let usable = (white < self.clipped_dn) & (white > black);
+            *out = if usable { f32::from(white.wrapping_sub(black)) } else { 0.0 };
+        }
+        out
+    }
+}

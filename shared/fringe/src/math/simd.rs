@@ -1,0 +1,35 @@
+//! Loops compiled for the vector instructions that the processor has, with the same bits on all of them.
+//!
+//! The loops are plain Rust: sums, products, quotients, square roots and integers, each rounded by itself. Rust fuses or reorders
+//! none of them, so wider vectors change the time and not the result. The functions called must be `#[inline(always)]`:
+//! what is not inlined is compiled for the plainest processor.
+
+use fearless_simd::Level;
+
+/// Runs an expression compiled for each level of instructions, at the best one up to a given [`Level`].
+macro_rules! vectorised {
+    ($level:expr, $body:expr) => {
+        fearless_simd::dispatch!($level, _level => $body)
+    };
+}
+pub(crate) use vectorised;
+
+/// The best level of this processor.
+pub(crate) fn best_level() -> Level {
+    Level::new()
+}
+
+/// All levels of this processor, the plainest first.
+#[cfg(test)]
+pub(crate) fn levels() -> Vec<Level> {
+    let best = Level::new();
+    let mut all = vec![Level::baseline()];
+    #[cfg(target_arch = "x86_64")]
+    {
+        all.extend(best.as_sse4_2().map(fearless_simd::Simd::level));
+        all.extend(best.as_avx2().map(fearless_simd::Simd::level));
+        all.extend(best.as_avx512().map(fearless_simd::Simd::level));
+    }
+    all.push(best);
+    all
+}
