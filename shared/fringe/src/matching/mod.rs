@@ -95,8 +95,7 @@ pub struct Matcher {
     right_phase: Vec<f32>,
     /// Not zero where the right surface ends within `surface.edge_px`.
     right_rims: Vec<u8>,
-    /// Scratch for a row of them, and for the gaps between them.
-    rim_counts: Vec<u16>,
+    /// Scratch for the gaps between them.
     right_gaps: Vec<u8>,
     /// Scratch for the median noise.
     noise: Vec<f32>,
@@ -145,7 +144,6 @@ impl Matcher {
             left_phase: vec![f32::NAN; columns * rows],
             right_phase: vec![f32::NAN; right.width_px as usize * right.height_px as usize],
             right_rims: vec![0; right.width_px as usize * right.height_px as usize],
-            rim_counts: vec![0; right.width_px as usize],
             right_gaps: vec![0; right.width_px as usize * right.height_px as usize],
             noise: Vec::with_capacity(NOISE_SAMPLES),
             hits: vec![Sample::NONE; order.len()],
@@ -187,8 +185,14 @@ impl Matcher {
         // A rim shifts the phase two pixels away by less than noise like this hides, and hardly one that was interpolated.
         let hidden = noise_px > RIM_NOISE_PX || independent < INTERPOLATED;
         let edge = if hidden { edge_px.min(1) } else { edge_px };
-        let Self { right_gaps, rim_counts, right_rims, .. } = self;
-        mark_rims(&self.right_phase, edge, limits.max_rad, right_gaps, rim_counts, right_rims);
+        let Self { right_gaps, right_rims, .. } = self;
+        mark_rims(
+            (right.info.width_px as usize, &self.right_phase),
+            edge,
+            limits.max_rad,
+            right_gaps,
+            right_rims,
+        );
         let mut report = self.match_rows(left, right, limits);
         for (sample, phase) in self.samples.iter_mut().zip(&self.left_phase) {
             *sample = Sample::without(if phase.is_nan() { Cause::Dark } else { Cause::Outside });

@@ -1,6 +1,8 @@
 //! The memory of a surface builder, and its parts of rows.
 
-use super::{Cause, SurfaceSettings};
+use super::{Cause, Sample, SurfaceSettings};
+use crate::math::simd::best_level;
+use fearless_simd::Level;
 
 /// Rows per part of parallel work; fixed, so that no result depends on the number of threads.
 const PART_ROWS: usize = 16;
@@ -21,6 +23,11 @@ pub(crate) struct SurfaceBuilder {
     pub(super) counts: Vec<PartCount>,
     pub(super) point_parts: Vec<usize>,
     pub(super) keep: Vec<u8>,
+    /// The inverse depths of the samples, and their uncertainties, each in one piece.
+    pub(super) depths: Vec<f64>,
+    pub(super) sigmas: Vec<f32>,
+    /// Instructions that may be used.
+    pub(super) level: Level,
     pub(super) parents: Vec<u32>,
     pub(super) sizes: Vec<u32>,
     /// What became of each pixel.
@@ -57,6 +64,13 @@ impl SurfaceBuilder {
         &self.causes
     }
 
+    /// Takes the inverse depths of samples and their uncertainties.
+    pub(super) fn load(&mut self, samples: &[Sample]) {
+        for ((sample, depth), sigma) in samples.iter().zip(&mut self.depths).zip(&mut self.sigmas) {
+            (*depth, *sigma) = (sample.inverse_depth, sample.sigma);
+        }
+    }
+
     pub fn new(width: usize, height: usize, settings: SurfaceSettings) -> Self {
         let parts = height.div_ceil(PART_ROWS);
         let pixels = width * height;
@@ -68,6 +82,9 @@ impl SurfaceBuilder {
             counts: vec![PartCount::default(); parts],
             point_parts: vec![0; parts + 1],
             keep: vec![0; pixels],
+            depths: vec![f64::NAN; pixels],
+            sigmas: vec![f32::NAN; pixels],
+            level: best_level(),
             parents: vec![0; pixels],
             sizes: vec![0; pixels],
             causes: vec![Cause::Dark; pixels],

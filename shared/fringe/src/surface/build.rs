@@ -2,14 +2,18 @@
 
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::normals::{Link, normal, quiet_half};
+use super::quick::{HALF, LANES, Shared, group};
 use super::rim::at_rim;
 use super::sample::{Sample, View};
 use super::smooth::{smoothed, smoothed_partly};
 use super::{Cause, SurfaceReport, SurfaceSettings};
 use crate::cloud::Point;
 use crate::math::parallel::for_parts;
+use crate::math::simd::vectorised;
 use bytemuck::Zeroable;
 use nalgebra::Vector3;
+use std::ops::Range;
+use std::slice::IterMut;
 
 impl SurfaceBuilder {
     /// Drops spikes, crumbs and steep points from `samples`, then writes the points in pixel order; `out` has at least one element per pixel.
@@ -53,22 +57,12 @@ impl SurfaceBuilder {
             settings: &self.settings,
             min_cosine: self.min_cosine,
             gaps: &self.keep,
+            depths: &self.depths,
         };
         for_parts(&self.point_parts, &mut out[..total], &mut self.counts, &|part, points, count| {
             *count = PartCount::default();
-            // Points from the front, dropped pixels with their cause from the back: together they fill the part exactly.
-            let mut slots = points.iter_mut();
-            for pixel in (self.row_parts[part]..self.row_parts[part + 1]).filter(filled) {
-                let (sample, normal, cause) = selector.pixel(pixel);
-                count.add(cause);
-                if cause == Cause::Point {
-                    let Some(point) = slots.next() else { break };
-                    *point = view.point(&sample, pixel, pair, normal);
-                    count.without_normal += u32::from(normal.is_none());
-                } else if let Some(dropped) = slots.next_back() {
-                    *dropped = Point { pixel: pixel as u32, reserved: cause as u32, ..Zeroable::zeroed() };
-                }
-            }
+            let pixels = self.row_parts[part]..self.row_parts[part + 1];
+            vectorised!(self.level, selector.rows(pixels, pair, points, count));
         });
         self.note_causes(&out[..total]);
         self.close_gaps(out)
@@ -114,9 +108,73 @@ struct Selector<'a> {
     settings: &'a SurfaceSettings,
     min_cosine: f64,
     gaps: &'a [u8],
+    /// The inverse depths of the samples.
+    depths: &'a [f64],
 }
 
 impl Selector<'_> {
+    /// Points from the front, dropped pixels with their cause from the back: together they fill the part exactly.
+    #[inline(always)]
+    fn rows(&self, pixels: Range<usize>, pair: u32, points: &mut [Point], count: &mut PartCount) {
+        let View { width, height, .. } = *self.view;
+        let common =
+            Shared { max_step: self.link.max_step, excess: self.excess, min_cosine: self.min_cosine };
+        let whole = self.settings.smoothing_half() == HALF
+            && self.settings.normal_window_px as usize / 2 == HALF
+            && self.settings.edge_px as usize <= HALF;
+        let mut slots = points.iter_mut();
+        let mut at = pixels.start;
+        while at < pixels.end {
+            let (column, row) = (at % width, at / width);
+            let inner =
+                row >= HALF && row + HALF < height && column >= HALF && column + LANES + HALF <= width;
+            if !(whole && inner) {
+                if self.depths[at].is_finite() {
+                    self.place(at, pair, &mut slots, count);
+                }
+                at += 1;
+                continue;
+            }
+            if self.depths[at..at + LANES].iter().any(|depth| depth.is_finite()) {
+                let found = group(self.view, self.depths, self.samples, at, common);
+                for l in 0..LANES {
+                    if !found.settled[l] {
+                        if self.depths[at + l].is_finite() {
+                            self.place(at + l, pair, &mut slots, count);
+                        }
+                        continue;
+                    }
+                    let Some(point) = slots.next() else { return };
+                    count.add(Cause::Point);
+                    *point = Point {
+                        position_mm: found.position_mm.map(|axis| axis[l]),
+                        normal: found.normal.map(|axis| axis[l] as f32),
+                        sigma_mm: found.sigma_mm[l],
+                        modulation: self.samples[at + l].modulation,
+                        pair,
+                        pixel: (at + l) as u32,
+                        reserved: 0,
+                    };
+                }
+            }
+            at += LANES;
+        }
+    }
+
+    /// The point of one pixel, or its cause.
+    #[inline(never)]
+    fn place(&self, pixel: usize, pair: u32, slots: &mut IterMut<Point>, count: &mut PartCount) {
+        let (sample, normal, cause) = self.pixel(pixel);
+        count.add(cause);
+        if cause == Cause::Point {
+            let Some(point) = slots.next() else { return };
+            *point = self.view.point(&sample, pixel, pair, normal);
+            count.without_normal += u32::from(normal.is_none());
+        } else if let Some(dropped) = slots.next_back() {
+            *dropped = Point { pixel: pixel as u32, reserved: cause as u32, ..Zeroable::zeroed() };
+        }
+    }
+
     /// The smoothed sample, its normal, and whether it is a point.
     #[inline]
     fn pixel(&self, pixel: usize) -> (Sample, Option<Vector3<f64>>, Cause) {

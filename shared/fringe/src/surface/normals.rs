@@ -38,7 +38,7 @@ struct Plane {
 }
 
 /// Largest standard uncertainty of a slope that a normal may have from noise, as a tangent: 9°.
-const MAX_SLOPE_NOISE: f64 = 0.15;
+pub(super) const MAX_SLOPE_NOISE: f64 = 0.15;
 
 /// Largest half width of the window of a normal where the noise asks for it.
 const MAX_HALF: usize = 12;

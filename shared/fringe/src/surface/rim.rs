@@ -1,8 +1,10 @@
 //! Where a surface ends in the picture.
 
-use super::gaps::bridges_line;
+use super::gaps::mark_row;
 use super::normals::Link;
 use super::sample::Sample;
+use crate::math::simd::{best_level, vectorised};
+use rayon::prelude::*;
 
 /// A window at a rim lacks more than this part of its samples; a speck that could not be matched lacks less.
 const SPECK_SHARE: f64 = 0.1;
@@ -10,61 +12,76 @@ const SPECK_SHARE: f64 = 0.1;
 /// A single sample is a speck in any window: at a rim at least two of eight neighbours are missing, but for steps of a slanting one.
 const SPECK_SAMPLES: f64 = 1.0;
 
-/// Whether so many missing samples of a window are more than specks.
-fn more_than_specks(missing: usize, all: usize) -> bool {
-    missing as f64 > (SPECK_SHARE * all as f64).max(SPECK_SAMPLES)
+/// Most missing samples of a window of so many that are specks.
+fn specks(all: usize) -> u16 {
+    (SPECK_SHARE * all as f64).max(SPECK_SAMPLES).floor() as u16
 }
+
+/// Fewest rows of one parallel job.
+const ROWS: usize = 16;
 
 /// Marks the pixels of a raster with more than specks of NaN up to `edge` pixels away; beyond the picture nothing is missed,
 /// nor in a gap of up to three pixels whose sides differ by less than `max_step` per pixel.
-///
-/// `columns` is scratch, as long as a row: the count of a window is a sum along the row of sums along columns.
+/// `gaps` is scratch of the same size.
 pub(crate) fn mark_rims(
-    values: &[f32],
+    (width, values): (usize, &[f32]),
     edge: usize,
     max_step: f32,
     gaps: &mut [u8],
-    columns: &mut [u16],
     rims: &mut [u8],
 ) {
-    let width = columns.len();
     if edge == 0 || width == 0 {
         rims.fill(0);
         return;
     }
     let height = values.len() / width;
-    for (pixel, missing) in gaps.iter_mut().enumerate() {
-        let joined = |a: usize, b: usize, d: usize| (values[a] - values[b]).abs() <= max_step * d as f32;
-        let (column, row) = (pixel % width, pixel / width);
-        let in_row = |i: usize| row * width + i;
-        let in_column = |i: usize| i * width + column;
-        let bridged = values[pixel].is_nan()
-            && (bridges_line(
-                column,
-                width,
-                |i| !values[in_row(i)].is_nan(),
-                |i, j| joined(in_row(i), in_row(j), j - i),
-            ) || bridges_line(
-                row,
-                height,
-                |i| !values[in_column(i)].is_nan(),
-                |i, j| joined(in_column(i), in_column(j), j - i),
-            ));
-        *missing = u8::from(values[pixel].is_nan() && !bridged);
-    }
+    let level = best_level();
+    let joined = |a: usize, b: usize, d: usize| (values[a] - values[b]).abs() <= max_step * d as f32;
+    gaps.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, line)| {
+        vectorised!(level, mark_row((width, height), values, row, line, &joined));
+        // What is missing and no gap.
+        for (missing, value) in line.iter_mut().zip(&values[row * width..]) {
+            *missing = u8::from(value.is_nan() && *missing == 0);
+        }
+    });
+    let gaps = &*gaps;
+    rims.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, rims)| {
+        vectorised!(level, count_row((width, height), gaps, edge, row, rims));
+    });
+}
+
+/// Pixels of a group.
+const GROUP: usize = 32;
+
+/// Marks the pixels of a row in whose window more than specks are missing.
+#[inline(always)]
+fn count_row((width, height): (usize, usize), missing: &[u8], edge: usize, row: usize, rims: &mut [u8]) {
     let span = |at: usize, end: usize| at.saturating_sub(edge)..(at + edge + 1).min(end);
-    for row in 0..height {
-        columns.fill(0);
-        let lines = span(row, height);
-        for line in lines.clone() {
-            let missing = &gaps[line * width..(line + 1) * width];
-            columns.iter_mut().zip(missing).for_each(|(count, missing)| *count += u16::from(*missing));
+    let lines = span(row, height);
+    let most = specks((2 * edge + 1) * lines.len());
+    let mut column = 0;
+    while column < width {
+        if column >= edge && column + GROUP + edge <= width {
+            let mut counts = [0_u16; GROUP];
+            for line in lines.clone() {
+                for place in 0..=2 * edge {
+                    let values = &missing[line * width + column + place - edge..][..GROUP];
+                    for (count, value) in counts.iter_mut().zip(values) {
+                        *count += u16::from(*value);
+                    }
+                }
+            }
+            for (rim, count) in rims[column..column + GROUP].iter_mut().zip(counts) {
+                *rim = u8::from(count > most);
+            }
+            column += GROUP;
+            continue;
         }
-        for (column, rim) in rims[row * width..(row + 1) * width].iter_mut().enumerate() {
-            let places = span(column, width);
-            let missing: u16 = columns[places.clone()].iter().sum();
-            *rim = u8::from(more_than_specks(usize::from(missing), places.len() * lines.len()));
-        }
+        let places = span(column, width);
+        let counted = lines.clone().flat_map(|line| &missing[line * width..][places.clone()]);
+        let count: u16 = counted.map(|missing| u16::from(*missing)).sum();
+        rims[column] = u8::from(count > specks(places.len() * lines.len()));
+        column += 1;
     }
 }
 
@@ -86,10 +103,10 @@ pub(super) fn at_rim(
             let distance = line.abs_diff(row).max(place.abs_diff(column));
             all += 1;
             let at = line * width + place;
-            missing += usize::from(gaps[at] == 0 && !link.joins(centre, &samples[at], distance));
+            missing += u16::from(gaps[at] == 0 && !link.joins(centre, &samples[at], distance));
         }
     }
-    more_than_specks(missing, all)
+    missing > specks(all)
 }
 
 #[cfg(test)]
@@ -146,10 +163,10 @@ mod tests {
             }
         };
         let samples: Vec<Sample> = (0..width * height).map(sample).collect();
-        let (mut columns, mut rims) = (vec![0; width], vec![0; width * height]);
+        let mut rims = vec![0; width * height];
         let (mut gaps, none) = (vec![0; width * height], vec![0; width * height]);
         for edge in [1, 2, 3] {
-            mark_rims(&values, edge, -1.0, &mut gaps, &mut columns, &mut rims);
+            mark_rims((width, &values), edge, -1.0, &mut gaps, &mut rims);
             for pixel in (0..width * height).filter(|i| inside(*i)) {
                 assert_eq!(
                     rims[pixel] != 0,
@@ -158,7 +175,7 @@ mod tests {
                 );
             }
         }
-        mark_rims(&values, 0, 0.0, &mut gaps, &mut columns, &mut rims);
+        mark_rims((width, &values), 0, 0.0, &mut gaps, &mut rims);
         assert!(rims.iter().all(|rim| *rim == 0));
     }
 }

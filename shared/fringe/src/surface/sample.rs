@@ -56,10 +56,10 @@ pub(crate) struct View<'a> {
 
 /// Error of a point seen at an angle of incidence θ: this share of the pixel's length on the surface, over cos³ θ. On a ball of
 /// 22 mm at 0.21 mm per pixel it is 1 µm at 70°, 2.4 µm at 75°, 8 µm at 80°.
-const STEEP_ERROR: f64 = 2e-4;
+pub(super) const STEEP_ERROR: f64 = 2e-4;
 
 /// Such an error counts where it is more than this share of the point's own uncertainty: fits average noise, not this.
-const STEEP_SHARE: f64 = 0.1;
+pub(super) const STEEP_SHARE: f64 = 0.1;
 
 /// Cosine of the steepest incidence that a slope is turned back from: 87°.
 const LEAST_COSINE: f64 = 0.05;
@@ -99,13 +99,16 @@ impl View<'_> {
     ) -> f64 {
         let noise = self.noise_px(sample);
         let cube = STEEP_ERROR / (STEEP_SHARE * noise.max(1e-9));
-        let min_cosine =
-            if min_cosine * min_cosine * min_cosine > cube { crate::math::cbrt(cube) } else { min_cosine };
         let [x, y] = self.directions[pixel];
         let own = Vector3::new(x, y, 1.0);
         // The direction from the other view, scaled by the inverse depth.
         let other = own - self.other_mm * sample.inverse_depth;
         let least = (-normal.dot(&own) / own.norm()).min(-normal.dot(&other) / other.norm());
+        if least >= min_cosine {
+            return 0.0;
+        }
+        let min_cosine =
+            if min_cosine * min_cosine * min_cosine > cube { crate::math::cbrt(cube) } else { min_cosine };
         if least >= min_cosine {
             return 0.0;
         }

@@ -12,11 +12,11 @@ use super::sample::Sample;
 use nalgebra::{Matrix6, Vector6};
 
 /// Residuals beyond this many sigmas are not noise of one surface. Nineteen degrees of freedom scatter by ± 0.16.
-const MAX_NOISE: f64 = 1.5;
+pub(super) const MAX_NOISE: f64 = 1.5;
 
 /// Residual beyond the noise that one surface may have, as a share of the change of the inverse depth per pixel: balls
 /// have 0.01, an edge of 90° 0.04 and more.
-const MAX_ROUGHNESS: f64 = 0.02;
+pub(super) const MAX_ROUGHNESS: f64 = 0.02;
 
 /// Largest half width of the smoothing window, px.
 pub(super) const MAX_HALF: usize = 3;
@@ -30,13 +30,15 @@ const OWN_SHARE: [f64; MAX_HALF + 1] = [1.0, 0.5556, 0.1543, 0.0748];
 const OTHER_SHARE: [f64; MAX_HALF + 1] = [1.0, 0.883, 0.483, 0.266];
 
 /// Variance left by a window of a half width, of noise whose share `own` is independent in each sample.
+#[inline(always)]
 pub(super) fn share_left(half: usize, own: f64) -> f64 {
     let half = half.min(MAX_HALF);
     own * OWN_SHARE[half] + (1.0 - own) * OTHER_SHARE[half]
 }
 
 /// Smoothing takes out only what differs from pixel to pixel.
-fn shared(left: f64, independent: f64) -> f64 {
+#[inline(always)]
+pub(super) fn shared(left: f64, independent: f64) -> f64 {
     1.0 - (1.0 - left) * independent
 }
 

@@ -3,30 +3,27 @@
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::cause::Cause;
 use super::normals::Link;
+use super::quick::{LANES, neighbours as neighbours_beside};
 use super::sample::{Sample, View};
 use crate::math::parallel::for_parts;
+use crate::math::simd::vectorised;
 
 impl SurfaceBuilder {
     /// Clears samples with fewer than `min_neighbours` of eight neighbours on the same surface; returns how many.
     ///
     /// Every sample is compared with the samples before this step, so that the order of the pixels does not matter.
     pub(super) fn drop_spikes(&mut self, view: &View, samples: &mut [Sample], link: Link) -> u32 {
-        let wanted = self.settings.min_neighbours;
-        let before: &[Sample] = samples;
-        for_parts(&self.row_parts, &mut self.keep, &mut self.counts, &|part, keep, count| {
+        self.load(samples);
+        let Self { keep, counts, row_parts, depths, sigmas, level, settings, .. } = self;
+        let support = Support { view, samples, depths, sigmas, link, wanted: settings.min_neighbours };
+        for_parts(row_parts, keep, counts, &|part, keep, count| {
             *count = PartCount::default();
-            let first = self.row_parts[part];
-            for (offset, keep) in keep.iter_mut().enumerate() {
-                let pixel = first + offset;
-                let valid = before[pixel].inverse_depth.is_finite();
-                let supported = valid && neighbours(view, before, pixel, link) >= wanted;
-                count.spikes += u32::from(valid && !supported);
-                *keep = u8::from(supported);
-            }
+            vectorised!(*level, support.rows(row_parts[part], keep, count));
         });
-        for (sample, keep) in samples.iter_mut().zip(&self.keep) {
-            if *keep == 0 && sample.inverse_depth.is_finite() {
+        for ((sample, depth), keep) in samples.iter_mut().zip(depths).zip(keep) {
+            if *keep == 0 && depth.is_finite() {
                 *sample = Sample::without(Cause::Spike);
+                *depth = f64::NAN;
             }
         }
         self.counts.iter().map(|c| c.spikes).sum()
@@ -48,6 +45,7 @@ impl SurfaceBuilder {
                 let root = find(&mut self.parents, pixel as u32);
                 if self.sizes[root as usize] < wanted {
                     *sample = Sample::without(Cause::Crumb);
+                    self.depths[pixel] = f64::NAN;
                     dropped += 1;
                 }
             }
@@ -87,7 +85,52 @@ impl SurfaceBuilder {
     }
 }
 
+/// What decides whether samples have enough neighbours.
+#[derive(Clone, Copy)]
+struct Support<'a> {
+    view: &'a View<'a>,
+    samples: &'a [Sample],
+    depths: &'a [f64],
+    sigmas: &'a [f32],
+    link: Link,
+    wanted: u32,
+}
+
+impl Support<'_> {
+    /// Marks the supported samples of whole rows from pixel `first` on, and counts the others.
+    #[inline(always)]
+    fn rows(&self, first: usize, keep: &mut [u8], count: &mut PartCount) {
+        let (width, height) = (self.view.width, self.view.height);
+        for (line, keep) in keep.chunks_mut(width).enumerate() {
+            let (start, row) = (first + line * width, first / width + line);
+            let inner = row > 0 && row + 1 < height;
+            let mut column = 0;
+            while column < width {
+                let at = start + column;
+                if inner && column > 0 && column + LANES < width {
+                    let found = neighbours_beside(self.depths, self.sigmas, width, at, self.link.max_step);
+                    for (l, found) in found.into_iter().enumerate() {
+                        let valid = self.depths[at + l].is_finite();
+                        let supported = valid && found >= u64::from(self.wanted);
+                        count.spikes += u32::from(valid && !supported);
+                        keep[column + l] = u8::from(supported);
+                    }
+                    column += LANES;
+                } else {
+                    let valid = self.depths[at].is_finite();
+                    let supported =
+                        valid && neighbours(self.view, self.samples, at, self.link) >= self.wanted;
+                    count.spikes += u32::from(valid && !supported);
+                    keep[column] = u8::from(supported);
+                    column += 1;
+                }
+            }
+        }
+    }
+}
+
 /// Number of neighbours on the same surface.
+#[inline(never)]
 fn neighbours(view: &View, samples: &[Sample], pixel: usize, link: Link) -> u32 {
     let (column, row) = (pixel % view.width, pixel / view.width);
     let columns = column.saturating_sub(1)..(column + 2).min(view.width);

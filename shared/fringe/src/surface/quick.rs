@@ -1,0 +1,207 @@
+//! Points side by side: where a whole 5 × 5 window is one smooth surface, as nearly everywhere, fit, normal, limits and point of
+//! neighbouring pixels are the same steps on vectors. Every other pixel is left to the general way, whose formulas these are.
+
+// Without branches a loop vectorises.
+#![allow(clippy::needless_bitwise_bool)]
+
+use super::normals::MAX_SLOPE_NOISE;
+use super::sample::{STEEP_ERROR, STEEP_SHARE, Sample, View};
+use super::smooth::{MAX_NOISE, MAX_ROUGHNESS, share_left, shared};
+
+/// Pixels that are worked on side by side.
+pub(super) const LANES: usize = 8;
+
+/// Half the side of the window.
+pub(super) const HALF: usize = 2;
+
+type Lanes = [f64; LANES];
+
+/// Values of the settings and the image that all pixels share.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shared {
+    /// Largest relative change of the inverse depth per pixel.
+    pub max_step: f64,
+    /// Excess of the scatter, see [`super::scatter`].
+    pub excess: f64,
+    /// Smallest cosine between normal and lines of sight.
+    pub min_cosine: f64,
+}
+
+/// The least-squares fits over the windows of neighbouring pixels.
+struct Fits {
+    /// The quadratic at the middle; NaN where the window is not one smooth surface.
+    smooth: Lanes,
+    /// The plane: value and derivatives by column and row; NaN where it is not one surface.
+    value: Lanes,
+    by_column: Lanes,
+    by_row: Lanes,
+}
+
+/// What becomes of neighbouring pixels.
+pub(super) struct Group {
+    /// Whether the rest holds; where not, the general way decides.
+    pub settled: [bool; LANES],
+    /// x, y, z in mm.
+    pub position_mm: [Lanes; 3],
+    /// Unit normal in the world.
+    pub normal: [Lanes; 3],
+    /// Standard uncertainty along the normal, mm.
+    pub sigma_mm: [f32; LANES],
+}
+
+/// A fixed number of values from `start` on; they must be there.
+#[inline(always)]
+pub(super) fn taken<T: Copy + Default, const N: usize>(values: &[T], start: usize) -> [T; N] {
+    let mut taken = [T::default(); N];
+    taken.copy_from_slice(&values[start..start + N]);
+    taken
+}
+
+/// As [`super::smooth`] and [`super::normals`] fit a window of 5 × 5 samples that are all there.
+#[inline(always)]
+fn fits(rows: &[[f64; LANES + 2 * HALF]; 5], sigma: &Lanes, max_step: f64) -> Fits {
+    let zero = [0.0; LANES];
+    let (mut sum, mut by_u, mut by_v, mut by_uu, mut by_uv, mut by_vv) = (zero, zero, zero, zero, zero, zero);
+    let (mut squares, mut worst, mut by_column) = (zero, zero, zero);
+    for (r, row) in rows.iter().enumerate() {
+        let v = r as f64 - 2.0;
+        let (mut line, mut line_u, mut line_uu) = (zero, zero, zero);
+        for k in 0..5 {
+            let u = k as f64 - 2.0;
+            for l in 0..LANES {
+                let difference = row[k + l] - rows[HALF][l + HALF];
+                let size = difference.abs();
+                worst[l] = if size > worst[l] { size } else { worst[l] };
+                line[l] += difference;
+                line_u[l] += u * difference;
+                line_uu[l] += (u * u - 2.0) * difference;
+                squares[l] += difference * difference;
+                by_column[l] += u * difference;
+            }
+        }
+        for l in 0..LANES {
+            sum[l] += line[l];
+            by_u[l] += line_u[l];
+            by_uu[l] += line_uu[l];
+            by_v[l] += v * line[l];
+            by_uv[l] += v * line_u[l];
+            by_vv[l] += (v * v - 2.0) * line[l];
+        }
+    }
+    let mut out = Fits { smooth: zero, value: zero, by_column: zero, by_row: zero };
+    for l in 0..LANES {
+        let centre = rows[HALF][l + HALF];
+        // Norms of the polynomials 1, u, uv, u² − 2: 25, 50, 100, 70.
+        let slope2 = (by_u[l] * by_u[l] + by_v[l] * by_v[l]) / (50.0 * 50.0);
+        let explained = sum[l] * sum[l] / 25.0
+            + (by_u[l] * by_u[l] + by_v[l] * by_v[l]) / 50.0
+            + (by_uu[l] * by_uu[l] + by_vv[l] * by_vv[l]) / 70.0
+            + by_uv[l] * by_uv[l] / 100.0;
+        let residual = (squares[l] - explained) / 19.0;
+        let noise = MAX_NOISE * sigma[l];
+        let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * slope2 + 1e-12 * squares[l];
+        let connected = worst[l] <= max_step * HALF as f64 * centre.abs() + 2.0 * noise;
+        let value = centre + sum[l] / 25.0 - 2.0 * (by_uu[l] + by_vv[l]) / 70.0;
+        // An absent sample makes the sums NaN, and the comparison false.
+        out.smooth[l] = if (residual <= limit) & connected { value } else { f64::NAN };
+        let one = worst[l] <= max_step * centre.abs() + 6.0 * sigma[l];
+        out.value[l] = if one { centre + sum[l] / 25.0 } else { f64::NAN };
+        out.by_column[l] = by_column[l] / 50.0;
+        out.by_row[l] = by_v[l] / 50.0;
+    }
+    out
+}
+
+/// What becomes of the pixels from `at` on, whose windows lie in the image.
+#[inline(always)]
+pub(super) fn group(view: &View, depths: &[f64], samples: &[Sample], at: usize, shared_by: Shared) -> Group {
+    let samples: &[Sample] = &samples[at..at + LANES];
+    let mut sigma = [0.0; LANES];
+    let mut left = [0.0; LANES];
+    for l in 0..LANES {
+        sigma[l] = f64::from(samples[l].sigma);
+        left[l] = f64::from(samples[l].own_share);
+    }
+    for left in &mut left {
+        *left = shared(share_left(HALF, *left), view.independent);
+    }
+    let rows = [0, 1, 2, 3, 4].map(|r| taken(depths, at + r * view.width - HALF * view.width - HALF));
+    let fits = fits(&rows, &sigma, shared_by.max_step);
+    let above = taken::<_, LANES>(view.directions, at - view.width);
+    let below = taken::<_, LANES>(view.directions, at + view.width);
+    let beside = taken::<_, { LANES + 2 }>(view.directions, at - 1);
+    let zero = [0.0; LANES];
+    let mut out =
+        Group { settled: [false; LANES], position_mm: [zero; 3], normal: [zero; 3], sigma_mm: [0.0; LANES] };
+    let world = view.world_from_sight;
+    for l in 0..LANES {
+        let [x, y] = beside[l + 1];
+        let (xu, yu) = ((beside[l + 2][0] - beside[l][0]) * 0.5, (beside[l + 2][1] - beside[l][1]) * 0.5);
+        let (xv, yv) = ((below[l][0] - above[l][0]) * 0.5, (below[l][1] - above[l][1]) * 0.5);
+        // q_u = q_x x_u + q_y y_u, q_v = q_x x_v + q_y y_v.
+        let determinant = xu * yv - xv * yu;
+        let (qu, qv) = (fits.by_column[l], fits.by_row[l]);
+        let gx = yv / determinant * qu + -yu / determinant * qv;
+        let gy = -xv / determinant * qu + xu / determinant * qv;
+        let (nx, ny, nz) = (-gx, -gy, -(fits.value[l] - x * gx - y * gy));
+        let length = (nx * nx + ny * ny + nz * nz).sqrt();
+        let (nx, ny, nz) = (nx / length, ny / length, nz / length);
+
+        let q = fits.smooth[l];
+        let single = (sigma[l] * left[l].sqrt()) as f32;
+        let after = (f64::from(single) * shared_by.excess) as f32;
+        let noise_px = f64::from(after) / (q.abs() * view.pitch);
+        let limit = if noise_px > 1e-9 { noise_px } else { 1e-9 };
+        let cube = STEEP_ERROR / (STEEP_SHARE * limit);
+        let other = [x - view.other_mm.x * q, y - view.other_mm.y * q, 1.0 - view.other_mm.z * q];
+        let own_cosine = -(nx * x + ny * y + nz) / (x * x + y * y + 1.0).sqrt();
+        let far = (other[0] * other[0] + other[1] * other[1] + other[2] * other[2]).sqrt();
+        let far_cosine = -(nx * other[0] + ny * other[1] + nz * other[2]) / far;
+        let least = if own_cosine < far_cosine { own_cosine } else { far_cosine };
+        // The limit of the incidence is the smaller one of two cosines, one of which is a cubic root; a margin keeps rounding out.
+        let seen = (least >= shared_by.min_cosine) | (least * least * least >= cube * (1.0 + 1e-9));
+        let rows_noise = sigma[l] / (rows[HALF][l + HALF].abs() * view.pitch * MAX_SLOPE_NOISE);
+        let quiet = rows_noise * rows_noise <= 50.0;
+        let certain = f64::from(after) <= view.max_sigma;
+        // NaN fails these comparisons.
+        out.settled[l] = seen & quiet & certain & (q.abs() < f64::INFINITY) & (nz.abs() <= 2.0);
+
+        let depth = 1.0 / q;
+        let (px, py, pz) = (x * depth, y * depth, depth);
+        for axis in 0..3 {
+            let (a, b, c) = (world[(axis, 0)], world[(axis, 1)], world[(axis, 2)]);
+            out.position_mm[axis][l] = view.origin_mm[axis] + (a * px + b * py + c * pz);
+            out.normal[axis][l] = a * nx + b * ny + c * nz;
+        }
+        let share = (nx * x + ny * y + nz).abs();
+        out.sigma_mm[l] = (share * depth * depth * f64::from(after)) as f32;
+    }
+    out
+}
+
+/// Of the eight neighbours of the pixels from `at` on, how many lie on the same surface.
+#[inline(always)]
+pub(super) fn neighbours(
+    depths: &[f64],
+    sigmas: &[f32],
+    width: usize,
+    at: usize,
+    max_step: f64,
+) -> [u64; LANES] {
+    let (own, own_sigma) = (taken::<_, LANES>(depths, at), taken::<_, LANES>(sigmas, at));
+    let mut count = [0_u64; LANES];
+    for row in [at - width, at, at + width] {
+        for place in [row - 1, row, row + 1] {
+            if place == at {
+                continue;
+            }
+            let (other, sigma) = (taken::<_, LANES>(depths, place), taken::<_, LANES>(sigmas, place));
+            for l in 0..LANES {
+                // Three sigmas of both, as `Link::joins`.
+                let noise = 3.0 * f64::from(own_sigma[l] + sigma[l]);
+                count[l] += u64::from((own[l] - other[l]).abs() <= max_step * own[l].abs() + noise);
+            }
+        }
+    }
+    count
+}
