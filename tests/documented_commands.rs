@@ -212,7 +212,7 @@ fn every_documented_command_runs_from_a_clean_folder() {
 }
 
 #[test]
-#[ignore = "some twenty minutes: also what the pages say takes longer than ten seconds"]
+#[ignore = "twenty minutes: cargo test --test main documented_commands -- --ignored --nocapture"]
 fn every_documented_command_runs_however_long_it_takes() {
     run_pages(true);
 }

@@ -268,7 +268,7 @@ fn every_tool_gives_pure_json_and_tells_lost_output() {
 }
 
 #[test]
-#[ignore = "takes half an hour: every benchmark three times"]
+#[ignore = "half an hour, every benchmark three times: cargo test --test main every_slow_tool -- --ignored"]
 fn every_slow_tool_gives_pure_json_and_tells_lost_output() {
     check(&Inputs::new(), SLOW);
 }

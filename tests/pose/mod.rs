@@ -166,25 +166,25 @@ fn two_hundred_poses(pairs: usize, cad: usize) {
 }
 
 #[test]
-#[ignore = "200 alignments of a full cloud, some minutes; prints the table"]
+#[ignore = "200 alignments: cargo test --release --test main two_hundred_poses -- --ignored --nocapture"]
 fn two_hundred_poses_on_the_fused_cad() {
     two_hundred_poses(0, 0);
 }
 
 #[test]
-#[ignore = "200 alignments of a full cloud, some minutes; prints the table"]
+#[ignore = "200 alignments: cargo test --release --test main two_hundred_poses -- --ignored --nocapture"]
 fn two_hundred_poses_on_the_unfused_cad() {
     two_hundred_poses(0, 1);
 }
 
 #[test]
-#[ignore = "200 alignments of a full cloud, some minutes; prints the table"]
+#[ignore = "200 alignments: cargo test --release --test main two_hundred_poses -- --ignored --nocapture"]
 fn two_hundred_poses_of_a_partial_view_on_the_fused_cad() {
     two_hundred_poses(1, 0);
 }
 
 #[test]
-#[ignore = "200 alignments of a full cloud, some minutes; prints the table"]
+#[ignore = "200 alignments: cargo test --release --test main two_hundred_poses -- --ignored --nocapture"]
 fn two_hundred_poses_of_a_partial_view_on_the_unfused_cad() {
     two_hundred_poses(1, 1);
 }

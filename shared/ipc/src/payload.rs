@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "a measurement: what the check costs"]
+    #[ignore = "prints a time: cargo test --release -p fringe-ipc time_of_the_check -- --ignored --nocapture"]
     fn time_of_the_check_of_a_frame() {
         let pixels = vec![7_u8; 5_000_000];
         let mut header = Frame::default();

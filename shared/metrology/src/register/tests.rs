@@ -280,7 +280,7 @@ fn pulls_are_one_for_single_and_for_smoothed_points() {
 }
 
 #[test]
-#[ignore = "600 alignments, some minutes; prints the pulls"]
+#[ignore = "500 alignments: cargo test --release -p fringe-metrology figures_of_the_pulls -- --ignored --nocapture"]
 #[allow(clippy::disallowed_macros, reason = "the figures are what this trial is for")]
 fn figures_of_the_pulls() {
     for half in [0, 1, 2, 3, 5] {

@@ -60,7 +60,7 @@ fn the_scatter_of_30_trials_is_as_predicted() {
 }
 
 #[test]
-#[ignore = "a minute; the same with 100 trials: cargo test --release -p fringe calibration -- --ignored"]
+#[ignore = "a minute; the same with 100 trials: cargo test --release -p fringe-characterise 100_trials -- --ignored"]
 fn the_scatter_of_100_trials_is_as_predicted() {
     scatter_is_as_predicted(20, 100);
 }
