@@ -18,8 +18,11 @@ fn main() {
             println!("cargo:rerun-if-changed={path}");
         }
     }
-    println!("cargo:rustc-env=FRINGECELL_COMMIT={}", commit().unwrap_or_else(|| "unknown".to_owned()));
-    println!("cargo:rustc-env=FRINGECELL_FEATURES={}", features());
+    let commit = commit().unwrap_or_else(|| "unknown".to_owned());
+    println!("cargo:rustc-env=FRINGECELL_COMMIT={commit}");
+    // For `--version` of both programs.
+    let (version, features) = (env!("CARGO_PKG_VERSION"), features());
+    println!("cargo:rustc-env=FRINGECELL_VERSION_LINE={version} ({commit}), features: {features}");
 }
 
 /// The features that the programs are built with.

@@ -47,7 +47,7 @@ use std::process::ExitCode;
 ///
 /// Exit codes: 0 all cycles are ok and pass, 1 a cycle failed or did not pass, 2 invalid input or lost output.
 #[derive(Debug, Parser)]
-#[command(version = software::VERSION_LINE, max_term_width = 100)]
+#[command(version = env!("FRINGECELL_VERSION_LINE"), max_term_width = 100)]
 struct Cli {
     /// Check the arguments and end: for the test of the documentation.
     #[arg(long, hide = true)]

@@ -77,7 +77,7 @@ use std::process::ExitCode;
 ///
 /// Exit codes: 0 done, 1 the measurement or test fails its limit, 2 invalid input or lost output.
 #[derive(Parser)]
-#[command(name = "fringetool", version = software::VERSION_LINE, max_term_width = 100)]
+#[command(name = "fringetool", version = env!("FRINGECELL_VERSION_LINE"), max_term_width = 100)]
 struct Cli {
     /// Check the arguments and end: for the test of the documentation.
     #[arg(long, hide = true)]
