@@ -4,6 +4,7 @@
 
 #![forbid(unsafe_code)]
 
+mod background;
 mod device;
 mod driven;
 mod drivers;

@@ -7,13 +7,11 @@
 //! 18 show proj1 4        show frame 4 (from 0) of proj1     18 ok        or  18 error REASON
 //! ```
 
+use crate::background::Background;
 use crate::device::Projector;
 use crate::error::DeviceError;
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// A command without an answer is sent again after this time.
@@ -141,8 +139,7 @@ impl Projector for NetworkProjector {
 #[derive(Debug)]
 pub struct LightServer {
     address: SocketAddr,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _answering: Background,
 }
 
 impl LightServer {
@@ -157,28 +154,24 @@ impl LightServer {
         let socket = UdpSocket::bind(address)?;
         socket.set_read_timeout(Some(REPEAT))?;
         let address = socket.local_addr()?;
-        let stop = Arc::new(AtomicBool::new(false));
-        let told = stop.clone();
-        let thread = std::thread::Builder::new().name("light".into()).spawn(move || {
-            let mut buffer = [0; MAX_TEXT_BYTES];
-            let mut last: Option<(SocketAddr, u64, String)> = None;
-            while !told.load(Ordering::Relaxed) {
-                let Ok((length, from)) = socket.recv_from(&mut buffer) else { continue };
-                let text = String::from_utf8_lossy(&buffer[..length]).into_owned();
-                let Some((id, command)) = LightCommand::parse(&text) else { continue };
-                let answer = match &last {
-                    Some((client, done, answer)) if (*client, *done) == (from, id) => answer.clone(),
-                    _ => match show(command) {
-                        Ok(()) => format!("{id} ok"),
-                        Err(reason) => format!("{id} error {reason}"),
-                    },
-                };
-                // A client that is gone asks no more.
-                let _ = socket.send_to(answer.as_bytes(), from);
-                last = Some((from, id, answer));
-            }
+        let mut buffer = [0; MAX_TEXT_BYTES];
+        let mut last: Option<(SocketAddr, u64, String)> = None;
+        let answering = Background::start("light", move || {
+            let Ok((length, from)) = socket.recv_from(&mut buffer) else { return };
+            let text = String::from_utf8_lossy(&buffer[..length]).into_owned();
+            let Some((id, command)) = LightCommand::parse(&text) else { return };
+            let answer = match &last {
+                Some((client, done, answer)) if (*client, *done) == (from, id) => answer.clone(),
+                _ => match show(command) {
+                    Ok(()) => format!("{id} ok"),
+                    Err(reason) => format!("{id} error {reason}"),
+                },
+            };
+            // A client that is gone asks no more.
+            let _ = socket.send_to(answer.as_bytes(), from);
+            last = Some((from, id, answer));
         })?;
-        Ok(Self { address, stop, thread: Some(thread) })
+        Ok(Self { address, _answering: answering })
     }
 
     /// The address that it listens on.
@@ -187,19 +180,10 @@ impl LightServer {
     }
 }
 
-impl Drop for LightServer {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::sync::Mutex;
+    use std::sync::{Arc, Mutex};
 
     #[test]
     fn commands_arrive_once_in_order_and_refusals_come_back() {

@@ -3,12 +3,10 @@
 use super::device::{Action, Device, Identity};
 use super::gvcp::{Command, MAX_DATAGRAM, PORT, Request};
 use super::gvsp::{Block, next_id};
+use crate::background::Background;
 use std::collections::VecDeque;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Frames that are kept for lost packets.
@@ -45,8 +43,7 @@ pub struct Faults {
 #[derive(Debug)]
 pub struct Server {
     address: SocketAddr,
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _answering: Background,
 }
 
 impl Server {
@@ -59,7 +56,6 @@ impl Server {
         control.set_read_timeout(Some(TICK))?;
         let stream = UdpSocket::bind((identity.address, 0))?;
         let address = control.local_addr()?;
-        let stop = Arc::new(AtomicBool::new(false));
         let mut camera = Camera {
             device: Device::new(&identity),
             identity,
@@ -74,13 +70,8 @@ impl Server {
             started: Instant::now(),
             packet: Vec::new(),
         };
-        let told = stop.clone();
-        let thread = std::thread::Builder::new().name("gige camera".into()).spawn(move || {
-            while !told.load(Ordering::Relaxed) {
-                camera.turn();
-            }
-        })?;
-        Ok(Self { address, stop, thread: Some(thread) })
+        let answering = Background::start("gige camera", move || camera.answer())?;
+        Ok(Self { address, _answering: answering })
     }
 
     /// Address and port of its commands.
@@ -89,20 +80,10 @@ impl Server {
     }
 }
 
-impl Drop for Server {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
 /// Answers a search by broadcast for several cameras of this computer, until dropped.
 #[derive(Debug)]
 pub struct Responder {
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+    _answering: Background,
 }
 
 impl Responder {
@@ -113,37 +94,24 @@ impl Responder {
     pub fn start(broadcast: Ipv4Addr, cameras: &[Identity]) -> io::Result<Self> {
         let socket = UdpSocket::bind((broadcast, PORT))?;
         socket.set_read_timeout(Some(TICK))?;
-        let mut voices = Vec::new();
+        let mut devices = Vec::new();
         for identity in cameras {
-            voices.push((Device::new(identity), UdpSocket::bind((identity.address, 0))?));
+            devices.push((Device::new(identity), UdpSocket::bind((identity.address, 0))?));
         }
-        let stop = Arc::new(AtomicBool::new(false));
-        let told = stop.clone();
-        let thread = std::thread::Builder::new().name("gige search".into()).spawn(move || {
-            let mut buffer = [0; MAX_DATAGRAM + 64];
-            while !told.load(Ordering::Relaxed) {
-                let Ok((length, from)) = socket.recv_from(&mut buffer) else { continue };
-                let request = Request::parse(&buffer[..length]);
-                if request.is_none_or(|request| request.command != Command::Discovery) {
-                    continue;
-                }
-                for (device, socket) in &mut voices {
-                    if let (Some(answer), _) = device.take(&buffer[..length], from, 0) {
-                        let _ = socket.send_to(&answer, from);
-                    }
+        let mut buffer = [0; MAX_DATAGRAM + 64];
+        let answering = Background::start("gige search", move || {
+            let Ok((length, from)) = socket.recv_from(&mut buffer) else { return };
+            let request = Request::parse(&buffer[..length]);
+            if request.is_none_or(|request| request.command != Command::Discovery) {
+                return;
+            }
+            for (device, socket) in &mut devices {
+                if let (Some(answer), _) = device.take(&buffer[..length], from, 0) {
+                    let _ = socket.send_to(&answer, from);
                 }
             }
         })?;
-        Ok(Self { stop, thread: Some(thread) })
-    }
-}
-
-impl Drop for Responder {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
+        Ok(Self { _answering: answering })
     }
 }
 
@@ -172,8 +140,8 @@ impl Camera {
         self.started.elapsed().as_nanos() as u64
     }
 
-    /// Takes one command, if one comes within a tick.
-    fn turn(&mut self) {
+    /// Answers one command, if one comes within a tick.
+    fn answer(&mut self) {
         let mut buffer = [0; MAX_DATAGRAM + 64];
         let Ok((length, from)) = self.control.recv_from(&mut buffer) else {
             self.device.expire(self.now_ns());
@@ -182,7 +150,7 @@ impl Camera {
         let now_ns = self.now_ns();
         let (answer, action) = self.device.take(&buffer[..length], from, now_ns);
         if let Some(answer) = answer {
-            // A client that is gone hears nothing: the heartbeat notices.
+            // A client that is gone receives nothing: the heartbeat ends its control.
             let _ = self.control.send_to(&answer, from);
         }
         match action {
