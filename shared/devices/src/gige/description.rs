@@ -2,19 +2,8 @@
 //! Convention, each in one register.
 
 use super::registers::feature;
+use cell::pixel_format::PixelFormat;
 use std::fmt::Write;
-
-/// Value of `PixelFormat` for 8 bits a pixel.
-pub const MONO8: u32 = 0x0108_0001;
-
-/// Value of `PixelFormat` for 10 bits in two bytes.
-pub const MONO10: u32 = 0x0110_0003;
-
-/// Value of `PixelFormat` for 12 bits in two bytes.
-pub const MONO12: u32 = 0x0110_0005;
-
-/// Value of `PixelFormat` for 16 bits a pixel.
-pub const MONO16: u32 = 0x0110_0007;
 
 const HEAD: &str = r#"<?xml version="1.0" encoding="utf-8"?>
 <RegisterDescription ModelName="Twin" VendorName="fringecell" StandardNameSpace="GEV" SchemaMajorVersion="1"
@@ -84,7 +73,7 @@ fn enumeration(xml: &mut String, name: &str, address: u32, entries: &[(&str, u32
 }
 
 /// The description of a camera with this pixel format.
-pub fn xml(pixel_format: (&str, u32)) -> String {
+pub fn xml(pixel_format: PixelFormat) -> String {
     let mut xml = HEAD.to_owned();
     xml.push_str("  <Category Name=\"Root\" NameSpace=\"Standard\">");
     for name in FEATURES {
@@ -95,7 +84,8 @@ pub fn xml(pixel_format: (&str, u32)) -> String {
     integer(&mut xml, "Height", feature::HEIGHT, "RO");
     integer(&mut xml, "PayloadSize", feature::PAYLOAD_BYTES, "RO");
     integer(&mut xml, "TLParamsLocked", feature::LOCKED, "RW");
-    enumeration(&mut xml, "PixelFormat", feature::PIXEL_FORMAT, &[pixel_format]);
+    let only = [(pixel_format.name(), pixel_format.code())];
+    enumeration(&mut xml, "PixelFormat", feature::PIXEL_FORMAT, &only);
     enumeration(&mut xml, "AcquisitionMode", feature::ACQUISITION_MODE, &[("Continuous", 0)]);
     enumeration(&mut xml, "TriggerSelector", feature::TRIGGER_SELECTOR, &[("FrameStart", 0)]);
     enumeration(&mut xml, "TriggerMode", feature::TRIGGER_MODE, &[("Off", 0), ("On", 1)]);

@@ -1,8 +1,9 @@
 //! A GigE Vision device without sockets: datagrams and times in, acknowledgements and actions out.
 
-use super::description::{MONO8, MONO10, MONO12, MONO16, xml};
+use super::description::xml;
 use super::gvcp::{Command, MAX_READ_BYTES, Request, Status};
 use super::registers::{Registers, XML_ADDRESS, bootstrap, feature};
+use cell::pixel_format::PixelFormat;
 use std::net::{Ipv4Addr, SocketAddr};
 
 /// Stream packets, IP and UDP header included: at least what every network carries, at most what a datagram holds.
@@ -43,13 +44,11 @@ pub struct Identity {
 }
 
 impl Identity {
-    fn pixel_format(&self) -> (&'static str, u32) {
-        match self.full_scale_dn {
-            ..=255 => ("Mono8", MONO8),
-            256..=1023 => ("Mono10", MONO10),
-            1024..=4095 => ("Mono12", MONO12),
-            _ => ("Mono16", MONO16),
-        }
+    /// The smallest format of whole bytes that holds the grey values.
+    fn pixel_format(&self) -> PixelFormat {
+        let formats = [PixelFormat::Mono8, PixelFormat::Mono10, PixelFormat::Mono12];
+        let holds = |format: &PixelFormat| self.full_scale_dn <= format.full_scale_dn();
+        formats.into_iter().find(holds).unwrap_or(PixelFormat::Mono16)
     }
 
     /// Bytes of a frame.
@@ -85,8 +84,8 @@ pub struct Device {
 impl Device {
     /// A camera that nobody controls.
     pub fn new(identity: &Identity) -> Self {
-        let (name, pixel_format) = identity.pixel_format();
-        let xml = xml((name, pixel_format));
+        let pixel_format = identity.pixel_format();
+        let xml = xml(pixel_format);
         let mut r = Registers::new(&xml);
         r.set(bootstrap::VERSION, 0x0001_0002);
         r.set(bootstrap::DEVICE_MODE, 0x8000_0001);
@@ -112,7 +111,7 @@ impl Device {
         r.set(bootstrap::STREAM_PACKET, 1500);
         r.set(feature::WIDTH, identity.width_px);
         r.set(feature::HEIGHT, identity.height_px);
-        r.set(feature::PIXEL_FORMAT, pixel_format);
+        r.set(feature::PIXEL_FORMAT, pixel_format.code());
         r.set(feature::PAYLOAD_BYTES, identity.frame_bytes() as u32);
         r.set(feature::EXPOSURE_US, 10_000.0_f32.to_bits());
         r.set(feature::TEMPERATURE_C, 35.0_f32.to_bits());

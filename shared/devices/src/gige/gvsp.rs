@@ -90,7 +90,7 @@ mod tests {
             let block = Block {
                 id: 7,
                 timestamp_ns: 1 << 40,
-                pixel_format: 0x0108_0001,
+                pixel_format: cell::pixel_format::PixelFormat::Mono8.code(),
                 width_px: pixels as u32,
                 height_px: 1,
                 packet_bytes,
