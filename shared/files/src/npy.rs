@@ -63,26 +63,18 @@ pub fn read(path: &Path) -> Result<Raster, FileError> {
         let remedy = "write a two-dimensional array of float32 with numpy.save";
         FileError::new(path, Problem::Unsupported(what.to_owned()), remedy)
     };
-    let (header, data) = split(&bytes).ok_or_else(|| fault("is no NumPy file"))?;
-    let double = match field(header, "descr").map(|text| text.trim_matches(['\'', '"'])) {
-        Some("<f4") => false,
-        Some("<f8") => true,
+    let (header, data, numbers) = numbers(&bytes, fault)?;
+    let count = numbers.as_ref().and_then(|numbers| numbers.count_in(data));
+    let values = match numbers {
+        Some(Values::F32(values)) => values,
+        Some(Values::F64(values)) => values.into_iter().map(|value| value as f32).collect(),
         _ => return Err(fault("holds numbers other than little-endian float32 or float64")),
     };
-    if field(header, "fortran_order") != Some("False") {
-        return Err(fault("holds columns first"));
-    }
     let (height_px, width_px) =
         shape(header).ok_or_else(|| fault("is not two-dimensional with 1 to 65535 rows and columns"))?;
-    let pixels = width_px as usize * height_px as usize;
-    if data.len() != pixels * if double { 8 } else { 4 } {
+    if count != Some(width_px as usize * height_px as usize) {
         return Err(fault("does not have the length that its shape states"));
     }
-    let values = if double {
-        data.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b) as f32).collect()
-    } else {
-        data.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()
-    };
     Ok(Raster { width_px, height_px, values })
 }
 
@@ -95,6 +87,18 @@ pub enum Values {
     F32(Vec<f32>),
     /// Values in double precision.
     F64(Vec<f64>),
+}
+
+impl Values {
+    /// How many numbers there are; `None` where they are not the whole of the data.
+    fn count_in(&self, data: &[u8]) -> Option<usize> {
+        let (count, size) = match self {
+            Self::U8(values) => (values.len(), 1),
+            Self::F32(values) => (values.len(), 4),
+            Self::F64(values) => (values.len(), 8),
+        };
+        (count * size == data.len()).then_some(count)
+    }
 }
 
 /// An array of any number of dimensions, the last one fastest.
@@ -116,7 +120,23 @@ pub fn read_array(path: &Path) -> Result<Array, FileError> {
         let remedy = "write an array of uint8, float32 or float64, rows first, with numpy.save";
         FileError::new(path, Problem::Unsupported(what.to_owned()), remedy)
     };
-    let (header, data) = split(&bytes).ok_or_else(|| fault("is no NumPy file"))?;
+    let (header, data, numbers) = numbers(&bytes, fault)?;
+    let values = numbers
+        .ok_or_else(|| fault("holds numbers other than uint8, float32 and float64 (little-endian)"))?;
+    let shape = dimensions(header).ok_or_else(|| fault("has no shape"))?;
+    let count = shape.iter().try_fold(1_usize, |product, side| product.checked_mul(*side));
+    if count.is_none() || count != values.count_in(data) {
+        return Err(fault("is shorter or longer than its shape says"));
+    }
+    Ok(Array { shape, values })
+}
+
+/// Header, data and numbers of a file; no numbers where they are of another kind.
+fn numbers(
+    bytes: &[u8],
+    fault: impl Fn(&str) -> FileError,
+) -> Result<(&str, &[u8], Option<Values>), FileError> {
+    let (header, data) = split(bytes).ok_or_else(|| fault("is no NumPy file"))?;
     if field(header, "fortran_order") != Some("False") {
         return Err(fault("holds columns first"));
     }
@@ -124,19 +144,9 @@ pub fn read_array(path: &Path) -> Result<Array, FileError> {
         Some("|u1" | "|b1") => Values::U8(data.to_vec()),
         Some("<f4") => Values::F32(data.as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect()),
         Some("<f8") => Values::F64(data.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect()),
-        _ => return Err(fault("holds numbers other than uint8, float32 and float64 (little-endian)")),
+        _ => return Ok((header, data, None)),
     };
-    let shape = dimensions(header).ok_or_else(|| fault("has no shape"))?;
-    let count = shape.iter().try_fold(1_usize, |product, side| product.checked_mul(*side));
-    let (length, size) = match &values {
-        Values::U8(values) => (values.len(), 1),
-        Values::F32(values) => (values.len(), 4),
-        Values::F64(values) => (values.len(), 8),
-    };
-    if count != Some(length) || length * size != data.len() {
-        return Err(fault("is shorter or longer than its shape says"));
-    }
-    Ok(Array { shape, values })
+    Ok((header, data, Some(values)))
 }
 
 /// Lengths of all dimensions in the header.
