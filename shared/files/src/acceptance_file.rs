@@ -1,8 +1,7 @@
 //! Plans and rule sets of acceptance tests, `fringecell-test/1` and `fringecell-rules/1`.
 
 use crate::document::Document;
-use crate::error::{FileError, Problem, did_you_mean};
-use crate::plan_file::table;
+use crate::error::{FileError, Problem};
 use metrology::acceptance::{AcceptanceError, RULES_FORMAT, RuleSet, TEST_FORMAT, TestPlan};
 
 /// Checks everything of a test plan that needs no rules.
@@ -11,7 +10,7 @@ use metrology::acceptance::{AcceptanceError, RULES_FORMAT, RuleSet, TEST_FORMAT,
 /// Not TOML, another format, unknown or missing keys, numbers out of range, names that do not fit together.
 pub fn parse_test_plan(document: &Document) -> Result<TestPlan, FileError> {
     let plan: TestPlan = document.parse(TEST_FORMAT)?;
-    plan.check().map_err(|error| fault(document, error))?;
+    plan.check().map_err(|error| fault(document, &error))?;
     Ok(plan)
 }
 
@@ -21,16 +20,14 @@ pub fn parse_test_plan(document: &Document) -> Result<TestPlan, FileError> {
 /// Not TOML, another format, unknown or missing keys, limits that cannot be met, statistics that do not suit their artefact.
 pub fn parse_rules(document: &Document) -> Result<RuleSet, FileError> {
     let rules: RuleSet = document.parse(RULES_FORMAT)?;
-    rules.check().map_err(|error| fault(document, error))?;
+    rules.check().map_err(|error| fault(document, &error))?;
     Ok(rules)
 }
 
-fn fault(document: &Document, error: AcceptanceError) -> FileError {
-    let remedy = match &error {
-        AcceptanceError::Unknown { name, known, .. } => did_you_mean(name, known.split(", "), ""),
-        _ => String::new(),
+fn fault(document: &Document, error: &AcceptanceError) -> FileError {
+    let unknown = match error {
+        AcceptanceError::Unknown { name, known, .. } => Some((name.as_str(), known.as_str())),
+        _ => None,
     };
-    let (place, key) = error.place();
-    let [kind, name, key] = [table(place)[0], table(place)[1], key].map(str::to_owned);
-    document.fault_of([&kind, &name, &key], Problem::Acceptance(error), &remedy)
+    document.fault_at(error.place(), unknown, Problem::Acceptance(error.clone()))
 }

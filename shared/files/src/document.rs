@@ -158,6 +158,20 @@ impl Document {
         self.fault(&format!("{table}{dot}{key}"), problem, remedy)
     }
 
+    /// A fault at a key of a table such as `element "top"`. `unknown` is a name that nothing has, and the known names, separated by
+    /// commas.
+    pub(crate) fn fault_at(
+        &self,
+        (place, key): (&str, &str),
+        unknown: Option<(&str, &str)>,
+        problem: Problem,
+    ) -> FileError {
+        let (kind, name) = place.split_once(" \"").unwrap_or((place, ""));
+        let name = name.split('"').next().unwrap_or("");
+        let remedy = unknown.map(|(name, known)| did_you_mean(name, known.split(", "), ""));
+        self.fault_of([kind, name, key], problem, &remedy.unwrap_or_default())
+    }
+
     /// Number of the table in its list.
     fn index_of(&self, kind: &str, name: &str) -> Option<usize> {
         let all = DeTable::parse(&self.text).ok()?;

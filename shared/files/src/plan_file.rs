@@ -1,7 +1,7 @@
 //! Inspection plans, `fringecell-plan/1`.
 
 use crate::document::Document;
-use crate::error::{FileError, Problem, did_you_mean};
+use crate::error::{FileError, Problem};
 use metrology::inspection::{PLAN_FORMAT, Plan, PlanError, RawPlan};
 use std::path::Path;
 
@@ -21,20 +21,12 @@ pub fn read_plan(path: &Path) -> Result<(Plan, Document), FileError> {
 pub fn parse_plan(document: &Document) -> Result<Plan, FileError> {
     let raw: RawPlan = document.parse(PLAN_FORMAT)?;
     Plan::new(raw).map_err(|error| {
-        let remedy = match &error {
-            PlanError::Reference { name, known, .. } => did_you_mean(name, known.split(", "), ""),
-            _ => String::new(),
+        let unknown = match &error {
+            PlanError::Reference { name, known, .. } => Some((name.as_str(), known.as_str())),
+            _ => None,
         };
-        let (place, key) = error.place();
-        let [kind, name, key] = [table(place)[0], table(place)[1], key].map(str::to_owned);
-        document.fault_of([&kind, &name, &key], Problem::Plan(error), &remedy)
+        document.fault_at(error.place(), unknown, Problem::Plan(error.clone()))
     })
-}
-
-/// Kind and name of a table such as `element "top"`.
-pub(crate) fn table(place: &str) -> [&str; 2] {
-    let (kind, name) = place.split_once(" \"").unwrap_or((place, ""));
-    [kind, name.split('"').next().unwrap_or("")]
 }
 
 #[cfg(test)]

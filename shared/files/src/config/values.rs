@@ -34,26 +34,45 @@ fn resolve(document: &Document, key: &str, target: &str) -> Result<PathBuf, File
     })
 }
 
+/// What to do where a driver of projectors is not part of the program.
+const USE_NETWORK: &str = "use \"network\" and a program that shows the patterns";
+
 /// The driver of a camera by its name.
 pub(super) fn camera_driver(document: &Document, key: &str, name: &str) -> Result<Driver, FileError> {
-    match driver(document, key, name)? {
-        Driver::Network => {
-            let problem = Problem::Unsupported("\"network\" drives projectors, not cameras".into());
-            Err(document.fault(key, problem, "use \"genicam\" for a camera on the network"))
-        }
-        other => Ok(other),
-    }
+    let problem = "\"network\" drives projectors, not cameras";
+    driver_except(
+        Driver::Network,
+        document,
+        key,
+        name,
+        [problem, "use \"genicam\" for a camera on the network"],
+    )
 }
 
 /// The driver of a projector by its name.
 pub(super) fn projector_driver(document: &Document, key: &str, name: &str) -> Result<Driver, FileError> {
-    match driver(document, key, name)? {
-        Driver::Genicam => {
-            let problem = Problem::Unsupported("\"genicam\" drives cameras, not projectors".into());
-            Err(document.fault(key, problem, "use \"network\" and a program that shows the patterns"))
-        }
-        other => Ok(other),
+    driver_except(
+        Driver::Genicam,
+        document,
+        key,
+        name,
+        ["\"genicam\" drives cameras, not projectors", USE_NETWORK],
+    )
+}
+
+/// A driver by its name; problem and remedy are those of the driver that the device cannot have.
+fn driver_except(
+    refused: Driver,
+    document: &Document,
+    key: &str,
+    name: &str,
+    [problem, remedy]: [&str; 2],
+) -> Result<Driver, FileError> {
+    let found = driver(document, key, name)?;
+    if found == refused {
+        return Err(document.fault(key, Problem::Unsupported(problem.into()), remedy));
     }
+    Ok(found)
 }
 
 /// A driver by its name.
@@ -66,7 +85,7 @@ pub(super) fn driver(document: &Document, key: &str, name: &str) -> Result<Drive
         "network" => Ok(Driver::Network),
         "lightcrafter" | "screen" => {
             let problem = Problem::Unsupported(format!("driver \"{name}\" is not part of this version"));
-            Err(document.fault(key, problem, "use \"network\" and a program that shows the patterns"))
+            Err(document.fault(key, problem, USE_NETWORK))
         }
         _ => Err(unknown(document, key, "driver", name, KNOWN)),
     }
