@@ -10,11 +10,11 @@ use cell::pixel_format::PixelFormat;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
+use telegenic::gige::GigeConfig;
 use telegenic::gige::discovery::{
     DiscoveredDevice, DiscoveryConfig, NetworkAdapter, discover, enumerate_adapters,
 };
 use telegenic::gige::stream::{Frame, FrameChannel, FrameStatus, StreamChannel};
-use telegenic::gige::{GigECamera, GigeConfig};
 use telegenic::{GenICamera, SocketOption, StreamConfig};
 
 /// How long devices may take to answer a search: the standard lets them wait for a second.
@@ -116,7 +116,7 @@ impl GenicamDevice {
         stream.frame_retention = Duration::from_millis(500);
         stream.packet_delay = wanted.packet_delay_ticks;
         let channel =
-            transport(&device).open_stream(stream).map_err(|e| fail("opening the stream", e.to_string()))?;
+            device.transport().open_stream(stream).map_err(|e| fail("opening the stream", e.to_string()))?;
         let frames = channel.subscribe(BUFFERS);
         device.execute("AcquisitionStart").map_err(|e| fail("AcquisitionStart", e.to_string()))?;
         Ok(Self {
@@ -189,10 +189,6 @@ impl Camera for GenicamDevice {
             Err(self.fault(format!("{} bytes are no frame of {} bytes", frame.data().len(), out.len())))
         }
     }
-}
-
-fn transport(device: &GenICamera) -> &GigECamera {
-    device.transport()
 }
 
 /// The address of the camera: as written, or that of the device with the serial number.
