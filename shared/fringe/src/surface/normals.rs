@@ -189,7 +189,6 @@ fn partial_window(view: &View, samples: &[Sample], pixel: usize, link: Link, hal
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Matrix3, Point3};
     use proptest::prelude::*;
 
     const SIDE: usize = 9;
@@ -209,17 +208,7 @@ mod tests {
     }
 
     fn view(directions: &[[f64; 2]]) -> View<'_> {
-        View {
-            width: SIDE,
-            height: SIDE,
-            directions,
-            pitch: PITCH,
-            world_from_sight: Matrix3::identity(),
-            origin_mm: Point3::origin(),
-            other_mm: Vector3::zeros(),
-            max_sigma: f64::INFINITY,
-            independent: 1.0,
-        }
+        View::along_the_axes([SIDE, SIDE], directions, PITCH)
     }
 
     fn plane(directions: &[[f64; 2]], normal: Vector3<f64>, distance_mm: f64) -> Vec<Sample> {

@@ -70,6 +70,28 @@ pub(crate) const INTERPOLATED: f64 = 0.5;
 /// With more depth noise than this, in pixels on the surface, the shift of points two pixels from a rim does not matter.
 const RIM_NOISE_PX: f64 = 1.0;
 
+#[cfg(test)]
+impl<'a> View<'a> {
+    /// A view along the axes of the world, from its origin, without a limit of uncertainty.
+    pub(super) fn along_the_axes(
+        [width, height]: [usize; 2],
+        directions: &'a [[f64; 2]],
+        pitch: f64,
+    ) -> Self {
+        Self {
+            width,
+            height,
+            directions,
+            pitch,
+            world_from_sight: Matrix3::identity(),
+            origin_mm: Point3::origin(),
+            other_mm: Vector3::zeros(),
+            max_sigma: f64::INFINITY,
+            independent: 1.0,
+        }
+    }
+}
+
 impl View<'_> {
     /// Depth noise of a sample in pixels on the surface: dZ / (Z pitch) = dq / (q pitch).
     #[inline]

@@ -94,7 +94,6 @@ mod tests {
     use super::super::SurfaceSettings;
     use super::*;
     use crate::math::random::{Key, normal_quantile};
-    use nalgebra::{Matrix3, Point3, Vector3};
 
     const SIDE: usize = 160;
     const SIGMA: f64 = 1e-6;
@@ -114,17 +113,7 @@ mod tests {
         };
         let samples: Vec<Sample> = (0..SIDE * SIDE).map(sample).collect();
         let directions = vec![[0.0; 2]; samples.len()];
-        let view = View {
-            width: SIDE,
-            height: SIDE,
-            directions: &directions,
-            pitch: 0.001,
-            world_from_sight: Matrix3::identity(),
-            origin_mm: Point3::origin(),
-            other_mm: Vector3::zeros(),
-            max_sigma: f64::INFINITY,
-            independent: 1.0,
-        };
+        let view = View::along_the_axes([SIDE, SIDE], &directions, 0.001);
         let mut builder = SurfaceBuilder::new(SIDE, SIDE, SurfaceSettings::default());
         builder.excess(&view, &samples, Link { max_step: 0.01 })
     }

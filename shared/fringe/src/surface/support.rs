@@ -159,7 +159,6 @@ fn find(parents: &mut [u32], mut node: u32) -> u32 {
 mod tests {
     use super::super::SurfaceSettings;
     use super::*;
-    use nalgebra::{Matrix3, Point3, Vector3};
 
     const LINK: Link = Link { max_step: 0.01 };
 
@@ -181,17 +180,7 @@ mod tests {
         let (width, mut samples) = drawn(picture);
         let mut builder = SurfaceBuilder::new(width, picture.len(), settings);
         let directions = vec![[0.0; 2]; samples.len()];
-        let view = View {
-            width,
-            height: picture.len(),
-            directions: &directions,
-            pitch: 0.001,
-            world_from_sight: Matrix3::identity(),
-            origin_mm: Point3::origin(),
-            other_mm: Vector3::zeros(),
-            max_sigma: f64::INFINITY,
-            independent: 1.0,
-        };
+        let view = View::along_the_axes([width, picture.len()], &directions, 0.001);
         let spikes = builder.drop_spikes(&view, &mut samples, LINK);
         let crumbs = builder.drop_crumbs(width, &mut samples, LINK);
         let mark = |s: &Sample| if s.inverse_depth.is_finite() { '#' } else { '.' };
