@@ -13,6 +13,7 @@ use super::block::{CHUNK, state};
 use super::coarse::MOST_STRIPES_APART;
 use super::rasters::Rasters;
 use super::roles::{CodePlan, Reference};
+use crate::math::statistics::median;
 use crate::pattern::Code;
 use crate::phase::PhaseViewMut;
 use rayon::prelude::*;
@@ -164,12 +165,7 @@ impl Edges {
         self.scratch.clear();
         let usable = self.planes.iter().step_by(stride).filter(|p| p.freedom > 2.0);
         self.scratch.extend(usable.map(|p| f64::from(p.squares / p.freedom)));
-        let middle = self.scratch.len() / 2;
-        if self.scratch.is_empty() {
-            0.0
-        } else {
-            *self.scratch.select_nth_unstable_by(middle, f64::total_cmp).1
-        }
+        median(&mut self.scratch).unwrap_or(0.0)
     }
 }
 
@@ -229,10 +225,7 @@ impl Numbers<'_> {
                     scratch.push((a - b).abs() as f64 / 4.0);
                 }
             }
-            let middle = scratch.len() / 2;
-            if !scratch.is_empty() {
-                most = most.max(*scratch.select_nth_unstable_by(middle, f64::total_cmp).1);
-            }
+            most = most.max(median(scratch).unwrap_or(0.0));
         }
         most
     }

@@ -1,6 +1,7 @@
 //! The straight line of noise variance against background, robust against what is no noise.
 
 use super::noise::{BINS, QUANTISATION_DN2, Sample};
+use crate::math::statistics::median;
 
 /// A bin of samples by their background.
 #[derive(Debug, Clone, Copy, Default)]
@@ -43,11 +44,7 @@ impl Cut {
 pub fn robust_mean(samples: &[Sample], model: Option<(f64, f64)>, scratch: &mut Vec<f64>) -> Bin {
     scratch.clear();
     scratch.extend(samples.iter().map(|s| s.variance_dn2 / Cut::of(s.freedom).median));
-    let middle = scratch.len() / 2;
-    if scratch.is_empty() {
-        return Bin::default();
-    }
-    let median = *scratch.select_nth_unstable_by(middle, f64::total_cmp).1;
+    let Some(median) = median(scratch) else { return Bin::default() };
     let mut bin = Bin::default();
     for s in samples {
         let scale = model.map_or(median, |(read, gain)| read + gain * s.background_dn);

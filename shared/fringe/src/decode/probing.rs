@@ -5,6 +5,7 @@ use super::rasters::Rasters;
 use super::spectrum::{SIDE, Side, Spectrum};
 use super::sums::Sums;
 use crate::math::simd::vectorised;
+use crate::math::statistics::median;
 use fearless_simd::Level;
 
 /// A pixel whose residual variance exceeds the median so many times takes no part in the fit of the harmonics. Between
@@ -15,8 +16,7 @@ const EXPLAINED: f64 = 12.0;
 fn median_variance(samples: &[Sample], scratch: &mut Vec<f64>) -> f64 {
     scratch.clear();
     scratch.extend(samples.iter().map(|s| s.variance_dn2));
-    let middle = scratch.len() / 2;
-    if scratch.is_empty() { f64::INFINITY } else { *scratch.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    median(scratch).unwrap_or(f64::INFINITY)
 }
 
 /// The limits of a set's frames.

@@ -54,6 +54,7 @@ pub(crate) use settings::check_depth;
 use crate::cloud::Point;
 use crate::geometry::camera::Camera;
 use crate::math::parallel::for_parts;
+use crate::math::statistics::median;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
 use crate::surface::{Cause, INTERPOLATED, Sample, SurfaceBuilder, View, independent_share, mark_rims};
@@ -229,12 +230,7 @@ impl Matcher {
             self.noise.clear();
             let places = (0..masked.len()).step_by(stride).filter(|i| !masked[*i].is_nan());
             self.noise.extend(places.map(|i| map.sigma_rad[i]));
-            let middle = self.noise.len() / 2;
-            if self.noise.is_empty() {
-                0.0
-            } else {
-                *self.noise.select_nth_unstable_by(middle, f32::total_cmp).1
-            }
+            median(&mut self.noise).unwrap_or(0.0)
         });
         let (period_px, noise_rad) = (left.info.period_px, noise_rad[0].max(noise_rad[1]));
         let step_rad = self.median_step_rad();
@@ -253,10 +249,7 @@ impl Matcher {
                 let places = (0..phase.len().saturating_sub(next)).step_by(stride);
                 noise
                     .extend(places.map(|i| (phase[i + next] - phase[i]).abs()).filter(|step| !step.is_nan()));
-                let middle = noise.len() / 2;
-                if !noise.is_empty() {
-                    most = most.max(*noise.select_nth_unstable_by(middle, f32::total_cmp).1);
-                }
+                most = most.max(median(noise).unwrap_or(0.0));
             }
         }
         most
