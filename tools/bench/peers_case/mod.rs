@@ -13,6 +13,7 @@ mod phase;
 use crate::Outcome;
 use crate::report::emit_bare;
 use anyhow::{Result, ensure};
+use clap::ValueEnum;
 use ipc::os::Usage;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -26,7 +27,7 @@ const BUDGET: Duration = Duration::from_millis(1500);
 const MOST_REPEATS: usize = 50;
 
 /// Case of the comparison that is measured.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 #[value(rename_all = "snake_case")]
 enum Case {
     /// Memory bandwidth of this machine.
@@ -162,9 +163,8 @@ impl Row {
 
 /// Runs the case, prints its rows and writes the result.
 pub fn run(args: &Args) -> Result<Outcome> {
-    let case = format!("{:?}", args.case).to_lowercase();
     let mut bench = Bench {
-        case,
+        case: args.case.to_possible_value().map_or(String::new(), |value| value.get_name().to_owned()),
         size: args.size.clone(),
         input: args.input.clone(),
         reps: args.reps as usize,
