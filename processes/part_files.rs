@@ -30,15 +30,15 @@ pub struct Scan {
     pub spans: Vec<Span>,
 }
 
-/// The files of one cycle.
+/// What is written of one cycle.
 #[derive(Debug)]
-pub enum Kept {
+pub enum PartOutput {
     /// The result alone, without cloud and report.
-    Result,
+    ResultOnly,
     /// Cloud and report too.
     Scan(Box<Scan>),
-    /// They are lost: too many wait for the disk.
-    TooMany,
+    /// The result alone; cloud and report are lost, because too many wait for the disk.
+    Lost,
 }
 
 /// Writes the files of cycles, one after another.
@@ -50,26 +50,26 @@ pub struct PartFiles {
 }
 
 impl PartFiles {
-    /// For the folder of a run; one that is `endless` removes the oldest results as its configuration says.
+    /// For the folder of a run; one that is `endless` removes the oldest results as its configuration states.
     pub fn new(folder: Arc<RunFolder>, cell: &LoadedCell, endless: bool) -> Self {
         let retention = endless.then(|| Retention::new(folder.path(), cell.file.results));
         Self { folder, cell: cell.clone(), retention }
     }
 
-    /// Writes what is kept of a cycle.
+    /// Writes the files of a cycle.
     ///
     /// # Errors
     /// Something is not on the disk.
-    pub fn write(&mut self, result: &CycleResult, kept: &Kept) -> Result<()> {
+    pub fn write(&mut self, result: &CycleResult, output: &PartOutput) -> Result<()> {
         self.folder.check()?;
         let path = run_files::cycle(self.folder.path(), result)?;
         if let Some(retention) = &mut self.retention {
             retention.result(path)?;
         }
-        match kept {
-            Kept::Result => Ok(()),
-            Kept::Scan(scan) => self.part(result, scan),
-            Kept::TooMany => {
+        match output {
+            PartOutput::ResultOnly => Ok(()),
+            PartOutput::Scan(scan) => self.part(result, scan),
+            PartOutput::Lost => {
                 bail!("--out: cloud and report of the part are lost: the disk is slower than the cell")
             }
         }

@@ -158,12 +158,12 @@ fn report<'a>(cell: &'a LoadedCell, summary: &'a Summary, results: &'a [CycleRes
     RunReport {
         cell: &cell.name,
         config_sha256: &cell.file.sha256,
-        cycles_done: summary.done,
-        cycles_ok: summary.done - summary.not_ok,
-        cycles_not_pass: summary.not_pass,
-        cycles_not_run: summary.not_run,
-        stopped: summary.stopped,
-        gave_up: summary.gave_up.as_deref(),
+        cycles_done: summary.tally.done,
+        cycles_ok: summary.tally.ok,
+        cycles_not_pass: summary.tally.not_pass,
+        cycles_not_run: summary.tally.not_run,
+        stopped: summary.tally.stopped,
+        gave_up: summary.tally.gave_up.as_deref(),
         results,
     }
 }
@@ -247,7 +247,7 @@ fn print_tables(cell: &Cell, results: &[CycleResult], truth: Option<&Truth>) {
 }
 
 fn exit_code(summary: &Summary, options: &RunOptions) -> u8 {
-    if let Some(reason) = &summary.gave_up {
+    if let Some(reason) = &summary.tally.gave_up {
         cli::error(format_args!("the cell gave up: {reason}"));
         return 1;
     }
@@ -256,6 +256,10 @@ fn exit_code(summary: &Summary, options: &RunOptions) -> u8 {
         return 0;
     }
     // Stopping an unbounded run is no failure, although it ends the last cycle.
-    let stopped = u64::from(summary.stopped && options.cycles.is_none());
-    u8::from(summary.not_ok > stopped || summary.not_pass > 0 || summary.not_run > 0)
+    let stopped = u64::from(summary.tally.stopped && options.cycles.is_none());
+    u8::from(
+        summary.tally.done - summary.tally.ok > stopped
+            || summary.tally.not_pass > 0
+            || summary.tally.not_run > 0,
+    )
 }

@@ -1,8 +1,9 @@
 //! The context of a stage in its cell: ports to the supervisor, position in the schedule, current cycle.
 
 use super::args::StageArgs;
-use super::cycle_filter::{Admission, CycleFilter};
+use super::cycle_filter::CycleFilter;
 use super::fault::Fault;
+use super::inbox::Inbox;
 use super::text_buffer::shorten;
 use anyhow::{Context, Result, anyhow};
 use cell::Cell;
@@ -10,12 +11,11 @@ use cell::schedule::{Carries, FRAME_BUFFER, Half, Order, SUPERVISOR, Topic, Work
 use devices::LoadedCell;
 use ipc::IpcError;
 use ipc::cell::CellName;
-use ipc::error::MessageError;
 use ipc::header::{Command, Control, Event, EventKind, Header, MAX_TEXT_BYTES};
 use ipc::long_text::parts;
 use ipc::os::{Usage, now_ns};
 use ipc::output_hash;
-use ipc::port::{Listener, Node, Notifier, Publisher, Received, Subscriber, loans};
+use ipc::port::{Listener, Node, Notifier, Publisher, Subscriber, loans};
 use ipc::sequence::{SequenceGates, SequencePoint};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -210,7 +210,7 @@ impl StageContext {
             Carries::Phase => self.cell.schedule.in_flight as u64 - 1,
             _ => 0,
         };
-        Ok(Inbox { subscriber: self.node.subscriber(topic)?, early: None, ahead })
+        Ok(Inbox::new(self.node.subscriber(topic)?, ahead))
     }
 
     fn plan(&self, topic: &str) -> Result<&Topic> {
@@ -359,68 +359,4 @@ fn dependents(cell: &Cell, order: &Order, stage: usize, node: &Node) -> Result<B
 /// receiver, not the waiting sender.
 fn patience(cell: &Cell) -> Duration {
     Duration::from_millis(cell.config.limits.stage_budget_ms.saturating_mul(2))
-}
-
-/// A receiver that returns only messages of the current cycle.
-pub struct Inbox<H: Header> {
-    subscriber: Subscriber<H>,
-    early: Option<Received<H>>,
-    /// Number of cycles that a valid sender may be ahead.
-    ahead: u64,
-}
-
-impl<H: Header> Inbox<H> {
-    /// The next message of the current cycle.
-    pub fn take(&mut self, context: &mut StageContext) -> Result<Option<Received<H>>, IpcError> {
-        loop {
-            let next = match self.early.take() {
-                Some(early) => Some(early),
-                None => self.subscriber.receive()?,
-            };
-            let Some(message) = next else { return Ok(None) };
-            match context.cycles.classify(message.header().cycle()) {
-                Admission::Now => return Ok(Some(message)),
-                Admission::Stale => {}
-                Admission::Impossible => {
-                    let value = message.header().cycle();
-                    let allowed = "the current cycle and the sixteen after it";
-                    let source = MessageError::Value { key: "cycle", value, allowed };
-                    return Err(IpcError::Message { topic: self.subscriber.topic().to_owned(), source });
-                }
-                Admission::Early => {
-                    self.early = Some(message);
-                    return Ok(None);
-                }
-            }
-        }
-    }
-
-    /// Fails if a message of a later cycle arrived before this cycle is complete.
-    ///
-    /// No stage sends one while this cycle is in progress: the message is invalid, or the cycle has ended and the command that
-    /// says so has not arrived yet.
-    pub fn check_not_overtaken(&self, context: &StageContext) -> Result<(), Fault> {
-        let allowed = context.cycle().saturating_add(self.ahead);
-        match self.early.as_ref().filter(|early| early.header().cycle() > allowed) {
-            Some(early) => Err(Fault::Cycle(format!(
-                "a message of cycle {} arrived on {} before this cycle was complete",
-                early.header().cycle(),
-                self.subscriber.topic()
-            ))),
-            None => Ok(()),
-        }
-    }
-
-    /// Connects to publishers that joined since the last call and lets go of those that ended. No cycle is in progress then, so
-    /// what is queued is out of date; it would keep the memory of its sender.
-    pub fn connect(&mut self) -> Result<(), IpcError> {
-        self.early = None;
-        loop {
-            match self.subscriber.receive() {
-                Ok(Some(_)) | Err(IpcError::Message { .. }) => {}
-                Ok(None) => return self.subscriber.connect(),
-                Err(error) => return Err(error),
-            }
-        }
-    }
 }

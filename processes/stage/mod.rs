@@ -7,12 +7,14 @@ mod args;
 mod context;
 mod cycle_filter;
 mod fault;
+mod inbox;
 mod text_buffer;
 mod worker;
 
 pub use args::{StageArgs, short_hashes};
-pub use context::{Inbox, Report, StageContext};
+pub use context::{Report, StageContext};
 pub use fault::{Fault, cycle_fault};
+pub use inbox::Inbox;
 pub use text_buffer::TextBuffer;
 pub use worker::Worker;
 

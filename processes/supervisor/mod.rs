@@ -13,6 +13,7 @@ mod job_controller;
 mod lifecycle;
 mod metrics;
 mod metrics_endpoint;
+mod ports;
 mod privileges;
 pub mod profile;
 pub mod protocol;
@@ -25,9 +26,10 @@ mod setup;
 pub mod snapshot;
 mod stage_process;
 mod state;
+mod summary;
 
 pub use setup::RunOptions;
-pub use state::Summary;
+pub use summary::Summary;
 
 use crate::panic_drill::panic_if_requested;
 use anyhow::{Context, Result, anyhow};

@@ -2,7 +2,7 @@
 
 use super::protocol::Answer;
 use super::result_writer::{ResultWriter, Written};
-use crate::part_files::Kept;
+use crate::part_files::PartOutput;
 use crossbeam::channel::Sender;
 use files::result::CycleResult;
 use ipc::os::now_ns;
@@ -41,9 +41,14 @@ impl ResultDelivery {
     }
 
     /// Writes a result and then answers the client that waits for it.
-    pub(super) fn deliver(&mut self, result: &CycleResult, kept: Kept, reply: Option<Sender<Answer>>) {
+    pub(super) fn deliver(
+        &mut self,
+        result: &CycleResult,
+        output: PartOutput,
+        reply: Option<Sender<Answer>>,
+    ) {
         let Some(writer) = &self.writer else { return answer(reply, result.clone()) };
-        let queued = writer.queue(result, kept);
+        let queued = writer.queue(result, output);
         let deadline_ns = now_ns().saturating_add(DISK_TIMEOUT.as_nanos() as u64);
         let pending = Pending { result: result.clone(), reply, deadline_ns };
         match queued {

@@ -1,6 +1,6 @@
 //! Writes the results of cycles in a thread of its own: a disk that hangs stops neither control nor monitoring.
 
-use crate::part_files::Kept;
+use crate::part_files::PartOutput;
 use anyhow::{Context, Result, bail};
 use crossbeam::channel::{Receiver, Sender, TrySendError, bounded, unbounded};
 use files::result::CycleResult;
@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 /// Results that may wait for the disk; further ones are not written.
 const QUEUE_LIMIT: usize = 64;
 
-/// Results that may wait before no more clouds are kept.
+/// Results that may wait before no more clouds are written.
 const CLOUD_LIMIT: usize = 4;
 
 /// A result that the thread is done with.
@@ -24,7 +24,7 @@ pub struct Written {
 /// The thread with its queue.
 #[derive(Debug)]
 pub struct ResultWriter {
-    queue: Option<Sender<Box<(CycleResult, Kept)>>>,
+    queue: Option<Sender<Box<(CycleResult, PartOutput)>>>,
     written: Receiver<Written>,
 }
 
@@ -33,14 +33,16 @@ impl ResultWriter {
     ///
     /// # Errors
     /// The system has no thread.
-    pub fn start(mut write: impl FnMut(&CycleResult, &Kept) -> Result<()> + Send + 'static) -> Result<Self> {
-        let (queue, results) = bounded::<Box<(CycleResult, Kept)>>(QUEUE_LIMIT);
+    pub fn start(
+        mut write: impl FnMut(&CycleResult, &PartOutput) -> Result<()> + Send + 'static,
+    ) -> Result<Self> {
+        let (queue, results) = bounded::<Box<(CycleResult, PartOutput)>>(QUEUE_LIMIT);
         let (done, written) = unbounded();
         let work = move || {
             for item in results {
-                let (result, kept) = &*item;
+                let (result, output) = &*item;
                 // The supervisor may have ended already.
-                let _ = done.send(Written { cycle: result.cycle, result: write(result, kept) });
+                let _ = done.send(Written { cycle: result.cycle, result: write(result, output) });
             }
         };
         let thread = std::thread::Builder::new().name("results".into());
@@ -52,8 +54,8 @@ impl ResultWriter {
     ///
     /// # Errors
     /// The queue is full, since the disk does not answer, or the thread has ended.
-    pub fn queue(&self, result: &CycleResult, kept: Kept) -> Result<()> {
-        match self.queue.as_ref().map(|queue| queue.try_send(Box::new((result.clone(), kept)))) {
+    pub fn queue(&self, result: &CycleResult, output: PartOutput) -> Result<()> {
+        match self.queue.as_ref().map(|queue| queue.try_send(Box::new((result.clone(), output)))) {
             Some(Ok(())) => Ok(()),
             Some(Err(TrySendError::Full(_))) => {
                 bail!("--out: the disk does not answer, and {QUEUE_LIMIT} results wait for it already")
@@ -100,14 +102,20 @@ mod tests {
         })
         .unwrap();
         // One is being written, the others wait.
-        writer.queue(&result(0), Kept::Result).unwrap();
+        writer.queue(&result(0), PartOutput::ResultOnly).unwrap();
         while !writer.queue.as_ref().unwrap().is_empty() {
             std::thread::yield_now();
         }
-        let queued = (1..200).take_while(|&cycle| writer.queue(&result(cycle), Kept::Result).is_ok()).count();
+        let queued = (1..200)
+            .take_while(|&cycle| writer.queue(&result(cycle), PartOutput::ResultOnly).is_ok())
+            .count();
         assert_eq!((queued, writer.written().count()), (QUEUE_LIMIT, 0));
         assert!(
-            writer.queue(&result(200), Kept::Result).unwrap_err().to_string().contains("64 results wait")
+            writer
+                .queue(&result(200), PartOutput::ResultOnly)
+                .unwrap_err()
+                .to_string()
+                .contains("64 results wait")
         );
         assert_eq!(writer.finish(Duration::from_millis(20)).len(), 0);
         drop(disk);
@@ -118,7 +126,7 @@ mod tests {
     #[test]
     fn a_result_that_cannot_be_written_is_reported_with_its_cycle() {
         let mut writer = ResultWriter::start(|_, _| bail!("no space")).unwrap();
-        writer.queue(&result(7), Kept::Result).unwrap();
+        writer.queue(&result(7), PartOutput::ResultOnly).unwrap();
         let written = writer.finish(Duration::from_secs(60));
         assert!(matches!(&written[..], [Written { cycle: 7, result: Err(_) }]), "{written:?}");
     }

@@ -118,7 +118,7 @@ fn arguments(cell: &LoadedCell, options: &RunOptions, stage: &Stage) -> Vec<Stri
 pub(super) fn result_writer(cell: &LoadedCell, options: &RunOptions) -> Result<Option<ResultWriter>> {
     let Some(folder) = options.out.clone() else { return Ok(None) };
     let mut files = PartFiles::new(folder, cell, options.cycles.is_none());
-    ResultWriter::start(move |result, kept| files.write(result, kept)).map(Some)
+    ResultWriter::start(move |result, output| files.write(result, output)).map(Some)
 }
 
 /// Converts ms to ns.

@@ -7,14 +7,15 @@ use super::cycle_recorder::CycleRecorder;
 use super::history::{self, History};
 use super::job_controller::JobController;
 use super::metrics_endpoint;
+use super::ports::Ports;
 use super::profile::Profile;
-use super::protocol::LastPart;
 use super::result_delivery::ResultDelivery;
 use super::service_manager::ServiceManager;
 use super::setup::{self, RunOptions};
 use super::snapshot::Snapshot;
 use super::stage_process::{ProcessState, StageProcess};
-use crate::part_files::{Kept, Scan};
+use super::summary::{Summary, Tally};
+use crate::part_files::{PartOutput, Scan};
 use crate::terminal;
 use anyhow::Result;
 use cell::cycle_number::{unwire, wire};
@@ -29,9 +30,8 @@ use ipc::header::{Command, Control, Event, EventKind, Outcome};
 use ipc::long_text::TextKey;
 use ipc::os::now_ns;
 use ipc::payload;
-use ipc::port::{Listener, Node, Publisher, ServiceHandle, Subscriber};
+use ipc::port::{Listener, Node, Publisher, Subscriber};
 use ipc::sequence::SequenceGates;
-use metrology::verdict::Verdict;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -45,39 +45,6 @@ const COMMAND_PATIENCE: Duration = Duration::from_millis(50);
 
 /// Requests that may be queued: more than there are clients, since each client waits for its answer.
 const QUEUED_CALLS: usize = 64;
-
-/// The end of a run: counts, and the data for its files.
-pub struct Summary {
-    /// Cycles with an outcome.
-    pub done: u64,
-    /// Cycles that are not ok.
-    pub not_ok: u64,
-    /// Cycles with a plan whose verdict is not pass.
-    pub not_pass: u64,
-    /// Requested cycles that were never started.
-    pub not_run: u64,
-    /// Whether an operator stopped the run.
-    pub stopped: bool,
-    /// Why the cell gave up, if it did.
-    pub gave_up: Option<String>,
-    /// Times of the last cycles and their activations.
-    pub history: History,
-    /// Images, phase maps and cloud of the last cycle.
-    pub snapshot: Option<Snapshot>,
-    /// Why results are missing in the output folder.
-    pub unwritten: Option<anyhow::Error>,
-    /// Why cycles are missing in the cycle record.
-    pub unrecorded: Option<anyhow::Error>,
-    // Dropped last, in this order: the ports above before the node, the node before the folder.
-    _ports: Ports,
-}
-
-/// Keeps the shared memory alive.
-pub(super) struct Ports {
-    _services: Vec<ServiceHandle>,
-    pub(super) node: Node,
-    lock: CellLock,
-}
 
 /// The supervisor of a running cell.
 pub(super) struct Supervisor<'a> {
@@ -116,34 +83,6 @@ pub(super) struct Supervisor<'a> {
     /// Whether all stages were ready at the last check.
     pub(super) was_ready: bool,
     pub(super) ports: Ports,
-}
-
-/// Counts of a run.
-#[derive(Debug, Default)]
-pub(super) struct Tally {
-    pub(super) done: u64,
-    pub(super) ok: u64,
-    not_pass: u64,
-    /// Requested cycles that were never started.
-    not_run: u64,
-    pub(super) stopped: bool,
-    pub(super) gave_up: Option<String>,
-    /// The last cycle that is not ok, and the reason.
-    pub(super) last_failure: Option<(u64, String)>,
-    /// What the last cycle found.
-    pub(super) last: Option<LastPart>,
-}
-
-impl Ports {
-    /// Releases the shared memory of dead processes.
-    ///
-    /// # Errors
-    /// Another process changed the shared memory: iceoryx2 might not return then.
-    pub(super) fn clean_up_dead(&self) -> Result<(), IpcError> {
-        self.lock.check_segments()?;
-        self.node.clean_up_dead();
-        Ok(())
-    }
 }
 
 impl<'a> Supervisor<'a> {
@@ -205,7 +144,7 @@ impl<'a> Supervisor<'a> {
                 options.serve,
             ),
             profile: Profile::new(&names, setup::ns_of_ms(cell.config.limits.cycle_deadline_ms))?,
-            ports: Ports { _services: services, node, lock },
+            ports: Ports::new(services, node, lock),
             cell,
         })
     }
@@ -279,30 +218,25 @@ impl<'a> Supervisor<'a> {
         if let Some(duration_ns) = duration_ns {
             self.history.add(history::ended(&result, end_ns, duration_ns), collector.spans(cycle));
         }
-        self.tally.done += 1;
-        self.tally.ok += u64::from(outcome.is_ok());
-        if let Err(reason) = outcome {
-            self.tally.last_failure = Some((cycle, reason.clone()));
-        }
-        let pass = result.verdict == Some(Verdict::Pass);
-        self.tally.not_pass += u64::from(outcome.is_ok() && plan.is_some() && !pass);
-        self.tally.last = Some(LastPart::of(&result));
+        self.tally.count(cycle, outcome, &result, plan.is_some());
         each(&result);
-        let kept = self.kept(&result);
+        let output = self.output_of(&result);
         let reply = self.jobs.take_reply();
-        self.results_out.deliver(&result, kept, reply);
+        self.results_out.deliver(&result, output, reply);
         let next = self.jobs.cycle_ended();
         self.apply(next, each)
     }
 
-    /// What is kept of a cycle: a serving cell keeps cloud and report of every part.
-    fn kept(&self, result: &CycleResult) -> Kept {
-        let Some(snapshot) = self.snapshot.as_ref().filter(|_| self.keeps_parts) else { return Kept::Result };
+    /// What is written of a cycle: a serving cell keeps cloud and report of every part.
+    fn output_of(&self, result: &CycleResult) -> PartOutput {
+        let Some(snapshot) = self.snapshot.as_ref().filter(|_| self.keeps_parts) else {
+            return PartOutput::ResultOnly;
+        };
         if !self.results_out.has_room() {
-            return Kept::TooMany;
+            return PartOutput::Lost;
         }
         let spans = self.history.spans.iter().filter(|span| span.cycle == result.cycle).cloned().collect();
-        Kept::Scan(Box::new(Scan {
+        PartOutput::Scan(Box::new(Scan {
             points: snapshot.points_of(wire(result.cycle)),
             images: snapshot.images.clone(),
             spans,
@@ -411,16 +345,11 @@ impl<'a> Supervisor<'a> {
         self.answer_remaining();
         let unrecorded = self.recorder.as_mut().and_then(|recorder| recorder.finish().err());
         Summary {
-            unrecorded,
-            unwritten,
-            done: self.tally.done,
-            not_ok: self.tally.done - self.tally.ok,
-            not_pass: self.tally.not_pass,
-            not_run: self.tally.not_run,
-            stopped: self.tally.stopped,
-            gave_up: self.tally.gave_up,
+            tally: self.tally,
             history: self.history,
             snapshot: self.snapshot,
+            unwritten,
+            unrecorded,
             _ports: self.ports,
         }
     }
