@@ -191,7 +191,7 @@ fn main() -> ExitCode {
 /// Most threads: more than the machine has cores slow it down, and each needs memory.
 const MAX_THREADS: usize = 512;
 
-/// Starts the threads of the kernels, as many as RAYON_NUM_THREADS says or as there are cores; fewer where the system has no more.
+/// Starts the threads of the kernels, as many as RAYON_NUM_THREADS states or as there are cores; fewer where the system has no more.
 fn start_threads() -> Result<()> {
     let wanted = match std::env::var("RAYON_NUM_THREADS") {
         Ok(text) => match text.trim().parse::<usize>() {
@@ -202,7 +202,7 @@ fn start_threads() -> Result<()> {
     };
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let mut count = if wanted == 0 { cores.min(MAX_THREADS) } else { wanted };
-    // The global pool can be built only once, so another one tells whether the system has the threads. The results do not depend
+    // The global pool can be built only once, so another one shows whether the system has the threads. The results do not depend
     // on their number.
     while let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(count).build() {
         ensure!(count > 1, "the system has no thread for this program: {error}");

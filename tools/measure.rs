@@ -36,7 +36,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(if result.verdict == Verdict::Pass { Outcome::Done } else { Outcome::LimitFailed })
 }
 
-/// The result with what it was made from. A feature without a verdict says so by a word, and has its `reason` even when it is
+/// The result with what it was made from. A feature without a verdict states it by a word, and has its `reason` even when it is
 /// `null`.
 fn machine_readable(args: &Args, points: usize, result: &InspectionResult) -> Result<Value> {
     let mut all = serde_json::to_value(result)?;

@@ -12,12 +12,16 @@ use anyhow::{Context, Result, bail};
 use files::config::Config;
 use files::document::Document;
 use files::scene_file::parse_file;
+use fringe::geometry::rig::Rig;
 use layout::{TestRecording, recordings};
 use std::path::{Path, PathBuf};
 use twin::{Scene, Twin, TwinSettings};
 
 const SPHERE: &str = include_str!("../configs/sphere.scene.toml");
 const BAR: &str = include_str!("../configs/compliant-bar.scene.toml");
+
+/// Name of the rig file beside the plan.
+const RIG: &str = "rig.toml";
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -68,24 +72,39 @@ pub fn run(args: &Args) -> Result<Outcome> {
         write_recording((&out, truth.0, &truth.1), &config, &twin, cycle as u64, &[], &mut progress)?;
     }
     drop(progress);
-    let rig = copy_rig(args, &twin.rig)?;
+    write_evaluation_rig(args, &twin.rig)?;
     let path = args.out.join("plan.toml");
-    files::atomic::write(&path, plan::text(&recordings, &rig, args.reduced, &config)?.as_bytes())?;
+    files::atomic::write(&path, plan::text(&recordings, args.reduced, &config)?.as_bytes())?;
     println!("{} recordings; next: fringetool vdi2634 {}", recordings.len(), path.display());
     emit(args.json.as_deref(), &serde_json::json!({ "plan": path, "recordings": recordings.len() }))?;
     Ok(Outcome::Done)
 }
 
-/// The name under which the plan finds its rig file: the one given, or the twin's own, written beside the plan.
-fn copy_rig(args: &Args, own: &fringe::geometry::rig::Rig) -> Result<String> {
-    if let Some(path) = &args.rig {
-        files::rig_file::read_rig(path)?;
-        return Ok(path.canonicalize().with_context(|| path.display().to_string())?.display().to_string());
-    }
+/// Writes the rig of the evaluation beside the plan: the twin's own, or the one given.
+fn write_evaluation_rig(args: &Args, own: &Rig) -> Result<()> {
+    let (rig, source) = match &args.rig {
+        None => (own.clone(), "the digital twin's own rig: free of calibration errors".to_owned()),
+        Some(path) => {
+            let rig = in_world_of(own, files::rig_file::read_rig(path)?.rig);
+            (rig, format!("{}, moved into the world of the twin", path.display()))
+        }
+    };
     let mut provenance = toml::Table::new();
-    provenance.insert("source".into(), "the digital twin's own rig: free of calibration errors".into());
-    files::rig_file::write_rig(&args.out.join("rig.toml"), own, &provenance, None)?;
-    Ok("rig.toml".to_owned())
+    provenance.insert("source".into(), source.into());
+    files::rig_file::write_rig(&args.out.join(RIG), &rig, &provenance, None)?;
+    Ok(())
+}
+
+/// The same rig in the world of another one: its first camera stands where the camera of this name stands there. The world of
+/// a calibrated rig is that of its first target, but the volume of the test has edges along the axes of the twin's world.
+fn in_world_of(other: &Rig, mut rig: Rig) -> Rig {
+    let shared = rig.cameras.iter().find_map(|c| Some((other.camera(&c.name)?, c.camera.camera_from_world)));
+    let Some((there, camera_from_own)) = shared else { return rig };
+    let own_from_other = camera_from_own.inverse() * there.camera_from_world;
+    for device in rig.cameras.iter_mut().chain(&mut rig.projectors) {
+        device.camera.camera_from_world *= own_from_other;
+    }
+    rig
 }
 
 /// The artefact of a recording where the recording has it.
@@ -105,4 +124,29 @@ fn scene(recording: &TestRecording) -> Result<Scene> {
         body.rotation_deg = [roll, pitch, yaw].map(f64::to_degrees);
     }
     Scene::new(&file, &mut |_| Err("no mesh here".into())).context("the scene that comes with the program")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Isometry3, Vector3};
+
+    #[test]
+    fn a_rig_with_another_world_keeps_its_shape() {
+        let twin = Config::load(Path::new("configs/demo.toml")).unwrap().twin.unwrap().rig;
+        let mut rig = twin.clone();
+        let moved = Isometry3::new(Vector3::new(3.0, -70.0, 500.0), Vector3::new(0.4, -2.0, 0.7));
+        rig.cameras.iter_mut().chain(&mut rig.projectors).for_each(|d| d.camera.camera_from_world *= moved);
+        let back = in_world_of(&twin, rig);
+        for (a, b) in
+            back.cameras.iter().chain(&back.projectors).zip(twin.cameras.iter().chain(&twin.projectors))
+        {
+            let off = a.camera.camera_from_world.inverse() * b.camera.camera_from_world;
+            assert!(
+                off.translation.vector.norm() < 1e-9 && off.rotation.angle() < 1e-12,
+                "{}: {off}",
+                a.name
+            );
+        }
+    }
 }

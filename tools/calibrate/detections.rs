@@ -308,7 +308,7 @@ impl Gathered {
     }
 }
 
-/// The first axis along which no set of a sequence tells a coordinate.
+/// The first axis along which no set of a sequence gives a coordinate.
 pub fn axis_without_coordinates(sequence: &[PatternSet]) -> Option<&'static str> {
     let tells = |set: &PatternSet, axis| {
         matches!(set, PatternSet::Sine { .. } | PatternSet::Gray { .. }) && set.axis() == Some(axis)

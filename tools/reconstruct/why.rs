@@ -28,7 +28,7 @@ const COLOURS: [[u8; 3]; Cause::ALL.len()] = [
     [230, 120, 190],
 ];
 
-/// What the legend says, by number of the class.
+/// What the legend states, by number of the class.
 fn legend() -> Vec<Class> {
     let causes = Cause::ALL.into_iter().zip(COLOURS).map(|(cause, colour)| {
         let name = if cause == Cause::Dark { "not lit" } else { cause.name() };

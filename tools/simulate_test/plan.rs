@@ -1,6 +1,6 @@
 //! The plan that goes with simulated recordings.
 
-use super::layout::TestRecording;
+use super::layout::{MIDDLE_MM, TestRecording, VOLUME_MM};
 use anyhow::{Context, Result};
 use files::config::Config;
 use fringe::pattern::frame_count;
@@ -25,7 +25,7 @@ const LIMITS: [(&str, Limit); 3] = [
 const DAY: &str = "2026-01-01";
 
 /// The plan as TOML.
-pub fn text(recordings: &[TestRecording], rig: &str, reduced: bool, config: &Config) -> Result<String> {
+pub fn text(recordings: &[TestRecording], reduced: bool, config: &Config) -> Result<String> {
     let frames = config.cell.projectors.first().map_or(0, |p| frame_count(&p.sequence));
     let plan = TestPlan {
         format: TEST_FORMAT.into(),
@@ -44,15 +44,15 @@ pub fn text(recordings: &[TestRecording], rig: &str, reduced: bool, config: &Con
             zero_reason: None,
             simulated: true,
         },
-        // The volume of the thesis, section 6.4; all cameras of the cell see it, so it is both.
-        volume: Volumes {
-            sensor_mm: [140.0, 140.0, 90.0],
-            total_mm: [140.0, 140.0, 90.0],
-            center_mm: Some([0.0, 0.0, 15.0]),
-        },
+        // All cameras of the cell see the volume, so it is both.
+        volume: Volumes { sensor_mm: VOLUME_MM, total_mm: VOLUME_MM, center_mm: Some(MIDDLE_MM) },
         decision: Decision::default(),
         limits: LIMITS.iter().map(|(symbol, limit)| ((*symbol).to_owned(), *limit)).collect(),
-        measurement: Some(Measurement { rig: rig.to_owned(), method: "phase".into(), smoothing_px: None }),
+        measurement: Some(Measurement {
+            rig: super::RIG.to_owned(),
+            method: "phase".into(),
+            smoothing_px: None,
+        }),
         segmentation: Segmentation::default(),
         references: REFERENCES_MM.map(|diameter_mm| Reference { diameter_mm }).into(),
         artefacts: artefacts(),
