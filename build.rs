@@ -18,6 +18,8 @@ fn main() {
             println!("cargo:rerun-if-changed={path}");
         }
     }
+    // Line tables and symbols are most of a program; every reader of them, the backtrace of a panic too, unpacks them.
+    println!("cargo:rustc-link-arg-bins=-Wl,--compress-debug-sections=zlib");
     let commit = commit().unwrap_or_else(|| "unknown".to_owned());
     println!("cargo:rustc-env=FRINGECELL_COMMIT={commit}");
     // For `--version` of both programs.
