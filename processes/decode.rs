@@ -35,7 +35,7 @@ pub struct Decode {
     text: TextBuffer,
 }
 
-/// What the report of a phase map says: pixels by what became of them.
+/// What the report of a phase map states: pixels by what became of them.
 #[derive(serde::Serialize)]
 struct Counts<'a> {
     valid: usize,

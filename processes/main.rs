@@ -35,7 +35,7 @@ mod stage_main;
 mod status;
 mod supervisor;
 mod terminal;
-mod trigger;
+mod trigger_command;
 
 use anyhow::Result;
 use clap::{CommandFactory as _, Parser, Subcommand};
@@ -72,7 +72,7 @@ enum Command {
     /// Show the status of a running cell.
     Status(status::StatusArgs),
     /// Inspect a part with a serving cell. Exit codes: 0 the part passes, 1 it does not, 2 the request is refused.
-    Trigger(trigger::TriggerArgs),
+    Trigger(trigger_command::TriggerArgs),
     /// Start a job of a serving cell: part after part, until `finish` or for a number of cycles.
     Start(operate::StartArgs),
     /// End the job of a serving cell after its cycle.
@@ -123,7 +123,7 @@ fn execute(command: &Command) -> Result<u8> {
         Command::Stage(args) => stage_main::run(args).map(|()| 0),
         Command::Schedule(args) => schedule_command::schedule(args),
         Command::Status(args) => status::status(args).map(|()| 0),
-        Command::Trigger(args) => trigger::trigger(args),
+        Command::Trigger(args) => trigger_command::trigger(args),
         Command::Start(args) => operate::start(args),
         Command::Finish(args) => operate::send(args, &Request::Finish {}),
         Command::Abort(args) => operate::send(args, &Request::Abort {}),

@@ -22,13 +22,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Name of the lock file.
 const LOCK: &str = ".fringecell.lock";
 
-/// Name of the file that says which run a folder is of.
+/// Name of the file that states which run a folder is of.
 const RUN: &str = "run.json";
 
 /// Value of `format` in it.
 const RUN_FORMAT: &str = "fringecell-run/1";
 
-/// Names of all that a run writes to its folder; the first says that a run began here.
+/// Names of all that a run writes to its folder; the first states that a run began here.
 const OWN: [&str; 7] = [RUN, "result.json", "results", "parts", "cloud.ply", "report.html", "trace.json"];
 
 /// Folder that earlier runs are moved to, and the one that a move begins with.

@@ -4,7 +4,7 @@ use crate::Outcome;
 use anyhow::{Result, bail};
 use cell::Options;
 use devices::ServedTwin;
-use devices::gige::Faults;
+use devices::gige_simulator::Faults;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 

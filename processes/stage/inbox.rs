@@ -50,7 +50,7 @@ impl<H: Header> Inbox<H> {
     /// Fails if a message of a later cycle arrived before this cycle is complete.
     ///
     /// No stage sends one while this cycle is in progress: the message is invalid, or the cycle has ended and the command that
-    /// says so has not arrived yet.
+    /// ends it has not arrived yet.
     pub fn check_not_overtaken(&self, context: &StageContext) -> Result<(), Fault> {
         let allowed = context.cycle().saturating_add(self.ahead);
         match self.early.as_ref().filter(|early| early.header().cycle() > allowed) {

@@ -199,7 +199,7 @@ pub struct LastPart {
     pub recipe: Option<String>,
     /// `ok` or the reason.
     pub outcome: String,
-    /// Over all features; absent when nothing was judged.
+    /// Over all features; absent when nothing was evaluated.
     pub verdict: Option<Verdict>,
     /// In the order of the inspection plan.
     pub features: Vec<FeatureResult>,

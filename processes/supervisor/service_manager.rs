@@ -5,7 +5,7 @@
 
 use sd_notify::NotifyState;
 
-/// What the service manager was told.
+/// What was reported to the service manager.
 #[derive(Debug)]
 pub(super) struct ServiceManager {
     /// Pause between two signs of life, ns: half of what is allowed; `None`: none are expected.

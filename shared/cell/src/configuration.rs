@@ -71,7 +71,7 @@ pub enum Driver {
     Recording,
     /// A camera on the network: GigE Vision.
     Genicam,
-    /// A projector that another program works: it is told over the network what to show.
+    /// A projector that another program drives: it receives over the network what to show.
     Network,
 }
 

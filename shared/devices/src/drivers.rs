@@ -3,7 +3,7 @@
 use crate::device::{Camera, Projector};
 use crate::error::DeviceError;
 use crate::load::LoadedCell;
-use crate::{genicam, light, recording, twin_camera};
+use crate::{genicam, network_projector, recording, twin_camera};
 use cell::configuration::Driver;
 
 /// Opens the camera of a capture stage with the driver of its configuration.
@@ -30,7 +30,7 @@ pub fn projector(cell: &LoadedCell) -> Result<Box<dyn Projector>, DeviceError> {
     let projectors = &cell.config.projectors;
     if let Some(address) = projectors.iter().find_map(|p| p.address) {
         let names = projectors.iter().map(|p| p.name.clone()).collect();
-        return Ok(Box::new(light::NetworkProjector::new(address, names)?));
+        return Ok(Box::new(network_projector::NetworkProjector::new(address, names)?));
     }
     let rate_hz = cell.file.recording.as_ref().map_or(0.0, |r| r.rate_hz);
     // Frames of the twin and of a recording already contain the projected light; only the pace remains.

@@ -36,7 +36,7 @@ pub enum DeviceError {
     /// The twin cannot simulate this.
     #[error(transparent)]
     Twin(#[from] TwinError),
-    /// The twin refuses what a configuration says.
+    /// The twin refuses what a configuration states.
     #[error("{}", path.display())]
     Configured {
         /// Path of the configuration.
@@ -49,10 +49,10 @@ pub enum DeviceError {
     Missing(&'static str),
     /// A socket that cannot be used.
     #[error("{address}: {source}")]
-    Light {
+    Network {
         /// Address of the socket.
         address: SocketAddr,
-        /// What the system says.
+        /// The error of the system.
         source: std::io::Error,
     },
     /// The frame or the part cannot be had.

@@ -1,6 +1,6 @@
 //! A GigE Vision camera: found by address or serial number, set, and triggered by software.
 //!
-//! Each setting is read back and compared. A frame is believed only if it is complete, of the expected size and format, and
+//! Each setting is read back and compared. A frame is accepted only if it is complete, of the expected size and format, and
 //! carries the number after the last one.
 
 use crate::device::Camera;

@@ -2,8 +2,8 @@
 
 use crate::device::Camera;
 use crate::error::DeviceError;
-use crate::gige::{Faults, FrameSource, Identity, Responder, Server};
-use crate::light::{LightCommand, LightServer};
+use crate::gige_simulator::{Faults, FrameSource, Identity, Responder, Server};
+use crate::network_projector::{ProjectorCommand, ProjectorServer};
 use crate::load::LoadedCell;
 use cell::configuration::Driver;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -46,7 +46,7 @@ impl FrameSource for Seen {
 /// The cameras and the light of a twin on the network, until dropped.
 pub struct ServedTwin {
     cameras: Vec<(String, Server)>,
-    light: LightServer,
+    light: ProjectorServer,
     /// Absent where another program answers searches on this network.
     responder: Option<Responder>,
 }
@@ -86,12 +86,12 @@ impl ServedTwin {
             let source = Seen { scene: scene.clone(), camera, bytes: identity.frame_bytes() };
             identities.push(identity.clone());
             let server = Server::start(identity, Box::new(source), faults)
-                .map_err(|source| DeviceError::Light { address: (address, 3956).into(), source })?;
+                .map_err(|source| DeviceError::Network { address: (address, 3956).into(), source })?;
             served.push((config.name.clone(), server));
         }
         let names: Vec<String> = cell.config.projectors.iter().map(|p| p.name.clone()).collect();
-        let light = LightServer::start(light, move |command| show(&scene, &names, command))
-            .map_err(|source| DeviceError::Light { address: light, source })?;
+        let light = ProjectorServer::start(light, move |command| show(&scene, &names, command))
+            .map_err(|source| DeviceError::Network { address: light, source })?;
         let [network, ..] = first.octets();
         // Of an address of class A, as all of this computer are.
         let responder = Responder::start(Ipv4Addr::new(network, 255, 255, 255), &identities).ok();
@@ -114,14 +114,14 @@ impl ServedTwin {
     }
 }
 
-fn show(scene: &Mutex<Scene>, names: &[String], command: LightCommand) -> Result<(), String> {
+fn show(scene: &Mutex<Scene>, names: &[String], command: ProjectorCommand) -> Result<(), String> {
     let mut scene = lock(scene);
     match command {
-        LightCommand::Begin(cycle) => {
+        ProjectorCommand::Begin(cycle) => {
             scene.shown = Shown { cycle: Some(cycle), pattern: None };
             scene.cameras.iter_mut().try_for_each(|camera| camera.begin(cycle)).map_err(|e| e.to_string())
         }
-        LightCommand::Show { projector, frame } => {
+        ProjectorCommand::Show { projector, frame } => {
             let number = names.iter().position(|name| *name == projector);
             let number = number.ok_or_else(|| format!("there is no projector \"{projector}\""))?;
             if scene.shown.cycle.is_none() {

@@ -9,7 +9,7 @@ use thiserror::Error;
 /// What is wrong with a file, where it stands, and the likely remedy.
 ///
 /// `Display` prints `file:line: key: problem; remedy` and leaves the cause (an operating-system or image error) to
-/// `source`, so a printed chain says everything once.
+/// `source`, so a printed chain states everything once.
 #[derive(Debug)]
 pub struct FileError {
     /// The file or folder.

@@ -1,6 +1,6 @@
 //! One guard for every output of every command: no input is overwritten, and nothing of another kind is replaced.
 //!
-//! Files are told apart by device and inode, so that links and other spellings of a path do not deceive. A file that was
+//! Files are distinguished by device and inode, so that links and other spellings of a path do not deceive. A file that was
 //! opened for reading ([`opened`]) is an input of the command and is not written to; a file that the command announced
 //! as an output ([`announce`]) is not opened for reading, so that the command ends before it computes. What is there
 //! already is replaced by the same kind of file only ([`Kind`]), unless that was asked for ([`replace_anything`]).
@@ -19,7 +19,7 @@ use std::time::SystemTime;
 const MADE_LIMIT: usize = 1 << 16;
 
 /// A file, whatever its path. An inode number is used again after its file was removed; the time of birth, where the
-/// file system knows it, tells the two apart.
+/// file system knows it, distinguishes the two.
 type FileId = (u64, u64, Option<SystemTime>);
 
 #[derive(Debug)]

@@ -18,7 +18,7 @@ use std::path::Path;
 /// Most pixels of one frame: four times the largest area sensor sold. Guards memory against a header that lies.
 const PIXELS_LIMIT: u64 = 1 << 29;
 
-/// What the head of an image file says.
+/// What the head of an image file states.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ImageHeader {
     /// Columns of the image, px.

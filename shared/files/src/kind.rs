@@ -6,10 +6,10 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-/// Most bytes that are looked at: the head tells all but JSON, whose keys have to be found.
+/// Most bytes that are looked at: the head identifies all but JSON, whose keys have to be found.
 const LOOK_BYTES: u64 = 4 << 20;
 
-/// A kind of file. Those of one language are told apart by what they say of themselves.
+/// A kind of file. Those of one language are distinguished by their `format`.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Kind {
     /// A file without any bytes.
@@ -20,7 +20,7 @@ pub enum Kind {
     Mesh,
     /// JSON of any kind.
     Json,
-    /// JSON, by its `format`, or by what else tells.
+    /// JSON, by its `format`, or by its other keys.
     JsonOf(String),
     /// TOML of any kind.
     Toml,
@@ -67,7 +67,7 @@ impl Kind {
         Ok(Self::of(&bytes))
     }
 
-    /// What a file of this name holds, as far as its extension says.
+    /// What a file of this name holds, as far as its extension shows.
     pub fn of_name(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
         Some(match extension.as_str() {
@@ -119,7 +119,7 @@ impl Kind {
             | (Self::JsonOf(_), Self::Json)
             | (Self::TomlOf(_), Self::Toml)
             | (Self::Text(_), Self::Table) => true,
-            // Something that calls itself TOML or HTML and is another text is judged when the new file is known.
+            // Something that calls itself TOML or HTML and is another text is classified when the new file is known.
             _ => self == expected,
         }
     }
@@ -163,7 +163,7 @@ fn xml(text: &str) -> Kind {
     Kind::Xml(String::new())
 }
 
-/// What a JSON text says of itself; one that is longer than the look is told by its first keys.
+/// The kind that a JSON text states; one that is longer than what is looked at is recognised by its first keys.
 fn json(text: &str) -> Kind {
     let known = |name: &str| Kind::JsonOf(name.to_owned());
     let value: serde_json::Value = match text.lines().next().map(serde_json::from_str) {

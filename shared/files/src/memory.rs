@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Bytes that this process may still take: the least of what the machine has available, what its control groups allow, and what
-/// is left of its address space (`ulimit -v`). `None` where the system tells none of them.
+/// is left of its address space (`ulimit -v`). `None` where the system reports none of them.
 pub fn available() -> Option<u64> {
     let machine = fs::read_to_string("/proc/meminfo").ok().and_then(|text| machine_bytes(&text));
     let address_space = fs::read_to_string("/proc/self/limits").ok().and_then(|text| limit_bytes(&text));

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// What is decided about a feature, a part, a characteristic or a test, from the best to the worst. Where there is no
-/// value there is no verdict: `Option<Verdict>` says so.
+/// value there is no verdict: it is an `Option<Verdict>`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {

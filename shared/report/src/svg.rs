@@ -28,7 +28,7 @@ impl fmt::Display for Anchor {
     }
 }
 
-/// Opens a drawing of a width and a height in drawing units; `class` is a class of the style sheet or empty, `label` says
+/// Opens a drawing of a width and a height in drawing units; `class` is a class of the style sheet or empty, `label` states
 /// what is drawn.
 pub fn open(page: &mut Page, class: &str, [width, height]: [f64; 2], label: &str) {
     page.put(format_args!("<svg"));

@@ -233,7 +233,7 @@ fn meshes_that_are_none_are_refused() {
     let mut broken = triangles.clone();
     broken[7][1][2] = f32::NAN;
     assert_eq!(Mesh::from_stl(&stl(&broken), 1.0), Err(MeshError::NotFinite { triangle: 7 }));
-    // A count that promises more than there is must neither be believed nor allocated.
+    // A count that promises more than there is must neither be accepted nor allocated.
     let mut boast = whole.clone();
     boast[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
     assert!(matches!(Mesh::from_stl(&boast, 1.0), Err(MeshError::Unreadable(_))));

@@ -70,7 +70,7 @@ pub struct Decoded {
     pub expected: Expected,
     /// Between black and white; absent without a code, and for several exposures.
     pub threshold: Option<Threshold>,
-    /// Pixels that each exposure tells best; empty for one exposure.
+    /// Pixels that each exposure measures best; empty for one exposure.
     pub best_of: Vec<usize>,
 }
 

@@ -106,13 +106,13 @@ impl Exposures {
         let best = all.reports.iter().rev().max_by_key(|report| report.valid);
         let mut report = best.unwrap_or(&all.reports[0]).clone();
         report.valid = out.valid.iter().map(|v| usize::from(*v)).sum();
-        // What the shortest exposure clips and the longest leaves dark no exposure tells.
+        // No exposure measures what the shortest clips and the longest leaves dark.
         report.saturated = all.reports.iter().map(|r| r.saturated).min().unwrap_or(0);
         report.dark = all.reports.iter().map(|r| r.dark).min().unwrap_or(0);
         Ok(report)
     }
 
-    /// Errors to be expected in all exposures together, and the pixels that each tells best.
+    /// Errors to be expected in all exposures together, and the pixels that each measures best.
     pub(super) fn evidence(&self, axis: Axis) -> (Expected, Vec<usize>) {
         let Some(all) = self.axes.iter().find(|all| all.axis == axis) else { return Default::default() };
         let expected = all.expected.iter().copied().reduce(Expected::and).unwrap_or_default();

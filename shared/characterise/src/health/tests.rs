@@ -1,4 +1,4 @@
-//! The check against closed-form scenes: what is healthy, what is not, and what it says about it.
+//! The check against closed-form scenes: what is healthy, what is not, and what it states about it.
 
 use super::*;
 use fringe::geometry::camera::Camera;
@@ -47,7 +47,7 @@ fn a_healthy_pair_alarms_as_often_as_asked() {
     assert!(alarms <= 7, "{alarms} of 200 at 1 %");
 }
 
-/// A rig that is wrong by what its calibration's covariance says is healthy; without the covariance it is not.
+/// A rig that is wrong by what its calibration's covariance states is healthy; without the covariance it is not.
 #[test]
 fn the_covariance_of_the_calibration_is_allowed_for() {
     let [left, right, _] = rig(1124, 750);

@@ -268,7 +268,7 @@ impl Place<'_> {
         self.type_b(distribution, value)
     }
 
-    /// A type B statement, unless the file says otherwise.
+    /// A type B statement, unless the file states otherwise.
     fn type_b(&self, distribution: Distribution, value: f64) -> Result<Statement, FileError> {
         let dof = match (self.raw.dof, self.raw.relative_uncertainty_of_u) {
             (Some(dof), _) if dof == f64::INFINITY => dof,

@@ -1,7 +1,7 @@
 //! From what is written to what is meant.
 
 use super::devices::genicam;
-use super::light::{Lights, check_recorded_sizes, projectors};
+use super::projectors::{Lights, check_recorded_sizes, projectors};
 use super::limits::{cycles, limits, results, schedule, settings};
 use super::raw::{RawConfig, RawTwin};
 use super::recipes::recipes;

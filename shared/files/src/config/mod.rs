@@ -1,4 +1,4 @@
-//! The cell configuration: one page of TOML that says what the whole cell is.
+//! The cell configuration: one page of TOML that states what the whole cell is.
 //!
 //! Two steps: `RawConfig` is what is written (unknown keys refused), [`Configuration`] is what is meant (every reference
 //! resolved, every gap found). A configuration that exists can be run.
@@ -50,7 +50,7 @@
 
 mod check;
 mod devices;
-mod light;
+mod projectors;
 mod limits;
 mod raw;
 mod recipes;

@@ -143,7 +143,7 @@ recording = { path = "scan", rate_hz = 20, loop = true }
     assert!(error.contains("camera \"cam1\" has 7 × 4 px in the rig, but 6 × 4 px in "), "{error}");
 }
 
-/// What is changed in [`twin_text`], into what, and what the message then says.
+/// What is changed in [`twin_text`], into what, and what the message then states.
 const GAPS: &[(&str, &str, &str)] = &[
     (
         "name = \"demo\"",

@@ -93,7 +93,7 @@ pub struct CycleEntry {
     pub recipe: u32,
     /// `ok` or the reason.
     pub outcome: String,
-    /// The judgement, if there was one.
+    /// The verdict, if there was one.
     pub verdict: Option<Verdict>,
     /// From the last frame to the verdict, ns.
     pub latency_ns: Option<u64>,

@@ -114,7 +114,7 @@ fn a_record_cut_anywhere_gives_its_complete_cycles_and_no_seal() {
     assert!(read(&path).unwrap_err().to_string().contains("something follows its seal"));
 }
 
-/// Proves: each single bit that flips is told, and no cycle is believed that is not the one that was written.
+/// Proves: each single bit that flips is reported, and no cycle is accepted that is not the one that was written.
 #[test]
 fn every_flipped_bit_is_told() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,6 +1,6 @@
 //! Imports: foreign folders of frames, and the calibration beside them, as a recording and a rig file.
 //!
-//! A layout says which file is which frame:
+//! A layout states which file is which frame:
 //! ```toml
 //! format = "fringecell-layout/1"
 //! [[projector]]                        # as in recording.toml, but for the cameras

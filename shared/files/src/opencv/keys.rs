@@ -16,7 +16,7 @@ const DISTORTION: [&str; 8] =
 const WIDTH: [&str; 3] = ["image_width", "imageWidth", "width"];
 const HEIGHT: [&str; 3] = ["image_height", "imageHeight", "height"];
 
-/// What the caller says beyond the file.
+/// What the caller states beyond the file.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CalibrationNames {
     /// Names of the views in the rig: one or two.
@@ -105,7 +105,7 @@ fn view_keys(
     })
 }
 
-/// Image size: of the view, of all views, or as the caller says.
+/// Image size: of the view, of all views, or as the caller states.
 fn size(
     storage: &Storage,
     names: &CalibrationNames,

@@ -1,4 +1,4 @@
-//! Recordings: a folder of frames and a `recording.toml` that says what was projected and who saw it.
+//! Recordings: a folder of frames and a `recording.toml` that states what was projected and who saw it.
 //!
 //! ```text
 //! recording.toml

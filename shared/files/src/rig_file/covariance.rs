@@ -62,7 +62,7 @@ impl RigFile {
     /// Reads the covariance that the rig file names; `None` when it names none.
     ///
     /// # Errors
-    /// The file is absent, its SHA-256 is another one than the rig file says, or it holds no covariance.
+    /// The file is absent, its SHA-256 is another one than the rig file states, or it holds no covariance.
     pub fn read_covariance(&self) -> Result<Option<Covariance>, FileError> {
         let Some(reference) = &self.covariance else { return Ok(None) };
         let path = self.path.with_file_name(&reference.file);

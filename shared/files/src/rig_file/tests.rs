@@ -95,7 +95,7 @@ fn a_pair_without_projector_takes_the_only_one_that_lit_both() {
     }
 }
 
-/// What is changed in a plain rig, into what, and what the message then says.
+/// What is changed in a plain rig, into what, and what the message then states.
 const FAULTS: &[(&str, &str, &str)] = &[
     (
         "[[1.0, 0.0, 0.0]",

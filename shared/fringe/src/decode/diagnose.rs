@@ -16,7 +16,7 @@
 //! lowers ĉ by its share, to the safe side.
 //!
 //! # Orders
-//! The phase alone is wrong as [`OrderRisk`](super::OrderRisk) says. A bit adds its chance where its change, taken through the
+//! The phase alone is wrong as [`OrderRisk`](super::OrderRisk) states. A bit adds its chance where its change, taken through the
 //! chain, leads to another order; of a code without sines every change of a bit is a wrong stripe. What neighbours repair is not counted.
 
 use super::bits::{Stripes, resolve};

@@ -19,7 +19,7 @@ pub struct Exposed<'a> {
 const APART_SIGMAS: f64 = 6.0;
 const APART_RAD: f32 = 1.0;
 
-/// Merges maps of the size, axis and period of `out`; also counts the pixels that each exposure tells best. The modulation is that of the best
+/// Merges maps of the size, axis and period of `out`; also counts the pixels that each exposure measures best. The modulation is that of the best
 /// exposure, scaled to the first one's time.
 ///
 /// A pixel where two exposures contradict each other by an order keeps the one with the smaller uncertainty. Without a map no pixel is valid.

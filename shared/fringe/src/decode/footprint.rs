@@ -7,8 +7,8 @@
 //! arg Z = φ + s² (½ ∇²φ + ∇ln R · ∇φ),      |Z| = R (1 − ½ s² |∇φ|²) + ½ s² ∇²R
 //! ```
 //!
-//! The first says that curvature and shading shift the phase; a sphere measured by two cameras comes out too large by
-//! some s² times the square of the pixel's size over its radius, 5 to 12 µm at 0.2 mm per pixel. The second says how to
+//! The first states that curvature and shading shift the phase; a sphere measured by two cameras comes out too large by
+//! some s² times the square of the pixel's size over its radius, 5 to 12 µm at 0.2 mm per pixel. The second states how to
 //! find s² without knowing the lens: steep fringes lose modulation. The difference of white and black is R with the
 //! same ½ s² ∇²R, so over the image
 //!

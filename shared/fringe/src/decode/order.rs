@@ -21,7 +21,7 @@ use std::ops::Range;
 
 /// 1.5 · 2⁵²: adding and subtracting it rounds to the nearest integer (ties to even) in plain arithmetic.
 const ROUND: f64 = 6_755_399_441_055_744.0;
-/// Deviation beyond half a stripe, in periods, that blur and footprint may cause; more says that a bit is wrong.
+/// Deviation beyond half a stripe, in periods, that blur and footprint may cause; more means that a bit is wrong.
 pub(super) const CODE_EDGE_PERIODS: f64 = 0.2;
 /// ln of the odds 10⁴ : 1 that make the nearer of two orders certain.
 const LOG_ODDS: f64 = 9.2;

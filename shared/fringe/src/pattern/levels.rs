@@ -13,7 +13,7 @@ pub enum GreyLevels {
     Values(Vec<f64>),
 }
 
-/// Grey levels of a ramp that says neither how many nor along which axis: all that 8 bits have.
+/// Grey levels of a ramp that states neither how many nor along which axis: all that 8 bits have.
 pub(super) const ALL_LEVELS: GreyLevels = GreyLevels::Count(256);
 
 impl GreyLevels {

@@ -18,7 +18,7 @@ const NORMAL_QUANTILE: f64 = 0.430_727;
 const EXCESS: f64 = 1.08;
 /// … and within what is known of the noise of another camera, whose share smoothing leaves to ± 14 % (see [`super::smooth`]).
 const OTHER_EXCESS: f64 = 0.14;
-/// A second distance tells shape from noise: so many pixels more.
+/// A second distance separates shape from noise: so many pixels more.
 const FARTHER_PX: usize = 2;
 /// Scatter that grows more between both distances is shape, and gives no information of the noise.
 const SHAPE: f64 = 1.25;

@@ -11,7 +11,7 @@
 //! One frame does not show in which direction the phase rises; a second one of the set does, where there is one. Else it rises
 //! along +x (along +y for a carrier that runs down).
 //!
-//! σ counts the noise that passes the window, not what the part's edges leave in it: near edges the phase is worse than it says,
+//! σ counts the noise that passes the window, not what the part's edges leave in it: near edges the phase is worse than σ states,
 //! which is the method's weakness (section 2.1.4).
 
 use super::{Limits, Method, PixelPhase, Stack, WrapError, Wrapped};

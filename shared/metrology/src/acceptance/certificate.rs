@@ -1,4 +1,4 @@
-//! What a certificate says at the temperature of the test, and how uncertain the test value is by it.
+//! What a certificate states at the temperature of the test, and how uncertain the test value is by it.
 
 use super::plan::{Artefact, Conditions};
 use super::result::ArtefactRecord;

@@ -1,4 +1,4 @@
-//! Finds the spheres and planes of an artefact in a cloud, by where the plan says they are or by their calibrated size.
+//! Finds the spheres and planes of an artefact in a cloud, by where the plan states they are or by their calibrated size.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,7 +9,7 @@ use super::plan::Segmentation;
 use crate::fit::{FitError, FitSettings, find_plane, find_sphere, sphere};
 use fringe::cloud::Point;
 
-/// Fewest points of an element: below, a form deviation says nothing.
+/// Fewest points of an element: below, a form deviation means nothing.
 pub(super) const LEAST_POINTS: usize = 50;
 
 /// Zone of a plane over the margin, where the plan gives none.

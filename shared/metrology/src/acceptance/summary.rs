@@ -6,7 +6,7 @@ use super::plan::{Limit, TestPlan};
 use super::result::{COVERAGE_FACTOR, Characteristic, PositionValue};
 use super::rules::CharacteristicRule;
 
-/// Scatter below this is rounding, mm: it says nothing and is left undetermined.
+/// Scatter below this is rounding, mm: it means nothing and is left undetermined.
 const RESOLUTION_MM: f64 = 1e-7;
 
 /// A value with the standard uncertainty of its test value.

@@ -88,7 +88,7 @@ pub(super) struct PlacedPart {
 /// Finds the part.
 ///
 /// # Errors
-/// Names the datum element that was not found, or says why the pose is not that of the part.
+/// Names the datum element that was not found, or states why the pose is not that of the part.
 pub(super) fn align(plan: &Plan, datums: &Datums, cloud: &[Point]) -> Result<PlacedPart, MeasureError> {
     let nominal = DatumPlaces::nominal(plan, datums);
     let placed = Pose::new(&plan.world_from_part);

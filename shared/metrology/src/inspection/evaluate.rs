@@ -46,10 +46,10 @@ pub fn evaluate(plan: &Plan, cloud: &[Point]) -> InspectionResult {
     }
 }
 
-/// Finds the part in a cloud: 3-2-1 on the plan's datums, or where the plan says that it lies.
+/// Finds the part in a cloud: 3-2-1 on the plan's datums, or where the plan states that it lies.
 ///
 /// # Errors
-/// Names the datum element that was not found, or says why the pose is not that of the part.
+/// Names the datum element that was not found, or states why the pose is not that of the part.
 pub fn locate(plan: &Plan, cloud: &[Point]) -> Result<AlignmentResult, MeasureError> {
     if u32::try_from(cloud.len()).is_err() {
         return Err(MeasureError::CloudSize { points: cloud.len() });

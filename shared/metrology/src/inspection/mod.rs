@@ -1,9 +1,9 @@
 //! From the fused cloud to features, uncertainties and a verdict.
 //!
-//! [`Plan`] says in the part frame which elements lie where and what is measured between them. [`evaluate`] finds the
+//! [`Plan`] states in the part frame which elements lie where and what is measured between them. [`evaluate`] finds the
 //! part in the cloud (3-2-1 on datum elements, from a coarse search that shrinks), fits each element on its region,
 //! computes the features with standard uncertainties from the elements' covariances, and decides by ISO 14253-1.
-//! What cannot be measured says why and is never passed.
+//! What cannot be measured has a reason and is never passed.
 
 mod align;
 mod check;

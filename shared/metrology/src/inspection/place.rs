@@ -106,7 +106,7 @@ pub fn place(
         let surface = CloudReference::new(&thin, Vector3::z(), None)?.with_normals();
         (nominal_places(plan), Reference::Cloud(surface))
     };
-    // A start says where the part lies; the alignment with CAD moves the cloud to the part.
+    // A start states where the part lies; the alignment with CAD moves the cloud to the part.
     let initial = match initial {
         InitialPose::Given(pose) if with_cad => InitialPose::Given(pose.inverse()),
         other => *other,

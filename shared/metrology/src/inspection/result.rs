@@ -16,7 +16,7 @@ pub struct InspectionResult {
     pub plan: String,
     /// Verdict over all features: `fail` if one fails, `pass` if all pass, else `indeterminate`.
     pub verdict: Verdict,
-    /// Where the part was found; `None` when it was not, and then `alignment_failure` says why.
+    /// Where the part was found; `None` when it was not, and then `alignment_failure` states why.
     pub alignment: Option<AlignmentResult>,
     /// Why the part was not found.
     pub alignment_failure: Option<String>,

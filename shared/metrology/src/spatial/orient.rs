@@ -21,7 +21,7 @@ impl Body {
         (0..3).all(|axis| self.low[axis] < other.low[axis] && self.high[axis] > other.high[axis])
     }
 
-    /// Closed, and its volume says that it is turned inside out.
+    /// Closed, and its volume shows that it is turned inside out.
     fn inside_out(&self) -> bool {
         self.volume6.is_some_and(|volume| volume < 0.0)
     }

@@ -1,4 +1,4 @@
-//! What the report says, block by block, before it is set as HTML or PDF.
+//! What the report states, block by block, before it is set as HTML or PDF.
 
 use super::blocks::{Block, Cell, Document, Table};
 use super::chart::{numbers, tone_of};
@@ -11,7 +11,7 @@ use crate::number::{NONE, count, fixed, limit, limit_decimals, optional, signed}
 use metrology::acceptance::{Characteristic, Input, PositionValue, TestReport, Volume};
 use metrology::verdict::Verdict;
 
-/// Everything that the report says.
+/// Everything that the report states.
 pub fn document<'a>(report: &'a TestReport, sha256: &str) -> Document<'a> {
     let set = &report.rule_set;
     let reduced = reduced(report);

@@ -4,7 +4,7 @@
 //! name, K2022 decimals, K2101 nominal, K2110 and K2111 limits, K2142 unit, K2900 remark; per value K0001 value, K0002
 //! attribute (0: valid), K0009 text. Characteristics have different numbers of values, so each value names its own
 //! (`K0001/i`). Where the limit differs with the length the fields of limits stay empty, because each holds for all values of
-//! its characteristic; the remark says so. ASCII only, fields as long as AQDEF allows, lines end in CR LF.
+//! its characteristic; the remark states it. ASCII only, fields as long as AQDEF allows, lines end in CR LF.
 
 use super::words::{differing_limits, one_line, plain};
 use crate::number::decimals;

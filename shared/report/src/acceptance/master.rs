@@ -8,7 +8,7 @@ use metrology::acceptance::TestReport;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What the key `format` says.
+/// What the key `format` states.
 pub const FORMAT: &str = "fringecell-acceptance/1";
 
 #[derive(Serialize)]

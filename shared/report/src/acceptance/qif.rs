@@ -3,7 +3,7 @@
 //! The values of an acceptance test are errors, nominally zero, not sizes: a range of radial distances is a QIF sphericity,
 //! every other error a user-defined linear characteristic with target 0 and the limits ±MPE, named and described as in the
 //! report. Each characteristic has an item for its worst value, with the verdict over all positions, and one a position, with
-//! its own. A limit that differs with the length is no tolerance of one definition: the description says so. `combinedUncertainty` is the standard uncertainty, half of U (k = 2). No time stamp: no clock is read; the
+//! its own. A limit that differs with the length is no tolerance of one definition: the description states it. `combinedUncertainty` is the standard uncertainty, half of U (k = 2). No time stamp: no clock is read; the
 //! id of the document comes from the SHA-256 of the master.
 
 use super::words::{differing_limits, one_line, verdict_word};

@@ -14,7 +14,7 @@ pub fn verdict_key(verdict: Option<Verdict>) -> &'static str {
     verdict.map_or("none", Verdict::key)
 }
 
-/// What the table of characteristics says.
+/// What the table of characteristics states.
 pub fn judgement(one: &Characteristic) -> &'static str {
     match (one.verdict, one.decides) {
         (None, true) => "no limit given",

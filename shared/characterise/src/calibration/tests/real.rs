@@ -6,7 +6,7 @@ use nalgebra::Point3;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/real/");
 
-/// The numbers of a file; `None` when the data are absent, which the test says.
+/// The numbers of a file; `None` when the data are absent, which the test states.
 #[expect(
     clippy::disallowed_methods,
     clippy::disallowed_macros,

@@ -115,7 +115,7 @@ pub struct Conditions {
     /// Why `u_temperature_k` is 0, where it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub zero_reason: Option<String>,
-    /// Whether the recordings come from a simulation: no instrument was tested then, and every report says so.
+    /// Whether the recordings come from a simulation: no instrument was tested then, and every report states it.
     #[serde(default)]
     pub simulated: bool,
     /// How long the system was on.

@@ -13,7 +13,7 @@ use crate::uncertainty::{Dual, Expression, Number};
 /// the residuals, and here only the response is one.
 const PREDICTOR_SCALE: f64 = 1.0 / (1_u64 << 60) as f64;
 
-/// Curved valleys of a thousand steps: the adjustment stops after 200 and says so.
+/// Curved valleys of a thousand steps: the adjustment stops after 200 and reports it.
 const OUT_OF_REACH: [&str; 2] = ["Bennett5", "MGH10"];
 
 /// y = f(b; x). A "point" is (y, x₁, x₂).
@@ -150,7 +150,7 @@ fn nist_sets_are_solved_to_their_certified_digits() {
         }
         let [parameters, deviations] = near.unwrap_or_else(|error| panic!("{name}: {error}"));
         assert!(parameters >= 8.0, "{name}: {parameters} digits");
-        // The residuals of Lanczos1 are the rounding of its 13 digits: their size says nothing.
+        // The residuals of Lanczos1 are the rounding of its 13 digits: their size means nothing.
         assert!(deviations >= 7.0 || name == "Lanczos1", "{name}: {deviations} digits of the deviations");
     }
     assert_eq!(paths.len(), 27);

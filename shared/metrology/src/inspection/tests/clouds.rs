@@ -291,7 +291,7 @@ proptest! {
                 prop_assert_ne!(feature.value.is_some(), feature.reason.is_some());
                 prop_assert_eq!(feature.value.is_none(), feature.verdict.is_none());
             }
-            // What a stage says, the supervisor must be able to read.
+            // What a stage states, the supervisor must be able to read.
             let text = serde_json::to_string(&result).unwrap();
             prop_assert!(serde_json::from_str::<InspectionResult>(&text).is_ok(), "{text}");
         }

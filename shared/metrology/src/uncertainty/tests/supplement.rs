@@ -28,7 +28,7 @@ fn additive(distribution: Distribution, last_uncertainty: f64) -> Budget {
 
 #[test]
 fn s1_9_2_additive_model() {
-    // 9.2.2 normal: ±3.92; 9.2.3 rectangular: ±3.88 while the budget says ±3.92; 9.2.4 one ten times wider: ±17.0 to ±19.9.
+    // 9.2.2 normal: ±3.92; 9.2.3 rectangular: ±3.88 while the budget states ±3.92; 9.2.4 one ten times wider: ±17.0 to ±19.9.
     for (distribution, last, u, interval, digit, valid) in [
         (NORMAL, 1.0, 2.0, 3.92, 0.01, true),
         (Distribution::Rectangular, 1.0, 2.0, 3.88, 0.01, true),

@@ -72,7 +72,7 @@ fn what_the_numbers_do_not_bear_is_refused() {
         "the test is stated as pass although its characteristics give fail",
     );
     refused(&|r| r.verdict = Verdict::Indeterminate, "its characteristics give fail");
-    // PS lies within the guard band of its limit: nothing is proven, whatever the master says.
+    // PS lies within the guard band of its limit: nothing is proven, whatever the master states.
     refused(&|r| r.characteristics[2].verdict = Some(Verdict::Pass), "its positions give indeterminate");
     refused(
         &|r| r.characteristics[2].positions[2].verdict = Some(Verdict::Pass),

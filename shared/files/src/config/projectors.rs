@@ -58,7 +58,7 @@ pub(super) fn projectors(
     Ok(lights)
 }
 
-/// The decoder's own judgement, on the smallest possible image.
+/// The check of the decoder itself, on the smallest possible image.
 fn check_decodable(
     document: &Document,
     key: &str,

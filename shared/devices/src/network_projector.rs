@@ -1,4 +1,4 @@
-//! A projector that another program works: it is told over the network what to show, and answers when it is shown.
+//! A projector that another program drives: it receives over the network what to show, and answers when the pattern stands.
 //!
 //! One datagram of text a command, numbered, so that a repeated one is not carried out twice:
 //!
@@ -25,9 +25,9 @@ const SHOW_LIMIT: Duration = Duration::from_secs(5);
 
 const MAX_TEXT_BYTES: usize = 512;
 
-/// What the other program is told.
+/// A command to the other program.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum LightCommand {
+pub enum ProjectorCommand {
     /// A cycle begins, counted from 0: the part stands.
     Begin(u64),
     /// Show a frame of the sequence of a projector, counted from 0.
@@ -39,7 +39,7 @@ pub enum LightCommand {
     },
 }
 
-impl LightCommand {
+impl ProjectorCommand {
     fn parse(text: &str) -> Option<(u64, Self)> {
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
         match words.as_slice() {
@@ -53,7 +53,7 @@ impl LightCommand {
     }
 }
 
-impl std::fmt::Display for LightCommand {
+impl std::fmt::Display for ProjectorCommand {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Begin(cycle) => write!(f, "begin {cycle}"),
@@ -62,7 +62,7 @@ impl std::fmt::Display for LightCommand {
     }
 }
 
-/// The projectors of a cell, worked by another program.
+/// The projectors of a cell, driven by another program.
 pub(crate) struct NetworkProjector {
     socket: UdpSocket,
     address: SocketAddr,
@@ -73,7 +73,7 @@ pub(crate) struct NetworkProjector {
 impl NetworkProjector {
     /// Opens a socket towards the program; `names` are those of the projectors, in the order of the cell.
     pub fn new(address: SocketAddr, names: Vec<String>) -> Result<Self, DeviceError> {
-        let fail = |source| DeviceError::Light { address, source };
+        let fail = |source| DeviceError::Network { address, source };
         let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" }).map_err(fail)?;
         socket.connect(address).map_err(fail)?;
         socket.set_read_timeout(Some(REPEAT)).map_err(fail)?;
@@ -83,7 +83,7 @@ impl NetworkProjector {
     }
 
     /// Sends a command until it is answered.
-    fn ask(&mut self, command: &LightCommand, limit: Duration) -> Result<(), DeviceError> {
+    fn ask(&mut self, command: &ProjectorCommand, limit: Duration) -> Result<(), DeviceError> {
         self.id += 1;
         let text = format!("{} {command}", self.id);
         let refused = |reason: String| DeviceError::Frame(format!("projector at {}: {reason}", self.address));
@@ -122,7 +122,7 @@ impl NetworkProjector {
 
 impl Projector for NetworkProjector {
     fn begin(&mut self, cycle: u64, _now_ns: u64) -> Result<(), DeviceError> {
-        self.ask(&LightCommand::Begin(cycle), BEGIN_LIMIT)
+        self.ask(&ProjectorCommand::Begin(cycle), BEGIN_LIMIT)
     }
 
     fn due_ns(&self) -> Option<u64> {
@@ -131,35 +131,35 @@ impl Projector for NetworkProjector {
 
     fn show(&mut self, projector: usize, frame: usize, _now_ns: u64) -> Result<(), DeviceError> {
         let projector = self.names[projector].clone();
-        self.ask(&LightCommand::Show { projector, frame }, SHOW_LIMIT)
+        self.ask(&ProjectorCommand::Show { projector, frame }, SHOW_LIMIT)
     }
 }
 
-/// The other end: a program that shows what it is told, until dropped.
+/// The other end: a program that carries out the commands, until dropped.
 #[derive(Debug)]
-pub struct LightServer {
+pub struct ProjectorServer {
     address: SocketAddr,
     _answering: Background,
 }
 
-impl LightServer {
+impl ProjectorServer {
     /// Listens on an address; `show` carries a command out and returns when it is done.
     ///
     /// # Errors
     /// The address is taken or may not be opened.
     pub fn start(
         address: SocketAddr,
-        mut show: impl FnMut(LightCommand) -> Result<(), String> + Send + 'static,
+        mut show: impl FnMut(ProjectorCommand) -> Result<(), String> + Send + 'static,
     ) -> io::Result<Self> {
         let socket = UdpSocket::bind(address)?;
         socket.set_read_timeout(Some(REPEAT))?;
         let address = socket.local_addr()?;
         let mut buffer = [0; MAX_TEXT_BYTES];
         let mut last: Option<(SocketAddr, u64, String)> = None;
-        let answering = Background::start("light", move || {
+        let answering = Background::start("projectors", move || {
             let Ok((length, from)) = socket.recv_from(&mut buffer) else { return };
             let text = String::from_utf8_lossy(&buffer[..length]).into_owned();
-            let Some((id, command)) = LightCommand::parse(&text) else { return };
+            let Some((id, command)) = ProjectorCommand::parse(&text) else { return };
             let answer = match &last {
                 Some((client, done, answer)) if (*client, *done) == (from, id) => answer.clone(),
                 _ => match show(command) {
@@ -190,9 +190,9 @@ mod tests {
         let seen = Arc::new(Mutex::new(Vec::new()));
         let kept = seen.clone();
         let any = "127.0.0.1:0".parse().unwrap();
-        let server = LightServer::start(any, move |command| {
+        let server = ProjectorServer::start(any, move |command| {
             // Longer than a client waits before it asks again.
-            if command == LightCommand::Begin(1) {
+            if command == ProjectorCommand::Begin(1) {
                 std::thread::sleep(REPEAT * 3);
             }
             kept.lock().unwrap().push(command.to_string());
@@ -208,7 +208,7 @@ mod tests {
         assert_eq!(*seen.lock().unwrap(), ["begin 1", "show proj1 4", "show proj2 0"]);
         drop(server);
         let lost =
-            projector.ask(&LightCommand::Begin(2), Duration::from_millis(500)).unwrap_err().to_string();
+            projector.ask(&ProjectorCommand::Begin(2), Duration::from_millis(500)).unwrap_err().to_string();
         assert!(lost.contains("no answer to \"begin 2\""), "{lost}");
     }
 }

@@ -17,7 +17,7 @@ const TICK: Duration = Duration::from_millis(100);
 
 /// Where the frames of a camera come from.
 pub trait FrameSource: Send {
-    /// Writes the frame of this moment, as many bytes as the identity says; an error is a frame that never comes.
+    /// Writes the frame of this moment, as many bytes as the identity states; an error is a frame that never comes.
     ///
     /// # Errors
     /// There is nothing to see.

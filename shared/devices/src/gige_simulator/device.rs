@@ -24,7 +24,7 @@ const CAPABILITIES: u32 = 1 << 31 | 1 << 30 | 1 << 2 | 1 << 1 | 1;
 /// A client that is silent for longer loses control, unless it asks for another time, ms.
 const HEARTBEAT_MS: u32 = 3000;
 
-/// Who the device says it is.
+/// How the device identifies itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Identity {
     /// Address of the device.
