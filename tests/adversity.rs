@@ -50,7 +50,7 @@ fn two_cells_do_not_hear_each_other() {
 }
 
 /// Proves: a stage for which there is no memory fails with its own words, again after its restart, and then the cell holds
-/// and says them.
+/// and states them.
 #[test]
 fn a_stage_that_finds_no_memory_makes_the_cell_give_up_with_its_last_words() {
     let cell = Cell::played("memory", 50.0, "restarts_max = 1");

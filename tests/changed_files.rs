@@ -74,7 +74,7 @@ fn a_stage_that_starts_again_refuses_files_that_changed() {
     }
 }
 
-/// Proves: a serving cell measures on with what it started with when a file changes between two jobs, and says by its
+/// Proves: a serving cell measures on with what it started with when a file changes between two jobs, and states by its
 /// hashes what that was; frames cannot be kept, so a changed one is refused by name.
 #[test]
 fn a_serving_cell_keeps_what_it_started_with() {

@@ -255,7 +255,7 @@ fn datums_bring_a_scan_into_the_frame_of_the_part() {
     let mut first = vec!["compare", &cloud, &cloud, "--out", &part];
     first.extend(align);
     fringetool(&first).expect_success();
-    // In the part's frame the spheres stand where the scene says, to within a fifth of the 1.4 mm between points; where
+    // In the part's frame the spheres stand where the scene states, to within a fifth of the 1.4 mm between points; where
     // the twin had put the part they were up to two millimetres away.
     for (near, x, diameter) in
         [("-39.756,-39.756,32,10", -39.756, "22.462"), ("39.756,39.756,32,10", 39.756, "22.367")]

@@ -203,7 +203,7 @@ fn the_socket_follows_the_states_and_refuses_what_they_do_not_allow() {
     served.stop();
 }
 
-/// Proves: a stage that keeps failing leaves a cell in error that says why, to status and to clients, until it is reset.
+/// Proves: a stage that keeps failing leaves a cell in error that states why, to status and to clients, until it is reset.
 #[test]
 fn a_cell_in_error_says_why_until_it_is_reset() {
     let cell = Cell::played("inerror", 0.0, "restarts_max = 1");

@@ -18,7 +18,7 @@ struct Reader {
     section: &'static str,
     file: &'static str,
     arguments: &'static [&'static str],
-    /// What the program says of the complete example: nothing for exit code 0, else the file that a reader would have and the
+    /// What the program states of the complete example: nothing for exit code 0, else the file that a reader would have and the
     /// test has not.
     absent: Option<&'static str>,
 }

@@ -58,7 +58,7 @@ impl Served {
     }
 }
 
-/// Proves: an answer without reservation means that the files are there; a disk that hangs delays one answer, which says so,
+/// Proves: an answer without reservation means that the files are there; a disk that hangs delays one answer, which states it,
 /// and nothing else; a disk that comes back loses nothing.
 #[test]
 fn a_hung_disk_stops_neither_control_nor_answers() {
@@ -99,7 +99,7 @@ fn a_hung_disk_stops_neither_control_nor_answers() {
     assert_eq!(results(&cell.out()).len(), 3);
 }
 
-/// Proves: a cell whose disk never comes back stops, and says what is missing.
+/// Proves: a cell whose disk never comes back stops, and states what is missing.
 #[test]
 fn a_cell_on_a_hung_disk_stops_with_what_is_missing() {
     let served = Served::new("dead");

@@ -16,7 +16,7 @@ fn sphere(cloud: &std::path::Path, near: &str) -> serde_json::Value {
     json(&out)
 }
 
-/// Nominal pose, so that the spheres stand where the scene file says.
+/// Nominal pose, so that the spheres stand where the scene file states.
 const STILL: &str = "position_scatter_mm = 0.0, angle_scatter_deg = 0.0";
 
 #[test]

@@ -126,7 +126,7 @@ const WAYS: [(&str, &str); 34] = [
 ];
 
 /// Proves: no output of a command overwrites one of its inputs or a file of another kind, by whatever name; what is
-/// there stays as it is, and one line says why.
+/// there stays as it is, and one line states why.
 #[test]
 fn outputs_never_overwrite_inputs_nor_files_of_another_kind() {
     let small = inputs();

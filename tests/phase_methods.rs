@@ -9,7 +9,7 @@ fn cell<'a>(result: &'a Value, method: &str) -> &'a Value {
 }
 
 /// The even and the odd steps are different frames, and the phase of all is their mean: so the six even ones differ from it by just
-/// what the two halves say, three steps by more, and a method that the recording does not allow says why.
+/// what the two halves say, three steps by more, and a method that the recording does not allow states why.
 #[test]
 fn methods_are_held_against_all_steps_of_a_recording() {
     let small = Small::new();

@@ -1,5 +1,5 @@
 //! What the runtime promises, put to the proof: the same bytes whatever the timing, and nothing that grows. The long runs
-//! are `#[ignore]`d; CONTRIBUTING tells their commands. Nothing inside the cell helps: it is disturbed from outside.
+//! are `#[ignore]`d; CONTRIBUTING.md states their commands. Nothing inside the cell helps: it is disturbed from outside.
 
 use crate::running::{Cell, Dice, children, hashes, poke, text, wait};
 use files::cycle_record::{CycleEntry, Next, RecordReader};

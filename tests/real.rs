@@ -1,5 +1,5 @@
 //! Recordings by other people's cameras, with other people's calibration: imported, reconstructed, and compared with
-//! what their README says. Skipped with a line where `../shared/data/real` is absent.
+//! what their README states. Skipped with a line where `../shared/data/real` is absent.
 
 use crate::support::{fringetool, real_data};
 use fringe::cloud::Point;

@@ -126,7 +126,7 @@ fn what_cannot_be_checked_says_what_is_missing() {
         "{}",
         ran.stderr
     );
-    // What needs no covariance goes on, and says so.
+    // What needs no covariance goes on, and states it.
     let ran = small.reconstruct(&[]).expect_success();
     assert!(ran.stderr.contains("c.json"), "{}", ran.stderr);
 }

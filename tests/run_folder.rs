@@ -168,7 +168,7 @@ fn the_lock_of_a_killed_run_is_stale_and_a_lost_lock_ends_writing() {
     assert!(said.contains("the lock of this run was removed or replaced"), "{said}");
 }
 
-/// Proves: a serving cell keeps result, cloud and report of every part, as many as its configuration says.
+/// Proves: a serving cell keeps result, cloud and report of every part, as many as its configuration states.
 #[test]
 fn a_serving_cell_keeps_the_files_of_its_last_parts() {
     let cell = Cell::played("parts", 0.0, "");

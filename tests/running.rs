@@ -78,7 +78,7 @@ impl Cell {
         answer.get("status").cloned()
     }
 
-    /// Waits until the cell says what is asked for.
+    /// Waits until the cell states what is asked for.
     pub fn until(&self, what: &str, test: impl Fn(&Value) -> bool) -> Value {
         let begin = Instant::now();
         loop {

@@ -33,7 +33,7 @@ pub fn schema(command: &str) -> Option<Value> {
     Some(serde_json::from_str(&text).unwrap_or_else(|error| panic!("schema of {command}: {error}")))
 }
 
-/// Fails the test where a file is not what its schema says.
+/// Fails the test where a file is not what its schema states.
 pub fn assert_valid(command: &str, file: &Path) {
     let text = std::fs::read_to_string(file).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
     let value = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{}: {error}", file.display()));

@@ -6,7 +6,7 @@ use fringe::pattern::PatternSet;
 use std::path::Path;
 use twin::TwinSettings;
 
-/// A cell whose `[twin.settings]` is `settings`, and what simulating it says.
+/// A cell whose `[twin.settings]` is `settings`, and what simulating it states.
 fn simulate(small: &Small, settings: &str, more: &[&str], out: &str) -> Ran {
     let text = std::fs::read_to_string(small.path("cell.toml")).unwrap();
     std::fs::write(small.path("turned.toml"), format!("{text}[twin.settings]\n{settings}\n")).unwrap();
