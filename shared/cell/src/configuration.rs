@@ -76,6 +76,9 @@ pub enum Driver {
 }
 
 impl Driver {
+    /// All drivers, in the order in which messages name them.
+    pub const ALL: [Self; 4] = [Self::Twin, Self::Recording, Self::Genicam, Self::Network];
+
     /// Name in the configuration.
     pub fn name(self) -> &'static str {
         match self {
@@ -88,7 +91,10 @@ impl Driver {
 
     /// Whether the frames show the world, not a simulation or a recording.
     pub fn is_live(self) -> bool {
-        matches!(self, Self::Genicam | Self::Network)
+        match self {
+            Self::Genicam | Self::Network => true,
+            Self::Twin | Self::Recording => false,
+        }
     }
 }
 

@@ -12,13 +12,15 @@ use cell::configuration::Driver;
 /// A driver that does not open.
 pub fn camera(cell: &LoadedCell, camera: usize) -> Result<Box<dyn Camera>, DeviceError> {
     let config = &cell.config.cameras[camera];
-    Ok(match (config.driver, &config.genicam) {
-        (Driver::Twin, _) => Box::new(twin_camera::TwinCamera::new(cell, camera)?),
-        (Driver::Genicam, Some(wanted)) => {
+    Ok(match config.driver {
+        Driver::Twin => Box::new(twin_camera::TwinCamera::new(cell, camera)?),
+        Driver::Recording => Box::new(recording::RecordedCamera::new(cell, camera)?),
+        // The configuration refuses cameras with the driver of a projector.
+        Driver::Genicam | Driver::Network => {
+            let wanted = config.genicam.as_ref().ok_or(DeviceError::Missing("camera.address"))?;
             let size_px = [config.width_px, config.height_px];
             Box::new(genicam::GenicamDevice::new(&config.name, wanted, size_px)?)
         }
-        _ => Box::new(recording::RecordedCamera::new(cell, camera)?),
     })
 }
 

@@ -93,9 +93,11 @@ pub(super) fn check_drivers(
     for (index, projector) in projectors.iter().enumerate() {
         let key = format!("projector[{index}].driver");
         let mut lookers = cameras.iter().filter(|camera| projector.cameras.contains(&camera.name));
-        let agree = |camera: Driver| match projector.driver {
-            Driver::Network => camera == Driver::Genicam,
-            simulated => camera == simulated,
+        let agree = |camera: Driver| match camera {
+            // Their frames contain the light of their own projectors.
+            Driver::Twin | Driver::Recording => projector.driver == camera,
+            Driver::Genicam => projector.driver == Driver::Network,
+            Driver::Network => false,
         };
         if let Some(other) = lookers.find(|camera| !agree(camera.driver)) {
             let problem = Problem::Disagreement {

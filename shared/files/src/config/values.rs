@@ -77,16 +77,14 @@ fn driver_except(
 
 /// A driver by its name.
 pub(super) fn driver(document: &Document, key: &str, name: &str) -> Result<Driver, FileError> {
-    const KNOWN: [&str; 4] = ["twin", "recording", "genicam", "network"];
+    if let Some(driver) = Driver::ALL.into_iter().find(|driver| driver.name() == name) {
+        return Ok(driver);
+    }
     match name {
-        "twin" => Ok(Driver::Twin),
-        "recording" => Ok(Driver::Recording),
-        "genicam" => Ok(Driver::Genicam),
-        "network" => Ok(Driver::Network),
         "lightcrafter" | "screen" => {
             let problem = Problem::Unsupported(format!("driver \"{name}\" is not part of this version"));
             Err(document.fault(key, problem, USE_NETWORK))
         }
-        _ => Err(unknown(document, key, "driver", name, KNOWN)),
+        _ => Err(unknown(document, key, "driver", name, Driver::ALL.map(Driver::name))),
     }
 }
