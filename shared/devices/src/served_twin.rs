@@ -3,8 +3,8 @@
 use crate::device::Camera;
 use crate::error::DeviceError;
 use crate::gige_simulator::{Faults, FrameSource, Identity, Responder, Server};
-use crate::network_projector::{ProjectorCommand, ProjectorServer};
 use crate::load::LoadedCell;
+use crate::network_projector::{ProjectorCommand, ProjectorServer};
 use cell::configuration::Driver;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

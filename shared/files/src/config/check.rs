@@ -1,8 +1,8 @@
 //! From what is written to what is meant.
 
 use super::devices::genicam;
-use super::projectors::{Lights, check_recorded_sizes, projectors};
 use super::limits::{cycles, limits, results, schedule, settings};
+use super::projectors::{Lights, check_recorded_sizes, projectors};
 use super::raw::{RawConfig, RawTwin};
 use super::recipes::recipes;
 use super::references::{check_drivers, check_graph, check_twin, pairs};

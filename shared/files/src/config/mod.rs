@@ -50,8 +50,8 @@
 
 mod check;
 mod devices;
-mod projectors;
 mod limits;
+mod projectors;
 mod raw;
 mod recipes;
 mod references;
