@@ -167,7 +167,8 @@ fn limit(prlimit: &mut Command, pid: u32, what: &str) {
 fn ask(cell: &Cell, request: &str) -> Option<Value> {
     let mut stream = UnixStream::connect(folder_of(cell).join("command")).ok()?;
     stream.set_read_timeout(Some(PATIENCE)).ok()?;
-    stream.write_all(request.as_bytes()).ok()?;
+    // A cell that refuses a client closes without reading.
+    let _ = stream.write_all(request.as_bytes());
     let mut line = String::new();
     BufReader::new(stream).read_line(&mut line).ok()?;
     serde_json::from_str(&line).ok()

@@ -240,10 +240,18 @@ pub fn ask(path: &Path, request: &Request) -> Result<Answer> {
     let stream = UnixStream::connect(path)?;
     let inspects = matches!(request, Request::Inspect { .. });
     stream.set_read_timeout((!inspects).then_some(TIMEOUT))?;
-    write(&stream, request)?;
+    exchange(&stream, request)
+}
+
+/// Sends a request and reads its answer.
+fn exchange(stream: &UnixStream, request: &Request) -> Result<Answer> {
+    // A cell that refuses a client closes without reading; its reason is there all the same.
+    let sent = write(stream, request);
     let mut line = String::new();
-    BufReader::new(&stream).read_line(&mut line).context("the cell did not answer")?;
+    let read = BufReader::new(stream).read_line(&mut line);
     if line.is_empty() {
+        sent?;
+        read.context("the cell did not answer")?;
         bail!("the cell ended before it answered");
     }
     Ok(serde_json::from_str(&line)?)
@@ -354,6 +362,24 @@ mod tests {
         while !matches!(ask(&path, &inspect), Ok(Answer::Done(_))) {
             assert!(begin.elapsed() < Duration::from_secs(60), "the places are not given back");
         }
+    }
+
+    #[test]
+    fn a_client_that_is_refused_before_it_has_spoken_learns_the_reason() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("command");
+        let listener = UnixListener::bind(&path).unwrap();
+        let asking = {
+            let path = path.clone();
+            std::thread::spawn(move || {
+                let stream = UnixStream::connect(&path).unwrap();
+                // The other end is closed before the request is written.
+                std::thread::sleep(Duration::from_millis(50));
+                exchange(&stream, &Request::Status {})
+            })
+        };
+        write(&listener.accept().unwrap().0, &refused("no thread".into())).unwrap();
+        assert_eq!(asking.join().unwrap().unwrap(), Answer::Refused("no thread".into()));
     }
 
     #[test]
