@@ -2,10 +2,23 @@
 
 use crate::software::FRINGECELL;
 use anyhow::Result;
+use files::guard;
+use files::output_check::check_outputs;
 use files::provenance::{Provenance, WithProvenance};
 use files::result::write_json;
 use serde::Serialize;
 use std::path::Path;
+
+/// Refuses a file that cannot be written, or is of another kind than the result will be, before anything is asked of a cell.
+///
+/// # Errors
+/// As [`check_outputs`] and [`guard::may_become`].
+pub fn check<T: Serialize>(file: Option<&Path>, example: &T) -> Result<()> {
+    check_outputs(&[("--json", file)], &[], None)?;
+    let Some(file) = file.filter(|file| !cli::is_stdout(file)) else { return Ok(()) };
+    let document = WithProvenance { result: example, provenance: Provenance::now(&FRINGECELL) };
+    Ok(guard::may_become(file, &serde_json::to_vec(&document)?)?)
+}
 
 /// Writes a result as JSON to a file, or to standard output for `-`, with date and software under `provenance`.
 pub fn emit<T: Serialize>(file: Option<&Path>, result: &T) -> Result<()> {

@@ -59,7 +59,7 @@ pub struct RestartArgs {
 }
 
 /// What a cell did.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 struct Done<'a> {
     cell: &'a str,
     done: &'a str,
@@ -70,6 +70,7 @@ struct Done<'a> {
 /// # Errors
 /// The cell does not exist, does not answer, or refuses.
 pub fn send(args: &CellArgs, request: &Request) -> Result<u8> {
+    json::check(args.json.as_deref(), &Done::default())?;
     let (name, answer) = client::request(args.name()?.as_deref(), request)?;
     match answer {
         Answer::Done(text) => args.report(name.as_str(), &text),
@@ -111,6 +112,7 @@ pub fn restart(args: &RestartArgs) -> Result<u8> {
 /// # Errors
 /// As [`send`]; or it does not end.
 pub fn stop(args: &CellArgs) -> Result<u8> {
+    json::check(args.json.as_deref(), &Done::default())?;
     let (name, text) = client::stop(args.name()?.as_deref())?;
     args.report(name.as_str(), &text)
 }

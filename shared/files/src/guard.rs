@@ -144,6 +144,19 @@ pub fn may_replace(path: &Path, new: &Path) -> Result<(), FileError> {
     if found.gives_way_to(&made) { Ok(()) } else { Err(other_kind(path, &found, &made)) }
 }
 
+/// Whether a file with this content may take the place of one that may be there: asked before work that cannot be undone.
+///
+/// # Errors
+/// As [`may_replace`].
+pub fn may_become(path: &Path, content: &[u8]) -> Result<(), FileError> {
+    may_write(path, "")?;
+    if id_of(path).is_none() || known().force {
+        return Ok(());
+    }
+    let (found, made) = (Kind::of_file(path)?, Kind::of(content));
+    if found.gives_way_to(&made) { Ok(()) } else { Err(other_kind(path, &found, &made)) }
+}
+
 fn overwritten(path: &Path, flag: &str) -> FileError {
     let by = if flag.is_empty() { "an output" } else { flag };
     let problem = Problem::Unsupported(format!("is an input of this command; {by} would overwrite an input"));

@@ -84,7 +84,7 @@ impl Kind {
         })
     }
 
-    fn of(bytes: &[u8]) -> Self {
+    pub(crate) fn of(bytes: &[u8]) -> Self {
         if bytes.is_empty() {
             return Self::Empty;
         }

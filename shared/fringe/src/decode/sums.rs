@@ -204,7 +204,7 @@ fn mark<T: Copy + PartialOrd>(frame: &[T], places: &[usize], clipped: T, out: &m
 /// The sine frames of an axis whose clipping masks a pixel.
 #[derive(Debug, Clone)]
 pub struct Clipping {
-    /// Stored rasters.
+    /// Numbers of their rasters among those that are kept.
     pub rasters: Vec<usize>,
     /// Grey value from which a pixel counts as clipped, DN.
     pub clipped_dn: u16,

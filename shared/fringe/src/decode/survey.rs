@@ -32,10 +32,10 @@ const ALIKE: usize = 8;
 /// Bin of a pixel that is not counted.
 const NO_BIN: u32 = u32::MAX;
 
-/// What is surveyed.
+/// What a survey of the phase looks at.
 #[derive(Clone, Copy)]
 pub struct Survey<'a> {
-    /// The phase map.
+    /// Phase map whose derivatives are taken.
     pub map: &'a PhaseViewMut<'a>,
     /// The frames that give the reflectance, where there are any.
     pub reflectance: Option<&'a Reflectance<'a>>,
@@ -49,19 +49,19 @@ type Lanes = [f32; LANES];
 /// Sums over the five pixels of a row about each pixel, u = −2 … 2, v = phase less that of the middle one.
 #[derive(Clone, Copy)]
 struct RowSums {
-    /// Σ v.
+    /// Σ v, the sum of the differences.
     flat: Lanes,
-    /// Σ u v.
+    /// Σ u v, for the slope.
     slope: Lanes,
     /// Σ (u² − 2) v.
     curve: Lanes,
-    /// Σ v².
+    /// Σ v², for the residual.
     squares: Lanes,
-    /// Σ B.
+    /// Σ B, the sum of the modulation.
     light: Lanes,
-    /// Σ u B.
+    /// Σ u B, for the slope of the modulation.
     light_slope: Lanes,
-    /// The phase itself.
+    /// Phase of the middle pixel.
     middle: Lanes,
 }
 
