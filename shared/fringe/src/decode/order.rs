@@ -91,7 +91,17 @@ impl Kernel<'_> {
         let count = range.len();
         lanes.least_modulation.fill(f32::INFINITY);
         lanes.doubt.fill(state::SURE);
-        let tally = self.wrapped(range, lanes, out);
+        let tally = self.light(range, lanes, out);
+        if !out.state.contains(&state::SURE) {
+            out.phase_rad.fill(f32::NAN);
+            out.sigma_rad.fill(f32::NAN);
+            return tally;
+        }
+        for (phases, sums) in lanes.phase_rad.iter_mut().zip(&lanes.sums).take(self.plan.sines.len()) {
+            for ((phase, c), s) in phases[..count].iter_mut().zip(&sums.cos).zip(&sums.sin) {
+                *phase = angle_positive_rad(*s, *c);
+            }
+        }
         self.coarse(range, lanes);
         for (index, stage) in chain.stages.iter().enumerate() {
             let limits = self.limits(chain, index);
@@ -136,17 +146,14 @@ impl Kernel<'_> {
         }
     }
 
-    /// Wrapped phases, modulation and uncertainty; marks what is masked.
+    /// Sums, modulation and uncertainty; marks what is masked.
     #[inline(always)]
-    fn wrapped(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) -> Tally {
+    fn light(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) -> Tally {
         for (j, slot) in self.plan.sines.iter().enumerate().rev() {
             let sums = &mut lanes.sums[j];
             self.sums[*slot].block(self.rasters, self.pixels, range, sums);
             let (cos, sin) = (&sums.cos[..range.len()], &sums.sin[..range.len()]);
             let scale = 2.0 / self.steps[*slot] as f32;
-            for ((phase, c), s) in lanes.phase_rad[j].iter_mut().zip(cos).zip(sin) {
-                *phase = angle_positive_rad(*s, *c);
-            }
             for ((b, c), s) in out.modulation.iter_mut().zip(cos).zip(sin) {
                 *b = scale * (c * c + s * s).sqrt();
             }

@@ -165,6 +165,7 @@ impl Camera {
     }
 
     /// Distorted normalised coordinates to pixel.
+    #[inline(always)]
     pub fn pixel_from_distorted(&self, distorted: Vector2<f64>) -> Point2<f64> {
         Point2::new(
             self.focal_px[0] * distorted.x + self.skew * distorted.y + self.principal_point_px[0],

@@ -16,6 +16,7 @@ pub struct BrownConrady {
 
 impl BrownConrady {
     /// Distorts a normalised point.
+    #[inline(always)]
     pub fn distort(&self, ideal: Vector2<f64>) -> Vector2<f64> {
         let (x, y) = (ideal.x, ideal.y);
         let r2 = x * x + y * y;
@@ -28,6 +29,7 @@ impl BrownConrady {
     }
 
     /// Derivative of [`Self::distort`] by the ideal point.
+    #[inline(always)]
     pub fn jacobian(&self, ideal: Vector2<f64>) -> Matrix2<f64> {
         let (x, y) = (ideal.x, ideal.y);
         let r2 = x * x + y * y;

@@ -32,6 +32,7 @@
 //! scatter of single points, more of it shared by neighbours.
 
 mod axis;
+mod beside;
 mod epipolar_rows;
 mod error;
 #[cfg(test)]
@@ -54,11 +55,13 @@ pub(crate) use settings::check_depth;
 use crate::cloud::Point;
 use crate::geometry::camera::Camera;
 use crate::math::parallel::for_parts;
+use crate::math::simd::best_level;
 use crate::math::statistics::median;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
 use crate::surface::{Cause, INTERPOLATED, Sample, SurfaceBuilder, View, independent_share, mark_rims};
 use epipolar_rows::{Row, StepLimits};
+use fearless_simd::Level;
 use nalgebra::Vector3;
 use report::PART_ROWS;
 use scan::{Scan, Task};
@@ -105,6 +108,8 @@ pub struct Matcher {
     /// On the native left grid.
     samples: Vec<Sample>,
     surface: SurfaceBuilder,
+    /// Instructions that may be used.
+    level: Level,
 }
 
 impl Matcher {
@@ -151,9 +156,17 @@ impl Matcher {
             order,
             samples: vec![Sample::NONE; columns * rows],
             surface: SurfaceBuilder::new(columns, rows, settings.surface),
+            level: best_level(),
             directions,
             pair,
         })
+    }
+
+    /// Uses no more than these instructions.
+    #[cfg(test)]
+    fn limit_level(&mut self, level: Level) {
+        self.level = level;
+        self.surface.level = level;
     }
 
     /// How many points `run` may write: one per left pixel.
@@ -274,6 +287,7 @@ impl Matcher {
                 interpolation: self.settings.interpolation,
             },
             directions: &self.directions,
+            level: self.level,
             left: *left,
             right: *right,
             limits,

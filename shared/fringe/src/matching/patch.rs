@@ -38,6 +38,19 @@ pub(super) struct Patch {
     pub(super) kind: Interpolation,
 }
 
+/// Sums over the lines of 4 × 4 samples with the orthogonal polynomials of the row, column by column.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sums {
+    /// Σ v.
+    pub(super) zeroth: [f32; 4],
+    /// Σ η v.
+    pub(super) first: [f32; 4],
+    /// Σ (η² − 5/4) v.
+    pub(super) second: [f32; 4],
+    /// Σ v².
+    pub(super) squares: [f32; 4],
+}
+
 impl Patch {
     /// Least-squares quadratic over 4 × 4 samples at ±1/2, ±3/2 by orthogonal polynomials; `None` where the samples
     /// are not all valid, or rougher than noise and one smooth surface explain.
@@ -54,6 +67,14 @@ impl Patch {
             second[i] = outer - inner;
             squares[i] = l0[i] * l0[i] + l1[i] * l1[i] + l2[i] * l2[i] + l3[i] * l3[i];
         }
+        let (patch, accepted) = Self::from_sums(&Sums { zeroth, first, second, squares }, sigma);
+        accepted.then_some(patch)
+    }
+
+    /// The quadratic from the sums over the lines, and whether it holds.
+    #[inline(always)]
+    pub(super) fn from_sums(sums: &Sums, sigma: f32) -> (Patch, bool) {
+        let Sums { zeroth, first, second, squares } = *sums;
         let sum = |v: [f32; 4]| (v[0] + v[3]) + (v[1] + v[2]);
         let slope = |v: [f32; 4]| 1.5 * (v[3] - v[0]) + 0.5 * (v[2] - v[1]);
         let (a, bx, cxx) = (sum(zeroth), slope(zeroth), (zeroth[0] + zeroth[3]) - (zeroth[1] + zeroth[2]));
@@ -67,12 +88,8 @@ impl Patch {
         // The cancellation in `residual` is good to 1e-6 of the squares: allow for it.
         let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * (bx * bx + by * by) + 1e-6 * squares;
         // NaN (a masked sample) fails the comparison.
-        (residual <= limit).then_some(Patch {
-            a,
-            b: [bx, by],
-            c: [cxx, cxy, cyy],
-            kind: Interpolation::Quadratic,
-        })
+        let patch = Patch { a, b: [bx, by], c: [cxx, cxy, cyy], kind: Interpolation::Quadratic };
+        (patch, residual <= limit)
     }
 
     /// Third-degree Lagrange interpolation, expanded to second order around the place where it is read.
@@ -123,6 +140,14 @@ impl Patch {
         (f64::from(step) * pitch, f64::from(slope + bend * step) / pitch)
     }
 
+    /// The sum of squared weights of the quadratic.
+    #[inline(always)]
+    pub(super) fn quadratic_variance(xi: f64, eta: f64) -> f64 {
+        let (x2, y2) = (xi * xi, eta * eta);
+        let (px, py) = (x2 - 1.25, y2 - 1.25);
+        0.0625 * (1.0 + px * px + py * py) + 0.05 * (x2 + y2) + 0.04 * x2 * y2
+    }
+
     /// Sum of squared weights: the variance of the read phase over that of a pixel.
     ///
     /// Means over the cell: quadratic 0.242, bilinear 4/9, cubic 0.60.
@@ -130,10 +155,7 @@ impl Patch {
     pub(super) fn variance_factor(&self, xi: f64, eta: f64) -> f64 {
         let (x2, y2) = (xi * xi, eta * eta);
         match self.kind {
-            Interpolation::Quadratic => {
-                let (px, py) = (x2 - 1.25, y2 - 1.25);
-                0.0625 * (1.0 + px * px + py * py) + 0.05 * (x2 + y2) + 0.04 * x2 * y2
-            }
+            Interpolation::Quadratic => Self::quadratic_variance(xi, eta),
             Interpolation::Bilinear => (0.5 + 2.0 * x2) * (0.5 + 2.0 * y2),
             Interpolation::Cubic => {
                 let squares = |t: f64| lagrange(t as f32).0.iter().map(|w| f64::from(w * w)).sum::<f64>();

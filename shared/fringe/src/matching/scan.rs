@@ -1,12 +1,15 @@
 //! The work on one part of the rows: coarse search, uniqueness, fine solution.
 
+use super::beside::{Batch, LANES, solve_beside};
 use super::epipolar_rows::{Row, StepLimits};
 use super::report::{MatchReport, PART_ROWS};
 use super::settings::MatchSettings;
 use super::subpixel::{Crossing, MAX_SHIFT_PX, RightPhase, solve};
+use crate::math::simd::vectorised;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid};
 use crate::surface::{Cause, Sample};
+use fearless_simd::Level;
 
 /// Buffers and counts of one part.
 #[derive(Debug, Clone, Default)]
@@ -53,6 +56,16 @@ const SEARCH_SIGMAS: f64 = 4.0;
 /// … up to this, px.
 const MAX_SEARCH_PX: f64 = 12.0;
 
+/// A coarse place in the right row.
+struct Coarse {
+    /// Rectified abscissa.
+    x: f64,
+    /// How far the fine place may be from it, px.
+    search_px: f64,
+    /// Smallest and largest disparity.
+    limits: [f64; 2],
+}
+
 /// What all parts of a run share.
 pub(super) struct Scan<'a> {
     pub pair: &'a Rectification,
@@ -65,15 +78,18 @@ pub(super) struct Scan<'a> {
     pub left: PhaseView<'a>,
     pub right: PhaseView<'a>,
     pub limits: StepLimits,
+    /// Instructions that may be used.
+    pub level: Level,
 }
 
 impl Scan<'_> {
     /// Matches the left pixels of one part, row by row.
     pub fn part(&self, part: usize, pixels: &[u32], hits: &mut [Sample], task: &mut Task) {
         let mut current = usize::MAX;
-        for (pixel, hit) in pixels.iter().zip(hits) {
+        let mut batch = Batch::default();
+        for (index, pixel) in pixels.iter().enumerate() {
             let pixel = *pixel as usize;
-            *hit = Sample::NONE;
+            hits[index] = Sample::NONE;
             let phase = self.left_phase[pixel];
             if phase.is_nan() {
                 continue;
@@ -86,17 +102,48 @@ impl Scan<'_> {
                 current = row;
             }
             task.report.valid += 1;
-            match self.pixel(pixel, phase, task) {
-                Ok((sample, bilinear)) => {
-                    *hit = sample;
-                    task.report.bilinear += u32::from(bilinear);
-                }
+            match self.coarse(pixel, phase, task) {
+                Ok(found) => self.put(&mut batch, (index, pixel, phase), &found),
                 Err(miss) => {
-                    *hit = Sample::without(miss.cause());
+                    hits[index] = Sample::without(miss.cause());
                     task.report.count(miss.cause());
                 }
             }
+            if batch.count == LANES {
+                self.settle(&mut batch, hits, &mut task.report);
+            }
         }
+        self.settle(&mut batch, hits, &mut task.report);
+    }
+
+    fn put(&self, batch: &mut Batch, (hit, pixel, phase): (usize, usize, f32), found: &Coarse) {
+        let l = batch.count;
+        (batch.hit[l], batch.pixel[l], batch.wanted[l]) = (hit, pixel, phase);
+        (batch.coarse[l], batch.search_px[l], batch.limits[l]) = (found.x, found.search_px, found.limits);
+        batch.y[l] = self.directions[pixel][1];
+        batch.count += 1;
+    }
+
+    /// The fine stage of a batch, which is then empty.
+    fn settle(&self, batch: &mut Batch, hits: &mut [Sample], report: &mut MatchReport) {
+        let found = vectorised!(self.level, solve_beside(&self.right_phase, &self.pair.right, batch));
+        for (l, crossing) in found.into_iter().enumerate().take(batch.count) {
+            let crossing = crossing.or_else(|| {
+                let curve = self.pair.right.curve(batch.y[l]);
+                let coarse = (batch.coarse[l], batch.search_px[l]);
+                solve(&self.right_phase, &curve, batch.wanted[l], coarse)
+            });
+            let sample = crossing.ok_or(Miss::Discontinuous).and_then(|crossing| {
+                let sample = self.sample(batch.pixel[l], &crossing, batch.limits[l])?;
+                report.bilinear += u32::from(crossing.bilinear);
+                Ok(sample)
+            });
+            hits[batch.hit[l]] = sample.unwrap_or_else(|miss| {
+                report.count(miss.cause());
+                Sample::without(miss.cause())
+            });
+        }
+        batch.count = 0;
     }
 
     fn load(&self, row: usize, task: &mut Task) {
@@ -109,7 +156,8 @@ impl Scan<'_> {
         gather(self.left_grid, self.left_phase, &mut task.left);
     }
 
-    fn pixel(&self, pixel: usize, phase: f32, task: &mut Task) -> Result<(Sample, bool), Miss> {
+    /// The coarse place of a left pixel in the right row.
+    fn coarse(&self, pixel: usize, phase: f32, task: &mut Task) -> Result<Coarse, Miss> {
         let [x, y] = self.directions[pixel];
         let limits = self.disparity_limits(x, y);
         let allowed = |left: f64, right: f64| (limits[0]..=limits[1]).contains(&(left - right));
@@ -148,21 +196,14 @@ impl Scan<'_> {
         }
         let noise_px = SEARCH_SIGMAS * f64::from(self.left.sigma_rad[pixel]) / steepness;
         let search_px = MAX_SHIFT_PX + if noise_px < MAX_SEARCH_PX { noise_px } else { MAX_SEARCH_PX };
-        self.refine(pixel, phase, (coarse, search_px), limits)
+        Ok(Coarse { x: coarse, search_px, limits })
     }
 
-    fn refine(
-        &self,
-        pixel: usize,
-        phase: f32,
-        coarse: (f64, f64),
-        limits: [f64; 2],
-    ) -> Result<(Sample, bool), Miss> {
-        let [x, y] = self.directions[pixel];
-        let curve = self.pair.right.curve(y);
+    /// The inverse depth of a left pixel from its crossing.
+    fn sample(&self, pixel: usize, crossing: &Crossing, limits: [f64; 2]) -> Result<Sample, Miss> {
+        let x = self.directions[pixel][0];
         let pitch = 1.0 / self.pair.focal_px;
-        let Crossing { x: place, slope, variance, pixel: right, bilinear } =
-            solve(&self.right_phase, &curve, phase, coarse).ok_or(Miss::Discontinuous)?;
+        let Crossing { x: place, slope, variance, pixel: right, .. } = *crossing;
         let sigma_left = f64::from(self.left.sigma_rad[pixel]);
         let (own, both) = (sigma_left * sigma_left, sigma_left * sigma_left + variance);
         let sigma = (both / (slope * slope)).sqrt();
@@ -179,14 +220,13 @@ impl Scan<'_> {
         if !(limits[0]..=limits[1]).contains(&disparity) {
             return Err(Miss::Discontinuous);
         }
-        let sample = Sample {
+        Ok(Sample {
             inverse_depth: disparity / self.pair.baseline_mm,
             sigma: (sigma / self.pair.baseline_mm) as f32,
             own_share: if both > 0.0 { (own / both) as f32 } else { 1.0 },
             modulation: self.left.modulation[pixel].min(self.right.modulation[right]),
             cause: Cause::Point,
-        };
-        Ok((sample, bilinear))
+        })
     }
 
     /// Smallest and largest disparity of a left pixel in rectified units.

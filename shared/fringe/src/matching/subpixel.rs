@@ -114,9 +114,10 @@ pub(super) fn solve(
 }
 
 /// Whether an offset belongs to its 2 × 2 cell. A margin keeps the search from going to and fro between two cells.
-#[inline]
-fn inside(offset: [f64; 2]) -> bool {
-    offset[0].abs() <= 0.5 + CELL_MARGIN && offset[1].abs() <= 0.5 + CELL_MARGIN
+#[inline(always)]
+#[allow(clippy::needless_bitwise_bool, reason = "without branches a loop over it vectorises")]
+pub(super) fn inside(offset: [f64; 2]) -> bool {
+    (offset[0].abs() <= 0.5 + CELL_MARGIN) & (offset[1].abs() <= 0.5 + CELL_MARGIN)
 }
 
 /// The patch of a 2 × 2 cell, named by its top-left pixel.
@@ -157,8 +158,8 @@ impl RightPhase<'_> {
     }
 
     /// The pixel of a cell that is nearest to a place in it.
-    #[inline]
-    fn nearest(&self, column: usize, row: usize, offset: [f64; 2]) -> usize {
+    #[inline(always)]
+    pub(super) fn nearest(&self, column: usize, row: usize, offset: [f64; 2]) -> usize {
         (row + usize::from(offset[1] > 0.0)) * self.width + column + usize::from(offset[0] > 0.0)
     }
 

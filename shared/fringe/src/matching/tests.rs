@@ -76,6 +76,24 @@ fn an_ideal_plane_is_matched_without_bias() {
     }
 }
 
+#[test]
+fn every_level_of_instructions_gives_the_same_points() {
+    let [left, right, projector] = rig(300, 200);
+    let scene = scene(&[Surface::plane([0.1, 0.2, 1.0], 1.0)], &projector);
+    let maps = [(&left, 1), (&right, 2)].map(|(c, seed)| scene.phase_map(c, Axis::X, 0.03, seed));
+    let mut expected: Option<Vec<Point>> = None;
+    for level in crate::math::simd::levels() {
+        let mut matcher = Matcher::new(&left, &right, &MatchSettings::default()).unwrap();
+        matcher.limit_level(level);
+        let mut points = vec![blank(); matcher.capacity()];
+        let count = matcher.run(&maps[0].view(), &maps[1].view(), 0, &mut points).unwrap().points as usize;
+        points.truncate(count);
+        let expected = expected.get_or_insert_with(|| points.clone());
+        let [one, other] = [&*expected, &points].map(|points| bytemuck::cast_slice::<Point, u8>(points));
+        assert!(count > 20_000 && one == other, "{level:?}: {count} points");
+    }
+}
+
 /// Every wrong way to treat order of work shows in the bytes.
 #[test]
 fn the_bytes_do_not_depend_on_the_number_of_threads() {

@@ -98,6 +98,7 @@ impl RectifiedCamera {
     }
 
     /// The epipolar curve of rectified ordinate y on the native grid.
+    #[inline(always)]
     pub fn curve(&self, y: f64) -> EpipolarCurve<'_> {
         let m = &self.camera_from_rectified;
         EpipolarCurve {
@@ -164,7 +165,7 @@ pub struct CurvePoint {
 
 impl EpipolarCurve<'_> {
     /// Rotates, projects, distorts: closed form, exact. Not finite where the direction leaves the front half space.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, x: f64) -> CurvePoint {
         let direction = self.base + self.along * x;
         let inverse_z = if direction.z > 0.0 { 1.0 / direction.z } else { f64::NAN };

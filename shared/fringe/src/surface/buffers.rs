@@ -27,7 +27,7 @@ pub(crate) struct SurfaceBuilder {
     pub(super) depths: Vec<f64>,
     pub(super) sigmas: Vec<f32>,
     /// Instructions that may be used.
-    pub(super) level: Level,
+    pub(crate) level: Level,
     pub(super) parents: Vec<u32>,
     pub(super) sizes: Vec<u32>,
     /// What became of each pixel.

@@ -99,17 +99,17 @@ impl SurfaceBuilder {
 }
 
 /// Decides whether a pixel becomes a point, or why it is dropped.
-struct Selector<'a> {
-    view: &'a View<'a>,
-    samples: &'a [Sample],
-    link: Link,
+pub(super) struct Selector<'a> {
+    pub(super) view: &'a View<'a>,
+    pub(super) samples: &'a [Sample],
+    pub(super) link: Link,
     /// Excess of the scatter, see [`super::scatter`].
-    excess: f64,
-    settings: &'a SurfaceSettings,
-    min_cosine: f64,
-    gaps: &'a [u8],
+    pub(super) excess: f64,
+    pub(super) settings: &'a SurfaceSettings,
+    pub(super) min_cosine: f64,
+    pub(super) gaps: &'a [u8],
     /// The inverse depths of the samples.
-    depths: &'a [f64],
+    pub(super) depths: &'a [f64],
 }
 
 impl Selector<'_> {
@@ -177,7 +177,7 @@ impl Selector<'_> {
 
     /// The smoothed sample, its normal, and whether it is a point.
     #[inline]
-    fn pixel(&self, pixel: usize) -> (Sample, Option<Vector3<f64>>, Cause) {
+    pub(super) fn pixel(&self, pixel: usize) -> (Sample, Option<Vector3<f64>>, Cause) {
         let Self { view, samples, link, gaps, settings, .. } = *self;
         let (half, smoothing) = (settings.normal_window_px as usize / 2, settings.smoothing_half());
         let size = (view.width, view.height);

@@ -205,3 +205,73 @@ pub(super) fn neighbours(
     }
     count
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::build::Selector;
+    use super::super::normals::Link;
+    use super::super::{Cause, SurfaceSettings};
+    use super::*;
+    use crate::math::random::{Key, normal_quantile};
+    use nalgebra::{Matrix3, Point3, Vector3};
+
+    const SIDE: usize = 60;
+    const PITCH: f64 = 1.0 / 2330.0;
+
+    /// A ball with noise before a plane far behind it, with specks: what is settled side by side is what the general way gives.
+    #[test]
+    fn pixels_side_by_side_are_those_of_the_general_way() {
+        let at = |i: usize| [(i % SIDE) as f64 - 30.0, (i / SIDE) as f64 - 30.0].map(|v| v * PITCH);
+        let directions: Vec<[f64; 2]> =
+            (0..SIDE * SIDE).map(|i| at(i).map(|v| v * (1.0 + 0.02 * v))).collect();
+        let sample = |i: usize| {
+            let [x, y] = at(i).map(|v| 500.0 * v);
+            let depth = 500.0 - (36.0 - x * x - y * y).max(0.0).sqrt();
+            let noise = 2e-8 * normal_quantile(Key::new(7).open(i as u64));
+            let inverse_depth = if i % 97 == 5 { f64::NAN } else { 1.0 / depth + noise };
+            Sample { inverse_depth, sigma: 2e-8, own_share: 0.7, modulation: 1.0, cause: Cause::Point }
+        };
+        let samples: Vec<Sample> = (0..SIDE * SIDE).map(sample).collect();
+        let depths: Vec<f64> = samples.iter().map(|sample| sample.inverse_depth).collect();
+        let (cosine, sine) = (0.8, 0.6);
+        let view = View {
+            width: SIDE,
+            height: SIDE,
+            directions: &directions,
+            pitch: PITCH,
+            world_from_sight: Matrix3::new(cosine, 0.0, sine, 0.0, 1.0, 0.0, -sine, 0.0, cosine),
+            origin_mm: Point3::new(3.0, -20.0, 7.0),
+            other_mm: Vector3::new(150.0, 0.0, 0.0),
+            independent: 0.9,
+            max_sigma: 1e-7,
+        };
+        let (settings, gaps) = (SurfaceSettings::default(), vec![0; samples.len()]);
+        let common = Shared { max_step: 5.67 * PITCH, excess: 1.1, min_cosine: 0.34 };
+        let selector = Selector {
+            view: &view,
+            samples: &samples,
+            link: Link { max_step: common.max_step },
+            excess: common.excess,
+            settings: &settings,
+            min_cosine: common.min_cosine,
+            gaps: &gaps,
+            depths: &depths,
+        };
+        let mut settled = 0;
+        for start in (HALF..SIDE - HALF).map(|row| row * SIDE + HALF) {
+            for first in (start..start + SIDE - 2 * HALF - LANES).step_by(LANES) {
+                let found = group(&view, &depths, &samples, first, common);
+                for l in (0..LANES).filter(|l| found.settled[*l]) {
+                    settled += 1;
+                    let (sample, normal, cause) = selector.pixel(first + l);
+                    assert_eq!(cause, Cause::Point);
+                    let point = view.point(&sample, first + l, 0, normal);
+                    assert_eq!(point.position_mm, found.position_mm.map(|axis| axis[l]));
+                    assert_eq!(point.normal, found.normal.map(|axis| axis[l] as f32));
+                    assert_eq!(point.sigma_mm, found.sigma_mm[l]);
+                }
+            }
+        }
+        assert!(settled > 1000, "{settled}");
+    }
+}
