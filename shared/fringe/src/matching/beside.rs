@@ -24,11 +24,11 @@ pub(super) struct Batch {
     pub count: usize,
     /// Number of the pixel among the hits of the part.
     pub hit: [usize; LANES],
-    /// The pixel itself.
+    /// Number of the pixel in its image.
     pub pixel: [usize; LANES],
-    /// Its phase, rad.
+    /// Phase of the pixel, rad.
     pub wanted: [f32; LANES],
-    /// Rectified ordinate.
+    /// Rectified ordinate of the pixel.
     pub y: Lanes,
     /// Coarse rectified abscissa on the right.
     pub coarse: Lanes,

@@ -41,13 +41,13 @@ pub(super) struct Patch {
 /// Sums over the lines of 4 × 4 samples with the orthogonal polynomials of the row, column by column.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sums {
-    /// Σ v.
+    /// Σ v, the sum of the samples.
     pub(super) zeroth: [f32; 4],
-    /// Σ η v.
+    /// Σ η v, for the slope.
     pub(super) first: [f32; 4],
     /// Σ (η² − 5/4) v.
     pub(super) second: [f32; 4],
-    /// Σ v².
+    /// Σ v², for the residual.
     pub(super) squares: [f32; 4],
 }
 

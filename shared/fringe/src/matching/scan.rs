@@ -58,7 +58,7 @@ const MAX_SEARCH_PX: f64 = 12.0;
 
 /// A coarse place in the right row.
 struct Coarse {
-    /// Rectified abscissa.
+    /// Rectified abscissa of the pixel.
     x: f64,
     /// How far the fine place may be from it, px.
     search_px: f64,
