@@ -6,6 +6,7 @@ use anyhow::{Context, Result, bail};
 use cell::Retention;
 use files::atomic;
 use files::bundled::DEMO;
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 
 /// List of the files in the output folder.
@@ -27,6 +28,15 @@ pub struct DemoArgs {
     /// Name of the cell.
     #[arg(long, value_name = "NAME", default_value = "demo")]
     pub cell: String,
+    /// Serve the live page at this address, for example 127.0.0.1:8080; port 0: any free port.
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    pub page: Option<SocketAddr>,
+    /// File with a token of 16 to 256 characters that viewers of the page must know; needed where other machines can reach it.
+    #[arg(long, value_name = "FILE", requires = "page")]
+    pub page_token: Option<PathBuf>,
+    /// Keep the cell running after its cycles, for jobs from the page, until Ctrl-C.
+    #[arg(long, requires = "page")]
+    pub stay: bool,
     /// Write counts and results of all cycles as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -37,6 +47,8 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
     // Check the name before writing any file.
     ipc::cell::CellName::new(&args.cell)?;
     let config = write_files(&args.out.join("config"), files::guard::replaces_anything())?;
+    let settings = files::config::Config::load(&config)?;
+    let cycles = args.cycles.or(settings.cell.cycles);
     let run_args = RunArgs {
         config: config.clone(),
         cycles: args.cycles,
@@ -45,14 +57,17 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         cycle_record: None,
         retain: Retention::Hashes,
         cell: Some(args.cell.clone()),
+        page: args.page,
+        page_token: args.page_token.clone(),
         metrics: None,
         allow_remote: false,
-        serve: false,
+        serve: args.stay,
+        first_cycles: args.stay.then(|| cycles.map_or(1, u64::from)),
         trace: None,
         json: args.json.clone(),
     };
     // The truth of the scene is used only here; the stages never read it.
-    let twin = files::config::Config::load(&config)?.twin.context("the demo has no [twin]")?;
+    let twin = settings.twin.context("the demo has no [twin]")?;
     let truth = files::scene_file::parse_scene(&twin.scene)?.truth().clone();
     let code = run::run(&run_args, Some(&truth))?;
     let folder = args.out.canonicalize().unwrap_or_else(|_| args.out.clone());

@@ -11,11 +11,13 @@ mod client;
 mod control;
 mod decode;
 mod demo;
+mod feed;
 mod fusion;
 mod inspection;
 mod json;
 mod log;
 mod matching;
+mod monitor;
 mod operate;
 mod panic_drill;
 mod part_files;
@@ -98,6 +100,9 @@ enum Command {
     /// Run one stage; used by the supervisor.
     #[command(hide = true)]
     Stage(stage::StageArgs),
+    /// Serve the live page and the metrics; used by the supervisor.
+    #[command(hide = true)]
+    Monitor(monitor::MonitorArgs),
 }
 
 fn main() -> ExitCode {
@@ -111,7 +116,7 @@ fn main() -> ExitCode {
     if force {
         files::guard::replace_anything();
     }
-    log::to_stderr(!matches!(command, Command::Stage(_)));
+    log::to_stderr(!matches!(command, Command::Stage(_) | Command::Monitor(_)));
     ExitCode::from(cli::exit_code(execute(&command)))
 }
 
@@ -121,6 +126,7 @@ fn execute(command: &Command) -> Result<u8> {
         Command::Demo(args) => demo::demo(args),
         Command::Run(args) => run::run(args, None),
         Command::Stage(args) => stage_main::run(args).map(|()| 0),
+        Command::Monitor(args) => monitor::run(args).map(|()| 0),
         Command::Schedule(args) => schedule_command::schedule(args),
         Command::Status(args) => status::status(args).map(|()| 0),
         Command::Trigger(args) => trigger_command::trigger(args),

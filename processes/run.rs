@@ -1,9 +1,10 @@
 //! `fringecell run`: runs a cell, writes its files and returns the exit code.
 
 use crate::json;
+use crate::monitor;
 use crate::run_files::{self, RunFiles};
 use crate::run_folder::RunFolder;
-use crate::supervisor::{self, RunOptions, Summary};
+use crate::supervisor::{self, PageOptions, RunOptions, Summary};
 use crate::terminal;
 use anyhow::{Context, Result, bail};
 use cell::Retention;
@@ -52,7 +53,13 @@ pub struct RunArgs {
     /// Write the times of all stages in the last cycles to this file, for ui.perfetto.dev.
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
-    /// Serve metrics for Prometheus at this address, for example 127.0.0.1:9464; port 0: any free port.
+    /// Serve the live page at this address, for example 127.0.0.1:8080; port 0: any free port. It has the metrics too.
+    #[arg(long, value_name = "ADDRESS:PORT", conflicts_with = "metrics")]
+    pub page: Option<SocketAddr>,
+    /// File with a token of 16 to 256 characters that viewers of the page must know; needed where other machines can reach it.
+    #[arg(long, value_name = "FILE", requires = "page")]
+    pub page_token: Option<PathBuf>,
+    /// Serve only the metrics, for Prometheus, at this address, for example 127.0.0.1:9464; port 0: any free port.
     #[arg(long, value_name = "ADDRESS:PORT")]
     pub metrics: Option<SocketAddr>,
     /// Allow --metrics at an address that other machines can reach.
@@ -61,6 +68,9 @@ pub struct RunArgs {
     /// Write counts and results of the last 1000 cycles as JSON to this file at the end; `-` is standard output.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Cycles that a serving cell begins with; only the demo sets it.
+    #[arg(skip)]
+    pub first_cycles: Option<u64>,
 }
 
 /// What a run did, as JSON.
@@ -92,7 +102,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         .with_context(|| format!("{}: cannot open the configuration", args.config.display()))?;
     let graph_options = Options {
         cell: args.cell.clone(),
-        watch: args.out.is_some(),
+        watch: args.out.is_some() || args.page.is_some(),
         record: args.record.is_some(),
         retention: args.retain,
     };
@@ -103,7 +113,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         ("--json", args.json.as_deref()),
     ];
     check_outputs(&written, &cell.file.paths(), None)?;
-    check_address(args)?;
+    let page = page_options(args, truth.is_some())?;
     devices::check(&cell)?;
     let record = record_folder(args)?;
     let frames = devices::played_files(&cell)?;
@@ -119,7 +129,8 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         frames,
         record,
         cycle_record: args.cycle_record.clone(),
-        metrics: args.metrics,
+        page,
+        first_cycles: args.first_cycles,
     };
     let needs_stdout = needs_stdout(args, &options);
     let mut results = VecDeque::new();
@@ -194,16 +205,29 @@ fn write_files(
     }
 }
 
-/// Refuses an address that other machines can reach, unless that is wanted: metrics disclose rate and verdicts of production.
-fn check_address(args: &RunArgs) -> Result<()> {
-    match args.metrics {
-        Some(address) if !address.ip().is_loopback() && !args.allow_remote => {
-            bail!(
-                "--metrics {address}: other machines can reach this address; add --allow-remote, or use 127.0.0.1"
-            )
-        }
-        _ => Ok(()),
+/// What the monitor serves. Refuses an address that other machines can reach, unless that is wanted: metrics disclose rate and
+/// verdicts of production, and the page takes commands.
+fn page_options(args: &RunArgs, demo: bool) -> Result<Option<PageOptions>> {
+    let remote = |address: &SocketAddr| !address.ip().is_loopback();
+    if let Some(address) = args.metrics.filter(remote).filter(|_| !args.allow_remote) {
+        bail!(
+            "--metrics {address}: other machines can reach this address; add --allow-remote, or use 127.0.0.1"
+        );
     }
+    if let Some(address) = args.page.filter(remote).filter(|_| args.page_token.is_none()) {
+        bail!(
+            "--page {address}: other machines can reach this address; add --page-token FILE, or use 127.0.0.1"
+        );
+    }
+    let token = args.page_token.as_ref();
+    let token =
+        token.map(|file| monitor::read_token(file).and(Ok(std::path::absolute(file)?))).transpose()?;
+    let options = |address, metrics_only| PageOptions { address, metrics_only, token, demo };
+    Ok(match (args.page, args.metrics) {
+        (Some(address), _) => Some(options(address, false)),
+        (None, Some(address)) => Some(options(address, true)),
+        (None, None) => None,
+    })
 }
 
 /// Whether standard output is the only output of an unbounded run: then the run stops when it closes.

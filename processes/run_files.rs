@@ -20,7 +20,7 @@ use ipc::header::Phase;
 use ipc::payload;
 use ipc::port::Received;
 use metrology::inspection::{self, FeatureResult, Plan};
-use report::{Activity, FeatureRow, GreyPicture, Mark, PhasePicture, ReportInput, write_html};
+use report::{Activity, FeatureRow, GreyPicture, Mark, PhasePicture, ReportInput};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use twin::Truth;
@@ -98,7 +98,15 @@ fn trace_span(cell: &Cell, span: &Span) -> Option<TraceSpan> {
 
 /// Writes the report of the last cycle.
 pub fn report(folder: &Path, run: &RunFiles) -> Result<()> {
-    let Some(last) = run.results.last() else { return Ok(()) };
+    match report_text(run)? {
+        Some(html) => Ok(atomic::write(&folder.join("report.html"), html.as_bytes())?),
+        None => Ok(()),
+    }
+}
+
+/// The report of the last cycle as HTML; `None` without a cycle.
+pub fn report_text(run: &RunFiles) -> Result<Option<String>> {
+    let Some(last) = run.results.last() else { return Ok(None) };
     let points = run.points.unwrap_or_default();
     let ok = last.is_ok();
     let cell = run.cell;
@@ -145,7 +153,7 @@ pub fn report(folder: &Path, run: &RunFiles) -> Result<()> {
             .collect(),
         ..ReportInput::default()
     };
-    Ok(write_html(&folder.join("report.html"), &input)?)
+    Ok(Some(report::html(&input)?))
 }
 
 /// Note on the uncertainties in the report.

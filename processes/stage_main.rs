@@ -1,11 +1,10 @@
 //! `fringecell stage`: the process of a stage.
 
-use crate::stage::{StageArgs, StageContext, Worker, serve, short_hashes};
+use crate::stage::{StageArgs, StageContext, Worker, check_files, serve};
 use crate::{capture, decode, fusion, inspection, matching, projection, record};
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use cell::schedule::{Half, Kind};
 use cell::{Cell, Options};
-use devices::LoadedCell;
 use ipc::os;
 
 /// Exit code of a process that panicked, as Rust chooses it.
@@ -24,7 +23,7 @@ pub fn run(args: &StageArgs) -> Result<()> {
         retention: args.retention,
     };
     let cell = devices::load(&args.config, &options)?;
-    check_files(&cell, args)?;
+    check_files(&cell, &args.files)?;
     pin(&cell, args)?;
     claim(&cell, args.kind);
     build_thread_pool()?;
@@ -45,20 +44,6 @@ fn end_at_panic() {
         print(panic);
         std::process::exit(PANIC_CODE);
     }));
-}
-
-/// Refuses files that changed since the supervisor read them.
-fn check_files(cell: &LoadedCell, args: &StageArgs) -> Result<()> {
-    let files = cell.file.read_files();
-    // A list of another length implies another configuration, which is its first entry.
-    let changed =
-        files.iter().zip(short_hashes(&files)).zip(&args.files).find(|((_, now), then)| now != *then);
-    match changed {
-        None => Ok(()),
-        Some((((name, _), _), _)) => {
-            bail!("{name} has changed since the start of the cell; stop the cell and start it again")
-        }
-    }
 }
 
 fn pin(cell: &Cell, args: &StageArgs) -> Result<()> {

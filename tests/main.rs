@@ -36,6 +36,7 @@
 //! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
 //! - [`schemas`]: what the programs write as JSON against `docs/schemas`; [`schema`] is the check
 //! - [`running`]: how the tests run a cell and harm it
+//! - [`page`]: the live page over HTTP: content, refusals, many viewers, kills; and in a browser where there is one
 //! - [`plan_patterns`]: what a plan of patterns promises against what its recording gives
 //! - [`documented_commands`]: every command of README and `docs/`, page by page
 //! - [`examples`]: the programs in `examples/` on small inputs
@@ -79,6 +80,7 @@ mod offline;
 mod one_flow;
 mod other_user;
 mod overwrite;
+mod page;
 mod panics;
 mod phase_methods;
 mod plan_patterns;

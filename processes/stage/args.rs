@@ -1,7 +1,9 @@
 //! Arguments that the supervisor passes to a stage.
 
+use anyhow::{Result, bail};
 use cell::Retention;
 use cell::schedule::Kind;
+use devices::LoadedCell;
 use std::path::PathBuf;
 
 /// Digits of each file hash on the command line of a stage: enough to detect every change.
@@ -10,6 +12,22 @@ const SHORT_HASH: usize = 16;
 /// Shortened hashes of all files of a configuration, as in [`StageArgs::files`].
 pub fn short_hashes(files: &[(String, String)]) -> Vec<String> {
     files.iter().map(|(_, sha256)| sha256.chars().take(SHORT_HASH).collect()).collect()
+}
+
+/// Refuses files that changed since the supervisor read them; `then`: their shortened hashes then.
+///
+/// # Errors
+/// The first file that has changed.
+pub fn check_files(cell: &LoadedCell, then: &[String]) -> Result<()> {
+    let files = cell.file.read_files();
+    // A list of another length implies another configuration, which is its first entry.
+    let changed = files.iter().zip(short_hashes(&files)).zip(then).find(|((_, now), then)| now != *then);
+    match changed {
+        None => Ok(()),
+        Some((((name, _), _), _)) => {
+            bail!("{name} has changed since the start of the cell; stop the cell and start it again")
+        }
+    }
 }
 
 /// Arguments of the hidden subcommand `stage`, written by the supervisor.

@@ -11,7 +11,7 @@ mod inbox;
 mod text_buffer;
 mod worker;
 
-pub use args::{StageArgs, short_hashes};
+pub use args::{StageArgs, check_files, short_hashes};
 pub use context::{Report, StageContext};
 pub use fault::{Fault, cycle_fault};
 pub use inbox::Inbox;

@@ -10,12 +10,12 @@ use fringe::fusion::Overlap;
 use ipc::header::Event;
 use ipc::output_hash;
 use metrology::inspection::InspectionResult;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
 /// Times of one activation.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Span {
     /// Cycle, counted from 0.
     pub cycle: u64,

@@ -12,7 +12,7 @@ mod in_flight;
 mod job_controller;
 mod lifecycle;
 mod metrics;
-mod metrics_endpoint;
+mod monitor;
 mod ports;
 mod privileges;
 pub mod profile;
@@ -21,6 +21,7 @@ mod requests;
 pub mod restart;
 mod result_delivery;
 mod result_writer;
+mod scan;
 mod service_manager;
 mod setup;
 pub mod snapshot;
@@ -28,6 +29,8 @@ mod stage_process;
 mod state;
 mod summary;
 
+pub use metrics::CONTENT_TYPE;
+pub use monitor::{KEPT_CYCLES, MONITOR, PageOptions};
 pub use setup::RunOptions;
 pub use summary::Summary;
 
@@ -58,6 +61,7 @@ pub fn run(cell: &LoadedCell, options: &RunOptions, each: &mut dyn FnMut(&CycleR
     service_manager::ServiceManager::stopping();
     supervisor.shut_down();
     supervisor.answer_remaining();
+    supervisor.end_monitor();
     ended?;
     Ok(supervisor.summary())
 }
@@ -81,6 +85,7 @@ fn event_loop(supervisor: &mut Supervisor, each: &mut dyn FnMut(&CycleResult)) -
         supervisor.handle_requests(each)?;
         supervisor.results_out.update();
         supervisor.notify_service_manager();
+        supervisor.update_monitor();
         supervisor.step(Input::Tick, each)?;
         if !supervisor.cycles.is_finished() {
             supervisor.listener.wait(TICK)?;

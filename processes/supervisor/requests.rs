@@ -3,6 +3,7 @@
 use super::command_socket::STOPPED;
 use super::cycle::Input;
 use super::metrics;
+use super::monitor::MONITOR;
 use super::protocol::{Answer, Request, SpanRow, Spans, StageStatus, Status};
 use super::stage_process::ProcessState;
 use super::state::{Supervisor, TICK};
@@ -30,6 +31,7 @@ impl Supervisor<'_> {
             self.stop(each)?;
         }
         self.update_control_state();
+        self.start_first_job(each)?;
         while let Ok((request, reply)) = self.requests.try_recv() {
             self.answer(request, reply, each)?;
         }
@@ -41,6 +43,34 @@ impl Supervisor<'_> {
         let up = self.cycles.is_ready();
         if std::mem::replace(&mut self.was_ready, up) != up {
             self.jobs.stages_changed(if up { Event::StagesUp } else { Event::StagesDown });
+        }
+    }
+
+    /// Starts the job that a serving cell begins with, once it is ready.
+    fn start_first_job(&mut self, each: &mut dyn FnMut(&CycleResult)) -> Result<()> {
+        if self.jobs.state() != State::Ready {
+            return Ok(());
+        }
+        let Some(cycles) = self.first_cycles.take() else { return Ok(()) };
+        let (action, _started) = self.jobs.start(None, Some(cycles));
+        self.apply(action, each)
+    }
+
+    /// Tells the monitor what is new.
+    pub(super) fn update_monitor(&mut self) {
+        let Some(monitor) = &mut self.monitor else { return };
+        monitor.update(now_ns());
+        monitor.state(self.jobs.report());
+        let number = self.tally.last.as_ref().map_or(0, |last| last.number);
+        if let Some(snapshot) = self.snapshot.as_ref().filter(|_| monitor.wants_scan(number)) {
+            monitor.scan(snapshot.scan(number));
+        }
+    }
+
+    /// Lets the monitor say that the cell has ended.
+    pub(super) fn end_monitor(&mut self) {
+        if let Some(monitor) = &mut self.monitor {
+            monitor.shut_down();
         }
     }
 
@@ -164,6 +194,10 @@ impl Supervisor<'_> {
     }
 
     fn restart(&mut self, name: &str) -> Answer {
+        if let Some(monitor) = self.monitor.as_mut().filter(|_| name == MONITOR) {
+            monitor.restart();
+            return Answer::Done(format!("restarting {name}"));
+        }
         let known = || self.stages.iter().map(|c| c.name.as_str()).collect::<Vec<_>>().join(", ");
         match self.stages.iter().position(|c| c.name == name) {
             None => Answer::Refused(format!("no stage \"{name}\"; known stages: {}", known())),

@@ -1,6 +1,7 @@
 //! Setup of a run before the first stage starts.
 
 use super::cycle::{Budgets, Cycles, Step};
+use super::monitor::PageOptions;
 use super::restart::Policy;
 use super::result_writer::ResultWriter;
 use super::stage_process::StageProcess;
@@ -13,7 +14,6 @@ use cell::schedule::{Carries, Kind, Order, Stage, Topic, label};
 use devices::LoadedCell;
 use ipc::IpcError;
 use ipc::port::{Node, ServiceHandle, TopicSize};
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -37,8 +37,10 @@ pub struct RunOptions {
     pub interrupted: Arc<AtomicBool>,
     /// File for the cycle record.
     pub cycle_record: Option<PathBuf>,
-    /// Address of the metrics endpoint for Prometheus.
-    pub metrics: Option<SocketAddr>,
+    /// What the monitor serves, if there is one.
+    pub page: Option<PageOptions>,
+    /// Cycles that a serving cell begins with.
+    pub first_cycles: Option<u64>,
 }
 
 /// Creates the service of a topic.
@@ -90,17 +92,45 @@ pub(super) fn stages(cell: &LoadedCell, options: &RunOptions) -> Vec<StageProces
     stages.collect()
 }
 
+/// Arguments of the hidden subcommand `monitor`.
+pub(super) fn monitor_arguments(cell: &LoadedCell, options: &RunOptions, page: &PageOptions) -> Vec<String> {
+    let mut arguments = vec!["monitor".to_owned()];
+    arguments.extend(common_arguments(cell, options));
+    let mut option = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
+    if let Some(folder) = &options.out {
+        option("--out", folder.path().display().to_string());
+    }
+    if let Some(file) = &page.token {
+        option("--page-token", file.display().to_string());
+    }
+    if page.metrics_only {
+        arguments.push("--metrics-only".into());
+    }
+    if page.demo {
+        arguments.push("--demo".into());
+    }
+    arguments
+}
+
+/// What every process of the cell is told: which cell, which files, which supervisor.
+fn common_arguments(cell: &LoadedCell, options: &RunOptions) -> Vec<String> {
+    let values = [
+        ("--cell", cell.name.clone()),
+        ("--config", options.config.display().to_string()),
+        ("--files", short_hashes(&cell.file.read_files()).join(",")),
+        ("--parent", std::process::id().to_string()),
+    ];
+    values.into_iter().flat_map(|(name, value)| [name.to_owned(), value]).collect()
+}
+
 fn arguments(cell: &LoadedCell, options: &RunOptions, stage: &Stage) -> Vec<String> {
     let mut arguments: Vec<String> = ["stage", stage.kind.word(), &stage.name].map(str::to_owned).to_vec();
+    arguments.extend(common_arguments(cell, options));
     let mut option = |name: &str, value: String| arguments.extend([name.to_owned(), value]);
-    option("--cell", cell.name.clone());
-    option("--config", options.config.display().to_string());
-    option("--files", short_hashes(&cell.file.read_files()).join(","));
     let camera = (stage.kind == Kind::Capture).then(|| &cell.config.cameras[stage.subject].name);
     if let Some((_, hash)) = options.frames.iter().find(|(name, _)| Some(name) == camera) {
         option("--frames", hash.clone());
     }
-    option("--parent", std::process::id().to_string());
     option("--retention", cell.graph.retention.to_string());
     if let Some(folder) = &options.record {
         option("--record", folder.display().to_string());

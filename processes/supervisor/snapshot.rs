@@ -24,20 +24,20 @@ pub struct CameraImage {
 }
 
 /// A cloud where its sender wrote it, or a copy.
-enum KeptCloud {
+pub(super) enum KeptCloud {
     Shared(Received<Cloud>),
     Copied { wire_cycle: u64, points: Vec<Point> },
 }
 
 impl KeptCloud {
-    fn wire_cycle(&self) -> u64 {
+    pub(super) fn wire_cycle(&self) -> u64 {
         match self {
             Self::Shared(cloud) => cloud.header().cycle(),
             Self::Copied { wire_cycle, .. } => *wire_cycle,
         }
     }
 
-    fn points(&self) -> Result<&[Point]> {
+    pub(super) fn points(&self) -> Result<&[Point]> {
         match self {
             Self::Shared(cloud) => Ok(payload::points(cloud.header(), cloud.payload())?),
             Self::Copied { points, .. } => Ok(points),
@@ -57,7 +57,7 @@ pub struct Snapshot {
     /// Cloud of the cycle in progress.
     running: Option<Received<Cloud>>,
     /// Cloud of the last cycle that is ok.
-    cloud: Option<KeptCloud>,
+    pub(super) cloud: Option<KeptCloud>,
     /// For each projector: the frame of its sequence that is kept as image.
     image_frames: Vec<usize>,
 }

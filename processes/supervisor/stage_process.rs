@@ -100,14 +100,19 @@ impl StageProcess {
 
     /// Starts the process from the running program image, even if the file was replaced since.
     pub fn start(&mut self, now_ns: u64) -> Result<()> {
+        self.start_with(now_ns, Stdio::null(), Stdio::null())
+    }
+
+    /// Starts the process with these as its standard input and output.
+    pub fn start_with(&mut self, now_ns: u64, stdin: Stdio, stdout: Stdio) -> Result<()> {
         let mut child = Command::new("/proc/self/exe")
             .arg0("fringecell")
             .args(&self.arguments)
             .env("RAYON_NUM_THREADS", self.threads.to_string())
             // Only the supervisor speaks with the service manager.
             .env_remove("NOTIFY_SOCKET")
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
+            .stdin(stdin)
+            .stdout(stdout)
             .stderr(Stdio::piped())
             // Signals of the terminal reach only the supervisor, which stops the stages.
             .process_group(0)

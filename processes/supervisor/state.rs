@@ -6,7 +6,7 @@ use super::cycle::{Action, Cycles, Input};
 use super::cycle_recorder::CycleRecorder;
 use super::history::{self, History};
 use super::job_controller::JobController;
-use super::metrics_endpoint;
+use super::monitor::Monitor;
 use super::ports::Ports;
 use super::profile::Profile;
 use super::result_delivery::ResultDelivery;
@@ -82,6 +82,9 @@ pub(super) struct Supervisor<'a> {
     pub(super) service: ServiceManager,
     /// Whether all stages were ready at the last check.
     pub(super) was_ready: bool,
+    pub(super) monitor: Option<Monitor>,
+    /// Cycles that a serving cell begins with, until it has begun.
+    pub(super) first_cycles: Option<u64>,
     pub(super) ports: Ports,
 }
 
@@ -103,11 +106,9 @@ impl<'a> Supervisor<'a> {
             services.push(node.create_notification(owner)?);
         }
         let (calls, requests) = bounded(QUEUED_CALLS);
-        let clients = command_socket::listen(&name.socket(), calls.clone())?;
-        if let Some(address) = options.metrics {
-            let address = metrics_endpoint::listen(address, calls)?;
-            terminal::print_line(&format!("metrics at http://{address}/metrics"));
-        }
+        let clients = command_socket::listen(&name.socket(), calls)?;
+        let page = options.page.as_ref();
+        let monitor = page.map(|page| Monitor::new(cell, options, page)).transpose()?;
         let order = Order::new(&cell.schedule);
         let names: Vec<String> = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
         let snapshot = cell.graph.watch.then(|| Snapshot::new(&node, cell)).transpose()?;
@@ -138,6 +139,8 @@ impl<'a> Supervisor<'a> {
             results_out: ResultDelivery::new(setup::result_writer(cell, options)?),
             service: ServiceManager::new(),
             was_ready: false,
+            monitor,
+            first_cycles: options.first_cycles,
             keeps_parts: options.serve && options.out.is_some() && cell.file.results.parts > 0,
             jobs: JobController::new(
                 cell.config.recipes.iter().map(|r| r.name.clone()).collect(),
@@ -219,6 +222,9 @@ impl<'a> Supervisor<'a> {
             self.history.add(history::ended(&result, end_ns, duration_ns), collector.spans(cycle));
         }
         self.tally.count(cycle, outcome, &result, plan.is_some());
+        if let Some(monitor) = &mut self.monitor {
+            monitor.ended(&result, collector.spans(cycle).collect());
+        }
         each(&result);
         let output = self.output_of(&result);
         let reply = self.jobs.take_reply();

@@ -184,6 +184,25 @@ pub fn realtime(priority: u32) -> io::Result<()> {
     Ok(())
 }
 
+/// Gives this process the ordinary scheduling class at a low priority: others that want the processor come first.
+///
+/// # Errors
+/// The kernel refuses.
+pub fn yield_to_others() -> io::Result<()> {
+    /// Half of the way to the lowest priority.
+    const NICE: libc::c_int = 10;
+    let parameters = libc::sched_param { sched_priority: 0 };
+    // SAFETY: 0 is this thread, and the parameters are a valid struct that lives through the call.
+    if unsafe { libc::sched_setscheduler(0, libc::SCHED_OTHER, &raw const parameters) } != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    // SAFETY: setpriority takes numbers and touches no memory of ours; 0 is this process.
+    if unsafe { libc::setpriority(libc::PRIO_PROCESS, 0, NICE) } != 0 {
+        return Err(io::Error::last_os_error());
+    }
+    Ok(())
+}
+
 /// Whether this process may lock this number of bytes in memory.
 ///
 /// # Errors

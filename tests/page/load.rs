@@ -1,0 +1,128 @@
+//! Viewers, many and slow ones, and a monitor that dies or hangs: none of them costs a cycle or changes a byte.
+
+use super::Page;
+use super::http::{Events, connect, get_if};
+use crate::running::{Cell, hashes, signal, wait};
+use serde_json::json as value;
+use std::io::{Read as _, Write as _};
+use std::time::Duration;
+
+/// Resident memory of a process, MB.
+fn resident_mb(pid: u64) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+    line.trim().split(' ').next().unwrap().parse::<u64>().unwrap() / 1024
+}
+
+/// Proves: ten viewers who look at everything change no byte of any cycle.
+#[test]
+fn ten_viewers_change_no_byte() {
+    let alone = Cell::played("alone10", 200.0, "");
+    assert_eq!(alone.run("played.toml", &["--cycles", "12"]).status.code(), Some(0));
+    let page = Page::start(Cell::played("viewed10", 200.0, ""), &["--cycles", "12"]);
+    let at = page.address;
+    let viewers: Vec<_> = (0..10)
+        .map(|_| {
+            std::thread::spawn(move || {
+                let events = Events::open(at);
+                let mut seen = 0;
+                // Until the cell has ended.
+                while let Some(scan) = events.next("scan") {
+                    let number = scan["number"].as_u64().unwrap();
+                    for path in [format!("/api/cloud/{number}"), format!("/api/picture/{number}/0/0/phase")] {
+                        seen += usize::from(get_if(at, &path).is_some_and(|answer| answer.status == 200));
+                    }
+                }
+                seen
+            })
+        })
+        .collect();
+    assert_eq!(wait(page.run).status.code(), Some(0));
+    let seen: Vec<usize> = viewers.into_iter().map(|viewer| viewer.join().unwrap()).collect();
+    assert!(seen.iter().sum::<usize>() > 10, "{seen:?}");
+    assert_eq!(hashes(&page.cell, 12), hashes(&alone, 12));
+}
+
+/// Proves: a monitor that is killed, again and again, costs no cycle; it comes back at its address and knows what was.
+#[test]
+fn a_monitor_that_dies_or_hangs_costs_no_cycle() {
+    let page = Page::start(Cell::played("killed", 100.0, ""), &["--cycles", "16"]);
+    page.until("seen a cycle", |page| {
+        page.get("/api/state").json()["history"].as_array().is_some_and(|h| !h.is_empty())
+    });
+    let first = page.monitor().unwrap();
+    page.cell.until_a_cycle_begins();
+    signal("KILL", first);
+    page.until("started again", |page| page.monitor().is_some_and(|pid| pid != first));
+    let state = page.get("/api/state").json();
+    assert_eq!(state["cell"]["run"], page.run.id());
+    page.until("told again", |page| {
+        page.get("/api/state").json()["history"].as_array().is_some_and(|h| h.len() > 1)
+    });
+    // One that hangs takes no messages; the cycles go on.
+    signal("STOP", page.monitor().unwrap());
+    assert_eq!(wait(page.run).status.code(), Some(0));
+    hashes(&page.cell, 16);
+    assert_eq!(page.cell.left(), Vec::<String>::new());
+}
+
+/// Proves: `restart monitor` starts it again like a stage.
+#[test]
+fn the_monitor_is_restarted_on_request() {
+    let page = Page::serving("again", &[]).ready();
+    let before = page.monitor().unwrap();
+    // Over the command socket: what the page is asked for may not be answered, because its process ends.
+    let restart = ["restart", "monitor", "--cell", &page.cell.name];
+    let restarted =
+        std::process::Command::new(env!("CARGO_BIN_EXE_fringecell")).args(restart).output().unwrap();
+    assert_eq!(restarted.status.code(), Some(0));
+    page.until("another process", |page| page.monitor().is_some_and(|pid| pid != before));
+    page.until("served again", |page| page.get("/api/state").json()["state"]["state"] == "Ready");
+    page.stop();
+}
+
+/// Proves: a thousand connections, and viewers that never read, take neither the memory of the monitor nor the cycles; most
+/// are told to come later, and those who stay silent lose their place.
+#[test]
+fn a_thousand_connections_and_viewers_that_never_read_hold_nothing() {
+    // Both ends of the connections are files, on many machines 1024 at most.
+    let own = std::process::id().to_string();
+    let raised = std::process::Command::new("prlimit").args(["--pid", &own, "--nofile=4096:"]).status();
+    assert!(raised.unwrap().success());
+    let page = Page::serving("thousand", &[]).ready();
+    assert_eq!(page.command(&value!({"command": "inspect", "part": "1"})).status, 200);
+    let events = Events::open(page.address);
+    events.until("scan");
+    // They ask for the cloud, many times, and take nothing.
+    let greedy: Vec<_> = (0..20)
+        .map(|_| {
+            let mut stream = connect(page.address);
+            let ask = format!("GET /api/cloud/1 HTTP/1.1\r\nHost: {}\r\n\r\n", page.address);
+            stream.write_all(ask.repeat(50).as_bytes()).unwrap();
+            stream
+        })
+        .collect();
+    let silent: Vec<_> = (0..1000).map(|_| connect(page.address)).collect();
+    let told_later = silent.iter().filter(|stream| {
+        let mut stream = *stream;
+        stream.set_read_timeout(Some(Duration::from_millis(20))).unwrap();
+        let mut answer = [0; 12];
+        stream.read_exact(&mut answer).is_ok() && &answer == b"HTTP/1.1 503"
+    });
+    let told_later = told_later.count();
+    assert!(told_later >= 850, "{told_later} of 1000 were told to come later");
+    // The cell answers its other clients, and inspects.
+    let inspected = std::process::Command::new(env!("CARGO_BIN_EXE_fringecell"))
+        .args(["trigger", &page.cell.name, "--part", "2"])
+        .output()
+        .unwrap();
+    assert_eq!(inspected.status.code(), Some(0));
+    assert_eq!(events.until("ended")["brief"]["part"], "2", "a viewer that was there before hears of it");
+    let memory = resident_mb(page.monitor().unwrap());
+    println!("{memory} MB");
+    assert!(memory < 150, "{memory} MB");
+    // The silent ones lose their places within the time limit, without being asked.
+    page.until("served again", |page| page.get("/api/state").status == 200);
+    drop((greedy, silent));
+    page.stop();
+}
