@@ -14,7 +14,7 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
 use tokio::time::{Instant, Sleep};
 
-/// Connections at once; a browser opens up to six for one page. Further ones are told to come later.
+/// Connections at once; a browser opens up to six for one page. Further ones are refused for the moment.
 const MAX_CONNECTIONS: usize = 128;
 
 /// Longest request head, bytes; also what waits for one slow viewer.

@@ -89,7 +89,7 @@ fn is_own_origin(host: &str, origin: Option<&str>, headers: &HeaderMap) -> bool 
     }
 }
 
-/// Compares in a time that does not tell how much is equal.
+/// Compares in a time that does not depend on how much is equal.
 fn same(given: &str, token: &str) -> bool {
     let differences = given.bytes().zip(token.bytes()).fold(0, |all, (a, b)| all | (a ^ b));
     given.len() == token.len() && std::hint::black_box(differences) == 0

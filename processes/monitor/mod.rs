@@ -9,12 +9,10 @@ mod model;
 mod pictures;
 mod reports;
 mod routes;
-mod told;
+mod updates;
 mod view;
 
-use crate::panic_drill::panic_if_requested;
 use crate::stage::check_files;
-use crate::supervisor::MONITOR;
 use anyhow::{Context, Result, bail, ensure};
 use cell::{Options, Retention};
 use guard::Guard;
@@ -31,7 +29,7 @@ use std::sync::Arc;
 const TOKEN_CHARS: std::ops::RangeInclusive<usize> = 16..=256;
 
 /// Arguments of the hidden subcommand `monitor`, written by the supervisor. Standard input is the socket that listens, standard
-/// output the one over which the supervisor tells what happens.
+/// output the one over which the supervisor reports.
 #[derive(Debug, Clone, clap::Args)]
 pub struct MonitorArgs {
     /// Name of the cell.
@@ -55,7 +53,7 @@ pub struct MonitorArgs {
     /// Serve nothing but the metrics.
     #[arg(long)]
     metrics_only: bool,
-    /// Say that the part is simulated.
+    /// Show that the part is simulated.
     #[arg(long)]
     demo: bool,
 }
@@ -76,14 +74,13 @@ pub fn run(args: &MonitorArgs) -> Result<()> {
     let token = args.page_token.as_deref().map(read_token).transpose()?;
     let listener = TcpListener::from(std::io::stdin().as_fd().try_clone_to_owned()?);
     listener.set_nonblocking(true)?;
-    let told = UnixStream::from(std::io::stdout().as_fd().try_clone_to_owned()?);
+    let updates = UnixStream::from(std::io::stdout().as_fd().try_clone_to_owned()?);
     let guard = Guard::new(token, &listener.local_addr()?);
     let socket = CellName::new(&args.cell)?.socket();
-    let model = Arc::new(Model::new(cell, args, socket, told.try_clone()?));
-    panic_if_requested(MONITOR);
+    let model = Arc::new(Model::new(cell, args, socket, updates.try_clone()?));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
-        let ended = told::listen(&model, told)?;
+        let ended = updates::listen(&model, updates)?;
         let router = if args.metrics_only { routes::metrics(&model) } else { routes::page(&model, guard) };
         let listener = tokio::net::TcpListener::from_std(listener).context("the socket that listens")?;
         tokio::select! {

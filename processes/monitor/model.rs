@@ -16,12 +16,12 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 use tokio::sync::broadcast;
 
-/// Events that a slow viewer may be behind; then it is told to load everything anew.
+/// Events that a slow viewer may be behind; then it loads everything anew.
 const EVENTS: usize = 64;
 
-/// What viewers are told.
+/// An event for the viewers.
 #[derive(Debug, Clone)]
-pub struct Told {
+pub struct Update {
     /// Kind of the event, as the page knows it.
     pub kind: &'static str,
     /// JSON, shared by all viewers.
@@ -62,7 +62,7 @@ pub struct Model {
     /// Process id of the supervisor: another one is another run.
     pub run: u32,
     known: Mutex<Known>,
-    events: broadcast::Sender<Told>,
+    events: broadcast::Sender<Update>,
     viewers: AtomicUsize,
     /// Whether a scan was asked for and has not come yet.
     asked: AtomicBool,
@@ -114,10 +114,10 @@ impl Model {
         self.ask_for_scan();
     }
 
-    /// Tells all viewers.
-    pub fn tell(&self, kind: &'static str, json: String) {
+    /// Sends an event to all viewers.
+    pub fn publish(&self, kind: &'static str, json: String) {
         // Without viewers nobody listens.
-        let _ = self.events.send(Told { kind, json: json.into() });
+        let _ = self.events.send(Update { kind, json: json.into() });
     }
 
     /// A viewer that hears every event from now on; it counts until dropped.
@@ -144,7 +144,7 @@ impl Model {
 /// A viewer of the page.
 pub struct Viewer {
     /// What it hears.
-    pub events: broadcast::Receiver<Told>,
+    pub events: broadcast::Receiver<Update>,
     model: Arc<Model>,
 }
 

@@ -36,7 +36,7 @@ const MAX_COMMANDS: usize = 8;
 /// How old a status may be that several viewers share.
 const STATUS_AGE: Duration = Duration::from_millis(900);
 
-/// What browsers are told with every answer: nothing from elsewhere, no frames, no guesses.
+/// Headers of every answer: nothing from elsewhere, no frames, no guesses.
 const HEADERS: [(HeaderName, &str); 4] = [
     (
         header::CONTENT_SECURITY_POLICY,
@@ -98,7 +98,7 @@ pub fn page(model: &Arc<Model>, guard: Guard) -> Router {
         .with_state(Shared::new(model))
 }
 
-/// Lets a request pass or answers it, and adds what browsers are told with every answer.
+/// Lets a request pass or answers it, and adds the headers of every answer.
 async fn guarded(guard: Guard, request: axum::extract::Request, next: Next) -> Response {
     let mut response = match guard.decide(request.method(), request.uri(), request.headers()) {
         Decision::Serve => next.run(request).await,
@@ -153,14 +153,14 @@ async fn state(State(shared): State<Shared>) -> Response {
     }))
 }
 
-/// Events as they happen; a viewer that is too slow is told to load everything anew.
+/// Events as they happen; a viewer that is too slow loads everything anew.
 async fn events(State(shared): State<Shared>) -> Response {
     if shared.model.viewers() >= MAX_VIEWERS {
         return refuse(StatusCode::SERVICE_UNAVAILABLE, "64 viewers are connected, which is the limit");
     }
     let stream = futures_util::stream::unfold(shared.model.viewer(), |mut viewer: Viewer| async {
         let event = match viewer.events.recv().await {
-            Ok(told) => Event::default().event(told.kind).data(&*told.json),
+            Ok(update) => Event::default().event(update.kind).data(&*update.json),
             Err(RecvError::Lagged(_)) => Event::default().event("lost").data("{}"),
             Err(RecvError::Closed) => return None,
         };
@@ -204,7 +204,7 @@ async fn fresh_status(shared: &Shared) -> Result<Arc<Status>> {
     }
 }
 
-/// Passes a command on; what the cell answers is the body, the status tells what kind of answer it is.
+/// Passes a command on; what the cell answers is the body, the status is the kind of answer.
 async fn command(State(shared): State<Shared>, body: Bytes) -> Response {
     let request = match serde_json::from_slice(&body) {
         Ok(

@@ -65,7 +65,7 @@ struct Line {
     scanned: Option<u64>,
 }
 
-/// The monitor with its address and all that a new one is told.
+/// The monitor with its address and all that a new one needs to know.
 pub(super) struct Monitor {
     process: StageProcess,
     listener: TcpListener,
@@ -144,7 +144,7 @@ impl Monitor {
         Ok(Line { queue, wants_scan, scanned: None })
     }
 
-    /// Tells the state of the cell, if it has changed.
+    /// Reports the state of the cell, if it has changed.
     pub(super) fn state(&mut self, state: StateReport) {
         if self.state.as_ref() != Some(&state) {
             self.tell(Arc::new(Message::State(state.clone())));
@@ -152,7 +152,7 @@ impl Monitor {
         }
     }
 
-    /// Tells the outcome of a cycle.
+    /// Reports the outcome of a cycle.
     pub(super) fn ended(&mut self, result: &CycleResult, spans: Vec<Span>) {
         let message = Arc::new(Message::Ended(Box::new(Ended { result: result.clone(), spans })));
         if self.ended.len() == KEPT_CYCLES {

@@ -56,7 +56,7 @@ impl Supervisor<'_> {
         self.apply(action, each)
     }
 
-    /// Tells the monitor what is new.
+    /// Reports to the monitor what is new.
     pub(super) fn update_monitor(&mut self) {
         let Some(monitor) = &mut self.monitor else { return };
         monitor.update(now_ns());
@@ -67,7 +67,7 @@ impl Supervisor<'_> {
         }
     }
 
-    /// Lets the monitor say that the cell has ended.
+    /// Ends the monitor, which shows before that the cell has ended.
     pub(super) fn end_monitor(&mut self) {
         if let Some(monitor) = &mut self.monitor {
             monitor.shut_down();

@@ -112,7 +112,7 @@ pub(super) fn monitor_arguments(cell: &LoadedCell, options: &RunOptions, page: &
     arguments
 }
 
-/// What every process of the cell is told: which cell, which files, which supervisor.
+/// Arguments of every process of the cell: which cell, which files, which supervisor.
 fn common_arguments(cell: &LoadedCell, options: &RunOptions) -> Vec<String> {
     let values = [
         ("--cell", cell.name.clone()),

@@ -17,9 +17,21 @@ fn resident_mb(pid: u64) -> u64 {
 /// Proves: ten viewers who look at everything change no byte of any cycle.
 #[test]
 fn ten_viewers_change_no_byte() {
-    let alone = Cell::played("alone10", 200.0, "");
-    assert_eq!(alone.run("played.toml", &["--cycles", "12"]).status.code(), Some(0));
-    let page = Page::start(Cell::played("viewed10", 200.0, ""), &["--cycles", "12"]);
+    viewed(12);
+}
+
+#[test]
+#[ignore = "takes minutes; the short form runs always"]
+fn ten_viewers_change_no_byte_of_500_cycles() {
+    viewed(500);
+}
+
+/// The hashes of cycles that ten viewers look at are those of cycles that nobody looks at.
+fn viewed(cycles: usize) {
+    let alone = Cell::played(&format!("alone{cycles}"), 200.0, "");
+    assert_eq!(alone.run("played.toml", &["--cycles", "2"]).status.code(), Some(0));
+    let count = cycles.to_string();
+    let page = Page::start(Cell::played(&format!("viewed{cycles}"), 200.0, ""), &["--cycles", &count]);
     let at = page.address;
     let viewers: Vec<_> = (0..10)
         .map(|_| {
@@ -40,7 +52,7 @@ fn ten_viewers_change_no_byte() {
     assert_eq!(wait(page.run).status.code(), Some(0));
     let seen: Vec<usize> = viewers.into_iter().map(|viewer| viewer.join().unwrap()).collect();
     assert!(seen.iter().sum::<usize>() > 10, "{seen:?}");
-    assert_eq!(hashes(&page.cell, 12), hashes(&alone, 12));
+    assert_eq!(hashes(&page.cell, cycles), hashes(&alone, 2));
 }
 
 /// Proves: a monitor that is killed, again and again, costs no cycle; it comes back at its address and knows what was.
@@ -64,6 +76,24 @@ fn a_monitor_that_dies_or_hangs_costs_no_cycle() {
     assert_eq!(wait(page.run).status.code(), Some(0));
     hashes(&page.cell, 16);
     assert_eq!(page.cell.left(), Vec::<String>::new());
+}
+
+/// Proves: a monitor that panics costs no cycle either.
+#[test]
+fn a_monitor_that_panics_is_started_again() {
+    let cell = Cell::played("panicked", 100.0, "");
+    let drill = cell.small.folder.path().join("drill");
+    std::fs::create_dir(&drill).unwrap();
+    std::fs::write(drill.join("monitor"), "").unwrap();
+    let mut program = cell.program("played.toml", &["--cycles", "12", "--page", "127.0.0.1:0"]);
+    let mut run = program.env("FRINGECELL_PANIC_DRILL", &drill).spawn().unwrap();
+    let address = super::address(&mut run, "page at http://");
+    let page = Page { cell, run, address };
+    let number = |page: &Page| Some(get_if(page.address, "/api/state")?.json()["history"].as_array()?.len());
+    page.until("served", |page| number(page).is_some_and(|number| number > 2));
+    assert!(!drill.join("monitor").exists());
+    assert_eq!(wait(page.run).status.code(), Some(0));
+    hashes(&page.cell, 12);
 }
 
 /// Proves: `restart monitor` starts it again like a stage.

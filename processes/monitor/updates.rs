@@ -3,6 +3,8 @@
 use super::model::Model;
 use super::view;
 use crate::feed::{self, Message};
+use crate::panic_drill::panic_if_requested;
+use crate::supervisor::MONITOR;
 use anyhow::{Context, Result};
 use std::io::BufReader;
 use std::os::unix::net::UnixStream;
@@ -23,31 +25,32 @@ pub fn listen(model: &Arc<Model>, stream: UnixStream) -> Result<oneshot::Receive
         if let Err(error) = read(&model, stream) {
             tracing::warn!("{error:#}");
         }
-        model.tell("bye", "{}".to_owned());
+        model.publish("bye", "{}".to_owned());
         let _ = end.send(());
     };
-    std::thread::Builder::new().name("told".into()).spawn(work).context("starting a thread")?;
+    std::thread::Builder::new().name("updates".into()).spawn(work).context("starting a thread")?;
     Ok(ended)
 }
 
 fn read(model: &Model, stream: UnixStream) -> Result<()> {
     let mut stream = BufReader::with_capacity(BUFFER, stream);
     while let Some(message) = feed::receive(&mut stream)? {
+        panic_if_requested(MONITOR);
         match message {
             Message::State(state) => {
-                model.tell("state", serde_json::to_string(&state)?);
+                model.publish("state", serde_json::to_string(&state)?);
                 model.known().state = Some(state);
             }
             Message::Ended(ended) => {
                 let ended = Arc::from(ended);
                 model.add(Arc::clone(&ended));
                 if model.viewers() > 0 {
-                    model.tell("ended", view::ended(&model.cell, &ended).to_string());
+                    model.publish("ended", view::ended(&model.cell, &ended).to_string());
                 }
             }
             Message::Scan(header) => {
                 model.show(feed::receive_scan(&mut stream, header.clone())?);
-                model.tell("scan", view::scan(&model.cell, &header).to_string());
+                model.publish("scan", view::scan(&model.cell, &header).to_string());
             }
         }
     }
