@@ -50,7 +50,7 @@ pub struct ScanHeader {
     pub number: u64,
     /// Number of the cycle of the cloud: the last one that was ok.
     pub cloud_number: u64,
-    /// Points that follow.
+    /// Number of points that follow.
     pub points: usize,
     /// Points of the whole cloud.
     pub all_points: usize,
@@ -71,9 +71,9 @@ pub struct RasterHeader {
     pub projector: u32,
     /// 0 along columns, 1 along rows; 0 of a picture.
     pub axis: u32,
-    /// Columns that follow.
+    /// Columns that follow, px.
     pub width_px: u32,
-    /// Rows that follow.
+    /// Rows that follow, px.
     pub height_px: u32,
     /// Every n-th column and row of the camera is sent.
     pub step: u32,
@@ -96,13 +96,13 @@ impl RasterHeader {
 /// A scan as the page shows it.
 #[derive(Debug, Default)]
 pub struct Scan {
-    /// What there is.
+    /// Sizes of all that there is.
     pub header: ScanHeader,
     /// Points of the fused cloud.
     pub points: Vec<Point>,
     /// Grey values of each picture, 255 is saturated.
     pub pictures: Vec<Vec<u8>>,
-    /// The phase maps.
+    /// The phase maps, one per camera, projector and axis.
     pub maps: Vec<PhaseMap>,
 }
 

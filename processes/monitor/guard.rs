@@ -3,7 +3,7 @@
 //! A page of another site that is open in the same browser can send requests here. It cannot read answers, but a command needs
 //! none: so commands are accepted from the page's own origin only. A name that an attacker points at this machine is refused.
 
-use axum::http::{HeaderMap, Method, Uri, header};
+use axum::http::{HeaderMap, HeaderValue, Method, Uri, header};
 use std::net::{IpAddr, SocketAddr};
 
 /// Name of the cookie that holds the token.
@@ -12,7 +12,7 @@ const COOKIE: &str = "fringecell";
 /// What is done with a request.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Decision {
-    /// It is served.
+    /// The request is served.
     Serve,
     /// The browser keeps the token as a cookie and asks again without it.
     KeepToken(String),
@@ -76,7 +76,7 @@ fn is_local_name(host: &str) -> bool {
 
 /// Whether a command comes from the page itself, or from a program that is no browser.
 fn is_own_origin(host: &str, origin: Option<&str>, headers: &HeaderMap) -> bool {
-    let site = headers.get("sec-fetch-site").map(|site| site.as_bytes());
+    let site = headers.get("sec-fetch-site").map(HeaderValue::as_bytes);
     if site.is_some_and(|site| site != b"same-origin") {
         return false;
     }
@@ -98,7 +98,7 @@ fn same(given: &str, token: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use axum::http::{HeaderName, HeaderValue};
+    use axum::http::HeaderName;
 
     fn decide(
         token: Option<&str>,

@@ -43,7 +43,7 @@ pub struct Known {
     pub state: Option<StateReport>,
     /// The last cycles, the oldest first.
     pub ended: VecDeque<Arc<Ended>>,
-    /// The last scan.
+    /// The last scan that came.
     pub scan: Option<Arc<ShownScan>>,
     /// The last answer to `status`, and when it came.
     pub status: Option<(Instant, Arc<Status>)>,
@@ -70,7 +70,7 @@ pub struct Model {
 }
 
 impl Model {
-    /// Knows nothing yet.
+    /// A model that knows nothing yet.
     pub fn new(cell: LoadedCell, args: &MonitorArgs, socket: PathBuf, supervisor: UnixStream) -> Self {
         Self {
             cell,
@@ -143,7 +143,7 @@ impl Model {
 
 /// A viewer of the page.
 pub struct Viewer {
-    /// What it hears.
+    /// The events that it hears.
     pub events: broadcast::Receiver<Update>,
     model: Arc<Model>,
 }

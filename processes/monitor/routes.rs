@@ -65,7 +65,7 @@ impl Shared {
     }
 }
 
-/// The metrics alone.
+/// The metrics and nothing else.
 pub fn metrics(model: &Arc<Model>) -> Router {
     let missing = || async { refuse(StatusCode::NOT_FOUND, "the metrics are at /metrics") };
     Router::new()

@@ -168,7 +168,7 @@ impl Monitor {
         line.is_some_and(|line| line.scanned != Some(number) && line.wants_scan.load(Ordering::Acquire))
     }
 
-    /// Sends a scan.
+    /// Sends the scan that was asked for.
     pub(super) fn scan(&mut self, scan: Scan) {
         if let Some(line) = &mut self.line {
             line.scanned = Some(scan.header.number);

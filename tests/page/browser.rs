@@ -41,6 +41,7 @@ fn outcome_ms(page: &Page) -> f64 {
 fn a_verdict_appears_with_its_cloud_and_names_stay_text() {
     let page = Page::serving("browser", &[]).ready();
     let mut browser = open(&page);
+    browser.until("performance.getEntriesByType('paint').length > 0");
     println!("first paint: {} ms", browser.value("performance.getEntriesByType('paint')[0].startTime"));
     browser.value(
         "new MutationObserver(() => { if (document.getElementById('verdict').textContent === 'PASS') window.passed ??= \
@@ -142,7 +143,8 @@ fn a_million_points_are_drawn() {
     let frames = browser.value(MILLION);
     println!("a million points: {frames}");
     assert_eq!(frames["points"], 1_000_000);
-    assert!(frames["frames"].as_u64().unwrap() >= 5, "{frames}");
+    // Without a graphics card a million points take some hundred ms: fewer are drawn while it turns.
+    assert!(frames["frames"].as_u64().unwrap() >= 10, "{frames}");
     assert!(browser.value(DRAWN).as_f64().unwrap() > 0.05);
     assert_eq!(browser.errors, Vec::<String>::new());
     page.stop();

@@ -62,19 +62,19 @@ impl Chromium {
         });
         let (session, errors) = (String::new(), Vec::new());
         let mut browser = Self { process, input, messages, session, number: 0, errors, _profile: profile };
-        let targets = browser.call("Target.getTargets", json!({}));
+        let targets = browser.call("Target.getTargets", &json!({}));
         let targets = targets["targetInfos"].as_array().unwrap();
         let page = targets.iter().find(|target| target["type"] == "page").unwrap()["targetId"].clone();
-        let attached = browser.call("Target.attachToTarget", json!({"targetId": page, "flatten": true}));
+        let attached = browser.call("Target.attachToTarget", &json!({"targetId": page, "flatten": true}));
         browser.session = attached["sessionId"].as_str().unwrap().to_owned();
         for domain in ["Page", "Runtime", "Log"] {
-            browser.call(&format!("{domain}.enable"), json!({}));
+            browser.call(&format!("{domain}.enable"), &json!({}));
         }
         browser
     }
 
     /// Calls a method of the protocol and waits for its answer.
-    pub fn call(&mut self, method: &str, parameters: Value) -> Value {
+    pub fn call(&mut self, method: &str, parameters: &Value) -> Value {
         self.number += 1;
         let mut request = json!({"id": self.number, "method": method, "params": parameters});
         if !self.session.is_empty() {
@@ -105,13 +105,13 @@ impl Chromium {
     }
 
     pub fn open(&mut self, url: &str) {
-        self.call("Page.navigate", json!({"url": url}));
+        self.call("Page.navigate", &json!({"url": url}));
     }
 
     /// The value of an expression; a promise is waited for.
     pub fn value(&mut self, expression: &str) -> Value {
         let parameters = json!({"expression": expression, "awaitPromise": true, "returnByValue": true});
-        let answer = self.call("Runtime.evaluate", parameters);
+        let answer = self.call("Runtime.evaluate", &parameters);
         assert!(answer["exceptionDetails"].is_null(), "{expression}: {answer}");
         answer["result"]["value"].clone()
     }
@@ -128,20 +128,20 @@ impl Chromium {
 
     pub fn size(&mut self, width: u32, height: u32, mobile: bool) {
         let parameters = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile});
-        self.call("Emulation.setDeviceMetricsOverride", parameters);
+        self.call("Emulation.setDeviceMetricsOverride", &parameters);
     }
 
     /// Presses a key, as a person does.
     pub fn press(&mut self, key: &str) {
         for kind in ["keyDown", "keyUp"] {
-            self.call("Input.dispatchKeyEvent", json!({"type": kind, "key": key}));
+            self.call("Input.dispatchKeyEvent", &json!({"type": kind, "key": key}));
         }
     }
 
     /// Writes a picture of the window where `FRINGECELL_SCREENSHOTS` names a folder.
     pub fn picture(&mut self, name: &str) {
         let Some(folder) = std::env::var_os("FRINGECELL_SCREENSHOTS") else { return };
-        let data = self.call("Page.captureScreenshot", json!({"format": "png"}));
+        let data = self.call("Page.captureScreenshot", &json!({"format": "png"}));
         let file = Path::new(&folder).join(format!("{name}.png.base64"));
         std::fs::write(file, data["data"].as_str().unwrap()).unwrap();
     }

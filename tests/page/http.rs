@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 /// Long enough for a machine that does ten other things.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What came back.
+/// What the server sent back.
 #[derive(Debug)]
 pub struct Answer {
     pub status: u16,

@@ -5,6 +5,8 @@ use super::http::{Events, connect, get_if};
 use crate::running::{Cell, hashes, signal, wait};
 use serde_json::json as value;
 use std::io::{Read as _, Write as _};
+use std::net::SocketAddr;
+use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Resident memory of a process, MB.
@@ -26,29 +28,60 @@ fn ten_viewers_change_no_byte_of_500_cycles() {
     viewed(500);
 }
 
+/// A viewer that looks at everything until the cell ends; returns how much it saw.
+fn look(at: SocketAddr) -> JoinHandle<usize> {
+    std::thread::spawn(move || {
+        let events = Events::open(at);
+        let mut seen = 0;
+        while let Some(scan) = events.next("scan") {
+            let number = scan["number"].as_u64().unwrap();
+            for path in [format!("/api/cloud/{number}"), format!("/api/picture/{number}/0/0/phase")] {
+                seen += usize::from(get_if(at, &path).is_some_and(|answer| answer.status == 200));
+            }
+        }
+        seen
+    })
+}
+
+/// Prints the processor time of the monitor and of the supervisor per cycle, without and with viewers.
+#[test]
+#[ignore = "figures for docs/page.md"]
+fn processor_time_without_and_with_viewers() {
+    const CYCLES: u64 = 60;
+    for viewers in [0, 1, 10] {
+        let page = Page::serving(&format!("cpu{viewers}"), &[]).ready();
+        let monitor = page.monitor().unwrap();
+        let looking: Vec<_> = (0..viewers).map(|_| look(page.address)).collect();
+        let before = [monitor, page.run.id().into()].map(processor_ms);
+        assert_eq!(page.command(&value!({"command": "start", "cycles": CYCLES})).status, 200);
+        page.cell.until("done", |status| status["cycles_done"] == CYCLES && status["state"] == "Ready");
+        let after = [monitor, page.run.id().into()].map(processor_ms);
+        let idle = after[0];
+        std::thread::sleep(Duration::from_secs(20));
+        let idle = (processor_ms(monitor) - idle) / 20.0;
+        let [monitor, supervisor] = [0, 1].map(|n| (after[n] - before[n]) / CYCLES as f64);
+        println!(
+            "{viewers} viewers: monitor {monitor:.1} ms a cycle, supervisor {supervisor:.1} ms; idle {idle:.1} ms a second"
+        );
+        page.stop();
+        looking.into_iter().for_each(|viewer| drop(viewer.join()));
+    }
+}
+
+/// Processor time of a process with all its threads, ms.
+fn processor_ms(pid: u64) -> f64 {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
+    let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+    [11, 12].iter().map(|at| fields[*at].parse::<f64>().unwrap() * 10.0).sum()
+}
+
 /// The hashes of cycles that ten viewers look at are those of cycles that nobody looks at.
 fn viewed(cycles: usize) {
     let alone = Cell::played(&format!("alone{cycles}"), 200.0, "");
     assert_eq!(alone.run("played.toml", &["--cycles", "2"]).status.code(), Some(0));
     let count = cycles.to_string();
     let page = Page::start(Cell::played(&format!("viewed{cycles}"), 200.0, ""), &["--cycles", &count]);
-    let at = page.address;
-    let viewers: Vec<_> = (0..10)
-        .map(|_| {
-            std::thread::spawn(move || {
-                let events = Events::open(at);
-                let mut seen = 0;
-                // Until the cell has ended.
-                while let Some(scan) = events.next("scan") {
-                    let number = scan["number"].as_u64().unwrap();
-                    for path in [format!("/api/cloud/{number}"), format!("/api/picture/{number}/0/0/phase")] {
-                        seen += usize::from(get_if(at, &path).is_some_and(|answer| answer.status == 200));
-                    }
-                }
-                seen
-            })
-        })
-        .collect();
+    let viewers: Vec<_> = (0..10).map(|_| look(page.address)).collect();
     assert_eq!(wait(page.run).status.code(), Some(0));
     let seen: Vec<usize> = viewers.into_iter().map(|viewer| viewer.join().unwrap()).collect();
     assert!(seen.iter().sum::<usize>() > 10, "{seen:?}");

@@ -5,8 +5,11 @@ import { el, num, say } from "./text.js";
 
 const $ = (id) => document.getElementById(id);
 
-/** Longest time of a frame while the cloud turns, ms, and the fewest points drawn then. */
-const FRAME_MS = 33, FEWEST = 20000;
+/** Times between frames while the cloud turns, ms: above the first fewer points are drawn, below the second more. */
+const SLOW_MS = 45, FAST_MS = 28;
+
+/** The fewest points drawn then, and the pause after which all are drawn, ms. */
+const FEWEST = 20000, PAUSE_MS = 300;
 
 /** Points that are looked at under the cursor. */
 const PICKED = 150000, PICK_PX = 7;
@@ -57,7 +60,7 @@ export class Cloud {
     this.camera = new PerspectiveCamera(30, 1, 0.1, 1e5);
     this.controls = new OrbitControls(this.camera, this.canvas);
     this.material = new ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, uniforms: { size: { value: 2 } } });
-    this.drawn = FEWEST;
+    this.drawn = 5 * FEWEST;
     this.places = [];
     this.controls.addEventListener("change", () => this.draw());
     $("colouring").addEventListener("change", () => { this.paint(); this.draw(); });
@@ -148,21 +151,30 @@ export class Cloud {
     $("legend").replaceChildren(bar, el("div", {}, `${num(1000 * low, 0)} … ${num(1000 * high, 0)} ${what}`));
   }
 
-  /** Draws now or with the next frame; while the cloud turns no more points than the machine can. */
+  /** Draws with the next frame; while the cloud turns no more points than the machine can, all of them at rest. */
   draw() {
     if (this.due || !this.points) return;
-    this.due = requestAnimationFrame(() => {
+    clearTimeout(this.rest);
+    this.due = requestAnimationFrame((now) => {
       this.due = null;
-      clearTimeout(this.rest);
+      this.adapt(now - this.before);
+      this.before = now;
       this.render(Math.min(this.drawn, this.cloud.n));
-      this.rest = setTimeout(() => this.render(this.cloud.n), 150);
+      this.rest = setTimeout(() => this.render(this.cloud.n), PAUSE_MS);
     });
+  }
+
+  /** Number of points of the next frame, by the time since the last one. After a pause that time means nothing. */
+  adapt(took) {
+    if (!(took < 1000) || this.canvas.dataset.points !== String(Math.min(this.drawn, this.cloud.n))) return;
+    if (took > SLOW_MS) this.drawn = Math.max(FEWEST, Math.floor(this.drawn / 2));
+    else if (took < FAST_MS) this.drawn = Math.min(this.cloud.n, Math.ceil(this.drawn * 1.2));
+    this.canvas.dataset.frame_ms = took.toFixed(1);
   }
 
   render(count) {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (!width || !height) return;
-    const begun = performance.now();
     this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
@@ -170,12 +182,7 @@ export class Cloud {
     this.points.geometry.setDrawRange(0, count);
     this.material.uniforms.size.value = count < 60000 ? 3 : 2;
     this.renderer.render(this.scene, this.camera);
-    this.renderer.getContext().finish();
-    const took = performance.now() - begun;
-    if (count < this.cloud.n || took > FRAME_MS) this.drawn = Math.max(FEWEST, took > FRAME_MS ? count / 2 : count * 1.3);
-    else this.drawn = this.cloud.n;
     this.canvas.dataset.points = count;
-    this.canvas.dataset.frame_ms = took.toFixed(1);
     this.tag();
   }
 
