@@ -3,7 +3,7 @@ import { el, svg, num, digitsOf, milliseconds } from "./text.js";
 
 /** Value, its expanded uncertainty and its limits: the tolerance is the green part. */
 export function toleranceBar(feature) {
-  const width = 110, height = 20;
+  const width = 100, height = 20;
   const { value, lower, upper, u } = feature;
   const picture = svg("svg", { width, height, role: "img", "aria-label": `within ${num(lower, 3)} and ${num(upper, 3)}` });
   if (lower == null || upper == null || !(upper > lower)) return picture;
@@ -83,7 +83,7 @@ function capabilities(know, count, choose) {
     const cpk = capability(values, feature);
     return el("tr", {}, el("td", { class: "name" }, el("button", { type: "button", onclick: () => choose(feature.name) }, feature.name)),
       el("td", { class: "n" }, values.length), el("td", { class: "n" }, values.length ? num(mean(values), digits) : "–"),
-      el("td", { class: "n" }, values.length > 1 ? num(deviation(values), digits + 1) : "–"),
+      el("td", { class: "n" }, values.length > 1 ? num(deviation(values), digits) : "–"),
       el("td", { class: "n", title: cpk == null ? "from ten parts on" : "" }, cpk == null ? "–" : num(cpk, 2)));
   });
   const head = el("tr", {}, ...["Feature", "n", "Mean", "s", "Cpk"].map((t, n) => el("th", { class: n ? "n" : null }, t)));
