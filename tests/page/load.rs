@@ -64,7 +64,9 @@ fn processor_time_without_and_with_viewers() {
             "{viewers} viewers: monitor {monitor:.1} ms a cycle, supervisor {supervisor:.1} ms; idle {idle:.1} ms a second"
         );
         page.stop();
-        looking.into_iter().for_each(|viewer| drop(viewer.join()));
+        for viewer in looking {
+            assert!(viewer.join().is_ok());
+        }
     }
 }
 
