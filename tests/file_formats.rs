@@ -23,7 +23,7 @@ struct Reader {
     absent: Option<&'static str>,
 }
 
-const READERS: [Reader; 13] = [
+const READERS: [Reader; 14] = [
     Reader {
         section: "Configuration",
         file: "cell.toml",
@@ -91,6 +91,12 @@ const READERS: [Reader; 13] = [
         file: "scene.toml",
         arguments: &["simulate", "small.toml", "--scene", "scene.toml", "--out", "scene"],
         absent: None,
+    },
+    Reader {
+        section: "Point lists",
+        file: "points.toml",
+        arguments: &["calibrate", "--points", "points.toml", "--out", "new.toml"],
+        absent: Some("board.txt"),
     },
     Reader {
         section: "Pattern correction",

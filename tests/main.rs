@@ -6,6 +6,7 @@
 //! - [`calibrate`]: real images of boards become a rig file
 //! - [`calibrate_bad`]: images and targets that cannot be used end in one line and no file
 //! - [`charuco`]: boards with markers, whole and in part
+//! - [`point_lists`]: calibrations from points that others found, lens models, frames of a video
 //! - [`focus`]: best focus and depth of focus from images of a checkerboard
 //! - [`gamma`]: a projector's response is measured and corrected
 //! - [`compare`]: deviations and motions that are known beforehand
@@ -84,6 +85,7 @@ mod page;
 mod panics;
 mod phase_methods;
 mod plan_patterns;
+mod point_lists;
 mod pose;
 mod proof;
 mod real;

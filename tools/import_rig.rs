@@ -32,6 +32,9 @@ pub struct Args {
     /// The second view is a projector.
     #[arg(long = "second-is-projector", alias = "projector")]
     projector: bool,
+    /// The distortion coefficients of OpenCV's file are k1, k2, k3, k4 of its module `fisheye`.
+    #[arg(long)]
+    fisheye: bool,
     /// Millimetres per unit of length: 1000 for a calibration in metres. By default 1 of OpenCV and MATLAB, 1000 of ROS, Kalibr
     /// and mrcal.
     #[arg(long, value_name = "MM")]
@@ -92,6 +95,7 @@ fn of_opencv(args: &Args) -> Result<Rig> {
         views,
         size_px: args.size.as_deref().map(size).transpose()?,
         projector: args.projector,
+        fisheye: args.fisheye,
         unit_mm: args.unit_mm.unwrap_or(1.0),
     };
     Ok(rig_of_calibration(&storage, &names)?)
@@ -99,9 +103,9 @@ fn of_opencv(args: &Args) -> Result<Rig> {
 
 /// A calibration of another program.
 fn of_program(args: &Args, program: Program, files: &[&Path]) -> Result<Rig> {
-    if args.size.is_some() || args.projector {
+    if args.size.is_some() || args.projector || args.fisheye {
         bail!(
-            "--size and --second-is-projector are for OpenCV's files; this one is of {program:?}, and has sizes"
+            "--size, --second-is-projector and --fisheye are for OpenCV's files; this one is of {program:?}, and states them"
         );
     }
     Ok(foreign_rig::read(program, files, &args.views, args.unit_mm.unwrap_or_else(|| program.unit_mm()))?)

@@ -7,7 +7,7 @@ use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
 use crate::simulate::load_scene;
 use anyhow::{Context, Result};
-use fringe::geometry::camera::BrownConrady;
+use fringe::geometry::camera::Lens;
 use fringe::geometry::rig::Rig;
 use metrology::inspection::{InspectionResult, Plan, Unit, evaluate};
 use nalgebra::Isometry3;
@@ -131,7 +131,7 @@ impl Bench {
             rig.cameras
                 .iter_mut()
                 .chain(&mut rig.projectors)
-                .for_each(|c| c.camera.distortion = BrownConrady::default());
+                .for_each(|c| c.camera.distortion = Lens::default());
         }
         let twin = Twin::new(&self.scene, case.settings, &rig)?;
         let scanned = scan(&twin, &rig, &self.sequence, 0)?;

@@ -6,7 +6,6 @@
 use super::validation::Validation;
 use anyhow::{Context, Result, bail};
 use characterise::calibration::{Calibration, MeasuredLength, Observations, ViewReport};
-use characterise::target::TargetSpec;
 use fringe::geometry::rig::Pair;
 use report::calibration::{CheckedLength, LengthCheck};
 use serde_json::{Value, json};
@@ -21,7 +20,7 @@ pub struct Certified {
 
 impl Certified {
     /// Parses the argument `column,row:column,row=LENGTH_MM[,U_MM]`.
-    pub fn parse(argument: &str, target: &TargetSpec) -> Result<Self> {
+    pub fn parse(argument: &str, (columns, rows): (u32, u32)) -> Result<Self> {
         let form = || {
             format!("--check-length {argument}: write column,row:column,row=length_mm or …=length_mm,u_mm")
         };
@@ -31,14 +30,14 @@ impl Certified {
             let (column, row) = text.split_once(',').with_context(form)?;
             let [column, row]: [u32; 2] =
                 [column.trim().parse().with_context(form)?, row.trim().parse().with_context(form)?];
-            if column >= target.columns || row >= target.rows {
+            if column >= columns || row >= rows {
                 bail!(
                     "--check-length {argument}: point {column},{row} does not exist; columns run from 0 to {}, rows from 0 to {}",
-                    target.columns - 1,
-                    target.rows - 1
+                    columns - 1,
+                    rows - 1
                 );
             }
-            Ok(row as usize * target.columns as usize + column as usize)
+            Ok(row as usize * columns as usize + column as usize)
         };
         let points = [point(from)?, point(to)?];
         let numbers: Vec<f64> = length

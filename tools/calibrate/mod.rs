@@ -7,27 +7,26 @@ mod lengths;
 pub mod model;
 mod output;
 mod report;
+mod shown;
 mod target_images;
 mod validation;
 
 use crate::Outcome;
 use crate::report::check_outputs;
 use anyhow::{Context, Result, bail};
-use characterise::calibration::{Calibration, Observations, SpacingSettings};
-use characterise::target::TargetSpec;
+use characterise::calibration::{Calibration, LensChoice, Observations, SpacingSettings};
 use detections::Gathered;
-use files::recording::Recording;
-use files::target_file::read_target;
 use lengths::Certified;
 use report::Parts;
+use shown::Shown;
 use std::path::PathBuf;
 use validation::{Plan, Validation};
 
 #[derive(clap::Args)]
 pub struct Args {
     /// Target file (TOML: kind, columns, rows, pitch_mm; docs/formats.md).
-    #[arg(long, value_name = "FILE")]
-    target: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "points")]
+    target: Option<PathBuf>,
     /// Rig file to write (TOML, docs/formats.md).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -36,6 +35,9 @@ pub struct Args {
     /// Images instead of recordings, `camera=pattern` with `*`; the n-th image of each camera shows the same pose.
     #[arg(long, value_name = "camera=pattern")]
     images: Vec<String>,
+    /// Points that another program found, instead of a target and its images: a file of point lists (TOML, docs/formats.md).
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["target", "draw"])]
+    points: Option<PathBuf>,
     /// A pair: `name=left,right` or `name=left,right,projector`. By default each projector seen by exactly two cameras makes
     /// one pair.
     #[arg(long, value_name = "name=left,right[,projector]")]
@@ -68,22 +70,25 @@ pub fn run(args: &Args) -> Result<Outcome> {
         ("--report", args.report.as_deref()),
         ("--json", args.json.as_deref()),
     ];
-    check_outputs(&outputs, &[&args.target], None)?;
+    let (shown, lists) = Shown::read(args)?;
+    check_outputs(&outputs, &[shown.file], None)?;
     if let Some(folder) = args.draw.as_ref().filter(|folder| folder.exists() && !folder.is_dir()) {
         bail!("--pictures {}: is a file; name a folder for the images", folder.display());
     }
-    let target = read_target(&args.target)?;
-    let certified =
-        args.check_length.iter().map(|c| Certified::parse(c, &target)).collect::<Result<Vec<_>>>()?;
-    let gathered = gather(args, &target)?;
-    let observations = gathered.observations(&target);
-    let solved = solve(args, &gathered, &target, &observations);
+    let certified = args
+        .check_length
+        .iter()
+        .map(|c| Certified::parse(c, (shown.columns, shown.rows)))
+        .collect::<Result<Vec<_>>>()?;
+    let gathered = shown.gather(args)?;
+    let observations = shown.observations(&gathered, lists)?;
+    let solved = solve(args, &gathered, &shown, &observations);
     // A failed calibration needs the images most.
     if let Some(folder) = &args.draw {
-        let calibration = solved.as_ref().ok().map(|(calibration, _)| calibration);
-        draw::write(folder, &gathered, &observations, calibration, target.columns)?;
+        let calibration = solved.as_ref().ok().map(|(calibration, _, _)| calibration);
+        draw::write(folder, &gathered, &observations, calibration, shown.columns)?;
     }
-    let (calibration, validation) = solved?;
+    let (calibration, validation, lenses) = solved?;
     let of_model = model::note(&calibration).into_iter().chain(validation::notes(&validation));
     for note in gathered.notes.iter().cloned().chain(of_model) {
         eprintln!("{note}");
@@ -101,11 +106,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let spacing = calibration
         .volume()
         .and_then(|volume| calibration.sphere_spacing_u_mm(&indices, &volume, &SpacingSettings::default()));
-    output::write_rig(&args.out, &calibration, &pairs, &args.target)?;
+    output::write_rig(&args.out, &calibration, &pairs, shown.file)?;
     let parts = Parts {
         rig: &args.out,
-        target_file: &args.target,
-        target: &target,
+        shown: &shown,
+        lenses: lenses.as_ref(),
         calibration: &calibration,
         observations: &observations,
         pairs: &pairs,
@@ -128,25 +133,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
 fn solve(
     args: &Args,
     gathered: &Gathered,
-    target: &TargetSpec,
+    shown: &Shown,
     observations: &Observations,
-) -> Result<(Calibration, Validation)> {
-    gathered.check(target).with_context(|| args.target.display().to_string())?;
+) -> Result<(Calibration, Validation, Option<LensChoice>)> {
+    shown.check(gathered)?;
     let plan = Plan::new(&args.hold_out, observations)?;
-    plan.solve(observations, &args.model.settings()).with_context(|| gathered.summary())
-}
-
-fn gather(args: &Args, target: &TargetSpec) -> Result<Gathered> {
-    match (args.recordings.is_empty(), args.images.is_empty()) {
-        (true, true) => {
-            bail!("neither recordings nor --images: name the recordings of the target, one for each pose")
-        }
-        (false, false) => bail!("recordings and --images together: give one of them"),
-        (true, false) => images::gather(&args.images, target),
-        (false, true) => {
-            let opened =
-                args.recordings.iter().map(|path| Ok(Recording::open(path)?)).collect::<Result<Vec<_>>>()?;
-            detections::gather(&opened, target)
-        }
-    }
+    let summary = || match &args.points {
+        Some(file) => file.display().to_string(),
+        None => gathered.summary(),
+    };
+    let (settings, lenses) = args.model.chosen(observations).with_context(summary)?;
+    let (calibration, validation) = plan.solve(observations, &settings).with_context(summary)?;
+    Ok((calibration, validation, lenses))
 }

@@ -3,8 +3,9 @@
 use super::report::Parts;
 use super::{lengths, validation};
 use anyhow::{Context, Result, bail};
-use characterise::calibration::{Calibration, DeviceKind, Gauge, Outlier, PARAMETERS};
+use characterise::calibration::{COMMON_PARAMETERS, Calibration, DeviceKind, Gauge, Outlier, PARAMETERS};
 use files::rig_file::CovarianceRef;
+use fringe::geometry::camera::LensKind;
 use fringe::geometry::rig::{Named, Pair, Rig};
 use std::path::Path;
 
@@ -100,18 +101,32 @@ pub fn write_rig(
     Ok(())
 }
 
+/// The names of the parameters that the lenses of a calibration have: those beyond the common ones only where one of them is needed.
+fn parameters(calibration: &Calibration) -> &'static [&'static str] {
+    if calibration.devices.iter().all(|d| d.camera.distortion.kind == LensKind::BrownConrady) {
+        &PARAMETERS[..COMMON_PARAMETERS]
+    } else {
+        &PARAMETERS
+    }
+}
+
 /// The full matrix, extrinsics relative to the first device.
 fn covariance(calibration: &Calibration) -> serde_json::Value {
-    let n = calibration.covariance.size();
-    let row =
-        |r: usize| (0..n).map(|c| calibration.covariance.at(Gauge::FirstDevice, r, c)).collect::<Vec<f64>>();
+    let parameters = parameters(calibration);
+    let behind = PARAMETERS.len() * calibration.devices.len();
+    let rows: Vec<usize> = (0..calibration.covariance.size())
+        .filter(|row| *row >= behind || row % PARAMETERS.len() < parameters.len())
+        .collect();
+    let row = |r: &usize| {
+        rows.iter().map(|c| calibration.covariance.at(Gauge::FirstDevice, *r, *c)).collect::<Vec<f64>>()
+    };
     let devices: Vec<&str> = calibration.devices.iter().map(|d| d.name.as_str()).collect();
     serde_json::json!({
         "format": "fringecell-covariance/1",
         "gauge": "the frame of the first device is held",
         "devices": devices,
-        "parameters": PARAMETERS,
-        "matrix": (0..n).map(row).collect::<Vec<_>>(),
+        "parameters": parameters,
+        "matrix": rows.iter().map(row).collect::<Vec<_>>(),
     })
 }
 
@@ -127,6 +142,9 @@ pub fn print(parts: &Parts) {
              u ({:.3}, {:.3}) px",
             d.name, d.rms_reprojection_px, d.views, d.points, d.outliers, u[0], u[1], u[2], u[3]
         );
+    }
+    if parts.lenses.is_some() {
+        println!("lens model of the cameras: {}", super::model::lenses_line(calibration, parts.lenses));
     }
     if let Some(worst) = calibration.worst_view().map(|i| &calibration.views[i]) {
         let device = &calibration.devices[worst.device].name;
@@ -159,7 +177,8 @@ pub fn json(parts: &Parts) -> serde_json::Value {
                     "rejected": d.outliers,
                     "focal_px": d.camera.focal_px,
                     "principal_point_px": d.camera.principal_point_px,
-                    "standard_uncertainty": d.standard_uncertainty,
+                    "lens": d.camera.distortion.kind.name(),
+                    "standard_uncertainty": &d.standard_uncertainty[..parameters(calibration).len()],
                 })
             })
             .collect()
@@ -184,6 +203,7 @@ pub fn json(parts: &Parts) -> serde_json::Value {
             "corners": v.residuals.iter().filter(|r| r.used).count(),
             "rejected": v.residuals.iter().filter(|r| !r.used).count(),
         })).collect::<Vec<_>>(),
+        "lens_models": parts.lenses.map(super::model::lenses_json),
         "outliers": outliers(parts),
         "left_out": parts.notes,
         "not_characterised": parts.not_characterised.iter().map(|(name, why)| serde_json::json!({
@@ -197,7 +217,7 @@ pub fn json(parts: &Parts) -> serde_json::Value {
 
 /// Each rejected point, largest residual first.
 fn outliers(parts: &Parts) -> Vec<serde_json::Value> {
-    let columns = parts.target.columns.max(1) as usize;
+    let columns = parts.shown.columns.max(1) as usize;
     let mut all: Vec<&Outlier> = parts.calibration.outliers.iter().collect();
     all.sort_by(|a, b| length_px(b).total_cmp(&length_px(a)));
     let row = |o: &&Outlier| {
@@ -224,7 +244,7 @@ fn print_outliers(parts: &Parts) {
         return println!("no point rejected");
     };
     let view = &parts.observations.views[worst.view];
-    let columns = parts.target.columns.max(1) as usize;
+    let columns = parts.shown.columns.max(1) as usize;
     println!(
         "{} points rejected; the worst: {} in {}, point {},{}, off by {:.3} px (all: --json)",
         all.len(),

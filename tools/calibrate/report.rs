@@ -1,9 +1,10 @@
 //! `--report`: what the report of the calibration is given.
 
+use super::shown::Shown;
 use super::validation::Validation;
 use anyhow::Result;
+use characterise::calibration::LensChoice;
 use characterise::calibration::{Calibration, Observations, SpacingSettings, SphereSpacing};
-use characterise::target::{TargetKind, TargetSpec};
 use fringe::geometry::rig::Pair;
 use report::calibration::{CalibrationReport, LengthCheck, write_html};
 use std::path::Path;
@@ -12,10 +13,10 @@ use std::path::Path;
 pub struct Parts<'a> {
     /// The rig file as written.
     pub rig: &'a Path,
-    /// Path of the target file.
-    pub target_file: &'a Path,
-    /// Content of the target file.
-    pub target: &'a TargetSpec,
+    /// The target, or the lists of its points.
+    pub shown: &'a Shown<'a>,
+    /// The lens models that were compared, if they were.
+    pub lenses: Option<&'a LensChoice>,
     /// Result of the adjustment.
     pub calibration: &'a Calibration,
     /// What it was given.
@@ -42,7 +43,7 @@ pub fn write(path: &Path, parts: &Parts) -> Result<()> {
         details: details(parts)?,
         calibration: parts.calibration,
         observations: parts.observations,
-        columns: parts.target.columns,
+        columns: parts.shown.columns,
         pairs: &pairs,
         spacing_mm: SpacingSettings::default().spacing_mm,
         spacing: parts.spacing,
@@ -56,23 +57,14 @@ pub fn write(path: &Path, parts: &Parts) -> Result<()> {
 }
 
 fn details(parts: &Parts) -> Result<Vec<(String, String)>> {
-    let kind = match parts.target.kind {
-        TargetKind::Checkerboard => "checkerboard",
-        TargetKind::Circles => "circles",
-        TargetKind::AsymmetricCircles => "asymmetric circles",
-        TargetKind::Charuco => "ChArUco board",
-    };
     let hash = files::hash::sha256_hex(&files::document::read_bytes(parts.rig, 1 << 24)?);
     let seen = parts.calibration.boards.iter().flatten().count();
-    let target = parts.target;
     Ok([
         ("Rig file", parts.rig.display().to_string()),
         ("SHA-256 of the rig file", hash),
-        (
-            "Target",
-            format!("{kind}, {} × {} points, pitch {} mm", target.columns, target.rows, target.pitch_mm),
-        ),
-        ("Target file", parts.target_file.display().to_string()),
+        ("Target", parts.shown.text.clone()),
+        ("Target file", parts.shown.file.display().to_string()),
+        ("Lens model of the cameras", super::model::lenses_line(parts.calibration, parts.lenses)),
         ("Poses", format!("{seen} used of {}", parts.observations.poses.len())),
         (
             "Observations",

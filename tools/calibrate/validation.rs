@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result, bail};
 use characterise::calibration::{
-    BetweenPoses, Calibration, CalibrationSettings, CrossValidation, HeldOut, Observations, calibrate,
-    cross_validate, hold_out, in_turn,
+    BetweenPoses, COMMON_PARAMETERS, Calibration, CalibrationSettings, CrossValidation, HeldOut,
+    Observations, calibrate, cross_validate, hold_out, in_turn,
 };
 use serde_json::{Value, json};
 
@@ -175,9 +175,14 @@ pub fn held_json(validation: &Validation, observations: &Observations) -> Value 
         "devices": held.devices.iter().map(device).collect::<Vec<_>>(),
         "views": views.collect::<Vec<_>>(),
         "between_poses": validation.between.as_ref().map(|all| all.iter().map(|b| json!({
-            "name": b.name, "standard_uncertainty": b.standard_uncertainty, "over_stated": b.over_stated,
+            "name": b.name, "standard_uncertainty": adjusted(&b.standard_uncertainty), "over_stated": b.over_stated,
         })).collect::<Vec<_>>()),
     })
+}
+
+/// The parameters that every lens has, and the further ones where one of them was adjusted.
+fn adjusted(u: &[f64]) -> &[f64] {
+    if u[COMMON_PARAMETERS..].iter().any(|u| *u != 0.0) { u } else { &u[..COMMON_PARAMETERS] }
 }
 
 /// Two halves for programs.

@@ -2,6 +2,7 @@
 
 mod proposal;
 mod relief;
+mod self_calibration;
 mod series;
 
 use crate::Outcome;
@@ -95,6 +96,7 @@ fn conclude(
     for camera in cameras {
         print_declared(camera, proposed);
     }
+    let mut pairs = Vec::new();
     if let Some(out) = &args.out {
         ensure!(
             !proposed.sets.is_empty(),
@@ -106,6 +108,7 @@ fn conclude(
             atomic::write(&out.join(name), png)?;
         }
         relief::write(out)?;
+        pairs = self_calibration::write(out)?;
         println!("\n{}: the proposed recording; next: fringetool decode {0} --out DIR", out.display());
     }
     let result: Vec<_> = cameras
@@ -115,7 +118,7 @@ fn conclude(
         .collect();
     emit(
         args.json.as_deref(),
-        &serde_json::json!({ "cameras": result, "proposed": cameras[best].name, "differing": differing }),
+        &serde_json::json!({ "cameras": result, "proposed": cameras[best].name, "differing": differing, "self_calibration": pairs }),
     )
 }
 

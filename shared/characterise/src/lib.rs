@@ -12,4 +12,5 @@ pub mod rectified_images;
 pub mod reference_plane;
 pub mod response;
 pub mod rotation_stage;
+pub mod self_calibration;
 pub mod target;

@@ -123,7 +123,7 @@ mod tests {
             focal_px,
             principal_point_px: [321.0, 241.0],
             skew: 0.0,
-            distortion: fringe::geometry::camera::BrownConrady::default(),
+            distortion: fringe::geometry::camera::Lens::default(),
             camera_from_world,
         };
         let turn = nalgebra::UnitQuaternion::from_scaled_axis(Vector3::new(0.02, -0.2, 0.03));

@@ -5,6 +5,7 @@
 
 use crate::document::{open_input, refuse_special};
 use crate::error::{FileError, Problem};
+use crate::float_tiff;
 pub use crate::image_channel::Channel;
 use crate::image_channel::plane;
 use crate::memory;
@@ -66,8 +67,8 @@ fn recorded(path: &Path, decoder: Decoder, full_scale_dn: Option<u16>) -> Result
     frame(path, decoder, full_scale_dn, Channel::Grey)
 }
 
-/// As [`read_frame`], from BMP, JPEG and PGM files too, and with opacity, which is left out: for imports, since a recording holds
-/// none of them.
+/// As [`read_frame`], from BMP, JPEG and PGM files and TIFF files of floats too, and with opacity, which is left out: for imports,
+/// since a recording holds none of them.
 ///
 /// # Errors
 /// As [`read_frame`].
@@ -80,6 +81,9 @@ pub fn read_foreign_frame(path: &Path, full_scale_dn: Option<u16>) -> Result<Fra
 /// # Errors
 /// As [`read_foreign_frame`].
 pub fn read_channel(path: &Path, full_scale_dn: Option<u16>, channel: Channel) -> Result<Frame, FileError> {
+    if let Some(frame) = float_tiff::read(path, full_scale_dn)? {
+        return Ok(frame);
+    }
     let formats =
         [ImageFormat::Png, ImageFormat::Tiff, ImageFormat::Bmp, ImageFormat::Jpeg, ImageFormat::Pnm];
     frame(path, open(path, &formats)?, full_scale_dn, channel)

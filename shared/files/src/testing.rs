@@ -1,6 +1,6 @@
 //! Small rigs for the tests of this crate.
 
-use fringe::geometry::camera::{BrownConrady, Camera};
+use fringe::geometry::camera::{Camera, Lens};
 use fringe::geometry::rig::{Named, Pair, Rig};
 use nalgebra::{Isometry3, Vector3};
 
@@ -12,7 +12,7 @@ pub(crate) fn camera(name: &str, width_px: u32, height_px: u32) -> Named {
         focal_px: [2330.1 / 3.0, 2331.7 / 3.0],
         principal_point_px: [f64::from(width_px) / 2.1, f64::from(height_px) / 1.9],
         skew: 1e-7 / 3.0,
-        distortion: BrownConrady { k: [-0.08 / 3.0, 0.05 / 7.0, 0.0], p: [2e-4 / 3.0, -1e-4 / 3.0] },
+        distortion: Lens::brown_conrady([-0.08 / 3.0, 0.05 / 7.0, 0.0], [2e-4 / 3.0, -1e-4 / 3.0]),
         camera_from_world: Isometry3::new(
             Vector3::new(1.0 / 3.0, -2.0 / 3.0, 500.0),
             Vector3::new(0.1, 0.2, 0.3),

@@ -1,6 +1,6 @@
 //! Analytic scenes with exact phase maps, without a renderer: synthetic data for tests of this crate and of those above it.
 
-use crate::geometry::camera::{BrownConrady, Camera, Ray};
+use crate::geometry::camera::{Camera, Lens, Ray};
 use crate::pattern::Axis;
 use crate::phase::{PhaseInfo, PhaseMap};
 use nalgebra::{Isometry3, Point2, Point3, Unit, UnitQuaternion, Vector3};
@@ -137,7 +137,7 @@ pub fn looking(from: [f64; 3], target: [f64; 3], right: [f64; 3], width_px: u32,
         focal_px: [focal, focal * 0.999],
         principal_point_px: [f64::from(width_px) * 0.497, f64::from(height_px) * 0.505],
         skew: 0.1,
-        distortion: BrownConrady { k: [-0.08, 0.05, 0.0], p: [2e-4, -2e-4] },
+        distortion: Lens::brown_conrady([-0.08, 0.05, 0.0], [2e-4, -2e-4]),
         camera_from_world: world_from_camera.inverse(),
     }
 }
@@ -151,7 +151,7 @@ pub fn rig(width_px: u32, height_px: u32) -> [Camera; 3] {
     let right = [1.0, 0.02, 0.0];
     let mut projector = looking(at(1.0), [0.0; 3], right, 608, 684);
     projector.focal_px = [1500.0, 1500.0];
-    projector.distortion = BrownConrady { k: [-0.03, 0.0, 0.0], p: [1e-4, -1e-4] };
+    projector.distortion = Lens::brown_conrady([-0.03, 0.0, 0.0], [1e-4, -1e-4]);
     [
         looking(at(-12.0), [1.0, 2.0, 0.0], right, width_px, height_px),
         looking(at(12.0), [-2.0, 0.0, 1.0], right, width_px, height_px),

@@ -1,6 +1,6 @@
 //! The cell of the thesis (section 5.3): two stereo pairs from orthogonal sides, 0.5 m from the part.
 
-use fringe::geometry::camera::{BrownConrady, Camera};
+use fringe::geometry::camera::{Camera, Lens};
 use fringe::geometry::rig::{Named, Pair, Rig};
 use fringe::math::{cos, sin};
 use fringe::pattern::{Axis, PatternSet};
@@ -56,7 +56,7 @@ fn camera(index: usize, azimuth_deg: f64, width_px: u32, height_px: u32) -> Name
                 0.5 * (f64::from(height_px) - 1.0) + (1.7 * i - 2.4) * scale,
             ],
             skew: 0.0,
-            distortion: BrownConrady { k: [-0.08 + 0.004 * i, 0.05, 0.0], p: [2e-4, -1.5e-4 + 1e-4 * i] },
+            distortion: Lens::brown_conrady([-0.08 + 0.004 * i, 0.05, 0.0], [2e-4, -1.5e-4 + 1e-4 * i]),
             camera_from_world: placed(azimuth_deg, ELEVATION_DEG),
         },
     }
@@ -72,7 +72,7 @@ fn projector(index: usize, azimuth_deg: f64) -> Named {
             focal_px: [1500.0 + 2.0 * i, 1499.0 + 2.0 * i],
             principal_point_px: [303.5 + 1.8 - 3.0 * i, 341.5 - 2.6 + 1.9 * i],
             skew: 0.0,
-            distortion: BrownConrady { k: [-0.03, 0.01, 0.0], p: [1e-4, -1e-4] },
+            distortion: Lens::brown_conrady([-0.03, 0.01, 0.0], [1e-4, -1e-4]),
             camera_from_world: placed(azimuth_deg, ELEVATION_DEG),
         },
     }

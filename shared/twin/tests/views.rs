@@ -1,5 +1,5 @@
 use crate::common::{artefact, body, parse, scene, small_rig};
-use fringe::geometry::camera::BrownConrady;
+use fringe::geometry::camera::Lens;
 use fringe::geometry::rig::Rig;
 use nalgebra::{Isometry3, Point2, Point3};
 use twin::{Scene, Twin, TwinError, TwinSettings, thesis};
@@ -117,10 +117,10 @@ fn a_camera_in_the_part_is_refused() {
 fn a_lens_that_turns_back_lights_nothing_outside_of_its_field() {
     let mut rig = small_rig();
     // Radius 0.3 lies in the image; at 1.39 the polynomial r(1 − r²/2) is back at 0.05.
-    rig.projectors[0].camera.distortion = BrownConrady { k: [-0.5, 0.0, 0.0], p: [0.0; 2] };
+    rig.projectors[0].camera.distortion = Lens::brown_conrady([-0.5, 0.0, 0.0], [0.0; 2]);
     let projector = rig.projectors[0].camera.clone();
     rig.cameras[0].camera.focal_px = [60.0, 60.0];
-    rig.cameras[0].camera.distortion = BrownConrady::default();
+    rig.cameras[0].camera.distortion = Lens::default();
     let floor = r#"{ shape = "plane", size_mm = [6000.0, 6000.0], thickness_mm = 5.0 }"#;
     let twin = Twin::new(&scene(&body("floor", [0.0; 3], floor)), TwinSettings::ideal(), &rig).unwrap();
     let view = twin.view_lit_by("cam1", &["proj1"], 0).unwrap();

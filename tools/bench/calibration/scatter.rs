@@ -123,6 +123,9 @@ fn errors(found: &Calibration, truth: &[&Camera]) -> Vec<f64> {
         let step = relative(&ours, i) * relative(truth, i).inverse();
         errors.extend(step.rotation.scaled_axis().iter());
         errors.extend(step.translation.vector.iter());
+        let (a, b) = (a.distortion, b.distortion);
+        errors.extend(a.more_k.iter().zip(b.more_k).map(|(x, y)| x - y));
+        errors.extend(a.prism.iter().zip(b.prism).map(|(x, y)| x - y));
     }
     errors
 }

@@ -3,7 +3,7 @@
 use super::Bench;
 use anyhow::{Context, Result, ensure};
 use files::npy::{Array, Values, read_array};
-use fringe::geometry::camera::{BrownConrady, Camera};
+use fringe::geometry::camera::{Camera, Lens};
 use fringe::geometry::pose::Pose;
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::Deserialize;
@@ -90,7 +90,7 @@ impl Bench {
                 focal_px: [cam.K[0][0], cam.K[1][1]],
                 principal_point_px: [cam.K[0][2], cam.K[1][2]],
                 skew: cam.K[0][1],
-                distortion: BrownConrady { k: [k1, k2, k3], p: [p1, p2] },
+                distortion: Lens::brown_conrady([k1, k2, k3], [p1, p2]),
                 camera_from_world: Pose { rotation, translation }.isometry(),
             }
         }))

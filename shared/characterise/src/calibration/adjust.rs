@@ -52,7 +52,8 @@ pub(super) fn solve(problem: &Problem, start: State, weights: &[f64], most: usiz
         solved.iterations += 1;
         let variance = solved.normal.cost.max(floor) / freedom;
         // The undamped step decides whether it has settled: a damped one is short for other reasons.
-        let last = solved.normal.step(0.0).filter(|step| solved.normal.length(step) <= SETTLED * variance);
+        let last =
+            solved.normal.step(problem.ridge).filter(|step| solved.normal.length(step) <= SETTLED * variance);
         let Some(step) = last.clone().or_else(|| solved.normal.step(damping)) else {
             damping *= 10.0;
             continue;

@@ -9,7 +9,7 @@
 //! with five groups u is itself uncertain by a third.
 
 use super::held_out::HeldOut;
-use super::model::{DEVICE, INTRINSIC, compose, rotation_vector};
+use super::model::{DEVICE, compose, intrinsics, rotation_vector};
 use super::result::{CalibratedDevice, Calibration};
 use fringe::geometry::camera::Camera;
 
@@ -66,14 +66,8 @@ fn difference([ours, first]: &[Camera; 2], [reference, reference_first]: &[Camer
     let (turn, shift) = (rotation_vector(&step.rotation), step.translation.vector);
     let (a, b) = (intrinsics(ours), intrinsics(reference));
     std::array::from_fn(|i| match i {
-        0..INTRINSIC => a[i] - b[i],
         10..13 => turn[i - 10],
-        _ => shift[i - 13],
+        13..16 => shift[i - 13],
+        _ => a[i] - b[i],
     })
-}
-
-fn intrinsics(camera: &Camera) -> [f64; INTRINSIC] {
-    let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.principal_point_px);
-    let ([k1, k2, k3], [p1, p2]) = (camera.distortion.k, camera.distortion.p);
-    [fx, fy, cx, cy, camera.skew, k1, k2, k3, p1, p2]
 }

@@ -7,8 +7,8 @@
 //!
 //! Distances have the same uncertainty in both.
 
-use super::model::{Board, DEVICE, INTRINSIC, POSE, State, WARP};
-use super::normal::Normal;
+use super::model::{Board, DEVICE, FURTHER, INTRINSIC, POSE, State, WARP};
+use super::normal::{Factorised, Normal};
 use super::problem::Problem;
 use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::{Isometry3, Vector3};
@@ -22,16 +22,19 @@ pub enum Gauge {
     Boards,
 }
 
-/// Names of a device's sixteen parameters, in the order of the covariance: px, 1, then rad and mm in the device's own
-/// frame (X ↦ exp(ω) X + τ).
+/// Names of a device's parameters, in the order of the covariance: px, 1, then rad and mm in the device's own frame
+/// (X ↦ exp(ω) X + τ), then the coefficients that only some lenses have.
 pub const PARAMETERS: [&str; DEVICE] = [
     "fx_px", "fy_px", "cx_px", "cy_px", "skew", "k1", "k2", "k3", "p1", "p2", "rx_rad", "ry_rad", "rz_rad",
-    "tx_mm", "ty_mm", "tz_mm",
+    "tx_mm", "ty_mm", "tz_mm", "k4", "k5", "k6", "s1", "s2", "s3", "s4",
 ];
+
+/// Number of the parameters that each lens has: the first ones of [`PARAMETERS`].
+pub const COMMON_PARAMETERS: usize = FURTHER;
 
 /// Covariance of all devices' parameters and the warp.
 ///
-/// Parameter i of device d stands at 16 d + i (see [`PARAMETERS`]), the two of the warp at the end; rows of parameters
+/// Parameter i of device d stands at d · n + i (see [`PARAMETERS`], n in all), the two of the warp at the end; rows of parameters
 /// that were not adjusted are zero.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covariance {
@@ -72,8 +75,7 @@ pub(super) fn covariance(
     variance: f64,
 ) -> Option<Covariance> {
     let inverses = normal.pose_inverses(0.0).ok()?;
-    let (matrix, _) = normal.reduced(&inverses, 0.0);
-    let reduced = Factor::new(&matrix).ok()?;
+    let reduced = normal.factorised(problem.ridge)?;
     let full = DEVICE * state.cameras.len() + WARP;
     // Place of the devices' and the warp's unknowns in the full matrix; those of target points come after them.
     let place: Vec<(usize, usize)> = problem
@@ -117,17 +119,19 @@ fn hold_boards(
     normal: &Normal,
     inverses: &[Option<Dense>],
     first_device: &Dense,
-    (reduced, place): (&Factor, &[(usize, usize)]),
+    (reduced, place): (&Factorised, &[(usize, usize)]),
     variance: f64,
 ) -> Option<Dense> {
     let n = first_device.rows;
     let (middle, shares) = motion_shares(problem.board, state, inverses)?;
     let (mut q, mut inner) = (Dense::zeros(POSE, problem.unknowns), Dense::zeros(POSE, POSE));
-    for ((share, inverse), block) in shares.iter().zip(inverses).zip(&normal.poses) {
-        let (Some(share), Some(inverse), Some(block)) = (share, inverse, block) else { continue };
+    for (pose, (share, inverse)) in shares.iter().zip(inverses).enumerate() {
+        let (Some(share), Some(inverse), Some(coupling)) = (share, inverse, normal.coupling(pose)) else {
+            continue;
+        };
         let both = share.times(inverse);
         inner = inner.plus(&both.times(&share.transposed()));
-        q = q.plus(&both.times(&block.coupling.transposed()));
+        q = q.plus(&both.times(&coupling.transposed()));
     }
     let spread: Vec<Vec<f64>> = (0..POSE).map(|i| reduced.solve(q.row(i))).collect();
     inner = inner.plus(&Dense::from_fn(POSE, POSE, |i, j| dot(&spread[i], q.row(j))));

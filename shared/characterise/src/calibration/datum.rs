@@ -8,7 +8,7 @@
 //! Source: Strobl, Hirzinger, "More accurate pinhole camera calibration with imperfect planar target", 2011; they hold
 //! three corners instead, whose own errors then turn and scale everything.
 
-use fringe::math::linear::{Dense, dot};
+use fringe::math::linear::dot;
 use nalgebra::Vector3;
 
 /// Weight of the constraints over that of a point's coordinate: what they hold is a thousand times surer than a point.
@@ -48,29 +48,23 @@ impl Datum {
         self.rows.first().map_or(0, Vec::len)
     }
 
-    /// Adds the constraints to the normal matrix, in which the points' columns start at `first`.
-    pub fn hold(&self, matrix: &mut Dense, first: usize) {
-        let size = self.size();
-        let trace: f64 = (first..first + size).map(|i| matrix.at(i, i)).sum();
+    /// The constraints on the points that are seen, their weight, and the damping that holds the others; `trace` is that of the
+    /// points' normal matrix.
+    pub fn held(&self, trace: f64, seen: &[bool]) -> (Vec<Vec<f64>>, f64, f64) {
         // Of data without any noise the weights differ by many powers of ten: the constraints go with them.
-        let weight = trace / size.max(1) as f64;
-        for i in first..first + size {
-            matrix.add(i, i, UNSEEN * weight);
-        }
-        for row in &self.rows {
-            for (i, a) in row.iter().enumerate().filter(|(_, a)| **a != 0.0) {
-                for (j, b) in row.iter().enumerate() {
-                    matrix.add(first + i, first + j, HELD * weight * a * b);
-                }
-            }
-        }
+        let weight = trace / self.size().max(1) as f64;
+        // A point that no view shows would give way to any similarity of the others.
+        let row = |row: &Vec<f64>| {
+            row.iter().enumerate().map(|(i, v)| if seen[i / 3] { *v } else { 0.0 }).collect()
+        };
+        (self.rows.iter().map(row).collect(), HELD * weight, UNSEEN * weight)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fringe::math::linear::Factor;
+    use fringe::math::linear::{Dense, Factor};
 
     /// Without the constraints the matrix of a free network is singular in seven directions; a similarity of all points
     /// is what they resist, anything else they leave alone.
@@ -80,8 +74,13 @@ mod tests {
             (0..12).map(|i| Vector3::new(f64::from(i % 4), f64::from(i / 4) * 1.5, 0.0)).collect();
         let datum = Datum::new(&points);
         let size = datum.size();
+        let (rows, held, _) = datum.held(size as f64, &vec![true; points.len()]);
         let mut matrix = Dense::identity(size);
-        datum.hold(&mut matrix, 0);
+        for row in &rows {
+            for (i, a) in row.iter().enumerate() {
+                row.iter().enumerate().for_each(|(j, b)| matrix.add(i, j, held * a * b));
+            }
+        }
         assert!(Factor::new(&matrix).is_ok());
         let energy = |of: &dyn Fn(usize, &Vector3<f64>) -> Vector3<f64>| {
             let flat: Vec<f64> = points.iter().enumerate().flat_map(|(i, p)| of(i, p).data.0[0]).collect();

@@ -16,6 +16,7 @@ use super::result::{Calibration, ViewReport};
 use super::settings::CalibrationSettings;
 use super::zhang;
 use super::{CalibrationError, calibrate};
+use fringe::geometry::camera::LensKind;
 use fringe::math::linear::{Dense, Factor, dot};
 use fringe::math::statistics::median;
 use nalgebra::Isometry3;
@@ -139,7 +140,10 @@ fn add_pose(
 ) -> Vec<(usize, bool)> {
     let seen = |(number, view): (usize, &super::View)| {
         let camera = &state.cameras[view.device];
-        let board_pose = zhang::pose(camera, &homography(&board.points, &view.image_points)?)?;
+        let straight = (camera.distortion.kind == LensKind::Fisheye)
+            .then(|| zhang::straightened(camera, &view.image_points));
+        let image_points = straight.as_ref().unwrap_or(&view.image_points);
+        let board_pose = zhang::pose(camera, &homography(&board.points, image_points)?)?;
         Some((number, compose(&camera.camera_from_world.inverse(), &board_pose)))
     };
     let own: Vec<(usize, Isometry3<f64>)> =

@@ -23,10 +23,12 @@ mod covariance;
 mod datum;
 mod error;
 mod finish;
+mod free_points;
 mod graph;
 mod held_out;
 mod homography;
 mod lengths;
+mod lens_choice;
 mod maps;
 mod misfit;
 mod model;
@@ -47,17 +49,18 @@ mod validate;
 mod zhang;
 
 pub use between::BetweenPoses;
-pub use covariance::{Covariance, Gauge, PARAMETERS};
+pub use covariance::{COMMON_PARAMETERS, Covariance, Gauge, PARAMETERS};
 pub use error::CalibrationError;
 pub use held_out::{Fold, HeldOut, HeldOutDevice, hold_out, in_turn};
 pub use lengths::MeasuredLength;
+pub use lens_choice::{LensChoice, TriedLens, choose_lens};
 pub use maps::{MapGrid, UncertaintyMap};
 pub(crate) use model::{moved, rotation, rotation_vector};
 pub use observations::{Device, DeviceKind, ImagePoint, Link, Observations, View};
 pub use predict::PointUncertainty;
 pub use reading::{ProjectorReading, projector_pixel};
 pub use result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
-pub use settings::{CalibrationSettings, LensModel, TargetShape, WorldFrame};
+pub use settings::{CalibrationSettings, LensFamily, LensModel, TargetShape, WorldFrame};
 pub use spacing::{SpacingSettings, SphereSpacing, Volume};
 pub use stereo::{EpipolarResiduals, RelativePose, StereoGeometry};
 pub use validate::{CrossValidation, DeviceDifference, cross_validate};
@@ -68,7 +71,7 @@ use finish::Finish;
 use fringe::geometry::camera::Camera;
 use model::{Board, Shape, State, WARP};
 use nalgebra::Vector3;
-use problem::{Problem, ViewRange, columns};
+use problem::{Problem, RIDGE, ViewRange, columns};
 use start::{ViewHomography, lens};
 
 /// Characterises all devices of a rig.
@@ -94,8 +97,9 @@ pub fn calibrate(
         .collect();
     let placed = graph::place(observations, &seen);
     let mut cameras = cameras?;
-    for (camera, device_from_world) in cameras.iter_mut().zip(&placed.devices) {
+    for (device, (camera, device_from_world)) in cameras.iter_mut().zip(&placed.devices).enumerate() {
         camera.camera_from_world = *device_from_world;
+        camera.distortion.kind = lens(observations, device, settings).family.kind();
     }
     let mut problem = joint(observations, &board, &seen, &placed.turned, settings);
     let state = State { cameras, boards: placed.boards, shape: Shape::default() };
@@ -144,7 +148,9 @@ fn joint<'a>(
         (0..observations.devices.len()).map(|device| lens(observations, device, settings)).collect();
     // Points get free from a target that is nearly right: their own step starts from the bend.
     let target = if settings.target == TargetShape::Flat { TargetShape::Flat } else { TargetShape::Bent };
-    Problem::new(board, views, image_points, columns(&lenses, target))
+    let quotient = |l: &LensModel| matches!(l.family, LensFamily::Rational | LensFamily::ThinPrism);
+    let ridge = if lenses.iter().any(quotient) { RIDGE } else { 0.0 };
+    Problem { ridge, ..Problem::new(board, views, image_points, columns(&lenses, target)) }
 }
 
 /// Adjusts each point of the target too, from the solution for the bent one; the bend stays what it is, as a reference.

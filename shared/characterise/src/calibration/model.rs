@@ -6,8 +6,9 @@
 //! |---|---|
 //! | 0 … 9 | fx, fy, cx, cy, skew, k1, k2, k3, p1, p2 (added) |
 //! | 10 … 15 | device: X_d ↦ exp(ω) X_d + τ, in the device's frame, rad and mm |
-//! | 16, 17 | warp of the target, mm |
-//! | 18 … 23 | pose: X_b ↦ exp(ω) X_b + τ before world_from_board, in the target's frame about its centre |
+//! | 16 … 22 | k4, k5, k6, s1, s2, s3, s4 (added) |
+//! | 23, 24 | warp of the target, mm |
+//! | 25 … 30 | pose: X_b ↦ exp(ω) X_b + τ before world_from_board, in the target's frame about its centre |
 //!
 //! A point of the target that is adjusted itself has the derivatives of the pose's τ.
 
@@ -16,10 +17,12 @@ use fringe::geometry::camera::Camera;
 use fringe::math;
 use nalgebra::{Isometry3, Matrix2x3, Matrix3, Point2, Quaternion, UnitQuaternion, Vector2, Vector3};
 
-/// Intrinsic parameters of a device.
+/// Intrinsic parameters of a device before its pose.
 pub(super) const INTRINSIC: usize = 10;
+/// First of the lens coefficients that only some kinds have, behind the pose.
+pub(super) const FURTHER: usize = 16;
 /// All parameters of a device.
-pub(super) const DEVICE: usize = 16;
+pub(super) const DEVICE: usize = 23;
 /// Parameters of the warp.
 pub(super) const WARP: usize = 2;
 /// Parameters of a pose.
@@ -128,6 +131,23 @@ pub(super) fn compose(a: &Isometry3<f64>, b: &Isometry3<f64>) -> Isometry3<f64> 
     Isometry3::from_parts(product.translation, rotation)
 }
 
+/// Column of a coefficient of the lens, in the order of [`fringe::geometry::lens::COEFFICIENTS`].
+pub(super) fn column_of(coefficient: usize) -> usize {
+    const BEFORE: usize = INTRINSIC - 5;
+    if coefficient < BEFORE { 5 + coefficient } else { FURTHER + coefficient - BEFORE }
+}
+
+/// Intrinsic parameters of a camera in the columns of its steps; those of the pose are 0.
+pub(super) fn intrinsics(camera: &Camera) -> [f64; DEVICE] {
+    let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.principal_point_px);
+    let mut values = [0.0; DEVICE];
+    values[..5].copy_from_slice(&[fx, fy, cx, cy, camera.skew]);
+    for (coefficient, value) in camera.distortion.coefficients().into_iter().enumerate() {
+        values[column_of(coefficient)] = value;
+    }
+    values
+}
+
 /// A camera after a step of its parameters.
 pub(crate) fn moved(camera: &Camera, step: &[f64]) -> Camera {
     let mut next = camera.clone();
@@ -142,7 +162,13 @@ pub(crate) fn moved(camera: &Camera, step: &[f64]) -> Camera {
     for (p, s) in next.distortion.p.iter_mut().zip(&step[8..10]) {
         *p += s;
     }
-    next.camera_from_world = compose(&motion(&step[INTRINSIC..DEVICE]), &camera.camera_from_world);
+    next.camera_from_world = compose(&motion(&step[INTRINSIC..FURTHER]), &camera.camera_from_world);
+    for (k, s) in next.distortion.more_k.iter_mut().zip(&step[FURTHER..FURTHER + 3]) {
+        *k += s;
+    }
+    for (p, s) in next.distortion.prism.iter_mut().zip(&step[FURTHER + 3..DEVICE]) {
+        *p += s;
+    }
     next
 }
 
@@ -185,10 +211,10 @@ impl<'a> Projector<'a> {
             // d·(ω × X) = ω·(X × d).
             row[10..13].copy_from_slice(seen.cross(&device).as_slice());
             row[13..16].copy_from_slice(device.as_slice());
-            row[16] = board.z * rise[0];
-            row[17] = board.z * rise[1];
-            row[18..21].copy_from_slice(point.cross(&board).as_slice());
-            row[21..24].copy_from_slice(board.as_slice());
+            row[DEVICE] = board.z * rise[0];
+            row[DEVICE + 1] = board.z * rise[1];
+            row[DEVICE + WARP..DEVICE + WARP + 3].copy_from_slice(point.cross(&board).as_slice());
+            row[DEVICE + WARP + 3..].copy_from_slice(board.as_slice());
         }
         Some((pixel, rows))
     }
@@ -205,7 +231,6 @@ fn intrinsic_rows(
     }
     let ideal = Vector2::new(seen.x / seen.z, seen.y / seen.z);
     let (x, y) = (ideal.x, ideal.y);
-    let r2 = x * x + y * y;
     let distorted = camera.distortion.distort(ideal);
     let [fx, fy] = camera.focal_px;
     rows[0][0] = distorted.x;
@@ -213,16 +238,10 @@ fn intrinsic_rows(
     rows[0][2] = 1.0;
     rows[1][3] = 1.0;
     rows[0][4] = distorted.y;
-    let lens = [
-        [x * r2, y * r2],
-        [x * r2 * r2, y * r2 * r2],
-        [x * r2 * r2 * r2, y * r2 * r2 * r2],
-        [2.0 * x * y, r2 + 2.0 * y * y],
-        [r2 + 2.0 * x * x, 2.0 * x * y],
-    ];
-    for (column, [dx, dy]) in lens.into_iter().enumerate() {
-        rows[0][5 + column] = fx * dx + camera.skew * dy;
-        rows[1][5 + column] = fy * dy;
+    for (coefficient, slope) in camera.distortion.by_coefficients(ideal).into_iter().enumerate() {
+        let column = column_of(coefficient);
+        rows[0][column] = fx * slope.x + camera.skew * slope.y;
+        rows[1][column] = fy * slope.y;
     }
     let by_ideal = nalgebra::Matrix2::new(fx, camera.skew, 0.0, fy) * camera.distortion.jacobian(ideal);
     let perspective = Matrix2x3::new(1.0, 0.0, -x, 0.0, 1.0, -y) / seen.z;
@@ -241,7 +260,7 @@ pub(super) fn world_rows(
     let mut own = [[0.0; DEVICE]; 2];
     for (i, (own, row)) in own.iter_mut().zip(&rows).enumerate() {
         let device = by_point.row(i).transpose();
-        own[..INTRINSIC].copy_from_slice(&row[..INTRINSIC]);
+        own[..DEVICE].copy_from_slice(&row[..DEVICE]);
         own[10..13].copy_from_slice(seen.cross(&device).as_slice());
         own[13..16].copy_from_slice(device.as_slice());
     }

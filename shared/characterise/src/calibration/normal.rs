@@ -1,17 +1,21 @@
 //! Normal equations with the poses eliminated (Schur complement), in a fixed order of sums.
 
+use super::free_points::{Eliminated, Points};
 use super::model::POSE;
 use fringe::math::linear::{Dense, Factor, dot};
+use nalgebra::Vector3;
 
-/// Normal equations: devices dense, poses block diagonal.
+/// Normal equations: devices and warp dense, poses and points of the target block diagonal.
 #[derive(Debug, Clone)]
 pub(super) struct Normal {
-    /// Matrix of the reduced parameters before elimination.
+    /// Matrix of devices and warp before elimination.
     pub devices: Dense,
     /// Their right side Jᵀr.
     pub right: Vec<f64>,
     /// One block per pose that is used.
     pub poses: Vec<Option<PoseBlock>>,
+    /// The points of the target, where they are adjusted; their unknowns stand behind those of devices and warp.
+    pub points: Option<Points>,
     /// The 6 × 6 information of each view about its pose.
     pub shares: Vec<Dense>,
     /// Trace of the information of each view about the target's points; 0 unless they are adjusted.
@@ -27,7 +31,7 @@ pub(super) struct PoseBlock {
     pub matrix: Dense,
     /// Right side of the pose, Jᵀr.
     pub right: Vec<f64>,
-    /// Reduced parameters × 6.
+    /// Parameters of devices and warp × 6.
     pub coupling: Dense,
 }
 
@@ -83,11 +87,30 @@ impl Normal {
         (matrix, right)
     }
 
-    /// The step (JᵀJ + λ diag)⁻¹ Jᵀr; `None` when singular.
-    pub fn step(&self, damping: f64) -> Option<Step> {
+    /// The factorised system; `None` when something is open.
+    pub fn factorised(&self, damping: f64) -> Option<Factorised<'_>> {
+        if let Some(points) = &self.points {
+            return Eliminated::new(self, points, damping).map(Factorised::Points);
+        }
         let inverses = self.pose_inverses(damping).ok()?;
         let (matrix, right) = self.reduced(&inverses, damping);
-        let devices = Factor::new(&matrix).ok()?.solve(&right);
+        Some(Factorised::Poses { factor: Factor::new(&matrix).ok()?, right, inverses })
+    }
+
+    /// The step (JᵀJ + λ diag)⁻¹ Jᵀr; `None` when singular.
+    pub fn step(&self, damping: f64) -> Option<Step> {
+        let (factor, right, inverses) = match self.factorised(damping)? {
+            Factorised::Poses { factor, right, inverses } => (factor, right, inverses),
+            Factorised::Points(eliminated) => {
+                let (devices, of_points) = self.right.split_at(self.devices.rows);
+                let of_poses: Vec<_> =
+                    self.poses.iter().map(|block| block.as_ref().map(|b| b.right.clone())).collect();
+                let (mut devices, poses, points) = eliminated.solve(devices, &of_poses, of_points);
+                devices.extend(points);
+                return Some(Step { devices, poses });
+            }
+        };
+        let devices = factor.solve(&right);
         let poses = self.poses.iter().zip(&inverses).map(|(block, inverse)| {
             let (block, inverse) = (block.as_ref()?, inverse.as_ref()?);
             let rest: Vec<f64> = (0..POSE)
@@ -101,15 +124,74 @@ impl Normal {
         Some(Step { poses: poses.collect(), devices })
     }
 
+    /// The coupling of a pose to all unknowns, those of the target's points last; unknowns × 6.
+    pub fn coupling(&self, pose: usize) -> Option<Dense> {
+        let block = self.poses[pose].as_ref()?;
+        let mut all = Dense::zeros(self.right.len(), POSE);
+        for row in 0..self.devices.rows {
+            (0..POSE).for_each(|i| all.set(row, i, block.coupling.at(row, i)));
+        }
+        for (number, point) in self.points.iter().flat_map(|points| points.blocks.iter().enumerate()) {
+            for (i, slopes) in point.by_pose.get(&pose).into_iter().flatten().enumerate() {
+                (0..3).for_each(|axis| all.set(self.devices.rows + 3 * number + axis, i, slopes[axis]));
+            }
+        }
+        Some(all)
+    }
+
     /// δᵀ JᵀJ δ: the square of a step in standard deviations.
     pub fn length(&self, step: &Step) -> f64 {
-        let mut sum = dot(&step.devices, &self.devices.apply(&step.devices));
+        let (devices, of_points) = step.devices.split_at(self.devices.rows);
+        let mut sum = dot(devices, &self.devices.apply(devices));
         for (block, pose) in self.poses.iter().zip(&step.poses) {
             let (Some(block), Some(pose)) = (block, pose) else { continue };
             sum += dot(pose, &block.matrix.apply(pose));
-            sum += 2.0 * dot(&step.devices, &block.coupling.apply(pose));
+            sum += 2.0 * dot(devices, &block.coupling.apply(pose));
         }
-        sum.max(0.0)
+        let Some(points) = &self.points else { return sum.max(0.0) };
+        for (point, step_mm) in points.blocks.iter().zip(of_points.chunks_exact(3)) {
+            let step_mm = Vector3::from_column_slice(step_mm);
+            let mut coupled: Vector3<f64> = point.matrix * step_mm;
+            for (column, slopes) in &point.by_device {
+                coupled += slopes * (2.0 * devices[*column]);
+            }
+            for (pose, slopes) in &point.by_pose {
+                let Some(pose) = &step.poses[*pose] else { continue };
+                slopes.iter().zip(pose).for_each(|(w, step)| coupled += w * (2.0 * step));
+            }
+            sum += step_mm.dot(&coupled);
+        }
+        (sum + points.datum_length(of_points)).max(0.0)
+    }
+}
+
+/// The normal equations, factorised.
+pub(super) enum Factorised<'a> {
+    /// With the poses eliminated.
+    Poses {
+        /// Factor of the reduced matrix.
+        factor: Factor,
+        /// Right side of the reduced matrix.
+        right: Vec<f64>,
+        /// V⁻¹ of each pose.
+        inverses: Vec<Option<Dense>>,
+    },
+    /// With the points of the target eliminated.
+    Points(Eliminated<'a>),
+}
+
+impl Factorised<'_> {
+    /// Devices, warp and points of the solution for a right side that is zero for the poses.
+    pub fn solve(&self, right: &[f64]) -> Vec<f64> {
+        match self {
+            Self::Poses { factor, .. } => factor.solve(right),
+            Self::Points(eliminated) => {
+                let (devices, points) = right.split_at(eliminated.devices());
+                let (mut solved, _, points) = eliminated.solve(devices, &[], points);
+                solved.extend(points);
+                solved
+            }
+        }
     }
 }
 

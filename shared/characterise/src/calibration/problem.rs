@@ -6,14 +6,18 @@
 //! the whole covariance matrix of all pixels, block by block.
 
 use super::datum::Datum;
-use super::model::{Board, DEVICE, INTRINSIC, LOCAL, POSE, Projector, State, WARP};
+use super::model::{Board, DEVICE, FURTHER, INTRINSIC, LOCAL, POSE, Projector, State, WARP};
 use super::observations::ImagePoint;
 use super::settings::{LensModel, TargetShape};
 use nalgebra::{Matrix2, Point2};
 use std::collections::BTreeMap;
 
-/// Columns of an equation: those of [`super::model`], then the sixteen of the camera that an image point is linked to.
+/// Columns of an equation: those of [`super::model`], then those of the camera that an image point is linked to.
 pub(super) const WIDE: usize = LOCAL + DEVICE;
+
+/// Of a quotient of polynomials, numerator and denominator may take the same factor: along this the sum of squares is flat to
+/// rounding. So much damping holds it, and changes what the points determine by less than their noise.
+pub(super) const RIDGE: f64 = 1e-9;
 
 /// Two rows of the Jacobian.
 pub(super) type WideRows = [[f64; WIDE]; 2];
@@ -48,6 +52,8 @@ pub(super) struct Problem<'a> {
     pub columns: Vec<Vec<Option<usize>>>,
     /// Size of the reduced system.
     pub unknowns: usize,
+    /// Damping that is never taken off: 0, but for lenses whose terms follow each other.
+    pub ridge: f64,
     /// What holds the target's points when they are adjusted; their columns are the last ones.
     pub datum: Option<Datum>,
 }
@@ -131,7 +137,8 @@ pub(super) fn columns(lenses: &[LensModel], target: TargetShape) -> (Vec<Vec<Opt
             4 => lens.skew,
             5..8 => local - 5 < lens.radial_terms,
             8..INTRINSIC => lens.tangential,
-            _ => device > 0,
+            INTRINSIC..FURTHER => device > 0,
+            _ => lens.further(local - FURTHER),
         };
         columns.push((0..DEVICE).map(|local| take(free(local))).collect());
     }
@@ -152,7 +159,7 @@ impl<'a> Problem<'a> {
             whitening(&link.map_or(image_point.covariance_px2, |l| l.covariance_px2))
         };
         let whiten = image_points.iter().zip(&links).map(own).collect();
-        Self { board, views, image_points, links, whiten, columns, unknowns, datum: None }
+        Self { board, views, image_points, links, whiten, columns, unknowns, ridge: 0.0, datum: None }
     }
 }
 

@@ -1,13 +1,44 @@
 //! Settings of the adjustment.
 
 use super::CalibrationError;
+use fringe::geometry::lens::LensKind;
 use serde::{Deserialize, Serialize};
+
+/// Which formula the lens of a device follows, as [`LensKind`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LensFamily {
+    /// Radial polynomial and decentring.
+    #[default]
+    BrownConrady,
+    /// With k4, k5 (k6) in the denominator.
+    Rational,
+    /// With s1 … s4 besides.
+    ThinPrism,
+    /// Kannala and Brandt's fisheye k1 … k4.
+    Fisheye,
+}
+
+impl LensFamily {
+    /// The formula in the geometry.
+    pub fn kind(self) -> LensKind {
+        match self {
+            Self::BrownConrady => LensKind::BrownConrady,
+            Self::Rational => LensKind::Rational,
+            Self::ThinPrism => LensKind::ThinPrism,
+            Self::Fisheye => LensKind::Fisheye,
+        }
+    }
+}
 
 /// Which lens parameters of a device are adjusted; the others stay 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LensModel {
-    /// How many of k1, k2, k3: 0 … 3. k3 needs a wide lens; in a narrow field it only follows k2.
+    /// The formula of the lens.
+    pub family: LensFamily,
+    /// How many of k1, k2, k3, and of a quotient as many of k4, k5, k6: 0 … 3. k3 needs a wide lens; in a narrow field it only
+    /// follows k2.
     pub radial_terms: usize,
     /// Whether p1 and p2 are adjusted.
     pub tangential: bool,
@@ -17,7 +48,34 @@ pub struct LensModel {
 
 impl Default for LensModel {
     fn default() -> Self {
-        Self { radial_terms: 2, tangential: true, skew: false }
+        Self { family: LensFamily::BrownConrady, radial_terms: 2, tangential: true, skew: false }
+    }
+}
+
+impl LensModel {
+    /// The usual parameters of a family: k1, k2 and, of a quotient, k4, k5; k1 to k4 of a fisheye, without decentring.
+    pub fn of(family: LensFamily) -> Self {
+        let fisheye = family == LensFamily::Fisheye;
+        Self { family, radial_terms: if fisheye { 3 } else { 2 }, tangential: !fisheye, skew: false }
+    }
+
+    /// The model of a device's first adjustment by itself: the terms of a quotient, which follow each other where nothing is
+    /// distorted, come last.
+    pub(super) fn to_begin_with(self) -> Self {
+        match self.family {
+            LensFamily::BrownConrady | LensFamily::Fisheye => self,
+            LensFamily::Rational | LensFamily::ThinPrism => Self { family: LensFamily::BrownConrady, ..self },
+        }
+    }
+
+    /// Whether one of k4, k5, k6, s1 … s4 is adjusted.
+    pub(super) fn further(&self, index: usize) -> bool {
+        match self.family {
+            LensFamily::BrownConrady => false,
+            LensFamily::Rational => index < self.radial_terms,
+            LensFamily::ThinPrism => index < self.radial_terms || index >= 3,
+            LensFamily::Fisheye => index == 0,
+        }
     }
 }
 

@@ -6,8 +6,8 @@ use super::homography::homography;
 use super::model::{Board, DEVICE, Shape, State};
 use super::observations::{Device, DeviceKind, ImagePoint, Observations};
 use super::problem::{Problem, ViewRange, columns};
-use super::settings::{CalibrationSettings, LensModel, TargetShape};
-use super::zhang::{candidates, normal_lens, pose};
+use super::settings::{CalibrationSettings, LensFamily, LensModel, TargetShape};
+use super::zhang::{candidates, fisheyes, normal_lens, pose};
 use fringe::geometry::camera::Camera;
 use fringe::math;
 use fringe::math::linear::Factor;
@@ -92,11 +92,20 @@ pub(super) fn start(
     settings: &CalibrationSettings,
 ) -> Result<Camera, CalibrationError> {
     let own: Vec<usize> = (0..seen.len()).filter(|i| seen[*i].device == device).collect();
-    let problem = alone(observations, board, &own, seen, lens(observations, device, settings));
+    let lens = lens(observations, device, settings).to_begin_with();
+    let problem = alone(observations, board, &own, seen, lens);
     let homographies: Vec<Matrix3<f64>> = own.iter().map(|i| seen[*i].homography).collect();
-    let mut ranked: Vec<(f64, State)> = candidates(&observations.devices[device], &homographies)
+    let candidates: Vec<(Camera, Vec<Matrix3<f64>>)> = if lens.family == LensFamily::Fisheye {
+        let views: Vec<&[ImagePoint]> =
+            own.iter().map(|i| observations.views[seen[*i].view].image_points.as_slice()).collect();
+        fisheyes(&observations.devices[device], &board.points, &views)
+    } else {
+        let cameras = candidates(&observations.devices[device], &homographies).into_iter();
+        cameras.map(|camera| (camera, homographies.clone())).collect()
+    };
+    let mut ranked: Vec<(f64, State)> = candidates
         .into_iter()
-        .filter_map(|camera| {
+        .filter_map(|(camera, homographies)| {
             let boards: Option<Vec<_>> = homographies.iter().map(|h| pose(&camera, h).map(Some)).collect();
             let state = State { cameras: vec![camera], boards: boards?, shape: Shape::default() };
             Some((robust_variances(&problem, &state).1[0], state))

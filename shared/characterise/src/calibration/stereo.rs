@@ -3,7 +3,7 @@
 //! Rectifying rotations and the baseline frame stand in [`fringe::rectify`].
 
 use super::covariance::Gauge;
-use super::model::{DEVICE, INTRINSIC, POSE, compose};
+use super::model::{DEVICE, FURTHER, INTRINSIC, POSE, compose};
 use super::result::{Calibration, Residual, ViewReport};
 use fringe::geometry::camera::Camera;
 use fringe::math::linear::Dense;
@@ -117,7 +117,7 @@ impl Calibration {
             _ => 0.0,
         });
         let places: Vec<usize> =
-            [left, right].iter().flat_map(|d| DEVICE * d + INTRINSIC..DEVICE * (d + 1)).collect();
+            [left, right].iter().flat_map(|d| DEVICE * d + INTRINSIC..DEVICE * d + FURTHER).collect();
         let inner = Dense::from_fn(2 * POSE, 2 * POSE, |i, j| {
             self.covariance.at(Gauge::FirstDevice, places[i], places[j])
         });

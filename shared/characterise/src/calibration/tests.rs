@@ -2,6 +2,7 @@
 
 mod bad;
 mod held_out;
+mod lenses;
 mod links;
 mod predicted;
 mod real;

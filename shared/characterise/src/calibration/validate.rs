@@ -4,7 +4,7 @@
 //! the difference of two independent calibrations exceeds what their covariances predict, the model is wrong.
 
 use super::covariance::Gauge;
-use super::model::{DEVICE, INTRINSIC, WARP, compose, rotation_vector, world_rows};
+use super::model::{DEVICE, FURTHER, INTRINSIC, WARP, compose, intrinsics, rotation_vector, world_rows};
 use super::observations::Observations;
 use super::result::Calibration;
 use super::settings::{CalibrationSettings, WorldFrame};
@@ -71,13 +71,12 @@ fn difference(first: &Calibration, second: &Calibration) -> Vec<f64> {
     let mut difference = Vec::new();
     for (a, b) in first.devices.iter().zip(&second.devices) {
         let (a, b) = (&a.camera, &b.camera);
-        let flat = |c: &fringe::geometry::camera::Camera| {
-            [&c.focal_px[..], &c.principal_point_px, &[c.skew], &c.distortion.k, &c.distortion.p].concat()
-        };
-        difference.extend(flat(a).iter().zip(flat(b)).map(|(x, y)| x - y));
+        let (of_a, of_b) = (intrinsics(a), intrinsics(b));
+        let mut own: [f64; DEVICE] = std::array::from_fn(|i| of_a[i] - of_b[i]);
         let step = compose(&a.camera_from_world, &b.camera_from_world.inverse());
-        difference.extend(rotation_vector(&step.rotation).iter());
-        difference.extend(step.translation.vector.iter());
+        own[INTRINSIC..INTRINSIC + 3].copy_from_slice(rotation_vector(&step.rotation).as_slice());
+        own[INTRINSIC + 3..FURTHER].copy_from_slice(step.translation.vector.as_slice());
+        difference.extend(own);
     }
     difference
 }
@@ -127,7 +126,7 @@ fn differences(
     let n = DEVICE * first.devices.len() + WARP;
     let mut j = Dense::zeros(errors.len(), n);
     for (row, (values, device)) in by_parameter.iter().zip(&owner).enumerate() {
-        for (parameter, value) in values.iter().enumerate().take(INTRINSIC + 6) {
+        for (parameter, value) in values.iter().enumerate() {
             j.set(row, DEVICE * device + parameter, *value);
         }
     }

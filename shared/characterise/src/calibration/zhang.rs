@@ -1,8 +1,9 @@
 //! Start values of one device: intrinsics from homographies (Zhang 2000), poses from their decomposition.
 
+use super::homography::homography;
 use super::model::compose;
-use super::observations::{Device, DeviceKind};
-use fringe::geometry::camera::{BrownConrady, Camera};
+use super::observations::{Device, DeviceKind, ImagePoint};
+use fringe::geometry::camera::{Camera, Lens, LensKind};
 use fringe::math::linear::{Dense, Factor, eigen};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -47,6 +48,38 @@ pub(super) fn candidates(device: &Device, homographies: &[Matrix3<f64>]) -> Vec<
     found
 }
 
+/// Focal lengths of a fisheye that are tried, in image sizes: fields of 180° down to 50° over the shorter side.
+const FISHEYE_FOCALS: [f64; 7] = [0.25, 0.32, 0.42, 0.55, 0.7, 0.9, 1.2];
+
+/// Possible intrinsics of a fisheye, equidistant and centred, each with the homographies of the straightened views.
+pub(super) fn fisheyes(
+    device: &Device,
+    board: &[Vector3<f64>],
+    views: &[&[ImagePoint]],
+) -> Vec<(Camera, Vec<Matrix3<f64>>)> {
+    let (w, h) = (f64::from(device.width_px), f64::from(device.height_px));
+    let candidate = |focal: &f64| {
+        let mut camera = undistorted(device, [0.5 * (w + h) * focal; 2], [0.5 * (w - 1.0), 0.5 * (h - 1.0)]);
+        camera.distortion.kind = LensKind::Fisheye;
+        let own: Option<Vec<_>> =
+            views.iter().map(|view| homography(board, &straightened(&camera, view))).collect();
+        Some((camera, own?))
+    };
+    FISHEYE_FOCALS.iter().filter_map(candidate).collect()
+}
+
+/// The image points as the same camera without distortion would see them; those that have no ray are left out.
+pub(super) fn straightened(camera: &Camera, image_points: &[ImagePoint]) -> Vec<ImagePoint> {
+    let straight = Camera { distortion: Lens::default(), ..camera.clone() };
+    let one = |seen: &ImagePoint| {
+        let ideal = camera.normalised_from_pixel(seen.pixel)?;
+        // A direction across the axis would count more than all others.
+        (ideal.norm_squared() < 100.0)
+            .then(|| ImagePoint { pixel: straight.pixel_from_normalised(ideal), ..*seen })
+    };
+    image_points.iter().filter_map(one).collect()
+}
+
 /// What is assumed where nothing is known: a focal length of one and a half image sizes, centred.
 pub(super) fn normal_lens(device: &Device) -> Camera {
     let (w, h) = (f64::from(device.width_px), f64::from(device.height_px));
@@ -66,7 +99,7 @@ fn undistorted(device: &Device, focal_px: [f64; 2], principal_point_px: [f64; 2]
         focal_px,
         principal_point_px,
         skew: 0.0,
-        distortion: BrownConrady::default(),
+        distortion: Lens::default(),
         camera_from_world: Isometry3::identity(),
     }
 }

@@ -70,6 +70,17 @@ pub(crate) fn board(view: &View, starts: &Starts, most: i32) -> Board {
     board
 }
 
+/// Fits one corner of a grid whose steps differ, first roughly, then to the noise limit; `along` are the shortest steps there.
+pub(crate) fn single(
+    view: &View,
+    place: Place,
+    pixel: Point2<f64>,
+    along: [Vector2<f64>; 2],
+) -> Option<Corner> {
+    let corner = fitted(view, place, pixel, along, None)?;
+    fitted(view, place, corner.pixel, along, Some((&corner, [0.0; 2])))
+}
+
 /// Whether two boards share a corner: pieces of one board, that grew together.
 pub(crate) fn overlap(a: &Board, b: &Board) -> bool {
     a.values().any(|p| b.values().any(|q| (p.pixel - q.pixel).norm() < 2.0))

@@ -9,7 +9,7 @@ use super::checkerboard::{boards, factors, point};
 use super::detection::{Ambiguity, DetectedPoint, Detection};
 use super::error::TargetError;
 use super::lattice::Place;
-use super::markers::{Marker, read};
+use super::markers::{Marker, Rim, read};
 use super::raster::Raster;
 use super::settings::TargetSettings;
 use super::spec::{Marking, TargetSpec};
@@ -25,14 +25,14 @@ const BEYOND: f64 = 0.1;
 
 /// How a lattice lies on the board: index = turn(place) + shift.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Lay {
-    turn: usize,
-    shift: Place,
+pub(crate) struct Lay {
+    pub turn: usize,
+    pub shift: Place,
 }
 
 impl Lay {
     /// Column and row of a place; a turn of 0, 1, 2, 3 has the columns along u, v, −u, −v.
-    fn index(&self, place: Place) -> Place {
+    pub fn index(&self, place: Place) -> Place {
         let (x, y) = turned(self.turn, place);
         (x + self.shift.0, y + self.shift.1)
     }
@@ -45,7 +45,8 @@ impl Lay {
     }
 }
 
-fn turned(turn: usize, (u, v): Place) -> Place {
+/// A place after quarter turns.
+pub(crate) fn turned(turn: usize, (u, v): Place) -> Place {
     match turn {
         0 => (u, v),
         1 => (v, -u),
@@ -114,7 +115,7 @@ fn numbered(
             continue;
         };
         let corners = [a.pixel, b.pixel, c.pixel, d.pixel];
-        let marker = read(image, corners, marking.size, marking.dictionary, min_contrast_dn);
+        let marker = read(image, corners, marking.size, (marking.dictionary, Rim(1)), min_contrast_dn);
         if let Some(lay) = marker.and_then(|marker| Lay::of(marker, (u, v), spec)) {
             *votes.entry(lay).or_default() += 1;
         }
@@ -143,7 +144,7 @@ fn numbered(
 }
 
 /// The extent of a board that reaches beyond the declared one.
-fn beyond(board: &Board, lay: Lay, spec: &TargetSpec) -> TargetError {
+pub(crate) fn beyond(board: &Board, lay: Lay, spec: &TargetSpec) -> TargetError {
     let (columns, rows) = (spec.columns, spec.rows);
     let seen = board.keys().map(|place| lay.index(*place));
     let (least, most) = seen.fold(((0, 0), (columns as i32 - 1, rows as i32 - 1)), |(least, most), index| {

@@ -100,8 +100,7 @@ pub(crate) fn boards(
     } else {
         candidates(&image.reduced(factor), min_contrast_dn)
     };
-    let full =
-        |p: Point2<f64>| ((p.coords + Vector2::repeat(0.5)) * factor as f64 - Vector2::repeat(0.5)).into();
+    let full = |p: Point2<f64>| full_pixel(p, factor);
     let most = spec.columns.max(spec.rows) as i32 + 2;
     let mut boards: Vec<Board> = Vec::new();
     for grid in grids(&saddles, &smooth).iter().take(GRIDS) {
@@ -113,6 +112,11 @@ pub(crate) fn boards(
         }
     }
     (boards, saddles.len())
+}
+
+/// The pixel of the full image at a pixel of the reduced one.
+pub(crate) fn full_pixel(reduced: Point2<f64>, factor: usize) -> Point2<f64> {
+    ((reduced.coords + Vector2::repeat(0.5)) * factor as f64 - Vector2::repeat(0.5)).into()
 }
 
 /// Area of the upright rectangle around a board.

@@ -4,7 +4,7 @@ use super::error::TargetError;
 use super::raster::Raster;
 use super::settings::TargetSettings;
 use super::spec::{TargetKind, TargetSpec};
-use super::{charuco, checkerboard, circles};
+use super::{aprilgrid, charuco, checkerboard, circles};
 use fringe::frame::FrameView;
 use nalgebra::{Matrix2, Point2};
 
@@ -27,6 +27,7 @@ pub fn detect(
     match spec.kind {
         TargetKind::Checkerboard => checkerboard::detect(&image, full_scale_dn, spec, settings),
         TargetKind::Charuco => charuco::detect(&image, full_scale_dn, spec, settings),
+        TargetKind::Aprilgrid => aprilgrid::detect(&image, full_scale_dn, spec, settings),
         TargetKind::Circles | TargetKind::AsymmetricCircles => {
             circles::detect(&image, full_scale_dn, spec, settings)
         }

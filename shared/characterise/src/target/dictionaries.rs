@@ -1,279 +1,58 @@
-//! The dictionaries of square markers that OpenCV predefined, as numbers: bit 1 is light, rows from the top, the first bit highest.
+//! The dictionaries of square markers that OpenCV predefined, read from text tables when the program is compiled.
+//!
+//! Each table states its provenance and licence.
 
-/// `DICT_4X4_50`: 4 × 4 bits, any two at least 4 bits apart in all turns.
-pub(super) const DICT_4X4_50: [u64; 50] = [
-    0xb532, 0xf9a, 0x332d, 0x9946, 0x549e, 0x79cd, 0x9e2e, 0xc4f2, 0xfeda, 0xcf56, 0xf991, 0x11a7, 0xeb7,
-    0x2a0f, 0x24b1, 0x263e, 0x4665, 0x6600, 0x6c5e, 0x76af, 0x868b, 0xb02b, 0xccd5, 0xdd82, 0xfe47, 0x9471,
-    0xace4, 0xa554, 0x2123, 0x346f, 0x4415, 0x57b2, 0x9ecf, 0xf0cb, 0x8ae, 0x929, 0x1875, 0x4ff, 0xdf6,
-    0x1c5a, 0x1718, 0x2a28, 0x328c, 0x38b2, 0x24e8, 0x2eeb, 0x2d3f, 0x4b64, 0x502e, 0x5013,
-];
+/// Numbers in hexadecimal digits, separated by spaces; lines that begin with `#` are remarks.
+const fn table<const N: usize>(text: &str) -> [u64; N] {
+    let bytes = text.as_bytes();
+    let mut codes = [0; N];
+    let (mut at, mut count, mut inside) = (0, 0, false);
+    while at < bytes.len() {
+        let digit = match bytes[at] {
+            b'#' => {
+                while bytes[at] != b'\n' {
+                    at += 1;
+                }
+                None
+            }
+            digit @ b'0'..=b'9' => Some(digit - b'0'),
+            digit @ b'a'..=b'f' => Some(digit - b'a' + 10),
+            _ => None,
+        };
+        match digit {
+            Some(digit) => {
+                codes[count] = codes[count] << 4 | digit as u64;
+                inside = true;
+            }
+            None if inside => {
+                count += 1;
+                inside = false;
+            }
+            None => {}
+        }
+        at += 1;
+    }
+    assert!(count == N, "a table has another number of markers than declared");
+    codes
+}
 
-/// `DICT_5X5_100`: 5 × 5 bits, any two at least 7 bits apart in all turns.
-pub(super) const DICT_5X5_100: [u64; 100] = [
-    0x145_b2bc, 0x1c_06e6, 0x1af_0edd, 0x103_95f7, 0x1ae_b524, 0x1d4_082d, 0xd3_d7ec, 0xe2_146b, 0x10d_6132,
-    0x131_3fa5, 0x13c_ee03, 0x1a2_dac0, 0x1e6_2b11, 0x5e_7166, 0x1fc_fca8, 0x51_e37f, 0x97_a758, 0xbe_a26f,
-    0xf6_4dc4, 0x106_1de8, 0x12d_da75, 0x150_e440, 0x16b_0ca1, 0xba_12de, 0x19c_d023, 0x1a5_9972, 0x1c3_ce8b,
-    0x22_4246, 0x3b_9672, 0x24_223b, 0x27_376e, 0x36_8873, 0x40_d0ce, 0x4a_aac8, 0x46_43ba, 0x7a_6fea,
-    0x99_8aac, 0x82_d101, 0x9a_ad1d, 0x86_3c72, 0xad_2825, 0xa5_2f9e, 0xd8_49f7, 0xc3_09d9, 0xda_7e31,
-    0xe9_627a, 0xe9_b997, 0xf9_4806, 0xf5_9125, 0xf6_b7d7, 0x11b_58e4, 0x11a_d279, 0x11e_380b, 0x116_9445,
-    0x12f_fb4a, 0x158_cb8d, 0x159_87f0, 0x142_2fdf, 0x14e_1227, 0x156_df22, 0x173_dbf1, 0x164_c93c,
-    0x17c_bb86, 0x188_0a87, 0x191_47dd, 0x184_eb8a, 0x18d_85ad, 0x1b2_cda9, 0x1ba_bd73, 0x1e9_d432,
-    0x1e7_6528, 0xf5_740a, 0x1b1_1a53, 0x18_ce65, 0x2a_b219, 0x98_e981, 0xa8_061c, 0x141_a158, 0x185_314c,
-    0x196_d12c, 0x1fa_d3a2, 0x9_22b5, 0x19_bce0, 0xb_547c, 0x2_c76f, 0x13_2289, 0x12_d2a7, 0xc_4b43,
-    0x6_7bc5, 0xf_aa0d, 0x1f_1f54, 0x38_e879, 0x32_3b23, 0x2c_3647, 0x2d_a51b, 0x2e_9d8d, 0x27_c562,
-    0x3e_fdf5, 0x52_1ee0, 0x44_8efd,
-];
-
-/// `DICT_6X6_250`: 6 × 6 bits, any two at least 11 bits apart in all turns.
-pub(super) const DICT_6X6_250: [u64; 250] = [
-    0x1_e3dd_82a6,
-    0xefba_3891,
-    0x1_5907_eacd,
-    0xc_91b3_069e,
-    0xd_607d_6e15,
-    0xd_8e8e_0e68,
-    0x4_268b_41f5,
-    0x8_8a50_f29a,
-    0x3_07d5_24fd,
-    0x3_c2f3_4b3c,
-    0x4_5dfc_74e3,
-    0x4_8d85_b257,
-    0x7_1055_8fc6,
-    0x8_6dcf_ad07,
-    0x8_d72a_93f6,
-    0xa_2b89_dcde,
-    0x9fd1_e9c4,
-    0x1_54db_d18f,
-    0x3_00a3_10e2,
-    0x4_807e_fafd,
-    0x5_6df1_1db6,
-    0x6_6883_274c,
-    0x7_6e8c_b781,
-    0x9_a53d_9cf3,
-    0xa_9cb8_4024,
-    0xc_6754_9490,
-    0xc_1d28_8941,
-    0xe_7480_852b,
-    0xe_a2fc_a848,
-    0xe_963b_77b1,
-    0xf_a366_52af,
-    0x65bf_f7bd,
-    0x541d_72d6,
-    0xcf72_46a2,
-    0x1_338a_39eb,
-    0x1_5a89_3e74,
-    0x3_a417_ee9e,
-    0x4_f11e_26c0,
-    0x5_30db_6d20,
-    0x5_89bf_ae34,
-    0x6_409e_8a0b,
-    0x6_0537_a891,
-    0x6_1590_69ba,
-    0x6_bff7_8d7b,
-    0x7_0ad9_6a4f,
-    0x7_5846_f71a,
-    0x7_a951_92fc,
-    0x8_6097_60aa,
-    0x8_a2d4_4c3f,
-    0x9_3eb7_8b14,
-    0x9_88da_84d4,
-    0x9_ede2_b3c8,
-    0xa_529e_07b8,
-    0xb_593b_855f,
-    0xb_7f8e_426f,
-    0xb_c205_225e,
-    0xc_0448_7765,
-    0xc_4c32_4259,
-    0xc_5a91_bd8d,
-    0xc_e73e_6b2c,
-    0xc_d0ca_6272,
-    0xc_9435_d44d,
-    0xc_fbe8_0f34,
-    0xe_57d1_5877,
-    0xe_fc68_58e9,
-    0xf_77ef_3772,
-    0x2_ce43_f254,
-    0x2_bdcf_f4b3,
-    0x3_7c7d_dbda,
-    0xa_1a25_4e0f,
-    0xa_982c_1bb5,
-    0xd_81b4_9b08,
-    0x3582_9f86,
-    0x7c40_95fc,
-    0xfe26_617b,
-    0x1_4483_6441,
-    0x1_0ad5_ffb7,
-    0x1_2829_553f,
-    0x1_6e13_184c,
-    0x1_87a4_96b0,
-    0x1_ae88_6112,
-    0x1_913a_e0a1,
-    0x1_b67b_5a17,
-    0x2_5dc9_5f0b,
-    0x2_8896_1f76,
-    0x3_3541_46aa,
-    0x3_1c16_c1f7,
-    0x3_3cb1_8c66,
-    0x3_ecfe_490f,
-    0x4_6451_8a3f,
-    0x4_4ba7_0b67,
-    0x4_19c6_23e8,
-    0x4_8d19_14a1,
-    0x5_4f49_9f6d,
-    0x5_75a9_c813,
-    0x5_5835_5b2c,
-    0x5_7b77_610f,
-    0x5_c343_6fe4,
-    0x5_c48f_c77e,
-    0x5_e6ee_f402,
-    0x5_f233_b6ff,
-    0x5_b742_a632,
-    0x6_50fa_33ae,
-    0x6_5d31_75cc,
-    0x6_a9c2_45ae,
-    0x6_9c5f_3042,
-    0x6_9d24_84ea,
-    0x7_479e_2de6,
-    0x7_2cf2_3eab,
-    0x7_7b1d_c414,
-    0x7_e0c0_7217,
-    0x7_a697_0647,
-    0x7_8b2d_8707,
-    0x7_9c58_5794,
-    0x8_66f5_9fc6,
-    0x8_2f67_27f5,
-    0x8_54e2_f414,
-    0x9_a118_5934,
-    0x9_c716_0c97,
-    0x9_dd19_4fd8,
-    0xa_21e1_2e38,
-    0xa_e701_c82c,
-    0xa_d012_19c1,
-    0xb_0351_f9ee,
-    0xb_64ad_80d4,
-    0xb_5373_14b4,
-    0xb_eaac_7e3b,
-    0xb_b683_dbcf,
-    0xc_672f_72c1,
-    0xc_1e74_dbab,
-    0xc_b55e_e59d,
-    0xc_ba05_3724,
-    0xd_0090_fcf1,
-    0xd_06c3_ad54,
-    0xd_3f12_0574,
-    0xe_6e33_b1a7,
-    0xe_3533_ea4a,
-    0xe_8068_eb14,
-    0xe_c07c_0597,
-    0xe_af38_03da,
-    0xf_63b2_7d88,
-    0xf_3079_8379,
-    0xf_e4bb_a9b9,
-    0xa_ba57_d86b,
-    0xc_0d16_25ab,
-    0x1_3ce7_bae7,
-    0x4_e81f_d617,
-    0x5_6e07_6320,
-    0x6_a708_a540,
-    0x7_2a89_8a18,
-    0x8_15d4_2f80,
-    0xc_f4cc_3d5f,
-    0xd_6bb6_5864,
-    0xe_cd31_3a31,
-    0xf_521f_5207,
-    0xf_91fa_5df7,
-    0x24f_47a7,
-    0x84_d882,
-    0x43cc_2f29,
-    0x47b5_0211,
-    0x67ae_4c1d,
-    0xaa9_68a3,
-    0x4d13_8e94,
-    0x510a_80da,
-    0x140b_0007,
-    0x19d9_cee1,
-    0x8105_7e3b,
-    0x86b9_7b66,
-    0xee8b_860a,
-    0xb6c7_6b9b,
-    0xfdcb_98cb,
-    0xfcac_f3a0,
-    0x1_4249_fd98,
-    0x1_4072_01fd,
-    0x1_5091_0d57,
-    0x1_35cd_7307,
-    0x1_1479_abb6,
-    0x1_cb9a_9238,
-    0x1_cdd0_7766,
-    0x1_f2e7_c24b,
-    0x1_9664_2477,
-    0x1_957d_4c84,
-    0x1_fa8f_4f04,
-    0x1_b824_6ed8,
-    0x1_baee_10fe,
-    0x2_2a4b_63ca,
-    0x2_2bf9_012f,
-    0x2_32c1_5b40,
-    0x2_55aa_966c,
-    0x2_7a5a_fa97,
-    0x2_5f40_e425,
-    0x2_8665_5cde,
-    0x2_c427_e0e0,
-    0x2_ab97_cbd0,
-    0x2_946e_1d23,
-    0x2_da62_8410,
-    0x2_bfb2_09a6,
-    0x3_68cd_66bc,
-    0x3_4877_77c7,
-    0x3_4dde_b840,
-    0x3_791f_76f1,
-    0x3_a228_e175,
-    0x3_e13b_d408,
-    0x3_c984_3ca2,
-    0x3_9589_d179,
-    0x3_974d_aeeb,
-    0x3_f6db_c731,
-    0x3_d6bc_050c,
-    0x3_9ab2_7497,
-    0x4_6024_e25e,
-    0x4_682b_a0bc,
-    0x4_2e9c_d5ae,
-    0x4_4c9b_7b3f,
-    0x4_0c7d_41e9,
-    0x4_6d2b_4cce,
-    0x4_3195_356b,
-    0x4_122e_6dd9,
-    0x4_753a_59ab,
-    0x4_e1ef_1e08,
-    0x4_e4ac_0960,
-    0x4_e5fa_a06f,
-    0x4_a8d3_2943,
-    0x4_9159_4b39,
-    0x4_d4dd_b621,
-    0x4_ba76_1e81,
-    0x4_9d48_3d8e,
-    0x5_6290_ef6c,
-    0x5_37ed_5ffc,
-    0x5_5f5a_7afa,
-    0x5_5d5e_a64f,
-    0x5_81ba_b1da,
-    0x5_ebe9_26dd,
-    0x5_f10f_99b5,
-    0x5_d1ed_fa5c,
-    0x5_f718_df02,
-    0x5_de11_e468,
-    0x6_033b_b247,
-    0x6_4581_afe1,
-    0x6_3c8d_da76,
-    0x6_1da3_d8fd,
-    0x6_e3a2_2afa,
-    0x6_e610_5b71,
-    0x6_a89a_9e8c,
-    0x6_a972_24f5,
-    0x6_b12c_3801,
-    0x6_b684_b22a,
-    0x6_f94c_1579,
-    0x6_da6f_ea0d,
-    0x6_feac_a457,
-    0x7_03d3_8a60,
-];
+/// Markers of 4 × 4 bits: the first 50, 100 and 250 are dictionaries of their own.
+pub(super) static DICT_4X4: [u64; 1000] = table(include_str!("dictionaries/4x4.txt"));
+/// Markers of 5 × 5 bits: the first 50, 100 and 250 are dictionaries of their own.
+pub(super) static DICT_5X5: [u64; 1000] = table(include_str!("dictionaries/5x5.txt"));
+/// Markers of 6 × 6 bits: the first 50, 100 and 250 are dictionaries of their own.
+pub(super) static DICT_6X6: [u64; 1000] = table(include_str!("dictionaries/6x6.txt"));
+/// Markers of 7 × 7 bits: the first 50, 100 and 250 are dictionaries of their own.
+pub(super) static DICT_7X7: [u64; 1000] = table(include_str!("dictionaries/7x7.txt"));
+/// Markers of 5 × 5 bits of the first ArUco; some look like others, or like themselves, after a turn.
+pub(super) static ORIGINAL: [u64; 1024] = table(include_str!("dictionaries/original.txt"));
+/// Markers of 6 × 6 bits, any two at least 12 bits apart.
+pub(super) static MIP_36H12: [u64; 250] = table(include_str!("dictionaries/mip_36h12.txt"));
+/// AprilTag's family 16h5 of 4 × 4 bits.
+pub(super) static APRILTAG_16H5: [u64; 30] = table(include_str!("dictionaries/april_16h5.txt"));
+/// AprilTag's family 25h9 of 5 × 5 bits.
+pub(super) static APRILTAG_25H9: [u64; 35] = table(include_str!("dictionaries/april_25h9.txt"));
+/// AprilTag's family 36h10 of 6 × 6 bits.
+pub(super) static APRILTAG_36H10: [u64; 2320] = table(include_str!("dictionaries/april_36h10.txt"));
+/// AprilTag's family 36h11 of 6 × 6 bits.
+pub(super) static APRILTAG_36H11: [u64; 587] = table(include_str!("dictionaries/april_36h11.txt"));

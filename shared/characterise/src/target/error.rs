@@ -28,13 +28,22 @@ pub enum TargetError {
     DiameterOfSquares,
     /// A ChArUco board without its markers.
     #[error(
-        "dictionary, marker_mm: a charuco target needs both; dictionary = \"DICT_4X4_50\", \"DICT_5X5_100\" or \
-         \"DICT_6X6_250\""
+        "dictionary, marker_mm: a charuco or aprilgrid target needs both; dictionary is named as in OpenCV, such as \"DICT_4X4_50\""
     )]
     NoMarkers,
     /// Markers on something else.
-    #[error("dictionary, marker_mm: only a charuco target has markers; leave them out")]
+    #[error("dictionary, marker_mm: only a charuco or aprilgrid target has markers; leave them out")]
     MarkersElsewhere,
+    /// An AprilGrid has two corners of each tag in a row.
+    #[error(
+        "columns = {columns}, rows = {rows}: an aprilgrid has two points for each tag along a row and a column, so both are even"
+    )]
+    OddTags {
+        /// Columns of the target file.
+        columns: u32,
+        /// Rows of the target file.
+        rows: u32,
+    },
     /// More squares than markers.
     #[error("dictionary: it has {there} markers, columns and rows need {needed}; give the printed one")]
     FewMarkers {
@@ -136,6 +145,7 @@ impl TargetError {
             Self::Format(_) => "format",
             Self::DiameterOfSquares => "diameter_mm",
             Self::NoMarkers => "kind",
+            Self::OddTags { .. } => "columns",
             Self::MarkersElsewhere | Self::FewMarkers { .. } => "dictionary",
             _ => "",
         }

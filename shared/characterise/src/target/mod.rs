@@ -4,7 +4,8 @@
 //! that both ends agree on (`links`), a least-squares model of each corner (`corner`), growth into holes and margins where
 //! the model holds (`board`). The numbering follows from extent and colours (`checkerboard`).
 //!
-//! On a ChArUco board the markers in the light squares identify the corners (`markers`, `charuco`), so a part of it is enough.
+//! On a ChArUco board the markers in the light squares identify the corners (`markers`, `charuco`), so a part of it is enough; so do the tags of
+//! an AprilGrid (`aprilgrid`).
 //!
 //! Circles are areas that fill their ellipse (`blobs`), put on a lattice by local steps and numbered by the one change
 //! of basis that gives the declared pattern (`circles`), each fitted as a blurred ellipse (`disc`).
@@ -12,6 +13,7 @@
 //! No point is better than a wrong one: each corner has passed the colour of its squares, the direction of its edges, its
 //! contrast, the residual of its model and its neighbours' opinion.
 
+mod aprilgrid;
 mod attempts;
 mod bias;
 mod blobs;

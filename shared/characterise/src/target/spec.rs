@@ -24,6 +24,8 @@ pub enum TargetKind {
     /// A checkerboard with coded markers in its light squares, which identify a visible part of it; the points are the
     /// inner corners.
     Charuco,
+    /// Tags in rows and columns with small dark squares between their corners; the points are the corners of the tags.
+    Aprilgrid,
 }
 
 impl TargetKind {
@@ -32,6 +34,7 @@ impl TargetKind {
         match self {
             Self::Checkerboard | Self::Charuco => "inner corners",
             Self::Circles | Self::AsymmetricCircles => "circles",
+            Self::Aprilgrid => "corners of tags",
         }
     }
 }
@@ -45,18 +48,18 @@ pub struct TargetSpec {
     pub format: Option<String>,
     /// What is printed on it.
     pub kind: TargetKind,
-    /// Points along a row: inner corners or circle centres.
+    /// Points along a row: inner corners, circle centres, or corners of tags (two for each tag).
     pub columns: u32,
     /// Points along a column.
     pub rows: u32,
     /// Distance of neighbouring points, mm. Of an asymmetric grid: the distance of neighbouring rows, which is half
-    /// the distance of the circles of one row (OpenCV's convention).
+    /// the distance of the circles of one row (OpenCV's convention). Of an AprilGrid: from one tag to the next.
     pub pitch_mm: f64,
     /// Diameter of the circles, mm: optional, only for grids of circles.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub diameter_mm: Option<f64>,
     /// The markers of a ChArUco board, numbered as OpenCV does: row by row through the light squares, the square before point
-    /// (0, 0) dark.
+    /// (0, 0) dark; or the tags of an AprilGrid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dictionary: Option<MarkerDictionary>,
     /// Side of the markers with their dark rim, mm.
@@ -92,14 +95,16 @@ impl TargetSpec {
         let widest = match self.kind {
             TargetKind::Circles => 1.0,
             TargetKind::AsymmetricCircles => std::f64::consts::SQRT_2,
-            TargetKind::Checkerboard | TargetKind::Charuco => return Err(TargetError::DiameterOfSquares),
+            TargetKind::Checkerboard | TargetKind::Charuco | TargetKind::Aprilgrid => {
+                return Err(TargetError::DiameterOfSquares);
+            }
         };
         in_range("diameter_mm", diameter_mm, 1e-3 * self.pitch_mm, widest * self.pitch_mm)
     }
 
     /// Markers where there are to be some, and nowhere else.
     fn check_markers(&self) -> Result<(), TargetError> {
-        if self.kind != TargetKind::Charuco {
+        if !matches!(self.kind, TargetKind::Charuco | TargetKind::Aprilgrid) {
             return if self.dictionary.is_some() || self.marker_mm.is_some() {
                 Err(TargetError::MarkersElsewhere)
             } else {
@@ -111,8 +116,16 @@ impl TargetSpec {
         };
         // Half of a square, so that cells can be resolved; a margin, so that the corners of the squares can.
         in_range("marker_mm", marker_mm, 0.4 * self.pitch_mm, 0.9 * self.pitch_mm)?;
-        let squares = (u64::from(self.columns) + 1) * (u64::from(self.rows) + 1);
-        let (needed, there) = (squares / 2, dictionary.codes().len());
+        let (columns, rows) = (u64::from(self.columns), u64::from(self.rows));
+        let there = dictionary.codes().len();
+        let needed = if self.kind == TargetKind::Aprilgrid {
+            if !columns.is_multiple_of(2) || !rows.is_multiple_of(2) {
+                return Err(TargetError::OddTags { columns: self.columns, rows: self.rows });
+            }
+            columns * rows / 4
+        } else {
+            (columns + 1) * (rows + 1) / 2
+        };
         if needed > there as u64 { Err(TargetError::FewMarkers { needed, there }) } else { Ok(()) }
     }
 
@@ -137,6 +150,10 @@ impl TargetSpec {
 
     /// Position of a point in the board's frame, mm: z = 0, x along the rows, y along the columns, (0, 0) at the origin.
     pub fn board_point_mm(&self, index: (u32, u32)) -> Point3<f64> {
+        if let (TargetKind::Aprilgrid, Some(tag_mm)) = (self.kind, self.marker_mm) {
+            let along = |i: u32| f64::from(i / 2) * self.pitch_mm + f64::from(i % 2) * tag_mm;
+            return Point3::new(along(index.0), along(index.1), 0.0);
+        }
         let (x, y) = self.lattice_of(i64::from(index.0), i64::from(index.1));
         Point3::new(x as f64 * self.pitch_mm, y as f64 * self.pitch_mm, 0.0)
     }

@@ -3,7 +3,7 @@
 use super::tree::Tree;
 use super::{Found, camera, other_lens};
 use crate::error::{FileError, Problem};
-use fringe::geometry::camera::{BrownConrady, Camera};
+use fringe::geometry::camera::{Camera, Lens, LensKind};
 use nalgebra::Isometry3;
 use std::fmt::Write as _;
 
@@ -33,9 +33,10 @@ fn one(tree: &Tree, key: &impl Fn(&str) -> String) -> Result<Camera, FileError> 
     }
     let lens = tree.text(&key("distortion_model")).unwrap_or_default();
     let distortion = match lens.as_str() {
-        "radtan" => tree.lens(&key("distortion_coeffs"))?,
-        "none" => BrownConrady::default(),
-        other => return Err(other_lens(tree, &key("distortion_model"), other, "radtan, none")),
+        "radtan" => tree.lens(&key("distortion_coeffs"), false)?,
+        "equidistant" => tree.lens(&key("distortion_coeffs"), true)?,
+        "none" => Lens::default(),
+        other => return Err(other_lens(tree, &key("distortion_model"), other, "radtan, equidistant, none")),
     };
     camera(
         tree,
@@ -54,16 +55,27 @@ pub fn camchain_text(cameras: &[(&str, &Camera)]) -> Result<String, (String, &'s
     let mut out = String::new();
     let mut before: Option<Isometry3<f64>> = None;
     for (number, (name, camera)) in cameras.iter().enumerate() {
-        let lost = [("k3", camera.distortion.k[2]), ("skew", camera.skew)];
-        if let Some((what, _)) = lost.iter().find(|(_, value)| *value != 0.0) {
+        let lens = &camera.distortion;
+        let fisheye = lens.kind == LensKind::Fisheye;
+        let lost = [
+            ("k3", !fisheye && lens.k[2] != 0.0),
+            ("k4 and more", !fisheye && lens.coefficients()[5..].iter().any(|c| *c != 0.0)),
+            ("skew", camera.skew != 0.0),
+        ];
+        if let Some((what, _)) = lost.iter().find(|(_, lost)| *lost) {
             return Err(((*name).to_owned(), what));
         }
-        let ([k1, k2, _], [p1, p2]) = (camera.distortion.k, camera.distortion.p);
+        let model = if fisheye { "equidistant" } else { "radtan" };
+        let [k1, k2, k3, k4] = if fisheye {
+            [lens.k[0], lens.k[1], lens.k[2], lens.more_k[0]]
+        } else {
+            [lens.k[0], lens.k[1], lens.p[0], lens.p[1]]
+        };
         let ([fx, fy], [cx, cy]) = (camera.focal_px, camera.principal_point_px);
         let _ = write!(
             out,
             "# {name}\ncam{number}:\n  camera_model: pinhole\n  intrinsics: [{fx:?}, {fy:?}, {cx:?}, {cy:?}]\n  \
-             distortion_model: radtan\n  distortion_coeffs: [{k1:?}, {k2:?}, {p1:?}, {p2:?}]\n  \
+             distortion_model: {model}\n  distortion_coeffs: [{k1:?}, {k2:?}, {k3:?}, {k4:?}]\n  \
              resolution: [{}, {}]\n",
             camera.width_px, camera.height_px
         );

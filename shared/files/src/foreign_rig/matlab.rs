@@ -6,7 +6,7 @@
 use super::tree::Tree;
 use super::{Found, camera};
 use crate::error::{FileError, Problem};
-use fringe::geometry::camera::{BrownConrady, Camera};
+use fringe::geometry::camera::{Camera, Lens};
 use nalgebra::Isometry3;
 
 /// One or two cameras; the first is the world.
@@ -55,7 +55,7 @@ fn one(tree: &Tree, place: &str) -> Result<Camera, FileError> {
     };
     let k3 = radial.get(2).copied().unwrap_or(0.0);
     let p: [f64; 2] = tree.exactly(&key("TangentialDistortion"))?;
-    let lens = BrownConrady { k: [k1, k2, k3], p };
+    let lens = Lens::brown_conrady([k1, k2, k3], p);
     // The centre of the first pixel is 1 there, 0 here.
     let mut camera = camera(tree, &key("K"), [width_px, height_px], [fx, fy, cx - 1.0, cy - 1.0], lens)?;
     camera.skew = s;

@@ -1,7 +1,7 @@
 //! Calibrations of other programs as a rig, and rigs as their files: ROS, Kalibr, mrcal, MATLAB.
 //!
-//! All are read as YAML, of which JSON and mrcal's Python dictionaries are a part. A camera of another lens model than
-//! k1, k2, p1, p2, k3 is refused by name.
+//! All are read as YAML, of which JSON and mrcal's Python dictionaries are a part. A camera of a lens model that
+//! [`Lens`] lacks is refused by name.
 
 mod kalibr;
 mod matlab;
@@ -16,7 +16,7 @@ pub use ros::camera_info_texts;
 
 use crate::document::read_text;
 use crate::error::{FileError, Problem};
-use fringe::geometry::camera::{BrownConrady, Camera};
+use fringe::geometry::camera::{Camera, Lens};
 use fringe::geometry::rig::{Named, Pair, Rig};
 use nalgebra::Isometry3;
 use std::path::Path;
@@ -70,7 +70,7 @@ impl Program {
 /// `views` names the cameras; absent names are those of the files, or cam1, cam2 … . Neighbours become pairs.
 ///
 /// # Errors
-/// Keys that are absent, matrices of another size, lens models beyond k3, impossible cameras, another number of names.
+/// Keys that are absent, matrices of another size, other lens models, impossible cameras, another number of names.
 pub fn read(program: Program, files: &[&Path], views: &[String], unit_mm: f64) -> Result<Rig, FileError> {
     let trees =
         files.iter().map(|path| Tree::parse(path, &read_text(path)?)).collect::<Result<Vec<_>, _>>()?;
@@ -112,7 +112,7 @@ fn camera(
     key: &str,
     [width_px, height_px]: [u32; 2],
     [fx, fy, cx, cy]: [f64; 4],
-    distortion: BrownConrady,
+    distortion: Lens,
 ) -> Result<Camera, FileError> {
     let camera = Camera {
         width_px,

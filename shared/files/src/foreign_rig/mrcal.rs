@@ -3,7 +3,7 @@
 use super::tree::Tree;
 use super::{Found, camera, other_lens};
 use crate::error::{FileError, Problem};
-use fringe::geometry::camera::BrownConrady;
+use fringe::geometry::camera::Lens;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// The cameras of some files, in the reference frame that they share.
@@ -20,7 +20,7 @@ fn one(tree: &Tree, unit_mm: f64) -> Result<Found, FileError> {
         Some("OPENCV8") => 8,
         Some("OPENCV12") => 12,
         _ => {
-            let known = "LENSMODEL_PINHOLE, LENSMODEL_OPENCV4, 5, 8 and 12 without terms beyond k3";
+            let known = "LENSMODEL_PINHOLE, LENSMODEL_OPENCV4, 5, 8 and 12";
             return Err(other_lens(tree, "lensmodel", &model, known));
         }
     };
@@ -32,8 +32,9 @@ fn one(tree: &Tree, unit_mm: f64) -> Result<Found, FileError> {
         );
     }
     let lens = match &numbers[4..] {
-        [] => BrownConrady::default(),
-        lens => crate::opencv::lens_from_opencv(lens).map_err(|problem| tree.fault("intrinsics", problem))?,
+        [] => Lens::default(),
+        lens => crate::opencv::lens_from_opencv(lens, false)
+            .map_err(|problem| tree.fault("intrinsics", problem))?,
     };
     let pinhole = [numbers[0], numbers[1], numbers[2], numbers[3]];
     let mut camera = camera(tree, "intrinsics", tree.size("imagersize")?, pinhole, lens)?;

@@ -6,14 +6,15 @@
 use super::tree::Tree;
 use super::{Found, camera, other_lens};
 use crate::error::FileError;
+use crate::opencv::opencv_from_lens;
 use characterise::rectified_images::RectifiedImages;
-use fringe::geometry::camera::{BrownConrady, Camera};
+use fringe::geometry::camera::{Camera, Lens, LensKind};
 use fringe::rectify::RectifyError;
 use nalgebra::{Isometry3, Matrix3, Matrix3x4, Translation3, UnitQuaternion};
 use std::fmt::Write as _;
 
-/// Names of the lens of ROS that has k1, k2, p1, p2, k3; the rational one has further terms, which must be zero.
-const LENSES: [&str; 2] = ["plumb_bob", "rational_polynomial"];
+/// Names of the lenses of ROS: k1, k2, p1, p2, k3; with k4, k5, k6 as OpenCV has them; the fisheye k1, k2, k3, k4.
+const LENSES: [&str; 3] = ["plumb_bob", "rational_polynomial", "equidistant"];
 
 /// The cameras of some files; the first is the world.
 pub(super) fn cameras(trees: &[Tree], unit_mm: f64) -> Result<Vec<Found>, FileError> {
@@ -38,9 +39,9 @@ fn one(tree: &Tree) -> Result<Camera, FileError> {
     let distortion = if tree.has("distortion_coefficients.data")
         && !tree.numbers("distortion_coefficients.data")?.is_empty()
     {
-        tree.lens("distortion_coefficients.data")?
+        tree.lens("distortion_coefficients.data", model == LENSES[2])?
     } else {
-        BrownConrady::default()
+        Lens::default()
     };
     camera(tree, "camera_matrix.data", size_px, [k[0], k[4], k[2], k[5]], distortion)
 }
@@ -69,17 +70,22 @@ pub fn camera_info_texts(left: (&str, &Camera), right: (&str, &Camera)) -> Resul
     let text = |(name, camera): (&str, &Camera), turn: &Matrix3<f64>, projection: &Matrix3x4<f64>| {
         let mut in_metres = *projection;
         in_metres.column_mut(3).scale_mut(1e-3);
-        let ([k1, k2, k3], [p1, p2]) = (camera.distortion.k, camera.distortion.p);
+        let lens = opencv_from_lens(&camera.distortion);
+        let model = match camera.distortion.kind {
+            LensKind::BrownConrady => LENSES[0],
+            LensKind::Rational | LensKind::ThinPrism => LENSES[1],
+            LensKind::Fisheye => LENSES[2],
+        };
         let mut out = format!(
             "image_width: {}\nimage_height: {}\ncamera_name: {name:?}\ndistortion_model: {}\n",
-            camera.width_px, camera.height_px, LENSES[0]
+            camera.width_px, camera.height_px, model
         );
         let rows = |m: &[f64]| m.iter().map(|v| format!("{v:?}")).collect::<Vec<_>>().join(", ");
         let mut matrix = |key: &str, rows_of: usize, columns: usize, data: String| {
             let _ = write!(out, "{key}:\n  rows: {rows_of}\n  cols: {columns}\n  data: [{data}]\n");
         };
         matrix("camera_matrix", 3, 3, rows(camera.matrix().transpose().as_slice()));
-        matrix("distortion_coefficients", 1, 5, rows(&[k1, k2, p1, p2, k3]));
+        matrix("distortion_coefficients", 1, lens.len(), rows(&lens));
         matrix("rectification_matrix", 3, 3, rows(turn.transpose().as_slice()));
         matrix("projection_matrix", 3, 4, rows(in_metres.transpose().as_slice()));
         out

@@ -1,6 +1,7 @@
 //! Files as the programs write them, and rigs that come back from what is written for them.
 
 use super::*;
+use fringe::geometry::camera::LensKind;
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -27,7 +28,7 @@ fn pair(k3: f64) -> [Camera; 2] {
         focal_px: [2310.5, 2312.25],
         principal_point_px: [655.1, 498.7],
         skew: 0.0,
-        distortion: BrownConrady { k: [-0.11, 0.21, k3], p: [0.0004, -0.0003] },
+        distortion: Lens::brown_conrady([-0.11, 0.21, k3], [0.0004, -0.0003]),
         camera_from_world: Isometry3::identity(),
     };
     let mut right = left.clone();
@@ -91,8 +92,11 @@ fn a_chain_of_kalibr_is_read() {
     assert_eq!(rig.cameras[0].camera.focal_px, [461.629, 460.152]);
     let t = rig.cameras[1].camera.camera_from_world.translation.vector;
     assert!((t - Vector3::new(-110.0, 0.4, -0.3)).norm() < 1e-9, "{t}");
-    let fisheye = text.replace("radtan", "equidistant");
-    let error = read_one("camchain.yaml", &fisheye).unwrap_err().to_string();
+    let fisheye = read_one("camchain.yaml", &text.replace("radtan", "equidistant")).unwrap().cameras[1]
+        .camera
+        .distortion;
+    assert_eq!((fisheye.kind, fisheye.k, fisheye.p), (LensKind::Fisheye, [-0.28, 0.07, 0.0], [0.0; 2]));
+    let error = read_one("camchain.yaml", &text.replace("radtan", "fov")).unwrap_err().to_string();
     assert!(error.contains("cam0.distortion_model") && error.contains("equidistant"), "{error}");
 }
 
@@ -106,7 +110,7 @@ fn a_camera_of_mrcal_is_read() {
     let rig = read_one("left.cameramodel", text).unwrap();
     let camera = &rig.cameras[0].camera;
     assert_eq!(camera.focal_px, [1_761.181_055, 1_761.250_444]);
-    assert_eq!(camera.distortion, BrownConrady { k: [-0.1, 0.02, 0.005], p: [0.0003, -0.0004] });
+    assert_eq!(camera.distortion, Lens::brown_conrady([-0.1, 0.02, 0.005], [0.0003, -0.0004]));
     assert_eq!(camera.camera_from_world.translation.vector, Vector3::new(100.0, 0.0, -20.0));
     assert!((camera.camera_from_world.rotation.angle() - 0.2).abs() < 1e-12);
     let spline = text.replace("LENSMODEL_OPENCV5", "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3");

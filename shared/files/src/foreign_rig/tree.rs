@@ -2,7 +2,7 @@
 
 use crate::error::{FileError, Problem};
 use crate::opencv::lens_from_opencv;
-use fringe::geometry::camera::{BrownConrady, pose};
+use fringe::geometry::camera::{Lens, pose};
 use nalgebra::Isometry3;
 use std::path::{Path, PathBuf};
 use yaml_rust2::parser::{Event, Parser};
@@ -138,9 +138,9 @@ impl Tree {
         Ok([[m[0], m[1], m[2]], [m[3], m[4], m[5]], [m[6], m[7], m[8]]])
     }
 
-    /// A lens in OpenCV's order k1, k2, p1, p2, k3; higher terms must be zero.
-    pub fn lens(&self, key: &str) -> Result<BrownConrady, FileError> {
-        lens_from_opencv(&self.numbers(key)?).map_err(|problem| self.fault(key, problem))
+    /// A lens in OpenCV's order k1, k2, p1, p2, k3, k4 …, or the four coefficients of a fisheye.
+    pub fn lens(&self, key: &str, fisheye: bool) -> Result<Lens, FileError> {
+        lens_from_opencv(&self.numbers(key)?, fisheye).map_err(|problem| self.fault(key, problem))
     }
 
     /// A motion from its rotation and its translation, mm.

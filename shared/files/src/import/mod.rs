@@ -15,6 +15,7 @@
 //! every = 2                            # frames of several views take turns in one series: each second number; default 1
 //! # or: files = "{s}_{ii}.png"         # {s}: number of the set, {i}: of the frame in its set, from first_set and first_step (0)
 //! channel = "green"                    # of colour pictures: red, green, blue or luminance; default grey
+//! # raw = { width_px = 1280, height_px = 1024, pixel_format = "Mono12p" }   # files without a header
 //! # or: list = ["a.bmp", "b.bmp", …]   # one file per frame, in order of projection
 //! [rig]                                # optional
 //! opencv = "stereo_params.yaml"
@@ -35,9 +36,11 @@ use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
 use crate::image_file::Channel;
 use crate::opencv::{Storage, ViewKeys, rig_from_opencv};
+use crate::raw_image::RawImage;
 use crate::recording::{ProjectorRecord, RECORDING_FILE, Recording, RecordingWriter};
 use crate::rig_file::{read_rig, write_rig};
 use crate::sequence::check_sequence;
+use cell::pixel_format::PixelFormat;
 use file_names::numbered;
 use fringe::geometry::rig::Pair;
 use fringe::pattern::{PatternSet, frame_count};
@@ -83,6 +86,7 @@ struct RawCamera {
     every: Option<usize>,
     first_set: Option<usize>,
     first_step: Option<usize>,
+    raw: Option<RawImage>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -165,7 +169,13 @@ fn write(
         for (camera, files) in projector.camera.iter().zip(cameras) {
             for (number, file) in files.iter().enumerate() {
                 let how = (camera.full_scale_dn, camera.channel);
-                writer.adopt(&projector.name, &camera.name, number, file, how)?;
+                match &camera.raw {
+                    Some(raw) => {
+                        let frame = raw.read(file, raw_format(document, camera, raw)?)?;
+                        writer.write(&projector.name, &camera.name, number, &frame.view())?;
+                    }
+                    None => writer.adopt(&projector.name, &camera.name, number, file, how)?,
+                }
                 frames += 1;
             }
         }
@@ -184,6 +194,13 @@ fn write(
         }
     };
     Ok(ImportReport { recording: recording.folder, rig, frames })
+}
+
+/// The format of a camera's raw files.
+fn raw_format(document: &Document, camera: &RawCamera, raw: &RawImage) -> Result<PixelFormat, FileError> {
+    raw.format().map_err(|(key, problem, remedy)| {
+        document.fault_of(["camera", &camera.name, &format!("raw.{key}")], problem, &remedy)
+    })
 }
 
 impl RawProjector {
@@ -354,6 +371,50 @@ pair = [{ name = "pair1", left = "left", right = "right" }]
         assert_eq!(sets, ["s1/01.png", "s1/02.png", "s1/03.png", "s2/01.png"]);
         assert!(names("files = \"plain.png\"").is_err());
         assert!(names("files = \"{ns}.png\"").is_err());
+    }
+
+    /// The same four grey values as each kind of file.
+    #[test]
+    fn every_kind_of_file_becomes_the_same_frame() {
+        let dir = tempfile::tempdir().unwrap();
+        let values = [10_u8, 60, 120, 250];
+        let grey = image::GrayImage::from_raw(2, 2, values.to_vec()).unwrap();
+        for name in ["a.png", "a.bmp", "a.pgm", "a.tif"] {
+            grey.save(dir.path().join(name)).unwrap();
+        }
+        // Of one grey value, so that compression changes nothing.
+        image::GrayImage::from_pixel(2, 2, image::Luma([60])).save(dir.path().join("a.jpg")).unwrap();
+        let rgba = values.iter().flat_map(|v| [0, *v, 0, 7]).collect();
+        image::RgbaImage::from_raw(2, 2, rgba).unwrap().save(dir.path().join("rgba.png")).unwrap();
+        std::fs::write(dir.path().join("a.raw"), [&[0; 16][..], &values].concat()).unwrap();
+        std::fs::write(dir.path().join("b.raw"), [0x0a, 0xc0, 0x03, 0x78, 0xa0, 0x0f]).unwrap();
+        let raw = |format: &str, header: usize| {
+            format!(
+                "raw = {{ width_px = 2, height_px = 2, pixel_format = \"{format}\", header_bytes = {header} }}"
+            )
+        };
+        for (name, keys, expected) in [
+            ("a.png", String::new(), values),
+            ("a.bmp", String::new(), values),
+            ("a.pgm", String::new(), values),
+            ("a.tif", String::new(), values),
+            ("a.jpg", String::new(), [60; 4]),
+            ("rgba.png", "channel = \"green\"".into(), values),
+            ("a.raw", raw("Mono8", 16), values),
+            ("b.raw", raw("Mono12p", 0), values),
+        ] {
+            let layout = format!(
+                "format = \"fringecell-layout/1\"\n[[projector]]\nname = \"p\"\nwidth_px = 64\nheight_px = 48\n\
+                 sequence = [{{ set = \"white\" }}]\n[[projector.camera]]\nname = \"c\"\nlist = [\"{name}\"]\n{keys}\n"
+            );
+            let path = dir.path().join("layout.toml");
+            std::fs::write(&path, layout).unwrap();
+            let out = dir.path().join(format!("of-{name}"));
+            let report = import(&path, dir.path(), &out).unwrap();
+            let frame = Recording::open(&report.recording).unwrap().load("p", "c", 0).unwrap();
+            let found: Vec<u8> = (0..4).map(|i| frame.view().pixels.get(i) as u8).collect();
+            assert_eq!(found, expected, "{name}");
+        }
     }
 
     #[test]

@@ -25,6 +25,8 @@ pub struct CalibrationNames {
     pub size_px: Option<(u32, u32)>,
     /// Whether the second view is a projector.
     pub projector: bool,
+    /// Whether the lenses are of OpenCV's module `fisheye`; files of `fringetool export` say so themselves.
+    pub fisheye: bool,
     /// Millimetres per unit of T.
     pub unit_mm: f64,
 }
@@ -99,10 +101,18 @@ fn view_keys(
         height_px,
         matrix,
         distortion: find(&DISTORTION),
+        fisheye: names.fisheye || marked(storage, endings),
         rotation: second.then(|| "R".into()),
         translation: second.then(|| "T".into()),
         unit_mm: names.unit_mm,
     })
+}
+
+/// Whether the file itself says that the view's lens is a fisheye.
+fn marked(storage: &Storage, endings: &[&str]) -> bool {
+    endings
+        .iter()
+        .any(|ending| storage.numbers.get(&format!("fisheye{ending}")).is_some_and(|mark| *mark != 0.0))
 }
 
 /// Image size: of the view, of all views, or as the caller states.

@@ -11,6 +11,7 @@ mod xml;
 mod yaml;
 
 pub use keys::{CalibrationNames, rig_of_calibration};
+pub(crate) use rig::opencv_from_lens;
 pub use rig::{ViewKeys, ViewKind, lens_from_opencv, rig_from_opencv};
 pub use storage::{Matrix, Storage};
 pub use write::{Language, pair_text};

@@ -2,7 +2,7 @@
 
 use super::storage::{Matrix, Storage};
 use crate::error::{FileError, Problem};
-use fringe::geometry::camera::{BrownConrady, Camera, pose};
+use fringe::geometry::camera::{Camera, Lens, LensKind, pose};
 use fringe::geometry::rig::{Named, Pair, Rig};
 use nalgebra::Isometry3;
 use serde::Deserialize;
@@ -35,6 +35,9 @@ pub struct ViewKeys {
     pub matrix: String,
     /// Key of the distortion k1 k2 p1 p2 [k3 …]; absent: no distortion.
     pub distortion: Option<String>,
+    /// The distortion is that of OpenCV's module `fisheye`: k1 k2 k3 k4.
+    #[serde(default)]
+    pub fisheye: bool,
     /// Key of the 3 × 3 rotation R of X_view = R X_world + T; absent (with T): the view is the world frame.
     pub rotation: Option<String>,
     /// Key of T, 3 numbers.
@@ -51,7 +54,7 @@ fn one() -> f64 {
 /// Builds a rig from a calibration.
 ///
 /// # Errors
-/// Keys that are absent or of another size, lens models beyond k3, poses that are no rotation, impossible cameras.
+/// Keys that are absent or of another size, lenses with a tilted sensor, poses that are no rotation, impossible cameras.
 pub fn rig_from_opencv(storage: &Storage, views: &[ViewKeys], pairs: Vec<Pair>) -> Result<Rig, FileError> {
     let mut rig = Rig { pairs, ..Rig::default() };
     for keys in views {
@@ -73,11 +76,11 @@ fn view(storage: &Storage, keys: &ViewKeys) -> Result<Camera, FileError> {
         return Err(at(&keys.matrix, problem));
     }
     let distortion = match &keys.distortion {
-        None => BrownConrady::default(),
+        None => Lens::default(),
         Some(key) => {
             let matrix = storage.matrix(key)?;
             storage.finite(key, matrix)?;
-            lens_from_opencv(&matrix.data).map_err(|problem| at(key, problem))?
+            lens_from_opencv(&matrix.data, keys.fisheye).map_err(|problem| at(key, problem))?
         }
     };
     let camera = Camera {
@@ -119,22 +122,53 @@ fn three(storage: &Storage, key: &str) -> Result<[f64; 3], FileError> {
     Ok(storage.fixed::<3, 1>(key)?.map(|row| row[0]))
 }
 
-/// A lens from OpenCV's order k1, k2, p1, p2, k3, k4 … .
+/// A lens from OpenCV's order k1, k2, p1, p2, k3, k4, k5, k6, s1 … s4, τx, τy; of its module `fisheye` k1, k2, k3, k4.
+///
+/// The smallest kind that holds all coefficients that are not zero.
 ///
 /// # Errors
-/// Fewer than four coefficients, or one beyond k3 that is not zero: that lens model is another one.
-pub fn lens_from_opencv(values: &[f64]) -> Result<BrownConrady, Problem> {
-    let (&[k1, k2, p1, p2], rest) = values.split_first_chunk::<4>().ok_or_else(|| Problem::Value {
-        value: format!("{} coefficients", values.len()),
-        limit: "k1, k2, p1, p2 and, if wanted, k3".into(),
-    })?;
-    if let Some((index, value)) = rest.iter().enumerate().skip(1).find(|(_, value)| **value != 0.0) {
+/// Fewer than four coefficients, more than four of a fisheye, or a tilted sensor (τ), which no kind has.
+pub fn lens_from_opencv(values: &[f64], fisheye: bool) -> Result<Lens, Problem> {
+    let wrong =
+        |limit: &str| Problem::Value { value: format!("{} coefficients", values.len()), limit: limit.into() };
+    if fisheye {
+        let &[k1, k2, k3, k4] = values else { return Err(wrong("k1, k2, k3, k4 of a fisheye")) };
+        return Ok(fisheye_lens([k1, k2, k3, k4]));
+    }
+    if values.len() < 4 {
+        return Err(wrong("k1, k2, p1, p2 and, if wanted, k3, k4, k5, k6, s1, s2, s3, s4"));
+    }
+    if let Some((index, value)) = values.iter().enumerate().skip(12).find(|(_, value)| **value != 0.0) {
         return Err(Problem::Value {
-            value: format!("coefficient {} = {value}", index + 5),
-            limit:
-                "only k1, k2, p1, p2, k3 are supported; calibrate without the rational, prism and tilt models"
-                    .into(),
+            value: format!("coefficient {} = {value}", index + 1),
+            limit: "k1 to k6, p1, p2 and s1 to s4 are read; calibrate without the tilt of the sensor".into(),
         });
     }
-    Ok(BrownConrady { k: [k1, k2, rest.first().copied().unwrap_or(0.0)], p: [p1, p2] })
+    let at = |index: usize| values.get(index).copied().unwrap_or(0.0);
+    let (more_k, prism) = ([at(5), at(6), at(7)], [at(8), at(9), at(10), at(11)]);
+    let kind = if prism != [0.0; 4] {
+        LensKind::ThinPrism
+    } else if more_k != [0.0; 3] {
+        LensKind::Rational
+    } else {
+        LensKind::BrownConrady
+    };
+    Ok(Lens { kind, k: [at(0), at(1), at(4)], p: [at(2), at(3)], more_k, prism })
+}
+
+/// A fisheye from its four coefficients.
+pub(crate) fn fisheye_lens([k1, k2, k3, k4]: [f64; 4]) -> Lens {
+    Lens { kind: LensKind::Fisheye, k: [k1, k2, k3], more_k: [k4, 0.0, 0.0], ..Lens::default() }
+}
+
+/// The coefficients of a lens in OpenCV's order, as many as its kind needs.
+pub(crate) fn opencv_from_lens(lens: &Lens) -> Vec<f64> {
+    let [k1, k2, k3, p1, p2, k4, k5, k6, s1, s2, s3, s4] = lens.coefficients();
+    let all = [k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4];
+    match lens.kind {
+        LensKind::BrownConrady => all[..5].to_vec(),
+        LensKind::Rational => all[..8].to_vec(),
+        LensKind::ThinPrism => all.to_vec(),
+        LensKind::Fisheye => vec![k1, k2, k3, k4],
+    }
 }

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::testing::camera;
+use fringe::geometry::camera::{Lens, LensKind};
 
 const YAML: &str = "%YAML:1.0\n---\nrms: 0.25\nname: \"rig 1\"\nK: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   \
     data: [ 2.5e+03, 0., 640.5, 0.,\n       2.4e+03, .5e+03, 0., 0., 1. ]\nnested:\n   a: 1\n   b: [ 1, 2 ]\n\
@@ -59,12 +60,21 @@ fn damaged_calibrations_are_told_with_key_and_line() {
 
 #[test]
 fn lens_models_beyond_k3_are_refused() {
-    assert_eq!(lens_from_opencv(&[0.1, 0.2, 0.3, 0.4]).unwrap().k, [0.1, 0.2, 0.0]);
-    assert_eq!(lens_from_opencv(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.0]).unwrap().k[2], 0.5);
-    assert!(
-        lens_from_opencv(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]).unwrap_err().to_string().contains("coefficient 6")
+    let lens = |values: &[f64]| lens_from_opencv(values, false);
+    assert_eq!(lens(&[0.1, 0.2, 0.3, 0.4]).unwrap().k, [0.1, 0.2, 0.0]);
+    assert_eq!(
+        lens(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.0]).unwrap(),
+        Lens::brown_conrady([0.1, 0.2, 0.5], [0.3, 0.4])
     );
-    assert!(lens_from_opencv(&[0.1]).is_err());
+    let rational = lens(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8]).unwrap();
+    assert_eq!((rational.kind, rational.more_k), (LensKind::Rational, [0.6, 0.7, 0.8]));
+    let prism = lens(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 0.0, 0.0]).unwrap();
+    assert_eq!((prism.kind, prism.prism), (LensKind::ThinPrism, [1.0, 2.0, 3.0, 4.0]));
+    let fisheye = lens_from_opencv(&[0.1, 0.2, 0.3, 0.4], true).unwrap();
+    assert_eq!((fisheye.k, fisheye.more_k[0], fisheye.p), ([0.1, 0.2, 0.3], 0.4, [0.0; 2]));
+    assert!(lens_from_opencv(&[0.1, 0.2, 0.3, 0.4, 0.5], true).is_err());
+    assert!(lens(&[&[0.0; 12][..], &[0.01]].concat()).unwrap_err().to_string().contains("coefficient 13"));
+    assert!(lens(&[0.1]).is_err());
 }
 
 fn pair() -> (fringe::geometry::camera::Camera, fringe::geometry::camera::Camera) {
@@ -82,7 +92,7 @@ fn a_pair_comes_back_from_what_was_written() {
     for language in [Language::Yaml, Language::Xml] {
         let storage = read(&pair_text(&left, &right, language).unwrap()).unwrap();
         let views = vec!["a".to_owned(), "b".to_owned()];
-        let names = CalibrationNames { views, size_px: None, projector: false, unit_mm: 1.0 };
+        let names = CalibrationNames { views, size_px: None, projector: false, fisheye: false, unit_mm: 1.0 };
         let rig = rig_of_calibration(&storage, &names).unwrap();
         for (found, truth) in [(rig.camera("a").unwrap(), &left), (rig.camera("b").unwrap(), &right)] {
             assert_eq!(
@@ -110,6 +120,7 @@ fn calibrations_of_other_programs_are_understood_or_told_why_not() {
     let names = |views: &[&str], size_px| CalibrationNames {
         views: views.iter().map(|v| (*v).to_owned()).collect(),
         size_px,
+        fisheye: false,
         projector: false,
         unit_mm: 1.0,
     };

@@ -1,8 +1,9 @@
 //! A pair as OpenCV writes it: `M1 D1 M2 D2 R T E F R1 R2 P1 P2 Q`, in YAML or XML.
 
+use super::rig::opencv_from_lens;
 use characterise::calibration::StereoGeometry;
 use characterise::rectified_images::RectifiedImages;
-use fringe::geometry::camera::Camera;
+use fringe::geometry::camera::{Camera, LensKind};
 use fringe::rectify::RectifyError;
 use nalgebra::{Isometry3, Matrix};
 use std::fmt::Write as _;
@@ -25,7 +26,7 @@ enum Entry {
 
 /// Two views in OpenCV's keys. Lengths are mm.
 ///
-/// `image_width1 image_height1 M1 D1` and the same with 2: size, K and k1 k2 p1 p2 k3; `R T`: X_2 = R X_1 + T; `E F`, F with
+/// `image_width1 image_height1 M1 D1` and the same with 2: size, K and k1 k2 p1 p2 k3 …, of a fisheye `fisheye1: 1`; `R T`: X_2 = R X_1 + T; `E F`, F with
 /// its last entry 1; `R1 R2 P1 P2 Q` as `stereoRectify` gives them with its defaults. Beyond what OpenCV knows, `R_world
 /// T_world`: X_1 = R_world X + T_world, the place of the first view in the rig's world.
 ///
@@ -39,8 +40,12 @@ pub fn pair_text(first: &Camera, second: &Camera, language: Language) -> Result<
         entries.push((format!("image_width{number}"), Entry::Number(camera.width_px)));
         entries.push((format!("image_height{number}"), Entry::Number(camera.height_px)));
         entries.push((format!("M{number}"), matrix(&camera.matrix())));
-        let ([k1, k2, k3], [p1, p2]) = (camera.distortion.k, camera.distortion.p);
-        entries.push((format!("D{number}"), Entry::Matrix(1, 5, vec![k1, k2, p1, p2, k3])));
+        let lens = opencv_from_lens(&camera.distortion);
+        entries.push((format!("D{number}"), Entry::Matrix(1, lens.len(), lens)));
+        // Four numbers alone would be k1, k2, p1, p2.
+        if camera.distortion.kind == LensKind::Fisheye {
+            entries.push((format!("fisheye{number}"), Entry::Number(1)));
+        }
     }
     let mut motion = |names: [&str; 2], pose: &Isometry3<f64>| {
         entries.push((names[0].to_owned(), matrix(pose.rotation.to_rotation_matrix().matrix())));

@@ -9,10 +9,10 @@ mod pairs;
 mod write;
 
 use crate::document::Document;
-use crate::error::{FileError, Problem, did_you_mean};
+use crate::error::{FileError, Problem, did_you_mean, list};
 use crate::hash::sha256_hex;
 use crate::name::{check_name, duplicate};
-use fringe::geometry::camera::{BrownConrady, Camera, pose};
+use fringe::geometry::camera::{Camera, Lens, LensKind, pose};
 use fringe::geometry::rig::{Named, Pair, Rig};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -27,9 +27,6 @@ use pairs::check_pairs;
 
 /// Value of `format` in a rig file.
 pub const RIG_FORMAT: &str = "fringecell-rig/1";
-
-/// The only lens model so far.
-const LENS_MODEL: &str = "brown-conrady";
 
 /// A rig file, read and checked.
 #[derive(Debug, Clone)]
@@ -85,6 +82,8 @@ struct RawLens {
     k: Vec<f64>,
     #[serde(default)]
     p: Vec<f64>,
+    #[serde(default)]
+    s: Vec<f64>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -191,36 +190,48 @@ fn named(document: &Document, key: &str, raw: &RawCamera) -> Result<Named, FileE
     Ok(Named { name: raw.name.clone(), camera })
 }
 
-fn lens(document: &Document, key: &str, raw: &RawCamera) -> Result<BrownConrady, FileError> {
-    let Some(lens) = &raw.distortion else { return Ok(BrownConrady::default()) };
+fn lens(document: &Document, key: &str, raw: &RawCamera) -> Result<Lens, FileError> {
+    let Some(lens) = &raw.distortion else { return Ok(Lens::default()) };
     let key = format!("{key}.distortion");
-    if lens.model != LENS_MODEL {
+    let Some((_, kind)) = LensKind::NAMES.iter().find(|(name, _)| *name == lens.model) else {
+        let names = LensKind::NAMES.map(|(name, _)| name);
         let problem = Problem::Value {
             value: format!("model = \"{}\"", lens.model),
-            limit: format!("the lens model is \"{LENS_MODEL}\""),
+            limit: format!("lens models: {}", list(names)),
         };
-        let remedy = did_you_mean(&lens.model, [LENS_MODEL], "convert the calibration to that model");
+        let remedy = did_you_mean(&lens.model, names, "convert the calibration to one of them");
         return Err(document.fault(&key, problem, remedy));
-    }
-    Ok(BrownConrady {
-        k: coefficients(document, &key, "k", &lens.k)?,
-        p: coefficients(document, &key, "p", &lens.p)?,
+    };
+    let (most_k, most_p, most_s) = match kind {
+        LensKind::BrownConrady => (3, 2, 0),
+        LensKind::Rational => (6, 2, 0),
+        LensKind::ThinPrism => (6, 2, 4),
+        LensKind::Fisheye => (4, 0, 0),
+    };
+    let [k1, k2, k3, k4, k5, k6] = coefficients(document, &key, ("k", most_k, lens), &lens.k)?;
+    Ok(Lens {
+        kind: *kind,
+        k: [k1, k2, k3],
+        p: coefficients(document, &key, ("p", most_p, lens), &lens.p)?,
+        more_k: [k4, k5, k6],
+        prism: coefficients(document, &key, ("s", most_s, lens), &lens.s)?,
     })
 }
 
-/// Up to N coefficients; those that are not written are zero.
+/// Up to `most` coefficients; those that are not written are zero.
 fn coefficients<const N: usize>(
     document: &Document,
     key: &str,
-    name: &str,
+    (name, most, lens): (&str, usize, &RawLens),
     values: &[f64],
 ) -> Result<[f64; N], FileError> {
-    if values.len() > N {
+    if values.len() > most {
         let problem = Problem::Value {
             value: format!("{name} with {} numbers", values.len()),
-            limit: format!("at most {N} are read"),
+            limit: format!("\"{}\" has at most {most}", lens.model),
         };
-        return Err(document.fault(key, problem, "k is [k1, k2, k3], p is [p1, p2]"));
+        let remedy = "k is [k1, k2, k3] and on to k6 (rational, thin-prism) or k4 (fisheye), p is [p1, p2], s is [s1, s2, s3, s4]";
+        return Err(document.fault(key, problem, remedy));
     }
     let mut out = [0.0; N];
     out.iter_mut().zip(values).for_each(|(to, from)| *to = *from);

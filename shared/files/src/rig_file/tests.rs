@@ -62,10 +62,10 @@ from_world = { rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], translation_mm = [0
 anything = "goes"
 "#;
     let file = read(text).unwrap();
-    assert_eq!(file.rig.cameras[0].camera.distortion, BrownConrady { k: [0.1, 0.0, 0.0], p: [0.0, 0.0] });
+    assert_eq!(file.rig.cameras[0].camera.distortion, Lens::brown_conrady([0.1, 0.0, 0.0], [0.0, 0.0]));
     assert!(file.rig.pairs.is_empty() && file.rig.projectors.is_empty());
     let plain = text.replace("distortion = { model = \"brown-conrady\", k = [0.1] }\n", "");
-    assert_eq!(read(&plain).unwrap().rig.cameras[0].camera.distortion, BrownConrady::default());
+    assert_eq!(read(&plain).unwrap().rig.cameras[0].camera.distortion, Lens::default());
 }
 
 #[test]
@@ -147,7 +147,7 @@ fn each_fault_is_reported_with_place_and_remedy() {
         camera.name = name.into();
         camera.camera.focal_px = [100.0, 100.0];
         camera.camera.skew = 0.0;
-        camera.camera.distortion = BrownConrady::default();
+        camera.camera.distortion = Lens::default();
         camera.camera.camera_from_world = nalgebra::Isometry3::identity();
     }
     (plain.pairs[0].left, plain.pairs[0].right) = ("a".into(), "b".into());

@@ -1,9 +1,10 @@
 //! Writing a rig file.
 
-use super::{CovarianceRef, LENS_MODEL, RIG_FORMAT};
+use super::{CovarianceRef, RIG_FORMAT};
 use crate::atomic;
 use crate::error::FileError;
 use crate::hash::sha256_hex;
+use fringe::geometry::camera::{Lens, LensKind};
 use fringe::geometry::rig::{Named, Rig};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -64,7 +65,7 @@ fn camera_text(table: &str, named: &Named) -> String {
     let row = |r: usize| numbers(&[rotation[(r, 0)], rotation[(r, 1)], rotation[(r, 2)]]);
     format!(
         "\n[[{table}]]\nname = {}\nwidth_px = {}\nheight_px = {}\nfocal_px = {}\nprincipal_point_px = {}\n\
-         skew = {:?}\ndistortion = {{ model = \"{LENS_MODEL}\", k = {}, p = {} }}\n\
+         skew = {:?}\ndistortion = {}\n\
          from_world = {{ rotation = [{}, {}, {}], translation_mm = {} }}\n",
         quoted(&named.name),
         camera.width_px,
@@ -72,13 +73,26 @@ fn camera_text(table: &str, named: &Named) -> String {
         numbers(&camera.focal_px),
         numbers(&camera.principal_point_px),
         camera.skew,
-        numbers(&camera.distortion.k),
-        numbers(&camera.distortion.p),
+        lens_text(&camera.distortion),
         row(0),
         row(1),
         row(2),
         numbers(camera.camera_from_world.translation.vector.as_slice()),
     )
+}
+
+/// The table of a lens: the keys that its model has.
+fn lens_text(lens: &Lens) -> String {
+    let (k, more) = (lens.k, lens.more_k);
+    let six = numbers(&[k[0], k[1], k[2], more[0], more[1], more[2]]);
+    let (p, s) = (numbers(&lens.p), numbers(&lens.prism));
+    let keys = match lens.kind {
+        LensKind::BrownConrady => format!("k = {}, p = {p}", numbers(&k)),
+        LensKind::Rational => format!("k = {six}, p = {p}"),
+        LensKind::ThinPrism => format!("k = {six}, p = {p}, s = {s}"),
+        LensKind::Fisheye => format!("k = {}", numbers(&[k[0], k[1], k[2], more[0]])),
+    };
+    format!("{{ model = \"{}\", {keys} }}", lens.kind.name())
 }
 
 /// Shortest digits that read back as the same number.

@@ -1,8 +1,8 @@
-//! The pinhole camera with Brown–Conrady lens distortion; a projector is the same, read backwards.
+//! The pinhole camera with the distortion of its [`Lens`]; a projector is the same, read backwards.
 //!
-//! Source: thesis eq. 2.62–2.73; the distortion has OpenCV's meaning (k1, k2, p1, p2, k3 there; here k and p apart).
+//! Source: thesis eq. 2.62–2.73; the distortion has OpenCV's meaning (k1, k2, p1, p2, k3 … there; here k and p apart).
 
-pub use super::lens::BrownConrady;
+pub use super::lens::{Lens, LensKind};
 
 use nalgebra::{
     Isometry3, Matrix3, Point2, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3,
@@ -100,7 +100,7 @@ pub struct Camera {
     /// Skew s of the matrix K = [fx s cx; 0 fy cy; 0 0 1].
     pub skew: f64,
     /// Distortion of the lens.
-    pub distortion: BrownConrady,
+    pub distortion: Lens,
     /// X_camera = R X_world + t, t in mm.
     pub camera_from_world: Isometry3<f64>,
 }
@@ -119,11 +119,13 @@ impl Camera {
             return Err(CameraError::FocalLength(*bad));
         }
         let finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
-        let named: [(&'static str, bool); 5] = [
+        let named: [(&'static str, bool); 7] = [
             ("principal point", finite(&self.principal_point_px)),
             ("skew", self.skew.is_finite()),
             ("distortion k", finite(&self.distortion.k)),
             ("distortion p", finite(&self.distortion.p)),
+            ("distortion k", finite(&self.distortion.more_k)),
+            ("distortion s", finite(&self.distortion.prism)),
             ("translation", finite(self.camera_from_world.translation.vector.as_slice())),
         ];
         named.iter().find(|(_, ok)| !ok).map_or(Ok(()), |(name, _)| Err(CameraError::NotFinite(name)))?;
@@ -261,8 +263,8 @@ fn orthonormal(matrix: Matrix3<f64>) -> Matrix3<f64> {
 mod tests {
     use super::*;
 
-    fn lens() -> BrownConrady {
-        BrownConrady { k: [-0.12, 0.08, -0.01], p: [4e-4, -3e-4] }
+    fn lens() -> Lens {
+        Lens::brown_conrady([-0.12, 0.08, -0.01], [4e-4, -3e-4])
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::decode::{DecodeSettings, Decoder};
-use crate::geometry::camera::{BrownConrady, Camera};
+use crate::geometry::camera::{Camera, Lens};
 use crate::surface::SurfaceSettings;
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::f64::consts::PI;
@@ -88,7 +88,7 @@ fn camera(x_mm: f64, focal_px: f64) -> Camera {
         focal_px: [focal_px; 2],
         principal_point_px: [499.5, 399.5],
         skew: 0.0,
-        distortion: BrownConrady::default(),
+        distortion: Lens::default(),
         camera_from_world: Isometry3::from_parts((-(rotation * centre.coords)).into(), rotation),
     }
 }

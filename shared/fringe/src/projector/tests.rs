@@ -50,8 +50,8 @@ proptest! {
     #[test]
     fn the_closed_form_is_ours(x in -60.0_f64..60.0, y in -50.0_f64..50.0, z in -45.0_f64..45.0, off in -3.0_f64..3.0) {
         let [mut camera, _, mut projector] = rig(1124, 750);
-        camera.distortion = crate::geometry::camera::BrownConrady::default();
-        projector.distortion = crate::geometry::camera::BrownConrady::default();
+        camera.distortion = crate::geometry::camera::Lens::default();
+        projector.distortion = crate::geometry::camera::Lens::default();
         projector.skew = 0.5;
         let truth = nalgebra::Point3::new(x, y, z);
         let (seen, lit) = (camera.project(&truth).unwrap(), projector.project(&truth).unwrap());

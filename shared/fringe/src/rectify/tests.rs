@@ -1,5 +1,5 @@
 use super::*;
-use crate::geometry::camera::BrownConrady;
+use crate::geometry::camera::Lens;
 use nalgebra::{Isometry3, UnitQuaternion};
 
 fn camera(centre: [f64; 3], roll: f64) -> Camera {
@@ -16,7 +16,7 @@ fn camera(centre: [f64; 3], roll: f64) -> Camera {
         focal_px: [700.0, 702.0],
         principal_point_px: [155.0, 122.0],
         skew: 0.2,
-        distortion: BrownConrady { k: [-0.1, 0.05, 0.01], p: [3e-4, -2e-4] },
+        distortion: Lens::brown_conrady([-0.1, 0.05, 0.01], [3e-4, -2e-4]),
         camera_from_world: look * forward * Isometry3::look_at_rh(&eye, &Point3::origin(), &Vector3::y()),
     }
 }

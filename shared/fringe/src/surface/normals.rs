@@ -197,7 +197,7 @@ mod tests {
 
     /// Lines of sight of a patch of a distorted image, well off the axis.
     fn directions() -> Vec<[f64; 2]> {
-        let lens = crate::geometry::camera::BrownConrady { k: [-0.08, 0.05, 0.0], p: [2e-4, -1e-4] };
+        let lens = crate::geometry::camera::Lens::brown_conrady([-0.08, 0.05, 0.0], [2e-4, -1e-4]);
         (0..SIDE * SIDE)
             .map(|i| {
                 let (u, v) = ((i % SIDE) as f64, (i / SIDE) as f64);

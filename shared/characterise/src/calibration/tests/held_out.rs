@@ -27,7 +27,7 @@ fn held_out_residuals_of_a_right_model_are_as_predicted() {
 #[test]
 fn a_wrong_model_shows_in_held_out_poses() {
     let observations = World::new(12).observe(5, 1.0);
-    let lean = LensModel { radial_terms: 0, tangential: false, skew: false };
+    let lean = LensModel { radial_terms: 0, tangential: false, ..LensModel::default() };
     let settings =
         CalibrationSettings { camera: lean, projector: lean, outlier_limit: 1e6, ..Default::default() };
     let held = hold_out(&observations, &settings, &in_turn(&observations, 3)).unwrap();

@@ -60,7 +60,10 @@ fn distances_have_the_same_uncertainty_in_both_gauges() {
     let (mut row, mut places) = (Vec::new(), Vec::new());
     for ((pair, end), sign) in PAIRS.iter().zip(&ends).zip([-1.0, 1.0]) {
         let own = found.sensitivity(*pair, end).unwrap();
-        row.extend((0..32).map(|c| sign * (0..3).map(|a| along[a] * own.rows.at(a, c)).sum::<f64>()));
+        row.extend(
+            (0..2 * PARAMETERS.len())
+                .map(|c| sign * (0..3).map(|a| along[a] * own.rows.at(a, c)).sum::<f64>()),
+        );
         places.extend(own.places);
     }
     let mut square = 0.0;
@@ -149,7 +152,7 @@ fn cross_validation_tells_a_wrong_model() {
     for device in &good.devices {
         assert!(device.rms_px < 3.0 * device.predicted_px, "{device:?}");
     }
-    let lean = LensModel { radial_terms: 0, tangential: false, skew: false };
+    let lean = LensModel { radial_terms: 0, tangential: false, ..LensModel::default() };
     let settings =
         CalibrationSettings { camera: lean, projector: lean, outlier_limit: 1e6, ..Default::default() };
     let wrong = cross_validate(&observations, &settings).unwrap();

@@ -48,7 +48,7 @@ fn device(index: usize, azimuth_deg: f64, kind: DeviceKind) -> (Device, Camera) 
         focal_px: [focal + 1.5 * i, focal - 0.8 + 1.5 * i],
         principal_point_px: middle,
         skew: 0.0,
-        distortion: fringe::geometry::camera::BrownConrady { k, p: [2e-4, -1.5e-4 + 1e-4 * i] },
+        distortion: fringe::geometry::camera::Lens::brown_conrady(k, [2e-4, -1.5e-4 + 1e-4 * i]),
         camera_from_world: looking(azimuth_deg, 48.0),
     };
     (Device { name: format!("{label}{}", index + 1), kind, width_px, height_px }, camera)

@@ -3,6 +3,7 @@
 use super::super::model::{DEVICE, Projector, Shape, compose, motion, moved, rotation_vector};
 use super::super::*;
 use super::synthetic::{WARP_MM, World};
+use fringe::geometry::camera::LensKind;
 use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::Isometry3;
 
@@ -23,6 +24,8 @@ pub(super) fn errors(world: &World, found: &Calibration) -> Vec<f64> {
         let step: Isometry3<f64> = compose(&relative(&ours, i), &relative(&truth, i).inverse());
         errors.extend(rotation_vector(&step.rotation).iter());
         errors.extend(step.translation.vector.iter());
+        errors.extend((0..3).map(|j| a.distortion.more_k[j] - b.distortion.more_k[j]));
+        errors.extend((0..4).map(|j| a.distortion.prism[j] - b.distortion.prism[j]));
     }
     if let Some(warp) = found.warp {
         errors.extend([warp.x_mm - WARP_MM[0], warp.y_mm - WARP_MM[1]]);
@@ -81,9 +84,23 @@ fn exact_pixels_give_the_exact_rig() {
 #[test]
 fn jacobians_agree_with_differences() {
     let world = World::new(3);
+    for kind in [LensKind::BrownConrady, LensKind::ThinPrism, LensKind::Fisheye] {
+        jacobians_of(kind, &world);
+    }
+}
+
+fn jacobians_of(kind: LensKind, world: &World) {
+    const FIRST: usize = DEVICE + model::WARP;
     let mut camera = world.cameras[1].clone();
     camera.skew = 0.4;
     camera.distortion.k[2] = 0.02;
+    camera.distortion.kind = kind;
+    if kind != LensKind::BrownConrady {
+        camera.distortion.more_k[0] = 0.3;
+    }
+    if kind == LensKind::ThinPrism {
+        camera.distortion.prism = [1e-3, -2e-3, 3e-3, 1e-3];
+    }
     let board = model::Board::new(&world.observe(0, 0.0));
     let pose = world.boards[2];
     for index in [0, 37, 87] {
@@ -96,8 +113,8 @@ fn jacobians_agree_with_differences() {
             let mut shape = Shape { warp_mm: WARP_MM, offsets_mm: Vec::new() };
             match column {
                 0..DEVICE => step[column] = h,
-                16 | 17 => shape.warp_mm[column - 16] += h,
-                _ => local[column - 18] = h,
+                DEVICE..FIRST => shape.warp_mm[column - DEVICE] += h,
+                _ => local[column - FIRST] = h,
             }
             let (camera, pose) = (moved(&camera, &step), compose(&pose, &motion(&local)));
             Projector::new(&camera, &pose).pixel(&board.point(index, &shape)).unwrap()
@@ -160,7 +177,7 @@ fn a_printed_target_is_told_from_one_as_declared() {
 #[test]
 fn the_scatter_with_free_points_is_as_predicted() {
     let mut world = World::new(8);
-    let nominal: Vec<f64> = vec![0.0; 16 * 6];
+    let nominal: Vec<f64> = vec![0.0; DEVICE * 6];
     let (mut sum, mut freedom) = (0.0, 0);
     world.target_mm = (0..88).map(|i| world.bent(i)).collect();
     world.print_mm =

@@ -3,11 +3,11 @@
 use super::super::{Ambiguity, Detection, TargetError, TargetKind, TargetSettings, TargetSpec, detect};
 use super::scene::{Scene, clutter};
 use fringe::frame::{Frame, FrameView, PixelBuffer, Pixels};
-use fringe::geometry::camera::BrownConrady;
+use fringe::geometry::camera::Lens;
 use nalgebra::{Point2, Vector2};
 
 const TILT: [f64; 3] = [0.35, -0.3, 0.2];
-const LENS: BrownConrady = BrownConrady { k: [-0.25, 0.1, 0.0], p: [2e-4, -1e-4] };
+const LENS: Lens = Lens::brown_conrady([-0.25, 0.1, 0.0], [2e-4, -1e-4]);
 
 fn board(columns: u32, rows: u32) -> Scene {
     Scene::new(TargetKind::Checkerboard, columns, rows, TILT, LENS)
@@ -164,7 +164,7 @@ fn cropped(frame: &Frame, from: f64, to: f64) -> Frame {
 #[test]
 fn a_part_that_could_be_of_a_larger_board_is_refused_and_one_that_shows_an_end_is_not() {
     let scene =
-        Scene::new(TargetKind::Checkerboard, 12, 6, [0.0; 3], BrownConrady { k: [0.0; 3], p: [0.0; 2] });
+        Scene::new(TargetKind::Checkerboard, 12, 6, [0.0; 3], Lens::brown_conrady([0.0; 3], [0.0; 2]));
     let frame = scene.frame(&scene.clean(), 4);
     let declared = TargetSpec { columns: 8, ..scene.spec.clone() };
     let x = |column: u32| scene.truth((column, 0)).x;

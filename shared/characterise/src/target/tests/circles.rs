@@ -5,10 +5,10 @@ use super::super::{
     projected_circle_center_bias,
 };
 use super::scene::Scene;
-use fringe::geometry::camera::BrownConrady;
+use fringe::geometry::camera::Lens;
 use nalgebra::{Matrix3, Point2, Vector2};
 
-const STRAIGHT: BrownConrady = BrownConrady { k: [0.0; 3], p: [0.0; 2] };
+const STRAIGHT: Lens = Lens::brown_conrady([0.0; 3], [0.0; 2]);
 
 fn scene(kind: TargetKind, columns: u32, rows: u32, turn_rad: f64) -> Scene {
     Scene::new(kind, columns, rows, [0.4, -0.35, turn_rad], STRAIGHT)

@@ -3,7 +3,7 @@
 use super::super::raster::{Raster, half_gaussian};
 use super::super::spec::{TargetKind, TargetSpec};
 use fringe::frame::{Frame, PixelBuffer};
-use fringe::geometry::camera::{BrownConrady, Camera};
+use fringe::geometry::camera::{Camera, Lens};
 use fringe::math::{exp, ln, sincos};
 use nalgebra::{Isometry3, Point2, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
 
@@ -43,13 +43,7 @@ pub(super) struct Scene {
 
 impl Scene {
     /// `tilt_rad` about x, y and z of the board; the board's centre at 400 mm on the optical axis.
-    pub fn new(
-        kind: TargetKind,
-        columns: u32,
-        rows: u32,
-        tilt_rad: [f64; 3],
-        distortion: BrownConrady,
-    ) -> Self {
+    pub fn new(kind: TargetKind, columns: u32, rows: u32, tilt_rad: [f64; 3], distortion: Lens) -> Self {
         let pitch_mm = 10.0;
         let spec = TargetSpec {
             format: None,
