@@ -14,10 +14,14 @@ use std::path::Path;
 /// # Errors
 /// As [`check_outputs`] and [`guard::may_become`].
 pub fn check<T: Serialize>(file: Option<&Path>, example: &T) -> Result<()> {
+    check_bare(file, &WithProvenance { result: example, provenance: Provenance::now(&FRINGECELL) })
+}
+
+/// The same for a result that has date and software already.
+pub fn check_bare<T: Serialize>(file: Option<&Path>, example: &T) -> Result<()> {
     check_outputs(&[("--json", file)], &[], None)?;
     let Some(file) = file.filter(|file| !cli::is_stdout(file)) else { return Ok(()) };
-    let document = WithProvenance { result: example, provenance: Provenance::now(&FRINGECELL) };
-    Ok(guard::may_become(file, &serde_json::to_vec(&document)?)?)
+    Ok(guard::may_become(file, &serde_json::to_vec(example)?)?)
 }
 
 /// Writes a result as JSON to a file, or to standard output for `-`, with date and software under `provenance`.

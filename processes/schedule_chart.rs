@@ -9,6 +9,8 @@ use anyhow::{Result, ensure};
 use cell::Cell;
 use cell::schedule::{Activation, Half, Lane, Order, Schedule, Work, label};
 use files::result::CycleResult;
+use report::Page;
+use report::svg::{self, Anchor};
 use std::fmt::Write as _;
 
 /// Width of the chart on the terminal without names, columns.
@@ -23,8 +25,11 @@ const ROW_PX: f64 = 26.0;
 /// Smallest width of a bar, px.
 const LEAST_PX: f64 = 1.5;
 
+/// Size of the letters, px.
+const FONT: f64 = 12.0;
+
 /// Left margin for the names, px.
-const LEFT_PX: f64 = 170.0;
+const LEFT_PX: f64 = 190.0;
 
 /// Top margin for title and axis, px.
 const TOP_PX: f64 = 64.0;
@@ -137,11 +142,10 @@ impl ScheduleChart {
         let height = TOP_PX + ROW_PX * schedule.stages.len() as f64 + 40.0;
         let width = LEFT_PX + WIDTH_PX + 30.0;
         let scale = WIDTH_PX / self.end();
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" viewBox=\"0 0 {width} {height}\" \
-             font-family=\"sans-serif\" font-size=\"12\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n\
-             <text x=\"12\" y=\"22\" font-size=\"16\">cell {}: {} activations of {} stages on {} cores, {:.1} {}{}</text>\n",
-            escape(&cell.name),
+        let mut page = svg::begin_file([width, height], FONT);
+        let title = format!(
+            "cell {}: {} activations of {} stages on {} cores, {:.1} {}{}",
+            cell.name,
             schedule.activations.len(),
             schedule.stages.len(),
             schedule.cores,
@@ -149,76 +153,53 @@ impl ScheduleChart {
             self.unit,
             if self.cycles.len() > 1 { " for two cycles that overlap" } else { "" }
         );
-        self.axis(&mut svg, scale, height);
+        svg::text(&mut page, [12.0, 22.0], 16.0, Anchor::Start, &title);
+        self.axis(&mut page, scale, height);
         for (number, stage) in schedule.stages.iter().enumerate() {
             let y = TOP_PX + ROW_PX * number as f64;
-            let _ = writeln!(
-                svg,
-                "<text x=\"12\" y=\"{:.1}\">{} <tspan fill=\"#777\">core {}</tspan></text>\
-                 <line x1=\"{LEFT_PX}\" x2=\"{:.1}\" y1=\"{y:.1}\" y2=\"{y:.1}\" stroke=\"#eee\"/>",
-                y + 17.0,
-                escape(&stage.name),
-                stage.core,
-                LEFT_PX + WIDTH_PX
-            );
+            svg::text(&mut page, [12.0, y + 17.0], FONT, Anchor::Start, &stage.name);
+            let core = format!("core {}", stage.core);
+            svg::styled_text(&mut page, [LEFT_PX - 8.0, y + 17.0], FONT, Anchor::End, "fill=\"#777\"", &core);
+            svg::line(&mut page, [[LEFT_PX, y], [LEFT_PX + WIDTH_PX, y]], "stroke=\"#eee\"");
         }
-        self.dependencies(&mut svg, schedule, scale);
+        self.dependencies(&mut page, schedule, scale);
         for (cycle, activation, bar) in self.bars(schedule) {
-            let (x, y) = (LEFT_PX + scale * bar.0, TOP_PX + ROW_PX * activation.stage as f64 + 4.0);
+            let at = [LEFT_PX + scale * bar.0, TOP_PX + ROW_PX * activation.stage as f64 + 4.0];
+            // A trigger would be too narrow to see.
+            let size = [(scale * (bar.1 - bar.0)).max(LEAST_PX), ROW_PX - 8.0];
+            let opacity = if cycle == 0 { 1.0 } else { 0.45 };
+            let style = format!("opacity=\"{opacity}\" stroke=\"#fff\" stroke-width=\"0.5\"");
             let shown = label(&cell.graph, activation.work);
-            let _ = writeln!(
-                svg,
-                "<rect x=\"{x:.2}\" y=\"{y:.1}\" width=\"{:.2}\" height=\"{:.1}\" fill=\"{}\" opacity=\"{}\" stroke=\"white\" stroke-width=\"0.5\">\
-                 <title>{}, {:.2} to {:.2} {}</title></rect>",
-                // A trigger would be too narrow to see.
-                (scale * (bar.1 - bar.0)).max(LEAST_PX),
-                ROW_PX - 8.0,
-                colour(activation.work),
-                if cycle == 0 { 1.0 } else { 0.45 },
-                escape(&shown),
-                bar.0,
-                bar.1,
-                self.unit
-            );
+            let title = format!("{shown}, {:.2} to {:.2} {}", bar.0, bar.1, self.unit);
+            svg::titled_rectangle(&mut page, at, size, colour(activation.work), &style, &title);
         }
-        legend(&mut svg, height);
-        svg.push_str("</svg>\n");
-        svg
+        legend(&mut page, height);
+        svg::end_file(page)
     }
 
-    fn axis(&self, svg: &mut String, scale: f64, height: f64) {
+    fn axis(&self, page: &mut Page, scale: f64, height: f64) {
         let step = report::number::round_up(self.end() / 8.0);
         let mut at = 0.0;
         while at <= self.end() {
             let x = LEFT_PX + scale * at;
-            let _ = writeln!(
-                svg,
-                "<line x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{:.1}\" y2=\"{:.1}\" stroke=\"#ddd\"/>\
-                 <text x=\"{x:.1}\" y=\"{:.1}\" fill=\"#555\" text-anchor=\"middle\">{at} {}</text>",
-                TOP_PX - 8.0,
-                height - 36.0,
-                TOP_PX - 14.0,
-                self.unit
-            );
+            svg::line(page, [[x, TOP_PX - 8.0], [x, height - 36.0]], "stroke=\"#ddd\"");
+            let value = format!("{at} {}", self.unit);
+            svg::styled_text(page, [x, TOP_PX - 14.0], FONT, Anchor::Middle, "fill=\"#555\"", &value);
             at += step;
         }
     }
 
     /// Lines from the end of an input to the start of the activation that uses it, between different stages.
-    fn dependencies(&self, svg: &mut String, schedule: &Schedule, scale: f64) {
+    fn dependencies(&self, page: &mut Page, schedule: &Schedule, scale: f64) {
         let middle = |stage: usize| TOP_PX + ROW_PX * (stage as f64 + 0.5);
         for (cycle, activation, bar) in self.bars(schedule) {
             for &input in
                 activation.inputs.iter().filter(|&&i| schedule.activations[i].stage != activation.stage)
             {
-                let _ = writeln!(
-                    svg,
-                    "<line x1=\"{:.2}\" y1=\"{:.1}\" x2=\"{:.2}\" y2=\"{:.1}\" stroke=\"#bbb\" stroke-width=\"0.6\"/>",
-                    LEFT_PX + scale * self.cycles[cycle][input].1,
-                    middle(schedule.activations[input].stage),
-                    LEFT_PX + scale * bar.0,
-                    middle(activation.stage)
-                );
+                let end = self.cycles[cycle][input].1;
+                let from = [LEFT_PX + scale * end, middle(schedule.activations[input].stage)];
+                let to = [LEFT_PX + scale * bar.0, middle(activation.stage)];
+                svg::line(page, [from, to], "stroke=\"#bbb\" stroke-width=\"0.6\"");
             }
         }
     }
@@ -321,19 +302,10 @@ fn colour(work: Work) -> &'static str {
     COLOURS[place].1
 }
 
-fn legend(svg: &mut String, height: f64) {
+fn legend(page: &mut Page, height: f64) {
     for (place, (name, colour)) in COLOURS.iter().enumerate() {
         let x = LEFT_PX + 110.0 * place as f64;
-        let _ = writeln!(
-            svg,
-            "<rect x=\"{x}\" y=\"{:.1}\" width=\"12\" height=\"12\" fill=\"{colour}\"/><text x=\"{}\" y=\"{:.1}\">{name}</text>",
-            height - 24.0,
-            x + 17.0,
-            height - 14.0
-        );
+        svg::rectangle(page, [x, height - 24.0], [12.0, 12.0], colour, "");
+        svg::text(page, [x + 17.0, height - 14.0], FONT, Anchor::Start, name);
     }
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

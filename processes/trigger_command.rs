@@ -39,6 +39,8 @@ pub struct TriggerArgs {
 /// # Errors
 /// The cell refuses the request.
 pub fn trigger(args: &TriggerArgs) -> Result<u8> {
+    // A part must not be inspected for a result that cannot be written.
+    json::check_bare(args.json.as_deref(), &CycleResult::default())?;
     let cell = client::cell_name(args.cell.as_deref())?;
     let request = Request::Inspect { part: args.part.clone(), recipe: args.recipe.clone() };
     let begin = Instant::now();

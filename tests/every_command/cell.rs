@@ -89,10 +89,13 @@ fn every_command_to_a_cell_gives_pure_json_and_tells_lost_output() {
     let run = serve(&cell);
     let foreign = cell.small.path("foreign.json");
     operate(&cell, |command, arguments| {
-        // Refused before anything is asked of the cell: the command itself follows.
+        // Refused before anything is asked of the cell: no part is inspected, and the command itself follows.
+        let cycles = || cell.status().unwrap()["cycles_done"].clone();
+        let before = cycles();
         expect_kept(command, &foreign, |file| {
             fringecell(&[arguments, &["--json", file]].concat(), Stdio::piped())
         });
+        assert!(command != "trigger" || cycles() == before, "a part was inspected for nothing");
         expect_lost(command, &fringecell(arguments, full()), "No space left on device");
         print_row(command);
     });

@@ -32,19 +32,20 @@ pub fn tolerance(page: &mut Page, feature: &FeatureResult, uncertainty: Option<f
     let place = |value: f64| (25.0 + 90.0 * (value - lower) / (upper - lower)).clamp(3.0, 137.0);
     let (x, u) = (place(value), uncertainty.unwrap_or(0.0));
     let (left, right) = (place(value - u), place(value + u));
-    page.put(format_args!(
-        "<svg width=\"140\" height=\"18\" viewBox=\"0 0 140 18\" role=\"img\" aria-label=\"place of the value between its \
-         limits\"><rect x=\"25\" y=\"6\" width=\"90\" height=\"6\" fill=\"#e3e8ed\"/><path d=\"M0 9H140\" stroke=\"{LINE}\"/>"
-    ));
-    for (at, present) in [(25, feature.lower.is_some()), (115, true)] {
+    svg::open(page, "tolerance", [140.0, 18.0], "place of the value between its limits");
+    svg::rectangle(page, [25.0, 6.0], [90.0, 6.0], "#e3e8ed", "");
+    svg::line(page, [[0.0, 9.0], [140.0, 9.0]], &format!("stroke=\"{LINE}\""));
+    for (at, present) in [(25.0, feature.lower.is_some()), (115.0, true)] {
         if present {
-            page.put(format_args!("<path d=\"M{at} 2V16\" stroke=\"{SOFT}\" stroke-width=\"1.5\"/>"));
+            svg::line(page, [[at, 2.0], [at, 16.0]], &format!("stroke=\"{SOFT}\" stroke-width=\"1.5\""));
         }
     }
-    page.put(format_args!(
-        "<path d=\"M{left:.1} 9H{right:.1}M{left:.1} 6V12M{right:.1} 6V12\" stroke=\"{INK}\" stroke-width=\"1.2\" fill=\"none\"/>\
-         <circle cx=\"{x:.1}\" cy=\"9\" r=\"3\" fill=\"{INK}\"/></svg>"
-    ));
+    let style = format!("stroke=\"{INK}\" stroke-width=\"1.2\"");
+    for ends in [[[left, 9.0], [right, 9.0]], [[left, 6.0], [left, 12.0]], [[right, 6.0], [right, 12.0]]] {
+        svg::line(page, ends, &style);
+    }
+    svg::circle(page, [x, 9.0], 3.0, INK, "");
+    svg::close(page);
 }
 
 /// A colour bar with values and unit, to stand below a picture.

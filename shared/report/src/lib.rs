@@ -31,7 +31,7 @@ mod raster;
 mod splat;
 mod stage_times;
 pub mod statistics;
-mod svg;
+pub mod svg;
 mod tables;
 #[cfg(test)]
 mod tests;
@@ -45,7 +45,7 @@ pub use error::ReportError;
 pub use flatness::{FlatnessInput, FlatnessRepeat, write_flatness};
 pub use image_points::{ImagePointMark, ImagePointPicture, image_points_png};
 pub use input::{Activity, FeatureRow, GreyPicture, Mark, PhasePicture, ReportInput, Span};
-pub(crate) use page::Text;
+pub use page::{Page, Text};
 pub use picture::PictureError;
 
 /// Writes the report; the file is complete or absent.

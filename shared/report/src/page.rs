@@ -32,7 +32,7 @@ pub fn data_uri(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", STANDARD.encode(png))
 }
 
-/// The growing HTML text.
+/// The growing text of an HTML page or of a drawing.
 pub struct Page {
     html: String,
     ids: usize,
@@ -52,6 +52,16 @@ impl Page {
             include_str!("style.css")
         ));
         page
+    }
+
+    /// Begins a text without the frame of an HTML page.
+    pub(crate) fn fragment() -> Self {
+        Self { html: String::new(), ids: 0 }
+    }
+
+    /// The text of a fragment as it stands.
+    pub(crate) fn into_text(self) -> String {
+        self.html
     }
 
     /// Appends HTML to the page.

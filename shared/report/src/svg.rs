@@ -1,4 +1,6 @@
-//! Elements of the drawings in a page, as SVG: they scale, print sharply and carry real text.
+//! Elements of drawings, as SVG: they scale, print sharply and carry real text.
+//!
+//! A drawing stands in a page of the report ([`open`]) or in a file of its own ([`begin_file`]). This module alone writes elements.
 
 use std::fmt;
 
@@ -39,6 +41,24 @@ pub fn open(page: &mut Page, class: &str, [width, height]: [f64; 2], label: &str
         " viewBox=\"0 0 {width:.1} {height:.1}\" role=\"img\" aria-label=\"{}\">\n",
         Text(label)
     ));
+}
+
+/// Begins a drawing in a file of its own, with a white background and its size in px; [`end_file`] gives its text.
+pub fn begin_file([width, height]: [f64; 2], font_size: f64) -> Page {
+    let mut page = Page::fragment();
+    page.put(format_args!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.1}\" height=\"{height:.1}\" \
+         viewBox=\"0 0 {width:.1} {height:.1}\" font-family=\"sans-serif\" font-size=\"{font_size}\" fill=\"{INK}\">\n"
+    ));
+    rectangle(&mut page, [0.0, 0.0], [width, height], "#fff", "");
+    page
+}
+
+/// Ends a drawing of [`begin_file`] and gives its text.
+pub fn end_file(mut page: Page) -> String {
+    close(&mut page);
+    page.put(format_args!("\n"));
+    page.into_text()
 }
 
 /// Closes the element `svg`.
@@ -84,9 +104,41 @@ pub fn line(page: &mut Page, points: impl IntoIterator<Item = [f64; 2]>, attribu
 
 /// A filled rectangle from its upper left corner, with further attributes.
 pub fn rectangle(page: &mut Page, [x, y]: [f64; 2], [width, height]: [f64; 2], fill: &str, attributes: &str) {
+    begin_rectangle(page, [x, y], [width, height], fill, attributes);
+    page.put(format_args!("/>"));
+}
+
+/// A filled rectangle that shows a text when the pointer rests on it.
+pub fn titled_rectangle(
+    page: &mut Page,
+    [x, y]: [f64; 2],
+    [width, height]: [f64; 2],
+    fill: &str,
+    attributes: &str,
+    title: &str,
+) {
+    begin_rectangle(page, [x, y], [width, height], fill, attributes);
+    page.put(format_args!("><title>{}</title></rect>\n", Text(title)));
+}
+
+fn begin_rectangle(
+    page: &mut Page,
+    [x, y]: [f64; 2],
+    [width, height]: [f64; 2],
+    fill: &str,
+    attributes: &str,
+) {
     let space = if attributes.is_empty() { "" } else { " " };
     page.put(format_args!(
-        "<rect x=\"{x:.2}\" y=\"{y:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" fill=\"{fill}\"{space}{attributes}/>"
+        "<rect x=\"{x:.2}\" y=\"{y:.2}\" width=\"{width:.2}\" height=\"{height:.2}\" fill=\"{fill}\"{space}{attributes}"
+    ));
+}
+
+/// A filled circle with further attributes.
+pub fn circle(page: &mut Page, [x, y]: [f64; 2], radius: f64, fill: &str, attributes: &str) {
+    let space = if attributes.is_empty() { "" } else { " " };
+    page.put(format_args!(
+        "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius}\" fill=\"{fill}\"{space}{attributes}/>\n"
     ));
 }
 

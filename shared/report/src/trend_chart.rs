@@ -1,8 +1,8 @@
 //! The history of a rig as a picture: how far each pair was from its limit.
 
-use crate::Text;
+use crate::Page;
+use crate::svg::{self, Anchor};
 use files::trend::TrendEntry;
-use std::fmt::Write as _;
 
 const WIDTH: f64 = 900.0;
 const LEFT: f64 = 70.0;
@@ -18,32 +18,24 @@ const COLOURS: [&str; 7] = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9
 
 /// √(statistic/limit) of each pair over the checks, on a logarithmic scale: 1 is the limit.
 pub fn chart_svg(entries: &[TrendEntry]) -> String {
-    let mut out = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} 330\" width=\"{WIDTH}\" height=\"330\" \
-         font-family=\"sans-serif\" font-size=\"13\" fill=\"#1f2933\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n\
-         <text x=\"{LEFT}\" y=\"18\" font-weight=\"600\">Drift of each pair over its limit</text>\n"
-    );
-    for decade in -2..=2_i32 {
-        let (at, limit) = (y(f64::from(decade)), decade == 0);
-        let (colour, width) = if limit { ("#ad1f1f", 1.5) } else { ("#e3e8ed", 1.0) };
-        let label = ["0.01", "0.1", "1 (limit)", "10", "100"][(decade + 2) as usize];
-        let _ = writeln!(
-            out,
-            "<path d=\"M{LEFT} {at:.1}H{RIGHT}\" stroke=\"{colour}\" stroke-width=\"{width}\"/><text x=\"{:.0}\" \
-             y=\"{:.1}\" text-anchor=\"end\">{label}</text>",
-            LEFT - 6.0,
-            at + 4.5
-        );
+    let mut page = svg::begin_file([WIDTH, 330.0], 13.0);
+    let bold = "font-weight=\"600\"";
+    svg::styled_text(&mut page, [LEFT, 18.0], 13.0, Anchor::Start, bold, "Drift of each pair over its limit");
+    for (decade, label) in (-2..=2).zip(["0.01", "0.1", "1 (limit)", "10", "100"]) {
+        let at = y(f64::from(decade));
+        let (colour, width) = if decade == 0 { ("#ad1f1f", 1.5) } else { ("#e3e8ed", 1.0) };
+        let style = format!("stroke=\"{colour}\" stroke-width=\"{width}\"");
+        svg::line(&mut page, [[LEFT, at], [RIGHT, at]], &style);
+        svg::text(&mut page, [LEFT - 6.0, at + 4.5], 13.0, Anchor::End, label);
     }
     if entries.is_empty() {
-        let _ = writeln!(out, "<text x=\"{:.0}\" y=\"140\">no check yet</text>", LEFT + 20.0);
+        svg::text(&mut page, [LEFT + 20.0, 140.0], 13.0, Anchor::Start, "no check yet");
     }
-    dates(&mut out, entries);
+    dates(&mut page, entries);
     for (index, name) in names(entries).into_iter().enumerate() {
-        line(&mut out, entries, name, index);
+        line(&mut page, entries, name, index);
     }
-    out.push_str("</svg>\n");
-    out
+    svg::end_file(page)
 }
 
 /// Names of all pairs, in the order of their first check.
@@ -67,28 +59,20 @@ fn y(decade: f64) -> f64 {
 }
 
 /// The days of the first, the middle and the last check.
-fn dates(out: &mut String, entries: &[TrendEntry]) {
+fn dates(page: &mut Page, entries: &[TrendEntry]) {
     let count = entries.len();
     let mut shown = vec![0, count / 2, count.saturating_sub(1)];
     shown.dedup();
     for index in shown {
         let Some(entry) = entries.get(index) else { continue };
         let day: String = entry.date.chars().take(10).collect();
-        let _ = writeln!(
-            out,
-            "<text x=\"{:.1}\" y=\"292\" text-anchor=\"middle\">{}</text>",
-            x(index, count),
-            Text(&day)
-        );
+        svg::text(page, [x(index, count), 292.0], 13.0, Anchor::Middle, &day);
     }
-    let _ = writeln!(
-        out,
-        "<text x=\"{:.0}\" y=\"316\" text-anchor=\"middle\">{count} checks in the order of the file</text>",
-        0.5 * (LEFT + RIGHT)
-    );
+    let below = [0.5 * (LEFT + RIGHT), 316.0];
+    svg::text(page, below, 13.0, Anchor::Middle, &format!("{count} checks in the order of the file"));
 }
 
-fn line(out: &mut String, entries: &[TrendEntry], name: &str, index: usize) {
+fn line(page: &mut Page, entries: &[TrendEntry], name: &str, index: usize) {
     let colour = COLOURS[index % COLOURS.len()];
     let checks = entries.iter().enumerate();
     let own = checks.filter_map(|(i, entry)| Some((i, entry.pairs.iter().find(|pair| pair.name == name)?)));
@@ -98,28 +82,16 @@ fn line(out: &mut String, entries: &[TrendEntry], name: &str, index: usize) {
             (x(i, entries.len()), y(0.5 * fringe::math::ln(ratio) / std::f64::consts::LN_10), pair.healthy)
         })
         .collect();
-    let path: Vec<String> = points.iter().map(|(x, y, _)| format!("{x:.1},{y:.1}")).collect();
-    let _ = writeln!(
-        out,
-        "<polyline points=\"{}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1.6\"/>",
-        path.join(" ")
-    );
+    let path = points.iter().map(|&(x, y, _)| [x, y]);
+    svg::line(page, path, &format!("stroke=\"{colour}\" stroke-width=\"1.6\""));
     for (x, y, healthy) in points {
         let (radius, fill) = if healthy { (3.0, colour) } else { (5.0, "#ad1f1f") };
-        let _ = writeln!(
-            out,
-            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{fill}\" stroke=\"{colour}\"/>"
-        );
+        svg::circle(page, [x, y], radius, fill, &format!("stroke=\"{colour}\""));
     }
     let at = TOP + 12.0 + 18.0 * index as f64;
-    let _ = writeln!(
-        out,
-        "<path d=\"M{:.0} {:.1}h22\" stroke=\"{colour}\" stroke-width=\"3\"/><text x=\"{:.0}\" y=\"{at:.1}\">{}</text>",
-        RIGHT + 15.0,
-        at - 4.5,
-        RIGHT + 43.0,
-        Text(name)
-    );
+    let sample = [[RIGHT + 15.0, at - 4.5], [RIGHT + 37.0, at - 4.5]];
+    svg::line(page, sample, &format!("stroke=\"{colour}\" stroke-width=\"3\""));
+    svg::text(page, [RIGHT + 43.0, at], 13.0, Anchor::Start, name);
 }
 
 #[cfg(test)]
@@ -127,25 +99,16 @@ mod tests {
     use super::*;
     use files::trend::{TREND_FORMAT, TrendPair};
 
+    /// A check of two pairs, the second of which stays far below its limit.
     fn entry(day: u32, statistic: f64) -> TrendEntry {
-        let pair = |name: &str, statistic: f64| TrendPair {
-            name: name.into(),
-            used: 7000,
-            mean_px: -0.1 / 3.0,
-            rms_px: 0.017,
-            drift_px: 0.0006,
-            statistic,
-            limit: 22.5,
-            healthy: statistic <= 22.5,
+        let pair = |name: &str, statistic: f64| {
+            let (limit, healthy) = (22.5, statistic <= 22.5);
+            TrendPair { name: name.into(), used: 7000, mean_px: 0.0, rms_px: 0.017, drift_px: 0.0006, statistic, limit, healthy }
         };
-        TrendEntry {
-            format: TREND_FORMAT.into(),
-            date: format!("2026-01-{day:02}T08:00:00Z"),
-            rig_sha256: "ab".into(),
-            recording_sha256: "cd".into(),
-            healthy: statistic <= 22.5,
-            pairs: vec![pair("pair1", statistic), pair("cam1 <proj1>", 2.0)],
-        }
+        let date = format!("2026-01-{day:02}T08:00:00Z");
+        let pairs = vec![pair("pair1", statistic), pair("cam1 <proj1>", 2.0)];
+        let [format, rig_sha256, recording_sha256] = [TREND_FORMAT, "ab", "cd"].map(String::from);
+        TrendEntry { format, date, rig_sha256, recording_sha256, healthy: statistic <= 22.5, pairs }
     }
 
     #[test]
@@ -153,7 +116,8 @@ mod tests {
         let svg = chart_svg(&[entry(1, 3.0), entry(2, 0.0), entry(3, 400.0)]);
         assert!(svg.starts_with("<svg ") && svg.ends_with("</svg>\n"));
         assert!(svg.contains("pair1") && svg.contains("cam1 &lt;proj1&gt;") && svg.contains("2026-01-03"));
-        assert_eq!(svg.matches("<polyline").count(), 2);
+        assert_eq!(svg.matches("<circle").count(), 6, "a dot for each check of each pair");
+        assert_eq!(svg.matches("r=\"5\"").count(), 1, "one check is over its limit");
         assert!(!svg.contains("NaN") && !svg.contains("inf"));
         assert!(chart_svg(&[]).contains("no check yet"));
     }

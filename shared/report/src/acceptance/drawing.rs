@@ -1,7 +1,8 @@
 //! A drawing of lines, areas, dots and words, once for SVG and PDF. Origin top left, y down.
 
-use crate::Text;
-use std::fmt::Write as _;
+use crate::Page;
+pub use crate::svg::Anchor;
+use crate::svg;
 
 /// Colours, named by what they mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,17 +47,6 @@ impl Tone {
         let [r, g, b] = self.rgb();
         format!("#{r:02x}{g:02x}{b:02x}")
     }
-}
-
-/// Where a word stands to its point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Anchor {
-    /// The word begins at the point.
-    Start,
-    /// Its middle is there.
-    Middle,
-    /// The word ends at the point.
-    End,
 }
 
 /// One element of a drawing.
@@ -115,49 +105,26 @@ pub struct Drawing {
 impl Drawing {
     /// As an element of an HTML page.
     pub fn svg(&self) -> String {
-        let mut svg = format!(
-            "<svg viewBox=\"0 0 {:.0} {:.0}\" role=\"img\" aria-label=\"{}\">\n",
-            self.width,
-            self.height,
-            Text(&self.label)
-        );
-        for shape in &self.shapes {
-            element(&mut svg, shape);
-        }
-        svg.push_str("</svg>\n");
-        svg
+        let mut page = Page::fragment();
+        svg::open(&mut page, "", [self.width, self.height], &self.label);
+        self.shapes.iter().for_each(|shape| element(&mut page, shape));
+        svg::end_file(page)
     }
 }
 
-fn element(svg: &mut String, shape: &Shape) {
-    // Writing to a String cannot fail.
-    let _ = match shape {
-        Shape::Line { ends: [[x1, y1], [x2, y2]], width, tone } => writeln!(
-            svg,
-            "<path d=\"M{x1:.2} {y1:.2}L{x2:.2} {y2:.2}\" stroke=\"{}\" stroke-width=\"{width}\"/>",
-            tone.hex()
-        ),
-        Shape::Area([x, y, w, h], tone) => writeln!(
-            svg,
-            "<rect x=\"{x:.2}\" y=\"{y:.2}\" width=\"{w:.2}\" height=\"{h:.2}\" fill=\"{}\"/>",
-            tone.hex()
-        ),
-        Shape::Dot { at: [x, y], radius, tone } => writeln!(
-            svg,
-            "<circle cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"{radius}\" fill=\"{}\" stroke=\"#fff\" stroke-width=\"0.6\"/>",
-            tone.hex()
-        ),
-        Shape::Word { at: [x, y], size, anchor, bold, tone, text } => writeln!(
-            svg,
-            "<text x=\"{x:.2}\" y=\"{y:.2}\" font-size=\"{size}\" text-anchor=\"{}\"{} style=\"fill:{}\">{}</text>",
-            match anchor {
-                Anchor::Start => "start",
-                Anchor::Middle => "middle",
-                Anchor::End => "end",
-            },
-            if *bold { " font-weight=\"600\"" } else { "" },
-            tone.hex(),
-            Text(text)
-        ),
-    };
+fn element(page: &mut Page, shape: &Shape) {
+    match shape {
+        Shape::Line { ends, width, tone } => {
+            svg::line(page, *ends, &format!("stroke=\"{}\" stroke-width=\"{width}\"", tone.hex()));
+        }
+        Shape::Area([x, y, w, h], tone) => svg::rectangle(page, [*x, *y], [*w, *h], &tone.hex(), ""),
+        Shape::Dot { at, radius, tone } => {
+            svg::circle(page, *at, *radius, &tone.hex(), "stroke=\"#fff\" stroke-width=\"0.6\"");
+        }
+        Shape::Word { at, size, anchor, bold, tone, text } => {
+            let weight = if *bold { "font-weight=\"600\" " } else { "" };
+            let style = format!("{weight}style=\"fill:{}\"", tone.hex());
+            svg::styled_text(page, *at, *size, *anchor, &style, text);
+        }
+    }
 }
