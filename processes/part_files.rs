@@ -9,6 +9,7 @@ use crate::supervisor::snapshot::CameraImage;
 use anyhow::{Context, Result, bail};
 use devices::LoadedCell;
 use files::atomic;
+use files::part_store::{PartRecord, PartStore};
 use files::result::{CycleResult, write_json};
 use fringe::cloud::Point;
 use std::collections::BTreeMap;
@@ -47,13 +48,22 @@ pub struct PartFiles {
     cell: LoadedCell,
     /// What is removed when there is more; `None`: nothing ever.
     retention: Option<Retention>,
+    /// What statistics are made from.
+    store: PartStore,
 }
 
 impl PartFiles {
     /// For the folder of a run; one that is `endless` removes the oldest results as its configuration states.
-    pub fn new(folder: Arc<RunFolder>, cell: &LoadedCell, endless: bool) -> Self {
+    ///
+    /// # Errors
+    /// The store of earlier parts was changed, or cannot be written.
+    pub fn new(folder: Arc<RunFolder>, cell: &LoadedCell, endless: bool) -> Result<Self> {
         let retention = endless.then(|| Retention::new(folder.path(), cell.file.results));
-        Self { folder, cell: cell.clone(), retention }
+        let (store, cut) = PartStore::open(folder.path())?;
+        if cut > 0 {
+            tracing::warn!("--out: {cut} bytes of an unfinished line were cut off the store of parts");
+        }
+        Ok(Self { folder, cell: cell.clone(), retention, store })
     }
 
     /// Writes the files of a cycle.
@@ -63,6 +73,7 @@ impl PartFiles {
     pub fn write(&mut self, result: &CycleResult, output: &PartOutput) -> Result<()> {
         self.folder.check()?;
         let path = run_files::cycle(self.folder.path(), result)?;
+        self.store.append(&PartRecord::of(result))?;
         if let Some(retention) = &mut self.retention {
             retention.result(path)?;
         }

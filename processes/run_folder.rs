@@ -4,6 +4,7 @@
 //! DIR/.fringecell.lock                    who writes here now: host, pid, cell, start; absent otherwise
 //! DIR/run.json                            which run the files of DIR are of
 //! DIR/result.json, results/, parts/, cloud.ply, report.html, trace.json
+//! DIR/parts.jsonl                         a line for each cycle of all runs, for statistics
 //! DIR/runs/20260131T080000Z-1/            the same files of the first run, moved here when the second one began
 //! ```
 

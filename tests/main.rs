@@ -97,6 +97,7 @@ mod schema;
 mod schemas;
 mod service;
 mod single_view;
+mod spc;
 mod storm;
 mod support;
 mod twin_settings;

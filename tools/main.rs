@@ -62,6 +62,7 @@ mod serve_camera;
 mod simulate;
 mod simulate_test;
 mod software;
+mod spc;
 mod surface;
 mod uncertainty;
 mod unwrap;
@@ -117,6 +118,8 @@ enum Command {
     Register(register::Args),
     /// Evaluate an inspection plan on a cloud: features, uncertainties, verdict.
     Measure(measure::Args),
+    /// Evaluate the parts of a cell: control charts, capability, and studies of the gauge.
+    Spc(spc::Args),
     /// Find the part of an inspection plan in a first cloud and write its placement into the plan.
     Place(place::Args),
     /// Evaluate an acceptance test following VDI/VDE 2634 or ISO 10360-13 from its plan.
@@ -225,6 +228,7 @@ fn execute(command: &Command) -> Result<Outcome> {
         Command::Compare(args) => compare::run(args),
         Command::Register(args) => register::run(args),
         Command::Measure(args) => measure::run(args),
+        Command::Spc(args) => spc::run(args),
         Command::Place(args) => place::run(args),
         Command::Vdi2634(args) => vdi2634::run(args),
         Command::SimulateTest(args) => simulate_test::run(args),

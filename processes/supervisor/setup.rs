@@ -147,7 +147,7 @@ fn arguments(cell: &LoadedCell, options: &RunOptions, stage: &Stage) -> Vec<Stri
 /// The thread that writes the results, if they are written.
 pub(super) fn result_writer(cell: &LoadedCell, options: &RunOptions) -> Result<Option<ResultWriter>> {
     let Some(folder) = options.out.clone() else { return Ok(None) };
-    let mut files = PartFiles::new(folder, cell, options.cycles.is_none());
+    let mut files = PartFiles::new(folder, cell, options.cycles.is_none())?;
     ResultWriter::start(move |result, output| files.write(result, output)).map(Some)
 }
 

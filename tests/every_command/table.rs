@@ -26,6 +26,7 @@ pub const QUICK: &[&str] = &[
     "compare DIR/cloud.ply DIR/cloud.ply",
     "register DIR/cloud.ply --to DIR/cloud.ply --out NEW/aligned.ply",
     "measure DIR/plan.toml DIR/cloud.ply",
+    "spc DIR/values.csv --report NEW/spc.html --dfq NEW/spc.dfq",
     "place DIR/plan.toml DIR/cloud.ply --out NEW/placed.toml",
     "vdi2634 DIR/thesis.test.toml",
     "cmm-plan part DIR/plan.toml --points 25 --out NEW/probing.csv",
@@ -84,6 +85,8 @@ impl Inputs {
         fringetool(&["measure", &plan, &small.path("cloud.ply"), "--json", &small.path("measured.json")])
             .expect_success();
         run("simulate DIR/cell.toml --scene CONFIGS/plane.scene.toml --grey-levels 32 --out DIR/grey");
+        std::fs::write(small.path("values.csv"), "value,lower,upper\n9.9,8,12\n10.1,8,12\n10,8,12\n")
+            .unwrap();
         std::fs::write(small.path("master.json"), master().to_string()).unwrap();
         let layout = "format = \"fringecell-layout/1\"\n[[projector]]\nname = \"proj1\"\nwidth_px = 608\nheight_px = 684\n\
             sequence = [\n{ set = \"sine\", axis = \"x\", period_px = 16.0, steps = 10 },\n\

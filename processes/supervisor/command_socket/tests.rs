@@ -76,8 +76,7 @@ fn a_line_without_end_is_refused_when_it_is_too_long() {
 #[test]
 fn more_clients_than_allowed_get_short_requests_answered() {
     let (_folder, path) = cell();
-    let clients: Vec<UnixStream> =
-        (0..MAX_CLIENTS).map(|_| UnixStream::connect(&path).unwrap()).collect();
+    let clients: Vec<UnixStream> = (0..MAX_CLIENTS).map(|_| UnixStream::connect(&path).unwrap()).collect();
     // Half a line in each: none of them keeps another from being served.
     for mut client in &clients[1..] {
         client.write_all(b"{\"comm").unwrap();

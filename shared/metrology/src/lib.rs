@@ -11,5 +11,6 @@ pub mod probing;
 pub mod reference;
 pub mod register;
 pub mod spatial;
+pub mod spc;
 pub mod uncertainty;
 pub mod verdict;

@@ -170,7 +170,7 @@ impl Axis {
     }
 }
 
-fn draw(page: &mut Page, plot: &Plot) {
+pub(crate) fn draw(page: &mut Page, plot: &Plot) {
     let bars = plot.series.iter().filter(|s| s.mark == Mark::Bars).count();
     let all = || plot.series.iter().flat_map(|s| &s.points).filter(|(x, y)| x.is_finite() && y.is_finite());
     let side = if bars > 0 { 0.5 } else { 0.0 };

@@ -103,7 +103,16 @@ mod tests {
     fn entry(day: u32, statistic: f64) -> TrendEntry {
         let pair = |name: &str, statistic: f64| {
             let (limit, healthy) = (22.5, statistic <= 22.5);
-            TrendPair { name: name.into(), used: 7000, mean_px: 0.0, rms_px: 0.017, drift_px: 0.0006, statistic, limit, healthy }
+            TrendPair {
+                name: name.into(),
+                used: 7000,
+                mean_px: 0.0,
+                rms_px: 0.017,
+                drift_px: 0.0006,
+                statistic,
+                limit,
+                healthy,
+            }
         };
         let date = format!("2026-01-{day:02}T08:00:00Z");
         let pairs = vec![pair("pair1", statistic), pair("cam1 <proj1>", 2.0)];

@@ -33,7 +33,7 @@ pub mod models;
 mod monte_carlo;
 mod number;
 mod sampler;
-mod student;
+pub(crate) mod student;
 #[cfg(test)]
 mod tests;
 mod type_a;

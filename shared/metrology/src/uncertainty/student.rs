@@ -100,7 +100,7 @@ fn gamma_ratio(a: f64) -> f64 {
 }
 
 /// Continued fraction of the incomplete beta function (Abramowitz & Stegun 26.5.8) by Lentz's method.
-fn fraction(x: f64, a: f64, b: f64) -> f64 {
+pub(crate) fn fraction(x: f64, a: f64, b: f64) -> f64 {
     const TINY: f64 = 1e-300;
     let guard = |v: f64| if v.abs() < TINY { TINY } else { v };
     let mut c = 1.0;

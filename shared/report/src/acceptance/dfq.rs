@@ -6,16 +6,10 @@
 //! (`K0001/i`). Where the limit differs with the length the fields of limits stay empty, because each holds for all values of
 //! its characteristic; the remark states it. ASCII only, fields as long as AQDEF allows, lines end in CR LF.
 
-use super::words::{differing_limits, one_line, plain};
+use super::words::differing_limits;
 use crate::number::decimals;
+use crate::qdas::{NAME, NUMBER, PART, REMARK, field, value};
 use metrology::acceptance::{Characteristic, TestReport};
-use std::fmt::Write as _;
-
-/// Longest texts that AQDEF allows.
-const NUMBER: usize = 20;
-const PART: usize = 40;
-const NAME: usize = 80;
-const REMARK: usize = 255;
 
 /// Renders the file in the Q-DAS transfer format.
 pub fn render(report: &TestReport) -> String {
@@ -62,18 +56,5 @@ fn values(text: &mut String, i: usize, one: &Characteristic) {
     }
     if one.positions.is_empty() {
         value(text, i, one.value);
-    }
-}
-
-fn value(text: &mut String, i: usize, value: f64) {
-    let _ = write!(text, "K0001/{i} {value}\r\nK0002/{i} 0\r\n");
-}
-
-fn field(text: &mut String, key: &str, value: &str, longest: usize) {
-    // Every byte of the value is ASCII then, so that cutting cannot split a sign.
-    let value: String = plain(&one_line(value)).chars().take(longest).collect();
-    let value = value.trim();
-    if !value.is_empty() {
-        let _ = write!(text, "{key} {value}\r\n");
     }
 }

@@ -1,8 +1,8 @@
 //! A drawing of lines, areas, dots and words, once for SVG and PDF. Origin top left, y down.
 
 use crate::Page;
-pub use crate::svg::Anchor;
 use crate::svg;
+pub use crate::svg::Anchor;
 
 /// Colours, named by what they mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

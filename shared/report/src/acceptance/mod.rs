@@ -18,7 +18,7 @@ mod pdf;
 mod qif;
 #[cfg(test)]
 mod tests;
-mod words;
+pub(crate) mod words;
 
 pub use check::{AcceptanceReportError, check};
 pub use master::{FORMAT, master_text, read_master, write_master};

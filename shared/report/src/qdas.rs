@@ -1,0 +1,31 @@
+//! Fields of the Q-DAS ASCII transfer format (AQDEF): ASCII, as long as AQDEF allows, lines end in CR LF.
+
+use super::acceptance::words::{one_line, plain};
+use std::fmt::Write as _;
+
+/// Longest number or short text that AQDEF allows.
+pub const NUMBER: usize = 20;
+
+/// Longest number of a part.
+pub const PART: usize = 40;
+
+/// Longest name of a part or characteristic.
+pub const NAME: usize = 80;
+
+/// Longest remark that AQDEF allows.
+pub const REMARK: usize = 255;
+
+/// A value of characteristic i with the attribute 0 (valid).
+pub fn value(text: &mut String, i: usize, value: f64) {
+    let _ = write!(text, "K0001/{i} {value}\r\nK0002/{i} 0\r\n");
+}
+
+/// A field with its key, cut to the longest text; nothing for an empty value.
+pub fn field(text: &mut String, key: &str, value: &str, longest: usize) {
+    // Every byte of the value is ASCII then, so that cutting cannot split a sign.
+    let value: String = plain(&one_line(value)).chars().take(longest).collect();
+    let value = value.trim();
+    if !value.is_empty() {
+        let _ = write!(text, "{key} {value}\r\n");
+    }
+}
