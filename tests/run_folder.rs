@@ -40,10 +40,10 @@ impl Cell {
     }
 }
 
-/// What a run writes to its folder, without the folder of earlier ones.
+/// What a run writes to its folder, without the folder of earlier ones and the store over all runs.
 fn names(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
-    let mut names: Vec<String> = entries.filter(|name| name != "runs").collect();
+    let mut names: Vec<String> = entries.filter(|name| name != "runs" && name != "parts.jsonl").collect();
     names.sort();
     names
 }
@@ -86,6 +86,8 @@ fn a_run_moves_the_one_before_aside_and_shows_its_own_files_only() {
     assert!(stamp.ends_with("Z-1") && stamp.len() == "20260131T080000Z-1".len(), "{stamp}");
     assert_eq!(cell.run("played.toml", &["--cycles", "1"]).status.code(), Some(0));
     assert_eq!(cell.earlier().len(), 2);
+    let store = fs::read_to_string(cell.out().join("parts.jsonl")).unwrap();
+    assert_eq!(store.lines().count(), 4, "a line for each cycle of the three runs");
 }
 
 /// Proves: a move that was broken off is continued, and files that no run wrote are neither moved nor replaced.

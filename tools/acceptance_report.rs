@@ -4,7 +4,7 @@ use crate::Outcome;
 use crate::report::check_outputs;
 use anyhow::{Result, bail};
 use metrology::acceptance::TestReport;
-use report::acceptance::{Outputs, master_text, read_master, write_all, write_master};
+use report::acceptance::{Outputs, Parties, master_text, read_master, write_all, write_master};
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
@@ -36,6 +36,18 @@ pub struct Files {
     /// Write the results in the Q-DAS ASCII transfer format.
     #[arg(long, value_name = "FILE")]
     dfq: Option<PathBuf>,
+    /// Write the results as test report in the format of digital calibration certificates (DCC 3.1.2, PTB).
+    #[arg(long, value_name = "FILE")]
+    dcc: Option<PathBuf>,
+    /// Name of the laboratory that tested, for the DCC.
+    #[arg(long, value_name = "NAME", requires = "dcc")]
+    laboratory: Option<String>,
+    /// Name of the customer, for the DCC.
+    #[arg(long, value_name = "NAME", requires = "dcc")]
+    customer: Option<String>,
+    /// Country of the test, for the DCC: two capital letters (ISO 3166-1).
+    #[arg(long, value_name = "CC", requires = "dcc")]
+    country: Option<String>,
 }
 
 impl Files {
@@ -47,6 +59,12 @@ impl Files {
             csv: self.csv.as_deref(),
             qif: self.qif.as_deref(),
             dfq: self.dfq.as_deref(),
+            dcc: self.dcc.as_deref(),
+            parties: Parties {
+                laboratory: self.laboratory.as_deref(),
+                customer: self.customer.as_deref(),
+                country: self.country.as_deref(),
+            },
         }
     }
 }
@@ -59,7 +77,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&wanted, &[&args.result], None)?;
     if wanted.iter().all(|(_, path)| path.is_none()) {
         bail!(
-            "nothing to write: give at least one of --html, --pdf, --csv, --qif, --dfq, --json with a file"
+            "nothing to write: give at least one of --html, --pdf, --csv, --qif, --dfq, --dcc, --json with a file"
         );
     }
     let report = read_master(&args.result)?;

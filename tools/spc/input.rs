@@ -13,6 +13,8 @@ pub struct Parts {
     pub series: Vec<Series>,
     /// Readings of each series with their operators, from tables.
     pub readings: Vec<Vec<Reading>>,
+    /// Names of all features, those that are not asked for too.
+    pub names: Vec<String>,
     /// Number of parts (rows of a table).
     pub count: usize,
     /// Parts whose cycle was not ok.
@@ -61,7 +63,7 @@ pub fn files(results: &[PathBuf]) -> Result<Vec<PathBuf>> {
 
 /// Reads all files and sorts their values by recipe and feature.
 pub fn read(args: &Args, files: &[PathBuf]) -> Result<Parts> {
-    let mut parts = Parts { series: Vec::new(), readings: Vec::new(), count: 0, not_ok: 0 };
+    let mut parts = Parts { series: Vec::new(), readings: Vec::new(), names: Vec::new(), count: 0, not_ok: 0 };
     for file in files {
         let is_table = file.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
         if is_table {
@@ -75,8 +77,7 @@ pub fn read(args: &Args, files: &[PathBuf]) -> Result<Parts> {
         }
     }
     if let Some(missing) = args.features.iter().find(|name| !parts.series.iter().any(|s| s.name == **name)) {
-        let known: Vec<&str> = parts.series.iter().map(|s| s.name.as_str()).collect();
-        bail!("--feature \"{missing}\": no part has it (known: {})", known.join(", "));
+        bail!("--feature \"{missing}\": no part has it (known: {})", parts.names.join(", "));
     }
     ensure!(!parts.series.is_empty(), "no part has a feature: the cell needs an inspection plan");
     if let Some(last) = args.last {
@@ -132,6 +133,9 @@ impl Parts {
     }
 
     fn add(&mut self, args: &Args, value: Value) {
+        if !self.names.contains(&value.feature) {
+            self.names.push(value.feature.clone());
+        }
         if !args.features.is_empty() && !args.features.contains(&value.feature) {
             return;
         }

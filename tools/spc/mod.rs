@@ -57,7 +57,7 @@ pub struct Args {
     dfq: Option<PathBuf>,
 }
 
-/// What `--json` gives.
+/// The result that `--json` writes.
 #[derive(Serialize)]
 struct Statistics<'a> {
     results: &'a [PathBuf],

@@ -8,7 +8,7 @@ use metrology::spc::{Interval, Study};
 /// Most signals that are printed for one feature.
 const SIGNALS: usize = 5;
 
-/// Prints all studies.
+/// Prints all studies with their indices.
 pub fn print(parts: &Parts, studies: &[Study], gauges: &[GaugeStudy], args: &Args) {
     println!("{} parts, {} of them without a result", parts.count, parts.not_ok);
     for study in studies {

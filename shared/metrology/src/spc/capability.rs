@@ -20,9 +20,9 @@ pub struct Limits {
 pub struct Interval {
     /// Point estimate of the value.
     pub value: f64,
-    /// Lower confidence limit.
+    /// Lower limit of the interval.
     pub low: f64,
-    /// Upper confidence limit.
+    /// Upper limit of the interval.
     pub high: f64,
 }
 

@@ -18,11 +18,11 @@ pub enum ChartKind {
 /// Centre and control limits of one chart, in the unit of the characteristic.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ControlLimits {
-    /// Lower control limit.
+    /// Lower control limit of the chart.
     pub lower: f64,
     /// Centre line of the chart.
     pub centre: f64,
-    /// Upper control limit.
+    /// Upper control limit of the chart.
     pub upper: f64,
 }
 

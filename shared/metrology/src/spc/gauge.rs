@@ -55,7 +55,7 @@ pub enum GaugeError {
 /// Study of type 1: bias and repeatability on one reference.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TypeOne {
-    /// Number of readings.
+    /// Number of readings of the reference.
     pub count: usize,
     /// Value of the reference.
     pub reference: f64,
@@ -63,7 +63,7 @@ pub struct TypeOne {
     pub mean: f64,
     /// Sample standard deviation of the readings.
     pub sd: f64,
-    /// Mean less reference.
+    /// Mean less the reference's value.
     pub bias: f64,
     /// Probability of a greater bias by chance (t test, two-sided); absent when nothing scatters.
     pub bias_p: Option<f64>,
@@ -110,7 +110,7 @@ pub struct AnovaLine {
     pub dof: f64,
     /// Sum of squares, unit².
     pub sum_of_squares: f64,
-    /// Mean square, unit².
+    /// Mean square of the source, unit².
     pub mean_square: f64,
     /// Probability of a greater F by chance; absent for the last line and where nothing scatters.
     pub p: Option<f64>,
@@ -119,7 +119,7 @@ pub struct AnovaLine {
 /// Study of type 2, crossed, by analysis of variance. Standard deviations in the unit of the characteristic.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TypeTwo {
-    /// Number of parts.
+    /// Number of parts measured.
     pub parts: usize,
     /// Number of operators or conditions.
     pub operators: usize,
@@ -139,7 +139,7 @@ pub struct TypeTwo {
     pub grr: f64,
     /// PV: variation of the parts.
     pub pv: f64,
-    /// TV: total variation.
+    /// TV: total variation of all readings.
     pub tv: f64,
     /// GRR over TV, %; absent when nothing varies.
     pub grr_of_variation_percent: Option<f64>,

@@ -42,7 +42,7 @@ pub struct StudySettings {
 /// The evaluation of one series.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Study {
-    /// What was measured.
+    /// The values and what is known of them.
     #[serde(flatten)]
     pub series: Series,
     /// Control charts; absent below two subgroups.

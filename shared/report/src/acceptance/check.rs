@@ -55,6 +55,16 @@ pub enum AcceptanceReportError {
         /// What speaks against it.
         but: String,
     },
+    /// A document needs something that the result does not have.
+    #[error("{what}: {found:?} is not allowed: {limit}")]
+    Missing {
+        /// What is wanted.
+        what: &'static str,
+        /// What there is.
+        found: String,
+        /// The values that are allowed, and where they come from.
+        limit: &'static str,
+    },
     /// The result has no representation in JSON.
     #[error("the result cannot be written as JSON: {0}")]
     Json(String),

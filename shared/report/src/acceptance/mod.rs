@@ -1,7 +1,7 @@
 //! The report of an acceptance test in every format, from one master: [`TestReport`].
 //!
 //! JSON is the master ([`write_master`], [`read_master`]); HTML and PDF say the same in the same words ([`content`]); CSV,
-//! QIF 3.0 (ISO 23952) and Q-DAS DFQ carry the numbers to other programs. No clock is read and no number drawn: the same
+//! QIF 3.0 (ISO 23952), Q-DAS DFQ and DCC (PTB) carry the numbers to other programs. No clock is read and no number drawn: the same
 //! master gives the same bytes.
 
 mod blocks;
@@ -9,6 +9,7 @@ mod chart;
 mod check;
 mod content;
 mod csv;
+mod dcc;
 mod dfq;
 mod drawing;
 mod groups;
@@ -19,6 +20,7 @@ mod qif;
 #[cfg(test)]
 mod tests;
 pub(crate) mod words;
+mod xml;
 
 pub use check::{AcceptanceReportError, check};
 pub use master::{FORMAT, master_text, read_master, write_master};
@@ -41,17 +43,33 @@ pub struct Outputs<'a> {
     pub qif: Option<&'a Path>,
     /// Q-DAS ASCII transfer format.
     pub dfq: Option<&'a Path>,
+    /// Test report as digital calibration certificate (DCC 3.1.2).
+    pub dcc: Option<&'a Path>,
+    /// Who stands in the DCC.
+    pub parties: Parties<'a>,
+}
+
+/// Who tested for whom; what is not stated says so in the document.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Parties<'a> {
+    /// Name of the laboratory that tested.
+    pub laboratory: Option<&'a str>,
+    /// Name of the customer.
+    pub customer: Option<&'a str>,
+    /// Country of the test by ISO 3166-1, two capital letters.
+    pub country: Option<&'a str>,
 }
 
 impl<'a> Outputs<'a> {
     /// Each with the option of the command line that names it.
-    pub fn flags(&self) -> [(&'static str, Option<&'a Path>); 5] {
+    pub fn flags(&self) -> [(&'static str, Option<&'a Path>); 6] {
         [
             ("--html", self.html),
             ("--pdf", self.pdf),
             ("--csv", self.csv),
             ("--qif", self.qif),
             ("--dfq", self.dfq),
+            ("--dcc", self.dcc),
         ]
     }
 }
@@ -79,6 +97,9 @@ pub fn write_all(report: &TestReport, outputs: &Outputs<'_>) -> Result<(), Accep
     }
     if let Some(path) = outputs.dfq {
         files.push((path, dfq::render(report).into_bytes()));
+    }
+    if let Some(path) = outputs.dcc {
+        files.push((path, dcc::render(report, &outputs.parties, &sha256)?));
     }
     for (path, bytes) in files {
         atomic::write(path, &bytes)?;

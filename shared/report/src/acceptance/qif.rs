@@ -6,11 +6,11 @@
 //! its own. A limit that differs with the length is no tolerance of one definition: the description states it. `combinedUncertainty` is the standard uncertainty, half of U (k = 2). No time stamp: no clock is read; the
 //! id of the document comes from the SHA-256 of the master.
 
-use super::words::{differing_limits, one_line, verdict_word};
+use super::words::{differing_limits, verdict_word};
+use super::xml::{Xml, clean};
 use metrology::acceptance::{Characteristic, TestReport};
 use metrology::verdict::Verdict;
-use quick_xml::Writer;
-use quick_xml::events::{BytesDecl, BytesEnd, BytesStart, BytesText, Event};
+use quick_xml::events::{BytesStart, BytesText, Event};
 
 /// The QIF names of a kind of characteristic.
 const SPHERICITY: &str = "Sphericity";
@@ -22,8 +22,7 @@ const RANGES: [&str; 2] = ["PF_range", "P_Form.Sph.1x25"];
 /// The whole document, UTF-8.
 pub fn render(report: &TestReport, sha256: &str) -> Vec<u8> {
     let plan = Plan::new(report);
-    let mut xml = Xml(Writer::new_with_indent(Vec::new(), b' ', 2));
-    xml.event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)));
+    let mut xml = Xml::document();
     let last = plan.last.to_string();
     let root =
         [("xmlns", "http://qifstandards.org/xsd/qif3"), ("idMax", last.as_str()), ("versionQIF", "3.0.0")];
@@ -40,7 +39,7 @@ pub fn render(report: &TestReport, sha256: &str) -> Vec<u8> {
             xml.list("MeasurementResultsSet", 1, |xml| results(xml, report, &plan));
         });
     });
-    xml.0.into_inner()
+    xml.into_bytes()
 }
 
 const STANDARD_ID: &str = "1";
@@ -118,7 +117,7 @@ fn status(verdict: Option<Verdict>) -> &'static str {
 }
 
 /// The first 16 bytes of a SHA-256 as a UUID of version 8 (RFC 9562).
-fn uuid(sha256: &str) -> String {
+pub(super) fn uuid(sha256: &str) -> String {
     let part = |from: usize, to: usize| sha256.get(from..to).unwrap_or_default();
     format!("{}-{}-8{}-a{}-{}", part(0, 8), part(8, 12), part(13, 16), part(17, 20), part(20, 32))
 }
@@ -276,41 +275,4 @@ fn attributes(xml: &mut Xml, report: &TestReport) {
             xml.event(Event::Empty(start.with_attributes(both)));
         }
     });
-}
-
-/// One line without the signs that XML 1.0 cannot hold.
-fn clean(text: &str) -> String {
-    one_line(text)
-        .chars()
-        .map(|c| if matches!(c, '\u{fffe}' | '\u{ffff}') { '\u{fffd}' } else { c })
-        .collect()
-}
-
-/// Elements within elements; all text is escaped.
-struct Xml(Writer<Vec<u8>>);
-
-impl Xml {
-    fn event(&mut self, event: Event<'_>) {
-        // Writing to a Vec cannot fail.
-        let _ = self.0.write_event(event);
-    }
-
-    fn within(&mut self, name: &str, attributes: &[(&str, &str)], body: impl FnOnce(&mut Self)) {
-        self.event(Event::Start(BytesStart::new(name).with_attributes(attributes.iter().copied())));
-        body(self);
-        self.event(Event::End(BytesEnd::new(name)));
-    }
-
-    fn list(&mut self, name: &str, n: usize, body: impl FnOnce(&mut Self)) {
-        self.within(name, &[("n", &n.to_string())], body);
-    }
-
-    fn element(&mut self, kind: &str, what: &str, id: usize, body: impl FnOnce(&mut Self)) {
-        self.within(&format!("{kind}{what}"), &[("id", &id.to_string())], body);
-    }
-
-    fn leaf(&mut self, name: &str, text: &str) {
-        let text = clean(text);
-        self.within(name, &[], |xml| xml.event(Event::Text(BytesText::new(&text))));
-    }
 }

@@ -15,7 +15,7 @@ pub struct SpcInput<'a> {
     pub studies: &'a [Study],
     /// Where the values come from.
     pub sources: &'a str,
-    /// Number of parts.
+    /// Number of parts evaluated.
     pub parts: usize,
     /// Parts without a result.
     pub parts_not_ok: usize,

@@ -16,7 +16,7 @@ fn the_master_comes_back_digit_by_digit_and_gives_the_same_bytes_of_all_formats(
         let path = |kind: &str| place(&format!("{run}.{kind}"));
         let paths = ["html", "pdf", "csv", "qif", "dfq"].map(path);
         let [html, pdf, csv, qif, dfq] = paths.each_ref().map(|p| Some(p.as_path()));
-        write_all(report, &Outputs { html, pdf, csv, qif, dfq }).unwrap();
+        write_all(report, &Outputs { html, pdf, csv, qif, dfq, ..Outputs::default() }).unwrap();
         paths.map(|p| std::fs::read(p).unwrap())
     };
     for (name, report) in [("full", report()), ("reduced", reduced()), ("hostile", hostile())] {
@@ -244,6 +244,54 @@ fn qif_is_valid_by_the_schema_of_the_standard() {
         let run = run.unwrap();
         assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
     }
+}
+
+#[test]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+fn a_dcc_is_valid_by_the_published_schema() {
+    let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/dcc/dcc.xsd");
+    if Command::new("xmllint").arg("--version").output().is_err() || !schema.is_file() {
+        println!("not validated: xmllint or {} is absent", schema.display());
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let named = Parties { laboratory: Some("<lab> & co"), customer: Some("customer"), country: Some("DE") };
+    for (name, report, parties) in [
+        ("full", report(), Parties::default()),
+        ("hostile", hostile(), named),
+        ("lengths", two_lengths(), named),
+    ] {
+        let file = dir.path().join(name);
+        std::fs::write(&file, dcc::render(&report, &parties, &"ab".repeat(32)).unwrap()).unwrap();
+        let check = ["--noout", "--nonet", "--schema"];
+        let run = Command::new("xmllint").args(check).arg(&schema).arg(&file).output().unwrap();
+        assert!(run.status.success(), "{name}: {}", String::from_utf8_lossy(&run.stderr));
+    }
+}
+
+#[test]
+fn a_dcc_carries_value_uncertainty_conformity_and_no_claim() {
+    let parties = Parties { laboratory: Some("lab"), ..Parties::default() };
+    let text = String::from_utf8(dcc::render(&report(), &parties, &"ab".repeat(32)).unwrap()).unwrap();
+    for words in [
+        "schemaVersion=\"3.1.2\"",
+        "<si:value>0.0412</si:value>",
+        "<si:unit>\\milli\\metre</si:unit>",
+        "<si:coverageFactor>2</si:coverageFactor>",
+        "<dcc:conformity>noPass</dcc:conformity>",
+        "<dcc:conformity>fail</dcc:conformity>",
+        "not a calibration certificate of an accredited laboratory",
+        "<dcc:uniqueIdentifier>abababab-abab-8bab-abab-abababababab</dcc:uniqueIdentifier>",
+    ] {
+        assert!(text.contains(words), "{words}\n{text}");
+    }
+    let mut undated = report();
+    undated.conditions.retain(|(label, _)| label != "date");
+    let error = dcc::render(&undated, &parties, &"ab".repeat(32)).unwrap_err().to_string();
+    assert!(error.contains("date of the test"), "{error}");
+    let abroad = Parties { country: Some("Germany"), ..parties };
+    let error = dcc::render(&report(), &abroad, &"ab".repeat(32)).unwrap_err().to_string();
+    assert!(error.contains("two capital letters"), "{error}");
 }
 
 #[test]

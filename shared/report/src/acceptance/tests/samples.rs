@@ -124,7 +124,7 @@ pub(super) fn report() -> TestReport {
         }],
         conditions: vec![
             ("Operator".into(), "M. Messtechnik".into()),
-            ("Date".into(), "2026-11-20".into()),
+            ("date".into(), "2026-11-20".into()),
             ("Temperature".into(), "20.3 °C ± 0.2 °C".into()),
             ("Warm-up".into(), "60 min".into()),
             ("Operating mode".into(), "1 exposure, 3 periods of 16/15/14 px, 8 steps, no averaging".into()),
