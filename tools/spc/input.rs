@@ -63,7 +63,8 @@ pub fn files(results: &[PathBuf]) -> Result<Vec<PathBuf>> {
 
 /// Reads all files and sorts their values by recipe and feature.
 pub fn read(args: &Args, files: &[PathBuf]) -> Result<Parts> {
-    let mut parts = Parts { series: Vec::new(), readings: Vec::new(), names: Vec::new(), count: 0, not_ok: 0 };
+    let mut parts =
+        Parts { series: Vec::new(), readings: Vec::new(), names: Vec::new(), count: 0, not_ok: 0 };
     for file in files {
         let is_table = file.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
         if is_table {

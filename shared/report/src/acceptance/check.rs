@@ -58,9 +58,9 @@ pub enum AcceptanceReportError {
     /// A document needs something that the result does not have.
     #[error("{what}: {found:?} is not allowed: {limit}")]
     Missing {
-        /// What is wanted.
+        /// What the document needs.
         what: &'static str,
-        /// What there is.
+        /// What the result has instead.
         found: String,
         /// The values that are allowed, and where they come from.
         limit: &'static str,
