@@ -69,6 +69,28 @@ anything = "goes"
 }
 
 #[test]
+fn every_kind_of_lens_comes_back_as_it_was_written() {
+    let all = [0.1, -0.2, 0.3, 1e-3, -2e-3, 0.4, 0.5, 0.6, 1e-4, 2e-4, 3e-4, 4e-4];
+    for (kind, has) in [
+        (LensKind::BrownConrady, 0..5),
+        (LensKind::Rational, 0..8),
+        (LensKind::ThinPrism, 0..12),
+        (LensKind::Fisheye, 0..3),
+    ] {
+        let mut own = std::array::from_fn(|i| if has.contains(&i) { all[i] } else { 0.0 });
+        if kind == LensKind::Fisheye {
+            own[5] = all[5];
+        }
+        let mut one = Rig { cameras: vec![camera("cam1", 640, 480)], ..Rig::default() };
+        one.cameras[0].camera.distortion = Lens::from_coefficients(kind, own);
+        let found = read(&rig_text(&one, &toml::Table::new(), None)).unwrap();
+        assert_eq!(found.rig.cameras[0].camera.distortion, one.cameras[0].camera.distortion);
+    }
+    let text = rig_text(&whole(), &toml::Table::new(), None).replace("brown-conrady", "fisheye");
+    assert!(read(&text).unwrap_err().contains("\"fisheye\" has at most 0"), "a fisheye has no p");
+}
+
+#[test]
 fn a_pair_without_projector_takes_the_only_one_that_lit_both() {
     let cameras = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<String>>();
     let (both, one) = (cameras(&["cam1", "cam2"]), cameras(&["cam1"]));
@@ -119,11 +141,15 @@ const FAULTS: &[(&str, &str, &str)] = &[
     ("width_px = 10", "width_px = 99999999999", "rig.toml:5: width_px: "),
     ("skew = 0.0", "skw = 0.0", "did you mean \"skew\"?"),
     ("skew = 0.0", "skew = nan", "skew must be a finite number"),
-    ("brown-conrady", "brown-conardy", "the lens model is \"brown-conrady\"; did you mean"),
+    (
+        "brown-conrady",
+        "brown-conardy",
+        "lens models: brown-conrady, rational, thin-prism, fisheye; did you mean",
+    ),
     (
         "k = [0.0, 0.0, 0.0]",
         "k = [0.0, 0.0, 0.0, 0.1]",
-        "k with 4 numbers is not allowed: at most 3 are read",
+        "k with 4 numbers is not allowed: \"brown-conrady\" has at most 3",
     ),
     ("p = [0.0, 0.0]", "p = [0.0, inf]", "distortion p must be a finite number"),
     ("name = \"b\"", "name = \"a\"", "view \"a\" occurs twice"),
