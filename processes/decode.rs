@@ -47,6 +47,9 @@ struct Counts<'a> {
     spikes_repaired: usize,
     spikes_masked: usize,
     ignored: &'a [String],
+    /// Faults of the frames, in words.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    findings: Vec<String>,
 }
 
 impl Decode {
@@ -151,6 +154,7 @@ impl Decode {
             spikes_repaired: report.spikes_repaired,
             spikes_masked: report.spikes_masked,
             ignored: &report.ignored,
+            findings: report.findings.iter().map(ToString::to_string).collect(),
         })?;
         let work = Work::Phase { camera: self.camera, projector: light.projector, axis };
         context.done_hashed(work, start_ns, output, Report { count: report.valid, text })

@@ -44,6 +44,8 @@
 //! - [`documentation`]: README and pages: lengths, links, commands and options that exist
 //! - [`file_formats`]: the keys of `docs/formats.md` against the parsers
 //! - [`twin_settings`]: settings of the twin in a configuration and on the command line: what is refused, and how it is said
+//! - [`codecs`]: every way of coding the projector's coordinate: sigma beside scatter, points beside a plane, refusals
+//! - [`dirt`]: recordings with faulty or missing frames, and clean ones
 //! - [`explore`]: sequences found in recordings by others, and what is proposed of them
 //! - [`service`]: what a service manager hears, the unit, the Debian package
 //! - [`single_view`]: one camera and projector: unwrapping, filters, reference planes, a rotation stage
@@ -61,9 +63,11 @@ mod calibrate_bad;
 mod cell;
 mod changed_files;
 mod charuco;
+mod codecs;
 mod compare;
 mod control;
 mod control_page;
+mod dirt;
 mod documentation;
 mod documented_commands;
 mod every_command;

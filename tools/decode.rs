@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use cell::executor::Decoded;
 use files::atomic;
 use files::npy::Raster;
-use files::recording::{RECORDING_FILE, Recording};
+use files::recording::{RECORDING_FILE, RecordedProjector, Recording};
 use fringe::decode::Diagnosis;
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
@@ -70,11 +70,26 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for line in &lines {
         println!("{line}");
     }
+    let missing = missing(&recording);
+    for note in &missing {
+        println!("{note}");
+    }
     for line in &filtered {
         println!("{line}");
     }
-    emit(args.json.as_deref(), &serde_json::json!({ "views": lines, "filters": filtered }))?;
+    emit(
+        args.json.as_deref(),
+        &serde_json::json!({ "views": lines, "filters": filtered, "missing": missing }),
+    )?;
     Ok(Outcome::Done)
+}
+
+/// What became of the sets that miss frames, by projector.
+pub fn missing(recording: &Recording) -> Vec<String> {
+    let of = |p: &RecordedProjector| -> Vec<String> {
+        p.notes.iter().map(|note| format!("{}: {note}", p.name)).collect()
+    };
+    recording.projectors.iter().flat_map(of).collect()
 }
 
 /// One line per view and axis.

@@ -13,6 +13,9 @@ pub struct PhaseArgs {
     /// Average all sine sets of an axis, weighted by inverse variance, instead of using the finest alone.
     #[arg(long)]
     fuse: bool,
+    /// Decode pixels that are clipped in some sine frames from the others, where these determine the phase.
+    #[arg(long)]
+    use_clipped: bool,
     /// Estimate the harmonic (gamma) error from the phase and remove it.
     #[arg(long)]
     remove_harmonics: bool,
@@ -82,7 +85,12 @@ impl PhaseArgs {
             PhaseName::FourierRows => Some(Method::FourierRows),
             PhaseName::Fourier => Some(Method::Fourier),
         };
-        let settings = DecodeSettings { order, fuse: self.fuse, ..DecodeSettings::default() };
+        let settings = DecodeSettings {
+            order,
+            fuse: self.fuse,
+            use_clipped: self.use_clipped,
+            ..DecodeSettings::default()
+        };
         let (remove_harmonics, window_px) = (self.remove_harmonics, self.filter);
         (settings, PhaseMethod { method, remove_harmonics, window_px })
     }

@@ -7,7 +7,7 @@ use pairs::{camera_pairs, projector_pairs_or_fault};
 use task::{Task, task};
 
 use crate::Outcome;
-use crate::decode::lines;
+use crate::decode::{lines, missing};
 use crate::filters::{FilterLine, Filters};
 use crate::phase_method::{PhaseArgs, PhaseName};
 use crate::pipeline::{DecodedView, decode_views_by};
@@ -34,7 +34,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE", required_unless_present = "config")]
     rig: Option<PathBuf>,
     /// Configuration of a cell (TOML, docs/formats.md): its rig, its pairs and its settings give the cloud that the cell gives for these frames.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["rig", "method", "order", "fuse"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["rig", "method", "order", "fuse", "use_clipped"])]
     config: Option<PathBuf>,
     /// `phase`: match the phase of two cameras; `projector`: camera against calibrated projector.
     #[arg(long, value_enum, default_value_t = Method::Phase)]
@@ -160,9 +160,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for line in &done.filtered {
         println!("{line}");
     }
-    print_report(&done, &fusion, fused.len(), args);
+    let missing = missing(&recording);
+    print_report(&done, &fusion, fused.len(), (args, &missing));
     let mut result = json(args, &task, &done, &fusion, &fused);
     result["filters"] = serde_json::json!(done.filtered);
+    result["missing"] = serde_json::json!(missing);
     let provenance = Provenance::now(&FRINGETOOL).rig(&task.rig.sha256);
     emit_made_with(args.json.as_deref(), &result, provenance)?;
     Ok(Outcome::Done)
@@ -253,9 +255,12 @@ fn write_cloud(args: &Args, recording: &Recording, task: &Task, points: &[Point]
     Ok(files::ply::write_cloud(&args.out, points, &comments)?)
 }
 
-fn print_report(done: &Done, fusion: &FusionReport, points: usize, args: &Args) {
+fn print_report(done: &Done, fusion: &FusionReport, points: usize, (args, missing): (&Args, &[String])) {
     for line in lines(&done.views) {
         println!("{line}");
+    }
+    for note in missing {
+        println!("{note}");
     }
     for cloud in &done.pairs {
         println!("{}: {}", cloud.pair.name, line(&cloud.report));

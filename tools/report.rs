@@ -4,7 +4,7 @@ use crate::software::FRINGETOOL;
 use anyhow::Result;
 use cell::executor::{Decoded, Expected, Threshold, median_valid};
 use files::provenance::{Provenance, WithProvenance};
-use fringe::decode::NoiseSource;
+use fringe::decode::{Finding, NoiseSource};
 use fringe::phase::PhaseMap;
 use serde::Serialize;
 use std::fmt;
@@ -35,6 +35,22 @@ pub fn emit_bare<T: Serialize>(path: Option<&Path>, value: &T) -> Result<()> {
 /// Contradictions of code and phase beyond this fraction are no edges of a part.
 const WORTH_SAYING: f64 = 0.1;
 
+/// A fault of frames that was found and made up for; sets and frames count from 1.
+#[derive(Debug, Clone, Serialize)]
+struct FoundFault {
+    kind: &'static str,
+    set: usize,
+    frame: Option<usize>,
+    text: String,
+}
+
+impl FoundFault {
+    fn new(found: &Finding) -> Self {
+        let frame = found.step.map(|step| step + 1);
+        Self { kind: found.kind(), set: found.set + 1, frame, text: found.to_string() }
+    }
+}
+
 /// What decoding one view along one axis gave.
 #[derive(Debug, Clone, Serialize)]
 pub struct DecodeLine {
@@ -46,6 +62,7 @@ pub struct DecodeLine {
     height_px: u32,
     valid: usize,
     saturated: usize,
+    recovered: usize,
     dark: usize,
     noisy: usize,
     ambiguous: usize,
@@ -65,6 +82,7 @@ pub struct DecodeLine {
     #[serde(flatten)]
     threshold: Option<Threshold>,
     exposures_best_of: Vec<usize>,
+    findings: Vec<FoundFault>,
     ignored: Vec<String>,
 }
 
@@ -81,6 +99,7 @@ impl DecodeLine {
             height_px: map.info.height_px,
             valid: report.valid,
             saturated: report.saturated,
+            recovered: report.recovered,
             dark: report.dark,
             noisy: report.noisy,
             ambiguous: report.ambiguous,
@@ -102,6 +121,7 @@ impl DecodeLine {
             expected: decoded.expected,
             threshold: decoded.threshold,
             exposures_best_of: decoded.best_of.clone(),
+            findings: report.findings.iter().map(FoundFault::new).collect(),
             ignored: report.ignored.to_vec(),
         }
     }
@@ -158,6 +178,12 @@ impl fmt::Display for DecodeLine {
         if !self.exposures_best_of.is_empty() {
             let list: Vec<String> = self.exposures_best_of.iter().map(ToString::to_string).collect();
             write!(f, "; pixels by exposure: {}", list.join(", "))?;
+        }
+        if self.recovered > 0 {
+            write!(f, "; {} clipped in some frames and decoded from the others", self.recovered)?;
+        }
+        for found in &self.findings {
+            write!(f, "; {}", found.text)?;
         }
         if !self.ignored.is_empty() {
             write!(f, "; not used: {}", self.ignored.join(", "))?;

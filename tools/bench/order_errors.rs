@@ -188,7 +188,7 @@ impl OrderCase {
         let wrong: u64 = (0..args.pixels.div_ceil(CHUNK)).into_par_iter().map(one).sum();
         let observed = wrong as f64 / args.pixels as f64;
         let (chain, residues) = (&self.chain, self.residues.as_ref());
-        let risk = OrderRisk { chain, stripe_px: self.stripe_px.unwrap_or(0.0), residues };
+        let risk = OrderRisk { chain, stripe_px: self.stripe_px.unwrap_or(0.0), residues, micro: None };
         let predicted = risk.probability(self.sigma_rad);
         let name = format!("{}, {:.0} mrad", self.name, self.sigma_rad * 1e3);
         Row { name, predicted, observed, ratio: observed / predicted, pixels: args.pixels }

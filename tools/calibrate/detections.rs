@@ -311,7 +311,7 @@ impl Gathered {
 /// The first axis along which no set of a sequence gives a coordinate.
 pub fn axis_without_coordinates(sequence: &[PatternSet]) -> Option<&'static str> {
     let tells = |set: &PatternSet, axis| {
-        matches!(set, PatternSet::Sine { .. } | PatternSet::Gray { .. }) && set.axis() == Some(axis)
+        (set.period_px().is_some() || matches!(set, PatternSet::Gray { .. })) && set.axis() == Some(axis)
     };
     let axes = [(Axis::X, "x"), (Axis::Y, "y")];
     axes.into_iter().find(|(axis, _)| !sequence.iter().any(|set| tells(set, *axis))).map(|(_, name)| name)

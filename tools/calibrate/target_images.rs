@@ -50,7 +50,13 @@ pub fn bright_frame(
     for set in &projector.sequence {
         match set {
             PatternSet::White {} => return Ok(recording.load(&projector.name, &camera.name, first)?),
-            PatternSet::Sine { .. } if sines.is_empty() => sines.extend(first..first + set.frames()),
+            PatternSet::Sine { .. } | PatternSet::Lines { .. } | PatternSet::Modulated { .. }
+                if sines.is_empty() =>
+            {
+                sines.extend(first..first + set.frames());
+            }
+            // The first frequency has steps; the further frames are no even light.
+            PatternSet::Micro { .. } if sines.is_empty() => sines.extend(first..first + 3),
             _ => {}
         }
         if matches!(set, PatternSet::Gray { .. }) {

@@ -56,7 +56,7 @@ pub fn write(
     let mut writer = RecordingWriter::create(out, &[record])?;
     for camera in cameras {
         for (place, frame) in found.sets.iter().flat_map(|set| &set.frames).enumerate() {
-            let how = (camera.full_scale_dn, channel);
+            let how = (camera.full_scale_dn, channel, None);
             writer.adopt(PROJECTOR, &camera.name, place, &camera.files[*frame], how)?;
         }
     }

@@ -73,7 +73,7 @@ pub enum ScheduleError {
     },
     /// A sequence without phase.
     #[error(
-        "pair \"{pair}\" needs a phase, but the sequence of projector \"{projector}\" has no sine set; add one"
+        "pair \"{pair}\" needs a phase, but the sequence of projector \"{projector}\" has no set that gives one; add a sine, lines, micro, modulated or gray set"
     )]
     NoPhase {
         /// Name of the pair.

@@ -1,9 +1,10 @@
 //! The graph of a cell for the schedule: cameras, projectors and pairs by index.
 
-use crate::configuration::{CameraConfig, Configuration};
+use crate::configuration::{CameraConfig, Configuration, ProjectorConfig};
 use crate::error::ScheduleError;
 use crate::options::Options;
 use crate::retention::Retention;
+use fringe::decode::decoded_axes;
 use fringe::pattern::{Axis, PatternSet};
 use std::collections::BTreeSet;
 
@@ -42,7 +43,7 @@ impl Graph {
         let projectors = config.projectors.iter().map(|p| ProjectorNode {
             name: p.name.clone(),
             frames: p.frames(),
-            axes: sine_axes(&p.sequence),
+            axes: phase_axes(config, p),
             cameras: p.cameras.iter().filter_map(|name| camera(name)).collect(),
         });
         let pairs = config.rig.pairs.iter().map(|pair| {
@@ -108,11 +109,13 @@ impl Graph {
     }
 }
 
-/// Axes along which a sequence gives a phase, x before y.
-fn sine_axes(sequence: &[PatternSet]) -> Vec<Axis> {
-    let sines = sequence.iter().filter(|set| matches!(set, PatternSet::Sine { .. }));
-    let axes: BTreeSet<Axis> = sines.filter_map(PatternSet::axis).collect();
-    axes.into_iter().collect()
+/// Axes along which the decoder finds a phase in a projector's sequence, x before y; what it refuses is reported when it is built.
+fn phase_axes(config: &Configuration, projector: &ProjectorConfig) -> Vec<Axis> {
+    let extent_px = [projector.width_px, projector.height_px];
+    decoded_axes(&projector.sequence, extent_px, &config.settings.decode).unwrap_or_else(|_| {
+        let varied: BTreeSet<Axis> = projector.sequence.iter().filter_map(PatternSet::axis).collect();
+        varied.into_iter().collect()
+    })
 }
 
 /// A camera of the graph.
@@ -133,7 +136,7 @@ pub struct ProjectorNode {
     pub name: String,
     /// Frames of a cycle.
     pub frames: usize,
-    /// Axes along which the sequence has sines, x before y.
+    /// Axes along which the sequence gives a phase, x before y.
     pub axes: Vec<Axis>,
     /// Cameras that look while it is on.
     pub cameras: Vec<usize>,

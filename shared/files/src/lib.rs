@@ -23,6 +23,7 @@ pub mod image_file;
 pub mod import;
 pub mod kind;
 pub mod memory;
+pub mod mosaic;
 pub mod name;
 pub mod npy;
 pub mod opencv;

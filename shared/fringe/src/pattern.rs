@@ -2,13 +2,16 @@
 //!
 //! Projector coordinates count pixels, 0 is the centre of the first column (axis x) or row (axis y).
 
+mod codecs;
 mod error;
 mod level_table;
 mod levels;
+mod missing;
 
 pub use error::PatternError;
 pub use level_table::LevelTable;
 pub use levels::GreyLevels;
+pub use missing::{Remaining, without};
 
 use crate::math::{cos, wrap_positive_rad};
 use crate::wrapped::LeastSquares;
@@ -81,7 +84,7 @@ pub enum PatternSet {
         axis: Axis,
         /// Projector pixels per 2π.
         period_px: f64,
-        /// Number of frames N ≥ 3.
+        /// Number of frames N ≥ 3; 1: a single frame, decoded by its Fourier transform.
         steps: u32,
         /// Phase step of frame 0, rad.
         #[serde(default, skip_serializing_if = "is_zero")]
@@ -92,6 +95,53 @@ pub enum PatternSet {
         /// Phase step of each frame, rad, where the steps are not the even ones 2πi/N: any values that determine a phase.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         shifts_rad: Vec<f64>,
+    },
+    /// Lines, one a period, that step over the period (line shift, Gühring 2001): frame i lights the columns from i · period/steps
+    /// on, `width_px` of them.
+    Lines {
+        /// Axis along which the pattern varies.
+        axis: Axis,
+        /// Projector pixels from line to line.
+        period_px: f64,
+        /// Number of frames: the places of a line within a period.
+        steps: u32,
+        /// Columns of a line, projector pixels.
+        #[serde(default = "one_px", skip_serializing_if = "is_one")]
+        width_px: f64,
+        /// Sense of the steps.
+        #[serde(default, skip_serializing_if = "is_default")]
+        direction: Direction,
+    },
+    /// Micro phase shifting (Gupta and Nayar 2012): three steps of the first period, one frame of each further one. The periods
+    /// are nearly alike; together they number the fringes.
+    Micro {
+        /// Axis along which the pattern varies.
+        axis: Axis,
+        /// Projector pixels per 2π of each frequency.
+        periods_px: Vec<f64>,
+        /// Sense of the steps.
+        #[serde(default, skip_serializing_if = "is_default")]
+        direction: Direction,
+        /// Phase step of each frame, rad, where they are not 0, 2π/3, 4π/3 of the first period and 0 of the others.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        shifts_rad: Vec<f64>,
+    },
+    /// Modulated phase shifting (Chen, Seidel and Lensch 2008): each step of the fringes is multiplied with a carrier across them, which
+    /// steps too. What returns with the carrier is direct light; light between surfaces does not.
+    Modulated {
+        /// Axis along which the fringes vary; the carrier varies along the other one.
+        axis: Axis,
+        /// Projector pixels per 2π of the fringes.
+        period_px: f64,
+        /// Steps of the fringes.
+        steps: u32,
+        /// Projector pixels per 2π of the carrier.
+        carrier_px: f64,
+        /// Steps of the carrier, shown one after another for each step of the fringes.
+        carrier_steps: u32,
+        /// Sense of the steps of the fringes.
+        #[serde(default, skip_serializing_if = "is_default")]
+        direction: Direction,
     },
     /// Stripe number as bits, most significant first.
     Gray {
@@ -157,6 +207,15 @@ fn one() -> u32 {
     1
 }
 
+fn one_px() -> f64 {
+    1.0
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde's signature
+fn is_one(value: &f64) -> bool {
+    *value == 1.0
+}
+
 #[allow(clippy::trivially_copy_pass_by_ref)] // serde's signature
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
@@ -189,6 +248,9 @@ impl PatternSet {
     pub fn name(&self) -> &'static str {
         match self {
             Self::Sine { .. } => "sine",
+            Self::Lines { .. } => "lines",
+            Self::Micro { .. } => "micro",
+            Self::Modulated { .. } => "modulated",
             Self::Gray { .. } => "gray",
             Self::White {} => "white",
             Self::Black {} => "black",
@@ -201,7 +263,9 @@ impl PatternSet {
     /// Number of frames of the set.
     pub fn frames(&self) -> usize {
         (match self {
-            Self::Sine { steps, .. } | Self::Stair { steps, .. } => *steps,
+            Self::Sine { steps, .. } | Self::Stair { steps, .. } | Self::Lines { steps, .. } => *steps,
+            Self::Micro { periods_px, .. } => return periods_px.len() + 2,
+            Self::Modulated { steps, carrier_steps, .. } => steps.saturating_mul(*carrier_steps),
             Self::Gray { bits, .. } => *bits,
             Self::White {} | Self::Black {} | Self::Ramp { axis: Some(_), .. } => 1,
             Self::Ramp { levels, .. } => return levels.as_ref().unwrap_or(&ALL_LEVELS).count(),
@@ -212,7 +276,12 @@ impl PatternSet {
     /// The axis along which it varies, if it does.
     pub fn axis(&self) -> Option<Axis> {
         match self {
-            Self::Sine { axis, .. } | Self::Gray { axis, .. } | Self::Stair { axis, .. } => Some(*axis),
+            Self::Sine { axis, .. }
+            | Self::Lines { axis, .. }
+            | Self::Micro { axis, .. }
+            | Self::Modulated { axis, .. }
+            | Self::Gray { axis, .. }
+            | Self::Stair { axis, .. } => Some(*axis),
             Self::Ramp { axis, .. } => *axis,
             Self::White {} | Self::Black {} | Self::Random { .. } => None,
         }
@@ -223,18 +292,15 @@ impl PatternSet {
     /// # Errors
     /// Names the key that no decoder could use.
     pub fn check(&self) -> Result<(), PatternError> {
-        let length = |key, value: f64, least: f64| {
-            if value.is_finite() && value >= least {
-                Ok(())
-            } else {
-                Err(PatternError::Length { key, value, least })
-            }
-        };
         match self {
+            Self::Lines { .. } | Self::Micro { .. } | Self::Modulated { .. } => self.check_codec(),
             Self::Sine { period_px, steps, first_step_rad, shifts_rad, .. } => {
                 length("period_px", *period_px, 2.0)?;
                 if !first_step_rad.is_finite() {
                     return Err(PatternError::FirstStep);
+                }
+                if *steps == 1 && shifts_rad.is_empty() {
+                    return Ok(());
                 }
                 check_steps(*steps)?;
                 check_shifts(*steps, shifts_rad)
@@ -260,7 +326,7 @@ impl PatternSet {
         }
     }
 
-    /// Phase step δ of one frame of a sine or a stair, rad: frame i shows cos(φ − δᵢ). Zero for other sets.
+    /// Phase step δ of one frame, rad: frame i shows cos(φ − δᵢ), lines this beside their harmonics. Zero for sets without phase.
     pub fn step_rad(&self, step: usize) -> f64 {
         match self {
             Self::Sine { steps, first_step_rad, direction, shifts_rad, .. } => {
@@ -268,6 +334,7 @@ impl PatternSet {
                 direction.sign() * (shifts_rad.get(step).copied().unwrap_or_else(even_rad) + first_step_rad)
             }
             Self::Stair { steps, .. } => TAU * step as f64 / f64::from(*steps),
+            Self::Lines { .. } | Self::Micro { .. } | Self::Modulated { .. } => self.codec_step_rad(step),
             _ => 0.0,
         }
     }
@@ -281,7 +348,8 @@ impl PatternSet {
 
     /// Ideal intensity 0 … 1 of one frame at a projector coordinate along the set's axis.
     ///
-    /// `step` counts from 0 inside the set; `size_px` is the projector's extent along the axis.
+    /// `step` counts from 0 inside the set; `size_px` is the projector's extent along the axis. Of a modulated set it is the factor along the
+    /// axis; the frame shows its product with the [`Self::carrier`].
     ///
     /// # Errors
     /// [`PatternError::NotGenerated`] for random dots.
@@ -289,6 +357,9 @@ impl PatternSet {
         Ok(match self {
             Self::Sine { period_px, .. } => {
                 0.5 + 0.5 * cos(TAU * coordinate_px / period_px - self.step_rad(step))
+            }
+            Self::Lines { .. } | Self::Micro { .. } | Self::Modulated { .. } => {
+                self.codec_intensity(step, coordinate_px)
             }
             Self::Gray { bits, stripe_px, shift_px, invert, code, .. } => {
                 let column = (coordinate_px + 0.5).floor().max(0.0) + shift_px;
@@ -335,6 +406,11 @@ impl PatternSet {
         };
         (0..size_px).map(value).collect()
     }
+}
+
+/// Refuses a length that is not finite or too small.
+fn length(key: &'static str, value: f64, least: f64) -> Result<(), PatternError> {
+    if value.is_finite() && value >= least { Ok(()) } else { Err(PatternError::Length { key, value, least }) }
 }
 
 fn check_steps(steps: u32) -> Result<(), PatternError> {

@@ -3,7 +3,7 @@
 use crate::settings::TwinSettings;
 use fringe::math::pow;
 use fringe::pattern::LevelTable;
-use fringe::pattern::{Axis, PatternError, PatternSet};
+use fringe::pattern::{Axis, Direction, PatternError, PatternSet};
 use libm::erf;
 
 /// Projector coordinates are stored as (pixel + 1)·2²⁰: 5e-7 px of rounding (0.2 nm on the part), and the table index
@@ -44,6 +44,8 @@ pub(crate) enum Light {
     Table { axis: Axis, layers: Vec<Vec<f32>> },
     /// The pattern's formula, evaluated at each place.
     Formula { axis: Axis, set: PatternSet, step: usize, size_px: u32, response: Response },
+    /// Two factors, one along each axis, over what the black level leaks. Each is rounded to 8 bits by itself, not their product.
+    Product { factors: Box<[Light; 2]>, leak: f32 },
 }
 
 /// From a level 0 … 1 to light.
@@ -81,6 +83,22 @@ impl Light {
             leak: settings.projector_leak,
             rounded: settings.projector_8bit,
         };
+        if let Some((carrier, frame)) = set.carrier(step) {
+            let sealed = TwinSettings { projector_leak: 0.0, ..settings.clone() };
+            let sine = PatternSet::Sine {
+                axis: set.axis().unwrap_or(Axis::X),
+                period_px: set.period_px().unwrap_or(f64::INFINITY),
+                steps: 1,
+                first_step_rad: set.step_rad(step),
+                direction: Direction::Forward,
+                shifts_rad: Vec::new(),
+            };
+            let factors = [
+                Self::new(&sine, 0, size_px, &sealed, correction)?,
+                Self::new(&carrier, frame, size_px, &sealed, correction)?,
+            ];
+            return Ok(Self::Product { factors: Box::new(factors), leak: settings.projector_leak as f32 });
+        }
         let Some(axis) = set.axis() else {
             return Ok(Self::Even(response.light(set.intensity(step, 0.0, 1)?) as f32));
         };
@@ -103,6 +121,10 @@ impl Light {
     pub fn at(&self, u: u32, v: u32, layer: f32) -> f32 {
         match self {
             Self::Even(light) => *light,
+            Self::Product { factors, leak } => {
+                let light = factors[0].at(u, v, layer) * factors[1].at(u, v, layer);
+                leak + (1.0 - leak) * light
+            }
             Self::Table { axis, layers } => {
                 let at = if *axis == Axis::X { u } else { v };
                 let below = (layer as usize).min(layers.len() - 1);

@@ -45,6 +45,15 @@ pub enum PhaseMethodError {
         /// Position in the sequence, from 0.
         set: usize,
     },
+    /// Frames that are no plain sines.
+    #[error(
+        "set {set}: lines, micro and modulated sets have a decoding of their own; leave out --phase-method, --remove-harmonics and \
+         --windowed-filter"
+    )]
+    Codec {
+        /// Position in the sequence, from 0.
+        set: usize,
+    },
     /// Too few pixels for the estimate of harmonics.
     #[error("sine set {set}: --remove-harmonics: too few lit pixels to estimate the error")]
     FewPixels {
@@ -76,8 +85,12 @@ impl SineFrames {
 impl PhaseMethod {
     /// An empty collection for the frames that the method needs.
     pub(super) fn sine_frames(&self, decoder: &Decoder) -> SineFrames {
-        let own = *self == Self::default();
-        SineFrames { sets: if own { Vec::new() } else { decoder.sine_sets() }, frames: BTreeMap::new() }
+        let mut sets = decoder.sine_sets();
+        if *self == Self::default() {
+            // One frame has no steps: its phase is that of its Fourier transform.
+            sets.retain(|set| set.shifts_rad.len() == 1);
+        }
+        SineFrames { sets, frames: BTreeMap::new() }
     }
 
     /// Puts the method's phases in the place of the decoder's.
@@ -94,17 +107,21 @@ impl PhaseMethod {
 
     fn wrap(
         &self,
-        decoder: &Decoder,
+        decoder: &mut Decoder,
         frames: &SineFrames,
         set: &SineSet,
     ) -> Result<Wrapped, PhaseMethodError> {
         let refused = |source| PhaseMethodError::Wrap { set: set.index, source };
+        if !set.plain {
+            return Err(PhaseMethodError::Codec { set: set.index });
+        }
         let numbers = set.first_frame..set.first_frame + set.shifts_rad.len();
         let views: Vec<_> = numbers.filter_map(|n| frames.frames.get(&n)).map(Frame::view).collect();
         let stack = Stack::new(&views, &set.shifts_rad).map_err(refused)?;
         let many = set.periods >= LEAST_PERIODS;
         let by_fringes = |method: &Method| many || !matches!(method, Method::FourierRows | Method::Fourier);
-        let method = self.method.filter(by_fringes).unwrap_or(Method::LeastSquares);
+        let usual = if set.shifts_rad.len() == 1 { Method::Fourier } else { Method::LeastSquares };
+        let method = self.method.filter(by_fringes).unwrap_or(usual);
         let mut map = stack.wrap(method, &decoder.limits(set.axis)?).map_err(refused)?;
         if self.remove_harmonics && many {
             if !set.even {

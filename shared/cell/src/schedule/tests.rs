@@ -182,7 +182,7 @@ fn graphs_that_cannot_run_are_refused_with_both_ends() {
         (|g| g.pairs.clear(), "no pair"),
         (|g| g.cores = 0, "no core"),
         (|g| g.projectors[1].cameras.clear(), "\"proj2\" lights no camera"),
-        (|g| g.projectors[0].axes.clear(), "\"proj1\" has no sine set"),
+        (|g| g.projectors[0].axes.clear(), "\"proj1\" has no set that gives one"),
         (|g| g.projectors[0].cameras = vec![0], "\"cam2\", but projector \"proj1\" lights only cam1"),
         (|g| g.cameras.push(g.cameras[0].clone()), "camera \"cam1\" is in no projector's `cameras`"),
         (|g| drop(g.pairs.pop()), "\"cam3\" looks at projector \"proj2\", but no pair"),

@@ -14,7 +14,8 @@
 //! first = 1                            # the number of the first frame; default 0
 //! every = 2                            # frames of several views take turns in one series: each second number; default 1
 //! # or: files = "{s}_{ii}.png"         # {s}: number of the set, {i}: of the frame in its set, from first_set and first_step (0)
-//! channel = "green"                    # of colour pictures: red, green, blue or luminance; default grey
+//! channel = "green"                    # of colour pictures: red, green, blue or luminance; default grey; a list: one per frame
+//! mosaic = "rggb"                      # the files are raw pictures behind a mosaic of colour filters
 //! # raw = { width_px = 1280, height_px = 1024, pixel_format = "Mono12p" }   # files without a header
 //! # or: list = ["a.bmp", "b.bmp", …]   # one file per frame, in order of projection
 //! [rig]                                # optional
@@ -35,6 +36,7 @@ use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
 use crate::image_file::Channel;
+use crate::mosaic::Mosaic;
 use crate::opencv::{Storage, ViewKeys, rig_from_opencv};
 use crate::raw_image::RawImage;
 use crate::recording::{ProjectorRecord, RECORDING_FILE, Recording, RecordingWriter};
@@ -82,11 +84,35 @@ struct RawCamera {
     list: Option<Vec<String>>,
     full_scale_dn: Option<u16>,
     #[serde(default)]
-    channel: Channel,
+    channel: Channels,
+    mosaic: Option<Mosaic>,
     every: Option<usize>,
     first_set: Option<usize>,
     first_step: Option<usize>,
     raw: Option<RawImage>,
+}
+
+/// One channel of all frames, or one of each.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum Channels {
+    All(Channel),
+    Each(Vec<Channel>),
+}
+
+impl Default for Channels {
+    fn default() -> Self {
+        Self::All(Channel::default())
+    }
+}
+
+impl Channels {
+    fn of(&self, frame: usize) -> Channel {
+        match self {
+            Self::All(channel) => *channel,
+            Self::Each(list) => list.get(frame).copied().unwrap_or_default(),
+        }
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -168,10 +194,15 @@ fn write(
     for (projector, cameras) in raw.projector.iter().zip(files) {
         for (camera, files) in projector.camera.iter().zip(cameras) {
             for (number, file) in files.iter().enumerate() {
-                let how = (camera.full_scale_dn, camera.channel);
+                let channel = camera.channel.of(number);
+                let how = (camera.full_scale_dn, channel, camera.mosaic);
                 match &camera.raw {
                     Some(raw) => {
                         let frame = raw.read(file, raw_format(document, camera, raw)?)?;
+                        let frame = match camera.mosaic {
+                            Some(mosaic) => mosaic.frame(frame, channel),
+                            None => frame,
+                        };
                         writer.write(&projector.name, &camera.name, number, &frame.view())?;
                     }
                     None => writer.adopt(&projector.name, &camera.name, number, file, how)?,
@@ -229,6 +260,16 @@ fn frame_files(
     let count = frame_count(&projector.sequence);
     let of_camera = |(number, camera): (usize, &RawCamera)| {
         let key = format!("{key}.camera[{number}]");
+        if let Channels::Each(list) = &camera.channel
+            && list.len() != count
+        {
+            let problem = Problem::Disagreement {
+                what: "channel and sequence",
+                here: format!("{} channels are listed", list.len()),
+                there: format!("the sequence has {count} frames"),
+            };
+            return Err(document.fault(&format!("{key}.channel"), problem, "one channel, or one per frame"));
+        }
         let names = match (&camera.files, &camera.list) {
             (Some(pattern), None) => numbered(document, &key, pattern, camera, &projector.sequence)?,
             (None, Some(list)) if list.len() == count && camera.first.is_none() => list.clone(),
@@ -439,6 +480,12 @@ pair = [{ name = "pair1", left = "left", right = "right" }]
                 "\"rigth\" is unknown; known: left, right; did you mean",
             ),
             ("steps = 3", "steps = 2", "steps = 2"),
+            (
+                "first = 1",
+                "channel = [\"red\", \"blue\"]",
+                "2 channels are listed, but the sequence has 3 frames",
+            ),
+            ("first = 1", "mosaic = \"rgbg\"", "rgbg"),
             ("matrix = \"M1\"", "matrx = \"M1\"", "did you mean \"matrix\"?"),
         ] {
             assert!(LAYOUT.contains(from), "{from}");

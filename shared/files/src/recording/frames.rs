@@ -15,10 +15,10 @@ fn numbers(stem: &str, exposures: usize) -> Option<[usize; 2]> {
     (written == stem).then_some([number, exposure])
 }
 
-/// Frames 000 … count − 1 of each exposure, each there once, and no other image.
+/// Those of the frames 000 … count − 1 of each exposure that are used, each there once, and no other image.
 pub(super) fn list_frames(
     folder: &Path,
-    count: usize,
+    (count, used): (usize, &[usize]),
     exposures: usize,
 ) -> Result<Vec<Vec<PathBuf>>, FileError> {
     let mut all: Vec<Vec<Option<PathBuf>>> = vec![vec![None; count]; exposures];
@@ -57,16 +57,26 @@ pub(super) fn list_frames(
             }
         }
     }
-    all.into_iter().enumerate().map(|(exposure, found)| complete(folder, exposure, found)).collect()
+    all.into_iter()
+        .enumerate()
+        .map(|(exposure, mut found)| {
+            let found = used.iter().map(|number| (*number, found[*number].take())).collect();
+            complete(folder, exposure, found)
+        })
+        .collect()
 }
 
-fn complete(folder: &Path, exposure: usize, found: Vec<Option<PathBuf>>) -> Result<Vec<PathBuf>, FileError> {
+fn complete(
+    folder: &Path,
+    exposure: usize,
+    found: Vec<(usize, Option<PathBuf>)>,
+) -> Result<Vec<PathBuf>, FileError> {
     let count = found.len();
-    let there = found.iter().flatten().count();
+    let there = found.iter().filter(|(_, path)| path.is_some()).count();
     let missing: Vec<String> =
-        found.iter().enumerate().filter(|(_, f)| f.is_none()).map(|(i, _)| format!("{i:03}")).collect();
+        found.iter().filter(|(_, path)| path.is_none()).map(|(number, _)| format!("{number:03}")).collect();
     if missing.is_empty() {
-        return Ok(found.into_iter().flatten().collect());
+        return Ok(found.into_iter().filter_map(|(_, path)| path).collect());
     }
     let shown = list(missing.iter().take(8).map(String::as_str));
     let problem = Problem::Disagreement {
@@ -79,7 +89,11 @@ fn complete(folder: &Path, exposure: usize, found: Vec<Option<PathBuf>>) -> Resu
         },
         there: format!("the sequence of recording.toml has {count}"),
     };
-    Err(FileError::new(folder, problem, "record or copy again, or correct the sequence"))
+    Err(FileError::new(
+        folder,
+        problem,
+        "record or copy again, or correct the sequence; frames that are lost may be listed as missing = [number, …] in the [[projector]]",
+    ))
 }
 
 /// Image files of a folder in the order of their names; hidden ones (a copy going on, a desktop's notes) do not count.

@@ -45,6 +45,8 @@ pub struct RecordedProjector {
     pub height_px: u32,
     /// Pattern sets, in the order of projection.
     pub sequence: Vec<PatternSet>,
+    /// What became of the sets that miss frames, for people; empty where all are there.
+    pub notes: Vec<String>,
     /// Exposure times, rising or not, of recordings that have several; else empty.
     pub exposures_ms: Vec<f64>,
     /// Cameras with frames of this projector.

@@ -7,9 +7,9 @@ use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
 use crate::name::{check_name, duplicate};
 use crate::sequence::check_sequence;
-use fringe::pattern::{PatternSet, frame_count};
+use fringe::pattern::{PatternSet, frame_count, without};
 use serde::Deserialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 #[derive(Debug, Deserialize)]
@@ -34,6 +34,8 @@ struct RawProjector {
     full_scale_dn: Option<FullScale>,
     #[serde(default)]
     exposures_ms: Vec<f64>,
+    #[serde(default)]
+    missing: BTreeSet<usize>,
 }
 
 /// One number for all cameras, or one for each that differs.
@@ -119,6 +121,12 @@ fn projector(
         check_name(name).map_err(|problem| document.fault(&key, problem, ""))?;
     }
     let count = frame_count(&raw.sequence);
+    let left = without(&raw.sequence, &raw.missing)
+        .map_err(|error| document.fault(&format!("{key}.missing"), Problem::Pattern(error), ""))?;
+    if left.frames.is_empty() {
+        let problem = Problem::Missing("a frame that is left".into());
+        return Err(document.fault(&format!("{key}.missing"), problem, "record again"));
+    }
     let camera = |name: &String| {
         let folder = folder.join("frames").join(&raw.name).join(name);
         camera(
@@ -126,7 +134,7 @@ fn projector(
             &cameras_key,
             name,
             &folder,
-            [count, raw.exposures_ms.len()],
+            ([count, raw.exposures_ms.len()], &left.frames),
             raw.full_scale_dn.as_ref(),
         )
     };
@@ -134,9 +142,10 @@ fn projector(
         name: raw.name.clone(),
         width_px: raw.width_px,
         height_px: raw.height_px,
-        sequence: raw.sequence.clone(),
-        exposures_ms: raw.exposures_ms.clone(),
         cameras: raw.cameras.iter().map(camera).collect::<Result<_, _>>()?,
+        sequence: left.sequence,
+        notes: left.notes,
+        exposures_ms: raw.exposures_ms.clone(),
     })
 }
 
@@ -167,14 +176,14 @@ fn camera(
     key: &str,
     name: &str,
     folder: &Path,
-    [count, exposures]: [usize; 2],
+    ([count, exposures], used): ([usize; 2], &[usize]),
     full_scale: Option<&FullScale>,
 ) -> Result<RecordedCamera, FileError> {
     if !folder.is_dir() {
         let problem = Problem::Missing(format!("the folder {} of camera \"{name}\"", folder.display()));
         return Err(document.fault(key, problem, "frames lie in frames/<projector>/<camera>/000.png"));
     }
-    let mut all = list_frames(folder, count, exposures.max(1))?;
+    let mut all = list_frames(folder, (count, used), exposures.max(1))?;
     let head = equal_headers(&all.concat())?;
     let longer = all.split_off(1);
     let frames = all.concat();

@@ -4,6 +4,7 @@ use super::{RECORDING_FILE, RECORDING_FORMAT};
 use crate::atomic;
 use crate::error::{FileError, Problem};
 use crate::image_file::{Channel, read_channel, read_header, write_png};
+use crate::mosaic::Mosaic;
 use crate::name::{check_name, duplicate};
 use crate::rig_file::quoted;
 use fringe::frame::FrameView;
@@ -107,7 +108,8 @@ impl RecordingWriter {
     }
 
     /// Takes a frame from a foreign file: PNG and TIFF by a hard link (or a copy where that is not possible),
-    /// others, and channels of colour pictures, by conversion to PNG. `full_scale_dn` is for 16-bit files, as in [`crate::image_file::read_frame`].
+    /// others, and channels of colour pictures, by conversion to PNG. `full_scale_dn` is for 16-bit files, as in [`crate::image_file::read_frame`];
+    /// with a mosaic the file is the raw picture behind it.
     ///
     /// # Errors
     /// As [`Self::write`], or a file that is no frame.
@@ -117,12 +119,17 @@ impl RecordingWriter {
         camera: &str,
         frame: usize,
         file: &Path,
-        (full_scale_dn, channel): (Option<u16>, Channel),
+        (full_scale_dn, channel, mosaic): (Option<u16>, Channel, Option<Mosaic>),
     ) -> Result<(), FileError> {
-        let content = read_channel(file, full_scale_dn, channel)?;
+        let content = match mosaic {
+            None => read_channel(file, full_scale_dn, channel)?,
+            Some(mosaic) => mosaic.frame(read_channel(file, full_scale_dn, Channel::Grey)?, channel),
+        };
         let extension = file.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
         let as_it_is = ["png", "tif", "tiff"].contains(&extension.as_str())
-            && read_header(file).is_ok_and(|head| !head.alpha && (channel == Channel::Grey || !head.colour));
+            && read_header(file).is_ok_and(|head| {
+                !head.alpha && (channel == Channel::Grey || (!head.colour && mosaic.is_none()))
+            });
         if !as_it_is {
             return self.write(projector, camera, frame, &content.view());
         }

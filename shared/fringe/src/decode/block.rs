@@ -25,6 +25,8 @@ pub mod state {
 pub struct Tally {
     /// A clipped sine frame.
     pub saturated: usize,
+    /// Not masked: decoded from the sine frames that are not clipped.
+    pub recovered: usize,
     /// Pixels with too little modulation.
     pub dark: usize,
     /// Pixels whose phase noise exceeds the limit.
@@ -34,6 +36,7 @@ pub struct Tally {
 impl AddAssign for Tally {
     fn add_assign(&mut self, other: Self) {
         self.saturated += other.saturated;
+        self.recovered += other.recovered;
         self.dark += other.dark;
         self.noisy += other.noisy;
     }

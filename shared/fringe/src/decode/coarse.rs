@@ -49,6 +49,8 @@ impl Kernel<'_> {
             }
         } else if let Some(stair) = &self.plan.stair {
             self.read_stair(stair, range, lanes);
+        } else if let Some(micro) = &self.plan.micro {
+            self.read_micro(micro, range, lanes);
         } else if let Some(residues) = &self.plan.residues {
             for i in 0..count {
                 let (c, border) = residues.resolve(|j| lanes.phase_rad[j][i]);

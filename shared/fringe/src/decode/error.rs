@@ -150,7 +150,7 @@ pub enum DecodeError {
     },
     /// The sines on an axis cannot be numbered.
     #[error(
-        "axis {axis:?}: no absolute fringe order over {extent_px} projector pixels: {missing}; add a gray set with stripe_px of at most {finest_px} or sine sets whose beat covers the projector"
+        "axis {axis:?}: no absolute fringe order over {extent_px} projector pixels: {missing}; add a gray set with stripe_px of at most {finest_px} or sine sets whose beat covers the projector (`fringetool unwrap` gives the relative phase)"
     )]
     NoAbsoluteOrder {
         /// Axis of the sets.

@@ -33,15 +33,19 @@ pub mod arctan;
 mod bits;
 mod block;
 mod blocks;
+mod carrier;
 pub mod chain;
+mod clipped;
 mod coarse;
 mod continuity;
 mod diagnose;
+mod dirt;
 mod edges;
 mod error;
 mod exposures;
 mod footprint;
 mod limits;
+mod micro;
 mod neighbours;
 mod noise;
 mod noise_line;
@@ -66,6 +70,7 @@ mod verdict;
 
 pub use continuity::Continuity;
 pub use diagnose::Diagnosis;
+pub use dirt::{Fault, Finding};
 pub use error::DecodeError;
 pub use exposures::{Exposed, merge_exposures};
 pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
@@ -79,15 +84,17 @@ use crate::math::simd::{best_level, vectorised};
 use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseViewMut};
 use blocks::decode_blocks;
+use dirt::Look;
 use edges::Edges;
 use fearless_simd::Level;
 use footprint::{Footprint, Reflectance};
+use micro::Micro;
 use neighbours::Field;
 use noise::{Probe, QUANTISATION_DN2};
 use order::Kernel;
 use probing::ProbeLimits;
 use rasters::Rasters;
-use roles::{AxisPlan, Plan, Role};
+use roles::{AxisPlan, Plan, Role, SinePlan};
 use spatial::{Places, sample_code, sample_phase};
 use std::sync::Arc;
 use sums::{Clipping, Sums};
@@ -108,6 +115,8 @@ pub struct Decoder {
     steps: Vec<u32>,
     periods_px: Vec<f64>,
     sums: Vec<Sums>,
+    /// What was found in the frames of each set.
+    findings: Vec<Vec<Finding>>,
     rasters: Rasters,
     axes: Vec<AxisState>,
     correction: Vec<i16>,
@@ -172,6 +181,7 @@ impl Decoder {
             steps: plan.sines.iter().map(|s| s.steps).collect(),
             periods_px: plan.sines.iter().map(|s| s.period_px).collect(),
             sums: plan.sines.iter().map(Sums::new).collect(),
+            findings: vec![Vec::new(); plan.sines.len()],
             rasters: Rasters::new(plan.stored, pixels, full_scale_dn),
             axes,
             correction: vec![0; pixels],
@@ -192,7 +202,13 @@ impl Decoder {
     /// Starts a new sequence; what has landed is forgotten.
     pub fn begin(&mut self) {
         self.next = 0;
-        self.sums.iter_mut().for_each(|sums| sums.replaced = None);
+        for ((sums, found), plan) in self.sums.iter_mut().zip(&mut self.findings).zip(&self.plan.sines) {
+            sums.replaced = None;
+            if !found.is_empty() {
+                *sums = Sums::new(plan);
+                found.clear();
+            }
+        }
         for (axis, plan) in self.axes.iter_mut().zip(&self.plan.axes) {
             axis.probe.begin();
             axis.open_sets = plan.sines.len();
@@ -217,13 +233,34 @@ impl Decoder {
             Role::Stored(raster) => self.rasters.keep(raster, frame.pixels),
             Role::Sine { slot, step } => {
                 self.rasters.keep(self.plan.sines[slot].first + step, frame.pixels);
-                if step + 1 == self.steps[slot] as usize && self.settings.camera_noise.is_none() {
-                    self.probe_noise(slot);
+                if step + 1 == self.plan.sines[slot].rasters().len() {
+                    self.inspect(slot);
+                    if self.settings.camera_noise.is_none() {
+                        self.probe_noise(slot);
+                    }
                 }
             }
         }
         self.next += 1;
         Ok(())
+    }
+
+    /// Looks for frames of a complete sine set that do not show what the others show.
+    fn inspect(&mut self, slot: usize) {
+        let axis = self.axes.iter().zip(&self.plan.axes).find(|(_, plan)| plan.sines.contains(&slot));
+        let Some((axis, _)) = axis else { return };
+        let look = Look {
+            positions: &axis.probe.positions,
+            width: self.width_px as usize,
+            pixels: self.correction.len(),
+            rasters: &self.rasters,
+            least_modulation_dn: self.least_modulation_dn(),
+            clipped_dn: self.clipped_dn,
+        };
+        if let Some(repair) = dirt::inspect(&self.plan.sines[slot], &look) {
+            self.sums[slot].refit(&repair.fit);
+            self.findings[slot] = repair.findings;
+        }
     }
 
     /// Samples the noise of a complete sine set; with the last set of its axis, the noise model.
@@ -236,7 +273,10 @@ impl Decoder {
         for (axis, plan) in self.axes.iter_mut().zip(&self.plan.axes) {
             // Stairs are no sine of the axis: their phase jumps.
             let Some(set) = plan.sines.iter().position(|s| *s == slot) else { continue };
-            axis.probe.close_set(set, &self.sums[slot], &self.rasters, self.correction.len(), limits);
+            // What faulty frames leave is no noise.
+            if self.findings[slot].is_empty() {
+                axis.probe.close_set(set, &self.sums[slot], &self.rasters, self.correction.len(), limits);
+            }
             axis.open_sets -= 1;
             if axis.open_sets == 0 {
                 axis.estimate = axis.probe.model();
@@ -337,6 +377,7 @@ impl Decoder {
             report.check_orders(axis, self.settings.max_contradiction)?;
         }
         report.footprint_px = self.remove_footprint(home, out)?;
+        report.findings = self.plan.axes[home].sines.iter().flat_map(|s| self.findings[*s].clone()).collect();
         Ok(report)
     }
 
@@ -388,13 +429,13 @@ impl Decoder {
                 lag,
             };
             match (plan.sines.first(), &plan.code) {
-                (Some(finest), _) => {
+                (Some(finest), _) if self.steps[*finest] > 1 => {
                     let steps = self.steps[*finest] as usize;
                     let sums = &self.sums[*finest];
                     vectorised!(self.level, sample_phase(&places, sums, steps, least_dn, samples));
                 }
-                (None, Some(code)) => sample_code(&places, code, least_dn, samples),
-                (None, None) => {}
+                (_, Some(code)) => sample_code(&places, code, least_dn, samples),
+                (_, None) => {}
             }
         };
         axis.estimate = match axis.estimate {
@@ -449,6 +490,18 @@ impl Decoder {
     }
 }
 
+/// The axes along which a sequence gives a phase, x before y, without the memory of a decoder.
+///
+/// # Errors
+/// As [`Decoder::new`].
+pub fn decoded_axes(
+    sequence: &[PatternSet],
+    extent_px: [u32; 2],
+    settings: &DecodeSettings,
+) -> Result<Vec<Axis>, DecodeError> {
+    Ok(Plan::new(sequence, extent_px, settings)?.axes.iter().map(|axis| axis.axis).collect())
+}
+
 impl AxisState {
     fn new(axis: &AxisPlan, plan: &Plan, width: usize, pixels: usize, clipped_dn: u16) -> Self {
         let sets: Vec<_> = axis.sines.iter().map(|slot| &plan.sines[*slot]).collect();
@@ -458,7 +511,8 @@ impl AxisState {
                     .sines
                     .iter()
                     .filter(|sine| sine.axis == axis.axis)
-                    .flat_map(|sine| sine.first..sine.first + sine.steps as usize)
+                    .flat_map(SinePlan::rasters)
+                    .chain(axis.micro.iter().flat_map(Micro::rasters))
                     .collect(),
                 clipped_dn,
             },

@@ -56,7 +56,7 @@ pub struct Probe {
     pub(super) samples: Vec<Sample>,
     pub(super) scratch: Vec<f64>,
     pub(super) unexplained: Unexplained,
-    /// Of sets with four steps.
+    /// Of sets with four steps, and of lines, whose high harmonics stay.
     pub(super) unexplained_of_four: Unexplained,
 }
 
@@ -195,6 +195,7 @@ const DISORDER_OF_SCALE: f64 = 0.02;
 /// a gamma of 2.2 still 0.65.
 const DISORDER_OF_FOUR: f64 = 0.4;
 
-fn gcd(a: usize, b: usize) -> usize {
+/// Greatest common divisor of two numbers.
+pub(super) fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }

@@ -11,6 +11,7 @@ use super::bits::Stripes;
 use super::block::{BLOCK, Planes, Tally, state};
 use super::chain::{Chain, Stage, Start};
 use super::limits::MAX_SINES;
+use super::micro::refine;
 use super::rasters::Rasters;
 use super::report::NoiseModel;
 use super::roles::AxisPlan;
@@ -24,7 +25,7 @@ const ROUND: f64 = 6_755_399_441_055_744.0;
 /// Deviation beyond half a stripe, in periods, that blur and footprint may cause; more means that a bit is wrong.
 pub(super) const CODE_EDGE_PERIODS: f64 = 0.2;
 /// ln of the odds 10⁴ : 1 that make the nearer of two orders certain.
-const LOG_ODDS: f64 = 9.2;
+pub(super) const LOG_ODDS: f64 = 9.2;
 /// Pixels that are checked at once for the need of a closer look.
 const EYES: usize = 16;
 
@@ -56,14 +57,16 @@ pub struct Kernel<'a> {
 pub struct Lanes {
     /// Sums of the sines in use, the finest first.
     pub(super) sums: [BlockSums; MAX_SINES],
-    clipped: [u8; BLOCK],
+    pub(super) clipped: [u8; BLOCK],
     pub(super) phase_rad: [[f64; BLOCK]; MAX_SINES],
-    least_modulation: [f32; BLOCK],
+    pub(super) least_modulation: [f32; BLOCK],
     pub(super) coordinate_px: [f64; BLOCK],
     pub(super) doubt: [u8; BLOCK],
     look: [u8; BLOCK],
     pub(super) stripes: Stripes,
     pub(super) shifted: Stripes,
+    /// What all frames of a micro set add to the coordinate, px, and the ratio of its uncertainty to that of three frames.
+    pub(super) finer: [(f64, f32); BLOCK],
 }
 
 impl Lanes {
@@ -79,6 +82,7 @@ impl Lanes {
             look: [0; BLOCK],
             stripes: Stripes::new(),
             shifted: Stripes::new(),
+            finer: [(0.0, 1.0); BLOCK],
         }
     }
 }
@@ -108,7 +112,9 @@ impl Kernel<'_> {
             follow(stage, &limits, lanes, out.sigma_rad, count);
         }
         self.look_closer(chain, lanes, out);
-        if self.plan.fused {
+        if self.plan.fused && self.plan.micro.is_some() {
+            refine(lanes, out);
+        } else if self.plan.fused {
             self.fuse(range, lanes, out);
         }
         self.write(lanes, out);
@@ -172,9 +178,11 @@ impl Kernel<'_> {
         for ((sigma, b), sum) in out.sigma_rad.iter_mut().zip(&*out.modulation).zip(&sums.sum) {
             *sigma = (read + gain * sum).sqrt() / *b;
         }
-        self.sums[finest].other_noise(range, steps, sums, out.sigma_rad);
+        let frames = (self.rasters, self.pixels, &self.noise);
+        self.sums[finest].other_noise(frames, range, steps, sums, out.sigma_rad);
         self.clipping.block(self.rasters, self.pixels, range, &mut lanes.clipped);
-        self.mask(lanes, out)
+        let recovered = if self.settings.use_clipped { self.use_clipped(range, lanes, out) } else { 0 };
+        Tally { recovered, ..self.mask(lanes, out) }
     }
 
     #[inline(always)]
@@ -191,7 +199,7 @@ impl Kernel<'_> {
             noisy += u32::from(is_noisy);
             *state = u8::from(!(is_clipped | is_dark | is_noisy));
         }
-        Tally { saturated: saturated as usize, dark: dark as usize, noisy: noisy as usize }
+        Tally { saturated: saturated as usize, recovered: 0, dark: dark as usize, noisy: noisy as usize }
     }
 
     /// When the step to a stage leaves the order open.

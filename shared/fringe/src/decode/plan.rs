@@ -3,7 +3,10 @@
 use super::chain::{Chain, Start};
 use super::error::DecodeError;
 use super::limits::MAX_FRAMES;
-use super::roles::{AxisPlan, CodePlan, Levels, Plan, Reference, Role, SinePlan, StairPlan, StairSource};
+use super::micro::{MICRO_STEPS, Micro};
+use super::roles::{
+    AxisPlan, CodePlan, Levels, Plan, Reference, Role, SineKind, SinePlan, StairPlan, StairSource,
+};
 use super::sets::{Sets, choose_chain, refuse_duplicates, residues};
 use super::settings::{DecodeSettings, OrderMethod};
 use crate::pattern::{Axis, PatternSet, Threshold};
@@ -51,7 +54,11 @@ impl Plan {
         extent_px: u32,
         used: &mut [bool],
     ) -> Result<Option<AxisPlan>, DecodeError> {
-        let sines = sets.sines(axis)?;
+        let mut sines = sets.sines(axis)?;
+        let micro = sets.micro(axis);
+        if let Some(micro) = micro {
+            sines.retain(|(index, _)| *index == micro);
+        }
         let (code, too_short) = sets.code(axis, extent_px);
         if sines.is_empty() && code.is_none() {
             return too_short.map_or(Ok(None), Err);
@@ -63,24 +70,16 @@ impl Plan {
             return Err(DecodeError::Extent { axis });
         }
         let mut plan = AxisPlan {
-            axis,
-            extent_px: f64::from(extent_px),
-            period_px: 0.0,
-            levels: None,
-            sines: Vec::new(),
-            code: None,
-            shifted: None,
-            stair: None,
-            residues: None,
-            fused: sets.fuse && sines.len() > 1,
-            chain: None,
-            needed: 0,
-            ignored: Vec::new(),
+            fused: micro.is_some() || (sets.fuse && sines.len() > 1),
+            ..AxisPlan::empty(axis, f64::from(extent_px))
         };
         let stripe_px = code.or(stair).map(|index| sets.stripe_px(index, shifted.is_some()));
         if let Some((_, finest)) = sines.first() {
             plan.period_px = finest.period_px;
-            let chain = if sets.order == OrderMethod::NumberTheoretical {
+            let chain = if let Some(index) = micro {
+                plan.micro = Some(self.take_micro(sets, index, extent_px, &mut plan.needed)?);
+                Chain::of_residues(finest.period_px)
+            } else if sets.order == OrderMethod::NumberTheoretical {
                 plan.residues = Some(residues(&sines, axis, extent_px)?);
                 Chain::of_residues(finest.period_px)
             } else {
@@ -131,16 +130,35 @@ impl Plan {
         for j in kept {
             let (index, mut sine) = sines[j].clone();
             let slot = self.sines.len();
-            sine.first = self.reserve(sine.steps as usize);
-            for step in 0..sine.steps as usize {
+            let frames = sine.rasters().len();
+            sine.first = self.reserve(frames);
+            for step in 0..frames {
                 self.roles[sets.first_frame[index] + step] = Role::Sine { slot, step };
             }
             used[index] = true;
             plan.sines.push(slot);
-            plan.needed = plan.needed.max(sets.first_frame[index] + sine.steps as usize);
+            plan.needed = plan.needed.max(sets.first_frame[index] + frames);
             self.sines.push(sine);
         }
         plan.chain = Some(chain);
+    }
+
+    /// Keeps the frames of the further frequencies of a micro set.
+    fn take_micro(
+        &mut self,
+        sets: &Sets,
+        index: usize,
+        extent_px: u32,
+        needed: &mut usize,
+    ) -> Result<Micro, DecodeError> {
+        let set = &sets.list[index];
+        let frames = set.frames();
+        let first = self.reserve(frames - MICRO_STEPS);
+        for step in MICRO_STEPS..frames {
+            self.roles[sets.first_frame[index] + step] = Role::Stored(first + step - MICRO_STEPS);
+        }
+        *needed = (*needed).max(sets.first_frame[index] + frames);
+        Micro::new(set, first, extent_px)
     }
 
     fn take_code(
@@ -224,6 +242,7 @@ impl Plan {
                 first,
                 shifts_rad,
                 even: true,
+                kind: SineKind::Plain,
             });
             for step in 0..steps as usize {
                 self.roles[sets.first_frame[index] + step] = Role::Sine { slot, step };
@@ -241,7 +260,8 @@ impl Plan {
             Some(Role::Sine { slot, .. }) if self.sines[*slot].axis == axis => Some(*slot),
             _ => None,
         });
-        slots.find(|slot| sines.contains(slot))
+        // The mean of lines or of a carrier is not halfway between black and white.
+        slots.find(|slot| sines.contains(slot) && self.sines[*slot].kind == SineKind::Plain)
     }
 
     /// Keeps all frames of a set; a set that two axes share (white, black) is kept once.

@@ -1,5 +1,6 @@
 //! The residuals of one sine set in the probed pixels: samples of the noise, and what the sine model leaves.
 
+use super::limits::MAX_STEPS;
 use super::noise::{FEWEST_STEPS, LEAST_STEPS, Probe, SAMPLES, Sample, Unexplained};
 use super::rasters::Rasters;
 use super::spectrum::{SIDE, Side, Spectrum};
@@ -41,8 +42,8 @@ impl Probe {
         limits: ProbeLimits,
     ) {
         let spectrum = &self.spectra[index];
-        // Uneven steps have no harmonics of their own: their residuals are left to the other sets.
-        if spectrum.steps < FEWEST_STEPS || !spectrum.even {
+        // Uneven steps and carriers have no harmonics of their own: their residuals are left to the other sets.
+        if spectrum.steps < FEWEST_STEPS || !spectrum.even || sums.rasters().len() != spectrum.steps {
             return;
         }
         for (raster, kept) in sums.rasters().zip(self.frames.chunks_exact_mut(self.positions.len())) {
@@ -57,7 +58,7 @@ impl Probe {
                 }
             }
         }
-        vectorised!(limits.level, self.close(index, limits));
+        vectorised!(limits.level, self.close(index, limits, sums.are_lines()));
     }
 
     /// Chooses positions by the number of their frames that are black; none of them may be clipped.
@@ -86,7 +87,7 @@ impl Probe {
     }
 
     #[inline(always)]
-    fn close(&mut self, index: usize, limits: ProbeLimits) {
+    fn close(&mut self, index: usize, limits: ProbeLimits, lines: bool) {
         let steps = self.spectra[index].steps;
         self.choose(steps, 0, limits.clipped_dn);
         let every = (self.chosen.len() / SAMPLES).max(1);
@@ -118,15 +119,19 @@ impl Probe {
                 let variance_dn2: f64 = self.samples[first..].iter().map(|s| s.variance_dn2).sum();
                 let count = self.samples.len() - first;
                 let black = self.blackened(index, limits);
-                let unexplained =
-                    if steps < LEAST_STEPS { &mut self.unexplained_of_four } else { &mut self.unexplained };
+                let unexplained = if steps < LEAST_STEPS || lines {
+                    &mut self.unexplained_of_four
+                } else {
+                    &mut self.unexplained
+                };
                 unexplained.variance_dn2 += variance_dn2 + black.variance_dn2;
                 unexplained.power_dn2 += lit_power + black.power_dn2;
                 unexplained.pixels += count + black.pixels;
             }
             limit_dn2 = EXPLAINED * median_variance(&self.samples[first..], &mut self.scratch);
         }
-        if steps < LEAST_STEPS {
+        // Lines are sharp: what their high harmonics leave is not noise.
+        if steps < LEAST_STEPS || lines {
             self.samples.truncate(first);
         }
     }
@@ -189,9 +194,6 @@ impl Probe {
         sums
     }
 }
-
-/// Most steps of a set.
-const MAX_STEPS: usize = 64;
 
 /// The columns of up to [`SIDE`] probed pixels; `frames` holds `count` values for each step.
 #[inline(always)]

@@ -1,5 +1,6 @@
 //! Wrapped phases from other methods than the running sums, put in their place before the order is sought.
 
+use super::roles::SineKind;
 use super::sums::Replaced;
 use super::{DecodeError, Decoder};
 use crate::math::sincos;
@@ -19,6 +20,8 @@ pub struct SineSet {
     pub shifts_rad: Vec<f64>,
     /// Whether the steps are 2π/N.
     pub even: bool,
+    /// Whether the frames are a sine each: no lines, no carrier, no further frequencies.
+    pub plain: bool,
     /// Periods over the projector.
     pub periods: f64,
 }
@@ -26,10 +29,9 @@ pub struct SineSet {
 impl Decoder {
     /// The sine sets in use, in the order of the axes, the finest of each axis first.
     pub fn sine_sets(&self) -> Vec<SineSet> {
-        let slots =
-            self.plan.axes.iter().flat_map(|axis| axis.sines.iter().map(|slot| (slot, axis.extent_px)));
+        let slots = self.plan.axes.iter().flat_map(|axis| axis.sines.iter().map(move |slot| (slot, axis)));
         slots
-            .map(|(slot, extent_px)| {
+            .map(|(slot, axis)| {
                 let sine = &self.plan.sines[*slot];
                 let is_first = |role: &super::Role| *role == super::Role::Sine { slot: *slot, step: 0 };
                 SineSet {
@@ -38,7 +40,8 @@ impl Decoder {
                     axis: sine.axis,
                     shifts_rad: sine.shifts_rad.clone(),
                     even: sine.even,
-                    periods: extent_px / sine.period_px,
+                    plain: sine.kind == SineKind::Plain && axis.micro.is_none(),
+                    periods: axis.extent_px / sine.period_px,
                 }
             })
             .collect()
@@ -48,9 +51,13 @@ impl Decoder {
     ///
     /// # Errors
     /// [`DecodeError::NoSuchAxis`].
-    pub fn limits(&self, axis: Axis) -> Result<Limits, DecodeError> {
+    pub fn limits(&mut self, axis: Axis) -> Result<Limits, DecodeError> {
         let home =
             self.plan.axes.iter().position(|a| a.axis == axis).ok_or(DecodeError::NoSuchAxis { axis })?;
+        // A single frame leaves the noise to the code, which is there already.
+        if self.plan.axes[home].sines.first().is_some_and(|slot| self.steps[*slot] == 1) {
+            self.estimate_from_neighbours(home);
+        }
         let noise = self.noise(&self.axes[home]);
         Ok(Limits {
             least_modulation_dn: self.least_modulation_dn(),

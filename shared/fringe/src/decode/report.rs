@@ -1,6 +1,7 @@
 //! What a decoding did.
 
 use super::continuity::Continuity;
+use super::dirt::Finding;
 use super::error::DecodeError;
 use crate::pattern::Axis;
 use std::sync::Arc;
@@ -68,6 +69,8 @@ pub struct DecodeReport {
     pub valid: usize,
     /// Masked: a sine frame is clipped.
     pub saturated: usize,
+    /// Clipped in some sine frames, and decoded from the others; not masked.
+    pub recovered: usize,
     /// Masked: too little modulation.
     pub dark: usize,
     /// Masked: phase noise beyond the limit.
@@ -86,6 +89,8 @@ pub struct DecodeReport {
     pub footprint_px: Option<f64>,
     /// Of every 4th row and column: places where the phase passes 2π, and where it jumps by whole periods.
     pub continuity: Continuity,
+    /// Faults of the frames that were found and made up for.
+    pub findings: Vec<Finding>,
     /// Sets of the sequence that were not used; every set stands in the report of exactly one axis.
     pub ignored: Arc<[String]>,
 }

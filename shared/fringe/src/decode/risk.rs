@@ -7,6 +7,7 @@
 //! counted: this is the rate of a pixel on its own.
 
 use super::chain::{Chain, Stage, Start};
+use super::micro::Micro;
 use super::number::Residues;
 use super::{DecodeError, Decoder};
 use crate::math::{erfc, exp};
@@ -22,6 +23,8 @@ pub struct OrderRisk<'a> {
     pub stripe_px: f64,
     /// Residues, where they are its start.
     pub residues: Option<&'a Residues>,
+    /// Further frequencies of a micro set, where they are its start.
+    pub micro: Option<&'a Micro>,
 }
 
 impl OrderRisk<'_> {
@@ -35,7 +38,10 @@ impl OrderRisk<'_> {
             let turns = stage.noise_turns_per_rad * sigma_rad;
             let wrong = match (index, self.chain.start) {
                 (0, Start::Centre) => 0.0,
-                (0, Start::Residues) => self.residues.map_or(0.0, |r| r.wrong_order(sigma_rad)),
+                (0, Start::Residues) => {
+                    let by_residues = self.residues.map_or(0.0, |r| r.wrong_order(sigma_rad));
+                    by_residues + self.micro.map_or(0.0, |micro| micro.wrong_order(sigma_rad))
+                }
                 (0, Start::Code) => spread(0.5 * self.stripe_px / stage.period_px, turns),
                 _ => erfc(0.5 / (turns * SQRT_2)),
             };
@@ -99,7 +105,7 @@ impl Decoder {
         let halved = if plan.shifted.is_some() { 0.5 } else { 1.0 };
         let stair_px = plan.stair.map_or(0.0, |stair| stair.stair_px);
         let stripe_px = plan.code.map_or(stair_px, |code| halved * code.stripe_px);
-        let residues = plan.residues.as_ref();
-        Ok(plan.chain.as_ref().map(|chain| OrderRisk { chain, stripe_px, residues }))
+        let (residues, micro) = (plan.residues.as_ref(), plan.micro.as_ref());
+        Ok(plan.chain.as_ref().map(|chain| OrderRisk { chain, stripe_px, residues, micro }))
     }
 }

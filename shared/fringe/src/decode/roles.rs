@@ -1,6 +1,7 @@
 //! What each frame is for, and what each axis is made of.
 
 use super::chain::Chain;
+use super::micro::Micro;
 use super::number::Residues;
 use crate::pattern::{Axis, Code};
 
@@ -37,6 +38,30 @@ pub struct SinePlan {
     pub shifts_rad: Vec<f64>,
     /// Whether the steps are 2π/N.
     pub even: bool,
+    /// What the frames show.
+    pub kind: SineKind,
+}
+
+/// What the frames of a set with a phase show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SineKind {
+    /// A sine, one frame for each step.
+    Plain,
+    /// Lines: a sine and its harmonics.
+    Lines,
+    /// A sine times a carrier of so many steps, shown one after another for each step.
+    Carried(u32),
+}
+
+impl SinePlan {
+    /// Stored rasters of the set.
+    pub fn rasters(&self) -> std::ops::Range<usize> {
+        let frames = match self.kind {
+            SineKind::Carried(carrier_steps) => self.steps * carrier_steps,
+            SineKind::Plain | SineKind::Lines => self.steps,
+        };
+        self.first..self.first + frames as usize
+    }
 }
 
 /// What the bits are compared with, as stored rasters.
@@ -119,6 +144,8 @@ pub struct AxisPlan {
     pub stair: Option<StairPlan>,
     /// Residues by coprime periods, if they are used.
     pub residues: Option<Residues>,
+    /// Further frequencies of a micro set, if they number the fringes.
+    pub micro: Option<Micro>,
     /// Whether all sines make the result.
     pub fused: bool,
     /// Way to the finest coordinate; none for a code without sines.
@@ -127,6 +154,28 @@ pub struct AxisPlan {
     pub needed: usize,
     /// Sets that the axis does not use, for its report.
     pub ignored: Vec<String>,
+}
+
+impl AxisPlan {
+    /// A plan without any set.
+    pub fn empty(axis: Axis, extent_px: f64) -> Self {
+        Self {
+            axis,
+            extent_px,
+            period_px: 0.0,
+            levels: None,
+            sines: Vec::new(),
+            code: None,
+            shifted: None,
+            stair: None,
+            residues: None,
+            micro: None,
+            fused: false,
+            chain: None,
+            needed: 0,
+            ignored: Vec::new(),
+        }
+    }
 }
 
 /// The role of every frame and the plan of every axis.

@@ -4,7 +4,7 @@ use super::chain::{self, Chain, Sine};
 use super::error::DecodeError;
 use super::limits::MAX_SINES;
 use super::number::Residues;
-use super::roles::SinePlan;
+use super::roles::{SineKind, SinePlan};
 use super::settings::OrderMethod;
 use crate::pattern::{Axis, PatternSet};
 
@@ -25,12 +25,10 @@ impl Sets<'_> {
     pub fn sines(&self, axis: Axis) -> Result<Vec<(usize, SinePlan)>, DecodeError> {
         let mut found: Vec<(usize, SinePlan)> = Vec::new();
         for (index, set) in self.list.iter().enumerate() {
-            if let PatternSet::Sine { axis: a, period_px, steps, shifts_rad, .. } = set
-                && *a == axis
+            if set.axis() == Some(axis)
+                && let Some(sine) = sine_plan(index, axis, set)
             {
-                let (period_px, steps, even) = (*period_px, *steps, shifts_rad.is_empty());
-                let shifts_rad = (0..steps as usize).map(|step| set.step_rad(step)).collect();
-                found.push((index, SinePlan { index, axis, period_px, steps, first: 0, shifts_rad, even }));
+                found.push((index, sine));
             }
         }
         found.sort_by(|a, b| a.1.period_px.total_cmp(&b.1.period_px));
@@ -82,6 +80,12 @@ impl Sets<'_> {
         })
     }
 
+    /// The micro set that numbers the fringes of its axis.
+    pub fn micro(&self, axis: Axis) -> Option<usize> {
+        let is_micro = |set: &PatternSet| matches!(set, PatternSet::Micro { axis: a, .. } if *a == axis);
+        self.list.iter().position(is_micro).filter(|_| self.order == OrderMethod::Auto)
+    }
+
     pub fn stair(&self, axis: Axis) -> Option<usize> {
         let wanted = matches!(self.order, OrderMethod::Auto | OrderMethod::Stair);
         let is_stair = |set: &PatternSet| matches!(set, PatternSet::Stair { axis: a, .. } if *a == axis);
@@ -117,6 +121,26 @@ impl Sets<'_> {
     pub fn first_of(&self, name: &str) -> Option<usize> {
         self.list.iter().position(|set| set.name() == name)
     }
+}
+
+/// The steps of a set that has a phase; of a micro set those of its first frequency.
+fn sine_plan(index: usize, axis: Axis, set: &PatternSet) -> Option<SinePlan> {
+    let (period_px, steps, even, kind) = match set {
+        PatternSet::Sine { period_px, steps, shifts_rad, .. } => {
+            (*period_px, *steps, shifts_rad.is_empty(), SineKind::Plain)
+        }
+        PatternSet::Lines { period_px, steps, .. } => (*period_px, *steps, true, SineKind::Lines),
+        PatternSet::Micro { periods_px, shifts_rad, .. } => {
+            (*periods_px.first()?, 3, shifts_rad.is_empty(), SineKind::Plain)
+        }
+        PatternSet::Modulated { period_px, steps, carrier_steps, .. } => {
+            (*period_px, *steps, true, SineKind::Carried(*carrier_steps))
+        }
+        _ => return None,
+    };
+    let every = if let SineKind::Carried(carrier_steps) = kind { carrier_steps as usize } else { 1 };
+    let shifts_rad = (0..steps as usize).map(|step| set.step_rad(step * every)).collect();
+    Some(SinePlan { index, axis, period_px, steps, first: 0, shifts_rad, even, kind })
 }
 
 /// The table of the residues by all periods.
@@ -173,20 +197,22 @@ fn complementary(one: &PatternSet, other: &PatternSet) -> bool {
     }
 }
 
+/// Axis and finest period of a set with a phase.
+fn fringes(set: &PatternSet) -> Option<(Axis, f64)> {
+    let axis = set.axis()?;
+    sine_plan(0, axis, set).map(|sine| (axis, sine.period_px))
+}
+
 /// Two sets that would decode the same thing leave open which one counts. White and black may be repeated.
 pub(super) fn refuse_duplicates(sequence: &[PatternSet]) -> Result<(), DecodeError> {
     let same = |a: &PatternSet, b: &PatternSet| match (a, b) {
-        (
-            PatternSet::Sine { axis, period_px, .. },
-            PatternSet::Sine { axis: other, period_px: other_px, .. },
-        ) => axis == other && period_px == other_px,
         (
             PatternSet::Gray { axis: a, bits: b, stripe_px: s, shift_px: h, invert: i, code: c, .. },
             PatternSet::Gray {
                 axis: oa, bits: ob, stripe_px: os, shift_px: oh, invert: oi, code: oc, ..
             },
         ) => a == oa && b == ob && s == os && h == oh && c == oc && i == oi,
-        _ => false,
+        _ => fringes(a).is_some_and(|found| fringes(b) == Some(found)),
     };
     for (second, set) in sequence.iter().enumerate() {
         if let (Some(first), Some(axis)) =

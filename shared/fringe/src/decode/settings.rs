@@ -71,6 +71,8 @@ pub struct DecodeSettings {
     pub min_modulation_fraction: f64,
     /// A sine frame at or above this fraction of full scale is clipped; its pixel is masked.
     pub saturation_fraction: f64,
+    /// Whether a pixel that is clipped in some sine frames is decoded from the others, where these determine its phase.
+    pub use_clipped: bool,
     /// Largest usable standard uncertainty of the phase, rad. At π/8 the wrap and its noise can no longer be distinguished.
     pub max_sigma_rad: f64,
     /// Noise of the camera where it is known. When absent it is estimated from the residuals of the sine sets with five
@@ -107,6 +109,7 @@ impl Default for DecodeSettings {
         Self {
             min_modulation_fraction: 0.02,
             saturation_fraction: 0.99,
+            use_clipped: false,
             max_sigma_rad: 0.2,
             camera_noise: None,
             assumed_read_noise_fraction: 0.004,

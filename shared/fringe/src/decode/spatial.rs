@@ -122,7 +122,7 @@ fn window_sample(
         let difference = wrap_rad(phases_rad[pixel] - middle);
         usable &= difference.abs() < EDGE_RAD;
         high_pass += weight * difference;
-        let unit = sums.uneven.as_ref().map_or((2.0 / n).sqrt(), |fit| fit.noise(c / length, s / length));
+        let unit = sums.unit_noise(n, (c / length, s / length));
         let factor = weight * unit / modulation_dn;
         power += factor * factor;
     }

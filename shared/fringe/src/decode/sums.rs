@@ -1,8 +1,10 @@
 //! From the frames of a sine set to three sums per pixel, block by block.
 
 use super::block::BLOCK;
+use super::carrier::carrier_steps;
 use super::rasters::{Part, Rasters};
-use super::roles::SinePlan;
+use super::report::{NoiseModel, NoiseSource};
+use super::roles::{SineKind, SinePlan};
 use crate::math::sincos;
 use crate::wrapped::LeastSquares;
 use std::ops::Range;
@@ -36,11 +38,17 @@ pub struct Sums {
     /// Stored raster of the first step.
     first: usize,
     /// Weights of a frame in the three sums: 1, cos δ, sin δ for even steps.
-    weights: Vec<[f32; 3]>,
+    pub(super) weights: Vec<[f32; 3]>,
     /// The fit of uneven steps; none for even ones.
     pub uneven: Option<LeastSquares>,
     /// What another method found; none where the sums are those of the frames.
     pub replaced: Option<Replaced>,
+    /// What the frames show.
+    kind: SineKind,
+    /// Phase steps of the frames, rad; empty where other columns than their cosines were found.
+    pub(super) shifts_rad: Vec<f64>,
+    /// Cosine and sine of the carrier's steps; empty without a carrier.
+    pub(super) carrier: Vec<[f32; 2]>,
 }
 
 /// A phase that another method found, as sums.
@@ -65,11 +73,29 @@ impl Sums {
         let scaled = |w: &[f64; 3]| [(w[0] * n) as f32, (w[1] * 0.5 * n) as f32, (w[2] * 0.5 * n) as f32];
         // The pattern was checked: its shifts determine three unknowns.
         let uneven = if plan.even { None } else { LeastSquares::new(&plan.shifts_rad) };
-        let weights = match &uneven {
+        let mut weights: Vec<[f32; 3]> = match &uneven {
             Some(fit) => fit.weights.iter().map(scaled).collect(),
             None => plan.shifts_rad.iter().map(even).collect(),
         };
-        Self { first: plan.first, weights, uneven, replaced: None }
+        let (mut carrier, mut shifts_rad) = (Vec::new(), Vec::new());
+        if plan.kind == SineKind::Plain {
+            shifts_rad.clone_from(&plan.shifts_rad);
+        }
+        if let SineKind::Carried(steps) = plan.kind {
+            carrier = carrier_steps(steps);
+            let each = |w: &[f32; 3]| vec![[1.0 / steps as f32, w[1], w[2]]; steps as usize];
+            weights = weights.iter().flat_map(each).collect();
+        }
+        Self { first: plan.first, weights, uneven, replaced: None, kind: plan.kind, shifts_rad, carrier }
+    }
+
+    /// Replaces the weights of the frames by those of a fit.
+    pub fn refit(&mut self, fit: &LeastSquares) {
+        let n = fit.weights.len() as f64;
+        let scaled = |w: &[f64; 3]| [(w[0] * n) as f32, (w[1] * 0.5 * n) as f32, (w[2] * 0.5 * n) as f32];
+        self.weights = fit.weights.iter().map(scaled).collect();
+        self.uneven = Some(fit.clone());
+        self.shifts_rad.clear();
     }
 
     /// Stored rasters of the steps.
@@ -77,8 +103,42 @@ impl Sums {
         self.first..self.first + self.weights.len()
     }
 
-    /// Replaces √(2/N) σ_I / B by what uneven steps or another method make of it.
-    pub fn other_noise(&self, range: &Range<usize>, steps: f32, sums: &BlockSums, sigma_rad: &mut [f32]) {
+    /// Whether the frames show lines.
+    pub fn are_lines(&self) -> bool {
+        self.kind == SineKind::Lines
+    }
+
+    /// Phase noise for unit noise of a grey value and unit modulation in the direction (cos φ, sin φ), of N steps.
+    pub fn unit_noise(&self, steps: f64, (c, s): (f64, f64)) -> f64 {
+        match (&self.uneven, self.kind) {
+            (Some(fit), _) => fit.noise(c, s),
+            (None, SineKind::Carried(carrier_steps)) => 2.0 / (steps * f64::from(carrier_steps)).sqrt(),
+            (None, _) => (2.0 / steps).sqrt(),
+        }
+    }
+
+    /// Replaces √(2/N) σ_I / B by what uneven steps, lines, a carrier or another method make of it.
+    pub fn other_noise(
+        &self,
+        (rasters, pixels, noise): (&Rasters, usize, &NoiseModel),
+        range: &Range<usize>,
+        steps: f32,
+        sums: &BlockSums,
+        sigma_rad: &mut [f32],
+    ) {
+        match (&self.replaced, self.kind) {
+            // Noise that was found from the phase of lines is already what that phase feels.
+            (None, SineKind::Lines) if noise.source == NoiseSource::Settings => {
+                self.line_noise((rasters, pixels, noise), range, sums, sigma_rad);
+            }
+            (None, SineKind::Carried(carrier_steps)) => {
+                let factor = (2.0 / carrier_steps as f32).sqrt();
+                for sigma in sigma_rad.iter_mut() {
+                    *sigma *= factor;
+                }
+            }
+            _ => {}
+        }
         if let Some(given) = &self.replaced {
             sigma_rad.copy_from_slice(&given.sigma_rad[range.clone()]);
         } else if let Some(fit) = &self.uneven {
@@ -95,6 +155,10 @@ impl Sums {
     #[inline(always)]
     pub fn block(&self, rasters: &Rasters, pixels: usize, range: &Range<usize>, out: &mut BlockSums) {
         match rasters {
+            _ if !self.carrier.is_empty() => {
+                let places: [usize; BLOCK] = std::array::from_fn(|i| range.start + i);
+                self.demodulate(rasters, pixels, &places[..range.len()], out);
+            }
             Rasters::Bytes(data) => self.add_frames(&Part::new(data, pixels, range), out),
             Rasters::Words(data) => self.add_frames(&Part::new(data, pixels, range), out),
         }
@@ -154,17 +218,33 @@ impl Sums {
         values.zip(&self.weights).map(|(value, weights)| value * weights[0]).sum()
     }
 
+    /// Grey values of one frame at single pixels.
+    #[inline(always)]
+    pub(super) fn values_at(
+        &self,
+        rasters: &Rasters,
+        pixels: usize,
+        frame: usize,
+        places: &[usize],
+        values: &mut [f32; BLOCK],
+    ) {
+        let first = (self.first + frame) * pixels;
+        match rasters {
+            Rasters::Bytes(data) => take(&data[first..first + pixels], places, values),
+            Rasters::Words(data) => take(&data[first..first + pixels], places, values),
+        }
+    }
+
     /// The sums of single pixels, in the order of `places`, at most [`BLOCK`] of them.
     #[inline(always)]
     pub fn gather(&self, rasters: &Rasters, pixels: usize, places: &[usize], out: &mut BlockSums) {
         let count = places.len().min(BLOCK);
+        if !self.carrier.is_empty() {
+            return self.demodulate(rasters, pixels, places, out);
+        }
         let mut values = [0.0_f32; BLOCK];
         for (step, weights) in self.weights.iter().enumerate() {
-            let first = (self.first + step) * pixels;
-            match rasters {
-                Rasters::Bytes(data) => take(&data[first..first + pixels], places, &mut values),
-                Rasters::Words(data) => take(&data[first..first + pixels], places, &mut values),
-            }
+            self.values_at(rasters, pixels, step, places, &mut values);
             let values = &values[..count];
             let lanes = out.sum.iter_mut().zip(&mut out.cos).zip(&mut out.sin).zip(values);
             if step == 0 {

@@ -1,6 +1,8 @@
 //! Tests of the decoder on frames rendered from the pattern definitions.
 
+mod codecs;
 mod diagnose;
+mod dirt;
 mod footprint;
 mod levels;
 mod methods;

@@ -55,6 +55,7 @@ impl Verdicts {
         DecodeReport {
             valid: self.valid,
             saturated: tally.saturated,
+            recovered: tally.recovered,
             dark: tally.dark,
             noisy: tally.noisy,
             ambiguous: self.ambiguous,
@@ -64,6 +65,7 @@ impl Verdicts {
             noise,
             footprint_px: None,
             continuity: Continuity::default(),
+            findings: Vec::new(),
             ignored,
         }
     }

@@ -6,7 +6,7 @@ use thiserror::Error;
 #[derive(Debug, Error, Clone, PartialEq)]
 pub enum PatternError {
     /// Fewer than three steps.
-    #[error("steps = {steps}: a phase needs at least 3 steps (and at most 64)")]
+    #[error("steps = {steps}: a phase needs at least 3 steps (and at most 64), or a single frame")]
     Steps {
         /// Number of steps given.
         steps: u32,
@@ -79,6 +79,64 @@ pub enum PatternError {
         shift_px: f64,
         /// Width of a stripe given, projector px.
         stripe_px: f64,
+    },
+    /// A line as wide as its period, or wider.
+    #[error("width_px = {width_px}: a line must be wider than 0 and narrower than period_px = {period_px}")]
+    LineWidth {
+        /// Width given, projector px.
+        width_px: f64,
+        /// Period given, projector px.
+        period_px: f64,
+    },
+    /// Too few or too many frequencies.
+    #[error("periods_px has {count} numbers: micro phase shifting needs 2 to {most}")]
+    MicroPeriods {
+        /// Number of periods given.
+        count: usize,
+        /// Most periods that are taken.
+        most: usize,
+    },
+    /// Shifts that do not belong to the frames.
+    #[error(
+        "shifts_rad has {shifts} numbers, the micro set {frames} frames: one finite number per frame is needed"
+    )]
+    MicroShifts {
+        /// Number of shifts given.
+        shifts: usize,
+        /// Frames of the set.
+        frames: usize,
+    },
+    /// Fewer than three steps of a carrier.
+    #[error("carrier_steps = {carrier_steps}: a carrier needs at least 3 steps (and at most 64)")]
+    CarrierSteps {
+        /// Steps of the carrier.
+        carrier_steps: u32,
+    },
+    /// Too many frames of a modulated set.
+    #[error("steps = {steps} times carrier_steps = {carrier_steps}: at most 64 frames")]
+    ModulatedFrames {
+        /// Steps of the fringes.
+        steps: u32,
+        /// Steps of the carrier.
+        carrier_steps: u32,
+    },
+    /// A missing frame that the sequence does not have.
+    #[error("missing: frame {frame} is beyond the sequence, which has {count} frames, 0 to {}", count.saturating_sub(1))]
+    MissingBeyond {
+        /// Number given, from 0.
+        frame: usize,
+        /// Frames of the sequence.
+        count: usize,
+    },
+    /// A code that misses a bit which others do not tell.
+    #[error(
+        "missing: a code without bit {bit} of {bits} numbers nothing; only its last bits or, beside a whole inverse, the whole code may be missing"
+    )]
+    MissingBit {
+        /// Bit that is missing, from 1, the most significant first.
+        bit: usize,
+        /// Bits of the code.
+        bits: u32,
     },
     /// The generator does not support this set.
     #[error("set \"{0}\" can be recorded but not generated")]

@@ -126,7 +126,7 @@ pub(super) fn wrong_order(
     let stripe_px = 0.5 * periods_px[0];
     let most_phases = if order == OrderMethod::Hierarchical { 1 } else { 4 };
     let chain = widest_of(&sines, by_code.then_some(stripe_px), extent_px, most_phases)?;
-    let by_phase = OrderRisk { chain: &chain, stripe_px, residues: None }.probability(sigma_rad);
+    let by_phase = OrderRisk { chain: &chain, stripe_px, residues: None, micro: None }.probability(sigma_rad);
     Some(if by_code { (by_phase + by_bits(wanted, order)).min(1.0) } else { by_phase })
 }
 

@@ -159,7 +159,7 @@ fn rates(periods: &[f64], extent_px: u32, sigma_rad: f64, table: bool, pixels: u
     let residues = Residues::new(&sines, extent_px).ok().filter(|_| table);
     let by_beats = widest(&list, None, f64::from(extent_px));
     let chain = by_beats.unwrap_or_else(|| crate::decode::chain::Chain::of_residues(periods[0]));
-    let risk = OrderRisk { chain: &chain, stripe_px: 0.0, residues: None };
+    let risk = OrderRisk { chain: &chain, stripe_px: 0.0, residues: None, micro: None };
     let (normal, key) = (Normal::default(), Key::new(11));
     let mut wrong = 0_u64;
     for i in 0..pixels {
@@ -204,7 +204,7 @@ fn the_risk_of_a_code_grows_as_its_margin_shrinks() {
     let list = [Sine { period_px: 16.0, steps: 4 }];
     let at = |stripe_px: f64, sigma_rad: f64| {
         let chain = widest(&list, Some(stripe_px), 608.0).unwrap();
-        OrderRisk { chain: &chain, stripe_px, residues: None }.probability(sigma_rad)
+        OrderRisk { chain: &chain, stripe_px, residues: None, micro: None }.probability(sigma_rad)
     };
     assert_eq!(at(8.0, 0.0), 0.0);
     assert!(at(8.0, 0.1) < 1e-12 && at(8.0, 0.8) > 1e-3);

@@ -1,0 +1,192 @@
+//! Frames of a sine set that do not show what the others show: light that changes between frames, a frame that stayed black, that is blurred, or
+//! in which part or pattern moved.
+//!
+//! Whatever the light does, the grey values of a pixel over N frames are A F₁ + C F₂ + S F₃ with three columns F that all pixels share: 1, cos δ,
+//! sin δ when all is well. The three columns are found from the pixels themselves (`subspace`), as near to the nominal ones as they
+//! span: level, contrast and step of each frame stand in its row. A frame that fits no row leaves more than the others.
+//!
+//! What a cos δ or sin δ in the level does cannot be seen in one pixel: it looks like a fringe. But it is one that stands still while the phase runs
+//! on: the modulation then varies once with the phase. Where there are too few fringes to see that, it is left alone.
+//!
+//! A changing light is normalised: the columns found replace the nominal ones. A bad frame is left out where four remain; with more than one in
+//! eight the frames do not follow the sequence, and nothing is changed.
+
+mod rows;
+mod subspace;
+
+use super::limits::MAX_STEPS;
+use super::rasters::Rasters;
+use super::roles::{SineKind, SinePlan};
+use crate::wrapped::LeastSquares;
+use std::fmt;
+use subspace::Samples;
+
+/// Fewest steps that leave a frame out: four must remain.
+const LEAST_STEPS: usize = 5;
+/// One bad frame in so many is left out; one always may be.
+const BAD_FRAMES: usize = 8;
+/// Levels of the frames that differ by more are a changing light.
+const FLICKER: f64 = 0.02;
+/// Levels that differ by more are no changing light.
+const MOST_FLICKER: f64 = 0.5;
+/// A frame with less than this level and contrast is black.
+const BLACK: f64 = 0.1;
+/// A frame with less contrast than this is blurred.
+const BLURRED: f64 = 0.75;
+/// A frame whose step is off by more has moved, rad.
+const MOVED_RAD: f64 = 0.3;
+/// A frame that leaves so many times what the others leave …
+const STRANGE: f64 = 4.0;
+/// … and this share of the level shows something else.
+const STRANGE_LEVEL: f64 = 0.03;
+
+/// What is wrong with frames of a sine set.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fault {
+    /// The light of the frames differs: standard deviation of their levels over the mean.
+    Flicker(f64),
+    /// One frame stayed black.
+    Black,
+    /// One frame has this share of the others' contrast.
+    Blurred(f64),
+    /// The fringes of one frame stand beside where they should, rad.
+    Moved(f64),
+    /// One frame shows something else in places.
+    Strange,
+}
+
+/// A fault, and where it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Finding {
+    /// Position of the set in the sequence, from 0.
+    pub set: usize,
+    /// Number of the frame in its set, from 0; none for all.
+    pub step: Option<usize>,
+    /// What is wrong with it.
+    pub fault: Fault,
+}
+
+impl Finding {
+    /// The fault in one word, for programs.
+    pub fn kind(&self) -> &'static str {
+        match self.fault {
+            Fault::Flicker(_) => "flicker",
+            Fault::Black => "black",
+            Fault::Blurred(_) => "blurred",
+            Fault::Moved(_) => "moved",
+            Fault::Strange => "strange",
+        }
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.step {
+            Some(step) => write!(f, "frame {} of set {} ", step + 1, self.set + 1)?,
+            None => write!(f, "set {}: ", self.set + 1)?,
+        }
+        match self.fault {
+            Fault::Flicker(share) => write!(
+                f,
+                "the light changes between frames by {:.1} % (standard deviation); normalised",
+                share * 100.0
+            ),
+            Fault::Black => write!(f, "is black; left out"),
+            Fault::Blurred(share) => {
+                write!(f, "has {:.0} % of the others' contrast (blurred, moving); left out", share * 100.0)
+            }
+            Fault::Moved(rad) => write!(
+                f,
+                "stands {:.0} degrees beside its step (shifted, or another pattern); left out",
+                rad.to_degrees()
+            ),
+            Fault::Strange => write!(f, "shows something else than the others in places; left out"),
+        }
+    }
+}
+
+/// How a set with faults is decoded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Repair {
+    /// The faults, in the order of the frames.
+    pub findings: Vec<Finding>,
+    /// Weights of all frames; zero for those left out.
+    pub fit: LeastSquares,
+}
+
+/// What the inspection needs to know of the pixels.
+#[derive(Debug, Clone, Copy)]
+pub struct Look<'a> {
+    /// Pixels that are asked.
+    pub positions: &'a [usize],
+    /// Columns of the image, px.
+    pub width: usize,
+    /// Pixels of the image.
+    pub pixels: usize,
+    /// The stored frames of the sequence.
+    pub rasters: &'a Rasters,
+    /// Pixels with less modulation are dark, DN.
+    pub least_modulation_dn: f64,
+    /// Grey value from which a pixel is clipped, DN.
+    pub clipped_dn: u16,
+}
+
+/// Looks for faults in the frames of a complete set; `None` where there are none, or too many to do without.
+pub fn inspect(plan: &SinePlan, look: &Look) -> Option<Repair> {
+    let steps = plan.steps as usize;
+    if plan.kind != SineKind::Plain || !(3..=MAX_STEPS).contains(&steps) {
+        return None;
+    }
+    let samples = Samples::new(plan, look)?;
+    let mut rows = samples.rows()?;
+    let mut findings = Vec::new();
+    if steps >= LEAST_STEPS {
+        for (step, row) in rows.frames().iter().enumerate() {
+            if let Some(fault) = row.fault() {
+                findings.push(Finding { set: plan.index, step: Some(step), fault });
+            }
+        }
+    }
+    if findings.len() > (steps / BAD_FRAMES).max(1) {
+        return None;
+    }
+    if findings.is_empty() {
+        let fault = Fault::Flicker(samples.changing_light(&mut rows)?);
+        let fit = rows.fit(|_| false, true)?;
+        return Some(Repair { findings: vec![Finding { set: plan.index, step: None, fault }], fit });
+    }
+    let bad = |step: usize| findings.iter().any(|found| found.step == Some(step));
+    let fit = rows.fit(bad, false)?;
+    Some(Repair { findings, fit })
+}
+
+/// What one row tells of its frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct FrameRow {
+    /// Level over that of most frames.
+    level: f64,
+    /// Contrast over that of most frames.
+    contrast: f64,
+    /// Step less the nominal one, rad.
+    off_rad: f64,
+    /// Residual over the level that three quarters of the pixels stay below.
+    left: f64,
+    /// The same of most frames.
+    usual: f64,
+}
+
+impl FrameRow {
+    fn fault(&self) -> Option<Fault> {
+        if self.level < BLACK && self.contrast < BLACK {
+            Some(Fault::Black)
+        } else if self.contrast < BLURRED * self.level.max(BLACK) {
+            Some(Fault::Blurred(self.contrast))
+        } else if self.off_rad.abs() > MOVED_RAD {
+            Some(Fault::Moved(self.off_rad))
+        } else if self.left > STRANGE * self.usual && self.left > STRANGE_LEVEL {
+            Some(Fault::Strange)
+        } else {
+            None
+        }
+    }
+}

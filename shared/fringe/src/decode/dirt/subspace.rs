@@ -1,0 +1,363 @@
+//! The three columns that the grey values of all pixels share, found by orthogonal iteration from the nominal ones.
+
+// The sums of a set live on the stack: a warm decoder allocates nothing.
+#![allow(clippy::large_stack_arrays)]
+
+use super::rows::Rows;
+use super::{FLICKER, FrameRow, Look, MOST_FLICKER};
+use crate::decode::limits::MAX_STEPS;
+use crate::decode::noise::gcd;
+use crate::decode::roles::SinePlan;
+use crate::math::{atan2, sincos, wrap_rad};
+use nalgebra::{Matrix3, Vector3};
+
+/// Most pixels that are asked.
+const MOST: usize = 8192;
+/// Fewer pixels say nothing.
+const LEAST: usize = 500;
+/// Rounds of the iteration: what is not of the three columns loses its share of the power each time.
+const ROUNDS: usize = 24;
+/// Tiles along each side in which the mean over the fringes is taken.
+const TILES: usize = 4;
+/// Bins of the phase in a tile: all must be filled for a mean over whole fringes.
+const PHASES: usize = 8;
+/// Least share of a full bin.
+const LEAST_BIN: f64 = 0.4;
+/// Fewest pixels of a tile, and fewest tiles.
+const LEAST_IN_TILE: f64 = 64.0;
+const LEAST_TILES: f64 = 4.0;
+/// Standard errors that a standing fringe must exceed, and its least size over the level.
+const STANDING_SIGMAS: f64 = 6.0;
+const STANDING: f64 = 0.01;
+/// Bins of residuals, eight to the octave, from 2⁻¹² of the level on.
+const BINS: usize = 128;
+
+/// One column of all frames.
+pub(super) type Column = [f64; MAX_STEPS];
+
+/// The pixels of a set that are lit and not clipped.
+pub(super) struct Samples<'a> {
+    plan: &'a SinePlan,
+    look: &'a Look<'a>,
+    /// Weights of the frames in A, C and S for the nominal steps.
+    weights: [Column; 3],
+    /// Every so many positions is asked.
+    every: usize,
+}
+
+/// Pixels of one phase in a tile: how many, and sums of r = √(C² + S²)/A and of the phase's direction.
+#[derive(Clone, Copy, Default)]
+struct Bin {
+    count: f64,
+    /// Σ r, Σ cos φ, Σ sin φ, Σ r cos φ, Σ r sin φ.
+    sums: [f64; 5],
+}
+
+impl<'a> Samples<'a> {
+    /// Counts the usable pixels; `None` when they are too few.
+    pub(super) fn new(plan: &'a SinePlan, look: &'a Look<'a>) -> Option<Self> {
+        let weights = solver(&nominal_columns(plan), plan.steps as usize)?;
+        let mut every = look.positions.len().div_ceil(MOST).max(1);
+        // Prime to the width, so that the pixels do not stand in columns.
+        while gcd(every, look.width) != 1 {
+            every += 1;
+        }
+        let mut samples = Self { plan, look, weights, every };
+        if samples.count() < LEAST {
+            // A part that fills little of the picture.
+            samples.every = 1;
+        }
+        (samples.count() >= LEAST).then_some(samples)
+    }
+
+    fn count(&self) -> usize {
+        let mut count = 0;
+        self.each(|_, _| count += 1);
+        count
+    }
+
+    fn steps(&self) -> usize {
+        self.plan.steps as usize
+    }
+
+    /// Calls `take(place, values)` for the usable pixels, their values over the pixel's mean.
+    fn each(&self, mut take: impl FnMut(usize, &[f64])) {
+        let (steps, mut values) = (self.steps(), [0.0; MAX_STEPS]);
+        for place in self.look.positions.iter().step_by(self.every) {
+            let (mut sum, mut most) = (0.0, 0);
+            for (value, raster) in values[..steps].iter_mut().zip(self.plan.rasters()) {
+                let dn = self.look.rasters.value(raster, self.look.pixels, *place);
+                most = most.max(dn);
+                *value = f64::from(dn);
+                sum += *value;
+            }
+            if most >= self.look.clipped_dn || sum <= 0.0 {
+                continue;
+            }
+            let [c, s] = [1, 2].map(|k| dot(&self.weights[k], &values, steps));
+            if c * c + s * s < 4.0 * self.look.least_modulation_dn * self.look.least_modulation_dn {
+                continue;
+            }
+            let scale = steps as f64 / sum;
+            values[..steps].iter_mut().for_each(|value| *value *= scale);
+            take(*place, &values[..steps]);
+        }
+    }
+
+    /// Columns near the nominal ones that all pixels share, and what each frame's row tells.
+    pub(super) fn rows(&self) -> Option<Rows> {
+        let steps = self.steps();
+        let mut power = [[0.0; MAX_STEPS]; MAX_STEPS];
+        self.each(|_, values| {
+            for (row, a) in power.iter_mut().zip(values) {
+                for (sum, b) in row.iter_mut().zip(values) {
+                    *sum += a * b;
+                }
+            }
+        });
+        let nominal = nominal_columns(self.plan);
+        let mut basis = nominal;
+        orthonormal(&mut basis, steps)?;
+        for _ in 0..ROUNDS {
+            for column in &mut basis {
+                let old = *column;
+                for (value, row) in column[..steps].iter_mut().zip(&power) {
+                    *value = dot(row, &old, steps);
+                }
+            }
+            orthonormal(&mut basis, steps)?;
+        }
+        let columns = nearest(&basis, &nominal, steps, None)?;
+        let left = self.left(&columns)?;
+        // A bad frame must not pull the columns towards what it should show: the one without which the others fit best is left aside.
+        let mut others = (columns, f64::INFINITY);
+        for frame in (0..steps).filter(|_| steps > 4) {
+            let fit = nearest(&basis, &nominal, steps, Some(frame))?;
+            let off = misfit(&fit, &nominal, steps, frame);
+            if off < others.1 {
+                others = (fit, off);
+            }
+        }
+        let mut frames = [FrameRow::default(); MAX_STEPS];
+        for (frame, row) in frames[..steps].iter_mut().enumerate() {
+            *row = self.frame_row(&others.0, frame, &left);
+        }
+        Some(Rows { steps, nominal, columns, frames, power })
+    }
+
+    /// Replaces the columns by those of a light that changes from frame to frame; the standard deviation of its levels, or `None` where it
+    /// does not change.
+    pub(super) fn changing_light(&self, rows: &mut Rows) -> Option<f64> {
+        let Rows { nominal, columns, .. } = rows;
+        let steps = self.steps();
+        let added = [columns[0], nominal[1], nominal[2]];
+        let standing = self.standing(&added);
+        let mut levels = columns[0];
+        if let Some([c, s]) = standing {
+            for (i, level) in levels[..steps].iter_mut().enumerate() {
+                *level += c * nominal[1][i] + s * nominal[2][i];
+            }
+        }
+        let mean = levels[..steps].iter().sum::<f64>() / steps as f64;
+        levels[..steps].iter_mut().for_each(|level| *level /= mean);
+        let most = levels[..steps].iter().map(|level| (level - 1.0).abs()).fold(0.0, f64::max);
+        if (standing.is_none() && most <= FLICKER) || most > MOST_FLICKER {
+            return None;
+        }
+        // Room light adds to all fringes, an exposure scales them: what leaves less is taken.
+        let mut best = ([levels, nominal[1], nominal[2]], levels);
+        if steps > 4 {
+            let factors = rows.factors();
+            let scaled = rows.nominal.map(|column| times(&column, &factors));
+            if rows.unexplained(&scaled) < rows.unexplained(&added) {
+                best = (scaled, factors);
+            }
+        }
+        rows.columns = best.0;
+        let variance = best.1[..steps].iter().map(|level| (level - 1.0) * (level - 1.0)).sum::<f64>();
+        Some((variance / (steps as f64 - 1.0)).sqrt())
+    }
+
+    /// The fringe that stands still in the level, over the level, where it is certain. It makes the modulation vary once with the phase: r + E cos
+    /// (φ − ψ), whatever phases a tile has.
+    fn standing(&self, columns: &[Column; 3]) -> Option<[f64; 2]> {
+        let (steps, width) = (self.steps(), self.look.width.max(1));
+        let height = (self.look.pixels / width).max(1);
+        let weights = solver(columns, steps)?;
+        let mut tiles = [[Bin::default(); PHASES]; TILES * TILES];
+        self.each(|place, values| {
+            let [a, c, s] = weights.each_ref().map(|w| dot(w, values, steps));
+            if a <= 0.0 || (c == 0.0 && s == 0.0) {
+                return;
+            }
+            let (x, y) = (place % width * TILES / width, place / width * TILES / height);
+            let (turns, length) = (atan2(s, c) / std::f64::consts::TAU + 0.5, (c * c + s * s).sqrt());
+            let (r, c, s) = (length / a, c / length, s / length);
+            let tile = &mut tiles[(y * TILES + x).min(TILES * TILES - 1)];
+            let bin = &mut tile[((turns * PHASES as f64) as usize).min(PHASES - 1)];
+            bin.count += 1.0;
+            for (sum, value) in bin.sums.iter_mut().zip([r, c, s, r * c, r * s]) {
+                *sum += value;
+            }
+        });
+        // The mean of (r − r̄) cos φ over the phases is half the amplitude.
+        let of_tile = |tile: &[Bin; PHASES]| {
+            let count: f64 = tile.iter().map(|bin| bin.count).sum();
+            let least = tile.iter().map(|bin| bin.count).fold(f64::INFINITY, f64::min);
+            let whole = count >= LEAST_IN_TILE && least >= LEAST_BIN * count / PHASES as f64;
+            let mean = |k: usize| tile.iter().map(|bin| bin.sums[k] / bin.count).sum::<f64>() / PHASES as f64;
+            whole.then(|| [1, 2].map(|k| 2.0 * (mean(k + 2) - mean(0) * mean(k))))
+        };
+        let whole = || tiles.iter().filter_map(of_tile);
+        let n = whole().count() as f64;
+        if n < LEAST_TILES {
+            return None;
+        }
+        let mean = [0, 1].map(|k| whole().map(|tile| tile[k]).sum::<f64>() / n);
+        let square = |tile: [f64; 2]| {
+            (tile[0] - mean[0]) * (tile[0] - mean[0]) + (tile[1] - mean[1]) * (tile[1] - mean[1])
+        };
+        let error = (whole().map(square).sum::<f64>() / (n * (n - 1.0))).sqrt();
+        let size = (mean[0] * mean[0] + mean[1] * mean[1]).sqrt();
+        (size > STANDING_SIGMAS * error && size > STANDING).then_some(mean)
+    }
+
+    /// Residual of each frame over the level that three quarters of the pixels stay below.
+    fn left(&self, columns: &[Column; 3]) -> Option<Column> {
+        let steps = self.steps();
+        let weights = solver(columns, steps)?;
+        let mut bins = [[0_u32; BINS]; MAX_STEPS];
+        self.each(|_, values| {
+            let x = weights.each_ref().map(|w| dot(w, values, steps));
+            for i in 0..steps {
+                let rest = values[i] - (0..3).map(|k| x[k] * columns[k][i]).sum::<f64>();
+                bins[i][bin(rest.abs())] += 1;
+            }
+        });
+        let mut left = [0.0; MAX_STEPS];
+        for (left, bins) in left[..steps].iter_mut().zip(&bins) {
+            let most = bins.iter().sum::<u32>() / 4 * 3;
+            let mut below = 0;
+            let at = bins.iter().position(|count| {
+                below += count;
+                below > most
+            });
+            *left = level_of(at.unwrap_or(0));
+        }
+        Some(left)
+    }
+
+    /// What the row of a frame tells beside those of most others.
+    fn frame_row(&self, columns: &[Column; 3], frame: usize, left: &Column) -> FrameRow {
+        let steps = self.steps();
+        let contrast = |i: usize| (columns[1][i] * columns[1][i] + columns[2][i] * columns[2][i]).sqrt();
+        let off = |i: usize| wrap_rad(atan2(columns[2][i], columns[1][i]) - self.plan.shifts_rad[i]);
+        let usual = |of: &dyn Fn(usize) -> f64| {
+            let mut sorted = [0.0; MAX_STEPS];
+            sorted[..steps].iter_mut().enumerate().for_each(|(i, value)| *value = of(i));
+            sorted[..steps].sort_unstable_by(f64::total_cmp);
+            sorted[steps / 2]
+        };
+        FrameRow {
+            level: columns[0][frame] / usual(&|i| columns[0][i]),
+            contrast: contrast(frame) / usual(&contrast),
+            off_rad: off(frame) - usual(&off),
+            left: left[frame],
+            usual: usual(&|i| left[i]),
+        }
+    }
+}
+
+/// The columns of the nominal steps.
+fn nominal_columns(plan: &SinePlan) -> [Column; 3] {
+    let mut columns = [[0.0; MAX_STEPS]; 3];
+    for (i, shift) in plan.shifts_rad.iter().enumerate() {
+        let (s, c) = sincos(*shift);
+        (columns[0][i], columns[1][i], columns[2][i]) = (1.0, c, s);
+    }
+    columns
+}
+
+/// The columns that a basis spans, as near to the nominal ones as possible over all frames but one.
+fn nearest(
+    basis: &[Column; 3],
+    nominal: &[Column; 3],
+    steps: usize,
+    but: Option<usize>,
+) -> Option<[Column; 3]> {
+    let sum = |a: &Column, b: &Column| dot(a, b, steps) - but.map_or(0.0, |frame| a[frame] * b[frame]);
+    let normal = Matrix3::from_fn(|i, j| sum(&basis[i], &basis[j]));
+    let inverse = normal.try_inverse()?;
+    let mut columns = [[0.0; MAX_STEPS]; 3];
+    for (column, wanted) in columns.iter_mut().zip(nominal) {
+        let shares = inverse * Vector3::from_fn(|k, _| sum(&basis[k], wanted));
+        for (i, value) in column[..steps].iter_mut().enumerate() {
+            *value = (0..3).map(|k| shares[k] * basis[k][i]).sum();
+        }
+    }
+    Some(columns)
+}
+
+/// Σ of the squares by which columns differ from the nominal ones, over all frames but one.
+fn misfit(columns: &[Column; 3], nominal: &[Column; 3], steps: usize, but: usize) -> f64 {
+    let mut sum = 0.0;
+    for (column, wanted) in columns.iter().zip(nominal) {
+        for i in (0..steps).filter(|i| *i != but) {
+            sum += (column[i] - wanted[i]) * (column[i] - wanted[i]);
+        }
+    }
+    sum
+}
+
+/// Weights of the frames in A, C and S.
+pub(super) fn solver(columns: &[Column; 3], steps: usize) -> Option<[Column; 3]> {
+    let normal = Matrix3::from_fn(|i, j| dot(&columns[i], &columns[j], steps));
+    let inverse = normal.try_inverse()?;
+    let mut weights = [[0.0; MAX_STEPS]; 3];
+    for (k, weights) in weights.iter_mut().enumerate() {
+        for (i, weight) in weights[..steps].iter_mut().enumerate() {
+            *weight = (0..3).map(|j| inverse[(k, j)] * columns[j][i]).sum();
+        }
+    }
+    Some(weights)
+}
+
+/// The values of a column times those of another.
+pub(super) fn times(a: &Column, b: &Column) -> Column {
+    std::array::from_fn(|i| a[i] * b[i])
+}
+
+pub(super) fn dot(a: &[f64], b: &[f64], steps: usize) -> f64 {
+    a[..steps].iter().zip(&b[..steps]).map(|(a, b)| a * b).sum()
+}
+
+/// Gram and Schmidt; `None` where the columns do not span three dimensions.
+fn orthonormal(columns: &mut [Column; 3], steps: usize) -> Option<()> {
+    for k in 0..3 {
+        // Twice, against rounding.
+        for _ in 0..2 {
+            for other in 0..k {
+                let base = columns[other];
+                let share = dot(&base, &columns[k], steps);
+                columns[k].iter_mut().zip(&base).for_each(|(v, b)| *v -= share * b);
+            }
+        }
+        let length = dot(&columns[k], &columns[k], steps).sqrt();
+        if length.is_nan() || length <= 0.0 {
+            return None;
+        }
+        columns[k].iter_mut().for_each(|v| *v /= length);
+    }
+    Some(())
+}
+
+/// Bin of a residual: the exponent and three bits of the number.
+fn bin(value: f64) -> usize {
+    let bits = (value as f32).to_bits() >> 20;
+    (bits.saturating_sub((127 - 12) << 3) as usize).min(BINS - 1)
+}
+
+/// Lower end of a bin.
+fn level_of(bin: usize) -> f64 {
+    f64::from(f32::from_bits((bin as u32 + ((127 - 12) << 3)) << 20))
+}
