@@ -26,7 +26,9 @@ const LEAST_STEPS: usize = 5;
 /// One bad frame in so many is left out; one always may be.
 const BAD_FRAMES: usize = 8;
 /// Levels of the frames that differ by more are a changing light.
-const FLICKER: f64 = 0.02;
+const FLICKER: f64 = 0.05;
+/// A fringe that stands still in the level is a changing light by itself from this size on.
+const STANDING_FLICKER: f64 = 0.03;
 /// Levels that differ by more are no changing light.
 const MOST_FLICKER: f64 = 0.5;
 /// A frame with less than this level and contrast is black.

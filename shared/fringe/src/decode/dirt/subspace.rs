@@ -4,7 +4,7 @@
 #![allow(clippy::large_stack_arrays)]
 
 use super::rows::Rows;
-use super::{FLICKER, FrameRow, Look, MOST_FLICKER};
+use super::{FLICKER, FrameRow, Look, MOST_FLICKER, STANDING_FLICKER};
 use crate::decode::limits::MAX_STEPS;
 use crate::decode::noise::gcd;
 use crate::decode::roles::SinePlan;
@@ -161,7 +161,8 @@ impl<'a> Samples<'a> {
         let mean = levels[..steps].iter().sum::<f64>() / steps as f64;
         levels[..steps].iter_mut().for_each(|level| *level /= mean);
         let most = levels[..steps].iter().map(|level| (level - 1.0).abs()).fold(0.0, f64::max);
-        if (standing.is_none() && most <= FLICKER) || most > MOST_FLICKER {
+        let still = standing.map_or(0.0, |[c, s]| (c * c + s * s).sqrt());
+        if (still <= STANDING_FLICKER && most <= FLICKER) || most > MOST_FLICKER {
             return None;
         }
         // Room light adds to all fringes, an exposure scales them: what leaves less is taken.
