@@ -210,6 +210,7 @@ export class Cloud {
       let y = top;
       const hit = () => taken.find((t) => Math.abs(t.y - y) < 20 && x < t.x + t.wide && t.x < x + wide);
       for (let other = hit(); other; other = hit()) y = other.y + 20;
+      if (y > height - 20) return null;
       taken.push({ x, y, wide });
       const sign = { pass: "✓", fail: "✕", indeterminate: "?" }[feature.verdict] ?? "·";
       const tag = el("span", { title: feature.name }, `${sign} ${feature.name}`);
