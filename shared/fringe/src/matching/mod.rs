@@ -59,7 +59,7 @@ use crate::math::simd::best_level;
 use crate::math::statistics::median;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
-use crate::surface::{Cause, INTERPOLATED, Sample, SurfaceBuilder, View, independent_share, mark_rims};
+use crate::surface::{Cause, Sample, SurfaceBuilder, View, independent_share, mark_rims, rim_is_hidden};
 use epipolar_rows::{Row, StepLimits};
 use fearless_simd::Level;
 use nalgebra::Vector3;
@@ -197,7 +197,7 @@ impl Matcher {
         ));
         let (limits, noise_px) = self.step_limits(left, right);
         // A rim shifts the phase two pixels away by less than noise like this hides, and hardly one that was interpolated.
-        let hidden = noise_px > RIM_NOISE_PX || independent < INTERPOLATED;
+        let hidden = rim_is_hidden(noise_px, RIM_NOISE_PX, independent);
         let edge = if hidden { edge_px.min(1) } else { edge_px };
         let Self { right_gaps, right_rims, .. } = self;
         mark_rims(

@@ -20,7 +20,7 @@ pub(crate) use buffers::SurfaceBuilder;
 pub use cause::Cause;
 pub(crate) use independence::{WINDOWS, independent_share};
 pub(crate) use rim::mark_rims;
-pub(crate) use sample::{INTERPOLATED, Sample, View};
+pub(crate) use sample::{Sample, View, rim_is_hidden};
 
 use serde::{Deserialize, Serialize};
 

@@ -64,8 +64,17 @@ pub(super) const STEEP_SHARE: f64 = 0.1;
 /// Cosine of the steepest incidence that a slope is turned back from: 87°.
 const LEAST_COSINE: f64 = 0.05;
 
-/// Noise of which less than this share belongs to the pixel alone comes from an interpolation.
-pub(crate) const INTERPOLATED: f64 = 0.5;
+/// Noise of which less than this share belongs to the pixel alone comes from an interpolation …
+const INTERPOLATED: f64 = 0.5;
+/// … if it is at least this part of the noise that hides a rim: shape and blur are shared by neighbours too, and where there is hardly
+/// any noise they are all that is seen.
+const INTERPOLATED_NOISE: f64 = 0.1;
+
+/// Whether the shift of points two pixels from a rim is hidden: by noise beyond a limit, or by less of it where points were interpolated
+/// from more than the pixel itself, which then hardly know its own footprint.
+pub(crate) fn rim_is_hidden(noise: f64, limit: f64, independent: f64) -> bool {
+    noise > limit || (independent < INTERPOLATED && noise > INTERPOLATED_NOISE * limit)
+}
 
 /// With more depth noise than this, in pixels on the surface, the shift of points two pixels from a rim does not matter.
 const RIM_NOISE_PX: f64 = 1.0;
@@ -101,11 +110,9 @@ impl View<'_> {
 
     /// How far from a rim the footprint still shifts a point by more than a tenth of its noise, px: a shift of 0.05 px is a depth of
     /// some 0.1 pixels.
-    ///
-    /// What was interpolated from more than the pixel itself hardly knows the pixel's own footprint.
     #[inline]
     pub(super) fn rim_px(&self, sample: &Sample, edge_px: usize) -> usize {
-        let hidden = self.noise_px(sample) > RIM_NOISE_PX || self.independent < INTERPOLATED;
+        let hidden = rim_is_hidden(self.noise_px(sample), RIM_NOISE_PX, self.independent);
         if hidden { edge_px.min(1) } else { edge_px }
     }
 
@@ -178,6 +185,21 @@ impl View<'_> {
             pair,
             pixel: pixel as u32,
             reserved: 0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Without noise neighbours share shape and blur, which is no interpolation: points near a rim stay suspect.
+    #[test]
+    fn a_rim_is_hidden_by_noise_not_by_what_neighbours_share_without_it() {
+        for (noise, independent, hidden) in
+            [(2.0, 1.0, true), (0.5, 1.0, false), (0.5, 0.1, true), (1e-4, 0.1, false)]
+        {
+            assert_eq!(rim_is_hidden(noise, 1.0, independent), hidden, "noise {noise}, share {independent}");
         }
     }
 }
