@@ -52,7 +52,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         calibration.devices.iter().map(|d| Named { name: d.name.clone(), camera: d.camera.clone() });
     let [name, left, right] = ["pair1", "left", "right"].map(str::to_owned);
     let pairs = vec![Pair { name, left, right, projector: String::new() }];
-    let rig = Rig { cameras: cameras.collect(), projectors: Vec::new(), pairs };
+    let rig = Rig { cameras: cameras.collect(), projectors: Vec::new(), pairs, ..Rig::default() };
     files::rig_file::write_rig(Path::new(out), &rig, &toml::Table::new(), None)?;
     println!("{out}: from {} poses", seen.poses.len());
     Ok(())

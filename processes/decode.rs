@@ -50,6 +50,9 @@ struct Counts<'a> {
     /// Faults of the frames, in words.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     findings: Vec<String>,
+    /// Where the frames contradict what the rig file states of the camera.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    warnings: Vec<String>,
 }
 
 impl Decode {
@@ -155,6 +158,7 @@ impl Decode {
             spikes_masked: report.spikes_masked,
             ignored: &report.ignored,
             findings: report.findings.iter().map(ToString::to_string).collect(),
+            warnings: report.sensor.warnings(context.cell.graph.camera_name(self.camera)),
         })?;
         let work = Work::Phase { camera: self.camera, projector: light.projector, axis };
         context.done_hashed(work, start_ns, output, Report { count: report.valid, text })

@@ -3,7 +3,7 @@
 use crate::Outcome;
 use crate::filters::Filters;
 use crate::phase_method::{PhaseArgs, PhaseName};
-use crate::pipeline::{DecodedView, decode_views_by};
+use crate::pipeline::{DecodedView, Decoding, decode_views_by};
 use crate::report::{DecodeLine, check_outputs, emit};
 use anyhow::{Context, Result};
 use cell::executor::Decoded;
@@ -14,6 +14,7 @@ use fringe::decode::Diagnosis;
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
 use report::picture;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
@@ -51,10 +52,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_names(args, &recording)?;
     let asked = |wanted: &Option<String>, name: &str| wanted.as_deref().is_none_or(|w| w == name);
     let (settings, method) = args.phase.choose(args.method);
-    let mut views =
-        decode_views_by(&recording, &settings, method, args.out.is_some(), |projector, camera| {
-            asked(&args.projector, projector) && asked(&args.camera, camera)
-        })?;
+    let how = Decoding {
+        settings: &settings,
+        sensors: &BTreeMap::new(),
+        method,
+        keep_diagnosis: args.out.is_some(),
+    };
+    let mut views = decode_views_by(&recording, &how, |projector, camera| {
+        asked(&args.projector, projector) && asked(&args.camera, camera)
+    })?;
     let filtered = args.filters.apply(&mut views)?;
     if let Some(folder) = &args.out {
         atomic::create_dir(folder)?;

@@ -34,6 +34,7 @@ mod check_rig;
 mod cmm_compare;
 mod cmm_plan;
 mod compare;
+mod correct_rig;
 mod decode;
 mod explore;
 mod export;
@@ -145,6 +146,8 @@ enum Command {
     Calibrate(calibrate::Args),
     /// Detect camera drift, on any object lit with fringes in both directions.
     CheckRig(check_rig::Args),
+    /// Correct a rig of which one view has drifted, from fringes on any object.
+    CorrectRig(correct_rig::Args),
     /// Measure a projector's response from grey levels and write the pattern correction.
     Gamma(gamma::Args),
     /// Find best focus and depth of focus from images of a projected checkerboard.
@@ -241,6 +244,7 @@ fn execute(command: &Command) -> Result<Outcome> {
         Command::Export(args) => export::run(args),
         Command::Calibrate(args) => calibrate::run(args),
         Command::CheckRig(args) => check_rig::run(args),
+        Command::CorrectRig(args) => correct_rig::run(args),
         Command::Gamma(args) => gamma::run(args),
         Command::Focus(args) => focus::run(args),
         Command::Uncertainty(args) => uncertainty::run(args),

@@ -9,7 +9,9 @@ use fringe::decode::DecodeSettings;
 use fringe::frame::Frame;
 use fringe::pattern::{Axis, PatternSet};
 use fringe::phase::PhaseMap;
+use fringe::sensor::Sensor;
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Frames that are read side by side; more only costs memory.
@@ -33,28 +35,40 @@ impl DecodedView {
     }
 }
 
-/// Decodes the views of a recording that `wanted(projector, camera)` asks for, in the order of the recording.
+/// How views are decoded.
+pub struct Decoding<'a> {
+    /// Limits and assumptions, the same for all cameras.
+    pub settings: &'a DecodeSettings,
+    /// What the rig file states of the sensors, by camera.
+    pub sensors: &'a BTreeMap<String, Sensor>,
+    /// Where the wrapped phase comes from.
+    pub method: PhaseMethod,
+    /// Whether what each pixel's order rests on is kept; it takes twice the memory of a map.
+    pub keep_diagnosis: bool,
+}
+
+/// Decodes the views of a recording that `wanted(projector, camera)` asks for, in the order of the recording, with sensors as a
+/// rig file states them.
 ///
 /// # Errors
 /// A sequence that gives no absolute phase, or a frame that does not decode.
 pub fn decode_views(
     recording: &Recording,
     settings: &DecodeSettings,
+    sensors: &BTreeMap<String, Sensor>,
     wanted: impl Fn(&str, &str) -> bool,
 ) -> Result<Vec<DecodedView>> {
-    decode_views_by(recording, settings, PhaseMethod::default(), false, wanted)
+    let method = PhaseMethod::default();
+    decode_views_by(recording, &Decoding { settings, sensors, method, keep_diagnosis: false }, wanted)
 }
 
-/// The same with a method of the user's choice for the wrapped phase. What each pixel's order rests on takes twice the memory
-/// of a map; it is kept where asked for.
+/// The same in a way of the user's choice.
 ///
 /// # Errors
 /// As [`decode_views`], and frames that the method does not take.
 pub fn decode_views_by(
     recording: &Recording,
-    settings: &DecodeSettings,
-    method: PhaseMethod,
-    keep_diagnosis: bool,
+    how: &Decoding,
     wanted: impl Fn(&str, &str) -> bool,
 ) -> Result<Vec<DecodedView>> {
     let views: Vec<(&RecordedProjector, &RecordedCamera)> = recording
@@ -67,8 +81,9 @@ pub fn decode_views_by(
     let mut progress = Progress::new(frames, "decoding");
     let decode = |(projector, camera): &(&RecordedProjector, &RecordedCamera)| {
         let view = RecordedView { recording, projector, camera };
-        let mut maps = view.decode(settings, method, &mut || progress.step())?;
-        if !keep_diagnosis {
+        let sensor = how.sensors.get(&camera.name).copied().unwrap_or_default();
+        let mut maps = view.decode(&how.settings.of_camera(sensor), how.method, &mut || progress.step())?;
+        if !how.keep_diagnosis {
             for decoded in &mut maps {
                 decoded.diagnosis = Vec::new();
             }

@@ -10,7 +10,7 @@ use crate::Outcome;
 use crate::decode::{lines, missing};
 use crate::filters::{FilterLine, Filters};
 use crate::phase_method::{PhaseArgs, PhaseName};
-use crate::pipeline::{DecodedView, decode_views_by};
+use crate::pipeline::{DecodedView, Decoding, decode_views_by};
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
@@ -212,7 +212,14 @@ fn clouds(recording: &Recording, task: &Task, filters: &Filters) -> Result<Done>
     let lit = |projector: &str, camera: &str| {
         task.pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
     };
-    let mut views = decode_views_by(recording, &task.settings.decode, task.phase, false, lit)?;
+    let sensors = task.rig.sensors();
+    let how = Decoding {
+        settings: &task.settings.decode,
+        sensors: &sensors,
+        method: task.phase,
+        keep_diagnosis: false,
+    };
+    let mut views = decode_views_by(recording, &how, lit)?;
     let filtered = filters.apply(&mut views)?;
     let match_pair = |(index, pair): (usize, &Pair)| {
         let mut matcher = PairMatcher::new(&task.rig.rig, pair, index, &task.settings.matching)

@@ -84,6 +84,7 @@ pub struct DecodeLine {
     exposures_best_of: Vec<usize>,
     findings: Vec<FoundFault>,
     ignored: Vec<String>,
+    warnings: Vec<String>,
 }
 
 impl DecodeLine {
@@ -112,6 +113,7 @@ impl DecodeLine {
             noise_source: match report.noise.source {
                 NoiseSource::Estimated { .. } => "estimated",
                 NoiseSource::Settings => "settings",
+                NoiseSource::Calibration => "calibration",
                 NoiseSource::Assumed => "assumed",
             },
             footprint_px: report.footprint_px,
@@ -123,6 +125,7 @@ impl DecodeLine {
             exposures_best_of: decoded.best_of.clone(),
             findings: report.findings.iter().map(FoundFault::new).collect(),
             ignored: report.ignored.to_vec(),
+            warnings: report.sensor.warnings(camera),
         }
     }
 }
@@ -187,6 +190,9 @@ impl fmt::Display for DecodeLine {
         }
         if !self.ignored.is_empty() {
             write!(f, "; not used: {}", self.ignored.join(", "))?;
+        }
+        for warning in &self.warnings {
+            write!(f, "; {warning}")?;
         }
         Ok(())
     }

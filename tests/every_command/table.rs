@@ -36,6 +36,7 @@ pub const QUICK: &[&str] = &[
     "import-rig NEW/stereo.yml --views cam1,cam2 --out NEW/imported.toml",
     "calibrate --target DIR/target.toml --images left=DIR/left*.png --out NEW/calibrated.toml",
     "check-rig DIR/lit --rig DIR/lit-rig.toml",
+    "correct-rig DIR/lit --rig DIR/lit-rig.toml --out NEW/corrected.toml",
     "gamma DIR/grey",
     "focus --images DIR/focus*.png --positions 460:560:10",
     "uncertainty CONFIGS/budgets/sphere-spacing.toml",

@@ -18,6 +18,7 @@ use fringe::math::statistics::median;
 use fringe::unwrap::{NO_COMPONENT, QualityMap, UnwrapSettings, Wrapped, unwrap};
 use ipc::os::Usage;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -209,7 +210,7 @@ fn demo() -> Result<Map> {
 
 fn recorded(folder: &Path) -> Result<Vec<Map>> {
     let recording = Recording::open(folder)?;
-    let views = decode_views(&recording, &DecodeSettings::default(), |_, _| true)?;
+    let views = decode_views(&recording, &DecodeSettings::default(), &BTreeMap::new(), |_, _| true)?;
     let stem = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let maps = views.into_iter().flat_map(|view| {
         let place = format!("{stem}-{}-{}", view.projector, view.camera);

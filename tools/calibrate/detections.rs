@@ -6,8 +6,9 @@ use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
 use cell::executor::PhaseMethod;
 use characterise::calibration::{Device, DeviceKind, ImagePoint, Observations, View, projector_pixel};
+use characterise::sensor::NoiseEstimate;
 use characterise::target::{
-    Ambiguity, DetectedPoint, Detection, TargetError, TargetSettings, TargetSpec, detect,
+    Ambiguity, BlurredEdge, DetectedPoint, Detection, TargetError, TargetSettings, TargetSpec, detect,
 };
 use files::recording::{RecordedCamera, RecordedProjector, Recording};
 use fringe::decode::DecodeSettings;
@@ -29,6 +30,10 @@ pub struct Gathered {
     pub notes: Vec<String>,
     /// Projectors that a recording does not characterise, and why.
     missing: Vec<(String, String)>,
+    /// The edges of the target that a camera saw in a pose.
+    edges: Vec<(usize, Vec<BlurredEdge>)>,
+    /// Noise of the cameras, one line for each recording that shows it.
+    pub noise: Vec<(String, NoiseEstimate)>,
     /// Every image that was searched.
     pub target_images: Vec<TargetImage>,
     /// Number of images in which the target was found.
@@ -236,6 +241,13 @@ impl Gathered {
             .collect();
         let may_be_turned = detection.ambiguity != Ambiguity::None;
         self.views.push(View { device, pose, image_points, may_be_turned });
+        self.edges.push((device, detection.points.iter().filter_map(|p| p.edges).flatten().collect()));
+    }
+
+    /// The edges that a camera saw, pose by pose.
+    pub fn edges_of(&self, camera: &str) -> Vec<Vec<BlurredEdge>> {
+        let named = |device: usize| self.devices.get(device).is_some_and(|d| d.name == camera);
+        self.edges.iter().filter(|(device, _)| named(*device)).map(|(_, edges)| edges.clone()).collect()
     }
 }
 

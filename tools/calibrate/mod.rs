@@ -7,6 +7,7 @@ mod lengths;
 pub mod model;
 mod output;
 mod report;
+mod sensors;
 mod shown;
 mod target_images;
 mod validation;
@@ -106,7 +107,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let spacing = calibration
         .volume()
         .and_then(|volume| calibration.sphere_spacing_u_mm(&indices, &volume, &SpacingSettings::default()));
-    output::write_rig(&args.out, &calibration, &pairs, shown.file)?;
+    let sensors = sensors::characterise(&gathered, &calibration);
+    output::write_rig(&args.out, &calibration, &pairs, &sensors, shown.file)?;
     let parts = Parts {
         rig: &args.out,
         shown: &shown,
@@ -117,6 +119,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         spacing,
         validation: &validation,
         lengths: &lengths,
+        sensors: &sensors,
         notes: &gathered.notes,
         not_characterised: &absent,
     };

@@ -1,12 +1,15 @@
 //! What a calibration writes and prints.
 
 use super::report::Parts;
+use super::sensors::{self, Characterised};
 use super::{lengths, validation};
 use anyhow::{Context, Result, bail};
 use characterise::calibration::{COMMON_PARAMETERS, Calibration, DeviceKind, Gauge, Outlier, PARAMETERS};
-use files::rig_file::CovarianceRef;
+use files::rig_file::{CovarianceRef, SensorUncertainty};
 use fringe::geometry::camera::LensKind;
 use fringe::geometry::rig::{Named, Pair, Rig};
+use fringe::sensor::Sensor;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The pairs given by `--pair`, or one for each projector seen by exactly two cameras; each with its two devices.
@@ -73,6 +76,7 @@ pub fn write_rig(
     out: &Path,
     calibration: &Calibration,
     pairs: &[(Pair, [usize; 2])],
+    sensors: &BTreeMap<String, Characterised>,
     target: &Path,
 ) -> Result<()> {
     let of = |kind: DeviceKind| -> Vec<Named> {
@@ -83,11 +87,12 @@ pub fn write_rig(
         cameras: of(DeviceKind::Camera),
         projectors: of(DeviceKind::Projector),
         pairs: pairs.iter().map(|(p, _)| p.clone()).collect(),
+        sensors: sensors.iter().map(|(name, found)| (name.clone(), found.sensor)).collect(),
     };
     let mut file = out.file_stem().unwrap_or_default().to_owned();
     file.push(".covariance.json");
     let path = out.with_file_name(&file);
-    files::result::write_json(&path, &covariance(calibration))?;
+    files::result::write_json(&path, &covariance(calibration, &rig.sensors))?;
     let sha256 = files::hash::sha256_hex(&files::document::read_bytes(&path, 1 << 30)?);
     let reference = CovarianceRef { file: file.to_string_lossy().into_owned(), sha256 };
     let mut provenance = toml::Table::new();
@@ -111,7 +116,7 @@ fn parameters(calibration: &Calibration) -> &'static [&'static str] {
 }
 
 /// The full matrix, extrinsics relative to the first device.
-fn covariance(calibration: &Calibration) -> serde_json::Value {
+fn covariance(calibration: &Calibration, sensors: &BTreeMap<String, Sensor>) -> serde_json::Value {
     let parameters = parameters(calibration);
     let behind = PARAMETERS.len() * calibration.devices.len();
     let rows: Vec<usize> = (0..calibration.covariance.size())
@@ -121,8 +126,11 @@ fn covariance(calibration: &Calibration) -> serde_json::Value {
         rows.iter().map(|c| calibration.covariance.at(Gauge::FirstDevice, *r, *c)).collect::<Vec<f64>>()
     };
     let devices: Vec<&str> = calibration.devices.iter().map(|d| d.name.as_str()).collect();
+    let sensors: BTreeMap<&String, SensorUncertainty> =
+        sensors.iter().map(|(name, sensor)| (name, SensorUncertainty::of(sensor))).collect();
     serde_json::json!({
         "format": "fringecell-covariance/1",
+        "sensors": sensors,
         "gauge": "the frame of the first device is held",
         "devices": devices,
         "parameters": parameters,
@@ -150,6 +158,7 @@ pub fn print(parts: &Parts) {
         let device = &calibration.devices[worst.device].name;
         println!("worst view: {device} in {}, rms {:.4} px", observations.poses[worst.pose], worst.rms_px);
     }
+    sensors::print(parts.sensors);
     print_outliers(parts);
     validation::print(parts.validation);
     parts.lengths.iter().for_each(lengths::print);
@@ -169,7 +178,7 @@ pub fn json(parts: &Parts) -> serde_json::Value {
         let devices = calibration.devices.iter().filter(|d| d.kind == kind);
         devices
             .map(|d| {
-                serde_json::json!({
+                let mut device = serde_json::json!({
                     "name": d.name,
                     "rms_reprojection_px": d.rms_reprojection_px,
                     "views": d.views,
@@ -179,7 +188,11 @@ pub fn json(parts: &Parts) -> serde_json::Value {
                     "principal_point_px": d.camera.principal_point_px,
                     "lens": d.camera.distortion.kind.name(),
                     "standard_uncertainty": &d.standard_uncertainty[..parameters(calibration).len()],
-                })
+                });
+                if kind == DeviceKind::Camera {
+                    device["sensor"] = sensors::json(parts.sensors.get(&d.name));
+                }
+                device
             })
             .collect()
     };

@@ -1,5 +1,6 @@
 //! `--report`: what the report of the calibration is given.
 
+use super::sensors::Characterised;
 use super::shown::Shown;
 use super::validation::Validation;
 use anyhow::Result;
@@ -7,6 +8,7 @@ use characterise::calibration::LensChoice;
 use characterise::calibration::{Calibration, Observations, SpacingSettings, SphereSpacing};
 use fringe::geometry::rig::Pair;
 use report::calibration::{CalibrationReport, LengthCheck, write_html};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Everything that was computed.
@@ -29,6 +31,8 @@ pub struct Parts<'a> {
     pub validation: &'a Validation,
     /// Certified lengths compared with measured ones.
     pub lengths: &'a [LengthCheck],
+    /// Footprint and noise of the cameras.
+    pub sensors: &'a BTreeMap<String, Characterised>,
     /// What was left out.
     pub notes: &'a [String],
     /// Devices that are not in the rig, and why.

@@ -3,6 +3,7 @@
 use super::Args;
 use super::detections::{self, Gathered};
 use super::images;
+use super::sensors;
 use anyhow::{Context, Result, bail};
 use characterise::calibration::Observations;
 use characterise::target::{TargetKind, TargetSpec};
@@ -65,7 +66,9 @@ impl<'a> Shown<'a> {
                     .iter()
                     .map(|path| Ok(Recording::open(path)?))
                     .collect::<Result<Vec<_>>>()?;
-                detections::gather(&opened, target)
+                let mut gathered = detections::gather(&opened, target)?;
+                gathered.noise = sensors::noise_lines(&opened)?;
+                Ok(gathered)
             }
         }
     }

@@ -3,6 +3,8 @@
 mod print;
 mod trend;
 
+pub use print::suspects;
+
 use crate::Outcome;
 use crate::calibrate::detections::axis_without_coordinates;
 use crate::pipeline::{DecodedView, decode_views};
@@ -11,7 +13,7 @@ use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
 use characterise::health::{
-    HealthSettings, MatchCounts, PairCovariance, PairHealth, check_pair, match_projector, match_views,
+    HealthSettings, Match, MatchCounts, PairCovariance, PairHealth, check_pair, match_projector, match_views,
 };
 use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
@@ -53,20 +55,27 @@ pub struct Args {
 }
 
 /// Names of pairs and devices, each with the reason.
-type Unchecked = Vec<(String, String)>;
+pub type Unchecked = Vec<(String, String)>;
+
+/// A checked pair with its matches.
+pub type Examined = (PairCheck, Vec<Match>);
 
 /// Result of the check of one pair.
 #[derive(serde::Serialize)]
 pub struct PairCheck {
     /// Name in the rig file.
-    name: String,
-    left: String,
-    right: String,
-    projector: String,
+    pub name: String,
+    /// Name of its left view.
+    pub left: String,
+    /// Name of its right view.
+    pub right: String,
+    /// Name of the projector that lit both.
+    pub projector: String,
     #[serde(flatten)]
     counts: MatchCounts,
+    /// What the residuals say.
     #[serde(flatten)]
-    health: PairHealth,
+    pub health: PairHealth,
 }
 
 /// Runs the command; the outcome becomes the exit code.
@@ -84,18 +93,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     trend::verify(args)?;
     let rig_file = read_rig(&args.rig)?;
     let covariance = rig_file.read_covariance()?;
-    let (pairs, unchecked) = pairs(&recording, &rig_file)?;
-    let lit = |projector: &str, camera: &str| {
-        pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
-    };
-    let views = decode_views(&recording, &DecodeSettings::default(), lit)?;
-    let checks = pairs
-        .iter()
-        .map(|pair| {
-            check(pair, &rig_file, covariance.as_ref(), &views, &settings)
-                .with_context(|| format!("{}: pair \"{}\"", args.recording.display(), pair.name))
-        })
-        .collect::<Result<Vec<_>>>()?;
+    let (checks, unchecked) = examine(&recording, &rig_file, covariance.as_ref(), &settings)?;
+    let checks: Vec<PairCheck> = checks.into_iter().map(|(check, _)| check).collect();
     print::print(&checks, covariance.is_some());
     for (name, why) in &unchecked {
         println!("\"{name}\" is not checked: {why}");
@@ -109,13 +108,32 @@ pub fn run(args: &Args) -> Result<Outcome> {
         "rig_sha256": rig_file.sha256,
         "settings": settings,
         "pairs": checks,
-        "suspects": print::suspects(&checks),
+        "suspects": suspects(checks.iter()),
         "healthy": healthy,
         "not_checked": unchecked.iter().map(|(name, why)| serde_json::json!({ "name": name, "why": why })).collect::<Vec<_>>(),
     });
     let provenance = Provenance::now(&FRINGETOOL).rig(&rig_file.sha256);
     emit_made_with(args.json.as_deref(), &result, provenance)?;
     Ok(if healthy { Outcome::Done } else { Outcome::LimitFailed })
+}
+
+/// Every pair that a recording checks, with its matches; and what it does not check, with the reason.
+pub fn examine(
+    recording: &Recording,
+    rig_file: &RigFile,
+    covariance: Option<&Covariance>,
+    settings: &HealthSettings,
+) -> Result<(Vec<Examined>, Unchecked)> {
+    let (pairs, unchecked) = pairs(recording, rig_file)?;
+    let lit = |projector: &str, camera: &str| {
+        pairs.iter().any(|p| p.projector == projector && (p.left == camera || p.right == camera))
+    };
+    let views = decode_views(recording, &DecodeSettings::default(), &rig_file.sensors(), lit)?;
+    let checks = pairs.iter().map(|pair| {
+        check(pair, rig_file, covariance, &views, settings)
+            .with_context(|| format!("{}: pair \"{}\"", recording.folder.display(), pair.name))
+    });
+    Ok((checks.collect::<Result<_>>()?, unchecked))
 }
 
 fn check_files(args: &Args) -> Result<()> {
@@ -191,7 +209,7 @@ fn check(
     covariance: Option<&Covariance>,
     views: &[DecodedView],
     settings: &HealthSettings,
-) -> Result<PairCheck> {
+) -> Result<Examined> {
     let rig = &rig_file.rig;
     let both = |camera: &str| -> Result<[PhaseView<'_>; 2]> {
         let view = views.iter().find(|v| v.projector == pair.projector && v.camera == camera);
@@ -212,11 +230,11 @@ fn check(
     let covariance = covariance.and_then(|c| pair_covariance(c, pair));
     let health = check_pair(left, right, &found.matches, covariance.as_ref(), settings)?;
     let Pair { name, left, right, projector } = pair.clone();
-    Ok(PairCheck { name, left, right, projector, counts: found.counts, health })
+    Ok((PairCheck { name, left, right, projector, counts: found.counts, health }, found.matches))
 }
 
 /// The part of the covariance that a pair needs; `None` where the calibration did not include one of its views.
-fn pair_covariance(covariance: &Covariance, pair: &Pair) -> Option<PairCovariance> {
+pub fn pair_covariance(covariance: &Covariance, pair: &Pair) -> Option<PairCovariance> {
     let matrix = covariance.part(&[&pair.left, &pair.right])?;
     let names = [covariance.parameters.clone(), covariance.parameters.clone()];
     Some(PairCovariance { names, matrix })

@@ -39,7 +39,7 @@ pub fn print(checks: &[PairCheck], with_covariance: bool) {
             }
         }
     }
-    let suspects = suspects(checks);
+    let suspects = suspects(checks.iter());
     if !suspects.is_empty() {
         println!("in every unhealthy pair: {}", suspects.join(", "));
     }
@@ -62,7 +62,8 @@ fn line(cause: &Cause, view: &str) -> String {
 }
 
 /// Views that all unhealthy pairs have in common while no healthy pair has them; empty where nothing is unhealthy.
-pub fn suspects(checks: &[PairCheck]) -> Vec<String> {
+pub fn suspects<'a>(checks: impl Iterator<Item = &'a PairCheck>) -> Vec<String> {
+    let checks: Vec<&PairCheck> = checks.collect();
     let unhealthy = || checks.iter().filter(|check| !check.health.healthy);
     let Some(first) = unhealthy().next() else { return Vec::new() };
     let has = |check: &PairCheck, view: &str| check.left == view || check.right == view;

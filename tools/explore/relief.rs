@@ -11,6 +11,7 @@ use fringe::phase::PhaseMap;
 use nalgebra::{SMatrix, SVector};
 use report::ColourMap;
 use report::picture::{Range, Scalar, scalar_png};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Coefficients of a carrier: a cubic in column and row, as a plane gives it through two pinhole views with some distortion.
@@ -23,7 +24,7 @@ const SAMPLES: usize = 100_000;
 /// phase is told and no failure.
 pub fn write(folder: &Path) -> Result<()> {
     let recording = Recording::open(folder)?;
-    let views = match decode_views(&recording, &DecodeSettings::default(), |_, _| true) {
+    let views = match decode_views(&recording, &DecodeSettings::default(), &BTreeMap::new(), |_, _| true) {
         Ok(views) => views,
         Err(error) => {
             println!("\nno absolute phase from the proposed sequence: {error:#}");

@@ -10,6 +10,7 @@ use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
 use nalgebra::Point2;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::path::Path;
 
@@ -17,7 +18,9 @@ use std::path::Path;
 /// failure.
 pub fn write(folder: &Path) -> Result<Vec<Value>> {
     let recording = Recording::open(folder)?;
-    let Ok(views) = decode_views(&recording, &fringe::decode::DecodeSettings::default(), |_, _| true) else {
+    let Ok(views) =
+        decode_views(&recording, &fringe::decode::DecodeSettings::default(), &BTreeMap::new(), |_, _| true)
+    else {
         return Ok(Vec::new());
     };
     let mut results = Vec::new();
@@ -104,6 +107,7 @@ fn rig(view: &DecodedView, found: &SelfCalibration) -> Rig {
             right: view.projector.clone(),
             projector: view.projector.clone(),
         }],
+        ..Rig::default()
     }
 }
 

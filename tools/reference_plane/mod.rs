@@ -10,6 +10,7 @@ use files::recording::Recording;
 use fringe::decode::DecodeSettings;
 use fringe::pattern::Axis;
 use fringe::phase::PhaseMap;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 #[derive(clap::Args)]
@@ -45,9 +46,10 @@ struct Which {
 /// Decodes one view along one axis.
 fn decode(folder: &Path, which: &Which) -> Result<PhaseMap> {
     let recording = Recording::open(folder)?;
-    let views = decode_views(&recording, &DecodeSettings::default(), |projector, camera| {
-        projector == which.projector && camera == which.camera
-    })?;
+    let views =
+        decode_views(&recording, &DecodeSettings::default(), &BTreeMap::new(), |projector, camera| {
+            projector == which.projector && camera == which.camera
+        })?;
     let maps = views.into_iter().flat_map(|view| view.maps).map(|decoded| decoded.map);
     match maps.into_iter().find(|map| map.info.axis == which.axis) {
         Some(map) => Ok(map),

@@ -13,4 +13,5 @@ pub mod reference_plane;
 pub mod response;
 pub mod rotation_stage;
 pub mod self_calibration;
+pub mod sensor;
 pub mod target;

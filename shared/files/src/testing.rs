@@ -33,5 +33,6 @@ pub(crate) fn rig(width_px: u32, height_px: u32) -> Rig {
         cameras: ["cam1", "cam2", "cam3", "cam4"].map(|name| camera(name, width_px, height_px)).into(),
         projectors: Vec::new(),
         pairs: vec![pair("pair1", "cam1", "cam2", "proj1"), pair("pair2", "cam3", "cam4", "proj2")],
+        ..Rig::default()
     }
 }

@@ -23,8 +23,10 @@ pub mod pattern;
 
 pub mod planning;
 
-// What a camera sees.
+// What a camera sees, and what is known of it.
 pub mod frame;
+
+pub mod sensor;
 
 // Phase modulo one period, then without ambiguity: from neighbouring pixels or from further patterns.
 pub mod wrapped;

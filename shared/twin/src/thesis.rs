@@ -90,7 +90,7 @@ pub fn rig(width_px: u32, height_px: u32) -> Rig {
         right: format!("cam{}", 2 * i + 2),
         projector: format!("proj{}", i + 1),
     };
-    Rig { cameras, projectors, pairs: vec![pair(0), pair(1)] }
+    Rig { cameras, projectors, pairs: vec![pair(0), pair(1)], ..Rig::default() }
 }
 
 /// The sequence of the demo: ten steps of 16 px, seven Gray bits of half a period, white, black; 19 frames.

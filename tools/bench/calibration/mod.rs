@@ -244,7 +244,7 @@ fn image_trial(seed: u64, found: &Calibration, truth: &Rig) -> Result<ImageTrial
 fn rig_of(found: &Calibration, truth: &Rig) -> Rig {
     let cameras = found.devices.iter().filter(|d| d.kind == DeviceKind::Camera);
     let cameras = cameras.map(|d| Named { name: d.name.clone(), camera: d.camera.clone() }).collect();
-    Rig { cameras, projectors: Vec::new(), pairs: truth.pairs.clone() }
+    Rig { cameras, projectors: Vec::new(), pairs: truth.pairs.clone(), ..Rig::default() }
 }
 
 /// Time of the adjustment; the detection was timed image by image.

@@ -196,6 +196,7 @@ pub fn decoder(cell: &Cell, projector: usize, camera: usize) -> Result<ViewDecod
         full_scale_dn: cell.format(projector, camera)?.full_scale_dn,
         exposures_ms: &light.exposures_ms,
     };
-    ViewDecoder::new(&view, &cell.config.settings.decode, PhaseMethod::default())
+    let settings = cell.config.settings.decode.of_camera(cell.config.rig.sensor(&node.name));
+    ViewDecoder::new(&view, &settings, PhaseMethod::default())
         .map_err(|source| CellError::Decode { projector: light.name.clone(), source })
 }

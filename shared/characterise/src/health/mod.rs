@@ -15,6 +15,7 @@
 //! the two views moved; where a view has several partners, it is the one that all unhealthy pairs have in common.
 
 mod chi_square;
+mod correct;
 mod drift;
 mod error;
 mod matches;
@@ -27,6 +28,7 @@ mod settings;
 mod tests;
 mod tiles;
 
+pub use correct::{Partner, ViewCorrection, correct_view};
 pub use drift::{Cause, Drift, PairHealth, check_pair};
 pub use error::HealthError;
 pub use matches::{Match, MatchCounts, Matches, match_projector, match_views};

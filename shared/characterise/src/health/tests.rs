@@ -207,3 +207,30 @@ fn what_tells_nothing_is_refused() {
     let error = check_pair(&left, &right, &same, Some(&covariance), &HealthSettings::default()).unwrap_err();
     assert!(error.to_string().contains("\"hue\""), "{error}");
 }
+
+/// A turn and a longer focal length, or a shift too where a second partner sees it, are taken back within their uncertainty.
+#[test]
+fn a_drifted_view_is_brought_back() {
+    let [left, right, third] = rig(1124, 750);
+    let mut drifted = turned(&right, 1, 0.01);
+    drifted.focal_px = drifted.focal_px.map(|f| f * 1.0002);
+    let mut noise = Noise(5);
+    let seen = matches(&left, &drifted, 0.03, &mut noise, 4000);
+    let partner = Partner { fixed: &left, matches: &seen };
+    let one = correct_view(&right, &[partner], false, &EXACT_PHASE).unwrap();
+    let (truth, u) = ([0.0, 0.01_f64.to_radians(), 0.0, 0.0, 0.0, 0.0, 2e-4], one.u());
+    for i in 0..7 {
+        assert!((one.drift[i] - truth[i]).abs() < 4.0 * u[i] + 1e-9, "{i}: {:?}, u {u:?}", one.drift);
+    }
+    assert!(check_pair(&left, &one.camera, &seen, None, &EXACT_PHASE).unwrap().healthy);
+
+    drifted.camera_from_world.translation.vector += Vector3::new(0.05, -0.03, 0.02);
+    let pairs = [&left, &third].map(|fixed| (fixed, matches(fixed, &drifted, 0.03, &mut noise, 4000)));
+    let partners = [0, 1].map(|i| Partner { fixed: pairs[i].0, matches: &pairs[i].1 });
+    let both = correct_view(&right, &partners, true, &EXACT_PHASE).unwrap();
+    let shift: Vec<f64> = both.drift[3..6].to_vec();
+    for (found, (truth, u)) in shift.iter().zip([0.05, -0.03, 0.02].iter().zip(&both.u()[3..6])) {
+        assert!((found - truth).abs() < 4.0 * u, "{shift:?}, u {:?}", both.u());
+    }
+    assert_eq!(both.parameter_covariance(16).len(), 256);
+}

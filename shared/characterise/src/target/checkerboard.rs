@@ -215,6 +215,7 @@ pub(crate) fn point(index: (u32, u32), corner: &Corner) -> DetectedPoint {
         pixel: corner.pixel,
         covariance_px2: corner.covariance_px2,
         blur_px: corner.blur_px,
+        edges: corner.edges,
         contrast_dn: corner.contrast_dn.abs(),
         residual_dn: corner.residual_dn,
     }

@@ -292,6 +292,7 @@ fn numbered(discs: &Discs, numberings: &[Numbering], spec: &TargetSpec) -> Detec
             pixel: disc.pixel,
             covariance_px2: disc.covariance_px2,
             blur_px: disc.blur_px,
+            edges: None,
             contrast_dn: disc.contrast_dn.abs(),
             residual_dn: disc.residual_dn,
         })

@@ -6,6 +6,7 @@
 //! h·x through the blur as h·x + σ²·h·∇. The product is exact for edges at right angles under Gaussian blur;
 //! for others it errs symmetrically about the corner, which leaves the corner's position alone.
 
+use super::edge_blur::{BlurredEdge, blurred_edges};
 use super::profile::Profile;
 use super::raster::Raster;
 use super::solve::{Ending, Model, Range, SETTLED_SIGMAS, Sample, fit};
@@ -50,6 +51,8 @@ pub(crate) struct Corner {
     /// −A: positive when the square between the first and the second edge is light.
     pub contrast_dn: f64,
     pub residual_dn: f64,
+    /// Both edges, each with its own blur, of a second fit.
+    pub edges: Option<[BlurredEdge; 2]>,
     /// Directions of the edges, rad, turned by less than a quarter from those expected.
     pub angle_rad: [f64; 2],
     /// Of the model, for a second fit to start from.
@@ -190,7 +193,8 @@ pub(crate) fn refine(
     };
     let settled_sigmas = if first.is_some() { SETTLED_SIGMAS } else { ROUGHLY_SIGMAS };
     let ending = Ending { settled_sigmas, leash_px: expected.leash_px };
-    let solved = fit(&model, start, &samples, Range::of(&samples, full_scale_dn), ending)?;
+    let range = Range::of(&samples, full_scale_dn);
+    let solved = fit(&model, start, &samples, range, ending)?;
     let p = solved.parameters;
     // Where the contrast ends within the window there is a corner of one square, not of four.
     // The same where the light would have to change that much: one dark square whose opposite is beyond full scale.
@@ -198,8 +202,13 @@ pub(crate) fn refine(
     if steep(p[10], p[11]) || steep(p[7], p[8]) {
         return None;
     }
+    let pixel = Point2::new(origin.x + p[0], origin.y + p[1]);
+    // Where the fit ends, the blur is told once more, with its tails.
+    let edges = first
+        .and_then(|_| blurred_edges((reach_px, expected.curvature), &p, pixel, &samples, (range, ending)));
     Some(Corner {
-        pixel: Point2::new(origin.x + p[0], origin.y + p[1]),
+        pixel,
+        edges,
         covariance_px2: solved.covariance.fixed_view::<2, 2>(0, 0).into_owned(),
         blur_px: 0.5 * (p[4].max(LEAST_BLUR_PX) + p[5].max(LEAST_BLUR_PX)),
         // Between the first and the second edge s₁ is positive and s₂ negative. Light beyond full scale is a guess.

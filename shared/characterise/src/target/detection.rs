@@ -1,5 +1,6 @@
 //! Detects a target in an image, and the result of the detection.
 
+use super::edge_blur::BlurredEdge;
 use super::error::TargetError;
 use super::raster::Raster;
 use super::settings::TargetSettings;
@@ -46,6 +47,8 @@ pub struct DetectedPoint {
     pub covariance_px2: Matrix2<f64>,
     /// Standard deviation of the blur across the edges, px.
     pub blur_px: f64,
+    /// Both edges through a corner, each with its own blur; none of circles, and where they do not show it.
+    pub edges: Option<[BlurredEdge; 2]>,
     /// Half difference of light and dark, DN.
     pub contrast_dn: f64,
     /// Standard deviation of the grey values about the model, DN.

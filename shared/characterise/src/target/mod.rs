@@ -25,6 +25,7 @@ mod corner;
 mod detection;
 mod dictionaries;
 mod disc;
+mod edge_blur;
 mod error;
 mod lattice;
 mod links;
@@ -40,6 +41,7 @@ mod tests;
 
 pub use bias::projected_circle_center_bias;
 pub use detection::{Ambiguity, DetectedPoint, Detection, detect};
+pub use edge_blur::BlurredEdge;
 pub use error::TargetError;
 pub use markers::MarkerDictionary;
 pub use settings::TargetSettings;

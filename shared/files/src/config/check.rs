@@ -29,7 +29,8 @@ impl Config {
         let document = Document::read(path)?;
         let raw: RawConfig = document.parse(CONFIG_FORMAT)?;
         check_cell_name(&document, &raw.name)?;
-        let rig_file = referenced(&document, "rig", &raw.rig, read_rig)?;
+        let mut rig_file = referenced(&document, "rig", &raw.rig, read_rig)?;
+        rig_file.rig.sensors = rig_file.sensors();
         let cameras = cameras(&document, &raw, &rig_file)?;
         check_tables(&document, &raw)?;
         let recording = recording(&document, &raw)?;

@@ -4,7 +4,9 @@ use super::RigFile;
 use crate::document::read_bytes;
 use crate::error::{FileError, Problem, list};
 use crate::hash::sha256_hex;
-use serde::Deserialize;
+use fringe::sensor::Sensor;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Value of `format` in a covariance file.
@@ -32,8 +34,31 @@ pub struct Covariance {
     pub devices: Vec<String>,
     /// Parameters of each device, in the order of the matrix.
     pub parameters: Vec<String>,
+    /// Standard uncertainties of what is known of sensors, by camera.
+    pub sensors: BTreeMap<String, SensorUncertainty>,
     /// Square; parameter i of device d stands in row d · parameters + i. There may be further rows after them.
     matrix: Vec<Vec<f64>>,
+}
+
+/// Standard uncertainties of a camera's footprint and noise, as the covariance file states them.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct SensorUncertainty {
+    /// Of the footprint along x and y, px.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub u_footprint_px: Option<[f64; 2]>,
+    /// Of read noise and gain, DN.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub u_noise_dn: Option<[f64; 2]>,
+}
+
+impl SensorUncertainty {
+    /// The uncertainties that a sensor carries.
+    pub fn of(sensor: &Sensor) -> Self {
+        Self {
+            u_footprint_px: sensor.footprint.and_then(|footprint| footprint.u_px),
+            u_noise_dn: sensor.noise_u_dn,
+        }
+    }
 }
 
 /// The covariance file as written, before it is checked.
@@ -43,6 +68,8 @@ struct RawCovariance {
     devices: Vec<String>,
     parameters: Vec<String>,
     matrix: Vec<Vec<f64>>,
+    #[serde(default)]
+    sensors: BTreeMap<String, SensorUncertainty>,
 }
 
 impl Covariance {
@@ -59,6 +86,21 @@ impl Covariance {
 }
 
 impl RigFile {
+    /// What is known of the sensors of all cameras, with the uncertainties of the covariance where it can be read: a rig that was
+    /// copied alone still measures.
+    pub fn sensors(&self) -> BTreeMap<String, Sensor> {
+        let mut sensors = self.rig.sensors.clone();
+        let covariance = if sensors.is_empty() { None } else { self.read_covariance().ok().flatten() };
+        for (camera, known) in covariance.iter().flat_map(|covariance| &covariance.sensors) {
+            let Some(sensor) = sensors.get_mut(camera) else { continue };
+            if let Some(footprint) = &mut sensor.footprint {
+                footprint.u_px = known.u_footprint_px;
+            }
+            sensor.noise_u_dn = known.u_noise_dn;
+        }
+        sensors
+    }
+
     /// Reads the covariance that the rig file names; `None` when it names none.
     ///
     /// # Errors
@@ -115,12 +157,13 @@ fn parse(path: PathBuf, bytes: &[u8], views: &[&str]) -> Result<Covariance, File
         };
         return Err(fault("matrix", problem));
     }
-    if raw.matrix.iter().flatten().any(|value| !value.is_finite()) {
+    let u = raw.sensors.values().flat_map(|u| u.u_footprint_px.into_iter().chain(u.u_noise_dn).flatten());
+    if raw.matrix.iter().flatten().copied().chain(u).any(|value| !value.is_finite()) {
         return Err(fault(
             "matrix",
             Problem::Value { value: "infinity".into(), limit: "finite numbers".into() },
         ));
     }
-    let RawCovariance { devices, parameters, matrix, .. } = raw;
-    Ok(Covariance { path, devices, parameters, matrix })
+    let RawCovariance { devices, parameters, matrix, sensors, .. } = raw;
+    Ok(Covariance { path, devices, parameters, sensors, matrix })
 }

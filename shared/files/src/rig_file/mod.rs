@@ -6,6 +6,7 @@
 
 mod covariance;
 mod pairs;
+mod sensors;
 mod write;
 
 use crate::document::Document;
@@ -17,13 +18,14 @@ use fringe::geometry::rig::{Named, Pair, Rig};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
-pub use covariance::{Covariance, CovarianceRef};
+pub use covariance::{Covariance, CovarianceRef, SensorUncertainty};
 pub use pairs::resolve_pairs;
 pub(crate) use pairs::unknown;
 pub(crate) use write::quoted;
 pub use write::{rig_text, write_rig};
 
 use pairs::check_pairs;
+use sensors::{no_sensors, sensors};
 
 /// Value of `format` in a rig file.
 pub const RIG_FORMAT: &str = "fringecell-rig/1";
@@ -72,6 +74,15 @@ struct RawCamera {
     skew: f64,
     distortion: Option<RawLens>,
     from_world: RawPose,
+    footprint_px: Option<[f64; 2]>,
+    noise: Option<RawNoise>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawNoise {
+    read_dn: f64,
+    gain_dn: f64,
 }
 
 #[derive(Debug, Deserialize)]
@@ -144,7 +155,9 @@ fn meaning(document: &Document, raw: &RawRig) -> Result<Rig, FileError> {
         cameras: read("camera", &raw.camera)?,
         projectors: read("projector", &raw.projector)?,
         pairs: raw.pair.iter().map(RawPair::meaning).collect(),
+        sensors: sensors(document, &raw.camera)?,
     };
+    no_sensors(document, &raw.projector)?;
     if rig.cameras.is_empty() {
         let problem = Problem::Missing("[[camera]]".into());
         return Err(document.fault("camera", problem, "a rig has at least one camera"));

@@ -6,6 +6,7 @@ use crate::error::FileError;
 use crate::hash::sha256_hex;
 use fringe::geometry::camera::{Lens, LensKind};
 use fringe::geometry::rig::{Named, Rig};
+use fringe::sensor::Sensor;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -35,6 +36,7 @@ pub fn rig_text(rig: &Rig, provenance: &toml::Table, covariance: Option<&Covaria
     }
     for camera in &rig.cameras {
         out.push_str(&camera_text("camera", camera));
+        out.push_str(&sensor_text(&rig.sensor(&camera.name)));
     }
     for projector in &rig.projectors {
         out.push_str(&camera_text("projector", projector));
@@ -93,6 +95,19 @@ fn lens_text(lens: &Lens) -> String {
         LensKind::Fisheye => format!("k = {}", numbers(&[k[0], k[1], k[2], more[0]])),
     };
     format!("{{ model = \"{}\", {keys} }}", lens.kind.name())
+}
+
+/// The keys of what is known of a sensor.
+fn sensor_text(sensor: &Sensor) -> String {
+    let mut out = String::new();
+    if let Some(footprint) = sensor.footprint {
+        let _ = writeln!(out, "footprint_px = {}", numbers(&footprint.sigma_px));
+    }
+    if let Some(noise) = sensor.noise {
+        let _ =
+            writeln!(out, "noise = {{ read_dn = {:?}, gain_dn = {:?} }}", noise.read_noise_dn, noise.gain_dn);
+    }
+    out
 }
 
 /// Shortest digits that read back as the same number.

@@ -85,6 +85,24 @@ pub(super) struct Sums {
 
 pub(super) type Bins = [[Sums; GROUPS]; BINS];
 
+/// What the line of the contrast against the slope says of the footprint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Line {
+    /// Variance of the footprint; noise may make it negative, px².
+    pub variance_px2: f64,
+    /// Its standard uncertainty, px².
+    pub u_px2: f64,
+}
+
+impl Line {
+    /// Joined with what is known of lenses; `None` where it moves no phase.
+    pub fn joined_px2(self) -> Option<f64> {
+        let (measured, known) = (1.0 / (self.u_px2 * self.u_px2), 1.0 / (LENS_U_PX2 * LENS_U_PX2));
+        let variance_px2 = (measured * self.variance_px2 + known * LENS_PX2) / (measured + known);
+        (variance_px2 > LEAST_PX2).then_some(variance_px2.min(MOST_PX2))
+    }
+}
+
 /// A point of the line.
 #[derive(Debug, Clone, Copy)]
 struct Place {
@@ -101,26 +119,27 @@ impl Footprint {
         Self { width, bias: vec![f32::NAN; pixels], jobs: vec![empty; jobs] }
     }
 
-    /// Derivatives of the whole map, and from them the variance s² of the footprint, px²; `None` where the frames do
-    /// not determine it.
+    /// Derivatives of the whole map, and from them the variance s² of the footprint; `None` where the frames do
+    /// not determine it. `shape`: its variances along x and y over their mean.
     pub fn survey(
         &mut self,
         map: &PhaseViewMut,
         reflectance: Option<Reflectance>,
+        shape: [f32; 2],
         level: Level,
-    ) -> Option<f64> {
+    ) -> Option<Line> {
         let width = self.width;
-        let survey = Survey { map, reflectance: reflectance.as_ref(), width };
+        let survey = Survey { map, reflectance: reflectance.as_ref(), shape, width };
         let parts = self.bias.par_chunks_mut(ROWS * width).zip(&mut self.jobs).enumerate();
         parts.for_each(|(chunk, (bias, bins))| {
             *bins = [[Sums::default(); GROUPS]; BINS];
             bias.fill(f32::NAN);
             vectorised!(level, survey.rows(chunk * ROWS, bias, bins));
         });
-        reflectance.and_then(|_| self.variance_px2())
+        reflectance.and_then(|_| self.contrast())
     }
 
-    fn variance_px2(&self) -> Option<f64> {
+    fn contrast(&self) -> Option<Line> {
         let mut total = [[Sums::default(); GROUPS]; BINS];
         for job in &self.jobs {
             for (sum, part) in total.as_flattened_mut().iter_mut().zip(job.as_flattened()) {
@@ -134,9 +153,7 @@ impl Footprint {
             count += 1;
         }
         let (slope, u_slope) = line(&places[..count])?;
-        let (measured, known) = (1.0 / (4.0 * u_slope * u_slope), 1.0 / (LENS_U_PX2 * LENS_U_PX2));
-        let variance_px2 = (measured * -2.0 * slope + known * LENS_PX2) / (measured + known);
-        (variance_px2 > LEAST_PX2).then_some(variance_px2.min(MOST_PX2))
+        Some(Line { variance_px2: -2.0 * slope, u_px2: 2.0 * u_slope })
     }
 
     /// Removes the bias of a footprint from the phase; its noise grows by some per cent, which the uncertainty contains.

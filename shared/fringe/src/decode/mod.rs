@@ -58,6 +58,7 @@ mod replace;
 mod report;
 mod risk;
 mod roles;
+mod sensor_test;
 mod sets;
 mod settings;
 mod spatial;
@@ -68,6 +69,7 @@ mod survey;
 mod tests;
 mod verdict;
 
+pub use crate::sensor::CameraNoise;
 pub use continuity::Continuity;
 pub use diagnose::Diagnosis;
 pub use dirt::{Fault, Finding};
@@ -77,7 +79,8 @@ pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
 pub use replace::SineSet;
 pub use report::{DecodeReport, NoiseModel, NoiseSource};
 pub use risk::OrderRisk;
-pub use settings::{CameraNoise, DecodeSettings, OrderMethod};
+pub use sensor_test::{FootprintTest, NoiseTest, SensorTest};
+pub use settings::{DecodeSettings, OrderMethod};
 
 use crate::frame::{FrameView, Pixels};
 use crate::math::simd::{best_level, vectorised};
@@ -87,7 +90,7 @@ use blocks::decode_blocks;
 use dirt::Look;
 use edges::Edges;
 use fearless_simd::Level;
-use footprint::{Footprint, Reflectance};
+use footprint::{Footprint, Line, Reflectance};
 use micro::Micro;
 use neighbours::Field;
 use noise::{Probe, QUANTISATION_DN2};
@@ -376,8 +379,9 @@ impl Decoder {
             report.continuity = Continuity::of(out, self.level);
             report.check_orders(axis, self.settings.max_contradiction)?;
         }
-        report.footprint_px = self.remove_footprint(home, out)?;
         report.findings = self.plan.axes[home].sines.iter().flat_map(|s| self.findings[*s].clone()).collect();
+        report.sensor.noise = self.noise_test(&self.axes[home]);
+        (report.footprint_px, report.sensor.footprint) = self.remove_footprint(home, out)?;
         Ok(report)
     }
 
@@ -444,8 +448,12 @@ impl Decoder {
         };
     }
 
-    /// Removes the bias of the pixel's footprint; its standard deviation, where it is known.
-    fn remove_footprint(&mut self, home: usize, out: &mut PhaseViewMut) -> Result<Option<f64>, DecodeError> {
+    /// Removes the bias of the pixel's footprint; its standard deviation, where it is known, and what the frames say of it.
+    fn remove_footprint(
+        &mut self,
+        home: usize,
+        out: &mut PhaseViewMut,
+    ) -> Result<(Option<f64>, Option<FootprintTest>), DecodeError> {
         let plan = &self.plan.axes[home];
         if let Some(levels) = plan.levels
             && self.rasters.mostly_below(levels.white, levels.black, out.valid)
@@ -460,26 +468,46 @@ impl Decoder {
             clipped_dn,
         });
         // Neither given nor to be estimated from the frames: no derivative is needed.
-        let unknown = given_px.is_none() && reflectance.is_none();
+        let calibrated = self.settings.sensor.footprint.filter(|_| given_px.is_none());
+        let unknown = given_px.is_none() && calibrated.is_none() && reflectance.is_none();
         if plan.sines.is_empty() || given_px == Some(0.0) || unknown {
-            return Ok(None);
+            return Ok((None, None));
         }
-        let survey = self.footprint.survey(out, reflectance, self.level);
-        let variance_px2 = given_px.map(|footprint_px| footprint_px * footprint_px).or(survey);
+        let shape = calibrated.map_or([1.0; 2], |footprint| footprint.shape().map(|part| part as f32));
+        let seen = self.footprint.survey(out, reflectance, shape, self.level);
+        let known_px2 = given_px.map(|footprint_px| footprint_px * footprint_px);
+        let known_px2 = known_px2.or(calibrated.map(|footprint| footprint.variance_px2().0));
+        let variance_px2 = known_px2.or(seen.and_then(Line::joined_px2));
         if let Some(variance_px2) = variance_px2 {
             self.footprint.correct(variance_px2, out, self.level);
         }
-        Ok(variance_px2.map(f64::sqrt))
+        let test = calibrated.zip(seen).map(|(known, seen)| sensor_test::footprint(known, seen));
+        Ok((variance_px2.map(f64::sqrt), test))
     }
 
     fn least_modulation_dn(&self) -> f64 {
         self.settings.min_modulation_fraction * f64::from(self.full_scale_dn)
     }
 
+    /// Compares the calibration's noise with that of the frames, where both are known.
+    fn noise_test(&self, axis: &AxisState) -> Option<NoiseTest> {
+        let known = self.settings.sensor.noise.filter(|_| self.settings.camera_noise.is_none())?;
+        let (seen, background_dn) = (axis.estimate?, axis.probe.background_dn);
+        let seen_dn = (seen.read_variance_dn2 + seen.gain_dn * background_dn).sqrt();
+        Some(sensor_test::noise(known, seen_dn, background_dn))
+    }
+
     fn noise(&self, axis: &AxisState) -> NoiseModel {
         if let Some(noise) = self.settings.camera_noise {
             let read_variance_dn2 = noise.read_noise_dn * noise.read_noise_dn;
             return NoiseModel { read_variance_dn2, gain_dn: noise.gain_dn, source: NoiseSource::Settings };
+        }
+        // Frames that contradict the calibration show their own noise.
+        let contradicted = self.noise_test(axis).is_some_and(|test| test.contradicts);
+        if let Some(noise) = self.settings.sensor.noise.filter(|_| !contradicted) {
+            let read_variance_dn2 = noise.read_noise_dn * noise.read_noise_dn;
+            let source = NoiseSource::Calibration;
+            return NoiseModel { read_variance_dn2, gain_dn: noise.gain_dn, source };
         }
         let read_dn = self.settings.assumed_read_noise_fraction * f64::from(self.full_scale_dn);
         axis.estimate.unwrap_or(NoiseModel {

@@ -55,6 +55,8 @@ pub struct Probe {
     pub(super) spectra: Vec<Spectrum>,
     pub(super) samples: Vec<Sample>,
     pub(super) scratch: Vec<f64>,
+    /// Median background of the samples behind the last model, DN.
+    pub(super) background_dn: f64,
     pub(super) unexplained: Unexplained,
     /// Of sets with four steps, and of lines, whose high harmonics stay.
     pub(super) unexplained_of_four: Unexplained,
@@ -108,6 +110,7 @@ impl Probe {
             spectra,
             samples: Vec::with_capacity(capacity),
             scratch: Vec::with_capacity(capacity),
+            background_dn: 0.0,
             unexplained: Unexplained::default(),
             unexplained_of_four: Unexplained::default(),
         }
@@ -171,6 +174,7 @@ impl Probe {
         }
         // Equal backgrounds must not be ordered by variance, or a bin would get the quiet ones and the next the rest.
         self.samples.sort_unstable_by(|a, b| a.background_dn.total_cmp(&b.background_dn));
+        self.background_dn = self.samples[count / 2].background_dn;
         let mut model = None;
         // First each bin rejects outliers by its own median, then all bins by the line through them.
         for _ in 0..3 {

@@ -3,6 +3,7 @@
 use super::continuity::Continuity;
 use super::dirt::Finding;
 use super::error::DecodeError;
+use super::sensor_test::SensorTest;
 use crate::pattern::Axis;
 use std::sync::Arc;
 
@@ -16,6 +17,8 @@ pub enum NoiseSource {
     },
     /// `camera_noise` of the settings.
     Settings,
+    /// What the calibration found of the camera.
+    Calibration,
     /// Quantisation and the assumed read noise.
     Assumed,
 }
@@ -87,6 +90,8 @@ pub struct DecodeReport {
     pub noise: NoiseModel,
     /// Standard deviation of the pixel's footprint whose bias was removed, camera pixels; `None` where nothing was.
     pub footprint_px: Option<f64>,
+    /// What the frames say of the camera's constants, where the calibration found them.
+    pub sensor: SensorTest,
     /// Of every 4th row and column: places where the phase passes 2π, and where it jumps by whole periods.
     pub continuity: Continuity,
     /// Faults of the frames that were found and made up for.

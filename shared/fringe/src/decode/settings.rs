@@ -2,17 +2,8 @@
 
 use super::DecodeError;
 use crate::pattern::Code;
+use crate::sensor::{CameraNoise, Sensor};
 use serde::{Deserialize, Serialize};
-
-/// Noise of a camera: the variance of a grey value is read² + gain · value.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CameraNoise {
-    /// Standard deviation in the dark, quantisation included, DN.
-    pub read_noise_dn: f64,
-    /// DN per photo-electron: variance of the shot noise per DN of signal.
-    pub gain_dn: f64,
-}
 
 /// Method of the fringe order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -96,6 +87,10 @@ pub struct DecodeSettings {
     /// absent it is estimated from white, black and the modulation, and nothing is corrected where they do not determine it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub footprint_px: Option<f64>,
+    /// What the calibration found of this camera. It counts where `camera_noise` and `footprint_px` are absent; the frames then only
+    /// test it.
+    #[serde(skip)]
+    pub sensor: Sensor,
     /// Method of the fringe order.
     pub order: OrderMethod,
     /// Whether the result is the inverse-variance mean of all sine sets of an axis, not the finest alone.
@@ -118,6 +113,7 @@ impl Default for DecodeSettings {
             neighbour_reach_px: 16,
             max_contradiction: 0.5,
             footprint_px: None,
+            sensor: Sensor::default(),
             order: OrderMethod::Auto,
             fuse: false,
             repair_spikes: true,
@@ -126,6 +122,12 @@ impl Default for DecodeSettings {
 }
 
 impl DecodeSettings {
+    /// The same settings for a camera of which the calibration found this.
+    #[must_use]
+    pub fn of_camera(&self, sensor: Sensor) -> Self {
+        Self { sensor, ..self.clone() }
+    }
+
     /// Checks every number against its range.
     ///
     /// # Errors

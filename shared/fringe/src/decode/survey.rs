@@ -39,6 +39,8 @@ pub struct Survey<'a> {
     pub map: &'a PhaseViewMut<'a>,
     /// The frames that give the reflectance, where there are any.
     pub reflectance: Option<&'a Reflectance<'a>>,
+    /// Variances of the footprint along x and y over their mean; [1, 1] where it is round.
+    pub shape: [f32; 2],
     /// Width of the image, px.
     pub width: usize,
 }
@@ -98,9 +100,15 @@ impl RowSums {
     }
 }
 
-/// ½ ∇²φ + ∇ln R · ∇φ and |∇φ|² of the pixels whose five rows are given; NaN where they are not one smooth surface.
+/// ½ ∇²φ + ∇ln R · ∇φ and |∇φ|² of the pixels whose five rows are given; NaN where they are not one smooth surface. What belongs to x
+/// and to y is weighted by the shape of the footprint.
 #[inline(always)]
-fn window(rows: [&RowSums; 5], sigma_rad: &Lanes, modulation: &Lanes) -> (Lanes, Lanes) {
+fn window(
+    rows: [&RowSums; 5],
+    sigma_rad: &Lanes,
+    modulation: &Lanes,
+    [along_x, along_y]: [f32; 2],
+) -> (Lanes, Lanes) {
     let (mut bias, mut slope2) = ([0.0; LANES], [0.0; LANES]);
     for i in 0..LANES {
         let m = rows[2].middle[i];
@@ -130,9 +138,10 @@ fn window(rows: [&RowSums; 5], sigma_rad: &Lanes, modulation: &Lanes) -> (Lanes,
         let shading = 1.0 / (SUM_X2 * modulation[i]);
         let u = across(rows.map(|row| row.light_slope[i])) * shading;
         let v = along(rows.map(|row| row.light[i])) * shading;
-        let value = (dxx + dyy) * (1.0 / SUM_Q2) + (u * x + v * y);
+        let curve = (along_x * dxx + along_y * dyy) * (1.0 / SUM_Q2);
+        let value = curve + (along_x * (u * x) + along_y * (v * y));
         bias[i] = if smooth { value } else { f32::NAN };
-        slope2[i] = if smooth { x * x + y * y } else { f32::NAN };
+        slope2[i] = if smooth { along_x * (x * x) + along_y * (y * y) } else { f32::NAN };
     }
     (bias, slope2)
 }
@@ -180,7 +189,8 @@ impl Survey<'_> {
                     let at = y * width + start(group);
                     let rows = [0, 1, 2, 3, 4].map(|r| &rows[r][group]);
                     let modulation = taken(self.map.modulation, at);
-                    let (found, slope2) = window(rows, &taken(self.map.sigma_rad, at), &modulation);
+                    let (found, slope2) =
+                        window(rows, &taken(self.map.sigma_rad, at), &modulation, self.shape);
                     bias[at - row * width..][..LANES].copy_from_slice(&found);
                     let counted = column + group * LANES - start(group);
                     self.add_to_bins(at, counted, (&slope2, &modulation), y % GROUPS, bins);

@@ -5,6 +5,7 @@ use super::continuity::Continuity;
 use super::neighbours::{Field, MASK};
 use super::report::{DecodeReport, NoiseModel};
 use super::roles::AxisPlan;
+use super::sensor_test::SensorTest;
 use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
 use fearless_simd::Level;
@@ -64,6 +65,7 @@ impl Verdicts {
             spikes_masked: self.spikes_masked,
             noise,
             footprint_px: None,
+            sensor: SensorTest::default(),
             continuity: Continuity::default(),
             findings: Vec::new(),
             ignored,

@@ -1,6 +1,8 @@
 //! The rig as the mathematics sees it: named cameras, named projectors, pairs.
 
 use crate::geometry::camera::Camera;
+use crate::sensor::Sensor;
+use std::collections::BTreeMap;
 
 /// A camera or projector with its name.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,12 +35,19 @@ pub struct Rig {
     pub projectors: Vec<Named>,
     /// Pairs of the rig, in the order of the file.
     pub pairs: Vec<Pair>,
+    /// What is known of sensor and lens of cameras, by their names.
+    pub sensors: BTreeMap<String, Sensor>,
 }
 
 impl Rig {
     /// A camera by name.
     pub fn camera(&self, name: &str) -> Option<&Camera> {
         self.cameras.iter().find(|c| c.name == name).map(|c| &c.camera)
+    }
+
+    /// What is known of a camera's sensor and lens; nothing where the rig file states nothing.
+    pub fn sensor(&self, name: &str) -> Sensor {
+        self.sensors.get(name).copied().unwrap_or_default()
     }
 
     /// A projector by name.

@@ -1,6 +1,6 @@
 //! The footprint: found from the frames, its bias removed, steps left alone.
 
-use super::super::footprint::{Footprint, Reflectance};
+use super::super::footprint::{Footprint, Line, Reflectance};
 use super::super::rasters::Rasters;
 use super::super::roles::Levels;
 use crate::math::simd::best_level;
@@ -10,6 +10,7 @@ use crate::phase::{PhaseInfo, PhaseMap};
 
 const WIDTH: usize = 240;
 const HEIGHT: usize = 200;
+const ROUND: [f32; 2] = [1.0; 2];
 
 /// A curved, shaded surface: phase and reflectance at a place, px.
 fn surface(x: f64, y: f64) -> (f64, f64) {
@@ -72,7 +73,8 @@ fn the_footprint_is_found_from_the_frames_and_its_bias_removed() {
         let (mut map, rasters) = blurred(variance_px2);
         let before = errors(&map);
         let mut footprint = Footprint::new(WIDTH, map.info.len());
-        let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)), best_level()).unwrap();
+        let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)), ROUND, best_level());
+        let found = found.and_then(Line::joined_px2).unwrap();
         assert!((found / variance_px2 - 1.0).abs() < 0.05, "{found} instead of {variance_px2}");
         footprint.correct(found, &mut map.view_mut(), best_level());
         let after = errors(&map);
@@ -86,10 +88,10 @@ fn the_footprint_is_found_from_the_frames_and_its_bias_removed() {
 fn no_footprint_is_found_where_there_is_none_or_where_nothing_tells_it() {
     let (mut map, rasters) = blurred(0.0);
     let mut footprint = Footprint::new(WIDTH, map.info.len());
-    let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)), best_level());
-    assert!(found.is_none_or(|s2| s2 < 0.005), "{found:?}");
+    let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)), ROUND, best_level());
+    assert!(found.and_then(Line::joined_px2).is_none_or(|s2| s2 < 0.005), "{found:?}");
     map.valid.fill(0);
-    assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters)), best_level()), None);
+    assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters)), ROUND, best_level()), None);
 }
 
 #[test]
@@ -102,7 +104,7 @@ fn a_step_is_left_alone() {
     }
     let before = map.clone();
     let mut footprint = Footprint::new(WIDTH, map.info.len());
-    assert_eq!(footprint.survey(&map.view_mut(), None, best_level()), None);
+    assert_eq!(footprint.survey(&map.view_mut(), None, ROUND, best_level()), None);
     footprint.correct(0.33, &mut map.view_mut(), best_level());
     for row in 2..HEIGHT - 2 {
         for column in 118..122 {
@@ -121,7 +123,7 @@ fn tiny_images_have_no_inside() {
         map.phase_rad.fill(1.0);
         let mut footprint = Footprint::new(width as usize, info.len());
         let rasters = Rasters::new(2, info.len(), 255);
-        assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters)), best_level()), None);
+        assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters)), ROUND, best_level()), None);
         footprint.correct(0.33, &mut map.view_mut(), best_level());
         assert!(map.phase_rad.iter().all(|phase| *phase == 1.0));
     }

@@ -1,9 +1,12 @@
 //! `fringetool measure`: an inspection plan on a cloud, as the cell does it, without the cell.
 
+mod calibration_share;
+
 use crate::Outcome;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::Result;
+use calibration_share::with_calibration;
 use files::hash::sha256_hex;
 use files::plan_file::read_plan;
 use files::provenance::Provenance;
@@ -18,6 +21,10 @@ pub struct Args {
     plan: PathBuf,
     /// Point cloud (PLY or E57), lengths in mm.
     cloud: PathBuf,
+    /// Rig file that the cloud was made with: the covariance of its calibration joins the uncertainty of each feature. It fits every
+    /// feature some ten times for each camera.
+    #[arg(long, value_name = "FILE")]
+    rig: Option<PathBuf>,
     /// Write the result as JSON to this file (`-`: standard output): features, elements and the pose of the part.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -25,13 +32,30 @@ pub struct Args {
 
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
-    check_outputs(&[("--json", args.json.as_deref())], &[&args.plan, &args.cloud], None)?;
+    let inputs: Vec<_> =
+        [&args.plan, &args.cloud].into_iter().chain(&args.rig).map(PathBuf::as_path).collect();
+    check_outputs(&[("--json", args.json.as_deref())], &inputs, None)?;
     let (plan, document) = read_plan(&args.plan)?;
     let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
-    let result = evaluate(&plan, &cloud.points);
-    let provenance = Provenance::now(&FRINGETOOL).plan(&plan.name, &sha256_hex(document.text.as_bytes()));
-    emit_made_with(args.json.as_deref(), &machine_readable(args, cloud.points.len(), &result)?, provenance)?;
+    let mut provenance = Provenance::now(&FRINGETOOL).plan(&plan.name, &sha256_hex(document.text.as_bytes()));
+    let (result, shares) = match &args.rig {
+        Some(rig) => {
+            let (result, shares, file) = with_calibration(&plan, &cloud.points, rig)?;
+            provenance = provenance.rig(&file.sha256);
+            (result, Some(shares))
+        }
+        None => (evaluate(&plan, &cloud.points), None),
+    };
+    let mut all = machine_readable(args, cloud.points.len(), &result)?;
+    for (feature, share) in all["features"].as_array_mut().into_iter().flatten().zip(shares.iter().flatten())
+    {
+        feature["u_calibration"] = json!(share);
+    }
+    emit_made_with(args.json.as_deref(), &all, provenance)?;
     print(&result);
+    if let Some(shares) = &shares {
+        print_shares(&result, shares);
+    }
     // What is not proven is not accepted; a part that was not found is nothing measured.
     Ok(if result.verdict == Verdict::Pass { Outcome::Done } else { Outcome::LimitFailed })
 }
@@ -69,6 +93,17 @@ fn print(result: &InspectionResult) {
         println!("{}", line(feature, wide));
     }
     println!("verdict: {}", conclusion(result));
+}
+
+/// What each uncertainty is made of.
+fn print_shares(result: &InspectionResult, shares: &[Option<f64>]) {
+    println!("standard uncertainty by points, calibration and plan (u_system):");
+    for (feature, share) in result.features.iter().zip(shares) {
+        if let (Some(noise), Some(share)) = (feature.u_noise, share) {
+            let FeatureResult { name, unit, u_system, .. } = feature;
+            println!("  {name}: {noise:.5}, {share:.5}, {u_system:.5} {unit}");
+        }
+    }
 }
 
 /// The verdict, and what stands in its way.

@@ -1,0 +1,204 @@
+//! What a calibration leaves open, as motions of points.
+//!
+//! The covariance of the parameters of all devices is taken apart into independent modes, each of one standard uncertainty. A mode
+//! moves both views of a pair; the same pixels then meet in another point. What a mode does to a feature is found by fitting the moved
+//! points again, and the squares of all modes add up: this is the linear propagation, with correlations of parameters and points.
+
+use super::covariance::PARAMETERS;
+use super::model::moved;
+use fringe::cloud::Point;
+use fringe::geometry::camera::Camera;
+use fringe::geometry::rig::Rig;
+use fringe::geometry::triangulate::triangulate;
+use nalgebra::Point3;
+
+/// What is left of a variance after the modes before it, as a part of it, below which it is rounding.
+const ROUNDING: f64 = 1e-10;
+
+/// Both views of a pair, in the state of the rig file and in that of a mode.
+struct MovedPair {
+    file: [Camera; 2],
+    moved: [Camera; 2],
+}
+
+/// A mode of the calibration's covariance: what it makes of each pair, in the order of the rig's pairs.
+pub struct Mode(Vec<MovedPair>);
+
+/// The modes of a covariance of these devices, which lie as `devices` names them with the first `count` of [`PARAMETERS`] each, row by
+/// row; `None` where a pair has a view that is not among them, or the matrix has another size.
+pub fn modes(rig: &Rig, devices: &[String], count: usize, matrix: &[f64]) -> Option<Vec<Mode>> {
+    let size = devices.len() * count;
+    if matrix.len() != size * size || count > PARAMETERS.len() {
+        return None;
+    }
+    let camera = |name: &str| rig.camera(name).or_else(|| rig.projector(name));
+    let place = |name: &str| devices.iter().position(|device| device == name);
+    let pairs = rig.pairs.iter().map(|pair| {
+        let view = |name: &str| Some((camera(name)?, place(name)?));
+        Some([view(&pair.left)?, view(&pair.right)?])
+    });
+    let pairs: Vec<_> = pairs.collect::<Option<_>>()?;
+    let mode = |step: Vec<f64>| {
+        let state = |(camera, place): (&Camera, usize)| {
+            let mut whole = [0.0; PARAMETERS.len()];
+            whole[..count].copy_from_slice(&step[place * count..][..count]);
+            moved(camera, &whole)
+        };
+        let pair = |views: &[(&Camera, usize); 2]| MovedPair {
+            file: views.map(|(camera, _)| camera.clone()),
+            moved: views.map(state),
+        };
+        Mode(pairs.iter().map(pair).collect())
+    };
+    Some(factor(matrix.to_vec(), size).into_iter().map(mode).collect())
+}
+
+/// Columns of L with L Lᵀ = C, by Cholesky with pivots: the largest remaining part of a variance comes first.
+fn factor(mut c: Vec<f64>, size: usize) -> Vec<Vec<f64>> {
+    let whole: Vec<f64> = (0..size).map(|i| c[i * size + i]).collect();
+    let part = |c: &[f64], i: usize| if whole[i] > 0.0 { c[i * size + i] / whole[i] } else { 0.0 };
+    let mut columns = Vec::new();
+    for _ in 0..size {
+        let Some(pivot) = (0..size).max_by(|a, b| part(&c, *a).total_cmp(&part(&c, *b))) else { break };
+        if part(&c, pivot) < ROUNDING {
+            break;
+        }
+        let root = c[pivot * size + pivot].sqrt();
+        let column: Vec<f64> = (0..size).map(|i| c[i * size + pivot] / root).collect();
+        for (row, a) in c.chunks_exact_mut(size).zip(&column) {
+            row.iter_mut().zip(&column).for_each(|(c, b)| *c -= a * b);
+        }
+        columns.push(column);
+    }
+    columns
+}
+
+impl Mode {
+    /// The points as this mode moves them; a point without a pair of the rig, or that no longer meets, stays.
+    pub fn moved(&self, points: &[Point]) -> Vec<Point> {
+        let at = |point: &Point| {
+            let pair = self.0.get(point.pair as usize)?;
+            let [left, right] = &pair.file;
+            let here = point.position();
+            let (a, b) = (left.project(&here)?, right.project(&here)?);
+            Some(triangulate((&pair.moved[0], a), (&pair.moved[1], b))?.position_mm)
+        };
+        let one = |point: &Point| {
+            let position: Point3<f64> = at(point).unwrap_or_else(|| point.position());
+            Point { position_mm: position.into(), ..*point }
+        };
+        points.iter().map(one).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fringe::geometry::camera::{Lens, pose};
+    use fringe::geometry::rig::{Named, Pair};
+    use fringe::math::random::{Key, normal_quantile};
+
+    /// All parameters, whether a lens has them or not.
+    const COUNT: usize = PARAMETERS.len();
+
+    fn rig() -> Rig {
+        let camera = |name: &str, x: f64, turn: f64| {
+            let (sin, cos) = fringe::math::sincos(turn);
+            let rotation = [[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]];
+            let camera = Camera {
+                width_px: 1000,
+                height_px: 800,
+                focal_px: [2000.0; 2],
+                principal_point_px: [500.0, 400.0],
+                skew: 0.0,
+                distortion: Lens::default(),
+                camera_from_world: pose(rotation, [-x, 0.0, 500.0]).unwrap(),
+            };
+            Named { name: name.into(), camera }
+        };
+        let pair =
+            Pair { name: "pair1".into(), left: "a".into(), right: "b".into(), projector: String::new() };
+        Rig {
+            cameras: vec![camera("a", -80.0, 0.15), camera("b", 80.0, -0.15)],
+            pairs: vec![pair],
+            ..Rig::default()
+        }
+    }
+
+    fn length(points: &[Point]) -> f64 {
+        (points[1].position() - points[0].position()).norm()
+    }
+
+    /// The modes predict what a thousand drawn calibrations do to a length.
+    #[test]
+    fn the_modes_predict_the_scatter_of_a_length() {
+        let (rig, names) = (rig(), ["a".to_owned(), "b".to_owned()]);
+        // Focal lengths and principal points with a correlation of 0.8 between both cameras, and a turn of the second.
+        let size = 2 * COUNT;
+        let sigmas: Vec<f64> = (0..size)
+            .map(|i| {
+                if i % COUNT < 4 {
+                    0.3
+                } else if i == COUNT + 11 {
+                    2e-5
+                } else {
+                    0.0
+                }
+            })
+            .collect();
+        let correlation = |i: usize, j: usize| {
+            if i == j {
+                1.0
+            } else if i % COUNT == j % COUNT {
+                0.8
+            } else {
+                0.0
+            }
+        };
+        let matrix: Vec<f64> = (0..size * size)
+            .map(|k| correlation(k / size, k % size) * sigmas[k / size] * sigmas[k % size])
+            .collect();
+        let at = |x: f64, y: f64, z: f64| Point {
+            position_mm: [x, y, z],
+            normal: [0.0; 3],
+            sigma_mm: 0.0,
+            modulation: 0.0,
+            pair: 0,
+            pixel: 0,
+            reserved: 0,
+        };
+        let points = [at(-50.0, -20.0, 5.0), at(40.0, 30.0, -10.0)];
+        let modes = modes(&rig, &names, COUNT, &matrix).unwrap();
+        assert_eq!(modes.len(), 9, "the parameters that are not certain");
+        let by_mode = |mode: &Mode| length(&mode.moved(&points)) - length(&points);
+        let predicted = modes.iter().map(|mode| by_mode(mode).powi(2)).sum::<f64>().sqrt();
+
+        let (columns, key) = (factor(matrix, size), Key::new(3));
+        let mut squares = 0.0;
+        let trials = 1000;
+        for trial in 0..trials {
+            let draw = |k: usize| normal_quantile(key.open((trial * columns.len() + k) as u64));
+            let step: Vec<f64> =
+                (0..size).map(|i| columns.iter().enumerate().map(|(k, c)| c[i] * draw(k)).sum()).collect();
+            let views = [
+                moved(&rig.cameras[0].camera, &step[..COUNT]),
+                moved(&rig.cameras[1].camera, &step[COUNT..]),
+            ];
+            let both = |p: &Point| {
+                let pixels = [0, 1].map(|i| rig.cameras[i].camera.project(&p.position()).unwrap());
+                let found = triangulate((&views[0], pixels[0]), (&views[1], pixels[1])).unwrap();
+                Point { position_mm: found.position_mm.into(), ..*p }
+            };
+            squares += (length(&points.map(|p| both(&p))) - length(&points)).powi(2);
+        }
+        let scatter = (squares / trials as f64).sqrt();
+        assert!((predicted / scatter - 1.0).abs() < 0.07, "predicted {predicted}, scatter {scatter}");
+    }
+
+    #[test]
+    fn a_device_that_is_missing_is_told() {
+        let names = ["a".to_owned()];
+        assert!(modes(&rig(), &names, COUNT, &vec![0.0; COUNT * COUNT]).is_none());
+        assert!(modes(&rig(), &names, COUNT, &[1.0]).is_none());
+    }
+}

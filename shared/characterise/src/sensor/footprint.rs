@@ -1,0 +1,209 @@
+//! The footprint of a camera's pixels from the blur of straight edges.
+//!
+//! An edge whose normal is n is blurred by σ² = σx² n_x² + σy² n_y²: edges of two directions tell both. A pixel's area is part of it.
+
+use crate::target::BlurredEdge;
+use fringe::math::statistics::median;
+use fringe::sensor::Footprint;
+
+/// Edges farther from the model than so many robust standard deviations belong to something else: dirt, a shadow.
+const OUTLIER: f64 = 3.5;
+/// Fewer edges than this give no footprint.
+const LEAST_EDGES: usize = 40;
+/// What the shape of a real point spread leaves open where two parameters describe it, px: up to 0.004 px for a discrete Gaussian.
+const SHAPE_U_PX: f64 = 0.004;
+/// Least spread of directions that tells x from y: the determinant of the mean of (n_x², n_y²) pairs; 1/4 for edges along both axes.
+const LEAST_SPREAD: f64 = 2e-3;
+/// A trend over the field counts from so many standard uncertainties on.
+const TREND: f64 = 2.0;
+
+/// A footprint with what it rests on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FootprintEstimate {
+    /// Standard deviations along x and y with their uncertainties, which contain the variation over the field.
+    pub footprint: Footprint,
+    /// Edges that were used.
+    pub edges: usize,
+    /// Change of the variance from the middle of the picture to its corner, px²; 0 where none was found.
+    pub field_px2: f64,
+}
+
+/// An edge as the model sees it.
+#[derive(Debug, Clone, Copy)]
+struct Reading {
+    /// Squares of the normal's components.
+    along: [f64; 2],
+    variance_px2: f64,
+    /// Variance of the former.
+    noise_px4: f64,
+    /// Squared distance from the middle of the picture over that of the corner.
+    field: f64,
+    view: usize,
+}
+
+/// The footprint of a camera of so many pixels from edges, view by view; `None` from too few.
+pub fn footprint(views: &[Vec<BlurredEdge>], size_px: [u32; 2]) -> Option<FootprintEstimate> {
+    let middle = size_px.map(|length| 0.5 * (f64::from(length) - 1.0));
+    let corner2 = middle[0] * middle[0] + middle[1] * middle[1];
+    let reading = |view: usize, edge: &BlurredEdge| {
+        let along = [edge.normal.x * edge.normal.x, edge.normal.y * edge.normal.y];
+        let seen_px2 = edge.sigma_px * edge.sigma_px;
+        let (x, y) = (edge.pixel.x - middle[0], edge.pixel.y - middle[1]);
+        Reading {
+            along,
+            variance_px2: seen_px2,
+            noise_px4: 4.0 * seen_px2 * edge.u_px * edge.u_px,
+            field: (x * x + y * y) / corner2,
+            view,
+        }
+    };
+    let all = views.iter().enumerate().flat_map(|(view, edges)| edges.iter().map(move |e| reading(view, e)));
+    let all: Vec<Reading> = all.filter(|r| r.variance_px2.is_finite() && r.noise_px4.is_finite()).collect();
+    let kept = robust(all)?;
+    let best = solve(kept.iter())?;
+    let u_px2 = jackknife(&kept, views.len(), best)?;
+    let (field_px2, u_field_px2) = trend(&kept, best);
+    let mut footprint = Footprint { sigma_px: best.map(|variance| variance.max(0.0).sqrt()), u_px: None };
+    let u = [0, 1].map(|axis| {
+        let sigma = footprint.sigma_px[axis].max(1e-3);
+        let by_sigma = (u_px2[axis] * u_px2[axis] + u_field_px2 * u_field_px2).sqrt() / (2.0 * sigma);
+        (by_sigma * by_sigma + SHAPE_U_PX * SHAPE_U_PX).sqrt()
+    });
+    footprint.u_px = Some(u);
+    Some(FootprintEstimate { footprint, edges: kept.len(), field_px2 })
+}
+
+/// Without what is far from the model.
+fn robust(mut kept: Vec<Reading>) -> Option<Vec<Reading>> {
+    for _ in 0..4 {
+        let best = solve(kept.iter())?;
+        let mut sizes: Vec<f64> = kept.iter().map(|r| residual(r, best).abs()).collect();
+        let limit = OUTLIER * 1.4826 * median(&mut sizes)?;
+        let before = kept.len();
+        kept.retain(|r| residual(r, best).abs() <= limit.max(1e-9));
+        if kept.len() == before {
+            break;
+        }
+    }
+    (kept.len() >= LEAST_EDGES).then_some(kept)
+}
+
+/// What the model leaves of an edge.
+fn residual(r: &Reading, [x, y]: [f64; 2]) -> f64 {
+    r.variance_px2 - x * r.along[0] - y * r.along[1]
+}
+
+/// σx² and σy² by least squares; one value for both where the edges do not tell them apart.
+fn solve<'a>(readings: impl Iterator<Item = &'a Reading>) -> Option<[f64; 2]> {
+    let (mut xx, mut xy, mut yy, mut xv, mut yv, mut weight, mut v) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for r in readings {
+        // The scatter from edge to edge (print, light, focus) is of the order of the best edges' noise.
+        let w = 1.0 / (r.noise_px4 + 1e-4);
+        let [a, b] = r.along;
+        xx += w * a * a;
+        xy += w * a * b;
+        yy += w * b * b;
+        xv += w * a * r.variance_px2;
+        yv += w * b * r.variance_px2;
+        weight += w;
+        v += w * r.variance_px2;
+    }
+    if weight <= 0.0 {
+        return None;
+    }
+    let determinant = xx * yy - xy * xy;
+    if determinant < LEAST_SPREAD * weight * weight {
+        return Some([v / weight; 2]);
+    }
+    Some([(yy * xv - xy * yv) / determinant, (xx * yv - xy * xv) / determinant])
+}
+
+/// Standard uncertainties of σx² and σy² by leaving out one view after the other: edges of a view share its focus and its light.
+fn jackknife(kept: &[Reading], views: usize, best: [f64; 2]) -> Option<[f64; 2]> {
+    let left_out: Vec<[f64; 2]> = (0..views)
+        .filter(|view| kept.iter().any(|r| r.view == *view))
+        .filter_map(|view| solve(kept.iter().filter(|r| r.view != view)))
+        .collect();
+    let n = left_out.len() as f64;
+    if left_out.len() >= 3 {
+        let squares = |axis: usize| left_out.iter().map(|o| (o[axis] - best[axis]).powi(2)).sum::<f64>();
+        return Some([0, 1].map(|axis| (squares(axis) * (n - 1.0) / n).sqrt()));
+    }
+    // Of one or two views only the scatter of the edges is known; what they share counts three times.
+    let scatter = kept.iter().map(|r| residual(r, best).powi(2)).sum::<f64>() / (kept.len() as f64 - 2.0);
+    (scatter.is_finite()).then(|| [3.0 * (2.0 * scatter / kept.len() as f64).sqrt(); 2])
+}
+
+/// Change of the variance from the middle to the corner, and what it spreads over the edges, px².
+fn trend(kept: &[Reading], best: [f64; 2]) -> (f64, f64) {
+    let n = kept.len() as f64;
+    let mean = kept.iter().map(|r| r.field).sum::<f64>() / n;
+    let spread = kept.iter().map(|r| (r.field - mean).powi(2)).sum::<f64>();
+    if spread <= 0.0 {
+        return (0.0, 0.0);
+    }
+    let slope = kept.iter().map(|r| (r.field - mean) * residual(r, best)).sum::<f64>() / spread;
+    let left = kept.iter().map(|r| (residual(r, best) - slope * (r.field - mean)).powi(2)).sum::<f64>();
+    let u = (left / (n - 2.0) / spread).sqrt();
+    if slope.abs() > TREND * u { (slope, slope.abs() * (spread / n).sqrt()) } else { (0.0, 0.0) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fringe::math::random::{Key, normal_quantile};
+    use fringe::math::sincos;
+    use nalgebra::{Point2, Vector2};
+
+    const SIZE_PX: [u32; 2] = [1124, 750];
+
+    /// Edges in all directions, blurred by σx and σy, more by `field` px² in the corners.
+    fn edges([x, y]: [f64; 2], field: f64, turn: impl Fn(f64) -> f64) -> Vec<Vec<BlurredEdge>> {
+        let key = Key::new(7);
+        let edge = |number: u64| {
+            let (sin, cos) = sincos(turn(3.2 * key.open(4 * number)));
+            let pixel = Point2::new(1123.0 * key.open(4 * number + 1), 749.0 * key.open(4 * number + 2));
+            let (u, v) = (pixel.x - 561.5, pixel.y - 374.5);
+            let at = field * (u * u + v * v) / (561.5 * 561.5 + 374.5 * 374.5);
+            let variance = x * x * cos * cos + y * y * sin * sin + at;
+            let sigma_px = variance.sqrt() + 0.02 * normal_quantile(key.open(4 * number + 3));
+            BlurredEdge { sigma_px, u_px: 0.02, normal: Vector2::new(cos, sin), pixel }
+        };
+        (0..10).map(|view| (0..60).map(|i| edge(60 * view + i)).collect()).collect()
+    }
+
+    #[test]
+    fn both_directions_are_found_within_their_uncertainty() {
+        for truth in [[0.5, 0.5], [0.35, 0.55], [0.7, 0.45]] {
+            let found = footprint(&edges(truth, 0.0, |turn| turn), SIZE_PX).unwrap();
+            let u = found.footprint.u_px.unwrap();
+            for axis in 0..2 {
+                let error = found.footprint.sigma_px[axis] - truth[axis];
+                assert!(error.abs() < 3.0 * u[axis] && u[axis] < 0.01, "{truth:?}: {found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn edges_of_one_slant_give_one_value_and_too_few_none() {
+        let slanted = footprint(&edges([0.5, 0.5], 0.0, |_| 0.8), SIZE_PX).unwrap().footprint;
+        assert_eq!(slanted.sigma_px[0], slanted.sigma_px[1]);
+        assert!((slanted.sigma_px[0] - 0.5).abs() < 0.01);
+        let few: Vec<_> = edges([0.5, 0.5], 0.0, |turn| turn).into_iter().map(|v| v[..3].to_vec()).collect();
+        assert_eq!(footprint(&few, SIZE_PX), None);
+        assert_eq!(footprint(&[], SIZE_PX), None);
+    }
+
+    #[test]
+    fn dirt_is_left_out_and_a_blurred_corner_is_uncertainty() {
+        let mut dirty = edges([0.5, 0.5], 0.0, |turn| turn);
+        for edge in dirty.iter_mut().flat_map(|view| view.iter_mut().step_by(12)) {
+            edge.sigma_px = 1.4;
+        }
+        let found = footprint(&dirty, SIZE_PX).unwrap();
+        assert!((found.footprint.sigma_px[0] - 0.5).abs() < 0.01 && found.edges < 560, "{found:?}");
+        let field = footprint(&edges([0.4, 0.4], 0.2, |turn| turn), SIZE_PX).unwrap();
+        assert!((field.field_px2 - 0.2).abs() < 0.03, "{field:?}");
+        assert!(field.footprint.u_px.unwrap()[0] > 0.03, "{field:?}");
+    }
+}

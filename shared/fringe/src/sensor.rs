@@ -1,0 +1,91 @@
+//! What is known of a camera beside its geometry: what a pixel averages, and how its grey values scatter.
+//!
+//! Both are constants of the camera with its lens, aperture and gain. A calibration finds them once; a recording tests them.
+
+use serde::{Deserialize, Serialize};
+
+/// Noise of a camera: the variance of a grey value is read² + gain · value.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraNoise {
+    /// Standard deviation in the dark, quantisation included, DN.
+    pub read_noise_dn: f64,
+    /// DN per photo-electron: variance of the shot noise per DN of signal.
+    pub gain_dn: f64,
+}
+
+impl CameraNoise {
+    /// Variance of a grey value, DN².
+    pub fn variance_dn2(&self, value_dn: f64) -> f64 {
+        self.read_noise_dn * self.read_noise_dn + self.gain_dn * value_dn
+    }
+}
+
+/// What a pixel averages: its area and the point spread together, along columns and rows of the picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Footprint {
+    /// Standard deviations along x and y, px.
+    pub sigma_px: [f64; 2],
+    /// Their standard uncertainties, where they are known, px.
+    pub u_px: Option<[f64; 2]>,
+}
+
+/// Standard uncertainty of a footprint that comes without one, px: what a lens differs by over its field and depth.
+const USUAL_U_PX: f64 = 0.02;
+
+impl Footprint {
+    /// Variance as the mean of both directions, px², and its standard uncertainty.
+    pub fn variance_px2(&self) -> (f64, f64) {
+        let [x, y] = self.sigma_px;
+        let [ux, uy] = self.u_px.unwrap_or([USUAL_U_PX; 2]);
+        // What both directions share (the shape of the edges, the field) does not average out between them.
+        (0.5 * (x * x + y * y), x * ux + y * uy)
+    }
+
+    /// Variances along x and y over their mean; [1, 1] where there is no footprint at all.
+    pub fn shape(&self) -> [f64; 2] {
+        let mean = self.variance_px2().0;
+        if mean > 0.0 { self.sigma_px.map(|sigma| sigma * sigma / mean) } else { [1.0; 2] }
+    }
+}
+
+/// What a calibration found of a camera's sensor and lens.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Sensor {
+    /// What a pixel averages.
+    pub footprint: Option<Footprint>,
+    /// How grey values scatter.
+    pub noise: Option<CameraNoise>,
+    /// Standard uncertainties of read noise and gain, DN, where they are known.
+    pub noise_u_dn: Option<[f64; 2]>,
+}
+
+impl Sensor {
+    /// Whether nothing is known.
+    pub fn is_unknown(&self) -> bool {
+        self.footprint.is_none() && self.noise.is_none()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_round_footprint_has_the_variance_of_either_direction() {
+        let round = Footprint { sigma_px: [0.5; 2], u_px: Some([0.01; 2]) };
+        let (variance, u) = round.variance_px2();
+        assert!((variance - 0.25).abs() < 1e-12);
+        // d(σ²) = 2 σ dσ, shared by both directions.
+        assert!((u - 2.0 * 0.5 * 0.01).abs() < 1e-12);
+        let unknown = Footprint { u_px: None, ..round };
+        assert!(unknown.variance_px2().1 > u);
+    }
+
+    #[test]
+    fn the_variance_of_a_grey_value_grows_with_the_light() {
+        let noise = CameraNoise { read_noise_dn: 2.0, gain_dn: 0.5 };
+        assert!((noise.variance_dn2(0.0) - 4.0).abs() < 1e-12);
+        assert!((noise.variance_dn2(10.0) - 9.0).abs() < 1e-12);
+    }
+}

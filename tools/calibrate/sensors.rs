@@ -1,0 +1,136 @@
+//! Footprint and noise of the cameras, from the pictures of a calibration.
+
+use super::detections::{Gathered, for_all};
+use crate::pipeline::RecordedView;
+use anyhow::Result;
+use characterise::calibration::{Calibration, DeviceKind};
+use characterise::sensor::{FootprintEstimate, NoiseEstimate, footprint, photon_transfer};
+use characterise::target::BlurredEdge;
+use files::recording::Recording;
+use fringe::decode::{DecodeSettings, NoiseSource};
+use fringe::pattern::{PatternSet, frame_count};
+use fringe::sensor::Sensor;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+/// So many recordings of a camera tell its noise.
+const RECORDINGS: usize = 4;
+/// Fewest steps whose residuals are noise, not the second harmonic.
+const LEAST_STEPS: u32 = 5;
+
+/// What was found of a camera.
+#[derive(Debug, Clone, Copy)]
+pub struct Characterised {
+    /// As the rig file states it.
+    pub sensor: Sensor,
+    /// What the footprint rests on.
+    pub footprint: Option<FootprintEstimate>,
+    /// Number of recordings behind the noise.
+    pub noise_recordings: usize,
+}
+
+/// The lines of variance against grey value that the first recordings of each camera show.
+pub fn noise_lines(recordings: &[Recording]) -> Result<Vec<(String, NoiseEstimate)>> {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut views = Vec::new();
+    for recording in recordings {
+        for projector in &recording.projectors {
+            let stepped =
+                |set: &PatternSet| matches!(set, PatternSet::Sine { steps, .. } if *steps >= LEAST_STEPS);
+            let Some(set) = projector.sequence.iter().position(stepped) else { continue };
+            for camera in &projector.cameras {
+                let count = counts.entry(&camera.name).or_default();
+                *count += 1;
+                if *count <= RECORDINGS {
+                    views.push((RecordedView { recording, projector, camera }, set));
+                }
+            }
+        }
+    }
+    let read = for_all("reading noise", &views, |(view, set)| noise_line(*view, *set));
+    let named = views.iter().zip(read).map(|((view, _), line)| Ok((view.camera.name.clone(), line?)));
+    named.filter_map(|line: Result<_>| line.map(|(name, line)| Some((name, line?))).transpose()).collect()
+}
+
+/// The noise of one sine set, decoded as if one period were all of the projector: the order does not matter.
+fn noise_line(view: RecordedView, set: usize) -> Result<Option<NoiseEstimate>> {
+    let sequence = &view.projector.sequence;
+    let PatternSet::Sine { period_px, .. } = sequence[set] else { return Ok(None) };
+    let first = frame_count(&sequence[..set]);
+    let frames = first..first + frame_count(&sequence[set..=set]);
+    let settings =
+        DecodeSettings { max_contradiction: 1e6, repair_spikes: false, ..DecodeSettings::default() };
+    let extent_px = [(period_px.floor() as u32).max(1); 2];
+    let decoded = view.decode_sets((&sequence[set..=set], frames), extent_px, &settings, &mut || {})?;
+    let noise = decoded.first().map(|decoded| decoded.report.noise);
+    Ok(noise.and_then(|noise| match noise.source {
+        NoiseSource::Estimated { pixels } => {
+            Some(NoiseEstimate { read_variance_dn2: noise.read_variance_dn2, gain_dn: noise.gain_dn, pixels })
+        }
+        _ => None,
+    }))
+}
+
+/// Footprint and noise of all calibrated cameras that showed them.
+pub fn characterise(gathered: &Gathered, calibration: &Calibration) -> BTreeMap<String, Characterised> {
+    let cameras = calibration.devices.iter().filter(|device| device.kind == DeviceKind::Camera);
+    let all = cameras.map(|device| {
+        let edges: Vec<Vec<BlurredEdge>> = gathered.edges_of(&device.name);
+        let found = footprint(&edges, [device.camera.width_px, device.camera.height_px]);
+        let lines: Vec<NoiseEstimate> =
+            gathered.noise.iter().filter(|(name, _)| *name == device.name).map(|(_, line)| *line).collect();
+        let noise = photon_transfer(&lines);
+        let sensor = Sensor {
+            footprint: found.map(|found| found.footprint),
+            noise: noise.map(|(noise, _)| noise),
+            noise_u_dn: noise.map(|(_, u)| u),
+        };
+        (device.name.clone(), Characterised { sensor, footprint: found, noise_recordings: lines.len() })
+    });
+    all.filter(|(_, found)| !found.sensor.is_unknown()).collect()
+}
+
+/// A line per camera.
+pub fn print(sensors: &BTreeMap<String, Characterised>) {
+    for (name, found) in sensors {
+        let mut parts = Vec::new();
+        if let Some(estimate) = &found.footprint {
+            let ([x, y], [ux, uy]) =
+                (estimate.footprint.sigma_px, estimate.footprint.u_px.unwrap_or_default());
+            let mut part =
+                format!("footprint {x:.3}, {y:.3} px (u {ux:.3}, {uy:.3}) from {} edges", estimate.edges);
+            if estimate.field_px2 != 0.0 {
+                let _ = write!(
+                    part,
+                    ", its variance {:+.3} px² from the middle to the corner",
+                    estimate.field_px2
+                );
+            }
+            parts.push(part);
+        }
+        if let Some((noise, [u_read, u_gain])) = found.sensor.noise.zip(found.sensor.noise_u_dn) {
+            parts.push(format!(
+                "read noise {:.3} DN (u {u_read:.3}), gain {:.5} DN per electron (u {u_gain:.5}) from {} recordings",
+                noise.read_noise_dn, noise.gain_dn, found.noise_recordings
+            ));
+        }
+        println!("{name}: {}", parts.join("; "));
+    }
+}
+
+/// Keys of a camera in the result.
+pub fn json(found: Option<&Characterised>) -> serde_json::Value {
+    let sensor = found.map(|found| found.sensor).unwrap_or_default();
+    serde_json::json!({
+        "footprint_px": sensor.footprint.map(|footprint| footprint.sigma_px),
+        "u_footprint_px": sensor.footprint.and_then(|footprint| footprint.u_px),
+        "footprint_field_px2": found.and_then(|found| Some(found.footprint?.field_px2)),
+        "footprint_edges": found.and_then(|found| Some(found.footprint?.edges)),
+        "noise": sensor.noise.map(|noise| serde_json::json!({
+            "read_dn": noise.read_noise_dn,
+            "gain_dn": noise.gain_dn,
+            "u_read_dn": sensor.noise_u_dn.map(|u| u[0]),
+            "u_gain_dn": sensor.noise_u_dn.map(|u| u[1]),
+        })),
+    })
+}

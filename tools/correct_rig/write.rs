@@ -1,0 +1,116 @@
+//! The corrected rig file with its covariance and history, and what is printed of it.
+
+use super::length::Scale;
+use super::{Args, Judge, Link};
+use anyhow::{Context, Result};
+use characterise::calibration::PARAMETERS;
+use characterise::health::ViewCorrection;
+use files::recording::Recording;
+use files::rig_file::CovarianceRef;
+use serde_json::{Value, json};
+
+/// Writes the covariance, then the rig file that names it.
+pub fn write(
+    args: &Args,
+    recording: &Recording,
+    judge: &Judge,
+    found: &ViewCorrection,
+    scale: Option<Scale>,
+) -> Result<()> {
+    let rig = judge.rig_with(&found.camera);
+    let reference = covariance(args, judge, found)?;
+    let mut provenance = judge.rig_file.provenance.clone();
+    let mut entry = toml::Table::new();
+    entry.insert("date".into(), files::clock::rfc3339_now().into());
+    entry.insert("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION")).into());
+    entry.insert("from_rig_sha256".into(), judge.rig_file.sha256.clone().into());
+    entry.insert("recording_sha256".into(), recording.sha256.clone().into());
+    entry.insert("view".into(), judge.view.to_owned().into());
+    let numbers = |values: &[f64]| toml::Value::Array(values.iter().map(|value| (*value).into()).collect());
+    let degrees: Vec<f64> = found.drift[..3].iter().map(|rad| rad.to_degrees()).collect();
+    entry.insert("rotation_deg".into(), numbers(&degrees));
+    entry.insert("shift_mm".into(), numbers(&found.drift[3..6]));
+    entry.insert("focal_part".into(), found.drift[6].into());
+    if let Some(scale) = scale {
+        entry.insert("baseline_factor".into(), scale.factor.into());
+    }
+    let mut history = match provenance.remove("corrections") {
+        Some(toml::Value::Array(history)) => history,
+        _ => Vec::new(),
+    };
+    history.push(toml::Value::Table(entry));
+    provenance.insert("corrections".into(), toml::Value::Array(history));
+    files::rig_file::write_rig(&args.out, &rig, &provenance, reference.as_ref())?;
+    Ok(())
+}
+
+/// The covariance of the old rig with that of the correction added to the view's own part; none where the old rig has none.
+fn covariance(args: &Args, judge: &Judge, found: &ViewCorrection) -> Result<Option<CovarianceRef>> {
+    let Some(known) = judge.covariance else { return Ok(None) };
+    let bytes = files::document::read_bytes(&known.path, 1 << 30)?;
+    let mut value: Value = serde_json::from_slice(&bytes)?;
+    let count = known.parameters.len();
+    if let Some(place) = known.devices.iter().position(|device| device == judge.view)
+        && known.parameters[..] == PARAMETERS[..count.min(PARAMETERS.len())]
+    {
+        for (k, added) in found.parameter_covariance(count).into_iter().enumerate() {
+            let entry = &mut value["matrix"][place * count + k / count][place * count + k % count];
+            *entry = json!(entry.as_f64().unwrap_or(0.0) + added);
+        }
+    }
+    let mut file = args.out.file_stem().unwrap_or_default().to_owned();
+    file.push(".covariance.json");
+    let path = args.out.with_file_name(&file);
+    files::result::write_json(&path, &value).with_context(|| path.display().to_string())?;
+    let sha256 = files::hash::sha256_hex(&files::document::read_bytes(&path, 1 << 30)?);
+    Ok(Some(CovarianceRef { file: file.to_string_lossy().into_owned(), sha256 }))
+}
+
+/// What was corrected, and what is left of the residuals of each pair.
+pub fn report(
+    view: &str,
+    found: &ViewCorrection,
+    scale: Option<Scale>,
+    links: &[Link],
+    after: &[(String, bool, f64)],
+) -> Vec<String> {
+    let (d, u) = (found.drift, found.u());
+    let axes = ["x", "y", "z"];
+    let turn = |i: usize| format!("{} {:+.5}° (u {:.5})", axes[i], d[i].to_degrees(), u[i].to_degrees());
+    let shift = |i: usize| format!("{} {:+.4} mm (u {:.4})", axes[i], d[3 + i], u[3 + i]);
+    let list = |part: &dyn Fn(usize) -> String| (0..3).map(part).collect::<Vec<_>>().join(", ");
+    let mut lines = vec![
+        format!("{view} was turned about {}", list(&turn)),
+        format!("{view} was shifted along {}", list(&shift)),
+        format!("{view}: focal length {:+.4} % (u {:.4} %)", 100.0 * d[6], 100.0 * u[6]),
+    ];
+    if let Some(scale) = scale {
+        lines.push(format!("baseline by the length standard: factor {:.6} (u {:.6})", scale.factor, scale.u));
+    }
+    for (link, (name, _, rms_px)) in links.iter().zip(after) {
+        let before = link.check.health.drift.rms_px;
+        lines.push(format!("{name}: drift {before:.4} px rms before, {rms_px:.4} px after"));
+    }
+    lines
+}
+
+/// Keys that other programs rely on.
+pub fn json(
+    args: &Args,
+    found: Option<(&str, &ViewCorrection, Option<Scale>)>,
+    after: &[(String, bool, f64)],
+) -> Value {
+    json!({
+        "recording": args.recording,
+        "rig": args.rig,
+        "corrected": found.is_some(),
+        "out": found.map(|_| &args.out),
+        "view": found.map(|(view, _, _)| view),
+        "drift": found.map(|(_, found, _)| found.drift),
+        "u_drift": found.map(|(_, found, _)| found.u()),
+        "baseline": found.and_then(|(_, _, scale)| scale),
+        "pairs": after.iter().map(|(name, healthy, rms_px)| json!({
+            "name": name, "healthy": healthy, "rms_px": rms_px,
+        })).collect::<Vec<_>>(),
+    })
+}
