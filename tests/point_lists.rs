@@ -1,6 +1,7 @@
 //! Calibrations from points that another program found, with each lens model, and rigs of such lenses in other programs' files.
 
 use crate::support::{fringetool, real_data, root};
+use std::fmt::Write as _;
 use tempfile::TempDir;
 
 /// Lists of what a camera with a strong rational lens shows of a board of 12 × 9 points in 12 poses, without noise beyond rounding.
@@ -24,11 +25,11 @@ fn lists(folder: &TempDir) -> String {
             // Decentred too, which no fisheye is.
             let u = x * radial + 4e-3 * x * y - 2e-3 * (r2 + 2.0 * x * x);
             let v = y * radial + 2e-3 * (r2 + 2.0 * y * y) - 4e-3 * x * y;
-            points += &format!("{:.3} {:.3}\n", 700.0 * u + 640.0, 700.0 * v + 512.0);
+            let _ = writeln!(points, "{:.3} {:.3}", 700.0 * u + 640.0, 700.0 * v + 512.0);
         }
     }
     std::fs::write(path("cam1.txt"), points).unwrap();
-    let board: String = board.iter().map(|[x, y]| format!("{x} {y}\n")).collect();
+    let board: String = board.iter().map(|[x, y]| format!("{x} {y}")).collect::<Vec<_>>().join("\n");
     std::fs::write(path("board.txt"), board).unwrap();
     let text = "format = \"fringecell-points/1\"\ntarget = \"board.txt\"\n[[device]]\nname = \"cam1\"\nwidth_px = 1280\n\
         height_px = 1024\npoints = \"cam1.txt\"\nsigma_px = 0.01\n";
@@ -105,7 +106,8 @@ fn lists_of_others_give_their_rig() {
     let file = |name: &str| source.join(name).canonicalize().unwrap().display().to_string();
     let mut text = format!("format = \"fringecell-points/1\"\ntarget = \"{}\"\n", file("X3D_Test_2.txt"));
     for (name, list) in [("left", "Left_Test_2.txt"), ("right", "Righ_Test_2.txt")] {
-        text += &format!(
+        let _ = write!(
+            text,
             "[[device]]\nname = \"{name}\"\nwidth_px = 1440\nheight_px = 1080\npoints = \"{}\"\n",
             file(list)
         );

@@ -3,6 +3,7 @@
 use crate::running::Cell;
 use crate::support::{fringetool, root};
 use serde_json::Value;
+use std::fmt::Write as _;
 use std::fs;
 
 fn json(path: &str) -> Value {
@@ -15,10 +16,11 @@ fn msa() -> String {
     let text = fs::read_to_string(root().join("shared/metrology/src/spc/tests.rs")).unwrap();
     let data =
         text.split_once("const AIAG").unwrap().1.split_once("= [").unwrap().1.split_once("];\n").unwrap().0;
-    let rows = data.lines().filter(|line| line.trim().starts_with("[") && line.contains(','));
+    let rows = data.lines().filter(|line| line.trim().starts_with('[') && line.contains(','));
     for (row, line) in rows.enumerate() {
         for (part, value) in line.trim().trim_matches(|c| "[],".contains(c)).split(',').enumerate() {
-            table += &format!("{},{},{},-2,2\n", part + 1, ["A", "B", "C"][row / 3], value.trim());
+            let operator = ["A", "B", "C"][row / 3];
+            let _ = writeln!(table, "{},{operator},{},-2,2", part + 1, value.trim());
         }
     }
     table

@@ -185,16 +185,9 @@ impl fmt::Display for DecodeLine {
         if self.recovered > 0 {
             write!(f, "; {} clipped in some frames and decoded from the others", self.recovered)?;
         }
-        for found in &self.findings {
-            write!(f, "; {}", found.text)?;
-        }
-        if !self.ignored.is_empty() {
-            write!(f, "; not used: {}", self.ignored.join(", "))?;
-        }
-        for warning in &self.warnings {
-            write!(f, "; {warning}")?;
-        }
-        Ok(())
+        let not_used = (!self.ignored.is_empty()).then(|| format!("not used: {}", self.ignored.join(", ")));
+        let found = self.findings.iter().map(|found| found.text.clone());
+        found.chain(not_used).chain(self.warnings.iter().cloned()).try_for_each(|text| write!(f, "; {text}"))
     }
 }
 

@@ -90,14 +90,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         draw::write(folder, &gathered, &observations, calibration, shown.columns)?;
     }
     let (calibration, validation, lenses) = solved?;
-    let of_model = model::note(&calibration).into_iter().chain(validation::notes(&validation));
-    for note in gathered.notes.iter().cloned().chain(of_model) {
-        eprintln!("{note}");
-    }
-    let absent = gathered.not_characterised();
-    for (device, why) in &absent {
-        eprintln!("\"{device}\" is not characterised and not in the rig file: {why}");
-    }
+    let absent = noted(&gathered, &calibration, &validation);
     let pairs = output::pairs(&args.pair, &calibration, &gathered.lit)?;
     let lengths = certified
         .iter()
@@ -130,6 +123,19 @@ pub fn run(args: &Args) -> Result<Outcome> {
     crate::report::emit(args.json.as_deref(), &output::json(&parts))?;
     println!("{}", args.out.display());
     Ok(Outcome::Done)
+}
+
+/// Prints what was left out; the devices that are not characterised, each with the reasons.
+fn noted(gathered: &Gathered, calibration: &Calibration, validation: &Validation) -> Vec<(String, String)> {
+    let of_model = model::note(calibration).into_iter().chain(validation::notes(validation));
+    for note in gathered.notes.iter().cloned().chain(of_model) {
+        eprintln!("{note}");
+    }
+    let absent = gathered.not_characterised();
+    for (device, why) in &absent {
+        eprintln!("\"{device}\" is not characterised and not in the rig file: {why}");
+    }
+    absent
 }
 
 /// Calibrates and validates the rig, after checking that the images show the target.

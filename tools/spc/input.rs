@@ -22,6 +22,7 @@ pub struct Parts {
 }
 
 /// One value of one feature.
+#[allow(clippy::struct_field_names, reason = "the column of the table has this name")]
 struct Value {
     feature: String,
     recipe: Option<String>,
@@ -70,7 +71,9 @@ pub fn read(args: &Args, files: &[PathBuf]) -> Result<Parts> {
         if is_table {
             let values = table(file)?;
             parts.count += values.len();
-            values.into_iter().for_each(|value| parts.add(args, value));
+            for value in values {
+                parts.add(args, value);
+            }
         } else {
             for record in read_parts(file)? {
                 parts.record(args, record);

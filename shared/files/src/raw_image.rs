@@ -30,20 +30,20 @@ impl RawImage {
     ///
     /// # Errors
     /// A name that GenICam does not have, a size of no frame.
-    pub fn format(&self) -> Result<PixelFormat, (&'static str, Problem, String)> {
+    pub fn format(&self) -> Result<PixelFormat, Box<(&'static str, Problem, String)>> {
         let names = PixelFormat::ALL.map(PixelFormat::name);
         let known = PixelFormat::ALL.into_iter().find(|format| format.name() == self.pixel_format);
         let Some(format) = known else {
             let limit = names.join(", ");
             let remedy = did_you_mean(&self.pixel_format, names, "name the packing as GenICam does");
             let problem = Problem::Value { value: format!("\"{}\"", self.pixel_format), limit };
-            return Err(("pixel_format", problem, remedy));
+            return Err(Box::new(("pixel_format", problem, remedy)));
         };
         let sides = 1..=65_535;
         if !sides.contains(&self.width_px) || !sides.contains(&self.height_px) {
             let value = format!("{} × {} px", self.width_px, self.height_px);
             let problem = Problem::Value { value, limit: "1 … 65535 px a side".into() };
-            return Err(("width_px", problem, String::new()));
+            return Err(Box::new(("width_px", problem, String::new())));
         }
         Ok(format)
     }
@@ -97,7 +97,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.raw");
         std::fs::write(&path, bytes).unwrap();
-        let format = raw.format().map_err(|(_, problem, _)| problem.to_string())?;
+        let format = raw.format().map_err(|fault| fault.1.to_string())?;
         let frame = raw.read(&path, format).map_err(|error| error.to_string())?;
         assert_eq!(frame.full_scale_dn, format.full_scale_dn());
         Ok(match frame.pixels {

@@ -229,7 +229,8 @@ fn write(
 
 /// The format of a camera's raw files.
 fn raw_format(document: &Document, camera: &RawCamera, raw: &RawImage) -> Result<PixelFormat, FileError> {
-    raw.format().map_err(|(key, problem, remedy)| {
+    raw.format().map_err(|fault| {
+        let (key, problem, remedy) = *fault;
         document.fault_of(["camera", &camera.name, &format!("raw.{key}")], problem, &remedy)
     })
 }

@@ -68,7 +68,7 @@ pub struct Chart {
 }
 
 /// Mean of the range of two normal values over their standard deviation, 2/√π.
-const D2_OF_TWO: f64 = 1.128_379_167_095_512_6;
+const D2_OF_TWO: f64 = std::f64::consts::FRAC_2_SQRT_PI;
 
 /// Standard deviation of that ratio, √(2 − 4/π).
 const D3_OF_TWO: f64 = 0.852_502_465_041_252;
@@ -169,7 +169,7 @@ fn signals(chart: &Chart) -> Vec<Signal> {
 }
 
 fn sign(value: f64) -> i8 {
-    if value > 0.0 { 1 } else { i8::from(value != 0.0) * -1 }
+    if value > 0.0 { 1 } else { -i8::from(value != 0.0) }
 }
 
 /// Reports the end of each run in which a sign is `factor` times the one before, once its length is reached.

@@ -30,7 +30,9 @@ pub fn render(input: &SpcInput<'_>) -> String {
         charts(&mut page, study);
     }
     page.section("Definitions and remarks");
-    NOTES.iter().for_each(|note| page.small(note));
+    for note in NOTES {
+        page.small(note);
+    }
     page.end_section();
     page.end()
 }
