@@ -4,6 +4,7 @@ use super::mean;
 use super::sample_sd;
 use fringe::math::{exp, lgamma};
 use serde::Serialize;
+use std::f64::consts::FRAC_2_SQRT_PI;
 
 /// Which pair of charts is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -68,7 +69,7 @@ pub struct Chart {
 }
 
 /// Mean of the range of two normal values over their standard deviation, 2/√π.
-const D2_OF_TWO: f64 = std::f64::consts::FRAC_2_SQRT_PI;
+const D2_OF_TWO: f64 = FRAC_2_SQRT_PI;
 
 /// Standard deviation of that ratio, √(2 − 4/π).
 const D3_OF_TWO: f64 = 0.852_502_465_041_252;
