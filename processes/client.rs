@@ -26,6 +26,20 @@ fn find(name: Option<&str>) -> Result<CellName> {
     }
 }
 
+/// Refuses the name of a cell that runs.
+///
+/// # Errors
+/// A cell of this name runs.
+pub fn refuse_running(name: &str) -> Result<()> {
+    let name = CellName::new(name)?;
+    match running_pid(&name) {
+        None => Ok(()),
+        Some(pid) => {
+            Err(ipc::error::IpcError::Running { cell: name.as_str().to_owned(), pid: pid.to_string() }.into())
+        }
+    }
+}
+
 fn others() -> String {
     let cells: Vec<String> = running_cells().iter().map(|c| c.as_str().to_owned()).collect();
     if cells.is_empty() { String::new() } else { format!("; running: {}", cells.join(", ")) }

@@ -1,5 +1,6 @@
 //! `fringecell demo`: runs the cell of `configs/demo.toml`, which is part of the program, and compares with the truth.
 
+use crate::client;
 use crate::run::{self, RunArgs};
 use crate::terminal;
 use anyhow::{Context, Result, bail};
@@ -45,7 +46,7 @@ pub struct DemoArgs {
 /// Runs the demo; exit code 0 if every feature passes.
 pub fn demo(args: &DemoArgs) -> Result<u8> {
     // Check the name before writing any file.
-    ipc::cell::CellName::new(&args.cell)?;
+    client::refuse_running(&args.cell)?;
     let config = write_files(&args.out.join("config"), files::guard::replaces_anything())?;
     let settings = files::config::Config::load(&config)?;
     let cycles = args.cycles.or(settings.cell.cycles);

@@ -106,6 +106,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    ipc::os::report_file_size_limit();
     let Cli { parse_only, force, command, .. } = match cli::parse() {
         Ok(cli) => cli,
         Err(code) => return ExitCode::from(code),

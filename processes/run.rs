@@ -1,9 +1,10 @@
 //! `fringecell run`: runs a cell, writes its files and returns the exit code.
 
+use crate::client;
 use crate::json;
 use crate::monitor;
 use crate::run_files::{self, RunFiles};
-use crate::run_folder::RunFolder;
+use crate::run_folder::{self, RunFolder};
 use crate::supervisor::{self, PageOptions, RunOptions, Summary};
 use crate::terminal;
 use anyhow::{Context, Result, bail};
@@ -115,9 +116,14 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     check_outputs(&written, &cell.file.paths(), None)?;
     let page = page_options(args, truth.is_some())?;
     devices::check(&cell)?;
-    let record = record_folder(args)?;
     let frames = devices::played_files(&cell)?;
+    // Before the folder is taken: a run that is refused leaves the files of the run before where they are.
+    client::refuse_running(&cell.name)?;
+    if let Some(folder) = &args.record {
+        run_folder::refuse_inside_of_a_run("--record", folder)?;
+    }
     let folder = args.out.as_deref().map(|folder| RunFolder::take(folder, &cell)).transpose()?.map(Arc::new);
+    let record = record_folder(args)?;
     note_overlap(args, &cell);
     let interrupted = Arc::new(AtomicBool::new(false));
     let options = RunOptions {
@@ -135,7 +141,11 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     let needs_stdout = needs_stdout(args, &options);
     let mut results = VecDeque::new();
     let mut summary = supervisor::run(&cell, &options, &mut |result| {
-        let printed = terminal::print_line(&terminal::cycle_line(result, options.cycles));
+        let line = terminal::cycle_line(result, options.cycles);
+        if cli::is_quiet() && !result.is_ok() {
+            cli::error(&line);
+        }
+        let printed = terminal::print_line(&line);
         if !printed && needs_stdout {
             interrupted.store(true, Ordering::SeqCst);
         }

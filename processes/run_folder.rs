@@ -70,6 +70,7 @@ impl RunFolder {
     /// # Errors
     /// Another cell writes there; files of these names are there that no run wrote; the folder cannot be written.
     pub fn take(path: &Path, cell: &devices::LoadedCell) -> Result<Self> {
+        refuse_inside_of_a_run("--out", path)?;
         atomic::create_dir(path)?;
         let owner = Owner {
             format: RUN_FORMAT.into(),
@@ -190,6 +191,30 @@ fn started(folder: &Path) -> Option<String> {
 
 /// Takes the lock of a folder. The system releases it when this process ends in whatever way, so that the file of a run
 /// that was killed stops nobody.
+/// Refuses a folder within the files of a run: they are moved aside when the next run begins there.
+///
+/// # Errors
+/// The folder lies in one that a run owns.
+pub fn refuse_inside_of_a_run(option: &str, folder: &Path) -> Result<()> {
+    let whole = std::path::absolute(folder)?;
+    // What exists of the path is taken without links.
+    let there = whole.ancestors().find_map(|part| Some((part.canonicalize().ok()?, part.to_owned())));
+    let Some((real, part)) = there else { return Ok(()) };
+    let whole = whole.strip_prefix(&part).map_or(real.clone(), |rest| real.join(rest));
+    for owner in whole.ancestors().skip(1).filter(|owner| owner.join(RUN).is_file()) {
+        let within = whole.strip_prefix(owner).ok().and_then(|rest| rest.iter().next());
+        let own =
+            within.and_then(|name| name.to_str()).is_some_and(|name| OWN.contains(&name) || name == RUNS);
+        ensure!(
+            !own,
+            "{option} {}: lies within the results of a run in {}; name a folder outside of it",
+            folder.display(),
+            owner.display()
+        );
+    }
+    Ok(())
+}
+
 fn lock(folder: &Path, owner: &Owner) -> Result<File> {
     let path = folder.join(LOCK);
     let failed = || format!("--out {}: cannot lock the folder", folder.display());

@@ -90,6 +90,54 @@ fn a_run_moves_the_one_before_aside_and_shows_its_own_files_only() {
     assert_eq!(store.lines().count(), 4, "a line for each cycle of the three runs");
 }
 
+/// Proves: no run takes a folder that another one would move aside, and a run that is refused moves nothing.
+#[test]
+fn a_folder_within_a_run_and_a_cell_that_runs_leave_the_results_where_they_are() {
+    let cell = Cell::played("within", 0.0, "");
+    assert_eq!(cell.run("played.toml", &["--cycles", "1"]).status.code(), Some(0));
+    let before = names(&cell.out());
+    let within = |option: &str, folder: &str| {
+        let folder = cell.out().join(folder).display().to_string();
+        let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_fringecell"));
+        program.args([
+            "run",
+            &cell.small.path("played.toml"),
+            "--cell",
+            &cell.name,
+            "--cycles",
+            "1",
+            option,
+            &folder,
+        ]);
+        let output = program.output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{option} {folder}");
+        assert!(
+            text(&output.stderr).contains("lies within the results of a run"),
+            "{}",
+            text(&output.stderr)
+        );
+    };
+    for folder in ["results", "parts/new", "runs/a/b", "results/../results/x"] {
+        within("--out", folder);
+        within("--record", folder);
+    }
+    std::os::unix::fs::symlink(cell.out(), cell.small.path("link")).unwrap();
+    within("--out", "../link/results");
+    let run = cell.serving("played.toml");
+    let moved = names(&cell.out());
+    let second = cell.run("played.toml", &["--cycles", "1"]);
+    assert_eq!(second.status.code(), Some(2));
+    assert!(text(&second.stderr).contains("is already running, pid"), "{}", text(&second.stderr));
+    let elsewhere = cell.small.path("elsewhere");
+    fs::create_dir(&elsewhere).unwrap();
+    let third = cell.run("played.toml", &["--cycles", "1", "--record", &elsewhere]);
+    assert_eq!(third.status.code(), Some(2));
+    assert_eq!(names(&cell.out()), moved);
+    signal("TERM", u64::from(run.id()));
+    wait(run);
+    assert!(before.contains(&"cloud.ply".to_owned()) && cell.earlier().len() == 1);
+}
+
 /// Proves: a move that was broken off is continued, and files that no run wrote are neither moved nor replaced.
 #[test]
 fn a_broken_move_is_continued_and_foreign_files_are_refused() {

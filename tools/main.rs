@@ -177,6 +177,7 @@ pub enum Outcome {
 }
 
 fn main() -> ExitCode {
+    ipc::os::report_file_size_limit();
     let Cli { parse_only, force, command, .. } = match cli::parse() {
         Ok(cli) => cli,
         Err(code) => return ExitCode::from(code),

@@ -5,7 +5,7 @@ use super::protocol::{Answer, Request};
 use anyhow::{Context, Result, bail};
 use crossbeam::channel::{Sender, bounded};
 use serde::Serialize;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, ErrorKind, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::Path;
 use std::sync::Arc;
@@ -121,7 +121,6 @@ fn serve(stream: &UnixStream, calls: &Sender<Call>, clients: &Arc<Clients>) -> R
     let mut reader = BufReader::new(stream);
     loop {
         match line(&mut reader, stream, IDLE_TIMEOUT)? {
-            Line::Text(text) if text.iter().all(u8::is_ascii_whitespace) => {}
             Line::Text(text) => {
                 let _unanswered = Count::new(clients, |clients| &clients.unanswered);
                 write(stream, &answer(request(&text), calls))?;
@@ -239,8 +238,35 @@ fn write<T: Serialize>(mut stream: &UnixStream, value: &T) -> Result<()> {
 pub fn ask(path: &Path, request: &Request) -> Result<Answer> {
     let stream = UnixStream::connect(path)?;
     let inspects = matches!(request, Request::Inspect { .. });
-    stream.set_read_timeout((!inspects).then_some(TIMEOUT))?;
-    exchange(&stream, request)
+    stream.set_read_timeout(Some(TIMEOUT))?;
+    if inspects { exchange_patiently(path, &stream, request) } else { exchange(&stream, request) }
+}
+
+/// Asks for an inspection, which takes as long as its cycle. While nothing comes, the cell is asked whether it still answers.
+fn exchange_patiently(path: &Path, stream: &UnixStream, request: &Request) -> Result<Answer> {
+    let sent = write(stream, request);
+    let (mut reader, mut line) = (BufReader::new(stream), Vec::new());
+    loop {
+        // What was read before a time-out stays in the line.
+        match reader.read_until(b'\n', &mut line) {
+            Ok(_) => break,
+            Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                let other = UnixStream::connect(path)?;
+                other.set_read_timeout(Some(TIMEOUT))?;
+                let asked = exchange(&other, &Request::Status {});
+                asked.context(
+                    "the part may be inspected or not, and its result is not known: see the log of the cell",
+                )?;
+            }
+            Err(e) if e.kind() == ErrorKind::Interrupted => {}
+            Err(e) => return Err(e).context("the connection to the cell broke"),
+        }
+    }
+    if line.is_empty() {
+        sent?;
+        bail!("the cell ended before it answered");
+    }
+    Ok(serde_json::from_slice(&line)?)
 }
 
 /// Sends a request and reads its answer.
@@ -251,7 +277,7 @@ fn exchange(stream: &UnixStream, request: &Request) -> Result<Answer> {
     let read = BufReader::new(stream).read_line(&mut line);
     if line.is_empty() {
         sent?;
-        read.context("the cell did not answer")?;
+        read.with_context(|| format!("the cell did not answer within {} s", TIMEOUT.as_secs()))?;
         bail!("the cell ended before it answered");
     }
     Ok(serde_json::from_str(&line)?)

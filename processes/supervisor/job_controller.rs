@@ -175,7 +175,7 @@ impl JobController {
             return Err(Answer::Refused(reason.into()));
         }
         match part {
-            Some(part) if part.is_empty() || part.len() > MAX_PART || part.chars().any(char::is_control) => {
+            Some(part) if part.is_empty() || part.len() > MAX_PART || !fringe::text::is_printable(part) => {
                 let reason = format!("part {part:?}: must be 1 to {MAX_PART} bytes of printable text");
                 Err(Answer::Refused(reason))
             }

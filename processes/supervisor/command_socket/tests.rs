@@ -138,3 +138,27 @@ fn a_request_to_a_cell_that_has_stopped_is_refused() {
     assert_eq!(answer, Answer::Refused(STOPPED.into()));
     assert_eq!(stopping.join().unwrap(), 1);
 }
+
+#[test]
+fn an_empty_line_is_answered_as_any_other() {
+    let (_folder, path) = cell();
+    let mut stream = UnixStream::connect(&path).unwrap();
+    stream.write_all(b"\n").unwrap();
+    let mut line = String::new();
+    BufReader::new(&stream).read_line(&mut line).unwrap();
+    assert!(line.contains("not a request"), "{line}");
+}
+
+#[test]
+fn an_inspection_by_a_cell_that_answers_nothing_ends_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("command");
+    // The system accepts connections for it, as for a supervisor that was stopped by a signal.
+    let _listener = UnixListener::bind(&path).unwrap();
+    let error = ask(&path, &Request::Inspect { part: "1".into(), recipe: None }).unwrap_err();
+    let told = format!("{error:#}");
+    assert!(
+        told.contains("its result is not known") && told.contains("did not answer within 10 s"),
+        "{told}"
+    );
+}

@@ -10,12 +10,13 @@ const NAME_LIMIT_BYTES: usize = 64;
 /// # Errors
 /// Empty, too long, starting with a dot, or holding a path separator or a control character.
 pub fn check_name(name: &str) -> Result<(), Problem> {
-    let bad = |c: char| c == '/' || c == '\\' || c == ':' || c.is_control();
+    let bad = |c: char| c == '/' || c == '\\' || c == ':';
     let fits = !name.is_empty()
         && name.len() <= NAME_LIMIT_BYTES
         && !name.starts_with('.')
         && name.trim() == name
-        && !name.contains(bad);
+        && !name.contains(bad)
+        && fringe::text::is_printable(name);
     if fits {
         return Ok(());
     }

@@ -277,6 +277,12 @@ pub fn ignore_interrupts() {
     unsafe { libc::signal(libc::SIGINT, libc::SIG_IGN) };
 }
 
+/// Makes a file that reaches the size limit of the process (`ulimit -f`) an error of the write instead of the end of the process.
+pub fn report_file_size_limit() {
+    // SAFETY: setting a disposition to SIG_IGN runs no handler of ours.
+    unsafe { libc::signal(libc::SIGXFSZ, libc::SIG_IGN) };
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

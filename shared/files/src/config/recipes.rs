@@ -49,7 +49,7 @@ pub(super) fn recipes(
 fn check_name(document: &Document, index: usize, raw: &RawConfig) -> Result<(), FileError> {
     let key = format!("recipe[{index}].name");
     let name = raw.recipe[index].name.as_str();
-    if name.is_empty() || name.len() > MAX_NAME || name.chars().any(char::is_control) {
+    if name.is_empty() || name.len() > MAX_NAME || !fringe::text::is_printable(name) {
         let problem = value(format!("{name:?}"), format!("1 to {MAX_NAME} bytes of printable text"));
         return Err(document.fault(&key, problem, "requests name the recipe by it"));
     }

@@ -18,6 +18,7 @@ impl Plan {
         if raw.format != PLAN_FORMAT {
             return Err(PlanError::Format(raw.format));
         }
+        printable("plan", &raw.name)?;
         let within = Within("settings".into());
         raw.settings.cluster_mm.map(|edge| within.positive("cluster_mm", edge)).transpose()?;
         within.check("guard_factor", raw.settings.guard_factor, 0.0..=10.0, "0 … 10")?;
@@ -102,10 +103,20 @@ impl Within {
     }
 }
 
+/// Names reach terminals and reports as they are.
+fn printable(what: &'static str, name: &str) -> Result<(), PlanError> {
+    if fringe::text::is_printable(name) {
+        return Ok(());
+    }
+    let message = format!("the {what} name {name:?} has characters that do not print; remove them");
+    Err(PlanError::Part { place: "name".into(), message })
+}
+
 /// Names must be unique.
 fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a str>) -> Result<(), PlanError> {
     let mut seen = std::collections::BTreeSet::new();
     for name in names {
+        printable(what, name)?;
         if name.is_empty() || !seen.insert(name) {
             return Err(PlanError::Name { what, name: name.into() });
         }
@@ -268,6 +279,11 @@ impl Lookup<'_> {
 
     fn two(&self, place: &Within, kind: &'static str, names: &[String; 2]) -> Result<[usize; 2], PlanError> {
         let [a, b] = names;
+        if a == b {
+            let message =
+                format!("elements names \"{a}\" twice: a value between an element and itself proves nothing");
+            return Err(PlanError::Part { place: place.0.clone(), message });
+        }
         Ok([self.find(place, "elements", kind, a)?, self.find(place, "elements", kind, b)?])
     }
 }
