@@ -119,11 +119,8 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     let frames = devices::played_files(&cell)?;
     // Before the folder is taken: a run that is refused leaves the files of the run before where they are.
     client::refuse_running(&cell.name)?;
-    if let Some(folder) = &args.record {
-        run_folder::refuse_inside_of_a_run("--record", folder)?;
-    }
-    let folder = args.out.as_deref().map(|folder| RunFolder::take(folder, &cell)).transpose()?.map(Arc::new);
     let record = record_folder(args)?;
+    let folder = args.out.as_deref().map(|folder| RunFolder::take(folder, &cell)).transpose()?.map(Arc::new);
     note_overlap(args, &cell);
     let interrupted = Arc::new(AtomicBool::new(false));
     let options = RunOptions {
@@ -141,12 +138,7 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     let needs_stdout = needs_stdout(args, &options);
     let mut results = VecDeque::new();
     let mut summary = supervisor::run(&cell, &options, &mut |result| {
-        let line = terminal::cycle_line(result, options.cycles);
-        if cli::is_quiet() && !result.is_ok() {
-            cli::error(&line);
-        }
-        let printed = terminal::print_line(&line);
-        if !printed && needs_stdout {
+        if !print_cycle(result, &options) && needs_stdout {
             interrupted.store(true, Ordering::SeqCst);
         }
         if results.len() == MAX_RESULTS {
@@ -163,6 +155,15 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     let code = exit_code(&summary, &options);
     json::emit(args.json.as_deref(), &report(&cell, &summary, &results))?;
     Ok(code)
+}
+
+/// Prints the line of a cycle, one that failed even if only errors are wanted. Returns whether it was written.
+fn print_cycle(result: &CycleResult, options: &RunOptions) -> bool {
+    let line = terminal::cycle_line(result, options.cycles);
+    if cli::is_quiet() && !result.is_ok() {
+        cli::error(&line);
+    }
+    terminal::print_line(&line)
 }
 
 /// Notes that the cycles of this run do not overlap, although the configuration asks for it.
@@ -257,6 +258,7 @@ fn cycles(args: &RunArgs, cell: &LoadedCell) -> Option<u64> {
 
 fn record_folder(args: &RunArgs) -> Result<Option<PathBuf>> {
     let Some(folder) = &args.record else { return Ok(None) };
+    run_folder::refuse_inside_of_a_run("--record", folder)?;
     atomic::create_dir(folder)?;
     if let Ok(mut entries) = std::fs::read_dir(folder)
         && entries.next().is_some()
