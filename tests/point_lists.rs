@@ -67,7 +67,9 @@ fn the_lens_model_that_predicts_best_is_taken_and_goes_through_other_programs_fi
     let camera = &text[text.find("[[camera]]").unwrap()..text.find("[provenance]").unwrap()];
     let second = camera.replace("\"cam1\"", "\"cam2\"");
     let at = second.find("translation_mm = [").unwrap() + "translation_mm = [".len();
-    let second = format!("{}1{}", &second[..at], &second[at..]);
+    let end = at + second[at..].find(',').unwrap();
+    let x_mm: f64 = second[at..end].parse().unwrap();
+    let second = format!("{}{:?}{}", &second[..at], x_mm + 50.0, &second[end..]);
     let pair = "[[pair]]\nname = \"pair1\"\nleft = \"cam1\"\nright = \"cam2\"\n";
     std::fs::write(path("two.toml"), format!("format = \"fringecell-rig/1\"\n{camera}{second}{pair}"))
         .unwrap();

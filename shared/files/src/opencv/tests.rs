@@ -130,6 +130,10 @@ fn calibrations_of_other_programs_are_understood_or_told_why_not() {
     let eight = YAML.replace("cols: 5", "cols: 8").replace("0.3 ]", "0.3, 0, 0, 0 ]");
     let rig = rig_of_calibration(&read(&eight).unwrap(), &names(&["cam1"], Some((640, 480)))).unwrap();
     assert_eq!(rig.cameras[0].camera.distortion.k[2], 0.3);
+    let rational = eight.replace("0.3, 0,", "0.3, 0.1,");
+    let rig = rig_of_calibration(&read(&rational).unwrap(), &names(&["cam1"], Some((640, 480)))).unwrap();
+    assert_eq!(rig.cameras[0].camera.distortion.kind, LensKind::Rational);
+    let tilted = YAML.replace("cols: 5", "cols: 14").replace("0.3 ]", "0.3, 0, 0, 0, 0, 0, 0, 0, 0.1, 0 ]");
     for (text, views, size, expected) in [
         (
             YAML.to_owned(),
@@ -138,7 +142,7 @@ fn calibrations_of_other_programs_are_understood_or_told_why_not() {
             "the image size of \"cam1\" (image_width, image_height) is missing",
         ),
         (YAML.to_owned(), &["a", "b"], Some((64, 48)), "the camera matrix of \"a\", such as M1 is missing"),
-        (eight.replace("0.3, 0,", "0.3, 0.1,"), &["cam1"], Some((64, 48)), "coefficient 6 = 0.1"),
+        (tilted, &["cam1"], Some((64, 48)), "coefficient 13 = 0.1"),
         (one.replace("1280", "12.5"), &["cam1"], None, "image_width: value 12.5 is not allowed"),
     ] {
         let error = rig_of_calibration(&read(&text).unwrap(), &names(views, size)).unwrap_err().to_string();
