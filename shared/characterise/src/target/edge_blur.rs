@@ -77,7 +77,8 @@ impl Edge {
     /// P at a point relative to the corner, and its derivatives by cx, cy, θ, σ, κ.
     fn at(&self, dx: f64, dy: f64) -> (f64, [f64; 5]) {
         let along = self.cos * dx + self.sin * dy;
-        let s = self.cos * dy - self.sin * dx - self.half_curvature * along * along;
+        let straight = self.cos * dy - self.sin * dx;
+        let s = straight - self.half_curvature * along * along;
         let t = s * self.sharpness;
         let (value, density) = Profile::table().at(t);
         // The table's density is 2 φ.
@@ -85,7 +86,15 @@ impl Edge {
         let by_excess = -cubic * density / 24.0;
         let quartic = t2 * t2 - 6.0 * t2 + 3.0;
         let by_s = density * (1.0 + self.excess * quartic / 24.0) * self.sharpness;
-        let by = [by_s * self.sin, -by_s * self.cos, -by_s * along, -t * by_s, by_excess];
+        let bend = 2.0 * self.half_curvature * along;
+        let by = [
+            by_s * (self.sin + bend * self.cos),
+            -by_s * (self.cos - bend * self.sin),
+            -by_s * (along + bend * straight),
+            // By σ: sharpness is 1/σ, and by_s holds one of them already.
+            -t * by_s,
+            by_excess,
+        ];
         (value + self.excess * by_excess, by)
     }
 }
@@ -150,8 +159,8 @@ mod tests {
                     tails.evaluate(&tails.prepare(&q), x, y).0
                 };
                 let difference = (value(1e-5) - value(-1e-5)) / 2e-5;
-                // The curvature moves with the corner and the angle: a thousandth of the derivative.
-                let room = 0.02 * by.abs().max(1.0);
+                // The profile is a table: its differences are not smooth.
+                let room = 2e-3 * by.abs().max(1.0);
                 assert!((difference - by).abs() < room, "{i} at ({x}, {y}): {difference} and {by}");
             }
         }
