@@ -121,6 +121,7 @@ fn serve(stream: &UnixStream, calls: &Sender<Call>, clients: &Arc<Clients>) -> R
     let mut reader = BufReader::new(stream);
     loop {
         match line(&mut reader, stream, IDLE_TIMEOUT)? {
+            Line::Text(text) if text.iter().all(u8::is_ascii_whitespace) => {}
             Line::Text(text) => {
                 let _unanswered = Count::new(clients, |clients| &clients.unanswered);
                 write(stream, &answer(request(&text), calls))?;

@@ -140,16 +140,6 @@ fn a_request_to_a_cell_that_has_stopped_is_refused() {
 }
 
 #[test]
-fn an_empty_line_is_answered_as_any_other() {
-    let (_folder, path) = cell();
-    let mut stream = UnixStream::connect(&path).unwrap();
-    stream.write_all(b"\n").unwrap();
-    let mut line = String::new();
-    BufReader::new(&stream).read_line(&mut line).unwrap();
-    assert!(line.contains("not a request"), "{line}");
-}
-
-#[test]
 fn an_inspection_by_a_cell_that_answers_nothing_ends_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("command");
