@@ -9,7 +9,11 @@ use std::process::Command;
 
 fn main() {
     shared_data::main();
-    look_for_chromium();
+    // The tests of the live page drive a browser.
+    shared_data::look_for(
+        "chromium",
+        &["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"],
+    );
     // Only what may change the answer: sources, and where the commit of this working copy is written.
     for path in ["processes", "tools", "shared", "configs", "Cargo.toml", "Cargo.lock", "build.rs"] {
         println!("cargo:rerun-if-changed={path}");
@@ -26,17 +30,6 @@ fn main() {
     // For `--version` of both programs.
     let (version, features) = (env!("CARGO_PKG_VERSION"), features());
     println!("cargo:rustc-env=FRINGECELL_VERSION_LINE={version} ({commit}), features: {features}");
-}
-
-/// Sets `chromium` where the tests of the live page find a browser; elsewhere they are compiled as ignored.
-fn look_for_chromium() {
-    println!("cargo::rustc-check-cfg=cfg(chromium)");
-    println!("cargo::rerun-if-env-changed=PATH");
-    let path = std::env::var_os("PATH").unwrap_or_default();
-    let names = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
-    if std::env::split_paths(&path).any(|folder| names.iter().any(|name| folder.join(name).is_file())) {
-        println!("cargo::rustc-cfg=chromium");
-    }
 }
 
 /// The features that the programs are built with.

@@ -37,7 +37,7 @@ fn outcome_ms(page: &Page) -> f64 {
 /// Proves: a verdict appears with everything about its part, names with markup stay text, everything that matters fits into
 /// 1280 × 800, and the browser reports no error.
 #[test]
-#[cfg_attr(not(chromium), ignore = "no Chromium on this machine")]
+#[cfg_attr(not(chromium), ignore = "no Chromium: install it, then cargo test --test main page::browser")]
 fn a_verdict_appears_with_its_cloud_and_names_stay_text() {
     let page = Page::serving("browser", &[]).ready();
     let mut browser = open(&page);
@@ -78,7 +78,7 @@ fn a_verdict_appears_with_its_cloud_and_names_stay_text() {
 /// Proves: tabs, theme and tablet: every panel shows what it should, reachable by keys, in both colours, without scrolling
 /// sideways.
 #[test]
-#[cfg_attr(not(chromium), ignore = "no Chromium on this machine")]
+#[cfg_attr(not(chromium), ignore = "no Chromium: install it, then cargo test --test main page::browser")]
 fn panels_are_reached_by_keys_in_light_and_dark_and_on_a_tablet() {
     let page = Page::serving("panels", &[]).ready();
     let mut browser = open(&page);
@@ -117,7 +117,7 @@ fn panels_are_reached_by_keys_in_light_and_dark_and_on_a_tablet() {
 
 /// Proves: no verdict stays on the page when the cell is gone, and the page comes back by itself with the next cell.
 #[test]
-#[cfg_attr(not(chromium), ignore = "no Chromium on this machine")]
+#[cfg_attr(not(chromium), ignore = "no Chromium: install it, then cargo test --test main page::browser")]
 fn the_page_says_that_the_cell_is_gone_and_comes_back_with_the_next_one() {
     let page = Page::start(Cell::played("back", 0.0, ""), &["--serve"]).ready();
     let mut browser = open(&page);
@@ -136,7 +136,7 @@ fn the_page_says_that_the_cell_is_gone_and_comes_back_with_the_next_one() {
 
 /// Proves: of a cloud of a million points all are drawn at rest, and while it turns frames go on coming.
 #[test]
-#[cfg_attr(not(chromium), ignore = "no Chromium on this machine")]
+#[cfg_attr(not(chromium), ignore = "no Chromium: install it, then cargo test --test main page::browser")]
 fn a_million_points_are_drawn() {
     let page = Page::serving("million", &[]).ready();
     let mut browser = open(&page);

@@ -23,7 +23,7 @@ fn ten_viewers_change_no_byte() {
 }
 
 #[test]
-#[ignore = "takes minutes; the short form runs always"]
+#[ignore = "minutes, the short form always runs: cargo test --test main ten_viewers -- --ignored"]
 fn ten_viewers_change_no_byte_of_500_cycles() {
     viewed(500);
 }
@@ -45,7 +45,7 @@ fn look(at: SocketAddr) -> JoinHandle<usize> {
 
 /// Prints the processor time of the monitor and of the supervisor per cycle, without and with viewers.
 #[test]
-#[ignore = "figures for docs/page.md"]
+#[ignore = "prints figures for docs/page.md: cargo test --test main processor_time_without -- --ignored --nocapture"]
 fn processor_time_without_and_with_viewers() {
     const CYCLES: u64 = 60;
     for viewers in [0, 1, 10] {
