@@ -115,7 +115,7 @@ impl Sets<'_> {
     }
 
     pub fn complement(&self, index: usize) -> Option<usize> {
-        self.list.iter().position(|other| complementary(&self.list[index], other))
+        self.list.iter().position(|other| self.list[index].is_inverse_of(other))
     }
 
     pub fn first_of(&self, name: &str) -> Option<usize> {
@@ -183,18 +183,6 @@ pub(super) fn choose_chain(
         let missing = format!("{code}, and the longest period or beat of the sine sets is {reach_px:.1} px");
         DecodeError::NoAbsoluteOrder { axis, extent_px, finest_px: list[0].period_px, missing }
     })
-}
-
-fn complementary(one: &PatternSet, other: &PatternSet) -> bool {
-    match (one, other) {
-        (
-            PatternSet::Gray { axis: a, bits: b, stripe_px: s, shift_px: h, invert: i, code: c, .. },
-            PatternSet::Gray {
-                axis: oa, bits: ob, stripe_px: os, shift_px: oh, invert: oi, code: oc, ..
-            },
-        ) => a == oa && b == ob && s == os && h == oh && c == oc && i != oi,
-        _ => false,
-    }
 }
 
 /// Axis and finest period of a set with a phase.

@@ -1,6 +1,7 @@
 //! Lines, micro and modulated phase shifting: sets of frames that are no plain sines but are decoded like them.
 
-use super::{Axis, Direction, PatternError, PatternSet, check_shifts, check_steps, length};
+use super::check::{check_shifts, check_steps, length};
+use super::{Axis, Direction, PatternError, PatternSet};
 use crate::math::cos;
 use std::f64::consts::{PI, TAU};
 

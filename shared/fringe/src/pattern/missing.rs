@@ -47,7 +47,7 @@ pub fn without(sequence: &[PatternSet], missing: &BTreeSet<usize>) -> Result<Rem
             let inverse = sequence
                 .iter()
                 .enumerate()
-                .any(|(other, candidate)| inverse_of(set, candidate) && lacks(other).is_empty());
+                .any(|(other, candidate)| set.is_inverse_of(candidate) && lacks(other).is_empty());
             let part = part(set, &lost, inverse)?;
             let names: Vec<String> = lost.iter().map(|step| (step + 1).to_string()).collect();
             let became = part.as_ref().map_or("the set is left out".to_owned(), |part| part.became.clone());
@@ -110,16 +110,18 @@ fn part(set: &PatternSet, lost: &BTreeSet<usize>, inverse: bool) -> Result<Optio
     }
 }
 
-/// Whether two sets are a code and its inverse.
-fn inverse_of(one: &PatternSet, other: &PatternSet) -> bool {
-    match (one, other) {
-        (
-            PatternSet::Gray { axis: a, bits: b, stripe_px: s, shift_px: h, invert: i, code: c, .. },
-            PatternSet::Gray {
-                axis: oa, bits: ob, stripe_px: os, shift_px: oh, invert: oi, code: oc, ..
-            },
-        ) => a == oa && b == ob && s == os && h == oh && c == oc && i != oi,
-        _ => false,
+impl PatternSet {
+    /// Whether two sets are a code and its inverse, which show the same stripes with light and dark exchanged.
+    pub fn is_inverse_of(&self, other: &Self) -> bool {
+        match (self, other) {
+            (
+                Self::Gray { axis: a, bits: b, stripe_px: s, shift_px: h, invert: i, code: c, .. },
+                Self::Gray {
+                    axis: oa, bits: ob, stripe_px: os, shift_px: oh, invert: oi, code: oc, ..
+                },
+            ) => a == oa && b == ob && s == os && h == oh && c == oc && i != oi,
+            _ => false,
+        }
     }
 }
 
