@@ -1,19 +1,16 @@
 //! Points of the target found in the images of the cameras, and the projector coordinates there.
 
+use super::projector_reading::{ProjectorReading, index};
 use super::target_images::{Source, TargetImage, bright_frame};
-use crate::pipeline::RecordedView;
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
-use cell::executor::PhaseMethod;
-use characterise::calibration::{Device, DeviceKind, ImagePoint, Observations, View, projector_pixel};
+use characterise::calibration::{Device, DeviceKind, ImagePoint, Observations, View};
 use characterise::sensor::NoiseEstimate;
 use characterise::target::{
-    Ambiguity, BlurredEdge, DetectedPoint, Detection, TargetError, TargetSettings, TargetSpec, detect,
+    Ambiguity, BlurredEdge, Detection, TargetError, TargetSettings, TargetSpec, detect,
 };
-use files::recording::{RecordedCamera, RecordedProjector, Recording};
-use fringe::decode::DecodeSettings;
+use files::recording::{RecordedProjector, Recording};
 use fringe::frame::Frame;
-use fringe::pattern::{Axis, PatternSet};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Mutex;
@@ -251,16 +248,11 @@ impl Gathered {
     }
 }
 
-/// Number of a point in the order of the target's list.
-pub fn index(detection: &Detection, (column, row): (u32, u32)) -> usize {
-    row as usize * detection.columns as usize + column as usize
-}
-
 /// Finds the target in all recordings.
 pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered> {
     let mut all = Gathered::default();
     let looks = for_all("finding targets", recordings, |recording| look_around(recording, target));
-    let mut lamps = Vec::new();
+    let mut readings = Vec::new();
     let sizes = usual_sizes(
         looks.iter().flatten().filter_map(|(camera, look)| Some((*camera, look.as_ref().ok()?.size_px))),
     );
@@ -277,15 +269,15 @@ pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered>
         }
         for projector in &recording.projectors {
             all.note_lit(projector);
-            match Lamp::new(recording, projector, pose, &seen) {
-                Ok(lamp) => lamps.push(lamp),
+            match ProjectorReading::new(recording, projector, pose, &seen) {
+                Ok(reading) => readings.push(reading),
                 Err(why) => all.missing.push((projector.name.clone(), why)),
             }
         }
     }
-    let read = for_all("reading projectors", &lamps, Lamp::read);
-    for (lamp, image_points) in lamps.iter().zip(read) {
-        all.add_projector(lamp, image_points?)?;
+    let read = for_all("reading projectors", &readings, ProjectorReading::read);
+    for (reading, image_points) in readings.iter().zip(read) {
+        all.add_projector(reading, image_points?)?;
     }
     Ok(all)
 }
@@ -320,69 +312,14 @@ impl Gathered {
     }
 }
 
-/// The first axis along which no set of a sequence gives a coordinate.
-pub fn axis_without_coordinates(sequence: &[PatternSet]) -> Option<&'static str> {
-    let tells = |set: &PatternSet, axis| {
-        (set.period_px().is_some() || matches!(set, PatternSet::Gray { .. })) && set.axis() == Some(axis)
-    };
-    let axes = [(Axis::X, "x"), (Axis::Y, "y")];
-    axes.into_iter().find(|(axis, _)| !sequence.iter().any(|set| tells(set, *axis))).map(|(_, name)| name)
-}
-
-/// A projector with coordinates along both axes, and the camera in which its coordinates are read at the target's points.
-struct Lamp<'a> {
-    recording: &'a Recording,
-    projector: &'a RecordedProjector,
-    pose: usize,
-    camera: &'a RecordedCamera,
-    /// Number of that camera among the devices.
-    device: usize,
-    detection: Detection,
-}
-
-impl<'a> Lamp<'a> {
-    /// One camera is enough, two would count the same information twice: the one that found most points; else why there is none.
-    fn new(
-        recording: &'a Recording,
-        projector: &'a RecordedProjector,
-        pose: usize,
-        seen: &[(usize, String, Detection)],
-    ) -> Result<Self, String> {
-        if let Some(axis) = axis_without_coordinates(&projector.sequence) {
-            return Err(format!("its sequence shows neither sine nor gray sets with axis = \"{axis}\""));
-        }
-        let cameras = projector
-            .cameras
-            .iter()
-            .filter_map(|c| Some((c, seen.iter().find(|(_, name, _)| *name == c.name)?)));
-        let (camera, (device, _, detection)) = cameras
-            .max_by_key(|(_, (_, _, d))| d.points.len())
-            .ok_or("no camera shows the target in its light")?;
-        let (device, detection) = (*device, detection.clone());
-        Ok(Self { recording, projector, pose, camera, device, detection })
-    }
-
-    /// Its pixels at the target's points; `None` where the sequence has no phase along both axes.
-    fn read(&self) -> Result<Option<Vec<ImagePoint>>> {
-        let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
-        let view = RecordedView { recording: self.recording, projector: self.projector, camera: self.camera };
-        let maps = view.decode(&settings, PhaseMethod::default(), &mut || {})?;
-        let along = |axis| maps.iter().map(|decoded| &decoded.map).find(|map| map.info.axis == axis);
-        let Some((x, y)) = along(Axis::X).zip(along(Axis::Y)) else { return Ok(None) };
-        let detection = &self.detection;
-        let image_point = |point: &DetectedPoint| {
-            let radius_px = pitch_px(detection, point.index)?;
-            let read = projector_pixel(&x.view(), &y.view(), point.pixel, radius_px)?;
-            Some(read.image_point(index(detection, point.index), self.device, &point.covariance_px2))
-        };
-        Ok(Some(detection.points.iter().filter_map(image_point).collect()))
-    }
-}
-
 impl Gathered {
-    fn add_projector(&mut self, lamp: &Lamp, image_points: Option<Vec<ImagePoint>>) -> Result<()> {
+    fn add_projector(
+        &mut self,
+        reading: &ProjectorReading,
+        image_points: Option<Vec<ImagePoint>>,
+    ) -> Result<()> {
         let Some(image_points) = image_points else { return Ok(()) };
-        let (projector, place) = (lamp.projector, lamp.recording.folder.display());
+        let (projector, place) = (reading.projector, reading.recording.folder.display());
         if image_points.len() < 6 {
             let (name, count) = (&projector.name, image_points.len());
             self.notes
@@ -392,15 +329,8 @@ impl Gathered {
         }
         let (width, height) = (projector.width_px, projector.height_px);
         let device = self.device(&projector.name, DeviceKind::Projector, width, height)?;
-        let may_be_turned = lamp.detection.ambiguity != Ambiguity::None;
-        self.views.push(View { device, pose: lamp.pose, image_points, may_be_turned });
+        let may_be_turned = reading.detection.ambiguity != Ambiguity::None;
+        self.views.push(View { device, pose: reading.pose, image_points, may_be_turned });
         Ok(())
     }
-}
-
-/// Distance to the nearest neighbour on the target, camera pixels.
-pub fn pitch_px(detection: &Detection, (column, row): (u32, u32)) -> Option<f64> {
-    let here = detection.points.iter().find(|p| p.index == (column, row))?.pixel;
-    let near = detection.points.iter().filter(|p| p.index.0.abs_diff(column) + p.index.1.abs_diff(row) == 1);
-    near.map(|p| (p.pixel - here).norm()).min_by(f64::total_cmp)
 }

@@ -6,6 +6,7 @@ mod images;
 mod lengths;
 pub mod model;
 mod output;
+pub mod projector_reading;
 mod report;
 mod sensors;
 mod shown;

@@ -6,7 +6,7 @@ mod trend;
 pub use print::suspects;
 
 use crate::Outcome;
-use crate::calibrate::detections::axis_without_coordinates;
+use crate::calibrate::projector_reading::axis_without_coordinates;
 use crate::pipeline::{DecodedView, decode_views};
 use crate::reconstruct::projector_pairs;
 use crate::report::{check_outputs, emit_made_with};

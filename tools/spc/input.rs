@@ -2,7 +2,7 @@
 
 use super::Args;
 use anyhow::{Context, Result, bail, ensure};
-use files::document::read_text;
+use files::csv_table::{CsvRow, CsvTable};
 use files::part_store::{PartRecord, read_parts, store_files};
 use metrology::spc::{Limits, Reading, Series};
 use std::path::{Path, PathBuf};
@@ -174,55 +174,30 @@ impl Parts {
 /// Columns of a table; `value` is the only one that must be there.
 const COLUMNS: [&str; 9] = ["feature", "part", "operator", "date", "value", "u", "unit", "lower", "upper"];
 
-/// Reads a table: a header of the columns, then a row for each value. Empty lines and lines that begin with `#` are skipped.
+/// Reads a table with a row for each value.
 fn table(path: &Path) -> Result<Vec<Value>> {
-    let text = read_text(path)?;
-    let rows = text.lines().enumerate().map(|(number, line)| (number + 1, line.trim()));
-    let mut rows = rows.filter(|(_, line)| !line.is_empty() && !line.starts_with('#'));
-    let at = |number: usize| format!("{}:{number}", path.display());
-    let Some((number, header)) = rows.next() else { bail!("{}: holds no table", path.display()) };
-    let names: Vec<&str> = header.trim_start_matches('\u{feff}').split(',').map(str::trim).collect();
-    if let Some(strange) = names.iter().find(|name| !COLUMNS.contains(name)) {
-        bail!("{}: column \"{strange}\" (known: {})", at(number), COLUMNS.join(", "));
+    let table = CsvTable::read(path)?;
+    let place = path.display();
+    if let Some(strange) = table.names.iter().find(|name| !COLUMNS.contains(&name.as_str())) {
+        bail!("{place}: column \"{strange}\" (known: {})", COLUMNS.join(", "));
     }
-    if let Some(twice) = COLUMNS.iter().find(|name| names.iter().filter(|n| n == name).count() > 1) {
-        bail!("{}: column \"{twice}\" occurs twice", at(number));
-    }
-    ensure!(names.contains(&"value"), "{}: the column \"value\" is missing", at(number));
-    let mut all = Vec::new();
-    for (number, line) in rows {
-        let cells: Vec<&str> = line.split(',').map(str::trim).collect();
-        ensure!(
-            cells.len() == names.len(),
-            "{}: {} cells, the header has {}",
-            at(number),
-            cells.len(),
-            names.len()
-        );
-        let text = |column: &str| {
-            let index = names.iter().position(|name| *name == column)?;
-            Some(cells[index]).filter(|cell| !cell.is_empty()).map(str::to_owned)
-        };
-        let value = |column: &str| match text(column) {
-            None => Ok(None),
-            Some(cell) => match cell.parse::<f64>().ok().filter(|value| value.is_finite()) {
-                Some(value) => Ok(Some(value)),
-                None => bail!("{}: {column} = \"{cell}\" is not a number", at(number)),
-            },
-        };
-        all.push(Value {
+    ensure!(table.column("value").is_some(), "{place}: the column \"value\" is missing");
+    ensure!(!table.rows.is_empty(), "{place}: the table has no rows");
+    let value = |(index, row): (usize, &CsvRow)| {
+        let text = |column: &str| table.text(row, column).map(str::to_owned);
+        let number = |column: &str| table.number(row, column);
+        Ok(Value {
             feature: text("feature").unwrap_or_else(|| "value".into()),
             recipe: None,
             unit: text("unit").unwrap_or_else(|| "mm".into()),
-            part: text("part").unwrap_or_else(|| format!("row {}", all.len() + 1)),
+            part: text("part").unwrap_or_else(|| format!("row {}", index + 1)),
             operator: text("operator"),
             date: text("date"),
-            value: value("value")?,
-            u: value("u")?,
+            value: number("value")?,
+            u: number("u")?,
             nominal: None,
-            limits: Limits { lower: value("lower")?, upper: value("upper")? },
-        });
-    }
-    ensure!(!all.is_empty(), "{}: the table has no rows", path.display());
-    Ok(all)
+            limits: Limits { lower: number("lower")?, upper: number("upper")? },
+        })
+    };
+    table.rows.iter().enumerate().map(value).collect()
 }

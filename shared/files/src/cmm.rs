@@ -1,13 +1,12 @@
 //! Results of a coordinate measuring machine as CSV, and tables and sampling plans for it.
 //!
-//! Read: a header row with `name`, `value`, `unit` and one of `u` (standard uncertainty) or `U` (expanded, k = 2), in any
-//! order, further columns ignored; lines that begin with `#` are comments. Parted by commas, or by semicolons with
-//! either decimal sign, as spreadsheets in half of Europe write it.
+//! Read: a [table](crate::csv_table) with `name`, `value`, `unit` and one of `u` (standard uncertainty) or `U` (expanded,
+//! k = 2), in any order, further columns ignored.
 
 use crate::atomic;
-use crate::document::read_text;
+use crate::csv_table::{CsvRow, CsvTable};
 use crate::error::{FileError, Problem};
-use csv::{ReaderBuilder, StringRecord, Trim, WriterBuilder};
+use csv::WriterBuilder;
 use std::path::Path;
 
 /// A value that the machine measured.
@@ -26,47 +25,21 @@ pub struct CmmValue {
 /// Coverage factor of `U`.
 pub const COVERAGE_FACTOR: f64 = 2.0;
 
-/// Where the columns stand.
-struct Columns {
-    name: usize,
-    value: usize,
-    unit: usize,
-    uncertainty: usize,
-    /// Whether the uncertainty is a standard one.
-    standard: bool,
-}
-
 /// Reads results.
 ///
 /// # Errors
 /// Not such a table, a name twice or empty, a value that is no number, a negative uncertainty, another unit.
 pub fn read_values(path: &Path) -> Result<Vec<CmmValue>, FileError> {
-    let text = read_text(path)?;
-    let header = text.lines().find(|line| !line.starts_with('#') && !line.trim().is_empty()).unwrap_or("");
-    let semicolons = header.contains(';');
-    let mut reader = ReaderBuilder::new()
-        .delimiter(if semicolons { b';' } else { b',' })
-        .comment(Some(b'#'))
-        .trim(Trim::All)
-        .from_reader(text.as_bytes());
-    let columns = columns(path, reader.headers().map_err(|error| malformed(path, &error))?)?;
+    let table = CsvTable::read(path)?;
+    let uncertainty = uncertainty_column(path, &table)?;
     let mut values: Vec<CmmValue> = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|error| malformed(path, &error))?;
-        let line = record.position().map(|position| position.line() as usize);
-        let found = value(&columns, &record, semicolons).and_then(|found| {
-            let twice = values.iter().any(|earlier| earlier.name == found.name);
-            if twice {
-                let limit = "each name occurs once".into();
-                return Err((Problem::Value { value: found.name, limit }, "name"));
-            }
-            Ok(found)
-        });
-        values.push(found.map_err(|(problem, key)| {
-            let mut error = FileError::new(path, problem, "correct the line").at(key);
-            error.line = line;
-            error
-        })?);
+    for row in &table.rows {
+        let found = value(&table, row, uncertainty)?;
+        if values.iter().any(|earlier| earlier.name == found.name) {
+            let problem = Problem::Value { value: found.name, limit: "each name occurs once".into() };
+            return Err(table.fault(row, "name", problem));
+        }
+        values.push(found);
     }
     if values.is_empty() {
         let problem = Problem::Missing("a line with a value".into());
@@ -75,69 +48,57 @@ pub fn read_values(path: &Path) -> Result<Vec<CmmValue>, FileError> {
     Ok(values)
 }
 
-fn malformed(path: &Path, error: &csv::Error) -> FileError {
-    let mut fault =
-        FileError::new(path, Problem::Syntax(error.to_string().replace('\n', " ")), "correct the table");
-    fault.line = error.position().map(|position| position.line() as usize);
-    fault
-}
-
-fn columns(path: &Path, header: &StringRecord) -> Result<Columns, FileError> {
-    let place = |name: &str| header.iter().position(|column| column.trim_start_matches('\u{feff}') == name);
-    let need = |name: &str| {
-        place(name).ok_or_else(|| {
-            let problem = Problem::Missing(format!("the column \"{name}\""));
-            FileError::new(path, problem, "begin with a header such as: name,value,unit,U")
-        })
+/// The column of the uncertainty, `u` or `U`; the other columns are there too.
+fn uncertainty_column(path: &Path, table: &CsvTable) -> Result<&'static str, FileError> {
+    let missing = |what: &str| {
+        let problem = Problem::Missing(format!("the column {what}"));
+        Err(FileError::new(path, problem, "begin with a header such as: name,value,unit,U"))
     };
-    let (uncertainty, standard) = match (place("u"), place("U")) {
-        (Some(place), None) => (place, true),
-        (None, Some(place)) => (place, false),
-        (Some(_), Some(_)) => {
+    let has = |name: &str| table.column(name).is_some();
+    let column = match (has("u"), has("U")) {
+        (true, false) => "u",
+        (false, true) => "U",
+        (true, true) => {
             let limit = "either u (standard) or U (k = 2)".into();
             let problem = Problem::Value { value: "both columns u and U".into(), limit };
             return Err(FileError::new(path, problem, "leave one out"));
         }
-        (None, None) => {
-            let problem = Problem::Missing("the column \"u\" (standard uncertainty) or \"U\" (k = 2)".into());
-            return Err(FileError::new(path, problem, "begin with a header such as: name,value,unit,U"));
-        }
+        (false, false) => return missing("\"u\" (standard uncertainty) or \"U\" (k = 2)"),
     };
-    Ok(Columns { name: need("name")?, value: need("value")?, unit: need("unit")?, uncertainty, standard })
+    match ["name", "value", "unit"].into_iter().find(|name| !has(name)) {
+        Some(absent) => missing(&format!("\"{absent}\"")),
+        None => Ok(column),
+    }
 }
 
-/// A line, or what is wrong with it and in which column.
-fn value(
-    columns: &Columns,
-    record: &StringRecord,
-    semicolons: bool,
-) -> Result<CmmValue, (Problem, &'static str)> {
-    let cell = |place: usize| record.get(place).unwrap_or("");
-    let number = |place: usize, key: &'static str| {
-        let text = cell(place);
-        let plain = if semicolons { text.replace(',', ".") } else { text.to_owned() };
-        plain.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| {
-            (Problem::Value { value: format!("\"{text}\""), limit: "a finite number".into() }, key)
-        })
+/// The value of a row.
+fn value(table: &CsvTable, row: &CsvRow, uncertainty: &str) -> Result<CmmValue, FileError> {
+    let Some(name) = table.text(row, "name") else {
+        return Err(table.fault(row, "name", Problem::Missing("the name".into())));
     };
-    let (name, unit) = (cell(columns.name).to_owned(), cell(columns.unit).to_owned());
-    if name.is_empty() {
-        return Err((Problem::Missing("the name".into()), "name"));
+    let unit = table.text(row, "unit").unwrap_or_default();
+    if !["mm", "deg"].contains(&unit) {
+        let problem = Problem::Value { value: format!("\"{unit}\""), limit: "mm or deg".into() };
+        return Err(table.fault(row, "unit", problem));
     }
-    if !["mm", "deg"].contains(&unit.as_str()) {
-        return Err((Problem::Value { value: format!("\"{unit}\""), limit: "mm or deg".into() }, "unit"));
+    let number = |column: &str| {
+        let empty = || {
+            let limit = "a finite number".into();
+            table.fault(row, column, Problem::Value { value: "\"\"".into(), limit })
+        };
+        table.number(row, column)?.ok_or_else(empty)
+    };
+    let u = number(uncertainty)?;
+    if u < 0.0 {
+        let problem = Problem::Value { value: u.to_string(), limit: "zero or more".into() };
+        return Err(table.fault(row, uncertainty, problem));
     }
-    let key = if columns.standard { "u" } else { "U" };
-    let uncertainty = number(columns.uncertainty, key)?;
-    if uncertainty < 0.0 {
-        return Err((Problem::Value { value: uncertainty.to_string(), limit: "zero or more".into() }, key));
-    }
-    let factor = if columns.standard { COVERAGE_FACTOR } else { 1.0 };
+    let factor = if uncertainty == "u" { COVERAGE_FACTOR } else { 1.0 };
     Ok(CmmValue {
-        name,
-        value: number(columns.value, "value")?,
-        unit,
-        expanded_uncertainty: factor * uncertainty,
+        name: name.to_owned(),
+        value: number("value")?,
+        unit: unit.to_owned(),
+        expanded_uncertainty: factor * u,
     })
 }
 
@@ -180,7 +141,7 @@ mod tests {
     #[test]
     fn what_is_wrong_is_named_with_its_line() {
         for (text, words) in [
-            ("", "the column \"u\""),
+            ("", "a table is missing"),
             ("name,value,unit\n", "the column \"u\""),
             ("name,value,u\n", "the column \"unit\""),
             ("name,value,unit,u,U\n", "both columns"),

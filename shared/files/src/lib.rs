@@ -11,6 +11,7 @@ pub mod clock;
 pub mod cmm;
 pub mod config;
 pub mod correction;
+pub mod csv_table;
 pub mod cycle_record;
 pub mod document;
 pub mod error;

@@ -2,7 +2,7 @@
 //! `calibrate`; and the same without images, from drawn errors.
 
 use super::super::scan::decode;
-use crate::calibrate::detections::{index, pitch_px};
+use crate::calibrate::projector_reading::{index, pitch_px};
 use crate::simulate::Buffer;
 use anyhow::{Context, Result};
 use characterise::calibration::{Device, DeviceKind, ImagePoint, Observations, View, projector_pixel};

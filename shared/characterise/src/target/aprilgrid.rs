@@ -6,17 +6,15 @@
 //! bottom differs between printers; the way in which all tags agree is the right one.
 
 use super::attempts::first;
-use super::board::{Board, View, single};
-use super::charuco::{Lay, turned};
-use super::checkerboard::{factors, full_pixel, point};
-use super::corner::{Band, Window};
-use super::detection::{Ambiguity, DetectedPoint, Detection};
+use super::board::{Board, single};
+use super::checkerboard::{factors, full_pixel, looked_at};
+use super::detection::{DetectedPoint, Detection};
 use super::error::TargetError;
 use super::lattice::Place;
+use super::lay::{Lay, declared, enough, turned};
 use super::links::grids;
 use super::markers::{Rim, read};
 use super::raster::Raster;
-use super::saddle::candidates;
 use super::settings::TargetSettings;
 use super::spec::{Marking, TargetSpec};
 use nalgebra::{Point2, Vector2};
@@ -29,8 +27,6 @@ const AGREEING: usize = 3;
 const CONTRADICTING: f64 = 0.25;
 /// Grids looked at per image.
 const GRIDS: usize = 12;
-/// Of the corners numbered, those beyond the declared grid may be at most this part.
-const BEYOND: f64 = 0.1;
 
 /// A tag that was read, and the place of its first corner.
 struct Tag {
@@ -62,13 +58,7 @@ pub(crate) fn detect(
                 Err(_) => {}
             }
         }
-        let count = spec.count();
-        let needed = (settings.min_visible_fraction * count as f64).ceil() as usize;
-        match points.len() {
-            0 => Err(best),
-            found if found < needed => Err(TargetError::Hidden { found, count, needed }),
-            _ => Ok(Detection::new(spec, points.into_values().collect(), Ambiguity::None)),
-        }
+        enough(points, best, spec, settings)
     })
 }
 
@@ -79,15 +69,7 @@ fn boards(
     settings: &TargetSettings,
     factor: usize,
 ) -> (Vec<Board>, usize) {
-    let min_contrast_dn = settings.min_contrast_fraction * full_scale_dn;
-    let window =
-        Window { fraction: settings.window_fraction, limit_px: settings.window_limit_px, band: Band::WIDE };
-    let view = View { image, full_scale_dn, min_contrast_dn, window };
-    let (saddles, smooth) = if factor == 1 {
-        candidates(image, min_contrast_dn)
-    } else {
-        candidates(&image.reduced(factor), min_contrast_dn)
-    };
+    let (view, saddles, smooth) = looked_at(image, full_scale_dn, settings, factor);
     let fitted = |grid: &BTreeMap<Place, usize>| -> Board {
         let start = |place: &Place| grid.get(place).map(|i| full_pixel(saddles[*i].pixel, factor));
         let corner = |place: &Place| single(&view, *place, start(place)?, narrow_steps(*place, start)?);
@@ -145,20 +127,8 @@ fn numbered(
     {
         return Err(unmarked(read));
     }
-    let inside = |(column, row): Place| {
-        (0..spec.columns as i32).contains(&column) && (0..spec.rows as i32).contains(&row)
-    };
-    let points: Vec<DetectedPoint> = board
-        .iter()
-        .map(|(place, corner)| (lay.index(*place), corner))
-        .filter(|(index, _)| inside(*index))
-        .map(|((column, row), corner)| point((column as u32, row as u32), corner))
-        .collect();
     // The small squares beyond the outer tags have corners of their own only inside of the sheet.
-    if ((board.len() - points.len()) as f64) > BEYOND * board.len() as f64 {
-        return Err(super::charuco::beyond(board, lay, spec));
-    }
-    Ok(points)
+    declared(board, lay, spec)
 }
 
 /// The tags in the dark squares of a lattice.

@@ -5,10 +5,11 @@
 
 use super::attempts::first;
 use super::board::Board;
-use super::checkerboard::{boards, factors, point};
-use super::detection::{Ambiguity, DetectedPoint, Detection};
+use super::checkerboard::{boards, factors};
+use super::detection::{DetectedPoint, Detection};
 use super::error::TargetError;
 use super::lattice::Place;
+use super::lay::{Lay, declared, enough, turned};
 use super::markers::{Marker, Rim, read};
 use super::raster::Raster;
 use super::settings::TargetSettings;
@@ -20,38 +21,13 @@ const WHAT: &str = "ChArUco board";
 const AGREEING: usize = 2;
 /// Of the markers read, those that contradict may be at most this part of those that agree.
 const CONTRADICTING: f64 = 0.25;
-/// Of the corners numbered, those beyond the declared board may be at most this part: more, and it is a larger one.
-const BEYOND: f64 = 0.1;
-
-/// How a lattice lies on the board: index = turn(place) + shift.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Lay {
-    pub turn: usize,
-    pub shift: Place,
-}
 
 impl Lay {
-    /// Column and row of a place; a turn of 0, 1, 2, 3 has the columns along u, v, −u, −v.
-    pub fn index(&self, place: Place) -> Place {
-        let (x, y) = turned(self.turn, place);
-        (x + self.shift.0, y + self.shift.1)
-    }
-
     /// From a marker in the square between (u, v) and (u + 1, v + 1).
     fn of(marker: Marker, (u, v): Place, spec: &TargetSpec) -> Option<Self> {
         let (column, row) = square(marker.number, spec)?;
         let (a, b) = (turned(marker.turn, (u, v)), turned(marker.turn, (u + 1, v + 1)));
         Some(Self { turn: marker.turn, shift: (column - a.0.min(b.0), row - a.1.min(b.1)) })
-    }
-}
-
-/// A place after quarter turns.
-pub(crate) fn turned(turn: usize, (u, v): Place) -> Place {
-    match turn {
-        0 => (u, v),
-        1 => (v, -u),
-        2 => (-u, -v),
-        _ => (-v, u),
     }
 }
 
@@ -89,13 +65,7 @@ pub(crate) fn detect(
                 Err(_) => {}
             }
         }
-        let count = spec.count();
-        let needed = (settings.min_visible_fraction * count as f64).ceil() as usize;
-        match points.len() {
-            0 => Err(best),
-            found if found < needed => Err(TargetError::Hidden { found, count, needed }),
-            _ => Ok(Detection::new(spec, points.into_values().collect(), Ambiguity::None)),
-        }
+        enough(points, best, spec, settings)
     })
 }
 
@@ -128,30 +98,7 @@ fn numbered(
     if agreeing < AGREEING || (read - agreeing) as f64 > CONTRADICTING * agreeing as f64 {
         return Err(unmarked);
     }
-    let inside = |(column, row): Place| {
-        (0..spec.columns as i32).contains(&column) && (0..spec.rows as i32).contains(&row)
-    };
-    let points: Vec<DetectedPoint> = board
-        .iter()
-        .map(|(place, corner)| (lay.index(*place), corner))
-        .filter(|(index, _)| inside(*index))
-        .map(|((column, row), corner)| point((column as u32, row as u32), corner))
-        .collect();
-    if ((board.len() - points.len()) as f64) > BEYOND * board.len() as f64 {
-        return Err(beyond(board, lay, spec));
-    }
-    Ok(points)
-}
-
-/// The extent of a board that reaches beyond the declared one.
-pub(crate) fn beyond(board: &Board, lay: Lay, spec: &TargetSpec) -> TargetError {
-    let (columns, rows) = (spec.columns, spec.rows);
-    let seen = board.keys().map(|place| lay.index(*place));
-    let (least, most) = seen.fold(((0, 0), (columns as i32 - 1, rows as i32 - 1)), |(least, most), index| {
-        ((index.0.min(least.0), index.1.min(least.1)), (index.0.max(most.0), index.1.max(most.1)))
-    });
-    let found = vec![((most.0 - least.0 + 1) as u32, (most.1 - least.1 + 1) as u32)];
-    TargetError::OtherSize { points: spec.kind.points(), columns, rows, found }
+    declared(board, lay, spec)
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use super::error::TargetError;
 use super::lattice::{Bounds, Lattice, Place, bounds_of};
 use super::links::grids;
 use super::raster::Raster;
-use super::saddle::candidates;
+use super::saddle::{Saddle, candidates};
 use super::settings::TargetSettings;
 use super::spec::TargetSpec;
 use nalgebra::{Point2, Vector2};
@@ -91,15 +91,7 @@ pub(crate) fn boards(
     settings: &TargetSettings,
     factor: usize,
 ) -> (Vec<Board>, usize) {
-    let min_contrast_dn = settings.min_contrast_fraction * full_scale_dn;
-    let window =
-        Window { fraction: settings.window_fraction, limit_px: settings.window_limit_px, band: Band::WIDE };
-    let view = View { image, full_scale_dn, min_contrast_dn, window };
-    let (saddles, smooth) = if factor == 1 {
-        candidates(image, min_contrast_dn)
-    } else {
-        candidates(&image.reduced(factor), min_contrast_dn)
-    };
+    let (view, saddles, smooth) = looked_at(image, full_scale_dn, settings, factor);
     let full = |p: Point2<f64>| full_pixel(p, factor);
     let most = spec.columns.max(spec.rows) as i32 + 2;
     let mut boards: Vec<Board> = Vec::new();
@@ -112,6 +104,25 @@ pub(crate) fn boards(
         }
     }
     (boards, saddles.len())
+}
+
+/// An image with the settings of its corner fits; the saddles found at one reduction, and the smoothed image they were found in.
+pub(crate) fn looked_at<'a>(
+    image: &'a Raster,
+    full_scale_dn: f64,
+    settings: &TargetSettings,
+    factor: usize,
+) -> (View<'a>, Vec<Saddle>, Raster) {
+    let min_contrast_dn = settings.min_contrast_fraction * full_scale_dn;
+    let window =
+        Window { fraction: settings.window_fraction, limit_px: settings.window_limit_px, band: Band::WIDE };
+    let view = View { image, full_scale_dn, min_contrast_dn, window };
+    let (saddles, smooth) = if factor == 1 {
+        candidates(image, min_contrast_dn)
+    } else {
+        candidates(&image.reduced(factor), min_contrast_dn)
+    };
+    (view, saddles, smooth)
 }
 
 /// The pixel of the full image at a pixel of the reduced one.

@@ -28,6 +28,7 @@ mod disc;
 mod edge_blur;
 mod error;
 mod lattice;
+mod lay;
 mod links;
 mod markers;
 mod profile;

@@ -1,43 +1,12 @@
 //! Imports: foreign folders of frames, and the calibration beside them, as a recording and a rig file.
-//!
-//! A layout states which file is which frame:
-//! ```toml
-//! format = "fringecell-layout/1"
-//! [[projector]]                        # as in recording.toml, but for the cameras
-//! name = "proj1"
-//! width_px = 1280
-//! height_px = 720
-//! sequence = [{ set = "sine", axis = "x", period_px = 28.0, steps = 12 }]
-//! [[projector.camera]]
-//! name = "left"
-//! files = "L/{n}.png"                  # {n}: the frame's number; {nn}, {nnn}: with at least two, three digits
-//! first = 1                            # the number of the first frame; default 0
-//! every = 2                            # frames of several views take turns in one series: each second number; default 1
-//! # or: files = "{s}_{ii}.png"         # {s}: number of the set, {i}: of the frame in its set, from first_set and first_step (0)
-//! channel = "green"                    # of colour pictures: red, green, blue or luminance; default grey; a list: one per frame
-//! mosaic = "rggb"                      # the files are raw pictures behind a mosaic of colour filters
-//! # raw = { width_px = 1280, height_px = 1024, pixel_format = "Mono12p" }   # files without a header
-//! # or: list = ["a.bmp", "b.bmp", …]   # one file per frame, in order of projection
-//! [rig]                                # optional
-//! opencv = "stereo_params.yaml"
-//! view = [
-//!   { name = "left", width_px = 1280, height_px = 1024, matrix = "Kl", distortion = "Dl" },
-//!   { name = "right", width_px = 1280, height_px = 1024, matrix = "Kr", distortion = "Dr", rotation = "R", translation = "T" },
-//! ]
-//! pair = [{ name = "pair1", left = "left", right = "right", projector = "proj1" }]
-//! ```
-//! Paths are relative to the source folder. A view without pose is the world frame; the others have
-//! X_view = R X_world + T. Grey PNG and TIFF frames are taken as they are; BMP, JPEG, PGM and channels of
-//! colour pictures become PNG.
 
 mod file_names;
+mod layout;
 
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
-use crate::image_file::Channel;
-use crate::mosaic::Mosaic;
-use crate::opencv::{Storage, ViewKeys, rig_from_opencv};
+use crate::opencv::{Storage, rig_from_opencv};
 use crate::raw_image::RawImage;
 use crate::recording::{ProjectorRecord, RECORDING_FILE, Recording, RecordingWriter};
 use crate::rig_file::{read_rig, write_rig};
@@ -45,94 +14,11 @@ use crate::sequence::check_sequence;
 use cell::pixel_format::PixelFormat;
 use file_names::numbered;
 use fringe::geometry::rig::Pair;
-use fringe::pattern::{PatternSet, frame_count};
-use serde::Deserialize;
+use fringe::pattern::frame_count;
+pub use layout::LAYOUT_FORMAT;
+use layout::{Channels, RawCamera, RawLayout, RawPair, RawProjector, RawRig};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-
-/// Value of `format` in a layout.
-pub const LAYOUT_FORMAT: &str = "fringecell-layout/1";
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawLayout {
-    #[serde(rename = "format")]
-    _format: String,
-    #[serde(default)]
-    projector: Vec<RawProjector>,
-    rig: Option<RawRig>,
-    #[serde(default)]
-    provenance: toml::Table,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawProjector {
-    name: String,
-    width_px: u32,
-    height_px: u32,
-    sequence: Vec<PatternSet>,
-    camera: Vec<RawCamera>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawCamera {
-    name: String,
-    files: Option<String>,
-    first: Option<usize>,
-    list: Option<Vec<String>>,
-    full_scale_dn: Option<u16>,
-    #[serde(default)]
-    channel: Channels,
-    mosaic: Option<Mosaic>,
-    every: Option<usize>,
-    first_set: Option<usize>,
-    first_step: Option<usize>,
-    raw: Option<RawImage>,
-}
-
-/// One channel of all frames, or one of each.
-#[derive(Debug, Deserialize)]
-#[serde(untagged)]
-enum Channels {
-    All(Channel),
-    Each(Vec<Channel>),
-}
-
-impl Default for Channels {
-    fn default() -> Self {
-        Self::All(Channel::default())
-    }
-}
-
-impl Channels {
-    fn of(&self, frame: usize) -> Channel {
-        match self {
-            Self::All(channel) => *channel,
-            Self::Each(list) => list.get(frame).copied().unwrap_or_default(),
-        }
-    }
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawRig {
-    opencv: String,
-    view: Vec<ViewKeys>,
-    #[serde(default)]
-    pair: Vec<RawPair>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawPair {
-    name: String,
-    left: String,
-    right: String,
-    #[serde(default)]
-    projector: String,
-}
 
 /// What an import wrote.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -324,6 +210,7 @@ mod tests {
     use crate::opencv::{Language, pair_text};
     use crate::testing::camera;
     use fringe::frame::PixelBuffer;
+    use fringe::pattern::PatternSet;
 
     const LAYOUT: &str = r#"format = "fringecell-layout/1"
 provenance = { origin = "test" }

@@ -30,6 +30,7 @@
 //! where there are too few steps (`spatial`), from the settings, or assumed where there is too little light. For N = 3 shot noise adds a term that alternates with 3φ; its mean is zero and it is left out.
 
 pub mod arctan;
+mod axis_noise;
 mod bits;
 mod block;
 mod blocks;
@@ -44,6 +45,7 @@ mod edges;
 mod error;
 mod exposures;
 mod footprint;
+mod frame_check;
 mod limits;
 mod micro;
 mod neighbours;
@@ -82,29 +84,23 @@ pub use risk::OrderRisk;
 pub use sensor_test::{FootprintTest, NoiseTest, SensorTest};
 pub use settings::{DecodeSettings, OrderMethod};
 
-use crate::frame::{FrameView, Pixels};
-use crate::math::simd::{best_level, vectorised};
+use crate::frame::FrameView;
+use crate::math::simd::best_level;
 use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseViewMut};
+use axis_noise::AxisState;
 use blocks::decode_blocks;
 use dirt::Look;
 use edges::Edges;
 use fearless_simd::Level;
 use footprint::{Footprint, Line, Reflectance};
-use micro::Micro;
 use neighbours::Field;
-use noise::{Probe, QUANTISATION_DN2};
 use order::Kernel;
-use probing::ProbeLimits;
 use rasters::Rasters;
-use roles::{AxisPlan, Plan, Role, SinePlan};
-use spatial::{Places, sample_code, sample_phase};
+use roles::{AxisPlan, Plan, Role};
 use std::sync::Arc;
-use sums::{Clipping, Sums};
+use sums::Sums;
 use verdict::{Verdicts, apply, correct_rows};
-
-/// Distance of pixels that share no noise, px: neighbours share it behind a mosaic of colours.
-const APART_PX: usize = 3;
 
 /// Decodes the frames of one camera under one projector, sequence after sequence.
 #[derive(Debug)]
@@ -129,18 +125,6 @@ pub struct Decoder {
     next: usize,
     /// Instructions that may be used.
     level: Level,
-}
-
-/// What an axis gathers beside its sums.
-#[derive(Debug)]
-struct AxisState {
-    clipping: Clipping,
-    probe: Probe,
-    open_sets: usize,
-    estimate: Option<NoiseModel>,
-    /// Whether neighbours were asked about it.
-    settled: bool,
-    ignored: Arc<[String]>,
 }
 
 impl Decoder {
@@ -266,61 +250,6 @@ impl Decoder {
         }
     }
 
-    /// Samples the noise of a complete sine set; with the last set of its axis, the noise model.
-    fn probe_noise(&mut self, slot: usize) {
-        let limits = ProbeLimits {
-            least_modulation_dn: self.least_modulation_dn(),
-            clipped_dn: self.clipped_dn,
-            level: self.level,
-        };
-        for (axis, plan) in self.axes.iter_mut().zip(&self.plan.axes) {
-            // Stairs are no sine of the axis: their phase jumps.
-            let Some(set) = plan.sines.iter().position(|s| *s == slot) else { continue };
-            // What faulty frames leave is no noise.
-            if self.findings[slot].is_empty() {
-                axis.probe.close_set(set, &self.sums[slot], &self.rasters, self.correction.len(), limits);
-            }
-            axis.open_sets -= 1;
-            if axis.open_sets == 0 {
-                axis.estimate = axis.probe.model();
-            }
-        }
-    }
-
-    fn check_frame(&self, index: usize, frame: &FrameView) -> Result<(), DecodeError> {
-        let count = self.plan.roles.len();
-        if index != self.next || index >= count {
-            return Err(DecodeError::FrameOrder { expected: self.next, got: index, count });
-        }
-        let pixels = frame.pixels.len();
-        if (frame.width_px, frame.height_px) != (self.width_px, self.height_px)
-            || pixels != self.correction.len()
-        {
-            return Err(DecodeError::FrameSize {
-                index,
-                width_px: frame.width_px,
-                height_px: frame.height_px,
-                pixels,
-                want_width_px: self.width_px,
-                want_height_px: self.height_px,
-            });
-        }
-        if frame.full_scale_dn != self.full_scale_dn {
-            return Err(DecodeError::FrameFullScale {
-                index,
-                got_dn: frame.full_scale_dn,
-                want_dn: self.full_scale_dn,
-            });
-        }
-        let full_scale_dn = self.full_scale_dn;
-        match above(frame.pixels, full_scale_dn) {
-            Some((pixel, value_dn)) => {
-                Err(DecodeError::AboveFullScale { index, pixel, value_dn, full_scale_dn })
-            }
-            None => Ok(()),
-        }
-    }
-
     /// The axes of which the sequence gives a phase, x before y.
     pub fn axes(&self) -> Vec<Axis> {
         self.plan.axes.iter().map(|a| a.axis).collect()
@@ -413,41 +342,6 @@ impl Decoder {
         }
     }
 
-    /// The noise model where neither settings nor residuals give it, and where residuals show too much.
-    fn estimate_from_neighbours(&mut self, home: usize) {
-        let least_dn = self.least_modulation_dn();
-        let (plan, axis) = (&self.plan.axes[home], &mut self.axes[home]);
-        if axis.settled || self.settings.camera_noise.is_some() {
-            return;
-        }
-        axis.settled = true;
-        let lag = if axis.estimate.is_some() { APART_PX } else { 1 };
-        let AxisState { probe, clipping, .. } = axis;
-        let gather = |positions: &[usize], samples: &mut Vec<_>| {
-            let places = Places {
-                positions,
-                width: self.width_px as usize,
-                pixels: self.correction.len(),
-                rasters: &self.rasters,
-                clipping,
-                lag,
-            };
-            match (plan.sines.first(), &plan.code) {
-                (Some(finest), _) if self.steps[*finest] > 1 => {
-                    let steps = self.steps[*finest] as usize;
-                    let sums = &self.sums[*finest];
-                    vectorised!(self.level, sample_phase(&places, sums, steps, least_dn, samples));
-                }
-                (_, Some(code)) => sample_code(&places, code, least_dn, samples),
-                (_, None) => {}
-            }
-        };
-        axis.estimate = match axis.estimate {
-            Some(model) => Some(probe.lessen(model, gather)),
-            None => probe.model_of_neighbours(gather),
-        };
-    }
-
     /// Removes the bias of the pixel's footprint; its standard deviation, where it is known, and what the frames say of it.
     fn remove_footprint(
         &mut self,
@@ -488,34 +382,6 @@ impl Decoder {
     fn least_modulation_dn(&self) -> f64 {
         self.settings.min_modulation_fraction * f64::from(self.full_scale_dn)
     }
-
-    /// Compares the calibration's noise with that of the frames, where both are known.
-    fn noise_test(&self, axis: &AxisState) -> Option<NoiseTest> {
-        let known = self.settings.sensor.noise.filter(|_| self.settings.camera_noise.is_none())?;
-        let (seen, background_dn) = (axis.estimate?, axis.probe.background_dn);
-        let seen_dn = (seen.read_variance_dn2 + seen.gain_dn * background_dn).sqrt();
-        Some(sensor_test::noise(known, seen_dn, background_dn))
-    }
-
-    fn noise(&self, axis: &AxisState) -> NoiseModel {
-        if let Some(noise) = self.settings.camera_noise {
-            let read_variance_dn2 = noise.read_noise_dn * noise.read_noise_dn;
-            return NoiseModel { read_variance_dn2, gain_dn: noise.gain_dn, source: NoiseSource::Settings };
-        }
-        // Frames that contradict the calibration show their own noise.
-        let contradicted = self.noise_test(axis).is_some_and(|test| test.contradicts);
-        if let Some(noise) = self.settings.sensor.noise.filter(|_| !contradicted) {
-            let read_variance_dn2 = noise.read_noise_dn * noise.read_noise_dn;
-            let source = NoiseSource::Calibration;
-            return NoiseModel { read_variance_dn2, gain_dn: noise.gain_dn, source };
-        }
-        let read_dn = self.settings.assumed_read_noise_fraction * f64::from(self.full_scale_dn);
-        axis.estimate.unwrap_or(NoiseModel {
-            read_variance_dn2: QUANTISATION_DN2 + read_dn * read_dn,
-            gain_dn: 0.0,
-            source: NoiseSource::Assumed,
-        })
-    }
 }
 
 /// The axes along which a sequence gives a phase, x before y, without the memory of a decoder.
@@ -528,44 +394,4 @@ pub fn decoded_axes(
     settings: &DecodeSettings,
 ) -> Result<Vec<Axis>, DecodeError> {
     Ok(Plan::new(sequence, extent_px, settings)?.axes.iter().map(|axis| axis.axis).collect())
-}
-
-impl AxisState {
-    fn new(axis: &AxisPlan, plan: &Plan, width: usize, pixels: usize, clipped_dn: u16) -> Self {
-        let sets: Vec<_> = axis.sines.iter().map(|slot| &plan.sines[*slot]).collect();
-        Self {
-            clipping: Clipping {
-                rasters: plan
-                    .sines
-                    .iter()
-                    .filter(|sine| sine.axis == axis.axis)
-                    .flat_map(SinePlan::rasters)
-                    .chain(axis.micro.iter().flat_map(Micro::rasters))
-                    .collect(),
-                clipped_dn,
-            },
-            probe: Probe::new(width, pixels, &sets),
-            open_sets: sets.len(),
-            estimate: None,
-            settled: false,
-            ignored: axis.ignored.as_slice().into(),
-        }
-    }
-}
-
-/// First value above full scale, if any.
-fn above(pixels: Pixels, full_scale_dn: u16) -> Option<(usize, u16)> {
-    match pixels {
-        Pixels::Mono8(_) if full_scale_dn >= 255 => None,
-        Pixels::Mono8(values) => first_above(values, full_scale_dn as u8).map(|(i, v)| (i, u16::from(v))),
-        Pixels::Mono16(_) if full_scale_dn == u16::MAX => None,
-        Pixels::Mono16(values) => first_above(values, full_scale_dn),
-    }
-}
-
-fn first_above<T: Copy + PartialOrd>(values: &[T], limit: T) -> Option<(usize, T)> {
-    // Without an exit the loop vectorises; frames beyond the limit are the exception.
-    #[allow(clippy::needless_bitwise_bool)]
-    let any = values.iter().fold(false, |any, value| any | (*value > limit));
-    if any { values.iter().copied().enumerate().find(|(_, value)| *value > limit) } else { None }
 }

@@ -116,9 +116,7 @@ impl PatternSet {
         match (self, other) {
             (
                 Self::Gray { axis: a, bits: b, stripe_px: s, shift_px: h, invert: i, code: c, .. },
-                Self::Gray {
-                    axis: oa, bits: ob, stripe_px: os, shift_px: oh, invert: oi, code: oc, ..
-                },
+                Self::Gray { axis: oa, bits: ob, stripe_px: os, shift_px: oh, invert: oi, code: oc, .. },
             ) => a == oa && b == ob && s == os && h == oh && c == oc && i != oi,
             _ => false,
         }

@@ -1,6 +1,7 @@
 //! Sequences and frames that are refused, and pixels that are masked.
 
 use super::*;
+use crate::frame::Pixels;
 
 fn refusal(sequence: &[PatternSet]) -> DecodeError {
     Scene::ramp(64, 2, 1.0, 0.0, 608).decoder(sequence, &DecodeSettings::default()).unwrap_err()

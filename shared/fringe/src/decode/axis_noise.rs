@@ -1,0 +1,138 @@
+//! What the frames of one axis say of the noise, and which noise model its phases get.
+
+use super::micro::Micro;
+use super::noise::{Probe, QUANTISATION_DN2};
+use super::probing::ProbeLimits;
+use super::roles::{AxisPlan, Plan, SinePlan};
+use super::sensor_test::{self, NoiseTest};
+use super::spatial::{Places, sample_code, sample_phase};
+use super::sums::Clipping;
+use super::{Decoder, NoiseModel, NoiseSource};
+use crate::math::simd::vectorised;
+use std::sync::Arc;
+
+/// Distance of pixels that share no noise, px: neighbours share it behind a mosaic of colours.
+const APART_PX: usize = 3;
+
+/// What an axis gathers beside its sums.
+#[derive(Debug)]
+pub(super) struct AxisState {
+    pub clipping: Clipping,
+    pub probe: Probe,
+    pub open_sets: usize,
+    pub estimate: Option<NoiseModel>,
+    /// Whether neighbours were asked about it.
+    pub settled: bool,
+    pub ignored: Arc<[String]>,
+}
+
+impl AxisState {
+    /// Nothing gathered yet of an axis of a plan, in images of `pixels` in rows of `width`.
+    pub fn new(axis: &AxisPlan, plan: &Plan, width: usize, pixels: usize, clipped_dn: u16) -> Self {
+        let sets: Vec<_> = axis.sines.iter().map(|slot| &plan.sines[*slot]).collect();
+        Self {
+            clipping: Clipping {
+                rasters: plan
+                    .sines
+                    .iter()
+                    .filter(|sine| sine.axis == axis.axis)
+                    .flat_map(SinePlan::rasters)
+                    .chain(axis.micro.iter().flat_map(Micro::rasters))
+                    .collect(),
+                clipped_dn,
+            },
+            probe: Probe::new(width, pixels, &sets),
+            open_sets: sets.len(),
+            estimate: None,
+            settled: false,
+            ignored: axis.ignored.as_slice().into(),
+        }
+    }
+}
+
+impl Decoder {
+    /// Samples the noise of a complete sine set; with the last set of its axis, the noise model.
+    pub(super) fn probe_noise(&mut self, slot: usize) {
+        let limits = ProbeLimits {
+            least_modulation_dn: self.least_modulation_dn(),
+            clipped_dn: self.clipped_dn,
+            level: self.level,
+        };
+        for (axis, plan) in self.axes.iter_mut().zip(&self.plan.axes) {
+            // Stairs are no sine of the axis: their phase jumps.
+            let Some(set) = plan.sines.iter().position(|s| *s == slot) else { continue };
+            // What faulty frames leave is no noise.
+            if self.findings[slot].is_empty() {
+                axis.probe.close_set(set, &self.sums[slot], &self.rasters, self.correction.len(), limits);
+            }
+            axis.open_sets -= 1;
+            if axis.open_sets == 0 {
+                axis.estimate = axis.probe.model();
+            }
+        }
+    }
+
+    /// The noise model where neither settings nor residuals give it, and where residuals show too much.
+    pub(super) fn estimate_from_neighbours(&mut self, home: usize) {
+        let least_dn = self.least_modulation_dn();
+        let (plan, axis) = (&self.plan.axes[home], &mut self.axes[home]);
+        if axis.settled || self.settings.camera_noise.is_some() {
+            return;
+        }
+        axis.settled = true;
+        let lag = if axis.estimate.is_some() { APART_PX } else { 1 };
+        let AxisState { probe, clipping, .. } = axis;
+        let gather = |positions: &[usize], samples: &mut Vec<_>| {
+            let places = Places {
+                positions,
+                width: self.width_px as usize,
+                pixels: self.correction.len(),
+                rasters: &self.rasters,
+                clipping,
+                lag,
+            };
+            match (plan.sines.first(), &plan.code) {
+                (Some(finest), _) if self.steps[*finest] > 1 => {
+                    let steps = self.steps[*finest] as usize;
+                    let sums = &self.sums[*finest];
+                    vectorised!(self.level, sample_phase(&places, sums, steps, least_dn, samples));
+                }
+                (_, Some(code)) => sample_code(&places, code, least_dn, samples),
+                (_, None) => {}
+            }
+        };
+        axis.estimate = match axis.estimate {
+            Some(model) => Some(probe.lessen(model, gather)),
+            None => probe.model_of_neighbours(gather),
+        };
+    }
+
+    /// Compares the calibration's noise with that of the frames, where both are known.
+    pub(super) fn noise_test(&self, axis: &AxisState) -> Option<NoiseTest> {
+        let known = self.settings.sensor.noise.filter(|_| self.settings.camera_noise.is_none())?;
+        let (seen, background_dn) = (axis.estimate?, axis.probe.background_dn);
+        let seen_dn = (seen.read_variance_dn2 + seen.gain_dn * background_dn).sqrt();
+        Some(sensor_test::noise(known, seen_dn, background_dn))
+    }
+
+    /// The noise model of an axis: settings, then calibration unless contradicted, then frames, then an assumption.
+    pub(super) fn noise(&self, axis: &AxisState) -> NoiseModel {
+        if let Some(noise) = self.settings.camera_noise {
+            let read_variance_dn2 = noise.read_noise_dn * noise.read_noise_dn;
+            return NoiseModel { read_variance_dn2, gain_dn: noise.gain_dn, source: NoiseSource::Settings };
+        }
+        // Frames that contradict the calibration show their own noise.
+        let contradicted = self.noise_test(axis).is_some_and(|test| test.contradicts);
+        if let Some(noise) = self.settings.sensor.noise.filter(|_| !contradicted) {
+            let read_variance_dn2 = noise.read_noise_dn * noise.read_noise_dn;
+            let source = NoiseSource::Calibration;
+            return NoiseModel { read_variance_dn2, gain_dn: noise.gain_dn, source };
+        }
+        let read_dn = self.settings.assumed_read_noise_fraction * f64::from(self.full_scale_dn);
+        axis.estimate.unwrap_or(NoiseModel {
+            read_variance_dn2: QUANTISATION_DN2 + read_dn * read_dn,
+            gain_dn: 0.0,
+            source: NoiseSource::Assumed,
+        })
+    }
+}
