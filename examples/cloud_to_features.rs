@@ -30,7 +30,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let place = result.alignment.ok_or("the part was not found")?.world_from_part();
     let spheres = plan.elements.iter().filter_map(|element| match element.geometry {
         Geometry::Sphere { center_mm, radius_mm, .. } => Some((place * center_mm, radius_mm)),
-        Geometry::Plane { .. } => None,
+        _ => None,
     });
     let (center, radius_mm) = spheres.into_iter().next().ok_or("the plan has no sphere")?;
     let near = |p: &nalgebra::Point3<f64>| ((p - center).norm() - radius_mm).abs() < 0.3;

@@ -193,6 +193,24 @@ fn of_element(element: &Element, common: &Common, plan: &Path) -> Result<Vec<Pro
             }
             Ok(probes)
         }
+        Geometry::Cylinder { point_mm, axis, radius_mm, half_length_mm, internal, .. } => {
+            let axis = Unit::new_normalize(*axis);
+            let mut probes =
+                probing::cylinder(point_mm, &axis, *radius_mm, 2.0 * half_length_mm, common.points);
+            if *internal {
+                probes.iter_mut().for_each(|probe| probe.normal = -probe.normal);
+            }
+            Ok(probes)
+        }
+        other => {
+            eprintln!(
+                "{}: element {}: no points are planned on a {}",
+                plan.display(),
+                element.name,
+                other.kind()
+            );
+            Ok(Vec::new())
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use crate::software::FRINGECELL;
 use cell::Cell;
 use cell::schedule::label;
 use files::result::CycleResult;
-use metrology::inspection::{FeatureResult, FittedElement, Plan, Quantity};
+use metrology::inspection::{FeatureResult, Plan, Quantity};
 use nalgebra::Point3;
 use serde_json::{Value, json};
 
@@ -68,25 +68,26 @@ fn plan<'a>(cell: &'a Cell, result: &CycleResult) -> Option<&'a Plan> {
 /// Of each feature the place of its first element in the world, mm; null where it was not found.
 fn places(plan: &Plan, result: &CycleResult) -> Vec<Value> {
     let place = |feature: &metrology::inspection::Feature| -> Option<[f64; 3]> {
-        let fit = result.elements.get(first_element(&feature.quantity))?.fit.as_ref()?;
-        let part = match fit {
-            FittedElement::Sphere(sphere) => sphere.center_mm,
-            FittedElement::Plane(plane) => plane.centroid_mm,
-        };
-        let world = result.alignment.as_ref()?.world_from_part() * Point3::from(part);
+        let fit = result.elements.get(first_element(plan, &feature.quantity)?)?.fit.as_ref()?;
+        let world = result.alignment.as_ref()?.world_from_part() * Point3::from(fit.place());
         Some(world.coords.into())
     };
     plan.features.iter().map(|feature| json!(place(feature))).collect()
 }
 
-fn first_element(quantity: &Quantity) -> usize {
-    match quantity {
+/// The first measured element; `None` where all are made of others.
+fn first_element(plan: &Plan, quantity: &Quantity) -> Option<usize> {
+    Some(match quantity {
         Quantity::SphereDiameter(element) => *element,
         Quantity::CentreDistance(elements) | Quantity::PlaneDistance(elements) => elements[0],
         Quantity::PlaneFlatness { plane, .. } => *plane,
         Quantity::PlaneAngle { planes, .. } => planes[0],
         Quantity::HemisphereHeight { sphere, .. } => *sphere,
-    }
+        Quantity::Characteristic { index, .. } => {
+            let elements = &plan.characteristics.get(*index)?.elements;
+            *elements.iter().find(|index| **index < plan.elements.len())?
+        }
+    })
 }
 
 /// Times of the activations: stage, label, and wait, start, end and sending in µs from the first of them.

@@ -214,7 +214,7 @@ fn form_sigmas(result: &InspectionResult) -> Vec<f64> {
     use metrology::inspection::FittedElement;
     let sigma = |fit: &FittedElement| match fit {
         FittedElement::Sphere(sphere) => Some(sphere.form.form_sigma_mm * 1e3),
-        FittedElement::Plane(_) => None,
+        _ => None,
     };
     result.elements.iter().filter_map(|e| e.fit.as_ref().and_then(sigma)).collect()
 }

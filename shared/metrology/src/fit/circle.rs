@@ -1,11 +1,12 @@
 //! The circle in space.
 
 use nalgebra::{Point3, SVector, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::adjust::{Model, adjust};
 use super::axis::Axis;
 use super::centred::{Principal, tree};
+use super::chart::{ChartCovariance, Effect, charted, tilts};
 use super::form::{Form, Residuals};
 use super::normal::{Normal, tangents};
 use super::solve::solve;
@@ -15,7 +16,7 @@ use super::{FitError, FitSettings, Support};
 const ELEMENT: &str = "circle";
 
 /// A circle fitted to points in space, with uncertainties.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CircleFit {
     /// Centre of the circle, mm.
     pub center_mm: [f64; 3],
@@ -33,6 +34,9 @@ pub struct CircleFit {
     /// What the uncertainties rest on.
     #[serde(flatten)]
     pub support: Support,
+    /// Covariance of point, direction and sizes in the common chart.
+    #[serde(skip)]
+    pub chart: ChartCovariance,
     /// Residual of each point given.
     #[serde(skip)]
     pub residuals: Residuals,
@@ -45,6 +49,9 @@ pub struct CircleFit {
 pub fn circle(points: &[Point3<f64>], settings: &FitSettings) -> Result<CircleFit, FitError> {
     let solution = solve(ELEMENT, 4, points, settings, start)?;
     let model = solution.model;
+    let [first, second] = tilts(&model.tangents);
+    let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()].map(Effect::shift);
+    let effects = [first, second, x, y, z, Effect::sizes([2.0, 0.0])];
     let sign = if model.normal[model.normal.iamax()] < 0.0 { -1.0 } else { 1.0 };
     Ok(CircleFit {
         center_mm: (solution.centroid + model.center).into(),
@@ -54,6 +61,7 @@ pub fn circle(points: &[Point3<f64>], settings: &FitSettings) -> Result<CircleFi
         u_center_mm: [2, 3, 4].map(|i| solution.covariance[(i, i)].max(0.0).sqrt()),
         u_diameter_mm: 2.0 * solution.covariance[(5, 5)].max(0.0).sqrt(),
         support: solution.support,
+        chart: charted(&effects, &solution.covariance),
         residuals: solution.residuals,
     })
 }
@@ -63,7 +71,7 @@ pub fn circle(points: &[Point3<f64>], settings: &FitSettings) -> Result<CircleFi
 pub(super) struct Circle {
     pub center: Vector3<f64>,
     pub normal: Vector3<f64>,
-    tangents: [Vector3<f64>; 2],
+    pub tangents: [Vector3<f64>; 2],
     pub radius: f64,
 }
 

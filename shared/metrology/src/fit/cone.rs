@@ -1,11 +1,12 @@
 //! The cone (one nappe; points are taken to lie on the side of the apex where the surface is).
 
 use nalgebra::{Point3, SMatrix, SVector, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::adjust::Model;
 use super::axis::{Axis, best_of, directions, thinned, u_point_mm, worst_tilt_rad};
 use super::centred::{Principal, tree};
+use super::chart::{ChartCovariance, Effect, charted, tilts};
 use super::form::{Form, Residuals};
 use super::normal::Normal;
 use super::plane::refuse_flat;
@@ -19,7 +20,7 @@ const ELEMENT: &str = "cone";
 const SMALLEST_ANGLE_RAD: f64 = 1e-6;
 
 /// A cone fitted to points, with uncertainties.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ConeFit {
     /// Point of the axis nearest to the centroid of the points, mm.
     pub axis_point_mm: [f64; 3],
@@ -47,6 +48,9 @@ pub struct ConeFit {
     /// What the uncertainties rest on.
     #[serde(flatten)]
     pub support: Support,
+    /// Covariance of point, direction and sizes in the common chart.
+    #[serde(skip)]
+    pub chart: ChartCovariance,
     /// Residual of each point given.
     #[serde(skip)]
     pub residuals: Residuals,
@@ -62,6 +66,7 @@ pub fn cone(points: &[Point3<f64>], settings: &FitSettings) -> Result<ConeFit, F
     let covariance = solution.covariance;
     // Before the axis is turned: the covariance belongs to these parameters.
     let apex_by_parameters = solution.model.apex_by_parameters();
+    let effects = solution.model.effects();
     let model = solution.model.widening();
     if model.angle_rad < SMALLEST_ANGLE_RAD {
         return Err(FitError::Degenerate { element: ELEMENT, why: "they lie on a cylinder" });
@@ -86,6 +91,7 @@ pub fn cone(points: &[Point3<f64>], settings: &FitSettings) -> Result<ConeFit, F
         u_diameter_mm: 2.0 * variance.max(0.0).sqrt(),
         u_half_angle_deg: covariance[(5, 5)].max(0.0).sqrt().to_degrees(),
         support: solution.support,
+        chart: charted(&effects, &covariance),
         residuals: solution.residuals,
     })
 }
@@ -110,6 +116,16 @@ impl Cone {
         let by_reach = direction * (-1.0 / sin);
         let by_angle = direction * (before * cos / sin);
         SMatrix::from_columns(&[e1 * -before, e2 * -before, e1, e2, by_reach, by_angle])
+    }
+
+    /// What the parameters do in the common chart; its sizes are the diameter at the axis' point and the half angle, rad.
+    fn effects(&self) -> [Effect; 6] {
+        let ([first, second], [e1, e2]) = (tilts(&self.axis.tangents), self.axis.tangents);
+        let (sin, cos) = math::sincos(self.angle_rad);
+        let by_reach = Effect::sizes([2.0 / cos, 0.0]);
+        let by_angle =
+            Effect::sizes([2.0 * self.reach * sin / (cos * cos), if sin < 0.0 { -1.0 } else { 1.0 }]);
+        [first, second, Effect::shift(e1), Effect::shift(e2), by_reach, by_angle]
     }
 
     /// The same cone with the axis pointing to where it widens.

@@ -1,11 +1,12 @@
 //! The cylinder.
 
 use nalgebra::{Point3, SVector, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::adjust::{Model, adjust};
 use super::axis::{Axis, best_of, directions, thinned, worst_tilt_rad};
 use super::centred::Principal;
+use super::chart::{ChartCovariance, Effect, charted, tilts};
 use super::circle::algebraic_circle;
 use super::form::{Form, Residuals};
 use super::plane::refuse_flat;
@@ -16,7 +17,7 @@ use super::{FitError, FitSettings, Support};
 const ELEMENT: &str = "cylinder";
 
 /// A cylinder fitted to points, with uncertainties.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CylinderFit {
     /// Point of the axis nearest to the centroid of the points, mm.
     pub axis_point_mm: [f64; 3],
@@ -36,6 +37,9 @@ pub struct CylinderFit {
     /// What the uncertainties rest on.
     #[serde(flatten)]
     pub support: Support,
+    /// Covariance of point, direction and sizes in the common chart.
+    #[serde(skip)]
+    pub chart: ChartCovariance,
     /// Residual of each point given.
     #[serde(skip)]
     pub residuals: Residuals,
@@ -49,6 +53,8 @@ pub fn cylinder(points: &[Point3<f64>], settings: &FitSettings) -> Result<Cylind
     let solution = solve(ELEMENT, 6, points, settings, start)?;
     refuse_flat(ELEMENT, points, &solution.form, settings)?;
     let (axis, covariance) = (solution.model.axis, solution.covariance);
+    let ([first, second], [e1, e2]) = (tilts(&axis.tangents), axis.tangents);
+    let effects = [first, second, Effect::shift(e1), Effect::shift(e2), Effect::sizes([2.0, 0.0])];
     let sign = if axis.direction[axis.direction.iamax()] < 0.0 { -1.0 } else { 1.0 };
     Ok(CylinderFit {
         axis_point_mm: (solution.centroid + axis.point).into(),
@@ -59,6 +65,7 @@ pub fn cylinder(points: &[Point3<f64>], settings: &FitSettings) -> Result<Cylind
         u_axis_direction_rad: worst_tilt_rad(covariance.fixed_view::<2, 2>(0, 0).into_owned()),
         u_diameter_mm: 2.0 * covariance[(4, 4)].max(0.0).sqrt(),
         support: solution.support,
+        chart: charted(&effects, &covariance),
         residuals: solution.residuals,
     })
 }

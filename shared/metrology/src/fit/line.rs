@@ -1,11 +1,12 @@
 //! The straight line in space.
 
 use nalgebra::{Point3, SVector, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::adjust::Model;
 use super::axis::{Axis, worst_tilt_rad};
 use super::centred::Principal;
+use super::chart::{ChartCovariance, Effect, charted, tilts};
 use super::form::{Form, Residuals};
 use super::solve::solve;
 use super::{FitError, FitSettings, Support};
@@ -13,7 +14,7 @@ use super::{FitError, FitSettings, Support};
 const ELEMENT: &str = "line";
 
 /// A line fitted to points, with uncertainties.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LineFit {
     /// Point of the line nearest to the centroid of the points, mm.
     pub axis_point_mm: [f64; 3],
@@ -31,7 +32,10 @@ pub struct LineFit {
     /// What the uncertainties rest on.
     #[serde(flatten)]
     pub support: Support,
-    /// Distance of each point given.
+    /// Covariance of point, direction and sizes in the common chart.
+    #[serde(skip)]
+    pub chart: ChartCovariance,
+    /// Residual of each point given.
     #[serde(skip)]
     pub residuals: Residuals,
 }
@@ -43,6 +47,8 @@ pub struct LineFit {
 pub fn line(points: &[Point3<f64>], settings: &FitSettings) -> Result<LineFit, FitError> {
     let solution = solve(ELEMENT, 3, points, settings, start)?;
     let (axis, covariance) = (solution.model.0, solution.covariance);
+    let ([first, second], [e1, e2]) = (tilts(&axis.tangents), axis.tangents);
+    let effects = [first, second, Effect::shift(e1), Effect::shift(e2)];
     let sign = if axis.direction[axis.direction.iamax()] < 0.0 { -1.0 } else { 1.0 };
     let farthest = solution.residuals.of_used().into_iter().fold(0.0, f64::max);
     Ok(LineFit {
@@ -53,6 +59,7 @@ pub fn line(points: &[Point3<f64>], settings: &FitSettings) -> Result<LineFit, F
         u_axis_point_mm: worst_tilt_rad(covariance.fixed_view::<2, 2>(2, 2).into_owned()),
         u_axis_direction_rad: worst_tilt_rad(covariance.fixed_view::<2, 2>(0, 0).into_owned()),
         support: solution.support,
+        chart: charted(&effects, &covariance),
         residuals: solution.residuals,
     })
 }

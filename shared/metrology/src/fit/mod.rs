@@ -13,31 +13,40 @@ mod adjust;
 mod axis;
 mod cells;
 mod centred;
+mod chart;
 mod circle;
 mod cluster;
 mod cone;
+mod contour;
 mod correlation;
 mod cylinder;
 mod derived;
 mod error;
 mod exchange;
+mod extremal;
 mod form;
 mod line;
 mod normal;
 mod plane;
+mod replaced;
 mod search;
 mod settings;
 mod solve;
 mod sphere;
+mod surface_point;
 #[cfg(test)]
 pub(crate) mod tests;
 mod torus;
 mod zone;
 
+pub use chart::{CHART, ChartCovariance};
 pub use circle::{CircleFit, circle};
 pub(crate) use cluster::FEWEST_CELLS;
 pub use cluster::Support;
 pub use cone::{ConeFit, cone};
+pub use contour::{
+    Border, ContourFit, Outline, Placed, Sheet, border, contour, strip_minimum_zone_mm, u_gap_mm,
+};
 pub(crate) use correlation::estimate_rows;
 pub use cylinder::{CylinderFit, cylinder};
 pub use derived::{
@@ -45,6 +54,8 @@ pub use derived::{
     plane_distance_mm, sphere_height_mm,
 };
 pub use error::{COORDINATE_LIMIT_MM, FitError};
+pub(crate) use extremal::solve_square;
+pub use extremal::{Side, Touching, touching_circle, touching_cylinder, touching_sphere};
 pub use form::{Form, Residuals};
 pub(crate) use fringe::math::linear::eigen_fixed as eigen;
 pub use line::{LineFit, line};
@@ -55,6 +66,7 @@ pub use search::{find_plane, find_sphere};
 pub use settings::{Correlation, FitSettings};
 pub(crate) use sphere::sphere_centre_near;
 pub use sphere::{SphereFit, sphere, sphere_of_diameter};
+pub use surface_point::{PointFit, surface_point};
 pub use torus::{TorusFit, torus};
 pub use zone::{
     CircleZone, CylinderZone, PlaneZone, SphereZone, circle_minimum_zone, cylinder_minimum_zone,

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::adjust::Model;
 use super::centred::Principal;
+use super::chart::{ChartCovariance, Effect, charted, tilts};
 use super::form::{Form, Residuals};
 use super::normal::tangents;
 use super::solve::solve;
@@ -70,6 +71,40 @@ impl PlaneFit {
     pub fn u_tilt_rad(&self, direction: &Vector3<f64>) -> f64 {
         let gradient = Vector3::new(self.tangents[0].dot(direction), self.tangents[1].dot(direction), 0.0);
         (self.covariance * gradient).dot(&gradient).max(0.0).sqrt()
+    }
+
+    /// Covariance of the plane's place at its centroid and of its normal in the common chart.
+    pub fn chart(&self) -> ChartCovariance {
+        self.chart_at(&Point3::from(self.centroid_mm))
+    }
+
+    /// The same with the plane's place at another point.
+    pub fn chart_at(&self, point: &Point3<f64>) -> ChartCovariance {
+        let [e1, e2] = self.tangents;
+        // The normal of the parameters; this one may have been turned since.
+        let normal = e1.cross(&e2);
+        let arm = point.coords - self.origin;
+        let [first, second] = tilts(&self.tangents);
+        let tilt = |turn: Effect, along: f64| Effect { shift: normal * -along, ..turn };
+        let effects = [tilt(first, e1.dot(&arm)), tilt(second, e2.dot(&arm)), Effect::shift(normal)];
+        charted(&effects, &self.covariance)
+    }
+
+    /// Takes over another plane through a point, with the covariance of its tilts and of its offset there.
+    pub(super) fn take(
+        &mut self,
+        point: Vector3<f64>,
+        normal: Vector3<f64>,
+        tangents: [Vector3<f64>; 2],
+        covariance: Matrix3<f64>,
+    ) {
+        (self.normal, self.tangents, self.covariance) = (normal.into(), tangents, covariance);
+        (self.origin, self.centroid_mm) = (point, point.into());
+        self.offset_mm = normal.dot(&point);
+        self.u_centroid_mm = self.u_at_mm(&Point3::from(point));
+        self.u_offset_mm = self.u_at_mm(&Point3::origin());
+        let [e1, e2] = tangents;
+        self.u_normal_rad = self.u_tilt_rad(&e1).max(self.u_tilt_rad(&e2));
     }
 
     /// The same plane with its normal turned to the side of a direction.
@@ -140,7 +175,7 @@ pub fn plane(points: &[Point3<f64>], settings: &FitSettings) -> Result<PlaneFit,
 #[derive(Debug, Clone)]
 pub(super) struct Plane {
     pub normal: Vector3<f64>,
-    tangents: [Vector3<f64>; 2],
+    pub tangents: [Vector3<f64>; 2],
     pub offset: f64,
 }
 

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::adjust::{Model, adjust};
 use super::centred::{Centred, Principal, tree};
+use super::chart::{ChartCovariance, Effect, charted};
 use super::form::{Form, Residuals};
 use super::normal::Normal;
 use super::solve::{Solution, solve};
@@ -53,6 +54,12 @@ impl SphereFit {
     /// Centre as a point.
     pub fn center(&self) -> Point3<f64> {
         Point3::from(self.center_mm)
+    }
+
+    /// Covariance of centre and diameter in the common chart.
+    pub fn chart(&self) -> ChartCovariance {
+        let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()].map(Effect::shift);
+        charted(&[x, y, z, Effect::sizes([2.0, 0.0])], &self.covariance_mm2)
     }
 
     /// Standard uncertainty of g · (centre, radius), mm.

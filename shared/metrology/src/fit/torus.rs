@@ -1,11 +1,12 @@
 //! The torus.
 
 use nalgebra::{Point3, SMatrix, SVector, Vector3};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::adjust::Model;
 use super::axis::{Axis, best_of, directions, thinned, u_point_mm, worst_tilt_rad};
 use super::centred::Principal;
+use super::chart::{ChartCovariance, Effect, charted};
 use super::circle::algebraic_circle;
 use super::form::{Form, Residuals};
 use super::plane::refuse_flat;
@@ -16,7 +17,7 @@ use super::{FitError, FitSettings, Support};
 const ELEMENT: &str = "torus";
 
 /// A torus fitted to points, with uncertainties.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TorusFit {
     /// Centre of the torus, mm.
     pub center_mm: [f64; 3],
@@ -40,6 +41,9 @@ pub struct TorusFit {
     /// What the uncertainties rest on.
     #[serde(flatten)]
     pub support: Support,
+    /// Covariance of point, direction and sizes in the common chart.
+    #[serde(skip)]
+    pub chart: ChartCovariance,
     /// Residual of each point given.
     #[serde(skip)]
     pub residuals: Residuals,
@@ -70,6 +74,7 @@ pub fn torus(points: &[Point3<f64>], settings: &FitSettings) -> Result<TorusFit,
         u_ring_diameter_mm: 2.0 * covariance[(5, 5)].max(0.0).sqrt(),
         u_tube_diameter_mm: 2.0 * covariance[(6, 6)].max(0.0).sqrt(),
         support: solution.support,
+        chart: charted(&model.effects(), &covariance),
         residuals: solution.residuals,
     })
 }
@@ -91,6 +96,21 @@ impl Torus {
     fn center_by_parameters(&self) -> SMatrix<f64, 3, 7> {
         let ([e1, e2], direction, none) = (self.axis.tangents, self.axis.direction, Vector3::zeros());
         SMatrix::from_columns(&[e1 * self.along, e2 * self.along, e1, e2, direction, none, none])
+    }
+
+    /// What the parameters do in the common chart; its sizes are the diameters of ring and tube.
+    fn effects(&self) -> [Effect; 7] {
+        let ([e1, e2], direction) = (self.axis.tangents, self.axis.direction);
+        let tilt = |shift: Vector3<f64>, turn: Vector3<f64>| Effect { shift, turn, sizes: [0.0; 2] };
+        [
+            tilt(e1 * self.along, e2),
+            tilt(e2 * self.along, -e1),
+            Effect::shift(e1),
+            Effect::shift(e2),
+            Effect::shift(direction),
+            Effect::sizes([2.0, 0.0]),
+            Effect::sizes([0.0, 2.0]),
+        ]
     }
 
     /// Distance from the middle of the tube, and the unit vector from there in (ρ, z).

@@ -5,14 +5,15 @@
 //! optimum at the end is a lower bound for every small motion, which proves a local minimum. Where the zone is thin
 //! against the points' extent, as with every measured surface, there is but one.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, SMatrix, Vector3};
 use serde::Serialize;
 
 use super::FitError;
 use super::adjust::{Model, singular};
 use super::axis::Axis;
 use super::centred::Centred;
-use super::exchange::{Row, chebyshev};
+use super::exchange::{Levelled, Row, chebyshev};
+use super::extremal::solve_square;
 
 /// Most linearisations; from a least-squares start three to six are needed.
 const MAX_ROUNDS: usize = 60;
@@ -24,13 +25,15 @@ const MAX_HALVINGS: usize = 30;
 const GAP: f64 = 1e-12;
 
 /// A minimum zone and its element.
-pub(super) struct Zone<M> {
+pub(super) struct Zone<M, const P: usize> {
     /// In coordinates about `centroid`.
     pub model: M,
     /// Centroid of the points, mm.
     pub centroid: Vector3<f64>,
     /// Width of the zone, mm.
     pub width_mm: f64,
+    /// Covariance of the parameters when each point that holds the zone scatters by 1 mm.
+    pub unit_covariance: SMatrix<f64, P, P>,
 }
 
 /// Shrinks the zone from a start in coordinates about the centroid. The models have one residual a point.
@@ -41,7 +44,7 @@ pub(super) fn minimum_zone<M: Model<P>, const P: usize>(
     element: &'static str,
     points: &[Point3<f64>],
     start: impl Fn(&[Vector3<f64>]) -> Result<M, FitError>,
-) -> Result<Zone<M>, FitError> {
+) -> Result<Zone<M, P>, FitError> {
     if points.len() <= P {
         return Err(FitError::TooFewPoints { element, points: points.len(), needs: P + 1 });
     }
@@ -70,13 +73,33 @@ pub(super) fn minimum_zone<M: Model<P>, const P: usize>(
             (model, half_mm) = (next, width);
         }
         if settled {
-            return Ok(Zone { model, centroid, width_mm: 2.0 * half_mm });
+            let unit_covariance = unit_covariance(&rows, &linear);
+            return Ok(Zone { model, centroid, width_mm: 2.0 * half_mm, unit_covariance });
         }
         if stuck {
             break;
         }
     }
     Err(FitError::NoConvergence { element, iterations: MAX_ROUNDS })
+}
+
+/// Covariance of the parameters when each row of the basis scatters by 1 mm: aᵢ · δ ∓ h = −rᵢ.
+fn unit_covariance<const P: usize>(rows: &[Row<P>], linear: &Levelled<P>) -> SMatrix<f64, P, P> {
+    let held = || linear.basis.iter().map(|index| &rows[*index]);
+    let sign = |row: &Row<P>| (row.residual + row.derivatives.dot(&linear.step)).signum();
+    let matrix: Vec<Vec<f64>> =
+        held().map(|row| row.derivatives.iter().copied().chain([-sign(row)]).collect()).collect();
+    let mut by = SMatrix::<f64, P, P>::zeros();
+    for index in 0..=P {
+        let right = (0..=P).map(|i| f64::from(u8::from(i == index))).collect();
+        let Some(column) = solve_square(matrix.clone(), right) else { return SMatrix::identity() };
+        for i in 0..P {
+            for j in 0..P {
+                by[(i, j)] += column[i] * column[j];
+            }
+        }
+    }
+    by
 }
 
 /// Largest absolute distance of the points, mm.

@@ -8,7 +8,8 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::MeasureError;
 use super::fit_element::{PLACING, REACH_MARGINS, Sample, choose, fit, gather, positions, thinned};
-use super::plan::{Datums, Element, Geometry, Plan};
+use super::geometry::Geometry;
+use super::plan::{Datums, Element, Plan};
 use super::region::Region;
 use super::result::{AlignmentResult, FittedElement};
 use crate::fit::{FitSettings, plane, sphere_centre_near};
@@ -41,13 +42,11 @@ struct DatumPlaces {
 impl DatumPlaces {
     /// Datum targets at their nominal geometry.
     fn nominal(plan: &Plan, datums: &Datums) -> Self {
-        let place = |index: usize| match &plan.elements[index].geometry {
-            Geometry::Sphere { center_mm, .. } => center_mm.coords,
-            Geometry::Plane { point_mm, .. } => point_mm.coords,
-        };
+        let place = |index: usize| plan.elements[index].geometry.place().coords;
         let normal = match &plan.elements[datums.plane].geometry {
             Geometry::Plane { normal, .. } => *normal,
-            Geometry::Sphere { axis, .. } => *axis,
+            // The plan's check lets nothing but a plane through.
+            _ => Vector3::z(),
         };
         Self {
             normal,
@@ -217,10 +216,10 @@ enum Place {
 impl From<FittedElement> for Place {
     fn from(fit: FittedElement) -> Self {
         match fit {
-            FittedElement::Sphere(sphere) => Self::Centre(sphere.center().coords),
             FittedElement::Plane(plane) => {
                 Self::Plane { normal: plane.normal_vector(), point: Vector3::from(plane.centroid_mm) }
             }
+            other => Self::Centre(other.place()),
         }
     }
 }
@@ -236,6 +235,8 @@ fn coarse_place(element: &Element, points: &[Point3<f64>]) -> Result<Place, Meas
             let settings = FitSettings::default();
             plane(points, &settings).map(|fit| FittedElement::Plane(fit.towards(normal)).into())
         }
+        // The plan's check lets nothing but spheres and planes through.
+        other => Ok(Place::Centre(other.place().coords)),
     }
     .map_err(|source| MeasureError::Fit { element: element.name.clone(), source })
 }
@@ -289,6 +290,7 @@ fn motion_mm(plan: &Plan, datums: &Datums, motion: &Pose) -> f64 {
             let [a, b] = [edges[0] * half_size_mm[0], edges[1] * half_size_mm[1]];
             [a + b, a - b, -a + b, -a - b].iter().fold(most, |m, arm| m.max(moved(&(point_mm.coords + arm))))
         }
+        other => most.max(moved(&other.place().coords)),
     })
 }
 

@@ -2,17 +2,23 @@
 
 use super::MeasureError;
 use super::align::{PlacedPart, align, describe};
+use super::characteristic::{Characteristic, Extracted, Kind};
+use super::criterion::Criterion;
+use super::extracted;
 use super::filter::filtered;
 use super::fit_element::{Measured, REACH_MARGINS, about, gather, measure};
 use super::flatness::u_range_mm;
+use super::joint::{Joint, Part};
+use super::location;
 use super::plan::{Feature, Plan, Quantity};
 use super::region::Region;
 use super::result::{
-    AlignmentResult, ElementResult, FeatureResult, FittedElement, FlatnessFilter, InspectionResult,
+    AlignmentResult, ConstructedResult, ElementResult, FeatureResult, FittedElement, FlatnessFilter,
+    InspectionResult,
 };
 use crate::fit::{
-    Correlation, Derived, Form, PlaneFit, Residuals, SphereFit, centre_distance_mm, plane_angle_rad,
-    plane_distance_mm, sphere_height_mm,
+    Correlation, Derived, Form, PlaneFit, SphereFit, centre_distance_mm, plane_angle_rad, plane_distance_mm,
+    sphere_height_mm,
 };
 use crate::verdict::{decide, overall};
 use fringe::cloud::Point;
@@ -35,13 +41,24 @@ pub fn evaluate(plan: &Plan, cloud: &[Point]) -> InspectionResult {
             (plan.elements.iter().map(|_| Err(reason.clone())).collect(), None, Some(error.to_string()))
         }
     };
-    let features: Vec<FeatureResult> = plan.features.iter().map(|f| feature(plan, f, &elements)).collect();
+    let joint = (!plan.characteristics.is_empty() || !plan.constructed.is_empty())
+        .then(|| Joint::new(plan, &elements));
+    let measured = plan.features.iter().map(|f| feature(plan, f, &elements, joint.as_ref()));
+    let features: Vec<FeatureResult> = measured.collect();
+    let constructed = joint.as_ref().map(constructed_results).unwrap_or_default();
+    drop(joint);
     InspectionResult {
         plan: plan.name.clone(),
         verdict: overall(features.iter().map(|f| f.verdict)),
         alignment,
         alignment_failure,
-        elements: plan.elements.iter().zip(elements).map(|(e, m)| element_result(&e.name, m)).collect(),
+        elements: plan
+            .elements
+            .iter()
+            .zip(elements)
+            .map(|(e, m)| element_result(&e.name, e.criterion, m))
+            .collect(),
+        constructed,
         features,
     }
 }
@@ -109,20 +126,37 @@ fn fit_elements(plan: &Plan, cloud: &[Point], world_from_part: &Pose) -> Vec<Out
 }
 
 /// What is reported of an element. The residuals live on in its points.
-fn element_result(name: &str, outcome: Outcome) -> ElementResult {
+fn element_result(name: &str, criterion: Criterion, outcome: Outcome) -> ElementResult {
+    let criterion = (criterion != Criterion::LeastSquares).then_some(criterion);
+    let name = name.into();
     match outcome {
         Ok(mut measured) => {
-            match &mut measured.fit {
-                FittedElement::Sphere(sphere) => sphere.residuals = Residuals::default(),
-                FittedElement::Plane(plane) => plane.residuals = Residuals::default(),
-            }
+            measured.fit.forget_residuals();
             let Measured { fit, points, .. } = measured;
-            ElementResult { name: name.into(), fit: Some(fit), reason: None, points }
+            ElementResult { name, fit: Some(fit), reason: None, criterion, points }
         }
-        Err(reason) => {
-            ElementResult { name: name.into(), fit: None, reason: Some(reason), points: Vec::new() }
-        }
+        Err(reason) => ElementResult { name, fit: None, reason: Some(reason), criterion, points: Vec::new() },
     }
+}
+
+/// What is reported of elements made of others.
+fn constructed_results(joint: &Joint<'_>) -> Vec<ConstructedResult> {
+    let parts = joint.measured();
+    let result = |(one, part): (&super::references::Constructed, &Part)| {
+        let name = one.name.clone();
+        match part {
+            Err(reason) => ConstructedResult { name, reason: Some(reason.clone()), ..Default::default() },
+            Ok(found) => ConstructedResult {
+                name,
+                shape: Some(found.shape.words().into()),
+                point_mm: Some(found.point.into()),
+                direction: (found.direction != Vector3::zeros()).then(|| found.direction.into()),
+                diameter_mm: (found.sizes[0] > 0.0).then_some(found.sizes[0]),
+                reason: None,
+            },
+        }
+    };
+    joint.plan.constructed.iter().zip(&parts[joint.plan.elements.len()..]).map(result).collect()
 }
 
 /// A measured value with the uncertainty that the scatter of its points shows.
@@ -134,6 +168,10 @@ struct Reading {
     filter: Option<FlatnessFilter>,
     points: usize,
     rejected: usize,
+    /// What widens the upper limit.
+    bonus_mm: Option<f64>,
+    /// Definition of the value, where the name does not say it.
+    detail: Option<String>,
 }
 
 impl Reading {
@@ -157,13 +195,20 @@ impl Reading {
             filter: None,
             points: forms.iter().map(|f| f.points).sum(),
             rejected: forms.iter().map(|f| f.rejected).sum(),
+            bonus_mm: None,
+            detail: None,
         }
     }
 }
 
 /// Measures a feature and decides.
-fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome]) -> FeatureResult {
-    let measured = quantity(&feature.quantity, elements);
+fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome], joint: Option<&Joint<'_>>) -> FeatureResult {
+    let measured = match (&feature.quantity, joint) {
+        (Quantity::Characteristic { index, .. }, Some(joint)) => {
+            characteristic(joint, &plan.characteristics[*index])
+        }
+        (quantity, _) => self::quantity(quantity, elements),
+    };
     let mut result = FeatureResult {
         name: feature.name.clone(),
         value: None,
@@ -188,9 +233,11 @@ fn feature(plan: &Plan, feature: &Feature, elements: &[Outcome]) -> FeatureResul
         Ok(found) if found.is_finite() => {
             let u = (found.u_noise * found.u_noise + feature.u_system * feature.u_system).sqrt();
             // No range lies below zero, so a flatness has no lower limit to prove.
-            let lower =
-                (!matches!(feature.quantity, Quantity::PlaneFlatness { .. })).then_some(feature.lower);
-            result.verdict = decide(found.value, u, plan.settings.guard_factor, lower, feature.upper);
+            let lower = (!feature.quantity.one_sided()).then_some(feature.lower);
+            let upper = feature.upper + found.bonus_mm.unwrap_or(0.0);
+            result.upper = Some(upper).filter(|limit| limit.is_finite());
+            result.verdict = decide(found.value, u, plan.settings.guard_factor, lower, upper);
+            result.detail = found.detail;
             result.value = Some(found.value);
             result.deviation = Some(found.value - feature.nominal);
             result.u = Some(u);
@@ -259,7 +306,58 @@ fn quantity(quantity: &Quantity, elements: &[Outcome]) -> Result<Reading, String
             let (top, base) = (sphere(elements, top)?, plane(elements, base)?);
             Reading::derived(sphere_height_mm(top, base), &[&top.form, &base.form])
         }
+        Quantity::Characteristic { index, .. } => {
+            return Err(format!("characteristic {index} is measured with all elements together"));
+        }
     })
+}
+
+/// Measures a geometrical characteristic; definitions at [`Kind`].
+fn characteristic(joint: &Joint<'_>, one: &Characteristic) -> Result<Reading, String> {
+    let on_points = matches!(
+        one.kind,
+        Kind::Form(_) | Kind::Profile | Kind::Runout(_) | Kind::Orientation(Extracted::Points)
+    ) && !on_axis(joint, one);
+    let found = if on_points { extracted::measure(joint, one) } else { location::measure(joint, one) }?;
+    let fits = joint.sources(one, true).into_iter().filter_map(|i| joint.base[i].measured);
+    let forms: Vec<&Form> = fits.map(|measured| measured.fit.form()).collect();
+    let mut reading = Reading::new(found.value, found.u, &forms);
+    reading.bonus_mm = found.bonus_mm;
+    reading.detail = Some(detail(joint, one, found.bonus_mm));
+    Ok(reading)
+}
+
+/// Whether an orientation is that of an axis, which is derived and has no points of its own.
+fn on_axis(joint: &Joint<'_>, one: &Characteristic) -> bool {
+    let axis = |part: &Part| part.as_ref().is_ok_and(|p| p.shape.is_axis());
+    matches!(one.kind, Kind::Orientation(_))
+        && (axis(&joint.nominal[one.elements[0]]) || one.elements[0] >= joint.plan.elements.len())
+}
+
+/// Symbol, datums, criteria and filter of a characteristic in words.
+fn detail(joint: &Joint<'_>, one: &Characteristic, bonus_mm: Option<f64>) -> String {
+    let mut text = one.symbol().to_owned();
+    if let Some(system) = one.datums {
+        text += &format!(
+            "; datums {}",
+            joint.plan.datum_systems[system].letters(&|i| joint.plan.element_name(i))
+        );
+    }
+    let criteria = one.elements.iter().filter_map(|i| joint.plan.elements.get(*i)).map(|e| e.criterion);
+    let symbols: Vec<String> = criteria.map(|c| format!("{} ({})", c.key(), c.symbol())).collect();
+    if !symbols.is_empty() && !matches!(one.kind, Kind::Form(_)) {
+        text += &format!("; element by {}", symbols.join(", "));
+    }
+    if let Kind::Form(criterion) = one.kind {
+        text += &format!("; reference element {} ({})", criterion.key(), criterion.form_symbol());
+    }
+    if let Some(edge) = one.filter_mm {
+        text += &format!("; means over cubes of {edge} mm");
+    }
+    if let Some(bonus) = bonus_mm {
+        text += &format!("; Ⓜ adds {bonus:.4} mm to the limit (ISO 2692)");
+    }
+    text
 }
 
 /// Range of the residuals kept, with its sigma beside it under its own name.

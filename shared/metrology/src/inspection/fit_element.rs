@@ -3,7 +3,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::MeasureError;
-use super::plan::{Element, Geometry};
+use super::associate::{associated, outlined};
+use super::geometry::Geometry;
+use super::plan::Element;
 use super::region::Region;
 use super::result::{DeviationPoint, FittedElement};
 use crate::fit::{self, Correlation, FitError, FitSettings};
@@ -52,6 +54,8 @@ pub(super) struct Measured {
     pub points: Vec<DeviationPoint>,
     /// Of a plane, for each point: place along the element's two directions from its nominal point, mm.
     pub across_mm: Vec<[f64; 2]>,
+    /// Points behind the fit in the part frame; of an outline those of its border.
+    pub positions: Vec<Point3<f64>>,
 }
 
 /// One pass over the cloud: the points near each region, in the part frame, in the order of the cloud.
@@ -120,6 +124,15 @@ pub(super) fn fit(
         Geometry::Plane { normal, .. } => {
             fit::plane(points, &settings).map(|plane| FittedElement::Plane(plane.towards(normal)))
         }
+        Geometry::Cylinder { .. } => fit::cylinder(points, &settings).map(FittedElement::Cylinder),
+        Geometry::Cone { .. } => fit::cone(points, &settings).map(FittedElement::Cone),
+        Geometry::Torus { .. } => fit::torus(points, &settings).map(FittedElement::Torus),
+        Geometry::Point { point_mm, normal, .. } => {
+            fit::surface_point(points, point_mm, normal, &settings).map(FittedElement::Point)
+        }
+        Geometry::Outline { .. } | Geometry::Line { .. } => {
+            outlined(element, points, &settings).map(|found| found.0)
+        }
     }
     .map_err(|source| MeasureError::Fit { element: element.name.clone(), source })
 }
@@ -146,7 +159,9 @@ pub(super) fn measure(
         }
     }
     let chosen = choose(element, &region, samples, element.min_points)?;
-    let found = fit(element, &positions(samples, &chosen), correlation)?;
+    let given = positions(samples, &chosen);
+    let (found, behind) =
+        associated(element, given, fit(element, &positions(samples, &chosen), correlation)?, correlation)?;
     check(element, &found)?;
     if !found.is_finite() {
         let source = FitError::Degenerate { element: element.geometry.kind(), why: NOT_FINITE };
@@ -154,7 +169,7 @@ pub(super) fn measure(
     }
     let points = deviations(&nominal, &found, samples, &chosen);
     let across_mm = across(&nominal, samples, &chosen);
-    Ok(Measured { fit: found, points, across_mm })
+    Ok(Measured { fit: found, points, across_mm, positions: behind })
 }
 
 /// The chosen ones among every k-th sample, k such that `most` of all samples remain. The choice hangs on the samples'
@@ -169,10 +184,7 @@ pub(super) fn thinned(chosen: &[u32], samples: &[Sample], most: usize) -> Vec<u3
 
 /// The region about a fit.
 pub(super) fn about(region: &Region, fit: &FittedElement) -> Region {
-    match fit {
-        FittedElement::Sphere(sphere) => region.clone().about_sphere(sphere),
-        FittedElement::Plane(plane) => region.clone().about_plane(plane),
-    }
+    region.clone().about(fit)
 }
 
 /// How far a fit lies from a geometry, mm: centre or radius of a sphere, place and tilt of a plane's rectangle.
@@ -187,18 +199,68 @@ fn shift_mm(geometry: &Geometry, fit: &FittedElement) -> f64 {
             let tilt: f64 = arms.iter().map(|arm| plane.normal_vector().dot(arm).abs()).sum();
             plane.distance_mm(point_mm).abs() + tilt
         }
+        (
+            FittedElement::Cylinder(c),
+            Geometry::Cylinder { point_mm, axis, radius_mm, half_length_mm, .. },
+        ) => {
+            let resized = (0.5 * c.diameter_mm - radius_mm).abs();
+            off_axis(&c.axis_point_mm, &c.axis_direction, (point_mm, axis), *half_length_mm).max(resized)
+        }
+        (FittedElement::Cone(c), Geometry::Cone { point_mm, axis, radius_mm, half_length_mm, .. }) => {
+            let height =
+                (point_mm.coords - Vector3::from(c.axis_point_mm)).dot(&Vector3::from(c.axis_direction));
+            let slope = fringe::math::tan(c.half_angle_deg.to_radians());
+            let resized = (0.5 * c.diameter_mm + height * slope - radius_mm).abs();
+            off_axis(&c.axis_point_mm, &c.axis_direction, (point_mm, axis), *half_length_mm).max(resized)
+        }
+        (FittedElement::Torus(t), Geometry::Torus { center_mm, ring_radius_mm, tube_radius_mm, .. }) => {
+            let resized = (0.5 * t.ring_diameter_mm - ring_radius_mm).abs();
+            let tube = (0.5 * t.tube_diameter_mm - tube_radius_mm).abs();
+            (Vector3::from(t.center_mm) - center_mm.coords).norm().max(resized).max(tube)
+        }
+        (FittedElement::Point(p), Geometry::Point { point_mm, .. }) => {
+            (Vector3::from(p.point_mm) - point_mm.coords).norm()
+        }
+        (FittedElement::Line(c), Geometry::Line { point_mm, direction, half_size_mm, .. }) => {
+            let tilt = Vector3::from(c.direction).cross(direction).norm() * half_size_mm[0];
+            (Vector3::from(c.center_mm) - point_mm.coords).norm() + tilt
+        }
+        (
+            FittedElement::Circle(c)
+            | FittedElement::Slot(c)
+            | FittedElement::Rectangle(c)
+            | FittedElement::Edge(c),
+            Geometry::Outline { center_mm, outline, .. },
+        ) => {
+            let sizes = outline.sizes_mm();
+            let resized = (0..2).map(|i| 0.5 * (c.size_mm[i] - sizes[i]).abs()).fold(0.0, f64::max);
+            (Vector3::from(c.center_mm) - center_mm.coords).norm().max(resized)
+        }
         _ => f64::INFINITY,
     }
 }
 
+/// How far the ends of a nominal axis lie from a fitted one, mm.
+fn off_axis(
+    point: &[f64; 3],
+    direction: &[f64; 3],
+    (nominal, axis): (&Point3<f64>, &Vector3<f64>),
+    half_mm: f64,
+) -> f64 {
+    let off = |end: Vector3<f64>| (end - Vector3::from(*point)).cross(&Vector3::from(*direction)).norm();
+    off(nominal.coords + axis * half_mm).max(off(nominal.coords - axis * half_mm))
+}
+
 /// Refuses a fit that is no surface, or that lies where the element cannot be.
 fn check(element: &Element, fit: &FittedElement) -> Result<(), MeasureError> {
-    let sigma_mm = match fit {
-        FittedElement::Sphere(sphere) => sphere.form.form_sigma_mm,
-        FittedElement::Plane(plane) => plane.form.form_sigma_mm,
-    };
+    let sigma_mm = fit.form().form_sigma_mm;
     let shift_mm = shift_mm(&element.geometry, fit);
     let (margin_mm, name) = (element.margin_mm, || element.name.clone());
+    // Border points scatter by the spacing of the cloud, which has nothing to do with the margin.
+    let margin_mm = match &element.geometry {
+        Geometry::Outline { band_mm, .. } => band_mm.max(margin_mm),
+        _ => margin_mm,
+    };
     let limit_mm = LARGEST_SCATTER * margin_mm;
     if sigma_mm > limit_mm {
         return Err(MeasureError::Scattered { element: name(), sigma_mm, margin_mm, limit_mm });
@@ -224,22 +286,30 @@ fn deviations(
     samples: &[Sample],
     chosen: &[u32],
 ) -> Vec<DeviationPoint> {
-    let from_fit = match fit {
-        FittedElement::Sphere(sphere) => &sphere.residuals.deviation_mm,
-        FittedElement::Plane(plane) => &plane.residuals.deviation_mm,
+    let bore = nominal.geometry.is_internal();
+    // Of a sphere or plane the residuals; the others' sign and reference are those of the surface they bound.
+    let residuals = &fit.residuals().deviation_mm;
+    let direct = matches!(fit, FittedElement::Sphere(_) | FittedElement::Plane(_));
+    let from_fit = |place: usize, position: &Vector3<f64>| {
+        if direct {
+            return residuals[place];
+        }
+        let distance = fit.distance_mm(position);
+        if bore { -distance } else { distance }
     };
-    let from_nominal = |position: &Vector3<f64>| match &nominal.geometry {
-        Geometry::Sphere { center_mm, radius_mm, .. } => (position - center_mm.coords).norm() - radius_mm,
-        Geometry::Plane { point_mm, normal, .. } => (position - point_mm.coords).dot(normal),
+    let flat = |position: &Vector3<f64>| match &nominal.geometry {
+        // An outline's points are those of its plane.
+        Geometry::Outline { center_mm, normal, .. } => (position - center_mm.coords).dot(normal),
+        geometry => geometry.distance_mm(position),
     };
     chosen
         .iter()
         .map(|place| &samples[*place as usize])
-        .zip(from_fit)
-        .map(|(sample, deviation)| DeviationPoint {
+        .enumerate()
+        .map(|(place, sample)| DeviationPoint {
             index: sample.index,
-            from_fit_mm: *deviation as f32,
-            from_nominal_mm: from_nominal(&sample.position) as f32,
+            from_fit_mm: from_fit(place, &sample.position) as f32,
+            from_nominal_mm: flat(&sample.position) as f32,
         })
         .collect()
 }

@@ -6,30 +6,47 @@
 //! What cannot be measured has a reason and is never passed.
 
 mod align;
+mod associate;
+mod characteristic;
 mod check;
+mod check_characteristics;
+mod check_elements;
+mod constructed;
+mod criterion;
+mod datum;
 mod error;
 mod evaluate;
+mod extracted;
 mod filter;
 mod fit_element;
 mod flatness;
+mod geometry;
+mod joint;
+mod location;
 mod place;
 mod plan;
 mod raw;
+mod raw_elements;
+mod raw_features;
+mod references;
 mod region;
 mod result;
+mod substitute;
 #[cfg(test)]
 mod tests;
+mod within;
 
+pub use characteristic::{Characteristic, Extracted, Kind, MaximumMaterial};
+pub use criterion::Criterion;
 pub use error::MeasureError;
 pub use evaluate::{deviations, evaluate, locate};
 pub use filter::{Filtered, filtered as filtered_flatness};
+pub use geometry::{Exclusion, ExclusionShape, Geometry, Sector};
 pub use place::{PlaceError, Placement, place};
-pub use plan::{
-    Datums, Element, Exclusion, ExclusionShape, Feature, Geometry, PLAN_FORMAT, Plan, PlanError, Quantity,
-    Settings, Unit,
-};
+pub use plan::{Datums, Element, Feature, PLAN_FORMAT, Plan, PlanError, Quantity, Settings, Unit};
 pub use raw::RawPlan;
+pub use references::{Constructed, Construction, DatumSystem};
 pub use result::{
-    AlignmentResult, DeviationPoint, ElementResult, FeatureResult, FittedElement, FlatnessFilter,
-    InspectionResult,
+    AlignmentResult, ConstructedResult, DeviationPoint, ElementResult, FeatureResult, FittedElement,
+    FlatnessFilter, InspectionResult,
 };

@@ -10,7 +10,8 @@ use std::f64::consts::TAU;
 use thiserror::Error;
 
 use super::evaluate;
-use super::plan::{Element, Geometry, Plan};
+use super::geometry::Geometry;
+use super::plan::{Element, Plan};
 use super::result::InspectionResult;
 use crate::fit::tangents;
 use crate::reference::{CloudError, CloudReference, Reference};
@@ -184,6 +185,12 @@ fn area_mm2(element: &Element) -> f64 {
         Geometry::Sphere { radius_mm, cos_polar: [low, high], .. } => {
             TAU * radius_mm * radius_mm * (high - low)
         }
+        Geometry::Cylinder { radius_mm, half_length_mm, .. }
+        | Geometry::Cone { radius_mm, half_length_mm, .. } => 2.0 * TAU * radius_mm * half_length_mm,
+        Geometry::Torus { ring_radius_mm, tube_radius_mm, .. } => TAU * ring_radius_mm * TAU * tube_radius_mm,
+        Geometry::Line { half_size_mm: [a, b], .. } => 4.0 * a * b,
+        Geometry::Point { radius_mm, .. } => 0.5 * TAU * radius_mm * radius_mm,
+        Geometry::Outline { outline, band_mm, .. } => outline.length_mm() * band_mm,
     }
 }
 
@@ -222,5 +229,51 @@ fn places(geometry: &Geometry, step_mm: f64) -> Vec<Point> {
                 })
                 .collect()
         }
+        Geometry::Cylinder { point_mm, axis, half_length_mm, sector, .. } => {
+            let held =
+                |normal: &Vector3<f64>| sector.is_none_or(|s| normal.dot(&s.direction).abs() >= s.cos_half);
+            around(geometry, (&point_mm.coords, axis), *half_length_mm, step_mm, &point)
+                .into_iter()
+                .filter(|p| held(&p.normal_vector()))
+                .collect()
+        }
+        Geometry::Cone { point_mm, axis, half_length_mm, .. } => {
+            around(geometry, (&point_mm.coords, axis), *half_length_mm, step_mm, &point)
+        }
+        // What is small or open on most sides does not help to find a part.
+        Geometry::Torus { .. }
+        | Geometry::Outline { .. }
+        | Geometry::Line { .. }
+        | Geometry::Point { .. } => Vec::new(),
     }
+}
+
+/// Places on a cylinder or cone, one step apart around and along it.
+fn around(
+    geometry: &Geometry,
+    (middle, axis): (&Vector3<f64>, &Vector3<f64>),
+    half_mm: f64,
+    step_mm: f64,
+    point: &dyn Fn(Vector3<f64>, Vector3<f64>) -> Point,
+) -> Vec<Point> {
+    let [x, y] = tangents(axis);
+    let rings = (2.0 * half_mm / step_mm).ceil().max(1.0);
+    let mut places = Vec::new();
+    for ring in 0..rings as usize {
+        let height = half_mm * ((2 * ring + 1) as f64 / rings - 1.0);
+        let radius = match geometry {
+            Geometry::Cone { radius_mm, half_angle_rad, .. } => {
+                radius_mm + height * math::tan(*half_angle_rad)
+            }
+            Geometry::Cylinder { radius_mm, .. } => *radius_mm,
+            _ => 0.0,
+        };
+        let count = (TAU * radius / step_mm).ceil().max(3.0);
+        for i in 0..count as usize {
+            let (sin, cos) = math::sincos(TAU * i as f64 / count);
+            let place = middle + axis * height + (x * cos + y * sin) * radius;
+            places.push(point(place, geometry.normal_at(&place)));
+        }
+    }
+    places
 }

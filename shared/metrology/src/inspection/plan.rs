@@ -3,10 +3,15 @@
 //! As written it is a [`RawPlan`](super::RawPlan) that refuses unknown keys; [`Plan::new`]
 //! checks it and turns names into indices, degrees into radians, deviations into limits.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use thiserror::Error;
+
+use super::characteristic::Characteristic;
+use super::criterion::Criterion;
+use super::geometry::Geometry;
+use super::references::{Constructed, DatumSystem};
 
 /// The format this build reads.
 pub const PLAN_FORMAT: &str = "fringecell-plan/1";
@@ -115,63 +120,6 @@ pub struct Datums {
     pub search_rad: f64,
 }
 
-/// A disc or rectangle that is cut out of a plane's region.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Exclusion {
-    /// Centre along the plane's two directions from its nominal point, mm.
-    pub center_mm: [f64; 2],
-    /// What is cut out.
-    pub shape: ExclusionShape,
-}
-
-/// Shape of an [`Exclusion`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum ExclusionShape {
-    /// A disc of this radius, mm.
-    Disc(f64),
-    /// Half edges along the plane's two directions, mm.
-    Rectangle([f64; 2]),
-}
-
-/// Nominal geometry of an element in the part frame.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Geometry {
-    /// A sphere or a part of one, between two polar angles about an axis.
-    Sphere {
-        /// Centre in the part frame, mm.
-        center_mm: Point3<f64>,
-        /// Radius of the sphere, mm.
-        radius_mm: f64,
-        /// Unit axis of the polar angles.
-        axis: Vector3<f64>,
-        /// Cosines of the largest and of the smallest polar angle.
-        cos_polar: [f64; 2],
-    },
-    /// A rectangle in a plane.
-    Plane {
-        /// Centre of the rectangle, mm.
-        point_mm: Point3<f64>,
-        /// Unit normal, out of the material.
-        normal: Vector3<f64>,
-        /// Unit directions of the edges.
-        edges: [Vector3<f64>; 2],
-        /// Half edges, the inset taken off, mm.
-        half_size_mm: [f64; 2],
-        /// What is cut out.
-        exclusions: Vec<Exclusion>,
-    },
-}
-
-impl Geometry {
-    /// Kind of the element: "sphere" or "plane".
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::Sphere { .. } => "sphere",
-            Self::Plane { .. } => "plane",
-        }
-    }
-}
-
 /// An element that is fitted on a region of the cloud.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Element {
@@ -187,6 +135,8 @@ pub struct Element {
     pub min_points: usize,
     /// Fraction of the points left out of the fit.
     pub max_reject_fraction: f64,
+    /// How the element is associated with its points.
+    pub criterion: Criterion,
 }
 
 /// What a feature measures; the numbers are indices of elements.
@@ -224,12 +174,30 @@ pub enum Quantity {
         /// Index of the plane element.
         plane: usize,
     },
+    /// A geometrical characteristic: index among [`Plan::characteristics`].
+    Characteristic {
+        /// Index among the plan's characteristics.
+        index: usize,
+        /// Unit of its values.
+        unit: Unit,
+        /// Whether no value lies below zero, so that there is no lower limit to prove.
+        one_sided: bool,
+    },
 }
 
 impl Quantity {
     /// Unit of the values of this quantity.
     pub fn unit(&self) -> Unit {
-        if matches!(self, Self::PlaneAngle { .. }) { Unit::Deg } else { Unit::Mm }
+        match self {
+            Self::PlaneAngle { .. } => Unit::Deg,
+            Self::Characteristic { unit, .. } => *unit,
+            _ => Unit::Mm,
+        }
+    }
+
+    /// Whether no value lies below zero, so that there is no lower limit to prove.
+    pub fn one_sided(&self) -> bool {
+        matches!(self, Self::PlaneFlatness { .. } | Self::Characteristic { one_sided: true, .. })
     }
 }
 
@@ -283,6 +251,20 @@ pub struct Plan {
     pub datums: Option<Datums>,
     /// Elements in the order of the plan.
     pub elements: Vec<Element>,
+    /// Elements made of others, in the order of the plan; references count on after the measured ones.
+    pub constructed: Vec<Constructed>,
+    /// Datum systems, in the order of the plan.
+    pub datum_systems: Vec<DatumSystem>,
+    /// Geometrical characteristics behind features of their kind.
+    pub characteristics: Vec<Characteristic>,
     /// Features in the order of the plan.
     pub features: Vec<Feature>,
+}
+
+impl Plan {
+    /// Name of an element, measured or constructed; empty for none.
+    pub fn element_name(&self, index: usize) -> &str {
+        let made = index.checked_sub(self.elements.len()).and_then(|i| self.constructed.get(i));
+        self.elements.get(index).map(|e| &e.name).or(made.map(|c| &c.name)).map_or("", String::as_str)
+    }
 }

@@ -2,7 +2,15 @@
 
 use serde::Deserialize;
 
+use super::criterion::Criterion;
 use super::plan::Settings;
+use super::raw_elements::{
+    RawCircle, RawCone, RawCylinder, RawEdge, RawLine, RawMade, RawOblong, RawPoint, RawTorus,
+};
+use super::raw_features::{
+    RawAngle, RawCircularRunout, RawDatumSystem, RawDistance, RawForm, RawHalfAngle, RawLocation,
+    RawOrientation, RawPosition, RawProfile, RawSize, RawTotalRunout,
+};
 
 /// An inspection plan as it is written; [`Plan::new`](super::Plan::new) checks it.
 #[derive(Deserialize)]
@@ -14,6 +22,8 @@ pub struct RawPlan {
     pub(super) settings: Settings,
     pub(super) placement: Option<RawPlacement>,
     pub(super) alignment: Option<RawAlignment>,
+    #[serde(default)]
+    pub(super) datum_system: Vec<RawDatumSystem>,
     #[serde(default)]
     pub(super) element: Vec<RawElement>,
     #[serde(default)]
@@ -55,6 +65,8 @@ pub(super) enum RawElement {
         min_points: usize,
         #[serde(default)]
         max_reject_fraction: f64,
+        #[serde(default)]
+        criterion: Criterion,
     },
     Plane {
         name: String,
@@ -71,7 +83,25 @@ pub(super) enum RawElement {
         min_points: usize,
         #[serde(default)]
         max_reject_fraction: f64,
+        #[serde(default)]
+        criterion: Criterion,
     },
+    Cylinder(RawCylinder),
+    Cone(RawCone),
+    Torus(RawTorus),
+    Circle(RawCircle),
+    Slot(RawOblong),
+    Rectangle(RawOblong),
+    Edge(RawEdge),
+    Line(RawLine),
+    Point(RawPoint),
+    Intersection(RawMade),
+    Projection(RawMade),
+    SymmetryPlane(RawMade),
+    MiddlePoint(RawMade),
+    FitLine(RawMade),
+    FitPlane(RawMade),
+    FitCircle(RawMade),
 }
 
 #[derive(Deserialize)]
@@ -137,6 +167,25 @@ pub(super) enum RawFeature {
         #[serde(default)]
         u_system_mm: f64,
     },
+    Size(RawSize),
+    HalfAngle(RawHalfAngle),
+    Distance(RawDistance),
+    Angle(RawAngle),
+    Straightness(RawForm),
+    Flatness(RawForm),
+    Roundness(RawForm),
+    Cylindricity(RawForm),
+    Parallelism(RawOrientation),
+    Perpendicularity(RawOrientation),
+    Angularity(RawOrientation),
+    Position(RawPosition),
+    Coaxiality(RawLocation),
+    Concentricity(RawLocation),
+    Symmetry(RawLocation),
+    LineProfile(RawProfile),
+    SurfaceProfile(RawProfile),
+    CircularRunout(RawCircularRunout),
+    TotalRunout(RawTotalRunout),
 }
 
 fn up() -> [f64; 3] {

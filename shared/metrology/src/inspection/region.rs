@@ -2,8 +2,10 @@
 
 use nalgebra::Vector3;
 
-use super::plan::{Element, Exclusion, ExclusionShape, Geometry};
-use crate::fit::{PlaneFit, SphereFit, tangents};
+use super::geometry::{Exclusion, ExclusionShape, Geometry};
+use super::plan::Element;
+use super::result::FittedElement;
+use crate::fit::{Outline, PlaneFit, SphereFit, tangents};
 use fringe::math;
 
 /// The neighbourhood of an element's surface, in the part frame.
@@ -54,6 +56,65 @@ impl Region {
         self
     }
 
+    /// About a fitted element; those whose place their neighbours fix (outlines, lines, points) stay where they are.
+    #[must_use]
+    pub fn about(self, fit: &FittedElement) -> Self {
+        match fit {
+            FittedElement::Sphere(sphere) => self.about_sphere(sphere),
+            FittedElement::Plane(plane) => self.about_plane(plane),
+            FittedElement::Cylinder(c) => {
+                self.about_axis(&c.axis_point_mm, &c.axis_direction, c.diameter_mm, None)
+            }
+            FittedElement::Cone(c) => {
+                self.about_axis(&c.axis_point_mm, &c.axis_direction, c.diameter_mm, Some(c.half_angle_deg))
+            }
+            FittedElement::Torus(t) => {
+                let mut region = self;
+                if let Geometry::Torus { center_mm, axis, ring_radius_mm, tube_radius_mm } =
+                    &mut region.geometry
+                {
+                    *center_mm = t.center_mm.into();
+                    *axis = same_side(Vector3::from(t.axis_direction), axis);
+                    (*ring_radius_mm, *tube_radius_mm) = (0.5 * t.ring_diameter_mm, 0.5 * t.tube_diameter_mm);
+                }
+                region
+            }
+            FittedElement::Circle(_)
+            | FittedElement::Slot(_)
+            | FittedElement::Rectangle(_)
+            | FittedElement::Edge(_)
+            | FittedElement::Line(_)
+            | FittedElement::Point(_) => self,
+        }
+    }
+
+    /// About a fitted cylinder or cone: its length keeps its place along the axis.
+    fn about_axis(
+        mut self,
+        at: &[f64; 3],
+        along: &[f64; 3],
+        diameter: f64,
+        half_angle_deg: Option<f64>,
+    ) -> Self {
+        let at = Vector3::from(*at);
+        match &mut self.geometry {
+            Geometry::Cylinder { point_mm, axis, radius_mm, .. } => {
+                let direction = same_side(Vector3::from(*along), axis);
+                let foot = at + direction * direction.dot(&(point_mm.coords - at));
+                (point_mm.coords, *axis, *radius_mm) = (foot, direction, 0.5 * diameter);
+            }
+            Geometry::Cone { point_mm, axis, radius_mm, half_angle_rad, .. } => {
+                let direction = Vector3::from(*along);
+                let height = direction.dot(&(point_mm.coords - at));
+                let angle = half_angle_deg.unwrap_or_default().to_radians();
+                *radius_mm = 0.5 * diameter + height * math::tan(angle);
+                (point_mm.coords, *axis, *half_angle_rad) = (at + direction * height, direction, angle);
+            }
+            _ => {}
+        }
+        self
+    }
+
     /// Whether a position lies in the region.
     #[inline]
     pub fn holds_position(&self, position: &Vector3<f64>) -> bool {
@@ -78,7 +139,50 @@ impl Region {
                     && across[1].abs() <= half_size_mm[1]
                     && !exclusions.iter().any(|e| e.covers(across))
             }
+            Geometry::Cylinder { point_mm, axis, half_length_mm, sector, .. } => {
+                let arm = position - point_mm.coords;
+                let height = arm.dot(axis);
+                let out = arm - axis * height;
+                height.abs() <= *half_length_mm
+                    && self.geometry.distance_mm(position).abs() <= self.margin_mm
+                    && sector.is_none_or(|s| out.dot(&s.direction) >= s.cos_half * out.norm())
+            }
+            Geometry::Cone { point_mm, axis, half_length_mm, .. } => {
+                (position - point_mm.coords).dot(axis).abs() <= *half_length_mm
+                    && self.geometry.distance_mm(position).abs() <= self.margin_mm
+            }
+            Geometry::Torus { .. } => self.geometry.distance_mm(position).abs() <= self.margin_mm,
+            Geometry::Outline { center_mm, normal, band_mm, outline, .. } => {
+                let arm = position - center_mm.coords;
+                let depth = -self.geometry.distance_mm(position);
+                // Twice the margin outwards: the outline itself may lie off by one.
+                let along = match outline {
+                    Outline::Edge(half) => self.edge_along(&arm).abs() <= *half,
+                    _ => true,
+                };
+                arm.dot(normal).abs() <= self.margin_mm
+                    && depth <= *band_mm + 2.0 * self.margin_mm
+                    && depth >= -2.0 * self.margin_mm
+                    && along
+            }
+            Geometry::Line { point_mm, direction, normal, half_size_mm } => {
+                let arm = position - point_mm.coords;
+                let across = direction.cross(normal);
+                arm.dot(normal).abs() <= self.margin_mm
+                    && arm.dot(direction).abs() <= half_size_mm[0]
+                    && arm.dot(&across).abs() <= half_size_mm[1]
+            }
+            Geometry::Point { point_mm, normal, radius_mm } => {
+                let arm = position - point_mm.coords;
+                let height = arm.dot(normal);
+                height.abs() <= self.margin_mm && (arm - normal * height).norm() <= *radius_mm
+            }
         }
+    }
+
+    /// How far along an edge a position lies from its middle, mm.
+    fn edge_along(&self, arm: &Vector3<f64>) -> f64 {
+        if let Geometry::Outline { edges, .. } = &self.geometry { arm.dot(&edges[0]) } else { 0.0 }
     }
 
     /// Whether a normal (of length one, or zero where unknown) fits the surface at a position.
@@ -92,8 +196,16 @@ impl Region {
             Geometry::Plane { normal, .. } => {
                 point_normal.dot(normal) >= limit && *point_normal != Vector3::zeros()
             }
+            other => {
+                point_normal.dot(&other.normal_at(position)) >= limit && *point_normal != Vector3::zeros()
+            }
         }
     }
+}
+
+/// A direction on the side of another.
+fn same_side(direction: Vector3<f64>, other: &Vector3<f64>) -> Vector3<f64> {
+    if direction.dot(other) < 0.0 { -direction } else { direction }
 }
 
 impl Exclusion {

@@ -7,6 +7,7 @@ use super::*;
 
 mod nist;
 mod reference;
+mod touching;
 mod uncertainty;
 mod zones;
 

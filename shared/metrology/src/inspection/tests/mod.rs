@@ -1,8 +1,10 @@
 //! Inspection of synthetic clouds of the demo part, and of everything that is not that part.
 
 mod artefact;
+mod characteristics;
 mod clouds;
 mod flatness;
+mod part;
 mod places;
 mod plans;
 

@@ -107,7 +107,7 @@ fn wrong_plans_are_refused_with_place_key_and_limit() {
             "radius_mm = 5.0, size_mm = [1.0, 1.0]",
             &["element \"table\"", "either radius_mm or size_mm"],
         ),
-        ("kind = \"sphere\"", "kind = \"torus\"", &["torus"]),
+        ("kind = \"sphere\"", "kind = \"pyramid\"", &["pyramid"]),
         ("min_points = 100", "min_points = 3", &["min_points = 3", "10"]),
         ("min_points = 100", "min_points = -3", &["-3"]),
         ("name = \"b\"", "name = \"a\"", &["element name \"a\"", "twice"]),

@@ -1,0 +1,616 @@
+//! Outlines in a plane: circle, slot, rectangle and straight edge, fitted to the border of a measured surface.
+//!
+//! A cloud has no point on an edge: in a strip of width w along it, with ρ points per square millimetre, the nearest
+//! point lies 1/(ρ w) inside on the mean (a Poisson process; a square grid stays within a sixth of its pitch of it). The
+//! border of the surface is therefore the outermost point of each strip, moved out by that gap; the sixth of a pitch is
+//! part of the sizes' uncertainty. What light does at an edge is not seen here and belongs to `u_system_mm`.
+
+use nalgebra::{Point3, SVector, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::adjust::Model;
+use super::centred::Centred;
+use super::chart::{ChartCovariance, Effect, charted};
+use super::form::{Form, Residuals};
+use super::solve::solve;
+use super::{FitError, FitSettings, PlaneFit, Support};
+use fringe::math;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// Most strips along an outline, and their width in spacings of the points.
+const MOST_STRIPS: f64 = 360.0;
+const STRIP_SPACINGS: f64 = 2.0;
+
+/// Fewest strips with a border, as a share of all: less of an outline does not show its size.
+const LEAST_COVERED: f64 = 0.5;
+
+/// Share of the expected points below which a strip lies in shadow.
+const LEAST_FILLED: f64 = 0.25;
+
+/// What a square grid's gap may differ from that of random points, in spacings.
+const GAP_SPACINGS: f64 = 1.0 / 6.0;
+
+/// Shape of an outline with its sizes, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Outline {
+    /// A circle of this radius.
+    Circle(f64),
+    /// A slot: half length of the straight sides, radius of the round ends.
+    Slot([f64; 2]),
+    /// A rectangle: its two half edges.
+    Rectangle([f64; 2]),
+    /// A straight edge of this half length; the material lies on the left of its direction.
+    Edge(f64),
+}
+
+impl Outline {
+    /// Signed distance of a place from the outline, positive outside of it (right of an edge), mm, and how far along the
+    /// outline its foot lies, mm.
+    pub fn see(&self, [u, v]: [f64; 2]) -> (f64, f64) {
+        match *self {
+            Self::Circle(radius) => ((u * u + v * v).sqrt() - radius, (math::atan2(v, u) + PI) * radius),
+            Self::Slot([half, radius]) => {
+                let beyond = u.abs() - half;
+                if beyond <= 0.0 {
+                    let from = if v >= 0.0 { half - u } else { u + half + 2.0 * half + PI * radius };
+                    return (v.abs() - radius, from);
+                }
+                let angle = math::atan2(v, beyond) * if u >= 0.0 { 1.0 } else { -1.0 };
+                let start = if u >= 0.0 { 4.0 * half + PI * radius } else { 2.0 * half };
+                ((beyond * beyond + v * v).sqrt() - radius, start + (angle + FRAC_PI_2) * radius)
+            }
+            Self::Rectangle([a, b]) => {
+                let (across_u, across_v) = (u.abs() - a, v.abs() - b);
+                if across_u > across_v {
+                    let from = if u >= 0.0 { v + b } else { 2.0 * b + 2.0 * a + (b - v) };
+                    (across_u, from.clamp(0.0, 4.0 * (a + b)))
+                } else {
+                    let from = if v >= 0.0 { 2.0 * b + (a - u) } else { 4.0 * b + 2.0 * a + (u + a) };
+                    (across_v, from.clamp(0.0, 4.0 * (a + b)))
+                }
+            }
+            Self::Edge(half) => (-v, u + half),
+        }
+    }
+
+    /// Length of the outline, mm.
+    pub fn length_mm(&self) -> f64 {
+        match *self {
+            Self::Circle(radius) => TAU * radius,
+            Self::Slot([half, radius]) => 4.0 * half + TAU * radius,
+            Self::Rectangle([a, b]) => 4.0 * (a + b),
+            Self::Edge(half) => 2.0 * half,
+        }
+    }
+
+    /// Unit vector out of the outline at the foot of a place.
+    fn out(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+        let unit = |x: f64, y: f64| {
+            let length = (x * x + y * y).sqrt();
+            if length > 0.0 { [x / length, y / length] } else { [1.0, 0.0] }
+        };
+        match *self {
+            Self::Circle(_) => unit(u, v),
+            Self::Slot([half, _]) => unit((u.abs() - half).max(0.0) * u.signum(), v),
+            Self::Rectangle([a, b]) => {
+                if u.abs() - a > v.abs() - b {
+                    [u.signum(), 0.0]
+                } else {
+                    [0.0, v.signum()]
+                }
+            }
+            Self::Edge(_) => [0.0, -1.0],
+        }
+    }
+
+    /// How far a place along the outline lies from the nearest corner or end, mm; none where there is no corner.
+    fn from_corner_mm(&self, along: f64) -> f64 {
+        match *self {
+            Self::Circle(_) | Self::Slot(_) => f64::INFINITY,
+            Self::Rectangle([a, b]) => {
+                let corners = [0.0, 2.0 * b, 2.0 * (a + b), 4.0 * b + 2.0 * a, 4.0 * (a + b)];
+                corners.iter().map(|c| (along - c).abs()).fold(f64::INFINITY, f64::min)
+            }
+            Self::Edge(half) => along.min(2.0 * half - along),
+        }
+    }
+
+    /// Sizes as they are reported: diameter; length and width of a slot or rectangle; none of an edge.
+    pub fn sizes_mm(&self) -> [f64; 2] {
+        match *self {
+            Self::Circle(radius) => [2.0 * radius, 0.0],
+            Self::Slot([half, radius]) => [2.0 * (half + radius), 2.0 * radius],
+            Self::Rectangle([a, b]) => [2.0 * a, 2.0 * b],
+            Self::Edge(_) => [0.0, 0.0],
+        }
+    }
+}
+
+/// An outline in its plane: where its middle lies, how it is turned.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placed {
+    /// Shape with its sizes, mm.
+    pub outline: Outline,
+    /// Middle of the outline, mm.
+    pub center: [f64; 2],
+    /// Turn of the first direction, rad.
+    pub turn_rad: f64,
+}
+
+impl Placed {
+    /// A place of the plane in the outline's own directions.
+    fn local(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let (sin, cos) = math::sincos(self.turn_rad);
+        let (dx, dy) = (x - self.center[0], y - self.center[1]);
+        [dx * cos + dy * sin, dy * cos - dx * sin]
+    }
+
+    /// The outline as it was fitted, in the coordinates of its plane.
+    #[must_use]
+    pub fn fitted(near: &Self, fit: &ContourFit, sheet: &Sheet) -> Self {
+        let [a, b] = fit.size_mm.map(|size| 0.5 * size);
+        let outline = match near.outline {
+            Outline::Circle(_) => Outline::Circle(a),
+            Outline::Slot(_) => Outline::Slot([(a - b).max(0.0), b]),
+            Outline::Rectangle(_) => Outline::Rectangle([a, b]),
+            Outline::Edge(half) => Outline::Edge(half),
+        };
+        let along = sheet.edges.map(|edge| edge.dot(&Vector3::from(fit.direction)));
+        let center = sheet.place(&Vector3::from(fit.center_mm));
+        Self { outline, center, turn_rad: math::atan2(along[1], along[0]) }
+    }
+
+    /// A direction of the outline in the plane.
+    fn global(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+        let (sin, cos) = math::sincos(self.turn_rad);
+        [u * cos - v * sin, u * sin + v * cos]
+    }
+
+    /// Signed distance of a place, mm, positive outside, and how far along the outline its foot lies, mm.
+    pub fn see(&self, place: [f64; 2]) -> (f64, f64) {
+        self.outline.see(self.local(place))
+    }
+}
+
+/// The border of a surface along an outline.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Border {
+    /// Points of the border, mm.
+    pub points: Vec<[f64; 2]>,
+    /// Mean spacing of the surface's points, mm.
+    pub spacing_mm: f64,
+    /// How far each border point was moved out of the material, mm.
+    pub gap_mm: f64,
+}
+
+/// Finds where a surface ends near an outline. `hole`: the material lies outside of it. Points deeper than `band_mm` in
+/// the material, and within `corner_mm` of a corner or end, are not looked at.
+///
+/// # Errors
+/// Too few points, or an outline that the surface borders along less than half of its length.
+pub fn border(
+    points: &[[f64; 2]],
+    near: &Placed,
+    hole: bool,
+    band_mm: f64,
+    corner_mm: f64,
+) -> Result<Border, FitError> {
+    let (length, outline) = (near.outline.length_mm(), &near.outline);
+    // An edge's material lies on its left, where the distance is negative.
+    let sign = if hole { 1.0 } else { -1.0 };
+    let depth = |place: &[f64; 2]| {
+        let (distance, along) = near.see(*place);
+        (sign * distance, along)
+    };
+    let seen: Vec<(f64, f64, usize)> = points
+        .iter()
+        .enumerate()
+        .map(|(index, place)| (depth(place), index))
+        .filter(|((depth, along), _)| {
+            *depth <= band_mm && (0.0..=length).contains(along) && outline.from_corner_mm(*along) >= corner_mm
+        })
+        .map(|((depth, along), index)| (depth, along, index))
+        .collect();
+    let deep = seen.iter().filter(|(depth, ..)| *depth > band_mm / 3.0).count();
+    let closed = !matches!(outline, Outline::Edge(_));
+    let middle = if closed { sign * TAU * band_mm * 2.0 / 3.0 } else { 0.0 };
+    let covered = covered_mm(outline, corner_mm);
+    let area = (covered + middle).max(0.1 * covered) * band_mm * 2.0 / 3.0;
+    let density = deep as f64 / area;
+    if deep < 10 {
+        return Err(FitError::TooFewPoints { element: "outline", points: deep, needs: 10 });
+    }
+    let spacing_mm = 1.0 / density.sqrt();
+    let strips = (length / (STRIP_SPACINGS * spacing_mm)).floor().clamp(8.0, MOST_STRIPS);
+    let width = length / strips;
+    let gap_mm = 1.0 / (density * width);
+    let mut outermost: Vec<Option<(f64, usize)>> = vec![None; strips as usize];
+    let mut counts = vec![0usize; strips as usize];
+    for (depth, along, index) in &seen {
+        let strip = ((along / width) as usize).min(outermost.len() - 1);
+        counts[strip] += 1;
+        if outermost[strip].is_none_or(|(least, _)| *depth < least) {
+            outermost[strip] = Some((*depth, *index));
+        }
+    }
+    let enough = (LEAST_FILLED * density * width * band_mm).max(2.0);
+    let found: Vec<[f64; 2]> = outermost
+        .iter()
+        .zip(&counts)
+        .filter(|(_, count)| **count as f64 >= enough)
+        .filter_map(|(point, _)| *point)
+        .map(|(_, index)| {
+            let place = points[index];
+            let [x, y] = near.global(outline.out(near.local(place)));
+            [place[0] - sign * gap_mm * x, place[1] - sign * gap_mm * y]
+        })
+        .collect();
+    if (found.len() as f64) < LEAST_COVERED * strips * covered / length {
+        return Err(FitError::Degenerate {
+            element: "outline",
+            why: "less than half of it borders the surface",
+        });
+    }
+    Ok(Border { points: found, spacing_mm, gap_mm })
+}
+
+/// Length of an outline without its corners, mm.
+fn covered_mm(outline: &Outline, corner_mm: f64) -> f64 {
+    let corners = match outline {
+        Outline::Rectangle(_) => 4.0,
+        Outline::Edge(_) => 1.0,
+        _ => 0.0,
+    };
+    (outline.length_mm() - 2.0 * corner_mm * corners).max(0.0)
+}
+
+/// An outline fitted in space, with uncertainties.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ContourFit {
+    /// Middle of the outline, mm; of an edge or line the middle of its points.
+    pub center_mm: [f64; 3],
+    /// Unit normal of its plane, out of the material.
+    pub normal: [f64; 3],
+    /// Unit direction of the length, or of the edge.
+    pub direction: [f64; 3],
+    /// Diameter of a circle; length and width of a slot or rectangle; zeros of an edge or line, mm.
+    pub size_mm: [f64; 2],
+    /// Points of the border and their form.
+    #[serde(flatten)]
+    pub form: Form,
+    /// Standard uncertainties of the middle along x, y and z, mm.
+    pub u_center_mm: [f64; 3],
+    /// Standard uncertainty of the direction within the plane, rad.
+    pub u_direction_rad: f64,
+    /// Standard uncertainties of `size_mm`, mm.
+    pub u_size_mm: [f64; 2],
+    /// What the uncertainties rest on.
+    #[serde(flatten)]
+    pub support: Support,
+    /// Covariance of point, directions and sizes in the common chart.
+    #[serde(skip)]
+    pub chart: ChartCovariance,
+    /// Residual of each point of the border.
+    #[serde(skip)]
+    pub residuals: Residuals,
+}
+
+/// A plane with the outline's coordinates: origin and two directions.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sheet {
+    /// Origin of the coordinates, mm.
+    pub origin: Vector3<f64>,
+    /// Unit directions x and y in the plane.
+    pub edges: [Vector3<f64>; 2],
+}
+
+impl Sheet {
+    /// The place of a position in the plane, mm.
+    pub fn place(&self, position: &Vector3<f64>) -> [f64; 2] {
+        let arm = position - self.origin;
+        self.edges.map(|edge| edge.dot(&arm))
+    }
+
+    /// The position of a place in the plane, mm.
+    pub fn position(&self, [x, y]: [f64; 2]) -> Vector3<f64> {
+        self.origin + self.edges[0] * x + self.edges[1] * y
+    }
+}
+
+/// Fits an outline to points of its border in a plane. `plane` adds its uncertainty to that within the plane; without
+/// it the plane is a section that is held.
+///
+/// # Errors
+/// Fewer points than the outline has sizes and places, no convergence; see [`FitError`].
+pub fn contour(
+    points: &[[f64; 2]],
+    near: &Placed,
+    sheet: &Sheet,
+    plane: Option<&PlaneFit>,
+    u_gap_mm: f64,
+    settings: &FitSettings,
+) -> Result<ContourFit, FitError> {
+    let flat: Vec<Point3<f64>> = points.iter().map(|[x, y]| Point3::new(*x, *y, 0.0)).collect();
+    let centroid = Centred::new("outline", &flat)?.centroid;
+    let start = Placed { center: [near.center[0] - centroid.x, near.center[1] - centroid.y], ..*near };
+    let fitted = match near.outline {
+        Outline::Circle(_) => fit_flat::<3>(&flat, start, settings),
+        Outline::Edge(_) => fit_flat::<2>(&flat, start, settings),
+        Outline::Slot(_) | Outline::Rectangle(_) => fit_flat::<5>(&flat, start, settings),
+    }?;
+    let Fitted { placed, chart: within, form, support, residuals } = fitted;
+    let center = [placed.center[0] + centroid.x, placed.center[1] + centroid.y];
+    let [e1, e2] = sheet.edges;
+    let normal = e1.cross(&e2);
+    let position = sheet.position(center);
+    let lift = |v: [f64; 2]| e1 * v[0] + e2 * v[1];
+    let effects = [
+        Effect::shift(e1),
+        Effect::shift(e2),
+        Effect::turn(normal),
+        Effect::sizes([1.0, 0.0]),
+        Effect::sizes([0.0, 1.0]),
+    ];
+    let mut chart = charted(&effects, &within);
+    if let Some(plane) = plane {
+        chart += plane.chart_at(&Point3::from(position));
+    }
+    let sized = if matches!(placed.outline, Outline::Circle(_)) { 1 } else { 2 };
+    if !matches!(placed.outline, Outline::Edge(_)) {
+        for size in 0..sized {
+            chart[(6 + size, 6 + size)] += 4.0 * u_gap_mm * u_gap_mm;
+        }
+    } else if u_gap_mm > 0.0 {
+        let out = lift(placed.global([0.0, 1.0]));
+        for (i, a) in out.iter().enumerate() {
+            for (j, b) in out.iter().enumerate() {
+                chart[(i, j)] += a * b * u_gap_mm * u_gap_mm;
+            }
+        }
+    }
+    let u = |index: usize| chart[(index, index)].max(0.0).sqrt();
+    Ok(ContourFit {
+        center_mm: position.into(),
+        normal: normal.into(),
+        direction: lift(placed.global([1.0, 0.0])).into(),
+        size_mm: placed.outline.sizes_mm(),
+        form,
+        u_center_mm: [u(0), u(1), u(2)],
+        u_direction_rad: within[(2, 2)].max(0.0).sqrt(),
+        u_size_mm: [u(6), u(7)],
+        support,
+        chart,
+        residuals,
+    })
+}
+
+/// What remains to be said of a fit in the plane.
+struct Fitted {
+    placed: Placed,
+    /// Covariance of centre, turn and both sizes.
+    chart: nalgebra::SMatrix<f64, 5, 5>,
+    form: Form,
+    support: Support,
+    residuals: Residuals,
+}
+
+fn fit_flat<const P: usize>(
+    points: &[Point3<f64>],
+    start: Placed,
+    settings: &FitSettings,
+) -> Result<Fitted, FitError>
+where
+    Flat: Model<P>,
+{
+    let solution = solve::<Flat, P>("outline", P + 1, points, settings, |_| Ok(Flat::new(start)))?;
+    let placed = solution.model.placed;
+    let valid = placed.outline.sizes_mm().iter().all(|size| *size >= 0.0);
+    if !valid {
+        return Err(FitError::Degenerate { element: "outline", why: "a size would be negative" });
+    }
+    let effects = solution.model.by_parameters::<P>();
+    Ok(Fitted {
+        chart: effects * solution.covariance * effects.transpose(),
+        placed,
+        form: solution.form,
+        support: solution.support,
+        residuals: solution.residuals,
+    })
+}
+
+/// An outline in the plane z = 0 about the centroid of its points. Parameters of a circle: centre, radius; of an edge:
+/// offset, turn; of slot and rectangle: centre, turn, both half sizes.
+/// Which side of a rectangle a point belongs to is decided where the search begins, so that it does not change on the way.
+#[derive(Debug, Clone, Copy)]
+struct Flat {
+    placed: Placed,
+    sides: Placed,
+}
+
+impl Flat {
+    fn new(placed: Placed) -> Self {
+        Self { placed, sides: placed }
+    }
+
+    /// Change of centre, turn and reported sizes by each parameter.
+    fn by_parameters<const P: usize>(&self) -> nalgebra::SMatrix<f64, 5, P> {
+        let mut by = nalgebra::SMatrix::<f64, 5, P>::zeros();
+        match self.placed.outline {
+            Outline::Edge(_) => {
+                let [x, y] = self.placed.global([0.0, 1.0]);
+                (by[(0, 0)], by[(1, 0)], by[(2, 1)]) = (x, y, 1.0);
+            }
+            Outline::Circle(_) => (by[(0, 0)], by[(1, 1)], by[(3, 2)]) = (1.0, 1.0, 2.0),
+            Outline::Slot(_) | Outline::Rectangle(_) => {
+                (by[(0, 0)], by[(1, 1)], by[(2, 2)]) = (1.0, 1.0, 1.0);
+                (by[(3, 3)], by[(4, 4)]) = (2.0, 2.0);
+                if matches!(self.placed.outline, Outline::Slot(_)) {
+                    by[(3, 4)] = 2.0;
+                }
+            }
+        }
+        by
+    }
+
+    /// Distance, its gradient in the outline's directions, and its change by both half sizes.
+    fn distance(&self, point: &Vector3<f64>) -> (f64, [f64; 2], [f64; 2], [f64; 2]) {
+        let local = self.placed.local([point.x, point.y]);
+        if let (Outline::Rectangle([a, b]), Outline::Rectangle([a0, b0])) =
+            (self.placed.outline, self.sides.outline)
+        {
+            let [u, v] = self.sides.local([point.x, point.y]);
+            if u.abs() - a0 > v.abs() - b0 {
+                return (local[0] * u.signum() - a, local, [u.signum(), 0.0], [-1.0, 0.0]);
+            }
+            return (local[1] * v.signum() - b, local, [0.0, v.signum()], [0.0, -1.0]);
+        }
+        let distance = self.placed.outline.see(local).0;
+        let out = self.placed.outline.out(local);
+        let by_sizes = match self.placed.outline {
+            Outline::Circle(_) => [-1.0, 0.0],
+            Outline::Slot(_) => [-out[0] * local[0].signum(), -1.0],
+            Outline::Rectangle(_) | Outline::Edge(_) => [0.0, 0.0],
+        };
+        (distance, local, out, by_sizes)
+    }
+}
+
+impl<const P: usize> Model<P> for Flat {
+    fn deviation(&self, point: &Vector3<f64>) -> f64 {
+        self.distance(point).0
+    }
+
+    fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, P>)) {
+        let (distance, [u, v], out, by_sizes) = self.distance(point);
+        let [gx, gy] = self.placed.global(out);
+        // Turning the outline by dα moves the place by −dα about its middle: du = v dα, dv = −u dα.
+        let by_turn = out[0] * v - out[1] * u;
+        let derivatives: [f64; 5] = match self.placed.outline {
+            Outline::Circle(_) => [-gx, -gy, by_sizes[0], 0.0, 0.0],
+            Outline::Edge(_) => [1.0, by_turn, 0.0, 0.0, 0.0],
+            _ => [-gx, -gy, by_turn, by_sizes[0], by_sizes[1]],
+        };
+        add(distance, &SVector::<f64, P>::from_fn(|i, _| derivatives[i]));
+    }
+
+    fn moved(&self, step: &SVector<f64, P>) -> Self {
+        let Placed { outline, center: [x, y], turn_rad } = self.placed;
+        let at = |index: usize| step.get(index).copied().unwrap_or(0.0);
+        let placed = match outline {
+            Outline::Circle(radius) => {
+                Placed { outline: Outline::Circle(radius + at(2)), center: [x + at(0), y + at(1)], turn_rad }
+            }
+            Outline::Edge(_) => {
+                let [nx, ny] = self.placed.global([0.0, 1.0]);
+                let center = [x + at(0) * nx, y + at(0) * ny];
+                Placed { outline, center, turn_rad: turn_rad + at(1) }
+            }
+            Outline::Slot([a, b]) => Placed {
+                outline: Outline::Slot([a + at(3), b + at(4)]),
+                center: [x + at(0), y + at(1)],
+                turn_rad: turn_rad + at(2),
+            },
+            Outline::Rectangle([a, b]) => Placed {
+                outline: Outline::Rectangle([a + at(3), b + at(4)]),
+                center: [x + at(0), y + at(1)],
+                turn_rad: turn_rad + at(2),
+            },
+        };
+        Self { placed, sides: self.sides }
+    }
+}
+
+/// Width of the narrowest strip that holds places in a section, mm: straightness (MZLI of ISO 12780-1).
+///
+/// # Errors
+/// Fewer than 3 places, no convergence; see [`FitError`].
+pub fn strip_minimum_zone_mm(places: &[[f64; 2]]) -> Result<f64, FitError> {
+    let flat: Vec<Point3<f64>> = places.iter().map(|[x, y]| Point3::new(*x, *y, 0.0)).collect();
+    let start = |points: &[Vector3<f64>]| {
+        let (xx, xy) = points.iter().fold((0.0, 0.0), |(a, b), p| (a + p.x * p.x, b + p.x * p.y));
+        let turn_rad = if xx > 0.0 { math::atan2(xy, xx) } else { 0.0 };
+        Ok(Flat::new(Placed { outline: Outline::Edge(1.0), center: [0.0, 0.0], turn_rad }))
+    };
+    super::zone::minimum_zone::<Flat, 2>("line", &flat, start).map(|zone| zone.width_mm)
+}
+
+/// What a square grid adds to the uncertainty of a border, mm: a sixth of the spacing, evenly distributed.
+pub fn u_gap_mm(spacing_mm: f64) -> f64 {
+    GAP_SPACINGS * spacing_mm / 3f64.sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::adjust::tests::derivatives_agree;
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let placed = |outline| Flat::new(Placed { outline, center: [0.2, -0.1], turn_rad: 0.3 });
+        derivatives_agree::<Flat, 3>(&placed(Outline::Circle(2.0)));
+        derivatives_agree::<Flat, 2>(&placed(Outline::Edge(5.0)));
+        derivatives_agree::<Flat, 5>(&placed(Outline::Slot([1.0, 0.7])));
+        derivatives_agree::<Flat, 5>(&placed(Outline::Rectangle([2.0, 1.0])));
+    }
+
+    /// The foot runs along the whole outline once, and the distance is that of the nearest of its points.
+    #[test]
+    fn distances_and_feet_agree_with_walking_along_the_outline() {
+        let walk = |outline: &Outline, along: f64| -> [f64; 2] {
+            match *outline {
+                Outline::Circle(r) => {
+                    let (s, c) = math::sincos(along / r - PI);
+                    [r * c, r * s]
+                }
+                Outline::Slot([a, r]) => {
+                    let turn = PI * r;
+                    if along < 2.0 * a {
+                        [a - along, r]
+                    } else if along < 2.0 * a + turn {
+                        let (s, c) = math::sincos((along - 2.0 * a) / r - FRAC_PI_2);
+                        [-a - r * c, -r * s]
+                    } else if along < 4.0 * a + turn {
+                        [along - 3.0 * a - turn, -r]
+                    } else {
+                        let (s, c) = math::sincos((along - 4.0 * a - turn) / r - FRAC_PI_2);
+                        [a + r * c, r * s]
+                    }
+                }
+                Outline::Rectangle([a, b]) => {
+                    if along < 2.0 * b {
+                        [a, along - b]
+                    } else if along < 2.0 * (a + b) {
+                        [a - (along - 2.0 * b), b]
+                    } else if along < 4.0 * b + 2.0 * a {
+                        [-a, b - (along - 2.0 * (a + b))]
+                    } else {
+                        [along - 4.0 * b - 2.0 * a - a, -b]
+                    }
+                }
+                Outline::Edge(half) => [along - half, 0.0],
+            }
+        };
+        let shapes = [
+            Outline::Circle(3.0),
+            Outline::Slot([4.0, 1.5]),
+            Outline::Rectangle([3.0, 2.0]),
+            Outline::Edge(6.0),
+        ];
+        for shape in shapes {
+            let length = shape.length_mm();
+            for i in 0..200 {
+                let along = (f64::from(i) + 0.5) / 200.0 * length;
+                let foot = walk(&shape, along);
+                let out = shape.out(foot);
+                for distance in [-0.1, 0.0, 0.3] {
+                    let place = [foot[0] + distance * out[0], foot[1] + distance * out[1]];
+                    let (seen, at) = shape.see(place);
+                    if shape.from_corner_mm(along) > 0.4 {
+                        assert!((seen - distance).abs() < 1e-12, "{shape:?} at {along}: {seen}");
+                        assert!((at - along).abs() < 1e-9, "{shape:?}: {at} for {along}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,274 @@
+//! Characteristics of the extracted surface: form, orientation, profile and run-out of an element's points.
+//!
+//! A range of single points grows with their noise and their number. `filter_mm` takes the means over cubes of that edge
+//! instead; cells with less than a quarter of the median number of points are left out. The uncertainty of a range is that
+//! of its two extremes (see [`u_range_mm`]), with that of the datum frame beside it.
+
+use nalgebra::{Point3, Vector3};
+
+use super::characteristic::{Characteristic, Extracted, Kind};
+use super::criterion::Criterion;
+use super::flatness::u_range_mm;
+use super::joint::{Base, Joint, Part};
+use super::location::{Value, in_datums};
+use super::substitute::Shape;
+use crate::fit::{
+    FitError, circle_minimum_zone, cylinder_minimum_zone, plane_minimum_zone, sphere_minimum_zone,
+    strip_minimum_zone_mm,
+};
+
+/// Fewest values from which a range is stated.
+const FEWEST: usize = 10;
+
+/// Fewest points of a section of a run-out.
+const SECTION_LEAST: usize = 12;
+
+/// Cubes along one axis that a key holds, either side of zero.
+const MOST_CELLS: f64 = 1e15;
+
+/// A place with its deviation, mm.
+#[derive(Debug, Clone, Copy)]
+struct Sample {
+    place: Vector3<f64>,
+    deviation: f64,
+}
+
+/// Measures what the points of an element say.
+///
+/// # Errors
+/// Why it has no value.
+pub fn measure(joint: &Joint<'_>, one: &Characteristic) -> Result<Value, String> {
+    let base = points_of(joint, one)?;
+    match &one.kind {
+        Kind::Form(criterion) => form(base, one, *criterion),
+        Kind::Orientation(Extracted::Points) => framed(
+            joint,
+            one,
+            &|frame, parts, base| {
+                let along = frame.rotation * in_datums(one, joint, parts)?.0.direction;
+                Ok(samples(base, one, &|p| along.dot(&p.coords)))
+            },
+            &|values| Ok((extremes(values)?, 1.0)),
+        ),
+        Kind::Profile => {
+            let geometry = &joint.plan.elements[one.elements[0]].geometry;
+            framed(
+                joint,
+                one,
+                &|frame, _, base| {
+                    let back = frame.inverse();
+                    Ok(samples(base, one, &|p| geometry.distance_mm(&back.point(&p.coords))))
+                },
+                &|values| {
+                    let [low, high] = extremes(values)?;
+                    // Twice the one extreme that decides: its scatter is that of a range over the root of two, doubled.
+                    let most = if high >= -low { [0.0, 2.0 * high] } else { [2.0 * low, 0.0] };
+                    Ok((most, std::f64::consts::SQRT_2))
+                },
+            )
+        }
+        Kind::Runout(section_mm) => runout(joint, one, *section_mm),
+        _ => Err("is no characteristic of points".into()),
+    }
+}
+
+/// The measured element whose points are meant.
+fn points_of<'j, 'a>(joint: &'j Joint<'a>, one: &Characteristic) -> Result<&'j Base<'a>, String> {
+    let index = one.elements[0];
+    let base = joint.base.get(index).ok_or("a constructed element has no points")?;
+    base.part.as_ref().map_err(Clone::clone)?;
+    Ok(base)
+}
+
+/// Lowest and highest value.
+fn extremes(values: &[f64]) -> Result<[f64; 2], String> {
+    if values.len() < FEWEST {
+        return Err(format!(
+            "{} values, needs at least {FEWEST}: a smaller filter_mm, or more points on the element",
+            values.len()
+        ));
+    }
+    let ends = values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(*v), h.max(*v)]);
+    Ok(ends)
+}
+
+/// Deviations of the points used, or of their means.
+fn samples(base: &Base<'_>, one: &Characteristic, deviation: &dyn Fn(&Point3<f64>) -> f64) -> Vec<Sample> {
+    let single = base.used().map(|(p, _)| Sample { place: p.coords, deviation: deviation(p) });
+    let single: Vec<Sample> = single.collect();
+    one.filter_mm.map_or(single.clone(), |edge| means(&single, edge))
+}
+
+/// Means over cubes with corners at whole multiples of their edge, in the order of their keys.
+fn means(samples: &[Sample], edge_mm: f64) -> Vec<Sample> {
+    let key = |p: &Vector3<f64>| -> [i64; 3] {
+        [p.x, p.y, p.z].map(|v| (v / edge_mm).floor().clamp(-MOST_CELLS, MOST_CELLS) as i64)
+    };
+    let mut keyed: Vec<([i64; 3], usize)> =
+        samples.iter().enumerate().map(|(i, s)| (key(&s.place), i)).collect();
+    keyed.sort_unstable();
+    let groups: Vec<&[([i64; 3], usize)]> = keyed.chunk_by(|a, b| a.0 == b.0).collect();
+    let mut counts: Vec<usize> = groups.iter().map(|g| g.len()).collect();
+    let least = fringe::math::statistics::median(&mut counts).unwrap_or(0).div_ceil(4).max(1);
+    let full = groups.iter().filter(|group| group.len() >= least);
+    full.map(|group| {
+        let count = group.len() as f64;
+        Sample {
+            place: group.iter().map(|(_, i)| samples[*i].place).sum::<Vector3<f64>>() / count,
+            deviation: group.iter().map(|(_, i)| samples[*i].deviation).sum::<f64>() / count,
+        }
+    })
+    .collect()
+}
+
+/// The uncertainty of a range of these values from their tails.
+fn u_of_range(values: &[f64], rejected: usize) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    // Tails are those about the middle of the range.
+    let middle = values.iter().sum::<f64>() / values.len() as f64;
+    let about: Vec<f64> = values.iter().map(|v| v - middle).collect();
+    u_range_mm(&about, rejected, 1.0)
+}
+
+type Framed<'f> =
+    &'f dyn Fn(&fringe::geometry::pose::Pose, &[Part], &Base<'_>) -> Result<Vec<Sample>, String>;
+type Reduced<'f> = &'f dyn Fn(&[f64]) -> Result<([f64; 2], f64), String>;
+
+/// A value of the points in the datum frame: its extremes' uncertainty, and that of the frame with the points held.
+fn framed(
+    joint: &Joint<'_>,
+    one: &Characteristic,
+    list: Framed<'_>,
+    reduce: Reduced<'_>,
+) -> Result<Value, String> {
+    let base = points_of(joint, one)?;
+    let frame = |parts: &[Part]| match one.datums {
+        Some(system) => joint.frame(system, parts).map(|f| f.pose),
+        None => Ok(fringe::geometry::pose::Pose {
+            rotation: nalgebra::Matrix3::identity(),
+            translation: Vector3::zeros(),
+        }),
+    };
+    let values = |parts: &[Part]| -> Result<Vec<f64>, String> {
+        Ok(list(&frame(parts)?, parts, base)?.iter().map(|s| s.deviation).collect())
+    };
+    let here = values(&joint.measured())?;
+    let ([low, high], factor) = reduce(&here)?;
+    let (_, covariance) = joint.propagated(&joint.sources(one, false), &|parts| {
+        let ([low, high], _) = reduce(&values(parts)?)?;
+        Ok([high - low])
+    })?;
+    let u_points = factor * u_of_range(&here, 0);
+    let u = (u_points * u_points + covariance[(0, 0)].max(0.0)).sqrt();
+    Ok(Value { value: high - low, u, bonus_mm: None })
+}
+
+/// Range of the points about their own element.
+fn form(base: &Base<'_>, one: &Characteristic, criterion: Criterion) -> Result<Value, String> {
+    let single: Vec<Sample> =
+        base.used().map(|(p, deviation)| Sample { place: p.coords, deviation }).collect();
+    let list = one.filter_mm.map_or(single.clone(), |edge| means(&single, edge));
+    let values: Vec<f64> = list.iter().map(|s| s.deviation).collect();
+    let [low, high] = extremes(&values)?;
+    let all = base.residuals.map_or(&[][..], |r| &r.deviation_mm);
+    let rejected = all.len() - single.len();
+    let u = if one.filter_mm.is_some() { u_of_range(&values, 0) } else { u_range_mm(all, rejected, 1.0) };
+    let value = match criterion {
+        Criterion::MinimumZone => minimum_zone(base, &list)?,
+        _ => high - low,
+    };
+    Ok(Value { value, u, bonus_mm: None })
+}
+
+/// Width of the minimum zone of places.
+fn minimum_zone(base: &Base<'_>, list: &[Sample]) -> Result<f64, String> {
+    let part = base.part.clone()?;
+    let places: Vec<Point3<f64>> = list.iter().map(|s| Point3::from(s.place)).collect();
+    let told = |error: FitError| error.to_string();
+    match part.shape {
+        Shape::Plane => plane_minimum_zone(&places).map(|z| z.minimum_zone_mm).map_err(told),
+        Shape::Sphere => sphere_minimum_zone(&places).map(|z| z.minimum_zone_mm).map_err(told),
+        Shape::Cylinder => cylinder_minimum_zone(&places).map(|z| z.minimum_zone_mm).map_err(told),
+        Shape::Circle => circle_minimum_zone(&places).map(|z| z.minimum_zone_mm).map_err(told),
+        Shape::Line => {
+            let flat: Vec<[f64; 2]> =
+                list.iter().map(|s| [part.direction.dot(&(s.place - part.point)), s.deviation]).collect();
+            strip_minimum_zone_mm(&flat).map_err(told)
+        }
+        other => {
+            Err(format!("a {} has no minimum zone here; take reference = \"least-squares\"", other.words()))
+        }
+    }
+}
+
+/// The datum axis: the first step of the system, one axis.
+fn axis(
+    joint: &Joint<'_>,
+    one: &Characteristic,
+    parts: &[Part],
+) -> Result<(Vector3<f64>, Vector3<f64>), String> {
+    let system = one.datums.ok_or("needs a datum axis")?;
+    let first =
+        joint.plan.datum_systems[system].steps.first().and_then(|s| s.first()).ok_or("needs a datum axis")?;
+    let axis = parts[*first].clone()?;
+    if !axis.shape.is_axis() {
+        return Err(format!(
+            "its datum is a {}; run-out needs an axis: cylinder, cone or line",
+            axis.shape.words()
+        ));
+    }
+    Ok((axis.point, axis.direction))
+}
+
+/// Range of the distances from the datum axis (of a plane: along it), over all points or the worst section.
+fn runout(joint: &Joint<'_>, one: &Characteristic, section_mm: Option<f64>) -> Result<Value, String> {
+    let base = points_of(joint, one)?;
+    let axial = base.part.clone()?.shape == Shape::Plane;
+    let list = |parts: &[Part]| -> Result<(Vec<Sample>, Vec<i64>), String> {
+        let (point, direction) = axis(joint, one, parts)?;
+        let height = |p: &Vector3<f64>| direction.dot(&(p - point));
+        let radius = |p: &Vector3<f64>| (p - point).cross(&direction).norm();
+        let list = samples(base, one, &|p| if axial { height(&p.coords) } else { radius(&p.coords) });
+        let section = |s: &Sample| {
+            section_mm.map_or(0, |edge| {
+                let along = if axial { radius(&s.place) } else { height(&s.place) };
+                (along / edge).floor().clamp(-MOST_CELLS, MOST_CELLS) as i64
+            })
+        };
+        let keys = list.iter().map(section).collect();
+        Ok((list, keys))
+    };
+    // Sections stay as they are while the axis is moved.
+    let (here, keys) = list(&joint.measured())?;
+    let mut wanted: Vec<i64> = keys.clone();
+    wanted.sort_unstable();
+    wanted.dedup();
+    let of = |list: &[Sample], key: i64| -> Vec<f64> {
+        list.iter().zip(&keys).filter(|(_, k)| **k == key).map(|(s, _)| s.deviation).collect()
+    };
+    let range = |values: &[f64]| extremes(values).map(|[low, high]| high - low);
+    let mut worst: Option<(f64, i64)> = None;
+    for key in wanted {
+        let values = of(&here, key);
+        if values.len() < SECTION_LEAST {
+            continue;
+        }
+        let width = range(&values)?;
+        if worst.is_none_or(|(most, _)| width > most) {
+            worst = Some((width, key));
+        }
+    }
+    let (value, key) = worst.ok_or_else(|| {
+        format!(
+            "no section with {SECTION_LEAST} values; a larger section_mm, a smaller filter_mm, or more points"
+        )
+    })?;
+    let (_, covariance) = joint.propagated(&joint.sources(one, false), &|parts| {
+        let (list, _) = list(parts)?;
+        Ok([range(&of(&list, key))?])
+    })?;
+    let u_points = u_of_range(&of(&here, key), 0);
+    Ok(Value { value, u: (u_points * u_points + covariance[(0, 0)].max(0.0)).sqrt(), bonus_mm: None })
+}
