@@ -47,6 +47,7 @@ mod glob;
 mod import;
 mod import_rig;
 mod measure;
+mod new_plan;
 mod numbers;
 mod phase_method;
 mod pipeline;
@@ -117,6 +118,8 @@ enum Command {
     Compare(compare::Args),
     /// Register clouds to a reference from any pose (search, point-to-plane ICP), with the covariance of the transform.
     Register(register::Args),
+    /// Draft an inspection plan from a cloud: the planes, spheres, cylinders and cones that it shows.
+    NewPlan(new_plan::Args),
     /// Evaluate an inspection plan on a cloud: features, uncertainties, verdict.
     Measure(measure::Args),
     /// Evaluate the parts of a cell: control charts, capability, and studies of the gauge.
@@ -231,6 +234,7 @@ fn execute(command: &Command) -> Result<Outcome> {
         Command::Flatness(args) => flatness::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Register(args) => register::run(args),
+        Command::NewPlan(args) => new_plan::run(args),
         Command::Measure(args) => measure::run(args),
         Command::Spc(args) => spc::run(args),
         Command::Place(args) => place::run(args),

@@ -12,6 +12,7 @@ use files::plan_file::read_plan;
 use files::provenance::Provenance;
 use metrology::inspection::{FeatureResult, InspectionResult, evaluate};
 use metrology::verdict::Verdict;
+use report::part::{PartInput, PartOutputs, write_part};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -28,13 +29,42 @@ pub struct Args {
     /// Write the result as JSON to this file (`-`: standard output): features, elements and the pose of the part.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write a report to this file.
+    #[arg(long, value_name = "FILE.html")]
+    html: Option<PathBuf>,
+    /// Write the report as PDF, A4.
+    #[arg(long, value_name = "FILE.pdf")]
+    pdf: Option<PathBuf>,
+    /// Write the features as a table (CSV), one line each.
+    #[arg(long, value_name = "FILE.csv")]
+    csv: Option<PathBuf>,
+    /// Write plan and results as QIF 3.0 (ISO 23952).
+    #[arg(long, value_name = "FILE.qif")]
+    qif: Option<PathBuf>,
+    /// Write the features in the Q-DAS ASCII transfer format.
+    #[arg(long, value_name = "FILE.dfq")]
+    dfq: Option<PathBuf>,
+}
+
+impl Args {
+    fn outputs(&self) -> PartOutputs<'_> {
+        PartOutputs {
+            html: self.html.as_deref(),
+            pdf: self.pdf.as_deref(),
+            csv: self.csv.as_deref(),
+            qif: self.qif.as_deref(),
+            dfq: self.dfq.as_deref(),
+        }
+    }
 }
 
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let inputs: Vec<_> =
         [&args.plan, &args.cloud].into_iter().chain(&args.rig).map(PathBuf::as_path).collect();
-    check_outputs(&[("--json", args.json.as_deref())], &inputs, None)?;
+    let outputs = args.outputs();
+    let flags: Vec<_> = [("--json", args.json.as_deref())].into_iter().chain(outputs.flags()).collect();
+    check_outputs(&flags, &inputs, None)?;
     let (plan, document) = read_plan(&args.plan)?;
     let cloud = crate::surface::read_cloud_in_mm(&args.cloud)?;
     let mut provenance = Provenance::now(&FRINGETOOL).plan(&plan.name, &sha256_hex(document.text.as_bytes()));
@@ -51,6 +81,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     {
         feature["u_calibration"] = json!(share);
     }
+    write_report(
+        args,
+        &result,
+        (plan.settings.guard_factor, &document.text),
+        &provenance,
+        cloud.points.len(),
+    )?;
     emit_made_with(args.json.as_deref(), &all, provenance)?;
     print(&result);
     if let Some(shares) = &shares {
@@ -58,6 +95,34 @@ pub fn run(args: &Args) -> Result<Outcome> {
     }
     // What is not proven is not accepted; a part that was not found is nothing measured.
     Ok(if result.verdict == Verdict::Pass { Outcome::Done } else { Outcome::LimitFailed })
+}
+
+/// Writes the reports that are wanted.
+fn write_report(
+    args: &Args,
+    result: &InspectionResult,
+    (guard_factor, plan_text): (f64, &str),
+    provenance: &Provenance,
+    points: usize,
+) -> Result<()> {
+    let outputs = args.outputs();
+    if outputs.flags().iter().all(|(_, path)| path.is_none()) {
+        return Ok(());
+    }
+    let cloud_sha256 = sha256_hex(&files::document::read_bytes(&args.cloud, 1 << 34)?);
+    let plan_sha256 = sha256_hex(plan_text.as_bytes());
+    let pair = |label: &str, text: String| (label.to_owned(), text);
+    let mut made_with = vec![
+        pair("Plan", format!("{} (SHA-256 {plan_sha256})", args.plan.display())),
+        pair("Cloud", format!("{}, {points} points (SHA-256 {cloud_sha256})", args.cloud.display())),
+        pair("Software", FRINGETOOL.line()),
+        pair("Date", provenance.date.clone()),
+    ];
+    made_with.extend(args.rig.iter().map(|rig| pair("Rig", rig.display().to_string())));
+    let sha256 = sha256_hex(format!("{plan_sha256}{cloud_sha256}").as_bytes());
+    let input =
+        PartInput { result, guard_factor, date: &provenance.date, made_with: &made_with, sha256: &sha256 };
+    Ok(write_part(&input, &outputs)?)
 }
 
 /// The result with what it was made from. A feature without a verdict states it by a word, and has its `reason` even when it is

@@ -25,6 +25,7 @@ mod image_points;
 mod input;
 pub mod number;
 mod page;
+pub mod part;
 pub mod picture;
 pub mod plot;
 mod qdas;

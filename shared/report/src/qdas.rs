@@ -29,3 +29,12 @@ pub fn field(text: &mut String, key: &str, value: &str, longest: usize) {
         let _ = write!(text, "{key} {value}\r\n");
     }
 }
+
+/// `2026-01-31T08:00:00Z` as `31.01.2026/08:00:00`; nothing for other texts.
+pub fn date(iso: &str) -> Option<String> {
+    let (day, time) = iso.split_once('T')?;
+    let mut parts = day.split('-');
+    let (year, month, day) = (parts.next()?, parts.next()?, parts.next()?);
+    let time = time.get(..8)?;
+    Some(format!("{day}.{month}.{year}/{time}"))
+}

@@ -14,6 +14,7 @@ mod check_elements;
 mod constructed;
 mod criterion;
 mod datum;
+mod draft;
 mod error;
 mod evaluate;
 mod extracted;
@@ -38,6 +39,7 @@ mod within;
 
 pub use characteristic::{Characteristic, Extracted, Kind, MaximumMaterial};
 pub use criterion::Criterion;
+pub use draft::{DraftSettings, Found, draft};
 pub use error::MeasureError;
 pub use evaluate::{deviations, evaluate, locate};
 pub use filter::{Filtered, filtered as filtered_flatness};

@@ -44,15 +44,15 @@ pub struct Cell {
 }
 
 impl Cell {
-    pub(super) fn plain(text: impl Into<String>) -> Self {
+    pub(crate) fn plain(text: impl Into<String>) -> Self {
         Self { text: text.into(), detail: String::new(), bold: false, tone: Tone::Ink }
     }
 
-    pub(super) fn bold(text: impl Into<String>, tone: Tone) -> Self {
+    pub(crate) fn bold(text: impl Into<String>, tone: Tone) -> Self {
         Self { bold: true, tone, ..Self::plain(text) }
     }
 
-    pub(super) fn with_detail(mut self, detail: &str) -> Self {
+    pub(crate) fn with_detail(mut self, detail: &str) -> Self {
         detail.clone_into(&mut self.detail);
         self
     }

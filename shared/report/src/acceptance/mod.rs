@@ -4,23 +4,23 @@
 //! QIF 3.0 (ISO 23952), Q-DAS DFQ and DCC (PTB) carry the numbers to other programs. No clock is read and no number drawn: the same
 //! master gives the same bytes.
 
-mod blocks;
+pub(crate) mod blocks;
 mod chart;
 mod check;
 mod content;
 mod csv;
 mod dcc;
 mod dfq;
-mod drawing;
+pub(crate) mod drawing;
 mod groups;
-mod html;
+pub(crate) mod html;
 mod master;
-mod pdf;
-mod qif;
+pub(crate) mod pdf;
+pub(crate) mod qif;
 #[cfg(test)]
 mod tests;
 pub(crate) mod words;
-mod xml;
+pub(crate) mod xml;
 
 pub use check::{AcceptanceReportError, check};
 pub use master::{FORMAT, master_text, read_master, write_master};

@@ -117,7 +117,7 @@ fn status(verdict: Option<Verdict>) -> &'static str {
 }
 
 /// The first 16 bytes of a SHA-256 as a UUID of version 8 (RFC 9562).
-pub(super) fn uuid(sha256: &str) -> String {
+pub(crate) fn uuid(sha256: &str) -> String {
     let part = |from: usize, to: usize| sha256.get(from..to).unwrap_or_default();
     format!("{}-{}-8{}-a{}-{}", part(0, 8), part(8, 12), part(13, 16), part(17, 20), part(20, 32))
 }

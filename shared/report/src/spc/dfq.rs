@@ -47,7 +47,7 @@ fn values(text: &mut String, i: usize, study: &Study) {
     let series = &study.series;
     for (index, &measured) in series.values.iter().enumerate() {
         value(text, i, measured);
-        if let Some(date) = series.dates.get(index).and_then(|date| qdas_date(date)) {
+        if let Some(date) = series.dates.get(index).and_then(|date| crate::qdas::date(date)) {
             field(text, &format!("K0004/{i}"), &date, NUMBER);
         }
         if let Some(part) = series.parts.get(index) {
@@ -60,15 +60,6 @@ fn values(text: &mut String, i: usize, study: &Study) {
 fn plain_number(value: f64) -> String {
     let text = format!("{value:.9}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
-}
-
-/// `2026-01-31T08:00:00Z` as `31.01.2026/08:00:00`; nothing for other texts.
-fn qdas_date(iso: &str) -> Option<String> {
-    let (day, time) = iso.split_once('T')?;
-    let mut parts = day.split('-');
-    let (year, month, day) = (parts.next()?, parts.next()?, parts.next()?);
-    let time = time.get(..8)?;
-    Some(format!("{day}.{month}.{year}/{time}"))
 }
 
 #[cfg(test)]

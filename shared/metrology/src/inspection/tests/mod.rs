@@ -3,6 +3,7 @@
 mod artefact;
 mod characteristics;
 mod clouds;
+mod drafts;
 mod flatness;
 mod part;
 mod places;

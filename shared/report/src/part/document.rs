@@ -1,0 +1,165 @@
+//! What the report of a part says, block by block, for HTML and PDF.
+
+use super::PartInput;
+use crate::acceptance::blocks::{Block, Cell, Document, Table};
+use crate::acceptance::drawing::Tone;
+use crate::number::{NONE, decimals, fixed, limit, limit_decimals, signed};
+use metrology::inspection::{ConstructedResult, ElementResult, FeatureResult, FittedElement};
+use metrology::verdict::Verdict;
+
+/// The report of a part.
+pub fn document<'a>(input: &PartInput<'_>) -> Document<'a> {
+    let result = input.result;
+    let tone = tone(Some(result.verdict));
+    let mut blocks = vec![Block::Heading("Features".into()), Block::Table(features(input))];
+    blocks.push(Block::Small(format!(
+        "u: standard uncertainty. A feature passes inside its limits by {} u and fails outside by as much; between, neither \
+         is proven (ISO 14253-1). Lengths in mm, angles in degrees.",
+        input.guard_factor
+    )));
+    blocks.push(Block::Heading("Elements".into()));
+    blocks.push(Block::Table(elements(&result.elements)));
+    if !result.constructed.is_empty() {
+        blocks.push(Block::Heading("Elements made of others".into()));
+        blocks.push(Block::Table(constructed(&result.constructed)));
+    }
+    blocks.push(Block::Heading("Made with".into()));
+    blocks.push(Block::Pairs(input.made_with.to_vec()));
+    blocks.push(Block::Signatures(["Measured by", "Date", "Approved by", "Date"]));
+    Document {
+        title: format!("Measurement report: {}", result.plan),
+        wording: format!("Measured on {}", input.date),
+        rule_set: format!("ISO 14253-1, guard factor {}", input.guard_factor),
+        reduced: Vec::new(),
+        word: result.verdict.word().to_owned(),
+        class: result.verdict.key(),
+        tone,
+        sentences: sentences(input),
+        blocks,
+        sha256: input.sha256.to_owned(),
+    }
+}
+
+fn tone(verdict: Option<Verdict>) -> Tone {
+    match verdict {
+        Some(Verdict::Pass) => Tone::Pass,
+        Some(Verdict::Fail) => Tone::Fail,
+        _ => Tone::Doubt,
+    }
+}
+
+fn sentences(input: &PartInput<'_>) -> Vec<String> {
+    let features = &input.result.features;
+    let count = |verdict: Option<Verdict>| features.iter().filter(|f| f.verdict == verdict).count();
+    let mut all = vec![format!(
+        "{} features: {} pass, {} indeterminate, {} fail, {} not measured.",
+        features.len(),
+        count(Some(Verdict::Pass)),
+        count(Some(Verdict::Indeterminate)),
+        count(Some(Verdict::Fail)),
+        count(None)
+    )];
+    all.extend(input.result.alignment_failure.iter().map(|why| format!("The part was not found: {why}")));
+    all
+}
+
+/// Digits after the point that uncertainty and limits of a feature need.
+pub fn digits(feature: &FeatureResult) -> usize {
+    let limits = limit_decimals(feature.lower).max(limit_decimals(feature.upper));
+    decimals(feature.u).max(limits).clamp(3, 6)
+}
+
+fn features(input: &PartInput<'_>) -> Table {
+    let names = [
+        ("Feature", 3.4, false),
+        ("Value", 1.2, true),
+        ("u", 1.0, true),
+        ("Nominal", 1.2, true),
+        ("Deviation", 1.2, true),
+        ("Lower", 1.1, true),
+        ("Upper", 1.1, true),
+        ("Verdict", 1.4, false),
+    ];
+    let columns = names.map(|(name, width, right)| (name.to_owned(), width, right)).to_vec();
+    let row = |f: &FeatureResult| {
+        let d = digits(f);
+        let number = |value: Option<f64>| value.map_or_else(|| NONE.to_owned(), |v| fixed(v, d));
+        let detail = f.reason.as_deref().or(f.detail.as_deref()).unwrap_or_default();
+        let verdict = f.verdict.map_or("not measured", Verdict::word);
+        vec![
+            Cell::plain(&f.name).with_detail(detail),
+            Cell::plain(f.value.map_or_else(|| NONE.to_owned(), |v| format!("{} {}", fixed(v, d), f.unit))),
+            Cell::plain(number(f.u)),
+            Cell::plain(fixed(f.nominal, d)),
+            Cell::plain(f.deviation.map_or_else(|| NONE.to_owned(), |v| signed(v, d))),
+            Cell::plain(limit(f.lower, d)),
+            Cell::plain(limit(f.upper, d)),
+            Cell::bold(verdict, tone(f.verdict)),
+        ]
+    };
+    Table { columns, rows: input.result.features.iter().map(row).collect() }
+}
+
+fn elements(all: &[ElementResult]) -> Table {
+    let names = [
+        ("Element", 2.0, false),
+        ("Kind", 1.2, false),
+        ("Association", 2.0, false),
+        ("Points", 1.0, true),
+        ("Form range", 1.2, true),
+        ("Form sigma", 1.2, true),
+    ];
+    let columns = names.map(|(name, width, right)| (name.to_owned(), width, right)).to_vec();
+    let row = |e: &ElementResult| {
+        let criterion = e.criterion.unwrap_or_default();
+        let name = Cell::plain(&e.name).with_detail(e.reason.as_deref().unwrap_or_default());
+        let Some(fit) = &e.fit else {
+            let none = || Cell::plain(NONE);
+            return vec![name, none(), none(), none(), none(), none()];
+        };
+        let form = fit.form();
+        vec![
+            name,
+            Cell::plain(kind(fit)),
+            Cell::plain(format!("{} ({})", criterion.key(), criterion.symbol())),
+            Cell::plain(form.points.to_string()),
+            Cell::plain(fixed(form.form_range_mm, 4)),
+            Cell::plain(fixed(form.form_sigma_mm, 4)),
+        ]
+    };
+    Table { columns, rows: all.iter().map(row).collect() }
+}
+
+fn kind(fit: &FittedElement) -> &'static str {
+    match fit {
+        FittedElement::Sphere(_) => "sphere",
+        FittedElement::Plane(_) => "plane",
+        FittedElement::Cylinder(_) => "cylinder",
+        FittedElement::Cone(_) => "cone",
+        FittedElement::Torus(_) => "torus",
+        FittedElement::Circle(_) => "circle",
+        FittedElement::Slot(_) => "slot",
+        FittedElement::Rectangle(_) => "rectangle",
+        FittedElement::Edge(_) => "edge",
+        FittedElement::Line(_) => "line",
+        FittedElement::Point(_) => "point",
+    }
+}
+
+fn constructed(all: &[ConstructedResult]) -> Table {
+    let names =
+        [("Element", 2.0, false), ("Kind", 1.2, false), ("Point", 2.4, true), ("Direction", 2.4, true)];
+    let columns = names.map(|(name, width, right)| (name.to_owned(), width, right)).to_vec();
+    let three = |v: Option<[f64; 3]>, d: usize| {
+        v.map_or_else(|| NONE.to_owned(), |v| v.map(|x| fixed(x, d)).join(", "))
+    };
+    let row = |c: &ConstructedResult| {
+        vec![
+            Cell::plain(&c.name).with_detail(c.reason.as_deref().unwrap_or_default()),
+            Cell::plain(c.shape.clone().unwrap_or(NONE.into())),
+            Cell::plain(three(c.point_mm, 4)),
+            Cell::plain(three(c.direction, 6)),
+        ]
+    };
+    Table { columns, rows: all.iter().map(row).collect() }
+}

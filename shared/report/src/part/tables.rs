@@ -1,0 +1,101 @@
+//! A part as comma-separated values (RFC 4180) and in the Q-DAS transfer format, numbers with all their digits.
+
+use super::PartInput;
+use super::document::digits;
+use crate::acceptance::words::{one_line, verdict_key};
+use crate::qdas::{NAME, NUMBER, PART, REMARK, field, value};
+use metrology::inspection::FeatureResult;
+use std::fmt::Write as _;
+
+const HEAD: &str = "plan,date,part_verdict,feature,value,unit,u,nominal,deviation,lower,upper,verdict,points,rejected,reason,\
+                    definition,guard_factor";
+
+/// One line a feature, with a head. Lines end in CR LF.
+pub fn csv(input: &PartInput<'_>) -> String {
+    let mut text = format!("{HEAD}\r\n");
+    let number = |value: Option<f64>| value.map_or_else(String::new, |v| v.to_string());
+    for f in &input.result.features {
+        let _ = write!(
+            text,
+            "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\r\n",
+            quoted(&input.result.plan),
+            quoted(input.date),
+            verdict_key(Some(input.result.verdict)),
+            quoted(&f.name),
+            number(f.value),
+            f.unit,
+            number(f.u),
+            f.nominal,
+            number(f.deviation),
+            number(f.lower),
+            number(f.upper),
+            f.verdict.map_or("not-measured", |_| verdict_key(f.verdict)),
+            f.points,
+            f.rejected,
+            quoted(f.reason.as_deref().unwrap_or_default()),
+            quoted(f.detail.as_deref().unwrap_or_default()),
+            input.guard_factor,
+        );
+    }
+    text
+}
+
+/// One field on one line. A spreadsheet would run what begins with `=`, `+`, `-` or `@`: an apostrophe keeps it text.
+fn quoted(text: &str) -> String {
+    let text = one_line(text);
+    let text = if text.starts_with(['=', '+', '-', '@']) { format!("'{text}") } else { text };
+    if text.contains([',', '"', ';', '\'']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
+}
+
+/// The Q-DAS transfer format: K-fields of part and characteristics, then the values with their date. Features without a
+/// value have the attribute 255 (invalid) and no value counts.
+pub fn dfq(input: &PartInput<'_>) -> String {
+    let mut text = String::new();
+    let features = &input.result.features;
+    field(&mut text, "K0100", &features.len().to_string(), NUMBER);
+    field(&mut text, "K1001", &input.result.plan, PART);
+    field(&mut text, "K1002", &input.result.plan, NAME);
+    field(&mut text, "K1900", &format!("verdict {}", input.result.verdict.word()), REMARK);
+    for (index, f) in features.iter().enumerate() {
+        describe(&mut text, index + 1, f);
+    }
+    for (index, f) in features.iter().enumerate() {
+        let i = index + 1;
+        match f.value {
+            Some(measured) => value(&mut text, i, measured),
+            None => {
+                let _ = write!(text, "K0001/{i} 0\r\nK0002/{i} 255\r\n");
+                field(
+                    &mut text,
+                    &format!("K0009/{i}"),
+                    f.reason.as_deref().unwrap_or("not measured"),
+                    REMARK,
+                );
+            }
+        }
+        if let Some(date) = crate::qdas::date(input.date) {
+            field(&mut text, &format!("K0004/{i}"), &date, NUMBER);
+        }
+    }
+    text
+}
+
+fn describe(text: &mut String, i: usize, f: &FeatureResult) {
+    // Digits of the plan, without those that a sum of binary numbers leaves behind.
+    let number = |v: f64| {
+        let text = format!("{v:.9}");
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    };
+    field(text, &format!("K2001/{i}"), &i.to_string(), NUMBER);
+    field(text, &format!("K2002/{i}"), &f.name, NAME);
+    field(text, &format!("K2022/{i}"), &digits(f).to_string(), NUMBER);
+    field(text, &format!("K2101/{i}"), &number(f.nominal), NUMBER);
+    for (limit, key, kind) in [(f.lower, "K2110", "K2120"), (f.upper, "K2111", "K2121")] {
+        if let Some(limit) = limit {
+            field(text, &format!("{key}/{i}"), &number(limit), NUMBER);
+        }
+        field(text, &format!("{kind}/{i}"), if limit.is_some() { "1" } else { "0" }, NUMBER);
+    }
+    field(text, &format!("K2142/{i}"), &f.unit.to_string(), NUMBER);
+    field(text, &format!("K2900/{i}"), f.detail.as_deref().unwrap_or_default(), REMARK);
+}
