@@ -25,6 +25,8 @@ pub struct BlurredEdge {
     pub sigma_px: f64,
     /// Its standard uncertainty from the noise left by the fit, px.
     pub u_px: f64,
+    /// Excess κ of the line spread: 0 of a Gaussian, positive with tails.
+    pub excess: f64,
     /// Unit normal of the edge in the image.
     pub normal: Vector2<f64>,
     /// Where it was looked at, px.
@@ -51,6 +53,7 @@ pub(crate) fn blurred_edges(
         BlurredEdge {
             sigma_px: solved.parameters[4 + i].max(SHARPEST_PX),
             u_px: solved.covariance[(4 + i, 4 + i)].sqrt(),
+            excess: solved.parameters[PARAMETERS + i],
             normal: Vector2::new(-sin, cos),
             pixel,
         }

@@ -1,5 +1,6 @@
 //! Synthetic targets with known points: accuracy, covariance, numbering, refusals; and frames of anything.
 
+mod blur;
 mod checkerboard;
 mod circles;
 mod scene;

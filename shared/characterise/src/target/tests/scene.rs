@@ -27,12 +27,21 @@ impl Noise {
     }
 }
 
+/// Variance of a blur as it is drawn, its kernel being cut off, px².
+pub(super) fn drawn_px2(blur_px: f64) -> f64 {
+    let kernel = half_gaussian(blur_px * FINE as f64);
+    let far = |(i, weight): (usize, &f32)| 2.0 * (i as f64 / FINE as f64).powi(2) * f64::from(*weight);
+    kernel.iter().enumerate().map(far).sum()
+}
+
 /// A board before a camera.
 #[derive(Debug, Clone)]
 pub(super) struct Scene {
     pub spec: TargetSpec,
     pub camera: Camera,
     pub blur_px: f64,
+    /// A wider blur that part of the light has instead: its standard deviation, px, its part in the middle of the image and in the corner.
+    pub wide: Option<(f64, [f64; 2])>,
     /// Part of the pitch that is the diameter of circles.
     pub diameter: f64,
     /// Half the width of a fine sample, in pitches.
@@ -72,6 +81,7 @@ impl Scene {
             spec,
             camera,
             blur_px: 0.9,
+            wide: None,
             diameter: 0.5,
             ramp: 400.0 / 960.0 / 20.0 / FINE as f64,
             hidden: None,
@@ -125,7 +135,24 @@ impl Scene {
             *value = (light * if hidden { 0.4 } else { self.reflectance(at.x, at.y) }) as f32;
         }
         let fine = Raster { width: width * FINE, height: height * FINE, values };
-        fine.smoothed(&half_gaussian(self.blur_px * FINE as f64)).reduced(FINE)
+        let seen = |blur_px: f64| fine.smoothed(&half_gaussian(blur_px * FINE as f64)).reduced(FINE);
+        let mut sharp = seen(self.blur_px);
+        if let Some((wide_px, [middle, corner])) = self.wide {
+            let wide = seen(wide_px);
+            for (index, (value, wide)) in sharp.values.iter_mut().zip(&wide.values).enumerate() {
+                let part = middle + (corner - middle) * self.field(index);
+                *value = ((1.0 - part) * f64::from(*value) + part * f64::from(*wide)) as f32;
+            }
+        }
+        sharp
+    }
+
+    /// Squared distance of a pixel from the middle of the image over that of the corner.
+    fn field(&self, index: usize) -> f64 {
+        let (width, height) = (self.camera.width_px as usize, self.camera.height_px as usize);
+        let half = [width, height].map(|length| 0.5 * (length as f64 - 1.0));
+        let (x, y) = ((index % width) as f64 - half[0], (index / width) as f64 - half[1]);
+        (x * x + y * y) / (half[0] * half[0] + half[1] * half[1])
     }
 
     /// 8 bits with read noise of 1 DN and shot noise.
