@@ -4,6 +4,7 @@ use crate::stage::{Fault, Inbox, Report, StageContext, TextBuffer, Worker, cycle
 use anyhow::Result;
 use cell::executor::{ViewDecoder, decoder};
 use cell::schedule::{Work, label};
+use fringe::decode::Motion;
 use fringe::pattern::Axis;
 use ipc::IpcError;
 use ipc::header::{Frame, Phase};
@@ -50,7 +51,9 @@ struct Counts<'a> {
     /// Faults of the frames, in words.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     findings: Vec<String>,
-    /// Where the frames contradict what the rig file states of the camera.
+    /// How the fringes moved between the frames; null where the steps do not tell.
+    motion: Option<Motion>,
+    /// Where the frames contradict what the rig file states of the camera, and motion beyond the uncertainty.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     warnings: Vec<String>,
 }
@@ -157,8 +160,9 @@ impl Decode {
             spikes_repaired: report.spikes_repaired,
             spikes_masked: report.spikes_masked,
             ignored: &report.ignored,
+            motion: report.motion,
             findings: report.findings.iter().map(ToString::to_string).collect(),
-            warnings: report.sensor.warnings(context.cell.graph.camera_name(self.camera)),
+            warnings: report.warnings(context.cell.graph.camera_name(self.camera)),
         })?;
         let work = Work::Phase { camera: self.camera, projector: light.projector, axis };
         context.done_hashed(work, start_ns, output, Report { count: report.valid, text })

@@ -34,6 +34,9 @@ pub fn cycle_line(result: &CycleResult, requested: Option<u64>) -> String {
     if let Some(reason) = &result.alignment_failure {
         let _ = write!(line, "  ({reason})");
     }
+    if result.moved == Some(true) {
+        line.push_str("  (moved during the cycle: see warnings in the result)");
+    }
     line
 }
 

@@ -4,7 +4,7 @@ use crate::software::FRINGETOOL;
 use anyhow::Result;
 use cell::executor::{Decoded, Expected, Threshold, median_valid};
 use files::provenance::{Provenance, WithProvenance};
-use fringe::decode::{Finding, NoiseSource};
+use fringe::decode::{Finding, Motion, NoiseSource};
 use fringe::phase::PhaseMap;
 use serde::Serialize;
 use std::fmt;
@@ -84,6 +84,7 @@ pub struct DecodeLine {
     exposures_best_of: Vec<usize>,
     findings: Vec<FoundFault>,
     ignored: Vec<String>,
+    motion: Option<Motion>,
     warnings: Vec<String>,
 }
 
@@ -125,7 +126,8 @@ impl DecodeLine {
             exposures_best_of: decoded.best_of.clone(),
             findings: report.findings.iter().map(FoundFault::new).collect(),
             ignored: report.ignored.to_vec(),
-            warnings: report.sensor.warnings(camera),
+            motion: report.motion,
+            warnings: report.warnings(camera),
         }
     }
 }

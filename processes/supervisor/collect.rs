@@ -106,6 +106,7 @@ impl Collector {
         let alignment_failure = inspection.and_then(|i| i.alignment_failure.clone());
         let inspection = inspection.filter(|_| ok);
         let fused = self.fused(cell).filter(|_| ok);
+        let reports = self.reports(cell);
         CycleResult {
             cycle,
             outcome: outcome.as_ref().err().map_or_else(|| OUTCOME_OK.to_owned(), Clone::clone),
@@ -124,7 +125,9 @@ impl Collector {
             number: cycle + 1,
             overlaps: fused.and_then(|(_, text)| Some(serde_json::from_str::<Fused>(text).ok()?.overlaps)),
             points: fused.map(|(event, _)| event.count.into()),
-            reports: self.reports(cell),
+            moved: moved(&reports),
+            warnings: warnings(&reports),
+            reports,
             rig_sha256: cell.file.rig_sha256.clone(),
             version: FRINGECELL.version.to_owned(),
             ..CycleResult::default()
@@ -177,6 +180,21 @@ impl Collector {
         };
         self.done.iter().filter_map(report).filter(|(_, report)| !report.is_null()).collect()
     }
+}
+
+/// Whether a camera saw a motion beyond the uncertainty; `None` where none could tell.
+fn moved(reports: &BTreeMap<String, Value>) -> Option<bool> {
+    let told: Vec<bool> = reports.values().filter_map(|report| report["motion"]["moved"].as_bool()).collect();
+    (!told.is_empty()).then(|| told.contains(&true))
+}
+
+/// The warnings of all reports, each once.
+fn warnings(reports: &BTreeMap<String, Value>) -> Vec<String> {
+    let all = reports.values().filter_map(|report| report["warnings"].as_array()).flatten();
+    let mut texts: Vec<String> = all.filter_map(|text| Some(text.as_str()?.to_owned())).collect();
+    texts.sort_unstable();
+    texts.dedup();
+    texts
 }
 
 /// What is read of the fusion's report.

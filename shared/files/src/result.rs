@@ -59,6 +59,9 @@ pub struct CycleResult {
     /// Why the files of this cycle are not on the disk; absent when they are, or when none were asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kept: Option<String>,
+    /// Whether something moved during the cycle by more than the uncertainty of the phase; absent where no steps tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub moved: Option<bool>,
     /// Number of the cycle as console, report and file names show it: from 1.
     #[serde(default)]
     pub number: u64,
@@ -86,6 +89,9 @@ pub struct CycleResult {
     /// Version of the software.
     #[serde(default)]
     pub version: String,
+    /// What a person should look at although the cycle has its result: motion, frames that contradict the rig file.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
 }
 
 impl CycleResult {

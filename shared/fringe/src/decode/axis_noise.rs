@@ -1,6 +1,8 @@
-//! What the frames of one axis say of the noise, and which noise model its phases get.
+//! What the frames of one axis say of faults, motion and noise, and which noise model its phases get.
 
+use super::dirt::{self, Look};
 use super::micro::Micro;
+use super::motion;
 use super::noise::{Probe, QUANTISATION_DN2};
 use super::probing::ProbeLimits;
 use super::roles::{AxisPlan, Plan, SinePlan};
@@ -51,6 +53,26 @@ impl AxisState {
 }
 
 impl Decoder {
+    /// Looks for frames of a complete sine set that do not show what the others show.
+    pub(super) fn inspect(&mut self, slot: usize) {
+        let axis = self.axes.iter().zip(&self.plan.axes).find(|(_, plan)| plan.sines.contains(&slot));
+        let Some((axis, _)) = axis else { return };
+        let look = Look {
+            positions: &axis.probe.positions,
+            width: self.width_px as usize,
+            pixels: self.correction.len(),
+            rasters: &self.rasters,
+            least_modulation_dn: self.least_modulation_dn(),
+            clipped_dn: self.clipped_dn,
+        };
+        if let Some(repair) = dirt::inspect(&self.plan.sines[slot], &look) {
+            self.sums[slot].refit(&repair.fit);
+            self.findings[slot] = repair.findings;
+        } else {
+            self.motions[slot] = motion::between_steps(&self.plan.sines[slot], &look);
+        }
+    }
+
     /// Samples the noise of a complete sine set; with the last set of its axis, the noise model.
     pub(super) fn probe_noise(&mut self, slot: usize) {
         let limits = ProbeLimits {

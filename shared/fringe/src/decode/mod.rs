@@ -48,6 +48,7 @@ mod footprint;
 mod frame_check;
 mod limits;
 mod micro;
+mod motion;
 mod neighbours;
 mod noise;
 mod noise_line;
@@ -78,6 +79,7 @@ pub use dirt::{Fault, Finding};
 pub use error::DecodeError;
 pub use exposures::{Exposed, merge_exposures};
 pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
+pub use motion::Motion;
 pub use replace::SineSet;
 pub use report::{DecodeReport, NoiseModel, NoiseSource};
 pub use risk::OrderRisk;
@@ -90,10 +92,10 @@ use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseViewMut};
 use axis_noise::AxisState;
 use blocks::decode_blocks;
-use dirt::Look;
 use edges::Edges;
 use fearless_simd::Level;
 use footprint::{Footprint, Line, Reflectance};
+use motion::StepMotion;
 use neighbours::Field;
 use order::Kernel;
 use rasters::Rasters;
@@ -116,6 +118,8 @@ pub struct Decoder {
     sums: Vec<Sums>,
     /// What was found in the frames of each set.
     findings: Vec<Vec<Finding>>,
+    /// How the fringes moved during each set.
+    motions: Vec<Option<StepMotion>>,
     rasters: Rasters,
     axes: Vec<AxisState>,
     correction: Vec<i16>,
@@ -169,6 +173,7 @@ impl Decoder {
             periods_px: plan.sines.iter().map(|s| s.period_px).collect(),
             sums: plan.sines.iter().map(Sums::new).collect(),
             findings: vec![Vec::new(); plan.sines.len()],
+            motions: vec![None; plan.sines.len()],
             rasters: Rasters::new(plan.stored, pixels, full_scale_dn),
             axes,
             correction: vec![0; pixels],
@@ -189,6 +194,7 @@ impl Decoder {
     /// Starts a new sequence; what has landed is forgotten.
     pub fn begin(&mut self) {
         self.next = 0;
+        self.motions.fill(None);
         for ((sums, found), plan) in self.sums.iter_mut().zip(&mut self.findings).zip(&self.plan.sines) {
             sums.replaced = None;
             if !found.is_empty() {
@@ -230,24 +236,6 @@ impl Decoder {
         }
         self.next += 1;
         Ok(())
-    }
-
-    /// Looks for frames of a complete sine set that do not show what the others show.
-    fn inspect(&mut self, slot: usize) {
-        let axis = self.axes.iter().zip(&self.plan.axes).find(|(_, plan)| plan.sines.contains(&slot));
-        let Some((axis, _)) = axis else { return };
-        let look = Look {
-            positions: &axis.probe.positions,
-            width: self.width_px as usize,
-            pixels: self.correction.len(),
-            rasters: &self.rasters,
-            least_modulation_dn: self.least_modulation_dn(),
-            clipped_dn: self.clipped_dn,
-        };
-        if let Some(repair) = dirt::inspect(&self.plan.sines[slot], &look) {
-            self.sums[slot].refit(&repair.fit);
-            self.findings[slot] = repair.findings;
-        }
     }
 
     /// The axes of which the sequence gives a phase, x before y.
@@ -310,6 +298,7 @@ impl Decoder {
         }
         report.findings = self.plan.axes[home].sines.iter().flat_map(|s| self.findings[*s].clone()).collect();
         report.sensor.noise = self.noise_test(&self.axes[home]);
+        report.motion = self.motion(home, out);
         (report.footprint_px, report.sensor.footprint) = self.remove_footprint(home, out)?;
         Ok(report)
     }

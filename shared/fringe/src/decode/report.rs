@@ -3,6 +3,7 @@
 use super::continuity::Continuity;
 use super::dirt::Finding;
 use super::error::DecodeError;
+use super::motion::Motion;
 use super::sensor_test::SensorTest;
 use crate::pattern::Axis;
 use std::sync::Arc;
@@ -43,6 +44,12 @@ impl DecodeReport {
         let (unresolved, lit) = self.unresolved();
         let pixels = if lit < LEAST_LIT { 0.0 } else { unresolved as f64 / lit as f64 };
         self.continuity.jump_fraction().max(pixels)
+    }
+
+    /// What contradicts the calibration, and a motion beyond the uncertainty, in words; `camera` is named.
+    pub fn warnings(&self, camera: &str) -> Vec<String> {
+        let moved = self.motion.and_then(|motion| motion.warning(camera));
+        self.sensor.warnings(camera).into_iter().chain(moved).collect()
     }
 
     /// Refuses orders that contradict the phase beyond a limit.
@@ -92,6 +99,8 @@ pub struct DecodeReport {
     pub footprint_px: Option<f64>,
     /// What the frames say of the camera's constants, where the calibration found them.
     pub sensor: SensorTest,
+    /// How the fringes moved between the frames, where five or more steps tell.
+    pub motion: Option<Motion>,
     /// Of every 4th row and column: places where the phase passes 2π, and where it jumps by whole periods.
     pub continuity: Continuity,
     /// Faults of the frames that were found and made up for.

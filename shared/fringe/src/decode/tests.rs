@@ -6,6 +6,7 @@ mod dirt;
 mod footprint;
 mod levels;
 mod methods;
+mod motion;
 mod noise;
 mod order;
 mod refusals;

@@ -66,6 +66,7 @@ impl Verdicts {
             noise,
             footprint_px: None,
             sensor: SensorTest::default(),
+            motion: None,
             continuity: Continuity::default(),
             findings: Vec::new(),
             ignored,

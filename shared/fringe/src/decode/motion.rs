@@ -1,0 +1,330 @@
+//! Motion between the frames of a sine set, from what its steps leave.
+//!
+//! A part or a camera that moves shifts the fringes of frame i by pᵢ, much alike in all pixels of a rigid part. I = A + B cos(φ − δᵢ + pᵢ)
+//! leaves −B pᵢ sin(φ − δᵢ), less what A, B and φ of the pixel take up (Q projects it out), so that over the pixels
+//!
+//! ```text
+//! Σ B² sᵢ Qᵢⱼ sⱼ · pⱼ = −Σ B sᵢ rᵢ,     sᵢ = sin(φ − δᵢ)
+//! ```
+//!
+//! gives all pᵢ but their mean, which no residual shows. Thousands of pixels average the noise to a part in fifty of a pixel's. Pixels count
+//! by how rare their phase is: over whole fringes harmonics of the projector do not look like a motion. Light that changes from frame to
+//! frame is solved along with the shifts.
+//!
+//! A steady drift is extrapolated to the whole sequence: it moves what one projector shows against what the next one shows.
+
+// The sums of a set live on the stack: a warm decoder allocates nothing.
+#![allow(clippy::large_stack_arrays)]
+
+use super::Decoder;
+use super::dirt::Look;
+use super::limits::MAX_STEPS;
+use super::noise::gcd;
+use super::roles::{SineKind, SinePlan};
+use crate::math::{atan2, cos, sincos};
+use crate::phase::PhaseViewMut;
+use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
+
+/// Steps of the sets that tell: five leave two residuals, and each further one another.
+const STEPS: RangeInclusive<usize> = 5..=MAX_STEPS;
+/// So many pixels are asked.
+const PIXELS: usize = 4096;
+/// Bins of the phase; all of them must hold a fair share.
+const BINS: usize = 64;
+const LEAST_IN_BIN: f64 = 4.0;
+/// Standard uncertainties beyond which a drift is one.
+const CERTAIN: f64 = 5.0;
+/// How far a frame may be thought to stand off before anything is seen of it, rad.
+const HELD_RAD: f64 = 0.1;
+
+/// How the fringes moved during one sine set.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct StepMotion {
+    /// Root mean square of the frames' shifts about their mean, the noise taken out, rad.
+    rms_rad: f64,
+    /// Whether the shifts are more than the noise.
+    certain: bool,
+    /// Steady part of the shifts and its standard uncertainty, rad per frame.
+    per_frame_rad: f64,
+    u_per_frame_rad: f64,
+}
+
+/// How far what a camera sees moved, against the uncertainty of its phase.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Motion {
+    /// Root mean square of the frames' shifts about their mean, in phase, rad; the least, since some shifts look like light that changes.
+    pub rms_rad: f64,
+    /// A steady drift, extrapolated to all frames of the sequence, rad.
+    pub drift_rad: f64,
+    /// Standard uncertainty of the former, rad.
+    pub u_drift_rad: f64,
+    /// Mean standard uncertainty of a pixel's phase, rad.
+    pub sigma_rad: f64,
+    /// Whether it moved by more than a pixel's phase is uncertain.
+    pub moved: bool,
+}
+
+impl Motion {
+    /// The verdict on a sequence of so many frames whose pixels have this standard uncertainty, rad.
+    pub(super) fn of(steps: StepMotion, frames: usize, sigma_rad: f64) -> Self {
+        let (drift_rad, u_drift_rad) =
+            (steps.per_frame_rad * frames as f64, steps.u_per_frame_rad * frames as f64);
+        let drifts = drift_rad.abs() > CERTAIN * u_drift_rad;
+        let moved = (steps.certain && steps.rms_rad > sigma_rad) || (drifts && drift_rad.abs() > sigma_rad);
+        Self { rms_rad: steps.rms_rad, drift_rad, u_drift_rad, sigma_rad, moved }
+    }
+
+    /// What a person should know, where it moved; `camera` is named.
+    pub fn warning(&self, camera: &str) -> Option<String> {
+        self.moved.then(|| {
+            format!(
+                "camera \"{camera}\": the fringes moved by {:.1} mrad rms between the frames and drifted by {:.1} mrad (u {:.1}) over \
+                 the sequence, a pixel's phase is known to {:.1} mrad: the part or the camera was not at rest; measure again, clamp it, \
+                 or wait longer",
+                self.rms_rad * 1e3,
+                self.drift_rad * 1e3,
+                self.u_drift_rad * 1e3,
+                self.sigma_rad * 1e3
+            )
+        })
+    }
+}
+
+impl Decoder {
+    /// How the fringes of an axis moved, against the phase of the pixels that are asked.
+    pub(super) fn motion(&self, home: usize, out: &PhaseViewMut) -> Option<Motion> {
+        let finest = self.plan.axes[home].sines.first()?;
+        let steps = self.motions[*finest]?;
+        let known = self.axes[home].probe.positions.iter().filter(|place| out.valid[**place] == 1);
+        let (sum, count) = known
+            .fold((0.0, 0.0), |(sum, count), place| (sum + f64::from(out.sigma_rad[*place]), count + 1.0));
+        (count > 0.0).then(|| Motion::of(steps, self.frames(), sum / count))
+    }
+}
+
+/// Grey values of a pixel over the steps.
+type Steps = [f64; MAX_STEPS];
+
+/// Amplitude and phase of a pixel, its residuals and its values.
+struct Pixel {
+    level_dn: f64,
+    amplitude_dn: f64,
+    phase_rad: f64,
+    residual_dn: Steps,
+}
+
+/// The motion that the frames of a complete set show; `None` where they do not tell.
+pub(super) fn between_steps(plan: &SinePlan, look: &Look) -> Option<StepMotion> {
+    let steps = plan.steps as usize;
+    if plan.kind != SineKind::Plain || !plan.even || !STEPS.contains(&steps) {
+        return None;
+    }
+    let mut unit = [(0.0, 0.0); MAX_STEPS];
+    for (unit, shift) in unit.iter_mut().zip(&plan.shifts_rad) {
+        *unit = sincos(*shift);
+    }
+    let bin = |phase_rad: f64| ((phase_rad / TAU).rem_euclid(1.0) * BINS as f64) as usize % BINS;
+    let mut counts = [0.0; BINS];
+    each(plan, look, &unit, |pixel| counts[bin(pixel.phase_rad)] += 1.0);
+    if counts.iter().any(|count| *count < LEAST_IN_BIN) {
+        return None;
+    }
+    let mean = counts.iter().sum::<f64>() / BINS as f64;
+    let mut sums = Sums::ZERO;
+    each(plan, look, &unit, |pixel| sums.add(pixel, steps, &unit, mean / counts[bin(pixel.phase_rad)]));
+    sums.solve(&plan.shifts_rad[..steps])
+}
+
+/// Calls `take` for each usable pixel.
+fn each(plan: &SinePlan, look: &Look, unit: &[(f64, f64); MAX_STEPS], mut take: impl FnMut(&Pixel)) {
+    let (steps, n) = (plan.steps as usize, f64::from(plan.steps));
+    let mut every = look.positions.len().div_ceil(PIXELS).max(1);
+    // Prime to the width, so that the pixels do not stand in columns.
+    while gcd(every, look.width) != 1 {
+        every += 1;
+    }
+    let mut pixel = Pixel { level_dn: 0.0, amplitude_dn: 0.0, phase_rad: 0.0, residual_dn: [0.0; MAX_STEPS] };
+    for place in look.positions.iter().step_by(every) {
+        let (mut sum, mut c, mut s, mut most) = (0.0, 0.0, 0.0, 0);
+        for ((value, raster), (sin, cos)) in
+            pixel.residual_dn[..steps].iter_mut().zip(plan.rasters()).zip(unit)
+        {
+            let dn = look.rasters.value(raster, look.pixels, *place);
+            most = most.max(dn);
+            *value = f64::from(dn);
+            sum += *value;
+            c += *value * cos;
+            s += *value * sin;
+        }
+        let (a, c, s) = (sum / n, 2.0 * c / n, 2.0 * s / n);
+        let amplitude_dn = (c * c + s * s).sqrt();
+        if most >= look.clipped_dn || amplitude_dn < 2.0 * look.least_modulation_dn {
+            continue;
+        }
+        (pixel.level_dn, pixel.amplitude_dn, pixel.phase_rad) = (a, amplitude_dn, atan2(s, c));
+        for (value, (sin, cos)) in pixel.residual_dn[..steps].iter_mut().zip(unit) {
+            *value -= a + c * cos + s * sin;
+        }
+        take(&pixel);
+    }
+}
+
+/// Sums over the pixels.
+struct Sums {
+    /// Σ B², Σ B² cos 2φ, Σ B² sin 2φ.
+    power: [f64; 3],
+    /// Σ A², Σ A B cos φ, Σ A B sin φ.
+    level: [f64; 3],
+    /// Of the shifts, and of the light of the frames.
+    right: Steps,
+    light: Steps,
+    /// Σ of squared residuals, and of the weights.
+    squares: f64,
+    weights: f64,
+}
+
+/// Rows and columns of the steps.
+type Square = [Steps; MAX_STEPS];
+
+/// Light of a frame that differs by more, as a part of it, is told as flicker.
+const MOST_FLICKER: f64 = 0.1;
+
+impl Sums {
+    const ZERO: Self = Self {
+        power: [0.0; 3],
+        level: [0.0; 3],
+        right: [0.0; MAX_STEPS],
+        light: [0.0; MAX_STEPS],
+        squares: 0.0,
+        weights: 0.0,
+    };
+
+    fn add(&mut self, pixel: &Pixel, steps: usize, unit: &[(f64, f64); MAX_STEPS], weight: f64) {
+        let (sin, cos) = sincos(pixel.phase_rad);
+        let power = weight * pixel.amplitude_dn * pixel.amplitude_dn;
+        let both = weight * pixel.level_dn * pixel.amplitude_dn;
+        let add =
+            |sums: &mut [f64; 3], own: [f64; 3]| sums.iter_mut().zip(own).for_each(|(sum, v)| *sum += v);
+        add(&mut self.power, [power, power * (cos * cos - sin * sin), power * 2.0 * sin * cos]);
+        add(&mut self.level, [weight * pixel.level_dn * pixel.level_dn, both * cos, both * sin]);
+        for (i, (residual, (s, c))) in pixel.residual_dn[..steps].iter().zip(unit).enumerate() {
+            self.right[i] -= weight * pixel.amplitude_dn * (sin * c - cos * s) * residual;
+            self.light[i] += weight * (pixel.level_dn + pixel.amplitude_dn * (cos * c + sin * s)) * residual;
+            self.squares += weight * residual * residual;
+        }
+        self.weights += weight;
+    }
+
+    /// The normal equations of shifts, of shifts with light, and of light.
+    fn normal(&self, shifts_rad: &[f64]) -> [Square; 3] {
+        let steps = shifts_rad.len() as f64;
+        let ([s0, c2, s2], [a2, c1, s1]) = (self.power, self.level);
+        let mut out = [[[0.0; MAX_STEPS]; MAX_STEPS]; 3];
+        for (i, a) in shifts_rad.iter().enumerate() {
+            for (j, b) in shifts_rad.iter().enumerate() {
+                let taken = f64::from(u8::from(i == j)) - (1.0 + 2.0 * cos(a - b)) / steps;
+                let ((sa, ca), (sb, cb)) = (sincos(*a), sincos(*b));
+                let ((sum_sin, sum_cos), (sin, cosine)) = (sincos(a + b), sincos(a - b));
+                let along = c2 * sum_cos + s2 * sum_sin;
+                let across = s2 * sum_cos - c2 * sum_sin - s0 * sin;
+                out[0][i][j] = 0.5 * taken * (s0 * cosine - along);
+                out[1][i][j] = -taken * (0.5 * across + s1 * ca - c1 * sa);
+                out[2][i][j] = taken * (a2 + c1 * (ca + cb) + s1 * (sa + sb) + 0.5 * (s0 * cosine + along));
+            }
+        }
+        out
+    }
+
+    /// The shifts of the frames and what they are worth. Light that changes from frame to frame is solved along with them.
+    fn solve(&self, shifts_rad: &[f64]) -> Option<StepMotion> {
+        let n = shifts_rad.len();
+        let steps = n as f64;
+        let [mut matrix, cross, mut light] = self.normal(shifts_rad);
+        let noise_dn2 = self.squares / (self.weights * (steps - 3.0)).max(1.0);
+        for (i, row) in light.iter_mut().enumerate().take(n) {
+            row[i] += noise_dn2 / (MOST_FLICKER * MOST_FLICKER);
+        }
+        let light = lower(&mut light, n)?;
+        let mut right = self.right;
+        let known = solved(light, n, &self.light);
+        for i in 0..n {
+            let own = solved(light, n, &cross[i]);
+            right[i] -= (0..n).map(|k| cross[i][k] * known[k]).sum::<f64>();
+            for (j, other) in cross.iter().enumerate().take(n) {
+                matrix[i][j] -= (0..n).map(|k| own[k] * other[k]).sum::<f64>();
+            }
+        }
+        self.judge(&matrix, &right, (n, noise_dn2))
+    }
+
+    fn judge(&self, matrix: &Square, right: &Steps, (n, noise_dn2): (usize, f64)) -> Option<StepMotion> {
+        let steps = n as f64;
+        // Of a steady drift alone.
+        let time = |i: usize| i as f64 - 0.5 * (steps - 1.0);
+        let row = |i: usize| time(i) * (0..n).map(|j| matrix[i][j] * time(j)).sum::<f64>();
+        let information: f64 = (0..n).map(row).sum();
+        let seen: f64 = (0..n).map(|i| time(i) * right[i]).sum();
+        // What the steps do not show, the mean above all, is held near zero: a tenth of a radian.
+        let mut held = *matrix;
+        for (i, row) in held.iter_mut().enumerate().take(n) {
+            row[i] += noise_dn2 / (HELD_RAD * HELD_RAD);
+        }
+        let lower = lower(&mut held, n)?;
+        let shifts = solved(lower, n, right);
+        let explained: f64 = (0..n).map(|i| shifts[i] * right[i]).sum();
+        let noise_dn2 = (self.squares - explained).max(0.0) / (self.weights * (steps - 3.0)).max(1.0);
+        // Of each shift that part is noise which the steps tell: H⁻¹ M H⁻¹.
+        let noise: f64 = (0..n)
+            .map(|i| {
+                let mut one = [0.0; MAX_STEPS];
+                one[i] = 1.0;
+                let own = solved(lower, n, &one);
+                (0..n).map(|j| own[j] * (0..n).map(|k| matrix[j][k] * own[k]).sum::<f64>()).sum::<f64>()
+            })
+            .sum::<f64>()
+            * noise_dn2
+            / steps;
+        let mean = shifts[..n].iter().sum::<f64>() / steps;
+        let square = shifts[..n].iter().map(|p| (p - mean).powi(2)).sum::<f64>() / steps;
+        let freedom = steps - 1.0;
+        Some(StepMotion {
+            rms_rad: (square - noise).max(0.0).sqrt(),
+            certain: explained > noise_dn2 * (freedom + CERTAIN * (2.0 * freedom).sqrt()),
+            per_frame_rad: if information > 0.0 { seen / information } else { 0.0 },
+            u_per_frame_rad: if information > 0.0 { (noise_dn2 / information).sqrt() } else { f64::INFINITY },
+        })
+    }
+}
+
+/// The Cholesky factor of the first n rows, in place.
+fn lower(matrix: &mut Square, n: usize) -> Option<&Square> {
+    for j in 0..n {
+        for i in j..n {
+            let product: f64 = (0..j).map(|k| matrix[i][k] * matrix[j][k]).sum();
+            let rest = matrix[i][j] - product;
+            if i == j {
+                if rest.is_nan() || rest <= 1e-12 * matrix[j][j].abs() {
+                    return None;
+                }
+                matrix[j][j] = rest.sqrt();
+            } else {
+                matrix[i][j] = rest / matrix[j][j];
+            }
+        }
+    }
+    Some(matrix)
+}
+
+fn solved(lower: &Square, n: usize, right: &Steps) -> Steps {
+    let mut x = *right;
+    for i in 0..n {
+        let product: f64 = (0..i).map(|k| lower[i][k] * x[k]).sum();
+        x[i] = (x[i] - product) / lower[i][i];
+    }
+    for i in (0..n).rev() {
+        let product: f64 = (i + 1..n).map(|k| lower[k][i] * x[k]).sum();
+        x[i] = (x[i] - product) / lower[i][i];
+    }
+    x
+}
