@@ -194,7 +194,7 @@ impl Bench {
 }
 
 /// Root mean square of (noisy − still)/σ over the pixels that both scans have.
-fn ratio(noisy: &Scan, still: &Scan) -> Option<f64> {
+pub(super) fn ratio(noisy: &Scan, still: &Scan) -> Option<f64> {
     let key = |p: &fringe::cloud::Point| (p.pair, p.pixel);
     let mut others = still.points.iter().peekable();
     let (mut sum, mut count) = (0.0, 0_usize);

@@ -2,9 +2,12 @@
 
 mod accuracy;
 mod bit_errors;
+mod calibrated;
 mod calibration;
+mod drift;
 mod error_sources;
 mod exposures;
+mod features;
 mod order_errors;
 mod peers_case;
 mod phase_methods;
@@ -33,10 +36,14 @@ enum What {
     Accuracy(Common),
     /// Calibrations from the twin's boards compared with the truth: parameters, reprojection, sphere spacings, time.
     Calibration(calibration::Args),
+    /// Corrections of a camera that drifted, without and with a length standard: model chosen, sphere spacings.
+    Drift(drift::Args),
     /// Effect of each source of error on phase and point, one at a time.
     ErrorSources(error_sources::Args),
     /// One exposure compared with several, on a shiny part.
     Exposures(exposures::Args),
+    /// Errors of features over their stated uncertainty, calibrations times placements; single points too.
+    Features(features::Args),
     /// Predicted phase noise and rates of wrong bits and orders compared with counted ones.
     OrderErrors(order_errors::Args),
     /// One case of a comparison with programs in other languages, on inputs that a foreign script wrote.
@@ -68,8 +75,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     match &args.what {
         What::Accuracy(common) => accuracy::run(common.json.as_deref()),
         What::Calibration(args) => calibration::run(args),
+        What::Drift(args) => drift::run(args),
         What::ErrorSources(args) => error_sources::run(args),
         What::Exposures(args) => exposures::run(args),
+        What::Features(args) => features::run(args),
         What::OrderErrors(args) => order_errors::run(args),
         What::PeersCase(args) => peers_case::run(args),
         What::PhaseMethods(args) => phase_methods::run(args),

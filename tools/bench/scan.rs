@@ -22,12 +22,24 @@ pub struct Scan {
 
 /// Renders, decodes, matches and fuses all pairs of a rig.
 pub fn scan(twin: &Twin, rig: &Rig, sequence: &[PatternSet], cycle: u64) -> Result<Scan> {
+    scan_with(twin, rig, sequence, cycle, &tolerant())
+}
+
+/// The same with settings of the decoder.
+pub fn scan_with(
+    twin: &Twin,
+    rig: &Rig,
+    sequence: &[PatternSet],
+    cycle: u64,
+    settings: &DecodeSettings,
+) -> Result<Scan> {
     let clouds = rig
         .pairs
         .iter()
         .enumerate()
         .map(|(index, pair)| {
-            let maps = |camera: &str| decode(twin, camera, &pair.projector, rig, sequence, cycle);
+            let maps =
+                |camera: &str| decode_with(twin, (camera, &pair.projector), rig, sequence, cycle, settings);
             let (left, right) = (maps(&pair.left)?, maps(&pair.right)?);
             let mut matcher = PairMatcher::new(rig, pair, index, &MatchSettings::default())?;
             Ok(matcher.cloud(&views(&left), &views(&right))?.0)
@@ -48,10 +60,25 @@ pub fn decode(
     sequence: &[PatternSet],
     cycle: u64,
 ) -> Result<Vec<PhaseMap>> {
+    decode_with(twin, (camera, projector), rig, sequence, cycle, &tolerant())
+}
+
+/// Settings that refuse no part or board for its edges, which are contradictions of code and phase, however many they are.
+fn tolerant() -> DecodeSettings {
+    DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() }
+}
+
+/// The same with settings of the decoder.
+fn decode_with(
+    twin: &Twin,
+    (camera, projector): (&str, &str),
+    rig: &Rig,
+    sequence: &[PatternSet],
+    cycle: u64,
+    settings: &DecodeSettings,
+) -> Result<Vec<PhaseMap>> {
     let view = twin.view_lit_by(camera, &[projector], cycle)?;
-    // The edges of a part or of a board's squares are contradictions of code and phase, however many they are.
-    let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
-    let mut decoder = landed(twin, &view, projector, rig, sequence, &settings)?;
+    let mut decoder = landed(twin, &view, projector, rig, sequence, settings)?;
     let finished = decoder.axes().into_iter().map(|axis| {
         let mut map = PhaseMap::new(decoder.info(axis)?);
         decoder.finish(axis, &mut map.view_mut())?;

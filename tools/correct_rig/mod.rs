@@ -8,7 +8,9 @@ use crate::check_rig::{Examined, PairCheck, examine, pair_covariance, suspects};
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::{Context, Result, bail};
-use characterise::health::{HealthSettings, Match, Partner, ViewCorrection, check_pair, correct_view};
+use characterise::health::{
+    Choice, HealthSettings, Match, PairCovariance, Partner, ViewCorrection, check_pair, estimate_view,
+};
 use files::provenance::Provenance;
 use files::recording::{RECORDING_FILE, Recording};
 use files::rig_file::{Covariance, RigFile, read_rig};
@@ -29,8 +31,8 @@ pub struct Args {
     /// The view that drifted; default: the one that all unhealthy pairs have in common.
     #[arg(long, value_name = "NAME")]
     view: Option<String>,
-    /// Inspection plan of a length standard in the same recording, whose distances of centres are certified: needed where the baseline of
-    /// the only pair has changed.
+    /// Inspection plan of a length standard in the same recording, whose distances of centres are certified: needed where the residuals
+    /// leave lengths open.
     #[arg(long, value_name = "PLAN")]
     length: Option<PathBuf>,
     /// Probability that a healthy pair is reported as unhealthy.
@@ -77,19 +79,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let links = links(&view, checks);
     let judge =
         Judge { rig_file: &rig_file, covariance: covariance.as_ref(), settings: &settings, view: &view };
-    let (found, scaled) = judge.correct(args, &recording, &links)?;
-    let after = judge.health(&found.camera, &links)?;
-    write::write(args, &recording, &judge, &found, scaled)?;
-    let lines = write::report(&view, &found, scaled, &links, &after);
+    let found = judge.correct(args, &recording, &links)?;
+    let after = judge.health(&found.view.camera, &links)?;
+    write::write(args, &recording, &judge, &found)?;
+    let lines = write::report(&view, &found, &links, &after);
     for line in &lines {
         println!("{line}");
     }
     println!("{}", args.out.display());
-    emit_made_with(
-        args.json.as_deref(),
-        &write::json(args, Some((&view, &found, scaled)), &after),
-        provenance,
-    )?;
+    emit_made_with(args.json.as_deref(), &write::json(args, Some((&view, &found)), &after), provenance)?;
     Ok(Outcome::Done)
 }
 
@@ -149,64 +147,116 @@ fn camera<'r>(rig: &'r Rig, name: &str) -> Result<&'r Camera> {
         .with_context(|| format!("\"{name}\" is not in the rig file"))
 }
 
+/// What was found of the view.
+pub struct Found {
+    /// The model that was chosen.
+    pub view: ViewCorrection,
+    /// All models, the simple ones first.
+    pub models: Vec<ViewCorrection>,
+    /// New length of the baseline to a measuring partner over the rig file's, with its standard uncertainty, where a length
+    /// standard told it.
+    pub baseline: Option<Baseline>,
+}
+
+/// Change of a baseline.
+#[derive(Debug, Clone, Copy, serde::Serialize)]
+pub struct Baseline {
+    /// New length over that of the rig file.
+    pub factor: f64,
+    /// Standard uncertainty of the factor.
+    pub u: f64,
+}
+
 impl Judge<'_> {
-    /// The least correction that makes all pairs of the view healthy, and the factor on its baseline by the length standard.
-    fn correct(
-        &self,
-        args: &Args,
-        recording: &Recording,
-        links: &[Link],
-    ) -> Result<(ViewCorrection, Option<length::Scale>)> {
+    /// The simplest correction that the residuals do not contradict, with the length standard where there is one.
+    fn correct(&self, args: &Args, recording: &Recording, links: &[Link]) -> Result<Found> {
         let rig = &self.rig_file.rig;
         let (path, start) = (self.rig_file.path.display(), camera(rig, self.view)?);
+        let covariances: Vec<Option<PairCovariance>> =
+            links.iter().map(|link| self.covariance_of(link)).collect();
         let partners: Vec<Partner> = links
             .iter()
-            .map(|link| Ok(Partner { fixed: camera(rig, &link.partner)?, matches: &link.matches }))
+            .zip(&covariances)
+            .map(|(link, covariance)| {
+                Ok(Partner {
+                    fixed: camera(rig, &link.partner)?,
+                    matches: &link.matches,
+                    covariance: covariance.as_ref(),
+                    measures: rig.pairs.iter().any(|pair| pair.name == link.check.name),
+                })
+            })
             .collect::<Result<_>>()?;
-        let turned = correct_view(start, &partners, false, self.settings)?;
-        if self.healthy(&turned.camera, links)? {
-            return Ok((turned, None));
-        }
-        let moved = correct_view(start, &partners, true, self.settings)?;
-        if !self.healthy(&moved.camera, links)? {
+        let mut estimate = estimate_view(start, &partners, self.settings)?;
+        if !self.health(&estimate.camera(), links)?.iter().all(|after| after.1) {
             bail!(
                 "{path}: no rotation, shift and focal length of \"{}\" explains the residuals: a lens changed, or more than one view \
                  drifted; calibrate again",
                 self.view
             );
         }
-        let mut others: Vec<&str> = links.iter().map(|link| link.partner.as_str()).collect();
-        others.sort_unstable();
-        others.dedup();
-        match (&args.length, others.as_slice()) {
-            (None, [only]) => bail!(
-                "{path}: \"{}\" has been shifted, and its only partner \"{only}\" does not show how far along their baseline: lengths are \
-                 at stake; record a length standard and name its plan with --length",
+        if let Some(plan) = &args.length {
+            let readings = length::readings(plan, recording, self, &estimate)?;
+            estimate = estimate.with_lengths(&readings);
+        }
+        let models = estimate.models();
+        let view = match estimate.choose() {
+            Some(Choice::Clear(view)) => *view,
+            Some(Choice::LengthsOpen { models, apart }) => {
+                bail!(self.lengths_open(args, links, &models, apart))
+            }
+            None => bail!(
+                "{path}: the residuals of \"{}\" contradict every model of its drift; calibrate again",
                 self.view
             ),
-            (Some(plan), [only]) => {
-                let (camera, scale) = length::scaled(plan, recording, self, &moved.camera, only)?;
-                Ok((ViewCorrection { camera, ..moved }, Some(scale)))
-            }
-            _ => Ok((moved, None)),
-        }
+        };
+        let baseline = args.length.is_some().then(|| baseline(&view, start, &partners)).flatten();
+        Ok(Found { view, models, baseline })
     }
 
-    /// Whether all pairs are healthy with the view in this state.
-    fn healthy(&self, view: &Camera, links: &[Link]) -> Result<bool> {
-        Ok(self.health(view, links)?.iter().all(|after| after.1))
+    /// What to tell where the residuals leave lengths open.
+    fn lengths_open(&self, args: &Args, links: &[Link], models: &[ViewCorrection], apart: f64) -> String {
+        let list: Vec<String> = models
+            .iter()
+            .map(|model| format!("{} (χ² {:.1} of {:.1})", model.name(), model.chi2, model.limit))
+            .collect();
+        let mut partners: Vec<&str> = links.iter().map(|link| link.partner.as_str()).collect();
+        partners.sort_unstable();
+        partners.dedup();
+        let remedy = if args.length.is_some() {
+            "show a longer or better known length standard, in several places, or calibrate again"
+        } else {
+            "record a length standard and name its plan with --length"
+        };
+        format!(
+            "{}: \"{}\" drifted by {}, but the residuals leave lengths open by {:.1} µm in 100 mm: how far it went along the baseline to \
+             {} does not show; {remedy}",
+            self.rig_file.path.display(),
+            self.view,
+            list.join(" or by "),
+            apart * 1e5,
+            partners.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", "),
+        )
+    }
+
+    fn covariance_of(&self, link: &Link) -> Option<PairCovariance> {
+        pair_covariance(self.covariance?, &self.pair(link))
+    }
+
+    /// The pair of a link, the view on the right.
+    fn pair(&self, link: &Link) -> Pair {
+        Pair {
+            name: link.check.name.clone(),
+            left: link.partner.clone(),
+            right: self.view.to_owned(),
+            projector: link.check.projector.clone(),
+        }
     }
 
     /// Of each pair its name, whether it is healthy with the view in this state, and the rms of the drift left, px.
     fn health(&self, view: &Camera, links: &[Link]) -> Result<Vec<(String, bool, f64)>> {
         let one = |link: &Link| {
-            let pair = Pair {
-                name: link.check.name.clone(),
-                left: link.partner.clone(),
-                right: self.view.to_owned(),
-                projector: link.check.projector.clone(),
-            };
-            let covariance = self.covariance.and_then(|covariance| pair_covariance(covariance, &pair));
+            let pair = self.pair(link);
+            let covariance = self.covariance_of(link);
             let partner = camera(&self.rig_file.rig, &link.partner)?;
             let health = check_pair(partner, view, &link.matches, covariance.as_ref(), self.settings)?;
             Ok((pair.name, health.healthy, health.drift.rms_px))
@@ -223,4 +273,17 @@ impl Judge<'_> {
         }
         rig
     }
+}
+
+/// The baseline to the first partner that measures, new over old.
+fn baseline(found: &ViewCorrection, start: &Camera, partners: &[Partner]) -> Option<Baseline> {
+    let fixed = partners.iter().find(|partner| partner.measures)?.fixed;
+    let apart = |view: &Camera| (view.centre_mm() - fixed.centre_mm()).norm();
+    let factor = apart(&found.camera) / apart(start);
+    // The centre moves by Rᵀ of a shift, and by it alone.
+    let along = found.camera.camera_from_world.rotation
+        * (found.camera.centre_mm() - fixed.centre_mm()).try_normalize(1e-12)?;
+    let shift = |i: usize| (0..3).map(|j| along[i] * found.covariance[3 + i][3 + j] * along[j]).sum::<f64>();
+    let variance = (0..3).map(shift).sum::<f64>();
+    Some(Baseline { factor, u: variance.max(0.0).sqrt() / apart(start) })
 }

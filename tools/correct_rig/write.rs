@@ -1,7 +1,6 @@
 //! The corrected rig file with its covariance and history, and what is printed of it.
 
-use super::length::Scale;
-use super::{Args, Judge, Link};
+use super::{Args, Found, Judge, Link};
 use anyhow::{Context, Result};
 use characterise::calibration::PARAMETERS;
 use characterise::health::ViewCorrection;
@@ -10,13 +9,8 @@ use files::rig_file::CovarianceRef;
 use serde_json::{Value, json};
 
 /// Writes the covariance, then the rig file that names it.
-pub fn write(
-    args: &Args,
-    recording: &Recording,
-    judge: &Judge,
-    found: &ViewCorrection,
-    scale: Option<Scale>,
-) -> Result<()> {
+pub fn write(args: &Args, recording: &Recording, judge: &Judge, found: &Found) -> Result<()> {
+    let Found { view: found, baseline, .. } = found;
     let rig = judge.rig_with(&found.camera);
     let reference = covariance(args, judge, found)?;
     let mut provenance = judge.rig_file.provenance.clone();
@@ -31,8 +25,9 @@ pub fn write(
     entry.insert("rotation_deg".into(), numbers(&degrees));
     entry.insert("shift_mm".into(), numbers(&found.drift[3..6]));
     entry.insert("focal_part".into(), found.drift[6].into());
-    if let Some(scale) = scale {
-        entry.insert("baseline_factor".into(), scale.factor.into());
+    entry.insert("model".into(), found.name().into());
+    if let Some(baseline) = baseline {
+        entry.insert("baseline_factor".into(), baseline.factor.into());
     }
     let mut history = match provenance.remove("corrections") {
         Some(toml::Value::Array(history)) => history,
@@ -67,25 +62,32 @@ fn covariance(args: &Args, judge: &Judge, found: &ViewCorrection) -> Result<Opti
 }
 
 /// What was corrected, and what is left of the residuals of each pair.
-pub fn report(
-    view: &str,
-    found: &ViewCorrection,
-    scale: Option<Scale>,
-    links: &[Link],
-    after: &[(String, bool, f64)],
-) -> Vec<String> {
+pub fn report(view: &str, found: &Found, links: &[Link], after: &[(String, bool, f64)]) -> Vec<String> {
+    let Found { view: found, models, baseline } = found;
     let (d, u) = (found.drift, found.u());
     let axes = ["x", "y", "z"];
     let turn = |i: usize| format!("{} {:+.5}° (u {:.5})", axes[i], d[i].to_degrees(), u[i].to_degrees());
     let shift = |i: usize| format!("{} {:+.4} mm (u {:.4})", axes[i], d[3 + i], u[3 + i]);
     let list = |part: &dyn Fn(usize) -> String| (0..3).map(part).collect::<Vec<_>>().join(", ");
-    let mut lines = vec![
+    let focal = format!("{view}: focal length {:+.4} % (u {:.4} %)", 100.0 * d[6], 100.0 * u[6]);
+    let parts = [
         format!("{view} was turned about {}", list(&turn)),
         format!("{view} was shifted along {}", list(&shift)),
-        format!("{view}: focal length {:+.4} % (u {:.4} %)", 100.0 * d[6], 100.0 * u[6]),
+        focal,
     ];
-    if let Some(scale) = scale {
-        lines.push(format!("baseline by the length standard: factor {:.6} (u {:.6})", scale.factor, scale.u));
+    let mut lines: Vec<String> =
+        parts.into_iter().zip(found.changes).filter(|(_, changes)| *changes).map(|(line, _)| line).collect();
+    let tried = models.iter().map(|model| {
+        let verdict = if model.is_possible() { "" } else { ", contradicted" };
+        format!("{} χ² {:.1} of {:.1}{verdict}", model.name(), model.chi2, model.limit)
+    });
+    lines.push(format!("models: {}", tried.collect::<Vec<_>>().join("; ")));
+    lines.push(format!("lengths: u {:.2} µm in 100 mm by the correction", found.u_length * 1e5));
+    if let Some(baseline) = baseline {
+        lines.push(format!(
+            "baseline by the length standard: factor {:.6} (u {:.6})",
+            baseline.factor, baseline.u
+        ));
     }
     for (link, (name, _, rms_px)) in links.iter().zip(after) {
         let before = link.check.health.drift.rms_px;
@@ -95,20 +97,21 @@ pub fn report(
 }
 
 /// Keys that other programs rely on.
-pub fn json(
-    args: &Args,
-    found: Option<(&str, &ViewCorrection, Option<Scale>)>,
-    after: &[(String, bool, f64)],
-) -> Value {
+pub fn json(args: &Args, found: Option<(&str, &Found)>, after: &[(String, bool, f64)]) -> Value {
     json!({
         "recording": args.recording,
         "rig": args.rig,
         "corrected": found.is_some(),
         "out": found.map(|_| &args.out),
-        "view": found.map(|(view, _, _)| view),
-        "drift": found.map(|(_, found, _)| found.drift),
-        "u_drift": found.map(|(_, found, _)| found.u()),
-        "baseline": found.and_then(|(_, _, scale)| scale),
+        "view": found.map(|(view, _)| view),
+        "model": found.map(|(_, found)| found.view.name()),
+        "models": found.map(|(_, found)| found.models.iter().map(|model| json!({
+            "name": model.name(), "chi2": model.chi2, "limit": model.limit, "possible": model.is_possible(),
+        })).collect::<Vec<_>>()),
+        "u_length": found.map(|(_, found)| found.view.u_length),
+        "drift": found.map(|(_, found)| found.view.drift),
+        "u_drift": found.map(|(_, found)| found.view.u()),
+        "baseline": found.and_then(|(_, found)| found.baseline),
         "pairs": after.iter().map(|(name, healthy, rms_px)| json!({
             "name": name, "healthy": healthy, "rms_px": rms_px,
         })).collect::<Vec<_>>(),

@@ -79,6 +79,15 @@ pub fn by_geometry(found: &Calibration, truth: &Rig) -> Result<Vec<SpacingReport
     truth.pairs.iter().map(|pair| one_pair(found, truth, pair)).collect()
 }
 
+/// Largest error of a sphere spacing over the volume that two views measure, mm.
+pub fn worst_spacing(ours: [&Camera; 2], truth: [&Camera; 2]) -> f64 {
+    let error = |ends: &[Point3<f64>; 2]| {
+        let [Some(a), Some(b)] = ends.map(|end| centre(&end, truth, ours)) else { return 0.0 };
+        ((b - a).norm() - SPACING_MM).abs()
+    };
+    bars().iter().map(error).fold(0.0, f64::max)
+}
+
 fn one_pair(found: &Calibration, truth: &Rig, pair: &Pair) -> Result<SpacingReport> {
     let place = |name: &str| {
         found

@@ -1,8 +1,8 @@
 //! What a calibration of the twin is worth: parameters in units of their predicted standard deviations, reprojection
 //! errors, sphere spacings over the volume, and the time that it takes.
 
-mod bars;
-mod board;
+pub(super) mod bars;
+pub(super) mod board;
 mod scatter;
 mod show;
 
@@ -160,7 +160,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn solve(observations: &Observations, target: TargetShape) -> Result<Calibration> {
+/// A calibration with everything adjusted but the lens model.
+pub(super) fn solve(observations: &Observations, target: TargetShape) -> Result<Calibration> {
     Ok(calibrate(observations, &CalibrationSettings { target, ..CalibrationSettings::default() })?)
 }
 

@@ -1,134 +1,226 @@
 //! The state of a view that explains the epipolar residuals of all its pairs.
 //!
-//! The residuals answer to rotations, shifts and the focal length of the view (see `rows`); the state that explains them best is found by
+//! The residuals answer to rotations, shifts and the focal length of the view (see `rows`). All seven are estimated together by
 //! Gauss–Newton, with what drifts are like as a prior: a direction that the matches do not determine stays where the rig file has
-//! it. With one partner the shift along the baseline is such a direction: it only scales lengths, and needs one to be known.
+//! it. The covariance of the estimate holds the phase noise, the error of the phase itself and the calibration's covariance, as the test
+//! of [`check_pair`] does; the error of the phase is no more than the pattern that the fit leaves allows. Which of the seven really changed is chosen afterwards, see `choice`.
 
 use super::HealthError;
 use super::drift::check_pair;
-use super::matches::Match;
+use super::lengths::length_form;
+use super::parameters::PairCovariance;
 use super::robust;
-use super::rows::{CAUSES, Row, rows};
+use super::rows::{Row, rows};
 use super::settings::HealthSettings;
-use crate::calibration::{PARAMETERS, moved};
+use super::state::{Partner, UNKNOWNS, stepped};
+use super::tiles::Tiles;
 use fringe::geometry::camera::Camera;
 use fringe::math::linear::{Dense, Factor};
+use nalgebra::Vector3;
 
-/// Unknowns: rotations, shifts, focal length, as in [`CAUSES`].
-const UNKNOWNS: usize = CAUSES.len();
 /// Rounds of Gauss–Newton; drifts are small, so that the second one only confirms.
 const ROUNDS: usize = 4;
 /// Standard deviation of a drift before anything is seen of it: rad, mm, relative change of the focal length.
 const PRIOR: [f64; UNKNOWNS] = [1e-3, 1e-3, 1e-3, 0.3, 0.3, 0.3, 1e-3];
-/// What is held at the rig file's value, against the prior.
-const HELD: f64 = 1e-9;
 
-/// A view that did not drift, and the places that it shares with the one that did.
-#[derive(Debug, Clone, Copy)]
-pub struct Partner<'a> {
-    /// The view that counts.
-    pub fixed: &'a Camera,
-    /// Matches with the partner on the left and the corrected view on the right.
-    pub matches: &'a [Match],
+/// Smooth errors of the phase within the causes are taken for up to so many times those that no cause explains …
+const PATTERN: f64 = 2.0;
+/// … and for this at least, px: patterns below are noise.
+const LEAST_ERROR_PX: f64 = 5e-4;
+/// Steps of the derivatives of measured lengths: rotations (rad), shifts (mm), relative focal length; large against what single points do.
+const STEPS: [f64; UNKNOWNS] = [2e-5, 2e-5, 2e-5, 1e-2, 1e-2, 1e-2, 5e-5];
+
+/// A certified length that the corrected view helped to measure.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LengthReading {
+    /// Certified less measured length with the view in the state of the estimate, mm.
+    pub error_mm: f64,
+    /// Standard uncertainty of this difference, mm.
+    pub u_mm: f64,
+    /// Derivatives of the measured length by rotations (rad), shifts (mm) and relative focal length.
+    pub by: [f64; UNKNOWNS],
 }
 
-/// A view as the matches show it.
+/// What the matches say of the drift of a view, before it is known which causes changed.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ViewCorrection {
-    /// The view after the correction.
-    pub camera: Camera,
+pub struct ViewEstimate {
+    pub(super) start: Camera,
     /// New state less old one: rotations about x, y, z (rad), shifts along them (mm), relative change of the focal length.
     pub drift: [f64; UNKNOWNS],
-    /// Covariance of the drift, row by row.
-    pub covariance: [[f64; UNKNOWNS]; UNKNOWNS],
+    /// Inverse covariance of the drift.
+    pub(super) weight: Dense,
+    /// Mean of r rᵀ over lengths all over the object, r the derivatives of a length over the length, of each pair that measures.
+    pub(super) lengths: Vec<Dense>,
+    /// From the measuring partners to the view, in the view's frame, mm.
+    pub(super) baselines_mm: Vec<Vector3<f64>>,
+    /// Whether certified lengths have entered.
+    pub(super) has_lengths: bool,
 }
 
-impl ViewCorrection {
-    /// Standard uncertainties of the drift.
-    pub fn u(&self) -> [f64; UNKNOWNS] {
-        std::array::from_fn(|i| self.covariance[i][i].max(0.0).sqrt())
-    }
-
-    /// Covariance of the view's parameters that the correction adds, of the first `count` of [`PARAMETERS`], row by row.
-    pub fn parameter_covariance(&self, count: usize) -> Vec<f64> {
-        let by = |parameter: usize| -> [f64; UNKNOWNS] {
-            let focal = self.camera.focal_px.get(parameter).copied().unwrap_or(0.0);
-            let pose = |i: usize| PARAMETERS[parameter] == POSE[i];
-            std::array::from_fn(|i| if i < 6 { f64::from(u8::from(pose(i))) } else { focal })
-        };
-        let product = |k: usize| {
-            let (a, b) = (by(k / count), by(k % count));
-            let row = |i: usize| a[i] * (0..UNKNOWNS).map(|j| self.covariance[i][j] * b[j]).sum::<f64>();
-            (0..UNKNOWNS).map(row).sum()
-        };
-        (0..count * count).map(product).collect()
-    }
-}
-
-/// Names of the parameters of the pose, in the order of the unknowns.
-const POSE: [&str; 6] = ["rx_rad", "ry_rad", "rz_rad", "tx_mm", "ty_mm", "tz_mm"];
-
-/// The state of a view that explains the residuals of all its pairs; without `shifts` only rotations and the focal length change.
+/// The state of a view that explains the residuals of all its pairs, with all seven causes free.
 ///
 /// # Errors
 /// As [`check_pair`].
-pub fn correct_view(
+pub fn estimate_view(
     view: &Camera,
     partners: &[Partner],
-    shifts: bool,
     settings: &HealthSettings,
-) -> Result<ViewCorrection, HealthError> {
-    let mut drift = [0.0; UNKNOWNS];
-    let mut information = Dense::zeros(UNKNOWNS, UNKNOWNS);
-    let prior: [f64; UNKNOWNS] =
-        std::array::from_fn(|i| if shifts || !(3..6).contains(&i) { PRIOR[i] } else { HELD * PRIOR[i] });
+) -> Result<ViewEstimate, HealthError> {
     // The covariance of sums over neighbours is larger than that of independent residuals.
-    let factors: Vec<f64> = partners
-        .iter()
-        .map(|p| Ok(check_pair(p.fixed, view, p.matches, None, settings)?.correlation_factor.max(1.0)))
-        .collect::<Result<_, HealthError>>()?;
+    let factor =
+        |p: &Partner| Ok(check_pair(p.fixed, view, p.matches, None, settings)?.correlation_factor.max(1.0));
+    let factors: Vec<f64> = partners.iter().map(factor).collect::<Result<_, HealthError>>()?;
+    let mut drift = [0.0; UNKNOWNS];
+    let mut sums = Sums::new(&drift);
     for _ in 0..ROUNDS {
         let now = stepped(view, &drift);
-        information = Dense::from_fn(UNKNOWNS, UNKNOWNS, |i, j| if i == j { prior[i].powi(-2) } else { 0.0 });
-        let mut right: Vec<f64> = (0..UNKNOWNS).map(|i| -drift[i] * prior[i].powi(-2)).collect();
+        sums = Sums::new(&drift);
         for (partner, factor) in partners.iter().zip(&factors) {
-            let rows = rows(partner.fixed, &now, partner.matches);
-            let fit = robust::fit(&rows).ok_or(HealthError::Degenerate)?;
-            let kept = rows.iter().zip(&fit.kept).filter(|(_, kept)| **kept).map(|(row, _)| row);
-            add(&mut information, &mut right, kept, 1.0 / factor);
+            sums.add_partner(partner, &now, *factor, settings)?;
         }
-        let step = Factor::new(&information).map_err(|_| HealthError::Degenerate)?.solve(&right);
+        let step = Factor::new(&sums.information).map_err(|_| HealthError::Degenerate)?.solve(&sums.right);
         drift.iter_mut().zip(&step).for_each(|(d, s)| *d += s);
     }
-    let solved = Factor::new(&information).map_err(|_| HealthError::Degenerate)?;
-    let column =
-        |j: usize| solved.solve(&(0..UNKNOWNS).map(|i| f64::from(u8::from(i == j))).collect::<Vec<_>>());
-    let columns: Vec<Vec<f64>> = (0..UNKNOWNS).map(column).collect();
-    let covariance = std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i]));
-    Ok(ViewCorrection { camera: stepped(view, &drift), drift, covariance })
+    // C = J⁻¹ S J⁻¹, so that C⁻¹ = J S⁻¹ J.
+    let spread = Factor::new(&sums.spread).map_err(|_| HealthError::Degenerate)?.inverse();
+    let now = stepped(view, &drift);
+    let measuring = || partners.iter().filter(|p| p.measures || partners.iter().all(|p| !p.measures));
+    let baseline = |p: &Partner| now.camera_from_world.rotation * (now.centre_mm() - p.fixed.centre_mm());
+    Ok(ViewEstimate {
+        start: view.clone(),
+        drift,
+        weight: sums.information.sandwich(&spread),
+        lengths: measuring().filter_map(|p| length_form(p, &now)).collect(),
+        baselines_mm: measuring().map(baseline).collect(),
+        has_lengths: false,
+    })
 }
 
-/// Adds the equations of rows.
-fn add<'a>(information: &mut Dense, right: &mut [f64], rows: impl Iterator<Item = &'a Row>, weight: f64) {
-    for row in rows {
-        for (i, a) in row.cause.iter().enumerate() {
-            right[i] += weight * a * row.error;
-            for (j, b) in row.cause.iter().enumerate() {
-                information.add(i, j, weight * a * b);
+impl ViewEstimate {
+    /// The view with all of the estimated drift.
+    pub fn camera(&self) -> Camera {
+        stepped(&self.start, &self.drift)
+    }
+
+    /// Certified lengths (mm) less those that `measure` finds with the view in a state, with their derivatives; lengths that were not
+    /// measured are left out.
+    ///
+    /// # Errors
+    /// Those of `measure`, which gives each length and its standard uncertainty, mm.
+    pub fn readings<E>(
+        &self,
+        certified_mm: &[f64],
+        measure: impl Fn(&Camera) -> Result<Vec<Option<(f64, f64)>>, E>,
+    ) -> Result<Vec<LengthReading>, E> {
+        let here = self.camera();
+        let found = measure(&here)?;
+        let mut there = Vec::new();
+        for (k, size) in STEPS.iter().enumerate() {
+            let mut step = [0.0; UNKNOWNS];
+            step[k] = *size;
+            there.push(measure(&stepped(&here, &step))?);
+        }
+        let reading = |(index, certified): (usize, &f64)| {
+            let (value, u_mm) = found.get(index).copied().flatten()?;
+            let mut by = [0.0; UNKNOWNS];
+            for (k, by) in by.iter_mut().enumerate() {
+                *by = (there[k].get(index).copied().flatten()?.0 - value) / STEPS[k];
+            }
+            Some(LengthReading { error_mm: certified - value, u_mm, by })
+        };
+        Ok(certified_mm.iter().enumerate().filter_map(reading).collect())
+    }
+
+    /// The same with lengths that were measured with the view in this state.
+    #[must_use]
+    pub fn with_lengths(mut self, readings: &[LengthReading]) -> Self {
+        self.has_lengths |= !readings.is_empty();
+        let mut right = self.weight.apply(&self.drift);
+        for reading in readings {
+            let weight = reading.u_mm.max(1e-9).powi(-2);
+            let length: f64 = reading.by.iter().zip(self.drift).map(|(by, d)| by * d).sum();
+            for (i, (right, a)) in right.iter_mut().zip(reading.by).enumerate() {
+                *right += weight * a * (length + reading.error_mm);
+                for (j, b) in reading.by.iter().enumerate() {
+                    self.weight.add(i, j, weight * a * b);
+                }
             }
         }
+        if let Ok(solved) = Factor::new(&self.weight) {
+            self.drift.iter_mut().zip(solved.solve(&right)).for_each(|(d, s)| *d = s);
+        }
+        self
     }
 }
 
-/// A view after a drift.
-fn stepped(view: &Camera, drift: &[f64; UNKNOWNS]) -> Camera {
-    let mut step = [0.0; PARAMETERS.len()];
-    for (parameter, step) in step.iter_mut().enumerate() {
-        *step = match POSE.iter().position(|name| *name == PARAMETERS[parameter]) {
-            Some(i) => drift[i],
-            None if parameter < 2 => drift[6] * view.focal_px[parameter],
-            None => 0.0,
-        };
+/// Sums of the equations.
+struct Sums {
+    information: Dense,
+    right: Vec<f64>,
+    /// Covariance of the sums in `right`.
+    spread: Dense,
+}
+
+impl Sums {
+    /// Of the prior alone.
+    fn new(drift: &[f64; UNKNOWNS]) -> Self {
+        let information =
+            Dense::from_fn(UNKNOWNS, UNKNOWNS, |i, j| if i == j { PRIOR[i].powi(-2) } else { 0.0 });
+        let right = (0..UNKNOWNS).map(|i| -drift[i] * PRIOR[i].powi(-2)).collect();
+        Self { spread: information.clone(), information, right }
     }
-    moved(view, &step)
+
+    fn add_partner(
+        &mut self,
+        partner: &Partner,
+        view: &Camera,
+        correlation: f64,
+        settings: &HealthSettings,
+    ) -> Result<(), HealthError> {
+        let rows = rows(partner.fixed, view, partner.matches);
+        let fit = robust::fit(&rows).ok_or(HealthError::Degenerate)?;
+        let kept: Vec<&Row> =
+            rows.iter().zip(&fit.kept).filter(|(_, kept)| **kept).map(|(row, _)| row).collect();
+        let sharpness: f64 = kept.iter().map(|row| row.sigma_px.powi(-2)).sum();
+        // Smooth errors of the phase leave a pattern too: where it is small, so are they.
+        let seen_px = PATTERN * Tiles::new(&kept, &fit).pattern_px();
+        let error_px = settings.phase_error_px.min(seen_px.max(LEAST_ERROR_PX));
+        let phase = error_px.powi(2) * sharpness / fit.directions.len() as f64;
+        let weight = 1.0 / (correlation + phase);
+        for row in &kept {
+            for (i, a) in row.cause.iter().enumerate() {
+                self.right[i] += weight * a * row.error;
+                for (j, b) in row.cause.iter().enumerate() {
+                    self.information.add(i, j, weight * a * b);
+                    self.spread.add(i, j, weight * a * b);
+                }
+            }
+        }
+        if let Some(covariance) = partner.covariance {
+            self.add_calibration(&kept, covariance, weight)?;
+        }
+        Ok(())
+    }
+
+    /// What the calibration leaves open moves all residuals together.
+    fn add_calibration(
+        &mut self,
+        kept: &[&Row],
+        covariance: &PairCovariance,
+        weight: f64,
+    ) -> Result<(), HealthError> {
+        let places = covariance.places()?;
+        let n = places.len();
+        let mut cross = Dense::zeros(UNKNOWNS, n);
+        for row in kept {
+            for (i, a) in row.cause.iter().enumerate() {
+                for (j, place) in places.iter().enumerate() {
+                    cross.add(i, j, weight * a * row.file[*place]);
+                }
+            }
+        }
+        let own = Dense::from_fn(n, n, |i, j| covariance.matrix[i * n + j]);
+        self.spread = self.spread.plus(&cross.sandwich(&own));
+        Ok(())
+    }
 }

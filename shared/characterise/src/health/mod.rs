@@ -11,26 +11,33 @@
 //!    covariance and the error of the phase itself. A healthy rig passes it with the given probability. A smooth
 //!    pattern that the drift leaves is tested beside it: a lens that changed, or a phase worse than stated.
 //!
+//! 3. [`estimate_view`], [`ViewEstimate::choose`]: the state of a drifted view, and which of its causes changed, where the residuals tell.
+//!
 //! What no epipolar residual can detect: a shift along the baseline (it only scales the measured lengths), and which of
 //! the two views moved; where a view has several partners, it is the one that all unhealthy pairs have in common.
 
 mod chi_square;
+mod choice;
 mod correct;
 mod drift;
 mod error;
+mod lengths;
 mod matches;
 mod parameters;
 mod quadratic;
 mod robust;
 mod rows;
 mod settings;
+mod state;
 #[cfg(test)]
 mod tests;
 mod tiles;
 
-pub use correct::{Partner, ViewCorrection, correct_view};
+pub use choice::{Choice, ViewCorrection};
+pub use correct::{LengthReading, ViewEstimate, estimate_view};
 pub use drift::{Cause, Drift, PairHealth, check_pair};
 pub use error::HealthError;
 pub use matches::{Match, MatchCounts, Matches, match_projector, match_views};
 pub use parameters::PairCovariance;
 pub use settings::HealthSettings;
+pub use state::{Partner, stepped};

@@ -208,6 +208,15 @@ fn what_tells_nothing_is_refused() {
     assert!(error.to_string().contains("\"hue\""), "{error}");
 }
 
+/// A view with its partners as the tests see them.
+fn estimate(view: &Camera, pairs: &[(&Camera, Vec<Match>)]) -> ViewEstimate {
+    let partners: Vec<Partner> = pairs
+        .iter()
+        .map(|(fixed, matches)| Partner { fixed, matches, covariance: None, measures: true })
+        .collect();
+    estimate_view(view, &partners, &EXACT_PHASE).unwrap()
+}
+
 /// A turn and a longer focal length, or a shift too where a second partner sees it, are taken back within their uncertainty.
 #[test]
 fn a_drifted_view_is_brought_back() {
@@ -215,22 +224,58 @@ fn a_drifted_view_is_brought_back() {
     let mut drifted = turned(&right, 1, 0.01);
     drifted.focal_px = drifted.focal_px.map(|f| f * 1.0002);
     let mut noise = Noise(5);
-    let seen = matches(&left, &drifted, 0.03, &mut noise, 4000);
-    let partner = Partner { fixed: &left, matches: &seen };
-    let one = correct_view(&right, &[partner], false, &EXACT_PHASE).unwrap();
+    let seen = vec![(&left, matches(&left, &drifted, 0.03, &mut noise, 4000))];
+    let found = estimate(&right, &seen);
+    let possible: Vec<_> = found.models().into_iter().filter(ViewCorrection::is_possible).collect();
+    let one = possible.first().unwrap();
+    assert_eq!(one.name(), "rotation and focal length");
     let (truth, u) = ([0.0, 0.01_f64.to_radians(), 0.0, 0.0, 0.0, 0.0, 2e-4], one.u());
     for i in 0..7 {
         assert!((one.drift[i] - truth[i]).abs() < 4.0 * u[i] + 1e-9, "{i}: {:?}, u {u:?}", one.drift);
     }
-    assert!(check_pair(&left, &one.camera, &seen, None, &EXACT_PHASE).unwrap().healthy);
+    assert!(check_pair(&left, &one.camera, &seen[0].1, None, &EXACT_PHASE).unwrap().healthy);
 
     drifted.camera_from_world.translation.vector += Vector3::new(0.05, -0.03, 0.02);
     let pairs = [&left, &third].map(|fixed| (fixed, matches(fixed, &drifted, 0.03, &mut noise, 4000)));
-    let partners = [0, 1].map(|i| Partner { fixed: pairs[i].0, matches: &pairs[i].1 });
-    let both = correct_view(&right, &partners, true, &EXACT_PHASE).unwrap();
+    let both = estimate(&right, &pairs).models().pop().unwrap();
+    assert_eq!(both.name(), "rotation, shift and focal length");
     let shift: Vec<f64> = both.drift[3..6].to_vec();
     for (found, (truth, u)) in shift.iter().zip([0.05, -0.03, 0.02].iter().zip(&both.u()[3..6])) {
         assert!((found - truth).abs() < 4.0 * u, "{shift:?}, u {:?}", both.u());
     }
     assert_eq!(both.parameter_covariance(16).len(), 256);
+}
+
+/// One partner does not see how far a view went along their baseline: lengths are open, and a length settles them.
+#[test]
+fn a_shift_needs_a_length_where_one_partner_sees_it() {
+    let [left, right, _] = rig(1124, 750);
+    let mut drifted = right.clone();
+    // Along the baseline and across it: the latter shows.
+    drifted.camera_from_world.translation.vector += Vector3::new(0.05, 0.05, 0.0);
+    let seen = vec![(&left, matches(&left, &drifted, 0.03, &mut Noise(9), 4000))];
+    let found = estimate(&right, &seen);
+    let Some(Choice::LengthsOpen { models, apart }) = found.choose() else { panic!("{:?}", found.choose()) };
+    assert!(models[0].name() == "shift" && apart > 1e-5, "{apart}");
+
+    // A bar of 100 mm, measured with the view in the state of the estimate.
+    let ends = [Point3::new(-50.0, 0.0, 0.0), Point3::new(50.0, 0.0, 0.0)];
+    let length = |camera: &Camera| {
+        let at = |end: &Point3<f64>| {
+            let pixels = (left.project(end).unwrap(), drifted.project(end).unwrap());
+            let met = fringe::geometry::triangulate::triangulate((&left, pixels.0), (camera, pixels.1));
+            met.unwrap().position_mm
+        };
+        (at(&ends[0]) - at(&ends[1])).norm()
+    };
+    let here = found.camera();
+    let by = std::array::from_fn(|k| {
+        let mut step = [0.0; 7];
+        step[k] = if k < 3 || k == 6 { 1e-5 } else { 1e-2 };
+        (length(&stepped(&here, &step)) - length(&here)) / step[k]
+    });
+    let reading = LengthReading { error_mm: 100.0 - length(&here), u_mm: 5e-4, by };
+    let Some(Choice::Clear(known)) = found.with_lengths(&[reading]).choose() else { panic!("still open") };
+    assert!((length(&known.camera) - 100.0).abs() < 0.002, "{:?}", known.drift);
+    assert!((known.drift[3] - 0.05).abs() < 0.005 && known.name() == "shift", "{:?}", known.drift);
 }

@@ -1,0 +1,178 @@
+//! Which causes changed: the simplest model that the residuals do not contradict.
+//!
+//! Of the seven causes some explain a drift nearly as well as others: a shift of 0.05 mm across the line of sight leaves 0.002 px of
+//! what a turn of 0.006° makes. So each model (rotation, shift, focal length, and what joins them) is held against the estimate with
+//! all causes free: χ² = δᵀ C⁻¹ δ of what the model cannot explain, with as many degrees of freedom as causes are held. Where models of the
+//! same size remain that give other lengths, or where the remaining one leaves lengths open, the residuals cannot tell, and a
+//! length standard must. A change of the baseline is never taken without one.
+
+use super::chi_square;
+use super::correct::ViewEstimate;
+use super::state::{POSE, UNKNOWNS, stepped};
+use crate::calibration::PARAMETERS;
+use fringe::geometry::camera::Camera;
+use fringe::math::linear::{Dense, Factor, dot};
+use nalgebra::Vector3;
+
+/// Lengths that are this well known, relative to themselves, are known: 2 µm in 100 mm, as a good calibration leaves them.
+const KNOWN_LENGTH: f64 = 2e-5;
+/// Probability with which a true model is contradicted: a larger one is then taken, which costs little.
+const CONTRADICTED: f64 = 0.05;
+
+/// Models by what changes: rotation, shift, focal length; the simple ones first.
+const MODELS: [[bool; 3]; 7] = [
+    [false, false, true],
+    [true, false, false],
+    [false, true, false],
+    [true, false, true],
+    [false, true, true],
+    [true, true, false],
+    [true, true, true],
+];
+/// Names of what changes.
+const NAMES: [&str; 3] = ["rotation", "shift", "focal length"];
+
+/// A view as a model explains its residuals.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ViewCorrection {
+    /// What changes: rotation, shift, focal length.
+    pub changes: [bool; 3],
+    /// The view after the correction.
+    pub camera: Camera,
+    /// New state less old one: rotations about x, y, z (rad), shifts along them (mm), relative change of the focal length.
+    pub drift: [f64; UNKNOWNS],
+    /// Covariance of the drift, row by row.
+    pub covariance: [[f64; UNKNOWNS]; UNKNOWNS],
+    /// χ² of what the model cannot explain.
+    pub chi2: f64,
+    /// One true model in twenty exceeds this.
+    pub limit: f64,
+    /// Relative standard uncertainty of lengths that the correction leaves, rms over the object.
+    pub u_length: f64,
+}
+
+/// What the residuals tell of the models.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Choice {
+    /// One model, the simplest that is not contradicted.
+    Clear(Box<ViewCorrection>),
+    /// These explain the residuals alike, but lengths differ between them, or within one, by this part of themselves.
+    LengthsOpen {
+        /// Models of the same size, the best one first.
+        models: Vec<ViewCorrection>,
+        /// Relative difference of lengths.
+        apart: f64,
+    },
+}
+
+impl ViewCorrection {
+    /// What changes, in words.
+    pub fn name(&self) -> String {
+        let parts: Vec<&str> =
+            NAMES.iter().zip(self.changes).filter(|(_, changes)| *changes).map(|(name, _)| *name).collect();
+        match parts.as_slice() {
+            [first @ .., last] if !first.is_empty() => format!("{} and {last}", first.join(", ")),
+            _ => parts.concat(),
+        }
+    }
+
+    /// Whether the residuals do not contradict it.
+    pub fn is_possible(&self) -> bool {
+        self.chi2 <= self.limit
+    }
+
+    /// Standard uncertainties of the drift.
+    pub fn u(&self) -> [f64; UNKNOWNS] {
+        std::array::from_fn(|i| self.covariance[i][i].max(0.0).sqrt())
+    }
+
+    /// Covariance of the view's parameters that the correction adds, of the first `count` of [`PARAMETERS`], row by row.
+    pub fn parameter_covariance(&self, count: usize) -> Vec<f64> {
+        let by = |parameter: usize| -> [f64; UNKNOWNS] {
+            let focal = self.camera.focal_px.get(parameter).copied().unwrap_or(0.0);
+            let pose = |i: usize| PARAMETERS[parameter] == POSE[i];
+            std::array::from_fn(|i| if i < 6 { f64::from(u8::from(pose(i))) } else { focal })
+        };
+        let product = |k: usize| {
+            let (a, b) = (by(k / count), by(k % count));
+            let row = |i: usize| a[i] * (0..UNKNOWNS).map(|j| self.covariance[i][j] * b[j]).sum::<f64>();
+            (0..UNKNOWNS).map(row).sum()
+        };
+        (0..count * count).map(product).collect()
+    }
+
+    fn size(&self) -> usize {
+        self.changes.iter().filter(|changes| **changes).count()
+    }
+}
+
+impl ViewEstimate {
+    /// All models, the simple ones first; those that the matches do not determine are left out.
+    pub fn models(&self) -> Vec<ViewCorrection> {
+        MODELS.iter().filter_map(|changes| self.model(*changes)).collect()
+    }
+
+    /// The simplest model that is not contradicted, or those that lengths must tell apart; `None` where all are contradicted.
+    pub fn choose(&self) -> Option<Choice> {
+        let possible: Vec<ViewCorrection> =
+            self.models().into_iter().filter(ViewCorrection::is_possible).collect();
+        let size = possible.iter().map(ViewCorrection::size).min()?;
+        let mut alike: Vec<ViewCorrection> = possible.into_iter().filter(|m| m.size() == size).collect();
+        alike.sort_by(|a, b| a.chi2.total_cmp(&b.chi2));
+        let best = alike.first()?.clone();
+        let apart = |other: &ViewCorrection| {
+            let difference: Vec<f64> = other.drift.iter().zip(best.drift).map(|(a, b)| a - b).collect();
+            let rms = |form: &Dense| dot(&difference, &form.apply(&difference)).max(0.0).sqrt();
+            self.lengths.iter().map(rms).fold(0.0, f64::max)
+        };
+        // A longer or shorter baseline scales lengths, and other causes may look like it: no residual proves it.
+        let unproven = if self.has_lengths { 0.0 } else { self.baseline_change(&best) };
+        let apart = alike.iter().map(apart).fold(best.u_length.max(unproven), f64::max);
+        Some(if apart > KNOWN_LENGTH {
+            Choice::LengthsOpen { models: alike, apart }
+        } else {
+            Choice::Clear(Box::new(best))
+        })
+    }
+
+    /// By how much of itself the baseline to a measuring partner changes.
+    fn baseline_change(&self, model: &ViewCorrection) -> f64 {
+        let shift = Vector3::from_column_slice(&model.drift[3..6]);
+        let part = |baseline: &Vector3<f64>| shift.dot(baseline).abs() / baseline.norm_squared().max(1e-12);
+        self.baselines_mm.iter().map(part).fold(0.0, f64::max)
+    }
+
+    /// The estimate with some causes held at the rig file's state.
+    fn model(&self, changes: [bool; 3]) -> Option<ViewCorrection> {
+        let free: Vec<usize> = (0..UNKNOWNS).filter(|i| changes[i / 3]).collect();
+        let n = free.len();
+        let inner = Dense::from_fn(n, n, |i, j| self.weight.at(free[i], free[j]));
+        let whole = self.weight.apply(&self.drift);
+        let right: Vec<f64> = free.iter().map(|i| whole[*i]).collect();
+        let factor = Factor::new(&inner).ok()?;
+        let found = factor.solve(&right);
+        let chi2 = (dot(&self.drift, &whole) - dot(&found, &right)).max(0.0);
+        let inverse = factor.inverse();
+        let (mut drift, mut covariance) = ([0.0; UNKNOWNS], [[0.0; UNKNOWNS]; UNKNOWNS]);
+        for (i, at) in free.iter().enumerate() {
+            drift[*at] = found[i];
+            for (j, other) in free.iter().enumerate() {
+                covariance[*at][*other] = inverse.at(i, j);
+            }
+        }
+        let held = UNKNOWNS - n;
+        let trace = |form: &Dense| {
+            let row = |i: usize| (0..UNKNOWNS).map(|j| form.at(i, j) * covariance[j][i]).sum::<f64>();
+            (0..UNKNOWNS).map(row).sum::<f64>().max(0.0).sqrt()
+        };
+        Some(ViewCorrection {
+            changes,
+            camera: stepped(&self.start, &drift),
+            drift,
+            covariance,
+            chi2,
+            limit: if held > 0 { chi_square::limit(CONTRADICTED, held) } else { 1e-6 },
+            u_length: self.lengths.iter().map(trace).fold(0.0, f64::max),
+        })
+    }
+}
