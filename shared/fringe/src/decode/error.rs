@@ -1,5 +1,6 @@
 //! Why a sequence or a frame cannot be decoded.
 
+use super::dirt::Finding;
 use crate::pattern::{Axis, PatternError, Threshold};
 use thiserror::Error;
 
@@ -39,6 +40,14 @@ pub enum DecodeError {
         axis: Axis,
         /// Standard deviation of the residuals over the modulation.
         residual: f64,
+    },
+    /// A frame is wrong, and the others do not determine the phase without it.
+    #[error("{} {}: {steps} steps do not determine the phase without it; record the set again, or project more steps", finding.place(), finding.fault)]
+    WrongFrame {
+        /// The frame and what is wrong with it.
+        finding: Finding,
+        /// Frames of the set.
+        steps: u32,
     },
     /// Code and phase give different coordinates.
     #[error(

@@ -38,6 +38,17 @@ impl Decoder {
             None => Ok(()),
         }
     }
+
+    /// Refuses an axis of which a frame is wrong that cannot be left out.
+    pub(super) fn check_sets(&self, home: usize) -> Result<(), DecodeError> {
+        for slot in &self.plan.axes[home].sines {
+            let steps = self.plan.sines[*slot].steps;
+            if let Some(finding) = self.findings[*slot].iter().find(|found| found.is_fatal(steps as usize)) {
+                return Err(DecodeError::WrongFrame { finding: *finding, steps });
+            }
+        }
+        Ok(())
+    }
 }
 
 /// First value above full scale, if any.

@@ -264,6 +264,7 @@ impl Decoder {
         if out.info != info || sizes != [n; 4] {
             return Err(DecodeError::Output);
         }
+        self.check_sets(home)?;
         if let Some(residual) = self.axes[home].probe.disorder(self.full_scale_dn) {
             return Err(DecodeError::Disorder { axis, residual });
         }

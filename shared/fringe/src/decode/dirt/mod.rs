@@ -8,9 +8,11 @@
 //! What a cos δ or sin δ in the level does cannot be seen in one pixel: it looks like a fringe. But it is one that stands still while the phase runs
 //! on: the modulation then varies once with the phase. Where there are too few fringes to see that, it is left alone.
 //!
-//! A changing light is normalised: the columns found replace the nominal ones. A bad frame is left out where four remain; with more than one in
-//! eight the frames do not follow the sequence, and nothing is changed.
+//! A changing light is normalised: the columns found replace the nominal ones. A bad frame is left out where three remain; with more than one in
+//! eight the frames do not follow the sequence, and nothing is changed. Of three or four frames a pixel alone does not tell which one is bad;
+//! there whole fringes tell it (`moments`).
 
+mod moments;
 mod rows;
 mod subspace;
 
@@ -18,11 +20,12 @@ use super::limits::MAX_STEPS;
 use super::rasters::Rasters;
 use super::roles::{SineKind, SinePlan};
 use crate::wrapped::LeastSquares;
+use rows::fit;
 use std::fmt;
-use subspace::Samples;
+use subspace::{Samples, nominal_columns};
 
-/// Fewest steps that leave a frame out: four must remain.
-const LEAST_STEPS: usize = 5;
+/// Fewest steps of which a frame may be left out: three must remain.
+const LEAST_STEPS: usize = 4;
 /// One bad frame in so many is left out; one always may be.
 const BAD_FRAMES: usize = 8;
 /// Levels of the frames that differ by more are a changing light.
@@ -81,29 +84,56 @@ impl Finding {
     }
 }
 
-impl fmt::Display for Finding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.step {
-            Some(step) => write!(f, "frame {} of set {} ", step + 1, self.set + 1)?,
-            None => write!(f, "set {}: ", self.set + 1)?,
+impl Fault {
+    /// One number to sort faults by.
+    fn size(&self) -> f64 {
+        match self {
+            Self::Flicker(size) | Self::Blurred(size) | Self::Moved(size) => *size,
+            Self::Black | Self::Strange => 0.0,
         }
-        match self.fault {
-            Fault::Flicker(share) => write!(
-                f,
-                "the light changes between frames by {:.1} % (standard deviation); normalised",
-                share * 100.0
-            ),
-            Fault::Black => write!(f, "is black; left out"),
-            Fault::Blurred(share) => {
-                write!(f, "has {:.0} % of the others' contrast (blurred, moving); left out", share * 100.0)
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Flicker(share) => {
+                write!(f, "the light changes between frames by {:.1} % (standard deviation)", share * 100.0)
             }
-            Fault::Moved(rad) => write!(
+            Self::Black => f.write_str("is black"),
+            Self::Blurred(share) => {
+                write!(f, "has {:.0} % of the others' contrast (exposure, blurred, moving)", share * 100.0)
+            }
+            Self::Moved(rad) => write!(
                 f,
-                "stands {:.0} degrees beside its step (shifted, or another pattern); left out",
+                "stands {:.0} degrees beside its step (shifted, or another pattern)",
                 rad.to_degrees()
             ),
-            Fault::Strange => write!(f, "shows something else than the others in places; left out"),
+            Self::Strange => f.write_str("shows something else than the others in places"),
         }
+    }
+}
+
+impl Finding {
+    /// Whether the other frames of a set of so many do not determine the phase.
+    pub fn is_fatal(&self, steps: usize) -> bool {
+        !matches!(self.fault, Fault::Flicker(_)) && (steps < LEAST_STEPS || self.step.is_none())
+    }
+
+    /// The frame or frames in words, counted from 1.
+    pub fn place(&self) -> String {
+        match (self.step, self.fault) {
+            (Some(step), _) => format!("frame {} of set {}", step + 1, self.set + 1),
+            (None, Fault::Flicker(_)) => format!("set {}:", self.set + 1),
+            (None, _) => format!("a frame of set {}", self.set + 1),
+        }
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let done = if self.step.is_some() { "left out" } else { "normalised" };
+        write!(f, "{} {}; {done}", self.place(), self.fault)
     }
 }
 
@@ -140,26 +170,31 @@ pub fn inspect(plan: &SinePlan, look: &Look) -> Option<Repair> {
         return None;
     }
     let samples = Samples::new(plan, look)?;
+    let nominal = nominal_columns(plan);
+    let found = |step, fault| Finding { set: plan.index, step, fault };
+    let without = |findings: Vec<Finding>| {
+        let bad =
+            |step: usize| findings.iter().any(|found| found.step == Some(step) && !found.is_fatal(steps));
+        Some(Repair { fit: fit(&nominal, steps, bad)?, findings })
+    };
+    if steps <= moments::MOST_STEPS
+        && let Some((step, fault)) = moments::wrong_frame(&samples)
+    {
+        return without(vec![found(step, fault)]);
+    }
     let mut rows = samples.rows()?;
-    let mut findings = Vec::new();
-    if steps >= LEAST_STEPS {
-        for (step, row) in rows.frames().iter().enumerate() {
-            if let Some(fault) = row.fault() {
-                findings.push(Finding { set: plan.index, step: Some(step), fault });
-            }
+    if steps > moments::MOST_STEPS {
+        let faults = rows.frames().iter().enumerate().filter_map(|(step, row)| Some((step, row.fault()?)));
+        let findings: Vec<Finding> = faults.map(|(step, fault)| found(Some(step), fault)).collect();
+        if findings.len() > (steps / BAD_FRAMES).max(1) {
+            return None;
+        }
+        if !findings.is_empty() {
+            return without(findings);
         }
     }
-    if findings.len() > (steps / BAD_FRAMES).max(1) {
-        return None;
-    }
-    if findings.is_empty() {
-        let fault = Fault::Flicker(samples.changing_light(&mut rows)?);
-        let fit = rows.fit(|_| false, true)?;
-        return Some(Repair { findings: vec![Finding { set: plan.index, step: None, fault }], fit });
-    }
-    let bad = |step: usize| findings.iter().any(|found| found.step == Some(step));
-    let fit = rows.fit(bad, false)?;
-    Some(Repair { findings, fit })
+    let fault = Fault::Flicker(samples.changing_light(&mut rows)?);
+    Some(Repair { fit: fit(&rows.columns, steps, |_| false)?, findings: vec![found(None, fault)] })
 }
 
 /// What one row tells of its frame.

@@ -61,18 +61,15 @@ impl Rows {
         }
         factors
     }
+}
 
-    /// Weights of the good frames, from the columns found or from the nominal ones.
-    pub(super) fn fit(&self, bad: impl Fn(usize) -> bool, found: bool) -> Option<LeastSquares> {
-        let columns = if found { &self.columns } else { &self.nominal };
-        let row = |step: usize| Vector3::new(columns[0][step], columns[1][step], columns[2][step]);
-        let used = |step: &usize| !bad(*step);
-        let normal: Matrix3<f64> =
-            (0..self.steps).filter(used).map(|step| row(step) * row(step).transpose()).sum();
-        let inverse = normal.try_inverse()?;
-        let weights = (0..self.steps)
-            .map(|step| if bad(step) { [0.0; 3] } else { (inverse * row(step)).into() })
-            .collect();
-        Some(LeastSquares { weights, covariance: [inverse[(1, 1)], inverse[(2, 2)], inverse[(1, 2)]] })
-    }
+/// Weights of the good frames for three columns; `None` where these frames do not determine them.
+pub(super) fn fit(columns: &[Column; 3], steps: usize, bad: impl Fn(usize) -> bool) -> Option<LeastSquares> {
+    let row = |step: usize| Vector3::new(columns[0][step], columns[1][step], columns[2][step]);
+    let used = |step: &usize| !bad(*step);
+    let normal: Matrix3<f64> = (0..steps).filter(used).map(|step| row(step) * row(step).transpose()).sum();
+    let inverse = normal.try_inverse()?;
+    let weights =
+        (0..steps).map(|step| if bad(step) { [0.0; 3] } else { (inverse * row(step)).into() }).collect();
+    Some(LeastSquares { weights, covariance: [inverse[(1, 1)], inverse[(2, 2)], inverse[(1, 2)]] })
 }

@@ -76,12 +76,24 @@ impl<'a> Samples<'a> {
         count
     }
 
-    fn steps(&self) -> usize {
+    /// Number of frames of the set.
+    pub(super) fn steps(&self) -> usize {
         self.plan.steps as usize
     }
 
-    /// Calls `take(place, values)` for the usable pixels, their values over the pixel's mean.
-    fn each(&self, mut take: impl FnMut(usize, &[f64])) {
+    /// Nominal steps of the frames, rad.
+    pub(super) fn shifts_rad(&self) -> &[f64] {
+        &self.plan.shifts_rad
+    }
+
+    /// Columns and rows of the image, px.
+    pub(super) fn size_px(&self) -> (usize, usize) {
+        let width = self.look.width.max(1);
+        (width, (self.look.pixels / width).max(1))
+    }
+
+    /// Calls `take(place, values)` for the usable pixels, grey values in DN.
+    pub(super) fn each_dn(&self, mut take: impl FnMut(usize, &mut [f64])) {
         let (steps, mut values) = (self.steps(), [0.0; MAX_STEPS]);
         for place in self.look.positions.iter().step_by(self.every) {
             let (mut sum, mut most) = (0.0, 0);
@@ -95,13 +107,19 @@ impl<'a> Samples<'a> {
                 continue;
             }
             let [c, s] = [1, 2].map(|k| dot(&self.weights[k], &values, steps));
-            if c * c + s * s < 4.0 * self.look.least_modulation_dn * self.look.least_modulation_dn {
-                continue;
+            if c * c + s * s >= 4.0 * self.look.least_modulation_dn * self.look.least_modulation_dn {
+                take(*place, &mut values[..steps]);
             }
-            let scale = steps as f64 / sum;
-            values[..steps].iter_mut().for_each(|value| *value *= scale);
-            take(*place, &values[..steps]);
         }
+    }
+
+    /// Calls `take(place, values)` for the usable pixels, their values over the pixel's mean.
+    fn each(&self, mut take: impl FnMut(usize, &[f64])) {
+        self.each_dn(|place, values| {
+            let scale = values.len() as f64 / values.iter().sum::<f64>();
+            values.iter_mut().for_each(|value| *value *= scale);
+            take(place, values);
+        });
     }
 
     /// Columns near the nominal ones that all pixels share, and what each frame's row tells.
@@ -182,8 +200,7 @@ impl<'a> Samples<'a> {
     /// The fringe that stands still in the level, over the level, where it is certain. It makes the modulation vary once with the phase: r + E cos
     /// (φ − ψ), whatever phases a tile has.
     fn standing(&self, columns: &[Column; 3]) -> Option<[f64; 2]> {
-        let (steps, width) = (self.steps(), self.look.width.max(1));
-        let height = (self.look.pixels / width).max(1);
+        let (steps, (width, height)) = (self.steps(), self.size_px());
         let weights = solver(columns, steps)?;
         let mut tiles = [[Bin::default(); PHASES]; TILES * TILES];
         self.each(|place, values| {
@@ -270,7 +287,7 @@ impl<'a> Samples<'a> {
 }
 
 /// The columns of the nominal steps.
-fn nominal_columns(plan: &SinePlan) -> [Column; 3] {
+pub(super) fn nominal_columns(plan: &SinePlan) -> [Column; 3] {
     let mut columns = [[0.0; MAX_STEPS]; 3];
     for (i, shift) in plan.shifts_rad.iter().enumerate() {
         let (s, c) = sincos(*shift);

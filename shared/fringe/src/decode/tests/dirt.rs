@@ -59,7 +59,7 @@ impl Dirt {
 #[test]
 fn clean_frames_have_no_fault() {
     for steps in [3, 4, 5, 6, 8, 10, 12] {
-        for period_px in [12.0, 16.0, 36.0] {
+        for period_px in [12.0, 16.0, 36.0, 76.0, 152.0, 304.0] {
             let (findings, ratio, share) = Dirt::new(period_px, steps).decode();
             assert!(findings.is_empty(), "{steps} steps of {period_px} px: {findings:?}");
             assert!((0.9..1.15).contains(&ratio) && share > 0.98, "{steps} of {period_px}: {ratio} {share}");
@@ -195,9 +195,9 @@ fn more_bad_frames_than_one_in_eight_are_refused() {
     dirt.change(2, |_, _| 1.0);
     dirt.change(5, |_, _| 1.0);
     assert!(matches!(dirt.refusal(), DecodeError::Disorder { .. }));
-    // Of four frames none can be left out.
     let mut four = Dirt::new(16.0, 4);
     four.change(2, |_, _| 1.0);
+    four.frames.swap(0, 1);
     assert!(matches!(four.refusal(), DecodeError::Disorder { .. }));
 }
 
@@ -223,4 +223,62 @@ fn a_fault_does_not_reach_the_next_sequence() {
         map.phase_rad.iter().map(|p| p.to_bits()).collect::<Vec<_>>(),
         expected.phase_rad.iter().map(|p| p.to_bits()).collect::<Vec<_>>()
     );
+}
+
+/// Spoils the second frame; the kind of fault that it should be found to be.
+fn spoil(dirt: &mut Dirt, kind: &str) -> Fault {
+    match kind {
+        "black" => dirt.change(1, |_, _| 1.0),
+        "blurred" => {
+            let view: Vec<f64> = {
+                let view = dirt.frames[1].view();
+                (0..view.pixels.len()).map(|i| f64::from(view.pixels.get(i))).collect()
+            };
+            dirt.change(1, |pixel, _| {
+                let near = |shift: usize| view[(pixel + shift).saturating_sub(5).min(view.len() - 1)];
+                (0..11).map(near).sum::<f64>() / 11.0
+            });
+        }
+        "moved" => {
+            let mut scene = Scene::ramp(320, 200, 0.71, 0.05, 304).eight_bits();
+            scene.noise = (1.0, 0.02);
+            scene.coordinates_px.iter_mut().for_each(|x| *x += 2.0);
+            dirt.frames[1] = scene.frames(&dirt.sequence).swap_remove(1);
+        }
+        "hand" => dirt.change(1, |pixel, value| if pixel % 320 < 150 { 90.0 } else { value }),
+        "exposure" => dirt.change(1, |_, value| 0.5 * value),
+        _ => dirt.frames[1] = dirt.frames[0].clone(),
+    }
+    match kind {
+        "black" => Fault::Black,
+        "blurred" | "exposure" => Fault::Blurred(0.5),
+        "moved" | "twice" => Fault::Moved(-0.8),
+        _ => Fault::Strange,
+    }
+}
+
+/// A pixel alone cannot tell which of three or four frames is wrong; whole fringes can. Of four it is left out, three are refused.
+#[test]
+fn a_wrong_frame_among_three_or_four_is_named() {
+    for kind in ["black", "blurred", "moved", "hand", "exposure", "twice"] {
+        for period_px in [10.0, 16.0] {
+            let mut dirt = Dirt::new(period_px, 4);
+            let expected = spoil(&mut dirt, kind);
+            let (findings, ratio, share) = dirt.decode();
+            let same = |fault: Fault| std::mem::discriminant(&fault) == std::mem::discriminant(&expected);
+            assert!(
+                matches!(findings[..], [Finding { set: 0, step: Some(1), fault }] if same(fault)),
+                "{kind}, {period_px}: {findings:?}"
+            );
+            assert!((0.85..1.2).contains(&ratio) && share > 0.98, "{kind}, {period_px}: {ratio} {share}");
+            let mut dirt = Dirt::new(period_px, 3);
+            spoil(&mut dirt, kind);
+            let error = dirt.refusal();
+            let DecodeError::WrongFrame { finding, steps: 3 } = &error else { panic!("{kind}: {error}") };
+            assert!(same(finding.fault), "{kind}: {finding:?}");
+            // Of two frames that show the same, either may be the wrong one.
+            assert_eq!(finding.step, (kind != "twice").then_some(1), "{kind}: {finding:?}");
+            assert!(error.to_string().contains("3 steps do not determine the phase"), "{error}");
+        }
+    }
 }
