@@ -245,7 +245,7 @@ fn picture(points: &[Point], named: &[(String, &Found)]) -> Result<Vec<u8>> {
     let size = [0, 1].map(|i| (high[i] - low[i]).max(1e-6));
     let mut scale = PICTURE_PX / size[0].max(size[1]);
     // No finer than the points lie.
-    scale = scale.min((points.len() as f64 / (size[0] * size[1])).sqrt() * 1.2);
+    scale = scale.min((points.len() as f64 / (size[0] * size[1])).sqrt() * 0.8);
     let [width, height] = size.map(|s| (s * scale) as usize + 1);
     let mut classes = vec![u8::MAX; width * height];
     let mut paint = |index: usize, class: u8| {

@@ -72,6 +72,7 @@ enum Column {
 }
 
 /// Least t with rᵢ + aᵢ · δ ≤ t and |δⱼ| ≤ border, by the simplex method on the dual; `None` when it does not end.
+#[allow(clippy::too_many_lines, reason = "one pivot is one thought")]
 fn least_level<const D: usize>(rows: &[Bound<D>], border: f64) -> Option<Optimum<D>> {
     let first = rows.iter().enumerate().reduce(|a, b| if b.1.value > a.1.value { b } else { a })?;
     let mut basis = vec![Column::Row(first.0)];

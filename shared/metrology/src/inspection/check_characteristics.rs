@@ -119,6 +119,7 @@ struct Checked<'p> {
 }
 
 /// Checks a feature of a geometrical characteristic, which joins those of the plan.
+#[allow(clippy::too_many_lines, reason = "one arm for each kind of feature")]
 pub(super) fn characteristic(raw: RawFeature, plan: &mut Plan) -> Result<Feature, PlanError> {
     let name = written_name(&raw).to_owned();
     let (names, nominal) = (Names::of(plan), nominal_parts(plan));

@@ -15,6 +15,7 @@ use crate::fit::{COORDINATE_LIMIT_MM, Outline, tangents};
 use fringe::math;
 
 /// A measured element, or one that is made of others by names.
+#[allow(clippy::too_many_lines, reason = "one arm for each kind of element")]
 pub(super) fn element(raw: RawElement) -> Result<Written, PlanError> {
     match raw {
         RawElement::Sphere {

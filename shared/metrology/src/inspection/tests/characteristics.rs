@@ -265,6 +265,7 @@ fn criteria_of_a_noisy_boss_lie_around_its_diameter() {
 
 /// What a plan must not say, with the words of the message.
 #[test]
+#[allow(clippy::too_many_lines, reason = "one line for each refusal")]
 fn characteristics_that_mean_nothing_are_refused() {
     let one = |a: &str| format!("element = \"{a}\"");
     let system = |datums: &str| format!("[[datum_system]]\nname = \"X\"\ndatums = {datums}\n");
