@@ -4,15 +4,18 @@ use crate::Outcome;
 use crate::report::check_outputs;
 use anyhow::{Result, bail};
 use metrology::acceptance::TestReport;
-use report::acceptance::{Outputs, Parties, master_text, read_master, write_all, write_master};
+use report::acceptance::{Outputs, Parties, master_text, read_master, render_rig, write_all, write_master};
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Result of an acceptance test (docs/formats.md): the --json file of `vdi2634`.
+    /// Result of an acceptance test (docs/formats.md): the --json file of `vdi2634`; or, for --dcc alone, a rig file.
     result: PathBuf,
     #[command(flatten)]
     files: Files,
+    /// Day of the calibration, YYYY-MM-DD: for the DCC of a rig file, which states none.
+    #[arg(long, value_name = "DAY", requires = "dcc")]
+    date: Option<String>,
     /// Write the checked result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -80,10 +83,43 @@ pub fn run(args: &Args) -> Result<Outcome> {
             "nothing to write: give at least one of --html, --pdf, --csv, --qif, --dfq, --dcc, --json with a file"
         );
     }
+    if args.result.extension().is_some_and(|extension| extension == "toml") {
+        return rig(args);
+    }
+    if args.date.is_some() {
+        bail!("--date is for the DCC of a rig file; the result of a test states its own day: leave it out");
+    }
     let report = read_master(&args.result)?;
     write_all(&report, &outputs)?;
     emit_master(args.json.as_deref(), &report)?;
     for path in wanted.into_iter().filter_map(|(_, path)| path).filter(|path| !cli::is_stdout(path)) {
+        println!("{}", path.display());
+    }
+    Ok(Outcome::Done)
+}
+
+/// Writes the calibration of a rig.
+fn rig(args: &Args) -> Result<Outcome> {
+    let outputs = args.files.outputs();
+    let others = outputs.flags().into_iter().chain([("--json", args.json.as_deref())]);
+    if let Some((option, _)) = others.into_iter().find(|(option, path)| *option != "--dcc" && path.is_some())
+    {
+        bail!("{option}: of a rig file only --dcc is written; leave {option} out");
+    }
+    let day = args.date.as_deref().unwrap_or_default();
+    let is_day = day.len() == 10
+        && day
+            .bytes()
+            .enumerate()
+            .all(|(n, b)| if n == 4 || n == 7 { b == b'-' } else { b.is_ascii_digit() });
+    if !is_day {
+        bail!("--date {day:?}: a DCC states the day of the calibration; give it as YYYY-MM-DD");
+    }
+    let file = files::rig_file::read_rig(&args.result)?;
+    let covariance = file.read_covariance()?;
+    let document = render_rig(&file, covariance.as_ref(), day, &outputs.parties)?;
+    if let Some(path) = outputs.dcc {
+        files::atomic::write(path, &document)?;
         println!("{}", path.display());
     }
     Ok(Outcome::Done)

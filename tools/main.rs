@@ -159,7 +159,7 @@ enum Command {
     Uncertainty(uncertainty::Args),
     /// Propose period, steps and code from the projector, the noise and the wanted uncertainty.
     PlanPatterns(plan_patterns::Args),
-    /// Write the report of an acceptance test (HTML, PDF, CSV, QIF, DFQ) from its result.
+    /// Write the report of an acceptance test (HTML, PDF, CSV, QIF, DFQ, DCC) from its result, or the DCC of a calibrated rig.
     Report(acceptance_report::Args),
     /// Run a cycle record again and compare every output with it.
     Replay(replay::Args),

@@ -30,14 +30,14 @@ pub fn render(
     sha256: &str,
 ) -> Result<Vec<u8>, AcceptanceReportError> {
     let date = date(report)?;
-    let country = country(parties)?;
+    let country = check_country(parties)?;
     let root =
         [("xmlns:dcc", "https://ptb.de/dcc"), ("xmlns:si", "https://ptb.de/si"), ("schemaVersion", "3.1.2")];
     let mut xml = Xml::document();
     xml.within("dcc:digitalCalibrationCertificate", &root, |xml| {
         xml.within("dcc:administrativeData", &[], |xml| {
-            software(xml, report);
-            core(xml, country, sha256, date);
+            software(xml, condition(report, "software").unwrap_or(env!("CARGO_PKG_VERSION")));
+            core(xml, country, (sha256, "SHA-256 of the result of the test (JSON)"), date);
             item(xml, report);
             xml.within("dcc:calibrationLaboratory", &[], |xml| {
                 contact(xml, "dcc:contact", parties.laboratory, country);
@@ -82,7 +82,11 @@ fn date(report: &TestReport) -> Result<&str, AcceptanceReportError> {
     })
 }
 
-fn country<'a>(parties: &Parties<'a>) -> Result<&'a str, AcceptanceReportError> {
+/// The country of the test as the schema wants it.
+///
+/// # Errors
+/// It is no code of two capital letters.
+pub(super) fn check_country<'a>(parties: &Parties<'a>) -> Result<&'a str, AcceptanceReportError> {
     let code = parties.country.unwrap_or(NO_COUNTRY);
     if code.len() == 2 && code.bytes().all(|b| b.is_ascii_uppercase()) {
         return Ok(code);
@@ -95,13 +99,14 @@ fn country<'a>(parties: &Parties<'a>) -> Result<&'a str, AcceptanceReportError> 
 }
 
 /// An element with a text in English.
-fn text(xml: &mut Xml, name: &str, content: &str) {
+pub(super) fn text(xml: &mut Xml, name: &str, content: &str) {
     xml.within(name, &[], |xml| {
         xml.within("dcc:content", &[("lang", "en")], |xml| xml.words(content));
     });
 }
 
-fn contact(xml: &mut Xml, element: &str, name: Option<&str>, country: &str) {
+/// A party of the document by its name.
+pub(super) fn contact(xml: &mut Xml, element: &str, name: Option<&str>, country: &str) {
     xml.within(element, &[], |xml| {
         text(xml, "dcc:name", name.unwrap_or(NOT_STATED));
         xml.leaf("dcc:eMail", NOT_STATED);
@@ -109,8 +114,8 @@ fn contact(xml: &mut Xml, element: &str, name: Option<&str>, country: &str) {
     });
 }
 
-fn software(xml: &mut Xml, report: &TestReport) {
-    let release = condition(report, "software").unwrap_or(env!("CARGO_PKG_VERSION"));
+/// The software that made the document, by its release.
+pub(super) fn software(xml: &mut Xml, release: &str) {
     xml.within("dcc:dccSoftware", &[], |xml| {
         xml.within("dcc:software", &[], |xml| {
             text(xml, "dcc:name", "fringecell");
@@ -119,14 +124,15 @@ fn software(xml: &mut Xml, report: &TestReport) {
     });
 }
 
-fn core(xml: &mut Xml, country: &str, sha256: &str, date: &str) {
+/// Language, identification and day; the document is named after a hash, which a text explains.
+pub(super) fn core(xml: &mut Xml, country: &str, (sha256, what): (&str, &str), date: &str) {
     xml.within("dcc:coreData", &[], |xml| {
         xml.leaf("dcc:countryCodeISO3166_1", country);
         xml.leaf("dcc:usedLangCodeISO639_1", "en");
         xml.leaf("dcc:mandatoryLangCodeISO639_1", "en");
         xml.leaf("dcc:uniqueIdentifier", &uuid(sha256));
         xml.within("dcc:identifications", &[], |xml| {
-            identification(xml, "calibrationLaboratory", sha256, "SHA-256 of the result of the test (JSON)");
+            identification(xml, "calibrationLaboratory", sha256, what);
         });
         xml.leaf("dcc:beginPerformanceDate", date);
         xml.leaf("dcc:endPerformanceDate", date);
@@ -134,7 +140,8 @@ fn core(xml: &mut Xml, country: &str, sha256: &str, date: &str) {
     });
 }
 
-fn identification(xml: &mut Xml, issuer: &str, value: &str, name: &str) {
+/// What an issuer calls something.
+pub(super) fn identification(xml: &mut Xml, issuer: &str, value: &str, name: &str) {
     xml.within("dcc:identification", &[], |xml| {
         xml.leaf("dcc:issuer", issuer);
         xml.leaf("dcc:value", value);
@@ -174,7 +181,8 @@ fn statements(xml: &mut Xml, report: &TestReport) {
     statement(xml, &verdict, Some(conformity));
 }
 
-fn statement(xml: &mut Xml, declaration: &str, conformity: Option<&str>) {
+/// A statement, with its conformity where it decides one.
+pub(super) fn statement(xml: &mut Xml, declaration: &str, conformity: Option<&str>) {
     xml.within("dcc:statement", &[], |xml| {
         text(xml, "dcc:declaration", declaration);
         if let Some(conformity) = conformity {
@@ -261,11 +269,7 @@ fn quantity(
             xml.leaf("si:value", &value.to_string());
             xml.leaf("si:unit", "\\milli\\metre");
             if let Some(u) = expanded_u {
-                xml.within("si:expandedUnc", &[], |xml| {
-                    xml.leaf("si:uncertainty", &u.to_string());
-                    xml.leaf("si:coverageFactor", "2");
-                    xml.leaf("si:coverageProbability", PROBABILITY);
-                });
+                expanded(xml, u);
             }
         });
         if let Some(verdict) = verdict {
@@ -277,5 +281,14 @@ fn quantity(
                 });
             });
         }
+    });
+}
+
+/// An expanded uncertainty with k = 2.
+pub(super) fn expanded(xml: &mut Xml, u: f64) {
+    xml.within("si:expandedUnc", &[], |xml| {
+        xml.leaf("si:uncertainty", &u.to_string());
+        xml.leaf("si:coverageFactor", "2");
+        xml.leaf("si:coverageProbability", PROBABILITY);
     });
 }

@@ -17,6 +17,7 @@ pub(crate) mod html;
 mod master;
 pub(crate) mod pdf;
 pub(crate) mod qif;
+mod rig_dcc;
 #[cfg(test)]
 mod tests;
 pub(crate) mod words;
@@ -24,6 +25,7 @@ pub(crate) mod xml;
 
 pub use check::{AcceptanceReportError, check};
 pub use master::{FORMAT, master_text, read_master, write_master};
+pub use rig_dcc::render_rig;
 
 use files::atomic;
 use files::hash::sha256_hex;

@@ -3,6 +3,7 @@
 mod samples;
 
 use super::*;
+use files::rig_file::{Covariance, RigFile};
 use metrology::acceptance::RuleSetId;
 use metrology::verdict::Verdict;
 use samples::*;
@@ -257,6 +258,63 @@ fn a_dcc_is_valid_by_the_published_schema() {
         ("lengths", render(two_lengths(), named)),
     ];
     assert_valid("dcc/dcc.xsd", &documents);
+}
+
+/// The rig of the demo, and the same with a covariance.
+fn rigs() -> [(RigFile, Option<Covariance>); 2] {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/demo-rig.toml");
+    let rig = files::rig_file::read_rig(&path).unwrap();
+    let dir = tempfile::tempdir().unwrap();
+    let covariance = serde_json::json!({
+        "format": "fringecell-covariance/1",
+        "devices": ["cam1"],
+        "parameters": ["fx_px", "tx_mm"],
+        "matrix": [[0.25, 0.0], [0.0, 0.0004]],
+    });
+    let text = covariance.to_string();
+    std::fs::write(dir.path().join("rig.covariance.json"), &text).unwrap();
+    let named = format!(
+        "{}\n[covariance]\nfile = \"rig.covariance.json\"\nsha256 = \"{}\"\n",
+        std::fs::read_to_string(&path).unwrap(),
+        sha256_hex(text.as_bytes())
+    );
+    std::fs::write(dir.path().join("rig.toml"), named).unwrap();
+    let calibrated = files::rig_file::read_rig(&dir.path().join("rig.toml")).unwrap();
+    let covariance = calibrated.read_covariance().unwrap();
+    [(rig, None), (calibrated, covariance)]
+}
+
+#[test]
+#[cfg_attr(not(all(shared_data, xmllint)), ignore = "../shared/data or xmllint (libxml2-utils) is absent")]
+fn the_dcc_of_a_rig_is_valid_by_the_published_schema() {
+    let named = Parties { laboratory: Some("<lab> & co"), customer: Some("customer"), country: Some("DE") };
+    let render = |(rig, covariance): (RigFile, Option<Covariance>), parties: Parties| {
+        render_rig(&rig, covariance.as_ref(), "2026-01-31", &parties).unwrap()
+    };
+    let [plain, calibrated] = rigs();
+    let documents = [("plain", render(plain, Parties::default())), ("calibrated", render(calibrated, named))];
+    assert_valid("dcc/dcc.xsd", &documents);
+}
+
+#[test]
+fn the_dcc_of_a_rig_carries_parameters_with_their_uncertainties() {
+    let [(plain, _), (rig, covariance)] = rigs();
+    let text = |rig: &RigFile, covariance: Option<&Covariance>| {
+        String::from_utf8(render_rig(rig, covariance, "2026-01-31", &Parties::default()).unwrap()).unwrap()
+    };
+    let told = text(&rig, covariance.as_ref());
+    // Twice the root of the variance of fx_px and of tx_mm, and nothing for the others.
+    for expected in [
+        "<si:value>2330</si:value>",
+        "<si:uncertainty>1</si:uncertainty>",
+        "<si:uncertainty>0.04</si:uncertainty>",
+    ] {
+        assert!(told.contains(expected), "{expected}");
+    }
+    assert_eq!(told.matches("<si:uncertainty>").count(), 2);
+    assert!(told.contains("not a calibration certificate"));
+    let silent = text(&plain, None);
+    assert!(!silent.contains("si:uncertainty") && silent.contains("no uncertainty is stated"));
 }
 
 #[test]
