@@ -6,6 +6,7 @@ mod cloud;
 mod connection;
 mod guard;
 mod model;
+mod performance;
 mod pictures;
 mod reports;
 mod routes;

@@ -3,7 +3,7 @@
 use super::assets::{ASSETS, Asset};
 use super::guard::{Decision, Guard};
 use super::model::{Model, Viewer};
-use super::{pictures, reports, view};
+use super::{performance, pictures, reports, view};
 use crate::supervisor::CONTENT_TYPE;
 use crate::supervisor::command_socket::ask;
 use crate::supervisor::protocol::{Answer, Request, Status};
@@ -83,6 +83,7 @@ pub fn page(model: &Arc<Model>, guard: Guard) -> Router {
         .route("/api/events", get(events))
         .route("/api/status", get(status))
         .route("/api/result/{number}", get(result))
+        .route("/api/performance/{count}", get(performed))
         .route("/api/picture/{number}/{camera}/{projector}/{layer}", get(picture))
         .route("/api/cloud/{number}", get(cloud))
         .route("/report/{number}", get(report))
@@ -151,6 +152,12 @@ async fn state(State(shared): State<Shared>) -> Response {
         "history": history,
         "scan": known.scan.as_ref().map(|shown| view::scan(&model.cell, &shown.scan.header)),
     }))
+}
+
+/// Performance of the last parts.
+async fn performed(State(shared): State<Shared>, Path(count): Path<usize>) -> Response {
+    let known: Vec<_> = shared.model.known().ended.iter().cloned().collect();
+    json(&performance::performance(known.iter(), count))
 }
 
 /// Events as they happen; a viewer that is too slow loads everything anew.

@@ -1,4 +1,4 @@
-// Tolerance bars, run charts with their capability, and the stages of a cycle over time; all as SVG.
+// Tolerance bars, run charts with the performance of the features, and the stages of a cycle over time; all as SVG.
 import { el, svg, num, digitsOf, milliseconds } from "./text.js";
 
 /** Value, its expanded uncertainty and its limits: the tolerance is the green part. */
@@ -22,22 +22,6 @@ export function toleranceBar(feature) {
 
 const mean = (values) => values.reduce((sum, v) => sum + v, 0) / values.length;
 
-/** Sample standard deviation (n − 1). */
-export function deviation(values) {
-  const m = mean(values);
-  return Math.sqrt(values.reduce((sum, v) => sum + (v - m) ** 2, 0) / (values.length - 1));
-}
-
-/** Capability of the last parts; null below ten of them or without scatter. A flatness has no lower limit. */
-export function capability(values, feature) {
-  if (values.length < 10) return null;
-  const [m, s] = [mean(values), deviation(values)];
-  if (!(s > 0)) return null;
-  const upper = (feature.upper - m) / (3 * s);
-  const oneSided = feature.nominal === 0 && feature.lower === 0;
-  return oneSided ? upper : Math.min(upper, (m - feature.lower) / (3 * s));
-}
-
 /** Values of one feature in the last cycles of a recipe, the oldest first: number, value, verdict. */
 function series(know, name, count) {
   const recipe = know.last.brief.recipe;
@@ -48,7 +32,7 @@ function series(know, name, count) {
   return found.filter(Boolean);
 }
 
-/** Run chart of a feature, drift of the overlaps, and the capability of all features. */
+/** Run chart of a feature, drift of the overlaps, and the performance of all features. */
 export function trend(know, feature, count, choose) {
   if (!feature) return el("p", { class: "empty" }, "no features yet");
   const points = series(know, feature.name, count);
@@ -57,7 +41,7 @@ export function trend(know, feature, count, choose) {
   const chart = runChart([{ points, kind: "run" }], { limits, unit, digits: digitsOf(2 * feature.u), middle: true });
   return el("div", { class: "row" },
     el("figure", {}, chart, el("figcaption", {}, `${feature.name}, ${unit}, over the cycles; dashed: limits, grey: mean`)),
-    drift(know, count), capabilities(know, count, choose));
+    drift(know, count), performance(know, choose));
 }
 
 /** Mean distance of each two clouds where they overlap, over the cycles. */
@@ -76,17 +60,18 @@ function drift(know, count) {
   return el("figure", {}, runChart([...lines.values()].map((points) => ({ points, kind: "run" })), { limits: [0], unit: "µm", digits: 1 }), el("figcaption", {}, text));
 }
 
-function capabilities(know, count, choose) {
+/** Performance of all features, as the cell computes it. */
+function performance(know, choose) {
   const rows = know.last.features.map((feature) => {
-    const values = series(know, feature.name, count).map((p) => p[1]);
+    const found = know.performance?.find((one) => one.name === feature.name);
     const digits = digitsOf(2 * feature.u);
-    const cpk = capability(values, feature);
+    const [ppk, value] = [found?.ppk, (v) => (v == null ? "–" : num(v, digits))];
+    const text = ppk == null ? "–" : `${num(ppk.value, 2)} (${num(ppk.low, 2)} … ${num(ppk.high, 2)})`;
     return el("tr", {}, el("td", { class: "name" }, el("button", { type: "button", onclick: () => choose(feature.name) }, feature.name)),
-      el("td", { class: "n" }, values.length), el("td", { class: "n" }, values.length ? num(mean(values), digits) : "–"),
-      el("td", { class: "n" }, values.length > 1 ? num(deviation(values), digits) : "–"),
-      el("td", { class: "n", title: cpk == null ? "from ten parts on" : "" }, cpk == null ? "–" : num(cpk, 2)));
+      el("td", { class: "n" }, found?.count ?? 0), el("td", { class: "n" }, value(found?.mean)), el("td", { class: "n" }, value(found?.sd)),
+      el("td", { class: "n", title: ppk == null ? "from ten parts on" : "95 % interval" }, text));
   });
-  const head = el("tr", {}, ...["Feature", "n", "Mean", "s", "Cpk"].map((t, n) => el("th", { class: n ? "n" : null }, t)));
+  const head = el("tr", {}, ...["Feature", "n", "Mean", "s", "Ppk (95 %)"].map((t, n) => el("th", { class: n ? "n" : null }, t)));
   return el("div", {}, el("table", {}, el("thead", {}, head), el("tbody", {}, ...rows)));
 }
 

@@ -82,9 +82,19 @@ function showState() {
   if ([...select.options].map((option) => option.textContent).join("\n") !== recipes.join("\n")) {
     const chosen = select.value;
     select.replaceChildren(...state.recipes.map((recipe, n) =>
-      el("option", { value: recipe.name, disabled: !recipe.prepared }, recipes[n])));
+      el("option", { value: recipe.name }, recipes[n])));
     if (state.recipes.some((recipe) => recipe.name === chosen)) select.value = chosen;
   }
+  showPrepared();
+}
+
+/** Whether the chosen recipe is prepared decides what can be done with it. */
+function showPrepared() {
+  const recipe = know.state?.recipes.find((one) => one.name === $("recipe").value);
+  const prepared = recipe?.prepared ?? true;
+  $("prepare").textContent = prepared ? "Unprepare" : "Prepare";
+  $("prepare").title = prepared ? "no more jobs with this recipe" : "allow jobs with this recipe";
+  for (const control of [$("inspect"), document.querySelector("[data-command=start]")]) control.disabled = !know.state?.serves || !prepared;
 }
 
 function showBand() {
@@ -161,7 +171,20 @@ function showTab() {
   if (shownTab === "stages") showStages();
 }
 
+/** What the chart of the trend needs beside the history, once for each cycle and number of parts. */
+async function loadPerformance() {
+  const wanted = `${know.last?.brief.number} ${window_}`;
+  if (!know.last || know.performed === wanted) return;
+  know.performed = wanted;
+  try {
+    const answer = await fetch(`/api/performance/${window_}`);
+    if (answer.ok) know.performance = await answer.json();
+  } catch { return; /* the stream of events tells of a lost connection */ }
+  if (shownTab === "trend") showTrend();
+}
+
 function showTrend() {
+  loadPerformance();
   const features = know.last?.features ?? [];
   const names = [...new Set(features.map((f) => f.name))];
   if (!names.includes(trended)) trended = names[0] ?? null;
@@ -257,6 +280,8 @@ function start() {
     event.preventDefault();
     send({ command: "inspect", part: $("part").value.trim() || "unnamed", recipe: $("recipe").value || null });
   });
+  $("recipe").addEventListener("change", showPrepared);
+  $("prepare").addEventListener("click", () => send({ command: $("prepare").textContent.toLowerCase(), recipe: $("recipe").value }));
   for (const button of document.querySelectorAll("[data-command]")) {
     const command = button.dataset.command;
     button.addEventListener("click", () => send(command === "start" ? { command, recipe: $("recipe").value || null, cycles: null } : { command }));
