@@ -14,6 +14,8 @@ fn main() {
         "chromium",
         &["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"],
     );
+    // The tests of the gateway use a client that is not ours, which has these commands.
+    shared_data::look_for("asyncua", &["uals"]);
     // Only what may change the answer: sources, and where the commit of this working copy is written.
     for path in ["processes", "tools", "shared", "configs", "Cargo.toml", "Cargo.lock", "build.rs"] {
         println!("cargo:rerun-if-changed={path}");

@@ -13,11 +13,14 @@ mod decode;
 mod demo;
 mod feed;
 mod fusion;
+#[cfg(feature = "opcua")]
+mod gateway;
 mod inspection;
 mod json;
 mod log;
 mod matching;
 mod monitor;
+mod opcua_command;
 mod operate;
 mod panic_drill;
 mod part_files;
@@ -93,6 +96,8 @@ enum Command {
     Restart(operate::RestartArgs),
     /// Stop a running cell.
     Stop(operate::CellArgs),
+    /// Serve a cell to machines: OPC UA for Machine Vision, until Ctrl-C. The cell may start and end meanwhile.
+    Opcua(opcua_command::GatewayArgs),
     /// Print the completions of a shell: fringecell completions bash > /etc/bash_completion.d/fringecell
     Completions(generate::Completions),
     /// Write the man pages.
@@ -140,6 +145,7 @@ fn execute(command: &Command) -> Result<u8> {
         Command::Unprepare(args) => operate::prepare(args, false),
         Command::Restart(args) => operate::restart(args),
         Command::Stop(args) => operate::stop(args),
+        Command::Opcua(args) => opcua_command::opcua(args),
         Command::Completions(args) => {
             generate::print_completions(Cli::command(), args.shell);
             Ok(0)

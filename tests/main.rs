@@ -36,6 +36,7 @@
 //! - [`run_folder`]: the output folder of a run: earlier runs, two cells, killed runs, parts of a serving cell
 //! - [`record`]: cycle records, replays, and what a crash or a full disk leaves of them
 //! - [`schemas`]: what the programs write as JSON against `docs/schemas`; [`schema`] is the check
+//! - `opcua`: the gateway for OPC UA against a client that is not ours; only with the feature `opcua`
 //! - [`running`]: how the tests run a cell and harm it
 //! - [`page`]: the live page over HTTP: content, refusals, many viewers, kills; and in a browser where there is one
 //! - [`plan_patterns`]: what a plan of patterns promises against what its recording gives
@@ -83,6 +84,8 @@ mod hung_disk;
 mod limits;
 mod offline;
 mod one_flow;
+#[cfg(feature = "opcua")]
+mod opcua;
 mod other_user;
 mod overwrite;
 mod page;

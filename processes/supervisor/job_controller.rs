@@ -16,10 +16,15 @@ pub(super) struct JobController {
     serves: bool,
     reason: Option<String>,
     job: Option<Job>,
+    /// Jobs that were started.
+    started: u64,
+    /// Resets that were done.
+    resets: u64,
 }
 
 /// The job that is running.
 struct Job {
+    number: u64,
     recipe: usize,
     part: Option<String>,
     reply: Option<Sender<Answer>>,
@@ -28,7 +33,15 @@ struct Job {
 impl JobController {
     /// `serves`: accepts jobs; otherwise the run starts its cycles by itself.
     pub(super) fn new(recipes: Vec<String>, serves: bool) -> Self {
-        Self { machine: Machine::new(recipes.len()), recipes, serves, reason: None, job: None }
+        Self {
+            machine: Machine::new(recipes.len()),
+            recipes,
+            serves,
+            reason: None,
+            job: None,
+            started: 0,
+            resets: 0,
+        }
     }
 
     /// Whether jobs are accepted.
@@ -51,6 +64,11 @@ impl JobController {
         self.job.as_ref().map_or(0, |job| job.recipe)
     }
 
+    /// Number of the current job; 0 without one.
+    pub(super) fn job(&self) -> u64 {
+        self.job.as_ref().map_or(0, |job| job.number)
+    }
+
     /// Handles that all stages are up, or that one is down.
     pub(super) fn stages_changed(&mut self, event: Event) {
         // The machine accepts these events in every state and returns no action.
@@ -68,15 +86,8 @@ impl JobController {
 
     /// Starts the inspection of a part. The answer follows with the result, unless the request is refused.
     pub(super) fn inspect(&mut self, part: String, recipe: Option<&str>, reply: Sender<Answer>) -> Action {
-        let started = self.check(Some(&part)).and_then(|()| self.number(recipe)).and_then(|recipe| {
-            let action = self.handle(Event::StartSingle { recipe })?;
-            Ok((recipe, action))
-        });
-        match started {
-            Ok((recipe, action)) => {
-                self.job = Some(Job { recipe, part: Some(part), reply: Some(reply) });
-                action
-            }
+        match self.single(part, recipe, Some(reply.clone())) {
+            Ok(action) => action,
             Err(answer) => {
                 // The client may have disconnected.
                 let _ = reply.send(answer);
@@ -85,17 +96,52 @@ impl JobController {
         }
     }
 
+    /// Starts a job whose results are told to who watches: of one part, or of part after part.
+    pub(super) fn begin(&mut self, part: Option<String>, recipe: Option<&str>) -> (Action, Answer) {
+        let started = match part {
+            Some(part) => self.single(part, recipe, None),
+            None => self.continuous(recipe, None).map(|(action, _recipe)| action),
+        };
+        match started {
+            Ok(action) => (action, Answer::Begun { job: self.started }),
+            Err(answer) => (Action::None, answer),
+        }
+    }
+
+    fn single(
+        &mut self,
+        part: String,
+        recipe: Option<&str>,
+        reply: Option<Sender<Answer>>,
+    ) -> Result<Action, Answer> {
+        self.check(Some(&part))?;
+        let recipe = self.number(recipe)?;
+        let action = self.handle(Event::StartSingle { recipe })?;
+        self.started += 1;
+        self.job = Some(Job { number: self.started, recipe, part: Some(part), reply });
+        Ok(action)
+    }
+
+    fn continuous(&mut self, recipe: Option<&str>, cycles: Option<u64>) -> Result<(Action, usize), Answer> {
+        self.check(None)?;
+        let recipe = self.number(recipe)?;
+        if cycles == Some(0) {
+            return Err(Answer::Refused("cycles: 0 is not allowed; the minimum is 1".into()));
+        }
+        let action = self.handle(Event::StartContinuous { recipe, cycles })?;
+        self.started += 1;
+        self.job = Some(Job { number: self.started, recipe, part: None, reply: None });
+        Ok((action, recipe))
+    }
+
     /// Starts the inspection of part after part.
     pub(super) fn start(&mut self, recipe: Option<&str>, cycles: Option<u64>) -> (Action, Answer) {
-        let started = self.check(None).and_then(|()| self.number(recipe)).and_then(|recipe| {
-            if cycles == Some(0) {
-                return Err(Answer::Refused("cycles: 0 is not allowed; the minimum is 1".into()));
+        match self.continuous(recipe, cycles) {
+            Ok((action, recipe)) => {
+                (action, Answer::Done(format!("started with recipe \"{}\"", self.recipes[recipe])))
             }
-            let action = self.handle(Event::StartContinuous { recipe, cycles })?;
-            self.job = Some(Job { recipe, part: None, reply: None });
-            Ok((action, Answer::Done(format!("started with recipe \"{}\"", self.recipes[recipe]))))
-        });
-        started.unwrap_or_else(|answer| (Action::None, answer))
+            Err(answer) => (Action::None, answer),
+        }
     }
 
     /// Handles a request that only changes the state.
@@ -105,6 +151,7 @@ impl JobController {
             Ok(action) => {
                 if event == Event::Reset {
                     self.reason = None;
+                    self.resets += 1;
                 }
                 (action, Answer::Done(done.to_owned()))
             }
@@ -158,6 +205,8 @@ impl JobController {
             state: self.machine.state(),
             reason: self.reason(),
             serves: self.serves,
+            job: self.job.as_ref().map(|job| job.number),
+            resets: self.resets,
             part: self.job.as_ref().and_then(|job| job.part.clone()),
             recipe: self.job.as_ref().map(|job| self.recipes[job.recipe].clone()),
             recipes: recipes

@@ -3,6 +3,7 @@
 //! Pure modules decide ([`cell::schedule`], [`cycle`], [`restart`]); `state` connects them to messages, processes and the
 //! clock. The supervisor never waits for a stage: it checks all of them every 20 ms.
 
+mod changes;
 pub mod collect;
 pub mod command_socket;
 pub mod cycle;
@@ -86,6 +87,7 @@ fn event_loop(supervisor: &mut Supervisor, each: &mut dyn FnMut(&CycleResult)) -
         supervisor.results_out.update();
         supervisor.notify_service_manager();
         supervisor.update_monitor();
+        supervisor.update_changes();
         supervisor.step(Input::Tick, each)?;
         if !supervisor.cycles.is_finished() {
             supervisor.listener.wait(TICK)?;

@@ -41,6 +41,21 @@ pub enum Request {
         /// Number of cycles; absent: until `finish`.
         cycles: Option<u64>,
     },
+    /// Start a job and answer at once with its number; the results are told to who watches.
+    Begin {
+        /// Identification of the one part to inspect; absent: part after part until `finish`.
+        part: Option<String>,
+        /// Name of the recipe; absent: the first one.
+        recipe: Option<String>,
+    },
+    /// What has happened since a change, at once or as soon as there is something.
+    Watch {
+        /// The run that the change belongs to; another one, or none: from the oldest change that is kept.
+        run: Option<String>,
+        /// Number of the last change that is known.
+        #[serde(default)]
+        after: u64,
+    },
     /// End the continuous job after the current cycle.
     Finish {},
     /// End the job and its cycle now.
@@ -75,6 +90,13 @@ pub enum Answer {
     State(StateReport),
     /// The result of the cycle of an inspection.
     Inspected(Box<CycleResult>),
+    /// A job has started.
+    Begun {
+        /// Number of the job in this run, from 1.
+        job: u64,
+    },
+    /// What has happened, in its order.
+    Watched(Box<Watched>),
     /// The request was carried out.
     Done(String),
     /// The request is refused, with the reason; a retry does not help.
@@ -88,6 +110,44 @@ pub enum Answer {
     },
 }
 
+/// What has happened in a cell, in its order.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Watched {
+    /// Identification of the run: numbers of changes, jobs and cycles begin anew with each run.
+    pub run: String,
+    /// Number of the oldest change that is kept.
+    pub oldest: u64,
+    /// Number of the newest change; 0 before the first one.
+    pub newest: u64,
+    /// Changes after the one that was named, without a gap unless `oldest` tells one.
+    pub changes: Vec<Change>,
+}
+
+/// One thing that has happened.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Change {
+    /// From 1 in each run.
+    pub number: u64,
+    /// A state or a result.
+    #[serde(flatten)]
+    pub what: What,
+}
+
+/// A new state, or the result of a cycle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum What {
+    /// State, job or recipes are others.
+    State(StateReport),
+    /// A cycle has its outcome, and its files are written.
+    Result {
+        /// Number of the job; 0 in a cell that takes no jobs.
+        job: u64,
+        /// As `result.json`, without times of the stages.
+        result: Box<CycleResult>,
+    },
+}
+
 /// State, current job and recipes of a cell.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StateReport {
@@ -97,6 +157,12 @@ pub struct StateReport {
     pub reason: Option<String>,
     /// Whether the cell accepts jobs (`run --serve`).
     pub serves: bool,
+    /// Number of the current job, from 1 in each run.
+    #[serde(default)]
+    pub job: Option<u64>,
+    /// How often the cell was reset in this run.
+    #[serde(default)]
+    pub resets: u64,
     /// The part of the current job.
     pub part: Option<String>,
     /// The recipe of the current job.

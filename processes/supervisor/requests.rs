@@ -67,6 +67,15 @@ impl Supervisor<'_> {
         }
     }
 
+    /// Tells gateways what is new.
+    pub(super) fn update_changes(&mut self) {
+        self.changes.state(self.jobs.report());
+        for (job, result) in self.results_out.take_settled() {
+            self.changes.result(job, result);
+        }
+        self.changes.update(now_ns());
+    }
+
     /// Ends the monitor, which shows before that the cell has ended.
     pub(super) fn end_monitor(&mut self) {
         if let Some(monitor) = &mut self.monitor {
@@ -90,6 +99,11 @@ impl Supervisor<'_> {
                 let action = self.jobs.inspect(part, recipe.as_deref(), reply);
                 return self.apply(action, each);
             }
+            Request::Watch { run, after } => {
+                self.changes.watch(run.as_deref(), after, now_ns(), reply);
+                return Ok(());
+            }
+            Request::Begin { part, recipe } => self.jobs.begin(part, recipe.as_deref()),
             Request::Start { recipe, cycles } => self.jobs.start(recipe.as_deref(), cycles),
             Request::Finish {} => {
                 self.jobs.change_state(Event::Finish, "the job ends after the current cycle")
@@ -126,6 +140,8 @@ impl Supervisor<'_> {
     /// Answers the requests that arrived before the end of the run, and waits until their clients have the answers.
     pub(super) fn answer_remaining(&mut self) {
         self.jobs.close();
+        self.update_changes();
+        self.changes.close();
         let deadline_ns = now_ns().saturating_add(LAST_ANSWERS_NS);
         loop {
             while let Ok((request, reply)) = self.requests.try_recv() {

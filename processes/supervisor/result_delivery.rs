@@ -14,6 +14,7 @@ const DISK_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// A result that is on its way to the disk.
 struct Pending {
+    job: u64,
     result: CycleResult,
     reply: Option<Sender<Answer>>,
     deadline_ns: u64,
@@ -24,6 +25,8 @@ struct Pending {
 pub(super) struct ResultDelivery {
     writer: Option<ResultWriter>,
     pending: VecDeque<Pending>,
+    /// Results that are written, or lost, and not taken yet, with the numbers of their jobs.
+    settled: Vec<(u64, CycleResult)>,
     /// Results that are not on the disk, and the first error.
     lost: u64,
     error: Option<anyhow::Error>,
@@ -43,18 +46,23 @@ impl ResultDelivery {
     /// Writes a result and then answers the client that waits for it.
     pub(super) fn deliver(
         &mut self,
+        job: u64,
         result: &CycleResult,
         output: PartOutput,
         reply: Option<Sender<Answer>>,
     ) {
-        let Some(writer) = &self.writer else { return answer(reply, result.clone()) };
-        let queued = writer.queue(result, output);
         let deadline_ns = now_ns().saturating_add(DISK_TIMEOUT.as_nanos() as u64);
-        let pending = Pending { result: result.clone(), reply, deadline_ns };
-        match queued {
+        let pending = Pending { job, result: result.clone(), reply, deadline_ns };
+        let Some(writer) = &self.writer else { return self.answer(pending) };
+        match writer.queue(result, output) {
             Ok(()) => self.pending.push_back(pending),
             Err(error) => self.lose(pending, error),
         }
+    }
+
+    /// The results that were written or lost since the last call, with the numbers of their jobs.
+    pub(super) fn take_settled(&mut self) -> Vec<(u64, CycleResult)> {
+        std::mem::take(&mut self.settled)
     }
 
     /// Answers the clients whose results are written, or whose disk does not answer in time.
@@ -94,19 +102,25 @@ impl ResultDelivery {
             let place = self.pending.iter().position(|pending| pending.result.cycle == cycle);
             let Some(pending) = place.and_then(|place| self.pending.remove(place)) else { continue };
             match result {
-                Ok(()) => answer(pending.reply, pending.result),
+                Ok(()) => self.answer(pending),
                 Err(error) => self.lose(pending, error),
             }
         }
     }
 
-    fn lose(&mut self, pending: Pending, error: anyhow::Error) {
+    fn lose(&mut self, mut pending: Pending, error: anyhow::Error) {
         self.lost += 1;
         if self.error.is_none() {
             tracing::error!("cycle {}: {error:#}; the cell continues", pending.result.number);
             self.error = Some(error);
         }
-        answer(pending.reply, not_kept(pending.result));
+        pending.result = not_kept(pending.result);
+        self.answer(pending);
+    }
+
+    fn answer(&mut self, pending: Pending) {
+        self.settled.push((pending.job, pending.result.clone()));
+        answer(pending.reply, pending.result);
     }
 }
 

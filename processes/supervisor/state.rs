@@ -1,5 +1,6 @@
 //! State of the supervisor; passes messages and events to the pure modules and carries out their actions.
 
+use super::changes::Changes;
 use super::collect::Collector;
 use super::command_socket::{self, Call, Clients};
 use super::cycle::{Action, Cycles, Input};
@@ -83,6 +84,8 @@ pub(super) struct Supervisor<'a> {
     /// Whether all stages were ready at the last check.
     pub(super) was_ready: bool,
     pub(super) monitor: Option<Monitor>,
+    /// What gateways are told.
+    pub(super) changes: Changes,
     /// Cycles that a serving cell begins with, until it has begun.
     pub(super) first_cycles: Option<u64>,
     pub(super) ports: Ports,
@@ -140,6 +143,7 @@ impl<'a> Supervisor<'a> {
             service: ServiceManager::new(),
             was_ready: false,
             monitor,
+            changes: Changes::new(),
             first_cycles: options.first_cycles,
             keeps_parts: options.serve && options.out.is_some() && cell.file.results.parts > 0,
             jobs: JobController::new(
@@ -228,7 +232,7 @@ impl<'a> Supervisor<'a> {
         each(&result);
         let output = self.output_of(&result);
         let reply = self.jobs.take_reply();
-        self.results_out.deliver(&result, output, reply);
+        self.results_out.deliver(self.jobs.job(), &result, output, reply);
         let next = self.jobs.cycle_ended();
         self.apply(next, each)
     }

@@ -24,6 +24,7 @@ pub const CELL: &[&str] = &[
     "unprepare",
     "restart",
     "stop",
+    "opcua",
 ];
 
 /// Fails unless a document follows its schema.

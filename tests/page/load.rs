@@ -71,7 +71,7 @@ fn processor_time_without_and_with_viewers() {
 }
 
 /// Processor time of a process with all its threads, ms.
-fn processor_ms(pid: u64) -> f64 {
+pub fn processor_ms(pid: u64) -> f64 {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap();
     let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
     [11, 12].iter().map(|at| fields[*at].parse::<f64>().unwrap() * 10.0).sum()
@@ -79,15 +79,22 @@ fn processor_ms(pid: u64) -> f64 {
 
 /// The hashes of cycles that ten viewers look at are those of cycles that nobody looks at.
 fn viewed(cycles: usize) {
-    let alone = Cell::played(&format!("alone{cycles}"), 200.0, "");
+    viewed_beside(cycles, "viewed", |_| ());
+}
+
+/// The same beside others that look at the cell.
+pub fn viewed_beside<T>(cycles: usize, name: &str, others: impl FnOnce(&Page) -> T) -> T {
+    let alone = Cell::played(&format!("{name}-alone{cycles}"), 200.0, "");
     assert_eq!(alone.run("played.toml", &["--cycles", "2"]).status.code(), Some(0));
     let count = cycles.to_string();
-    let page = Page::start(Cell::played(&format!("viewed{cycles}"), 200.0, ""), &["--cycles", &count]);
+    let page = Page::start(Cell::played(&format!("{name}{cycles}"), 200.0, ""), &["--cycles", &count]);
     let viewers: Vec<_> = (0..10).map(|_| look(page.address)).collect();
+    let others = others(&page);
     assert_eq!(wait(page.run).status.code(), Some(0));
     let seen: Vec<usize> = viewers.into_iter().map(|viewer| viewer.join().unwrap()).collect();
     assert!(seen.iter().sum::<usize>() > 10, "{seen:?}");
     assert_eq!(hashes(&page.cell, cycles), hashes(&alone, 2));
+    others
 }
 
 /// Proves: a monitor that is killed, again and again, costs no cycle; it comes back at its address and knows what was.

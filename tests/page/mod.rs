@@ -3,7 +3,7 @@
 mod browser;
 mod chromium;
 mod http;
-mod load;
+pub mod load;
 mod security;
 
 use crate::control::plan;
