@@ -259,7 +259,7 @@ fn fault(level: f64, shown: Vector2<f64>, shift_rad: f64) -> Option<Fault> {
     let off_rad = wrap_rad(atan2(shown.y, shown.x) - shift_rad);
     if level < BLACK && contrast < BLACK {
         Some(Fault::Black)
-    } else if contrast < BLURRED || contrast > 1.0 / BLURRED {
+    } else if !(BLURRED..=1.0 / BLURRED).contains(&contrast) {
         Some(Fault::Blurred(contrast))
     } else if off_rad.abs() > MOVED_RAD {
         Some(Fault::Moved(off_rad))

@@ -117,7 +117,9 @@ impl<'a> Samples<'a> {
     fn each(&self, mut take: impl FnMut(usize, &[f64])) {
         self.each_dn(|place, values| {
             let scale = values.len() as f64 / values.iter().sum::<f64>();
-            values.iter_mut().for_each(|value| *value *= scale);
+            for value in &mut *values {
+                *value *= scale;
+            }
             take(place, values);
         });
     }
