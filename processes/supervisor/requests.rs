@@ -110,7 +110,14 @@ impl Supervisor<'_> {
             }
             Request::Abort {} => self.jobs.change_state(Event::Abort, "the job is aborted"),
             Request::Halt {} => self.jobs.change_state(Event::Halt, "halted"),
-            Request::Reset {} => self.jobs.change_state(Event::Reset, "reset"),
+            Request::Reset {} => {
+                let done = self.jobs.change_state(Event::Reset, "reset");
+                // Also of a cell that was halted while it was in error.
+                if matches!(done.1, Answer::Done(_)) {
+                    self.revive_stages();
+                }
+                done
+            }
             Request::Prepare { recipe } => (Action::None, self.jobs.select(&recipe, true)),
             Request::Unprepare { recipe } => (Action::None, self.jobs.select(&recipe, false)),
             Request::Restart { stage } => (Action::None, self.restart(&stage)),
@@ -176,11 +183,16 @@ impl Supervisor<'_> {
             Action::StartCycle { .. } => self.step(Input::Request, each),
             Action::AbortCycle => self.step(Input::Abort { reason: self.abort_reason().into() }, each),
             Action::Revive => {
-                for child in self.stages.iter_mut().filter(|child| child.state == ProcessState::GaveUp) {
-                    child.revive();
-                }
+                self.revive_stages();
                 Ok(())
             }
+        }
+    }
+
+    /// Starts the stages again that failed too often.
+    fn revive_stages(&mut self) {
+        for child in self.stages.iter_mut().filter(|child| child.state == ProcessState::GaveUp) {
+            child.revive();
         }
     }
 
