@@ -158,9 +158,9 @@ pub(crate) fn solve_square(mut matrix: Vec<Vec<f64>>, mut right: Vec<f64>) -> Op
         right.swap(k, pivot);
         for i in k + 1..n {
             let factor = matrix[i][k] / matrix[k][k];
-            for j in k..n {
-                let above = matrix[k][j];
-                matrix[i][j] -= factor * above;
+            let (above, below) = matrix.split_at_mut(i);
+            for (value, above) in below[0][k..n].iter_mut().zip(&above[k][k..n]) {
+                *value -= factor * above;
             }
             right[i] -= factor * right[k];
         }
@@ -258,7 +258,9 @@ fn linearise<M: Model<P>, const P: usize, const D: usize>(
     if !scale.iter().all(|s| *s > 0.0 && s.is_finite()) {
         return None;
     }
-    rows.iter_mut().for_each(|row| row.slope.component_div_assign(&scale));
+    for row in &mut rows {
+        row.slope.component_div_assign(&scale);
+    }
     Some((rows, scale))
 }
 

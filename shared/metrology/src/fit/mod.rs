@@ -27,6 +27,7 @@ mod extremal;
 mod form;
 mod line;
 mod normal;
+mod outline;
 mod plane;
 mod replaced;
 mod search;
@@ -44,9 +45,7 @@ pub use circle::{CircleFit, circle};
 pub(crate) use cluster::FEWEST_CELLS;
 pub use cluster::Support;
 pub use cone::{ConeFit, cone};
-pub use contour::{
-    Border, ContourFit, Outline, Placed, Sheet, border, contour, strip_minimum_zone_mm, u_gap_mm,
-};
+pub use contour::{ContourFit, Sheet, contour, strip_minimum_zone_mm};
 pub(crate) use correlation::estimate_rows;
 pub use cylinder::{CylinderFit, cylinder};
 pub use derived::{
@@ -61,6 +60,7 @@ pub(crate) use fringe::math::linear::eigen_fixed as eigen;
 pub use line::{LineFit, line};
 pub(crate) use normal::Normal;
 pub use normal::tangents;
+pub use outline::{Border, Outline, Placed, border, u_gap_mm};
 pub use plane::{PlaneFit, plane};
 pub use search::{find_plane, find_sphere};
 pub use settings::{Correlation, FitSettings};

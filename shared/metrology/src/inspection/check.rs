@@ -2,7 +2,8 @@
 
 use nalgebra::Isometry3;
 
-use super::check_characteristics::{Names, characteristic, check_open_motions, datum_systems};
+use super::check_characteristics::characteristic;
+use super::check_datums::{Names, check_open_motions, datum_systems};
 use super::check_elements::{Written, element};
 use super::geometry::Geometry;
 use super::joint::nominal_parts;

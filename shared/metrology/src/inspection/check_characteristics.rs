@@ -3,119 +3,23 @@
 use nalgebra::Vector3;
 
 use super::characteristic::{Characteristic, Kind, MaximumMaterial};
-use super::criterion::Criterion;
-use super::datum::{carried, fix};
+use super::check_datums::Names;
 use super::joint::{Part, nominal_parts};
-use super::location::{largest_offset_mm, nominal_angle_deg, value_of};
+use super::location::{nominal_angle_deg, value_of};
 use super::plan::{Feature, Plan, PlanError, Quantity, Unit};
 use super::raw::RawFeature;
-use super::raw_features::{RawDatum, RawDatumSystem, RawForm, RawOrientation, RawProfile, SizeName};
+use super::raw_features::SizeName;
 use super::references::DatumSystem;
 use super::substitute::{Shape, Substitute};
-use super::within::{Within, tolerated, unique};
-
-/// Sine of the angle by which nominal directions may miss what a characteristic says of them: digits of the plan.
-const NOMINAL_SINE: f64 = 1e-4;
-
-/// How far a nominal element may lie from its datum where they are meant to coincide, mm.
-const NOMINAL_MM: f64 = 1e-3;
-
-/// Names of all elements, in the order of their indices.
-pub(super) struct Names(Vec<String>);
-
-impl Names {
-    /// Names of the measured elements.
-    pub fn new<'a>(names: impl Iterator<Item = &'a str>) -> Self {
-        Self(names.map(str::to_owned).collect())
-    }
-
-    /// Of all elements of a plan.
-    fn of(plan: &Plan) -> Self {
-        let made = plan.constructed.iter().map(|c| c.name.as_str());
-        Self::new(plan.elements.iter().map(|e| e.name.as_str()).chain(made))
-    }
-
-    /// Takes in a further name.
-    pub fn push(&mut self, name: &str) {
-        self.0.push(name.to_owned());
-    }
-
-    /// All names in their order.
-    pub fn all(&self) -> impl Iterator<Item = &str> {
-        self.0.iter().map(String::as_str)
-    }
-
-    fn one(&self, place: &Within, key: &'static str, name: &str) -> Result<usize, PlanError> {
-        self.0.iter().position(|n| n == name).ok_or_else(|| PlanError::Reference {
-            place: place.0.clone(),
-            key,
-            name: name.into(),
-            kind: "measured or earlier",
-            known: if self.0.is_empty() { "none".into() } else { self.0.join(", ") },
-        })
-    }
-
-    /// Different names as indices.
-    pub fn several(
-        &self,
-        place: &Within,
-        key: &'static str,
-        names: &[String],
-    ) -> Result<Vec<usize>, PlanError> {
-        let mut found = Vec::with_capacity(names.len());
-        for name in names {
-            let index = self.one(place, key, name)?;
-            if found.contains(&index) {
-                return Err(
-                    place.refuse(format!("{key} names \"{name}\" twice: an element and itself fix nothing"))
-                );
-            }
-            found.push(index);
-        }
-        if found.is_empty() {
-            return Err(place.refuse(format!("{key} is empty; name at least one element")));
-        }
-        Ok(found)
-    }
-}
-
-/// Checks the datum systems.
-pub(super) fn datum_systems(raw: Vec<RawDatumSystem>, plan: &Plan) -> Result<Vec<DatumSystem>, PlanError> {
-    let names = Names::of(plan);
-    let mut systems = Vec::with_capacity(raw.len());
-    for system in raw {
-        let place = Within(format!("datum_system \"{}\"", system.name));
-        let mut steps = Vec::new();
-        for datum in &system.datums {
-            steps.push(match datum {
-                RawDatum::One(name) => vec![names.one(&place, "datums", name)?],
-                RawDatum::Common(list) => names.several(&place, "datums", list)?,
-            });
-        }
-        let mut all: Vec<usize> = steps.iter().flatten().copied().collect();
-        all.sort_unstable();
-        if let Some(twice) = all.windows(2).find(|w| w[0] == w[1]) {
-            let name = plan.element_name(twice[0]);
-            return Err(
-                place.refuse(format!("datums names \"{name}\" twice: it fixes nothing the second time"))
-            );
-        }
-        if steps.is_empty() {
-            return Err(place.refuse("datums is empty; name at least one element".into()));
-        }
-        systems.push(DatumSystem { name: system.name, steps });
-    }
-    unique("datum system", systems.iter().map(|s| s.name.as_str()))?;
-    Ok(systems)
-}
+use super::within::{Within, tolerated};
 
 /// What the checks of a feature look at.
-struct Checked<'p> {
-    plan: &'p mut Plan,
-    names: Names,
-    nominal: Vec<Part>,
-    place: Within,
-    name: String,
+pub(super) struct Checked<'p> {
+    pub(super) plan: &'p mut Plan,
+    pub(super) names: Names,
+    pub(super) nominal: Vec<Part>,
+    pub(super) place: Within,
+    pub(super) name: String,
 }
 
 /// Checks a feature of a geometrical characteristic, which joins those of the plan.
@@ -222,20 +126,25 @@ fn written_name(raw: &RawFeature) -> &str {
     }
 }
 
-fn plain(name: &'static str, kind: Kind, elements: Vec<usize>) -> Characteristic {
+pub(super) fn plain(name: &'static str, kind: Kind, elements: Vec<usize>) -> Characteristic {
     Characteristic { name, kind, elements, datums: None, filter_mm: None, zone_direction: None }
 }
 
 impl Checked<'_> {
-    fn element(&self, name: &str) -> Result<usize, PlanError> {
+    pub(super) fn element(&self, name: &str) -> Result<usize, PlanError> {
         self.names.one(&self.place, "element", name)
     }
 
-    fn shape(&self, index: usize) -> Result<Substitute, PlanError> {
+    pub(super) fn shape(&self, index: usize) -> Result<Substitute, PlanError> {
         self.nominal[index].clone().map_err(|why| self.place.refuse(why))
     }
 
-    fn element_of(&self, name: &str, wanted: &str, fits: impl Fn(Shape) -> bool) -> Result<usize, PlanError> {
+    pub(super) fn element_of(
+        &self,
+        name: &str,
+        wanted: &str,
+        fits: impl Fn(Shape) -> bool,
+    ) -> Result<usize, PlanError> {
         let index = self.element(name)?;
         let shape = self.shape(index)?.shape;
         if fits(shape) {
@@ -244,17 +153,17 @@ impl Checked<'_> {
         Err(self.place.refuse(format!("element names \"{name}\", a {}; name a {wanted}", shape.words())))
     }
 
-    fn two(&self, names: &[String; 2]) -> Result<Vec<usize>, PlanError> {
+    pub(super) fn two(&self, names: &[String; 2]) -> Result<Vec<usize>, PlanError> {
         self.names.several(&self.place, "elements", names)
     }
 
     /// The datum system of a name, or that of one element.
-    fn datums(&mut self, name: &str, toleranced: &[usize]) -> Result<usize, PlanError> {
+    pub(super) fn datums(&mut self, name: &str, toleranced: &[usize]) -> Result<usize, PlanError> {
         let known = self.plan.datum_systems.iter().position(|s| s.name == name);
         let system = if let Some(known) = known {
             known
         } else {
-            let Some(index) = self.names.0.iter().position(|n| n == name) else {
+            let Some(index) = self.names.all().position(|n| n == name) else {
                 let systems = self.plan.datum_systems.iter().map(|s| s.name.as_str());
                 let known: Vec<&str> = systems.chain(self.names.all()).collect();
                 return Err(PlanError::Reference {
@@ -278,20 +187,21 @@ impl Checked<'_> {
         Ok(system)
     }
 
-    fn zone_direction(&self, given: Option<[f64; 3]>) -> Result<Option<Vector3<f64>>, PlanError> {
+    pub(super) fn zone_direction(&self, given: Option<[f64; 3]>) -> Result<Option<Vector3<f64>>, PlanError> {
         given.map(|v| self.place.unit("zone_direction", v)).transpose()
     }
 
-    fn filter(&self, given: Option<f64>) -> Result<Option<f64>, PlanError> {
+    pub(super) fn filter(&self, given: Option<f64>) -> Result<Option<f64>, PlanError> {
         given.map(|edge| self.place.positive("filter_mm", edge)).transpose()
     }
 
-    fn size_index(&self, index: usize, name: Option<SizeName>) -> Result<usize, PlanError> {
+    pub(super) fn size_index(&self, index: usize, name: Option<SizeName>) -> Result<usize, PlanError> {
         use SizeName::{Diameter, Length, RingDiameter, TubeDiameter, Width};
         let shape = self.shape(index)?.shape;
         let found = match (shape, name) {
-            (Shape::Sphere | Shape::Cylinder | Shape::Circle | Shape::Cone, None | Some(Diameter)) => Some(0),
-            (Shape::Torus, Some(RingDiameter)) | (Shape::Oblong, Some(Length)) => Some(0),
+            (Shape::Sphere | Shape::Cylinder | Shape::Circle | Shape::Cone, None | Some(Diameter))
+            | (Shape::Torus, Some(RingDiameter))
+            | (Shape::Oblong, Some(Length)) => Some(0),
             (Shape::Torus, Some(TubeDiameter)) | (Shape::Oblong, Some(Width)) => Some(1),
             _ => None,
         };
@@ -313,7 +223,7 @@ impl Checked<'_> {
     }
 
     /// The maximum material size from a size feature of the same element.
-    fn material(&self, element: usize, size: &str) -> Result<MaximumMaterial, PlanError> {
+    pub(super) fn material(&self, element: usize, size: &str) -> Result<MaximumMaterial, PlanError> {
         let of = |f: &&Feature| match f.quantity {
             Quantity::Characteristic { index, .. } => {
                 let one = &self.plan.characteristics[index];
@@ -343,7 +253,7 @@ impl Checked<'_> {
         Ok(MaximumMaterial { size_mm, least_mm, internal, index: which })
     }
 
-    fn measured(
+    pub(super) fn measured(
         self,
         one: Characteristic,
         nominal: Option<f64>,
@@ -365,7 +275,12 @@ impl Checked<'_> {
         tolerated(&self.place, self.name, quantity, nominal, deviations, u_system)
     }
 
-    fn limited(self, one: Characteristic, limit_mm: f64, u_system: f64) -> Result<Feature, PlanError> {
+    pub(super) fn limited(
+        self,
+        one: Characteristic,
+        limit_mm: f64,
+        u_system: f64,
+    ) -> Result<Feature, PlanError> {
         let limit = match one.kind {
             // At maximum material a tolerance of zero is meaningful.
             Kind::Position(Some(_)) => self.place.not_negative("limit_mm", limit_mm)?,
@@ -376,225 +291,4 @@ impl Checked<'_> {
         self.plan.characteristics.push(one);
         tolerated(&self.place, self.name, quantity, 0.0, [0.0, limit], u_system)
     }
-
-    fn form(
-        self,
-        name: &'static str,
-        raw: &RawForm,
-        wanted: &str,
-        fits: impl Fn(Shape) -> bool,
-    ) -> Result<Feature, PlanError> {
-        let index = self.element_of(&raw.element, wanted, fits)?;
-        self.with_points(index, &raw.element)?;
-        let filter_mm = self.filter(raw.filter_mm)?;
-        let shape = self.shape(index)?.shape;
-        match raw.reference {
-            Criterion::LeastSquares => {}
-            Criterion::MinimumZone if filter_mm.is_none() || matches!(shape, Shape::Plane | Shape::Line) => {}
-            Criterion::MinimumZone => {
-                return Err(self.place.refuse(format!(
-                    "filter_mm with reference = \"minimum-zone\" is for planes and lines, not for a {}: leave one out",
-                    shape.words()
-                )));
-            }
-            other => {
-                return Err(self.place.refuse(format!(
-                    "reference = \"{}\"; a form knows least-squares and minimum-zone",
-                    other.key()
-                )));
-            }
-        }
-        let one = Characteristic { filter_mm, ..plain(name, Kind::Form(raw.reference), vec![index]) };
-        self.limited(one, raw.limit_mm, raw.u_system_mm)
-    }
-
-    /// Refuses elements made of others where points are meant.
-    fn with_points(&self, index: usize, name: &str) -> Result<(), PlanError> {
-        if index < self.plan.elements.len() {
-            return Ok(());
-        }
-        Err(self
-            .place
-            .refuse(format!("element \"{name}\" is made of others and has no points; name a measured one")))
-    }
-
-    fn orientation(mut self, name: &'static str, raw: &RawOrientation) -> Result<Feature, PlanError> {
-        let index = self.element_of(&raw.element, "plane or axis", |s| s == Shape::Plane || s.is_axis())?;
-        let datums = self.datums(&raw.datums, &[index])?;
-        self.nominal_angle(name, index, datums)?;
-        let one = Characteristic {
-            datums: Some(datums),
-            filter_mm: self.filter(raw.filter_mm)?,
-            zone_direction: self.zone_direction(raw.zone_direction)?,
-            ..plain(name, Kind::Orientation(raw.of), vec![index])
-        };
-        self.limited(one, raw.limit_mm, raw.u_system_mm)
-    }
-
-    /// Parallelism and perpendicularity say what the nominal angle to the first datum is.
-    fn nominal_angle(&self, name: &str, index: usize, datums: usize) -> Result<(), PlanError> {
-        let first = self.plan.datum_systems[datums].steps[0][0];
-        let (element, datum) = (self.shape(index)?, self.shape(first)?);
-        if datum.direction == Vector3::zeros() {
-            let first = self.plan.element_name(first);
-            return Err(self.place.refuse(format!(
-                "datums begin with \"{first}\", a {}, which has no direction; begin with a plane or an axis",
-                datum.shape.words()
-            )));
-        }
-        let (cosine, sine) =
-            (element.direction.dot(&datum.direction).abs(), element.direction.cross(&datum.direction).norm());
-        let alike = (element.shape == Shape::Plane) == (datum.shape == Shape::Plane);
-        let off = match name {
-            "parallelism" => {
-                if alike {
-                    sine
-                } else {
-                    cosine
-                }
-            }
-            "perpendicularity" => {
-                if alike {
-                    cosine
-                } else {
-                    sine
-                }
-            }
-            _ => 0.0,
-        };
-        if off <= NOMINAL_SINE {
-            return Ok(());
-        }
-        let degrees = fringe::math::asin(off.min(1.0)).to_degrees();
-        Err(self.place.refuse(format!(
-            "kind = \"{name}\", but the nominal directions miss that by {degrees:.3}°; correct them, or take angularity"
-        )))
-    }
-
-    /// Location on the datum itself: the nominal element must lie there.
-    fn coincident(
-        mut self,
-        name: &'static str,
-        index: usize,
-        datums: &str,
-        limit_mm: f64,
-        u: f64,
-    ) -> Result<Feature, PlanError> {
-        let datums = self.datums(datums, &[index])?;
-        let element = self.shape(index)?;
-        let first = self.plan.datum_systems[datums].steps[0][0];
-        let datum = self.shape(first)?;
-        let off = match (element.shape, datum.shape) {
-            (Shape::Plane, Shape::Plane) => datum.direction.dot(&(element.point - datum.point)).abs(),
-            (_, d) if d.is_axis() || (d == Shape::Circle && element.shape.is_axis()) => {
-                (element.point - datum.point).cross(&datum.direction).norm()
-            }
-            (_, Shape::Circle) => {
-                let off = element.point - datum.point;
-                (off - datum.direction * datum.direction.dot(&off)).norm()
-            }
-            (_, d) if d.is_point() => (element.point - datum.point).norm(),
-            (_, d) => {
-                let name = self.plan.element_name(first);
-                return Err(self.place.refuse(format!(
-                    "datums begin with \"{name}\", a {}; begin with what the element shall coincide with",
-                    d.words()
-                )));
-            }
-        };
-        if off > NOMINAL_MM {
-            return Err(self.place.refuse(format!(
-                "kind = \"{name}\", but the element lies nominally {off:.4} mm from its datum, limit {NOMINAL_MM} mm; correct the nominal places, or take position"
-            )));
-        }
-        let one = Characteristic { datums: Some(datums), ..plain(name, Kind::Position(None), vec![index]) };
-        self.limited(one, limit_mm, u)
-    }
-
-    fn profile(mut self, name: &'static str, raw: &RawProfile, wanted: &str) -> Result<Feature, PlanError> {
-        let line = name == "line-profile";
-        let index = self.element(&raw.element)?;
-        self.with_points(index, &raw.element)?;
-        let kind = self.plan.elements[index].geometry.kind();
-        let fits = if line {
-            kind == "line"
-        } else {
-            matches!(kind, "sphere" | "plane" | "cylinder" | "cone" | "torus")
-        };
-        if !fits {
-            return Err(self
-                .place
-                .refuse(format!("element names \"{}\", a {kind}; name a {wanted}", raw.element)));
-        }
-        let datums = raw.datums.as_ref().map(|d| self.datums(d, &[index])).transpose()?;
-        let one = Characteristic {
-            datums,
-            filter_mm: self.filter(raw.filter_mm)?,
-            ..plain(name, Kind::Profile, vec![index])
-        };
-        self.limited(one, raw.limit_mm, raw.u_system_mm)
-    }
-
-    fn runout(
-        mut self,
-        name: &'static str,
-        section_mm: Option<f64>,
-        (element, datums): (&str, &str),
-        filter_mm: Option<f64>,
-        [limit_mm, u_system]: [f64; 2],
-    ) -> Result<Feature, PlanError> {
-        let turned = |s| matches!(s, Shape::Cylinder | Shape::Cone | Shape::Plane);
-        let index = self.element_of(element, "cylinder, cone or plane", turned)?;
-        self.with_points(index, element)?;
-        let system = self.datums(datums, &[index])?;
-        let step = &self.plan.datum_systems[system].steps[0];
-        let datum = self.shape(step[0])?;
-        if step.len() != 1 || !datum.shape.is_axis() {
-            return Err(self.place.refuse(format!(
-                "datums \"{datums}\" begin with a {}; run-out needs one axis first: cylinder, cone or line",
-                datum.shape.words()
-            )));
-        }
-        let one = Characteristic {
-            datums: Some(system),
-            filter_mm: self.filter(filter_mm)?,
-            ..plain(name, Kind::Runout(section_mm), vec![index])
-        };
-        self.limited(one, limit_mm, u_system)
-    }
-}
-
-/// Refuses characteristics that depend on a motion which their datums leave open.
-pub(super) fn check_open_motions(plan: &Plan) -> Result<(), PlanError> {
-    let nominal = nominal_parts(plan);
-    for feature in &plan.features {
-        let Quantity::Characteristic { index, .. } = feature.quantity else { continue };
-        let one = &plan.characteristics[index];
-        let (Some(system), Kind::Position(_) | Kind::Profile) = (one.datums, &one.kind) else {
-            continue;
-        };
-        let place = Within(format!("feature \"{}\"", feature.name));
-        let system = &plan.datum_systems[system];
-        let steps: Result<Vec<Vec<Substitute>>, String> =
-            system.steps.iter().map(|step| super::joint::pick(&nominal, step)).collect();
-        let steps = steps.map_err(|why| place.refuse(why))?;
-        let frame = fix(&steps, &steps).map_err(|why| place.refuse(why))?;
-        let element = nominal[one.elements[0]].clone().map_err(|why| place.refuse(why))?;
-        for motion in &frame.open {
-            let there = carried(&element, &frame.motion(&motion.map(|m| 1e-3 * m)));
-            let turned = (there.direction - element.direction).norm() * frame.extent_mm;
-            let flat = if element.shape == Shape::Plane { turned } else { 0.0 };
-            let moved = largest_offset_mm(one, &element, &there).max(flat);
-            if moved > 1e-5 {
-                return Err(place.refuse(format!(
-                    "datums {} leave open: {}; the {} of \"{}\" depends on it; add a datum that fixes it",
-                    system.letters(&|i| plan.element_name(i)),
-                    frame.open_words(),
-                    one.name,
-                    plan.element_name(one.elements[0])
-                )));
-            }
-        }
-    }
-    Ok(())
 }

@@ -336,28 +336,26 @@ fn on_axis(joint: &Joint<'_>, one: &Characteristic) -> bool {
 
 /// Symbol, datums, criteria and filter of a characteristic in words.
 fn detail(joint: &Joint<'_>, one: &Characteristic, bonus_mm: Option<f64>) -> String {
-    let mut text = one.symbol().to_owned();
+    let mut words = vec![one.symbol().to_owned()];
     if let Some(system) = one.datums {
-        text += &format!(
-            "; datums {}",
-            joint.plan.datum_systems[system].letters(&|i| joint.plan.element_name(i))
-        );
+        let letters = joint.plan.datum_systems[system].letters(&|i| joint.plan.element_name(i));
+        words.push(format!("datums {letters}"));
     }
     let criteria = one.elements.iter().filter_map(|i| joint.plan.elements.get(*i)).map(|e| e.criterion);
     let symbols: Vec<String> = criteria.map(|c| format!("{} ({})", c.key(), c.symbol())).collect();
     if !symbols.is_empty() && !matches!(one.kind, Kind::Form(_)) {
-        text += &format!("; element by {}", symbols.join(", "));
+        words.push(format!("element by {}", symbols.join(", ")));
     }
     if let Kind::Form(criterion) = one.kind {
-        text += &format!("; reference element {} ({})", criterion.key(), criterion.form_symbol());
+        words.push(format!("reference element {} ({})", criterion.key(), criterion.form_symbol()));
     }
     if let Some(edge) = one.filter_mm {
-        text += &format!("; means over cubes of {edge} mm");
+        words.push(format!("means over cubes of {edge} mm"));
     }
     if let Some(bonus) = bonus_mm {
-        text += &format!("; Ⓜ adds {bonus:.4} mm to the limit (ISO 2692)");
+        words.push(format!("Ⓜ adds {bonus:.4} mm to the limit (ISO 2692)"));
     }
-    text
+    words.join("; ")
 }
 
 /// Range of the residuals kept, with its sigma beside it under its own name.

@@ -18,6 +18,9 @@ use crate::fit::{CHART, Residuals};
 /// An element or the reason why there is none.
 pub type Part = Result<Substitute, String>;
 
+/// A function of the elements of a plan with N values, or why it has none.
+pub type OfParts<'a, const N: usize> = dyn Fn(&[Part]) -> Result<[f64; N], String> + 'a;
+
 /// A measured element with what its uncertainty and its points are.
 pub struct Base<'a> {
     /// The element, or why there is none.
@@ -147,7 +150,7 @@ impl<'a> Joint<'a> {
     pub fn propagated<const N: usize>(
         &self,
         sources: &BTreeSet<usize>,
-        value: &dyn Fn(&[Part]) -> Result<[f64; N], String>,
+        value: &OfParts<'_, N>,
     ) -> Result<([f64; N], SMatrix<f64, N, N>), String> {
         let here = value(&self.measured())?;
         let mut covariance = SMatrix::<f64, N, N>::zeros();
