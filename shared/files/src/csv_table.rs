@@ -75,13 +75,11 @@ impl CsvTable {
     pub fn number(&self, row: &CsvRow, column: &str) -> Result<Option<f64>, FileError> {
         let Some(text) = self.text(row, column) else { return Ok(None) };
         let plain = if self.semicolons { text.replace(',', ".") } else { text.to_owned() };
-        match plain.parse::<f64>().ok().filter(|value| value.is_finite()) {
-            Some(value) => Ok(Some(value)),
-            None => {
-                let limit = "a finite number".into();
-                Err(self.fault(row, column, Problem::Value { value: format!("\"{text}\""), limit }))
-            }
+        if let Some(value) = plain.parse::<f64>().ok().filter(|value| value.is_finite()) {
+            return Ok(Some(value));
         }
+        let limit = "a finite number".into();
+        Err(self.fault(row, column, Problem::Value { value: format!("\"{text}\""), limit }))
     }
 
     /// A fault in a cell, with its line and column.

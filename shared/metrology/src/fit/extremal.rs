@@ -238,7 +238,6 @@ fn extremal<M: Model<P>, const P: usize, const D: usize>(
 }
 
 /// Rows of the one-sided problem, their slopes scaled to a largest size of one, with the scale.
-#[expect(clippy::type_complexity, reason = "rows and their scale belong together")]
 fn linearise<M: Model<P>, const P: usize, const D: usize>(
     model: &M,
     points: &[Vector3<f64>],

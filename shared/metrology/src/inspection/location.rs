@@ -17,6 +17,7 @@ const OPEN_TURN: f64 = 1e-3;
 
 /// A value with its standard uncertainty, and what widens its upper limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(clippy::struct_field_names, reason = "the value of a value with its uncertainty")]
 pub struct Value {
     /// Value in the unit of the characteristic.
     pub value: f64,
@@ -103,7 +104,9 @@ pub(super) fn in_datums(
         for motion in &frame.open {
             let turn = back.rotation * Vector3::new(motion[3], motion[4], motion[5]);
             let mut along = turn.cross(&nominal.direction);
-            free.iter().for_each(|f| along -= f * f.dot(&along));
+            for f in &free {
+                along -= f * f.dot(&along);
+            }
             if along.norm() > OPEN_TURN {
                 free.push(along / along.norm());
             }
@@ -123,28 +126,31 @@ fn scalar(one: &Characteristic, joint: &Joint<'_>, parts: &[Part]) -> Result<f64
     })
 }
 
+/// A direction of a datum system in the directions of the cloud, or why there is none.
+pub type Turned<'a> = dyn Fn(&Vector3<f64>) -> Result<Vector3<f64>, String> + 'a;
+
 /// Size, half angle or distance of elements; also of the nominal ones, which gives the nominal value.
 pub fn value_of(
     one: &Characteristic,
     elements: &[Substitute],
-    direction: &dyn Fn(&Vector3<f64>) -> Result<Vector3<f64>, String>,
+    direction: &Turned<'_>,
 ) -> Result<f64, String> {
     match (&one.kind, elements) {
         (Kind::Size(index), [a, ..]) => Ok(a.sizes[*index]),
         (Kind::HalfAngle, [a, ..]) => Ok(a.sizes[1].to_degrees()),
         (Kind::Distance(Some(along)), [a, b]) => Ok((b.point - a.point).dot(&direction(along)?)),
-        (Kind::Distance(None), [a, b]) => distance(a, b),
+        (Kind::Distance(None), [a, b]) => Ok(distance(a, b)),
         _ => Err("names the wrong number of elements".into()),
     }
 }
 
 /// Distance of two elements, mm: to a plane along its normal (the first one's where both are planes), to an axis across
 /// it, between axes along their shortest connection; of parallel axes and of planes at the second one's point.
-fn distance(a: &Substitute, b: &Substitute) -> Result<f64, String> {
+fn distance(a: &Substitute, b: &Substitute) -> f64 {
     let to_plane =
         |plane: &Substitute, point: Vector3<f64>| plane.direction.dot(&(point - plane.point)).abs();
     let to_axis = |axis: &Substitute, point: Vector3<f64>| (point - axis.point).cross(&axis.direction).norm();
-    Ok(match (a.shape, b.shape) {
+    match (a.shape, b.shape) {
         (Shape::Plane, _) => to_plane(a, b.point),
         (_, Shape::Plane) => to_plane(b, a.point),
         _ if a.shape.is_axis() && b.shape.is_axis() => match shortest(a, b) {
@@ -157,7 +163,7 @@ fn distance(a: &Substitute, b: &Substitute) -> Result<f64, String> {
         _ if a.shape.is_axis() => to_axis(a, b.point),
         _ if b.shape.is_axis() => to_axis(b, a.point),
         _ => (b.point - a.point).norm(),
-    })
+    }
 }
 
 /// Sine vector and cosine of the angle between two elements; between plane and axis that of axis and plane.

@@ -181,14 +181,15 @@ fn nominal_places(plan: &Plan) -> Vec<Point> {
 /// Area of an element's region, what is cut out of it included.
 fn area_mm2(element: &Element) -> f64 {
     match &element.geometry {
-        Geometry::Plane { half_size_mm: [a, b], .. } => 4.0 * a * b,
+        Geometry::Plane { half_size_mm: [a, b], .. } | Geometry::Line { half_size_mm: [a, b], .. } => {
+            4.0 * a * b
+        }
         Geometry::Sphere { radius_mm, cos_polar: [low, high], .. } => {
             TAU * radius_mm * radius_mm * (high - low)
         }
         Geometry::Cylinder { radius_mm, half_length_mm, .. }
         | Geometry::Cone { radius_mm, half_length_mm, .. } => 2.0 * TAU * radius_mm * half_length_mm,
         Geometry::Torus { ring_radius_mm, tube_radius_mm, .. } => TAU * ring_radius_mm * TAU * tube_radius_mm,
-        Geometry::Line { half_size_mm: [a, b], .. } => 4.0 * a * b,
         Geometry::Point { radius_mm, .. } => 0.5 * TAU * radius_mm * radius_mm,
         Geometry::Outline { outline, band_mm, .. } => outline.length_mm() * band_mm,
     }

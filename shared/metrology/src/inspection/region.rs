@@ -182,7 +182,7 @@ impl Region {
 
     /// How far along an edge a position lies from its middle, mm.
     fn edge_along(&self, arm: &Vector3<f64>) -> f64 {
-        if let Geometry::Outline { edges, .. } = &self.geometry { arm.dot(&edges[0]) } else { 0.0 }
+        if let Geometry::Outline { edges: [along, _], .. } = &self.geometry { arm.dot(along) } else { 0.0 }
     }
 
     /// Whether a normal (of length one, or zero where unknown) fits the surface at a position.

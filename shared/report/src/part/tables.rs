@@ -61,17 +61,12 @@ pub fn dfq(input: &PartInput<'_>) -> String {
     }
     for (index, f) in features.iter().enumerate() {
         let i = index + 1;
-        match f.value {
-            Some(measured) => value(&mut text, i, measured),
-            None => {
-                let _ = write!(text, "K0001/{i} 0\r\nK0002/{i} 255\r\n");
-                field(
-                    &mut text,
-                    &format!("K0009/{i}"),
-                    f.reason.as_deref().unwrap_or("not measured"),
-                    REMARK,
-                );
-            }
+        if let Some(measured) = f.value {
+            value(&mut text, i, measured);
+        } else {
+            let _ = write!(text, "K0001/{i} 0\r\nK0002/{i} 255\r\n");
+            let reason = f.reason.as_deref().unwrap_or("not measured");
+            field(&mut text, &format!("K0009/{i}"), reason, REMARK);
         }
         if let Some(date) = crate::qdas::date(input.date) {
             field(&mut text, &format!("K0004/{i}"), &date, NUMBER);

@@ -347,7 +347,10 @@ fn an_empty_region_is_told_where_it_matters() {
     let cloud: Vec<_> = Real { density: 1.2, ..Real::default() }
         .cloud(1)
         .into_iter()
-        .filter(|p| (p.position_mm[0] - 20.0).hypot(p.position_mm[1] - 10.0) > 6.5)
+        .filter(|p| {
+            let (x, y) = (p.position_mm[0] - 20.0, p.position_mm[1] - 10.0);
+            (x * x + y * y).sqrt() > 6.5
+        })
         .collect();
     let result = evaluate(&plan(&features), &cloud);
     for name in ["bore_d", "bore_position", "mouth_position", "bore_boss"] {

@@ -45,6 +45,8 @@ fn planes_cylinders_cone_and_ball_are_found_where_they_are() {
 fn nothing_is_found_in_nothing() {
     assert!(draft(&[], &SETTINGS).is_empty());
     let mut cloud = Real::default().cloud(1);
-    cloud.iter_mut().for_each(|p| p.normal = [0.0; 3]);
+    for point in &mut cloud {
+        point.normal = [0.0; 3];
+    }
     assert!(draft(&cloud, &SETTINGS).is_empty());
 }
