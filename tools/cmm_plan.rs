@@ -198,7 +198,9 @@ fn of_element(element: &Element, common: &Common, plan: &Path) -> Result<Vec<Pro
             let mut probes =
                 probing::cylinder(point_mm, &axis, *radius_mm, 2.0 * half_length_mm, common.points);
             if *internal {
-                probes.iter_mut().for_each(|probe| probe.normal = -probe.normal);
+                for probe in &mut probes {
+                    probe.normal = -probe.normal;
+                }
             }
             Ok(probes)
         }

@@ -43,7 +43,7 @@ impl Changes {
     /// Of a run that begins.
     pub(super) fn new() -> Self {
         let started: String =
-            files::clock::rfc3339_now().chars().filter(|c| c.is_ascii_alphanumeric()).collect();
+            files::clock::rfc3339_now().chars().filter(char::is_ascii_alphanumeric).collect();
         // Two runs may start within a second.
         let run = format!("{started}-{}", std::process::id());
         Self { run, kept: VecDeque::new(), features: 0, newest: 0, state: None, watchers: Vec::new() }

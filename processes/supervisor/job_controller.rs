@@ -85,7 +85,7 @@ impl JobController {
     }
 
     /// Starts the inspection of a part. The answer follows with the result, unless the request is refused.
-    pub(super) fn inspect(&mut self, part: String, recipe: Option<&str>, reply: Sender<Answer>) -> Action {
+    pub(super) fn inspect(&mut self, part: String, recipe: Option<&str>, reply: &Sender<Answer>) -> Action {
         match self.single(part, recipe, Some(reply.clone())) {
             Ok(action) => action,
             Err(answer) => {

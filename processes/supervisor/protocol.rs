@@ -87,7 +87,7 @@ pub enum Answer {
     /// Times of the activations of the last cycles.
     Spans(Spans),
     /// State, current job and recipes.
-    State(StateReport),
+    State(Box<StateReport>),
     /// The result of the cycle of an inspection.
     Inspected(Box<CycleResult>),
     /// A job has started.

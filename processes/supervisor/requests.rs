@@ -96,7 +96,7 @@ impl Supervisor<'_> {
         }
         let (action, answer) = match request {
             Request::Inspect { part, recipe } => {
-                let action = self.jobs.inspect(part, recipe.as_deref(), reply);
+                let action = self.jobs.inspect(part, recipe.as_deref(), &reply);
                 return self.apply(action, each);
             }
             Request::Watch { run, after } => {
@@ -136,7 +136,7 @@ impl Supervisor<'_> {
     /// The answer to a request that changes nothing.
     fn report(&self, request: &Request) -> Option<Answer> {
         match request {
-            Request::State {} => Some(Answer::State(self.jobs.report())),
+            Request::State {} => Some(Answer::State(Box::new(self.jobs.report()))),
             Request::Status {} => Some(Answer::Status(Box::new(self.status()))),
             Request::Metrics {} => Some(Answer::Metrics(metrics::render(&self.status(), &self.profile))),
             Request::Spans {} => Some(Answer::Spans(self.last_spans())),
