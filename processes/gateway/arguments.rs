@@ -81,6 +81,6 @@ impl<'a> Arguments<'a> {
     /// # Errors
     /// A status for each argument.
     pub fn check(self) -> Result<(), Vec<StatusCode>> {
-        if self.results.iter().all(|status| status.is_good()) { Ok(()) } else { Err(self.results) }
+        if self.results.iter().all(StatusCode::is_good) { Ok(()) } else { Err(self.results) }
     }
 }

@@ -13,7 +13,9 @@ pub fn install(loaders: &mut TypeLoaderCollection) {
     let known: Vec<_> = loaders.iter().cloned().collect();
     *loaders = TypeLoaderCollection::new_empty();
     loaders.add_type_loader(Filters);
-    known.into_iter().for_each(|loader| loaders.add(loader));
+    for loader in known {
+        loaders.add(loader);
+    }
 }
 
 /// An identification as a number; all that are not numeric share one that no event type has.

@@ -161,7 +161,7 @@ impl Methods {
         if parameters > 0 {
             return failed(error::PARAMETERS);
         }
-        if !is_plain(&recipe.version, &recipe.hash) {
+        if !is_plain(recipe.version.as_ref(), recipe.hash.as_ref()) {
             return failed(error::UNKNOWN_RECIPE);
         }
         let given = part.id.as_ref().to_owned();
@@ -218,8 +218,8 @@ impl Methods {
         let (external, internal): (RecipeIdExternal, RecipeIdInternal) = (read.structure(), read.structure());
         read.check()?;
         let name = if internal.id.is_empty() { external.id.clone() } else { internal.id.clone() };
-        let plain =
-            is_plain(&external.version, &external.hash) && is_plain(&internal.version, &internal.hash);
+        let plain = is_plain(external.version.as_ref(), external.hash.as_ref())
+            && is_plain(internal.version.as_ref(), internal.hash.as_ref());
         let agree = internal.id.is_empty() || external.id.is_empty() || internal.id == external.id;
         let error =
             if plain && agree { self.prepare(name.as_ref(), prepare).await? } else { error::UNKNOWN_RECIPE };
@@ -255,9 +255,8 @@ impl Methods {
 }
 
 /// Whether an identification names neither a version nor a content, of which the cell has none.
-fn is_plain(version: &Option<opcua::types::UAString>, hash: &Option<opcua::types::ByteString>) -> bool {
-    version.as_ref().is_none_or(opcua::types::UAString::is_empty)
-        && hash.as_ref().is_none_or(UaNullable::is_ua_null)
+fn is_plain(version: Option<&opcua::types::UAString>, hash: Option<&opcua::types::ByteString>) -> bool {
+    version.is_none_or(opcua::types::UAString::is_empty) && hash.is_none_or(UaNullable::is_ua_null)
 }
 
 /// What the cell's refusal means: a state that does not allow it, or an error of the request.

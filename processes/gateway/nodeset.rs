@@ -129,7 +129,14 @@ impl<'a> Builder<'a> {
     }
 
     /// Makes an instance of a type at a path, with what is mandatory in it and what is named.
-    pub fn instance(&mut self, type_number: u32, path: &str, name: Name, parent: &Parent, optional: &[&str]) {
+    pub fn instance(
+        &mut self,
+        type_number: u32,
+        path: &str,
+        name: &Name,
+        parent: &Parent,
+        optional: &[&str],
+    ) {
         let type_id = self.node(type_number);
         let id = self.path(path);
         let base = |class| {

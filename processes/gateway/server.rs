@@ -88,7 +88,7 @@ impl Plan {
             display: LocalizedText::new("", &self.identity.cell),
         };
         let parent = Parent { id: ObjectId::ObjectsFolder.into(), reference: ReferenceTypeId::Organizes };
-        builder.instance(1003, SYSTEM, name, &parent, &OPTIONAL);
+        builder.instance(1003, SYSTEM, &name, &parent, &OPTIONAL);
         if let Some(NodeType::Object(object)) = builder.space.find_mut(&system) {
             object.set_event_notifier(EventNotifier::SUBSCRIBE_TO_EVENTS);
         }
@@ -120,7 +120,7 @@ impl Nodes {
 impl InMemoryNodeManagerImpl for Nodes {
     async fn init(&self, _space: &mut AddressSpace, _context: ServerContext) {}
 
-    fn name(&self) -> &str {
+    fn name(&self) -> &'static str {
         "vision"
     }
 
@@ -128,6 +128,7 @@ impl InMemoryNodeManagerImpl for Nodes {
         self.namespaces.clone()
     }
 
+    #[allow(clippy::mut_mut, reason = "the trait has it so")]
     async fn call(
         &self,
         _context: &RequestContext,

@@ -105,14 +105,14 @@ fn add_recipe(builder: &mut Builder, index: usize, name: &str) {
     let above = format!("{SYSTEM}/RecipeManagement/Recipes");
     let names = Name { browse: QualifiedName::new(builder.own, name), display: LocalizedText::new("", name) };
     let parent = Parent { id: builder.path(&above), reference: ReferenceTypeId::HasComponent };
-    builder.instance(RECIPE_TYPE, &format!("{above}/{index}"), names, &parent, &["ExternalId"]);
+    builder.instance(RECIPE_TYPE, &format!("{above}/{index}"), &names, &parent, &["ExternalId"]);
 }
 
 fn add_result(builder: &mut Builder, id: &str) {
     let above = format!("{SYSTEM}/ResultManagement/Results");
     let names = Name { browse: QualifiedName::new(builder.own, id), display: LocalizedText::new("", id) };
     let parent = Parent { id: builder.path(&above), reference: ReferenceTypeId::HasComponent };
-    builder.instance(RESULT_TYPE, &format!("{above}/{id}"), names, &parent, &RESULT_MEMBERS);
+    builder.instance(RESULT_TYPE, &format!("{above}/{id}"), &names, &parent, &RESULT_MEMBERS);
 }
 
 fn result_values(id: &str, result: &ResultData) -> Vec<(String, DataValue)> {

@@ -10,37 +10,38 @@ use std::sync::LazyLock;
 /// Namespace of the companion specification.
 pub const NAMESPACE: &str = "http://opcfoundation.org/UA/MachineVision";
 
-/// Defines structures as the nodeset does, in its order of fields.
+/// Defines structures as the nodeset does, in its order of fields; structures of the same fields share them.
 macro_rules! structures {
-    ($($(#[$doc:meta])* $name:ident, $data_type:literal, $encoding:literal { $($fields:tt)* })*) => {
-        $(
-            $(#[$doc])*
-            #[derive(Debug, Clone, Default, PartialEq, BinaryEncodable, BinaryDecodable, UaNullable)]
-            #[derive(XmlEncodable, XmlDecodable, XmlType)]
-            #[allow(missing_docs)] // the fields are those of the specification
-            pub struct $name { $($fields)* }
-
-            impl ExpandedMessageInfo for $name {
-                fn full_type_id(&self) -> ExpandedNodeId {
-                    named($encoding)
-                }
-                fn full_json_type_id(&self) -> ExpandedNodeId {
-                    named($data_type)
-                }
-                fn full_xml_type_id(&self) -> ExpandedNodeId {
-                    named($data_type)
-                }
-                fn full_data_type_id(&self) -> ExpandedNodeId {
-                    named($data_type)
-                }
-            }
-        )*
+    ($($(#[$doc:meta] $name:ident, $data_type:literal, $encoding:literal)+ = $fields:tt)*) => {
+        $($(structures! { @one #[$doc] $name, $data_type, $encoding, $fields })+)*
 
         static TYPES: LazyLock<TypeLoaderInstance> = LazyLock::new(|| {
             let mut types = TypeLoaderInstance::new();
-            $(types.add_binary_type($data_type, $encoding, opcua::types::binary_decode_to_enc::<$name>);)*
+            $($(types.add_binary_type($data_type, $encoding, opcua::types::binary_decode_to_enc::<$name>);)+)*
             types
         });
+    };
+    (@one #[$doc:meta] $name:ident, $data_type:literal, $encoding:literal, { $($fields:tt)* }) => {
+        #[$doc]
+        #[derive(Debug, Clone, Default, PartialEq, BinaryEncodable, BinaryDecodable, UaNullable)]
+        #[derive(XmlEncodable, XmlDecodable, XmlType)]
+        #[allow(missing_docs)] // the fields are those of the specification
+        pub struct $name { $($fields)* }
+
+        impl ExpandedMessageInfo for $name {
+            fn full_type_id(&self) -> ExpandedNodeId {
+                named($encoding)
+            }
+            fn full_json_type_id(&self) -> ExpandedNodeId {
+                named($data_type)
+            }
+            fn full_xml_type_id(&self) -> ExpandedNodeId {
+                named($data_type)
+            }
+            fn full_data_type_id(&self) -> ExpandedNodeId {
+                named($data_type)
+            }
+        }
     };
 }
 
@@ -50,31 +51,11 @@ fn named(number: u32) -> ExpandedNodeId {
 
 structures! {
     /// A configuration: everything that a measurement depends on beside the recipe.
-    ConfigurationId, 3008, 5090 {
-        pub id: UAString,
-        #[opcua(optional)]
-        pub version: Option<UAString>,
-        #[opcua(optional)]
-        pub hash: Option<ByteString>,
-        #[opcua(optional)]
-        pub hash_algorithm: Option<UAString>,
-        #[opcua(optional)]
-        pub description: Option<LocalizedText>,
-    }
+    ConfigurationId, 3008, 5090
     /// A recipe as its user names it.
-    RecipeIdExternal, 3002, 5002 {
-        pub id: UAString,
-        #[opcua(optional)]
-        pub version: Option<UAString>,
-        #[opcua(optional)]
-        pub hash: Option<ByteString>,
-        #[opcua(optional)]
-        pub hash_algorithm: Option<UAString>,
-        #[opcua(optional)]
-        pub description: Option<LocalizedText>,
-    }
+    RecipeIdExternal, 3002, 5002
     /// A recipe as the cell names it.
-    RecipeIdInternal, 3013, 5268 {
+    RecipeIdInternal, 3013, 5268 = {
         pub id: UAString,
         #[opcua(optional)]
         pub version: Option<UAString>,
@@ -86,7 +67,7 @@ structures! {
         pub description: Option<LocalizedText>,
     }
     /// A configuration with its state.
-    Configuration, 3007, 5088 {
+    Configuration, 3007, 5088 = {
         #[opcua(optional)]
         pub has_transferable_data_on_file: Option<bool>,
         #[opcua(optional)]
@@ -94,30 +75,18 @@ structures! {
         pub internal_id: ConfigurationId,
         pub last_modified: DateTime,
     }
-    /// A job of the cell.
-    JobId, 3016, 5008 {
-        pub id: UAString,
-    }
     /// A measurement as the client names it.
-    MeasId, 3015, 5006 {
-        pub id: UAString,
-        #[opcua(optional)]
-        pub description: Option<LocalizedText>,
-    }
+    MeasId, 3015, 5006
     /// A part as the client names it.
-    PartId, 3004, 5013 {
-        pub id: UAString,
-        #[opcua(optional)]
-        pub description: Option<LocalizedText>,
-    }
+    PartId, 3004, 5013
     /// A product as the client names it.
-    ProductId, 3003, 5224 {
+    ProductId, 3003, 5224 = {
         pub id: UAString,
         #[opcua(optional)]
         pub description: Option<LocalizedText>,
     }
     /// When a result was made, and how long that took, ms.
-    ProcessingTimes, 3005, 5016 {
+    ProcessingTimes, 3005, 5016 = {
         pub start_time: DateTime,
         pub end_time: DateTime,
         #[opcua(optional)]
@@ -125,12 +94,14 @@ structures! {
         #[opcua(optional)]
         pub processing_duration: Option<f64>,
     }
+    /// A job of the cell.
+    JobId, 3016, 5008
     /// A result of the cell.
-    ResultId, 3021, 5274 {
+    ResultId, 3021, 5274 = {
         pub id: UAString,
     }
     /// A result with all that belongs to it.
-    ResultData, 3006, 5018 {
+    ResultData, 3006, 5018 = {
         pub result_id: ResultId,
         #[opcua(optional)]
         pub has_transferable_data_on_file: Option<bool>,
@@ -155,10 +126,11 @@ structures! {
         #[opcua(optional)]
         pub processing_times: Option<ProcessingTimes>,
         #[opcua(optional)]
+        #[allow(clippy::option_option, reason = "the field may be absent, and an array may be null")]
         pub result_content: Option<Option<Vec<Variant>>>,
     }
     /// State of the system as SEMI E10 has it.
-    SystemStateDescription, 3024, 5278 {
+    SystemStateDescription, 3024, 5278 = {
         pub state: i32,
         #[opcua(optional)]
         pub state_description: Option<UAString>,

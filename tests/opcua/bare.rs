@@ -45,7 +45,7 @@ fn bytes_that_are_no_message_end_their_connection_only() {
     let mut open = b"OPNF".to_vec();
     open.extend(64_u32.to_le_bytes());
     open.extend([0xff; 56]);
-    for bytes in [&b"GET / HTTP/1.1\r\n\r\n"[..], &[0; 4096], &[0xff; 100_000], &hello, &open, b"HELF"] {
+    for bytes in [&b"GET / HTTP/1.1\r\n\r\n"[..], &[0; 4096], &vec![0xff; 100_000], &hello, &open, b"HELF"] {
         let mut stream = TcpStream::connect(line.address).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
         // The gateway may close before all of it is written.

@@ -1,5 +1,6 @@
 //! Drives the client, a program in Python.
 
+use crate::running::PATIENCE;
 use serde_json::{Value, json as value};
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::net::SocketAddr;
@@ -37,7 +38,7 @@ impl Client {
 
     /// Connects, once more if need be.
     pub fn open(&mut self, address: SocketAddr) {
-        let told = self.ask("connect", value!({"url": format!("opc.tcp://{address}/")}));
+        let told = self.ask("connect", &value!({"url": format!("opc.tcp://{address}/")}));
         self.standard = told["standard"].as_u64().unwrap();
     }
 
@@ -54,14 +55,31 @@ impl Client {
         }
     }
 
-    pub fn ask(&mut self, what: &str, with: Value) -> Value {
-        self.try_ask(what, &with).unwrap_or_else(|error| panic!("{what} {with}: {error}"))
+    pub fn ask(&mut self, what: &str, with: &Value) -> Value {
+        self.try_ask(what, with).unwrap_or_else(|error| panic!("{what} {with}: {error}"))
     }
 
     /// Calls a method; returns status and outputs.
-    pub fn call(&mut self, object: &str, method: &str, arguments: Value) -> (String, Value) {
-        let mut answer = self.ask("call", value!({"object": object, "method": method, "args": arguments}));
+    pub fn call(&mut self, object: &str, method: &str, arguments: &Value) -> (String, Value) {
+        let mut answer = self.ask("call", &value!({"object": object, "method": method, "args": arguments}));
         (answer["status"].as_str().unwrap().to_owned(), answer["outputs"].take())
+    }
+
+    /// Waits until the gateway shows a state of the cell.
+    pub fn shows(&mut self, state: &str) {
+        let begin = std::time::Instant::now();
+        let path = match state {
+            "Preoperational" | "Halted" | "Error" => "VisionStateMachine/CurrentState",
+            _ => "VisionStateMachine/AutomaticModeStateMachine/CurrentState",
+        };
+        loop {
+            let shown = self.ask("read", &value!({"path": path}));
+            if shown["value"] == state {
+                return;
+            }
+            assert!(begin.elapsed() < PATIENCE, "the gateway never showed {state}: {shown}");
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
     }
 }
 

@@ -25,7 +25,7 @@ fn start(client: &mut Client, part: &str, recipe: &str) -> String {
         {"type": "Variants", "value": []}
     ]);
     loop {
-        let (status, outputs) = client.call(AUTOMATIC, "StartSingleJob", arguments.clone());
+        let (status, outputs) = client.call(AUTOMATIC, "StartSingleJob", &arguments);
         if status == "Good" {
             assert_eq!(outputs[1], 0, "{outputs}");
             return outputs[0]["Id"].as_str().unwrap().to_owned();
@@ -39,7 +39,7 @@ fn start(client: &mut Client, part: &str, recipe: &str) -> String {
 fn results(client: &mut Client, count: usize) -> Vec<Value> {
     let mut all = Vec::new();
     while all.len() < count {
-        let events = client.ask("take", value!({"count": 1}));
+        let events = client.ask("take", &value!({"count": 1}));
         let events = events.as_array().unwrap();
         assert!(!events.is_empty(), "{} of {count} results came", all.len());
         all.extend(events.iter().filter(|event| event["ResultId"]["Id"].is_string()).cloned());
@@ -53,7 +53,7 @@ fn results(client: &mut Client, count: usize) -> Vec<Value> {
 fn a_result_comes_as_event_and_is_found_by_its_identification() {
     let line = Line::new("opcresult", 0.0, "");
     let mut client = line.client();
-    client.ask("subscribe", value!({"types": [RESULT_READY]}));
+    client.ask("subscribe", &value!({"types": [RESULT_READY]}));
     let job = start(&mut client, "<i>4711</i>", MARKUP);
     let event = results(&mut client, 1).remove(0);
     assert_eq!(
@@ -74,14 +74,14 @@ fn a_result_comes_as_event_and_is_found_by_its_identification() {
     }
     let result_id = event["ResultId"]["Id"].as_str().unwrap();
     let ask = value!([id("ResultIdDataType", result_id), {"type": "Int32", "value": 0}]);
-    let (_, by_id) = client.call("ResultManagement", "GetResultById", ask.clone());
+    let (_, by_id) = client.call("ResultManagement", "GetResultById", &ask);
     assert_eq!((&by_id[1]["ResultContent"], &by_id[2]), (&event["ResultContent"], &0.into()));
-    let (_, parts) = client.call("ResultManagement", "GetResultComponentsById", ask);
+    let (_, parts) = client.call("ResultManagement", "GetResultComponentsById", &ask);
     assert_eq!(
         (&parts[6]["Id"], &parts[15], &parts[16]),
         (&"<i>4711</i>".into(), &event["ResultContent"], &0.into())
     );
-    let node = client.ask("read", value!({"path": format!("ResultManagement/Results/{result_id}/PartId")}));
+    let node = client.ask("read", &value!({"path": format!("ResultManagement/Results/{result_id}/PartId")}));
     assert_eq!(node["value"]["Id"], "<i>4711</i>");
     let listed = |client: &mut Client, part: &str| {
         let number = |kind: &str| value!({"type": kind, "value": 0});
@@ -99,7 +99,7 @@ fn a_result_comes_as_event_and_is_found_by_its_identification() {
             number("UInt32"),
             number("Int32")
         ]);
-        let (status, outputs) = client.call("ResultManagement", "GetResultListFiltered", arguments);
+        let (status, outputs) = client.call("ResultManagement", "GetResultListFiltered", &arguments);
         assert_eq!(status, "Good");
         outputs[1].as_u64().unwrap()
     };
@@ -108,8 +108,8 @@ fn a_result_comes_as_event_and_is_found_by_its_identification() {
         [1, 0, 1]
     );
     let handle = value!([{"type": "UInt32", "value": by_id[0]}]);
-    assert_eq!(client.call("ResultManagement", "ReleaseResultHandle", handle.clone()).1, value!([0]));
-    assert_eq!(client.call("ResultManagement", "ReleaseResultHandle", handle).1, value!([8]));
+    assert_eq!(client.call("ResultManagement", "ReleaseResultHandle", &handle).1, value!([0]));
+    assert_eq!(client.call("ResultManagement", "ReleaseResultHandle", &handle).1, value!([8]));
     line.stop();
 }
 
@@ -119,7 +119,7 @@ fn as_many_results_as_jobs(count: usize, queue: u64) {
     line.cell.until("ready", |status| status["state"] == "Ready");
     let mut client = line.client();
     let mut listener = line.client();
-    listener.ask("subscribe", value!({"types": [RESULT_READY], "queue": queue}));
+    listener.ask("subscribe", &value!({"types": [RESULT_READY], "queue": queue}));
     let jobs: BTreeMap<String, String> = (0..count)
         .map(|number| {
             let part = format!("part {number}");
@@ -159,7 +159,7 @@ fn a_thousand_jobs_give_a_thousand_results_with_their_parts() {
 fn a_gateway_that_is_killed_during_a_job_loses_no_result() {
     let mut line = Line::new("opckill", 20.0, "");
     let mut client = line.client();
-    client.ask("subscribe", value!({"types": [RESULT_READY]}));
+    client.ask("subscribe", &value!({"types": [RESULT_READY]}));
     let first = start(&mut client, "first", "pass");
     assert_eq!(results(&mut client, 1)[0]["JobId"]["Id"], first.as_str());
     let second = start(&mut client, "second", "pass");
@@ -170,9 +170,9 @@ fn a_gateway_that_is_killed_during_a_job_loses_no_result() {
     line.cell.until("done", |status| status["cycles_done"] == 2 && status["state"] == "Ready");
     line.ask(&value!({"command": "inspect", "part": "third"}));
     line.replace_gateway();
-    client.ask("new", value!({}));
+    client.ask("new", &value!({}));
     client.open(line.address);
-    client.ask("subscribe", value!({"types": [RESULT_READY]}));
+    client.ask("subscribe", &value!({"types": [RESULT_READY]}));
     let events = results(&mut client, 2);
     let text = |event: &Value, key: &str| event[key]["Id"].as_str().unwrap_or_default().to_owned();
     // The first may come twice: it was not yet certain that the client had it.
@@ -195,7 +195,7 @@ fn events_wait_for_a_client() {
     let mut client = line.client();
     start(&mut client, "unheard", "pass");
     line.cell.until("done", |status| status["cycles_done"] == 1);
-    client.ask("subscribe", value!({"types": [RESULT_READY]}));
+    client.ask("subscribe", &value!({"types": [RESULT_READY]}));
     assert_eq!(results(&mut client, 1)[0]["PartId"]["Id"], "unheard");
     line.stop();
 }
@@ -205,11 +205,11 @@ fn viewed_by_a_machine_too(cycles: usize) {
     let (mut client, mut gateway) = viewed_beside(cycles, "opcviewed", |page| {
         let (gateway, address) = gateway(&page.cell, &["--address", "127.0.0.1:0"]);
         let mut client = Client::connect(address);
-        client.ask("subscribe", value!({"types": [RESULT_READY], "queue": 100}));
-        client.ask("watch", value!({"paths": ["SystemState", "VisionStateMachine/CurrentState"]}));
+        client.ask("subscribe", &value!({"types": [RESULT_READY], "queue": 100}));
+        client.ask("watch", &value!({"paths": ["SystemState", "VisionStateMachine/CurrentState"]}));
         (client, gateway)
     });
-    let seen = client.ask("take", value!({"count": 0}));
+    let seen = client.ask("take", &value!({"count": 0}));
     let results = seen.as_array().unwrap().iter().filter(|event| event["ResultId"]["Id"].is_string()).count();
     // The gateway came when the first cycles were over, and the cell ended with the last.
     assert!(results + 20 > cycles, "{results} of {cycles}");
@@ -232,8 +232,8 @@ fn processor_time_of_the_gateway() {
         let line = Line::new(&format!("opccpu{clients}"), 0.0, "");
         let mut listening: Vec<Client> = (0..clients).map(|_| line.client()).collect();
         for client in &mut listening {
-            client.ask("subscribe", value!({}));
-            client.ask("watch", value!({"paths": ["SystemState", "VisionStateMachine/CurrentState"]}));
+            client.ask("subscribe", &value!({}));
+            client.ask("watch", &value!({"paths": ["SystemState", "VisionStateMachine/CurrentState"]}));
         }
         let pid = line.gateway.id().into();
         std::thread::sleep(std::time::Duration::from_secs(1));

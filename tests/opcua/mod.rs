@@ -45,23 +45,6 @@ impl Line {
         ask(&self.cell, request)
     }
 
-    /// Waits until the gateway shows a state of the cell.
-    pub fn shows(&self, client: &mut Client, state: &str) {
-        let begin = std::time::Instant::now();
-        let path = match state {
-            "Preoperational" | "Halted" | "Error" => "VisionStateMachine/CurrentState",
-            _ => "VisionStateMachine/AutomaticModeStateMachine/CurrentState",
-        };
-        loop {
-            let shown = client.ask("read", value!({"path": path}));
-            if shown["value"] == state {
-                return;
-            }
-            assert!(begin.elapsed() < PATIENCE, "the gateway never showed {state}: {shown}");
-            std::thread::sleep(std::time::Duration::from_millis(20));
-        }
-    }
-
     /// Kills the gateway, as a crash does, and starts another one at the same address.
     pub fn replace_gateway(&mut self) {
         self.gateway.kill().unwrap();
@@ -137,14 +120,14 @@ fn every_node_of_the_nodeset_is_there_with_its_type() {
         .collect();
     assert_eq!(nodes.len(), 790);
     let ids: Vec<u32> = nodes.iter().map(|(id, _)| *id).collect();
-    let found = client.ask("nodes", value!({"ids": ids}));
+    let found = client.ask("nodes", &value!({"ids": ids}));
     let standard = client.standard;
     let alias = |name: &str| {
         let aliases = document
             .descendants()
             .filter(|node| node.has_tag_name(("http://opcfoundation.org/UA/2011/03/UANodeSet.xsd", "Alias")));
-        let known = aliases.filter(|node| node.attribute("Alias") == Some(name));
-        let id = known.filter_map(|node| node.text()).next().unwrap_or(name).to_owned();
+        let mut known = aliases.filter(|node| node.attribute("Alias") == Some(name));
+        let id = known.find_map(|node| node.text()).unwrap_or(name).to_owned();
         id.strip_prefix("ns=1;").map_or(id.clone(), |rest| format!("ns={standard};{rest}"))
     };
     for (id, node) in &nodes {
@@ -159,9 +142,9 @@ fn every_node_of_the_nodeset_is_there_with_its_type() {
             let rank: i64 = node.attribute("ValueRank").map_or(-1, |rank| rank.parse().unwrap());
             assert_eq!(told["rank"], rank, "{id}");
         }
-        let references =
+        let mut references =
             node.descendants().filter(|node| node.attribute("ReferenceType") == Some("HasTypeDefinition"));
-        let type_id = references.filter_map(|node| node.text()).next().map(alias);
+        let type_id = references.find_map(|node| node.text()).map(alias);
         assert_eq!(told["type"].as_str(), type_id.as_deref(), "{id}");
     }
     line.stop();
@@ -173,7 +156,7 @@ fn every_node_of_the_nodeset_is_there_with_its_type() {
 fn the_cell_has_the_members_of_its_type() {
     let line = Line::new("opcbrowse", 0.0, "");
     let mut client = line.client();
-    let browsed = client.ask("browse", value!({}));
+    let browsed = client.ask("browse", &value!({}));
     let name = &line.cell.name;
     let paths: BTreeSet<&str> = browsed
         .as_object()
@@ -224,9 +207,9 @@ fn the_cell_has_the_members_of_its_type() {
         !paths.iter().any(|path| path.contains('<') && !path.contains(MARKUP)),
         "a placeholder is no node"
     );
-    let state = client.ask("read", value!({"path": format!("{machine}/CurrentState/Id")}));
+    let state = client.ask("read", &value!({"path": format!("{machine}/CurrentState/Id")}));
     assert_eq!(state["value"], format!("ns={standard};i=5031"));
-    let recipe = client.ask("read", value!({"path": "RecipeManagement/Recipes/1/InternalId"}));
+    let recipe = client.ask("read", &value!({"path": "RecipeManagement/Recipes/1/InternalId"}));
     assert_eq!(recipe["value"]["Id"], MARKUP);
     line.stop();
 }

@@ -65,7 +65,7 @@ fn bring(line: &Line, client: &mut Client, state: &str) {
         "ContinuousExecution" => drop(line.ask(&value!({"command": "begin"}))),
         _ => {}
     }
-    line.shows(client, state);
+    client.shows(state);
 }
 
 /// Proves: each state that lasts permits exactly the methods that the specification has transitions for; the others are refused with a status
@@ -78,19 +78,19 @@ fn every_state_answers_every_method_as_the_table_says() {
     for (state, row) in TABLE {
         bring(&line, &mut client, state);
         for (method, follows) in METHODS.into_iter().zip(row) {
-            let shown = client.ask("read", value!({"path": "SystemState"}));
+            let shown = client.ask("read", &value!({"path": "SystemState"}));
             if shown["value"]["StateDescription"] != state {
                 bring(&line, &mut client, state);
             }
             let what = format!("{state} × {method}");
-            let (status, outputs) = client.call(object(method), method, arguments(method));
+            let (status, outputs) = client.call(object(method), method, &arguments(method));
             if let Some(next) = follows {
                 assert_eq!(status, "Good", "{what}: {outputs}");
                 assert_eq!(outputs.as_array().unwrap().last().unwrap(), 0, "{what}: {outputs}");
-                line.shows(&mut client, next);
+                client.shows(next);
             } else {
                 assert_eq!(status, "BadInvalidState", "{what}: {outputs}");
-                let now = client.ask("read", value!({"path": "SystemState"}));
+                let now = client.ask("read", &value!({"path": "SystemState"}));
                 assert_eq!(now["value"]["StateDescription"], state, "{what}");
             }
         }
@@ -111,13 +111,13 @@ fn transitions(events: &Value) -> Vec<String> {
 fn state_changes_are_events_with_the_transitions_of_the_nodeset() {
     let line = Line::new("opcways", 20.0, "");
     let mut client = line.client();
-    client.ask("subscribe", value!({}));
+    client.ask("subscribe", &value!({}));
     let way = |client: &mut Client, method: &str, count: usize| {
-        let (status, _) = client.call(object(method), method, arguments(method));
+        let (status, _) = client.call(object(method), method, &arguments(method));
         assert_eq!(status, "Good", "{method}");
         let mut seen = Vec::new();
         while seen.len() < count {
-            let events = client.ask("take", value!({"count": 1}));
+            let events = client.ask("take", &value!({"count": 1}));
             assert!(!events.as_array().unwrap().is_empty(), "{method}: {seen:?}");
             seen.extend(transitions(&events));
         }
@@ -137,7 +137,7 @@ fn state_changes_are_events_with_the_transitions_of_the_nodeset() {
     line.ask(&value!({"command": "halt"}));
     let mut seen = Vec::new();
     while seen.is_empty() {
-        seen.extend(transitions(&client.ask("take", value!({"count": 1}))));
+        seen.extend(transitions(&client.ask("take", &value!({"count": 1}))));
     }
     assert_eq!(seen, ["OperationalToHaltedAuto"], "nobody called a method");
     line.stop();
@@ -152,30 +152,31 @@ fn recipes_are_prepared_and_unprepared() {
     let external = |id: &str| value!({"type": "RecipeIdExternalDataType", "value": {"Id": id}});
     let internal = |id: &str| value!({"type": "RecipeIdInternalDataType", "value": {"Id": id}});
     let management = "RecipeManagement";
-    let (status, outputs) = client.call(management, "UnprepareRecipe", value!([external(MARKUP), null]));
+    let (status, outputs) = client.call(management, "UnprepareRecipe", &value!([external(MARKUP), null]));
     assert_eq!((status.as_str(), &outputs[0]["Id"], &outputs[1]), ("Good", &MARKUP.into(), &0.into()));
     let start = |client: &mut Client, recipe: &str| {
         let arguments = value!([null, null, external(recipe), null, null]);
-        client.call("VisionStateMachine/AutomaticModeStateMachine", "StartSingleJob", arguments)
+        client.call("VisionStateMachine/AutomaticModeStateMachine", "StartSingleJob", &arguments)
     };
     assert_eq!(start(&mut client, MARKUP).1[1], 3, "not prepared");
     assert_eq!(start(&mut client, "none").1[1], 2, "not known");
-    let (status, outputs) = client.call(&format!("{management}/Recipes/1"), "Prepare", value!([]));
+    let (status, outputs) = client.call(&format!("{management}/Recipes/1"), "Prepare", &value!([]));
     assert_eq!((status.as_str(), outputs), ("Good", value!([true, 0])));
     let listed = |client: &mut Client, prepared: i32| {
         let arguments = value!([null, null, {"type": "Int32", "value": prepared}, {"type": "UInt32", "value": 0},
             {"type": "UInt32", "value": 0}, {"type": "Int32", "value": 0}]);
-        let (status, outputs) = client.call(management, "GetRecipeListFiltered", arguments);
+        let (status, outputs) = client.call(management, "GetRecipeListFiltered", &arguments);
         assert_eq!((status.as_str(), &outputs[0], &outputs[4]), ("Good", &true.into(), &0.into()));
         let names = outputs[3].as_array().unwrap().iter().map(|id| id["Id"].as_str().unwrap().to_owned());
         names.collect::<Vec<_>>()
     };
     assert_eq!(listed(&mut client, 2), ["pass", MARKUP]);
-    let (_, outputs) = client.call(management, "UnprepareRecipe", value!([null, internal("pass")]));
+    let (_, outputs) = client.call(management, "UnprepareRecipe", &value!([null, internal("pass")]));
     assert_eq!(outputs[1], 0);
     assert_eq!(listed(&mut client, 1), [MARKUP]);
     assert_eq!(listed(&mut client, 0), ["pass"]);
-    let (_, outputs) = client.call(management, "PrepareRecipe", value!([external("pass"), internal(MARKUP)]));
+    let (_, outputs) =
+        client.call(management, "PrepareRecipe", &value!([external("pass"), internal(MARKUP)]));
     assert_eq!(outputs[2], 2, "two names for one recipe");
     line.stop();
 }
