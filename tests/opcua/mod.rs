@@ -63,6 +63,16 @@ impl Line {
     }
 }
 
+/// A test that fails leaves neither cell nor gateway behind.
+impl Drop for Line {
+    fn drop(&mut self) {
+        for process in [Some(&mut self.gateway), self.run.as_mut()].into_iter().flatten() {
+            let _ = process.kill();
+            let _ = process.wait();
+        }
+    }
+}
+
 /// One request over the command socket.
 pub fn ask(cell: &Cell, request: &Value) -> Value {
     use std::io::Write as _;
