@@ -3,11 +3,13 @@
 //! A topic is a publish–subscribe service of bytes behind a typed header. A notification is an event service that wakes one
 //! process. The ports of iceoryx2 must stay on their thread, so a stage keeps all of them on its main thread.
 
-mod message;
 mod notification;
+mod publisher;
+mod subscriber;
 
-pub use message::{Loan, Publisher, Received, Subscriber, loans};
 pub use notification::{Listener, Notifier};
+pub use publisher::{Loan, Publisher, loans};
+pub use subscriber::{Received, Subscriber};
 
 use crate::cell::CellName;
 use crate::error::IpcError;
