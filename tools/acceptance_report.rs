@@ -4,6 +4,7 @@ use crate::Outcome;
 use crate::report::check_outputs;
 use anyhow::{Result, bail};
 use metrology::acceptance::TestReport;
+use report::Formats;
 use report::acceptance::{Outputs, Parties, master_text, read_master, render_rig, write_all, write_master};
 use std::path::{Path, PathBuf};
 
@@ -57,11 +58,13 @@ impl Files {
     /// The files that the report writer takes.
     pub fn outputs(&self) -> Outputs<'_> {
         Outputs {
-            html: self.html.as_deref(),
-            pdf: self.pdf.as_deref(),
-            csv: self.csv.as_deref(),
-            qif: self.qif.as_deref(),
-            dfq: self.dfq.as_deref(),
+            formats: Formats {
+                html: self.html.as_deref(),
+                pdf: self.pdf.as_deref(),
+                csv: self.csv.as_deref(),
+                qif: self.qif.as_deref(),
+                dfq: self.dfq.as_deref(),
+            },
             dcc: self.dcc.as_deref(),
             parties: Parties {
                 laboratory: self.laboratory.as_deref(),
@@ -107,14 +110,6 @@ fn rig(args: &Args) -> Result<Outcome> {
         bail!("{option}: of a rig file only --dcc is written; leave {option} out");
     }
     let day = args.date.as_deref().unwrap_or_default();
-    let is_day = day.len() == 10
-        && day
-            .bytes()
-            .enumerate()
-            .all(|(n, b)| if n == 4 || n == 7 { b == b'-' } else { b.is_ascii_digit() });
-    if !is_day {
-        bail!("--date {day:?}: a DCC states the day of the calibration; give it as YYYY-MM-DD");
-    }
     let file = files::rig_file::read_rig(&args.result)?;
     let covariance = file.read_covariance()?;
     let document = render_rig(&file, covariance.as_ref(), day, &outputs.parties)?;

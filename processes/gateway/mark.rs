@@ -51,6 +51,7 @@ impl MarkFile {
         if let Err(error) = written() {
             // Without the cell there is no folder, and nothing to remember.
             tracing::debug!("{}: {error}", self.path.display());
+            return;
         }
         self.written = mark;
     }

@@ -4,8 +4,11 @@ import asyncio
 import json
 import logging
 import sys
+from pathlib import Path
 
 from asyncua import Client, ua
+from asyncua.crypto.cert_gen import setup_self_signed_certificate
+from cryptography import x509
 
 STANDARD = "http://opcfoundation.org/UA/MachineVision"
 SYSTEM = "VisionSystem"
@@ -92,6 +95,14 @@ class Session:
         if types:
             await self.load_types()
         return {"standard": self.standard, "own": self.own}
+
+    async def certificate(self, folder):
+        """A key with a certificate of its own, as a client makes it at its first start."""
+        key, certificate = Path(folder) / "client.key", Path(folder) / "client.der"
+        uri = "urn:example.org:FreeOpcUa:opcua-asyncio"
+        uses = [x509.oid.ExtendedKeyUsageOID.CLIENT_AUTH]
+        await setup_self_signed_certificate(key, certificate, uri, "localhost", uses, {"commonName": "client"})
+        return [str(certificate), str(key)]
 
     async def load_types(self):
         """asyncua takes types of the same name for one type, and the base model of today has TrimmedString too."""

@@ -15,7 +15,10 @@ fn int(number: i64) -> Value {
 
 /// Proves: wrong numbers and types of arguments, unknown nodes and methods, and writes are refused, and the cell does not move.
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn wrong_calls_are_refused_and_change_nothing() {
     let line = Line::new("opcwrong", 0.0, "");
     let mut client = line.client();
@@ -63,7 +66,10 @@ fn wrong_calls_are_refused_and_change_nothing() {
 
 /// Proves: of two clients that press at once one starts its job, and the other hears that it is too late.
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn of_two_clients_that_press_at_once_one_is_first() {
     let line = Line::new("opctwo", 8.0, "");
     let clients = [line.client(), line.client()];
@@ -83,7 +89,10 @@ fn of_two_clients_that_press_at_once_one_is_first() {
 
 /// Proves: without the cell the gateway says so, finds the cell when it comes, and says so again when it has gone.
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn a_gateway_waits_for_its_cell_and_outlives_it() {
     let cell = recipes(Cell::played("opcalone", 0.0, ""));
     let (gateway, address) = gateway(&cell, &["--address", "127.0.0.1:0"]);
@@ -109,15 +118,24 @@ fn a_gateway_waits_for_its_cell_and_outlives_it() {
     line.stop();
 }
 
-/// Proves: with users nobody comes in without one, and with certificates connections are encrypted once the client is trusted.
-#[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
-fn users_must_log_in() {
+/// A file with one user, `operator`, whose password is `secret`.
+fn users_of(cell: &Cell) -> String {
     use std::os::unix::fs::PermissionsExt as _;
-    let cell = recipes(Cell::played("opcusers", 0.0, ""));
     let users = cell.small.path("users");
     std::fs::write(&users, "operator secret\n").unwrap();
     std::fs::set_permissions(&users, std::fs::Permissions::from_mode(0o600)).unwrap();
+    users
+}
+
+/// Proves: with users nobody comes in without one.
+#[test]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
+fn users_must_log_in() {
+    let cell = recipes(Cell::played("opcusers", 0.0, ""));
+    let users = users_of(&cell);
     let (gateway, address) = gateway(&cell, &["--address", "127.0.0.1:0", "--users", &users]);
     let line = Line { cell, run: None, gateway, address };
     let url = format!("opc.tcp://{address}/");
@@ -129,5 +147,48 @@ fn users_must_log_in() {
     }
     client.ask("connect", &value!({"url": url, "user": "operator", "password": "secret"}));
     assert_eq!(client.ask("read", &value!({"path": "SystemState"}))["status"], "BadNoCommunication");
+    line.stop();
+}
+
+/// Proves: with certificates a client that is not trusted is refused and its certificate laid aside; once trusted, it comes in by every
+/// policy, signed and encrypted, with its password only.
+#[test]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
+fn clients_are_let_in_by_their_certificates() {
+    let cell = recipes(Cell::played("opcsecret", 0.0, ""));
+    let (users, pki) = (users_of(&cell), cell.small.path("pki"));
+    let options = ["--address", "127.0.0.1:0", "--users", &users, "--pki", &pki];
+    let (gateway, address) = gateway(&cell, &options);
+    let line = Line { cell, run: None, gateway, address };
+    let mut client = Client::new();
+    let made = client.ask("certificate", &value!({"folder": line.cell.small.path("")}));
+    let [certificate, key] = [0, 1].map(|n| made[n].as_str().unwrap().to_owned());
+    let with = |policy: &str, mode: &str, password: &str| {
+        let security = format!("{policy},{mode},{certificate},{key}");
+        let url = format!("opc.tcp://{address}/");
+        value!({"url": url, "user": "operator", "password": password, "security": security, "types": false})
+    };
+    let refused = client.try_ask("connect", &with("Basic256Sha256", "SignAndEncrypt", "secret")).unwrap_err();
+    assert!(refused.contains("Certificate") || refused.contains("Security"), "{refused}");
+    let folder = |name: &str| std::path::Path::new(&pki).join(name);
+    let laid: Vec<_> =
+        std::fs::read_dir(folder("rejected")).unwrap().map(|one| one.unwrap().path()).collect();
+    assert_eq!(laid.len(), 1, "{laid:?}");
+    std::fs::rename(&laid[0], folder("trusted").join(laid[0].file_name().unwrap())).unwrap();
+    for policy in ["Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"] {
+        for mode in ["Sign", "SignAndEncrypt"] {
+            client.ask("new", &value!({}));
+            let refused = client.try_ask("connect", &with(policy, mode, "guess")).unwrap_err();
+            assert!(refused.contains("Identity"), "{policy} {mode}: {refused}");
+            client.ask("new", &value!({}));
+            client.ask("connect", &with(policy, mode, "secret"));
+            let state = client.ask("read", &value!({"path": "SystemState"}));
+            assert_eq!(state["status"], "BadNoCommunication", "{policy} {mode}");
+            client.ask("disconnect", &value!({}));
+        }
+    }
     line.stop();
 }

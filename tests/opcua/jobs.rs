@@ -49,7 +49,10 @@ fn results(client: &mut Client, count: usize) -> Vec<Value> {
 
 /// Proves: a job gives one event with all that the client called it, and the result can be asked for in three ways.
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn a_result_comes_as_event_and_is_found_by_its_identification() {
     let line = Line::new("opcresult", 0.0, "");
     let mut client = line.client();
@@ -141,7 +144,10 @@ fn as_many_results_as_jobs(count: usize, queue: u64) {
 }
 
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn twenty_jobs_give_twenty_results_with_their_parts() {
     as_many_results_as_jobs(20, 0);
 }
@@ -155,7 +161,10 @@ fn a_thousand_jobs_give_a_thousand_results_with_their_parts() {
 /// Proves: a gateway that is killed during a job loses neither that result nor those of jobs that nobody heard of; the next gateway
 /// tells them with what their clients called them.
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn a_gateway_that_is_killed_during_a_job_loses_no_result() {
     let mut line = Line::new("opckill", 20.0, "");
     let mut client = line.client();
@@ -189,7 +198,10 @@ fn a_gateway_that_is_killed_during_a_job_loses_no_result() {
 
 /// Proves: events that nobody listened to come to the first who does.
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn events_wait_for_a_client() {
     let line = Line::new("opcwait", 0.0, "");
     let mut client = line.client();

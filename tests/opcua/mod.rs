@@ -116,7 +116,10 @@ pub fn nodeset() -> String {
 
 /// Proves: every node of the published nodeset is there, with its class, name, data type, rank and type definition.
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn every_node_of_the_nodeset_is_there_with_its_type() {
     let line = Line::new("opcnodes", 0.0, "");
     let mut client = line.client();
@@ -162,7 +165,10 @@ fn every_node_of_the_nodeset_is_there_with_its_type() {
 
 /// Proves: the cell is an instance of the types, with all that is mandatory, and nothing else than what is documented.
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn the_cell_has_the_members_of_its_type() {
     let line = Line::new("opcbrowse", 0.0, "");
     let mut client = line.client();

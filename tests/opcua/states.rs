@@ -71,7 +71,10 @@ fn bring(line: &Line, client: &mut Client, state: &str) {
 /// Proves: each state that lasts permits exactly the methods that the specification has transitions for; the others are refused with a status
 /// and change nothing.
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn every_state_answers_every_method_as_the_table_says() {
     let line = Line::new("opctable", 8.0, "restarts_max = 0");
     let mut client = line.client();
@@ -107,7 +110,10 @@ fn transitions(events: &Value) -> Vec<String> {
 /// Proves: each change of state comes as an event with the transition of the nodeset that tells its cause, also when another client
 /// of the cell caused it.
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn state_changes_are_events_with_the_transitions_of_the_nodeset() {
     let line = Line::new("opcways", 20.0, "");
     let mut client = line.client();
@@ -145,7 +151,10 @@ fn state_changes_are_events_with_the_transitions_of_the_nodeset() {
 
 /// Proves: recipes are prepared and unprepared by their names, through the management and through their own nodes.
 #[test]
-#[cfg_attr(not(asyncua), ignore = "needs asyncua")]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
 fn recipes_are_prepared_and_unprepared() {
     let line = Line::new("opcrecipes", 0.0, "");
     let mut client = line.client();

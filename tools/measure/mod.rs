@@ -12,7 +12,8 @@ use files::plan_file::read_plan;
 use files::provenance::Provenance;
 use metrology::inspection::{FeatureResult, InspectionResult, evaluate};
 use metrology::verdict::Verdict;
-use report::part::{PartInput, PartOutputs, write_part};
+use report::Formats;
+use report::part::{PartInput, write_part};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -47,8 +48,8 @@ pub struct Args {
 }
 
 impl Args {
-    fn outputs(&self) -> PartOutputs<'_> {
-        PartOutputs {
+    fn outputs(&self) -> Formats<'_> {
+        Formats {
             html: self.html.as_deref(),
             pdf: self.pdf.as_deref(),
             csv: self.csv.as_deref(),

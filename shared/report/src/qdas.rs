@@ -30,6 +30,22 @@ pub fn field(text: &mut String, key: &str, value: &str, longest: usize) {
     }
 }
 
+/// Lower and upper limit of characteristic i (K2110, K2111) and whether each exists (K2120, K2121: 0 none, 1 limit).
+pub fn limits(text: &mut String, i: usize, lower: Option<f64>, upper: Option<f64>) {
+    for (limit, key, kind) in [(lower, "K2110", "K2120"), (upper, "K2111", "K2121")] {
+        if let Some(limit) = limit {
+            field(text, &format!("{key}/{i}"), &plain_number(limit), NUMBER);
+        }
+        field(text, &format!("{kind}/{i}"), if limit.is_some() { "1" } else { "0" }, NUMBER);
+    }
+}
+
+/// A number without the digits that a sum of binary numbers leaves behind its ninth decimal.
+pub fn plain_number(value: f64) -> String {
+    let text = format!("{value:.9}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
 /// `2026-01-31T08:00:00Z` as `31.01.2026/08:00:00`; nothing for other texts.
 pub fn date(iso: &str) -> Option<String> {
     let (day, time) = iso.split_once('T')?;

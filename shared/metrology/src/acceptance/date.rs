@@ -2,7 +2,7 @@
 
 /// A day of the Gregorian calendar; later days compare greater.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Day {
+pub struct Day {
     year: u16,
     month: u8,
     of_month: u8,

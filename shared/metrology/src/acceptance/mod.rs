@@ -35,6 +35,7 @@ mod summary;
 mod tests;
 mod values;
 
+pub use date::Day;
 pub use error::AcceptanceError;
 pub use evaluate::Evaluator;
 pub use plan::{

@@ -109,6 +109,23 @@ macro_rules! each {
 }
 
 impl FittedElement {
+    /// The kind of element as files and reports name it.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Sphere(_) => "sphere",
+            Self::Plane(_) => "plane",
+            Self::Cylinder(_) => "cylinder",
+            Self::Cone(_) => "cone",
+            Self::Torus(_) => "torus",
+            Self::Circle(_) => "circle",
+            Self::Slot(_) => "slot",
+            Self::Rectangle(_) => "rectangle",
+            Self::Edge(_) => "edge",
+            Self::Line(_) => "line",
+            Self::Point(_) => "point",
+        }
+    }
+
     /// Signed distance of a position in the part frame, mm; positive out of the material.
     pub(super) fn distance_mm(&self, position: &Vector3<f64>) -> f64 {
         match self {

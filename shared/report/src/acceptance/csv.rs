@@ -1,6 +1,7 @@
 //! Comma-separated values (RFC 4180): one line a characteristic and position, numbers with all their digits.
 
-use super::words::{one_line, verdict_key};
+use super::words::verdict_key;
+use crate::csv::field;
 use metrology::acceptance::{Characteristic, PositionValue, TestReport};
 use std::fmt::Write as _;
 
@@ -51,11 +52,4 @@ fn line(text: &mut String, report: &TestReport, one: &Characteristic, position: 
         report.guard_factor,
         report.simulated,
     );
-}
-
-/// One field on one line. A spreadsheet would run what begins with `=`, `+`, `-` or `@`: an apostrophe keeps it text.
-fn field(text: &str) -> String {
-    let text = one_line(text);
-    let text = if text.starts_with(['=', '+', '-', '@']) { format!("'{text}") } else { text };
-    if text.contains([',', '"', ';', '\'']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
 }

@@ -8,7 +8,7 @@ use super::qif::uuid;
 use super::words::{differing_limits, verdict_word};
 use super::xml::Xml;
 use super::{AcceptanceReportError, Parties};
-use metrology::acceptance::{Characteristic, TestReport};
+use metrology::acceptance::{Characteristic, Day, TestReport};
 use metrology::verdict::Verdict;
 
 /// What stands for a text that nobody gave.
@@ -23,13 +23,14 @@ const PROBABILITY: &str = "0.95";
 /// The whole document, UTF-8.
 ///
 /// # Errors
-/// The result has no date of the test, or the country is no code.
+/// The result has no day of the test, or the country is no code.
 pub fn render(
     report: &TestReport,
     parties: &Parties<'_>,
     sha256: &str,
 ) -> Result<Vec<u8>, AcceptanceReportError> {
-    let date = date(report)?;
+    let date = condition(report, "date").unwrap_or_default();
+    let date = check_day(date, "date of the test", "YYYY-MM-DD, from conditions.date of the plan")?;
     let country = check_country(parties)?;
     let root =
         [("xmlns:dcc", "https://ptb.de/dcc"), ("xmlns:si", "https://ptb.de/si"), ("schemaVersion", "3.1.2")];
@@ -65,21 +66,19 @@ fn condition<'a>(report: &'a TestReport, label: &str) -> Option<&'a str> {
     report.conditions.iter().find(|(name, _)| name == label).map(|(_, text)| text.as_str())
 }
 
-fn date(report: &TestReport) -> Result<&str, AcceptanceReportError> {
-    let found = condition(report, "date").unwrap_or_default();
-    let digits = |range: std::ops::Range<usize>| {
-        found.get(range).is_some_and(|part| part.bytes().all(|b| b.is_ascii_digit()))
-    };
-    let is_day = found.len() == 10 && digits(0..4) && digits(5..7) && digits(8..10);
-    let dashes = found.get(4..5) == Some("-") && found.get(7..8) == Some("-");
-    if is_day && dashes {
-        return Ok(found);
+/// A day of the calendar as the schema wants it, without a time.
+///
+/// # Errors
+/// It is none: `what` and `limit` say of what and where from.
+pub(super) fn check_day<'a>(
+    day: &'a str,
+    what: &'static str,
+    limit: &'static str,
+) -> Result<&'a str, AcceptanceReportError> {
+    if day.len() == 10 && Day::parse(day).is_some() {
+        return Ok(day);
     }
-    Err(AcceptanceReportError::Missing {
-        what: "date of the test",
-        found: found.to_owned(),
-        limit: "YYYY-MM-DD, from conditions.date of the plan",
-    })
+    Err(AcceptanceReportError::Missing { what, found: day.to_owned(), limit })
 }
 
 /// The country of the test as the schema wants it.

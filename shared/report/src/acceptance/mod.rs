@@ -23,10 +23,12 @@ mod tests;
 pub(crate) mod words;
 pub(crate) mod xml;
 
+pub(crate) use chart::tone_of;
 pub use check::{AcceptanceReportError, check};
 pub use master::{FORMAT, master_text, read_master, write_master};
 pub use rig_dcc::render_rig;
 
+use crate::formats::Formats;
 use files::atomic;
 use files::hash::sha256_hex;
 use metrology::acceptance::TestReport;
@@ -35,16 +37,8 @@ use std::path::Path;
 /// Where each format goes; `None`: not wanted.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Outputs<'a> {
-    /// Report as one HTML file.
-    pub html: Option<&'a Path>,
-    /// The same as PDF, A4.
-    pub pdf: Option<&'a Path>,
-    /// One line a position and characteristic.
-    pub csv: Option<&'a Path>,
-    /// Results as QIF 3.0 (ISO 23952).
-    pub qif: Option<&'a Path>,
-    /// Q-DAS ASCII transfer format.
-    pub dfq: Option<&'a Path>,
+    /// The formats that every report has; the table has one line a position and characteristic.
+    pub formats: Formats<'a>,
     /// Test report as digital calibration certificate (DCC 3.1.2).
     pub dcc: Option<&'a Path>,
     /// Who stands in the DCC.
@@ -65,14 +59,8 @@ pub struct Parties<'a> {
 impl<'a> Outputs<'a> {
     /// Each with the option of the command line that names it.
     pub fn flags(&self) -> [(&'static str, Option<&'a Path>); 6] {
-        [
-            ("--html", self.html),
-            ("--pdf", self.pdf),
-            ("--csv", self.csv),
-            ("--qif", self.qif),
-            ("--dfq", self.dfq),
-            ("--dcc", self.dcc),
-        ]
+        let [html, pdf, csv, qif, dfq] = self.formats.flags();
+        [html, pdf, csv, qif, dfq, ("--dcc", self.dcc)]
     }
 }
 
@@ -84,22 +72,8 @@ pub fn write_all(report: &TestReport, outputs: &Outputs<'_>) -> Result<(), Accep
     check(report)?;
     let sha256 = sha256_hex(master_text(report)?.as_bytes());
     let document = content::document(report, &sha256);
-    let mut files: Vec<(&Path, Vec<u8>)> = Vec::new();
-    if let Some(path) = outputs.html {
-        files.push((path, html::render(&document).into_bytes()));
-    }
-    if let Some(path) = outputs.pdf {
-        files.push((path, pdf::render(&document)));
-    }
-    if let Some(path) = outputs.csv {
-        files.push((path, csv::render(report).into_bytes()));
-    }
-    if let Some(path) = outputs.qif {
-        files.push((path, qif::render(report, &sha256)));
-    }
-    if let Some(path) = outputs.dfq {
-        files.push((path, dfq::render(report).into_bytes()));
-    }
+    let qif = || qif::render(report, &sha256);
+    let mut files = outputs.formats.files(&document, || csv::render(report), qif, || dfq::render(report));
     if let Some(path) = outputs.dcc {
         files.push((path, dcc::render(report, &outputs.parties, &sha256)?));
     }

@@ -3,7 +3,9 @@
 //! A statement says that it is no certificate of an accredited laboratory. Each device has its parameters with U (k = 2) where the covariance
 //! beside the rig file tells it; pixels are numbers (`\one`) to D-SI. Each pair has the distance of its projection centres.
 
-use super::dcc::{check_country, contact, core, expanded, identification, software, statement, text};
+use super::dcc::{
+    check_country, check_day, contact, core, expanded, identification, software, statement, text,
+};
 use super::xml::Xml;
 use super::{AcceptanceReportError, Parties};
 use files::rig_file::{Covariance, RigFile};
@@ -15,13 +17,14 @@ const COVERAGE: f64 = 2.0;
 /// The whole document, UTF-8; `date` is the day of the calibration, YYYY-MM-DD.
 ///
 /// # Errors
-/// The country is no code.
+/// The date is no day, or the country is no code.
 pub fn render_rig(
     rig: &RigFile,
     covariance: Option<&Covariance>,
     date: &str,
     parties: &Parties<'_>,
 ) -> Result<Vec<u8>, AcceptanceReportError> {
+    let day = check_day(date, "--date", "the day of the calibration as YYYY-MM-DD")?;
     let country = check_country(parties)?;
     let root =
         [("xmlns:dcc", "https://ptb.de/dcc"), ("xmlns:si", "https://ptb.de/si"), ("schemaVersion", "3.1.2")];
@@ -29,7 +32,7 @@ pub fn render_rig(
     xml.within("dcc:digitalCalibrationCertificate", &root, |xml| {
         xml.within("dcc:administrativeData", &[], |xml| {
             software(xml, stated(rig, "software").unwrap_or(env!("CARGO_PKG_VERSION")));
-            core(xml, country, (&rig.sha256, "SHA-256 of the rig file"), date);
+            core(xml, country, (&rig.sha256, "SHA-256 of the rig file"), day);
             items(xml, rig);
             xml.within("dcc:calibrationLaboratory", &[], |xml| {
                 contact(xml, "dcc:contact", parties.laboratory, country);

@@ -3,14 +3,14 @@
 use super::PartInput;
 use crate::acceptance::blocks::{Block, Cell, Document, Table};
 use crate::acceptance::drawing::Tone;
+use crate::acceptance::tone_of;
 use crate::number::{NONE, decimals, fixed, limit, limit_decimals, signed};
-use metrology::inspection::{ConstructedResult, ElementResult, FeatureResult, FittedElement};
+use metrology::inspection::{ConstructedResult, ElementResult, FeatureResult};
 use metrology::verdict::Verdict;
 
 /// The report of a part.
 pub fn document<'a>(input: &PartInput<'_>) -> Document<'a> {
     let result = input.result;
-    let tone = tone(Some(result.verdict));
     let mut blocks = vec![Block::Heading("Features".into()), Block::Table(features(input))];
     blocks.push(Block::Small(format!(
         "u: standard uncertainty. A feature passes inside its limits by {} u and fails outside by as much; between, neither \
@@ -33,18 +33,10 @@ pub fn document<'a>(input: &PartInput<'_>) -> Document<'a> {
         reduced: Vec::new(),
         word: result.verdict.word().to_owned(),
         class: result.verdict.key(),
-        tone,
+        tone: tone_of(Some(result.verdict)),
         sentences: sentences(input),
         blocks,
         sha256: input.sha256.to_owned(),
-    }
-}
-
-fn tone(verdict: Option<Verdict>) -> Tone {
-    match verdict {
-        Some(Verdict::Pass) => Tone::Pass,
-        Some(Verdict::Fail) => Tone::Fail,
-        _ => Tone::Doubt,
     }
 }
 
@@ -94,7 +86,7 @@ fn features(input: &PartInput<'_>) -> Table {
             Cell::plain(f.deviation.map_or_else(|| NONE.to_owned(), |v| signed(v, d))),
             Cell::plain(limit(f.lower, d)),
             Cell::plain(limit(f.upper, d)),
-            Cell::bold(verdict, tone(f.verdict)),
+            Cell::bold(verdict, f.verdict.map_or(Tone::Doubt, |verdict| tone_of(Some(verdict)))),
         ]
     };
     Table { columns, rows: input.result.features.iter().map(row).collect() }
@@ -120,7 +112,7 @@ fn elements(all: &[ElementResult]) -> Table {
         let form = fit.form();
         vec![
             name,
-            Cell::plain(kind(fit)),
+            Cell::plain(fit.kind()),
             Cell::plain(format!("{} ({})", criterion.key(), criterion.symbol())),
             Cell::plain(form.points.to_string()),
             Cell::plain(fixed(form.form_range_mm, 4)),
@@ -128,22 +120,6 @@ fn elements(all: &[ElementResult]) -> Table {
         ]
     };
     Table { columns, rows: all.iter().map(row).collect() }
-}
-
-fn kind(fit: &FittedElement) -> &'static str {
-    match fit {
-        FittedElement::Sphere(_) => "sphere",
-        FittedElement::Plane(_) => "plane",
-        FittedElement::Cylinder(_) => "cylinder",
-        FittedElement::Cone(_) => "cone",
-        FittedElement::Torus(_) => "torus",
-        FittedElement::Circle(_) => "circle",
-        FittedElement::Slot(_) => "slot",
-        FittedElement::Rectangle(_) => "rectangle",
-        FittedElement::Edge(_) => "edge",
-        FittedElement::Line(_) => "line",
-        FittedElement::Point(_) => "point",
-    }
 }
 
 fn constructed(all: &[ConstructedResult]) -> Table {

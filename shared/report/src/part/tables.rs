@@ -2,8 +2,9 @@
 
 use super::PartInput;
 use super::document::digits;
-use crate::acceptance::words::{one_line, verdict_key};
-use crate::qdas::{NAME, NUMBER, PART, REMARK, field, value};
+use crate::acceptance::words::verdict_key;
+use crate::csv::field as csv_field;
+use crate::qdas::{NAME, NUMBER, PART, REMARK, field, limits, plain_number, value};
 use metrology::inspection::FeatureResult;
 use std::fmt::Write as _;
 
@@ -18,10 +19,10 @@ pub fn csv(input: &PartInput<'_>) -> String {
         let _ = write!(
             text,
             "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}\r\n",
-            quoted(&input.result.plan),
-            quoted(input.date),
+            csv_field(&input.result.plan),
+            csv_field(input.date),
             verdict_key(Some(input.result.verdict)),
-            quoted(&f.name),
+            csv_field(&f.name),
             number(f.value),
             f.unit,
             number(f.u),
@@ -32,19 +33,12 @@ pub fn csv(input: &PartInput<'_>) -> String {
             f.verdict.map_or("not-measured", |_| verdict_key(f.verdict)),
             f.points,
             f.rejected,
-            quoted(f.reason.as_deref().unwrap_or_default()),
-            quoted(f.detail.as_deref().unwrap_or_default()),
+            csv_field(f.reason.as_deref().unwrap_or_default()),
+            csv_field(f.detail.as_deref().unwrap_or_default()),
             input.guard_factor,
         );
     }
     text
-}
-
-/// One field on one line. A spreadsheet would run what begins with `=`, `+`, `-` or `@`: an apostrophe keeps it text.
-fn quoted(text: &str) -> String {
-    let text = one_line(text);
-    let text = if text.starts_with(['=', '+', '-', '@']) { format!("'{text}") } else { text };
-    if text.contains([',', '"', ';', '\'']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text }
 }
 
 /// The Q-DAS transfer format: K-fields of part and characteristics, then the values with their date. Features without a
@@ -76,21 +70,11 @@ pub fn dfq(input: &PartInput<'_>) -> String {
 }
 
 fn describe(text: &mut String, i: usize, f: &FeatureResult) {
-    // Digits of the plan, without those that a sum of binary numbers leaves behind.
-    let number = |v: f64| {
-        let text = format!("{v:.9}");
-        text.trim_end_matches('0').trim_end_matches('.').to_owned()
-    };
     field(text, &format!("K2001/{i}"), &i.to_string(), NUMBER);
     field(text, &format!("K2002/{i}"), &f.name, NAME);
     field(text, &format!("K2022/{i}"), &digits(f).to_string(), NUMBER);
-    field(text, &format!("K2101/{i}"), &number(f.nominal), NUMBER);
-    for (limit, key, kind) in [(f.lower, "K2110", "K2120"), (f.upper, "K2111", "K2121")] {
-        if let Some(limit) = limit {
-            field(text, &format!("{key}/{i}"), &number(limit), NUMBER);
-        }
-        field(text, &format!("{kind}/{i}"), if limit.is_some() { "1" } else { "0" }, NUMBER);
-    }
+    field(text, &format!("K2101/{i}"), &plain_number(f.nominal), NUMBER);
+    limits(text, i, f.lower, f.upper);
     field(text, &format!("K2142/{i}"), &f.unit.to_string(), NUMBER);
     field(text, &format!("K2900/{i}"), f.detail.as_deref().unwrap_or_default(), REMARK);
 }

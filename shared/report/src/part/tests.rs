@@ -1,8 +1,10 @@
 //! Exports of a part: numbers survive, foreign words stay in their field, QIF follows its schema.
 
 use super::*;
+use crate::acceptance::{html, pdf};
 use metrology::inspection::{FeatureResult, Unit};
 use metrology::verdict::Verdict;
+use std::path::Path;
 
 fn result() -> InspectionResult {
     let feature = |name: &str, value: Option<f64>, unit: Unit, verdict: Option<Verdict>| FeatureResult {

@@ -6,7 +6,7 @@
 
 use super::DfqInput;
 use crate::number::decimals;
-use crate::qdas::{NAME, NUMBER, PART, REMARK, field, value};
+use crate::qdas::{NAME, NUMBER, PART, REMARK, field, limits, plain_number, value};
 use metrology::spc::Study;
 
 pub fn render(input: &DfqInput<'_>) -> String {
@@ -32,14 +32,7 @@ fn describe(text: &mut String, i: usize, study: &Study) {
     if let Some(nominal) = series.nominal {
         field(text, &format!("K2101/{i}"), &plain_number(nominal), NUMBER);
     }
-    for (limit, key, kind) in
-        [(series.limits.lower, "K2110", "K2120"), (series.limits.upper, "K2111", "K2121")]
-    {
-        if let Some(limit) = limit {
-            field(text, &format!("{key}/{i}"), &plain_number(limit), NUMBER);
-        }
-        field(text, &format!("{kind}/{i}"), if limit.is_some() { "1" } else { "0" }, NUMBER);
-    }
+    limits(text, i, series.limits.lower, series.limits.upper);
     field(text, &format!("K2142/{i}"), &series.unit, NUMBER);
 }
 
@@ -54,12 +47,6 @@ fn values(text: &mut String, i: usize, study: &Study) {
             field(text, &format!("K0014/{i}"), part, PART);
         }
     }
-}
-
-/// Without the digits that a sum of binary numbers leaves behind its ninth decimal.
-fn plain_number(value: f64) -> String {
-    let text = format!("{value:.9}");
-    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 #[cfg(test)]

@@ -17,7 +17,8 @@ fn the_master_comes_back_digit_by_digit_and_gives_the_same_bytes_of_all_formats(
         let path = |kind: &str| place(&format!("{run}.{kind}"));
         let paths = ["html", "pdf", "csv", "qif", "dfq"].map(path);
         let [html, pdf, csv, qif, dfq] = paths.each_ref().map(|p| Some(p.as_path()));
-        write_all(report, &Outputs { html, pdf, csv, qif, dfq, ..Outputs::default() }).unwrap();
+        write_all(report, &Outputs { formats: Formats { html, pdf, csv, qif, dfq }, ..Outputs::default() })
+            .unwrap();
         paths.map(|p| std::fs::read(p).unwrap())
     };
     for (name, report) in [("full", report()), ("reduced", reduced()), ("hostile", hostile())] {
