@@ -98,7 +98,7 @@ class Session:
 
     async def certificate(self, folder):
         """A key with a certificate of its own, as a client makes it at its first start."""
-        key, certificate = Path(folder) / "client.key", Path(folder) / "client.der"
+        key, certificate = Path(folder) / "client.pem", Path(folder) / "client.der"
         uri = "urn:example.org:FreeOpcUa:opcua-asyncio"
         uses = [x509.oid.ExtendedKeyUsageOID.CLIENT_AUTH]
         await setup_self_signed_certificate(key, certificate, uri, "localhost", uses, {"commonName": "client"})
