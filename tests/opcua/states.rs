@@ -101,6 +101,59 @@ fn every_state_answers_every_method_as_the_table_says() {
     line.stop();
 }
 
+/// Holds the cell in `Preoperational`: a stage starts again and is stopped before it is ready. Returns its process.
+fn hold_starting(line: &Line) -> u64 {
+    for _ in 0..50 {
+        line.ask(&value!({"command": "reset"}));
+        let before = pid_of(&line.cell.until("ready", |status| status["state"] == "Ready"), "fusion");
+        line.ask(&value!({"command": "restart", "stage": "fusion"}));
+        let status = line.cell.until("started again", |status| {
+            let stages = status["stages"].as_array().unwrap();
+            stages.iter().any(|s| s["name"] == "fusion" && s["pid"].as_u64().is_some_and(|pid| pid != before))
+        });
+        let pid = pid_of(&status, "fusion");
+        signal("STOP", pid);
+        std::thread::sleep(std::time::Duration::from_millis(200));
+        if line.cell.status().unwrap()["state"] == "Preoperational" {
+            return pid;
+        }
+        signal("CONT", pid);
+    }
+    panic!("the stage was ready before it could be stopped, fifty times");
+}
+
+/// Proves: while stages start, jobs are refused, automatic mode is waited for no longer than 5 s, and halting works at once.
+#[test]
+#[cfg_attr(
+    not(asyncua),
+    ignore = "needs asyncua: pip install asyncua==2.1.0, then cargo test --features opcua --test main opcua"
+)]
+fn a_cell_that_starts_takes_no_jobs_and_can_be_halted() {
+    let line = Line::new("opcstarts", 8.0, "restarts_max = 10");
+    let mut client = line.client();
+    let pid = hold_starting(&line);
+    client.shows("Preoperational");
+    for method in ["StartSingleJob", "StartContinuous", "Stop", "Abort"] {
+        let (status, outputs) = client.call(object(method), method, &arguments(method));
+        assert_eq!(status, "BadInvalidState", "{method}: {outputs}");
+    }
+    let select = "SelectModeAutomatic";
+    let (status, outputs) = client.call(object(select), select, &arguments(select));
+    assert_eq!((status.as_str(), outputs), ("Good", value!([9])), "not ready in time");
+    client.shows("Preoperational");
+    signal("CONT", pid);
+    client.shows("Ready");
+    hold_starting(&line);
+    client.shows("Preoperational");
+    let (status, outputs) = client.call(object("Halt"), "Halt", &arguments("Halt"));
+    assert_eq!((status.as_str(), outputs), ("Good", value!([0])));
+    client.shows("Halted");
+    let (status, _) = client.call(object("Reset"), "Reset", &arguments("Reset"));
+    assert_eq!(status, "Good");
+    client.shows("Ready");
+    line.stop();
+}
+
 /// The state changes among events: transition, from, to.
 fn transitions(events: &Value) -> Vec<String> {
     let events = events.as_array().unwrap().iter();
