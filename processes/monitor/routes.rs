@@ -288,7 +288,7 @@ async fn picture(
     Path((number, camera, projector, layer)): Path<(u64, u32, u32, String)>,
 ) -> Response {
     let Some(shown) = shown(&shared.model, number) else { return refuse(StatusCode::GONE, GONE) };
-    match beside(&shared, move |_| pictures::png(&shown, camera, projector, &layer)).await {
+    match beside(&shared, move |model| pictures::png(&model.cell, &shown, camera, projector, &layer)).await {
         Ok(png) => ([(header::CONTENT_TYPE, "image/png")], png).into_response(),
         Err(error) => refuse(StatusCode::NOT_FOUND, &format!("{error:#}")),
     }

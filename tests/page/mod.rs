@@ -133,7 +133,7 @@ fn shows_the_scan(page: &Page, scan: &Value, result: &Value) {
     let points = usize::try_from(scan["points"].as_u64().unwrap()).unwrap();
     assert_eq!((cloud.status, cloud.body.len(), &cloud.body[..4]), (200, 40 + 24 * points, &b"FCC1"[..]));
     assert_eq!(cloud.body[4..8], (points as u32).to_le_bytes());
-    for layer in ["grey", "modulation", "phase", "noise"] {
+    for layer in ["grey", "modulation", "phase", "noise", "risk"] {
         let picture = page.get(&format!("/api/picture/1/0/0/{layer}"));
         assert_eq!((picture.status, &picture.body[1..4]), (200, &b"PNG"[..]), "{layer}");
         image::load_from_memory(&picture.body).unwrap();

@@ -1,7 +1,8 @@
 // What the cameras saw: white frame with saturation, histogram, planes of the phase map, and what became of the pixels.
 import { el, num } from "./text.js";
 
-const LAYERS = [["grey", "picture"], ["modulation", "modulation, DN"], ["phase", "phase, wrapped"], ["noise", "phase noise, mrad"]];
+const LAYERS = [["grey", "picture"], ["modulation", "modulation, DN"], ["phase", "phase, wrapped"], ["noise", "phase noise, mrad"],
+  ["risk", "risk of a wrong order, power of ten"]];
 
 /** Pixels of a phase map by what became of them: word, key, what it means. */
 const COUNTS = [["valid", "valid"], ["saturated", "saturated"], ["dark", "too dark"], ["noisy", "too noisy"],

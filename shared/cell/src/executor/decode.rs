@@ -166,6 +166,15 @@ impl ViewDecoder {
     pub fn diagnose(&self, axis: Axis) -> Result<Vec<Diagnosis>, DecodeError> {
         self.decoder.diagnose(axis)
     }
+
+    /// Probability that noise makes the order of each pixel wrong, from its σ in rad; `None` where no order is decided.
+    ///
+    /// # Errors
+    /// An axis that the sequence does not tell.
+    pub fn order_risk(&self, axis: Axis, sigma_rad: &[f32]) -> Result<Option<Vec<f64>>, DecodeError> {
+        let risk = self.decoder.order_risk(axis)?;
+        Ok(risk.map(|risk| risk.probabilities(sigma_rad.iter().copied())))
+    }
 }
 
 /// Takes a frame; after the last frame the method is applied.
@@ -188,11 +197,25 @@ fn take(
 /// # Errors
 /// A sequence that gives no absolute phase, or settings out of range.
 pub fn decoder(cell: &Cell, projector: usize, camera: usize) -> Result<ViewDecoder, CellError> {
+    let node = &cell.graph.cameras[camera];
+    decoder_of_size(cell, projector, camera, [node.width_px, node.height_px])
+}
+
+/// The decoder of a part of the camera's picture, columns × rows in px.
+///
+/// # Errors
+/// As [`decoder`].
+pub fn decoder_of_size(
+    cell: &Cell,
+    projector: usize,
+    camera: usize,
+    size_px: [u32; 2],
+) -> Result<ViewDecoder, CellError> {
     let (light, node) = (&cell.config.projectors[projector], &cell.graph.cameras[camera]);
     let view = View {
         sequence: &light.sequence,
         extent_px: [light.width_px, light.height_px],
-        size_px: [node.width_px, node.height_px],
+        size_px,
         full_scale_dn: cell.format(projector, camera)?.full_scale_dn,
         exposures_ms: &light.exposures_ms,
     };

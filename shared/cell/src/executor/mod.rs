@@ -16,7 +16,7 @@ mod in_process;
 mod matching;
 mod phase_method;
 
-pub use decode::{Decoded, View, ViewDecoder, ViewError, decoder};
+pub use decode::{Decoded, View, ViewDecoder, ViewError, decoder, decoder_of_size};
 pub use evidence::{Expected, Threshold, median_valid};
 pub use in_process::{Frames, InProcess, SourceError, WorkError};
 pub use matching::{Matched, Method, PairMatcher, Views, method_name};

@@ -29,7 +29,6 @@ use super::{DecodeError, Decoder, OrderRisk};
 use crate::math::erfc;
 use crate::pattern::Axis;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// What one pixel's order rests on; NaN where it is masked, and where there is no code.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,17 +97,8 @@ impl Decoder {
 
 /// Adds the chance that phase noise alone has.
 fn add_phase_noise(risk: &OrderRisk, pixels: &mut [(Diagnosis, f32)]) {
-    // Pixels whose σ agrees to 1/128 share one evaluation.
-    let key = |sigma: f32| sigma.to_bits() >> 16;
-    let mut alike: BTreeMap<u32, f64> = BTreeMap::new();
-    for (_, sigma) in pixels.iter().filter(|(_, sigma)| !sigma.is_nan()) {
-        alike.entry(key(*sigma)).or_insert(0.0);
-    }
-    for (bits, chance) in &mut alike {
-        *chance = risk.probability(f64::from(f32::from_bits((bits << 16) | 0x8000)));
-    }
-    for (pixel, sigma) in pixels {
-        let by_phase = alike.get(&key(*sigma)).copied().unwrap_or(0.0);
+    let chances = risk.probabilities(pixels.iter().map(|(_, sigma)| *sigma));
+    for ((pixel, _), by_phase) in pixels.iter_mut().zip(chances) {
         let by_bits = f64::from(pixel.wrong_order_by_bits);
         pixel.wrong_order = (by_bits + by_phase - by_bits * by_phase) as f32;
     }

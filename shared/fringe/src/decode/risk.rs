@@ -12,6 +12,7 @@ use super::number::Residues;
 use super::{DecodeError, Decoder};
 use crate::math::{erfc, exp};
 use crate::pattern::Axis;
+use std::collections::BTreeMap;
 use std::f64::consts::{PI, SQRT_2};
 
 /// The chance of a wrong order as a function of the noise of the finest phase.
@@ -50,6 +51,19 @@ impl OrderRisk<'_> {
             sum += wrong - joint.min(wrong);
         }
         sum.min(1.0)
+    }
+
+    /// The probability of each pixel, from its σ in rad; 0 where that is NaN. Pixels whose σ agrees to 1/128 share one evaluation.
+    pub fn probabilities(&self, sigma_rad: impl Iterator<Item = f32> + Clone) -> Vec<f64> {
+        let key = |sigma: f32| sigma.to_bits() >> 16;
+        let mut alike: BTreeMap<u32, f64> = BTreeMap::new();
+        for sigma in sigma_rad.clone().filter(|sigma| !sigma.is_nan()) {
+            alike.entry(key(sigma)).or_insert(0.0);
+        }
+        for (bits, chance) in &mut alike {
+            *chance = self.probability(f64::from(f32::from_bits((bits << 16) | 0x8000)));
+        }
+        sigma_rad.map(|sigma| alike.get(&key(sigma)).copied().unwrap_or(0.0)).collect()
     }
 }
 
