@@ -25,11 +25,13 @@ pub struct Point {
 
 impl Point {
     /// Position in the world frame, mm.
+    #[inline]
     pub fn position(&self) -> Point3<f64> {
         Point3::from(self.position_mm)
     }
 
     /// Normal, in double precision.
+    #[inline]
     pub fn normal_vector(&self) -> Vector3<f64> {
         Vector3::from(self.normal.map(f64::from))
     }

@@ -3,7 +3,9 @@
 //! The keys of the cells are sorted by a stable radix sort, so that equal input gives equal order; neighbours of all
 //! points are then found in one sweep, since the cells around a moving cell move on with it.
 
+use super::sites::Sites;
 use crate::cloud::Point;
+use std::ops::Range;
 
 /// Bits per pass of the radix sort.
 const DIGIT_BITS: u32 = 11;
@@ -11,62 +13,92 @@ const DIGIT_BITS: u32 = 11;
 /// Cells along one axis at most: three axes fill a 63-bit key.
 const MAX_CELLS: f64 = 2_097_000.0;
 
+/// Cells are larger than the radius by this part of it: rounding then parts no neighbours by more than one cell.
+const WIDER: f64 = 1.0 + 1e-9;
+
+/// A box that holds points, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Extent {
+    low_mm: [f64; 3],
+    high_mm: [f64; 3],
+}
+
+impl Default for Extent {
+    fn default() -> Self {
+        Self { low_mm: [f64::INFINITY; 3], high_mm: [f64::NEG_INFINITY; 3] }
+    }
+}
+
+impl Extent {
+    /// Of the finite points of a list.
+    pub fn of(points: &[Point]) -> Self {
+        let mut extent = Self::default();
+        for point in points.iter().filter(|p| is_finite(p)) {
+            for axis in 0..3 {
+                extent.low_mm[axis] = extent.low_mm[axis].min(point.position_mm[axis]);
+                extent.high_mm[axis] = extent.high_mm[axis].max(point.position_mm[axis]);
+            }
+        }
+        extent
+    }
+
+    /// The box that holds both.
+    pub fn and(mut self, other: &Self) -> Self {
+        for axis in 0..3 {
+            self.low_mm[axis] = self.low_mm[axis].min(other.low_mm[axis]);
+            self.high_mm[axis] = self.high_mm[axis].max(other.high_mm[axis]);
+        }
+        self
+    }
+}
+
+/// Whether a point has a place.
+#[inline]
+pub(super) fn is_finite(point: &Point) -> bool {
+    point.position_mm.iter().all(|v| v.is_finite())
+}
+
 /// A grid of cubes that covers all clouds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Grid {
     origin_mm: [f64; 3],
-    cell_mm: f64,
+    per_mm: f64,
     bits: [u32; 3],
-}
-
-/// A point as the search sees it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Site {
-    pub position_mm: [f64; 3],
-    pub normal: [f32; 3],
-    pub sigma_mm: f32,
-    /// Its number in the clouds, one after another.
-    pub index: u32,
 }
 
 /// Sites sorted by cell.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Cells {
-    pub sites: Vec<Site>,
-    keys: Vec<u64>,
-    /// Start of each occupied cell in `sites`, with its key.
+    pub sites: Sites,
+    /// Start of each occupied cell in `sites`, with its key; behind the last one their end.
     occupied: Vec<(u64, u32)>,
     spare: Vec<(u64, u32)>,
     order: Vec<(u64, u32)>,
 }
 
 impl Grid {
-    /// A grid over finite points; `None` without any.
-    pub fn over<'a>(points: impl Iterator<Item = &'a Point>, cell_mm: f64) -> Option<Self> {
-        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-        for point in points {
-            for axis in 0..3 {
-                low[axis] = low[axis].min(point.position_mm[axis]);
-                high[axis] = high[axis].max(point.position_mm[axis]);
-            }
-        }
+    /// A grid over points; `None` without any. Points within `radius_mm` of each other are at most one cell apart.
+    pub fn over(extent: &Extent, radius_mm: f64) -> Option<Self> {
+        let (low, high) = (extent.low_mm, extent.high_mm);
         if !(0..3).all(|axis| low[axis].is_finite() && high[axis].is_finite()) {
             return None;
         }
-        let extent = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+        let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
         // Absurd extents get coarser cells instead of an overflow; the distances are checked anyway.
-        let cell_mm = cell_mm.max(extent / MAX_CELLS).max(f64::MIN_POSITIVE);
+        let cell_mm = (radius_mm * WIDER).max(longest / MAX_CELLS).max(f64::MIN_POSITIVE);
+        let per_mm = 1.0 / cell_mm;
         let mut bits = [1; 3];
         for axis in 0..3 {
             // Two more: a free cell on either side, so that neighbours never wrap into another row.
-            let cells = ((high[axis] - low[axis]) / cell_mm) as u64 + 4;
+            let cells = ((high[axis] - low[axis]) * per_mm) as u64 + 4;
             bits[axis] = u64::BITS - cells.leading_zeros();
         }
-        Some(Self { origin_mm: low, cell_mm, bits })
+        Some(Self { origin_mm: low, per_mm, bits })
     }
 
     fn key(&self, position_mm: &[f64; 3]) -> u64 {
-        let cell = |axis: usize| ((position_mm[axis] - self.origin_mm[axis]) / self.cell_mm) as u64 + 1;
+        let cell =
+            |axis: usize| u64::from(((position_mm[axis] - self.origin_mm[axis]) * self.per_mm) as u32) + 1;
         (cell(0) << (self.bits[1] + self.bits[2])) | (cell(1) << self.bits[2]) | cell(2)
     }
 
@@ -82,38 +114,79 @@ impl Grid {
 }
 
 impl Cells {
-    /// Sorts points; `first_index` numbers the first of them. Buffers are reused.
-    pub fn fill(&mut self, grid: &Grid, points: &[Point], first_index: u32) {
+    /// Sorts the finite points of a cloud. Buffers are reused.
+    pub fn fill(&mut self, grid: &Grid, points: &[Point]) {
         clear_and_reserve(&mut self.order, points.len());
-        self.order.extend(points.iter().zip(0..).map(|(point, index)| (grid.key(&point.position_mm), index)));
+        let numbered = points.iter().zip(0..).filter(|(point, _)| is_finite(point));
+        self.order.extend(numbered.map(|(point, index)| (grid.key(&point.position_mm), index)));
         radix_sort(&mut self.order, &mut self.spare, grid.bits.iter().sum());
-        clear_and_reserve(&mut self.sites, points.len());
-        clear_and_reserve(&mut self.keys, points.len());
-        clear_and_reserve(&mut self.occupied, points.len() + 1);
-        for (key, index) in &self.order {
-            if self.occupied.last().is_none_or(|(last, _)| last != key) {
-                self.occupied.push((*key, self.sites.len() as u32));
+        self.sites.take(&self.order, points);
+        clear_and_reserve(&mut self.occupied, self.order.len() + 1);
+        let mut last = u64::MAX;
+        for (place, (key, _)) in self.order.iter().enumerate() {
+            if *key != last {
+                self.occupied.push((*key, place as u32));
+                last = *key;
             }
-            let point = &points[*index as usize];
-            self.keys.push(*key);
-            self.sites.push(Site {
-                position_mm: point.position_mm,
-                normal: point.normal,
-                sigma_mm: point.sigma_mm,
-                index: first_index + index,
-            });
         }
-        self.occupied.push((u64::MAX, self.sites.len() as u32));
+        self.occupied.push((u64::MAX, self.order.len() as u32));
     }
 
-    /// Calls `visit` for each occupied cell of `self` with its sites and the nine runs of sites of `other` that may lie
-    /// within one cell's length of them.
-    pub fn sweep(&self, grid: &Grid, other: &Cells, mut visit: impl FnMut(&[Site], [&[Site]; 9])) {
+    /// Number of cells that hold points.
+    pub fn len(&self) -> usize {
+        self.occupied.len().saturating_sub(1)
+    }
+
+    /// Calls `visit` with the sites in each cell around a position, run by run, until it says that it has enough.
+    pub fn around(
+        &self,
+        grid: &Grid,
+        position_mm: &[f64; 3],
+        mut visit: impl FnMut(&Sites, Range<usize>) -> bool,
+    ) {
+        let key = grid.key(position_mm);
         let offsets = grid.row_offsets();
-        let mut cursors = [0_usize; 9];
-        for pair in self.occupied.windows(2) {
+        // The middle row is the most likely one to have enough.
+        for row in [4, 1, 3, 5, 7, 0, 2, 6, 8] {
+            let middle = key.wrapping_add_signed(offsets[row]);
+            let first = self.occupied.partition_point(|(key, _)| *key < middle - 1);
+            let last =
+                first + self.occupied[first..].iter().take_while(|(key, _)| *key <= middle + 1).count();
+            let run = self.occupied[first].1 as usize..self.occupied[last].1 as usize;
+            if !run.is_empty() && visit(&self.sites, run) {
+                return;
+            }
+        }
+    }
+
+    /// Takes a point out of all searches, by its number in the cloud.
+    pub fn remove(&mut self, grid: &Grid, position_mm: &[f64; 3], index: u32) {
+        let key = grid.key(position_mm);
+        let cell = self.occupied.partition_point(|(other, _)| *other < key);
+        let [start, end] = [cell, cell + 1].map(|c| self.occupied[c].1 as usize);
+        if let Some(place) = (start..end).find(|place| self.order[*place].1 == index) {
+            self.sites.remove(place);
+        }
+    }
+
+    /// Calls `visit` for some occupied cells of `self` with their sites and the nine runs of sites of `other` that may lie
+    /// within one cell's length of them.
+    pub fn sweep(
+        &self,
+        cells: Range<usize>,
+        grid: &Grid,
+        other: &Cells,
+        mut visit: impl FnMut(Range<usize>, &[Range<usize>; 9]),
+    ) {
+        let offsets = grid.row_offsets();
+        let Some((first, _)) = self.occupied[cells.clone()].first() else { return };
+        let mut cursors = offsets.map(|offset| {
+            let middle = first.wrapping_add_signed(offset);
+            other.occupied.partition_point(|(key, _)| *key < middle - 1)
+        });
+        for pair in self.occupied[cells.start..=cells.end].windows(2) {
             let [(key, start), (_, end)] = [pair[0], pair[1]];
-            let mut runs: [&[Site]; 9] = [&[]; 9];
+            let mut runs = [const { 0..0 }; 9];
             for ((cursor, offset), run) in cursors.iter_mut().zip(offsets).zip(&mut runs) {
                 let middle = key.wrapping_add_signed(offset);
                 // The last entry of `occupied` has the largest key: the walk ends there.
@@ -124,9 +197,9 @@ impl Cells {
                 while other.occupied[last].0 <= middle + 1 {
                     last += 1;
                 }
-                *run = &other.sites[other.occupied[*cursor].1 as usize..other.occupied[last].1 as usize];
+                *run = other.occupied[*cursor].1 as usize..other.occupied[last].1 as usize;
             }
-            visit(&self.sites[start as usize..end as usize], runs);
+            visit(start as usize..end as usize, &runs);
         }
     }
 }
@@ -186,37 +259,57 @@ mod tests {
         [-5.0_f64..5.0, -3.0_f64..3.0, -0.5_f64..0.5]
     }
 
+    /// Pairs (number in `own`, number in `other`) that a search visits and that are near.
+    fn near(own: &Cells, at: usize, other: &Cells, run: Range<usize>, limit: f64) -> Vec<(u32, u32)> {
+        let place = own.sites.position_mm(at);
+        let inside = run.filter(|b| distance2(&other.sites.position_mm(*b), &place) <= limit);
+        inside.map(|b| (own.order[at].1, other.order[b].1)).collect()
+    }
+
     proptest! {
-        /// The sweep finds exactly the neighbours that comparing all with all finds.
+        /// The sweep, in parts, and the search about single places find exactly the neighbours that comparing all with all finds.
         #[test]
-        fn the_sweep_equals_brute_force(
+        fn the_searches_equal_brute_force(
             a in prop::collection::vec(place(), 1..80),
             b in prop::collection::vec(place(), 0..80),
+            part in 1_usize..9,
+            gone in 0_usize..80,
         ) {
             let (a, b) = (cloud(&a), cloud(&b));
-            let radius = 0.8;
-            let grid = Grid::over(a.iter().chain(&b), radius).unwrap();
+            let (radius, limit) = (0.8, 0.64);
+            let grid = Grid::over(&Extent::of(&a).and(&Extent::of(&b)), radius).unwrap();
             let (mut own, mut other) = (Cells::default(), Cells::default());
-            own.fill(&grid, &a, 0);
-            other.fill(&grid, &b, 100);
-            let mut found = Vec::new();
-            own.sweep(&grid, &other, |sites, runs| {
-                for site in sites {
-                    let near = runs.iter().copied().flatten();
-                    let near = near.filter(|o| distance2(&o.position_mm, &site.position_mm) <= radius * radius);
-                    found.extend(near.map(|o| (site.index, o.index)));
-                }
-            });
-            found.sort_unstable();
+            own.fill(&grid, &a);
+            other.fill(&grid, &b);
+            if let Some(point) = b.get(gone) {
+                other.remove(&grid, &point.position_mm, gone as u32);
+            }
+            let (mut swept, mut searched) = (Vec::new(), Vec::new());
+            for first in (0..own.len()).step_by(part) {
+                own.sweep(first..(first + part).min(own.len()), &grid, &other, |sites, runs| {
+                    for at in sites {
+                        runs.iter().for_each(|run| swept.extend(near(&own, at, &other, run.clone(), limit)));
+                    }
+                });
+            }
+            for at in 0..a.len() {
+                other.around(&grid, &own.sites.position_mm(at), |_, run| {
+                    searched.extend(near(&own, at, &other, run, limit));
+                    false
+                });
+            }
+            swept.sort_unstable();
+            searched.sort_unstable();
             let mut brute = Vec::new();
             for (i, p) in a.iter().enumerate() {
                 for (j, q) in b.iter().enumerate() {
-                    if distance2(&p.position_mm, &q.position_mm) <= radius * radius {
-                        brute.push((i as u32, 100 + j as u32));
+                    if j != gone && distance2(&p.position_mm, &q.position_mm) <= limit {
+                        brute.push((i as u32, j as u32));
                     }
                 }
             }
-            prop_assert_eq!(found, brute);
+            prop_assert_eq!(&swept, &brute);
+            prop_assert_eq!(searched, brute);
         }
 
         #[test]
@@ -232,11 +325,11 @@ mod tests {
     #[test]
     fn absurd_extents_do_not_overflow() {
         let points = cloud(&[[-1e300, 0.0, 0.0], [1e300, 1.0, 2.0]]);
-        let grid = Grid::over(points.iter(), 1e-9).unwrap();
+        let grid = Grid::over(&Extent::of(&points), 1e-9).unwrap();
         let mut cells = Cells::default();
-        cells.fill(&grid, &points, 0);
+        cells.fill(&grid, &points);
         let mut visited = 0;
-        cells.sweep(&grid, &cells, |sites, _| visited += sites.len());
+        cells.sweep(0..cells.len(), &grid, &cells, |sites, _| visited += sites.len());
         assert_eq!(visited, 2);
     }
 }

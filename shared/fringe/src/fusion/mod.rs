@@ -13,10 +13,15 @@
 //!   (figure 5.16) takes nearest neighbours, which measures the sampling as well: 48 µm there.
 
 mod cells;
+mod overlap;
+mod sites;
 
 use crate::cloud::Point;
-use cells::{Cells, Grid, Site, clear_and_reserve, distance2};
-use nalgebra::Vector3;
+use crate::math::parallel::for_parts;
+use crate::math::simd::best_level;
+use cells::{Cells, Extent, Grid, clear_and_reserve, distance2, is_finite};
+use overlap::{Distances, Nearness};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// The radius over the spacing of the points, when the settings give none: a disc of about 28 points.
@@ -24,6 +29,13 @@ const RADIUS_PER_SPACING: f64 = 3.0;
 
 /// Pairs of pixel neighbours that are sampled for the spacing.
 const SPACING_SAMPLES: usize = 4096;
+
+/// Points of a piece, and cells of a part of an overlap: enough to be worth a thread's attention, and many for each thread.
+const PIECE: usize = 4096;
+const CELLS: usize = 512;
+
+/// So many points before and behind a point in the list are looked at before the grid is asked.
+const BESIDE: usize = 4;
 
 /// Settings of the fusion of point clouds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -79,19 +91,30 @@ pub struct FusionReport {
     pub overlaps: Vec<Overlap>,
 }
 
+/// Points of one cloud that one thread takes: a fixed part, whoever takes it.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    cloud: usize,
+    first: usize,
+    end: usize,
+    extent: Extent,
+    /// Points of the part that stay.
+    kept: usize,
+}
+
 /// Fuses again and again with buffers that only grow.
 #[derive(Debug, Clone, Default)]
 pub struct Fuser {
-    /// Finite points of all clouds, one after another.
-    all: Vec<Point>,
-    everything: Cells,
+    pieces: Vec<Piece>,
+    /// Where each piece begins among the points of all clouds, one after another, and one place more for the end.
+    starts: Vec<usize>,
+    /// The same among those that stay.
+    kept_starts: Vec<usize>,
+    /// Whether a point stays, for the points of all clouds.
     keep: Vec<bool>,
     per_cloud: Vec<Cells>,
     spacings: Vec<f64>,
-    /// Where each cloud begins among all points, and one place more for the end.
-    starts: Vec<usize>,
-    /// The same among those that stayed.
-    kept_starts: Vec<usize>,
+    distances: Vec<Distances>,
     report: FusionReport,
 }
 
@@ -131,51 +154,50 @@ impl Fuser {
     }
 
     fn fuse_all(&mut self, clouds: &[&[Point]], settings: &FusionSettings, out: &mut [Point]) {
-        self.gather(clouds);
+        self.cut(clouds);
         self.report.radius_mm = 0.0;
         let radius_mm = settings.radius_mm.filter(|r| *r > 0.0).unwrap_or_else(|| self.radius(clouds));
-        if let Some(grid) = Grid::over(self.all.iter(), radius_mm) {
+        self.pieces.par_iter_mut().for_each(|piece| piece.extent = Extent::of(piece.points(clouds)));
+        let extent = self.pieces.iter().fold(Extent::default(), |all, piece| all.and(&piece.extent));
+        let grid = Grid::over(&extent, radius_mm);
+        self.per_cloud.resize_with(self.per_cloud.len().max(clouds.len()), Cells::default);
+        clear_and_reserve(&mut self.keep, count(clouds));
+        self.keep.resize(count(clouds), false);
+        if let Some(grid) = &grid {
             self.report.radius_mm = radius_mm;
-            self.mark(&grid, radius_mm, settings.min_neighbours);
+            self.per_cloud.par_iter_mut().zip(clouds).for_each(|(cells, cloud)| cells.fill(grid, cloud));
+            self.mark(clouds, grid, radius_mm, settings.min_neighbours);
         }
-        self.kept_starts.clear();
-        self.report.removed.clear();
-        let mut used = 0;
-        for (cloud, points) in clouds.iter().enumerate() {
-            let begin = used;
-            self.kept_starts.push(begin);
-            let range = self.starts[cloud]..self.starts[cloud + 1];
-            let kept = self.all[range.clone()].iter().zip(&self.keep[range]).filter(|(_, keep)| **keep);
-            for (slot, (point, _)) in out[begin..].iter_mut().zip(kept) {
-                *slot = *point;
-                used += 1;
-            }
-            self.report.removed.push((points.len() - (used - begin)) as u32);
-        }
-        self.kept_starts.push(used);
-        self.report.points = used as u32;
+        self.copy(clouds, out);
         self.report.overlaps.clear();
-        self.overlaps(&out[..used], radius_mm, settings);
+        if let Some(grid) = &grid {
+            self.remove(clouds, grid);
+            self.overlaps(clouds.len(), grid, radius_mm, settings);
+        }
     }
 
-    /// Copies the finite points.
-    fn gather(&mut self, clouds: &[&[Point]]) {
-        clear_and_reserve(&mut self.all, count(clouds));
-        self.starts.clear();
-        self.starts.push(0);
-        for cloud in clouds {
-            let finite = cloud.iter().filter(|p| p.position_mm.iter().all(|v| v.is_finite()));
-            self.all.extend(finite);
-            self.starts.push(self.all.len());
+    /// Cuts the clouds into pieces.
+    fn cut(&mut self, clouds: &[&[Point]]) {
+        let pieces = clouds.iter().map(|cloud| cloud.len().div_ceil(PIECE)).sum();
+        clear_and_reserve(&mut self.pieces, pieces);
+        clear_and_reserve(&mut self.starts, pieces + 1);
+        let mut start = 0;
+        for (cloud, points) in clouds.iter().enumerate() {
+            for first in (0..points.len()).step_by(PIECE) {
+                let end = (first + PIECE).min(points.len());
+                self.pieces.push(Piece { cloud, first, end, extent: Extent::default(), kept: 0 });
+                self.starts.push(start);
+                start += end - first;
+            }
         }
-        clear_and_reserve(&mut self.keep, self.all.len());
-        self.keep.resize(self.all.len(), false);
+        self.starts.push(start);
     }
 
     /// Median distance of row neighbours, sampled evenly, times the factor; 1 mm when no two points are neighbours.
     fn radius(&mut self, clouds: &[&[Point]]) -> f64 {
-        let stride = (self.all.len() / SPACING_SAMPLES).max(1);
-        clear_and_reserve(&mut self.spacings, self.all.len() / stride + clouds.len());
+        let finite: usize = clouds.iter().map(|c| c.iter().filter(|p| is_finite(p)).count()).sum();
+        let stride = (finite / SPACING_SAMPLES).max(1);
+        clear_and_reserve(&mut self.spacings, finite / stride + clouds.len());
         for cloud in clouds {
             let neighbours =
                 cloud.windows(2).step_by(stride).filter(|w| w[1].pixel == w[0].pixel.wrapping_add(1));
@@ -188,132 +210,135 @@ impl Fuser {
     }
 
     /// Marks the points that are not isolated.
-    fn mark(&mut self, grid: &Grid, radius_mm: f64, min_neighbours: u32) {
-        self.everything.fill(grid, &self.all, 0);
-        let (limit, keep) = (radius_mm * radius_mm, &mut self.keep);
-        self.everything.sweep(grid, &self.everything, |sites, runs| {
-            for site in sites {
-                // The site finds itself; the middle row is the most likely one to have enough.
-                let wanted = min_neighbours + 1;
-                let mut count = 0;
-                for run in [4, 1, 3, 5, 7, 0, 2, 6, 8] {
-                    for other in runs[run] {
-                        count += u32::from(distance2(&other.position_mm, &site.position_mm) <= limit);
-                        if count >= wanted {
-                            break;
-                        }
-                    }
-                }
-                keep[site.index as usize] = count >= wanted;
+    fn mark(&mut self, clouds: &[&[Point]], grid: &Grid, radius_mm: f64, min_neighbours: u32) {
+        let limit = radius_mm * radius_mm;
+        let per_cloud = &self.per_cloud[..clouds.len()];
+        for_parts(&self.starts, &mut self.keep, &mut self.pieces, &|_, keep, piece| {
+            let cloud = clouds[piece.cloud];
+            for (index, keep) in (piece.first..piece.end).zip(keep.iter_mut()) {
+                *keep = has_beside(cloud, index, limit, min_neighbours)
+                    || (is_finite(&cloud[index])
+                        && has_around(per_cloud, piece.cloud, grid, &cloud[index], limit, min_neighbours));
             }
+            piece.kept = keep.iter().map(|keep| usize::from(*keep)).sum();
         });
     }
 
-    fn overlaps(&mut self, points: &[Point], radius_mm: f64, settings: &FusionSettings) {
-        let starts = &self.kept_starts;
-        let clouds = starts.len() - 1;
-        let Some(grid) = Grid::over(points.iter(), radius_mm) else { return };
-        self.per_cloud.resize_with(self.per_cloud.len().max(clouds), Cells::default);
-        for (cloud, cells) in self.per_cloud.iter_mut().take(clouds).enumerate() {
-            cells.fill(&grid, &points[starts[cloud]..starts[cloud + 1]], 0);
+    /// Copies the points that stay.
+    fn copy(&mut self, clouds: &[&[Point]], out: &mut [Point]) {
+        clear_and_reserve(&mut self.kept_starts, self.pieces.len() + 1);
+        self.report.removed.clear();
+        self.report.removed.extend(clouds.iter().map(|cloud| cloud.len() as u32));
+        let mut used = 0;
+        for piece in &self.pieces {
+            self.kept_starts.push(used);
+            used += piece.kept;
+            self.report.removed[piece.cloud] -= piece.kept as u32;
         }
-        let cosine = crate::math::cos(settings.max_normal_angle_deg.to_radians());
-        for a in 0..clouds {
-            for b in a + 1..clouds {
-                let mut distances = Distances::default();
-                self.per_cloud[a].sweep(&grid, &self.per_cloud[b], |sites, runs| {
-                    for site in sites {
-                        let wanted = settings.min_overlap_neighbours;
-                        if let Some((distance, sigma)) =
-                            signed_distance(site, runs, radius_mm, cosine, wanted)
-                        {
-                            distances.add(distance, sigma);
-                        }
-                    }
-                });
-                self.report.overlaps.push(distances.overlap(a, b));
+        self.kept_starts.push(used);
+        self.report.points = used as u32;
+        let (starts, keep) = (&self.starts, &self.keep);
+        for_parts(&self.kept_starts, &mut out[..used], &mut self.pieces, &|number, out, piece| {
+            let points = piece.points(clouds);
+            if out.len() == points.len() {
+                out.copy_from_slice(points);
+                return;
+            }
+            let kept = points.iter().zip(&keep[starts[number]..]).filter(|(_, keep)| **keep);
+            out.iter_mut().zip(kept).for_each(|(slot, (point, _))| *slot = *point);
+        });
+    }
+
+    /// Takes the points that went out of the search.
+    fn remove(&mut self, clouds: &[&[Point]], grid: &Grid) {
+        for (piece, start) in self.pieces.iter().zip(&self.starts) {
+            if piece.kept == piece.end - piece.first {
+                continue;
+            }
+            for (offset, point) in piece.points(clouds).iter().enumerate() {
+                if !self.keep[start + offset] && is_finite(point) {
+                    let index = (piece.first + offset) as u32;
+                    self.per_cloud[piece.cloud].remove(grid, &point.position_mm, index);
+                }
             }
         }
     }
+
+    fn overlaps(&mut self, clouds: usize, grid: &Grid, radius_mm: f64, settings: &FusionSettings) {
+        let cosine = crate::math::cos(settings.max_normal_angle_deg.to_radians());
+        let nearness = Nearness { radius_mm, cosine, fewest: settings.min_overlap_neighbours };
+        let level = best_level();
+        for a in 0..clouds {
+            for b in a + 1..clouds {
+                let (own, other) = (&self.per_cloud[a], &self.per_cloud[b]);
+                let parts = own.len().div_ceil(CELLS);
+                clear_and_reserve(&mut self.distances, parts);
+                self.distances.resize(parts, Distances::default());
+                self.distances.par_iter_mut().enumerate().for_each(|(part, distances)| {
+                    let cells = part * CELLS..((part + 1) * CELLS).min(own.len());
+                    *distances = Distances::of((own, other), cells, grid, &nearness, level);
+                });
+                let mut all = Distances::default();
+                self.distances.iter().for_each(|part| all.join(part));
+                self.report.overlaps.push(all.overlap(a, b));
+            }
+        }
+    }
+}
+
+impl Piece {
+    fn points<'a>(&self, clouds: &[&'a [Point]]) -> &'a [Point] {
+        &clouds[self.cloud][self.first..self.end]
+    }
+}
+
+/// Whether a point has so many others beside it in the list: its neighbours along the image row, as a rule.
+fn has_beside(cloud: &[Point], index: usize, limit_mm2: f64, wanted: u32) -> bool {
+    let place = &cloud[index].position_mm;
+    let near = |other: usize| {
+        cloud.get(other).map_or(0, |o| u32::from(distance2(&o.position_mm, place) <= limit_mm2))
+    };
+    let mut count = 0;
+    for step in 1..=BESIDE {
+        if count >= wanted {
+            break;
+        }
+        count += near(index.wrapping_sub(step)) + near(index + step);
+    }
+    count >= wanted && is_finite(&cloud[index])
+}
+
+/// Whether a point has so many others, of any cloud, around it; its own cloud is asked first.
+fn has_around(
+    per_cloud: &[Cells],
+    own: usize,
+    grid: &Grid,
+    point: &Point,
+    limit_mm2: f64,
+    wanted: u32,
+) -> bool {
+    let mut count = 0;
+    for cells in per_cloud[own..].iter().chain(&per_cloud[..own]) {
+        cells.around(grid, &point.position_mm, |sites, run| {
+            for site in run {
+                count += u32::from(distance2(&sites.position_mm(site), &point.position_mm) <= limit_mm2);
+                // The point finds itself.
+                if count > wanted {
+                    return true;
+                }
+            }
+            false
+        });
+        if count > wanted {
+            return true;
+        }
+    }
+    false
 }
 
 /// Points of all clouds.
 fn count(clouds: &[&[Point]]) -> usize {
     clouds.iter().map(|cloud| cloud.len()).sum()
-}
-
-/// Signed distance from a site to the surface of the other cloud, and its predicted uncertainty.
-fn signed_distance(
-    site: &Site,
-    runs: [&[Site]; 9],
-    radius_mm: f64,
-    cosine: f64,
-    wanted: u32,
-) -> Option<(f64, f64)> {
-    let normal = Vector3::from(site.normal.map(f64::from));
-    if normal == Vector3::zeros() {
-        return None;
-    }
-    let limit = radius_mm * radius_mm;
-    let (mut count, mut sum, mut variance) = (0, 0.0, 0.0);
-    for other in runs.iter().copied().flatten() {
-        if distance2(&other.position_mm, &site.position_mm) > limit {
-            continue;
-        }
-        let other_normal = Vector3::from(other.normal.map(f64::from));
-        // Zero normals fail here.
-        if normal.dot(&other_normal) < cosine {
-            continue;
-        }
-        let between = Vector3::from(site.position_mm) - Vector3::from(other.position_mm);
-        count += 1;
-        sum += (normal + other_normal).dot(&between);
-        variance += f64::from(other.sigma_mm * other.sigma_mm);
-    }
-    if count < wanted.max(1) {
-        return None;
-    }
-    let n = f64::from(count);
-    let own = f64::from(site.sigma_mm);
-    Some((0.5 * sum / n, (own * own + variance / (n * n)).sqrt()))
-}
-
-/// Moments of the distances, in the order of the sweep.
-#[derive(Debug, Clone, Copy, Default)]
-struct Distances {
-    count: u32,
-    mean: f64,
-    squares: f64,
-    max: f64,
-    weights: f64,
-    weighted: f64,
-    weighted_squares: f64,
-}
-
-impl Distances {
-    /// Welford's update: no cancellation.
-    fn add(&mut self, distance: f64, sigma: f64) {
-        self.count += 1;
-        let before = distance - self.mean;
-        self.mean += before / f64::from(self.count);
-        self.squares += before * (distance - self.mean);
-        self.max = self.max.max(distance.abs());
-        let weight = 1.0 / (sigma * sigma);
-        self.weights += weight;
-        self.weighted += weight * distance;
-        self.weighted_squares += weight * distance * distance;
-    }
-
-    fn overlap(&self, a: usize, b: usize) -> Overlap {
-        let n = f64::from(self.count);
-        let sd_mm = if self.count < 2 { 0.0 } else { (self.squares / (n - 1.0)).sqrt() };
-        // Σ w (d − m)² = Σ w d² − 2 m Σ w d + m² Σ w.
-        let m = self.mean;
-        let sum = self.weighted_squares - 2.0 * m * self.weighted + m * m * self.weights;
-        let ratio = (sum / n).sqrt();
-        let sd_over_sigma = (self.count > 1 && ratio.is_finite()).then_some(ratio);
-        Overlap { a, b, count: self.count, mean_mm: self.mean, sd_mm, max_mm: self.max, sd_over_sigma }
-    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use super::*;
 use crate::matching::{MatchSettings, Matcher};
 use crate::pattern::Axis;
 use crate::synthetic::{Noise, Scene, Surface, looking, rig};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 /// A square patch of a surface z = f(x, y), spacing 0.2 mm, shifted sampling, with noise along the normal.
 fn patch(f: impl Fn(f64, f64) -> (f64, [f64; 3]), shift: f64, sigma_mm: f64, seed: u64) -> Vec<Point> {
@@ -176,4 +176,49 @@ fn fusing_into_a_given_buffer_gives_the_same() {
     assert!(buffer[list.len()..].iter().all(|point| *point == marked));
     let small = &mut buffer[..a.len()];
     assert!(fuser.fuse_into(&[&a, &b], &FusionSettings::default(), small).is_none());
+}
+
+/// Proves: points kept and overlap are those of comparing all points with all, on any number of threads, with pieces and parts of cells
+/// that end anywhere.
+#[test]
+fn fusing_equals_brute_force_on_any_number_of_threads() {
+    let mut noise = Noise(7);
+    let mut cloud = |count: u32, depth: f64| -> Vec<Point> {
+        let point = |pixel: u32| {
+            let place = [6.0 * noise.gauss(), 6.0 * noise.gauss(), depth + 0.2 * noise.gauss()];
+            let normal = Vector3::new(0.3 * noise.gauss(), 0.3 * noise.gauss(), 1.0).normalize();
+            let normal = [normal.x as f32, normal.y as f32, normal.z as f32];
+            Point { position_mm: place, normal, sigma_mm: 0.01, pixel, ..bytemuck::Zeroable::zeroed() }
+        };
+        (0..count).map(point).collect()
+    };
+    let (mut a, b) = (cloud(PIECE as u32 + 900, 0.0), cloud(2500, 0.1));
+    a[17].position_mm[1] = f64::INFINITY;
+    a[18].normal = [0.0; 3];
+    let settings = FusionSettings { radius_mm: Some(0.5), ..FusionSettings::default() };
+    let near = |p: &Point, q: &Point| distance2(&p.position_mm, &q.position_mm) <= 0.25;
+    let stays = |p: &&Point| is_finite(p) && a.iter().chain(&b).filter(|q| near(p, q)).count() > 4;
+    let [left, right]: [Vec<Point>; 2] = [&a, &b].map(|cloud| cloud.iter().filter(stays).copied().collect());
+    let cosine = crate::math::cos(30.0_f64.to_radians());
+    let distance = |p: &Point| {
+        let normal = p.normal_vector();
+        let beside = right.iter().filter(|q| near(p, q) && normal.dot(&q.normal_vector()) >= cosine);
+        let all: Vec<f64> =
+            beside.map(|q| 0.5 * (normal + q.normal_vector()).dot(&(p.position() - q.position()))).collect();
+        (all.len() >= 6 && normal != Vector3::zeros()).then(|| all.iter().sum::<f64>() / all.len() as f64)
+    };
+    let distances: Vec<f64> = left.iter().filter_map(distance).collect();
+    let mean = distances.iter().sum::<f64>() / distances.len() as f64;
+    let mut seen = None;
+    for threads in 1..=3 {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut out = Vec::new();
+        let report = pool.install(|| fuse(&[&a, &b], &settings, &mut out));
+        assert_eq!(out, [left.clone(), right.clone()].concat());
+        assert_eq!(report.overlaps[0].count as usize, distances.len());
+        assert!(distances.len() > 200 && report.removed[0] > 100, "{report:?}");
+        assert!((report.overlaps[0].mean_mm - mean).abs() < 1e-13, "{report:?}, {mean}");
+        let first = seen.get_or_insert(report.clone());
+        assert_eq!(*first, report, "{threads} threads");
+    }
 }

@@ -25,7 +25,7 @@ const SETTLED: f64 = 0.9;
 const TERMINAL_RESIDUAL: f64 = 1e-7;
 
 /// A surface or curve with P free parameters, given in a chart about its present state.
-pub(super) trait Model<const P: usize>: Clone {
+pub(super) trait Model<const P: usize>: Clone + Sync {
     /// Signed distance of a point, mm.
     fn deviation(&self, point: &Vector3<f64>) -> f64;
     /// Residuals of a point with their derivatives by the chart's parameters; their squares are what is minimised.

@@ -9,7 +9,7 @@ use nalgebra::{SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::adjust::{Adjusted, Model, singular};
-use super::cells::cells_of;
+use super::cells::Cubes;
 use super::correlation::estimate;
 use super::{Correlation, FitError, FitSettings};
 
@@ -92,7 +92,7 @@ fn cell_scores<M: Model<P>, const P: usize>(
     points: &[Vector3<f64>],
     edge_mm: f64,
 ) -> (SMatrix<f64, P, P>, usize) {
-    let keyed = cells_of(points, edge_mm);
+    let keyed = Cubes::new(points).members(edge_mm);
     let mut meat = SMatrix::zeros();
     let mut cells = 0;
     for cell in keyed.chunk_by(|a, b| a.0 == b.0) {

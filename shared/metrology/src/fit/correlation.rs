@@ -14,7 +14,7 @@
 use nalgebra::{Cholesky, SMatrix, SVector, Vector3};
 
 use super::adjust::Model;
-use super::cells::cells_of;
+use super::cells::Cubes;
 use fringe::math::statistics::median;
 
 /// Most cells: half a million pairs, some four milliseconds. Finer cells stated the same uncertainties on a hundred
@@ -162,22 +162,23 @@ fn gather<const P: usize>(rows: Rows<'_, P>, points: &[Vector3<f64>]) -> Vec<Cel
     if points.len() <= MOST_CELLS {
         return (0..points.len() as u32).map(|index| cell(rows, points, &[(0, index)])).collect();
     }
-    let extent_mm = extent_mm(points);
+    let cubes = Cubes::new(points);
+    let extent_mm = cubes.extent_mm();
     let mut edge_mm = extent_mm / 40.0;
-    let mut keyed = cells_of(points, edge_mm);
+    let mut count = cubes.count(edge_mm);
     for _ in 0..20 {
-        let count = keyed.chunk_by(|a, b| a.0 == b.0).count();
         if count <= MOST_CELLS && (2 * count > MOST_CELLS || edge_mm < 1e-6 * extent_mm) {
             break;
         }
         // Points on a surface fill cells as the square of the edge; a little coarser than that, to arrive below.
         edge_mm *= 1.05 * (count as f64 / MOST_CELLS as f64).sqrt();
-        keyed = cells_of(points, edge_mm);
+        count = cubes.count(edge_mm);
     }
-    while keyed.chunk_by(|a, b| a.0 == b.0).count() > MOST_CELLS {
+    while count > MOST_CELLS {
         edge_mm *= 1.5;
-        keyed = cells_of(points, edge_mm);
+        count = cubes.count(edge_mm);
     }
+    let keyed = cubes.members(edge_mm);
     let mut cells = Vec::with_capacity(MOST_CELLS);
     cells.extend(keyed.chunk_by(|a, b| a.0 == b.0).map(|members| cell(rows, points, members)));
     cells
@@ -234,8 +235,18 @@ fn correlogram<const P: usize>(cells: &[Cell<P>]) -> (Vec<Bin<P>>, f64) {
     // Curves have two residuals a point, surfaces one.
     let rows = if cells.iter().any(|c| c.derivatives[1] != SVector::<f64, P>::zeros()) { 2 } else { 1 };
     let far = (width_mm * count as f64).powi(2);
+    // Cells come in the order of their first coordinate, but for the places within them.
+    let mut lowest_later: Vec<f64> = positions.iter().map(|p| p.x).collect();
+    for index in (1..lowest_later.len()).rev() {
+        lowest_later[index - 1] = lowest_later[index - 1].min(lowest_later[index]);
+    }
     for (index, first) in cells.iter().enumerate() {
-        for (second, position) in cells[index + 1..].iter().zip(&positions[index + 1..]) {
+        let reached = lowest_later[index + 1..].partition_point(|x| {
+            let along = x - first.position.x;
+            along <= 0.0 || along * along < far
+        });
+        let later = index + 1..index + 1 + reached;
+        for (second, position) in cells[later.clone()].iter().zip(&positions[later]) {
             let square = (first.position - position).norm_squared();
             if square >= far {
                 continue;
@@ -266,15 +277,26 @@ fn add_pair<const P: usize>(bin: &mut Bin<P>, first: &Cell<P>, second: &Cell<P>,
 
 /// Median distance of a position to its nearest neighbour, mm.
 fn spacing_mm(positions: &[Vector3<f64>]) -> f64 {
-    let mut nearest = vec![f64::INFINITY; positions.len()];
-    for (index, first) in positions.iter().enumerate() {
-        for (offset, second) in positions[index + 1..].iter().enumerate() {
-            let square = (first - second).norm_squared();
-            nearest[index] = nearest[index].min(square);
-            let other = &mut nearest[index + 1 + offset];
-            *other = other.min(square);
-        }
-    }
+    // Along the longest axis: what lies farther along it than the nearest so far lies farther.
+    let axis = (Cubes::new(positions).extent()).imax();
+    let mut sorted = positions.to_vec();
+    sorted.sort_unstable_by(|a, b| a[axis].total_cmp(&b[axis]));
+    let nearest_of = |index: usize| {
+        let here = &sorted[index];
+        let mut nearest = f64::INFINITY;
+        let mut walk = |other: &Vector3<f64>| {
+            let along = other[axis] - here[axis];
+            if along * along >= nearest {
+                return false;
+            }
+            nearest = nearest.min((here - other).norm_squared());
+            true
+        };
+        let _ended = sorted[index + 1..].iter().all(&mut walk);
+        let _ended = sorted[..index].iter().rev().all(&mut walk);
+        nearest
+    };
+    let mut nearest: Vec<f64> = (0..sorted.len()).map(nearest_of).collect();
     if nearest.len() < 2 {
         return 0.0;
     }

@@ -109,13 +109,56 @@ fn without_largest<M: Model<P>, const P: usize>(
     points: &[Vector3<f64>],
     rejected: usize,
 ) -> Vec<bool> {
-    let mut order: Vec<(f64, u32)> =
-        points.iter().enumerate().map(|(i, p)| (model.deviation(p).abs(), i as u32)).collect();
-    let kept = points.len() - rejected;
-    order.select_nth_unstable_by(kept, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let sizes: Vec<f64> = points.iter().map(|p| model.deviation(p).abs()).collect();
     let mut used = vec![true; points.len()];
+    if rejected == 0 {
+        return used;
+    }
+    // The largest are beyond twice the root mean square, as a rule: then only these are put in order.
+    let squares: f64 = sizes.iter().map(|s| s * s).sum();
+    let far = 2.0 * (squares / sizes.len().max(1) as f64).sqrt();
+    let numbered = || sizes.iter().copied().zip(0_u32..);
+    let mut order: Vec<(f64, u32)> = numbered().filter(|(size, _)| *size > far).collect();
+    if order.len() < rejected || squares.is_nan() {
+        order = numbered().collect();
+    }
+    let kept = order.len() - rejected;
+    if kept > 0 {
+        order.select_nth_unstable_by(kept, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    }
     for (_, index) in &order[kept..] {
         used[*index as usize] = false;
     }
     used
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::plane::Plane;
+    use super::super::tests::Noise;
+    use super::*;
+
+    /// Proves: the points left out are the last ones of all points in the order of their deviations, whether few lie far out or
+    /// most of them, and among equals.
+    #[test]
+    fn the_largest_go_whatever_their_distribution() {
+        let normal = Vector3::z();
+        let model = Plane { normal, tangents: [Vector3::x(), Vector3::y()], offset: 0.0 };
+        let mut noise = Noise(1);
+        let gauss: Vec<f64> = (0..1000).map(|_| noise.normal()).collect();
+        let stepped: Vec<f64> = gauss.iter().map(|v| v.round()).collect();
+        let flat: Vec<f64> = (0..1000).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+        let wrong: Vec<f64> = gauss.iter().map(|v| if *v > 2.0 { f64::NAN } else { *v }).collect();
+        for heights in [gauss, stepped, flat, wrong] {
+            let points: Vec<Vector3<f64>> = heights.iter().map(|z| Vector3::new(0.0, 0.0, *z)).collect();
+            for rejected in [0, 1, 3, 50, 400, 1000] {
+                let mut order: Vec<usize> = (0..1000).collect();
+                order.sort_by(|a, b| heights[*a].abs().total_cmp(&heights[*b].abs()).then(a.cmp(b)));
+                let used = without_largest(&model, &points, rejected);
+                let left_out = order.iter().skip(1000 - rejected);
+                assert!(left_out.clone().all(|i| !used[*i]), "{rejected} rejected");
+                assert_eq!(used.iter().filter(|used| !**used).count(), rejected);
+            }
+        }
+    }
 }

@@ -145,9 +145,10 @@ fn check_diameter(diameter_mm: f64) -> Result<(), FitError> {
 
 /// Root mean square distance of the points from their centroid, mm.
 fn spread<M, const P: usize>(solution: &Solution<M, P>, points: &[Point3<f64>]) -> f64 {
+    let centroid = solution.centroid;
     let squares: f64 = tree(
         points,
-        &|leaf| leaf.iter().map(|p| (p.coords - solution.centroid).norm_squared()).sum(),
+        &|leaf| leaf.iter().map(|p| (p.coords - centroid).norm_squared()).sum(),
         &|a: f64, b: f64| a + b,
     );
     (squares / points.len().max(1) as f64).sqrt()

@@ -5,9 +5,11 @@
 //! rounds use the plan's own margins and free diameters, until the pose stands still.
 
 use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
 
 use super::MeasureError;
-use super::fit_element::{PLACING, REACH_MARGINS, Sample, choose, fit, gather, positions, thinned};
+use super::fit_element::{PLACING, REACH_MARGINS, choose, fit, positions, thinned};
+use super::gather::gather;
 use super::geometry::Geometry;
 use super::plan::{Datums, Element, Plan};
 use super::region::Region;
@@ -97,20 +99,17 @@ pub(super) fn align(plan: &Plan, datums: &Datums, cloud: &[Point]) -> Result<Pla
         .iter()
         .map(|i| Region::new(&plan.elements[*i], REACH_MARGINS * plan.elements[*i].margin_mm, 0.0))
         .collect();
-    let numbered = cloud.iter().enumerate().map(|(i, p)| (i as u32, p));
-    let gathered = gather(numbered, &coarse.inverse(), &regions);
+    let gathered = gather(cloud, 1, &coarse.inverse(), &regions);
     let mut world_from_part = coarse;
     let mut moved_mm = f64::INFINITY;
     for round in 1..=FINE_ROUNDS {
         let part_from_coarse = world_from_part.inverse().after(&coarse);
-        let samples: Vec<Vec<Sample>> =
-            gathered.iter().map(|list| transformed(list, &part_from_coarse)).collect();
-        let found = find_datums(datums, &indices, &nominal, |slot| {
+        let found = find_datums(datums, &indices, &nominal, &|slot| {
             let element = &plan.elements[indices[slot]];
             let region = Region::new(element, element.margin_mm, 0.0);
-            let chosen = choose(element, &region, &samples[slot], element.min_points)?;
-            fit(element, &positions(&samples[slot], &thinned(&chosen, &samples[slot], FINE_POINTS)), PLACING)
-                .map(Place::from)
+            let limits = (element.min_points, FINE_POINTS);
+            let thin = thinned(element, &region, &gathered[slot], Some(&part_from_coarse), limits)?;
+            fit(element, &thin, PLACING).map(Place::from)
         })?;
         let correction = correction(&nominal, &found)?;
         world_from_part = world_from_part.after(&correction);
@@ -191,9 +190,8 @@ fn search(
             .map(|i| &plan.elements[*i])
             .map(|e| Region::new(e, margin_mm.max(e.margin_mm), widen_rad))
             .collect();
-        let thin = cloud.iter().enumerate().step_by(stride).map(|(i, p)| (i as u32, p));
-        let samples = gather(thin, &pose.inverse(), &regions);
-        let found = find_datums(datums, &indices, nominal, |slot| {
+        let samples = gather(cloud, stride, &pose.inverse(), &regions);
+        let found = find_datums(datums, &indices, nominal, &|slot| {
             let element = &plan.elements[indices[slot]];
             let needs = (element.min_points / stride).max(COARSE_LEAST);
             let chosen = choose(element, &regions[slot], &samples[slot], needs)?;
@@ -246,19 +244,22 @@ fn element_indices(datums: &Datums) -> [usize; 4] {
     [datums.plane, datums.line[0], datums.line[1], datums.origin]
 }
 
-/// Looks for all datums; an element that serves twice is fitted once.
+/// Looks for all datums, side by side; an element that serves twice is fitted once.
 fn find_datums(
     datums: &Datums,
     indices: &[usize; 4],
     nominal: &DatumPlaces,
-    mut place: impl FnMut(usize) -> Result<Place, MeasureError>,
+    place: &(impl Fn(usize) -> Result<Place, MeasureError> + Sync),
 ) -> Result<DatumPlaces, MeasureError> {
     let mut found = *nominal;
-    for slot in 0..indices.len() {
-        let earlier = indices[..slot].iter().position(|i| *i == indices[slot]);
-        match earlier {
-            Some(earlier) if slot == 3 => found.origin = found.line[earlier - 1],
-            _ => match place(slot)? {
+    let earlier = |slot: usize| indices[..slot].iter().position(|i| *i == indices[slot]);
+    let new = |slot: usize| !(slot == 3 && earlier(slot).is_some());
+    let mut places = [None, None, None, None];
+    places.par_iter_mut().enumerate().for_each(|(slot, found)| *found = new(slot).then(|| place(slot)));
+    for (slot, place) in places.into_iter().enumerate() {
+        match place {
+            None => found.origin = found.line[earlier(slot).unwrap_or(1) - 1],
+            Some(place) => match place? {
                 Place::Plane { normal, point } => (found.normal, found.plane_point) = (normal, point),
                 Place::Centre(center) if slot == 3 => found.origin = center,
                 Place::Centre(center) => found.line[slot - 1] = center,
@@ -292,14 +293,4 @@ fn motion_mm(plan: &Plan, datums: &Datums, motion: &Pose) -> f64 {
         }
         other => most.max(moved(&other.place().coords)),
     })
-}
-
-/// Samples in another frame.
-fn transformed(samples: &[Sample], motion: &Pose) -> Vec<Sample> {
-    let moved = |s: &Sample| Sample {
-        index: s.index,
-        position: motion.point(&s.position),
-        normal: motion.rotation * s.normal,
-    };
-    samples.iter().map(moved).collect()
 }

@@ -6,8 +6,9 @@ use super::characteristic::{Characteristic, Extracted, Kind};
 use super::criterion::Criterion;
 use super::extracted;
 use super::filter::filtered;
-use super::fit_element::{Measured, REACH_MARGINS, about, gather, measure};
+use super::fit_element::{Measured, REACH_MARGINS, about, measure};
 use super::flatness::u_range_mm;
+use super::gather::gather;
 use super::joint::{Joint, Part};
 use super::location;
 use super::plan::{Feature, Plan, Quantity};
@@ -24,6 +25,7 @@ use crate::verdict::{decide, overall};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 /// Inspects a cloud in the world frame.
 ///
@@ -43,7 +45,7 @@ pub fn evaluate(plan: &Plan, cloud: &[Point]) -> InspectionResult {
     };
     let joint = (!plan.characteristics.is_empty() || !plan.constructed.is_empty())
         .then(|| Joint::new(plan, &elements));
-    let measured = plan.features.iter().map(|f| feature(plan, f, &elements, joint.as_ref()));
+    let measured = plan.features.par_iter().map(|f| feature(plan, f, &elements, joint.as_ref()));
     let features: Vec<FeatureResult> = measured.collect();
     let constructed = joint.as_ref().map(constructed_results).unwrap_or_default();
     drop(joint);
@@ -114,14 +116,13 @@ fn place(plan: &Plan, cloud: &[Point]) -> Result<PlacedPart, MeasureError> {
     align(plan, datums, cloud)
 }
 
-/// Fits all elements of the plan.
+/// Fits all elements of the plan, side by side.
 fn fit_elements(plan: &Plan, cloud: &[Point], world_from_part: &Pose) -> Vec<Outcome> {
     let regions: Vec<Region> =
         plan.elements.iter().map(|e| Region::new(e, REACH_MARGINS * e.margin_mm, 0.0)).collect();
-    let numbered = cloud.iter().enumerate().map(|(i, p)| (i as u32, p));
-    let samples = gather(numbered, &world_from_part.inverse(), &regions);
+    let samples = gather(cloud, 1, &world_from_part.inverse(), &regions);
     let correlation = plan.settings.cluster_mm.map_or(Correlation::Estimated, Correlation::Cells);
-    let fitted = plan.elements.iter().zip(&samples);
+    let fitted = plan.elements.par_iter().zip(&samples);
     fitted.map(|(e, s)| measure(e, s, correlation).map_err(|error| error.to_string())).collect()
 }
 

@@ -135,25 +135,27 @@ fn level(cells: &mut [Cell]) -> Option<Matrix2<f64>> {
 /// The squares that hold points, in the order of their keys; sums in the order of the points.
 fn cells(across_mm: &[[f64; 2]], deviation_mm: &[f64], filter_mm: f64) -> Vec<Cell> {
     // A quotient beyond the integers ends at their border: such a cell is too small to hold enough points anyway.
-    let half = |p: f64| (2.0 * p / filter_mm).floor().clamp(-1e15, 1e15) as i64;
-    let key = |place: &[f64; 2]| place.map(|p| half(p).div_euclid(2));
-    let quarter = |place: &[f64; 2]| place.iter().fold(0, |q, p| 2 * q + half(*p).rem_euclid(2) as usize);
-    let mut keyed: Vec<([i64; 2], usize)> =
-        across_mm.iter().zip(deviation_mm).enumerate().map(|(i, (p, _))| (key(p), i)).collect();
-    keyed.sort_unstable();
-    let groups = keyed.chunk_by(|a, b| a.0 == b.0);
+    let half = |p: f64| {
+        let quotient = (2.0 * p / filter_mm).clamp(-1e15, 1e15);
+        // The floor, without the call that it is on plain processors.
+        quotient as i64 - i64::from(quotient < (quotient as i64) as f64)
+    };
+    let key = |halves: &[i64; 2]| halves.map(|h| h.div_euclid(2));
+    let quarter = |halves: &[i64; 2]| halves.iter().fold(0, |q, h| 2 * q + h.rem_euclid(2) as usize);
+    let halves: Vec<[i64; 2]> = across_mm.iter().zip(deviation_mm).map(|(p, _)| p.map(half)).collect();
+    let order = ordered(&halves, key);
+    let groups = order.chunk_by(|a, b| key(&halves[*a as usize]) == key(&halves[*b as usize]));
     groups
         .map(|group| {
+            let members = || group.iter().map(|i| *i as usize);
             let count = group.len() as f64;
-            let sum: f64 = group.iter().map(|(_, i)| deviation_mm[*i]).sum();
-            let places: Vector2<f64> = group.iter().map(|(_, i)| Vector2::from(across_mm[*i])).sum();
+            let sum: f64 = members().map(|i| deviation_mm[i]).sum();
+            let places: Vector2<f64> = members().map(|i| Vector2::from(across_mm[i])).sum();
             let mut quarters = [0; 4];
-            for (_, i) in group {
-                quarters[quarter(&across_mm[*i])] += 1;
-            }
+            members().for_each(|i| quarters[quarter(&halves[i])] += 1);
             let fewest = quarters.into_iter().min().unwrap_or(0);
             Cell {
-                key: group[0].0,
+                key: key(&halves[group[0] as usize]),
                 points: group.len(),
                 fewest,
                 across_mm: places / count,
@@ -161,6 +163,42 @@ fn cells(across_mm: &[[f64; 2]], deviation_mm: &[f64], filter_mm: f64) -> Vec<Ce
             }
         })
         .collect()
+}
+
+/// Points in the order of their squares, those of a square in their own order: counted where the squares are few, sorted
+/// otherwise.
+fn ordered(halves: &[[i64; 2]], key: impl Fn(&[i64; 2]) -> [i64; 2]) -> Vec<u32> {
+    let (mut low, mut high) = ([i64::MAX; 2], [i64::MIN; 2]);
+    for key in halves.iter().map(&key) {
+        for axis in 0..2 {
+            (low[axis], high[axis]) = (low[axis].min(key[axis]), high[axis].max(key[axis]));
+        }
+    }
+    let [rows, columns] =
+        [0, 1].map(|axis| high[axis].saturating_sub(low[axis]).saturating_add(1).max(0) as usize);
+    let squares = rows.saturating_mul(columns);
+    if squares > 1024 + 4 * halves.len() {
+        let mut order: Vec<u32> = (0..halves.len() as u32).collect();
+        order.sort_unstable_by_key(|i| (key(&halves[*i as usize]), *i));
+        return order;
+    }
+    let square = |halves: &[i64; 2]| {
+        let key = key(halves);
+        (key[0] - low[0]) as usize * columns + (key[1] - low[1]) as usize
+    };
+    let mut starts = vec![0_u32; squares];
+    halves.iter().for_each(|halves| starts[square(halves)] += 1);
+    let mut total = 0;
+    for start in &mut starts {
+        total += std::mem::replace(start, total);
+    }
+    let mut order = vec![0; halves.len()];
+    for (halves, index) in halves.iter().zip(0..) {
+        let start = &mut starts[square(halves)];
+        order[*start as usize] = index;
+        *start += 1;
+    }
+    order
 }
 
 /// Median of the points of a cell; 0 without cells.

@@ -4,12 +4,12 @@ use nalgebra::{Point3, Vector3};
 
 use super::MeasureError;
 use super::associate::{associated, outlined};
+use super::gather::Sample;
 use super::geometry::Geometry;
 use super::plan::Element;
 use super::region::Region;
 use super::result::{DeviationPoint, FittedElement};
 use crate::fit::{self, Correlation, FitError, FitSettings};
-use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 
 /// Candidates are gathered, and elements are allowed to lie, within this many margins of their nominal place.
@@ -31,21 +31,10 @@ const PLACING_POINTS: usize = 4000;
 /// Rough fits place a region; their uncertainties are not used.
 pub(super) const PLACING: Correlation = Correlation::Independent;
 
-/// Initial capacity of a region's list of points: small lists would grow a dozen times in every cycle.
-const GATHERED: usize = 4096;
-
 /// Fewest points that thinning may leave.
 const THINNED_LEAST: usize = 500;
 
 const NOT_FINITE: &str = "its values or their uncertainties are not finite";
-
-/// A point of the cloud in the part frame.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Sample {
-    pub index: u32,
-    pub position: Vector3<f64>,
-    pub normal: Vector3<f64>,
-}
 
 /// A fitted element with its points.
 #[derive(Debug, Clone)]
@@ -56,25 +45,6 @@ pub(super) struct Measured {
     pub across_mm: Vec<[f64; 2]>,
     /// Points behind the fit in the part frame; of an outline those of its border.
     pub positions: Vec<Point3<f64>>,
-}
-
-/// One pass over the cloud: the points near each region, in the part frame, in the order of the cloud.
-pub(super) fn gather<'a>(
-    cloud: impl Iterator<Item = (u32, &'a Point)>,
-    part_from_world: &Pose,
-    regions: &[Region],
-) -> Vec<Vec<Sample>> {
-    let mut samples: Vec<Vec<Sample>> = regions.iter().map(|_| Vec::with_capacity(GATHERED)).collect();
-    for (index, point) in cloud {
-        let position = part_from_world.point(&Vector3::from(point.position_mm));
-        for (region, list) in regions.iter().zip(&mut samples) {
-            if region.holds_position(&position) {
-                let normal = part_from_world.rotation * point.normal_vector();
-                list.push(Sample { index, position, normal });
-            }
-        }
-    }
-    samples
 }
 
 /// The samples that belong to a region, as places in `samples`.
@@ -149,8 +119,8 @@ pub(super) fn measure(
     let nominal = Region::new(element, element.margin_mm, 0.0);
     let mut region = nominal.clone();
     for _ in 0..ROUNDS {
-        let chosen = choose(element, &region, samples, element.min_points)?;
-        let rough = fit(element, &positions(samples, &thinned(&chosen, samples, PLACING_POINTS)), PLACING)?;
+        let thin = thinned(element, &region, samples, None, (element.min_points, PLACING_POINTS))?;
+        let rough = fit(element, &thin, PLACING)?;
         check(element, &rough)?;
         let moved_mm = shift_mm(&region.geometry, &rough);
         region = about(&nominal, &rough);
@@ -172,14 +142,35 @@ pub(super) fn measure(
     Ok(Measured { fit: found, points, across_mm, positions: behind })
 }
 
-/// The chosen ones among every k-th sample, k such that `most` of all samples remain. The choice hangs on the samples'
-/// own places, so that a point that joins or leaves changes nothing but itself.
-pub(super) fn thinned(chosen: &[u32], samples: &[Sample], most: usize) -> Vec<u32> {
+/// Positions of the samples that belong to a region, among every k-th sample, k such that `most` of all samples remain, after a
+/// motion. The choice hangs on the samples' own places, so that a point that joins or leaves changes nothing but itself.
+///
+/// # Errors
+/// Fewer than `needs` of all samples belong to the region.
+pub(super) fn thinned(
+    element: &Element,
+    region: &Region,
+    samples: &[Sample],
+    motion: Option<&Pose>,
+    (needs, most): (usize, usize),
+) -> Result<Vec<Point3<f64>>, MeasureError> {
+    let moved = |sample: &Sample| motion.map_or(*sample, |motion| sample.moved(motion));
+    let holds =
+        |s: &Sample| region.holds_position(&s.position) && region.holds_normal(&s.position, &s.normal);
     let stride = samples.len().div_ceil(most).max(1);
-    let mut thin = Vec::with_capacity(chosen.len());
-    thin.extend(chosen.iter().copied().filter(|place| (*place as usize).is_multiple_of(stride)));
+    let mut thin = Vec::with_capacity(samples.len().div_ceil(stride));
+    let every = samples.iter().step_by(stride).map(moved).filter(holds);
+    thin.extend(every.map(|sample| Point3::from(sample.position)));
+    // Counted only as far as it must be.
+    let enough = || samples.iter().map(moved).filter(holds).take(needs).count() == needs;
+    if thin.len() >= THINNED_LEAST && (thin.len() >= needs || enough()) {
+        return Ok(thin);
+    }
     // Where most samples are clutter, few of the chosen would be left: then all of them are affordable.
-    if thin.len() < THINNED_LEAST { chosen.to_vec() } else { thin }
+    let all: Vec<Sample> = samples.iter().map(moved).collect();
+    let chosen = choose(element, region, &all, needs)?;
+    let thin: Vec<u32> = chosen.iter().copied().filter(|p| (*p as usize).is_multiple_of(stride)).collect();
+    Ok(positions(&all, if thin.len() < THINNED_LEAST { &chosen } else { &thin }))
 }
 
 /// The region about a fit.

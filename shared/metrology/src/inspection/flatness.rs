@@ -15,12 +15,15 @@ const TAIL_MOST: usize = 1000;
 /// points carry the information of one (variance with correlated noise over that of independent noise).
 pub(super) fn u_range_mm(deviations: &[f64], rejected: usize, effect: f64) -> f64 {
     let mut sizes: Vec<f64> = deviations.iter().map(|d| d.abs()).collect();
-    sizes.sort_unstable_by(|a, b| b.total_cmp(a));
     let kept = sizes.len().saturating_sub(rejected);
     let tail = (kept / TAIL_SHARE).clamp(TAIL_LEAST, TAIL_MOST).min(kept.saturating_sub(1));
     if tail == 0 {
         return 0.0;
     }
+    // The largest ones alone are needed in order.
+    let last = rejected + tail;
+    sizes.select_nth_unstable_by(last, |a, b| b.total_cmp(a));
+    sizes[..=last].sort_unstable_by(|a, b| b.total_cmp(a));
     // Normalised spacings between ranks rejected + 1 … rejected + tail + 1: their mean is β.
     let spacings = sizes[rejected..=rejected + tail].windows(2).enumerate();
     let beta = spacings.map(|(i, w)| (w[0] - w[1]) * (rejected + i + 1) as f64).sum::<f64>() / tail as f64;

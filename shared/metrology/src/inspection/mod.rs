@@ -7,6 +7,7 @@
 
 mod align;
 mod associate;
+mod bounds;
 mod characteristic;
 mod check;
 mod check_characteristics;
@@ -23,6 +24,7 @@ mod extracted;
 mod filter;
 mod fit_element;
 mod flatness;
+mod gather;
 mod geometry;
 mod joint;
 mod location;

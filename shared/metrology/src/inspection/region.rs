@@ -1,7 +1,8 @@
 //! Which points belong to an element.
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
+use super::bounds::Bounds;
 use super::geometry::{Exclusion, ExclusionShape, Geometry};
 use super::plan::Element;
 use super::result::FittedElement;
@@ -113,6 +114,39 @@ impl Region {
             _ => {}
         }
         self
+    }
+
+    /// A box that holds the region; `None` where only the surface itself tells.
+    pub fn bounds(&self) -> Option<Bounds> {
+        let margin = Vector3::repeat(self.margin_mm);
+        let flat = |at: &Point3<f64>, arms: [Vector3<f64>; 3]| {
+            Bounds::about(&at.coords, &arms.iter().map(Vector3::abs).sum())
+        };
+        match &self.geometry {
+            Geometry::Sphere { center_mm, radius_mm, .. } => {
+                Some(Bounds::about(&center_mm.coords, &margin.add_scalar(radius_mm.abs())))
+            }
+            Geometry::Plane { point_mm, normal, edges, half_size_mm, .. } => {
+                let [first, second] = [edges[0] * half_size_mm[0], edges[1] * half_size_mm[1]];
+                Some(flat(point_mm, [first, second, normal * self.margin_mm]))
+            }
+            Geometry::Cylinder { point_mm, axis, radius_mm, half_length_mm, .. } => {
+                let along = axis.abs() * *half_length_mm;
+                Some(Bounds::about(&point_mm.coords, &(margin + along).add_scalar(radius_mm.abs())))
+            }
+            Geometry::Torus { center_mm, ring_radius_mm, tube_radius_mm, .. } => {
+                let reach = ring_radius_mm.abs() + tube_radius_mm.abs();
+                Some(Bounds::about(&center_mm.coords, &margin.add_scalar(reach)))
+            }
+            Geometry::Line { point_mm, direction, normal, half_size_mm } => {
+                let across = direction.cross(normal) * half_size_mm[1];
+                Some(flat(point_mm, [direction * half_size_mm[0], across, normal * self.margin_mm]))
+            }
+            Geometry::Point { point_mm, radius_mm, .. } => {
+                Some(Bounds::about(&point_mm.coords, &margin.add_scalar(*radius_mm)))
+            }
+            Geometry::Cone { .. } | Geometry::Outline { .. } => None,
+        }
     }
 
     /// Whether a position lies in the region.

@@ -1,7 +1,7 @@
 //! The adjustment on NIST's nonlinear regression sets (StRD): any model whose rows are given, not only surfaces.
 
 use std::fmt::Write as _;
-use std::rc::Rc;
+use std::sync::Arc;
 
 use nalgebra::{SVector, Vector3};
 
@@ -20,7 +20,7 @@ const OUT_OF_REACH: [&str; 2] = ["Bennett5", "MGH10"];
 #[derive(Clone)]
 struct Curve<const P: usize> {
     parameters: SVector<f64, P>,
-    formula: Rc<Expression>,
+    formula: Arc<Expression>,
 }
 
 impl<const P: usize> Model<P> for Curve<P> {
@@ -44,7 +44,7 @@ impl<const P: usize> Model<P> for Curve<P> {
     }
 
     fn moved(&self, step: &SVector<f64, P>) -> Self {
-        Self { parameters: self.parameters + step, formula: Rc::clone(&self.formula) }
+        Self { parameters: self.parameters + step, formula: Arc::clone(&self.formula) }
     }
 }
 
@@ -93,7 +93,7 @@ fn digits<const P: usize>(set: &Set, start: usize) -> Result<[f64; 2], FitError>
     let mut names: Vec<String> = (1..=P).map(|i| format!("b{i}")).collect();
     names.extend(if set.formula.contains("x1") { ["x1", "x2"] } else { ["x", "unused"] }.map(String::from));
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let formula = Rc::new(Expression::parse(&set.formula, &names).expect("a formula"));
+    let formula = Arc::new(Expression::parse(&set.formula, &names).expect("a formula"));
     let parameters = SVector::<f64, P>::from_fn(|i, _| set.parameters[i][start]);
     let found = adjust("curve", Curve { parameters, formula }, &set.points)?;
     let variance = found.normal.sum / (found.normal.rows - P) as f64;

@@ -1,0 +1,108 @@
+//! Each kernel of a cycle once, on the demo's part at half resolution and one thread, for a program that counts instructions:
+//! `benches/counts.py`. Prints the kernels in their order, with what they gave.
+
+use anyhow::{Context, Result};
+use bytemuck::Zeroable;
+use files::config::Config;
+use files::scene_file::parse_scene;
+use fringe::cloud::Point;
+use fringe::decode::{DecodeSettings, Decoder};
+use fringe::frame::{FrameView, Pixels};
+use fringe::fusion::{Fuser, FusionSettings};
+use fringe::matching::{MatchSettings, Matcher};
+use fringe::pattern::{Axis, frame_count};
+use fringe::phase::PhaseMap;
+use metrology::inspection::evaluate;
+use std::path::Path;
+use twin::{PixelsMut, Twin, TwinSettings};
+
+/// Columns and rows of the cameras.
+const SIZE_PX: [u32; 2] = [562, 375];
+
+/// What is counted: everything that happens inside of this function.
+#[inline(never)]
+fn counted_kernel(kernel: &mut dyn FnMut() -> Result<()>) -> Result<()> {
+    kernel()
+}
+
+fn main() -> Result<()> {
+    rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread().build_global()?;
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let config = Config::load(&root.join("configs/demo.toml"))?;
+    let scene = parse_scene(&config.twin.context("the demo has a twin")?.scene)?;
+    let plan = config.cell.recipes.first().and_then(|recipe| recipe.plan.as_ref());
+    let plan = plan.context("the demo has a plan")?;
+    let rig = twin::thesis::rig(SIZE_PX[0], SIZE_PX[1]);
+    let twin = Twin::new(&scene, TwinSettings::default(), &rig)?;
+    let mut clouds = Vec::new();
+    for (number, pair) in rig.pairs.iter().enumerate() {
+        let left = decoded(&twin, &pair.left, &pair.projector, number == 0)?;
+        let right = decoded(&twin, &pair.right, &pair.projector, false)?;
+        let [first, second] = [&pair.left, &pair.right].map(|name| rig.camera(name).context("a camera"));
+        let mut matcher = Matcher::new(first?, second?, &MatchSettings::default())?;
+        let mut points = vec![Point::zeroed(); matcher.capacity()];
+        let mut count = 0;
+        let mut run = || {
+            count = matcher.run(&left.view(), &right.view(), number as u32, &mut points)?.points as usize;
+            Ok(())
+        };
+        if number == 0 {
+            named("match", &mut run)?
+        } else {
+            run()?
+        }
+        points.truncate(count);
+        clouds.push(points);
+    }
+    let slices: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
+    let mut fused = Vec::new();
+    let mut fuser = Fuser::default();
+    named("fuse", &mut || {
+        fuser.fuse(&slices, &FusionSettings::default(), &mut fused);
+        Ok(())
+    })?;
+    let mut verdict = String::new();
+    named("inspect", &mut || {
+        verdict = format!("{:?}", evaluate(plan, &fused).verdict);
+        Ok(())
+    })?;
+    println!("# {} points, verdict {verdict}", fused.len());
+    Ok(())
+}
+
+/// Counts a kernel and prints its name.
+fn named(name: &str, kernel: &mut dyn FnMut() -> Result<()>) -> Result<()> {
+    println!("{name}");
+    counted_kernel(kernel)
+}
+
+/// The phase of a camera.
+fn decoded(twin: &Twin, camera: &str, projector: &str, count: bool) -> Result<PhaseMap> {
+    let sequence = twin::thesis::sequence();
+    let view = twin.view_lit_by(camera, &[projector], 0)?;
+    let mut renderer = twin.renderer(projector, &sequence)?;
+    let [width_px, height_px] = SIZE_PX;
+    let mut frames = Vec::new();
+    for frame in 0..frame_count(&sequence) {
+        let mut pixels = vec![0; width_px as usize * height_px as usize];
+        renderer.render(&view, frame, PixelsMut::Mono8(&mut pixels))?;
+        frames.push(pixels);
+    }
+    let settings = DecodeSettings::default();
+    let mut decoder = Decoder::new(&sequence, width_px, height_px, 255, [608, 684], &settings)?;
+    let mut map = PhaseMap::new(decoder.info(Axis::X)?);
+    let mut run = || {
+        for (number, frame) in frames.iter().enumerate() {
+            let pixels = Pixels::Mono8(frame);
+            decoder.push(number, &FrameView { width_px, height_px, full_scale_dn: 255, pixels })?;
+        }
+        decoder.finish(Axis::X, &mut map.view_mut())?;
+        Ok(())
+    };
+    if count {
+        named("decode", &mut run)?
+    } else {
+        run()?
+    }
+    Ok(map)
+}

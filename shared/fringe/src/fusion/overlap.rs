@@ -1,0 +1,121 @@
+//! How two clouds agree where both see the part.
+
+use super::Overlap;
+use super::cells::{Cells, Grid};
+use super::sites::{Beside, Place};
+use crate::math::simd::vectorised;
+use fearless_simd::Level;
+use std::ops::Range;
+
+/// Which points of another cloud count beside a point.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Nearness {
+    /// Radius of a neighbourhood, mm.
+    pub radius_mm: f64,
+    /// Smallest cosine of the normals.
+    pub cosine: f64,
+    /// Fewest points.
+    pub fewest: u32,
+}
+
+/// Moments of the distances, in the order of the cells.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Distances {
+    count: u32,
+    mean: f64,
+    squares: f64,
+    max: f64,
+    weights: f64,
+    weighted: f64,
+    weighted_squares: f64,
+}
+
+impl Distances {
+    /// From the points in some cells of one cloud to the surface of another.
+    pub fn of(
+        (own, other): (&Cells, &Cells),
+        cells: Range<usize>,
+        grid: &Grid,
+        nearness: &Nearness,
+        level: Level,
+    ) -> Self {
+        let mut distances = Self::default();
+        own.sweep(cells, grid, other, |sites, runs| {
+            if runs.iter().any(|run| !run.is_empty()) {
+                vectorised!(level, distances.add_cell((own, other), sites, runs, nearness));
+            }
+        });
+        distances
+    }
+
+    /// Adds the distances of all points in a cell.
+    #[inline(always)]
+    fn add_cell(
+        &mut self,
+        (own, other): (&Cells, &Cells),
+        sites: Range<usize>,
+        runs: &[Range<usize>; 9],
+        nearness: &Nearness,
+    ) {
+        let limit_mm2 = nearness.radius_mm * nearness.radius_mm;
+        for site in sites {
+            let Some(place) = own.sites.place(site, limit_mm2, nearness.cosine) else { continue };
+            let mut beside = Beside::none();
+            for run in runs {
+                other.sites.add_beside(&place, run.start, run.end, &mut beside);
+            }
+            self.add_point(&place, &beside, nearness.fewest);
+        }
+    }
+
+    #[inline(always)]
+    fn add_point(&mut self, place: &Place, beside: &Beside, fewest: u32) {
+        let [count, distance, variance] = beside.sums();
+        if count >= f64::from(fewest.max(1)) {
+            let u = (place.sigma_mm * place.sigma_mm + variance / (count * count)).sqrt();
+            self.add(0.5 * distance / count, u);
+        }
+    }
+
+    /// Welford's update: no cancellation.
+    #[inline(always)]
+    fn add(&mut self, distance: f64, sigma: f64) {
+        self.count += 1;
+        let before = distance - self.mean;
+        self.mean += before / f64::from(self.count);
+        self.squares += before * (distance - self.mean);
+        self.max = self.max.max(distance.abs());
+        let weight = 1.0 / (sigma * sigma);
+        self.weights += weight;
+        self.weighted += weight * distance;
+        self.weighted_squares += weight * distance * distance;
+    }
+
+    /// Both together (Chan, Golub and LeVeque 1979).
+    pub fn join(&mut self, other: &Self) {
+        if other.count == 0 {
+            return;
+        }
+        let (own, more) = (f64::from(self.count), f64::from(other.count));
+        let (total, apart) = (own + more, other.mean - self.mean);
+        self.count += other.count;
+        self.mean += apart * (more / total);
+        self.squares += other.squares + apart * apart * (own * more / total);
+        self.max = self.max.max(other.max);
+        self.weights += other.weights;
+        self.weighted += other.weighted;
+        self.weighted_squares += other.weighted_squares;
+    }
+
+    /// What is reported of them.
+    pub fn overlap(&self, a: usize, b: usize) -> Overlap {
+        let n = f64::from(self.count);
+        let sd_mm = if self.count < 2 { 0.0 } else { (self.squares / (n - 1.0)).sqrt() };
+        // Σ w (d − m)² = Σ w d² − 2 m Σ w d + m² Σ w.
+        let m = self.mean;
+        let sum = self.weighted_squares - 2.0 * m * self.weighted + m * m * self.weights;
+        let ratio = (sum / n).sqrt();
+        let sd_over_sigma = (self.count > 1 && ratio.is_finite()).then_some(ratio);
+        Overlap { a, b, count: self.count, mean_mm: self.mean, sd_mm, max_mm: self.max, sd_over_sigma }
+    }
+}

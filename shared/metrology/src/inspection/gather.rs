@@ -1,0 +1,86 @@
+//! The points of a cloud near the regions of a plan: whole stretches of the cloud are passed over where no region lies.
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::bounds::Bounds;
+use super::region::Region;
+use fringe::cloud::Point;
+use fringe::geometry::pose::Pose;
+
+/// Points in a row that share a box: a piece of an image row, which is short and thin.
+const STRETCH: usize = 256;
+
+/// Parts of a cloud that threads take. Their number is fixed: the allocations of a cycle do not depend on the cloud.
+const PARTS: usize = 8;
+
+/// Initial capacity of a region's list of points: small lists would grow a dozen times in every cycle.
+const GATHERED: usize = 4096;
+
+/// A point of the cloud in the part frame.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    pub index: u32,
+    pub position: Vector3<f64>,
+    pub normal: Vector3<f64>,
+}
+
+impl Sample {
+    /// The same in another frame.
+    pub fn moved(&self, motion: &Pose) -> Self {
+        Self {
+            index: self.index,
+            position: motion.point(&self.position),
+            normal: motion.rotation * self.normal,
+        }
+    }
+}
+
+/// One pass over every `stride`-th point of a cloud: those near each region, in the part frame, in the order of the cloud.
+pub(super) fn gather(
+    cloud: &[Point],
+    stride: usize,
+    part_from_world: &Pose,
+    regions: &[Region],
+) -> Vec<Vec<Sample>> {
+    let bounds: Vec<Option<Bounds>> = regions.iter().map(Region::bounds).collect();
+    let taken = cloud.len().div_ceil(stride);
+    // The parts are cut by the length of the cloud alone, so their order is that of the cloud on any number of threads.
+    let length = taken.div_ceil(PARTS).max(1);
+    let part = |number: usize| {
+        let mut lists: Vec<Vec<Sample>> = regions.iter().map(|_| Vec::new()).collect();
+        let range = (number * length).min(taken)..((number + 1) * length).min(taken);
+        let mut positions = [Vector3::zeros(); STRETCH];
+        for first in range.clone().step_by(STRETCH) {
+            let numbers = first..(first + STRETCH).min(range.end);
+            let mut stretch = Bounds::default();
+            for (position, number) in positions.iter_mut().zip(numbers.clone()) {
+                *position = part_from_world.point(&Vector3::from(cloud[number * stride].position_mm));
+                stretch.add(position);
+            }
+            for ((region, bounds), list) in regions.iter().zip(&bounds).zip(&mut lists) {
+                if bounds.as_ref().is_some_and(|bounds| bounds.misses(&stretch)) {
+                    continue;
+                }
+                for (position, number) in positions.iter().zip(numbers.clone()) {
+                    if region.holds_position(position) {
+                        if list.is_empty() {
+                            list.reserve(GATHERED);
+                        }
+                        let index = number * stride;
+                        let normal = part_from_world.rotation * cloud[index].normal_vector();
+                        list.push(Sample { index: index as u32, position: *position, normal });
+                    }
+                }
+            }
+        }
+        lists
+    };
+    let parts: Vec<Vec<Vec<Sample>>> = (0..PARTS).into_par_iter().map(part).collect();
+    let join = |region: usize| {
+        let mut all = Vec::with_capacity(parts.iter().map(|lists| lists[region].len()).sum());
+        parts.iter().for_each(|lists| all.extend_from_slice(&lists[region]));
+        all
+    };
+    (0..regions.len()).into_par_iter().map(join).collect()
+}
