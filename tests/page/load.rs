@@ -90,7 +90,8 @@ pub fn viewed_beside<T>(cycles: usize, name: &str, others: impl FnOnce(&Page) ->
     let page = Page::start(Cell::played(&format!("{name}{cycles}"), 200.0, ""), &["--cycles", &count]);
     let viewers: Vec<_> = (0..10).map(|_| look(page.address)).collect();
     let others = others(&page);
-    assert_eq!(wait(page.run).status.code(), Some(0));
+    let ended = wait(page.run);
+    assert_eq!(ended.status.code(), Some(0), "{}", String::from_utf8_lossy(&ended.stderr));
     let seen: Vec<usize> = viewers.into_iter().map(|viewer| viewer.join().unwrap()).collect();
     assert!(seen.iter().sum::<usize>() > 10, "{seen:?}");
     assert_eq!(hashes(&page.cell, cycles), hashes(&alone, 2));

@@ -90,6 +90,11 @@ function runChart(lines, { limits, unit, digits, middle }) {
   picture.append(svg("path", { class: "axis", d: `M${left} 6V${height - bottom}H${width}` }));
   limits.forEach((limit) => across(limit, "limit"));
   if (!all.length) return picture;
+  // With one limit only, the value farthest from it gives the scale.
+  const far = all.map((p) => p[1]).reduce((a, b) => (Math.abs(b - limits[0]) > Math.abs(a - limits[0]) ? b : a));
+  if (limits.length === 1 && Math.abs(y(far) - y(limits[0])) > 12) {
+    picture.append(svg("text", { x: left - 5, y: y(far) + 4, "text-anchor": "end" }, num(far, Math.min(4, digits))));
+  }
   if (middle) picture.append(svg("path", { class: "mean", d: `M${left} ${y(mean(all.map((p) => p[1])))}H${width}` }));
   for (const { points, kind } of lines) {
     picture.append(svg("path", { class: kind, d: points.map((p, n) => `${n ? "L" : "M"}${x(p[0])} ${y(p[1])}`).join("") }));
