@@ -95,6 +95,7 @@ mod plan_patterns;
 mod point_lists;
 mod pose;
 mod proof;
+mod quadrants;
 mod real;
 mod record;
 mod rig_state;

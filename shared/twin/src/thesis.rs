@@ -81,16 +81,29 @@ fn projector(index: usize, azimuth_deg: f64) -> Named {
 /// The rig for cameras of a resolution: the field of view stays, so the focal length in pixels scales with the width.
 /// The thesis used 1124 × 750 (binned) of 4496 × 3000.
 pub fn rig(width_px: u32, height_px: u32) -> Rig {
-    let azimuths = [-HALF_BASE_DEG, HALF_BASE_DEG, 90.0 - HALF_BASE_DEG, 90.0 + HALF_BASE_DEG];
-    let cameras = azimuths.iter().enumerate().map(|(i, a)| camera(i, *a, width_px, height_px)).collect();
-    let projectors = [0.0, 90.0].iter().enumerate().map(|(i, a)| projector(i, *a)).collect();
+    rig_of_sides(2, width_px, height_px)
+}
+
+/// A rig with one to four such sides, 90° apart: of each a projector between two cameras. Four are the outlook of the thesis
+/// (section 7.2), which sees a part all around.
+pub fn rig_of_sides(sides: usize, width_px: u32, height_px: u32) -> Rig {
+    let azimuth_deg = |side: usize| 90.0 * side as f64;
+    let one = |i: usize| {
+        let to_side = if i.is_multiple_of(2) { -HALF_BASE_DEG } else { HALF_BASE_DEG };
+        camera(i, azimuth_deg(i / 2) + to_side, width_px, height_px)
+    };
     let pair = |i: usize| Pair {
         name: format!("pair{}", i + 1),
         left: format!("cam{}", 2 * i + 1),
         right: format!("cam{}", 2 * i + 2),
         projector: format!("proj{}", i + 1),
     };
-    Rig { cameras, projectors, pairs: vec![pair(0), pair(1)], ..Rig::default() }
+    Rig {
+        cameras: (0..2 * sides).map(one).collect(),
+        projectors: (0..sides).map(|i| projector(i, azimuth_deg(i))).collect(),
+        pairs: (0..sides).map(pair).collect(),
+        ..Rig::default()
+    }
 }
 
 /// The sequence of the demo: ten steps of 16 px, seven Gray bits of half a period, white, black; 19 frames.

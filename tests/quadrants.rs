@@ -1,0 +1,63 @@
+//! Eight cameras and four projectors around a part: all of it is seen, and all pairs agree.
+
+use crate::running::{Cell, json};
+use crate::support::{SMALL_PX, fringetool, root};
+use fringe::geometry::rig::Rig;
+
+fn config(name: &str) -> std::path::PathBuf {
+    root().join("configs").join(name)
+}
+
+fn write(path: &std::path::Path, rig: &Rig) {
+    files::rig_file::write_rig(path, rig, &toml::Table::new(), None).unwrap();
+}
+
+/// Proves: the rig file is the one that the documentation says it is.
+#[test]
+fn the_rig_of_quadrants_is_four_sides_of_the_thesis() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let path = folder.path().join("rig.toml");
+    write(&path, &twin::thesis::rig_of_sides(4, 1124, 750));
+    let kept = std::fs::read_to_string(config("quadrants-rig.toml")).unwrap();
+    assert!(kept.starts_with(&std::fs::read_to_string(path).unwrap()));
+}
+
+/// Proves: four pairs of small cameras measure together what two see half of, each two of them overlap without a step, and offline the
+/// recording gives the same cloud.
+#[test]
+fn four_pairs_see_a_part_all_around_and_agree() {
+    let cell = Cell::new("quadrants");
+    let path = |name: &str| cell.small.folder.path().join(name);
+    write(&path("quadrants-rig.toml"), &twin::thesis::rig_of_sides(4, SMALL_PX.0, SMALL_PX.1));
+    for name in ["quadrants.toml", "complex-artefact.plan.toml", "complex-artefact.scene.toml"] {
+        std::fs::copy(config(name), path(name)).unwrap();
+    }
+    let recording = cell.small.path("recording");
+    let ran = cell.run("quadrants.toml", &["--cycles", "1", "--record", &recording]);
+    assert!(matches!(ran.status.code(), Some(0 | 1)), "{}", String::from_utf8_lossy(&ran.stderr));
+    let result = json(&cell.out().join("result.json"));
+    assert_eq!(result["outcome"], "ok");
+    let overlaps = result["overlaps"].as_array().unwrap();
+    assert_eq!(overlaps.len(), 6, "each two of four pairs");
+    for overlap in overlaps {
+        let [count, mean_mm, sd_mm] = ["count", "mean_mm", "sd_mm"].map(|key| overlap[key].as_f64().unwrap());
+        assert!(count > 500.0 && mean_mm.abs() < 4.0 * sd_mm / count.sqrt() + 0.005, "{overlap}");
+    }
+    let cloud = cell.out().join("cloud.ply");
+    let points = files::ply::read_cloud(&cloud).unwrap().points;
+    // The flank of the hemisphere, quarter by quarter.
+    let mut quarters = [0; 4];
+    for point in &points {
+        let [x, y, z] = point.position_mm.map(f64::from);
+        if (x * x + y * y).sqrt() < 31.0 && (8.0..20.0).contains(&z) {
+            quarters[usize::from(x < 0.0) + 2 * usize::from(y < 0.0)] += 1;
+        }
+    }
+    assert!(quarters.iter().all(|count| *count > 50), "{quarters:?}");
+    let offline = cell.small.path("offline.ply");
+    let configuration = cell.small.path("quadrants.toml");
+    fringetool(&["reconstruct", "--config", &configuration, "--out", &offline, &recording]).expect_success();
+    let offline = files::ply::read_cloud(offline.as_ref()).unwrap().points;
+    let bytes = |points: &[fringe::cloud::Point]| bytemuck::cast_slice::<_, u8>(points).to_vec();
+    assert!(bytes(&offline) == bytes(&points), "live and offline clouds differ");
+}
