@@ -288,7 +288,9 @@ mod tests {
             for first in (0..own.len()).step_by(part) {
                 own.sweep(first..(first + part).min(own.len()), &grid, &other, |sites, runs| {
                     for at in sites {
-                        runs.iter().for_each(|run| swept.extend(near(&own, at, &other, run.clone(), limit)));
+                        for run in runs {
+                            swept.extend(near(&own, at, &other, run.clone(), limit));
+                        }
                     }
                 });
             }

@@ -1,5 +1,8 @@
 //! Points as the search sees them: each property a list of its own, so that eight of them are one step of a vector loop.
 
+// Without branches a loop vectorises.
+#![allow(clippy::needless_bitwise_bool)]
+
 use super::cells::clear_and_reserve;
 use crate::cloud::Point;
 
