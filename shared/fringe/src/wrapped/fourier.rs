@@ -11,12 +11,12 @@
 //! One frame does not show in which direction the phase rises; a second one of the set does, where there is one. Else it rises
 //! along +x (along +y for a carrier that runs down).
 //!
-//! σ counts the noise that passes the window, not what the part's edges leave in it: near edges the phase is worse than σ states,
+//! σ counts the noise that passes the window and what is left after the mean over a period is taken out, not what the part's edges leave in it: near edges the phase is worse than σ states,
 //! which is the method's weakness (section 2.1.4).
 
 use super::{Limits, Method, PixelPhase, Stack, WrapError, Wrapped};
 use crate::math::fourier::{Complex, Plan, inverse, inverse_2d, transform_2d};
-use crate::math::{cos, wrap_rad};
+use crate::math::{cos, sin, wrap_rad};
 use rayon::prelude::*;
 
 /// Fewest periods over the picture.
@@ -53,7 +53,7 @@ impl Picture {
     /// Lines less their mean, or less their mean over a period, padded with zeros to a power of two.
     fn lines(&self, period_px: Option<f64>) -> Vec<Vec<Complex>> {
         let padded = self.columns.next_power_of_two();
-        let width = period_px.map_or(self.columns, |px| (px.round() as usize).clamp(1, self.columns));
+        let width = period_px.map_or(self.columns, |px| mean_width(px, self.columns));
         let line = |row: &[f64]| {
             // Twice, so that nothing of a carrier is left whose period is no whole number.
             let mean = running_mean(&running_mean(row, width), width);
@@ -77,6 +77,20 @@ fn running_mean(values: &[f64], width: usize) -> Vec<f64> {
         (sums[first + width] - sums[first]) / width as f64
     };
     (0..values.len()).map(mean).collect()
+}
+
+/// Part of a frequency, periods per pixel, that is left where the mean over a period was taken out twice: one less the squared response of
+/// the mean over `width` values, sin(π f w) / (w sin(π f)).
+fn left_of_noise(frequency: f64, period_px: f64, columns: usize) -> f64 {
+    let width = mean_width(period_px, columns) as f64;
+    let (whole, one) = (sin(std::f64::consts::PI * frequency * width), sin(std::f64::consts::PI * frequency));
+    let mean = if one.abs() < 1e-12 { 1.0 } else { whole / (width * one) };
+    1.0 - mean * mean
+}
+
+/// Values of the mean over a period.
+fn mean_width(period_px: f64, columns: usize) -> usize {
+    (period_px.round() as usize).clamp(1, columns)
 }
 
 /// Largest of the values at most `reach` away along each line.
@@ -145,7 +159,9 @@ pub(super) fn rows(stack: &Stack, limits: &Limits) -> Result<Wrapped, WrapError>
         });
         lines.concat()
     };
-    let passed = weights.iter().map(|w| w * w).sum::<f64>() / padded as f64;
+    let left = |i: usize| left_of_noise(i as f64 / padded as f64, period_px, picture.columns);
+    let passed = |(i, w): (usize, &f64)| (w * left(i)) * (w * left(i));
+    let passed = weights.iter().enumerate().map(passed).sum::<f64>() / padded as f64;
     Ok(finish(stack, limits, &picture, &lobe, (passed, [period_px, 0.0])))
 }
 
@@ -173,7 +189,9 @@ pub(super) fn plane(stack: &Stack, limits: &Limits) -> Result<Wrapped, WrapError
         window(((x - fx) * (x - fx) + (y - fy) * (y - fy)).sqrt() / f0)
     };
     let weights: Vec<f64> = (0..width * height).into_par_iter().map(weight).collect();
-    let passed = weights.iter().map(|w| w * w).sum::<f64>() / (width * height) as f64;
+    let left = |i: usize| left_of_noise(frequency(i, width, height).0, 1.0 / fx.abs(), picture.columns);
+    let passed = |(i, w): (usize, &f64)| (w * left(i)) * (w * left(i));
+    let passed = weights.iter().enumerate().map(passed).sum::<f64>() / (width * height) as f64;
     let lobe = |frame| {
         let mut values = spectrum(&Picture::new(stack, frame, transposed), Some(1.0 / fx.abs()));
         values.iter_mut().zip(&weights).for_each(|(v, w)| *v = (v.0 * w, v.1 * w));
