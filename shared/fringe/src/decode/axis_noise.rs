@@ -1,5 +1,7 @@
 //! What the frames of one axis say of faults, motion and noise, and which noise model its phases get.
 
+use super::code_check::{Borders, Levels, code_frames};
+use super::dirt::code::{CodeFrame, CodeVerdict};
 use super::dirt::{self, Look};
 use super::micro::Micro;
 use super::motion;
@@ -9,7 +11,7 @@ use super::roles::{AxisPlan, Plan, SinePlan};
 use super::sensor_test::{self, NoiseTest};
 use super::spatial::{Places, sample_code, sample_phase};
 use super::sums::Clipping;
-use super::{Decoder, NoiseModel, NoiseSource};
+use super::{Decoder, NoiseModel, NoiseSource, Remedy};
 use crate::math::simd::vectorised;
 use std::sync::Arc;
 
@@ -25,12 +27,19 @@ pub(super) struct AxisState {
     pub estimate: Option<NoiseModel>,
     /// Whether neighbours were asked about it.
     pub settled: bool,
+    /// What was found in the frames of the code, where they were looked at.
+    pub code: Option<CodeVerdict>,
+    /// The frames of the code, with room to compare their levels and their fringes.
+    pub code_frames: Vec<CodeFrame>,
+    pub levels: Levels,
+    pub borders: Borders,
     pub ignored: Arc<[String]>,
 }
 
 impl AxisState {
     /// Nothing gathered yet of an axis of a plan, in images of `pixels` in rows of `width`.
     pub fn new(axis: &AxisPlan, plan: &Plan, width: usize, pixels: usize, clipped_dn: u16) -> Self {
+        let code_frames = code_frames(axis, &plan.homes);
         let sets: Vec<_> = axis.sines.iter().map(|slot| &plan.sines[*slot]).collect();
         Self {
             clipping: Clipping {
@@ -47,8 +56,20 @@ impl AxisState {
             open_sets: sets.len(),
             estimate: None,
             settled: false,
+            code: None,
+            levels: Levels::of(code_frames.len()),
+            code_frames,
+            borders: Borders::of(axis),
             ignored: axis.ignored.as_slice().into(),
         }
+    }
+}
+
+impl AxisState {
+    /// Whether a frame of the code is wrong that nothing makes up for.
+    pub fn has_wrong_frames(&self) -> bool {
+        let wrong = |verdict: &CodeVerdict| verdict.findings.iter().any(|found| found.remedy == Remedy::None);
+        self.code.as_ref().is_some_and(wrong)
     }
 }
 

@@ -38,6 +38,7 @@ mod carrier;
 pub mod chain;
 mod clipped;
 mod coarse;
+mod code_check;
 mod continuity;
 mod diagnose;
 mod dirt;
@@ -75,7 +76,7 @@ mod verdict;
 pub use crate::sensor::CameraNoise;
 pub use continuity::Continuity;
 pub use diagnose::Diagnosis;
-pub use dirt::{Fault, Finding};
+pub use dirt::{Fault, Finding, Remedy};
 pub use error::DecodeError;
 pub use exposures::{Exposed, merge_exposures};
 pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
@@ -207,6 +208,7 @@ impl Decoder {
             axis.open_sets = plan.sines.len();
             axis.estimate = None;
             axis.settled = false;
+            axis.code = None;
         }
     }
 
@@ -269,7 +271,32 @@ impl Decoder {
             return Err(DecodeError::Disorder { axis, residual });
         }
         self.estimate_from_neighbours(home);
+        if self.plan.axes[home].sines.is_empty() {
+            self.mend_code(home, out)?;
+        }
+        let mut report = self.pass(home, out);
+        if self.suspects_code(home, &report, out) || self.axes[home].has_wrong_frames() {
+            decode_blocks(&self.kernel(home, &self.plan.axes[home]), self.level, out);
+            self.mend_code(home, out)?;
+            report = self.pass(home, out);
+        }
+        self.mask_undemanded(home, &mut report, out);
+        if !self.plan.axes[home].sines.is_empty() {
+            self.check_code(home, &report, out)?;
+        }
+        let of_code = self.axes[home].code.iter().flat_map(|verdict| &verdict.findings);
+        let of_sines = self.plan.axes[home].sines.iter().flat_map(|s| &self.findings[*s]);
+        report.findings = of_sines.chain(of_code).copied().collect();
+        report.sensor.noise = self.noise_test(&self.axes[home]);
+        report.motion = self.motion(home, out);
+        (report.footprint_px, report.sensor.footprint) = self.remove_footprint(home, out)?;
+        Ok(report)
+    }
+
+    /// Decodes an axis from the stored frames, pixels first, then with their neighbours.
+    fn pass(&mut self, home: usize, out: &mut PhaseViewMut) -> DecodeReport {
         let plan = &self.plan.axes[home];
+        let axis = plan.axis;
         let kernel = self.kernel(home, plan);
         let (mut tally, noise) = (decode_blocks(&kernel, self.level, out), kernel.noise);
         let verdicts = if plan.chain.is_some() {
@@ -295,13 +322,8 @@ impl Decoder {
         let mut report = verdicts.report(tally, noise, Arc::clone(&self.axes[home].ignored));
         if !self.plan.axes[home].sines.is_empty() {
             report.continuity = Continuity::of(out, self.level);
-            report.check_orders(axis, self.settings.max_contradiction)?;
         }
-        report.findings = self.plan.axes[home].sines.iter().flat_map(|s| self.findings[*s].clone()).collect();
-        report.sensor.noise = self.noise_test(&self.axes[home]);
-        report.motion = self.motion(home, out);
-        (report.footprint_px, report.sensor.footprint) = self.remove_footprint(home, out)?;
-        Ok(report)
+        report
     }
 
     /// Number of an axis whose frames have all landed.

@@ -35,8 +35,13 @@ impl Plan {
             }
         }
         let sets = Sets { list: sequence, first_frame, order: settings.order, fuse: settings.fuse };
-        let mut plan =
-            Self { roles: vec![Role::Ignored; count], sines: Vec::new(), stored: 0, axes: Vec::new() };
+        let mut plan = Self {
+            roles: vec![Role::Ignored; count],
+            sines: Vec::new(),
+            stored: 0,
+            homes: Vec::new(),
+            axes: Vec::new(),
+        };
         let mut used = vec![false; sequence.len()];
         for (axis, extent_px) in [(Axis::X, extent_px[0]), (Axis::Y, extent_px[1])] {
             if let Some(axis_plan) = plan.axis(&sets, axis, extent_px, &mut used)? {
@@ -276,6 +281,7 @@ impl Plan {
         let first = self.reserve(frames);
         for step in 0..frames {
             self.roles[first_frame + step] = Role::Stored(first + step);
+            self.homes[first + step] = (index, step);
         }
         first
     }
@@ -284,6 +290,7 @@ impl Plan {
     fn reserve(&mut self, frames: usize) -> usize {
         let first = self.stored;
         self.stored += frames;
+        self.homes.resize(self.stored, (0, 0));
         first
     }
 

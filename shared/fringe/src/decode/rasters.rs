@@ -52,6 +52,22 @@ impl Rasters {
         (self.value(one, pixels, index), self.value(other, pixels, index))
     }
 
+    /// Grey values of a kept frame.
+    pub fn taken(&self, one: usize, pixels: usize) -> Vec<u16> {
+        (0..pixels).map(|index| self.value(one, pixels, index)).collect()
+    }
+
+    /// Writes a kept frame anew, up to the largest value that is stored.
+    pub fn put(&mut self, one: usize, pixels: usize, value: impl Fn(usize) -> u16) {
+        let range = one * pixels..(one + 1) * pixels;
+        match self {
+            Self::Bytes(kept) => {
+                kept[range].iter_mut().enumerate().for_each(|(i, kept)| *kept = value(i).min(255) as u8);
+            }
+            Self::Words(kept) => kept[range].iter_mut().enumerate().for_each(|(i, kept)| *kept = value(i)),
+        }
+    }
+
     /// Copies a frame whose values do not exceed full scale.
     pub fn keep(&mut self, index: usize, pixels: Pixels) {
         let range = index * pixels.len()..(index + 1) * pixels.len();

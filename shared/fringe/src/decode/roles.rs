@@ -187,6 +187,8 @@ pub struct Plan {
     pub sines: Vec<SinePlan>,
     /// Number of stored rasters.
     pub stored: usize,
+    /// Set and step of each stored raster, from 0; (0, 0) where it is a step of a sine.
+    pub homes: Vec<(usize, usize)>,
     /// Axes, x before y.
     pub axes: Vec<AxisPlan>,
 }

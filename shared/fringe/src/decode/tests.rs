@@ -1,5 +1,6 @@
 //! Tests of the decoder on frames rendered from the pattern definitions.
 
+mod code_dirt;
 mod codecs;
 mod diagnose;
 mod dirt;
@@ -19,6 +20,7 @@ use crate::pattern::{Code, Direction, Threshold};
 use crate::phase::PhaseMap;
 
 /// What the camera sees: one projector coordinate per pixel, ambient and projected light.
+#[derive(Clone)]
 struct Scene {
     width: usize,
     coordinates_px: Vec<f64>,

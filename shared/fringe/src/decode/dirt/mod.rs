@@ -12,6 +12,7 @@
 //! eight the frames do not follow the sequence, and nothing is changed. Of three or four frames a pixel alone does not tell which one is bad;
 //! there whole fringes tell it (`moments`).
 
+pub mod code;
 mod moments;
 mod rows;
 mod subspace;
@@ -58,6 +59,44 @@ pub enum Fault {
     Moved(f64),
     /// One frame shows something else in places.
     Strange,
+    /// A frame of a code is brighter (or darker) as a whole, by this share of the step from dark to light.
+    Level(f64),
+    /// The stripes of a frame stand beside where they should, projector pixels.
+    Shifted(f64),
+    /// Light and dark of a frame are exchanged.
+    Inverse,
+    /// A frame shows what that of another set and step should, both from 0.
+    Shows(usize, usize),
+}
+
+/// What was done about a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Remedy {
+    /// The frame is not used.
+    LeftOut,
+    /// Level and contrast are those of the other frames.
+    Normalised,
+    /// The inverse frame stands for it.
+    Inverse,
+    /// Another frame shows what it should, and was taken.
+    OtherFrame,
+    /// Written as the phase and the other frames demand.
+    Phase,
+    /// Nothing that is left determines what it should show.
+    None,
+}
+
+impl fmt::Display for Remedy {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::LeftOut => "left out",
+            Self::Normalised => "normalised",
+            Self::Inverse => "its inverse is used",
+            Self::OtherFrame => "taken from where it is",
+            Self::Phase => "made up for by phase and other frames",
+            Self::None => "nothing makes up for it",
+        })
+    }
 }
 
 /// A fault, and where it is.
@@ -69,6 +108,8 @@ pub struct Finding {
     pub step: Option<usize>,
     /// What is wrong with it.
     pub fault: Fault,
+    /// What was done about it.
+    pub remedy: Remedy,
 }
 
 impl Finding {
@@ -80,6 +121,10 @@ impl Finding {
             Fault::Blurred(_) => "blurred",
             Fault::Moved(_) => "moved",
             Fault::Strange => "strange",
+            Fault::Level(_) => "level",
+            Fault::Shifted(_) => "shifted",
+            Fault::Inverse => "inverse",
+            Fault::Shows(..) => "exchanged",
         }
     }
 }
@@ -88,8 +133,12 @@ impl Fault {
     /// One number to sort faults by.
     fn size(&self) -> f64 {
         match self {
-            Self::Flicker(size) | Self::Blurred(size) | Self::Moved(size) => *size,
-            Self::Black | Self::Strange => 0.0,
+            Self::Flicker(size)
+            | Self::Blurred(size)
+            | Self::Moved(size)
+            | Self::Level(size)
+            | Self::Shifted(size) => *size,
+            Self::Black | Self::Strange | Self::Inverse | Self::Shows(..) => 0.0,
         }
     }
 }
@@ -110,6 +159,17 @@ impl fmt::Display for Fault {
                 rad.to_degrees()
             ),
             Self::Strange => f.write_str("shows something else than the others in places"),
+            Self::Level(share) => {
+                let sense = if *share > 0.0 { "brighter" } else { "darker" };
+                write!(
+                    f,
+                    "is {sense} as a whole, by {:.0} % of the step from dark to light",
+                    share.abs() * 100.0
+                )
+            }
+            Self::Shifted(px) => write!(f, "stands {px:+.1} projector pixels beside its stripes"),
+            Self::Inverse => f.write_str("shows light where it should be dark"),
+            Self::Shows(set, step) => write!(f, "shows what frame {} of set {} should", step + 1, set + 1),
         }
     }
 }
@@ -132,8 +192,7 @@ impl Finding {
 
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let done = if self.step.is_some() { "left out" } else { "normalised" };
-        write!(f, "{} {}; {done}", self.place(), self.fault)
+        write!(f, "{} {}; {}", self.place(), self.fault, self.remedy)
     }
 }
 
@@ -171,7 +230,10 @@ pub fn inspect(plan: &SinePlan, look: &Look) -> Option<Repair> {
     }
     let samples = Samples::new(plan, look)?;
     let nominal = nominal_columns(plan);
-    let found = |step, fault| Finding { set: plan.index, step, fault };
+    let found = |step: Option<usize>, fault| {
+        let remedy = if step.is_some() { Remedy::LeftOut } else { Remedy::Normalised };
+        Finding { set: plan.index, step, fault, remedy }
+    };
     let without = |findings: Vec<Finding>| {
         let bad =
             |step: usize| findings.iter().any(|found| found.step == Some(step) && !found.is_fatal(steps));

@@ -1,0 +1,345 @@
+//! When the frames of a code are looked at more closely, and with what.
+
+use super::axis_noise::AxisState;
+use super::block::state;
+use super::continuity::Continuity;
+use super::dirt::code::{self, CodeFrame, CodeLook, CodeVerdict, Shown};
+use super::report::DecodeReport;
+use super::roles::{AxisPlan, CodePlan, Reference, SineKind};
+use super::{DecodeError, Decoder, Remedy};
+use crate::math::statistics::median;
+use crate::phase::PhaseViewMut;
+use std::f32::consts::TAU;
+
+/// Jumps per wrap, and lit pixels without order, from which the code is looked at.
+const SUSPECT: f64 = 0.04;
+/// Levels of a frame that are off by more of the usual contrast make it suspect.
+const LEVEL: f64 = 0.2;
+const CONTRAST: f64 = 0.6;
+/// Clear of an edge by this part of a stripe a sample shows its level.
+const CLEAR_STRIPES: f64 = 0.3;
+/// Stripes of less than this part of a fringe are not looked at.
+const LEAST_STRIPE_PERIODS: f64 = 0.4;
+/// Fewest samples of a level.
+const LEAST: f64 = 100.0;
+/// One of so many rows and columns is walked along to see which fringes are neighbours.
+const LINES: usize = 8;
+/// Masked pixels in between that are passed over.
+const MOST_GAP: usize = 8;
+/// Fewest crossings to a fringe that is not the next.
+const LEAST_CROSSINGS: u32 = 12;
+/// A code without fringes of whose edges less than this share lead to the next stripe numbers nothing.
+const CONFIRMED_ALONE: f64 = 0.5;
+/// Where the frames confirm the order of less than this share of the pixels …
+const CONFIRMED: f64 = 0.5;
+/// … jumps and open orders are no edges of a part from this share on.
+const MOST_UNCONFIRMED: f64 = 0.1;
+
+impl Decoder {
+    /// Whether code and phase, or the levels of the code, differ from what clean frames give; asked once for each sequence.
+    pub(super) fn suspects_code(&mut self, home: usize, report: &DecodeReport, out: &PhaseViewMut) -> bool {
+        let plan = &self.plan.axes[home];
+        if plan.code.is_none() || plan.sines.is_empty() || self.axes[home].code.is_some() {
+            return false;
+        }
+        report.contradiction() > SUSPECT
+            || self.axes[home].borders.are_strange(out)
+            || self.levels_differ(home, out)
+    }
+
+    /// Looks at the frames of a code; `true` when some were wrong. The map must hold every pixel's own phase.
+    ///
+    /// # Errors
+    /// [`DecodeError::WrongCode`] where a frame is wrong that nothing makes up for.
+    pub(super) fn mend_code(&mut self, home: usize, out: &PhaseViewMut) -> Result<bool, DecodeError> {
+        if self.axes[home].code.is_none() {
+            let verdict = self.look_at_code(home, out);
+            self.axes[home].code = Some(verdict);
+        }
+        let axis = self.plan.axes[home].axis;
+        let verdict = self.axes[home].code.as_ref();
+        let findings = verdict.map_or(&[][..], |verdict| &verdict.findings);
+        if let Some(finding) = findings.iter().find(|finding| finding.remedy == Remedy::None) {
+            return Err(DecodeError::WrongCode { axis, finding: *finding });
+        }
+        if let Some(verdict) = verdict.filter(|verdict| verdict.confirmed < CONFIRMED_ALONE)
+            && self.plan.axes[home].sines.is_empty()
+        {
+            return Err(DecodeError::StrangeCode { axis, strange: 1.0 - verdict.confirmed });
+        }
+        Ok(!findings.is_empty())
+    }
+
+    /// Refuses orders that contradict the phase, the more strictly where the frames do not confirm them.
+    ///
+    /// # Errors
+    /// [`DecodeError::Contradiction`].
+    pub(super) fn check_code(
+        &mut self,
+        home: usize,
+        report: &DecodeReport,
+        out: &PhaseViewMut,
+    ) -> Result<(), DecodeError> {
+        let most = self.settings.max_contradiction;
+        let unconfirmed = self.axes[home].code.as_ref().is_some_and(|verdict| verdict.confirmed < CONFIRMED);
+        let strange = unconfirmed && self.axes[home].borders.are_strange(out);
+        let limit = if strange {
+            0.0
+        } else if unconfirmed {
+            most.min(MOST_UNCONFIRMED)
+        } else {
+            most
+        };
+        report.check_orders(self.plan.axes[home].axis, limit)
+    }
+
+    /// Masks pixels whose order is not the one that their region demands, where a frame of the code was wrong.
+    pub(super) fn mask_undemanded(&self, home: usize, report: &mut DecodeReport, out: &mut PhaseViewMut) {
+        let Some(verdict) = &self.axes[home].code else { return };
+        let turns_px = self.plan.axes[home].period_px;
+        let scale_px = (turns_px / std::f64::consts::TAU) as f32;
+        for (place, demanded_px) in verdict.demanded_px.iter().enumerate() {
+            let off_px = (out.phase_rad[place] * scale_px - demanded_px).abs();
+            if out.valid[place] == state::SURE && off_px > 0.5 * turns_px as f32 {
+                out.valid[place] = state::INVALID;
+                out.phase_rad[place] = f32::NAN;
+                out.sigma_rad[place] = f32::NAN;
+                report.valid -= 1;
+                report.ambiguous += 1;
+            }
+        }
+        if !verdict.demanded_px.is_empty() {
+            report.continuity = Continuity::of(out, self.level);
+        }
+    }
+
+    fn look_at_code(&mut self, home: usize, out: &PhaseViewMut) -> CodeVerdict {
+        let plan = &self.plan.axes[home];
+        let frames = self.axes[home].code_frames.clone();
+        let (middle_dn, contrast_dn) = self.code_levels(plan, out);
+        let look = CodeLook {
+            width: self.width_px as usize,
+            phase_rad: out.phase_rad,
+            middle_dn: &middle_dn,
+            contrast_dn: &contrast_dn,
+            period_px: plan.period_px,
+            extent_px: plan.extent_px,
+            frames: &frames,
+        };
+        if plan.sines.is_empty() {
+            code::mend_alone(&look, &mut self.rasters)
+        } else {
+            code::mend(&look, &mut self.rasters)
+        }
+    }
+
+    /// Grey value between light and dark, and half their difference: of the finest sine, which no frame of the code touches; of the code
+    /// where there is none.
+    fn code_levels(&self, plan: &AxisPlan, out: &PhaseViewMut) -> (Vec<f32>, Vec<f32>) {
+        let pixels = out.phase_rad.len();
+        let sine = plan
+            .sines
+            .first()
+            .filter(|slot| self.plan.sines[**slot].kind == SineKind::Plain && self.steps[**slot] >= 3);
+        if let Some(slot) = sine {
+            let steps = self.steps[*slot] as f32;
+            let middle =
+                (0..pixels).map(|place| self.sums[*slot].sum_at(&self.rasters, pixels, place) / steps);
+            return (middle.collect(), out.modulation.to_vec());
+        }
+        let mut scratch = Vec::new();
+        let levels = (0..pixels)
+            .map(|place| plan.code.map_or((0.0, 0.0), |code| self.code_level(&code, place, &mut scratch)));
+        levels.unzip()
+    }
+
+    /// The same of one pixel, from white and black or, bit by bit, from frame and inverse.
+    fn code_level(&self, code: &CodePlan, place: usize, scratch: &mut Vec<f64>) -> (f32, f32) {
+        let pixels = self.correction.len();
+        let pair = |one, other| {
+            let (a, b) = self.rasters.pair(one, other, pixels, place);
+            (f64::from(a), f64::from(b))
+        };
+        let least_dn = self.least_modulation_dn();
+        let (middle, contrast) = match code.reference {
+            Reference::WhiteBlack(white, black) => {
+                let (white, black) = pair(white, black);
+                (0.5 * (white + black), 0.5 * (white - black))
+            }
+            Reference::Complement(first) => {
+                let pairs = || (0..code.bits).map(|bit| pair(code.first + bit, first + bit));
+                scratch.clear();
+                scratch.extend(pairs().map(|(a, b)| 0.5 * (a + b)));
+                let middle = median(scratch).unwrap_or(0.0);
+                scratch.clear();
+                scratch.extend(pairs().map(|(a, b)| 0.5 * (a - b).abs()));
+                (middle, median(scratch).unwrap_or(0.0))
+            }
+            Reference::SineMean(_) => (0.0, 0.0),
+        };
+        (middle as f32, if contrast > least_dn { contrast as f32 } else { 0.0 })
+    }
+
+    /// Whether a frame is brighter or darker as a whole than the others, or has less contrast, at some pixels of the decoded map.
+    fn levels_differ(&mut self, home: usize, out: &PhaseViewMut) -> bool {
+        let (plan, mut levels) = (&self.plan.axes[home], std::mem::take(&mut self.axes[home].levels));
+        let axis = &self.axes[home];
+        let differ = self.compare_levels((plan, axis), out, &mut levels);
+        self.axes[home].levels = levels;
+        differ
+    }
+
+    fn compare_levels(
+        &self,
+        (plan, axis): (&AxisPlan, &AxisState),
+        out: &PhaseViewMut,
+        levels: &mut Levels,
+    ) -> bool {
+        let Some(slot) = plan.sines.first().filter(|slot| self.plan.sines[**slot].kind == SineKind::Plain)
+        else {
+            return false;
+        };
+        let (steps, pixels) = (f64::from(self.steps[*slot]), out.phase_rad.len());
+        if steps < 3.0 {
+            return false;
+        }
+        let scale_px = plan.period_px / std::f64::consts::TAU;
+        levels.own.clear();
+        // What defocus does to narrow stripes is no fault.
+        for frame in axis.code_frames.iter().filter(|frame| frame.is_wide(plan.period_px)) {
+            let Shown::Bit { code, .. } = frame.shown else { continue };
+            let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);
+            for place in axis.probe.positions.iter().copied().filter(|place| out.valid[*place] == state::SURE)
+            {
+                let (light, edge_px) = frame.shown.at(f64::from(out.phase_rad[place]) * scale_px);
+                if edge_px > CLEAR_STRIPES * code.stripe_px {
+                    let middle = f64::from(self.sums[*slot].sum_at(&self.rasters, pixels, place)) / steps;
+                    let value = f64::from(self.rasters.value(frame.raster, pixels, place));
+                    sums[usize::from(light)] += (value - middle) / f64::from(out.modulation[place]);
+                    counts[usize::from(light)] += 1.0;
+                }
+            }
+            levels
+                .own
+                .push([0, 1].map(|class| (counts[class] >= LEAST).then(|| sums[class] / counts[class])));
+        }
+        let Levels { own, scratch } = levels;
+        let mut usual = |class: usize| {
+            scratch.clear();
+            scratch.extend(own.iter().filter_map(|own| own[class]));
+            median(scratch)
+        };
+        let (Some(dark), Some(light)) = (usual(0), usual(1)) else { return false };
+        own.iter().any(|[own_dark, own_light]| {
+            let off = [own_dark.map(|own| own - dark), own_light.map(|own| own - light)];
+            let level = off.iter().flatten().sum::<f64>() / off.iter().flatten().count().max(1) as f64;
+            let contrast = own_dark.zip(*own_light).map_or(1.0, |(a, b)| (b - a) / (light - dark));
+            level.abs() > LEVEL * (light - dark) || contrast < CONTRAST
+        })
+    }
+}
+
+/// Levels of dark and light of each frame, where it has them, and room for their median.
+#[derive(Debug, Default)]
+pub(super) struct Levels {
+    own: Vec<[Option<f64>; 2]>,
+    scratch: Vec<f64>,
+}
+
+impl Levels {
+    /// Room for so many frames.
+    pub fn of(frames: usize) -> Self {
+        Self { own: Vec::with_capacity(frames), scratch: Vec::with_capacity(frames) }
+    }
+}
+
+/// All stored frames that the code of an axis rests on.
+pub(super) fn code_frames(plan: &AxisPlan, homes: &[(usize, usize)]) -> Vec<CodeFrame> {
+    let mut frames = Vec::new();
+    let mut levels = plan.levels.map(|levels| (levels.white, levels.black));
+    let mut add = |raster: usize, shown: Shown| {
+        let (set, step) = homes[raster];
+        frames.push(CodeFrame { raster, set, step, shown });
+    };
+    for code in plan.code.iter().chain(&plan.shifted) {
+        // Stripes finer than the cells of a fringe are edges everywhere.
+        let wide = |bit: &usize| {
+            let stripe_px = code.stripe_px * f64::from(1_u32 << (code.bits - 1 - bit));
+            plan.sines.is_empty() || stripe_px > LEAST_STRIPE_PERIODS * plan.period_px
+        };
+        for bit in (0..code.bits).filter(wide) {
+            add(code.first + bit, Shown::Bit { code: *code, bit, inverse: false });
+        }
+        match code.reference {
+            Reference::Complement(first) => {
+                for bit in (0..code.bits).filter(wide) {
+                    add(first + bit, Shown::Bit { code: *code, bit, inverse: true });
+                }
+            }
+            Reference::WhiteBlack(white, black) => levels = Some((white, black)),
+            Reference::SineMean(_) => {}
+        }
+    }
+    if let Some((white, black)) = levels {
+        add(white, Shown::White);
+        add(black, Shown::Black);
+    }
+    frames
+}
+
+/// Where fringes follow each other in the decoded map, and where others do: of each fringe, from the one before the projector on, crossings to the
+/// next and crossings to another.
+#[derive(Debug)]
+pub(super) struct Borders {
+    crossings: Vec<[u32; 2]>,
+}
+
+impl Borders {
+    /// Room for the fringes of a projector.
+    pub fn of(plan: &AxisPlan) -> Self {
+        let fringes =
+            if plan.period_px > 0.0 { (plan.extent_px / plan.period_px).ceil() as usize } else { 0 };
+        Self { crossings: vec![[0; 2]; fringes + 4] }
+    }
+
+    /// Walks along some rows and columns; whether the way to a next fringe leads elsewhere about as often.
+    fn are_strange(&mut self, map: &PhaseViewMut) -> bool {
+        let (width, height) = (map.info.width_px as usize, map.info.height_px as usize);
+        self.crossings.fill([0; 2]);
+        for row in (0..height).step_by(LINES) {
+            self.walk(map, (0..width).map(|column| row * width + column));
+        }
+        for column in (0..width).step_by(LINES) {
+            self.walk(map, (0..height).map(|row| row * width + column));
+        }
+        self.crossings.iter().any(|[next, other]| *other >= LEAST_CROSSINGS && 2 * other > *next)
+    }
+
+    fn walk(&mut self, map: &PhaseViewMut, places: impl Iterator<Item = usize>) {
+        let (mut last, mut gap) = (0.0, usize::MAX);
+        for place in places {
+            gap = gap.saturating_add(1);
+            if map.valid[place] != state::SURE {
+                continue;
+            }
+            let here = (map.phase_rad[place] / TAU).floor();
+            if gap <= MOST_GAP && here != last {
+                if (here - last).abs() == 1.0 {
+                    self.count(here.min(last), 0);
+                } else {
+                    // To which side the phase runs on is not known: the border is one of four.
+                    for fringe in [here, here - 1.0, last, last - 1.0] {
+                        self.count(fringe, 1);
+                    }
+                }
+            }
+            (last, gap) = (here, 0);
+        }
+    }
+
+    fn count(&mut self, fringe: f32, kind: usize) {
+        if let Some(crossings) = self.crossings.get_mut((fringe + 1.0).max(0.0) as usize) {
+            crossings[kind] += 1;
+        }
+    }
+}

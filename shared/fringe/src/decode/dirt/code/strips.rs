@@ -1,0 +1,390 @@
+//! Frames of a code drawn along the fringes of each region, and what they must show there.
+
+use super::regions::{NONE, Regions};
+use super::{CodeLook, Fault, Shown};
+use crate::decode::rasters::Rasters;
+use crate::math::statistics::median;
+
+/// Cells of a strip in one turn of the phase.
+const CELLS: usize = 8;
+/// Cells nearer to an edge of a stripe than this part of a period, or of the stripe, tell nothing.
+const EDGE_PERIODS: f64 = 0.1;
+const EDGE_STRIPES: f64 = 0.3;
+/// Frames that may contradict while the others find where a region begins; of fewer than five frames one.
+const MOST_WRONG: usize = 2;
+/// The other frames agree by this with the fringe at which a region begins, 1 being without any doubt …
+const AGREE: f64 = 0.8;
+/// … each of them by so much at least …
+const LEAST_AGREE: f64 = 0.5;
+/// … and by so much less with any other, in whole frames.
+const APART: f64 = 0.4;
+/// A frame has this share of the usual contrast, else it is blurred …
+const BLURRED: f64 = 0.6;
+/// … or this part of the usual contrast near its edges …
+const BLURRED_EDGES: f64 = 0.8;
+/// … or this where its stripes are as narrow as a fringe …
+const BLURRED_NARROW: f64 = 0.3;
+/// … or nothing is seen of its pattern.
+const LOST: f64 = 0.2;
+/// A frame shows another pattern when it has this contrast there.
+const SHOWS: f64 = 0.7;
+/// A level that is off by more of the contrast is a changing light.
+const CHANGED: f64 = 0.2;
+/// A frame is shifted that has so much more contrast when it is moved back.
+const MOVED_GAIN: f64 = 0.1;
+/// Cells within so many periods of an edge are near it; fewest pixels there on either side.
+const NEAR_PERIODS: f64 = 0.75;
+const LEAST_NEAR: f64 = 200.0;
+/// Share of a strip's cells that contradict in places.
+const STRANGE: f64 = 0.1;
+/// The same of stripes as narrow as a fringe, which a coarse camera blurs.
+const STRANGE_NARROW: f64 = 0.2;
+/// Share of the cells that must be light, or dark, to have a level.
+const LEAST_SHARE: f64 = 0.005;
+
+/// Levels of all frames along each region: sums over the pixels of each cell.
+pub(super) struct Strips {
+    /// Of each region, its cells.
+    regions: Vec<Strip>,
+}
+
+struct Strip {
+    /// Pixels of each cell.
+    count: Vec<f64>,
+    /// Mean level of each frame in each cell.
+    level: Vec<Vec<f64>>,
+}
+
+/// What was found about one frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Judged {
+    /// What is wrong with it, if anything.
+    pub fault: Option<Fault>,
+    /// Its level where it should be dark and light, as a share of the contrast from −1 to 1.
+    pub dark: f64,
+    pub light: f64,
+    /// Another frame that shows what this one should.
+    pub shown_by: Option<usize>,
+}
+
+/// What all frames show, and what each of them does.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Verdict {
+    /// One for each frame.
+    pub frames: Vec<Judged>,
+    /// Usual levels of dark and light.
+    pub dark: f64,
+    pub light: f64,
+}
+
+/// Sums over the cells where a frame should be dark and light.
+#[derive(Debug, Clone, Copy, Default)]
+struct Classes {
+    count: [f64; 2],
+    sum: [f64; 2],
+}
+
+impl Classes {
+    fn mean(&self, class: usize) -> Option<f64> {
+        let all = self.count[0] + self.count[1];
+        (self.count[class] > LEAST_SHARE * all).then(|| self.sum[class] / self.count[class])
+    }
+
+    /// Half of light less dark; none where a frame should show one of them only.
+    fn contrast(&self) -> Option<f64> {
+        Some(0.5 * (self.mean(1)? - self.mean(0)?))
+    }
+}
+
+impl Strips {
+    /// Sums up the levels of all frames.
+    pub fn new(look: &CodeLook, regions: &Regions, rasters: &Rasters) -> Self {
+        let cells = |turns: i16| (turns as usize + 1) * CELLS;
+        let empty = |size: &(usize, i16)| Strip {
+            count: vec![0.0; cells(size.1)],
+            level: vec![vec![0.0; cells(size.1)]; look.frames.len()],
+        };
+        let mut strips: Vec<Strip> = regions.sizes.iter().map(empty).collect();
+        for (place, home) in regions.home.iter().enumerate().filter(|(_, home)| **home != NONE) {
+            let Some(turn) = look.turn(place) else { continue };
+            let cell =
+                regions.turns[place] as usize * CELLS + ((turn * CELLS as f64) as usize).min(CELLS - 1);
+            let strip = &mut strips[usize::from(*home)];
+            strip.count[cell] += 1.0;
+            for (frame, level) in strip.level.iter_mut().enumerate() {
+                level[cell] += f64::from(look.level(rasters, frame, place));
+            }
+        }
+        for strip in &mut strips {
+            for level in &mut strip.level {
+                for (level, count) in level.iter_mut().zip(&strip.count) {
+                    *level /= count.max(1.0);
+                }
+            }
+        }
+        Self { regions: strips }
+    }
+
+    /// The fringe at which each region begins, where the frames tell.
+    pub fn begins(&self, look: &CodeLook) -> Vec<Option<i32>> {
+        let orders = (look.extent_px / look.period_px).ceil() as i32 + 1;
+        let signs: Vec<Vec<f64>> =
+            look.frames.iter().map(|frame| signs(look, &frame.shown, orders)).collect();
+        self.regions.iter().map(|strip| strip.begin(look, &signs, orders)).collect()
+    }
+
+    /// What each frame shows.
+    pub fn judge(&self, look: &CodeLook, begins: &[Option<i32>]) -> Verdict {
+        let own: Vec<Classes> = (0..look.frames.len())
+            .map(|frame| self.classes(look, begins, frame, &look.frames[frame].shown, (0, false)))
+            .collect();
+        let middle = |class: usize, other: f64| {
+            let mut seen: Vec<f64> = own.iter().filter_map(|classes| classes.mean(class)).collect();
+            median(&mut seen).unwrap_or(other)
+        };
+        let (dark, light) = (middle(0, -1.0), middle(1, 1.0));
+        let usual = 0.5 * (light - dark);
+        let near = |frame: usize| self.near(look, begins, frame, 0);
+        let mut at_edges: Vec<f64> = (0..look.frames.len()).filter_map(near).collect();
+        let at_edges = median(&mut at_edges).unwrap_or(usual);
+        let mut frames: Vec<Judged> = own
+            .iter()
+            .enumerate()
+            .map(|(frame, classes)| {
+                let fault = self.fault(look, begins, (frame, classes), (dark, light, at_edges));
+                let (seen_dark, seen_light) =
+                    (classes.mean(0).unwrap_or(dark), classes.mean(1).unwrap_or(light));
+                Judged { fault, dark: seen_dark, light: seen_light, shown_by: None }
+            })
+            .collect();
+        // Who shows what a wrong frame should?
+        for frame in 0..frames.len() {
+            if frames[frame].fault.is_none_or(|fault| matches!(fault, Fault::Level(_) | Fault::Blurred(_))) {
+                continue;
+            }
+            let shown = &look.frames[frame].shown;
+            let other = (0..frames.len()).filter(|other| *other != frame && frames[*other].fault.is_some());
+            let best = other.filter_map(|other| {
+                Some((self.classes(look, begins, other, shown, (0, false)).contrast()? / usual, other))
+            });
+            let best = best.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|best| best.0 > SHOWS);
+            if let Some((_, other)) = best {
+                frames[frame].shown_by = Some(other);
+                frames[other].fault = Some(Fault::Shows(look.frames[frame].set, look.frames[frame].step));
+            }
+        }
+        Verdict { frames, dark, light }
+    }
+
+    /// What is wrong with a frame.
+    fn fault(
+        &self,
+        look: &CodeLook,
+        begins: &[Option<i32>],
+        (frame, classes): (usize, &Classes),
+        (dark, light, usual_near): (f64, f64, f64),
+    ) -> Option<Fault> {
+        let usual = 0.5 * (light - dark);
+        let Some(contrast) = classes.contrast().map(|contrast| contrast / usual) else {
+            // All light or all dark: only the level tells.
+            let class = usize::from(classes.mean(1).is_some());
+            let off = (classes.mean(class)? - [dark, light][class]) / (2.0 * usual);
+            return match class {
+                1 if off < -0.7 => Some(Fault::Black),
+                _ if off.abs() > 0.7 => Some(Fault::Strange),
+                _ if off.abs() > CHANGED => Some(Fault::Level(off)),
+                _ => None,
+            };
+        };
+        let (seen_dark, seen_light) = (classes.mean(0)?, classes.mean(1)?);
+        let level = (0.5 * (seen_dark + seen_light) - 0.5 * (dark + light)) / (2.0 * usual);
+        if contrast < -SHOWS {
+            return Some(Fault::Inverse);
+        }
+        // Shifted or blurred stripes differ near their edges alone.
+        let near = |cells: i32| Some(self.near(look, begins, frame, cells)? / usual_near);
+        let at_edges = near(0);
+        let moved = (2..=CELLS as i32).flat_map(|cells| [cells, -cells]);
+        let moved = moved.filter_map(|cells| Some((near(cells)?, cells))).max_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((best, cells)) = moved
+            && best > SHOWS
+            && at_edges.is_some_and(|here| best > here + MOVED_GAIN)
+        {
+            return Some(Fault::Shifted(f64::from(cells) / CELLS as f64 * look.period_px));
+        }
+        if contrast < BLURRED {
+            for other in (0..look.frames.len()).filter(|other| *other != frame) {
+                let shown = look.frames[other].shown;
+                let other_contrast = self.classes(look, begins, frame, &shown, (0, false)).contrast();
+                if other_contrast.is_some_and(|contrast| contrast > SHOWS * usual) {
+                    return Some(Fault::Shows(look.frames[other].set, look.frames[other].step));
+                }
+            }
+        }
+        if contrast < LOST {
+            let black = seen_light < dark + 0.3 * usual;
+            return Some(if black { Fault::Black } else { Fault::Strange });
+        }
+        // Narrow stripes are near an edge everywhere, and defocus has its part in them.
+        let wide = look.frames[frame].is_wide(look.period_px);
+        if self.contradicting(look, begins, frame, 0.5 * (seen_dark + seen_light))
+            > (if wide { STRANGE } else { STRANGE_NARROW })
+        {
+            return Some(Fault::Strange);
+        }
+        if level.abs() > CHANGED {
+            return Some(Fault::Level(level));
+        }
+        if contrast < (if wide { BLURRED } else { BLURRED_NARROW }) {
+            return Some(Fault::Blurred(contrast));
+        }
+        at_edges.filter(|contrast| wide && *contrast < BLURRED_EDGES).map(Fault::Blurred)
+    }
+
+    /// Contrast of a frame near the edges of its pattern.
+    fn near(&self, look: &CodeLook, begins: &[Option<i32>], frame: usize, cells: i32) -> Option<f64> {
+        if !matches!(look.frames[frame].shown, Shown::Bit { .. }) {
+            return None;
+        }
+        let classes = self.classes(look, begins, frame, &look.frames[frame].shown, (cells, true));
+        classes.contrast().filter(|_| classes.count[0].min(classes.count[1]) > LEAST_NEAR)
+    }
+
+    /// Levels of a frame where a pattern is dark and light, the strip moved by so many cells.
+    fn classes(
+        &self,
+        look: &CodeLook,
+        begins: &[Option<i32>],
+        frame: usize,
+        shown: &Shown,
+        (moved, near): (i32, bool),
+    ) -> Classes {
+        let mut classes = Classes::default();
+        for (strip, begin) in self.known(begins) {
+            for (cell, level) in
+                strip.level[frame].iter().enumerate().filter(|(cell, _)| strip.count[*cell] > 0.0)
+            {
+                let at = begin * CELLS as i32 + cell as i32 + moved;
+                if let Some(light) = light_at(look, shown, at).filter(|_| !near || is_near(look, shown, at)) {
+                    classes.count[usize::from(light)] += strip.count[cell];
+                    classes.sum[usize::from(light)] += strip.count[cell] * level;
+                }
+            }
+        }
+        classes
+    }
+
+    /// Share of the pixels in cells of a frame on the wrong side of the middle.
+    fn contradicting(&self, look: &CodeLook, begins: &[Option<i32>], frame: usize, middle: f64) -> f64 {
+        let (mut wrong, mut all) = (0.0, 0.0);
+        for (strip, begin) in self.known(begins) {
+            for (cell, level) in strip.level[frame].iter().enumerate() {
+                let at = begin * CELLS as i32 + cell as i32;
+                if let Some(light) = light_at(look, &look.frames[frame].shown, at) {
+                    all += strip.count[cell];
+                    wrong += if light == (*level > middle) { 0.0 } else { strip.count[cell] };
+                }
+            }
+        }
+        wrong / f64::max(all, 1.0)
+    }
+
+    fn known<'a>(&'a self, begins: &'a [Option<i32>]) -> impl Iterator<Item = (&'a Strip, i32)> {
+        self.regions.iter().zip(begins).filter_map(|(strip, begin)| Some((strip, (*begin)?)))
+    }
+}
+
+impl Strip {
+    /// The fringe with which the frames agree: all of them, all when two are exchanged, or all but as few as possible.
+    fn begin(&self, look: &CodeLook, signs: &[Vec<f64>], orders: i32) -> Option<i32> {
+        let bits: Vec<usize> =
+            (0..signs.len()).filter(|frame| matches!(look.frames[*frame].shown, Shown::Bit { .. })).collect();
+        let turns = (self.count.len() / CELLS) as i32;
+        // What each frame has in common with its own pattern and those of the others, for each begin.
+        let common: Vec<(i32, Vec<Vec<f64>>)> = (-1..=(orders - turns + 1))
+            .map(|begin| {
+                let with =
+                    |frame: &usize| bits.iter().map(|b| self.agreement(*frame, &signs[*b], begin)).collect();
+                (begin, bits.iter().map(with).collect())
+            })
+            .collect();
+        let count = bits.len();
+        let own = |common: &[Vec<f64>]| (0..count).map(|i| common[i][i]).collect::<Vec<f64>>();
+        let plain = common.iter().map(|(begin, common)| (*begin, own(common)));
+        let exchanged = common.iter().map(|(begin, common)| {
+            let mut best = vec![f64::NEG_INFINITY; count];
+            for (i, j) in (0..count).flat_map(|i| (0..i).map(move |j| (i, j))) {
+                let mut agreed = own(common);
+                (agreed[i], agreed[j]) = (common[j][i], common[i][j]);
+                if agreed.iter().sum::<f64>() > best.iter().sum::<f64>() {
+                    best = agreed;
+                }
+            }
+            (*begin, best)
+        });
+        let (plain, exchanged): (Vec<_>, Vec<_>) = (plain.collect(), exchanged.collect());
+        let most = if count < 5 { 1 } else { MOST_WRONG };
+        let with_wrong = (1..=most.min(count.saturating_sub(2))).map(|wrong| (&plain, wrong));
+        [(&plain, 0), (&exchanged, 0)]
+            .into_iter()
+            .chain(with_wrong)
+            .find_map(|(agreed, wrong)| settled(agreed, wrong))
+    }
+
+    /// Mean over the pixels of what a frame shows times what it should, −1 to 1.
+    fn agreement(&self, frame: usize, signs: &[f64], begin: i32) -> f64 {
+        let (mut sum, mut all) = (0.0, 0.0);
+        let first = (begin + 1) * CELLS as i32;
+        for (cell, level) in self.level[frame].iter().enumerate() {
+            let Some(sign) = usize::try_from(first + cell as i32).ok().and_then(|at| signs.get(at)) else {
+                continue;
+            };
+            sum += self.count[cell] * sign * level.clamp(-1.0, 1.0);
+            all += self.count[cell] * sign.abs();
+        }
+        if all > 0.0 { sum / all } else { 0.0 }
+    }
+}
+
+/// The begin with which all frames agree but so many, and with which they agree by far the most.
+fn settled(agreed: &[(i32, Vec<f64>)], wrong: usize) -> Option<i32> {
+    let (mut best, mut second) = ((f64::NEG_INFINITY, None), f64::NEG_INFINITY);
+    for (begin, agreed) in agreed {
+        let mut sorted = agreed.clone();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let right = &sorted[wrong..];
+        let score: f64 = right.iter().sum();
+        let all_agree = right[0] > LEAST_AGREE && score > AGREE * right.len() as f64;
+        if score > best.0 {
+            (second, best) = (best.0, (score, all_agree.then_some(*begin)));
+        } else {
+            second = second.max(score);
+        }
+    }
+    best.1.filter(|_| best.0 - second > APART)
+}
+
+/// ±1 of all cells from one period before the projector on; 0 near an edge and outside.
+fn signs(look: &CodeLook, shown: &Shown, orders: i32) -> Vec<f64> {
+    let cells = -(CELLS as i32)..(orders + 1) * CELLS as i32;
+    cells
+        .map(|cell| light_at(look, shown, cell).map_or(0.0, |light| if light { 1.0 } else { -1.0 }))
+        .collect()
+}
+
+/// Whether a cell is light; none near an edge and outside of the projector.
+fn light_at(look: &CodeLook, shown: &Shown, cell: i32) -> Option<bool> {
+    let x_px = (f64::from(cell) + 0.5) / CELLS as f64 * look.period_px;
+    if x_px < -0.5 || x_px > look.extent_px {
+        return None;
+    }
+    let (light, edge_px) = shown.at(x_px);
+    let stripe_px = if let Shown::Bit { code, .. } = shown { code.stripe_px } else { f64::INFINITY };
+    (edge_px > (EDGE_PERIODS * look.period_px).min(EDGE_STRIPES * stripe_px)).then_some(light)
+}
+
+/// Whether an edge of the pattern is near.
+fn is_near(look: &CodeLook, shown: &Shown, cell: i32) -> bool {
+    let x_px = (f64::from(cell) + 0.5) / CELLS as f64 * look.period_px;
+    shown.at(x_px).1 < NEAR_PERIODS * look.period_px
+}
