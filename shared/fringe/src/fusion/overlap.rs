@@ -14,7 +14,7 @@ pub(super) struct Nearness {
     pub radius_mm: f64,
     /// Smallest cosine of the normals.
     pub cosine: f64,
-    /// Fewest points.
+    /// Fewest points that make a surface.
     pub fewest: u32,
 }
 

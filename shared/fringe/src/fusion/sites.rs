@@ -9,7 +9,7 @@ use crate::cloud::Point;
 /// Points that one step of a loop takes side by side. It fixes the order of the sums, and so their bits.
 pub(super) const LANES: usize = 8;
 
-/// Sorted points.
+/// Points in the order of their cells.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sites {
     position_mm: [Vec<f64>; 3],
@@ -23,7 +23,7 @@ pub(super) struct Beside {
     count: [f64; LANES],
     /// Σ (n + n′)·(p − p′), mm.
     distance: [f64; LANES],
-    /// Σ σ′², mm².
+    /// Sum of the variances, Σ σ′², mm².
     variance: [f64; LANES],
 }
 

@@ -68,7 +68,9 @@ impl<'a> Cubes<'a> {
         let Some((places, cubes)) = self.dense(edge_mm) else { return self.sorted(edge_mm) };
         let places: Vec<u32> = places.map(|place| place as u32).collect();
         let mut starts = vec![0_u32; cubes];
-        places.iter().for_each(|place| starts[*place as usize] += 1);
+        for place in &places {
+            starts[*place as usize] += 1;
+        }
         let mut total = 0;
         for start in &mut starts {
             total += std::mem::replace(start, total);

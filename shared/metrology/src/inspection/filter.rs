@@ -187,7 +187,9 @@ fn ordered(halves: &[[i64; 2]], key: impl Fn(&[i64; 2]) -> [i64; 2]) -> Vec<u32>
         (key[0] - low[0]) as usize * columns + (key[1] - low[1]) as usize
     };
     let mut starts = vec![0_u32; squares];
-    halves.iter().for_each(|halves| starts[square(halves)] += 1);
+    for halves in halves {
+        starts[square(halves)] += 1;
+    }
     let mut total = 0;
     for start in &mut starts {
         total += std::mem::replace(start, total);

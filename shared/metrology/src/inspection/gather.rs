@@ -79,7 +79,9 @@ pub(super) fn gather(
     let parts: Vec<Vec<Vec<Sample>>> = (0..PARTS).into_par_iter().map(part).collect();
     let join = |region: usize| {
         let mut all = Vec::with_capacity(parts.iter().map(|lists| lists[region].len()).sum());
-        parts.iter().for_each(|lists| all.extend_from_slice(&lists[region]));
+        for lists in &parts {
+            all.extend_from_slice(&lists[region]);
+        }
         all
     };
     (0..regions.len()).into_par_iter().map(join).collect()
