@@ -56,9 +56,9 @@ fn main() -> Result<()> {
             Ok(())
         };
         if number == 0 {
-            counted_match(&mut run)?
+            counted_match(&mut run)?;
         } else {
-            run()?
+            run()?;
         }
         points.truncate(count);
         clouds.push(points);
@@ -103,9 +103,9 @@ fn decoded(twin: &Twin, camera: &str, projector: &str, count: bool) -> Result<Ph
         Ok(())
     };
     if count {
-        counted_decode(&mut run)?
+        counted_decode(&mut run)?;
     } else {
-        run()?
+        run()?;
     }
     Ok(map)
 }
