@@ -26,6 +26,7 @@ mod panic_drill;
 mod part_files;
 mod projection;
 mod record;
+mod result_formats;
 mod retention;
 mod run;
 mod run_files;

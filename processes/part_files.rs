@@ -72,7 +72,7 @@ impl PartFiles {
     /// Something is not on the disk.
     pub fn write(&mut self, result: &CycleResult, output: &PartOutput) -> Result<()> {
         self.folder.check()?;
-        let path = run_files::cycle(self.folder.path(), result)?;
+        let path = run_files::cycle(self.folder.path(), &self.cell, result)?;
         self.store.append(&PartRecord::of(result))?;
         if let Some(retention) = &mut self.retention {
             retention.result(path)?;

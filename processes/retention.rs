@@ -1,9 +1,10 @@
 //! How much of its results a cell that runs without end keeps in its output folder, earlier runs included: the oldest are
 //! removed.
 
+use crate::result_formats::beside;
 use crate::run_folder;
 use anyhow::{Context, Result};
-use files::config::ResultRetention;
+use files::config::{ResultFormat, ResultRetention};
 use std::collections::VecDeque;
 use std::fs;
 use std::io;
@@ -37,7 +38,8 @@ impl Retention {
             kept.parts.extend(entries(&run.join("parts")).into_iter().map(|part| Entry::of(vec![part])));
             let rest = RUN_FILES.map(|name| run.join(name)).into_iter().filter(|path| path.exists());
             kept.parts.extend(Some(Entry::of(rest.collect())).filter(|entry| !entry.paths.is_empty()));
-            kept.results.extend(entries(&run.join("results")));
+            let is_json = |path: &PathBuf| path.extension().is_some_and(|extension| extension == "json");
+            kept.results.extend(entries(&run.join("results")).into_iter().filter(is_json));
             kept.results.push_back(run);
         }
         kept
@@ -52,6 +54,7 @@ impl Retention {
         while self.results.len() as u64 > self.limits.results {
             let Some(oldest) = self.results.pop_front() else { break };
             remove(&oldest)?;
+            ResultFormat::ALL.iter().try_for_each(|format| remove(&beside(&oldest, *format)))?;
         }
         Ok(())
     }

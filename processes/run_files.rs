@@ -1,5 +1,6 @@
 //! Writes the files of a run: results, cloud, trace and report.
 
+use crate::result_formats;
 use crate::software::FRINGECELL;
 use crate::supervisor::collect::Span;
 use crate::supervisor::history::History;
@@ -26,11 +27,12 @@ use std::path::{Path, PathBuf};
 use twin::Truth;
 
 /// Writes the result of a cycle, during the run; returns the path of the file that no later cycle replaces.
-pub fn cycle(folder: &Path, result: &CycleResult) -> Result<PathBuf> {
+pub fn cycle(folder: &Path, cell: &LoadedCell, result: &CycleResult) -> Result<PathBuf> {
     let results = folder.join("results");
     atomic::create_dir(&results)?;
     let path = results.join(format!("{:04}.json", result.number));
     write_json(&path, result)?;
+    result_formats::write(&path, cell, result)?;
     write_json(&folder.join("result.json"), result)?;
     Ok(path)
 }
@@ -165,7 +167,8 @@ const TRUTH_NOTE: &str = "The part is simulated. The column truth comes from the
     not use it.";
 
 /// The plan of the recipe of a cycle.
-fn plan_of<'a>(cell: &'a Cell, result: &CycleResult) -> Option<&'a Plan> {
+/// The plan of the recipe that a result was made with.
+pub fn plan_of<'a>(cell: &'a Cell, result: &CycleResult) -> Option<&'a Plan> {
     let name = result.recipe.as_ref()?;
     cell.config.recipes.iter().find(|recipe| recipe.name == *name)?.plan.as_ref()
 }

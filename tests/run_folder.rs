@@ -307,3 +307,50 @@ fn a_serving_cell_bounds_results_parts_and_earlier_runs() {
     assert_eq!(numbered(&second.join("parts")), Vec::<String>::new());
     assert_eq!(fs::read(notes.join("notes.txt")).unwrap(), b"mine");
 }
+
+/// Proves: each result with features is also in the formats that the configuration asks for, with the name of its part, and they go
+/// with it; a cycle without features has none of them; a format that nobody knows is refused.
+#[test]
+fn results_are_in_the_formats_asked_for_and_go_together() {
+    let cell = Cell::played("formats", 0.0, "");
+    let config = fs::read_to_string(cell.small.path("played.toml")).unwrap();
+    fs::write(cell.small.path("all.plan.toml"), crate::control::plan(-50.0, 50.0)).unwrap();
+    let results =
+        "[results]\nkeep_results = 2\nformats = [\"dfq\", \"pdf\", \"csv\", \"html\", \"qif\", \"csv\"]\n";
+    let recipe = "[[recipe]]\nname = \"all\"\nplan = \"all.plan.toml\"\n";
+    fs::write(cell.small.path("formats.toml"), format!("{config}{recipe}{results}")).unwrap();
+    let run = cell.serving("formats.toml");
+    for part in ["a", "b\"<b>", "c"] {
+        assert_eq!(cell.part(part).1, Some(0), "{part}");
+    }
+    cell.stop(run);
+    let kept: Vec<String> = [2, 3]
+        .iter()
+        .flat_map(|number| {
+            ["csv", "dfq", "html", "json", "pdf", "qif"].map(|kind| format!("{number:04}.{kind}"))
+        })
+        .collect();
+    assert_eq!(names(&cell.out().join("results")), kept);
+    let read = |name: &str| fs::read(cell.out().join("results").join(name)).unwrap();
+    assert!(read("0002.pdf").starts_with(b"%PDF"));
+    let html = String::from_utf8(read("0002.html")).unwrap();
+    assert!(html.contains("&lt;b&gt;") && !html.contains("b\"<b>"), "names stay text");
+    assert!(String::from_utf8(read("0003.dfq")).unwrap().contains("K0014/1 c\r\n"));
+    let lines = String::from_utf8(read("0003.csv")).unwrap().lines().count();
+    let features = json(&cell.out().join("results/0003.json"))["features"].as_array().unwrap().len();
+    assert_eq!(lines, 1 + features);
+    assert!(String::from_utf8(read("0003.qif")).unwrap().contains("part c"));
+
+    let plain = Cell::played("noformats", 0.0, "");
+    fs::write(plain.small.path("formats.toml"), format!("{config}{results}")).unwrap();
+    assert_eq!(plain.run("formats.toml", &["--cycles", "1"]).status.code(), Some(0));
+    assert_eq!(names(&plain.out().join("results")), ["0001.json"], "no plan, no features");
+    fs::write(plain.small.path("wrong.toml"), format!("{config}[results]\nformats = [\"xls\"]\n")).unwrap();
+    let refused = plain.run("wrong.toml", &["--cycles", "1"]);
+    assert_eq!(refused.status.code(), Some(2));
+    let said = text(&refused.stderr);
+    assert!(
+        ["results.formats", "xls", "html, pdf, csv, qif, dfq"].iter().all(|word| said.contains(word)),
+        "{said}"
+    );
+}

@@ -121,8 +121,14 @@ fn write_report(
     ];
     made_with.extend(args.rig.iter().map(|rig| pair("Rig", rig.display().to_string())));
     let sha256 = sha256_hex(format!("{plan_sha256}{cloud_sha256}").as_bytes());
-    let input =
-        PartInput { result, guard_factor, date: &provenance.date, made_with: &made_with, sha256: &sha256 };
+    let input = PartInput {
+        result,
+        part: None,
+        guard_factor,
+        date: &provenance.date,
+        made_with: &made_with,
+        sha256: &sha256,
+    };
     Ok(write_part(&input, &outputs)?)
 }
 

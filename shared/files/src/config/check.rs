@@ -1,7 +1,7 @@
 //! From what is written to what is meant.
 
 use super::devices::genicam;
-use super::limits::{cycles, limits, results, schedule, settings};
+use super::limits::{cycles, formats, limits, results, schedule, settings};
 use super::projectors::{Lights, check_recorded_sizes, projectors};
 use super::raw::{RawConfig, RawTwin};
 use super::recipes::recipes;
@@ -71,6 +71,7 @@ impl Config {
             twin,
             recording,
             results: results(&document, &raw.results)?,
+            formats: formats(&document, &raw.results.formats)?,
             document,
         })
     }

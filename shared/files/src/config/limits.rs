@@ -1,8 +1,8 @@
 //! Numbers with limits.
 
-use super::ResultRetention;
 use super::raw::{RawConfig, RawLimits, RawResults, RawSchedule};
 use super::values::value;
+use super::{ResultFormat, ResultRetention};
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use cell::configuration::{Limits, ScheduleConfig, Settings};
@@ -114,6 +114,20 @@ pub(super) fn results(document: &Document, raw: &RawResults) -> Result<ResultRet
         return Err(document.fault("results.keep_mb", problem, "the default is 10000"));
     }
     Ok(ResultRetention { results, parts, size_mb })
+}
+
+/// The formats of results, each once.
+pub(super) fn formats(document: &Document, names: &[String]) -> Result<Vec<ResultFormat>, FileError> {
+    let known = || ResultFormat::ALL.map(ResultFormat::name).join(", ");
+    let one = |name: &String| {
+        let found = ResultFormat::ALL.into_iter().find(|format| format.name() == name);
+        let problem = || value(format!("{name:?}"), "names of formats");
+        found.ok_or_else(|| document.fault("results.formats", problem(), format!("there are {}", known())))
+    };
+    let mut all = names.iter().map(one).collect::<Result<Vec<_>, _>>()?;
+    all.sort_unstable();
+    all.dedup();
+    Ok(all)
 }
 
 pub(super) fn schedule(document: &Document, raw: &RawSchedule) -> Result<ScheduleConfig, FileError> {

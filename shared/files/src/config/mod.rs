@@ -46,6 +46,7 @@
 //! keep_results = 100000
 //! keep_parts = 1000                   # cloud and report of so many; 0: none
 //! keep_mb = 10000
+//! formats = ["pdf", "qif"]             # further files of each result: html, pdf, csv, qif, dfq
 //! ```
 
 mod check;
@@ -96,6 +97,39 @@ pub struct Config {
     pub recording: Option<RecordingConfig>,
     /// How much a cell that runs without end keeps of its results.
     pub results: ResultRetention,
+    /// Formats beside JSON that each result with features is written in, each once.
+    pub formats: Vec<ResultFormat>,
+}
+
+/// A format of the result of a cycle, beside JSON.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ResultFormat {
+    /// Report as one HTML file.
+    Html,
+    /// Report as PDF, A4.
+    Pdf,
+    /// Table with one line a feature.
+    Csv,
+    /// QIF 3.0 with plan and results (ISO 23952).
+    Qif,
+    /// Q-DAS ASCII transfer format.
+    Dfq,
+}
+
+impl ResultFormat {
+    /// All formats, in their order.
+    pub const ALL: [Self; 5] = [Self::Html, Self::Pdf, Self::Csv, Self::Qif, Self::Dfq];
+
+    /// Its name in a configuration, which also ends the names of its files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Html => "html",
+            Self::Pdf => "pdf",
+            Self::Csv => "csv",
+            Self::Qif => "qif",
+            Self::Dfq => "dfq",
+        }
+    }
 }
 
 /// How much a cell that runs without end keeps of its results, earlier runs in the same folder included.

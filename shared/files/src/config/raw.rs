@@ -44,6 +44,8 @@ pub(super) struct RawResults {
     pub parts: Option<u64>,
     #[serde(rename = "keep_mb")]
     pub size_mb: Option<u64>,
+    #[serde(default)]
+    pub formats: Vec<String>,
 }
 
 #[derive(Debug, Default, Deserialize)]

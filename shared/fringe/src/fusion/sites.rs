@@ -87,6 +87,7 @@ impl Sites {
 
     /// Adds what lies beside a place among the sites from `first` up to `end`.
     #[inline(always)]
+    #[allow(clippy::needless_bitwise_bool, reason = "a lazy operator is a branch, which no vector has")]
     pub fn add_beside(&self, place: &Place, first: usize, end: usize, beside: &mut Beside) {
         let steps = (end - first).div_ceil(LANES);
         let [x, y, z] = [0, 1, 2].map(|axis| lanes(&self.position_mm[axis], first, steps));

@@ -27,7 +27,10 @@ pub fn document<'a>(input: &PartInput<'_>) -> Document<'a> {
     blocks.push(Block::Pairs(input.made_with.to_vec()));
     blocks.push(Block::Signatures(["Measured by", "Date", "Approved by", "Date"]));
     Document {
-        title: format!("Measurement report: {}", result.plan),
+        title: match input.part {
+            Some(part) => format!("Measurement report: {}, part {part}", result.plan),
+            None => format!("Measurement report: {}", result.plan),
+        },
         wording: format!("Measured on {}", input.date),
         rule_set: format!("ISO 14253-1, guard factor {}", input.guard_factor),
         reduced: Vec::new(),

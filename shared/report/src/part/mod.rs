@@ -17,6 +17,8 @@ use metrology::inspection::InspectionResult;
 pub struct PartInput<'a> {
     /// What was measured, with its verdicts.
     pub result: &'a InspectionResult,
+    /// Identification of the part; `None`: nobody named it.
+    pub part: Option<&'a str>,
     /// Guard band in standard uncertainties (ISO 14253-1).
     pub guard_factor: f64,
     /// Date and time of the measurement, UTC (ISO 8601).

@@ -37,7 +37,8 @@ pub fn render(input: &PartInput<'_>) -> Vec<u8> {
         xml.leaf("QPId", &uuid(input.sha256));
         xml.within("Header", &[], |xml| {
             xml.within("Application", &[], |xml| xml.leaf("Name", "fringecell"));
-            xml.leaf("Description", &format!("{}, measured on {}", input.result.plan, input.date));
+            let part = input.part.map_or_else(String::new, |part| format!(", part {part}"));
+            xml.leaf("Description", &format!("{}{part}, measured on {}", input.result.plan, input.date));
         });
         xml.list("StandardsDefinitions", 1, standard);
         units(xml);

@@ -65,6 +65,7 @@ pub fn dfq(input: &PartInput<'_>) -> String {
         if let Some(date) = crate::qdas::date(input.date) {
             field(&mut text, &format!("K0004/{i}"), &date, NUMBER);
         }
+        field(&mut text, &format!("K0014/{i}"), input.part.unwrap_or_default(), PART);
     }
     text
 }

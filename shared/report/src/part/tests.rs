@@ -38,6 +38,7 @@ fn result() -> InspectionResult {
 
 fn input(result: &InspectionResult) -> PartInput<'_> {
     PartInput {
+        part: Some("4711"),
         result,
         guard_factor: 1.65,
         date: "2026-01-31T08:00:00Z",
