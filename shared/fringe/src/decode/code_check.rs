@@ -28,8 +28,6 @@ const LINES: usize = 8;
 const MOST_GAP: usize = 8;
 /// Fewest crossings to a fringe that is not the next.
 const LEAST_CROSSINGS: u32 = 12;
-/// A code without fringes of whose edges less than this share lead to the next stripe numbers nothing.
-const CONFIRMED_ALONE: f64 = 0.5;
 /// Where the frames confirm the order of less than this share of the pixels …
 const CONFIRMED: f64 = 0.5;
 /// … jumps and open orders are no edges of a part from this share on.
@@ -61,11 +59,6 @@ impl Decoder {
         let findings = verdict.map_or(&[][..], |verdict| &verdict.findings);
         if let Some(finding) = findings.iter().find(|finding| finding.remedy == Remedy::None) {
             return Err(DecodeError::WrongCode { axis, finding: *finding });
-        }
-        if let Some(verdict) = verdict.filter(|verdict| verdict.confirmed < CONFIRMED_ALONE)
-            && self.plan.axes[home].sines.is_empty()
-        {
-            return Err(DecodeError::StrangeCode { axis, strange: 1.0 - verdict.confirmed });
         }
         Ok(!findings.is_empty())
     }

@@ -57,18 +57,6 @@ pub enum DecodeError {
         /// The frame and what is wrong with it.
         finding: Finding,
     },
-    /// Most edges of a code without fringes are none.
-    #[error(
-        "the code along axis {axis:?} numbers nothing: {:.0} % of its edges do not lead to the next stripe, limit 50 %; are its frames in order, are \
-         code and invert right, is a frame black or shifted?",
-        strange * 100.0
-    )]
-    StrangeCode {
-        /// Projector axis of the code.
-        axis: Axis,
-        /// Share of the edges.
-        strange: f64,
-    },
     /// Code and phase give different coordinates.
     #[error(
         "code and phase along axis {axis:?} contradict each other: {jumps} order jumps at {wraps} wraps, {unresolved} of {lit} \

@@ -82,6 +82,8 @@ pub enum Remedy {
     OtherFrame,
     /// Written as the phase and the other frames demand.
     Phase,
+    /// Used as it is: a part of many faces has such edges too.
+    Doubted,
     /// Nothing that is left determines what it should show.
     None,
 }
@@ -94,6 +96,7 @@ impl fmt::Display for Remedy {
             Self::Inverse => "its inverse is used",
             Self::OtherFrame => "taken from where it is",
             Self::Phase => "made up for by phase and other frames",
+            Self::Doubted => "used as it is; look at the picture",
             Self::None => "nothing makes up for it",
         })
     }

@@ -184,9 +184,9 @@ fn a_wrong_frame_of_a_code_does_not_reach_the_next_sequence() {
     assert_eq!(found, [1, 0]);
 }
 
-/// A code alone: an inverse stands for its frame, exchanged frames are put back, and what nothing tells is refused by name.
+/// A code alone: an inverse stands for its frame, exchanged frames are put back, and what nothing tells is named.
 #[test]
-fn wrong_frames_of_a_code_without_fringes_are_made_up_for_or_refused() {
+fn wrong_frames_of_a_code_without_fringes_are_made_up_for_or_named() {
     let alone = |inverse: bool| {
         let mut coded = Coded::new(4, 0.5, inverse, true);
         coded.sequence.remove(0);
@@ -216,7 +216,12 @@ fn wrong_frames_of_a_code_without_fringes_are_made_up_for_or_refused() {
             coded.spoil(kind, bit);
             match coded.decode() {
                 Ok((findings, wrong, _)) => {
-                    assert!(kind == "swapped" && wrong <= before + 64, "{kind} {bit}: {findings:?} {wrong}");
+                    // Put back, or named: without an inverse a part of many faces looks the same.
+                    let named = findings.iter().any(|found| found.remedy == Remedy::Doubted);
+                    assert!(
+                        named || kind == "swapped" && wrong <= before + 64,
+                        "{kind} {bit}: {findings:?} {wrong}"
+                    );
                 }
                 Err(error) => assert!(
                     error.to_string().contains(&format!("frame {} of set 1", bit + 1)),

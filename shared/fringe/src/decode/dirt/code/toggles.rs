@@ -27,6 +27,8 @@ const ROUNDS: usize = 12;
 /// Levels, as a share of the contrast.
 const CHANGED: f64 = 0.2;
 const MOST_CHANGED: f64 = 0.5;
+/// A code of whose edges less than this share lead to the next stripe is doubted.
+const CONFIRMED: f64 = 0.5;
 /// Share of the edges that lead to the next stripe when faults were made up for.
 const EXPLAINS: f64 = 0.6;
 
@@ -56,9 +58,13 @@ pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
         exchanged(look, &plain, rasters, &mut findings);
     }
     let confirmed = 1.0 - strange_edges(look, rasters, &plain);
+    if confirmed < CONFIRMED && findings.is_empty() {
+        let set = frames.first().map_or(0, |frame| look.frames[*frame].set);
+        findings.push(Finding { set, step: None, fault: Fault::Strange, remedy: Remedy::Doubted });
+    }
     // What was done shall explain the code.
     if confirmed < EXPLAINS {
-        for finding in &mut findings {
+        for finding in findings.iter_mut().filter(|finding| finding.remedy != Remedy::Doubted) {
             finding.remedy = Remedy::None;
         }
     }
@@ -232,6 +238,13 @@ fn exchanged(look: &CodeLook, plain: &Reading, rasters: &mut Rasters, findings: 
             .iter()
             .any(|(other, _)| *other != frame && same(look, rasters, frame, *other) > DOUBLED);
         let best = best.filter(|_| !doubled && two_levels(look, rasters, frame, every(look)).is_some());
+        // The whole code shall say so too: of a part of many faces a wide stripe has few edges.
+        let best = best.filter(|(_, other)| {
+            let mut from = plain.from.clone();
+            from.swap(count - 1, *other);
+            let exchanged = strange_edges(look, rasters, &Reading { from, free: 0 });
+            exchanged < CLEARLY * strange_edges(look, rasters, plain)
+        });
         if let Some((_, other)) = best {
             let (a, b) = (frame, plain.from[other].0);
             let (of_a, of_b) = (look.frames[a], look.frames[b]);
@@ -245,7 +258,8 @@ fn exchanged(look: &CodeLook, plain: &Reading, rasters: &mut Rasters, findings: 
         }
         let levels = two_levels(look, rasters, frame, every(look));
         let fault = if levels.is_none() { Fault::Black } else { Fault::Strange };
-        findings.push(look.finding(frame, fault, Remedy::None));
+        // Edges alone do not tell a wrong frame from a part of many faces, which may also lie in the dark of a wide stripe.
+        findings.push(look.finding(frame, fault, Remedy::Doubted));
         return;
     }
 }
