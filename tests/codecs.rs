@@ -241,7 +241,9 @@ fn wrong_frames_of_a_code_are_named_and_orders_stay_right() {
         ("level", vec![(7, &dark)]),
         ("exchanged", vec![(7, &kept[8]), (8, &kept[7])]),
     ] {
-        spoiled.iter().for_each(|(frame, picture)| picture.save(place(*frame)).unwrap());
+        for (frame, picture) in &spoiled {
+            picture.save(place(*frame)).unwrap();
+        }
         let json = cell.path("dirt.json");
         let ran =
             fringetool(&["decode", &cell.path("dirt"), "--camera", "cam1", "--json", &json]).expect_success();
@@ -265,6 +267,8 @@ fn wrong_frames_of_a_code_are_named_and_orders_stay_right() {
         let before = clean.iter().filter(|phase| phase.is_finite()).count();
         println!("{kind}: {wrong} wrong orders, {count} of {before} pixels");
         assert!(count * 100 > before * 85 && wrong * 1000 < count, "{kind}: {wrong}, {count} of {before}");
-        spoiled.iter().for_each(|(frame, _)| kept[*frame as usize].save(place(*frame)).unwrap());
+        for (frame, _) in &spoiled {
+            kept[*frame as usize].save(place(*frame)).unwrap();
+        }
     }
 }

@@ -58,7 +58,7 @@ impl Decoder {
         let verdict = self.axes[home].code.as_ref();
         let findings = verdict.map_or(&[][..], |verdict| &verdict.findings);
         if let Some(finding) = findings.iter().find(|finding| finding.remedy == Remedy::None) {
-            return Err(DecodeError::WrongCode { axis, finding: *finding });
+            return Err(DecodeError::WrongCode { axis, finding: Box::new(*finding) });
         }
         Ok(!findings.is_empty())
     }

@@ -45,7 +45,7 @@ pub enum DecodeError {
     #[error("{} {}: {steps} steps do not determine the phase without it; record the set again, or project more steps", finding.place(), finding.fault)]
     WrongFrame {
         /// The frame and what is wrong with it.
-        finding: Finding,
+        finding: Box<Finding>,
         /// Frames of the set.
         steps: u32,
     },
@@ -55,7 +55,7 @@ pub enum DecodeError {
         /// Projector axis of the code.
         axis: Axis,
         /// The frame and what is wrong with it.
-        finding: Finding,
+        finding: Box<Finding>,
     },
     /// Code and phase give different coordinates.
     #[error(

@@ -44,7 +44,7 @@ impl Decoder {
         for slot in &self.plan.axes[home].sines {
             let steps = self.plan.sines[*slot].steps;
             if let Some(finding) = self.findings[*slot].iter().find(|found| found.is_fatal(steps as usize)) {
-                return Err(DecodeError::WrongFrame { finding: *finding, steps });
+                return Err(DecodeError::WrongFrame { finding: Box::new(*finding), steps });
             }
         }
         Ok(())
