@@ -134,7 +134,7 @@ driver = "twin"
 [twin]
 scene = "board.scene.toml"
 seed = 1
-settings = { position_scatter_mm = 15.0, angle_scatter_deg = 22.0, subsamples = 3 }
+settings = { position_scatter_mm = 15.0, angle_scatter_deg = 22.0, subsamples = 2 }
 "#;
 
 impl Poses {
