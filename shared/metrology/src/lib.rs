@@ -5,6 +5,7 @@
 
 pub mod acceptance;
 pub mod compare;
+mod counted_order;
 pub mod fit;
 pub mod inspection;
 pub mod probing;

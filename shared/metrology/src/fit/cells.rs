@@ -1,5 +1,6 @@
 //! Points sorted into cubes.
 
+use crate::counted_order::counted_order;
 use nalgebra::Vector3;
 
 /// Cells along one axis that fit into a third of the key.
@@ -67,21 +68,8 @@ impl<'a> Cubes<'a> {
     pub fn members(&self, edge_mm: f64) -> Vec<(u64, u32)> {
         let Some((places, cubes)) = self.dense(edge_mm) else { return self.sorted(edge_mm) };
         let places: Vec<u32> = places.map(|place| place as u32).collect();
-        let mut starts = vec![0_u32; cubes];
-        for place in &places {
-            starts[*place as usize] += 1;
-        }
-        let mut total = 0;
-        for start in &mut starts {
-            total += std::mem::replace(start, total);
-        }
-        let mut members = vec![(0, 0); places.len()];
-        for (place, index) in places.iter().zip(0..) {
-            let slot = &mut starts[*place as usize];
-            members[*slot as usize] = (u64::from(*place), index);
-            *slot += 1;
-        }
-        members
+        let member = |index: u32| (u64::from(places[index as usize]), index);
+        counted_order(&places, cubes).into_iter().map(member).collect()
     }
 
     fn sorted(&self, edge_mm: f64) -> Vec<(u64, u32)> {

@@ -21,6 +21,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::MeasureError;
 use super::result::FlatnessFilter;
+use crate::counted_order::counted_order;
 use fringe::math;
 
 /// Fewest points of each quarter of a cell: in parts of the median over cells (of a quarter's share, a quarter), and
@@ -184,23 +185,9 @@ fn ordered(halves: &[[i64; 2]], key: impl Fn(&[i64; 2]) -> [i64; 2]) -> Vec<u32>
     }
     let square = |halves: &[i64; 2]| {
         let key = key(halves);
-        (key[0] - low[0]) as usize * columns + (key[1] - low[1]) as usize
+        ((key[0] - low[0]) as usize * columns + (key[1] - low[1]) as usize) as u32
     };
-    let mut starts = vec![0_u32; squares];
-    for halves in halves {
-        starts[square(halves)] += 1;
-    }
-    let mut total = 0;
-    for start in &mut starts {
-        total += std::mem::replace(start, total);
-    }
-    let mut order = vec![0; halves.len()];
-    for (halves, index) in halves.iter().zip(0..) {
-        let start = &mut starts[square(halves)];
-        order[*start as usize] = index;
-        *start += 1;
-    }
-    order
+    counted_order(&halves.iter().map(square).collect::<Vec<u32>>(), squares)
 }
 
 /// Median of the points of a cell; 0 without cells.
