@@ -12,7 +12,7 @@ use metrology::acceptance::{Characteristic, Day, TestReport};
 use metrology::verdict::Verdict;
 
 /// What stands for a text that nobody gave.
-const NOT_STATED: &str = "not stated";
+pub(super) const NOT_STATED: &str = "not stated";
 
 /// Country code of ISO 3166-1 for users' own meaning: here that none is stated.
 const NO_COUNTRY: &str = "ZZ";
@@ -32,33 +32,73 @@ pub fn render(
     let date = condition(report, "date").unwrap_or_default();
     let date = check_day(date, "date of the test", "YYYY-MM-DD, from conditions.date of the plan")?;
     let country = check_country(parties)?;
+    Ok(certificate(&Certificate {
+        software: condition(report, "software").unwrap_or(env!("CARGO_PKG_VERSION")),
+        country,
+        sha256: (sha256, "SHA-256 of the result of the test (JSON)"),
+        date,
+        parties,
+        items: &|xml| item(xml, report),
+        person: condition(report, "operator").unwrap_or(NOT_STATED),
+        role: Some("operator"),
+        statements: &|xml| statements(xml, report),
+        result: &|xml| result(xml, report),
+    }))
+}
+
+/// What differs from certificate to certificate.
+pub(super) struct Certificate<'a> {
+    /// Version of the software that made the result.
+    pub software: &'a str,
+    /// Country of the test, two capital letters.
+    pub country: &'a str,
+    /// SHA-256 that identifies the document, and of what it is.
+    pub sha256: (&'a str, &'static str),
+    /// Day of the test or calibration.
+    pub date: &'a str,
+    /// Who tested for whom.
+    pub parties: &'a Parties<'a>,
+    /// Writes what was tested.
+    pub items: &'a dyn Fn(&mut Xml),
+    /// Name of the person who is responsible.
+    pub person: &'a str,
+    /// Role of that person, where it is known.
+    pub role: Option<&'a str>,
+    /// Writes the statements of the certificate.
+    pub statements: &'a dyn Fn(&mut Xml),
+    /// Writes the results of the measurement.
+    pub result: &'a dyn Fn(&mut Xml),
+}
+
+/// The document around what differs, UTF-8.
+pub(super) fn certificate(of: &Certificate<'_>) -> Vec<u8> {
     let root =
         [("xmlns:dcc", "https://ptb.de/dcc"), ("xmlns:si", "https://ptb.de/si"), ("schemaVersion", "3.1.2")];
     let mut xml = Xml::document();
     xml.within("dcc:digitalCalibrationCertificate", &root, |xml| {
         xml.within("dcc:administrativeData", &[], |xml| {
-            software(xml, condition(report, "software").unwrap_or(env!("CARGO_PKG_VERSION")));
-            core(xml, country, (sha256, "SHA-256 of the result of the test (JSON)"), date);
-            item(xml, report);
+            software(xml, of.software);
+            core(xml, of.country, of.sha256, of.date);
+            (of.items)(xml);
             xml.within("dcc:calibrationLaboratory", &[], |xml| {
-                contact(xml, "dcc:contact", parties.laboratory, country);
+                contact(xml, "dcc:contact", of.parties.laboratory, of.country);
             });
             xml.within("dcc:respPersons", &[], |xml| {
                 xml.within("dcc:respPerson", &[], |xml| {
-                    xml.within("dcc:person", &[], |xml| {
-                        text(xml, "dcc:name", condition(report, "operator").unwrap_or(NOT_STATED));
-                    });
-                    xml.leaf("dcc:role", "operator");
+                    xml.within("dcc:person", &[], |xml| text(xml, "dcc:name", of.person));
+                    if let Some(role) = of.role {
+                        xml.leaf("dcc:role", role);
+                    }
                 });
             });
-            contact(xml, "dcc:customer", parties.customer, country);
-            xml.within("dcc:statements", &[], |xml| statements(xml, report));
+            contact(xml, "dcc:customer", of.parties.customer, of.country);
+            xml.within("dcc:statements", &[], |xml| (of.statements)(xml));
         });
         xml.within("dcc:measurementResults", &[], |xml| {
-            xml.within("dcc:measurementResult", &[], |xml| result(xml, report));
+            xml.within("dcc:measurementResult", &[], |xml| (of.result)(xml));
         });
     });
-    Ok(xml.into_bytes())
+    xml.into_bytes()
 }
 
 /// A condition of the test by its label.
@@ -105,7 +145,7 @@ pub(super) fn text(xml: &mut Xml, name: &str, content: &str) {
 }
 
 /// A party of the document by its name.
-pub(super) fn contact(xml: &mut Xml, element: &str, name: Option<&str>, country: &str) {
+fn contact(xml: &mut Xml, element: &str, name: Option<&str>, country: &str) {
     xml.within(element, &[], |xml| {
         text(xml, "dcc:name", name.unwrap_or(NOT_STATED));
         xml.leaf("dcc:eMail", NOT_STATED);
@@ -114,7 +154,7 @@ pub(super) fn contact(xml: &mut Xml, element: &str, name: Option<&str>, country:
 }
 
 /// The software that made the document, by its release.
-pub(super) fn software(xml: &mut Xml, release: &str) {
+fn software(xml: &mut Xml, release: &str) {
     xml.within("dcc:dccSoftware", &[], |xml| {
         xml.within("dcc:software", &[], |xml| {
             text(xml, "dcc:name", "fringecell");
@@ -124,7 +164,7 @@ pub(super) fn software(xml: &mut Xml, release: &str) {
 }
 
 /// Language, identification and day; the document is named after a hash, which a text explains.
-pub(super) fn core(xml: &mut Xml, country: &str, (sha256, what): (&str, &str), date: &str) {
+fn core(xml: &mut Xml, country: &str, (sha256, what): (&str, &str), date: &str) {
     xml.within("dcc:coreData", &[], |xml| {
         xml.leaf("dcc:countryCodeISO3166_1", country);
         xml.leaf("dcc:usedLangCodeISO639_1", "en");

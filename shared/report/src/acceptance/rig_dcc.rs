@@ -4,7 +4,7 @@
 //! beside the rig file tells it; pixels are numbers (`\one`) to D-SI. Each pair has the distance of its projection centres.
 
 use super::dcc::{
-    check_country, check_day, contact, core, expanded, identification, software, statement, text,
+    Certificate, NOT_STATED, certificate, check_country, check_day, expanded, identification, statement, text,
 };
 use super::xml::Xml;
 use super::{AcceptanceReportError, Parties};
@@ -26,36 +26,25 @@ pub fn render_rig(
 ) -> Result<Vec<u8>, AcceptanceReportError> {
     let day = check_day(date, "--date", "the day of the calibration as YYYY-MM-DD")?;
     let country = check_country(parties)?;
-    let root =
-        [("xmlns:dcc", "https://ptb.de/dcc"), ("xmlns:si", "https://ptb.de/si"), ("schemaVersion", "3.1.2")];
-    let mut xml = Xml::document();
-    xml.within("dcc:digitalCalibrationCertificate", &root, |xml| {
-        xml.within("dcc:administrativeData", &[], |xml| {
-            software(xml, stated(rig, "software").unwrap_or(env!("CARGO_PKG_VERSION")));
-            core(xml, country, (&rig.sha256, "SHA-256 of the rig file"), day);
-            items(xml, rig);
-            xml.within("dcc:calibrationLaboratory", &[], |xml| {
-                contact(xml, "dcc:contact", parties.laboratory, country);
-            });
-            xml.within("dcc:respPersons", &[], |xml| {
-                xml.within("dcc:respPerson", &[], |xml| {
-                    xml.within("dcc:person", &[], |xml| text(xml, "dcc:name", "not stated"));
-                });
-            });
-            contact(xml, "dcc:customer", parties.customer, country);
-            xml.within("dcc:statements", &[], |xml| {
-                let claim = "Calibration report, not a calibration certificate of an accredited laboratory.";
-                statement(xml, claim, None);
-                if covariance.is_none() {
-                    statement(xml, "The rig file names no covariance: no uncertainty is stated.", None);
-                }
-            });
-        });
-        xml.within("dcc:measurementResults", &[], |xml| {
-            xml.within("dcc:measurementResult", &[], |xml| results(xml, rig, covariance));
-        });
-    });
-    Ok(xml.into_bytes())
+    let statements = |xml: &mut Xml| {
+        let claim = "Calibration report, not a calibration certificate of an accredited laboratory.";
+        statement(xml, claim, None);
+        if covariance.is_none() {
+            statement(xml, "The rig file names no covariance: no uncertainty is stated.", None);
+        }
+    };
+    Ok(certificate(&Certificate {
+        software: stated(rig, "software").unwrap_or(env!("CARGO_PKG_VERSION")),
+        country,
+        sha256: (&rig.sha256, "SHA-256 of the rig file"),
+        date: day,
+        parties,
+        items: &|xml| items(xml, rig),
+        person: NOT_STATED,
+        role: None,
+        statements: &statements,
+        result: &|xml| results(xml, rig, covariance),
+    }))
 }
 
 /// A text of the provenance.
@@ -67,7 +56,7 @@ fn items(xml: &mut Xml, rig: &RigFile) {
     xml.within("dcc:items", &[], |xml| {
         xml.within("dcc:item", &[], |xml| {
             text(xml, "dcc:name", "rig of cameras and projectors, fringe projection");
-            xml.within("dcc:manufacturer", &[], |xml| text(xml, "dcc:name", "not stated"));
+            xml.within("dcc:manufacturer", &[], |xml| text(xml, "dcc:name", NOT_STATED));
             xml.within("dcc:identifications", &[], |xml| {
                 for device in rig.rig.cameras.iter().chain(&rig.rig.projectors) {
                     let (width, height) = (device.camera.width_px, device.camera.height_px);
