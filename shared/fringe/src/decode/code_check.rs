@@ -45,22 +45,21 @@ impl Decoder {
             || self.levels_differ(home, out)
     }
 
-    /// Looks at the frames of a code; `true` when some were wrong. The map must hold every pixel's own phase.
+    /// Looks at the frames of a code and mends the stored ones. The map must hold every pixel's own phase.
     ///
     /// # Errors
     /// [`DecodeError::WrongCode`] where a frame is wrong that nothing makes up for.
-    pub(super) fn mend_code(&mut self, home: usize, out: &PhaseViewMut) -> Result<bool, DecodeError> {
+    pub(super) fn mend_code(&mut self, home: usize, out: &PhaseViewMut) -> Result<(), DecodeError> {
         if self.axes[home].code.is_none() {
             let verdict = self.look_at_code(home, out);
             self.axes[home].code = Some(verdict);
         }
         let axis = self.plan.axes[home].axis;
-        let verdict = self.axes[home].code.as_ref();
-        let findings = verdict.map_or(&[][..], |verdict| &verdict.findings);
-        if let Some(finding) = findings.iter().find(|finding| finding.remedy == Remedy::None) {
-            return Err(DecodeError::WrongCode { axis, finding: Box::new(*finding) });
+        let mut findings = self.axes[home].code.iter().flat_map(|verdict| &verdict.findings);
+        match findings.find(|finding| finding.remedy == Remedy::None) {
+            Some(finding) => Err(DecodeError::WrongCode { axis, finding: Box::new(*finding) }),
+            None => Ok(()),
         }
-        Ok(!findings.is_empty())
     }
 
     /// Refuses orders that contradict the phase, the more strictly where the frames do not confirm them.

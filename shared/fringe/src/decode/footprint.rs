@@ -26,6 +26,7 @@ use super::block::CHUNK;
 use super::rasters::Rasters;
 use super::roles::Levels;
 use super::survey::Survey;
+use super::{DecodeError, Decoder, FootprintTest};
 use crate::math::ln;
 use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
@@ -241,4 +242,43 @@ fn line(places: &[Place]) -> Option<(f64, f64)> {
     // What the line does not explain (light between surfaces, focus) counts as uncertainty.
     let chi2 = sum(&|p| p.weight * misfit(p) * misfit(p)) / (places.len() as f64 - 2.0);
     Some((slope, (chi2.max(1.0) / xx).sqrt()))
+}
+
+impl Decoder {
+    /// Removes the bias of the pixel's footprint; its standard deviation, where it is known, and what the frames say of it.
+    pub(super) fn remove_footprint(
+        &mut self,
+        home: usize,
+        out: &mut PhaseViewMut,
+    ) -> Result<(Option<f64>, Option<FootprintTest>), DecodeError> {
+        let plan = &self.plan.axes[home];
+        if let Some(levels) = plan.levels
+            && self.rasters.mostly_below(levels.white, levels.black, out.valid)
+        {
+            return Err(DecodeError::WhiteBelowBlack { axis: plan.axis });
+        }
+        let given_px = self.settings.footprint_px;
+        let (rasters, clipped_dn) = (&self.rasters, self.clipped_dn);
+        let reflectance = plan.levels.filter(|_| given_px.is_none()).map(|levels| Reflectance {
+            rasters,
+            levels,
+            clipped_dn,
+        });
+        // Neither given nor to be estimated from the frames: no derivative is needed.
+        let calibrated = self.settings.sensor.footprint.filter(|_| given_px.is_none());
+        let unknown = given_px.is_none() && calibrated.is_none() && reflectance.is_none();
+        if plan.sines.is_empty() || given_px == Some(0.0) || unknown {
+            return Ok((None, None));
+        }
+        let shape = calibrated.map_or([1.0; 2], |footprint| footprint.shape().map(|part| part as f32));
+        let seen = self.footprint.survey(out, reflectance, shape, self.level);
+        let known_px2 = given_px.map(|footprint_px| footprint_px * footprint_px);
+        let known_px2 = known_px2.or(calibrated.map(|footprint| footprint.variance_px2().0));
+        let variance_px2 = known_px2.or(seen.and_then(Line::joined_px2));
+        if let Some(variance_px2) = variance_px2 {
+            self.footprint.correct(variance_px2, out, self.level);
+        }
+        let test = calibrated.zip(seen).map(|(known, seen)| super::sensor_test::footprint(known, seen));
+        Ok((variance_px2.map(f64::sqrt), test))
+    }
 }

@@ -237,7 +237,8 @@ fn exchanged(look: &CodeLook, plain: &Reading, rasters: &mut Rasters, findings: 
             .from
             .iter()
             .any(|(other, _)| *other != frame && same(look, rasters, frame, *other) > DOUBLED);
-        let best = best.filter(|_| !doubled && two_levels(look, rasters, frame, every(look)).is_some());
+        let flat = two_levels(look, rasters, frame, every(look)).is_none();
+        let best = best.filter(|_| !doubled && !flat);
         // The whole code shall say so too: of a part of many faces a wide stripe has few edges.
         let best = best.filter(|(_, other)| {
             let mut from = plain.from.clone();
@@ -245,7 +246,7 @@ fn exchanged(look: &CodeLook, plain: &Reading, rasters: &mut Rasters, findings: 
             let exchanged = strange_edges(look, rasters, &Reading { from, free: 0 });
             exchanged < CLEARLY * strange_edges(look, rasters, plain)
         });
-        if let Some((_, other)) = best {
+        if let Some((rest, other)) = best {
             let (a, b) = (frame, plain.from[other].0);
             let (of_a, of_b) = (look.frames[a], look.frames[b]);
             let [first, second] = [of_a, of_b].map(|frame| rasters.taken(frame.raster, look.middle_dn.len()));
@@ -253,11 +254,10 @@ fn exchanged(look: &CodeLook, plain: &Reading, rasters: &mut Rasters, findings: 
             rasters.put(of_b.raster, first.len(), |place| first[place]);
             findings.push(look.finding(a, Fault::Shows(of_b.set, of_b.step), Remedy::OtherFrame));
             findings.push(look.finding(b, Fault::Shows(of_a.set, of_a.step), Remedy::OtherFrame));
-            before = best.map_or(before, |best| f64::max(before, best.0));
+            before = f64::max(before, rest);
             continue;
         }
-        let levels = two_levels(look, rasters, frame, every(look));
-        let fault = if levels.is_none() { Fault::Black } else { Fault::Strange };
+        let fault = if flat { Fault::Black } else { Fault::Strange };
         // Edges alone do not tell a wrong frame from a part of many faces, which may also lie in the dark of a wide stripe.
         findings.push(look.finding(frame, fault, Remedy::Doubted));
         return;
