@@ -14,6 +14,7 @@ pub use level_table::LevelTable;
 pub use levels::GreyLevels;
 pub use missing::{Remaining, without};
 
+use crate::math::random::Key;
 use crate::math::{cos, wrap_positive_rad};
 use levels::ALL_LEVELS;
 use serde::{Deserialize, Serialize};
@@ -195,6 +196,17 @@ pub enum PatternSet {
         )]
         levels: Option<GreyLevels>,
     },
+    /// Pseudo-random stripes in one frame, by which the decoder proves that every frame shows its pattern: no slip, no exchange and no
+    /// repetition leaves a coordinate that explains all frames.
+    Check {
+        /// Axis along which the pattern varies.
+        axis: Axis,
+        /// Projector pixels per stripe.
+        stripe_px: f64,
+        /// Which of the pseudo-random patterns.
+        #[serde(default, skip_serializing_if = "is_default")]
+        seed: u32,
+    },
     /// Random dots; cannot be generated, only recorded and ignored.
     Random {
         /// Number of frames of the set.
@@ -256,6 +268,7 @@ impl PatternSet {
             Self::Black {} => "black",
             Self::Stair { .. } => "stair",
             Self::Ramp { .. } => "ramp",
+            Self::Check { .. } => "check",
             Self::Random { .. } => "random",
         }
     }
@@ -267,7 +280,7 @@ impl PatternSet {
             Self::Micro { periods_px, .. } => return periods_px.len() + 2,
             Self::Modulated { steps, carrier_steps, .. } => steps.saturating_mul(*carrier_steps),
             Self::Gray { bits, .. } => *bits,
-            Self::White {} | Self::Black {} | Self::Ramp { axis: Some(_), .. } => 1,
+            Self::White {} | Self::Black {} | Self::Check { .. } | Self::Ramp { axis: Some(_), .. } => 1,
             Self::Ramp { levels, .. } => return levels.as_ref().unwrap_or(&ALL_LEVELS).count(),
             Self::Random { frames } => *frames,
         }) as usize
@@ -281,6 +294,7 @@ impl PatternSet {
             | Self::Micro { axis, .. }
             | Self::Modulated { axis, .. }
             | Self::Gray { axis, .. }
+            | Self::Check { axis, .. }
             | Self::Stair { axis, .. } => Some(*axis),
             Self::Ramp { axis, .. } => *axis,
             Self::White {} | Self::Black {} | Self::Random { .. } => None,
@@ -328,6 +342,10 @@ impl PatternSet {
                 let number = if *code == Code::Gray { stripe ^ (stripe >> 1) } else { stripe };
                 let bit = (number >> (*bits as usize - 1 - step)) & 1;
                 f64::from(bit ^ u32::from(*invert))
+            }
+            Self::Check { stripe_px, seed, .. } => {
+                let stripe = ((coordinate_px + 0.5).floor().max(0.0) / stripe_px).floor() as u64;
+                f64::from((Key::new(u64::from(*seed)).bits(stripe) >> 63) as u32)
             }
             Self::White {} => 1.0,
             Self::Black {} => 0.0,

@@ -1,6 +1,7 @@
 //! Why a sequence or a frame cannot be decoded.
 
 use super::dirt::Finding;
+use super::identity::OrderEvent;
 use crate::pattern::{Axis, PatternError, Threshold};
 use thiserror::Error;
 
@@ -77,6 +78,28 @@ pub enum DecodeError {
         lit: usize,
         /// The setting `max_contradiction`, a fraction.
         limit: f64,
+    },
+    /// The check of the sequence found frames that do not show their patterns.
+    #[error(
+        "the frames are not in the order of the sequence (check along axis {axis:?}): {event}; record again, and look for lost triggers"
+    )]
+    Order {
+        /// Projector axis that showed it.
+        axis: Axis,
+        /// What happened to the order.
+        event: OrderEvent,
+    },
+    /// The check of the sequence cannot show every slip and exchange.
+    #[error(
+        "the check cannot prove the order of the frames: nobody would see along axis {axis:?} that {event}; add {{ set = \"check\", axis = \"{}\", stripe_px = 8.0 }} to the sequence, \
+         or a check with other stripes or another seed",
+        match axis { Axis::X => "x", Axis::Y => "y" }
+    )]
+    OrderNotProven {
+        /// Projector axis whose coordinates would be wrong.
+        axis: Axis,
+        /// What would stay unseen.
+        event: OrderEvent,
     },
     /// White and black frames are exchanged.
     #[error(

@@ -47,6 +47,7 @@ mod error;
 mod exposures;
 mod footprint;
 mod frame_check;
+mod identity;
 mod limits;
 mod micro;
 mod motion;
@@ -79,6 +80,7 @@ pub use diagnose::Diagnosis;
 pub use dirt::{Fault, Finding, Remedy};
 pub use error::DecodeError;
 pub use exposures::{Exposed, merge_exposures};
+pub use identity::{FrameOrder, OrderEvent, prove as prove_order};
 pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
 pub use motion::Motion;
 pub use replace::SineSet;
@@ -96,6 +98,7 @@ use blocks::decode_blocks;
 use edges::Edges;
 use fearless_simd::Level;
 use footprint::Footprint;
+use identity::Identity;
 use motion::StepMotion;
 use neighbours::Field;
 use order::Kernel;
@@ -123,6 +126,8 @@ pub struct Decoder {
     motions: Vec<Option<StepMotion>>,
     rasters: Rasters,
     axes: Vec<AxisState>,
+    /// Of each axis: what proves the order of the frames, where the sequence has a check.
+    identities: Vec<Option<Identity>>,
     correction: Vec<i16>,
     footprint: Footprint,
     /// Of codes without sines.
@@ -157,7 +162,8 @@ impl Decoder {
             return Err(DecodeError::FullScale);
         }
         let pixels = pixels as usize;
-        let plan = Plan::new(sequence, extent_px, settings)?;
+        let mut plan = Plan::new(sequence, extent_px, settings)?;
+        let identities = plan.identities(sequence, extent_px, pixels);
         let clipped_dn = (settings.saturation_fraction * f64::from(full_scale_dn)).ceil() as u16;
         let axes = plan
             .axes
@@ -177,6 +183,7 @@ impl Decoder {
             motions: vec![None; plan.sines.len()],
             rasters: Rasters::new(plan.stored, pixels, full_scale_dn),
             axes,
+            identities,
             correction: vec![0; pixels],
             footprint: Footprint::new(width_px as usize, pixels),
             edges: plan
@@ -223,6 +230,7 @@ impl Decoder {
     /// A frame out of turn, of another size or grey scale, or with a value beyond full scale is refused and changes nothing.
     pub fn push(&mut self, index: usize, frame: &FrameView) -> Result<(), DecodeError> {
         self.check_frame(index, frame)?;
+        self.identities.iter_mut().flatten().for_each(|identity| identity.keep(index, frame));
         match self.plan.roles[index] {
             Role::Ignored => {}
             Role::Stored(raster) => self.rasters.keep(raster, frame.pixels),
@@ -266,6 +274,8 @@ impl Decoder {
         if out.info != info || sizes != [n; 4] {
             return Err(DecodeError::Output);
         }
+        // First of all: a slip explains what other checks would only notice.
+        let order = self.identities[home].as_ref().map_or(Ok(FrameOrder::Unchecked), Identity::verify)?;
         self.check_sets(home)?;
         if let Some(residual) = self.axes[home].probe.disorder(self.full_scale_dn) {
             return Err(DecodeError::Disorder { axis, residual });
@@ -287,6 +297,7 @@ impl Decoder {
         let of_code = self.axes[home].code.iter().flat_map(|verdict| &verdict.findings);
         let of_sines = self.plan.axes[home].sines.iter().flat_map(|s| &self.findings[*s]);
         report.findings = of_sines.chain(of_code).copied().collect();
+        report.order = order;
         report.sensor.noise = self.noise_test(&self.axes[home]);
         report.motion = self.motion(home, out);
         (report.footprint_px, report.sensor.footprint) = self.remove_footprint(home, out)?;

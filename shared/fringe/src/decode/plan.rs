@@ -2,6 +2,7 @@
 
 use super::chain::{Chain, Start};
 use super::error::DecodeError;
+use super::identity::Identity;
 use super::limits::MAX_FRAMES;
 use super::micro::{MICRO_STEPS, Micro};
 use super::roles::{
@@ -50,6 +51,22 @@ impl Plan {
         }
         plan.name_ignored(&sets, &used)?;
         Ok(plan)
+    }
+
+    /// What proves the order of the frames along each axis; an axis then waits for all frames that its proof needs.
+    pub fn identities(
+        &mut self,
+        sequence: &[PatternSet],
+        extent_px: [u32; 2],
+        pixels: usize,
+    ) -> Vec<Option<Identity>> {
+        let identity = |plan: &mut AxisPlan| {
+            let extent_px = extent_px[usize::from(plan.axis == Axis::Y)];
+            let identity = Identity::new(sequence, plan.axis, extent_px, pixels)?;
+            plan.needed = plan.needed.max(identity.needed());
+            Some(identity)
+        };
+        self.axes.iter_mut().map(identity).collect()
     }
 
     fn axis(
@@ -299,7 +316,12 @@ impl Plan {
         if self.axes.is_empty() {
             return Err(DecodeError::NothingToDecode);
         }
-        for (index, set) in sets.list.iter().enumerate().filter(|(index, _)| !used[*index]) {
+        for (index, set) in sets
+            .list
+            .iter()
+            .enumerate()
+            .filter(|(index, set)| !used[*index] && !matches!(set, PatternSet::Check { .. }))
+        {
             let home = self.axes.iter().position(|a| Some(a.axis) == set.axis()).unwrap_or(0);
             self.axes[home].ignored.push(format!("set {index} (\"{}\")", set.name()));
         }

@@ -3,6 +3,7 @@
 use super::continuity::Continuity;
 use super::dirt::Finding;
 use super::error::DecodeError;
+use super::identity::FrameOrder;
 use super::motion::Motion;
 use super::sensor_test::SensorTest;
 use crate::pattern::Axis;
@@ -46,10 +47,11 @@ impl DecodeReport {
         self.continuity.jump_fraction().max(pixels)
     }
 
-    /// What contradicts the calibration, and a motion beyond the uncertainty, in words; `camera` is named.
+    /// What contradicts the calibration, a motion beyond the uncertainty, and an order of frames that nothing proves, in words; `camera` is
+    /// named.
     pub fn warnings(&self, camera: &str) -> Vec<String> {
         let moved = self.motion.and_then(|motion| motion.warning(camera));
-        self.sensor.warnings(camera).into_iter().chain(moved).collect()
+        self.sensor.warnings(camera).into_iter().chain(moved).chain(self.order.warning(camera)).collect()
     }
 
     /// Refuses orders that contradict the phase beyond a limit.
@@ -105,6 +107,8 @@ pub struct DecodeReport {
     pub continuity: Continuity,
     /// Faults of the frames that were found and made up for.
     pub findings: Vec<Finding>,
+    /// What the frames proved of their order.
+    pub order: FrameOrder,
     /// Sets of the sequence that were not used; every set stands in the report of exactly one axis.
     pub ignored: Arc<[String]>,
 }

@@ -5,6 +5,7 @@ mod codecs;
 mod diagnose;
 mod dirt;
 mod footprint;
+mod identity;
 mod levels;
 mod methods;
 mod motion;

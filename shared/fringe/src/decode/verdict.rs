@@ -2,6 +2,7 @@
 
 use super::block::{BLOCK, CHUNK, Tally, state};
 use super::continuity::Continuity;
+use super::identity::FrameOrder;
 use super::neighbours::{Field, MASK};
 use super::report::{DecodeReport, NoiseModel};
 use super::roles::AxisPlan;
@@ -69,6 +70,7 @@ impl Verdicts {
             motion: None,
             continuity: Continuity::default(),
             findings: Vec::new(),
+            order: FrameOrder::default(),
             ignored,
         }
     }

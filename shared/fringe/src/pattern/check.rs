@@ -37,6 +37,7 @@ impl PatternSet {
                     Err(PatternError::StairSteps { steps: *steps })
                 }
             }
+            Self::Check { stripe_px, .. } => length("stripe_px", *stripe_px, 1.0),
             Self::Ramp { axis: Some(_), levels: Some(_) } => Err(PatternError::RampKind),
             Self::Ramp { levels: Some(levels), .. } => levels.check(),
             Self::White {} | Self::Black {} | Self::Ramp { .. } | Self::Random { .. } => Ok(()),
