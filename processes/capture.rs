@@ -1,11 +1,11 @@
 //! The capture process of one camera: exposes on a trigger, straight into shared memory.
 
-use crate::stage::{Fault, Inbox, Report, StageArgs, StageContext, Worker, cycle_fault};
+use crate::stage::{Fault, Inbox, Report, StageArgs, StageContext, TextBuffer, Worker, cycle_fault};
 use anyhow::Result;
 use cell::FrameFormat;
 use cell::cycle_number::unwire;
 use cell::schedule::Work;
-use devices::Camera;
+use devices::{Camera, CameraState};
 use ipc::IpcError;
 use ipc::header::{Frame, Trigger};
 use ipc::os::now_ns;
@@ -30,6 +30,7 @@ pub struct Capture {
     lights: Vec<Light>,
     frames: Publisher<Frame>,
     exposed: Publisher<Trigger>,
+    text: TextBuffer,
 }
 
 impl Capture {
@@ -55,12 +56,13 @@ impl Capture {
             driver: devices::camera_of(cell, camera, args.frames.as_deref())?,
             frames: context.publisher(&format!("frame/{}", node.name))?,
             exposed: context.publisher("exposed")?,
+            text: TextBuffer::new(),
         })
     }
 
     fn expose(&mut self, context: &mut StageContext, light: usize, trigger: Trigger) -> Result<(), Fault> {
         let light = &mut self.lights[light];
-        let (projector, frame) = (light.projector, light.next);
+        let (projector, frame, frames) = (light.projector, light.next, light.frames);
         if (trigger.projector as usize, trigger.frame as usize) != (projector, frame) || frame >= light.frames
         {
             return Err(Fault::Cycle(format!(
@@ -93,7 +95,10 @@ impl Capture {
         let exposed = Trigger { t_ns, camera: self.camera as u32, ..trigger };
         context.sending(|| self.exposed.send(exposed, &[]))?;
         let work = Work::Expose { camera: self.camera, projector, frame };
-        context.done_hashed(work, start_ns, output, Report::default())
+        // After its last frame a camera has time to tell its temperature.
+        let state = if frame + 1 == frames { self.driver.state() } else { CameraState::default() };
+        let text = if state == CameraState::default() { "" } else { self.text.json(&state)? };
+        context.done_hashed(work, start_ns, output, Report { count: 0, text })
     }
 }
 

@@ -312,7 +312,7 @@ fn pattern_sets_have_the_keys_of_the_page() {
     let recording = &examples.iter().find(|(name, _)| name == "Recording").unwrap().1;
     let reader = READERS.iter().find(|reader| reader.section == "Recording").unwrap();
     let sets: Vec<&KeyTable> = tables.iter().filter(|table| table.section == "Pattern sets").collect();
-    assert_eq!(sets.len(), 9);
+    assert_eq!(sets.len(), 10);
     let faults: Vec<String> =
         sets.iter().filter_map(|table| compare(folder.path(), reader, table, recording)).collect();
     assert!(faults.is_empty(), "{}", faults.join("\n"));

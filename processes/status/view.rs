@@ -1,7 +1,7 @@
 //! Tables of `status`, fitted to the terminal.
 
 use crate::supervisor::profile::Percentiles;
-use crate::supervisor::protocol::{LastPart, StageStatus, Status};
+use crate::supervisor::protocol::{CameraStatus, LastPart, StageStatus, Status};
 use files::result::OUTCOME_OK;
 use metrology::verdict::Verdict;
 use std::fmt::Write as _;
@@ -91,7 +91,29 @@ pub(super) fn table(status: &Status, columns: usize) -> String {
     }
     text.push('\n');
     stages(&mut text, status, columns, wide);
+    cameras(&mut text, status);
     text
+}
+
+/// One line per camera that tells anything of itself.
+fn cameras(text: &mut String, status: &Status) {
+    for (index, CameraStatus { name, state }) in status.cameras.iter().enumerate() {
+        if index == 0 {
+            let _ = writeln!(
+                text,
+                "\n{:<22} {:>7} {:>10} {:>8} {:>8}",
+                "camera", "°C", "packets", "resent", "lost"
+            );
+        }
+        let celsius = state.temperature_c.map_or_else(|| "–".to_owned(), |celsius| format!("{celsius:.1}"));
+        let link = state.link.unwrap_or_default();
+        let lost = link.lost_packets + link.dropped_packets;
+        let _ = writeln!(
+            text,
+            "{name:<22} {celsius:>7} {:>10} {:>8} {lost:>8}",
+            link.packets, link.resent_packets
+        );
+    }
 }
 
 /// One line per stage. Process ids are omitted if long names need their space.
@@ -315,6 +337,7 @@ mod tests {
             part: Some("4711".into()),
             recipe: Some("spheres".into()),
             last: Some(last()),
+            cameras: Vec::new(),
             stages: stages.iter().map(|name| stage(name)).collect(),
         }
     }

@@ -4,7 +4,7 @@ use super::profile;
 use crate::software::FRINGECELL;
 use cell::Cell;
 use cell::schedule::{Interval, Schedule, Work, output};
-use devices::LoadedCell;
+use devices::{CameraState, LoadedCell};
 use files::result::{CycleResult, OUTCOME_OK, StageResult};
 use fringe::fusion::Overlap;
 use ipc::header::Event;
@@ -132,6 +132,16 @@ impl Collector {
             version: FRINGECELL.version.to_owned(),
             ..CycleResult::default()
         }
+    }
+
+    /// What each camera told of itself in this cycle.
+    pub fn camera_states(&self, cell: &Cell) -> Vec<(String, CameraState)> {
+        let reports = self.reports(cell);
+        let state = |(output, report): (String, Value)| {
+            let camera = output.strip_prefix("frame/")?.to_owned();
+            Some((camera, serde_json::from_value(report).ok()?))
+        };
+        reports.into_iter().filter_map(state).collect()
     }
 
     fn stages(&self, schedule: &Schedule) -> Vec<StageResult> {

@@ -4,6 +4,7 @@
 
 use super::profile::{BOUNDS_NS, Profile, StageProfile, Timing};
 use super::protocol::{LastPart, StageStatus, Status};
+use devices::CameraState;
 use metrology::inspection::FeatureResult;
 use metrology::verdict::Verdict;
 use std::fmt::Write as _;
@@ -51,6 +52,7 @@ pub fn render(status: &Status, profile: &Profile) -> String {
     let mut text = String::new();
     cycles(&mut text, status, profile);
     stages(&mut text, status);
+    cameras(&mut text, status);
     if let Some(last) = &status.last {
         features(&mut text, &status.cell, last);
     }
@@ -155,6 +157,49 @@ fn stages(text: &mut String, status: &Status) {
         let mut family = Family::new(text, &status.cell, name, kind, help);
         for stage in &status.stages {
             family.sample("", &[("stage", &stage.name)], pick(stage));
+        }
+    }
+}
+
+/// Temperature and link of the cameras that tell them.
+fn cameras(text: &mut String, status: &Status) {
+    type Pick = fn(&CameraState) -> Option<f64>;
+    let families: [(&'static str, &str, &str, Pick); 6] = [
+        ("fringecell_camera_temperature_celsius", "gauge", "Temperature of the camera.", |s| s.temperature_c),
+        ("fringecell_camera_packets_total", "counter", "Packets that arrived.", |s| {
+            s.link.map(|link| link.packets as f64)
+        }),
+        ("fringecell_camera_lost_packets_total", "counter", "Packets that were lost for good.", |s| {
+            s.link.map(|link| link.lost_packets as f64)
+        }),
+        (
+            "fringecell_camera_resent_packets_total",
+            "counter",
+            "Packets that came after they were asked for again.",
+            |s| s.link.map(|link| link.resent_packets as f64),
+        ),
+        (
+            "fringecell_camera_dropped_packets_total",
+            "counter",
+            "Packets that a full receive buffer dropped.",
+            |s| s.link.map(|link| link.dropped_packets as f64),
+        ),
+        (
+            "fringecell_camera_incomplete_frames_total",
+            "counter",
+            "Frames closed without all their packets.",
+            |s| s.link.map(|link| link.incomplete_frames as f64),
+        ),
+    ];
+    for (name, kind, help, pick) in families {
+        if status.cameras.iter().all(|camera| pick(&camera.state).is_none()) {
+            continue;
+        }
+        let mut family = Family::new(text, &status.cell, name, kind, help);
+        for camera in &status.cameras {
+            if let Some(value) = pick(&camera.state) {
+                family.sample("", &[("camera", &camera.name)], value);
+            }
         }
     }
 }

@@ -29,6 +29,7 @@ pub mod snapshot;
 mod stage_process;
 mod state;
 mod summary;
+mod warm_up;
 
 pub use metrics::CONTENT_TYPE;
 pub use monitor::{KEPT_CYCLES, MONITOR, PageOptions};

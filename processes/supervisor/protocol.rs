@@ -2,6 +2,7 @@
 
 use super::profile::{Outcomes, Percentiles};
 use crate::control::State;
+use devices::CameraState;
 use files::result::{CycleResult, StageResult};
 use files::trace::TraceCycle;
 use metrology::inspection::FeatureResult;
@@ -252,6 +253,19 @@ pub struct Status {
     pub last: Option<LastPart>,
     /// Status of the stages, in the order of the schedule.
     pub stages: Vec<StageStatus>,
+    /// What cameras told of themselves at the end of the last cycle that they completed, by name; those that tell nothing are absent.
+    #[serde(default)]
+    pub cameras: Vec<CameraStatus>,
+}
+
+/// What a camera told of itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CameraStatus {
+    /// Name of the camera.
+    pub name: String,
+    /// Its temperature and its link.
+    #[serde(flatten)]
+    pub state: CameraState,
 }
 
 /// What the last cycle found.

@@ -294,6 +294,7 @@ impl Supervisor<'_> {
             recipe: job.recipe,
             last: self.tally.last.clone(),
             stages: stages.collect(),
+            cameras: self.cameras.status(),
         }
     }
 }

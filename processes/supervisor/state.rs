@@ -16,6 +16,7 @@ use super::setup::{self, RunOptions};
 use super::snapshot::Snapshot;
 use super::stage_process::{ProcessState, StageProcess};
 use super::summary::{Summary, Tally};
+use super::warm_up::Cameras;
 use crate::part_files::{PartOutput, Scan};
 use crate::terminal;
 use anyhow::Result;
@@ -88,6 +89,7 @@ pub(super) struct Supervisor<'a> {
     pub(super) changes: Changes,
     /// Cycles that a serving cell begins with, until it has begun.
     pub(super) first_cycles: Option<u64>,
+    pub(super) cameras: Cameras,
     pub(super) ports: Ports,
 }
 
@@ -151,6 +153,10 @@ impl<'a> Supervisor<'a> {
                 options.serve,
             ),
             profile: Profile::new(&names, setup::ns_of_ms(cell.config.limits.cycle_deadline_ms))?,
+            cameras: Cameras::new(
+                cell.graph.cameras.iter().map(|camera| camera.name.clone()).collect(),
+                cell.config.warm_up,
+            ),
             ports: Ports::new(services, node, lock),
             cell,
         })
@@ -204,8 +210,12 @@ impl<'a> Supervisor<'a> {
         each: &mut dyn FnMut(&CycleResult),
     ) -> Result<()> {
         let collector = self.collectors.remove(&cycle).unwrap_or_default();
+        for (camera, state) in collector.camera_states(self.cell) {
+            self.cameras.told(&camera, state, now_ns());
+        }
         let checked = || self.in_order(&collector).and_then(|()| collector.check_result(&self.cell.schedule));
-        let outcome = &outcome.clone().and_then(|()| checked());
+        let settled = || self.cameras.settled(now_ns());
+        let outcome = &outcome.clone().and_then(|()| checked()).and_then(|()| settled());
         if let Some(snapshot) = &mut self.snapshot {
             snapshot.update()?;
             snapshot.end_cycle(wire(cycle), outcome.is_ok());

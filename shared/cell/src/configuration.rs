@@ -38,6 +38,17 @@ pub struct Configuration {
     pub schedule: ScheduleConfig,
     /// Frames per second of a recording that is played, if one is; 0: as fast as possible.
     pub rate_hz: Option<f64>,
+    /// When the cameras count as warm; absent: always.
+    pub warm_up: Option<WarmUp>,
+}
+
+/// When the temperature of the cameras has settled: before that no cycle is ok.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WarmUp {
+    /// Largest change within the window, K.
+    pub max_change_k: f64,
+    /// Time over which the temperature must be known, s.
+    pub window_s: f64,
 }
 
 /// How frames become points: the tables `[decode]`, `[matching]` and `[fusion]`.
@@ -98,6 +109,29 @@ impl Driver {
     }
 }
 
+/// Who fires the cameras, and when.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum TriggerMode {
+    /// A pattern is shown; when it stands the cameras are triggered; when all have exposed the next one is shown.
+    #[default]
+    Stepped,
+    /// The projector shows its whole sequence in its own time, one pattern every so many ms, and fires the cameras with each.
+    Sequenced {
+        /// From one pattern to the next, ms.
+        period_ms: f64,
+    },
+}
+
+impl TriggerMode {
+    /// Name in the configuration.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stepped => "stepped",
+            Self::Sequenced { .. } => "sequenced",
+        }
+    }
+}
+
 /// How a GenICam camera is found and set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GenicamCamera {
@@ -113,6 +147,8 @@ pub struct GenicamCamera {
     pub gain_db: Option<f64>,
     /// Pause between two packets, ticks of the camera's clock; absent: none.
     pub packet_delay_ticks: Option<u32>,
+    /// Input that the projector fires, where it shows its sequence in its own time.
+    pub trigger_line: String,
 }
 
 /// A projector of the cell.
@@ -134,6 +170,8 @@ pub struct ProjectorConfig {
     pub exposures_ms: Vec<f64>,
     /// Of a projector that another program works: its address.
     pub address: Option<SocketAddr>,
+    /// Who fires the cameras.
+    pub trigger: TriggerMode,
     /// How levels are drawn so that the light is proportional to them.
     pub level_table: Option<LevelTable>,
 }

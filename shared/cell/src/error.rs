@@ -119,6 +119,16 @@ pub enum ScheduleError {
         /// Time of the cycle.
         deadline_ms: u64,
     },
+    /// The sequences that projectors show in their own time last longer than a cycle may.
+    #[error(
+        "the projected sequences last {needed_ms:.1} ms, the cycle must end within {deadline_ms} ms; raise limits.cycle_deadline_ms or lower period_ms"
+    )]
+    Projected {
+        /// Time of all patterns, ms.
+        needed_ms: f64,
+        /// Time of the cycle.
+        deadline_ms: u64,
+    },
     /// Sizes that no memory holds.
     #[error("topic \"{topic}\" would need messages of {bytes} bytes, the limit is {limit}")]
     TooLarge {

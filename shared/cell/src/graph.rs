@@ -1,6 +1,6 @@
 //! The graph of a cell for the schedule: cameras, projectors and pairs by index.
 
-use crate::configuration::{CameraConfig, Configuration, ProjectorConfig};
+use crate::configuration::{CameraConfig, Configuration, ProjectorConfig, TriggerMode};
 use crate::error::ScheduleError;
 use crate::options::Options;
 use crate::retention::Retention;
@@ -43,6 +43,7 @@ impl Graph {
         let projectors = config.projectors.iter().map(|p| ProjectorNode {
             name: p.name.clone(),
             frames: p.frames(),
+            trigger: p.trigger,
             axes: phase_axes(config, p),
             cameras: p.cameras.iter().filter_map(|name| camera(name)).collect(),
         });
@@ -85,6 +86,15 @@ impl Graph {
             rate_hz: config.rate_hz,
             cycle_deadline_ms: config.limits.cycle_deadline_ms,
         })
+    }
+
+    /// Least time for all frames of a cycle of projectors that show their sequences in their own time, ms; 0 without one.
+    pub fn acquisition_ms(&self) -> f64 {
+        let last = |p: &ProjectorNode| match p.trigger {
+            TriggerMode::Stepped => 0.0,
+            TriggerMode::Sequenced { period_ms } => p.frames as f64 * period_ms,
+        };
+        self.projectors.iter().map(last).sum()
     }
 
     /// The name of a camera, for messages.
@@ -130,12 +140,14 @@ pub struct CameraNode {
 }
 
 /// A projector of the graph.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ProjectorNode {
     /// Name of the projector.
     pub name: String,
     /// Frames of a cycle.
     pub frames: usize,
+    /// Who fires the cameras.
+    pub trigger: TriggerMode,
     /// Axes along which the sequence gives a phase, x before y.
     pub axes: Vec<Axis>,
     /// Cameras that look while it is on.

@@ -3,8 +3,8 @@
 use crate::device::{Camera, Projector};
 use crate::error::DeviceError;
 use crate::load::LoadedCell;
-use crate::{genicam, network_projector, recording, twin_camera};
-use cell::configuration::Driver;
+use crate::{network_projector, reconnecting, recording, twin_camera};
+use cell::configuration::{Driver, ProjectorConfig, TriggerMode};
 
 /// Opens the camera of a capture stage with the driver of its configuration.
 ///
@@ -19,7 +19,11 @@ pub fn camera(cell: &LoadedCell, camera: usize) -> Result<Box<dyn Camera>, Devic
         Driver::Genicam | Driver::Network => {
             let wanted = config.genicam.as_ref().ok_or(DeviceError::Missing("camera.address"))?;
             let size_px = [config.width_px, config.height_px];
-            Box::new(genicam::GenicamDevice::new(&config.name, wanted, size_px)?)
+            let seen = cell.config.projectors.iter().filter(|p| p.cameras.contains(&config.name));
+            // All projectors have the same trigger mode.
+            let lines: Vec<&ProjectorConfig> = seen.filter(|p| p.trigger != TriggerMode::Stepped).collect();
+            let frames = lines.iter().map(|p| p.frames()).sum();
+            Box::new(reconnecting::ReconnectingCamera::new(&config.name, wanted, size_px, frames)?)
         }
     })
 }
@@ -31,8 +35,13 @@ pub fn camera(cell: &LoadedCell, camera: usize) -> Result<Box<dyn Camera>, Devic
 pub fn projector(cell: &LoadedCell) -> Result<Box<dyn Projector>, DeviceError> {
     let projectors = &cell.config.projectors;
     if let Some(address) = projectors.iter().find_map(|p| p.address) {
-        let names = projectors.iter().map(|p| p.name.clone()).collect();
-        return Ok(Box::new(network_projector::NetworkProjector::new(address, names)?));
+        let light = |p: &ProjectorConfig| network_projector::Light {
+            name: p.name.clone(),
+            frames: p.frames(),
+            trigger: p.trigger,
+        };
+        let lights = projectors.iter().map(light).collect();
+        return Ok(Box::new(network_projector::NetworkProjector::new(address, lights)?));
     }
     let rate_hz = cell.file.recording.as_ref().map_or(0.0, |r| r.rate_hz);
     // Frames of the twin and of a recording already contain the projected light; only the pace remains.

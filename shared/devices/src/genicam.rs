@@ -1,9 +1,9 @@
-//! A GigE Vision camera: found by address or serial number, set, and triggered by software.
+//! A GigE Vision camera: found by address or serial number, set, and triggered by software or by the projector.
 //!
 //! Each setting is read back and compared. A frame is accepted only if it is complete, of the expected size and format, and
 //! carries the number after the last one.
 
-use crate::device::Camera;
+use crate::device::{Camera, CameraState, LinkCounts};
 use crate::error::DeviceError;
 use cell::configuration::GenicamCamera;
 use cell::pixel_format::PixelFormat;
@@ -88,28 +88,45 @@ pub(crate) struct GenicamDevice {
     name: String,
     device: GenICamera,
     // Stopped by being dropped, before the device is.
-    _stream: StreamChannel,
+    stream: StreamChannel,
     frames: FrameChannel,
     size_px: [u32; 2],
     format: PixelFormat,
     patience: Duration,
     last: u64,
+    /// Frames of a cycle that the projector fires; 0: each is triggered by software.
+    fired: usize,
+    /// Frames that were taken in this cycle.
+    taken: usize,
+    has_temperature: bool,
+    /// A command was not answered.
+    mute: bool,
 }
 
 impl GenicamDevice {
     /// Takes control of the camera, sets it and starts the acquisition.
-    pub fn new(name: &str, wanted: &GenicamCamera, size_px: [u32; 2]) -> Result<Self, DeviceError> {
+    ///
+    /// `fired` frames of a cycle are triggered by the projector; 0: each by software.
+    pub fn new(
+        name: &str,
+        wanted: &GenicamCamera,
+        size_px: [u32; 2],
+        fired: usize,
+    ) -> Result<Self, DeviceError> {
         let fail =
             |what: &str, reason: String| DeviceError::Frame(format!("camera \"{name}\": {what}: {reason}"));
         let address = address(name, wanted)?;
         let mut device = GenICamera::with_config(GigeConfig::new(address));
         device.connect().map_err(|e| fail(&format!("connecting to {address}"), e.to_string()))?;
-        let exposure = set(&mut device, wanted, size_px).map_err(|(what, reason)| fail(&what, reason))?;
+        let exposure =
+            set(&mut device, wanted, size_px, fired > 0).map_err(|(what, reason)| fail(&what, reason))?;
         let bytes = size_px[0] as usize * size_px[1] as usize * 2;
         let payload = device.get_integer("PayloadSize").map_err(|e| fail("PayloadSize", e.to_string()))?;
         let mut stream = StreamConfig::new();
         stream.payload_size = Some(payload.max(0) as usize);
-        stream.n_buffers = BUFFERS;
+        // A sequence that runs by itself does not wait for its frames to be taken.
+        let buffers = BUFFERS + fired;
+        stream.n_buffers = buffers;
         // A whole frame may wait while the receiver does not run; lost packets are asked for until all are there.
         stream.stream_socket = vec![SocketOption::RecvBuffer((2 * bytes).max(8 << 20))];
         stream.packet_request_ratio = 2.0;
@@ -117,36 +134,56 @@ impl GenicamDevice {
         stream.packet_delay = wanted.packet_delay_ticks;
         let channel =
             device.transport().open_stream(stream).map_err(|e| fail("opening the stream", e.to_string()))?;
-        let frames = channel.subscribe(BUFFERS);
+        let has_temperature = device.has_feature("DeviceTemperature");
+        let frames = channel.subscribe(buffers);
         device.execute("AcquisitionStart").map_err(|e| fail("AcquisitionStart", e.to_string()))?;
         Ok(Self {
             name: name.to_owned(),
             device,
-            _stream: channel,
+            stream: channel,
             frames,
             size_px,
             format: wanted.pixel_format,
             patience: PATIENCE + exposure,
             last: 0,
+            fired,
+            taken: 0,
+            has_temperature,
+            mute: false,
         })
+    }
+
+    /// Whether the camera no longer answers, or another client took it.
+    pub fn is_lost(&self) -> bool {
+        self.mute || !self.device.is_connected()
     }
 
     fn fault(&self, reason: impl std::fmt::Display) -> DeviceError {
         DeviceError::Frame(format!("camera \"{}\": {reason}", self.name))
     }
 
+    /// Which frame of a sequence is due, where the projector counts.
+    fn which(&self) -> String {
+        if self.fired == 0 {
+            return String::new();
+        }
+        format!(": frame {} of the {} that the projector fires was lost", self.taken + 1, self.fired)
+    }
+
     /// The next frame, if it is the one that was triggered.
     fn receive(&mut self) -> Result<Arc<Frame>, DeviceError> {
         let Some(frame) = self.frames.wait_for(self.patience) else {
             let seconds = self.patience.as_secs_f64();
-            return Err(self.fault(format!("no frame within {seconds:.1} s after the trigger")));
+            let which = self.which();
+            return Err(self.fault(format!("no frame within {seconds:.1} s after the trigger{which}")));
         };
         let expected = if self.last == LAST_BLOCK { 1 } else { self.last + 1 };
         let (got, first) = (frame.frame_id, self.last == 0);
         self.last = got;
         // The camera may have counted before this process began.
         if !first && got != expected {
-            return Err(self.fault(format!("frame {got} came where frame {expected} was due")));
+            let which = self.which();
+            return Err(self.fault(format!("frame {got} came where frame {expected} was due{which}")));
         }
         if frame.status != FrameStatus::Complete {
             let reason =
@@ -168,6 +205,16 @@ impl GenicamDevice {
 
 impl Camera for GenicamDevice {
     fn begin(&mut self, _cycle: u64) -> Result<(), DeviceError> {
+        let complete = self.fired > 0 && self.taken == self.fired;
+        self.taken = 0;
+        let surplus = if complete { self.frames.recv_all() } else { Vec::new() };
+        if let Some(last) = surplus.last() {
+            self.last = last.frame_id;
+            let (count, fired) = (surplus.len(), self.fired);
+            return Err(self.fault(format!(
+                "{count} more frame(s) came in the last cycle than the {fired} that the projector should have fired"
+            )));
+        }
         // Frames of a cycle that was broken off.
         while let Some(frame) = self.frames.try_recv() {
             self.last = frame.frame_id;
@@ -176,17 +223,47 @@ impl Camera for GenicamDevice {
     }
 
     fn expose(&mut self, _projector: usize, _frame: usize, out: &mut [u8]) -> Result<(), DeviceError> {
-        let late = self.frames.recv_all().len();
+        let late = if self.fired == 0 { self.frames.recv_all().len() } else { 0 };
         if late > 0 {
             self.last = 0;
             return Err(self.fault(format!("{late} frame(s) came without a trigger")));
         }
-        self.device.execute("TriggerSoftware").map_err(|e| self.fault(format!("TriggerSoftware: {e}")))?;
+        if self.fired == 0
+            && let Err(error) = self.device.execute("TriggerSoftware")
+        {
+            self.mute = true;
+            return Err(self.fault(format!("TriggerSoftware: {error}")));
+        }
         let frame = self.receive()?;
+        self.taken += 1;
         if self.format.unpack(frame.data(), out) {
             Ok(())
         } else {
             Err(self.fault(format!("{} bytes are no frame of {} bytes", frame.data().len(), out.len())))
+        }
+    }
+
+    fn set_exposure_us(&mut self, exposure_us: f64) -> Result<f64, DeviceError> {
+        let key = exposure_key(&self.device);
+        let took = set_float(&mut self.device, key, exposure_us);
+        let took = took.map_err(|(key, reason)| self.fault(format!("{key}: {reason}")))?;
+        self.patience = PATIENCE + Duration::from_secs_f64(took.clamp(0.0, 1e7) * 1e-6);
+        Ok(took)
+    }
+
+    fn state(&mut self) -> CameraState {
+        let stats = self.stream.stats();
+        let temperature =
+            self.has_temperature.then(|| self.device.get_float("DeviceTemperature").ok()).flatten();
+        CameraState {
+            temperature_c: temperature.filter(|celsius| celsius.is_finite()),
+            link: Some(LinkCounts {
+                packets: stats.packets,
+                lost_packets: stats.missing_packets,
+                resent_packets: stats.resent_packets,
+                dropped_packets: stats.socket_drops,
+                incomplete_frames: stats.failed_frames + stats.timed_out_frames + stats.aborted_frames,
+            }),
         }
     }
 }
@@ -213,6 +290,7 @@ fn set(
     device: &mut GenICamera,
     wanted: &GenicamCamera,
     size_px: [u32; 2],
+    fired: bool,
 ) -> Result<Duration, (String, String)> {
     let fail = |what: &str| {
         let what = what.to_owned();
@@ -234,18 +312,31 @@ fn set(
         set_enum(device, "TriggerSelector", "FrameStart")?;
     }
     set_enum(device, "TriggerMode", "On")?;
-    set_enum(device, "TriggerSource", "Software")?;
-    for (key, value) in [("ExposureTime", wanted.exposure_us), ("Gain", wanted.gain_db)] {
+    set_enum(device, "TriggerSource", if fired { &wanted.trigger_line } else { "Software" })?;
+    let exposure = exposure_key(device);
+    for (key, value) in [(exposure, wanted.exposure_us), ("Gain", wanted.gain_db)] {
         let Some(value) = value else { continue };
-        device.set_float(key, value).map_err(fail(key))?;
-        let is = device.get_float(key).map_err(fail(key))?;
-        // Cameras round to their clock and steps.
-        if (is - value).abs() > 0.01 * value.abs().max(0.1) {
-            return Err((key.to_owned(), format!("is {is} after {value} was set")));
-        }
+        set_float(device, key, value)?;
     }
-    let exposure_us = device.get_float("ExposureTime").unwrap_or(0.0);
+    let exposure_us = device.get_float(exposure).unwrap_or(0.0);
     Ok(Duration::from_secs_f64(exposure_us.clamp(0.0, 1e7) * 1e-6))
+}
+
+/// The feature of the exposure time; older cameras have it by another name.
+pub(crate) fn exposure_key(device: &GenICamera) -> &'static str {
+    if device.has_feature("ExposureTime") { "ExposureTime" } else { "ExposureTimeAbs" }
+}
+
+/// Sets a number, reads it back and compares; the number that the camera took.
+fn set_float(device: &mut GenICamera, key: &str, value: f64) -> Result<f64, (String, String)> {
+    let fail = |e: telegenic::GenicamError| (key.to_owned(), e.to_string());
+    device.set_float(key, value).map_err(fail)?;
+    let is = device.get_float(key).map_err(fail)?;
+    // Cameras round to their clock and steps.
+    if (is - value).abs() > 0.01 * value.abs().max(0.1) {
+        return Err((key.to_owned(), format!("is {is} after {value} was set")));
+    }
+    Ok(is)
 }
 
 fn set_enum(device: &mut GenICamera, key: &str, value: &str) -> Result<(), (String, String)> {

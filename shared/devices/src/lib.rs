@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 mod background;
+mod camera_probe;
 mod device;
 mod driven;
 mod drivers;
@@ -13,12 +14,15 @@ mod genicam;
 pub mod gige_simulator;
 mod load;
 mod network_projector;
+mod reconnecting;
 mod recording;
 mod served_twin;
+mod storm;
 mod twin_camera;
 mod twin_source;
 
-pub use device::{Camera, Projector};
+pub use camera_probe::{ProbedCamera, probe_camera};
+pub use device::{Camera, CameraState, LinkCounts, Projector};
 pub use driven::Driven;
 pub use drivers::{camera, camera_of, played_files, projector};
 pub use error::DeviceError;

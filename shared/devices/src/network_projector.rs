@@ -5,11 +5,13 @@
 //! ```text
 //! 17 begin 3             the third cycle begins             17 ok
 //! 18 show proj1 4        show frame 4 (from 0) of proj1     18 ok        or  18 error REASON
+//! 19 run proj1 19 20000  show all 19 frames of proj1, one every 20 000 µs, and fire the cameras with each    19 ok, at the start
 //! ```
 
 use crate::background::Background;
 use crate::device::Projector;
 use crate::error::DeviceError;
+use cell::configuration::TriggerMode;
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
@@ -22,6 +24,10 @@ const BEGIN_LIMIT: Duration = Duration::from_secs(60);
 
 /// Longest time until a pattern stands.
 const SHOW_LIMIT: Duration = Duration::from_secs(5);
+
+/// A sequence that runs by itself begins so long after the start of the cycle: by then every camera has let go of the frames of a
+/// cycle that was broken off.
+const LEAD_NS: u64 = 100_000_000;
 
 const MAX_TEXT_BYTES: usize = 512;
 
@@ -37,6 +43,15 @@ pub enum ProjectorCommand {
         /// Number of the frame in its sequence, from 0.
         frame: usize,
     },
+    /// Show the whole sequence of a projector in its own time, and fire the cameras with each frame.
+    Run {
+        /// Name of the projector.
+        projector: String,
+        /// Number of frames of the sequence.
+        frames: usize,
+        /// From one frame to the next, µs.
+        period_us: u64,
+    },
 }
 
 impl ProjectorCommand {
@@ -48,6 +63,10 @@ impl ProjectorCommand {
                 let projector = (*projector).to_owned();
                 Some((id.parse().ok()?, Self::Show { projector, frame: frame.parse().ok()? }))
             }
+            [id, "run", projector, frames, period_us] => {
+                let (frames, period_us) = (frames.parse().ok()?, period_us.parse().ok()?);
+                Some((id.parse().ok()?, Self::Run { projector: (*projector).to_owned(), frames, period_us }))
+            }
             _ => None,
         }
     }
@@ -58,6 +77,7 @@ impl std::fmt::Display for ProjectorCommand {
         match self {
             Self::Begin(cycle) => write!(f, "begin {cycle}"),
             Self::Show { projector, frame } => write!(f, "show {projector} {frame}"),
+            Self::Run { projector, frames, period_us } => write!(f, "run {projector} {frames} {period_us}"),
         }
     }
 }
@@ -66,20 +86,33 @@ impl std::fmt::Display for ProjectorCommand {
 pub(crate) struct NetworkProjector {
     socket: UdpSocket,
     address: SocketAddr,
-    names: Vec<String>,
+    lights: Vec<Light>,
     id: u64,
+    /// When the first sequence of a cycle may run.
+    ready_ns: Option<u64>,
+}
+
+/// A projector as the other program knows it.
+#[derive(Debug, Clone)]
+pub(crate) struct Light {
+    /// Name of the projector.
+    pub name: String,
+    /// Frames of its sequence.
+    pub frames: usize,
+    /// Who fires the cameras.
+    pub trigger: TriggerMode,
 }
 
 impl NetworkProjector {
-    /// Opens a socket towards the program; `names` are those of the projectors, in the order of the cell.
-    pub fn new(address: SocketAddr, names: Vec<String>) -> Result<Self, DeviceError> {
+    /// Opens a socket towards the program; the projectors are in the order of the cell.
+    pub fn new(address: SocketAddr, lights: Vec<Light>) -> Result<Self, DeviceError> {
         let fail = |source| DeviceError::Network { address, source };
         let socket = UdpSocket::bind(if address.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" }).map_err(fail)?;
         socket.connect(address).map_err(fail)?;
         socket.set_read_timeout(Some(REPEAT)).map_err(fail)?;
         // Answers to an earlier process with other numbers must not match: begin with the clock.
         let id = std::time::UNIX_EPOCH.elapsed().map_or(1, |t| t.as_micros() as u64);
-        Ok(Self { socket, address, names, id })
+        Ok(Self { socket, address, lights, id, ready_ns: None })
     }
 
     /// Sends a command until it is answered.
@@ -121,17 +154,28 @@ impl NetworkProjector {
 }
 
 impl Projector for NetworkProjector {
-    fn begin(&mut self, cycle: u64, _now_ns: u64) -> Result<(), DeviceError> {
+    fn begin(&mut self, cycle: u64, now_ns: u64) -> Result<(), DeviceError> {
+        let sequenced = self.lights.iter().any(|light| light.trigger != TriggerMode::Stepped);
+        self.ready_ns = sequenced.then_some(now_ns + LEAD_NS);
         self.ask(&ProjectorCommand::Begin(cycle), BEGIN_LIMIT)
     }
 
     fn due_ns(&self) -> Option<u64> {
-        None
+        self.ready_ns
     }
 
     fn show(&mut self, projector: usize, frame: usize, _now_ns: u64) -> Result<(), DeviceError> {
-        let projector = self.names[projector].clone();
-        self.ask(&ProjectorCommand::Show { projector, frame }, SHOW_LIMIT)
+        let Light { name, frames, trigger } = self.lights[projector].clone();
+        self.ready_ns = None;
+        match trigger {
+            TriggerMode::Stepped => self.ask(&ProjectorCommand::Show { projector: name, frame }, SHOW_LIMIT),
+            TriggerMode::Sequenced { period_ms } if frame == 0 => {
+                let period_us = (period_ms * 1e3).round() as u64;
+                self.ask(&ProjectorCommand::Run { projector: name, frames, period_us }, SHOW_LIMIT)
+            }
+            // The sequence runs: the cameras are fired without the cell.
+            TriggerMode::Sequenced { .. } => Ok(()),
+        }
     }
 }
 
@@ -199,13 +243,19 @@ mod tests {
             if command.to_string().contains("proj2") { Err("the lamp is off".to_owned()) } else { Ok(()) }
         })
         .unwrap();
-        let names = vec!["proj1".to_owned(), "proj2".to_owned()];
-        let mut projector = NetworkProjector::new(server.address(), names).unwrap();
+        let light = |name: &str, trigger| Light { name: name.to_owned(), frames: 19, trigger };
+        let lights = vec![
+            light("proj1", TriggerMode::Stepped),
+            light("proj2", TriggerMode::Stepped),
+            light("proj3", TriggerMode::Sequenced { period_ms: 12.5 }),
+        ];
+        let mut projector = NetworkProjector::new(server.address(), lights).unwrap();
         projector.begin(1, 0).unwrap();
         projector.show(0, 4, 0).unwrap();
         let refused = projector.show(1, 0, 0).unwrap_err().to_string();
         assert!(refused.contains("the lamp is off"), "{refused}");
-        assert_eq!(*seen.lock().unwrap(), ["begin 1", "show proj1 4", "show proj2 0"]);
+        (0..19).for_each(|frame| projector.show(2, frame, 0).unwrap());
+        assert_eq!(*seen.lock().unwrap(), ["begin 1", "show proj1 4", "show proj2 0", "run proj3 19 12500"]);
         drop(server);
         let lost =
             projector.ask(&ProjectorCommand::Begin(2), Duration::from_millis(500)).unwrap_err().to_string();

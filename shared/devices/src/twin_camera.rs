@@ -6,6 +6,9 @@ use crate::load::LoadedCell;
 use crate::twin_source;
 use twin::{PixelsMut, Renderer, Twin, View};
 
+/// Exposure time that the exposure 1 of the twin's settings stands for, µs.
+pub(crate) const NOMINAL_EXPOSURE_US: f64 = 10_000.0;
+
 /// Traces its own view once per pose; a frame is then a look-up.
 pub struct TwinCamera {
     name: String,
@@ -58,5 +61,16 @@ impl Camera for TwinCamera {
             PixelsMut::Mono16(bytemuck::try_cast_slice_mut(out).map_err(unaligned)?)
         };
         Ok(renderer.render(view, frame, pixels)?)
+    }
+
+    fn set_exposure_us(&mut self, exposure_us: f64) -> Result<f64, DeviceError> {
+        let factor = exposure_us / NOMINAL_EXPOSURE_US;
+        if !(1e-4..=1e4).contains(&factor) {
+            let (least, most) = (NOMINAL_EXPOSURE_US * 1e-4, NOMINAL_EXPOSURE_US * 1e4);
+            let reason = format!("an exposure of {exposure_us} µs: a twin takes {least} to {most} µs");
+            return Err(DeviceError::Frame(reason));
+        }
+        self.lamps.iter_mut().for_each(|(_, renderer)| renderer.expose(0, factor));
+        Ok(exposure_us)
     }
 }

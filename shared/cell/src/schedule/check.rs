@@ -57,7 +57,18 @@ fn check_pair(graph: &Graph, pair: &PairNode) -> Result<(), ScheduleError> {
     Ok(())
 }
 
+/// Projectors that show their sequences in their own time must be done before the cycle ends.
+fn check_projected(graph: &Graph) -> Result<(), ScheduleError> {
+    let needed_ms = graph.acquisition_ms();
+    let deadline_ms = graph.cycle_deadline_ms;
+    if needed_ms.ceil() <= deadline_ms as f64 {
+        return Ok(());
+    }
+    Err(ScheduleError::Projected { needed_ms, deadline_ms })
+}
+
 fn check_deadline(graph: &Graph) -> Result<(), ScheduleError> {
+    check_projected(graph)?;
     let frames: usize = graph.projectors.iter().map(|p| p.frames).sum();
     let Some(rate_hz) = graph.rate_hz.filter(|rate| *rate > 0.0) else {
         return Ok(());

@@ -10,6 +10,7 @@ use fringe::pattern::Axis;
 pub fn demo() -> Graph {
     let camera = |name: &str| CameraNode { name: name.into(), width_px: 160, height_px: 120 };
     let projector = |name: &str, cameras: Vec<usize>| ProjectorNode {
+        trigger: crate::configuration::TriggerMode::Stepped,
         name: name.into(),
         frames: 5,
         axes: vec![Axis::X],

@@ -1,6 +1,7 @@
 //! The GenICam description of the simulated camera: its features by the names of the Standard Features Naming
 //! Convention, each in one register.
 
+use super::device::{LINE1, SOFTWARE};
 use super::registers::feature;
 use cell::pixel_format::PixelFormat;
 use std::fmt::Write;
@@ -89,7 +90,12 @@ pub fn xml(pixel_format: PixelFormat) -> String {
     enumeration(&mut xml, "AcquisitionMode", feature::ACQUISITION_MODE, &[("Continuous", 0)]);
     enumeration(&mut xml, "TriggerSelector", feature::TRIGGER_SELECTOR, &[("FrameStart", 0)]);
     enumeration(&mut xml, "TriggerMode", feature::TRIGGER_MODE, &[("Off", 0), ("On", 1)]);
-    enumeration(&mut xml, "TriggerSource", feature::TRIGGER_SOURCE, &[("Software", 0), ("Line1", 1)]);
+    enumeration(
+        &mut xml,
+        "TriggerSource",
+        feature::TRIGGER_SOURCE,
+        &[("Software", SOFTWARE), ("Line1", LINE1)],
+    );
     register(&mut xml, "IntReg", "Acquisition", feature::ACQUISITION, "RW");
     command(&mut xml, "AcquisitionStart", "Acquisition", 1);
     command(&mut xml, "AcquisitionStop", "Acquisition", 0);

@@ -21,6 +21,11 @@ const IN_CONTROL: u32 = 0b11;
 /// Capabilities: user name and serial number, write memory, several registers a command, packet resend.
 const CAPABILITIES: u32 = 1 << 31 | 1 << 30 | 1 << 2 | 1 << 1 | 1;
 
+/// Values of the feature `TriggerSource`.
+pub const SOFTWARE: u32 = 0;
+/// The first input, which the projector of the twin fires.
+pub const LINE1: u32 = 1;
+
 /// A client that is silent for longer loses control, unless it asks for another time, ms.
 const HEARTBEAT_MS: u32 = 3000;
 
@@ -71,9 +76,20 @@ pub enum Action {
     TestPacket,
 }
 
+/// Temperature of a warm camera, °C, and how much colder it is when it is switched on, K.
+const WARM_C: f32 = 35.0;
+const COLD_K: f32 = 10.0;
+
+/// Temperature after a time since the start; `warm_up_s` is its time constant, 0: warm from the start.
+fn temperature_c(warm_up_s: f32, now_ns: u64) -> f32 {
+    let since_s = now_ns as f32 * 1e-9;
+    if warm_up_s > 0.0 { WARM_C - COLD_K * (-since_s / warm_up_s).exp() } else { WARM_C }
+}
+
 /// A camera as its registers.
 #[derive(Debug)]
 pub struct Device {
+    warm_up_s: f32,
     registers: Registers,
     /// The client in control and the time of its last command, ns.
     controller: Option<(SocketAddr, u64)>,
@@ -83,7 +99,7 @@ pub struct Device {
 
 impl Device {
     /// A camera that nobody controls.
-    pub fn new(identity: &Identity) -> Self {
+    pub fn new(identity: &Identity, warm_up_s: f32) -> Self {
         let pixel_format = identity.pixel_format();
         let xml = xml(pixel_format);
         let mut r = Registers::new(&xml);
@@ -114,8 +130,7 @@ impl Device {
         r.set(feature::PIXEL_FORMAT, pixel_format.code());
         r.set(feature::PAYLOAD_BYTES, identity.frame_bytes() as u32);
         r.set(feature::EXPOSURE_US, 10_000.0_f32.to_bits());
-        r.set(feature::TEMPERATURE_C, 35.0_f32.to_bits());
-        Self { registers: r, controller: None, last: None }
+        Self { warm_up_s, registers: r, controller: None, last: None }
     }
 
     /// Value of the feature `PixelFormat`.
@@ -138,6 +153,17 @@ impl Device {
     /// Exposure time that was set, µs.
     pub fn exposure_us(&self) -> f32 {
         f32::from_bits(self.registers.get(feature::EXPOSURE_US))
+    }
+
+    /// Whether a trigger of this source takes a frame now.
+    pub fn waits_for(&self, source: u32) -> bool {
+        let r = &self.registers;
+        self.is_acquiring() && r.get(feature::TRIGGER_MODE) == 1 && r.get(feature::TRIGGER_SOURCE) == source
+    }
+
+    /// Whether frames are taken without a trigger.
+    pub fn runs_free(&self) -> bool {
+        self.is_acquiring() && self.registers.get(feature::TRIGGER_MODE) == 0
     }
 
     /// Whether the client started the acquisition.
@@ -175,7 +201,9 @@ impl Device {
         }
         let (status, payload, action) = self.execute(&request, from, now_ns);
         let answer = request.answer(status, &payload);
-        if request.acknowledge && matches!(request.command, Command::WriteRegisters(_)) {
+        if request.acknowledge
+            && matches!(request.command, Command::WriteRegisters(_) | Command::WriteMemory { .. })
+        {
             self.last = Some((from, request.id, answer.clone()));
         }
         (request.acknowledge.then_some(answer), action)
@@ -195,6 +223,10 @@ impl Device {
                     if address == bootstrap::TIME_HIGH || address == bootstrap::TIME_LOW {
                         self.registers.set(bootstrap::TIME_HIGH, (now_ns >> 32) as u32);
                         self.registers.set(bootstrap::TIME_LOW, now_ns as u32);
+                    }
+                    if address == feature::TEMPERATURE_C {
+                        let celsius = temperature_c(self.warm_up_s, now_ns);
+                        self.registers.set(address, celsius.to_bits());
                     }
                     match self.registers.read(address, 4) {
                         Some(_) if !address.is_multiple_of(4) => return plain(Status::BadAlignment),
@@ -217,18 +249,47 @@ impl Device {
                 }
             }
             Command::WriteRegisters(pairs) => self.write_registers(pairs, from, now_ns),
+            Command::WriteMemory { .. } if !self.controls(from) => plain(Status::AccessDenied),
             Command::WriteMemory { address: bootstrap::USER_NAME, data } if data.len() == 16 => {
                 let text = String::from_utf8_lossy(data);
                 self.registers.set_text(bootstrap::USER_NAME, text.trim_end_matches('\0'), 16);
                 (Status::Success, vec![0, 0, 0, 16], Action::None)
             }
-            Command::WriteMemory { .. } => plain(Status::WriteProtect),
+            Command::WriteMemory { address, data } => self.write_memory(address, data, from, now_ns),
             Command::Resend { block, first, last } => {
                 (Status::Success, Vec::new(), Action::Resend { block, first, last })
             }
             Command::Malformed => plain(Status::InvalidParameter),
             Command::Unknown => plain(Status::NotImplemented),
         }
+    }
+
+    /// Writes registers as bytes: some clients set numbers with a fraction so.
+    fn write_memory(
+        &mut self,
+        address: u32,
+        data: &[u8],
+        from: SocketAddr,
+        now_ns: u64,
+    ) -> (Status, Vec<u8>, Action) {
+        let mut action = Action::None;
+        let (words, rest) = data.as_chunks::<4>();
+        if !rest.is_empty() {
+            return (Status::BadAlignment, Vec::new(), action);
+        }
+        for (index, word) in words.iter().enumerate() {
+            let written = address.checked_add(4 * index as u32).ok_or(Status::InvalidAddress);
+            match written.and_then(|address| self.write(address, u32::from_be_bytes(*word), from, now_ns)) {
+                Ok(Action::None) => {}
+                Ok(next) => action = next,
+                Err(status) => return (status, (4 * index as u32).to_be_bytes().to_vec(), action),
+            }
+        }
+        (Status::Success, (data.len() as u32).to_be_bytes().to_vec(), action)
+    }
+
+    fn controls(&self, from: SocketAddr) -> bool {
+        self.controller.is_some_and(|(client, _)| client == from)
     }
 
     fn write_registers(&mut self, pairs: &[u8], from: SocketAddr, now_ns: u64) -> (Status, Vec<u8>, Action) {
@@ -249,7 +310,7 @@ impl Device {
         if !address.is_multiple_of(4) {
             return Err(Status::BadAlignment);
         }
-        let controls = self.controller.is_some_and(|(client, _)| client == from);
+        let controls = self.controls(from);
         if address == bootstrap::CONTROL {
             return self.change_control(value, from, now_ns, controls);
         }
@@ -268,7 +329,7 @@ impl Device {
             }
             feature::PIXEL_FORMAT if value != self.pixel_format() => return Err(Status::InvalidParameter),
             feature::TRIGGER_SOFTWARE => {
-                let ready = self.is_acquiring() && self.registers.get(feature::TRIGGER_MODE) == 1;
+                let ready = self.waits_for(SOFTWARE);
                 return Ok(if ready && value == 1 { Action::Trigger } else { Action::None });
             }
             _ => {}

@@ -10,4 +10,4 @@ mod registers;
 mod server;
 
 pub use device::Identity;
-pub use server::{Faults, FrameSource, Responder, Server};
+pub use server::{Faults, FrameSource, Line, NoFrame, Pattern, Responder, Server};

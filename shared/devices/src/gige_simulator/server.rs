@@ -1,31 +1,69 @@
 //! The sockets of a simulated camera: one thread answers commands and streams the frames.
 
-use super::device::{Action, Device, Identity};
+use super::device::{Action, Device, Identity, LINE1};
 use super::gvcp::{Command, MAX_DATAGRAM, PORT, Request};
 use super::gvsp::{Block, next_id};
 use crate::background::Background;
+use fringe::decode::OrderEvent;
 use std::collections::VecDeque;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Frames that are kept for lost packets.
-const KEPT_BLOCKS: usize = 4;
+/// Memory for frames whose packets may be asked for again, bytes; and how many frames at least and at most.
+const KEPT_BYTES: usize = 64 << 20;
+const KEPT_BLOCKS: [usize; 2] = [4, 64];
 
-/// How often a silent client is looked for.
+/// How often a silent client is looked for, and a frame is taken without a trigger.
 const TICK: Duration = Duration::from_millis(100);
+
+/// Why a trigger gives no frame.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NoFrame {
+    /// There is nothing to see, for this reason.
+    Nothing(String),
+    /// The camera answers nothing for this time.
+    Silent(Duration),
+}
 
 /// Where the frames of a camera come from.
 pub trait FrameSource: Send {
-    /// Writes the frame of this moment, as many bytes as the identity states; an error is a frame that never comes.
+    /// Writes the frame of this moment: whole rows, usually as many as the identity states. `fired`: what the
+    /// projector shows at the moment of its trigger; absent, the trigger is by software.
     ///
     /// # Errors
     /// There is nothing to see.
-    fn expose(&mut self, exposure_us: f32, pixels: &mut Vec<u8>) -> Result<(), String>;
+    fn expose(
+        &mut self,
+        exposure_us: f32,
+        fired: Option<Pattern>,
+        pixels: &mut Vec<u8>,
+    ) -> Result<(), NoFrame>;
+}
+
+/// Projector and frame of its sequence, both from 0.
+pub type Pattern = (usize, usize);
+
+/// The cable from a projector to the first input of a camera.
+#[derive(Debug)]
+pub struct Line {
+    fired: Arc<Mutex<VecDeque<Pattern>>>,
+    wake: UdpSocket,
+    camera: SocketAddr,
+}
+
+impl Line {
+    /// Fires the camera while the projector shows a pattern.
+    pub fn fire(&self, pattern: Pattern) {
+        self.fired.lock().unwrap_or_else(PoisonError::into_inner).push_back(pattern);
+        // No command of the standard is so short; the camera looks at its line after every datagram, and every tick.
+        let _ = self.wake.send_to(&[0], self.camera);
+    }
 }
 
 /// What goes wrong on the way, for tests: every so many packets or frames, 0 for never.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Faults {
     /// Every n-th packet is not sent at first.
     pub drop_every: u64,
@@ -37,12 +75,20 @@ pub struct Faults {
     pub ignore_trigger_every: u64,
     /// Whether lost packets are sent again when asked for.
     pub no_resend: bool,
+    /// What happens to the order of the frames in every cycle.
+    pub order: Option<OrderEvent>,
+    /// Seed of an event in every second cycle, drawn from all that the order of frames may suffer, frames that never come, frames of a wrong size, and
+    /// a camera that is silent for some seconds.
+    pub storm: Option<u64>,
+    /// Time constant with which the camera warms up from its start, s; 0: it is warm.
+    pub warm_up_s: f32,
 }
 
 /// A camera on the network, until dropped.
 #[derive(Debug)]
 pub struct Server {
     address: SocketAddr,
+    fired: Arc<Mutex<VecDeque<Pattern>>>,
     _answering: Background,
 }
 
@@ -56,8 +102,10 @@ impl Server {
         control.set_read_timeout(Some(TICK))?;
         let stream = UdpSocket::bind((identity.address, 0))?;
         let address = control.local_addr()?;
+        let fired = Arc::new(Mutex::new(VecDeque::new()));
         let mut camera = Camera {
-            device: Device::new(&identity),
+            fired: fired.clone(),
+            device: Device::new(&identity, faults.warm_up_s),
             identity,
             source,
             faults,
@@ -69,9 +117,20 @@ impl Server {
             triggers: 0,
             started: Instant::now(),
             packet: Vec::new(),
+            last_free: Instant::now(),
+            silent_until: None,
         };
         let answering = Background::start("gige camera", move || camera.answer())?;
-        Ok(Self { address, _answering: answering })
+        Ok(Self { address, fired, _answering: answering })
+    }
+
+    /// The cable to its first input.
+    ///
+    /// # Errors
+    /// No socket can be opened.
+    pub fn line(&self) -> io::Result<Line> {
+        let wake = UdpSocket::bind((self.address.ip(), 0))?;
+        Ok(Line { fired: self.fired.clone(), wake, camera: self.address })
     }
 
     /// Address and port of its commands.
@@ -96,7 +155,7 @@ impl Responder {
         socket.set_read_timeout(Some(TICK))?;
         let mut devices = Vec::new();
         for identity in cameras {
-            devices.push((Device::new(identity), UdpSocket::bind((identity.address, 0))?));
+            devices.push((Device::new(identity, 0.0), UdpSocket::bind((identity.address, 0))?));
         }
         let mut buffer = [0; MAX_DATAGRAM + 64];
         let answering = Background::start("gige search", move || {
@@ -116,6 +175,7 @@ impl Responder {
 }
 
 struct Camera {
+    fired: Arc<Mutex<VecDeque<Pattern>>>,
     identity: Identity,
     device: Device,
     source: Box<dyn FrameSource>,
@@ -128,6 +188,10 @@ struct Camera {
     triggers: u64,
     started: Instant,
     packet: Vec<u8>,
+    /// When the last frame was taken without a trigger.
+    last_free: Instant,
+    /// The camera answers nothing until then.
+    silent_until: Option<Instant>,
 }
 
 /// Whether this is the n-th of every n.
@@ -143,7 +207,18 @@ impl Camera {
     /// Answers one command, if one comes within a tick.
     fn answer(&mut self) {
         let mut buffer = [0; MAX_DATAGRAM + 64];
-        let Ok((length, from)) = self.control.recv_from(&mut buffer) else {
+        let received = self.control.recv_from(&mut buffer);
+        if self.silent_until.is_some_and(|until| Instant::now() < until) {
+            self.fired.lock().unwrap_or_else(PoisonError::into_inner).clear();
+            self.device.expire(self.now_ns());
+            return;
+        }
+        self.look_at_line();
+        if self.device.runs_free() && self.last_free.elapsed() >= TICK {
+            self.last_free = Instant::now();
+            self.expose(None);
+        }
+        let Ok((length, from)) = received else {
             self.device.expire(self.now_ns());
             return;
         };
@@ -155,7 +230,7 @@ impl Camera {
         }
         match action {
             Action::None => {}
-            Action::Trigger => self.expose(),
+            Action::Trigger => self.expose(None),
             Action::TestPacket => self.test_packet(),
             Action::Resend { block, first, last } => self.resend(block, first, last),
         }
@@ -167,27 +242,45 @@ impl Camera {
         let _ = self.stream.send_to(&vec![0; bytes], destination);
     }
 
-    fn expose(&mut self) {
+    /// Takes a frame for each time that the projector fired; without a client that waits for it the cable is not connected.
+    fn look_at_line(&mut self) {
+        loop {
+            let next = self.fired.lock().unwrap_or_else(PoisonError::into_inner).pop_front();
+            let Some(pattern) = next else { return };
+            if self.device.waits_for(LINE1) {
+                self.expose(Some(pattern));
+            }
+        }
+    }
+
+    fn expose(&mut self, fired: Option<Pattern>) {
         self.triggers += 1;
         if is_nth(self.triggers, self.faults.ignore_trigger_every) {
             return;
         }
-        let mut pixels = if self.blocks.len() < KEPT_BLOCKS {
+        let kept = (KEPT_BYTES / self.identity.frame_bytes().max(1)).clamp(KEPT_BLOCKS[0], KEPT_BLOCKS[1]);
+        let mut pixels = if self.blocks.len() < kept {
             Vec::with_capacity(self.identity.frame_bytes())
         } else {
             self.blocks.pop_front().map(|block| block.pixels).unwrap_or_default()
         };
         pixels.clear();
         let timestamp_ns = self.now_ns();
-        if self.source.expose(self.device.exposure_us(), &mut pixels).is_err() {
-            return;
+        match self.source.expose(self.device.exposure_us(), fired, &mut pixels) {
+            Ok(()) => {}
+            Err(NoFrame::Nothing(_)) => return,
+            Err(NoFrame::Silent(time)) => {
+                self.silent_until = Some(Instant::now() + time);
+                return;
+            }
         }
+        let row_bytes = (self.identity.frame_bytes() / self.identity.height_px.max(1) as usize).max(1);
         let block = Block {
             id: self.next,
             timestamp_ns,
             pixel_format: self.device.pixel_format(),
             width_px: self.identity.width_px,
-            height_px: self.identity.height_px,
+            height_px: (pixels.len() / row_bytes) as u32,
             packet_bytes: self.device.packet_bytes(),
             pixels,
         };

@@ -7,6 +7,7 @@ use super::raw::{RawConfig, RawTwin};
 use super::recipes::recipes;
 use super::references::{check_drivers, check_graph, check_twin, pairs};
 use super::values::{camera_driver, driver, referenced, value};
+use super::warm_up::warm_up;
 use super::{CONFIG_FORMAT, Config, RecordingConfig, TwinConfig};
 use crate::document::Document;
 use crate::error::{FileError, Problem, did_you_mean, list};
@@ -41,7 +42,9 @@ impl Config {
         let rig = pairs(&document, &raw, &rig_file, &projectors)?;
         let twin = twin(&document, &raw, &rig_file)?;
         let (recipes, plans) = recipes(&document, &raw)?;
+        let warm_up = warm_up(&document, raw.warm_up.as_ref(), &cameras)?;
         let cell = Configuration {
+            warm_up,
             name: raw.name.clone(),
             cycles: cycles(&document, raw.cycles)?,
             rig,

@@ -15,6 +15,9 @@ const EXPOSURE_US: [f64; 2] = [1.0, 1e7];
 /// Gains of cameras, dB.
 const GAIN_DB: [f64; 2] = [0.0, 100.0];
 
+/// Input of a camera where none is named: the first one.
+const TRIGGER_LINE: &str = "Line1";
+
 /// How a camera with the driver "genicam" is found and set; `None` for another driver.
 pub(super) fn genicam(
     document: &Document,
@@ -28,6 +31,7 @@ pub(super) fn genicam(
         ("exposure_us", raw.exposure_us.is_some()),
         ("gain_db", raw.gain_db.is_some()),
         ("packet_delay_ticks", raw.packet_delay_ticks.is_some()),
+        ("trigger_line", raw.trigger_line.is_some()),
     ];
     if raw.driver != "genicam" {
         return match written.iter().find(|(_, present)| *present) {
@@ -52,6 +56,7 @@ pub(super) fn genicam(
         exposure_us: within(document, &format!("{key}.exposure_us"), raw.exposure_us, EXPOSURE_US, "µs")?,
         gain_db: within(document, &format!("{key}.gain_db"), raw.gain_db, GAIN_DB, "dB")?,
         packet_delay_ticks: raw.packet_delay_ticks,
+        trigger_line: raw.trigger_line.clone().unwrap_or_else(|| TRIGGER_LINE.to_owned()),
     }))
 }
 

@@ -19,6 +19,7 @@
 //! height_px = 684                     # out and are then those of the recording
 //! cameras = ["cam1", "cam2"]
 //! sequence = [{ set = "sine", axis = "x", period_px = 16.0, steps = 10 }, …]
+//! trigger = "stepped"                 # or "sequenced" with period_ms: the projector fires the cameras
 //! pattern_correction = "gamma.toml"   # optional, from `fringetool gamma`; not with driver "recording"
 //! [[camera]]
 //! name = "cam1"
@@ -42,6 +43,9 @@
 //! pin = false
 //! realtime_priority = 50              # optional, 1 … 98: first come first served by the kernel (SCHED_FIFO), where permitted
 //! lock_memory = false                 # keep all buffers in memory from the start (mlockall), where permitted
+//! [warm_up]                           # no cycle is ok before the temperature of the cameras has settled
+//! max_change_k = 0.5
+//! window_s = 600
 //! [results]                           # what a cell that runs without end keeps; the oldest are removed
 //! keep_results = 100000
 //! keep_parts = 1000                   # cloud and report of so many; 0: none
@@ -58,7 +62,9 @@ mod recipes;
 mod references;
 #[cfg(test)]
 mod tests;
+mod trigger;
 mod values;
+mod warm_up;
 
 use crate::correction::PatternCorrection;
 use crate::document::Document;

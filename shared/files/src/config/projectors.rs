@@ -2,6 +2,7 @@
 
 use super::devices::network_address;
 use super::raw::{RawConfig, RawProjector};
+use super::trigger::{check_exposures, trigger};
 use super::values::{projector_driver, referenced};
 use crate::correction::{PatternCorrection, read_correction};
 use crate::document::Document;
@@ -11,7 +12,7 @@ use crate::recording::{RecordedProjector, Recording};
 use crate::rig_file::unknown;
 use crate::sequence::check_sequence;
 use cell::configuration::{CameraConfig, Driver, ProjectorConfig};
-use fringe::decode::{DecodeSettings, Decoder};
+use fringe::decode::{DecodeSettings, Decoder, prove_order};
 use fringe::pattern::frame_count;
 use std::collections::BTreeMap;
 
@@ -49,6 +50,7 @@ pub(super) fn projectors(
         check_sequence(document, &key, size_px, &projector.sequence)?;
         check_decodable(document, &key, &projector, decode)?;
         check_lookers(document, &key, &projector, cameras)?;
+        check_exposures(document, &key, raw, &projector, cameras)?;
         if let Some(correction) = correction(document, &key, raw, projector.driver)? {
             projector.level_table = Some(correction.table.clone());
             lights.corrections.insert(projector.name.clone(), correction);
@@ -58,7 +60,7 @@ pub(super) fn projectors(
     Ok(lights)
 }
 
-/// The check of the decoder itself, on the smallest possible image.
+/// The check of the decoder itself, on the smallest possible image, and whether a check in the sequence can prove the order of its frames.
 fn check_decodable(
     document: &Document,
     key: &str,
@@ -67,7 +69,7 @@ fn check_decodable(
 ) -> Result<(), FileError> {
     let extent_px = [projector.width_px, projector.height_px];
     Decoder::new(&projector.sequence, 1, 1, 255, extent_px, settings)
-        .map(|_| ())
+        .and_then(|_| prove_order(&projector.sequence, extent_px))
         .map_err(|error| document.fault(&format!("{key}.sequence"), Problem::Decode(error), ""))
 }
 
@@ -102,6 +104,7 @@ fn one_projector(
             .ok_or_else(|| needed("sequence"))?,
         exposures_ms: recorded.map(|r| r.exposures_ms.clone()).unwrap_or_default(),
         address: network_address(document, key, raw, driver)?,
+        trigger: trigger(document, key, raw, driver)?,
         level_table: None,
     })
 }

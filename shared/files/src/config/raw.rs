@@ -33,6 +33,14 @@ pub(super) struct RawConfig {
     pub schedule: RawSchedule,
     #[serde(default)]
     pub results: RawResults,
+    pub warm_up: Option<RawWarmUp>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawWarmUp {
+    pub max_change_k: f64,
+    pub window_s: f64,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -70,6 +78,9 @@ pub(super) struct RawProjector {
     pub sequence: Option<Vec<PatternSet>>,
     pub pattern_correction: Option<String>,
     pub address: Option<String>,
+    pub trigger: Option<String>,
+    pub period_ms: Option<f64>,
+    pub refresh_hz: Option<f64>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -90,6 +101,7 @@ pub(super) struct RawCamera {
     pub exposure_us: Option<f64>,
     pub gain_db: Option<f64>,
     pub packet_delay_ticks: Option<u32>,
+    pub trigger_line: Option<String>,
 }
 
 #[derive(Debug, Deserialize)]

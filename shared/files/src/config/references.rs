@@ -73,7 +73,9 @@ pub(super) fn check_graph(
         }
         ScheduleError::NoPhase { projector: name, .. } => projector(name, "sequence"),
         ScheduleError::Dark(name) | ScheduleError::Unused { camera: name, .. } => camera(name),
-        ScheduleError::Deadline { .. } => "limits.cycle_deadline_ms".to_owned(),
+        ScheduleError::Deadline { .. } | ScheduleError::Projected { .. } => {
+            "limits.cycle_deadline_ms".to_owned()
+        }
     };
     Err(document.fault(&key, Problem::Schedule(error), ""))
 }
@@ -112,6 +114,17 @@ pub(super) fn check_drivers(
             let remedy =
                 "give both the same driver; cameras with \"genicam\" need a projector with \"network\"";
             return Err(document.fault(&key, problem, remedy));
+        }
+        if let Some(other) =
+            projectors[..index].iter().find(|other| other.trigger.name() != projector.trigger.name())
+        {
+            let problem = Problem::Disagreement {
+                what: "triggers",
+                here: format!("projector \"{}\" is {}", projector.name, projector.trigger.name()),
+                there: format!("projector \"{}\" {}", other.name, other.trigger.name()),
+            };
+            let remedy = "a camera has one trigger source: give all projectors the same trigger";
+            return Err(document.fault(&format!("projector[{index}].trigger"), problem, remedy));
         }
         let other = projectors[..index].iter().find(|other| other.address != projector.address);
         if let Some(other) = other {
