@@ -13,6 +13,12 @@ const SEQUENCE: &str = r#"{ set = "sine", axis = "x", period_px = 16.0, steps = 
   { set = "gray", axis = "x", bits = 7, stripe_px = 8.0 },
   { set = "white" }, { set = "black" },"#;
 
+/// With white and black first, and the check by which the order of the frames is proven.
+const CHECKED: &str = r#"{ set = "white" }, { set = "black" },
+  { set = "sine", axis = "x", period_px = 16.0, steps = 5 },
+  { set = "gray", axis = "x", bits = 7, stripe_px = 8.0 },
+  { set = "check", axis = "x", stripe_px = 8.0 },"#;
+
 /// Loopback addresses of this test alone: the control port of a camera is the same for all.
 fn network(test: u8) -> [u8; 3] {
     let pid = std::process::id();
@@ -20,7 +26,14 @@ fn network(test: u8) -> [u8; 3] {
 }
 
 fn configuration(folder: &Path, test: u8, live: bool) -> String {
+    configuration_of(folder, test, live, 2)
+}
+
+/// A configuration of the first cameras of the rig in the folder.
+fn configuration_of(folder: &Path, test: u8, live: bool, cameras: u8) -> String {
     let [a, b, c] = network(test);
+    let all = |camera: &dyn Fn(u8) -> String| (1..=cameras).map(camera).collect::<String>();
+    let names: Vec<String> = (1..=cameras).map(|n| format!("\"cam{n}\"")).collect();
     let (projector, cameras) = if live {
         let camera = |n: u8| {
             format!(
@@ -28,10 +41,10 @@ fn configuration(folder: &Path, test: u8, live: bool) -> String {
                 10 + n
             )
         };
-        (format!("driver = \"network\"\naddress = \"{a}.{b}.{c}.1:3957\""), camera(1) + &camera(2))
+        (format!("driver = \"network\"\naddress = \"{a}.{b}.{c}.1:3957\""), all(&camera))
     } else {
         let camera = |n: u8| format!("[[camera]]\nname = \"cam{n}\"\ndriver = \"twin\"\n");
-        ("driver = \"twin\"".to_owned(), camera(1) + &camera(2))
+        ("driver = \"twin\"".to_owned(), all(&camera))
     };
     let scene = root().join("configs/complex-artefact.scene.toml").display().to_string();
     let twin = if live { String::new() } else { format!("[twin]\nscene = {scene:?}\n") };
@@ -39,7 +52,8 @@ fn configuration(folder: &Path, test: u8, live: bool) -> String {
         "format = \"fringecell-config/1\"\nname = \"gige\"\nrig = \"rig.toml\"\n\
          [limits]\nstage_budget_ms = 20000\ncycle_deadline_ms = 60000\n\
          [[projector]]\nname = \"proj1\"\n{projector}\nwidth_px = 608\nheight_px = 684\n\
-         cameras = [\"cam1\", \"cam2\"]\nsequence = [\n  {SEQUENCE}\n]\n{cameras}{twin}"
+         cameras = [{}]\nsequence = [\n  {SEQUENCE}\n]\n{cameras}{twin}",
+        names.join(", ")
     );
     let path = folder.join(if live { "live.toml" } else { "twin.toml" });
     std::fs::write(&path, text).unwrap();
@@ -47,7 +61,7 @@ fn configuration(folder: &Path, test: u8, live: bool) -> String {
 }
 
 /// The served cameras, stopped when dropped.
-struct Served(Child);
+pub struct Served(Child);
 
 impl Drop for Served {
     fn drop(&mut self) {
@@ -56,7 +70,7 @@ impl Drop for Served {
     }
 }
 
-fn serve(config: &str, test: u8, faults: &[&str]) -> Served {
+pub fn serve(config: &str, test: u8, faults: &[&str]) -> Served {
     let [a, b, c] = network(test);
     let mut command = Command::new(env!("CARGO_BIN_EXE_fringetool"));
     command.args(["serve-camera", config, "--address", &format!("{a}.{b}.{c}.11")]);
@@ -73,14 +87,33 @@ fn serve(config: &str, test: u8, faults: &[&str]) -> Served {
 
 /// A folder with a rig of two cameras and both configurations.
 fn cell(test: u8) -> (TempDir, String, String) {
+    cell_of(test, SMALL_PX, 2)
+}
+
+/// The same of cameras of a size, up to four; all of them look at the first projector.
+pub fn cell_of(test: u8, (width_px, height_px): (u32, u32), cameras: usize) -> (TempDir, String, String) {
     let folder = TempDir::new().unwrap();
-    let mut rig = twin::thesis::rig(SMALL_PX.0, SMALL_PX.1);
-    rig.cameras.truncate(2);
+    let mut rig = twin::thesis::rig(width_px, height_px);
+    rig.cameras.truncate(cameras);
     rig.projectors.truncate(1);
     rig.pairs.truncate(1);
+    if let [pair] = &mut rig.pairs[..]
+        && cameras == 1
+    {
+        pair.right = "proj1".to_owned();
+    }
+    if cameras > 2 {
+        let pair = fringe::geometry::rig::Pair {
+            name: "pair2".into(),
+            left: "cam3".into(),
+            right: "cam4".into(),
+            projector: "proj1".into(),
+        };
+        rig.pairs.push(pair);
+    }
     files::rig_file::write_rig(&folder.path().join("rig.toml"), &rig, &toml::Table::new(), None).unwrap();
-    let (simulated, live) =
-        (configuration(folder.path(), test, false), configuration(folder.path(), test, true));
+    let written = |live| configuration_of(folder.path(), test, live, cameras as u8);
+    let (simulated, live) = (written(false), written(true));
     (folder, simulated, live)
 }
 
@@ -102,6 +135,19 @@ fn run(folder: &Path, config: &str, out: &str, cycles: &str) -> Output {
         .args(["--cycle-record", folder.join(format!("{out}.record")).to_str().unwrap()])
         .output()
         .unwrap()
+}
+
+/// Runs so many cycles; the file with their results.
+pub fn run_json(folder: &Path, config: &str, out: &str, cycles: u64) -> std::path::PathBuf {
+    let unique = folder.file_name().unwrap().to_str().unwrap().trim_start_matches(".tmp").to_lowercase();
+    let json = folder.join(format!("{out}.json"));
+    let ran = Command::new(env!("CARGO_BIN_EXE_fringecell"))
+        .args(["run", config, "--cell", &format!("t-storm-{out}-{unique}"), "--cycles", &cycles.to_string()])
+        .args(["--json", json.to_str().unwrap()])
+        .output()
+        .unwrap();
+    assert!(matches!(ran.status.code(), Some(0 | 1)), "{}", String::from_utf8_lossy(&ran.stderr));
+    json
 }
 
 /// Hashes of all outputs of the stages of the last cycle.
@@ -146,6 +192,64 @@ fn packets_and_triggers_that_are_lost_for_good_end_the_cycle_with_their_reason()
         assert_eq!(ran.status.code(), Some(1), "{faults:?}: {text}");
         assert!(text.contains(reason), "{faults:?}: {text}");
     }
+}
+
+/// The configurations of a cell whose projector carries a check; with `period_ms` it fires the cameras in its own time.
+pub fn checked_cell(test: u8, period_ms: Option<f64>) -> (TempDir, String, String) {
+    let (folder, simulated, live) = cell(test);
+    for path in [&simulated, &live] {
+        let text = std::fs::read_to_string(path).unwrap().replace(SEQUENCE, CHECKED);
+        let trigger = period_ms.filter(|_| path == &live).map_or(String::new(), |period_ms| {
+            format!("trigger = \"sequenced\"\nperiod_ms = {period_ms:?}\n")
+        });
+        std::fs::write(path, text.replace("width_px = 608", &format!("{trigger}width_px = 608"))).unwrap();
+    }
+    (folder, simulated, live)
+}
+
+#[test]
+fn a_projector_that_fires_the_cameras_gives_the_bytes_of_the_twin() {
+    let (folder, simulated, live) = checked_cell(7, Some(8.0));
+    let twin = run(folder.path(), &simulated, "twin", "2");
+    assert!(twin.status.success(), "{}", String::from_utf8_lossy(&twin.stderr));
+    let served = serve(&simulated, 7, &["drop=11", "duplicate=13", "swap=7"]);
+    let ran = run(folder.path(), &live, "net", "3");
+    let text = String::from_utf8_lossy(&ran.stdout).into_owned() + &String::from_utf8_lossy(&ran.stderr);
+    assert!(ran.status.success(), "{text}");
+    drop(served);
+    let shorter = run(folder.path(), &simulated, "third", "3");
+    assert!(shorter.status.success());
+    assert_eq!(hashes(folder.path(), "third"), hashes(folder.path(), "net"));
+}
+
+#[test]
+fn frames_out_of_order_are_named_in_the_outcome_of_every_cycle() {
+    for (test, period_ms, fault, reason) in [
+        (8, None, "exchange=4", "frames 4 and 5 are exchanged"),
+        (9, None, "lost=9", "frame 9 was lost"),
+        (10, Some(8.0), "twice=10", "pattern 9 was taken twice"),
+        (11, Some(8.0), "repeat=6", "frame 6 shows pattern 5 once more"),
+    ] {
+        let (folder, simulated, live) = checked_cell(test, period_ms);
+        let served = serve(&simulated, test, &[fault]);
+        let ran = run(folder.path(), &live, "net", "2");
+        drop(served);
+        let text = String::from_utf8_lossy(&ran.stdout).into_owned() + &String::from_utf8_lossy(&ran.stderr);
+        assert_eq!(ran.status.code(), Some(1), "{fault}: {text}");
+        assert!(text.matches(reason).count() >= 2, "{fault}: {text}");
+        assert!(!folder.path().join("net/cloud.ply").exists(), "{fault}: a cloud of wrong frames");
+    }
+}
+
+#[test]
+fn a_trigger_that_a_camera_missed_ends_the_cycle_with_its_reason() {
+    let (folder, simulated, live) = checked_cell(12, Some(8.0));
+    let served = serve(&simulated, 12, &["ignore-trigger=9"]);
+    let ran = run(folder.path(), &live, "net", "1");
+    drop(served);
+    let text = String::from_utf8_lossy(&ran.stdout).into_owned() + &String::from_utf8_lossy(&ran.stderr);
+    assert_eq!(ran.status.code(), Some(1), "{text}");
+    assert!(text.contains("that the projector fires was lost"), "{text}");
 }
 
 #[test]
@@ -213,6 +317,17 @@ fn impossible_devices_are_refused_with_their_key() {
         ("[[camera]]", "[[camera]]\nexposure_us = -1.0", "exposure_us"),
         ("[[camera]]", "[[camera]]\ngain_db = 1e9", "gain_db"),
         (":3957\"", "\"", "address"),
+        ("width_px = 608", "width_px = 608\ntrigger = \"sequenced\"", "period_ms"),
+        ("width_px = 608", "width_px = 608\nperiod_ms = 20.0", "sequenced"),
+        ("width_px = 608", "width_px = 608\ntrigger = \"sequenced\"\nperiod_ms = 1e9", "period_ms"),
+        ("width_px = 608", "width_px = 608\ntrigger = \"sequenced\"\nperiod_ms = 59999.0", "last"),
+        ("width_px = 608", "width_px = 608\nrefresh_hz = 0.0", "refresh_hz"),
+        ("width_px = 608", "width_px = 608\ntrigger = \"free\"", "trigger"),
+        (
+            "{ set = \"black\" },",
+            "{ set = \"black\" }, { set = \"check\", axis = \"y\", stripe_px = 8.0 },",
+            "prove the order",
+        ),
     ];
     for (from, to, named) in cases {
         assert!(text.contains(from));
@@ -226,4 +341,155 @@ fn impossible_devices_are_refused_with_their_key() {
     }
     let wrong = fringetool(&["serve-camera", &live, "--fault", "drop=0"]);
     assert_eq!(wrong.code, Some(2), "{}", wrong.stderr);
+}
+
+/// A new cell of served cameras is accepted, ready, and measured as the twin is; each command works on it.
+#[test]
+fn a_cell_is_set_up_from_cameras_that_answer() {
+    let (folder, simulated, _) = cell(13);
+    let _served = serve(&simulated, 13, &[]);
+    let [a, b, c] = network(13);
+    let (cameras, light) = (format!("{a}.{b}.{c}.11,{a}.{b}.{c}.12"), format!("{a}.{b}.{c}.1:3957"));
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let new = fringetool(&[
+        "new-cell",
+        "--out",
+        &path("new.toml"),
+        "--name",
+        "new",
+        "--cameras",
+        &cameras,
+        "--projector",
+        &light,
+        "--projector-size",
+        "608x684",
+        "--json",
+        &path("new.json"),
+    ]);
+    assert_eq!(new.code, Some(0), "{}{}", new.stdout, new.stderr);
+    let schedule = Command::new(env!("CARGO_BIN_EXE_fringecell"))
+        .args(["schedule", &path("new.toml")])
+        .output()
+        .unwrap();
+    assert_eq!(schedule.status.code(), Some(0), "{}", String::from_utf8_lossy(&schedule.stderr));
+    let doctor = fringetool(&["doctor", &path("new.toml"), "--json", &path("doctor.json")]);
+    assert!(
+        doctor.stdout.contains("camera \"cam1\"") && doctor.stdout.contains("TWIN-0001"),
+        "{}",
+        doctor.stdout
+    );
+    // The calibrated rig of the test: its cameras have the names and sizes.
+    let taken = fringetool(&[
+        "new-cell",
+        "--out",
+        &path("taken.toml"),
+        "--rig",
+        &path("rig.toml"),
+        "--cameras",
+        &cameras,
+    ]);
+    assert_eq!(taken.code, Some(0), "{}{}", taken.stdout, taken.stderr);
+
+    // The sequence of the served twin is another one: its own configuration goes on.
+    let live = configuration(folder.path(), 13, true);
+    let dark = fringetool(&[
+        "expose",
+        &live,
+        "--start-us",
+        "1000",
+        "--write",
+        &path("exposed.toml"),
+        "--json",
+        &path("exposed.json"),
+    ]);
+    assert_eq!(dark.code, Some(0), "{}{}", dark.stdout, dark.stderr);
+    let exposed: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(path("exposed.json")).unwrap()).unwrap();
+    let us = exposed["cameras"][0]["exposure_us"].as_f64().unwrap();
+    assert!((5_000.0..30_000.0).contains(&us), "{exposed}");
+    assert!(std::fs::read_to_string(path("exposed.toml")).unwrap().contains("exposure_us = "));
+    let preview = fringetool(&[
+        "preview",
+        &live,
+        "--camera",
+        "cam2",
+        "--modulation",
+        "--png",
+        &path("a.png"),
+        "--json",
+        &path("preview.json"),
+    ]);
+    assert_eq!(preview.code, Some(0), "{}{}", preview.stdout, preview.stderr);
+    assert!(
+        std::fs::read(path("a.png")).unwrap().starts_with(b"\x89PNG") && preview.stdout.contains("sharpness")
+    );
+}
+
+#[test]
+fn set_up_commands_refuse_what_they_cannot_do_with_one_message() {
+    let (folder, simulated, live) = cell(14);
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let [a, b, c] = network(14);
+    let absent = format!("{a}.{b}.{c}.99");
+    std::fs::write(path("foreign.toml"), "answer = 42\n").unwrap();
+    let cases: [(&[&str], &str); 13] = [
+        (&["new-cell", "--out", &path("n.toml"), "--cameras", &absent], &absent),
+        (&["new-cell", "--out", &path("n.toml"), "--cameras", "1.2.3"], "--cameras"),
+        (&["new-cell", "--out", &path("n.toml"), "--name", "Ä b"], "--name"),
+        (&["new-cell", "--out", &path("n.toml"), "--projector-size", "99999999x1"], "--projector-size"),
+        (&["new-cell", "--out", &path("n.toml"), "--distance-mm", "1e300"], "--distance-mm"),
+        (&["new-cell", "--out", &path("n.toml"), "--period-ms", "nan"], "--period-ms"),
+        (&["new-cell", "--out", &path("n.toml"), "--rig", &path("none.toml")], "none.toml"),
+        (&["doctor", &path("foreign.toml")], "foreign.toml"),
+        (&["expose", &simulated, "--start-us", "1e99"], "--start-us"),
+        (&["expose", &simulated, "--camera", "cam9"], "cam9"),
+        (&["preview", &simulated, "--frame", "99999999999"], "--frame"),
+        (&["preview", &simulated, "--serve", "0.0.0.0:0"], "--allow-remote"),
+        (&["preview", &live], &format!("{a}.{b}.{c}.")),
+    ];
+    for (arguments, named) in cases {
+        let ran = fringetool(arguments);
+        assert_eq!(ran.code, Some(2), "{arguments:?}: {}{}", ran.stdout, ran.stderr);
+        assert!(
+            ran.stderr.contains(named) && !ran.stderr.contains("panicked"),
+            "{arguments:?}: {}",
+            ran.stderr
+        );
+        assert!(!folder.path().join("n.toml").exists(), "{arguments:?}");
+    }
+    let doctor = fringetool(&["doctor", &live]);
+    assert_eq!(doctor.code, Some(1), "{}{}", doctor.stdout, doctor.stderr);
+    assert!(
+        doctor.stdout.contains("BAD") && doctor.stdout.contains(&format!("{a}.{b}.{c}.11")),
+        "{}",
+        doctor.stdout
+    );
+}
+
+#[test]
+fn no_part_has_a_verdict_before_the_cameras_have_settled() {
+    let (folder, simulated, live) = cell(15);
+    let _served = serve(&simulated, 15, &["warm-up=2"]);
+    let gate = |change: f64, window: f64| {
+        let text = std::fs::read_to_string(&live).unwrap();
+        let path = folder.path().join("gate.toml");
+        std::fs::write(
+            &path,
+            format!("{text}\n[warm_up]\nmax_change_k = {change:?}\nwindow_s = {window:?}\n"),
+        )
+        .unwrap();
+        run(folder.path(), path.to_str().unwrap(), "gate", "2")
+    };
+    let cold = gate(0.5, 3600.0);
+    let text = String::from_utf8_lossy(&cold.stdout).into_owned() + &String::from_utf8_lossy(&cold.stderr);
+    assert_eq!(cold.status.code(), Some(1), "{text}");
+    assert!(text.contains("has not settled"), "{text}");
+    let result = std::fs::read_to_string(folder.path().join("gate/result.json")).unwrap();
+    let result: serde_json::Value = serde_json::from_str(&result).unwrap();
+    let state = &result["reports"]["frame/cam1"];
+    assert!(
+        state["temperature_c"].as_f64().is_some_and(|celsius| (20.0..40.0).contains(&celsius)),
+        "{result}"
+    );
+    assert!(state["link"]["packets"].as_u64().is_some_and(|packets| packets > 100), "{result}");
 }

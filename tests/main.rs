@@ -79,6 +79,7 @@ mod fits;
 mod focus;
 mod gamma;
 mod gige;
+mod gige_figures;
 mod golden_cells;
 mod hung_disk;
 mod limits;

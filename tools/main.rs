@@ -36,8 +36,10 @@ mod cmm_plan;
 mod compare;
 mod correct_rig;
 mod decode;
+mod doctor;
 mod explore;
 mod export;
+mod expose;
 mod filters;
 mod fit;
 mod flatness;
@@ -46,13 +48,16 @@ mod gamma;
 mod glob;
 mod import;
 mod import_rig;
+mod live;
 mod measure;
+mod new_cell;
 mod new_plan;
 mod numbers;
 mod phase_method;
 mod pipeline;
 mod place;
 mod plan_patterns;
+mod preview;
 mod progress;
 mod reconstruct;
 mod reference_plane;
@@ -137,6 +142,14 @@ enum Command {
     CmmCompare(cmm_compare::Args),
     /// List the GigE Vision cameras on the network: address, serial number, name, model.
     Cameras(cameras::Args),
+    /// Check whether this computer and its cameras are ready for a cell; each fault has the command that mends it.
+    Doctor(doctor::Args),
+    /// Find the cameras on the network and write the configuration of a cell, with comments.
+    NewCell(new_cell::Args),
+    /// Find the exposure time of each camera from what it sees of the patterns.
+    Expose(expose::Args),
+    /// Show the live picture of a camera: in the terminal, as a file, in a browser.
+    Preview(preview::Args),
     /// Serve the cameras of a digital twin as GigE Vision cameras, for tests without hardware.
     ServeCamera(serve_camera::Args),
     /// Import image files of another system and an OpenCV calibration as a recording and a rig file.
@@ -243,6 +256,10 @@ fn execute(command: &Command) -> Result<Outcome> {
         Command::CmmPlan(args) => cmm_plan::run(args),
         Command::CmmCompare(args) => cmm_compare::run(args),
         Command::Cameras(args) => cameras::run(args),
+        Command::Doctor(args) => doctor::run(args),
+        Command::NewCell(args) => new_cell::run(args),
+        Command::Expose(args) => expose::run(args),
+        Command::Preview(args) => preview::run(args),
         Command::ServeCamera(args) => serve_camera::run(args),
         Command::Import(args) => import::run(args),
         Command::ImportRig(args) => import_rig::run(args),

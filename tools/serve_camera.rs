@@ -5,6 +5,7 @@ use anyhow::{Result, bail};
 use cell::Options;
 use devices::ServedTwin;
 use devices::gige_simulator::Faults;
+use fringe::decode::OrderEvent;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 
@@ -20,7 +21,10 @@ pub struct Args {
     #[arg(long, default_value = "127.0.0.1:3957")]
     light: SocketAddr,
     /// Fault on the network, for tests: `drop=N`, `duplicate=N` or `swap=N` (every N-th packet), `ignore-trigger=N`
-    /// (every N-th trigger), `no-resend`. May be given several times.
+    /// (every N-th trigger), `no-resend`; of the order of the frames in every cycle: `lost=K` or `twice=K` (from frame K on each shows the
+    /// next pattern, or the one before), `repeat=K` (frame K shows the one before), `exchange=K` (frames K and K + 1). `storm=SEED`: one of these, a
+    /// missing or short frame, or a camera silent for seconds, in every second cycle. `warm-up=S`: a cold camera with this
+    /// time constant. May be given several times.
     #[arg(long = "fault", value_name = "FAULT")]
     faults: Vec<String>,
 }
@@ -49,13 +53,22 @@ fn faults(texts: &[String]) -> Result<Faults> {
         let Some(every) = every.parse::<u64>().ok().filter(|every| *every > 0) else {
             bail!("--fault {text}: must count from 1, for instance drop=100");
         };
+        let frame = every as usize - 1;
         match name {
             "drop" => faults.drop_every = every,
             "duplicate" => faults.duplicate_every = every,
             "swap" => faults.swap_every = every,
             "ignore-trigger" => faults.ignore_trigger_every = every,
             "no-resend" => faults.no_resend = true,
-            _ => bail!("--fault {text}: must be drop=N, duplicate=N, swap=N, ignore-trigger=N or no-resend"),
+            "storm" => faults.storm = Some(every),
+            "warm-up" => faults.warm_up_s = every as f32,
+            "lost" => faults.order = Some(OrderEvent::Lost(frame)),
+            "twice" => faults.order = Some(OrderEvent::Twice(frame)),
+            "repeat" => faults.order = Some(OrderEvent::Repeated(frame)),
+            "exchange" => faults.order = Some(OrderEvent::Exchanged(frame, frame + 1)),
+            _ => bail!(
+                "--fault {text}: must be drop=N, duplicate=N, swap=N, ignore-trigger=N, no-resend, lost=K, twice=K, repeat=K, exchange=K, storm=SEED or warm-up=S"
+            ),
         }
     }
     Ok(faults)

@@ -10,7 +10,7 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use std::os::fd::AsFd as _;
 use std::process::{Command, Output, Stdio};
-use table::{ENDLESS, Inputs, QUICK, SLOW, WITHOUT_JSON};
+use table::{ENDLESS, Inputs, ON_NETWORK, QUICK, SLOW, WITHOUT_JSON};
 
 /// Runs a program; reads while it writes, because what it writes may be more than a pipe holds.
 fn output(program: &mut Command) -> Output {
@@ -104,8 +104,11 @@ fn listed(program: &str) -> BTreeSet<String> {
 /// A command that is added must come into the table.
 #[test]
 fn the_table_has_every_command() {
-    let known: BTreeSet<String> =
-        [QUICK, SLOW, WITHOUT_JSON, ENDLESS].concat().iter().map(|line| command_of(line)).collect();
+    let known: BTreeSet<String> = [QUICK, SLOW, WITHOUT_JSON, ENDLESS, ON_NETWORK]
+        .concat()
+        .iter()
+        .map(|line| command_of(line))
+        .collect();
     let mut listed_commands = listed(env!("CARGO_BIN_EXE_fringetool"));
     // What a CMM probes is an argument here, as the element of a fit.
     for group in ["fit", "cmm-plan"] {

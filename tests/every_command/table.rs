@@ -45,6 +45,9 @@ pub const QUICK: &[&str] = &[
     "report DIR/master.json --csv NEW/values.csv",
     "replay DIR/record",
     "cameras",
+    "doctor DIR/cell.toml",
+    "expose DIR/cell.toml --rounds 1",
+    "preview DIR/cell.toml --frames 1 --png NEW/preview.png",
 ];
 
 /// Commands that take a minute or more.
@@ -68,6 +71,9 @@ pub const SLOW: &[&str] = &[
 
 /// Commands that end only when they are stopped; see the tests of network cameras.
 pub const ENDLESS: &[&str] = &["serve-camera DIR/cell.toml"];
+
+/// Commands that need cameras on the network; see the tests of network cameras.
+pub const ON_NETWORK: &[&str] = &["new-cell --out NEW/cell.toml"];
 
 /// Commands whose output is no result.
 pub const WITHOUT_JSON: &[&str] = &["completions bash", "man --out NEW/man"];

@@ -5,9 +5,11 @@
 
 pub mod calibration;
 pub mod explore;
+pub mod exposure;
 pub mod focus;
 pub mod health;
 mod least_squares;
+pub mod nominal;
 pub mod rectified_images;
 pub mod reference_plane;
 pub mod response;

@@ -25,6 +25,7 @@ mod formats;
 mod glyph;
 mod image_points;
 mod input;
+pub mod live;
 pub mod number;
 mod page;
 pub mod part;
