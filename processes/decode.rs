@@ -4,7 +4,7 @@ use crate::stage::{Fault, Inbox, Report, StageContext, TextBuffer, Worker, cycle
 use anyhow::Result;
 use cell::executor::{ViewDecoder, decoder};
 use cell::schedule::{Work, label};
-use fringe::decode::Motion;
+use fringe::decode::{FrameOrder, Motion};
 use fringe::pattern::Axis;
 use ipc::IpcError;
 use ipc::header::{Frame, Phase};
@@ -51,6 +51,8 @@ struct Counts<'a> {
     /// Faults of the frames, in words.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     findings: Vec<String>,
+    /// What the frames proved of their order.
+    order: FrameOrder,
     /// How the fringes moved between the frames; null where the steps do not tell.
     motion: Option<Motion>,
     /// Where the frames contradict what the rig file states of the camera, and motion beyond the uncertainty.
@@ -160,6 +162,7 @@ impl Decode {
             spikes_repaired: report.spikes_repaired,
             spikes_masked: report.spikes_masked,
             ignored: &report.ignored,
+            order: report.order,
             motion: report.motion,
             findings: report.findings.iter().map(ToString::to_string).collect(),
             warnings: report.warnings(context.cell.graph.camera_name(self.camera)),

@@ -7,6 +7,7 @@ use crate::schedule_json;
 use crate::schedule_memory::Memory;
 use crate::terminal;
 use anyhow::{Context, Result};
+use cell::configuration::TriggerMode;
 use cell::schedule::{Half, Schedule, label};
 use cell::{Cell, Options};
 use files::atomic;
@@ -81,6 +82,16 @@ fn render(cell: &Cell) -> String {
         cell.config.limits.stage_budget_ms,
         overlap(schedule)
     );
+    for projector in &cell.graph.projectors {
+        let (name, frames) = (&projector.name, projector.frames);
+        if let TriggerMode::Sequenced { period_ms } = projector.trigger {
+            let last_ms = frames as f64 * period_ms;
+            let _ = writeln!(
+                text,
+                "{name} fires the cameras: {frames} frames, one every {period_ms} ms, {last_ms} ms in all"
+            );
+        }
+    }
     for lane in schedule.lanes() {
         let half = match lane.half {
             None => "",

@@ -13,6 +13,8 @@ pub struct ScheduleReport<'a> {
     cycles_in_flight: usize,
     cycle_deadline_ms: u64,
     stage_budget_ms: u64,
+    /// Time of the frames that projectors fire by themselves, ms.
+    acquisition_ms: f64,
     memory: Memory,
     /// Absent without measured times.
     within_limits: Option<bool>,
@@ -59,6 +61,7 @@ pub fn report(cell: &Cell, memory: Memory, within_limits: Option<bool>) -> Sched
         cycles_in_flight: schedule.in_flight,
         cycle_deadline_ms: limits.cycle_deadline_ms,
         stage_budget_ms: limits.stage_budget_ms,
+        acquisition_ms: cell.graph.acquisition_ms(),
         memory,
         within_limits,
         stages: schedule.stages.iter().map(stage_row).collect(),

@@ -432,7 +432,7 @@ fn set_up_commands_refuse_what_they_cannot_do_with_one_message() {
     let [a, b, c] = network(14);
     let absent = format!("{a}.{b}.{c}.99");
     std::fs::write(path("foreign.toml"), "answer = 42\n").unwrap();
-    let cases: [(&[&str], &str); 13] = [
+    let cases: [(&[&str], &str); 15] = [
         (&["new-cell", "--out", &path("n.toml"), "--cameras", &absent], &absent),
         (&["new-cell", "--out", &path("n.toml"), "--cameras", "1.2.3"], "--cameras"),
         (&["new-cell", "--out", &path("n.toml"), "--name", "Ä b"], "--name"),
@@ -440,7 +440,9 @@ fn set_up_commands_refuse_what_they_cannot_do_with_one_message() {
         (&["new-cell", "--out", &path("n.toml"), "--distance-mm", "1e300"], "--distance-mm"),
         (&["new-cell", "--out", &path("n.toml"), "--period-ms", "nan"], "--period-ms"),
         (&["new-cell", "--out", &path("n.toml"), "--rig", &path("none.toml")], "none.toml"),
+        (&["new-cell", "--out", &simulated, "--cameras", &absent], "--force"),
         (&["doctor", &path("foreign.toml")], "foreign.toml"),
+        (&["expose", &simulated, "--write", &path("w.toml")], "[twin]"),
         (&["expose", &simulated, "--start-us", "1e99"], "--start-us"),
         (&["expose", &simulated, "--camera", "cam9"], "cam9"),
         (&["preview", &simulated, "--frame", "99999999999"], "--frame"),

@@ -66,6 +66,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&outputs, &live.cell.file.paths(), None)?;
     if let Some(path) = &args.write {
         check_folder(path, &args.config)?;
+        if let Some(twin) = live.cell.config.cameras.iter().find(|camera| camera.driver == Driver::Twin) {
+            bail!(
+                "--write {}: the exposure of the twin \"{}\" stands under [twin], settings = {{ exposure = … }}; multiply it with the time found over 10 000 µs",
+                path.display(),
+                twin.name
+            );
+        }
     }
     let mut exposed: Vec<(usize, Exposed)> = Vec::new();
     for (number, camera) in live.cameras() {
@@ -172,20 +179,6 @@ fn check_folder(path: &Path, config: &Path) -> Result<()> {
 
 /// Writes the text of the configuration with the times of its cameras; everything else stays as it is.
 fn write(path: &Path, cell: &LoadedCell, times: &BTreeMap<String, f64>) -> Result<()> {
-    let twins: Vec<&str> = cell
-        .config
-        .cameras
-        .iter()
-        .filter(|camera| camera.driver == Driver::Twin && times.contains_key(&camera.name))
-        .map(|camera| camera.name.as_str())
-        .collect();
-    if !twins.is_empty() {
-        let factor = times.values().sum::<f64>() / times.len() as f64 / TWIN_US;
-        bail!(
-            "--write: the exposure of twins ({}) stands under [twin]: settings = {{ exposure = {factor:.2} }} times what is there",
-            twins.join(", ")
-        );
-    }
     let text = with_exposures(&cell.file.document.text, times);
     Ok(atomic::write(path, text.as_bytes())?)
 }

@@ -84,6 +84,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for path in inputs.iter().filter(|path| !path.exists()) {
         bail!("{}: there is no such file", path.display());
     }
+    for (_, path) in outputs.iter().filter(|(flag, _)| *flag == "--out") {
+        // A person may have written into it since.
+        let there = path.filter(|path| path.exists() && !files::guard::replaces_anything());
+        if let Some(path) = there {
+            bail!(
+                "--out {}: a file is there; name another one, or add --force to replace it",
+                path.display()
+            );
+        }
+    }
     let answers = Answers::of(args)?;
     let cameras = cameras(&args.cameras)?;
     for (number, camera) in cameras.iter().enumerate() {

@@ -24,6 +24,7 @@ use serde::Serialize;
 use std::io::IsTerminal;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Columns of a picture in a browser.
 const PAGE_COLUMNS: usize = 1280;
@@ -114,9 +115,10 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mut shown = None;
     for pictures in 1..=most {
         let (picture, mut figures) = look(&mut live, (camera, projector, frame), args.modulation)?;
+        let picture = Arc::new(picture);
         figures.pictures = pictures;
         if let Some(page) = &page {
-            page.show(picture.to_jpeg(PAGE_COLUMNS)?, serde_json::to_string(&figures)?, picture.to_png()?);
+            page.show(picture.clone(), picture.to_jpeg(PAGE_COLUMNS)?, serde_json::to_string(&figures)?);
         }
         print(&picture, &figures, terminal)?;
         shown = Some((picture, figures));

@@ -150,6 +150,11 @@ impl Device {
         (self.registers.get(bootstrap::STREAM_PACKET) & 0xffff) as usize
     }
 
+    /// Pause from one stream packet to the next, ns: ticks of the clock of this device.
+    pub fn packet_delay_ns(&self) -> u64 {
+        self.registers.get(bootstrap::STREAM_DELAY).into()
+    }
+
     /// Exposure time that was set, µs.
     pub fn exposure_us(&self) -> f32 {
         f32::from_bits(self.registers.get(feature::EXPOSURE_US))

@@ -15,6 +15,9 @@ use std::time::{Duration, Instant};
 const KEPT_BYTES: usize = 64 << 20;
 const KEPT_BLOCKS: [usize; 2] = [4, 64];
 
+/// Longest pause between two packets, ns: a frame must not take so long that its client thinks the camera dead.
+const LONGEST_DELAY_NS: u64 = 100_000;
+
 /// How often a silent client is looked for, and a frame is taken without a trigger.
 const TICK: Duration = Duration::from_millis(100);
 
@@ -292,7 +295,11 @@ impl Camera {
     fn send(&mut self, block: &Block) {
         let Some(destination) = self.device.destination() else { return };
         let mut late = Vec::new();
+        let (start, delay) =
+            (Instant::now(), Duration::from_nanos(self.device.packet_delay_ns().min(LONGEST_DELAY_NS)));
         for number in 0..block.packets() {
+            // A pause that is shorter than the system can sleep is made up for by the next ones.
+            std::thread::sleep((start + delay * number).saturating_duration_since(Instant::now()));
             block.packet(number, &mut self.packet);
             self.sent += 1;
             if is_nth(self.sent, self.faults.drop_every) {

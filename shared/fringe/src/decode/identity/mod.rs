@@ -15,6 +15,7 @@ pub use proof::prove;
 use super::error::DecodeError;
 use crate::frame::FrameView;
 use crate::pattern::{Axis, PatternSet};
+use serde::Serialize;
 use templates::{Arrangement, Templates};
 
 /// A frame is looked at more closely where this share of its variation is unexplained.
@@ -39,7 +40,8 @@ const LIT: f32 = 0.08;
 const FULL: f32 = 0.99;
 
 /// What the frames of a sequence proved of their order.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
 pub enum FrameOrder {
     /// The sequence has no check.
     #[default]
