@@ -92,6 +92,7 @@ fn render(cell: &Cell) -> String {
             );
         }
     }
+    text += &lights(cell);
     for lane in schedule.lanes() {
         let half = match lane.half {
             None => "",
@@ -131,6 +132,32 @@ fn render(cell: &Cell) -> String {
             topic.memory_bytes(),
             shorten(&topic.producers),
             shorten(&topic.consumers)
+        );
+    }
+    text
+}
+
+/// How long projectors take whose light comes in known periods.
+fn lights(cell: &Cell) -> String {
+    let mut text = String::new();
+    for projector in &cell.config.projectors {
+        let (TriggerMode::Stepped, Some(period_us)) = (projector.trigger, projector.light_period_us()) else {
+            continue;
+        };
+        let exposures = cell.config.cameras.iter().filter(|camera| projector.cameras.contains(&camera.name));
+        let exposures_us = exposures.filter_map(|camera| camera.genicam.as_ref()?.exposure_us);
+        let exposure_us = exposures_us.fold(0.0, f64::max);
+        let (frames, settle_us) = (projector.frames(), projector.settle_us());
+        let _ = writeln!(
+            text,
+            "projector {}: {frames} frames of {:.1} ms until the light stands and {:.1} ms of exposure, {:.0} periods of {:.3} ms: \
+             {:.2} s at least",
+            projector.name,
+            settle_us / 1e3,
+            exposure_us / 1e3,
+            exposure_us / period_us,
+            period_us / 1e3,
+            frames as f64 * (settle_us + exposure_us) / 1e6
         );
     }
     text

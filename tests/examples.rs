@@ -82,3 +82,9 @@ fn pictures_become_a_rig() {
     let off_mm = baseline_mm(&rig, "left", "right") - baseline_mm(&truth, "cam1", "cam2");
     assert!(off_mm.abs() < 0.2, "{off_mm} mm");
 }
+
+#[test]
+fn a_driver_of_ones_own_passes_the_checks_of_all_drivers() {
+    let ran = example("projector_driver", &[]).expect_success();
+    assert!(ran.stdout.contains("the driver does what a cell asks of a projector"), "{}", ran.stdout);
+}

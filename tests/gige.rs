@@ -9,7 +9,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 use tempfile::TempDir;
 
-const SEQUENCE: &str = r#"{ set = "sine", axis = "x", period_px = 16.0, steps = 5 },
+pub const SEQUENCE: &str = r#"{ set = "sine", axis = "x", period_px = 16.0, steps = 5 },
   { set = "gray", axis = "x", bits = 7, stripe_px = 8.0 },
   { set = "white" }, { set = "black" },"#;
 
@@ -20,7 +20,7 @@ const CHECKED: &str = r#"{ set = "white" }, { set = "black" },
   { set = "check", axis = "x", stripe_px = 8.0 },"#;
 
 /// Loopback addresses of this test alone: the control port of a camera is the same for all.
-fn network(test: u8) -> [u8; 3] {
+pub fn network(test: u8) -> [u8; 3] {
     let pid = std::process::id();
     [127, 16 + (pid % 200) as u8, (pid / 200 % 8) as u8 * 16 + test]
 }
@@ -117,7 +117,7 @@ pub fn cell_of(test: u8, (width_px, height_px): (u32, u32), cameras: usize) -> (
     (folder, simulated, live)
 }
 
-fn run(folder: &Path, config: &str, out: &str, cycles: &str) -> Output {
+pub fn run(folder: &Path, config: &str, out: &str, cycles: &str) -> Output {
     // Several tests run at once: the folder's name is unique.
     let unique = folder.file_name().unwrap().to_str().unwrap().trim_start_matches(".tmp").to_lowercase();
     let name = format!("t-gige-{out}-{unique}");
@@ -151,7 +151,7 @@ pub fn run_json(folder: &Path, config: &str, out: &str, cycles: u64) -> std::pat
 }
 
 /// Hashes of all outputs of the stages of the last cycle.
-fn hashes(folder: &Path, out: &str) -> serde_json::Value {
+pub fn hashes(folder: &Path, out: &str) -> serde_json::Value {
     let result = std::fs::read_to_string(folder.join(out).join("result.json")).unwrap();
     let result: serde_json::Value = serde_json::from_str(&result).unwrap();
     assert!(result["hashes"].as_object().unwrap().len() > 5, "{result}");

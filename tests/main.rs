@@ -20,10 +20,14 @@
 //! - [`hung_disk`]: a disk that does not answer
 //! - [`cell`]: a running cell: results, outcomes, kills, stops
 //! - `allocations`: what warm stages do not do; only with the feature `count-allocations`
+//! - [`conformance`]: drivers through the checks that every driver has to pass
 //! - [`control`]: a cell that takes jobs: states, recipes, refusals, metrics
 //! - [`control_page`]: the requests of `docs/control.md` against a cell
 //! - [`uncertainty`]: budgets in, table, JSON and report out
 //! - [`acceptance_report`]: every format from one result of an acceptance test
+//! - [`lightcrafter`]: projector boards: an emulated one gives the bytes of the twin, and its faults are told
+//! - [`lights`]: how the tests of projectors make cells and tell the twin what is shown
+//! - [`screen`]: projectors that are screens: every pixel read back from a virtual display
 //! - [`gige`]: cameras on the network give the bytes of the twin, and losses are repaired or told
 //! - [`golden_cells`]: the printed cells of the thesis' tables, recomputed
 //! - [`acceptance`]: acceptance tests from their plans
@@ -66,6 +70,7 @@ mod changed_files;
 mod charuco;
 mod codecs;
 mod compare;
+mod conformance;
 mod control;
 mod control_page;
 mod dirt;
@@ -82,6 +87,8 @@ mod gige;
 mod gige_figures;
 mod golden_cells;
 mod hung_disk;
+mod lightcrafter;
+mod lights;
 mod limits;
 mod offline;
 mod one_flow;
@@ -104,6 +111,7 @@ mod run_folder;
 mod running;
 mod schema;
 mod schemas;
+mod screen;
 mod service;
 mod single_view;
 mod spc;

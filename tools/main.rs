@@ -53,6 +53,7 @@ mod measure;
 mod new_cell;
 mod new_plan;
 mod numbers;
+mod patterns;
 mod phase_method;
 mod pipeline;
 mod place;
@@ -172,6 +173,8 @@ enum Command {
     Uncertainty(uncertainty::Args),
     /// Propose period, steps and code from the projector, the noise and the wanted uncertainty.
     PlanPatterns(plan_patterns::Args),
+    /// Write the images that the projectors of a cell show, with a list of what each of them is.
+    Patterns(patterns::Args),
     /// Write the report of an acceptance test (HTML, PDF, CSV, QIF, DFQ, DCC) from its result, or the DCC of a calibrated rig.
     Report(acceptance_report::Args),
     /// Run a cycle record again and compare every output with it.
@@ -271,6 +274,7 @@ fn execute(command: &Command) -> Result<Outcome> {
         Command::Focus(args) => focus::run(args),
         Command::Uncertainty(args) => uncertainty::run(args),
         Command::PlanPatterns(args) => plan_patterns::run(args),
+        Command::Patterns(args) => patterns::run(args),
         Command::Report(args) => acceptance_report::run(args),
         Command::Replay(args) => replay::run(args),
         Command::Bench(args) => bench::run(args),

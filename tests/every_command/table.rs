@@ -41,6 +41,7 @@ pub const QUICK: &[&str] = &[
     "gamma DIR/grey",
     "focus --images DIR/focus*.png --positions 460:560:10",
     "uncertainty CONFIGS/budgets/sphere-spacing.toml",
+    "patterns DIR/cell.toml --out NEW/patterns --one-bit --packed",
     "plan-patterns --rig DIR/rig.toml --want-u-um 50",
     "report DIR/master.json --csv NEW/values.csv",
     "replay DIR/record",

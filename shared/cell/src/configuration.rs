@@ -2,12 +2,13 @@
 //!
 //! `files` reads it from TOML and points into that file where something is wrong.
 
+use crate::lightcrafter::{Controller, Led, PatternSource};
 use crate::pixel_format::PixelFormat;
 use fringe::decode::DecodeSettings;
 use fringe::fusion::FusionSettings;
 use fringe::geometry::rig::Rig;
 use fringe::matching::MatchSettings;
-use fringe::pattern::{LevelTable, PatternSet, frame_count};
+use fringe::pattern::{LevelTable, PatternError, PatternSet, frame_count, locate};
 use metrology::inspection::Plan;
 use std::net::{IpAddr, SocketAddr};
 
@@ -84,11 +85,16 @@ pub enum Driver {
     Genicam,
     /// A projector that another program drives: it receives over the network what to show.
     Network,
+    /// A projector that is a screen of this computer.
+    Screen,
+    /// A projector board with its own pattern memory, over USB.
+    LightCrafter,
 }
 
 impl Driver {
     /// All drivers, in the order in which messages name them.
-    pub const ALL: [Self; 4] = [Self::Twin, Self::Recording, Self::Genicam, Self::Network];
+    pub const ALL: [Self; 6] =
+        [Self::Twin, Self::Recording, Self::Genicam, Self::Network, Self::Screen, Self::LightCrafter];
 
     /// Name in the configuration.
     pub fn name(self) -> &'static str {
@@ -97,13 +103,23 @@ impl Driver {
             Self::Recording => "recording",
             Self::Genicam => "genicam",
             Self::Network => "network",
+            Self::Screen => "screen",
+            Self::LightCrafter => "lightcrafter",
+        }
+    }
+
+    /// Whether it drives projectors and no cameras.
+    pub fn is_light(self) -> bool {
+        match self {
+            Self::Network | Self::Screen | Self::LightCrafter => true,
+            Self::Twin | Self::Recording | Self::Genicam => false,
         }
     }
 
     /// Whether the frames show the world, not a simulation or a recording.
     pub fn is_live(self) -> bool {
         match self {
-            Self::Genicam | Self::Network => true,
+            Self::Genicam | Self::Network | Self::Screen | Self::LightCrafter => true,
             Self::Twin | Self::Recording => false,
         }
     }
@@ -151,6 +167,53 @@ pub struct GenicamCamera {
     pub trigger_line: String,
 }
 
+/// A screen of this computer that is a projector.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScreenSettings {
+    /// The X11 display, such as ":0"; absent: that of the environment.
+    pub display: Option<String>,
+    /// Which output of the display.
+    pub place: ScreenPlace,
+    /// Refreshes in a second, Hz.
+    pub refresh_hz: f64,
+    /// Refreshes from the moment that the display has presented a pattern until the projector's light stands.
+    pub delay_refreshes: u32,
+}
+
+/// An output of the display.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ScreenPlace {
+    /// By its name, such as "HDMI-1".
+    Output(String),
+    /// By the place of its top left corner on the desktop, px.
+    Corner([i32; 2]),
+}
+
+/// A projector board with its own pattern memory.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LightCrafterSettings {
+    /// The controller of the board.
+    pub controller: Controller,
+    /// Where the patterns come from.
+    pub source: PatternSource,
+    /// Exposure of a pattern, µs.
+    pub exposure_us: u32,
+    /// From pattern to pattern, µs.
+    pub period_us: u32,
+    /// Which of its lights shines.
+    pub led: Led,
+    /// Patterns of black and white alone have one bit; else all have eight.
+    pub one_bit: bool,
+    /// Number in flash of the first image, from 0.
+    pub first_image: u8,
+    /// From the start of a pattern until its light stands, ms.
+    pub settle_ms: u32,
+    /// Path of the device, or serial number; absent: the only board there is.
+    pub device: Option<String>,
+    /// With patterns from the video input: the output that they are shown on.
+    pub screen: Option<ScreenSettings>,
+}
+
 /// A projector of the cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProjectorConfig {
@@ -172,6 +235,10 @@ pub struct ProjectorConfig {
     pub address: Option<SocketAddr>,
     /// Who fires the cameras.
     pub trigger: TriggerMode,
+    /// Of a projector that is a screen.
+    pub screen: Option<ScreenSettings>,
+    /// Of a projector board.
+    pub lightcrafter: Option<LightCrafterSettings>,
     /// How levels are drawn so that the light is proportional to them.
     pub level_table: Option<LevelTable>,
 }
@@ -180,6 +247,50 @@ impl ProjectorConfig {
     /// Frames of a cycle: those of the sequence, once for each exposure.
     pub fn frames(&self) -> usize {
         frame_count(&self.sequence) * self.exposures_ms.len().max(1)
+    }
+
+    /// Columns and rows, px.
+    pub fn size_px(&self) -> [u32; 2] {
+        [self.width_px, self.height_px]
+    }
+
+    /// Period in which the light of a screen or a board comes, µs; `None`: nobody knows.
+    pub fn light_period_us(&self) -> Option<f64> {
+        let board = self.lightcrafter.as_ref();
+        let screen = self.screen.as_ref().or(board.and_then(|board| board.screen.as_ref()));
+        let refresh_us = screen.map(|screen| 1e6 / screen.refresh_hz);
+        refresh_us.or(board.map(|board| f64::from(board.period_us)))
+    }
+
+    /// From the command to show a frame until its light stands, µs, as far as the configuration states it.
+    pub fn settle_us(&self) -> f64 {
+        let board = self.lightcrafter.as_ref();
+        let screen = self.screen.as_ref().or(board.and_then(|board| board.screen.as_ref()));
+        let shown_us =
+            screen.map_or(0.0, |screen| f64::from(screen.delay_refreshes + 1) * 1e6 / screen.refresh_hz);
+        shown_us + board.map_or(0.0, |board| f64::from(board.settle_ms) * 1e3)
+    }
+
+    /// The 8-bit image of a frame of the sequence, counted from 0, row by row.
+    ///
+    /// # Errors
+    /// A set that cannot be generated. `None`: the sequence is shorter.
+    pub fn image_u8(&self, frame: usize) -> Option<Result<Vec<u8>, PatternError>> {
+        let (set, step) = locate(&self.sequence, frame)?;
+        Some(self.sequence[set].image_u8(step, self.size_px(), self.level_table.as_ref()))
+    }
+
+    /// Bits of the pattern of each frame on a board: 8, or 1 for black and white where `one_bit` is set.
+    ///
+    /// # Errors
+    /// A set that cannot be generated.
+    pub fn pattern_bits(&self, one_bit: bool) -> Result<Vec<u8>, PatternError> {
+        let mut bits = Vec::new();
+        for set in &self.sequence {
+            let plain = one_bit && set.is_black_and_white(self.size_px(), self.level_table.as_ref())?;
+            bits.resize(bits.len() + set.frames(), if plain { 1 } else { 8 });
+        }
+        Ok(bits)
     }
 }
 

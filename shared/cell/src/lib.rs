@@ -13,6 +13,7 @@ mod error;
 pub mod executor;
 mod frame_format;
 pub mod graph;
+pub mod lightcrafter;
 mod options;
 pub mod pixel_format;
 mod retention;

@@ -2,6 +2,7 @@
 
 use crate::device::{Camera, Projector};
 use crate::error::DeviceError;
+use crate::light::Lights;
 use crate::load::LoadedCell;
 use crate::{network_projector, reconnecting, recording, twin_camera};
 use cell::configuration::{Driver, ProjectorConfig, TriggerMode};
@@ -16,7 +17,7 @@ pub fn camera(cell: &LoadedCell, camera: usize) -> Result<Box<dyn Camera>, Devic
         Driver::Twin => Box::new(twin_camera::TwinCamera::new(cell, camera)?),
         Driver::Recording => Box::new(recording::RecordedCamera::new(cell, camera)?),
         // The configuration refuses cameras with the driver of a projector.
-        Driver::Genicam | Driver::Network => {
+        Driver::Genicam | Driver::Network | Driver::Screen | Driver::LightCrafter => {
             let wanted = config.genicam.as_ref().ok_or(DeviceError::Missing("camera.address"))?;
             let size_px = [config.width_px, config.height_px];
             let seen = cell.config.projectors.iter().filter(|p| p.cameras.contains(&config.name));
@@ -42,6 +43,9 @@ pub fn projector(cell: &LoadedCell) -> Result<Box<dyn Projector>, DeviceError> {
         };
         let lights = projectors.iter().map(light).collect();
         return Ok(Box::new(network_projector::NetworkProjector::new(address, lights)?));
+    }
+    if projectors.iter().any(|p| matches!(p.driver, Driver::Screen | Driver::LightCrafter)) {
+        return Ok(Box::new(Lights::new(projectors)?));
     }
     let rate_hz = cell.file.recording.as_ref().map_or(0.0, |r| r.rate_hz);
     // Frames of the twin and of a recording already contain the projected light; only the pace remains.

@@ -69,7 +69,7 @@ fn formats(config: &Config) -> Result<Vec<Vec<Option<FrameFormat>>>, DeviceError
                     let twin = config.twin.as_ref().ok_or(DeviceError::Missing("twin"))?;
                     twin.settings.full_scale_dn()
                 }
-                Driver::Genicam | Driver::Network => {
+                Driver::Genicam | Driver::Network | Driver::Screen | Driver::LightCrafter => {
                     camera.genicam.as_ref().map_or(255, |g| g.pixel_format.full_scale_dn())
                 }
                 Driver::Recording => recorded_full_scale_dn(config, &projector.name, &camera.name)?,

@@ -30,6 +30,7 @@ pub mod npy;
 pub mod opencv;
 pub mod output_check;
 pub mod part_store;
+pub mod pattern_files;
 pub mod plan_file;
 pub mod plane_file;
 pub mod ply;

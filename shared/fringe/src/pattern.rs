@@ -5,6 +5,7 @@
 mod check;
 mod codecs;
 mod error;
+mod image;
 mod level_table;
 mod levels;
 mod missing;

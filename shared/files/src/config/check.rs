@@ -1,6 +1,7 @@
 //! From what is written to what is meant.
 
 use super::devices::genicam;
+use super::lights::check_lights;
 use super::limits::{cycles, formats, limits, results, schedule, settings};
 use super::projectors::{Lights, check_recorded_sizes, projectors};
 use super::raw::{RawConfig, RawTwin};
@@ -58,6 +59,7 @@ impl Config {
         };
         check_graph(&document, &rig_file, &cell)?;
         check_drivers(&document, &cell.cameras, &cell.projectors)?;
+        check_lights(&document, &cell)?;
         if let Some(recording) = played {
             check_recorded_sizes(&document, recording, &cell.cameras)?;
         }
@@ -134,7 +136,7 @@ fn check_tables(document: &Document, raw: &RawConfig) -> Result<(), FileError> {
         let (table, present) = match driver(document, &key, name)? {
             Driver::Twin => ("[twin]", raw.twin.is_some()),
             Driver::Recording => ("[recording]", raw.recording.is_some()),
-            Driver::Genicam | Driver::Network => continue,
+            Driver::Genicam | Driver::Network | Driver::Screen | Driver::LightCrafter => continue,
         };
         if !present {
             let problem = Problem::Missing(format!("the table {table}, which this driver needs,"));

@@ -91,12 +91,14 @@ pub(super) fn network_address(
     }
 }
 
-fn needs(document: &Document, key: &str, driver: &str, other: &str) -> FileError {
+/// The fault of a key that only another driver has.
+pub(super) fn needs(document: &Document, key: &str, driver: &str, other: &str) -> FileError {
     let problem = Problem::Unsupported(format!("a device with the driver \"{driver}\" has no such key"));
     document.fault(key, problem, format!("remove it, or use the driver \"{other}\""))
 }
 
-fn within(
+/// A number within its limits.
+pub(super) fn within(
     document: &Document,
     key: &str,
     found: Option<f64>,

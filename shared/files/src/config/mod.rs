@@ -14,7 +14,7 @@
 //! stage_budget_ms = 5000
 //! [[projector]]
 //! name = "proj1"
-//! driver = "twin"                     # twin | recording
+//! driver = "twin"                     # twin | recording | network | screen | lightcrafter
 //! width_px = 608                      # width, height, cameras, sequence: with driver "recording" they may be left
 //! height_px = 684                     # out and are then those of the recording
 //! cameras = ["cam1", "cam2"]
@@ -55,6 +55,8 @@
 
 mod check;
 mod devices;
+mod light;
+mod lights;
 mod limits;
 mod projectors;
 mod raw;

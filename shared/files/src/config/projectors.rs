@@ -1,6 +1,7 @@
 //! Projectors: what is written, completed by what was recorded.
 
 use super::devices::network_address;
+use super::light::{Light, check_board, light};
 use super::raw::{RawConfig, RawProjector};
 use super::trigger::{check_exposures, trigger};
 use super::values::{projector_driver, referenced};
@@ -55,6 +56,7 @@ pub(super) fn projectors(
             projector.level_table = Some(correction.table.clone());
             lights.corrections.insert(projector.name.clone(), correction);
         }
+        check_board(document, &key, &projector)?;
         lights.projectors.push(projector);
     }
     Ok(lights)
@@ -91,6 +93,7 @@ fn one_projector(
         document.fault(key, problem, format!("add {part} = …"))
     };
     let recorded_cameras = || recorded.map(|r| r.cameras.iter().map(|camera| camera.name.clone()).collect());
+    let Light { screen, lightcrafter } = light(document, key, raw, driver)?;
     Ok(ProjectorConfig {
         name: raw.name.clone(),
         driver,
@@ -105,6 +108,8 @@ fn one_projector(
         exposures_ms: recorded.map(|r| r.exposures_ms.clone()).unwrap_or_default(),
         address: network_address(document, key, raw, driver)?,
         trigger: trigger(document, key, raw, driver)?,
+        screen,
+        lightcrafter,
         level_table: None,
     })
 }

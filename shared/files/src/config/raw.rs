@@ -81,6 +81,19 @@ pub(super) struct RawProjector {
     pub trigger: Option<String>,
     pub period_ms: Option<f64>,
     pub refresh_hz: Option<f64>,
+    pub display: Option<String>,
+    pub output: Option<String>,
+    pub position_px: Option<[i32; 2]>,
+    pub delay_refreshes: Option<i64>,
+    pub controller: Option<String>,
+    pub source: Option<String>,
+    pub exposure_us: Option<i64>,
+    pub period_us: Option<i64>,
+    pub led: Option<String>,
+    pub one_bit: Option<bool>,
+    pub first_image: Option<i64>,
+    pub settle_ms: Option<i64>,
+    pub device: Option<String>,
 }
 
 #[derive(Debug, Deserialize)]

@@ -1,6 +1,7 @@
 //! What the parts of a cell say of each other: every pair has its cameras and its light, every camera has a pair.
 
 use super::TwinConfig;
+use super::lights::check_generated;
 use super::raw::RawConfig;
 use crate::document::Document;
 use crate::error::{FileError, Problem, did_you_mean, list};
@@ -11,7 +12,6 @@ use cell::schedule::Schedule;
 use cell::{Options, ScheduleError};
 use fringe::geometry::camera::Camera;
 use fringe::geometry::rig::Rig;
-use fringe::pattern::{PatternError, PatternSet};
 
 /// The rig with the pairs that the cell runs, each with its projector.
 pub(super) fn pairs(
@@ -80,12 +80,6 @@ pub(super) fn check_graph(
     Err(document.fault(&key, Problem::Schedule(error), ""))
 }
 
-fn shown_by(projector: &ProjectorConfig) -> String {
-    projector
-        .address
-        .map_or_else(|| "the cell itself".to_owned(), |address| format!("the program at {address}"))
-}
-
 /// Light and eyes of one projection come from the same world.
 pub(super) fn check_drivers(
     document: &Document,
@@ -98,8 +92,8 @@ pub(super) fn check_drivers(
         let agree = |camera: Driver| match camera {
             // Their frames contain the light of their own projectors.
             Driver::Twin | Driver::Recording => projector.driver == camera,
-            Driver::Genicam => projector.driver == Driver::Network,
-            Driver::Network => false,
+            Driver::Genicam => projector.driver.is_light(),
+            Driver::Network | Driver::Screen | Driver::LightCrafter => false,
         };
         if let Some(other) = lookers.find(|camera| !agree(camera.driver)) {
             let problem = Problem::Disagreement {
@@ -111,8 +105,8 @@ pub(super) fn check_drivers(
                     other.driver.name()
                 ),
             };
-            let remedy =
-                "give both the same driver; cameras with \"genicam\" need a projector with \"network\"";
+            let remedy = "give both the same driver; cameras with \"genicam\" need a projector with \"screen\", \
+                          \"lightcrafter\" or \"network\"";
             return Err(document.fault(&key, problem, remedy));
         }
         if let Some(other) =
@@ -125,15 +119,6 @@ pub(super) fn check_drivers(
             };
             let remedy = "a camera has one trigger source: give all projectors the same trigger";
             return Err(document.fault(&format!("projector[{index}].trigger"), problem, remedy));
-        }
-        let other = projectors[..index].iter().find(|other| other.address != projector.address);
-        if let Some(other) = other {
-            let problem = Problem::Disagreement {
-                what: "projectors",
-                here: format!("projector \"{}\" is shown by {}", projector.name, shown_by(projector)),
-                there: format!("projector \"{}\" by {}", other.name, shown_by(other)),
-            };
-            return Err(document.fault(&key, problem, "let one program show the patterns of all projectors"));
         }
     }
     Ok(())
@@ -151,27 +136,13 @@ pub(super) fn check_twin(
         let measured = rig.camera(&camera.name).map(size);
         same_size(document, twin, ("camera", &camera.name), measured, truth)?;
     }
-    for projector in projectors.iter().filter(|projector| projector.driver == Driver::Twin) {
+    for (index, projector) in projectors.iter().enumerate().filter(|(_, p)| p.driver == Driver::Twin) {
         let truth = twin.rig.projector(&projector.name);
         let shown = Some([projector.width_px, projector.height_px]);
         same_size(document, twin, ("projector", &projector.name), shown, truth)?;
-        check_generated(document, projectors, projector)?;
+        check_generated(document, (index, projector))?;
     }
     Ok(())
-}
-
-/// The twin shows only what it can compute.
-fn check_generated(
-    document: &Document,
-    projectors: &[ProjectorConfig],
-    projector: &ProjectorConfig,
-) -> Result<(), FileError> {
-    let foreign = |set: &PatternSet| matches!(set, PatternSet::Random { .. });
-    let Some(set) = projector.sequence.iter().position(foreign) else { return Ok(()) };
-    let index = projectors.iter().position(|other| other.name == projector.name).unwrap_or(0);
-    let problem = Problem::Pattern(PatternError::NotGenerated("random"));
-    let key = format!("projector[{index}].sequence[{set}]");
-    Err(document.fault(&key, problem, "remove it from what the twin projects"))
 }
 
 fn size(camera: &Camera) -> [u32; 2] {

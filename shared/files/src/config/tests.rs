@@ -157,11 +157,15 @@ const GAPS: &[(&str, &str, &str)] = &[
     ("rig = \"rig.toml\"", "rig = \"no.toml\"", "cell.toml:3: rig: the file "),
     ("rig = \"rig.toml\"", "rig = \"scene.toml\"", "scene.toml"),
     ("driver = \"twin\"", "driver = \"genicam\"", "\"genicam\" drives cameras, not projectors"),
-    ("driver = \"twin\"", "driver = \"screen\"", "driver \"screen\" is not part of this version; use"),
+    (
+        "driver = \"twin\"",
+        "driver = \"screen\"",
+        "either output or position_px of projector \"proj1\" is missing",
+    ),
     (
         "driver = \"twin\"",
         "driver = \"twn\"",
-        "driver \"twn\" is unknown; known: twin, recording, genicam, network; did you mean",
+        "driver \"twn\" is unknown; known: twin, recording, genicam, network, screen, lightcrafter; did you mean",
     ),
     (
         "[\"cam1\", \"cam2\"]",

@@ -40,6 +40,11 @@ pub(super) fn trigger(
                 "remove it, or use a projector that shows sequences by itself",
             ))
         }
+        ("sequenced", _) if matches!(driver, Driver::Screen | Driver::LightCrafter) => {
+            let problem =
+                Problem::Unsupported(format!("the driver \"{}\" shows frame by frame", driver.name()));
+            Err(document.fault(&trigger_key, problem, "remove it"))
+        }
         ("sequenced", None) => {
             let problem = Problem::Missing(format!("period_ms of projector \"{}\"", raw.name));
             Err(document.fault(key, problem, "add period_ms = 20.0, the time from one pattern to the next"))

@@ -34,57 +34,29 @@ fn resolve(document: &Document, key: &str, target: &str) -> Result<PathBuf, File
     })
 }
 
-/// What to do where a driver of projectors is not part of the program.
-const USE_NETWORK: &str = "use \"network\" and a program that shows the patterns";
-
 /// The driver of a camera by its name.
 pub(super) fn camera_driver(document: &Document, key: &str, name: &str) -> Result<Driver, FileError> {
-    let problem = "\"network\" drives projectors, not cameras";
-    driver_except(
-        Driver::Network,
-        document,
-        key,
-        name,
-        [problem, "use \"genicam\" for a camera on the network"],
-    )
+    let found = driver(document, key, name)?;
+    if found.is_light() {
+        let problem = Problem::Unsupported(format!("\"{name}\" drives projectors, not cameras"));
+        return Err(document.fault(key, problem, "use \"genicam\" for a camera on the network"));
+    }
+    Ok(found)
 }
 
 /// The driver of a projector by its name.
 pub(super) fn projector_driver(document: &Document, key: &str, name: &str) -> Result<Driver, FileError> {
-    driver_except(
-        Driver::Genicam,
-        document,
-        key,
-        name,
-        ["\"genicam\" drives cameras, not projectors", USE_NETWORK],
-    )
-}
-
-/// A driver by its name; problem and remedy are those of the driver that the device cannot have.
-fn driver_except(
-    refused: Driver,
-    document: &Document,
-    key: &str,
-    name: &str,
-    [problem, remedy]: [&str; 2],
-) -> Result<Driver, FileError> {
     let found = driver(document, key, name)?;
-    if found == refused {
-        return Err(document.fault(key, Problem::Unsupported(problem.into()), remedy));
+    if found == Driver::Genicam {
+        let problem = Problem::Unsupported("\"genicam\" drives cameras, not projectors".into());
+        let remedy = "use \"screen\", \"lightcrafter\", or \"network\" and a program that shows the patterns";
+        return Err(document.fault(key, problem, remedy));
     }
     Ok(found)
 }
 
 /// A driver by its name.
 pub(super) fn driver(document: &Document, key: &str, name: &str) -> Result<Driver, FileError> {
-    if let Some(driver) = Driver::ALL.into_iter().find(|driver| driver.name() == name) {
-        return Ok(driver);
-    }
-    match name {
-        "lightcrafter" | "screen" => {
-            let problem = Problem::Unsupported(format!("driver \"{name}\" is not part of this version"));
-            Err(document.fault(key, problem, USE_NETWORK))
-        }
-        _ => Err(unknown(document, key, "driver", name, Driver::ALL.map(Driver::name))),
-    }
+    let found = Driver::ALL.into_iter().find(|driver| driver.name() == name);
+    found.ok_or_else(|| unknown(document, key, "driver", name, Driver::ALL.map(Driver::name)))
 }

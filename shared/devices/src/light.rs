@@ -1,0 +1,163 @@
+//! Projectors that this computer drives itself, one device each.
+
+use crate::device::Projector;
+use crate::error::DeviceError;
+use crate::lightcrafter::LightCrafter;
+use crate::screen::ScreenProjector;
+use cell::configuration::ProjectorConfig;
+
+/// One projector with its sequence.
+pub trait Light {
+    /// Shows a frame of the sequence, counted from 0; returns when its light stands.
+    ///
+    /// # Errors
+    /// The device is gone or shows something else.
+    fn show(&mut self, frame: usize) -> Result<(), DeviceError>;
+
+    /// Shows nothing: another projector has its turn.
+    ///
+    /// # Errors
+    /// The device is gone.
+    fn darken(&mut self) -> Result<(), DeviceError>;
+}
+
+/// Opens the device of a projector.
+fn open(projector: &ProjectorConfig) -> Result<Box<dyn Light>, DeviceError> {
+    if let Some(settings) = &projector.lightcrafter {
+        return Ok(Box::new(LightCrafter::open(projector, settings)?));
+    }
+    let settings = projector.screen.as_ref().ok_or(DeviceError::Missing("projector.output"))?;
+    Ok(Box::new(ScreenProjector::open(projector, settings)?))
+}
+
+/// All projectors of a cell, of which one shines at a time.
+pub(crate) struct Lights {
+    projectors: Vec<ProjectorConfig>,
+    /// Absent after a fault, until the next cycle begins.
+    devices: Vec<Option<Box<dyn Light>>>,
+    /// The projector whose pattern stands.
+    shining: Option<usize>,
+    open: fn(&ProjectorConfig) -> Result<Box<dyn Light>, DeviceError>,
+}
+
+impl Lights {
+    /// Opens the devices of all projectors.
+    pub fn new(projectors: &[ProjectorConfig]) -> Result<Self, DeviceError> {
+        Self::opened_by(projectors, open)
+    }
+
+    fn opened_by(
+        projectors: &[ProjectorConfig],
+        open: fn(&ProjectorConfig) -> Result<Box<dyn Light>, DeviceError>,
+    ) -> Result<Self, DeviceError> {
+        let devices =
+            projectors.iter().map(|projector| open(projector).map(Some)).collect::<Result<_, _>>()?;
+        Ok(Self { projectors: projectors.to_vec(), devices, shining: None, open })
+    }
+
+    /// Asks a projector to do something. One that fails is opened again when the next cycle begins: a cable may be back.
+    fn ask(
+        &mut self,
+        projector: usize,
+        what: impl FnOnce(&mut dyn Light) -> Result<(), DeviceError>,
+    ) -> Result<(), DeviceError> {
+        let Some(light) = self.devices.get_mut(projector).and_then(Option::as_mut) else {
+            return Err(DeviceError::Missing("projector that is open"));
+        };
+        let done = what(light.as_mut());
+        if done.is_err() {
+            self.devices[projector] = None;
+            self.shining = None;
+        }
+        done
+    }
+}
+
+impl Projector for Lights {
+    fn begin(&mut self, _cycle: u64, _now_ns: u64) -> Result<(), DeviceError> {
+        for number in 0..self.devices.len() {
+            if self.devices[number].is_none() {
+                self.devices[number] = Some((self.open)(&self.projectors[number])?);
+            }
+            self.ask(number, |light| light.darken())?;
+        }
+        self.shining = None;
+        Ok(())
+    }
+
+    fn due_ns(&self) -> Option<u64> {
+        None
+    }
+
+    fn show(&mut self, projector: usize, frame: usize, _now_ns: u64) -> Result<(), DeviceError> {
+        if let Some(other) = self.shining.filter(|other| *other != projector) {
+            self.ask(other, |light| light.darken())?;
+        }
+        self.shining = Some(projector);
+        self.ask(projector, |light| light.show(frame))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cell::configuration::Driver;
+    use std::sync::Mutex;
+
+    static TOLD: Mutex<Vec<String>> = Mutex::new(Vec::new());
+
+    struct Lamp(String);
+
+    impl Light for Lamp {
+        fn show(&mut self, frame: usize) -> Result<(), DeviceError> {
+            if frame == 9 {
+                return Err(DeviceError::Frame("unplugged".into()));
+            }
+            TOLD.lock().unwrap().push(format!("{} {frame}", self.0));
+            Ok(())
+        }
+
+        fn darken(&mut self) -> Result<(), DeviceError> {
+            TOLD.lock().unwrap().push(format!("{} dark", self.0));
+            Ok(())
+        }
+    }
+
+    #[allow(clippy::unnecessary_wraps)] // the signature of every opener
+    fn lamp(projector: &ProjectorConfig) -> Result<Box<dyn Light>, DeviceError> {
+        TOLD.lock().unwrap().push(format!("{} open", projector.name));
+        Ok(Box::new(Lamp(projector.name.clone())))
+    }
+
+    #[test]
+    fn one_projector_shines_at_a_time_and_a_lost_one_is_opened_again() {
+        let projector = |name: &str| ProjectorConfig {
+            name: name.into(),
+            driver: Driver::Screen,
+            width_px: 1,
+            height_px: 1,
+            cameras: Vec::new(),
+            sequence: Vec::new(),
+            exposures_ms: Vec::new(),
+            address: None,
+            trigger: cell::configuration::TriggerMode::Stepped,
+            screen: None,
+            lightcrafter: None,
+            level_table: None,
+        };
+        let mut lights = Lights::opened_by(&[projector("a"), projector("b")], lamp).unwrap();
+        let said = || std::mem::take(&mut *TOLD.lock().unwrap()).join(", ");
+        lights.begin(0, 0).unwrap();
+        for (projector, frame) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+            lights.show(projector, frame, 0).unwrap();
+        }
+        assert_eq!(said(), "a open, b open, a dark, b dark, a 0, a 1, a dark, b 0, b 1");
+        let lost = lights.show(1, 9, 0).unwrap_err().to_string();
+        assert_eq!(lost, "unplugged");
+        // Until the next cycle it stays lost, and says so.
+        assert!(lights.show(1, 0, 0).is_err());
+        lights.begin(1, 0).unwrap();
+        lights.show(1, 0, 0).unwrap();
+        assert_eq!(said(), "a dark, b open, b dark, b 0");
+    }
+}
