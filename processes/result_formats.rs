@@ -35,7 +35,7 @@ pub fn write(json: &Path, cell: &LoadedCell, result: &CycleResult) -> Result<()>
         alignment: result.alignment.clone(),
         alignment_failure: result.alignment_failure.clone(),
         elements: result.elements.clone(),
-        constructed: Vec::new(),
+        constructed: result.constructed.clone(),
         features: result.features.clone(),
     };
     let input = PartInput {

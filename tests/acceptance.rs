@@ -1,6 +1,8 @@
 //! `vdi2634` and `simulate-test`: clouds with known errors, plans that break rules, and a test of the twin from end to end.
 
 use crate::support::{Ran, fringetool, root};
+use fringe::math::random::Key;
+use serde_json::Value;
 use std::fmt::Write as _;
 use tempfile::TempDir;
 
@@ -28,21 +30,24 @@ impl Folder {
     }
 }
 
-/// Points evenly on spheres: centre and diameter.
+/// Points on spheres, as evenly as measured ones, with noise of a hundred thousandth of the radius: centre and diameter.
 pub fn spheres(balls: &[([f64; 3], f64)]) -> String {
-    spheres_turned(balls, 0.0)
+    spheres_seen(balls, 0)
 }
 
-/// The same, turned about the vertical.
-fn spheres_turned(balls: &[([f64; 3], f64)], turn_rad: f64) -> String {
+/// The same in another view: other points, other noise.
+fn spheres_seen(balls: &[([f64; 3], f64)], view: u64) -> String {
     let count = 900;
     let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", balls.len() * count);
     text.push_str("property double x\nproperty double y\nproperty double z\nend_header\n");
     for ([x, y, z], diameter) in balls {
+        let key = [x, y, z].iter().fold(Key::new(view), |key, v| key.with(v.to_bits()));
         for i in 0..count {
-            let height = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;
-            let (sin, cos) = (2.399_963_229_728_653 * i as f64 + turn_rad).sin_cos();
-            let (ring, radius) = ((1.0 - height * height).sqrt(), 0.5 * diameter);
+            let draw = |which: u64| key.symmetric(3 * i as u64 + which);
+            let height = 1.0 - 2.0 * (i as f64 + 0.5 + 0.4 * draw(0)) / count as f64;
+            let (sin, cos) = (2.399_963_229_728_653 * i as f64 + 0.05 * draw(1)).sin_cos();
+            let radius = 0.5 * diameter * (1.0 + 1e-5 * draw(2));
+            let ring = (1.0 - height * height).sqrt();
             let _ = writeln!(
                 text,
                 "{} {} {}",
@@ -59,9 +64,9 @@ fn spheres_turned(balls: &[([f64; 3], f64)], turn_rad: f64) -> String {
 fn thesis(folder: &Folder, error: f64) -> String {
     let middles = [[-18.0, -15.0, -2.0], [20.0, -8.0, 16.0], [0.0, 18.0, 34.0]];
     for (position, middle) in middles.into_iter().enumerate() {
-        for view in 1..6 {
+        for view in 1..6_u64 {
             let name = format!("sphere{}-view{view}.ply", position + 1);
-            folder.write(&name, &spheres_turned(&[(middle, 20.001_37)], 0.1 * f64::from(view)));
+            folder.write(&name, &spheres_seen(&[(middle, 20.001_37)], view));
         }
     }
     let axes =
@@ -143,6 +148,130 @@ fn tests_that_cannot_be_meant_end_with_a_message() {
         assert_eq!(ran.stderr.trim_end().lines().filter(|l| l.starts_with("error: ")).count(), 1);
         assert!(report.is_none() && !ran.stderr.contains("panicked"), "{to}: {}", ran.stderr);
     }
+}
+
+/// What a master says may be changed so that it agrees with itself: rules that the program knows, and the recordings, tell.
+#[test]
+fn a_forged_master_is_refused_and_the_recordings_decide() {
+    let folder = Folder::new();
+    let text = thesis(&folder, 0.02).replace("allow_reduced = false", "allow_reduced = true");
+    let plan = folder.write("plan.toml", &text);
+    let (ran, report) = folder.vdi(&plan);
+    assert_eq!(ran.code, Some(0), "{}", ran.stderr);
+    let good = report.unwrap();
+    let json = folder.path("report.json");
+    fringetool(&["vdi2634", &plan, "--verify", &json]).expect_success();
+    let forged = |change: &dyn Fn(&mut Value), command: &[&str], words: &[&str]| {
+        let mut master = good.clone();
+        change(&mut master);
+        let path = folder.write("forged.json", &master.to_string());
+        let csv = folder.path("values.csv");
+        let ran = match command {
+            ["report"] => fringetool(&["report", &path, "--csv", &csv]),
+            _ => fringetool(&["vdi2634", &plan, "--verify", &path]),
+        };
+        assert_eq!(ran.code, Some(2), "{words:?}: {}", ran.stdout);
+        assert!(words.iter().all(|word| ran.stderr.contains(word)), "{words:?}: {}", ran.stderr);
+    };
+    let of = |symbol: &'static str| {
+        move |m: &mut Value| -> usize {
+            m["characteristics"].as_array().unwrap().iter().position(|c| c["symbol"] == symbol).unwrap()
+        }
+    };
+    let each = |m: &mut Value, symbol: &'static str, change: &dyn Fn(&mut Value)| {
+        let index = of(symbol)(m);
+        let one = &mut m["characteristics"][index];
+        change(one);
+        one["positions"].as_array_mut().unwrap().iter_mut().for_each(change);
+    };
+    forged(&|m| m["guard_factor"] = 0.0.into(), &["report"], &["decision rule", "simple acceptance"]);
+    forged(
+        &|m| m["reduced"] = Value::Array(Vec::new()),
+        &["verify"],
+        &["reduced", "the recordings of the plan give"],
+    );
+    forged(
+        &|m| m["rule_set"]["assumed"] = Value::Array(Vec::new()),
+        &["report"],
+        &["rule_set", "assumed values"],
+    );
+    forged(&|m| m["simulated"] = true.into(), &["report"], &["simulated is true"]);
+    forged(
+        &|m| {
+            let index = of("PF_range")(m);
+            m["characteristics"].as_array_mut().unwrap().remove(index);
+            m["reduced"] = Value::Array(Vec::new());
+        },
+        &["report"],
+        &["\"PF_range\" decides and was not measured"],
+    );
+    forged(
+        &|m| {
+            let index = of("PS")(m);
+            m["characteristics"][index]["decides"] = false.into();
+        },
+        &["report"],
+        &["\"PS\"", "whether it decides"],
+    );
+    forged(
+        &|m| each(m, "SD", &|one| one["test_value_u"] = 0.0.into()),
+        &["report"],
+        &["\"SD\"", "U = 0 mm", "certificates of the artefacts leave 0.0016 mm at least"],
+    );
+    forged(
+        &|m| each(m, "SD", &|one| one["test_value_u"] = Value::Null),
+        &["report"],
+        &["\"SD\"", "without it nothing is proven"],
+    );
+    forged(
+        &|m| {
+            m["reduced"] = Value::Array(Vec::new());
+            m["conditions"].as_array_mut().unwrap().retain(|pair| pair[0] != "operator");
+        },
+        &["report"],
+        &["stated as a full test", "do not state the operator"],
+    );
+    // Errors halved everywhere: nothing in the master speaks against it, the recordings do.
+    let halved = |m: &mut Value| {
+        let half = |one: &mut Value| one["value"] = (0.5 * one["value"].as_f64().unwrap()).into();
+        each(m, "SD", &half);
+    };
+    forged(
+        &halved,
+        &["verify"],
+        &["characteristics[", "].value is 0.0", "the recordings of the plan give 0.0"],
+    );
+    forged(&|m| m["inputs"][0]["sha256"] = "0".repeat(64).into(), &["verify"], &["inputs[1].sha256"]);
+}
+
+/// Rules that let everything pass must not go by the name of others.
+#[test]
+fn own_rules_have_a_name_of_their_own_and_say_so() {
+    let folder = Folder::new();
+    let text = thesis(&folder, 0.0).replace("rule_set = \"vdi2634-3\"", "rule_set = \"lax.toml\"");
+    let plan = folder.write("plan.toml", &text);
+    let rules = std::fs::read_to_string(root().join("configs/rules/vdi2634-3.toml")).unwrap();
+    folder.write("lax.toml", &rules.replace("least = 0.6666666666666666", "least = 0.1"));
+    let (ran, report) = folder.vdi(&plan);
+    assert_eq!((ran.code, report), (Some(2), None), "{}", ran.stdout);
+    assert!(
+        ran.stderr.contains("lax.toml") && ran.stderr.contains("give it an id of its own"),
+        "{}",
+        ran.stderr
+    );
+    let own = rules
+        .replace("least = 0.6666666666666666", "least = 0.1")
+        .replace("id = \"vdi2634-3\"", "id = \"lax\"");
+    folder.write("lax.toml", &own);
+    let (ran, report) = folder.vdi(&plan);
+    assert_eq!(ran.code, Some(0), "{}", ran.stderr);
+    let report = report.unwrap();
+    let wording = report["rule_set"]["wording"].as_str().unwrap();
+    assert!(
+        wording.starts_with("evaluated following a rule set of the operator, \"lax\", named after"),
+        "{wording}"
+    );
+    assert!(report["conditions"].as_array().unwrap().iter().any(|pair| pair[0] == "rule set file"));
 }
 
 /// Names and bytes of all files of a folder, in order.

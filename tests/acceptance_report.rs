@@ -14,7 +14,7 @@ pub fn master() -> Value {
     json!({
         "format": "fringecell-acceptance/1",
         "rule_set": {
-            "id": "vdi2634-2", "standard": "VDI/VDE 2634 part 2", "edition": "2012-08",
+            "id": "own-2", "standard": "VDI/VDE 2634 part 2", "edition": "2012-08",
             "wording": "evaluated following VDI/VDE 2634 part 2, edition 2012-08", "assumed": []
         },
         "guard_factor": 1.65,

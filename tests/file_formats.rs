@@ -228,6 +228,7 @@ fn folder() -> TempDir {
     for name in ["demo-rig.toml", "complex-artefact.plan.toml", "complex-artefact.scene.toml"] {
         std::fs::copy(root().join("configs").join(name), path(name)).unwrap();
     }
+    std::fs::copy(root().join("configs/bracket/bracket.stl"), path("bracket.stl")).unwrap();
     let small = Small::new();
     let cell = std::fs::read_to_string(small.path("cell.toml")).unwrap();
     std::fs::write(path("small.toml"), cell.replace("rig = \"rig.toml\"", "rig = \"small-rig.toml\""))

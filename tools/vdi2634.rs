@@ -5,7 +5,8 @@ use crate::acceptance_report::{Files, emit_master};
 use crate::reconstruct::{Method, fused_cloud, surface_settings};
 use crate::report::check_outputs;
 use anyhow::{Context, Result, anyhow, bail};
-use files::acceptance_file::{parse_rules, parse_test_plan};
+use files::acceptance_file::{bundled_rules, own_rules, parse_test_plan};
+use files::bundled::RULE_SETS;
 use files::document::Document;
 use files::hash::sha256_hex;
 use files::recording::Recording;
@@ -14,16 +15,10 @@ use fringe::cloud::Point;
 use fringe::surface::SurfaceSettings;
 use metrology::acceptance::{Characteristic, Evaluator, Input, RuleSet, TestPlan, TestReport, ViewPlan};
 use metrology::verdict::Verdict;
-use report::acceptance::write_all;
+use report::acceptance::{read_master, write_all};
+use serde_json::Value;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-
-/// Rule sets that come with the program.
-const RULE_SETS: [(&str, &str); 4] = [
-    ("vdi2634-1", include_str!("../configs/rules/vdi2634-1.toml")),
-    ("vdi2634-2", include_str!("../configs/rules/vdi2634-2.toml")),
-    ("vdi2634-3", include_str!("../configs/rules/vdi2634-3.toml")),
-    ("iso10360-13", include_str!("../configs/rules/iso10360-13.toml")),
-];
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -32,6 +27,9 @@ pub struct Args {
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Compare with an earlier result of the same plan (its --json file): another one, or a changed one, is an error.
+    #[arg(long, value_name = "FILE")]
+    verify: Option<PathBuf>,
     #[command(flatten)]
     files: Files,
 }
@@ -41,8 +39,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = args.files.outputs();
     let mut wanted = outputs.flags().to_vec();
     wanted.push(("--json", args.json.as_deref()));
-    check_outputs(&wanted, &[&args.plan], None)?;
+    let inputs: Vec<&Path> = [&args.plan].into_iter().chain(&args.verify).map(PathBuf::as_path).collect();
+    check_outputs(&wanted, &inputs, None)?;
     let report = evaluate(&args.plan)?;
+    if let Some(earlier) = &args.verify {
+        verify(earlier, &report)?;
+    }
     write_all(&report, &outputs)?;
     emit_master(args.json.as_deref(), &report)?;
     print(&report);
@@ -58,10 +60,10 @@ pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
     let document = Document::read(plan_path)?;
     let plan = parse_test_plan(&document)?;
     let folder = plan_path.parent().unwrap_or(Path::new(""));
-    let rules = rule_set(&plan.rule_set, folder).with_context(named)?;
+    let (rules, rules_sha256) = rule_set(&plan.rule_set, folder).with_context(named)?;
     let mut evaluator = Evaluator::new(&plan, &rules).with_context(named)?;
     let sources = Sources::new(&plan, folder).with_context(named)?;
-    let mut inputs = Vec::new();
+    let (mut inputs, mut not_finite) = (Vec::new(), 0);
     for position in &plan.positions {
         for view in &position.views {
             inputs.push(Input {
@@ -74,12 +76,60 @@ pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
         }
         let clouds = position.views.iter().map(|view| sources.cloud(view)).collect::<Result<Vec<_>>>();
         let clouds = clouds.with_context(|| format!("{}: position \"{}\"", named(), position.name))?;
+        let (clouds, dropped): (Vec<_>, Vec<usize>) = clouds.into_iter().unzip();
+        not_finite += dropped.iter().sum::<usize>();
         evaluator.add(position, &clouds).with_context(named)?;
     }
     let mut conditions = sources.conditions();
     conditions.push(("plan".into(), format!("sha256 {}", sha256_hex(document.text.as_bytes()))));
     conditions.push(("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION"))));
-    evaluator.finish(conditions, inputs).with_context(named)
+    if not_finite > 0 {
+        conditions.push((
+            "points without coordinates".into(),
+            format!("{not_finite}: NaN or infinite in the clouds"),
+        ));
+    }
+    let mut report = evaluator.finish(conditions, inputs).with_context(named)?;
+    if let Some(sha256) = rules_sha256 {
+        state_own_rules(&mut report, sha256);
+    }
+    Ok(report)
+}
+
+/// Refuses an earlier result that the recordings do not bear: a master may be written by hand, so that it agrees with itself.
+fn verify(path: &Path, report: &TestReport) -> Result<()> {
+    let earlier = serde_json::to_value(read_master(path)?)?;
+    let now = serde_json::to_value(report)?;
+    match difference("", &earlier, &now) {
+        None => Ok(()),
+        Some((key, says, gives)) => bail!(
+            "{}: {key} is {says}, the recordings of the plan give {gives}: it is no result of this plan, was changed, or was made \
+             by another version of this program; evaluate the plan anew",
+            path.display()
+        ),
+    }
+}
+
+/// The first key at which two results differ, with both values.
+fn difference(key: &str, a: &Value, b: &Value) -> Option<(String, String, String)> {
+    match (a, b) {
+        (Value::Object(a), Value::Object(b)) => {
+            let keys: BTreeSet<&String> = a.keys().chain(b.keys()).collect();
+            let absent = &Value::Null;
+            keys.into_iter().find_map(|inner| {
+                let at = if key.is_empty() { inner.clone() } else { format!("{key}.{inner}") };
+                difference(&at, a.get(inner).unwrap_or(absent), b.get(inner).unwrap_or(absent))
+            })
+        }
+        (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
+            let pairs = a.iter().zip(b).enumerate();
+            pairs.into_iter().find_map(|(i, (a, b))| difference(&format!("{key}[{}]", i + 1), a, b))
+        }
+        _ => (a != b).then(|| {
+            let text = |value: &Value| -> String { value.to_string().chars().take(80).collect() };
+            (key.to_owned(), text(a), text(b))
+        }),
+    }
 }
 
 /// SHA-256 of a file; of a folder: of the list of its files, each with its own, in the order of their names.
@@ -105,16 +155,31 @@ fn sha256_of(path: &Path) -> Result<String> {
     Ok(sha256_hex(lines.concat().as_bytes()))
 }
 
-/// A rule set by its name, or from a file beside the plan.
-fn rule_set(name: &str, folder: &Path) -> Result<RuleSet> {
-    if let Some((_, text)) = RULE_SETS.iter().find(|(known, _)| *known == name) {
-        return Ok(parse_rules(&Document { path: name.into(), text: (*text).to_owned() })?);
+/// A rule set by its name, or from a file beside the plan; of a file also its SHA-256.
+fn rule_set(name: &str, folder: &Path) -> Result<(RuleSet, Option<String>)> {
+    if let Some(rules) = bundled_rules(name)? {
+        return Ok((rules, None));
     }
     if Path::new(name).extension().is_none_or(|extension| extension != "toml") {
         let known: Vec<&str> = RULE_SETS.iter().map(|(name, _)| *name).collect();
         bail!("rule_set = \"{name}\": there are {}; or name a rule set file, NAME.toml", known.join(", "));
     }
-    Ok(parse_rules(&Document::read(&folder.join(name))?)?)
+    let document = Document::read(&folder.join(name))?;
+    let sha256 = sha256_hex(document.text.as_bytes());
+    Ok((own_rules(&document)?, Some(sha256)))
+}
+
+/// Says of rules that do not come with the program that they do not: the standard that they name did not write them.
+fn state_own_rules(report: &mut TestReport, sha256: String) {
+    let set = &mut report.rule_set;
+    if bundled_rules(&set.id).is_ok_and(|known| known.is_some()) {
+        return;
+    }
+    set.wording = format!(
+        "evaluated following a rule set of the operator, \"{}\", named after {}, edition {}",
+        set.id, set.standard, set.edition
+    );
+    report.conditions.push(("rule set file".into(), format!("sha256 {sha256}")));
 }
 
 /// Where clouds come from.
@@ -133,14 +198,17 @@ impl<'a> Sources<'a> {
         Ok(Self { folder, rig: Some((rig, method, surface_settings(measurement.smoothing_px))) })
     }
 
-    fn cloud(&self, view: &ViewPlan) -> Result<Vec<Point>> {
+    /// The points of a view, and how many more have no finite coordinates.
+    fn cloud(&self, view: &ViewPlan) -> Result<(Vec<Point>, usize)> {
         let path = self.folder.join(view.source());
         if view.cloud.is_some() {
-            return Ok(crate::surface::read_cloud_in_mm(&path)?.points);
+            let cloud = crate::surface::read_cloud_in_mm(&path)?;
+            return Ok((cloud.points, cloud.dropped));
         }
         let (rig, method, surface) = self.rig.as_ref().context("a recording needs [measurement]")?;
-        fused_cloud(&Recording::open(&path)?, rig, *method, surface)
-            .with_context(|| path.display().to_string())
+        let points = fused_cloud(&Recording::open(&path)?, rig, *method, surface)
+            .with_context(|| path.display().to_string())?;
+        Ok((points, 0))
     }
 
     fn conditions(&self) -> Vec<(String, String)> {

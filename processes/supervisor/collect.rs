@@ -118,6 +118,7 @@ impl Collector {
             alignment: inspection.and_then(|i| i.alignment.clone()),
             alignment_failure,
             elements: inspection.map(|i| i.elements.clone()).unwrap_or_default(),
+            constructed: inspection.map(|i| i.constructed.clone()).unwrap_or_default(),
             cell: cell.name.clone(),
             commit: FRINGECELL.commit.to_owned(),
             config_sha256: cell.file.sha256.clone(),

@@ -42,6 +42,7 @@ pub fn text(recordings: &[TestRecording], reduced: bool, config: &Config) -> Res
             operating_mode: format!("one exposure, {frames} frames a view, no averaging"),
             warm_up: None,
             zero_reason: None,
+            cloud_filters: None,
             simulated: true,
         },
         // All cameras of the cell see the volume, so it is both.

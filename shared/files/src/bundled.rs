@@ -15,3 +15,11 @@ pub const FOR_BENCHMARKS: [(&str, &str); 4] = [
     ("single-view-plate.scene.toml", include_str!("../../../configs/single-view-plate.scene.toml")),
     ("plane.scene.toml", include_str!("../../../configs/plane.scene.toml")),
 ];
+
+/// Identifiers and texts of the rule sets of acceptance tests.
+pub const RULE_SETS: [(&str, &str); 4] = [
+    ("vdi2634-1", include_str!("../../../configs/rules/vdi2634-1.toml")),
+    ("vdi2634-2", include_str!("../../../configs/rules/vdi2634-2.toml")),
+    ("vdi2634-3", include_str!("../../../configs/rules/vdi2634-3.toml")),
+    ("iso10360-13", include_str!("../../../configs/rules/iso10360-13.toml")),
+];

@@ -1,9 +1,15 @@
 //! Inspection plans, `fringecell-plan/1`.
 
-use crate::document::Document;
+use crate::document::{Document, read_bytes};
 use crate::error::{FileError, Problem};
-use metrology::inspection::{PLAN_FORMAT, Plan, PlanError, RawPlan};
+use crate::hash::sha256_hex;
+use crate::surface_file::{self, Surface};
+use metrology::inspection::{PLAN_FORMAT, Plan, PlanError, RawPlan, SurfaceFile, Surfaces};
+use metrology::spatial::TriangleMesh;
 use std::path::Path;
+
+/// Largest file of nominal geometry.
+const LARGEST_BYTES: u64 = 1 << 32;
 
 /// Reads and checks a plan; also gives its text.
 ///
@@ -20,13 +26,45 @@ pub fn read_plan(path: &Path) -> Result<(Plan, Document), FileError> {
 /// Not TOML, another format, unknown or missing keys, numbers out of range, names that do not fit together.
 pub fn parse_plan(document: &Document) -> Result<Plan, FileError> {
     let raw: RawPlan = document.parse(PLAN_FORMAT)?;
-    Plan::new(raw).map_err(|error| {
+    let surfaces = surfaces(document, &raw)?;
+    Plan::with_surfaces(raw, &surfaces).map_err(|error| {
         let unknown = match &error {
             PlanError::Reference { name, known, .. } => Some((name.as_str(), known.as_str())),
             _ => None,
         };
         document.fault_at(error.place(), unknown, Problem::Plan(error.clone()))
     })
+}
+
+/// The meshes that a plan names, from the folder of the plan.
+fn surfaces(document: &Document, raw: &RawPlan) -> Result<Surfaces, FileError> {
+    let folder = document.path.parent().unwrap_or(Path::new(""));
+    let mut read = Surfaces::new();
+    for SurfaceFile { element, file, sha256 } in raw.surface_files() {
+        let path = folder.join(&file);
+        if let Some(stated) = sha256 {
+            let found = sha256_hex(&read_bytes(&path, LARGEST_BYTES)?);
+            if stated != found {
+                let message = format!(
+                    "sha256 = \"{stated}\", but {file} has {found}: it is not the file that was meant"
+                );
+                let error = PlanError::Part { place: format!("element \"{element}\""), message };
+                return Err(document.fault_at(error.place(), None, Problem::Plan(error.clone())));
+            }
+        }
+        if read.contains_key(&file) {
+            continue;
+        }
+        let Surface::Mesh(triangles) = surface_file::read(&path)? else {
+            let problem = Problem::Unsupported("is a cloud, but a plan's nominal surface is a mesh".into());
+            return Err(FileError::new(&path, problem, "export the surface as STL, PLY with faces or OBJ"));
+        };
+        let mesh = TriangleMesh::new(&triangles).map_err(|error| {
+            FileError::new(&path, Problem::Unsupported(error.to_string()), "export the surface again")
+        })?;
+        read.insert(file, mesh);
+    }
+    Ok(read)
 }
 
 #[cfg(test)]
@@ -42,6 +80,41 @@ mod tests {
         assert!(PLAN.contains(from), "{from}");
         let document = Document { path: "a.toml".into(), text: PLAN.replacen(from, to, 1) };
         parse_plan(&document).expect_err(to).to_string()
+    }
+
+    /// A plan whose surface is a file beside it.
+    #[test]
+    fn the_nominal_surface_comes_from_the_file_that_was_meant() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+        let obj = "v 0 0 0\nv 9 0 0\nv 9 9 1\nf 1 2 3\n";
+        write("skin.obj", obj);
+        write(
+            "cloud.ply",
+            "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+            end_header\n0 0 0\n",
+        );
+        let plan = |more: &str| {
+            let text = format!(
+                "format = \"fringecell-plan/1\"\nname = \"p\"\n[[element]]\nkind = \"surface\"\nname = \"skin\"\n{more}\n\
+                 margin_mm = 1.0\nmin_points = 100\n[[feature]]\nkind = \"surface-profile\"\nname = \"form\"\n\
+                 element = \"skin\"\nlimit_mm = 0.1\n"
+            );
+            parse_plan(&Document { path: folder.path().join("plan.toml"), text })
+                .map_err(|error| error.to_string())
+        };
+        let sha256 = sha256_hex(obj.as_bytes());
+        assert_eq!(plan("file = \"skin.obj\"").unwrap().elements[0].geometry.kind(), "surface");
+        assert!(plan(&format!("file = \"skin.obj\"\nsha256 = \"{sha256}\"")).is_ok());
+        for (more, words) in [
+            ("file = \"skin.obj\"\nsha256 = \"00\"", "it is not the file that was meant"),
+            ("file = \"none.stl\"", "none.stl"),
+            ("file = \"cloud.ply\"", "is a cloud"),
+            ("file = \"skin.obj\"\nmax_reject_fraction = 0.1", "every point"),
+        ] {
+            let error = plan(more).unwrap_err();
+            assert!(error.contains(words) && !error.contains('\n'), "{more}: {error}");
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::atomic;
 use crate::document::read_text;
 use crate::error::{FileError, Problem};
 use fringe::fusion::Overlap;
-use metrology::inspection::{AlignmentResult, ElementResult, FeatureResult};
+use metrology::inspection::{AlignmentResult, ConstructedResult, ElementResult, FeatureResult};
 use metrology::verdict::Verdict;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -41,6 +41,9 @@ pub struct CycleResult {
     /// What was fitted, in the order of the inspection plan.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub elements: Vec<ElementResult>,
+    /// What was made of fitted elements, in the order of the inspection plan.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub constructed: Vec<ConstructedResult>,
     /// Name of the cell.
     #[serde(default)]
     pub cell: String,

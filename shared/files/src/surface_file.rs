@@ -1,4 +1,4 @@
-//! Clouds and meshes by whatever file they come in: PLY, STL, E57.
+//! Clouds and meshes by whatever file they come in: PLY, STL, OBJ, E57.
 
 use crate::document::{open_input, read_bytes, refuse_special};
 use crate::error::{FileError, Problem};
@@ -36,16 +36,18 @@ pub enum Surface {
 enum Kind {
     Ply,
     Stl,
+    Obj,
     E57,
 }
 
-/// Reads a cloud (PLY, E57) or a mesh (STL, PLY with faces), distinguished by content.
+/// Reads a cloud (PLY, E57) or a mesh (STL, PLY with faces, OBJ), distinguished by content.
 ///
 /// # Errors
 /// Another kind of file, or a damaged one.
 pub fn read(path: &Path) -> Result<Surface, FileError> {
     match kind(path)? {
         Kind::Stl => read_stl(path).map(Surface::Mesh),
+        Kind::Obj => read_obj(path).map(Surface::Mesh),
         Kind::E57 => read_e57(path).map(Surface::Cloud),
         Kind::Ply => match ply::read_triangles(path)? {
             Some(triangles) => Ok(Surface::Mesh(triangles)),
@@ -62,9 +64,9 @@ pub fn read_cloud(path: &Path) -> Result<Cloud, FileError> {
     match kind(path)? {
         Kind::Ply => ply::read_cloud(path),
         Kind::E57 => read_e57(path),
-        Kind::Stl => Err(FileError::new(
+        Kind::Stl | Kind::Obj => Err(FileError::new(
             path,
-            Problem::Unsupported("is a mesh (STL) where a point cloud is needed".into()),
+            Problem::Unsupported("is a mesh (STL, OBJ) where a point cloud is needed".into()),
             "name a cloud in PLY or E57 format; a mesh may be the reference",
         )),
     }
@@ -89,8 +91,12 @@ fn kind(path: &Path) -> Result<Kind, FileError> {
     if named_stl || start.trim_ascii_start().starts_with(b"solid") || is_binary_stl(&start, bytes) {
         return Ok(Kind::Stl);
     }
-    let problem = Problem::Unsupported("is neither PLY nor STL nor E57".into());
-    Err(FileError::new(path, problem, "name a cloud (PLY, E57) or a mesh (STL, PLY with faces)"))
+    // An OBJ has no first word of its own.
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj")) {
+        return Ok(Kind::Obj);
+    }
+    let problem = Problem::Unsupported("is neither PLY nor STL nor OBJ nor E57".into());
+    Err(FileError::new(path, problem, "name a cloud (PLY, E57) or a mesh (STL, PLY with faces, OBJ)"))
 }
 
 /// Whether the number of triangles in the header is that of the file. Many binary files begin with "solid" too.
@@ -134,6 +140,42 @@ fn read_stl(path: &Path) -> Result<Vec<[Point3<f64>; 3]>, FileError> {
     for triangle in stl_io::create_stl_reader(&mut cursor).map_err(fault)? {
         let corners = triangle.map_err(fault)?.vertices;
         triangles.push(corners.map(|corner| Point3::from(corner.0.map(f64::from))));
+    }
+    Ok(triangles)
+}
+
+/// Faces of more than three corners become triangles; lines, points, materials and textures are left out.
+fn read_obj(path: &Path) -> Result<Vec<[Point3<f64>; 3]>, FileError> {
+    let bytes = read_bytes(path, STL_LIMIT_BYTES)?;
+    memory::check(path, "the mesh", 8 * bytes.len() as u64)?;
+    let options = tobj::LoadOptions {
+        triangulate: true,
+        ignore_points: true,
+        ignore_lines: true,
+        ..Default::default()
+    };
+    let without_materials = |_: &Path| Ok((Vec::new(), std::collections::HashMap::default()));
+    let (models, _) =
+        tobj::load_obj_buf(&mut Cursor::new(bytes), &options, without_materials).map_err(|error| {
+            let problem =
+                Problem::Syntax(format!("is no readable OBJ: {}", error.to_string().replace('\n', " ")));
+            FileError::new(path, problem, "truncated? export or copy it again")
+        })?;
+    let mut triangles = Vec::new();
+    for model in &models {
+        let (places, _) = model.mesh.positions.as_chunks::<3>();
+        let corner = |index: &u32| places.get(*index as usize).map(|place| Point3::from(*place));
+        let (faces, _) = model.mesh.indices.as_chunks::<3>();
+        for [a, b, c] in faces {
+            if let (Some(a), Some(b), Some(c)) = (corner(a), corner(b), corner(c)) {
+                triangles.push([a, b, c]);
+            }
+        }
+    }
+    if triangles.is_empty() {
+        let problem =
+            Problem::Unsupported("has no face: \"v x y z\" for corners, \"f 1 2 3\" for faces".into());
+        return Err(FileError::new(path, problem, "export the surface again as a mesh"));
     }
     Ok(triangles)
 }
@@ -221,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_triangle_comes_in_four_dresses() {
+    fn a_triangle_comes_in_five_dresses() {
         let expected = vec![[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.5]].map(Point3::from)];
         let ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
              element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0.5\n3 0 1 2\n";
@@ -229,6 +271,14 @@ mod tests {
         assert_eq!(triangles("a.stl", &binary(b"made by a CAD system")), expected);
         assert_eq!(triangles("no_ending", &binary(b"solid in its header although binary")), expected);
         assert_eq!(triangles("a.ply", ply.as_bytes()), expected);
+        let obj = "# by a CAD system\nmtllib none.mtl\no part\nv 0 0 0\nv 1 0 0\nv 0 1 0.5\nvn 0 0 1\nf 1//1 2//1 -1//1\n";
+        assert_eq!(triangles("a.obj", obj.as_bytes()), expected);
+        assert_eq!(triangles("a.obj", b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n").len(), 2);
+        for (text, words) in
+            [("f 1 2 3\n", "no readable OBJ"), ("v 0 0 x\n", "no readable OBJ"), ("v 0 0 0\n", "no face")]
+        {
+            assert!(read_as("a.obj", text.as_bytes()).unwrap_err().contains(words), "{text}");
+        }
         let quad = ply.replace("vertex 3", "vertex 4").replace("3 0 1 2", "1 1 1\n4 0 1 3 2");
         assert_eq!(triangles("a.ply", quad.as_bytes()).len(), 2);
         let wrong = read_as("a.ply", ply.replace("3 0 1 2", "3 0 1 7").as_bytes()).unwrap_err();
@@ -244,7 +294,7 @@ mod tests {
             ("a.stl", &binary(b"")[..120], "truncated"),
             ("a.stl", &TEXT.as_bytes()[..100], "readable STL"),
             ("a.stl", b"".as_slice(), "no complete STL"),
-            ("a.obj", b"v 0 0 0\n".as_slice(), "neither PLY nor STL nor E57"),
+            ("a.xyz", b"v 0 0 0\n".as_slice(), "neither PLY nor STL nor OBJ nor E57"),
             ("a.e57", b"ASTM-E57 and then nothing of it".as_slice(), "readable E57"),
             ("a.ply", b"ply\nformat ascii 1.0\n".as_slice(), "end_header"),
         ] {

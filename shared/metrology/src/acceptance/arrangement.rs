@@ -4,9 +4,10 @@ use nalgebra::{Point3, Vector3};
 
 use super::AcceptanceError;
 use super::conform::measured;
+use super::copies::Neighbourhoods;
 use super::plan::TestPlan;
 use super::result::{Violation, Volume};
-use super::rules::{Kind, Quantity, RuleSet};
+use super::rules::{Kind, Quantity, Rule, RuleSet};
 use crate::fit::Form;
 use fringe::cloud::Point;
 use fringe::math;
@@ -20,6 +21,19 @@ const SAME_FORM: f64 = 1e-5;
 
 /// Forms below this say nothing about whether points are the same, mm.
 const LEAST_FORM_MM: f64 = 1e-6;
+
+/// A cloud that has more of its neighbourhoods in common with another is a copy of it.
+const COPIED: f64 = 0.3;
+
+/// Neighbourhoods tell clouds apart only where fewer of them occur three times in one cloud: by chance two clouds then have no
+/// more than a fifth in common.
+const ALIKE: f64 = 0.02;
+
+/// More points than this share that lie on others to the last digit were written twice.
+const TWINS: f64 = 0.01;
+
+/// Repeats lie nearer to their position than this over the body diagonal, where no rule says how far positions lie apart.
+const REPEAT_REACH: f64 = 0.05;
 
 /// Where an artefact was at a position.
 #[derive(Debug, Clone)]
@@ -38,6 +52,7 @@ pub(super) struct Arrangement {
     placed: Vec<Placed>,
     clouds: Vec<(Fingerprint, String)>,
     forms: Vec<(Vec<Form>, String)>,
+    neighbourhoods: Vec<(Neighbourhoods, String)>,
 }
 
 /// Count and two sums over mixed bits of coordinates: the same for the same points in any order.
@@ -92,6 +107,38 @@ impl Arrangement {
         Ok(())
     }
 
+    /// Takes note of the points of an element of a view.
+    ///
+    /// # Errors
+    /// Points that are there twice; points of another cloud, moved, in another order or changed at some places.
+    pub fn points(&mut self, place: &str, points: &[Point3<f64>]) -> Result<(), AcceptanceError> {
+        let new = Neighbourhoods::new(points);
+        let twins = new.share_twins();
+        if twins > TWINS {
+            let message = format!(
+                "{:.1} % of the points lie on another one to the last digit, at most {:.1} %: points that count twice hide \
+                 others; evaluate the cloud as it was measured",
+                100.0 * twins,
+                100.0 * TWINS
+            );
+            return Err(AcceptanceError::Plan { place: place.to_owned(), message });
+        }
+        if new.share_alike() <= ALIKE {
+            let shares = self.neighbourhoods.iter().map(|(known, other)| (new.share_in(known), other));
+            if let Some((share, other)) =
+                shares.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(s, _)| *s > COPIED)
+            {
+                let how = format!(
+                    "has {:.0} % of its points, with the distances of each from its neighbours, in common with",
+                    100.0 * share
+                );
+                return Err(twice(place, other, &how));
+            }
+        }
+        self.neighbourhoods.push((new, place.to_owned()));
+        Ok(())
+    }
+
     /// Takes note of a place.
     pub fn place(&mut self, placed: Placed) {
         self.placed.push(placed);
@@ -104,9 +151,9 @@ impl Arrangement {
         for kind in [Kind::Sphere, Kind::BallBar, Kind::Plane] {
             let mut of_kind: Vec<&Placed> = Vec::new();
             for one in self.placed.iter().filter(|one| one.kind == kind) {
-                // A repeat stands where its position stands.
-                if of_kind.iter().all(|known| known.position != one.position) {
-                    of_kind.push(one);
+                match of_kind.iter().find(|known| known.position == one.position) {
+                    Some(first) => list.extend(repeat_elsewhere(first, one, rules, &volume)),
+                    None => of_kind.push(one),
                 }
             }
             if let Some((what, apart_mm)) = closest(&of_kind) {
@@ -150,6 +197,19 @@ impl Arrangement {
         };
         self.placed.iter().filter_map(far).collect()
     }
+}
+
+/// A repeat, and a retest, stands where its position stands: elsewhere it would be another position.
+fn repeat_elsewhere(first: &Placed, again: &Placed, rules: &RuleSet, volume: &Volume) -> Option<Violation> {
+    let apart = |rule: &&Rule| rule.artefact == first.kind && rule.quantity == Quantity::ApartOverDiagonal;
+    let reach = rules.rules.iter().find(apart).and_then(|rule| rule.least).unwrap_or(REPEAT_REACH);
+    let (required, actual) = (reach * volume.body_diagonal_mm, apart_mm(first, again));
+    let rule = "repeats at the place of their position".to_owned();
+    let text = format!(
+        "{rule}: a repeat of position {} lies {actual:.3} mm from its first measurement, less than {required:.3} mm",
+        first.position
+    );
+    (actual >= required).then_some(Violation { rule, required, actual, unit: "mm".into(), text })
 }
 
 fn twice(place: &str, other: &str, how: &str) -> AcceptanceError {

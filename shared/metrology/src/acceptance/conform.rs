@@ -2,9 +2,12 @@
 
 use super::certificate::u_test_value_mm;
 use super::date::Day;
-use super::plan::{Artefact, PositionPlan, TestPlan};
+use super::plan::{Artefact, Decision, DecisionRule, PositionPlan, TestPlan};
 use super::result::{COVERAGE_FACTOR, Violation, Volume};
 use super::rules::{Kind, Quantity, Rule, RuleSet};
+
+/// Quantile of 95 % of the normal distribution, to two digits.
+const LEAST_GUARD_FACTOR: f64 = 1.64;
 
 /// The rules that a plan breaks, as far as the plan alone shows.
 pub fn violations(plan: &TestPlan, rules: &RuleSet) -> Vec<Violation> {
@@ -15,6 +18,15 @@ pub fn violations(plan: &TestPlan, rules: &RuleSet) -> Vec<Violation> {
         let text = format!("rejected fraction: {:.2} %, at most {:.2} %", 100.0 * asked, 100.0 * most);
         let (required, actual) = (100.0 * most, 100.0 * asked);
         list.push(Violation { rule: "rejected fraction".into(), required, actual, unit: "%".into(), text });
+    }
+    let Decision { rule, guard_factor } = plan.decision;
+    if rule == DecisionRule::Iso14253 && guard_factor < LEAST_GUARD_FACTOR {
+        let (name, unit) = ("guard factor".to_owned(), "standard uncertainties".to_owned());
+        let text = format!(
+            "{name}: {guard_factor}, at least {LEAST_GUARD_FACTOR} (a conformance probability of 95 %, ISO 14253-1); write rule = \
+             \"simple\" in [decision] where the parties agreed on no guard band"
+        );
+        list.push(Violation { rule: name, required: LEAST_GUARD_FACTOR, actual: guard_factor, unit, text });
     }
     list
 }
@@ -39,6 +51,14 @@ fn missing(plan: &TestPlan) -> Vec<Violation> {
         texts.push(format!(
             "conditions: date = \"{found}\" is no day: write date = \"YYYY-MM-DD\", the day of the test"
         ));
+    }
+    let of_clouds = plan.positions.iter().flat_map(|p| &p.views).any(|view| view.cloud.is_some());
+    if of_clouds && conditions.cloud_filters.as_deref().is_none_or(|text| text.trim().is_empty()) {
+        texts.push(
+            "conditions: cloud_filters is missing, and what was left out of a cloud before cannot be seen in it: write \
+             cloud_filters = \"none\", or which points were left out"
+                .to_owned(),
+        );
     }
     if plan.volume.center_mm.is_none() {
         texts.push(
@@ -145,6 +165,7 @@ fn of_artefact(rule: &Rule, plan: &TestPlan, rules: &RuleSet, artefact: &Artefac
         | Quantity::Coverage
         | Quantity::ApartOverDiagonal
         | Quantity::Directions
+        | Quantity::ExcludedShare
         | Quantity::ExtentOverVolume => Vec::new(),
     }
 }

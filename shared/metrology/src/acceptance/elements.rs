@@ -24,6 +24,8 @@ pub(super) struct Group {
     pub first_view: usize,
     /// Points in the zones of the elements that the plan excludes.
     pub excluded: usize,
+    /// Largest share of an element's points on its surface that the plan excludes.
+    pub excluded_share: f64,
 }
 
 /// The points of the artefact at a position.
@@ -94,12 +96,21 @@ pub(super) fn groups(
         let elements = segments.iter().map(|s| positions(&s.points)).collect();
         let views = vec![view.name.clone()];
         let (first_view, excluded) = (first(segments), excluded(segments));
-        found.groups.push(Group { cloud: CloudOf::View, views, elements, first_view, excluded });
+        let excluded_share = segments.iter().map(Segment::excluded_share).fold(0.0, f64::max);
+        found.groups.push(Group {
+            cloud: CloudOf::View,
+            views,
+            elements,
+            first_view,
+            excluded,
+            excluded_share,
+        });
     }
     let views = position.views.iter().map(|view| view.name.clone()).collect();
     let first_view = seen.first().map_or(0, |segments| first(segments));
     let excluded = seen.iter().map(|segments| excluded(segments)).sum();
-    found.groups.push(Group { cloud: CloudOf::Registered, views, elements: all, first_view, excluded });
+    let (cloud, elements, excluded_share) = (CloudOf::Registered, all, 0.0);
+    found.groups.push(Group { cloud, views, elements, first_view, excluded, excluded_share });
     Ok(found)
 }
 
@@ -147,6 +158,7 @@ fn of_pairs(view: &str, segments: &[Segment]) -> Vec<Group> {
             elements,
             first_view,
             excluded: 0,
+            excluded_share: 0.0,
         })
     };
     pairs.into_iter().filter_map(of_pair).collect()

@@ -8,8 +8,8 @@ use super::conform::{measured, violations};
 use super::elements::{Group, groups};
 use super::fitted::Fitted;
 use super::patches::coverage;
-use super::plan::{Artefact, DecisionRule, Limit, PositionPlan, TestPlan};
-use super::result::{Input, TestReport, Violation, Volume};
+use super::plan::{Artefact, Limit, PositionPlan, TestPlan};
+use super::result::{Input, TestReport, Violation, Volume, decision_words};
 use super::rules::{CharacteristicRule, CloudOf, Quantity, RuleSet, Statistic};
 use super::summary::{Value, summarise};
 use super::values::Job;
@@ -17,6 +17,9 @@ use super::{AcceptanceError, at};
 use crate::fit::FitSettings;
 use crate::verdict::Verdict;
 use fringe::cloud::Point;
+
+/// Standard deviation of residuals below which nobody measured, mm.
+const LEAST_SCATTER_MM: f64 = 1e-6;
 
 /// Evaluates positions one after another; the clouds of one need not stay in memory.
 #[derive(Debug)]
@@ -126,10 +129,7 @@ impl<'a> Evaluator<'a> {
         fitted.check(&place, artefact, self.plan.segmentation.margin_mm)?;
         match group.cloud {
             CloudOf::Pair => {}
-            CloudOf::View => {
-                self.excluded += group.excluded;
-                self.arrangement.forms(&place, fitted.forms())?;
-            }
+            CloudOf::View => self.add_view(&place, artefact, group, &fitted)?,
             CloudOf::Registered => self.arrangement.place(Placed {
                 position: position.name.clone(),
                 kind: artefact.kind,
@@ -144,6 +144,35 @@ impl<'a> Evaluator<'a> {
             let job = Job { plan: self.plan, position, artefact, group, place: &place };
             let values = job.values(one, &fitted)?;
             self.values[index].extend(values);
+        }
+        Ok(())
+    }
+
+    /// What a view alone shows: points that are no copy, that scatter as measured ones do, and of which few are excluded.
+    fn add_view(
+        &mut self,
+        place: &str,
+        artefact: &Artefact,
+        group: &Group,
+        fitted: &Fitted,
+    ) -> Result<(), AcceptanceError> {
+        self.excluded += group.excluded;
+        self.arrangement.forms(place, fitted.forms())?;
+        for points in &group.elements {
+            self.arrangement.points(place, points)?;
+        }
+        let volume = Volume::new(self.plan.volume.total_mm);
+        let quantity = (artefact.kind, Quantity::ExcludedShare);
+        self.violations.extend(measured(self.rules, &volume, quantity, place, group.excluded_share));
+        let least = fitted.forms().iter().map(|form| form.form_sigma_mm).fold(f64::INFINITY, f64::min);
+        if least <= LEAST_SCATTER_MM && !self.plan.conditions.simulated {
+            let rule = "scatter of a measurement".to_owned();
+            let text = format!(
+                "{rule}: {place}: the points lie on a perfect element (standard deviation {least:.1e} mm): no instrument \
+                 measures so; write simulated = true in [conditions] if they were computed"
+            );
+            let (required, unit) = (LEAST_SCATTER_MM, "mm".to_owned());
+            self.violations.push(Violation { rule, required, actual: least, unit, text });
         }
         Ok(())
     }
@@ -254,15 +283,7 @@ impl<'a> Evaluator<'a> {
 
     fn conditions(&self) -> Vec<(String, String)> {
         let TestPlan { conditions, decision, segmentation, .. } = self.plan;
-        let rule = match decision.rule {
-            DecisionRule::Simple => "simple acceptance, as agreed".to_owned(),
-            DecisionRule::Iso14253 => {
-                format!(
-                    "ISO 14253-1, guard band {} times the standard uncertainty of each test value",
-                    decision.guard_factor
-                )
-            }
-        };
+        let rule = decision_words(decision.factor());
         let rejected = 100.0 * self.plan.reject_fraction(self.rules);
         let mut list = vec![("test", self.plan.name.clone())];
         list.extend(conditions.instrument.clone().map(|text| ("instrument", text)));
@@ -283,6 +304,15 @@ impl<'a> Evaluator<'a> {
             list.push(("simulated", "yes: no instrument was tested".to_owned()));
         }
         list.extend(conditions.warm_up.clone().map(|text| ("warm-up", text)));
+        list.extend(
+            conditions.cloud_filters.clone().map(|text| ("left out of the clouds before this test", text)),
+        );
+        let views = || self.plan.positions.iter().flat_map(|position| &position.views);
+        let (all, moved) = (views().count(), views().filter(|view| view.transform.is_some()).count());
+        if moved > 0 {
+            let text = format!("{moved} of {all} views stand where a transform of the plan puts them");
+            list.push(("places of views", text));
+        }
         list.extend([
             ("decision rule", rule),
             ("rejected fraction", format!("{rejected} % of the points of each fit, largest residuals first")),

@@ -17,6 +17,7 @@
 mod arrangement;
 mod certificate;
 mod conform;
+mod copies;
 mod date;
 mod elements;
 mod error;
@@ -44,6 +45,7 @@ pub use plan::{
 };
 pub use result::{
     ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, TestReport, Violation, Volume,
+    decision_words,
 };
 pub use rules::{
     CharacteristicRule, CloudOf, Kind, Quantity, RULES_FORMAT, RejectFraction, RetestRule, Rule, RuleSet,

@@ -7,6 +7,14 @@ use crate::verdict::{Verdict, decide};
 /// Coverage factor of the stated uncertainties of test values.
 pub(super) const COVERAGE_FACTOR: f64 = 2.0;
 
+/// The decision rule behind a guard factor, as a report states it.
+pub fn decision_words(guard_factor: f64) -> String {
+    if guard_factor == 0.0 {
+        return "simple acceptance, as agreed".to_owned();
+    }
+    format!("ISO 14253-1, guard band {guard_factor} times the standard uncertainty of each test value")
+}
+
 /// The result of an acceptance test.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TestReport {
@@ -171,7 +179,8 @@ impl Characteristic {
     /// What the value of one of its positions proves; `None` without a limit.
     pub fn verdict_at(&self, position: &PositionValue, guard_factor: f64) -> Option<Verdict> {
         let limit = self.limit_of(position)?;
-        let u = position.test_value_u.or(self.test_value_u).unwrap_or(0.0) / COVERAGE_FACTOR;
+        // Without an uncertainty nothing is proven.
+        let u = position.test_value_u.or(self.test_value_u).unwrap_or(f64::NAN) / COVERAGE_FACTOR;
         // A negative error counts as a positive one.
         Some(decide(position.value, u, guard_factor, Some(-limit), limit).unwrap_or(Verdict::Indeterminate))
     }

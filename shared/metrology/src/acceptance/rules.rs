@@ -112,6 +112,8 @@ pub enum Quantity {
     Directions,
     /// Extent of all centres along an axis over the edge of the total volume, the least of three.
     ExtentOverVolume,
+    /// Share of the points on an element's surface that the plan excludes, in each view.
+    ExcludedShare,
     /// `zone_mm` over the diameter of a sphere.
     ZoneOverDiameter,
     /// Certified form deviation over the limit of a form.
@@ -142,6 +144,7 @@ impl Quantity {
             Self::Directions => (1.0, "directions"),
             Self::Coverage
             | Self::ExtentOverVolume
+            | Self::ExcludedShare
             | Self::ZoneOverDiameter
             | Self::FormOverLimit
             | Self::UncertaintyOverLimit => (100.0, "%"),

@@ -22,6 +22,15 @@ pub(super) struct Segment {
     pub points: Vec<Point>,
     /// Points in its zone that the plan excludes.
     pub excluded: usize,
+    /// Those of them that lie on its surface, within the margin.
+    pub excluded_on_surface: usize,
+}
+
+impl Segment {
+    /// Share of the points on the surface that the plan excludes.
+    pub fn excluded_share(&self) -> f64 {
+        self.excluded_on_surface as f64 / (self.points.len() + self.excluded_on_surface).max(1) as f64
+    }
 }
 
 /// What a cloud shows.
@@ -115,11 +124,13 @@ pub(super) fn find(
             .min_by(|(_, (a, _), _), (_, (b, _), _)| a.total_cmp(b));
         let counts =
             |(index, (off, _), _): &(usize, (f64, bool), f64)| *index < own || *off <= settings.margin_mm;
-        match nearest.filter(counts).and_then(|(index, _, _)| found.elements.get_mut(index)) {
-            Some(element) if excluded.holds(&at, &located[..own], settings.margin_mm) => {
+        let held = nearest.filter(counts);
+        match held.and_then(|(index, (off, _), _)| Some((found.elements.get_mut(index)?, off))) {
+            Some((element, off)) if excluded.holds(&at, &located[..own], settings.margin_mm) => {
                 element.excluded += 1;
+                element.excluded_on_surface += usize::from(off <= settings.margin_mm);
             }
-            Some(element) => element.points.push(*point),
+            Some((element, _)) => element.points.push(*point),
             None => found.elsewhere += 1,
         }
     }

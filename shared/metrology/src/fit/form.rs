@@ -42,7 +42,7 @@ impl Residuals {
     }
 
     /// Range, standard deviation and quantile of the residuals.
-    pub(super) fn form(&self) -> Form {
+    pub(crate) fn form(&self) -> Form {
         let mut sorted = self.of_used();
         let points = sorted.len();
         let sum = |f: &(dyn Fn(f64) -> f64 + Sync)| {

@@ -7,6 +7,7 @@ use super::check_datums::{Names, check_open_motions, datum_systems};
 use super::check_elements::{Written, element};
 use super::geometry::Geometry;
 use super::joint::nominal_parts;
+use super::nominal_surface::Surfaces;
 use super::plan::{Datums, Element, Feature, PLAN_FORMAT, Plan, PlanError, Quantity};
 use super::raw::{RawAlignment, RawElement, RawFeature, RawPlacement, RawPlan};
 use super::references::Constructed;
@@ -18,6 +19,14 @@ impl Plan {
     /// # Errors
     /// See [`PlanError`].
     pub fn new(raw: RawPlan) -> Result<Self, PlanError> {
+        Self::with_surfaces(raw, &Surfaces::new())
+    }
+
+    /// Checks a plan as it is written, with the meshes of the files that it names ([`RawPlan::surface_files`]).
+    ///
+    /// # Errors
+    /// See [`PlanError`].
+    pub fn with_surfaces(raw: RawPlan, surfaces: &Surfaces) -> Result<Self, PlanError> {
         if raw.format != PLAN_FORMAT {
             return Err(PlanError::Format(raw.format));
         }
@@ -25,7 +34,7 @@ impl Plan {
         let within = Within("settings".into());
         raw.settings.cluster_mm.map(|edge| within.positive("cluster_mm", edge)).transpose()?;
         within.check("guard_factor", raw.settings.guard_factor, 0.0..=10.0, "0 … 10")?;
-        let (elements, constructed) = elements(raw.element)?;
+        let (elements, constructed) = elements(raw.element, surfaces)?;
         let mut plan = Self {
             name: raw.name,
             settings: raw.settings,
@@ -58,10 +67,13 @@ impl Plan {
 }
 
 /// Measured elements, and those made of others that stand before them.
-fn elements(raw: Vec<RawElement>) -> Result<(Vec<Element>, Vec<Constructed>), PlanError> {
+fn elements(
+    raw: Vec<RawElement>,
+    surfaces: &Surfaces,
+) -> Result<(Vec<Element>, Vec<Constructed>), PlanError> {
     let (mut measured, mut made) = (Vec::new(), Vec::new());
     for one in raw {
-        match element(one)? {
+        match element(one, surfaces)? {
             Written::Measured(element) => measured.push(element),
             Written::Made(raw, construction) => made.push((raw, construction)),
         }
@@ -81,6 +93,17 @@ fn elements(raw: Vec<RawElement>) -> Result<(Vec<Element>, Vec<Constructed>), Pl
 /// Elements made of others must exist where the elements are nominally.
 fn check_constructed(plan: &Plan) -> Result<(), PlanError> {
     let parts = nominal_parts(plan);
+    let freeform = |index: &&usize| {
+        plan.elements.get(**index).is_some_and(|element| matches!(element.geometry, Geometry::Surface(_)))
+    };
+    for one in &plan.constructed {
+        if let Some(index) = one.elements.iter().find(freeform) {
+            let place = Within(format!("element \"{}\"", one.name));
+            let name = plan.element_name(*index);
+            return Err(place
+                .refuse(format!("elements names \"{name}\", a freeform surface: it has a profile alone")));
+        }
+    }
     for (one, part) in plan.constructed.iter().zip(&parts[plan.elements.len()..]) {
         if let Err(why) = part {
             let place = Within(format!("element \"{}\"", one.name));

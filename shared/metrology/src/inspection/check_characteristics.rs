@@ -63,6 +63,7 @@ pub(super) fn characteristic(raw: RawFeature, plan: &mut Plan) -> Result<Feature
         RawFeature::Angularity(r) => checked.orientation("angularity", &r),
         RawFeature::Position(r) => {
             let index = checked.element(&r.element)?;
+            checked.no_freeform(index)?;
             let datums = Some(checked.datums(&r.datums, &[index])?);
             let material = r.maximum_material.map(|size| checked.material(index, &size)).transpose()?;
             let zone_direction = checked.zone_direction(r.zone_direction)?;
@@ -83,7 +84,7 @@ pub(super) fn characteristic(raw: RawFeature, plan: &mut Plan) -> Result<Feature
         }
         RawFeature::LineProfile(r) => checked.profile("line-profile", &r, "line"),
         RawFeature::SurfaceProfile(r) => {
-            checked.profile("surface-profile", &r, "sphere, plane, cylinder, cone or torus")
+            checked.profile("surface-profile", &r, "sphere, plane, cylinder, cone, torus or surface")
         }
         RawFeature::CircularRunout(r) => {
             let section = Some(checked.place.positive("section_mm", r.section_mm)?);
@@ -154,7 +155,18 @@ impl Checked<'_> {
     }
 
     pub(super) fn two(&self, names: &[String; 2]) -> Result<Vec<usize>, PlanError> {
-        self.names.several(&self.place, "elements", names)
+        let found = self.names.several(&self.place, "elements", names)?;
+        found.iter().try_for_each(|index| self.no_freeform(*index))?;
+        Ok(found)
+    }
+
+    /// Refuses a freeform surface where a place or direction is meant.
+    fn no_freeform(&self, index: usize) -> Result<(), PlanError> {
+        if self.shape(index)?.shape != Shape::Surface {
+            return Ok(());
+        }
+        let name = self.plan.element_name(index);
+        Err(self.place.refuse(format!("\"{name}\" is a freeform surface: it has a surface-profile alone")))
     }
 
     /// The datum system of a name, or that of one element.
@@ -178,6 +190,7 @@ impl Checked<'_> {
             self.plan.datum_systems.len() - 1
         };
         let steps = &self.plan.datum_systems[system].steps;
+        steps.iter().flatten().try_for_each(|index| self.no_freeform(*index))?;
         if let Some(own) = toleranced.iter().find(|i| steps.iter().flatten().any(|s| s == *i)) {
             let own = self.plan.element_name(*own);
             return Err(self.place.refuse(format!(

@@ -4,10 +4,12 @@ use nalgebra::{Point3, Vector3};
 
 use super::criterion::Criterion;
 use super::geometry::{Exclusion, ExclusionShape, Geometry, Sector};
+use super::nominal_surface::{NominalSurface, Surfaces};
 use super::plan::{Element, PlanError};
 use super::raw::{RawElement, RawExclusion};
 use super::raw_elements::{
-    Common, RawCircle, RawCone, RawCylinder, RawEdge, RawLine, RawMade, RawOblong, RawPoint, RawTorus,
+    Common, RawCircle, RawCone, RawCylinder, RawEdge, RawLine, RawMade, RawOblong, RawPoint, RawSurface,
+    RawTorus,
 };
 use super::references::Construction;
 use super::within::Within;
@@ -16,7 +18,7 @@ use fringe::math;
 
 /// A measured element, or one that is made of others by names.
 #[allow(clippy::too_many_lines, reason = "one arm for each kind of element")]
-pub(super) fn element(raw: RawElement) -> Result<Written, PlanError> {
+pub(super) fn element(raw: RawElement, surfaces: &Surfaces) -> Result<Written, PlanError> {
     match raw {
         RawElement::Sphere {
             name,
@@ -85,6 +87,7 @@ pub(super) fn element(raw: RawElement) -> Result<Written, PlanError> {
         RawElement::Rectangle(raw) => measured(&raw.common(), |place| oblong(&raw, place, false)),
         RawElement::Edge(raw) => measured(&raw.common(), |place| edge(&raw, place)),
         RawElement::Line(raw) => measured(&raw.common(), |place| line(&raw, place)),
+        RawElement::Surface(raw) => measured(&raw.common(), |place| surface(&raw, surfaces, place)),
         RawElement::Point(raw) => measured(&raw.common(), |place| surface_point(&raw, place)),
         RawElement::Intersection(raw) => Ok(made(raw, Construction::Intersection)),
         RawElement::Projection(raw) => Ok(made(raw, Construction::Projection)),
@@ -263,6 +266,22 @@ fn line(raw: &RawLine, place: &Within) -> Result<Geometry, PlanError> {
             0.5 * place.positive("width_mm", raw.width_mm)?,
         ],
     })
+}
+
+fn surface(raw: &RawSurface, surfaces: &Surfaces, place: &Within) -> Result<Geometry, PlanError> {
+    place.check(
+        "max_reject_fraction",
+        raw.max_reject_fraction,
+        0.0..=0.0,
+        "0: a profile is that of every point",
+    )?;
+    let mesh = surfaces.get(&raw.file).ok_or_else(|| {
+        place.refuse(format!(
+            "file = \"{}\" was not read: nominal geometry comes from the file beside a plan",
+            raw.file
+        ))
+    })?;
+    Ok(Geometry::Surface(NominalSurface::new(&raw.file, mesh.clone())))
 }
 
 fn surface_point(raw: &RawPoint, place: &Within) -> Result<Geometry, PlanError> {

@@ -167,7 +167,7 @@ impl Checked<'_> {
         let fits = if line {
             kind == "line"
         } else {
-            matches!(kind, "sphere" | "plane" | "cylinder" | "cone" | "torus")
+            matches!(kind, "sphere" | "plane" | "cylinder" | "cone" | "torus" | "surface")
         };
         if !fits {
             return Err(self

@@ -87,6 +87,7 @@ fn gaps(nominal: &Substitute, measured: &Substitute, extent_mm: f64, out: &mut V
     let tilt = |e: &Vector3<f64>| extent_mm * nominal.direction.dot(e);
     match nominal.shape {
         Shape::Point | Shape::Sphere => out.extend(between.iter()),
+        Shape::Surface => {}
         Shape::SurfacePoint => out.push(between.dot(&nominal.direction)),
         Shape::Plane => {
             // At the measured place: it lies elsewhere in the plane than the nominal one.

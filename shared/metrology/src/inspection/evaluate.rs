@@ -98,8 +98,8 @@ pub fn deviations(
         let normal = part_from_world.rotation * point.normal_vector();
         let holds =
             |region: &Region| region.holds_position(&position) && region.holds_normal(&position, &normal);
-        let (_, fit) = found.iter().find(|(region, _)| holds(region))?;
-        Some((index as u32, fit.distance_mm(&position) as f32))
+        let (region, fit) = found.iter().find(|(region, _)| holds(region))?;
+        Some((index as u32, fit.distance_mm(&region.geometry, &position) as f32))
     };
     cloud.iter().enumerate().filter_map(distance).collect()
 }

@@ -6,6 +6,7 @@ use super::MeasureError;
 use super::associate::{associated, outlined};
 use super::gather::Sample;
 use super::geometry::Geometry;
+use super::nominal_surface::SurfaceFit;
 use super::plan::Element;
 use super::region::Region;
 use super::result::{DeviationPoint, FittedElement};
@@ -100,6 +101,7 @@ pub(super) fn fit(
         Geometry::Point { point_mm, normal, .. } => {
             fit::surface_point(points, point_mm, normal, &settings).map(FittedElement::Point)
         }
+        Geometry::Surface(surface) => Ok(FittedElement::Surface(SurfaceFit::new(surface, points))),
         Geometry::Outline { .. } | Geometry::Line { .. } => {
             outlined(element, points, &settings).map(|found| found.0)
         }
@@ -209,6 +211,8 @@ fn shift_mm(geometry: &Geometry, fit: &FittedElement) -> f64 {
             let tube = (0.5 * t.tube_diameter_mm - tube_radius_mm).abs();
             (Vector3::from(t.center_mm) - center_mm.coords).norm().max(resized).max(tube)
         }
+        // It stays where it is.
+        (FittedElement::Surface(_), Geometry::Surface(_)) => 0.0,
         (FittedElement::Point(p), Geometry::Point { point_mm, .. }) => {
             (Vector3::from(p.point_mm) - point_mm.coords).norm()
         }
@@ -285,7 +289,7 @@ fn deviations(
         if direct {
             return residuals[place];
         }
-        let distance = fit.distance_mm(position);
+        let distance = fit.distance_mm(&nominal.geometry, position);
         if bore { -distance } else { distance }
     };
     let flat = |position: &Vector3<f64>| match &nominal.geometry {

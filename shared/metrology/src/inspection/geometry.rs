@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::nominal_surface::NominalSurface;
 use crate::fit::Outline;
 use fringe::math;
 
@@ -119,6 +120,8 @@ pub enum Geometry {
         /// Half length and half width of the strip, mm.
         half_size_mm: [f64; 2],
     },
+    /// A freeform surface of CAD data.
+    Surface(NominalSurface),
     /// A point of a surface: where a line along its nominal normal meets it.
     Point {
         /// Nominal point of the surface, mm.
@@ -155,6 +158,7 @@ impl Geometry {
                 Outline::Edge(_) => "edge",
             },
             Self::Line { .. } => "line",
+            Self::Surface(_) => "surface",
             Self::Point { .. } => "point",
         }
     }
@@ -183,6 +187,7 @@ impl Geometry {
                 let across = (arm - axis * height).norm() - ring_radius_mm;
                 (across * across + height * height).sqrt() - tube_radius_mm
             }
+            Self::Surface(surface) => surface.distance_mm(position),
             Self::Outline { edges, outline, internal, .. } => {
                 let (distance, _) = outline.see(edges.map(|edge| edge.dot(&arm)));
                 inward(*internal, distance)
@@ -206,6 +211,7 @@ impl Geometry {
                 let (sin, cos) = math::sincos(*half_angle_rad);
                 (unit(arm - axis * arm.dot(axis)) * cos - axis * sin) * sign(*internal)
             }
+            Self::Surface(surface) => surface.normal_at(position),
             Self::Torus { axis, ring_radius_mm, .. } => {
                 let out = unit(arm - axis * arm.dot(axis));
                 unit(arm - out * *ring_radius_mm)
@@ -229,6 +235,7 @@ impl Geometry {
             | Self::Cone { point_mm: place, .. }
             | Self::Line { point_mm: place, .. }
             | Self::Point { point_mm: place, .. } => *place,
+            Self::Surface(surface) => surface.middle(),
         }
     }
 }

@@ -28,6 +28,7 @@ mod gather;
 mod geometry;
 mod joint;
 mod location;
+mod nominal_surface;
 mod place;
 mod plan;
 mod raw;
@@ -48,9 +49,10 @@ pub use error::MeasureError;
 pub use evaluate::{deviations, evaluate, locate};
 pub use filter::{Filtered, filtered as filtered_flatness};
 pub use geometry::{Exclusion, ExclusionShape, Geometry, Sector};
+pub use nominal_surface::{NominalSurface, SurfaceFit, Surfaces};
 pub use place::{PlaceError, Placement, place};
 pub use plan::{Datums, Element, Feature, PLAN_FORMAT, Plan, PlanError, Quantity, Settings, Unit};
-pub use raw::RawPlan;
+pub use raw::{RawPlan, SurfaceFile};
 pub use references::{Constructed, Construction, DatumSystem};
 pub use result::{
     AlignmentResult, ConstructedResult, DeviationPoint, ElementResult, FeatureResult, FittedElement,

@@ -192,6 +192,7 @@ fn area_mm2(element: &Element) -> f64 {
         Geometry::Torus { ring_radius_mm, tube_radius_mm, .. } => TAU * ring_radius_mm * TAU * tube_radius_mm,
         Geometry::Point { radius_mm, .. } => 0.5 * TAU * radius_mm * radius_mm,
         Geometry::Outline { outline, band_mm, .. } => outline.length_mm() * band_mm,
+        Geometry::Surface(surface) => surface.area_mm2(),
     }
 }
 
@@ -240,6 +241,9 @@ fn places(geometry: &Geometry, step_mm: f64) -> Vec<Point> {
         }
         Geometry::Cone { point_mm, axis, half_length_mm, .. } => {
             around(geometry, (&point_mm.coords, axis), *half_length_mm, step_mm, &point)
+        }
+        Geometry::Surface(surface) => {
+            surface.places(step_mm).into_iter().map(|(place, normal)| point(place, normal)).collect()
         }
         // What is small or open on most sides does not help to find a part.
         Geometry::Torus { .. }

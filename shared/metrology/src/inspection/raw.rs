@@ -5,7 +5,7 @@ use serde::Deserialize;
 use super::criterion::Criterion;
 use super::plan::Settings;
 use super::raw_elements::{
-    RawCircle, RawCone, RawCylinder, RawEdge, RawLine, RawMade, RawOblong, RawPoint, RawTorus,
+    RawCircle, RawCone, RawCylinder, RawEdge, RawLine, RawMade, RawOblong, RawPoint, RawSurface, RawTorus,
 };
 use super::raw_features::{
     RawAngle, RawCircularRunout, RawDatumSystem, RawDistance, RawForm, RawHalfAngle, RawLocation,
@@ -28,6 +28,31 @@ pub struct RawPlan {
     pub(super) element: Vec<RawElement>,
     #[serde(default)]
     pub(super) feature: Vec<RawFeature>,
+}
+
+/// A file of nominal geometry that a plan names.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SurfaceFile {
+    /// The element that it belongs to.
+    pub element: String,
+    /// Path as the plan writes it.
+    pub file: String,
+    /// SHA-256 that the file must have, where the plan states one.
+    pub sha256: Option<String>,
+}
+
+impl RawPlan {
+    /// The files of nominal geometry, in the order of their elements.
+    pub fn surface_files(&self) -> Vec<SurfaceFile> {
+        let of = |element: &RawElement| match element {
+            RawElement::Surface(raw) => {
+                let (element, file, sha256) = (raw.name.clone(), raw.file.clone(), raw.sha256.clone());
+                Some(SurfaceFile { element, file, sha256 })
+            }
+            _ => None,
+        };
+        self.element.iter().filter_map(of).collect()
+    }
 }
 
 #[derive(Deserialize)]
@@ -95,6 +120,7 @@ pub(super) enum RawElement {
     Edge(RawEdge),
     Line(RawLine),
     Point(RawPoint),
+    Surface(RawSurface),
     Intersection(RawMade),
     Projection(RawMade),
     SymmetryPlane(RawMade),

@@ -126,6 +126,11 @@ measured!(RawPoint {
     pub radius_mm: f64,
 });
 
+measured!(RawSurface {
+    pub file: String,
+    pub sha256: Option<String>,
+});
+
 /// An element that is made of others.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]

@@ -85,6 +85,7 @@ impl Region {
             | FittedElement::Rectangle(_)
             | FittedElement::Edge(_)
             | FittedElement::Line(_)
+            | FittedElement::Surface(_)
             | FittedElement::Point(_) => self,
         }
     }
@@ -145,6 +146,7 @@ impl Region {
             Geometry::Point { point_mm, radius_mm, .. } => {
                 Some(Bounds::about(&point_mm.coords, &margin.add_scalar(*radius_mm)))
             }
+            Geometry::Surface(surface) => Some(surface.bounds(self.margin_mm)),
             Geometry::Cone { .. } | Geometry::Outline { .. } => None,
         }
     }
@@ -186,6 +188,7 @@ impl Region {
                     && self.geometry.distance_mm(position).abs() <= self.margin_mm
             }
             Geometry::Torus { .. } => self.geometry.distance_mm(position).abs() <= self.margin_mm,
+            Geometry::Surface(surface) => surface.holds(position, self.margin_mm),
             Geometry::Outline { center_mm, normal, band_mm, outline, .. } => {
                 let arm = position - center_mm.coords;
                 let depth = -self.geometry.distance_mm(position);

@@ -5,6 +5,8 @@ use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
 use super::criterion::Criterion;
+use super::geometry::Geometry;
+use super::nominal_surface::SurfaceFit;
 use super::plan::Unit;
 use crate::fit::{
     ConeFit, ContourFit, CylinderFit, Form, PlaneFit, PointFit, Residuals, SphereFit, TorusFit,
@@ -85,6 +87,8 @@ pub enum FittedElement {
     Edge(ContourFit),
     /// A straight line of a surface in its section.
     Line(ContourFit),
+    /// A freeform surface of CAD data.
+    Surface(SurfaceFit),
     /// A point of a surface.
     Point(PointFit),
 }
@@ -103,6 +107,7 @@ macro_rules! each {
             | FittedElement::Rectangle($name)
             | FittedElement::Edge($name)
             | FittedElement::Line($name) => $value,
+            FittedElement::Surface($name) => $value,
             FittedElement::Point($name) => $value,
         }
     };
@@ -122,12 +127,14 @@ impl FittedElement {
             Self::Rectangle(_) => "rectangle",
             Self::Edge(_) => "edge",
             Self::Line(_) => "line",
+            Self::Surface(_) => "surface",
             Self::Point(_) => "point",
         }
     }
 
-    /// Signed distance of a position in the part frame, mm; positive out of the material.
-    pub(super) fn distance_mm(&self, position: &Vector3<f64>) -> f64 {
+    /// Signed distance of a position in the part frame, mm; positive out of the material. A freeform surface is that of the
+    /// nominal geometry.
+    pub(super) fn distance_mm(&self, nominal: &Geometry, position: &Vector3<f64>) -> f64 {
         match self {
             Self::Sphere(sphere) => (position - sphere.center().coords).norm() - 0.5 * sphere.diameter_mm,
             Self::Plane(plane) => plane.distance_mm(&Point3::from(*position)),
@@ -142,6 +149,7 @@ impl FittedElement {
                 let across = radius - 0.5 * t.ring_diameter_mm;
                 (across * across + height * height).sqrt() - 0.5 * t.tube_diameter_mm
             }
+            Self::Surface(_) => nominal.distance_mm(position),
             // Of outlines, lines and points: from the plane of their points.
             Self::Circle(c) | Self::Slot(c) | Self::Rectangle(c) | Self::Edge(c) => {
                 (position - Vector3::from(c.center_mm)).dot(&Vector3::from(c.normal))
@@ -180,8 +188,37 @@ impl FittedElement {
             Self::Circle(c) | Self::Slot(c) | Self::Rectangle(c) | Self::Edge(c) | Self::Line(c) => {
                 c.center_mm
             }
+            Self::Surface(s) => s.place_mm,
             Self::Point(p) => p.point_mm,
         })
+    }
+
+    /// Axis, normal or direction in the part frame; absent of a sphere.
+    pub fn direction(&self) -> Option<[f64; 3]> {
+        Some(match self {
+            Self::Sphere(_) | Self::Surface(_) => return None,
+            Self::Plane(p) => p.normal,
+            Self::Cylinder(c) => c.axis_direction,
+            Self::Cone(c) => c.axis_direction,
+            Self::Torus(t) => t.axis_direction,
+            Self::Circle(c) => c.normal,
+            Self::Slot(c) | Self::Rectangle(c) | Self::Edge(c) | Self::Line(c) => c.direction,
+            Self::Point(p) => p.normal,
+        })
+    }
+
+    /// Sizes as people read them: diameters, half angle, length × width; empty where there is none.
+    pub fn sizes(&self) -> Vec<String> {
+        let round = |diameter: f64| format!("⌀ {diameter:.4}");
+        match self {
+            Self::Sphere(s) => vec![round(s.diameter_mm)],
+            Self::Cylinder(c) => vec![round(c.diameter_mm)],
+            Self::Cone(c) => vec![round(c.diameter_mm), format!("{:.4}°", c.half_angle_deg)],
+            Self::Torus(t) => vec![round(t.ring_diameter_mm), round(t.tube_diameter_mm)],
+            Self::Circle(c) => vec![round(c.size_mm[0])],
+            Self::Slot(c) | Self::Rectangle(c) => vec![format!("{:.4} × {:.4}", c.size_mm[0], c.size_mm[1])],
+            Self::Plane(_) | Self::Edge(_) | Self::Line(_) | Self::Surface(_) | Self::Point(_) => Vec::new(),
+        }
     }
 
     /// Whether every number that is reported is one.
@@ -218,6 +255,10 @@ impl FittedElement {
                     [x, y, z, c.size_mm[0] + c.size_mm[1]],
                     [u_x + u_y + u_z, c.u_direction_rad, c.u_size_mm[0], c.u_size_mm[1]],
                 )
+            }
+            Self::Surface(s) => {
+                let [x, y, z] = s.place_mm;
+                ([x, y, z, 0.0], [0.0; 4])
             }
             Self::Point(p) => {
                 let [x, y, z] = p.point_mm;

@@ -30,6 +30,8 @@ pub enum Shape {
     Cone,
     /// A torus; sizes are the diameters of ring and tube.
     Torus,
+    /// A freeform surface: it has a profile and nothing else.
+    Surface,
 }
 
 impl Shape {
@@ -46,6 +48,7 @@ impl Shape {
             Self::Cylinder => "cylinder",
             Self::Cone => "cone",
             Self::Torus => "torus",
+            Self::Surface => "freeform surface",
         }
     }
 
@@ -150,6 +153,7 @@ impl Substitute {
             Geometry::Line { direction, half_size_mm, .. } => {
                 Self::line(base.point, *direction, half_size_mm[0])
             }
+            Geometry::Surface(_) => Self { shape: Shape::Surface, ..base },
             Geometry::Point { normal, .. } => Self { shape: Shape::SurfacePoint, direction: *normal, ..base },
         }
     }
@@ -181,6 +185,7 @@ impl Substitute {
             | FittedElement::Rectangle(c)
             | FittedElement::Edge(c)
             | FittedElement::Line(c) => contour(c),
+            FittedElement::Surface(s) => (s.place_mm, [0.0; 3], [0.0; 2], ChartCovariance::zeros()),
             FittedElement::Point(p) => (p.point_mm, p.normal, [0.0; 2], p.chart),
         };
         let direction = Vector3::from(direction);

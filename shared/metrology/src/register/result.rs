@@ -93,8 +93,8 @@ pub struct Registration {
     pub condition: f64,
     /// Motions that are not determined; empty when all six are.
     pub undetermined: Vec<Freedom>,
-    /// Covariance of a small rotation about `centre_mm` (x, y, z, rad) and a translation (mm), row by row, noise of the
-    /// points taken as independent; zero along undetermined motions.
+    /// Covariance of a small rotation about `centre_mm` (x, y, z, rad) and a translation (mm), row by row, with the
+    /// correlation of neighbours' noise; zero along undetermined motions.
     pub covariance: [[f64; 6]; 6],
     /// Standard uncertainties: roots of the diagonal of the covariance.
     pub u_rotation_rad: [f64; 3],

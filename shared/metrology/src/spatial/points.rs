@@ -106,7 +106,14 @@ impl PointTree {
     /// Squared distance to the farthest of the nearest few neighbours besides the point itself, mm².
     fn reach2_mm2(&self, p: &Point3<f64>) -> f64 {
         // One more: the point itself.
-        let mut nearest = [f64::INFINITY; DENSITY_NEIGHBOURS + 1];
+        let nearest = self.nearest2_mm2::<{ DENSITY_NEIGHBOURS + 1 }>(p);
+        nearest.into_iter().rev().find(|d| d.is_finite()).unwrap_or(0.0)
+    }
+
+    /// Squared distances to the nearest points, rising, mm²; a point of the tree is its own nearest. Infinite where there are
+    /// no more.
+    pub fn nearest2_mm2<const COUNT: usize>(&self, p: &Point3<f64>) -> [f64; COUNT] {
+        let mut nearest = [f64::INFINITY; COUNT];
         self.tree.walk(
             f64::INFINITY,
             |b, limit| Some(distance2_mm2(b, p)).filter(|d| *d <= limit),
@@ -114,10 +121,10 @@ impl PointTree {
                 for slot in slots {
                     insert(&mut nearest, (self.sites[slot] - p).norm_squared());
                 }
-                nearest[DENSITY_NEIGHBOURS]
+                nearest[COUNT - 1]
             },
         );
-        nearest.into_iter().rev().find(|d| d.is_finite()).unwrap_or(0.0)
+        nearest
     }
 }
 

@@ -81,7 +81,7 @@ pub enum AcceptanceReportError {
     File(#[from] FileError),
 }
 
-type Checked = Result<(), AcceptanceReportError>;
+pub(super) type Checked = Result<(), AcceptanceReportError>;
 
 /// Checks that a report may be written.
 ///
@@ -106,7 +106,8 @@ pub fn check(report: &TestReport) -> Checked {
     }
     at_least_zero(|| "guard_factor".to_owned(), Some(report.guard_factor))?;
     report.characteristics.iter().try_for_each(|one| characteristic(one, report.guard_factor))?;
-    verdict(report)
+    verdict(report)?;
+    super::check_rules::check(report)
 }
 
 /// Names of standards; text that has one needs an edition beside it.
@@ -146,6 +147,10 @@ fn characteristic(one: &Characteristic, guard_factor: f64) -> Checked {
     finite(|| key("value"), one.value)?;
     at_least_zero(|| key("limit"), one.limit)?;
     at_least_zero(|| key("test_value_u"), one.test_value_u)?;
+    if one.limit.is_some() && one.positions.iter().any(|p| p.test_value_u.is_none()) {
+        let but = "a position has none, and without it nothing is proven".to_owned();
+        return contradiction(one, "each test value has an uncertainty".to_owned(), but);
+    }
     at_least_zero(|| key("repeatability"), one.repeatability)?;
     at_least_zero(|| key("between_positions"), one.between_positions)?;
     for position in &one.positions {

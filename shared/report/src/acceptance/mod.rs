@@ -7,6 +7,7 @@
 pub(crate) mod blocks;
 mod chart;
 mod check;
+mod check_rules;
 mod content;
 mod csv;
 mod dcc;

@@ -97,32 +97,43 @@ fn features(input: &PartInput<'_>) -> Table {
 
 fn elements(all: &[ElementResult]) -> Table {
     let names = [
-        ("Element", 2.0, false),
-        ("Kind", 1.2, false),
-        ("Association", 2.0, false),
-        ("Points", 1.0, true),
-        ("Form range", 1.2, true),
-        ("Form sigma", 1.2, true),
+        ("Element", 1.7, false),
+        ("Kind, association", 1.9, false),
+        ("Point", 1.9, true),
+        ("Direction", 1.9, true),
+        ("Size", 1.3, true),
+        ("Points", 0.8, true),
+        ("Form range", 1.0, true),
+        ("Form sigma", 1.0, true),
     ];
     let columns = names.map(|(name, width, right)| (name.to_owned(), width, right)).to_vec();
     let row = |e: &ElementResult| {
         let criterion = e.criterion.unwrap_or_default();
         let name = Cell::plain(&e.name).with_detail(e.reason.as_deref().unwrap_or_default());
         let Some(fit) = &e.fit else {
-            let none = || Cell::plain(NONE);
-            return vec![name, none(), none(), none(), none(), none()];
+            let mut cells = vec![name];
+            cells.resize_with(columns.len(), || Cell::plain(NONE));
+            return cells;
         };
         let form = fit.form();
         vec![
             name,
-            Cell::plain(fit.kind()),
-            Cell::plain(format!("{} ({})", criterion.key(), criterion.symbol())),
+            Cell::plain(fit.kind()).with_detail(&format!("{} ({})", criterion.key(), criterion.symbol())),
+            Cell::plain(three(Some(fit.place().into()), 4)),
+            Cell::plain(three(fit.direction(), 6)),
+            Cell::plain(fit.sizes().join(", ")),
             Cell::plain(form.points.to_string()),
             Cell::plain(fixed(form.form_range_mm, 4)),
             Cell::plain(fixed(form.form_sigma_mm, 4)),
         ]
     };
-    Table { columns, rows: all.iter().map(row).collect() }
+    let rows = all.iter().map(row).collect();
+    Table { columns, rows }
+}
+
+/// Three numbers, or none.
+fn three(v: Option<[f64; 3]>, digits: usize) -> String {
+    v.map_or_else(|| NONE.to_owned(), |v| v.map(|x| fixed(x, digits)).join(", "))
 }
 
 fn constructed(all: &[ConstructedResult]) -> Table {
@@ -138,6 +149,7 @@ fn constructed(all: &[ConstructedResult]) -> Table {
             Cell::plain(c.shape.clone().unwrap_or(NONE.into())),
             Cell::plain(three(c.point_mm, 4)),
             Cell::plain(three(c.direction, 6)),
+            Cell::plain(c.diameter_mm.map_or_else(String::new, |d| format!("⌀ {}", fixed(d, 4)))),
         ]
     };
     Table { columns, rows: all.iter().map(row).collect() }

@@ -63,7 +63,7 @@ impl TestPlan {
         if !not_negative(conditions.u_temperature_k) {
             return place("conditions", "u_temperature_k", conditions.u_temperature_k, "0 or more");
         }
-        let zero = [("u_temperature_k", conditions.u_temperature_k)];
+        let zero = [("u_temperature_k", conditions.u_temperature_k, LEAST_U_K)];
         check_zeros("conditions", &zero, conditions.zero_reason.as_deref())?;
         if !(not_negative(decision.guard_factor) && decision.guard_factor <= 10.0) {
             return place("decision", "guard_factor", decision.guard_factor, "0 … 10");
@@ -218,18 +218,33 @@ impl Volumes {
     }
 }
 
-/// A standard uncertainty of 0 narrows the guard band to nothing: it needs a reason.
-fn check_zeros(place: &str, values: &[(&str, f64)], reason: Option<&str>) -> Result<(), AcceptanceError> {
-    let zero = values.iter().find(|(_, value)| *value == 0.0);
-    match (zero, reason.is_some_and(|text| !text.trim().is_empty())) {
-        (Some((key, _)), false) => Err(fault(
-            place,
-            &format!(
-                "{key} = 0 states that there is no uncertainty: give zero_reason = \"why\", or the value of the certificate"
-            ),
-        )),
-        _ => Ok(()),
+/// Below these nobody calibrates: lengths and forms, mm; temperatures, K; coefficients of expansion, 1/K.
+const LEAST_U_MM: f64 = 1e-6;
+const LEAST_U_K: f64 = 1e-4;
+const LEAST_U_PER_K: f64 = 1e-10;
+
+/// A standard uncertainty of 0 narrows the guard band to nothing, and so does one that no laboratory reaches: each needs a
+/// reason. The third number of a value is the least that needs none.
+fn check_zeros(
+    place: &str,
+    values: &[(&str, f64, f64)],
+    reason: Option<&str>,
+) -> Result<(), AcceptanceError> {
+    if reason.is_some_and(|text| !text.trim().is_empty()) {
+        return Ok(());
     }
+    let Some((key, value, least)) = values.iter().find(|(_, value, least)| value < least) else {
+        return Ok(());
+    };
+    let states = if *value == 0.0 {
+        "states that there is none".to_owned()
+    } else {
+        format!("is less than any laboratory reaches ({least:e})")
+    };
+    Err(fault(
+        place,
+        &format!("{key} = {value} {states}: give zero_reason = \"why\", or the value of the certificate"),
+    ))
 }
 
 impl ViewPlan {
@@ -328,21 +343,26 @@ impl Artefact {
                 fault(place, &message)
             })
         };
-        let mut amounts = vec![("u_form_mm", self.u_form_mm), ("u_expansion_per_k", self.u_expansion_per_k)];
+        let mut amounts = vec![
+            ("form_mm", self.form_mm, LEAST_U_MM),
+            ("u_form_mm", self.u_form_mm, LEAST_U_MM),
+            ("u_expansion_per_k", self.u_expansion_per_k, LEAST_U_PER_K),
+        ];
         if self.kind != Kind::Plane {
-            amounts.push(("u_diameter_mm", needed("u_diameter_mm", self.u_diameter_mm, "a diameter")?));
+            let u = needed("u_diameter_mm", self.u_diameter_mm, "a diameter")?;
+            amounts.push(("u_diameter_mm", u, LEAST_U_MM));
         }
         if self.kind == Kind::BallBar {
-            amounts.push(("u_spacing_mm", needed("u_spacing_mm", self.u_spacing_mm, "a sphere spacing")?));
+            let u = needed("u_spacing_mm", self.u_spacing_mm, "a sphere spacing")?;
+            amounts.push(("u_spacing_mm", u, LEAST_U_MM));
         }
         let others = [
-            ("form_mm", Some(self.form_mm)),
             ("rod_diameter_mm", self.rod_diameter_mm),
             ("u_diameter_mm", self.u_diameter_mm),
             ("u_spacing_mm", self.u_spacing_mm),
         ];
         let others = others.iter().filter_map(|(key, value)| Some((*key, (*value)?)));
-        for (key, value) in amounts.iter().copied().chain(others) {
+        for (key, value) in amounts.iter().map(|(key, value, _)| (*key, *value)).chain(others) {
             if !(value >= 0.0 && value.is_finite()) {
                 let place = place.to_owned();
                 return Err(AcceptanceError::Value { place, key, value, limits: "0 or more" });

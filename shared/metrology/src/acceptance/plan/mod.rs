@@ -115,6 +115,9 @@ pub struct Conditions {
     /// Why `u_temperature_k` is 0, where it is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub zero_reason: Option<String>,
+    /// What was left out of the clouds before this test, or "none". Without it, a test of clouds is a reduced one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cloud_filters: Option<String>,
     /// Whether the recordings come from a simulation: no instrument was tested then, and every report states it.
     #[serde(default)]
     pub simulated: bool,

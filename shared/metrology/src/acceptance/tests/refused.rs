@@ -8,10 +8,14 @@ use fringe::math;
 use nalgebra::{Point3, Vector3};
 
 /// From the name of a position, the number of a view and its points to the points that are evaluated instead.
-type Change<'a> = &'a dyn Fn(&str, usize, Vec<Point>) -> Vec<Point>;
+pub(super) type Change<'a> = &'a dyn Fn(&str, usize, Vec<Point>) -> Vec<Point>;
 
 /// A test of spheres and bars with clouds that a closure may change.
-fn evaluate_changed(text: &str, rules: &str, change: Change) -> Result<TestReport, AcceptanceError> {
+pub(super) fn evaluate_changed(
+    text: &str,
+    rules: &str,
+    change: Change,
+) -> Result<TestReport, AcceptanceError> {
     let plan = TestPlan::from_toml(text)?;
     let rules = RuleSet::from_toml(rules)?;
     let mut evaluator = Evaluator::new(&plan, &rules)?;
@@ -32,20 +36,20 @@ fn evaluate_changed(text: &str, rules: &str, change: Change) -> Result<TestRepor
 }
 
 /// Forms of the spheres; no view of one has the form of a view of another.
-const FORMS: [f64; 3] = [0.001, 0.002_37, 0.003_37];
+pub(super) const FORMS: [f64; 3] = [0.001, 0.002_37, 0.003_37];
 
-fn message(result: Result<TestReport, AcceptanceError>) -> String {
+pub(super) fn message(result: Result<TestReport, AcceptanceError>) -> String {
     let text =
         result.map(|report| format!("{:?} {:?}", report.verdict, report.reduced)).unwrap_err().to_string();
     assert!(!text.contains('\n'), "{text}");
     text
 }
 
-fn unchanged(_: &str, _: usize, cloud: Vec<Point>) -> Vec<Point> {
+pub(super) fn unchanged(_: &str, _: usize, cloud: Vec<Point>) -> Vec<Point> {
     cloud
 }
 
-const LIMITS: &str = "PF_range = 1.6\nPS = 0.5\nSD = 0.5";
+pub(super) const LIMITS: &str = "PF_range = 1.6\nPS = 0.5\nSD = 0.5";
 
 /// Moves a point along its direction from a centre.
 fn outwards(p: &Point, centre: [f64; 3], by: f64) -> Point {
@@ -233,6 +237,12 @@ fn a_narrow_cap_does_not_pass_part_2() {
             let ring = (1.0 - z * z).sqrt();
             let wave = 0.001 * math::sin(f64::from(i));
             for x in [-75.0, 75.0] {
+                // The left one shows other points than the right one.
+                let (sin, cos) = if x < 0.0 {
+                    math::sincos(2.399_963 * f64::from(i) + 0.05 * math::sin(7.0 * f64::from(i)))
+                } else {
+                    (sin, cos)
+                };
                 let out = Vector3::new(ring * cos, ring * sin, z) * (10.0 + wave);
                 cloud.push(point(Point3::new(x, 0.0, 0.0) + out));
             }

@@ -3,6 +3,7 @@
 use super::super::*;
 use fringe::cloud::Point;
 use fringe::math;
+use fringe::math::random::Key;
 use nalgebra::{Point3, Vector3};
 use std::fmt::Write as _;
 
@@ -18,13 +19,16 @@ pub(super) const ALL: [&str; 4] = [
 pub(super) const POINTS: usize = 2000;
 
 /// A sphere that is `2 form` out of round, with the least-squares sphere known exactly: one pair of antipodes stands out
-/// by `form`, one lies in by as much, so that neither sum nor moments of the residuals change. Each view has other points.
+/// by `form`, one lies in by as much, so that neither sum nor moments of the residuals change. Each view and each place has other
+/// points.
 pub(super) fn ball_seen(centre: [f64; 3], diameter: f64, form: f64, view: usize) -> Vec<Point> {
     let half = POINTS / 2;
     let mut points = Vec::new();
+    let key = centre.iter().fold(Key::new(view as u64), |key, v| key.with(v.to_bits()));
     for i in 0..half {
-        let z = (i as f64 + 0.5) / half as f64;
-        let (sin, cos) = math::sincos(2.399_963_229_728_653 * i as f64 + 0.1 * view as f64);
+        let z = (i as f64 + 0.5 + 0.4 * key.symmetric(2 * i as u64)) / half as f64;
+        let (sin, cos) =
+            math::sincos(2.399_963_229_728_653 * i as f64 + 0.02 * key.symmetric(2 * i as u64 + 1));
         let ring = (1.0 - z * z).sqrt();
         let off = match i {
             0 => form,
@@ -84,6 +88,8 @@ temperature_c = 20.0
 u_temperature_k = 0.0
 zero_reason = "synthetic"
 operating_mode = "synthetic"
+cloud_filters = "none"
+simulated = true
 [volume]
 sensor_mm = [140.0, 140.0, 90.0]
 total_mm = [140.0, 140.0, 90.0]

@@ -75,11 +75,13 @@ fn views_are_registered_by_reference_spheres() {
     let plan = TestPlan::from_toml(&text).unwrap();
     let rules = RuleSet::from_toml(PART_3).unwrap();
     let mut evaluator = Evaluator::new(&plan, &rules).unwrap();
-    let mut stand = ball([0.0; 3], 20.1, 0.0);
-    for (at, diameter) in [([38.0, 0.0, -6.0], 11.0), ([3.0, 37.0, 4.0], 13.0), ([-36.0, 5.0, -4.0], 15.0)] {
-        stand.extend(ball(at, diameter, 0.0));
-    }
     let turned = |turn: usize| -> Vec<Point> {
+        let mut stand = ball_seen([0.0; 3], 20.1, 0.0, turn);
+        for (at, diameter) in
+            [([38.0, 0.0, -6.0], 11.0), ([3.0, 37.0, 4.0], 13.0), ([-36.0, 5.0, -4.0], 15.0)]
+        {
+            stand.extend(ball_seen(at, diameter, 0.0, turn));
+        }
         let (sin, cos) = math::sincos(1.256_637 * turn as f64 + 0.01);
         let place = |p: &Point| {
             let [x, y, z] = p.position_mm;

@@ -5,14 +5,14 @@ use crate::inspection::{FeatureResult, Plan, evaluate};
 use crate::verdict::Verdict;
 
 /// A feature of one limit.
-fn limit(kind: &str, name: &str, element: &str, rest: &str) -> String {
+pub(super) fn limit(kind: &str, name: &str, element: &str, rest: &str) -> String {
     format!(
         "[[feature]]\nkind = \"{kind}\"\nname = \"{name}\"\nelement = \"{element}\"\nlimit_mm = 0.5\n{rest}\n"
     )
 }
 
 /// A feature with a tolerance.
-fn size(kind: &str, name: &str, of: &str, rest: &str) -> String {
+pub(super) fn size(kind: &str, name: &str, of: &str, rest: &str) -> String {
     let unit = if matches!(kind, "angle" | "half-angle") { "deg" } else { "mm" };
     format!(
         "[[feature]]\nkind = \"{kind}\"\nname = \"{name}\"\n{of}\ntolerance_{unit} = [-0.5, 0.5]\n{rest}\n"

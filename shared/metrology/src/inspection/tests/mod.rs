@@ -3,8 +3,11 @@
 mod artefact;
 mod characteristics;
 mod clouds;
+mod coverage;
+mod datums;
 mod drafts;
 mod flatness;
+mod freeform;
 mod part;
 mod places;
 mod plans;

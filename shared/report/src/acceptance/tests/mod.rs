@@ -140,7 +140,7 @@ fn csv_keeps_one_line_a_value_whatever_the_names() {
     let row = text.lines().find(|line| line.contains("bar-3")).unwrap();
     assert_eq!(
         row,
-        "vdi2634-3,VDI/VDE 2634 part 3,2008-12,full,fail,SD,sphere spacing error,true,bar-3,1,v1,0.0412,48213,144,true,\
+        "own-3,VDI/VDE 2634 part 3,2008-12,full,fail,SD,sphere spacing error,true,bar-3,1,v1,0.0412,48213,144,true,\
          0.03,0.0021,fail,,0,2,false"
     );
     assert_eq!(row.split(',').count(), text.lines().next().unwrap().split(',').count());
@@ -151,7 +151,7 @@ fn dfq_is_ascii_with_one_field_a_line() {
     let text = dfq::render(&report());
     for line in [
         "K0100 4",
-        "K1001 vdi2634-3",
+        "K1001 own-3",
         "K2002/3 PS probing size error",
         "K2110/3 -0.03",
         "K2111/3 0.03",

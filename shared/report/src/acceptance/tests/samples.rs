@@ -106,7 +106,7 @@ pub(super) fn report() -> TestReport {
     ];
     TestReport {
         rule_set: RuleSetId {
-            id: "vdi2634-3".into(),
+            id: "own-3".into(),
             standard: "VDI/VDE 2634 part 3".into(),
             edition: "2008-12".into(),
             wording: "evaluated following VDI/VDE 2634 part 3, edition 2008-12".into(),

@@ -1,0 +1,141 @@
+//! Stated uncertainty beside the error of many clouds, for every element and characteristic.
+
+use nalgebra::Vector3;
+
+use super::characteristics::{limit, size};
+use super::part::{ELEMENTS, Real};
+use crate::inspection::substitute::{Shape, Substitute};
+use crate::inspection::{Plan, evaluate};
+
+/// Sums of squared errors and of stated variances.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sums {
+    errors: f64,
+    stated: f64,
+}
+
+impl Sums {
+    fn add(&mut self, error_squared: f64, variance: f64) {
+        self.errors += error_squared;
+        self.stated += variance;
+    }
+
+    /// Root mean square error over root mean square stated uncertainty; `None` where nothing is stated.
+    fn ratio(&self) -> Option<f64> {
+        (self.stated > 0.0).then(|| (self.errors / self.stated).sqrt())
+    }
+}
+
+/// What is stated of an element.
+const PARTS: [&str; 4] = ["place", "direction", "size 1", "size 2"];
+
+/// How far an element is shifted and turned from where it is nominally, in the motions that its shape has.
+fn motion(nominal: &Substitute, found: &Substitute) -> [Vector3<f64>; 2] {
+    let mut shift = found.point - nominal.point;
+    if nominal.shape.is_axis() || nominal.shape == Shape::Plane {
+        // Along an axis, and across a normal, the place is that of the points.
+        let along = nominal.direction * nominal.direction.dot(&shift);
+        shift = if nominal.shape == Shape::Plane { along } else { shift - along };
+    }
+    let mut turn = nominal.direction.cross(&found.direction);
+    if nominal.shape == Shape::Oblong {
+        turn += nominal.direction * nominal.direction.dot(&nominal.across.cross(&found.across));
+    }
+    [shift, turn]
+}
+
+/// Ratios of each measured element of the part, over clouds whose elements lie where they nominally lie.
+fn of_elements(seeds: std::ops::Range<u64>) -> Vec<(String, [Option<f64>; 4])> {
+    let text = format!("{ELEMENTS}\n{}", size("size", "bore_d", "element = \"bore\"", ""));
+    let plan = Plan::from_toml(&text).unwrap();
+    let mut sums = vec![[Sums::default(); 4]; plan.elements.len()];
+    for seed in seeds {
+        let result = evaluate(&plan, &Real { sigma_mm: 0.01, density: 1.2, ..Real::default() }.cloud(seed));
+        for ((element, found), sums) in plan.elements.iter().zip(&result.elements).zip(&mut sums) {
+            let fit = found.fit.as_ref().unwrap_or_else(|| panic!("{}: {:?}", element.name, found.reason));
+            let nominal = Substitute::nominal(&element.geometry);
+            let (measured, chart) = Substitute::fitted(fit, &nominal);
+            for (which, part) in motion(&nominal, &measured).into_iter().enumerate() {
+                let block = chart.fixed_view::<3, 3>(3 * which, 3 * which);
+                sums[which].add(part.norm_squared(), block.trace());
+            }
+            for which in 0..2 {
+                let off = measured.sizes[which] - nominal.sizes[which];
+                sums[2 + which].add(off * off, chart[(6 + which, 6 + which)]);
+            }
+        }
+    }
+    let ratios = sums.iter().map(|sums| sums.map(|sum| sum.ratio()));
+    plan.elements.iter().map(|e| e.name.clone()).zip(ratios).collect()
+}
+
+/// Features whose values are ranges of points: noise makes them larger, so that they scatter about their mean.
+fn ranges() -> Vec<String> {
+    vec![
+        limit("straightness", "straightness", "trace", ""),
+        limit("flatness", "flatness, points", "top", ""),
+        limit("flatness", "flatness, 5 mm", "top", "filter_mm = 5.0"),
+        limit("flatness", "flatness, zone", "top", "filter_mm = 5.0\nreference = \"minimum-zone\""),
+        limit("roundness", "roundness", "rim", ""),
+        limit("cylindricity", "cylindricity", "boss", ""),
+        limit("cylindricity", "cylindricity, zone", "boss", "reference = \"minimum-zone\""),
+        limit("line-profile", "line-profile", "trace", "datums = \"ABC\""),
+        limit("surface-profile", "surface-profile", "cone", "datums = \"ABC\"\nfilter_mm = 2.0"),
+        limit("circular-runout", "circular-runout", "boss", "datums = \"bore\"\nsection_mm = 5.0"),
+        limit("total-runout", "total-runout", "top", "datums = \"boss\"\nfilter_mm = 5.0"),
+        limit("parallelism", "parallelism, points", "right", "datums = \"left\"\nfilter_mm = 4.0"),
+        limit("perpendicularity", "perpendicularity, points", "front", "datums = \"top\"\nfilter_mm = 4.0"),
+    ]
+}
+
+/// Scatter about the mean over stated uncertainty of the ranges.
+fn of_ranges(seeds: std::ops::Range<u64>) -> Vec<(String, f64)> {
+    let plan = Plan::from_toml(&format!("{ELEMENTS}\n{}", ranges().concat())).unwrap();
+    let count = (seeds.end - seeds.start) as f64;
+    let mut sums = vec![[0.0; 3]; plan.features.len()];
+    for seed in seeds {
+        let result = evaluate(&plan, &Real { sigma_mm: 0.01, density: 1.2, ..Real::default() }.cloud(seed));
+        for (feature, [sum, squares, stated]) in result.features.iter().zip(&mut sums) {
+            let value = feature.value.unwrap_or_else(|| panic!("{}: {:?}", feature.name, feature.reason));
+            *sum += value;
+            *squares += value * value;
+            *stated += feature.u.unwrap().powi(2);
+        }
+    }
+    let ratio = |[sum, squares, stated]: [f64; 3]| {
+        ((squares - sum * sum / count) * count / (count - 1.0) / stated).max(0.0).sqrt()
+    };
+    plan.features.iter().map(|f| f.name.clone()).zip(sums.into_iter().map(ratio)).collect()
+}
+
+/// Elements over 60 clouds, known to 9 %: the limits are three of that. Outlines state a sixth of the points' spacing for the grid
+/// of a camera, which points at random do not have.
+#[test]
+fn elements_lie_off_as_far_as_stated() {
+    for (name, ratios) in of_elements(0..60) {
+        let outline = matches!(name.as_str(), "rim" | "slot" | "window" | "rear_edge");
+        let lowest = if outline { 0.5 } else { 0.73 };
+        for (part, ratio) in PARTS.iter().zip(ratios) {
+            let ratio = ratio.unwrap_or(1.0);
+            assert!(
+                (lowest..1.27).contains(&ratio),
+                "{name}, {part}: error over stated uncertainty = {ratio:.3}"
+            );
+        }
+    }
+}
+
+/// All over 600 clouds, known to 3 %.
+#[test]
+#[ignore = "1200 clouds: cargo test --release -p fringe-metrology figures_of_coverage -- --ignored --nocapture"]
+#[expect(clippy::disallowed_macros, reason = "prints figures")]
+fn figures_of_coverage() {
+    for (name, ratios) in of_elements(0..600) {
+        let shown =
+            PARTS.iter().zip(ratios).filter_map(|(part, ratio)| Some(format!("{part} {:.3}", ratio?)));
+        eprintln!("{name:24} {}", shown.collect::<Vec<_>>().join(", "));
+    }
+    for (name, ratio) in of_ranges(0..600) {
+        eprintln!("{name:24} {ratio:.3}");
+    }
+}
