@@ -11,8 +11,10 @@
 //! One frame does not show in which direction the phase rises; a second one of the set does, where there is one. Else it rises
 //! along +x (along +y for a carrier that runs down).
 //!
-//! σ counts the noise that passes the window and what is left after the mean over a period is taken out, not what the part's edges leave in it: near edges the phase is worse than σ states,
-//! which is the method's weakness (section 2.1.4).
+//! σ counts the noise that passes the window, and the systematic part (section 2.1.4): what edges, texture and detail leave in the
+//! window. A narrower window sees other parts of them, so the difference of both phases, beyond what noise alone makes, says how
+//! large it is; its mean square over a period counts in σ. Texture about as fine as the fringes is a fringe to a line alone, and
+//! remains uncounted there.
 
 use super::{Limits, Method, PixelPhase, Stack, WrapError, Wrapped};
 use crate::math::fourier::{Complex, Plan, inverse, inverse_2d, transform_2d};
@@ -31,6 +33,8 @@ const LEAST_OF_NEAR: f64 = 0.7;
 const FLAT: f64 = 0.35;
 /// … and zero from this on.
 const REACH: f64 = 0.75;
+/// Width of the second window over that of the first.
+const NARROW: f64 = 0.7;
 
 /// A picture of `columns` × `rows` whose lines run across the fringes.
 struct Picture {
@@ -144,14 +148,15 @@ pub(super) fn rows(stack: &Stack, limits: &Limits) -> Result<Wrapped, WrapError>
         return Err(WrapError::NoCarrier { method, share: 100.0 * share });
     }
     let padded = picture.columns.next_power_of_two();
-    let weight =
-        |i: usize| if i <= padded / 2 { window((i as f64 - k as f64).abs() / k as f64) } else { 0.0 };
-    let weights: Vec<f64> = (0..padded).map(weight).collect();
+    let distance = |i: usize| (i as f64 - k as f64).abs() / k as f64;
+    let distances: Vec<f64> =
+        (0..padded).map(|i| if i <= padded / 2 { distance(i) } else { f64::INFINITY }).collect();
     let period_px = padded as f64 / k as f64;
     let plan = Plan::new(padded);
-    let lobe = |frame| {
+    let lobe = |frame, width: f64| {
         let picture = Picture::new(stack, frame, picture.transposed);
         let mut lines = spectra(&picture, Some(period_px));
+        let weights: Vec<f64> = distances.iter().map(|d| window(d / width)).collect();
         lines.par_iter_mut().for_each(|line| {
             line.iter_mut().zip(&weights).for_each(|(v, w)| *v = (v.0 * w, v.1 * w));
             inverse(line, &plan);
@@ -160,8 +165,7 @@ pub(super) fn rows(stack: &Stack, limits: &Limits) -> Result<Wrapped, WrapError>
         lines.concat()
     };
     let left = |i: usize| left_of_noise(i as f64 / padded as f64, period_px, picture.columns);
-    let passed = |(i, w): (usize, &f64)| (w * left(i)) * (w * left(i));
-    let passed = weights.iter().enumerate().map(passed).sum::<f64>() / padded as f64;
+    let passed = Passed::new(&distances, &left);
     Ok(finish(stack, limits, &picture, &lobe, (passed, [period_px, 0.0])))
 }
 
@@ -184,17 +188,19 @@ pub(super) fn plane(stack: &Stack, limits: &Limits) -> Result<Wrapped, WrapError
     let (picture, fx, fy) = if transposed { (Picture::new(stack, 0, true), fy, fx) } else { (first, fx, fy) };
     let (width, height) = (picture.columns.next_power_of_two(), picture.rows.next_power_of_two());
     let f0 = (fx * fx + fy * fy).sqrt();
-    let weight = |i: usize| {
+    let distance = |i: usize| {
         let (x, y) = frequency(i, width, height);
-        window(((x - fx) * (x - fx) + (y - fy) * (y - fy)).sqrt() / f0)
+        ((x - fx) * (x - fx) + (y - fy) * (y - fy)).sqrt() / f0
     };
-    let weights: Vec<f64> = (0..width * height).into_par_iter().map(weight).collect();
+    let distances: Vec<f64> = (0..width * height).into_par_iter().map(distance).collect();
     let left = |i: usize| left_of_noise(frequency(i, width, height).0, 1.0 / fx.abs(), picture.columns);
-    let passed = |(i, w): (usize, &f64)| (w * left(i)) * (w * left(i));
-    let passed = weights.iter().enumerate().map(passed).sum::<f64>() / (width * height) as f64;
-    let lobe = |frame| {
+    let passed = Passed::new(&distances, &left);
+    let lobe = |frame, times: f64| {
         let mut values = spectrum(&Picture::new(stack, frame, transposed), Some(1.0 / fx.abs()));
-        values.iter_mut().zip(&weights).for_each(|(v, w)| *v = (v.0 * w, v.1 * w));
+        values.par_iter_mut().zip(&distances).for_each(|(v, d)| {
+            let w = window(d / times);
+            *v = (v.0 * w, v.1 * w);
+        });
         inverse_2d(&mut values, width, height);
         let rows = values.chunks_exact(width).take(picture.rows);
         rows.flat_map(|row| row[..picture.columns].to_vec()).collect()
@@ -243,16 +249,67 @@ fn strongest(picture: &Picture) -> ((f64, f64), f64) {
     (best.1, if total > 0.0 { best.0 / total } else { 0.0 })
 }
 
+/// Shares of white noise that windows pass, after the mean over a period is taken out.
+#[derive(Debug, Clone, Copy)]
+struct Passed {
+    /// Share that the window passes.
+    whole: f64,
+    /// Through the window and not through the narrow one, or to another part.
+    between: f64,
+}
+
+impl Passed {
+    /// From the distance of each frequency from the carrier and what is left of its noise.
+    fn new(distances: &[f64], left: &(dyn Fn(usize) -> f64 + Sync)) -> Self {
+        let (mut whole, mut between) = (0.0, 0.0);
+        for (i, distance) in distances.iter().enumerate().filter(|(_, d)| **d < REACH) {
+            let (wide, narrow, left) = (window(*distance), window(distance / NARROW), left(i));
+            whole += (wide * left) * (wide * left);
+            between += ((wide - narrow) * left) * ((wide - narrow) * left);
+        }
+        let count = distances.len() as f64;
+        Self { whole: whole / count, between: between / count }
+    }
+}
+
+/// Mean squared difference of the phases of two windows, rad², over a period along the lines and across them.
+fn mean_squared_difference(
+    wide: &[Complex],
+    narrow: &[Complex],
+    picture: &Picture,
+    reach_px: [f64; 2],
+) -> Vec<f64> {
+    let (columns, rows) = (picture.columns, picture.rows);
+    let square = |(a, b): (&Complex, &Complex)| {
+        let (angle, _) = super::polar(a.1 * b.0 - a.0 * b.1, a.0 * b.0 + a.1 * b.1);
+        angle * angle
+    };
+    let squares: Vec<f64> = wide.iter().zip(narrow).map(square).collect();
+    let width = |px: f64, most: usize| (px.round() as usize).clamp(1, most);
+    let along: Vec<f64> = squares
+        .par_chunks_exact(columns)
+        .flat_map_iter(|row| running_mean(row, width(reach_px[0], columns)))
+        .collect();
+    let turned: Vec<f64> = (0..along.len()).map(|i| along[(i % rows) * columns + i / rows]).collect();
+    let both: Vec<f64> = turned
+        .par_chunks_exact(rows)
+        .flat_map_iter(|row| running_mean(row, width(reach_px[1], rows)))
+        .collect();
+    (0..both.len()).map(|i| both[(i % columns) * rows + i / columns]).collect()
+}
+
 /// From the lobe c = ½ B e^{±i(φ − δ)} to the phase (eq. 2.9).
 fn finish(
     stack: &Stack,
     limits: &Limits,
     picture: &Picture,
-    lobe: &dyn Fn(usize) -> Vec<Complex>,
-    (passed, [period_px, across_px]): (f64, [f64; 2]),
+    lobe: &dyn Fn(usize, f64) -> Vec<Complex>,
+    (passed, [period_px, across_px]): (Passed, [f64; 2]),
 ) -> Wrapped {
-    let first = lobe(0);
-    let sign = if stack.frames.len() > 1 { sense(&first, &lobe(1), stack) } else { 1.0 };
+    let first = lobe(0, 1.0);
+    let sign = if stack.frames.len() > 1 { sense(&first, &lobe(1, 1.0), stack) } else { 1.0 };
+    let differences =
+        mean_squared_difference(&first, &lobe(0, NARROW), picture, [period_px, across_px.max(period_px)]);
     let mut out = Wrapped::new(stack.width_px, stack.height_px);
     let margin = (0.5 * period_px).ceil() as usize;
     let whole = whole(&first, picture, [period_px, across_px]);
@@ -262,7 +319,10 @@ fn finish(
         let (angle, length) = super::polar(c.1, c.0);
         let modulation_dn = 2.0 * length;
         let background_dn = value - modulation_dn * cos(angle);
-        let sigma_rad = (2.0 * passed).sqrt() * limits.noise_dn(background_dn) / modulation_dn;
+        // Of the phase of c with ½ B: noise over B times the root of twice the share that passes.
+        let noise = limits.noise_dn(background_dn) / modulation_dn;
+        let systematic = (differences[i] - 2.0 * passed.between * noise * noise).max(0.0);
+        let sigma_rad = (2.0 * passed.whole * noise * noise + systematic).sqrt();
         let phase_rad = sign * angle + stack.shifts_rad[0];
         let found = PixelPhase { phase_rad, modulation_dn, background_dn, sigma_rad };
         out.set(index, &found, limits.least_modulation_dn);

@@ -161,6 +161,53 @@ fn one_frame_is_enough_where_the_surface_is_smooth() {
     }
 }
 
+/// Surfaces that one frame cannot show: an edge of brightness, a step, a crease, texture, a gamma. The error there is a
+/// systematic one; σ states its size, and for the smooth surface the noise alone. Texture about as fine as the fringes is a
+/// fringe to a line alone: only the plane tells it.
+#[test]
+fn the_sigma_of_one_frame_holds_its_systematic_part() {
+    type Of<'a> = &'a dyn Fn(usize, usize) -> f64;
+    let right = |x: usize| if x > WIDTH / 2 { 1.0 } else { 0.0 };
+    let texture =
+        |x: usize, y: usize| 1.0 + 0.1 * cos(0.9 * x as f64 + 0.4 * y as f64) * cos(0.23 * x as f64);
+    let smooth: Of = &phase;
+    let step: Of = &|x, y| phase(x, y) + 1.2 * right(x);
+    let crease: Of = &|x, y| phase(x, y) + 0.06 * right(x) * (x as f64 - WIDTH as f64 / 2.0);
+    let one: Of = &|_, _| 1.0;
+    let edge: Of = &|x, _| 1.0 - 0.5 * right(x);
+    let cases: [(&str, Of, Of, f64); 6] = [
+        ("smooth", smooth, one, 1.0),
+        ("edge of brightness", smooth, edge, 1.0),
+        ("step", step, one, 1.0),
+        ("crease", crease, one, 1.0),
+        ("texture", smooth, &texture, 1.0),
+        ("gamma", smooth, one, 1.6),
+    ];
+    let mut found = Vec::new();
+    for (name, surface, bright, gamma) in cases {
+        let lines = if name == "texture" { None } else { Some(Method::FourierRows) };
+        for method in lines.into_iter().chain([Method::Fourier]) {
+            for noise_dn in [20.0, 400.0] {
+                let normal = Normal::default();
+                let key = Key::new(11);
+                let drawn = frame((WIDTH, HEIGHT), |x, y| {
+                    let light = pow(0.5 + 0.36 * cos(surface(x, y)), gamma);
+                    let noise = f64::from(normal.draw(key.bits((y * WIDTH + x) as u64)));
+                    50_000.0 * bright(x, y) * light + noise_dn * noise
+                });
+                let map = wrap(&[drawn], &[0.0], method, &limits(noise_dn)).unwrap();
+                let (rms, _, ratio, share) = statistics(&map, surface);
+                found.push((
+                    ratio,
+                    format!("{name}, {method:?}, {noise_dn}: {ratio:.2} at {rms:.4} rad, valid {share:.2}"),
+                ));
+            }
+        }
+    }
+    let lines: Vec<&str> = found.iter().map(|(_, line)| line.as_str()).collect();
+    assert!(found.iter().all(|(ratio, _)| (0.5..1.5).contains(ratio)), "{}", lines.join("\n"));
+}
+
 #[test]
 fn the_windowed_filter_takes_out_noise_and_says_how_much() {
     let shifts = even(3);

@@ -93,18 +93,7 @@ pub(super) fn groups(
             element.extend(moved);
         }
         found.groups.extend(of_pairs(&view.name, segments));
-        let elements = segments.iter().map(|s| positions(&s.points)).collect();
-        let views = vec![view.name.clone()];
-        let (first_view, excluded) = (first(segments), excluded(segments));
-        let excluded_share = segments.iter().map(Segment::excluded_share).fold(0.0, f64::max);
-        found.groups.push(Group {
-            cloud: CloudOf::View,
-            views,
-            elements,
-            first_view,
-            excluded,
-            excluded_share,
-        });
+        found.groups.push(of_view(&view.name, segments));
     }
     let views = position.views.iter().map(|view| view.name.clone()).collect();
     let first_view = seen.first().map_or(0, |segments| first(segments));
@@ -112,6 +101,18 @@ pub(super) fn groups(
     let (cloud, elements, excluded_share) = (CloudOf::Registered, all, 0.0);
     found.groups.push(Group { cloud, views, elements, first_view, excluded, excluded_share });
     Ok(found)
+}
+
+/// The points of one view alone.
+fn of_view(view: &str, segments: &[Segment]) -> Group {
+    Group {
+        cloud: CloudOf::View,
+        views: vec![view.to_owned()],
+        elements: segments.iter().map(|s| positions(&s.points)).collect(),
+        first_view: first(segments),
+        excluded: excluded(segments),
+        excluded_share: segments.iter().map(Segment::excluded_share).fold(0.0, f64::max),
+    }
 }
 
 fn first(segments: &[Segment]) -> usize {

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::characteristic::{Characteristic, Extracted, Kind};
 use super::criterion::Criterion;
-use super::flatness::u_range_mm;
+use super::flatness::{u_range_mm, u_range_of_means_mm};
 use super::joint::{Base, Joint, Part};
 use super::location::{Value, in_datums};
 use super::substitute::Shape;
@@ -122,14 +122,14 @@ fn means(samples: &[Sample], edge_mm: f64) -> Vec<Sample> {
 }
 
 /// The uncertainty of a range of these values from their tails.
-fn u_of_range(values: &[f64], rejected: usize) -> f64 {
+fn u_of_range(values: &[f64], means: bool) -> f64 {
     if values.is_empty() {
         return 0.0;
     }
     // Tails are those about the middle of the range.
     let middle = values.iter().sum::<f64>() / values.len() as f64;
     let about: Vec<f64> = values.iter().map(|v| v - middle).collect();
-    u_range_mm(&about, rejected, 1.0)
+    if means { u_range_of_means_mm(&about) } else { u_range_mm(&about, 0, 1.0) }
 }
 
 type Framed<'f> =
@@ -160,7 +160,7 @@ fn framed(
         let ([low, high], _) = reduce(&values(parts)?)?;
         Ok([high - low])
     })?;
-    let u_points = factor * u_of_range(&here, 0);
+    let u_points = factor * u_of_range(&here, one.filter_mm.is_some());
     let u = (u_points * u_points + covariance[(0, 0)].max(0.0)).sqrt();
     Ok(Value { value: high - low, u, bonus_mm: None })
 }
@@ -174,7 +174,7 @@ fn form(base: &Base<'_>, one: &Characteristic, criterion: Criterion) -> Result<V
     let [low, high] = extremes(&values)?;
     let all = base.residuals.map_or(&[][..], |r| &r.deviation_mm);
     let rejected = all.len() - single.len();
-    let u = if one.filter_mm.is_some() { u_of_range(&values, 0) } else { u_range_mm(all, rejected, 1.0) };
+    let u = if one.filter_mm.is_some() { u_of_range(&values, true) } else { u_range_mm(all, rejected, 1.0) };
     let value = match criterion {
         Criterion::MinimumZone => minimum_zone(base, &list)?,
         _ => high - low,
@@ -269,6 +269,6 @@ fn runout(joint: &Joint<'_>, one: &Characteristic, section_mm: Option<f64>) -> R
         let (list, _) = list(parts)?;
         Ok([range(&of(&list, key))?])
     })?;
-    let u_points = u_of_range(&of(&here, key), 0);
+    let u_points = u_of_range(&of(&here, key), one.filter_mm.is_some());
     Ok(Value { value, u: (u_points * u_points + covariance[(0, 0)].max(0.0)).sqrt(), bonus_mm: None })
 }

@@ -22,6 +22,15 @@ const KIND_MOST: usize = 10_000;
 /// `deviations` are those of all points, the `rejected` ones of largest size were left out. `effect` is how many
 /// points carry the information of one (variance with correlated noise over that of independent noise).
 pub(super) fn u_range_mm(deviations: &[f64], rejected: usize, effect: f64) -> f64 {
+    u_range(deviations, rejected, effect, false)
+}
+
+/// The same of means over unequal numbers of points: the fewest scatter most, so that their tail is always the heavier one.
+pub(super) fn u_range_of_means_mm(means: &[f64]) -> f64 {
+    u_range(means, 0, 1.0, true)
+}
+
+fn u_range(deviations: &[f64], rejected: usize, effect: f64, heavy_tail: bool) -> f64 {
     let mut sizes: Vec<f64> = deviations.iter().map(|d| d.abs()).collect();
     let kept = sizes.len().saturating_sub(rejected);
     let tail = (kept / TAIL_SHARE).clamp(TAIL_LEAST, TAIL_MOST).min(kept.saturating_sub(1));
@@ -35,7 +44,7 @@ pub(super) fn u_range_mm(deviations: &[f64], rejected: usize, effect: f64) -> f6
     sizes[..=last].sort_unstable_by(|a, b| b.total_cmp(a));
     let largest = &sizes[rejected..=last];
     let (heavy, gaussian) = (Tail::new(false, largest, rejected), Tail::new(true, largest, rejected));
-    let squared = gaussian.likelihood >= heavy.likelihood;
+    let squared = !heavy_tail && gaussian.likelihood >= heavy.likelihood;
     let found = Tail::new(squared, &largest[..=tail], rejected);
     // With nothing rejected both extremes scatter on their own; with rejection both sit at the same cut c, and the
     // range is 2 c.
