@@ -55,8 +55,8 @@ fn a_cell_with_a_board_gives_the_bytes_of_the_twin() {
         let served = serve(&twin, test, &[]);
         let mut witness = Witness::new(test, images(&load(&live)));
         let _answering = board
-            .serve(Path::new(&socket), move |shown| {
-                if let Some(picture) = shown {
+            .serve(Path::new(&socket), move |board| {
+                if let Some(picture) = board.shown() {
                     witness.sees(&picture);
                 }
             })
@@ -69,6 +69,31 @@ fn a_cell_with_a_board_gives_the_bytes_of_the_twin() {
         assert_eq!(hashes(folder.path(), "twin"), hashes(folder.path(), "board"));
         assert_eq!(board.lock().violations(), [] as [String; 0], "{controller}");
     }
+}
+
+#[test]
+fn a_board_that_fires_the_cameras_gives_the_bytes_of_the_twin() {
+    let (_sockets, socket) = socket();
+    let more = "period_us = 40000\ntrigger = \"sequenced\"\nperiod_ms = 40.0";
+    let keys = keys("dlpc900", &socket, more).replace("10000", "40000");
+    let (folder, twin, live) = cell(44, [1024, 768], &keys, EXPOSURE_US);
+    let simulated = run(folder.path(), &twin, "twin", "2");
+    assert!(simulated.status.success(), "{}", text(&simulated.stdout));
+    let served = serve(&twin, 44, &[]);
+    let (patterns, mut witness) = (images(&load(&live)), Witness::new(44, Vec::new()));
+    let board = SharedEmulator::new(Emulator::new(Dlpc900::new(5), BoardFaults::default()));
+    let answering = board.serve(Path::new(&socket), move |board| {
+        if let Some((shown, period_us)) = board.take_sequence() {
+            assert!(shown == patterns, "the sequence of the board is another one");
+            witness.runs(shown.len(), period_us);
+        }
+    });
+    let ran = run(folder.path(), &live, "board", "2");
+    drop((served, answering));
+    assert!(ran.status.success(), "{}{}", text(&ran.stdout), text(&ran.stderr));
+    assert_eq!(points(folder.path(), "twin"), points(folder.path(), "board"));
+    assert_eq!(hashes(folder.path(), "twin"), hashes(folder.path(), "board"));
+    assert_eq!(board.lock().violations(), [] as [String; 0]);
 }
 
 #[test]
@@ -85,8 +110,8 @@ fn a_board_that_is_not_there_or_vanishes_is_told_by_name() {
     let faults = BoardFaults { vanish_after_starts: Some(4), ..BoardFaults::default() };
     let board = SharedEmulator::new(Emulator::new(Dlpc900::new(5), faults));
     let mut witness = Witness::new(42, images(&load(&live)));
-    let _answering = board.serve(Path::new(&socket), move |shown| {
-        if let Some(picture) = shown {
+    let _answering = board.serve(Path::new(&socket), move |board| {
+        if let Some(picture) = board.shown() {
             witness.sees(&picture);
         }
     });
@@ -144,6 +169,18 @@ fn a_schedule_refuses_what_the_board_cannot_show() {
             format!("{board}\nsource = \"usb\""),
             16668.0,
             vec!["projector[0].source", "\"usb\"", "\"flash\" or \"video\" with the dlpc350"],
+        ),
+        (
+            [912, 1140],
+            format!("{board}\ntrigger = \"sequenced\"\nperiod_ms = 10.0"),
+            5000.0,
+            vec!["projector[0].trigger", "shows frame by frame", "dlpc900"],
+        ),
+        (
+            [1024, 768],
+            "controller = \"dlpc900\"\nexposure_us = 5000\ntrigger = \"sequenced\"\nperiod_ms = 6.0".into(),
+            4000.0,
+            vec!["projector[0].period_ms", "6 ms", "5 ms, the period of the board"],
         ),
         (
             [912, 1140],

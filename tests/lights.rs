@@ -109,6 +109,13 @@ impl Witness {
         self.shown = Some(frame);
     }
 
+    /// The projector runs its whole sequence by itself.
+    pub fn runs(&mut self, frames: usize, period_us: u32) {
+        self.tell(&format!("begin {}", self.cycles));
+        self.cycles += 1;
+        self.tell(&format!("run proj1 {frames} {period_us}"));
+    }
+
     fn tell(&mut self, command: &str) {
         self.number += 1;
         self.light.send(format!("{} {command}", self.number).as_bytes()).unwrap();

@@ -3,8 +3,9 @@
 use crate::device::Projector;
 use crate::error::DeviceError;
 use crate::lightcrafter::LightCrafter;
+use crate::network_projector::LEAD_NS;
 use crate::screen::ScreenProjector;
-use cell::configuration::ProjectorConfig;
+use cell::configuration::{ProjectorConfig, TriggerMode};
 
 /// One projector with its sequence.
 pub trait Light {
@@ -13,6 +14,14 @@ pub trait Light {
     /// # Errors
     /// The device is gone or shows something else.
     fn show(&mut self, frame: usize) -> Result<(), DeviceError>;
+
+    /// Shows the whole sequence once in the device's own time, and fires the cameras with each frame; returns at the start.
+    ///
+    /// # Errors
+    /// The device cannot do that, or is gone.
+    fn run(&mut self) -> Result<(), DeviceError> {
+        Err(DeviceError::Missing("projector that shows its sequence by itself"))
+    }
 
     /// Shows nothing: another projector has its turn.
     ///
@@ -37,6 +46,8 @@ pub(crate) struct Lights {
     devices: Vec<Option<Box<dyn Light>>>,
     /// The projector whose pattern stands.
     shining: Option<usize>,
+    /// When the first sequence that runs by itself may start.
+    ready_ns: Option<u64>,
     open: fn(&ProjectorConfig) -> Result<Box<dyn Light>, DeviceError>,
 }
 
@@ -52,7 +63,7 @@ impl Lights {
     ) -> Result<Self, DeviceError> {
         let devices =
             projectors.iter().map(|projector| open(projector).map(Some)).collect::<Result<_, _>>()?;
-        Ok(Self { projectors: projectors.to_vec(), devices, shining: None, open })
+        Ok(Self { projectors: projectors.to_vec(), devices, shining: None, ready_ns: None, open })
     }
 
     /// Asks a projector to do something. One that fails is opened again when the next cycle begins: a cable may be back.
@@ -74,7 +85,7 @@ impl Lights {
 }
 
 impl Projector for Lights {
-    fn begin(&mut self, _cycle: u64, _now_ns: u64) -> Result<(), DeviceError> {
+    fn begin(&mut self, _cycle: u64, now_ns: u64) -> Result<(), DeviceError> {
         for number in 0..self.devices.len() {
             if self.devices[number].is_none() {
                 self.devices[number] = Some((self.open)(&self.projectors[number])?);
@@ -82,11 +93,13 @@ impl Projector for Lights {
             self.ask(number, |light| light.darken())?;
         }
         self.shining = None;
+        let runs = self.projectors.iter().any(|projector| projector.trigger != TriggerMode::Stepped);
+        self.ready_ns = runs.then_some(now_ns + LEAD_NS);
         Ok(())
     }
 
     fn due_ns(&self) -> Option<u64> {
-        None
+        self.ready_ns
     }
 
     fn show(&mut self, projector: usize, frame: usize, _now_ns: u64) -> Result<(), DeviceError> {
@@ -94,7 +107,13 @@ impl Projector for Lights {
             self.ask(other, |light| light.darken())?;
         }
         self.shining = Some(projector);
-        self.ask(projector, |light| light.show(frame))
+        self.ready_ns = None;
+        match self.projectors.get(projector).map(|projector| projector.trigger) {
+            Some(TriggerMode::Sequenced { .. }) if frame == 0 => self.ask(projector, |light| light.run()),
+            // The sequence runs: the cameras are fired without the cell.
+            Some(TriggerMode::Sequenced { .. }) => Ok(()),
+            _ => self.ask(projector, |light| light.show(frame)),
+        }
     }
 }
 

@@ -27,7 +27,7 @@ const SHOW_LIMIT: Duration = Duration::from_secs(5);
 
 /// A sequence that runs by itself begins so long after the start of the cycle: by then every camera has let go of the frames of a
 /// cycle that was broken off.
-const LEAD_NS: u64 = 100_000_000;
+pub(crate) const LEAD_NS: u64 = 100_000_000;
 
 const MAX_TEXT_BYTES: usize = 512;
 

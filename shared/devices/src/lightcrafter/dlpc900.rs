@@ -128,10 +128,21 @@ fn send_to(link: &mut Link, side: usize, number: usize, image: &[u8]) -> Result<
 
 /// Shows one of the patterns again and again.
 pub fn show(link: &mut Link, number: usize) -> Result<(), String> {
+    start(link, &[number], 0)
+}
+
+/// Shows so many patterns once, in their order; output 1 frames the exposure of each.
+pub fn run(link: &mut Link, patterns: usize) -> Result<(), String> {
+    let all: Vec<usize> = (0..patterns).collect();
+    start(link, &all, patterns)
+}
+
+/// Starts patterns in this order; so many are shown in all, 0: without end. The message holds 250 of them.
+fn start(link: &mut Link, patterns: &[usize], shown: usize) -> Result<(), String> {
     link.write(commands::START, &[commands::STOPPED])?;
-    let mut order = 1_u16.to_le_bytes().to_vec();
-    order.extend(0_u32.to_le_bytes());
-    order.extend((number as u16).to_le_bytes());
+    let mut order = (patterns.len() as u16).to_le_bytes().to_vec();
+    order.extend((shown as u32).to_le_bytes());
+    order.extend(patterns.iter().flat_map(|number| (*number as u16).to_le_bytes()));
     link.write(ORDER, &order)?;
     link.write(commands::START, &[commands::RUN])?;
     link.until(commands::STATUS, RUN_WAIT, |status| status & RUNNING != 0)?;

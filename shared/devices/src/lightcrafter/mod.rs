@@ -185,6 +185,13 @@ impl Light for LightCrafter {
         Ok(())
     }
 
+    fn run(&mut self) -> Result<(), DeviceError> {
+        if self.settings.controller != Controller::Dlpc900 {
+            return Err(self.failed("this controller shows its patterns frame by frame only"));
+        }
+        dlpc900::run(&mut self.link, self.places.len()).map_err(|text| self.failed(&text))
+    }
+
     fn darken(&mut self) -> Result<(), DeviceError> {
         if let Some((screen, _)) = &mut self.screen {
             return screen.darken();

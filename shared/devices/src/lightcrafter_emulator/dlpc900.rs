@@ -24,6 +24,8 @@ pub struct Dlpc900 {
     patterns: Vec<[u8; 12]>,
     sequence: Option<[u8; 6]>,
     order: Vec<usize>,
+    /// Patterns that are shown in all; 0: without end.
+    shows: u32,
     /// For the left and the right controller.
     coming: [Option<Coming>; 2],
     images: [BTreeMap<usize, Vec<u8>>; 2],
@@ -46,6 +48,7 @@ impl Dlpc900 {
             patterns: Vec::new(),
             sequence: None,
             order: Vec::new(),
+            shows: 0,
             coming: [None, None],
             images: [BTreeMap::new(), BTreeMap::new()],
             state: 0,
@@ -188,6 +191,7 @@ impl Board for Dlpc900 {
                     return Err(format!("{order:?} of {} patterns", self.patterns.len()));
                 }
                 self.order = order;
+                self.shows = number(&head[2..]);
             }
             0x1a2a => self.begin_image(0, data)?,
             0x1a2c => self.begin_image(1, data)?,
@@ -227,8 +231,22 @@ impl Board for Dlpc900 {
         })
     }
 
+    fn sequence(&self) -> Option<(Vec<Vec<u8>>, u32)> {
+        let first = self.patterns.first()?;
+        let period_us = number(&first[2..5]) + number(&first[6..9]);
+        let patterns: Option<_> = self.order.iter().map(|number| self.levels(*number)).collect();
+        (self.state == 2 && self.shows as usize == self.order.len()).then_some((patterns?, period_us))
+    }
+
     fn shown(&self) -> Option<Vec<u8>> {
-        let pattern = self.patterns.get(*self.order.first()?).filter(|_| self.state == 2)?;
+        self.levels(*self.order.first()?).filter(|_| self.state == 2)
+    }
+}
+
+impl Dlpc900 {
+    /// What the mirrors show of a pattern.
+    fn levels(&self, number: usize) -> Option<Vec<u8>> {
+        let pattern = self.patterns.get(number)?;
         let place = Self::place(pattern);
         let halves: Option<Vec<_>> =
             self.images[..self.sides()].iter().map(|side| side.get(&place.image)).collect();

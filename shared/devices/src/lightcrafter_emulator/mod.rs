@@ -33,6 +33,11 @@ pub trait Board: Send {
 
     /// What the mirrors show, a level 0 … 255 for each of them; `None` when they are dark.
     fn shown(&self) -> Option<Vec<u8>>;
+
+    /// The patterns of a sequence that runs once, and the time from one to the next, µs.
+    fn sequence(&self) -> Option<(Vec<Vec<u8>>, u32)> {
+        None
+    }
 }
 
 /// What goes wrong, by the number of a command.
@@ -62,6 +67,7 @@ pub struct Emulator {
     answers: VecDeque<Vec<u8>>,
     reports: usize,
     starts: usize,
+    started: bool,
     last_sequence: Option<u8>,
     /// Everything that no guide allows, in words.
     violations: Vec<String>,
@@ -78,6 +84,7 @@ impl Emulator {
             answers: VecDeque::new(),
             reports: 0,
             starts: 0,
+            started: false,
             last_sequence: None,
             violations: Vec::new(),
         }
@@ -86,6 +93,11 @@ impl Emulator {
     /// What the mirrors show.
     pub fn shown(&self) -> Option<Vec<u8>> {
         self.board.shown()
+    }
+
+    /// The patterns of a sequence that was started to run once since this was asked for, and the time from one to the next, µs.
+    pub fn take_sequence(&mut self) -> Option<(Vec<Vec<u8>>, u32)> {
+        std::mem::take(&mut self.started).then(|| self.board.sequence()).flatten()
     }
 
     /// Everything that no guide allows, in words; empty for a driver that knows them.
@@ -131,6 +143,7 @@ impl Emulator {
         }
         self.last_sequence = Some(*sequence);
         self.starts += usize::from(command == 0x1a24 && data == [2]);
+        self.started |= command == 0x1a24 && data == [2];
         let done = match flags {
             0x40 => self.board.write(command, data).map(|()| Vec::new()),
             0xc0 => self.board.read(command),
@@ -188,14 +201,14 @@ impl SharedEmulator {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Answers at a Unix socket, until dropped; `shown` hears what the mirrors show after each report.
+    /// Answers at a Unix socket, until dropped; `look` looks at the board after each report.
     ///
     /// # Errors
     /// The path is taken or cannot be written.
     pub fn serve(
         &self,
         path: &Path,
-        mut shown: impl FnMut(Option<Vec<u8>>) + Send + 'static,
+        mut look: impl FnMut(&mut Emulator) + Send + 'static,
     ) -> io::Result<ServedBoard> {
         let listener = UnixListener::bind(path)?;
         listener.set_nonblocking(true)?;
@@ -221,7 +234,7 @@ impl SharedEmulator {
                     while let (Ok(()), Some(answer)) = (&done, emulator.answers.pop_front()) {
                         done = stream.write_all(&answer);
                     }
-                    shown(emulator.shown());
+                    look(&mut emulator);
                     if done.is_err() {
                         client = None;
                     }

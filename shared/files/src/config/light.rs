@@ -6,7 +6,9 @@ use super::values::value;
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::rig_file::unknown;
-use cell::configuration::{Driver, LightCrafterSettings, ProjectorConfig, ScreenPlace, ScreenSettings};
+use cell::configuration::{
+    Driver, LightCrafterSettings, ProjectorConfig, ScreenPlace, ScreenSettings, TriggerMode,
+};
 use cell::lightcrafter::{Controller, Led, PatternSource, image_count, places};
 
 /// Refreshes of a screen in a second where none are stated.
@@ -206,7 +208,7 @@ pub(super) fn check_board(
         .pattern_bits(board.one_bit)
         .map_err(|error| document.fault(&format!("{key}.sequence"), Problem::Pattern(error), ""))?;
     let deepest = bits.iter().copied().max().unwrap_or(8);
-    check_times(document, key, board, deepest)?;
+    check_times(document, key, (board, projector.trigger), deepest)?;
     let images = image_count(&places(bits.iter().copied()));
     let (found, most, what) = match board.source {
         PatternSource::Usb => (images, controller.most_images(), "images of 24 bits in its memory"),
@@ -230,7 +232,7 @@ pub(super) fn check_board(
 fn check_times(
     document: &Document,
     key: &str,
-    board: &LightCrafterSettings,
+    (board, trigger): (&LightCrafterSettings, TriggerMode),
     bits: u8,
 ) -> Result<(), FileError> {
     let (controller, name) = (board.controller, board.controller.name());
@@ -255,6 +257,15 @@ fn check_times(
             problem,
             "leave the key out for no dark time",
         ));
+    }
+    if let TriggerMode::Sequenced { period_ms } = trigger
+        && (period_ms * 1e3 - f64::from(period_us)).abs() > 0.5
+    {
+        let problem = value(
+            format!("{period_ms} ms"),
+            format!("{} ms, the period of the board", f64::from(period_us) / 1e3),
+        );
+        return Err(document.fault(&format!("{key}.period_ms"), problem, "or change period_us"));
     }
     let Some(screen) = &board.screen else { return Ok(()) };
     let refresh_us = 1e6 / screen.refresh_hz;

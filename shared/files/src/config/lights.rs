@@ -3,7 +3,7 @@
 use super::values::value;
 use crate::document::Document;
 use crate::error::{FileError, Problem};
-use cell::configuration::{Configuration, Driver, ProjectorConfig, ScreenPlace};
+use cell::configuration::{Configuration, Driver, ProjectorConfig, ScreenPlace, TriggerMode};
 use fringe::pattern::{PatternError, PatternSet};
 
 /// A camera's exposure may miss whole periods of the light by this part of a period: then brightness differs by as much
@@ -17,8 +17,11 @@ pub(super) fn check_lights(document: &Document, cell: &Configuration) -> Result<
     let mut needed_us = 0.0;
     for (index, projector) in cell.projectors.iter().enumerate() {
         let Some(period_us) = projector.light_period_us() else { continue };
-        let longest_us = check_exposures(document, cell, (index, projector), period_us)?;
         check_generated(document, (index, projector))?;
+        if projector.trigger != TriggerMode::Stepped {
+            continue;
+        }
+        let longest_us = check_exposures(document, cell, (index, projector), period_us)?;
         needed_us += projector.frames() as f64 * (projector.settle_us() + longest_us);
     }
     let (needed_ms, limit_ms) = ((needed_us / 1e3).ceil() as u64, cell.limits.cycle_deadline_ms);

@@ -40,10 +40,13 @@ pub(super) fn trigger(
                 "remove it, or use a projector that shows sequences by itself",
             ))
         }
-        ("sequenced", _) if matches!(driver, Driver::Screen | Driver::LightCrafter) => {
-            let problem =
-                Problem::Unsupported(format!("the driver \"{}\" shows frame by frame", driver.name()));
-            Err(document.fault(&trigger_key, problem, "remove it"))
+        ("sequenced", _)
+            if driver == Driver::Screen
+                || (driver == Driver::LightCrafter && raw.controller.as_deref() != Some("dlpc900")) =>
+        {
+            let problem = Problem::Unsupported(format!("this \"{}\" shows frame by frame", driver.name()));
+            let remedy = "remove it, or use a board with the controller \"dlpc900\"";
+            Err(document.fault(&trigger_key, problem, remedy))
         }
         ("sequenced", None) => {
             let problem = Problem::Missing(format!("period_ms of projector \"{}\"", raw.name));
