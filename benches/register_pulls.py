@@ -26,8 +26,7 @@ def run(*words):
 
 def truth_of(path):
     """World from part, by the twin: the cloud lies in the world, the mesh in the part."""
-    body = tomllib.loads(path.read_text())["body"][0]
-    pose = body.get("world_from_part", body)
+    pose = tomllib.loads(path.read_text())["world_from_part"]
     return numpy.array(pose["rotation"]), numpy.array(pose["translation_mm"])
 
 

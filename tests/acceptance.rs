@@ -152,6 +152,7 @@ fn tests_that_cannot_be_meant_end_with_a_message() {
 
 /// What a master says may be changed so that it agrees with itself: rules that the program knows, and the recordings, tell.
 #[test]
+#[allow(clippy::too_many_lines, reason = "one entry for each forgery")]
 fn a_forged_master_is_refused_and_the_recordings_decide() {
     let folder = Folder::new();
     let text = thesis(&folder, 0.02).replace("allow_reduced = false", "allow_reduced = true");

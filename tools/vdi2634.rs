@@ -91,7 +91,7 @@ pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
     }
     let mut report = evaluator.finish(conditions, inputs).with_context(named)?;
     if let Some(sha256) = rules_sha256 {
-        state_own_rules(&mut report, sha256);
+        state_own_rules(&mut report, &sha256);
     }
     Ok(report)
 }
@@ -170,7 +170,7 @@ fn rule_set(name: &str, folder: &Path) -> Result<(RuleSet, Option<String>)> {
 }
 
 /// Says of rules that do not come with the program that they do not: the standard that they name did not write them.
-fn state_own_rules(report: &mut TestReport, sha256: String) {
+fn state_own_rules(report: &mut TestReport, sha256: &str) {
     let set = &mut report.rule_set;
     if bundled_rules(&set.id).is_ok_and(|known| known.is_some()) {
         return;

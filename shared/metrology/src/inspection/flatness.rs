@@ -120,8 +120,9 @@ mod tests {
     /// Stated uncertainty beside the scatter of 1000 ranges, known to 3 %, of light and of heavy tails.
     #[test]
     fn the_uncertainty_meets_the_scatter_of_ranges() {
+        type Draw = fn(&mut Noise) -> f64;
         let trials: u64 = 1000;
-        let kinds: [(&str, fn(&mut Noise) -> f64); 2] = [("gaussian", Noise::normal), ("laplace", laplace)];
+        let kinds: [(&str, Draw); 2] = [("gaussian", Noise::normal), ("laplace", laplace)];
         for ((name, draw), (count, rejected)) in kinds
             .into_iter()
             .flat_map(|kind| [(300, 0), (2000, 0), (2000, 20), (10_000, 50)].map(|c| (kind, c)))

@@ -94,13 +94,13 @@ fn a_best_fit_shares_what_does_not_fit() {
     let lifted = |heights: [f64; 4]| -> Vec<Substitute> {
         step.iter().zip(heights).map(|(p, h)| off(p, [0.0, 0.0, h], [0.0; 3])).collect()
     };
-    let frame = fix(&[step.clone()], &[lifted([0.0, 0.0, 0.004, 0.0])]).unwrap();
+    let frame = fix(std::slice::from_ref(&step), &[lifted([0.0, 0.0, 0.004, 0.0])]).unwrap();
     for ([x, y], height) in corners.iter().zip([-0.001, 0.001, 0.003, 0.001]) {
         let found = frame.pose.point(&Vector3::new(*x, *y, 0.0)).z;
         assert!((found - height).abs() < 1e-6, "{x} {y}: {found} for {height}");
     }
     assert_eq!(frame.open.len(), 3, "two shifts and the turn about z");
-    let saddle = fix(&[step.clone()], &[lifted([0.004, -0.004, 0.004, -0.004])]).unwrap();
+    let saddle = fix(std::slice::from_ref(&step), &[lifted([0.004, -0.004, 0.004, -0.004])]).unwrap();
     assert!(near(&saddle.pose.rotation, &Matrix3::identity()));
     assert!(saddle.pose.translation.norm() < 1e-9);
 }

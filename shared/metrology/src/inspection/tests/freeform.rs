@@ -6,6 +6,7 @@ use fringe::cloud::Point;
 use fringe::math;
 use fringe::synthetic::Noise;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+use std::fmt::Write as _;
 
 /// Height of the surface, mm.
 fn height(x: f64, y: f64) -> f64 {
@@ -60,7 +61,8 @@ fn cloud(bump_mm: f64, sigma_mm: f64, seed: u64, motion: &Isometry3<f64>) -> Vec
 fn plan(more: &str) -> Result<Plan, PlanError> {
     let mut text = "format = \"fringecell-plan/1\"\nname = \"freeform\"\n".to_owned();
     for (index, [x, y, z]) in BALLS.iter().enumerate() {
-        text += &format!(
+        let _ = write!(
+            text,
             "[[element]]\nkind = \"sphere\"\nname = \"ball{index}\"\ncenter_mm = [{x:?}, {y:?}, {z:?}]\ndiameter_mm = 8.0\n\
              margin_mm = 1.0\nmin_points = 100\n"
         );
