@@ -82,16 +82,7 @@ fn render(cell: &Cell) -> String {
         cell.config.limits.stage_budget_ms,
         overlap(schedule)
     );
-    for projector in &cell.graph.projectors {
-        let (name, frames) = (&projector.name, projector.frames);
-        if let TriggerMode::Sequenced { period_ms } = projector.trigger {
-            let last_ms = frames as f64 * period_ms;
-            let _ = writeln!(
-                text,
-                "{name} fires the cameras: {frames} frames, one every {period_ms} ms, {last_ms} ms in all"
-            );
-        }
-    }
+    text.push_str(&fired(cell));
     text += &lights(cell);
     for lane in schedule.lanes() {
         let half = match lane.half {
@@ -159,6 +150,22 @@ fn lights(cell: &Cell) -> String {
             period_us / 1e3,
             frames as f64 * (settle_us + exposure_us) / 1e6
         );
+    }
+    text
+}
+
+/// What projectors show in their own time, a line for each.
+fn fired(cell: &Cell) -> String {
+    let mut text = String::new();
+    for projector in &cell.graph.projectors {
+        let (name, frames) = (&projector.name, projector.frames);
+        if let TriggerMode::Sequenced { period_ms } = projector.trigger {
+            let last_ms = frames as f64 * period_ms;
+            let _ = writeln!(
+                text,
+                "{name} fires the cameras: {frames} frames, one every {period_ms} ms, {last_ms} ms in all"
+            );
+        }
     }
     text
 }

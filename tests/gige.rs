@@ -25,12 +25,8 @@ pub fn network(test: u8) -> [u8; 3] {
     [127, 16 + (pid % 200) as u8, (pid / 200 % 8) as u8 * 16 + test]
 }
 
-fn configuration(folder: &Path, test: u8, live: bool) -> String {
-    configuration_of(folder, test, live, 2)
-}
-
 /// A configuration of the first cameras of the rig in the folder.
-fn configuration_of(folder: &Path, test: u8, live: bool, cameras: u8) -> String {
+fn configuration(folder: &Path, test: u8, live: bool, cameras: u8) -> String {
     let [a, b, c] = network(test);
     let all = |camera: &dyn Fn(u8) -> String| (1..=cameras).map(camera).collect::<String>();
     let names: Vec<String> = (1..=cameras).map(|n| format!("\"cam{n}\"")).collect();
@@ -100,7 +96,7 @@ pub fn cell_of(test: u8, (width_px, height_px): (u32, u32), cameras: usize) -> (
     if let [pair] = &mut rig.pairs[..]
         && cameras == 1
     {
-        pair.right = "proj1".to_owned();
+        "proj1".clone_into(&mut pair.right);
     }
     if cameras > 2 {
         let pair = fringe::geometry::rig::Pair {
@@ -112,7 +108,7 @@ pub fn cell_of(test: u8, (width_px, height_px): (u32, u32), cameras: usize) -> (
         rig.pairs.push(pair);
     }
     files::rig_file::write_rig(&folder.path().join("rig.toml"), &rig, &toml::Table::new(), None).unwrap();
-    let written = |live| configuration_of(folder.path(), test, live, cameras as u8);
+    let written = |live| configuration(folder.path(), test, live, cameras as u8);
     let (simulated, live) = (written(false), written(true));
     (folder, simulated, live)
 }
@@ -389,9 +385,13 @@ fn a_cell_is_set_up_from_cameras_that_answer() {
         &cameras,
     ]);
     assert_eq!(taken.code, Some(0), "{}{}", taken.stdout, taken.stderr);
+}
 
-    // The sequence of the served twin is another one: its own configuration goes on.
-    let live = configuration(folder.path(), 13, true);
+#[test]
+fn cameras_are_exposed_and_looked_through() {
+    let (folder, simulated, live) = cell(0);
+    let _served = serve(&simulated, 0, &[]);
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let dark = fringetool(&[
         "expose",
         &live,

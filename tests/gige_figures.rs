@@ -34,7 +34,9 @@ fn stream(config: &str, cycles: u64, hashed: bool) -> Figures {
     let mut figures = Figures::default();
     for cycle in 0..cycles {
         projector.begin(cycle, now_ns()).unwrap();
-        cameras.iter_mut().for_each(|camera| camera.begin(cycle).unwrap());
+        for camera in &mut cameras {
+            camera.begin(cycle).unwrap();
+        }
         let (start_ns, before) = (now_ns(), Usage::now());
         for frame in 0..cell.graph.projectors[0].frames {
             projector.show(0, frame, now_ns()).unwrap();
@@ -130,7 +132,9 @@ fn storm(test: u8, cycles: u64) {
         let reason: String = outcome.chars().filter(|c| !c.is_ascii_digit()).collect();
         *reasons.entry(reason).or_default() += 1;
     }
-    reasons.iter().for_each(|(reason, count)| println!("{count:4}  {reason}"));
+    for (reason, count) in &reasons {
+        println!("{count:4}  {reason}");
+    }
     assert!(reasons.get("ok").is_some_and(|ok| *ok as u64 > cycles / 8), "{reasons:?}");
     assert!(reasons.len() > 1, "{reasons:?}");
 }
@@ -143,5 +147,7 @@ fn a_short_storm_on_the_network_gives_no_wrong_cloud() {
 #[test]
 #[ignore = "a quarter of an hour: cargo test --release --test main five_hundred_cycles -- --ignored --nocapture"]
 fn five_hundred_cycles_of_a_storm_on_the_network_give_no_wrong_cloud() {
-    storm(24, 500);
+    // Fewer where a machine has less time.
+    let cycles = std::env::var("STORM_CYCLES").ok().and_then(|text| text.parse().ok());
+    storm(24, cycles.unwrap_or(500));
 }

@@ -65,11 +65,12 @@ impl Check {
 
 /// Looks at everything and prints what it found. Exit code 1: the cell does not run as it is.
 pub fn run(args: &Args) -> Result<Outcome> {
-    let cell = args.config.as_ref().map(|config| {
-        // With what a run with --out needs.
-        devices::load(config, &Options { watch: true, ..Options::default() })
-    });
-    let cell = cell.transpose()?;
+    // With what a run with --out needs.
+    let options = Options { watch: true, ..Options::default() };
+    let cell = match &args.config {
+        Some(config) => Some(devices::load(config, &options)?),
+        None => None,
+    };
     let inputs: Vec<_> = cell.iter().flat_map(|cell| cell.file.paths()).collect();
     check_outputs(&[("--json", args.json.as_deref())], &inputs, None)?;
     let config = args.config.as_ref().map_or_else(|| "CONFIG".to_owned(), |path| path.display().to_string());

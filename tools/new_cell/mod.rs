@@ -10,7 +10,7 @@ use ask::Answers;
 use cell::Options;
 use cell::pixel_format::PixelFormat;
 use characterise::nominal::Intended;
-use devices::ProbedCamera;
+use devices::{LoadedCell, ProbedCamera};
 use files::rig_file::{read_rig, write_rig};
 use fringe::geometry::rig::Rig;
 use fringe::text::is_cell_name;
@@ -75,25 +75,7 @@ pub(crate) struct NewCamera {
 pub fn run(args: &Args) -> Result<Outcome> {
     ensure!(is_cell_name(&args.name), "--name {:?}: {}", args.name, fringe::text::CELL_NAME);
     let rig_path = args.rig.clone().unwrap_or_else(|| args.out.with_extension("rig.toml"));
-    let mut outputs = vec![("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
-    if args.rig.is_none() {
-        outputs.push(("--out", Some(rig_path.as_path())));
-    }
-    let inputs: Vec<&Path> = args.rig.iter().chain(&args.plan).map(PathBuf::as_path).collect();
-    check_outputs(&outputs, &inputs, None)?;
-    for path in inputs.iter().filter(|path| !path.exists()) {
-        bail!("{}: there is no such file", path.display());
-    }
-    for (_, path) in outputs.iter().filter(|(flag, _)| *flag == "--out") {
-        // A person may have written into it since.
-        let there = path.filter(|path| path.exists() && !files::guard::replaces_anything());
-        if let Some(path) = there {
-            bail!(
-                "--out {}: a file is there; name another one, or add --force to replace it",
-                path.display()
-            );
-        }
-    }
+    check_files(args, &rig_path)?;
     let answers = Answers::of(args)?;
     let cameras = cameras(&args.cameras)?;
     for (number, camera) in cameras.iter().enumerate() {
@@ -111,43 +93,76 @@ pub fn run(args: &Args) -> Result<Outcome> {
         .rig(),
     };
     let text = text::configuration(args, &answers, &cameras, &rig, &rig_path)?;
-    if args.rig.is_none() {
-        let mut provenance = toml::Table::new();
-        provenance.insert("made_by".into(), "fringetool new-cell: as it is meant, not calibrated".into());
-        write_rig(&rig_path, &rig, &provenance, None)?;
-        println!(
-            "{}: as it is meant; calibrate it before the first measurement (fringetool calibrate)",
-            rig_path.display()
-        );
-    }
-    files::atomic::write(&args.out, text.as_bytes())?;
-    let cell = devices::load(&args.out, &Options::default())?;
-    devices::check(&cell)?;
-    println!("{}: next, fringetool doctor {0} and fringecell schedule {0}", args.out.display());
-    let found: Vec<_> = cameras
-        .iter()
-        .enumerate()
-        .map(|(number, camera)| {
-            serde_json::json!({
-                "name": format!("cam{}", number + 1),
-                "address": camera.address,
-                "model": camera.probed.model,
-                "serial": camera.probed.serial,
-                "width_px": camera.probed.width_px,
-                "height_px": camera.probed.height_px,
-                "pixel_format": camera.format.name(),
-            })
-        })
-        .collect();
+    let cell = write(args, &rig_path, &rig, &text).inspect_err(|_| {
+        // What no cell can be made of must not look like one.
+        let _ = std::fs::remove_file(&args.out);
+        if args.rig.is_none() {
+            let _ = std::fs::remove_file(&rig_path);
+        }
+    })?;
     let result = serde_json::json!({
         "config": args.out,
         "rig": rig_path,
         "calibrated": args.rig.is_some(),
         "frames": cell.graph.projectors.iter().map(|p| p.frames).sum::<usize>(),
-        "cameras": found,
+        "cameras": cameras.iter().enumerate().map(|(number, camera)| camera.json(number)).collect::<Vec<_>>(),
     });
     emit(args.json.as_deref(), &result)?;
     Ok(Outcome::Done)
+}
+
+/// Inputs are there, and outputs are not: a person may have written into them since.
+fn check_files(args: &Args, rig_path: &Path) -> Result<()> {
+    let mut outputs = vec![("--out", Some(args.out.as_path())), ("--json", args.json.as_deref())];
+    if args.rig.is_none() {
+        outputs.push(("--out", Some(rig_path)));
+    }
+    let inputs: Vec<&Path> = args.rig.iter().chain(&args.plan).map(PathBuf::as_path).collect();
+    check_outputs(&outputs, &inputs, None)?;
+    if let Some(path) = inputs.iter().find(|path| !path.exists()) {
+        bail!("{}: there is no such file", path.display());
+    }
+    let written = outputs.iter().filter(|(flag, _)| *flag == "--out").filter_map(|(_, path)| *path);
+    match written.into_iter().find(|path| path.exists() && !files::guard::replaces_anything()) {
+        Some(path) => {
+            bail!("--out {}: a file is there; name another one, or add --force to replace it", path.display())
+        }
+        None => Ok(()),
+    }
+}
+
+/// Writes rig and configuration, and reads them as the cell will.
+fn write(args: &Args, rig_path: &Path, rig: &Rig, text: &str) -> Result<LoadedCell> {
+    if args.rig.is_none() {
+        let mut provenance = toml::Table::new();
+        provenance.insert("made_by".into(), "fringetool new-cell: as it is meant, not calibrated".into());
+        write_rig(rig_path, rig, &provenance, None)?;
+    }
+    files::atomic::write(&args.out, text.as_bytes())?;
+    let cell = devices::load(&args.out, &Options::default())?;
+    devices::check(&cell)?;
+    if args.rig.is_none() {
+        println!(
+            "{}: as it is meant; calibrate it before the first measurement (fringetool calibrate)",
+            rig_path.display()
+        );
+    }
+    println!("{}: next, fringetool doctor {0} and fringecell schedule {0}", args.out.display());
+    Ok(cell)
+}
+
+impl NewCamera {
+    fn json(&self, number: usize) -> serde_json::Value {
+        serde_json::json!({
+            "name": format!("cam{}", number + 1),
+            "address": self.address,
+            "model": self.probed.model,
+            "serial": self.probed.serial,
+            "width_px": self.probed.width_px,
+            "height_px": self.probed.height_px,
+            "pixel_format": self.format.name(),
+        })
+    }
 }
 
 /// The cameras at these addresses, else all that answer.

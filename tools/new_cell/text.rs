@@ -25,7 +25,7 @@ pub(super) fn configuration(
         cameras.len(),
         args.name
     );
-    let _ = writeln!(text, "rig = {:?}", relative(rig_path, &args.out)?);
+    let _ = writeln!(text, "rig = {}", relative(rig_path, &args.out)?);
     if args.rig.is_none() {
         text.push_str(
             "# The rig is as it is meant. Calibrate it before the first measurement: fringetool calibrate\n",
@@ -33,7 +33,7 @@ pub(super) fn configuration(
     }
     match &args.plan {
         Some(plan) => {
-            let _ = writeln!(text, "plan = {:?}", relative(plan, &args.out)?);
+            let _ = writeln!(text, "plan = {}", relative(plan, &args.out)?);
         }
         None => text.push_str("# plan = \"part.plan.toml\"       # what is inspected; a draft of a first cloud: fringetool new-plan\n"),
     }
@@ -110,10 +110,12 @@ fn camera_text(number: usize, camera: &NewCamera) -> String {
 }
 
 /// The path of a file as the configuration writes it: relative to its folder where that is plain, else absolute.
-fn relative(path: &Path, config: &Path) -> Result<PathBuf> {
+fn relative(path: &Path, config: &Path) -> Result<toml::Value> {
     let folder = |path: &Path| path.parent().map(Path::to_owned).unwrap_or_default();
-    if folder(path) == folder(config) {
-        return path.file_name().map(PathBuf::from).context("a path without a name");
-    }
-    Ok(std::path::absolute(path)?)
+    let written = if folder(path) == folder(config) {
+        path.file_name().map(PathBuf::from).context("a path without a name")?
+    } else {
+        std::path::absolute(path)?
+    };
+    Ok(toml::Value::String(written.display().to_string()))
 }

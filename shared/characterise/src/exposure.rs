@@ -214,8 +214,8 @@ mod tests {
             let level = |x: usize| match (x % 8, soft) {
                 (0..4, false) => 100,
                 (4.., false) => 20,
-                (2, true) | (6, true) => 60,
-                (0..2, true) | (7, true) => 90,
+                (2 | 6, true) => 60,
+                (0..2 | 7, true) => 90,
                 (_, true) => 30,
             };
             (0..64 * 8).map(|i| level(i % 64) / gain).collect()

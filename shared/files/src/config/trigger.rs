@@ -74,16 +74,12 @@ pub(super) fn check_exposures(
     let lookers = cameras.iter().enumerate().filter(|(_, camera)| projector.cameras.contains(&camera.name));
     let exposed = lookers.filter_map(|(index, camera)| Some((index, camera.genicam.as_ref()?.exposure_us?)));
     let exposed: Vec<(usize, f64)> = exposed.collect();
-    if let TriggerMode::Sequenced { period_ms } = projector.trigger {
-        if let Some((index, exposure_us)) = exposed.iter().find(|(_, us)| *us >= period_ms * 1e3) {
-            let limit =
-                format!("below {} µs, the period_ms of projector \"{}\"", period_ms * 1e3, projector.name);
-            return Err(document.fault(
-                &format!("camera[{index}].exposure_us"),
-                value(exposure_us, limit),
-                "",
-            ));
-        }
+    if let TriggerMode::Sequenced { period_ms } = projector.trigger
+        && let Some((index, exposure_us)) = exposed.iter().find(|(_, us)| *us >= period_ms * 1e3)
+    {
+        let limit =
+            format!("below {} µs, the period_ms of projector \"{}\"", period_ms * 1e3, projector.name);
+        return Err(document.fault(&format!("camera[{index}].exposure_us"), value(exposure_us, limit), ""));
     }
     let Some(refresh_hz) = raw.refresh_hz else { return Ok(()) };
     if !(REFRESH_HZ[0]..=REFRESH_HZ[1]).contains(&refresh_hz) {
@@ -101,10 +97,10 @@ pub(super) fn check_exposures(
             projector.name
         )
     };
-    if let TriggerMode::Sequenced { period_ms } = projector.trigger {
-        if !whole(period_ms) {
-            return Err(document.fault(&format!("{key}.period_ms"), value(period_ms, limit(1.0, "ms")), ""));
-        }
+    if let TriggerMode::Sequenced { period_ms } = projector.trigger
+        && !whole(period_ms)
+    {
+        return Err(document.fault(&format!("{key}.period_ms"), value(period_ms, limit(1.0, "ms")), ""));
     }
     match exposed.iter().find(|(_, us)| !whole(us * 1e-3)) {
         Some((index, us)) => {
