@@ -63,6 +63,8 @@ pub enum Fault {
     Level(f64),
     /// The stripes of a frame stand beside where they should, projector pixels.
     Shifted(f64),
+    /// A frame stands so many pixels to the right of the others, and so many below.
+    Displaced(i16, i16),
     /// Light and dark of a frame are exchanged.
     Inverse,
     /// A frame shows what that of another set and step should, both from 0.
@@ -80,6 +82,8 @@ pub enum Remedy {
     Inverse,
     /// Another frame shows what it should, and was taken.
     OtherFrame,
+    /// Moved to where the other frames demand it.
+    MovedBack,
     /// Written as the phase and the other frames demand.
     Phase,
     /// Used as it is: a part of many faces has such edges too.
@@ -95,6 +99,7 @@ impl fmt::Display for Remedy {
             Self::Normalised => "normalised",
             Self::Inverse => "its inverse is used",
             Self::OtherFrame => "taken from where it is",
+            Self::MovedBack => "moved back",
             Self::Phase => "made up for by phase and other frames",
             Self::Doubted => "used as it is; look at the picture",
             Self::None => "nothing makes up for it",
@@ -125,7 +130,7 @@ impl Finding {
             Fault::Moved(_) => "moved",
             Fault::Strange => "strange",
             Fault::Level(_) => "level",
-            Fault::Shifted(_) => "shifted",
+            Fault::Shifted(_) | Fault::Displaced(..) => "shifted",
             Fault::Inverse => "inverse",
             Fault::Shows(..) => "exchanged",
         }
@@ -141,6 +146,7 @@ impl Fault {
             | Self::Moved(size)
             | Self::Level(size)
             | Self::Shifted(size) => *size,
+            Self::Displaced(right, down) => f64::from(right.unsigned_abs().max(down.unsigned_abs())),
             Self::Black | Self::Strange | Self::Inverse | Self::Shows(..) => 0.0,
         }
     }
@@ -171,6 +177,16 @@ impl fmt::Display for Fault {
                 )
             }
             Self::Shifted(px) => write!(f, "stands {px:+.1} projector pixels beside its stripes"),
+            Self::Displaced(right, down) => {
+                let [across, along] =
+                    [if *right < 0 { "left" } else { "right" }, if *down < 0 { "above" } else { "below" }];
+                write!(
+                    f,
+                    "stands {} px to the {across} and {} px {along} the others",
+                    right.abs(),
+                    down.abs()
+                )
+            }
             Self::Inverse => f.write_str("shows light where it should be dark"),
             Self::Shows(set, step) => write!(f, "shows what frame {} of set {} should", step + 1, set + 1),
         }

@@ -231,3 +231,49 @@ fn wrong_frames_of_a_code_without_fringes_are_made_up_for_or_named() {
         }
     }
 }
+
+/// Without fringes too, a frame that was shifted is moved back, whether or not inverses stand beside it.
+#[test]
+fn a_shifted_frame_of_a_code_without_fringes_is_moved_back() {
+    for inverse in [false, true] {
+        for (bit, by) in [(1, [14, 0]), (2, [-12, 6]), (3, [19, -8])] {
+            let mut coded = Coded::new(4, 0.5, inverse, !inverse);
+            coded.sequence.remove(0);
+            coded.frames = coded.scene.frames(&coded.sequence);
+            let (findings, before, valid) = coded.decode().unwrap();
+            assert!(findings.is_empty(), "{findings:?}");
+            let old = coded.values(bit);
+            coded.put(bit, |i| {
+                let (row, column) = ((i / 320) as i32 - by[1], (i % 320) as i32 - by[0]);
+                old[(row.clamp(0, 199) * 320 + column.clamp(0, 319)) as usize]
+            });
+            let (findings, wrong, left) = coded.decode().unwrap();
+            let name = format!("{bit} {by:?} {inverse}: {findings:?}, {wrong} wrong ({before}) of {left}");
+            let Some(Fault::Displaced(right, _)) =
+                findings.iter().find(|found| found.step == Some(bit)).map(|found| found.fault)
+            else {
+                panic!("not named: {name}");
+            };
+            assert!((i32::from(right) - by[0]).abs() <= 3, "{name}");
+            // What came from beyond the picture is not known.
+            let beyond = by[0].unsigned_abs() as usize * 200 + by[1].unsigned_abs() as usize * 320;
+            assert!(wrong <= before + beyond / 4 && left * 100 > valid * 95, "{name}");
+        }
+    }
+}
+
+/// A wide stripe has more contrast than a narrow one, unless its frame is blurred.
+#[test]
+fn a_blurred_frame_of_a_code_without_fringes_is_named() {
+    let mut coded = Coded::new(4, 0.5, false, true);
+    coded.sequence.remove(0);
+    coded.frames = coded.scene.frames(&coded.sequence);
+    coded.first = 0;
+    coded.spoil("blurred", 2);
+    let (findings, _, _) = coded.decode().unwrap();
+    assert!(
+        findings.iter().any(|found| found.step == Some(2)
+            && matches!(found.fault, Fault::Blurred(share) if (share - 0.35).abs() < 0.05)),
+        "{findings:?}"
+    );
+}

@@ -9,6 +9,7 @@
 //! A frame that was exchanged is taken from where it is, a level is normalised, an inverse stands for its frame, and a bit that nothing
 //! shows is written as the phase of the region demands it; where the other bits do not confirm that, it stays uncertain (`repair`).
 
+mod displaced;
 mod regions;
 mod repair;
 mod strips;

@@ -3,7 +3,7 @@
 //! Neighbouring pixels stand in one stripe or in stripes side by side, but where a surface ends. Of words that differ, few then differ by more than
 //! one stripe; a wrong frame makes many of them do so.
 
-use super::{CodeLook, CodeVerdict, Fault, Finding, Remedy, Shown};
+use super::{CodeLook, CodeVerdict, Fault, Finding, Remedy, Shown, displaced};
 use crate::decode::bits::resolve;
 use crate::decode::rasters::Rasters;
 use crate::math::statistics::median;
@@ -27,6 +27,8 @@ const ROUNDS: usize = 12;
 /// Levels, as a share of the contrast.
 const CHANGED: f64 = 0.2;
 const MOST_CHANGED: f64 = 0.5;
+/// A frame with less of the contrast of narrower stripes is blurred.
+const BLURRED: f64 = 0.75;
 /// A code of whose edges less than this share lead to the next stripe is doubted.
 const CONFIRMED: f64 = 0.5;
 /// Share of the edges that lead to the next stripe when faults were made up for.
@@ -51,6 +53,8 @@ pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
         .collect();
     let inverses: Vec<usize> =
         bits().filter(|(_, f)| matches!(f.shown, Shown::Bit { inverse: true, .. })).map(|(i, _)| i).collect();
+    displaced::move_back(look, &frames, false, rasters, &mut findings);
+    displaced::move_back(look, &inverses, true, rasters, &mut findings);
     let plain = Reading { from: frames.iter().map(|f| (*f, false)).collect(), free: 0 };
     if inverses.len() == frames.len() {
         contradictions(look, &frames, &inverses, rasters, &mut findings);
@@ -105,7 +109,25 @@ fn levels(look: &CodeLook, rasters: &mut Rasters) -> Vec<Finding> {
         let remedy = if level.abs() > MOST_CHANGED { Remedy::None } else { Remedy::Normalised };
         findings.push(look.finding(frame, fault, remedy));
     }
+    findings.extend(blurred(look, &seen));
     findings
+}
+
+/// Frames with less contrast than one with narrower stripes: those lose it first. A blurred edge still stands where it should.
+fn blurred<'a>(look: &'a CodeLook<'_>, seen: &'a [Option<[f64; 2]>]) -> impl Iterator<Item = Finding> + 'a {
+    let contrast = |frame: usize| seen[frame].map(|[dark, light]| light - dark);
+    let bit_of = move |frame: usize| match look.frames[frame].shown {
+        Shown::Bit { bit, inverse, .. } => Some((bit, inverse)),
+        Shown::White | Shown::Black => None,
+    };
+    (0..seen.len()).filter_map(move |frame| {
+        let ((bit, inverse), own) = bit_of(frame).zip(contrast(frame))?;
+        let finer = (0..seen.len())
+            .filter(|other| bit_of(*other).is_some_and(|(finer, of)| finer > bit && of == inverse))
+            .filter_map(contrast)
+            .fold(0.0, f64::max);
+        (own < BLURRED * finer).then(|| look.finding(frame, Fault::Blurred(own / finer), Remedy::Doubted))
+    })
 }
 
 /// One of so many pixels is looked at.
@@ -298,7 +320,7 @@ fn strange_edges(look: &CodeLook, rasters: &Rasters, reading: &Reading) -> f64 {
 }
 
 /// Whether two words may be stripes side by side, whatever the free bits are.
-fn beside(a: u16, b: u16, free: u16, code: crate::pattern::Code) -> bool {
+pub(super) fn beside(a: u16, b: u16, free: u16, code: crate::pattern::Code) -> bool {
     let (mut of_a, mut flips_a) = (false, free);
     loop {
         let mut flips_b = free;
