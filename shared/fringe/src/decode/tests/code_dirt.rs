@@ -249,12 +249,18 @@ fn a_shifted_frame_of_a_code_without_fringes_is_moved_back() {
             });
             let (findings, wrong, left) = coded.decode().unwrap();
             let name = format!("{bit} {by:?} {inverse}: {findings:?}, {wrong} wrong ({before}) of {left}");
-            let Some(Fault::Displaced(right, _)) =
-                findings.iter().find(|found| found.step == Some(bit)).map(|found| found.fault)
-            else {
-                panic!("not named: {name}");
-            };
-            assert!((i32::from(right) - by[0]).abs() <= 3, "{name}");
+            match findings
+                .iter()
+                .find(|found| found.step == Some(bit))
+                .map(|found| (found.fault, found.remedy))
+            {
+                Some((Fault::Displaced(right, _), _)) => {
+                    assert!((i32::from(right) - by[0]).abs() <= 3, "{name}");
+                }
+                // Where the inverse contradicts in many places it stands for the frame.
+                Some((_, Remedy::Inverse)) if inverse => {}
+                _ => panic!("not named: {name}"),
+            }
             // What came from beyond the picture is not known.
             let beyond = by[0].unsigned_abs() as usize * 200 + by[1].unsigned_abs() as usize * 320;
             assert!(wrong <= before + beyond / 4 && left * 100 > valid * 95, "{name}");

@@ -7,7 +7,7 @@
 //! Of a Gray code a bit may change anywhere in two stripes. A shift of less than a stripe is therefore not seen, and the last bit, which every
 //! pair of stripes has, is not asked.
 
-use super::toggles::beside;
+use super::toggles::{DOUBLED, beside, every, same, two_levels};
 use super::{CodeLook, Fault, Finding, Remedy, Shown};
 use crate::decode::rasters::Rasters;
 use crate::math::statistics::median;
@@ -17,6 +17,10 @@ use crate::pattern::Code;
 const REACH_PX: i32 = 32;
 /// Step between shifts that are tried, px.
 const STEP_PX: usize = 2;
+/// So many finer bits tell where a bit may change; noise in the finest would forbid it anywhere.
+const FINER_BITS: usize = 6;
+/// Frames with less of the largest contrast are too blurred to tell anything.
+const CLEAR_CONTRAST: f64 = 0.5;
 /// Changes of a bit that are asked, at most.
 const MOST: usize = 3000;
 /// Fewer changes tell nothing.
@@ -56,13 +60,18 @@ pub fn move_back(
     rasters: &mut Rasters,
     findings: &mut Vec<Finding>,
 ) {
-    let mut words = Words::new(look, rasters, frames, inverse);
+    let frames = &frames[..clear_bits(look, frames, rasters)];
     for bit in 0..frames.len().saturating_sub(1) {
         let changes = changes(look, rasters, frames[bit]);
-        if changes.len() < LEAST {
+        // A frame that shows what another one does is no shifted one.
+        let doubled =
+            |other: &usize| *other != frames[bit] && same(look, rasters, *other, frames[bit]) > DOUBLED;
+        if changes.len() < LEAST || frames.iter().any(doubled) {
             continue;
         }
-        let mask = 1 << (frames.len() - 1 - bit);
+        let asked = &frames[..(bit + 1 + FINER_BITS).min(frames.len())];
+        let words = Words::new(look, rasters, asked, inverse);
+        let mask = 1 << (asked.len() - 1 - bit);
         let here = words.strange(&changes, mask, [0, 0]).map_or(0.0, |(share, _)| share);
         if here < SUSPECT {
             continue;
@@ -71,12 +80,26 @@ pub fn move_back(
         // Narrow stripes tell that two frames stand apart, not which of them is wrong.
         let last_but_one = bit + 2 == frames.len();
         let remedy = if last_but_one { Remedy::Doubted } else { Remedy::MovedBack };
+        let of_frame = look.frames[frames[bit]];
+        findings.retain(|found| {
+            (found.set, found.step) != (of_frame.set, Some(of_frame.step)) || found.remedy != Remedy::Doubted
+        });
         findings.push(look.finding(frames[bit], Fault::Displaced(-right as i16, -down as i16), remedy));
         if !last_but_one {
             shift(look, frames[bit], [right, down], rasters);
-            words = Words::new(look, rasters, frames, inverse);
         }
     }
+}
+
+/// Number of the first bits that are not blurred away.
+fn clear_bits(look: &CodeLook, frames: &[usize], rasters: &Rasters) -> usize {
+    let contrast =
+        |frame: &usize| two_levels(look, rasters, *frame, every(look)).map(|[dark, light]| light - dark);
+    let contrasts: Vec<Option<f64>> = frames.iter().map(contrast).collect();
+    let most = contrasts.iter().flatten().copied().fold(0.0, f64::max);
+    // A coarse bit may show one level only.
+    let blurred = |own: &Option<f64>| own.is_some_and(|own| own < CLEAR_CONTRAST * most);
+    frames.len() - contrasts.iter().rev().take_while(|own| blurred(own)).count()
 }
 
 /// Places at which a frame changes between light and dark, evenly chosen.

@@ -15,7 +15,7 @@ const CONTRADICTION: f64 = 0.15;
 /// Without inverses, a frame is suspect that makes so many more of the edges strange.
 const SUSPECT: f64 = 0.3;
 /// Frames that show the same in this share of the clear pixels are one.
-const DOUBLED: f64 = 0.97;
+pub(super) const DOUBLED: f64 = 0.97;
 /// A frame is right whose edges are strange by at most this part of those of its inverse.
 const CLEARLY: f64 = 0.9;
 /// What is wrong is known when the share is at most this part without it.
@@ -24,6 +24,11 @@ const EXPLAINED: f64 = 0.5;
 const SAMPLES: usize = 200_000;
 /// Rounds of the search for the two levels of a frame.
 const ROUNDS: usize = 12;
+/// Frames that change so often along a row and show the same are one: edges of the part alone are not so many.
+const MANY_CHANGES: f64 = 4.0;
+/// Levels below are dark beyond doubt; a frame is dark when this share of it is.
+const DARK: f32 = -0.6;
+const DARK_SHARE: f64 = 0.95;
 /// Levels, as a share of the contrast.
 const CHANGED: f64 = 0.2;
 const MOST_CHANGED: f64 = 0.5;
@@ -53,13 +58,14 @@ pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
         .collect();
     let inverses: Vec<usize> =
         bits().filter(|(_, f)| matches!(f.shown, Shown::Bit { inverse: true, .. })).map(|(i, _)| i).collect();
-    displaced::move_back(look, &frames, false, rasters, &mut findings);
-    displaced::move_back(look, &inverses, true, rasters, &mut findings);
     let plain = Reading { from: frames.iter().map(|f| (*f, false)).collect(), free: 0 };
     if inverses.len() == frames.len() {
         contradictions(look, &frames, &inverses, rasters, &mut findings);
+        displaced::move_back(look, &frames, false, rasters, &mut findings);
+        displaced::move_back(look, &inverses, true, rasters, &mut findings);
     } else {
         exchanged(look, &plain, rasters, &mut findings);
+        displaced::move_back(look, &frames, false, rasters, &mut findings);
     }
     let confirmed = 1.0 - strange_edges(look, rasters, &plain);
     if confirmed < CONFIRMED && findings.is_empty() {
@@ -131,12 +137,12 @@ fn blurred<'a>(look: &'a CodeLook<'_>, seen: &'a [Option<[f64; 2]>]) -> impl Ite
 }
 
 /// One of so many pixels is looked at.
-fn every(look: &CodeLook) -> usize {
+pub(super) fn every(look: &CodeLook) -> usize {
     (look.middle_dn.len() / SAMPLES).max(1) | 1
 }
 
 /// The levels of dark and light of a frame; none where it shows but one.
-fn two_levels(look: &CodeLook, rasters: &Rasters, frame: usize, every: usize) -> Option<[f64; 2]> {
+pub(super) fn two_levels(look: &CodeLook, rasters: &Rasters, frame: usize, every: usize) -> Option<[f64; 2]> {
     let places = (0..look.middle_dn.len()).step_by(every).filter(|place| look.contrast_dn[*place] > 0.0);
     let levels: Vec<f64> = places.map(|place| f64::from(look.level(rasters, frame, place))).collect();
     let (mut dark, mut light) = (-1.0, 1.0);
@@ -203,7 +209,7 @@ fn contradictions(
 }
 
 /// Share of clear pixels in which two frames show the same.
-fn same(look: &CodeLook, rasters: &Rasters, one: usize, other: usize) -> f64 {
+pub(super) fn same(look: &CodeLook, rasters: &Rasters, one: usize, other: usize) -> f64 {
     let every = every(look);
     let (mut same, mut clear) = (0.0, 0.0);
     for place in (0..look.middle_dn.len()).step_by(every).filter(|place| look.contrast_dn[*place] > 0.0) {
@@ -239,6 +245,11 @@ fn kind(look: &CodeLook, rasters: &Rasters, wrong: usize, right: usize) -> Fault
 /// wrong; where another frame shows what it should, the two are put back.
 fn exchanged(look: &CodeLook, plain: &Reading, rasters: &mut Rasters, findings: &mut Vec<Finding>) {
     let bits = plain.from.len();
+    let dark = |bit: &usize| is_dark(look, rasters, plain.from[*bit].0);
+    if let Some(bit) = (2..bits).find(|bit| dark(bit) && shows_less_than_others(look, rasters, plain, *bit)) {
+        findings.push(look.finding(plain.from[bit].0, Fault::Black, Remedy::None));
+        return;
+    }
     let first_bits = |count: usize, last: usize| {
         let mut from = plain.from[..count].to_vec();
         from[count - 1] = plain.from[last];
@@ -281,9 +292,43 @@ fn exchanged(look: &CodeLook, plain: &Reading, rasters: &mut Rasters, findings: 
         }
         let fault = if flat { Fault::Black } else { Fault::Strange };
         // Edges alone do not tell a wrong frame from a part of many faces, which may also lie in the dark of a wide stripe.
-        findings.push(look.finding(frame, fault, Remedy::Doubted));
+        let impossible = doubled && changes_per_row(look, rasters, frame) > MANY_CHANGES;
+        findings.push(look.finding(frame, fault, if impossible { Remedy::None } else { Remedy::Doubted }));
         return;
     }
+}
+
+/// Whether two bits with wider stripes show both light and dark, which lie at least two stripes of this bit apart: it must show both too.
+fn shows_less_than_others(look: &CodeLook, rasters: &Rasters, plain: &Reading, bit: usize) -> bool {
+    let coarser = plain.from[..bit].iter();
+    coarser.filter(|(frame, _)| two_levels(look, rasters, *frame, every(look)).is_some()).count() >= 2
+}
+
+/// Whether a frame is dark nearly all over.
+fn is_dark(look: &CodeLook, rasters: &Rasters, frame: usize) -> bool {
+    let lit = (0..look.middle_dn.len()).step_by(every(look)).filter(|place| look.contrast_dn[*place] > 0.0);
+    let (mut dark, mut seen) = (0_usize, 0_usize);
+    for place in lit {
+        dark += usize::from(look.level(rasters, frame, place) < DARK);
+        seen += 1;
+    }
+    dark as f64 > DARK_SHARE * seen as f64
+}
+
+/// How often a frame changes between light and dark along a row, in the mean of the rows in which it does.
+fn changes_per_row(look: &CodeLook, rasters: &Rasters, frame: usize) -> f64 {
+    let pixels = look.middle_dn.len();
+    let lines = (pixels / SAMPLES).max(1);
+    let (mut rows, mut changes) = (0_usize, 0_usize);
+    for row in (0..pixels / look.width).step_by(lines) {
+        let places = row * look.width..(row + 1) * look.width;
+        let lit = places.filter(|place| look.contrast_dn[*place] > 0.0);
+        let levels: Vec<bool> = lit.map(|place| look.level(rasters, frame, place) > 0.0).collect();
+        let of_row = levels.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        rows += usize::from(of_row > 0);
+        changes += of_row;
+    }
+    changes as f64 / rows.max(1) as f64
 }
 
 /// Share of the edges between words that no neighbouring stripes have. The last bit may change anywhere: it is not asked alone.
