@@ -34,6 +34,7 @@ mod check_rig;
 mod cmm_compare;
 mod cmm_plan;
 mod compare;
+mod convert;
 mod correct_rig;
 mod decode;
 mod doctor;
@@ -122,6 +123,8 @@ enum Command {
     Flatness(flatness::Args),
     /// Compare two clouds, or a cloud with a CAD mesh: signed deviations, M3C2, report.
     Compare(compare::Args),
+    /// Convert a cloud: E57 or PLY, thinned, or a mesh of triangles (PLY, STL) with its deviation from the points
+    Convert(convert::Args),
     /// Register clouds to a reference from any pose (search, point-to-plane ICP), with the covariance of the transform.
     Register(register::Args),
     /// Draft an inspection plan from a cloud: the planes, spheres, cylinders and cones that it shows.
@@ -249,6 +252,7 @@ fn execute(command: &Command) -> Result<Outcome> {
         Command::Fit(args) => fit::run(args),
         Command::Flatness(args) => flatness::run(args),
         Command::Compare(args) => compare::run(args),
+        Command::Convert(args) => convert::run(args),
         Command::Register(args) => register::run(args),
         Command::NewPlan(args) => new_plan::run(args),
         Command::Measure(args) => measure::run(args),

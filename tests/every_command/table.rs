@@ -24,6 +24,7 @@ pub const QUICK: &[&str] = &[
     "fit sphere DIR/ball0.ply",
     "flatness --box=-25,-25,-5,25,25,5 DIR/plane.ply",
     "compare DIR/cloud.ply DIR/cloud.ply",
+    "convert DIR/cloud.ply --mesh --decimate 0.2 --out NEW/mesh.stl",
     "register DIR/cloud.ply --to DIR/cloud.ply --out NEW/aligned.ply",
     "new-plan DIR/cloud.ply --out NEW/draft.toml --min-points 100 --picture NEW/draft.png",
     "measure DIR/plan.toml DIR/cloud.ply --html NEW/part.html --pdf NEW/part.pdf --csv NEW/part.csv --qif NEW/part.qif --dfq NEW/part.dfq",

@@ -39,7 +39,7 @@ pub enum Kind {
 }
 
 /// How files begin that are no text.
-const SIGNATURES: [(&[u8], &str); 12] = [
+const SIGNATURES: [(&[u8], &str); 13] = [
     (b"\x89PNG\r\n", "a PNG image"),
     (b"II*\0", "a TIFF image"),
     (b"MM\0*", "a TIFF image"),
@@ -52,6 +52,7 @@ const SIGNATURES: [(&[u8], &str); 12] = [
     (b"PK\x03\x04", "a ZIP archive"),
     (b"\x1f\x8b", "a gzip archive"),
     (b"solid ", "an STL mesh"),
+    (b"STL by fringecell", "an STL mesh"),
 ];
 
 impl Kind {

@@ -13,5 +13,6 @@ pub mod reference;
 pub mod register;
 pub mod spatial;
 pub mod spc;
+pub mod surface_net;
 pub mod uncertainty;
 pub mod verdict;

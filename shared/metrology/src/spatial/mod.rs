@@ -15,5 +15,6 @@ pub use error::MeshError;
 pub(crate) use local::{Moments, Patch, eigen_normal};
 pub use mesh::{Foot, TriangleMesh};
 pub(crate) use points::PointTree;
+pub use thin::thinned_cloud;
 pub(crate) use thin::{thin_to, thinned};
 pub use triangle::{Triangle, nearest_on_segment};

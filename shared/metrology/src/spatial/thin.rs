@@ -1,14 +1,38 @@
 //! One point for each cell of a grid.
 
 use super::bvh::Aabb;
+use fringe::cloud::Point;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
 /// Cells along one axis that fit into a third of the key.
 const CELLS_PER_AXIS: f64 = 2_097_151.0;
 
+/// The point of the smallest uncertainty in each cube of a grid with this edge, mm, in the order of the cloud; of equal ones the first.
+/// Points stay as they were measured.
+pub fn thinned_cloud(points: &[Point], edge_mm: f64) -> Vec<Point> {
+    let positions: Vec<Point3<f64>> = points.iter().map(Point::position).collect();
+    let best = |cell: &[(u64, u32)]| {
+        let sigma = |index: u32| points[index as usize].sigma_mm;
+        cell.iter().map(|(_, index)| *index).min_by(|a, b| sigma(*a).total_cmp(&sigma(*b)).then(a.cmp(b)))
+    };
+    let mut kept: Vec<u32> =
+        by_cell(&positions, edge_mm).chunk_by(|a, b| a.0 == b.0).filter_map(best).collect();
+    kept.sort_unstable();
+    kept.into_iter().map(|index| points[index as usize]).collect()
+}
+
 /// Indices, ascending, of the first point in each cube of a grid with this edge, mm.
 pub(crate) fn thinned(points: &[Point3<f64>], edge_mm: f64) -> Vec<u32> {
+    let keyed = by_cell(points, edge_mm);
+    let mut kept: Vec<u32> =
+        keyed.chunk_by(|a, b| a.0 == b.0).filter_map(|cell| Some(cell.first()?.1)).collect();
+    kept.sort_unstable();
+    kept
+}
+
+/// Numbers of the cubes and of the points in them, both ascending.
+fn by_cell(points: &[Point3<f64>], edge_mm: f64) -> Vec<(u64, u32)> {
     let Some(low) = points.iter().copied().reduce(|a, b| a.inf(&b)) else {
         return Vec::new();
     };
@@ -19,10 +43,7 @@ pub(crate) fn thinned(points: &[Point3<f64>], edge_mm: f64) -> Vec<u32> {
     let key = |p: &Point3<f64>| (axis(p.x - low.x) << 42) | (axis(p.y - low.y) << 21) | axis(p.z - low.z);
     let mut keyed: Vec<(u64, u32)> = points.iter().map(key).zip(0..).collect();
     keyed.par_sort_unstable();
-    let mut kept: Vec<u32> =
-        keyed.chunk_by(|a, b| a.0 == b.0).filter_map(|cell| Some(cell.first()?.1)).collect();
-    kept.sort_unstable();
-    kept
+    keyed
 }
 
 /// Indices of about `wanted` points: one of each cell of a grid whose edge is found by trial.
@@ -47,6 +68,18 @@ pub(crate) fn thin_to(positions: &[Point3<f64>], wanted: usize) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_most_certain_point_of_each_cell_stays_as_it_is() {
+        let point = |x: f64, sigma_mm: f32| Point {
+            position_mm: [x, 0.0, 0.0],
+            sigma_mm,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        let points = [point(0.1, 0.3), point(0.2, 0.1), point(1.3, 0.2), point(1.2, 0.2)];
+        assert_eq!(thinned_cloud(&points, 1.0), [points[1], points[2]]);
+        assert_eq!(thinned_cloud(&points, 1e-9), points);
+    }
 
     #[test]
     fn the_first_point_of_each_cell_stays() {

@@ -1,0 +1,200 @@
+//! A mesh of triangles through a cloud, closed where the surface was seen and open where it was not.
+//!
+//! Around its points a cloud says on which side of the surface a place lies: the weighted mean of n · (c − p) over the points p within reach
+//! of c. On a grid the sign of that mean changes from corner to corner where the surface passes. Each cell that it passes gets a vertex,
+//! each edge of the grid that it crosses a square between the four cells around it (surface nets: Gibson, Constrained elastic surface nets,
+//! MICCAI 1998). Skins of several views over each other become one. Vertices then move onto a paraboloid through the points around
+//! them, for a mean of planes lies beside a curved surface.
+//!
+//! Points are visited in their order and cells in that of their numbers: the same cloud gives the same mesh.
+
+mod check;
+mod field;
+mod openings;
+#[cfg(test)]
+mod tests;
+
+pub use check::NetCheck;
+pub use openings::Opening;
+
+use crate::spatial::{Patch, PointTree};
+use field::Field;
+use fringe::cloud::Point;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// Edge of a cell without being told, in distances of neighbouring points.
+const CELL_SPACINGS: f64 = 2.0;
+/// A vertex without a point so near, in cells, is no surface that was seen.
+const SEEN_CELLS: f64 = 0.75;
+/// Points within so many cells of a vertex give its paraboloid.
+const PATCH_CELLS: f64 = 1.5;
+/// A paraboloid farther away than this, in cells, is not the surface of the vertex.
+const MOST_MOVE_CELLS: f64 = 0.5;
+
+/// Why a cloud gives no mesh.
+#[derive(Debug, Error, Clone, PartialEq)]
+pub enum NetError {
+    /// Which side is outside is not known.
+    #[error(
+        "{without} of {given} points have no normal; a mesh needs them: take the cloud as `reconstruct` or `run` wrote it"
+    )]
+    NoNormals {
+        /// Points without a normal.
+        without: usize,
+        /// Points of the cloud.
+        given: usize,
+    },
+    /// Nothing to connect.
+    #[error("{given} points give no surface with cells of {cell_mm} mm; choose larger cells")]
+    Empty {
+        /// Points of the cloud.
+        given: usize,
+        /// Edge of a cell, mm.
+        cell_mm: f64,
+    },
+    /// Each point would stand alone.
+    #[error(
+        "cells of {cell_mm} mm are smaller than neighbouring points are apart ({spacing_mm:.3} mm); choose larger cells"
+    )]
+    Sparse {
+        /// Edge of a cell, mm.
+        cell_mm: f64,
+        /// Distance of neighbouring points, mm.
+        spacing_mm: f64,
+    },
+    /// The grid would have more cells than can be numbered.
+    #[error("cells of {cell_mm} mm: the cloud is {cells:.0} cells long, limit {limit}; choose larger cells")]
+    TooFine {
+        /// Edge of a cell, mm.
+        cell_mm: f64,
+        /// Cells along the longest axis.
+        cells: f64,
+        /// Most cells along an axis.
+        limit: u32,
+    },
+}
+
+/// Triangles with common corners, counter-clockwise when seen from outside.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SurfaceNet {
+    /// Corners, mm.
+    pub corners: Vec<Point3<f64>>,
+    /// Three numbers of corners for each triangle.
+    pub triangles: Vec<[u32; 3]>,
+    /// Edge of a cell of the grid, mm.
+    pub cell_mm: f64,
+}
+
+impl SurfaceNet {
+    /// Connects a cloud. Without `cell_mm` the cells are twice as wide as neighbouring points are apart.
+    ///
+    /// # Errors
+    /// Points without normals, cells that are too small to be numbered or too small to hold points together.
+    pub fn new(points: &[Point], cell_mm: Option<f64>) -> Result<Self, NetError> {
+        let without = points.iter().filter(|p| p.normal_vector().norm() < 0.5).count();
+        // Single points at a rim may lack one.
+        if 10 * without > points.len() || points.is_empty() {
+            return Err(NetError::NoNormals { without, given: points.len() });
+        }
+        let positions: Vec<Point3<f64>> = points.iter().map(Point::position).collect();
+        let tree = PointTree::new(&positions);
+        let spacing_mm = tree.spacing_mm();
+        let cell_mm = cell_mm.unwrap_or(CELL_SPACINGS * spacing_mm);
+        if cell_mm < spacing_mm {
+            return Err(NetError::Sparse { cell_mm, spacing_mm });
+        }
+        let field = Field::new(points, cell_mm)?;
+        let cells = field.vertices();
+        let empty = || NetError::Empty { given: points.len(), cell_mm };
+        let vertices: Vec<Option<Point3<f64>>> =
+            cells.par_iter().map(|(_, at)| on_the_surface(&tree, at, cell_mm)).collect();
+        let mut numbers = BTreeMap::new();
+        let mut corners = Vec::new();
+        for ((cell, _), vertex) in cells.iter().zip(vertices) {
+            if let Some(vertex) = vertex {
+                numbers.insert(*cell, corners.len() as u32);
+                corners.push(vertex);
+            }
+        }
+        let triangles = triangles(&field, &numbers, &corners);
+        let net = Self { corners, triangles, cell_mm }.without_loose_corners();
+        if net.triangles.is_empty() { Err(empty()) } else { Ok(net) }
+    }
+
+    /// Corners of each triangle, mm.
+    pub fn positions(&self) -> Vec<[Point3<f64>; 3]> {
+        self.triangles.iter().map(|t| t.map(|corner| self.corners[corner as usize])).collect()
+    }
+
+    /// Area of all triangles, mm².
+    pub fn area_mm2(&self) -> f64 {
+        self.positions().iter().map(|[a, b, c]| 0.5 * (b - a).cross(&(c - a)).norm()).sum()
+    }
+
+    fn without_loose_corners(mut self) -> Self {
+        let mut used = vec![false; self.corners.len()];
+        self.triangles.iter().flatten().for_each(|corner| used[*corner as usize] = true);
+        let mut number = 0;
+        let numbers: Vec<u32> = used
+            .iter()
+            .map(|used| {
+                let own = number;
+                number += u32::from(*used);
+                own
+            })
+            .collect();
+        let mut place = 0;
+        self.corners.retain(|_| {
+            place += 1;
+            used[place - 1]
+        });
+        self.triangles.iter_mut().flatten().for_each(|corner| *corner = numbers[*corner as usize]);
+        self
+    }
+}
+
+/// Where the surface passes a vertex; `None` where no point was seen.
+fn on_the_surface(tree: &PointTree, at: &Point3<f64>, cell_mm: f64) -> Option<Point3<f64>> {
+    tree.nearest(at, SEEN_CELLS * cell_mm)?;
+    let radius_mm = PATCH_CELLS * cell_mm;
+    let mut around = Vec::new();
+    tree.within(at, radius_mm, |slot| around.push(slot));
+    // In the order of the cloud, which the tree does not keep.
+    around.sort_unstable_by_key(|slot| tree.order()[*slot]);
+    let around: Vec<Point3<f64>> = around.into_iter().map(|slot| tree.sites()[slot]).collect();
+    let moved = Patch::through(&around, *at, radius_mm).and_then(|patch| {
+        let distance_mm = patch.distance_mm(at);
+        (distance_mm.abs() < MOST_MOVE_CELLS * cell_mm).then(|| at - patch.normal() * distance_mm)
+    });
+    Some(moved.unwrap_or(*at))
+}
+
+/// Two triangles for each edge of the grid that the surface crosses between four cells with vertices, cut along the shorter diagonal.
+fn triangles(field: &Field, numbers: &BTreeMap<[u32; 3], u32>, corners: &[Point3<f64>]) -> Vec<[u32; 3]> {
+    let mut triangles = Vec::new();
+    for (corner, axis, outward) in field.crossings() {
+        let [across, along] = [(axis + 1) % 3, (axis + 2) % 3];
+        let cell = |back_across: u32, back_along: u32| {
+            let mut cell = corner;
+            cell[across] = cell[across].checked_sub(back_across)?;
+            cell[along] = cell[along].checked_sub(back_along)?;
+            numbers.get(&cell).copied()
+        };
+        let around = [cell(0, 0), cell(1, 0), cell(1, 1), cell(0, 1)];
+        let [Some(a), Some(b), Some(c), Some(d)] = around else { continue };
+        let [a, b, c, d] = if outward { [a, b, c, d] } else { [a, d, c, b] };
+        let length = |a: u32, b: u32| -> f64 {
+            let difference: Vector3<f64> = corners[a as usize] - corners[b as usize];
+            difference.norm_squared()
+        };
+        if length(a, c) <= length(b, d) {
+            triangles.extend([[a, b, c], [a, c, d]]);
+        } else {
+            triangles.extend([[a, b, d], [b, c, d]]);
+        }
+    }
+    triangles
+}
