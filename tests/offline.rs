@@ -23,9 +23,9 @@ const STILL: &str = "position_scatter_mm = 0.0, angle_scatter_deg = 0.0";
 fn the_ideal_twin_gives_true_spheres() {
     let folder = TempDir::new().unwrap();
     let cell = cell_without_scatter(&folder);
+    simulate_cell(&folder, &cell, &["--ideal"]);
     for method in ["phase", "projector"] {
-        let sub = TempDir::new().unwrap();
-        let (cloud, report) = reconstruct_cell(&sub, &cell, &["--ideal"], method);
+        let (cloud, report) = reconstruct_recording(&folder, method);
         assert!(report["points"].as_u64().unwrap() > 300_000, "{method}: {}", report["points"]);
         // The upper part only: below the equator the post joins.
         let one = sphere(&cloud, "-39.7560,-39.7560,32,10");
@@ -67,11 +67,20 @@ fn reconstruct_cell(
     options: &[&str],
     method: &str,
 ) -> (std::path::PathBuf, serde_json::Value) {
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (recording, cloud, report) = (path("rec"), path("cloud.ply"), path("report.json"));
-    let mut simulate = vec!["simulate", cell, "--out", &recording];
+    simulate_cell(folder, cell, options);
+    reconstruct_recording(folder, method)
+}
+
+fn simulate_cell(folder: &TempDir, cell: &str, options: &[&str]) {
+    let recording = folder.path().join("rec");
+    let mut simulate = vec!["simulate", cell, "--out", recording.to_str().unwrap()];
     simulate.extend(options);
     fringetool(&simulate).expect_success();
+}
+
+fn reconstruct_recording(folder: &TempDir, method: &str) -> (std::path::PathBuf, serde_json::Value) {
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (recording, cloud, report) = (path("rec"), path("cloud.ply"), path("report.json"));
     let arguments = [
         "reconstruct",
         "--rig",

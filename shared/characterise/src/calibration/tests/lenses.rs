@@ -112,7 +112,7 @@ fn the_model_that_predicts_other_poses_best_is_chosen_and_no_richer_one() {
     let settings = CalibrationSettings { target: TargetShape::Flat, ..CalibrationSettings::default() };
     for kind in [LensKind::BrownConrady, LensKind::Rational, LensKind::ThinPrism, LensKind::Fisheye] {
         let (lens, focal_px) = lens(kind);
-        let (_, observations) = observed(lens, focal_px, 20);
+        let (_, observations) = observed(lens, focal_px, 14);
         let choice = choose_lens(&observations, &settings).unwrap();
         let chosen = &choice.tried[choice.chosen];
         assert_eq!(chosen.model.family.kind(), kind, "{choice:?}");

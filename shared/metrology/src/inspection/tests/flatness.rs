@@ -217,6 +217,9 @@ fn a_filter_that_leaves_too_few_cells_says_so() {
 }
 
 proptest! {
+    // Each case filters three clouds.
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
     /// Nothing but the surface counts: a shift along the normal changes next to nothing, and a surface turned over
     /// has the same range.
     #[test]
