@@ -123,11 +123,15 @@ fn a_board_that_is_not_there_or_vanishes_is_told_by_name() {
     assert!(!folder.path().join("lost/cloud.ply").exists());
 }
 
-#[test]
-fn a_schedule_refuses_what_the_board_cannot_show() {
-    let keys = |more: &str| format!("driver = \"lightcrafter\"\n{more}");
-    let board = "controller = \"dlpc350\"\nexposure_us = 8334";
-    for (size_px, more, exposure_us, expected) in [
+/// Size of the board, keys of the projector, exposure of the cameras, and what the message holds.
+type Board = ([u32; 2], String, f64, Vec<&'static str>);
+
+const BOARD: &str = "controller = \"dlpc350\"\nexposure_us = 8334";
+
+/// Boards that cannot be, and one that can.
+fn boards() -> Vec<Board> {
+    let board = BOARD;
+    vec![
         ([912, 1140], board.to_owned(), 16668.0, vec![]),
         (
             [912, 1140],
@@ -176,6 +180,12 @@ fn a_schedule_refuses_what_the_board_cannot_show() {
             5000.0,
             vec!["projector[0].trigger", "shows frame by frame", "dlpc900"],
         ),
+    ]
+}
+
+/// More of them: keys of one board or source under another, and times.
+fn more_boards() -> Vec<Board> {
+    vec![
         (
             [1024, 768],
             "controller = \"dlpc900\"\nexposure_us = 5000\ntrigger = \"sequenced\"\nperiod_ms = 6.0".into(),
@@ -184,37 +194,37 @@ fn a_schedule_refuses_what_the_board_cannot_show() {
         ),
         (
             [912, 1140],
-            format!("{board}\nled = \"infrared\""),
+            format!("{BOARD}\nled = \"infrared\""),
             16668.0,
             vec!["projector[0].led", "infrared", "white"],
         ),
         (
             [912, 1140],
-            format!("{board}\noutput = \"HDMI-1\""),
+            format!("{BOARD}\noutput = \"HDMI-1\""),
             16668.0,
             vec!["projector[0].output", "source = \"video\""],
         ),
         (
             [912, 1140],
-            format!("{board}\nfirst_image = 300"),
+            format!("{BOARD}\nfirst_image = 300"),
             16668.0,
             vec!["projector[0].first_image", "300", "0 … 255"],
         ),
         (
             [912, 1140],
-            format!("{board}\nsettle_ms = -1"),
+            format!("{BOARD}\nsettle_ms = -1"),
             16668.0,
             vec!["projector[0].settle_ms", "-1", "0 … 10000 ms"],
         ),
         (
             [912, 1140],
-            board.to_owned(),
+            BOARD.to_owned(),
             10000.0,
             vec!["camera[0].exposure_us", "10000 µs", "a multiple of 8334 µs", "write exposure_us = 8334"],
         ),
         (
             [912, 1140],
-            format!("{board}\nsource = \"video\"\noutput = \"HDMI-1\"\nrefresh_hz = 120.5"),
+            format!("{BOARD}\nsource = \"video\"\noutput = \"HDMI-1\"\nrefresh_hz = 120.5"),
             8298.75,
             vec![
                 "projector[0].exposure_us",
@@ -224,7 +234,7 @@ fn a_schedule_refuses_what_the_board_cannot_show() {
         ),
         (
             [912, 1140],
-            format!("{board}\nsource = \"video\""),
+            format!("{BOARD}\nsource = \"video\""),
             16667.0,
             vec!["projector[0]", "either output or position_px", "xrandr"],
         ),
@@ -234,7 +244,13 @@ fn a_schedule_refuses_what_the_board_cannot_show() {
             4065.0,
             vec!["limits.cycle_deadline_ms", "60000 ms", "at least 140057 ms", "14 frames"],
         ),
-    ] {
+    ]
+}
+
+#[test]
+fn a_schedule_refuses_what_the_board_cannot_show() {
+    let keys = |more: &str| format!("driver = \"lightcrafter\"\n{more}");
+    for (size_px, more, exposure_us, expected) in boards().into_iter().chain(more_boards()) {
         let (folder, _, live) = cell(43, size_px, &keys(&more), exposure_us);
         let ran = fringecell_in(folder.path(), &["schedule", &live]);
         if expected.is_empty() {

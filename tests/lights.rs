@@ -23,9 +23,10 @@ pub fn cell(
     rig.pairs.truncate(1);
     let light = &mut rig.projectors[0].camera;
     let scale = [width as f64 / light.width_px as f64, height as f64 / light.height_px as f64];
-    for axis in 0..2 {
-        light.focal_px[axis] *= scale[axis];
-        light.principal_point_px[axis] = (light.principal_point_px[axis] + 0.5) * scale[axis] - 0.5;
+    let lens = light.focal_px.iter_mut().zip(&mut light.principal_point_px);
+    for ((focal, principal), scale) in lens.zip(scale) {
+        *focal *= scale;
+        *principal = (*principal + 0.5) * scale - 0.5;
     }
     (light.width_px, light.height_px) = (width, height);
     files::rig_file::write_rig(&folder.path().join("rig.toml"), &rig, &toml::Table::new(), None).unwrap();

@@ -61,16 +61,6 @@ fn cell_without_scatter(folder: &TempDir) -> String {
     path.to_str().unwrap().to_owned()
 }
 
-fn reconstruct_cell(
-    folder: &TempDir,
-    cell: &str,
-    options: &[&str],
-    method: &str,
-) -> (std::path::PathBuf, serde_json::Value) {
-    simulate_cell(folder, cell, options);
-    reconstruct_recording(folder, method)
-}
-
 fn simulate_cell(folder: &TempDir, cell: &str, options: &[&str]) {
     let recording = folder.path().join("rec");
     let mut simulate = vec!["simulate", cell, "--out", recording.to_str().unwrap()];

@@ -20,7 +20,7 @@ pub enum DeviceError {
         /// Path of the configuration.
         path: PathBuf,
         /// The fault of the graph.
-        source: ScheduleError,
+        source: Box<ScheduleError>,
     },
     /// A cell whose kernels cannot be built.
     #[error("{}", path.display())]
@@ -28,7 +28,7 @@ pub enum DeviceError {
         /// Path of the configuration.
         path: PathBuf,
         /// The fault that the kernels found.
-        source: CellError,
+        source: Box<CellError>,
     },
     /// A name that no cell may have.
     #[error("--cell {0:?}: {CELL_NAME}")]

@@ -37,7 +37,7 @@ pub fn load(path: &Path, options: &Options) -> Result<LoadedCell, DeviceError> {
     let file = Config::load(path)?;
     let formats = formats(&file)?;
     let cell = Cell::new(file.cell.clone(), formats, options)
-        .map_err(|source| DeviceError::Schedule { path: path.to_owned(), source })?;
+        .map_err(|source| DeviceError::Schedule { path: path.to_owned(), source: Box::new(source) })?;
     Ok(LoadedCell { file, cell })
 }
 
@@ -47,7 +47,7 @@ pub fn load(path: &Path, options: &Options) -> Result<LoadedCell, DeviceError> {
 /// Settings that a kernel refuses, cameras that make no pair, a scene that cannot be traced.
 pub fn check(cell: &LoadedCell) -> Result<(), DeviceError> {
     let path = || cell.file.document.path.clone();
-    executor::check(cell).map_err(|source| DeviceError::Cell { path: path(), source })?;
+    executor::check(cell).map_err(|source| DeviceError::Cell { path: path(), source: Box::new(source) })?;
     if cell.file.twin.is_some() {
         twin_source::build(&cell.file)?;
     }

@@ -3,7 +3,7 @@
 use super::NetError;
 use fringe::cloud::Point;
 use nalgebra::{Point3, Vector3};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
 /// A point tells the side of corners within so many cells.
 const REACH_CELLS: f64 = 1.5;
@@ -29,7 +29,7 @@ impl Field {
         if !cells.is_finite() || cells > f64::from(MOST) {
             return Err(NetError::TooFine { cell_mm, cells, limit: MOST });
         }
-        let mut sums: HashMap<[u32; 3], [f64; 2]> = HashMap::new();
+        let mut sums: BTreeMap<[u32; 3], [f64; 2]> = BTreeMap::new();
         for point in points {
             let (p, n) = (point.position(), point.normal_vector());
             if n.norm_squared() > 0.25 {
@@ -89,7 +89,7 @@ impl Field {
 
 /// Adds what a point says to all corners within its reach.
 fn add(
-    sums: &mut HashMap<[u32; 3], [f64; 2]>,
+    sums: &mut BTreeMap<[u32; 3], [f64; 2]>,
     p: &Point3<f64>,
     n: &Vector3<f64>,
     origin: &Point3<f64>,

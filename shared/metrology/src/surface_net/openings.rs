@@ -2,7 +2,7 @@
 
 use super::SurfaceNet;
 use nalgebra::{Point3, Vector3};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A closed line at which the mesh ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,16 +18,16 @@ pub struct Opening {
 impl SurfaceNet {
     /// All openings, the largest area first; that of an open surface is its outer border.
     pub fn openings(&self) -> Vec<Opening> {
-        let mut ends: BTreeMap<(u32, u32), ()> = BTreeMap::new();
+        let mut ends = BTreeSet::new();
         for [a, b, c] in &self.triangles {
             for edge in [(*a, *b), (*b, *c), (*c, *a)] {
-                if ends.remove(&(edge.1, edge.0)).is_none() {
-                    ends.insert(edge, ());
+                if !ends.remove(&(edge.1, edge.0)) {
+                    ends.insert(edge);
                 }
             }
         }
         let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-        for (from, to) in ends.into_keys() {
+        for (from, to) in ends {
             next.entry(from).or_default().push(to);
         }
         let mut openings = Vec::new();

@@ -2,6 +2,7 @@
 
 use super::*;
 use bytemuck::Zeroable;
+use fringe::math;
 
 fn point(position_mm: [f64; 3], normal: Vector3<f64>) -> Point {
     Point { position_mm, normal: [normal.x as f32, normal.y as f32, normal.z as f32], ..Point::zeroed() }
@@ -12,7 +13,8 @@ fn sphere(radius_mm: f64, count: usize) -> Vec<Point> {
     (0..count)
         .map(|i| {
             let z = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;
-            let (sin, cos) = (i as f64 * 2.399_963_229_728_653).sin_cos();
+            let turn = i as f64 * 2.399_963_229_728_653;
+            let (sin, cos) = (math::sin(turn), math::cos(turn));
             let n = Vector3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z);
             point((n * radius_mm).into(), n)
         })
@@ -70,7 +72,7 @@ fn two_skins_become_one() {
 
 #[test]
 fn a_hole_is_left_open_and_reported_with_its_area() {
-    let net = SurfaceNet::new(&plate(|x, y| (x - 15.0).hypot(y - 10.0) < 4.0), Some(0.4)).unwrap();
+    let net = SurfaceNet::new(&plate(|x, y| math::hypot(x - 15.0, y - 10.0) < 4.0), Some(0.4)).unwrap();
     let openings = net.openings();
     assert_eq!(openings.len(), 2, "{openings:?}");
     assert!((openings[0].area_mm2 / 600.0 - 1.0).abs() < 0.06, "the outer border: {openings:?}");

@@ -33,12 +33,6 @@ fn touching(found: &Touching, width: Option<f64>) -> Found {
 /// The fit of the crate; `reference` gives the place at which a cone's diameter is meant.
 fn fitted(element: &str, criterion: &str, points: &[Point3<f64>], reference: &Vector3<f64>) -> Found {
     let settings = FitSettings::default();
-    let side = match criterion {
-        "maximum-inscribed" => Side::Inscribed,
-        "minimum-circumscribed" => Side::Circumscribed,
-        _ => Side::MinimumZone,
-    };
-    let zone = criterion == "minimum-zone";
     match (element, criterion) {
         ("sphere", "least-squares") => {
             let fit = sphere(points, &settings).unwrap();
@@ -85,15 +79,28 @@ fn fitted(element: &str, criterion: &str, points: &[Point3<f64>], reference: &Ve
             let (point, direction) = (fit.axis_point_mm.into(), fit.axis_direction.into());
             Found { point, direction, ..Found::default() }
         }
-        ("sphere", _) => {
+        _ => fitted_outside(element, criterion, points),
+    }
+}
+
+/// The fits that touch points, of the crate.
+fn fitted_outside(element: &str, criterion: &str, points: &[Point3<f64>]) -> Found {
+    let side = match criterion {
+        "maximum-inscribed" => Side::Inscribed,
+        "minimum-circumscribed" => Side::Circumscribed,
+        _ => Side::MinimumZone,
+    };
+    let zone = criterion == "minimum-zone";
+    match element {
+        "sphere" => {
             let width = zone.then(|| sphere_minimum_zone(points).unwrap().minimum_zone_mm);
             touching(&touching_sphere(points, side).unwrap(), width)
         }
-        ("cylinder", _) => {
+        "cylinder" => {
             let width = zone.then(|| cylinder_minimum_zone(points).unwrap().minimum_zone_mm);
             touching(&touching_cylinder(points, side).unwrap(), width)
         }
-        ("circle", _) => {
+        "circle" => {
             let width = zone.then(|| circle_minimum_zone(points).unwrap().minimum_zone_mm);
             touching(&touching_circle(points, side).unwrap(), width)
         }

@@ -47,7 +47,7 @@ struct Change {
 
 /// Words of all pixels; `None` where the code has no contrast.
 struct Words {
-    words: Vec<Option<u16>>,
+    seen: Vec<Option<u16>>,
     width: usize,
     code: Code,
 }
@@ -61,7 +61,8 @@ pub fn move_back(
     findings: &mut Vec<Finding>,
 ) {
     let frames = &frames[..clear_bits(look, frames, rasters)];
-    for bit in 0..frames.len().saturating_sub(1) {
+    // From the finest on: a finer bit that is wrong makes coarser ones look so, not the other way round.
+    for bit in (0..frames.len().saturating_sub(1)).rev() {
         let changes = changes(look, rasters, frames[bit]);
         // A frame that shows what another one does is no shifted one.
         let doubled =
@@ -97,8 +98,7 @@ fn clear_bits(look: &CodeLook, frames: &[usize], rasters: &Rasters) -> usize {
         |frame: &usize| two_levels(look, rasters, *frame, every(look)).map(|[dark, light]| light - dark);
     let contrasts: Vec<Option<f64>> = frames.iter().map(contrast).collect();
     let most = contrasts.iter().flatten().copied().fold(0.0, f64::max);
-    // A coarse bit may show one level only.
-    let blurred = |own: &Option<f64>| own.is_some_and(|own| own < CLEAR_CONTRAST * most);
+    let blurred = |own: &Option<f64>| own.is_none_or(|own| own < CLEAR_CONTRAST * most);
     frames.len() - contrasts.iter().rev().take_while(|own| blurred(own)).count()
 }
 
@@ -134,7 +134,7 @@ impl Words {
             Some(Shown::Bit { code, .. }) => code.code,
             _ => Code::Gray,
         };
-        Self { words: (0..look.middle_dn.len()).map(word).collect(), width: look.width, code }
+        Self { seen: (0..look.middle_dn.len()).map(word).collect(), width: look.width, code }
     }
 
     /// Share of the changes, moved by so many columns and rows, that the other bits do not allow, and how many there are.
@@ -157,7 +157,7 @@ impl Words {
         let column = i64::try_from(place % self.width).ok()? + i64::from(right);
         let row = i64::try_from(place / self.width).ok()? + i64::from(down);
         let column = usize::try_from(column).ok().filter(|column| *column < self.width)?;
-        *self.words.get(usize::try_from(row).ok()? * self.width + column)?
+        *self.seen.get(usize::try_from(row).ok()? * self.width + column)?
     }
 
     /// The shift, columns and rows, after which the changes are allowed: of those that are about as good as the best the shortest, for a

@@ -29,6 +29,8 @@ const MANY_CHANGES: f64 = 4.0;
 /// Levels below are dark beyond doubt; a frame is dark when this share of it is.
 const DARK: f32 = -0.6;
 const DARK_SHARE: f64 = 0.95;
+/// Share of strange edges up to which a code without inverses shows where one of its bits belongs.
+const CONSISTENT: f64 = 0.25;
 /// Levels, as a share of the contrast.
 const CHANGED: f64 = 0.2;
 const MOST_CHANGED: f64 = 0.5;
@@ -65,7 +67,10 @@ pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
         displaced::move_back(look, &inverses, true, rasters, &mut findings);
     } else {
         exchanged(look, &plain, rasters, &mut findings);
-        displaced::move_back(look, &frames, false, rasters, &mut findings);
+        // Where the bits contradict all over, a shift explains whatever is asked.
+        if strange_edges(look, rasters, &plain) < CONSISTENT {
+            displaced::move_back(look, &frames, false, rasters, &mut findings);
+        }
     }
     let confirmed = 1.0 - strange_edges(look, rasters, &plain);
     if confirmed < CONFIRMED && findings.is_empty() {
