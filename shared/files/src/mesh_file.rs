@@ -84,6 +84,8 @@ mod tests {
             let Surface::Mesh(back) = read(path).unwrap() else { panic!("{}", path.display()) };
             assert_eq!(back, expected, "{}", path.display());
         }
-        assert!(write_stl(&ply, &corners, &triangles).is_err(), "a mesh in PLY stays");
+        let foreign = folder.path().join("b.ply");
+        std::fs::copy(&ply, &foreign).unwrap();
+        assert!(write_stl(&foreign, &corners, &triangles).is_err(), "a mesh in PLY stays");
     }
 }

@@ -136,7 +136,7 @@ fn shared_errors_count_once() {
     let half = |freedom: f64| 1.96 * (2.0 * freedom).sqrt();
     let (sum, freedom) = scatter(8, |_| {});
     assert!((sum - freedom).abs() < half(freedom), "χ² {sum:.0} of {freedom}");
-    let (sum, freedom) = scatter(4, |image_point| image_point.link = None);
+    let (sum, freedom) = scatter(12, |image_point| image_point.link = None);
     assert!((sum - freedom).abs() > half(freedom), "χ² {sum:.0} of {freedom}");
 }
 

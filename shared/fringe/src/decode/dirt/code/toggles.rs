@@ -30,7 +30,7 @@ const MANY_CHANGES: f64 = 4.0;
 const DARK: f32 = -0.6;
 const DARK_SHARE: f64 = 0.95;
 /// Share of strange edges up to which a code without inverses shows where one of its bits belongs.
-const CONSISTENT: f64 = 0.25;
+const CONSISTENT: f64 = 0.5;
 /// Levels, as a share of the contrast.
 const CHANGED: f64 = 0.2;
 const MOST_CHANGED: f64 = 0.5;
