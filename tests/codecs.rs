@@ -139,7 +139,8 @@ fn a_single_frame_is_decoded_by_its_fourier_transform() {
     cell.record(&sequence, "two", 2);
     let (ratio, pixels) = scatter_over_sigma(&cell.phase("one", &[]), &cell.phase("two", &[]));
     println!("scatter over sigma {ratio:.3} at {pixels} pixels");
-    assert!(pixels > 25_000 && (0.9..1.15).contains(&ratio), "{ratio} {pixels}");
+    // The stated one holds the method's systematic part too, of which an even plate has none.
+    assert!(pixels > 25_000 && (0.4..1.15).contains(&ratio), "{ratio} {pixels}");
     let (count, sigma_mm) = about_the_plate(&cell.cloud("one", "projector"));
     assert!(count > 15_000 && sigma_mm < 0.1, "{count} {sigma_mm}");
     // Of the recording only the first frame.

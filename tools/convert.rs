@@ -37,7 +37,7 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
-/// What was written.
+/// What was read and written.
 #[derive(Serialize)]
 struct Converted {
     cloud: String,

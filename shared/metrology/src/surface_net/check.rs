@@ -17,7 +17,7 @@ pub struct NetCheck {
     pub mean_mm: f64,
     /// Distance that 95 % of the points stay below, mm.
     pub within_95_mm: f64,
-    /// Largest distance, mm.
+    /// Largest distance of a point, mm.
     pub largest_mm: f64,
     /// Points without a part of the mesh within two cells.
     pub without: usize,

@@ -47,7 +47,7 @@ pub enum NetError {
         /// Points of the cloud.
         given: usize,
     },
-    /// Nothing to connect.
+    /// The cloud has nothing to connect.
     #[error("{given} points give no surface with cells of {cell_mm} mm; choose larger cells")]
     Empty {
         /// Points of the cloud.
@@ -80,7 +80,7 @@ pub enum NetError {
 /// Triangles with common corners, counter-clockwise when seen from outside.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SurfaceNet {
-    /// Corners, mm.
+    /// Corners that triangles share, mm.
     pub corners: Vec<Point3<f64>>,
     /// Three numbers of corners for each triangle.
     pub triangles: Vec<[u32; 3]>,

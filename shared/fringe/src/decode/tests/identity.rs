@@ -74,7 +74,10 @@ fn frames_in_order_are_proven_and_every_event_is_named() {
                 Err(error) => panic!("{event}: {error}"),
                 // The first bit is dark wherever this part is, as black is.
                 Ok(report) => {
-                    assert!(disturbed(&still, event) == still, "{event} was not seen: {:?}", report.order);
+                    // Or bits that stood in each other's place were put back by name.
+                    let put_back = report.findings.iter().any(|found| found.remedy == Remedy::OtherFrame);
+                    let unseen = !put_back && disturbed(&still, event) != still;
+                    assert!(!unseen, "{event} was not seen: {:?} {:?}", report.order, report.findings);
                 }
             }
         }
