@@ -15,8 +15,6 @@ pub use level_table::LevelTable;
 pub use levels::GreyLevels;
 pub use missing::{Remaining, without};
 
-use crate::math::random::Key;
-use crate::math::{cos, wrap_positive_rad};
 use levels::ALL_LEVELS;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -320,71 +318,6 @@ impl PatternSet {
         let Self::Ramp { axis: None, levels } = self else { return None };
         let levels = levels.as_ref().unwrap_or(&ALL_LEVELS);
         Some((0..levels.count()).map(|frame| levels.level(frame)).collect())
-    }
-
-    /// Ideal intensity 0 … 1 of one frame at a projector coordinate along the set's axis.
-    ///
-    /// `step` counts from 0 inside the set; `size_px` is the projector's extent along the axis. Of a modulated set it is the factor along the
-    /// axis; the frame shows its product with the [`Self::carrier`].
-    ///
-    /// # Errors
-    /// [`PatternError::NotGenerated`] for random dots.
-    pub fn intensity(&self, step: usize, coordinate_px: f64, size_px: u32) -> Result<f64, PatternError> {
-        Ok(match self {
-            Self::Sine { period_px, .. } => {
-                0.5 + 0.5 * cos(TAU * coordinate_px / period_px - self.step_rad(step))
-            }
-            Self::Lines { .. } | Self::Micro { .. } | Self::Modulated { .. } => {
-                self.codec_intensity(step, coordinate_px)
-            }
-            Self::Gray { bits, stripe_px, shift_px, invert, code, .. } => {
-                let column = (coordinate_px + 0.5).floor().max(0.0) + shift_px;
-                let stripe = (column / stripe_px).floor() as u32;
-                let number = if *code == Code::Gray { stripe ^ (stripe >> 1) } else { stripe };
-                let bit = (number >> (*bits as usize - 1 - step)) & 1;
-                f64::from(bit ^ u32::from(*invert))
-            }
-            Self::Check { stripe_px, seed, .. } => {
-                let stripe = ((coordinate_px + 0.5).floor().max(0.0) / stripe_px).floor() as u64;
-                f64::from((Key::new(u64::from(*seed)).bits(stripe) >> 63) as u32)
-            }
-            Self::White {} => 1.0,
-            Self::Black {} => 0.0,
-            Self::Stair { stair_px, steps, .. } => {
-                let column = (coordinate_px + 0.5).floor().max(0.0);
-                let stairs = (f64::from(size_px) / stair_px).ceil();
-                let number = (column / stair_px).floor();
-                if *steps == 1 {
-                    return Ok((number / (stairs - 1.0).max(1.0)).min(1.0));
-                }
-                let phase_rad = -std::f64::consts::PI + TAU * (number + 0.5) / stairs;
-                0.5 + 0.5 * cos(wrap_positive_rad(phase_rad - TAU * step as f64 / f64::from(*steps)))
-            }
-            Self::Ramp { axis: Some(_), .. } => {
-                (coordinate_px / f64::from(size_px.max(2) - 1)).clamp(0.0, 1.0)
-            }
-            Self::Ramp { levels, .. } => levels.as_ref().unwrap_or(&ALL_LEVELS).level(step),
-            Self::Random { .. } => return Err(PatternError::NotGenerated("random")),
-        })
-    }
-
-    /// The 8-bit values that a projector shows along the set's axis, one per column (or row), corrected for its
-    /// response where a table is given.
-    ///
-    /// # Errors
-    /// As [`Self::intensity`].
-    pub fn columns_u8(
-        &self,
-        step: usize,
-        size_px: u32,
-        correction: Option<&LevelTable>,
-    ) -> Result<Vec<u8>, PatternError> {
-        let value = |column| {
-            let level = self.intensity(step, f64::from(column), size_px)?;
-            let level = correction.map_or(level, |table| table.at(level));
-            Ok((level * 255.0).round() as u8)
-        };
-        (0..size_px).map(value).collect()
     }
 }
 
