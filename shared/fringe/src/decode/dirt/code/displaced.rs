@@ -7,7 +7,7 @@
 //! Of a Gray code a bit may change anywhere in two stripes. A shift of less than a stripe is therefore not seen, and the last bit, which every
 //! pair of stripes has, is not asked.
 
-use super::toggles::{DOUBLED, beside, every, same, two_levels};
+use super::toggles::{beside, every, is_doubled, two_levels};
 use super::{CodeLook, Fault, Finding, Remedy, Shown};
 use crate::decode::rasters::Rasters;
 use crate::math::statistics::median;
@@ -52,31 +52,34 @@ struct Words {
     code: Code,
 }
 
-/// Finds shifted frames among `frames`, which show the bits of a code in order (their inverses where `inverse`), and moves them back.
+/// Finds shifted frames among `frames`, which show the bits of a code in order (their inverses where `inverse`), and moves them back; whether
+/// it moved any.
 pub fn move_back(
     look: &CodeLook,
     frames: &[usize],
     inverse: bool,
     rasters: &mut Rasters,
     findings: &mut Vec<Finding>,
-) {
+) -> bool {
+    let mut moved = false;
     let frames = &frames[..clear_bits(look, frames, rasters)];
     // From the finest on: a finer bit that is wrong makes coarser ones look so, not the other way round.
     for bit in (0..frames.len().saturating_sub(1)).rev() {
         let changes = changes(look, rasters, frames[bit]);
-        // A frame that shows what another one does is no shifted one.
-        let doubled =
-            |other: &usize| *other != frames[bit] && same(look, rasters, *other, frames[bit]) > DOUBLED;
-        if changes.len() < LEAST || frames.iter().any(doubled) {
+        if changes.len() < LEAST {
             continue;
         }
         let asked = &frames[..(bit + 1 + FINER_BITS).min(frames.len())];
-        let words = Words::new(look, rasters, asked, inverse);
         let mask = 1 << (asked.len() - 1 - bit);
-        let here = words.strange(&changes, mask, [0, 0]).map_or(0.0, |(share, _)| share);
-        if here < SUSPECT {
+        let code = code_of(look, asked);
+        let word = |place: usize| word(look, rasters, asked, inverse, place);
+        let here = strange(&changes, mask, code, word).map_or(0.0, |(share, _)| share);
+        // A frame that shows what another one does is no shifted one.
+        if here < SUSPECT || is_doubled(look, rasters, frames, frames[bit]) {
             continue;
         }
+        let seen = (0..look.middle_dn.len()).map(word).collect();
+        let words = Words { seen, width: look.width, code };
         let Some([right, down]) = words.better_place(&changes, mask, here) else { continue };
         // Narrow stripes tell that two frames stand apart, not which of them is wrong.
         let last_but_one = bit + 2 == frames.len();
@@ -88,8 +91,10 @@ pub fn move_back(
         findings.push(look.finding(frames[bit], Fault::Displaced(-right as i16, -down as i16), remedy));
         if !last_but_one {
             shift(look, frames[bit], [right, down], rasters);
+            moved = true;
         }
     }
+    moved
 }
 
 /// Number of the first bits that are not blurred away.
@@ -121,36 +126,43 @@ fn changes(look: &CodeLook, rasters: &Rasters, frame: usize) -> Vec<Change> {
     found.into_iter().step_by(every).collect()
 }
 
-impl Words {
-    fn new(look: &CodeLook, rasters: &Rasters, frames: &[usize], inverse: bool) -> Self {
-        let word = |place: usize| {
-            (look.contrast_dn[place] > 0.0).then(|| {
-                frames.iter().fold(0_u16, |word, frame| {
-                    word << 1 | u16::from((look.level(rasters, *frame, place) > 0.0) ^ inverse)
-                })
-            })
-        };
-        let code = match frames.first().map(|frame| look.frames[*frame].shown) {
-            Some(Shown::Bit { code, .. }) => code.code,
-            _ => Code::Gray,
-        };
-        Self { seen: (0..look.middle_dn.len()).map(word).collect(), width: look.width, code }
-    }
+/// The bits of a pixel; `None` where the code has no contrast.
+fn word(look: &CodeLook, rasters: &Rasters, frames: &[usize], inverse: bool, place: usize) -> Option<u16> {
+    (look.contrast_dn[place] > 0.0).then(|| {
+        frames.iter().fold(0_u16, |word, frame| {
+            word << 1 | u16::from((look.level(rasters, *frame, place) > 0.0) ^ inverse)
+        })
+    })
+}
 
-    /// Share of the changes, moved by so many columns and rows, that the other bits do not allow, and how many there are.
+fn code_of(look: &CodeLook, frames: &[usize]) -> Code {
+    match frames.first().map(|frame| look.frames[*frame].shown) {
+        Some(Shown::Bit { code, .. }) => code.code,
+        _ => Code::Gray,
+    }
+}
+
+/// Share of the changes that the other bits do not allow, and how many there are; `word` gives the bits at a place.
+fn strange(
+    changes: &[Change],
+    mask: u16,
+    code: Code,
+    word: impl Fn(usize) -> Option<u16>,
+) -> Option<(f64, usize)> {
+    let (mut strange, mut seen) = (0_usize, 0_usize);
+    for change in changes {
+        let Some((a, b)) = word(change.place).zip(word(change.beside)) else { continue };
+        let [a, b] = if change.light { [a | mask, b & !mask] } else { [a & !mask, b | mask] };
+        seen += 1;
+        strange += usize::from(!beside(a, b, 0, code));
+    }
+    (seen > 0).then(|| (strange as f64 / seen as f64, seen))
+}
+
+impl Words {
+    /// The same of changes that are moved by so many columns and rows.
     fn strange(&self, changes: &[Change], mask: u16, by: [i32; 2]) -> Option<(f64, usize)> {
-        let (mut strange, mut seen) = (0_usize, 0_usize);
-        for change in changes {
-            let Some([a, b]) =
-                self.moved(change.place, by).zip(self.moved(change.beside, by)).map(<[u16; 2]>::from)
-            else {
-                continue;
-            };
-            let [a, b] = if change.light { [a | mask, b & !mask] } else { [a & !mask, b | mask] };
-            seen += 1;
-            strange += usize::from(!beside(a, b, 0, self.code));
-        }
-        (seen > 0).then(|| (strange as f64 / seen as f64, seen))
+        strange(changes, mask, self.code, |place| self.moved(place, by))
     }
 
     fn moved(&self, place: usize, [right, down]: [i32; 2]) -> Option<u16> {

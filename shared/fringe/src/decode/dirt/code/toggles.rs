@@ -15,7 +15,7 @@ const CONTRADICTION: f64 = 0.15;
 /// Without inverses, a frame is suspect that makes so many more of the edges strange.
 const SUSPECT: f64 = 0.3;
 /// Frames that show the same in this share of the clear pixels are one.
-pub(super) const DOUBLED: f64 = 0.97;
+const DOUBLED: f64 = 0.97;
 /// A frame is right whose edges are strange by at most this part of those of its inverse.
 const CLEARLY: f64 = 0.9;
 /// What is wrong is known when the share is at most this part without it.
@@ -61,18 +61,20 @@ pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
     let inverses: Vec<usize> =
         bits().filter(|(_, f)| matches!(f.shown, Shown::Bit { inverse: true, .. })).map(|(i, _)| i).collect();
     let plain = Reading { from: frames.iter().map(|f| (*f, false)).collect(), free: 0 };
-    if inverses.len() == frames.len() {
+    let strange = if inverses.len() == frames.len() {
         contradictions(look, &frames, &inverses, rasters, &mut findings);
         displaced::move_back(look, &frames, false, rasters, &mut findings);
         displaced::move_back(look, &inverses, true, rasters, &mut findings);
+        strange_edges(look, rasters, &plain)
     } else {
         exchanged(look, &plain, rasters, &mut findings);
+        let strange = strange_edges(look, rasters, &plain);
         // Where the bits contradict all over, a shift explains whatever is asked.
-        if strange_edges(look, rasters, &plain) < CONSISTENT {
-            displaced::move_back(look, &frames, false, rasters, &mut findings);
-        }
-    }
-    let confirmed = 1.0 - strange_edges(look, rasters, &plain);
+        let moved =
+            strange < CONSISTENT && displaced::move_back(look, &frames, false, rasters, &mut findings);
+        if moved { strange_edges(look, rasters, &plain) } else { strange }
+    };
+    let confirmed = 1.0 - strange;
     if confirmed < CONFIRMED && findings.is_empty() {
         let set = frames.first().map_or(0, |frame| look.frames[*frame].set);
         findings.push(Finding { set, step: None, fault: Fault::Strange, remedy: Remedy::Doubted });
@@ -214,7 +216,7 @@ fn contradictions(
 }
 
 /// Share of clear pixels in which two frames show the same.
-pub(super) fn same(look: &CodeLook, rasters: &Rasters, one: usize, other: usize) -> f64 {
+fn same(look: &CodeLook, rasters: &Rasters, one: usize, other: usize) -> f64 {
     let every = every(look);
     let (mut same, mut clear) = (0.0, 0.0);
     for place in (0..look.middle_dn.len()).step_by(every).filter(|place| look.contrast_dn[*place] > 0.0) {
@@ -225,6 +227,16 @@ pub(super) fn same(look: &CodeLook, rasters: &Rasters, one: usize, other: usize)
         }
     }
     same / f64::max(clear, 1.0)
+}
+
+/// Whether another one of the frames shows the same.
+pub(super) fn is_doubled<'a>(
+    look: &CodeLook,
+    rasters: &Rasters,
+    frames: impl IntoIterator<Item = &'a usize>,
+    frame: usize,
+) -> bool {
+    frames.into_iter().any(|other| *other != frame && same(look, rasters, frame, *other) > DOUBLED)
 }
 
 /// What a frame shows where its inverse is right.
@@ -271,10 +283,7 @@ fn exchanged(look: &CodeLook, plain: &Reading, rasters: &mut Rasters, findings: 
         let best = others.min_by(|a, b| a.0.total_cmp(&b.0)).filter(|best| best.0 < EXPLAINED * share);
         let frame = plain.from[count - 1].0;
         // A frame that is dark all over, or shows what another one does, stands for no bit, wherever it is put.
-        let doubled = plain
-            .from
-            .iter()
-            .any(|(other, _)| *other != frame && same(look, rasters, frame, *other) > DOUBLED);
+        let doubled = is_doubled(look, rasters, plain.from.iter().map(|(frame, _)| frame), frame);
         let flat = two_levels(look, rasters, frame, every(look)).is_none();
         let best = best.filter(|_| !doubled && !flat);
         // The whole code shall say so too: of a part of many faces a wide stripe has few edges.
