@@ -83,7 +83,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let format = Format::of(&args.out, args.mesh)?;
     check_outputs(&[("--out", Some(&args.out)), ("--json", args.json.as_deref())], &[&args.cloud], None)?;
     let read = read_cloud_in_mm(&args.cloud)?.points;
-    let points = kept(args, &read)?;
+    let points_read = read.len();
+    let points = kept(args, read)?;
     let mesh = match format {
         Format::PlyCloud => {
             files::ply::write_cloud(&args.out, &points, &[("source", &args.cloud.display().to_string())])?;
@@ -98,7 +99,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let result = Converted {
         cloud: args.cloud.display().to_string(),
         out: args.out.display().to_string(),
-        points_read: read.len(),
+        points_read,
         points: points.len(),
         mesh,
     };
@@ -135,10 +136,9 @@ impl Format {
 }
 
 /// The points that are asked for.
-fn kept(args: &Args, read: &[Point]) -> Result<Vec<Point>> {
-    let mut points = read.to_vec();
+fn kept(args: &Args, mut points: Vec<Point>) -> Result<Vec<Point>> {
     if let Some(pair) = args.pair {
-        let most = read.iter().map(|point| point.pair + 1).max().unwrap_or(0);
+        let most = points.iter().map(|point| point.pair + 1).max().unwrap_or(0);
         points.retain(|point| point.pair + 1 == pair);
         if points.is_empty() {
             bail!("--pair {pair}: {} has no such points; pairs are 1 … {most}", args.cloud.display());

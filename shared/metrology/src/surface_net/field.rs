@@ -49,42 +49,57 @@ impl Field {
         self.origin + Vector3::from(corner.map(f64::from)) * self.cell_mm
     }
 
-    /// Edges that the surface crosses, by their lower corner and axis, and whether they lead outwards.
-    pub fn crossings(&self) -> impl Iterator<Item = ([u32; 3], usize, bool)> + '_ {
-        self.distance_mm.iter().flat_map(move |(corner, here)| {
-            (0..3).filter_map(move |axis| {
+    /// Edges that the surface crosses.
+    pub fn crossings(&self) -> Vec<Crossing> {
+        let mut crossings = Vec::new();
+        for (corner, here) in &self.distance_mm {
+            for axis in 0..3 {
                 let mut next = *corner;
                 next[axis] += 1;
-                let there = self.distance_mm.get(&next)?;
-                ((*here < 0.0) != (*there < 0.0)).then_some((*corner, axis, *here < 0.0))
-            })
-        })
-    }
-
-    /// Cells that the surface passes, and in each the mean of the places where it crosses the edges, mm.
-    pub fn vertices(&self) -> Vec<([u32; 3], Point3<f64>)> {
-        let mut cells: BTreeMap<[u32; 3], (Vector3<f64>, f64)> = BTreeMap::new();
-        for (corner, axis, _) in self.crossings() {
-            let mut next = corner;
-            next[axis] += 1;
-            let [here, there] = [corner, next].map(|c| self.distance_mm.get(&c).copied().unwrap_or(0.0));
-            let at = self.place(corner).lerp(&self.place(next), here / (here - there));
-            let [across, along] = [(axis + 1) % 3, (axis + 2) % 3];
-            for (back_across, back_along) in [(0, 0), (1, 0), (1, 1), (0, 1)] {
-                let mut cell = corner;
-                let (Some(a), Some(b)) =
-                    (cell[across].checked_sub(back_across), cell[along].checked_sub(back_along))
-                else {
-                    continue;
-                };
-                (cell[across], cell[along]) = (a, b);
-                let sum = cells.entry(cell).or_insert((Vector3::zeros(), 0.0));
-                sum.0 += at.coords;
-                sum.1 += 1.0;
+                let Some(there) = self.distance_mm.get(&next) else { continue };
+                if (*here < 0.0) != (*there < 0.0) {
+                    let at = self.place(*corner).lerp(&self.place(next), here / (here - there));
+                    crossings.push(Crossing { corner: *corner, axis, outward: *here < 0.0, at });
+                }
             }
         }
-        cells.into_iter().map(|(cell, (sum, count))| (cell, Point3::from(sum / count))).collect()
+        crossings
     }
+}
+
+/// An edge of the grid that the surface crosses.
+pub struct Crossing {
+    corner: [u32; 3],
+    axis: usize,
+    /// Whether the edge leads outwards.
+    pub outward: bool,
+    at: Point3<f64>,
+}
+
+impl Crossing {
+    /// The cells around the edge, counter-clockwise when seen from its end; none below the first one.
+    pub fn cells(&self) -> [Option<[u32; 3]>; 4] {
+        let [across, along] = [(self.axis + 1) % 3, (self.axis + 2) % 3];
+        [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(back_across, back_along)| {
+            let mut cell = self.corner;
+            cell[across] = cell[across].checked_sub(back_across)?;
+            cell[along] = cell[along].checked_sub(back_along)?;
+            Some(cell)
+        })
+    }
+}
+
+/// Cells that the surface passes, and in each the mean of the places where it crosses the edges, mm.
+pub fn vertices(crossings: &[Crossing]) -> Vec<([u32; 3], Point3<f64>)> {
+    let mut cells: BTreeMap<[u32; 3], (Vector3<f64>, f64)> = BTreeMap::new();
+    for crossing in crossings {
+        for cell in crossing.cells().into_iter().flatten() {
+            let sum = cells.entry(cell).or_insert((Vector3::zeros(), 0.0));
+            sum.0 += crossing.at.coords;
+            sum.1 += 1.0;
+        }
+    }
+    cells.into_iter().map(|(cell, (sum, count))| (cell, Point3::from(sum / count))).collect()
 }
 
 /// Adds what a point says to all corners within its reach.

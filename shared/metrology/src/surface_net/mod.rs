@@ -18,7 +18,7 @@ pub use check::NetCheck;
 pub use openings::Opening;
 
 use crate::spatial::{Patch, PointTree};
-use field::Field;
+use field::{Crossing, Field, vertices};
 use fringe::cloud::Point;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -106,9 +106,8 @@ impl SurfaceNet {
         if cell_mm < spacing_mm {
             return Err(NetError::Sparse { cell_mm, spacing_mm });
         }
-        let field = Field::new(points, cell_mm)?;
-        let cells = field.vertices();
-        let empty = || NetError::Empty { given: points.len(), cell_mm };
+        let crossings = Field::new(points, cell_mm)?.crossings();
+        let cells = vertices(&crossings);
         let vertices: Vec<Option<Point3<f64>>> =
             cells.par_iter().map(|(_, at)| on_the_surface(&tree, at, cell_mm)).collect();
         let mut numbers = BTreeMap::new();
@@ -119,9 +118,12 @@ impl SurfaceNet {
                 corners.push(vertex);
             }
         }
-        let triangles = triangles(&field, &numbers, &corners);
+        let triangles = triangles(&crossings, &numbers, &corners);
         let net = Self { corners, triangles, cell_mm }.without_loose_corners();
-        if net.triangles.is_empty() { Err(empty()) } else { Ok(net) }
+        if net.triangles.is_empty() {
+            return Err(NetError::Empty { given: points.len(), cell_mm });
+        }
+        Ok(net)
     }
 
     /// Corners of each triangle, mm.
@@ -173,19 +175,16 @@ fn on_the_surface(tree: &PointTree, at: &Point3<f64>, cell_mm: f64) -> Option<Po
 }
 
 /// Two triangles for each edge of the grid that the surface crosses between four cells with vertices, cut along the shorter diagonal.
-fn triangles(field: &Field, numbers: &BTreeMap<[u32; 3], u32>, corners: &[Point3<f64>]) -> Vec<[u32; 3]> {
+fn triangles(
+    crossings: &[Crossing],
+    numbers: &BTreeMap<[u32; 3], u32>,
+    corners: &[Point3<f64>],
+) -> Vec<[u32; 3]> {
     let mut triangles = Vec::new();
-    for (corner, axis, outward) in field.crossings() {
-        let [across, along] = [(axis + 1) % 3, (axis + 2) % 3];
-        let cell = |back_across: u32, back_along: u32| {
-            let mut cell = corner;
-            cell[across] = cell[across].checked_sub(back_across)?;
-            cell[along] = cell[along].checked_sub(back_along)?;
-            numbers.get(&cell).copied()
-        };
-        let around = [cell(0, 0), cell(1, 0), cell(1, 1), cell(0, 1)];
+    for crossing in crossings {
+        let around = crossing.cells().map(|cell| numbers.get(&cell?).copied());
         let [Some(a), Some(b), Some(c), Some(d)] = around else { continue };
-        let [a, b, c, d] = if outward { [a, b, c, d] } else { [a, d, c, b] };
+        let [a, b, c, d] = if crossing.outward { [a, b, c, d] } else { [a, d, c, b] };
         let length = |a: u32, b: u32| -> f64 {
             let difference: Vector3<f64> = corners[a as usize] - corners[b as usize];
             difference.norm_squared()
