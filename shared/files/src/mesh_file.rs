@@ -2,6 +2,7 @@
 
 use crate::atomic;
 use crate::error::FileError;
+use crate::ply::comment_line;
 use nalgebra::{Point3, Vector3};
 use std::io::Write as _;
 use std::path::Path;
@@ -21,8 +22,8 @@ pub fn write_ply(
 ) -> Result<(), FileError> {
     atomic::write_with(path, |out| {
         writeln!(out, "ply\nformat binary_little_endian 1.0\ncomment unit: mm")?;
-        for (key, value) in comments {
-            writeln!(out, "comment {key}: {}", value.replace(char::is_control, " "))?;
+        for comment in comments {
+            out.write_all(comment_line(comment).as_bytes())?;
         }
         writeln!(out, "element vertex {}", corners.len())?;
         writeln!(out, "property double x\nproperty double y\nproperty double z")?;

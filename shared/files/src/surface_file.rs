@@ -1,16 +1,12 @@
 //! Clouds and meshes by whatever file they come in: PLY, STL, OBJ, E57.
 
 use crate::document::{open_input, read_bytes, refuse_special};
+use crate::e57_file;
 use crate::error::{FileError, Problem};
 use crate::memory;
 use crate::ply::{self, Cloud};
-use bytemuck::Zeroable;
-use e57::{CartesianCoordinate, E57Reader};
-use fringe::cloud::Point;
 use nalgebra::Point3;
-use std::fs::File;
-use std::io::{BufReader, Cursor, Read};
-use std::os::unix::fs::FileExt as _;
+use std::io::{Cursor, Read};
 use std::path::Path;
 
 /// Largest STL: 50 million triangles in binary form.
@@ -19,9 +15,6 @@ const STL_LIMIT_BYTES: u64 = STL_HEADER_BYTES + STL_TRIANGLE_BYTES * 50_000_000;
 /// Bytes before the first triangle of a binary STL, and of one triangle.
 const STL_HEADER_BYTES: u64 = 84;
 const STL_TRIANGLE_BYTES: u64 = 50;
-
-/// E57 files hold metres (ASTM E2807).
-const MM_PER_METRE: f64 = 1000.0;
 
 /// A cloud or a mesh.
 #[derive(Debug, Clone)]
@@ -48,7 +41,7 @@ pub fn read(path: &Path) -> Result<Surface, FileError> {
     match kind(path)? {
         Kind::Stl => read_stl(path).map(Surface::Mesh),
         Kind::Obj => read_obj(path).map(Surface::Mesh),
-        Kind::E57 => read_e57(path).map(Surface::Cloud),
+        Kind::E57 => e57_file::read_cloud(path).map(Surface::Cloud),
         Kind::Ply => match ply::read_triangles(path)? {
             Some(triangles) => Ok(Surface::Mesh(triangles)),
             None => ply::read_cloud(path).map(Surface::Cloud),
@@ -63,7 +56,7 @@ pub fn read(path: &Path) -> Result<Surface, FileError> {
 pub fn read_cloud(path: &Path) -> Result<Cloud, FileError> {
     match kind(path)? {
         Kind::Ply => ply::read_cloud(path),
-        Kind::E57 => read_e57(path),
+        Kind::E57 => e57_file::read_cloud(path),
         Kind::Stl | Kind::Obj => Err(FileError::new(
             path,
             Problem::Unsupported("is a mesh (STL, OBJ) where a point cloud is needed".into()),
@@ -180,55 +173,6 @@ fn read_obj(path: &Path) -> Result<Vec<[Point3<f64>; 3]>, FileError> {
     Ok(triangles)
 }
 
-/// All clouds of the file in its common frame, in mm. Points without valid coordinates count as dropped.
-fn read_e57(path: &Path) -> Result<Cloud, FileError> {
-    let fault = |error: e57::Error| {
-        let problem =
-            Problem::Syntax(format!("is no readable E57: {}", error.to_string().replace('\n', " ")));
-        FileError::new(path, problem, "truncated? export or copy it again")
-    };
-    let (file, _) = open_input(path)?;
-    check_e57_header(path, &file)?;
-    let mut reader = E57Reader::new(BufReader::new(file)).map_err(fault)?;
-    let mut cloud = Cloud::default();
-    for scan in reader.pointclouds() {
-        let bytes = scan.records.saturating_mul(2 * size_of::<Point>() as u64);
-        memory::check(path, &format!("{} points", scan.records), bytes)?;
-        for point in reader.pointcloud_simple(&scan).map_err(fault)? {
-            match point.map_err(fault)?.cartesian {
-                CartesianCoordinate::Valid { x, y, z } if [x, y, z].iter().all(|v| v.is_finite()) => {
-                    let position_mm = [x, y, z].map(|v| v * MM_PER_METRE);
-                    cloud.points.push(Point { position_mm, ..Point::zeroed() });
-                }
-                _ => cloud.dropped += 1,
-            }
-        }
-    }
-    Ok(cloud)
-}
-
-/// Refuses a header that promises more than the file has: the reader would make room for it. Bytes 24, 32 and 40: place and
-/// length of the XML section, size of a page (ASTM E2807).
-fn check_e57_header(path: &Path, file: &File) -> Result<(), FileError> {
-    let bytes = file.metadata().map_err(|source| FileError::io(path, "inspect it", source))?.len();
-    let mut header = [0; 48];
-    // A shorter file is the reader's to refuse.
-    if file.read_exact_at(&mut header, 0).is_err() {
-        return Ok(());
-    }
-    let (words, _) = header.as_chunks::<8>();
-    let [length, page] = [4, 5].map(|word| u64::from_le_bytes(words[word]));
-    if length <= bytes && page <= bytes {
-        return Ok(());
-    }
-    let problem = Problem::Disagreement {
-        what: "header and size",
-        here: format!("{length} bytes of XML in pages of {page}"),
-        there: format!("the file has {bytes}"),
-    };
-    Err(FileError::new(path, problem, "truncated? export or copy it again"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -301,27 +245,5 @@ mod tests {
             let error = read_as(name, bytes).unwrap_err();
             assert!(error.contains(word) && !error.contains('\n'), "{error}");
         }
-    }
-
-    #[test]
-    fn e57_is_in_metres() {
-        let folder = TempDir::new().unwrap();
-        let path = folder.path().join("a.e57");
-        let mut writer = e57::E57Writer::from_file(&path, "file").unwrap();
-        let record = e57::RecordDataType::Double { min: None, max: None };
-        let prototype =
-            [e57::RecordName::CartesianX, e57::RecordName::CartesianY, e57::RecordName::CartesianZ]
-                .map(|name| e57::Record { name, data_type: record.clone() });
-        let mut cloud = writer.add_pointcloud("cloud", prototype.to_vec()).unwrap();
-        cloud.add_point([0.001, -0.25, 2.0].map(e57::RecordValue::Double).to_vec()).unwrap();
-        cloud.finalize().unwrap();
-        writer.finalize().unwrap();
-        match read(&path).unwrap() {
-            Surface::Cloud(cloud) => assert_eq!(cloud.points[0].position_mm, [1.0, -250.0, 2000.0]),
-            Surface::Mesh(_) => panic!("a cloud"),
-        }
-        let bytes = std::fs::read(&path).unwrap();
-        std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
-        assert!(read(&path).is_err());
     }
 }

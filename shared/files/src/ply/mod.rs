@@ -8,6 +8,7 @@ mod mesh;
 mod write;
 
 pub use mesh::read_triangles;
+pub(crate) use write::comment_line;
 pub use write::{write_cloud, write_deviations};
 
 use crate::document::{open_input, refuse_special};

@@ -90,15 +90,15 @@ fn write_points(
     })
 }
 
+/// A comment as a line of the header; what would end the line becomes a blank.
+pub(crate) fn comment_line((key, value): &(&str, &str)) -> String {
+    format!("comment {key}: {value}").replace(char::is_control, " ") + "\n"
+}
+
 fn header_text(count: usize, comments: &[(&str, &str)], further: Columned<'_>) -> String {
     let mut text = String::from("ply\nformat binary_little_endian 1.0\ncomment unit: mm\n");
-    for (key, value) in comments {
-        let line: String = format!("comment {key}: {value}")
-            .chars()
-            .map(|letter| if letter.is_control() { ' ' } else { letter })
-            .collect();
-        text.push_str(&line);
-        text.push('\n');
+    for comment in comments {
+        text.push_str(&comment_line(comment));
     }
     let _ = writeln!(text, "element vertex {count}");
     for (kind, names) in PROPERTIES.iter().chain(further) {
