@@ -84,7 +84,6 @@ mod fits;
 mod focus;
 mod gamma;
 mod gige;
-mod gige_figures;
 mod golden_cells;
 mod hung_disk;
 mod lightcrafter;

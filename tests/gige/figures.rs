@@ -1,6 +1,6 @@
 //! Figures of cameras on the network, and the storm: minutes, so on request only.
 
-use crate::gige::{cell_of, run_json, serve};
+use super::{cell_of, checked_cell, run_json, serve};
 use crate::support::SMALL_PX;
 use devices::{Camera, CameraState, LinkCounts};
 use ipc::os::{Usage, now_ns};
@@ -118,7 +118,7 @@ fn outcomes(json: &Path) -> BTreeMap<u64, (String, Value)> {
 
 /// Every cycle of a storm has one outcome; each that is ok gives the bytes of the twin.
 fn storm(test: u8, cycles: u64) {
-    let (folder, simulated, live) = crate::gige::checked_cell(test, None);
+    let (folder, simulated, live) = checked_cell(test, None);
     let _served = serve(&simulated, test, &["drop=100", "duplicate=97", "swap=89", "storm=7"]);
     let came = outcomes(&run_json(folder.path(), &live, "net", cycles));
     let twin = outcomes(&run_json(folder.path(), &simulated, "twin", cycles));
