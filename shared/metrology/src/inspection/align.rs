@@ -9,11 +9,12 @@ use rayon::prelude::*;
 
 use super::MeasureError;
 use super::fit_element::{PLACING, REACH_MARGINS, choose, fit, positions, thinned};
+use super::fitted_element::FittedElement;
 use super::gather::gather;
 use super::geometry::Geometry;
 use super::plan::{Datums, Element, Plan};
 use super::region::Region;
-use super::result::{AlignmentResult, FittedElement};
+use super::result::AlignmentResult;
 use crate::fit::{FitSettings, plane, sphere_centre_near};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;

@@ -4,10 +4,10 @@ use nalgebra::{Point3, Vector3};
 
 use super::MeasureError;
 use super::criterion::Criterion;
+use super::fitted_element::FittedElement;
 use super::flatness::u_range_mm;
 use super::geometry::Geometry;
 use super::plan::Element;
-use super::result::FittedElement;
 use crate::fit::{
     self, Correlation, FitError, FitSettings, Outline, Placed, PlaneFit, Residuals, Sheet, Side, border,
     contour, u_gap_mm,

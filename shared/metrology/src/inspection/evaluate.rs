@@ -7,6 +7,7 @@ use super::criterion::Criterion;
 use super::extracted;
 use super::filter::filtered;
 use super::fit_element::{Measured, REACH_MARGINS, about, measure};
+use super::fitted_element::FittedElement;
 use super::flatness::u_range_mm;
 use super::gather::gather;
 use super::joint::{Joint, Part};
@@ -14,8 +15,7 @@ use super::location;
 use super::plan::{Feature, Plan, Quantity};
 use super::region::Region;
 use super::result::{
-    AlignmentResult, ConstructedResult, ElementResult, FeatureResult, FittedElement, FlatnessFilter,
-    InspectionResult,
+    AlignmentResult, ConstructedResult, ElementResult, FeatureResult, FlatnessFilter, InspectionResult,
 };
 use crate::fit::{
     Correlation, Derived, Form, PlaneFit, SphereFit, centre_distance_mm, plane_angle_rad, plane_distance_mm,

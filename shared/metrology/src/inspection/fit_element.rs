@@ -4,12 +4,13 @@ use nalgebra::{Point3, Vector3};
 
 use super::MeasureError;
 use super::associate::{associated, outlined};
+use super::fitted_element::FittedElement;
 use super::gather::Sample;
 use super::geometry::Geometry;
 use super::nominal_surface::SurfaceFit;
 use super::plan::Element;
 use super::region::Region;
-use super::result::{DeviationPoint, FittedElement};
+use super::result::DeviationPoint;
 use crate::fit::{self, Correlation, FitError, FitSettings};
 use fringe::geometry::pose::Pose;
 

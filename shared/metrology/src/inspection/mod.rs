@@ -23,6 +23,7 @@ mod evaluate;
 mod extracted;
 mod filter;
 mod fit_element;
+mod fitted_element;
 mod flatness;
 mod gather;
 mod geometry;
@@ -48,6 +49,7 @@ pub use draft::{DraftSettings, Found, draft};
 pub use error::MeasureError;
 pub use evaluate::{deviations, evaluate, locate};
 pub use filter::{Filtered, filtered as filtered_flatness};
+pub use fitted_element::FittedElement;
 pub use geometry::{Exclusion, ExclusionShape, Geometry, Sector};
 pub use nominal_surface::{NominalSurface, SurfaceFit, Surfaces};
 pub use place::{PlaceError, Placement, place};
@@ -55,6 +57,6 @@ pub use plan::{Datums, Element, Feature, PLAN_FORMAT, Plan, PlanError, Quantity,
 pub use raw::{RawPlan, SurfaceFile};
 pub use references::{Constructed, Construction, DatumSystem};
 pub use result::{
-    AlignmentResult, ConstructedResult, DeviationPoint, ElementResult, FeatureResult, FittedElement,
-    FlatnessFilter, InspectionResult,
+    AlignmentResult, ConstructedResult, DeviationPoint, ElementResult, FeatureResult, FlatnessFilter,
+    InspectionResult,
 };

@@ -3,9 +3,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::bounds::Bounds;
+use super::fitted_element::FittedElement;
 use super::geometry::{Exclusion, ExclusionShape, Geometry};
 use super::plan::Element;
-use super::result::FittedElement;
 use crate::fit::{Outline, PlaneFit, SphereFit, tangents};
 use fringe::math;
 

@@ -2,8 +2,8 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
+use super::fitted_element::FittedElement;
 use super::geometry::Geometry;
-use super::result::FittedElement;
 use crate::fit::{CHART, ChartCovariance, ContourFit, Outline, tangents};
 use fringe::math;
 
