@@ -26,8 +26,6 @@ const WEAK: f64 = 0.05;
 const MANY_WEAK: f64 = 0.05;
 /// Ratio of two exposures that belong together.
 const RATIO: f64 = 4.0;
-/// Most exposures that are proposed.
-const MOST_EXPOSURES: usize = 3;
 
 /// The brightest and the darkest value of each pixel over the frames that came.
 #[derive(Debug, Clone)]
@@ -138,7 +136,6 @@ impl ExposureState {
         if self.weak_fraction > 0.5 {
             times.push(exposure_us * RATIO * RATIO);
         }
-        times.truncate(MOST_EXPOSURES);
         times
     }
 }

@@ -39,13 +39,8 @@ impl Neighbourhoods {
             std::array::from_fn(|index| nearest[index + 1].sqrt())
         };
         let mut sorted: Vec<[f64; NEIGHBOURS]> = points.iter().map(of_point).collect();
-        sorted.sort_by(|a, b| {
-            a.iter()
-                .zip(b)
-                .map(|(a, b)| a.total_cmp(b))
-                .find(|o| o.is_ne())
-                .unwrap_or(std::cmp::Ordering::Equal)
-        });
+        // Of numbers that are not negative the bits have the same order.
+        sorted.sort_by_key(|distances| distances.map(f64::to_bits));
         Self { sorted, tolerance_mm: LEAST_TOLERANCE_MM + TOLERANCE_SHARE * largest }
     }
 

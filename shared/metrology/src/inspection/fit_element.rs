@@ -283,9 +283,10 @@ fn deviations(
     chosen: &[u32],
 ) -> Vec<DeviationPoint> {
     let bore = nominal.geometry.is_internal();
-    // Of a sphere or plane the residuals; the others' sign and reference are those of the surface they bound.
+    // Of a sphere, plane or freeform surface the residuals; the others' sign and reference are those of the surface they bound.
     let residuals = &fit.residuals().deviation_mm;
-    let direct = matches!(fit, FittedElement::Sphere(_) | FittedElement::Plane(_));
+    let direct =
+        matches!(fit, FittedElement::Sphere(_) | FittedElement::Plane(_) | FittedElement::Surface(_));
     let from_fit = |place: usize, position: &Vector3<f64>| {
         if direct {
             return residuals[place];
@@ -293,9 +294,11 @@ fn deviations(
         let distance = fit.distance_mm(&nominal.geometry, position);
         if bore { -distance } else { distance }
     };
-    let flat = |position: &Vector3<f64>| match &nominal.geometry {
+    let from_nominal = |place: usize, position: &Vector3<f64>| match &nominal.geometry {
         // An outline's points are those of its plane.
         Geometry::Outline { center_mm, normal, .. } => (position - center_mm.coords).dot(normal),
+        // A freeform surface stays where it nominally is, and to look for its nearest triangle again takes long.
+        Geometry::Surface(_) => from_fit(place, position),
         geometry => geometry.distance_mm(position),
     };
     chosen
@@ -305,7 +308,7 @@ fn deviations(
         .map(|(place, sample)| DeviationPoint {
             index: sample.index,
             from_fit_mm: from_fit(place, &sample.position) as f32,
-            from_nominal_mm: flat(&sample.position) as f32,
+            from_nominal_mm: from_nominal(place, &sample.position) as f32,
         })
         .collect()
 }

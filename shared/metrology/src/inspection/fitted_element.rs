@@ -139,7 +139,7 @@ impl FittedElement {
         })
     }
 
-    /// Axis, normal or direction in the part frame; absent of a sphere.
+    /// Axis, normal or direction in the part frame; absent of a sphere and of a freeform surface.
     pub fn direction(&self) -> Option<[f64; 3]> {
         Some(match self {
             Self::Sphere(_) | Self::Surface(_) => return None,

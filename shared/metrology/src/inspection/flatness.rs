@@ -37,14 +37,15 @@ fn u_range(deviations: &[f64], rejected: usize, effect: f64, heavy_tail: bool) -
     if tail == 0 {
         return 0.0;
     }
-    let wide = (kept / KIND_SHARE).min(KIND_MOST).max(tail);
+    // How heavy the tail of means is, is known.
+    let wide = if heavy_tail { tail } else { (kept / KIND_SHARE).min(KIND_MOST).max(tail) };
     // The largest ones alone are needed in order.
     let last = rejected + wide;
     sizes.select_nth_unstable_by(last, |a, b| b.total_cmp(a));
     sizes[..=last].sort_unstable_by(|a, b| b.total_cmp(a));
     let largest = &sizes[rejected..=last];
-    let (heavy, gaussian) = (Tail::new(false, largest, rejected), Tail::new(true, largest, rejected));
-    let squared = !heavy_tail && gaussian.likelihood >= heavy.likelihood;
+    let likelihood = |squared: bool| Tail::new(squared, largest, rejected).likelihood(largest);
+    let squared = !heavy_tail && likelihood(true) >= likelihood(false);
     let found = Tail::new(squared, &largest[..=tail], rejected);
     // With nothing rejected both extremes scatter on their own; with rejection both sit at the same cut c, and the
     // range is 2 c.
@@ -59,34 +60,39 @@ fn u_range(deviations: &[f64], rejected: usize, effect: f64, heavy_tail: bool) -
 /// An exponential tail of the residuals or of their squares.
 struct Tail {
     squared: bool,
-    /// Scale of the tail; its square is unbiased.
-    scale: f64,
-    /// Logarithm of the likelihood of the residuals, up to what is the same for both tails.
-    likelihood: f64,
+    /// Mean of the normalised spacings.
+    mean: f64,
+    /// Number of the spacings.
+    count: f64,
 }
 
 impl Tail {
     /// From the largest residuals in falling order, with the number of larger ones that were left out.
     fn new(squared: bool, largest: &[f64], rejected: usize) -> Self {
-        let count = largest.len() - 1;
+        let count = (largest.len() - 1) as f64;
         let raised = |x: f64| if squared { x * x } else { x };
-        // Normalised spacings: their mean is the scale.
         let spacings = largest.windows(2).enumerate();
         let sum: f64 = spacings.map(|(i, w)| (raised(w[0]) - raised(w[1])) * (rejected + i + 1) as f64).sum();
-        let mean = sum / count as f64;
-        let stretch: f64 =
-            if squared { largest[..count].iter().map(|x| math::ln(2.0 * x)).sum() } else { 0.0 };
-        let likelihood = stretch - count as f64 * math::ln(mean);
-        // The mean of n exponentials has the square (n + 1)/n of its own.
-        let scale = mean * (count as f64 / (count as f64 + 1.0)).sqrt();
-        Self { squared, scale, likelihood }
+        Self { squared, mean: sum / count, count }
+    }
+
+    /// Logarithm of the likelihood of the residuals that it was made of, up to what is the same for both tails.
+    fn likelihood(&self, largest: &[f64]) -> f64 {
+        let above = &largest[..largest.len() - 1];
+        let stretch: f64 = if self.squared { above.iter().map(|x| math::ln(2.0 * x)).sum() } else { 0.0 };
+        stretch - self.count * math::ln(self.mean)
+    }
+
+    /// Scale of the tail; its square is unbiased: the mean of n exponentials has the square (n + 1)/n of its own.
+    fn scale(&self) -> f64 {
+        self.mean * (self.count / (self.count + 1.0)).sqrt()
     }
 
     /// Scale of the residuals themselves at one of them.
     fn scale_at(&self, residual: f64) -> f64 {
         match self.squared {
-            false => self.scale,
-            true if residual > 0.0 => self.scale / (2.0 * residual),
+            false => self.scale(),
+            true if residual > 0.0 => self.scale() / (2.0 * residual),
             true => 0.0,
         }
     }

@@ -22,8 +22,7 @@ pub struct NominalSurface {
 /// Equal are surfaces of the same triangles.
 impl PartialEq for NominalSurface {
     fn eq(&self, other: &Self) -> bool {
-        let corners = |s: &Self| s.mesh.triangles().iter().map(|t| t.corners).collect::<Vec<_>>();
-        self.file == other.file && corners(self) == corners(other)
+        self.file == other.file && self.mesh.triangles() == other.mesh.triangles()
     }
 }
 

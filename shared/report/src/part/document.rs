@@ -137,12 +137,14 @@ fn three(v: Option<[f64; 3]>, digits: usize) -> String {
 }
 
 fn constructed(all: &[ConstructedResult]) -> Table {
-    let names =
-        [("Element", 2.0, false), ("Kind", 1.2, false), ("Point", 2.4, true), ("Direction", 2.4, true)];
+    let names = [
+        ("Element", 2.0, false),
+        ("Kind", 1.2, false),
+        ("Point", 2.4, true),
+        ("Direction", 2.4, true),
+        ("Size", 1.3, true),
+    ];
     let columns = names.map(|(name, width, right)| (name.to_owned(), width, right)).to_vec();
-    let three = |v: Option<[f64; 3]>, d: usize| {
-        v.map_or_else(|| NONE.to_owned(), |v| v.map(|x| fixed(x, d)).join(", "))
-    };
     let row = |c: &ConstructedResult| {
         vec![
             Cell::plain(&c.name).with_detail(c.reason.as_deref().unwrap_or_default()),

@@ -20,9 +20,10 @@ impl Sums {
         self.stated += variance;
     }
 
-    /// Root mean square error over root mean square stated uncertainty; `None` where nothing is stated.
+    /// Root mean square error over root mean square stated uncertainty; `None` where there is neither, as of what a shape does not
+    /// have. An error of which nothing is stated has an infinite ratio.
     fn ratio(&self) -> Option<f64> {
-        (self.stated > 0.0).then(|| (self.errors / self.stated).sqrt())
+        (self.errors > 0.0 || self.stated > 0.0).then(|| (self.errors / self.stated).sqrt())
     }
 }
 
