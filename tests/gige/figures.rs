@@ -123,19 +123,20 @@ fn storm(test: u8, cycles: u64) {
     let came = outcomes(&run_json(folder.path(), &live, "net", cycles));
     let twin = outcomes(&run_json(folder.path(), &simulated, "twin", cycles));
     assert_eq!(came.len() as u64, cycles);
-    let mut reasons: BTreeMap<String, usize> = BTreeMap::new();
+    // How often, and the first cycle.
+    let mut reasons: BTreeMap<String, (usize, u64)> = BTreeMap::new();
     for (number, (outcome, hashes)) in &came {
         if outcome == "ok" {
             assert_eq!(hashes, &twin[number].1, "cycle {number} is ok and has other bytes than the twin");
         }
         // Numbers make one reason of many.
         let reason: String = outcome.chars().filter(|c| !c.is_ascii_digit()).collect();
-        *reasons.entry(reason).or_default() += 1;
+        reasons.entry(reason).or_insert((0, *number)).0 += 1;
     }
-    for (reason, count) in &reasons {
-        println!("{count:4}  {reason}");
+    for (reason, (count, first)) in &reasons {
+        println!("{count:4}, first cycle {first:3}: {reason}");
     }
-    assert!(reasons.get("ok").is_some_and(|ok| *ok as u64 > cycles / 8), "{reasons:?}");
+    assert!(reasons.get("ok").is_some_and(|(ok, _)| *ok as u64 > cycles / 8), "{reasons:?}");
     assert!(reasons.len() > 1, "{reasons:?}");
 }
 

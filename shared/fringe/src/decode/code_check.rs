@@ -4,6 +4,7 @@ use super::axis_noise::AxisState;
 use super::block::state;
 use super::continuity::Continuity;
 use super::dirt::code::{self, CodeFrame, CodeLook, CodeVerdict, Shown};
+use super::rasters::Rasters;
 use super::report::DecodeReport;
 use super::roles::{AxisPlan, CodePlan, Reference, SineKind};
 use super::{DecodeError, Decoder, Remedy};
@@ -83,6 +84,25 @@ impl Decoder {
             most
         };
         report.check_orders(self.plan.axes[home].axis, limit)
+    }
+
+    /// Decodes an axis from the frames before anything was mended: a check proves that each of them shows its pattern, and what was mended contradicts
+    /// the phase. A bit that is dark wherever the part is looks like a black frame.
+    ///
+    /// # Errors
+    /// [`DecodeError::Contradiction`]; the proof confirms the frames.
+    pub(super) fn as_they_came(
+        &mut self,
+        home: usize,
+        out: &mut PhaseViewMut,
+        frames: Rasters,
+    ) -> Result<DecodeReport, DecodeError> {
+        self.rasters = frames;
+        let nothing = CodeVerdict { findings: Vec::new(), confirmed: 1.0, demanded_px: Vec::new() };
+        self.axes[home].code = Some(nothing);
+        let report = self.pass(home, out);
+        self.check_code(home, &report, out)?;
+        Ok(report)
     }
 
     /// Masks pixels whose order is not the one that their region demands, where a frame of the code was wrong.

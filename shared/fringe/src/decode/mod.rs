@@ -285,14 +285,19 @@ impl Decoder {
             self.mend_code(home, out)?;
         }
         let mut report = self.pass(home, out);
+        let mut frames = None;
         if self.suspects_code(home, &report, out) || self.axes[home].has_wrong_frames() {
+            let proven = matches!(order, FrameOrder::Proven { .. }) && self.axes[home].code.is_none();
+            frames = proven.then(|| self.rasters.clone());
             decode_blocks(&self.kernel(home, &self.plan.axes[home]), self.level, out);
             self.mend_code(home, out)?;
             report = self.pass(home, out);
         }
         self.mask_undemanded(home, &mut report, out);
-        if !self.plan.axes[home].sines.is_empty() {
-            self.check_code(home, &report, out)?;
+        if !self.plan.axes[home].sines.is_empty()
+            && let Err(contradiction) = self.check_code(home, &report, out)
+        {
+            report = self.as_they_came(home, out, frames.ok_or(contradiction)?)?;
         }
         let of_code = self.axes[home].code.iter().flat_map(|verdict| &verdict.findings);
         let of_sines = self.plan.axes[home].sines.iter().flat_map(|s| &self.findings[*s]);

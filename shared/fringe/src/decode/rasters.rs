@@ -8,7 +8,7 @@ use std::ops::Range;
 const CHUNK: usize = 1 << 18;
 
 /// Frames that are kept as they came. The full scale decides how wide a value is stored.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub enum Rasters {
     /// Full scale up to 255.
     Bytes(Vec<u8>),
