@@ -13,7 +13,7 @@ use crate::Outcome;
 use crate::live::Live;
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail, ensure};
-use characterise::exposure::{SeenRange, clipped_dn, sharpness};
+use characterise::exposure::{ExposureState, PixelLight, SeenRange, clipped_dn, sharpness};
 use files::atomic;
 use fringe::frame::FrameView;
 use fringe::pattern::{PatternSet, locate};
@@ -40,7 +40,8 @@ pub struct Args {
     /// Frame of its projector's sequence that is shown, from 1; by default white, else the first one.
     #[arg(long, value_name = "K")]
     frame: Option<usize>,
-    /// What is marked beside clipped pixels (red): pixels that see no light of the whole sequence (blue).
+    /// Show the whole sequence and draw what each pixel sees of it: modulation from teal (none) to yellow (half of the full scale, the most there can
+    /// be), red where a frame is clipped, blue without light.
     #[arg(long)]
     modulation: bool,
     /// End after so many pictures; by default 1 where nobody looks, else at Ctrl-C.
@@ -78,6 +79,10 @@ struct Figures {
     clipped_fraction: f64,
     /// Pixels that see no light of the sequence, over all; null unless asked for.
     unlit_fraction: Option<f64>,
+    /// Median modulation of the pixels with light over the full scale; null unless asked for, or where none has light.
+    modulation_median: Option<f64>,
+    /// Pixels with a modulation below 5 % of the full scale, over those with light; null likewise.
+    weak_fraction: Option<f64>,
     /// Larger is sharper, for the same scene and pattern.
     sharpness: f64,
     /// Pixels by grey value, dark to full scale.
@@ -174,17 +179,22 @@ fn look(
         Ok(())
     })?;
     let frame = kept.context("the frame did not come")?;
-    let unlit = range.map(|range| range.unlit()).unwrap_or_default();
+    let seen = range.as_ref().map(SeenRange::pixels).unwrap_or_default();
     let clipped = clipped_dn(frame.full_scale_dn);
-    let picture = LivePicture::new(&frame.view(), clipped as f32, &unlit)?;
-    let mut figures = figures(&frame.view(), clipped, &unlit);
+    let picture = LivePicture::new(&frame.view(), clipped as f32, &seen)?;
+    let mut figures = figures(&frame.view(), clipped, &seen, range.and_then(|range| range.state()));
     figures.camera.clone_from(&live.cell.config.cameras[camera].name);
     figures.projector.clone_from(&live.cell.config.projectors[projector].name);
     figures.frame = number + 1;
     Ok((picture, figures))
 }
 
-fn figures(frame: &FrameView<'_>, clipped_dn: f64, unlit: &[bool]) -> Figures {
+fn figures(
+    frame: &FrameView<'_>,
+    clipped_dn: f64,
+    seen: &[PixelLight],
+    state: Option<ExposureState>,
+) -> Figures {
     let values = || (0..frame.pixels.len()).map(|place| f64::from(frame.pixels.get(place)));
     let count = frame.pixels.len().max(1) as f64;
     Figures {
@@ -197,8 +207,10 @@ fn figures(frame: &FrameView<'_>, clipped_dn: f64, unlit: &[bool]) -> Figures {
         full_scale_dn: frame.full_scale_dn,
         mean_dn: values().sum::<f64>() / count,
         clipped_fraction: values().filter(|value| *value >= clipped_dn).count() as f64 / count,
-        unlit_fraction: (!unlit.is_empty())
-            .then(|| unlit.iter().filter(|unlit| **unlit).count() as f64 / count),
+        unlit_fraction: (!seen.is_empty())
+            .then(|| seen.iter().filter(|light| **light == PixelLight::Unlit).count() as f64 / count),
+        modulation_median: state.map(|state| state.modulation_median),
+        weak_fraction: state.map(|state| state.weak_fraction),
         sharpness: sharpness(frame),
         histogram: histogram(frame).to_vec(),
     }
@@ -225,8 +237,16 @@ fn print(picture: &LivePicture, figures: &Figures, terminal: bool) -> Result<()>
     let unlit = figures
         .unlit_fraction
         .map_or(String::new(), |unlit| format!(", {:.1} % without light", 100.0 * unlit));
+    let modulation =
+        figures.modulation_median.zip(figures.weak_fraction).map_or(String::new(), |(median, weak)| {
+            format!(
+                ", modulation {:.1} % of the full scale (median), {:.1} % weak",
+                100.0 * median,
+                100.0 * weak
+            )
+        });
     println!(
-        "{camera} under {projector}, frame {frame}: mean {mean_dn:.1} of {full_scale_dn} DN, {:.2} % clipped{unlit}, sharpness {sharpness:.3}\n|{}|",
+        "{camera} under {projector}, frame {frame}: mean {mean_dn:.1} of {full_scale_dn} DN, {:.2} % clipped{unlit}{modulation}, sharpness {sharpness:.3}\n|{}|",
         100.0 * clipped_fraction,
         histogram_line(histogram)
     );

@@ -18,7 +18,7 @@ use tokio::sync::watch;
 
 const PAGE: &str = "<!doctype html><meta charset=utf-8><title>fringecell preview</title>\
     <style>body{background:#111;color:#ddd;font:14px sans-serif;margin:1em}img{max-width:100%}</style>\
-    <p>red: clipped; blue: without light. <a href=/frame.png style=color:#9cf>PNG</a> \
+    <p>red: clipped; with --modulation teal to yellow: modulation, blue: without light. <a href=/frame.png style=color:#9cf>PNG</a> \
     <a href=/figures.json style=color:#9cf>figures</a></p><img src=/stream alt=picture>";
 
 /// The last picture, encoded.

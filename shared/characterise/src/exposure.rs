@@ -35,6 +35,17 @@ pub struct SeenRange {
     full_scale_dn: u16,
 }
 
+/// What a pixel sees of the projector over the frames that came.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PixelLight {
+    /// Nothing: its range is below 4 % of the full scale.
+    Unlit,
+    /// Fringes with this modulation over the full scale, 0.02 … 0.5.
+    Lit(f32),
+    /// A frame in which it may be clipped.
+    Clipped,
+}
+
 /// What the ranges of a camera say.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ExposureState {
@@ -69,11 +80,20 @@ impl SeenRange {
         }
     }
 
-    /// Whether each pixel sees no light of the projector.
-    pub fn unlit(&self) -> Vec<bool> {
-        let least_dn = LEAST_RANGE * f64::from(self.full_scale_dn);
-        let range = |(least, most): (&u16, &u16)| f64::from(most.saturating_sub(*least));
-        self.least.iter().zip(&self.most).map(|pair| range(pair) < least_dn).collect()
+    /// What each pixel sees, row by row.
+    pub fn pixels(&self) -> Vec<PixelLight> {
+        let full = f64::from(self.full_scale_dn);
+        let light = |(least, most): (&u16, &u16)| {
+            let range = f64::from(most.saturating_sub(*least));
+            if f64::from(*most) >= CLIPPED * full {
+                PixelLight::Clipped
+            } else if range < LEAST_RANGE * full {
+                PixelLight::Unlit
+            } else {
+                PixelLight::Lit((0.5 * range / full) as f32)
+            }
+        };
+        self.least.iter().zip(&self.most).map(light).collect()
     }
 
     /// What the ranges say; `None` where no pixel is lit.
@@ -221,6 +241,17 @@ mod tests {
         let (sharp, soft, dim) = (of(stripes(false, 1)), of(stripes(true, 1)), of(stripes(false, 2)));
         assert!(sharp > 1.5 * soft && (sharp - dim).abs() < 1e-9, "{sharp} {soft} {dim}");
         assert_eq!(of(vec![0; 512]), 0.0);
+    }
+
+    #[test]
+    fn each_pixel_is_unlit_clipped_or_lit_with_its_modulation() {
+        let mut range = SeenRange::new(4, 255);
+        range.take(&FrameView::from_bytes(4, 1, 255, &[9, 0, 100, 200]).unwrap());
+        range.take(&FrameView::from_bytes(4, 1, 255, &[18, 51, 255, 98]).unwrap());
+        assert_eq!(
+            range.pixels(),
+            [PixelLight::Unlit, PixelLight::Lit(0.1), PixelLight::Clipped, PixelLight::Lit(0.2)]
+        );
     }
 
     #[test]

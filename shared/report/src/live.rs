@@ -1,8 +1,10 @@
-//! A frame as a person who sets a camera up wants to see it: what is clipped in red, what sees no light in blue, and its histogram.
+//! A frame as a person who sets a camera up wants to see it: what is clipped in red, what sees no light in blue, the modulation of the rest in
+//! colours, and its histogram.
 
-use crate::colour::Rgb;
+use crate::colour::{ColourMap, Rgb};
 use crate::picture::PictureError;
 use crate::raster::Raster;
+use characterise::exposure::PixelLight;
 use fringe::frame::FrameView;
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
@@ -10,6 +12,10 @@ use std::fmt::Write as _;
 
 const CLIPPED: Rgb = [255, 40, 40];
 const UNLIT: Rgb = [40, 70, 200];
+/// The part of the sequential map that modulation is drawn in: teal, green, yellow, none of which is the blue of pixels without light.
+const WEAK_PLACE: f64 = 0.45;
+/// The most that a modulation can be, over the full scale.
+const MOST_MODULATION: f32 = 0.5;
 /// Quality of the pictures of a stream, of 100.
 const QUALITY: u8 = 80;
 /// Bars of the histogram.
@@ -22,23 +28,24 @@ pub struct LivePicture {
 }
 
 impl LivePicture {
-    /// The picture of a frame. `unlit` marks pixels, row by row, that see no light; empty: none. Pixels from `clipped_dn` on are red.
+    /// The picture of a frame. `seen`: what each pixel sees over the whole sequence, row by row; empty: the frame alone is drawn, grey. Pixels from
+    /// `clipped_dn` on are red.
     ///
     /// # Errors
     /// A frame without pixels, or too large for a picture.
-    pub fn new(frame: &FrameView<'_>, clipped_dn: f32, unlit: &[bool]) -> Result<Self, PictureError> {
+    pub fn new(frame: &FrameView<'_>, clipped_dn: f32, seen: &[PixelLight]) -> Result<Self, PictureError> {
         let (width, height) = (frame.width_px as usize, frame.height_px as usize);
         let mut raster = Raster::new(width, height, [0; 3])?;
         let scale = 255.0 / f32::from(frame.full_scale_dn.max(1));
         for (place, pixel) in raster.pixels.iter_mut().enumerate() {
             let value = frame.pixels.get(place);
             let grey = (value * scale).round().min(255.0) as u8;
-            *pixel = if value >= clipped_dn {
-                CLIPPED
-            } else if unlit.get(place) == Some(&true) {
-                UNLIT
-            } else {
-                [grey; 3]
+            *pixel = match seen.get(place) {
+                _ if value >= clipped_dn => CLIPPED,
+                Some(PixelLight::Clipped) => CLIPPED,
+                Some(PixelLight::Unlit) => UNLIT,
+                Some(PixelLight::Lit(modulation)) => of_modulation(*modulation),
+                None => [grey; 3],
             };
         }
         Ok(Self { raster })
@@ -87,6 +94,12 @@ impl LivePicture {
     }
 }
 
+/// Teal for a modulation of nothing, yellow for the most that there can be.
+fn of_modulation(modulation: f32) -> Rgb {
+    let share = f64::from(modulation / MOST_MODULATION).clamp(0.0, 1.0);
+    ColourMap::Sequential.colour(WEAK_PLACE + (1.0 - WEAK_PLACE) * share)
+}
+
 /// Pixels of a frame by grey value, dark to full scale.
 pub fn histogram(frame: &FrameView<'_>) -> [u32; BARS] {
     let mut bars = [0; BARS];
@@ -114,12 +127,22 @@ mod tests {
     }
 
     #[test]
-    fn clipped_pixels_are_red_and_unlit_ones_blue() {
+    fn clipped_pixels_are_red_unlit_ones_blue_and_the_others_show_their_modulation() {
         let values = [0, 50, 100, 255, 252, 253, 10, 20];
-        let unlit = [true, false, false, true, false, false, false, false];
-        let picture = LivePicture::new(&frame(&values), 252.45, &unlit).unwrap();
-        assert_eq!(picture.raster.pixels[..4], [UNLIT, [50; 3], [100; 3], CLIPPED]);
-        assert_eq!(picture.raster.pixels[4..6], [[252; 3], CLIPPED]);
+        let plain = LivePicture::new(&frame(&values), 252.45, &[]).unwrap();
+        assert_eq!(plain.raster.pixels[..4], [[0; 3], [50; 3], [100; 3], CLIPPED]);
+        assert_eq!(plain.raster.pixels[4..6], [[252; 3], CLIPPED]);
+        let (weak, strong) = (PixelLight::Lit(0.05), PixelLight::Lit(0.5));
+        let seen = [PixelLight::Unlit, weak, strong, weak, strong, strong, PixelLight::Clipped, weak];
+        let picture = LivePicture::new(&frame(&values), 252.45, &seen).unwrap();
+        let yellow = ColourMap::Sequential.colour(1.0);
+        assert_eq!(picture.raster.pixels[..4], [UNLIT, of_modulation(0.05), yellow, CLIPPED]);
+        assert_eq!(picture.raster.pixels[4..], [yellow, CLIPPED, CLIPPED, of_modulation(0.05)]);
+        // Brighter from weak to strong, and far from the blue of darkness.
+        let light = |[r, g, b]: Rgb| u32::from(r) + u32::from(g) + u32::from(b);
+        assert!(light(of_modulation(0.05)) + 60 < light(yellow));
+        let apart: u32 = of_modulation(0.0).iter().zip(UNLIT).map(|(a, b)| u32::from(a.abs_diff(b))).sum();
+        assert!(apart > 80, "{apart}");
         let back = image::load_from_memory(&picture.to_png().unwrap()).unwrap().to_rgb8();
         assert_eq!(back.as_raw(), picture.raster.pixels.as_flattened());
         let jpeg = image::load_from_memory(&picture.to_jpeg(2).unwrap()).unwrap();
