@@ -166,6 +166,51 @@ fn a_full_device_behind_an_output_is_exit_code_2_with_the_reason() {
     assert_eq!(cell.left(), Vec::<String>::new());
 }
 
+/// Proves: a recording that a full disk cuts short is lost output, told with the file and what to do, and no recording is left.
+#[test]
+fn a_recording_that_a_full_disk_cuts_short_is_exit_code_2() {
+    let cell = Cell::played("fullrec", 0.0, "");
+    let folder = cell.small.path("disk");
+    std::fs::create_dir(&folder).unwrap();
+    let script = format!(
+        "mount -t tmpfs -o size=64k none {folder} && {} run {} --cell {} --cycles 2 --record {folder}/frames; code=$?; \
+         find {folder} -name recording.toml; exit $code",
+        programs().0,
+        cell.small.path("played.toml"),
+        cell.name
+    );
+    let Some(output) = in_own_namespace(&script) else { return };
+    let said = text(&output.stdout) + &text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(
+        said.contains("error: cycle 1 is not recorded: ") && said.contains("free space on the disk"),
+        "{said}"
+    );
+    assert!(said.contains("No space left on device") && !said.contains("recording.toml\n"), "{said}");
+}
+
+/// Proves: output of a program that was started without standard output is lost, and that is an error, too; what prints nothing is none.
+#[test]
+fn output_without_a_standard_output_is_exit_code_2() {
+    let cell = Cell::played("closed", 0.0, "");
+    let (fringecell, fringetool) = programs();
+    let config = cell.small.path("played.toml");
+    for (command, code) in [
+        (format!("{fringecell} schedule {config}"), 2),
+        (format!("{fringecell} schedule {config} --json -"), 2),
+        (format!("{fringecell} --help"), 2),
+        (format!("{fringetool} --version"), 2),
+        (format!("{fringecell} schedule --quiet {config}"), 0),
+        (format!("{fringecell} schedule {config} > /dev/null"), 0),
+    ] {
+        let script = if command.contains("null") { command.clone() } else { format!("{command} >&-") };
+        let output = Command::new("sh").args(["-c", &script]).output().unwrap();
+        let said = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{command}: {said}");
+        assert_eq!(said.contains("error: standard output: it is closed"), code == 2, "{command}: {said}");
+    }
+}
+
 #[test]
 fn a_run_without_end_that_nobody_reads_any_more_ends() {
     let cell = Cell::played("unread", 0.0, "");

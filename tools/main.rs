@@ -200,6 +200,9 @@ pub enum Outcome {
 
 fn main() -> ExitCode {
     ipc::os::report_file_size_limit();
+    if !ipc::os::had_stdout() {
+        cli::output::without_stdout();
+    }
     let Cli { parse_only, force, command, .. } = match cli::parse() {
         Ok(cli) => cli,
         Err(code) => return ExitCode::from(code),

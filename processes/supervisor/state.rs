@@ -19,9 +19,9 @@ use super::summary::{Summary, Tally};
 use super::warm_up::Cameras;
 use crate::part_files::{PartOutput, Scan};
 use crate::terminal;
-use anyhow::Result;
+use anyhow::{Result, anyhow};
 use cell::cycle_number::{unwire, wire};
-use cell::schedule::{Half, Interval, Order, SUPERVISOR, label, violation};
+use cell::schedule::{Half, Interval, Kind, Order, SUPERVISOR, label, violation};
 use crossbeam::channel::{Receiver, bounded};
 use devices::LoadedCell;
 use files::result::CycleResult;
@@ -90,6 +90,8 @@ pub(super) struct Supervisor<'a> {
     /// Cycles that a serving cell begins with, until it has begun.
     pub(super) first_cycles: Option<u64>,
     pub(super) cameras: Cameras,
+    /// Why the recording of a cycle is missing: the first one that could not be written.
+    unrecorded: Option<anyhow::Error>,
     pub(super) ports: Ports,
 }
 
@@ -157,6 +159,7 @@ impl<'a> Supervisor<'a> {
                 cell.graph.cameras.iter().map(|camera| camera.name.clone()).collect(),
                 cell.config.warm_up,
             ),
+            unrecorded: None,
             ports: Ports::new(services, node, lock),
             cell,
         })
@@ -342,6 +345,10 @@ impl<'a> Supervisor<'a> {
             EventKind::Part => Ok(child.report.push(TextKey::of(&event), text)?),
             EventKind::Failed => {
                 if let Some(cycle) = unwire(event.cycle) {
+                    if self.cell.schedule.stages[stage].kind == Kind::Record {
+                        self.unrecorded
+                            .get_or_insert_with(|| anyhow!("cycle {} is not recorded: {text}", cycle + 1));
+                    }
                     return self.step(Input::Failed { stage, cycle, reason: text.to_owned() }, each);
                 }
                 child.final_message = Some(text.to_owned());
@@ -363,7 +370,8 @@ impl<'a> Supervisor<'a> {
         let unwritten = self.results_out.finish();
         // Who waited for the disk has an answer only now.
         self.answer_remaining();
-        let unrecorded = self.recorder.as_mut().and_then(|recorder| recorder.finish().err());
+        let unrecorded =
+            self.recorder.as_mut().and_then(|recorder| recorder.finish().err()).or(self.unrecorded);
         Summary {
             tally: self.tally,
             history: self.history,

@@ -58,7 +58,7 @@ pub struct Summary {
     pub snapshot: Option<Snapshot>,
     /// Why results are missing in the output folder.
     pub unwritten: Option<anyhow::Error>,
-    /// Why cycles are missing in the cycle record.
+    /// Why cycles are missing in the cycle record, or in the recordings.
     pub unrecorded: Option<anyhow::Error>,
     // Dropped last, in this order: the ports above before the node, the node before the folder.
     pub(super) _ports: Ports,

@@ -78,7 +78,7 @@ pub fn parse<C: CommandFactory + FromArgMatches>() -> Result<C, u8> {
             return crate::BAD_INPUT;
         }
         // Help and version are output as any other: lost, they are an error.
-        output::code_after(output::finish(|| error.print()), 0)
+        output::code_after(output::finish(|| output::is_there().and_then(|()| error.print())), 0)
     })
 }
 

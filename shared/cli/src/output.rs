@@ -29,6 +29,9 @@ static COLOR: AtomicBool = AtomicBool::new(false);
 /// The first error of standard output.
 static LOST: OnceLock<io::Error> = OnceLock::new();
 
+/// Whether there is no standard output.
+static ABSENT: AtomicBool = AtomicBool::new(false);
+
 /// When the program began.
 static BEGIN: OnceLock<Instant> = OnceLock::new();
 
@@ -47,6 +50,17 @@ pub(crate) fn set_color(color: bool) {
 
 fn settings() -> Settings {
     SETTINGS.get().copied().unwrap_or_default()
+}
+
+/// States that the program was started without standard output: what it prints there is lost, which is an error.
+pub fn without_stdout() {
+    ABSENT.store(true, Ordering::Relaxed);
+}
+
+/// What a write to standard output would fail with, where there is none.
+pub(crate) fn is_there() -> io::Result<()> {
+    let absent = ABSENT.load(Ordering::Relaxed);
+    if absent { Err(io::Error::other("it is closed")) } else { Ok(()) }
 }
 
 /// Whether `--quiet` was given.
@@ -107,7 +121,7 @@ pub fn raw(bytes: &[u8]) {
 
 fn to_stdout(write: impl FnOnce(&mut io::StdoutLock) -> io::Result<()>) -> bool {
     let mut out = io::stdout().lock();
-    match write(&mut out).and_then(|()| out.flush()) {
+    match is_there().and_then(|()| write(&mut out)).and_then(|()| out.flush()) {
         Ok(()) => true,
         Err(error) => {
             let _ = LOST.set(error);

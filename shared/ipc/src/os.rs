@@ -5,6 +5,30 @@ use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// Whether the program was started without standard output (`>&-`).
+static NO_STDOUT: AtomicBool = AtomicBool::new(false);
+
+extern "C" fn look_at_stdout() {
+    // SAFETY: F_GETFD reads a flag of a descriptor and changes nothing; for a closed one it fails.
+    if unsafe { libc::fcntl(libc::STDOUT_FILENO, libc::F_GETFD) } == -1 {
+        NO_STDOUT.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Runs before the runtime of the language, which opens the null device in the place of a closed standard output.
+// SAFETY: the section holds pointers to functions of this type, which the loader calls once before `main`; this one needs nothing that
+// is set up later.
+#[used]
+#[unsafe(link_section = ".init_array")]
+static LOOK_AT_STDOUT: extern "C" fn() = look_at_stdout;
+
+/// Whether the program was started with a standard output; without one all that is printed is lost.
+pub fn had_stdout() -> bool {
+    // Named, so that the linker keeps it.
+    std::hint::black_box(&LOOK_AT_STDOUT);
+    !NO_STDOUT.load(Ordering::Relaxed)
+}
+
 /// The monotonic clock that all processes of a machine share, ns.
 pub fn now_ns() -> u64 {
     let mut now = libc::timespec { tv_sec: 0, tv_nsec: 0 };
