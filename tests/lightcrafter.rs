@@ -4,9 +4,12 @@
 use crate::gige::{hashes, run, serve};
 use crate::lights::{Witness, cell, images, load, points};
 use crate::running::text;
+use crate::screen::{Display, pixels};
 use crate::support::fringecell_in;
 use devices::lightcrafter_emulator::{BoardFaults, Dlpc350, Dlpc900, Emulator, SharedEmulator};
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 fn keys(controller: &str, socket: &str, more: &str) -> String {
     format!(
@@ -71,29 +74,83 @@ fn a_cell_with_a_board_gives_the_bytes_of_the_twin() {
     }
 }
 
+/// Proves: a sequence that the board shows by itself, of the patterns sent to it or of those in flash, fires the cameras in its own time.
 #[test]
 fn a_board_that_fires_the_cameras_gives_the_bytes_of_the_twin() {
+    for (test, controller, size_px, period_ms, more) in [
+        (44, "dlpc900", [1024, 768], 40, ""),
+        // While three patterns of an image stand the next one is loaded.
+        (45, "dlpc350", [912, 1140], 70, "settle_ms = 200\n"),
+    ] {
+        let (_sockets, socket) = socket();
+        let more =
+            format!("period_us = {period_ms}000\ntrigger = \"sequenced\"\nperiod_ms = {period_ms}.0\n{more}");
+        let keys = keys(controller, &socket, &more).replace("= 10000", &format!("= {period_ms}000"));
+        let (folder, twin, live) = cell(test, size_px, &keys, EXPOSURE_US);
+        let simulated = run(folder.path(), &twin, "twin", "2");
+        assert!(simulated.status.success(), "{}", text(&simulated.stdout));
+        let served = serve(&twin, test, &[]);
+        let (patterns, mut witness) = (images(&load(&live)), Witness::new(test, Vec::new()));
+        let emulator = match controller {
+            "dlpc350" => Emulator::new(Dlpc350::new(flash(&live, folder.path())), BoardFaults::default()),
+            _ => Emulator::new(Dlpc900::new(5), BoardFaults::default()),
+        };
+        let board = SharedEmulator::new(emulator);
+        let answering = board.serve(Path::new(&socket), move |board| {
+            if let Some((shown, period_us)) = board.take_sequence() {
+                assert!(shown == patterns, "the sequence of the board is another one");
+                witness.runs(shown.len(), period_us);
+            }
+        });
+        let ran = run(folder.path(), &live, "board", "2");
+        drop((served, answering));
+        assert!(ran.status.success(), "{controller}: {}{}", text(&ran.stdout), text(&ran.stderr));
+        assert_eq!(points(folder.path(), "twin"), points(folder.path(), "board"), "{controller}");
+        assert_eq!(hashes(folder.path(), "twin"), hashes(folder.path(), "board"), "{controller}");
+        assert_eq!(board.lock().violations(), [] as [String; 0], "{controller}");
+    }
+}
+
+/// Proves: patterns on a screen behind the video input of a board light the scene of the twin, and a board without a signal is told.
+#[test]
+#[cfg_attr(not(xvfb), ignore = "no Xvfb: install it, then cargo test --test main lightcrafter::")]
+fn a_board_behind_a_screen_gives_the_bytes_of_the_twin() {
+    let (size_px, test) = ([912, 1140], 46);
+    let display = Display::start(size_px, &[]);
     let (_sockets, socket) = socket();
-    let more = "period_us = 40000\ntrigger = \"sequenced\"\nperiod_ms = 40.0";
-    let keys = keys("dlpc900", &socket, more).replace("10000", "40000");
-    let (folder, twin, live) = cell(44, [1024, 768], &keys, EXPOSURE_US);
+    let more = format!(
+        "source = \"video\"\ndisplay = \"{}\"\nposition_px = [0, 0]\nrefresh_hz = 100\ndelay_refreshes = 1",
+        display.name
+    );
+    let (folder, twin, live) = cell(test, size_px, &keys("dlpc350", &socket, &more), EXPOSURE_US);
     let simulated = run(folder.path(), &twin, "twin", "2");
-    assert!(simulated.status.success(), "{}", text(&simulated.stdout));
-    let served = serve(&twin, 44, &[]);
-    let (patterns, mut witness) = (images(&load(&live)), Witness::new(44, Vec::new()));
-    let board = SharedEmulator::new(Emulator::new(Dlpc900::new(5), BoardFaults::default()));
-    let answering = board.serve(Path::new(&socket), move |board| {
-        if let Some((shown, period_us)) = board.take_sequence() {
-            assert!(shown == patterns, "the sequence of the board is another one");
-            witness.runs(shown.len(), period_us);
+    assert!(simulated.status.success(), "{}", text(&simulated.stderr));
+    let served = serve(&twin, test, &[]);
+    let (client, plugged) = (display.client(), Arc::new(AtomicBool::new(true)));
+    let cable = plugged.clone();
+    let video = move || {
+        let bgr = pixels(&client, size_px).filter(|_| cable.load(Ordering::Relaxed))?;
+        Some(bgr.chunks_exact(4).flat_map(|pixel| [pixel[2], pixel[1], pixel[0]]).collect())
+    };
+    let board = SharedEmulator::new(Emulator::new(Dlpc350::with_video(video), BoardFaults::default()));
+    let mut witness = Witness::new(test, images(&load(&live)));
+    let _answering = board.serve(Path::new(&socket), move |board| {
+        if let Some(picture) = board.shown() {
+            witness.sees(&picture);
         }
     });
     let ran = run(folder.path(), &live, "board", "2");
-    drop((served, answering));
-    assert!(ran.status.success(), "{}{}", text(&ran.stdout), text(&ran.stderr));
+    let violations = board.lock().violations().to_vec();
+    assert!(ran.status.success(), "{violations:?}\n{}{}", text(&ran.stdout), text(&ran.stderr));
     assert_eq!(points(folder.path(), "twin"), points(folder.path(), "board"));
     assert_eq!(hashes(folder.path(), "twin"), hashes(folder.path(), "board"));
-    assert_eq!(board.lock().violations(), [] as [String; 0]);
+    assert_eq!(violations, [] as [String; 0]);
+    plugged.store(false, Ordering::Relaxed);
+    let dark = run(folder.path(), &live, "dark", "1");
+    drop(served);
+    let said = text(&dark.stdout) + &text(&dark.stderr);
+    assert_eq!(dark.status.code(), Some(1), "{said}");
+    assert!(said.contains("main status"), "{:?} {said}", board.lock().violations());
 }
 
 #[test]
@@ -176,9 +233,28 @@ fn boards() -> Vec<Board> {
         ),
         (
             [912, 1140],
-            format!("{board}\ntrigger = \"sequenced\"\nperiod_ms = 10.0"),
+            format!(
+                "{board}\nsource = \"video\"\noutput = \"HDMI-1\"\ntrigger = \"sequenced\"\nperiod_ms = 10.0"
+            ),
             5000.0,
-            vec!["projector[0].trigger", "shows frame by frame", "dlpc900"],
+            vec!["projector[0].trigger", "shows frame by frame", "\"flash\" or \"usb\""],
+        ),
+        (
+            [912, 1140],
+            format!("{board}\ntrigger = \"sequenced\"\nperiod_ms = 8.334"),
+            5000.0,
+            vec![
+                "projector[0].exposure_us",
+                "8334 µs",
+                "83334 µs and more: while 3 patterns of an image stand",
+                "takes 250 ms",
+            ],
+        ),
+        (
+            [912, 1140],
+            format!("{board}\ntrigger = \"sequenced\"\nperiod_ms = 8.334\nsettle_ms = 25"),
+            5000.0,
+            vec![],
         ),
     ]
 }
@@ -245,6 +321,46 @@ fn more_boards() -> Vec<Board> {
             vec!["limits.cycle_deadline_ms", "60000 ms", "at least 140057 ms", "14 frames"],
         ),
     ]
+}
+
+/// Proves: a sequence that no board can hold, or run by itself, is refused when the configuration is read.
+#[test]
+fn a_schedule_refuses_more_patterns_than_a_board_has_room_for() {
+    let board = |controller: &str, more: &str| {
+        format!("driver = \"lightcrafter\"\ncontroller = \"{controller}\"\nexposure_us = 70000\n{more}")
+    };
+    let runs = "trigger = \"sequenced\"\nperiod_ms = 70.0\nsettle_ms = 200";
+    let many = |bits: usize| format!("{{ set = \"white\" }},\n  {}", "{ set = \"black\" },\n  ".repeat(bits));
+    let one_bit = format!("{runs}\none_bit = true");
+    // Beside the 14 frames of the sequence.
+    for (controller, size_px, more, extra, expected) in [
+        ("dlpc350", [912, 1140], runs, 114, ""),
+        (
+            "dlpc350",
+            [912, 1140],
+            runs,
+            115,
+            "129 patterns of a sequence that runs by itself is not allowed: at most 128 with the dlpc350",
+        ),
+        ("dlpc900", [1024, 768], &one_bit, 236, ""),
+        (
+            "dlpc900",
+            [1024, 768],
+            &one_bit,
+            237,
+            "251 patterns of a sequence that runs by itself is not allowed: at most 250 with the dlpc900",
+        ),
+        ("dlpc900", [1024, 768], "", 60, "25 images of 24 bits in its memory is not allowed: at most 17"),
+    ] {
+        let exposure_us = if more.is_empty() { 70_000.0 } else { 60_000.0 };
+        let (folder, _, live) = cell(47, size_px, &board(controller, more), exposure_us);
+        let text = std::fs::read_to_string(&live).unwrap();
+        std::fs::write(&live, text.replace("{ set = \"white\" },", &many(extra))).unwrap();
+        let ran = fringecell_in(folder.path(), &["schedule", &live]);
+        let code = if expected.is_empty() { Some(0) } else { Some(2) };
+        assert_eq!(ran.code, code, "{controller}, {extra} more: {}", ran.stderr);
+        assert!(ran.stderr.contains(expected), "{controller}, {extra} more: {}", ran.stderr);
+    }
 }
 
 #[test]

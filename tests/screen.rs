@@ -17,13 +17,15 @@ use x11rb::rust_connection::RustConnection;
 const SIZE_PX: [u32; 2] = [608, 684];
 
 /// A display of its own, without a window manager; stopped when dropped.
-struct Display {
+pub struct Display {
     server: Child,
-    name: String,
+    /// Its name for clients.
+    pub name: String,
 }
 
 impl Display {
-    fn start([width, height]: [u32; 2], more: &[&str]) -> Self {
+    /// A display of this size, with further options of its server.
+    pub fn start([width, height]: [u32; 2], more: &[&str]) -> Self {
         let mut server = Command::new("Xvfb")
             .args([
                 "-displayfd",
@@ -45,7 +47,8 @@ impl Display {
         Self { server, name: format!(":{}", line.trim()) }
     }
 
-    fn client(&self) -> RustConnection {
+    /// A connection of another client.
+    pub fn client(&self) -> RustConnection {
         RustConnection::connect(Some(&self.name)).unwrap().0
     }
 }
@@ -57,16 +60,20 @@ impl Drop for Display {
     }
 }
 
-/// What stands on the display, grey; panics at a pixel in colours.
-fn picture(client: &RustConnection, [width, height]: [u32; 2]) -> Vec<u8> {
+/// What stands on the display, four bytes a pixel; `None` when it has ended.
+pub fn pixels(client: &RustConnection, [width, height]: [u32; 2]) -> Option<Vec<u8>> {
     let root = client.setup().roots[0].root;
     let image = client.get_image(ImageFormat::Z_PIXMAP, root, 0, 0, width as u16, height as u16, !0);
-    let bytes = image.unwrap().reply().unwrap().data;
+    Some(image.ok()?.reply().ok()?.data)
+}
+
+/// The same in grey; panics at a pixel in colours.
+fn picture(client: &RustConnection, size_px: [u32; 2]) -> Vec<u8> {
     let grey = |pixel: &[u8]| {
         assert!(pixel[0] == pixel[1] && pixel[1] == pixel[2], "{pixel:?}");
         pixel[0]
     };
-    bytes.chunks_exact(4).map(grey).collect()
+    pixels(client, size_px).unwrap().chunks_exact(4).map(grey).collect()
 }
 
 fn keys(display: &str, more: &str) -> String {

@@ -24,7 +24,8 @@ pub struct Args {
     /// (every N-th trigger), `no-resend`; of the order of the frames in every cycle: `lost=K` or `twice=K` (from frame K on each shows the
     /// next pattern, or the one before), `repeat=K` (frame K shows the one before), `exchange=K` (frames K and K + 1). `storm=SEED`: one of these, a
     /// missing or short frame, or a camera silent for seconds, in every second cycle. `warm-up=S`: a cold camera with this
-    /// time constant. May be given several times.
+    /// time constant; `no-clock`: one whose clock never follows another (PTP); `old-names`: one with the feature names of before SFNC 2. May be
+    /// given several times.
     #[arg(long = "fault", value_name = "FAULT")]
     faults: Vec<String>,
 }
@@ -61,13 +62,15 @@ fn faults(texts: &[String]) -> Result<Faults> {
             "ignore-trigger" => faults.ignore_trigger_every = every,
             "no-resend" => faults.no_resend = true,
             "storm" => faults.storm = Some(every),
-            "warm-up" => faults.warm_up_s = every as f32,
+            "no-clock" => faults.quirks.no_clock = true,
+            "old-names" => faults.quirks.old_names = true,
+            "warm-up" => faults.quirks.warm_up_s = every as f32,
             "lost" => faults.order = Some(OrderEvent::Lost(frame)),
             "twice" => faults.order = Some(OrderEvent::Twice(frame)),
             "repeat" => faults.order = Some(OrderEvent::Repeated(frame)),
             "exchange" => faults.order = Some(OrderEvent::Exchanged(frame, frame + 1)),
             _ => bail!(
-                "--fault {text}: must be drop=N, duplicate=N, swap=N, ignore-trigger=N, no-resend, lost=K, twice=K, repeat=K, exchange=K, storm=SEED or warm-up=S"
+                "--fault {text}: must be drop=N, duplicate=N, swap=N, ignore-trigger=N, no-resend, lost=K, twice=K, repeat=K, exchange=K, storm=SEED, no-clock, old-names or warm-up=S"
             ),
         }
     }

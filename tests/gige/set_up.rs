@@ -15,12 +15,21 @@ fn impossible_devices_are_refused_with_their_key() {
         ("[[camera]]", "[[camera]]\npixel_format = \"Mono9\"", "pixel_format"),
         ("[[camera]]", "[[camera]]\nexposure_us = -1.0", "exposure_us"),
         ("[[camera]]", "[[camera]]\ngain_db = 1e9", "gain_db"),
+        ("[[camera]]", "[[camera]]\noffset_px = [65535, 0]", "offset_px"),
+        ("[[camera]]", "[[camera]]\npacket_bytes = 1501", "packet_bytes"),
+        (".12\"", ".11\"", "camera \"cam1\" too"),
         (":3957\"", "\"", "address"),
         ("width_px = 608", "width_px = 608\ntrigger = \"sequenced\"", "period_ms"),
         ("width_px = 608", "width_px = 608\nperiod_ms = 20.0", "sequenced"),
         ("width_px = 608", "width_px = 608\ntrigger = \"sequenced\"\nperiod_ms = 1e9", "period_ms"),
         ("width_px = 608", "width_px = 608\ntrigger = \"sequenced\"\nperiod_ms = 59999.0", "last"),
         ("width_px = 608", "width_px = 608\nrefresh_hz = 0.0", "refresh_hz"),
+        ("width_px = 608", "width_px = 608\nrefresh_hz = 60.0", "add exposure_us = 16667"),
+        (
+            "width_px = 608",
+            "width_px = 608\ntrigger = \"sequenced\"\nperiod_ms = 20.0\nrefresh_hz = 60.0",
+            "add exposure_us = 16667",
+        ),
         ("width_px = 608", "width_px = 608\ntrigger = \"free\"", "trigger"),
         (
             "{ set = \"black\" },",
@@ -40,6 +49,80 @@ fn impossible_devices_are_refused_with_their_key() {
     }
     let wrong = fringetool(&["serve-camera", &live, "--fault", "drop=0"]);
     assert_eq!(wrong.code, Some(2), "{}", wrong.stderr);
+}
+
+/// Exposures and periods under a projector whose refresh rate is known are whole numbers of refreshes.
+#[test]
+fn exposures_are_whole_refreshes_where_the_rate_is_known() {
+    let (folder, _, live) = cell(18);
+    let text = std::fs::read_to_string(&live).unwrap();
+    let path = folder.path().join("timed.toml");
+    for (exposure_us, period_ms, named) in [
+        (16_667.0, None, ""),
+        (50_000.0, None, ""),
+        (20_000.0, None, "write exposure_us = 16667"),
+        (16_667.0, Some(33.333), ""),
+        (16_667.0, Some(25.0), "write period_ms = 33.333"),
+        (33_333.0, Some(33.333), "below 33333 µs, the period_ms of projector \"proj1\""),
+    ] {
+        let period = period_ms
+            .map_or(String::new(), |ms: f64| format!("trigger = \"sequenced\"\nperiod_ms = {ms:?}\n"));
+        let timed = text
+            .replace("width_px = 608", &format!("refresh_hz = 60.0\n{period}width_px = 608"))
+            .replace("driver = \"genicam\"", &format!("driver = \"genicam\"\nexposure_us = {exposure_us:?}"));
+        std::fs::write(&path, timed).unwrap();
+        let ran = Command::new(env!("CARGO_BIN_EXE_fringecell")).arg("schedule").arg(&path).output().unwrap();
+        let said = String::from_utf8_lossy(&ran.stderr).into_owned();
+        let code = if named.is_empty() { Some(0) } else { Some(2) };
+        assert_eq!(ran.status.code(), code, "{exposure_us} {period_ms:?}: {said}");
+        assert!(said.contains(named), "{exposure_us} {period_ms:?}: {said}");
+    }
+}
+
+/// A window of the sensor and a clock that follows the network work in a cell; what a camera does not take ends the start with camera, feature and
+/// both values.
+#[test]
+fn windows_and_clocks_are_set_and_what_a_camera_refuses_is_told() {
+    let (folder, simulated, live) = cell(16);
+    let mut rig = files::rig_file::read_rig(&folder.path().join("rig.toml")).unwrap().rig;
+    for view in &mut rig.cameras {
+        (view.camera.width_px, view.camera.height_px) = (160, 108);
+        view.camera.principal_point_px[0] -= 4.0;
+        view.camera.principal_point_px[1] -= 2.0;
+    }
+    files::rig_file::write_rig(&folder.path().join("window.toml"), &rig, &toml::Table::new(), None).unwrap();
+    let text = std::fs::read_to_string(&live).unwrap().replace("\"rig.toml\"", "\"window.toml\"");
+    let _served = serve(&simulated, 16, &["old-names"]);
+    let mut runs = 0;
+    let mut with = |keys: &str| {
+        runs += 1;
+        let path = folder.path().join("window.cell.toml");
+        let text = text.replace("driver = \"genicam\"", &format!("driver = \"genicam\"\n{keys}"));
+        std::fs::write(&path, text).unwrap();
+        let ran = run(folder.path(), path.to_str().unwrap(), &format!("window{runs}"), "1");
+        (
+            ran.status.code(),
+            String::from_utf8_lossy(&ran.stdout).into_owned() + &String::from_utf8_lossy(&ran.stderr),
+        )
+    };
+    let (code, said) = with("offset_px = [4, 2]\nptp = true\npacket_bytes = 1400\npacket_delay_ticks = 100");
+    assert_eq!(code, Some(0), "{said}");
+    for (keys, expected) in [
+        ("offset_px = [12, 2]", "OffsetX: 12 was asked for (offset_px), the camera has 4"),
+        ("offset_px = [6, 2]", "OffsetX: 6 was asked for (offset_px), the camera has 4"),
+        (
+            "offset_px = [4, 2]\nexposure_us = 5e6",
+            "ExposureTimeAbs: 5000000 was asked for (exposure_us, µs), the camera has 10000",
+        ),
+    ] {
+        let (code, said) = with(keys);
+        assert_eq!(code, Some(1), "{keys}: {said}");
+        assert!(
+            said.contains(&format!("camera \"cam1\": {expected}"))
+                || said.contains(&format!("camera \"cam2\": {expected}")),
+            "{keys}: {said}"
+        );
+    }
 }
 
 /// A new cell of served cameras is accepted, ready, and measured as the twin is; each command works on it.

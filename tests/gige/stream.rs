@@ -83,8 +83,10 @@ fn a_device_answers_a_plain_client_as_the_standard_says() {
     assert_eq!(ask(&first, &take)[..4], [0, 0, 0, 0x83]);
     let second = client();
     assert_eq!(ask(&second, &take)[..4], [0x80, 6, 0, 0x83], "access denied");
-    let width = [0x42, 1, 0, 0x82, 0, 8, 0, 3, 0, 0, 0xa0, 0, 0, 0, 0, 5];
-    assert_eq!(ask(&first, &width)[..4], [0x80, 4, 0, 0x83], "write protected");
+    let payload = [0x42, 1, 0, 0x82, 0, 8, 0, 3, 0, 0, 0xa0, 0x0c, 0, 0, 0, 5];
+    assert_eq!(ask(&first, &payload)[..4], [0x80, 4, 0, 0x83], "write protected");
+    let width = [0x42, 1, 0, 0x82, 0, 8, 0, 7, 0, 0, 0xa0, 0, 0, 0, 0, 5];
+    assert_eq!(ask(&first, &width)[..4], [0x80, 2, 0, 0x83], "not in its steps");
     let odd = [0x42, 1, 0, 0x80, 0, 4, 0, 4, 0, 0, 0, 1];
     assert_eq!(ask(&first, &odd)[..2], [0x80, 5], "alignment");
     let beyond = [0x42, 1, 0, 0x80, 0, 4, 0, 5, 0xff, 0xff, 0xff, 0xfc];

@@ -41,22 +41,17 @@ fn any(found: &[FoundCamera]) -> Vec<Check> {
 
 fn of_cell(name: &str, wanted: &GenicamCamera, found: &[FoundCamera]) -> Vec<Check> {
     let name = format!("camera \"{name}\"");
-    let by_serial = |serial: &str| found.iter().find(|c| c.serial == serial || c.user_name == serial);
-    let address = wanted
-        .address
-        .or_else(|| wanted.serial.as_deref().and_then(by_serial).map(|camera| camera.address.into()));
-    let Some(address) = address else {
-        let serial = wanted.serial.as_deref().unwrap_or_default();
-        let known: Vec<&str> = found.iter().map(|camera| camera.serial.as_str()).collect();
-        let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
-        let check =
-            Check::new(name, State::Bad, format!("no camera has the serial number or name \"{serial}\""));
-        return vec![check.mended_by(
-            "the camera, powered, in the network of an adapter of this computer",
-            format!("fringetool cameras; serial numbers that answer: {known}"),
-        )];
-    };
-    reached(&name, address)
+    let serial = wanted.serial.as_deref().unwrap_or_default();
+    match wanted.address.map_or_else(|| devices::choose_camera(found, serial).map(IpAddr::from), Ok) {
+        Ok(address) => reached(&name, address),
+        Err(reason) => {
+            let check = Check::new(name, State::Bad, reason);
+            vec![check.mended_by(
+                "one camera with this serial number or name, powered, in the network of an adapter of this computer",
+                "fringetool cameras",
+            )]
+        }
+    }
 }
 
 /// Connects to a camera, as a cell does, and lets go of it.

@@ -161,8 +161,14 @@ pub struct GenicamCamera {
     pub exposure_us: Option<f64>,
     /// Gain, dB; absent: as the camera is.
     pub gain_db: Option<f64>,
-    /// Pause between two packets, ticks of the camera's clock; absent: none.
+    /// First column and row of the window on the sensor, px; absent: as the camera is.
+    pub offset_px: Option<[u32; 2]>,
+    /// Size of a packet, headers included, bytes; absent: the largest that arrives.
+    pub packet_bytes: Option<u16>,
+    /// Pause between two packets, ticks of the camera's clock; absent: as the camera is.
     pub packet_delay_ticks: Option<u32>,
+    /// Whether the camera's clock follows that of the network (PTP); absent: as the camera is.
+    pub ptp: Option<bool>,
     /// Input that the projector fires, where it shows its sequence in its own time.
     pub trigger_line: String,
 }
@@ -233,6 +239,8 @@ pub struct ProjectorConfig {
     pub exposures_ms: Vec<f64>,
     /// Of a projector that another program works: its address.
     pub address: Option<SocketAddr>,
+    /// Refreshes in a second, Hz, where they are stated and the screen does not have them.
+    pub refresh_hz: Option<f64>,
     /// Who fires the cameras.
     pub trigger: TriggerMode,
     /// Of a projector that is a screen.
@@ -244,6 +252,30 @@ pub struct ProjectorConfig {
 }
 
 impl ProjectorConfig {
+    /// A projector that nobody looks at yet, with nothing but its patterns.
+    pub fn new(
+        name: &str,
+        driver: Driver,
+        [width_px, height_px]: [u32; 2],
+        sequence: Vec<PatternSet>,
+    ) -> Self {
+        Self {
+            name: name.to_owned(),
+            driver,
+            width_px,
+            height_px,
+            cameras: Vec::new(),
+            sequence,
+            exposures_ms: Vec::new(),
+            address: None,
+            refresh_hz: None,
+            trigger: TriggerMode::Stepped,
+            screen: None,
+            lightcrafter: None,
+            level_table: None,
+        }
+    }
+
     /// Frames of a cycle: those of the sequence, once for each exposure.
     pub fn frames(&self) -> usize {
         frame_count(&self.sequence) * self.exposures_ms.len().max(1)
@@ -254,20 +286,24 @@ impl ProjectorConfig {
         [self.width_px, self.height_px]
     }
 
-    /// Period in which the light of a screen or a board comes, µs; `None`: nobody knows.
+    /// The screen that shows its pictures, its own or that behind a board's video input.
+    pub fn shown_on(&self) -> Option<&ScreenSettings> {
+        self.screen.as_ref().or_else(|| self.lightcrafter.as_ref()?.screen.as_ref())
+    }
+
+    /// Period in which the light comes, µs: a refresh, or a pattern of a board; `None`: nobody knows.
     pub fn light_period_us(&self) -> Option<f64> {
+        let refresh_hz = self.shown_on().map(|screen| screen.refresh_hz).or(self.refresh_hz);
         let board = self.lightcrafter.as_ref();
-        let screen = self.screen.as_ref().or(board.and_then(|board| board.screen.as_ref()));
-        let refresh_us = screen.map(|screen| 1e6 / screen.refresh_hz);
-        refresh_us.or(board.map(|board| f64::from(board.period_us)))
+        refresh_hz.map(|hz| 1e6 / hz).or(board.map(|board| f64::from(board.period_us)))
     }
 
     /// From the command to show a frame until its light stands, µs, as far as the configuration states it.
     pub fn settle_us(&self) -> f64 {
         let board = self.lightcrafter.as_ref();
-        let screen = self.screen.as_ref().or(board.and_then(|board| board.screen.as_ref()));
-        let shown_us =
-            screen.map_or(0.0, |screen| f64::from(screen.delay_refreshes + 1) * 1e6 / screen.refresh_hz);
+        let shown_us = self
+            .shown_on()
+            .map_or(0.0, |screen| f64::from(screen.delay_refreshes + 1) * 1e6 / screen.refresh_hz);
         shown_us + board.map_or(0.0, |board| f64::from(board.settle_ms) * 1e3)
     }
 

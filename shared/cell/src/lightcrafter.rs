@@ -75,6 +75,16 @@ impl Controller {
         }
     }
 
+    /// Most patterns of a sequence that the board shows by itself, once and in its order: rows of the pattern table, or what a message about
+    /// the order holds.
+    pub fn most_run_patterns(self) -> usize {
+        match self {
+            Self::Dlpc350 => 128,
+            // 508 bytes of a message, 2 of them the command, 6 the counts, 2 for each pattern.
+            Self::Dlpc900 => 250,
+        }
+    }
+
     /// Most images of a sequence: those in flash that one sequence can name, or those that the memory holds.
     pub fn most_images(self) -> usize {
         match self {

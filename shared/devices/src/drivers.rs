@@ -2,6 +2,7 @@
 
 use crate::device::{Camera, Projector};
 use crate::error::DeviceError;
+use crate::genicam::WantedCamera;
 use crate::light::Lights;
 use crate::load::LoadedCell;
 use crate::{network_projector, reconnecting, recording, twin_camera};
@@ -18,13 +19,16 @@ pub fn camera(cell: &LoadedCell, camera: usize) -> Result<Box<dyn Camera>, Devic
         Driver::Recording => Box::new(recording::RecordedCamera::new(cell, camera)?),
         // The configuration refuses cameras with the driver of a projector.
         Driver::Genicam | Driver::Network | Driver::Screen | Driver::LightCrafter => {
-            let wanted = config.genicam.as_ref().ok_or(DeviceError::Missing("camera.address"))?;
-            let size_px = [config.width_px, config.height_px];
+            let settings = config.genicam.clone().ok_or(DeviceError::Missing("camera.address"))?;
             let seen = cell.config.projectors.iter().filter(|p| p.cameras.contains(&config.name));
             // All projectors have the same trigger mode.
             let lines: Vec<&ProjectorConfig> = seen.filter(|p| p.trigger != TriggerMode::Stepped).collect();
-            let frames = lines.iter().map(|p| p.frames()).sum();
-            Box::new(reconnecting::ReconnectingCamera::new(&config.name, wanted, size_px, frames)?)
+            Box::new(reconnecting::ReconnectingCamera::new(WantedCamera {
+                name: config.name.clone(),
+                settings,
+                size_px: [config.width_px, config.height_px],
+                fired: lines.iter().map(|p| p.frames()).sum(),
+            })?)
         }
     })
 }

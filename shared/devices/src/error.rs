@@ -48,7 +48,7 @@ pub enum DeviceError {
     #[error("the configuration has no [{0}]")]
     Missing(&'static str),
     /// A socket that cannot be used.
-    #[error("{address}: {source}")]
+    #[error("{address}")]
     Network {
         /// Address of the socket.
         address: SocketAddr,

@@ -150,20 +150,7 @@ mod tests {
 
     #[test]
     fn one_projector_shines_at_a_time_and_a_lost_one_is_opened_again() {
-        let projector = |name: &str| ProjectorConfig {
-            name: name.into(),
-            driver: Driver::Screen,
-            width_px: 1,
-            height_px: 1,
-            cameras: Vec::new(),
-            sequence: Vec::new(),
-            exposures_ms: Vec::new(),
-            address: None,
-            trigger: cell::configuration::TriggerMode::Stepped,
-            screen: None,
-            lightcrafter: None,
-            level_table: None,
-        };
+        let projector = |name: &str| ProjectorConfig::new(name, Driver::Screen, [1, 1], Vec::new());
         let mut lights = Lights::opened_by(&[projector("a"), projector("b")], lamp).unwrap();
         let said = || std::mem::take(&mut *TOLD.lock().unwrap()).join(", ");
         lights.begin(0, 0).unwrap();

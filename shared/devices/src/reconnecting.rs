@@ -2,29 +2,24 @@
 
 use crate::device::{Camera, CameraState};
 use crate::error::DeviceError;
-use crate::genicam::GenicamDevice;
-use cell::configuration::GenicamCamera;
+use crate::genicam::{GenicamDevice, WantedCamera};
+use std::time::Duration;
+
+/// Longest time at the start until a camera's clock follows the network's.
+const CLOCK_WAIT: Duration = Duration::from_secs(10);
 
 /// A GenICam camera; after its loss each cycle begins with an attempt to take control of it again.
 pub(crate) struct ReconnectingCamera {
-    name: String,
-    wanted: GenicamCamera,
-    size_px: [u32; 2],
-    fired: usize,
+    wanted: WantedCamera,
     /// Absent after the camera was lost.
     device: Option<GenicamDevice>,
 }
 
 impl ReconnectingCamera {
-    /// Takes control of the camera, sets it and starts the acquisition; `fired` frames of a cycle are triggered by the projector.
-    pub fn new(
-        name: &str,
-        wanted: &GenicamCamera,
-        size_px: [u32; 2],
-        fired: usize,
-    ) -> Result<Self, DeviceError> {
-        let device = Some(GenicamDevice::new(name, wanted, size_px, fired)?);
-        Ok(Self { name: name.to_owned(), wanted: wanted.clone(), size_px, fired, device })
+    /// Takes control of the camera, sets it and starts the acquisition.
+    pub fn new(wanted: WantedCamera) -> Result<Self, DeviceError> {
+        let device = Some(GenicamDevice::new(wanted.clone(), CLOCK_WAIT)?);
+        Ok(Self { wanted, device })
     }
 
     /// Lets the camera do something; lost, it is let go of, so that the next cycle finds it anew.
@@ -32,7 +27,7 @@ impl ReconnectingCamera {
         &mut self,
         work: impl FnOnce(&mut GenicamDevice) -> Result<T, DeviceError>,
     ) -> Result<T, DeviceError> {
-        let lost = || DeviceError::Frame(format!("camera \"{}\": the connection was lost", self.name));
+        let lost = || DeviceError::Frame(format!("camera \"{}\": the connection was lost", self.wanted.name));
         let device = self.device.as_mut().ok_or_else(lost)?;
         let done = work(device);
         if done.is_err() && device.is_lost() {
@@ -45,7 +40,8 @@ impl ReconnectingCamera {
 impl Camera for ReconnectingCamera {
     fn begin(&mut self, cycle: u64) -> Result<(), DeviceError> {
         if self.device.is_none() {
-            self.device = Some(GenicamDevice::new(&self.name, &self.wanted, self.size_px, self.fired)?);
+            // A cycle does not wait for the clock: the next one finds it further.
+            self.device = Some(GenicamDevice::new(self.wanted.clone(), Duration::ZERO)?);
         }
         self.with(|device| device.begin(cycle))
     }

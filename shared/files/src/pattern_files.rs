@@ -270,20 +270,7 @@ mod tests {
     use fringe::pattern::PatternSet;
 
     fn projector(sequence: Vec<PatternSet>) -> ProjectorConfig {
-        ProjectorConfig {
-            name: "proj1".into(),
-            driver: Driver::Twin,
-            width_px: 37,
-            height_px: 11,
-            cameras: Vec::new(),
-            sequence,
-            exposures_ms: Vec::new(),
-            address: None,
-            trigger: cell::configuration::TriggerMode::Stepped,
-            screen: None,
-            lightcrafter: None,
-            level_table: None,
-        }
+        ProjectorConfig::new("proj1", Driver::Twin, [37, 11], sequence)
     }
 
     #[test]

@@ -2,8 +2,9 @@
 
 use super::description::xml;
 use super::gvcp::{Command, MAX_READ_BYTES, Request, Status};
+use super::identity::{Identity, Quirks};
+use super::region::{self, Region};
 use super::registers::{Registers, XML_ADDRESS, bootstrap, feature};
-use cell::pixel_format::PixelFormat;
 use std::net::{Ipv4Addr, SocketAddr};
 
 /// Stream packets, IP and UDP header included: at least what every network carries, at most what a datagram holds.
@@ -29,40 +30,6 @@ pub const LINE1: u32 = 1;
 /// A client that is silent for longer loses control, unless it asks for another time, ms.
 const HEARTBEAT_MS: u32 = 3000;
 
-/// How the device identifies itself.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Identity {
-    /// Address of the device.
-    pub address: Ipv4Addr,
-    /// Hardware address; unique on the network.
-    pub mac: [u8; 6],
-    /// Serial number, up to 15 characters.
-    pub serial: String,
-    /// Name that a person gave it, up to 15 characters.
-    pub user_name: String,
-    /// Columns of a frame, px.
-    pub width_px: u32,
-    /// Rows of a frame, px.
-    pub height_px: u32,
-    /// Grey value of a full pixel: 255, 1023, 4095 or 65535.
-    pub full_scale_dn: u16,
-}
-
-impl Identity {
-    /// The smallest format of whole bytes that holds the grey values.
-    fn pixel_format(&self) -> PixelFormat {
-        let formats = [PixelFormat::Mono8, PixelFormat::Mono10, PixelFormat::Mono12];
-        let holds = |format: &PixelFormat| self.full_scale_dn <= format.full_scale_dn();
-        formats.into_iter().find(holds).unwrap_or(PixelFormat::Mono16)
-    }
-
-    /// Bytes of a frame.
-    pub fn frame_bytes(&self) -> usize {
-        let per_px = if self.full_scale_dn <= 255 { 1 } else { 2 };
-        self.width_px as usize * self.height_px as usize * per_px
-    }
-}
-
 /// What a datagram asks the host of the device to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action {
@@ -75,6 +42,16 @@ pub enum Action {
     /// Send a packet of the configured size that holds nothing.
     TestPacket,
 }
+
+/// Exposure times that the camera takes, µs; and gains, dB.
+pub const EXPOSURE_US: [f32; 2] = [10.0, 1e6];
+pub const GAIN_DB: [f32; 2] = [0.0, 24.0];
+
+/// States of the clock: off, alone, and following another one; and how long it looks for that, ns.
+const CLOCK_OFF: u32 = 3;
+const CLOCK_LISTENS: u32 = 4;
+const CLOCK_FOLLOWS: u32 = 9;
+const CLOCK_NS: u64 = 300_000_000;
 
 /// Temperature of a warm camera, °C, and how much colder it is when it is switched on, K.
 const WARM_C: f32 = 35.0;
@@ -89,8 +66,11 @@ fn temperature_c(warm_up_s: f32, now_ns: u64) -> f32 {
 /// A camera as its registers.
 #[derive(Debug)]
 pub struct Device {
-    warm_up_s: f32,
+    quirks: Quirks,
     registers: Registers,
+    bytes_per_px: u32,
+    /// When the clock was told to follow others, ns.
+    clock_since_ns: u64,
     /// The client in control and the time of its last command, ns.
     controller: Option<(SocketAddr, u64)>,
     /// Of the client in control: its last command and the answer, for a command that comes twice.
@@ -99,9 +79,10 @@ pub struct Device {
 
 impl Device {
     /// A camera that nobody controls.
-    pub fn new(identity: &Identity, warm_up_s: f32) -> Self {
+    pub fn new(identity: &Identity, quirks: Quirks) -> Self {
         let pixel_format = identity.pixel_format();
-        let xml = xml(pixel_format);
+        let sensor_px = [identity.width_px, identity.height_px];
+        let xml = xml(pixel_format, sensor_px, quirks.old_names);
         let mut r = Registers::new(&xml);
         r.set(bootstrap::VERSION, 0x0001_0002);
         r.set(bootstrap::DEVICE_MODE, 0x8000_0001);
@@ -125,17 +106,22 @@ impl Device {
         r.set(bootstrap::HEARTBEAT_MS, HEARTBEAT_MS);
         r.set(bootstrap::TICKS_LOW, 1_000_000_000);
         r.set(bootstrap::STREAM_PACKET, 1500);
-        r.set(feature::WIDTH, identity.width_px);
-        r.set(feature::HEIGHT, identity.height_px);
         r.set(feature::PIXEL_FORMAT, pixel_format.code());
-        r.set(feature::PAYLOAD_BYTES, identity.frame_bytes() as u32);
         r.set(feature::EXPOSURE_US, 10_000.0_f32.to_bits());
-        Self { warm_up_s, registers: r, controller: None, last: None }
+        r.set(feature::CLOCK_STATE, CLOCK_OFF);
+        let bytes_per_px = identity.bytes_per_px();
+        region::open(&mut r, sensor_px, bytes_per_px);
+        Self { quirks, registers: r, bytes_per_px, clock_since_ns: 0, controller: None, last: None }
     }
 
     /// Value of the feature `PixelFormat`.
     pub fn pixel_format(&self) -> u32 {
         self.registers.get(feature::PIXEL_FORMAT)
+    }
+
+    /// The window of the sensor that a frame shows.
+    pub fn region(&self) -> Region {
+        Region::of(&self.registers)
     }
 
     /// Where frames go to; `None` while no client opened the stream.
@@ -230,7 +216,7 @@ impl Device {
                         self.registers.set(bootstrap::TIME_LOW, now_ns as u32);
                     }
                     if address == feature::TEMPERATURE_C {
-                        let celsius = temperature_c(self.warm_up_s, now_ns);
+                        let celsius = temperature_c(self.quirks.warm_up_s, now_ns);
                         self.registers.set(address, celsius.to_bits());
                     }
                     match self.registers.read(address, 4) {
@@ -326,6 +312,9 @@ impl Device {
             let known = self.registers.read(address, 4).is_some();
             return Err(if known { Status::WriteProtect } else { Status::InvalidAddress });
         }
+        if self.quirks.stuck == Some(address) {
+            return Ok(Action::None);
+        }
         match address {
             bootstrap::STREAM_PACKET => {
                 let bytes = (value & 0xffff).clamp(PACKET_BYTES[0], PACKET_BYTES[1]) / 4 * 4;
@@ -337,10 +326,55 @@ impl Device {
                 let ready = self.waits_for(SOFTWARE);
                 return Ok(if ready && value == 1 { Action::Trigger } else { Action::None });
             }
-            _ => {}
+            _ => self.check(address, value)?,
+        }
+        if region::has(address) {
+            region::write(&mut self.registers, address, value, self.bytes_per_px)?;
+            return Ok(Action::None);
         }
         self.registers.set(address, value);
+        match address {
+            feature::CLOCK => {
+                self.clock_since_ns = now_ns;
+                self.update_clock(now_ns);
+            }
+            feature::CLOCK_UPDATE => self.update_clock(now_ns),
+            _ => {}
+        }
         Ok(Action::None)
+    }
+
+    /// Whether a feature may take a value now.
+    fn check(&self, address: u32, value: u32) -> Result<(), Status> {
+        let within = |[least, most]: [f32; 2]| {
+            let number = f32::from_bits(value);
+            if (least..=most).contains(&number) { Ok(()) } else { Err(Status::InvalidParameter) }
+        };
+        let known = |most: u32| if value <= most { Ok(()) } else { Err(Status::InvalidParameter) };
+        match address {
+            feature::EXPOSURE_US if self.registers.get(feature::EXPOSURE_AUTO) != 0 => {
+                Err(Status::WriteProtect)
+            }
+            feature::EXPOSURE_US => within(EXPOSURE_US),
+            feature::GAIN_DB => within(GAIN_DB),
+            feature::TRIGGER_MODE | feature::TRIGGER_SOURCE | feature::EXPOSURE_AUTO | feature::CLOCK => {
+                known(1)
+            }
+            feature::ACQUISITION_MODE | feature::TRIGGER_SELECTOR | feature::TRIGGER_ACTIVATION => known(0),
+            _ if region::has(address) && self.is_acquiring() => Err(Status::WriteProtect),
+            _ => Ok(()),
+        }
+    }
+
+    /// The state of the clock as it is read until the next update.
+    fn update_clock(&mut self, now_ns: u64) {
+        let listens = self.quirks.no_clock || now_ns.saturating_sub(self.clock_since_ns) < CLOCK_NS;
+        let state = match self.registers.get(feature::CLOCK) {
+            0 => CLOCK_OFF,
+            _ if listens => CLOCK_LISTENS,
+            _ => CLOCK_FOLLOWS,
+        };
+        self.registers.set(feature::CLOCK_STATE, state);
     }
 
     fn change_control(

@@ -18,6 +18,8 @@ pub struct Block {
     pub timestamp_ns: u64,
     /// Value of the feature `PixelFormat`.
     pub pixel_format: u32,
+    /// First column and row on the sensor, px.
+    pub corner_px: [u32; 2],
     /// Columns of the frame, px.
     pub width_px: u32,
     /// Rows of the frame, px.
@@ -56,7 +58,8 @@ impl Block {
                 out.extend([0, 0]);
                 out.extend(IMAGE.to_be_bytes());
                 out.extend(self.timestamp_ns.to_be_bytes());
-                for value in [self.pixel_format, self.width_px, self.height_px, 0, 0, 0] {
+                let [x, y] = self.corner_px;
+                for value in [self.pixel_format, self.width_px, self.height_px, x, y, 0] {
                     out.extend(value.to_be_bytes());
                 }
             }
@@ -91,6 +94,7 @@ mod tests {
                 id: 7,
                 timestamp_ns: 1 << 40,
                 pixel_format: cell::pixel_format::PixelFormat::Mono8.code(),
+                corner_px: [0, 0],
                 width_px: pixels as u32,
                 height_px: 1,
                 packet_bytes,

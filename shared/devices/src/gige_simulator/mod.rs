@@ -6,8 +6,10 @@ mod description;
 mod device;
 mod gvcp;
 mod gvsp;
-mod registers;
+mod identity;
+mod region;
+pub(crate) mod registers;
 mod server;
 
-pub use device::Identity;
+pub use identity::{Identity, Quirks};
 pub use server::{Faults, FrameSource, Line, NoFrame, Pattern, Responder, Server};

@@ -51,13 +51,26 @@ pub mod feature {
     pub const GAIN_DB: u32 = 0xa02c;
     pub const TEMPERATURE_C: u32 = 0xa030;
     pub const LOCKED: u32 = 0xa034;
+    pub const SENSOR_WIDTH: u32 = 0xa038;
+    pub const SENSOR_HEIGHT: u32 = 0xa03c;
+    pub const OFFSET_X: u32 = 0xa040;
+    pub const OFFSET_Y: u32 = 0xa044;
+    pub const WIDTH_LIMIT: u32 = 0xa048;
+    pub const HEIGHT_LIMIT: u32 = 0xa04c;
+    pub const OFFSET_X_LIMIT: u32 = 0xa050;
+    pub const OFFSET_Y_LIMIT: u32 = 0xa054;
+    pub const CLOCK: u32 = 0xa058;
+    pub const CLOCK_STATE: u32 = 0xa05c;
+    pub const CLOCK_UPDATE: u32 = 0xa060;
+    pub const EXPOSURE_AUTO: u32 = 0xa064;
+    pub const TRIGGER_ACTIVATION: u32 = 0xa068;
 }
 
 /// Where the description begins.
 pub const XML_ADDRESS: u32 = 0x0001_0000;
 
 /// Registers that a client may write; all others belong to the device.
-const WRITABLE: [u32; 18] = [
+const WRITABLE: [u32; 26] = [
     bootstrap::HEARTBEAT_MS,
     bootstrap::TIME_CONTROL,
     bootstrap::CONTROL,
@@ -75,6 +88,14 @@ const WRITABLE: [u32; 18] = [
     feature::EXPOSURE_US,
     feature::GAIN_DB,
     feature::LOCKED,
+    feature::WIDTH,
+    feature::HEIGHT,
+    feature::OFFSET_X,
+    feature::OFFSET_Y,
+    feature::CLOCK,
+    feature::CLOCK_UPDATE,
+    feature::EXPOSURE_AUTO,
+    feature::TRIGGER_ACTIVATION,
     bootstrap::USER_NAME,
 ];
 

@@ -1,8 +1,9 @@
 //! The sockets of a simulated camera: one thread answers commands and streams the frames.
 
-use super::device::{Action, Device, Identity, LINE1};
+use super::device::{Action, Device, LINE1};
 use super::gvcp::{Command, MAX_DATAGRAM, PORT, Request};
 use super::gvsp::{Block, next_id};
+use super::identity::{Identity, Quirks};
 use crate::background::Background;
 use fringe::decode::OrderEvent;
 use std::collections::VecDeque;
@@ -32,7 +33,7 @@ pub enum NoFrame {
 
 /// Where the frames of a camera come from.
 pub trait FrameSource: Send {
-    /// Writes the frame of this moment: whole rows, usually as many as the identity states. `fired`: what the
+    /// Writes the frame of this moment: whole rows of the sensor, usually as many as the identity states. `fired`: what the
     /// projector shows at the moment of its trigger; absent, the trigger is by software.
     ///
     /// # Errors
@@ -83,8 +84,8 @@ pub struct Faults {
     /// Seed of an event in every second cycle, drawn from all that the order of frames may suffer, frames that never come, frames of a wrong size, and
     /// a camera that is silent for some seconds.
     pub storm: Option<u64>,
-    /// Time constant with which the camera warms up from its start, s; 0: it is warm.
-    pub warm_up_s: f32,
+    /// What is particular about the camera itself.
+    pub quirks: Quirks,
 }
 
 /// A camera on the network, until dropped.
@@ -108,7 +109,7 @@ impl Server {
         let fired = Arc::new(Mutex::new(VecDeque::new()));
         let mut camera = Camera {
             fired: fired.clone(),
-            device: Device::new(&identity, faults.warm_up_s),
+            device: Device::new(&identity, faults.quirks),
             identity,
             source,
             faults,
@@ -158,7 +159,7 @@ impl Responder {
         socket.set_read_timeout(Some(TICK))?;
         let mut devices = Vec::new();
         for identity in cameras {
-            devices.push((Device::new(identity, 0.0), UdpSocket::bind((identity.address, 0))?));
+            devices.push((Device::new(identity, Quirks::default()), UdpSocket::bind((identity.address, 0))?));
         }
         let mut buffer = [0; MAX_DATAGRAM + 64];
         let answering = Background::start("gige search", move || {
@@ -277,12 +278,15 @@ impl Camera {
                 return;
             }
         }
-        let row_bytes = (self.identity.frame_bytes() / self.identity.height_px.max(1) as usize).max(1);
+        let (region, bytes_per_px) = (self.device.region(), self.identity.bytes_per_px() as usize);
+        region.cut(bytes_per_px, &mut pixels);
+        let row_bytes = (region.size[0] as usize * bytes_per_px).max(1);
         let block = Block {
             id: self.next,
             timestamp_ns,
             pixel_format: self.device.pixel_format(),
-            width_px: self.identity.width_px,
+            corner_px: region.corner,
+            width_px: region.size[0],
             height_px: (pixels.len() / row_bytes) as u32,
             packet_bytes: self.device.packet_bytes(),
             pixels,

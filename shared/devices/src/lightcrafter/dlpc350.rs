@@ -42,6 +42,8 @@ pub const NO_DELAY: u8 = 0xbb;
 
 /// A pattern starts by the controller's own clock; or, after the first one, goes on from the pattern before.
 const INTERNAL: u8 = 0;
+/// The mirrors are dark from the end of the exposure to the end of the period.
+const DARK: u32 = 1 << 17;
 /// The image in the buffer is exchanged for the next one before this pattern.
 const SWAP_IMAGES: u32 = 1 << 18;
 
@@ -86,13 +88,35 @@ pub fn prepare(link: &mut Link, board: &LightCrafterSettings, last_image: usize)
 
 /// Shows one pattern again and again. With the video input every place means the picture that stands there.
 pub fn show(link: &mut Link, board: &LightCrafterSettings, place: Place) -> Result<(), String> {
+    // Repeated, trigger 2 with each; all but the second counted from 0.
+    start(link, board, &[place], [0, 1, 0, 0])
+}
+
+/// Shows patterns from flash once, in their order; output 1 frames the exposure of each.
+pub fn run(link: &mut Link, board: &LightCrafterSettings, places: &[Place]) -> Result<(), String> {
+    let last = |count: usize| u8::try_from(count.saturating_sub(1)).unwrap_or(u8::MAX);
+    let patterns = last(places.len());
+    start(link, board, places, [patterns, 0, patterns, last(images(places).len())])
+}
+
+/// Starts patterns; `control`: see [`SEQUENCE`].
+fn start(
+    link: &mut Link,
+    board: &LightCrafterSettings,
+    places: &[Place],
+    control: [u8; 4],
+) -> Result<(), String> {
     link.write(commands::START, &[commands::STOPPED])?;
-    // One pattern, repeated, trigger 2 with each, one image; all but the second counted from 0.
-    link.set(SEQUENCE, &[0, 1, 0, 0])?;
+    link.set(SEQUENCE, &control)?;
     if board.source == PatternSource::Flash {
-        table(link, 1, &[place.image as u8])?;
+        table(link, 1, &images(places))?;
     }
-    table(link, 2, &entry(board, place).to_le_bytes()[..3])?;
+    let mut rows = Vec::with_capacity(3 * places.len());
+    for (number, place) in places.iter().enumerate() {
+        let swap = number == 0 || places[number - 1].image != place.image;
+        rows.extend(&entry(board, *place, swap).to_le_bytes()[..3]);
+    }
+    table(link, 2, &rows)?;
     check(link, board)?;
     link.write(commands::START, &[commands::RUN])?;
     link.until(commands::START, CHECK_WAIT, |state| state == commands::RUN)?;
@@ -100,16 +124,24 @@ pub fn show(link: &mut Link, board: &LightCrafterSettings, place: Place) -> Resu
     check_hardware(link)
 }
 
+/// Numbers in flash of the images that patterns lie in, in their order.
+fn images(places: &[Place]) -> Vec<u8> {
+    let mut images: Vec<u8> = places.iter().map(|place| place.image as u8).collect();
+    images.dedup();
+    images
+}
+
 /// A row of the pattern table, three bytes: trigger (bits 0, 1), number of the pattern (2 … 7), bits (8 … 11), light (12 … 14),
-/// exchange of images (18).
-pub fn entry(board: &LightCrafterSettings, place: Place) -> u32 {
+/// dark after the exposure (17), exchange of images (18).
+pub fn entry(board: &LightCrafterSettings, place: Place, swap: bool) -> u32 {
     // Patterns of 8 bits are numbered by colour: green 0, red 1, blue 2; those of one bit by bit, in the same order.
     let number = if place.bits == 8 { place.bit / 8 } else { place.bit };
     u32::from(INTERNAL)
         | u32::from(number) << 2
         | u32::from(place.bits) << 8
         | u32::from(board.led.bits()) << 12
-        | SWAP_IMAGES
+        | if board.period_us > board.exposure_us { DARK } else { 0 }
+        | if swap { SWAP_IMAGES } else { 0 }
 }
 
 /// Writes a table from its beginning, and reads it back.

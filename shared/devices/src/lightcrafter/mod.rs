@@ -186,10 +186,12 @@ impl Light for LightCrafter {
     }
 
     fn run(&mut self) -> Result<(), DeviceError> {
-        if self.settings.controller != Controller::Dlpc900 {
-            return Err(self.failed("this controller shows its patterns frame by frame only"));
-        }
-        dlpc900::run(&mut self.link, self.places.len()).map_err(|text| self.failed(&text))
+        let run = match (self.settings.controller, self.settings.source) {
+            (_, PatternSource::Video) => Err("a screen shows frame by frame only".to_owned()),
+            (Controller::Dlpc350, _) => dlpc350::run(&mut self.link, &self.settings, &self.places),
+            (Controller::Dlpc900, _) => dlpc900::run(&mut self.link, self.places.len()),
+        };
+        run.map_err(|text| self.failed(&text))
     }
 
     fn darken(&mut self) -> Result<(), DeviceError> {

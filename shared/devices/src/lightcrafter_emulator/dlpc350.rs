@@ -1,6 +1,6 @@
 //! An emulated DLPC350, after DLPU010 and the comments of the manufacturer's `dlpc350_api.cpp`.
 
-use super::{Board, bytes, number};
+use super::{Board, Slow, bytes, number};
 use cell::lightcrafter::{Place, taken};
 
 /// Reads until a change of mode or a check is done.
@@ -9,14 +9,24 @@ const READS_UNTIL_DONE: u32 = 2;
 /// Shortest exposures by bits, µs (DLPU010, table of exposures).
 const LEAST_US: [u32; 8] = [235, 700, 1570, 1700, 2000, 2500, 4500, 8333];
 
-/// The state of a board with images in flash.
+/// Time to load an image from flash at worst, µs (DLPU011, pattern sequence background); two are loaded before the start.
+const LOAD_US: u32 = 200_000;
+const LOADED: usize = 2;
+
+/// Bits of a row of the pattern table: dark after the exposure, exchange of images.
+const DARK: u32 = 1 << 17;
+const SWAP: u32 = 1 << 18;
+
+/// The picture that stands at the video input, three bytes a pixel; none without a signal.
+type Video = Box<dyn Fn() -> Option<Vec<u8>> + Send>;
+
+/// The state of a board with images in flash and perhaps a cable at its video input.
 pub struct Dlpc350 {
     /// Images in flash, three bytes a pixel.
     flash: Vec<Vec<u8>>,
+    video: Option<Video>,
     power: u8,
-    mode: u8,
-    /// The mode that comes, and how many reads it takes.
-    changing: Option<(u8, u32)>,
+    mode: Slow,
     source: u8,
     trigger: u8,
     times_us: [u32; 2],
@@ -26,8 +36,8 @@ pub struct Dlpc350 {
     place: usize,
     images: Vec<u8>,
     patterns: Vec<u8>,
-    /// The result of a check, and how many reads it takes; absent: something was changed since.
-    checked: Option<(u8, u32)>,
+    /// The result of a check; absent: something was changed since.
+    checked: Option<Slow>,
     state: u8,
 }
 
@@ -36,9 +46,9 @@ impl Dlpc350 {
     pub fn new(flash: Vec<Vec<u8>>) -> Self {
         Self {
             flash,
+            video: None,
             power: 0,
-            mode: 0,
-            changing: None,
+            mode: Slow::new(0),
             source: 0,
             trigger: 0,
             times_us: [0; 2],
@@ -51,6 +61,58 @@ impl Dlpc350 {
             checked: None,
             state: 0,
         }
+    }
+
+    /// A board whose video input shows what `video` gives.
+    pub fn with_video(video: impl Fn() -> Option<Vec<u8>> + Send + 'static) -> Self {
+        Self { video: Some(Box::new(video)), ..Self::new(Vec::new()) }
+    }
+
+    /// The picture at the video input.
+    fn picture(&self) -> Option<Vec<u8>> {
+        self.video.as_ref()?()
+    }
+
+    /// Whether it shows its sequence: with the video input only while there is a signal.
+    fn runs(&self) -> bool {
+        self.state == 2 && (self.source == 3 || self.picture().is_some())
+    }
+
+    /// The place of each pattern of the sequence; images follow each other in the order of their table.
+    fn places(&self) -> Vec<Place> {
+        let mut image = 0;
+        let place = |number: usize| {
+            let entry = self.entry(number);
+            let (bits, pattern) = (((entry >> 8) & 0xf) as u8, ((entry >> 2) & 0x3f) as u8);
+            image += usize::from(number > 0 && entry & SWAP != 0);
+            let image = self.images.get(image).copied().unwrap_or(u8::MAX);
+            Place { image: image.into(), bit: if bits == 8 { pattern * 8 } else { pattern }, bits }
+        };
+        (0..=usize::from(self.sequence[0])).map(place).collect()
+    }
+
+    /// What the tables must agree on beside what the board itself checks: images and their exchanges, light and its end.
+    fn consistent(&self) -> Result<(), String> {
+        let [exposure_us, period_us] = self.times_us;
+        let entries: Vec<u32> =
+            (0..=usize::from(self.sequence[0])).map(|number| self.entry(number)).collect();
+        if entries.iter().any(|entry| (entry & DARK != 0) != (period_us > exposure_us)) {
+            return Err("a dark time without black, or black without a dark time".into());
+        }
+        let swaps: Vec<usize> = (0..entries.len()).filter(|number| entries[*number] & SWAP != 0).collect();
+        if swaps.first() != Some(&0) || (self.source == 3 && swaps.len() != usize::from(self.sequence[3]) + 1)
+        {
+            return Err(format!("{} exchanges of {} images", swaps.len(), self.sequence[3] + 1));
+        }
+        if self.sequence[1] == 0 && self.sequence[2] != self.sequence[0] {
+            return Err("a sequence that is shown once shows another number of patterns than it has".into());
+        }
+        // While the patterns of one image stand the next one is loaded.
+        let late = |pair: &[usize]| ((pair[1] - pair[0]) as u32).saturating_mul(period_us) < LOAD_US;
+        if self.source == 3 && swaps.len() > LOADED && swaps.windows(2).any(late) {
+            return Err("an image is not loaded when its turn comes".into());
+        }
+        Ok(())
     }
 
     /// What may only be changed while nothing is shown makes the last check worthless.
@@ -99,15 +161,18 @@ impl Dlpc350 {
 
     fn start(&mut self, data: &[u8]) -> Result<(), String> {
         let [state] = bytes(data)?;
-        let ready = matches!(self.checked, Some((found, 0)) if (found & 3) < 1);
+        let ready = self.checked.and_then(|checked| checked.settled()).is_some_and(|found| found & 3 == 0);
         match state {
             0 | 1 => {}
-            2 if self.mode != 1 || self.changing.is_some() => return Err("not in pattern mode".into()),
+            2 if self.mode.settled() != Some(1) => return Err("not in pattern mode".into()),
             2 if self.table != 0 => return Err("a table is open".into()),
             2 if self.power != 0 => return Err("in standby".into()),
             2 if !ready => return Err("started without a check".into()),
             3.. => return Err("states are 0, 1 and 2".into()),
-            2 => self.trigger_fires()?,
+            2 => {
+                self.trigger_fires()?;
+                self.consistent()?;
+            }
         }
         self.state = state;
         Ok(())
@@ -169,7 +234,7 @@ impl Board for Dlpc350 {
                 if mode > 1 {
                     return Err("modes are 0 and 1".into());
                 }
-                self.changing = Some((mode, READS_UNTIL_DONE));
+                self.mode.become_after(mode, READS_UNTIL_DONE);
             }
             0x1a22 => {
                 self.change()?;
@@ -195,7 +260,11 @@ impl Board for Dlpc350 {
                 }
             }
             0x1a32..=0x1a34 => self.write_table(command, data)?,
-            0x1a1a => self.checked = Some((self.check(), READS_UNTIL_DONE)),
+            0x1a1a => {
+                let mut checked = Slow::new(0x80);
+                checked.become_after(self.check(), READS_UNTIL_DONE);
+                self.checked = Some(checked);
+            }
             0x1a1d => {
                 self.change()?;
                 self.trigger_out = bytes(data)?;
@@ -210,17 +279,8 @@ impl Board for Dlpc350 {
         Ok(match command {
             // Initialised; the sequencer runs.
             0x1a0a => vec![1],
-            0x1a0c => vec![if self.state == 2 { 2 } else { 0 }],
-            0x1a1b => {
-                self.changing = match self.changing {
-                    Some((mode, 0)) => {
-                        self.mode = mode;
-                        None
-                    }
-                    other => other.map(|(mode, reads)| (mode, reads - 1)),
-                };
-                vec![self.mode]
-            }
+            0x1a0c => vec![if self.runs() { 2 } else { 0 }],
+            0x1a1b => vec![self.mode.read()],
             0x1a22 => vec![self.source],
             0x1a23 => vec![self.trigger],
             0x1a24 => vec![self.state],
@@ -231,14 +291,7 @@ impl Board for Dlpc350 {
                 let from = self.place * row;
                 self.table()?[from..].to_vec()
             }
-            0x1a1a => match &mut self.checked {
-                Some((found, 0)) => vec![*found],
-                Some((_, reads)) => {
-                    *reads -= 1;
-                    vec![0x80]
-                }
-                None => return Err("no check was asked for".into()),
-            },
+            0x1a1a => vec![self.checked.as_mut().ok_or("no check was asked for")?.read()],
             0x1a1d => self.trigger_out.to_vec(),
             0x1a42 => vec![self.flash.len() as u8],
             _ => return Err("unknown command".into()),
@@ -246,14 +299,18 @@ impl Board for Dlpc350 {
     }
 
     fn shown(&self) -> Option<Vec<u8>> {
-        if self.state != 2 || self.source != 3 {
-            return None;
+        let place = self.places()[0];
+        match self.source {
+            _ if self.state != 2 => None,
+            3 => Some(taken(self.flash.get(place.image)?, place)),
+            _ => Some(taken(&self.picture()?, place)),
         }
-        let entry = self.entry(0);
-        let bits = ((entry >> 8) & 0xf) as u8;
-        let number = ((entry >> 2) & 0x3f) as u8;
-        let place =
-            Place { image: self.images[0].into(), bit: if bits == 8 { number * 8 } else { number }, bits };
-        Some(taken(self.flash.get(place.image)?, place))
+    }
+
+    fn sequence(&self) -> Option<(Vec<Vec<u8>>, u32)> {
+        let once = self.state == 2 && self.source == 3 && self.sequence[1] == 0;
+        let patterns: Option<_> =
+            self.places().into_iter().map(|place| Some(taken(self.flash.get(place.image)?, place))).collect();
+        once.then_some((patterns?, self.times_us[1]))
     }
 }

@@ -1,12 +1,15 @@
 //! An emulated DLPC900, after DLPU018J.
 
 use super::erle::decompressed;
-use super::{Board, bytes, number};
+use super::{Board, Slow, bytes, number};
 use cell::lightcrafter::{Place, taken};
 use std::collections::BTreeMap;
 
 /// Reads until a change of mode is done.
 const READS_UNTIL_DONE: u32 = 3;
+
+/// The mode of patterns that are sent.
+const ON_THE_FLY: u8 = 3;
 
 /// An image that is coming in: its number, its full length, what has come.
 struct Coming {
@@ -19,8 +22,7 @@ struct Coming {
 pub struct Dlpc900 {
     hardware: u8,
     size_px: [u32; 2],
-    mode: u8,
-    changing: Option<(u8, u32)>,
+    mode: Slow,
     patterns: Vec<[u8; 12]>,
     sequence: Option<[u8; 6]>,
     order: Vec<usize>,
@@ -43,8 +45,7 @@ impl Dlpc900 {
         Self {
             hardware,
             size_px,
-            mode: 1,
-            changing: None,
+            mode: Slow::new(1),
             patterns: Vec::new(),
             sequence: None,
             order: Vec::new(),
@@ -72,7 +73,7 @@ impl Dlpc900 {
         let pattern: [u8; 12] = bytes(data)?;
         let (index, exposure_us) = (number(&pattern[..2]) as usize, number(&pattern[2..5]));
         let place = Self::place(&pattern);
-        if self.mode != 3 || self.changing.is_some() {
+        if self.mode.settled() != Some(ON_THE_FLY) {
             return Err("patterns are defined after the mode is set".into());
         }
         if index > 399 || index > self.patterns.len() {
@@ -138,7 +139,7 @@ impl Dlpc900 {
 
     fn start(&mut self, state: u8) -> Result<(), String> {
         if state == 2 {
-            if self.changing.is_some() || self.mode != 3 || self.sequence.is_none() {
+            if self.mode.settled() != Some(ON_THE_FLY) || self.sequence.is_none() {
                 return Err("started without mode or sequence".into());
             }
             for pattern in &self.patterns {
@@ -166,7 +167,7 @@ impl Board for Dlpc900 {
                 if mode > 3 {
                     return Err("modes are 0 to 3".into());
                 }
-                self.changing = Some((mode, READS_UNTIL_DONE));
+                self.mode.become_after(mode, READS_UNTIL_DONE);
                 self.patterns.clear();
                 self.sequence = None;
                 self.images = [BTreeMap::new(), BTreeMap::new()];
@@ -216,16 +217,7 @@ impl Board for Dlpc900 {
                 answer.resize(33, 0);
                 answer
             }
-            0x1a1b => {
-                self.changing = match self.changing {
-                    Some((mode, 0)) => {
-                        self.mode = mode;
-                        None
-                    }
-                    other => other.map(|(mode, reads)| (mode, reads - 1)),
-                };
-                vec![self.mode]
-            }
+            0x1a1b => vec![self.mode.read()],
             0x1a31 => self.sequence.ok_or("no sequence")?.to_vec(),
             _ => return Err("unknown command, or one that cannot be read".into()),
         })

@@ -40,6 +40,39 @@ pub trait Board: Send {
     }
 }
 
+/// A value that is the one that was set, or found, after some reads.
+#[derive(Debug, Clone, Copy)]
+struct Slow {
+    value: u8,
+    coming: Option<(u8, u32)>,
+}
+
+impl Slow {
+    /// Is this value, and stays so.
+    fn new(value: u8) -> Self {
+        Self { value, coming: None }
+    }
+
+    /// Becomes another value after so many reads; what it is already it stays.
+    fn become_after(&mut self, value: u8, reads: u32) {
+        self.coming = (self.settled() != Some(value)).then_some((value, reads));
+    }
+
+    /// The value, where it does not change any more.
+    fn settled(&self) -> Option<u8> {
+        self.coming.is_none().then_some(self.value)
+    }
+
+    fn read(&mut self) -> u8 {
+        match &mut self.coming {
+            Some((value, 0)) => *self = Self::new(*value),
+            Some((_, reads)) => *reads -= 1,
+            None => {}
+        }
+        self.value
+    }
+}
+
 /// What goes wrong, by the number of a command.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct BoardFaults {
@@ -201,7 +234,7 @@ impl SharedEmulator {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Answers at a Unix socket, until dropped; `look` looks at the board after each report.
+    /// Answers at a Unix socket, until dropped; `look` looks at the board after each report, and every 20 ms.
     ///
     /// # Errors
     /// The path is taken or cannot be written.
@@ -231,15 +264,19 @@ impl SharedEmulator {
                 Ok(()) => {
                     let mut emulator = board.lock();
                     let mut done = emulator.take(&report);
+                    // Before the driver goes on.
+                    look(&mut emulator);
                     while let (Ok(()), Some(answer)) = (&done, emulator.answers.pop_front()) {
                         done = stream.write_all(&answer);
                     }
-                    look(&mut emulator);
                     if done.is_err() {
                         client = None;
                     }
                 }
-                Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
+                // What a board shows from its video input changes without a report.
+                Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
+                    look(&mut board.lock());
+                }
                 Err(_) => client = None,
             }
         })?;

@@ -11,22 +11,13 @@ use fringe::pattern::{Axis, PatternSet};
 fn projector(controller: Controller, size_px: [u32; 2], one_bit: bool) -> ProjectorConfig {
     let usb = controller == Controller::Dlpc900;
     let exposure_us = controller.least_exposure_us(8);
+    let sequence = vec![
+        PatternSet::sine(Axis::X, 16.0, 4),
+        PatternSet::gray(Axis::Y, 3, 8.0),
+        PatternSet::White {},
+        PatternSet::Black {},
+    ];
     ProjectorConfig {
-        name: "proj1".into(),
-        driver: Driver::LightCrafter,
-        width_px: size_px[0],
-        height_px: size_px[1],
-        cameras: Vec::new(),
-        sequence: vec![
-            PatternSet::sine(Axis::X, 16.0, 4),
-            PatternSet::gray(Axis::Y, 3, 8.0),
-            PatternSet::White {},
-            PatternSet::Black {},
-        ],
-        exposures_ms: Vec::new(),
-        address: None,
-        trigger: cell::configuration::TriggerMode::Stepped,
-        screen: None,
         lightcrafter: Some(LightCrafterSettings {
             controller,
             source: if usb { PatternSource::Usb } else { PatternSource::Flash },
@@ -39,7 +30,7 @@ fn projector(controller: Controller, size_px: [u32; 2], one_bit: bool) -> Projec
             device: None,
             screen: None,
         }),
-        level_table: None,
+        ..ProjectorConfig::new("proj1", Driver::LightCrafter, size_px, sequence)
     }
 }
 
@@ -94,6 +85,41 @@ fn a_dlpc350_shows_each_frame_from_its_flash() {
         let board = plugged(flashed(&projector), BoardFaults::default());
         expect_every_frame(&projector, &board);
     }
+}
+
+/// Proves: the sequence that the board shows by itself is that of the projector, image after image, once, with dark times and without.
+#[test]
+fn a_dlpc350_runs_its_sequence_from_flash() {
+    for (one_bit, dark_us) in [(false, 0), (true, 0), (false, 300)] {
+        let mut projector = projector(Controller::Dlpc350, [91, 57], one_bit);
+        let settings = projector.lightcrafter.as_mut().unwrap();
+        // As long as an image takes from flash while three patterns of the one before it stand.
+        settings.exposure_us = 70_000;
+        settings.period_us = 70_000 + dark_us;
+        let board = plugged(flashed(&projector), BoardFaults::default());
+        let mut light = open(&projector, &board).unwrap();
+        for _ in 0..2 {
+            light.darken().unwrap();
+            assert!(board.lock().take_sequence().is_none());
+            light.run().unwrap();
+            let (shown, period_us) = board.lock().take_sequence().unwrap();
+            let expected: Vec<Vec<u8>> =
+                (0..projector.frames()).map(|frame| projector.image_u8(frame).unwrap().unwrap()).collect();
+            assert!(shown == expected && period_us == 70_000 + dark_us);
+        }
+        assert_eq!(board.lock().violations(), [] as [String; 0]);
+    }
+}
+
+/// Proves: a board whose images come too late is refused by the emulated one, as the configuration does before.
+#[test]
+fn images_that_are_not_loaded_in_time_are_no_sequence() {
+    let projector = small();
+    let board = plugged(flashed(&projector), BoardFaults::default());
+    let mut light = open(&projector, &board).unwrap();
+    let error = light.run().unwrap_err().to_string();
+    assert!(error.contains("command 0x1a24 (start or stop): the board refuses it"), "{error}");
+    assert!(board.lock().violations()[0].contains("not loaded when its turn comes"));
 }
 
 #[test]
@@ -179,8 +205,12 @@ fn the_bytes_of_a_pattern_are_those_of_the_guides_example() {
     let second = dlpc900::definition(&board, 1, Place { bit: 1, ..place });
     assert_eq!(second[10..], [0x00, 0x08]);
     // DLPU010, pattern table: bits 8 … 11 depth, 12 … 14 light, 2 … 7 number, 18 exchange of images.
-    let entry = dlpc350::entry(&board, Place { image: 0, bit: 16, bits: 8 });
+    let place = Place { image: 0, bit: 16, bits: 8 };
+    let entry = dlpc350::entry(&board, place, true);
     assert_eq!(entry, 2 << 2 | 8 << 8 | 1 << 12 | 1 << 18);
+    // Bit 17 makes the mirrors dark after the exposure.
+    board.period_us = 500;
+    assert_eq!(dlpc350::entry(&board, place, false), 2 << 2 | 8 << 8 | 1 << 12 | 1 << 17);
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! From what is written to what is meant.
 
-use super::devices::genicam;
+use super::devices::{check_apart, genicam};
 use super::lights::check_lights;
 use super::limits::{cycles, formats, limits, results, schedule, settings};
 use super::projectors::{Lights, check_recorded_sizes, projectors};
@@ -34,6 +34,7 @@ impl Config {
         let mut rig_file = referenced(&document, "rig", &raw.rig, read_rig)?;
         rig_file.rig.sensors = rig_file.sensors();
         let cameras = cameras(&document, &raw, &rig_file)?;
+        check_apart(&document, &cameras)?;
         check_tables(&document, &raw)?;
         let recording = recording(&document, &raw)?;
         let settings = settings(&document, &raw)?;

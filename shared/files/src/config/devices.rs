@@ -5,7 +5,7 @@ use super::values::value;
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::rig_file::unknown;
-use cell::configuration::{Driver, GenicamCamera};
+use cell::configuration::{CameraConfig, Driver, GenicamCamera};
 use cell::pixel_format::PixelFormat;
 use std::net::{IpAddr, SocketAddr};
 
@@ -14,6 +14,12 @@ const EXPOSURE_US: [f64; 2] = [1.0, 1e7];
 
 /// Gains of cameras, dB.
 const GAIN_DB: [f64; 2] = [0.0, 100.0];
+
+/// Farthest column or row of a sensor at which a frame begins, px.
+const MOST_OFFSET_PX: u32 = 65_534;
+
+/// Packets, IP and UDP header included: what every network carries, and what a jumbo frame holds with room to spare.
+const PACKET_BYTES: [u16; 2] = [576, 16_000];
 
 /// Input of a camera where none is named: the first one.
 const TRIGGER_LINE: &str = "Line1";
@@ -30,7 +36,10 @@ pub(super) fn genicam(
         ("pixel_format", raw.pixel_format.is_some()),
         ("exposure_us", raw.exposure_us.is_some()),
         ("gain_db", raw.gain_db.is_some()),
+        ("offset_px", raw.offset_px.is_some()),
+        ("packet_bytes", raw.packet_bytes.is_some()),
         ("packet_delay_ticks", raw.packet_delay_ticks.is_some()),
+        ("ptp", raw.ptp.is_some()),
         ("trigger_line", raw.trigger_line.is_some()),
     ];
     if raw.driver != "genicam" {
@@ -53,11 +62,68 @@ pub(super) fn genicam(
         address: address.transpose()?,
         serial: raw.serial.clone(),
         pixel_format: pixel_format(document, key, raw)?,
-        exposure_us: within(document, &format!("{key}.exposure_us"), raw.exposure_us, EXPOSURE_US, "µs")?,
-        gain_db: within(document, &format!("{key}.gain_db"), raw.gain_db, GAIN_DB, "dB")?,
+        exposure_us: within_if_there(
+            document,
+            &format!("{key}.exposure_us"),
+            raw.exposure_us,
+            EXPOSURE_US,
+            "µs",
+        )?,
+        gain_db: within_if_there(document, &format!("{key}.gain_db"), raw.gain_db, GAIN_DB, "dB")?,
+        offset_px: offset_px(document, key, raw)?,
+        packet_bytes: packet_bytes(document, key, raw)?,
         packet_delay_ticks: raw.packet_delay_ticks,
+        ptp: raw.ptp,
         trigger_line: raw.trigger_line.clone().unwrap_or_else(|| TRIGGER_LINE.to_owned()),
     }))
+}
+
+/// No two cameras of a cell are the same device, as far as the configuration states it.
+pub(super) fn check_apart(document: &Document, cameras: &[CameraConfig]) -> Result<(), FileError> {
+    let device = |camera: &CameraConfig| {
+        let genicam = camera.genicam.as_ref()?;
+        let address = genicam.address.map(|address| ("address", address.to_string()));
+        address.or(genicam.serial.clone().map(|serial| ("serial", serial)))
+    };
+    for (index, camera) in cameras.iter().enumerate() {
+        let Some((part, here)) = device(camera) else { continue };
+        let same = |other: &&CameraConfig| device(other).is_some_and(|there| there == (part, here.clone()));
+        if let Some(other) = cameras[..index].iter().find(same) {
+            let problem = Problem::Disagreement {
+                what: "cameras",
+                here: format!("camera \"{}\" has the {part} \"{here}\"", camera.name),
+                there: format!("camera \"{}\" too", other.name),
+            };
+            let remedy = "each camera is a device of its own; `fringetool cameras` lists them";
+            return Err(document.fault(&format!("camera[{index}].{part}"), problem, remedy));
+        }
+    }
+    Ok(())
+}
+
+/// The first column and row of the window; the frame of the rig file begins there.
+fn offset_px(document: &Document, key: &str, raw: &RawCamera) -> Result<Option<[u32; 2]>, FileError> {
+    match raw.offset_px {
+        Some([x, y]) if x.max(y) > MOST_OFFSET_PX => {
+            let problem = value(format!("[{x}, {y}]"), format!("0 … {MOST_OFFSET_PX} px each"));
+            let remedy = "column and row of the sensor at which the frame of the rig file begins";
+            Err(document.fault(&format!("{key}.offset_px"), problem, remedy))
+        }
+        offset_px => Ok(offset_px),
+    }
+}
+
+fn packet_bytes(document: &Document, key: &str, raw: &RawCamera) -> Result<Option<u16>, FileError> {
+    let [least, most] = PACKET_BYTES;
+    match raw.packet_bytes {
+        Some(bytes) if !(least..=most).contains(&bytes) || !bytes.is_multiple_of(4) => {
+            let problem = value(bytes, format!("{least} … {most} bytes in steps of 4"));
+            let remedy =
+                "leave the key out for the largest packets that arrive; `fringetool doctor` tries them";
+            Err(document.fault(&format!("{key}.packet_bytes"), problem, remedy))
+        }
+        bytes => Ok(bytes),
+    }
 }
 
 fn pixel_format(document: &Document, key: &str, raw: &RawCamera) -> Result<PixelFormat, FileError> {
@@ -101,14 +167,23 @@ pub(super) fn needs(document: &Document, key: &str, driver: &str, other: &str) -
 pub(super) fn within(
     document: &Document,
     key: &str,
-    found: Option<f64>,
+    found: f64,
     [least, most]: [f64; 2],
     unit: &str,
-) -> Result<Option<f64>, FileError> {
-    match found {
-        Some(number) if !(least..=most).contains(&number) => {
-            Err(document.fault(key, value(number, format!("{least} … {most} {unit}")), ""))
-        }
-        _ => Ok(found),
+) -> Result<f64, FileError> {
+    if (least..=most).contains(&found) {
+        return Ok(found);
     }
+    Err(document.fault(key, value(found, format!("{least} … {most} {unit}")), ""))
+}
+
+/// The same of a key that may be absent.
+pub(super) fn within_if_there(
+    document: &Document,
+    key: &str,
+    found: Option<f64>,
+    limits: [f64; 2],
+    unit: &str,
+) -> Result<Option<f64>, FileError> {
+    found.map(|found| within(document, key, found, limits, unit)).transpose()
 }

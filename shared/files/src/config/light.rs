@@ -1,6 +1,6 @@
 //! Projectors that this computer drives itself: screens and boards with their own pattern memory.
 
-use super::devices::{needs, within};
+use super::devices::{needs, within_if_there};
 use super::raw::RawProjector;
 use super::values::value;
 use crate::document::Document;
@@ -13,8 +13,14 @@ use cell::lightcrafter::{Controller, Led, PatternSource, image_count, places};
 
 /// Refreshes of a screen in a second where none are stated.
 const REFRESH_HZ: f64 = 60.0;
+/// Refresh rates of screens, and of projectors that others work, Hz.
+const SCREEN_HZ: [f64; 2] = [1.0, 1000.0];
+const PROJECTOR_HZ: [f64; 2] = [1.0, 20_000.0];
 /// Refreshes until the light stands where none are stated: what projectors with a frame memory need.
 const DELAY_REFRESHES: u32 = 2;
+/// Images that a flash holds at most, as one byte numbers them; and those that the DLPC350 holds at once.
+const FLASH_IMAGES: usize = 256;
+const LOADED_IMAGES: usize = 2;
 /// Loading an image from flash, ms; measured by nobody here, so the configuration may state another time.
 const FLASH_SETTLE_MS: u32 = 250;
 /// Starting a sequence that is already in memory, ms.
@@ -27,6 +33,8 @@ pub(super) struct Light {
     pub(super) screen: Option<ScreenSettings>,
     /// With the driver "lightcrafter".
     pub(super) lightcrafter: Option<LightCrafterSettings>,
+    /// With any other driver, where it is stated.
+    pub(super) refresh_hz: Option<f64>,
 }
 
 /// Reads the keys of the drivers "screen" and "lightcrafter"; refuses them for other drivers.
@@ -61,7 +69,7 @@ pub(super) fn light(
     match driver {
         Driver::Screen => {
             foreign(&board, "lightcrafter")?;
-            Ok(Light { screen: Some(screen_settings(document, key, raw)?), lightcrafter: None })
+            Ok(Light { screen: Some(screen_settings(document, key, raw)?), ..Light::default() })
         }
         Driver::LightCrafter => {
             let settings = board_settings(document, key, raw)?;
@@ -75,14 +83,18 @@ pub(super) fn light(
                 let remedy = "remove the key, or use source = \"video\"";
                 return Err(document.fault(&format!("{key}.{part}"), problem, remedy));
             }
-            Ok(Light { screen: None, lightcrafter: Some(settings) })
+            Ok(Light { lightcrafter: Some(settings), ..Light::default() })
         }
         _ => {
             foreign(&board, "lightcrafter")?;
             // Every projector may state how often it refreshes.
             let of_screens: Vec<_> = screen.into_iter().filter(|(part, _)| *part != "refresh_hz").collect();
             foreign(&of_screens, "screen")?;
-            Ok(Light::default())
+            let key = format!("{key}.refresh_hz");
+            Ok(Light {
+                refresh_hz: within_if_there(document, &key, raw.refresh_hz, PROJECTOR_HZ, "Hz")?,
+                ..Light::default()
+            })
         }
     }
 }
@@ -98,7 +110,8 @@ fn screen_settings(document: &Document, key: &str, raw: &RawProjector) -> Result
             return Err(document.fault(key, problem, remedy));
         }
     };
-    let refresh_hz = within(document, &format!("{key}.refresh_hz"), raw.refresh_hz, [1.0, 1000.0], "Hz")?;
+    let refresh_hz =
+        within_if_there(document, &format!("{key}.refresh_hz"), raw.refresh_hz, SCREEN_HZ, "Hz")?;
     let delay =
         whole(document, &format!("{key}.delay_refreshes"), raw.delay_refreshes, 0..=100, "refreshes")?;
     Ok(ScreenSettings {
@@ -209,22 +222,64 @@ pub(super) fn check_board(
         .map_err(|error| document.fault(&format!("{key}.sequence"), Problem::Pattern(error), ""))?;
     let deepest = bits.iter().copied().max().unwrap_or(8);
     check_times(document, key, (board, projector.trigger), deepest)?;
-    let images = image_count(&places(bits.iter().copied()));
-    let (found, most, what) = match board.source {
-        PatternSource::Usb => (images, controller.most_images(), "images of 24 bits in its memory"),
-        PatternSource::Flash => (usize::from(board.first_image) + images, 256, "images in flash"),
-        PatternSource::Video => return Ok(()),
-    };
-    let (found, most, what) = match board.source {
-        PatternSource::Usb if bits.len() > controller.most_patterns() => {
-            (bits.len(), controller.most_patterns(), "patterns of a sequence")
-        }
-        _ => (found, most, what),
-    };
-    if found > most {
+    check_memory(document, key, (board, projector.trigger), &bits)
+}
+
+/// The patterns fit into the memory of the board and into one sequence, and images from flash are there in time.
+fn check_memory(
+    document: &Document,
+    key: &str,
+    (board, trigger): (&LightCrafterSettings, TriggerMode),
+    bits: &[u8],
+) -> Result<(), FileError> {
+    let (controller, name) = (board.controller, board.controller.name());
+    let places = places(bits.iter().copied());
+    let (images, runs) = (image_count(&places), trigger != TriggerMode::Stepped);
+    let first = usize::from(board.first_image);
+    let limits = [
+        (
+            board.source == PatternSource::Usb,
+            images,
+            controller.most_images(),
+            "images of 24 bits in its memory",
+        ),
+        (board.source == PatternSource::Flash, first + images, FLASH_IMAGES, "images in flash"),
+        (
+            board.source == PatternSource::Usb,
+            bits.len(),
+            controller.most_patterns(),
+            "patterns of a sequence",
+        ),
+        (runs, bits.len(), controller.most_run_patterns(), "patterns of a sequence that runs by itself"),
+        (runs, images, controller.most_images(), "images of a sequence that runs by itself"),
+    ];
+    if let Some((_, found, most, what)) =
+        limits.iter().find(|(counts, found, most, _)| *counts && found > most)
+    {
         let problem = value(format!("{found} {what}"), format!("at most {most} with the {name}"));
         let remedy = "one_bit = true makes frames of black and white alone smaller; or show fewer frames";
         return Err(document.fault(&format!("{key}.sequence"), problem, remedy));
+    }
+    // Two images are loaded before the start; each further one while the patterns of the one before it stand.
+    if board.source != PatternSource::Flash || !runs || images <= LOADED_IMAGES {
+        return Ok(());
+    }
+    let patterns = |image: usize| places.iter().filter(|place| place.image == image).count();
+    let fewest = (0..images - 1).map(patterns).min().unwrap_or(1).max(1) as u32;
+    if board.settle_ms * 1000 > fewest * board.period_us {
+        let least_us = (board.settle_ms * 1000).div_ceil(fewest);
+        let problem = value(
+            format!("{} µs", board.period_us),
+            format!(
+                "{least_us} µs and more: while {fewest} patterns of an image stand, the next one is loaded from flash, which \
+                 takes {} ms",
+                board.settle_ms
+            ),
+        );
+        let remedy = "lengthen it and period_ms, or write the load time of your images as settle_ms (the manufacturer's \
+                      software shows it when the firmware is built)";
+        let part = if board.period_us == board.exposure_us { "exposure_us" } else { "period_us" };
+        return Err(document.fault(&format!("{key}.{part}"), problem, remedy));
     }
     Ok(())
 }

@@ -16,13 +16,20 @@ pub(super) fn check_lights(document: &Document, cell: &Configuration) -> Result<
     check_places(document, &cell.projectors)?;
     let mut needed_us = 0.0;
     for (index, projector) in cell.projectors.iter().enumerate() {
-        let Some(period_us) = projector.light_period_us() else { continue };
-        check_generated(document, (index, projector))?;
-        if projector.trigger != TriggerMode::Stepped {
-            continue;
+        if projector.screen.is_some() || projector.lightcrafter.is_some() {
+            check_generated(document, (index, projector))?;
         }
-        let longest_us = check_exposures(document, cell, (index, projector), period_us)?;
-        needed_us += projector.frames() as f64 * (projector.settle_us() + longest_us);
+        let exposed = exposed(document, cell, (index, projector))?;
+        let longest_us = exposed.iter().map(|(_, exposure_us)| *exposure_us).fold(0.0, f64::max);
+        match projector.trigger {
+            TriggerMode::Sequenced { period_ms } => {
+                check_period(document, (index, projector), period_ms, &exposed)?;
+            }
+            TriggerMode::Stepped if projector.light_period_us().is_some() => {
+                needed_us += projector.frames() as f64 * (projector.settle_us() + longest_us);
+            }
+            TriggerMode::Stepped => {}
+        }
     }
     let (needed_ms, limit_ms) = ((needed_us / 1e3).ceil() as u64, cell.limits.cycle_deadline_ms);
     if needed_ms > limit_ms {
@@ -82,10 +89,7 @@ fn check_together(document: &Document, projectors: &[ProjectorConfig]) -> Result
 
 /// Each projector is a device of its own, and it is stated which one.
 fn check_places(document: &Document, projectors: &[ProjectorConfig]) -> Result<(), FileError> {
-    let place = |p: &ProjectorConfig| -> Option<ScreenPlace> {
-        let of_board = p.lightcrafter.as_ref().and_then(|board| board.screen.as_ref());
-        p.screen.as_ref().or(of_board).map(|screen| screen.place.clone())
-    };
+    let place = |p: &ProjectorConfig| -> Option<ScreenPlace> { Some(p.shown_on()?.place.clone()) };
     for (index, projector) in projectors.iter().enumerate() {
         let earlier = &projectors[..index];
         if let Some(screen) = place(projector)
@@ -120,37 +124,84 @@ fn check_places(document: &Document, projectors: &[ProjectorConfig]) -> Result<(
     Ok(())
 }
 
-/// Light that comes in pulses is exposed for whole periods, else frames differ in brightness. The longest exposure, µs.
-fn check_exposures(
+/// Cameras of a projector by their numbers, with their exposures, µs, as far as they are stated. Where the light comes in refreshes, or stands
+/// for whole patterns of a board, they are stated and last for whole ones: else frames differ in brightness.
+fn exposed(
     document: &Document,
     cell: &Configuration,
     (index, projector): (usize, &ProjectorConfig),
-    period_us: f64,
-) -> Result<f64, FileError> {
-    let mut longest_us: f64 = 0.0;
+) -> Result<Vec<(usize, f64)>, FileError> {
+    // A board that runs by itself shows each pattern once.
+    let once = projector.trigger != TriggerMode::Stepped && projector.lightcrafter.is_some();
+    let period_us = projector.light_period_us().filter(|_| !once);
+    let mut exposed = Vec::new();
     for (number, camera) in cell.cameras.iter().enumerate() {
         let (true, Some(genicam)) = (projector.cameras.contains(&camera.name), &camera.genicam) else {
             continue;
         };
-        let key = format!("camera[{number}].exposure_us");
-        let whole = |exposure_us: f64| (exposure_us / period_us).round().max(1.0);
-        let light =
-            format!("the light of projector \"{}\" comes in periods of {period_us:.0} µs", projector.name);
-        let Some(exposure_us) = genicam.exposure_us else {
-            let problem = Problem::Missing(format!("exposure_us of camera \"{}\"", camera.name));
-            let remedy = format!("{light}: add exposure_us = {period_us:.0}, or a multiple of it");
-            return Err(document.fault(&format!("camera[{number}]"), problem, remedy));
-        };
-        let periods = whole(exposure_us);
-        if (exposure_us - periods * period_us).abs() > PERIOD_TOLERANCE * period_us {
-            let problem = value(format!("{exposure_us} µs"), format!("a multiple of {period_us:.0} µs"));
-            let remedy =
-                format!("{light}; write exposure_us = {:.0} (projector[{index}])", periods * period_us);
-            return Err(document.fault(&key, problem, remedy));
+        match (genicam.exposure_us, period_us) {
+            (Some(exposure_us), None) => exposed.push((number, exposure_us)),
+            (None, None) => {}
+            (None, Some(period_us)) => {
+                let problem = Problem::Missing(format!("exposure_us of camera \"{}\"", camera.name));
+                let light = light(projector, period_us);
+                let remedy = format!("{light}: add exposure_us = {period_us:.0}, or a multiple of it");
+                return Err(document.fault(&format!("camera[{number}]"), problem, remedy));
+            }
+            (Some(exposure_us), Some(period_us)) => {
+                if let Some(whole_us) = missed(exposure_us, period_us) {
+                    let problem =
+                        value(format!("{exposure_us} µs"), format!("a multiple of {period_us:.0} µs"));
+                    let light = light(projector, period_us);
+                    let remedy = format!("{light}; write exposure_us = {whole_us:.0} (projector[{index}])");
+                    return Err(document.fault(&format!("camera[{number}].exposure_us"), problem, remedy));
+                }
+                exposed.push((number, exposure_us));
+            }
         }
-        longest_us = longest_us.max(exposure_us);
     }
-    Ok(longest_us)
+    Ok(exposed)
+}
+
+fn light(projector: &ProjectorConfig, period_us: f64) -> String {
+    format!("the light of projector \"{}\" comes in periods of {period_us:.0} µs", projector.name)
+}
+
+/// The nearest whole number of periods to a time, where it is none, µs.
+fn missed(time_us: f64, period_us: f64) -> Option<f64> {
+    let whole_us = (time_us / period_us).round().max(1.0) * period_us;
+    ((time_us - whole_us).abs() > PERIOD_TOLERANCE * period_us).then_some(whole_us)
+}
+
+/// A projector that runs by itself goes on after whole refreshes, and after every camera has exposed.
+fn check_period(
+    document: &Document,
+    (index, projector): (usize, &ProjectorConfig),
+    period_ms: f64,
+    exposed: &[(usize, f64)],
+) -> Result<(), FileError> {
+    let refresh_us = projector.refresh_hz.map(|hz| 1e6 / hz);
+    if let Some(refresh_us) = refresh_us
+        && let Some(whole_us) = missed(period_ms * 1e3, refresh_us)
+    {
+        let limit = format!(
+            "a multiple of {:.3} ms, one refresh of projector \"{}\"",
+            refresh_us / 1e3,
+            projector.name
+        );
+        let remedy = format!("write period_ms = {:.3}", whole_us / 1e3);
+        let key = format!("projector[{index}].period_ms");
+        return Err(document.fault(&key, value(format!("{period_ms} ms"), limit), remedy));
+    }
+    match exposed.iter().find(|(_, exposure_us)| *exposure_us >= period_ms * 1e3) {
+        Some((number, exposure_us)) => {
+            let limit =
+                format!("below {} µs, the period_ms of projector \"{}\"", period_ms * 1e3, projector.name);
+            let key = format!("camera[{number}].exposure_us");
+            Err(document.fault(&key, value(format!("{exposure_us} µs"), limit), "or raise period_ms"))
+        }
+        None => Ok(()),
+    }
 }
 
 /// What is shown has to be computed.

@@ -3,7 +3,7 @@
 use super::devices::network_address;
 use super::light::{Light, check_board, light};
 use super::raw::{RawConfig, RawProjector};
-use super::trigger::{check_exposures, trigger};
+use super::trigger::trigger;
 use super::values::{projector_driver, referenced};
 use crate::correction::{PatternCorrection, read_correction};
 use crate::document::Document;
@@ -51,7 +51,6 @@ pub(super) fn projectors(
         check_sequence(document, &key, size_px, &projector.sequence)?;
         check_decodable(document, &key, &projector, decode)?;
         check_lookers(document, &key, &projector, cameras)?;
-        check_exposures(document, &key, raw, &projector, cameras)?;
         if let Some(correction) = correction(document, &key, raw, projector.driver)? {
             projector.level_table = Some(correction.table.clone());
             lights.corrections.insert(projector.name.clone(), correction);
@@ -93,24 +92,26 @@ fn one_projector(
         document.fault(key, problem, format!("add {part} = …"))
     };
     let recorded_cameras = || recorded.map(|r| r.cameras.iter().map(|camera| camera.name.clone()).collect());
-    let Light { screen, lightcrafter } = light(document, key, raw, driver)?;
+    let Light { screen, lightcrafter, refresh_hz } = light(document, key, raw, driver)?;
+    let size_px = [
+        raw.width_px.or(recorded.map(|r| r.width_px)).ok_or_else(|| needed("width_px"))?,
+        raw.height_px.or(recorded.map(|r| r.height_px)).ok_or_else(|| needed("height_px"))?,
+    ];
+    let cameras = raw.cameras.clone().or_else(recorded_cameras).ok_or_else(|| needed("cameras"))?;
+    let sequence = raw
+        .sequence
+        .clone()
+        .or_else(|| recorded.map(|r| r.sequence.clone()))
+        .ok_or_else(|| needed("sequence"))?;
     Ok(ProjectorConfig {
-        name: raw.name.clone(),
-        driver,
-        width_px: raw.width_px.or(recorded.map(|r| r.width_px)).ok_or_else(|| needed("width_px"))?,
-        height_px: raw.height_px.or(recorded.map(|r| r.height_px)).ok_or_else(|| needed("height_px"))?,
-        cameras: raw.cameras.clone().or_else(recorded_cameras).ok_or_else(|| needed("cameras"))?,
-        sequence: raw
-            .sequence
-            .clone()
-            .or_else(|| recorded.map(|r| r.sequence.clone()))
-            .ok_or_else(|| needed("sequence"))?,
+        cameras,
         exposures_ms: recorded.map(|r| r.exposures_ms.clone()).unwrap_or_default(),
         address: network_address(document, key, raw, driver)?,
+        refresh_hz,
         trigger: trigger(document, key, raw, driver)?,
         screen,
         lightcrafter,
-        level_table: None,
+        ..ProjectorConfig::new(&raw.name, driver, size_px, sequence)
     })
 }
 

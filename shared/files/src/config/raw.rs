@@ -113,7 +113,10 @@ pub(super) struct RawCamera {
     pub pixel_format: Option<String>,
     pub exposure_us: Option<f64>,
     pub gain_db: Option<f64>,
+    pub offset_px: Option<[u32; 2]>,
+    pub packet_bytes: Option<u16>,
     pub packet_delay_ticks: Option<u32>,
+    pub ptp: Option<bool>,
     pub trigger_line: Option<String>,
 }
 

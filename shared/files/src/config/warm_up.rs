@@ -1,7 +1,7 @@
 //! When the temperature of the cameras counts as settled.
 
+use super::devices::within;
 use super::raw::RawWarmUp;
-use super::values::value;
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use cell::configuration::{CameraConfig, WarmUp};
@@ -19,12 +19,6 @@ pub(super) fn warm_up(
     cameras: &[CameraConfig],
 ) -> Result<Option<WarmUp>, FileError> {
     let Some(raw) = raw else { return Ok(None) };
-    let within = |key: &str, found: f64, [least, most]: [f64; 2], unit: &str| {
-        if (least..=most).contains(&found) {
-            return Ok(found);
-        }
-        Err(document.fault(&format!("warm_up.{key}"), value(found, format!("{least} … {most} {unit}")), ""))
-    };
     if let Some(camera) = cameras.iter().find(|camera| camera.genicam.is_none()) {
         let (name, driver) = (&camera.name, camera.driver.name());
         let problem = Problem::Unsupported(format!(
@@ -36,8 +30,11 @@ pub(super) fn warm_up(
             "remove the table, or use cameras with the driver \"genicam\"",
         ));
     }
+    let checked = |key: &str, found: f64, limits: [f64; 2], unit: &str| {
+        within(document, &format!("warm_up.{key}"), found, limits, unit)
+    };
     Ok(Some(WarmUp {
-        max_change_k: within("max_change_k", raw.max_change_k, CHANGE_K, "K")?,
-        window_s: within("window_s", raw.window_s, WINDOW_S, "s")?,
+        max_change_k: checked("max_change_k", raw.max_change_k, CHANGE_K, "K")?,
+        window_s: checked("window_s", raw.window_s, WINDOW_S, "s")?,
     }))
 }
