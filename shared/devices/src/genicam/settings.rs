@@ -191,18 +191,19 @@ impl<'a> Settings<'a> {
         let corner = CORNER.map(|key| self.device.get_integer(key).unwrap_or(0));
         let is_size =
             SIZE.iter().zip(size).all(|(key, size)| self.device.get_integer(key).ok() == Some(size));
-        let mut source = "width_px and height_px of the rig file".to_owned();
+        let mut begins = String::new();
         if !is_size && offset_px.is_some() {
             // A window grows only as far as its corner leaves room; what goes wrong here shows below.
             for key in CORNER {
                 let _ = self.device.set_integer(key, 0);
             }
         } else if corner != [0, 0] {
-            source += &format!(
-                "; the window begins at column {}, row {} of the sensor: write offset_px to move it",
-                corner[0], corner[1]
+            let [column, row] = corner;
+            begins = format!(
+                "; the window begins at column {column}, row {row} of the sensor: write offset_px to move it"
             );
         }
+        let source = format!("width_px and height_px of the rig file{begins}");
         for (key, size) in SIZE.iter().zip(size) {
             self.exchange(&INTEGER, key, size, &source)?;
         }

@@ -133,7 +133,9 @@ fn windows_that_the_sensor_does_not_have_are_told_with_its_limits() {
     ] {
         let error = open(address, size_px, |s| s.offset_px = Some(offset_px)).err().unwrap();
         assert!(error.starts_with("camera \"cam1\": "), "{error}");
-        parts.iter().for_each(|part| assert!(error.contains(part), "{error} lacks {part}"));
+        for part in parts {
+            assert!(error.contains(part), "{error} lacks {part}");
+        }
     }
 }
 

@@ -161,7 +161,10 @@ impl Dlpc350 {
 
     fn start(&mut self, data: &[u8]) -> Result<(), String> {
         let [state] = bytes(data)?;
-        let ready = self.checked.and_then(|checked| checked.settled()).is_some_and(|found| found & 3 == 0);
+        let ready = self
+            .checked
+            .and_then(|checked| checked.settled())
+            .is_some_and(|found| found.trailing_zeros() >= 2);
         match state {
             0 | 1 => {}
             2 if self.mode.settled() != Some(1) => return Err("not in pattern mode".into()),
