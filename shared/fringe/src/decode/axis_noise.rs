@@ -59,7 +59,7 @@ impl AxisState {
             code: None,
             levels: Levels::of(code_frames.len()),
             code_frames,
-            borders: Borders::of(axis),
+            borders: Borders::of(axis, width),
             ignored: axis.ignored.as_slice().into(),
         }
     }
@@ -74,6 +74,15 @@ impl AxisState {
 }
 
 impl Decoder {
+    /// Keeps the grey values of the probed pixels in a frame that has just landed.
+    pub(super) fn probe_frame(&mut self, slot: usize, step: usize) {
+        let axis = self.axes.iter_mut().zip(&self.plan.axes).find(|(_, plan)| plan.sines.contains(&slot));
+        if let Some((axis, _)) = axis {
+            let raster = self.plan.sines[slot].first + step;
+            axis.probe.keep(step, raster, &self.rasters, self.correction.len());
+        }
+    }
+
     /// Looks for frames of a complete sine set that do not show what the others show.
     pub(super) fn inspect(&mut self, slot: usize) {
         let axis = self.axes.iter().zip(&self.plan.axes).find(|(_, plan)| plan.sines.contains(&slot));
@@ -82,7 +91,7 @@ impl Decoder {
             positions: &axis.probe.positions,
             width: self.width_px as usize,
             pixels: self.correction.len(),
-            rasters: &self.rasters,
+            values: &axis.probe.frames,
             least_modulation_dn: self.least_modulation_dn(),
             clipped_dn: self.clipped_dn,
         };
@@ -106,7 +115,7 @@ impl Decoder {
             let Some(set) = plan.sines.iter().position(|s| *s == slot) else { continue };
             // What faulty frames leave is no noise.
             if self.findings[slot].is_empty() {
-                axis.probe.close_set(set, &self.sums[slot], &self.rasters, self.correction.len(), limits);
+                axis.probe.close_set(set, &self.sums[slot], limits);
             }
             axis.open_sets -= 1;
             if axis.open_sets == 0 {

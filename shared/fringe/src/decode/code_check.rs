@@ -2,7 +2,7 @@
 
 use super::axis_noise::AxisState;
 use super::block::state;
-use super::continuity::Continuity;
+use super::continuity::{Continuity, whole};
 use super::dirt::code::{self, CodeFrame, CodeLook, CodeVerdict, Shown};
 use super::rasters::Rasters;
 use super::report::DecodeReport;
@@ -216,26 +216,29 @@ impl Decoder {
             return false;
         }
         let scale_px = plan.period_px / std::f64::consts::TAU;
-        levels.own.clear();
         // What defocus does to narrow stripes is no fault.
-        for frame in axis.code_frames.iter().filter(|frame| frame.is_wide(plan.period_px)) {
-            let Shown::Bit { code, .. } = frame.shown else { continue };
-            let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);
-            for place in axis.probe.positions.iter().copied().filter(|place| out.valid[*place] == state::SURE)
-            {
-                let (light, edge_px) = frame.shown.at(f64::from(out.phase_rad[place]) * scale_px);
+        let wide = || axis.code_frames.iter().filter(|frame| frame.is_wide(plan.period_px));
+        levels.sums.clear();
+        levels.sums.extend(wide().map(|_| [(0.0, 0.0); 2]));
+        for place in axis.probe.positions.iter().copied().filter(|place| out.valid[*place] == state::SURE) {
+            let x_px = f64::from(out.phase_rad[place]) * scale_px;
+            let middle = f64::from(self.sums[*slot].sum_at(&self.rasters, pixels, place)) / steps;
+            let inverse = 1.0 / f64::from(out.modulation[place]);
+            for (frame, sums) in wide().zip(&mut levels.sums) {
+                let Shown::Bit { code, .. } = frame.shown else { continue };
+                let (light, edge_px) = frame.shown.at(x_px);
                 if edge_px > CLEAR_STRIPES * code.stripe_px {
-                    let middle = f64::from(self.sums[*slot].sum_at(&self.rasters, pixels, place)) / steps;
                     let value = f64::from(self.rasters.value(frame.raster, pixels, place));
-                    sums[usize::from(light)] += (value - middle) / f64::from(out.modulation[place]);
-                    counts[usize::from(light)] += 1.0;
+                    let (sum, count) = &mut sums[usize::from(light)];
+                    *sum += (value - middle) * inverse;
+                    *count += 1.0;
                 }
             }
-            levels
-                .own
-                .push([0, 1].map(|class| (counts[class] >= LEAST).then(|| sums[class] / counts[class])));
         }
-        let Levels { own, scratch } = levels;
+        levels.own.clear();
+        let mean = |(sum, count): (f64, f64)| (count >= LEAST).then(|| sum / count);
+        levels.own.extend(levels.sums.iter().map(|sums| sums.map(mean)));
+        let Levels { own, scratch, .. } = levels;
         let mut usual = |class: usize| {
             scratch.clear();
             scratch.extend(own.iter().filter_map(|own| own[class]));
@@ -255,13 +258,19 @@ impl Decoder {
 #[derive(Debug, Default)]
 pub(super) struct Levels {
     own: Vec<[Option<f64>; 2]>,
+    /// Of each frame, of dark and light: sum of the levels and number of pixels.
+    sums: Vec<[(f64, f64); 2]>,
     scratch: Vec<f64>,
 }
 
 impl Levels {
     /// Room for so many frames.
     pub fn of(frames: usize) -> Self {
-        Self { own: Vec::with_capacity(frames), scratch: Vec::with_capacity(frames) }
+        Self {
+            own: Vec::with_capacity(frames),
+            sums: Vec::with_capacity(frames),
+            scratch: Vec::with_capacity(frames),
+        }
     }
 }
 
@@ -304,54 +313,78 @@ pub(super) fn code_frames(plan: &AxisPlan, homes: &[(usize, usize)]) -> Vec<Code
 #[derive(Debug)]
 pub(super) struct Borders {
     crossings: Vec<[u32; 2]>,
+    columns: Vec<Walk>,
 }
 
 impl Borders {
-    /// Room for the fringes of a projector.
-    pub fn of(plan: &AxisPlan) -> Self {
+    /// Room for the fringes of a projector, and for images of this width.
+    pub fn of(plan: &AxisPlan, width: usize) -> Self {
         let fringes =
             if plan.period_px > 0.0 { (plan.extent_px / plan.period_px).ceil() as usize } else { 0 };
-        Self { crossings: vec![[0; 2]; fringes + 4] }
+        Self { crossings: vec![[0; 2]; fringes + 4], columns: Vec::with_capacity(width.div_ceil(LINES)) }
     }
 
     /// Walks along some rows and columns; whether the way to a next fringe leads elsewhere about as often.
     fn are_strange(&mut self, map: &PhaseViewMut) -> bool {
-        let (width, height) = (map.info.width_px as usize, map.info.height_px as usize);
-        self.crossings.fill([0; 2]);
-        for row in (0..height).step_by(LINES) {
-            self.walk(map, (0..width).map(|column| row * width + column));
-        }
-        for column in (0..width).step_by(LINES) {
-            self.walk(map, (0..height).map(|row| row * width + column));
-        }
-        self.crossings.iter().any(|[next, other]| *other >= LEAST_CROSSINGS && 2 * other > *next)
-    }
-
-    fn walk(&mut self, map: &PhaseViewMut, places: impl Iterator<Item = usize>) {
-        let (mut last, mut gap) = (0.0, usize::MAX);
-        for place in places {
-            gap = gap.saturating_add(1);
-            if map.valid[place] != state::SURE {
-                continue;
-            }
-            let here = (map.phase_rad[place] / TAU).floor();
-            if gap <= MOST_GAP && here != last {
-                if (here - last).abs() == 1.0 {
-                    self.count(here.min(last), 0);
-                } else {
-                    // To which side the phase runs on is not known: the border is one of four.
-                    for fringe in [here, here - 1.0, last, last - 1.0] {
-                        self.count(fringe, 1);
-                    }
+        let Self { crossings, columns } = self;
+        let width = map.info.width_px as usize;
+        crossings.fill([0; 2]);
+        columns.clear();
+        columns.resize(width.div_ceil(LINES), Walk::START);
+        // All columns are walked along side by side, since the rows lie in one piece.
+        for (row, (phase, valid)) in map.phase_rad.chunks(width).zip(map.valid.chunks(width)).enumerate() {
+            if row % LINES == 0 {
+                let mut walk = Walk::START;
+                for (phase, valid) in phase.iter().zip(valid) {
+                    walk.step(*phase, *valid, crossings);
                 }
             }
-            (last, gap) = (here, 0);
+            let places = phase.iter().zip(valid).step_by(LINES);
+            for (walk, (phase, valid)) in columns.iter_mut().zip(places) {
+                walk.step(*phase, *valid, crossings);
+            }
         }
+        crossings.iter().any(|[next, other]| *other >= LEAST_CROSSINGS && 2 * other > *next)
     }
+}
 
-    fn count(&mut self, fringe: f32, kind: usize) {
-        if let Some(crossings) = self.crossings.get_mut((fringe + 1.0).max(0.0) as usize) {
-            crossings[kind] += 1;
+/// Where a walk along a row or column is.
+#[derive(Debug, Clone, Copy)]
+struct Walk {
+    /// Fringe of the last valid pixel.
+    last: f32,
+    /// Steps since that pixel.
+    gap: usize,
+}
+
+impl Walk {
+    /// No valid pixel so far.
+    const START: Self = Self { last: 0.0, gap: usize::MAX };
+
+    /// Goes on to a pixel and counts the border that it crosses.
+    #[inline]
+    fn step(&mut self, phase_rad: f32, valid: u8, crossings: &mut [[u32; 2]]) {
+        self.gap = self.gap.saturating_add(1);
+        if valid != state::SURE {
+            return;
         }
+        let (here, last) = (whole(phase_rad / TAU), self.last);
+        if self.gap <= MOST_GAP && here != last {
+            if (here - last).abs() == 1.0 {
+                count(crossings, here.min(last), 0);
+            } else {
+                // To which side the phase runs on is not known: the border is one of four.
+                for fringe in [here, here - 1.0, last, last - 1.0] {
+                    count(crossings, fringe, 1);
+                }
+            }
+        }
+        (self.last, self.gap) = (here, 0);
+    }
+}
+
+fn count(crossings: &mut [[u32; 2]], fringe: f32, kind: usize) {
+    if let Some(crossings) = crossings.get_mut((fringe + 1.0).max(0.0) as usize) {
+        crossings[kind] += 1;
     }
 }

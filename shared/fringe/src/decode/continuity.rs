@@ -20,6 +20,8 @@ const ROWS: usize = 16;
 
 /// One of so many rows and columns is walked along.
 const STRIDE: usize = 4;
+/// So many columns are walked along side by side.
+const SIDE: usize = 16;
 /// With fewer wraps and jumps the sequence is not checked.
 const LEAST: usize = 50;
 
@@ -59,8 +61,11 @@ impl Continuity {
         if let Some(above) = row.checked_sub(1) {
             let (above, above_valid) =
                 (&phase[above * width..row * width], &valid[above * width..row * width]);
-            let pairs = above.iter().zip(above_valid).zip(here.iter().zip(here_valid));
-            all += Self::of_pairs(pairs.step_by(STRIDE));
+            for first in (0..width).step_by(SIDE * STRIDE) {
+                let [a, b] = [above, here].map(|line| picked(line, first));
+                let [a_valid, b_valid] = [above_valid, here_valid].map(|line| picked(line, first));
+                all += Self::of_pairs(a.iter().zip(&a_valid).zip(b.iter().zip(&b_valid)));
+            }
         }
         all
     }
@@ -80,6 +85,16 @@ impl Continuity {
     }
 }
 
+/// Every [`STRIDE`]th value of a line from one on; zeros beyond its end, where nothing is valid.
+#[inline(always)]
+fn picked<T: Copy + Default>(line: &[T], first: usize) -> [T; SIDE] {
+    let mut picked = [T::default(); SIDE];
+    for (picked, value) in picked.iter_mut().zip(line[first..].iter().step_by(STRIDE)) {
+        *picked = *value;
+    }
+    picked
+}
+
 impl AddAssign for Continuity {
     fn add_assign(&mut self, other: Self) {
         self.wraps += other.wraps;
@@ -95,7 +110,7 @@ fn nearest(value: f32) -> f32 {
 
 /// Largest integer that is not above a value.
 #[inline(always)]
-fn whole(value: f32) -> f32 {
+pub(super) fn whole(value: f32) -> f32 {
     let near = nearest(value);
     if near > value { near - 1.0 } else { near }
 }

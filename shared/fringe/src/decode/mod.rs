@@ -236,6 +236,7 @@ impl Decoder {
             Role::Stored(raster) => self.rasters.keep(raster, frame.pixels),
             Role::Sine { slot, step } => {
                 self.rasters.keep(self.plan.sines[slot].first + step, frame.pixels);
+                self.probe_frame(slot, step);
                 if step + 1 == self.plan.sines[slot].rasters().len() {
                     self.inspect(slot);
                     if self.settings.camera_noise.is_none() {

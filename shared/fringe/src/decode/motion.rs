@@ -145,12 +145,10 @@ fn each(plan: &SinePlan, look: &Look, unit: &[(f64, f64); MAX_STEPS], mut take: 
         every += 1;
     }
     let mut pixel = Pixel { level_dn: 0.0, amplitude_dn: 0.0, phase_rad: 0.0, residual_dn: [0.0; MAX_STEPS] };
-    for place in look.positions.iter().step_by(every) {
+    for position in (0..look.positions.len()).step_by(every) {
         let (mut sum, mut c, mut s, mut most) = (0.0, 0.0, 0.0, 0);
-        for ((value, raster), (sin, cos)) in
-            pixel.residual_dn[..steps].iter_mut().zip(plan.rasters()).zip(unit)
-        {
-            let dn = look.rasters.value(raster, look.pixels, *place);
+        for (step, (value, (sin, cos))) in pixel.residual_dn[..steps].iter_mut().zip(unit).enumerate() {
+            let dn = look.value(step, position);
             most = most.max(dn);
             *value = f64::from(dn);
             sum += *value;

@@ -32,31 +32,30 @@ pub struct ProbeLimits {
 }
 
 impl Probe {
+    /// Keeps the grey values of a frame, the given step of its set, as long as the cache still holds it.
+    pub fn keep(&mut self, step: usize, raster: usize, rasters: &Rasters, pixels: usize) {
+        let count = self.positions.len();
+        // A set with a carrier has more frames than steps; nobody asks for those.
+        let Some(kept) = self.frames.get_mut(step * count..(step + 1) * count) else { return };
+        let places = kept.iter_mut().zip(&self.positions);
+        match rasters {
+            Rasters::Bytes(data) => {
+                let frame = &data[raster * pixels..(raster + 1) * pixels];
+                places.for_each(|(kept, place)| *kept = frame[*place].into());
+            }
+            Rasters::Words(data) => {
+                let frame = &data[raster * pixels..(raster + 1) * pixels];
+                places.for_each(|(kept, place)| *kept = frame[*place]);
+            }
+        }
+    }
+
     /// Turns the frames of the complete set `index` into samples of the noise.
-    pub fn close_set(
-        &mut self,
-        index: usize,
-        sums: &Sums,
-        rasters: &Rasters,
-        pixels: usize,
-        limits: ProbeLimits,
-    ) {
+    pub fn close_set(&mut self, index: usize, sums: &Sums, limits: ProbeLimits) {
         let spectrum = &self.spectra[index];
         // Uneven steps and carriers have no harmonics of their own: their residuals are left to the other sets.
         if spectrum.steps < FEWEST_STEPS || !spectrum.even || sums.rasters().len() != spectrum.steps {
             return;
-        }
-        for (raster, kept) in sums.rasters().zip(self.frames.chunks_exact_mut(self.positions.len())) {
-            match rasters {
-                Rasters::Bytes(data) => {
-                    let frame = &data[raster * pixels..(raster + 1) * pixels];
-                    kept.iter_mut().zip(&self.positions).for_each(|(kept, p)| *kept = frame[*p].into());
-                }
-                Rasters::Words(data) => {
-                    let frame = &data[raster * pixels..(raster + 1) * pixels];
-                    kept.iter_mut().zip(&self.positions).for_each(|(kept, p)| *kept = frame[*p]);
-                }
-            }
         }
         vectorised!(limits.level, self.close(index, limits, sums.are_lines()));
     }

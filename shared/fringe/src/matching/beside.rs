@@ -1,19 +1,17 @@
 //! The fine stage for some pixels side by side: the same steps as [`solve`](super::subpixel::solve), as vectors, where the 4 × 4
 //! neighbourhood is one smooth surface and two evaluations of the curve are enough. That is so nearly everywhere; other pixels are
-//! left to it.
+//! left to it. Pixels that need the second evaluation wait for others that do.
 
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
 use super::patch::{Interpolation, Patch, Sums};
-use super::subpixel::{Crossing, RightPhase, inside};
+use super::subpixel::{RightPhase, inside};
+use crate::geometry::camera::LensKind;
 use crate::rectify::RectifiedCamera;
 
 /// Pixels that are solved side by side.
 pub(super) const LANES: usize = 8;
-
-/// Evaluations of the curve.
-const STEPS: usize = 2;
 
 type Lanes = [f64; LANES];
 
@@ -36,62 +34,116 @@ pub(super) struct Batch {
     pub search_px: Lanes,
     /// Smallest and largest disparity.
     pub limits: [[f64; 2]; LANES],
+    /// Rectified abscissa on the right from where the search goes on.
+    pub x: Lanes,
+    /// Column and row of the cell in which it was last.
+    pub cell: [(usize, usize); LANES],
 }
 
-/// State of the search.
-struct Search {
-    x: Lanes,
+impl Batch {
+    /// Takes a pixel of another batch, which is to be searched on from a place.
+    pub fn take(&mut self, other: &Self, from: usize, (x, cell): (f64, (usize, usize))) {
+        let to = self.count;
+        (self.hit[to], self.pixel[to], self.wanted[to]) =
+            (other.hit[from], other.pixel[from], other.wanted[from]);
+        (self.y[to], self.coarse[to]) = (other.y[from], other.coarse[from]);
+        (self.search_px[to], self.limits[to]) = (other.search_px[from], other.limits[from]);
+        (self.x[to], self.cell[to]) = (x, cell);
+        self.count += 1;
+    }
+}
+
+/// What one evaluation found of a batch.
+pub(super) struct Found {
     /// Whether the general way has to take over.
-    lost: [bool; LANES],
-    cell: [(usize, usize); LANES],
+    pub lost: [bool; LANES],
+    /// Whether the place is exact enough; where neither, the search goes on.
+    pub settled: [bool; LANES],
+    /// Rectified abscissa, as far as it is known.
+    pub x: Lanes,
+    /// Column and row of its cell.
+    pub cell: [(usize, usize); LANES],
+    /// Derivative of the right phase along the curve, rad per unit of x.
+    pub slope: Lanes,
+    /// Variance of the interpolated right phase, rad².
+    pub variance: Lanes,
+    /// Index of the nearest native pixel.
+    pub pixel: [usize; LANES],
+}
+
+/// Places on the curves, which become offsets from the centres of cells.
+struct Places {
     offset: [Lanes; 2],
     tangent: [Lanes; 2],
     stretch: Lanes,
 }
 
-/// The crossings of a batch; `None` where [`super::subpixel::solve`] has to be asked.
+/// One evaluation and one step for each pixel of a batch; `again` where it is their second one.
 #[inline(always)]
-pub(super) fn solve_beside(
-    right: &RightPhase,
-    camera: &RectifiedCamera,
-    batch: &Batch,
-) -> [Option<Crossing>; LANES] {
-    let mut found = [None; LANES];
-    if right.interpolation != Interpolation::Quadratic || right.width < 4 || right.height < 4 {
-        return found;
-    }
-    let zero = [0.0; LANES];
-    let mut search = Search {
-        x: batch.coarse,
-        lost: std::array::from_fn(|l| l >= batch.count),
-        cell: [(0, 0); LANES],
-        offset: [zero; 2],
-        tangent: [zero; 2],
-        stretch: zero,
+pub(super) fn step_beside(right: &RightPhase, camera: &RectifiedCamera, batch: &Batch, again: bool) -> Found {
+    let usable = right.interpolation == Interpolation::Quadratic && right.width >= 4 && right.height >= 4;
+    let mut found = Found {
+        lost: std::array::from_fn(|l| l >= batch.count || !usable),
+        settled: [false; LANES],
+        x: batch.x,
+        cell: batch.cell,
+        slope: [0.0; LANES],
+        variance: [0.0; LANES],
+        pixel: [0; LANES],
     };
-    for step in 0..STEPS {
-        search.evaluate(camera, batch);
-        let (samples, sigma) = search.gather(right, batch, step > 0);
-        search.advance(right, batch, (&samples, &sigma), &mut found);
-        if (0..LANES).all(|l| search.lost[l] || found[l].is_some()) {
-            break;
-        }
+    if usable {
+        let mut places = evaluate(camera, batch);
+        let (samples, sigma) = places.gather(right, batch, again, &mut found);
+        places.advance(right, batch, (&samples, &sigma), &mut found);
     }
     found
 }
 
-impl Search {
-    /// The places on the curves.
-    #[inline(always)]
-    fn evaluate(&mut self, camera: &RectifiedCamera, batch: &Batch) {
+/// The places on the curves, as [`crate::rectify::EpipolarCurve::at`] gives them.
+#[inline(always)]
+fn evaluate(camera: &RectifiedCamera, batch: &Batch) -> Places {
+    let zero = [0.0; LANES];
+    let mut out = Places { offset: [zero; 2], tangent: [zero; 2], stretch: zero };
+    if camera.camera.distortion.kind != LensKind::BrownConrady {
         for l in 0..LANES {
-            let at = camera.curve(batch.y[l]).at(self.x[l]);
-            (self.offset[0][l], self.offset[1][l]) = (at.pixel[0], at.pixel[1]);
-            (self.tangent[0][l], self.tangent[1][l]) = (at.tangent[0], at.tangent[1]);
-            self.stretch[l] = at.stretch;
+            let at = camera.curve(batch.y[l]).at(batch.x[l]);
+            (out.offset[0][l], out.offset[1][l]) = (at.pixel[0], at.pixel[1]);
+            (out.tangent[0][l], out.tangent[1][l]) = (at.tangent[0], at.tangent[1]);
+            out.stretch[l] = at.stretch;
         }
+        return out;
     }
+    let m = &camera.camera_from_rectified;
+    let along = [m[(0, 0)], m[(1, 0)], m[(2, 0)]];
+    let by_y = [m[(0, 1)], m[(1, 1)], m[(2, 1)]];
+    let base = [m[(0, 2)], m[(1, 2)], m[(2, 2)]];
+    let ([k1, k2, k3], [p1, p2]) = (camera.camera.distortion.k, camera.camera.distortion.p);
+    let ([fx, fy], skew, [cx, cy]) =
+        (camera.camera.focal_px, camera.camera.skew, camera.camera.principal_point_px);
+    for l in 0..LANES {
+        let (x, y) = (batch.x[l], batch.y[l]);
+        let direction: [f64; 3] = std::array::from_fn(|i| (by_y[i] * y + base[i]) + along[i] * x);
+        let inverse_z = if direction[2] > 0.0 { 1.0 / direction[2] } else { f64::NAN };
+        let (u, v) = (direction[0] * inverse_z, direction[1] * inverse_z);
+        let (du, dv) = ((along[0] - u * along[2]) * inverse_z, (along[1] - v * along[2]) * inverse_z);
+        let r2 = u * u + v * v;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let bent_u = u * radial + 2.0 * p1 * u * v + p2 * (r2 + 2.0 * u * u);
+        let bent_v = v * radial + p1 * (r2 + 2.0 * v * v) + 2.0 * p2 * u * v;
+        let slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3));
+        let cross = slope * u * v + 2.0 * p1 * u + 2.0 * p2 * v;
+        let turned_u = (radial + slope * u * u + 2.0 * p1 * v + 6.0 * p2 * u) * du + cross * dv;
+        let turned_v = cross * du + (radial + slope * v * v + 6.0 * p1 * v + 2.0 * p2 * u) * dv;
+        out.offset[0][l] = fx * bent_u + skew * bent_v + cx;
+        out.offset[1][l] = fy * bent_v + cy;
+        out.tangent[0][l] = fx * turned_u + skew * turned_v;
+        out.tangent[1][l] = fy * turned_v;
+        out.stretch[l] = -2.0 * along[2] * inverse_z;
+    }
+    out
+}
 
+impl Places {
     /// Finds the cells and their 4 × 4 samples, less the wanted phase; places become offsets from the centres of the cells.
     #[inline(always)]
     fn gather(
@@ -99,6 +151,7 @@ impl Search {
         right: &RightPhase,
         batch: &Batch,
         again: bool,
+        found: &mut Found,
     ) -> ([[[f32; LANES]; 4]; 4], [f32; LANES]) {
         let (mut samples, mut sigma) = ([[[f32::NAN; LANES]; 4]; 4], [0.0; LANES]);
         let last = [right.width as f64 - 2.0, right.height as f64 - 2.0];
@@ -106,16 +159,16 @@ impl Search {
             let place = [self.offset[0][l], self.offset[1][l]];
             let from =
                 |(column, row): (usize, usize)| [place[0] - column as f64 - 0.5, place[1] - row as f64 - 0.5];
-            if !(again && inside(from(self.cell[l]))) {
+            if !(again && inside(from(found.cell[l]))) {
                 // The whole neighbourhood must lie in the image; NaN fails the comparison.
                 let inner = place[0] >= 1.0 && place[1] >= 1.0 && place[0] < last[0] && place[1] < last[1];
-                self.lost[l] |= !inner;
-                self.cell[l] = if inner { (place[0] as usize, place[1] as usize) } else { (1, 1) };
+                found.lost[l] |= !inner;
+                found.cell[l] = if inner { (place[0] as usize, place[1] as usize) } else { (1, 1) };
             }
-            let (column, row) = self.cell[l];
+            let (column, row) = found.cell[l];
             let offset = from((column, row));
             (self.offset[0][l], self.offset[1][l]) = (offset[0], offset[1]);
-            if self.lost[l] {
+            if found.lost[l] {
                 continue;
             }
             for (line, samples) in samples.iter_mut().enumerate() {
@@ -129,47 +182,65 @@ impl Search {
         (samples, sigma)
     }
 
-    /// One step along the tangents to where the models vanish; places that are exact enough are found.
+    /// One step along the tangents to where the models vanish, as [`Patch::step`] makes it; places that are exact enough are settled.
     #[inline(always)]
     fn advance(
-        &mut self,
+        &self,
         right: &RightPhase,
         batch: &Batch,
         (samples, sigma): (&[[[f32; LANES]; 4]; 4], &[f32; LANES]),
-        found: &mut [Option<Crossing>; LANES],
+        found: &mut Found,
     ) {
-        let patches = Patches::fit(samples, sigma);
-        let (mut smooth, mut settled) = ([0_u8; LANES], [0_u8; LANES]);
-        let (mut slope, mut factor) = ([0.0; LANES], [0.0; LANES]);
+        let Patches { a, b: [bx, by], c: [cxx, cxy, cyy], accepted } = Patches::fit(samples, sigma);
         let pitch = right.pitch;
+        let [xi, eta] = self.offset.map(|offsets| offsets.map(|offset| offset as f32));
+        let [tx, ty] = self.tangent.map(|tangents| tangents.map(|tangent| (tangent * pitch) as f32));
+        let (mut steps, mut slopes) = ([0.0; LANES], [0.0; LANES]);
         for l in 0..LANES {
-            let tangent = [self.tangent[0][l], self.tangent[1][l]];
-            let before = [self.offset[0][l], self.offset[1][l]];
-            let (along, steepness) = patches.at(l).step(before, tangent, pitch);
-            let x = self.x[l] + along * (1.0 - 0.5 * self.stretch[l] * along);
-            let offset = [before[0] + tangent[0] * along, before[1] + tangent[1] * along];
-            smooth[l] = patches.accepted[l] & u8::from(along.abs() <= 2.0 * batch.search_px[l] * pitch);
-            settled[l] = u8::from(along.abs() < right.reach)
-                & u8::from(inside(offset))
-                & u8::from((x - batch.coarse[l]).abs() <= batch.search_px[l] * pitch);
-            slope[l] = steepness;
-            factor[l] = Patch::quadratic_variance(offset[0], offset[1]);
-            self.x[l] = x;
-            (self.offset[0][l], self.offset[1][l]) = (offset[0], offset[1]);
+            let (xi, eta, tx, ty) = (xi[l], eta[l], tx[l], ty[l]);
+            let value = a[l]
+                + xi * (bx[l] + cxy[l] * eta)
+                + by[l] * eta
+                + cxx[l] * (xi * xi - 1.25)
+                + cyy[l] * (eta * eta - 1.25);
+            let gx = bx[l] + 2.0 * cxx[l] * xi + cxy[l] * eta;
+            let gy = by[l] + 2.0 * cyy[l] * eta + cxy[l] * xi;
+            let slope = gx * tx + gy * ty;
+            let bend = 2.0 * (cxx[l] * tx * tx + cxy[l] * tx * ty + cyy[l] * ty * ty);
+            let inverse = 1.0 / slope;
+            let mut step = -value * inverse;
+            step -= 0.5 * bend * step * step * inverse;
+            step -= (value + step * (slope + 0.5 * bend * step)) / (slope + bend * step);
+            (steps[l], slopes[l]) = (step, slope + bend * step);
         }
+        let zero = [0.0; LANES];
+        let (mut x, mut slope, mut factor, mut ends) = (zero, zero, zero, [zero; 2]);
+        // Whether the step is one that the search may make, and whether it ends the search.
+        let mut holds = [[false; LANES]; 2];
         for l in 0..LANES {
-            self.lost[l] |= smooth[l] == 0;
-            if !self.lost[l] && settled[l] != 0 && found[l].is_none() {
-                let (column, row) = self.cell[l];
-                let pixel = right.nearest(column, row, [self.offset[0][l], self.offset[1][l]]);
+            let along = f64::from(steps[l]) * pitch;
+            let search = batch.search_px[l] * pitch;
+            x[l] = batch.x[l] + along * (1.0 - 0.5 * self.stretch[l] * along);
+            let end = [
+                self.offset[0][l] + self.tangent[0][l] * along,
+                self.offset[1][l] + self.tangent[1][l] * along,
+            ];
+            slope[l] = f64::from(slopes[l]) / pitch;
+            factor[l] = Patch::quadratic_variance(end[0], end[1]);
+            (ends[0][l], ends[1][l]) = (end[0], end[1]);
+            holds[0][l] = along.abs() <= 2.0 * search;
+            holds[1][l] =
+                (along.abs() < right.reach) & inside(end) & ((x[l] - batch.coarse[l]).abs() <= search);
+        }
+        (found.x, found.slope) = (x, slope);
+        for l in 0..LANES {
+            found.lost[l] |= !holds[0][l] | (accepted[l] == 0);
+            found.settled[l] = !found.lost[l] && holds[1][l];
+            if found.settled[l] {
+                let (column, row) = found.cell[l];
+                let pixel = right.nearest(column, row, [ends[0][l], ends[1][l]]);
                 let sigma = f64::from(right.sigma_rad[pixel]);
-                found[l] = Some(Crossing {
-                    x: self.x[l],
-                    slope: slope[l],
-                    variance: factor[l] * sigma * sigma,
-                    pixel,
-                    bilinear: false,
-                });
+                (found.variance[l], found.pixel[l]) = (factor[l] * sigma * sigma, pixel);
             }
         }
     }
@@ -219,15 +290,5 @@ impl Patches {
             out.accepted[l] = u8::from(accepted);
         }
         out
-    }
-
-    #[inline(always)]
-    fn at(&self, l: usize) -> Patch {
-        Patch {
-            a: self.a[l],
-            b: [self.b[0][l], self.b[1][l]],
-            c: [self.c[0][l], self.c[1][l], self.c[2][l]],
-            kind: Interpolation::Quadratic,
-        }
     }
 }

@@ -4,6 +4,9 @@
 //! phase has one place (up to noise), so a cursor that walks with the left pixels finds it in amortised constant
 //! time; and phases that two runs share are found as such, which makes ambiguity visible instead of silent.
 
+use crate::math::simd::vectorised;
+use fearless_simd::Level;
+
 /// A continuous, monotone stretch of a row: a bracket lies between any two of its neighbouring cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Run {
@@ -21,6 +24,8 @@ pub(super) struct Run {
     cursor: u32,
     /// Whether the phase grows with the column.
     rising: bool,
+    /// Mean slope, rad per cell.
+    slope: f64,
 }
 
 /// Limits of the phase steps that separate two runs.
@@ -42,7 +47,22 @@ pub(super) struct Row {
     smoothed: bool,
     /// Running sums of a stretch.
     sums: Vec<f64>,
+    /// How each cell goes on from the one before it.
+    steps: Vec<u8>,
 }
+
+/// A cell whose phase differs little from that of the one before it …
+const JOINED: u8 = 1;
+/// … that is larger …
+const RISES: u8 = 2;
+/// … that is smaller.
+const FALLS: u8 = 4;
+
+/// Cells that are walked over at once.
+const STRIDE: usize = 8;
+
+/// A mark on all of them.
+const ALL_JOINED: u64 = u64::from_le_bytes([JOINED; STRIDE]);
 
 /// Noise of a cell beyond this share of the phase step per cell would cut a row into pieces.
 const QUIET_SHARE: f64 = 0.25;
@@ -72,21 +92,33 @@ impl Row {
             hot: 0,
             smoothed: false,
             sums: Vec::with_capacity(width + 1),
+            steps: Vec::with_capacity(width),
         }
     }
 
     /// Takes the phase of a row (NaN where not valid) and cuts it into runs.
-    pub fn fill(&mut self, phase_rad: impl Iterator<Item = f32>, limits: StepLimits) {
+    pub fn fill(&mut self, phase_rad: impl Iterator<Item = f32>, limits: StepLimits, level: Level) {
         self.phase_rad.clear();
         self.phase_rad.extend(phase_rad);
-        self.smooth(limits);
+        let count = self.phase_rad.len();
+        self.steps.clear();
+        self.steps.resize(count, 0);
+        vectorised!(level, mark_steps(&self.phase_rad, limits.max_rad, &mut self.steps));
         self.runs.clear();
         self.hot = 0;
+        self.smoothed = false;
         let mut start = 0;
-        for cell in 1..=self.phase_rad.len() {
-            if cell == self.phase_rad.len() || !continues(&self.phase_rad, start, cell, limits) {
-                self.close(start, cell - 1);
-                start = cell;
+        while start < count {
+            let (end, senses) = self.stretch(start);
+            if senses & (RISES | FALLS) == RISES | FALLS {
+                self.smooth_stretch(start, end);
+                self.cut(start, end, limits);
+            } else {
+                self.close_monotone(start, end - 1);
+            }
+            start = end;
+            while self.next_steps(start).is_some_and(|steps| steps & ALL_JOINED == 0) {
+                start += STRIDE;
             }
         }
         self.runs.sort_unstable_by(|a, b| a.low.total_cmp(&b.low).then(a.start.cmp(&b.start)));
@@ -94,6 +126,42 @@ impl Row {
         for run in &mut self.runs {
             high_so_far = high_so_far.max(run.high);
             run.high_so_far = high_so_far;
+        }
+    }
+
+    /// End of the continuous stretch that begins at a cell, and all marks of its steps.
+    fn stretch(&self, start: usize) -> (usize, u8) {
+        let (mut end, mut all) = (start + 1, 0);
+        while let Some(steps) = self.next_steps(end - 1)
+            && steps & ALL_JOINED == ALL_JOINED
+        {
+            all |= steps;
+            end += STRIDE;
+        }
+        let mut senses = all.to_le_bytes().iter().fold(0, |senses, steps| senses | steps);
+        while end < self.steps.len() && self.steps[end] & JOINED != 0 {
+            senses |= self.steps[end];
+            end += 1;
+        }
+        (end, senses)
+    }
+
+    /// How the eight cells behind one go on, if there are so many.
+    #[inline(always)]
+    fn next_steps(&self, cell: usize) -> Option<u64> {
+        let mut bytes = [0; STRIDE];
+        bytes.copy_from_slice(self.steps.get(cell + 1..cell + 1 + STRIDE)?);
+        Some(u64::from_le_bytes(bytes))
+    }
+
+    /// Cuts a stretch where its sense changes.
+    fn cut(&mut self, first: usize, end: usize, limits: StepLimits) {
+        let mut start = first;
+        for cell in first + 1..=end {
+            if cell == end || !continues(&self.phase_rad, start, cell, limits) {
+                self.close(start, cell - 1);
+                start = cell;
+            }
         }
     }
 
@@ -109,34 +177,13 @@ impl Row {
         mean.is_finite().then_some(mean)
     }
 
-    /// Averages noise out of the continuous stretches that have so much of it that neighbouring cells change places.
+    /// Averages noise out of a continuous stretch that has so much of it that neighbouring cells change places.
     ///
     /// Noise and slope are those of the stretch itself. Means are symmetric and get narrower towards its ends, so that a slope
     /// stays what it is. Only the search sees them.
-    fn smooth(&mut self, limits: StepLimits) {
-        self.smoothed = false;
-        let mut start = 0;
-        for cell in 1..=self.phase_rad.len() {
-            let step = self.phase_rad.get(cell).map_or(f32::NAN, |v| v - self.phase_rad[cell - 1]);
-            // NaN on either side fails the comparison.
-            let joined = step.abs() <= limits.max_rad;
-            if !joined {
-                self.smooth_stretch(start, cell);
-                start = cell;
-            }
-        }
-    }
-
     fn smooth_stretch(&mut self, start: usize, end: usize) {
         let cells = &mut self.phase_rad[start..end];
         if cells.len() < LEAST_CELLS {
-            return;
-        }
-        // Where no two neighbours change places there is nothing to mend.
-        let (rises, falls) = cells.windows(2).fold((0_u32, 0_u32), |(rises, falls), w| {
-            (rises + u32::from(w[1] > w[0]), falls + u32::from(w[1] < w[0]))
-        });
-        if rises == 0 || falls == 0 {
             return;
         }
         let second: f64 =
@@ -176,6 +223,20 @@ impl Row {
         let (low, high) = cells
             .iter()
             .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+        let rising = cells[cells.len() - 1] > cells[0];
+        self.push(start, end, (low, high), rising);
+    }
+
+    /// A run whose smallest and largest phase are those of its ends.
+    fn close_monotone(&mut self, start: usize, end: usize) {
+        if end <= start {
+            return;
+        }
+        let (from, to) = (self.phase_rad[start], self.phase_rad[end]);
+        self.push(start, end, (from.min(to), from.max(to)), to > from);
+    }
+
+    fn push(&mut self, start: usize, end: usize, (low, high): (f32, f32), rising: bool) {
         self.runs.push(Run {
             low,
             high,
@@ -183,7 +244,8 @@ impl Row {
             start: start as u32,
             end: end as u32,
             cursor: start as u32,
-            rising: cells[cells.len() - 1] > cells[0],
+            rising,
+            slope: f64::from(high - low) / (end - start) as f64,
         });
     }
 
@@ -215,10 +277,22 @@ impl Row {
                     run.cursor = near as u32;
                 }
                 if let Some(column) = run.walk(&self.phase_rad, phase_rad) {
-                    visit(column, run.slope());
+                    visit(column, run.slope);
                 }
             }
         }
+    }
+}
+
+/// Marks how each cell but the first goes on from the one before it.
+#[inline(always)]
+fn mark_steps(phase_rad: &[f32], max_rad: f32, marks: &mut [u8]) {
+    let Some(marks) = marks.get_mut(1..) else { return };
+    for (mark, (value, before)) in marks.iter_mut().zip(phase_rad[1..].iter().zip(phase_rad)) {
+        let step = value - before;
+        // NaN on either side fails these comparisons.
+        let joined = if step.abs() <= max_rad { JOINED } else { 0 };
+        *mark = joined | if step > 0.0 { RISES } else { 0 } | if step < 0.0 { FALLS } else { 0 };
     }
 }
 
@@ -236,10 +310,6 @@ fn continues(phase: &[f32], start: usize, cell: usize, limits: StepLimits) -> bo
 }
 
 impl Run {
-    fn slope(&self) -> f64 {
-        f64::from(self.high - self.low) / f64::from(self.end - self.start)
-    }
-
     /// Walks from the cursor to the bracket of a phase and interpolates in it; `None` where only the noise of the ends
     /// reaches that far.
     #[inline]
@@ -272,7 +342,7 @@ mod tests {
 
     fn row(phase: &[f32]) -> Row {
         let mut row = Row::with_capacity(phase.len());
-        row.fill(phase.iter().copied(), LIMITS);
+        row.fill(phase.iter().copied(), LIMITS, crate::math::simd::best_level());
         row
     }
 

@@ -186,7 +186,7 @@ fn figures_of_resampling() {
             let (mut row, limits) = (Row::default(), matcher.settings.step_limits(16.0, 0.0, 0.0));
             for line in 0..matcher.left_grid.height {
                 let cells = |grid: &RectifiedGrid| line * grid.width..(line + 1) * grid.width;
-                row.fill(b[cells(&matcher.right_grid)].iter().copied(), limits);
+                row.fill(b[cells(&matcher.right_grid)].iter().copied(), limits, matcher.level);
                 for (column, phase) in
                     a[cells(&matcher.left_grid)].iter().enumerate().filter(|(_, p)| p.is_finite())
                 {

@@ -55,7 +55,7 @@ pub(crate) use settings::check_depth;
 use crate::cloud::Point;
 use crate::geometry::camera::Camera;
 use crate::math::parallel::for_parts;
-use crate::math::simd::best_level;
+use crate::math::simd::{best_level, vectorised};
 use crate::math::statistics::median;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
@@ -63,6 +63,7 @@ use crate::surface::{Cause, Sample, SurfaceBuilder, View, independent_share, mar
 use epipolar_rows::{Row, StepLimits};
 use fearless_simd::Level;
 use nalgebra::Vector3;
+use rayon::prelude::*;
 use report::PART_ROWS;
 use scan::{Scan, Task};
 use std::f64::consts::TAU;
@@ -77,6 +78,9 @@ const RIM_NOISE_PX: f64 = 0.25;
 /// The median noise of a map comes from at most so many pixels.
 const NOISE_SAMPLES: usize = 65_536;
 
+/// Pixels of one parallel job of the mask.
+const MASK_CHUNK: usize = 16_384;
+
 /// Matches the phase maps of one pair. All tables and buffers are made once; `run` allocates nothing.
 #[derive(Debug, Clone)]
 pub struct Matcher {
@@ -90,7 +94,10 @@ pub struct Matcher {
     right_grid: RectifiedGrid,
     /// Left pixels sorted by rectified row, then as they come on the native grid along the row.
     order: Vec<u32>,
-    /// First element of each part in `order`.
+    /// The other left pixels: those without a row that the right view shares.
+    outside: Vec<u32>,
+    /// First element of each rectified row in `order`, and of each part.
+    row_starts: Vec<usize>,
     parts: Vec<usize>,
     tasks: Vec<Task>,
     /// Left phase with NaN where masked.
@@ -145,6 +152,7 @@ impl Matcher {
             reach: pair.right.reach(SETTLED_PX),
             left_grid,
             right_grid,
+            row_starts,
             parts,
             tasks,
             left_phase: vec![f32::NAN; columns * rows],
@@ -153,6 +161,7 @@ impl Matcher {
             right_gaps: vec![0; right.width_px as usize * right.height_px as usize],
             noise: Vec::with_capacity(NOISE_SAMPLES),
             hits: vec![Sample::NONE; order.len()],
+            outside: others(&order, columns * rows),
             order,
             samples: vec![Sample::NONE; columns * rows],
             surface: SurfaceBuilder::new(columns, rows, settings.surface),
@@ -208,13 +217,14 @@ impl Matcher {
             right_rims,
         );
         let mut report = self.match_rows(left, right, limits);
-        for (sample, phase) in self.samples.iter_mut().zip(&self.left_phase) {
-            *sample = Sample::without(if phase.is_nan() { Cause::Dark } else { Cause::Outside });
-        }
         for (pixel, hit) in self.order.iter().zip(&self.hits) {
             self.samples[*pixel as usize] = *hit;
         }
-        report.outside = self.samples.iter().map(|s| u32::from(s.cause == Cause::Outside)).sum();
+        for pixel in &self.outside {
+            let dark = self.left_phase[*pixel as usize].is_nan();
+            self.samples[*pixel as usize] = Sample::without(if dark { Cause::Dark } else { Cause::Outside });
+            report.outside += u32::from(!dark);
+        }
         let view = View {
             width: self.pair.left.camera.width_px as usize,
             height: self.pair.left.camera.height_px as usize,
@@ -287,10 +297,15 @@ impl Matcher {
                 interpolation: self.settings.interpolation,
             },
             directions: &self.directions,
+            row_starts: &self.row_starts,
             level: self.level,
             left: *left,
             right: *right,
             limits,
+            disparities: self
+                .settings
+                .depth_mm
+                .map(|[near, far]| [self.pair.baseline_mm / far, self.pair.baseline_mm / near]),
         };
         let order = &self.order;
         for_parts(parts, hits, tasks, &|part, hits, task| {
@@ -333,9 +348,17 @@ impl MatchReport {
 
 /// Copies the phase, with NaN where the mask, the phase or its uncertainty forbids its use.
 pub(crate) fn mask(map: &PhaseView, out: &mut [f32]) {
-    let planes = map.phase_rad.iter().zip(map.sigma_rad).zip(map.valid);
-    for (((phase, sigma), valid), out) in planes.zip(out) {
-        let usable = *valid != 0 && phase.is_finite() && sigma.is_finite();
+    let level = best_level();
+    let planes = map.phase_rad.par_chunks(MASK_CHUNK).zip(map.sigma_rad.par_chunks(MASK_CHUNK));
+    let planes = planes.zip(map.valid.par_chunks(MASK_CHUNK)).zip(out.par_chunks_mut(MASK_CHUNK));
+    planes.for_each(|(((phase, sigma), valid), out)| vectorised!(level, mask_part(phase, sigma, valid, out)));
+}
+
+#[inline(always)]
+#[allow(clippy::needless_bitwise_bool, reason = "without branches a loop vectorises")]
+fn mask_part(phase_rad: &[f32], sigma_rad: &[f32], valid: &[u8], out: &mut [f32]) {
+    for (((phase, sigma), valid), out) in phase_rad.iter().zip(sigma_rad).zip(valid).zip(out) {
+        let usable = (*valid != 0) & phase.is_finite() & sigma.is_finite();
         *out = if usable { *phase } else { f32::NAN };
     }
 }
@@ -370,4 +393,13 @@ fn order(directions: &[[f64; 2]], grid: &RectifiedGrid) -> (Vec<u32>, Vec<usize>
         }
     }
     (order, starts)
+}
+
+/// Those of so many pixels that are not among the given ones.
+fn others(pixels: &[u32], count: usize) -> Vec<u32> {
+    let mut given = vec![false; count];
+    for pixel in pixels {
+        given[*pixel as usize] = true;
+    }
+    (0..count as u32).filter(|pixel| !given[*pixel as usize]).collect()
 }

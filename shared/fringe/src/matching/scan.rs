@@ -1,6 +1,6 @@
 //! The work on one part of the rows: coarse search, uniqueness, fine solution.
 
-use super::beside::{Batch, LANES, solve_beside};
+use super::beside::{Batch, Found, LANES, step_beside};
 use super::epipolar_rows::{Row, StepLimits};
 use super::report::{MatchReport, PART_ROWS};
 use super::settings::MatchSettings;
@@ -75,9 +75,13 @@ pub(super) struct Scan<'a> {
     pub left_phase: &'a [f32],
     pub right_phase: RightPhase<'a>,
     pub directions: &'a [[f64; 2]],
+    /// First left pixel of each rectified row, in their order.
+    pub row_starts: &'a [usize],
     pub left: PhaseView<'a>,
     pub right: PhaseView<'a>,
     pub limits: StepLimits,
+    /// Smallest and largest disparity of a pixel whose depth along the optical axis is that in the rectified frame.
+    pub disparities: Option<[f64; 2]>,
     /// Instructions that may be used.
     pub level: Level,
 }
@@ -85,50 +89,70 @@ pub(super) struct Scan<'a> {
 impl Scan<'_> {
     /// Matches the left pixels of one part, row by row.
     pub fn part(&self, part: usize, pixels: &[u32], hits: &mut [Sample], task: &mut Task) {
-        let mut current = usize::MAX;
-        let mut batch = Batch::default();
-        for (index, pixel) in pixels.iter().enumerate() {
-            let pixel = *pixel as usize;
-            hits[index] = Sample::NONE;
-            let phase = self.left_phase[pixel];
-            if phase.is_nan() {
-                continue;
-            }
-            let row = ((self.directions[pixel][1] - self.right_grid.y0) * self.right_grid.focal_px).round()
-                as usize;
-            debug_assert!(row / PART_ROWS == part);
-            if row != current {
-                self.load(row, task);
-                current = row;
-            }
-            task.report.valid += 1;
-            match self.coarse(pixel, phase, task) {
-                Ok(found) => self.put(&mut batch, (index, pixel, phase), &found),
-                Err(miss) => {
-                    hits[index] = Sample::without(miss.cause());
-                    task.report.count(miss.cause());
+        let (mut first, mut second) = (Batch::default(), Batch::default());
+        let rows = part * PART_ROWS..((part + 1) * PART_ROWS).min(self.right_grid.height);
+        let begin = self.row_starts[rows.start];
+        for row in rows {
+            let mut loaded = false;
+            for index in self.row_starts[row] - begin..self.row_starts[row + 1] - begin {
+                let pixel = pixels[index] as usize;
+                hits[index] = Sample::NONE;
+                let phase = self.left_phase[pixel];
+                if phase.is_nan() {
+                    continue;
+                }
+                if !loaded {
+                    self.load(row, task);
+                    loaded = true;
+                }
+                task.report.valid += 1;
+                match self.coarse(pixel, phase, task) {
+                    Ok(found) => self.put(&mut first, (index, pixel, phase), &found),
+                    Err(miss) => {
+                        hits[index] = Sample::without(miss.cause());
+                        task.report.count(miss.cause());
+                    }
+                }
+                if first.count == LANES {
+                    self.settle(&mut first, Some(&mut second), hits, &mut task.report);
                 }
             }
-            if batch.count == LANES {
-                self.settle(&mut batch, hits, &mut task.report);
-            }
         }
-        self.settle(&mut batch, hits, &mut task.report);
+        self.settle(&mut first, Some(&mut second), hits, &mut task.report);
+        self.settle(&mut second, None, hits, &mut task.report);
     }
 
     fn put(&self, batch: &mut Batch, (hit, pixel, phase): (usize, usize, f32), found: &Coarse) {
         let l = batch.count;
         (batch.hit[l], batch.pixel[l], batch.wanted[l]) = (hit, pixel, phase);
         (batch.coarse[l], batch.search_px[l], batch.limits[l]) = (found.x, found.search_px, found.limits);
-        batch.y[l] = self.directions[pixel][1];
+        (batch.x[l], batch.y[l]) = (found.x, self.directions[pixel][1]);
         batch.count += 1;
     }
 
-    /// The fine stage of a batch, which is then empty.
-    fn settle(&self, batch: &mut Batch, hits: &mut [Sample], report: &mut MatchReport) {
-        let found = vectorised!(self.level, solve_beside(&self.right_phase, &self.pair.right, batch));
-        for (l, crossing) in found.into_iter().enumerate().take(batch.count) {
-            let crossing = crossing.or_else(|| {
+    /// One evaluation of a batch, which is then empty. Pixels that need another one go to `next`; the general way solves those that have had
+    /// two, and those that it alone can solve.
+    fn settle(
+        &self,
+        batch: &mut Batch,
+        mut next: Option<&mut Batch>,
+        hits: &mut [Sample],
+        report: &mut MatchReport,
+    ) {
+        let again = next.is_none();
+        let found = vectorised!(self.level, step_beside(&self.right_phase, &self.pair.right, batch, again));
+        for l in 0..batch.count {
+            if let Some(next) = &mut next
+                && !found.lost[l]
+                && !found.settled[l]
+            {
+                next.take(batch, l, (found.x[l], found.cell[l]));
+                if next.count == LANES {
+                    self.settle(next, None, hits, report);
+                }
+                continue;
+            }
+            let crossing = Self::crossing(&found, l).or_else(|| {
                 let curve = self.pair.right.curve(batch.y[l]);
                 let coarse = (batch.coarse[l], batch.search_px[l]);
                 solve(&self.right_phase, &curve, batch.wanted[l], coarse)
@@ -146,11 +170,23 @@ impl Scan<'_> {
         batch.count = 0;
     }
 
+    #[inline(always)]
+    fn crossing(found: &Found, l: usize) -> Option<Crossing> {
+        found.settled[l].then(|| Crossing {
+            x: found.x[l],
+            slope: found.slope[l],
+            variance: found.variance[l],
+            pixel: found.pixel[l],
+            bilinear: false,
+        })
+    }
+
     fn load(&self, row: usize, task: &mut Task) {
         let gather = |grid: &RectifiedGrid, phase: &[f32], out: &mut Row| {
             let cells = &grid.index[row * grid.width..(row + 1) * grid.width];
             // NO_PIXEL lies beyond any image.
-            out.fill(cells.iter().map(|i| phase.get(*i as usize).copied().unwrap_or(f32::NAN)), self.limits);
+            let values = cells.iter().map(|i| phase.get(*i as usize).copied().unwrap_or(f32::NAN));
+            out.fill(values, self.limits, self.level);
         };
         gather(self.right_grid, self.right_phase.phase_rad, &mut task.right);
         gather(self.left_grid, self.left_phase, &mut task.left);
@@ -202,7 +238,7 @@ impl Scan<'_> {
     /// The inverse depth of a left pixel from its crossing.
     fn sample(&self, pixel: usize, crossing: &Crossing, limits: [f64; 2]) -> Result<Sample, Miss> {
         let x = self.directions[pixel][0];
-        let pitch = 1.0 / self.pair.focal_px;
+        let pitch = self.right_phase.pitch;
         let Crossing { x: place, slope, variance, pixel: right, .. } = *crossing;
         let sigma_left = f64::from(self.left.sigma_rad[pixel]);
         let (own, both) = (sigma_left * sigma_left, sigma_left * sigma_left + variance);
@@ -231,13 +267,13 @@ impl Scan<'_> {
 
     /// Smallest and largest disparity of a left pixel in rectified units.
     fn disparity_limits(&self, x: f64, y: f64) -> [f64; 2] {
+        let Some([least, most]) = self.disparities else {
+            // In front of both views: positive, and not so far that one pixel of error reaches the horizon.
+            return [self.right_grid.pitch, f64::INFINITY];
+        };
         // Z along the optical axis is this share of Z in the rectified frame.
         let m = &self.pair.left.camera_from_rectified;
         let share = m[(2, 0)] * x + m[(2, 1)] * y + m[(2, 2)];
-        match self.settings.depth_mm {
-            Some([near, far]) => [self.pair.baseline_mm * share / far, self.pair.baseline_mm * share / near],
-            // In front of both views: positive, and not so far that one pixel of error reaches the horizon.
-            None => [1.0 / self.pair.focal_px, f64::INFINITY],
-        }
+        [share * least, share * most]
     }
 }

@@ -284,6 +284,8 @@ fn refuse_epipole(
 pub struct RectifiedGrid {
     /// Cells per unit of rectified coordinates.
     pub focal_px: f64,
+    /// Length of a cell in these coordinates.
+    pub pitch: f64,
     /// Rectified abscissa of column 0.
     pub x0: f64,
     /// Rectified ordinate of row 0.
@@ -325,7 +327,7 @@ impl RectifiedGrid {
                 *cell = nearest(&camera.camera, table, curve.at(x).pixel, [x, y], focal_px);
             }
         });
-        Ok(RectifiedGrid { focal_px, x0: low, y0, width, height, index })
+        Ok(RectifiedGrid { focal_px, pitch: 1.0 / focal_px, x0: low, y0, width, height, index })
     }
 
     /// Fractional column of a rectified abscissa.
@@ -337,7 +339,7 @@ impl RectifiedGrid {
     /// Rectified abscissa of a fractional column.
     #[inline]
     pub fn abscissa(&self, column: f64) -> f64 {
-        self.x0 + column / self.focal_px
+        self.x0 + column * self.pitch
     }
 }
 

@@ -1,5 +1,6 @@
 //! The memory of a surface builder, and its parts of rows.
 
+use super::patches::Patches;
 use super::{Cause, Sample, SurfaceSettings};
 use crate::math::simd::best_level;
 use fearless_simd::Level;
@@ -28,11 +29,11 @@ pub(crate) struct SurfaceBuilder {
     pub(super) sigmas: Vec<f32>,
     /// Instructions that may be used.
     pub(crate) level: Level,
-    pub(super) parents: Vec<u32>,
-    pub(super) sizes: Vec<u32>,
+    pub(super) patches: Patches,
     /// What became of each pixel.
     pub(super) causes: Vec<Cause>,
-    /// Scratch for the scatter of windows.
+    /// Scratch for the scatter of windows: their middles, and what was found there.
+    pub(super) asked: Vec<u32>,
     pub(super) ratios: Vec<f64>,
 }
 
@@ -85,9 +86,9 @@ impl SurfaceBuilder {
             depths: vec![f64::NAN; pixels],
             sigmas: vec![f32::NAN; pixels],
             level: best_level(),
-            parents: vec![0; pixels],
-            sizes: vec![0; pixels],
+            patches: Patches::new(pixels),
             causes: vec![Cause::Dark; pixels],
+            asked: Vec::with_capacity(SCATTER_WINDOWS + 1),
             ratios: Vec::with_capacity(SCATTER_WINDOWS + 1),
         }
     }

@@ -28,7 +28,10 @@ impl SurfaceBuilder {
         let spikes = self.drop_spikes(view, samples, link);
         let crumbs = self.drop_crumbs(view.width, samples, link);
         self.mark_gaps((view.width, view.height), samples, link);
-        self.causes.iter_mut().zip(&*samples).for_each(|(cause, sample)| *cause = sample.cause);
+        let pixels = self.causes.iter_mut().zip(samples.iter().zip(&self.depths));
+        pixels.for_each(|(cause, (sample, depth))| {
+            *cause = if depth.is_finite() { Cause::Point } else { sample.cause };
+        });
         let written = self.write(view, samples, link, pair, out);
         SurfaceReport { spikes, crumbs, ..written }
     }
@@ -41,12 +44,12 @@ impl SurfaceBuilder {
         pair: u32,
         out: &mut [Point],
     ) -> SurfaceReport {
-        let filled = |pixel: &usize| samples[*pixel].inverse_depth.is_finite();
         let mut total = 0;
         for (part, start) in self.point_parts.iter_mut().enumerate() {
             *start = total;
             if let Some(end) = self.row_parts.get(part + 1) {
-                total += (self.row_parts[part]..*end).filter(filled).count();
+                let depths = &self.depths[self.row_parts[part]..*end];
+                total += depths.iter().map(|depth| usize::from(depth.is_finite())).sum::<usize>();
             }
         }
         let selector = Selector {
@@ -68,14 +71,12 @@ impl SurfaceBuilder {
         self.close_gaps(out)
     }
 
-    /// Keeps what became of the pixels of all parts.
+    /// Keeps why pixels were dropped: they stand behind the points of each part.
     fn note_causes(&mut self, written: &[Point]) {
-        for part in 0..self.counts.len() {
-            let (start, end) = (self.point_parts[part], self.point_parts[part + 1]);
-            let points = self.counts[part].points as usize;
-            for (index, point) in written[start..end].iter().enumerate() {
-                let dropped = Cause::ALL.get(point.reserved as usize).copied().unwrap_or_default();
-                self.causes[point.pixel as usize] = if index < points { Cause::Point } else { dropped };
+        for (ends, count) in self.point_parts.windows(2).zip(&self.counts) {
+            for dropped in &written[ends[0] + count.points as usize..ends[1]] {
+                let cause = Cause::ALL.get(dropped.reserved as usize).copied().unwrap_or_default();
+                self.causes[dropped.pixel as usize] = cause;
             }
         }
     }

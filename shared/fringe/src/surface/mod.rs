@@ -9,6 +9,7 @@ mod cause;
 mod gaps;
 mod independence;
 mod normals;
+mod patches;
 mod quick;
 mod rim;
 mod sample;

@@ -5,7 +5,7 @@
 //! and on curved surfaces exact to second order where the window is symmetric.
 
 use super::sample::{Sample, View};
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
 /// A partial window needs so many samples for a plane: twice the three unknowns.
 const MIN_SAMPLES: usize = 6;
@@ -81,11 +81,16 @@ pub(crate) fn normal(
         derivative(view, pixel, row, view.width, view.height)
     });
     // q_u = q_x x_u + q_y y_u, q_v = q_x x_v + q_y y_v.
-    let jacobian = Matrix2::new(by_column.x, by_column.y, by_row.x, by_row.y);
-    let gradient = jacobian.try_inverse()? * Vector2::new(plane.by_column, plane.by_row);
-    let normal = -Vector3::new(gradient.x, gradient.y, plane.value - x * gradient.x - y * gradient.y);
-    let unit = normal.try_normalize(1e-300)?;
-    unit.z.is_finite().then_some(unit)
+    let inverse = 1.0 / (by_column.x * by_row.y - by_row.x * by_column.y);
+    let gradient = [
+        (by_row.y * plane.by_column - by_column.y * plane.by_row) * inverse,
+        (by_column.x * plane.by_row - by_row.x * plane.by_column) * inverse,
+    ];
+    let normal = [-gradient[0], -gradient[1], -(plane.value - x * gradient[0] - y * gradient[1])];
+    let unit = 1.0 / (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]).sqrt();
+    let normal = Vector3::from(normal) * unit;
+    // Not finite where the directions do not spread, or the samples are none.
+    normal.iter().all(|part| part.is_finite()).then_some(normal)
 }
 
 /// Derivative of the direction table by one grid coordinate, from both neighbours or one of them.

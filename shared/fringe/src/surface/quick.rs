@@ -14,6 +14,9 @@ pub(super) const LANES: usize = 8;
 /// Half the side of the window.
 pub(super) const HALF: usize = 2;
 
+/// Keeps rounding out of a comparison.
+const STRICTER: f64 = 1.0 + 1e-9;
+
 type Lanes = [f64; LANES];
 
 /// Values of the settings and the image that all pixels share.
@@ -57,19 +60,20 @@ pub(super) fn taken<T: Copy + Default, const N: usize>(values: &[T], start: usiz
     taken
 }
 
-/// As [`super::smooth`] and [`super::normals`] fit a window of 5 × 5 samples that are all there.
+/// As [`super::smooth`] and [`super::normals`] fit a window of 5 × 5 samples that are all there; `value(r, k, l)` is that in row r and
+/// column k of window l.
 #[inline(always)]
-fn fits(rows: &[[f64; LANES + 2 * HALF]; 5], sigma: &Lanes, max_step: f64) -> Fits {
+fn fits(value: impl Fn(usize, usize, usize) -> f64, sigma: &Lanes, max_step: f64) -> Fits {
     let zero = [0.0; LANES];
     let (mut sum, mut by_u, mut by_v, mut by_uu, mut by_uv, mut by_vv) = (zero, zero, zero, zero, zero, zero);
     let (mut squares, mut worst, mut by_column) = (zero, zero, zero);
-    for (r, row) in rows.iter().enumerate() {
+    for r in 0..5 {
         let v = r as f64 - 2.0;
         let (mut line, mut line_u, mut line_uu) = (zero, zero, zero);
         for k in 0..5 {
             let u = k as f64 - 2.0;
             for l in 0..LANES {
-                let difference = row[k + l] - rows[HALF][l + HALF];
+                let difference = value(r, k, l) - value(HALF, HALF, l);
                 let size = difference.abs();
                 worst[l] = if size > worst[l] { size } else { worst[l] };
                 line[l] += difference;
@@ -90,7 +94,7 @@ fn fits(rows: &[[f64; LANES + 2 * HALF]; 5], sigma: &Lanes, max_step: f64) -> Fi
     }
     let mut out = Fits { smooth: zero, value: zero, by_column: zero, by_row: zero };
     for l in 0..LANES {
-        let centre = rows[HALF][l + HALF];
+        let centre = value(HALF, HALF, l);
         // Norms of the polynomials 1, u, uv, u² − 2: 25, 50, 100, 70.
         let slope2 = (by_u[l] * by_u[l] + by_v[l] * by_v[l]) / (50.0 * 50.0);
         let explained = sum[l] * sum[l] / 25.0
@@ -101,9 +105,9 @@ fn fits(rows: &[[f64; LANES + 2 * HALF]; 5], sigma: &Lanes, max_step: f64) -> Fi
         let noise = MAX_NOISE * sigma[l];
         let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * slope2 + 1e-12 * squares[l];
         let connected = worst[l] <= max_step * HALF as f64 * centre.abs() + 2.0 * noise;
-        let value = centre + sum[l] / 25.0 - 2.0 * (by_uu[l] + by_vv[l]) / 70.0;
+        let smooth = centre + sum[l] / 25.0 - 2.0 * (by_uu[l] + by_vv[l]) / 70.0;
         // An absent sample makes the sums NaN, and the comparison false.
-        out.smooth[l] = if (residual <= limit) & connected { value } else { f64::NAN };
+        out.smooth[l] = if (residual <= limit) & connected { smooth } else { f64::NAN };
         let one = worst[l] <= max_step * centre.abs() + 6.0 * sigma[l];
         out.value[l] = if one { centre + sum[l] / 25.0 } else { f64::NAN };
         out.by_column[l] = by_column[l] / 50.0;
@@ -125,8 +129,9 @@ pub(super) fn group(view: &View, depths: &[f64], samples: &[Sample], at: usize, 
     for left in &mut left {
         *left = shared(share_left(HALF, *left), view.independent);
     }
-    let rows = [0, 1, 2, 3, 4].map(|r| taken(depths, at + r * view.width - HALF * view.width - HALF));
-    let fits = fits(&rows, &sigma, shared_by.max_step);
+    let start = at - HALF * view.width - HALF;
+    let rows = [0, 1, 2, 3, 4].map(|r| taken::<_, { LANES + 2 * HALF }>(depths, start + r * view.width));
+    let fits = fits(|r, k, l| rows[r][k + l], &sigma, shared_by.max_step);
     let above = taken::<_, LANES>(view.directions, at - view.width);
     let below = taken::<_, LANES>(view.directions, at + view.width);
     let beside = taken::<_, { LANES + 2 }>(view.directions, at - 1);
@@ -139,29 +144,38 @@ pub(super) fn group(view: &View, depths: &[f64], samples: &[Sample], at: usize, 
         let (xu, yu) = ((beside[l + 2][0] - beside[l][0]) * 0.5, (beside[l + 2][1] - beside[l][1]) * 0.5);
         let (xv, yv) = ((below[l][0] - above[l][0]) * 0.5, (below[l][1] - above[l][1]) * 0.5);
         // q_u = q_x x_u + q_y y_u, q_v = q_x x_v + q_y y_v.
-        let determinant = xu * yv - xv * yu;
+        let inverse = 1.0 / (xu * yv - xv * yu);
         let (qu, qv) = (fits.by_column[l], fits.by_row[l]);
-        let gx = yv / determinant * qu + -yu / determinant * qv;
-        let gy = -xv / determinant * qu + xu / determinant * qv;
+        let gx = (yv * qu - yu * qv) * inverse;
+        let gy = (xu * qv - xv * qu) * inverse;
         let (nx, ny, nz) = (-gx, -gy, -(fits.value[l] - x * gx - y * gy));
-        let length = (nx * nx + ny * ny + nz * nz).sqrt();
-        let (nx, ny, nz) = (nx / length, ny / length, nz / length);
+        let unit = 1.0 / (nx * nx + ny * ny + nz * nz).sqrt();
+        let (nx, ny, nz) = (nx * unit, ny * unit, nz * unit);
 
         let q = fits.smooth[l];
         let single = (sigma[l] * left[l].sqrt()) as f32;
         let after = (f64::from(single) * shared_by.excess) as f32;
-        let noise_px = f64::from(after) / (q.abs() * view.pitch);
-        let limit = if noise_px > 1e-9 { noise_px } else { 1e-9 };
-        let cube = STEEP_ERROR / (STEEP_SHARE * limit);
+        // All limits without quotients and roots, a little stricter than the general way: it decides where rounding could.
         let other = [x - view.other_mm.x * q, y - view.other_mm.y * q, 1.0 - view.other_mm.z * q];
-        let own_cosine = -(nx * x + ny * y + nz) / (x * x + y * y + 1.0).sqrt();
-        let far = (other[0] * other[0] + other[1] * other[1] + other[2] * other[2]).sqrt();
-        let far_cosine = -(nx * other[0] + ny * other[1] + nz * other[2]) / far;
-        let least = if own_cosine < far_cosine { own_cosine } else { far_cosine };
-        // The limit of the incidence is the smaller one of two cosines, one of which is a cubic root; a margin keeps rounding out.
-        let seen = (least >= shared_by.min_cosine) | (least * least * least >= cube * (1.0 + 1e-9));
-        let rows_noise = sigma[l] / (rows[HALF][l + HALF].abs() * view.pitch * MAX_SLOPE_NOISE);
-        let quiet = rows_noise * rows_noise <= 50.0;
+        let own_dot = -(nx * x + ny * y + nz);
+        let far_dot = -(nx * other[0] + ny * other[1] + nz * other[2]);
+        let own_square = x * x + y * y + 1.0;
+        let far_square = other[0] * other[0] + other[1] * other[1] + other[2] * other[2];
+        let facing = (own_dot > 0.0) & (far_dot > 0.0);
+        let (own_dot2, far_dot2) = (own_dot * own_dot, far_dot * far_dot);
+        let wanted = shared_by.min_cosine * shared_by.min_cosine * STRICTER;
+        let open = (own_dot2 >= wanted * own_square) & (far_dot2 >= wanted * far_square);
+        // The cosine cubed, times the noise, against the error that a footprint makes: all squared, as everything here.
+        let reach = q.abs() * view.pitch;
+        let least = STEEP_ERROR / STEEP_SHARE * reach;
+        let wanted = least * least * STRICTER;
+        let noise2 = f64::from(after) * f64::from(after);
+        let hidden =
+            |dot2: f64, square: f64| dot2 * dot2 * dot2 * noise2 >= wanted * (square * square * square);
+        let hidden = hidden(own_dot2, own_square) & hidden(far_dot2, far_square);
+        let seen = facing & (open | hidden);
+        let most = rows[HALF][l + HALF] * (view.pitch * MAX_SLOPE_NOISE);
+        let quiet = sigma[l] * sigma[l] * STRICTER <= 50.0 * (most * most);
         let certain = f64::from(after) <= view.max_sigma;
         // NaN fails these comparisons.
         out.settled[l] = seen & quiet & certain & (q.abs() < f64::INFINITY) & (nz.abs() <= 2.0);
@@ -177,6 +191,34 @@ pub(super) fn group(view: &View, depths: &[f64], samples: &[Sample], at: usize, 
         out.sigma_mm[l] = (share * depth * depth * f64::from(after)) as f32;
     }
     out
+}
+
+/// Samples at places whose windows lie in the image, less noise, and their uncertainties; NaN where their windows are not one smooth surface.
+#[inline(always)]
+pub(super) fn smoothed(
+    view: &View,
+    depths: &[f64],
+    samples: &[Sample],
+    places: &[usize; LANES],
+    max_step: f64,
+) -> (Lanes, [f32; LANES]) {
+    let mut windows = [[[0.0; LANES]; 5]; 5];
+    let (mut sigma, mut left, mut single) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        let first = places[l] - HALF * view.width - HALF;
+        for (r, row) in windows.iter_mut().enumerate() {
+            for (values, value) in row.iter_mut().zip(&depths[first + r * view.width..][..5]) {
+                values[l] = *value;
+            }
+        }
+        sigma[l] = f64::from(samples[places[l]].sigma);
+        left[l] = f64::from(samples[places[l]].own_share);
+    }
+    let fits = fits(|r, k, l| windows[r][k][l], &sigma, max_step);
+    for l in 0..LANES {
+        single[l] = (sigma[l] * shared(share_left(HALF, left[l]), view.independent).sqrt()) as f32;
+    }
+    (fits.smooth, single)
 }
 
 /// Of the eight neighbours of the pixels from `at` on, how many lie on the same surface.

@@ -7,8 +7,11 @@
 use super::buffers::{SCATTER_WINDOWS, SurfaceBuilder};
 use super::independence::LEAST;
 use super::normals::Link;
+use super::quick::{self, HALF, LANES};
 use super::sample::{Sample, View};
 use super::smooth::smoothed;
+use crate::math::simd::vectorised;
+use rayon::prelude::*;
 
 /// Of the magnitudes the lowest third is asked, not the median: shape adds most to the others.
 const QUANTILE: f64 = 1.0 / 3.0;
@@ -34,15 +37,20 @@ impl SurfaceBuilder {
             return 1.0;
         }
         let lag = if alone { 2 * half + 2 } else { SHARED_PX };
-        let filled = |pixel: &usize| samples[*pixel].inverse_depth.is_finite();
-        let stride = (0..samples.len()).filter(filled).count().div_ceil(SCATTER_WINDOWS).max(1);
-        let asked = || (0..samples.len()).filter(filled).step_by(stride);
+        let Self { depths, asked, ratios, level, .. } = self;
+        let count = depths.iter().map(|depth| usize::from(depth.is_finite())).sum::<usize>();
+        let filled = (0..samples.len() as u32).filter(|pixel| depths[*pixel as usize].is_finite());
+        asked.clear();
+        asked.extend(filled.step_by(count.div_ceil(SCATTER_WINDOWS).max(1)));
+        let windows = Windows { view, depths, samples, link, half };
         let mut scatter = |lag| {
-            self.ratios.clear();
-            self.ratios.extend(asked().filter_map(|pixel| window(view, samples, pixel, link, (lag, half))));
-            let at = (QUANTILE * self.ratios.len() as f64) as usize;
-            (self.ratios.len() >= LEAST)
-                .then(|| *self.ratios.select_nth_unstable_by(at, f64::total_cmp).1 / NORMAL_QUANTILE)
+            ratios.resize(asked.len(), f64::NAN);
+            let parts = ratios.par_chunks_mut(LANES).zip(asked.par_chunks(LANES));
+            parts.for_each(|(ratios, pixels)| vectorised!(*level, windows.ratios(pixels, lag, ratios)));
+            ratios.retain(|ratio| !ratio.is_nan());
+            let at = (QUANTILE * ratios.len() as f64) as usize;
+            (ratios.len() >= LEAST)
+                .then(|| *ratios.select_nth_unstable_by(at, f64::total_cmp).1 / NORMAL_QUANTILE)
         };
         let Some((near, far)) = scatter(lag).zip(scatter(lag + FARTHER_PX)) else { return 1.0 };
         if far > SHAPE * near {
@@ -53,40 +61,95 @@ impl SurfaceBuilder {
         let power8 = growth.powi(8);
         let shape = (far * far - near * near).max(0.0) / (power8 - 1.0);
         let ratio = (near * near - shape).max(0.0).sqrt();
-        let others = asked().any(|pixel| samples[pixel].own_share < 1.0);
+        let others = self.asked.iter().any(|pixel| samples[*pixel as usize].own_share < 1.0);
         let limit = if others { EXCESS + OTHER_EXCESS } else { EXCESS };
         if ratio > limit { ratio } else { 1.0 }
     }
 }
 
-/// Magnitude of what the kernel leaves of nine smoothed samples, over its stated uncertainty.
-fn window(
-    view: &View,
-    samples: &[Sample],
-    pixel: usize,
+/// Weights of the kernel, by row and by column.
+const KERNEL: [f64; 3] = [1.0, -2.0, 1.0];
+
+/// What the kernel is applied to.
+struct Windows<'a> {
+    view: &'a View<'a>,
+    depths: &'a [f64],
+    samples: &'a [Sample],
     link: Link,
-    (lag, half): (usize, usize),
-) -> Option<f64> {
-    let (column, row) = (pixel % view.width, pixel / view.width);
-    let inner = column >= lag && row >= lag && column + lag < view.width && row + lag < view.height;
-    if !inner {
-        return None;
-    }
-    let size = ((view.width, view.height), view.independent);
-    let (mut high_pass, mut variance) = (0.0, 0.0);
-    for (v, by_row) in [1.0, -2.0, 1.0].into_iter().enumerate() {
-        for (u, by_column) in [1.0, -2.0, 1.0].into_iter().enumerate() {
-            let at = pixel + v * lag * view.width + u * lag - lag * (view.width + 1);
-            if !link.joins(&samples[pixel], &samples[at], lag) {
-                return None;
+    /// Half the side of the smoothing window.
+    half: usize,
+}
+
+impl Windows<'_> {
+    /// Magnitude of what the kernel leaves of nine smoothed samples `lag` apart, over its stated uncertainty, about each of up to [`LANES`]
+    /// pixels; NaN where they are not one surface.
+    #[inline(always)]
+    fn ratios(&self, pixels: &[u32], lag: usize, ratios: &mut [f64]) {
+        let mut middles = [0; LANES];
+        let mut whole = [false; LANES];
+        for (l, pixel) in pixels.iter().enumerate() {
+            middles[l] = *pixel as usize;
+            whole[l] = self.reaches(middles[l], lag);
+        }
+        let (mut high_pass, mut variance) = ([0.0; LANES], [0.0; LANES]);
+        for (v, by_row) in KERNEL.into_iter().enumerate() {
+            for (u, by_column) in KERNEL.into_iter().enumerate() {
+                let mut places = [0; LANES];
+                for l in 0..LANES {
+                    if !whole[l] {
+                        continue;
+                    }
+                    places[l] =
+                        middles[l] + v * lag * self.view.width + u * lag - lag * (self.view.width + 1);
+                    whole[l] = self.link.joins(&self.samples[middles[l]], &self.samples[places[l]], lag);
+                }
+                if whole == [false; LANES] {
+                    ratios.fill(f64::NAN);
+                    return;
+                }
+                let (values, sigmas) = self.smoothed(&places, &whole);
+                let weight = by_row * by_column;
+                for l in 0..LANES {
+                    let sigma = f64::from(sigmas[l]);
+                    high_pass[l] += weight * values[l];
+                    variance[l] += weight * weight * sigma * sigma;
+                }
             }
-            let (sample, _) = smoothed(size, samples, at, link.max_step, half);
-            let (weight, sigma) = (by_row * by_column, f64::from(sample.sigma));
-            high_pass += weight * sample.inverse_depth;
-            variance += weight * weight * sigma * sigma;
+        }
+        for (l, ratio) in ratios.iter_mut().enumerate() {
+            let known = whole[l] && variance[l] > 0.0;
+            *ratio = if known { high_pass[l].abs() / variance[l].sqrt() } else { f64::NAN };
         }
     }
-    (variance > 0.0).then(|| high_pass.abs() / variance.sqrt())
+
+    /// Whether nine pixels `lag` apart lie in the image.
+    fn reaches(&self, pixel: usize, lag: usize) -> bool {
+        let (column, row) = (pixel % self.view.width, pixel / self.view.width);
+        column >= lag && row >= lag && column + lag < self.view.width && row + lag < self.view.height
+    }
+
+    /// The smoothed samples of those places that are asked.
+    #[inline(always)]
+    fn smoothed(&self, places: &[usize; LANES], asked: &[bool; LANES]) -> ([f64; LANES], [f32; LANES]) {
+        let View { width, height, independent, .. } = *self.view;
+        let (mut values, mut sigmas) = ([f64::NAN; LANES], [f32::NAN; LANES]);
+        let inner: [bool; LANES] = std::array::from_fn(|l| asked[l] && self.reaches(places[l], HALF));
+        if self.half == HALF
+            && let Some(any) = (0..LANES).find(|l| inner[*l])
+        {
+            let places = std::array::from_fn(|l| places[if inner[l] { l } else { any }]);
+            (values, sigmas) =
+                quick::smoothed(self.view, self.depths, self.samples, &places, self.link.max_step);
+        }
+        for l in (0..LANES).filter(|l| asked[*l]) {
+            if !inner[l] || values[l].is_nan() {
+                let size = ((width, height), independent);
+                let (sample, _) = smoothed(size, self.samples, places[l], self.link.max_step, self.half);
+                (values[l], sigmas[l]) = (sample.inverse_depth, sample.sigma);
+            }
+        }
+        (values, sigmas)
+    }
 }
 
 #[cfg(test)]
@@ -115,6 +178,7 @@ mod tests {
         let directions = vec![[0.0; 2]; samples.len()];
         let view = View::along_the_axes([SIDE, SIDE], &directions, 0.001);
         let mut builder = SurfaceBuilder::new(SIDE, SIDE, SurfaceSettings::default());
+        builder.load(&samples);
         builder.excess(&view, &samples, Link { max_step: 0.01 })
     }
 

@@ -3,6 +3,7 @@
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::cause::Cause;
 use super::normals::Link;
+use super::patches::mark_joints;
 use super::quick::{LANES, neighbours as neighbours_beside};
 use super::sample::{Sample, View};
 use crate::math::parallel::for_parts;
@@ -31,57 +32,24 @@ impl SurfaceBuilder {
 
     /// Clears patches of fewer than `min_patch_points` connected samples; returns how many samples.
     ///
-    /// Connected means: beside or above each other on the same surface. A union-find forest over pixels, the root of
-    /// each tree its first pixel.
+    /// Connected means: beside or above each other on the same surface (see [`super::patches`]).
     pub(super) fn drop_crumbs(&mut self, width: usize, samples: &mut [Sample], link: Link) -> u32 {
         let wanted = self.settings.min_patch_points;
         if wanted <= 1 {
             return 0;
         }
-        self.connect(width, samples, link);
+        let Self { row_parts, keep, counts, depths, sigmas, level, patches, .. } = self;
+        for_parts(row_parts, keep, counts, &|part, marks, _| {
+            vectorised!(*level, mark_joints(depths, sigmas, (width, link.max_step), row_parts[part], marks));
+        });
+        patches.connect(width, keep);
         let mut dropped = 0;
-        for (pixel, sample) in samples.iter_mut().enumerate() {
-            if sample.inverse_depth.is_finite() {
-                let root = find(&mut self.parents, pixel as u32);
-                if self.sizes[root as usize] < wanted {
-                    *sample = Sample::without(Cause::Crumb);
-                    self.depths[pixel] = f64::NAN;
-                    dropped += 1;
-                }
-            }
+        for pixels in patches.smaller_than(wanted) {
+            samples[pixels.clone()].fill(Sample::without(Cause::Crumb));
+            dropped += pixels.len() as u32;
+            depths[pixels].fill(f64::NAN);
         }
         dropped
-    }
-
-    fn connect(&mut self, width: usize, samples: &[Sample], link: Link) {
-        for pixel in 0..samples.len() {
-            let sample = samples[pixel];
-            if !sample.inverse_depth.is_finite() {
-                continue;
-            }
-            self.parents[pixel] = pixel as u32;
-            self.sizes[pixel] = 1;
-            // A pixel in column 0 has no left neighbour, one in row 0 none above.
-            let mut tree = None;
-            if pixel % width > 0 && link.joins(&sample, &samples[pixel - 1], 1) {
-                let root = find(&mut self.parents, pixel as u32 - 1);
-                self.parents[pixel] = root;
-                self.sizes[root as usize] += 1;
-                tree = Some(root);
-            }
-            if pixel >= width && link.joins(&sample, &samples[pixel - width], 1) {
-                let above = find(&mut self.parents, (pixel - width) as u32);
-                self.unite(tree.unwrap_or(pixel as u32), above);
-            }
-        }
-    }
-
-    fn unite(&mut self, a: u32, b: u32) {
-        if a != b {
-            let (root, child) = (a.min(b), a.max(b));
-            self.parents[child as usize] = root;
-            self.sizes[root as usize] += self.sizes[child as usize];
-        }
     }
 }
 
@@ -143,16 +111,6 @@ fn neighbours(view: &View, samples: &[Sample], pixel: usize, link: Link) -> u32 
     }
     // The pixel itself was counted.
     count - 1
-}
-
-/// Root of a tree, halving the path on the way.
-fn find(parents: &mut [u32], mut node: u32) -> u32 {
-    while parents[node as usize] != node {
-        let parent = parents[node as usize];
-        parents[node as usize] = parents[parent as usize];
-        node = parents[node as usize];
-    }
-    node
 }
 
 #[cfg(test)]

@@ -18,7 +18,6 @@ mod rows;
 mod subspace;
 
 use super::limits::MAX_STEPS;
-use super::rasters::Rasters;
 use super::roles::{SineKind, SinePlan};
 use crate::wrapped::LeastSquares;
 use rows::fit;
@@ -233,12 +232,20 @@ pub struct Look<'a> {
     pub width: usize,
     /// Pixels of the image.
     pub pixels: usize,
-    /// The stored frames of the sequence.
-    pub rasters: &'a Rasters,
+    /// Their grey values in the frames of the set, step after step, DN.
+    pub values: &'a [u16],
     /// Pixels with less modulation are dark, DN.
     pub least_modulation_dn: f64,
     /// Grey value from which a pixel is clipped, DN.
     pub clipped_dn: u16,
+}
+
+impl Look<'_> {
+    /// Grey value of the pixel at a position in the frame of a step, DN.
+    #[inline(always)]
+    pub fn value(&self, step: usize, position: usize) -> u16 {
+        self.values[step * self.positions.len() + position]
+    }
 }
 
 /// Looks for faults in the frames of a complete set; `None` where there are none, or too many to do without.

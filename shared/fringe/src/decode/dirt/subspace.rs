@@ -95,10 +95,10 @@ impl<'a> Samples<'a> {
     /// Calls `take(place, values)` for the usable pixels, grey values in DN.
     pub(super) fn each_dn(&self, mut take: impl FnMut(usize, &mut [f64])) {
         let (steps, mut values) = (self.steps(), [0.0; MAX_STEPS]);
-        for place in self.look.positions.iter().step_by(self.every) {
+        for (position, place) in self.look.positions.iter().enumerate().step_by(self.every) {
             let (mut sum, mut most) = (0.0, 0);
-            for (value, raster) in values[..steps].iter_mut().zip(self.plan.rasters()) {
-                let dn = self.look.rasters.value(raster, self.look.pixels, *place);
+            for (step, value) in values[..steps].iter_mut().enumerate() {
+                let dn = self.look.value(step, position);
                 most = most.max(dn);
                 *value = f64::from(dn);
                 sum += *value;

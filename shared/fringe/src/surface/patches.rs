@@ -1,0 +1,247 @@
+//! Patches of connected samples: stretches of rows, joined with those of the row above.
+//!
+//! What is joined is marked for all pixels first, side by side. A walk over the marks then sees eight pixels at once wherever a stretch goes on
+//! below one of the row above; a union-find forest holds stretches, not pixels.
+
+// Without branches a loop vectorises.
+#![allow(clippy::needless_bitwise_bool)]
+
+use std::ops::Range;
+
+/// There is a sample.
+const THERE: u8 = 1;
+/// It lies on the same surface as the sample before it in the row …
+const BEFORE: u8 = 2;
+/// … and as the one above it.
+const ABOVE: u8 = 4;
+
+/// Pixels that are walked over at once.
+const STRIDE: usize = 8;
+
+/// A number that no stretch has.
+const NONE: usize = usize::MAX;
+
+/// Neighbouring samples of a row on the same surface.
+#[derive(Debug, Clone, Copy)]
+struct Stretch {
+    /// First pixel, and one after the last.
+    start: u32,
+    end: u32,
+    /// Another stretch of the patch, or itself; never a later one.
+    parent: u32,
+    /// Of a root: pixels of the patch.
+    size: u32,
+}
+
+/// The stretches of an image and the patches that they form.
+#[derive(Debug, Clone)]
+pub(super) struct Patches {
+    stretches: Vec<Stretch>,
+}
+
+/// Marks for the rows from pixel `first` on which samples there are, and which of them are joined with the one before and above, within three
+/// sigmas of both and the largest relative step.
+#[inline(always)]
+pub(super) fn mark_joints(
+    depths: &[f64],
+    sigmas: &[f32],
+    (width, max_step): (usize, f64),
+    first: usize,
+    marks: &mut [u8],
+) {
+    for (line, marks) in marks.chunks_mut(width).enumerate() {
+        let start = first + line * width;
+        let own = (&depths[start..start + width], &sigmas[start..start + width]);
+        for (mark, depth) in marks.iter_mut().zip(own.0) {
+            *mark = if depth.is_finite() { THERE } else { 0 };
+        }
+        let before = (&own.0[..width - 1], &own.1[..width - 1]);
+        join((&own.0[1..], &own.1[1..]), before, max_step, BEFORE, &mut marks[1..]);
+        if let Some(above) = start.checked_sub(width) {
+            join(own, (&depths[above..start], &sigmas[above..start]), max_step, ABOVE, marks);
+        }
+    }
+}
+
+/// As [`super::normals::Link::joins`], side by side.
+#[inline(always)]
+fn join(own: (&[f64], &[f32]), other: (&[f64], &[f32]), max_step: f64, mark: u8, marks: &mut [u8]) {
+    let pairs = own.0.iter().zip(own.1).zip(other.0.iter().zip(other.1));
+    for (marks, ((a, a_sigma), (b, b_sigma))) in marks.iter_mut().zip(pairs) {
+        let noise = 3.0 * f64::from(a_sigma + b_sigma);
+        *marks |= if (a - b).abs() <= max_step * a.abs() + noise { mark } else { 0 };
+    }
+}
+
+impl Patches {
+    /// Room for the stretches of an image; it is touched as far as there are any.
+    pub fn new(pixels: usize) -> Self {
+        Self { stretches: Vec::with_capacity(pixels) }
+    }
+
+    /// Finds the patches of an image from the marks of its pixels.
+    pub fn connect(&mut self, width: usize, marks: &[u8]) {
+        self.stretches.clear();
+        let mut above = 0;
+        for (row, marks) in marks.chunks(width).enumerate() {
+            let own = self.stretches.len();
+            self.row(row * width, marks, above..own);
+            above = own;
+        }
+    }
+
+    /// Adds the stretches of a row, whose first pixel is `first`, and unites them with those of the row above.
+    fn row(&mut self, first: usize, marks: &[u8], above: Range<usize>) {
+        let width = marks.len();
+        let mut upper = above.start;
+        let mut x = 0;
+        while x < width {
+            if eight(marks, x).is_some_and(|marks| marks == 0) {
+                x += STRIDE;
+                continue;
+            }
+            if marks[x] & THERE == 0 {
+                x += 1;
+                continue;
+            }
+            let own = self.stretches.len();
+            let start = (first + x) as u32;
+            self.stretches.push(Stretch { start, end: start, parent: own as u32, size: 0 });
+            let (begin, mut united) = (x, NONE);
+            loop {
+                if marks[x] & ABOVE != 0 {
+                    // There is a stretch above this pixel, since there is a sample.
+                    while upper + 1 < above.end && self.stretches[upper].end as usize + width <= first + x {
+                        upper += 1;
+                    }
+                    if united != upper {
+                        self.unite(own, upper);
+                        united = upper;
+                    }
+                }
+                x += 1;
+                // As long as the same two stretches lie one above the other there is nothing to see.
+                let alike = if united == NONE { 0 } else { self.stretches[united].end as usize + width };
+                while first + x + STRIDE <= alike
+                    && eight(marks, x).is_some_and(|marks| marks & repeated(BEFORE) == repeated(BEFORE))
+                {
+                    x += STRIDE;
+                }
+                if x >= width || marks[x] & BEFORE == 0 {
+                    break;
+                }
+            }
+            self.stretches[own].end = (first + x) as u32;
+            let root = self.root(own);
+            self.stretches[root].size += (x - begin) as u32;
+        }
+    }
+
+    /// The pixels of patches with fewer samples, stretch by stretch.
+    pub fn smaller_than(&mut self, wanted: u32) -> impl Iterator<Item = Range<usize>> {
+        (0..self.stretches.len()).filter_map(move |own| {
+            let root = self.root(own);
+            let Stretch { start, end, .. } = self.stretches[own];
+            (self.stretches[root].size < wanted).then_some(start as usize..end as usize)
+        })
+    }
+
+    fn unite(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.root(a), self.root(b));
+        if a != b {
+            let (root, child) = (a.min(b), a.max(b));
+            self.stretches[child].parent = root as u32;
+            self.stretches[root].size += self.stretches[child].size;
+        }
+    }
+
+    /// Root of a tree, halving the path on the way.
+    fn root(&mut self, mut node: usize) -> usize {
+        while self.stretches[node].parent as usize != node {
+            let parent = self.stretches[node].parent as usize;
+            let next = self.stretches[parent].parent;
+            self.stretches[node].parent = next;
+            node = next as usize;
+        }
+        node
+    }
+}
+
+/// The marks of eight pixels, if there are so many.
+#[inline(always)]
+fn eight(marks: &[u8], x: usize) -> Option<u64> {
+    let marks = marks.get(x..x + STRIDE)?;
+    let mut bytes = [0; STRIDE];
+    bytes.copy_from_slice(marks);
+    Some(u64::from_le_bytes(bytes))
+}
+
+/// A mark on each of eight pixels.
+const fn repeated(mark: u8) -> u64 {
+    u64::from_le_bytes([mark; STRIDE])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Patches pixel by pixel: flooding from each pixel that has no patch yet.
+    fn flooded(width: usize, marks: &[u8]) -> Vec<usize> {
+        let mut patch = vec![NONE; marks.len()];
+        for seed in 0..marks.len() {
+            if marks[seed] & THERE == 0 || patch[seed] != NONE {
+                continue;
+            }
+            let mut open = vec![seed];
+            patch[seed] = seed;
+            while let Some(at) = open.pop() {
+                let mut neighbours = Vec::new();
+                if marks[at] & BEFORE != 0 {
+                    neighbours.push(at - 1);
+                }
+                if marks[at] & ABOVE != 0 {
+                    neighbours.push(at - width);
+                }
+                if at % width + 1 < width && marks[at + 1] & BEFORE != 0 {
+                    neighbours.push(at + 1);
+                }
+                if at + width < marks.len() && marks[at + width] & ABOVE != 0 {
+                    neighbours.push(at + width);
+                }
+                for next in neighbours.into_iter().filter(|next| patch[*next] == NONE).collect::<Vec<_>>() {
+                    patch[next] = seed;
+                    open.push(next);
+                }
+            }
+        }
+        patch
+    }
+
+    proptest! {
+        /// The walk over stretches finds the patches of flooding, on pictures with holes and torn surfaces.
+        #[test]
+        fn stretches_form_the_patches_of_flooding(
+            width in 1_usize..60,
+            values in prop::collection::vec(0_u8..40, 60..1500),
+            holes in 1_u8..20,
+            wanted in 2_u32..40,
+        ) {
+            // Mostly one surface, somewhere another one, somewhere nothing.
+            let value = |v: &u8| if *v < holes { f64::NAN } else if *v > 37 { 2.0 } else { 1.0 };
+            let rows = values.len() / width;
+            let depths: Vec<f64> = values[..rows * width].iter().map(value).collect();
+            let sigmas = vec![0.0; depths.len()];
+            let mut marks = vec![0; depths.len()];
+            mark_joints(&depths, &sigmas, (width, 0.1), 0, &mut marks);
+            let patch = flooded(width, &marks);
+            let size = |p: usize| patch.iter().filter(|other| **other == p).count() as u32;
+            let brute: Vec<usize> =
+                (0..marks.len()).filter(|i| patch[*i] != NONE && size(patch[*i]) < wanted).collect();
+            let mut patches = Patches::new(marks.len());
+            patches.connect(width, &marks);
+            let found: Vec<usize> = patches.smaller_than(wanted).flatten().collect();
+            prop_assert_eq!(found, brute);
+        }
+    }
+}
