@@ -62,8 +62,8 @@ impl Continuity {
             let (above, above_valid) =
                 (&phase[above * width..row * width], &valid[above * width..row * width]);
             for first in (0..width).step_by(SIDE * STRIDE) {
-                let [a, b] = [above, here].map(|line| picked(line, first));
-                let [a_valid, b_valid] = [above_valid, here_valid].map(|line| picked(line, first));
+                let (a, b) = (picked(above, first), picked(here, first));
+                let (a_valid, b_valid) = (picked(above_valid, first), picked(here_valid, first));
                 all += Self::of_pairs(a.iter().zip(&a_valid).zip(b.iter().zip(&b_valid)));
             }
         }

@@ -25,7 +25,7 @@
 use super::block::CHUNK;
 use super::rasters::Rasters;
 use super::roles::Levels;
-use super::survey::Survey;
+use super::survey::{ALIKE, Survey};
 use super::{DecodeError, Decoder, FootprintTest};
 use crate::math::ln;
 use crate::math::simd::vectorised;
@@ -193,6 +193,31 @@ impl Sums {
         self.reflectance += light;
         self.slope2 += slope;
         self.count += modulation.len() as u32;
+    }
+
+    /// Adds some pixels together: halves are added to halves, so that no sum waits for the one before it.
+    #[inline(always)]
+    pub fn add_together(
+        &mut self,
+        modulation: [f32; ALIKE],
+        reflectance: [f32; ALIKE],
+        slope2: [f32; ALIKE],
+    ) {
+        let mut lanes = [modulation, reflectance, std::array::from_fn(|i| reflectance[i] * slope2[i])]
+            .map(|values| values.map(f64::from));
+        let mut half = ALIKE / 2;
+        while half > 0 {
+            for values in &mut lanes {
+                for i in 0..half {
+                    values[i] += values[i + half];
+                }
+            }
+            half /= 2;
+        }
+        self.modulation += lanes[0][0];
+        self.reflectance += lanes[1][0];
+        self.slope2 += lanes[2][0];
+        self.count += ALIKE as u32;
     }
 
     fn join(&mut self, other: &Self) {

@@ -47,18 +47,20 @@ pub struct Places<'a> {
 }
 
 impl Places<'_> {
-    /// The 3 × 3 windows inside the image, by their centre.
-    fn windows(&self) -> impl Iterator<Item = [usize; 9]> {
+    /// The pixels whose 3 × 3 windows lie inside the image.
+    fn middles(&self) -> impl Iterator<Item = usize> {
         let (width, lag, pixels) = (self.width, self.lag, self.pixels);
         let inner = move |p: &usize| {
             let column = p % width;
             column >= lag && column + lag < width && *p >= lag * width && p + lag * width < pixels
         };
-        let around = move |p: usize| {
-            let first = p - lag * width - lag;
-            std::array::from_fn(|k| first + k / 3 * lag * width + k % 3 * lag)
-        };
-        self.positions.iter().copied().filter(inner).map(around)
+        self.positions.iter().copied().filter(inner)
+    }
+
+    /// The window about a pixel.
+    fn window(&self, middle: usize) -> [usize; 9] {
+        let first = middle - self.lag * self.width - self.lag;
+        std::array::from_fn(|k| first + k / 3 * self.lag * self.width + k % 3 * self.lag)
     }
 }
 
@@ -74,29 +76,53 @@ pub fn sample_phase(
     least_modulation_dn: f64,
     samples: &mut Vec<Sample>,
 ) {
-    let mut windows = places.windows();
+    let mut middles = places.middles();
     let (mut pixels, mut block) = ([0_usize; 9 * WINDOWS], BlockSums::ZERO);
     let (mut clipped, mut phases) = ([0_u8; BLOCK], [0.0_f64; BLOCK]);
+    let mut lit = [0_usize; BLOCK];
     loop {
-        let mut count = 0;
-        for window in windows.by_ref().take(WINDOWS) {
-            pixels[9 * count..9 * (count + 1)].copy_from_slice(&window);
-            count += 1;
+        let mut asked = 0;
+        for middle in middles.by_ref().take(BLOCK) {
+            lit[asked] = middle;
+            asked += 1;
         }
-        if count == 0 {
+        if asked == 0 {
             return;
         }
-        sums.gather(places.rasters, places.pixels, &pixels[..9 * count], &mut block);
-        places.clipping.gather(places.rasters, places.pixels, &pixels[..9 * count], &mut clipped);
-        for ((phase, s), c) in phases[..9 * count].iter_mut().zip(&block.sin).zip(&block.cos) {
-            *phase = angle_positive_rad(*s, *c);
+        // Where the middle is dark, the rest of the window need not be fetched.
+        sums.gather(places.rasters, places.pixels, &lit[..asked], &mut block);
+        let mut count = 0;
+        for i in 0..asked {
+            if modulation_dn(&block, i, steps).1 >= least_modulation_dn {
+                lit[count] = lit[i];
+                count += 1;
+            }
         }
-        for first in (0..9 * count).step_by(9) {
-            if clipped[first..first + 9].iter().all(|c| *c == 0) && samples.len() < samples.capacity() {
-                samples.extend(window_sample(sums, &block, &phases, first, steps, least_modulation_dn));
+        for middles in lit[..count].chunks(WINDOWS) {
+            let count = 9 * middles.len();
+            for (pixels, middle) in pixels.chunks_exact_mut(9).zip(middles) {
+                pixels.copy_from_slice(&places.window(*middle));
+            }
+            sums.gather(places.rasters, places.pixels, &pixels[..count], &mut block);
+            places.clipping.gather(places.rasters, places.pixels, &pixels[..count], &mut clipped);
+            for ((phase, s), c) in phases[..count].iter_mut().zip(&block.sin).zip(&block.cos) {
+                *phase = angle_positive_rad(*s, *c);
+            }
+            for first in (0..count).step_by(9) {
+                if clipped[first..first + 9].iter().all(|c| *c == 0) && samples.len() < samples.capacity() {
+                    samples.extend(window_sample(sums, &block, &phases, first, steps, least_modulation_dn));
+                }
             }
         }
     }
+}
+
+/// Length of (Σ I cos δ, Σ I sin δ) of a pixel of a block, and its modulation, DN.
+#[inline(always)]
+fn modulation_dn(block: &BlockSums, pixel: usize, steps: usize) -> (f64, f64) {
+    let (c, s) = (f64::from(block.cos[pixel]), f64::from(block.sin[pixel]));
+    let length = (c * c + s * s).sqrt();
+    (length, 2.0 / steps as f64 * length)
 }
 
 /// The sample of the window whose pixels stand from `first` on in a block.
@@ -114,8 +140,7 @@ fn window_sample(
     let (mut high_pass, mut power, mut usable) = (0.0, 0.0, true);
     for (weight, pixel) in KERNEL.iter().zip(first..first + 9) {
         let (c, s) = (f64::from(block.cos[pixel]), f64::from(block.sin[pixel]));
-        let length = (c * c + s * s).sqrt();
-        let modulation_dn = 2.0 / n * length;
+        let (length, modulation_dn) = modulation_dn(block, pixel, steps);
         if modulation_dn < least_modulation_dn || modulation_dn <= 0.0 {
             return None;
         }
@@ -152,7 +177,8 @@ pub fn sample_code(places: &Places, code: &CodePlan, least_contrast_dn: f64, sam
         return;
     }
     let clipped = |p: &usize| places.clipping.at(places.rasters, places.pixels, *p);
-    let windows = places.windows().filter(|window| !window.iter().any(clipped));
+    let windows = places.middles().map(|middle| places.window(middle));
+    let windows = windows.filter(|window| !window.iter().any(clipped));
     for window in windows.take(samples.capacity()) {
         let (mut high_pass, mut usable) = (0.0, true);
         for (weight, pixel) in KERNEL.iter().zip(window) {

@@ -28,7 +28,7 @@ const TILE: usize = 4;
 /// Rows of a tile with those above and below that its windows reach.
 const LINES: usize = ROWS + 2 * HALF;
 /// Pixels that enter the bins together where their slopes are alike.
-const ALIKE: usize = 8;
+pub(super) const ALIKE: usize = 8;
 /// Bin of a pixel that is not counted.
 const NO_BIN: u32 = u32::MAX;
 
@@ -78,21 +78,28 @@ impl RowSums {
         middle: [0.0; LANES],
     };
 
-    /// The sums from the phase and the modulation of a row, which begin two pixels before the first one.
+    /// The sums of the pixels of a row from two behind `at` on, from the phase and the modulation of the map. Each offset is read by itself:
+    /// what was copied and is then read from other offsets waits for the copy.
     #[inline(always)]
-    fn new(phase: &[f32; LANES + 4], light: &[f32; LANES + 4]) -> Self {
+    fn new(phase: &[f32], light: &[f32], at: usize) -> Self {
         let mut sums = Self::ZERO;
+        let (p0, p1): (Lanes, Lanes) = (taken(phase, at), taken(phase, at + 1));
+        let (middle, p3): (Lanes, Lanes) = (taken(phase, at + 2), taken(phase, at + 3));
+        let p4: Lanes = taken(phase, at + 4);
         for i in 0..LANES {
-            let m = phase[i + 2];
-            let (v0, v1, v3, v4) = (phase[i] - m, phase[i + 1] - m, phase[i + 3] - m, phase[i + 4] - m);
+            let m = middle[i];
+            let (v0, v1, v3, v4) = (p0[i] - m, p1[i] - m, p3[i] - m, p4[i] - m);
             sums.middle[i] = m;
             sums.flat[i] = (v0 + v4) + (v1 + v3);
             sums.slope[i] = 2.0 * (v4 - v0) + (v3 - v1);
             sums.curve[i] = 2.0 * (v0 + v4) - (v1 + v3);
             sums.squares[i] = (v0 * v0 + v4 * v4) + (v1 * v1 + v3 * v3);
         }
+        let (l0, l1): (Lanes, Lanes) = (taken(light, at), taken(light, at + 1));
+        let (l2, l3): (Lanes, Lanes) = (taken(light, at + 2), taken(light, at + 3));
+        let l4: Lanes = taken(light, at + 4);
         for i in 0..LANES {
-            let (b0, b1, b2, b3, b4) = (light[i], light[i + 1], light[i + 2], light[i + 3], light[i + 4]);
+            let (b0, b1, b2, b3, b4) = (l0[i], l1[i], l2[i], l3[i], l4[i]);
             sums.light[i] = (b0 + b4) + (b1 + b3) + b2;
             sums.light_slope[i] = 2.0 * (b4 - b0) + (b3 - b1);
         }
@@ -178,7 +185,7 @@ impl Survey<'_> {
             for (y, sums) in (first - HALF..last + HALF).zip(&mut sums) {
                 for (group, sums) in sums[..tile].iter_mut().enumerate() {
                     let at = y * width + start(group) - HALF;
-                    *sums = RowSums::new(&taken(self.map.phase_rad, at), &taken(self.map.modulation, at));
+                    *sums = RowSums::new(self.map.phase_rad, self.map.modulation, at);
                 }
             }
             for (y, rows) in (first..last).zip(sums.windows(2 * HALF + 1)) {
@@ -233,7 +240,8 @@ impl Survey<'_> {
             }
             if alike {
                 let sums = &mut bins[place as usize][group];
-                sums.add(&modulation[part.clone()], &reflectance[part.clone()], &slope2[part]);
+                let [b, r, s] = [modulation, &reflectance, slope2].map(|values| taken(values, first));
+                sums.add_together(b, r, s);
                 continue;
             }
             for i in part.filter(|i| places[*i] != NO_BIN) {

@@ -5,7 +5,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
-use super::patch::{Interpolation, Patch, Sums};
+use super::patch::{Interpolation, MAX_NOISE, MAX_ROUGHNESS, Patch};
 use super::subpixel::{RightPhase, inside};
 use crate::geometry::camera::LensKind;
 use crate::rectify::RectifiedCamera;
@@ -34,6 +34,9 @@ pub(super) struct Batch {
     pub search_px: Lanes,
     /// Smallest and largest disparity.
     pub limits: [[f64; 2]; LANES],
+    /// Rectified abscissa of the pixel, and the uncertainty of its phase, rad.
+    pub left_x: Lanes,
+    pub sigma_rad: Lanes,
     /// Rectified abscissa on the right from where the search goes on.
     pub x: Lanes,
     /// Column and row of the cell in which it was last.
@@ -48,6 +51,7 @@ impl Batch {
             (other.hit[from], other.pixel[from], other.wanted[from]);
         (self.y[to], self.coarse[to]) = (other.y[from], other.coarse[from]);
         (self.search_px[to], self.limits[to]) = (other.search_px[from], other.limits[from]);
+        (self.left_x[to], self.sigma_rad[to]) = (other.left_x[from], other.sigma_rad[from]);
         (self.x[to], self.cell[to]) = (x, cell);
         self.count += 1;
     }
@@ -69,6 +73,42 @@ pub(super) struct Found {
     pub variance: Lanes,
     /// Index of the nearest native pixel.
     pub pixel: [usize; LANES],
+}
+
+/// What the places of a batch say of its depths.
+pub(super) struct Depths {
+    /// Inverse depth, 1/mm, and its uncertainty.
+    pub inverse_depth: Lanes,
+    pub sigma: [f32; LANES],
+    /// Share of its variance that comes from the pixel itself.
+    pub own_share: [f32; LANES],
+    /// Whether it is certain enough, and its disparity within the limits.
+    pub certain: [bool; LANES],
+    pub within: [bool; LANES],
+}
+
+/// The depths of the settled pixels of a batch, for a baseline and a largest uncertainty of the place.
+#[inline(always)]
+pub(super) fn depths_beside(batch: &Batch, found: &Found, baseline_mm: f64, most: f64) -> Depths {
+    let mut out = Depths {
+        inverse_depth: [0.0; LANES],
+        sigma: [0.0; LANES],
+        own_share: [0.0; LANES],
+        certain: [false; LANES],
+        within: [false; LANES],
+    };
+    for l in 0..LANES {
+        let own = batch.sigma_rad[l] * batch.sigma_rad[l];
+        let both = own + found.variance[l];
+        let sigma = (both / (found.slope[l] * found.slope[l])).sqrt();
+        let disparity = batch.left_x[l] - found.x[l];
+        out.inverse_depth[l] = disparity / baseline_mm;
+        out.sigma[l] = (sigma / baseline_mm) as f32;
+        out.own_share[l] = if both > 0.0 { (own / both) as f32 } else { 1.0 };
+        out.certain[l] = sigma <= most;
+        out.within[l] = (batch.limits[l][0] <= disparity) & (disparity <= batch.limits[l][1]);
+    }
+    out
 }
 
 /// Places on the curves, which become offsets from the centres of cells.
@@ -174,10 +214,15 @@ impl Places {
             for (line, samples) in samples.iter_mut().enumerate() {
                 let values = &right.phase_rad[(row + line - 1) * right.width + column - 1..][..4];
                 for (sample, value) in samples.iter_mut().zip(values) {
-                    sample[l] = value - batch.wanted[l];
+                    sample[l] = *value;
                 }
             }
             sigma[l] = right.sigma_rad[right.nearest(column, row, offset)];
+        }
+        for sample in samples.as_flattened_mut() {
+            for (sample, wanted) in sample.iter_mut().zip(&batch.wanted) {
+                *sample -= wanted;
+            }
         }
         (samples, sigma)
     }
@@ -234,7 +279,7 @@ impl Places {
         }
         (found.x, found.slope) = (x, slope);
         for l in 0..LANES {
-            found.lost[l] |= !holds[0][l] | (accepted[l] == 0);
+            found.lost[l] |= !holds[0][l] | !accepted[l];
             found.settled[l] = !found.lost[l] && holds[1][l];
             if found.settled[l] {
                 let (column, row) = found.cell[l];
@@ -254,8 +299,8 @@ struct Patches {
     a: Singles,
     b: [Singles; 2],
     c: [Singles; 3],
-    /// 1 where the quadratic holds.
-    accepted: [u8; LANES],
+    /// Whether the quadratic holds.
+    accepted: [bool; LANES],
 }
 
 impl Patches {
@@ -275,19 +320,32 @@ impl Patches {
                     l0[i][l] * l0[i][l] + l1[i][l] * l1[i][l] + l2[i][l] * l2[i][l] + l3[i][l] * l3[i][l];
             }
         }
-        let mut out = Self { a: zero, b: [zero; 2], c: [zero; 3], accepted: [0; LANES] };
+        let (mut out, mut residual, mut limit) =
+            (Self { a: zero, b: [zero; 2], c: [zero; 3], accepted: [false; LANES] }, zero, zero);
+        let Self { a, b: [bx, by], c: [cxx, cxy, cyy], accepted } = &mut out;
         for l in 0..LANES {
-            let sums = Sums {
-                zeroth: zeroth.map(|v| v[l]),
-                first: first.map(|v| v[l]),
-                second: second.map(|v| v[l]),
-                squares: squares.map(|v| v[l]),
-            };
-            let (patch, accepted) = Patch::from_sums(&sums, sigma[l]);
-            out.a[l] = patch.a;
-            (out.b[0][l], out.b[1][l]) = (patch.b[0], patch.b[1]);
-            (out.c[0][l], out.c[1][l], out.c[2][l]) = (patch.c[0], patch.c[1], patch.c[2]);
-            out.accepted[l] = u8::from(accepted);
+            // As `Patch::quadratic`, number by number.
+            let sum = |v: &[Singles; 4]| (v[0][l] + v[3][l]) + (v[1][l] + v[2][l]);
+            let slope = |v: &[Singles; 4]| 1.5 * (v[3][l] - v[0][l]) + 0.5 * (v[2][l] - v[1][l]);
+            let (a_, bx_, cxx_) = (sum(&zeroth), slope(&zeroth), {
+                (zeroth[0][l] + zeroth[3][l]) - (zeroth[1][l] + zeroth[2][l])
+            });
+            let (by_, cxy_, cyy_, squares) = (sum(&first), slope(&first), sum(&second), sum(&squares));
+            let explained = a_ * a_ / 16.0
+                + (bx_ * bx_ + by_ * by_) / 20.0
+                + (cxx_ * cxx_ + cyy_ * cyy_) / 16.0
+                + cxy_ * cxy_ / 25.0;
+            (a[l], bx[l], by[l]) = (a_ / 16.0, bx_ / 20.0, by_ / 20.0);
+            (cxx[l], cxy[l], cyy[l]) = (cxx_ / 16.0, cxy_ / 25.0, cyy_ / 16.0);
+            let noise = MAX_NOISE * sigma[l];
+            residual[l] = (squares - explained) / 10.0;
+            limit[l] = noise * noise
+                + MAX_ROUGHNESS * MAX_ROUGHNESS * (bx[l] * bx[l] + by[l] * by[l])
+                + 1e-6 * squares;
+        }
+        for l in 0..LANES {
+            // NaN (a masked sample) fails the comparison.
+            accepted[l] = residual[l] <= limit[l];
         }
         out
     }

@@ -24,8 +24,26 @@ pub(super) struct Run {
     cursor: u32,
     /// Whether the phase grows with the column.
     rising: bool,
-    /// Mean slope, rad per cell.
-    slope: f64,
+    /// Whether no two neighbours change places.
+    monotone: bool,
+    /// Cells per rad, in the mean.
+    cells_per_rad: f64,
+}
+
+/// Phases that one run alone shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Alone {
+    /// All phases above this one …
+    above: f32,
+    /// … and below that one.
+    below: f32,
+    /// Number of the run.
+    run: usize,
+}
+
+impl Alone {
+    /// No phase at all.
+    const NONE: Self = Self { above: f32::INFINITY, below: f32::NEG_INFINITY, run: 0 };
 }
 
 /// Limits of the phase steps that separate two runs.
@@ -38,24 +56,25 @@ pub(super) struct StepLimits {
 }
 
 /// One rectified row, prepared for the search. The buffers are reused from row to row.
-#[derive(Debug, Default, Clone)]
+#[derive(Debug, Clone)]
 pub(super) struct Row {
-    phase_rad: Vec<f32>,
+    pub(super) phase_rad: Vec<f32>,
     runs: Vec<Run>,
     hot: usize,
+    alone: Alone,
     /// Whether noise made averaging necessary anywhere in the row.
-    smoothed: bool,
+    pub(super) smoothed: bool,
     /// Running sums of a stretch.
-    sums: Vec<f64>,
+    pub(super) sums: Vec<f64>,
     /// How each cell goes on from the one before it.
     steps: Vec<u8>,
 }
 
 /// A cell whose phase differs little from that of the one before it …
 const JOINED: u8 = 1;
-/// … that is larger …
+/// … whose phase is larger …
 const RISES: u8 = 2;
-/// … that is smaller.
+/// … whose phase is smaller.
 const FALLS: u8 = 4;
 
 /// Cells that are walked over at once.
@@ -64,23 +83,11 @@ const STRIDE: usize = 8;
 /// A mark on all of them.
 const ALL_JOINED: u64 = u64::from_le_bytes([JOINED; STRIDE]);
 
-/// Noise of a cell beyond this share of the phase step per cell would cut a row into pieces.
-const QUIET_SHARE: f64 = 0.25;
-
-/// A mean over w cells differs from the next one by √2 σ/w: so many of these may reach the step.
-const SENSE_SIGMAS: f64 = 4.2;
-
-/// Largest half width of the mean.
-const MAX_HALF: usize = 15;
-
-/// Shorter stretches do not show their noise.
-const LEAST_CELLS: usize = 8;
-
-/// The slope is taken over so many cells.
-const SLOPE_CELLS: usize = 7;
-
-/// Standard deviation over the mean magnitude of second differences: 1/√6 · √(π/2).
-const SIGMA_OF_SECOND: f64 = 0.511_663;
+impl Default for Row {
+    fn default() -> Self {
+        Self::with_capacity(0)
+    }
+}
 
 impl Row {
     /// A row of at most `width` cells.
@@ -90,6 +97,7 @@ impl Row {
             phase_rad: Vec::with_capacity(width),
             runs: Vec::with_capacity(width / 2 + 1),
             hot: 0,
+            alone: Alone::NONE,
             smoothed: false,
             sums: Vec::with_capacity(width + 1),
             steps: Vec::with_capacity(width),
@@ -106,6 +114,7 @@ impl Row {
         vectorised!(level, mark_steps(&self.phase_rad, limits.max_rad, &mut self.steps));
         self.runs.clear();
         self.hot = 0;
+        self.alone = Alone::NONE;
         self.smoothed = false;
         let mut start = 0;
         while start < count {
@@ -177,44 +186,6 @@ impl Row {
         mean.is_finite().then_some(mean)
     }
 
-    /// Averages noise out of a continuous stretch that has so much of it that neighbouring cells change places.
-    ///
-    /// Noise and slope are those of the stretch itself. Means are symmetric and get narrower towards its ends, so that a slope
-    /// stays what it is. Only the search sees them.
-    fn smooth_stretch(&mut self, start: usize, end: usize) {
-        let cells = &mut self.phase_rad[start..end];
-        if cells.len() < LEAST_CELLS {
-            return;
-        }
-        let second: f64 =
-            cells.windows(3).map(|w| f64::from((w[0] - w[1]) - (w[1] - w[2])).abs()).sum::<f64>()
-                / (cells.len() - 2) as f64;
-        let across = |w: &[f32]| f64::from(w[w.len() - 1] - w[0]).abs();
-        let slope = cells.windows(SLOPE_CELLS + 1).map(across).sum::<f64>()
-            / ((cells.len() - SLOPE_CELLS) * SLOPE_CELLS) as f64;
-        let noise = SIGMA_OF_SECOND * second;
-        if noise <= QUIET_SHARE * slope {
-            return;
-        }
-        let wanted = 0.5 * SENSE_SIGMAS * noise / slope.max(1e-12);
-        let half = if wanted < MAX_HALF as f64 { wanted.ceil() as usize } else { MAX_HALF };
-        let origin = cells[0];
-        let mut sum = 0.0;
-        self.sums.clear();
-        self.sums.push(0.0);
-        self.sums.extend(cells.iter().map(|v| {
-            sum += f64::from(v - origin);
-            sum
-        }));
-        let count = cells.len();
-        for (i, value) in cells.iter_mut().enumerate() {
-            let half = half.min(i).min(count - 1 - i);
-            let total = self.sums[i + half + 1] - self.sums[i - half];
-            *value = origin + (total / (2 * half + 1) as f64) as f32;
-        }
-        self.smoothed = true;
-    }
-
     fn close(&mut self, start: usize, end: usize) {
         if end <= start {
             return;
@@ -224,7 +195,7 @@ impl Row {
             .iter()
             .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
         let rising = cells[cells.len() - 1] > cells[0];
-        self.push(start, end, (low, high), rising);
+        self.push((start, end), (low, high), rising, false);
     }
 
     /// A run whose smallest and largest phase are those of its ends.
@@ -233,10 +204,10 @@ impl Row {
             return;
         }
         let (from, to) = (self.phase_rad[start], self.phase_rad[end]);
-        self.push(start, end, (from.min(to), from.max(to)), to > from);
+        self.push((start, end), (from.min(to), from.max(to)), to > from, true);
     }
 
-    fn push(&mut self, start: usize, end: usize, (low, high): (f32, f32), rising: bool) {
+    fn push(&mut self, (start, end): (usize, usize), (low, high): (f32, f32), rising: bool, monotone: bool) {
         self.runs.push(Run {
             low,
             high,
@@ -245,16 +216,42 @@ impl Row {
             end: end as u32,
             cursor: start as u32,
             rising,
-            slope: f64::from(high - low) / (end - start) as f64,
+            monotone,
+            cells_per_rad: (end - start) as f64 / f64::from(high - low),
         });
     }
 
-    /// Calls `visit` with the fractional column of every place where the row takes this phase, one per run, and the mean slope of
-    /// the run, rad per cell.
+    /// Whether the search for the phase of a cell would find the cell itself, or another one that shows the same, and no other place. It may say no
+    /// where that is so.
+    #[inline(always)]
+    pub fn returns_to(&self, phase_rad: f32, cell: usize) -> bool {
+        let alone = self.alone;
+        alone.above < phase_rad && phase_rad < alone.below && {
+            let run = &self.runs[alone.run];
+            run.monotone && run.start as usize <= cell && cell <= run.end as usize
+        }
+    }
+
+    /// Calls `visit` with the fractional column of every place where the row takes this phase, one per run, and the cells per rad of
+    /// the run.
     ///
     /// A run that contains the column `near` is searched from there, another one from where its last search ended.
-    #[inline]
+    #[inline(always)]
     pub fn find(&mut self, phase_rad: f32, near: Option<f64>, mut visit: impl FnMut(f64, f64)) {
+        // Most phases are shown by one run alone, and so are their neighbours.
+        let alone = self.alone;
+        if alone.above < phase_rad && phase_rad < alone.below {
+            let run = &mut self.runs[alone.run];
+            if let Some(column) = run.walk(&self.phase_rad, phase_rad, near) {
+                visit(column, run.cells_per_rad);
+            }
+            return;
+        }
+        self.find_all(phase_rad, near, &mut visit);
+    }
+
+    #[inline(never)]
+    fn find_all(&mut self, phase_rad: f32, near: Option<f64>, visit: &mut dyn FnMut(f64, f64)) {
         let Some(last) = self.runs.len().checked_sub(1) else { return };
         // The number of runs that begin below the phase changes little from pixel to pixel: walk, do not search.
         let mut hot = self.hot.min(last);
@@ -265,22 +262,32 @@ impl Row {
             hot -= 1;
         }
         self.hot = hot;
-        for run in self.runs[..=hot].iter_mut().rev() {
+        let (mut found, mut count) = (0, 0);
+        for (number, run) in self.runs[..=hot].iter_mut().enumerate().rev() {
             if run.high_so_far < phase_rad {
                 break;
             }
             if run.low <= phase_rad && phase_rad <= run.high {
-                if let Some(near) = near
-                    && near >= f64::from(run.start)
-                    && near <= f64::from(run.end)
-                {
-                    run.cursor = near as u32;
-                }
-                if let Some(column) = run.walk(&self.phase_rad, phase_rad) {
-                    visit(column, run.slope);
+                (found, count) = (number, count + 1);
+                if let Some(column) = run.walk(&self.phase_rad, phase_rad, near) {
+                    visit(column, run.cells_per_rad);
                 }
             }
         }
+        self.alone = if count == 1 { self.alone(found, phase_rad) } else { Alone::NONE };
+    }
+
+    /// The phases around one that a run shows and no other run does.
+    fn alone(&self, run: usize, phase_rad: f32) -> Alone {
+        let Run { low: mut above, high: mut below, .. } = self.runs[run];
+        for (_, other) in self.runs.iter().enumerate().filter(|(number, _)| *number != run) {
+            if other.high < phase_rad {
+                above = above.max(other.high);
+            } else {
+                below = below.min(other.low);
+            }
+        }
+        Alone { above, below, run }
     }
 }
 
@@ -310,10 +317,16 @@ fn continues(phase: &[f32], start: usize, cell: usize, limits: StepLimits) -> bo
 }
 
 impl Run {
-    /// Walks from the cursor to the bracket of a phase and interpolates in it; `None` where only the noise of the ends
-    /// reaches that far.
-    #[inline]
-    fn walk(&mut self, phase: &[f32], wanted: f32) -> Option<f64> {
+    /// Walks from the cursor, or from a column within the run, to the bracket of a phase and interpolates in it; `None` where only
+    /// the noise of the ends reaches that far.
+    #[inline(always)]
+    fn walk(&mut self, phase: &[f32], wanted: f32, near: Option<f64>) -> Option<f64> {
+        if let Some(near) = near
+            && near >= f64::from(self.start)
+            && near <= f64::from(self.end)
+        {
+            self.cursor = near as u32;
+        }
         let (first, last) = (self.start as usize, self.end as usize - 1);
         let below = |cell: usize| if self.rising { phase[cell] < wanted } else { phase[cell] > wanted };
         let mut cell = (self.cursor as usize).clamp(first, last);

@@ -37,6 +37,8 @@ mod epipolar_rows;
 mod error;
 #[cfg(test)]
 mod figures;
+mod mask;
+mod noisy_rows;
 mod patch;
 mod report;
 mod scan;
@@ -47,6 +49,7 @@ mod tests;
 
 pub use error::MatchError;
 pub(crate) use error::check_map;
+pub(crate) use mask::mask;
 pub use patch::Interpolation;
 pub use report::MatchReport;
 pub use settings::MatchSettings;
@@ -55,7 +58,7 @@ pub(crate) use settings::check_depth;
 use crate::cloud::Point;
 use crate::geometry::camera::Camera;
 use crate::math::parallel::for_parts;
-use crate::math::simd::{best_level, vectorised};
+use crate::math::simd::best_level;
 use crate::math::statistics::median;
 use crate::phase::PhaseView;
 use crate::rectify::{Rectification, RectifiedGrid, range};
@@ -63,7 +66,6 @@ use crate::surface::{Cause, Sample, SurfaceBuilder, View, independent_share, mar
 use epipolar_rows::{Row, StepLimits};
 use fearless_simd::Level;
 use nalgebra::Vector3;
-use rayon::prelude::*;
 use report::PART_ROWS;
 use scan::{Scan, Task};
 use std::f64::consts::TAU;
@@ -77,9 +79,6 @@ const RIM_NOISE_PX: f64 = 0.25;
 
 /// The median noise of a map comes from at most so many pixels.
 const NOISE_SAMPLES: usize = 65_536;
-
-/// Pixels of one parallel job of the mask.
-const MASK_CHUNK: usize = 16_384;
 
 /// Matches the phase maps of one pair. All tables and buffers are made once; `run` allocates nothing.
 #[derive(Debug, Clone)]
@@ -219,10 +218,13 @@ impl Matcher {
         let mut report = self.match_rows(left, right, limits);
         for (pixel, hit) in self.order.iter().zip(&self.hits) {
             self.samples[*pixel as usize] = *hit;
+            self.surface.put(*pixel as usize, hit);
         }
         for pixel in &self.outside {
             let dark = self.left_phase[*pixel as usize].is_nan();
-            self.samples[*pixel as usize] = Sample::without(if dark { Cause::Dark } else { Cause::Outside });
+            let none = Sample::without(if dark { Cause::Dark } else { Cause::Outside });
+            self.samples[*pixel as usize] = none;
+            self.surface.put(*pixel as usize, &none);
             report.outside += u32::from(!dark);
         }
         let view = View {
@@ -343,23 +345,6 @@ impl MatchReport {
         self.discontinuous += other.discontinuous;
         self.uncertain += other.uncertain;
         self.bilinear += other.bilinear;
-    }
-}
-
-/// Copies the phase, with NaN where the mask, the phase or its uncertainty forbids its use.
-pub(crate) fn mask(map: &PhaseView, out: &mut [f32]) {
-    let level = best_level();
-    let planes = map.phase_rad.par_chunks(MASK_CHUNK).zip(map.sigma_rad.par_chunks(MASK_CHUNK));
-    let planes = planes.zip(map.valid.par_chunks(MASK_CHUNK)).zip(out.par_chunks_mut(MASK_CHUNK));
-    planes.for_each(|(((phase, sigma), valid), out)| vectorised!(level, mask_part(phase, sigma, valid, out)));
-}
-
-#[inline(always)]
-#[allow(clippy::needless_bitwise_bool, reason = "without branches a loop vectorises")]
-fn mask_part(phase_rad: &[f32], sigma_rad: &[f32], valid: &[u8], out: &mut [f32]) {
-    for (((phase, sigma), valid), out) in phase_rad.iter().zip(sigma_rad).zip(valid).zip(out) {
-        let usable = (*valid != 0) & phase.is_finite() & sigma.is_finite();
-        *out = if usable { *phase } else { f32::NAN };
     }
 }
 

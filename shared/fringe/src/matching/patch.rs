@@ -23,10 +23,10 @@ pub enum Interpolation {
 /// Residual of the quadratic beyond the noise that one surface may have, as a share of the phase step per pixel.
 ///
 /// A depth step of h pixels of phase leaves a residual of 0.22 h; creases of real parts leave 0.02.
-const MAX_ROUGHNESS: f32 = 0.1;
+pub(super) const MAX_ROUGHNESS: f32 = 0.1;
 
 /// Residuals of this many phase sigmas are noise: 16 samples less 6 parameters scatter by a factor of 1 ± 0.22.
-const MAX_NOISE: f32 = 2.0;
+pub(super) const MAX_NOISE: f32 = 2.0;
 
 /// The local model of the phase minus the wanted one, around the centre of a 2 × 2 cell, in pixels (ξ, η):
 /// a + bξ ξ + bη η + cξξ (ξ² − 5/4) + cξη ξη + cηη (η² − 5/4); a bilinear patch has no square terms.
@@ -36,19 +36,6 @@ pub(super) struct Patch {
     pub(super) b: [f32; 2],
     pub(super) c: [f32; 3],
     pub(super) kind: Interpolation,
-}
-
-/// Sums over the lines of 4 × 4 samples with the orthogonal polynomials of the row, column by column.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Sums {
-    /// Σ v, the sum of the samples.
-    pub(super) zeroth: [f32; 4],
-    /// Σ η v, for the slope.
-    pub(super) first: [f32; 4],
-    /// Σ (η² − 5/4) v.
-    pub(super) second: [f32; 4],
-    /// Σ v², for the residual.
-    pub(super) squares: [f32; 4],
 }
 
 impl Patch {
@@ -67,14 +54,6 @@ impl Patch {
             second[i] = outer - inner;
             squares[i] = l0[i] * l0[i] + l1[i] * l1[i] + l2[i] * l2[i] + l3[i] * l3[i];
         }
-        let (patch, accepted) = Self::from_sums(&Sums { zeroth, first, second, squares }, sigma);
-        accepted.then_some(patch)
-    }
-
-    /// The quadratic from the sums over the lines, and whether it holds.
-    #[inline(always)]
-    pub(super) fn from_sums(sums: &Sums, sigma: f32) -> (Patch, bool) {
-        let Sums { zeroth, first, second, squares } = *sums;
         let sum = |v: [f32; 4]| (v[0] + v[3]) + (v[1] + v[2]);
         let slope = |v: [f32; 4]| 1.5 * (v[3] - v[0]) + 0.5 * (v[2] - v[1]);
         let (a, bx, cxx) = (sum(zeroth), slope(zeroth), (zeroth[0] + zeroth[3]) - (zeroth[1] + zeroth[2]));
@@ -89,7 +68,7 @@ impl Patch {
         let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * (bx * bx + by * by) + 1e-6 * squares;
         // NaN (a masked sample) fails the comparison.
         let patch = Patch { a, b: [bx, by], c: [cxx, cxy, cyy], kind: Interpolation::Quadratic };
-        (patch, residual <= limit)
+        (residual <= limit).then_some(patch)
     }
 
     /// Third-degree Lagrange interpolation, expanded to second order around the place where it is read.

@@ -1,6 +1,6 @@
 //! The work on one part of the rows: coarse search, uniqueness, fine solution.
 
-use super::beside::{Batch, Found, LANES, step_beside};
+use super::beside::{Batch, Depths, LANES, depths_beside, step_beside};
 use super::epipolar_rows::{Row, StepLimits};
 use super::report::{MatchReport, PART_ROWS};
 use super::settings::MatchSettings;
@@ -56,6 +56,9 @@ const SEARCH_SIGMAS: f64 = 4.0;
 /// … up to this, px.
 const MAX_SEARCH_PX: f64 = 12.0;
 
+/// The place of the phase that a cell shows lies no farther from its pixel: half a cell, and half a cell more where two of them show it.
+const SAME_PLACE_PX: f64 = 1.0;
+
 /// A coarse place in the right row.
 struct Coarse {
     /// Rectified abscissa of the pixel.
@@ -64,6 +67,8 @@ struct Coarse {
     search_px: f64,
     /// Smallest and largest disparity.
     limits: [f64; 2],
+    /// Uncertainty of the left phase, rad.
+    sigma_rad: f64,
 }
 
 /// What all parts of a run share.
@@ -96,9 +101,9 @@ impl Scan<'_> {
             let mut loaded = false;
             for index in self.row_starts[row] - begin..self.row_starts[row + 1] - begin {
                 let pixel = pixels[index] as usize;
-                hits[index] = Sample::NONE;
                 let phase = self.left_phase[pixel];
                 if phase.is_nan() {
+                    hits[index] = Sample::NONE;
                     continue;
                 }
                 if !loaded {
@@ -106,7 +111,7 @@ impl Scan<'_> {
                     loaded = true;
                 }
                 task.report.valid += 1;
-                match self.coarse(pixel, phase, task) {
+                match self.coarse((pixel, row), phase, task) {
                     Ok(found) => self.put(&mut first, (index, pixel, phase), &found),
                     Err(miss) => {
                         hits[index] = Sample::without(miss.cause());
@@ -126,7 +131,8 @@ impl Scan<'_> {
         let l = batch.count;
         (batch.hit[l], batch.pixel[l], batch.wanted[l]) = (hit, pixel, phase);
         (batch.coarse[l], batch.search_px[l], batch.limits[l]) = (found.x, found.search_px, found.limits);
-        (batch.x[l], batch.y[l]) = (found.x, self.directions[pixel][1]);
+        [batch.left_x[l], batch.y[l]] = self.directions[pixel];
+        (batch.x[l], batch.sigma_rad[l]) = (found.x, found.sigma_rad);
         batch.count += 1;
     }
 
@@ -140,7 +146,12 @@ impl Scan<'_> {
         report: &mut MatchReport,
     ) {
         let again = next.is_none();
-        let found = vectorised!(self.level, step_beside(&self.right_phase, &self.pair.right, batch, again));
+        let most = self.most_sigma();
+        let (found, depths) = vectorised!(self.level, {
+            let found = step_beside(&self.right_phase, &self.pair.right, batch, again);
+            let depths = depths_beside(batch, &found, self.pair.baseline_mm, most);
+            (found, depths)
+        });
         for l in 0..batch.count {
             if let Some(next) = &mut next
                 && !found.lost[l]
@@ -152,16 +163,18 @@ impl Scan<'_> {
                 }
                 continue;
             }
-            let crossing = Self::crossing(&found, l).or_else(|| {
+            let sample = if found.settled[l] {
+                self.settled(batch.pixel[l], found.pixel[l], &depths, l)
+            } else {
                 let curve = self.pair.right.curve(batch.y[l]);
                 let coarse = (batch.coarse[l], batch.search_px[l]);
-                solve(&self.right_phase, &curve, batch.wanted[l], coarse)
-            });
-            let sample = crossing.ok_or(Miss::Discontinuous).and_then(|crossing| {
-                let sample = self.sample(batch.pixel[l], &crossing, batch.limits[l])?;
-                report.bilinear += u32::from(crossing.bilinear);
-                Ok(sample)
-            });
+                let crossing = solve(&self.right_phase, &curve, batch.wanted[l], coarse);
+                crossing.ok_or(Miss::Discontinuous).and_then(|crossing| {
+                    let sample = self.sample(batch.pixel[l], &crossing, batch.limits[l])?;
+                    report.bilinear += u32::from(crossing.bilinear);
+                    Ok(sample)
+                })
+            };
             hits[batch.hit[l]] = sample.unwrap_or_else(|miss| {
                 report.count(miss.cause());
                 Sample::without(miss.cause())
@@ -170,15 +183,29 @@ impl Scan<'_> {
         batch.count = 0;
     }
 
+    /// As [`Self::sample`] decides, from what was found side by side.
     #[inline(always)]
-    fn crossing(found: &Found, l: usize) -> Option<Crossing> {
-        found.settled[l].then(|| Crossing {
-            x: found.x[l],
-            slope: found.slope[l],
-            variance: found.variance[l],
-            pixel: found.pixel[l],
-            bilinear: false,
-        })
+    fn settled(&self, left: usize, right: usize, depths: &Depths, l: usize) -> Result<Sample, Miss> {
+        if self.right_phase.rims[right] != 0 {
+            Err(Miss::Discontinuous)
+        } else if !depths.certain[l] {
+            Err(Miss::Uncertain)
+        } else if !depths.within[l] {
+            Err(Miss::Discontinuous)
+        } else {
+            Ok(Sample {
+                inverse_depth: depths.inverse_depth[l],
+                sigma: depths.sigma[l],
+                own_share: depths.own_share[l],
+                modulation: self.left.modulation[left].min(self.right.modulation[right]),
+                cause: Cause::Point,
+            })
+        }
+    }
+
+    /// Largest uncertainty of a place in the right view, rectified.
+    fn most_sigma(&self) -> f64 {
+        SINGLE_SIGMAS * self.settings.max_disparity_sigma_px * self.right_phase.pitch
     }
 
     fn load(&self, row: usize, task: &mut Task) {
@@ -193,7 +220,8 @@ impl Scan<'_> {
     }
 
     /// The coarse place of a left pixel in the right row.
-    fn coarse(&self, pixel: usize, phase: f32, task: &mut Task) -> Result<Coarse, Miss> {
+    #[inline(always)]
+    fn coarse(&self, (pixel, row): (usize, usize), phase: f32, task: &mut Task) -> Result<Coarse, Miss> {
         let [x, y] = self.directions[pixel];
         let limits = self.disparity_limits(x, y);
         let allowed = |left: f64, right: f64| (limits[0]..=limits[1]).contains(&(left - right));
@@ -203,42 +231,50 @@ impl Scan<'_> {
         // Where noise was averaged out of the rows, the mean phase of this place is sought, and the fine stage searches farther.
         let sought = task.left.mean_at(own).unwrap_or(phase);
         let mut coarse = None;
-        let mut steepness = 0.0_f64;
+        let mut cells_per_rad = 0.0_f64;
         let mut ambiguous = false;
-        task.right.find(sought, None, |column, slope| {
+        task.right.find(sought, None, |column, per_rad| {
             let place = self.right_grid.abscissa(column);
             if allowed(x, place) {
                 ambiguous |= coarse.is_some_and(|c: f64| (c - place).abs() * self.pair.focal_px > tolerance);
                 coarse = Some(place);
-                steepness = slope;
+                cells_per_rad = per_rad;
             }
         });
         let coarse = coarse.ok_or(Miss::Unmatched)?;
 
-        // Backwards: the left row must show this phase here and nowhere else that the right pixel could mean.
-        let mut returned = false;
-        task.left.find(sought, Some(own), |column, _| {
-            if (column - own).abs() <= tolerance {
-                returned = true;
-            } else {
-                ambiguous |= allowed(self.left_grid.abscissa(column), coarse);
-            }
-        });
+        // Backwards: the left row must show this phase here and nowhere else that the right pixel could mean. Where the row shows the very
+        // pixel in a run that alone has its phase, and cells beside it at most show it too, there is nothing to search.
+        let cell = (own + 0.5) as usize;
+        let shown = self.left_grid.index[row * self.left_grid.width..][..self.left_grid.width].get(cell);
+        let mut returned = tolerance >= SAME_PLACE_PX
+            && sought == phase
+            && shown.is_some_and(|shown| *shown as usize == pixel)
+            && task.left.returns_to(sought, cell);
+        if !returned {
+            task.left.find(sought, Some(own), |column, _| {
+                if (column - own).abs() <= tolerance {
+                    returned = true;
+                } else {
+                    ambiguous |= allowed(self.left_grid.abscissa(column), coarse);
+                }
+            });
+        }
         if ambiguous {
             return Err(Miss::Ambiguous);
         }
         if !returned {
             return Err(Miss::Inconsistent);
         }
-        let noise_px = SEARCH_SIGMAS * f64::from(self.left.sigma_rad[pixel]) / steepness;
+        let sigma_rad = f64::from(self.left.sigma_rad[pixel]);
+        let noise_px = SEARCH_SIGMAS * sigma_rad * cells_per_rad;
         let search_px = MAX_SHIFT_PX + if noise_px < MAX_SEARCH_PX { noise_px } else { MAX_SEARCH_PX };
-        Ok(Coarse { x: coarse, search_px, limits })
+        Ok(Coarse { x: coarse, search_px, limits, sigma_rad })
     }
 
     /// The inverse depth of a left pixel from its crossing.
     fn sample(&self, pixel: usize, crossing: &Crossing, limits: [f64; 2]) -> Result<Sample, Miss> {
         let x = self.directions[pixel][0];
-        let pitch = self.right_phase.pitch;
         let Crossing { x: place, slope, variance, pixel: right, .. } = *crossing;
         let sigma_left = f64::from(self.left.sigma_rad[pixel]);
         let (own, both) = (sigma_left * sigma_left, sigma_left * sigma_left + variance);
@@ -248,7 +284,7 @@ impl Scan<'_> {
             return Err(Miss::Discontinuous);
         }
         // Smoothing decides about the rest, see [`crate::surface::View::max_sigma`].
-        let certain = sigma <= SINGLE_SIGMAS * self.settings.max_disparity_sigma_px * pitch;
+        let certain = sigma <= self.most_sigma();
         if !certain {
             return Err(Miss::Uncertain);
         }

@@ -128,6 +128,7 @@ impl ProjectorMatcher {
             independent,
             max_sigma: f64::INFINITY,
         };
+        self.surface.load(&self.samples);
         report.surface = self.surface.build(&view, &mut self.samples, pair, out);
         report.points = report.surface.points;
         Ok(report)

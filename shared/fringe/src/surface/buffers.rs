@@ -4,9 +4,13 @@ use super::patches::Patches;
 use super::{Cause, Sample, SurfaceSettings};
 use crate::math::simd::best_level;
 use fearless_simd::Level;
+use rayon::prelude::*;
 
 /// Rows per part of parallel work; fixed, so that no result depends on the number of threads.
 const PART_ROWS: usize = 16;
+
+/// Pixels per part of what is done to each pixel alone.
+const CHUNK: usize = 16_384;
 
 /// The scatter of points is estimated in so many windows at most.
 pub(super) const SCATTER_WINDOWS: usize = 4096;
@@ -65,11 +69,23 @@ impl SurfaceBuilder {
         &self.causes
     }
 
-    /// Takes the inverse depths of samples and their uncertainties.
-    pub(super) fn load(&mut self, samples: &[Sample]) {
-        for ((sample, depth), sigma) in samples.iter().zip(&mut self.depths).zip(&mut self.sigmas) {
-            (*depth, *sigma) = (sample.inverse_depth, sample.sigma);
-        }
+    /// Takes what all samples say of their pixels.
+    pub fn load(&mut self, samples: &[Sample]) {
+        let parts = self.depths.par_chunks_mut(CHUNK).zip(self.sigmas.par_chunks_mut(CHUNK));
+        let parts = parts.zip(self.causes.par_chunks_mut(CHUNK)).zip(samples.par_chunks(CHUNK));
+        parts.for_each(|(((depths, sigmas), causes), samples)| {
+            for (((sample, depth), sigma), cause) in samples.iter().zip(depths).zip(sigmas).zip(causes) {
+                (*depth, *sigma, *cause) = (sample.inverse_depth, sample.sigma, sample.cause);
+            }
+        });
+    }
+
+    /// Takes what one sample says of its pixel.
+    #[inline(always)]
+    pub fn put(&mut self, pixel: usize, sample: &Sample) {
+        self.depths[pixel] = sample.inverse_depth;
+        self.sigmas[pixel] = sample.sigma;
+        self.causes[pixel] = sample.cause;
     }
 
     pub fn new(width: usize, height: usize, settings: SurfaceSettings) -> Self {

@@ -15,8 +15,12 @@ use nalgebra::Vector3;
 use std::ops::Range;
 use std::slice::IterMut;
 
+/// Points of parts that are worked on together.
+const POINTS_AT_ONCE: usize = 131_072;
+
 impl SurfaceBuilder {
-    /// Drops spikes, crumbs and steep points from `samples`, then writes the points in pixel order; `out` has at least one element per pixel.
+    /// Drops spikes, crumbs and steep points from `samples`, then writes the points in pixel order; `out` has at least one element per pixel. The samples
+    /// must have been put or loaded.
     pub fn build(
         &mut self,
         view: &View,
@@ -28,10 +32,6 @@ impl SurfaceBuilder {
         let spikes = self.drop_spikes(view, samples, link);
         let crumbs = self.drop_crumbs(view.width, samples, link);
         self.mark_gaps((view.width, view.height), samples, link);
-        let pixels = self.causes.iter_mut().zip(samples.iter().zip(&self.depths));
-        pixels.for_each(|(cause, (sample, depth))| {
-            *cause = if depth.is_finite() { Cause::Point } else { sample.cause };
-        });
         let written = self.write(view, samples, link, pair, out);
         SurfaceReport { spikes, crumbs, ..written }
     }
@@ -56,46 +56,60 @@ impl SurfaceBuilder {
             view,
             samples,
             link,
-            excess: self.excess(view, samples, link),
+            excess: self.excess(view, samples, link, total),
             settings: &self.settings,
             min_cosine: self.min_cosine,
             gaps: &self.keep,
             depths: &self.depths,
         };
-        for_parts(&self.point_parts, &mut out[..total], &mut self.counts, &|part, points, count| {
-            *count = PartCount::default();
-            let pixels = self.row_parts[part]..self.row_parts[part + 1];
-            vectorised!(self.level, selector.rows(pixels, pair, points, count));
-        });
-        self.note_causes(&out[..total]);
-        self.close_gaps(out)
-    }
-
-    /// Keeps why pixels were dropped: they stand behind the points of each part.
-    fn note_causes(&mut self, written: &[Point]) {
-        for (ends, count) in self.point_parts.windows(2).zip(&self.counts) {
-            for dropped in &written[ends[0] + count.points as usize..ends[1]] {
-                let cause = Cause::ALL.get(dropped.reserved as usize).copied().unwrap_or_default();
-                self.causes[dropped.pixel as usize] = cause;
-            }
-        }
-    }
-
-    /// Moves the points of all parts together and adds up their counts.
-    fn close_gaps(&self, out: &mut [Point]) -> SurfaceReport {
         let mut report = SurfaceReport::default();
-        for (start, count) in self.point_parts.iter().zip(&self.counts) {
-            let end = report.points as usize;
-            if *start != end {
-                out.copy_within(*start..*start + count.points as usize, end);
-            }
-            report.points += count.points;
-            report.steep += count.steep;
-            report.rims += count.rims;
-            report.uncertain += count.uncertain;
-            report.without_normal += count.without_normal;
+        let mut first = 0;
+        // Some parts at a time: their points are moved together as long as the cache holds them.
+        while first + 1 < self.point_parts.len() {
+            let some = |start: &usize| *start < self.point_parts[first] + POINTS_AT_ONCE;
+            let last = (first + 1).max(self.point_parts.partition_point(some).min(self.counts.len()));
+            let starts = &self.point_parts[first..=last];
+            let counts = &mut self.counts[first..last];
+            let begin = report.points as usize;
+            let written = &mut out[begin..begin + starts[last - first] - starts[0]];
+            for_parts(starts, written, counts, &|part, points, count| {
+                *count = PartCount::default();
+                let pixels = self.row_parts[first + part]..self.row_parts[first + part + 1];
+                vectorised!(self.level, selector.rows(pixels, pair, points, count));
+            });
+            note_causes(starts, counts, written, &mut self.causes);
+            close_gaps(starts, counts, written, &mut report);
+            first = last;
         }
         report
+    }
+}
+
+/// Keeps why pixels were dropped: they stand behind the points of each part.
+fn note_causes(starts: &[usize], counts: &[PartCount], written: &[Point], causes: &mut [Cause]) {
+    for (ends, count) in starts.windows(2).zip(counts) {
+        let (start, end) = (ends[0] - starts[0], ends[1] - starts[0]);
+        for dropped in &written[start + count.points as usize..end] {
+            let cause = Cause::ALL.get(dropped.reserved as usize).copied().unwrap_or_default();
+            causes[dropped.pixel as usize] = cause;
+        }
+    }
+}
+
+/// Moves the points of parts together and adds up their counts.
+fn close_gaps(starts: &[usize], counts: &[PartCount], written: &mut [Point], report: &mut SurfaceReport) {
+    let mut end = 0;
+    for (start, count) in starts.iter().zip(counts) {
+        let (start, points) = (start - starts[0], count.points as usize);
+        if start != end {
+            written.copy_within(start..start + points, end);
+        }
+        end += points;
+        report.points += count.points;
+        report.steep += count.steep;
+        report.rims += count.rims;
+        report.uncertain += count.uncertain;
+        report.without_normal += count.without_normal;
     }
 }
 

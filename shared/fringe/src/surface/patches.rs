@@ -6,6 +6,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
+use super::quick::{LANES, taken};
 use std::ops::Range;
 
 /// There is a sample.
@@ -66,10 +67,22 @@ pub(super) fn mark_joints(
 /// As [`super::normals::Link::joins`], side by side.
 #[inline(always)]
 fn join(own: (&[f64], &[f32]), other: (&[f64], &[f32]), max_step: f64, mark: u8, marks: &mut [u8]) {
-    let pairs = own.0.iter().zip(own.1).zip(other.0.iter().zip(other.1));
-    for (marks, ((a, a_sigma), (b, b_sigma))) in marks.iter_mut().zip(pairs) {
-        let noise = 3.0 * f64::from(a_sigma + b_sigma);
-        *marks |= if (a - b).abs() <= max_step * a.abs() + noise { mark } else { 0 };
+    let joined = |a: f64, b: f64, sigmas: f32| (a - b).abs() <= max_step * a.abs() + 3.0 * f64::from(sigmas);
+    let whole = marks.len() - marks.len() % LANES;
+    for at in (0..whole).step_by(LANES) {
+        let (a, b) = (taken::<_, LANES>(own.0, at), taken::<_, LANES>(other.0, at));
+        let (a_sigma, b_sigma) = (taken::<_, LANES>(own.1, at), taken::<_, LANES>(other.1, at));
+        // As wide as what is compared, which vectors are best at.
+        let mut found = [0_u64; LANES];
+        for l in 0..LANES {
+            found[l] = u64::from(joined(a[l], b[l], a_sigma[l] + b_sigma[l]));
+        }
+        for (marks, found) in marks[at..at + LANES].iter_mut().zip(found) {
+            *marks |= found as u8 * mark;
+        }
+    }
+    for (at, marks) in marks.iter_mut().enumerate().skip(whole) {
+        *marks |= u8::from(joined(own.0[at], other.0[at], own.1[at] + other.1[at])) * mark;
     }
 }
 

@@ -60,6 +60,15 @@ pub(super) fn taken<T: Copy + Default, const N: usize>(values: &[T], start: usiz
     taken
 }
 
+/// The same in place: what was copied and is then read from other offsets waits for the copy.
+#[inline(always)]
+fn viewed<T, const N: usize>(values: &[T], start: usize) -> &[T; N] {
+    let Some(viewed) = values[start..].first_chunk() else {
+        unreachable!("the caller's windows lie in the image")
+    };
+    viewed
+}
+
 /// As [`super::smooth`] and [`super::normals`] fit a window of 5 × 5 samples that are all there; `value(r, k, l)` is that in row r and
 /// column k of window l.
 #[inline(always)]
@@ -130,11 +139,12 @@ pub(super) fn group(view: &View, depths: &[f64], samples: &[Sample], at: usize, 
         *left = shared(share_left(HALF, *left), view.independent);
     }
     let start = at - HALF * view.width - HALF;
-    let rows = [0, 1, 2, 3, 4].map(|r| taken::<_, { LANES + 2 * HALF }>(depths, start + r * view.width));
+    let row = |r: usize| viewed::<_, { LANES + 2 * HALF }>(depths, start + r * view.width);
+    let rows = [row(0), row(1), row(2), row(3), row(4)];
     let fits = fits(|r, k, l| rows[r][k + l], &sigma, shared_by.max_step);
-    let above = taken::<_, LANES>(view.directions, at - view.width);
-    let below = taken::<_, LANES>(view.directions, at + view.width);
-    let beside = taken::<_, { LANES + 2 }>(view.directions, at - 1);
+    let above = viewed::<_, LANES>(view.directions, at - view.width);
+    let below = viewed::<_, LANES>(view.directions, at + view.width);
+    let beside = viewed::<_, { LANES + 2 }>(view.directions, at - 1);
     let zero = [0.0; LANES];
     let mut out =
         Group { settled: [false; LANES], position_mm: [zero; 3], normal: [zero; 3], sigma_mm: [0.0; LANES] };
@@ -155,30 +165,8 @@ pub(super) fn group(view: &View, depths: &[f64], samples: &[Sample], at: usize, 
         let q = fits.smooth[l];
         let single = (sigma[l] * left[l].sqrt()) as f32;
         let after = (f64::from(single) * shared_by.excess) as f32;
-        // All limits without quotients and roots, a little stricter than the general way: it decides where rounding could.
-        let other = [x - view.other_mm.x * q, y - view.other_mm.y * q, 1.0 - view.other_mm.z * q];
-        let own_dot = -(nx * x + ny * y + nz);
-        let far_dot = -(nx * other[0] + ny * other[1] + nz * other[2]);
-        let own_square = x * x + y * y + 1.0;
-        let far_square = other[0] * other[0] + other[1] * other[1] + other[2] * other[2];
-        let facing = (own_dot > 0.0) & (far_dot > 0.0);
-        let (own_dot2, far_dot2) = (own_dot * own_dot, far_dot * far_dot);
-        let wanted = shared_by.min_cosine * shared_by.min_cosine * STRICTER;
-        let open = (own_dot2 >= wanted * own_square) & (far_dot2 >= wanted * far_square);
-        // The cosine cubed, times the noise, against the error that a footprint makes: all squared, as everything here.
-        let reach = q.abs() * view.pitch;
-        let least = STEEP_ERROR / STEEP_SHARE * reach;
-        let wanted = least * least * STRICTER;
-        let noise2 = f64::from(after) * f64::from(after);
-        let hidden =
-            |dot2: f64, square: f64| dot2 * dot2 * dot2 * noise2 >= wanted * (square * square * square);
-        let hidden = hidden(own_dot2, own_square) & hidden(far_dot2, far_square);
-        let seen = facing & (open | hidden);
-        let most = rows[HALF][l + HALF] * (view.pitch * MAX_SLOPE_NOISE);
-        let quiet = sigma[l] * sigma[l] * STRICTER <= 50.0 * (most * most);
-        let certain = f64::from(after) <= view.max_sigma;
-        // NaN fails these comparisons.
-        out.settled[l] = seen & quiet & certain & (q.abs() < f64::INFINITY) & (nz.abs() <= 2.0);
+        let whole = rows[HALF][l + HALF];
+        out.settled[l] = holds(view, shared_by, [nx, ny, nz], [x, y, q], [whole, sigma[l], f64::from(after)]);
 
         let depth = 1.0 / q;
         let (px, py, pz) = (x * depth, y * depth, depth);
@@ -191,6 +179,43 @@ pub(super) fn group(view: &View, depths: &[f64], samples: &[Sample], at: usize, 
         out.sigma_mm[l] = (share * depth * depth * f64::from(after)) as f32;
     }
     out
+}
+
+/// Whether a pixel with this normal, line of sight (x, y, 1) and smoothed inverse depth q is a point by all limits; of the sample: its own inverse
+/// depth, its uncertainty and that after smoothing. Without quotients and roots, and a little stricter than the general way, which decides
+/// where rounding could.
+#[inline(always)]
+fn holds(
+    view: &View,
+    limits: Shared,
+    [nx, ny, nz]: [f64; 3],
+    [x, y, q]: [f64; 3],
+    [single, sigma, after]: [f64; 3],
+) -> bool {
+    let other = [x - view.other_mm.x * q, y - view.other_mm.y * q, 1.0 - view.other_mm.z * q];
+    let own_dot = -(nx * x + ny * y + nz);
+    let far_dot = -(nx * other[0] + ny * other[1] + nz * other[2]);
+    let own_square = x * x + y * y + 1.0;
+    let far_square = other[0] * other[0] + other[1] * other[1] + other[2] * other[2];
+    let facing = (own_dot > 0.0) & (far_dot > 0.0);
+    let (own_dot2, far_dot2) = (own_dot * own_dot, far_dot * far_dot);
+    let wanted = limits.min_cosine * limits.min_cosine * STRICTER;
+    let open = (own_dot2 >= wanted * own_square) & (far_dot2 >= wanted * far_square);
+    // The cosine cubed, times the noise, against the error that a footprint makes: all squared, as everything here.
+    let least = STEEP_ERROR / STEEP_SHARE * (q.abs() * view.pitch);
+    let wanted = least * least * STRICTER;
+    let noise2 = after * after;
+    let enough = |dot2: f64, square: f64| dot2 * dot2 * dot2 * noise2 >= wanted * (square * square * square);
+    let hidden = enough(own_dot2, own_square) & enough(far_dot2, far_square);
+    let most = single * (view.pitch * MAX_SLOPE_NOISE);
+    let quiet = sigma * sigma * STRICTER <= 50.0 * (most * most);
+    // NaN fails these comparisons.
+    facing
+        & (open | hidden)
+        & quiet
+        & (after <= view.max_sigma)
+        & (q.abs() < f64::INFINITY)
+        & (nz.abs() <= 2.0)
 }
 
 /// Samples at places whose windows lie in the image, less noise, and their uncertainties; NaN where their windows are not one smooth surface.

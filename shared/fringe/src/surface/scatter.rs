@@ -29,8 +29,8 @@ const SHAPE: f64 = 1.25;
 const SHARED_PX: usize = 10;
 
 impl SurfaceBuilder {
-    /// Factor on the stated uncertainty of smoothed samples, 1 or more.
-    pub(super) fn excess(&mut self, view: &View, samples: &[Sample], link: Link) -> f64 {
+    /// Factor on the stated uncertainty of smoothed samples, 1 or more; of so many samples there are any.
+    pub(super) fn excess(&mut self, view: &View, samples: &[Sample], link: Link, count: usize) -> f64 {
         let half = self.settings.smoothing_half();
         let alone = view.independent >= 1.0;
         if half == 0 && alone {
@@ -38,7 +38,6 @@ impl SurfaceBuilder {
         }
         let lag = if alone { 2 * half + 2 } else { SHARED_PX };
         let Self { depths, asked, ratios, level, .. } = self;
-        let count = depths.iter().map(|depth| usize::from(depth.is_finite())).sum::<usize>();
         let filled = (0..samples.len() as u32).filter(|pixel| depths[*pixel as usize].is_finite());
         asked.clear();
         asked.extend(filled.step_by(count.div_ceil(SCATTER_WINDOWS).max(1)));
@@ -107,7 +106,7 @@ impl Windows<'_> {
                     ratios.fill(f64::NAN);
                     return;
                 }
-                let (values, sigmas) = self.smoothed(&places, &whole);
+                let (values, sigmas) = self.smoothed(&places, whole);
                 let weight = by_row * by_column;
                 for l in 0..LANES {
                     let sigma = f64::from(sigmas[l]);
@@ -130,7 +129,7 @@ impl Windows<'_> {
 
     /// The smoothed samples of those places that are asked.
     #[inline(always)]
-    fn smoothed(&self, places: &[usize; LANES], asked: &[bool; LANES]) -> ([f64; LANES], [f32; LANES]) {
+    fn smoothed(&self, places: &[usize; LANES], asked: [bool; LANES]) -> ([f64; LANES], [f32; LANES]) {
         let View { width, height, independent, .. } = *self.view;
         let (mut values, mut sigmas) = ([f64::NAN; LANES], [f32::NAN; LANES]);
         let inner: [bool; LANES] = std::array::from_fn(|l| asked[l] && self.reaches(places[l], HALF));
@@ -179,7 +178,7 @@ mod tests {
         let view = View::along_the_axes([SIDE, SIDE], &directions, 0.001);
         let mut builder = SurfaceBuilder::new(SIDE, SIDE, SurfaceSettings::default());
         builder.load(&samples);
-        builder.excess(&view, &samples, Link { max_step: 0.01 })
+        builder.excess(&view, &samples, Link { max_step: 0.01 }, samples.len())
     }
 
     /// Smoothing over 5 × 5 leaves 0.39 σ of single pixels and all of the patches.

@@ -14,17 +14,18 @@ impl SurfaceBuilder {
     ///
     /// Every sample is compared with the samples before this step, so that the order of the pixels does not matter.
     pub(super) fn drop_spikes(&mut self, view: &View, samples: &mut [Sample], link: Link) -> u32 {
-        self.load(samples);
-        let Self { keep, counts, row_parts, depths, sigmas, level, settings, .. } = self;
+        let Self { keep, counts, row_parts, depths, sigmas, causes, level, settings, .. } = self;
         let support = Support { view, samples, depths, sigmas, link, wanted: settings.min_neighbours };
         for_parts(row_parts, keep, counts, &|part, keep, count| {
             *count = PartCount::default();
             vectorised!(*level, support.rows(row_parts[part], keep, count));
         });
-        for ((sample, depth), keep) in samples.iter_mut().zip(depths).zip(keep) {
-            if *keep == 0 && depth.is_finite() {
-                *sample = Sample::without(Cause::Spike);
-                *depth = f64::NAN;
+        for (part, _) in counts.iter().enumerate().filter(|(_, count)| count.spikes > 0) {
+            for pixel in row_parts[part]..row_parts[part + 1] {
+                if keep[pixel] == 0 && depths[pixel].is_finite() {
+                    samples[pixel] = Sample::without(Cause::Spike);
+                    (depths[pixel], causes[pixel]) = (f64::NAN, Cause::Spike);
+                }
             }
         }
         self.counts.iter().map(|c| c.spikes).sum()
@@ -38,7 +39,7 @@ impl SurfaceBuilder {
         if wanted <= 1 {
             return 0;
         }
-        let Self { row_parts, keep, counts, depths, sigmas, level, patches, .. } = self;
+        let Self { row_parts, keep, counts, depths, sigmas, causes, level, patches, .. } = self;
         for_parts(row_parts, keep, counts, &|part, marks, _| {
             vectorised!(*level, mark_joints(depths, sigmas, (width, link.max_step), row_parts[part], marks));
         });
@@ -47,6 +48,7 @@ impl SurfaceBuilder {
         for pixels in patches.smaller_than(wanted) {
             samples[pixels.clone()].fill(Sample::without(Cause::Crumb));
             dropped += pixels.len() as u32;
+            causes[pixels.clone()].fill(Cause::Crumb);
             depths[pixels].fill(f64::NAN);
         }
         dropped
@@ -139,6 +141,7 @@ mod tests {
         let mut builder = SurfaceBuilder::new(width, picture.len(), settings);
         let directions = vec![[0.0; 2]; samples.len()];
         let view = View::along_the_axes([width, picture.len()], &directions, 0.001);
+        builder.load(&samples);
         let spikes = builder.drop_spikes(&view, &mut samples, LINK);
         let crumbs = builder.drop_crumbs(width, &mut samples, LINK);
         let mark = |s: &Sample| if s.inverse_depth.is_finite() { '#' } else { '.' };
