@@ -231,6 +231,13 @@ fn boards() -> Vec<Board> {
             16668.0,
             vec!["projector[0].source", "\"usb\"", "\"flash\" or \"video\" with the dlpc350"],
         ),
+    ]
+}
+
+/// Boards that are to run their sequence by themselves.
+fn running_boards() -> Vec<Board> {
+    let board = BOARD;
+    vec![
         (
             [912, 1140],
             format!(
@@ -366,7 +373,9 @@ fn a_schedule_refuses_more_patterns_than_a_board_has_room_for() {
 #[test]
 fn a_schedule_refuses_what_the_board_cannot_show() {
     let keys = |more: &str| format!("driver = \"lightcrafter\"\n{more}");
-    for (size_px, more, exposure_us, expected) in boards().into_iter().chain(more_boards()) {
+    for (size_px, more, exposure_us, expected) in
+        boards().into_iter().chain(running_boards()).chain(more_boards())
+    {
         let (folder, _, live) = cell(43, size_px, &keys(&more), exposure_us);
         let ran = fringecell_in(folder.path(), &["schedule", &live]);
         if expected.is_empty() {

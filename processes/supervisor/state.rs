@@ -114,8 +114,7 @@ impl<'a> Supervisor<'a> {
         }
         let (calls, requests) = bounded(QUEUED_CALLS);
         let clients = command_socket::listen(&name.socket(), calls)?;
-        let page = options.page.as_ref();
-        let monitor = page.map(|page| Monitor::new(cell, options, page)).transpose()?;
+        let monitor = options.page.as_ref().map(|page| Monitor::new(cell, options, page)).transpose()?;
         let order = Order::new(&cell.schedule);
         let names: Vec<String> = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
         let snapshot = cell.graph.watch.then(|| Snapshot::new(&node, cell)).transpose()?;
