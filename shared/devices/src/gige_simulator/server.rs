@@ -8,7 +8,7 @@ use crate::background::Background;
 use fringe::decode::OrderEvent;
 use std::collections::VecDeque;
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -155,7 +155,7 @@ impl Responder {
     /// # Errors
     /// The port of this address is taken or may not be opened.
     pub fn start(broadcast: Ipv4Addr, cameras: &[Identity]) -> io::Result<Self> {
-        let socket = UdpSocket::bind((broadcast, PORT))?;
+        let socket = shared_socket(broadcast, PORT)?;
         socket.set_read_timeout(Some(TICK))?;
         let mut devices = Vec::new();
         for identity in cameras {
@@ -176,6 +176,15 @@ impl Responder {
         })?;
         Ok(Self { _answering: answering })
     }
+}
+
+/// A socket beside those of other programs on the same broadcast address: each of them gets what is sent there.
+fn shared_socket(broadcast: Ipv4Addr, port: u16) -> io::Result<UdpSocket> {
+    use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, socket_with, sockopt};
+    let socket = socket_with(AddressFamily::INET, SocketType::DGRAM, SocketFlags::CLOEXEC, None)?;
+    sockopt::set_socket_reuseaddr(&socket, true)?;
+    bind(&socket, &SocketAddrV4::new(broadcast, port))?;
+    Ok(socket.into())
 }
 
 struct Camera {

@@ -7,7 +7,8 @@
 //! Of a Gray code a bit may change anywhere in two stripes. A shift of less than a stripe is therefore not seen, and the last bit, which every
 //! pair of stripes has, is not asked.
 
-use super::toggles::{beside, every, is_doubled, two_levels};
+use super::bit_edges::near;
+use super::toggles::{every, is_doubled, two_levels};
 use super::{CodeLook, Fault, Finding, Remedy, Shown};
 use crate::decode::rasters::Rasters;
 use crate::math::statistics::median;
@@ -52,58 +53,70 @@ struct Words {
     code: Code,
 }
 
-/// Finds shifted frames among `frames`, which show the bits of a code in order (their inverses where `inverse`), and moves them back; whether
-/// it moved any.
+/// Finds shifted frames among `frames`, which show the bits of a code in order (their inverses where `inverse`), and moves them back.
 pub fn move_back(
     look: &CodeLook,
     frames: &[usize],
     inverse: bool,
     rasters: &mut Rasters,
     findings: &mut Vec<Finding>,
-) -> bool {
-    let mut moved = false;
-    let frames = &frames[..clear_bits(look, frames, rasters)];
+) {
+    let frames = &frames[..clear_bits(look, frames, rasters, CLEAR_CONTRAST)];
     // From the finest on: a finer bit that is wrong makes coarser ones look so, not the other way round.
     for bit in (0..frames.len().saturating_sub(1)).rev() {
-        let changes = changes(look, rasters, frames[bit]);
-        if changes.len() < LEAST {
-            continue;
-        }
-        let asked = &frames[..(bit + 1 + FINER_BITS).min(frames.len())];
-        let mask = 1 << (asked.len() - 1 - bit);
-        let code = code_of(look, asked);
-        let word = |place: usize| word(look, rasters, asked, inverse, place);
-        let here = strange(&changes, mask, code, word).map_or(0.0, |(share, _)| share);
-        // A frame that shows what another one does is no shifted one.
-        if here < SUSPECT || is_doubled(look, rasters, frames, frames[bit]) {
-            continue;
-        }
-        let seen = (0..look.middle_dn.len()).map(word).collect();
-        let words = Words { seen, width: look.width, code };
-        let Some([right, down]) = words.better_place(&changes, mask, here) else { continue };
+        let Some(by) = better_place(look, frames, bit, inverse, rasters) else { continue };
         // Narrow stripes tell that two frames stand apart, not which of them is wrong.
         let last_but_one = bit + 2 == frames.len();
         let remedy = if last_but_one { Remedy::Doubted } else { Remedy::MovedBack };
-        let of_frame = look.frames[frames[bit]];
-        findings.retain(|found| {
-            (found.set, found.step) != (of_frame.set, Some(of_frame.step)) || found.remedy != Remedy::Doubted
-        });
-        findings.push(look.finding(frames[bit], Fault::Displaced(-right as i16, -down as i16), remedy));
+        name(look, frames[bit], by, remedy, findings);
         if !last_but_one {
-            shift(look, frames[bit], [right, down], rasters);
-            moved = true;
+            shift(look, frames[bit], by, rasters);
         }
     }
-    moved
 }
 
-/// Number of the first bits that are not blurred away.
-fn clear_bits(look: &CodeLook, frames: &[usize], rasters: &Rasters) -> usize {
+/// Says that a frame stands elsewhere, by so many columns and rows less: that explains what was doubted about it.
+pub fn name(look: &CodeLook, frame: usize, by: [i32; 2], remedy: Remedy, findings: &mut Vec<Finding>) {
+    let of_frame = look.frames[frame];
+    findings.retain(|found| {
+        (found.set, found.step) != (of_frame.set, Some(of_frame.step)) || found.remedy != Remedy::Doubted
+    });
+    findings.push(look.finding(frame, Fault::Displaced(-by[0] as i16, -by[1] as i16), remedy));
+}
+
+/// How far a bit must be moved, columns and rows, so that its changes are allowed by the other bits; none where it need not or nothing
+/// is gained.
+pub fn better_place(
+    look: &CodeLook,
+    frames: &[usize],
+    bit: usize,
+    inverse: bool,
+    rasters: &Rasters,
+) -> Option<[i32; 2]> {
+    let changes = changes(look, rasters, frames[bit]);
+    if changes.len() < LEAST {
+        return None;
+    }
+    let asked = &frames[..(bit + 1 + FINER_BITS).min(frames.len())];
+    let mask = 1 << (asked.len() - 1 - bit);
+    let code = code_of(look, asked);
+    let word = |place: usize| word(look, rasters, asked, inverse, place);
+    let here = strange(&changes, mask, code, word).map_or(0.0, |(share, _)| share);
+    // A frame that shows what another one does is no shifted one.
+    if here < SUSPECT || is_doubled(look, rasters, frames, frames[bit]) {
+        return None;
+    }
+    let seen = (0..look.middle_dn.len()).map(word).collect();
+    Words { seen, width: look.width, code }.better_place(&changes, mask, here)
+}
+
+/// Number of the first bits: the last ones have less than this share of the largest contrast.
+pub fn clear_bits(look: &CodeLook, frames: &[usize], rasters: &Rasters, share: f64) -> usize {
     let contrast =
         |frame: &usize| two_levels(look, rasters, *frame, every(look)).map(|[dark, light]| light - dark);
     let contrasts: Vec<Option<f64>> = frames.iter().map(contrast).collect();
     let most = contrasts.iter().flatten().copied().fold(0.0, f64::max);
-    let blurred = |own: &Option<f64>| own.is_none_or(|own| own < CLEAR_CONTRAST * most);
+    let blurred = |own: &Option<f64>| own.is_none_or(|own| own < share * most);
     frames.len() - contrasts.iter().rev().take_while(|own| blurred(own)).count()
 }
 
@@ -135,7 +148,7 @@ fn word(look: &CodeLook, rasters: &Rasters, frames: &[usize], inverse: bool, pla
     })
 }
 
-fn code_of(look: &CodeLook, frames: &[usize]) -> Code {
+pub fn code_of(look: &CodeLook, frames: &[usize]) -> Code {
     match frames.first().map(|frame| look.frames[*frame].shown) {
         Some(Shown::Bit { code, .. }) => code.code,
         _ => Code::Gray,
@@ -154,7 +167,7 @@ fn strange(
         let Some((a, b)) = word(change.place).zip(word(change.beside)) else { continue };
         let [a, b] = if change.light { [a | mask, b & !mask] } else { [a & !mask, b | mask] };
         seen += 1;
-        strange += usize::from(!beside(a, b, 0, code));
+        strange += usize::from(!near(a, b, 0, code, 1));
     }
     (seen > 0).then(|| (strange as f64 / seen as f64, seen))
 }
@@ -224,7 +237,7 @@ impl Words {
 }
 
 /// Writes a frame anew, moved by so many columns and rows; what comes from beyond the picture stays.
-fn shift(look: &CodeLook, frame: usize, [right, down]: [i32; 2], rasters: &mut Rasters) {
+pub fn shift(look: &CodeLook, frame: usize, [right, down]: [i32; 2], rasters: &mut Rasters) {
     let (width, pixels) = (look.width, look.middle_dn.len());
     let raster = look.frames[frame].raster;
     let values = rasters.taken(raster, pixels);

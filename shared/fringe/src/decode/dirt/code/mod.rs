@@ -9,11 +9,13 @@
 //! A frame that was exchanged is taken from where it is, a level is normalised, an inverse stands for its frame, and a bit that nothing
 //! shows is written as the phase of the region demands it; where the other bits do not confirm that, it stays uncertain (`repair`).
 
+mod bit_edges;
 mod displaced;
 mod regions;
 mod repair;
 mod strips;
 mod toggles;
+mod without_inverses;
 
 use super::{Fault, Finding, Remedy};
 use crate::decode::rasters::Rasters;
@@ -110,6 +112,11 @@ impl CodeLook<'_> {
     fn level(&self, rasters: &Rasters, frame: usize, place: usize) -> f32 {
         let value = f32::from(rasters.value(self.frames[frame].raster, self.phase_rad.len(), place));
         ((value - self.middle_dn[place]) / self.contrast_dn[place]).clamp(-4.0, 4.0)
+    }
+
+    /// A grey value with light and dark exchanged, DN.
+    fn mirrored(&self, place: usize, value: u16) -> u16 {
+        (2.0 * self.middle_dn[place] - f32::from(value)).round().clamp(0.0, f32::from(u16::MAX)) as u16
     }
 
     /// Fraction of a turn, 0 to 1, of a pixel that is not masked.
