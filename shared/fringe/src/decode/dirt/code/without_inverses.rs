@@ -46,17 +46,15 @@ pub fn mend(look: &CodeLook, frames: &[usize], rasters: &mut Rasters, findings: 
             return;
         }
     }
-    findings.push(match suspects.iter().find(blamed).or(suspects.first()) {
+    let finding = if let Some(bit) = suspects.iter().find(blamed).or(suspects.first()) {
         // Its own edges alone may be those of a part of many faces.
-        Some(bit) => {
-            let remedy = if blamed(&bit) { Remedy::None } else { Remedy::Doubted };
-            look.finding(frames[*bit], Fault::Strange, remedy)
-        }
-        None => {
-            let remedy = if plain.bits().count() >= MANY { Remedy::None } else { Remedy::Doubted };
-            Finding { set: look.frames[frames[0]].set, step: None, fault: Fault::Strange, remedy }
-        }
-    });
+        let remedy = if blamed(&bit) { Remedy::None } else { Remedy::Doubted };
+        look.finding(frames[*bit], Fault::Strange, remedy)
+    } else {
+        let remedy = if plain.bits().count() >= MANY { Remedy::None } else { Remedy::Doubted };
+        Finding { set: look.frames[frames[0]].set, step: None, fault: Fault::Strange, remedy }
+    };
+    findings.push(finding);
 }
 
 /// Two frames exchanged, or light and dark of one, so that nothing is contradicted.
