@@ -8,7 +8,8 @@ the bits), undistortion, row-wise matching (two cameras) or ray and light plane 
 right where it lies within three robust standard deviations of the quadratic surface of its 21 x 21 neighbourhood. Printed: points, the
 share of the right ones that our cloud has too (within one pixel), robust scatter about the surface for both, and gross errors
 (beyond 20 of the plain pipeline's standard deviations). With a cloud made with `--smoothing-px 1`, whose points share no noise: their
-scatter about the quadratic of 9 x 9 pixels over the stated sigma.
+scatter about the quadratic of 9 x 9 pixels over the stated sigma, and that of third differences over --apart pixels, for points between
+the edges of a code share the noise of the same edges.
 Needs numpy, scipy and opencv.
 """
 import argparse
@@ -253,6 +254,20 @@ def raster(cloud, project, centre, shape):
     return depth, stated
 
 
+def third_differences(grid, stated, apart):
+    """Robust ratio of third differences of points so many pixels apart, along rows and columns, to what sigma says of them: free of
+    slopes and of even curvature, and of noise that neighbours share over a shorter way."""
+    ratios = []
+    for z, s in ((grid, stated), (grid.T, stated.T)):
+        length = z.shape[0] - 3 * apart
+        at = [slice(i * apart, i * apart + length) for i in range(4)]
+        weights = (1, -3, 3, -1)
+        difference = sum(w * z[a] for w, a in zip(weights, at))
+        sigma = np.sqrt(sum((w * s[a]) ** 2 for w, a in zip(weights, at)))
+        ratios.append(1.4826 * np.nanmedian(np.abs(difference / sigma)))
+    return ratios
+
+
 def main():
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("recording")
@@ -260,6 +275,7 @@ def main():
     arguments.add_argument("cloud")
     arguments.add_argument("--single")
     arguments.add_argument("--pair")
+    arguments.add_argument("--apart", type=int, default=6)
     args = arguments.parse_args()
     rig = tomllib.loads(Path(args.rig).read_text())
     recording = tomllib.loads(Path(args.recording, "recording.toml").read_text())
@@ -285,7 +301,9 @@ def main():
         grid, stated = raster(cloud_of(args.single), project, centre, depth.shape)
         residual, _ = surface(grid, 9)
         ratio = 1.4826 * np.nanmedian(np.abs(residual / stated)) / np.sqrt(1 - LEVERAGE_9)
-        print(f"single points: scatter over stated {ratio:.2f}")
+        along = third_differences(grid.T, stated.T, args.apart)
+        print(f"single points: scatter over stated {ratio:.2f}; third differences over {args.apart} px: "
+              f"{along[0]:.2f} along rows, {along[1]:.2f} along columns")
 
 
 if __name__ == "__main__":

@@ -4,31 +4,9 @@
 //! phase has one place (up to noise), so a cursor that walks with the left pixels finds it in amortised constant
 //! time; and phases that two runs share are found as such, which makes ambiguity visible instead of silent.
 
+use super::run::Run;
 use crate::math::simd::vectorised;
 use fearless_simd::Level;
-
-/// A continuous, monotone stretch of a row: a bracket lies between any two of its neighbouring cells.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Run {
-    /// Smallest phase of the run, rad.
-    low: f32,
-    /// Largest phase of the run, rad.
-    high: f32,
-    /// Largest `high` of this and all earlier runs of the sorted row: ends the search.
-    high_so_far: f32,
-    /// First cell of the run.
-    start: u32,
-    /// Last cell of the run.
-    end: u32,
-    /// Where the last walk ended.
-    cursor: u32,
-    /// Whether the phase grows with the column.
-    rising: bool,
-    /// Whether no two neighbours change places.
-    monotone: bool,
-    /// Cells per rad, in the mean.
-    cells_per_rad: f64,
-}
 
 /// Phases that one run alone shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -314,36 +292,6 @@ fn continues(phase: &[f32], start: usize, cell: usize, limits: StepLimits) -> bo
     let progress = phase[cell - 1] - phase[start];
     let against = step * progress < 0.0;
     !(against && step.abs() > limits.back_rad && progress.abs() > limits.back_rad)
-}
-
-impl Run {
-    /// Walks from the cursor, or from a column within the run, to the bracket of a phase and interpolates in it; `None` where only
-    /// the noise of the ends reaches that far.
-    #[inline(always)]
-    fn walk(&mut self, phase: &[f32], wanted: f32, near: Option<f64>) -> Option<f64> {
-        if let Some(near) = near
-            && near >= f64::from(self.start)
-            && near <= f64::from(self.end)
-        {
-            self.cursor = near as u32;
-        }
-        let (first, last) = (self.start as usize, self.end as usize - 1);
-        let below = |cell: usize| if self.rising { phase[cell] < wanted } else { phase[cell] > wanted };
-        let mut cell = (self.cursor as usize).clamp(first, last);
-        while cell < last && below(cell + 1) {
-            cell += 1;
-        }
-        while cell > first && !below(cell) && phase[cell] != wanted {
-            cell -= 1;
-        }
-        self.cursor = cell as u32;
-        let (from, to) = (f64::from(phase[cell]), f64::from(phase[cell + 1]));
-        let wanted = f64::from(wanted);
-        let inside = (from <= wanted && wanted <= to) || (to <= wanted && wanted <= from);
-        // Neighbouring cells may show the same native pixel: any place between them is as good.
-        let fraction = if from == to { 0.5 } else { (wanted - from) / (to - from) };
-        inside.then_some(cell as f64 + fraction)
-    }
 }
 
 #[cfg(test)]

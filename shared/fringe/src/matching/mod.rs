@@ -41,6 +41,7 @@ mod mask;
 mod noisy_rows;
 mod patch;
 mod report;
+mod run;
 mod scan;
 mod settings;
 mod subpixel;

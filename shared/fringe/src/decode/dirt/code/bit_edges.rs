@@ -81,7 +81,7 @@ impl BitEdges {
         let word = |place: usize| {
             frames
                 .iter()
-                .fold(0, |word: u16, frame| word << 1 | u16::from(look.level(rasters, *frame, place) > 0.0))
+                .fold(0, |word: u16, frame| word << 1 | u16::from(look.is_light(rasters, *frame, place)))
         };
         let of_frame = |(bit, frame): (usize, &usize)| {
             let mask = 1 << (frames.len() - 1 - bit);
@@ -163,7 +163,7 @@ pub fn near(a: u16, b: u16, free: u16, code: Code, apart: i32) -> bool {
 fn edges(look: &CodeLook, rasters: &Rasters, frame: usize) -> Vec<[usize; 2]> {
     let (width, pixels) = (look.width, look.middle_dn.len());
     let lit = |place: usize| look.contrast_dn[place] > 0.0;
-    let light = |place: usize| look.level(rasters, frame, place) > 0.0;
+    let light = |place: usize| look.is_light(rasters, frame, place);
     let mut found = Vec::new();
     for place in (0..pixels).filter(|place| lit(*place)) {
         let (column, row) = (place % width, place / width);

@@ -123,8 +123,7 @@ pub fn clear_bits(look: &CodeLook, frames: &[usize], rasters: &Rasters, share: f
 /// Places at which a frame changes between light and dark, evenly chosen.
 fn changes(look: &CodeLook, rasters: &Rasters, frame: usize) -> Vec<Change> {
     let (width, pixels) = (look.width, look.middle_dn.len());
-    let light =
-        |place: usize| (look.contrast_dn[place] > 0.0).then(|| look.level(rasters, frame, place) > 0.0);
+    let light = |place: usize| (look.contrast_dn[place] > 0.0).then(|| look.is_light(rasters, frame, place));
     let mut found = Vec::new();
     for place in 0..pixels {
         let Some(here) = light(place) else { continue };
@@ -142,9 +141,9 @@ fn changes(look: &CodeLook, rasters: &Rasters, frame: usize) -> Vec<Change> {
 /// The bits of a pixel; `None` where the code has no contrast.
 fn word(look: &CodeLook, rasters: &Rasters, frames: &[usize], inverse: bool, place: usize) -> Option<u16> {
     (look.contrast_dn[place] > 0.0).then(|| {
-        frames.iter().fold(0_u16, |word, frame| {
-            word << 1 | u16::from((look.level(rasters, *frame, place) > 0.0) ^ inverse)
-        })
+        frames
+            .iter()
+            .fold(0_u16, |word, frame| word << 1 | u16::from(look.is_light(rasters, *frame, place) ^ inverse))
     })
 }
 

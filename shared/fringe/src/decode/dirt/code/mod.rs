@@ -114,6 +114,12 @@ impl CodeLook<'_> {
         ((value - self.middle_dn[place]) / self.contrast_dn[place]).clamp(-4.0, 4.0)
     }
 
+    /// Whether a frame is nearer to light than to dark, at a pixel with contrast.
+    fn is_light(&self, rasters: &Rasters, frame: usize, place: usize) -> bool {
+        let value = rasters.value(self.frames[frame].raster, self.phase_rad.len(), place);
+        f32::from(value) > self.middle_dn[place]
+    }
+
     /// A grey value with light and dark exchanged, DN.
     fn mirrored(&self, place: usize, value: u16) -> u16 {
         (2.0 * self.middle_dn[place] - f32::from(value)).round().clamp(0.0, f32::from(u16::MAX)) as u16

@@ -246,12 +246,10 @@ fn strange_edges(look: &CodeLook, rasters: &Rasters, reading: &Reading) -> f64 {
     };
     let (width, pixels) = (look.width, look.middle_dn.len());
     let word = |place: usize| -> Option<u16> {
-        if look.contrast_dn[place].is_nan() || look.contrast_dn[place] <= 0.0 {
-            return None;
-        }
-        reading.from.iter().try_fold(0_u16, |word, (frame, inverse)| {
-            let level = look.level(rasters, *frame, place);
-            Some(word << 1 | u16::from((level > 0.0) ^ inverse))
+        (look.contrast_dn[place] > 0.0).then(|| {
+            reading.from.iter().fold(0_u16, |word, (frame, inverse)| {
+                word << 1 | u16::from(look.is_light(rasters, *frame, place) ^ inverse)
+            })
         })
     };
     let lines = (pixels / SAMPLES).max(1);
