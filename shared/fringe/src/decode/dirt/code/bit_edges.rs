@@ -30,7 +30,7 @@ const STRANGE: f64 = 0.85;
 #[derive(Debug)]
 pub struct BitEdges {
     code: Code,
-    /// Number of frames.
+    /// Number of bits, each with its frame.
     bits: usize,
     /// Of each frame, for each of its edges what all frames show on both sides: the first frame the most significant bit.
     of_frame: Vec<Vec<[u16; 2]>>,
