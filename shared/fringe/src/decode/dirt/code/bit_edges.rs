@@ -5,7 +5,6 @@
 //! Words are read some pixels beside the edge, where noise does not turn the bit itself.
 
 use super::CodeLook;
-use super::displaced::code_of;
 use crate::decode::bits::resolve;
 use crate::decode::rasters::Rasters;
 use crate::math::statistics::median;
@@ -13,8 +12,8 @@ use crate::pattern::Code;
 
 /// Words are read so many pixels before and behind an edge.
 const REACH_PX: usize = 2;
-/// So many finer bits are asked beside a bit.
-const FINER_BITS: usize = 6;
+/// So many finer bits are asked beside a bit: noise in the finest would forbid it anywhere.
+pub const FINER_BITS: usize = 6;
 /// The finest bits change again within the reach: their edges tell nothing of themselves.
 const FINEST_BITS: usize = 2;
 /// Edges of a frame that are asked, at most.
@@ -26,27 +25,43 @@ const SAMPLES: usize = 20_000;
 /// A bit of whose edges so many are strange is contradicted.
 const STRANGE: f64 = 0.85;
 
+/// How the bits of a code are read.
+#[derive(Debug, Clone)]
+pub struct Reading {
+    /// Frame of each bit, and whether it shows the inverse.
+    pub from: Vec<(usize, bool)>,
+    /// Bits that may be anything.
+    pub free: u16,
+}
+
+impl Reading {
+    /// Each bit from its own frame.
+    pub fn plain(frames: &[usize]) -> Self {
+        Self { from: frames.iter().map(|frame| (*frame, false)).collect(), free: 0 }
+    }
+}
+
+/// A place at which a frame changes between light and dark, and the neighbour to which it does.
+#[derive(Debug, Clone, Copy)]
+pub struct Change {
+    /// Pixel before the change.
+    pub place: usize,
+    /// Pixel behind it, in the same row or column.
+    pub beside: usize,
+    /// Whether the first of both is light.
+    pub light: bool,
+}
+
 /// Words on both sides of the edges of each frame.
 #[derive(Debug)]
 pub struct BitEdges {
     code: Code,
-    /// Number of bits, each with its frame.
-    bits: usize,
+    /// The frame of each bit.
+    frames: Vec<usize>,
     /// Of each frame, for each of its edges what all frames show on both sides: the first frame the most significant bit.
     of_frame: Vec<Vec<[u16; 2]>>,
     /// Finest stripes between both sides, in the median of all places.
     stripes_apart: i32,
-}
-
-/// How the frames are read.
-#[derive(Debug, Clone)]
-pub struct Reading {
-    /// Frame of each bit.
-    pub order: Vec<usize>,
-    /// Bits that may be anything, and are not asked themselves.
-    pub free: Option<usize>,
-    /// A bit whose frame shows light and dark exchanged.
-    pub inverted: Option<usize>,
 }
 
 /// Which bits contradict the others.
@@ -77,69 +92,59 @@ impl Contradiction {
 impl BitEdges {
     /// Reads the frames of a code's bits, in their order.
     pub fn new(look: &CodeLook, rasters: &Rasters, frames: &[usize]) -> Self {
-        let code = code_of(look, frames);
-        let word = |place: usize| {
-            frames
-                .iter()
-                .fold(0, |word: u16, frame| word << 1 | u16::from(look.is_light(rasters, *frame, place)))
+        let code = frames.first().map_or(Code::Gray, |frame| look.code_of(*frame));
+        let from = Reading::plain(frames).from;
+        let words = |sides: [usize; 2]| {
+            let [a, b] = sides.map(|place| look.word(rasters, &from, place));
+            a.zip(b).map(|(a, b)| [a, b])
         };
         let of_frame = |(bit, frame): (usize, &usize)| {
             let mask = 1 << (frames.len() - 1 - bit);
-            let sides = edges(look, rasters, *frame);
-            let words = sides.into_iter().map(|sides| sides.map(word));
+            let words = edges(look, rasters, *frame).into_iter().filter_map(words);
             words.filter(|[a, b]| (a ^ b) & mask != 0).collect()
         };
         let of_frame = frames.iter().enumerate().map(of_frame).collect();
-        Self { code, bits: frames.len(), of_frame, stripes_apart: stripes_apart(look, code, word) }
+        let stripes_apart = stripes_apart(look, code, words);
+        Self { code, frames: frames.to_vec(), of_frame, stripes_apart }
     }
 
-    /// The frames as they come.
-    pub fn plain(&self) -> Reading {
-        Reading { order: (0..self.bits).collect(), free: None, inverted: None }
-    }
-
-    /// What contradicts when the frames are read so.
+    /// What contradicts when the frames are read so; free bits are not asked themselves.
     pub fn contradiction(&self, reading: &Reading) -> Contradiction {
+        let bits = self.frames.len();
+        let number = |frame: usize| self.frames.iter().position(|own| *own == frame).unwrap_or(0);
+        let from: Vec<(usize, bool)> =
+            reading.from.iter().map(|(frame, inverse)| (number(*frame), *inverse)).collect();
         let strange = |bit: usize| {
-            let of_bit = &self.of_frame[reading.order[bit]];
-            if of_bit.len() < LEAST || reading.free == Some(bit) {
+            let of_bit = &self.of_frame[from[bit].0];
+            if of_bit.len() < LEAST || reading.free >> (bits - 1 - bit) & 1 == 1 {
                 return 0.0;
             }
-            let asked = (bit + 1 + FINER_BITS).min(self.bits);
-            let mask =
-                |bit: Option<usize>| bit.filter(|bit| *bit < asked).map_or(0, |bit| 1 << (asked - 1 - bit));
-            let (free, inverted) = (mask(reading.free), mask(reading.inverted));
-            let apart = 1 + (self.stripes_apart >> (self.bits - asked));
-            let order = &reading.order[..asked];
+            let asked = (bit + 1 + FINER_BITS).min(bits);
+            let left_out = bits - asked;
             let word = |seen: u16| {
-                inverted
-                    ^ order.iter().fold(0, |word, frame| word << 1 | (seen >> (self.bits - 1 - frame)) & 1)
+                from[..asked].iter().fold(0, |word, (number, inverse)| {
+                    word << 1 | (seen >> (bits - 1 - number) & 1) ^ u16::from(*inverse)
+                })
             };
             let strange = of_bit.iter().filter(|sides| {
                 let [a, b] = sides.map(word);
-                !near(a, b, free, self.code, apart)
+                !near(a, b, reading.free >> left_out, self.code, 1 + (self.stripes_apart >> left_out))
             });
             strange.count() as f64 / of_bit.len() as f64
         };
-        Contradiction { strange: (0..self.bits).map(strange).collect() }
-    }
-
-    /// The same of the frames as they come, with one bit free.
-    pub fn without(&self, bit: usize) -> Contradiction {
-        self.contradiction(&Reading { free: Some(bit), ..self.plain() })
+        Contradiction { strange: (0..bits).map(strange).collect() }
     }
 }
 
 /// Finest stripes that lie between both sides of an edge, in the median of all places, along the rows or the columns, where there are more.
-fn stripes_apart(look: &CodeLook, code: Code, word: impl Fn(usize) -> u16) -> i32 {
+fn stripes_apart(look: &CodeLook, code: Code, words: impl Fn([usize; 2]) -> Option<[u16; 2]>) -> i32 {
     let (width, pixels) = (look.width, look.middle_dn.len());
     let apart = 2 * REACH_PX + 1;
     let every = (pixels / SAMPLES).max(1) | 1;
     let of_step = |step: usize| {
         let places = (0..pixels.saturating_sub(apart * step)).step_by(every);
-        let lit = places.map(|place| [place, place + apart * step]);
-        let lit = lit.filter(|sides| sides.iter().all(|side| look.contrast_dn[*side] > 0.0));
-        let numbers = lit.map(|sides| sides.map(|side| i32::from(resolve(word(side), code))));
+        let words = places.filter_map(|place| words([place, place + apart * step]));
+        let numbers = words.map(|words| words.map(|word| i32::from(resolve(word, code))));
         let mut found: Vec<f64> = numbers.map(|[a, b]| f64::from((a - b).abs())).collect();
         median(&mut found).unwrap_or(0.0) as i32
     };
@@ -161,25 +166,36 @@ pub fn near(a: u16, b: u16, free: u16, code: Code, apart: i32) -> bool {
 
 /// Places on both sides of the edges of a frame along the rows and the columns, evenly chosen.
 fn edges(look: &CodeLook, rasters: &Rasters, frame: usize) -> Vec<[usize; 2]> {
+    let (width, height) = (look.width, look.middle_dn.len() / look.width);
+    let sides = |Change { place, beside, .. }: Change| {
+        let step = beside - place;
+        let (before, size) = if step == 1 { (place % width, width) } else { (place / width, height) };
+        let inner = before >= REACH_PX && before + REACH_PX + 1 < size;
+        inner.then(|| [place - REACH_PX * step, beside + REACH_PX * step])
+    };
+    let lit = |sides: &[usize; 2]| sides.iter().all(|side| look.contrast_dn[*side] > 0.0);
+    evenly(changes(look, rasters, frame).into_iter().filter_map(sides).filter(lit).collect())
+}
+
+/// Places at which a frame changes between light and dark.
+pub fn changes(look: &CodeLook, rasters: &Rasters, frame: usize) -> Vec<Change> {
     let (width, pixels) = (look.width, look.middle_dn.len());
-    let lit = |place: usize| look.contrast_dn[place] > 0.0;
-    let light = |place: usize| look.is_light(rasters, frame, place);
+    let light = |place: usize| (look.contrast_dn[place] > 0.0).then(|| look.is_light(rasters, frame, place));
     let mut found = Vec::new();
-    for place in (0..pixels).filter(|place| lit(*place)) {
-        let (column, row) = (place % width, place / width);
-        let here = light(place);
-        let mut offer = |step: usize, before: usize, after: usize| {
-            if before < REACH_PX || after < REACH_PX + 1 {
-                return;
+    for place in 0..pixels {
+        let Some(here) = light(place) else { continue };
+        let right = (place + 1) % width != 0;
+        for beside in [(right, place + 1), (place + width < pixels, place + width)] {
+            if beside.0 && light(beside.1).is_some_and(|there| there != here) {
+                found.push(Change { place, beside: beside.1, light: here });
             }
-            let sides = [place - REACH_PX * step, place + (REACH_PX + 1) * step];
-            if lit(place + step) && light(place + step) != here && sides.iter().all(|side| lit(*side)) {
-                found.push(sides);
-            }
-        };
-        offer(1, column, width - 1 - column);
-        offer(width, row, pixels / width - 1 - row);
+        }
     }
+    found
+}
+
+/// So many of them as are asked, evenly chosen.
+pub fn evenly<T>(found: Vec<T>) -> Vec<T> {
     let every = found.len().div_ceil(MOST).max(1);
     found.into_iter().step_by(every).collect()
 }

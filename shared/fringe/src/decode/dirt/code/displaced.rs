@@ -7,9 +7,9 @@
 //! Of a Gray code a bit may change anywhere in two stripes. A shift of less than a stripe is therefore not seen, and the last bit, which every
 //! pair of stripes has, is not asked.
 
-use super::bit_edges::near;
-use super::toggles::{every, is_doubled, two_levels};
-use super::{CodeLook, Fault, Finding, Remedy, Shown};
+use super::bit_edges::{Change, FINER_BITS, changes, evenly, near};
+use super::frame_levels::{is_doubled, two_levels};
+use super::{CodeLook, Fault, Finding, Remedy};
 use crate::decode::rasters::Rasters;
 use crate::math::statistics::median;
 use crate::pattern::Code;
@@ -18,12 +18,8 @@ use crate::pattern::Code;
 const REACH_PX: i32 = 32;
 /// Step between shifts that are tried, px.
 const STEP_PX: usize = 2;
-/// So many finer bits tell where a bit may change; noise in the finest would forbid it anywhere.
-const FINER_BITS: usize = 6;
 /// Frames with less of the largest contrast are too blurred to tell anything.
 const CLEAR_CONTRAST: f64 = 0.5;
-/// Changes of a bit that are asked, at most.
-const MOST: usize = 3000;
 /// Fewer changes tell nothing.
 const LEAST: usize = 60;
 /// A bit is suspect when this share of its changes is not allowed.
@@ -36,15 +32,6 @@ const LEAST_GAINED: f64 = 40.0;
 const KEPT: f64 = 0.7;
 /// Shifts with less than this part of the gain missing are as good as the best.
 const AS_GOOD: f64 = 0.1;
-
-/// A place at which a bit changes, and the neighbour to which it does.
-#[derive(Debug, Clone, Copy)]
-struct Change {
-    place: usize,
-    beside: usize,
-    /// Whether the first of both is light.
-    light: bool,
-}
 
 /// Words of all pixels; `None` where the code has no contrast.
 struct Words {
@@ -93,14 +80,15 @@ pub fn better_place(
     inverse: bool,
     rasters: &Rasters,
 ) -> Option<[i32; 2]> {
-    let changes = changes(look, rasters, frames[bit]);
+    let changes = evenly(changes(look, rasters, frames[bit]));
     if changes.len() < LEAST {
         return None;
     }
     let asked = &frames[..(bit + 1 + FINER_BITS).min(frames.len())];
     let mask = 1 << (asked.len() - 1 - bit);
-    let code = code_of(look, asked);
-    let word = |place: usize| word(look, rasters, asked, inverse, place);
+    let code = look.code_of(frames[bit]);
+    let from: Vec<(usize, bool)> = asked.iter().map(|frame| (*frame, inverse)).collect();
+    let word = |place: usize| look.word(rasters, &from, place);
     let here = strange(&changes, mask, code, word).map_or(0.0, |(share, _)| share);
     // A frame that shows what another one does is no shifted one.
     if here < SUSPECT || is_doubled(look, rasters, frames, frames[bit]) {
@@ -112,46 +100,11 @@ pub fn better_place(
 
 /// Number of the first bits: the last ones have less than this share of the largest contrast.
 pub fn clear_bits(look: &CodeLook, frames: &[usize], rasters: &Rasters, share: f64) -> usize {
-    let contrast =
-        |frame: &usize| two_levels(look, rasters, *frame, every(look)).map(|[dark, light]| light - dark);
+    let contrast = |frame: &usize| two_levels(look, rasters, *frame).map(|[dark, light]| light - dark);
     let contrasts: Vec<Option<f64>> = frames.iter().map(contrast).collect();
     let most = contrasts.iter().flatten().copied().fold(0.0, f64::max);
     let blurred = |own: &Option<f64>| own.is_none_or(|own| own < share * most);
     frames.len() - contrasts.iter().rev().take_while(|own| blurred(own)).count()
-}
-
-/// Places at which a frame changes between light and dark, evenly chosen.
-fn changes(look: &CodeLook, rasters: &Rasters, frame: usize) -> Vec<Change> {
-    let (width, pixels) = (look.width, look.middle_dn.len());
-    let light = |place: usize| (look.contrast_dn[place] > 0.0).then(|| look.is_light(rasters, frame, place));
-    let mut found = Vec::new();
-    for place in 0..pixels {
-        let Some(here) = light(place) else { continue };
-        let right = (place + 1) % width != 0;
-        for beside in [(right, place + 1), (place + width < pixels, place + width)] {
-            if beside.0 && light(beside.1).is_some_and(|there| there != here) {
-                found.push(Change { place, beside: beside.1, light: here });
-            }
-        }
-    }
-    let every = found.len().div_ceil(MOST).max(1);
-    found.into_iter().step_by(every).collect()
-}
-
-/// The bits of a pixel; `None` where the code has no contrast.
-fn word(look: &CodeLook, rasters: &Rasters, frames: &[usize], inverse: bool, place: usize) -> Option<u16> {
-    (look.contrast_dn[place] > 0.0).then(|| {
-        frames
-            .iter()
-            .fold(0_u16, |word, frame| word << 1 | u16::from(look.is_light(rasters, *frame, place) ^ inverse))
-    })
-}
-
-pub fn code_of(look: &CodeLook, frames: &[usize]) -> Code {
-    match frames.first().map(|frame| look.frames[*frame].shown) {
-        Some(Shown::Bit { code, .. }) => code.code,
-        _ => Code::Gray,
-    }
 }
 
 /// Share of the changes that the other bits do not allow, and how many there are; `word` gives the bits at a place.

@@ -11,6 +11,7 @@
 
 mod bit_edges;
 mod displaced;
+mod frame_levels;
 mod regions;
 mod repair;
 mod strips;
@@ -20,6 +21,7 @@ mod without_inverses;
 use super::{Fault, Finding, Remedy};
 use crate::decode::rasters::Rasters;
 use crate::decode::roles::CodePlan;
+use crate::pattern::Code;
 use regions::Regions;
 
 /// Stripes are wide from so many periods on.
@@ -60,10 +62,10 @@ impl Shown {
 }
 
 /// The bits of a stripe, the first frame the most significant.
-fn word_of(number: u16, code: crate::pattern::Code) -> u16 {
+fn word_of(number: u16, code: Code) -> u16 {
     match code {
-        crate::pattern::Code::Binary => number,
-        crate::pattern::Code::Gray => number ^ (number >> 1),
+        Code::Binary => number,
+        Code::Gray => number ^ (number >> 1),
     }
 }
 
@@ -120,9 +122,29 @@ impl CodeLook<'_> {
         f32::from(value) > self.middle_dn[place]
     }
 
-    /// A grey value with light and dark exchanged, DN.
-    fn mirrored(&self, place: usize, value: u16) -> u16 {
-        (2.0 * self.middle_dn[place] - f32::from(value)).round().clamp(0.0, f32::from(u16::MAX)) as u16
+    /// What frames show at a pixel, each with whether it is its inverse that is read: the first one is the most significant bit. `None` where the
+    /// code has no contrast.
+    fn word(&self, rasters: &Rasters, from: &[(usize, bool)], place: usize) -> Option<u16> {
+        let light = |&(frame, inverse): &(usize, bool)| self.is_light(rasters, frame, place) ^ inverse;
+        (self.contrast_dn[place] > 0.0)
+            .then(|| from.iter().fold(0, |word, of_bit| word << 1 | u16::from(light(of_bit))))
+    }
+
+    /// Numbering of the stripes of a frame.
+    fn code_of(&self, frame: usize) -> Code {
+        match self.frames[frame].shown {
+            Shown::Bit { code, .. } => code.code,
+            Shown::White | Shown::Black => Code::Gray,
+        }
+    }
+
+    /// Writes a frame anew as another one with light and dark exchanged.
+    fn put_inverse(&self, rasters: &mut Rasters, frame: usize, of: usize) {
+        let values = rasters.taken(self.frames[of].raster, self.middle_dn.len());
+        rasters.put(self.frames[frame].raster, values.len(), |place| {
+            let mirrored = 2.0 * self.middle_dn[place] - f32::from(values[place]);
+            mirrored.round().clamp(0.0, f32::from(u16::MAX)) as u16
+        });
     }
 
     /// Fraction of a turn, 0 to 1, of a pixel that is not masked.

@@ -3,23 +3,17 @@
 //! Neighbouring pixels stand in one stripe or in stripes side by side, but where a surface ends. Of words that differ, few then differ by more than
 //! one stripe; a wrong frame makes many of them do so.
 
-use super::bit_edges::near;
+use super::bit_edges::{Reading, near};
+use super::frame_levels::{SAMPLES, every, same, two_levels};
 use super::{CodeLook, CodeVerdict, Fault, Finding, Remedy, Shown, displaced, without_inverses};
 use crate::decode::rasters::Rasters;
 use crate::math::statistics::median;
+use crate::pattern::Code;
 
-/// Levels nearer to the middle than this are no bit.
-const CLEAR: f32 = 0.3;
 /// Share of clear pixels in which a frame and its inverse show the same.
 const CONTRADICTION: f64 = 0.15;
-/// Frames that show the same in this share of the clear pixels are one.
-const DOUBLED: f64 = 0.97;
 /// A frame is right whose edges are strange by at most this part of those of its inverse.
 const CLEARLY: f64 = 0.9;
-/// Pixels that are looked at, about.
-const SAMPLES: usize = 200_000;
-/// Rounds of the search for the two levels of a frame.
-const ROUNDS: usize = 12;
 /// Levels, as a share of the contrast.
 const CHANGED: f64 = 0.2;
 const MOST_CHANGED: f64 = 0.5;
@@ -29,15 +23,6 @@ const BLURRED: f64 = 0.75;
 const CONFIRMED: f64 = 0.5;
 /// Share of the edges that lead to the next stripe when faults were made up for.
 const EXPLAINS: f64 = 0.6;
-
-/// How the bits of a code are read.
-#[derive(Debug, Clone)]
-struct Reading {
-    /// Frame of each bit, and whether it shows the inverse.
-    from: Vec<(usize, bool)>,
-    /// Bits that may be anything.
-    free: u16,
-}
 
 /// Looks for wrong frames of a code without fringes, and writes the stored ones anew where what is left determines them.
 pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
@@ -49,7 +34,7 @@ pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
         .collect();
     let inverses: Vec<usize> =
         bits().filter(|(_, f)| matches!(f.shown, Shown::Bit { inverse: true, .. })).map(|(i, _)| i).collect();
-    let plain = Reading { from: frames.iter().map(|f| (*f, false)).collect(), free: 0 };
+    let plain = Reading::plain(&frames);
     if inverses.len() == frames.len() {
         contradictions(look, &frames, &inverses, rasters, &mut findings);
         displaced::move_back(look, &frames, false, rasters, &mut findings);
@@ -74,9 +59,8 @@ pub fn mend(look: &CodeLook, rasters: &mut Rasters) -> CodeVerdict {
 
 /// Frames that are brighter or darker as a whole: normalised.
 fn levels(look: &CodeLook, rasters: &mut Rasters) -> Vec<Finding> {
-    let every = every(look);
     let seen: Vec<Option<[f64; 2]>> =
-        (0..look.frames.len()).map(|frame| two_levels(look, rasters, frame, every)).collect();
+        (0..look.frames.len()).map(|frame| two_levels(look, rasters, frame)).collect();
     let usual = [0, 1].map(|class| {
         let mut levels: Vec<f64> = seen.iter().flatten().map(|levels| levels[class]).collect();
         median(&mut levels).unwrap_or([-1.0, 1.0][class])
@@ -127,32 +111,6 @@ fn blurred<'a>(look: &'a CodeLook<'_>, seen: &'a [Option<[f64; 2]>]) -> impl Ite
     })
 }
 
-/// One of so many pixels is looked at.
-pub(super) fn every(look: &CodeLook) -> usize {
-    (look.middle_dn.len() / SAMPLES).max(1) | 1
-}
-
-/// The levels of dark and light of a frame; none where it shows but one.
-pub(super) fn two_levels(look: &CodeLook, rasters: &Rasters, frame: usize, every: usize) -> Option<[f64; 2]> {
-    let places = (0..look.middle_dn.len()).step_by(every).filter(|place| look.contrast_dn[*place] > 0.0);
-    let levels: Vec<f64> = places.map(|place| f64::from(look.level(rasters, frame, place))).collect();
-    let (mut dark, mut light) = (-1.0, 1.0);
-    for _ in 0..ROUNDS {
-        let (mut sums, mut counts) = ([0.0; 2], [0.0; 2]);
-        for level in &levels {
-            let class = usize::from(*level > 0.5 * (dark + light));
-            sums[class] += level;
-            counts[class] += 1.0;
-        }
-        let least = 0.05 * (counts[0] + counts[1]);
-        if counts[0] < least || counts[1] < least {
-            return None;
-        }
-        (dark, light) = (sums[0] / counts[0], sums[1] / counts[1]);
-    }
-    (light - dark > 0.3).then_some([dark, light])
-}
-
 /// A frame and its inverse that show the same: the one whose words make fewer strange edges is right.
 fn contradictions(
     look: &CodeLook,
@@ -161,7 +119,7 @@ fn contradictions(
     rasters: &mut Rasters,
     findings: &mut Vec<Finding>,
 ) {
-    let mut reading = Reading { from: frames.iter().map(|frame| (*frame, false)).collect(), free: 0 };
+    let mut reading = Reading::plain(frames);
     let mut suspects = Vec::new();
     for (bit, (frame, inverse)) in frames.iter().zip(inverses).enumerate() {
         if same(look, rasters, *frame, *inverse) > CONTRADICTION {
@@ -182,42 +140,16 @@ fn contradictions(
         let (by_frame, by_inverse) =
             (cost((frames[bit], false), &reading), cost((inverses[bit], true), &reading));
         // A frame of one level alone is wrong whose inverse has two.
-        let flat =
-            [frames[bit], inverses[bit]].map(|frame| two_levels(look, rasters, frame, every(look)).is_none());
+        let flat = [frames[bit], inverses[bit]].map(|frame| two_levels(look, rasters, frame).is_none());
         let by_frame_is_wrong = if flat[0] == flat[1] { by_frame > by_inverse } else { flat[0] };
         let (wrong, right) =
             if by_frame_is_wrong { (frames[bit], inverses[bit]) } else { (inverses[bit], frames[bit]) };
         let known = flat[0] != flat[1] || by_frame.min(by_inverse) < CLEARLY * by_frame.max(by_inverse);
         let fault = kind(look, rasters, wrong, right);
         findings.push(look.finding(wrong, fault, if known { Remedy::Inverse } else { Remedy::None }));
-        let values = rasters.taken(look.frames[right].raster, look.middle_dn.len());
-        rasters.put(look.frames[wrong].raster, values.len(), |place| look.mirrored(place, values[place]));
+        look.put_inverse(rasters, wrong, right);
         reading.from[bit] = (right, right != frames[bit]);
     }
-}
-
-/// Share of clear pixels in which two frames show the same.
-fn same(look: &CodeLook, rasters: &Rasters, one: usize, other: usize) -> f64 {
-    let every = every(look);
-    let (mut same, mut clear) = (0.0, 0.0);
-    for place in (0..look.middle_dn.len()).step_by(every).filter(|place| look.contrast_dn[*place] > 0.0) {
-        let (a, b) = (look.level(rasters, one, place), look.level(rasters, other, place));
-        if a.abs() > CLEAR && b.abs() > CLEAR {
-            clear += 1.0;
-            same += f64::from(u8::from((a > 0.0) == (b > 0.0)));
-        }
-    }
-    same / f64::max(clear, 1.0)
-}
-
-/// Whether another one of the frames shows the same.
-pub(super) fn is_doubled<'a>(
-    look: &CodeLook,
-    rasters: &Rasters,
-    frames: impl IntoIterator<Item = &'a usize>,
-    frame: usize,
-) -> bool {
-    frames.into_iter().any(|other| *other != frame && same(look, rasters, frame, *other) > DOUBLED)
 }
 
 /// What a frame shows where its inverse is right.
@@ -241,28 +173,19 @@ fn kind(look: &CodeLook, rasters: &Rasters, wrong: usize, right: usize) -> Fault
 
 /// Share of the edges between words that no neighbouring stripes have. The last bit may change anywhere: it is not asked alone.
 fn strange_edges(look: &CodeLook, rasters: &Rasters, reading: &Reading) -> f64 {
-    let Some(Shown::Bit { code, .. }) = reading.from.first().map(|from| look.frames[from.0].shown) else {
-        return 0.0;
-    };
+    let code = reading.from.first().map_or(Code::Gray, |from| look.code_of(from.0));
     let (width, pixels) = (look.width, look.middle_dn.len());
-    let word = |place: usize| -> Option<u16> {
-        (look.contrast_dn[place] > 0.0).then(|| {
-            reading.from.iter().fold(0_u16, |word, (frame, inverse)| {
-                word << 1 | u16::from(look.is_light(rasters, *frame, place) ^ inverse)
-            })
-        })
-    };
     let lines = (pixels / SAMPLES).max(1);
     let (mut edges, mut strange) = (0.0, 0.0);
     for row in (0..pixels / width).step_by(lines) {
         let mut last = None;
         for place in row * width..(row + 1) * width {
-            let here = word(place);
+            let here = look.word(rasters, &reading.from, place);
             if let (Some(a), Some(b)) = (last, here)
                 && (a ^ b) & !(reading.free | 1) != 0
             {
                 edges += 1.0;
-                strange += if near(a, b, reading.free, code.code, 1) { 0.0 } else { 1.0 };
+                strange += if near(a, b, reading.free, code, 1) { 0.0 } else { 1.0 };
             }
             last = here;
         }

@@ -5,7 +5,7 @@
 
 use super::bit_edges::{BitEdges, Contradiction, Reading};
 use super::displaced;
-use super::toggles::{is_doubled, two_levels};
+use super::frame_levels::{is_doubled, two_levels};
 use super::{CodeLook, Fault, Finding, Remedy};
 use crate::decode::rasters::Rasters;
 
@@ -20,36 +20,33 @@ const MANY: usize = 3;
 pub fn mend(look: &CodeLook, frames: &[usize], rasters: &mut Rasters, findings: &mut Vec<Finding>) {
     let frames = &frames[..displaced::clear_bits(look, frames, rasters, FAINT)];
     let edges = BitEdges::new(look, rasters, frames);
-    let plain = edges.contradiction(&edges.plain());
+    let as_they_come = Reading::plain(frames);
+    let plain = edges.contradiction(&as_they_come);
     if plain.is_none() {
         return;
     }
-    let suspects: Vec<usize> = (0..frames.len()).filter(|bit| edges.without(*bit).is_none()).collect();
-    let blamed = |bit: &&usize| {
-        let without = edges.without(**bit);
-        plain.bits().any(|other| other != **bit && plain.strange[other] - without.strange[other] >= EXPLAINED)
-    };
+    let suspects = suspects(&edges, &as_they_come, &plain);
     // A frame of one level, or that shows what another one does, stands for no bit, wherever it is put.
-    let flat = |bit: usize| two_levels(look, rasters, frames[bit], super::toggles::every(look)).is_none();
-    let doubled = |bit: usize| is_doubled(look, rasters, frames, frames[bit]);
-    if let Some(bit) = suspects.iter().filter(blamed).find(|bit| flat(**bit) || doubled(**bit)) {
-        let fault = if flat(*bit) { Fault::Black } else { Fault::Strange };
-        findings.push(look.finding(frames[*bit], fault, Remedy::None));
+    let no_bit = |bit: usize| {
+        let black = two_levels(look, rasters, frames[bit]).is_none().then_some(Fault::Black);
+        black.or_else(|| is_doubled(look, rasters, frames, frames[bit]).then_some(Fault::Strange))
+    };
+    let blamed = || suspects.iter().filter(|suspect| suspect.explains);
+    if let Some((bit, fault)) = blamed().find_map(|suspect| Some((suspect.bit, no_bit(suspect.bit)?))) {
+        findings.push(look.finding(frames[bit], fault, Remedy::None));
         return;
     }
-    if let Some(reading) = read_otherwise(&edges, &plain) {
+    if let Some(reading) = read_otherwise(&edges, &as_they_come, &plain) {
         put_back(look, frames, &reading, rasters, findings);
         return;
     }
-    for bit in suspects.iter().rev() {
-        if move_back(look, frames, *bit, rasters, findings) {
-            return;
-        }
+    if suspects.iter().rev().any(|suspect| move_back(look, frames, suspect.bit, rasters, findings)) {
+        return;
     }
-    let finding = if let Some(bit) = suspects.iter().find(blamed).or(suspects.first()) {
+    let finding = if let Some(suspect) = blamed().next().or(suspects.first()) {
         // Its own edges alone may be those of a part of many faces.
-        let remedy = if blamed(&bit) { Remedy::None } else { Remedy::Doubted };
-        look.finding(frames[*bit], Fault::Strange, remedy)
+        let remedy = if suspect.explains { Remedy::None } else { Remedy::Doubted };
+        look.finding(frames[suspect.bit], Fault::Strange, remedy)
     } else {
         let remedy = if plain.bits().count() >= MANY { Remedy::None } else { Remedy::Doubted };
         Finding { set: look.frames[frames[0]].set, step: None, fault: Fault::Strange, remedy }
@@ -57,16 +54,38 @@ pub fn mend(look: &CodeLook, frames: &[usize], rasters: &mut Rasters, findings: 
     findings.push(finding);
 }
 
+/// A bit without which nothing is contradicted.
+#[derive(Debug)]
+struct Suspect {
+    bit: usize,
+    /// Whether edges of other bits are strange because of it.
+    explains: bool,
+}
+
+fn suspects(edges: &BitEdges, as_they_come: &Reading, plain: &Contradiction) -> Vec<Suspect> {
+    let bits = as_they_come.from.len();
+    let suspect = |bit: usize| {
+        let without = edges.contradiction(&Reading { free: 1 << (bits - 1 - bit), ..as_they_come.clone() });
+        let less = |other: usize| plain.strange[other] - without.strange[other] >= EXPLAINED;
+        let explains = plain.bits().any(|other| other != bit && less(other));
+        without.is_none().then_some(Suspect { bit, explains })
+    };
+    (0..bits).filter_map(suspect).collect()
+}
+
 /// Two frames exchanged, or light and dark of one, so that nothing is contradicted.
-fn read_otherwise(edges: &BitEdges, plain: &Contradiction) -> Option<Reading> {
-    let as_they_come = edges.plain();
-    let bits = as_they_come.order.len();
+fn read_otherwise(edges: &BitEdges, as_they_come: &Reading, plain: &Contradiction) -> Option<Reading> {
+    let bits = as_they_come.from.len();
     let exchanged = (0..bits).flat_map(|a| (a + 1..bits).map(move |b| (a, b))).map(|(a, b)| {
         let mut reading = as_they_come.clone();
-        reading.order.swap(a, b);
+        reading.from.swap(a, b);
         reading
     });
-    let inverted = (0..bits).map(|bit| Reading { inverted: Some(bit), ..as_they_come.clone() });
+    let inverted = (0..bits).map(|bit| {
+        let mut reading = as_they_come.clone();
+        reading.from[bit].1 = true;
+        reading
+    });
     let tried = exchanged.chain(inverted).map(|reading| (edges.contradiction(&reading), reading));
     let good = tried.filter(|(then, _)| then.is_none() && then.sum() + EXPLAINED < plain.sum());
     good.min_by(|a, b| a.0.sum().total_cmp(&b.0.sum())).map(|(_, reading)| reading)
@@ -81,25 +100,20 @@ fn put_back(
     findings: &mut Vec<Finding>,
 ) {
     let pixels = look.middle_dn.len();
-    let moved = reading.order.iter().enumerate().filter(|(bit, from)| bit != *from);
+    let bits = || frames.iter().zip(&reading.from);
+    let moved = bits().filter(|(frame, (from, _))| *frame != from);
     let taken: Vec<_> = moved
-        .map(|(bit, from)| (bit, *from, rasters.taken(look.frames[frames[*from]].raster, pixels)))
+        .map(|(frame, (from, _))| (*frame, *from, rasters.taken(look.frames[*from].raster, pixels)))
         .collect();
-    for (bit, from, values) in taken {
-        let of_from = look.frames[frames[from]];
-        rasters.put(look.frames[frames[bit]].raster, pixels, |place| values[place]);
-        findings.push(look.finding(frames[bit], Fault::Shows(of_from.set, of_from.step), Remedy::OtherFrame));
+    for (frame, from, values) in taken {
+        let of_from = look.frames[from];
+        rasters.put(look.frames[frame].raster, pixels, |place| values[place]);
+        findings.push(look.finding(frame, Fault::Shows(of_from.set, of_from.step), Remedy::OtherFrame));
     }
-    if let Some(bit) = reading.inverted {
-        put_inverse(look, look.frames[frames[bit]].raster, rasters);
-        findings.push(look.finding(frames[bit], Fault::Inverse, Remedy::Inverse));
+    for (frame, _) in bits().filter(|(_, (_, inverse))| *inverse) {
+        look.put_inverse(rasters, *frame, *frame);
+        findings.push(look.finding(*frame, Fault::Inverse, Remedy::Inverse));
     }
-}
-
-/// Writes a frame anew with light and dark exchanged.
-fn put_inverse(look: &CodeLook, raster: usize, rasters: &mut Rasters) {
-    let values = rasters.taken(raster, look.middle_dn.len());
-    rasters.put(raster, values.len(), |place| look.mirrored(place, values[place]));
 }
 
 /// Moves the frame of a bit to where the others allow it; whether nothing is contradicted there.
@@ -115,7 +129,7 @@ fn move_back(
     let before = rasters.taken(raster, look.middle_dn.len());
     displaced::shift(look, frames[bit], by, rasters);
     let edges = BitEdges::new(look, rasters, frames);
-    if edges.contradiction(&edges.plain()).is_none() {
+    if edges.contradiction(&Reading::plain(frames)).is_none() {
         displaced::name(look, frames[bit], by, Remedy::MovedBack, findings);
         return true;
     }
