@@ -107,9 +107,10 @@ def main():
     for path, truth in zip(args.clouds[::2], args.clouds[1::2]):
         for name, outwards, height in edges(cloud(path), body, load(truth)):
             near.setdefault(name, []).append((outwards, height))
+    near["all"] = [part for parts in near.values() for part in parts]
     for name, parts in near.items():
         step, width, over, scatter = response(*map(np.concatenate, zip(*parts)))
-        print(f"edge {name}: step {1e3 * step:.1f} µm, 10-90 % in {width:.3f} mm, overshoot {100 * over:.0f} %, scatter of points {1e3 * scatter:.1f} µm")
+        print(f"edge {name:3}: step {1e3 * step:.1f} µm, 10-90 % in {width:.3f} mm, overshoot {100 * over:.0f} %, scatter of points {1e3 * scatter:.1f} µm")
     sharp, smooth = (args.pixel_mm * expected(args.footprint_px, window) for window in (1, args.window_px))
     print(f"expected: {sharp:.3f} mm where the step is far above the noise, {smooth:.3f} mm where it hides in it (window {args.window_px} px)")
 
