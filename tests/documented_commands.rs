@@ -1,8 +1,8 @@
 //! Every command of README, CONTRIBUTING and `docs/` is run, page by page, each page from a clean folder.
 //!
 //! A page's ```` ```console ```` blocks are run in order. Lines that begin with `$ ` are commands, `> ` continues one; other
-//! lines are output. A comment `# exits with 1` states another exit code than 0. A comment `# takes …` marks what runs longer
-//! than ten seconds: the usual test only parses the arguments of its block, the long one (`--ignored`) runs it. A block with
+//! lines are output. A comment `# exits with 1` states another exit code than 0. A comment `# takes …` marks what takes
+//! seconds or minutes: the usual test only parses the arguments of its block, the long one (`--ignored`) runs it. A block with
 //! `file=PATH` after its language is written to that file.
 
 use crate::documentation::pages;
