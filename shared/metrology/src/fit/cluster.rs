@@ -68,6 +68,9 @@ pub(super) fn covariance<M: Model<P>, const P: usize>(
             let independent = inverse * (adjusted.normal.sum / freedom / (shrink * shrink));
             return Ok((independent * points_a_cell, support));
         }
+        Correlation::Known(sigma_mm) => {
+            return Ok((inverse * (sigma_mm * sigma_mm / (shrink * shrink)), Support::default()));
+        }
         Correlation::Estimated | Correlation::Independent => {}
     }
     Ok((inverse * (adjusted.normal.sum / freedom / (shrink * shrink)), Support::default()))

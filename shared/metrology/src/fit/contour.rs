@@ -65,6 +65,21 @@ impl Sheet {
     }
 }
 
+impl ContourFit {
+    /// The same outline with a share of another covariance added, that of its form, whose points hang together.
+    #[must_use]
+    pub fn with_form(mut self, form: &Self, share: f64) -> Self {
+        self.chart += form.chart * share;
+        let u = |index: usize| self.chart[(index, index)].max(0.0).sqrt();
+        (self.u_center_mm, self.u_size_mm) = ([u(0), u(1), u(2)], [u(6), u(7)]);
+        let turned =
+            self.u_direction_rad * self.u_direction_rad + share * form.u_direction_rad * form.u_direction_rad;
+        self.u_direction_rad = turned.sqrt();
+        self.support = form.support;
+        self
+    }
+}
+
 impl Placed {
     /// The outline as it was fitted, in the coordinates of its plane.
     #[must_use]
@@ -92,7 +107,6 @@ pub fn contour(
     near: &Placed,
     sheet: &Sheet,
     plane: Option<&PlaneFit>,
-    u_gap_mm: f64,
     settings: &FitSettings,
 ) -> Result<ContourFit, FitError> {
     let flat: Vec<Point3<f64>> = points.iter().map(|[x, y]| Point3::new(*x, *y, 0.0)).collect();
@@ -119,19 +133,6 @@ pub fn contour(
     let mut chart = charted(&effects, &within);
     if let Some(plane) = plane {
         chart += plane.chart_at(&Point3::from(position));
-    }
-    let sized = if matches!(placed.outline, Outline::Circle(_)) { 1 } else { 2 };
-    if !matches!(placed.outline, Outline::Edge(_)) {
-        for size in 0..sized {
-            chart[(6 + size, 6 + size)] += 4.0 * u_gap_mm * u_gap_mm;
-        }
-    } else if u_gap_mm > 0.0 {
-        let out = lift(placed.global([0.0, 1.0]));
-        for (i, a) in out.iter().enumerate() {
-            for (j, b) in out.iter().enumerate() {
-                chart[(i, j)] += a * b * u_gap_mm * u_gap_mm;
-            }
-        }
     }
     let u = |index: usize| chart[(index, index)].max(0.0).sqrt();
     Ok(ContourFit {

@@ -11,6 +11,7 @@
 
 mod adjust;
 mod axis;
+mod border;
 mod cells;
 mod centred;
 mod chart;
@@ -40,6 +41,7 @@ pub(crate) mod tests;
 mod torus;
 mod zone;
 
+pub use border::{Border, border};
 pub use chart::{CHART, ChartCovariance};
 pub use circle::{CircleFit, circle};
 pub(crate) use cluster::FEWEST_CELLS;
@@ -60,7 +62,7 @@ pub(crate) use fringe::math::linear::eigen_fixed as eigen;
 pub use line::{LineFit, line};
 pub(crate) use normal::Normal;
 pub use normal::tangents;
-pub use outline::{Border, Outline, Placed, border, u_gap_mm};
+pub use outline::{Outline, Placed};
 pub use plane::{PlaneFit, plane};
 pub use search::{find_plane, find_sphere};
 pub use settings::{Correlation, FitSettings};

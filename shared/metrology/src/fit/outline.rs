@@ -1,26 +1,7 @@
-//! Outlines in a plane, and the border of a measured surface along them.
-//!
-//! A cloud has no point on an edge: in a strip of width w along it, with ρ points per square millimetre, the nearest
-//! point lies 1/(ρ w) inside on the mean (a Poisson process; a square grid stays within a sixth of its pitch of it). The
-//! border of the surface is therefore the outermost point of each strip, moved out by that gap; the sixth of a pitch is
-//! part of the sizes' uncertainty. What light does at an edge is not seen here and belongs to `u_system_mm`.
+//! Outlines in a plane: circle, slot, rectangle and straight edge; see [`super::border`] for where a surface ends along them.
 
-use super::FitError;
 use fringe::math;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
-
-/// Most strips along an outline, and their width in spacings of the points.
-const MOST_STRIPS: f64 = 360.0;
-const STRIP_SPACINGS: f64 = 2.0;
-
-/// Fewest strips with a border, as a share of all: less of an outline does not show its size.
-const LEAST_COVERED: f64 = 0.5;
-
-/// Share of the expected points below which a strip lies in shadow.
-const LEAST_FILLED: f64 = 0.25;
-
-/// What a square grid's gap may differ from that of random points, in spacings.
-const GAP_SPACINGS: f64 = 1.0 / 6.0;
 
 /// Shape of an outline with its sizes, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,8 +76,33 @@ impl Outline {
         }
     }
 
+    /// Pieces of one curvature: where each begins and ends along the outline, without what lies within `corner_mm` of a corner or
+    /// end, mm; and the radius of a round one.
+    pub(super) fn pieces(&self, corner_mm: f64) -> Vec<(f64, f64, Option<f64>)> {
+        let length = self.length_mm();
+        let pieces = match *self {
+            Self::Circle(radius) => vec![(0.0, length, Some(radius))],
+            Self::Slot([half, radius]) => {
+                let (straight, round) = (2.0 * half, PI * radius);
+                vec![
+                    (0.0, straight, None),
+                    (straight, straight + round, Some(radius)),
+                    (straight + round, 2.0 * straight + round, None),
+                    (2.0 * straight + round, length, Some(radius)),
+                ]
+            }
+            Self::Rectangle([a, b]) => {
+                let ends = [0.0, 2.0 * b, 2.0 * (a + b), 4.0 * b + 2.0 * a, length];
+                ends.windows(2).map(|e| (e[0] + corner_mm, e[1] - corner_mm, None)).collect()
+            }
+            Self::Edge(_) => vec![(corner_mm, length - corner_mm, None)],
+        };
+        pieces.into_iter().filter(|(start, end, _)| end > start).collect()
+    }
+
     /// How far a place along the outline lies from the nearest corner or end, mm; none where there is no corner.
-    pub(super) fn corner_distance_mm(&self, along: f64) -> f64 {
+    #[cfg(test)]
+    fn corner_distance_mm(&self, along: f64) -> f64 {
         match *self {
             Self::Circle(_) | Self::Slot(_) => f64::INFINITY,
             Self::Rectangle([a, b]) => {
@@ -147,105 +153,6 @@ impl Placed {
     pub fn see(&self, place: [f64; 2]) -> (f64, f64) {
         self.outline.see(self.local(place))
     }
-}
-
-/// The border of a surface along an outline.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Border {
-    /// Points of the border, mm.
-    pub points: Vec<[f64; 2]>,
-    /// Mean spacing of the surface's points, mm.
-    pub spacing_mm: f64,
-    /// How far each border point was moved out of the material, mm.
-    pub gap_mm: f64,
-}
-
-/// Finds where a surface ends near an outline. `hole`: the material lies outside of it. Points deeper than `band_mm` in
-/// the material, and within `corner_mm` of a corner or end, are not looked at.
-///
-/// # Errors
-/// Too few points, or an outline that the surface borders along less than half of its length.
-pub fn border(
-    points: &[[f64; 2]],
-    near: &Placed,
-    hole: bool,
-    band_mm: f64,
-    corner_mm: f64,
-) -> Result<Border, FitError> {
-    let (length, outline) = (near.outline.length_mm(), &near.outline);
-    // An edge's material lies on its left, where the distance is negative.
-    let sign = if hole { 1.0 } else { -1.0 };
-    let depth = |place: &[f64; 2]| {
-        let (distance, along) = near.see(*place);
-        (sign * distance, along)
-    };
-    let seen: Vec<(f64, f64, usize)> = points
-        .iter()
-        .enumerate()
-        .map(|(index, place)| (depth(place), index))
-        .filter(|((depth, along), _)| {
-            *depth <= band_mm
-                && (0.0..=length).contains(along)
-                && outline.corner_distance_mm(*along) >= corner_mm
-        })
-        .map(|((depth, along), index)| (depth, along, index))
-        .collect();
-    let deep = seen.iter().filter(|(depth, ..)| *depth > band_mm / 3.0).count();
-    let closed = !matches!(outline, Outline::Edge(_));
-    let middle = if closed { sign * TAU * band_mm * 2.0 / 3.0 } else { 0.0 };
-    let covered = covered_mm(outline, corner_mm);
-    let area = (covered + middle).max(0.1 * covered) * band_mm * 2.0 / 3.0;
-    let density = deep as f64 / area;
-    if deep < 10 {
-        return Err(FitError::TooFewPoints { element: "outline", points: deep, needs: 10 });
-    }
-    let spacing_mm = 1.0 / density.sqrt();
-    let strips = (length / (STRIP_SPACINGS * spacing_mm)).floor().clamp(8.0, MOST_STRIPS);
-    let width = length / strips;
-    let gap_mm = 1.0 / (density * width);
-    let mut outermost: Vec<Option<(f64, usize)>> = vec![None; strips as usize];
-    let mut counts = vec![0usize; strips as usize];
-    for (depth, along, index) in &seen {
-        let strip = ((along / width) as usize).min(outermost.len() - 1);
-        counts[strip] += 1;
-        if outermost[strip].is_none_or(|(least, _)| *depth < least) {
-            outermost[strip] = Some((*depth, *index));
-        }
-    }
-    let enough = (LEAST_FILLED * density * width * band_mm).max(2.0);
-    let found: Vec<[f64; 2]> = outermost
-        .iter()
-        .zip(&counts)
-        .filter(|(_, count)| **count as f64 >= enough)
-        .filter_map(|(point, _)| *point)
-        .map(|(_, index)| {
-            let place = points[index];
-            let [x, y] = near.global(outline.out(near.local(place)));
-            [place[0] - sign * gap_mm * x, place[1] - sign * gap_mm * y]
-        })
-        .collect();
-    if (found.len() as f64) < LEAST_COVERED * strips * covered / length {
-        return Err(FitError::Degenerate {
-            element: "outline",
-            why: "less than half of it borders the surface",
-        });
-    }
-    Ok(Border { points: found, spacing_mm, gap_mm })
-}
-
-/// Length of an outline without its corners, mm.
-fn covered_mm(outline: &Outline, corner_mm: f64) -> f64 {
-    let corners = match outline {
-        Outline::Rectangle(_) => 4.0,
-        Outline::Edge(_) => 1.0,
-        _ => 0.0,
-    };
-    (outline.length_mm() - 2.0 * corner_mm * corners).max(0.0)
-}
-
-/// What a square grid adds to the uncertainty of a border, mm: a sixth of the spacing, evenly distributed.
-pub fn u_gap_mm(spacing_mm: f64) -> f64 {
-    GAP_SPACINGS * spacing_mm / 3f64.sqrt()
 }
 
 #[cfg(test)]

@@ -11,6 +11,8 @@ pub enum Correlation {
     /// As the residuals show: the covariance follows the correlation as far as it reaches. Costs half a million
     /// pairs of cells, some four milliseconds.
     Estimated,
+    /// Points are independent, each with this standard deviation, mm: known from elsewhere, not from the residuals.
+    Known(f64),
 }
 
 /// How a fit treats its points.

@@ -99,6 +99,9 @@ fn check(settings: &FitSettings) -> Result<(), FitError> {
         Correlation::Cells(edge) if !(edge > 0.0 && edge.is_finite()) => {
             Err(FitError::Setting { key: "cluster_mm", value: edge, limits: "0 … ∞, zero excluded" })
         }
+        Correlation::Known(sigma) if !(sigma >= 0.0 && sigma.is_finite()) => {
+            Err(FitError::Setting { key: "sigma_mm", value: sigma, limits: "0 … ∞" })
+        }
         _ => Ok(()),
     }
 }

@@ -9,12 +9,17 @@ use super::flatness::u_range_mm;
 use super::geometry::Geometry;
 use super::plan::Element;
 use crate::fit::{
-    self, Correlation, FitError, FitSettings, Outline, Placed, PlaneFit, Residuals, Sheet, Side, border,
-    contour, u_gap_mm,
+    self, Border, ContourFit, Correlation, FitError, FitSettings, Outline, Placed, PlaneFit, Residuals,
+    Sheet, Side, border, contour,
 };
 
 /// Rounds in which an outline and its border follow each other.
 const ROUNDS: usize = 3;
+
+/// Scatter of a border counts as form beyond so many of its standard deviations; the square of a gap (exponential, at most)
+/// has the variance 8 of its mean squared.
+const FORM_SIGMAS: f64 = 2.0;
+const GAP_KURTOSIS: f64 = 8.0;
 
 /// An outline, or a line in its section, with the points of its border and, of an outline, the plane that it bounds.
 type Outlined = (FittedElement, Vec<Point3<f64>>, Option<PlaneFit>);
@@ -34,7 +39,7 @@ pub(super) fn outlined(
             let places: Vec<[f64; 2]> = points.iter().map(|p| sheet.place(&p.coords)).collect();
             let near = Placed { outline: Outline::Edge(half_size_mm[0]), center: [0.0; 2], turn_rad: 0.0 };
             // The residual of an edge is positive on its right; that of a surface is positive above it.
-            let mut found = contour(&places, &near, &sheet, None, 0.0, settings)?;
+            let mut found = contour(&places, &near, &sheet, None, settings)?;
             found.residuals.deviation_mm.iter_mut().for_each(|d| *d = -*d);
             let flat = places.iter().map(|place| Point3::from(sheet.position(*place))).collect();
             Ok((FittedElement::Line(found), flat, None))
@@ -47,15 +52,13 @@ pub(super) fn outlined(
             let mut near = Placed { outline: *outline, center: [0.0; 2], turn_rad: 0.0 };
             for round in 1.. {
                 let found = border(&places, &near, *internal, *band_mm, *inset_mm)?;
-                let gap = u_gap_mm(found.spacing_mm);
                 let last = round == ROUNDS;
-                let settings = if last {
-                    *settings
-                } else {
-                    FitSettings { correlation: Correlation::Independent, ..*settings }
-                };
-                let fitted = contour(&found.points, &near, &sheet, Some(&plane), gap, &settings)?;
+                let known = FitSettings { correlation: Correlation::Known(found.u_point_mm), ..*settings };
+                let fitted = contour(&found.points, &near, &sheet, Some(&plane), &known)?;
                 if last {
+                    let fitted = with_form(fitted, &found, || {
+                        contour(&found.points, &near, &sheet, Some(&plane), settings)
+                    })?;
                     let behind = found.points.iter().map(|p| Point3::from(sheet.position(*p))).collect();
                     let fitted = match outline {
                         Outline::Circle(_) => FittedElement::Circle(fitted),
@@ -71,6 +74,22 @@ pub(super) fn outlined(
         }
         _ => Err(FitError::Degenerate { element: "outline", why: "the element is none" }),
     }
+}
+
+/// Adds the uncertainty of form where the points scatter by more than gaps explain; `estimated` fits with the correlation that the
+/// residuals show.
+fn with_form(
+    fitted: ContourFit,
+    border: &Border,
+    estimated: impl FnOnce() -> Result<ContourFit, FitError>,
+) -> Result<ContourFit, FitError> {
+    let variance = fitted.form.form_sigma_mm * fitted.form.form_sigma_mm;
+    let gaps = border.scatter_mm * border.scatter_mm;
+    let noise = (GAP_KURTOSIS / fitted.form.points.max(1) as f64).sqrt();
+    if variance <= gaps * (1.0 + FORM_SIGMAS * noise) {
+        return Ok(fitted);
+    }
+    Ok(fitted.with_form(&estimated()?, 1.0 - gaps / variance))
 }
 
 /// The loop over rounds always returns.

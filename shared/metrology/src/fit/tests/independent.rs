@@ -120,7 +120,7 @@ fn outlined(element: &str, points: &[[f64; 2]], near: &[f64]) -> Found {
     // Off by what a plan's nominal place may be.
     let near = Placed { outline, center: [near[0] + 0.05, near[1] - 0.03], turn_rad: near[2] + 0.002 };
     let sheet = Sheet { origin: Vector3::zeros(), edges: [Vector3::x(), Vector3::y()] };
-    let fit = contour(points, &near, &sheet, None, 0.0, &FitSettings::default()).unwrap();
+    let fit = contour(points, &near, &sheet, None, &FitSettings::default()).unwrap();
     let width = (element == "edge").then(|| strip_minimum_zone_mm(points).unwrap());
     let direction = if element == "outline-circle" { Vector3::zeros() } else { fit.direction.into() };
     let sizes = fit.size_mm.into_iter().filter(|size| *size > 0.0).collect();

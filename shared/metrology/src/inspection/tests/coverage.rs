@@ -45,13 +45,18 @@ fn motion(nominal: &Substitute, found: &Substitute) -> [Vector3<f64>; 2] {
     [shift, turn]
 }
 
-/// Ratios of each measured element of the part, over clouds whose elements lie where they nominally lie.
-fn of_elements(seeds: std::ops::Range<u64>) -> Vec<(String, [Option<f64>; 4])> {
+/// Elements whose outline is the border of the top.
+const OUTLINES: [&str; 4] = ["rim", "slot", "window", "rear_edge"];
+
+/// Ratios of each measured element of the part, over clouds whose elements lie where they nominally lie; `grid`: the top's points
+/// lie on a grid, as those of a camera.
+fn of_elements(seeds: std::ops::Range<u64>, grid: bool) -> Vec<(String, [Option<f64>; 4])> {
     let text = format!("{ELEMENTS}\n{}", size("size", "bore_d", "element = \"bore\"", ""));
     let plan = Plan::from_toml(&text).unwrap();
     let mut sums = vec![[Sums::default(); 4]; plan.elements.len()];
     for seed in seeds {
-        let result = evaluate(&plan, &Real { sigma_mm: 0.01, density: 1.2, ..Real::default() }.cloud(seed));
+        let real = Real { sigma_mm: 0.01, density: 1.2, grid, ..Real::default() };
+        let result = evaluate(&plan, &real.cloud(seed));
         for ((element, found), sums) in plan.elements.iter().zip(&result.elements).zip(&mut sums) {
             let fit = found.fit.as_ref().unwrap_or_else(|| panic!("{}: {:?}", element.name, found.reason));
             let nominal = Substitute::nominal(&element.geometry);
@@ -109,17 +114,34 @@ fn of_ranges(seeds: std::ops::Range<u64>) -> Vec<(String, f64)> {
     plan.features.iter().map(|f| f.name.clone()).zip(sums.into_iter().map(ratio)).collect()
 }
 
-/// Elements over 60 clouds, known to 9 %: the limits are three of that. Outlines state a sixth of the points' spacing for the grid
-/// of a camera, which points at random do not have.
+/// Limits of a ratio over 60 clouds, known to 9 %: three of that. The window has fourteen points on its border, of which five
+/// parameters are made: they know their own scatter to a third.
+fn limits(name: &str) -> std::ops::Range<f64> {
+    if name == "window" { 0.6..1.4 } else { 0.73..1.27 }
+}
+
+/// Elements over 60 clouds.
 #[test]
 fn elements_lie_off_as_far_as_stated() {
-    for (name, ratios) in of_elements(0..60) {
-        let outline = matches!(name.as_str(), "rim" | "slot" | "window" | "rear_edge");
-        let lowest = if outline { 0.5 } else { 0.73 };
+    for (name, ratios) in of_elements(0..60, false) {
         for (part, ratio) in PARTS.iter().zip(ratios) {
             let ratio = ratio.unwrap_or(1.0);
             assert!(
-                (lowest..1.27).contains(&ratio),
+                limits(&name).contains(&ratio),
+                "{name}, {part}: error over stated uncertainty = {ratio:.3}"
+            );
+        }
+    }
+}
+
+/// The same of outlines on a camera's grid, whose gaps are others than those of points at random.
+#[test]
+fn outlines_lie_off_as_far_as_stated_on_a_grid() {
+    for (name, ratios) in of_elements(0..60, true) {
+        for (part, ratio) in PARTS.iter().zip(ratios).filter(|_| OUTLINES.contains(&name.as_str())) {
+            let ratio = ratio.unwrap_or(1.0);
+            assert!(
+                limits(&name).contains(&ratio),
                 "{name}, {part}: error over stated uncertainty = {ratio:.3}"
             );
         }
@@ -128,13 +150,18 @@ fn elements_lie_off_as_far_as_stated() {
 
 /// All over 600 clouds, known to 3 %.
 #[test]
-#[ignore = "1200 clouds: cargo test --release -p fringe-metrology figures_of_coverage -- --ignored --nocapture"]
+#[ignore = "1800 clouds: cargo test --release -p fringe-metrology figures_of_coverage -- --ignored --nocapture"]
 #[expect(clippy::disallowed_macros, reason = "prints figures")]
 fn figures_of_coverage() {
-    for (name, ratios) in of_elements(0..600) {
-        let shown =
-            PARTS.iter().zip(ratios).filter_map(|(part, ratio)| Some(format!("{part} {:.3}", ratio?)));
-        eprintln!("{name:24} {}", shown.collect::<Vec<_>>().join(", "));
+    for grid in [false, true] {
+        for (name, ratios) in of_elements(0..600, grid) {
+            let shown =
+                PARTS.iter().zip(ratios).filter_map(|(part, ratio)| Some(format!("{part} {:.3}", ratio?)));
+            let how = if grid { ", grid" } else { "" };
+            if !grid || OUTLINES.contains(&name.as_str()) {
+                eprintln!("{:24} {}", format!("{name}{how}"), shown.collect::<Vec<_>>().join(", "));
+            }
+        }
     }
     for (name, ratio) in of_ranges(0..600) {
         eprintln!("{name:24} {ratio:.3}");

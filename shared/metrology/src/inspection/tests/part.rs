@@ -22,6 +22,8 @@ pub struct Real {
     pub sigma_mm: f64,
     /// Points per square millimetre.
     pub density: f64,
+    /// Whether the points of the top lie on a square grid, turned and shifted anew for each seed, as those of a camera.
+    pub grid: bool,
 }
 
 impl Default for Real {
@@ -35,6 +37,7 @@ impl Default for Real {
             slot_off_mm: [0.0, 0.0],
             sigma_mm: 0.0,
             density: 2.0,
+            grid: false,
         }
     }
 }
@@ -67,6 +70,18 @@ impl Surface<'_> {
     }
 }
 
+/// Places on the top of a square grid with a turn and shift drawn at random.
+fn grid(s: &mut Surface<'_>, density: f64) -> Vec<(f64, f64)> {
+    let pitch = 1.0 / density.sqrt();
+    let (sin, cos) = math::sincos(s.between(0.0, 0.25 * TAU));
+    let [a, b] = [s.between(0.0, pitch), s.between(0.0, pitch)];
+    let most = (60.0 / pitch) as i32;
+    let all = (-most..=most).flat_map(|i| (-most..=most).map(move |j| (i, j)));
+    let places = all.map(|(i, j)| (f64::from(i) * pitch + a, f64::from(j) * pitch + b));
+    let turned = places.map(|(u, v)| (u * cos - v * sin, u * sin + v * cos));
+    turned.filter(|(x, y)| x.abs() < 50.0 && y.abs() < 30.0).collect()
+}
+
 impl Real {
     /// The cloud, in the part frame.
     pub fn cloud(&self, seed: u64) -> Vec<Point> {
@@ -82,8 +97,10 @@ impl Real {
     }
 
     fn top(&self, s: &mut Surface<'_>) {
-        for _ in 0..Surface::count(100.0 * 60.0, self) {
-            let (x, y) = (s.between(-50.0, 50.0), s.between(-30.0, 30.0));
+        let strewn =
+            (0..Surface::count(100.0 * 60.0, self)).map(|_| (s.between(-50.0, 50.0), s.between(-30.0, 30.0)));
+        let places: Vec<(f64, f64)> = if self.grid { grid(s, self.density) } else { strewn.collect() };
+        for (x, y) in places {
             let bore = [x - 20.0 - self.bore_off_mm[0], y - 10.0 - self.bore_off_mm[1]];
             let slot = [x + 20.0 - self.slot_off_mm[0], y - 10.0 - self.slot_off_mm[1]];
             let half = 0.5 * self.bore_diameter_mm;
