@@ -40,13 +40,13 @@ struct Sample {
 pub fn measure(joint: &Joint<'_>, one: &Characteristic) -> Result<Value, String> {
     let base = points_of(joint, one)?;
     match &one.kind {
-        Kind::Form(criterion) => form(base, one, *criterion),
+        Kind::Form(criterion) => form(joint, base, one, *criterion),
         Kind::Orientation(Extracted::Points) => framed(
             joint,
             one,
             &|frame, parts, base| {
                 let along = frame.rotation * in_datums(one, joint, parts)?.0.direction;
-                Ok(samples(base, one, &|p| along.dot(&p.coords)))
+                Ok(samples(joint, base, one, &|p| along.dot(&p.coords)))
             },
             &|values| Ok((extremes(values)?, 1.0)),
         ),
@@ -57,7 +57,7 @@ pub fn measure(joint: &Joint<'_>, one: &Characteristic) -> Result<Value, String>
                 one,
                 &|frame, _, base| {
                     let back = frame.inverse();
-                    Ok(samples(base, one, &|p| geometry.distance_mm(&back.point(&p.coords))))
+                    Ok(samples(joint, base, one, &|p| geometry.distance_mm(&back.point(&p.coords))))
                 },
                 &|values| {
                     let [low, high] = extremes(values)?;
@@ -93,16 +93,33 @@ fn extremes(values: &[f64]) -> Result<[f64; 2], String> {
 }
 
 /// Deviations of the points used, or of their means.
-fn samples(base: &Base<'_>, one: &Characteristic, deviation: &dyn Fn(&Point3<f64>) -> f64) -> Vec<Sample> {
+fn samples(
+    joint: &Joint<'_>,
+    base: &Base<'_>,
+    one: &Characteristic,
+    deviation: &dyn Fn(&Point3<f64>) -> f64,
+) -> Vec<Sample> {
     let single = base.used().map(|(p, _)| Sample { place: p.coords, deviation: deviation(p) });
     let single: Vec<Sample> = single.collect();
-    one.filter_mm.map_or(single.clone(), |edge| means(&single, edge))
+    one.filter_mm.map_or(single.clone(), |edge| means(&single, edge, &nominal_of(joint, one)))
 }
 
-/// Means over cubes with corners at whole multiples of their edge, in the order of their keys.
-fn means(samples: &[Sample], edge_mm: f64) -> Vec<Sample> {
+/// The nominal surface of a measured element, on which cubes divide its points.
+fn nominal_of<'j>(joint: &'j Joint<'_>, one: &Characteristic) -> impl Fn(&Vector3<f64>) -> Vector3<f64> + 'j {
+    let geometry = &joint.plan.elements[one.elements[0]].geometry;
+    move |p| p - geometry.normal_at(p) * geometry.distance_mm(p)
+}
+
+/// Where a cube begins, as a part of its edge: faces of parts lie at whole numbers, and a cube's side within one would leave it to
+/// rounding to which of two cubes a point belongs.
+const CUBE_SHIFT: f64 = 0.381_966;
+
+/// Means over cubes, in the order of their keys. A cube holds the points whose foot on the nominal surface it holds: noise must not
+/// decide, or a side of the cubes along the surface would part its high points from its low ones.
+fn means(samples: &[Sample], edge_mm: f64, foot: &dyn Fn(&Vector3<f64>) -> Vector3<f64>) -> Vec<Sample> {
     let key = |p: &Vector3<f64>| -> [i64; 3] {
-        [p.x, p.y, p.z].map(|v| (v / edge_mm).floor().clamp(-MOST_CELLS, MOST_CELLS) as i64)
+        let p = foot(p);
+        [p.x, p.y, p.z].map(|v| (v / edge_mm + CUBE_SHIFT).floor().clamp(-MOST_CELLS, MOST_CELLS) as i64)
     };
     let mut keyed: Vec<([i64; 3], usize)> =
         samples.iter().enumerate().map(|(i, s)| (key(&s.place), i)).collect();
@@ -166,10 +183,15 @@ fn framed(
 }
 
 /// Range of the points about their own element.
-fn form(base: &Base<'_>, one: &Characteristic, criterion: Criterion) -> Result<Value, String> {
+fn form(
+    joint: &Joint<'_>,
+    base: &Base<'_>,
+    one: &Characteristic,
+    criterion: Criterion,
+) -> Result<Value, String> {
     let single: Vec<Sample> =
         base.used().map(|(p, deviation)| Sample { place: p.coords, deviation }).collect();
-    let list = one.filter_mm.map_or(single.clone(), |edge| means(&single, edge));
+    let list = one.filter_mm.map_or(single.clone(), |edge| means(&single, edge, &nominal_of(joint, one)));
     let values: Vec<f64> = list.iter().map(|s| s.deviation).collect();
     let [low, high] = extremes(&values)?;
     let all = base.residuals.map_or(&[][..], |r| &r.deviation_mm);
@@ -230,7 +252,7 @@ fn runout(joint: &Joint<'_>, one: &Characteristic, section_mm: Option<f64>) -> R
         let (point, direction) = axis(joint, one, parts)?;
         let height = |p: &Vector3<f64>| direction.dot(&(p - point));
         let radius = |p: &Vector3<f64>| (p - point).cross(&direction).norm();
-        let list = samples(base, one, &|p| if axial { height(&p.coords) } else { radius(&p.coords) });
+        let list = samples(joint, base, one, &|p| if axial { height(&p.coords) } else { radius(&p.coords) });
         let section = |s: &Sample| {
             section_mm.map_or(0, |edge| {
                 let along = if axial { radius(&s.place) } else { height(&s.place) };
