@@ -151,7 +151,10 @@ impl Checked<'_> {
         if fits(shape) {
             return Ok(index);
         }
-        Err(self.place.refuse(format!("element names \"{name}\", a {}; name a {wanted}", shape.words())))
+        let article = if wanted.starts_with(['a', 'e']) { "an" } else { "a" };
+        Err(self
+            .place
+            .refuse(format!("element names \"{name}\", a {}; name {article} {wanted}", shape.words())))
     }
 
     pub(super) fn two(&self, names: &[String; 2]) -> Result<Vec<usize>, PlanError> {

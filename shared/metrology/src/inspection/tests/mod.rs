@@ -1,6 +1,7 @@
 //! Inspection of synthetic clouds of the demo part, and of everything that is not that part.
 
 mod artefact;
+mod by_hand;
 mod characteristics;
 mod clouds;
 mod coverage;
@@ -11,6 +12,7 @@ mod freeform;
 mod part;
 mod places;
 mod plans;
+mod turned;
 
 use super::{Plan, PlanError};
 
