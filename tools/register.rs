@@ -183,6 +183,9 @@ pub fn summary(r: &Registration) {
         r.iterations,
         r.last_motion_mm
     );
+    if r.at_edges > 0 {
+        println!("  {} points near edges of the mesh stayed out: they see both faces", r.at_edges);
+    }
     let [a, b, c] = r.u_translation_mm;
     let [p, q, s] = r.u_rotation_rad.map(|u| u * 1e6);
     println!(

@@ -6,11 +6,14 @@
 //! beyond three robust standard deviations, and solves the linear equations of the small motion. Directions in which the
 //! surfaces slide on each other (a plane on a plane) are found from the normal matrix, left as they were, and reported.
 //!
+//! Points near an edge of a mesh see both of its faces and stay out of the last rounds ([`creases`]).
+//!
 //! Without a given start, poses are proposed from pairs of oriented points, refined, and compared by the share of the
 //! cloud that lies on the reference in each. A second pose that the points do not distinguish from the first makes the result
 //! ambiguous.
 
 mod covariance;
+mod creases;
 mod error;
 mod features;
 mod freedom;
@@ -104,8 +107,19 @@ pub fn register(
         rounds.push(level.rounds);
         last = Some(level);
     }
-    let Some(last) = last else { return Err(RegisterError::Few { matched: 0, needed: LEAST_POINTS }) };
-    result::conclude(&last, rounds, found.start, found.rival, settings)
+    let Some(mut last) = last else { return Err(RegisterError::Few { matched: 0, needed: LEAST_POINTS }) };
+    let mut at_edges = 0;
+    if let Reference::Mesh(mesh) = reference
+        && let Some(apart) = creases::apart(&positions, mesh, &last)
+    {
+        let level = Level { points: &apart, reference, reach_mm, settings };
+        if let Some(better) = creases::refined(&level, &last) {
+            rounds.push(better.rounds);
+            at_edges = positions.len() - apart.len();
+            last = better;
+        }
+    }
+    result::conclude(&last, rounds, found.start, (found.rival, at_edges), settings)
 }
 
 fn diagonal_mm(reference: &Reference) -> f64 {

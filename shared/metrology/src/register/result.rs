@@ -72,7 +72,7 @@ pub struct Registration {
     pub start: Start,
     /// Whether the points stood still at the end.
     pub converged: bool,
-    /// Rounds of each level, coarse to fine.
+    /// Rounds of each level, coarse to fine; last those without the points at edges.
     pub iterations: Vec<usize>,
     /// Motion of the last round, mm.
     pub last_motion_mm: f64,
@@ -80,12 +80,14 @@ pub struct Registration {
     pub rms_mm: f64,
     /// Median of the magnitudes of all matches, mm.
     pub median_abs_mm: f64,
-    /// Share of the cloud's points that lie on the reference, within the reach.
+    /// Share of the cloud's points, without those at edges, that lie on the reference, within the reach.
     pub overlap: f64,
     /// Number of matches used.
     pub inliers: usize,
     /// Points of the cloud.
     pub points: usize,
+    /// Points that stayed out because they lie near an edge of the mesh.
+    pub at_edges: usize,
     /// Farthest match of the last round, mm.
     pub reach_mm: f64,
     /// Ratio of largest to smallest root mean square slope of the distances to motions of 1 mm (rotations at the root
@@ -159,7 +161,7 @@ pub(super) fn conclude(
     last: &Refined,
     iterations: Vec<usize>,
     start: Start,
-    rival: Option<Rival>,
+    (rival, at_edges): (Option<Rival>, usize),
     settings: &RegisterSettings,
 ) -> Result<Registration, RegisterError> {
     let overlap = last.overlapping as f64 / last.points as f64;
@@ -190,7 +192,8 @@ pub(super) fn conclude(
         median_abs_mm: last.median_mm,
         overlap,
         inliers: equations.normal.rows,
-        points: last.points,
+        points: last.points + at_edges,
+        at_edges,
         reach_mm: last.next_reach_mm,
         condition: most / least,
         undetermined,

@@ -1,6 +1,7 @@
 //! A triangle mesh with queries for its nearest point and for the side of a point.
 
 use super::bvh::{Aabb, Bvh};
+use super::creases::{CREASE_COSINE, Creases};
 use super::error::{MOST_TRIANGLES, MeshError};
 use super::orient::orient;
 use super::topology::{corner_names, edges};
@@ -38,6 +39,8 @@ pub struct TriangleMesh {
     without_area: usize,
     border_edges: usize,
     turned: usize,
+    /// Triangle and its edge, once for each edge at which the surface turns sharply.
+    creases: Vec<(u32, u8)>,
 }
 
 impl TriangleMesh {
@@ -77,6 +80,7 @@ impl TriangleMesh {
             borders: vec![0; triangles.len()],
             border_edges: 0,
             turned,
+            creases: Vec::new(),
             triangles,
         };
         mesh.join(&corner_names(corners), &places);
@@ -101,6 +105,15 @@ impl TriangleMesh {
     /// Triangles that were turned round, because they did not face like their neighbours or their body was inside out.
     pub fn turned(&self) -> usize {
         self.turned
+    }
+
+    /// Edges at which the surface turns by more than 20°.
+    pub fn creases(&self) -> Creases {
+        let ends = |(place, edge): &(u32, u8)| {
+            let corners = &self.triangles[*place as usize].corners;
+            [corners[*edge as usize], corners[(*edge as usize + 1) % 3]]
+        };
+        Creases::new(self.creases.iter().map(ends).collect())
     }
 
     /// Bounding box of the mesh, mm.
@@ -155,6 +168,12 @@ impl TriangleMesh {
                 same.iter().filter_map(|(_, item, e)| Some((places[*item as usize]? as usize, *e as usize)))
             };
             let sum: Vector3<f64> = owners().map(|(place, _)| self.triangles[place].normal).sum();
+            if let Some((place, edge)) = owners().next() {
+                let first = self.triangles[place].normal;
+                if owners().any(|(other, _)| self.triangles[other].normal.dot(&first) < CREASE_COSINE) {
+                    self.creases.push((place as u32, edge as u8));
+                }
+            }
             for (place, edge) in owners() {
                 self.edge_normals[place][edge] = sum;
                 if same.len() == 1 {

@@ -1,6 +1,7 @@
 //! Spatial queries: a tree over boxes, a tree over points, triangles, and the local shape of a sampled surface.
 
 mod bvh;
+mod creases;
 mod error;
 mod local;
 mod mesh;
@@ -11,6 +12,7 @@ mod topology;
 mod triangle;
 
 pub use bvh::{Aabb, Bvh};
+pub use creases::Creases;
 pub use error::MeshError;
 pub(crate) use local::{Moments, Patch, eigen_normal};
 pub use mesh::{Foot, TriangleMesh};
