@@ -45,7 +45,7 @@ pub struct Args {
     /// Radius of the neighbourhood that defines the surface of a reference cloud, mm; by default three spacings of its points.
     #[arg(long, value_name = "MM", value_parser = length)]
     radius: Option<f64>,
-    /// Direction to the outside of a reference cloud without normals.
+    /// Direction to the outside of a reference cloud without normals, where it is open; a closed one has its own outside.
     #[arg(long, value_name = "x,y,z", default_value = "0,0,1", allow_hyphen_values = true)]
     towards: Direction,
     /// M3C2: diameters on which normals are tried, mm.
@@ -75,6 +75,9 @@ pub struct Args {
     /// Write a report with the map of deviations and the histogram (HTML).
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// Who measured, for the report.
+    #[arg(long, value_name = "NAME")]
+    operator: Option<String>,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -114,6 +117,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let reference = read_reference(&args.reference, args.towards.0, args.radius)?;
     check_units((&args.cloud, &points), (&args.reference, &reference))?;
     let (points, reference, alignment) = align(args, points, reference)?;
+    let reference = faced(args, reference)?;
     let compared = match (args.method, &reference) {
         (Method::Surface, _) => surface(args, &points, &reference)?,
         (Method::M3c2, Reference::Cloud(cloud)) => m3c2::compare(args, &points, cloud)?,
@@ -186,17 +190,29 @@ fn align(
     }
 }
 
+/// Gives a reference cloud without normals an outside, and says which.
+fn faced(args: &Args, reference: Reference) -> Result<Reference> {
+    let cloud = match reference {
+        Reference::Cloud(cloud) if !cloud.has_normals() => cloud,
+        other => return Ok(other),
+    };
+    let named = || args.reference.display().to_string();
+    let (cloud, facing) = cloud.faced().with_context(named)?;
+    let [x, y, z]: [f64; 3] = args.towards.0.into();
+    let outside = match (facing.closed, facing.open) {
+        (closed, 0) => format!("{closed} closed surface(s): positive is outside"),
+        (0, _) => format!("positive is towards ({x}, {y}, {z}), --towards changes that"),
+        (closed, open) => format!(
+            "{closed} closed surface(s): positive is outside; {open} open one(s): positive is towards ({x}, {y}, {z}), \
+             --towards changes that"
+        ),
+    };
+    eprintln!("{}: has no normals; {outside}", named());
+    Ok(Reference::Cloud(cloud))
+}
+
 /// Point by point against the surface.
 fn surface(args: &Args, points: &[Point], reference: &Reference) -> Result<Compared> {
-    if let Reference::Cloud(cloud) = reference
-        && !cloud.has_normals()
-    {
-        let [x, y, z]: [f64; 3] = args.towards.0.into();
-        eprintln!(
-            "{}: has no normals; positive is towards ({x}, {y}, {z}), --towards changes that",
-            args.reference.display()
-        );
-    }
     let compared = compare(points, reference, args.max_distance.unwrap_or(f64::INFINITY));
     let Some(statistics) = compared.statistics else {
         let c = compared.counts;

@@ -13,6 +13,10 @@ use metrology::reference::Reference;
 use metrology::register::Registration;
 use report::{ColourMap, ComparisonInput, write_comparison};
 use serde::Serialize;
+use std::path::Path;
+
+/// Largest file that is hashed for the report, bytes: as the reader of clouds takes it.
+const MOST_BYTES: u64 = 1 << 34;
 
 /// Colour of points without a deviation.
 const GREY: [u8; 3] = [178, 182, 188];
@@ -99,7 +103,7 @@ pub fn write(args: &Args, compared: &Compared, reference: &Reference, alignment:
             (0..).zip(&compared.deviations_mm).filter_map(|(i, d)| Some((i, (*d)? as f32))).collect();
         let input = ComparisonInput {
             title: format!("{} against {}", result.cloud, result.reference),
-            details: details(args, &result),
+            details: details(args, &result)?,
             tables: tables(compared, alignment),
             cloud: &compared.points,
             deviations: &deviations,
@@ -243,10 +247,18 @@ fn rows(compared: &Compared) -> Vec<[String; 3]> {
     rows
 }
 
-fn details(args: &Args, result: &Written<'_>) -> Vec<(String, String)> {
+fn details(args: &Args, result: &Written<'_>) -> Result<Vec<(String, String)>> {
+    let hash = |path: &Path| -> Result<String> {
+        Ok(files::hash::sha256_hex(&files::document::read_bytes(path, MOST_BYTES)?))
+    };
+    let (cloud, reference) = (hash(&args.cloud)?, hash(&args.reference)?);
     let mut lines = vec![
-        ("Cloud".to_owned(), result.cloud.clone()),
-        ("Reference".to_owned(), format!("{} ({})", result.reference, result.reference_kind)),
+        ("Cloud".to_owned(), format!("{} (SHA-256 {cloud})", result.cloud)),
+        (
+            "Reference".to_owned(),
+            format!("{} ({}, SHA-256 {reference})", result.reference, result.reference_kind),
+        ),
+        ("Operator".to_owned(), args.operator.clone().unwrap_or_else(|| "not stated".to_owned())),
         ("Method".to_owned(), result.method.to_owned()),
         ("Alignment".to_owned(), result.align.to_owned()),
         ("Date".to_owned(), files::clock::rfc3339_now()),
@@ -258,7 +270,7 @@ fn details(args: &Args, result: &Written<'_>) -> Vec<(String, String)> {
     if let Some(limit) = args.max_distance {
         lines.push(("Largest distance".to_owned(), format!("{limit} mm")));
     }
-    lines
+    Ok(lines)
 }
 
 fn alignment_rows(alignment: &Alignment) -> Vec<[String; 3]> {

@@ -6,6 +6,7 @@
 pub mod acceptance;
 pub mod compare;
 mod counted_order;
+pub mod facing;
 pub mod fit;
 pub mod inspection;
 pub mod probing;

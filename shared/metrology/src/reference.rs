@@ -56,6 +56,17 @@ pub enum CloudError {
         /// Index of the point, from 0.
         index: usize,
     },
+    /// An open surface without normals, seen along its rim.
+    #[error(
+        "has no normals, and its surface shows no outside towards ({}, {}, {}): its mean normal is along ({:.2}, {:.2}, {:.2}) or against it; give a direction nearer to one of these (--towards)",
+        towards[0], towards[1], towards[2], mean[0], mean[1], mean[2]
+    )]
+    Side {
+        /// Direction that was to be outside.
+        towards: [f64; 3],
+        /// Mean of the normals, of either sign.
+        mean: [f64; 3],
+    },
     /// All points in one place.
     #[error("most of its points coincide: it has no surface; is this the right file?")]
     Coincident,
@@ -132,7 +143,7 @@ pub struct CloudReference {
     spacing_mm: f64,
     radius_mm: f64,
     /// By slot; empty until [`Self::with_normals`].
-    normals: Vec<Option<Vector3<f64>>>,
+    pub(crate) normals: Vec<Option<Vector3<f64>>>,
     /// Mean variance of the slope of those normals, from the scatter of the points, rad².
     normal_variance: f64,
 }
@@ -164,6 +175,22 @@ impl CloudReference {
     /// Typical distance of its points, mm.
     pub fn spacing_mm(&self) -> f64 {
         self.spacing_mm
+    }
+
+    /// Where the outside is when the cloud has no normals.
+    pub(crate) fn towards(&self) -> Vector3<f64> {
+        self.towards
+    }
+
+    /// The same cloud with normals by slot as if its file had brought them.
+    pub(crate) fn with_given(self, given: Vec<[f32; 3]>) -> Self {
+        Self { given, ..self }
+    }
+
+    /// The normal that the cloud brought for a slot; zero where it brought none.
+    #[cfg(test)]
+    pub(crate) fn given_normal(&self, slot: usize) -> Vector3<f64> {
+        self.given.get(slot).map_or(Vector3::zeros(), |n| Vector3::from(n.map(f64::from)))
     }
 
     /// Number of its points.
