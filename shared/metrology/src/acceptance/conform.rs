@@ -12,6 +12,7 @@ const LEAST_GUARD_FACTOR: f64 = 1.64;
 /// The rules that a plan breaks, as far as the plan alone shows.
 pub fn violations(plan: &TestPlan, rules: &RuleSet) -> Vec<Violation> {
     let mut list = missing(plan);
+    list.extend(super::excuses::violations(plan, rules));
     list.extend(rules.rules.iter().flat_map(|rule| broken(plan, rules, rule)));
     let (asked, most) = (plan.reject_fraction(rules), rules.reject_fraction.most);
     if asked > most {

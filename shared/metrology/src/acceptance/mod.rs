@@ -22,6 +22,7 @@ mod date;
 mod elements;
 mod error;
 mod evaluate;
+mod excuses;
 mod fitted;
 mod join;
 mod patches;

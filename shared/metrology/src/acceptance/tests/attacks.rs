@@ -175,3 +175,75 @@ fn a_value_without_uncertainty_proves_nothing() {
     one.positions[0].test_value_u = None;
     assert_eq!(one.verdict_at(&one.positions[0], 1.65), Some(Verdict::Indeterminate));
 }
+
+/// An instrument that is off by half a millimetre, and a bar that is said to be so warm that it is as much longer.
+#[test]
+fn a_warm_bar_does_not_explain_an_error() {
+    let text = plan_text(LIMITS, 3, 150.0, "");
+    let at = text.find("id = \"bar\"").unwrap();
+    let (before, bar) = text.split_at(at);
+    let warm = |alpha: &str| {
+        let bar = bar.replacen("expansion_per_k = 0.0", &format!("expansion_per_k = {alpha}"), 1);
+        format!("{before}{bar}").replacen("temperature_c = 20.0", "temperature_c = 40.0", 1)
+    };
+    let error = message(evaluate_changed(&warm("2e-4"), PART_3, &unchanged));
+    assert!(
+        error.contains("bar are corrected by up to 0.6000 mm from 20 °C to 40 °C, at most 0.5000"),
+        "{error}"
+    );
+    // Steel by 20 K: 34 µm, far within a limit of half a millimetre.
+    assert!(evaluate_changed(&warm("1.15e-5"), PART_3, &unchanged).unwrap().reduced.is_empty());
+}
+
+/// Each position with a bar of its own, whose certificate says what was measured.
+#[test]
+fn an_error_is_not_shared_out_among_bars() {
+    let text = plan_text(LIMITS, 3, 150.0, "");
+    let start = text.rfind("[[artefact]]").unwrap();
+    let end = text.find("[[position]]").unwrap();
+    let second = |length: &str| {
+        let bar = text[start..end].replacen("id = \"bar\"", "id = \"bar2\"", 1).replacen(
+            "spacings_mm = [150.0]",
+            &format!("spacings_mm = [{length}]"),
+            1,
+        );
+        let positions = text[end..].replacen(
+            "name = \"b3\"\nartefact = \"bar\"",
+            "name = \"b3\"\nartefact = \"bar2\"",
+            1,
+        );
+        format!("{}{bar}{positions}", &text[..end])
+    };
+    let error = message(evaluate_changed(&second("150.4"), PART_3, &unchanged));
+    assert!(error.contains("bar and bar2 have nearly one length, 150 mm and 150.4 mm"), "{error}");
+}
+
+/// A gap so small that points off the sphere count as other bodies.
+#[test]
+fn a_small_gap_loses_no_points() {
+    let text = plan_text(LIMITS, 3, 150.0, "[segmentation]\ngap_mm = 0.05\n");
+    let off = |name: &str, view: usize, mut cloud: Vec<Point>| {
+        if name == "s1" && view == 1 {
+            let middle = Point3::from(PLACES[1]);
+            for p in cloud.iter_mut().step_by(10) {
+                *p = point(middle + (p.position() - middle).normalize() * 13.0);
+            }
+        }
+        cloud
+    };
+    let told = match evaluate_changed(&text, PART_3, &off) {
+        Ok(report) => format!("{:?}", report.verdict),
+        Err(error) => error.to_string(),
+    };
+    assert!(!told.contains("Pass"), "{told}");
+}
+
+/// A limit that is left out decides nothing, and a test without it proves nothing about what it limits.
+#[test]
+fn a_missing_limit_is_no_verdict() {
+    let text = plan_text("PF_range = 1.6\nPS = 0.5", 3, 150.0, "");
+    match evaluate_changed(&text, PART_3, &unchanged) {
+        Ok(report) => assert_ne!(report.verdict, Verdict::Pass, "{:?}", report.reduced),
+        Err(error) => assert!(error.to_string().contains("SD"), "{error}"),
+    }
+}
