@@ -106,6 +106,10 @@ fn neighbours_and_code_tell_the_same_orders() {
     std::fs::write(cell.path("degrees.npy"), turns).unwrap();
     let degrees = cell.path("degrees.npy");
     refused(&fringetool(&["unwrap", &degrees]), &["degrees.npy", "from 0 to 280", "--phase-unit"]);
+    // Whole turns lie within radians, and jump by one.
+    let parts = npy(41, 8, |x, _| ((x as f32) / 40.0 * 3.0) % 1.0);
+    std::fs::write(cell.path("turns.npy"), parts).unwrap();
+    refused(&fringetool(&["unwrap", &cell.path("turns.npy")]), &["turns.npy", "as whole turns do", "turn"]);
     refused(&fringetool(&["unwrap", &rec, "--phase-unit", "deg"]), &["--phase-unit", "recording"]);
     fringetool(&["unwrap", &degrees, "--phase-unit", "deg", "--json", &json]).expect_success();
     assert_eq!(cell.json("u.json")["views"][0]["discontinuities"], 0);

@@ -45,6 +45,9 @@ pub struct Args {
     /// Write the features in the Q-DAS ASCII transfer format.
     #[arg(long, value_name = "FILE.dfq")]
     dfq: Option<PathBuf>,
+    /// Who measured, for the reports.
+    #[arg(long, value_name = "NAME")]
+    operator: Option<String>,
 }
 
 impl Args {
@@ -118,6 +121,7 @@ fn write_report(
         pair("Cloud", format!("{}, {points} points (SHA-256 {cloud_sha256})", args.cloud.display())),
         pair("Software", FRINGETOOL.line()),
         pair("Date", provenance.date.clone()),
+        pair("Operator", args.operator.clone().unwrap_or_else(|| "not stated".to_owned())),
     ];
     made_with.extend(args.rig.iter().map(|rig| pair("Rig", rig.display().to_string())));
     let sha256 = sha256_hex(format!("{plan_sha256}{cloud_sha256}").as_bytes());

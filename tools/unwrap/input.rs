@@ -42,12 +42,18 @@ pub enum PhaseUnit {
 /// Room for rounding to single precision at the ends of a turn, rad.
 const ROUNDING_RAD: f32 = 1e-4;
 
+/// Neighbours of a phase in turns differ by as much where it wraps.
+const TURN_JUMP: f32 = 0.9;
+
 /// A phase from a file, in `unit`; without one it must lie within one turn of radians, -π … π or 0 … 2π.
 pub fn file(path: &Path, unit: Option<PhaseUnit>) -> Result<Item> {
     let mut raster = npy::read(path)?;
     match unit {
         Some(unit) => to_one_turn(&mut raster.values, unit),
-        None => within_one_turn(path, &raster.values)?,
+        None => {
+            within_one_turn(path, &raster.values)?;
+            no_turns(path, &raster)?;
+        }
     }
     let info =
         PhaseInfo { width_px: raster.width_px, height_px: raster.height_px, axis: Axis::X, period_px: 1.0 };
@@ -85,6 +91,27 @@ fn within_one_turn(path: &Path, values: &[f32]) -> Result<()> {
          deg or turn for another unit, or --phase-unit rad to take radians modulo 2π",
         path.display()
     )
+}
+
+/// Refuses what lies within radians and jumps as whole turns do: from one end of a range of 1 to the other.
+fn no_turns(path: &Path, raster: &Raster) -> Result<()> {
+    let finite = || raster.values.iter().copied().filter(|v| v.is_finite());
+    let (low, high) = (finite().fold(f32::INFINITY, f32::min), finite().fold(f32::NEG_INFINITY, f32::max));
+    let of_turns = |least: f32| low >= least - ROUNDING_RAD && high <= least + 1.0 + ROUNDING_RAD;
+    let width = raster.width_px as usize;
+    let jumps = || {
+        let rows = raster.values.chunks(width.max(1)).flat_map(|row| row.windows(2).map(|w| w[1] - w[0]));
+        let columns = raster.values.iter().zip(raster.values.iter().skip(width)).map(|(a, b)| b - a);
+        rows.chain(columns).any(|d| d.abs() > TURN_JUMP)
+    };
+    if high - low > TURN_JUMP && (of_turns(0.0) || of_turns(-0.5)) && jumps() {
+        bail!(
+            "{}: its phase reaches from {low} to {high} and jumps by nearly one, as whole turns do; say --phase-unit turn, or \
+             --phase-unit rad where it is radians all the same",
+            path.display()
+        );
+    }
+    Ok(())
 }
 
 /// An absolute phase from a file.

@@ -66,14 +66,14 @@ pub fn digits(feature: &FeatureResult) -> usize {
 
 fn features(input: &PartInput<'_>) -> Table {
     let names = [
-        ("Feature", 3.4, false),
-        ("Value", 1.2, true),
+        ("Feature", 2.8, false),
+        ("Value", 1.6, true),
         ("u", 1.0, true),
         ("Nominal", 1.2, true),
         ("Deviation", 1.2, true),
         ("Lower", 1.1, true),
         ("Upper", 1.1, true),
-        ("Verdict", 1.4, false),
+        ("Verdict", 1.9, false),
     ];
     let columns = names.map(|(name, width, right)| (name.to_owned(), width, right)).to_vec();
     let row = |f: &FeatureResult| {

@@ -66,6 +66,10 @@ pub fn encode(text: &str) -> Vec<u8> {
             'α' => bytes.extend(b"alpha"),
             'σ' => bytes.extend(b"sigma"),
             'Δ' => bytes.extend(b"Delta"),
+            'Ⓜ' => bytes.extend(b"(M)"),
+            // Symbols of ISO 1101: the name of the characteristic stands beside each.
+            '⏤' | '⏥' | '○' | '⌭' | '∥' | '⊥' | '∠' | '⌖' | '◎' | '⌯' | '⌒' | '⌓' | '↗' | '⌰' =>
+                {}
             other => bytes.push(HIGH.iter().find(|(high, _)| *high == other).map_or(b'?', |(_, code)| *code)),
         }
     }
