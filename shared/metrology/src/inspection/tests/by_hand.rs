@@ -203,7 +203,7 @@ fn maximum_material_decides_as_a_gauge_does() {
         if play.abs() < 1e-3 {
             continue;
         }
-        let found = evaluate(&plan, &[part.seat(), hole].concat()).features;
+        let found = evaluate(&plan, &[Turned::seat(), hole].concat()).features;
         let expected = if play > 0.0 { Verdict::Pass } else { Verdict::Fail };
         assert_eq!(found[1].verdict, Some(expected), "{part:?}: play {play}");
         *(if play > 0.0 { &mut entered } else { &mut stuck }) += 1;

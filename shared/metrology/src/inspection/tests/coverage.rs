@@ -140,10 +140,10 @@ fn outlines_lie_off_as_far_as_stated_on_a_grid() {
     for (name, ratios) in of_elements(0..60, true) {
         for (part, ratio) in PARTS.iter().zip(ratios).filter(|_| OUTLINES.contains(&name.as_str())) {
             let ratio = ratio.unwrap_or(1.0);
-            assert!(
-                limits(&name).contains(&ratio),
-                "{name}, {part}: error over stated uncertainty = {ratio:.3}"
-            );
+            // Strips of a grid err against each other, so that a turn is known better than independent points would give it.
+            let least = if *part == "direction" { 0.6 } else { limits(&name).start };
+            let within = (least..limits(&name).end).contains(&ratio);
+            assert!(within, "{name}, {part}: error over stated uncertainty = {ratio:.3}");
         }
     }
 }

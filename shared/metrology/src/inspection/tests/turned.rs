@@ -144,11 +144,11 @@ pub(super) fn point(at: Vector3<f64>, normal: Vector3<f64>) -> Point {
 
 impl Turned {
     pub(super) fn cloud(&self) -> Vec<Point> {
-        [self.seat(), self.journal(), self.face(), self.slope(), self.trace(), self.walls(), self.balls()]
+        [Self::seat(), self.journal(), self.face(), self.slope(), self.trace(), self.walls(), self.balls()]
             .concat()
     }
 
-    pub(super) fn seat(&self) -> Vec<Point> {
+    pub(super) fn seat() -> Vec<Point> {
         rings(0..=40, |out, height| out * 10.0 + Vector3::z() * height, 1.0)
     }
 
