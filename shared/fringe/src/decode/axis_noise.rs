@@ -1,18 +1,20 @@
 //! What the frames of one axis say of faults, motion and noise, and which noise model its phases get.
 
-use super::code_check::{Borders, Levels, code_frames};
+use super::borders::Borders;
+use super::code_check::{Levels, code_frames};
 use super::dirt::code::{CodeFrame, CodeVerdict};
-use super::dirt::{self, Look};
+use super::dirt::{self, Look, Samples};
 use super::micro::Micro;
 use super::motion;
 use super::noise::{Probe, QUANTISATION_DN2};
 use super::probing::ProbeLimits;
 use super::roles::{AxisPlan, Plan, SinePlan};
 use super::sensor_test::{self, NoiseTest};
-use super::spatial::{Places, sample_code, sample_phase};
-use super::sums::Clipping;
-use super::{Decoder, NoiseModel, NoiseSource, Remedy};
+use super::spatial::{Places, sample_code, sample_map, sample_phase};
+use super::sums::{Clipping, Sums};
+use super::{DecodeReport, Decoder, NoiseModel, NoiseSource, Remedy};
 use crate::math::simd::vectorised;
+use crate::phase::PhaseViewMut;
 use std::sync::Arc;
 
 /// Distance of pixels that share no noise, px: neighbours share it behind a mosaic of colours.
@@ -79,27 +81,31 @@ impl Decoder {
         let axis = self.axes.iter_mut().zip(&self.plan.axes).find(|(_, plan)| plan.sines.contains(&slot));
         if let Some((axis, _)) = axis {
             let raster = self.plan.sines[slot].first + step;
-            axis.probe.keep(step, raster, &self.rasters, self.correction.len());
+            axis.probe.keep(step, raster, &self.rasters, self.pixels);
         }
     }
 
-    /// Looks for frames of a complete sine set that do not show what the others show.
+    /// Looks for frames of a complete sine set that do not show what the others show, and for motion where there are none.
     pub(super) fn inspect(&mut self, slot: usize) {
-        let axis = self.axes.iter().zip(&self.plan.axes).find(|(_, plan)| plan.sines.contains(&slot));
+        let least_modulation_dn = self.least_modulation_dn();
+        let axis = self.axes.iter_mut().zip(&self.plan.axes).find(|(_, plan)| plan.sines.contains(&slot));
         let Some((axis, _)) = axis else { return };
+        let Probe { positions, frames, chosen, columns, .. } = &mut axis.probe;
         let look = Look {
-            positions: &axis.probe.positions,
+            positions,
             width: self.width_px as usize,
-            pixels: self.correction.len(),
-            values: &axis.probe.frames,
-            least_modulation_dn: self.least_modulation_dn(),
+            pixels: self.pixels,
+            values: frames,
+            least_modulation_dn,
             clipped_dn: self.clipped_dn,
         };
-        if let Some(repair) = dirt::inspect(&self.plan.sines[slot], &look) {
+        let room = (chosen, columns.as_mut_slice());
+        let Some(samples) = Samples::new(&self.plan.sines[slot], &look, room, self.level) else { return };
+        if let Some(repair) = dirt::inspect(&samples) {
             self.sums[slot].refit(&repair.fit);
             self.findings[slot] = repair.findings;
         } else {
-            self.motions[slot] = motion::between_steps(&self.plan.sines[slot], &look);
+            self.motions[slot] = motion::between_steps(&samples);
         }
     }
 
@@ -138,7 +144,7 @@ impl Decoder {
             let places = Places {
                 positions,
                 width: self.width_px as usize,
-                pixels: self.correction.len(),
+                pixels: self.pixels,
                 rasters: &self.rasters,
                 clipping,
                 lag,
@@ -157,6 +163,39 @@ impl Decoder {
             Some(model) => Some(probe.lessen(model, gather)),
             None => probe.model_of_neighbours(gather),
         };
+    }
+
+    /// Whether the decoded map itself tells if its pixels scatter as the residuals of the steps have it: they state its uncertainty, and nobody
+    /// else was asked.
+    pub(super) fn can_ask_the_map(&self, home: usize) -> bool {
+        let (plan, axis, settings) = (&self.plan.axes[home], &self.axes[home], &self.settings);
+        let given = settings.camera_noise.is_some() || settings.sensor.noise.is_some();
+        let finest = plan.sines.first().map(|slot| &self.sums[*slot]);
+        let open = !axis.settled && axis.estimate.is_some() && !given;
+        open && !plan.fused && plan.chain.is_some() && finest.is_some_and(Sums::are_even_steps)
+    }
+
+    /// Decodes anew where the pixels of the map scatter less than stated: neighbours are then asked in the frames.
+    pub(super) fn settle_by_map(&mut self, home: usize, out: &mut PhaseViewMut) -> Option<DecodeReport> {
+        let AxisState { probe, clipping, .. } = &mut self.axes[home];
+        let as_stated = probe.scatters_as_stated(|positions, samples| {
+            let places = Places {
+                positions,
+                width: self.width_px as usize,
+                pixels: self.pixels,
+                rasters: &self.rasters,
+                clipping,
+                lag: APART_PX,
+            };
+            sample_map(&places, out, samples);
+        });
+        if as_stated {
+            self.axes[home].settled = true;
+            return None;
+        }
+        let before = self.axes[home].estimate;
+        self.estimate_from_neighbours(home);
+        (self.axes[home].estimate != before).then(|| self.pass(home, out))
     }
 
     /// Compares the calibration's noise with that of the frames, where both are known.

@@ -124,16 +124,20 @@ impl Kernel<'_> {
 
     #[inline(always)]
     fn read_code(&self, code: &CodePlan, range: &Range<usize>, stripes: &mut Stripes) {
-        let mut sums = BlockSums::ZERO;
-        let mean = match code.reference {
-            Reference::SineMean(slot) => {
-                self.sums[slot].block(self.rasters, self.pixels, range, &mut sums);
-                Some((&sums.sum[..range.len()], self.steps[slot]))
-            }
-            _ => None,
-        };
-        let certain =
-            Certainty::new(code, mean.map_or(1, |m| m.1), &self.noise, self.settings.certainty_sigmas);
+        if let Reference::SineMean(slot) = code.reference {
+            return self.read_against_mean(code, slot, range, stripes);
+        }
+        let certain = Certainty::new(code, 1, &self.noise, self.settings.certainty_sigmas);
+        stripes.read(self.rasters, self.pixels, code, range, None, &certain);
+    }
+
+    /// The same where the mean of a sine is the threshold.
+    #[inline(always)]
+    fn read_against_mean(&self, code: &CodePlan, slot: usize, range: &Range<usize>, stripes: &mut Stripes) {
+        let (mut sums, steps) = (BlockSums::ZERO, self.steps[slot]);
+        self.sums[slot].block(self.rasters, self.pixels, range, &mut sums);
+        let certain = Certainty::new(code, steps, &self.noise, self.settings.certainty_sigmas);
+        let mean = Some((&sums.sum[..range.len()], steps));
         stripes.read(self.rasters, self.pixels, code, range, mean, &certain);
     }
 

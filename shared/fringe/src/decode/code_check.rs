@@ -2,7 +2,7 @@
 
 use super::axis_noise::AxisState;
 use super::block::state;
-use super::continuity::{Continuity, whole};
+use super::continuity::Continuity;
 use super::dirt::code::{self, CodeFrame, CodeLook, CodeVerdict, Shown};
 use super::rasters::Rasters;
 use super::report::DecodeReport;
@@ -10,7 +10,6 @@ use super::roles::{AxisPlan, CodePlan, Reference, SineKind};
 use super::{DecodeError, Decoder, Remedy};
 use crate::math::statistics::median;
 use crate::phase::PhaseViewMut;
-use std::f32::consts::TAU;
 
 /// Jumps per wrap, and lit pixels without order, from which the code is looked at.
 const SUSPECT: f64 = 0.04;
@@ -23,14 +22,9 @@ const CLEAR_STRIPES: f64 = 0.3;
 const LEAST_STRIPE_PERIODS: f64 = 0.4;
 /// Fewest samples of a level.
 const LEAST: f64 = 100.0;
-/// So many samples tell the levels of dark and light to a hundredth of the contrast, whatever the noise of a pixel that is valid.
-const ENOUGH: usize = 4096;
-/// One of so many rows and columns is walked along to see which fringes are neighbours.
-const LINES: usize = 8;
-/// Masked pixels in between that are passed over.
-const MOST_GAP: usize = 8;
-/// Fewest crossings to a fringe that is not the next.
-const LEAST_CROSSINGS: u32 = 12;
+/// So many samples, of which a fifth are clear of edges on either side, tell the levels of dark and light to a fiftieth of the contrast,
+/// whatever the noise of a pixel that is valid.
+const ENOUGH: usize = 1024;
 /// Where the frames confirm the order of less than this share of the pixels …
 const CONFIRMED: f64 = 0.5;
 /// … jumps and open orders are no edges of a part from this share on.
@@ -44,7 +38,7 @@ impl Decoder {
             return false;
         }
         report.contradiction() > SUSPECT
-            || self.axes[home].borders.are_strange(out)
+            || self.axes[home].borders.are_strange(out, self.level)
             || self.levels_differ(home, out)
     }
 
@@ -77,7 +71,7 @@ impl Decoder {
     ) -> Result<(), DecodeError> {
         let most = self.settings.max_contradiction;
         let unconfirmed = self.axes[home].code.as_ref().is_some_and(|verdict| verdict.confirmed < CONFIRMED);
-        let strange = unconfirmed && self.axes[home].borders.are_strange(out);
+        let strange = unconfirmed && self.axes[home].borders.are_strange(out, self.level);
         let limit = if strange {
             0.0
         } else if unconfirmed {
@@ -169,7 +163,7 @@ impl Decoder {
 
     /// The same of one pixel, from white and black or, bit by bit, from frame and inverse.
     fn code_level(&self, code: &CodePlan, place: usize, scratch: &mut Vec<f64>) -> (f32, f32) {
-        let pixels = self.correction.len();
+        let pixels = self.pixels;
         let pair = |one, other| {
             let (a, b) = self.rasters.pair(one, other, pixels, place);
             (f64::from(a), f64::from(b))
@@ -222,8 +216,13 @@ impl Decoder {
         let wide = || axis.code_frames.iter().filter(|frame| frame.is_wide(plan.period_px));
         levels.sums.clear();
         levels.sums.extend(wide().map(|_| [(0.0, 0.0); 2]));
-        let sure = || axis.probe.positions.iter().copied().filter(|place| out.valid[*place] == state::SURE);
-        for place in sure().step_by((sure().count() / ENOUGH).max(1)) {
+        let positions = &axis.probe.positions;
+        let is_sure = |place: &usize| out.valid[*place] == state::SURE;
+        // More of them for a part that fills little of the picture.
+        let most = (positions.len() / ENOUGH / 2).max(1);
+        let few = positions.iter().copied().step_by(most).filter(is_sure).count();
+        let every = (most * few / ENOUGH).clamp(1, most);
+        for place in positions.iter().copied().step_by(every).filter(is_sure) {
             let x_px = f64::from(out.phase_rad[place]) * scale_px;
             let middle = f64::from(self.sums[*slot].sum_at(&self.rasters, pixels, place)) / steps;
             let inverse = 1.0 / f64::from(out.modulation[place]);
@@ -309,85 +308,4 @@ pub(super) fn code_frames(plan: &AxisPlan, homes: &[(usize, usize)]) -> Vec<Code
         add(black, Shown::Black);
     }
     frames
-}
-
-/// Where fringes follow each other in the decoded map, and where others do: of each fringe, from the one before the projector on, crossings to the
-/// next and crossings to another.
-#[derive(Debug)]
-pub(super) struct Borders {
-    crossings: Vec<[u32; 2]>,
-    columns: Vec<Walk>,
-}
-
-impl Borders {
-    /// Room for the fringes of a projector, and for images of this width.
-    pub fn of(plan: &AxisPlan, width: usize) -> Self {
-        let fringes =
-            if plan.period_px > 0.0 { (plan.extent_px / plan.period_px).ceil() as usize } else { 0 };
-        Self { crossings: vec![[0; 2]; fringes + 4], columns: Vec::with_capacity(width.div_ceil(LINES)) }
-    }
-
-    /// Walks along some rows and columns; whether the way to a next fringe leads elsewhere about as often.
-    fn are_strange(&mut self, map: &PhaseViewMut) -> bool {
-        let Self { crossings, columns } = self;
-        let width = map.info.width_px as usize;
-        crossings.fill([0; 2]);
-        columns.clear();
-        columns.resize(width.div_ceil(LINES), Walk::START);
-        // All columns are walked along side by side, since the rows lie in one piece.
-        for (row, (phase, valid)) in map.phase_rad.chunks(width).zip(map.valid.chunks(width)).enumerate() {
-            if row % LINES == 0 {
-                let mut walk = Walk::START;
-                for (phase, valid) in phase.iter().zip(valid) {
-                    walk.step(*phase, *valid, crossings);
-                }
-            }
-            let places = phase.iter().zip(valid).step_by(LINES);
-            for (walk, (phase, valid)) in columns.iter_mut().zip(places) {
-                walk.step(*phase, *valid, crossings);
-            }
-        }
-        crossings.iter().any(|[next, other]| *other >= LEAST_CROSSINGS && 2 * other > *next)
-    }
-}
-
-/// Where a walk along a row or column is.
-#[derive(Debug, Clone, Copy)]
-struct Walk {
-    /// Fringe of the last valid pixel.
-    last: f32,
-    /// Steps since that pixel.
-    gap: usize,
-}
-
-impl Walk {
-    /// No valid pixel so far.
-    const START: Self = Self { last: 0.0, gap: usize::MAX };
-
-    /// Goes on to a pixel and counts the border that it crosses.
-    #[inline]
-    fn step(&mut self, phase_rad: f32, valid: u8, crossings: &mut [[u32; 2]]) {
-        self.gap = self.gap.saturating_add(1);
-        if valid != state::SURE {
-            return;
-        }
-        let (here, last) = (whole(phase_rad / TAU), self.last);
-        if self.gap <= MOST_GAP && here != last {
-            if (here - last).abs() == 1.0 {
-                count(crossings, here.min(last), 0);
-            } else {
-                // To which side the phase runs on is not known: the border is one of four.
-                for fringe in [here, here - 1.0, last, last - 1.0] {
-                    count(crossings, fringe, 1);
-                }
-            }
-        }
-        (self.last, self.gap) = (here, 0);
-    }
-}
-
-fn count(crossings: &mut [[u32; 2]], fringe: f32, kind: usize) {
-    if let Some(crossings) = crossings.get_mut((fringe + 1.0).max(0.0) as usize) {
-        crossings[kind] += 1;
-    }
 }

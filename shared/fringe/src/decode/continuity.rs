@@ -18,10 +18,10 @@ use std::ops::AddAssign;
 /// Fewest rows of one parallel job.
 const ROWS: usize = 16;
 
-/// One of so many rows and columns is walked along.
+/// One of so many rows and columns is looked at.
 const STRIDE: usize = 4;
-/// So many columns are walked along side by side.
-const SIDE: usize = 16;
+/// So many columns are looked at side by side, in a row those of one place and in the next row those beside them.
+const SIDE: usize = 64;
 /// With fewer wraps and jumps the sequence is not checked.
 const LEAST: usize = 50;
 
@@ -40,7 +40,7 @@ impl Continuity {
         if self.wraps.max(self.jumps) < LEAST { 0.0 } else { self.jumps as f64 / self.wraps.max(1) as f64 }
     }
 
-    /// Walks along every [`STRIDE`]th row and column.
+    /// Looks at the pairs along every [`STRIDE`]th row, and at as many from row to row.
     pub fn of(map: &PhaseViewMut, level: Level) -> Self {
         let (width, height) = (map.info.width_px as usize, map.info.height_px as usize);
         let rows = (0..height).into_par_iter().with_min_len(ROWS);
@@ -48,7 +48,7 @@ impl Continuity {
         parts.reduce(Self::default, sum)
     }
 
-    /// A row with itself, if it is one of those, and the columns between it and the row above.
+    /// A row with itself, if it is one of those, and stretches of it with the row above.
     #[inline(always)]
     fn of_row(map: &PhaseViewMut, width: usize, row: usize) -> Self {
         let (phase, valid) = (&map.phase_rad[..(row + 1) * width], &map.valid[..(row + 1) * width]);
@@ -61,10 +61,11 @@ impl Continuity {
         if let Some(above) = row.checked_sub(1) {
             let (above, above_valid) =
                 (&phase[above * width..row * width], &valid[above * width..row * width]);
-            for first in (0..width).step_by(SIDE * STRIDE) {
-                let (a, b) = (picked(above, first), picked(here, first));
-                let (a_valid, b_valid) = (picked(above_valid, first), picked(here_valid, first));
-                all += Self::of_pairs(a.iter().zip(&a_valid).zip(b.iter().zip(&b_valid)));
+            for first in (row % STRIDE * SIDE..width).step_by(SIDE * STRIDE) {
+                let part = first..(first + SIDE).min(width);
+                let (a, b) = (above[part.clone()].iter(), here[part.clone()].iter());
+                let (a_valid, b_valid) = (&above_valid[part.clone()], &here_valid[part]);
+                all += Self::of_pairs(a.zip(a_valid).zip(b.zip(b_valid)));
             }
         }
         all
@@ -83,16 +84,6 @@ impl Continuity {
         }
         Self { wraps: wraps as usize, jumps: jumps as usize }
     }
-}
-
-/// Every [`STRIDE`]th value of a line from one on; zeros beyond its end, where nothing is valid.
-#[inline(always)]
-fn picked<T: Copy + Default>(line: &[T], first: usize) -> [T; SIDE] {
-    let mut picked = [T::default(); SIDE];
-    for (picked, value) in picked.iter_mut().zip(line[first..].iter().step_by(STRIDE)) {
-        *picked = *value;
-    }
-    picked
 }
 
 impl AddAssign for Continuity {

@@ -74,7 +74,7 @@ impl Decoder {
         // The order is set before the sines are fused, from the finest one's noise.
         let plan = AxisPlan { fused: false, ..self.plan.axes[home].clone() };
         let kernel = self.kernel(home, &plan);
-        let mut pixels = vec![(Diagnosis::NONE, f32::NAN); self.correction.len()];
+        let mut pixels = vec![(Diagnosis::NONE, f32::NAN); self.pixels];
         pixels.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, pixels)| {
             let (mut lanes, mut scratch) = (Lanes::new(), Scratch::new());
             for (index, block) in pixels.chunks_mut(BLOCK).enumerate() {

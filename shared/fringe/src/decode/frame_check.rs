@@ -11,9 +11,7 @@ impl Decoder {
             return Err(DecodeError::FrameOrder { expected: self.next, got: index, count });
         }
         let pixels = frame.pixels.len();
-        if (frame.width_px, frame.height_px) != (self.width_px, self.height_px)
-            || pixels != self.correction.len()
-        {
+        if (frame.width_px, frame.height_px) != (self.width_px, self.height_px) || pixels != self.pixels {
             return Err(DecodeError::FrameSize {
                 index,
                 width_px: frame.width_px,

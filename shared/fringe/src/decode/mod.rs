@@ -34,6 +34,7 @@ mod axis_noise;
 mod bits;
 mod block;
 mod blocks;
+mod borders;
 mod carrier;
 pub mod chain;
 mod clipped;
@@ -106,13 +107,15 @@ use rasters::Rasters;
 use roles::{AxisPlan, Plan, Role};
 use std::sync::Arc;
 use sums::Sums;
-use verdict::{Verdicts, apply, correct_rows};
+use verdict::{Corrections, Verdicts};
 
 /// Decodes the frames of one camera under one projector, sequence after sequence.
 #[derive(Debug)]
 pub struct Decoder {
     width_px: u32,
     height_px: u32,
+    /// Pixels of a frame.
+    pixels: usize,
     full_scale_dn: u16,
     clipped_dn: u16,
     settings: DecodeSettings,
@@ -128,7 +131,7 @@ pub struct Decoder {
     axes: Vec<AxisState>,
     /// Of each axis: what proves the order of the frames, where the sequence has a check.
     identities: Vec<Option<Identity>>,
-    correction: Vec<i16>,
+    corrections: Corrections,
     footprint: Footprint,
     /// Of codes without sines.
     edges: Option<Edges>,
@@ -184,7 +187,8 @@ impl Decoder {
             rasters: Rasters::new(plan.stored, pixels, full_scale_dn),
             axes,
             identities,
-            correction: vec![0; pixels],
+            corrections: Corrections::new(width_px as usize, pixels),
+            pixels,
             footprint: Footprint::new(width_px as usize, pixels),
             edges: plan
                 .axes
@@ -281,11 +285,17 @@ impl Decoder {
         if let Some(residual) = self.axes[home].probe.disorder(self.full_scale_dn) {
             return Err(DecodeError::Disorder { axis, residual });
         }
-        self.estimate_from_neighbours(home);
+        let by_map = self.can_ask_the_map(home);
+        if !by_map {
+            self.estimate_from_neighbours(home);
+        }
         if self.plan.axes[home].sines.is_empty() {
             self.mend_code(home, out)?;
         }
         let mut report = self.pass(home, out);
+        if by_map && let Some(settled) = self.settle_by_map(home, out) {
+            report = settled;
+        }
         let mut frames = None;
         if self.suspects_code(home, &report, out) || self.axes[home].has_wrong_frames() {
             let proven = matches!(order, FrameOrder::Proven { .. }) && self.axes[home].code.is_none();
@@ -326,8 +336,8 @@ impl Decoder {
                 reach: self.settings.neighbour_reach_px as usize,
                 spikes: self.settings.repair_spikes,
             };
-            correct_rows(&field, &mut self.correction, self.level);
-            apply(plan, &self.correction, out, self.level)
+            self.corrections.ask(&field, self.level);
+            self.corrections.apply(plan, out)
         } else {
             if let Some((edges, code)) = self.edges.as_mut().zip(plan.code.as_ref())
                 && plan.shifted.is_none()
@@ -359,7 +369,7 @@ impl Decoder {
         let gathered = &self.axes[home];
         Kernel {
             plan,
-            pixels: self.correction.len(),
+            pixels: self.pixels,
             sums: &self.sums,
             steps: &self.steps,
             periods_px: &self.periods_px,

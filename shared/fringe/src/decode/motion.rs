@@ -17,19 +17,20 @@
 #![allow(clippy::large_stack_arrays)]
 
 use super::Decoder;
-use super::dirt::Look;
+use super::arctan::angle_positive_rad;
+use super::dirt::Samples;
 use super::limits::MAX_STEPS;
-use super::noise::gcd;
-use super::roles::{SineKind, SinePlan};
-use crate::math::{atan2, cos, sincos};
+use super::spectrum::{SIDE, Side};
+use crate::math::simd::vectorised;
+use crate::math::{cos, sincos};
 use crate::phase::PhaseViewMut;
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
 /// Steps of the sets that tell: five leave two residuals, and each further one another.
 const STEPS: RangeInclusive<usize> = 5..=MAX_STEPS;
-/// So many pixels are asked.
-const PIXELS: usize = 4096;
+/// So many pixels tell the mean uncertainty of the phase.
+const ASKED: usize = 8192;
 /// Bins of the phase; all of them must hold a fair share.
 const BINS: usize = 64;
 const LEAST_IN_BIN: f64 = 4.0;
@@ -96,75 +97,145 @@ impl Decoder {
     pub(super) fn motion(&self, home: usize, out: &PhaseViewMut) -> Option<Motion> {
         let finest = self.plan.axes[home].sines.first()?;
         let steps = self.motions[*finest]?;
-        let known = self.axes[home].probe.positions.iter().filter(|place| out.valid[**place] == 1);
+        let positions = &self.axes[home].probe.positions;
+        let every = (positions.len() / ASKED).max(1);
+        let known = positions.iter().step_by(every).filter(|place| out.valid[**place] == 1);
         let (sum, count) = known
             .fold((0.0, 0.0), |(sum, count), place| (sum + f64::from(out.sigma_rad[*place]), count + 1.0));
         (count > 0.0).then(|| Motion::of(steps, self.frames(), sum / count))
     }
 }
 
-/// Grey values of a pixel over the steps.
+/// One value for each of the steps.
 type Steps = [f64; MAX_STEPS];
 
-/// Amplitude and phase of a pixel, its residuals and its values.
-struct Pixel {
-    level_dn: f64,
-    amplitude_dn: f64,
-    phase_rad: f64,
-    residual_dn: Steps,
-}
+/// Sines and cosines of the steps.
+type Units = [(f64, f64); MAX_STEPS];
 
 /// The motion that the frames of a complete set show; `None` where they do not tell.
-pub(super) fn between_steps(plan: &SinePlan, look: &Look) -> Option<StepMotion> {
+pub(super) fn between_steps(samples: &Samples) -> Option<StepMotion> {
+    let plan = samples.plan();
     let steps = plan.steps as usize;
-    if plan.kind != SineKind::Plain || !plan.even || !STEPS.contains(&steps) {
+    if !plan.even || !STEPS.contains(&steps) {
         return None;
     }
     let mut unit = [(0.0, 0.0); MAX_STEPS];
     for (unit, shift) in unit.iter_mut().zip(&plan.shifts_rad) {
         *unit = sincos(*shift);
     }
-    let bin = |phase_rad: f64| ((phase_rad / TAU).rem_euclid(1.0) * BINS as f64) as usize % BINS;
     let mut counts = [0.0; BINS];
-    each(plan, look, &unit, |pixel| counts[bin(pixel.phase_rad)] += 1.0);
+    vectorised!(samples.level(), count(samples, &unit, &mut counts));
     if counts.iter().any(|count| *count < LEAST_IN_BIN) {
         return None;
     }
     let mean = counts.iter().sum::<f64>() / BINS as f64;
-    let mut sums = Sums::ZERO;
-    each(plan, look, &unit, |pixel| sums.add(pixel, steps, &unit, mean / counts[bin(pixel.phase_rad)]));
-    sums.solve(&plan.shifts_rad[..steps])
+    let weights = counts.map(|count| mean / count);
+    let mut sums = LaneSums::ZERO;
+    vectorised!(samples.level(), sums.fill(samples, &unit, &weights));
+    sums.joined().solve(&plan.shifts_rad[..steps])
 }
 
-/// Calls `take` for each usable pixel.
-fn each(plan: &SinePlan, look: &Look, unit: &[(f64, f64); MAX_STEPS], mut take: impl FnMut(&Pixel)) {
-    let (steps, n) = (plan.steps as usize, f64::from(plan.steps));
-    let mut every = look.positions.len().div_ceil(PIXELS).max(1);
-    // Prime to the width, so that the pixels do not stand in columns.
-    while gcd(every, look.width) != 1 {
-        every += 1;
+/// Counts the pixels by their phase.
+#[inline(always)]
+fn count(samples: &Samples, unit: &Units, counts: &mut [f64; BINS]) {
+    for (chosen, mean_dn, rows) in samples.groups() {
+        let (c, s) = fringe(mean_dn, rows, unit);
+        for bin in &bins(&c, &s)[..chosen.len()] {
+            counts[*bin as usize] += 1.0;
+        }
     }
-    let mut pixel = Pixel { level_dn: 0.0, amplitude_dn: 0.0, phase_rad: 0.0, residual_dn: [0.0; MAX_STEPS] };
-    for position in (0..look.positions.len()).step_by(every) {
-        let (mut sum, mut c, mut s, mut most) = (0.0, 0.0, 0.0, 0);
-        for (step, (value, (sin, cos))) in pixel.residual_dn[..steps].iter_mut().zip(unit).enumerate() {
-            let dn = look.value(step, position);
-            most = most.max(dn);
-            *value = f64::from(dn);
-            sum += *value;
-            c += *value * cos;
-            s += *value * sin;
+}
+
+/// B cos φ and B sin φ of a group of pixels, DN.
+#[inline(always)]
+fn fringe(mean_dn: &Side, rows: &[Side], unit: &Units) -> (Side, Side) {
+    let (mut c, mut s) = ([0.0; SIDE], [0.0; SIDE]);
+    for (values, (sin, cos)) in rows.iter().zip(unit) {
+        for l in 0..SIDE {
+            c[l] += values[l] * cos;
+            s[l] += values[l] * sin;
         }
-        let (a, c, s) = (sum / n, 2.0 * c / n, 2.0 * s / n);
-        let amplitude_dn = (c * c + s * s).sqrt();
-        if most >= look.clipped_dn || amplitude_dn < 2.0 * look.least_modulation_dn {
-            continue;
+    }
+    let scale = 2.0 / rows.len() as f64;
+    for l in 0..SIDE {
+        (c[l], s[l]) = (scale * mean_dn[l] * c[l], scale * mean_dn[l] * s[l]);
+    }
+    (c, s)
+}
+
+/// Bins of the phases of a group.
+#[inline(always)]
+fn bins(c: &Side, s: &Side) -> [u32; SIDE] {
+    let mut bins = [0; SIDE];
+    for l in 0..SIDE {
+        let turns = angle_positive_rad(s[l] as f32, c[l] as f32) / TAU;
+        bins[l] = ((turns * BINS as f64) as u32).min(BINS as u32 - 1);
+    }
+    bins
+}
+
+/// [`Sums`] of pixels side by side.
+struct LaneSums {
+    power: [Side; 3],
+    level: [Side; 3],
+    right: [Side; MAX_STEPS],
+    light: [Side; MAX_STEPS],
+    squares: Side,
+    weights: Side,
+}
+
+impl LaneSums {
+    const ZERO: Self = Self {
+        power: [[0.0; SIDE]; 3],
+        level: [[0.0; SIDE]; 3],
+        right: [[0.0; SIDE]; MAX_STEPS],
+        light: [[0.0; SIDE]; MAX_STEPS],
+        squares: [0.0; SIDE],
+        weights: [0.0; SIDE],
+    };
+
+    /// Adds all pixels, each by the weight of its bin.
+    #[inline(always)]
+    fn fill(&mut self, samples: &Samples, unit: &Units, weights: &[f64; BINS]) {
+        for (chosen, a, rows) in samples.groups() {
+            let (c, s) = fringe(a, rows, unit);
+            let mut weight = [0.0; SIDE];
+            for (weight, bin) in weight.iter_mut().zip(&bins(&c, &s)[..chosen.len()]) {
+                *weight = weights[*bin as usize];
+            }
+            for l in 0..SIDE {
+                let w = weight[l];
+                self.power[0][l] += w * (c[l] * c[l] + s[l] * s[l]);
+                self.power[1][l] += w * (c[l] * c[l] - s[l] * s[l]);
+                self.power[2][l] += w * (2.0 * s[l] * c[l]);
+                self.level[0][l] += w * (a[l] * a[l]);
+                self.level[1][l] += w * (a[l] * c[l]);
+                self.level[2][l] += w * (a[l] * s[l]);
+                self.weights[l] += w;
+            }
+            let steps = rows.iter().zip(unit).zip(self.right.iter_mut().zip(&mut self.light));
+            for ((values, (sin, cos)), (right, light)) in steps {
+                for l in 0..SIDE {
+                    let told = a[l] + c[l] * cos + s[l] * sin;
+                    let rest = values[l] * a[l] - told;
+                    right[l] -= weight[l] * (s[l] * cos - c[l] * sin) * rest;
+                    light[l] += weight[l] * told * rest;
+                    self.squares[l] += weight[l] * rest * rest;
+                }
+            }
         }
-        (pixel.level_dn, pixel.amplitude_dn, pixel.phase_rad) = (a, amplitude_dn, atan2(s, c));
-        for (value, (sin, cos)) in pixel.residual_dn[..steps].iter_mut().zip(unit) {
-            *value -= a + c * cos + s * sin;
+    }
+
+    fn joined(&self) -> Sums {
+        let sum = |values: &Side| values.iter().sum::<f64>();
+        Sums {
+            power: self.power.each_ref().map(sum),
+            level: self.level.each_ref().map(sum),
+            right: self.right.each_ref().map(sum),
+            light: self.light.each_ref().map(sum),
+            squares: sum(&self.squares),
+            weights: sum(&self.weights),
         }
-        take(&pixel);
     }
 }
 
@@ -189,31 +260,6 @@ type Square = [Steps; MAX_STEPS];
 const MOST_FLICKER: f64 = 0.1;
 
 impl Sums {
-    const ZERO: Self = Self {
-        power: [0.0; 3],
-        level: [0.0; 3],
-        right: [0.0; MAX_STEPS],
-        light: [0.0; MAX_STEPS],
-        squares: 0.0,
-        weights: 0.0,
-    };
-
-    fn add(&mut self, pixel: &Pixel, steps: usize, unit: &[(f64, f64); MAX_STEPS], weight: f64) {
-        let (sin, cos) = sincos(pixel.phase_rad);
-        let power = weight * pixel.amplitude_dn * pixel.amplitude_dn;
-        let both = weight * pixel.level_dn * pixel.amplitude_dn;
-        let add =
-            |sums: &mut [f64; 3], own: [f64; 3]| sums.iter_mut().zip(own).for_each(|(sum, v)| *sum += v);
-        add(&mut self.power, [power, power * (cos * cos - sin * sin), power * 2.0 * sin * cos]);
-        add(&mut self.level, [weight * pixel.level_dn * pixel.level_dn, both * cos, both * sin]);
-        for (i, (residual, (s, c))) in pixel.residual_dn[..steps].iter().zip(unit).enumerate() {
-            self.right[i] -= weight * pixel.amplitude_dn * (sin * c - cos * s) * residual;
-            self.light[i] += weight * (pixel.level_dn + pixel.amplitude_dn * (cos * c + sin * s)) * residual;
-            self.squares += weight * residual * residual;
-        }
-        self.weights += weight;
-    }
-
     /// The normal equations of shifts, of shifts with light, and of light.
     fn normal(&self, shifts_rad: &[f64]) -> [Square; 3] {
         let steps = shifts_rad.len() as f64;

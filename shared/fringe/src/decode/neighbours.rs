@@ -7,7 +7,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
-use super::block::state;
+use super::block::{BLOCK, state};
 use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 /// Correction that means "mask it".
@@ -15,6 +15,8 @@ pub const MASK: i16 = i16::MIN;
 /// Pixels around one that must be certain before they can speak against it.
 const LEAST_WITNESSES: usize = 6;
 
+/// A stretch of which some pixels were asked: its corrections are written.
+pub const ASKED: u32 = u32::MAX;
 /// Flags that are checked at once.
 const GROUP: usize = 16;
 
@@ -39,51 +41,71 @@ pub struct Field<'a> {
 }
 
 impl Field<'_> {
-    /// Corrections of the rows from `row` on, in whole periods.
+    /// Corrections of the rows from `row` on, in whole periods, written only where a stretch of a row needs some; of each stretch of [`BLOCK`]
+    /// pixels the number of its valid ones, or [`ASKED`] where some needed a closer look.
     #[inline(always)]
-    pub fn correct(&self, row: usize, out: &mut [i16]) {
-        for (offset, line) in out.chunks_mut(self.width).enumerate() {
-            self.flag(row + offset, line);
-            for (group, flags) in line.chunks_mut(GROUP).enumerate() {
+    pub fn correct(&self, row: usize, out: &mut [i16], stretches: &mut [u32]) {
+        let mut flags = [0_u8; BLOCK];
+        let lines = out.chunks_mut(self.width).zip(stretches.chunks_mut(self.width.div_ceil(BLOCK)));
+        for (row, (line, stretches)) in (row..).zip(lines) {
+            for ((first, line), stretch) in (0..).step_by(BLOCK).zip(line.chunks_mut(BLOCK)).zip(stretches) {
+                let flags = &mut flags[..line.len()];
+                self.flag(row, first, flags);
                 if flags.iter().fold(0, |any, flag| any | flag) == 0 {
+                    let states = &self.state[row * self.width + first..][..line.len()];
+                    *stretch = states.iter().map(|state| u32::from(*state)).sum();
                     continue;
                 }
-                for (i, correction) in flags.iter_mut().enumerate() {
-                    if *correction != 0 {
-                        *correction = self.decide(row + offset, group * GROUP + i);
+                *stretch = ASKED;
+                line.fill(0);
+                for (group, flags) in flags.chunks(GROUP).enumerate() {
+                    if flags.iter().fold(0, |any, flag| any | flag) == 0 {
+                        continue;
+                    }
+                    for i in (0..flags.len()).filter(|i| flags[*i] != 0) {
+                        let column = group * GROUP + i;
+                        line[column] = self.decide(row, first + column);
                     }
                 }
             }
         }
     }
 
-    /// Marks the pixels that need a closer look: not certain, or more than π away from a neighbour.
+    /// Marks the pixels of a row from `first` on that need a closer look: not certain, or more than π away from a neighbour.
     #[inline(always)]
-    fn flag(&self, row: usize, out: &mut [i16]) {
-        let start = row * self.width;
-        let line = &self.phase_rad[start..start + self.width];
-        let states = &self.state[start..start + self.width];
+    fn flag(&self, row: usize, first: usize, out: &mut [u8]) {
+        let (start, end) = (row * self.width, first + out.len());
+        let states = &self.state[start + first..start + end];
         if !self.spikes {
             for (flag, state) in out.iter_mut().zip(states) {
-                *flag = i16::from(*state > state::SURE);
+                *flag = u8::from(*state > state::SURE);
             }
             return;
         }
+        let line = &self.phase_rad[start..start + self.width];
         // At the border of the image a pixel stands in for the neighbour that it lacks.
         let above = row.checked_sub(1).map_or(line, |r| &self.phase_rad[r * self.width..start]);
         let below = if row + 1 < self.height { &self.phase_rad[start + self.width..] } else { line };
-        let vertical = line.iter().zip(above).zip(below);
-        for ((flag, state), ((a, up), down)) in out.iter_mut().zip(states).zip(vertical) {
-            let torn = ((a - up).abs() > PI) | ((a - down).abs() > PI);
-            *flag = i16::from((*state > state::SURE) | torn);
+        let (low, high) = (first.max(1), end.min(self.width - 1));
+        if low < high {
+            let count = high - low;
+            let [left, here, right] = [low - 1, low, low + 1].map(|from| &line[from..from + count]);
+            let [above, below] = [above, below].map(|other| &other[low..high]);
+            let (states, flags) = (&states[low - first..][..count], &mut out[low - first..][..count]);
+            for i in 0..count {
+                let a = here[i];
+                let torn = ((a - above[i]).abs() > PI)
+                    | ((a - below[i]).abs() > PI)
+                    | ((a - left[i]).abs() > PI)
+                    | ((a - right[i]).abs() > PI);
+                flags[i] = u8::from((states[i] > state::SURE) | torn);
+            }
         }
-        let last = self.width - 1;
-        let (left, right) = (&line[..last], &line[1..]);
-        for ((flag, a), b) in out[..last].iter_mut().zip(left).zip(right) {
-            *flag |= i16::from((a - b).abs() > PI);
-        }
-        for ((flag, a), b) in out[1..].iter_mut().zip(right).zip(left) {
-            *flag |= i16::from((a - b).abs() > PI);
+        for column in [first, end - 1].into_iter().filter(|column| !(low..high).contains(column)) {
+            let a = line[column];
+            let (left, right) = (line[column.saturating_sub(1)], line[(column + 1).min(self.width - 1)]);
+            let torn = [above[column], below[column], left, right].iter().any(|b| (a - b).abs() > PI);
+            out[column - first] = u8::from(states[column - first] > state::SURE || torn);
         }
     }
 

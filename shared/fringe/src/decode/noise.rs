@@ -21,6 +21,8 @@ const LEAST_SAMPLES: usize = 200;
 const SCATTER_SAMPLES: usize = 4096;
 /// Scatter over residuals, as variances, below which the scatter counts: a standard deviation less by a tenth.
 const LESS: f64 = 0.81;
+/// Standard uncertainties of the scatter that leave no doubt.
+const CERTAIN: f64 = 3.0;
 /// Bins over the background.
 pub(super) const BINS: usize = 16;
 /// Variance of the rounding to whole DN.
@@ -42,6 +44,8 @@ pub(super) struct Sample {
 #[derive(Debug)]
 pub struct Probe {
     pub(super) positions: Vec<usize>,
+    /// Distance from one of them to the next, pixels.
+    pub(super) stride: usize,
     /// Scratch: some of them.
     few: Vec<usize>,
     /// Scratch: their grey values, step after step.
@@ -107,6 +111,7 @@ impl Probe {
             coherent: (vec![[0.0; SIDE]; parts], vec![0.0; parts]),
             few: Vec::with_capacity(count),
             positions,
+            stride,
             spectra,
             samples: Vec::with_capacity(capacity),
             scratch: Vec::with_capacity(capacity),
@@ -147,11 +152,7 @@ impl Probe {
         model: NoiseModel,
         gather: impl FnOnce(&[usize], &mut Vec<Sample>),
     ) -> NoiseModel {
-        let every = (self.positions.len() / SCATTER_SAMPLES).max(1);
-        self.few.clear();
-        self.few.extend(self.positions.iter().step_by(every));
-        self.samples.clear();
-        gather(&self.few, &mut self.samples);
+        self.ask_few(gather);
         if self.samples.len() < LEAST_SAMPLES {
             return model;
         }
@@ -164,6 +165,22 @@ impl Probe {
         }
         let read_variance_dn2 = factor * model.read_variance_dn2;
         NoiseModel { read_variance_dn2, gain_dn: factor * model.gain_dn, ..model }
+    }
+
+    /// Whether pixels apart scatter as is stated, or more, beyond doubt: `gather` fills variances over the stated ones.
+    pub fn scatters_as_stated(&mut self, gather: impl FnOnce(&[usize], &mut Vec<Sample>)) -> bool {
+        self.ask_few(gather);
+        let count = self.samples.len();
+        let factor = robust_mean(&self.samples, None, &mut self.scratch).variance_dn2;
+        count >= LEAST_SAMPLES && factor * (1.0 - CERTAIN * (2.0 / count as f64).sqrt()) >= LESS
+    }
+
+    fn ask_few(&mut self, gather: impl FnOnce(&[usize], &mut Vec<Sample>)) {
+        let every = (self.positions.len() / SCATTER_SAMPLES).max(1);
+        self.few.clear();
+        self.few.extend(self.positions.iter().step_by(every));
+        self.samples.clear();
+        gather(&self.few, &mut self.samples);
     }
 
     /// Fits the straight line; `None` when there is too little light.

@@ -93,7 +93,6 @@ impl Kernel<'_> {
     pub fn block(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) -> Tally {
         let Some(chain) = &self.plan.chain else { return self.code_block(range, lanes, out) };
         let count = range.len();
-        lanes.least_modulation.fill(f32::INFINITY);
         lanes.doubt.fill(state::SURE);
         let tally = self.light(range, lanes, out);
         if !out.state.contains(&state::SURE) {
@@ -163,6 +162,12 @@ impl Kernel<'_> {
             for ((b, c), s) in out.modulation.iter_mut().zip(cos).zip(sin) {
                 *b = scale * (c * c + s * s).sqrt();
             }
+            if self.plan.sines.len() == 1 {
+                continue;
+            }
+            if j + 1 == self.plan.sines.len() {
+                lanes.least_modulation.fill(f32::INFINITY);
+            }
             for (least, b) in lanes.least_modulation.iter_mut().zip(&*out.modulation) {
                 *least = if *b < *least { *b } else { *least };
             }
@@ -189,7 +194,10 @@ impl Kernel<'_> {
     fn mask(&self, lanes: &Lanes, out: &mut Planes) -> Tally {
         let (mut saturated, mut dark, mut noisy) = (0_u32, 0_u32, 0_u32);
         let (least, most) = (self.least_modulation_dn, self.settings.max_sigma_rad as f32);
-        let pixels = lanes.clipped.iter().zip(&lanes.least_modulation).zip(&*out.sigma_rad);
+        // Of one sine the least modulation is its own.
+        let own = self.plan.sines.len() == 1;
+        let modulation = if own { &*out.modulation } else { &lanes.least_modulation[..] };
+        let pixels = lanes.clipped.iter().zip(modulation).zip(&*out.sigma_rad);
         for (state, ((clipped, b), sigma)) in out.state.iter_mut().zip(pixels) {
             let is_clipped = *clipped != 0;
             let is_dark = !is_clipped & ((*b < least) | (*b <= 0.0));

@@ -37,15 +37,15 @@ impl Probe {
         let count = self.positions.len();
         // A set with a carrier has more frames than steps; nobody asks for those.
         let Some(kept) = self.frames.get_mut(step * count..(step + 1) * count) else { return };
-        let places = kept.iter_mut().zip(&self.positions);
+        let range = raster * pixels..(raster + 1) * pixels;
         match rasters {
             Rasters::Bytes(data) => {
-                let frame = &data[raster * pixels..(raster + 1) * pixels];
-                places.for_each(|(kept, place)| *kept = frame[*place].into());
+                let values = data[range].iter().step_by(self.stride);
+                kept.iter_mut().zip(values).for_each(|(kept, value)| *kept = u16::from(*value));
             }
             Rasters::Words(data) => {
-                let frame = &data[raster * pixels..(raster + 1) * pixels];
-                places.for_each(|(kept, place)| *kept = frame[*place]);
+                let values = data[range].iter().step_by(self.stride);
+                kept.iter_mut().zip(values).for_each(|(kept, value)| *kept = *value);
             }
         }
     }

@@ -75,8 +75,7 @@ impl Decoder {
     pub fn replace(&mut self, index: usize, map: &Wrapped) -> Result<(), DecodeError> {
         let slot = self.plan.sines.iter().position(|sine| sine.index == index);
         let slot = slot.filter(|_| {
-            (map.width_px, map.height_px) == (self.width_px, self.height_px)
-                && map.len() == self.correction.len()
+            (map.width_px, map.height_px) == (self.width_px, self.height_px) && map.len() == self.pixels
         });
         let slot = slot.ok_or(DecodeError::Replace { index, pixels: map.len() })?;
         let half = 0.5 * f64::from(self.steps[slot]);

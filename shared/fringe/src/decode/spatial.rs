@@ -18,12 +18,13 @@
 //! apart scatter less than they tell, the scatter counts ([`super::noise::Probe::lessen`]).
 
 use super::arctan::angle_positive_rad;
-use super::block::BLOCK;
+use super::block::{BLOCK, state};
 use super::noise::Sample;
 use super::rasters::Rasters;
 use super::roles::{CodePlan, Reference};
 use super::sums::{BlockSums, Clipping, Sums};
 use crate::math::wrap_rad;
+use crate::phase::PhaseViewMut;
 
 /// Weights of the kernel, row by row.
 const KERNEL: [f64; 9] = [1.0, -2.0, 1.0, -2.0, 4.0, -2.0, 1.0, -2.0, 1.0];
@@ -156,6 +157,26 @@ fn window_sample(
         variance_dn2: high_pass * high_pass / power,
         freedom: 1.0,
     })
+}
+
+/// Samples of the variance of a map's phase over the stated one, where all of a window is known; the map's uncertainty is that of one set of
+/// steps.
+pub fn sample_map(places: &Places, map: &PhaseViewMut, samples: &mut Vec<Sample>) {
+    for middle in places.middles().filter(|middle| map.valid[*middle] == state::SURE) {
+        let (mut high_pass, mut power, mut usable) = (0.0, 0.0, true);
+        for (weight, pixel) in KERNEL.iter().zip(places.window(middle)) {
+            let difference = f64::from(map.phase_rad[pixel] - map.phase_rad[middle]);
+            let noise = weight * f64::from(map.sigma_rad[pixel]);
+            // The phase of a masked pixel is NaN, which is below nothing.
+            usable &= difference.abs() < EDGE_RAD;
+            high_pass += weight * difference;
+            power += noise * noise;
+        }
+        if usable && power > 0.0 && samples.len() < samples.capacity() {
+            let variance_dn2 = high_pass * high_pass / power;
+            samples.push(Sample { background_dn: 0.0, variance_dn2, freedom: 1.0 });
+        }
+    }
 }
 
 /// Samples of σ_I² from the two coarsest frames of a code, or from its only one and white.

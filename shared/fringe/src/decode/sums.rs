@@ -108,6 +108,11 @@ impl Sums {
         self.kind == SineKind::Lines
     }
 
+    /// Whether the sums are those of plain sines at even steps.
+    pub fn are_even_steps(&self) -> bool {
+        self.kind == SineKind::Plain && self.uneven.is_none() && self.replaced.is_none()
+    }
+
     /// Phase noise for unit noise of a grey value and unit modulation in the direction (cos φ, sin φ), of N steps.
     pub fn unit_noise(&self, steps: f64, (c, s): (f64, f64)) -> f64 {
         match (&self.uneven, self.kind) {

@@ -24,9 +24,9 @@ const SMOOTH_RAD: f32 = 0.02;
 /// Pixels that are worked on side by side, as vectors; narrower images are left alone.
 const LANES: usize = 16;
 /// Groups of them in a tile.
-const TILE: usize = 4;
-/// Rows of a tile with those above and below that its windows reach.
-const LINES: usize = ROWS + 2 * HALF;
+const TILE: usize = 8;
+/// Rows that a window reaches.
+const LINES: usize = 2 * HALF + 1;
 /// Pixels that enter the bins together where their slopes are alike.
 pub(super) const ALIKE: usize = 8;
 /// Bin of a pixel that is not counted.
@@ -182,19 +182,16 @@ impl Survey<'_> {
             if !(first..last).any(lit) {
                 continue;
             }
-            for (y, sums) in (first - HALF..last + HALF).zip(&mut sums) {
-                for (group, sums) in sums[..tile].iter_mut().enumerate() {
-                    let at = y * width + start(group) - HALF;
+            for below in first - HALF..last + HALF {
+                // The sums of a row take the place of those that no window reaches any more.
+                for (group, sums) in sums[below % LINES][..tile].iter_mut().enumerate() {
+                    let at = below * width + start(group) - HALF;
                     *sums = RowSums::new(self.map.phase_rad, self.map.modulation, at);
                 }
-            }
-            for (y, rows) in (first..last).zip(sums.windows(2 * HALF + 1)) {
-                if !lit(y) {
-                    continue;
-                }
+                let Some(y) = below.checked_sub(HALF).filter(|y| *y >= first && lit(*y)) else { continue };
                 for group in 0..tile {
                     let at = y * width + start(group);
-                    let rows = [0, 1, 2, 3, 4].map(|r| &rows[r][group]);
+                    let rows = [0, 1, 2, 3, 4].map(|r| &sums[(y + r - HALF) % LINES][group]);
                     let modulation = taken(self.map.modulation, at);
                     let (found, slope2) =
                         window(rows, &taken(self.map.sigma_rad, at), &modulation, self.shape);

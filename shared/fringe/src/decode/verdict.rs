@@ -1,9 +1,9 @@
 //! The last step of `finish`: corrections are applied, states become the validity mask, and everything is counted.
 
-use super::block::{BLOCK, CHUNK, Tally, state};
+use super::block::{BLOCK, Tally, state};
 use super::continuity::Continuity;
 use super::identity::FrameOrder;
-use super::neighbours::{Field, MASK};
+use super::neighbours::{ASKED, Field, MASK};
 use super::report::{DecodeReport, NoiseModel};
 use super::roles::AxisPlan;
 use super::sensor_test::SensorTest;
@@ -18,12 +18,68 @@ use std::sync::Arc;
 /// Rows of one parallel job of the neighbour pass.
 const ROWS: usize = 16;
 
-/// Asks the neighbours, row by row.
-pub fn correct_rows(field: &Field, correction: &mut [i16], level: Level) {
-    correction
-        .par_chunks_mut(ROWS * field.width)
-        .enumerate()
-        .for_each(|(chunk, lines)| vectorised!(level, field.correct(chunk * ROWS, lines)));
+/// What neighbours say of the orders, and of each stretch of a row whether they say anything.
+#[derive(Debug)]
+pub struct Corrections {
+    /// Whole periods of each pixel; only those of stretches that were asked mean something.
+    periods: Vec<i16>,
+    /// Of each stretch of [`BLOCK`] pixels of a row the number of its valid ones, or [`ASKED`].
+    stretches: Vec<u32>,
+    width: usize,
+}
+
+impl Corrections {
+    /// Room for images of one size.
+    pub fn new(width: usize, pixels: usize) -> Self {
+        let rows = pixels.div_ceil(width.max(1));
+        Self { periods: vec![0; pixels], stretches: vec![0; rows * width.div_ceil(BLOCK)], width }
+    }
+
+    /// Asks the neighbours, row by row.
+    pub fn ask(&mut self, field: &Field, level: Level) {
+        let parts = self.periods.par_chunks_mut(ROWS * self.width);
+        let parts = parts.zip(self.stretches.par_chunks_mut(ROWS * self.width.div_ceil(BLOCK)));
+        parts.enumerate().for_each(|(chunk, (lines, stretches))| {
+            vectorised!(level, field.correct(chunk * ROWS, lines, stretches));
+        });
+    }
+
+    /// Applies them; states become the validity mask.
+    pub fn apply(&self, plan: &AxisPlan, out: &mut PhaseViewMut) -> Verdicts {
+        // One pixel beyond the projector's edge is noise, more is a wrong order.
+        let scale = std::f64::consts::TAU / plan.period_px;
+        let inside = ((-1.5 * scale) as f32)..=(((plan.extent_px + 0.5) * scale) as f32);
+        let chunk = ROWS * self.width;
+        let planes = out.phase_rad.par_chunks_mut(chunk).zip(out.sigma_rad.par_chunks_mut(chunk));
+        let planes = planes.zip(out.valid.par_chunks_mut(chunk)).zip(self.periods.par_chunks(chunk));
+        let stretches = self.stretches.par_chunks(ROWS * self.width.div_ceil(BLOCK));
+        let verdicts = planes.zip(stretches).map(|((((phase, sigma), valid), periods), stretches)| {
+            self.apply_rows((periods, stretches), &inside, (phase, sigma, valid))
+        });
+        verdicts.reduce(Verdicts::default, sum)
+    }
+
+    fn apply_rows(
+        &self,
+        (periods, stretches): (&[i16], &[u32]),
+        inside: &RangeInclusive<f32>,
+        (phase, sigma, valid): (&mut [f32], &mut [f32], &mut [u8]),
+    ) -> Verdicts {
+        let mut verdicts = Verdicts::default();
+        let per_row = self.width.div_ceil(BLOCK);
+        for (number, stretch) in stretches.iter().enumerate() {
+            if *stretch != ASKED {
+                verdicts.valid += *stretch as usize;
+                continue;
+            }
+            let column = number % per_row * BLOCK;
+            let first = number / per_row * self.width + column;
+            for i in first..first + BLOCK.min(self.width - column) {
+                apply_one(periods[i], inside, (&mut phase[i], &mut sigma[i], &mut valid[i]), &mut verdicts);
+            }
+        }
+        verdicts
+    }
 }
 
 /// What became of the orders.
@@ -80,41 +136,6 @@ impl Verdicts {
 pub fn sum<T: AddAssign>(mut a: T, b: T) -> T {
     a += b;
     a
-}
-
-/// Applies the corrections; states become the validity mask.
-pub fn apply(plan: &AxisPlan, correction: &[i16], out: &mut PhaseViewMut, level: Level) -> Verdicts {
-    // One pixel beyond the projector's edge is noise, more is a wrong order.
-    let scale = std::f64::consts::TAU / plan.period_px;
-    let inside = ((-1.5 * scale) as f32)..=(((plan.extent_px + 0.5) * scale) as f32);
-    let planes = out.phase_rad.par_chunks_mut(CHUNK).zip(out.sigma_rad.par_chunks_mut(CHUNK));
-    let planes = planes.zip(out.valid.par_chunks_mut(CHUNK)).zip(correction.par_chunks(CHUNK));
-    let verdicts = planes.map(|(((phase, sigma), valid), correction)| {
-        vectorised!(level, apply_chunk(correction, &inside, (phase, sigma, valid)))
-    });
-    verdicts.reduce(Verdicts::default, sum)
-}
-
-#[inline(always)]
-fn apply_chunk(
-    correction: &[i16],
-    inside: &RangeInclusive<f32>,
-    (phase, sigma, valid): (&mut [f32], &mut [f32], &mut [u8]),
-) -> Verdicts {
-    let mut verdicts = Verdicts::default();
-    for first in (0..valid.len()).step_by(BLOCK) {
-        let part = first..(first + BLOCK).min(valid.len());
-        let untouched = correction[part.clone()].iter().fold(0, |any, c| any | c) == 0
-            && valid[part.clone()].iter().fold(0, |most: u8, state| most.max(*state)) <= state::SURE;
-        if untouched {
-            verdicts.valid += valid[part].iter().map(|v| u32::from(*v)).sum::<u32>() as usize;
-            continue;
-        }
-        for i in part {
-            apply_one(correction[i], inside, (&mut phase[i], &mut sigma[i], &mut valid[i]), &mut verdicts);
-        }
-    }
-    verdicts
 }
 
 fn apply_one(

@@ -13,16 +13,17 @@
 //! there whole fringes tell it (`moments`).
 
 pub mod code;
+mod columns;
 mod moments;
 mod rows;
+mod samples;
 mod subspace;
 
-use super::limits::MAX_STEPS;
-use super::roles::{SineKind, SinePlan};
 use crate::wrapped::LeastSquares;
+use columns::nominal_columns;
 use rows::fit;
+pub(super) use samples::Samples;
 use std::fmt;
-use subspace::{Samples, nominal_columns};
 
 /// Fewest steps of which a frame may be left out: three must remain.
 const LEAST_STEPS: usize = 4;
@@ -240,21 +241,9 @@ pub struct Look<'a> {
     pub clipped_dn: u16,
 }
 
-impl Look<'_> {
-    /// Grey value of the pixel at a position in the frame of a step, DN.
-    #[inline(always)]
-    pub fn value(&self, step: usize, position: usize) -> u16 {
-        self.values[step * self.positions.len() + position]
-    }
-}
-
 /// Looks for faults in the frames of a complete set; `None` where there are none, or too many to do without.
-pub fn inspect(plan: &SinePlan, look: &Look) -> Option<Repair> {
-    let steps = plan.steps as usize;
-    if plan.kind != SineKind::Plain || !(3..=MAX_STEPS).contains(&steps) {
-        return None;
-    }
-    let samples = Samples::new(plan, look)?;
+pub(super) fn inspect(samples: &Samples) -> Option<Repair> {
+    let (plan, steps) = (samples.plan(), samples.steps());
     let nominal = nominal_columns(plan);
     let found = |step: Option<usize>, fault| {
         let remedy = if step.is_some() { Remedy::LeftOut } else { Remedy::Normalised };
@@ -266,7 +255,7 @@ pub fn inspect(plan: &SinePlan, look: &Look) -> Option<Repair> {
         Some(Repair { fit: fit(&nominal, steps, bad)?, findings })
     };
     if steps <= moments::MOST_STEPS
-        && let Some((step, fault)) = moments::wrong_frame(&samples)
+        && let Some((step, fault)) = moments::wrong_frame(samples)
     {
         return without(vec![found(step, fault)]);
     }

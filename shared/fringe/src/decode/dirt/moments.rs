@@ -5,7 +5,7 @@
 //! reflectance of the part adds to all of them. If one frame is wrong, the others alone follow that, and its covariances with them
 //! tell its contrast and its step.
 
-use super::subspace::Samples;
+use super::samples::Samples;
 use super::{BLACK, BLURRED, Fault, MOVED_RAD};
 use crate::math::{atan2, sincos, wrap_rad};
 use nalgebra::{Matrix2, Vector2};

@@ -1,7 +1,7 @@
 //! What the columns that all pixels share tell of the frames, and the weights that follow.
 
 use super::FrameRow;
-use super::subspace::{Column, dot, solver, times};
+use super::columns::{Column, dot, solver, times};
 use crate::decode::limits::MAX_STEPS;
 use crate::wrapped::LeastSquares;
 use nalgebra::{Matrix3, Vector3};

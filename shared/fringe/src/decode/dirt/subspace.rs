@@ -3,18 +3,16 @@
 // The sums of a set live on the stack: a warm decoder allocates nothing.
 #![allow(clippy::large_stack_arrays)]
 
+use super::columns::{Column, dot, nominal_columns, solver, times};
 use super::rows::Rows;
-use super::{FLICKER, FrameRow, Look, MOST_FLICKER, STANDING_FLICKER};
+use super::samples::Samples;
+use super::{FLICKER, FrameRow, MOST_FLICKER, STANDING_FLICKER};
 use crate::decode::limits::MAX_STEPS;
-use crate::decode::noise::gcd;
-use crate::decode::roles::SinePlan;
-use crate::math::{atan2, sincos, wrap_rad};
+use crate::decode::spectrum::{SIDE, Side};
+use crate::math::simd::vectorised;
+use crate::math::{atan2, wrap_rad};
 use nalgebra::{Matrix3, Vector3};
 
-/// Most pixels that are asked.
-const MOST: usize = 8192;
-/// Fewer pixels say nothing.
-const LEAST: usize = 500;
 /// Rounds of the iteration: what is not of the three columns loses its share of the power each time.
 const ROUNDS: usize = 24;
 /// Tiles along each side in which the mean over the fringes is taken.
@@ -32,19 +30,6 @@ const STANDING: f64 = 0.01;
 /// Bins of residuals, eight to the octave, from 2⁻¹² of the level on.
 const BINS: usize = 128;
 
-/// One column of all frames.
-pub(super) type Column = [f64; MAX_STEPS];
-
-/// The pixels of a set that are lit and not clipped.
-pub(super) struct Samples<'a> {
-    plan: &'a SinePlan,
-    look: &'a Look<'a>,
-    /// Weights of the frames in A, C and S for the nominal steps.
-    weights: [Column; 3],
-    /// Every so many positions is asked.
-    every: usize,
-}
-
 /// Pixels of one phase in a tile: how many, and sums of r = √(C² + S²)/A and of the phase's direction.
 #[derive(Clone, Copy, Default)]
 struct Bin {
@@ -53,88 +38,30 @@ struct Bin {
     sums: [f64; 5],
 }
 
-impl<'a> Samples<'a> {
-    /// Counts the usable pixels; `None` when they are too few.
-    pub(super) fn new(plan: &'a SinePlan, look: &'a Look<'a>) -> Option<Self> {
-        let weights = solver(&nominal_columns(plan), plan.steps as usize)?;
-        let mut every = look.positions.len().div_ceil(MOST).max(1);
-        // Prime to the width, so that the pixels do not stand in columns.
-        while gcd(every, look.width) != 1 {
-            every += 1;
-        }
-        let mut samples = Self { plan, look, weights, every };
-        if samples.count() < LEAST {
-            // A part that fills little of the picture.
-            samples.every = 1;
-        }
-        (samples.count() >= LEAST).then_some(samples)
-    }
-
-    fn count(&self) -> usize {
-        let mut count = 0;
-        self.each(|_, _| count += 1);
-        count
-    }
-
-    /// Number of frames of the set.
-    pub(super) fn steps(&self) -> usize {
-        self.plan.steps as usize
-    }
-
-    /// Nominal steps of the frames, rad.
-    pub(super) fn shifts_rad(&self) -> &[f64] {
-        &self.plan.shifts_rad
-    }
-
-    /// Columns and rows of the image, px.
-    pub(super) fn size_px(&self) -> (usize, usize) {
-        let width = self.look.width.max(1);
-        (width, (self.look.pixels / width).max(1))
-    }
-
-    /// Calls `take(place, values)` for the usable pixels, grey values in DN.
-    pub(super) fn each_dn(&self, mut take: impl FnMut(usize, &mut [f64])) {
-        let (steps, mut values) = (self.steps(), [0.0; MAX_STEPS]);
-        for (position, place) in self.look.positions.iter().enumerate().step_by(self.every) {
-            let (mut sum, mut most) = (0.0, 0);
-            for (step, value) in values[..steps].iter_mut().enumerate() {
-                let dn = self.look.value(step, position);
-                most = most.max(dn);
-                *value = f64::from(dn);
-                sum += *value;
-            }
-            if most >= self.look.clipped_dn || sum <= 0.0 {
-                continue;
-            }
-            let [c, s] = [1, 2].map(|k| dot(&self.weights[k], &values, steps));
-            if c * c + s * s >= 4.0 * self.look.least_modulation_dn * self.look.least_modulation_dn {
-                take(*place, &mut values[..steps]);
+impl Samples<'_> {
+    /// Σ over the pixels of the products of two frames.
+    #[inline(always)]
+    fn power(&self) -> [Column; MAX_STEPS] {
+        let mut power = [[0.0; MAX_STEPS]; MAX_STEPS];
+        for i in 0..self.steps() {
+            for j in i..self.steps() {
+                let mut sums = [0.0; SIDE];
+                for (_, _, rows) in self.groups() {
+                    for (sum, (a, b)) in sums.iter_mut().zip(rows[i].iter().zip(&rows[j])) {
+                        *sum += a * b;
+                    }
+                }
+                power[i][j] = sums.iter().sum();
+                power[j][i] = power[i][j];
             }
         }
-    }
-
-    /// Calls `take(place, values)` for the usable pixels, their values over the pixel's mean.
-    fn each(&self, mut take: impl FnMut(usize, &[f64])) {
-        self.each_dn(|place, values| {
-            let scale = values.len() as f64 / values.iter().sum::<f64>();
-            for value in &mut *values {
-                *value *= scale;
-            }
-            take(place, values);
-        });
+        power
     }
 
     /// Columns near the nominal ones that all pixels share, and what each frame's row tells.
     pub(super) fn rows(&self) -> Option<Rows> {
         let steps = self.steps();
-        let mut power = [[0.0; MAX_STEPS]; MAX_STEPS];
-        self.each(|_, values| {
-            for (row, a) in power.iter_mut().zip(values) {
-                for (sum, b) in row.iter_mut().zip(values) {
-                    *sum += a * b;
-                }
-            }
-        });
+        let power = vectorised!(self.level, self.power());
         let nominal = nominal_columns(self.plan);
         let mut basis = nominal;
         orthonormal(&mut basis, steps)?;
@@ -202,24 +129,9 @@ impl<'a> Samples<'a> {
     /// The fringe that stands still in the level, over the level, where it is certain. It makes the modulation vary once with the phase: r + E cos
     /// (φ − ψ), whatever phases a tile has.
     fn standing(&self, columns: &[Column; 3]) -> Option<[f64; 2]> {
-        let (steps, (width, height)) = (self.steps(), self.size_px());
-        let weights = solver(columns, steps)?;
+        let weights = solver(columns, self.steps())?;
         let mut tiles = [[Bin::default(); PHASES]; TILES * TILES];
-        self.each(|place, values| {
-            let [a, c, s] = weights.each_ref().map(|w| dot(w, values, steps));
-            if a <= 0.0 || (c == 0.0 && s == 0.0) {
-                return;
-            }
-            let (x, y) = (place % width * TILES / width, place / width * TILES / height);
-            let (turns, length) = (atan2(s, c) / std::f64::consts::TAU + 0.5, (c * c + s * s).sqrt());
-            let (r, c, s) = (length / a, c / length, s / length);
-            let tile = &mut tiles[(y * TILES + x).min(TILES * TILES - 1)];
-            let bin = &mut tile[((turns * PHASES as f64) as usize).min(PHASES - 1)];
-            bin.count += 1.0;
-            for (sum, value) in bin.sums.iter_mut().zip([r, c, s, r * c, r * s]) {
-                *sum += value;
-            }
-        });
+        vectorised!(self.level, self.fill(&weights, &mut tiles));
         // The mean of (r − r̄) cos φ over the phases is half the amplitude.
         let of_tile = |tile: &[Bin; PHASES]| {
             let count: f64 = tile.iter().map(|bin| bin.count).sum();
@@ -247,13 +159,7 @@ impl<'a> Samples<'a> {
         let steps = self.steps();
         let weights = solver(columns, steps)?;
         let mut bins = [[0_u32; BINS]; MAX_STEPS];
-        self.each(|_, values| {
-            let x = weights.each_ref().map(|w| dot(w, values, steps));
-            for i in 0..steps {
-                let rest = values[i] - (0..3).map(|k| x[k] * columns[k][i]).sum::<f64>();
-                bins[i][bin(rest.abs())] += 1;
-            }
-        });
+        vectorised!(self.level, self.count_left(columns, &weights, &mut bins));
         let mut left = [0.0; MAX_STEPS];
         for (left, bins) in left[..steps].iter_mut().zip(&bins) {
             let most = bins.iter().sum::<u32>() / 4 * 3;
@@ -265,6 +171,51 @@ impl<'a> Samples<'a> {
             *left = level_of(at.unwrap_or(0));
         }
         Some(left)
+    }
+
+    /// Counts the pixels by what each frame leaves over the level.
+    #[inline(always)]
+    fn count_left(&self, columns: &[Column; 3], weights: &[Column; 3], bins: &mut [[u32; BINS]; MAX_STEPS]) {
+        for (chosen, _, rows) in self.groups() {
+            let x = fitted(weights, rows);
+            for (i, (bins, values)) in bins.iter_mut().zip(rows).enumerate() {
+                let mut places = [0_u32; SIDE];
+                for l in 0..SIDE {
+                    let told = x[0][l] * columns[0][i] + x[1][l] * columns[1][i] + x[2][l] * columns[2][i];
+                    places[l] = bin((values[l] - told).abs());
+                }
+                for place in &places[..chosen.len()] {
+                    bins[*place as usize] += 1;
+                }
+            }
+        }
+    }
+
+    /// Deals the pixels to tiles and phases.
+    #[inline(always)]
+    fn fill(&self, weights: &[Column; 3], tiles: &mut [[Bin; PHASES]; TILES * TILES]) {
+        let (width, height) = self.size_px();
+        for (chosen, _, rows) in self.groups() {
+            let [a, c, s] = fitted(weights, rows);
+            let (mut r, mut cosine, mut sine) = ([0.0; SIDE], [0.0; SIDE], [0.0; SIDE]);
+            for l in 0..SIDE {
+                let length = (c[l] * c[l] + s[l] * s[l]).sqrt();
+                (r[l], cosine[l], sine[l]) = (length / a[l], c[l] / length, s[l] / length);
+            }
+            for (l, position) in chosen.iter().enumerate() {
+                if a[l] <= 0.0 || (c[l] == 0.0 && s[l] == 0.0) {
+                    continue;
+                }
+                let place = self.look.positions[*position as usize];
+                let (x, y) = (place % width * TILES / width, place / width * TILES / height);
+                let bin = &mut tiles[(y * TILES + x).min(TILES * TILES - 1)][octant(c[l], s[l])];
+                bin.count += 1.0;
+                let own = [r[l], cosine[l], sine[l], r[l] * cosine[l], r[l] * sine[l]];
+                for (sum, value) in bin.sums.iter_mut().zip(own) {
+                    *sum += value;
+                }
+            }
+        }
     }
 
     /// What the row of a frame tells beside those of most others.
@@ -288,14 +239,30 @@ impl<'a> Samples<'a> {
     }
 }
 
-/// The columns of the nominal steps.
-pub(super) fn nominal_columns(plan: &SinePlan) -> [Column; 3] {
-    let mut columns = [[0.0; MAX_STEPS]; 3];
-    for (i, shift) in plan.shifts_rad.iter().enumerate() {
-        let (s, c) = sincos(*shift);
-        (columns[0][i], columns[1][i], columns[2][i]) = (1.0, c, s);
+/// A, C and S of the pixels of a group.
+#[inline(always)]
+fn fitted(weights: &[Column; 3], rows: &[Side]) -> [Side; 3] {
+    let mut x = [[0.0; SIDE]; 3];
+    for (i, values) in rows.iter().enumerate() {
+        for (x, weights) in x.iter_mut().zip(weights) {
+            for l in 0..SIDE {
+                x[l] += weights[i] * values[l];
+            }
+        }
     }
-    columns
+    x
+}
+
+/// Number of the eighth of a turn in which a direction lies, counted from that towards −c on.
+#[inline(always)]
+fn octant(c: f64, s: f64) -> usize {
+    let steep = s.abs() > c.abs();
+    match (s < 0.0, c < 0.0) {
+        (true, true) => usize::from(steep),
+        (true, false) => 3 - usize::from(steep),
+        (false, false) => 4 + usize::from(steep),
+        (false, true) => 7 - usize::from(steep),
+    }
 }
 
 /// The columns that a basis spans, as near to the nominal ones as possible over all frames but one.
@@ -329,28 +296,6 @@ fn misfit(columns: &[Column; 3], nominal: &[Column; 3], steps: usize, but: usize
     sum
 }
 
-/// Weights of the frames in A, C and S.
-pub(super) fn solver(columns: &[Column; 3], steps: usize) -> Option<[Column; 3]> {
-    let normal = Matrix3::from_fn(|i, j| dot(&columns[i], &columns[j], steps));
-    let inverse = normal.try_inverse()?;
-    let mut weights = [[0.0; MAX_STEPS]; 3];
-    for (k, weights) in weights.iter_mut().enumerate() {
-        for (i, weight) in weights[..steps].iter_mut().enumerate() {
-            *weight = (0..3).map(|j| inverse[(k, j)] * columns[j][i]).sum();
-        }
-    }
-    Some(weights)
-}
-
-/// The values of a column times those of another.
-pub(super) fn times(a: &Column, b: &Column) -> Column {
-    std::array::from_fn(|i| a[i] * b[i])
-}
-
-pub(super) fn dot(a: &[f64], b: &[f64], steps: usize) -> f64 {
-    a[..steps].iter().zip(&b[..steps]).map(|(a, b)| a * b).sum()
-}
-
 /// Gram and Schmidt; `None` where the columns do not span three dimensions.
 fn orthonormal(columns: &mut [Column; 3], steps: usize) -> Option<()> {
     for k in 0..3 {
@@ -372,12 +317,28 @@ fn orthonormal(columns: &mut [Column; 3], steps: usize) -> Option<()> {
 }
 
 /// Bin of a residual: the exponent and three bits of the number.
-fn bin(value: f64) -> usize {
+#[inline(always)]
+fn bin(value: f64) -> u32 {
     let bits = (value as f32).to_bits() >> 20;
-    (bits.saturating_sub((127 - 12) << 3) as usize).min(BINS - 1)
+    bits.saturating_sub((127 - 12) << 3).min(BINS as u32 - 1)
 }
 
 /// Lower end of a bin.
 fn level_of(bin: usize) -> f64 {
     f64::from(f32::from_bits((bin as u32 + ((127 - 12) << 3)) << 20))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::sincos;
+
+    #[test]
+    fn eighths_of_a_turn_are_those_of_the_angle() {
+        for i in 0..1000 {
+            let (s, c) = sincos(f64::from(i) * 0.01 - 5.0);
+            let turns = atan2(s, c) / std::f64::consts::TAU + 0.5;
+            assert_eq!(octant(3.0 * c, 3.0 * s), (turns * 8.0) as usize, "{c} {s}");
+        }
+    }
 }
