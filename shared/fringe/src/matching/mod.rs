@@ -39,6 +39,7 @@ mod error;
 mod figures;
 mod mask;
 mod noisy_rows;
+mod order;
 mod patch;
 mod report;
 mod run;
@@ -51,6 +52,7 @@ mod tests;
 pub use error::MatchError;
 pub(crate) use error::check_map;
 pub(crate) use mask::mask;
+use mask::masked;
 pub use patch::Interpolation;
 pub use report::MatchReport;
 pub use settings::MatchSettings;
@@ -62,15 +64,19 @@ use crate::math::parallel::for_parts;
 use crate::math::simd::best_level;
 use crate::math::statistics::median;
 use crate::phase::PhaseView;
-use crate::rectify::{Rectification, RectifiedGrid, range};
+use crate::rectify::{Rectification, RectifiedGrid};
 use crate::surface::{Cause, Sample, SurfaceBuilder, View, independent_share, mark_rims, rim_is_hidden};
 use epipolar_rows::{Row, StepLimits};
 use fearless_simd::Level;
 use nalgebra::Vector3;
+use order::{common_rows, order, others};
 use report::PART_ROWS;
 use scan::{Scan, Task};
 use std::f64::consts::TAU;
 use subpixel::{RightPhase, SETTLED_PX};
+
+/// Parts of the rows that are matched before their points are put in the order of the pixels.
+const PARTS_AT_ONCE: usize = 8;
 
 /// Relative difference of two periods that are the same: they come from the same sequence.
 const SAME_PERIOD: f64 = 1e-9;
@@ -100,23 +106,26 @@ pub struct Matcher {
     row_starts: Vec<usize>,
     parts: Vec<usize>,
     tasks: Vec<Task>,
-    /// Left phase with NaN where masked.
-    left_phase: Vec<f32>,
-    /// Right phase with NaN where masked.
-    right_phase: Vec<f32>,
+    /// Left and right phase with NaN where masked, where the maps do not have it so.
+    copies: [Vec<f32>; 2],
     /// Not zero where the right surface ends within `surface.edge_px`.
     right_rims: Vec<u8>,
     /// Scratch for the gaps between them.
     right_gaps: Vec<u8>,
     /// Scratch for the median noise.
     noise: Vec<f32>,
-    /// In the sequence of `order`.
+    /// Of the parts that are matched at once, in the sequence of `order`.
     hits: Vec<Sample>,
-    /// On the native left grid.
-    samples: Vec<Sample>,
     surface: SurfaceBuilder,
     /// Instructions that may be used.
     level: Level,
+}
+
+/// The phases of both maps, with NaN where they may not be used.
+#[derive(Clone, Copy)]
+struct Phases<'a> {
+    left: &'a [f32],
+    right: &'a [f32],
 }
 
 impl Matcher {
@@ -144,8 +153,9 @@ impl Matcher {
             report: MatchReport::default(),
         };
         // `vec![task; n]` would clone without the capacity.
-        let tasks =
-            (0..height.div_ceil(PART_ROWS)).map(|_| task.sized(left_grid.width, right_grid.width)).collect();
+        let at_once = PARTS_AT_ONCE.min(parts.len() - 1);
+        let tasks = (0..at_once).map(|_| task.sized(left_grid.width, right_grid.width)).collect();
+        let most = parts.windows(at_once + 1).map(|parts| parts[at_once] - parts[0]).max().unwrap_or(0);
         let (columns, rows) = (left.width_px as usize, left.height_px as usize);
         Ok(Self {
             settings: *settings,
@@ -155,15 +165,13 @@ impl Matcher {
             row_starts,
             parts,
             tasks,
-            left_phase: vec![f32::NAN; columns * rows],
-            right_phase: vec![f32::NAN; right.width_px as usize * right.height_px as usize],
+            copies: [Vec::new(), Vec::new()],
             right_rims: vec![0; right.width_px as usize * right.height_px as usize],
             right_gaps: vec![0; right.width_px as usize * right.height_px as usize],
             noise: Vec::with_capacity(NOISE_SAMPLES),
-            hits: vec![Sample::NONE; order.len()],
+            hits: vec![Sample::NONE; most],
             outside: others(&order, columns * rows),
             order,
-            samples: vec![Sample::NONE; columns * rows],
             surface: SurfaceBuilder::new(columns, rows, settings.surface),
             level: best_level(),
             directions,
@@ -180,7 +188,7 @@ impl Matcher {
 
     /// How many points `run` may write: one per left pixel.
     pub fn capacity(&self) -> usize {
-        self.samples.len()
+        self.directions.len()
     }
 
     /// Matches two phase maps; the first `report.points` elements of `out` are the points in the order of the left
@@ -196,35 +204,38 @@ impl Matcher {
         out: &mut [Point],
     ) -> Result<MatchReport, MatchError> {
         self.check(left, right, out.len())?;
-        mask(left, &mut self.left_phase);
-        mask(right, &mut self.right_phase);
+        let mut copies = std::mem::take(&mut self.copies);
+        let [left_copy, right_copy] = &mut copies;
+        let phases = Phases { left: masked(left, left_copy), right: masked(right, right_copy) };
+        let report = self.run_masked(left, right, phases, pair, out);
+        self.copies = copies;
+        Ok(report)
+    }
+
+    fn run_masked(
+        &mut self,
+        left: &PhaseView,
+        right: &PhaseView,
+        phases: Phases,
+        pair: u32,
+        out: &mut [Point],
+    ) -> MatchReport {
         let edge_px = self.settings.surface.edge_px as usize;
-        let independent = independent_share(left, &self.left_phase, &mut self.noise).min(independent_share(
+        let independent = independent_share(left, phases.left, &mut self.noise).min(independent_share(
             right,
-            &self.right_phase,
+            phases.right,
             &mut self.noise,
         ));
-        let (limits, noise_px) = self.step_limits(left, right);
+        let (limits, noise_px) = self.step_limits(left, right, phases);
         // A rim shifts the phase two pixels away by less than noise like this hides, and hardly one that was interpolated.
         let hidden = rim_is_hidden(noise_px, RIM_NOISE_PX, independent);
         let edge = if hidden { edge_px.min(1) } else { edge_px };
         let Self { right_gaps, right_rims, .. } = self;
-        mark_rims(
-            (right.info.width_px as usize, &self.right_phase),
-            edge,
-            limits.max_rad,
-            right_gaps,
-            right_rims,
-        );
-        let mut report = self.match_rows(left, right, limits);
-        for (pixel, hit) in self.order.iter().zip(&self.hits) {
-            self.samples[*pixel as usize] = *hit;
-            self.surface.put(*pixel as usize, hit);
-        }
+        mark_rims((right.info.width_px as usize, phases.right), edge, limits.max_rad, right_gaps, right_rims);
+        let mut report = self.match_rows(left, right, phases, limits);
         for pixel in &self.outside {
-            let dark = self.left_phase[*pixel as usize].is_nan();
+            let dark = phases.left[*pixel as usize].is_nan();
             let none = Sample::without(if dark { Cause::Dark } else { Cause::Outside });
-            self.samples[*pixel as usize] = none;
             self.surface.put(*pixel as usize, &none);
             report.outside += u32::from(!dark);
         }
@@ -239,9 +250,9 @@ impl Matcher {
             independent,
             max_sigma: self.settings.max_disparity_sigma_px / (self.pair.focal_px * self.pair.baseline_mm),
         };
-        report.surface = self.surface.build(&view, &mut self.samples, pair, out);
+        report.surface = self.surface.build(&view, pair, out);
         report.points = report.surface.points;
-        Ok(report)
+        report
     }
 
     /// What became of each left pixel in the last run.
@@ -250,8 +261,8 @@ impl Matcher {
     }
 
     /// Limits of the steps along rows, for the median noise of both maps, and this noise, projector pixels.
-    fn step_limits(&mut self, left: &PhaseView, right: &PhaseView) -> (StepLimits, f64) {
-        let noise_rad = [(left, &self.left_phase), (right, &self.right_phase)].map(|(map, masked)| {
+    fn step_limits(&mut self, left: &PhaseView, right: &PhaseView, phases: Phases) -> (StepLimits, f64) {
+        let noise_rad = [(left, phases.left), (right, phases.right)].map(|(map, masked)| {
             let stride = masked.len().div_ceil(NOISE_SAMPLES).max(1);
             self.noise.clear();
             let places = (0..masked.len()).step_by(stride).filter(|i| !masked[*i].is_nan());
@@ -259,16 +270,16 @@ impl Matcher {
             median(&mut self.noise).unwrap_or(0.0)
         });
         let (period_px, noise_rad) = (left.info.period_px, noise_rad[0].max(noise_rad[1]));
-        let step_rad = self.median_step_rad();
+        let step_rad = self.median_step_rad(phases);
         (self.settings.step_limits(period_px, noise_rad, step_rad), f64::from(noise_rad) * period_px / TAU)
     }
 
     /// Median difference of neighbours, rad: along rows and along columns, in both maps, the largest.
-    fn median_step_rad(&mut self) -> f32 {
-        let Self { left_phase, right_phase, noise, pair, .. } = self;
+    fn median_step_rad(&mut self, phases: Phases) -> f32 {
+        let Self { noise, pair, .. } = self;
         let widths = [pair.left.camera.width_px, pair.right.camera.width_px].map(|w| w as usize);
         let mut most = 0.0_f32;
-        for (phase, width) in [(&*left_phase, widths[0]), (&*right_phase, widths[1])] {
+        for (phase, width) in [(phases.left, widths[0]), (phases.right, widths[1])] {
             let stride = phase.len().div_ceil(NOISE_SAMPLES).max(1);
             for next in [1, width] {
                 noise.clear();
@@ -281,23 +292,30 @@ impl Matcher {
         most
     }
 
-    fn match_rows(&mut self, left: &PhaseView, right: &PhaseView, limits: StepLimits) -> MatchReport {
-        let Self { tasks, hits, parts, .. } = self;
+    /// Matches some parts of the rows at a time, so that what they found lies in the cache when it is put in the order of the pixels.
+    fn match_rows(
+        &mut self,
+        left: &PhaseView,
+        right: &PhaseView,
+        phases: Phases,
+        limits: StepLimits,
+    ) -> MatchReport {
+        let Self { tasks, hits, parts, order, surface, pair, settings, .. } = self;
         let scan = Scan {
-            pair: &self.pair,
-            settings: &self.settings,
+            pair,
+            settings,
             left_grid: &self.left_grid,
             right_grid: &self.right_grid,
-            left_phase: &self.left_phase,
+            left_phase: phases.left,
             right_phase: RightPhase {
-                phase_rad: &self.right_phase,
+                phase_rad: phases.right,
                 sigma_rad: right.sigma_rad,
                 rims: &self.right_rims,
                 width: right.info.width_px as usize,
                 height: right.info.height_px as usize,
-                pitch: 1.0 / self.pair.focal_px,
+                pitch: 1.0 / pair.focal_px,
                 reach: self.reach,
-                interpolation: self.settings.interpolation,
+                interpolation: settings.interpolation,
             },
             directions: &self.directions,
             row_starts: &self.row_starts,
@@ -305,19 +323,28 @@ impl Matcher {
             left: *left,
             right: *right,
             limits,
-            disparities: self
-                .settings
+            disparities: settings
                 .depth_mm
-                .map(|[near, far]| [self.pair.baseline_mm / far, self.pair.baseline_mm / near]),
+                .map(|[near, far]| [pair.baseline_mm / far, pair.baseline_mm / near]),
         };
-        let order = &self.order;
-        for_parts(parts, hits, tasks, &|part, hits, task| {
-            task.report = MatchReport::default();
-            scan.part(part, &order[parts[part]..parts[part + 1]], hits, task);
-        });
         let mut sum = MatchReport::default();
-        for task in tasks.iter() {
-            sum.add(&task.report);
+        let count = parts.len() - 1;
+        for first in (0..count).step_by(PARTS_AT_ONCE) {
+            let last = (first + PARTS_AT_ONCE).min(count);
+            let (starts, tasks) = (&parts[first..=last], &mut tasks[..last - first]);
+            let pixels = &order[parts[first]..parts[last]];
+            let hits = &mut hits[..pixels.len()];
+            for_parts(starts, hits, tasks, &|part, hits, task| {
+                task.report = MatchReport::default();
+                let pixels = &pixels[starts[part] - starts[0]..starts[part + 1] - starts[0]];
+                scan.part(first + part, pixels, hits, task);
+            });
+            for (pixel, hit) in pixels.iter().zip(hits) {
+                surface.put(*pixel as usize, hit);
+            }
+            for task in tasks {
+                sum.add(&task.report);
+            }
         }
         sum
     }
@@ -347,45 +374,4 @@ impl MatchReport {
         self.uncertain += other.uncertain;
         self.bilinear += other.bilinear;
     }
-}
-
-/// First ordinate and number of the rectified rows that both views share; no rows where they share none.
-fn common_rows(left: &[[f64; 2]], right: &[[f64; 2]], focal_px: f64) -> (f64, usize) {
-    let (Some(left), Some(right)) = (range(left, 1), range(right, 1)) else { return (0.0, 0) };
-    let (low, high) = (left.0.max(right.0), left.1.min(right.1));
-    if low > high { (0.0, 0) } else { (low, ((high - low) * focal_px).round() as usize + 1) }
-}
-
-/// Left pixels sorted by rectified row (a counting sort, so in native order along a row), and where each row begins.
-fn order(directions: &[[f64; 2]], grid: &RectifiedGrid) -> (Vec<u32>, Vec<usize>) {
-    let row = |y: f64| {
-        let row = ((y - grid.y0) * grid.focal_px).round();
-        // NaN fails the comparison.
-        (row >= 0.0 && row < grid.height as f64).then_some(row as usize)
-    };
-    let mut starts = vec![0_usize; grid.height + 1];
-    for row in directions.iter().filter_map(|d| row(d[1])) {
-        starts[row + 1] += 1;
-    }
-    for index in 0..grid.height {
-        starts[index + 1] += starts[index];
-    }
-    let mut next = starts.clone();
-    let mut order = vec![0; starts[grid.height]];
-    for (pixel, direction) in directions.iter().enumerate() {
-        if let Some(row) = row(direction[1]) {
-            order[next[row]] = pixel as u32;
-            next[row] += 1;
-        }
-    }
-    (order, starts)
-}
-
-/// Those of so many pixels that are not among the given ones.
-fn others(pixels: &[u32], count: usize) -> Vec<u32> {
-    let mut given = vec![false; count];
-    for pixel in pixels {
-        given[*pixel as usize] = true;
-    }
-    (0..count as u32).filter(|pixel| !given[*pixel as usize]).collect()
 }

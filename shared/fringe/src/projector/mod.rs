@@ -129,7 +129,7 @@ impl ProjectorMatcher {
             max_sigma: f64::INFINITY,
         };
         self.surface.load(&self.samples);
-        report.surface = self.surface.build(&view, &mut self.samples, pair, out);
+        report.surface = self.surface.build(&view, pair, out);
         report.points = report.surface.points;
         Ok(report)
     }

@@ -1,6 +1,7 @@
 //! The memory of a surface builder, and its parts of rows.
 
 use super::patches::Patches;
+use super::raster::Raster;
 use super::{Cause, Sample, SurfaceSettings};
 use crate::math::simd::best_level;
 use fearless_simd::Level;
@@ -28,9 +29,8 @@ pub(crate) struct SurfaceBuilder {
     pub(super) counts: Vec<PartCount>,
     pub(super) point_parts: Vec<usize>,
     pub(super) keep: Vec<u8>,
-    /// The inverse depths of the samples, and their uncertainties, each in one piece.
-    pub(super) depths: Vec<f64>,
-    pub(super) sigmas: Vec<f32>,
+    /// What the view knows of its pixels.
+    pub(super) raster: Raster,
     /// Instructions that may be used.
     pub(crate) level: Level,
     pub(super) patches: Patches,
@@ -71,11 +71,14 @@ impl SurfaceBuilder {
 
     /// Takes what all samples say of their pixels.
     pub fn load(&mut self, samples: &[Sample]) {
-        let parts = self.depths.par_chunks_mut(CHUNK).zip(self.sigmas.par_chunks_mut(CHUNK));
+        let Raster { depths, sigmas, own_shares, modulations } = &mut self.raster;
+        let parts = depths.par_chunks_mut(CHUNK).zip(sigmas.par_chunks_mut(CHUNK));
+        let parts = parts.zip(own_shares.par_chunks_mut(CHUNK)).zip(modulations.par_chunks_mut(CHUNK));
         let parts = parts.zip(self.causes.par_chunks_mut(CHUNK)).zip(samples.par_chunks(CHUNK));
-        parts.for_each(|(((depths, sigmas), causes), samples)| {
-            for (((sample, depth), sigma), cause) in samples.iter().zip(depths).zip(sigmas).zip(causes) {
-                (*depth, *sigma, *cause) = (sample.inverse_depth, sample.sigma, sample.cause);
+        parts.for_each(|(((((depths, sigmas), own_shares), modulations), causes), samples)| {
+            for (i, sample) in samples.iter().enumerate() {
+                (depths[i], sigmas[i], causes[i]) = (sample.inverse_depth, sample.sigma, sample.cause);
+                (own_shares[i], modulations[i]) = (sample.own_share, sample.modulation);
             }
         });
     }
@@ -83,8 +86,7 @@ impl SurfaceBuilder {
     /// Takes what one sample says of its pixel.
     #[inline(always)]
     pub fn put(&mut self, pixel: usize, sample: &Sample) {
-        self.depths[pixel] = sample.inverse_depth;
-        self.sigmas[pixel] = sample.sigma;
+        self.raster.put(pixel, sample);
         self.causes[pixel] = sample.cause;
     }
 
@@ -99,8 +101,7 @@ impl SurfaceBuilder {
             counts: vec![PartCount::default(); parts],
             point_parts: vec![0; parts + 1],
             keep: vec![0; pixels],
-            depths: vec![f64::NAN; pixels],
-            sigmas: vec![f32::NAN; pixels],
+            raster: Raster::new(pixels),
             level: best_level(),
             patches: Patches::new(pixels),
             causes: vec![Cause::Dark; pixels],

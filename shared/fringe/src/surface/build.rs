@@ -3,6 +3,7 @@
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::normals::{Link, normal, quiet_half};
 use super::quick::{HALF, LANES, Shared, group};
+use super::raster::Raster;
 use super::rim::at_rim;
 use super::sample::{Sample, View};
 use super::smooth::{smoothed, smoothed_partly};
@@ -19,48 +20,35 @@ use std::slice::IterMut;
 const POINTS_AT_ONCE: usize = 131_072;
 
 impl SurfaceBuilder {
-    /// Drops spikes, crumbs and steep points from `samples`, then writes the points in pixel order; `out` has at least one element per pixel. The samples
-    /// must have been put or loaded.
-    pub fn build(
-        &mut self,
-        view: &View,
-        samples: &mut [Sample],
-        pair: u32,
-        out: &mut [Point],
-    ) -> SurfaceReport {
+    /// Drops spikes, crumbs and steep points from the samples that were put or loaded, then writes the points in pixel order; `out` has at least one
+    /// element per pixel.
+    pub fn build(&mut self, view: &View, pair: u32, out: &mut [Point]) -> SurfaceReport {
         let link = Link { max_step: self.max_tangent * view.pitch };
-        let spikes = self.drop_spikes(view, samples, link);
-        let crumbs = self.drop_crumbs(view.width, samples, link);
-        self.mark_gaps((view.width, view.height), samples, link);
-        let written = self.write(view, samples, link, pair, out);
+        let spikes = self.drop_spikes(view, link);
+        let crumbs = self.drop_crumbs(view.width, link);
+        self.mark_gaps((view.width, view.height), link);
+        let written = self.write(view, link, pair, out);
         SurfaceReport { spikes, crumbs, ..written }
     }
 
-    fn write(
-        &mut self,
-        view: &View,
-        samples: &[Sample],
-        link: Link,
-        pair: u32,
-        out: &mut [Point],
-    ) -> SurfaceReport {
+    fn write(&mut self, view: &View, link: Link, pair: u32, out: &mut [Point]) -> SurfaceReport {
         let mut total = 0;
         for (part, start) in self.point_parts.iter_mut().enumerate() {
             *start = total;
             if let Some(end) = self.row_parts.get(part + 1) {
-                let depths = &self.depths[self.row_parts[part]..*end];
+                let depths = &self.raster.depths[self.row_parts[part]..*end];
                 total += depths.iter().map(|depth| usize::from(depth.is_finite())).sum::<usize>();
             }
         }
+        let excess = self.excess(view, link, total);
         let selector = Selector {
             view,
-            samples,
+            samples: &self.raster,
             link,
-            excess: self.excess(view, samples, link, total),
+            excess,
             settings: &self.settings,
             min_cosine: self.min_cosine,
             gaps: &self.keep,
-            depths: &self.depths,
         };
         let mut report = SurfaceReport::default();
         let mut first = 0;
@@ -116,15 +104,13 @@ fn close_gaps(starts: &[usize], counts: &[PartCount], written: &mut [Point], rep
 /// Decides whether a pixel becomes a point, or why it is dropped.
 pub(super) struct Selector<'a> {
     pub(super) view: &'a View<'a>,
-    pub(super) samples: &'a [Sample],
+    pub(super) samples: &'a Raster,
     pub(super) link: Link,
     /// Excess of the scatter, see [`super::scatter`].
     pub(super) excess: f64,
     pub(super) settings: &'a SurfaceSettings,
     pub(super) min_cosine: f64,
     pub(super) gaps: &'a [u8],
-    /// The inverse depths of the samples.
-    pub(super) depths: &'a [f64],
 }
 
 impl Selector<'_> {
@@ -144,17 +130,17 @@ impl Selector<'_> {
             let inner =
                 row >= HALF && row + HALF < height && column >= HALF && column + LANES + HALF <= width;
             if !(whole && inner) {
-                if self.depths[at].is_finite() {
+                if self.samples.depths[at].is_finite() {
                     self.place(at, pair, &mut slots, count);
                 }
                 at += 1;
                 continue;
             }
-            if self.depths[at..at + LANES].iter().any(|depth| depth.is_finite()) {
-                let found = group(self.view, self.depths, self.samples, at, common);
+            if self.samples.depths[at..at + LANES].iter().any(|depth| depth.is_finite()) {
+                let found = group(self.view, self.samples, at, common);
                 for l in 0..LANES {
                     if !found.settled[l] {
-                        if self.depths[at + l].is_finite() {
+                        if self.samples.depths[at + l].is_finite() {
                             self.place(at + l, pair, &mut slots, count);
                         }
                         continue;
@@ -165,7 +151,7 @@ impl Selector<'_> {
                         position_mm: found.position_mm.map(|axis| axis[l]),
                         normal: found.normal.map(|axis| axis[l] as f32),
                         sigma_mm: found.sigma_mm[l],
-                        modulation: self.samples[at + l].modulation,
+                        modulation: self.samples.modulations[at + l],
                         pair,
                         pixel: (at + l) as u32,
                         reserved: 0,
@@ -199,7 +185,7 @@ impl Selector<'_> {
         let normal = normal(view, samples, pixel, link, half);
         let (mut sample, window) =
             smoothed((size, view.independent), samples, pixel, link.max_step, smoothing);
-        let edge = view.rim_px(&samples[pixel], settings.edge_px as usize);
+        let edge = view.rim_px(&samples.at(pixel), settings.edge_px as usize);
         let rim = window < edge && at_rim(size, samples, gaps, pixel, link, edge);
         if window < smoothing && !rim {
             let spread = (size, view.independent);
@@ -213,7 +199,7 @@ impl Selector<'_> {
         let mut steep = false;
         if let Some(normal) = normal {
             let beyond = view.beyond_incidence(&sample, pixel, &normal, self.min_cosine);
-            let wide = quiet_half(view, &samples[pixel]);
+            let wide = quiet_half(view, &samples.at(pixel));
             steep = beyond > 0.0 && wide <= half;
             if beyond > 0.0 && !steep {
                 let off = view.slope_error(&sample, pixel, &normal, wide, beyond);

@@ -5,7 +5,6 @@
 
 use super::buffers::SurfaceBuilder;
 use super::normals::Link;
-use super::sample::Sample;
 use crate::math::parallel::for_parts;
 use crate::math::simd::vectorised;
 
@@ -31,13 +30,13 @@ pub(crate) fn bridges_line(
 
 impl SurfaceBuilder {
     /// Marks in `keep` the absent samples that lie in a narrow gap of a surface.
-    pub(super) fn mark_gaps(&mut self, (width, height): (usize, usize), samples: &[Sample], link: Link) {
-        let joined = |a: usize, b: usize, distance| link.joins(&samples[a], &samples[b], distance);
-        let Self { row_parts, keep, counts, depths, level, .. } = self;
+    pub(super) fn mark_gaps(&mut self, (width, height): (usize, usize), link: Link) {
+        let Self { row_parts, keep, counts, raster, level, .. } = self;
+        let joined = |a: usize, b: usize, distance| link.joins(&raster.at(a), &raster.at(b), distance);
         for_parts(row_parts, keep, counts, &|part, keep, _| {
             let first = row_parts[part] / width;
             for (row, line) in keep.chunks_mut(width).enumerate() {
-                vectorised!(*level, mark_row((width, height), depths, first + row, line, &joined));
+                vectorised!(*level, mark_row((width, height), &raster.depths, first + row, line, &joined));
             }
         });
     }

@@ -11,6 +11,7 @@ mod independence;
 mod normals;
 mod patches;
 mod quick;
+mod raster;
 mod rim;
 mod sample;
 mod scatter;

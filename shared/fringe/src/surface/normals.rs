@@ -4,6 +4,7 @@
 //! over a window, turned into derivatives by x and y, gives n ∝ (∂q/∂x, ∂q/∂y, q − x ∂q/∂x − y ∂q/∂y): exact on planes,
 //! and on curved surfaces exact to second order where the window is symmetric.
 
+use super::raster::Raster;
 use super::sample::{Sample, View};
 use nalgebra::{Vector2, Vector3};
 
@@ -57,12 +58,12 @@ pub(super) fn quiet_half(view: &View, sample: &Sample) -> usize {
 #[inline]
 pub(crate) fn normal(
     view: &View,
-    samples: &[Sample],
+    samples: &Raster,
     pixel: usize,
     link: Link,
     half: usize,
 ) -> Option<Vector3<f64>> {
-    let half = half.max(quiet_half(view, &samples[pixel]));
+    let half = half.max(quiet_half(view, &samples.at(pixel)));
     let (column, row) = (pixel % view.width, pixel / view.width);
     let inner = column >= half && row >= half && column + half < view.width && row + half < view.height;
     let full = if !inner || half > 2 {
@@ -109,13 +110,8 @@ fn derivative(view: &View, pixel: usize, coordinate: usize, stride: usize, count
 
 /// The fit over a window of which every sample is on the surface; else `None`.
 #[inline]
-fn full_window<const HALF: usize>(
-    width: usize,
-    samples: &[Sample],
-    pixel: usize,
-    link: Link,
-) -> Option<Plane> {
-    let centre = &samples[pixel];
+fn full_window<const HALF: usize>(width: usize, samples: &Raster, pixel: usize, link: Link) -> Option<Plane> {
+    let centre = &samples.at(pixel);
     let (mut sum, mut by_column, mut by_row) = (0.0, 0.0, 0.0);
     let mut worst = 0.0_f64;
     let mut row = -(HALF as f64);
@@ -123,8 +119,8 @@ fn full_window<const HALF: usize>(
     for _ in 0..=2 * HALF {
         let mut line = 0.0;
         let mut column = -(HALF as f64);
-        for sample in &samples[start..=start + 2 * HALF] {
-            let difference = sample.inverse_depth - centre.inverse_depth;
+        for depth in &samples.depths[start..=start + 2 * HALF] {
+            let difference = depth - centre.inverse_depth;
             worst = worst.max(difference.abs());
             line += difference;
             by_column += column * difference;
@@ -149,15 +145,15 @@ fn full_window<const HALF: usize>(
 }
 
 /// The fit over those samples of a window that lie on the surface of its centre.
-fn partial_window(view: &View, samples: &[Sample], pixel: usize, link: Link, half: usize) -> Option<Plane> {
+fn partial_window(view: &View, samples: &Raster, pixel: usize, link: Link, half: usize) -> Option<Plane> {
     let (column, row) = (pixel % view.width, pixel / view.width);
-    let centre = &samples[pixel];
+    let centre = &samples.at(pixel);
     let mut n = 0.0;
     let (mut su, mut sv, mut suu, mut suv, mut svv) = (0.0, 0.0, 0.0, 0.0, 0.0);
     let (mut sq, mut suq, mut svq) = (0.0, 0.0, 0.0);
     for line in row.saturating_sub(half)..(row + half + 1).min(view.height) {
         for place in column.saturating_sub(half)..(column + half + 1).min(view.width) {
-            let sample = &samples[line * view.width + place];
+            let sample = &samples.at(line * view.width + place);
             let distance = line.abs_diff(row).max(place.abs_diff(column));
             if !link.joins(centre, sample, distance) {
                 continue;
@@ -238,7 +234,7 @@ mod tests {
             samples[hole] = Sample::NONE;
             for half in [1, 2] {
                 for pixel in (0..SIDE * SIDE).filter(|p| *p != hole) {
-                    if let Some(found) = super::normal(&view(&directions), &samples, pixel, LINK, half) {
+                    if let Some(found) = super::normal(&view(&directions), &samples[..].into(), pixel, LINK, half) {
                         // One-sided differences of the table at the border see the distortion's curvature.
                         prop_assert!((found - normal).norm() < 2e-4, "{} beside {}", found, normal);
                     } else {
@@ -259,7 +255,7 @@ mod tests {
             samples[pixel] = behind[pixel];
         }
         for pixel in 0..SIDE * SIDE {
-            let found = super::normal(&view(&directions), &samples, pixel, LINK, 2).unwrap();
+            let found = super::normal(&view(&directions), &samples[..].into(), pixel, LINK, 2).unwrap();
             assert!((found - normal).norm() < 2e-4, "{found} at {pixel}");
         }
     }
@@ -273,6 +269,7 @@ mod tests {
                 *sample = Sample::NONE;
             }
         }
-        assert_eq!(super::normal(&view(&directions), &samples, 4 * SIDE + 4, LINK, 2), None, "a single line");
+        let raster = Raster::from(&samples[..]);
+        assert_eq!(super::normal(&view(&directions), &raster, 4 * SIDE + 4, LINK, 2), None, "a single line");
     }
 }

@@ -5,7 +5,8 @@
 #![allow(clippy::needless_bitwise_bool)]
 
 use super::normals::MAX_SLOPE_NOISE;
-use super::sample::{STEEP_ERROR, STEEP_SHARE, Sample, View};
+use super::raster::Raster;
+use super::sample::{STEEP_ERROR, STEEP_SHARE, View};
 use super::smooth::{MAX_NOISE, MAX_ROUGHNESS, share_left, shared};
 
 /// Pixels that are worked on side by side.
@@ -127,13 +128,15 @@ fn fits(value: impl Fn(usize, usize, usize) -> f64, sigma: &Lanes, max_step: f64
 
 /// What becomes of the pixels from `at` on, whose windows lie in the image.
 #[inline(always)]
-pub(super) fn group(view: &View, depths: &[f64], samples: &[Sample], at: usize, shared_by: Shared) -> Group {
-    let samples: &[Sample] = &samples[at..at + LANES];
+pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared) -> Group {
+    let depths = &samples.depths[..];
+    let sigmas = taken::<_, LANES>(&samples.sigmas, at);
+    let own_shares = taken::<_, LANES>(&samples.own_shares, at);
     let mut sigma = [0.0; LANES];
     let mut left = [0.0; LANES];
     for l in 0..LANES {
-        sigma[l] = f64::from(samples[l].sigma);
-        left[l] = f64::from(samples[l].own_share);
+        sigma[l] = f64::from(sigmas[l]);
+        left[l] = f64::from(own_shares[l]);
     }
     for left in &mut left {
         *left = shared(share_left(HALF, *left), view.independent);
@@ -222,8 +225,7 @@ fn holds(
 #[inline(always)]
 pub(super) fn smoothed(
     view: &View,
-    depths: &[f64],
-    samples: &[Sample],
+    samples: &Raster,
     places: &[usize; LANES],
     max_step: f64,
 ) -> (Lanes, [f32; LANES]) {
@@ -232,12 +234,12 @@ pub(super) fn smoothed(
     for l in 0..LANES {
         let first = places[l] - HALF * view.width - HALF;
         for (r, row) in windows.iter_mut().enumerate() {
-            for (values, value) in row.iter_mut().zip(&depths[first + r * view.width..][..5]) {
+            for (values, value) in row.iter_mut().zip(&samples.depths[first + r * view.width..][..5]) {
                 values[l] = *value;
             }
         }
-        sigma[l] = f64::from(samples[places[l]].sigma);
-        left[l] = f64::from(samples[places[l]].own_share);
+        sigma[l] = f64::from(samples.sigmas[places[l]]);
+        left[l] = f64::from(samples.own_shares[places[l]]);
     }
     let fits = fits(|r, k, l| windows[r][k][l], &sigma, max_step);
     for l in 0..LANES {
@@ -277,7 +279,7 @@ pub(super) fn neighbours(
 mod tests {
     use super::super::build::Selector;
     use super::super::normals::Link;
-    use super::super::{Cause, SurfaceSettings};
+    use super::super::{Cause, Sample, SurfaceSettings};
     use super::*;
     use crate::math::random::{Key, normal_quantile};
     use nalgebra::{Matrix3, Point3, Vector3};
@@ -299,7 +301,7 @@ mod tests {
             Sample { inverse_depth, sigma: 2e-8, own_share: 0.7, modulation: 1.0, cause: Cause::Point }
         };
         let samples: Vec<Sample> = (0..SIDE * SIDE).map(sample).collect();
-        let depths: Vec<f64> = samples.iter().map(|sample| sample.inverse_depth).collect();
+        let raster = Raster::from(&samples[..]);
         let (cosine, sine) = (0.8, 0.6);
         let view = View {
             width: SIDE,
@@ -316,18 +318,17 @@ mod tests {
         let common = Shared { max_step: 5.67 * PITCH, excess: 1.1, min_cosine: 0.34 };
         let selector = Selector {
             view: &view,
-            samples: &samples,
+            samples: &raster,
             link: Link { max_step: common.max_step },
             excess: common.excess,
             settings: &settings,
             min_cosine: common.min_cosine,
             gaps: &gaps,
-            depths: &depths,
         };
         let mut settled = 0;
         for start in (HALF..SIDE - HALF).map(|row| row * SIDE + HALF) {
             for first in (start..start + SIDE - 2 * HALF - LANES).step_by(LANES) {
-                let found = group(&view, &depths, &samples, first, common);
+                let found = group(&view, &raster, first, common);
                 for l in (0..LANES).filter(|l| found.settled[*l]) {
                     settled += 1;
                     let (sample, normal, cause) = selector.pixel(first + l);

@@ -2,7 +2,7 @@
 
 use super::gaps::mark_row;
 use super::normals::Link;
-use super::sample::Sample;
+use super::raster::Raster;
 use crate::math::simd::{best_level, vectorised};
 use rayon::prelude::*;
 
@@ -89,21 +89,21 @@ fn count_row((width, height): (usize, usize), missing: &[u8], edge: usize, row: 
 /// (`gaps` not zero) nothing is missed.
 pub(super) fn at_rim(
     (width, height): (usize, usize),
-    samples: &[Sample],
+    samples: &Raster,
     gaps: &[u8],
     pixel: usize,
     link: Link,
     edge: usize,
 ) -> bool {
     let (column, row) = (pixel % width, pixel / width);
-    let centre = &samples[pixel];
+    let centre = &samples.at(pixel);
     let (mut all, mut missing) = (0, 0);
     for line in row.saturating_sub(edge)..(row + edge + 1).min(height) {
         for place in column.saturating_sub(edge)..(column + edge + 1).min(width) {
             let distance = line.abs_diff(row).max(place.abs_diff(column));
             all += 1;
             let at = line * width + place;
-            missing += u16::from(gaps[at] == 0 && !link.joins(centre, &samples[at], distance));
+            missing += u16::from(gaps[at] == 0 && !link.joins(centre, &samples.at(at), distance));
         }
     }
     missing > specks(all)
@@ -111,6 +111,7 @@ pub(super) fn at_rim(
 
 #[cfg(test)]
 mod tests {
+    use super::super::Sample;
     use super::*;
 
     const LINK: Link = Link { max_step: 0.01 };
@@ -128,7 +129,14 @@ mod tests {
             ["1111111....", "1111111....", "11.11112222", "11111112222", "11111112222", "11111112222"];
         let (width, samples) = samples(&picture);
         let at = |column, row| {
-            at_rim((width, picture.len()), &samples, &vec![0; samples.len()], row * width + column, LINK, 2)
+            at_rim(
+                (width, picture.len()),
+                &samples[..].into(),
+                &vec![0; samples.len()],
+                row * width + column,
+                LINK,
+                2,
+            )
         };
         assert!((0..5).all(|column| !at(column, 4)), "three pixels away, beside the border");
         assert!([5, 6, 7, 8].iter().all(|column| at(*column, 4)), "on both sides of a step");
@@ -141,7 +149,14 @@ mod tests {
         let picture = ["1111...", "1111...", "1.11...", "1111...", "1111..."];
         let (width, samples) = samples(&picture);
         let at = |column, row| {
-            at_rim((width, picture.len()), &samples, &vec![0; samples.len()], row * width + column, LINK, 1)
+            at_rim(
+                (width, picture.len()),
+                &samples[..].into(),
+                &vec![0; samples.len()],
+                row * width + column,
+                LINK,
+                1,
+            )
         };
         assert!(!at(0, 2) && !at(1, 1) && !at(2, 3));
         assert!(at(3, 1) && at(3, 2));
@@ -163,6 +178,7 @@ mod tests {
             }
         };
         let samples: Vec<Sample> = (0..width * height).map(sample).collect();
+        let raster = Raster::from(&samples[..]);
         let mut rims = vec![0; width * height];
         let (mut gaps, none) = (vec![0; width * height], vec![0; width * height]);
         for edge in [1, 2, 3] {
@@ -170,7 +186,7 @@ mod tests {
             for pixel in (0..width * height).filter(|i| inside(*i)) {
                 assert_eq!(
                     rims[pixel] != 0,
-                    at_rim((width, height), &samples, &none, pixel, LINK, edge),
+                    at_rim((width, height), &raster, &none, pixel, LINK, edge),
                     "{pixel}"
                 );
             }

@@ -8,7 +8,8 @@ use super::buffers::{SCATTER_WINDOWS, SurfaceBuilder};
 use super::independence::LEAST;
 use super::normals::Link;
 use super::quick::{self, HALF, LANES};
-use super::sample::{Sample, View};
+use super::raster::Raster;
+use super::sample::View;
 use super::smooth::smoothed;
 use crate::math::simd::vectorised;
 use rayon::prelude::*;
@@ -30,18 +31,18 @@ const SHARED_PX: usize = 10;
 
 impl SurfaceBuilder {
     /// Factor on the stated uncertainty of smoothed samples, 1 or more; of so many samples there are any.
-    pub(super) fn excess(&mut self, view: &View, samples: &[Sample], link: Link, count: usize) -> f64 {
+    pub(super) fn excess(&mut self, view: &View, link: Link, count: usize) -> f64 {
         let half = self.settings.smoothing_half();
         let alone = view.independent >= 1.0;
         if half == 0 && alone {
             return 1.0;
         }
         let lag = if alone { 2 * half + 2 } else { SHARED_PX };
-        let Self { depths, asked, ratios, level, .. } = self;
-        let filled = (0..samples.len() as u32).filter(|pixel| depths[*pixel as usize].is_finite());
+        let Self { raster, asked, ratios, level, .. } = self;
+        let filled = (0..raster.len() as u32).filter(|pixel| raster.depths[*pixel as usize].is_finite());
         asked.clear();
         asked.extend(filled.step_by(count.div_ceil(SCATTER_WINDOWS).max(1)));
-        let windows = Windows { view, depths, samples, link, half };
+        let windows = Windows { view, samples: raster, link, half };
         let mut scatter = |lag| {
             ratios.resize(asked.len(), f64::NAN);
             let parts = ratios.par_chunks_mut(LANES).zip(asked.par_chunks(LANES));
@@ -60,7 +61,7 @@ impl SurfaceBuilder {
         let power8 = growth.powi(8);
         let shape = (far * far - near * near).max(0.0) / (power8 - 1.0);
         let ratio = (near * near - shape).max(0.0).sqrt();
-        let others = self.asked.iter().any(|pixel| samples[*pixel as usize].own_share < 1.0);
+        let others = self.asked.iter().any(|pixel| self.raster.own_shares[*pixel as usize] < 1.0);
         let limit = if others { EXCESS + OTHER_EXCESS } else { EXCESS };
         if ratio > limit { ratio } else { 1.0 }
     }
@@ -72,8 +73,7 @@ const KERNEL: [f64; 3] = [1.0, -2.0, 1.0];
 /// What the kernel is applied to.
 struct Windows<'a> {
     view: &'a View<'a>,
-    depths: &'a [f64],
-    samples: &'a [Sample],
+    samples: &'a Raster,
     link: Link,
     /// Half the side of the smoothing window.
     half: usize,
@@ -100,7 +100,8 @@ impl Windows<'_> {
                     }
                     places[l] =
                         middles[l] + v * lag * self.view.width + u * lag - lag * (self.view.width + 1);
-                    whole[l] = self.link.joins(&self.samples[middles[l]], &self.samples[places[l]], lag);
+                    whole[l] =
+                        self.link.joins(&self.samples.at(middles[l]), &self.samples.at(places[l]), lag);
                 }
                 if whole == [false; LANES] {
                     ratios.fill(f64::NAN);
@@ -137,8 +138,7 @@ impl Windows<'_> {
             && let Some(any) = (0..LANES).find(|l| inner[*l])
         {
             let places = std::array::from_fn(|l| places[if inner[l] { l } else { any }]);
-            (values, sigmas) =
-                quick::smoothed(self.view, self.depths, self.samples, &places, self.link.max_step);
+            (values, sigmas) = quick::smoothed(self.view, self.samples, &places, self.link.max_step);
         }
         for l in (0..LANES).filter(|l| asked[*l]) {
             if !inner[l] || values[l].is_nan() {
@@ -153,7 +153,7 @@ impl Windows<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::SurfaceSettings;
+    use super::super::{Sample, SurfaceSettings};
     use super::*;
     use crate::math::random::{Key, normal_quantile};
 
@@ -178,7 +178,7 @@ mod tests {
         let view = View::along_the_axes([SIDE, SIDE], &directions, 0.001);
         let mut builder = SurfaceBuilder::new(SIDE, SIDE, SurfaceSettings::default());
         builder.load(&samples);
-        builder.excess(&view, &samples, Link { max_step: 0.01 }, samples.len())
+        builder.excess(&view, Link { max_step: 0.01 }, samples.len())
     }
 
     /// Smoothing over 5 × 5 leaves 0.39 σ of single pixels and all of the patches.

@@ -8,6 +8,7 @@
 //! has to be looked after there, as with [`metrology::fit::Correlation`].
 
 use super::normals::Link;
+use super::raster::Raster;
 use super::sample::Sample;
 use nalgebra::{Matrix6, Vector6};
 
@@ -46,7 +47,7 @@ pub(super) fn shared(left: f64, independent: f64) -> f64 {
 #[inline]
 pub(super) fn smoothed(
     ((width, height), independent): ((usize, usize), f64),
-    samples: &[Sample],
+    samples: &Raster,
     pixel: usize,
     max_step: f64,
     half: usize,
@@ -60,13 +61,13 @@ pub(super) fn smoothed(
             _ => middle::<1>(width, samples, pixel, max_step),
         };
         if let Some(inverse_depth) = value {
-            let own = f64::from(samples[pixel].own_share);
+            let own = f64::from(samples.own_shares[pixel]);
             let left = shared(share_left(half, own), independent);
-            let sigma = (f64::from(samples[pixel].sigma) * left.sqrt()) as f32;
-            return (Sample { inverse_depth, sigma, ..samples[pixel] }, half);
+            let sigma = (f64::from(samples.sigmas[pixel]) * left.sqrt()) as f32;
+            return (Sample { inverse_depth, sigma, ..samples.at(pixel) }, half);
         }
     }
-    (samples[pixel], 0)
+    (samples.at(pixel), 0)
 }
 
 /// Fewer samples of a window do not make a quadratic.
@@ -79,7 +80,7 @@ const MOST_EXTRA_NOISE: f64 = 2.0;
 /// left alone where more than gaps is missing.
 pub(super) fn smoothed_partly(
     ((width, height), white): ((usize, usize), f64),
-    samples: &[Sample],
+    samples: &Raster,
     gaps: &[u8],
     pixel: usize,
     link: Link,
@@ -89,13 +90,13 @@ pub(super) fn smoothed_partly(
     let border = column.min(row).min(width - 1 - column).min(height - 1 - row);
     (none + 1..=half.min(border)).rev().find_map(|half| {
         let fit = Partial::gather((width, half), samples, gaps, pixel, link)?;
-        let (inverse_depth, own) = fit.solve(&samples[pixel], half)?;
+        let (inverse_depth, own) = fit.solve(&samples.at(pixel), half)?;
         let extra = own / OWN_SHARE[half];
-        let independent = f64::from(samples[pixel].own_share);
+        let independent = f64::from(samples.own_shares[pixel]);
         let left = independent * own + (1.0 - independent) * (OTHER_SHARE[half] * extra).min(1.0);
         let left = shared(left, white);
-        let sigma = (f64::from(samples[pixel].sigma) * left.sqrt()) as f32;
-        (extra <= MOST_EXTRA_NOISE).then_some(Sample { inverse_depth, sigma, ..samples[pixel] })
+        let sigma = (f64::from(samples.sigmas[pixel]) * left.sqrt()) as f32;
+        (extra <= MOST_EXTRA_NOISE).then_some(Sample { inverse_depth, sigma, ..samples.at(pixel) })
     })
 }
 
@@ -111,17 +112,17 @@ impl Partial {
     /// The samples on the surface of the middle one; `None` where another surface or more than gaps lies in the window.
     fn gather(
         (width, half): (usize, usize),
-        samples: &[Sample],
+        samples: &Raster,
         gaps: &[u8],
         pixel: usize,
         link: Link,
     ) -> Option<Self> {
-        let centre = &samples[pixel];
+        let centre = &samples.at(pixel);
         let mut sums = Self { normal: Matrix6::zeros(), moments: Vector6::zeros(), squares: 0.0, count: 0.0 };
         for v in -(half as isize)..=half as isize {
             for u in -(half as isize)..=half as isize {
                 let at = (pixel as isize + v * width as isize + u) as usize;
-                let sample = &samples[at];
+                let sample = &samples.at(at);
                 if !sample.inverse_depth.is_finite() {
                     if gaps[at] == 0 {
                         return None;
@@ -162,8 +163,8 @@ impl Partial {
 ///
 /// By orthogonal polynomials 1, u, v, u² − m, uv, v² − m with m the mean of u².
 #[inline]
-fn middle<const HALF: usize>(width: usize, samples: &[Sample], pixel: usize, max_step: f64) -> Option<f64> {
-    let centre = &samples[pixel];
+fn middle<const HALF: usize>(width: usize, samples: &Raster, pixel: usize, max_step: f64) -> Option<f64> {
+    let centre = &samples.at(pixel);
     let side = (2 * HALF + 1) as f64;
     let mean_square = (HALF * (HALF + 1)) as f64 / 3.0;
     let (mut sum, mut by_u, mut by_v, mut by_uu, mut by_uv, mut by_vv, mut squares) =
@@ -174,8 +175,8 @@ fn middle<const HALF: usize>(width: usize, samples: &[Sample], pixel: usize, max
     for _ in 0..=2 * HALF {
         let (mut line, mut line_u, mut line_uu) = (0.0, 0.0, 0.0);
         let mut u = -(HALF as f64);
-        for sample in &samples[start..=start + 2 * HALF] {
-            let difference = sample.inverse_depth - centre.inverse_depth;
+        for depth in &samples.depths[start..=start + 2 * HALF] {
+            let difference = depth - centre.inverse_depth;
             worst = worst.max(difference.abs());
             line += difference;
             line_u += u * difference;
@@ -227,7 +228,7 @@ mod tests {
     }
 
     fn at_middle(samples: &[Sample], half: usize) -> (Sample, usize) {
-        smoothed(((SIDE, SIDE), 1.0), samples, MIDDLE, STEP, half)
+        smoothed(((SIDE, SIDE), 1.0), &samples.into(), MIDDLE, STEP, half)
     }
 
     #[test]
@@ -292,6 +293,6 @@ mod tests {
         let mut hole = raster(|_, _| 2e-3, 1e-8);
         hole[MIDDLE - 1] = Sample::NONE;
         let (sample, window) = at_middle(&hole, 2);
-        assert_eq!((sample, window), (hole[MIDDLE], 0));
+        assert_eq!((sample.inverse_depth, window), (hole[MIDDLE].inverse_depth, 0));
     }
 }

@@ -5,7 +5,8 @@ use super::cause::Cause;
 use super::normals::Link;
 use super::patches::mark_joints;
 use super::quick::{LANES, neighbours as neighbours_beside};
-use super::sample::{Sample, View};
+use super::raster::Raster;
+use super::sample::View;
 use crate::math::parallel::for_parts;
 use crate::math::simd::vectorised;
 
@@ -13,18 +14,17 @@ impl SurfaceBuilder {
     /// Clears samples with fewer than `min_neighbours` of eight neighbours on the same surface; returns how many.
     ///
     /// Every sample is compared with the samples before this step, so that the order of the pixels does not matter.
-    pub(super) fn drop_spikes(&mut self, view: &View, samples: &mut [Sample], link: Link) -> u32 {
-        let Self { keep, counts, row_parts, depths, sigmas, causes, level, settings, .. } = self;
-        let support = Support { view, samples, depths, sigmas, link, wanted: settings.min_neighbours };
+    pub(super) fn drop_spikes(&mut self, view: &View, link: Link) -> u32 {
+        let Self { keep, counts, row_parts, raster, causes, level, settings, .. } = self;
+        let support = Support { view, samples: raster, link, wanted: settings.min_neighbours };
         for_parts(row_parts, keep, counts, &|part, keep, count| {
             *count = PartCount::default();
             vectorised!(*level, support.rows(row_parts[part], keep, count));
         });
         for (part, _) in counts.iter().enumerate().filter(|(_, count)| count.spikes > 0) {
             for pixel in row_parts[part]..row_parts[part + 1] {
-                if keep[pixel] == 0 && depths[pixel].is_finite() {
-                    samples[pixel] = Sample::without(Cause::Spike);
-                    (depths[pixel], causes[pixel]) = (f64::NAN, Cause::Spike);
+                if keep[pixel] == 0 && raster.depths[pixel].is_finite() {
+                    (raster.depths[pixel], causes[pixel]) = (f64::NAN, Cause::Spike);
                 }
             }
         }
@@ -34,19 +34,19 @@ impl SurfaceBuilder {
     /// Clears patches of fewer than `min_patch_points` connected samples; returns how many samples.
     ///
     /// Connected means: beside or above each other on the same surface (see [`super::patches`]).
-    pub(super) fn drop_crumbs(&mut self, width: usize, samples: &mut [Sample], link: Link) -> u32 {
+    pub(super) fn drop_crumbs(&mut self, width: usize, link: Link) -> u32 {
         let wanted = self.settings.min_patch_points;
         if wanted <= 1 {
             return 0;
         }
-        let Self { row_parts, keep, counts, depths, sigmas, causes, level, patches, .. } = self;
+        let Self { row_parts, keep, counts, raster, causes, level, patches, .. } = self;
+        let Raster { depths, sigmas, .. } = raster;
         for_parts(row_parts, keep, counts, &|part, marks, _| {
             vectorised!(*level, mark_joints(depths, sigmas, (width, link.max_step), row_parts[part], marks));
         });
         patches.connect(width, keep);
         let mut dropped = 0;
         for pixels in patches.smaller_than(wanted) {
-            samples[pixels.clone()].fill(Sample::without(Cause::Crumb));
             dropped += pixels.len() as u32;
             causes[pixels.clone()].fill(Cause::Crumb);
             depths[pixels].fill(f64::NAN);
@@ -59,9 +59,7 @@ impl SurfaceBuilder {
 #[derive(Clone, Copy)]
 struct Support<'a> {
     view: &'a View<'a>,
-    samples: &'a [Sample],
-    depths: &'a [f64],
-    sigmas: &'a [f32],
+    samples: &'a Raster,
     link: Link,
     wanted: u32,
 }
@@ -71,6 +69,7 @@ impl Support<'_> {
     #[inline(always)]
     fn rows(&self, first: usize, keep: &mut [u8], count: &mut PartCount) {
         let (width, height) = (self.view.width, self.view.height);
+        let Raster { depths, sigmas, .. } = self.samples;
         for (line, keep) in keep.chunks_mut(width).enumerate() {
             let (start, row) = (first + line * width, first / width + line);
             let inner = row > 0 && row + 1 < height;
@@ -78,16 +77,16 @@ impl Support<'_> {
             while column < width {
                 let at = start + column;
                 if inner && column > 0 && column + LANES < width {
-                    let found = neighbours_beside(self.depths, self.sigmas, width, at, self.link.max_step);
+                    let found = neighbours_beside(depths, sigmas, width, at, self.link.max_step);
                     for (l, found) in found.into_iter().enumerate() {
-                        let valid = self.depths[at + l].is_finite();
+                        let valid = depths[at + l].is_finite();
                         let supported = valid && found >= u64::from(self.wanted);
                         count.spikes += u32::from(valid && !supported);
                         keep[column + l] = u8::from(supported);
                     }
                     column += LANES;
                 } else {
-                    let valid = self.depths[at].is_finite();
+                    let valid = depths[at].is_finite();
                     let supported =
                         valid && neighbours(self.view, self.samples, at, self.link) >= self.wanted;
                     count.spikes += u32::from(valid && !supported);
@@ -101,14 +100,14 @@ impl Support<'_> {
 
 /// Number of neighbours on the same surface.
 #[inline(never)]
-fn neighbours(view: &View, samples: &[Sample], pixel: usize, link: Link) -> u32 {
+fn neighbours(view: &View, samples: &Raster, pixel: usize, link: Link) -> u32 {
     let (column, row) = (pixel % view.width, pixel / view.width);
     let columns = column.saturating_sub(1)..(column + 2).min(view.width);
     let mut count = 0;
     for line in row.saturating_sub(1)..(row + 2).min(view.height) {
         let start = line * view.width;
-        for other in &samples[start + columns.start..start + columns.end] {
-            count += u32::from(link.joins(&samples[pixel], other, 1));
+        for other in columns.clone() {
+            count += u32::from(link.joins(&samples.at(pixel), &samples.at(start + other), 1));
         }
     }
     // The pixel itself was counted.
@@ -117,7 +116,7 @@ fn neighbours(view: &View, samples: &[Sample], pixel: usize, link: Link) -> u32 
 
 #[cfg(test)]
 mod tests {
-    use super::super::SurfaceSettings;
+    use super::super::{Sample, SurfaceSettings};
     use super::*;
 
     const LINK: Link = Link { max_step: 0.01 };
@@ -137,15 +136,19 @@ mod tests {
     }
 
     fn kept(picture: &[&str], settings: SurfaceSettings) -> (Vec<String>, u32, u32) {
-        let (width, mut samples) = drawn(picture);
+        let (width, samples) = drawn(picture);
         let mut builder = SurfaceBuilder::new(width, picture.len(), settings);
         let directions = vec![[0.0; 2]; samples.len()];
         let view = View::along_the_axes([width, picture.len()], &directions, 0.001);
         builder.load(&samples);
-        let spikes = builder.drop_spikes(&view, &mut samples, LINK);
-        let crumbs = builder.drop_crumbs(width, &mut samples, LINK);
-        let mark = |s: &Sample| if s.inverse_depth.is_finite() { '#' } else { '.' };
-        (samples.chunks(width).map(|line| line.iter().map(mark).collect()).collect(), spikes, crumbs)
+        let spikes = builder.drop_spikes(&view, LINK);
+        let crumbs = builder.drop_crumbs(width, LINK);
+        let mark = |depth: &f64| if depth.is_finite() { '#' } else { '.' };
+        (
+            builder.raster.depths.chunks(width).map(|line| line.iter().map(mark).collect()).collect(),
+            spikes,
+            crumbs,
+        )
     }
 
     #[test]

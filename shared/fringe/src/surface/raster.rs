@@ -1,0 +1,66 @@
+//! The samples of all pixels of a view.
+
+use super::Cause;
+use super::sample::Sample;
+
+/// Samples on the grid of a view, each of their numbers in one piece.
+#[derive(Debug, Clone)]
+pub(crate) struct Raster {
+    /// Inverse depths, 1/mm; NaN where there is no point.
+    pub(super) depths: Vec<f64>,
+    /// Their standard uncertainties, 1/mm; only those of points mean something.
+    pub(super) sigmas: Vec<f32>,
+    /// Shares of the variances that are the pixels' own.
+    pub(super) own_shares: Vec<f32>,
+    /// Modulations of the pixels, DN.
+    pub(super) modulations: Vec<f32>,
+}
+
+impl Raster {
+    /// So many pixels without a point.
+    pub fn new(pixels: usize) -> Self {
+        let none = Sample::NONE;
+        Self {
+            depths: vec![none.inverse_depth; pixels],
+            sigmas: vec![none.sigma; pixels],
+            own_shares: vec![none.own_share; pixels],
+            modulations: vec![none.modulation; pixels],
+        }
+    }
+
+    /// Number of its pixels.
+    pub fn len(&self) -> usize {
+        self.depths.len()
+    }
+
+    /// The sample of a pixel.
+    #[inline(always)]
+    pub fn at(&self, pixel: usize) -> Sample {
+        let inverse_depth = self.depths[pixel];
+        Sample {
+            inverse_depth,
+            sigma: self.sigmas[pixel],
+            own_share: self.own_shares[pixel],
+            modulation: self.modulations[pixel],
+            cause: if inverse_depth.is_finite() { Cause::Point } else { Cause::Dark },
+        }
+    }
+
+    /// Takes the sample of a pixel.
+    #[inline(always)]
+    pub fn put(&mut self, pixel: usize, sample: &Sample) {
+        self.depths[pixel] = sample.inverse_depth;
+        self.sigmas[pixel] = sample.sigma;
+        self.own_shares[pixel] = sample.own_share;
+        self.modulations[pixel] = sample.modulation;
+    }
+}
+
+#[cfg(test)]
+impl From<&[Sample]> for Raster {
+    fn from(samples: &[Sample]) -> Self {
+        let mut raster = Self::new(samples.len());
+        samples.iter().enumerate().for_each(|(pixel, sample)| raster.put(pixel, sample));
+        raster
+    }
+}
