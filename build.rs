@@ -16,6 +16,8 @@ fn main() {
     );
     // The tests of the gateway use a client that is not ours, which has these commands.
     shared_data::look_for("asyncua", &["uals"]);
+    // The tests of cameras by Aravis use its own simulated camera too.
+    shared_data::look_for("fake_camera", &["arv-fake-gv-camera-0.8"]);
     // The tests of screens have a virtual one.
     shared_data::look_for("xvfb", &["Xvfb"]);
     // Only what may change the answer: sources, and where the commit of this working copy is written.

@@ -1,4 +1,4 @@
-//! `fringetool cameras`: which GigE Vision cameras answer on the network.
+//! `fringetool cameras`: which GenICam cameras answer on the network and, in a program with Aravis, on USB.
 
 use crate::Outcome;
 use crate::report::{check_outputs, emit};
@@ -12,7 +12,7 @@ pub struct Args {
     json: Option<PathBuf>,
 }
 
-/// Searches all network adapters and prints what answers; no camera at all is exit code 1.
+/// Searches all network adapters, and USB if the program can, and prints what answers; no camera at all is exit code 1.
 pub fn run(args: &Args) -> Result<Outcome> {
     check_outputs(&[("--json", args.json.as_deref())], &[], None)?;
     let cameras = devices::find_cameras()?;
@@ -23,7 +23,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for camera in cameras.iter().filter(|_| text) {
         println!(
             "{:15}  serial {:16}  name {:16}  {} {} {}  {}",
-            camera.address.to_string(),
+            camera.address.map_or_else(|| "USB".to_owned(), |address| address.to_string()),
             camera.serial,
             camera.user_name,
             camera.manufacturer,

@@ -144,7 +144,7 @@ enum Command {
     CmmPlan(cmm_plan::Args),
     /// Compare measured features with those of a coordinate measuring machine: deviations, normalised errors.
     CmmCompare(cmm_compare::Args),
-    /// List the GigE Vision cameras on the network: address, serial number, name, model.
+    /// List the GenICam cameras on the network and, in a program built with Aravis, on USB: address, serial number, name, model.
     Cameras(cameras::Args),
     /// Check whether this computer and its cameras are ready for a cell; each fault has the command that mends it.
     Doctor(doctor::Args),

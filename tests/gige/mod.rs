@@ -1,6 +1,8 @@
 //! Cameras on the network: the twin as GigE Vision cameras gives the same bytes as the twin itself, and what goes wrong on
 //! the network is repaired or told, never believed.
 
+#[cfg(feature = "aravis")]
+mod aravis;
 mod figures;
 mod order;
 mod set_up;

@@ -8,6 +8,8 @@ use std::process::Command;
 fn impossible_devices_are_refused_with_their_key() {
     let (folder, _, live) = cell(6);
     let text = std::fs::read_to_string(&live).unwrap();
+    let [a, b, c] = network(6);
+    let address = &*format!("address = \"{a}.{b}.{c}.11\"");
     let cases = [
         ("driver = \"network\"\n", "driver = \"twin\"\n", "[twin]"),
         ("driver = \"genicam\"", "driver = \"recording\"", "address"),
@@ -17,6 +19,24 @@ fn impossible_devices_are_refused_with_their_key() {
         ("[[camera]]", "[[camera]]\ngain_db = 1e9", "gain_db"),
         ("[[camera]]", "[[camera]]\noffset_px = [65535, 0]", "offset_px"),
         ("[[camera]]", "[[camera]]\npacket_bytes = 1501", "packet_bytes"),
+        (
+            "[[camera]]",
+            "[[camera]]\ntransport = \"usb\"",
+            "transport \"usb\" is unknown; known: gige, aravis, usb3",
+        ),
+        (
+            "[[camera]]",
+            "[[camera]]\ntransport = \"usb3\"",
+            "camera[0].address: a camera with transport = \"usb3\"",
+        ),
+        (address, "transport = \"usb3\"\nserial = \"1\"\npacket_bytes = 1500", "camera[0].packet_bytes"),
+        (
+            address,
+            "transport = \"usb3\"\nserial = \"1\"\npacket_delay_ticks = 1",
+            "camera[0].packet_delay_ticks",
+        ),
+        (address, "transport = \"usb3\"\nserial = \"1\"\nptp = false", "camera[0].ptp"),
+        (address, "transport = \"usb3\"", "serial of camera \"cam1\" is missing"),
         (".12\"", ".11\"", "camera \"cam1\" too"),
         (":3957\"", "\"", "address"),
         ("width_px = 608", "width_px = 608\ntrigger = \"sequenced\"", "period_ms"),
@@ -49,6 +69,31 @@ fn impossible_devices_are_refused_with_their_key() {
     }
     let wrong = fringetool(&["serve-camera", &live, "--fault", "drop=0"]);
     assert_eq!(wrong.code, Some(2), "{}", wrong.stderr);
+}
+
+/// A program without Aravis tells which key asks for it, and how to build one that has it.
+#[cfg(not(feature = "aravis"))]
+#[test]
+fn a_transport_that_the_program_is_built_without_is_refused_with_the_remedy() {
+    let (folder, _, live) = cell(23);
+    let text = std::fs::read_to_string(&live).unwrap();
+    let path = folder.path().join("bad.toml");
+    let [a, b, c] = network(23);
+    for name in ["aravis", "usb3"] {
+        let keys = format!("transport = \"{name}\"\nserial = \"1\"");
+        std::fs::write(&path, text.replace(&format!("address = \"{a}.{b}.{c}.11\""), &keys)).unwrap();
+        for arguments in [&["schedule"][..], &["run", "--cycles", "1"]] {
+            let refused =
+                Command::new(env!("CARGO_BIN_EXE_fringecell")).args(arguments).arg(&path).output().unwrap();
+            let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+            assert_eq!(refused.status.code(), Some(2), "{arguments:?}: {message}");
+            let named = ["bad.toml", "camera[0].transport", name, "cargo build --release --features aravis"];
+            assert!(named.iter().all(|part| message.contains(part)), "{arguments:?}: {message}");
+        }
+        let preview = fringetool(&["preview", path.to_str().unwrap(), "--camera", "cam1"]);
+        assert_eq!(preview.code, Some(2), "{}", preview.stderr);
+        assert!(preview.stderr.contains("--features aravis"), "{}", preview.stderr);
+    }
 }
 
 /// Exposures and periods under a projector whose refresh rate is known are whole numbers of refreshes.

@@ -1,9 +1,8 @@
 //! Whether the cameras of a cell can be reached, and how large their packets may be.
 
 use super::{Check, State};
-use cell::configuration::GenicamCamera;
-use devices::{FoundCamera, LoadedCell, ProbedCamera};
-use std::net::IpAddr;
+use cell::genicam_camera::GenicamCamera;
+use devices::{FoundCamera, LoadedCell, Place, ProbedCamera};
 
 /// Packets below this size cost the processor more than the frames.
 const LARGE_PACKET_BYTES: u16 = 8000;
@@ -15,7 +14,7 @@ pub(super) fn checks(cell: Option<&LoadedCell>) -> Vec<Check> {
         cameras.filter_map(|camera| Some((camera.name.as_str(), camera.genicam.as_ref()?))).collect()
     });
     if cell.is_some() && wanted.is_empty() {
-        return vec![Check::new("cameras", State::Good, "the cell has no camera on the network")];
+        return vec![Check::new("cameras", State::Good, "the cell has no camera of its own")];
     }
     let found = match devices::find_cameras() {
         Ok(found) => found,
@@ -31,19 +30,20 @@ fn any(found: &[FoundCamera]) -> Vec<Check> {
     if found.is_empty() {
         let check = Check::new("cameras", State::Warning, "no camera answers a search");
         let mend = "power the camera, put it and this computer into one network: ip address add 169.254.0.1/16 dev ETH";
-        return vec![check.mended_by("a GigE Vision camera, where the cell shall have one", mend)];
+        return vec![check.mended_by("a GenICam camera, where the cell shall have one", mend)];
     }
-    found
-        .iter()
-        .flat_map(|camera| reached(&format!("camera {}", camera.serial), camera.address.into()))
-        .collect()
+    found.iter().flat_map(|camera| reached(&format!("camera {}", camera.serial), &camera.place())).collect()
 }
 
 fn of_cell(name: &str, wanted: &GenicamCamera, found: &[FoundCamera]) -> Vec<Check> {
     let name = format!("camera \"{name}\"");
-    let serial = wanted.serial.as_deref().unwrap_or_default();
-    match wanted.address.map_or_else(|| devices::choose_camera(found, serial).map(IpAddr::from), Ok) {
-        Ok(address) => reached(&name, address),
+    if let Some([problem, remedy]) = devices::missing_feature(wanted.transport) {
+        return vec![
+            Check::new(name, State::Bad, problem).mended_by("a program that is built with it", remedy),
+        ];
+    }
+    match devices::place_of(wanted, found) {
+        Ok(place) => reached(&name, &place),
         Err(reason) => {
             let check = Check::new(name, State::Bad, reason);
             vec![check.mended_by(
@@ -55,20 +55,28 @@ fn of_cell(name: &str, wanted: &GenicamCamera, found: &[FoundCamera]) -> Vec<Che
 }
 
 /// Connects to a camera, as a cell does, and lets go of it.
-fn reached(name: &str, address: IpAddr) -> Vec<Check> {
-    match devices::probe_camera(address) {
+fn reached(name: &str, place: &Place) -> Vec<Check> {
+    match devices::probe_camera(place) {
         Err(error) => {
-            let check = Check::new(name, State::Bad, format!("{address}: {error}"));
+            let check = Check::new(name, State::Bad, format!("{place}: {error}"));
+            let ping = match place {
+                Place::Gige(address) | Place::Aravis(address) => format!("ping {address}; "),
+                Place::Usb(_) => String::new(),
+            };
             vec![check.mended_by(
                 "a camera that answers and that no other program controls",
-                format!("ping {address}; stop other programs that use the camera; fringetool cameras"),
+                format!("{ping}stop other programs that use the camera; fringetool cameras"),
             )]
         }
         Ok(probed) => {
             let ProbedCamera { model, serial, width_px, height_px, temperature_c, .. } = &probed;
             let warmth = temperature_c.map_or(String::new(), |celsius| format!(", {celsius:.1} °C"));
-            let found = format!("{address}: {model} {serial}, {width_px} × {height_px} px{warmth}");
-            vec![Check::new(name, State::Good, found), packets(name, &probed)]
+            let found = format!("{place}: {model} {serial}, {width_px} × {height_px} px{warmth}");
+            let mut checks = vec![Check::new(name, State::Good, found)];
+            if !matches!(place, Place::Usb(_)) {
+                checks.push(packets(name, &probed));
+            }
+            checks
         }
     }
 }

@@ -10,7 +10,7 @@ use ask::Answers;
 use cell::Options;
 use cell::pixel_format::PixelFormat;
 use characterise::nominal::Intended;
-use devices::{LoadedCell, ProbedCamera};
+use devices::{FoundCamera, LoadedCell, Place, ProbedCamera};
 use files::rig_file::{read_rig, write_rig};
 use fringe::geometry::rig::Rig;
 use fringe::text::is_cell_name;
@@ -63,8 +63,8 @@ pub struct Args {
 
 /// A camera of the new cell.
 pub(crate) struct NewCamera {
-    /// Address of the device.
-    pub address: IpAddr,
+    /// Where the device is.
+    pub place: Place,
     /// What it said of itself.
     pub probed: ProbedCamera,
     /// The format that the cell shall use: the one with most bits that it has.
@@ -80,7 +80,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let cameras = cameras(&args.cameras)?;
     for (number, camera) in cameras.iter().enumerate() {
         let ProbedCamera { model, serial, width_px, height_px, .. } = &camera.probed;
-        println!("cam{}: {model} {serial} at {}, {width_px} × {height_px} px", number + 1, camera.address);
+        println!("cam{}: {model} {serial} at {}, {width_px} × {height_px} px", number + 1, camera.place);
     }
     let rig = match &args.rig {
         Some(path) => calibrated(path, &cameras)?,
@@ -152,10 +152,18 @@ fn write(args: &Args, rig_path: &Path, rig: &Rig, text: &str) -> Result<LoadedCe
 }
 
 impl NewCamera {
+    /// Its address; absent on USB.
+    fn address(&self) -> Option<IpAddr> {
+        match self.place {
+            Place::Gige(address) | Place::Aravis(address) => Some(address),
+            Place::Usb(_) => None,
+        }
+    }
+
     fn json(&self, number: usize) -> serde_json::Value {
         serde_json::json!({
             "name": format!("cam{}", number + 1),
-            "address": self.address,
+            "address": self.address(),
             "model": self.probed.model,
             "serial": self.probed.serial,
             "width_px": self.probed.width_px,
@@ -167,28 +175,28 @@ impl NewCamera {
 
 /// The cameras at these addresses, else all that answer.
 fn cameras(addresses: &[IpAddr]) -> Result<Vec<NewCamera>> {
-    let mut addresses = addresses.to_vec();
-    if addresses.is_empty() {
-        addresses.extend(devices::find_cameras()?.into_iter().map(|camera| IpAddr::V4(camera.address)));
-    }
-    if addresses.is_empty() {
-        bail!(
-            "no camera answers; power the cameras, see `fringetool doctor`, or name their addresses with --cameras"
-        );
-    }
-    ensure!(
-        addresses.len() <= MOST_CAMERAS,
-        "{} cameras answer; name those of the cell with --cameras",
-        addresses.len()
-    );
     if let Some(twice) =
         (1..addresses.len()).find(|number| addresses[..*number].contains(&addresses[*number]))
     {
         bail!("--cameras: {} stands there twice", addresses[twice]);
     }
-    let probe = |address: IpAddr| {
-        let probed = devices::probe_camera(address).with_context(|| {
-            format!("camera at {address}: it does not answer, or another program controls it; see `fringetool doctor`")
+    let mut places: Vec<Place> = addresses.iter().copied().map(Place::Gige).collect();
+    if places.is_empty() {
+        places.extend(devices::find_cameras()?.iter().map(FoundCamera::place));
+    }
+    if places.is_empty() {
+        bail!(
+            "no camera answers; power the cameras, see `fringetool doctor`, or name their addresses with --cameras"
+        );
+    }
+    ensure!(
+        places.len() <= MOST_CAMERAS,
+        "{} cameras answer; name those of the cell with --cameras",
+        places.len()
+    );
+    let probe = |place: Place| {
+        let probed = devices::probe_camera(&place).with_context(|| {
+            format!("camera at {place}: it does not answer, or another program controls it; see `fringetool doctor`")
         })?;
         let mut formats: Vec<PixelFormat> = PixelFormat::ALL
             .into_iter()
@@ -198,11 +206,11 @@ fn cameras(addresses: &[IpAddr]) -> Result<Vec<NewCamera>> {
         formats.sort_by_key(|format| std::cmp::Reverse(format.full_scale_dn()));
         let Some(format) = formats.first().copied() else {
             let known = PixelFormat::ALL.map(PixelFormat::name).join(", ");
-            bail!("camera at {address}: it sends {}; a cell takes {known}", probed.pixel_formats.join(", "));
+            bail!("camera at {place}: it sends {}; a cell takes {known}", probed.pixel_formats.join(", "));
         };
-        Ok(NewCamera { address, probed, format })
+        Ok(NewCamera { place, probed, format })
     };
-    addresses.into_iter().map(probe).collect()
+    places.into_iter().map(probe).collect()
 }
 
 /// A calibrated rig that has the cameras, with their sizes.
@@ -220,7 +228,7 @@ fn calibrated(path: &Path, cameras: &[NewCamera]) -> Result<Rig> {
             path.display(),
             known.width_px,
             known.height_px,
-            camera.address
+            camera.place
         );
     }
     Ok(rig)

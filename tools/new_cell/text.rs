@@ -3,6 +3,7 @@
 use super::ask::Answers;
 use super::{Args, NewCamera};
 use anyhow::{Context, Result};
+use devices::Place;
 use fringe::geometry::rig::Rig;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -80,23 +81,30 @@ fn sequence(width_px: u32) -> String {
 }
 
 fn camera_text(number: usize, camera: &NewCamera) -> String {
-    let NewCamera { address, probed, format } = camera;
+    let NewCamera { place, probed, format } = camera;
     let mut text = format!(
-        "\n[[camera]]                        # {} {} at {address}\nname = \"cam{}\"\n",
+        "\n[[camera]]                        # {} {} at {place}\nname = \"cam{}\"\n",
         probed.model,
         probed.serial,
         number + 1
     );
     text.push_str("driver = \"genicam\"\n");
-    if probed.serial.is_empty() {
-        let _ = writeln!(text, "address = \"{address}\"");
-    } else if address.is_loopback() {
-        let _ = writeln!(
-            text,
-            "address = \"{address}\"           # simulated; of a real camera the serial number is the safer choice"
-        );
-    } else {
-        let _ = writeln!(text, "serial = {:?}", probed.serial);
+    match place {
+        Place::Usb(_) => {
+            let _ = writeln!(text, "transport = \"usb3\"\nserial = {:?}", probed.serial);
+        }
+        Place::Gige(address) | Place::Aravis(address) if probed.serial.is_empty() => {
+            let _ = writeln!(text, "address = \"{address}\"");
+        }
+        Place::Gige(address) | Place::Aravis(address) if address.is_loopback() => {
+            let _ = writeln!(
+                text,
+                "address = \"{address}\"           # simulated; of a real camera the serial number is the safer choice"
+            );
+        }
+        Place::Gige(_) | Place::Aravis(_) => {
+            let _ = writeln!(text, "serial = {:?}", probed.serial);
+        }
     }
     let _ = writeln!(text, "pixel_format = \"{}\"", format.name());
     match probed.exposure_us {

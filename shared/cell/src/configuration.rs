@@ -2,15 +2,15 @@
 //!
 //! `files` reads it from TOML and points into that file where something is wrong.
 
+use crate::genicam_camera::GenicamCamera;
 use crate::lightcrafter::{Controller, Led, PatternSource};
-use crate::pixel_format::PixelFormat;
 use fringe::decode::DecodeSettings;
 use fringe::fusion::FusionSettings;
 use fringe::geometry::rig::Rig;
 use fringe::matching::MatchSettings;
 use fringe::pattern::{LevelTable, PatternError, PatternSet, frame_count, locate};
 use metrology::inspection::Plan;
-use std::net::{IpAddr, SocketAddr};
+use std::net::SocketAddr;
 
 /// Name of the recipe that is used where none is named.
 pub const DEFAULT_RECIPE: &str = "default";
@@ -81,7 +81,7 @@ pub enum Driver {
     Twin,
     /// A folder of frames.
     Recording,
-    /// A camera on the network: GigE Vision.
+    /// A GenICam camera: GigE Vision, or USB3 Vision.
     Genicam,
     /// A projector that another program drives: it receives over the network what to show.
     Network,
@@ -146,31 +146,6 @@ impl TriggerMode {
             Self::Sequenced { .. } => "sequenced",
         }
     }
-}
-
-/// How a GenICam camera is found and set.
-#[derive(Debug, Clone, PartialEq)]
-pub struct GenicamCamera {
-    /// Address of the device; absent: the serial number counts.
-    pub address: Option<IpAddr>,
-    /// Serial number, or the name that a person gave the device.
-    pub serial: Option<String>,
-    /// Format of the pixels.
-    pub pixel_format: PixelFormat,
-    /// Exposure time, µs; absent: as the camera is.
-    pub exposure_us: Option<f64>,
-    /// Gain, dB; absent: as the camera is.
-    pub gain_db: Option<f64>,
-    /// First column and row of the window on the sensor, px; absent: as the camera is.
-    pub offset_px: Option<[u32; 2]>,
-    /// Size of a packet, headers included, bytes; absent: the largest that arrives.
-    pub packet_bytes: Option<u16>,
-    /// Pause between two packets, ticks of the camera's clock; absent: as the camera is.
-    pub packet_delay_ticks: Option<u32>,
-    /// Whether the camera's clock follows that of the network (PTP); absent: as the camera is.
-    pub ptp: Option<bool>,
-    /// Input that the projector fires, where it shows its sequence in its own time.
-    pub trigger_line: String,
 }
 
 /// A screen of this computer that is a projector.

@@ -12,6 +12,7 @@ pub mod cycle_number;
 mod error;
 pub mod executor;
 mod frame_format;
+pub mod genicam_camera;
 pub mod graph;
 pub mod lightcrafter;
 mod options;

@@ -1,11 +1,12 @@
-//! What a camera on the network is, found out by connecting to it as a cell does.
+//! What a camera is, found out by connecting to it as a cell does.
 
 use crate::error::DeviceError;
-use crate::genicam::exposure_key;
+use crate::genicam::{Link, Place, Streaming, connect, exposure_key};
 use std::net::{IpAddr, UdpSocket};
-use telegenic::gige::GigeConfig;
 use telegenic::gige::discovery::enumerate_adapters;
-use telegenic::{GenICamera, StreamConfig};
+
+/// Bytes that may wait while the receiver does not run.
+const SOCKET_BYTES: usize = 8 << 20;
 
 /// What a camera said of itself.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,7 +25,7 @@ pub struct ProbedCamera {
     pub exposure_us: Option<f64>,
     /// Temperature of the device, °C.
     pub temperature_c: Option<f64>,
-    /// Largest packet that arrived whole, bytes; absent: none did.
+    /// Largest packet that arrived whole, bytes; absent: none did, or the camera is on USB.
     pub packet_bytes: Option<u16>,
     /// Name of the adapter towards the camera.
     pub adapter: Option<String>,
@@ -36,26 +37,23 @@ pub struct ProbedCamera {
 ///
 /// # Errors
 /// No device answers there, or another program controls it.
-pub fn probe_camera(address: IpAddr) -> Result<ProbedCamera, DeviceError> {
-    let fail = |e: telegenic::GenicamError| DeviceError::Frame(e.to_string());
-    let mut device = GenICamera::with_config(GigeConfig::new(address));
-    device.connect().map_err(fail)?;
-    let mut size = |key| device.get_integer(key).map(|size| size.clamp(0, 1 << 20) as u32).map_err(fail);
-    let (width_px, height_px) = (size("Width")?, size("Height")?);
-    let told = device.transport().device_info().map(|info| (info.model.clone(), info.serial.clone()));
-    let (model, serial) = told.unwrap_or_default();
-    let number = |device: &mut GenICamera, key: &str| {
-        device
-            .has_feature(key)
-            .then(|| device.get_float(key).ok())
-            .flatten()
-            .filter(|value| value.is_finite())
+pub fn probe_camera(place: &Place) -> Result<ProbedCamera, DeviceError> {
+    let mut link = connect(place).map_err(DeviceError::Frame)?;
+    let link = &mut *link;
+    let mut size = |key| {
+        let size = link.integer(key).map_err(|e| DeviceError::Frame(format!("{key}: {e}")))?;
+        Ok::<u32, DeviceError>(size.clamp(0, 1 << 20) as u32)
     };
-    let exposure = exposure_key(&device);
-    let exposure_us = number(&mut device, exposure);
-    let temperature_c = number(&mut device, "DeviceTemperature");
-    let pixel_formats = device.enum_entries("PixelFormat").unwrap_or_default();
-    let (adapter, mtu) = adapter(address);
+    let (width_px, height_px) = (size("Width")?, size("Height")?);
+    let [model, serial] = link.identity();
+    let exposure = exposure_key(link);
+    let exposure_us = number(link, exposure);
+    let temperature_c = number(link, "DeviceTemperature");
+    let pixel_formats = link.entries("PixelFormat").unwrap_or_default();
+    let (adapter, mtu) = match place {
+        Place::Gige(address) | Place::Aravis(address) => adapter(*address),
+        Place::Usb(_) => (None, None),
+    };
     Ok(ProbedCamera {
         model,
         serial,
@@ -64,18 +62,28 @@ pub fn probe_camera(address: IpAddr) -> Result<ProbedCamera, DeviceError> {
         pixel_formats,
         exposure_us,
         temperature_c,
-        packet_bytes: packet_bytes(&mut device),
+        packet_bytes: packet_bytes(link),
         adapter,
         mtu,
     })
 }
 
+/// A number that the camera may not have.
+fn number(link: &mut dyn Link, key: &str) -> Option<f64> {
+    link.has(key).then(|| link.float(key).ok()).flatten().filter(|value| value.is_finite())
+}
+
 /// Opens a stream, which finds the largest packets that arrive.
-fn packet_bytes(device: &mut GenICamera) -> Option<u16> {
-    let mut stream = StreamConfig::new();
-    stream.payload_size = Some(device.get_integer("PayloadSize").ok()?.clamp(0, 1 << 32) as usize);
-    stream.n_buffers = 1;
-    device.transport().open_stream(stream).ok().map(|channel| channel.packet_size())
+fn packet_bytes(link: &mut dyn Link) -> Option<u16> {
+    let streaming = Streaming {
+        payload: link.integer("PayloadSize").ok()?.clamp(0, 1 << 32) as usize,
+        buffers: 1,
+        socket_bytes: SOCKET_BYTES,
+        packet_bytes: None,
+        packet_delay_ticks: None,
+    };
+    link.open(streaming).ok()?;
+    link.packet_bytes()
 }
 
 /// Name and largest packet of the adapter that reaches an address.

@@ -1,34 +1,38 @@
-//! A GigE Vision camera: found by address or serial number, set, and triggered by software or by the projector.
+//! A GenICam camera: found by address or serial number, set, and triggered by software or by the projector.
 //!
 //! Each setting is read back and compared. A frame is accepted only if it is complete, of the expected size and format, and
 //! carries the number after the last one.
 
+#[cfg(feature = "aravis")]
+mod aravis_link;
+mod connect;
+mod found;
+mod gige_link;
+mod link;
 mod search;
 mod settings;
 #[cfg(test)]
 mod tests;
 
-use crate::device::{Camera, CameraState, LinkCounts};
+use crate::device::{Camera, CameraState};
 use crate::error::DeviceError;
-use cell::configuration::GenicamCamera;
+use cell::genicam_camera::GenicamCamera;
+use link::Received;
 use settings::Settings;
-use std::sync::Arc;
 use std::time::Duration;
-use telegenic::gige::GigeConfig;
-use telegenic::gige::stream::{Frame, FrameChannel, FrameStatus, StreamChannel};
-use telegenic::{GenICamera, PacketSize, SocketOption, StreamConfig};
+use telegenic::gige::proto::gvsp::PixelFormat;
 
-pub use search::{FoundCamera, choose_camera, find_cameras};
-pub(crate) use settings::exposure_key;
+pub(crate) use connect::connect;
+pub use connect::missing_feature;
+pub use found::{FoundCamera, Place};
+pub(crate) use link::{Link, Streaming, exposure_key};
+pub use search::{find_cameras, place_of};
 
 /// A frame must arrive so long after its exposure ended, beside the time of the transfer.
 const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Frames that the receiver keeps.
 const BUFFERS: usize = 4;
-
-/// Block numbers of 16 bits run from 1 to 65535.
-const LAST_BLOCK: u64 = 65_535;
 
 /// A camera as the cell wants it.
 #[derive(Debug, Clone)]
@@ -46,12 +50,10 @@ pub(crate) struct WantedCamera {
 /// The camera of a capture stage.
 pub(crate) struct GenicamDevice {
     wanted: WantedCamera,
-    device: GenICamera,
-    // Stopped by being dropped, before the device is.
-    stream: StreamChannel,
-    frames: FrameChannel,
+    link: Box<dyn Link>,
     patience: Duration,
-    last: u64,
+    /// Number of the frame before; absent: the camera may have counted before this process began.
+    last: Option<u64>,
     /// Frames that were taken in this cycle.
     taken: usize,
     has_temperature: bool,
@@ -65,36 +67,29 @@ impl GenicamDevice {
         let name = &wanted.name;
         let fail =
             |what: &str, reason: String| DeviceError::Frame(format!("camera \"{name}\": {what}: {reason}"));
-        let address = search::address(&wanted)?;
-        let mut device = GenICamera::with_config(GigeConfig::new(address));
-        device.connect().map_err(|e| fail(&format!("connecting to {address}"), e.to_string()))?;
-        let exposure = Settings::of(&mut device, name).apply(&wanted, clock_wait)?;
+        let place = search::place(&wanted)?;
+        let mut link = connect(&place).map_err(|e| fail(&format!("connecting to {place}"), e))?;
+        let exposure = Settings::of(&mut *link, name).apply(&wanted, clock_wait)?;
         let bytes = wanted.size_px[0] as usize * wanted.size_px[1] as usize * 2;
-        let payload = device.get_integer("PayloadSize").map_err(|e| fail("PayloadSize", e.to_string()))?;
-        let mut stream = StreamConfig::new();
-        stream.payload_size = Some(payload.max(0) as usize);
-        // A sequence that runs by itself does not wait for its frames to be taken.
-        let buffers = BUFFERS + wanted.fired;
-        stream.n_buffers = buffers;
-        // A whole frame may wait while the receiver does not run; lost packets are asked for until all are there.
-        stream.stream_socket = vec![SocketOption::RecvBuffer((2 * bytes).max(8 << 20))];
-        stream.packet_request_ratio = 2.0;
-        stream.frame_retention = Duration::from_millis(500);
-        stream.packet_delay = wanted.settings.packet_delay_ticks;
-        stream.packet_size = wanted.settings.packet_bytes.map_or(PacketSize::Auto, PacketSize::Fixed);
-        let channel =
-            device.transport().open_stream(stream).map_err(|e| fail("opening the stream", e.to_string()))?;
-        Settings::of(&mut device, name).check_stream(&wanted)?;
-        let has_temperature = device.has_feature("DeviceTemperature");
-        let frames = channel.subscribe(buffers);
-        device.execute("AcquisitionStart").map_err(|e| fail("AcquisitionStart", e.to_string()))?;
+        let payload = link.integer("PayloadSize").map_err(|e| fail("PayloadSize", e))?;
+        let streaming = Streaming {
+            payload: payload.max(0) as usize,
+            // A sequence that runs by itself does not wait for its frames to be taken.
+            buffers: BUFFERS + wanted.fired,
+            // A whole frame may wait while the receiver does not run.
+            socket_bytes: (2 * bytes).max(8 << 20),
+            packet_bytes: wanted.settings.packet_bytes,
+            packet_delay_ticks: wanted.settings.packet_delay_ticks,
+        };
+        link.open(streaming).map_err(|e| fail("opening the stream", e))?;
+        Settings::of(&mut *link, name).check_stream(&wanted)?;
+        let has_temperature = link.has("DeviceTemperature");
+        link.execute("AcquisitionStart").map_err(|e| fail("AcquisitionStart", e))?;
         Ok(Self {
             wanted,
-            device,
-            stream: channel,
-            frames,
+            link,
             patience: PATIENCE + exposure,
-            last: 0,
+            last: None,
             taken: 0,
             has_temperature,
             mute: false,
@@ -103,7 +98,7 @@ impl GenicamDevice {
 
     /// Whether the camera no longer answers, or another client took it.
     pub fn is_lost(&self) -> bool {
-        self.mute || !self.device.is_connected()
+        self.mute || !self.link.is_connected()
     }
 
     fn fault(&self, reason: impl std::fmt::Display) -> DeviceError {
@@ -119,33 +114,29 @@ impl GenicamDevice {
     }
 
     /// The next frame, if it is the one that was triggered.
-    fn receive(&mut self) -> Result<Arc<Frame>, DeviceError> {
-        let Some(frame) = self.frames.wait_for(self.patience) else {
+    fn receive(&mut self) -> Result<Received, DeviceError> {
+        let Some(frame) = self.link.next(self.patience) else {
             let seconds = self.patience.as_secs_f64();
             let which = self.which();
             return Err(self.fault(format!("no frame within {seconds:.1} s after the trigger{which}")));
         };
-        let expected = if self.last == LAST_BLOCK { 1 } else { self.last + 1 };
-        let (got, first) = (frame.frame_id, self.last == 0);
-        self.last = got;
-        // The camera may have counted before this process began.
-        if !first && got != expected {
+        let got = frame.id;
+        let due = self.last.replace(got).map(|last| self.link.due(last, got));
+        if let Some(due) = due.filter(|due| *due != got) {
             let which = self.which();
-            return Err(self.fault(format!("frame {got} came where frame {expected} was due{which}")));
+            return Err(self.fault(format!("frame {got} came where frame {due} was due{which}")));
         }
-        if frame.status != FrameStatus::Complete {
-            let reason =
-                format!("frame {got} is not complete ({:?}, {} bytes)", frame.status, frame.received_size);
-            return Err(self.fault(reason));
+        if let Some(fault) = &frame.fault {
+            return Err(self.fault(format!("frame {got} is not complete ({fault})")));
         }
-        if [frame.width, frame.height] != self.wanted.size_px {
-            let [width, height] = self.wanted.size_px;
-            let sizes = format!("{} × {} px, the rig file has {width} × {height}", frame.width, frame.height);
+        if frame.size_px != self.wanted.size_px {
+            let ([columns, rows], [width, height]) = (frame.size_px, self.wanted.size_px);
+            let sizes = format!("{columns} × {rows} px, the rig file has {width} × {height}");
             return Err(self.fault(format!("frame {got} has {sizes}")));
         }
-        if frame.pixel_format.0 != self.wanted.settings.pixel_format.code() {
-            let formats =
-                format!("{} where {} was set", frame.pixel_format, self.wanted.settings.pixel_format.name());
+        let wanted = self.wanted.settings.pixel_format;
+        if frame.pixel_format != wanted.code() {
+            let formats = format!("{} where {} was set", PixelFormat(frame.pixel_format), wanted.name());
             return Err(self.fault(format!("frame {got} has pixel format {formats}")));
         }
         Ok(frame)
@@ -156,61 +147,52 @@ impl Camera for GenicamDevice {
     fn begin(&mut self, _cycle: u64) -> Result<(), DeviceError> {
         let complete = self.wanted.fired > 0 && self.taken == self.wanted.fired;
         self.taken = 0;
-        let surplus = if complete { self.frames.recv_all() } else { Vec::new() };
-        if let Some(last) = surplus.last() {
-            self.last = last.frame_id;
-            let (count, fired) = (surplus.len(), self.wanted.fired);
-            return Err(self.fault(format!(
-                "{count} more frame(s) came in the last cycle than the {fired} that the projector should have fired"
-            )));
+        // Of a cycle that was broken off, or too many.
+        let surplus = self.link.discard();
+        let Some(last) = surplus.last() else { return Ok(()) };
+        self.last = Some(*last);
+        if !complete {
+            return Ok(());
         }
-        // Frames of a cycle that was broken off.
-        while let Some(frame) = self.frames.try_recv() {
-            self.last = frame.frame_id;
-        }
-        Ok(())
+        let (count, fired) = (surplus.len(), self.wanted.fired);
+        Err(self.fault(format!(
+            "{count} more frame(s) came in the last cycle than the {fired} that the projector should have fired"
+        )))
     }
 
     fn expose(&mut self, _projector: usize, _frame: usize, out: &mut [u8]) -> Result<(), DeviceError> {
-        let late = if self.wanted.fired == 0 { self.frames.recv_all().len() } else { 0 };
+        let late = if self.wanted.fired == 0 { self.link.discard().len() } else { 0 };
         if late > 0 {
-            self.last = 0;
+            self.last = None;
             return Err(self.fault(format!("{late} frame(s) came without a trigger")));
         }
         if self.wanted.fired == 0
-            && let Err(error) = self.device.execute("TriggerSoftware")
+            && let Err(error) = self.link.execute("TriggerSoftware")
         {
             self.mute = true;
             return Err(self.fault(format!("TriggerSoftware: {error}")));
         }
         let frame = self.receive()?;
         self.taken += 1;
-        if self.wanted.settings.pixel_format.unpack(frame.data(), out) {
+        let pixels = (*frame.pixels).as_ref();
+        if self.wanted.settings.pixel_format.unpack(pixels, out) {
             Ok(())
         } else {
-            Err(self.fault(format!("{} bytes are no frame of {} bytes", frame.data().len(), out.len())))
+            Err(self.fault(format!("{} bytes are no frame of {} bytes", pixels.len(), out.len())))
         }
     }
 
     fn set_exposure_us(&mut self, exposure_us: f64) -> Result<f64, DeviceError> {
-        let took = Settings::of(&mut self.device, &self.wanted.name).exposure_us(exposure_us)?;
+        let took = Settings::of(&mut *self.link, &self.wanted.name).exposure_us(exposure_us)?;
         self.patience = PATIENCE + Duration::from_secs_f64(took.clamp(0.0, 1e7) * 1e-6);
         Ok(took)
     }
 
     fn state(&mut self) -> CameraState {
-        let stats = self.stream.stats();
-        let temperature =
-            self.has_temperature.then(|| self.device.get_float("DeviceTemperature").ok()).flatten();
+        let temperature = self.has_temperature.then(|| self.link.float("DeviceTemperature").ok()).flatten();
         CameraState {
             temperature_c: temperature.filter(|celsius| celsius.is_finite()),
-            link: Some(LinkCounts {
-                packets: stats.packets,
-                lost_packets: stats.missing_packets,
-                resent_packets: stats.resent_packets,
-                dropped_packets: stats.socket_drops,
-                incomplete_frames: stats.failed_frames + stats.timed_out_frames + stats.aborted_frames,
-            }),
+            link: Some(self.link.counts()),
         }
     }
 }

@@ -31,7 +31,7 @@ pub use device::{Camera, CameraState, LinkCounts, Projector};
 pub use driven::Driven;
 pub use drivers::{camera, camera_of, played_files, projector};
 pub use error::DeviceError;
-pub use genicam::{FoundCamera, choose_camera, find_cameras};
+pub use genicam::{FoundCamera, Place, find_cameras, missing_feature, place_of};
 pub use light::Light;
 pub use load::{LoadedCell, check, load};
 pub use network_projector::{ProjectorCommand, ProjectorServer};

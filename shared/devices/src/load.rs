@@ -1,10 +1,12 @@
 //! From the file of a configuration to a cell whose devices are known.
 
 use crate::error::DeviceError;
+use crate::genicam::missing_feature;
 use crate::twin_source;
 use cell::configuration::Driver;
 use cell::{Cell, FrameFormat, Options, executor};
 use files::config::Config;
+use files::error::{FileError, Problem};
 use fringe::text::is_cell_name;
 use std::ops::Deref;
 use std::path::Path;
@@ -44,12 +46,26 @@ pub fn load(path: &Path, options: &Options) -> Result<LoadedCell, DeviceError> {
 /// Builds what the stages will build, to find out before a process starts whether it can be built.
 ///
 /// # Errors
-/// Settings that a kernel refuses, cameras that make no pair, a scene that cannot be traced.
+/// Settings that a kernel refuses, cameras that make no pair, a scene that cannot be traced, a camera that this program
+/// is built without.
 pub fn check(cell: &LoadedCell) -> Result<(), DeviceError> {
+    transports(&cell.file)?;
     let path = || cell.file.document.path.clone();
     executor::check(cell).map_err(|source| DeviceError::Cell { path: path(), source: Box::new(source) })?;
     if cell.file.twin.is_some() {
         twin_source::build(&cell.file)?;
+    }
+    Ok(())
+}
+
+/// Each camera is reached by a way that this program is built with.
+fn transports(config: &Config) -> Result<(), FileError> {
+    for (index, camera) in config.cell.cameras.iter().enumerate() {
+        let missing = camera.genicam.as_ref().and_then(|genicam| missing_feature(genicam.transport));
+        if let Some([problem, remedy]) = missing {
+            let key = format!("camera[{index}].transport");
+            return Err(config.document.fault(&key, Problem::Unsupported(problem), remedy));
+        }
     }
     Ok(())
 }

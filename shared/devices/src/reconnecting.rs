@@ -1,4 +1,4 @@
-//! A camera on the network that may be lost, and found again at the start of a cycle.
+//! A camera that may be lost, and found again at the start of a cycle.
 
 use crate::device::{Camera, CameraState};
 use crate::error::DeviceError;

@@ -1,8 +1,11 @@
-//! Cameras on the network, and which of them is the one that a configuration means.
+//! Cameras on the network and on USB, and which of them is the one that a configuration means.
 
 use super::WantedCamera;
+use super::connect::missing_feature;
+use super::found::{FoundCamera, Place};
 use crate::error::DeviceError;
-use std::net::{IpAddr, Ipv4Addr};
+use cell::genicam_camera::{GenicamCamera, Transport};
+use std::net::Ipv4Addr;
 use std::time::Duration;
 use telegenic::gige::discovery::{
     DiscoveredDevice, DiscoveryConfig, NetworkAdapter, discover, enumerate_adapters,
@@ -11,26 +14,7 @@ use telegenic::gige::discovery::{
 /// How long devices may take to answer a search: the standard lets them wait for a second.
 const SEARCH: Duration = Duration::from_millis(1200);
 
-/// A device that answered a search.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
-pub struct FoundCamera {
-    /// Address of the device.
-    pub address: Ipv4Addr,
-    /// Serial number of the device.
-    pub serial: String,
-    /// Name that a person gave it; may be empty.
-    pub user_name: String,
-    /// Manufacturer of the device.
-    pub manufacturer: String,
-    /// Model of the device.
-    pub model: String,
-    /// Version of the device.
-    pub version: String,
-    /// Hardware address, hexadecimal bytes.
-    pub mac: String,
-}
-
-/// Searches all network adapters for cameras; sorted by address.
+/// Searches all network adapters for cameras, and USB in a program with Aravis; sorted by address, USB last.
 ///
 /// # Errors
 /// No adapter can be used.
@@ -49,38 +33,57 @@ pub fn find_cameras() -> Result<Vec<FoundCamera>, DeviceError> {
     let found = discover(&config).map_err(|e| fail(&e))?;
     let mut cameras: Vec<FoundCamera> = found.iter().map(describe).collect();
     cameras.sort_by_key(|camera| camera.address);
+    #[cfg(feature = "aravis")]
+    cameras.extend(super::aravis_link::usb_cameras());
     Ok(cameras)
 }
 
 fn describe(device: &DiscoveredDevice) -> FoundCamera {
     let info = &device.info;
     FoundCamera {
-        address: info.ip,
+        transport: Transport::Gige.name(),
+        address: Some(info.ip),
         serial: info.serial.clone(),
         user_name: info.user_defined_name.clone(),
         manufacturer: info.manufacturer.clone(),
         model: info.model.clone(),
         version: info.device_version.clone(),
         mac: info.mac.map(|byte| format!("{byte:02x}")).join(":"),
+        usb_id: String::new(),
     }
 }
 
-/// The address of the camera: as written, or that of the device with the serial number or name.
-pub(super) fn address(wanted: &WantedCamera) -> Result<IpAddr, DeviceError> {
-    if let Some(address) = wanted.settings.address {
-        return Ok(address);
+/// Where the camera is: at its address, or where the device with the serial number or name was found.
+pub(super) fn place(wanted: &WantedCamera) -> Result<Place, DeviceError> {
+    let fail = |reason: String| DeviceError::Frame(format!("camera \"{}\": {reason}", wanted.name));
+    let settings = &wanted.settings;
+    if let Some([problem, remedy]) = missing_feature(settings.transport) {
+        return Err(fail(format!("{problem}; {remedy}")));
     }
-    let serial = wanted.settings.serial.as_deref().unwrap_or_default();
-    choose_camera(&find_cameras()?, serial)
-        .map(IpAddr::from)
-        .map_err(|reason| DeviceError::Frame(format!("camera \"{}\": {reason}", wanted.name)))
+    let found = if settings.address.is_none() { find_cameras()? } else { Vec::new() };
+    place_of(settings, &found).map_err(fail)
+}
+
+/// Where the camera of a configuration is, among those that were found; one with an address is there.
+///
+/// # Errors
+/// No device, or more than one, has the serial number or name; the text lists them.
+pub fn place_of(settings: &GenicamCamera, found: &[FoundCamera]) -> Result<Place, String> {
+    let on_usb = settings.transport == Transport::Usb3;
+    let place = if let Some(address) = settings.address {
+        Place::Gige(address)
+    } else {
+        let there: Vec<&FoundCamera> = found.iter().filter(|c| c.address.is_none() == on_usb).collect();
+        choose(&there, settings.serial.as_deref().unwrap_or_default())?.place()
+    };
+    Ok(match (place, settings.transport) {
+        (Place::Gige(address), Transport::Aravis) => Place::Aravis(address),
+        (place, _) => place,
+    })
 }
 
 /// The only device with this serial number; where none has it, the only one with this name.
-///
-/// # Errors
-/// There is none, or more than one; the text lists them.
-pub fn choose_camera(found: &[FoundCamera], serial: &str) -> Result<Ipv4Addr, String> {
+fn choose<'a>(found: &[&'a FoundCamera], serial: &str) -> Result<&'a FoundCamera, String> {
     let listed = |cameras: &[&FoundCamera]| {
         let text = |camera: &&FoundCamera| {
             let name = if camera.user_name.is_empty() {
@@ -88,23 +91,24 @@ pub fn choose_camera(found: &[FoundCamera], serial: &str) -> Result<Ipv4Addr, St
             } else {
                 format!(" (\"{}\")", camera.user_name)
             };
-            format!("{}{name} at {}", camera.serial, camera.address)
+            format!("{}{name} at {}", camera.serial, camera.place())
         };
         if cameras.is_empty() {
             return "no camera answers".to_owned();
         }
         cameras.iter().map(text).collect::<Vec<_>>().join(", ")
     };
-    let with = |has: &dyn Fn(&FoundCamera) -> bool| found.iter().filter(|c| has(c)).collect::<Vec<_>>();
+    let with =
+        |has: &dyn Fn(&FoundCamera) -> bool| found.iter().copied().filter(|c| has(c)).collect::<Vec<_>>();
     let mut meant = with(&|camera| camera.serial == serial);
     if meant.is_empty() {
         meant = with(&|camera| camera.user_name == serial);
     }
     match meant.as_slice() {
-        [camera] => Ok(camera.address),
+        [camera] => Ok(camera),
         [] => Err(format!(
             "no device has the serial number or name \"{serial}\"; found: {}; see `fringetool cameras`",
-            listed(&found.iter().collect::<Vec<_>>())
+            listed(found)
         )),
         several => Err(format!(
             "{} devices have the serial number or name \"{serial}\": {}; write the serial number or the address of one of them",
@@ -117,27 +121,60 @@ pub fn choose_camera(found: &[FoundCamera], serial: &str) -> Result<Ipv4Addr, St
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cell::pixel_format::PixelFormat;
+    use std::net::IpAddr;
 
     fn camera(last: u8, serial: &str, user_name: &str) -> FoundCamera {
         FoundCamera {
-            address: Ipv4Addr::new(192, 168, 1, last),
+            transport: "gige",
+            address: Some(Ipv4Addr::new(192, 168, 1, last)),
             serial: serial.into(),
             user_name: user_name.into(),
             manufacturer: String::new(),
             model: String::new(),
             version: String::new(),
             mac: String::new(),
+            usb_id: String::new(),
         }
+    }
+
+    fn on_usb(serial: &str) -> FoundCamera {
+        FoundCamera {
+            transport: "usb3",
+            address: None,
+            usb_id: format!("Maker-{serial}"),
+            ..camera(0, serial, "")
+        }
+    }
+
+    fn settings(transport: Transport, serial: &str) -> GenicamCamera {
+        GenicamCamera {
+            transport,
+            address: None,
+            serial: Some(serial.into()),
+            pixel_format: PixelFormat::Mono8,
+            exposure_us: None,
+            gain_db: None,
+            offset_px: None,
+            packet_bytes: None,
+            packet_delay_ticks: None,
+            ptp: None,
+            trigger_line: "Line1".into(),
+        }
+    }
+
+    fn choose_camera(found: &[FoundCamera], serial: &str) -> Result<Place, String> {
+        place_of(&settings(Transport::Gige, serial), found)
     }
 
     #[test]
     fn a_camera_is_the_only_one_with_its_serial_number_or_name() {
         let found = [camera(1, "A1", "left"), camera(2, "A2", "right"), camera(3, "A3", "right")];
-        assert_eq!(choose_camera(&found, "A3"), Ok(found[2].address));
-        assert_eq!(choose_camera(&found, "left"), Ok(found[0].address));
+        assert_eq!(choose_camera(&found, "A3"), Ok(found[2].place()));
+        assert_eq!(choose_camera(&found, "left"), Ok(found[0].place()));
         // Another camera's name is no reason to doubt a serial number.
         let named = [camera(1, "A1", ""), camera(2, "A2", "A1")];
-        assert_eq!(choose_camera(&named, "A1"), Ok(named[0].address));
+        assert_eq!(choose_camera(&named, "A1"), Ok(named[0].place()));
         let twice = choose_camera(&found, "right").unwrap_err();
         assert!(
             twice.starts_with(
@@ -154,5 +191,21 @@ mod tests {
             "{none}"
         );
         assert!(choose_camera(&[], "A9").unwrap_err().contains("no camera answers"));
+    }
+
+    #[test]
+    fn a_camera_is_looked_for_where_its_transport_is() {
+        let found = [camera(1, "A1", ""), on_usb("A1"), on_usb("A2")];
+        let address = IpAddr::from([192, 168, 1, 1]);
+        let place = |transport, serial| place_of(&settings(transport, serial), &found);
+        assert_eq!(place(Transport::Gige, "A1"), Ok(Place::Gige(address)));
+        assert_eq!(place(Transport::Aravis, "A1"), Ok(Place::Aravis(address)));
+        assert_eq!(place(Transport::Usb3, "A1"), Ok(Place::Usb("Maker-A1".into())));
+        let elsewhere = place(Transport::Gige, "A2").unwrap_err();
+        assert!(elsewhere.contains("found: A1 at 192.168.1.1; see"), "{elsewhere}");
+        let elsewhere = place(Transport::Usb3, "A3").unwrap_err();
+        assert!(elsewhere.contains("found: A1 at USB (Maker-A1), A2 at USB (Maker-A2);"), "{elsewhere}");
+        let written = GenicamCamera { address: Some(address), ..settings(Transport::Aravis, "") };
+        assert_eq!(place_of(&written, &[]), Ok(Place::Aravis(address)));
     }
 }

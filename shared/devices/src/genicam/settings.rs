@@ -1,12 +1,11 @@
 //! Settings of a camera: each is written, read back from the device and compared.
 
 use super::WantedCamera;
+use super::link::{Link, exposure_key};
 use crate::error::DeviceError;
 use std::fmt::Display;
 use std::time::{Duration, Instant};
-use telegenic::error::GenicamResult;
 use telegenic::gige::proto::bootstrap::{STREAM_CHANNEL_PACKET_DELAY, STREAM_CHANNEL_PACKET_SIZE};
-use telegenic::{GenICamera, ResponseHandle};
 
 /// Numbers with a fraction that differ by more than this part are others: cameras round to their clock and steps.
 const ROUNDING: f64 = 0.01;
@@ -21,69 +20,60 @@ const CLOCKS: [[&str; 3]; 2] = [
     ["GevIEEE1588", "GevIEEE1588Status", "GevIEEE1588DataSetLatch"],
 ];
 
-/// Longest time for an answer about the stream.
-const ANSWER: Duration = Duration::from_secs(2);
-
-/// The exposure time; older cameras have it by another name.
-pub(crate) fn exposure_key(device: &GenICamera) -> &'static str {
-    if device.has_feature("ExposureTime") { "ExposureTime" } else { "ExposureTimeAbs" }
-}
-
 /// A camera that is being set.
 pub(super) struct Settings<'a> {
-    device: &'a mut GenICamera,
+    link: &'a mut dyn Link,
     /// Name of the camera, for messages.
     name: &'a str,
 }
 
 /// How a kind of value is written and read, what is close enough, and what the device takes.
 struct Kind<T> {
-    write: fn(&mut GenICamera, &str, &T) -> GenicamResult<()>,
-    read: fn(&mut GenICamera, &str) -> GenicamResult<T>,
+    write: fn(&mut dyn Link, &str, &T) -> Result<(), String>,
+    read: fn(&mut dyn Link, &str) -> Result<T, String>,
     same: fn(&T, &T) -> bool,
-    takes: fn(&mut GenICamera, &str) -> Option<String>,
+    takes: fn(&mut dyn Link, &str) -> Option<String>,
 }
 
 const INTEGER: Kind<i64> = Kind {
-    write: |device, key, value| device.set_integer(key, *value),
-    read: GenICamera::get_integer,
+    write: |link, key, value| link.set_integer(key, *value),
+    read: |link, key| link.integer(key),
     same: |is, wanted| is == wanted,
-    takes: |device, key| {
-        let (least, most) = device.integer_bounds(key).ok()?;
-        let step = device.integer_increment(key).unwrap_or(1);
+    takes: |link, key| {
+        let [least, most, step] = link.integer_limits(key)?;
         let steps = if step > 1 { format!(" in steps of {step}") } else { String::new() };
         (least > i64::MIN && most < i64::MAX).then(|| format!("{least} … {most}{steps}"))
     },
 };
 
 const FLOAT: Kind<f64> = Kind {
-    write: |device, key, value| device.set_float(key, *value),
-    read: GenICamera::get_float,
+    write: |link, key, value| link.set_float(key, *value),
+    read: |link, key| link.float(key),
     same: |is, wanted| (is - wanted).abs() <= ROUNDING * wanted.abs().max(0.1),
-    takes: |device, key| {
-        let (least, most) = device.float_bounds(key).ok()?;
+    takes: |link, key| {
+        let [least, most] = link.float_limits(key)?;
         (least > f64::MIN && most < f64::MAX).then(|| format!("{least} … {most}"))
     },
 };
 
 const NAME: Kind<String> = Kind {
-    write: |device, key, value| device.set_enum(key, value),
-    read: GenICamera::get_enum,
+    write: |link, key, value| link.set_entry(key, value),
+    read: |link, key| link.entry(key),
     same: |is, wanted| is == wanted,
-    takes: |device, key| device.enum_entries(key).ok().map(|entries| entries.join(", ")),
+    takes: |link, key| link.entries(key).map(|entries| entries.join(", ")),
 };
 
 const SWITCH: Kind<bool> = Kind {
-    write: |device, key, value| device.set_boolean(key, *value),
-    read: GenICamera::get_boolean,
+    write: |link, key, value| link.set_switch(key, *value),
+    read: |link, key| link.switch(key),
     same: |is, wanted| is == wanted,
     takes: |_, _| None,
 };
 
 impl<'a> Settings<'a> {
     /// Of this camera; `name` is that of the configuration.
-    pub fn of(device: &'a mut GenICamera, name: &'a str) -> Self {
-        Self { device, name }
+    pub fn of(link: &'a mut dyn Link, name: &'a str) -> Self {
+        Self { link, name }
     }
 
     /// Sets all that the configuration states, before the stream opens; the exposure time. The clock may take `clock_wait` until
@@ -91,7 +81,7 @@ impl<'a> Settings<'a> {
     pub fn apply(&mut self, wanted: &WantedCamera, clock_wait: Duration) -> Result<Duration, DeviceError> {
         let settings = &wanted.settings;
         // A client that died may have left it running, or for one frame only.
-        let _ = self.device.execute("AcquisitionStop");
+        let _ = self.link.execute("AcquisitionStop");
         self.choose_if_there("AcquisitionMode", "Continuous")?;
         self.choose("PixelFormat", settings.pixel_format.name(), "pixel_format")?;
         self.region(settings.offset_px, wanted.size_px)?;
@@ -103,20 +93,20 @@ impl<'a> Settings<'a> {
         if let Some(gain_db) = settings.gain_db {
             self.exchange(&FLOAT, "Gain", gain_db, "gain_db, dB")?;
         }
-        let exposure = exposure_key(self.device);
+        let exposure = exposure_key(self.link);
         if let Some(exposure_us) = settings.exposure_us {
             self.exposure_us(exposure_us)?;
         }
         if let Some(on) = settings.ptp {
             self.clock(on, clock_wait)?;
         }
-        let exposure_us = self.device.get_float(exposure).unwrap_or(0.0);
+        let exposure_us = self.link.float(exposure).unwrap_or(0.0);
         Ok(Duration::from_secs_f64(exposure_us.clamp(0.0, 1e7) * 1e-6))
     }
 
     /// Sets the exposure time; the one that the camera took, µs.
     pub fn exposure_us(&mut self, exposure_us: f64) -> Result<f64, DeviceError> {
-        let key = exposure_key(self.device);
+        let key = exposure_key(self.link);
         self.exchange(&FLOAT, key, exposure_us, "exposure_us, µs")
     }
 
@@ -136,9 +126,7 @@ impl<'a> Settings<'a> {
         ];
         for (key, register, mask, asked, source) in registers {
             let Some(asked) = asked else { continue };
-            let answer = self.device.transport().read_register(register);
-            let answer = answer.map_err(|e| self.fault(key, e))?;
-            let is = ResponseHandle::wait_timeout(&answer, ANSWER).map_err(|e| self.fault(key, e))? & mask;
+            let is = self.link.register(register).map_err(|e| self.fault(key, e))? & mask;
             if is != asked {
                 return Err(self.fault(key, format!("{asked} was asked for ({source}), the camera has {is}")));
             }
@@ -159,18 +147,17 @@ impl<'a> Settings<'a> {
         value: T,
         source: &str,
     ) -> Result<T, DeviceError> {
-        let refused = (kind.write)(self.device, key, &value).err();
+        let refused = (kind.write)(self.link, key, &value).err();
         // Else some descriptions give back what was written.
-        let _ = self.device.invalidate_caches();
-        let is = (kind.read)(self.device, key).map_err(|error| self.fault(key, error))?;
+        self.link.forget();
+        let is = (kind.read)(self.link, key).map_err(|error| self.fault(key, error))?;
         // What cannot be written may be as wanted from the start.
         if (kind.same)(&is, &value) {
             return Ok(is);
         }
         let source = if source.is_empty() { String::new() } else { format!(" ({source})") };
         let refused = refused.map_or_else(String::new, |error| format!(" ({error})"));
-        let takes =
-            (kind.takes)(self.device, key).map_or_else(String::new, |all| format!("; it takes {all}"));
+        let takes = (kind.takes)(self.link, key).map_or_else(String::new, |all| format!("; it takes {all}"));
         Err(self.fault(key, format!("{value} was asked for{source}, the camera has {is}{refused}{takes}")))
     }
 
@@ -180,7 +167,7 @@ impl<'a> Settings<'a> {
 
     /// The same of a feature that not every camera has, or that it describes without having it.
     fn choose_if_there(&mut self, key: &str, entry: &str) -> Result<(), DeviceError> {
-        if self.device.get_enum(key).is_ok() { self.choose(key, entry, "") } else { Ok(()) }
+        if self.link.entry(key).is_ok() { self.choose(key, entry, "") } else { Ok(()) }
     }
 
     /// The window of the sensor: its size is that of the rig file.
@@ -188,14 +175,13 @@ impl<'a> Settings<'a> {
         const CORNER: [&str; 2] = ["OffsetX", "OffsetY"];
         const SIZE: [&str; 2] = ["Width", "Height"];
         let size = size_px.map(i64::from);
-        let corner = CORNER.map(|key| self.device.get_integer(key).unwrap_or(0));
-        let is_size =
-            SIZE.iter().zip(size).all(|(key, size)| self.device.get_integer(key).ok() == Some(size));
+        let corner = CORNER.map(|key| self.link.integer(key).unwrap_or(0));
+        let is_size = SIZE.iter().zip(size).all(|(key, size)| self.link.integer(key).ok() == Some(size));
         let mut begins = String::new();
         if !is_size && offset_px.is_some() {
             // A window grows only as far as its corner leaves room; what goes wrong here shows below.
             for key in CORNER {
-                let _ = self.device.set_integer(key, 0);
+                let _ = self.link.set_integer(key, 0);
             }
         } else if corner != [0, 0] {
             let [column, row] = corner;
@@ -209,7 +195,7 @@ impl<'a> Settings<'a> {
         }
         let Some(offset_px) = offset_px else { return Ok(()) };
         for (key, offset) in CORNER.iter().zip(offset_px) {
-            if self.device.has_feature(key) {
+            if self.link.has(key) {
                 self.exchange(&INTEGER, key, offset.into(), "offset_px")?;
             } else if offset != 0 {
                 return Err(self.fault(
@@ -223,7 +209,7 @@ impl<'a> Settings<'a> {
 
     fn trigger(&mut self, wanted: &WantedCamera) -> Result<(), DeviceError> {
         let fired = wanted.fired > 0;
-        if self.device.has_feature("TriggerSelector") {
+        if self.link.has("TriggerSelector") {
             self.choose("TriggerSelector", "FrameStart", "")?;
         }
         self.choose("TriggerMode", "On", "")?;
@@ -237,7 +223,7 @@ impl<'a> Settings<'a> {
 
     /// Switches the clock that follows the network's on or off, and waits until it follows.
     fn clock(&mut self, on: bool, wait: Duration) -> Result<(), DeviceError> {
-        let known = CLOCKS.into_iter().find(|[switch, ..]| self.device.has_feature(switch));
+        let known = CLOCKS.into_iter().find(|[switch, ..]| self.link.has(switch));
         let Some([switch, state, update]) = known else {
             let reason =
                 "the camera has neither this feature nor GevIEEE1588; remove ptp from the configuration";
@@ -249,11 +235,11 @@ impl<'a> Settings<'a> {
         }
         let start = Instant::now();
         loop {
-            if self.device.has_feature(update) {
-                self.device.execute(update).map_err(|error| self.fault(update, error))?;
+            if self.link.has(update) {
+                self.link.execute(update).map_err(|error| self.fault(update, error))?;
             }
-            let _ = self.device.invalidate_caches();
-            let is = self.device.get_enum(state).map_err(|error| self.fault(state, error))?;
+            self.link.forget();
+            let is = self.link.entry(state).map_err(|error| self.fault(state, error))?;
             if matches!(is.as_str(), "Slave" | "Master") {
                 return Ok(());
             }

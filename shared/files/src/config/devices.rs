@@ -5,7 +5,8 @@ use super::values::value;
 use crate::document::Document;
 use crate::error::{FileError, Problem};
 use crate::rig_file::unknown;
-use cell::configuration::{CameraConfig, Driver, GenicamCamera};
+use cell::configuration::{CameraConfig, Driver};
+use cell::genicam_camera::{GenicamCamera, Transport};
 use cell::pixel_format::PixelFormat;
 use std::net::{IpAddr, SocketAddr};
 
@@ -21,6 +22,9 @@ const MOST_OFFSET_PX: u32 = 65_534;
 /// Packets, IP and UDP header included: what every network carries, and what a jumbo frame holds with room to spare.
 const PACKET_BYTES: [u16; 2] = [576, 16_000];
 
+/// Keys that a camera has on a network alone.
+const NETWORK_KEYS: [&str; 4] = ["address", "packet_bytes", "packet_delay_ticks", "ptp"];
+
 /// Input of a camera where none is named: the first one.
 const TRIGGER_LINE: &str = "Line1";
 
@@ -31,6 +35,7 @@ pub(super) fn genicam(
     raw: &RawCamera,
 ) -> Result<Option<GenicamCamera>, FileError> {
     let written = [
+        ("transport", raw.transport.is_some()),
         ("address", raw.address.is_some()),
         ("serial", raw.serial.is_some()),
         ("pixel_format", raw.pixel_format.is_some()),
@@ -48,6 +53,10 @@ pub(super) fn genicam(
             None => Ok(None),
         };
     }
+    let transport = transport(document, key, raw)?;
+    if transport == Transport::Usb3 {
+        no_network(document, key, raw, &written)?;
+    }
     let address = raw.address.as_ref().map(|text| {
         text.parse::<IpAddr>().map_err(|_| {
             let problem = value(format!("{text:?}"), "an IP address");
@@ -59,6 +68,7 @@ pub(super) fn genicam(
         return Err(document.fault(key, problem, "`fringetool cameras` lists both; write one of them"));
     }
     Ok(Some(GenicamCamera {
+        transport,
         address: address.transpose()?,
         serial: raw.serial.clone(),
         pixel_format: pixel_format(document, key, raw)?,
@@ -76,6 +86,41 @@ pub(super) fn genicam(
         ptp: raw.ptp,
         trigger_line: raw.trigger_line.clone().unwrap_or_else(|| TRIGGER_LINE.to_owned()),
     }))
+}
+
+fn transport(document: &Document, key: &str, raw: &RawCamera) -> Result<Transport, FileError> {
+    let Some(name) = &raw.transport else { return Ok(Transport::default()) };
+    let known = Transport::ALL.map(Transport::name);
+    Transport::ALL
+        .into_iter()
+        .find(|transport| transport.name() == name)
+        .ok_or_else(|| unknown(document, &format!("{key}.transport"), "transport", name, known))
+}
+
+/// A camera on USB is found by its serial number, and has nothing that belongs to a network.
+fn no_network(
+    document: &Document,
+    key: &str,
+    raw: &RawCamera,
+    written: &[(&str, bool)],
+) -> Result<(), FileError> {
+    let is_network = |part: &str| NETWORK_KEYS.contains(&part);
+    if let Some((part, _)) = written.iter().find(|(part, present)| *present && is_network(part)) {
+        let problem = Problem::Unsupported(
+            "a camera with transport = \"usb3\" has no such key: it is not on a network".into(),
+        );
+        let remedy = if *part == "address" {
+            "write its serial number (serial); `fringetool cameras` lists it"
+        } else {
+            "remove it, or use transport = \"gige\""
+        };
+        return Err(document.fault(&format!("{key}.{part}"), problem, remedy));
+    }
+    if raw.serial.is_none() {
+        let problem = Problem::Missing(format!("serial of camera \"{}\"", raw.name));
+        return Err(document.fault(key, problem, "write its serial number; `fringetool cameras` lists it"));
+    }
+    Ok(())
 }
 
 /// No two cameras of a cell are the same device, as far as the configuration states it.

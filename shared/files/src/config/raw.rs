@@ -108,6 +108,7 @@ pub(super) struct RawRecipe {
 pub(super) struct RawCamera {
     pub name: String,
     pub driver: String,
+    pub transport: Option<String>,
     pub address: Option<String>,
     pub serial: Option<String>,
     pub pixel_format: Option<String>,
