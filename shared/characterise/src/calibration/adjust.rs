@@ -16,8 +16,12 @@ const MAX_ITERATIONS: usize = 100;
 const FIRST_DAMPING: f64 = 1e-3;
 
 /// A step whose square in standard deviations of all parameters together is less than this ends the iteration: 1e-4
-/// standard deviations. A cost of 1e5 terms resolves steps down to 1e-5, not smaller ones.
+/// standard deviations.
 const SETTLED: f64 = 1e-8;
+
+/// A step that changes the cost by less than this part of it ends the iteration, too: image points are rounded at 1e-12 px, so of 1e5
+/// residuals of 5e-3 px the cost resolves 1e-12. That part is a step of 1e-3 standard deviations.
+const RESOLVED: f64 = 1e-11;
 
 /// Residuals below this are rounding, px: exact data must not be outliers of each other.
 const ROUNDING_PX: f64 = 1e-7;
@@ -51,9 +55,9 @@ pub(super) fn solve(problem: &Problem, start: State, weights: &[f64], most: usiz
     while solved.iterations < most && damping < 1e10 {
         solved.iterations += 1;
         let variance = solved.normal.cost.max(floor) / freedom;
+        let short = (SETTLED * variance).max(RESOLVED * solved.normal.cost);
         // The undamped step decides whether it has settled: a damped one is short for other reasons.
-        let last =
-            solved.normal.step(problem.ridge).filter(|step| solved.normal.length(step) <= SETTLED * variance);
+        let last = solved.normal.step(problem.ridge).filter(|step| solved.normal.length(step) <= short);
         let Some(step) = last.clone().or_else(|| solved.normal.step(damping)) else {
             damping *= 10.0;
             continue;
