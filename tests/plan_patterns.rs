@@ -30,10 +30,15 @@ impl Cell {
 
     /// Records what a `[[projector]]` table projects; its driver and cameras are those of the demo.
     fn record(&self, projector: &str, name: &str, seed: u64) {
+        self.record_with(projector, name, seed, "");
+    }
+
+    /// The same with further settings of the twin.
+    fn record_with(&self, projector: &str, name: &str, seed: u64, settings: &str) {
         let text = format!(
             "format = \"fringecell-config/1\"\nname = \"planned\"\nrig = \"rig.toml\"\npairs = [\"pair1\"]\n{}\n\
              [[camera]]\nname = \"cam1\"\ndriver = \"twin\"\n[[camera]]\nname = \"cam2\"\ndriver = \"twin\"\n\
-             [twin]\nscene = \"scene.toml\"\nseed = {seed}\n[twin.settings]\nposition_scatter_mm = 0.0\nangle_scatter_deg = 0.0\n",
+             [twin]\nscene = \"scene.toml\"\nseed = {seed}\n[twin.settings]\nposition_scatter_mm = 0.0\nangle_scatter_deg = 0.0\n{settings}",
             projector.replace("[[projector]]", "[[projector]]\ndriver = \"twin\"")
         );
         std::fs::write(self.path("cell.toml"), text).unwrap();
@@ -135,6 +140,67 @@ fn a_plan_holds_for_noise_orders_and_points() {
         "points scatter by {scatter_um} µm, promised {}",
         promised("u_point_um")
     );
+}
+
+/// A step of 1 mm on the plate, its edges turned by 5° against rows and columns.
+const STEP: &str = "[[body]]\nname = \"step\"\nmaterial = \"matte\"\nposition_mm = [0.334565, 0.0, 15.371572]\n\
+    rotation_deg = [4.487112, 41.803988, 6.714389]\ngeometry = { shape = \"box\", size_mm = [40.0, 40.0, 1.0] }\n";
+/// Width of the bins of the distance from an edge, mm.
+const BIN_MM: f64 = 0.08;
+
+/// Distances outwards from an edge along the base of the cameras, and heights of the points near it, mm.
+fn near_edge(points: &[fringe::cloud::Point], side: f64) -> Vec<(f64, f64)> {
+    let [x, y, z] = [4.487112_f64, 41.803988, 6.714389].map(f64::to_radians);
+    let world_from_step = nalgebra::UnitQuaternion::from_euler_angles(x, y, z);
+    let middle = nalgebra::Point3::new(0.334565, 0.0, 15.371572);
+    let in_step = points.iter().map(|point| world_from_step.inverse() * (point.position() - middle));
+    in_step
+        .map(|at| (side * at.x - 20.0, at.y, at.z))
+        .filter(|(outwards, along, _)| outwards.abs() < 4.0 && along.abs() < 16.0)
+        .map(|(outwards, _, height)| (outwards, height))
+        .collect()
+}
+
+/// Length from 10 to 90 % of the step, mm, from means over bins.
+fn edge_mm(points: &[(f64, f64)]) -> f64 {
+    let mean = |from: f64, to: f64| {
+        let heights = || points.iter().filter(|(outwards, _)| (from..to).contains(outwards)).map(|(_, h)| *h);
+        heights().sum::<f64>() / heights().count() as f64
+    };
+    let (low, high) = (mean(2.5, 4.0), mean(-4.0, -2.5));
+    // Means over bins, numbered outwards from the edge.
+    let share = |bin: i32| {
+        let from = f64::from(bin) * BIN_MM;
+        (mean(from, from + BIN_MM) - low) / (high - low)
+    };
+    // Where the share falls through a level, coming from the inside.
+    let crossing = |level: f64| {
+        let bin = (-12..12).find(|bin| share(*bin) >= level && share(bin + 1) < level).expect("an edge");
+        f64::from(bin) + (share(bin) - level) / (share(bin) - share(bin + 1))
+    };
+    (crossing(0.1) - crossing(0.9)) * BIN_MM
+}
+
+#[test]
+fn the_stated_resolution_is_that_of_a_step() {
+    let cell = Cell::new();
+    std::fs::write(cell.path("scene.toml"), format!("{PLATE}{STEP}")).unwrap();
+    // A single ray a pixel would draw the edges as stairs.
+    let fine = DEMO
+        .replace("period_px = 16.0, steps = 10", "period_px = 6.0, steps = 24")
+        .replace("bits = 7, stripe_px = 8.0", "bits = 8, stripe_px = 3.0");
+    cell.record_with(&fine, "step", 3, "subsamples = 3\n");
+    let (rig, cloud, json) = (cell.path("rig.toml"), cell.path("step.ply"), cell.path("plan.json"));
+    fringetool(&["reconstruct", "--rig", &rig, "--pair", "pair1", "--out", &cloud, &cell.path("step")])
+        .expect_success();
+    let ran = fringetool(&["plan-patterns", "--rig", &rig, "--camera-blur-px", "0.577", "--json", &json])
+        .expect_success();
+    assert!(ran.stdout.contains("lateral resolution"), "{}", ran.stdout);
+    let stated = cell.json("plan.json")["lateral_resolution"]["step_mm"].as_f64().unwrap();
+    let points = files::ply::read_cloud(cloud.as_ref()).unwrap().points;
+    let edges = [1.0, -1.0].map(|side| edge_mm(&near_edge(&points, side)));
+    let measured = 0.5 * (edges[0] + edges[1]);
+    assert!((measured / stated - 1.0).abs() < 0.1, "edges {edges:?} mm, stated {stated} mm");
 }
 
 /// Numbers that cannot be are refused with flag or key, value and limit, on one line.

@@ -9,6 +9,7 @@ use files::rig_file::read_rig;
 use fringe::geometry::rig::{Pair, Rig};
 use fringe::pattern::Axis;
 use fringe::planning::geometry::Depth;
+use fringe::planning::resolution::{Resolution, Seen};
 use fringe::planning::{Proposal, Requirements, geometry, propose};
 use fringe::surface::SurfaceSettings;
 use std::path::PathBuf;
@@ -86,6 +87,8 @@ struct Target {
     depth: Depth,
     /// Projector pixels per camera pixel; 0 where the camera is not known.
     scale: f64,
+    /// What the cloud resolves, where the camera is known.
+    resolution: Option<Resolution>,
 }
 
 /// Standard deviation of two blurs after each other.
@@ -134,7 +137,12 @@ pub fn run(args: &Args) -> Result<Outcome> {
         println!("{}: {} frames", path.display(), first.frames);
     }
     let best: Vec<&Proposal> = proposals.iter().take(args.rows).collect();
-    emit(args.json.as_deref(), &serde_json::json!({ "wanted": wanted, "proposals": best }))?;
+    let result = serde_json::json!({
+        "wanted": wanted,
+        "proposals": best,
+        "lateral_resolution": target.resolution,
+    });
+    emit(args.json.as_deref(), &result)?;
     if first.meets {
         return Ok(Outcome::Done);
     }
@@ -166,6 +174,7 @@ fn target(args: &Args, axis: Axis) -> Result<Target> {
                 pattern_cancels: false,
             },
             scale: 0.0,
+            resolution: None,
         });
     };
     let rig = read_rig(path)?.rig;
@@ -176,11 +185,16 @@ fn target(args: &Args, axis: Axis) -> Result<Target> {
         })?,
         None => rig.pairs.first().with_context(|| format!("{}: has no [[pair]]", path.display()))?,
     };
-    of_pair(&rig, pair, axis, &surface_settings(Some(args.smoothing_px)))
+    of_pair((&rig, pair), axis, args.camera_blur_px, &surface_settings(Some(args.smoothing_px)))
         .with_context(|| format!("{}: pair \"{}\"", path.display(), pair.name))
 }
 
-fn of_pair(rig: &Rig, pair: &Pair, axis: Axis, surface: &SurfaceSettings) -> Result<Target> {
+fn of_pair(
+    (rig, pair): (&Rig, &Pair),
+    axis: Axis,
+    footprint_px: f64,
+    surface: &SurfaceSettings,
+) -> Result<Target> {
     let left = rig.camera(&pair.left).with_context(|| format!("no camera \"{}\" in the rig", pair.left))?;
     let name = if rig.projector(&pair.right).is_some() { &pair.right } else { &pair.projector };
     let projector = rig.projector(name).with_context(|| {
@@ -195,6 +209,9 @@ fn of_pair(rig: &Rig, pair: &Pair, axis: Axis, surface: &SurfaceSettings) -> Res
         ),
         None => (geometry::by_projector(left, projector, axis, surface), vec![pair.left.clone()]),
     };
+    let second = rig.camera(&pair.right);
+    let seen = Seen { footprint_px, matched: second.is_some(), smoothing_px: surface.smoothing_px };
+    let middle_mm = geometry::middle_mm(left, second.unwrap_or(projector));
     let depth = depth.with_context(|| {
         format!("patterns along {axis:?} contain no depth: the views do not cross; try the other axis")
     })?;
@@ -204,6 +221,7 @@ fn of_pair(rig: &Rig, pair: &Pair, axis: Axis, surface: &SurfaceSettings) -> Res
         cameras,
         depth,
         scale: geometry::projector_px_per_camera_px(left, projector).unwrap_or(0.0),
+        resolution: middle_mm.map(|at| seen.resolution(left, &at)),
     })
 }
 
@@ -215,6 +233,12 @@ fn print(target: &Target, proposals: &[Proposal], rows: usize) {
         noise_share.sqrt() * 100.0,
         if pattern_cancels { "; two cameras: errors of the pattern cancel" } else { "" }
     );
+    if let Some(Resolution { pixel_mm, step_mm, hidden_step_mm }) = target.resolution {
+        println!(
+            "lateral resolution (10 to 90 % of an edge): {step_mm:.2} mm, {hidden_step_mm:.2} mm where the step hides in the noise of single points; \
+             a pixel is {pixel_mm:.3} mm"
+        );
+    }
     println!(
         "{:20} {:>9} {:>6} {:>7} {:>7} {:>11} {:>12} {:>9} {:>9} {:>12}  meets",
         "order",

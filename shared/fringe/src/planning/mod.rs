@@ -11,6 +11,7 @@
 
 pub mod geometry;
 pub mod pattern;
+pub mod resolution;
 mod sets;
 #[cfg(test)]
 mod tests;
