@@ -150,9 +150,9 @@ const BIN_MM: f64 = 0.08;
 
 /// Distances outwards from an edge along the base of the cameras, and heights of the points near it, mm.
 fn near_edge(points: &[fringe::cloud::Point], side: f64) -> Vec<(f64, f64)> {
-    let [x, y, z] = [4.487112_f64, 41.803988, 6.714389].map(f64::to_radians);
+    let [x, y, z] = [4.487_112_f64, 41.803_988, 6.714_389].map(f64::to_radians);
     let world_from_step = nalgebra::UnitQuaternion::from_euler_angles(x, y, z);
-    let middle = nalgebra::Point3::new(0.334565, 0.0, 15.371572);
+    let middle = nalgebra::Point3::new(0.334_565, 0.0, 15.371_572);
     let in_step = points.iter().map(|point| world_from_step.inverse() * (point.position() - middle));
     in_step
         .map(|at| (side * at.x - 20.0, at.y, at.z))

@@ -137,11 +137,8 @@ pub fn run(args: &Args) -> Result<Outcome> {
         println!("{}: {} frames", path.display(), first.frames);
     }
     let best: Vec<&Proposal> = proposals.iter().take(args.rows).collect();
-    let result = serde_json::json!({
-        "wanted": wanted,
-        "proposals": best,
-        "lateral_resolution": target.resolution,
-    });
+    let resolution = target.resolution;
+    let result = serde_json::json!({ "wanted": wanted, "proposals": best, "lateral_resolution": resolution });
     emit(args.json.as_deref(), &result)?;
     if first.meets {
         return Ok(Outcome::Done);

@@ -2,6 +2,7 @@
 
 use super::{cell, network, run, serve};
 use crate::support::fringetool;
+use std::path::Path;
 use std::process::Command;
 
 #[test]
@@ -61,10 +62,7 @@ fn impossible_devices_are_refused_with_their_key() {
         assert!(text.contains(from));
         let path = folder.path().join("bad.toml");
         std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
-        let refused =
-            Command::new(env!("CARGO_BIN_EXE_fringecell")).arg("schedule").arg(&path).output().unwrap();
-        let message = String::from_utf8_lossy(&refused.stderr).into_owned();
-        assert_eq!(refused.status.code(), Some(2), "{to}: {message}");
+        let message = refusal(&path);
         assert!(message.contains(named) && message.contains("bad.toml"), "{to}: {message}");
     }
     let wrong = fringetool(&["serve-camera", &live, "--fault", "drop=0"]);
@@ -94,6 +92,14 @@ fn a_transport_that_the_program_is_built_without_is_refused_with_the_remedy() {
         assert_eq!(preview.code, Some(2), "{}", preview.stderr);
         assert!(preview.stderr.contains("--features aravis"), "{}", preview.stderr);
     }
+}
+
+/// What `fringecell schedule` says of a configuration that it must refuse.
+fn refusal(path: &Path) -> String {
+    let refused = Command::new(env!("CARGO_BIN_EXE_fringecell")).arg("schedule").arg(path).output().unwrap();
+    let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(2), "{message}");
+    message
 }
 
 /// Exposures and periods under a projector whose refresh rate is known are whole numbers of refreshes.

@@ -48,12 +48,11 @@ const TURN_JUMP: f32 = 0.9;
 /// A phase from a file, in `unit`; without one it must lie within one turn of radians, -π … π or 0 … 2π.
 pub fn file(path: &Path, unit: Option<PhaseUnit>) -> Result<Item> {
     let mut raster = npy::read(path)?;
-    match unit {
-        Some(unit) => to_one_turn(&mut raster.values, unit),
-        None => {
-            within_one_turn(path, &raster.values)?;
-            no_turns(path, &raster)?;
-        }
+    if let Some(unit) = unit {
+        to_one_turn(&mut raster.values, unit);
+    } else {
+        within_one_turn(path, &raster.values)?;
+        no_turns(path, &raster)?;
     }
     let info =
         PhaseInfo { width_px: raster.width_px, height_px: raster.height_px, axis: Axis::X, period_px: 1.0 };

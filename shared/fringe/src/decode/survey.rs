@@ -189,8 +189,8 @@ impl Survey<'_> {
                     *sums = RowSums::new(self.map.phase_rad, self.map.modulation, at);
                 }
                 let Some(y) = below.checked_sub(HALF).filter(|y| *y >= first && lit(*y)) else { continue };
-                for group in 0..tile {
-                    let at = y * width + start(group);
+                // Not over the rows of sums: five of them serve each group.
+                for (group, at) in (0..tile).map(|group| (group, y * width + start(group))) {
                     let rows = [0, 1, 2, 3, 4].map(|r| &sums[(y + r - HALF) % LINES][group]);
                     let modulation = taken(self.map.modulation, at);
                     let (found, slope2) =

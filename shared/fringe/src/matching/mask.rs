@@ -62,7 +62,9 @@ mod tests {
             (map.phase_rad[i], map.sigma_rad[i], map.valid[i]) = (phase, 0.01, u8::from(i % 4 != 0));
         }
         let mut copy = Vec::new();
-        assert!(std::ptr::eq(masked(&map.view(), &mut copy), &map.phase_rad[..]) && copy.is_empty());
+        assert!(
+            std::ptr::eq(masked(&map.view(), &mut copy).as_ptr(), map.phase_rad.as_ptr()) && copy.is_empty()
+        );
         for (pixel, sigma_rad, valid) in [(1, 0.01, 0), (2, f32::NAN, 1)] {
             let mut wrong = map.clone();
             (wrong.sigma_rad[pixel], wrong.valid[pixel]) = (sigma_rad, valid);

@@ -149,6 +149,6 @@ fn gather(
     }
     let (group, lane) = (chosen.len() / SIDE * (steps + 1), chosen.len() % SIDE);
     if lane > 0 {
-        groups[group..group + steps + 1].iter_mut().for_each(|row| row[lane..].fill(0.0));
+        groups[group..=group + steps].iter_mut().for_each(|row| row[lane..].fill(0.0));
     }
 }
