@@ -140,8 +140,9 @@ fn outlines_lie_off_as_far_as_stated_on_a_grid() {
     for (name, ratios) in of_elements(0..60, true) {
         for (part, ratio) in PARTS.iter().zip(ratios).filter(|_| OUTLINES.contains(&name.as_str())) {
             let ratio = ratio.unwrap_or(1.0);
-            // Strips of a grid err against each other, so that a turn is known better than independent points would give it.
-            let least = if *part == "direction" { 0.6 } else { limits(&name).start };
+            // Strips of a grid err against each other, so that a turn is known better than independent points would give it: 0.69 of
+            // what is stated over 600 clouds, so 0.69 times three of the 9 % here.
+            let least = if *part == "direction" { 0.5 } else { limits(&name).start };
             let within = (least..limits(&name).end).contains(&ratio);
             assert!(within, "{name}, {part}: error over stated uncertainty = {ratio:.3}");
         }
