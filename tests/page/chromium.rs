@@ -120,7 +120,7 @@ impl Chromium {
     pub fn until(&mut self, expression: &str) {
         let begin = Instant::now();
         while self.value(expression) != true {
-            let shown = self.value("document.body.innerText");
+            let shown = self.value("document.body?.innerText");
             assert!(begin.elapsed() < PATIENCE, "never {expression}; {shown}; {:?}", self.errors);
             std::thread::sleep(Duration::from_millis(20));
         }
