@@ -58,8 +58,8 @@ fn scatter_is_as_predicted(poses: usize, trials: u64) {
 }
 
 #[test]
-fn the_scatter_of_30_trials_is_as_predicted() {
-    scatter_is_as_predicted(20, 30);
+fn the_scatter_of_15_trials_is_as_predicted() {
+    scatter_is_as_predicted(20, 15);
 }
 
 #[test]
