@@ -143,16 +143,16 @@ fn a_plan_holds_for_noise_orders_and_points() {
 }
 
 /// A step of 1 mm on the plate, its edges turned by 5° against rows and columns.
-const STEP: &str = "[[body]]\nname = \"step\"\nmaterial = \"matte\"\nposition_mm = [0.334565, 0.0, 15.371572]\n\
-    rotation_deg = [4.487112, 41.803988, 6.714389]\ngeometry = { shape = \"box\", size_mm = [40.0, 40.0, 1.0] }\n";
+const STEP_AT_MM: [f64; 3] = [0.334_565, 0.0, 15.371_572];
+const STEP_TURNED_DEG: [f64; 3] = [4.487_112, 41.803_988, 6.714_389];
 /// Width of the bins of the distance from an edge, mm.
 const BIN_MM: f64 = 0.08;
 
 /// Distances outwards from an edge along the base of the cameras, and heights of the points near it, mm.
 fn near_edge(points: &[fringe::cloud::Point], side: f64) -> Vec<(f64, f64)> {
-    let [x, y, z] = [4.487_112_f64, 41.803_988, 6.714_389].map(f64::to_radians);
+    let [x, y, z] = STEP_TURNED_DEG.map(f64::to_radians);
     let world_from_step = nalgebra::UnitQuaternion::from_euler_angles(x, y, z);
-    let middle = nalgebra::Point3::new(0.334_565, 0.0, 15.371_572);
+    let middle = nalgebra::Point3::from(STEP_AT_MM);
     let in_step = points.iter().map(|point| world_from_step.inverse() * (point.position() - middle));
     in_step
         .map(|at| (side * at.x - 20.0, at.y, at.z))
@@ -184,7 +184,11 @@ fn edge_mm(points: &[(f64, f64)]) -> f64 {
 #[test]
 fn the_stated_resolution_is_that_of_a_step() {
     let cell = Cell::new();
-    std::fs::write(cell.path("scene.toml"), format!("{PLATE}{STEP}")).unwrap();
+    let step = format!(
+        "[[body]]\nname = \"step\"\nmaterial = \"matte\"\nposition_mm = {STEP_AT_MM:?}\nrotation_deg = {STEP_TURNED_DEG:?}\n\
+         geometry = {{ shape = \"box\", size_mm = [40.0, 40.0, 1.0] }}\n"
+    );
+    std::fs::write(cell.path("scene.toml"), format!("{PLATE}{step}")).unwrap();
     // A single ray a pixel would draw the edges as stairs.
     let fine = DEMO
         .replace("period_px = 16.0, steps = 10", "period_px = 6.0, steps = 24")

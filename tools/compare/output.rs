@@ -5,6 +5,7 @@ use crate::register::{doubts, word};
 use crate::report::emit;
 use crate::software::FRINGETOOL;
 use anyhow::Result;
+use files::hash::cloud_sha256_hex;
 use fringe::cloud::Point;
 use metrology::compare::m3c2::M3c2Settings;
 use metrology::compare::{Conformity, Counts, Statistics};
@@ -13,10 +14,6 @@ use metrology::reference::Reference;
 use metrology::register::Registration;
 use report::{ColourMap, ComparisonInput, write_comparison};
 use serde::Serialize;
-use std::path::Path;
-
-/// Largest file that is hashed for the report, bytes: as the reader of clouds takes it.
-const MOST_BYTES: u64 = 1 << 34;
 
 /// Colour of points without a deviation.
 const GREY: [u8; 3] = [178, 182, 188];
@@ -248,10 +245,7 @@ fn rows(compared: &Compared) -> Vec<[String; 3]> {
 }
 
 fn details(args: &Args, result: &Written<'_>) -> Result<Vec<(String, String)>> {
-    let hash = |path: &Path| -> Result<String> {
-        Ok(files::hash::sha256_hex(&files::document::read_bytes(path, MOST_BYTES)?))
-    };
-    let (cloud, reference) = (hash(&args.cloud)?, hash(&args.reference)?);
+    let (cloud, reference) = (cloud_sha256_hex(&args.cloud)?, cloud_sha256_hex(&args.reference)?);
     let mut lines = vec![
         ("Cloud".to_owned(), format!("{} (SHA-256 {cloud})", result.cloud)),
         (

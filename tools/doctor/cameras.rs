@@ -59,10 +59,7 @@ fn reached(name: &str, place: &Place) -> Vec<Check> {
     match devices::probe_camera(place) {
         Err(error) => {
             let check = Check::new(name, State::Bad, format!("{place}: {error}"));
-            let ping = match place {
-                Place::Gige(address) | Place::Aravis(address) => format!("ping {address}; "),
-                Place::Usb(_) => String::new(),
-            };
+            let ping = place.address().map_or_else(String::new, |address| format!("ping {address}; "));
             vec![check.mended_by(
                 "a camera that answers and that no other program controls",
                 format!("{ping}stop other programs that use the camera; fringetool cameras"),
@@ -73,7 +70,7 @@ fn reached(name: &str, place: &Place) -> Vec<Check> {
             let warmth = temperature_c.map_or(String::new(), |celsius| format!(", {celsius:.1} °C"));
             let found = format!("{place}: {model} {serial}, {width_px} × {height_px} px{warmth}");
             let mut checks = vec![Check::new(name, State::Good, found)];
-            if !matches!(place, Place::Usb(_)) {
+            if place.address().is_some() {
                 checks.push(packets(name, &probed));
             }
             checks

@@ -7,7 +7,7 @@ use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::Result;
 use calibration_share::with_calibration;
-use files::hash::sha256_hex;
+use files::hash::{cloud_sha256_hex, sha256_hex};
 use files::plan_file::read_plan;
 use files::provenance::Provenance;
 use metrology::inspection::{FeatureResult, InspectionResult, evaluate};
@@ -113,7 +113,7 @@ fn write_report(
     if outputs.flags().iter().all(|(_, path)| path.is_none()) {
         return Ok(());
     }
-    let cloud_sha256 = sha256_hex(&files::document::read_bytes(&args.cloud, 1 << 34)?);
+    let cloud_sha256 = cloud_sha256_hex(&args.cloud)?;
     let plan_sha256 = sha256_hex(plan_text.as_bytes());
     let pair = |label: &str, text: String| (label.to_owned(), text);
     let mut made_with = vec![

@@ -152,18 +152,10 @@ fn write(args: &Args, rig_path: &Path, rig: &Rig, text: &str) -> Result<LoadedCe
 }
 
 impl NewCamera {
-    /// Its address; absent on USB.
-    fn address(&self) -> Option<IpAddr> {
-        match self.place {
-            Place::Gige(address) | Place::Aravis(address) => Some(address),
-            Place::Usb(_) => None,
-        }
-    }
-
     fn json(&self, number: usize) -> serde_json::Value {
         serde_json::json!({
             "name": format!("cam{}", number + 1),
-            "address": self.address(),
+            "address": self.place.address(),
             "model": self.probed.model,
             "serial": self.probed.serial,
             "width_px": self.probed.width_px,

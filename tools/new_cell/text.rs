@@ -3,7 +3,6 @@
 use super::ask::Answers;
 use super::{Args, NewCamera};
 use anyhow::{Context, Result};
-use devices::Place;
 use fringe::geometry::rig::Rig;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -89,20 +88,20 @@ fn camera_text(number: usize, camera: &NewCamera) -> String {
         number + 1
     );
     text.push_str("driver = \"genicam\"\n");
-    match place {
-        Place::Usb(_) => {
+    match place.address() {
+        None => {
             let _ = writeln!(text, "transport = \"usb3\"\nserial = {:?}", probed.serial);
         }
-        Place::Gige(address) | Place::Aravis(address) if probed.serial.is_empty() => {
+        Some(address) if probed.serial.is_empty() => {
             let _ = writeln!(text, "address = \"{address}\"");
         }
-        Place::Gige(address) | Place::Aravis(address) if address.is_loopback() => {
+        Some(address) if address.is_loopback() => {
             let _ = writeln!(
                 text,
                 "address = \"{address}\"           # simulated; of a real camera the serial number is the safer choice"
             );
         }
-        Place::Gige(_) | Place::Aravis(_) => {
+        Some(_) => {
             let _ = writeln!(text, "serial = {:?}", probed.serial);
         }
     }

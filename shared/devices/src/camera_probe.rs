@@ -1,12 +1,9 @@
 //! What a camera is, found out by connecting to it as a cell does.
 
 use crate::error::DeviceError;
-use crate::genicam::{Link, Place, Streaming, connect, exposure_key};
+use crate::genicam::{LEAST_SOCKET_BYTES, Link, Place, Streaming, connect, exposure_key};
 use std::net::{IpAddr, UdpSocket};
 use telegenic::gige::discovery::enumerate_adapters;
-
-/// Bytes that may wait while the receiver does not run.
-const SOCKET_BYTES: usize = 8 << 20;
 
 /// What a camera said of itself.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,10 +47,7 @@ pub fn probe_camera(place: &Place) -> Result<ProbedCamera, DeviceError> {
     let exposure_us = number(link, exposure);
     let temperature_c = number(link, "DeviceTemperature");
     let pixel_formats = link.entries("PixelFormat").unwrap_or_default();
-    let (adapter, mtu) = match place {
-        Place::Gige(address) | Place::Aravis(address) => adapter(*address),
-        Place::Usb(_) => (None, None),
-    };
+    let (adapter, mtu) = place.address().map_or((None, None), adapter);
     Ok(ProbedCamera {
         model,
         serial,
@@ -78,7 +72,7 @@ fn packet_bytes(link: &mut dyn Link) -> Option<u16> {
     let streaming = Streaming {
         payload: link.integer("PayloadSize").ok()?.clamp(0, 1 << 32) as usize,
         buffers: 1,
-        socket_bytes: SOCKET_BYTES,
+        socket_bytes: LEAST_SOCKET_BYTES,
         packet_bytes: None,
         packet_delay_ticks: None,
     };

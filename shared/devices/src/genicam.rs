@@ -25,7 +25,7 @@ use telegenic::gige::proto::gvsp::PixelFormat;
 pub(crate) use connect::connect;
 pub use connect::missing_feature;
 pub use found::{FoundCamera, Place};
-pub(crate) use link::{Link, Streaming, exposure_key};
+pub(crate) use link::{LEAST_SOCKET_BYTES, Link, Streaming, exposure_key};
 pub use search::{find_cameras, place_of};
 
 /// A frame must arrive so long after its exposure ended, beside the time of the transfer.
@@ -77,7 +77,7 @@ impl GenicamDevice {
             // A sequence that runs by itself does not wait for its frames to be taken.
             buffers: BUFFERS + wanted.fired,
             // A whole frame may wait while the receiver does not run.
-            socket_bytes: (2 * bytes).max(8 << 20),
+            socket_bytes: (2 * bytes).max(LEAST_SOCKET_BYTES),
             packet_bytes: wanted.settings.packet_bytes,
             packet_delay_ticks: wanted.settings.packet_delay_ticks,
         };

@@ -1,12 +1,26 @@
 //! SHA-256 as files name it.
 
+use crate::document::read_bytes;
+use crate::error::FileError;
 use hmac::{Hmac, KeyInit, Mac};
 use sha2::{Digest, Sha256};
 use std::fmt::Write as _;
+use std::path::Path;
+
+/// Largest cloud that is hashed, bytes.
+const CLOUD_LIMIT_BYTES: u64 = 1 << 34;
 
 /// SHA-256 of bytes, 64 lower-case hexadecimal digits.
 pub fn sha256_hex(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
+}
+
+/// SHA-256 of the file of a cloud or of what it is compared with.
+///
+/// # Errors
+/// Absent, not a file, or longer than 16 GiB.
+pub fn cloud_sha256_hex(path: &Path) -> Result<String, FileError> {
+    Ok(sha256_hex(&read_bytes(path, CLOUD_LIMIT_BYTES)?))
 }
 
 /// HMAC with SHA-256 (RFC 2104) of bytes under a key, 64 lower-case hexadecimal digits.

@@ -1,7 +1,7 @@
 //! A camera by the system library Aravis: USB3 Vision, or GigE Vision.
 
 use super::found::FoundCamera;
-use super::link::{Link, Received, Streaming};
+use super::link::{LAST_BLOCK, Link, REQUEST_RATIO, RETENTION, Received, Streaming, text};
 use crate::device::LinkCounts;
 use aravis::glib::prelude::{Cast as _, ObjectExt as _};
 use aravis::prelude::*;
@@ -14,9 +14,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use telegenic::gige::proto::bootstrap::STREAM_CHANNEL_PACKET_DELAY;
-
-/// Block numbers of GigE Vision before its version 2 have 16 bits and run from 1 to 65535.
-const LAST_BLOCK: u64 = 65_535;
 
 /// The library's lists of devices are not made for two threads.
 static LISTS: Mutex<()> = Mutex::new(());
@@ -31,10 +28,6 @@ pub(crate) struct AravisLink {
     network: Option<GvDevice>,
     /// The camera does not answer, or another client took it.
     lost: Arc<AtomicBool>,
-}
-
-fn text(error: impl std::fmt::Display) -> String {
-    error.to_string()
 }
 
 /// Cameras on USB that this user may open.
@@ -211,9 +204,8 @@ impl Link for AravisLink {
         if let Some(network) = stream.downcast_ref::<GvStream>() {
             network.set_socket_buffer(GvStreamSocketBuffer::Fixed);
             network.set_socket_buffer_size(streaming.socket_bytes.min(i32::MAX as usize) as i32);
-            // Lost packets are asked for until all are there.
-            network.set_packet_request_ratio(2.0);
-            network.set_frame_retention(500_000);
+            network.set_packet_request_ratio(REQUEST_RATIO);
+            network.set_frame_retention(RETENTION.as_micros() as u32);
         }
         for _ in 0..streaming.buffers {
             stream.push_buffer(Buffer::new_allocate(streaming.payload));

@@ -14,6 +14,16 @@ pub enum Place {
     Usb(String),
 }
 
+impl Place {
+    /// Address on the network; `None` on USB.
+    pub fn address(&self) -> Option<IpAddr> {
+        match self {
+            Self::Gige(address) | Self::Aravis(address) => Some(*address),
+            Self::Usb(_) => None,
+        }
+    }
+}
+
 impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -1,6 +1,6 @@
 //! A GigE Vision camera without a system library.
 
-use super::link::{Link, Received, Streaming};
+use super::link::{LAST_BLOCK, Link, REQUEST_RATIO, RETENTION, Received, Streaming, text};
 use crate::device::LinkCounts;
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -8,9 +8,6 @@ use std::time::Duration;
 use telegenic::gige::GigeConfig;
 use telegenic::gige::stream::{Frame, FrameChannel, FrameStatus, StreamChannel};
 use telegenic::{GenICamera, PacketSize, ResponseHandle, SocketOption, StreamConfig};
-
-/// Block numbers of 16 bits run from 1 to 65535.
-const LAST_BLOCK: u64 = 65_535;
 
 /// Longest time for an answer about a register.
 const ANSWER: Duration = Duration::from_secs(2);
@@ -35,10 +32,6 @@ impl AsRef<[u8]> for Lent {
     fn as_ref(&self) -> &[u8] {
         self.0.data()
     }
-}
-
-fn text(error: impl std::fmt::Display) -> String {
-    error.to_string()
 }
 
 impl GigeLink {
@@ -122,10 +115,9 @@ impl Link for GigeLink {
         let mut stream = StreamConfig::new();
         stream.payload_size = Some(streaming.payload);
         stream.n_buffers = streaming.buffers;
-        // Lost packets are asked for until all are there.
         stream.stream_socket = vec![SocketOption::RecvBuffer(streaming.socket_bytes)];
-        stream.packet_request_ratio = 2.0;
-        stream.frame_retention = Duration::from_millis(500);
+        stream.packet_request_ratio = REQUEST_RATIO;
+        stream.frame_retention = RETENTION;
         stream.packet_delay = streaming.packet_delay_ticks;
         stream.packet_size = streaming.packet_bytes.map_or(PacketSize::Auto, PacketSize::Fixed);
         let channel = self.device.transport().open_stream(stream).map_err(text)?;

@@ -3,6 +3,23 @@
 use crate::device::LinkCounts;
 use std::time::Duration;
 
+/// Bytes that may at least wait while the receiver does not run.
+pub(crate) const LEAST_SOCKET_BYTES: usize = 8 << 20;
+
+/// Packets that may be asked for again, over those of a frame: lost ones are asked for until all are there.
+pub(super) const REQUEST_RATIO: f64 = 2.0;
+
+/// How long a frame may wait for its lost packets.
+pub(super) const RETENTION: Duration = Duration::from_millis(500);
+
+/// Block numbers of 16 bits (GigE Vision before its version 2) run from 1 to this one.
+pub(super) const LAST_BLOCK: u64 = 65_535;
+
+/// The text of a library's error.
+pub(super) fn text(error: impl std::fmt::Display) -> String {
+    error.to_string()
+}
+
 /// A frame as it came.
 pub(crate) struct Received {
     /// Number that the camera gave it.

@@ -121,7 +121,6 @@ fn choose<'a>(found: &[&'a FoundCamera], serial: &str) -> Result<&'a FoundCamera
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cell::pixel_format::PixelFormat;
     use std::net::IpAddr;
 
     fn camera(last: u8, serial: &str, user_name: &str) -> FoundCamera {
@@ -148,19 +147,7 @@ mod tests {
     }
 
     fn settings(transport: Transport, serial: &str) -> GenicamCamera {
-        GenicamCamera {
-            transport,
-            address: None,
-            serial: Some(serial.into()),
-            pixel_format: PixelFormat::Mono8,
-            exposure_us: None,
-            gain_db: None,
-            offset_px: None,
-            packet_bytes: None,
-            packet_delay_ticks: None,
-            ptp: None,
-            trigger_line: "Line1".into(),
-        }
+        GenicamCamera { serial: Some(serial.into()), ..super::super::tests::settings(transport) }
     }
 
     fn choose_camera(found: &[FoundCamera], serial: &str) -> Result<Place, String> {

@@ -48,22 +48,27 @@ fn serve(test: u8, quirks: Quirks) -> (Server, Ipv4Addr) {
     (Server::start(identity, Box::new(Ramp), Faults { quirks, ..Faults::default() }).unwrap(), address)
 }
 
+/// The settings of a camera that has its own of everything.
+pub(super) fn settings(transport: Transport) -> GenicamCamera {
+    GenicamCamera {
+        transport,
+        address: None,
+        serial: None,
+        pixel_format: PixelFormat::Mono8,
+        exposure_us: None,
+        gain_db: None,
+        offset_px: None,
+        packet_bytes: None,
+        packet_delay_ticks: None,
+        ptp: None,
+        trigger_line: "Line1".into(),
+    }
+}
+
 fn wanted(transport: Transport, address: Ipv4Addr, size_px: [u32; 2]) -> WantedCamera {
     WantedCamera {
         name: "cam1".into(),
-        settings: GenicamCamera {
-            transport,
-            address: Some(address.into()),
-            serial: None,
-            pixel_format: PixelFormat::Mono8,
-            exposure_us: None,
-            gain_db: None,
-            offset_px: None,
-            packet_bytes: None,
-            packet_delay_ticks: None,
-            ptp: None,
-            trigger_line: "Line1".into(),
-        },
+        settings: GenicamCamera { address: Some(address.into()), ..settings(transport) },
         size_px,
         fired: 0,
     }

@@ -30,21 +30,24 @@ pub(super) fn masked<'a>(map: &PhaseView<'a>, copy: &'a mut Vec<f32>) -> &'a [f3
 
 #[inline(always)]
 #[allow(clippy::needless_bitwise_bool, reason = "without branches a loop vectorises")]
+fn is_usable(phase_rad: f32, sigma_rad: f32, valid: u8) -> bool {
+    (valid != 0) & phase_rad.is_finite() & sigma_rad.is_finite()
+}
+
+#[inline(always)]
+#[allow(clippy::needless_bitwise_bool, reason = "without branches a loop vectorises")]
 fn is_masked(phase_rad: &[f32], sigma_rad: &[f32], valid: &[u8]) -> bool {
     let pixels = phase_rad.iter().zip(sigma_rad).zip(valid);
     let odd = pixels.fold(0_u32, |odd, ((phase, sigma), valid)| {
-        let usable = (*valid != 0) & phase.is_finite() & sigma.is_finite();
-        odd | u32::from(!(usable | phase.is_nan()))
+        odd | u32::from(!(is_usable(*phase, *sigma, *valid) | phase.is_nan()))
     });
     odd == 0
 }
 
 #[inline(always)]
-#[allow(clippy::needless_bitwise_bool, reason = "without branches a loop vectorises")]
 fn mask_part(phase_rad: &[f32], sigma_rad: &[f32], valid: &[u8], out: &mut [f32]) {
     for (((phase, sigma), valid), out) in phase_rad.iter().zip(sigma_rad).zip(valid).zip(out) {
-        let usable = (*valid != 0) & phase.is_finite() & sigma.is_finite();
-        *out = if usable { *phase } else { f32::NAN };
+        *out = if is_usable(*phase, *sigma, *valid) { *phase } else { f32::NAN };
     }
 }
 
