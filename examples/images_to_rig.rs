@@ -18,8 +18,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err("arguments: TARGET.toml RIG.toml LEFT1.png RIGHT1.png …".into());
     };
     let target = read_target(Path::new(target))?;
+    let target = target.board().ok_or("the target has faces; this example takes a single board")?;
     let target_mm = target.board_points_mm().into_iter().map(|(_, point)| point).collect();
-    let mut seen = Observations { devices: Vec::new(), target_mm, poses: Vec::new(), views: Vec::new() };
+    let (devices, faces, poses, views) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut seen = Observations { devices, target_mm, faces, poses, views };
     for (number, picture) in pictures.iter().enumerate() {
         let (pose, device) = (number / 2, number % 2);
         let frame = read_foreign_frame(Path::new(picture), None)?;
@@ -30,7 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         if device == 0 {
             seen.poses.push(picture.clone());
         }
-        let found = detect(&frame.view(), &target, &TargetSettings::default())?;
+        let found = detect(&frame.view(), target, &TargetSettings::default())?;
         let image_points = found.points.iter().map(|point| ImagePoint {
             index: (point.index.1 * target.columns + point.index.0) as usize,
             pixel: point.pixel,

@@ -23,7 +23,7 @@ struct Reader {
     absent: Option<&'static str>,
 }
 
-const READERS: [Reader; 14] = [
+const READERS: [Reader; 15] = [
     Reader {
         section: "Configuration",
         file: "cell.toml",
@@ -50,6 +50,20 @@ const READERS: [Reader; 14] = [
     },
     Reader {
         section: "Target",
+        file: "target.toml",
+        arguments: &[
+            "calibrate",
+            "--target",
+            "target.toml",
+            "--out",
+            "new.toml",
+            "--images",
+            "cam1=none*.png",
+        ],
+        absent: Some("none*.png"),
+    },
+    Reader {
+        section: "Target with faces",
         file: "target.toml",
         arguments: &[
             "calibrate",

@@ -4,10 +4,10 @@ use super::projector_reading::{ProjectorReading, index};
 use super::target_images::{Source, TargetImage, bright_frame};
 use crate::progress::Progress;
 use anyhow::{Context, Result, bail};
-use characterise::calibration::{Device, DeviceKind, ImagePoint, Observations, View};
+use characterise::calibration::{Device, DeviceKind, Face, ImagePoint, Observations, View};
 use characterise::sensor::NoiseEstimate;
 use characterise::target::{
-    Ambiguity, BlurredEdge, Detection, TargetError, TargetSettings, TargetSpec, detect,
+    Ambiguity, BlurredEdge, DetectedPoint, FaceSighting, TargetBody, TargetError, TargetSettings, detect_body,
 };
 use files::recording::{RecordedProjector, Recording};
 use fringe::frame::Frame;
@@ -45,15 +45,15 @@ pub struct SearchedImage {
     pub place: String,
     /// Columns and rows of the image, px.
     pub size_px: (u32, u32),
-    /// The detected target, or why there is none.
-    pub found: Result<Detection, TargetError>,
+    /// The faces of the target that were detected, one of a single board, or why there is none.
+    pub found: Result<Vec<FaceSighting>, TargetError>,
     /// Where the image is read from again.
     pub source: Source,
 }
 
 /// Searches an image for the target.
-pub fn search(frame: &Frame, target: &TargetSpec, place: String, source: Source) -> SearchedImage {
-    let found = detect(&frame.view(), target, &TargetSettings::default());
+pub fn search(frame: &Frame, target: &TargetBody, place: String, source: Source) -> SearchedImage {
+    let found = detect_body(&frame.view(), target, &TargetSettings::default());
     SearchedImage { place, size_px: (frame.width_px, frame.height_px), found, source }
 }
 
@@ -115,10 +115,12 @@ impl Gathered {
     }
 
     /// The observations for the adjustment.
-    pub fn observations(&self, target: &TargetSpec) -> Observations {
+    pub fn observations(&self, target: &TargetBody) -> Observations {
+        let points = target.faces.iter().flat_map(|face| face.spec.board_points_mm());
         Observations {
             devices: self.devices.clone(),
-            target_mm: target.board_points_mm().into_iter().map(|(_, point)| point).collect(),
+            target_mm: points.map(|(_, point)| point).collect(),
+            faces: if target.board().is_some() { Vec::new() } else { faces(target) },
             poses: self.poses.clone(),
             views: self.views.clone(),
         }
@@ -148,7 +150,7 @@ impl Gathered {
     }
 
     /// Takes what a look found; a refusal becomes a note.
-    pub fn take(&mut self, look: SearchedImage, device: usize, pose: usize) -> Option<Detection> {
+    pub fn take(&mut self, look: SearchedImage, device: usize, pose: usize) -> Option<Vec<FaceSighting>> {
         // A camera that found nothing under one projector is searched again under the next.
         self.target_images.retain(|s| (s.device, s.pose) != (device, pose));
         let why = look.found.as_ref().err().map(ToString::to_string);
@@ -160,9 +162,9 @@ impl Gathered {
             source: look.source,
         });
         match look.found {
-            Ok(detection) => {
+            Ok(faces) => {
                 self.found += 1;
-                Some(detection)
+                Some(faces)
             }
             Err(error) => {
                 self.notes.push(format!("{}: {error}; left out", look.place));
@@ -173,10 +175,11 @@ impl Gathered {
     }
 
     /// Refuses what no adjustment can mend: the target in no image, or a larger one than declared in most.
-    pub fn check(&self, target: &TargetSpec) -> Result<()> {
+    pub fn check(&self, target: &TargetBody) -> Result<()> {
         let total = self.found + self.refused.len();
         let count = |(columns, rows): (u32, u32)| u64::from(columns) * u64::from(rows);
-        let declared = count((target.columns, target.rows));
+        // Beside one of several faces others are seen, which are no larger one.
+        let declared = target.board().map_or(u64::MAX, |board| count((board.columns, board.rows)));
         let seen = |error: &TargetError| match error {
             TargetError::OtherSize { found, .. } => found.iter().copied().map(count).max(),
             _ => None,
@@ -225,20 +228,21 @@ impl Gathered {
     }
 
     /// Adds a camera's view.
-    pub fn add(&mut self, device: usize, pose: usize, detection: &Detection) {
-        let image_points = detection
-            .points
-            .iter()
-            .map(|p| ImagePoint {
-                index: index(detection, p.index),
-                pixel: p.pixel,
-                covariance_px2: p.covariance_px2,
-                link: None,
-            })
-            .collect();
-        let may_be_turned = detection.ambiguity != Ambiguity::None;
+    pub fn add(&mut self, device: usize, pose: usize, faces: &[FaceSighting]) {
+        let image_point = |first: usize, number: usize, p: &DetectedPoint| ImagePoint {
+            index: first + number,
+            pixel: p.pixel,
+            covariance_px2: p.covariance_px2,
+            link: None,
+        };
+        let of_face = |FaceSighting { first, detection, .. }: &FaceSighting| -> Vec<ImagePoint> {
+            detection.points.iter().map(|p| image_point(*first, index(detection, p.index), p)).collect()
+        };
+        let image_points = faces.iter().flat_map(of_face).collect();
+        let may_be_turned = faces.iter().any(|face| face.detection.ambiguity != Ambiguity::None);
         self.views.push(View { device, pose, image_points, may_be_turned });
-        self.edges.push((device, detection.points.iter().filter_map(|p| p.edges).flatten().collect()));
+        let points = faces.iter().flat_map(|face| &face.detection.points);
+        self.edges.push((device, points.filter_map(|p| p.edges).flatten().collect()));
     }
 
     /// The edges that a camera saw, pose by pose.
@@ -249,7 +253,7 @@ impl Gathered {
 }
 
 /// Finds the target in all recordings.
-pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered> {
+pub fn gather(recordings: &[Recording], target: &TargetBody) -> Result<Gathered> {
     let mut all = Gathered::default();
     let looks = for_all("finding targets", recordings, |recording| look_around(recording, target));
     let mut readings = Vec::new();
@@ -258,32 +262,45 @@ pub fn gather(recordings: &[Recording], target: &TargetSpec) -> Result<Gathered>
     );
     for (recording, looks) in recordings.iter().zip(looks) {
         let pose = all.pose(recording.folder.display().to_string());
-        let mut seen: Vec<(usize, String, Detection)> = Vec::new();
+        let mut seen: Vec<(usize, String, Vec<FaceSighting>)> = Vec::new();
         for (camera, look) in looks {
             let Some(look) = all.usable(camera, &sizes, look) else { continue };
             let (width_px, height_px) = look.size_px;
             let device = all.device(camera, DeviceKind::Camera, width_px, height_px)?;
-            let Some(detection) = all.take(look, device, pose) else { continue };
-            all.add(device, pose, &detection);
-            seen.push((device, camera.to_owned(), detection));
+            let Some(faces) = all.take(look, device, pose) else { continue };
+            all.add(device, pose, &faces);
+            seen.push((device, camera.to_owned(), faces));
         }
         for projector in &recording.projectors {
             all.note_lit(projector);
-            match ProjectorReading::new(recording, projector, pose, &seen) {
-                Ok(reading) => readings.push(reading),
+            match ProjectorReading::of_faces(recording, projector, pose, &seen) {
+                Ok(faces) => readings.extend(faces),
                 Err(why) => all.missing.push((projector.name.clone(), why)),
             }
         }
     }
     let read = for_all("reading projectors", &readings, ProjectorReading::read);
-    for (reading, image_points) in readings.iter().zip(read) {
-        all.add_projector(reading, image_points?)?;
+    let mut read = read.into_iter();
+    for faces in readings.chunk_by(ProjectorReading::is_beside) {
+        let points = read.by_ref().take(faces.len()).collect::<Result<Option<Vec<_>>>>()?;
+        all.add_projector(&faces[0], points.map(|points| points.concat()))?;
     }
     Ok(all)
 }
 
+/// The faces of a target, with their points about point (0, 0) of each.
+fn faces(target: &TargetBody) -> Vec<Face> {
+    let face = |(number, face): (usize, &characterise::target::TargetFace)| Face {
+        name: face.name.clone(),
+        first: target.first(number),
+        target_from_face: face.target_from_middle * face.spec.middle_mm().inverse(),
+        fixed: face.fixed,
+    };
+    target.faces.iter().enumerate().map(face).collect()
+}
+
 /// Each camera in the light of the first projector that shows it the target.
-fn look_around<'a>(recording: &'a Recording, target: &TargetSpec) -> Vec<(&'a str, Result<SearchedImage>)> {
+fn look_around<'a>(recording: &'a Recording, target: &TargetBody) -> Vec<(&'a str, Result<SearchedImage>)> {
     let mut looks: Vec<(&str, Result<SearchedImage>)> = Vec::new();
     for projector in &recording.projectors {
         for camera in &projector.cameras {

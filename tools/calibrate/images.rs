@@ -4,11 +4,11 @@ use super::detections::{Gathered, SearchedImage, for_all, search, usual_sizes};
 use super::target_images::Source;
 use anyhow::{Context, Result, bail};
 use characterise::calibration::DeviceKind;
-use characterise::target::TargetSpec;
+use characterise::target::TargetBody;
 use std::path::PathBuf;
 
 /// Finds the target in the images of all cameras; the n-th of each shows pose n.
-pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
+pub fn gather(patterns: &[String], target: &TargetBody) -> Result<Gathered> {
     let lists = patterns.iter().map(|pattern| list(pattern)).collect::<Result<Vec<_>>>()?;
     let (first, count) = (&lists[0].0, lists[0].1.len());
     if let Some((camera, files)) = lists.iter().find(|(_, files)| files.len() != count) {
@@ -39,8 +39,8 @@ pub fn gather(patterns: &[String], target: &TargetSpec) -> Result<Gathered> {
         let Some(look) = all.usable(camera, &sizes, look) else { continue };
         let (width_px, height_px) = look.size_px;
         let device = all.device(camera, DeviceKind::Camera, width_px, height_px)?;
-        if let Some(detection) = all.take(look, device, number) {
-            all.add(device, number, &detection);
+        if let Some(faces) = all.take(look, device, number) {
+            all.add(device, number, &faces);
         }
     }
     Ok(all)

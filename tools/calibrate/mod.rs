@@ -26,7 +26,7 @@ use validation::{Plan, Validation};
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// Target file (TOML: kind, columns, rows, pitch_mm; docs/formats.md).
+    /// Target file (TOML: kind, columns, rows, pitch_mm, or several faces; docs/formats.md).
     #[arg(long, value_name = "FILE", required_unless_present = "points")]
     target: Option<PathBuf>,
     /// Rig file to write (TOML, docs/formats.md).
@@ -91,7 +91,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         draw::write(folder, &gathered, &observations, calibration, shown.columns)?;
     }
     let (calibration, validation, lenses) = solved?;
-    let absent = noted(&gathered, &calibration, &validation);
+    let absent = noted(&gathered, &observations, &calibration, &validation);
     let pairs = output::pairs(&args.pair, &calibration, &gathered.lit)?;
     let lengths = certified
         .iter()
@@ -127,10 +127,23 @@ pub fn run(args: &Args) -> Result<Outcome> {
 }
 
 /// Prints what was left out; the devices that are not characterised, each with the reasons.
-fn noted(gathered: &Gathered, calibration: &Calibration, validation: &Validation) -> Vec<(String, String)> {
+fn noted(
+    gathered: &Gathered,
+    observations: &Observations,
+    calibration: &Calibration,
+    validation: &Validation,
+) -> Vec<(String, String)> {
     let of_model = model::note(calibration).into_iter().chain(validation::notes(validation));
     for note in gathered.notes.iter().cloned().chain(of_model) {
         eprintln!("{note}");
+    }
+    for view in calibration.rejected_views() {
+        let device = &calibration.devices[view.device].name;
+        let (pose, points) = (&observations.poses[view.pose], view.residuals.len());
+        eprintln!(
+            "{device} in {pose}: none of {points} points fits the others; did the target move between the cameras, or was it seen from \
+             behind or in a mirror?"
+        );
     }
     let absent = gathered.not_characterised();
     for (device, why) in &absent {

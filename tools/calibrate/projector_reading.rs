@@ -4,10 +4,11 @@ use crate::pipeline::RecordedView;
 use anyhow::Result;
 use cell::executor::PhaseMethod;
 use characterise::calibration::{ImagePoint, projector_pixel};
-use characterise::target::{DetectedPoint, Detection};
+use characterise::target::{DetectedPoint, Detection, FaceSighting};
 use files::recording::{RecordedCamera, RecordedProjector, Recording};
 use fringe::decode::DecodeSettings;
 use fringe::pattern::{Axis, PatternSet};
+use std::collections::BTreeMap;
 
 /// The first axis along which no set of a sequence gives a coordinate.
 pub fn axis_without_coordinates(sequence: &[PatternSet]) -> Option<&'static str> {
@@ -26,17 +27,21 @@ pub struct ProjectorReading<'a> {
     pub camera: &'a RecordedCamera,
     /// Number of that camera among the devices.
     pub device: usize,
+    /// Number of the first point of the face among those of all faces.
+    pub first: usize,
+    /// The face as that camera sees it.
     pub detection: Detection,
 }
 
 impl<'a> ProjectorReading<'a> {
-    /// One camera is enough, two would count the same information twice: the one that found most points; else why there is none.
-    pub fn new(
+    /// One for each face. One camera is enough, two would count the same information twice: the one that found most points; else why
+    /// there is none.
+    pub fn of_faces(
         recording: &'a Recording,
         projector: &'a RecordedProjector,
         pose: usize,
-        seen: &[(usize, String, Detection)],
-    ) -> Result<Self, String> {
+        seen: &[(usize, String, Vec<FaceSighting>)],
+    ) -> Result<Vec<Self>, String> {
         if let Some(axis) = axis_without_coordinates(&projector.sequence) {
             return Err(format!("its sequence shows neither sine nor gray sets with axis = \"{axis}\""));
         }
@@ -44,11 +49,29 @@ impl<'a> ProjectorReading<'a> {
             .cameras
             .iter()
             .filter_map(|c| Some((c, seen.iter().find(|(_, name, _)| *name == c.name)?)));
-        let (camera, (device, _, detection)) = cameras
-            .max_by_key(|(_, (_, _, d))| d.points.len())
-            .ok_or("no camera shows the target in its light")?;
-        let (device, detection) = (*device, detection.clone());
-        Ok(Self { recording, projector, pose, camera, device, detection })
+        // By face: the camera, its number, and the face.
+        let mut best: BTreeMap<usize, (&RecordedCamera, usize, &FaceSighting)> = BTreeMap::new();
+        for (camera, (device, _, faces)) in cameras {
+            for face in faces {
+                let known = best.get(&face.face).map_or(0, |(_, _, known)| known.detection.points.len());
+                if face.detection.points.len() >= known {
+                    best.insert(face.face, (camera, *device, face));
+                }
+            }
+        }
+        if best.is_empty() {
+            return Err("no camera shows the target in its light".to_owned());
+        }
+        let reading = |(camera, device, face): (&'a RecordedCamera, usize, &FaceSighting)| {
+            let (first, detection) = (face.first, face.detection.clone());
+            Self { recording, projector, pose, camera, device, first, detection }
+        };
+        Ok(best.into_values().map(reading).collect())
+    }
+
+    /// Whether both are of the same projector in the same pose.
+    pub fn is_beside(&self, other: &Self) -> bool {
+        self.pose == other.pose && self.projector.name == other.projector.name
     }
 
     /// Its pixels at the target's points; `None` where the sequence has no phase along both axes.
@@ -62,7 +85,8 @@ impl<'a> ProjectorReading<'a> {
         let image_point = |point: &DetectedPoint| {
             let radius_px = pitch_px(detection, point.index)?;
             let read = projector_pixel(&x.view(), &y.view(), point.pixel, radius_px)?;
-            Some(read.image_point(index(detection, point.index), self.device, &point.covariance_px2))
+            let number = self.first + index(detection, point.index);
+            Some(read.image_point(number, self.device, &point.covariance_px2))
         };
         Ok(Some(detection.points.iter().filter_map(image_point).collect()))
     }

@@ -6,7 +6,7 @@ use super::images;
 use super::sensors;
 use anyhow::{Context, Result, bail};
 use characterise::calibration::Observations;
-use characterise::target::{TargetKind, TargetSpec};
+use characterise::target::{TargetBody, TargetKind, TargetSpec};
 use files::point_lists::read_point_lists;
 use files::recording::Recording;
 use files::target_file::read_target;
@@ -16,14 +16,14 @@ use std::path::Path;
 pub struct Shown<'a> {
     /// File of the target or of the lists.
     pub file: &'a Path,
-    /// Points along a row; of lists all points.
+    /// Points along a row; of lists and of targets with faces all points.
     pub columns: u32,
-    /// Points along a column; of lists one.
+    /// Points along a column; of lists and of targets with faces one.
     pub rows: u32,
     /// What it is, for people.
     pub text: String,
     /// The target that is searched; `None` of lists.
-    target: Option<TargetSpec>,
+    target: Option<TargetBody>,
 }
 
 impl<'a> Shown<'a> {
@@ -44,8 +44,9 @@ impl<'a> Shown<'a> {
             }
             (Some(file), None) => {
                 let target = read_target(file)?;
-                let (columns, rows) = (target.columns, target.rows);
-                Ok((Self { file, columns, rows, text: text(&target), target: Some(target) }, None))
+                let (columns, rows) =
+                    target.board().map_or((target.count() as u32, 1), |board| (board.columns, board.rows));
+                Ok((Self { file, columns, rows, text: body_text(&target), target: Some(target) }, None))
             }
             (None, None) => bail!("neither --target nor --points: name the target file"),
         }
@@ -87,6 +88,15 @@ impl<'a> Shown<'a> {
         let Some(target) = &self.target else { return Ok(()) };
         gathered.check(target).with_context(|| self.file.display().to_string())
     }
+}
+
+/// What a target is, face by face.
+fn body_text(target: &TargetBody) -> String {
+    if let Some(board) = target.board() {
+        return text(board);
+    }
+    let faces = target.faces.iter().map(|face| format!("{}: {}", face.name, text(&face.spec)));
+    format!("{} faces; {}", target.faces.len(), faces.collect::<Vec<_>>().join("; "))
 }
 
 /// Kind, numbers and pitch of a target.

@@ -101,7 +101,7 @@ pub fn read_point_lists(path: &Path) -> Result<Observations, FileError> {
         devices.push(Device { name: device.name.clone(), kind, width_px, height_px });
     }
     let poses = (0..poses.unwrap_or(0)).map(|pose| format!("pose{}", pose + 1)).collect();
-    Ok(Observations { devices, target_mm, poses, views })
+    Ok(Observations { devices, target_mm, faces: Vec::new(), poses, views })
 }
 
 fn views_of(device: &RawDevice, number: usize, sigma_px: f64, rows: &[Vec<f64>], count: usize) -> Vec<View> {

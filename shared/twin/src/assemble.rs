@@ -1,7 +1,7 @@
 //! The bodies of a scene file, checked.
 
 use crate::body::{Body, Form};
-use crate::checkerboard::Checkerboard;
+use crate::checkerboard::{Checkerboard, Markers};
 use crate::error::SceneError;
 use crate::mesh::Mesh;
 use crate::scene_file::{BodyFile, CheckerboardFile, GeometryFile, MaterialFile, SceneFile};
@@ -259,5 +259,37 @@ fn board(check: Check, file: &CheckerboardFile) -> Result<Checkerboard, SceneErr
         rows: file.rows,
         pitch_mm: check.size("checkerboard.pitch_mm", file.pitch_mm)?,
         dark: check.range("checkerboard.dark", file.dark, 0.0, 1.0)?,
+        markers: markers(check, file)?,
     })
+}
+
+/// The markers of a board, if it has any; they need both keys, an even number of rows and a dictionary that is long enough.
+fn markers(check: Check, file: &CheckerboardFile) -> Result<Option<Markers>, SceneError> {
+    let first = file.first_marker.unwrap_or(0);
+    let Some(dictionary) = file.dictionary else {
+        return match (file.marker_mm, file.first_marker) {
+            (None, None) => Ok(None),
+            (Some(value), _) => {
+                Err(check.fail("checkerboard.marker_mm", value, "left out, or given with dictionary".into()))
+            }
+            (None, Some(first)) => {
+                let limit = "left out, or given with dictionary".into();
+                Err(check.fail("checkerboard.first_marker", first.into(), limit))
+            }
+        };
+    };
+    let side_mm = file.marker_mm.unwrap_or(0.0);
+    check.range("checkerboard.marker_mm", side_mm, 0.4 * file.pitch_mm, 0.9 * file.pitch_mm)?;
+    if !file.rows.is_multiple_of(2) {
+        let limit = "even on a board with markers: the square at its top left is dark".into();
+        return Err(check.fail("checkerboard.rows", file.rows.into(), limit));
+    }
+    let needed = (u64::from(file.columns) + 1) * (u64::from(file.rows) + 1) / 2;
+    let most = (dictionary.count() as u64).saturating_sub(needed);
+    check.range("checkerboard.first_marker", first.into(), 0.0, most as f64)?;
+    if needed > dictionary.count() as u64 {
+        let limit = format!("few enough for the {} markers of the dictionary", dictionary.count());
+        return Err(check.fail("checkerboard.columns", file.columns.into(), limit));
+    }
+    Ok(Some(Markers { dictionary, size: side_mm / file.pitch_mm, first: first as usize }))
 }

@@ -1,5 +1,6 @@
-//! A printed checkerboard: its brightness at a point, and exactly over the footprint of a ray.
+//! A printed checkerboard, with or without markers: its brightness at a point, and exactly over the footprint of a ray.
 
+use characterise::target::MarkerDictionary;
 use nalgebra::Point2;
 
 /// A checkerboard on the plane z = 0 of a body.
@@ -13,6 +14,34 @@ pub struct Checkerboard {
     pub pitch_mm: f64,
     /// Albedo of the dark squares as a fraction of the light ones'.
     pub dark: f64,
+    /// What the light squares carry.
+    pub markers: Option<Markers>,
+}
+
+/// Markers in the light squares of a ChArUco board, which count row by row from the top left, seen from the front. The square there is
+/// dark, so the board has an even number of rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Markers {
+    /// The markers by number.
+    pub dictionary: MarkerDictionary,
+    /// Side of a marker with its dark rim over that of a square.
+    pub size: f64,
+    /// Number of the first one.
+    pub first: usize,
+}
+
+impl Markers {
+    /// Cells along a side, the rim of one cell included.
+    fn cells(&self) -> usize {
+        self.dictionary.side() + 2
+    }
+
+    /// Whether a cell of a marker is dark; column and row from the top left, rim included.
+    fn is_dark(&self, number: usize, column: usize, row: usize) -> bool {
+        let inner = |at: usize| at.checked_sub(1).filter(|at| *at < self.dictionary.side());
+        let light = inner(column).zip(inner(row));
+        light.is_none_or(|(column, row)| !self.dictionary.is_light(self.first + number, column, row))
+    }
 }
 
 /// A convex polygon of at most eight corners: a quadrilateral cut along four lines.
@@ -23,7 +52,8 @@ impl Checkerboard {
     /// square that ends at corner (0, 0) is dark; outside of the (columns+1)×(rows+1) squares it is light.
     pub fn factor(&self, x_mm: f64, y_mm: f64) -> f64 {
         let at = self.squares(&Point2::new(x_mm, y_mm));
-        if self.is_dark(at.x.floor() as i64, at.y.floor() as i64) { self.dark } else { 1.0 }
+        let (i, j) = (at.x.floor() as i64, at.y.floor() as i64);
+        if self.is_dark(i, j) || self.is_marked(&at, i, j) { self.dark } else { 1.0 }
     }
 
     /// Mean of [`Self::factor`] over a convex quadrilateral, mm: the parts that lie in dark squares are cut out exactly, so
@@ -42,7 +72,10 @@ impl Checkerboard {
         let mut dark = 0.0;
         for i in range(0, self.columns) {
             for j in range(1, self.rows).filter(|j| self.is_dark(i, *j)) {
-                dark += area_within(whole, i as f64, j as f64);
+                dark += area_within(whole, i as f64, j as f64, 1.0);
+            }
+            for j in range(1, self.rows) {
+                dark += self.marked_area(&whole, i, j);
             }
         }
         (area > 1e-15).then(|| 1.0 - (1.0 - self.dark) * dark / area)
@@ -57,7 +90,52 @@ impl Checkerboard {
             (on_board, (place - place.round()).abs() <= reach)
         };
         let ((in_x, edge_x), (in_y, edge_y)) = (near(at.x, self.columns), near(at.y, self.rows));
-        in_x && in_y && (edge_x || edge_y)
+        in_x && in_y && (edge_x || edge_y || self.markers.is_some())
+    }
+
+    /// Number of the marker in a light square of the board, counted from 0.
+    fn marker(&self, i: i64, j: i64) -> Option<(Markers, usize)> {
+        let markers = self.markers?;
+        let (x, y) = (usize::try_from(i).ok()?, usize::try_from(i64::from(self.rows) - j).ok()?);
+        let width = self.columns as usize + 1;
+        let on_board = x < width && y <= self.rows as usize;
+        // Rows with an even number begin with a dark square.
+        let above = (y - y / 2) * (width / 2) + y / 2 * width.div_ceil(2);
+        let before = if y.is_multiple_of(2) { x / 2 } else { x.div_ceil(2) };
+        (on_board && !self.is_dark(i, j)).then_some((markers, above + before))
+    }
+
+    /// Whether a place in a square, counted in squares, lies on a dark cell of its marker.
+    fn is_marked(&self, at: &Point2<f64>, i: i64, j: i64) -> bool {
+        let Some((markers, number)) = self.marker(i, j) else { return false };
+        let cell = |along: f64| ((along - 0.5) / markers.size + 0.5) * markers.cells() as f64;
+        let (column, row) = (cell(at.x - i as f64), cell(1.0 - (at.y - j as f64)));
+        let within = 0.0..markers.cells() as f64;
+        within.contains(&column)
+            && within.contains(&row)
+            && markers.is_dark(number, column as usize, row as usize)
+    }
+
+    /// Area of a polygon within the dark cells of the marker of a square.
+    fn marked_area(&self, polygon: &Polygon, i: i64, j: i64) -> f64 {
+        let Some((markers, number)) = self.marker(i, j) else { return 0.0 };
+        let cells = markers.cells();
+        let side = markers.size / cells as f64;
+        let from = |cell: usize| 0.5 * (1.0 - markers.size) + cell as f64 * side;
+        let reaches = |low: f64, axis: usize| {
+            let places = || polygon.0[..polygon.1].iter().map(|p| p[axis]);
+            places().any(|p| p > low) && places().any(|p| p < low + side)
+        };
+        let mut sum = 0.0;
+        for column in (0..cells).filter(|column| reaches(i as f64 + from(*column), 0)) {
+            for row in (0..cells).filter(|row| markers.is_dark(number, column, *row)) {
+                let y = (j + 1) as f64 - from(row) - side;
+                if reaches(y, 1) {
+                    sum += area_within(*polygon, i as f64 + from(column), y, side);
+                }
+            }
+        }
+        sum
     }
 
     /// A place counted in squares from the outer corner of the first one.
@@ -73,10 +151,10 @@ impl Checkerboard {
     }
 }
 
-/// Area of a polygon within the unit square at a corner (Sutherland and Hodgman, Reentrant polygon clipping, 1974).
-fn area_within(polygon: Polygon, x: f64, y: f64) -> f64 {
-    let right_of = cut(cut(polygon, |p| p.x - x), |p| x + 1.0 - p.x);
-    area(&cut(cut(right_of, |p| p.y - y), |p| y + 1.0 - p.y))
+/// Area of a polygon within a square at a corner (Sutherland and Hodgman, Reentrant polygon clipping, 1974).
+fn area_within(polygon: Polygon, x: f64, y: f64, side: f64) -> f64 {
+    let right_of = cut(cut(polygon, |p| p.x - x), |p| x + side - p.x);
+    area(&cut(cut(right_of, |p| p.y - y), |p| y + side - p.y))
 }
 
 /// The part of a convex polygon where a linear function is not negative.
@@ -112,12 +190,19 @@ mod tests {
     use super::*;
     use fringe::math::random::Key;
 
-    const BOARD: Checkerboard = Checkerboard { columns: 4, rows: 3, pitch_mm: 8.0, dark: 0.1 };
+    const BOARD: Checkerboard = Checkerboard { columns: 4, rows: 3, pitch_mm: 8.0, dark: 0.1, markers: None };
 
     fn around(x: f64, y: f64, along: [f64; 2], across: [f64; 2]) -> [Point2<f64>; 4] {
         [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
             .map(|(s, t)| Point2::new(x + s * along[0] + t * across[0], y + s * along[1] + t * across[1]))
     }
+
+    const MARKED: Checkerboard = Checkerboard {
+        columns: 5,
+        rows: 4,
+        markers: Some(Markers { dictionary: MarkerDictionary::D4x4n50, size: 0.7, first: 12 }),
+        ..BOARD
+    };
 
     #[test]
     fn a_footprint_on_an_edge_has_the_mean_of_both_sides() {
@@ -136,6 +221,19 @@ mod tests {
     /// Turned and slanted footprints all over the board and its rim, beside 400 × 400 points within each.
     #[test]
     fn the_mean_is_that_of_many_points() {
+        the_mean_of_many(&BOARD);
+        the_mean_of_many(&MARKED);
+        assert!(!BOARD.changes_within(0.0, 4.0, 3.9) && !BOARD.changes_within(30.0, 0.0, 2.0));
+        // The light squares of 6 × 5 from the top left, row by row: 1, 3, 5 of the first row, 0, 2, 4 of the second.
+        let number = |i: i64, j: i64| MARKED.marker(i, j).map(|(_, number)| number);
+        assert_eq!(
+            [number(1, 4), number(5, 4), number(0, 3), number(4, 3)],
+            [Some(0), Some(2), Some(3), Some(5)]
+        );
+        assert_eq!([number(0, 4), number(6, 3), number(1, -1)], [None; 3]);
+    }
+
+    fn the_mean_of_many(board: &Checkerboard) {
         let key = Key::new(5);
         let mut mixed = 0;
         for number in 0..60 {
@@ -145,18 +243,17 @@ mod tests {
             let mut sum = 0.0;
             for (i, j) in (0..400).flat_map(|i| (0..400).map(move |j| (i, j))) {
                 let (s, t) = ((f64::from(i) - 199.5) / 200.0, (f64::from(j) - 199.5) / 200.0);
-                sum += BOARD.factor(x + s * along[0] + t * across[0], y + s * along[1] + t * across[1]);
+                sum += board.factor(x + s * along[0] + t * across[0], y + s * along[1] + t * across[1]);
             }
-            let Some(mean) = BOARD.mean_factor(&around(x, y, along, across)) else { continue };
+            let Some(mean) = board.mean_factor(&around(x, y, along, across)) else { continue };
             assert!((mean - sum / 160_000.0).abs() < 3e-3, "{mean} beside {}", sum / 160_000.0);
             let length = |v: [f64; 2]| (v[0] * v[0] + v[1] * v[1]).sqrt();
             let reach = length(along) + length(across);
-            if (BOARD.factor(x, y) - mean).abs() > 1e-9 {
+            if (board.factor(x, y) - mean).abs() > 1e-9 {
                 mixed += 1;
-                assert!(BOARD.changes_within(x, y, reach), "{x} {y}");
+                assert!(board.changes_within(x, y, reach), "{x} {y}");
             }
         }
         assert!(mixed > 20);
-        assert!(!BOARD.changes_within(0.0, 4.0, 3.9) && !BOARD.changes_within(30.0, 0.0, 2.0));
     }
 }

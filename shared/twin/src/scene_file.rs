@@ -1,5 +1,6 @@
 //! The scene file, as written: `format = "fringecell-scene/1"`.
 
+use characterise::target::MarkerDictionary;
 use serde::{Deserialize, Serialize};
 
 /// The only format this version reads.
@@ -165,6 +166,15 @@ pub struct CheckerboardFile {
     pub pitch_mm: f64,
     /// Albedo of the dark squares as a fraction of the material's.
     pub dark: f64,
+    /// Markers in the light squares, which then count from the top left as on a ChArUco board.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dictionary: Option<MarkerDictionary>,
+    /// Side of the markers with their dark rim, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub marker_mm: Option<f64>,
+    /// Number of the first marker.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub first_marker: Option<u32>,
 }
 
 /// A true value: what a feature measures if nothing errs.

@@ -163,6 +163,7 @@ impl Cell {
         Observations {
             devices: kinds.iter().flat_map(|(kind, list)| list.iter().map(|n| device((*kind, n)))).collect(),
             target_mm: self.spec.board_points_mm().into_iter().map(|(_, point)| point).collect(),
+            faces: Vec::new(),
             poses: (1..=poses).map(|i| format!("pose{i}")).collect(),
             views: Vec::new(),
         }

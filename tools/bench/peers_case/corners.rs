@@ -24,6 +24,7 @@ pub(super) fn corners(bench: &mut Bench) -> Result<()> {
         diameter_mm: None,
         dictionary: None,
         marker_mm: None,
+        first_marker: None,
     };
     let settings = TargetSettings::default();
     let mut images = Vec::new();

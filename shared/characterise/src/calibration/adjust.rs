@@ -2,7 +2,7 @@
 
 use super::datum::Datum;
 use super::homography::MIN_IMAGE_POINTS;
-use super::model::{DEVICE, State, compose, motion, moved};
+use super::model::{DEVICE, FACE, State, compose, motion, moved};
 use super::normal::{Normal, Step};
 use super::problem::Problem;
 use super::settings::CalibrationSettings;
@@ -80,7 +80,7 @@ pub(super) fn solve(problem: &Problem, start: State, weights: &[f64], most: usiz
 }
 
 /// The state after a step.
-fn stepped(problem: &Problem, state: &State, step: &Step) -> State {
+pub(super) fn stepped(problem: &Problem, state: &State, step: &Step) -> State {
     let value = |column: &Option<usize>| column.map_or(0.0, |c| step.devices[c]);
     let cameras = state.cameras.iter().zip(&problem.columns).map(|(camera, columns)| {
         let mut local = [0.0; DEVICE];
@@ -94,6 +94,11 @@ fn stepped(problem: &Problem, state: &State, step: &Step) -> State {
         _ => *board,
     });
     let mut shape = state.shape.clone();
+    for (face, column) in shape.faces.iter_mut().zip(&problem.faces) {
+        if let Some(first) = *column {
+            *face = compose(face, &motion(&step.devices[first..first + FACE]));
+        }
+    }
     for (entry, column) in shape.warp_mm.iter_mut().zip(problem.columns.last().into_iter().flatten()) {
         *entry += value(column);
     }

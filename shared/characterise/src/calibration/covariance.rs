@@ -175,13 +175,12 @@ fn motion_shares(
     state: &State,
     inverses: &[Option<Dense>],
 ) -> Option<(Vector3<f64>, Vec<Option<Dense>>)> {
+    let shown = board.rigid_points(&state.shape);
     let used: Vec<Option<&Isometry3<f64>>> =
         state.boards.iter().zip(inverses).map(|(b, i)| b.as_ref().filter(|_| i.is_some())).collect();
-    let count = (used.iter().flatten().count() * board.points.len()).max(1) as f64;
+    let count = (used.iter().flatten().count() * shown.len()).max(1) as f64;
     let points = || {
-        used.iter()
-            .flatten()
-            .flat_map(|b| board.points.iter().map(|p| (**b * nalgebra::Point3::from(*p)).coords))
+        used.iter().flatten().flat_map(|b| shown.iter().map(|p| (**b * nalgebra::Point3::from(*p)).coords))
     };
     let middle = points().fold(Vector3::zeros(), |sum, p| sum + p) / count;
     let mut normal = Dense::zeros(POSE, POSE);
@@ -197,7 +196,7 @@ fn motion_shares(
     let share = |pose: &Isometry3<f64>| {
         let r = pose.rotation.to_rotation_matrix().into_inner();
         let mut sum = Dense::zeros(POSE, POSE);
-        for point in &board.points {
+        for point in &shown {
             let world = rigid(&((pose * nalgebra::Point3::from(*point)).coords - middle));
             for (j, step) in rigid(point).iter().map(|s| r * s).enumerate() {
                 for (i, a) in world.iter().enumerate() {

@@ -28,18 +28,23 @@ impl Datum {
     /// How many parameters the constraints take out.
     pub const HELD: usize = 7;
 
-    /// For points about any centre, not all in one place.
-    pub fn new(points: &[Vector3<f64>]) -> Self {
-        let middle = points.iter().fold(Vector3::zeros(), |sum, p| sum + p) / points.len().max(1) as f64;
-        let row = |of: &dyn Fn(&Vector3<f64>) -> Vector3<f64>| -> Vec<f64> {
-            let row: Vec<f64> = points.iter().flat_map(|p| of(&(p - middle)).data.0[0]).collect();
+    /// For points about any centre, not all in one place, and for the scale the same points, each about the middle of its face: only within
+    /// faces are lengths declared.
+    pub fn new(points: &[Vector3<f64>], within: &[Vector3<f64>]) -> Self {
+        let centred = |points: &[Vector3<f64>]| -> Vec<Vector3<f64>> {
+            let middle = points.iter().fold(Vector3::zeros(), |sum, p| sum + p) / points.len().max(1) as f64;
+            points.iter().map(|p| p - middle).collect()
+        };
+        let (around, within) = (centred(points), centred(within));
+        let row = |of: &dyn Fn(usize) -> Vector3<f64>| -> Vec<f64> {
+            let row: Vec<f64> = (0..around.len()).flat_map(|i| of(i).data.0[0]).collect();
             let length = dot(&row, &row).sqrt().max(1e-300);
             row.iter().map(|v| v / length).collect()
         };
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
         let mut rows: Vec<Vec<f64>> = axes.iter().map(|axis| row(&|_| *axis)).collect();
-        rows.extend(axes.iter().map(|axis| row(&|p| axis.cross(p))));
-        rows.push(row(&|p| *p));
+        rows.extend(axes.iter().map(|axis| row(&|i| axis.cross(&around[i]))));
+        rows.push(row(&|i| within[i]));
         Self { rows }
     }
 
@@ -72,7 +77,7 @@ mod tests {
     fn only_similarities_are_held() {
         let points: Vec<Vector3<f64>> =
             (0..12).map(|i| Vector3::new(f64::from(i % 4), f64::from(i / 4) * 1.5, 0.0)).collect();
-        let datum = Datum::new(&points);
+        let datum = Datum::new(&points, &points);
         let size = datum.size();
         let (rows, held, _) = datum.held(size as f64, &vec![true; points.len()]);
         let mut matrix = Dense::identity(size);

@@ -78,14 +78,20 @@ pub enum CalibrationError {
         remedy: String,
     },
     /// Devices that no common pose connects.
-    #[error("no pose connects the groups {}; add poses that devices of both groups see", listed(groups))]
+    #[error(
+        "no pose connects the groups {}; add poses that devices of both groups see ({})",
+        listed(groups),
+        hints.join("; ")
+    )]
     Unconnected {
         /// Names of the devices of each group.
         groups: Vec<Vec<String>>,
+        /// Poses that nearly connect them, and those that each group sees alone.
+        hints: Vec<String>,
     },
     /// So many outliers that they are the rule.
     #[error(
-        "{device}: {outliers} of {points} points are outliers, limit {:.0} %; check that the board is the declared one (columns, rows, pitch) and did not move", limit * 100.0
+        "{device}: {outliers} of {points} points are outliers, limit {:.0} %{}; check that the board is the declared one (columns, rows, pitch) and did not move", limit * 100.0, among(worst)
     )]
     Outliers {
         /// Name of the device.
@@ -96,6 +102,8 @@ pub enum CalibrationError {
         points: usize,
         /// Largest fraction of outliers allowed.
         limit: f64,
+        /// The poses that are wrong as a whole.
+        worst: Vec<String>,
     },
     /// The iteration did not settle.
     #[error("{stage}: no convergence after {iterations} iterations; do all views show the declared board?")]
@@ -105,6 +113,15 @@ pub enum CalibrationError {
         /// Iterations before it ended.
         iterations: usize,
     },
+}
+
+/// Poses that are wrong as a whole, as text.
+fn among(poses: &[String]) -> String {
+    match poses {
+        [] => String::new(),
+        [only] => format!(", all of them in {only}"),
+        several => format!(", all of them in {}", several.join(", ")),
+    }
 }
 
 /// Groups of names as text: "[cam1, cam2] [cam3]".

@@ -91,10 +91,18 @@ impl Finish<'_> {
                     outliers,
                     points,
                     limit,
+                    worst: self.wrong_poses(number),
                 });
             }
         }
         Ok(())
+    }
+
+    /// The poses in which all points of a device are outliers.
+    fn wrong_poses(&self, device: usize) -> Vec<String> {
+        let wrong = |v: &&ViewRange| (v.start..v.end).all(|i| self.weighted.weights[i] == 0.0);
+        let own = self.problem.views.iter().filter(|v| v.device == device);
+        own.filter(wrong).map(|v| self.observations.poses[v.pose].clone()).collect()
     }
 
     fn refuse_open(&self, covariance: &Covariance) -> Result<(), CalibrationError> {

@@ -1,6 +1,5 @@
 //! One global frame from views of single devices, with boards that may be read the other way round.
 
-use super::CalibrationError;
 use super::model::{compose, rotation_vector};
 use super::observations::Observations;
 use super::start::ViewHomography;
@@ -20,31 +19,6 @@ pub(super) struct Placed {
     pub turned: Vec<bool>,
 }
 
-/// Refuses devices that no common pose connects, naming the groups.
-pub(super) fn connected(
-    observations: &Observations,
-    seen: &[ViewHomography],
-) -> Result<(), CalibrationError> {
-    let devices = observations.devices.len();
-    let mut group: Vec<usize> = (0..devices).collect();
-    for a in seen {
-        for b in seen.iter().filter(|b| b.pose == a.pose) {
-            let (from, to) = (group[a.device].max(group[b.device]), group[a.device].min(group[b.device]));
-            for g in &mut group {
-                if *g == from {
-                    *g = to;
-                }
-            }
-        }
-    }
-    let names = |root: usize| -> Vec<String> {
-        let own = (0..devices).filter(|d| group[*d] == root);
-        own.map(|d| observations.devices[d].name.clone()).collect()
-    };
-    let groups: Vec<Vec<String>> = (0..devices).filter(|d| group[*d] == *d).map(names).collect();
-    if groups.len() > 1 { Err(CalibrationError::Unconnected { groups }) } else { Ok(()) }
-}
-
 /// A pose while devices are added.
 #[derive(Debug, Clone, Default)]
 struct Pose {
@@ -62,7 +36,7 @@ pub(super) fn place(observations: &Observations, seen: &[ViewHomography]) -> Pla
     let mut poses = vec![Pose::default(); observations.poses.len()];
     let mut devices: Vec<Option<Isometry3<f64>>> = vec![None; observations.devices.len()];
     let mut turned = vec![false; seen.len()];
-    while let Some(device) = next(&devices, &poses, seen) {
+    while let Some(device) = next(&devices, &poses, observations, seen) {
         let placed = agreed(device, &poses, observations, seen);
         devices[device] = Some(placed);
         for number in (0..seen.len()).filter(|i| seen[*i].device == device) {
@@ -76,9 +50,22 @@ pub(super) fn place(observations: &Observations, seen: &[ViewHomography]) -> Pla
     }
 }
 
-/// The device that is not placed yet and shares most poses with those that are; the first one to begin with.
-fn next(devices: &[Option<Isometry3<f64>>], poses: &[Pose], seen: &[ViewHomography]) -> Option<usize> {
-    let shared = |d: usize| seen.iter().filter(|s| s.device == d && poses[s.pose].placed.is_some()).count();
+/// The device that is not placed yet and shares most poses with those that are, of a target with faces most points; the first one to
+/// begin with.
+fn next(
+    devices: &[Option<Isometry3<f64>>],
+    poses: &[Pose],
+    observations: &Observations,
+    seen: &[ViewHomography],
+) -> Option<usize> {
+    // A view of a face that is seen at a slant has few points, and its pose is worth less.
+    let worth = |s: &ViewHomography| match observations.faces.len() {
+        0 => 1,
+        _ => observations.views[s.view].image_points.len(),
+    };
+    let shared = |d: usize| -> usize {
+        seen.iter().filter(|s| s.device == d && poses[s.pose].placed.is_some()).map(worth).sum()
+    };
     let open = (0..devices.len()).filter(|d| devices[*d].is_none());
     open.map(|d| (shared(d), d)).max_by_key(|(count, d)| (*count, std::cmp::Reverse(*d))).map(|(_, d)| d)
 }

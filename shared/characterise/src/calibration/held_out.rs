@@ -106,8 +106,10 @@ fn fold(
     let calibration = calibrate(&rest, settings)?;
     let board = Board::new(observations);
     let cameras = calibration.devices.iter().map(|d| d.camera.clone()).collect();
-    let adjusted = calibration.target_mm.iter().zip(&observations.target_mm);
-    let shape = Shape { warp_mm: [0.0; 2], offsets_mm: adjusted.map(|(a, b)| a - b).collect() };
+    let placed_mm = observations.placed_mm();
+    let adjusted = calibration.target_mm.iter().zip(&placed_mm);
+    let offsets_mm = adjusted.map(|(a, b)| a - b).collect();
+    let shape = Shape { warp_mm: [0.0; 2], offsets_mm, faces: board.declared.clone() };
     let mut state = State { cameras, boards: Vec::new(), shape };
     let fixed = vec![None; DEVICE];
     let mut columns = vec![fixed; observations.devices.len()];
@@ -140,10 +142,16 @@ fn add_pose(
 ) -> Vec<(usize, bool)> {
     let seen = |(number, view): (usize, &super::View)| {
         let camera = &state.cameras[view.device];
-        let straight = (camera.distortion.kind == LensKind::Fisheye)
-            .then(|| zhang::straightened(camera, &view.image_points));
-        let image_points = straight.as_ref().unwrap_or(&view.image_points);
+        let face = board.main_face(&view.image_points);
+        let own = board.on_face(face, &view.image_points);
+        let straight =
+            (camera.distortion.kind == LensKind::Fisheye).then(|| zhang::straightened(camera, &own));
+        let image_points = straight.as_ref().unwrap_or(&own);
         let board_pose = zhang::pose(camera, &homography(&board.points, image_points)?)?;
+        let board_pose = match board.declared.get(face) {
+            Some(target_from_face) => compose(&board_pose, &target_from_face.inverse()),
+            None => board_pose,
+        };
         Some((number, compose(&camera.camera_from_world.inverse(), &board_pose)))
     };
     let own: Vec<(usize, Isometry3<f64>)> =

@@ -8,7 +8,8 @@
 //! 2. Each device by itself: Zhang's closed form or an assumed principal point, then a robust adjustment. A device
 //!    that its poses leave open is refused with what is missing.
 //! 3. One frame: devices are placed one by one by the agreement of all shared poses, which also settles boards that
-//!    were read turned by 180°.
+//!    were read turned by 180°. No pose need be seen by all devices; parts that nothing connects are named ([`connection`]). A target may
+//!    have several flat faces ([`Face`]), of which each device sees others; where they are on the target is adjusted too.
 //! 4. Joint Levenberg–Marquardt adjustment with the poses eliminated: first Cauchy weights, then rounds of least
 //!    squares in which points beyond `outlier_limit` robust standard deviations are rejected, and each device's noise
 //!    is estimated (variance components). A projector read where a camera found the point shares that camera's error: it
@@ -19,6 +20,7 @@
 
 mod adjust;
 mod between;
+mod connection;
 mod covariance;
 mod datum;
 mod error;
@@ -58,7 +60,7 @@ pub use lens_choice::{LensChoice, TriedLens, choose_lens};
 pub use maps::{MapGrid, UncertaintyMap};
 pub(crate) use model::{moved, rotation, rotation_vector};
 pub use modes::{Mode, modes};
-pub use observations::{Device, DeviceKind, ImagePoint, Link, Observations, View};
+pub use observations::{Device, DeviceKind, Face, ImagePoint, Link, Observations, View};
 pub use predict::PointUncertainty;
 pub use reading::{ProjectorReading, projector_pixel};
 pub use result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
@@ -71,7 +73,7 @@ use adjust::Weighted;
 use datum::Datum;
 use finish::Finish;
 use fringe::geometry::camera::Camera;
-use model::{Board, Shape, State, WARP};
+use model::{Board, FACE, Shape, State};
 use nalgebra::Vector3;
 use problem::{Problem, RIDGE, ViewRange, columns};
 use start::{ViewHomography, lens};
@@ -93,18 +95,22 @@ pub fn calibrate(
     }
     let mut seen = start::usable(observations, &board);
     start::enough_views(observations, &seen)?;
-    graph::connected(observations, &seen)?;
+    connection::connected(observations, &board, &seen)?;
+    let faces = connection::adjusted_faces(observations, &seen);
     let cameras: Result<Vec<Camera>, _> = (0..observations.devices.len())
         .map(|device| start::start(observations, &board, device, &mut seen, settings))
         .collect();
-    let placed = graph::place(observations, &seen);
     let mut cameras = cameras?;
+    let seen = start::of_target(observations, &board, seen);
+    let placed = graph::place(observations, &seen);
     for (device, (camera, device_from_world)) in cameras.iter_mut().zip(&placed.devices).enumerate() {
         camera.camera_from_world = *device_from_world;
         camera.distortion.kind = lens(observations, device, settings).family.kind();
     }
     let mut problem = joint(observations, &board, &seen, &placed.turned, settings);
-    let state = State { cameras, boards: placed.boards, shape: Shape::default() };
+    problem.adjust_faces(&faces);
+    let shape = Shape { faces: board.declared.clone(), ..Shape::default() };
+    let state = State { cameras, boards: placed.boards, shape };
     let weighted = adjust::approach(&problem, state)
         .and_then(|state| adjust::weighted(&problem, state, settings))
         .and_then(|weighted| match settings.target {
@@ -149,7 +155,9 @@ fn joint<'a>(
     let lenses: Vec<LensModel> =
         (0..observations.devices.len()).map(|device| lens(observations, device, settings)).collect();
     // Points get free from a target that is nearly right: their own step starts from the bend.
-    let target = if settings.target == TargetShape::Flat { TargetShape::Flat } else { TargetShape::Bent };
+    // The faces of a body are flat; a bend of each hides in where it is.
+    let is_flat = settings.target == TargetShape::Flat || !observations.faces.is_empty();
+    let target = if is_flat { TargetShape::Flat } else { TargetShape::Bent };
     let quotient = |l: &LensModel| matches!(l.family, LensFamily::Rational | LensFamily::ThinPrism);
     let ridge = if lenses.iter().any(quotient) { RIDGE } else { 0.0 };
     Problem { ridge, ..Problem::new(board, views, image_points, columns(&lenses, target)) }
@@ -157,12 +165,14 @@ fn joint<'a>(
 
 /// Adjusts each point of the target too, from the solution for the bent one; the bend stays what it is, as a reference.
 fn free_points(problem: &mut Problem, mut state: State, settings: &CalibrationSettings) -> Option<Weighted> {
-    let datum = Datum::new(&problem.board.points);
+    let datum = Datum::new(&problem.board.rigid_points(&state.shape), &problem.board.points);
+    // Warp and faces stood last; what they did the points now do one by one.
+    let mut stood = FACE * problem.faces.iter().flatten().count();
     for column in problem.columns.last_mut().into_iter().flatten() {
-        *column = None;
+        stood += usize::from(column.take().is_some());
     }
-    // The two of the warp stood last.
-    problem.unknowns += datum.size() - WARP;
+    problem.faces.fill(None);
+    problem.unknowns = problem.unknowns + datum.size() - stood;
     problem.datum = Some(datum);
     state.shape.offsets_mm = vec![Vector3::zeros(); problem.board.points.len()];
     adjust::weighted(problem, state, settings)

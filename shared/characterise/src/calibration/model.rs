@@ -12,10 +12,10 @@
 //!
 //! A point of the target that is adjusted itself has the derivatives of the pose's τ.
 
-use super::observations::Observations;
+use super::observations::{ImagePoint, Observations};
 use fringe::geometry::camera::Camera;
 use fringe::math;
-use nalgebra::{Isometry3, Matrix2x3, Matrix3, Point2, Quaternion, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix2x3, Matrix3, Point2, Point3, Quaternion, UnitQuaternion, Vector2, Vector3};
 
 /// Intrinsic parameters of a device before its pose.
 pub(super) const INTRINSIC: usize = 10;
@@ -29,22 +29,47 @@ pub(super) const WARP: usize = 2;
 pub(super) const POSE: usize = 6;
 /// All parameters that an image point depends on.
 pub(super) const LOCAL: usize = DEVICE + WARP + POSE;
+/// Parameters of a face: X_f ↦ exp(ω) X_f + τ before target_from_face, about the middle of the face.
+pub(super) const FACE: usize = 6;
 
 /// The target about its centre.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Board {
-    /// Points about the centre, mm.
+    /// Points about the centre, mm; of a target with faces each about the middle of its own face, in its frame.
     pub points: Vec<Vector3<f64>>,
     /// How far each point rises per unit of either warp parameter: 1 − x², 1 − y² with x, y in ±1 over the target.
     pub rise: Vec<[f64; 2]>,
-    /// Middle of the bounding box, mm.
+    /// Middle of the bounding box, mm; 0 of a target with faces, whose own frame serves.
     pub centre: Vector3<f64>,
+    /// Face of each point; empty without faces.
+    faces: Vec<usize>,
+    /// Where the middle of each face is declared to be, target_from_face; empty without faces.
+    pub declared: Vec<Isometry3<f64>>,
 }
 
 impl Board {
     /// From a checked target.
     pub fn new(observations: &Observations) -> Self {
-        let points = &observations.target_mm;
+        if observations.faces.is_empty() {
+            return Self::flat(&observations.target_mm);
+        }
+        let starts = observations.faces.iter().map(|face| face.first);
+        let ends = starts.clone().skip(1).chain([observations.target_mm.len()]);
+        let (mut points, mut rise, mut faces, mut declared) =
+            (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for (number, (start, end)) in starts.zip(ends).enumerate() {
+            let own = Self::flat(&observations.target_mm[start..end]);
+            faces.extend(vec![number; own.points.len()]);
+            points.extend(own.points);
+            rise.extend(own.rise);
+            let middle = Isometry3::translation(own.centre.x, own.centre.y, own.centre.z);
+            declared.push(compose(&observations.faces[number].target_from_face, &middle));
+        }
+        Self { points, rise, centre: Vector3::zeros(), faces, declared }
+    }
+
+    /// A single flat target.
+    fn flat(points: &[Point3<f64>]) -> Self {
         let bound = |start: f64, pick: fn(f64, f64) -> f64| {
             points.iter().fold(Vector3::repeat(start), |b, p| b.zip_map(&p.coords, pick))
         };
@@ -53,7 +78,7 @@ impl Board {
         let points: Vec<Vector3<f64>> = points.iter().map(|p| p.coords - centre).collect();
         let rise =
             points.iter().map(|p| [1.0 - (p.x / half.x).powi(2), 1.0 - (p.y / half.y).powi(2)]).collect();
-        Self { points, rise, centre }
+        Self { points, rise, centre, faces: Vec::new(), declared: Vec::new() }
     }
 
     /// A point of the target as it is, mm about the centre.
@@ -61,12 +86,47 @@ impl Board {
     pub fn point(&self, index: usize, shape: &Shape) -> Vector3<f64> {
         let ([a, b], [along_x, along_y]) = (self.rise[index], shape.warp_mm);
         let bent = self.points[index] + Vector3::new(0.0, 0.0, a * along_x + b * along_y);
+        let bent = self.placed(index, shape).map_or(bent, |face| (face * Point3::from(bent)).coords);
         shape.offsets_mm.get(index).map_or(bent, |offset| bent + offset)
+    }
+
+    /// Face of a point; 0 without faces.
+    #[inline]
+    pub fn face(&self, index: usize) -> usize {
+        self.faces.get(index).copied().unwrap_or(0)
+    }
+
+    /// Where the face of a point is on the target; `None` without faces, and where a face stands for itself.
+    #[inline]
+    fn placed<'s>(&self, index: usize, shape: &'s Shape) -> Option<&'s Isometry3<f64>> {
+        shape.faces.get(self.face(index))
+    }
+
+    /// The points of the undeformed target, mm about its centre.
+    pub fn rigid_points(&self, shape: &Shape) -> Vec<Vector3<f64>> {
+        let place = |(index, point): (usize, &Vector3<f64>)| {
+            self.placed(index, shape).map_or(*point, |face| (face * Point3::from(*point)).coords)
+        };
+        self.points.iter().enumerate().map(place).collect()
+    }
+
+    /// The face that most of the image points lie on.
+    pub fn main_face(&self, image_points: &[ImagePoint]) -> usize {
+        let count = |face: usize| image_points.iter().filter(|p| self.face(p.index) == face).count();
+        (0..self.declared.len()).rev().max_by_key(|face| count(*face)).unwrap_or(0)
+    }
+
+    /// Those of a view's image points that lie on a face.
+    pub fn on_face(&self, face: usize, image_points: &[ImagePoint]) -> Vec<ImagePoint> {
+        image_points.iter().filter(|p| self.face(p.index) == face).copied().collect()
     }
 
     /// The point that has the place of each point after a turn by 180° about the centre; `None` for a target that does
     /// not meet itself.
     pub fn turned(&self) -> Option<Vec<usize>> {
+        if !self.declared.is_empty() {
+            return None;
+        }
         let reach = self.points.iter().map(Vector3::norm).fold(0.0, f64::max);
         self.points
             .iter()
@@ -85,6 +145,8 @@ pub(super) struct Shape {
     pub warp_mm: [f64; 2],
     /// Displacement of each point on top of the warp, mm; empty unless the points are adjusted.
     pub offsets_mm: Vec<Vector3<f64>>,
+    /// Where each face is, target_from_face about its middle; empty without faces, and where a face stands for itself.
+    pub faces: Vec<Isometry3<f64>>,
 }
 
 /// All that is adjusted. The world is the first device's frame; boards are about their centre.

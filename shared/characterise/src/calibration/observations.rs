@@ -1,7 +1,7 @@
 //! What the adjustment is given: devices, a target, and where each device saw (or lit) which point of the target.
 
 use super::CalibrationError;
-use nalgebra::{Matrix2, Point2, Point3};
+use nalgebra::{Isometry3, Matrix2, Point2, Point3};
 use std::collections::BTreeSet;
 
 /// Fewest points of a target: four determine a homography, the rest checks it.
@@ -71,13 +71,29 @@ pub struct View {
     pub may_be_turned: bool,
 }
 
+/// A flat part of a target that has several, such as a side of a cube.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Face {
+    /// Name of the face, for messages.
+    pub name: String,
+    /// Its first point in [`Observations::target_mm`]; the next face begins after its last.
+    pub first: usize,
+    /// Where the face is on the target: as declared, or near enough to start from.
+    pub target_from_face: Isometry3<f64>,
+    /// Whether that is certified; the others are adjusted.
+    pub fixed: bool,
+}
+
 /// Everything that was observed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observations {
     /// Cameras and projectors, in any order.
     pub devices: Vec<Device>,
-    /// Points of the target, mm in its own frame; flat (z small against x and y).
+    /// Points of the target, mm in its own frame; flat (z small against x and y). Of a target with faces: face by face, each in the
+    /// frame of its own.
     pub target_mm: Vec<Point3<f64>>,
+    /// Faces of the target in the order of their points; empty for a single flat one.
+    pub faces: Vec<Face>,
     /// Names of the poses, for messages.
     pub poses: Vec<String>,
     /// At most one view for each device and pose.
@@ -114,34 +130,48 @@ impl Observations {
         Ok(())
     }
 
+    /// The face of a point; 0 of a target without faces.
+    pub fn face_of(&self, index: usize) -> usize {
+        self.faces.iter().rposition(|face| face.first <= index).unwrap_or(0)
+    }
+
+    /// A name for the face of a point, with a separator; empty of a target without faces.
+    pub fn face_name(&self, face: usize) -> String {
+        self.faces.get(face).map_or_else(String::new, |face| format!(", face \"{}\"", face.name))
+    }
+
+    /// The points in the frame of the target, where its faces are as declared, mm.
+    pub(super) fn placed_mm(&self) -> Vec<Point3<f64>> {
+        let placed = |(index, point): (usize, &Point3<f64>)| match self.faces.get(self.face_of(index)) {
+            Some(face) => face.target_from_face * point,
+            None => *point,
+        };
+        self.target_mm.iter().enumerate().map(placed).collect()
+    }
+
     /// "cam1 in pose3"; valid after [`Self::check`].
     pub(super) fn view_name(&self, view: &View) -> String {
         format!("{} in {}", self.devices[view.device].name, self.poses[view.pose])
     }
 
     fn check_target(&self) -> Result<(), CalibrationError> {
-        let points = self.target_mm.len();
-        if points < MIN_TARGET_POINTS {
-            return Err(CalibrationError::Target {
-                what: format!("{points} points, needs {MIN_TARGET_POINTS}"),
-            });
+        let starts = self.faces.iter().map(|face| face.first);
+        let ends = starts.clone().skip(1).chain([self.target_mm.len()]);
+        if self.faces.is_empty() {
+            return check_flat(&self.target_mm);
         }
-        let extent = |axis: usize| {
-            let values = self.target_mm.iter().map(|p| p[axis]);
-            let low = values.clone().fold(f64::INFINITY, f64::min);
-            values.fold(f64::NEG_INFINITY, f64::max) - low
-        };
-        if self.target_mm.iter().any(|p| p.iter().any(|v| !v.is_finite() || v.abs() > 1e7)) {
-            return Err(CalibrationError::Target { what: "a coordinate is not a length in mm".into() });
+        if self.faces[0].first != 0 {
+            let what = format!("its first face begins at point {}, must be 0", self.faces[0].first);
+            return Err(CalibrationError::Target { what });
         }
-        let (x, y, z) = (extent(0), extent(1), extent(2));
-        if x <= 0.0 || y <= 0.0 {
-            return Err(CalibrationError::Target { what: "all points lie on a line".into() });
-        }
-        if z > MAX_RELIEF * x.min(y) {
-            return Err(CalibrationError::Target {
-                what: format!("it is not flat: z spans {z:.3} mm, limit {:.3} mm", MAX_RELIEF * x.min(y)),
-            });
+        for (face, (start, end)) in self.faces.iter().zip(starts.zip(ends)) {
+            let points = self.target_mm.get(start..end).unwrap_or_default();
+            check_flat(points).map_err(|error| match error {
+                CalibrationError::Target { what } => {
+                    CalibrationError::Target { what: format!("face \"{}\": {what}", face.name) }
+                }
+                other => other,
+            })?;
         }
         Ok(())
     }
@@ -190,4 +220,30 @@ fn is_covariance(c: &Matrix2<f64>) -> bool {
         && c.m11 > 1e-18
         && c.m11 * c.m22 - c.m12 * c.m21 > 1e-9 * c.m11 * c.m22
         && (c.m12 - c.m21).abs() <= 1e-9 * (c.m11 + c.m22)
+}
+
+/// Refuses points that are too few, that are no lengths, on a line, or uneven.
+fn check_flat(target_mm: &[Point3<f64>]) -> Result<(), CalibrationError> {
+    let points = target_mm.len();
+    if points < MIN_TARGET_POINTS {
+        return Err(CalibrationError::Target { what: format!("{points} points, needs {MIN_TARGET_POINTS}") });
+    }
+    let extent = |axis: usize| {
+        let values = target_mm.iter().map(|p| p[axis]);
+        let low = values.clone().fold(f64::INFINITY, f64::min);
+        values.fold(f64::NEG_INFINITY, f64::max) - low
+    };
+    if target_mm.iter().any(|p| p.iter().any(|v| !v.is_finite() || v.abs() > 1e7)) {
+        return Err(CalibrationError::Target { what: "a coordinate is not a length in mm".into() });
+    }
+    let (x, y, z) = (extent(0), extent(1), extent(2));
+    if x <= 0.0 || y <= 0.0 {
+        return Err(CalibrationError::Target { what: "all points lie on a line".into() });
+    }
+    if z > MAX_RELIEF * x.min(y) {
+        return Err(CalibrationError::Target {
+            what: format!("it is not flat: z spans {z:.3} mm, limit {:.3} mm", MAX_RELIEF * x.min(y)),
+        });
+    }
+    Ok(())
 }

@@ -6,14 +6,17 @@
 //! the whole covariance matrix of all pixels, block by block.
 
 use super::datum::Datum;
-use super::model::{Board, DEVICE, FURTHER, INTRINSIC, LOCAL, POSE, Projector, State, WARP};
+use super::model::{Board, DEVICE, FACE, FURTHER, INTRINSIC, LOCAL, POSE, Projector, State, WARP};
 use super::observations::ImagePoint;
 use super::settings::{LensModel, TargetShape};
-use nalgebra::{Matrix2, Point2};
+use nalgebra::{Matrix2, Point2, Vector3};
 use std::collections::BTreeMap;
 
-/// Columns of an equation: those of [`super::model`], then those of the camera that an image point is linked to.
-pub(super) const WIDE: usize = LOCAL + DEVICE;
+/// Columns of an equation: those of [`super::model`], those of the camera that an image point is linked to, those of its face.
+pub(super) const WIDE: usize = LOCAL + DEVICE + FACE;
+
+/// First column of the face.
+const OF_FACE: usize = LOCAL + DEVICE;
 
 /// Of a quotient of polynomials, numerator and denominator may take the same factor: along this the sum of squares is flat to
 /// rounding. So much damping holds it, and changes what the points determine by less than their noise.
@@ -50,6 +53,8 @@ pub(super) struct Problem<'a> {
     pub whiten: Vec<[f64; 3]>,
     /// Column of each device's parameters and of the warp (last) in the reduced system; `None` where fixed.
     pub columns: Vec<Vec<Option<usize>>>,
+    /// Column of the first parameter of each face whose place on the target is adjusted.
+    pub faces: Vec<Option<usize>>,
     /// Size of the reduced system.
     pub unknowns: usize,
     /// Damping that is never taken off: 0, but for lenses whose terms follow each other.
@@ -92,7 +97,7 @@ fn links(views: &[ViewRange], image_points: &[ImagePoint]) -> Vec<Option<Linked>
     links
 }
 
-/// Consecutive image points of a view that hang on the same camera, or on none.
+/// Consecutive image points of a view that lie on one face and hang on the same camera, or on none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Run {
     /// Index of the device.
@@ -101,6 +106,8 @@ pub(super) struct Run {
     pub pose: usize,
     /// Camera that the image points are linked to.
     pub linked: Option<usize>,
+    /// Face that they lie on.
+    pub face: usize,
     /// Index of the first image point.
     pub start: usize,
     /// One past the last image point.
@@ -159,7 +166,21 @@ impl<'a> Problem<'a> {
             whitening(&link.map_or(image_point.covariance_px2, |l| l.covariance_px2))
         };
         let whiten = image_points.iter().zip(&links).map(own).collect();
-        Self { board, views, image_points, links, whiten, columns, unknowns, ridge: 0.0, datum: None }
+        let faces = Vec::new();
+        Self { board, views, image_points, links, whiten, columns, faces, unknowns, ridge: 0.0, datum: None }
+    }
+
+    /// Adjusts where these faces are on the target.
+    pub fn adjust_faces(&mut self, adjusted: &[bool]) {
+        let mut next = self.unknowns;
+        let mut take = |free: &bool| {
+            free.then(|| {
+                next += FACE;
+                next - FACE
+            })
+        };
+        self.faces = adjusted.iter().map(&mut take).collect();
+        self.unknowns = next;
     }
 }
 
@@ -218,12 +239,16 @@ impl Problem<'_> {
 
     /// The runs of a view.
     pub fn runs(&self, view: &ViewRange) -> impl Iterator<Item = Run> + '_ {
-        let device = |link: &Option<Linked>| link.as_ref().map(|l| l.device);
         let ViewRange { device: own, pose, mut start, end } = *view;
-        self.links[start..end].chunk_by(move |a, b| device(a) == device(b)).map(move |run| {
+        let kind = move |number: &usize| {
+            let linked = self.links[*number].as_ref().map(|l| l.device);
+            (linked, self.board.face(self.image_points[*number].index))
+        };
+        std::iter::from_fn(move || {
+            let (linked, face) = (start < end).then(|| kind(&start))?;
             let first = start;
-            start += run.len();
-            Run { device: own, pose, linked: device(&run[0]), start: first, end: start }
+            start = (first..end).find(|number| kind(number) != (linked, face)).unwrap_or(end);
+            Some(Run { device: own, pose, linked, face, start: first, end: start })
         })
     }
 
@@ -231,7 +256,9 @@ impl Problem<'_> {
     pub fn run_columns(&self, run: &Run) -> Vec<Option<usize>> {
         let own = self.columns[run.device].iter().chain(self.columns.last().into_iter().flatten()).copied();
         let linked = (0..DEVICE).map(|i| run.linked.and_then(|device| self.columns[device][i]));
-        own.chain([None; POSE]).chain(linked).collect()
+        let of_face = self.faces.get(run.face).copied().flatten();
+        let face = (0..FACE).map(|i| of_face.map(|first| first + i));
+        own.chain([None; POSE]).chain(linked).chain(face).collect()
     }
 
     /// What looks at the image points of a run; `None` without a pose.
@@ -262,8 +289,18 @@ impl Problem<'_> {
                     residual[i] -= slope * other[j];
                     // Target and pose are common to both, the devices are not.
                     wide[DEVICE..LOCAL].iter_mut().zip(&row[DEVICE..]).for_each(|(w, v)| *w -= slope * v);
-                    wide[LOCAL..].iter_mut().zip(&row[..DEVICE]).for_each(|(w, v)| *w -= slope * v);
+                    wide[LOCAL..OF_FACE].iter_mut().zip(&row[..DEVICE]).for_each(|(w, v)| *w -= slope * v);
                 }
+            }
+        }
+        if let Some(face) = state.shape.faces.get(self.board.face(image_point.index)) {
+            let local = self.board.points[image_point.index];
+            for wide in &mut wide {
+                // The derivatives by the point are those by the shift of its pose.
+                let by_point = Vector3::from_column_slice(&wide[LOCAL - 3..LOCAL]);
+                let by_face = face.rotation.inverse() * by_point;
+                wide[OF_FACE..OF_FACE + 3].copy_from_slice(local.cross(&by_face).as_slice());
+                wide[OF_FACE + 3..].copy_from_slice(by_face.as_slice());
             }
         }
         let [a, b, c] = self.whiten[number];

@@ -3,7 +3,7 @@
 use super::CalibrationError;
 use super::adjust::{approach, robust_variances, solve};
 use super::homography::homography;
-use super::model::{Board, DEVICE, Shape, State};
+use super::model::{Board, DEVICE, Shape, State, compose};
 use super::observations::{Device, DeviceKind, ImagePoint, Observations};
 use super::problem::{Problem, ViewRange, columns};
 use super::settings::{CalibrationSettings, LensFamily, LensModel, TargetShape};
@@ -28,7 +28,7 @@ const PARALLEL_RAD: f64 = 0.175;
 /// A start whose residuals are below this part of the image size is near enough; no other one is tried.
 const NEAR: f64 = 1e-3;
 
-/// A view with a homography.
+/// A view with a homography, or what a view shows of one face of a target.
 #[derive(Debug, Clone)]
 pub(super) struct ViewHomography {
     /// Index into the views given.
@@ -37,9 +37,11 @@ pub(super) struct ViewHomography {
     pub device: usize,
     /// Index of the pose.
     pub pose: usize,
+    /// Face of the target; 0 without faces.
+    pub face: usize,
     /// Pixel ← target about its centre.
     pub homography: Matrix3<f64>,
-    /// Start value of the pose.
+    /// Start value of the pose of the board, or of the middle of the face.
     pub device_from_board: Isometry3<f64>,
 }
 
@@ -51,18 +53,40 @@ pub(super) fn lens(observations: &Observations, device: usize, settings: &Calibr
     }
 }
 
-/// All views that have a homography.
+/// All views that have a homography; of a target with faces one for each face that a view shows.
 pub(super) fn usable(observations: &Observations, board: &Board) -> Vec<ViewHomography> {
-    let seen = observations.views.iter().enumerate().filter_map(|(number, view)| {
-        Some(ViewHomography {
-            view: number,
-            device: view.device,
-            pose: view.pose,
-            homography: homography(&board.points, &view.image_points)?,
-            device_from_board: Isometry3::identity(),
+    let seen = observations.views.iter().enumerate().flat_map(|(number, view)| {
+        (0..board.declared.len().max(1)).filter_map(move |face| {
+            Some(ViewHomography {
+                view: number,
+                device: view.device,
+                pose: view.pose,
+                face,
+                homography: homography(&board.points, &board.on_face(face, &view.image_points))?,
+                device_from_board: Isometry3::identity(),
+            })
         })
     });
     seen.collect()
+}
+
+/// One for each view, with the pose of the whole target by the face of which most points are seen.
+pub(super) fn of_target(
+    observations: &Observations,
+    board: &Board,
+    seen: Vec<ViewHomography>,
+) -> Vec<ViewHomography> {
+    if board.declared.is_empty() {
+        return seen;
+    }
+    let points = |s: &ViewHomography| board.on_face(s.face, &observations.views[s.view].image_points).len();
+    let mut whole: Vec<ViewHomography> = Vec::new();
+    for one in seen.chunk_by(|a, b| a.view == b.view) {
+        let Some(best) = one.iter().rev().max_by_key(|s| points(s)) else { continue };
+        let device_from_board = compose(&best.device_from_board, &board.declared[best.face].inverse());
+        whole.push(ViewHomography { device_from_board, ..best.clone() });
+    }
+    whole
 }
 
 /// Refuses devices with too few views.
@@ -96,8 +120,9 @@ pub(super) fn start(
     let problem = alone(observations, board, &own, seen, lens);
     let homographies: Vec<Matrix3<f64>> = own.iter().map(|i| seen[*i].homography).collect();
     let candidates: Vec<(Camera, Vec<Matrix3<f64>>)> = if lens.family == LensFamily::Fisheye {
-        let views: Vec<&[ImagePoint]> =
-            own.iter().map(|i| observations.views[seen[*i].view].image_points.as_slice()).collect();
+        let shown = |i: &usize| board.on_face(seen[*i].face, &observations.views[seen[*i].view].image_points);
+        let views: Vec<Vec<ImagePoint>> = own.iter().map(shown).collect();
+        let views: Vec<&[ImagePoint]> = views.iter().map(Vec::as_slice).collect();
         fisheyes(&observations.devices[device], &board.points, &views)
     } else {
         let cameras = candidates(&observations.devices[device], &homographies).into_iter();
@@ -136,7 +161,7 @@ pub(super) fn start(
     state.cameras.into_iter().next().ok_or(CalibrationError::Empty)
 }
 
-/// The adjustment of one device; its poses are its views in order.
+/// The adjustment of one device; its poses are its views in order, of a target with faces each face of a view.
 fn alone<'a>(
     observations: &Observations,
     board: &'a Board,
@@ -149,7 +174,10 @@ fn alone<'a>(
         let start = image_points.len();
         // What a projector's image points are linked to is not part of this.
         image_points.extend(
-            observations.views[seen[*i].view].image_points.iter().map(|s| ImagePoint { link: None, ..*s }),
+            board
+                .on_face(seen[*i].face, &observations.views[seen[*i].view].image_points)
+                .into_iter()
+                .map(|s| ImagePoint { link: None, ..s }),
         );
         views.push(ViewRange { device: 0, pose, start, end: image_points.len() });
     }

@@ -145,7 +145,8 @@ fn tags(image: &Raster, board: &Board, marking: Marking, rim: usize, min_contras
 /// How the lattice lies by one tag, if tags stand turned by so many quarters and are counted from the bottom or the top.
 fn laid(tag: &Tag, quarters: usize, from_bottom: bool, spec: &TargetSpec) -> Option<Lay> {
     let (columns, rows) = (spec.columns as usize / 2, spec.rows as usize / 2);
-    let (column, row) = (tag.number % columns, tag.number / columns);
+    let number = tag.number.checked_sub(spec.marker_numbers().start)?;
+    let (column, row) = (number % columns, number / columns);
     if row >= rows {
         return None;
     }

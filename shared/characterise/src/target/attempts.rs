@@ -78,7 +78,7 @@ pub(crate) fn first<A>(
 }
 
 /// Rank of a refusal: whether the extent was right, then the number of points found.
-fn rank(error: &TargetError) -> (u8, usize) {
+pub(crate) fn rank(error: &TargetError) -> (u8, usize) {
     match error {
         TargetError::Endless { columns, rows, .. } => (3, *columns as usize * *rows as usize),
         TargetError::Hidden { found, .. } => (2, *found),

@@ -34,6 +34,7 @@ impl Lay {
 /// The first inner corner of the square of a marker, which may lie at −1: markers count through the light squares row by row, the
 /// first square of the board being dark.
 fn square(number: usize, spec: &TargetSpec) -> Option<Place> {
+    let number = number.checked_sub(spec.marker_numbers().start)?;
     let squares = (0..=spec.rows as i32).flat_map(|y| (0..=spec.columns as i32).map(move |x| (x, y)));
     squares.filter(|(x, y)| (x + y) % 2 == 1).nth(number).map(|(x, y)| (x - 1, y - 1))
 }

@@ -63,6 +63,34 @@ pub enum TargetError {
         /// Number of markers that were read.
         read: usize,
     },
+    /// A face without a name of its own.
+    #[error("name = \"{name}\": each face needs a name of its own")]
+    FaceName {
+        /// The name, which is empty or another face's.
+        name: String,
+    },
+    /// A face that cannot be told from its image.
+    #[error(
+        "face \"{name}\" of {columns} x {rows} points looks the same after half a turn; print a checkerboard of which columns and rows \
+         add up to an odd number, or a charuco or aprilgrid"
+    )]
+    FaceTurns {
+        /// Name of the face.
+        name: String,
+        /// Points along a row.
+        columns: u32,
+        /// Points along a column.
+        rows: u32,
+    },
+    /// Two faces that look alike.
+    #[error(
+        "faces \"{}\" and \"{}\" look alike: give them markers with other numbers (first_marker), or other columns and rows",
+        names[0], names[1]
+    )]
+    FacesAlike {
+        /// Names of both faces.
+        names: [String; 2],
+    },
     /// The raster is too small, too large, or has another number of values than its size requires.
     #[error(
         "image of {width_px} x {height_px} px with {values} values: it needs width x height values, 16 to 65535 a side, \
@@ -145,6 +173,8 @@ impl TargetError {
             Self::Format(_) => "format",
             Self::DiameterOfSquares => "diameter_mm",
             Self::NoMarkers => "kind",
+            Self::FaceName { .. } => "name",
+            Self::FaceTurns { .. } | Self::FacesAlike { .. } => "columns",
             Self::OddTags { .. } => "columns",
             Self::MarkersElsewhere | Self::FewMarkers { .. } => "dictionary",
             _ => "",

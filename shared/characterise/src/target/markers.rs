@@ -139,8 +139,20 @@ impl MarkerDictionary {
     }
 
     /// Bits along a side.
-    fn side(self) -> usize {
+    pub fn side(self) -> usize {
         self.table().0
+    }
+
+    /// How many markers it has.
+    pub fn count(self) -> usize {
+        self.codes().len()
+    }
+
+    /// Whether a bit of a marker is light, column and row from its top left; beyond the marker and the dictionary it is not.
+    pub fn is_light(self, number: usize, column: usize, row: usize) -> bool {
+        let side = self.side();
+        let code = self.codes().get(number).filter(|_| column < side && row < side);
+        code.is_some_and(|code| code >> (side * side - 1 - (row * side + column)) & 1 == 1)
     }
 
     /// The markers, by number.

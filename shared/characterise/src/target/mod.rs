@@ -10,6 +10,8 @@
 //! Circles are areas that fill their ellipse (`blobs`), put on a lattice by local steps and numbered by the one change
 //! of basis that gives the declared pattern (`circles`), each fitted as a blurred ellipse (`disc`).
 //!
+//! A target may have several such faces ([`TargetBody`]), which differ in their prints.
+//!
 //! No point is better than a wrong one: each corner has passed the colour of its squares, the direction of its edges, its
 //! contrast, the residual of its model and its neighbours' opinion.
 
@@ -18,6 +20,7 @@ mod attempts;
 mod bias;
 mod blobs;
 mod board;
+mod body;
 mod charuco;
 mod checkerboard;
 mod circles;
@@ -41,6 +44,7 @@ mod spec;
 mod tests;
 
 pub use bias::projected_circle_center_bias;
+pub use body::{FaceSighting, MAX_FACES, TargetBody, TargetFace, detect_body};
 pub use detection::{Ambiguity, DetectedPoint, Detection, detect};
 pub use edge_blur::BlurredEdge;
 pub use error::TargetError;

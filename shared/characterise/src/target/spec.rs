@@ -2,7 +2,7 @@
 
 use super::error::TargetError;
 use super::markers::MarkerDictionary;
-use nalgebra::Point3;
+use nalgebra::{Point3, Translation3};
 use serde::{Deserialize, Serialize};
 
 /// Value of the optional key `format` of a target file.
@@ -65,6 +65,9 @@ pub struct TargetSpec {
     /// Side of the markers with their dark rim, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub marker_mm: Option<f64>,
+    /// Number of the first marker of a ChArUco board or AprilGrid in the dictionary; absent: 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub first_marker: Option<u32>,
 }
 
 /// The markers of a ChArUco board.
@@ -105,7 +108,7 @@ impl TargetSpec {
     /// Markers where there are to be some, and nowhere else.
     fn check_markers(&self) -> Result<(), TargetError> {
         if !matches!(self.kind, TargetKind::Charuco | TargetKind::Aprilgrid) {
-            return if self.dictionary.is_some() || self.marker_mm.is_some() {
+            return if self.dictionary.is_some() || self.marker_mm.is_some() || self.first_marker.is_some() {
                 Err(TargetError::MarkersElsewhere)
             } else {
                 Ok(())
@@ -118,15 +121,23 @@ impl TargetSpec {
         in_range("marker_mm", marker_mm, 0.4 * self.pitch_mm, 0.9 * self.pitch_mm)?;
         let (columns, rows) = (u64::from(self.columns), u64::from(self.rows));
         let there = dictionary.codes().len();
-        let needed = if self.kind == TargetKind::Aprilgrid {
-            if !columns.is_multiple_of(2) || !rows.is_multiple_of(2) {
-                return Err(TargetError::OddTags { columns: self.columns, rows: self.rows });
-            }
-            columns * rows / 4
-        } else {
-            (columns + 1) * (rows + 1) / 2
-        };
+        if self.kind == TargetKind::Aprilgrid && (!columns.is_multiple_of(2) || !rows.is_multiple_of(2)) {
+            return Err(TargetError::OddTags { columns: self.columns, rows: self.rows });
+        }
+        let needed = self.marker_numbers().end as u64;
         if needed > there as u64 { Err(TargetError::FewMarkers { needed, there }) } else { Ok(()) }
+    }
+
+    /// Numbers of the markers that it carries; none without markers.
+    pub(crate) fn marker_numbers(&self) -> std::ops::Range<usize> {
+        let (columns, rows) = (self.columns as usize, self.rows as usize);
+        let count = match self.kind {
+            TargetKind::Charuco => (columns + 1) * (rows + 1) / 2,
+            TargetKind::Aprilgrid => columns * rows / 4,
+            TargetKind::Checkerboard | TargetKind::Circles | TargetKind::AsymmetricCircles => 0,
+        };
+        let first = self.first_marker.unwrap_or(0) as usize;
+        first..first + count
     }
 
     /// The markers of a ChArUco board.
@@ -156,6 +167,16 @@ impl TargetSpec {
         }
         let (x, y) = self.lattice_of(i64::from(index.0), i64::from(index.1));
         Point3::new(x as f64 * self.pitch_mm, y as f64 * self.pitch_mm, 0.0)
+    }
+
+    /// The middle of all points in the board's frame, board_from_middle.
+    pub fn middle_mm(&self) -> Translation3<f64> {
+        let points = self.board_points_mm();
+        let bound = |pick: fn(f64, f64) -> f64| {
+            let first = points.first().map_or(Point3::origin(), |(_, point)| *point).coords;
+            points.iter().fold(first, |bound, (_, point)| bound.zip_map(&point.coords, pick))
+        };
+        Translation3::from((bound(f64::min) + bound(f64::max)) * 0.5)
     }
 
     /// All points, row by row: index (column, row) and position in mm.

@@ -43,7 +43,7 @@ fn observed(lens: Lens, focal_px: f64, poses: usize) -> (Camera, Observations) {
     }
     let device = Device { name: "cam1".into(), kind: DeviceKind::Camera, width_px: 1280, height_px: 1024 };
     let poses = (0..poses).map(|i| format!("pose{}", i + 1)).collect();
-    (camera, Observations { devices: vec![device], target_mm, poses, views })
+    (camera, Observations { devices: vec![device], target_mm, faces: Vec::new(), poses, views })
 }
 
 fn lens(kind: LensKind) -> (Lens, f64) {

@@ -74,7 +74,7 @@ fn linked_sums_are_those_of_the_whole_covariance_matrix() {
         view.image_points = view.image_points.iter().step_by(9).copied().collect();
     }
     let board = Board::new(&observations);
-    let shape = Shape { warp_mm: [0.5 * WARP_MM[0], 0.0], offsets_mm: Vec::new() };
+    let shape = Shape { warp_mm: [0.5 * WARP_MM[0], 0.0], ..Shape::default() };
     let centre = Translation3::from(board.centre);
     let boards: Vec<_> = world.boards.iter().map(|b| Some(b * centre)).collect();
     let state = State { cameras: world.cameras.clone(), boards, shape };

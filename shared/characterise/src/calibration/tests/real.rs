@@ -42,7 +42,13 @@ fn thirteen_poses(cameras: &[&str]) -> Option<Observations> {
         height_px: 1080,
     };
     let devices = cameras.iter().map(device).collect();
-    Some(Observations { devices, target_mm, poses: (1..=13).map(|i| format!("pose{i}")).collect(), views })
+    Some(Observations {
+        devices,
+        target_mm,
+        faces: Vec::new(),
+        poses: (1..=13).map(|i| format!("pose{i}")).collect(),
+        views,
+    })
 }
 
 /// All points count, and the board is flat: what OpenCV's `calibrateCamera` assumes.
@@ -129,7 +135,7 @@ fn the_published_solution_of_seven_views_is_met() {
         height_px: size[1] as u32,
     };
     let poses = (1..=views.len()).map(|i| format!("view{i}")).collect();
-    let observations = Observations { devices: vec![device], target_mm, poses, views };
+    let observations = Observations { devices: vec![device], target_mm, faces: Vec::new(), poses, views };
     let settings = CalibrationSettings { world: WorldFrame::FirstDevice, ..plain() };
     let found = calibrate(&observations, &settings).unwrap();
     let camera = &found.devices[0].camera;

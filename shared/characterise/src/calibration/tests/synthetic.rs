@@ -31,7 +31,8 @@ fn looking(azimuth_deg: f64, elevation_deg: f64) -> Isometry3<f64> {
     Isometry3::from_parts((-(rotation * centre.coords)).into(), rotation)
 }
 
-fn device(index: usize, azimuth_deg: f64, kind: DeviceKind) -> (Device, Camera) {
+/// A device of the thesis at an azimuth, with small differences to the others.
+pub(super) fn device(index: usize, azimuth_deg: f64, kind: DeviceKind) -> (Device, Camera) {
     let i = index as f64;
     let (width_px, height_px, focal, middle, k, label) = match kind {
         DeviceKind::Camera => {
@@ -121,6 +122,7 @@ impl World {
         Observations {
             devices: self.devices.clone(),
             target_mm: self.target_mm.clone(),
+            faces: Vec::new(),
             poses: (0..self.boards.len()).map(|i| format!("pose{}", i + 1)).collect(),
             views,
         }

@@ -104,13 +104,13 @@ fn jacobians_of(kind: LensKind, world: &World) {
     let board = model::Board::new(&world.observe(0, 0.0));
     let pose = world.boards[2];
     for index in [0, 37, 87] {
-        let point = board.point(index, &Shape { warp_mm: WARP_MM, offsets_mm: Vec::new() });
+        let point = board.point(index, &Shape { warp_mm: WARP_MM, ..Shape::default() });
         let (pixel, rows) = Projector::new(&camera, &pose).rows(&point, board.rise[index]).unwrap();
         assert_eq!(Some(pixel), Projector::new(&camera, &pose).pixel(&point));
         let shifted = |column: usize, h: f64| {
             let mut step = [0.0; DEVICE];
             let mut local = [0.0; 6];
-            let mut shape = Shape { warp_mm: WARP_MM, offsets_mm: Vec::new() };
+            let mut shape = Shape { warp_mm: WARP_MM, ..Shape::default() };
             match column {
                 0..DEVICE => step[column] = h,
                 DEVICE..FIRST => shape.warp_mm[column - DEVICE] += h,

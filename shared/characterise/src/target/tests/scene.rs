@@ -63,6 +63,7 @@ impl Scene {
             diameter_mm: None,
             dictionary: None,
             marker_mm: None,
+            first_marker: None,
         };
         let far = spec.board_point_mm((columns - 1, rows - 1));
         let turn = UnitQuaternion::from_euler_angles(tilt_rad[0], tilt_rad[1], tilt_rad[2]);

@@ -68,6 +68,7 @@ fn spec() -> impl Strategy<Value = TargetSpec> {
             diameter_mm: None,
             dictionary: marked.then_some(MarkerDictionary::D4x4n50),
             marker_mm: marked.then_some(7.0),
+            first_marker: None,
         }
     })
 }
