@@ -35,6 +35,7 @@ mod schedule_chart;
 mod schedule_command;
 mod schedule_json;
 mod schedule_memory;
+mod schedule_together;
 mod software;
 mod stage;
 mod stage_main;
@@ -73,7 +74,7 @@ enum Command {
     Demo(demo::DemoArgs),
     /// Run a cell: a number of cycles, or as a service that inspects parts on request.
     Run(run::RunArgs),
-    /// Show the static schedule of a cell, or why it cannot run. Exit code 1: measured times exceed its limits.
+    /// Show the static schedule of a cell, or why it cannot run. Exit code 1: measured times exceed its limits, or projectors that show together meet.
     Schedule(schedule_command::ScheduleArgs),
     /// Show the status of a running cell.
     Status(status::StatusArgs),

@@ -1,6 +1,7 @@
 //! The projection process: shows the patterns in order and triggers the cameras.
 //!
-//! A pattern stands until every camera of its projector has exposed; only then the next one is shown.
+//! A pattern stands until every camera of its projector has exposed; only then the next one is shown. Projectors of a group show theirs at
+//! the same time.
 
 use crate::stage::{Fault, Inbox, Report, StageContext, Worker, cycle_fault};
 use anyhow::Result;
@@ -18,10 +19,12 @@ pub struct Projection {
     driver: Box<dyn Projector>,
     triggers: Vec<Publisher<Trigger>>,
     exposed: Inbox<Trigger>,
-    /// Projector and frame, in the order of projection.
-    sequence: Vec<(usize, usize)>,
+    /// Projector and frame, in the order of projection; and whether it joins the one before, of another projector of its group.
+    sequence: Vec<(usize, usize, bool)>,
     next: usize,
-    /// Cameras that have not yet exposed the pattern that stands.
+    /// First of the patterns that stand; the last one is that before `next`.
+    standing: usize,
+    /// Cameras that have not yet exposed the patterns that stand.
     waiting: Vec<usize>,
     /// The next pattern is due, but the core is not there yet; it will be notified.
     held: bool,
@@ -36,24 +39,36 @@ impl Projection {
             .iter()
             .map(|p| context.publisher(&format!("trigger/{}", p.name)))
             .collect::<Result<_>>()?;
-        let sequence =
-            graph.projectors.iter().enumerate().flat_map(|(p, node)| (0..node.frames).map(move |f| (p, f)));
+        // The order of the schedule; of a group that shows together only the first pattern waits for exposures.
+        let mut sequence: Vec<(usize, usize, bool)> = Vec::new();
+        for activation in &context.cell.schedule.activations {
+            let Work::Project { projector, frame } = activation.work else { continue };
+            let grouped =
+                |other: usize| graph.groups.iter().any(|g| g.contains(&other) && g.contains(&projector));
+            let joins =
+                sequence.last().is_some_and(|(p, f, _)| *f == frame && *p != projector && grouped(*p));
+            sequence.push((projector, frame, joins));
+        }
         Ok(Self {
             driver: devices::projector(&context.cell)?,
             triggers,
             exposed: context.inbox("exposed")?,
-            sequence: sequence.collect(),
+            sequence,
             next: 0,
+            standing: 0,
             waiting: Vec::with_capacity(graph.cameras.len()),
             held: false,
         })
     }
 
     fn show(&mut self, context: &mut StageContext) -> Result<(), Fault> {
-        let (projector, frame) = self.sequence[self.next];
+        let (projector, frame, joins) = self.sequence[self.next];
         let start_ns = now_ns();
         self.driver.show(projector, frame, start_ns).map_err(|e| cycle_fault(&e))?;
-        self.waiting.clear();
+        if !joins {
+            self.waiting.clear();
+            self.standing = self.next;
+        }
         self.waiting.extend_from_slice(&context.cell.graph.projectors[projector].cameras);
         let trigger = Trigger {
             cycle: context.cycle(),
@@ -68,10 +83,15 @@ impl Projection {
     }
 
     fn answer(&mut self, graph: &Graph, answer: Trigger) -> Result<(), Fault> {
+        let standing = &self.sequence[self.standing..self.next];
         let shown = self.sequence[self.next - 1];
         let (projector, frame, camera) =
             (answer.projector as usize, answer.frame as usize, answer.camera as usize);
-        let place = self.waiting.iter().position(|&c| c == camera).filter(|_| (projector, frame) == shown);
+        let place = self
+            .waiting
+            .iter()
+            .position(|&c| c == camera)
+            .filter(|_| standing.iter().any(|(p, f, _)| (*p, *f) == (projector, frame)));
         match place {
             Some(place) => {
                 self.waiting.swap_remove(place);
@@ -110,11 +130,11 @@ impl Worker for Projection {
             self.answer(&context.cell.graph, answer)?;
             return Ok(true);
         }
+        let Some(&(projector, frame, joins)) = self.sequence.get(self.next) else { return Ok(false) };
         let due = self.driver.due_ns().is_none_or(|due| due <= now_ns());
-        if !self.waiting.is_empty() || !due {
+        if !joins && (!self.waiting.is_empty() || !due) {
             return Ok(false);
         }
-        let Some(&(projector, frame)) = self.sequence.get(self.next) else { return Ok(false) };
         self.held = !context.may_start(Work::Project { projector, frame });
         if !self.held {
             self.show(context)?;
@@ -124,6 +144,7 @@ impl Worker for Projection {
 
     fn forget(&mut self) {
         self.next = 0;
+        self.standing = 0;
         self.held = false;
         self.waiting.clear();
     }

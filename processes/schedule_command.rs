@@ -5,6 +5,7 @@ use crate::json;
 use crate::schedule_chart::ScheduleChart;
 use crate::schedule_json;
 use crate::schedule_memory::Memory;
+use crate::schedule_together;
 use crate::terminal;
 use anyhow::{Context, Result};
 use cell::configuration::TriggerMode;
@@ -27,12 +28,16 @@ pub struct ScheduleArgs {
     /// Take the durations of the chart from this result.json of the same cell.
     #[arg(long, value_name = "FILE")]
     pub result: Option<PathBuf>,
+    /// Find the projectors that can show at the same time from this recording, in which each projector lights all cameras with
+    /// white and black.
+    #[arg(long, value_name = "DIR")]
+    pub trial: Option<PathBuf>,
     /// Write the schedule as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
 
-/// Plans a cell and prints tables and chart. Exit code 1: measured times exceed the limits.
+/// Plans a cell and prints tables and chart. Exit code 1: measured times exceed the limits, or projectors meet that show together.
 ///
 /// # Errors
 /// The cell cannot be planned, the result is of another cell, or an output cannot be written.
@@ -64,9 +69,12 @@ pub fn schedule(args: &ScheduleArgs) -> Result<u8> {
     let memory = Memory::of(&config, &cell)?;
     json::emit(args.json.as_deref(), &schedule_json::report(&cell, memory, limits.as_ref().map(|l| l.1)))?;
     let (limits, within_limits) = limits.unwrap_or((String::new(), true));
-    let text = format!("{}{memory}\n{}{limits}", render(&cell), chart.text(&cell));
+    let (together, apart) = schedule_together::shown(&cell)?;
+    let trial = args.trial.as_ref().map(|folder| schedule_together::of_trial(&cell, folder)).transpose()?;
+    let trial = trial.unwrap_or_default();
+    let text = format!("{together}{trial}{}{memory}\n{}{limits}", render(&cell), chart.text(&cell));
     terminal::print_line(text.trim_end());
-    Ok(u8::from(!within_limits))
+    Ok(u8::from(!within_limits || !apart))
 }
 
 /// The order of the activations on each core, then the topics with their buffers.

@@ -229,15 +229,19 @@ pub fn write_recording(
     let records = records(config, exposures);
     let mut writer = RecordingWriter::create(out, &records)?;
     for record in &records {
-        let table = config
-            .cell
-            .projectors
-            .iter()
-            .find(|p| p.name == record.name)
-            .and_then(|p| p.level_table.as_ref());
+        let projectors = &config.cell.projectors;
+        let number = projectors.iter().position(|p| p.name == record.name);
+        let table = number.and_then(|number| projectors[number].level_table.as_ref());
         let mut renderer = twin.corrected_renderer(&record.name, &record.sequence, table)?;
+        let group = config.cell.together.iter().find(|group| number.is_some_and(|n| group.contains(&n)));
+        let mut lamps = vec![record.name.as_str()];
+        for other in group.into_iter().flatten().filter(|other| Some(**other) != number) {
+            let other = &projectors[*other];
+            renderer.shine_beside(&other.name, &other.sequence, other.level_table.as_ref())?;
+            lamps.push(&other.name);
+        }
         for camera in &record.cameras {
-            let view = twin.view_lit_by(camera, &[record.name.as_str()], cycle)?;
+            let view = twin.view_lit_by(camera, &lamps, cycle)?;
             let mut buffer = Buffer::new(&view);
             let factors = if exposures.is_empty() { &[1.0] } else { exposures };
             for (number, factor) in factors.iter().enumerate() {

@@ -37,6 +37,8 @@ pub struct Configuration {
     pub recipes: Vec<Recipe>,
     /// Cores and cycles in flight.
     pub schedule: ScheduleConfig,
+    /// Groups of projectors that show at the same time, by their indices; those in none show alone. Empty where nothing was asked for.
+    pub together: Vec<Vec<usize>>,
     /// Frames per second of a recording that is played, if one is; 0: as fast as possible.
     pub rate_hz: Option<f64>,
     /// When the cameras count as warm; absent: always.

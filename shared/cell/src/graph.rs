@@ -4,6 +4,7 @@ use crate::configuration::{CameraConfig, Configuration, ProjectorConfig, Trigger
 use crate::error::ScheduleError;
 use crate::options::Options;
 use crate::retention::Retention;
+use crate::together::frames_of;
 use fringe::decode::decoded_axes;
 use fringe::pattern::{Axis, PatternSet};
 use std::collections::BTreeSet;
@@ -15,6 +16,8 @@ pub struct Graph {
     pub cameras: Vec<CameraNode>,
     /// What lights, in the order of projection.
     pub projectors: Vec<ProjectorNode>,
+    /// The projectors that show at the same time: each in one group, alone in most cells.
+    pub groups: Vec<Vec<usize>>,
     /// Pairs, in the order of the rig file.
     pub pairs: Vec<PairNode>,
     /// Cores to plan for, at least 1.
@@ -77,6 +80,7 @@ impl Graph {
         Ok(Self {
             cameras: config.cameras.iter().map(node).collect(),
             projectors: projectors.collect(),
+            groups: all_groups(config),
             pairs: pairs.collect::<Result<_, _>>()?,
             cores: config.schedule.cores as usize,
             in_flight,
@@ -95,6 +99,18 @@ impl Graph {
             TriggerMode::Sequenced { period_ms } => p.frames as f64 * period_ms,
         };
         self.projectors.iter().map(last).sum()
+    }
+
+    /// Patterns that are shown one after another in a cycle; those of a group count once.
+    pub fn shown_frames(&self) -> usize {
+        let frames: Vec<usize> = self.projectors.iter().map(|p| p.frames).collect();
+        frames_of(&frames, &self.groups)
+    }
+
+    /// The other projectors that show at the same time as one.
+    pub fn beside(&self, projector: usize) -> impl Iterator<Item = usize> {
+        let group = self.groups.iter().find(|group| group.contains(&projector));
+        group.into_iter().flatten().copied().filter(move |other| *other != projector)
     }
 
     /// The name of a camera, for messages.
@@ -117,6 +133,16 @@ impl Graph {
         let (camera, projector) = (self.camera_name(camera), self.projector_name(projector));
         format!("frame {} of camera \"{camera}\" under projector \"{projector}\"", frame + 1)
     }
+}
+
+/// The groups of a configuration with the projectors that are in none, in the order of their first.
+fn all_groups(config: &Configuration) -> Vec<Vec<usize>> {
+    let grouped = |p: &usize| config.together.iter().any(|group| group.contains(p));
+    let alone = (0..config.projectors.len()).filter(|p| !grouped(p)).map(|p| vec![p]);
+    let mut groups: Vec<Vec<usize>> = config.together.iter().cloned().chain(alone).collect();
+    groups.iter_mut().for_each(|group| group.sort_unstable());
+    groups.sort_unstable();
+    groups
 }
 
 /// Axes along which the decoder finds a phase in a projector's sequence, x before y; what it refuses is reported when it is built.

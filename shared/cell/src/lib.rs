@@ -19,6 +19,7 @@ mod options;
 pub mod pixel_format;
 mod retention;
 pub mod schedule;
+pub mod together;
 
 pub use cell::Cell;
 pub use configuration::{Configuration, Recipe, Settings};

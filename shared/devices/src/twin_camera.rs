@@ -4,6 +4,7 @@ use crate::device::Camera;
 use crate::error::DeviceError;
 use crate::load::LoadedCell;
 use crate::twin_source;
+use std::collections::BTreeSet;
 use twin::{PixelsMut, Renderer, Twin, View};
 
 /// Exposure time that the exposure 1 of the twin's settings stands for, µs.
@@ -30,10 +31,17 @@ impl TwinCamera {
             .map(|(number, p)| {
                 let shown = &config.projectors[number];
                 let table = shown.level_table.as_ref();
-                Ok((number, twin.corrected_renderer(&p.name, &shown.sequence, table)?))
+                let mut renderer = twin.corrected_renderer(&p.name, &shown.sequence, table)?;
+                for other in cell.graph.beside(number).map(|other| &config.projectors[other]) {
+                    renderer.shine_beside(&other.name, &other.sequence, other.level_table.as_ref())?;
+                }
+                Ok((number, renderer))
             })
             .collect::<Result<Vec<_>, DeviceError>>()?;
-        let lamp_names = lamps.iter().map(|(number, _)| config.projectors[*number].name.clone()).collect();
+        // The light of projectors that shine at the same time reaches the camera, too, if it does.
+        let shining: BTreeSet<usize> =
+            lamps.iter().flat_map(|(number, _)| cell.graph.beside(*number).chain([*number])).collect();
+        let lamp_names = shining.iter().map(|number| config.projectors[*number].name.clone()).collect();
         let is_8bit = twin.settings().full_scale_dn() <= 255;
         Ok(Self { name: config.cameras[camera].name.clone(), twin, lamps, lamp_names, view: None, is_8bit })
     }

@@ -311,6 +311,31 @@ impl Twin {
         })
     }
 
+    /// Of the pixels of a camera that see the part, every `step`-th along both axes: how many the projector lights, and how many there are.
+    ///
+    /// # Errors
+    /// As [`Self::view`].
+    pub fn lit_pixels(
+        &self,
+        camera: &str,
+        projector: &str,
+        cycle: u64,
+        step: usize,
+    ) -> Result<(usize, usize), TwinError> {
+        let index = index_of("camera", &self.cameras, camera)?;
+        let lamp = index_of("projector", &self.shared.projectors, projector)?;
+        let tracer = self.tracer(index, &[lamp], cycle)?;
+        let size = &self.cameras[index].camera;
+        let pixels = |length: u32| (0..length as usize).step_by(step.max(1));
+        let (mut lit, mut seen) = (0, 0);
+        for (x, y) in pixels(size.height_px).flat_map(|y| pixels(size.width_px).map(move |x| (x, y))) {
+            let Some(is_lit) = tracer.is_lit(x as f64, y as f64) else { continue };
+            seen += 1;
+            lit += usize::from(is_lit);
+        }
+        Ok((lit, seen))
+    }
+
     /// The true point on the line of sight of a pixel; `None` beside the part. For evaluating a measurement, not for making one.
     ///
     /// # Errors

@@ -8,6 +8,7 @@ use crate::cell::{Shared, Twin, TwinError, View, index_of};
 use crate::light::{FIXED_BITS, Light, pixel};
 use crate::pose;
 use crate::trace::{Lit, Sway};
+use fringe::geometry::rig::Named;
 use fringe::math::random::Key;
 use fringe::pattern::LevelTable;
 use fringe::pattern::{PatternSet, frame_count, locate};
@@ -49,6 +50,8 @@ pub struct Renderer {
     projector: usize,
     first: usize,
     lights: Vec<Light>,
+    /// Further projectors that shine at the same time, with the light of their frames.
+    beside: Vec<(usize, Vec<Light>)>,
     taps: Vec<f32>,
     /// Number of the exposure, and its factor on all light.
     exposure: (u64, f64),
@@ -143,20 +146,8 @@ impl Renderer {
         correction: Option<&LevelTable>,
     ) -> Result<Self, TwinError> {
         let index = index_of("projector", &shared.projectors, projector)?;
-        let camera = &shared.projectors[index].camera;
         let first = frames.start;
-        let lights = frames
-            .map(|frame| {
-                let (set, step) = locate(sequence, frame).ok_or_else(|| TwinError::Frame {
-                    projector: projector.into(),
-                    frame,
-                    count: frame_count(sequence),
-                })?;
-                let size_px = [camera.width_px, camera.height_px];
-                Light::new(&sequence[set], step, size_px, &shared.settings, correction)
-                    .map_err(|source| TwinError::Pattern { projector: projector.into(), frame, source })
-            })
-            .collect::<Result<_, _>>()?;
+        let lights = lights(shared, index, sequence, frames, correction)?;
         let settings = &shared.settings;
         let footprint =
             if settings.pixel_footprint && settings.subsamples == 1 { FOOTPRINT_PX2 } else { 0.0 };
@@ -164,7 +155,25 @@ impl Renderer {
         let (image, spare, padded) = (Vec::new(), Vec::new(), Vec::new());
         let shared = Arc::clone(shared);
         let exposure = (0, 1.0);
-        Ok(Self { shared, projector: index, first, lights, taps, exposure, image, spare, padded })
+        let beside = Vec::new();
+        Ok(Self { shared, projector: index, first, lights, beside, taps, exposure, image, spare, padded })
+    }
+
+    /// Lets another projector shine at the same time: with frame n of this one it shows frame n of its own sequence, and its last one when
+    /// that is over. The views must be traced with both.
+    ///
+    /// # Errors
+    /// An unknown projector, a set that cannot be generated.
+    pub fn shine_beside(
+        &mut self,
+        projector: &str,
+        sequence: &[PatternSet],
+        correction: Option<&LevelTable>,
+    ) -> Result<(), TwinError> {
+        let index = index_of("projector", &self.shared.projectors, projector)?;
+        let lights = lights(&self.shared, index, sequence, 0..frame_count(sequence), correction)?;
+        self.beside.push((index, lights));
+        Ok(())
     }
 
     /// Number of frames of the sequence.
@@ -244,22 +253,25 @@ impl Renderer {
             }
             *out = exposure * sum + black;
         }
-        self.add_bounce(view, frame, slot);
+        let bounced = (self.exposure.1 * settings.exposure * NOMINAL_SIGNAL) as f32;
+        add_bounce(&mut self.image, view, slot, light, bounced);
+        for (projector, lights) in &self.beside {
+            let Some(light) = lights.get(frame).or(lights.last()) else { continue };
+            let slot = view.slot(*projector)?;
+            let lit = view.lit.chunks_exact(lamps * rays);
+            for (index, (out, lit)) in self.image.iter_mut().zip(lit).enumerate() {
+                let mut sum = 0.0;
+                for ray in 0..rays {
+                    let (own, sway) = (&lit[ray * lamps + slot], (index * rays + ray) * lamps + slot);
+                    let (u, v) = view.sway.get(sway).map_or((own.u, own.v), |sway| moved(own, sway, &shift));
+                    sum += own.gain * light.at(u, v, own.layer);
+                }
+                *out += exposure * sum;
+            }
+            add_bounce(&mut self.image, view, slot, light, bounced);
+        }
         blur::blur(&mut self.image, &mut self.spare, &mut self.padded, view.width, &self.taps);
         Ok(&self.image)
-    }
-
-    /// Light that reached the part by way of another place of it.
-    fn add_bounce(&mut self, view: &View, frame: usize, slot: usize) {
-        let settings = &self.shared.settings;
-        let (lamps, rays) = (view.lamps.len(), settings.bounce_rays as usize);
-        let Some(light) = frame.checked_sub(self.first).and_then(|i| self.lights.get(i)) else { return };
-        let exposure = (self.exposure.1 * settings.exposure * NOMINAL_SIGNAL) as f32;
-        for (out, rays) in self.image.iter_mut().zip(view.bounce.chunks_exact((rays * lamps).max(1))) {
-            let lit = rays.iter().skip(slot).step_by(lamps);
-            let sum: f32 = lit.map(|lit| lit.gain * light.at(lit.u, lit.v, lit.layer)).sum();
-            *out += exposure * sum;
-        }
     }
 
     /// Shot noise (variance = electrons) and read noise.
@@ -285,6 +297,36 @@ impl Renderer {
             let variance = value.max(0.0) * shot + read;
             *value += variance.sqrt() * normal.draw(key.bits(index as u64));
         }
+    }
+}
+
+/// The light of some frames of a projector's sequence.
+fn lights(
+    shared: &Shared,
+    projector: usize,
+    sequence: &[PatternSet],
+    frames: std::ops::Range<usize>,
+    correction: Option<&LevelTable>,
+) -> Result<Vec<Light>, TwinError> {
+    let Named { name, camera } = &shared.projectors[projector];
+    let light = |frame: usize| {
+        let count = frame_count(sequence);
+        let unknown = || TwinError::Frame { projector: name.clone(), frame, count };
+        let (set, step) = locate(sequence, frame).ok_or_else(unknown)?;
+        let size_px = [camera.width_px, camera.height_px];
+        Light::new(&sequence[set], step, size_px, &shared.settings, correction)
+            .map_err(|source| TwinError::Pattern { projector: name.clone(), frame, source })
+    };
+    frames.map(light).collect()
+}
+
+/// Adds light that reached the part by way of another place of it.
+fn add_bounce(image: &mut [f32], view: &View, slot: usize, light: &Light, exposure: f32) {
+    let (lamps, rays) = (view.lamps.len(), view.shared.settings.bounce_rays as usize);
+    for (out, rays) in image.iter_mut().zip(view.bounce.chunks_exact((rays * lamps).max(1))) {
+        let lit = rays.iter().skip(slot).step_by(lamps);
+        let sum: f32 = lit.map(|lit| lit.gain * light.at(lit.u, lit.v, lit.layer)).sum();
+        *out += exposure * sum;
     }
 }
 

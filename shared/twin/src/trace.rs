@@ -237,6 +237,14 @@ impl Tracer<'_> {
         Some(Lit { u: light::fixed(at.x), v: light::fixed(at.y), gain, layer })
     }
 
+    /// Whether the first projector lights what a pixel sees; `None` beside the part.
+    pub fn is_lit(&self, x: f64, y: f64) -> Option<bool> {
+        let direction = self.camera.direction(x, y)?;
+        let hit = self.scene.first_hit(&self.camera.centre, &direction)?;
+        let lit = |projector: &Placed| self.lit(projector, &hit, 1.0, &-direction).is_some();
+        Some(self.projectors.first().is_some_and(lit))
+    }
+
     /// Traces one ray; returns the albedo, zero where it meets nothing.
     fn sample(&self, ray: &Ray, lit: &mut [Lit], sway: &mut [Sway]) -> f32 {
         let Some(direction) = self.camera.direction(ray.at[0], ray.at[1]) else { return 0.0 };

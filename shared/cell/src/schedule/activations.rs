@@ -41,17 +41,29 @@ impl Planner<'_> {
     fn plan(mut self) -> Vec<Activation> {
         let mut clouds = Vec::new();
         let mut before = None;
-        for projector in 0..self.graph.projectors.len() {
-            let mut exposed = Vec::new();
-            for frame in 0..self.graph.projectors[projector].frames {
-                let shown = self.show(projector, frame, before);
+        let graph = self.graph;
+        for group in &graph.groups {
+            let frames = |projector: usize| graph.projectors[projector].frames;
+            let frames: Vec<(usize, usize)> = group.iter().map(|p| (*p, frames(*p))).collect();
+            // The last exposures of each projector of the group, by its place in it.
+            let mut exposed: Vec<Vec<usize>> = vec![Vec::new(); group.len()];
+            for frame in 0..frames.iter().map(|(_, frames)| *frames).max().unwrap_or(0) {
+                let showing = || frames.iter().enumerate().filter(|(_, (_, frames))| frame < *frames);
+                let shown: Vec<usize> =
+                    showing().map(|(_, (p, _))| self.show(*p, frame, before.clone())).collect();
                 // While a pattern is being exposed, the frame before it is summed.
-                self.sum(projector, frame.checked_sub(1), &exposed);
-                exposed = self.expose(projector, frame, shown);
-                before = Some(exposed.clone());
+                for (place, (p, _)) in showing() {
+                    self.sum(*p, frame.checked_sub(1), &exposed[place]);
+                }
+                for (place, (p, _)) in showing() {
+                    exposed[place] = self.expose(*p, frame, &shown);
+                }
+                before = Some(showing().flat_map(|(place, _)| exposed[place].clone()).collect());
             }
-            let sums = self.sum(projector, self.graph.projectors[projector].frames.checked_sub(1), &exposed);
-            clouds.extend(self.evaluate(projector, &sums));
+            for (place, (p, frames)) in frames.iter().enumerate() {
+                let sums = self.sum(*p, frames.checked_sub(1), &exposed[place]);
+                clouds.extend(self.evaluate(*p, &sums));
+            }
         }
         let fused = self.add(Kind::Fusion, 0, Work::Fuse, clouds, "cloud/fused");
         self.add(Kind::Inspection, 0, Work::Inspect, vec![fused], "result");
@@ -63,19 +75,20 @@ impl Planner<'_> {
         self.activations
     }
 
-    /// A pattern stands until all its cameras have exposed; the next one waits for that.
+    /// The patterns of a group stand until all its cameras have exposed; the next ones wait for that.
     fn show(&mut self, projector: usize, frame: usize, before: Option<Vec<usize>>) -> usize {
         let trigger = format!("trigger/{}", self.graph.projectors[projector].name);
         let work = Work::Project { projector, frame };
         self.add(Kind::Projection, 0, work, before.unwrap_or_default(), &trigger)
     }
 
-    fn expose(&mut self, projector: usize, frame: usize, shown: usize) -> Vec<usize> {
+    /// Cameras expose when all projectors of the group show.
+    fn expose(&mut self, projector: usize, frame: usize, shown: &[usize]) -> Vec<usize> {
         let graph = self.graph;
         let expose = |&camera: &usize| {
             let topic = format!("frame/{}", graph.cameras[camera].name);
             let work = Work::Expose { camera, projector, frame };
-            self.add(Kind::Capture, camera, work, vec![shown], &topic)
+            self.add(Kind::Capture, camera, work, shown.to_vec(), &topic)
         };
         graph.projectors[projector].cameras.iter().map(expose).collect()
     }

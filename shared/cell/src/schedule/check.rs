@@ -69,7 +69,7 @@ fn check_projected(graph: &Graph) -> Result<(), ScheduleError> {
 
 fn check_deadline(graph: &Graph) -> Result<(), ScheduleError> {
     check_projected(graph)?;
-    let frames: usize = graph.projectors.iter().map(|p| p.frames).sum();
+    let frames = graph.shown_frames();
     let Some(rate_hz) = graph.rate_hz.filter(|rate| *rate > 0.0) else {
         return Ok(());
     };

@@ -25,6 +25,7 @@ pub fn demo() -> Graph {
     Graph {
         cameras: ["cam1", "cam2", "cam3", "cam4"].map(camera).to_vec(),
         projectors: vec![projector("proj1", vec![0, 1]), projector("proj2", vec![2, 3])],
+        groups: vec![vec![0], vec![1]],
         pairs: vec![pair("pair1", 0, 0), pair("pair2", 2, 1)],
         cores: 2,
         in_flight: 1,
@@ -143,6 +144,37 @@ fn with_several_cycles_in_flight_the_halves_have_lanes_of_their_own_and_phases_r
         let inputs = activation.inputs.iter().map(|&input| schedule.half(&schedule.activations[input]));
         assert!(inputs.into_iter().all(|half| half == Half::Acquisition));
     }
+}
+
+/// Proves: projectors of a group show frame by frame together, cameras expose when all of them show, a shorter sequence ends earlier, and
+/// all that is done without groups is done with them.
+#[test]
+fn projectors_of_a_group_show_at_the_same_time() {
+    let mut graph = Graph { groups: vec![vec![0, 1]], ..demo() };
+    graph.projectors[1].frames = 3;
+    let schedule = Schedule::new(&graph).unwrap();
+    keeps_its_order(&schedule);
+    let alone = Schedule::new(&Graph { groups: vec![vec![0], vec![1]], ..graph.clone() }).unwrap();
+    let sorted = |schedule: &Schedule| {
+        let mut work: Vec<String> = schedule.activations.iter().map(|a| format!("{:?}", a.work)).collect();
+        work.sort_unstable();
+        work
+    };
+    assert_eq!(sorted(&schedule), sorted(&alone));
+    for frame in 0..3 {
+        let shown = [0, 1].map(|projector| schedule.find(Work::Project { projector, frame }).unwrap());
+        assert_eq!(shown[1], shown[0] + 1);
+        assert_eq!(schedule.activations[shown[0]].inputs, schedule.activations[shown[1]].inputs);
+        for (camera, projector) in [(0, 0), (1, 0), (2, 1), (3, 1)] {
+            let exposed = schedule.find(Work::Expose { camera, projector, frame }).unwrap();
+            assert_eq!(schedule.activations[exposed].inputs, shown);
+        }
+    }
+    assert_eq!((graph.shown_frames(), alone.activations.len()), (5, schedule.activations.len()));
+    graph.rate_hz = Some(5.0);
+    assert!(Schedule::new(&graph).is_ok(), "five frames at 5 Hz");
+    graph.groups = vec![vec![0], vec![1]];
+    assert!(Schedule::new(&graph).unwrap_err().to_string().contains("8 frames at 5 Hz"));
 }
 
 #[test]

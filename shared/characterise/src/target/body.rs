@@ -41,7 +41,7 @@ pub struct FaceSighting {
     pub face: usize,
     /// Number of its first point among those of all faces.
     pub first: usize,
-    /// Its points.
+    /// The points that were found on it.
     pub detection: Detection,
 }
 

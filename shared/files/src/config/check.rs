@@ -7,6 +7,7 @@ use super::projectors::{Lights, check_recorded_sizes, projectors};
 use super::raw::{RawConfig, RawTwin};
 use super::recipes::recipes;
 use super::references::{check_drivers, check_graph, check_twin, pairs};
+use super::together::together;
 use super::values::{camera_driver, driver, referenced, value};
 use super::warm_up::warm_up;
 use super::{CONFIG_FORMAT, Config, RecordingConfig, TwinConfig};
@@ -45,7 +46,7 @@ impl Config {
         let twin = twin(&document, &raw, &rig_file)?;
         let (recipes, plans) = recipes(&document, &raw)?;
         let warm_up = warm_up(&document, raw.warm_up.as_ref(), &cameras)?;
-        let cell = Configuration {
+        let mut cell = Configuration {
             warm_up,
             name: raw.name.clone(),
             cycles: cycles(&document, raw.cycles)?,
@@ -56,6 +57,7 @@ impl Config {
             settings,
             recipes,
             schedule: schedule(&document, &raw.schedule)?,
+            together: Vec::new(),
             rate_hz: recording.as_ref().map(|r| r.rate_hz),
         };
         check_graph(&document, &rig_file, &cell)?;
@@ -67,6 +69,7 @@ impl Config {
         if let Some(twin) = &twin {
             check_twin(&document, &cell.rig, twin, &cell.cameras, &cell.projectors)?;
         }
+        cell.together = together(&document, raw.schedule.together.as_ref(), &cell, twin.as_ref())?;
         Ok(Self {
             sha256: sha256_hex(document.text.as_bytes()),
             cell,

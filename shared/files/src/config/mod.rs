@@ -42,6 +42,7 @@
 //! cycles_in_flight = 1                # 2 … 4: the next cycle is acquired while the last one is evaluated
 //! pin = false
 //! realtime_priority = 50              # optional, 1 … 98: first come first served by the kernel (SCHED_FIFO), where permitted
+//! together = "auto"                   # or groups of names: projectors whose light does not meet show at the same time
 //! lock_memory = false                 # keep all buffers in memory from the start (mlockall), where permitted
 //! [warm_up]                           # no cycle is ok before the temperature of the cameras has settled
 //! max_change_k = 0.5
@@ -64,9 +65,12 @@ mod recipes;
 mod references;
 #[cfg(test)]
 mod tests;
+mod together;
 mod trigger;
 mod values;
 mod warm_up;
+
+pub use together::{Meeting, meetings};
 
 use crate::correction::PatternCorrection;
 use crate::document::Document;

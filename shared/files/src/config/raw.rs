@@ -150,4 +150,13 @@ pub(super) struct RawSchedule {
     pub pin: Option<bool>,
     pub realtime_priority: Option<u32>,
     pub lock_memory: Option<bool>,
+    pub together: Option<RawTogether>,
+}
+
+/// Projectors that show at the same time.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+pub(super) enum RawTogether {
+    Word(String),
+    Groups(Vec<Vec<String>>),
 }
