@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, bail};
 use cell::Cell;
-use cell::configuration::Configuration;
+use cell::configuration::{Configuration, ProjectorConfig};
 use cell::together::{frames_of, groups};
 use devices::LoadedCell;
 use files::config::meetings;
@@ -54,7 +54,7 @@ pub fn shown(cell: &LoadedCell) -> Result<(String, bool)> {
 
 /// The groups, and how many patterns are shown one after another with and without them.
 fn saving(groups: &[Vec<usize>], config: &Configuration) -> String {
-    let frames: Vec<usize> = config.projectors.iter().map(|p| p.frames()).collect();
+    let frames: Vec<usize> = config.projectors.iter().map(ProjectorConfig::frames).collect();
     let (alone, together) = (frames.iter().sum::<usize>(), frames_of(&frames, groups));
     let name = |p: &usize| config.projectors[*p].name.as_str();
     let names = |group: &Vec<usize>| group.iter().map(name).collect::<Vec<_>>().join(" + ");
@@ -98,7 +98,7 @@ pub fn of_trial(cell: &Cell, folder: &Path) -> Result<String> {
             }
         }
     }
-    let frames: Vec<usize> = config.projectors.iter().map(|p| p.frames()).collect();
+    let frames: Vec<usize> = config.projectors.iter().map(ProjectorConfig::frames).collect();
     let found = groups(&frames, &|a, b| meet[a][b]);
     let quoted = |p: &usize| format!("\"{}\"", config.projectors[*p].name);
     let lists: Vec<String> = found

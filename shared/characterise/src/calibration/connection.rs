@@ -159,9 +159,7 @@ fn hints(
         };
         let of = |root: &usize| format!("[{}] alone sees {}", observations.devices[*root].name, poses(root));
         let all: Vec<String> = groups.roots().iter().map(of).collect();
-        if let [_, ..] = all.as_slice() {
-            hints.push(format!("the group of {}", all.join(", that of ")));
-        }
+        hints.push(format!("the group of {}", all.join(", that of ")));
     }
     hints
 }

@@ -135,11 +135,6 @@ impl Observations {
         self.faces.iter().rposition(|face| face.first <= index).unwrap_or(0)
     }
 
-    /// A name for the face of a point, with a separator; empty of a target without faces.
-    pub fn face_name(&self, face: usize) -> String {
-        self.faces.get(face).map_or_else(String::new, |face| format!(", face \"{}\"", face.name))
-    }
-
     /// The points in the frame of the target, where its faces are as declared, mm.
     pub(super) fn placed_mm(&self) -> Vec<Point3<f64>> {
         let placed = |(index, point): (usize, &Point3<f64>)| match self.faces.get(self.face_of(index)) {
