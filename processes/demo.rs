@@ -63,6 +63,7 @@ pub fn demo(args: &DemoArgs) -> Result<u8> {
         metrics: None,
         allow_remote: false,
         serve: args.stay,
+        host: None,
         first_cycles: args.stay.then(|| cycles.map_or(1, u64::from)),
         trace: None,
         json: args.json.clone(),

@@ -11,8 +11,10 @@ const VARIABLE: &str = "FRINGECELL_LOG";
 /// Its syntax, for the error message.
 const REMEDY: &str = "use off, error, warn, info, debug or trace; per module: warn,fringecell::stage=debug";
 
-/// What libraries say without being asked: the one of the gateway takes every fault of a client for an error of its own.
-const LIBRARIES: &str = "opcua_core=off,opcua_crypto=off,opcua_server=off,opcua_types=off,opcua_nodes=off";
+/// What libraries say without being asked: the one of the gateway takes every fault of a client for an error of its own, that of the
+/// link every attempt to connect.
+const LIBRARIES: &str =
+    "zenoh=off,opcua_core=off,opcua_crypto=off,opcua_server=off,opcua_types=off,opcua_nodes=off";
 
 /// Starts logging; the default level is `warn`, with `--verbose` `info`, with `--quiet` `error`; the variable comes first. `info`: stages and cycles; `debug`: each activation; `trace`: each step of a
 /// stage with its duration. `report_errors`: print a warning if the variable is invalid; stages leave that to the supervisor.

@@ -13,11 +13,13 @@ use ipc::IpcError;
 use ipc::header::Trigger;
 use ipc::os::now_ns;
 use ipc::port::Publisher;
+use std::collections::BTreeMap;
 
 /// State of the projection.
 pub struct Projection {
     driver: Box<dyn Projector>,
-    triggers: Vec<Publisher<Trigger>>,
+    /// By index of the projector.
+    triggers: BTreeMap<usize, Publisher<Trigger>>,
     exposed: Inbox<Trigger>,
     /// Projector and frame, in the order of projection; and whether it joins the one before, of another projector of its group.
     sequence: Vec<(usize, usize, bool)>,
@@ -34,10 +36,9 @@ impl Projection {
     /// Opens the ports of the stage.
     pub fn new(context: &StageContext) -> Result<Self> {
         let graph = &context.cell.graph;
-        let triggers = graph
-            .projectors
-            .iter()
-            .map(|p| context.publisher(&format!("trigger/{}", p.name)))
+        let here = || graph.projectors.iter().enumerate().filter(|(p, _)| graph.has_projector(*p));
+        let triggers = here()
+            .map(|(p, node)| Ok((p, context.publisher(&format!("trigger/{}", node.name))?)))
             .collect::<Result<_>>()?;
         // The order of the schedule; of a group that shows together only the first pattern waits for exposures.
         let mut sequence: Vec<(usize, usize, bool)> = Vec::new();
@@ -77,7 +78,7 @@ impl Projection {
             frame: frame as u32,
             camera: Trigger::ALL,
         };
-        context.sending(|| self.triggers[projector].send(trigger, &[]))?;
+        context.sending(|| self.triggers[&projector].send(trigger, &[]))?;
         self.next += 1;
         context.done(Work::Project { projector, frame }, start_ns, &[], Report::default())
     }

@@ -48,6 +48,9 @@ pub struct RunArgs {
     /// Name of the cell; overrides the configuration, to run it several times at once.
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
+    /// Run the part of this host of a cell on several computers (docs/several-computers.md). One host leads; the others wait for it.
+    #[arg(long, value_name = "NAME")]
+    pub host: Option<String>,
     /// Wait for jobs (`fringecell trigger`, docs/control.md) instead of starting cycles.
     #[arg(long, conflicts_with = "cycles")]
     pub serve: bool,
@@ -97,6 +100,16 @@ struct RunReport<'a> {
 /// # Errors
 /// Invalid input, or the machine cannot run the cell.
 pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
+    loop {
+        // A host that is led begins anew with each start of the one that leads.
+        if let Some(code) = run_once(args, truth)? {
+            return Ok(code);
+        }
+    }
+}
+
+/// One run; without an exit code there is to be another one.
+fn run_once(args: &RunArgs, truth: Option<&Truth>) -> Result<Option<u8>> {
     let config = args
         .config
         .canonicalize()
@@ -106,8 +119,14 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
         watch: args.out.is_some() || args.page.is_some(),
         record: args.record.is_some(),
         retention: args.retain,
+        host: args.host.clone(),
     };
-    let cell = devices::load(&config, &graph_options)?;
+    let mut cell = devices::load(&config, &graph_options)?;
+    check_host(args, &cell)?;
+    if !cell.graph.leads() {
+        // It has no fused cloud that could be shown.
+        cell = devices::load(&config, &Options { watch: false, ..graph_options })?;
+    }
     let written = [
         ("--cycle-record", args.cycle_record.as_deref()),
         ("--trace", args.trace.as_deref()),
@@ -149,12 +168,46 @@ pub fn run(args: &RunArgs, truth: Option<&Truth>) -> Result<u8> {
     if let Some(error) = summary.unwritten.take() {
         return Err(error);
     }
+    if summary.tally.renew {
+        terminal::print_note("the host that leads was started again: this host begins anew");
+        return Ok(None);
+    }
     let results: Vec<CycleResult> = results.into();
     print_tables(&cell, &results, truth);
     write_files(args, &cell, &results, &mut summary, folder.as_deref(), truth)?;
-    let code = exit_code(&summary, &options);
+    let code = exit_code(&cell, &summary, &options);
     json::emit(args.json.as_deref(), &report(&cell, &summary, &results))?;
-    Ok(code)
+    Ok(Some(code))
+}
+
+/// Refuses what a host of several cannot do.
+fn check_host(args: &RunArgs, cell: &LoadedCell) -> Result<()> {
+    let Some(host) = &args.host else {
+        if !cell.graph.hosts.is_empty() {
+            terminal::print_note("note: without --host this computer runs all hosts of the cell");
+        }
+        return Ok(());
+    };
+    let refused = [
+        ("--record", args.record.is_some(), false),
+        ("--cycle-record", args.cycle_record.is_some(), false),
+        ("--cycles", args.cycles.is_some(), true),
+        ("--serve", args.serve, true),
+        ("--page", args.page.is_some(), true),
+    ];
+    let bad = refused.iter().find(|(_, given, may_lead)| *given && !(*may_lead && cell.graph.leads()));
+    if let Some((option, _, may_lead)) = bad {
+        let whose = if *may_lead {
+            "belongs to the host that leads"
+        } else {
+            "needs the frames of all hosts on one computer"
+        };
+        bail!("{option} with --host {host}: this {whose}; leave it out");
+    }
+    if !ipc::link::IS_BUILT_IN {
+        bail!("--host {host}: {}", ipc::link::NOT_BUILT_IN.join("; "));
+    }
+    Ok(())
 }
 
 /// Prints the line of a cycle, one that failed even if only errors are wanted. Returns whether it was written.
@@ -253,7 +306,8 @@ fn needs_stdout(args: &RunArgs, options: &RunOptions) -> bool {
 /// The number of cycles; a recording without `loop` has one.
 fn cycles(args: &RunArgs, cell: &LoadedCell) -> Option<u64> {
     let once = cell.file.recording.as_ref().is_some_and(|r| !r.repeat).then_some(1);
-    args.cycles.or(cell.config.cycles).or(once).map(u64::from)
+    // The host that leads counts.
+    args.cycles.or(cell.config.cycles).or(once).map(u64::from).filter(|_| cell.graph.leads())
 }
 
 fn record_folder(args: &RunArgs) -> Result<Option<PathBuf>> {
@@ -282,13 +336,13 @@ fn print_tables(cell: &Cell, results: &[CycleResult], truth: Option<&Truth>) {
     }
 }
 
-fn exit_code(summary: &Summary, options: &RunOptions) -> u8 {
+fn exit_code(cell: &Cell, summary: &Summary, options: &RunOptions) -> u8 {
     if let Some(reason) = &summary.tally.gave_up {
         cli::error(format_args!("the cell gave up: {reason}"));
         return 1;
     }
-    if options.serve {
-        // Each client has its result; a part that fails is not a failure of the cell.
+    if options.serve || !cell.graph.leads() {
+        // Each client, or the host that leads, has its result; a part that fails is not a failure of the cell.
         return 0;
     }
     // Stopping an unbounded run is no failure, although it ends the last cycle.

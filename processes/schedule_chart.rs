@@ -226,7 +226,8 @@ fn end(bars: &[(f64, f64)]) -> f64 {
 
 /// Work of a cycle on the busiest core.
 fn busiest(schedule: &Schedule, durations: &[f64]) -> f64 {
-    let mut work = vec![0.0; schedule.cores];
+    // The link to other hosts stands behind the cores.
+    let mut work = vec![0.0; schedule.cores + 1];
     for activation in &schedule.activations {
         work[schedule.stages[activation.stage].core] += durations[activation.stage];
     }
@@ -268,6 +269,10 @@ fn letter(work: Work) -> char {
         Work::Fuse => 'F',
         Work::Inspect => 'I',
         Work::Store => 'S',
+        Work::Remote { .. } => 'R',
+        Work::Receive { .. } => 'C',
+        Work::HandOver => 'H',
+        Work::Deliver => 'D',
     }
 }
 
@@ -277,7 +282,7 @@ fn small(letter: char) -> char {
 }
 
 /// Kinds of work with their colours (Okabe and Ito: distinct for colour-blind readers).
-const COLOURS: [(&str, &str); 8] = [
+const COLOURS: [(&str, &str); 9] = [
     ("project", "#e69f00"),
     ("expose", "#56b4e9"),
     ("accumulate", "#009e73"),
@@ -286,6 +291,7 @@ const COLOURS: [(&str, &str); 8] = [
     ("fuse", "#d55e00"),
     ("inspect", "#cc79a7"),
     ("store", "#999999"),
+    ("other hosts", "#000000"),
 ];
 
 fn colour(work: Work) -> &'static str {
@@ -298,6 +304,7 @@ fn colour(work: Work) -> &'static str {
         Work::Fuse => 5,
         Work::Inspect => 6,
         Work::Store => 7,
+        Work::Remote { .. } | Work::Receive { .. } | Work::HandOver | Work::Deliver => 8,
     };
     COLOURS[place].1
 }

@@ -3,13 +3,14 @@
 use crate::demo;
 use crate::json;
 use crate::schedule_chart::ScheduleChart;
+use crate::schedule_hosts::hosts_table;
 use crate::schedule_json;
 use crate::schedule_memory::Memory;
 use crate::schedule_together;
 use crate::terminal;
 use anyhow::{Context, Result};
 use cell::configuration::TriggerMode;
-use cell::schedule::{Half, Schedule, label};
+use cell::schedule::{Half, Lane, Schedule, label};
 use cell::{Cell, Options};
 use files::atomic;
 use files::output_check::check_outputs;
@@ -25,6 +26,9 @@ pub struct ScheduleArgs {
     /// Write the schedule as a chart to this file.
     #[arg(long, value_name = "FILE.svg")]
     pub picture: Option<PathBuf>,
+    /// Plan the part of this host of a cell on several computers.
+    #[arg(long, value_name = "NAME")]
+    pub host: Option<String>,
     /// Take the durations of the chart from this result.json of the same cell.
     #[arg(long, value_name = "FILE")]
     pub result: Option<PathBuf>,
@@ -50,7 +54,7 @@ pub fn schedule(args: &ScheduleArgs) -> Result<u8> {
         terminal::print_note("schedule of the demo; name a configuration for another one");
         demo::write_files(bundled.insert(tempfile::tempdir()?).path(), false)?
     };
-    let cell = devices::load(&config, &Options::default())?;
+    let cell = devices::load(&config, &Options { host: args.host.clone(), ..Options::default() })?;
     devices::check(&cell)?;
     let mut inputs = cell.file.paths();
     inputs.extend(args.result.as_deref());
@@ -91,6 +95,7 @@ fn render(cell: &Cell) -> String {
         overlap(schedule)
     );
     text.push_str(&fired(cell));
+    text += &hosts_table(cell);
     text += &lights(cell);
     for lane in schedule.lanes() {
         let half = match lane.half {
@@ -100,8 +105,12 @@ fn render(cell: &Cell) -> String {
         };
         let _ = writeln!(
             text,
-            "\ncore {}{half}\n{:>5}  {:<20} {:<24} {:<18} after",
-            lane.core, "no.", "stage", "activation", "output"
+            "\n{}{half}\n{:>5}  {:<20} {:<24} {:<18} after",
+            lane_name(schedule, lane),
+            "no.",
+            "stage",
+            "activation",
+            "output"
         );
         for (number, activation) in schedule.on_lane(lane) {
             let after: Vec<String> = activation.inputs.iter().map(usize::to_string).collect();
@@ -134,6 +143,11 @@ fn render(cell: &Cell) -> String {
         );
     }
     text
+}
+
+/// A core, or the link that waits beside them.
+fn lane_name(schedule: &Schedule, lane: Lane) -> String {
+    if lane.core < schedule.cores { format!("core {}", lane.core) } else { "link to other hosts".to_owned() }
 }
 
 /// How long projectors take whose light comes in known periods.

@@ -1,5 +1,6 @@
 //! The schedule of a cell as JSON.
 
+use crate::schedule_hosts::{HostRow, host_rows};
 use crate::schedule_memory::Memory;
 use cell::Cell;
 use cell::schedule::{Activation, Half, Stage, Topic, label};
@@ -21,6 +22,8 @@ pub struct ScheduleReport<'a> {
     stages: Vec<StageRow<'a>>,
     activations: Vec<ActivationRow<'a>>,
     topics: Vec<TopicRow<'a>>,
+    /// The computers of the cell; empty: it runs on one.
+    hosts: Vec<HostRow>,
 }
 
 #[derive(Debug, Serialize)]
@@ -67,6 +70,7 @@ pub fn report(cell: &Cell, memory: Memory, within_limits: Option<bool>) -> Sched
         stages: schedule.stages.iter().map(stage_row).collect(),
         activations: schedule.activations.iter().map(|activation| activation_row(cell, activation)).collect(),
         topics: schedule.topics.iter().map(topic_row).collect(),
+        hosts: host_rows(cell),
     }
 }
 

@@ -21,7 +21,10 @@ impl Memory {
     /// # Errors
     /// A configuration that does not load.
     pub fn of(config: &Path, cell: &Cell) -> Result<Self> {
-        let with_out = devices::load(config, &Options { watch: true, ..Options::default() })?;
+        let host = cell.graph.here.map(|here| cell.graph.host_name(here).to_owned());
+        // A host that is led watches nothing.
+        let with_out =
+            devices::load(config, &Options { watch: cell.graph.leads(), host, ..Options::default() })?;
         let run_out_bytes = with_out.schedule.memory_bytes();
         Ok(Self { run_bytes: cell.schedule.memory_bytes(), run_out_bytes })
     }

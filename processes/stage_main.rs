@@ -1,7 +1,7 @@
 //! `fringecell stage`: the process of a stage.
 
 use crate::stage::{StageArgs, StageContext, Worker, check_files, serve};
-use crate::{capture, decode, fusion, inspection, matching, projection, record};
+use crate::{capture, decode, fusion, inspection, link, matching, projection, record};
 use anyhow::{Context, Result, ensure};
 use cell::schedule::{Half, Kind};
 use cell::{Cell, Options};
@@ -21,6 +21,7 @@ pub fn run(args: &StageArgs) -> Result<()> {
         watch: args.watch,
         record: args.record.is_some(),
         retention: args.retention,
+        host: args.host.clone(),
     };
     let cell = devices::load(&args.config, &options)?;
     check_files(&cell, &args.files)?;
@@ -49,9 +50,14 @@ fn end_at_panic() {
 fn pin(cell: &Cell, args: &StageArgs) -> Result<()> {
     let stage = cell.schedule.stages.iter().find(|s| s.name == args.name);
     match stage {
-        Some(stage) if cell.config.schedule.pin => os::pin(&[stage.core]).with_context(|| {
-            format!("schedule.pin: core {} cannot be used; check that the machine has this core", stage.core)
-        }),
+        // The link to other hosts has no core of its own.
+        Some(stage) if cell.config.schedule.pin && stage.kind != Kind::Link => os::pin(&[stage.core])
+            .with_context(|| {
+                format!(
+                    "schedule.pin: core {} cannot be used; check that the machine has this core",
+                    stage.core
+                )
+            }),
         _ => Ok(()),
     }
 }
@@ -91,5 +97,7 @@ fn worker(args: &StageArgs, context: &StageContext) -> Result<Box<dyn Worker>> {
         Kind::Fusion => Box::new(fusion::Fusion::new(context)?),
         Kind::Inspection => Box::new(inspection::Inspection::new(context)?),
         Kind::Record => Box::new(record::Record::new(args, context)?),
+        Kind::Link if context.cell.graph.leads() => Box::new(link::Receive::new(context)?),
+        Kind::Link => Box::new(link::Deliver::new(context)?),
     })
 }

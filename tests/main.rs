@@ -53,6 +53,7 @@
 //! - [`dirt`]: recordings with faulty or missing frames, and clean ones
 //! - [`explore`]: sequences found in recordings by others, and what is proposed of them
 //! - [`service`]: what a service manager hears, the unit, the Debian package
+//! - [`several_hosts`]: a cell on several computers gives the hashes of one, and every loss is an outcome
 //! - [`single_view`]: one camera and projector: unwrapping, filters, reference planes, a rotation stage
 //! - [`words`]: doc comments, help texts and option names in standard words; former option names
 //! - [`support`]: how the tests run programs and make small recordings
@@ -113,6 +114,7 @@ mod schema;
 mod schemas;
 mod screen;
 mod service;
+mod several_hosts;
 mod single_view;
 mod spc;
 mod storm;

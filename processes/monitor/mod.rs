@@ -15,7 +15,7 @@ mod view;
 
 use crate::stage::check_files;
 use anyhow::{Context, Result, bail, ensure};
-use cell::{Options, Retention};
+use cell::Options;
 use guard::Guard;
 use ipc::cell::CellName;
 use ipc::os;
@@ -36,6 +36,9 @@ pub struct MonitorArgs {
     /// Name of the cell.
     #[arg(long, value_name = "NAME")]
     cell: String,
+    /// The host of the cell that this computer is.
+    #[arg(long)]
+    host: Option<String>,
     /// Path of the configuration.
     #[arg(long)]
     config: PathBuf,
@@ -68,8 +71,7 @@ pub fn run(args: &MonitorArgs) -> Result<()> {
     ensure!(os::die_with_parent(args.parent)?, "the supervisor (pid {}) has ended", args.parent);
     // Cycles come first, whoever looks at them.
     let _refused = os::yield_to_others();
-    let options =
-        Options { cell: Some(args.cell.clone()), watch: false, record: false, retention: Retention::Hashes };
+    let options = Options { cell: Some(args.cell.clone()), host: args.host.clone(), ..Options::default() };
     let cell = devices::load(&args.config, &options)?;
     check_files(&cell, &args.files)?;
     let token = args.page_token.as_deref().map(read_token).transpose()?;
@@ -77,7 +79,7 @@ pub fn run(args: &MonitorArgs) -> Result<()> {
     listener.set_nonblocking(true)?;
     let updates = UnixStream::from(std::io::stdout().as_fd().try_clone_to_owned()?);
     let guard = Guard::new(token, &listener.local_addr()?);
-    let socket = CellName::new(&args.cell)?.socket();
+    let socket = CellName::new(&cell.name)?.socket();
     let model = Arc::new(Model::new(cell, args, socket, updates.try_clone()?));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {

@@ -43,6 +43,9 @@ pub struct StageArgs {
     /// Path of the configuration.
     #[arg(long)]
     pub config: PathBuf,
+    /// The host of the cell that this computer is.
+    #[arg(long)]
+    pub host: Option<String>,
     /// Hashes of all files that the supervisor read; the stage must read the same.
     #[arg(long, value_delimiter = ',')]
     pub files: Vec<String>,

@@ -85,7 +85,7 @@ impl StageContext {
             .iter()
             .position(|s| s.kind == args.kind && s.name == args.name)
             .ok_or_else(|| anyhow!("the schedule has no stage \"{}\"", args.name))?;
-        let name = CellName::new(&args.cell)?;
+        let name = CellName::new(&cell.name)?;
         let node = Node::join(&name, &args.name)?;
         let listener = node.listener(&args.name)?;
         let control = node.subscriber("control")?;
@@ -309,6 +309,14 @@ impl StageContext {
     /// Reports that this stage is ready; `answer` is the number of the connect command, 0 after the start.
     pub fn ready(&self, answer: u64) -> Result<(), IpcError> {
         self.events.send(Event { cycle: answer, ..self.event(EventKind::Ready, 0) }, &[])?;
+        self.supervisor.notify();
+        Ok(())
+    }
+
+    /// Tells the supervisor what the host that leads wants.
+    pub fn announce(&self, kind: EventKind, cycle: u64, text: &str) -> Result<(), IpcError> {
+        let text = shorten(text, MAX_TEXT_BYTES);
+        self.events.send(Event { cycle, ..self.event(kind, text.len()) }, text.as_bytes())?;
         self.supervisor.notify();
         Ok(())
     }

@@ -68,7 +68,10 @@ pub fn serve(context: &mut StageContext, worker: &mut dyn Worker) -> Result<()> 
                 let stepped = worker.step(context);
                 settle(context, worker, stepped)?
             }
-            None => false,
+            None => {
+                let idled = worker.idle(context);
+                settle(context, worker, idled.map(|()| false))?
+            }
         };
         if !progress {
             let until_due = worker.due_ns().map(|due| Duration::from_nanos(due.saturating_sub(os::now_ns())));

@@ -15,6 +15,11 @@ pub trait Worker {
     /// Handles one message or one activation; `false` if there is nothing to do.
     fn step(&mut self, context: &mut StageContext) -> Result<bool, Fault>;
 
+    /// Is called between cycles, at the times of [`Self::due_ns`] and with every notification.
+    fn idle(&mut self, _context: &mut StageContext) -> Result<(), Fault> {
+        Ok(())
+    }
+
     /// Drops the aborted cycle.
     fn forget(&mut self);
 

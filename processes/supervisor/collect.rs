@@ -61,7 +61,9 @@ impl Collector {
 
     /// Refuses a result whose hash differs from the one that the inspection reported.
     pub fn check_result(&self, schedule: &Schedule) -> Result<(), String> {
-        let reported = schedule.find(Work::Inspect).and_then(|number| self.done.get(&number));
+        // A host that is led inspects nothing, and delivers its clouds.
+        let last = schedule.find(Work::Inspect).or_else(|| schedule.find(Work::Deliver));
+        let reported = last.and_then(|number| self.done.get(&number));
         let reported = reported.map(|(event, _)| [event.hash_high, event.hash_low]);
         let came = self.inspected.as_ref().map(|j| [(j.hash >> 64) as u64, j.hash as u64]);
         if reported.is_some() && reported == came {

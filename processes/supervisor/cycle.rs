@@ -68,6 +68,11 @@ pub enum Input {
     },
     /// One more cycle is requested; only for a machine that is [`Cycles::open`].
     Request,
+    /// A cycle with this number is requested, which is no lower than that of the next one; those between are left out.
+    RequestNumber {
+        /// Cycle, counted from 0.
+        cycle: u64,
+    },
     /// Ends the cycles in progress, or else the one that waits for its stages; the machine continues.
     Abort {
         /// The reason, for the outcomes of the cycles.
@@ -219,6 +224,13 @@ impl Cycles {
             }
             Input::InvalidMessage { reason } => self.end_all(&reason, &mut actions),
             Input::Request => self.requested = self.requested.map(|n| n + 1),
+            Input::RequestNumber { cycle } => {
+                // One that has its outcome already is not run again.
+                if cycle >= self.next {
+                    self.next = cycle;
+                    self.requested = Some(cycle + 1);
+                }
+            }
             Input::Abort { reason } => self.abort(&reason, &mut actions),
             Input::Tick => self.check_limits(now_ns, &mut actions),
             Input::Stop { reason } => self.stop(&reason, &mut actions),

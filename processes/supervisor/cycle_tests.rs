@@ -271,3 +271,24 @@ proptest! {
         prop_assert!(machine.is_finished());
     }
 }
+
+/// Proves: a host that is led runs the cycles of the numbers that are asked for, none twice, and may leave some out.
+#[test]
+fn cycles_that_are_asked_for_by_number_run_once_under_that_number() {
+    let mut machine = machine(None).open();
+    assert_eq!(ready(&mut machine, 0), []);
+    let asked: Vec<_> = machine.handle(1, Input::RequestNumber { cycle: 4 }).into();
+    assert_eq!(asked, [Action::Start(4), Action::Evaluate(4)]);
+    assert_eq!(machine.handle(2, Input::RequestNumber { cycle: 4 }), [], "it runs already");
+    let ended: Vec<_> = machine.handle(3, Input::Abort { reason: "no longer wanted".into() }).into();
+    assert!(outcome(&ended).is_some_and(|result| result.is_err()));
+    assert_eq!(machine.handle(4, Input::RequestNumber { cycle: 4 }), [], "it has its outcome");
+    assert_eq!(machine.handle(4, Input::RequestNumber { cycle: 2 }), [], "nor an older one");
+    machine.handle(5, Input::Unready { stage: 1 });
+    assert_eq!(machine.handle(6, Input::RequestNumber { cycle: 5 }), []);
+    let ended: Vec<_> = machine.handle(7, Input::Abort { reason: "no longer wanted".into() }).into();
+    assert_eq!(ended.len(), 1, "one that waits for its stages ends before its start: {ended:?}");
+    machine.handle(8, Input::Ready { stage: 1 });
+    let asked: Vec<_> = machine.handle(9, Input::RequestNumber { cycle: 6 }).into();
+    assert_eq!(asked, [Action::Start(6), Action::Evaluate(6)]);
+}

@@ -11,6 +11,7 @@ mod cycle_recorder;
 pub mod history;
 mod in_flight;
 mod job_controller;
+mod led;
 mod lifecycle;
 mod metrics;
 mod monitor;

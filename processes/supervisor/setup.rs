@@ -74,7 +74,8 @@ pub(super) fn machine(cell: &Cell, options: &RunOptions) -> Cycles {
         Budgets { stage_ns: ns_of_ms(limits.stage_budget_ms), cycle_ns: ns_of_ms(limits.cycle_deadline_ms) };
     let names = cell.schedule.stages.iter().map(|s| s.name.clone()).collect();
     let cycles = Cycles::new(names, steps.collect(), budgets, cell.schedule.in_flight, options.cycles);
-    if options.serve { cycles.open() } else { cycles }
+    // A host that is led gets its cycles from the one that leads.
+    if options.serve || !cell.graph.leads() { cycles.open() } else { cycles }
 }
 
 /// The stage processes, not started yet.
@@ -85,7 +86,7 @@ pub(super) fn stages(cell: &LoadedCell, options: &RunOptions) -> Vec<StageProces
         // Stages that run alone get all cores, stages that run in parallel one each.
         let threads = match stage.kind {
             Kind::Matching | Kind::Fusion | Kind::Inspection => cell.schedule.cores,
-            Kind::Projection | Kind::Capture | Kind::Decode | Kind::Record => 1,
+            Kind::Projection | Kind::Capture | Kind::Decode | Kind::Record | Kind::Link => 1,
         };
         StageProcess::new(&stage.name, arguments(cell, options, stage), threads, policy)
     });
@@ -115,12 +116,13 @@ pub(super) fn monitor_arguments(cell: &LoadedCell, options: &RunOptions, page: &
 /// Arguments of every process of the cell: which cell, which files, which supervisor.
 fn common_arguments(cell: &LoadedCell, options: &RunOptions) -> Vec<String> {
     let values = [
-        ("--cell", cell.name.clone()),
+        ("--cell", cell.shared_name.clone()),
         ("--config", options.config.display().to_string()),
         ("--files", short_hashes(&cell.file.read_files()).join(",")),
         ("--parent", std::process::id().to_string()),
     ];
-    values.into_iter().flat_map(|(name, value)| [name.to_owned(), value]).collect()
+    let host = cell.graph.here.map(|here| ("--host", cell.graph.host_name(here).to_owned()));
+    values.into_iter().chain(host).flat_map(|(name, value)| [name.to_owned(), value]).collect()
 }
 
 fn arguments(cell: &LoadedCell, options: &RunOptions, stage: &Stage) -> Vec<String> {

@@ -66,7 +66,9 @@ impl Snapshot {
     /// Opens the subscribers of all topics that are shown.
     pub fn new(node: &Node, cell: &Cell) -> Result<Self> {
         let names = |prefix: &str| -> Vec<String> {
-            cell.graph.cameras.iter().map(|c| format!("{prefix}/{}", c.name)).collect()
+            let here =
+                cell.graph.cameras.iter().enumerate().filter(|(number, _)| cell.graph.has_camera(*number));
+            here.map(|(_, c)| format!("{prefix}/{}", c.name)).collect()
         };
         let image_frames = cell.config.projectors.iter().map(|p| image_frame(&p.sequence));
         Ok(Self {

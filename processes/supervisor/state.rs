@@ -154,10 +154,7 @@ impl<'a> Supervisor<'a> {
                 options.serve,
             ),
             profile: Profile::new(&names, setup::ns_of_ms(cell.config.limits.cycle_deadline_ms))?,
-            cameras: Cameras::new(
-                cell.graph.cameras.iter().map(|camera| camera.name.clone()).collect(),
-                cell.config.warm_up,
-            ),
+            cameras: Cameras::new(Self::cameras_here(cell), cell.config.warm_up),
             unrecorded: None,
             ports: Ports::new(services, node, lock),
             cell,
@@ -231,7 +228,8 @@ impl<'a> Supervisor<'a> {
         tracing::info!(cycle, outcome = result.outcome, verdict = ?result.verdict, duration_ns, "cycle ended");
         result.duration_ns = duration_ns;
         let recipe = self.cell.config.recipes.get(self.jobs.recipe());
-        let plan = recipe.and_then(|recipe| recipe.plan.as_ref());
+        // A host that is led inspects nothing.
+        let plan = recipe.and_then(|recipe| recipe.plan.as_ref()).filter(|_| self.cell.graph.leads());
         result.plan_sha256 = recipe.and_then(|recipe| recipe.plan_sha256.clone());
         self.jobs.annotate(&mut result);
         if let Some(duration_ns) = duration_ns {
@@ -341,6 +339,9 @@ impl<'a> Supervisor<'a> {
             }
             EventKind::Ready if event.cycle == self.epoch => self.answered(stage, each),
             EventKind::Ready => Ok(()),
+            kind @ (EventKind::Request | EventKind::Withdraw | EventKind::Renew) => {
+                self.led(kind, event, text, each)
+            }
             EventKind::Part => Ok(child.report.push(TextKey::of(&event), text)?),
             EventKind::Failed => {
                 if let Some(cycle) = unwire(event.cycle) {

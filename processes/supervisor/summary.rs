@@ -20,6 +20,8 @@ pub struct Tally {
     pub not_run: u64,
     /// Whether an operator stopped the run.
     pub stopped: bool,
+    /// Whether the run is to begin anew: the host that leads was started again.
+    pub renew: bool,
     /// Why the cell gave up, if it did.
     pub gave_up: Option<String>,
     /// The last cycle that is not ok, and the reason.

@@ -10,8 +10,10 @@ use crate::schedule::Schedule;
 /// A configuration with everything that follows from it.
 #[derive(Debug, Clone)]
 pub struct Cell {
-    /// Name, which an option may have replaced.
+    /// Name, which an option may have replaced; on a host of several, with its name behind it.
     pub name: String,
+    /// Name without that of the host: the same on all hosts.
+    pub shared_name: String,
     /// What the cell is.
     pub config: Configuration,
     /// What the schedule was made from.
@@ -34,8 +36,12 @@ impl Cell {
     ) -> Result<Self, ScheduleError> {
         let graph = Graph::new(&config, options)?;
         let schedule = Schedule::new(&graph)?;
-        let name = options.cell.clone().unwrap_or_else(|| config.name.clone());
-        Ok(Self { name, config, graph, schedule, formats })
+        let shared_name = options.cell.clone().unwrap_or_else(|| config.name.clone());
+        let name = match &options.host {
+            Some(host) => format!("{shared_name}-{host}"),
+            None => shared_name.clone(),
+        };
+        Ok(Self { name, shared_name, config, graph, schedule, formats })
     }
 
     /// How the frames of a camera under a projector lie in memory.

@@ -43,6 +43,19 @@ pub struct Configuration {
     pub rate_hz: Option<f64>,
     /// When the cameras count as warm; absent: always.
     pub warm_up: Option<WarmUp>,
+    /// The computers of a cell that can run on several, at least two; none: it runs on one.
+    pub hosts: Vec<HostConfig>,
+}
+
+/// A computer of a cell that runs on several.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct HostConfig {
+    /// Unique among the hosts of the cell.
+    pub name: String,
+    /// Names of the pairs whose cameras and projectors are connected to it.
+    pub pairs: Vec<String>,
+    /// Where the host that leads waits for the others; exactly one host has it.
+    pub listen: Option<SocketAddr>,
 }
 
 /// When the temperature of the cameras has settled: before that no cycle is ok.
@@ -337,6 +350,8 @@ pub struct Limits {
     pub restarts_max: u32,
     /// The window, ms. Default 60 000.
     pub restart_window_ms: u64,
+    /// A host of the cell that is silent for this long is lost, ms. Default 1000.
+    pub silence_ms: u64,
 }
 
 /// Cores, pinning and cycles in flight.

@@ -129,6 +129,14 @@ pub enum ScheduleError {
         /// Time of the cycle.
         deadline_ms: u64,
     },
+    /// A host that the cell does not have.
+    #[error("the cell has no host \"{host}\"; its [[host]] tables name: {known}")]
+    NoHost {
+        /// Name that was asked for.
+        host: String,
+        /// Names of the hosts.
+        known: String,
+    },
     /// Sizes that no memory holds.
     #[error("topic \"{topic}\" would need messages of {bytes} bytes, the limit is {limit}")]
     TooLarge {

@@ -2,6 +2,8 @@
 
 use crate::configuration::{CameraConfig, Configuration, ProjectorConfig, TriggerMode};
 use crate::error::ScheduleError;
+pub use crate::hosts::HostNode;
+use crate::hosts::hosts;
 use crate::options::Options;
 use crate::retention::Retention;
 use crate::together::frames_of;
@@ -34,13 +36,17 @@ pub struct Graph {
     pub rate_hz: Option<f64>,
     /// Longest duration of a cycle, ms.
     pub cycle_deadline_ms: u64,
+    /// The computers of the cell, in the order of the configuration; none: it runs on one.
+    pub hosts: Vec<HostNode>,
+    /// Index of the host that this computer is; absent: it runs the whole cell.
+    pub here: Option<usize>,
 }
 
 impl Graph {
     /// The graph of a configuration.
     ///
     /// # Errors
-    /// A camera or projector that a pair names and the cell lacks, with both names.
+    /// A camera or projector that a pair names and the cell lacks, with both names; a host that the cell does not have.
     pub fn new(config: &Configuration, options: &Options) -> Result<Self, ScheduleError> {
         let camera = |name: &str| config.cameras.iter().position(|c| c.name == name);
         let projectors = config.projectors.iter().map(|p| ProjectorNode {
@@ -77,7 +83,10 @@ impl Graph {
             Retention::Hashes => config.schedule.cycles_in_flight as usize,
             Retention::Frames | Retention::All => 1,
         };
+        let (hosts, here) = hosts(config, options.host.as_deref())?;
         Ok(Self {
+            hosts,
+            here,
             cameras: config.cameras.iter().map(node).collect(),
             projectors: projectors.collect(),
             groups: all_groups(config),

@@ -13,4 +13,6 @@ pub struct Options {
     pub record: bool,
     /// Which bytes a cycle record keeps.
     pub retention: Retention,
+    /// The host that this computer is; absent: it runs the whole cell.
+    pub host: Option<String>,
 }

@@ -33,12 +33,44 @@ pub fn camera(cell: &LoadedCell, camera: usize) -> Result<Box<dyn Camera>, Devic
     })
 }
 
-/// The projectors of the cell.
+/// The projectors of the cell, of several hosts those of this one.
 ///
 /// # Errors
 /// A projector that cannot be reached.
 pub fn projector(cell: &LoadedCell) -> Result<Box<dyn Projector>, DeviceError> {
-    let projectors = &cell.config.projectors;
+    let all = &cell.config.projectors;
+    let here: Vec<usize> = (0..all.len()).filter(|&number| cell.graph.has_projector(number)).collect();
+    if here.len() == all.len() {
+        return opened(cell, all);
+    }
+    let projectors: Vec<ProjectorConfig> = here.iter().map(|&number| all[number].clone()).collect();
+    Ok(Box::new(OfThisHost { projectors: opened(cell, &projectors)?, here }))
+}
+
+/// The projectors of one host, under their numbers in the cell.
+struct OfThisHost {
+    projectors: Box<dyn Projector>,
+    /// Number in the cell of each.
+    here: Vec<usize>,
+}
+
+impl Projector for OfThisHost {
+    fn begin(&mut self, cycle: u64, now_ns: u64) -> Result<(), DeviceError> {
+        self.projectors.begin(cycle, now_ns)
+    }
+
+    fn due_ns(&self) -> Option<u64> {
+        self.projectors.due_ns()
+    }
+
+    fn show(&mut self, projector: usize, frame: usize, now_ns: u64) -> Result<(), DeviceError> {
+        let place = self.here.iter().position(|&number| number == projector);
+        let place = place.ok_or(DeviceError::Missing("projector of this host"))?;
+        self.projectors.show(place, frame, now_ns)
+    }
+}
+
+fn opened(cell: &LoadedCell, projectors: &[ProjectorConfig]) -> Result<Box<dyn Projector>, DeviceError> {
     if let Some(address) = projectors.iter().find_map(|p| p.address) {
         let light = |p: &ProjectorConfig| network_projector::Light {
             name: p.name.clone(),
@@ -62,7 +94,9 @@ pub fn projector(cell: &LoadedCell) -> Result<Box<dyn Projector>, DeviceError> {
 /// # Errors
 /// A frame that cannot be read.
 pub fn played_files(cell: &LoadedCell) -> Result<Vec<(String, String)>, DeviceError> {
-    let played = cell.config.cameras.iter().enumerate().filter(|(_, c)| c.driver == Driver::Recording);
+    // The frames of other hosts are not here.
+    let here = cell.config.cameras.iter().enumerate().filter(|(number, _)| cell.graph.has_camera(*number));
+    let played = here.filter(|(_, c)| c.driver == Driver::Recording);
     played
         .map(|(number, c)| Ok((c.name.clone(), recording::RecordedCamera::new(cell, number)?.content())))
         .collect()

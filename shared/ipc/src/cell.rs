@@ -236,7 +236,7 @@ fn new_run_prefix(name: &CellName) -> Result<String, IpcError> {
     Err(IpcError::Untrusted { path: PathBuf::from(format!("{SHARED_MEMORY}/{}", name.prefix())), reason })
 }
 
-fn random() -> Result<u64, IpcError> {
+pub(crate) fn random() -> Result<u64, IpcError> {
     let path = Path::new("/dev/urandom");
     let mut bytes = [0; 8];
     File::open(path)

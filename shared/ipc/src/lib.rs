@@ -4,6 +4,7 @@
 //! - [`header`]: the header in front of each payload.
 //! - [`payload`]: typed views of payload bytes, after a check that header and payload agree.
 //! - [`output_hash`]: the hash of a frame, phase map, cloud or result.
+//! - [`link`]: messages to the other hosts of a cell, over iceoryx2's link; only with the feature `hosts`.
 //! - [`cell`]: the runtime folder of a cell: its lock, its files, its part of `/dev/shm`.
 //! - [`sequence`]: the order of the activations on each core.
 //! - [`os`]: system calls that the standard library does not offer.
@@ -17,6 +18,7 @@
 pub mod cell;
 pub mod error;
 pub mod header;
+pub mod link;
 pub mod long_text;
 pub mod os;
 mod output_hash;

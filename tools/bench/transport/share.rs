@@ -215,6 +215,7 @@ impl<'a> Done<'a> {
             Work::Fuse => "fuse",
             Work::Inspect => "inspect",
             Work::Store => "store",
+            Work::Remote { .. } | Work::Receive { .. } | Work::HandOver | Work::Deliver => "other hosts",
         }
     }
 }

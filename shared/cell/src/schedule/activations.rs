@@ -11,13 +11,20 @@ pub(super) fn stages(graph: &Graph) -> Vec<Stage> {
         name: of.map_or_else(|| kind.word().to_owned(), |of| format!("{}/{of}", kind.word())),
         core: core % graph.cores,
     };
+    let cameras = || graph.cameras.iter().enumerate().filter(|(i, _)| graph.has_camera(*i));
+    let pairs = graph.pairs.iter().enumerate().filter(|(i, _)| graph.has_pair(*i));
     let mut stages = vec![stage(Kind::Projection, 0, None, 0)];
     for kind in [Kind::Capture, Kind::Decode] {
-        stages.extend(graph.cameras.iter().enumerate().map(|(i, c)| stage(kind, i, Some(&c.name), i)));
+        stages.extend(cameras().map(|(i, c)| stage(kind, i, Some(&c.name), i)));
     }
-    stages.extend(graph.pairs.iter().enumerate().map(|(i, p)| stage(Kind::Matching, i, Some(&p.name), i)));
-    stages.push(stage(Kind::Fusion, 0, None, 0));
-    stages.push(stage(Kind::Inspection, 0, None, 0));
+    stages.extend(pairs.map(|(i, p)| stage(Kind::Matching, i, Some(&p.name), i)));
+    if graph.leads() {
+        stages.push(stage(Kind::Fusion, 0, None, 0));
+        stages.push(stage(Kind::Inspection, 0, None, 0));
+    }
+    if graph.here.is_some() {
+        stages.push(Stage { core: graph.cores, ..stage(Kind::Link, 0, None, 0) });
+    }
     if graph.record {
         stages.push(stage(Kind::Record, 0, None, 1));
     }
@@ -44,7 +51,8 @@ impl Planner<'_> {
         let graph = self.graph;
         for group in &graph.groups {
             let frames = |projector: usize| graph.projectors[projector].frames;
-            let frames: Vec<(usize, usize)> = group.iter().map(|p| (*p, frames(*p))).collect();
+            let here = group.iter().filter(|&&projector| graph.has_projector(projector));
+            let frames: Vec<(usize, usize)> = here.map(|p| (*p, frames(*p))).collect();
             // The last exposures of each projector of the group, by its place in it.
             let mut exposed: Vec<Vec<usize>> = vec![Vec::new(); group.len()];
             for frame in 0..frames.iter().map(|(_, frames)| *frames).max().unwrap_or(0) {
@@ -65,14 +73,39 @@ impl Planner<'_> {
                 clouds.extend(self.evaluate(*p, &sums));
             }
         }
-        let fused = self.add(Kind::Fusion, 0, Work::Fuse, clouds, "cloud/fused");
-        self.add(Kind::Inspection, 0, Work::Inspect, vec![fused], "result");
+        if self.graph.leads() {
+            clouds.extend(self.remote(before));
+            let fused = self.add(Kind::Fusion, 0, Work::Fuse, clouds, "cloud/fused");
+            self.add(Kind::Inspection, 0, Work::Inspect, vec![fused], "result");
+        } else {
+            self.add(Kind::Link, 0, Work::HandOver, before.unwrap_or_default(), "");
+            self.add(Kind::Link, 0, Work::Deliver, clouds, "result");
+        }
         if self.graph.record {
             let exposed = |a: &Activation| matches!(a.work, Work::Expose { .. });
             let frames = (0..self.activations.len()).filter(|&i| exposed(&self.activations[i])).collect();
             self.add(Kind::Record, 0, Work::Store, frames, "");
         }
         self.activations
+    }
+
+    /// The other hosts take their frames one after another, because their light may meet; then their clouds come.
+    fn remote(&mut self, mut before: Option<Vec<usize>>) -> Vec<usize> {
+        let graph = self.graph;
+        let mut measured = Vec::new();
+        for host in graph.led() {
+            let taken = self.add(Kind::Link, 0, Work::Remote { host }, before.unwrap_or_default(), "");
+            measured.push((host, taken));
+            before = Some(vec![taken]);
+        }
+        let mut clouds = Vec::new();
+        for (host, taken) in measured {
+            for &pair in &graph.hosts[host].pairs {
+                let topic = format!("cloud/{}", graph.pairs[pair].name);
+                clouds.push(self.add(Kind::Link, 0, Work::Receive { pair }, vec![taken], &topic));
+            }
+        }
+        clouds
     }
 
     /// The patterns of a group stand until all its cameras have exposed; the next ones wait for that.

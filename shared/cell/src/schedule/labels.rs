@@ -12,10 +12,15 @@ pub fn output(graph: &Graph, work: Work) -> Option<String> {
             let axis = if axis == Axis::X { "x" } else { "y" };
             Some(format!("phase/{}/{}/{axis}", graph.cameras[camera].name, graph.projectors[projector].name))
         }
-        Work::Match { pair } => Some(format!("cloud/{}", graph.pairs[pair].name)),
+        Work::Match { pair } | Work::Receive { pair } => Some(format!("cloud/{}", graph.pairs[pair].name)),
         Work::Fuse => Some("cloud/fused".to_owned()),
         Work::Inspect => Some("result".to_owned()),
-        Work::Project { .. } | Work::Accumulate { .. } | Work::Store => None,
+        Work::Project { .. }
+        | Work::Accumulate { .. }
+        | Work::Store
+        | Work::Remote { .. }
+        | Work::HandOver
+        | Work::Deliver => None,
     }
 }
 
@@ -38,5 +43,9 @@ pub fn label(graph: &Graph, work: Work) -> String {
         Work::Fuse => "fuse".to_owned(),
         Work::Inspect => "inspect".to_owned(),
         Work::Store => "store".to_owned(),
+        Work::Remote { host } => format!("frames of {}", graph.host_name(host)),
+        Work::Receive { pair } => format!("receive {}", graph.pairs[pair].name),
+        Work::HandOver => "hand over the light".to_owned(),
+        Work::Deliver => "deliver".to_owned(),
     }
 }

@@ -22,6 +22,9 @@ use crate::graph::Graph;
 /// Shared memory that a service takes beside its messages, bytes: its lists of processes and ports, its file, its connections.
 const SERVICE_BYTES: u64 = 448 << 10;
 
+/// Shared memory of the link to another host, bytes: both directions with their waiting messages.
+const LINK_BYTES: u64 = 40 << 20;
+
 /// Shared memory of a message beside its payload, bytes: header and alignment.
 const SLOT_BYTES: u64 = 512;
 
@@ -38,13 +41,15 @@ pub struct Schedule {
     pub cores: usize,
     /// Cycles that may be under way at once: while one is evaluated the next ones are acquired.
     pub in_flight: usize,
+    /// Hosts that a stage speaks with: it waits for them in a lane of its own, after those of the cores.
+    pub links: usize,
 }
 
 /// Work of one core that is done one after another. With one cycle in flight a core has one lane; with several it has one
 /// for each half of the cycle, so that the evaluation of a cycle and the acquisition of the next share the core.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Lane {
-    /// Number of the core, from 0.
+    /// Number of the core, from 0; one more than the last core: the link to other hosts, which waits and hardly computes.
     pub core: usize,
     /// The half of the cycle; absent: all of it.
     pub half: Option<Half>,
@@ -77,7 +82,8 @@ impl Schedule {
             });
         }
         let activations = activations::activations(graph, &stages, &topics);
-        Ok(Self { stages, activations, topics, cores: graph.cores, in_flight: graph.in_flight })
+        let links = if graph.leads() { graph.led().len() } else { 1 };
+        Ok(Self { stages, activations, topics, cores: graph.cores, in_flight: graph.in_flight, links })
     }
 
     /// Number of an activation.
@@ -96,7 +102,9 @@ impl Schedule {
             1 => &[None],
             _ => &[Some(Half::Acquisition), Some(Half::Evaluation)],
         };
-        (0..self.cores).flat_map(|core| halves.iter().map(move |&half| Lane { core, half })).collect()
+        (0..self.cores + usize::from(self.links > 0))
+            .flat_map(|core| halves.iter().map(move |&half| Lane { core, half }))
+            .collect()
     }
 
     /// The activations of a lane, in their order.
@@ -115,6 +123,7 @@ impl Schedule {
         let services = (self.topics.len() + self.stages.len() + 1) as u64;
         let slots: u64 = self.topics.iter().map(Topic::slots).fold(0, u64::saturating_add);
         let beside = (services * SERVICE_BYTES).saturating_add(slots.saturating_mul(SLOT_BYTES));
+        let beside = beside.saturating_add(self.links as u64 * LINK_BYTES);
         self.topics.iter().map(Topic::memory_bytes).fold(beside, u64::saturating_add)
     }
 }

@@ -23,6 +23,8 @@ pub enum Kind {
     Inspection,
     /// Writes the frames as a recording.
     Record,
+    /// Speaks with the other hosts of the cell.
+    Link,
 }
 
 /// The two halves of a cycle. Each stage belongs to one, so that the stages of one half can be a cycle ahead of the others.
@@ -45,7 +47,7 @@ impl FromStr for Kind {
 
 impl Kind {
     /// All kinds, in the order of the flow.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Projection,
         Self::Capture,
         Self::Decode,
@@ -53,12 +55,13 @@ impl Kind {
         Self::Fusion,
         Self::Inspection,
         Self::Record,
+        Self::Link,
     ];
 
     /// The half of the cycle that it works in.
     pub fn half(self) -> Half {
         match self {
-            Self::Projection | Self::Capture | Self::Decode | Self::Record => Half::Acquisition,
+            Self::Projection | Self::Capture | Self::Decode | Self::Record | Self::Link => Half::Acquisition,
             Self::Matching | Self::Fusion | Self::Inspection => Half::Evaluation,
         }
     }
@@ -73,6 +76,7 @@ impl Kind {
             Self::Fusion => "fusion",
             Self::Inspection => "inspection",
             Self::Record => "record",
+            Self::Link => "link",
         }
     }
 }
@@ -138,6 +142,20 @@ pub enum Work {
     Inspect,
     /// Write all frames of a cycle.
     Store,
+    /// On the host that leads: let another host take its frames, and wait until its light is off.
+    Remote {
+        /// Index of the host.
+        host: usize,
+    },
+    /// On the host that leads: take the cloud of another host's pair.
+    Receive {
+        /// Index of the pair.
+        pair: usize,
+    },
+    /// On a host that is led: the light of this host is off; the next host may take its frames.
+    HandOver,
+    /// On a host that is led: the host that leads has all clouds of this one.
+    Deliver,
 }
 
 /// One piece of work with its place.

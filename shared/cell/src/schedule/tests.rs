@@ -34,6 +34,8 @@ pub fn demo() -> Graph {
         retention: Retention::Hashes,
         rate_hz: None,
         cycle_deadline_ms: 1000,
+        hosts: Vec::new(),
+        here: None,
     }
 }
 
@@ -231,4 +233,80 @@ fn graphs_that_cannot_run_are_refused_with_both_ends() {
     graph.cameras[0].width_px = 65_535;
     graph.cameras[0].height_px = 65_535;
     assert!(matches!(Schedule::new(&graph), Err(ScheduleError::TooLarge { .. })));
+}
+
+/// The demo in small on two hosts, the first of which leads, seen from one of them.
+fn on_host(here: usize) -> Graph {
+    let host = |name: &str, pair: usize, leads: bool| crate::graph::HostNode {
+        name: name.into(),
+        pairs: vec![pair],
+        leads,
+    };
+    Graph { hosts: vec![host("left", 0, true), host("right", 1, false)], here: Some(here), ..demo() }
+}
+
+#[test]
+fn each_host_plans_its_part_under_the_numbers_of_the_whole() {
+    let whole = Schedule::new(&demo()).unwrap();
+    let [left, right] = [0, 1].map(|here| Schedule::new(&on_host(here)).unwrap());
+    let works = |schedule: &Schedule| schedule.activations.iter().map(|a| a.work).collect::<Vec<_>>();
+    for work in works(&whole) {
+        let [here, there] = [left.find(work), right.find(work)].map(|found| found.is_some());
+        assert!(here != there, "{work:?} is done on one of the hosts");
+    }
+    let remote = left.find(Work::Remote { host: 1 }).unwrap();
+    let shown: Vec<Work> =
+        left.activations[remote].inputs.iter().map(|&i| left.activations[i].work).collect();
+    assert!(
+        shown.iter().all(|work| matches!(work, Work::Expose { projector: 0, frame: 4, .. })),
+        "{shown:?}"
+    );
+    let received = left.find(Work::Receive { pair: 1 }).unwrap();
+    let fused = &left.activations[left.find(Work::Fuse).unwrap()];
+    assert!(fused.inputs.contains(&received) && left.activations[received].inputs == [remote]);
+    assert_eq!(works(&right).last(), Some(&Work::Deliver));
+    assert_eq!(left.topic("cloud/pair2").unwrap().producers, ["link"]);
+    assert_eq!(right.topic("cloud/pair2").unwrap().consumers, ["link"]);
+    assert!(right.topic("cloud/fused").is_none() && left.topic("frame/cam3").is_none());
+    assert!(
+        right
+            .find(Work::HandOver)
+            .is_some_and(|handed| handed < right.find(Work::Match { pair: 1 }).unwrap() + 2)
+    );
+    for schedule in [&left, &right] {
+        assert_eq!(schedule.lanes().len(), schedule.cores + 1, "waiting for others takes no core's turn");
+        // One after another is one way to keep the order on every core.
+        let interval = |activation: usize| {
+            let start_ns = 10 * activation as u64;
+            Interval { activation, start_ns, end_ns: start_ns + 5 }
+        };
+        let kept: Vec<Interval> = (0..schedule.activations.len()).map(interval).collect();
+        assert_eq!(violation(schedule, &Order::new(schedule), &kept), None);
+        let link = schedule.stages.iter().position(|stage| stage.kind == Kind::Link).unwrap();
+        let on_link = schedule.on_lane(schedule.lanes()[schedule.cores]);
+        assert!(on_link.map(|(_, activation)| activation.stage).all(|stage| stage == link));
+    }
+}
+
+#[test]
+fn hosts_take_their_frames_one_after_another() {
+    let mut graph = on_host(0);
+    let third = CameraNode { name: "cam5".into(), width_px: 160, height_px: 120 };
+    graph.cameras.extend([third.clone(), CameraNode { name: "cam6".into(), ..third }]);
+    graph.projectors.push(ProjectorNode {
+        name: "proj3".into(),
+        cameras: vec![4, 5],
+        ..graph.projectors[0].clone()
+    });
+    graph.groups.push(vec![2]);
+    graph.pairs.push(PairNode { name: "pair3".into(), left: 4, right: Right::Camera(5), projector: 2 });
+    graph.hosts.push(crate::graph::HostNode { name: "back".into(), pairs: vec![2], leads: false });
+    let schedule = Schedule::new(&graph).unwrap();
+    let [second, third] = [1, 2].map(|host| schedule.find(Work::Remote { host }).unwrap());
+    assert_eq!(schedule.activations[third].inputs, [second]);
+    assert_eq!(schedule.links, 2);
+    assert!(
+        schedule.find(Work::Receive { pair: 1 }).unwrap() > third,
+        "clouds come while others take frames"
+    );
 }

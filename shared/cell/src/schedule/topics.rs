@@ -32,34 +32,25 @@ pub(super) fn topics(graph: &Graph, stages: &[Stage]) -> Vec<Topic> {
     let captures = |projector: &ProjectorNode| -> Vec<String> {
         projector.cameras.iter().map(|&c| format!("capture/{}", graph.cameras[c].name)).collect()
     };
-    for projector in &graph.projectors {
+    let projectors = graph.projectors.iter().enumerate().filter(|(p, _)| graph.has_projector(*p));
+    let here: Vec<usize> = (0..graph.cameras.len()).filter(|&camera| graph.has_camera(camera)).collect();
+    for (_, projector) in projectors {
         let name = format!("trigger/{}", projector.name);
         topics.push(topic(&name, Carries::Trigger, vec!["projection".into()], captures(projector), 4, 1));
     }
-    let looking: Vec<String> = graph.cameras.iter().map(|c| format!("capture/{}", c.name)).collect();
-    topics.push(topic(
-        "exposed",
-        Carries::Trigger,
-        looking,
-        vec!["projection".into()],
-        4 * graph.cameras.len(),
-        1,
-    ));
-    for camera in &graph.cameras {
-        topics.push(frame_topic(graph, camera));
+    let looking: Vec<String> = here.iter().map(|&c| format!("capture/{}", graph.cameras[c].name)).collect();
+    topics.push(topic("exposed", Carries::Trigger, looking, vec!["projection".into()], 4 * here.len(), 1));
+    topics.extend(here.iter().map(|&camera| frame_topic(graph, &graph.cameras[camera])));
+    topics.extend(here.iter().map(|&camera| phase_topic(graph, camera)));
+    topics.extend(cloud_topics(graph));
+    let result = |from: &str| {
+        topic("result", Carries::Outcome, vec![from.to_owned()], supervisor(), 2, RESULT_BYTES as u64)
+    };
+    if !graph.leads() {
+        topics.push(result("link"));
+        return topics;
     }
-    for number in 0..graph.cameras.len() {
-        topics.push(phase_topic(graph, number));
-    }
-    let mut capacity = 0;
-    for pair in &graph.pairs {
-        let bytes = cloud_bytes(&graph.cameras[pair.left]);
-        capacity += bytes;
-        let from = vec![format!("matching/{}", pair.name)];
-        let name = format!("cloud/{}", pair.name);
-        let readers = [vec!["fusion".to_owned()], cycle_recorder(graph, Retention::All)].concat();
-        topics.push(topic(&name, Carries::Cloud, from, readers, 1, bytes));
-    }
+    let capacity = graph.pairs.iter().map(|pair| cloud_bytes(&graph.cameras[pair.left])).sum();
     let mut readers = vec!["inspection".to_owned()];
     readers.extend(graph.watch.then(|| SUPERVISOR.to_owned()));
     readers.extend(cycle_recorder(graph, Retention::All));
@@ -67,15 +58,22 @@ pub(super) fn topics(graph: &Graph, stages: &[Stage]) -> Vec<Topic> {
     // The supervisor holds the last good cloud and that of the running cycle while the next one comes.
     fused.size.borrowed = 3;
     topics.push(fused);
-    topics.push(topic(
-        "result",
-        Carries::Outcome,
-        vec!["inspection".into()],
-        supervisor(),
-        2,
-        RESULT_BYTES as u64,
-    ));
+    topics.push(result("inspection"));
     topics
+}
+
+/// The clouds of the pairs of this computer, and on the host that leads those that come from others.
+fn cloud_topics(graph: &Graph) -> Vec<Topic> {
+    let pairs = graph.pairs.iter().enumerate().filter(|(p, _)| graph.leads() || graph.has_pair(*p));
+    pairs
+        .map(|(number, pair)| {
+            let from = if graph.has_pair(number) { format!("matching/{}", pair.name) } else { "link".into() };
+            let reader = if graph.leads() { "fusion" } else { "link" };
+            let readers = [vec![reader.to_owned()], cycle_recorder(graph, Retention::All)].concat();
+            let bytes = cloud_bytes(&graph.cameras[pair.left]);
+            topic(&format!("cloud/{}", pair.name), Carries::Cloud, vec![from], readers, 1, bytes)
+        })
+        .collect()
 }
 
 /// The supervisor once more, with ports of its own, where a cycle record keeps these bytes.

@@ -1,6 +1,7 @@
 //! From what is written to what is meant.
 
 use super::devices::{check_apart, genicam};
+use super::hosts::{check_hosts, hosts};
 use super::lights::check_lights;
 use super::limits::{cycles, formats, limits, results, schedule, settings};
 use super::projectors::{Lights, check_recorded_sizes, projectors};
@@ -48,6 +49,7 @@ impl Config {
         let warm_up = warm_up(&document, raw.warm_up.as_ref(), &cameras)?;
         let mut cell = Configuration {
             warm_up,
+            hosts: hosts(&document, &raw)?,
             name: raw.name.clone(),
             cycles: cycles(&document, raw.cycles)?,
             rig,
@@ -70,6 +72,7 @@ impl Config {
             check_twin(&document, &cell.rig, twin, &cell.cameras, &cell.projectors)?;
         }
         cell.together = together(&document, raw.schedule.together.as_ref(), &cell, twin.as_ref())?;
+        check_hosts(&document, &cell)?;
         Ok(Self {
             sha256: sha256_hex(document.text.as_bytes()),
             cell,

@@ -42,6 +42,7 @@ pub(super) fn limits(document: &Document, raw: &RawLimits) -> Result<Limits, Fil
         stop_ms: time("stop_ms", raw.stop_ms, 3_000)?,
         restarts_max,
         restart_window_ms: time("restart_window_ms", raw.restart_window_ms, 60_000)?,
+        silence_ms: time("silence_ms", raw.silence_ms, 1_000)?,
     };
     if limits.stage_budget_ms > limits.cycle_deadline_ms {
         let problem = Problem::Disagreement {

@@ -52,10 +52,15 @@
 //! keep_parts = 1000                   # cloud and report of so many; 0: none
 //! keep_mb = 10000
 //! formats = ["pdf", "qif"]             # further files of each result: html, pdf, csv, qif, dfq
+//! [[host]]                            # optional: the computers of a cell that runs on several
+//! name = "left"
+//! pairs = ["pair1"]                   # its cameras and projectors are connected to this host
+//! listen = "192.168.1.10:7447"        # of one host, which leads: where the others find it
 //! ```
 
 mod check;
 mod devices;
+mod hosts;
 mod light;
 mod lights;
 mod limits;

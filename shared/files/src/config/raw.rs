@@ -34,6 +34,16 @@ pub(super) struct RawConfig {
     #[serde(default)]
     pub results: RawResults,
     pub warm_up: Option<RawWarmUp>,
+    #[serde(default)]
+    pub host: Vec<RawHost>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawHost {
+    pub name: String,
+    pub pairs: Vec<String>,
+    pub listen: Option<String>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -65,6 +75,7 @@ pub(super) struct RawLimits {
     pub stop_ms: Option<u64>,
     pub restarts_max: Option<u64>,
     pub restart_window_ms: Option<u64>,
+    pub silence_ms: Option<u64>,
 }
 
 #[derive(Debug, Deserialize)]

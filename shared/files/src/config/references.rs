@@ -67,6 +67,7 @@ pub(super) fn check_graph(
             return Err(FileError::new(&rig_file.path, problem, remedy).at(format!("pair {pair}: projector")));
         }
         ScheduleError::Empty(what) => (*what).to_owned(),
+        ScheduleError::NoHost { .. } => "host".to_owned(),
         ScheduleError::NoCamera { .. } | ScheduleError::TooLarge { .. } => "camera".to_owned(),
         ScheduleError::Unseen(name) | ScheduleError::Gap { projector: name, .. } => {
             projector(name, "cameras")

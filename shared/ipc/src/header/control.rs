@@ -168,6 +168,12 @@ pub enum EventKind {
     Failed = 3,
     /// A part of the text of the next `Done`, which carries the last part.
     Part = 4,
+    /// The host that leads wants this cycle: start it.
+    Request = 5,
+    /// The host that leads does not want its cycle any more; the text gives the reason.
+    Withdraw = 6,
+    /// Another run of the host that leads: begin anew, so that its cycles can count from 1; the text says why.
+    Renew = 7,
 }
 
 impl Event {
@@ -181,7 +187,13 @@ impl Event {
             2 => Ok(EventKind::Done),
             3 => Ok(EventKind::Failed),
             4 => Ok(EventKind::Part),
-            other => Err(value("kind", other.into(), "1 ready, 2 done, 3 failed, 4 part of a text")),
+            5 => Ok(EventKind::Request),
+            6 => Ok(EventKind::Withdraw),
+            7 => Ok(EventKind::Renew),
+            other => {
+                let known = "1 ready, 2 done, 3 failed, 4 part of a text, 5 request, 6 withdraw, 7 renew";
+                Err(value("kind", other.into(), known))
+            }
         }
     }
 }

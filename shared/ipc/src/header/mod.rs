@@ -7,9 +7,11 @@
 
 mod control;
 mod data;
+mod link;
 
 pub use control::{Command, Control, Event, EventKind, Trigger};
 pub use data::{Cloud, Frame, Outcome, Phase};
+pub use link::{LINK_BYTES, Link, LinkKind};
 
 use crate::error::MessageError;
 use iceoryx2::prelude::ZeroCopySend;

@@ -1,4 +1,4 @@
-//! The only module that uses iceoryx2.
+//! The only module that uses iceoryx2, beside the headers and the [link](crate::link) to other hosts.
 //!
 //! A topic is a publish–subscribe service of bytes behind a typed header. A notification is an event service that wakes one
 //! process. The ports of iceoryx2 must stay on their thread, so a stage keeps all of them on its main thread.
