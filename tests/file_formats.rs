@@ -243,6 +243,7 @@ fn folder() -> TempDir {
         std::fs::copy(root().join("configs").join(name), path(name)).unwrap();
     }
     std::fs::copy(root().join("configs/bracket/bracket.stl"), path("bracket.stl")).unwrap();
+    std::fs::copy(root().join("tests/step/turned.step"), path("turned.step")).unwrap();
     let small = Small::new();
     let cell = std::fs::read_to_string(small.path("cell.toml")).unwrap();
     std::fs::write(path("small.toml"), cell.replace("rig = \"rig.toml\"", "rig = \"small-rig.toml\""))

@@ -10,6 +10,7 @@
 //! - [`focus`]: best focus and depth of focus from images of a checkerboard
 //! - [`gamma`]: a projector's response is measured and corrected
 //! - [`compare`]: deviations and motions that are known beforehand
+//! - [`cad`]: CAD in STEP as reference and as source of a plan
 //! - [`pose`]: where a part lies is found from anywhere, or refused
 //! - [`rig_state`]: a rig file against what its cameras see, and against other programs
 //! - [`adversity`]: no memory, a full disk, a closed output, another cell on the same machine
@@ -64,6 +65,7 @@ mod adversity;
 #[cfg(feature = "count-allocations")]
 mod allocations;
 mod bad_input;
+mod cad;
 mod calibrate;
 mod calibrate_bad;
 mod cell;

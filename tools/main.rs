@@ -58,7 +58,9 @@ mod patterns;
 mod phase_method;
 mod pipeline;
 mod place;
+mod plan_from_cad;
 mod plan_patterns;
+mod plan_text;
 mod preview;
 mod progress;
 mod reconstruct;
@@ -129,6 +131,8 @@ enum Command {
     Register(register::Args),
     /// Draft an inspection plan from a cloud: the planes, spheres, cylinders and cones that it shows.
     NewPlan(new_plan::Args),
+    /// Draft an inspection plan from CAD (STEP): its planes, cylinders, cones, spheres and tori, with general tolerances.
+    PlanFromCad(plan_from_cad::Args),
     /// Evaluate an inspection plan on a cloud: features, uncertainties, verdict.
     Measure(measure::Args),
     /// Evaluate the parts of a cell: control charts, capability, and studies of the gauge.
@@ -258,6 +262,7 @@ fn execute(command: &Command) -> Result<Outcome> {
         Command::Convert(args) => convert::run(args),
         Command::Register(args) => register::run(args),
         Command::NewPlan(args) => new_plan::run(args),
+        Command::PlanFromCad(args) => plan_from_cad::run(args),
         Command::Measure(args) => measure::run(args),
         Command::Spc(args) => spc::run(args),
         Command::Place(args) => place::run(args),

@@ -1,13 +1,14 @@
 //! `fringetool new-plan`: drafts an inspection plan from a cloud.
 
 use crate::Outcome;
+use crate::plan_text::{keys, legend};
 use crate::report::{check_outputs, emit};
 use anyhow::{Context, Result, bail};
 use files::document::Document;
 use files::plan_file::parse_plan;
 use fringe::cloud::Point;
 use metrology::inspection::{DraftSettings, Found, Geometry, PLAN_FORMAT, draft};
-use report::{Class, ClassMap, class_map_png};
+use report::{ClassMap, class_map_png};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -41,18 +42,6 @@ const NORMAL_RAD: f64 = 0.3;
 
 /// Width of the picture, px.
 const PICTURE_PX: f64 = 700.0;
-
-/// Colours of the elements in the picture, over again where there are more.
-const COLOURS: [[u8; 3]; 8] = [
-    [31, 119, 180],
-    [255, 127, 14],
-    [44, 160, 44],
-    [214, 39, 40],
-    [148, 103, 189],
-    [140, 86, 75],
-    [227, 119, 194],
-    [188, 189, 34],
-];
 
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
@@ -125,12 +114,6 @@ fn named(found: &[Found]) -> Vec<(String, &Found)> {
         .collect()
 }
 
-fn numbers(values: impl IntoIterator<Item = f64>, digits: usize) -> String {
-    // A sum with zero turns −0 into 0.
-    let each = values.into_iter().map(|v| format!("{:.digits$}", (v * 1e9).round() / 1e9 + 0.0));
-    format!("[{}]", each.collect::<Vec<_>>().join(", "))
-}
-
 /// The plan as text.
 fn plan_text(cloud: &str, named: &[(String, &Found)], within_mm: f64) -> String {
     let mut text = format!(
@@ -143,7 +126,7 @@ fn plan_text(cloud: &str, named: &[(String, &Found)], within_mm: f64) -> String 
             text,
             "\n[[element]]\nkind = \"{}\"\nname = \"{name}\"\n{}",
             f.geometry.kind(),
-            keys(&f.geometry)
+            keys(&f.geometry, inset(&f.geometry))
         );
         let _ = write!(
             text,
@@ -178,43 +161,14 @@ fn of_kind<'a>(named: &'a [(String, &Found)], kind: &str) -> Vec<&'a String> {
     named.iter().filter(|(_, f)| f.geometry.kind() == kind).map(|(name, _)| name).collect()
 }
 
-/// Keys of the nominal geometry, lengths to a tenth of a micrometre.
-fn keys(geometry: &Geometry) -> String {
-    let inset = |half: f64| (0.05 * half).min(1.0);
-    match geometry {
-        Geometry::Plane { point_mm, normal, edges, half_size_mm, .. } => format!(
-            "point_mm = {}\nnormal = {}\ndirection = {}\nsize_mm = {}\ninset_mm = {:.3}\n",
-            numbers(point_mm.iter().copied(), 4),
-            numbers(normal.iter().copied(), 7),
-            numbers(edges[0].iter().copied(), 7),
-            numbers(half_size_mm.map(|h| 2.0 * h), 3),
-            inset(half_size_mm[0].min(half_size_mm[1]))
-        ),
-        Geometry::Sphere { center_mm, radius_mm, axis, cos_polar } => format!(
-            "center_mm = {}\ndiameter_mm = {:.4}\naxis = {}\nmax_polar_deg = {:.1}\n",
-            numbers(center_mm.iter().copied(), 4),
-            2.0 * radius_mm,
-            numbers(axis.iter().copied(), 5),
-            fringe::math::acos(cos_polar[0]).to_degrees().clamp(1.0, 180.0)
-        ),
-        Geometry::Cylinder { point_mm, axis, radius_mm, half_length_mm, internal, .. } => format!(
-            "point_mm = {}\naxis = {}\ndiameter_mm = {:.4}\nlength_mm = {:.3}\ninset_mm = {:.3}\ninternal = {internal}\n",
-            numbers(point_mm.iter().copied(), 4),
-            numbers(axis.iter().copied(), 7),
-            2.0 * radius_mm,
-            2.0 * half_length_mm,
-            inset(*half_length_mm)
-        ),
-        Geometry::Cone { point_mm, axis, radius_mm, half_angle_rad, half_length_mm, internal } => format!(
-            "point_mm = {}\naxis = {}\ndiameter_mm = {:.4}\nhalf_angle_deg = {:.5}\nlength_mm = {:.3}\ninternal = {internal}\n",
-            numbers(point_mm.iter().copied(), 4),
-            numbers(axis.iter().copied(), 7),
-            2.0 * radius_mm,
-            half_angle_rad.to_degrees(),
-            2.0 * half_length_mm
-        ),
-        _ => String::new(),
-    }
+/// What the ends of an element lose, mm: a twentieth, at most 1 mm.
+fn inset(geometry: &Geometry) -> f64 {
+    let half = match geometry {
+        Geometry::Plane { half_size_mm, .. } => half_size_mm[0].min(half_size_mm[1]),
+        Geometry::Cylinder { half_length_mm, .. } => *half_length_mm,
+        _ => 0.0,
+    };
+    (0.05 * half).min(1.0)
 }
 
 /// The feature that an element has by itself.
@@ -259,11 +213,7 @@ fn picture(points: &[Point], named: &[(String, &Found)]) -> Result<Vec<u8>> {
     for (number, (_, f)) in named.iter().enumerate() {
         f.points.iter().for_each(|index| paint(*index as usize, (number + 1).min(250) as u8));
     }
-    let colour = |number: usize| COLOURS[number % COLOURS.len()];
-    let mut legend = vec![Class { name: "left".into(), colour: [205, 205, 205] }];
-    legend.extend(
-        named.iter().enumerate().map(|(i, (name, _))| Class { name: name.clone(), colour: colour(i) }),
-    );
+    let legend = legend("left", named.iter().map(|(name, _)| name.clone()));
     let (width_px, height_px) = (width as u32, height as u32);
     Ok(class_map_png(&ClassMap { width_px, height_px, classes: &classes, legend: &legend })?)
 }

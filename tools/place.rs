@@ -3,7 +3,7 @@
 use crate::Outcome;
 use crate::register::summary;
 use crate::report::{check_outputs, emit};
-use crate::surface::{check_units, read_cloud, read_reference, start};
+use crate::surface::{Chord, check_units, read_cloud, read_reference, start};
 use anyhow::{Context, Result, bail};
 use files::document::Document;
 use files::error::FileError;
@@ -25,10 +25,12 @@ pub struct Args {
     /// The plan with the part's place as its `[placement]` (TOML).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// The part's CAD in the plan's part frame (STL, or PLY with faces), lengths in mm: the whole surface then fixes the
-    /// pose, not only the plan's elements.
+    /// The part's CAD in the plan's part frame (STEP in its own unit; STL, PLY with faces or OBJ in mm): the whole surface then
+    /// fixes the pose, not only the plan's elements.
     #[arg(long, value_name = "MESH")]
     cad: Option<PathBuf>,
+    #[command(flatten)]
+    chord: Chord,
     /// Where the part lies about (world from part): `search` (any pose), `as-it-lies` (where part and world frame agree),
     /// or a file with a 4 × 4 matrix.
     #[arg(long, default_value = "search")]
@@ -70,12 +72,15 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let mesh = match &args.cad {
         None => None,
         Some(path) => {
-            let reference = read_reference(path, Vector3::z(), None)?;
+            let reference = read_reference(path, &args.chord, Vector3::z(), None)?;
             check_units((&args.cloud, &cloud.points), (path, &reference))?;
             match reference {
                 Reference::Mesh(mesh) => Some(mesh),
                 Reference::Cloud(_) => {
-                    bail!("--cad {}: is a cloud; a mesh is needed (STL, PLY with faces)", path.display())
+                    bail!(
+                        "--cad {}: is a cloud; a mesh is needed (STEP, STL, PLY with faces)",
+                        path.display()
+                    )
                 }
             }
         }

@@ -3,7 +3,7 @@
 use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit};
-use crate::surface::{check_units, length, moved, read_cloud, read_reference, start};
+use crate::surface::{Chord, check_units, length, moved, read_cloud, read_reference, start};
 use anyhow::{Context, Result, bail};
 use metrology::reference::Reference;
 use metrology::register::{Outcome as Fit, RegisterSettings, Registration, register};
@@ -16,9 +16,11 @@ pub struct Args {
     /// Clouds to register, each on its own (PLY or E57, docs/formats.md), lengths in mm.
     #[arg(required = true)]
     clouds: Vec<PathBuf>,
-    /// Reference: a cloud (PLY, E57) or a mesh (STL, PLY with faces), lengths in mm.
+    /// Reference: a cloud (PLY, E57), a mesh (STL, PLY with faces, OBJ; lengths in mm), or CAD (STEP, in its own unit).
     #[arg(long, value_name = "REFERENCE")]
     to: PathBuf,
+    #[command(flatten)]
+    chord: Chord,
     /// Registered cloud to write (PLY); for several clouds a folder, which gets a cloud and a transform for each.
     #[arg(long, value_name = "FILE|DIR")]
     out: PathBuf,
@@ -69,7 +71,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         RegisterSettings { reach_mm: args.reach, least_overlap: args.overlap, ..RegisterSettings::default() };
     let from = start(&args.start)?;
     let mut progress = Progress::new(args.clouds.len() + 1, "register");
-    let reference = with_normals(read_reference(&args.to, Vector3::z(), None)?);
+    let reference = with_normals(read_reference(&args.to, &args.chord, Vector3::z(), None)?);
     progress.step();
     let mut done = Vec::new();
     for (cloud, out) in args.clouds.iter().zip(&outs) {

@@ -43,10 +43,41 @@ fn said(path: &Path, cloud: &Cloud) {
     }
 }
 
+/// How the reference of a command becomes triangles.
+#[derive(clap::Args)]
+pub struct Chord {
+    /// Largest distance between triangles and surfaces of a reference in STEP, mm; default: 2e-5 of its size, within 0.0005 … 0.02.
+    #[arg(long, value_name = "MM", value_parser = length)]
+    chord_mm: Option<f64>,
+}
+
+impl Chord {
+    /// Reads a cloud or mesh; the solids of a STEP file become triangles, and it is said how many.
+    fn read(&self, path: &Path) -> Result<Surface> {
+        if surface_file::is_step(path)? {
+            let part = files::step_file::read_part(path, self.chord_mm)?;
+            eprintln!("{}: {}", path.display(), part.words());
+            return Ok(Surface::Mesh(part.all_triangles()));
+        }
+        if let Some(chord) = self.chord_mm {
+            bail!(
+                "--chord-mm {chord}: {} is no STEP file: its points or triangles stay as they are; leave it out",
+                path.display()
+            );
+        }
+        Ok(surface_file::read(path)?)
+    }
+}
+
 /// Reads a reference: a cloud or a mesh.
-pub fn read_reference(path: &Path, towards: Vector3<f64>, radius_mm: Option<f64>) -> Result<Reference> {
+pub fn read_reference(
+    path: &Path,
+    chord: &Chord,
+    towards: Vector3<f64>,
+    radius_mm: Option<f64>,
+) -> Result<Reference> {
     let named = || path.display().to_string();
-    match surface_file::read(path)? {
+    match chord.read(path)? {
         Surface::Mesh(triangles) => {
             let mesh = TriangleMesh::new(&triangles).with_context(named)?;
             if mesh.without_area() > 0 {

@@ -27,6 +27,7 @@ pub const QUICK: &[&str] = &[
     "convert DIR/cloud.ply --mesh --decimate 0.2 --out NEW/mesh.stl",
     "register DIR/cloud.ply --to DIR/cloud.ply --out NEW/aligned.ply",
     "new-plan DIR/cloud.ply --out NEW/draft.toml --min-points 100 --picture NEW/draft.png",
+    "plan-from-cad CONFIGS/../tests/step/turned.step --out NEW/cad.toml --chord-mm 0.05 --picture NEW/cad.png",
     "measure DIR/plan.toml DIR/cloud.ply --html NEW/part.html --pdf NEW/part.pdf --csv NEW/part.csv --qif NEW/part.qif --dfq NEW/part.dfq",
     "spc DIR/values.csv --report NEW/spc.html --dfq NEW/spc.dfq",
     "place DIR/plan.toml DIR/cloud.ply --out NEW/placed.toml",

@@ -6,7 +6,7 @@ mod output;
 use crate::Outcome;
 use crate::register::{summary, with_normals};
 use crate::report::check_outputs;
-use crate::surface::{Direction, check_units, length, moved, read_cloud, read_reference, start};
+use crate::surface::{Chord, Direction, check_units, length, moved, read_cloud, read_reference, start};
 use anyhow::{Context, Result, anyhow, bail};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
@@ -25,8 +25,10 @@ const LEAST_POINTS: usize = 2;
 pub struct Args {
     /// Cloud to compare (PLY or E57, docs/formats.md), lengths in mm.
     cloud: PathBuf,
-    /// Reference: a cloud (PLY, E57) or a mesh (STL, PLY with faces), lengths in mm.
+    /// Reference: a cloud (PLY, E57), a mesh (STL, PLY with faces, OBJ; lengths in mm), or CAD (STEP, in its own unit).
     reference: PathBuf,
+    #[command(flatten)]
+    chord: Chord,
     /// Definition of the distances: to the surface of the reference, or means in cylinders with a level of detection.
     #[arg(long, value_enum, default_value_t = Method::Surface)]
     method: Method,
@@ -114,7 +116,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
     check_flags(args)?;
     let points = read_cloud(&args.cloud)?.points;
     metrology::reference::check(&points, LEAST_POINTS).with_context(|| args.cloud.display().to_string())?;
-    let reference = read_reference(&args.reference, args.towards.0, args.radius)?;
+    let reference = read_reference(&args.reference, &args.chord, args.towards.0, args.radius)?;
     check_units((&args.cloud, &points), (&args.reference, &reference))?;
     let (points, reference, alignment) = align(args, points, reference)?;
     let reference = faced(args, reference)?;

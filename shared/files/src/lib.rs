@@ -46,6 +46,7 @@ pub mod scene_file;
 pub mod sealed;
 mod sequence;
 pub mod stage_file;
+pub mod step_file;
 pub mod surface_file;
 pub mod target_file;
 #[cfg(test)]

@@ -47,21 +47,34 @@ pub fn write_ply(
 /// # Errors
 /// A place that cannot be written.
 pub fn write_stl(path: &Path, corners: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<(), FileError> {
-    atomic::write_with(path, |out| {
-        let mut title = STL_TITLE.to_vec();
-        title.resize(80, b' ');
-        out.write_all(&title)?;
-        out.write_all(&(triangles.len() as u32).to_le_bytes())?;
-        for triangle in triangles {
-            let [a, b, c] = triangle.map(|corner| corners[corner as usize]);
-            let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
-            for value in [normal, a.coords, b.coords, c.coords].iter().flat_map(|v| v.iter()) {
-                out.write_all(&(*value as f32).to_le_bytes())?;
-            }
-            out.write_all(&[0; 2])?;
+    let triangles = triangles.iter().map(|triangle| triangle.map(|corner| corners[corner as usize]));
+    atomic::write_with(path, |out| stl(out, triangles))
+}
+
+/// A mesh as the bytes of a binary STL, in single precision.
+pub(crate) fn stl_bytes(triangles: &[[Point3<f64>; 3]]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(84 + 50 * triangles.len());
+    // Writing into memory does not fail.
+    let _ = stl(&mut bytes, triangles.iter().copied());
+    bytes
+}
+
+fn stl(
+    out: &mut dyn std::io::Write,
+    triangles: impl ExactSizeIterator<Item = [Point3<f64>; 3]>,
+) -> std::io::Result<()> {
+    let mut title = STL_TITLE.to_vec();
+    title.resize(80, b' ');
+    out.write_all(&title)?;
+    out.write_all(&(triangles.len() as u32).to_le_bytes())?;
+    for [a, b, c] in triangles {
+        let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+        for value in [normal, a.coords, b.coords, c.coords].iter().flat_map(|v| v.iter()) {
+            out.write_all(&(*value as f32).to_le_bytes())?;
         }
-        Ok(())
-    })
+        out.write_all(&[0; 2])?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -3,8 +3,9 @@
 use crate::document::{Document, read_bytes};
 use crate::error::{FileError, Problem};
 use crate::hash::sha256_hex;
+use crate::step_file;
 use crate::surface_file::{self, Surface};
-use metrology::inspection::{PLAN_FORMAT, Plan, PlanError, RawPlan, SurfaceFile, Surfaces};
+use metrology::inspection::{CadParts, PLAN_FORMAT, Plan, PlanError, RawPlan, SurfaceFile, Surfaces};
 use metrology::spatial::TriangleMesh;
 use std::path::Path;
 
@@ -26,8 +27,8 @@ pub fn read_plan(path: &Path) -> Result<(Plan, Document), FileError> {
 /// Not TOML, another format, unknown or missing keys, numbers out of range, names that do not fit together.
 pub fn parse_plan(document: &Document) -> Result<Plan, FileError> {
     let raw: RawPlan = document.parse(PLAN_FORMAT)?;
-    let surfaces = surfaces(document, &raw)?;
-    Plan::with_surfaces(raw, &surfaces).map_err(|error| {
+    let (surfaces, cad) = nominals(document, &raw)?;
+    Plan::with_nominals(raw, &surfaces, &cad).map_err(|error| {
         let unknown = match &error {
             PlanError::Reference { name, known, .. } => Some((name.as_str(), known.as_str())),
             _ => None,
@@ -36,11 +37,11 @@ pub fn parse_plan(document: &Document) -> Result<Plan, FileError> {
     })
 }
 
-/// The meshes that a plan names, from the folder of the plan.
-fn surfaces(document: &Document, raw: &RawPlan) -> Result<Surfaces, FileError> {
+/// The meshes and CAD faces that a plan names, from the folder of the plan.
+fn nominals(document: &Document, raw: &RawPlan) -> Result<(Surfaces, CadParts), FileError> {
     let folder = document.path.parent().unwrap_or(Path::new(""));
-    let mut read = Surfaces::new();
-    for SurfaceFile { element, file, sha256 } in raw.surface_files() {
+    let (mut read, mut cad) = (Surfaces::new(), CadParts::new());
+    for SurfaceFile { element, file, sha256, by_face } in raw.surface_files() {
         let path = folder.join(&file);
         if let Some(stated) = sha256 {
             let found = sha256_hex(&read_bytes(&path, LARGEST_BYTES)?);
@@ -52,19 +53,30 @@ fn surfaces(document: &Document, raw: &RawPlan) -> Result<Surfaces, FileError> {
                 return Err(document.fault_at(error.place(), None, Problem::Plan(error.clone())));
             }
         }
+        if by_face {
+            if !cad.contains_key(&file) {
+                let features = step_file::read_part(&path, None)?.features();
+                cad.insert(file, features);
+            }
+            continue;
+        }
         if read.contains_key(&file) {
             continue;
         }
         let Surface::Mesh(triangles) = surface_file::read(&path)? else {
             let problem = Problem::Unsupported("is a cloud, but a plan's nominal surface is a mesh".into());
-            return Err(FileError::new(&path, problem, "export the surface as STL, PLY with faces or OBJ"));
+            return Err(FileError::new(
+                &path,
+                problem,
+                "export the surface as STEP, STL, PLY with faces or OBJ",
+            ));
         };
         let mesh = TriangleMesh::new(&triangles).map_err(|error| {
             FileError::new(&path, Problem::Unsupported(error.to_string()), "export the surface again")
         })?;
         read.insert(file, mesh);
     }
-    Ok(read)
+    Ok((read, cad))
 }
 
 #[cfg(test)]

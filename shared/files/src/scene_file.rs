@@ -2,6 +2,8 @@
 
 use crate::document::{Document, read_bytes};
 use crate::error::{FileError, Problem};
+use crate::mesh_file::stl_bytes;
+use crate::step_file;
 use std::path::{Path, PathBuf};
 use twin::Scene;
 use twin::scene_file::{FORMAT, GeometryFile, SceneFile};
@@ -38,6 +40,10 @@ pub fn parse_unchanged_scene(document: &Document, known: &[MeshFile]) -> Result<
         match known.iter().find(|mesh| mesh.path == path) {
             Some(mesh) if mesh.hash != xxh3_128(&bytes) => {
                 Err(format!("{}: was changed while it was read; start again", path.display()))
+            }
+            _ if step_file::begins_as_step(&bytes) => {
+                let part = step_file::part_of(&path, &bytes, None).map_err(|e| chain(&e))?;
+                Ok(stl_bytes(&part.all_triangles()))
             }
             _ => Ok(bytes),
         }

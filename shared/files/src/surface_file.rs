@@ -1,10 +1,11 @@
-//! Clouds and meshes by whatever file they come in: PLY, STL, OBJ, E57.
+//! Clouds and meshes by whatever file they come in: PLY, STL, OBJ, STEP, E57.
 
 use crate::document::{open_input, read_bytes, refuse_special};
 use crate::e57_file;
 use crate::error::{FileError, Problem};
 use crate::memory;
 use crate::ply::{self, Cloud};
+use crate::step_file;
 use nalgebra::Point3;
 use std::io::{Cursor, Read};
 use std::path::Path;
@@ -30,10 +31,12 @@ enum Kind {
     Ply,
     Stl,
     Obj,
+    Step,
     E57,
 }
 
-/// Reads a cloud (PLY, E57) or a mesh (STL, PLY with faces, OBJ), distinguished by content.
+/// Reads a cloud (PLY, E57) or a mesh (STL, PLY with faces, OBJ, STEP), distinguished by content. The solids of a STEP file become
+/// triangles within the default distance of [`step_file::read_part`].
 ///
 /// # Errors
 /// Another kind of file, or a damaged one.
@@ -41,6 +44,7 @@ pub fn read(path: &Path) -> Result<Surface, FileError> {
     match kind(path)? {
         Kind::Stl => read_stl(path).map(Surface::Mesh),
         Kind::Obj => read_obj(path).map(Surface::Mesh),
+        Kind::Step => Ok(Surface::Mesh(step_file::read_part(path, None)?.all_triangles())),
         Kind::E57 => e57_file::read_cloud(path).map(Surface::Cloud),
         Kind::Ply => match ply::read_triangles(path)? {
             Some(triangles) => Ok(Surface::Mesh(triangles)),
@@ -57,12 +61,20 @@ pub fn read_cloud(path: &Path) -> Result<Cloud, FileError> {
     match kind(path)? {
         Kind::Ply => ply::read_cloud(path),
         Kind::E57 => e57_file::read_cloud(path),
-        Kind::Stl | Kind::Obj => Err(FileError::new(
+        Kind::Stl | Kind::Obj | Kind::Step => Err(FileError::new(
             path,
-            Problem::Unsupported("is a mesh (STL, OBJ) where a point cloud is needed".into()),
-            "name a cloud in PLY or E57 format; a mesh may be the reference",
+            Problem::Unsupported("is a surface (STL, OBJ, STEP) where a point cloud is needed".into()),
+            "name a cloud in PLY or E57 format; a surface may be the reference",
         )),
     }
+}
+
+/// Whether a file is a STEP file, by its content.
+///
+/// # Errors
+/// A file that cannot be read, or of none of the kinds of [`read`].
+pub fn is_step(path: &Path) -> Result<bool, FileError> {
+    Ok(matches!(kind(path)?, Kind::Step))
 }
 
 fn kind(path: &Path) -> Result<Kind, FileError> {
@@ -74,6 +86,9 @@ fn kind(path: &Path) -> Result<Kind, FileError> {
         .take(STL_HEADER_BYTES)
         .read_to_end(&mut start)
         .map_err(|source| FileError::io(path, "read it", source))?;
+    if step_file::begins_as_step(&start) {
+        return Ok(Kind::Step);
+    }
     let named_stl = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("stl"));
     if start.starts_with(b"ply") {
         return Ok(Kind::Ply);
@@ -88,8 +103,12 @@ fn kind(path: &Path) -> Result<Kind, FileError> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("obj")) {
         return Ok(Kind::Obj);
     }
-    let problem = Problem::Unsupported("is neither PLY nor STL nor OBJ nor E57".into());
-    Err(FileError::new(path, problem, "name a cloud (PLY, E57) or a mesh (STL, PLY with faces, OBJ)"))
+    let problem = Problem::Unsupported("is neither PLY nor STL nor OBJ nor STEP nor E57".into());
+    Err(FileError::new(
+        path,
+        problem,
+        "name a cloud (PLY, E57), a mesh (STL, PLY with faces, OBJ) or CAD (STEP)",
+    ))
 }
 
 /// Whether the number of triangles in the header is that of the file. Many binary files begin with "solid" too.
@@ -238,7 +257,7 @@ mod tests {
             ("a.stl", &binary(b"")[..120], "truncated"),
             ("a.stl", &TEXT.as_bytes()[..100], "readable STL"),
             ("a.stl", b"".as_slice(), "no complete STL"),
-            ("a.xyz", b"v 0 0 0\n".as_slice(), "neither PLY nor STL nor OBJ nor E57"),
+            ("a.xyz", b"v 0 0 0\n".as_slice(), "neither PLY nor STL nor OBJ nor STEP nor E57"),
             ("a.e57", b"ASTM-E57 and then nothing of it".as_slice(), "readable E57"),
             ("a.ply", b"ply\nformat ascii 1.0\n".as_slice(), "end_header"),
         ] {

@@ -4,10 +4,12 @@
 //! how they were measured. Conventions and determinism are those of [`fringe`].
 
 pub mod acceptance;
+pub mod cad;
 pub mod compare;
 mod counted_order;
 pub mod facing;
 pub mod fit;
+pub mod general_tolerance;
 pub mod inspection;
 pub mod probing;
 pub mod reference;

@@ -2,6 +2,7 @@
 
 use nalgebra::Isometry3;
 
+use super::cad_face::CadParts;
 use super::check_characteristics::characteristic;
 use super::check_datums::{Names, check_open_motions, datum_systems};
 use super::check_elements::{Written, element};
@@ -27,6 +28,14 @@ impl Plan {
     /// # Errors
     /// See [`PlanError`].
     pub fn with_surfaces(raw: RawPlan, surfaces: &Surfaces) -> Result<Self, PlanError> {
+        Self::with_nominals(raw, surfaces, &CadParts::new())
+    }
+
+    /// As [`Self::with_surfaces`], with the elements of the CAD files whose faces the plan names.
+    ///
+    /// # Errors
+    /// See [`PlanError`].
+    pub fn with_nominals(raw: RawPlan, surfaces: &Surfaces, cad: &CadParts) -> Result<Self, PlanError> {
         if raw.format != PLAN_FORMAT {
             return Err(PlanError::Format(raw.format));
         }
@@ -34,7 +43,7 @@ impl Plan {
         let within = Within("settings".into());
         raw.settings.cluster_mm.map(|edge| within.positive("cluster_mm", edge)).transpose()?;
         within.check("guard_factor", raw.settings.guard_factor, 0.0..=10.0, "0 … 10")?;
-        let (elements, constructed) = elements(raw.element, surfaces)?;
+        let (elements, constructed) = elements(raw.element, surfaces, cad)?;
         let mut plan = Self {
             name: raw.name,
             settings: raw.settings,
@@ -70,10 +79,11 @@ impl Plan {
 fn elements(
     raw: Vec<RawElement>,
     surfaces: &Surfaces,
+    cad: &CadParts,
 ) -> Result<(Vec<Element>, Vec<Constructed>), PlanError> {
     let (mut measured, mut made) = (Vec::new(), Vec::new());
     for one in raw {
-        match element(one, surfaces)? {
+        match element(one, surfaces, cad)? {
             Written::Measured(element) => measured.push(element),
             Written::Made(raw, construction) => made.push((raw, construction)),
         }

@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::cad_face::{CadParts, cad_face};
 use super::criterion::Criterion;
 use super::geometry::{Exclusion, ExclusionShape, Geometry, Sector};
 use super::nominal_surface::{NominalSurface, Surfaces};
@@ -18,7 +19,7 @@ use fringe::math;
 
 /// A measured element, or one that is made of others by names.
 #[allow(clippy::too_many_lines, reason = "one arm for each kind of element")]
-pub(super) fn element(raw: RawElement, surfaces: &Surfaces) -> Result<Written, PlanError> {
+pub(super) fn element(raw: RawElement, surfaces: &Surfaces, cad: &CadParts) -> Result<Written, PlanError> {
     match raw {
         RawElement::Sphere {
             name,
@@ -88,6 +89,7 @@ pub(super) fn element(raw: RawElement, surfaces: &Surfaces) -> Result<Written, P
         RawElement::Edge(raw) => measured(&raw.common(), |place| edge(&raw, place)),
         RawElement::Line(raw) => measured(&raw.common(), |place| line(&raw, place)),
         RawElement::Surface(raw) => measured(&raw.common(), |place| surface(&raw, surfaces, place)),
+        RawElement::CadFace(raw) => measured(&raw.common(), |place| cad_face(&raw, cad, place)),
         RawElement::Point(raw) => measured(&raw.common(), |place| surface_point(&raw, place)),
         RawElement::Intersection(raw) => Ok(made(raw, Construction::Intersection)),
         RawElement::Projection(raw) => Ok(made(raw, Construction::Projection)),

@@ -8,6 +8,7 @@
 mod align;
 mod associate;
 mod bounds;
+mod cad_face;
 mod characteristic;
 mod check;
 mod check_characteristics;
@@ -43,6 +44,7 @@ mod substitute;
 mod tests;
 mod within;
 
+pub use cad_face::CadParts;
 pub use characteristic::{Characteristic, Extracted, Kind, MaximumMaterial};
 pub use criterion::Criterion;
 pub use draft::{DraftSettings, Found, draft};

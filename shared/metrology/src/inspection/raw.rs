@@ -5,7 +5,8 @@ use serde::Deserialize;
 use super::criterion::Criterion;
 use super::plan::Settings;
 use super::raw_elements::{
-    RawCircle, RawCone, RawCylinder, RawEdge, RawLine, RawMade, RawOblong, RawPoint, RawSurface, RawTorus,
+    RawCadFace, RawCircle, RawCone, RawCylinder, RawEdge, RawLine, RawMade, RawOblong, RawPoint, RawSurface,
+    RawTorus,
 };
 use super::raw_features::{
     RawAngle, RawCircularRunout, RawDatumSystem, RawDistance, RawForm, RawHalfAngle, RawLocation,
@@ -39,6 +40,8 @@ pub struct SurfaceFile {
     pub file: String,
     /// SHA-256 that the file must have, where the plan states one.
     pub sha256: Option<String>,
+    /// Whether faces of it are meant, one by one, instead of its whole surface.
+    pub by_face: bool,
 }
 
 impl RawPlan {
@@ -47,7 +50,11 @@ impl RawPlan {
         let of = |element: &RawElement| match element {
             RawElement::Surface(raw) => {
                 let (element, file, sha256) = (raw.name.clone(), raw.file.clone(), raw.sha256.clone());
-                Some(SurfaceFile { element, file, sha256 })
+                Some(SurfaceFile { element, file, sha256, by_face: false })
+            }
+            RawElement::CadFace(raw) => {
+                let (element, file, sha256) = (raw.name.clone(), raw.file.clone(), raw.sha256.clone());
+                Some(SurfaceFile { element, file, sha256, by_face: true })
             }
             _ => None,
         };
@@ -121,6 +128,7 @@ pub(super) enum RawElement {
     Line(RawLine),
     Point(RawPoint),
     Surface(RawSurface),
+    CadFace(RawCadFace),
     Intersection(RawMade),
     Projection(RawMade),
     SymmetryPlane(RawMade),

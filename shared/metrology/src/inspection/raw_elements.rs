@@ -131,6 +131,14 @@ measured!(RawSurface {
     pub sha256: Option<String>,
 });
 
+measured!(RawCadFace {
+    pub file: String,
+    pub face: String,
+    pub sha256: Option<String>,
+    #[serde(default)]
+    pub inset_mm: f64,
+});
+
 /// An element that is made of others.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
