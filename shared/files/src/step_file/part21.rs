@@ -367,7 +367,8 @@ mod tests {
             ("#1=A(1;", 6, "where \",\" is needed"),
             ("#1=A(1);\n#1=A(2);", 7, "#1 is there twice"),
             ("#=A(1);", 6, "no number"),
-            ("#1=(1);", 6, "name of a type"),
+            ("#1=(1);", 6, "where \"(\" is needed"),
+            ("#1=(;);", 6, "name of a type"),
             ("#99999999999999999999999=A();", 6, "no number"),
             (deep.as_str(), 6, "deeper than 64"),
         ] {

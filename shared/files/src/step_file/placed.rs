@@ -103,6 +103,8 @@ fn representations(graph: &Graph) -> Result<BTreeMap<u64, Representation>, FileE
         "REPRESENTATION",
     ];
     let mut all: BTreeMap<u64, Representation> = BTreeMap::new();
+    // The first kind holds the solids; others may name one of them again, for its properties.
+    let mut held = BTreeSet::new();
     for kind in KINDS {
         for id in graph.all(kind) {
             let Some(params) = graph.record(*id, kind).filter(|p| p.len() >= 3) else { continue };
@@ -111,7 +113,10 @@ fn representations(graph: &Graph) -> Result<BTreeMap<u64, Representation>, FileE
             one.name = Graph::name(params);
             for item in graph.list(*id, params, 1)? {
                 if let Some(shells) = shells(graph, item)? {
-                    one.breps.push((item, shells));
+                    if kind == KINDS[0] || !held.contains(&item) {
+                        one.breps.push((item, shells));
+                    }
+                    held.insert(item);
                 } else if graph.record(item, "MAPPED_ITEM").is_some() {
                     one.parts.push(mapped(graph, item, one.context)?);
                 } else if graph.kind(item) == "absent" {

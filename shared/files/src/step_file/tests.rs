@@ -135,6 +135,20 @@ fn damaged_and_foreign_files_are_refused_with_entity_and_remedy() {
     }
 }
 
+/// CAD systems name a solid again for its properties: it is still one.
+#[test]
+fn a_solid_that_two_representations_name_is_one() {
+    let text = sample("turned.step");
+    let context =
+        text.split("ADVANCED_BREP_SHAPE_REPRESENTATION").nth(1).unwrap().split(");").next().unwrap();
+    let context = context.rsplit('#').next().unwrap();
+    let again = format!("#9000 = SHAPE_REPRESENTATION('',(#15),#{context});\nENDSEC;\nEND-ISO");
+    let text = text.replace("ENDSEC;\nEND-ISO", &again);
+    assert!(text.contains("#15 = MANIFOLD_SOLID_BREP") && text.contains("#9000 ="));
+    let part = part_of(Path::new("a.step"), text.as_bytes(), Some(0.1)).unwrap();
+    assert_eq!(part.solids.len(), 1);
+}
+
 /// Every reference turned into each of some others: circles, wrong types, absent entities. Nothing panics or hangs.
 #[test]
 fn wrong_references_end_in_a_message_or_in_the_same_solid() {
