@@ -69,6 +69,8 @@ pub struct DecodeLine {
     resolved: usize,
     spikes_repaired: usize,
     spikes_masked: usize,
+    bounce_raised: usize,
+    bounce_masked: usize,
     sigma_median_rad: Option<f32>,
     noise_read_variance_dn2: f64,
     noise_gain_dn: f64,
@@ -108,6 +110,8 @@ impl DecodeLine {
             resolved: report.resolved,
             spikes_repaired: report.spikes_repaired,
             spikes_masked: report.spikes_masked,
+            bounce_raised: report.bounced.raised,
+            bounce_masked: report.bounced.masked,
             sigma_median_rad: median_sigma(map),
             noise_read_variance_dn2: report.noise.read_variance_dn2,
             noise_gain_dn: report.noise.gain_dn,
@@ -186,6 +190,10 @@ impl fmt::Display for DecodeLine {
         }
         if self.recovered > 0 {
             write!(f, "; {} clipped in some frames and decoded from the others", self.recovered)?;
+        }
+        if self.bounce_raised + self.bounce_masked > 0 {
+            let (raised, masked) = (self.bounce_raised, self.bounce_masked);
+            write!(f, "; light from other faces: uncertainty raised at {raised} px, {masked} px masked")?;
         }
         let not_used = (!self.ignored.is_empty()).then(|| format!("not used: {}", self.ignored.join(", ")));
         let found = self.findings.iter().map(|found| found.text.clone());

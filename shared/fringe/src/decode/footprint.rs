@@ -157,6 +157,11 @@ impl Footprint {
         Some(Line { variance_px2: -2.0 * slope, u_px2: 2.0 * u_slope })
     }
 
+    /// Of each pixel of the map surveyed last: finite where its neighbourhood is one smooth surface.
+    pub fn smooth(&self) -> &[f32] {
+        &self.bias
+    }
+
     /// Removes the bias of a footprint from the phase; its noise grows by some per cent, which the uncertainty contains.
     /// Pixels without a smooth neighbourhood stay as they are. The map must be the one surveyed last.
     pub fn correct(&self, variance_px2: f64, map: &mut PhaseViewMut, level: Level) {
@@ -289,17 +294,18 @@ impl Decoder {
             levels,
             clipped_dn,
         });
-        // Neither given nor to be estimated from the frames: no derivative is needed.
+        // Neither given nor to be estimated from the frames: no derivative is needed, unless bounced light is looked for.
         let calibrated = self.settings.sensor.footprint.filter(|_| given_px.is_none());
         let unknown = given_px.is_none() && calibrated.is_none() && reflectance.is_none();
-        if plan.sines.is_empty() || given_px == Some(0.0) || unknown {
+        let corrects = given_px != Some(0.0) && !unknown;
+        if plan.sines.is_empty() || !(corrects || self.looks_for_bounce(home)) {
             return Ok((None, None));
         }
         let shape = calibrated.map_or([1.0; 2], |footprint| footprint.shape().map(|part| part as f32));
         let seen = self.footprint.survey(out, reflectance, shape, self.level);
         let known_px2 = given_px.map(|footprint_px| footprint_px * footprint_px);
         let known_px2 = known_px2.or(calibrated.map(|footprint| footprint.variance_px2().0));
-        let variance_px2 = known_px2.or(seen.and_then(Line::joined_px2));
+        let variance_px2 = known_px2.or(seen.and_then(Line::joined_px2)).filter(|_| corrects);
         if let Some(variance_px2) = variance_px2 {
             self.footprint.correct(variance_px2, out, self.level);
         }

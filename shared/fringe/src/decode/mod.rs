@@ -35,6 +35,7 @@ mod bits;
 mod block;
 mod blocks;
 mod borders;
+mod bounce;
 mod carrier;
 pub mod chain;
 mod clipped;
@@ -76,6 +77,7 @@ mod tests;
 mod verdict;
 
 pub use crate::sensor::CameraNoise;
+pub use bounce::Bounced;
 pub use continuity::Continuity;
 pub use diagnose::Diagnosis;
 pub use dirt::{Fault, Finding, Remedy};
@@ -84,6 +86,7 @@ pub use exposures::{Exposed, merge_exposures};
 pub use identity::{FrameOrder, OrderEvent, prove as prove_order};
 pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
 pub use motion::Motion;
+pub use plan::decoded_axes;
 pub use replace::SineSet;
 pub use report::{DecodeReport, NoiseModel, NoiseSource};
 pub use risk::OrderRisk;
@@ -96,6 +99,7 @@ use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseViewMut};
 use axis_noise::AxisState;
 use blocks::decode_blocks;
+use bounce::Bounce;
 use edges::Edges;
 use fearless_simd::Level;
 use footprint::Footprint;
@@ -133,6 +137,7 @@ pub struct Decoder {
     identities: Vec<Option<Identity>>,
     corrections: Corrections,
     footprint: Footprint,
+    bounce: Bounce,
     /// Of codes without sines.
     edges: Option<Edges>,
     next: usize,
@@ -190,6 +195,7 @@ impl Decoder {
             corrections: Corrections::new(width_px as usize, pixels),
             pixels,
             footprint: Footprint::new(width_px as usize, pixels),
+            bounce: Bounce::new(width_px as usize, pixels),
             edges: plan
                 .axes
                 .iter()
@@ -317,6 +323,8 @@ impl Decoder {
         report.sensor.noise = self.noise_test(&self.axes[home]);
         report.motion = self.motion(home, out);
         (report.footprint_px, report.sensor.footprint) = self.remove_footprint(home, out)?;
+        report.bounced = self.find_bounce(home, out);
+        report.valid -= report.bounced.masked;
         Ok(report)
     }
 
@@ -384,16 +392,4 @@ impl Decoder {
     fn least_modulation_dn(&self) -> f64 {
         self.settings.min_modulation_fraction * f64::from(self.full_scale_dn)
     }
-}
-
-/// The axes along which a sequence gives a phase, x before y, without the memory of a decoder.
-///
-/// # Errors
-/// As [`Decoder::new`].
-pub fn decoded_axes(
-    sequence: &[PatternSet],
-    extent_px: [u32; 2],
-    settings: &DecodeSettings,
-) -> Result<Vec<Axis>, DecodeError> {
-    Ok(Plan::new(sequence, extent_px, settings)?.axes.iter().map(|axis| axis.axis).collect())
 }

@@ -328,3 +328,15 @@ impl Plan {
         Ok(())
     }
 }
+
+/// The axes along which a sequence gives a phase, x before y, without the memory of a decoder.
+///
+/// # Errors
+/// As [`Decoder::new`].
+pub fn decoded_axes(
+    sequence: &[PatternSet],
+    extent_px: [u32; 2],
+    settings: &DecodeSettings,
+) -> Result<Vec<Axis>, DecodeError> {
+    Ok(Plan::new(sequence, extent_px, settings)?.axes.iter().map(|axis| axis.axis).collect())
+}

@@ -1,5 +1,6 @@
 //! What a decoding did.
 
+use super::bounce::Bounced;
 use super::continuity::Continuity;
 use super::dirt::Finding;
 use super::error::DecodeError;
@@ -95,6 +96,8 @@ pub struct DecodeReport {
     pub spikes_repaired: usize,
     /// Single pixels masked because all neighbours contradict them.
     pub spikes_masked: usize,
+    /// Pixels that light from other faces reaches: raised uncertainty, and masked ones.
+    pub bounced: Bounced,
     /// Noise model behind the phase uncertainty.
     pub noise: NoiseModel,
     /// Standard deviation of the pixel's footprint whose bias was removed, camera pixels; `None` where nothing was.

@@ -87,6 +87,9 @@ pub struct DecodeSettings {
     /// absent it is estimated from white, black and the modulation, and nothing is corrected where they do not determine it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub footprint_px: Option<f64>,
+    /// Largest standard deviation that light from other faces may add to a phase, rad; its pixels are masked beyond it, and below it
+    /// their uncertainty contains it. 0: it is not looked for. It shows only where the sequence has white and black.
+    pub max_bounce_rad: f64,
     /// What the calibration found of this camera. It counts where `camera_noise` and `footprint_px` are absent; the frames then only
     /// test it.
     #[serde(skip)]
@@ -113,6 +116,7 @@ impl Default for DecodeSettings {
             neighbour_reach_px: 16,
             max_contradiction: 0.5,
             footprint_px: None,
+            max_bounce_rad: 0.05,
             sensor: Sensor::default(),
             order: OrderMethod::Auto,
             fuse: false,
@@ -140,6 +144,7 @@ impl DecodeSettings {
         within("certainty_sigmas", self.certainty_sigmas, 0.0, 20.0)?;
         within("edge_tolerance", self.edge_tolerance, 0.0, 0.25)?;
         within("neighbour_reach_px", f64::from(self.neighbour_reach_px), 1.0, 256.0)?;
+        within("max_bounce_rad", self.max_bounce_rad, 0.0, std::f64::consts::FRAC_PI_2)?;
         within("max_contradiction", self.max_contradiction, 0.0, 1e6)?;
         if let Some(footprint_px) = self.footprint_px {
             within("footprint_px", footprint_px, 0.0, 1.0)?;

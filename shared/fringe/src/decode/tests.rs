@@ -1,5 +1,6 @@
 //! Tests of the decoder on frames rendered from the pattern definitions.
 
+mod bounce;
 mod code_dirt;
 mod codecs;
 mod diagnose;

@@ -1,6 +1,7 @@
 //! The last step of `finish`: corrections are applied, states become the validity mask, and everything is counted.
 
 use super::block::{BLOCK, Tally, state};
+use super::bounce::Bounced;
 use super::continuity::Continuity;
 use super::identity::FrameOrder;
 use super::neighbours::{ASKED, Field, MASK};
@@ -120,6 +121,7 @@ impl Verdicts {
             resolved: self.resolved,
             spikes_repaired: self.spikes_repaired,
             spikes_masked: self.spikes_masked,
+            bounced: Bounced::default(),
             noise,
             footprint_px: None,
             sensor: SensorTest::default(),

@@ -217,10 +217,11 @@ fn check(rule: &Rule, volume: &Volume, value: f64, what: &str) -> Option<Violati
     };
     let (factor, unit) = rule.quantity.reported(volume.body_diagonal_mm, shortest_mm(volume));
     let (required, actual) = (limit * factor, value * factor);
-    let digits = match unit {
-        "mm" => 3,
-        "%" => 1,
-        _ => 0,
+    // A count needs no unit: the rule's name says what is counted.
+    let number = |value: f64| match unit {
+        "mm" => format!("{value:.3} mm"),
+        "%" => format!("{value:.1} %"),
+        _ => format!("{value:.0}"),
     };
     let of = match rule.quantity {
         Quantity::DiameterOverDiagonal
@@ -232,7 +233,6 @@ fn check(rule: &Rule, volume: &Volume, value: f64, what: &str) -> Option<Violati
         Quantity::LongestOverShortestSide => " (the shortest side of the volume)".to_owned(),
         _ => String::new(),
     };
-    let text =
-        format!("{}: {what} has {actual:.digits$} {unit}, {word} {required:.digits$} {unit}{of}", rule.name);
+    let text = format!("{}: {} for {what}, {word} {}{of}", rule.name, number(actual), number(required));
     Some(Violation { rule: rule.name.clone(), required, actual, unit: unit.to_owned(), text })
 }

@@ -52,11 +52,13 @@ fn capital(text: &str) -> String {
     signs.next().map_or_else(String::new, |first| first.to_uppercase().chain(signs).collect())
 }
 
+/// What makes a test a reduced one, a line each: texts that begin with the name of their rule hold its numbers.
 fn reduced(report: &TestReport) -> Vec<String> {
     let number = |v: f64| fixed(v, limit_decimals(Some(v)).min(4));
     let line = |v: &metrology::acceptance::Violation| {
         // What is missing has no number.
-        if v.actual == 0.0 && v.required == 1.0 {
+        let whole = v.text.starts_with(&v.rule) || (v.actual == 0.0 && v.required == 1.0);
+        if whole {
             return v.text.clone();
         }
         format!(

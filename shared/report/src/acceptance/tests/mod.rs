@@ -125,6 +125,9 @@ fn html_says_verdict_and_reduction_first_and_lets_no_text_out_of_its_place() {
     let page = html(&hostile());
     assert!(at(&page, "REDUCED TEST") < at(&page, ">FAIL (reduced test)<"));
     assert!(page.contains("required 145 mm, this test 120.055 mm"));
+    let mut told = reduced();
+    told.reduced[0].text = "ball bar length: 120.055 mm for bar, at least 145.000 mm".into();
+    assert_eq!(html(&told).matches("ball bar length").count(), 1, "a broken rule is said once");
     assert!(!page.contains("<b>&\"x'") && !page.contains('\u{1b}') && !page.contains("<script"));
     assert!(!page.contains("://"), "needs nothing from elsewhere");
 }
