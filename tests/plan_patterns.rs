@@ -218,6 +218,7 @@ fn a_plan_for_nonsense_is_refused() {
         ("--camera-blur-px=NaN", "--camera-blur-px NaN"),
         ("--blur-px=-1", "--blur-px -1"),
         ("--want-u-um=0", "want_u_um = 0"),
+        ("--most-period-px=5", "most_period_px = 5"),
     ] {
         let ran = fringetool(&["plan-patterns", "--rig", &rig, argument]);
         assert_eq!(ran.code, Some(2), "{argument}: {}", ran.stdout);

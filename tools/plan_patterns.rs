@@ -58,6 +58,9 @@ pub struct Args {
     /// Wanted standard uncertainty of a single point, micrometres.
     #[arg(long, value_name = "UM")]
     want_u_um: Option<f64>,
+    /// Longest finest period, projector pixels: the shorter, the less light that bounces between faces moves points.
+    #[arg(long, value_name = "PX")]
+    most_period_px: Option<f64>,
     /// Largest acceptable probability of a wrong fringe order.
     #[arg(long, value_name = "P", default_value_t = 1e-6)]
     most_wrong_orders: f64,
@@ -121,6 +124,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         blur_px: both_px(args.blur_px, args.camera_blur_px * target.scale),
         projector_gamma: args.projector_gamma,
         depth: target.depth,
+        most_period_px: args.most_period_px,
         want_u_um: args.want_u_um,
         most_wrong: args.most_wrong_orders,
     };

@@ -201,6 +201,7 @@ impl<'a> Bench<'a> {
             blur_px: (projector_blur_px * projector_blur_px + camera2).sqrt(),
             projector_gamma,
             depth: depth.context("views that cross")?,
+            most_period_px: None,
             want_u_um,
             most_wrong: 1e-6,
         })

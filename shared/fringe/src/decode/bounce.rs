@@ -9,7 +9,7 @@
 //! q = B / (white − black),   u²(φ) = Var(q) / q² − (2/N) σ_I²(A) / B² − (σ_I²(white) + σ_I²(black)) / (white − black)²
 //! ```
 //!
-//! Only pixels with a smooth neighbourhood count, since edges mix faces; where a window has hardly any, as under fine ripples, all count. Sums are those of cells of 4 × 4 pixels; a window is nine cells
+//! Only pixels with a smooth neighbourhood count, since edges mix faces. Sums are those of cells of 4 × 4 pixels; a window is nine cells
 //! without the one that scatters most, so that one faulty pixel is not taken for bounced light.
 //! What bounces as a constant over the whole window is not seen.
 
@@ -33,10 +33,7 @@ const CERTAIN: f32 = 3.0;
 /// The modulation over white less black without blur: sums of what it differs by lose no digits.
 const PLAIN: f32 = 0.5;
 
-/// Sums of a cell over its smooth pixels, and over all.
-type Sums = [Cell; 2];
-
-/// Sums over some pixels of a cell.
+/// Sums over the smooth pixels of a cell.
 #[derive(Debug, Clone, Copy, Default)]
 struct Cell {
     count: f32,
@@ -94,14 +91,12 @@ pub struct Bounced {
 /// What the test needs besides the frames.
 #[derive(Debug, Clone, Copy)]
 pub struct Light<'a> {
-    /// White and black.
+    /// The frames white and black.
     pub reflectance: Reflectance<'a>,
     /// Noise of the camera.
     pub noise: NoiseModel,
     /// Steps of the sine whose modulation the map has.
     pub steps: u32,
-    /// Smallest modulation of a usable pixel, DN.
-    pub least_modulation_dn: f32,
 }
 
 /// Memory of the test, reserved once.
@@ -109,7 +104,7 @@ pub struct Light<'a> {
 pub struct Bounce {
     width: usize,
     columns: usize,
-    cells: Vec<Sums>,
+    cells: Vec<Cell>,
     /// Relative variance that bounced light adds, of each cell.
     excess: Vec<f32>,
 }
@@ -119,7 +114,7 @@ impl Bounce {
     pub fn new(width: usize, pixels: usize) -> Self {
         let columns = width.div_ceil(CELL);
         let count = columns * (pixels / width.max(1)).div_ceil(CELL);
-        Self { width, columns, cells: vec![Sums::default(); count], excess: vec![0.0; count] }
+        Self { width, columns, cells: vec![Cell::default(); count], excess: vec![0.0; count] }
     }
 
     /// Adds what bounced light does to the uncertainty of the phase, and masks pixels where that is more than `most_rad`. `smooth`: finite
@@ -135,13 +130,13 @@ impl Bounce {
         let (width, columns) = (self.width, self.columns);
         let modulation = &*map.modulation;
         self.cells.par_chunks_mut(columns).enumerate().for_each(|(row, cells)| {
-            cells.fill(Sums::default());
+            cells.fill(Cell::default());
             vectorised!(level, light.sum(modulation, smooth, row * CELL, width, cells));
         });
         let cells = &self.cells;
         self.excess.par_chunks_mut(columns).enumerate().for_each(|(row, excess)| {
             for (column, excess) in excess.iter_mut().enumerate() {
-                *excess = excess_of(cells, columns, row, column);
+                *excess = window(cells, columns, row, column).excess();
             }
         });
         let part = CELL * width;
@@ -185,19 +180,12 @@ fn raise(
     }
 }
 
-/// Relative variance that bounced light adds in the window about a cell.
-fn excess_of(cells: &[Sums], columns: usize, row: usize, column: usize) -> f32 {
-    let [smooth, all] = [0, 1].map(|which| window(cells, columns, [row, column], which));
-    if smooth.count < LEAST { all.excess() } else { smooth.excess() }
-}
-
 /// Nine cells about one, without the one that scatters most.
-fn window(cells: &[Sums], columns: usize, [row, column]: [usize; 2], which: usize) -> Cell {
+fn window(cells: &[Cell], columns: usize, row: usize, column: usize) -> Cell {
     let rows = cells.len() / columns;
     let (mut all, mut worst) = (Cell::default(), &Cell::default());
     for y in row.saturating_sub(1)..(row + 2).min(rows) {
         for cell in &cells[y * columns..][column.saturating_sub(1)..(column + 2).min(columns)] {
-            let cell = &cell[which];
             all.add(cell);
             if cell.scatter() > worst.scatter() {
                 worst = cell;
@@ -217,8 +205,7 @@ impl Decoder {
         let reflectance = Reflectance { rasters: &self.rasters, levels, clipped_dn: self.clipped_dn };
         let noise = self.noise(&self.axes[home]);
         let steps = self.steps[plan.sines[0]];
-        let least_modulation_dn = self.least_modulation_dn() as f32;
-        let light = Light { reflectance, noise, steps, least_modulation_dn };
+        let light = Light { reflectance, noise, steps };
         let most_rad = self.settings.max_bounce_rad as f32;
         self.bounce.find(out, self.footprint.smooth(), &light, most_rad, self.level)
     }
@@ -233,7 +220,7 @@ impl Decoder {
 impl Light<'_> {
     /// Adds the pixels of up to four rows from `row` on to their cells.
     #[inline(always)]
-    fn sum(&self, modulation: &[f32], smooth: &[f32], row: usize, width: usize, cells: &mut [Sums]) {
+    fn sum(&self, modulation: &[f32], smooth: &[f32], row: usize, width: usize, cells: &mut [Cell]) {
         match self.reflectance.rasters {
             Rasters::Bytes(data) => self.sum_of(data, (modulation, smooth), row, width, cells),
             Rasters::Words(data) => self.sum_of(data, (modulation, smooth), row, width, cells),
@@ -247,7 +234,7 @@ impl Light<'_> {
         (modulation, smooth): (&[f32], &[f32]),
         row: usize,
         width: usize,
-        cells: &mut [Sums],
+        cells: &mut [Cell],
     ) {
         let pixels = modulation.len();
         let levels = self.reflectance.levels;
@@ -257,7 +244,7 @@ impl Light<'_> {
         let of_steps = 2.0 / self.steps as f32;
         for column in (0..width).step_by(LANES) {
             let count = LANES.min(width - column);
-            let mut sums = [[[0.0_f32; LANES]; 4]; 2];
+            let mut sums = [[0.0_f32; LANES]; 4];
             for y in row..(row + CELL).min(pixels / width) {
                 let part = y * width + column..y * width + column + count;
                 let light = white[part.clone()].iter().zip(&black[part.clone()]);
@@ -273,22 +260,16 @@ impl Light<'_> {
                     let of_range = (2.0 * read + gain * (white + black)) / (range * range);
                     let noise = ratio * ratio * (of_modulation + of_range);
                     #[allow(clippy::needless_bitwise_bool, reason = "without branches the loop vectorises")]
-                    let lit = !clipped & (range > 0.0) & (*b > 0.0) & (*b >= self.least_modulation_dn);
-                    for (sums, counts) in sums.iter_mut().zip([lit & smooth.is_finite(), lit]) {
-                        let values = [1.0, beside, beside * beside, noise];
-                        for (sum, value) in sums.iter_mut().zip(values) {
-                            sum[i] += if counts { value } else { 0.0 };
-                        }
+                    let counts = smooth.is_finite() & !clipped & (range > 0.0) & (*b > 0.0);
+                    for (sum, value) in sums.iter_mut().zip([1.0, beside, beside * beside, noise]) {
+                        sum[i] += if counts { value } else { 0.0 };
                     }
                 }
             }
+            let [n, s1, s2, v] = sums;
             for (i, cell) in cells[column / CELL..].iter_mut().take(LANES / CELL).enumerate() {
-                for (cell, [n, s1, s2, v]) in cell.iter_mut().zip(&sums) {
-                    for lane in i * CELL..(i + 1) * CELL {
-                        let lane =
-                            Cell { count: n[lane], ratio: s1[lane], squares: s2[lane], noise: v[lane] };
-                        cell.add(&lane);
-                    }
+                for lane in i * CELL..(i + 1) * CELL {
+                    cell.add(&Cell { count: n[lane], ratio: s1[lane], squares: s2[lane], noise: v[lane] });
                 }
             }
         }

@@ -7,7 +7,7 @@
 //! a wrong order from [`OrderRisk`](crate::decode::OrderRisk) and the bits. Short periods gain until blur takes their contrast and the order its margin.
 //!
 //! It is a plan for one brightness of a smooth face. Edges, where a footprint mixes two faces, light that bounces, and a part that moves
-//! are not in it.
+//! are not in it; against light that bounces, `most_period_px` keeps the periods short.
 
 pub mod geometry;
 pub mod pattern;
@@ -53,6 +53,8 @@ pub struct Requirements {
     pub projector_gamma: f64,
     /// How coordinates become points.
     pub depth: Depth,
+    /// Longest finest period, projector pixels: light that bounces moves points by as much less as the period is shorter; none: any.
+    pub most_period_px: Option<f64>,
     /// Wanted standard uncertainty of a point, µm; none: the best.
     pub want_u_um: Option<f64>,
     /// Largest chance of a wrong order.
@@ -118,6 +120,13 @@ impl Requirements {
         within("blur_px", self.blur_px, (0.0, 100.0), "0 to 100 projector pixels")?;
         within("projector_gamma", self.projector_gamma, (0.1, 10.0), "0.1 to 10; 1 for corrected patterns")?;
         within("um_per_px", self.depth.um_per_px, (1e-6, 1e9), "above 0 µm per projector pixel")?;
+        let periods = "6 projector pixels or more";
+        within(
+            "most_period_px",
+            self.most_period_px.unwrap_or(PERIODS_PX[0]),
+            (PERIODS_PX[0], 1e9),
+            periods,
+        )?;
         within("most_wrong", self.most_wrong, (1e-300, 1.0), "above 0 and at most 1")?;
         within("want_u_um", self.want_u_um.unwrap_or(1.0), (1e-6, 1e9), "above 0 µm")
     }
@@ -150,7 +159,8 @@ impl Requirements {
 pub fn propose(wanted: &Requirements) -> Result<Vec<Proposal>, WantedError> {
     wanted.check()?;
     let mut all = Vec::new();
-    for period_px in PERIODS_PX.into_iter().filter(|p| 2.0 * p <= f64::from(wanted.extent_px)) {
+    let most_px = wanted.most_period_px.unwrap_or(f64::INFINITY).min(0.5 * f64::from(wanted.extent_px));
+    for period_px in PERIODS_PX.into_iter().filter(|p| *p <= most_px) {
         for steps in STEPS {
             for order in sets::ORDERS {
                 all.extend(evaluate(wanted, order, period_px, steps));

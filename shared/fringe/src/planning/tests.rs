@@ -19,6 +19,7 @@ fn wanted() -> Requirements {
         blur_px: 0.6,
         projector_gamma: 1.0,
         depth: Depth { um_per_px: 700.0, noise_share: 1.0, pattern_cancels: true },
+        most_period_px: None,
         want_u_um: Some(10.0),
         most_wrong: 1e-6,
     }
@@ -63,7 +64,9 @@ fn fringes_that_the_decoder_masks_do_not_meet_anything() {
     assert!(any(&want));
     assert!(!any(&Requirements { modulation_dn: 5.0, background_dn: 6.0, ..want.clone() }));
     assert!(!any(&Requirements { background_dn: 200.0, ..want.clone() }));
-    assert!(!any(&Requirements { full_scale_dn: 4095.0, ..want }));
+    assert!(!any(&Requirements { full_scale_dn: 4095.0, ..want.clone() }));
+    let short = propose(&Requirements { most_period_px: Some(8.0), ..want }).unwrap();
+    assert!(!short.is_empty() && short.iter().all(|proposal| proposal.period_px <= 8.0));
 }
 
 #[test]
@@ -74,6 +77,7 @@ fn numbers_that_make_no_sense_are_named() {
         (Requirements { background_dn: 30.0, ..wanted() }, "modulation_dn"),
         (Requirements { read_noise_dn: f64::NAN, ..wanted() }, "read_noise_dn"),
         (Requirements { want_u_um: Some(-1.0), ..wanted() }, "want_u_um"),
+        (Requirements { most_period_px: Some(5.0), ..wanted() }, "most_period_px"),
     ] {
         assert_eq!(propose(&bad).unwrap_err().key, key);
     }

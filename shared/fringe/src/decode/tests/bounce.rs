@@ -9,7 +9,7 @@ const EXTENT: u32 = 640;
 /// Frames of 8 bits with noise: a ramp of this albedo, and on its right half light of another ramp, of this share.
 fn frames(sequence: &[PatternSet], share: f64, albedo: fn(usize) -> f64) -> (Scene, Vec<Frame>) {
     let seen = Scene::ramp(WIDTH, HEIGHT, 1.2, 0.1, EXTENT);
-    let other = (0..WIDTH * HEIGHT).map(|i| 600.0 - 1.3 * (i % WIDTH) as f64 - 0.9 * (i / WIDTH) as f64);
+    let other = (0..WIDTH * HEIGHT).map(|i| 400.0 - 0.1 * (i % WIDTH) as f64 - 0.9 * (i / WIDTH) as f64);
     let thrown = Scene::new(WIDTH, other.collect(), EXTENT);
     let shown = Scene { noise: (0.8, 0.02), ..seen.clone().eight_bits() };
     let mut random = Random(5);
