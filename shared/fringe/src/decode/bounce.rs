@@ -9,12 +9,13 @@
 //! q = B / (white − black),   u²(φ) = Var(q) / q² − (2/N) σ_I²(A) / B² − (σ_I²(white) + σ_I²(black)) / (white − black)²
 //! ```
 //!
-//! Only pixels with a smooth neighbourhood count, since edges mix faces. Sums are those of cells of 4 × 4 pixels; a window is nine cells
+//! Steep fringes lose modulation by the pixel's footprint (see [`super::footprint`]); that is put right first, q e^{½ s² |∇φ|²}. Only pixels with
+//! a smooth neighbourhood count, since edges mix faces. Sums are those of cells of 4 × 4 pixels; a window is nine cells
 //! without the one that scatters most, so that one faulty pixel is not taken for bounced light.
 //! What bounces as a constant over the whole window is not seen.
 
 use super::Decoder;
-use super::footprint::Reflectance;
+use super::footprint::{LENS_PX2, Reflectance};
 use super::rasters::Rasters;
 use super::report::NoiseModel;
 use crate::math::simd::vectorised;
@@ -97,6 +98,8 @@ pub struct Light<'a> {
     pub noise: NoiseModel,
     /// Steps of the sine whose modulation the map has.
     pub steps: u32,
+    /// Variance of the pixel's footprint, px².
+    pub footprint_px2: f32,
 }
 
 /// Memory of the test, reserved once.
@@ -128,10 +131,10 @@ impl Bounce {
         level: Level,
     ) -> Bounced {
         let (width, columns) = (self.width, self.columns);
-        let modulation = &*map.modulation;
+        let (phase, modulation) = (&*map.phase_rad, &*map.modulation);
         self.cells.par_chunks_mut(columns).enumerate().for_each(|(row, cells)| {
             cells.fill(Cell::default());
-            vectorised!(level, light.sum(modulation, smooth, row * CELL, width, cells));
+            vectorised!(level, light.sum((phase, modulation, smooth), row * CELL, width, cells));
         });
         let cells = &self.cells;
         self.excess.par_chunks_mut(columns).enumerate().for_each(|(row, excess)| {
@@ -197,7 +200,13 @@ fn window(cells: &[Cell], columns: usize, row: usize, column: usize) -> Cell {
 
 impl Decoder {
     /// Bounced light in the map that was surveyed last; none is looked for without white and black, or where the settings ask for none.
-    pub(super) fn find_bounce(&mut self, home: usize, out: &mut PhaseViewMut) -> Bounced {
+    /// `footprint_px`: what is known of the pixel's footprint.
+    pub(super) fn find_bounce(
+        &mut self,
+        home: usize,
+        footprint_px: Option<f64>,
+        out: &mut PhaseViewMut,
+    ) -> Bounced {
         let plan = &self.plan.axes[home];
         let Some(levels) = plan.levels.filter(|_| self.looks_for_bounce(home)) else {
             return Bounced::default();
@@ -205,7 +214,8 @@ impl Decoder {
         let reflectance = Reflectance { rasters: &self.rasters, levels, clipped_dn: self.clipped_dn };
         let noise = self.noise(&self.axes[home]);
         let steps = self.steps[plan.sines[0]];
-        let light = Light { reflectance, noise, steps };
+        let footprint_px2 = footprint_px.map_or(LENS_PX2, |px| px * px) as f32;
+        let light = Light { reflectance, noise, steps, footprint_px2 };
         let most_rad = self.settings.max_bounce_rad as f32;
         self.bounce.find(out, self.footprint.smooth(), &light, most_rad, self.level)
     }
@@ -220,10 +230,10 @@ impl Decoder {
 impl Light<'_> {
     /// Adds the pixels of up to four rows from `row` on to their cells.
     #[inline(always)]
-    fn sum(&self, modulation: &[f32], smooth: &[f32], row: usize, width: usize, cells: &mut [Cell]) {
+    fn sum(&self, map: (&[f32], &[f32], &[f32]), row: usize, width: usize, cells: &mut [Cell]) {
         match self.reflectance.rasters {
-            Rasters::Bytes(data) => self.sum_of(data, (modulation, smooth), row, width, cells),
-            Rasters::Words(data) => self.sum_of(data, (modulation, smooth), row, width, cells),
+            Rasters::Bytes(data) => self.sum_of(data, map, row, width, cells),
+            Rasters::Words(data) => self.sum_of(data, map, row, width, cells),
         }
     }
 
@@ -231,7 +241,7 @@ impl Light<'_> {
     fn sum_of<T: Copy + Into<u16>>(
         &self,
         data: &[T],
-        (modulation, smooth): (&[f32], &[f32]),
+        (phase, modulation, smooth): (&[f32], &[f32], &[f32]),
         row: usize,
         width: usize,
         cells: &mut [Cell],
@@ -246,15 +256,24 @@ impl Light<'_> {
             let count = LANES.min(width - column);
             let mut sums = [[0.0_f32; LANES]; 4];
             for y in row..(row + CELL).min(pixels / width) {
-                let part = y * width + column..y * width + column + count;
+                let first = y * width + column;
+                let part = first..first + count;
+                // No pixel of the outermost rows and columns is smooth: what they take for their neighbours does not matter.
+                let beside = |at: usize| &phase[at.min(pixels - count)..][..count];
+                let across = beside(first.max(1) - 1).iter().zip(beside(first + 1));
+                let along = beside(first.max(width) - width).iter().zip(beside(first + width));
+                let slopes = across.zip(along);
                 let light = white[part.clone()].iter().zip(&black[part.clone()]);
                 let map = modulation[part.clone()].iter().zip(&smooth[part]);
-                for (i, ((white, black), (b, smooth))) in light.zip(map).enumerate() {
+                for (i, (((white, black), (b, smooth)), slopes)) in light.zip(map).zip(slopes).enumerate() {
+                    let ((left, right), (above, below)) = slopes;
+                    let (x, y) = (0.5 * (right - left), 0.5 * (below - above));
+                    let lost = 1.0 + 0.5 * self.footprint_px2 * (x * x + y * y);
                     let (white, black): (u16, u16) = ((*white).into(), (*black).into());
                     let clipped = white >= self.reflectance.clipped_dn;
                     let (white, black) = (f32::from(white), f32::from(black));
                     let range = white - black;
-                    let ratio = b / range;
+                    let ratio = b / range * lost;
                     let beside = ratio - PLAIN;
                     let of_modulation = of_steps * (read + gain * 0.5 * (white + black)) / (b * b);
                     let of_range = (2.0 * read + gain * (white + black)) / (range * range);

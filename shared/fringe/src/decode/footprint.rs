@@ -46,7 +46,7 @@ const LEAST_IN_GROUP: u32 = 20;
 /// What is known before the frames are asked: the area of a pixel (1/12 px²) and a lens in focus (0.2 to 0.5 px), and
 /// its standard uncertainty. The frames outweigh it where they show slopes and little noise; it holds the estimate
 /// where light between surfaces, which steep places get more of, bends the line.
-const LENS_PX2: f64 = 0.2;
+pub(super) const LENS_PX2: f64 = 0.2;
 const LENS_U_PX2: f64 = 0.12;
 /// A variance below this, px², moves no phase that could be measured.
 const LEAST_PX2: f64 = 0.005;

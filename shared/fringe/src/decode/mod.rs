@@ -323,7 +323,7 @@ impl Decoder {
         report.sensor.noise = self.noise_test(&self.axes[home]);
         report.motion = self.motion(home, out);
         (report.footprint_px, report.sensor.footprint) = self.remove_footprint(home, out)?;
-        report.bounced = self.find_bounce(home, out);
+        report.bounced = self.find_bounce(home, report.footprint_px, out);
         report.valid -= report.bounced.masked;
         Ok(report)
     }

