@@ -104,6 +104,13 @@ fn samples(
     one.filter_mm.map_or(single.clone(), |edge| means(&single, edge, &nominal_of(joint, one)))
 }
 
+/// Deviations of the points used from their own element, or of their means, in the order of [`samples`].
+fn residuals(joint: &Joint<'_>, base: &Base<'_>, one: &Characteristic) -> Vec<Sample> {
+    let single: Vec<Sample> =
+        base.used().map(|(p, deviation)| Sample { place: p.coords, deviation }).collect();
+    one.filter_mm.map_or(single.clone(), |edge| means(&single, edge, &nominal_of(joint, one)))
+}
+
 /// The nominal surface of a measured element, on which cubes divide its points.
 fn nominal_of<'j>(joint: &'j Joint<'_>, one: &Characteristic) -> impl Fn(&Vector3<f64>) -> Vector3<f64> + 'j {
     let geometry = &joint.plan.elements[one.elements[0]].geometry;
@@ -189,13 +196,11 @@ fn form(
     one: &Characteristic,
     criterion: Criterion,
 ) -> Result<Value, String> {
-    let single: Vec<Sample> =
-        base.used().map(|(p, deviation)| Sample { place: p.coords, deviation }).collect();
-    let list = one.filter_mm.map_or(single.clone(), |edge| means(&single, edge, &nominal_of(joint, one)));
+    let list = residuals(joint, base, one);
     let values: Vec<f64> = list.iter().map(|s| s.deviation).collect();
     let [low, high] = extremes(&values)?;
     let all = base.residuals.map_or(&[][..], |r| &r.deviation_mm);
-    let rejected = all.len() - single.len();
+    let rejected = all.len() - base.used().count();
     let u = if one.filter_mm.is_some() { u_of_range(&values, true) } else { u_range_mm(all, rejected, 1.0) };
     let value = match criterion {
         Criterion::MinimumZone => minimum_zone(base, &list)?,
@@ -291,6 +296,7 @@ fn runout(joint: &Joint<'_>, one: &Characteristic, section_mm: Option<f64>) -> R
         let (list, _) = list(parts)?;
         Ok([range(&of(&list, key))?])
     })?;
-    let u_points = u_of_range(&of(&here, key), one.filter_mm.is_some());
+    // An element beside the datum axis has a range of its own: only what its points scatter about the element itself is uncertain.
+    let u_points = u_of_range(&of(&residuals(joint, base, one), key), one.filter_mm.is_some());
     Ok(Value { value, u: (u_points * u_points + covariance[(0, 0)].max(0.0)).sqrt(), bonus_mm: None })
 }

@@ -154,6 +154,16 @@ fn outlines_lie_off_as_far_as_stated_on_a_grid() {
     }
 }
 
+/// A boss beside the datum axis has a large range, which is no scatter of its points (10 µm).
+#[test]
+fn the_run_out_of_an_eccentric_boss_is_as_certain_as_its_points() {
+    let runout = limit("circular-runout", "runout", "boss", "datums = \"bore\"\nsection_mm = 5.0");
+    let plan = Plan::from_toml(&format!("{ELEMENTS}\n{runout}")).unwrap();
+    let result = evaluate(&plan, &Real { sigma_mm: 0.01, density: COARSE, ..Real::default() }.cloud(3));
+    let feature = &result.features[0];
+    assert!(feature.value.unwrap() > 1.0 && feature.u.unwrap() < 0.03, "{feature:?}");
+}
+
 /// All over 600 clouds, known to 3 %; outlines also over 100 clouds as dense as a camera's, known to 7 %.
 #[test]
 #[ignore = "2000 clouds: cargo test --release -p fringe-metrology figures_of_coverage -- --ignored --nocapture"]
