@@ -102,6 +102,7 @@ mod page;
 mod panics;
 mod phase_methods;
 mod plan_patterns;
+mod plan_views;
 mod point_lists;
 mod pose;
 mod proof;

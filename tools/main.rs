@@ -61,6 +61,7 @@ mod place;
 mod plan_from_cad;
 mod plan_patterns;
 mod plan_text;
+mod plan_views;
 mod preview;
 mod progress;
 mod reconstruct;
@@ -180,6 +181,8 @@ enum Command {
     Uncertainty(uncertainty::Args),
     /// Propose period, steps and code from the projector, the noise and the wanted uncertainty.
     PlanPatterns(plan_patterns::Args),
+    /// Plan views from CAD: which pairs see which part of the surface, expected uncertainties, further pairs.
+    PlanViews(plan_views::Args),
     /// Write the images that the projectors of a cell show, with a list of what each of them is.
     Patterns(patterns::Args),
     /// Write the report of an acceptance test (HTML, PDF, CSV, QIF, DFQ, DCC) from its result, or the DCC of a calibrated rig.
@@ -286,6 +289,7 @@ fn execute(command: &Command) -> Result<Outcome> {
         Command::Focus(args) => focus::run(args),
         Command::Uncertainty(args) => uncertainty::run(args),
         Command::PlanPatterns(args) => plan_patterns::run(args),
+        Command::PlanViews(args) => plan_views::run(args),
         Command::Patterns(args) => patterns::run(args),
         Command::Report(args) => acceptance_report::run(args),
         Command::Replay(args) => replay::run(args),

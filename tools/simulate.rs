@@ -68,6 +68,12 @@ pub struct Args {
     /// Axis of the stage: a point (mm, world frame) and a direction.
     #[arg(long, value_name = "x,y,z,dx,dy,dz", allow_hyphen_values = true, requires = "stage_deg")]
     stage_axis: Option<Axis>,
+    /// Write the nominal surface of the scene as a mesh, in the part frame, to this file (STL): the part's CAD.
+    #[arg(long, value_name = "FILE.stl")]
+    cad: Option<PathBuf>,
+    /// Largest depth of a facet of that mesh below a curved face, mm.
+    #[arg(long, value_name = "MM", default_value_t = 0.002, requires = "cad")]
+    chord_mm: f64,
     /// Write the result as JSON to this file; `-` is standard output.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -80,7 +86,11 @@ pub fn run(args: &Args) -> Result<Outcome> {
         .flatten()
         .map(PathBuf::as_path)
         .collect();
-    check_outputs(&[("--json", args.json.as_deref())], &inputs, Some(&args.out))?;
+    let outputs = [("--cad", args.cad.as_deref()), ("--json", args.json.as_deref())];
+    check_outputs(&outputs, &inputs, Some(&args.out))?;
+    if !(1e-5..=100.0).contains(&args.chord_mm) {
+        bail!("--chord-mm {}: must be 0.00001 to 100 mm", args.chord_mm);
+    }
     let found = bundled::find(&args.config)?;
     let mut config = Config::load(&found.path)?;
     let Some(twin_config) = &config.twin else {
@@ -95,6 +105,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
         config.cell.projectors.iter_mut().try_for_each(|p| grey_levels(p, levels))?;
     }
     let scene = load_scene(args.scene.as_deref(), twin_config)?;
+    if let Some(path) = &args.cad {
+        write_cad(path, &scene, args.chord_mm)?;
+    }
     let settings = settings(args, twin_config)?;
     let twin =
         Twin::new(&scene, settings, &twin_config.rig).with_context(|| args.config.display().to_string())?;
@@ -112,6 +125,16 @@ pub fn run(args: &Args) -> Result<Outcome> {
     let result = serde_json::json!({ "recording": args.out, "truth": truth_path, "frames": count });
     emit(args.json.as_deref(), &result)?;
     Ok(Outcome::Done)
+}
+
+/// Writes the nominal surface of the scene.
+fn write_cad(path: &Path, scene: &Scene, chord_mm: f64) -> Result<()> {
+    let triangles = scene.triangles(chord_mm);
+    let corners: Vec<_> = triangles.iter().flatten().copied().collect();
+    let numbers: Vec<[u32; 3]> = (0..triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
+    files::mesh_file::write_stl(path, &corners, &numbers)?;
+    println!("{}: {} triangles", path.display(), triangles.len());
+    Ok(())
 }
 
 fn settings(args: &Args, twin: &TwinConfig) -> Result<TwinSettings> {

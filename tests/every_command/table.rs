@@ -45,6 +45,7 @@ pub const QUICK: &[&str] = &[
     "uncertainty CONFIGS/budgets/sphere-spacing.toml",
     "patterns DIR/cell.toml --out NEW/patterns --one-bit --packed",
     "plan-patterns --rig DIR/rig.toml --want-u-um 50",
+    "plan-views CONFIGS/bracket/bracket.stl --rig DIR/rig.toml --element-mm 8 --bounce-rays 4 --picture NEW/views.png --csv NEW/views.csv",
     "report DIR/master.json --csv NEW/values.csv",
     "replay DIR/record",
     "cameras",

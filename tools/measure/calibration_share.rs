@@ -31,7 +31,7 @@ pub fn with_calibration(
 }
 
 /// Root of the sum of squares over the modes of the covariance, for each feature.
-fn shares(plan: &Plan, points: &[Point], rig_file: &RigFile) -> Result<Vec<Option<f64>>> {
+pub fn shares(plan: &Plan, points: &[Point], rig_file: &RigFile) -> Result<Vec<Option<f64>>> {
     let path = rig_file.path.display();
     let Some(covariance) = rig_file.read_covariance()? else {
         bail!("{path}: names no covariance; `fringetool calibrate` writes one beside the rig file");

@@ -6,6 +6,7 @@ use crate::Outcome;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
 use anyhow::Result;
+pub use calibration_share::shares as calibration_shares;
 use calibration_share::with_calibration;
 use files::hash::{cloud_sha256_hex, sha256_hex};
 use files::plan_file::read_plan;

@@ -19,3 +19,4 @@ pub mod spc;
 pub mod surface_net;
 pub mod uncertainty;
 pub mod verdict;
+pub mod view_planning;

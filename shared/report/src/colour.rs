@@ -191,6 +191,11 @@ pub enum Colouring<'a> {
     Normal,
     /// A colour for each pair, shaded by the normal.
     Pair,
+    /// A colour for each point, shaded by the normal.
+    Given {
+        /// In the order of the points; white where there are fewer.
+        colours: &'a [Rgb],
+    },
     /// Signed deviation, blue below, red above; not shaded, so that the colour bar holds.
     Deviation {
         /// Index of a point and its deviation, mm.

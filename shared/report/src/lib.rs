@@ -43,6 +43,7 @@ mod tables;
 mod tests;
 pub mod trend_chart;
 pub mod uncertainty;
+mod view_plan;
 
 pub use class_map::{Class, ClassMap, class_counts, class_map_png};
 pub use colour::ColourMap;
@@ -54,6 +55,7 @@ pub use image_points::{ImagePointMark, ImagePointPicture, image_points_png};
 pub use input::{Activity, FeatureRow, GreyPicture, Mark, PhasePicture, ReportInput, Span};
 pub use page::{Page, Text};
 pub use picture::PictureError;
+pub use view_plan::view_plan_png;
 
 /// Writes the report; the file is complete or absent.
 ///

@@ -124,7 +124,7 @@ pub fn cloud_png(points: &[Point], view: &View, colouring: &Colouring<'_>) -> Re
             let ends = Ends { low: -high, high };
             with_colour_bar(&rendered.raster, ColourMap::Diverging, ends, "µm")?.to_png()
         }
-        Colouring::Normal | Colouring::Pair => rendered.raster.to_png(),
+        Colouring::Normal | Colouring::Pair | Colouring::Given { .. } => rendered.raster.to_png(),
     }
 }
 
@@ -189,7 +189,12 @@ pub(crate) fn share(value: f64, ends: Ends) -> f64 {
 }
 
 /// Sets a colour bar with values and unit at the right of a picture.
-fn with_colour_bar(picture: &Raster, map: ColourMap, ends: Ends, unit: &str) -> Result<Raster, PictureError> {
+pub(crate) fn with_colour_bar(
+    picture: &Raster,
+    map: ColourMap,
+    ends: Ends,
+    unit: &str,
+) -> Result<Raster, PictureError> {
     let scale = (picture.height / 350).clamp(1, 4);
     let height = picture.height.max(8 * text_height(scale));
     let labels: Vec<(f64, String)> = labels(ends);
@@ -224,7 +229,7 @@ fn labels(ends: Ends) -> Vec<(f64, String)> {
 }
 
 /// Draws the scale bar of a cloud picture, bottom left.
-fn draw_scale_bar(rendered: &mut Rendered) {
+pub(crate) fn draw_scale_bar(rendered: &mut Rendered) {
     let Some(bar_mm) = rendered.scale_bar_mm() else {
         return;
     };

@@ -6,7 +6,7 @@ use fringe::cloud::Point;
 use nalgebra::Vector3;
 
 use super::canvas::Canvas;
-use super::colour::{Colouring, Rgb, pair_colour};
+use super::colour::{Colouring, Rgb, WHITE, pair_colour};
 use super::number;
 use super::raster::{PictureError, Raster};
 use super::statistics::inner_range;
@@ -118,7 +118,7 @@ pub fn render(points: &[Point], view: &View, colouring: &Colouring<'_>) -> Resul
         let (x, y, depth_mm) = placement.place(point, &axes);
         if canvas.contains(x, y) {
             let deviation = deviations.get(i).copied().filter(|d| !d.is_nan());
-            let colour = shaded(base_colour(point, colouring), point, &axes);
+            let colour = shaded(base_colour(i, point, colouring), point, &axes);
             canvas.put_colour(x, y, depth_mm, &disc, colour, deviation);
         }
     }
@@ -148,10 +148,11 @@ fn deviations_by_point(points: usize, colouring: &Colouring<'_>) -> Result<Vec<f
 }
 
 /// Colour of a point before shading; a deviation comes instead of it.
-fn base_colour(point: &Point, colouring: &Colouring<'_>) -> Rgb {
+fn base_colour(index: usize, point: &Point, colouring: &Colouring<'_>) -> Rgb {
     match colouring {
         Colouring::Normal => SURFACE,
         Colouring::Pair => pair_colour(point.pair as usize),
+        Colouring::Given { colours } => colours.get(index).copied().unwrap_or(WHITE),
         Colouring::Deviation { .. } => NO_VALUE,
     }
 }
@@ -221,7 +222,7 @@ impl Placement {
 
 #[cfg(test)]
 mod tests {
-    use super::super::colour::{ColourMap, WHITE};
+    use super::super::colour::ColourMap;
     use super::*;
 
     fn point(x: f64, y: f64, z: f64, pair: u32) -> Point {

@@ -69,6 +69,16 @@ impl Body {
         Point3::from(self.turn * (p - self.shift))
     }
 
+    /// Body frame to part frame.
+    pub(crate) fn in_part(&self, p: &Point3<f64>) -> Point3<f64> {
+        self.shift + self.turn.transpose() * p.coords
+    }
+
+    /// Its geometry, in the body frame.
+    pub(crate) fn form(&self) -> &Form {
+        &self.form
+    }
+
     /// Centre and radius of a sphere that holds the body, in the part frame.
     pub fn bound(&self) -> (Point3<f64>, f64) {
         (self.bound_centre, self.bound_radius)

@@ -41,6 +41,7 @@ pub mod solid;
 pub mod surface;
 pub mod thesis;
 mod trace;
+mod triangles;
 
 pub use cell::{Twin, TwinError, View};
 pub use error::SceneError;

@@ -1,7 +1,7 @@
 //! Triangle meshes from STL bytes: intersection with rays, nearest point.
 
 use crate::solid::{Contact, Nearest};
-use metrology::spatial::{Aabb, Bvh, Triangle, nearest_on_segment};
+use metrology::spatial::{Aabb, Bvh, Triangle, first_met, is_blocked, nearest_on_segment};
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -96,22 +96,14 @@ impl Mesh {
         self.triangles.len()
     }
 
+    /// The corners of all triangles.
+    pub(crate) fn corners(&self) -> impl Iterator<Item = [Point3<f64>; 3]> + '_ {
+        self.triangles.iter().map(|triangle| triangle.corners)
+    }
+
     /// The first triangle a ray meets beyond `least_mm`; the normal points against the ray.
     pub fn enter(&self, origin: &Point3<f64>, d: &Vector3<f64>, least_mm: f64) -> Option<Contact> {
-        let mut best: Option<(f64, u32)> = None;
-        self.tree.along_ray(origin, d, f64::INFINITY, |item, limit| {
-            match self.triangles[item as usize].hit(origin, d) {
-                // On a shared edge the lower number wins: the tree's order must not show.
-                Some(t)
-                    if t > least_mm && best.is_none_or(|(near, i)| t < near || (t == near && item < i)) =>
-                {
-                    best = Some((t, item));
-                    t
-                }
-                _ => limit,
-            }
-        });
-        best.map(|(t_mm, face)| {
+        first_met((&self.tree, &self.triangles), origin, d, least_mm).map(|(t_mm, face)| {
             let normal = self.triangles[face as usize].normal;
             let normal = if normal.dot(d) > 0.0 { -normal } else { normal };
             Contact { t_mm, normal, face }
@@ -120,13 +112,7 @@ impl Mesh {
 
     /// Whether anything lies on the ray between `least_mm` and `limit_mm`.
     pub fn blocks(&self, origin: &Point3<f64>, d: &Vector3<f64>, least_mm: f64, limit_mm: f64) -> bool {
-        let mut blocked = false;
-        self.tree.along_ray(origin, d, limit_mm, |item, limit| {
-            blocked |=
-                self.triangles[item as usize].hit(origin, d).is_some_and(|t| t > least_mm && t < limit_mm);
-            if blocked { -1.0 } else { limit }
-        });
-        blocked
+        is_blocked((&self.tree, &self.triangles), origin, d, (least_mm, limit_mm))
     }
 
     /// The nearest surface point; the sign is that of the nearest triangle's side.

@@ -167,6 +167,11 @@ impl Prism {
         Self { profile, half_width_mm, faces }
     }
 
+    /// The profile's corners (x, z) counter-clockwise, and half of the extent along y, mm.
+    pub fn outline(&self) -> (&[Vector2<f64>], f64) {
+        (&self.profile, self.half_width_mm)
+    }
+
     fn nearest(&self, p: &Point3<f64>) -> Nearest {
         let flat = Vector2::new(p.x, p.z);
         let last = self.profile.len();

@@ -70,7 +70,7 @@ impl Placed {
 
     /// The same, prepared to project points onto its chip.
     pub fn projector(camera: &Camera, world_from_part: &Isometry3<f64>, reference_mm: f64) -> Self {
-        Self { reach2: reach2(camera), ..Self::new(camera, world_from_part, reference_mm) }
+        Self { reach2: camera.reach2(), ..Self::new(camera, world_from_part, reference_mm) }
     }
 
     /// Direction of a pixel's ray in the part frame.
@@ -92,23 +92,6 @@ impl Placed {
         }
         self.camera.project(p).filter(|q| self.camera.contains(*q))
     }
-}
-
-/// Squared ideal radius beyond which nothing lies on the chip, with a margin of 10 %.
-///
-/// Far outside of its chip the polynomial of a lens turns back, and points at the side would seem to lie in the image.
-fn reach2(camera: &Camera) -> f64 {
-    let (right, bottom) = (f64::from(camera.width_px) - 0.5, f64::from(camera.height_px) - 0.5);
-    // The farthest border point is a corner or, under strong distortion, near one: 16 steps along each side find it.
-    let at = |i: u32, end: f64| -0.5 + (end + 0.5) * f64::from(i) / 16.0;
-    let border = (0..=16).flat_map(|i| {
-        let (x, y) = (at(i, right), at(i, bottom));
-        [(x, -0.5), (x, bottom), (-0.5, y), (right, y)]
-    });
-    border
-        .filter_map(|(x, y)| camera.normalised_from_pixel(Point2::new(x, y)))
-        .map(|ideal| 1.21 * ideal.norm_squared())
-        .fold(0.0, f64::max)
 }
 
 /// Place of ray `number` of n × n within its pixel, −½ … ½.

@@ -207,6 +207,23 @@ impl Camera {
             && pixel.y <= f64::from(self.height_px) - 0.5
     }
 
+    /// Squared ideal radius beyond which nothing lies on the chip, with a margin of 10 %.
+    ///
+    /// Far outside of its chip the polynomial of a lens turns back, and points at the side would seem to lie in the image.
+    pub fn reach2(&self) -> f64 {
+        let (right, bottom) = (f64::from(self.width_px) - 0.5, f64::from(self.height_px) - 0.5);
+        // The farthest border point is a corner or, under strong distortion, near one: 16 steps along each side find it.
+        let at = |i: u32, end: f64| -0.5 + (end + 0.5) * f64::from(i) / 16.0;
+        let border = (0..=16).flat_map(|i| {
+            let (x, y) = (at(i, right), at(i, bottom));
+            [(x, -0.5), (x, bottom), (-0.5, y), (right, y)]
+        });
+        border
+            .filter_map(|(x, y)| self.normalised_from_pixel(Point2::new(x, y)))
+            .map(|ideal| 1.21 * ideal.norm_squared())
+            .fold(0.0, f64::max)
+    }
+
     /// Optical centre in the world frame, mm.
     pub fn centre_mm(&self) -> Point3<f64> {
         self.camera_from_world.inverse() * Point3::origin()

@@ -3,7 +3,7 @@
 use crate::geometry::camera::{Camera, Ray};
 use crate::pattern::Axis;
 use crate::surface::SurfaceSettings;
-use nalgebra::{Point2, Point3, Vector3};
+use nalgebra::{Matrix2, Point2, Point3, Vector3};
 use serde::Serialize;
 use std::f64::consts::TAU;
 
@@ -70,6 +70,35 @@ fn towards(view: &Camera, at: &Point3<f64>) -> Vector3<f64> {
     (view.centre_mm() - at).normalize()
 }
 
+/// A place of a surface and its unit normal, towards the views.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// Position in the world frame, mm.
+    pub at: Point3<f64>,
+    /// Unit normal of the surface there.
+    pub normal: Vector3<f64>,
+}
+
+impl Place {
+    /// Two unit vectors along the surface.
+    fn along(&self) -> [Vector3<f64>; 2] {
+        let least = if self.normal.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
+        let side = self.normal.cross(&least).try_normalize(1e-12).unwrap_or_else(Vector3::z);
+        [side, self.normal.cross(&side)]
+    }
+}
+
+/// Change of the projector's coordinate per pixel of a camera on a surface, across the fringes: what a blur of the camera is in projector
+/// pixels. `None` where either view does not see the surface from its front.
+pub fn projector_px_across(camera: &Camera, projector: &Camera, pattern: Axis, place: &Place) -> Option<f64> {
+    let [a, b] = place.along();
+    let camera_px = Matrix2::from_columns(&[rate(camera, &place.at, &a)?, rate(camera, &place.at, &b)?]);
+    let projector_px =
+        Matrix2::from_columns(&[rate(projector, &place.at, &a)?, rate(projector, &place.at, &b)?]);
+    let row = if pattern == Axis::X { projector_px.row(0) } else { projector_px.row(1) };
+    Some((row * camera_px.try_inverse()?).norm())
+}
+
 /// Camera and projector: depth along the camera's ray. `None` where the pattern's axis does not determine the depth.
 pub fn by_projector(
     camera: &Camera,
@@ -78,16 +107,26 @@ pub fn by_projector(
     surface: &SurfaceSettings,
 ) -> Option<Depth> {
     let at = middle_mm(camera, projector)?;
-    let px = rate(projector, &at, &towards(camera, &at))?;
+    let normal = towards(camera, &at);
+    by_projector_at((camera, projector), pattern, surface, &Place { at, normal })
+}
+
+/// The same along the normal of a place.
+pub fn by_projector_at(
+    (camera, projector): (&Camera, &Camera),
+    pattern: Axis,
+    surface: &SurfaceSettings,
+    place: &Place,
+) -> Option<Depth> {
+    let ray = towards(camera, &place.at);
+    let px = rate(projector, &place.at, &ray)?;
     let along = if pattern == Axis::X { px.x } else { px.y };
     let noise_share = surface.noise_share(1.0);
-    (along.abs() > 1e-9).then(|| Depth { um_per_px: 1e3 / along.abs(), noise_share, pattern_cancels: false })
+    let um_per_px = 1e3 * ray.dot(&place.normal).abs() / along.abs();
+    (along.abs() > 1e-9).then_some(Depth { um_per_px, noise_share, pattern_cancels: false })
 }
 
 /// Camera against camera by the phase of a projector, on a surface that faces all three: along its normal.
-///
-/// Along the line that the epipolar plane cuts into the surface, the phase's noise moves the match by dx_R/du pixels per projector pixel, and a pixel
-/// of the match moves the point by ds/dx_R along the left ray.
 pub fn by_phase(
     left: &Camera,
     right: &Camera,
@@ -98,6 +137,22 @@ pub fn by_phase(
     let at = middle_mm(left, right)?;
     let (to_left, to_right) = (towards(left, &at), towards(right, &at));
     let normal = (to_left + to_right + towards(projector, &at)).try_normalize(1e-9)?;
+    by_phase_at((left, right), projector, pattern, surface, &Place { at, normal })
+}
+
+/// The same along the normal of any place.
+///
+/// Along the line that the epipolar plane cuts into the surface, the phase's noise moves the match by dx_R/du pixels per projector pixel, and a pixel
+/// of the match moves the point by ds/dx_R along the left ray.
+pub fn by_phase_at(
+    (left, right): (&Camera, &Camera),
+    projector: &Camera,
+    pattern: Axis,
+    surface: &SurfaceSettings,
+    place: &Place,
+) -> Option<Depth> {
+    let Place { at, normal } = *place;
+    let (to_left, to_right) = (towards(left, &at), towards(right, &at));
     let epipolar = to_left.cross(&to_right).try_normalize(1e-9)?;
     let line = normal.cross(&epipolar).try_normalize(1e-9)?;
     let px = rate(projector, &at, &line)?;
@@ -107,4 +162,9 @@ pub fn by_phase(
     let value = MATCHED.sqrt() * match_per_mm / (along.abs() * depth) * to_left.dot(&normal).abs();
     let noise_share = surface.noise_share(1.0 / MATCHED);
     value.is_finite().then_some(Depth { um_per_px: 1e3 * value, noise_share, pattern_cancels: true })
+}
+
+/// Noise of both phases of a match as that of two equal ones, rad.
+pub fn matched_noise_rad(left_rad: f64, right_rad: f64) -> f64 {
+    ((left_rad * left_rad + (MATCHED - 1.0) * right_rad * right_rad) / MATCHED).sqrt()
 }

@@ -9,6 +9,7 @@
 //! It is a plan for one brightness of a smooth face. Edges, where a footprint mixes two faces, light that bounces, and a part that moves
 //! are not in it; against light that bounces, `most_period_px` keeps the periods short.
 
+mod brightness;
 pub mod geometry;
 pub mod pattern;
 pub mod resolution;
@@ -23,6 +24,7 @@ use serde::Serialize;
 use std::f64::consts::TAU;
 use thiserror::Error;
 
+pub use brightness::Brightness;
 pub use sets::ORDERS;
 
 /// Periods that are tried, projector pixels.
@@ -131,24 +133,10 @@ impl Requirements {
         within("want_u_um", self.want_u_um.unwrap_or(1.0), (1e-6, 1e9), "above 0 µm")
     }
 
-    /// Standard deviation of a grey value at the background, DN.
-    fn grey_noise_dn(&self) -> f64 {
-        let read = (self.read_noise_dn * self.read_noise_dn).max(1.0 / 12.0);
-        (read + self.gain_dn * self.background_dn).sqrt()
-    }
-
-    /// Whether the decoder's usual limits let such fringes pass.
-    fn usable(&self, modulation_dn: f64, sigma_phase_rad: f64) -> bool {
-        let limits = DecodeSettings::default();
-        modulation_dn >= limits.min_modulation_fraction * self.full_scale_dn
-            && self.background_dn + self.modulation_dn < limits.saturation_fraction * self.full_scale_dn
-            && sigma_phase_rad <= limits.max_sigma_rad
-    }
-
-    /// Modulation and √(2/N) σ_I/B at a period.
-    fn phase_noise(&self, period_px: f64, steps: u32) -> (f64, f64) {
-        let modulation_dn = self.modulation_dn * pattern::contrast(self.blur_px, period_px, 1);
-        (modulation_dn, (2.0 / f64::from(steps)).sqrt() * self.grey_noise_dn() / modulation_dn)
+    /// What a camera sees of these fringes.
+    fn brightness(&self) -> Brightness {
+        let Self { full_scale_dn, modulation_dn, background_dn, read_noise_dn, gain_dn, blur_px, .. } = *self;
+        Brightness { full_scale_dn, modulation_dn, background_dn, read_noise_dn, gain_dn, blur_px }
     }
 }
 
@@ -186,13 +174,13 @@ pub fn propose(wanted: &Requirements) -> Result<Vec<Proposal>, WantedError> {
 /// One choice; `None` where the code cannot number this projector or the decoder would not take it.
 fn evaluate(wanted: &Requirements, order: OrderMethod, period_px: f64, steps: u32) -> Option<Proposal> {
     let (sequence, periods_px) = sets::sequence(wanted, order, period_px, steps)?;
-    let (modulation_dn, sigma_phase_rad) = wanted.phase_noise(period_px, steps);
+    let (modulation_dn, sigma_phase_rad) = wanted.brightness().phase_noise(period_px, steps);
     let pattern_error_rad = pattern::error_rad(wanted.projector_gamma, wanted.blur_px, period_px, steps);
     let both_rad = (sigma_phase_rad * sigma_phase_rad + pattern_error_rad * pattern_error_rad).sqrt();
     let wrong_order = sets::wrong_order(wanted, order, &periods_px, steps, both_rad)?;
     let sigma_coordinate_px = both_rad * period_px / TAU;
     let u_point_um = wanted.depth.u_point_um(sigma_phase_rad, pattern_error_rad, period_px);
-    let usable = wanted.usable(modulation_dn, sigma_phase_rad);
+    let usable = wanted.brightness().usable(&DecodeSettings::default(), modulation_dn, sigma_phase_rad);
     let fine = wanted.want_u_um.is_none_or(|want| u_point_um <= want);
     Some(Proposal {
         order: order.name(),

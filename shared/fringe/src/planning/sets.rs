@@ -133,7 +133,7 @@ pub(super) fn wrong_order(
 /// Chance that any bit is read wrongly against the mean of white and black, whose noise adds half as much again; most bits are of
 /// another order, so all of them count.
 fn by_bits(wanted: &Requirements, order: OrderMethod) -> f64 {
-    let sigma_dn = wanted.grey_noise_dn() * 1.5_f64.sqrt();
+    let sigma_dn = wanted.brightness().grey_noise_dn() * 1.5_f64.sqrt();
     let wrong = 0.5 * erfc(wanted.modulation_dn / (sigma_dn * SQRT_2));
     let codes = if order == OrderMethod::ShiftedGray { 2.0 } else { 1.0 };
     codes * BITS * wrong

@@ -73,6 +73,11 @@ impl SurfaceSettings {
         smooth::share_left(self.smoothing_px as usize / 2, own)
     }
 
+    /// Least cosine of the incidence at which points are kept whose depth noise is so many pixels on the surface.
+    pub fn least_cosine(&self, noise_px: f64) -> f64 {
+        sample::steepest(crate::math::cos(self.max_incidence_deg.to_radians()), noise_px)
+    }
+
     /// The first setting out of its limits: key, value, limits.
     pub(crate) fn fault(&self) -> Option<(&'static str, f64, &'static str)> {
         let slope = self.max_slope_deg;

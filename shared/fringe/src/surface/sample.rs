@@ -61,6 +61,13 @@ pub(super) const STEEP_ERROR: f64 = 2e-4;
 /// Such an error counts where it is more than this share of the point's own uncertainty: fits average noise, not this.
 pub(super) const STEEP_SHARE: f64 = 0.1;
 
+/// The least cosine of the incidence where the depth noise of a point, in pixels on the surface, hides the error of the footprint beyond a limit.
+#[inline]
+pub(super) fn steepest(min_cosine: f64, noise_px: f64) -> f64 {
+    let cube = STEEP_ERROR / (STEEP_SHARE * noise_px.max(1e-9));
+    if min_cosine * min_cosine * min_cosine > cube { crate::math::cbrt(cube) } else { min_cosine }
+}
+
 /// Cosine of the steepest incidence that a slope is turned back from: 87°.
 const LEAST_COSINE: f64 = 0.05;
 
@@ -126,8 +133,6 @@ impl View<'_> {
         normal: &Vector3<f64>,
         min_cosine: f64,
     ) -> f64 {
-        let noise = self.noise_px(sample);
-        let cube = STEEP_ERROR / (STEEP_SHARE * noise.max(1e-9));
         let [x, y] = self.directions[pixel];
         let own = Vector3::new(x, y, 1.0);
         // The direction from the other view, scaled by the inverse depth.
@@ -136,8 +141,7 @@ impl View<'_> {
         if least >= min_cosine {
             return 0.0;
         }
-        let min_cosine =
-            if min_cosine * min_cosine * min_cosine > cube { crate::math::cbrt(cube) } else { min_cosine };
+        let min_cosine = steepest(min_cosine, self.noise_px(sample));
         if least >= min_cosine {
             return 0.0;
         }

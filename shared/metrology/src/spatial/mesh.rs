@@ -92,6 +92,11 @@ impl TriangleMesh {
         &self.triangles
     }
 
+    /// The tree over their boxes.
+    pub(super) fn tree(&self) -> &Bvh {
+        &self.tree
+    }
+
     /// Triangles left out since they have no area.
     pub fn without_area(&self) -> usize {
         self.without_area
