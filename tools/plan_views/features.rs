@@ -21,7 +21,7 @@ pub(super) struct ExpectedFeature {
     pub(super) unit: Unit,
     /// Standard uncertainty of noise, calibration and the plan's `u_system`.
     pub(super) u: Option<f64>,
-    /// k · u.
+    /// Expanded uncertainty, k · u.
     pub(super) expanded_u: Option<f64>,
     pub(super) u_noise: Option<f64>,
     /// None where the rig names no covariance.

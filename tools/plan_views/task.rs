@@ -20,7 +20,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// What is planned.
+/// What is planned, with which rig.
 pub(super) struct Task {
     /// Part, rig and conditions.
     pub(super) planner: Planner,

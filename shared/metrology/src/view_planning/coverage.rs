@@ -12,7 +12,7 @@ pub const BOUNCE_RISK: f64 = 0.05;
 pub struct CauseArea {
     /// The cause as a word.
     pub cause: Cause,
-    /// Its area, mm².
+    /// Area of that cause, mm².
     pub area_mm2: f64,
 }
 
@@ -108,7 +108,7 @@ fn pair_coverage<'a>(all: impl Iterator<Item = (&'a Element, &'a Seeing)>) -> Pa
     }
 }
 
-/// Areas by cause.
+/// Sums of areas by their cause.
 #[derive(Default)]
 struct Areas([f64; Cause::ALL.len()]);
 

@@ -17,11 +17,11 @@ const NORMAL_STEPS: f64 = 4.0;
 /// A piece of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Element {
-    /// Its middle, mm.
+    /// Middle of the element, mm.
     pub at: Point3<f64>,
     /// Its outward unit normal.
     pub normal: Vector3<f64>,
-    /// Its area, mm².
+    /// Area of the element, mm².
     pub area_mm2: f64,
     /// Whether it lies within another body of the part, where nothing can see it.
     pub buried: bool,

@@ -15,7 +15,7 @@ const SAME_FACE: f64 = 0.5;
 /// A piece of the surface that no pair sees.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Patch {
-    /// Its area, mm².
+    /// Area of the piece, mm².
     pub area_mm2: f64,
     /// Its centroid, mm in the world frame.
     pub centre_mm: [f64; 3],

@@ -1,7 +1,7 @@
 //! Phase maps as a camera will measure them, with noise.
 
 use super::conditions::Fringes;
-use super::planner::{PairViews, Planner};
+use super::planner::Planner;
 use super::view::View;
 use fringe::math::random::{Key, Normal};
 use fringe::pattern::Axis;
@@ -99,11 +99,5 @@ impl Planner {
         let along_px = if fringes.axis == Axis::X { lit.x } else { lit.y };
         let usable = brightness.usable(&self.conditions.decode, modulation_dn, sigma_rad);
         usable.then_some(Measured { phase_rad: along_px * TAU / fringes.period_px, sigma_rad, modulation_dn })
-    }
-
-    /// Points of a cloud per pair that a pixel of the left camera of a pair sees: its size.
-    pub fn left_size_px(&self, pair: usize) -> Option<[u32; 2]> {
-        let PairViews { left, .. } = self.pairs.get(pair)?;
-        Some([left.camera.width_px, left.camera.height_px])
     }
 }

@@ -13,7 +13,7 @@ pub(super) struct View {
     pub camera: Camera,
     /// Its optical centre, mm.
     pub centre: Point3<f64>,
-    /// See [`Camera::reach2`].
+    /// Squared ideal radius of its chip, see [`Camera::reach2`].
     reach2: f64,
     /// Distance to the middle of the part, mm: there the light of a projector counts as 1.
     pub reference_mm: f64,
