@@ -9,7 +9,7 @@ use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_made_with};
 use crate::software::FRINGETOOL;
-use crate::surface::Direction;
+use crate::surface::{Chord, Direction};
 use anyhow::{Context, Result};
 use features::features;
 use files::provenance::Provenance;
@@ -25,8 +25,10 @@ const BLOCK: usize = 2048;
 /// Command-line arguments of `fringetool plan-views`.
 #[derive(clap::Args)]
 pub struct Args {
-    /// Mesh of the part in the frame of its plan (STL, PLY with faces, OBJ), lengths in mm.
+    /// CAD of the part in the frame of its plan (STEP, STL, PLY with faces, OBJ), lengths of meshes in mm.
     part: PathBuf,
+    #[command(flatten)]
+    chord: Chord,
     /// Rig file (TOML, docs/formats.md): cameras, projectors and pairs.
     #[arg(long, value_name = "FILE", conflicts_with = "config", required_unless_present = "config")]
     rig: Option<PathBuf>,

@@ -73,7 +73,7 @@ pub(super) fn task(args: &Args) -> Result<Task> {
     if let Some((plan, _)) = &mut placed {
         plan.world_from_part = world_from_part;
     }
-    let mesh = mesh(&args.part, &world_from_part)?;
+    let mesh = mesh(args, &world_from_part)?;
     let is_open = mesh.border_edges() > 0;
     let conditions = conditions(args, &settings);
     let named = || args.part.display().to_string();
@@ -110,9 +110,10 @@ fn of_cell(path: &Path) -> Result<Cell> {
 }
 
 /// The mesh in the world frame.
-fn mesh(path: &Path, world_from_part: &Isometry3<f64>) -> Result<TriangleMesh> {
-    let Reference::Mesh(mesh) = read_reference(path, Vector3::z(), None)? else {
-        bail!("{}: is a cloud; a mesh is needed (STL, PLY with faces, OBJ)", path.display())
+fn mesh(args: &Args, world_from_part: &Isometry3<f64>) -> Result<TriangleMesh> {
+    let path = &args.part;
+    let Reference::Mesh(mesh) = read_reference(path, &args.chord, Vector3::z(), None)? else {
+        bail!("{}: is a cloud; CAD is needed (STEP, STL, PLY with faces, OBJ)", path.display())
     };
     if *world_from_part == Isometry3::identity() {
         return Ok(mesh);
