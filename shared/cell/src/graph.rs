@@ -149,7 +149,9 @@ fn all_groups(config: &Configuration) -> Vec<Vec<usize>> {
     let grouped = |p: &usize| config.together.iter().any(|group| group.contains(p));
     let alone = (0..config.projectors.len()).filter(|p| !grouped(p)).map(|p| vec![p]);
     let mut groups: Vec<Vec<usize>> = config.together.iter().cloned().chain(alone).collect();
-    groups.iter_mut().for_each(|group| group.sort_unstable());
+    for group in &mut groups {
+        group.sort_unstable();
+    }
     groups.sort_unstable();
     groups
 }

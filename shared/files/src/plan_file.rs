@@ -54,9 +54,8 @@ fn nominals(document: &Document, raw: &RawPlan) -> Result<(Surfaces, CadParts), 
             }
         }
         if by_face {
-            if !cad.contains_key(&file) {
-                let features = step_file::read_part(&path, None)?.features();
-                cad.insert(file, features);
+            if let Entry::Vacant(place) = cad.entry(file) {
+                place.insert(step_file::read_part(&path, None)?.features());
             }
             continue;
         }

@@ -130,9 +130,8 @@ pub fn detect_body(
             Ok(detection) if single || detection.ambiguity == Ambiguity::None => {
                 found.push(FaceSighting { face, first, detection });
             }
-            Ok(_) => {}
             Err(error) if why.as_ref().is_none_or(|known| rank(&error) > rank(known)) => why = Some(error),
-            Err(_) => {}
+            Ok(_) | Err(_) => {}
         }
         first += spec.count();
     }

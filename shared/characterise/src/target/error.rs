@@ -174,8 +174,7 @@ impl TargetError {
             Self::DiameterOfSquares => "diameter_mm",
             Self::NoMarkers => "kind",
             Self::FaceName { .. } => "name",
-            Self::FaceTurns { .. } | Self::FacesAlike { .. } => "columns",
-            Self::OddTags { .. } => "columns",
+            Self::FaceTurns { .. } | Self::FacesAlike { .. } | Self::OddTags { .. } => "columns",
             Self::MarkersElsewhere | Self::FewMarkers { .. } => "dictionary",
             _ => "",
         }

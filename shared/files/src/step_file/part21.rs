@@ -47,7 +47,8 @@ pub(super) struct Fault {
 pub(super) fn parse(bytes: &[u8]) -> Result<Entities, Fault> {
     let mut reader = Reader { bytes, at: 0 };
     reader.parse().map_err(|message| {
-        let line = 1 + bytes[..reader.at.min(bytes.len())].iter().filter(|b| **b == b'\n').count();
+        let before = &bytes[..reader.at.min(bytes.len())];
+        let line = before.split(|b| *b == b'\n').count();
         Fault { line, message }
     })
 }

@@ -174,15 +174,14 @@ fn relations(graph: &Graph, all: &mut BTreeMap<u64, Representation>) -> Result<(
                 .record(*id, "REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION")
                 .map(|p| graph.reference(*id, p, 0))
                 .transpose()?;
-            let (assembly, part, place) = match transformation {
-                Some(operator) => (second, first, item_defined(graph, operator, all, [first, second])?),
+            let (assembly, part, place) = if let Some(operator) = transformation {
+                (second, first, item_defined(graph, operator, all, [first, second])?)
+            } else {
                 // One thing twice: the one with solids belongs to the one that an assembly places.
-                None => {
-                    let solid = |r: u64| all.get(&r).is_some_and(|r| !r.breps.is_empty());
-                    let turned = solid(first) && !solid(second);
-                    let (outer, inner) = if turned { (second, first) } else { (first, second) };
-                    (outer, inner, Isometry3::identity())
-                }
+                let solid = |r: u64| all.get(&r).is_some_and(|r| !r.breps.is_empty());
+                let turned = solid(first) && !solid(second);
+                let (outer, inner) = if turned { (second, first) } else { (first, second) };
+                (outer, inner, Isometry3::identity())
             };
             if assembly != part {
                 all.entry(assembly).or_default().parts.push((part, place));

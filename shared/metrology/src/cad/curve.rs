@@ -234,7 +234,7 @@ impl Spline {
             self.halve([pair[0], pair[1]], chord_mm, DEEPEST, &mut points);
         }
         points.pop();
-        Ok(simplified(ends, points, chord_mm))
+        Ok(simplified(ends, &points, chord_mm))
     }
 
     /// Of a spline that ends where it begins, each of these may be either end.
@@ -271,7 +271,7 @@ impl Spline {
 }
 
 /// Points without those that a straight piece passes anyway: the first pieces are those between knots, which may be many.
-fn simplified(ends: [Point3<f64>; 2], points: Vec<Point3<f64>>, chord_mm: f64) -> Vec<Point3<f64>> {
+fn simplified(ends: [Point3<f64>; 2], points: &[Point3<f64>], chord_mm: f64) -> Vec<Point3<f64>> {
     let mut kept: Vec<Point3<f64>> = Vec::with_capacity(points.len());
     let (mut last, mut dropped) = (ends[0], 0);
     for (index, point) in points.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! How far an element of CAD reaches, from its triangles.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Point3, Vector3};
@@ -103,6 +103,9 @@ fn sector(places: &[Point3<f64>], from: &Point3<f64>, axis: &Vector3<f64>) -> Op
     Some(Sector { direction: first * cos + second * sin, cos_half: math::cos(half) })
 }
 
+/// Area of a rectangle, its directions and where it begins and ends along them, mm.
+type Rectangle = (f64, [Vector3<f64>; 2], [[f64; 2]; 2]);
+
 /// The smallest rectangle about a plane face, with what is cut out of it.
 fn plane(normal: &Vector3<f64>, places: &[Point3<f64>], part: &[u32], mesh: &CadMesh) -> Option<Geometry> {
     let loops = border(part, mesh);
@@ -114,7 +117,7 @@ fn plane(normal: &Vector3<f64>, places: &[Point3<f64>], part: &[u32], mesh: &Cad
     sides.sort_by(|a, b| b.norm_squared().total_cmp(&a.norm_squared()));
     sides.truncate(MOST_DIRECTIONS);
     sides.push(tangents(normal)[0]);
-    let mut best: Option<(f64, [Vector3<f64>; 2], [[f64; 2]; 2])> = None;
+    let mut best: Option<Rectangle> = None;
     for side in sides {
         let flat = across(&side, normal);
         if flat.norm() <= 1e-9 {
@@ -144,21 +147,21 @@ fn plane(normal: &Vector3<f64>, places: &[Point3<f64>], part: &[u32], mesh: &Cad
 
 /// Closed lines at which triangles end; the surface lies to their left when seen from outside.
 fn border(part: &[u32], mesh: &CadMesh) -> Vec<Vec<u32>> {
-    let mut open: BTreeMap<(u32, u32), ()> = BTreeMap::new();
+    let mut open: BTreeSet<(u32, u32)> = BTreeSet::new();
     for triangle in part {
         let [a, b, c] = mesh.triangles[*triangle as usize];
         for (from, to) in [(a, b), (b, c), (c, a)] {
-            if open.remove(&(to, from)).is_none() {
-                open.insert((from, to), ());
+            if !open.remove(&(to, from)) {
+                open.insert((from, to));
             }
         }
     }
     let mut loops = Vec::new();
-    while let Some(((start, mut at), ())) = open.pop_first() {
+    while let Some((start, mut at)) = open.pop_first() {
         let mut line = vec![start];
         while at != start {
             line.push(at);
-            let Some((&edge, ())) = open.range((at, 0)..=(at, u32::MAX)).next() else { break };
+            let Some(&edge) = open.range((at, 0)..=(at, u32::MAX)).next() else { break };
             open.remove(&edge);
             at = edge.1;
         }

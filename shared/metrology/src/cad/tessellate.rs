@@ -19,7 +19,7 @@ impl Brep {
         let lines = self.lines(chord_mm, &mut corners)?;
         let mut mesh = CadMesh::default();
         for (index, face) in self.faces.iter().enumerate() {
-            let triangles = self.face(face, &lines, &mut corners, chord_mm, limit)?;
+            let triangles = Self::face(face, &lines, &mut corners, chord_mm, limit)?;
             mesh.face_of.resize(mesh.face_of.len() + triangles.len(), index as u32);
             mesh.triangles.extend(triangles);
             if mesh.triangles.len() > limit {
@@ -54,7 +54,6 @@ impl Brep {
     }
 
     fn face(
-        &self,
         face: &BrepFace,
         lines: &[Vec<u32>],
         corners: &mut Vec<Point3<f64>>,
@@ -146,67 +145,83 @@ fn fault(face: &BrepFace, reason: &'static str) -> BrepError {
 /// Points of a surface, and triangles between them.
 type Whole = (Vec<Point3<f64>>, Vec<[u32; 3]>);
 
+/// Pieces of a circle that keep the chordal error.
+fn pieces(radius_mm: f64, chord_mm: f64) -> usize {
+    let step = 2.0 * fringe::math::acos((1.0 - 0.5 * chord_mm / radius_mm).clamp(0.0, 1.0));
+    (std::f64::consts::TAU / step.clamp(1e-4, super::curve::ANGLE_RAD)).ceil() as usize
+}
+
+/// Sine and cosine of a whole circle's parts.
+fn turn(k: usize, of: usize) -> (f64, f64) {
+    fringe::math::sincos(std::f64::consts::TAU * k as f64 / of as f64)
+}
+
 /// A whole sphere or torus, which nothing bounds.
 fn whole(shape: &CadShape, chord_mm: f64, limit: usize) -> Option<Whole> {
-    let pieces = |radius: f64| {
-        let step = 2.0 * fringe::math::acos((1.0 - 0.5 * chord_mm / radius).clamp(0.0, 1.0));
-        (std::f64::consts::TAU / step.clamp(1e-4, super::curve::ANGLE_RAD)).ceil() as usize
-    };
-    let angle = |k: usize, of: usize| fringe::math::sincos(std::f64::consts::TAU * k as f64 / of as f64);
     match *shape {
         CadShape::Torus { center_mm, axis, ring_radius_mm, tube_radius_mm } => {
-            let [x, y] = crate::fit::tangents(&axis);
-            let (around, about) = (pieces(ring_radius_mm + tube_radius_mm), pieces(tube_radius_mm));
-            let mut points = Vec::new();
-            if around.checked_mul(about)? > limit {
-                return None;
-            }
-            for i in 0..around {
-                let (sin, cos) = angle(i, around);
-                let out = x * cos + y * sin;
-                for j in 0..about {
-                    let (s, c) = angle(j, about);
-                    points.push(
-                        center_mm + out * (ring_radius_mm + tube_radius_mm * c) + axis * (tube_radius_mm * s),
-                    );
-                }
-            }
-            let at = |i: usize, j: usize| ((i % around) * about + j % about) as u32;
-            let quad = |(i, j): (usize, usize)| {
-                let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-                [[a, b, c], [a, c, d]]
-            };
-            let all = (0..around).flat_map(|i| (0..about).map(move |j| (i, j)));
-            Some((points, all.flat_map(quad).collect()))
+            whole_torus(&center_mm, &axis, [ring_radius_mm, tube_radius_mm], chord_mm, limit)
         }
-        CadShape::Sphere { center_mm, radius_mm } => {
-            let around = pieces(radius_mm).next_multiple_of(2);
-            let rings = around / 2;
-            if around.checked_mul(rings)? > limit {
-                return None;
-            }
-            let mut points = vec![center_mm + Vector3::z() * radius_mm];
-            for j in 1..rings {
-                let (s, c) = angle(j, around);
-                for i in 0..around {
-                    let (sin, cos) = angle(i, around);
-                    points.push(center_mm + Vector3::new(s * cos, s * sin, c) * radius_mm);
-                }
-            }
-            points.push(center_mm - Vector3::z() * radius_mm);
-            let last = points.len() as u32 - 1;
-            let at = |j: usize, i: usize| (1 + (j - 1) * around + i % around) as u32;
-            let mut triangles = Vec::new();
-            for i in 0..around {
-                triangles.push([0, at(1, i), at(1, i + 1)]);
-                triangles.push([last, at(rings - 1, i + 1), at(rings - 1, i)]);
-                for j in 1..rings - 1 {
-                    let [a, b, c, d] = [at(j, i), at(j + 1, i), at(j + 1, i + 1), at(j, i + 1)];
-                    triangles.extend([[a, b, c], [a, c, d]]);
-                }
-            }
-            Some((points, triangles))
-        }
+        CadShape::Sphere { center_mm, radius_mm } => whole_sphere(&center_mm, radius_mm, chord_mm, limit),
         _ => None,
     }
+}
+
+fn whole_torus(
+    center_mm: &Point3<f64>,
+    axis: &Vector3<f64>,
+    [ring_mm, tube_mm]: [f64; 2],
+    chord_mm: f64,
+    limit: usize,
+) -> Option<Whole> {
+    let [x, y] = crate::fit::tangents(axis);
+    let (around, about) = (pieces(ring_mm + tube_mm, chord_mm), pieces(tube_mm, chord_mm));
+    let mut points = Vec::new();
+    if around.checked_mul(about)? > limit {
+        return None;
+    }
+    for i in 0..around {
+        let (sin, cos) = turn(i, around);
+        let out = x * cos + y * sin;
+        for j in 0..about {
+            let (s, c) = turn(j, about);
+            points.push(center_mm + out * (ring_mm + tube_mm * c) + axis * (tube_mm * s));
+        }
+    }
+    let at = |i: usize, j: usize| ((i % around) * about + j % about) as u32;
+    let quad = |(i, j): (usize, usize)| {
+        let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+        [[a, b, c], [a, c, d]]
+    };
+    let all = (0..around).flat_map(|i| (0..about).map(move |j| (i, j)));
+    Some((points, all.flat_map(quad).collect()))
+}
+
+fn whole_sphere(center_mm: &Point3<f64>, radius_mm: f64, chord_mm: f64, limit: usize) -> Option<Whole> {
+    let around = pieces(radius_mm, chord_mm).next_multiple_of(2);
+    let rings = around / 2;
+    if around.checked_mul(rings)? > limit {
+        return None;
+    }
+    let mut points = vec![center_mm + Vector3::z() * radius_mm];
+    for j in 1..rings {
+        let (s, c) = turn(j, around);
+        for i in 0..around {
+            let (sin, cos) = turn(i, around);
+            points.push(center_mm + Vector3::new(s * cos, s * sin, c) * radius_mm);
+        }
+    }
+    points.push(center_mm - Vector3::z() * radius_mm);
+    let last = points.len() as u32 - 1;
+    let at = |j: usize, i: usize| (1 + (j - 1) * around + i % around) as u32;
+    let mut triangles = Vec::new();
+    for i in 0..around {
+        triangles.push([0, at(1, i), at(1, i + 1)]);
+        triangles.push([last, at(rings - 1, i + 1), at(rings - 1, i)]);
+        for j in 1..rings - 1 {
+            let [a, b, c, d] = [at(j, i), at(j + 1, i), at(j + 1, i + 1), at(j, i + 1)];
+            triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    Some((points, triangles))
 }
