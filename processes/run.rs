@@ -17,7 +17,7 @@ use files::result::CycleResult;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use twin::Truth;
@@ -114,19 +114,7 @@ fn run_once(args: &RunArgs, truth: Option<&Truth>) -> Result<Option<u8>> {
         .config
         .canonicalize()
         .with_context(|| format!("{}: cannot open the configuration", args.config.display()))?;
-    let graph_options = Options {
-        cell: args.cell.clone(),
-        watch: args.out.is_some() || args.page.is_some(),
-        record: args.record.is_some(),
-        retention: args.retain,
-        host: args.host.clone(),
-    };
-    let mut cell = devices::load(&config, &graph_options)?;
-    check_host(args, &cell)?;
-    if !cell.graph.leads() {
-        // It has no fused cloud that could be shown.
-        cell = devices::load(&config, &Options { watch: false, ..graph_options })?;
-    }
+    let cell = load(args, &config)?;
     let written = [
         ("--cycle-record", args.cycle_record.as_deref()),
         ("--trace", args.trace.as_deref()),
@@ -178,6 +166,24 @@ fn run_once(args: &RunArgs, truth: Option<&Truth>) -> Result<Option<u8>> {
     let code = exit_code(&cell, &summary, &options);
     json::emit(args.json.as_deref(), &report(&cell, &summary, &results))?;
     Ok(Some(code))
+}
+
+/// The cell of a configuration, or what a host has of it.
+fn load(args: &RunArgs, config: &Path) -> Result<LoadedCell> {
+    let options = Options {
+        cell: args.cell.clone(),
+        watch: args.out.is_some() || args.page.is_some(),
+        record: args.record.is_some(),
+        retention: args.retain,
+        host: args.host.clone(),
+    };
+    let cell = devices::load(config, &options)?;
+    check_host(args, &cell)?;
+    if cell.graph.leads() {
+        return Ok(cell);
+    }
+    // It has no fused cloud that could be shown.
+    Ok(devices::load(config, &Options { watch: false, ..options })?)
 }
 
 /// Refuses what a host of several cannot do.

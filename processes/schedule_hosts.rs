@@ -49,7 +49,7 @@ pub fn host_rows(cell: &Cell) -> Vec<HostRow> {
             projectors: graph
                 .projectors
                 .iter()
-                .filter(|projector| projector.cameras.iter().any(|camera| is_here(camera)))
+                .filter(|projector| projector.cameras.iter().any(is_here))
                 .map(|projector| projector.name.clone())
                 .collect(),
             frame_bytes: graph.frame_bytes(number, depth),

@@ -180,7 +180,7 @@ fn agreement(elements: &[Planned], pair: usize, points: &[Point], pixel_mm: f64)
         let sigmas: Vec<f64> =
             measured.near(&element.at).filter(near).map(|p| f64::from(p.sigma_mm)).collect();
         found.compared_mm2 += element.area_mm2;
-        if is_seen(element) == !sigmas.is_empty() {
+        if is_seen(element) != sigmas.is_empty() {
             found.agreeing_mm2 += element.area_mm2;
         }
         if is_seen(element) && !sigmas.is_empty() {

@@ -4,6 +4,7 @@ use crate::running::{PATIENCE, is_alive, json, signal, text, wait};
 use crate::support::{SMALL_PX, fringecell_in, root};
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -164,7 +165,8 @@ fn configuration(hosts: usize, limits: &str, address: &str) -> String {
     );
     for side in 1..=hosts {
         let (first, second) = (2 * side - 1, 2 * side);
-        text += &format!(
+        let _ = write!(
+            text,
             "[[projector]]\nname = \"proj{side}\"\ndriver = \"twin\"\nwidth_px = 608\nheight_px = 684\n\
              cameras = [\"cam{first}\", \"cam{second}\"]\nsequence = [{{ set = \"sine\", axis = \"x\", period_px = 16.0, \
              steps = 4 }}, {{ set = \"gray\", axis = \"x\", bits = 7, stripe_px = 8.0 }}, {{ set = \"white\" }}, \
@@ -174,7 +176,7 @@ fn configuration(hosts: usize, limits: &str, address: &str) -> String {
     }
     for (number, host) in HOSTS[..hosts].iter().enumerate() {
         let listen = if number == 0 { format!("listen = \"{address}\"\n") } else { String::new() };
-        text += &format!("[[host]]\nname = \"{host}\"\npairs = [\"pair{}\"]\n{listen}", number + 1);
+        let _ = write!(text, "[[host]]\nname = \"{host}\"\npairs = [\"pair{}\"]\n{listen}", number + 1);
     }
     text + "[twin]\nscene = \"complex-artefact.scene.toml\"\nseed = 1\n"
 }
@@ -288,12 +290,16 @@ fn a_host_that_dies_is_an_outcome_and_comes_back() {
     let failed = |cell: &Cell| cell.outcomes("left").iter().filter(|outcome| *outcome != "ok").count();
     let (begin, count) = (Instant::now(), failed(&cell));
     let stages: Vec<u64> = crate::running::children(right.pid() as u32);
-    stages.iter().for_each(|pid| crate::running::poke("STOP", *pid));
+    for pid in &stages {
+        crate::running::poke("STOP", *pid);
+    }
     while failed(&cell) == count {
         assert!(begin.elapsed() < PATIENCE);
         std::thread::sleep(Duration::from_millis(20));
     }
-    stages.iter().for_each(|pid| crate::running::poke("CONT", *pid));
+    for pid in &stages {
+        crate::running::poke("CONT", *pid);
+    }
     right.send("CONT");
     let ok = cell.outcomes("left").iter().filter(|outcome| *outcome == "ok").count();
     cell.until_ok("left", ok + 1);
@@ -382,11 +388,8 @@ fn hosts_that_cannot_work_are_refused() {
         cell.write("cell.toml", &good.replacen(from, to, 1));
         let ran = schedule(&[]);
         assert_eq!(ran.code, Some(2), "{}", ran.stdout);
-        assert!(
-            ran.stderr.contains(part) && ran.stderr.contains("cell.toml"),
-            "{}\nlacks {part}",
-            ran.stderr
-        );
+        let named = ran.stderr.contains(part) && ran.stderr.contains("cell.toml");
+        assert!(named, "{}\nlacks {part}", ran.stderr);
     }
     // A camera of both hosts, and cycles in flight.
     let shared =
@@ -558,7 +561,9 @@ fn in_namespaces(name: &str, hosts: usize) {
     let ok = cell.outcomes("left").iter().filter(|outcome| *outcome == "ok").count();
     cell.until_ok("left", ok + 2);
     left.stop();
-    others.into_iter().for_each(|host| drop(host.stop()));
+    for host in others {
+        drop(host.stop());
+    }
     check_hashes(&cell, 0, &alone[0]);
     eprintln!("{hosts} namespaces: {:?}", cell.outcomes("left"));
 }

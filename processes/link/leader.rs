@@ -108,9 +108,9 @@ impl Peer {
             // A chunk that was asked for twice may come after its cloud is complete.
             let late = known && header.cycle <= self.received.max(self.wanted.map_or(0, |(cycle, _)| cycle));
             if late {
-                self.counts.doubled += 1
+                self.counts.doubled += 1;
             } else {
-                self.counts.strange += 1
+                self.counts.strange += 1;
             }
             return;
         };

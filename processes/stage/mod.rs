@@ -62,16 +62,13 @@ pub fn serve(context: &mut StageContext, worker: &mut dyn Worker) -> Result<()> 
                 }
             }
         }
-        let progress = match context.cycles.current() {
-            Some(cycle) => {
-                let _span = tracing::trace_span!("step", cycle).entered();
-                let stepped = worker.step(context);
-                settle(context, worker, stepped)?
-            }
-            None => {
-                let idled = worker.idle(context);
-                settle(context, worker, idled.map(|()| false))?
-            }
+        let progress = if let Some(cycle) = context.cycles.current() {
+            let _span = tracing::trace_span!("step", cycle).entered();
+            let stepped = worker.step(context);
+            settle(context, worker, stepped)?
+        } else {
+            let idled = worker.idle(context);
+            settle(context, worker, idled.map(|()| false))?
         };
         if !progress {
             let until_due = worker.due_ns().map(|due| Duration::from_nanos(due.saturating_sub(os::now_ns())));

@@ -7,6 +7,7 @@ use crate::step_file;
 use crate::surface_file::{self, Surface};
 use metrology::inspection::{CadParts, PLAN_FORMAT, Plan, PlanError, RawPlan, SurfaceFile, Surfaces};
 use metrology::spatial::TriangleMesh;
+use std::collections::btree_map::Entry;
 use std::path::Path;
 
 /// Largest file of nominal geometry.

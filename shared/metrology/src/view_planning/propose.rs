@@ -72,7 +72,9 @@ pub fn propose(
             continue;
         }
         let is_new = |index: &usize| now.binary_search(index).is_err();
-        seen.iter_mut().for_each(|seen| seen.retain(is_new));
+        for seen in &mut seen {
+            seen.retain(is_new);
+        }
         left.retain(is_new);
         proposals.push(Proposal { candidate: best.0, gain_mm2: best.1, left_mm2: area(&left) });
     }

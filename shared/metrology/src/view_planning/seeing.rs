@@ -192,18 +192,15 @@ impl Planner {
                 Some((modulation_dn, sigma_rad, usable))
             };
             let (left_dn, left_rad, left_usable) = phase(&pair.left, pair.noise[0])?;
-            let (depth, sigma_rad, modulation_dn, usable) = match &pair.right {
-                Some(right) => {
-                    let cameras = (&pair.left.camera, &right.camera);
-                    let (right_dn, right_rad, right_usable) = phase(right, pair.noise[1])?;
-                    let depth = by_phase_at(cameras, &projector.camera, axis, surface, &place)?;
-                    let noise_rad = matched_noise_rad(left_rad, right_rad);
-                    (depth, noise_rad, left_dn.min(right_dn), left_usable && right_usable)
-                }
-                None => {
-                    let views = (&pair.left.camera, &projector.camera);
-                    (by_projector_at(views, axis, surface, &place)?, left_rad, left_dn, left_usable)
-                }
+            let (depth, sigma_rad, modulation_dn, usable) = if let Some(right) = &pair.right {
+                let cameras = (&pair.left.camera, &right.camera);
+                let (right_dn, right_rad, right_usable) = phase(right, pair.noise[1])?;
+                let depth = by_phase_at(cameras, &projector.camera, axis, surface, &place)?;
+                let noise_rad = matched_noise_rad(left_rad, right_rad);
+                (depth, noise_rad, left_dn.min(right_dn), left_usable && right_usable)
+            } else {
+                let views = (&pair.left.camera, &projector.camera);
+                (by_projector_at(views, axis, surface, &place)?, left_rad, left_dn, left_usable)
             };
             let sigma_mm = 1e-3 * depth.u_point_um(sigma_rad, 0.0, fringes.period_px);
             Some(Noise { modulation_dn, sigma_mm, usable })
