@@ -7,7 +7,7 @@ use super::synthetic::*;
 fn a_plan_that_breaks_rules_is_refused_or_marked() {
     let refused = evaluate(&plan_text("", 2, 120.055_09, ""), &SPHERES[..2], &BARS).unwrap_err().to_string();
     for words in
-        ["sphere positions: 2 for sphere, at least 3", "120.055 mm, at least 144.99", "allow_reduced"]
+        ["sphere positions: 2 for sphere, at least 3", "120.055 mm for bar, at least 144.99", "allow_reduced"]
     {
         assert!(refused.contains(words), "{refused}");
     }
