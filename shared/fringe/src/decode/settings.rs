@@ -116,7 +116,7 @@ impl Default for DecodeSettings {
             neighbour_reach_px: 16,
             max_contradiction: 0.5,
             footprint_px: None,
-            max_bounce_rad: 0.05,
+            max_bounce_rad: 0.0,
             sensor: Sensor::default(),
             order: OrderMethod::Auto,
             fuse: false,
