@@ -100,7 +100,7 @@ fn the_thesis_breaks_its_own_rule_and_a_negative_error_fails() {
     let plan = folder.write("plan.toml", &text);
     let (ran, report) = folder.vdi(&plan);
     assert_eq!(ran.code, Some(2), "{}", ran.stderr);
-    assert!(ran.stderr.contains("120.055 mm for bar, at least 144.99"), "{}", ran.stderr);
+    assert!(ran.stderr.contains("120.055 mm for ball beam, at least 144.99"), "{}", ran.stderr);
     assert!(report.is_none());
 
     folder.write("plan.toml", &text.replace("allow_reduced = false", "allow_reduced = true"));
