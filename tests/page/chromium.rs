@@ -5,14 +5,32 @@ use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 /// Names of the browser on this machine's path, best first; the build script looks for the same.
 const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 
-/// Long enough for a machine that does ten other things.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Long enough for a machine that does ten other things and has no graphics card.
+const PATIENCE: Duration = Duration::from_secs(300);
+
+/// One browser at a time: each draws its 3D view on the processor, and several at once starve one another.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// What a test has no use for: services that look for hosts outside, timers and drawing that slow down where nobody looks, and the
+/// watchdog that ends drawing which takes long.
+const QUIET: [&str; 9] = [
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-quic",
+    "--disable-background-timer-throttling",
+    "--disable-backgrounding-occluded-windows",
+    "--disable-renderer-backgrounding",
+    "--disable-gpu-watchdog",
+];
 
 /// A browser with one page.
 pub struct Chromium {
@@ -24,11 +42,13 @@ pub struct Chromium {
     /// Errors that the page reported: exceptions, console errors, refused loads.
     pub errors: Vec<String>,
     _profile: TempDir,
+    _alone: MutexGuard<'static, ()>,
 }
 
 impl Chromium {
-    /// Starts it with an empty page.
+    /// Starts it with an empty page once no other test has one.
     pub fn start() -> Self {
+        let alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
         let path = std::env::var_os("PATH").unwrap_or_default();
         let mut folders = std::env::split_paths(&path);
         let program =
@@ -45,6 +65,7 @@ impl Chromium {
                 "--use-angle=swiftshader",
                 "--enable-unsafe-swiftshader",
             ])
+            .args(QUIET)
             .args(["--remote-debugging-pipe", "--disable-dev-shm-usage", &data, "about:blank"])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -61,7 +82,8 @@ impl Chromium {
             }
         });
         let (session, errors) = (String::new(), Vec::new());
-        let mut browser = Self { process, input, messages, session, number: 0, errors, _profile: profile };
+        let mut browser =
+            Self { process, input, messages, session, number: 0, errors, _profile: profile, _alone: alone };
         let targets = browser.call("Target.getTargets", &json!({}));
         let targets = targets["targetInfos"].as_array().unwrap();
         let page = targets.iter().find(|target| target["type"] == "page").unwrap()["targetId"].clone();
@@ -82,7 +104,10 @@ impl Chromium {
         }
         write!(self.input, "{request}\0").unwrap();
         loop {
-            let message = self.messages.recv_timeout(PATIENCE).unwrap_or_else(|e| panic!("{method}: {e}"));
+            let message = self.messages.recv_timeout(PATIENCE).unwrap_or_else(|e| {
+                let what = parameters["expression"].as_str().unwrap_or_default();
+                panic!("no answer to {method} {what} in {PATIENCE:?}: {e}; {:?}", self.errors)
+            });
             if message["id"] == self.number {
                 assert!(message["error"].is_null(), "{method}: {message}");
                 return message["result"].clone();
