@@ -68,6 +68,17 @@ def loft():
     return (cq.Workplane("XY").rect(30, 20).workplane(offset=25).ellipse(9, 6).loft(ruled=False)).val()
 
 
+def swept():
+    """A part with freeform faces of every kind: a spline that is moved, one that is turned, an ellipse moved, a loft."""
+    around = [(20, 0), (12, 14), (-6, 16), (-19, 5), (-15, -12), (4, -17)]
+    base = cq.Workplane("XY").spline(around, periodic=True).close().extrude(10)
+    base = base.cut(cq.Workplane("XY").ellipse(7, 4).extrude(10))
+    outline = cq.Workplane("XZ").moveTo(11, 10).lineTo(18, 10).spline([(19, 16), (15, 22), (16, 30)], includeCurrent=True)
+    ring = outline.lineTo(11, 30).close().revolve(360, (0, 0, 0), (0, 1, 0))
+    boss = cq.Workplane("XY", origin=(0, 0, -12)).rect(12, 10).workplane(offset=12).circle(8.5).loft()
+    return base.union(ring).union(boss).val()
+
+
 def assembly(folder):
     """Two pins in a plate, in inches, each pin placed by the assembly."""
     plate = cq.Workplane("XY").box(50.8, 25.4, 6.35, centered=(True, True, False))
@@ -90,6 +101,7 @@ def main():
     written(folder, "plate", plate(), "AP242DIS")
     written(folder, "turned", turned(), "AP203")
     written(folder, "loft", loft(), "AP214IS")
+    written(folder, "swept", swept(), "AP242DIS")
     assembly(folder)
 
 

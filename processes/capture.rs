@@ -44,7 +44,7 @@ impl Capture {
                 projector,
                 frames: p.frames,
                 format: cell.format(projector, camera)?,
-                triggers: context.inbox(&format!("trigger/{}", p.name))?,
+                triggers: Inbox::subscribe(context, &format!("trigger/{}", p.name))?,
                 next: 0,
             })
         });

@@ -77,7 +77,7 @@ impl Decode {
             works: works.collect(),
             next: 0,
             lights,
-            frames: context.inbox(&format!("frame/{name}"))?,
+            frames: Inbox::subscribe(context, &format!("frame/{name}"))?,
             ahead: None,
             phases: context.publisher(&format!("phase/{name}"))?,
             text: TextBuffer::new(),

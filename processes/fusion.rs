@@ -38,10 +38,9 @@ impl Fusion {
     /// Allocates room for all points and opens the ports.
     pub fn new(context: &StageContext) -> Result<Self> {
         let graph = &context.cell.graph;
-        let parts = graph
-            .pairs
-            .iter()
-            .map(|pair| Ok(Part { inbox: context.inbox(&format!("cloud/{}", pair.name))?, cloud: None }));
+        let parts = graph.pairs.iter().map(|pair| {
+            Ok(Part { inbox: Inbox::subscribe(context, &format!("cloud/{}", pair.name))?, cloud: None })
+        });
         let pixels = |camera: usize| {
             graph.cameras[camera].width_px as usize * graph.cameras[camera].height_px as usize
         };

@@ -24,7 +24,7 @@ impl Inspection {
     pub fn new(context: &StageContext) -> Result<Self> {
         Ok(Self {
             plans: context.cell.config.recipes.iter().map(|recipe| recipe.plan.clone()).collect(),
-            fused: context.inbox("cloud/fused")?,
+            fused: Inbox::subscribe(context, "cloud/fused")?,
             results: context.publisher("result")?,
             text: TextBuffer::new(),
         })

@@ -15,6 +15,7 @@ mod feed;
 mod fusion;
 #[cfg(feature = "opcua")]
 mod gateway;
+mod gateway_arguments;
 mod inspection;
 mod json;
 mod link;
@@ -101,7 +102,7 @@ enum Command {
     /// Stop a running cell.
     Stop(operate::CellArgs),
     /// Serve a cell to machines: OPC UA for Machine Vision, until Ctrl-C. The cell may start and end meanwhile.
-    Opcua(opcua_command::GatewayArgs),
+    Opcua(gateway_arguments::GatewayArgs),
     /// Print the completions of a shell: fringecell completions bash > /etc/bash_completion.d/fringecell
     Completions(generate::Completions),
     /// Write the man pages.

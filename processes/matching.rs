@@ -45,7 +45,7 @@ impl Matching {
         let inboxes = node
             .cameras()
             .into_iter()
-            .map(|c| context.inbox(&format!("phase/{}", cell.graph.cameras[c].name)));
+            .map(|c| Inbox::subscribe(context, &format!("phase/{}", cell.graph.cameras[c].name)));
         Ok(Self {
             pair,
             projector: node.projector,

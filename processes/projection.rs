@@ -53,7 +53,7 @@ impl Projection {
         Ok(Self {
             driver: devices::projector(&context.cell)?,
             triggers,
-            exposed: context.inbox("exposed")?,
+            exposed: Inbox::subscribe(context, "exposed")?,
             sequence,
             next: 0,
             standing: 0,

@@ -43,7 +43,7 @@ impl Record {
             full_scale_dn: BTreeMap::new(),
         });
         let graph = &context.cell.graph;
-        let inboxes = graph.cameras.iter().map(|c| context.inbox(&format!("frame/{}", c.name)));
+        let inboxes = graph.cameras.iter().map(|c| Inbox::subscribe(context, &format!("frame/{}", c.name)));
         Ok(Self {
             folder: args.record.clone().context("the record stage has no folder")?,
             many: args.record_many,

@@ -1,13 +1,13 @@
 //! The result of a cycle in the formats that other programs and people read, beside its JSON.
 
-use crate::run_files::plan_of;
 use crate::software::FRINGECELL;
 use anyhow::{Context as _, Result};
+use cell::Cell;
 use devices::LoadedCell;
 use files::config::ResultFormat;
 use files::hash::sha256_hex;
 use files::result::CycleResult;
-use metrology::inspection::InspectionResult;
+use metrology::inspection::{InspectionResult, Plan};
 use metrology::verdict::Verdict;
 use report::Formats;
 use report::part::{PartInput, write_part};
@@ -16,6 +16,12 @@ use std::path::{Path, PathBuf};
 /// Path of a format beside the JSON of a result.
 pub fn beside(json: &Path, format: ResultFormat) -> PathBuf {
     json.with_extension(format.name())
+}
+
+/// The plan of the recipe that a result was made with.
+pub fn plan_of<'a>(cell: &'a Cell, result: &CycleResult) -> Option<&'a Plan> {
+    let name = result.recipe.as_ref()?;
+    cell.config.recipes.iter().find(|recipe| recipe.name == *name)?.plan.as_ref()
 }
 
 /// Writes the formats of the configuration beside the JSON of a result. A cycle that is not ok, or has no plan, has no features and none

@@ -1,6 +1,6 @@
 //! Writes the files of a run: results, cloud, trace and report.
 
-use crate::result_formats;
+use crate::result_formats::{self, plan_of};
 use crate::software::FRINGECELL;
 use crate::supervisor::collect::Span;
 use crate::supervisor::history::History;
@@ -165,13 +165,6 @@ const UNCERTAINTY_NOTE: &str = "Uncertainties contain the scatter of the points 
 /// Note on the truth in the report of the demo.
 const TRUTH_NOTE: &str = "The part is simulated. The column truth comes from the simulator; the measurement does \
     not use it.";
-
-/// The plan of the recipe of a cycle.
-/// The plan of the recipe that a result was made with.
-pub fn plan_of<'a>(cell: &'a Cell, result: &CycleResult) -> Option<&'a Plan> {
-    let name = result.recipe.as_ref()?;
-    cell.config.recipes.iter().find(|recipe| recipe.name == *name)?.plan.as_ref()
-}
 
 /// The part as the job named it, else as the plan does.
 fn part(result: &CycleResult, plan: Option<&Plan>) -> String {

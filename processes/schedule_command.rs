@@ -6,7 +6,7 @@ use crate::schedule_chart::ScheduleChart;
 use crate::schedule_hosts::hosts_table;
 use crate::schedule_json;
 use crate::schedule_memory::Memory;
-use crate::schedule_together;
+use crate::schedule_together::{Together, of_trial};
 use crate::terminal;
 use anyhow::{Context, Result};
 use cell::configuration::TriggerMode;
@@ -71,12 +71,15 @@ pub fn schedule(args: &ScheduleArgs) -> Result<u8> {
     }
     let limits = chart.check_limits(&cell);
     let memory = Memory::of(&config, &cell)?;
-    json::emit(args.json.as_deref(), &schedule_json::report(&cell, memory, limits.as_ref().map(|l| l.1)))?;
+    let together = Together::of(&cell)?;
+    let trial = args.trial.as_ref().map(|folder| of_trial(&cell, folder)).transpose()?;
+    let is_within = limits.as_ref().map(|l| l.1);
+    json::emit(args.json.as_deref(), &schedule_json::report(&cell, memory, is_within, together.as_ref()))?;
     let (limits, within_limits) = limits.unwrap_or((String::new(), true));
-    let (together, apart) = schedule_together::shown(&cell)?;
-    let trial = args.trial.as_ref().map(|folder| schedule_together::of_trial(&cell, folder)).transpose()?;
-    let trial = trial.unwrap_or_default();
-    let text = format!("{together}{trial}{}{memory}\n{}{limits}", render(&cell), chart.text(&cell));
+    let apart = together.as_ref().is_none_or(Together::is_fine);
+    let groups =
+        together.map_or_else(String::new, |together| together.to_string()) + &trial.unwrap_or_default();
+    let text = format!("{groups}{}{memory}\n{}{limits}", render(&cell), chart.text(&cell));
     terminal::print_line(text.trim_end());
     Ok(u8::from(!within_limits || !apart))
 }

@@ -2,6 +2,7 @@
 
 use crate::schedule_hosts::{HostRow, host_rows};
 use crate::schedule_memory::Memory;
+use crate::schedule_together::Together;
 use cell::Cell;
 use cell::schedule::{Activation, Half, Stage, Topic, label};
 use serde::Serialize;
@@ -24,6 +25,8 @@ pub struct ScheduleReport<'a> {
     topics: Vec<TopicRow<'a>>,
     /// The computers of the cell; empty: it runs on one.
     hosts: Vec<HostRow>,
+    /// Absent where the configuration asks for no groups.
+    together: Option<&'a Together>,
 }
 
 #[derive(Debug, Serialize)]
@@ -56,7 +59,12 @@ struct TopicRow<'a> {
 }
 
 /// Collects the schedule of a cell.
-pub fn report(cell: &Cell, memory: Memory, within_limits: Option<bool>) -> ScheduleReport<'_> {
+pub fn report<'a>(
+    cell: &'a Cell,
+    memory: Memory,
+    within_limits: Option<bool>,
+    together: Option<&'a Together>,
+) -> ScheduleReport<'a> {
     let (schedule, limits) = (&cell.schedule, &cell.config.limits);
     ScheduleReport {
         cell: &cell.name,
@@ -71,6 +79,7 @@ pub fn report(cell: &Cell, memory: Memory, within_limits: Option<bool>) -> Sched
         activations: schedule.activations.iter().map(|activation| activation_row(cell, activation)).collect(),
         topics: schedule.topics.iter().map(topic_row).collect(),
         hosts: host_rows(cell),
+        together,
     }
 }
 

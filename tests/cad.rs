@@ -87,6 +87,28 @@ fn a_plan_from_cad_measures_what_the_cloud_has() {
     assert_eq!(sizes, 3, "{measured}");
 }
 
+/// What the cell cannot see stays out by its name, with all features on it; a name that is none is refused with those that are.
+#[test]
+fn elements_stay_out_by_name() {
+    let folder = TempDir::new().unwrap();
+    let (plan, part) = (folder.path().join("plan.toml"), text(&sample("plate.step")));
+    let draft =
+        |names: &str| fringetool(&["plan-from-cad", &part, "--without", names, "--out", &text(&plan)]);
+    let refused = draft("plane1,bottom");
+    assert_eq!(refused.code, Some(2));
+    assert!(
+        refused.stderr.contains("--without bottom") && refused.stderr.contains("plane3"),
+        "{}",
+        refused.stderr
+    );
+    assert!(!plan.exists());
+    draft("plane1,plane3").expect_success();
+    let written = std::fs::read_to_string(&plan).unwrap();
+    assert!(
+        !written.contains("\"plane1\"") && !written.contains("\"plane3\"") && written.contains("\"plane2\"")
+    );
+}
+
 #[test]
 fn a_comparison_with_step_states_the_distance_of_its_triangles() {
     let folder = TempDir::new().unwrap();
@@ -144,8 +166,11 @@ fn what_is_not_read_is_refused_before_anything_is_written() {
     let stl = folder.path().join("part.step");
     std::fs::write(&stl, "solid part\nendsolid\n").unwrap();
     let gone = folder.path().join("none.step");
+    let damaged = folder.path().join("damaged.step");
+    let text_of_loft = std::fs::read_to_string(sample("loft.step")).unwrap();
+    std::fs::write(&damaged, text_of_loft.replace("(7,7),(2,2)", "(7,6),(2,2)")).unwrap();
     for (file, words) in
-        [(sample("loft.step"), "B_SPLINE_SURFACE_WITH_KNOTS"), (stl, "is no STEP file"), (gone, "none.step")]
+        [(damaged, "its knots count 13 times"), (stl, "is no STEP file"), (gone, "none.step")]
     {
         let ran = fringetool(&["plan-from-cad", &text(&file), "--out", &text(&out)]);
         assert_eq!(ran.code, Some(2), "{}", ran.stdout);

@@ -117,8 +117,8 @@ fringetool() { command fringetool $parse_only "$@"; }
 for move in cp mv; do eval "$move() { [ -n \"\$parse_only\" ] || command $move \"\$@\"; }"; done
 cargo() {
   case "$*" in
-    "run --release -- "*) shift 3; fringecell "$@";;
-    "run --release --bin fringetool -- "*) shift 5; fringetool "$@";;
+    "run -- "*) shift 2; fringecell "$@";;
+    "run --bin fringetool -- "*) shift 4; fringetool "$@";;
     *) echo "no test runs: cargo $*" >&2; return 97;;
   esac
 }
@@ -246,7 +246,7 @@ fn a_wrong_option_and_a_wrong_exit_code_are_found() {
         "fringetool uncertainty configs/budgets/sphere-spacing.toml  # exits with 1",
         "fringetool bench accuracy --no-such-option  # takes a minute",
         "no-such-program",
-        "cargo run --release --bin other -- demo",
+        "cargo run --bin other -- demo",
     ] {
         assert!(ran(wrong).is_err(), "{wrong}");
     }

@@ -92,6 +92,7 @@ pub fn run(args: &Args) -> Result<Outcome> {
         }
         Format::E57 => {
             files::e57_file::write_cloud(&args.out, &points)?;
+            eprintln!("{}: places and modulation; E57 has no normals and uncertainties", args.out.display());
             None
         }
         Format::PlyMesh | Format::Stl => Some(write_mesh(args, format, &points)?),
@@ -138,8 +139,8 @@ impl Format {
 /// The points that are asked for.
 fn kept(args: &Args, mut points: Vec<Point>) -> Result<Vec<Point>> {
     if let Some(pair) = args.pair {
-        let most = points.iter().map(|point| point.pair + 1).max().unwrap_or(0);
-        points.retain(|point| point.pair + 1 == pair);
+        let most = points.iter().map(|point| u64::from(point.pair) + 1).max().unwrap_or(0);
+        points.retain(|point| u64::from(point.pair) + 1 == u64::from(pair));
         if points.is_empty() {
             bail!("--pair {pair}: {} has no such points; pairs are 1 … {most}", args.cloud.display());
         }
@@ -183,7 +184,7 @@ fn print(result: &Converted) {
     println!("{}: {} of {} points", result.out, result.points, result.points_read);
     let Some(mesh) = &result.mesh else { return };
     println!(
-        "{} triangles of {:.3} mm, {:.1} mm²; points lie within {:.4} mm (rms {:.4}, largest {:.4}); {} beside it",
+        "{} triangles of {:.3} mm, {:.1} mm²; 95 % of the points lie within {:.4} mm of it (rms {:.4}, largest {:.4}); {} have no part of it",
         mesh.triangles,
         mesh.cell_mm,
         mesh.area_mm2,

@@ -12,13 +12,23 @@ use files::hash::sha256_hex;
 use files::recording::Recording;
 use files::rig_file::{RigFile, read_rig};
 use fringe::cloud::Point;
+use fringe::planning::geometry::middle_mm;
+use fringe::planning::resolution::Seen;
 use fringe::surface::SurfaceSettings;
-use metrology::acceptance::{Characteristic, Evaluator, Input, RuleSet, TestPlan, TestReport, ViewPlan};
+use metrology::acceptance::{
+    Characteristic, Evaluator, Input, LateralResolution, RuleSet, TestPlan, TestReport, ViewPlan,
+};
 use metrology::verdict::Verdict;
+use nalgebra::Point3;
 use report::acceptance::{read_master, write_all};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+
+/// Blur of lens and pixel together where the rig file states none, standard deviation in pixels: as `plan-patterns` assumes it.
+const USUAL_FOOTPRINT_PX: f64 = 0.58;
+/// Label of the condition; on the screen it stands below the values.
+const RESOLUTION: &str = "lateral resolution";
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -83,6 +93,7 @@ pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
     let mut conditions = sources.conditions();
     conditions.push(("plan".into(), format!("sha256 {}", sha256_hex(document.text.as_bytes()))));
     conditions.push(("software".into(), format!("fringetool {}", env!("CARGO_PKG_VERSION"))));
+    let resolution = sources.resolution(&plan);
     if not_finite > 0 {
         conditions.push((
             "points without coordinates".into(),
@@ -90,6 +101,10 @@ pub fn evaluate(plan_path: &Path) -> Result<TestReport> {
         ));
     }
     let mut report = evaluator.finish(conditions, inputs).with_context(named)?;
+    report.lateral_resolution = report.lateral_resolution.or(resolution);
+    if let Some(resolution) = &report.lateral_resolution {
+        report.conditions.push((RESOLUTION.into(), resolution.words()));
+    }
     if let Some(sha256) = rules_sha256 {
         state_own_rules(&mut report, &sha256);
     }
@@ -211,6 +226,34 @@ impl<'a> Sources<'a> {
         Ok((points, 0))
     }
 
+    /// What the clouds of recordings resolve in the middle of the volume; of several pairs the one that resolves least.
+    fn resolution(&self, plan: &TestPlan) -> Option<LateralResolution> {
+        let (RigFile { rig, .. }, method, surface) = self.rig.as_ref()?;
+        let found = rig.pairs.iter().filter_map(|pair| {
+            let left = rig.camera(&pair.left)?;
+            let second = rig.camera(&pair.right).filter(|_| matches!(method, Method::Phase));
+            let known = rig.sensor(&pair.left).footprint.map(|footprint| footprint.variance_px2().0.sqrt());
+            let seen = Seen {
+                footprint_px: known.unwrap_or(USUAL_FOOTPRINT_PX),
+                matched: second.is_some(),
+                smoothing_px: surface.smoothing_px,
+            };
+            let other = second.or_else(|| rig.projector(&pair.projector))?;
+            let at = plan.volume.center_mm.map(Point3::from).or_else(|| middle_mm(left, other))?;
+            let source = match known {
+                Some(px) => format!("computed from the calibrated footprint of {} ({px:.2} px)", pair.left),
+                None => format!("computed from an assumed footprint of {USUAL_FOOTPRINT_PX} px"),
+            };
+            Some((seen.resolution(left, &at), source))
+        });
+        let least = found.max_by(|a, b| a.0.step_mm.total_cmp(&b.0.step_mm));
+        least.map(|(found, source)| LateralResolution {
+            step_mm: found.step_mm,
+            hidden_step_mm: Some(found.hidden_step_mm),
+            source,
+        })
+    }
+
     fn conditions(&self) -> Vec<(String, String)> {
         let Some((rig, method, surface)) = &self.rig else { return Vec::new() };
         let method = match method {
@@ -243,7 +286,7 @@ fn print(report: &TestReport) {
     for assumed in &report.rule_set.assumed {
         println!("  assumed, not read in the standard: {assumed}");
     }
-    for (label, text) in &report.conditions {
+    for (label, text) in report.conditions.iter().filter(|(label, _)| label != RESOLUTION) {
         println!("  {label}: {text}");
     }
     let wide = report.characteristics.iter().map(|c| c.symbol.chars().count()).max().unwrap_or(0).max(14);
@@ -253,6 +296,15 @@ fn print(report: &TestReport) {
     );
     for one in &report.characteristics {
         println!("{}", line(one, wide));
+    }
+    match &report.lateral_resolution {
+        Some(resolution) => {
+            println!("lateral resolution, beside which a form is to be read: {}", resolution.words());
+        }
+        None => println!(
+            "lateral resolution: not stated, so a form error does not tell how much was smoothed; write lateral_resolution_mm \
+             in [conditions] of the plan"
+        ),
     }
     println!("verdict: {}{reduced}", word(report.verdict));
 }

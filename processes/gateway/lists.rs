@@ -2,12 +2,12 @@
 
 use super::arguments::Arguments;
 use super::methods::{Called, Methods, Reply, error};
+use super::names::{internal_recipe, structure};
 use super::results::variants;
 use super::types::{
     Configuration, ConfigurationId, JobId, MeasId, PartId, ProductId, RecipeIdExternal, RecipeIdInternal,
     ResultData, ResultId,
 };
-use super::vision::{internal_recipe, structure};
 use opcua::types::{DateTime, StatusCode, Variant};
 use std::sync::atomic::Ordering;
 

@@ -1,7 +1,7 @@
 //! What a gateway leaves for the next one, in the runtime folder of the cell: which changes were delivered, and what clients called
 //! their jobs. The cell removes it with the rest of the folder.
 
-use super::vision::JobNames;
+use super::names::JobNames;
 use ipc::cell::CellName;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -3,8 +3,9 @@
 use super::arguments::Arguments;
 use super::link::Link;
 use super::machine::state;
+use super::names::{JobNames, internal_recipe, structure};
 use super::types::{JobId, MeasId, PartId, ProductId, RecipeIdExternal, RecipeIdInternal};
-use super::vision::{JobNames, Vision, internal_recipe, structure};
+use super::vision::Vision;
 use crate::supervisor::protocol::{Answer, Request};
 use opcua::sync::Mutex;
 use opcua::types::{StatusCode, UaNullable, Variant};

@@ -9,6 +9,7 @@ mod lists;
 mod machine;
 mod mark;
 mod methods;
+mod names;
 mod nodeset;
 mod results;
 mod security;
@@ -18,13 +19,14 @@ mod types;
 mod vision;
 mod watch;
 
-use crate::opcua_command::GatewayArgs;
+use crate::gateway_arguments::GatewayArgs;
 use crate::terminal;
 use anyhow::{Context as _, Result, anyhow};
 use events::Sessions;
 use files::config::Config;
 use ipc::cell::CellName;
 use ipc::os;
+use names::Identity;
 use nodeset::Import;
 use opcua::server::ServerBuilder;
 use opcua::server::address_space::AddressSpace;
@@ -33,7 +35,6 @@ use opcua::server::node_manager::memory::InMemoryNodeManagerBuilder;
 use server::{Manager, Plan};
 use std::sync::Arc;
 use types::{ConfigurationId, Types};
-use vision::Identity;
 
 /// Serves until a termination signal.
 ///

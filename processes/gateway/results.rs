@@ -1,7 +1,9 @@
 //! The results that a client may ask for, in the structures of the specification.
 
+use super::names::{
+    Identity, JobNames, external_recipe, internal_recipe, job_id, named, names_of, structure,
+};
 use super::types::{PartId, ProcessingTimes, ResultData, ResultId};
-use super::vision::{JobNames, Vision, external_recipe, internal_recipe, named, names_of, structure};
 use files::result::CycleResult;
 use opcua::types::{DateTime, Variant};
 use std::collections::{BTreeMap, VecDeque};
@@ -46,8 +48,12 @@ impl Results {
     }
 }
 
-/// The result of a cycle as the specification has it.
-pub fn data(vision: &Vision, job: u64, names: &JobNames, result: &CycleResult) -> ResultData {
+/// The result of a cycle of a job as the specification has it; `run` is the run of the cell that made it.
+pub fn data(
+    (identity, run): (&Identity, &str),
+    (job, names): (u64, &JobNames),
+    result: &CycleResult,
+) -> ResultData {
     let (meas_id, part_id, product_id) = names_of(names);
     let part = result.part.as_deref().map(|part| PartId { id: part.into(), description: None });
     let end = DateTime::parse_from_rfc3339(&result.date).unwrap_or_else(|_| DateTime::now());
@@ -62,10 +68,10 @@ pub fn data(vision: &Vision, job: u64, names: &JobNames, result: &CycleResult) -
         processing_duration: result.latency_ns.map(milliseconds),
     });
     ResultData {
-        result_id: ResultId { id: format!("{}-{}", vision.run, result.number).into() },
+        result_id: ResultId { id: format!("{}-{}", run, result.number).into() },
         has_transferable_data_on_file: Some(false),
         is_partial: false,
-        is_simulated: Some(vision.identity.simulated),
+        is_simulated: Some(identity.simulated),
         result_state: state_of(result),
         meas_id,
         part_id: part.or(part_id),
@@ -73,8 +79,8 @@ pub fn data(vision: &Vision, job: u64, names: &JobNames, result: &CycleResult) -
         internal_recipe_id: internal_recipe(&recipe),
         product_id,
         external_configuration_id: None,
-        internal_configuration_id: vision.identity.configuration.clone(),
-        job_id: vision.job_id(job),
+        internal_configuration_id: identity.configuration.clone(),
+        job_id: job_id(run, job),
         creation_time: end,
         processing_times: times,
         result_content: Some(Some(content(result))),

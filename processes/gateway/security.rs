@@ -1,6 +1,6 @@
 //! Who may connect: addresses, policies, users. Without further options only this machine, without a user.
 
-use crate::opcua_command::GatewayArgs;
+use crate::gateway_arguments::GatewayArgs;
 use anyhow::{Context as _, Result, bail};
 use ipc::cell::CellName;
 use opcua::crypto::SecurityPolicy;

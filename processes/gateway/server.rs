@@ -3,9 +3,10 @@
 use super::events::{Deliveries, Sessions};
 use super::machine::Transitions;
 use super::methods::{Methods, Reply};
+use super::names::Identity;
 use super::nodeset::{Builder, Import, Name, Parent};
 use super::types::NAMESPACE;
-use super::vision::{Identity, Vision};
+use super::vision::Vision;
 use async_trait::async_trait;
 use opcua::nodes::{EventNotifier, NodeType};
 use opcua::server::address_space::AddressSpace;

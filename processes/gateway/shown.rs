@@ -2,11 +2,12 @@
 
 use super::lists::active;
 use super::machine::{Position, state};
+use super::names::{external_recipe, internal_recipe, structure};
 use super::nodeset::{Builder, Name, Parent};
 use super::results::{self, SHOWN};
 use super::server::{Manager, SYSTEM};
 use super::types::{ResultData, SystemStateDescription};
-use super::vision::{external_recipe, internal_recipe, state_name, structure};
+use super::vision::state_name;
 use opcua::server::ServerHandle;
 use opcua::types::{
     DataValue, DateTime, LocalizedText, NodeId, NumericRange, QualifiedName, ReferenceTypeId, StatusCode,

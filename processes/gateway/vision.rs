@@ -2,13 +2,13 @@
 
 use super::events::{Deliveries, VisionEvent};
 use super::machine::{Position, Transition, Transitions, state};
+use super::names::{self, Identity, JobNames, external_recipe, internal_recipe, named, structure};
 use super::results::Results;
-use super::types::{ConfigurationId, JobId, MeasId, PartId, ProductId, RecipeIdExternal, RecipeIdInternal};
+use super::types::JobId;
 use crate::supervisor::protocol::{Change, StateReport, What};
 use files::result::CycleResult;
 use opcua::nodes::BaseEventType;
-use opcua::types::{DateTime, ExtensionObject, LocalizedText, NodeId, UAString, Variant};
-use serde::{Deserialize, Serialize};
+use opcua::types::{DateTime, LocalizedText, NodeId, Variant};
 use std::collections::BTreeMap;
 
 /// Jobs whose clients' names are kept.
@@ -23,32 +23,6 @@ mod event {
     pub const RECIPE_PREPARED: u32 = 1022;
     pub const READY: u32 = 1023;
     pub const RESULT_READY: u32 = 1024;
-}
-
-/// What the client of a job called it.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct JobNames {
-    /// Identification of the measurement.
-    pub meas: String,
-    /// Identification of the part.
-    pub part: String,
-    /// Identification of the product.
-    pub product: String,
-}
-
-/// Who is told: indices of namespaces, the source of events, and what every result has.
-#[derive(Debug, Clone)]
-pub struct Identity {
-    /// Index of the namespace of the specification.
-    pub standard: u16,
-    /// The vision system, source of all events.
-    pub system: NodeId,
-    /// Name of the cell.
-    pub cell: String,
-    /// The configuration that the cell runs with.
-    pub configuration: ConfigurationId,
-    /// Whether all cameras are simulated.
-    pub simulated: bool,
 }
 
 /// State, results and events.
@@ -133,7 +107,7 @@ impl Vision {
 
     /// Identification of a job.
     pub fn job_id(&self, job: u64) -> JobId {
-        JobId { id: format!("{}-{job}", self.run).into() }
+        names::job_id(&self.run, job)
     }
 
     /// Applies a change. Returns whether there is a new result.
@@ -238,7 +212,7 @@ impl Vision {
 
     fn add_result(&mut self, number: u64, job: u64, result: &CycleResult) {
         let names = self.jobs.get(&job).cloned().unwrap_or_default();
-        let data = super::results::data(self, job, &names, result);
+        let data = super::results::data((&self.identity, &self.run), (job, &names), result);
         let part = data.part_id.as_ref().map(|part| part.id.to_string()).unwrap_or_default();
         let message = format!("cycle {} of part {part}: {}", result.number, result.outcome);
         let fields = super::results::fields(&data);
@@ -293,37 +267,4 @@ pub fn state_name(number: u32) -> &'static str {
         state::SINGLE_EXECUTION => "SingleExecution",
         _ => "ContinuousExecution",
     }
-}
-
-/// Fields by their names.
-pub fn named<const N: usize>(fields: [(&str, Variant); N]) -> BTreeMap<String, Variant> {
-    fields.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
-}
-
-/// A structure as a value.
-pub fn structure<T>(value: T) -> Variant
-where
-    T: opcua::types::DynEncodable,
-{
-    Variant::from(ExtensionObject::new(value))
-}
-
-/// A recipe as the cell names it.
-pub fn internal_recipe(name: &str) -> RecipeIdInternal {
-    RecipeIdInternal { id: name.into(), ..RecipeIdInternal::default() }
-}
-
-/// A recipe as a client names it: the same.
-pub fn external_recipe(name: &str) -> RecipeIdExternal {
-    RecipeIdExternal { id: name.into(), ..RecipeIdExternal::default() }
-}
-
-/// Names that a client gave; none for an empty one.
-pub fn names_of(names: &JobNames) -> (Option<MeasId>, Option<PartId>, Option<ProductId>) {
-    let text = |text: &str| Some(UAString::from(text)).filter(|text| !text.is_empty());
-    (
-        text(&names.meas).map(|id| MeasId { id, description: None }),
-        text(&names.part).map(|id| PartId { id, description: None }),
-        text(&names.product).map(|id| ProductId { id, description: None }),
-    )
 }

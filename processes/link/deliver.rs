@@ -55,7 +55,7 @@ impl Deliver {
         let (cell, graph) = (&context.cell, &context.cell.graph);
         let pairs = (0..graph.pairs.len()).filter(|&pair| graph.has_pair(pair));
         let part = |pair: usize| {
-            let inbox = context.inbox(&format!("cloud/{}", graph.pairs[pair].name))?;
+            let inbox = Inbox::subscribe(context, &format!("cloud/{}", graph.pairs[pair].name))?;
             Ok(Part { pair, inbox, cloud: None })
         };
         let (session, own) = (new_session()?, identity(cell)?);

@@ -193,9 +193,11 @@ impl Follower {
     /// The state that the host that leads shall hear, and its session; 0: any.
     pub fn tell(&self, now_ns: u64) -> (u64, HostState) {
         let leader = self.partner.state(now_ns);
+        // The next run of the host that leads makes this host begin anew: until then it must not be counted on.
+        let left = leader.is_none() && self.partner.session().is_some();
         let state = HostState {
             identity: self.own.clone(),
-            phase: self.phase,
+            phase: if self.renew || left { Phase::Starting } else { self.phase },
             cycle: self.cycle,
             clouds: self.clouds.iter().map(|(offer, _)| offer.clone()).collect(),
             problem: None,

@@ -182,6 +182,38 @@ fn what_goes_wrong_is_told_by_name() {
 }
 
 /// Proves: of two hosts of one name, and of two leaders, the second is refused by name; the first goes on.
+/// Proves: a host whose leader was lost is not counted on by the next run that leads, which makes it begin anew; by one that only was
+/// silent it is, as soon as both hear each other.
+#[test]
+fn a_host_that_will_begin_anew_is_not_ready() {
+    let clean = || (Network::new([0; 4]), Network::new([0; 4]));
+    let (mut first, mut host) = (peer(), follower(200));
+    let (mut down, mut up) = clean();
+    for now in 0..3 {
+        exchange(now * 10 * MS, &mut first, &mut host, 200, &mut down, &mut up);
+    }
+    assert_eq!(first.ready(30 * MS), Ok(true));
+    let lost = 30 * MS + 2 * SILENCE_NS;
+    let (to, state) = host.tell(lost);
+    assert_eq!((to, state.phase), (0, Phase::Starting));
+    // The same run is heard again.
+    for step in 0..3 {
+        exchange(lost + step * 10 * MS, &mut first, &mut host, 200, &mut down, &mut up);
+    }
+    assert_eq!(first.ready(lost + 30 * MS), Ok(true));
+    // Another run.
+    let lost = lost + 3 * SILENCE_NS;
+    let mut next =
+        Peer::new("right", identity("left"), 300, BTreeMap::from([(1, 1 << 30)]), POINT, SILENCE_NS);
+    let (to, state) = host.tell(lost);
+    next.hear(lost, &Link { sequence: 9000, ..header(200, to) }, &json(&state));
+    assert_eq!(next.ready(lost), Ok(false), "it would begin anew in the first cycle");
+    let (to, state) = next.tell();
+    host.hear(lost, &Link { sequence: 9000, ..header(300, to) }, &json(&state));
+    assert!(host.must_renew());
+    assert_eq!(host.tell(lost).1.phase, Phase::Starting);
+}
+
 #[test]
 fn the_second_of_a_name_and_the_second_leader_are_refused() {
     let mut peer = peer();

@@ -3,11 +3,10 @@
 use super::args::StageArgs;
 use super::cycle_filter::CycleFilter;
 use super::fault::Fault;
-use super::inbox::Inbox;
 use super::text_buffer::shorten;
 use anyhow::{Context, Result, anyhow};
 use cell::Cell;
-use cell::schedule::{Carries, FRAME_BUFFER, Half, Order, SUPERVISOR, Topic, Work};
+use cell::schedule::{FRAME_BUFFER, Half, Order, SUPERVISOR, Topic, Work};
 use devices::LoadedCell;
 use ipc::IpcError;
 use ipc::cell::CellName;
@@ -36,7 +35,7 @@ pub struct StageContext {
     supervisor: Notifier,
     /// Activations of this stage after which the supervisor is notified.
     supervisor_notifications: BTreeSet<usize>,
-    node: Node,
+    pub(super) node: Node,
     /// Path prefix of the cell's shared memory.
     segments: String,
     order: Order,
@@ -203,17 +202,8 @@ impl StageContext {
         Ok(sender.without_notification())
     }
 
-    /// An inbox for a topic of the schedule.
-    pub fn inbox<H: Header>(&self, topic: &str) -> Result<Inbox<H>> {
-        let ahead = match self.plan(topic)?.carries {
-            // The acquisition may be ahead of the evaluation.
-            Carries::Phase => self.cell.schedule.in_flight as u64 - 1,
-            _ => 0,
-        };
-        Ok(Inbox::new(self.node.subscriber(topic)?, ahead))
-    }
-
-    fn plan(&self, topic: &str) -> Result<&Topic> {
+    /// A topic of the schedule by its name.
+    pub(super) fn plan(&self, topic: &str) -> Result<&Topic> {
         self.cell.schedule.topic(topic).with_context(|| format!("the schedule has no topic \"{topic}\""))
     }
 

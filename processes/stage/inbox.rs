@@ -3,6 +3,8 @@
 use super::context::StageContext;
 use super::cycle_filter::Admission;
 use super::fault::Fault;
+use anyhow::Result;
+use cell::schedule::Carries;
 use ipc::IpcError;
 use ipc::error::MessageError;
 use ipc::header::Header;
@@ -17,9 +19,14 @@ pub struct Inbox<H: Header> {
 }
 
 impl<H: Header> Inbox<H> {
-    /// An empty inbox; a valid sender may be `ahead` cycles ahead.
-    pub(super) fn new(subscriber: Subscriber<H>, ahead: u64) -> Self {
-        Self { subscriber, early: None, ahead }
+    /// An inbox for a topic of the schedule.
+    pub fn subscribe(context: &StageContext, topic: &str) -> Result<Self> {
+        let ahead = match context.plan(topic)?.carries {
+            // The acquisition may be ahead of the evaluation.
+            Carries::Phase => context.cell.schedule.in_flight as u64 - 1,
+            _ => 0,
+        };
+        Ok(Self { subscriber: context.node.subscriber(topic)?, early: None, ahead })
     }
 
     /// The next message of the current cycle.

@@ -15,6 +15,7 @@ mod led;
 mod lifecycle;
 mod metrics;
 mod monitor;
+mod monitor_scan;
 mod ports;
 mod privileges;
 pub mod profile;
@@ -23,7 +24,6 @@ mod requests;
 pub mod restart;
 mod result_delivery;
 mod result_writer;
-mod scan;
 mod service_manager;
 mod setup;
 pub mod snapshot;
@@ -33,8 +33,8 @@ mod summary;
 mod warm_up;
 
 pub use metrics::CONTENT_TYPE;
-pub use monitor::{KEPT_CYCLES, MONITOR, PageOptions};
-pub use setup::RunOptions;
+pub use monitor::{KEPT_CYCLES, MONITOR};
+pub use setup::{PageOptions, RunOptions};
 pub use summary::Summary;
 
 use crate::panic_drill::panic_if_requested;

@@ -6,7 +6,7 @@
 use super::collect::Span;
 use super::protocol::StateReport;
 use super::restart::Policy;
-use super::setup::{self, RunOptions};
+use super::setup::{self, PageOptions, RunOptions};
 use super::stage_process::{ProcessState, StageProcess};
 use crate::feed::{self, Ended, Message, Scan};
 use crate::terminal;
@@ -16,10 +16,9 @@ use devices::LoadedCell;
 use files::result::CycleResult;
 use std::collections::VecDeque;
 use std::io::Read as _;
-use std::net::{SocketAddr, TcpListener};
+use std::net::TcpListener;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
 use std::process::Stdio;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -36,19 +35,6 @@ const QUEUED: usize = 256;
 
 /// Longest wait for the end of the monitor after the last message.
 const END_TIMEOUT: Duration = Duration::from_secs(2);
-
-/// What the monitor serves.
-#[derive(Debug, Clone)]
-pub struct PageOptions {
-    /// Address of the page, or of the metrics alone.
-    pub address: SocketAddr,
-    /// Whether it serves nothing but the metrics.
-    pub metrics_only: bool,
-    /// File with the token that viewers must know.
-    pub token: Option<PathBuf>,
-    /// Whether the part is simulated by the demo.
-    pub demo: bool,
-}
 
 /// What waits for the thread that writes.
 enum Item {

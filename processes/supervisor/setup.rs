@@ -1,7 +1,6 @@
 //! Setup of a run before the first stage starts.
 
 use super::cycle::{Budgets, Cycles, Step};
-use super::monitor::PageOptions;
 use super::restart::Policy;
 use super::result_writer::ResultWriter;
 use super::stage_process::StageProcess;
@@ -14,9 +13,23 @@ use cell::schedule::{Carries, Kind, Order, Stage, Topic, label};
 use devices::LoadedCell;
 use ipc::IpcError;
 use ipc::port::{Node, ServiceHandle, TopicSize};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+
+/// What the monitor serves.
+#[derive(Debug, Clone)]
+pub struct PageOptions {
+    /// Address of the page, or of the metrics alone.
+    pub address: SocketAddr,
+    /// Whether it serves nothing but the metrics.
+    pub metrics_only: bool,
+    /// File with the token that viewers must know.
+    pub token: Option<PathBuf>,
+    /// Whether the part is simulated by the demo.
+    pub demo: bool,
+}
 
 /// Options of a run.
 #[derive(Debug, Clone)]

@@ -56,7 +56,9 @@ pub fn run(args: &Args) -> Result<Outcome> {
     for (source, settings) in cases {
         let twin = Twin::new(&bench.scene, settings.clone(), &bench.rig)?;
         let shown = Shown::new(&twin, &bench.rig, "cam1", "proj1", &bench.sequence)?;
-        let (decode, method) = (DecodeSettings::default(), PhaseMethod::default());
+        // Every pixel counts, whatever light it gets.
+        let decode = DecodeSettings { max_bounce_rad: 0.0, ..DecodeSettings::default() };
+        let method = PhaseMethod::default();
         let phase = shown.evaluate(&decode, method)?;
         tiles.push(shown.errors_rad(&shown.decode(&decode, method)?.0)?.0);
         let point = bench.measure(Case { name: source, settings, quiet: None, lens: true })?;

@@ -64,7 +64,7 @@ pub struct Cell {
 
 /// Settings that refuse no map for its wrong orders, so that they are counted.
 pub fn counting() -> DecodeSettings {
-    DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() }
+    DecodeSettings { max_contradiction: 1e6, max_bounce_rad: 0.0, ..DecodeSettings::default() }
 }
 
 impl Shown {

@@ -154,6 +154,19 @@ pub fn print(parts: &Parts) {
     if parts.lenses.is_some() {
         println!("lens model of the cameras: {}", super::model::lenses_line(calibration, parts.lenses));
     }
+    for face in &calibration.faces {
+        let [x, y, z] = face.middle_mm;
+        let found = if face.adjusted {
+            format!(
+                "found {:.4} mm and {:.4}° from where it is declared",
+                face.shift_mm,
+                face.turn_rad.to_degrees()
+            )
+        } else {
+            "held where it is declared".to_owned()
+        };
+        println!("face {}: middle at ({x:.4}, {y:.4}, {z:.4}) mm, {found}", face.name);
+    }
     if let Some(worst) = calibration.worst_view().map(|i| &calibration.views[i]) {
         let device = &calibration.devices[worst.device].name;
         println!("worst view: {device} in {}, rms {:.4} px", observations.poses[worst.pose], worst.rms_px);
@@ -209,6 +222,13 @@ pub fn json(parts: &Parts) -> serde_json::Value {
         "sphere_spacing_u_worst_mm": spacing.map(|s| s.worst_mm),
         "sigma0": calibration.sigma0,
         "warp": calibration.warp.map(|w| serde_json::json!({ "x_mm": w.x_mm, "y_mm": w.y_mm, "u_mm": w.u_mm })),
+        "faces": calibration.faces.iter().map(|face| serde_json::json!({
+            "name": face.name,
+            "adjusted": face.adjusted,
+            "middle_mm": face.middle_mm,
+            "shift_mm": face.shift_mm,
+            "turn_deg": face.turn_rad.to_degrees(),
+        })).collect::<Vec<_>>(),
         "images": calibration.views.iter().map(|v| serde_json::json!({
             "device": calibration.devices[v.device].name,
             "pose": observations.poses[v.pose],

@@ -1,5 +1,6 @@
 //! Which elements of a part come into its plan, under which names.
 
+use anyhow::{Result, bail};
 use files::step_file::StepPart;
 use metrology::cad::CadFeature;
 use metrology::inspection::Geometry;
@@ -25,9 +26,10 @@ pub struct Chosen {
 }
 
 impl Chosen {
-    /// The faces, and their names where they have some.
+    /// The faces as a plan names them, and their names where they have some.
     pub fn origin(&self) -> String {
-        let faces: Vec<String> = self.feature.faces.iter().map(|id| format!("#{id}")).collect();
+        let instance = self.feature.instance.map(|count| format!("@{count}")).unwrap_or_default();
+        let faces: Vec<String> = self.feature.faces.iter().map(|id| format!("#{id}{instance}")).collect();
         let names = self.feature.names.join(", ");
         let shown: String = names.chars().filter(|c| !c.is_control()).take(80).collect();
         if shown.is_empty() { faces.join(" ") } else { format!("{} \"{shown}\"", faces.join(" ")) }
@@ -57,6 +59,21 @@ pub fn elements(part: &StepPart, least_area_mm2: f64) -> Vec<Chosen> {
     }
     name(&mut chosen);
     chosen
+}
+
+/// Leaves out the elements of these names.
+///
+/// # Errors
+/// A name that no element has.
+pub fn leave_out(chosen: &mut [Chosen], names: &[String]) -> Result<()> {
+    for name in names {
+        let Some(one) = chosen.iter_mut().find(|one| one.name == *name) else {
+            let known: Vec<&str> = chosen.iter().map(|one| one.name.as_str()).collect();
+            bail!("--without {name}: no element has this name; known are {}", known.join(", "));
+        };
+        one.left_out.get_or_insert_with(|| "named by --without".to_owned());
+    }
+    Ok(())
 }
 
 /// Why an element does not come into a plan.

@@ -16,6 +16,7 @@ use files::step_file::{self, StepPart};
 use metrology::general_tolerance::{FormClass, LengthClass};
 use metrology::inspection::{Geometry, PLAN_FORMAT};
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -47,6 +48,9 @@ pub struct Args {
     /// Elements of less area are left out, mm².
     #[arg(long, value_name = "MM2", default_value_t = 20.0)]
     least_area: f64,
+    /// Elements that stay out, by their names in the table: what the cell cannot see.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    without: Vec<String>,
     /// Largest distance between triangles and surfaces, mm; default: 2e-5 of the part's size, within 0.0005 … 0.02.
     #[arg(long, value_name = "MM", value_parser = length)]
     chord_mm: Option<f64>,
@@ -109,6 +113,9 @@ impl Forms {
 /// Normals of points may differ from those of their element by so much, degrees.
 const NORMAL_TOLERANCE_DEG: f64 = 25.0;
 
+/// Faces that are listed by their numbers.
+const MOST_LISTED: usize = 8;
+
 /// Runs the command; the outcome becomes the exit code.
 pub fn run(args: &Args) -> Result<Outcome> {
     let outputs = [
@@ -124,12 +131,13 @@ pub fn run(args: &Args) -> Result<Outcome> {
         bail!("--least-area {}: must be 0 or more, mm²", args.least_area);
     }
     let part = step_file::read_part(&args.part, args.chord_mm)?;
-    let all = chosen::elements(&part, args.least_area);
+    let mut all = chosen::elements(&part, args.least_area);
+    chosen::leave_out(&mut all, &args.without)?;
     let kept: Vec<&Chosen> = all.iter().filter(|one| one.left_out.is_none()).collect();
     if kept.is_empty() && args.profile.is_none() {
         bail!(
-            "{}: no plane, cylinder, cone, sphere or torus of {} mm² for a plan; a smaller --least-area, or --profile for the \
-             whole surface, helps",
+            "{}: no plane, cylinder, cone, sphere or torus of {} mm² for a plan; a smaller --least-area, fewer names in --without, \
+             or --profile for the whole surface, helps",
             args.part.display(),
             args.least_area
         );
@@ -226,13 +234,18 @@ fn result(args: &Args, part: &StepPart, all: &[Chosen], features: usize) -> serd
             json!({
                 "name": one.name, "kind": one.feature.geometry.kind(), "faces": one.feature.faces,
                 "cad_names": one.feature.names, "area_mm2": one.feature.area_mm2, "left_out": one.left_out,
+                "instance": one.feature.instance,
             })
         })
+        .collect();
+    let free = part.solids.iter().flat_map(|solid| &solid.free_faces);
+    let free_faces: Vec<_> = free
+        .map(|face| json!({"face": face.id, "cad_name": face.name, "kind": face.kind, "area_mm2": face.area_mm2}))
         .collect();
     json!({
         "part": args.part, "plan": args.out, "solids": part.solids.len(), "triangles": part.triangle_count(),
         "chord_mm": part.chord_mm, "volume_mm3": part.volume_mm3(),
-        "elements": elements, "features": features,
+        "elements": elements, "free_faces": free_faces, "features": features,
     })
 }
 
@@ -250,6 +263,25 @@ fn print(args: &Args, part: &StepPart, all: &[Chosen], features: usize) {
             one.origin()
         );
     }
+    print_free_faces(part);
     let kept = all.iter().filter(|one| one.left_out.is_none()).count();
     println!("{}: {kept} elements, {features} features", args.out.display());
+}
+
+/// Faces that are no elements, by the kind of their surface.
+fn print_free_faces(part: &StepPart) {
+    let mut kinds: BTreeMap<&str, (Vec<String>, f64)> = BTreeMap::new();
+    for face in part.solids.iter().flat_map(|solid| &solid.free_faces) {
+        let (faces, area_mm2) = kinds.entry(face.kind).or_default();
+        faces.push(format!("#{}", face.id));
+        *area_mm2 += face.area_mm2;
+    }
+    for (kind, (faces, area_mm2)) in kinds {
+        let more = match faces.len().saturating_sub(MOST_LISTED) {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        let listed = faces.iter().take(MOST_LISTED).map(String::as_str).collect::<Vec<_>>().join(" ");
+        println!("no element, but compared ({kind}): {area_mm2:.1} mm², {listed}{more}");
+    }
 }

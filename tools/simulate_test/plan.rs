@@ -44,6 +44,7 @@ pub fn text(recordings: &[TestRecording], reduced: bool, config: &Config) -> Res
             zero_reason: None,
             cloud_filters: None,
             simulated: true,
+            lateral_resolution_mm: None,
         },
         // All cameras of the cell see the volume, so it is both.
         volume: Volumes { sensor_mm: VOLUME_MM, total_mm: VOLUME_MM, center_mm: Some(MIDDLE_MM) },

@@ -2,8 +2,8 @@
 
 use crate::configuration::{CameraConfig, Configuration, ProjectorConfig, TriggerMode};
 use crate::error::ScheduleError;
-pub use crate::hosts::HostNode;
-use crate::hosts::hosts;
+pub use crate::host_node::HostNode;
+use crate::host_node::hosts;
 use crate::options::Options;
 use crate::retention::Retention;
 use crate::together::frames_of;

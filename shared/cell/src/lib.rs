@@ -14,6 +14,7 @@ pub mod executor;
 mod frame_format;
 pub mod genicam_camera;
 pub mod graph;
+mod host_node;
 mod hosts;
 pub mod lightcrafter;
 mod options;

@@ -3,8 +3,8 @@
 use crate::device::{Camera, Projector};
 use crate::error::DeviceError;
 use crate::genicam::WantedCamera;
-use crate::light::Lights;
 use crate::load::LoadedCell;
+use crate::local_projectors::LocalProjectors;
 use crate::{network_projector, reconnecting, recording, twin_camera};
 use cell::configuration::{Driver, ProjectorConfig, TriggerMode};
 
@@ -81,7 +81,7 @@ fn opened(cell: &LoadedCell, projectors: &[ProjectorConfig]) -> Result<Box<dyn P
         return Ok(Box::new(network_projector::NetworkProjector::new(address, lights)?));
     }
     if projectors.iter().any(|p| matches!(p.driver, Driver::Screen | Driver::LightCrafter)) {
-        return Ok(Box::new(Lights::new(projectors)?));
+        return Ok(Box::new(LocalProjectors::new(projectors)?));
     }
     let rate_hz = cell.file.recording.as_ref().map_or(0.0, |r| r.rate_hz);
     // Frames of the twin and of a recording already contain the projected light; only the pace remains.

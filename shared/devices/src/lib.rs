@@ -17,6 +17,7 @@ mod light;
 mod lightcrafter;
 pub mod lightcrafter_emulator;
 mod load;
+mod local_projectors;
 mod network_projector;
 mod reconnecting;
 mod recording;

@@ -84,7 +84,7 @@ pub fn write_cloud(path: &Path, points: &[Point]) -> Result<(), FileError> {
 
 fn bytes_of(points: &[Point]) -> e57::Result<Vec<u8>> {
     let hash = sha256_hex(bytemuck::cast_slice(points));
-    let guid = |number: u32| {
+    let guid = |number: u64| {
         let h = &hash[..24];
         format!("{{{}-{}-{}-{}-{}{number:08x}}}", &h[..8], &h[8..12], &h[12..16], &h[16..20], &h[20..24])
     };
@@ -94,8 +94,9 @@ fn bytes_of(points: &[Point]) -> e57::Result<Vec<u8>> {
     pairs.sort_unstable();
     pairs.dedup();
     for pair in pairs {
-        let mut scan = writer.add_pointcloud(&guid(pair + 1), columns())?;
-        scan.set_name(Some(format!("pair {}", pair + 1)));
+        let number = u64::from(pair) + 1;
+        let mut scan = writer.add_pointcloud(&guid(number), columns())?;
+        scan.set_name(Some(format!("pair {number}")));
         for point in points.iter().filter(|point| point.pair == pair) {
             let mut values: Vec<RecordValue> =
                 point.position_mm.iter().map(|mm| RecordValue::Double(mm / MM_PER_METRE)).collect();
@@ -134,6 +135,7 @@ mod tests {
             ..Point::zeroed()
         };
         let points = [point(0.125, 1), point(2.0, 0), point(3.0, 1)];
+        assert!(bytes_of(&[point(0.0, u32::MAX)]).is_ok());
         write_cloud(&path, &points).unwrap();
         write_cloud(&again, &points).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), std::fs::read(&again).unwrap());

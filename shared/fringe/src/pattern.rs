@@ -2,6 +2,7 @@
 //!
 //! Projector coordinates count pixels, 0 is the centre of the first column (axis x) or row (axis y).
 
+mod apart;
 mod check;
 mod codecs;
 mod error;
@@ -10,6 +11,7 @@ mod level_table;
 mod levels;
 mod missing;
 
+pub use apart::{are_apart, first_harmonic, periods_apart, stepping};
 pub use error::PatternError;
 pub use level_table::LevelTable;
 pub use levels::GreyLevels;

@@ -23,7 +23,7 @@ use crate::graph::Graph;
 const SERVICE_BYTES: u64 = 448 << 10;
 
 /// Shared memory of the link to another host, bytes: both directions with their waiting messages.
-const LINK_BYTES: u64 = 40 << 20;
+const LINK_BYTES: u64 = 64 << 20;
 
 /// Shared memory of a message beside its payload, bytes: header and alignment.
 const SLOT_BYTES: u64 = 512;

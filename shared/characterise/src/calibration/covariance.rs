@@ -7,8 +7,9 @@
 //!
 //! Distances have the same uncertainty in both.
 
+use super::factorised::Factorised;
 use super::model::{Board, DEVICE, FURTHER, INTRINSIC, POSE, State, WARP};
-use super::normal::{Factorised, Normal};
+use super::normal::Normal;
 use super::problem::Problem;
 use fringe::math::linear::{Dense, Factor, dot};
 use nalgebra::{Isometry3, Vector3};

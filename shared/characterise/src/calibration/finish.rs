@@ -6,10 +6,11 @@ use super::covariance::{Covariance, Gauge, covariance};
 use super::model::{Board, DEVICE, compose};
 use super::observations::Observations;
 use super::problem::{Problem, ViewRange};
-use super::result::{CalibratedDevice, Calibration, Outlier, Residual, ViewReport, Warp};
+use super::result::{CalibratedDevice, Calibration, FacePlace, Outlier, Residual, ViewReport, Warp};
 use super::settings::{CalibrationSettings, TargetShape, WorldFrame};
 use super::start::{ViewHomography, open, remedy};
-use nalgebra::{Isometry3, Point3, Translation3};
+use fringe::math::atan2;
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
 
 /// What the parts below need.
 pub(super) struct Finish<'a> {
@@ -63,6 +64,7 @@ impl Finish<'_> {
                 solved.normal.cost,
                 degrees_of_freedom,
             ),
+            faces: self.faces(),
             target_mm: (0..self.board.points.len()).map(bent).collect(),
             unused_views: self.unused(),
             views,
@@ -162,6 +164,22 @@ impl Finish<'_> {
         (self.settings.target == TargetShape::Bent).then(|| Warp { x_mm, y_mm, u_mm: [u(0), u(1)] })
     }
 
+    /// Places of the faces beside those that were declared.
+    fn faces(&self) -> Vec<FacePlace> {
+        if self.settings.target == TargetShape::Free {
+            return Vec::new();
+        }
+        let found = self.weighted.solved.state.shape.faces.iter().zip(&self.board.declared);
+        let place = |(number, (found, declared)): (usize, (&Isometry3<f64>, &Isometry3<f64>))| FacePlace {
+            name: self.observations.faces[number].name.clone(),
+            adjusted: self.problem.faces.get(number).is_some_and(Option::is_some),
+            middle_mm: found.translation.vector.into(),
+            shift_mm: (found.translation.vector - declared.translation.vector).norm(),
+            turn_rad: angle_rad(&found.rotation, &declared.rotation),
+        };
+        found.enumerate().map(place).collect()
+    }
+
     fn unused(&self) -> Vec<usize> {
         (0..self.observations.views.len()).filter(|v| self.seen.iter().all(|s| s.view != *v)).collect()
     }
@@ -183,6 +201,12 @@ pub(super) fn reports(problem: &Problem, weighted: &Weighted, origin: &[(usize, 
         ViewReport { view: *view, device: range.device, pose: range.pose, turned: *turned, rms_px, residuals }
     };
     problem.views.iter().zip(origin).map(report).collect()
+}
+
+/// Angle between two orientations, 0 … π.
+fn angle_rad(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> f64 {
+    let between = a.inverse() * b;
+    2.0 * atan2(between.imag().norm(), between.w.abs())
 }
 
 /// Root mean squared distance over the points used; 0 of none.

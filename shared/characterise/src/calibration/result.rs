@@ -83,6 +83,21 @@ pub struct Outlier {
     pub error_px: Option<[f64; 2]>,
 }
 
+/// Where a face of the target was found, in the target's frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FacePlace {
+    /// Name of the face.
+    pub name: String,
+    /// Whether its place was adjusted; else it stands where it was declared.
+    pub adjusted: bool,
+    /// Middle of the face, mm.
+    pub middle_mm: [f64; 3],
+    /// How far that is from where it was declared, mm.
+    pub shift_mm: f64,
+    /// Angle by which the face is turned against its declaration, rad.
+    pub turn_rad: f64,
+}
+
 /// The calibrated rig with its covariance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
@@ -96,6 +111,8 @@ pub struct Calibration {
     /// near 1 when the target is as declared (and bent), by far more when its points should be adjusted too
     /// ([`super::TargetShape::Free`]); 0 when they were.
     pub target_misfit: f64,
+    /// Places of the target's faces; empty for a single flat target, and where each point of it was adjusted.
+    pub faces: Vec<FacePlace>,
     /// Target points as adjusted, mm in the target's frame.
     pub target_mm: Vec<Point3<f64>>,
     /// Views used, in the order given.

@@ -1,11 +1,19 @@
 //! The GenICam description of the simulated camera: its features by the names of the Standard Features Naming
 //! Convention, each in one register.
 
-use super::device::{EXPOSURE_US, GAIN_DB, LINE1, SOFTWARE};
 use super::region::{AXES, Axis};
 use super::registers::feature;
 use cell::pixel_format::PixelFormat;
 use std::fmt::Write;
+
+/// Values of the feature `TriggerSource`.
+pub const SOFTWARE: u32 = 0;
+/// The first input, which the projector of the twin fires.
+pub const LINE1: u32 = 1;
+
+/// Exposure times that the camera takes, µs; and gains, dB.
+pub const EXPOSURE_US: [f32; 2] = [10.0, 1e6];
+pub const GAIN_DB: [f32; 2] = [0.0, 24.0];
 
 const HEAD: &str = r#"<?xml version="1.0" encoding="utf-8"?>
 <RegisterDescription ModelName="Twin" VendorName="fringecell" StandardNameSpace="GEV" SchemaMajorVersion="1"

@@ -1,6 +1,6 @@
 //! A GigE Vision device without sockets: datagrams and times in, acknowledgements and actions out.
 
-use super::description::xml;
+use super::description::{EXPOSURE_US, GAIN_DB, SOFTWARE, xml};
 use super::gvcp::{Command, MAX_READ_BYTES, Request, Status};
 use super::identity::{Identity, Quirks};
 use super::region::{self, Region};
@@ -22,11 +22,6 @@ const IN_CONTROL: u32 = 0b11;
 /// Capabilities: user name and serial number, write memory, several registers a command, packet resend.
 const CAPABILITIES: u32 = 1 << 31 | 1 << 30 | 1 << 2 | 1 << 1 | 1;
 
-/// Values of the feature `TriggerSource`.
-pub const SOFTWARE: u32 = 0;
-/// The first input, which the projector of the twin fires.
-pub const LINE1: u32 = 1;
-
 /// A client that is silent for longer loses control, unless it asks for another time, ms.
 const HEARTBEAT_MS: u32 = 3000;
 
@@ -42,10 +37,6 @@ pub enum Action {
     /// Send a packet of the configured size that holds nothing.
     TestPacket,
 }
-
-/// Exposure times that the camera takes, µs; and gains, dB.
-pub const EXPOSURE_US: [f32; 2] = [10.0, 1e6];
-pub const GAIN_DB: [f32; 2] = [0.0, 24.0];
 
 /// States of the clock: off, alone, and following another one; and how long it looks for that, ns.
 const CLOCK_OFF: u32 = 3;

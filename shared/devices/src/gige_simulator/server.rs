@@ -1,6 +1,7 @@
 //! The sockets of a simulated camera: one thread answers commands and streams the frames.
 
-use super::device::{Action, Device, LINE1};
+use super::description::LINE1;
+use super::device::{Action, Device};
 use super::gvcp::{Command, MAX_DATAGRAM, PORT, Request};
 use super::gvsp::{Block, next_id};
 use super::identity::{Identity, Quirks};

@@ -2,8 +2,8 @@
 
 use super::devices::{check_apart, genicam};
 use super::hosts::{check_hosts, hosts};
-use super::lights::check_lights;
 use super::limits::{cycles, formats, limits, results, schedule, settings};
+use super::projector_relations::check_lights;
 use super::projectors::{Lights, check_recorded_sizes, projectors};
 use super::raw::{RawConfig, RawTwin};
 use super::recipes::recipes;

@@ -61,9 +61,9 @@
 mod check;
 mod devices;
 mod hosts;
-mod light;
-mod lights;
 mod limits;
+mod projector_output;
+mod projector_relations;
 mod projectors;
 mod raw;
 mod recipes;

@@ -1,7 +1,7 @@
 //! Projectors: what is written, completed by what was recorded.
 
 use super::devices::network_address;
-use super::light::{Light, check_board, light};
+use super::projector_output::{Light, check_board, light};
 use super::raw::{RawConfig, RawProjector};
 use super::trigger::trigger;
 use super::values::{projector_driver, referenced};

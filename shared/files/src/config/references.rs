@@ -1,7 +1,7 @@
 //! What the parts of a cell say of each other: every pair has its cameras and its light, every camera has a pair.
 
 use super::TwinConfig;
-use super::lights::check_generated;
+use super::projector_relations::check_generated;
 use super::raw::RawConfig;
 use crate::document::Document;
 use crate::error::{FileError, Problem, did_you_mean, list};

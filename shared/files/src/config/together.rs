@@ -1,4 +1,5 @@
-//! Which projectors show at the same time: groups that the configuration names, or those that the scene of the twin allows.
+//! Which projectors show at the same time: groups that the configuration names, or those that the scene of the twin allows. Light that
+//! meets is allowed where the steps of both projectors tell it apart.
 
 use super::TwinConfig;
 use super::raw::RawTogether;
@@ -8,6 +9,7 @@ use crate::error::{FileError, Problem, list};
 use crate::scene_file::parse_unchanged_scene;
 use cell::configuration::{Configuration, Driver, ProjectorConfig, TriggerMode};
 use cell::together::groups;
+use fringe::pattern::are_apart;
 use twin::{Twin, TwinError};
 
 /// Key of the configuration.
@@ -97,7 +99,7 @@ fn named(
     names.iter().map(|group| group.iter().map(&mut index).collect()).collect()
 }
 
-/// The groups that take fewest frames, of projectors that do not meet on the part of the twin's scene.
+/// The groups that take fewest frames, of projectors that do not meet on the part of the twin's scene, or are told apart by their steps.
 fn auto(
     document: &Document,
     cell: &Configuration,
@@ -111,8 +113,10 @@ fn auto(
     let meetings = meetings(document, cell, twin)?;
     let frames: Vec<usize> = cell.projectors.iter().map(ProjectorConfig::frames).collect();
     let meet = |a: usize, b: usize| {
-        let shared = cell.projectors[a].cameras.iter().any(|c| cell.projectors[b].cameras.contains(c));
-        shared || meetings.iter().any(|m| m.projectors == [a, b] || m.projectors == [b, a])
+        let (one, other) = (&cell.projectors[a], &cell.projectors[b]);
+        let shared = one.cameras.iter().any(|c| other.cameras.contains(c));
+        let met = || meetings.iter().any(|m| m.projectors == [a, b] || m.projectors == [b, a]);
+        shared || (!are_apart(&one.sequence, &other.sequence) && met())
     };
     Ok(groups(&frames, &meet))
 }

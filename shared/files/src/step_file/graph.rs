@@ -123,7 +123,8 @@ impl Graph {
         self.triple(id, "CARTESIAN_POINT").map(Point3::from)
     }
 
-    fn direction(&self, id: u64) -> Result<Vector3<f64>, FileError> {
+    /// The direction of an entity, of unit length.
+    pub fn direction(&self, id: u64) -> Result<Vector3<f64>, FileError> {
         let given = Vector3::from(self.triple(id, "DIRECTION")?);
         given.try_normalize(1e-12).ok_or_else(|| self.fault(id, "has no length"))
     }

@@ -3,10 +3,12 @@
 //! [`part21`] reads the entities, [`placed`] finds the solids and where an assembly places them, [`solids`] reads their faces, and
 //! [`metrology::cad`] makes triangles of them. What is not read is refused with its number and type.
 
+mod curves;
 mod graph;
 mod part21;
 mod placed;
 mod solids;
+mod surfaces;
 #[cfg(test)]
 mod tests;
 mod units;
@@ -15,7 +17,7 @@ use crate::document::read_bytes;
 use crate::error::{FileError, Problem};
 use crate::memory;
 use graph::Graph;
-use metrology::cad::{BrepError, CadFeature, CadMesh, features};
+use metrology::cad::{BrepError, CadFeature, CadMesh, FreeFace, features, free_faces};
 use metrology::spatial::Aabb;
 use nalgebra::Point3;
 use placed::Solid;
@@ -27,7 +29,7 @@ const LARGEST_BYTES: u64 = 1 << 30;
 /// Memory that the entities of a file take, in bytes for each byte of it.
 const MEMORY_PER_BYTE: u64 = 10;
 
-/// Most triangles of a solid.
+/// Most triangles of all solids, each as often as it is placed.
 const MOST_TRIANGLES: usize = 20_000_000;
 
 /// Triangles are so much of the part's size off their surfaces, by default.
@@ -60,6 +62,8 @@ pub struct StepSolid {
     pub mesh: CadMesh,
     /// Elements on its faces, in the order of these.
     pub features: Vec<CadFeature>,
+    /// Faces that are no elements, in the order of the solid.
+    pub free_faces: Vec<FreeFace>,
 }
 
 impl StepPart {
@@ -142,14 +146,28 @@ pub fn part_of(path: &Path, bytes: &[u8], chord_mm: Option<f64>) -> Result<StepP
     let found = placed::solids(&graph)?;
     let size_mm = size_mm(path, &found)?;
     let chord_mm = chord_mm.unwrap_or((CHORD_PER_SIZE * size_mm).clamp(CHORD_MM[0], CHORD_MM[1]));
-    let mut solids = Vec::new();
+    let (mut solids, mut count) = (Vec::new(), 0);
     for solid in &found {
         let mesh =
             solid.brep.mesh(chord_mm, MOST_TRIANGLES).map_err(|error| refused(&graph, solid, &error))?;
-        for place in &solid.places {
+        count += mesh.triangles.len() * solid.places.len();
+        if count > MOST_TRIANGLES {
+            let error = BrepError::TooMany { limit: MOST_TRIANGLES, chord_mm };
+            return Err(refused(&graph, solid, &error));
+        }
+        let free_faces = free_faces(&solid.brep, &mesh);
+        for (number, place) in solid.places.iter().enumerate() {
             let mesh = mesh.clone().moved(place);
-            let features = features(&solid.brep, place, &mesh);
-            solids.push(StepSolid { name: solid.name.clone(), mesh, features });
+            let mut features = features(&solid.brep, place, &mesh);
+            for feature in &mut features {
+                feature.instance = (solid.places.len() > 1).then_some(number + 1);
+            }
+            solids.push(StepSolid {
+                name: solid.name.clone(),
+                mesh,
+                features,
+                free_faces: free_faces.clone(),
+            });
         }
     }
     Ok(StepPart { solids, chord_mm })

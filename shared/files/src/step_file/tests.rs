@@ -2,6 +2,7 @@
 
 use super::*;
 use metrology::inspection::Geometry;
+use std::fmt::Write as _;
 
 fn sample(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/step").join(name);
@@ -32,13 +33,16 @@ fn volumes_and_areas_are_those_of_another_kernel_within_the_distance() {
         ("plate.step", 1, 55_563.563_611_054, 14_317.966_253_866),
         ("turned.step", 1, 32_904.680_144_675, 6_244.701_686_874),
         ("inches.step", 3, 8_997.930_123_067, 4_561.794_958_195),
+        ("loft.step", 1, 9_114.665_642_623, 2_638.397_187_526),
+        ("swept.step", 1, 22_148.805_112_772, 7_737.602_552_829),
     ] {
         for chord_mm in [0.1, 0.005] {
             let part = read(name, Some(chord_mm));
             assert_eq!(part.solids.len(), solids, "{name}");
             let off = part.volume_mm3() - volume;
             assert!(off.abs() < area * chord_mm, "{name}, {chord_mm} mm: off by {off} mm³");
-            let found: f64 = part.features().iter().map(|f| f.area_mm2).sum();
+            let free = part.solids.iter().flat_map(|s| &s.free_faces).map(|f| f.area_mm2).sum::<f64>();
+            let found = free + part.features().iter().map(|f| f.area_mm2).sum::<f64>();
             assert!((found - area).abs() < 0.01 * area * (1.0 + 10.0 * chord_mm), "{name}: {found} mm²");
         }
         assert!((0.0005..=0.02).contains(&read(name, None).chord_mm));
@@ -127,7 +131,6 @@ fn damaged_and_foreign_files_are_refused_with_entity_and_remedy() {
         (&faceted, "(FACETED_BREP) is not read"),
         (&missing, "#9999999 (absent)"),
         (&unitless, "states no unit of length"),
-        (&sample("loft.step"), "B_SPLINE_SURFACE"),
         (&huge, "beyond ±1e6 mm"),
     ] {
         let error = refused_text(text);
@@ -176,5 +179,140 @@ fn names_lose_what_does_not_print_and_distances_have_limits() {
     for chord in [0.0, -1.0, f64::NAN, 11.0] {
         let error = part_of(Path::new("a.step"), text.as_bytes(), Some(chord)).unwrap_err().to_string();
         assert!(error.contains("--chord-mm"), "{error}");
+    }
+}
+
+/// The loft with a rational surface, whose first weight is given.
+fn weighted(weight: &str) -> String {
+    let row = format!("({weight},1.),");
+    let text = sample("loft.step");
+    let at = text.find("#137 = ").unwrap();
+    let end = at + text[at..].find(';').unwrap();
+    let poles = text[at..end].split("1,(").nth(1).unwrap().split(",.UNSPECIFIED.").next().unwrap();
+    let rational = format!(
+        "#137 = ( BOUNDED_SURFACE() B_SPLINE_SURFACE(6,1,({poles},.UNSPECIFIED.,.F.,.F.,.F.) \
+         B_SPLINE_SURFACE_WITH_KNOTS((7,7),(2,2),(10.,20.),(0.,1.),.UNSPECIFIED.) GEOMETRIC_REPRESENTATION_ITEM() \
+         RATIONAL_B_SPLINE_SURFACE(({row}(1.,1.),(1.,1.),(1.,1.),(1.,1.),(1.,1.),(1.,1.))) REPRESENTATION_ITEM('') SURFACE())"
+    );
+    format!("{}{rational}{}", &text[..at], &text[end..])
+}
+
+/// Surfaces of two parameters whose numbers do not fit are refused with what is there and what is needed.
+#[test]
+fn numbers_of_splines_that_do_not_fit_are_refused_with_value_and_limit() {
+    let head = "#51 = B_SPLINE_SURFACE_WITH_KNOTS('',8,1,(";
+    let around = changed(
+        "swept.step",
+        "#458 = SURFACE_OF_REVOLUTION('',#459",
+        "#458 = OFFSET_SURFACE('',#458,1.,.F.);\n#9458 = SURFACE_OF_REVOLUTION('',#459",
+    );
+    for (text, words) in [
+        (
+            changed("loft.step", "(7,7),(2,2),(10.,20.)", "(7,6),(2,2),(10.,20.)"),
+            "its knots count 13 times in all, 7 control points of degree 6 need 14",
+        ),
+        (
+            changed("loft.step", "(7,7),(2,2),(10.,20.)", "(7,7),(2,2),(20.,10.)"),
+            "knot 10 stands after knot 20",
+        ),
+        (changed("loft.step", "(7,7),(2,2),(10.,20.)", "(7,7),(2,2),(10.,10.)"), "nothing is between"),
+        (changed("loft.step", "(7,7),(2,2),(10.,20.)", "(7,7.5),(2,2),(10.,20.)"), "counts 7.5 times"),
+        (
+            changed("loft.step", "(7,7),(2,2),(10.,20.)", "(7,7),(2),(10.,20.)"),
+            "1 multiplicities for 2 knots",
+        ),
+        (
+            changed("loft.step", head, "#51 = B_SPLINE_SURFACE_WITH_KNOTS('',80,1,("),
+            "has degree 80, must be a whole number of 1 … 25",
+        ),
+        (changed("loft.step", "(#52,#53)", "(#52,#53,#53)"), "a row has 2 control points, the first one 3"),
+        (changed("loft.step", "(#52,#53)", "(#52,#51)"), "where a CARTESIAN_POINT is needed"),
+        (weighted("0."), "weight 1 is 0, must be above 0"),
+        (weighted("-2."), "weight 1 is -2, must be above 0"),
+        (around, "it is made of itself"),
+        (
+            changed(
+                "swept.step",
+                "#459 = B_SPLINE_CURVE",
+                "#459 = TRIMMED_CURVE('',#459,(),(),.T.,.PARAMETER.);\n#9459 = B_SPLINE_CURVE",
+            ),
+            "it is made of itself",
+        ),
+        (
+            changed("swept.step", "#568 = ELLIPSE('',#569,7.,4.)", "#568 = ELLIPSE('',#569,7.,-4.)"),
+            "has a radius of -4 mm",
+        ),
+        (
+            changed("swept.step", "#568 = ELLIPSE('',#569,7.,4.)", "#568 = CLOTHOID('',#569,7.,4.)"),
+            "#568 (CLOTHOID) is not read",
+        ),
+    ] {
+        let error = refused_text(&text);
+        assert!(error.contains(words), "{words}: {error}");
+    }
+    // The same weights, but above 0, are taken.
+    let part = part_of(Path::new("a.step"), weighted("1.").as_bytes(), Some(0.05)).unwrap();
+    assert!((part.volume_mm3() - 9_114.67).abs() < 50.0);
+}
+
+/// Faces within surfaces that others trim, and surfaces beside elements, are what they stand for.
+#[test]
+fn surfaces_that_name_others_are_these() {
+    let plain = read("turned.step", Some(0.02));
+    let text = sample("turned.step");
+    let id = text.split(" = CYLINDRICAL_SURFACE(").next().unwrap().rsplit('#').next().unwrap().to_owned();
+    let of = |kind: &str| {
+        let head = format!("#{id} = CYLINDRICAL_SURFACE(");
+        assert!(text.contains(&head));
+        text.replacen(&head, &format!("#{id} = {kind};\n#9000 = CYLINDRICAL_SURFACE("), 1)
+    };
+    for kind in [
+        "RECTANGULAR_TRIMMED_SURFACE('',#9000,0.,6.,0.,9.,.T.,.T.)",
+        "CURVE_BOUNDED_SURFACE('',#9000,(),.T.)",
+        "OFFSET_SURFACE('',#9000,0.,.F.)",
+    ] {
+        let part = part_of(Path::new("a.step"), of(kind).as_bytes(), Some(0.02))
+            .unwrap_or_else(|e| panic!("{kind}: {e}"));
+        assert_eq!(part.volume_mm3(), plain.volume_mm3(), "{kind}");
+    }
+    // One sense turned: the other side of the surface, so that the solid does not close.
+    let turned = of("RECTANGULAR_TRIMMED_SURFACE('',#9000,0.,6.,0.,9.,.T.,.F.)");
+    assert!(refused_text(&turned).contains("face #"));
+    let nothing = of("OFFSET_SURFACE('',#9000,-100.,.F.)");
+    assert!(refused_text(&nothing).contains("nothing is left of #9000"));
+}
+
+/// A chain of surfaces, and a file of very many entities, end in bounded time: a message or the part.
+#[test]
+fn long_chains_and_many_entities_are_bounded() {
+    let mut chain = String::new();
+    for k in 0..20_000 {
+        let _ = writeln!(chain, "#{} = OFFSET_SURFACE('',#{},0.,.F.);", 100_000 + k, 100_001 + k);
+    }
+    let text = changed(
+        "swept.step",
+        "#458 = SURFACE_OF_REVOLUTION(",
+        &format!("#458 = OFFSET_SURFACE('',#100000,0.,.F.);\n{chain}#99999 = SURFACE_OF_REVOLUTION("),
+    );
+    assert!(refused_text(&text).contains("lies in more than 8 others"));
+    let mut many = String::new();
+    for k in 0..100_000 {
+        let _ = writeln!(many, "#{} = CARTESIAN_POINT('',({k}.,0.,0.));", 1_000_000 + k);
+    }
+    let text = sample("turned.step").replace("ENDSEC;\nEND-ISO", &format!("{many}ENDSEC;\nEND-ISO"));
+    assert!(part_of(Path::new("a.step"), text.as_bytes(), Some(0.1)).is_ok());
+}
+
+/// A part that an assembly places twice has each face twice: the same numbers, distinguished by the place.
+#[test]
+fn elements_of_one_solid_in_several_places_are_counted() {
+    let part = read("inches.step", Some(0.05));
+    let counted: Vec<Option<usize>> =
+        part.solids.iter().filter_map(|s| s.features.first()).map(|f| f.instance).collect();
+    assert_eq!(counted.iter().filter(|c| c.is_none()).count(), 1, "{counted:?}");
+    let pins: Vec<_> = part.solids.iter().filter(|s| s.features[0].instance.is_some()).collect();
+    assert_eq!(pins.len(), 2);
+    for (one, two) in pins[0].features.iter().zip(&pins[1].features) {
+        assert_eq!((&one.faces, one.instance, two.instance), (&two.faces, Some(1), Some(2)));
     }
 }

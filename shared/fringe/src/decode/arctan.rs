@@ -24,6 +24,14 @@ const ARCTAN: [f32; 9] = [
 /// quarter turns are added in double precision, because 2π itself has only 2.4e-7 in single.
 #[inline(always)]
 pub fn angle_positive_rad(s: f32, c: f32) -> f64 {
+    let (quarters, part) = quarters_and_rest_rad(s, c);
+    let angle = f64::from(quarters) * FRAC_PI_2 + f64::from(part);
+    if angle < TAU { angle } else { 0.0 }
+}
+
+/// The same angle as 0 to 4 whole quarter turns and what is left, −π/4 to π/4 rad, each exact to the rounding of single precision.
+#[inline(always)]
+pub fn quarters_and_rest_rad(s: f32, c: f32) -> (f32, f32) {
     let (abs_s, abs_c) = (s.abs(), c.abs());
     let short = if abs_s < abs_c { abs_s } else { abs_c };
     let long = if abs_s > abs_c { abs_s } else { abs_c };
@@ -44,9 +52,7 @@ pub fn angle_positive_rad(s: f32, c: f32) -> f64 {
     let flat = if abs_s > abs_c { 0.0_f32 } else { 1.0 };
     let (sign_s, sign_c) = (1.0_f32.copysign(s), 1.0_f32.copysign(c));
     let quarters = 2.0 - sign_s * (1.0 + sign_c * flat);
-    let part = octant * (sign_s * sign_c) * (2.0 * flat - 1.0);
-    let angle = f64::from(quarters) * FRAC_PI_2 + f64::from(part);
-    if angle < TAU { angle } else { 0.0 }
+    (quarters, octant * (sign_s * sign_c) * (2.0 * flat - 1.0))
 }
 
 #[cfg(test)]

@@ -1,16 +1,17 @@
 //! What the frames of one axis say of faults, motion and noise, and which noise model its phases get.
 
 use super::borders::Borders;
-use super::code_check::{Levels, code_frames};
+use super::code_frames::{Levels, code_frames};
 use super::dirt::code::{CodeFrame, CodeVerdict};
 use super::dirt::{self, Look, Samples};
 use super::micro::Micro;
 use super::motion;
-use super::noise::{Probe, QUANTISATION_DN2};
+use super::neighbour_noise::{Places, sample_code, sample_map, sample_phase};
+use super::noise_estimate::Probe;
+use super::noise_line::QUANTISATION_DN2;
 use super::probing::ProbeLimits;
 use super::roles::{AxisPlan, Plan, SinePlan};
 use super::sensor_test::{self, NoiseTest};
-use super::spatial::{Places, sample_code, sample_map, sample_phase};
 use super::sums::{Clipping, Sums};
 use super::{DecodeReport, Decoder, NoiseModel, NoiseSource, Remedy};
 use crate::math::simd::vectorised;

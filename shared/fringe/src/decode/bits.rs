@@ -1,8 +1,8 @@
 //! From bit frames to stripe numbers.
 
 use super::block::BLOCK;
+use super::noise_model::NoiseModel;
 use super::rasters::{Part, Rasters};
-use super::report::NoiseModel;
 use super::roles::{CodePlan, Reference};
 use crate::pattern::Code;
 use std::ops::{Neg, Range, Sub};

@@ -53,3 +53,9 @@ pub struct Planes<'a> {
     /// One value of [`state`] for each pixel.
     pub state: &'a mut [u8],
 }
+
+/// Sum of two counts, for a parallel reduction.
+pub fn sum<T: AddAssign>(mut a: T, b: T) -> T {
+    a += b;
+    a
+}

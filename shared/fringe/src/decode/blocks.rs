@@ -1,8 +1,7 @@
 //! All blocks of an image, in fixed chunks.
 
-use super::block::{BLOCK, CHUNK, Planes, Tally};
+use super::block::{BLOCK, CHUNK, Planes, Tally, sum};
 use super::order::{Kernel, Lanes};
-use super::verdict::sum;
 use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
 use fearless_simd::Level;

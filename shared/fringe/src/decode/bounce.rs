@@ -9,76 +9,28 @@
 //! q = B / (white − black),   u²(φ) = Var(q) / q² − (2/N) σ_I²(A) / B² − (σ_I²(white) + σ_I²(black)) / (white − black)²
 //! ```
 //!
-//! Steep fringes lose modulation by the pixel's footprint (see [`super::footprint`]); that is put right first, q e^{½ s² |∇φ|²}. Only pixels with
+//! Steep fringes lose modulation by the pixel's footprint (see [`super::footprint`]); that is put right first, q e^{½ s² |∇φ|²}; what
+//! else makes q change without any bounced light is explained by a fit ([`super::bounce_window`]). Only pixels with
 //! a smooth neighbourhood count, since edges mix faces. Sums are those of cells of 4 × 4 pixels; a window is nine cells
-//! without the one that scatters most, so that one faulty pixel is not taken for bounced light.
+//! without the one that scatters most, so that one faulty pixel is not taken for bounced light, and three of the nine windows that hold a cell
+//! have to agree.
 //! What bounces as a constant over the whole window is not seen.
 
 use super::Decoder;
-use super::footprint::{LENS_PX2, Reflectance};
+use super::bounce_window::{self, CELL, Cell, KINDS, PLAIN, PRODUCTS};
+use super::contrast_bins::Reflectance;
+use super::footprint::{LENS_PX2, LENS_U_PX2};
+use super::noise_model::NoiseModel;
 use super::rasters::Rasters;
-use super::report::NoiseModel;
+use super::roles::SineKind;
+use super::sensor_test::SCENE_U_PX2;
 use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
 use fearless_simd::Level;
 use rayon::prelude::*;
 
-/// Edge of a cell, px.
-const CELL: usize = 4;
 /// Columns that are worked on side by side.
 const LANES: usize = 64;
-/// Fewer smooth pixels in a window say nothing.
-const LEAST: f32 = 32.0;
-/// Scatter beyond noise counts from so many of its standard deviations on.
-const CERTAIN: f32 = 3.0;
-/// The modulation over white less black without blur: sums of what it differs by lose no digits.
-const PLAIN: f32 = 0.5;
-
-/// Sums over the smooth pixels of a cell.
-#[derive(Debug, Clone, Copy, Default)]
-struct Cell {
-    count: f32,
-    /// Sums of the ratio less [`PLAIN`] and of its squares.
-    ratio: f32,
-    squares: f32,
-    /// Variance of the ratio that noise explains.
-    noise: f32,
-}
-
-impl Cell {
-    fn add(&mut self, other: &Self) {
-        self.count += other.count;
-        self.ratio += other.ratio;
-        self.squares += other.squares;
-        self.noise += other.noise;
-    }
-
-    fn less(&self, other: &Self) -> Self {
-        Self {
-            count: self.count - other.count,
-            ratio: self.ratio - other.ratio,
-            squares: self.squares - other.squares,
-            noise: self.noise - other.noise,
-        }
-    }
-
-    /// Sum of squares about the mean.
-    fn scatter(&self) -> f32 {
-        if self.count > 0.0 { self.squares - self.ratio * self.ratio / self.count } else { 0.0 }
-    }
-
-    /// Relative variance beyond that of noise; 0 where noise may explain all.
-    fn excess(&self) -> f32 {
-        if self.count < LEAST {
-            return 0.0;
-        }
-        let mean = PLAIN + self.ratio / self.count;
-        let variance = self.scatter() / (self.count - 1.0);
-        let noise = self.noise / self.count;
-        let certain = variance > noise * (1.0 + CERTAIN * (2.0 / self.count).sqrt());
-        if certain && mean > 0.0 { (variance - noise) / (mean * mean) } else { 0.0 }
-    }
-}
 
 /// Pixels whose phase bounced light moves.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -100,6 +52,8 @@ pub struct Light<'a> {
     pub steps: u32,
     /// Variance of the pixel's footprint, px².
     pub footprint_px2: f32,
+    /// Its standard uncertainty, px².
+    pub u_footprint_px2: f64,
 }
 
 /// Memory of the test, reserved once.
@@ -139,20 +93,23 @@ impl Bounce {
         let cells = &self.cells;
         self.excess.par_chunks_mut(columns).enumerate().for_each(|(row, excess)| {
             for (column, excess) in excess.iter_mut().enumerate() {
-                *excess = window(cells, columns, row, column).excess();
+                *excess = bounce_window::excess(cells, columns, (row, column), light.u_footprint_px2);
             }
         });
         let part = CELL * width;
         let planes = map.phase_rad.par_chunks_mut(part).zip(map.sigma_rad.par_chunks_mut(part));
-        let planes = planes.zip(map.valid.par_chunks_mut(part)).zip(self.excess.par_chunks(columns));
-        let counts = planes.map(|(((phase, sigma), valid), excess)| {
+        let planes = planes.zip(map.valid.par_chunks_mut(part)).enumerate();
+        let excess = &self.excess;
+        let counts = planes.map(|(row, ((phase, sigma), valid))| {
             let mut count = Bounced::default();
-            for (column, excess) in excess.iter().enumerate().filter(|(_, excess)| **excess > 0.0) {
+            let found =
+                (0..columns).map(|column| (column, bounce_window::joined(excess, columns, row, column)));
+            for (column, excess) in found.filter(|(_, excess)| *excess > 0.0) {
                 for line in 0..valid.len() / width {
                     let first = line * width + column * CELL;
                     for i in first..first + CELL.min(width - column * CELL) {
                         let pixel = (&mut phase[i], &mut sigma[i], &mut valid[i]);
-                        raise(*excess, most_rad, pixel, &mut count);
+                        raise(excess, most_rad, pixel, &mut count);
                     }
                 }
             }
@@ -183,21 +140,6 @@ fn raise(
     }
 }
 
-/// Nine cells about one, without the one that scatters most.
-fn window(cells: &[Cell], columns: usize, row: usize, column: usize) -> Cell {
-    let rows = cells.len() / columns;
-    let (mut all, mut worst) = (Cell::default(), &Cell::default());
-    for y in row.saturating_sub(1)..(row + 2).min(rows) {
-        for cell in &cells[y * columns..][column.saturating_sub(1)..(column + 2).min(columns)] {
-            all.add(cell);
-            if cell.scatter() > worst.scatter() {
-                worst = cell;
-            }
-        }
-    }
-    all.less(worst)
-}
-
 impl Decoder {
     /// Bounced light in the map that was surveyed last; none is looked for without white and black, or where the settings ask for none.
     /// `footprint_px`: what is known of the pixel's footprint.
@@ -215,15 +157,19 @@ impl Decoder {
         let noise = self.noise(&self.axes[home]);
         let steps = self.steps[plan.sines[0]];
         let footprint_px2 = footprint_px.map_or(LENS_PX2, |px| px * px) as f32;
-        let light = Light { reflectance, noise, steps, footprint_px2 };
+        // What light between surfaces and the second order leave of a footprint that is known.
+        let u_footprint_px2 = if footprint_px.is_some() { SCENE_U_PX2 } else { LENS_U_PX2 };
+        let light = Light { reflectance, noise, steps, footprint_px2, u_footprint_px2 };
         let most_rad = self.settings.max_bounce_rad as f32;
         self.bounce.find(out, self.footprint.smooth(), &light, most_rad, self.level)
     }
 
-    /// Whether an axis has what shows bounced light, and it is asked for.
+    /// Whether an axis has what shows bounced light, and it is asked for. Lines do not: where they are bright, their modulation has more noise.
     pub(super) fn looks_for_bounce(&self, home: usize) -> bool {
         let plan = &self.plan.axes[home];
-        self.settings.max_bounce_rad > 0.0 && plan.levels.is_some() && !plan.sines.is_empty()
+        let finest = plan.sines.first().map(|slot| self.plan.sines[*slot].kind);
+        let shows = finest.is_some_and(|kind| kind != SineKind::Lines);
+        self.settings.max_bounce_rad > 0.0 && plan.levels.is_some() && shows
     }
 }
 
@@ -250,47 +196,79 @@ impl Light<'_> {
         let levels = self.reflectance.levels;
         let white = &data[levels.white * pixels..][..pixels];
         let black = &data[levels.black * pixels..][..pixels];
-        let (read, gain) = (self.noise.read_variance_dn2 as f32, self.noise.gain_dn as f32);
-        let of_steps = 2.0 / self.steps as f32;
         for column in (0..width).step_by(LANES) {
             let count = LANES.min(width - column);
-            let mut sums = [[0.0_f32; LANES]; 4];
-            for y in row..(row + CELL).min(pixels / width) {
+            let lines = row..(row + CELL).min(pixels / width);
+            let shown = |y: usize| smooth[y * width + column..][..count].iter().any(|v| v.is_finite());
+            if !lines.clone().any(shown) {
+                continue;
+            }
+            let mut sums = [[0.0_f32; LANES]; PRODUCTS + 1];
+            for y in lines {
                 let first = y * width + column;
                 let part = first..first + count;
                 // No pixel of the outermost rows and columns is smooth: what they take for their neighbours does not matter.
                 let beside = |at: usize| &phase[at.min(pixels - count)..][..count];
                 let across = beside(first.max(1) - 1).iter().zip(beside(first + 1));
                 let along = beside(first.max(width) - width).iter().zip(beside(first + width));
-                let slopes = across.zip(along);
+                let slopes = across.zip(along).zip(&phase[part.clone()]);
                 let light = white[part.clone()].iter().zip(&black[part.clone()]);
                 let map = modulation[part.clone()].iter().zip(&smooth[part]);
                 for (i, (((white, black), (b, smooth)), slopes)) in light.zip(map).zip(slopes).enumerate() {
-                    let ((left, right), (above, below)) = slopes;
-                    let (x, y) = (0.5 * (right - left), 0.5 * (below - above));
-                    let lost = 1.0 + 0.5 * self.footprint_px2 * (x * x + y * y);
-                    let (white, black): (u16, u16) = ((*white).into(), (*black).into());
-                    let clipped = white >= self.reflectance.clipped_dn;
-                    let (white, black) = (f32::from(white), f32::from(black));
-                    let range = white - black;
-                    let ratio = b / range * lost;
-                    let beside = ratio - PLAIN;
-                    let of_modulation = of_steps * (read + gain * 0.5 * (white + black)) / (b * b);
-                    let of_range = (2.0 * read + gain * (white + black)) / (range * range);
-                    let noise = ratio * ratio * (of_modulation + of_range);
-                    #[allow(clippy::needless_bitwise_bool, reason = "without branches the loop vectorises")]
-                    let counts = smooth.is_finite() & !clipped & (range > 0.0) & (*b > 0.0);
-                    for (sum, value) in sums.iter_mut().zip([1.0, beside, beside * beside, noise]) {
-                        sum[i] += if counts { value } else { 0.0 };
+                    let (((left, right), (above, below)), phase) = slopes;
+                    let slope = [0.5 * (right - left), 0.5 * (below - above)];
+                    let levels = [(*white).into(), (*black).into()];
+                    let (kinds, noise) = self.values(levels, *b, slope, *phase, smooth.is_finite());
+                    let mut at = 0;
+                    for (one, value) in kinds.iter().enumerate() {
+                        for other in &kinds[one..] {
+                            sums[at][i] += value * other;
+                            at += 1;
+                        }
                     }
+                    sums[PRODUCTS][i] += noise;
                 }
             }
-            let [n, s1, s2, v] = sums;
             for (i, cell) in cells[column / CELL..].iter_mut().take(LANES / CELL).enumerate() {
-                for lane in i * CELL..(i + 1) * CELL {
-                    cell.add(&Cell { count: n[lane], ratio: s1[lane], squares: s2[lane], noise: v[lane] });
-                }
+                let lanes = i * CELL..(i + 1) * CELL;
+                cell.products = std::array::from_fn(|kind| sums[kind][lanes.clone()].iter().sum());
+                cell.noise = sums[PRODUCTS][lanes].iter().sum();
             }
         }
     }
+
+    /// What a cell sums of a pixel, and the variance of the ratio by noise; zeros where it does not count.
+    #[inline(always)]
+    fn values(
+        &self,
+        [white, black]: [u16; 2],
+        modulation: f32,
+        [x, y]: [f32; 2],
+        phase: f32,
+        smooth: bool,
+    ) -> ([f32; KINDS], f32) {
+        let (read, gain) = (self.noise.read_variance_dn2 as f32, self.noise.gain_dn as f32);
+        let clipped = white >= self.reflectance.clipped_dn;
+        let (white, black) = (f32::from(white), f32::from(black));
+        let range = white - black;
+        let steep = 0.5 * (x * x + y * y);
+        let ratio = modulation / range * (1.0 + self.footprint_px2 * steep);
+        let of_steps = 2.0 / self.steps as f32;
+        let of_modulation = of_steps * (read + gain * 0.5 * (white + black)) / (modulation * modulation);
+        let of_range = (2.0 * read + gain * (white + black)) / (range * range);
+        let noise = ratio * ratio * (of_modulation + of_range);
+        let turn = phase * (self.steps as f32 / std::f32::consts::TAU);
+        #[allow(clippy::needless_bitwise_bool, reason = "without branches the loop vectorises")]
+        let counts = smooth & !clipped & (range > 0.0) & (modulation > 0.0);
+        let kinds = [1.0, steep, wave(turn + 0.25), wave(turn), ratio - PLAIN];
+        (kinds.map(|value| if counts { value } else { 0.0 }), if counts { noise } else { 0.0 })
+    }
+}
+
+/// A wave of period 1 that begins as a sine and differs from it by a thousandth at most.
+#[inline(always)]
+fn wave(turn: f32) -> f32 {
+    let half = 0.5 - (turn - turn.floor());
+    let bow = 8.0 * half * (1.0 - 2.0 * half.abs());
+    bow * (0.775 + 0.225 * bow.abs())
 }

@@ -11,21 +11,10 @@
 //! Var φ = (2/N)² Σ σᵢ² sin²(φ − δᵢ) / B²: the bright frame, in phase with the line, hardly matters.
 
 use super::block::BLOCK;
+use super::noise_model::NoiseModel;
 use super::rasters::Rasters;
-use super::report::NoiseModel;
 use super::sums::{BlockSums, Sums};
-use crate::math::sincos;
-use std::f64::consts::TAU;
 use std::ops::Range;
-
-/// Cosine and sine of the steps of a carrier.
-pub(super) fn carrier_steps(steps: u32) -> Vec<[f32; 2]> {
-    let step = |j| {
-        let (s, c) = sincos(TAU * f64::from(j) / f64::from(steps));
-        [c as f32, s as f32]
-    };
-    (0..steps).map(step).collect()
-}
 
 impl Sums {
     /// The sums of the carrier's amplitudes at single pixels, at most [`BLOCK`].

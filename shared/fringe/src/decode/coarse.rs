@@ -123,7 +123,7 @@ impl Kernel<'_> {
     }
 
     #[inline(always)]
-    fn read_code(&self, code: &CodePlan, range: &Range<usize>, stripes: &mut Stripes) {
+    pub(super) fn read_code(&self, code: &CodePlan, range: &Range<usize>, stripes: &mut Stripes) {
         if let Reference::SineMean(slot) = code.reference {
             return self.read_against_mean(code, slot, range, stripes);
         }

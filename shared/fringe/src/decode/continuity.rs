@@ -7,7 +7,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
-use super::verdict::sum;
+use super::block::sum;
 use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
 use fearless_simd::Level;
@@ -18,8 +18,12 @@ use std::ops::AddAssign;
 /// Fewest rows of one parallel job.
 const ROWS: usize = 16;
 
-/// One of so many rows and columns is looked at.
+/// One of so many rows and columns is looked at, or of more …
 const STRIDE: usize = 4;
+/// … of a part so large that one of more leaves so many valid pixels on them: some thousand wraps, of which jumps in twenty are certain.
+const ENOUGH: usize = 1 << 15;
+/// One of so many is always looked at, so that a small face of a large part is seen.
+const MOST_STRIDE: usize = 32;
 /// So many columns are looked at side by side, in a row those of one place and in the next row those beside them.
 const SIDE: usize = 64;
 /// With fewer wraps and jumps the sequence is not checked.
@@ -40,28 +44,29 @@ impl Continuity {
         if self.wraps.max(self.jumps) < LEAST { 0.0 } else { self.jumps as f64 / self.wraps.max(1) as f64 }
     }
 
-    /// Looks at the pairs along every [`STRIDE`]th row, and at as many from row to row.
-    pub fn of(map: &PhaseViewMut, level: Level) -> Self {
+    /// Looks at the pairs along every few rows, and at as many from row to row, of a map with so many valid pixels.
+    pub fn of(map: &PhaseViewMut, valid: usize, level: Level) -> Self {
         let (width, height) = (map.info.width_px as usize, map.info.height_px as usize);
+        let stride = (valid / ENOUGH).clamp(STRIDE, MOST_STRIDE);
         let rows = (0..height).into_par_iter().with_min_len(ROWS);
-        let parts = rows.map(|row| vectorised!(level, Self::of_row(map, width, row)));
+        let parts = rows.map(|row| vectorised!(level, Self::of_row(map, width, row, stride)));
         parts.reduce(Self::default, sum)
     }
 
     /// A row with itself, if it is one of those, and stretches of it with the row above.
     #[inline(always)]
-    fn of_row(map: &PhaseViewMut, width: usize, row: usize) -> Self {
+    fn of_row(map: &PhaseViewMut, width: usize, row: usize, stride: usize) -> Self {
         let (phase, valid) = (&map.phase_rad[..(row + 1) * width], &map.valid[..(row + 1) * width]);
         let (here, here_valid) = (&phase[row * width..], &valid[row * width..]);
         let mut all = Self::default();
-        if row.is_multiple_of(STRIDE) {
+        if row.is_multiple_of(stride) {
             let pairs = here.iter().zip(here_valid).zip(here[1..].iter().zip(&here_valid[1..]));
             all += Self::of_pairs(pairs);
         }
         if let Some(above) = row.checked_sub(1) {
             let (above, above_valid) =
                 (&phase[above * width..row * width], &valid[above * width..row * width]);
-            for first in (row % STRIDE * SIDE..width).step_by(SIDE * STRIDE) {
+            for first in (row % stride * SIDE..width).step_by(SIDE * stride) {
                 let part = first..(first + SIDE).min(width);
                 let (a, b) = (above[part.clone()].iter(), here[part.clone()].iter());
                 let (a_valid, b_valid) = (&above_valid[part.clone()], &here_valid[part]);

@@ -22,7 +22,7 @@
 use super::bits::{Stripes, resolve};
 use super::block::{BLOCK, CHUNK, Planes, state};
 use super::coarse::centre_px;
-use super::noise::QUANTISATION_DN2;
+use super::noise_line::QUANTISATION_DN2;
 use super::order::{Kernel, Lanes, follow_one};
 use super::roles::{AxisPlan, CodePlan, Reference};
 use super::{DecodeError, Decoder, OrderRisk};
@@ -73,7 +73,8 @@ impl Decoder {
         let home = self.complete(axis)?;
         // The order is set before the sines are fused, from the finest one's noise.
         let plan = AxisPlan { fused: false, ..self.plan.axes[home].clone() };
-        let kernel = self.kernel(home, &plan);
+        // By the general way, which leaves behind what a decision rests on.
+        let kernel = Kernel { single: None, ..self.kernel(home, &plan) };
         let mut pixels = vec![(Diagnosis::NONE, f32::NAN); self.pixels];
         pixels.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, pixels)| {
             let (mut lanes, mut scratch) = (Lanes::new(), Scratch::new());

@@ -1,7 +1,7 @@
 //! Why a sequence or a frame cannot be decoded.
 
-use super::dirt::Finding;
-use super::identity::OrderEvent;
+use super::dirt::finding::Finding;
+use super::identity::event::OrderEvent;
 use crate::pattern::{Axis, PatternError, Threshold};
 use thiserror::Error;
 

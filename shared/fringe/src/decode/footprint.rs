@@ -23,9 +23,8 @@
 //! Derivatives are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth (`survey`).
 
 use super::block::CHUNK;
-use super::rasters::Rasters;
-use super::roles::Levels;
-use super::survey::{ALIKE, Survey};
+use super::contrast_bins::{BINS, Bins, GROUPS, ROWS, Reflectance, Sums};
+use super::survey::Survey;
 use super::{DecodeError, Decoder, FootprintTest};
 use crate::math::ln;
 use crate::math::simd::vectorised;
@@ -36,36 +35,17 @@ use rayon::prelude::*;
 /// Weight of the middle pixel in the Laplacian, and the sum of all squared weights.
 const LAPLACIAN_MIDDLE: f64 = -8.0 / 70.0;
 const LAPLACIAN_POWER: f64 = 8.0 / 70.0;
-/// Bins along |∇φ|², four to the octave from 2⁻¹⁰ rad²/px² on; the last one has no end.
-pub(super) const BINS: usize = 40;
-pub(super) const FIRST_BITS: usize = (127 - 10) << 2;
-/// Rows are dealt to so many groups; the scatter of the groups gives the uncertainty of a bin.
-pub(super) const GROUPS: usize = 8;
 /// Fewer pixels in a group of a bin say nothing.
 const LEAST_IN_GROUP: u32 = 20;
 /// What is known before the frames are asked: the area of a pixel (1/12 px²) and a lens in focus (0.2 to 0.5 px), and
 /// its standard uncertainty. The frames outweigh it where they show slopes and little noise; it holds the estimate
 /// where light between surfaces, which steep places get more of, bends the line.
 pub(super) const LENS_PX2: f64 = 0.2;
-const LENS_U_PX2: f64 = 0.12;
+pub(super) const LENS_U_PX2: f64 = 0.12;
 /// A variance below this, px², moves no phase that could be measured.
 const LEAST_PX2: f64 = 0.005;
 /// Beyond this the expansion to second order does not hold and the image is out of focus.
 const MOST_PX2: f64 = 0.6;
-/// Rows of one parallel job; a multiple of `GROUPS`.
-pub(super) const ROWS: usize = 16;
-
-/// The frames that give R, and the grey value from which they do not.
-#[derive(Debug, Clone, Copy)]
-pub struct Reflectance<'a> {
-    /// The stored frames of the sequence.
-    pub rasters: &'a Rasters,
-    /// Where white and black lie among the stored frames.
-    pub levels: Levels,
-    /// A white frame from here on is clipped.
-    pub clipped_dn: u16,
-}
-
 /// Memory of the estimate and the correction, reserved once.
 #[derive(Debug)]
 pub struct Footprint {
@@ -74,17 +54,6 @@ pub struct Footprint {
     bias: Vec<f32>,
     jobs: Vec<Bins>,
 }
-
-/// Sums over the pixels of a group in a bin. Ratios of sums have no bias from noise, as means of logarithms would.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Sums {
-    modulation: f64,
-    reflectance: f64,
-    slope2: f64,
-    count: u32,
-}
-
-pub(super) type Bins = [[Sums; GROUPS]; BINS];
 
 /// What the line of the contrast against the slope says of the footprint.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -184,55 +153,6 @@ fn unbias(phase_rad: &mut [f32], sigma_rad: &mut [f32], bias: &[f32], s2: f32, g
     }
 }
 
-impl Sums {
-    /// Adds some pixels: their modulation, their reflectance and |∇φ|².
-    #[inline(always)]
-    pub fn add(&mut self, modulation: &[f32], reflectance: &[f32], slope2: &[f32]) {
-        let (mut sum, mut light, mut slope) = (0.0, 0.0, 0.0);
-        for ((b, r), s) in modulation.iter().zip(reflectance).zip(slope2) {
-            sum += f64::from(*b);
-            light += f64::from(*r);
-            slope += f64::from(r * s);
-        }
-        self.modulation += sum;
-        self.reflectance += light;
-        self.slope2 += slope;
-        self.count += modulation.len() as u32;
-    }
-
-    /// Adds some pixels together: halves are added to halves, so that no sum waits for the one before it.
-    #[inline(always)]
-    pub fn add_together(
-        &mut self,
-        modulation: [f32; ALIKE],
-        reflectance: [f32; ALIKE],
-        slope2: [f32; ALIKE],
-    ) {
-        let mut lanes = [modulation, reflectance, std::array::from_fn(|i| reflectance[i] * slope2[i])]
-            .map(|values| values.map(f64::from));
-        let mut half = ALIKE / 2;
-        while half > 0 {
-            for values in &mut lanes {
-                for i in 0..half {
-                    values[i] += values[i + half];
-                }
-            }
-            half /= 2;
-        }
-        self.modulation += lanes[0][0];
-        self.reflectance += lanes[1][0];
-        self.slope2 += lanes[2][0];
-        self.count += ALIKE as u32;
-    }
-
-    fn join(&mut self, other: &Self) {
-        self.modulation += other.modulation;
-        self.reflectance += other.reflectance;
-        self.slope2 += other.slope2;
-        self.count += other.count;
-    }
-}
-
 /// Mean and scatter of the groups of a bin; `None` where one of them has too few pixels.
 fn place(groups: &[Sums; GROUPS]) -> Option<Place> {
     if groups.iter().any(|g| g.count < LEAST_IN_GROUP) {
@@ -309,6 +229,7 @@ impl Decoder {
         if let Some(variance_px2) = variance_px2 {
             self.footprint.correct(variance_px2, out, self.level);
         }
+        let seen = seen.map(|line| (line.variance_px2, line.u_px2));
         let test = calibrated.zip(seen).map(|(known, seen)| super::sensor_test::footprint(known, seen));
         Ok((variance_px2.map(f64::sqrt), test))
     }

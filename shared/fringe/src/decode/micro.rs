@@ -9,9 +9,6 @@
 //! leaves counts as variance where it is more than noise: a projector that is not linear makes the odds worse, not wrong.
 
 use super::DecodeError;
-use super::block::{BLOCK, Planes, state};
-use super::order::{Kernel, LOG_ODDS, Lanes};
-use super::rasters::Rasters;
 use crate::math::{erfc, sincos};
 use crate::pattern::PatternSet;
 use nalgebra::{Matrix3, Vector3};
@@ -22,16 +19,14 @@ use std::ops::Range;
 pub(super) const MICRO_STEPS: usize = 3;
 /// Candidates that are adjusted: those that leave least before.
 const ADJUSTED: usize = 4;
-/// Logarithm of the odds from which one neighbour is enough.
-const WEAK_ODDS: f64 = 3.0;
 /// Coordinates at which the distance to other orders is sampled.
 const PLACES: usize = 64;
 /// Nearest other orders that are kept for each of them.
 const NEAREST: usize = 8;
 /// Orders whose frames differ by less than this share of the modulation cannot be told apart.
 const LEAST_DISTANCE: f64 = 0.05;
-/// A coordinate may be adjusted by this share of a period.
-const MOST_MOVE: f64 = 0.125;
+/// Most further frames of a micro set.
+pub(super) const MOST_FURTHER: usize = 16;
 
 /// The further frequencies of a micro set.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,11 +34,11 @@ pub struct Micro {
     /// Stored raster of the first further frame.
     first: usize,
     /// Period of the fringes, projector px.
-    period_px: f64,
+    pub(super) period_px: f64,
     /// Phase steps of its three frames, rad.
     shifts_rad: [f64; MICRO_STEPS],
     /// (period in projector px, phase step in rad) of each further frame.
-    further: Vec<(f64, f64)>,
+    pub(super) further: Vec<(f64, f64)>,
     extent_px: f64,
     /// Cosine and sine of 2π m p/pⱼ, for all m from −1 on.
     turns: Vec<(f64, f64)>,
@@ -53,12 +48,15 @@ pub struct Micro {
 
 /// What a candidate leaves after the adjustment.
 #[derive(Debug, Clone, Copy)]
-struct Adjusted {
-    order: usize,
-    squares_dn2: f64,
-    move_px: f64,
+pub(super) struct Adjusted {
+    /// Order, one more than that of the coordinate.
+    pub order: usize,
+    /// What the frames leave, DN².
+    pub squares_dn2: f64,
+    /// What all frames add to the coordinate, px.
+    pub move_px: f64,
     /// Variance of the coordinate over that of a grey value, px²/DN².
-    variance: f64,
+    pub variance: f64,
 }
 
 impl Micro {
@@ -164,7 +162,12 @@ impl Micro {
     }
 
     /// The best order of a pixel, and the squares that the second best leaves.
-    fn resolve(&self, x: f64, [background, modulation]: [f64; 2], values: &[f64]) -> (Adjusted, f64) {
+    pub(super) fn resolve(
+        &self,
+        x: f64,
+        [background, modulation]: [f64; 2],
+        values: &[f64],
+    ) -> (Adjusted, f64) {
         let mut base = [(0.0, 0.0); MOST_FURTHER];
         for (base, (period_px, shift)) in base.iter_mut().zip(&self.further) {
             let (s, c) = sincos(TAU * x / period_px - shift);
@@ -210,61 +213,5 @@ impl Micro {
         let noise = sigma_rad / (2.0 / MICRO_STEPS as f64).sqrt();
         let chance = |(distance, share): &(f64, f64)| share * 0.5 * erfc(distance / (2.0 * SQRT_2 * noise));
         self.distances.iter().map(chance).sum::<f64>().min(1.0)
-    }
-}
-
-/// Most further frames of a micro set.
-const MOST_FURTHER: usize = 16;
-
-impl Kernel<'_> {
-    /// The coordinate of each pixel of a block, and what all frames add to it.
-    #[inline(never)]
-    pub(super) fn read_micro(&self, micro: &Micro, range: &Range<usize>, lanes: &mut Lanes) {
-        let further = micro.further.len();
-        let mut values = [0.0; MOST_FURTHER];
-        for (i, at) in range.clone().enumerate() {
-            lanes.finer[i] = (0.0, 1.0);
-            let sums = &lanes.sums[0];
-            let (c, s) = (f64::from(sums.cos[i]), f64::from(sums.sin[i]));
-            let modulation = 2.0 / MICRO_STEPS as f64 * (c * c + s * s).sqrt();
-            let x = lanes.phase_rad[0][i] * micro.period_px / TAU;
-            lanes.coordinate_px[i] = x;
-            if modulation < f64::from(self.least_modulation_dn) || modulation <= 0.0 {
-                continue;
-            }
-            for (value, raster) in values.iter_mut().zip(micro.rasters()) {
-                *value = f64::from(Rasters::value(self.rasters, raster, self.pixels, at));
-            }
-            let background = f64::from(sums.sum[i]) / MICRO_STEPS as f64;
-            let (best, second) = micro.resolve(x, [background, modulation], &values[..further]);
-            let noise = self.noise.read_variance_dn2 + self.noise.gain_dn * background;
-            let freedom = further.saturating_sub(1).max(1) as f64;
-            let odds = (second - best.squares_dn2) / (2.0 * noise.max(best.squares_dn2 / freedom));
-            let doubt = if odds >= LOG_ODDS {
-                state::SURE
-            } else if odds >= WEAK_ODDS {
-                state::WEAK
-            } else {
-                state::OPEN
-            };
-            lanes.doubt[i] = lanes.doubt[i].max(doubt);
-            lanes.coordinate_px[i] = x + (best.order as f64 - 1.0) * micro.period_px;
-            if best.move_px.abs() <= MOST_MOVE * micro.period_px {
-                let three = micro.period_px / TAU
-                    * self.sums[self.plan.sines[0]]
-                        .unit_noise(MICRO_STEPS as f64, (c / (1.5 * modulation), s / (1.5 * modulation)))
-                    / modulation;
-                lanes.finer[i] = (best.move_px, (best.variance.sqrt() / three) as f32);
-            }
-        }
-    }
-}
-
-/// Moves the coordinates of a block to those of all frames.
-pub(super) fn refine(lanes: &mut Lanes, out: &mut Planes) {
-    let pixels = lanes.coordinate_px.iter_mut().zip(&lanes.finer).zip(&mut *out.sigma_rad);
-    for ((x, (move_px, ratio)), sigma) in pixels.take(BLOCK) {
-        *x += move_px;
-        *sigma *= ratio;
     }
 }

@@ -26,9 +26,10 @@
 //! superfluous codes) are named in the report.
 //!
 //! # Uncertainty
-//! σ_φ = √(2/N) σ_I / B with σ_I² = read² + gain · A from the residuals of the fit (`noise`), from neighbouring pixels
-//! where there are too few steps (`spatial`), from the settings, or assumed where there is too little light. For N = 3 shot noise adds a term that alternates with 3φ; its mean is zero and it is left out.
+//! σ_φ = √(2/N) σ_I / B with σ_I² = read² + gain · A from the residuals of the fit (`noise_estimate`), from neighbouring pixels
+//! where there are too few steps (`neighbour_noise`), from the settings, or assumed where there is too little light. For N = 3 shot noise adds a term that alternates with 3φ; its mean is zero and it is left out.
 
+mod apply_neighbours;
 pub mod arctan;
 mod axis_noise;
 mod bits;
@@ -36,12 +37,15 @@ mod block;
 mod blocks;
 mod borders;
 mod bounce;
+mod bounce_window;
 mod carrier;
 pub mod chain;
 mod clipped;
 mod coarse;
 mod code_check;
+mod code_frames;
 mod continuity;
+mod contrast_bins;
 mod diagnose;
 mod dirt;
 mod edges;
@@ -52,10 +56,13 @@ mod frame_check;
 mod identity;
 mod limits;
 mod micro;
+mod micro_order;
 mod motion;
+mod neighbour_noise;
 mod neighbours;
-mod noise;
+mod noise_estimate;
 mod noise_line;
+mod noise_model;
 pub mod number;
 mod order;
 mod plan;
@@ -68,13 +75,12 @@ mod roles;
 mod sensor_test;
 mod sets;
 mod settings;
-mod spatial;
+mod single;
 mod spectrum;
 mod sums;
 mod survey;
 #[cfg(test)]
 mod tests;
-mod verdict;
 
 pub use crate::sensor::CameraNoise;
 pub use bounce::Bounced;
@@ -86,9 +92,10 @@ pub use exposures::{Exposed, merge_exposures};
 pub use identity::{FrameOrder, OrderEvent, prove as prove_order};
 pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
 pub use motion::Motion;
+pub use noise_model::{NoiseModel, NoiseSource};
 pub use plan::decoded_axes;
 pub use replace::SineSet;
-pub use report::{DecodeReport, NoiseModel, NoiseSource};
+pub use report::DecodeReport;
 pub use risk::OrderRisk;
 pub use sensor_test::{FootprintTest, NoiseTest, SensorTest};
 pub use settings::{DecodeSettings, OrderMethod};
@@ -97,6 +104,7 @@ use crate::frame::FrameView;
 use crate::math::simd::best_level;
 use crate::pattern::{Axis, PatternSet};
 use crate::phase::{PhaseInfo, PhaseViewMut};
+use apply_neighbours::{Corrections, Verdicts};
 use axis_noise::AxisState;
 use blocks::decode_blocks;
 use bounce::Bounce;
@@ -111,7 +119,6 @@ use rasters::Rasters;
 use roles::{AxisPlan, Plan, Role};
 use std::sync::Arc;
 use sums::Sums;
-use verdict::{Corrections, Verdicts};
 
 /// Decodes the frames of one camera under one projector, sequence after sequence.
 #[derive(Debug)]
@@ -356,7 +363,7 @@ impl Decoder {
         };
         let mut report = verdicts.report(tally, noise, Arc::clone(&self.axes[home].ignored));
         if !self.plan.axes[home].sines.is_empty() {
-            report.continuity = Continuity::of(out, self.level);
+            report.continuity = Continuity::of(out, report.valid, self.level);
         }
         report
     }
@@ -375,7 +382,7 @@ impl Decoder {
 
     fn kernel<'a>(&'a self, home: usize, plan: &'a AxisPlan) -> Kernel<'a> {
         let gathered = &self.axes[home];
-        Kernel {
+        let kernel = Kernel {
             plan,
             pixels: self.pixels,
             sums: &self.sums,
@@ -386,7 +393,10 @@ impl Decoder {
             noise: self.noise(gathered),
             settings: &self.settings,
             least_modulation_dn: self.least_modulation_dn() as f32,
-        }
+            single: None,
+        };
+        let single = kernel.single();
+        Kernel { single, ..kernel }
     }
 
     fn least_modulation_dn(&self) -> f64 {

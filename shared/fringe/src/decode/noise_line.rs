@@ -1,7 +1,19 @@
 //! The straight line of noise variance against background, robust against what is no noise.
 
-use super::noise::{BINS, QUANTISATION_DN2, Sample};
 use crate::math::statistics::median;
+
+/// Bins over the background.
+pub(super) const BINS: usize = 16;
+/// Variance of the rounding to whole DN.
+pub const QUANTISATION_DN2: f64 = 1.0 / 12.0;
+
+/// A residual variance at a background level.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sample {
+    pub background_dn: f64,
+    pub variance_dn2: f64,
+    pub freedom: f64,
+}
 
 /// A bin of samples by their background.
 #[derive(Debug, Clone, Copy, Default)]

@@ -11,9 +11,8 @@ use super::bits::Stripes;
 use super::block::{BLOCK, Planes, Tally, state};
 use super::chain::{Chain, Stage, Start};
 use super::limits::MAX_SINES;
-use super::micro::refine;
+use super::noise_model::NoiseModel;
 use super::rasters::Rasters;
-use super::report::NoiseModel;
 use super::roles::AxisPlan;
 use super::settings::DecodeSettings;
 use super::sums::{BlockSums, Clipping, Sums};
@@ -27,7 +26,7 @@ pub(super) const CODE_EDGE_PERIODS: f64 = 0.2;
 /// ln of the odds 10⁴ : 1 that make the nearer of two orders certain.
 pub(super) const LOG_ODDS: f64 = 9.2;
 /// Pixels that are checked at once for the need of a closer look.
-const EYES: usize = 16;
+pub(super) const EYES: usize = 16;
 
 /// Everything that a block needs, constant over the image.
 pub struct Kernel<'a> {
@@ -51,6 +50,27 @@ pub struct Kernel<'a> {
     pub settings: &'a DecodeSettings,
     /// Smallest modulation of a valid pixel, DN.
     pub least_modulation_dn: f32,
+    /// The short way, where the axis is one sine after one code.
+    pub(super) single: Option<Single>,
+}
+
+/// What the short way needs of the plan, see [`super::single`].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Single {
+    /// Fringes to a stripe of the code.
+    pub(super) stripe_turns: f32,
+    /// Fringes to the centre of its first stripe.
+    pub(super) first_turns: f32,
+    /// A larger distance to the fringe leaves the order open, turns.
+    pub(super) most: f32,
+    /// A larger distance makes the order weak, turns.
+    pub(super) weak: f32,
+    /// Distance to half a turn that is open, for each rad of phase noise.
+    pub(super) linear: f32,
+    /// Phases below are looked at, rad.
+    pub(super) low_rad: f32,
+    /// Phases above are looked at, rad.
+    pub(super) high_rad: f32,
 }
 
 /// Intermediate values of one block.
@@ -62,7 +82,8 @@ pub struct Lanes {
     pub(super) least_modulation: [f32; BLOCK],
     pub(super) coordinate_px: [f64; BLOCK],
     pub(super) doubt: [u8; BLOCK],
-    look: [u8; BLOCK],
+    /// Which pixels need a closer look.
+    pub(super) look: [u8; BLOCK],
     pub(super) stripes: Stripes,
     pub(super) shifted: Stripes,
     /// What all frames of a micro set add to the coordinate, px, and the ratio of its uncertainty to that of three frames.
@@ -93,13 +114,17 @@ impl Kernel<'_> {
     pub fn block(&self, range: &Range<usize>, lanes: &mut Lanes, out: &mut Planes) -> Tally {
         let Some(chain) = &self.plan.chain else { return self.code_block(range, lanes, out) };
         let count = range.len();
-        lanes.doubt.fill(state::SURE);
         let tally = self.light(range, lanes, out);
         if !out.state.contains(&state::SURE) {
             out.phase_rad.fill(f32::NAN);
             out.sigma_rad.fill(f32::NAN);
             return tally;
         }
+        if let Some(single) = &self.single {
+            self.turn(single, range, lanes, out);
+            return tally;
+        }
+        lanes.doubt.fill(state::SURE);
         for (phases, sums) in lanes.phase_rad.iter_mut().zip(&lanes.sums).take(self.plan.sines.len()) {
             for ((phase, c), s) in phases[..count].iter_mut().zip(&sums.cos).zip(&sums.sin) {
                 *phase = angle_positive_rad(*s, *c);
@@ -112,7 +137,7 @@ impl Kernel<'_> {
         }
         self.look_closer(chain, lanes, out);
         if self.plan.fused && self.plan.micro.is_some() {
-            refine(lanes, out);
+            lanes.refine(out);
         } else if self.plan.fused {
             self.fuse(range, lanes, out);
         }
@@ -123,8 +148,7 @@ impl Kernel<'_> {
     /// Uncertain bits and the edges of the projector, which few pixels have.
     #[inline(always)]
     fn look_closer(&self, chain: &Chain, lanes: &mut Lanes, out: &Planes) {
-        let slack_px = self.slack_px(self.settings.max_sigma_rad as f32);
-        let (low, high) = (slack_px - 0.5, self.plan.extent_px - 0.5 - slack_px);
+        let (low, high) = self.inner_px();
         let pixels = lanes.coordinate_px.iter().zip(&*out.state);
         for (look, (x, state)) in lanes.look.iter_mut().zip(pixels) {
             *look = u8::from((*x < low) | (*x > high)) & *state;
@@ -211,7 +235,7 @@ impl Kernel<'_> {
     }
 
     /// When the step to a stage leaves the order open.
-    fn limits(&self, chain: &Chain, index: usize) -> Limits {
+    pub(super) fn limits(&self, chain: &Chain, index: usize) -> Limits {
         let stage = &chain.stages[index];
         let noise = stage.noise_turns_per_rad;
         match (index, chain.start) {
@@ -237,7 +261,7 @@ impl Kernel<'_> {
     /// where both could be meant, the order is open.
     #[cold]
     #[inline(never)]
-    fn keep_inside(&self, chain: &Chain, lanes: &mut Lanes, i: usize, sigma_rad: f32) {
+    pub(super) fn keep_inside(&self, chain: &Chain, lanes: &mut Lanes, i: usize, sigma_rad: f32) {
         let (low, high) = (-0.5, self.plan.extent_px - 0.5);
         let x = lanes.coordinate_px[i];
         let slack_px = self.slack_px(sigma_rad);
@@ -256,6 +280,12 @@ impl Kernel<'_> {
             (false, Some(alias)) => lanes.coordinate_px[i] = alias,
             _ => lanes.doubt[i] = state::OPEN,
         }
+    }
+
+    /// Coordinates between which no noise reaches the edges of the projector.
+    pub(super) fn inner_px(&self) -> (f64, f64) {
+        let slack_px = self.slack_px(self.settings.max_sigma_rad as f32);
+        (slack_px - 0.5, self.plan.extent_px - 0.5 - slack_px)
     }
 
     /// How far noise and half a column may carry a coordinate beyond the projector.
@@ -280,14 +310,14 @@ impl Kernel<'_> {
 }
 
 /// Limits of |c − x| / P in a step.
-struct Limits {
+pub(super) struct Limits {
     /// A larger distance leaves the order open.
-    most: f64,
+    pub(super) most: f64,
     /// A larger distance makes the order weak.
-    weak: f64,
+    pub(super) weak: f64,
     /// Distance to 1/2 that is open, per rad and per rad² of phase noise.
-    linear: f64,
-    quadratic: f64,
+    pub(super) linear: f64,
+    pub(super) quadratic: f64,
 }
 
 /// The nearest rule for a block: x = x_w + m P, m = round((c − x_w) / P).

@@ -1,7 +1,8 @@
 //! The residuals of one sine set in the probed pixels: samples of the noise, and what the sine model leaves.
 
 use super::limits::MAX_STEPS;
-use super::noise::{FEWEST_STEPS, LEAST_STEPS, Probe, SAMPLES, Sample, Unexplained};
+use super::noise_estimate::{FEWEST_STEPS, LEAST_STEPS, Probe, SAMPLES, Unexplained};
+use super::noise_line::Sample;
 use super::rasters::Rasters;
 use super::spectrum::{SIDE, Side, Spectrum};
 use super::sums::Sums;

@@ -6,36 +6,10 @@ use super::dirt::Finding;
 use super::error::DecodeError;
 use super::identity::FrameOrder;
 use super::motion::Motion;
+use super::noise_model::NoiseModel;
 use super::sensor_test::SensorTest;
 use crate::pattern::Axis;
 use std::sync::Arc;
-
-/// Where the noise model comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NoiseSource {
-    /// Residuals of the sine sets, or differences of neighbouring pixels; so many pixels entered.
-    Estimated {
-        /// Pixels that entered the regression.
-        pixels: usize,
-    },
-    /// `camera_noise` of the settings.
-    Settings,
-    /// What the calibration found of the camera.
-    Calibration,
-    /// Quantisation and the assumed read noise.
-    Assumed,
-}
-
-/// Variance of a grey value: read² + gain · value.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NoiseModel {
-    /// Variance in the dark, DN².
-    pub read_variance_dn2: f64,
-    /// Variance per DN of signal, DN.
-    pub gain_dn: f64,
-    /// Where it comes from.
-    pub source: NoiseSource,
-}
 
 /// With fewer lit pixels the sequence is not checked.
 const LEAST_LIT: usize = 200;

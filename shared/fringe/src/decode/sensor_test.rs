@@ -3,13 +3,12 @@
 //! Both are constants of the camera. A recording of a small part estimates them badly, so the calibration's values count; but
 //! a lens out of focus, dirt or another gain must not go unseen.
 
-use super::footprint::Line;
 use crate::sensor::{CameraNoise, Footprint};
 
 /// Beyond so many standard uncertainties two values contradict each other.
 const CONTRADICTION: f64 = 3.0;
 /// What light between surfaces and focus bend the line of the contrast by, px²: it belongs to the scene, not to the lens.
-const SCENE_U_PX2: f64 = 0.05;
+pub(super) const SCENE_U_PX2: f64 = 0.05;
 /// Standard deviations of the noise that differ by more than this part contradict each other: harmonics, flicker and texture
 /// make up the rest.
 const NOISE_PART: f64 = 0.25;
@@ -70,17 +69,17 @@ impl SensorTest {
     }
 }
 
-/// Compares a footprint with the line that the frames show.
-pub(super) fn footprint(known: Footprint, seen: Line) -> FootprintTest {
+/// Compares a footprint with the variance that the frames show, px², and its standard uncertainty, px².
+pub(super) fn footprint(known: Footprint, (seen_px2, u_seen_px2): (f64, f64)) -> FootprintTest {
     let (variance_px2, u_px2) = known.variance_px2();
-    let u2 = u_px2 * u_px2 + seen.u_px2 * seen.u_px2 + SCENE_U_PX2 * SCENE_U_PX2;
-    let seen_px = seen.variance_px2.max(0.0).sqrt();
+    let u2 = u_px2 * u_px2 + u_seen_px2 * u_seen_px2 + SCENE_U_PX2 * SCENE_U_PX2;
+    let seen_px = seen_px2.max(0.0).sqrt();
     FootprintTest {
         known_px: variance_px2.sqrt(),
         seen_px,
         // d(σ²) = 2 σ dσ; near zero the root of the uncertainty bounds it.
-        u_seen_px: (0.5 * seen.u_px2 / seen_px.max(f64::MIN_POSITIVE)).min(seen.u_px2.sqrt()),
-        contradicts: (seen.variance_px2 - variance_px2).abs() > CONTRADICTION * u2.sqrt(),
+        u_seen_px: (0.5 * u_seen_px2 / seen_px.max(f64::MIN_POSITIVE)).min(u_seen_px2.sqrt()),
+        contradicts: (seen_px2 - variance_px2).abs() > CONTRADICTION * u2.sqrt(),
     }
 }
 
@@ -98,11 +97,11 @@ mod tests {
     #[test]
     fn a_lens_out_of_focus_is_found_and_a_bad_estimate_is_not_blamed() {
         let known = Footprint { sigma_px: [0.55, 0.59], u_px: Some([0.01; 2]) };
-        let line = |sigma_px: f64, u_px2| Line { variance_px2: sigma_px * sigma_px, u_px2 };
+        let line = |sigma_px: f64, u_px2| (sigma_px * sigma_px, u_px2);
         assert!(!footprint(known, line(0.6, 0.01)).contradicts);
         assert!(!footprint(known, line(0.74, 0.1)).contradicts, "a small part tells little");
         assert!(footprint(known, line(0.95, 0.03)).contradicts);
-        let sharp = footprint(known, Line { variance_px2: -0.2, u_px2: 0.02 });
+        let sharp = footprint(known, (-0.2, 0.02));
         assert!(sharp.contradicts && sharp.seen_px == 0.0 && sharp.u_seen_px.is_finite());
     }
 

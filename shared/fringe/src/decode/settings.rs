@@ -88,7 +88,7 @@ pub struct DecodeSettings {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub footprint_px: Option<f64>,
     /// Largest standard deviation that light from other faces may add to a phase, rad; its pixels are masked beyond it, and below it
-    /// their uncertainty contains it. 0: it is not looked for. It shows only where the sequence has white and black.
+    /// their uncertainty contains it. 0: it is not looked for. It shows only where the sequence has white and black, and no lines.
     pub max_bounce_rad: f64,
     /// What the calibration found of this camera. It counts where `camera_noise` and `footprint_px` are absent; the frames then only
     /// test it.
@@ -116,7 +116,7 @@ impl Default for DecodeSettings {
             neighbour_reach_px: 16,
             max_contradiction: 0.5,
             footprint_px: None,
-            max_bounce_rad: 0.0,
+            max_bounce_rad: 0.05,
             sensor: Sensor::default(),
             order: OrderMethod::Auto,
             fuse: false,

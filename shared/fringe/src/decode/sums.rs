@@ -1,12 +1,12 @@
 //! From the frames of a sine set to three sums per pixel, block by block.
 
 use super::block::BLOCK;
-use super::carrier::carrier_steps;
+use super::noise_model::{NoiseModel, NoiseSource};
 use super::rasters::{Part, Rasters};
-use super::report::{NoiseModel, NoiseSource};
 use super::roles::{SineKind, SinePlan};
 use crate::math::sincos;
 use crate::wrapped::LeastSquares;
+use std::f64::consts::TAU;
 use std::ops::Range;
 
 /// Frames that are added in one pass over a block: the sums stay in registers meanwhile.
@@ -43,6 +43,8 @@ pub struct Sums {
     pub uneven: Option<LeastSquares>,
     /// What another method found; none where the sums are those of the frames.
     pub replaced: Option<Replaced>,
+    /// Steps from a frame to the one half a turn on, whose weights are the opposite ones; none where not every frame has one.
+    half_turn: Option<usize>,
     /// What the frames show.
     kind: SineKind,
     /// Phase steps of the frames, rad; empty where other columns than their cosines were found.
@@ -86,7 +88,10 @@ impl Sums {
             let each = |w: &[f32; 3]| vec![[1.0 / steps as f32, w[1], w[2]]; steps as usize];
             weights = weights.iter().flat_map(each).collect();
         }
-        Self { first: plan.first, weights, uneven, replaced: None, kind: plan.kind, shifts_rad, carrier }
+        let paired = plan.even && carrier.is_empty() && weights.len().is_multiple_of(2);
+        let half_turn = paired.then_some(weights.len() / 2);
+        let (first, kind) = (plan.first, plan.kind);
+        Self { first, weights, uneven, replaced: None, half_turn, kind, shifts_rad, carrier }
     }
 
     /// Replaces the weights of the frames by those of a fit.
@@ -95,6 +100,7 @@ impl Sums {
         let scaled = |w: &[f64; 3]| [(w[0] * n) as f32, (w[1] * 0.5 * n) as f32, (w[2] * 0.5 * n) as f32];
         self.weights = fit.weights.iter().map(scaled).collect();
         self.uneven = Some(fit.clone());
+        self.half_turn = None;
         self.shifts_rad.clear();
     }
 
@@ -174,44 +180,73 @@ impl Sums {
     }
 
     #[inline(always)]
-    fn add_frames<T: Copy + Into<f32>>(&self, part: &Part<T>, out: &mut BlockSums) {
-        let steps = self.weights.len();
+    fn add_frames<T: Copy + Into<i32>>(&self, part: &Part<T>, out: &mut BlockSums) {
+        match self.half_turn {
+            Some(half_turn) => self.add_steps::<true, T>(half_turn, part, out),
+            None => self.add_steps::<false, T>(self.weights.len(), part, out),
+        }
+    }
+
+    #[inline(always)]
+    fn add_steps<const PAIRED: bool, T: Copy + Into<i32>>(
+        &self,
+        steps: usize,
+        part: &Part<T>,
+        out: &mut BlockSums,
+    ) {
         let mut step = if steps >= FRAMES_AT_ONCE {
-            self.add::<FRAMES_AT_ONCE, true, T>(0, part, out);
+            self.add::<FRAMES_AT_ONCE, true, PAIRED, T>(0, steps, part, out);
             FRAMES_AT_ONCE
         } else {
-            self.add::<1, true, T>(0, part, out);
+            self.add::<1, true, PAIRED, T>(0, steps, part, out);
             1
         };
         while step + FRAMES_AT_ONCE <= steps {
-            self.add::<FRAMES_AT_ONCE, false, T>(step, part, out);
+            self.add::<FRAMES_AT_ONCE, false, PAIRED, T>(step, steps, part, out);
             step += FRAMES_AT_ONCE;
         }
         while step < steps {
-            self.add::<1, false, T>(step, part, out);
+            self.add::<1, false, PAIRED, T>(step, steps, part, out);
             step += 1;
         }
     }
 
-    /// Adds K frames in their order; the first ones overwrite what was there.
+    /// Adds K frames in their order, the first ones overwrite what was there; those of pairs with the frames half a turn on, since the sine of both
+    /// takes one product, and their difference is exact.
     #[inline(always)]
-    fn add<const K: usize, const FIRST: bool, T: Copy + Into<f32>>(
+    fn add<const K: usize, const FIRST: bool, const PAIRED: bool, T: Copy + Into<i32>>(
         &self,
         step: usize,
+        half_turn: usize,
         part: &Part<T>,
         out: &mut BlockSums,
     ) {
         let count = (part.end - part.start).min(BLOCK);
+        let apart = if PAIRED { half_turn } else { 0 };
         let frames: [&[T]; K] = std::array::from_fn(|k| &part.raster(self.first + step + k)[..count]);
+        let opposite: [&[T]; K] =
+            std::array::from_fn(|k| &part.raster(self.first + step + k + apart)[..count]);
         let weights: [[f32; 3]; K] = std::array::from_fn(|k| self.weights[step + k]);
         let (sum, cos, sin) = (&mut out.sum[..count], &mut out.cos[..count], &mut out.sin[..count]);
         for i in 0..count {
             let (mut a, mut c, mut s) = if FIRST { (0.0, 0.0, 0.0) } else { (sum[i], cos[i], sin[i]) };
+            let mut total = 0_i32;
             for k in 0..K {
-                let value: f32 = frames[k][i].into();
-                a += value * weights[k][0];
+                let value: i32 = frames[k][i].into();
+                let value = if PAIRED {
+                    let opposite: i32 = opposite[k][i].into();
+                    total += value + opposite;
+                    (value - opposite) as f32
+                } else {
+                    let value = value as f32;
+                    a += value * weights[k][0];
+                    value
+                };
                 c += value * weights[k][1];
                 s += value * weights[k][2];
+            }
+            if PAIRED {
+                a += total as f32;
             }
             (sum[i], cos[i], sin[i]) = (a, c, s);
         }
@@ -343,4 +378,13 @@ impl Clipping {
         };
         self.rasters.iter().any(|raster| rasters.value(*raster, pixels, place) >= clipped)
     }
+}
+
+/// Cosine and sine of the steps of a carrier.
+fn carrier_steps(steps: u32) -> Vec<[f32; 2]> {
+    let step = |j| {
+        let (s, c) = sincos(TAU * f64::from(j) / f64::from(steps));
+        [c as f32, s as f32]
+    };
+    (0..steps).map(step).collect()
 }

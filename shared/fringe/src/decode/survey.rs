@@ -6,7 +6,7 @@
 // A tile is a local array so that it stays in the first cache.
 #![allow(clippy::large_stack_arrays)]
 
-use super::footprint::{BINS, Bins, FIRST_BITS, GROUPS, ROWS, Reflectance};
+use super::contrast_bins::{ALIKE, BINS, Bins, FIRST_BITS, GROUPS, ROWS, Reflectance};
 use super::rasters::Rasters;
 use crate::phase::PhaseViewMut;
 
@@ -27,8 +27,6 @@ const LANES: usize = 16;
 const TILE: usize = 8;
 /// Rows that a window reaches.
 const LINES: usize = 2 * HALF + 1;
-/// Pixels that enter the bins together where their slopes are alike.
-pub(super) const ALIKE: usize = 8;
 /// Bin of a pixel that is not counted.
 const NO_BIN: u32 = u32::MAX;
 

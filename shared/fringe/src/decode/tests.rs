@@ -14,6 +14,7 @@ mod noise;
 mod order;
 mod refusals;
 mod round_trip;
+mod single;
 mod speed;
 
 use super::*;

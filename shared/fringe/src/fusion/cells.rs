@@ -3,6 +3,7 @@
 //! The keys of the cells are sorted by a stable radix sort, so that equal input gives equal order; neighbours of all
 //! points are then found in one sweep, since the cells around a moving cell move on with it.
 
+use super::buffers::clear_and_reserve;
 use super::sites::Sites;
 use crate::cloud::Point;
 use std::ops::Range;
@@ -201,15 +202,6 @@ impl Cells {
             }
             visit(start as usize..end as usize, &runs);
         }
-    }
-}
-
-/// Empties a list and reserves memory for `entries` elements, and a quarter more where it has to grow: the next cloud of the same
-/// part is a little larger or smaller.
-pub(super) fn clear_and_reserve<T>(list: &mut Vec<T>, entries: usize) {
-    list.clear();
-    if list.capacity() < entries {
-        list.reserve_exact(entries + entries / 4);
     }
 }
 

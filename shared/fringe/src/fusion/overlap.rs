@@ -16,6 +16,8 @@ pub(super) struct Nearness {
     pub cosine: f64,
     /// Fewest points that make a surface.
     pub fewest: u32,
+    /// One of so many cells is looked at.
+    pub every: usize,
 }
 
 /// Moments of the distances, in the order of the cells.
@@ -40,8 +42,11 @@ impl Distances {
         level: Level,
     ) -> Self {
         let mut distances = Self::default();
+        let mut number = cells.start;
         own.sweep(cells, grid, other, |sites, runs| {
-            if runs.iter().any(|run| !run.is_empty()) {
+            let asked = number.is_multiple_of(nearness.every);
+            number += 1;
+            if asked && runs.iter().any(|run| !run.is_empty()) {
                 vectorised!(level, distances.add_cell((own, other), sites, runs, nearness));
             }
         });

@@ -3,7 +3,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
-use super::cells::clear_and_reserve;
+use super::buffers::clear_and_reserve;
 use crate::cloud::Point;
 
 /// Points that one step of a loop takes side by side. It fixes the order of the sums, and so their bits.

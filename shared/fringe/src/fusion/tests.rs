@@ -89,6 +89,33 @@ fn isolated_points_go_and_the_order_stays() {
     assert_eq!(out.iter().map(|p| p.pixel).collect::<Vec<_>>(), expected);
 }
 
+/// Proves: of several clouds a fixed share of each is compared, evenly over the surface, and says the same.
+#[test]
+fn several_clouds_are_compared_by_a_share_of_their_points() {
+    let mut noise = Noise(3);
+    let mut plane = |depth: f64| -> Vec<Point> {
+        let point = |pixel: u32| {
+            let place =
+                [f64::from(pixel % 100) * 0.1, f64::from(pixel / 100) * 0.1, depth + 0.002 * noise.gauss()];
+            let normal = [0.0, 0.0, 1.0];
+            Point { position_mm: place, normal, sigma_mm: 0.002, pixel, ..bytemuck::Zeroable::zeroed() }
+        };
+        (0..10_000).map(point).collect()
+    };
+    let clouds = [0.0, 0.010, 0.020, 0.030, 0.040].map(&mut plane);
+    let clouds: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
+    let two = fuse(&clouds[..2], &FusionSettings::default(), &mut Vec::new()).overlaps[0];
+    let all = fuse(&clouds, &FusionSettings::default(), &mut Vec::new()).overlaps;
+    assert_eq!((two.count, all.len()), (10_000, 10));
+    for overlap in &all {
+        let share = f64::from(overlap.count) / f64::from(two.count);
+        assert!((0.2..0.3).contains(&share), "{overlap:?}");
+        let apart = 0.010 * (overlap.b - overlap.a) as f64;
+        assert!((overlap.mean_mm + apart).abs() < 1e-4, "{overlap:?}");
+        assert!((overlap.sd_mm / two.sd_mm - 1.0).abs() < 0.1, "{overlap:?}");
+    }
+}
+
 #[test]
 fn degenerate_clouds_are_no_fault() {
     let settings = FusionSettings::default();

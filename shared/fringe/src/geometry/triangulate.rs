@@ -1,4 +1,4 @@
-//! A point from two image points: linear, then corrected so that the reprojection error is least.
+//! A point from two image points, for calibration and benchmarks: the clouds come from the matched phase (`surface`). Linear, then corrected so that the reprojection error is least.
 //!
 //! The linear part is the midpoint of the common perpendicular of both rays, which is exact when they meet. Noise in the
 //! pixels makes them pass each other; the point that the pixels make most likely is then the one with the least sum
@@ -11,7 +11,7 @@ use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
 /// Rays closer to parallel than this (sine of the angle) do not make a point.
 const MIN_SINE: f64 = 1e-6;
 
-/// A triangulated point with its uncertainty.
+/// A triangulated point and how far it misses its image points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Triangulated {
     /// The corrected point, mm in the world frame.

@@ -25,14 +25,14 @@ impl Matcher {
     /// Mean magnitude of the change of the projector coordinate per step along the epipolar line.
     fn change_along_rows(&self, map: &PhaseView) -> Option<f64> {
         let (width, height) = (map.info.width_px as usize, map.info.height_px as usize);
-        if self.directions.len() != map.info.len() || map.phase_rad.len() != map.info.len() {
+        if self.directions.pixels() != map.info.len() || map.phase_rad.len() != map.info.len() {
             return None;
         }
         let (mut sum, mut count) = (0.0, 0_u32);
         for row in (1..height.saturating_sub(1)).step_by(STRIDE) {
             for column in (1..width.saturating_sub(1)).step_by(STRIDE) {
                 let index = row * width + column;
-                let [x, y] = self.directions[index];
+                let [x, y] = self.directions.at(index);
                 let around = [index - 1, index + 1, index - width, index + width];
                 if !x.is_finite() || around.iter().any(|i| map.valid[*i] == 0) {
                     continue;

@@ -4,7 +4,7 @@
 //! phase has one place (up to noise), so a cursor that walks with the left pixels finds it in amortised constant
 //! time; and phases that two runs share are found as such, which makes ambiguity visible instead of silent.
 
-use super::run::Run;
+use super::phase_run::Run;
 use crate::math::simd::vectorised;
 use fearless_simd::Level;
 

@@ -32,20 +32,20 @@
 //! scatter of single points, more of it shared by neighbours.
 
 mod axis;
-mod beside;
 mod epipolar_rows;
 mod error;
 #[cfg(test)]
 mod figures;
 mod mask;
+mod match_rows;
 mod noisy_rows;
 mod order;
 mod patch;
+mod phase_run;
 mod report;
-mod run;
-mod scan;
 mod settings;
 mod subpixel;
+mod subpixel_lanes;
 #[cfg(test)]
 mod tests;
 
@@ -64,14 +64,14 @@ use crate::math::parallel::for_parts;
 use crate::math::simd::best_level;
 use crate::math::statistics::median;
 use crate::phase::PhaseView;
-use crate::rectify::{Rectification, RectifiedGrid};
+use crate::rectify::{Directions, Rectification, RectifiedGrid};
 use crate::surface::{Cause, Sample, SurfaceBuilder, View, independent_share, mark_rims, rim_is_hidden};
 use epipolar_rows::{Row, StepLimits};
 use fearless_simd::Level;
+use match_rows::{Scan, Task};
 use nalgebra::Vector3;
 use order::{common_rows, order, others};
 use report::PART_ROWS;
-use scan::{Scan, Task};
 use std::f64::consts::TAU;
 use subpixel::{RightPhase, SETTLED_PX};
 
@@ -95,7 +95,7 @@ pub struct Matcher {
     /// See [`crate::rectify::RectifiedCamera::reach`], of the right view.
     reach: f64,
     /// Rectified coordinates of the left pixels.
-    directions: Vec<[f64; 2]>,
+    directions: Directions,
     left_grid: RectifiedGrid,
     right_grid: RectifiedGrid,
     /// Left pixels sorted by rectified row, then as they come on the native grid along the row.
@@ -140,11 +140,14 @@ impl Matcher {
             camera.check().map_err(|source| MatchError::Camera { side, source })?;
         }
         let pair = Rectification::new(left, right)?;
-        let (directions, right_table) = (pair.left.table(), pair.right.table());
-        let (y0, height) = common_rows(&directions, &right_table, pair.focal_px);
-        let left_grid = RectifiedGrid::new(&pair.left, &directions, pair.focal_px, y0, height)?;
+        let (left_table, right_table) = (pair.left.table(), pair.right.table());
+        let (y0, height) = common_rows(&left_table, &right_table, pair.focal_px);
+        // No table is kept longer than it is needed: it has 16 bytes for each pixel.
         let right_grid = RectifiedGrid::new(&pair.right, &right_table, pair.focal_px, y0, height)?;
-        let (order, row_starts) = order(&directions, &left_grid);
+        drop(right_table);
+        let left_grid = RectifiedGrid::new(&pair.left, &left_table, pair.focal_px, y0, height)?;
+        let (order, row_starts) = order(&left_table, &left_grid);
+        let directions = Directions::new(&pair.left, left_table, pair.focal_px);
         let parts: Vec<usize> =
             (0..=height.div_ceil(PART_ROWS)).map(|part| row_starts[(part * PART_ROWS).min(height)]).collect();
         let task = Task {
@@ -188,7 +191,7 @@ impl Matcher {
 
     /// How many points `run` may write: one per left pixel.
     pub fn capacity(&self) -> usize {
-        self.directions.len()
+        self.directions.pixels()
     }
 
     /// Matches two phase maps; the first `report.points` elements of `out` are the points in the order of the left

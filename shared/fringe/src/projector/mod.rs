@@ -21,7 +21,7 @@ use crate::matching::{MatchError, check_map, mask};
 use crate::math::parallel::for_parts;
 use crate::pattern::Axis;
 use crate::phase::PhaseView;
-use crate::rectify::RectifiedCamera;
+use crate::rectify::{Directions, RectifiedCamera};
 use crate::surface::{Cause, Sample, SurfaceBuilder, View, WINDOWS, independent_share};
 use nalgebra::Matrix3;
 use rays::{Observation, Rays};
@@ -38,7 +38,7 @@ pub struct ProjectorMatcher {
     projector: Camera,
     settings: ProjectorSettings,
     /// Ideal normalised coordinates of the camera's pixels.
-    directions: Vec<[f64; 2]>,
+    directions: Directions,
     parts: Vec<usize>,
     tasks: Vec<Task>,
     phase_x: Vec<f32>,
@@ -65,9 +65,10 @@ impl ProjectorMatcher {
         let (width, height) = (camera.width_px as usize, camera.height_px as usize);
         let straight = RectifiedCamera { camera: camera.clone(), camera_from_rectified: Matrix3::identity() };
         let pixels = width * height;
+        let focal_px = 0.5 * (camera.focal_px[0] + camera.focal_px[1]);
         let parts = (0..=pixels.div_ceil(PART_PIXELS)).map(|part| (part * PART_PIXELS).min(pixels)).collect();
         Ok(Self {
-            directions: straight.table(),
+            directions: Directions::new(&straight, straight.table(), focal_px),
             camera: camera.clone(),
             projector: projector.clone(),
             settings: *settings,
@@ -165,10 +166,10 @@ impl ProjectorMatcher {
             for (pixel, sample) in (parts[part]..).zip(samples) {
                 *sample = Sample::NONE;
                 let (x, y) = (read(phase_x, masked_x, pixel), read(phase_y, masked_y, pixel));
-                let seen =
-                    [x, y].iter().flatten().all(|o| o.pixel.is_finite()) && directions[pixel][0].is_finite();
+                let seen = [x, y].iter().flatten().all(|o| o.pixel.is_finite())
+                    && directions.at(pixel)[0].is_finite();
                 if seen {
-                    rays.solve(directions[pixel], [x, y], modulation(pixel), sample, task);
+                    rays.solve(directions.at(pixel), [x, y], modulation(pixel), sample, task);
                 }
             }
         });

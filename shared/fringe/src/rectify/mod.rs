@@ -8,6 +8,10 @@
 //!
 //! A vertical baseline needs no special case: its rectified rows run along image columns.
 
+mod directions;
+
+pub use directions::Directions;
+
 use crate::geometry::camera::Camera;
 use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
 use rayon::prelude::*;

@@ -2,10 +2,10 @@
 
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::normals::{Link, normal, quiet_half};
+use super::point::{Sample, View};
 use super::quick::{HALF, LANES, Shared, group};
 use super::raster::Raster;
 use super::rim::at_rim;
-use super::sample::{Sample, View};
 use super::smooth::{smoothed, smoothed_partly};
 use super::{Cause, SurfaceReport, SurfaceSettings};
 use crate::cloud::Point;

@@ -10,10 +10,10 @@ mod gaps;
 mod independence;
 mod normals;
 mod patches;
+mod point;
 mod quick;
 mod raster;
 mod rim;
-mod sample;
 mod scatter;
 mod smooth;
 mod support;
@@ -21,8 +21,8 @@ mod support;
 pub(crate) use buffers::SurfaceBuilder;
 pub use cause::Cause;
 pub(crate) use independence::{WINDOWS, independent_share};
+pub(crate) use point::{Sample, View, rim_is_hidden};
 pub(crate) use rim::mark_rims;
-pub(crate) use sample::{Sample, View, rim_is_hidden};
 
 use serde::{Deserialize, Serialize};
 
@@ -41,7 +41,8 @@ pub struct SurfaceSettings {
     pub normal_window_px: u32,
     /// Points that either view (camera or projector) sees more steeply than this from the normal are dropped, degrees;
     /// only beyond more where the error of the footprint is small beside the noise of the point. Towards a limb a pixel covers ever more surface: on a sphere of 22 mm at 0.21 mm per pixel the error of exact
-    /// phase is below 0.4 µm up to 65°, 1 µm at 70°, 3 µm at 75°, 8 µm at 80°.
+    /// phase is below 0.4 µm up to 65°, 1 µm at 70°, 3 µm at 75°, 8 µm at 80°; what the correction of the footprint leaves of it is some −1 to −3 µm at 67°
+    /// and ± 12 µm beyond 70°, where the limb is nearer than three pixels. Flat faces have no limb, so that the default keeps them.
     pub max_incidence_deg: f64,
     /// Points nearer than this many pixels to where their surface ends in the picture are dropped: the footprint of
     /// their pixels reaches over the rim and shifts their phase. A footprint of 0.58 px (standard deviation) moves
@@ -75,7 +76,7 @@ impl SurfaceSettings {
 
     /// Least cosine of the incidence at which points are kept whose depth noise is so many pixels on the surface.
     pub fn least_cosine(&self, noise_px: f64) -> f64 {
-        sample::steepest(crate::math::cos(self.max_incidence_deg.to_radians()), noise_px)
+        point::steepest(crate::math::cos(self.max_incidence_deg.to_radians()), noise_px)
     }
 
     /// The first setting out of its limits: key, value, limits.

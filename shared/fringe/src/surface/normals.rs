@@ -4,8 +4,8 @@
 //! over a window, turned into derivatives by x and y, gives n ∝ (∂q/∂x, ∂q/∂y, q − x ∂q/∂x − y ∂q/∂y): exact on planes,
 //! and on curved surfaces exact to second order where the window is symmetric.
 
+use super::point::{Sample, View};
 use super::raster::Raster;
-use super::sample::{Sample, View};
 use nalgebra::{Vector2, Vector3};
 
 /// A partial window needs so many samples for a plane: twice the three unknowns.
@@ -77,7 +77,7 @@ pub(crate) fn normal(
         Some(plane) => plane,
         None => partial_window(view, samples, pixel, link, half)?,
     };
-    let [x, y] = view.directions[pixel];
+    let [x, y] = view.directions.at(pixel);
     let (by_column, by_row) = (derivative(view, pixel, column, 1, view.width), {
         derivative(view, pixel, row, view.width, view.height)
     });
@@ -97,9 +97,9 @@ pub(crate) fn normal(
 /// Derivative of the direction table by one grid coordinate, from both neighbours or one of them.
 #[inline]
 fn derivative(view: &View, pixel: usize, coordinate: usize, stride: usize, count: usize) -> Vector2<f64> {
-    let at = |index: usize| Vector2::from(view.directions[index]);
-    let low = coordinate > 0 && view.directions[pixel - stride][0].is_finite();
-    let high = coordinate + 1 < count && view.directions[pixel + stride][0].is_finite();
+    let at = |index: usize| Vector2::from(view.directions.at(index));
+    let low = coordinate > 0 && view.directions.at(pixel - stride)[0].is_finite();
+    let high = coordinate + 1 < count && view.directions.at(pixel + stride)[0].is_finite();
     match (low, high) {
         (true, true) => (at(pixel + stride) - at(pixel - stride)) * 0.5,
         (false, true) => at(pixel + stride) - at(pixel),
@@ -190,6 +190,7 @@ fn partial_window(view: &View, samples: &Raster, pixel: usize, link: Link, half:
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rectify::Directions;
     use proptest::prelude::*;
 
     const SIDE: usize = 9;
@@ -197,26 +198,27 @@ mod tests {
     const LINK: Link = Link { max_step: 5.67 * PITCH };
 
     /// Lines of sight of a patch of a distorted image, well off the axis.
-    fn directions() -> Vec<[f64; 2]> {
+    fn directions() -> Directions {
         let lens = crate::geometry::camera::Lens::brown_conrady([-0.08, 0.05, 0.0], [2e-4, -1e-4]);
-        (0..SIDE * SIDE)
+        let table = (0..SIDE * SIDE)
             .map(|i| {
                 let (u, v) = ((i % SIDE) as f64, (i / SIDE) as f64);
                 let ideal = lens.undistort(Vector2::new(0.2 + u * PITCH, -0.12 + v * PITCH)).unwrap();
                 [ideal.x, ideal.y]
             })
-            .collect()
+            .collect();
+        Directions::kept(SIDE, table)
     }
 
-    fn view(directions: &[[f64; 2]]) -> View<'_> {
+    fn view(directions: &Directions) -> View<'_> {
         View::along_the_axes([SIDE, SIDE], directions, PITCH)
     }
 
-    fn plane(directions: &[[f64; 2]], normal: Vector3<f64>, distance_mm: f64) -> Vec<Sample> {
-        directions
-            .iter()
+    fn plane(directions: &Directions, normal: Vector3<f64>, distance_mm: f64) -> Vec<Sample> {
+        (0..directions.pixels())
+            .map(|pixel| directions.at(pixel))
             .map(|[x, y]| Sample {
-                inverse_depth: normal.dot(&Vector3::new(*x, *y, 1.0)) / -distance_mm,
+                inverse_depth: normal.dot(&Vector3::new(x, y, 1.0)) / -distance_mm,
                 sigma: 0.0,
                 modulation: 1.0,
                 ..Sample::NONE

@@ -71,6 +71,10 @@ fn join(own: (&[f64], &[f32]), other: (&[f64], &[f32]), max_step: f64, mark: u8,
     let whole = marks.len() - marks.len() % LANES;
     for at in (0..whole).step_by(LANES) {
         let (a, b) = (taken::<_, LANES>(own.0, at), taken::<_, LANES>(other.0, at));
+        // Nothing joins where there is no sample.
+        if !a.iter().fold(false, |any, depth| any | depth.is_finite()) {
+            continue;
+        }
         let (a_sigma, b_sigma) = (taken::<_, LANES>(own.1, at), taken::<_, LANES>(other.1, at));
         // As wide as what is compared, which vectors are best at.
         let mut found = [0_u64; LANES];

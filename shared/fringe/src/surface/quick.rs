@@ -5,8 +5,8 @@
 #![allow(clippy::needless_bitwise_bool)]
 
 use super::normals::MAX_SLOPE_NOISE;
+use super::point::{STEEP_ERROR, STEEP_SHARE, View};
 use super::raster::Raster;
-use super::sample::{STEEP_ERROR, STEEP_SHARE, View};
 use super::smooth::{MAX_NOISE, MAX_ROUGHNESS, share_left, shared};
 
 /// Pixels that are worked on side by side.
@@ -145,17 +145,17 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared)
     let row = |r: usize| viewed::<_, { LANES + 2 * HALF }>(depths, start + r * view.width);
     let rows = [row(0), row(1), row(2), row(3), row(4)];
     let fits = fits(|r, k, l| rows[r][k + l], &sigma, shared_by.max_step);
-    let above = viewed::<_, LANES>(view.directions, at - view.width);
-    let below = viewed::<_, LANES>(view.directions, at + view.width);
-    let beside = viewed::<_, { LANES + 2 }>(view.directions, at - 1);
+    let [above_x, above_y] = view.directions.along::<LANES>(at - view.width);
+    let [below_x, below_y] = view.directions.along::<LANES>(at + view.width);
+    let [beside_x, beside_y] = view.directions.along::<{ LANES + 2 }>(at - 1);
     let zero = [0.0; LANES];
     let mut out =
         Group { settled: [false; LANES], position_mm: [zero; 3], normal: [zero; 3], sigma_mm: [0.0; LANES] };
     let world = view.world_from_sight;
     for l in 0..LANES {
-        let [x, y] = beside[l + 1];
-        let (xu, yu) = ((beside[l + 2][0] - beside[l][0]) * 0.5, (beside[l + 2][1] - beside[l][1]) * 0.5);
-        let (xv, yv) = ((below[l][0] - above[l][0]) * 0.5, (below[l][1] - above[l][1]) * 0.5);
+        let (x, y) = (beside_x[l + 1], beside_y[l + 1]);
+        let (xu, yu) = ((beside_x[l + 2] - beside_x[l]) * 0.5, (beside_y[l + 2] - beside_y[l]) * 0.5);
+        let (xv, yv) = ((below_x[l] - above_x[l]) * 0.5, (below_y[l] - above_y[l]) * 0.5);
         // q_u = q_x x_u + q_y y_u, q_v = q_x x_v + q_y y_v.
         let inverse = 1.0 / (xu * yv - xv * yu);
         let (qu, qv) = (fits.by_column[l], fits.by_row[l]);
@@ -282,6 +282,7 @@ mod tests {
     use super::super::{Cause, Sample, SurfaceSettings};
     use super::*;
     use crate::math::random::{Key, normal_quantile};
+    use crate::rectify::Directions;
     use nalgebra::{Matrix3, Point3, Vector3};
 
     const SIDE: usize = 60;
@@ -291,8 +292,8 @@ mod tests {
     #[test]
     fn pixels_side_by_side_are_those_of_the_general_way() {
         let at = |i: usize| [(i % SIDE) as f64 - 30.0, (i / SIDE) as f64 - 30.0].map(|v| v * PITCH);
-        let directions: Vec<[f64; 2]> =
-            (0..SIDE * SIDE).map(|i| at(i).map(|v| v * (1.0 + 0.02 * v))).collect();
+        let table = (0..SIDE * SIDE).map(|i| at(i).map(|v| v * (1.0 + 0.02 * v))).collect();
+        let directions = Directions::kept(SIDE, table);
         let sample = |i: usize| {
             let [x, y] = at(i).map(|v| 500.0 * v);
             let depth = 500.0 - (36.0 - x * x - y * y).max(0.0).sqrt();

@@ -1,7 +1,7 @@
 //! The samples of all pixels of a view.
 
 use super::Cause;
-use super::sample::Sample;
+use super::point::Sample;
 
 /// Samples on the grid of a view, each of their numbers in one piece.
 #[derive(Debug, Clone)]
@@ -10,9 +10,9 @@ pub(crate) struct Raster {
     pub(super) depths: Vec<f64>,
     /// Their standard uncertainties, 1/mm; only those of points mean something.
     pub(super) sigmas: Vec<f32>,
-    /// Shares of the variances that are the pixels' own.
+    /// Shares of the variances that are the pixels' own, of points as well.
     pub(super) own_shares: Vec<f32>,
-    /// Modulations of the pixels, DN.
+    /// Modulations of the pixels that are points, DN.
     pub(super) modulations: Vec<f32>,
 }
 
@@ -50,6 +50,9 @@ impl Raster {
     #[inline(always)]
     pub fn put(&mut self, pixel: usize, sample: &Sample) {
         self.depths[pixel] = sample.inverse_depth;
+        if sample.inverse_depth.is_nan() {
+            return;
+        }
         self.sigmas[pixel] = sample.sigma;
         self.own_shares[pixel] = sample.own_share;
         self.modulations[pixel] = sample.modulation;

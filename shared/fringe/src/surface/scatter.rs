@@ -7,9 +7,9 @@
 use super::buffers::{SCATTER_WINDOWS, SurfaceBuilder};
 use super::independence::LEAST;
 use super::normals::Link;
+use super::point::View;
 use super::quick::{self, HALF, LANES};
 use super::raster::Raster;
-use super::sample::View;
 use super::smooth::smoothed;
 use crate::math::simd::vectorised;
 use rayon::prelude::*;
@@ -156,6 +156,7 @@ mod tests {
     use super::super::{Sample, SurfaceSettings};
     use super::*;
     use crate::math::random::{Key, normal_quantile};
+    use crate::rectify::Directions;
 
     const SIDE: usize = 160;
     const SIGMA: f64 = 1e-6;
@@ -174,7 +175,7 @@ mod tests {
             }
         };
         let samples: Vec<Sample> = (0..SIDE * SIDE).map(sample).collect();
-        let directions = vec![[0.0; 2]; samples.len()];
+        let directions = Directions::kept(SIDE, vec![[0.0; 2]; samples.len()]);
         let view = View::along_the_axes([SIDE, SIDE], &directions, 0.001);
         let mut builder = SurfaceBuilder::new(SIDE, SIDE, SurfaceSettings::default());
         builder.load(&samples);

@@ -8,8 +8,8 @@
 //! has to be looked after there, as with [`metrology::fit::Correlation`].
 
 use super::normals::Link;
+use super::point::Sample;
 use super::raster::Raster;
-use super::sample::Sample;
 use nalgebra::{Matrix6, Vector6};
 
 /// Residuals beyond this many sigmas are not noise of one surface. Nineteen degrees of freedom scatter by ± 0.16.

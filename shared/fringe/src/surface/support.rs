@@ -1,12 +1,15 @@
 //! Which points belong to a surface: spikes have too few neighbours, crumbs are patches that are too small.
 
+// Without branches a loop vectorises.
+#![allow(clippy::needless_bitwise_bool)]
+
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::cause::Cause;
 use super::normals::Link;
 use super::patches::mark_joints;
+use super::point::View;
 use super::quick::{LANES, neighbours as neighbours_beside};
 use super::raster::Raster;
-use super::sample::View;
 use crate::math::parallel::for_parts;
 use crate::math::simd::vectorised;
 
@@ -77,6 +80,12 @@ impl Support<'_> {
             while column < width {
                 let at = start + column;
                 if inner && column > 0 && column + LANES < width {
+                    let any = depths[at..at + LANES].iter().fold(false, |any, depth| any | depth.is_finite());
+                    if !any {
+                        keep[column..column + LANES].fill(0);
+                        column += LANES;
+                        continue;
+                    }
                     let found = neighbours_beside(depths, sigmas, width, at, self.link.max_step);
                     for (l, found) in found.into_iter().enumerate() {
                         let valid = depths[at + l].is_finite();
@@ -118,6 +127,7 @@ fn neighbours(view: &View, samples: &Raster, pixel: usize, link: Link) -> u32 {
 mod tests {
     use super::super::{Sample, SurfaceSettings};
     use super::*;
+    use crate::rectify::Directions;
 
     const LINK: Link = Link { max_step: 0.01 };
 
@@ -138,7 +148,7 @@ mod tests {
     fn kept(picture: &[&str], settings: SurfaceSettings) -> (Vec<String>, u32, u32) {
         let (width, samples) = drawn(picture);
         let mut builder = SurfaceBuilder::new(width, picture.len(), settings);
-        let directions = vec![[0.0; 2]; samples.len()];
+        let directions = Directions::kept(width, vec![[0.0; 2]; samples.len()]);
         let view = View::along_the_axes([width, picture.len()], &directions, 0.001);
         builder.load(&samples);
         let spikes = builder.drop_spikes(&view, LINK);

@@ -9,7 +9,7 @@ use super::elements::{Group, groups};
 use super::fitted::Fitted;
 use super::patches::coverage;
 use super::plan::{Artefact, Limit, PositionPlan, TestPlan};
-use super::result::{Input, TestReport, Violation, Volume, decision_words};
+use super::result::{Input, LateralResolution, TestReport, Violation, Volume, decision_words};
 use super::rules::{CharacteristicRule, CloudOf, Quantity, RuleSet, Statistic};
 use super::summary::{Value, summarise};
 use super::values::Job;
@@ -233,6 +233,11 @@ impl<'a> Evaluator<'a> {
             inputs,
             reduced: self.violations,
             conditions: all,
+            lateral_resolution: self.plan.conditions.lateral_resolution_mm.map(|step_mm| LateralResolution {
+                step_mm,
+                hidden_step_mm: None,
+                source: "stated by the operator".to_owned(),
+            }),
             sensor_volume: Volume::new(self.plan.volume.sensor_mm),
             total_volume: Volume::new(self.plan.volume.total_mm),
             artefacts: self.plan.artefacts.iter().map(record).collect(),

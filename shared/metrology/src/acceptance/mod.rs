@@ -45,8 +45,8 @@ pub use plan::{
     RegisterBy, Segmentation, TEST_FORMAT, TestPlan, ViewPlan, Volumes,
 };
 pub use result::{
-    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, TestReport, Violation, Volume,
-    decision_words,
+    ArtefactRecord, Characteristic, Input, LateralResolution, PositionValue, RuleSetId, TestReport,
+    Violation, Volume, decision_words,
 };
 pub use rules::{
     CharacteristicRule, CloudOf, Kind, Quantity, RULES_FORMAT, RejectFraction, RetestRule, Rule, RuleSet,

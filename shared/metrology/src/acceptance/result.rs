@@ -33,6 +33,9 @@ pub struct TestReport {
     pub inputs: Vec<Input>,
     /// Label and text: operator, date, temperature, operating mode, rig hash, software version …
     pub conditions: Vec<(String, String)>,
+    /// The finest detail of the clouds, beside which a form error has to be read.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lateral_resolution: Option<LateralResolution>,
     /// What one view sees.
     pub sensor_volume: Volume,
     /// What the system measures with all its views; its body diagonal is the L0 of the rules.
@@ -51,6 +54,29 @@ impl TestReport {
     pub fn verdict_of_characteristics(&self) -> Verdict {
         let deciding = self.characteristics.iter().filter(|c| c.decides || c.limit.is_some());
         deciding.map(|c| c.verdict.unwrap_or(Verdict::Indeterminate)).max().unwrap_or(Verdict::Indeterminate)
+    }
+}
+
+/// Over what length a cloud goes from 10 to 90 % of the height of a straight edge.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LateralResolution {
+    /// Of a step far above the noise, mm.
+    pub step_mm: f64,
+    /// Of a step that hides in the noise of single points and is smoothed over the whole window, mm.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hidden_step_mm: Option<f64>,
+    /// Where the lengths come from.
+    pub source: String,
+}
+
+impl LateralResolution {
+    /// Lengths and source as a report states them.
+    pub fn words(&self) -> String {
+        let Self { step_mm, hidden_step_mm, source } = self;
+        let hidden = hidden_step_mm.map_or_else(String::new, |mm| {
+            format!(", {mm:.2} mm of a step that hides in the noise of single points")
+        });
+        format!("{step_mm:.2} mm from 10 to 90 % of a straight step{hidden}; {source}")
     }
 }
 

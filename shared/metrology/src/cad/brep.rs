@@ -1,10 +1,9 @@
 //! Boundary representation of a solid, as CAD systems write it.
 
 use nalgebra::{Isometry3, Point3};
-use thiserror::Error;
 
 use super::curve::Curve;
-use super::shape::CadShape;
+use super::shape::{CadShape, Surface};
 
 /// A solid: faces that are bounded by edges, each edge by two of them.
 #[derive(Debug, Clone, Default)]
@@ -38,7 +37,7 @@ pub struct BrepFace {
     /// Name of the face in its file; empty where it has none.
     pub name: String,
     /// Its surface, without an end.
-    pub shape: CadShape,
+    pub surface: Surface,
     /// Whether the outside is on the side of the surface's own normal.
     pub outward: bool,
     /// Closed lines and corners that bound it.
@@ -54,66 +53,22 @@ pub enum Bound {
     Corner(usize),
 }
 
-/// Why a solid does not become triangles.
-#[derive(Debug, Error, Clone, PartialEq)]
-pub enum BrepError {
-    /// A face whose border cannot be laid out.
-    #[error("face #{face} (on a {kind}): {reason}")]
-    Face {
-        /// Number of the face.
-        face: u64,
-        /// Kind of its surface.
-        kind: &'static str,
-        /// What is wrong with it.
-        reason: &'static str,
-    },
-    /// An edge that does not lie on its curve.
-    #[error("edge #{edge}: its ends lie {off_mm:.4} mm off its curve, limit {limit_mm:.4} mm")]
-    Edge {
-        /// Number of the edge.
-        edge: u64,
-        /// How far the ends lie off, mm.
-        off_mm: f64,
-        /// How far they may lie off, mm.
-        limit_mm: f64,
-    },
-    /// The triangles do not close.
-    #[error("face #{face} (on a {kind}) and its neighbours do not close: {open} open edges of the solid")]
-    Open {
-        /// Number of a face beside the gap.
-        face: u64,
-        /// Kind of its surface.
-        kind: &'static str,
-        /// Number of open edges.
-        open: usize,
-    },
-    /// Normals that point inwards.
-    #[error("the solid is inside out: it encloses {volume_mm3:.3} mm³")]
-    InsideOut {
-        /// Volume that the triangles enclose, mm³.
-        volume_mm3: f64,
-    },
-    /// More triangles than are meant.
-    #[error("more than {limit} triangles within {chord_mm} mm of the surfaces")]
-    TooMany {
-        /// Largest number of triangles.
-        limit: usize,
-        /// Distance that was asked for, mm.
-        chord_mm: f64,
-    },
-}
-
 impl Brep {
     /// Places that the solid reaches about, mm: its corners, and the sides of round faces, which have few.
     pub fn reach(&self, place: &Isometry3<f64>) -> Vec<Point3<f64>> {
-        let sides = self.faces.iter().filter_map(|face| match face.shape {
-            CadShape::Sphere { center_mm, radius_mm } => Some((center_mm, radius_mm)),
-            CadShape::Torus { center_mm, ring_radius_mm, tube_radius_mm, .. } => {
-                Some((center_mm, ring_radius_mm + tube_radius_mm))
+        let sides = self.faces.iter().flat_map(|face| match &face.surface {
+            Surface::Free(free) => free.points(),
+            Surface::Element(CadShape::Sphere { center_mm, radius_mm }) => about(center_mm, *radius_mm),
+            Surface::Element(CadShape::Torus { center_mm, ring_radius_mm, tube_radius_mm, .. }) => {
+                about(center_mm, ring_radius_mm + tube_radius_mm)
             }
-            _ => None,
+            Surface::Element(_) => Vec::new(),
         });
-        let sides = sides.flat_map(|(at, radius)| [-radius, radius].map(|arm| at.map(|c| c + arm)));
         self.vertices.iter().copied().chain(sides).map(|p| place * p).collect()
     }
+}
+
+/// Two opposite corners of the box about a ball.
+fn about(center: &Point3<f64>, radius: f64) -> Vec<Point3<f64>> {
+    [-radius, radius].map(|arm| center.map(|c| c + arm)).to_vec()
 }

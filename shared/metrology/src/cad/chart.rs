@@ -9,7 +9,9 @@ use std::f64::consts::{PI, TAU};
 use fringe::math;
 use nalgebra::{Point3, Vector3};
 
-use super::shape::{CadShape, across};
+use super::inverse::range;
+use super::shape::{CadShape, Surface, across};
+use super::sheet::Sheet;
 use crate::fit::tangents;
 
 /// Largest logarithm of a radius in a chart; beyond, the chart is compressed.
@@ -30,6 +32,7 @@ enum Kind {
     Cone { tip: Point3<f64>, axes: [Vector3<f64>; 3], half_angle: f64, unit_mm: f64, power: f64 },
     Sphere { at: Point3<f64>, axes: [Vector3<f64>; 3], radius: f64 },
     Torus(Torus),
+    Sheet(Box<Sheet>),
 }
 
 /// A torus that is cut open across or along its tube.
@@ -46,7 +49,15 @@ struct Torus {
 
 impl Chart {
     /// Charts to try, in this order: the right one has the face on the left of its borders.
-    pub fn candidates(shape: &CadShape, border: &[Point3<f64>]) -> Vec<Self> {
+    pub fn candidates(surface: &Surface, border: &[Point3<f64>]) -> Vec<Self> {
+        let shape = match surface {
+            Surface::Element(shape) => shape,
+            Surface::Free(free) => {
+                let own =
+                    |sheet: Sheet| Self { positive: sheet.positive(), kind: Kind::Sheet(Box::new(sheet)) };
+                return Sheet::candidates(free, border).into_iter().map(own).collect();
+            }
+        };
         let frame = |axis: &Vector3<f64>| {
             let [x, y] = tangents(axis);
             [x, y, *axis]
@@ -87,6 +98,19 @@ impl Chart {
         }
     }
 
+    /// The chart of a surface of two parameters.
+    pub fn sheet(&self) -> Option<&Sheet> {
+        if let Kind::Sheet(sheet) = &self.kind { Some(sheet) } else { None }
+    }
+
+    /// Where the points of the border lie in the chart, for which it was made.
+    pub fn border(&self, points: &[Point3<f64>]) -> Vec<[f64; 2]> {
+        match &self.kind {
+            Kind::Sheet(sheet) => sheet.border(),
+            _ => points.iter().map(|p| self.place(p)).collect(),
+        }
+    }
+
     /// Where a point of the surface lies in the chart.
     pub fn place(&self, p: &Point3<f64>) -> [f64; 2] {
         match &self.kind {
@@ -110,6 +134,7 @@ impl Chart {
                 [arm.dot(&axes[0]) / below, arm.dot(&axes[1]) / below]
             }
             Kind::Torus(torus) => torus.place(p),
+            Kind::Sheet(sheet) => sheet.place(p),
         }
     }
 
@@ -134,6 +159,7 @@ impl Chart {
                 at + arm * (radius / (square + 1.0))
             }
             Kind::Torus(torus) => torus.lift([cos, sin], length),
+            Kind::Sheet(sheet) => sheet.lift([x, y]),
         }
     }
 }
@@ -166,12 +192,6 @@ fn polar(arm: &Vector3<f64>, axes: &[Vector3<f64>; 3], radius: f64) -> [f64; 2] 
     let flat = [arm.dot(&axes[0]), arm.dot(&axes[1])];
     let length = (flat[0] * flat[0] + flat[1] * flat[1]).sqrt();
     if length > 0.0 { flat.map(|c| c / length * radius) } else { [0.0, 0.0] }
-}
-
-fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
-    let [low, high] =
-        values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)]);
-    if low <= high { [low, high] } else { [0.0, 0.0] }
 }
 
 /// Poles that lie far from a border on a sphere, the farthest first.

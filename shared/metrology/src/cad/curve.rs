@@ -5,7 +5,8 @@ use std::f64::consts::TAU;
 use fringe::math;
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::brep::BrepError;
+use super::brep_error::BrepError;
+use super::spline::Spline;
 
 /// Largest angle between neighbouring pieces of a round line, rad.
 pub(super) const ANGLE_RAD: f64 = 0.25;
@@ -33,19 +34,6 @@ pub enum Curve {
     Spline(Spline),
 }
 
-/// A B-spline curve, which may be rational.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Spline {
-    /// Degree of the pieces.
-    pub degree: usize,
-    /// Control points of the curve, mm.
-    pub poles: Vec<Point3<f64>>,
-    /// Weights of the control points.
-    pub weights: Vec<f64>,
-    /// Knots, each as often as it counts, never falling.
-    pub knots: Vec<f64>,
-}
-
 impl Frame {
     /// A point in the frame's own coordinates.
     pub fn local(&self, place: &Point3<f64>) -> Vector3<f64> {
@@ -58,7 +46,7 @@ impl Frame {
 }
 
 impl Curve {
-    /// Points between two ends, without them, in the direction of the edge.
+    /// Points between two ends, without them, in the direction of the edge; `parts` times as many as the line itself needs.
     ///
     /// # Errors
     /// Ends that do not lie on the line.
@@ -68,17 +56,21 @@ impl Curve {
         ends: [Point3<f64>; 2],
         closed: bool,
         along: bool,
-        chord_mm: f64,
+        [chord_mm, parts]: [f64; 2],
     ) -> Result<Vec<Point3<f64>>, BrepError> {
         match self {
-            Self::Line => Ok(Vec::new()),
+            Self::Line => {
+                let [from, to] = ends;
+                let inner = (1..parts as usize).map(|k| from.lerp(&to, k as f64 / parts));
+                Ok(inner.collect())
+            }
             Self::Ellipse(frame, halves) => {
                 for end in &ends {
                     check(id, off_ellipse(frame, *halves, end), halves[0])?;
                 }
-                Ok(arc(frame, *halves, ends, closed, along, chord_mm))
+                Ok(arc(frame, *halves, ends, closed, along, [chord_mm, parts]))
             }
-            Self::Spline(spline) => spline.between(id, ends, closed, along, chord_mm),
+            Self::Spline(spline) => spline.between(id, ends, closed, along, [chord_mm, parts]),
         }
     }
 }
@@ -103,7 +95,7 @@ fn arc(
     ends: [Point3<f64>; 2],
     closed: bool,
     along: bool,
-    chord_mm: f64,
+    [chord_mm, parts]: [f64; 2],
 ) -> Vec<Point3<f64>> {
     let [from, to] = ends.map(|end| {
         let local = frame.local(&end);
@@ -113,7 +105,8 @@ fn arc(
     sweep = if closed { TAU } else { sweep - TAU * (sweep / TAU).floor() };
     let largest = a.max(b);
     let step = ANGLE_RAD.min(2.0 * math::acos((1.0 - 0.5 * chord_mm / largest).max(0.0)));
-    let pieces = ((sweep / step).ceil() as usize).clamp(if closed { 8 } else { 1 }, 100_000);
+    let pieces = (parts * (sweep / step).ceil()) as usize;
+    let pieces = pieces.clamp(if closed { 8 } else { 1 }, 100_000);
     let signed = if along { sweep } else { -sweep };
     (1..pieces)
         .map(|k| {
@@ -124,57 +117,14 @@ fn arc(
 }
 
 impl Spline {
-    /// Whether numbers fit together.
-    pub fn is_valid(&self) -> bool {
-        let count = self.poles.len();
-        (1..=25).contains(&self.degree)
-            && count > self.degree
-            && self.weights.len() == count
-            && self.weights.iter().all(|w| w.is_finite() && *w > 0.0)
-            && self.knots.len() == count + self.degree + 1
-            && self.knots.windows(2).all(|pair| pair[0] <= pair[1])
-            && self.knots[self.degree] < self.knots[count]
-    }
-
-    /// The point of a parameter (de Boor).
-    pub fn at(&self, t: f64) -> Point3<f64> {
-        let degree = self.degree;
-        let last = self.poles.len() - 1;
-        let span = (degree..=last).rev().find(|k| self.knots[*k] <= t).unwrap_or(degree);
-        let mut work: Vec<(Vector3<f64>, f64)> = (0..=degree)
-            .map(|j| {
-                let index = span - degree + j;
-                (self.poles[index].coords * self.weights[index], self.weights[index])
-            })
-            .collect();
-        for level in 1..=degree {
-            for j in (level..=degree).rev() {
-                let low = self.knots[span - degree + j];
-                let high = self.knots[span + 1 + j - level];
-                let share = if high > low { (t - low) / (high - low) } else { 0.0 };
-                let (before, here) = (work[j - 1], work[j]);
-                work[j] =
-                    (before.0 * (1.0 - share) + here.0 * share, before.1 * (1.0 - share) + here.1 * share);
-            }
-        }
-        let (sum, weight) = work[degree];
-        Point3::from(sum / weight)
-    }
-
-    fn domain(&self) -> [f64; 2] {
-        [self.knots[self.degree], self.knots[self.poles.len()]]
-    }
-
     /// Parameters that lie in each piece between knots.
     fn samples(&self) -> Vec<f64> {
-        let [from, to] = self.domain();
-        let mut knots: Vec<f64> = self.knots.iter().copied().filter(|k| (from..=to).contains(k)).collect();
-        knots.dedup();
-        let mut samples = Vec::new();
+        let knots = self.knots.breaks();
+        let mut samples = Vec::with_capacity(8 * knots.len());
         for pair in knots.windows(2) {
             samples.extend((0..8).map(|k| pair[0] + (pair[1] - pair[0]) * f64::from(k) / 8.0));
         }
-        samples.push(to);
+        samples.extend(knots.last());
         samples
     }
 
@@ -182,9 +132,8 @@ impl Spline {
     fn nearest(&self, place: &Point3<f64>) -> (f64, f64) {
         let samples = self.samples();
         let distance = |t: f64| (self.at(t) - place).norm();
-        let best = (0..samples.len())
-            .min_by(|a, b| distance(samples[*a]).total_cmp(&distance(samples[*b])))
-            .unwrap_or(0);
+        let distances: Vec<f64> = samples.iter().map(|t| distance(*t)).collect();
+        let best = (0..samples.len()).min_by(|a, b| distances[*a].total_cmp(&distances[*b])).unwrap_or(0);
         let mut low = samples[best.saturating_sub(1)];
         let mut high = samples[(best + 1).min(samples.len() - 1)];
         for _ in 0..80 {
@@ -195,7 +144,7 @@ impl Spline {
                 low = one;
             }
         }
-        let [from, to] = self.domain();
+        let [from, to] = self.knots.domain();
         let candidates = [samples[best], 0.5 * (low + high), from, to];
         let best =
             candidates.into_iter().min_by(|a, b| distance(*a).total_cmp(&distance(*b))).unwrap_or(from);
@@ -208,51 +157,64 @@ impl Spline {
         ends: [Point3<f64>; 2],
         closed: bool,
         along: bool,
-        chord_mm: f64,
+        [chord_mm, parts]: [f64; 2],
     ) -> Result<Vec<Point3<f64>>, BrepError> {
-        let [start, end] = self.domain();
-        let [from, to] = if closed {
-            check(id, (self.at(start) - ends[0]).norm(), 0.0)?;
-            if along { [start, end] } else { [end, start] }
-        } else {
-            let [a, b] = ends.map(|place| self.nearest(&place));
-            for (_, off) in [a, b] {
-                check(id, off, 0.0)?;
-            }
-            self.unclosed([a.0, b.0], along)
-        };
-        let mut inner: Vec<f64> =
-            self.samples().into_iter().filter(|t| *t > from.min(to) && *t < from.max(to)).collect();
-        if from > to {
-            inner.reverse();
-        }
-        let mut ts = vec![from];
-        ts.extend(inner);
-        ts.push(to);
         let mut points = Vec::new();
-        for pair in ts.windows(2) {
-            self.halve([pair[0], pair[1]], chord_mm, DEEPEST, &mut points);
+        for [from, to] in self.ranges(id, ends, closed, along)? {
+            let mut ts = vec![from];
+            let (low, high) = (from.min(to), from.max(to));
+            ts.extend(self.samples().into_iter().filter(|t| *t > low && *t < high));
+            if from > to {
+                ts[1..].reverse();
+            }
+            ts.push(to);
+            for pair in ts.windows(2) {
+                let at = |k: usize| pair[0] + (pair[1] - pair[0]) * k as f64 / parts;
+                for k in 0..parts as usize {
+                    self.halve([at(k), at(k + 1)], chord_mm, DEEPEST, &mut points);
+                }
+            }
         }
         points.pop();
-        Ok(simplified(ends, &points, chord_mm))
+        Ok(if parts > 1.0 { points } else { simplified(ends, &points, chord_mm) })
     }
 
-    /// Of a spline that ends where it begins, each of these may be either end.
-    fn unclosed(&self, [a, b]: [f64; 2], along: bool) -> [f64; 2] {
-        let [start, end] = self.domain();
+    /// The parameters from one end to the other: two ranges where the way leads over the place at which a closed spline begins.
+    fn ranges(
+        &self,
+        id: u64,
+        ends: [Point3<f64>; 2],
+        closed: bool,
+        along: bool,
+    ) -> Result<Vec<[f64; 2]>, BrepError> {
+        let [start, end] = self.knots.domain();
         let shut = (self.at(start) - self.at(end)).norm() < 1e-6;
-        let wrong = if along { a >= b } else { a <= b };
-        if !(shut && wrong) {
-            return [a, b];
+        let [a, b] = ends.map(|place| self.nearest(&place));
+        for (_, off) in [a, b] {
+            check(id, off, 0.0)?;
         }
         let near = |t: f64, other: f64| (t - other).abs() <= 1e-9 * (end - start);
-        match along {
-            true if near(b, start) => [a, end],
-            true if near(a, end) => [start, b],
-            false if near(b, end) => [a, start],
-            false if near(a, start) => [end, b],
-            _ => [a, b],
-        }
+        // The start of a closed spline is its end as well.
+        let as_start = |t: f64| if shut && near(t, end) { start } else { t };
+        let as_end = |t: f64| if shut && near(t, start) { end } else { t };
+        let turned = |range: [f64; 2]| if along { range } else { [range[1], range[0]] };
+        let [from, to] = turned([a.0, b.0]);
+        let ranges = match (closed, shut) {
+            // An edge that ends where it begins, on a line that does not, goes from end to end if at all.
+            (true, false) => {
+                check(id, (self.at(start) - ends[0]).norm(), 0.0)?;
+                vec![[start, end]]
+            }
+            (false, false) => vec![[from, to]],
+            (true, true) if as_start(from) == start => vec![[start, end]],
+            (true, true) => vec![[from, end], [start, from]],
+            (false, true) => {
+                let [from, to] = [as_start(from), as_end(to)];
+                if from < to { vec![[from, to]] } else { vec![[from, end], [start, to]] }
+            }
+        };
+        let ranges = ranges.into_iter().map(turned);
+        Ok(if along { ranges.collect() } else { ranges.rev().collect() })
     }
 
     /// Points after the start of a piece, up to its end.

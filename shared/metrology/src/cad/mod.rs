@@ -1,25 +1,38 @@
 //! Solids of CAD: boundary representation, triangles within a stated distance, and nominal elements of inspection plans.
 //!
-//! A [`Brep`] has faces over elementary surfaces, bounded by edges that two faces share. [`Brep::mesh`] makes triangles of it: each edge
+//! A [`Brep`] has faces over elementary surfaces and surfaces of two parameters, bounded by edges that two faces share. [`Brep::mesh`] makes triangles of it: each edge
 //! becomes one line of points for both of its faces, each face is triangulated in a plane chart of its surface ([`chart`]) and refined until
-//! its triangles lie within the distance; the result is a closed surface, or an error with the face. [`features`] joins faces of one surface
-//! that touch into elements: the two halves of a bore are a bore.
+//! its triangles lie within the distance; the result is a closed surface, or an error with the face. [`features`] joins faces of one
+//! elementary surface that touch into elements: the two halves of a bore are a bore.
 
+mod bend;
 mod brep;
+mod brep_error;
 mod chart;
 mod curve;
+mod enclosed;
 mod extent;
 mod faces;
+mod freeform;
+#[cfg(test)]
+mod freeform_tests;
+mod inverse;
 mod shape;
+mod sheet;
+mod spline;
 mod tessellate;
 #[cfg(test)]
 mod tests;
 mod triangulate;
+mod whole;
 
-pub use brep::{Bound, Brep, BrepEdge, BrepError, BrepFace};
-pub use curve::{Curve, Frame, Spline};
-pub use faces::{CadFeature, features};
-pub use shape::CadShape;
+pub use brep::{Bound, Brep, BrepEdge, BrepFace};
+pub use brep_error::BrepError;
+pub use curve::{Curve, Frame};
+pub use faces::{CadFeature, FreeFace, features, free_faces};
+pub use freeform::{Freeform, Profile};
+pub use shape::{CadShape, Surface};
+pub use spline::{Knots, Spline, SplineSurface};
 
 use nalgebra::{Isometry3, Point3};
 

@@ -1,7 +1,42 @@
-//! Elementary surfaces of CAD: plane, cylinder, cone, sphere, torus.
+//! Surfaces of CAD: plane, cylinder, cone, sphere, torus, and those of two parameters.
 
 use fringe::math;
 use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::freeform::Freeform;
+
+/// The surface under a face.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Surface {
+    /// One that inspection plans have as an element.
+    Element(CadShape),
+    /// Any other one: something to compare with.
+    Free(Box<Freeform>),
+}
+
+impl Surface {
+    /// Kind of the surface in a few words.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Element(shape) => shape.kind(),
+            Self::Free(free) => free.kind(),
+        }
+    }
+
+    /// The surface as an element of inspection plans.
+    pub fn element(&self) -> Option<&CadShape> {
+        match self {
+            Self::Element(shape) => Some(shape),
+            Self::Free(_) => None,
+        }
+    }
+}
+
+impl From<CadShape> for Surface {
+    fn from(shape: CadShape) -> Self {
+        Self::Element(shape)
+    }
+}
 
 /// An elementary surface without an end; its own normal points along the plane's, or away from the axis, centre or ring.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,12 +2,20 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use super::CadMesh;
-use super::brep::{Bound, Brep, BrepError, BrepFace};
-use super::shape::CadShape;
+use super::bend::Bend;
+use super::brep::{Bound, Brep, BrepFace};
+use super::brep_error::BrepError;
+use super::enclosed::folded;
+use super::freeform::Freeform;
+use super::shape::Surface;
 use super::triangulate::{Domain, patch};
+use super::whole::whole;
+
+/// An edge has at most so many times the points that its line needs by itself.
+const MOST_PARTS: f64 = 64.0;
 
 impl Brep {
     /// Triangles within a distance of all surfaces: a closed surface that faces outwards.
@@ -32,16 +40,35 @@ impl Brep {
         if volume_mm3 <= 0.0 {
             return Err(BrepError::InsideOut { volume_mm3 });
         }
+        if let Some(index) = folded(&mesh) {
+            return Err(fault(
+                &self.faces[index as usize],
+                "it, or one near it, is laid out on the wrong side of its border",
+            ));
+        }
         Ok(mesh)
     }
 
     /// The corners of each edge from its start to its end; new ones are added.
     fn lines(&self, chord_mm: f64, corners: &mut Vec<Point3<f64>>) -> Result<Vec<Vec<u32>>, BrepError> {
         let mut lines = Vec::with_capacity(self.edges.len());
-        for edge in &self.edges {
+        let beside = self.free_faces_beside();
+        let bends: BTreeMap<usize, Bend> =
+            beside.iter().flatten().map(|(face, free)| (*face, Bend::new(free, &self.vertices))).collect();
+        for (edge, beside) in self.edges.iter().zip(&beside) {
             let [from, to] = edge.ends;
             let ends = [self.vertices[from], self.vertices[to]];
-            let between = edge.curve.between(edge.id, ends, from == to, edge.along, chord_mm)?;
+            let mut parts = 1.0;
+            let between = loop {
+                let between = edge.curve.between(edge.id, ends, from == to, edge.along, [chord_mm, parts])?;
+                let line: Vec<Point3<f64>> =
+                    [&ends[..1], &between[..], &ends[1..]].into_iter().flatten().copied().collect();
+                if parts >= MOST_PARTS || !beside.iter().any(|(face, _)| bends[face].is_off(&line, chord_mm))
+                {
+                    break between;
+                }
+                parts *= 2.0;
+            };
             let mut line = vec![from as u32];
             for point in between {
                 line.push(corners.len() as u32);
@@ -51,6 +78,21 @@ impl Brep {
             lines.push(line);
         }
         Ok(lines)
+    }
+
+    /// The faces beside each edge that are no elements, with their surfaces.
+    fn free_faces_beside(&self) -> Vec<Vec<(usize, &Freeform)>> {
+        let mut beside: Vec<Vec<(usize, &Freeform)>> = vec![Vec::new(); self.edges.len()];
+        for (index, face) in self.faces.iter().enumerate() {
+            let Surface::Free(free) = &face.surface else { continue };
+            for bound in &face.bounds {
+                let Bound::Loop(edges) = bound else { continue };
+                for (edge, _) in edges {
+                    beside[*edge].push((index, free));
+                }
+            }
+        }
+        beside
     }
 
     fn face(
@@ -97,12 +139,12 @@ impl Brep {
                 _ => return Err(fault(face, "an edge bounds it twice on one side")),
             }
         }
-        let shape = &face.shape;
+        let surface = &face.surface;
         let (inner, triangles) = if border.is_empty() {
             points.clear();
-            whole(shape, chord_mm, limit).ok_or_else(|| fault(face, "nothing bounds it"))?
+            whole(surface, chord_mm, limit).ok_or_else(|| fault(face, "nothing bounds it"))?
         } else {
-            let domain = Domain { shape, points: &points, sides: &border, chord_mm, limit };
+            let domain = Domain { surface, points: &points, sides: &border, chord_mm, limit };
             let patch = patch(&domain).map_err(|reason| fault(face, reason))?;
             (patch.inner, patch.triangles)
         };
@@ -131,7 +173,7 @@ impl Brep {
             None => Ok(()),
             Some(face) => {
                 let face = &self.faces[face as usize];
-                let kind = face.shape.kind();
+                let kind = face.surface.kind();
                 Err(BrepError::Open { face: face.id, kind, open: count + doubled.len() })
             }
         }
@@ -139,89 +181,5 @@ impl Brep {
 }
 
 fn fault(face: &BrepFace, reason: &'static str) -> BrepError {
-    BrepError::Face { face: face.id, kind: face.shape.kind(), reason }
-}
-
-/// Points of a surface, and triangles between them.
-type Whole = (Vec<Point3<f64>>, Vec<[u32; 3]>);
-
-/// Pieces of a circle that keep the chordal error.
-fn pieces(radius_mm: f64, chord_mm: f64) -> usize {
-    let step = 2.0 * fringe::math::acos((1.0 - 0.5 * chord_mm / radius_mm).clamp(0.0, 1.0));
-    (std::f64::consts::TAU / step.clamp(1e-4, super::curve::ANGLE_RAD)).ceil() as usize
-}
-
-/// Sine and cosine of a whole circle's parts.
-fn turn(k: usize, of: usize) -> (f64, f64) {
-    fringe::math::sincos(std::f64::consts::TAU * k as f64 / of as f64)
-}
-
-/// A whole sphere or torus, which nothing bounds.
-fn whole(shape: &CadShape, chord_mm: f64, limit: usize) -> Option<Whole> {
-    match *shape {
-        CadShape::Torus { center_mm, axis, ring_radius_mm, tube_radius_mm } => {
-            whole_torus(&center_mm, &axis, [ring_radius_mm, tube_radius_mm], chord_mm, limit)
-        }
-        CadShape::Sphere { center_mm, radius_mm } => whole_sphere(&center_mm, radius_mm, chord_mm, limit),
-        _ => None,
-    }
-}
-
-fn whole_torus(
-    center_mm: &Point3<f64>,
-    axis: &Vector3<f64>,
-    [ring_mm, tube_mm]: [f64; 2],
-    chord_mm: f64,
-    limit: usize,
-) -> Option<Whole> {
-    let [x, y] = crate::fit::tangents(axis);
-    let (around, about) = (pieces(ring_mm + tube_mm, chord_mm), pieces(tube_mm, chord_mm));
-    let mut points = Vec::new();
-    if around.checked_mul(about)? > limit {
-        return None;
-    }
-    for i in 0..around {
-        let (sin, cos) = turn(i, around);
-        let out = x * cos + y * sin;
-        for j in 0..about {
-            let (s, c) = turn(j, about);
-            points.push(center_mm + out * (ring_mm + tube_mm * c) + axis * (tube_mm * s));
-        }
-    }
-    let at = |i: usize, j: usize| ((i % around) * about + j % about) as u32;
-    let quad = |(i, j): (usize, usize)| {
-        let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-        [[a, b, c], [a, c, d]]
-    };
-    let all = (0..around).flat_map(|i| (0..about).map(move |j| (i, j)));
-    Some((points, all.flat_map(quad).collect()))
-}
-
-fn whole_sphere(center_mm: &Point3<f64>, radius_mm: f64, chord_mm: f64, limit: usize) -> Option<Whole> {
-    let around = pieces(radius_mm, chord_mm).next_multiple_of(2);
-    let rings = around / 2;
-    if around.checked_mul(rings)? > limit {
-        return None;
-    }
-    let mut points = vec![center_mm + Vector3::z() * radius_mm];
-    for j in 1..rings {
-        let (s, c) = turn(j, around);
-        for i in 0..around {
-            let (sin, cos) = turn(i, around);
-            points.push(center_mm + Vector3::new(s * cos, s * sin, c) * radius_mm);
-        }
-    }
-    points.push(center_mm - Vector3::z() * radius_mm);
-    let last = points.len() as u32 - 1;
-    let at = |j: usize, i: usize| (1 + (j - 1) * around + i % around) as u32;
-    let mut triangles = Vec::new();
-    for i in 0..around {
-        triangles.push([0, at(1, i), at(1, i + 1)]);
-        triangles.push([last, at(rings - 1, i + 1), at(rings - 1, i)]);
-        for j in 1..rings - 1 {
-            let [a, b, c, d] = [at(j, i), at(j + 1, i), at(j + 1, i + 1), at(j, i + 1)];
-            triangles.extend([[a, b, c], [a, c, d]]);
-        }
-    }
-    Some((points, triangles))
+    BrepError::Face { face: face.id, kind: face.surface.kind(), reason }
 }

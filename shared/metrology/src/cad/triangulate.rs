@@ -1,16 +1,19 @@
 //! One face in its chart: borders as constraints, points where triangles are too far off, what lies inside.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use nalgebra::Point3;
 use spade::handles::FixedVertexHandle;
-use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation as _};
+use spade::{ConstrainedDelaunayTriangulation, Point2, PositionInTriangulation, Triangulation as _};
 
 use super::chart::Chart;
-use super::shape::CadShape;
+use super::shape::{CadShape, Surface};
 
 /// Rounds of refinement; each halves what is too long.
 const ROUNDS: usize = 100;
+
+/// Most comparisons of places with sides of a border.
+const MOST_COMPARED: usize = 50_000_000;
 
 /// Cosine between normals at the corners of a triangle.
 const BEND_COSINE: f64 = 0.877;
@@ -26,7 +29,7 @@ pub(super) struct Patch {
 /// A face to be triangulated.
 pub(super) struct Domain<'a> {
     /// The surface under it.
-    pub shape: &'a CadShape,
+    pub surface: &'a Surface,
     /// All points of its borders, and single corners in it.
     pub points: &'a [Point3<f64>],
     /// Lines between them that bound it, the face on the left of each when its own normal is seen.
@@ -42,8 +45,8 @@ type Net = ConstrainedDelaunayTriangulation<Point2<f64>>;
 /// Triangulates a face in the first chart that has it on the left of its border.
 pub(super) fn patch(domain: &Domain) -> Result<Patch, &'static str> {
     let mut fault = "its border runs all around its surface in two ways";
-    for chart in Chart::candidates(domain.shape, domain.points) {
-        let places: Vec<[f64; 2]> = domain.points.iter().map(|p| chart.place(p)).collect();
+    for chart in Chart::candidates(domain.surface, domain.points) {
+        let places = chart.border(domain.points);
         let turned: f64 = domain
             .sides
             .iter()
@@ -85,10 +88,14 @@ fn in_chart(domain: &Domain, chart: &Chart, places: &[[f64; 2]]) -> Result<Patch
         }
         net.add_constraint(ends[0], ends[1]);
     }
-    let mut inner = Vec::new();
-    if !matches!(domain.shape, CadShape::Plane { .. }) {
-        refine(domain, chart, &mut net, &mut points, &mut inner)?;
+    let mut growing = Growing { domain, chart, net, points, inner: Vec::new() };
+    if let Some(sheet) = chart.sheet() {
+        growing.give(nodes_inside(&growing.net, domain, places, sheet.nodes()))?;
     }
+    if !matches!(domain.surface, Surface::Element(CadShape::Plane { .. })) {
+        growing.refine()?;
+    }
+    let Growing { net, points, inner, .. } = growing;
     let inside = inside(&net);
     let mut triangles = Vec::new();
     for face in net.inner_faces() {
@@ -128,40 +135,131 @@ fn inside(net: &Net) -> Vec<bool> {
     known.into_iter().map(|k| k == Some(true)).collect()
 }
 
-/// Puts points of the surface where triangles lie too far off it.
-fn refine(
-    domain: &Domain,
-    chart: &Chart,
-    net: &mut Net,
-    points: &mut Vec<u32>,
-    inner: &mut Vec<Point3<f64>>,
-) -> Result<(), &'static str> {
-    let count = domain.points.len() as u32;
-    for _ in 0..ROUNDS {
-        let place = |index: u32, inner: &[Point3<f64>]| match index.checked_sub(count) {
-            Some(own) => inner[own as usize],
-            None => domain.points[index as usize],
+/// Places inside of a face that are not near to its border: a quarter of the way to the next of them.
+fn nodes_inside(net: &Net, domain: &Domain, border: &[[f64; 2]], nodes: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    let inside = inside(net);
+    let is_in = |[x, y]: &[f64; 2]| match net.locate(Point2::new(*x, *y)) {
+        PositionInTriangulation::OnFace(face) => inside[face.index()],
+        _ => false,
+    };
+    let mut nodes: Vec<[f64; 2]> = nodes.into_iter().filter(is_in).collect();
+    // Every place is held against every side of the border: fewer places for long ones.
+    let most = (MOST_COMPARED / domain.sides.len().max(1)).max(1);
+    nodes = nodes.iter().copied().step_by(nodes.len().div_ceil(most).max(1)).collect();
+    let [low, high] = nodes.iter().fold([[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]], |[low, high], p| {
+        [[low[0].min(p[0]), low[1].min(p[1])], [high[0].max(p[0]), high[1].max(p[1])]]
+    });
+    let apart = ((high[0] - low[0]) * (high[1] - low[1]) / nodes.len().max(1) as f64).sqrt();
+    let is_far = |node: &[f64; 2]| {
+        let near = |[a, b]: &[u32; 2]| {
+            square_to_side(node, &border[*a as usize], &border[*b as usize]) < 0.0625 * apart * apart
         };
-        let inside = inside(net);
-        // By the ends of the edge, so that two triangles on its sides ask for one point.
-        let mut wanted: BTreeMap<[u32; 3], [f64; 2]> = BTreeMap::new();
-        for face in net.inner_faces() {
+        !domain.sides.iter().any(near)
+    };
+    nodes.retain(is_far);
+    nodes
+}
+
+/// Square of the distance of a place from a side.
+fn square_to_side(place: &[f64; 2], a: &[f64; 2], b: &[f64; 2]) -> f64 {
+    let (side, arm) = ([b[0] - a[0], b[1] - a[1]], [place[0] - a[0], place[1] - a[1]]);
+    let length = side[0] * side[0] + side[1] * side[1];
+    let share =
+        if length > 0.0 { ((arm[0] * side[0] + arm[1] * side[1]) / length).clamp(0.0, 1.0) } else { 0.0 };
+    let off = [arm[0] - share * side[0], arm[1] - share * side[1]];
+    off[0] * off[0] + off[1] * off[1]
+}
+
+/// A triangulation that gains points.
+struct Growing<'a> {
+    domain: &'a Domain<'a>,
+    chart: &'a Chart,
+    net: Net,
+    /// The point of each vertex, by the index of its handle.
+    points: Vec<u32>,
+    inner: Vec<Point3<f64>>,
+}
+
+/// A place to be given a point, by what asks for it: the ends of an edge, so that two triangles on its sides ask for one point.
+type Wanted = BTreeMap<[u32; 3], [f64; 2]>;
+
+impl Growing<'_> {
+    /// Puts points of the surface at places of the chart.
+    fn give(&mut self, places: impl IntoIterator<Item = [f64; 2]>) -> Result<(), &'static str> {
+        for [x, y] in places {
+            let handle = self.net.insert(Point2::new(x, y)).map_err(|_| "it leaves the range of numbers")?;
+            if handle.index() == self.points.len() {
+                self.points.push((self.domain.points.len() + self.inner.len()) as u32);
+                self.inner.push(self.chart.lift([x, y]));
+            }
+        }
+        Ok(())
+    }
+
+    fn place(&self, index: u32) -> Point3<f64> {
+        match (index as usize).checked_sub(self.domain.points.len()) {
+            Some(own) => self.inner[own],
+            None => self.domain.points[index as usize],
+        }
+    }
+
+    /// Puts points of the surface where triangles lie too far off it.
+    fn refine(&mut self) -> Result<(), &'static str> {
+        // Triangles that were found near enough, by their corners.
+        let mut near: BTreeSet<[u32; 3]> = BTreeSet::new();
+        for _ in 0..ROUNDS {
+            let wanted = self.wanted(&mut near);
+            if wanted.is_empty() {
+                return Ok(());
+            }
+            if self.net.num_inner_faces() + 2 * wanted.len() > self.domain.limit {
+                return Err("it takes too many triangles");
+            }
+            self.give(wanted.into_values())?;
+        }
+        Err("its triangles do not come near enough to the surface")
+    }
+
+    /// Where points are missing.
+    fn wanted(&self, near: &mut BTreeSet<[u32; 3]>) -> Wanted {
+        let inside = inside(&self.net);
+        let mut wanted = Wanted::new();
+        for face in self.net.inner_faces() {
             if !inside[face.fix().index()] {
                 continue;
             }
-            let names = face.vertices().map(|v| points[v.fix().index()]);
-            let corners = names.map(|name| place(name, inner));
-            if !is_off(domain, &corners) {
+            let names = face.vertices().map(|v| self.points[v.fix().index()]);
+            let mut key = names;
+            key.sort_unstable();
+            if near.contains(&key) {
+                continue;
+            }
+            let corners = names.map(|name| self.place(name));
+            let flat = face.vertices().map(|v| [v.position().x, v.position().y]);
+            // Between corners of a straight border there is nothing to divide.
+            if is_thin(&flat) {
                 continue;
             }
             let edges = face.adjacent_edges();
+            let fixed = [0, 1, 2].map(|i| {
+                let starts_here = edges.iter().find(|e| self.points[e.from().fix().index()] == names[i]);
+                starts_here.is_some_and(|edge| edge.is_constraint_edge())
+            });
+            if !self.is_off(&flat, &corners, fixed) {
+                near.insert(key);
+                continue;
+            }
             let longest = (0..3)
                 .filter(|e| !edges[*e].is_constraint_edge())
+                .filter(|e| {
+                    let beyond = edges[*e].rev().face().as_inner();
+                    beyond.is_none_or(|f| !is_thin(&f.vertices().map(|v| [v.position().x, v.position().y])))
+                })
                 .map(|e| {
-                    let ends = [edges[e].from(), edges[e].to()].map(|v| points[v.fix().index()]);
+                    let ends = [edges[e].from(), edges[e].to()].map(|v| self.points[v.fix().index()]);
                     let ends = [ends[0].min(ends[1]), ends[0].max(ends[1])];
                     let flat = [edges[e].from(), edges[e].to()].map(|v| v.position());
-                    (ends, ends.map(|name| place(name, inner)), flat)
+                    (ends, ends.map(|name| self.place(name)), flat)
                 })
                 .max_by(|a, b| (a.1[1] - a.1[0]).norm().total_cmp(&(b.1[1] - b.1[0]).norm()));
             let size = |[a, b]: [Point3<f64>; 2]| (b - a).norm();
@@ -172,41 +270,46 @@ fn refine(
                     ([ends[0], ends[1], u32::MAX], [0.5 * (p.x + q.x), 0.5 * (p.y + q.y)])
                 }
                 _ => {
-                    let mut key = names;
-                    key.sort_unstable();
                     let middle = face.center();
                     (key, [middle.x, middle.y])
                 }
             };
             wanted.insert(key, at);
         }
-        if wanted.is_empty() {
-            return Ok(());
-        }
-        if net.num_inner_faces() + 2 * wanted.len() > domain.limit {
-            return Err("it takes too many triangles");
-        }
-        for [x, y] in wanted.into_values() {
-            let handle = net.insert(Point2::new(x, y)).map_err(|_| "it leaves the range of numbers")?;
-            if handle.index() == points.len() {
-                points.push(count + inner.len() as u32);
-                inner.push(chart.lift([x, y]));
-            }
+        wanted
+    }
+
+    fn is_off(&self, flat: &[[f64; 2]; 3], corners: &[Point3<f64>; 3], fixed: [bool; 3]) -> bool {
+        match (self.domain.surface, self.chart.sheet()) {
+            (_, Some(sheet)) => sheet.is_off(flat, corners, fixed, self.domain.chord_mm),
+            (Surface::Element(shape), None) => is_off(shape, corners, fixed, self.domain.chord_mm),
+            (Surface::Free(_), None) => false,
         }
     }
-    Err("its triangles do not come near enough to the surface")
 }
 
-/// Whether a triangle lies too far off its surface, or spans too much of its curvature.
-fn is_off(domain: &Domain, corners: &[Point3<f64>; 3]) -> bool {
+/// Whether a triangle of a chart has hardly any height: a point put into it could come to lie on the border.
+fn is_thin([a, b, c]: &[[f64; 2]; 3]) -> bool {
+    let side = |a: &[f64; 2], b: &[f64; 2]| [b[0] - a[0], b[1] - a[1]];
+    let square = |s: [f64; 2]| s[0] * s[0] + s[1] * s[1];
+    let (ab, ac) = (side(a, b), side(a, c));
+    let longest = square(ab).max(square(ac)).max(square(side(b, c)));
+    (ab[0] * ac[1] - ab[1] * ac[0]).abs() < 1e-9 * longest
+}
+
+/// Whether a triangle lies too far off its surface, or spans too much of its curvature. Sides that are fixed (from each corner to the next) are edges
+/// of the solid: no more can be asked for than what they leave.
+fn is_off(shape: &CadShape, corners: &[Point3<f64>; 3], fixed: [bool; 3], chord_mm: f64) -> bool {
     let [a, b, c] = corners;
     let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
     let places = [middle, nalgebra::center(a, b), nalgebra::center(b, c), nalgebra::center(c, a)];
-    let own = corners.iter().map(|p| domain.shape.distance_mm(p).abs()).fold(0.0, f64::max);
-    let off = places.iter().map(|p| domain.shape.distance_mm(p).abs()).fold(0.0, f64::max);
-    let [n, m, o] = corners.map(|p| domain.shape.normal_at(&p));
+    let of_sides = (0..3).filter(|i| fixed[*i]).map(|i| places[i + 1]);
+    let own =
+        corners.iter().copied().chain(of_sides).map(|p| shape.distance_mm(&p).abs()).fold(0.0, f64::max);
+    let off = places.iter().map(|p| shape.distance_mm(p).abs()).fold(0.0, f64::max);
+    let [n, m, o] = corners.map(|p| shape.normal_at(&p));
     let zero = |v: &nalgebra::Vector3<f64>| v.norm_squared() < 0.5;
     let bent = !(zero(&n) || zero(&m) || zero(&o))
         && (n.dot(&m) < BEND_COSINE || m.dot(&o) < BEND_COSINE || o.dot(&n) < BEND_COSINE);
-    off > domain.chord_mm.max(1.01 * own) || bent
+    off > chord_mm.max(1.01 * own) || bent
 }

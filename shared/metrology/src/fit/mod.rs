@@ -22,6 +22,7 @@ mod contour;
 mod correlation;
 mod cylinder;
 mod derived;
+mod elimination;
 mod error;
 mod exchange;
 mod extremal;
@@ -54,8 +55,8 @@ pub use derived::{
     Derived, DirectionAngles, centre_distance_mm, direction_angles, height_mm, plane_angle_rad,
     plane_distance_mm, sphere_height_mm,
 };
+pub(crate) use elimination::solve_square;
 pub use error::{COORDINATE_LIMIT_MM, FitError};
-pub(crate) use extremal::solve_square;
 pub use extremal::{Side, Touching, touching_circle, touching_cylinder, touching_sphere};
 pub use form::{Form, Residuals};
 pub(crate) use fringe::math::linear::eigen_fixed as eigen;

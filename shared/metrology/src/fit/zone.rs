@@ -12,8 +12,8 @@ use super::FitError;
 use super::adjust::{Model, singular};
 use super::axis::Axis;
 use super::centred::Centred;
+use super::elimination::solve_square;
 use super::exchange::{Levelled, Row, chebyshev};
-use super::extremal::solve_square;
 
 /// Most linearisations; from a least-squares start three to six are needed.
 const MAX_ROUNDS: usize = 60;

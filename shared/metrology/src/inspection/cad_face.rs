@@ -14,7 +14,39 @@ pub type CadParts = BTreeMap<String, Vec<CadFeature>>;
 /// Elements that a message lists.
 const MOST_LISTED: usize = 12;
 
-/// The geometry of the face that an element names, by its number (`#123`) or its name.
+/// What an element names: the number (`#123`) or the name of a face, and which instance of its solid (`#123@2`), counted from 1.
+struct Wanted<'a> {
+    number: Option<u64>,
+    name: &'a str,
+    instance: Option<usize>,
+}
+
+impl<'a> Wanted<'a> {
+    fn of(face: &'a str, features: &[CadFeature]) -> Self {
+        // A name may have an at sign itself.
+        let is_name = features.iter().any(|f| f.names.iter().any(|n| n == face));
+        let split = face.rsplit_once('@').filter(|_| !is_name);
+        let counted = split.and_then(|(name, count)| count.parse().ok().map(|count| (name, Some(count))));
+        let (name, instance) = counted.unwrap_or((face, None));
+        Self { number: name.strip_prefix('#').and_then(|digits| digits.parse().ok()), name, instance }
+    }
+
+    fn fits(&self, feature: &CadFeature) -> bool {
+        let face = match self.number {
+            Some(id) => feature.faces.contains(&id),
+            None => feature.names.iter().any(|name| name == self.name),
+        };
+        face && self.instance.is_none_or(|count| feature.instance.unwrap_or(1) == count)
+    }
+}
+
+/// The number of an element's first face, and its instance where there are several.
+fn label(feature: &CadFeature) -> String {
+    let instance = feature.instance.map(|count| format!("@{count}")).unwrap_or_default();
+    format!("#{}{instance}", feature.faces[0])
+}
+
+/// The geometry of the face that an element names, by its number (`#123`) or its name; of an instance by `@2` after it.
 pub(super) fn cad_face(raw: &RawCadFace, cad: &CadParts, place: &Within) -> Result<Geometry, PlanError> {
     let features = cad.get(&raw.file).ok_or_else(|| {
         place.refuse(format!(
@@ -22,17 +54,16 @@ pub(super) fn cad_face(raw: &RawCadFace, cad: &CadParts, place: &Within) -> Resu
             raw.file
         ))
     })?;
-    let number = raw.face.strip_prefix('#').and_then(|digits| digits.parse::<u64>().ok());
-    let fits = |feature: &&CadFeature| match number {
-        Some(id) => feature.faces.contains(&id),
-        None => feature.names.contains(&raw.face),
-    };
-    let mut found = features.iter().filter(fits);
+    let wanted = Wanted::of(&raw.face, features);
+    let mut found = features.iter().filter(|feature| wanted.fits(feature));
     match (found.next(), found.next()) {
         (Some(feature), None) => inset(&feature.geometry, raw.inset_mm, place),
         (Some(one), Some(two)) => Err(place.refuse(format!(
-            "face = \"{}\" is the name of several elements of {}, such as #{} and #{}: give the number of the one that is meant",
-            raw.face, raw.file, one.faces[0], two.faces[0]
+            "face = \"{}\" stands for several elements of {}, such as {} and {}: give the one that is meant",
+            raw.face,
+            raw.file,
+            label(one),
+            label(two)
         ))),
         (None, _) => Err(place.refuse(format!(
             "face = \"{}\" is no plane, cylinder, cone, sphere or torus of {}; it has {}",
@@ -47,7 +78,7 @@ pub(super) fn cad_face(raw: &RawCadFace, cad: &CadParts, place: &Within) -> Resu
 fn listed(features: &[CadFeature]) -> String {
     let one = |feature: &CadFeature| {
         let name = feature.names.first().map(|n| format!(" \"{n}\"")).unwrap_or_default();
-        format!("#{}{name} ({})", feature.faces[0], feature.geometry.kind())
+        format!("{}{name} ({})", label(feature), feature.geometry.kind())
     };
     let first: Vec<String> = features.iter().take(MOST_LISTED).map(one).collect();
     match features.len().saturating_sub(MOST_LISTED) {
@@ -108,6 +139,7 @@ mod tests {
             area_mm2: 1.0,
             internal: true,
             triangles: Vec::new(),
+            instance: None,
         };
         let ball = Geometry::Sphere {
             center_mm: Point3::origin(),

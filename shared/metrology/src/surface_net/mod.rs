@@ -4,12 +4,13 @@
 //! of c. On a grid the sign of that mean changes from corner to corner where the surface passes. Each cell that it passes gets a vertex,
 //! each edge of the grid that it crosses a square between the four cells around it (surface nets: Gibson, Constrained elastic surface nets,
 //! MICCAI 1998). Skins of several views over each other become one. Vertices then move onto a paraboloid through the points around
-//! them, for a mean of planes lies beside a curved surface.
+//! them, for a mean of planes lies beside a curved surface. Edges that four triangles share are drawn together ([`manifold`]).
 //!
 //! Points are visited in their order and cells in that of their numbers: the same cloud gives the same mesh.
 
 mod check;
 mod field;
+mod manifold;
 mod openings;
 #[cfg(test)]
 mod tests;
@@ -54,6 +55,14 @@ pub enum NetError {
         given: usize,
         /// Edge of a cell, mm.
         cell_mm: f64,
+    },
+    /// Points that say nothing about how far apart points are.
+    #[error(
+        "{given} points lie in one place; a mesh needs a surface: take more points, or a smaller --decimate"
+    )]
+    OnePlace {
+        /// Points of the cloud.
+        given: usize,
     },
     /// Each point would stand alone.
     #[error(
@@ -103,6 +112,9 @@ impl SurfaceNet {
         let tree = PointTree::new(&positions);
         let spacing_mm = tree.spacing_mm();
         let cell_mm = cell_mm.unwrap_or(CELL_SPACINGS * spacing_mm);
+        if spacing_mm <= 0.0 {
+            return Err(NetError::OnePlace { given: points.len() });
+        }
         if cell_mm < spacing_mm {
             return Err(NetError::Sparse { cell_mm, spacing_mm });
         }
@@ -119,6 +131,7 @@ impl SurfaceNet {
             }
         }
         let triangles = triangles(&crossings, &numbers, &corners);
+        let (corners, triangles) = manifold::manifold((corners, triangles));
         let net = Self { corners, triangles, cell_mm }.without_loose_corners();
         if net.triangles.is_empty() {
             return Err(NetError::Empty { given: points.len(), cell_mm });

@@ -104,3 +104,37 @@ fn what_is_no_surface_is_refused() {
     let twins = vec![points[0]; 100];
     assert!(SurfaceNet::new(&twins, None).is_err(), "all points in one place");
 }
+
+/// Two plates that cross, and noise: the surface passes corners of the grid in every way; still no edge has more than two triangles.
+#[test]
+fn no_edge_has_more_than_two_triangles() {
+    let mut points = plate(|_, _| false);
+    for (index, p) in points.iter_mut().enumerate() {
+        p.position_mm[2] += 0.15 * math::sin(index as f64 * 12.9898 * 37.0) + 0.05 * p.position_mm[0];
+    }
+    let raw = {
+        let crossings = Field::new(&points, 0.3).unwrap().crossings();
+        let cells = vertices(&crossings);
+        let numbers = cells.iter().zip(0..).map(|((cell, _), number)| (*cell, number)).collect();
+        let corners: Vec<Point3<f64>> = cells.iter().map(|(_, at)| *at).collect();
+        triangles(&crossings, &numbers, &corners)
+    };
+    assert!(!manifold::crowded_edges(&raw).is_empty(), "the case is there");
+    let net = SurfaceNet::new(&points, Some(0.3)).unwrap();
+    assert!(manifold::crowded_edges(&net.triangles).is_empty());
+    let mut sides: Vec<[u32; 2]> =
+        net.triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]).collect();
+    sides.sort_unstable();
+    assert!(sides.windows(2).all(|pair| pair[0] != pair[1]), "neighbours face the same way");
+    let check = NetCheck::of(&net, &points).unwrap();
+    assert!(check.within_95_mm < 0.2, "{check:?}");
+}
+
+#[test]
+fn points_in_one_place_are_refused() {
+    let one = point([1.0, 2.0, 3.0], Vector3::z());
+    for points in [vec![one], vec![one; 5]] {
+        let error = SurfaceNet::new(&points, None).unwrap_err();
+        assert_eq!(error, NetError::OnePlace { given: points.len() });
+    }
+}

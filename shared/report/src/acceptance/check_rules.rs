@@ -1,6 +1,6 @@
 //! What a result must say that names a rule set of this program: the rules are known, so they are held against it.
 
-use super::check::{AcceptanceReportError, Checked};
+use super::error::{AcceptanceReportError, Checked};
 use files::acceptance_file::bundled_rules;
 use metrology::acceptance::{
     Characteristic, CharacteristicRule, Kind, RuleSet, Statistic, TestReport, decision_words,

@@ -98,7 +98,9 @@ fn characteristics(report: &TestReport) -> Vec<Block<'_>> {
             Cell::bold(judgement(one), tone_of(one.verdict)),
         ]
     };
-    let rows = report.characteristics.iter().map(row).collect();
+    let mut rows: Vec<_> = report.characteristics.iter().map(row).collect();
+    let forms = report.characteristics.iter().rposition(|one| one.symbol.starts_with("PF"));
+    rows.insert(forms.map_or(rows.len(), |last| last + 1), resolution(report));
     vec![
         Block::Heading("Characteristics".to_owned()),
         Block::Table(Table { columns, rows }),
@@ -108,6 +110,27 @@ fn characteristics(report: &TestReport) -> Vec<Block<'_>> {
              and its use; it is no measure of the system's performance."
                 .to_owned(),
         ),
+    ]
+}
+
+/// The row beside the probing form: a form is bought with detail wherever points are smoothed.
+fn resolution(report: &TestReport) -> Vec<Cell> {
+    let stated = report.lateral_resolution.as_ref();
+    let definition = stated.map_or_else(
+        || "not stated; a form error without it does not tell how much was smoothed".to_owned(),
+        |found| format!("10 to 90 % of a straight step; {}", found.source),
+    );
+    let length = |mm: Option<f64>| mm.map_or_else(|| NONE.to_owned(), |mm| fixed(mm, 2));
+    let hidden = stated.and_then(|found| found.hidden_step_mm);
+    let hidden = hidden.map_or_else(String::new, |mm| format!("{} of a step within the noise", fixed(mm, 2)));
+    vec![
+        Cell::plain("Resolution"),
+        Cell::plain("lateral resolution").with_detail(&definition),
+        Cell::bold(length(stated.map(|found| found.step_mm)), Tone::Ink).with_detail(&hidden),
+        Cell::plain(""),
+        Cell::plain(NONE),
+        Cell::plain(NONE),
+        Cell::plain(""),
     ]
 }
 

@@ -1,6 +1,6 @@
 //! The master: JSON with its format first.
 
-use super::check::AcceptanceReportError;
+use super::error::AcceptanceReportError;
 use files::atomic;
 use files::document::read_text;
 use files::error::{FileError, Problem};

@@ -13,6 +13,7 @@ mod csv;
 mod dcc;
 mod dfq;
 pub(crate) mod drawing;
+mod error;
 mod groups;
 pub(crate) mod html;
 mod master;
@@ -25,7 +26,8 @@ pub(crate) mod words;
 pub(crate) mod xml;
 
 pub(crate) use chart::tone_of;
-pub use check::{AcceptanceReportError, check};
+pub use check::check;
+pub use error::AcceptanceReportError;
 pub use master::{FORMAT, master_text, read_master, write_master};
 pub use rig_dcc::render_rig;
 

@@ -125,6 +125,27 @@ fn scatter_is_as_predicted(cube: &Cube, sides: fn(usize) -> Vec<usize>, settings
     let (square, freedom) = chi_square(&errors(&cube.world, &found), &found.covariance);
     let (mean, half) = (freedom as f64, 3.3 * (2.0 * freedom as f64).sqrt());
     assert!((square - mean).abs() < half, "χ² {square:.0} of {freedom} degrees, interval ± {half:.0}");
+    faces_are_where_they_are(cube, &found);
+}
+
+/// The places that a calibration states of the faces that it adjusts, against the true ones: all relative to the first face.
+fn faces_are_where_they_are(cube: &Cube, found: &Calibration) {
+    let middle = Point3::new(32.0, 28.0, 0.0);
+    for (number, face) in found.faces.iter().enumerate().filter(|(_, face)| face.adjusted) {
+        let [declared, truth] =
+            [cube.declared[number].target_from_face, cube.faces[number]].map(|place| place * middle);
+        let stated = Point3::from(face.middle_mm);
+        let (off, was) = ((stated - truth).norm(), (declared - truth).norm());
+        assert!(off < 0.2 * was, "{}: {off} mm from the truth, declared {was} mm from it", face.name);
+        assert!(((stated - declared).norm() - face.shift_mm).abs() < 1e-9);
+        let turned = cube.faces[number].rotation.angle_to(&cube.declared[number].target_from_face.rotation);
+        assert!(
+            (face.turn_rad - turned).abs() < 0.2 * turned,
+            "{}: {} rad, truth {turned}",
+            face.name,
+            face.turn_rad
+        );
+    }
 }
 
 /// Proves: eight cameras are calibrated together from poses that only two sides see at a time, each another face, although the faces are

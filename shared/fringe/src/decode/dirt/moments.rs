@@ -5,8 +5,9 @@
 //! reflectance of the part adds to all of them. If one frame is wrong, the others alone follow that, and its covariances with them
 //! tell its contrast and its step.
 
+use super::finding::Fault;
+use super::rows::{BLACK, BLURRED, MOVED_RAD};
 use super::samples::Samples;
-use super::{BLACK, BLURRED, Fault, MOVED_RAD};
 use crate::math::{atan2, sincos, wrap_rad};
 use nalgebra::{Matrix2, Vector2};
 

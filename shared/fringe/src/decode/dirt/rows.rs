@@ -1,13 +1,55 @@
 //! What the columns that all pixels share tell of the frames, and the weights that follow.
 
-use super::FrameRow;
 use super::columns::{Column, dot, solver, times};
+use super::finding::Fault;
 use crate::decode::limits::MAX_STEPS;
 use crate::wrapped::LeastSquares;
 use nalgebra::{Matrix3, Vector3};
 
+/// A frame with less than this level and contrast is black.
+pub(super) const BLACK: f64 = 0.1;
+/// A frame with less contrast than this is blurred.
+pub(super) const BLURRED: f64 = 0.75;
+/// A frame whose step is off by more has moved, rad.
+pub(super) const MOVED_RAD: f64 = 0.3;
+/// A frame that leaves so many times what the others leave …
+const STRANGE: f64 = 4.0;
+/// … and this share of the level shows something else.
+const STRANGE_LEVEL: f64 = 0.03;
 /// Rounds in which the factors of the frames settle.
 const ROUNDS: usize = 30;
+
+/// What one row tells of its frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct FrameRow {
+    /// Level over that of most frames.
+    pub level: f64,
+    /// Contrast over that of most frames.
+    pub contrast: f64,
+    /// Step less the nominal one, rad.
+    pub off_rad: f64,
+    /// Residual over the level that three quarters of the pixels stay below.
+    pub left: f64,
+    /// The same of most frames.
+    pub usual: f64,
+}
+
+impl FrameRow {
+    /// The fault that the row shows, if any.
+    pub fn fault(&self) -> Option<Fault> {
+        if self.level < BLACK && self.contrast < BLACK {
+            Some(Fault::Black)
+        } else if self.contrast < BLURRED * self.level.max(BLACK) {
+            Some(Fault::Blurred(self.contrast))
+        } else if self.off_rad.abs() > MOVED_RAD {
+            Some(Fault::Moved(self.off_rad))
+        } else if self.left > STRANGE * self.usual && self.left > STRANGE_LEVEL {
+            Some(Fault::Strange)
+        } else {
+            None
+        }
+    }
+}
 
 /// Frames as rows of three columns.
 pub(super) struct Rows {

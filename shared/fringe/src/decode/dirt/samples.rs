@@ -3,14 +3,30 @@
 // The sums of a set live on the stack: a warm decoder allocates nothing.
 #![allow(clippy::large_stack_arrays)]
 
-use super::Look;
 use super::columns::{Column, nominal_columns, solver};
 use crate::decode::limits::MAX_STEPS;
-use crate::decode::noise::gcd;
+use crate::decode::noise_estimate::gcd;
 use crate::decode::roles::{SineKind, SinePlan};
 use crate::decode::spectrum::{SIDE, Side};
 use crate::math::simd::vectorised;
 use fearless_simd::Level;
+
+/// What the inspection needs to know of the pixels.
+#[derive(Debug, Clone, Copy)]
+pub struct Look<'a> {
+    /// Pixels that are asked.
+    pub positions: &'a [usize],
+    /// Columns of the image, px.
+    pub width: usize,
+    /// Pixels of the image.
+    pub pixels: usize,
+    /// Their grey values in the frames of the set, step after step, DN.
+    pub values: &'a [u16],
+    /// Pixels with less modulation are dark, DN.
+    pub least_modulation_dn: f64,
+    /// Grey value from which a pixel is clipped, DN.
+    pub clipped_dn: u16,
+}
 
 /// Most pixels that are asked.
 const MOST: usize = 8192;

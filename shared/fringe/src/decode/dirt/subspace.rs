@@ -4,15 +4,21 @@
 #![allow(clippy::large_stack_arrays)]
 
 use super::columns::{Column, dot, nominal_columns, solver, times};
+use super::rows::FrameRow;
 use super::rows::Rows;
 use super::samples::Samples;
-use super::{FLICKER, FrameRow, MOST_FLICKER, STANDING_FLICKER};
 use crate::decode::limits::MAX_STEPS;
 use crate::decode::spectrum::{SIDE, Side};
 use crate::math::simd::vectorised;
 use crate::math::{atan2, wrap_rad};
 use nalgebra::{Matrix3, Vector3};
 
+/// Levels of the frames that differ by more are a changing light.
+const FLICKER: f64 = 0.05;
+/// A fringe that stands still in the level is a changing light by itself from this size on.
+const STANDING_FLICKER: f64 = 0.03;
+/// Levels that differ by more are no changing light.
+const MOST_FLICKER: f64 = 0.5;
 /// Rounds of the iteration: what is not of the three columns loses its share of the power each time.
 const ROUNDS: usize = 24;
 /// Tiles along each side in which the mean over the fringes is taken.

@@ -5,7 +5,7 @@
 //! tried, and the one that explains the frames is named. Whether a sequence can prove all of them is known before any frame is
 //! taken ([`prove`]).
 
-mod event;
+pub(super) mod event;
 mod proof;
 mod templates;
 
@@ -16,10 +16,8 @@ use super::error::DecodeError;
 use crate::frame::FrameView;
 use crate::pattern::{Axis, PatternSet};
 use serde::Serialize;
-use templates::{Arrangement, Templates};
+use templates::{Arrangement, SUSPECT, Templates, has_check};
 
-/// A frame is looked at more closely where this share of its variation is unexplained.
-const SUSPECT: f32 = 0.05;
 /// From this share on a frame does not show its pattern, whatever else it shows.
 const FOREIGN: f32 = 0.08;
 /// An event must leave so much less unexplained of the worst frame.
@@ -170,11 +168,6 @@ impl Identity {
         }
         best.filter(|(gain, _)| *gain > 0.0).map(|(_, event)| event)
     }
-}
-
-/// Whether a sequence has a check.
-pub(super) fn has_check(sequence: &[PatternSet]) -> bool {
-    sequence.iter().any(|set| matches!(set, PatternSet::Check { .. }))
 }
 
 /// Mean over the pixels of what each row leaves unexplained.

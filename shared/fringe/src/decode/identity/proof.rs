@@ -1,8 +1,7 @@
 //! Whether the frames of a sequence can prove their order, known before any frame is taken.
 
 use super::event::OrderEvent;
-use super::templates::{Arrangement, Templates};
-use super::{SUSPECT, has_check};
+use super::templates::{Arrangement, SUSPECT, Templates, has_check};
 use crate::decode::error::DecodeError;
 use crate::math::random::Key;
 use crate::pattern::{Axis, PatternSet, frame_count};

@@ -3,6 +3,8 @@
 use super::event::OrderEvent;
 use crate::pattern::{Axis, PatternSet};
 
+/// A frame is looked at more closely where this share of its variation is unexplained.
+pub(super) const SUSPECT: f32 = 0.05;
 /// Edges of stripes are blurred by so many projector pixels to either side.
 const BLUR_PX: i32 = 1;
 /// Fewest frames of a group that tell anything beside their background and contrast.
@@ -223,4 +225,9 @@ impl Templates {
         }
         misfit
     }
+}
+
+/// Whether a sequence has a check.
+pub fn has_check(sequence: &[PatternSet]) -> bool {
+    sequence.iter().any(|set| matches!(set, PatternSet::Check { .. }))
 }

@@ -1,6 +1,7 @@
 //! The footprint: found from the frames, its bias removed, steps left alone.
 
-use super::super::footprint::{Footprint, Line, Reflectance};
+use super::super::contrast_bins::Reflectance;
+use super::super::footprint::{Footprint, Line};
 use super::super::rasters::Rasters;
 use super::super::roles::Levels;
 use crate::math::simd::best_level;

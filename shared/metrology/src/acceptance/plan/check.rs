@@ -63,6 +63,9 @@ impl TestPlan {
         if !not_negative(conditions.u_temperature_k) {
             return place("conditions", "u_temperature_k", conditions.u_temperature_k, "0 or more");
         }
+        if let Some(length) = conditions.lateral_resolution_mm.filter(|length| !positive(*length)) {
+            return place("conditions", "lateral_resolution_mm", length, "above 0 mm");
+        }
         let zero = [("u_temperature_k", conditions.u_temperature_k, LEAST_U_K)];
         check_zeros("conditions", &zero, conditions.zero_reason.as_deref())?;
         if !(not_negative(decision.guard_factor) && decision.guard_factor <= 10.0) {

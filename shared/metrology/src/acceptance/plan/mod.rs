@@ -123,6 +123,10 @@ pub struct Conditions {
     pub simulated: bool,
     /// How long the system was on.
     pub warm_up: Option<String>,
+    /// Length over which a cloud goes from 10 to 90 % of the height of a straight edge, mm, as the operator found it. Stated beside the
+    /// probing form, since smoothing buys the one with the other.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lateral_resolution_mm: Option<f64>,
 }
 
 /// Edges of the measuring volumes, mm.

@@ -37,6 +37,25 @@ fn the_master_comes_back_digit_by_digit_and_gives_the_same_bytes_of_all_formats(
     }
 }
 
+/// A form error is read beside what was smoothed for it; where nobody states that, the report does.
+#[test]
+fn the_lateral_resolution_stands_below_the_probing_form() {
+    let row = |report: &TestReport| {
+        let document = content::document(report, "");
+        let Some(blocks::Block::Table(table)) = document.blocks.get(1) else { unreachable!("a table") };
+        let at = |symbol: &str| table.rows.iter().position(|row| row[0].text == symbol).unwrap();
+        assert_eq!(at("Resolution"), at("PF_sigma") + 1);
+        let cells = &table.rows[at("Resolution")];
+        (cells[1].detail.clone(), cells[2].text.clone(), cells[2].detail.clone())
+    };
+    let mut report = report();
+    let (definition, step, hidden) = row(&report);
+    assert_eq!((step.as_str(), hidden.as_str()), ("0.36", "0.46 of a step within the noise"));
+    assert!(definition.contains("computed"), "{definition}");
+    report.lateral_resolution = None;
+    assert!(row(&report).0.starts_with("not stated"));
+}
+
 #[test]
 fn a_standard_without_edition_is_refused() {
     let refused = |change: &dyn Fn(&mut RuleSetId), key: &str| {

@@ -1,7 +1,8 @@
 //! Reports to write: complete, reduced, and with hostile texts.
 
 use metrology::acceptance::{
-    ArtefactRecord, Characteristic, Input, PositionValue, RuleSetId, TestReport, Violation, Volume,
+    ArtefactRecord, Characteristic, Input, LateralResolution, PositionValue, RuleSetId, TestReport,
+    Violation, Volume,
 };
 use metrology::verdict::Verdict;
 
@@ -131,6 +132,11 @@ pub(super) fn report() -> TestReport {
             ("Rig file (SHA-256)".into(), "7d0a5f3bb2c96a9d41c2".into()),
             ("Software".into(), "fringecell 0.1.0".into()),
         ],
+        lateral_resolution: Some(LateralResolution {
+            step_mm: 0.358,
+            hidden_step_mm: Some(0.457),
+            source: "computed".into(),
+        }),
         sensor_volume: Volume::new([150.0, 120.0, 80.0]),
         total_volume: Volume::new([150.0, 120.0, 100.0]),
         artefacts: artefacts(),

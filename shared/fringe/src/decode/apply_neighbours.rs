@@ -1,11 +1,13 @@
 //! The last step of `finish`: corrections are applied, states become the validity mask, and everything is counted.
 
+use super::block::sum;
 use super::block::{BLOCK, Tally, state};
 use super::bounce::Bounced;
 use super::continuity::Continuity;
 use super::identity::FrameOrder;
 use super::neighbours::{ASKED, Field, MASK};
-use super::report::{DecodeReport, NoiseModel};
+use super::noise_model::NoiseModel;
+use super::report::DecodeReport;
 use super::roles::AxisPlan;
 use super::sensor_test::SensorTest;
 use crate::math::simd::vectorised;
@@ -132,12 +134,6 @@ impl Verdicts {
             ignored,
         }
     }
-}
-
-/// Sum of two counts, for a parallel reduction.
-pub fn sum<T: AddAssign>(mut a: T, b: T) -> T {
-    a += b;
-    a
 }
 
 fn apply_one(

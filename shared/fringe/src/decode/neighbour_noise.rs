@@ -15,11 +15,11 @@
 //! interpolated, lossy compression) is underestimated.
 //!
 //! The residuals of many steps hold more than noise: harmonics that differ from place to place, light that flickers. Where pixels some distance
-//! apart scatter less than they tell, the scatter counts ([`super::noise::Probe::lessen`]).
+//! apart scatter less than they tell, the scatter counts ([`super::noise_estimate::Probe::lessen`]).
 
 use super::arctan::angle_positive_rad;
 use super::block::{BLOCK, state};
-use super::noise::Sample;
+use super::noise_line::Sample;
 use super::rasters::Rasters;
 use super::roles::{CodePlan, Reference};
 use super::sums::{BlockSums, Clipping, Sums};

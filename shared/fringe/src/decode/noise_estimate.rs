@@ -6,8 +6,8 @@
 //! of the rest against the background A is a straight line, read² + gain · A: for equally spaced steps every frame has
 //! the same leverage 3/N, so the mean of the residual variance is exact for shot noise too.
 
-use super::noise_line::{Bin, line, robust_mean};
-use super::report::{NoiseModel, NoiseSource};
+use super::noise_line::{BINS, Bin, Sample, line, robust_mean};
+use super::noise_model::{NoiseModel, NoiseSource};
 use super::roles::SinePlan;
 use super::spectrum::{SIDE, Side, Spectrum};
 
@@ -23,22 +23,10 @@ const SCATTER_SAMPLES: usize = 4096;
 const LESS: f64 = 0.81;
 /// Standard uncertainties of the scatter that leave no doubt.
 const CERTAIN: f64 = 3.0;
-/// Bins over the background.
-pub(super) const BINS: usize = 16;
-/// Variance of the rounding to whole DN.
-pub const QUANTISATION_DN2: f64 = 1.0 / 12.0;
 /// Fewest steps whose residuals give the noise: with four there is one residual, and the second harmonic owns it.
 pub(super) const LEAST_STEPS: usize = 5;
 /// Fewest steps that leave a residual at all, which shows frames out of order.
 pub(super) const FEWEST_STEPS: usize = 4;
-
-/// A residual variance at a background level.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Sample {
-    pub background_dn: f64,
-    pub variance_dn2: f64,
-    pub freedom: f64,
-}
 
 /// A sparse, fixed subset of the pixels, for one axis, and what was found there.
 #[derive(Debug)]

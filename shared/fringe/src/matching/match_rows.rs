@@ -1,13 +1,13 @@
 //! The work on one part of the rows: coarse search, uniqueness, fine solution.
 
-use super::beside::{Batch, Depths, LANES, depths_beside, step_beside};
 use super::epipolar_rows::{Row, StepLimits};
 use super::report::{MatchReport, PART_ROWS};
 use super::settings::MatchSettings;
 use super::subpixel::{Crossing, MAX_SHIFT_PX, RightPhase, solve};
+use super::subpixel_lanes::{Batch, Depths, LANES, depths_beside, step_beside};
 use crate::math::simd::vectorised;
 use crate::phase::PhaseView;
-use crate::rectify::{Rectification, RectifiedGrid};
+use crate::rectify::{Directions, Rectification, RectifiedGrid};
 use crate::surface::{Cause, Sample};
 use fearless_simd::Level;
 
@@ -61,6 +61,8 @@ const SAME_PLACE_PX: f64 = 1.0;
 
 /// A coarse place in the right row.
 struct Coarse {
+    /// Rectified coordinates of the left pixel.
+    place: [f64; 2],
     /// Rectified abscissa of the pixel.
     x: f64,
     /// How far the fine place may be from it, px.
@@ -79,7 +81,7 @@ pub(super) struct Scan<'a> {
     pub right_grid: &'a RectifiedGrid,
     pub left_phase: &'a [f32],
     pub right_phase: RightPhase<'a>,
-    pub directions: &'a [[f64; 2]],
+    pub directions: &'a Directions,
     /// First left pixel of each rectified row, in their order.
     pub row_starts: &'a [usize],
     pub left: PhaseView<'a>,
@@ -112,7 +114,7 @@ impl Scan<'_> {
                 }
                 task.report.valid += 1;
                 match self.coarse((pixel, row), phase, task) {
-                    Ok(found) => self.put(&mut first, (index, pixel, phase), &found),
+                    Ok(found) => put(&mut first, (index, pixel, phase), &found),
                     Err(miss) => {
                         hits[index] = Sample::without(miss.cause());
                         task.report.count(miss.cause());
@@ -125,15 +127,6 @@ impl Scan<'_> {
         }
         self.settle(&mut first, Some(&mut second), hits, &mut task.report);
         self.settle(&mut second, None, hits, &mut task.report);
-    }
-
-    fn put(&self, batch: &mut Batch, (hit, pixel, phase): (usize, usize, f32), found: &Coarse) {
-        let l = batch.count;
-        (batch.hit[l], batch.pixel[l], batch.wanted[l]) = (hit, pixel, phase);
-        (batch.coarse[l], batch.search_px[l], batch.limits[l]) = (found.x, found.search_px, found.limits);
-        [batch.left_x[l], batch.y[l]] = self.directions[pixel];
-        (batch.x[l], batch.sigma_rad[l]) = (found.x, found.sigma_rad);
-        batch.count += 1;
     }
 
     /// One evaluation of a batch, which is then empty. Pixels that need another one go to `next`; the general way solves those that have had
@@ -222,7 +215,7 @@ impl Scan<'_> {
     /// The coarse place of a left pixel in the right row.
     #[inline(always)]
     fn coarse(&self, (pixel, row): (usize, usize), phase: f32, task: &mut Task) -> Result<Coarse, Miss> {
-        let [x, y] = self.directions[pixel];
+        let [x, y] = self.directions.at(pixel);
         let limits = self.disparity_limits(x, y);
         let allowed = |left: f64, right: f64| (limits[0]..=limits[1]).contains(&(left - right));
         let tolerance = self.settings.left_right_tolerance_px;
@@ -269,12 +262,12 @@ impl Scan<'_> {
         let sigma_rad = f64::from(self.left.sigma_rad[pixel]);
         let noise_px = SEARCH_SIGMAS * sigma_rad * cells_per_rad;
         let search_px = MAX_SHIFT_PX + if noise_px < MAX_SEARCH_PX { noise_px } else { MAX_SEARCH_PX };
-        Ok(Coarse { x: coarse, search_px, limits, sigma_rad })
+        Ok(Coarse { place: [x, y], x: coarse, search_px, limits, sigma_rad })
     }
 
     /// The inverse depth of a left pixel from its crossing.
     fn sample(&self, pixel: usize, crossing: &Crossing, limits: [f64; 2]) -> Result<Sample, Miss> {
-        let x = self.directions[pixel][0];
+        let [x, _] = self.directions.at(pixel);
         let Crossing { x: place, slope, variance, pixel: right, .. } = *crossing;
         let sigma_left = f64::from(self.left.sigma_rad[pixel]);
         let (own, both) = (sigma_left * sigma_left, sigma_left * sigma_left + variance);
@@ -312,4 +305,14 @@ impl Scan<'_> {
         let share = m[(2, 0)] * x + m[(2, 1)] * y + m[(2, 2)];
         [share * least, share * most]
     }
+}
+
+/// Adds a pixel to a batch, with what the search found.
+fn put(batch: &mut Batch, (hit, pixel, phase): (usize, usize, f32), found: &Coarse) {
+    let l = batch.count;
+    (batch.hit[l], batch.pixel[l], batch.wanted[l]) = (hit, pixel, phase);
+    (batch.coarse[l], batch.search_px[l], batch.limits[l]) = (found.x, found.search_px, found.limits);
+    [batch.left_x[l], batch.y[l]] = found.place;
+    (batch.x[l], batch.sigma_rad[l]) = (found.x, found.sigma_rad);
+    batch.count += 1;
 }
