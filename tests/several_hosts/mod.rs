@@ -1,5 +1,7 @@
 //! A cell on several computers: hosts of their own runtime folders on one machine, joined by iceoryx2's link over TCP.
 
+#[path = "../../shared/ipc/tests/late/mod.rs"]
+mod late;
 mod network;
 mod plans;
 

@@ -1,12 +1,10 @@
 //! Hosts in network namespaces of their own, joined by cables that can be pulled. They need root.
 
-use super::{Cell, HOSTS, Host, check_hashes};
+use super::{Cell, HOSTS, Host, check_hashes, late};
 use crate::running::{Dice, text, wait};
-use std::io::{Read as _, Write as _};
-use std::net::{Shutdown, TcpListener, TcpStream};
+use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::sync_channel;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Network namespaces joined by pairs of virtual cables, the first one in the middle. They need root.
 struct Network {
@@ -125,6 +123,14 @@ struct Slow {
     stop: Duration,
 }
 
+impl Slow {
+    /// How much later the next piece arrives.
+    fn next(&self, dice: &mut Dice) -> Duration {
+        let stop = if dice.below(self.one_of) == 0 { self.stop } else { Duration::ZERO };
+        self.delay + Duration::from_millis(dice.below(self.scatter_ms + 1)) + stop
+    }
+}
+
 #[test]
 #[ignore = "is the program between both ends of a cable: the tests of namespaces start it"]
 fn relay() {
@@ -141,34 +147,10 @@ fn relay() {
         };
         for (seed, from, to) in [(3, &near, &far), (5, &far, &near)] {
             to.set_nodelay(true).unwrap();
-            carry(seed, from.try_clone().unwrap(), to.try_clone().unwrap(), slow);
+            let mut dice = Dice(seed);
+            late::carry(from.try_clone().unwrap(), to.try_clone().unwrap(), move || slow.next(&mut dice));
         }
     }
-}
-
-/// One direction of a connection: what is read is written later, in order.
-fn carry(seed: u64, mut from: TcpStream, mut to: TcpStream, slow: Slow) {
-    let (sender, waiting) = sync_channel::<(Instant, Vec<u8>)>(4096);
-    std::thread::spawn(move || {
-        let (mut dice, mut bytes) = (Dice(seed), vec![0; 1 << 14]);
-        while let Ok(count @ 1..) = from.read(&mut bytes) {
-            let scatter = Duration::from_millis(dice.below(slow.scatter_ms + 1));
-            let stop = if dice.below(slow.one_of) == 0 { slow.stop } else { Duration::ZERO };
-            let due = Instant::now() + slow.delay + scatter + stop;
-            if sender.send((due, bytes[..count].to_vec())).is_err() {
-                return;
-            }
-        }
-    });
-    std::thread::spawn(move || {
-        for (due, bytes) in waiting {
-            std::thread::sleep(due.saturating_duration_since(Instant::now()));
-            if to.write_all(&bytes).is_err() {
-                return;
-            }
-        }
-        let _ = to.shutdown(Shutdown::Both);
-    });
 }
 
 /// Runs a cell, pulls a cable and puts it in again; `slow`: what the programs of [`Network::delay`] are told.

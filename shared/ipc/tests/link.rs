@@ -2,6 +2,8 @@
 
 #![cfg(feature = "hosts")]
 
+mod late;
+
 use ipc::cell::{CellLock, CellName};
 use ipc::header::{LINK_BYTES, Link};
 use ipc::link::{HostLink, LinkEnd, LinkPlan};
@@ -9,7 +11,7 @@ use ipc::os::Usage;
 use std::io::{Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, mpsc};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -131,7 +133,10 @@ impl Cable {
                 }
                 for (from, to) in [(&near, &far), (&far, &near)] {
                     to.set_nodelay(true).unwrap();
-                    carry_on(from.try_clone().unwrap(), to.try_clone().unwrap(), &shared);
+                    let state = Arc::clone(&shared);
+                    late::carry(from.try_clone().unwrap(), to.try_clone().unwrap(), move || {
+                        Duration::from_micros(state.delay_us.load(Ordering::SeqCst))
+                    });
                 }
                 shared.carried.lock().unwrap().extend([near, far]);
             }
@@ -150,30 +155,6 @@ impl Cable {
             let _ = stream.shutdown(Shutdown::Both);
         }
     }
-}
-
-/// One direction of a connection: what is read is written after the delay, in order.
-fn carry_on(mut from: TcpStream, mut to: TcpStream, state: &Arc<CableState>) {
-    let (sender, waiting) = mpsc::sync_channel::<(Instant, Vec<u8>)>(4096);
-    let state = Arc::clone(state);
-    std::thread::spawn(move || {
-        let mut bytes = vec![0; 1 << 16];
-        while let Ok(count @ 1..) = from.read(&mut bytes) {
-            let delay = Duration::from_micros(state.delay_us.load(Ordering::SeqCst));
-            if sender.send((Instant::now() + delay, bytes[..count].to_vec())).is_err() {
-                return;
-            }
-        }
-    });
-    std::thread::spawn(move || {
-        for (due, bytes) in waiting {
-            std::thread::sleep(due.saturating_duration_since(Instant::now()));
-            if to.write_all(&bytes).is_err() {
-                return;
-            }
-        }
-        let _ = to.shutdown(Shutdown::Both);
-    });
 }
 
 /// Proves: over a slow cable everything arrives; nothing crosses a cut one, and when it is joined again both ends find each other by

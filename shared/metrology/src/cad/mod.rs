@@ -15,6 +15,8 @@ mod extent;
 mod faces;
 mod freeform;
 #[cfg(test)]
+mod freeform_solids_tests;
+#[cfg(test)]
 mod freeform_tests;
 mod inverse;
 mod shape;

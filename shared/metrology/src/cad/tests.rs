@@ -23,6 +23,21 @@ fn wall(radius_mm: f64) -> CadShape {
     CadShape::Cylinder { point_mm: Point3::new(0.0, 0.0, 3.0), axis: Vector3::z(), radius_mm }
 }
 
+/// Corners and edges of half a torus: circles of 8 mm at both its rims, 2 mm above and below its middle.
+pub(super) fn rims() -> Brep {
+    let rim = |z: f64, end: usize| BrepEdge {
+        id: 1 + end as u64,
+        curve: circle(z, 8.0),
+        ends: [end; 2],
+        along: true,
+    };
+    Brep {
+        vertices: vec![Point3::new(8.0, 0.0, -2.0), Point3::new(8.0, 0.0, 2.0)],
+        edges: vec![rim(-2.0, 0), rim(2.0, 1)],
+        ..Brep::default()
+    }
+}
+
 /// A tube about z of height 10: radii 6 and 4, four closed edges without seams.
 pub(super) fn tube() -> Brep {
     let edge =
@@ -141,16 +156,12 @@ fn round_solids_have_the_volumes_of_closed_forms() {
     };
     let whole = |shape| Brep { faces: vec![face(1, shape, true, vec![])], ..Brep::default() };
     let outer = Brep {
-        vertices: vec![at(8.0, -2.0), at(8.0, 2.0)],
-        edges: vec![
-            BrepEdge { id: 1, curve: circle(-2.0, 8.0), ends: [0; 2], along: true },
-            BrepEdge { id: 2, curve: circle(2.0, 8.0), ends: [1; 2], along: true },
-        ],
         faces: vec![
             face(1, level(-2.0), false, vec![Bound::Loop(vec![(0, false)])]),
             face(2, level(2.0), true, vec![Bound::Loop(vec![(1, true)])]),
             face(3, ring, true, vec![Bound::Loop(vec![(0, true)]), Bound::Loop(vec![(1, false)])]),
         ],
+        ..rims()
     };
     let half_torus = PI * 4.0 * 0.5 * 2.0 * PI * (8.0 + 4.0 * 2.0 / (3.0 * PI)) + PI * 64.0 * 4.0;
     for (brep, volume, kind) in [
