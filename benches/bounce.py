@@ -8,13 +8,12 @@ error of a point is its distance along the normal from the point of the same pix
 alone, without noise, moves by more than three of the uncertainties stated without the test; flagged are those whose phase has an uncertainty that is a
 tenth or more above that without bounce. A false alarm is a pixel of the picture without bounce whose uncertainty is raised, or that is masked. Needs numpy.
 """
-import argparse
 import os
 import re
-import subprocess
 import tomllib
 
 import numpy as np
+from common import arguments, cloud, places, run
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 CONFIGS = os.path.join(HERE, "..", "configs")
@@ -42,14 +41,6 @@ rotation_deg = [0.0, 8.0, 0.0]
 geometry = { shape = "plane", size_mm = [60.0, 80.0], thickness_mm = 3.0 }
 """
 CLEAN = "shot_noise = false\nread_noise_e = 0.0\nbits = 16\nvibration_um = 0.0\n"
-TYPES = {"double": "<f8", "float": "<f4", "uint": "<u4", "int": "<i4", "uchar": "u1"}
-
-
-def run(*command):
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        raise SystemExit(f"{' '.join(command)}\n{done.stdout}{done.stderr}")
-    return done.stdout
 
 
 def scaled_rig(width, path):
@@ -82,24 +73,12 @@ def configuration(path, scene, clean, rays, limit):
         file.write(text)
 
 
-def cloud(path):
-    data = open(path, "rb").read()
-    end = data.index(b"end_header\n") + 11
-    fields, count = [], 0
-    for words in (line.split() for line in data[:end].decode().splitlines()):
-        if words[:2] == ["element", "vertex"]:
-            count = int(words[2])
-        elif words[0] == "property":
-            fields.append((words[2], TYPES[words[1]]))
-    return np.frombuffer(data, np.dtype(fields), count, end)
-
-
 class View:
     """Depth along the ray, normal's share of it and uncertainty of each pixel of a pair's first camera; NaN where there is no point."""
 
     def __init__(self, points, camera):
         rotation, shift = np.array(camera["from_world"]["rotation"]), np.array(camera["from_world"]["translation_mm"])
-        place = np.c_[points["x"], points["y"], points["z"]]
+        place = places(points)
         normal = np.c_[points["nx"], points["ny"], points["nz"]]
         at = place @ rotation.T + shift
         x, y = at[:, 0] / at[:, 2], at[:, 1] / at[:, 2]
@@ -139,14 +118,11 @@ def planes(views):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("fringetool")
-    parser.add_argument("folder")
+    parser = arguments(__doc__)
     parser.add_argument("--rays", type=int, default=64)
     parser.add_argument("--limit", type=float, default=0.05)
     parser.add_argument("--width", type=int, default=1124)
     parser.add_argument("--part", choices=["demo", "groove"], action="append")
-    parser.add_argument("--keep", action="store_true", help="use the recordings that are there")
     args = parser.parse_args()
     os.makedirs(args.folder, exist_ok=True)
     here = lambda name: os.path.join(args.folder, name)

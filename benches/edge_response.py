@@ -12,24 +12,10 @@ import math
 import tomllib
 
 import numpy as np
+from common import cloud, places
 
-TYPES = {"double": "<f8", "float": "<f4", "uint": "<u4", "int": "<i4", "uchar": "u1"}
 # Distances from the edge: of the bins, of the flats that give the two heights, mm.
 BIN, REACH, FLAT = 0.04, 2.4, 1.4
-
-
-def cloud(path):
-    """Points of a binary PLY, mm."""
-    data = open(path, "rb").read()
-    end = data.index(b"end_header\n") + 11
-    fields, count = [], 0
-    for words in (line.split() for line in data[:end].decode().splitlines()):
-        if words[:2] == ["element", "vertex"]:
-            count = int(words[2])
-        elif words[0] == "property":
-            fields.append((words[2], TYPES[words[1]]))
-    points = np.frombuffer(data, np.dtype(fields), count, end)
-    return np.c_[points["x"], points["y"], points["z"]]
 
 
 def rotation(degrees):
@@ -105,7 +91,7 @@ def main():
     body = next(body for body in load(args.scene)["body"] if body["name"] == "step")
     near = {}
     for path, truth in zip(args.clouds[::2], args.clouds[1::2]):
-        for name, outwards, height in edges(cloud(path), body, load(truth)):
+        for name, outwards, height in edges(places(cloud(path)), body, load(truth)):
             near.setdefault(name, []).append((outwards, height))
     near["all"] = [part for parts in near.values() for part in parts]
     for name, parts in near.items():

@@ -9,15 +9,14 @@ pixel and spread by a Gaussian that differs from camera to camera (0.35 to 0.70 
 hardly bends. The part: three spheres of 20 mm, together 2 % of a picture. The rig file states geometry, footprint (its mean over the field, u from
 its variation) and noise; --estimate leaves the latter two to the recording. Needs numpy, numba and Pillow.
 """
-import argparse
 import json
 import math
 import os
-import subprocess
 
 import numba
 import numpy as np
 from PIL import Image
+from common import arguments, run
 
 SIZE, FOCAL = (1124, 750), 2330.0
 PROJECTOR, PROJECTOR_FOCAL = (608, 684), 1500.0
@@ -245,23 +244,13 @@ def configuration(path, rig_path, incidence):
         )
 
 
-def run(*command):
-    done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode not in (0, 1):
-        raise SystemExit(f"{' '.join(command)}\n{done.stdout}{done.stderr}")
-    return done.stdout
-
-
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("fringetool")
-    parser.add_argument("folder")
+    parser = arguments(__doc__)
     parser.add_argument("--placements", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--no-noise", action="store_true")
     parser.add_argument("--estimate", action="store_true")
     parser.add_argument("--incidence", type=float, default=70.0, help="max_incidence_deg of the reconstruction")
-    parser.add_argument("--keep", action="store_true", help="use the pictures that are there")
     args = parser.parse_args()
     os.makedirs(args.folder, exist_ok=True)
     eyes = {name: Eye(a, e, SIZE, FOCAL, k1) for name, (a, e, k1, _, _) in CAMERAS.items()}
@@ -284,7 +273,7 @@ def main():
         for pair in PAIRS:
             ply, out = f"{folder}-{pair}.ply", f"{folder}-{pair}.json"
             run(args.fringetool, "reconstruct", "--config", f"{args.folder}/cell.toml", "--pair", pair, "--out", ply, "--force", folder)
-            run(args.fringetool, "measure", f"{folder}.plan.toml", ply, "--json", out, "--force")
+            run(args.fringetool, "measure", f"{folder}.plan.toml", ply, "--json", out, "--force", verdicts=(0, 1))
             with open(out) as file:
                 features = json.load(file)["features"]
             for feature in features:
