@@ -13,6 +13,7 @@ mod missing;
 
 pub use apart::{are_apart, first_harmonic, periods_apart, stepping};
 pub use error::PatternError;
+pub use image::level_u8;
 pub use level_table::LevelTable;
 pub use levels::GreyLevels;
 pub use missing::{Remaining, without};

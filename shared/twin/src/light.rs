@@ -2,8 +2,7 @@
 
 use crate::settings::TwinSettings;
 use fringe::math::pow;
-use fringe::pattern::LevelTable;
-use fringe::pattern::{Axis, Direction, PatternError, PatternSet};
+use fringe::pattern::{Axis, Direction, LevelTable, PatternError, PatternSet, level_u8};
 use libm::erf;
 
 /// Projector coordinates are stored as (pixel + 1)·2²⁰: 5e-7 px of rounding (0.2 nm on the part), and the table index
@@ -60,7 +59,7 @@ pub(crate) struct Response {
 impl Response {
     fn light(&self, level: f64) -> f64 {
         let level = self.correction.as_ref().map_or(level, |table| table.at(level));
-        let level = if self.rounded { (level * 255.0).round() / 255.0 } else { level };
+        let level = if self.rounded { f64::from(level_u8(level)) / 255.0 } else { level };
         let answer = if self.gamma == 1.0 { level } else { pow(level.max(0.0), self.gamma) };
         self.leak + (1.0 - self.leak) * answer
     }

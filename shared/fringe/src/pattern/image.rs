@@ -6,6 +6,18 @@ use crate::math::random::Key;
 use crate::math::{cos, wrap_positive_rad};
 use std::f64::consts::TAU;
 
+/// Parts of an 8-bit level that count when it is rounded: a hundred times the rounding errors of a cosine's argument at 10⁵ periods.
+const PARTS_OF_A_LEVEL: f64 = 1_048_576.0;
+
+/// The 8-bit value that a projector shows for a level 0 … 1; halfway between two it is the upper one.
+///
+/// Halfway between black and white is 127.5, which both flanks of a sine reach wherever columns and steps divide the period alike. The
+/// last digits of the cosine would send one flank up and the other down: the rounded sine would not be symmetrical, and all of its
+/// phases would be too small or too large by up to 0.001 px. So the last digits do not count.
+pub fn level_u8(level: f64) -> u8 {
+    ((level * 255.0 * PARTS_OF_A_LEVEL).round() / PARTS_OF_A_LEVEL).round() as u8
+}
+
 impl PatternSet {
     /// Ideal intensity 0 … 1 of one frame at a projector coordinate along the set's axis.
     ///
@@ -67,7 +79,7 @@ impl PatternSet {
         let value = |column| {
             let level = self.intensity(step, f64::from(column), size_px)?;
             let level = correction.map_or(level, |table| table.at(level));
-            Ok((level * 255.0).round() as u8)
+            Ok(level_u8(level))
         };
         (0..size_px).map(value).collect()
     }
@@ -112,7 +124,7 @@ impl PatternSet {
         let along = levels(self, step, self.axis())?;
         let across = levels(carrier, frame, carrier.axis())?;
         let (columns, rows) = if self.axis() == Some(Axis::Y) { (across, along) } else { (along, across) };
-        let value = |level: f64| (correction.map_or(level, |table| table.at(level)) * 255.0).round() as u8;
+        let value = |level: f64| level_u8(correction.map_or(level, |table| table.at(level)));
         Ok(rows.iter().flat_map(|row| columns.iter().map(move |column| value(row * column))).collect())
     }
 
@@ -180,7 +192,7 @@ mod tests {
                 let (along, across) = if axis == Axis::X { (x, y) } else { (y, x) };
                 let light =
                     set.intensity(5, along, 16).unwrap() * carrier.intensity(frame, across, 16).unwrap();
-                assert_eq!(*level, (light * 255.0).round() as u8);
+                assert_eq!(*level, level_u8(light));
             }
         }
     }
