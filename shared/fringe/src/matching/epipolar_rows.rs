@@ -10,13 +10,13 @@ use fearless_simd::Level;
 
 /// Phases that one run alone shows.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Alone {
+pub(super) struct Alone {
     /// All phases above this one …
-    above: f32,
+    pub above: f32,
     /// … and below that one.
-    below: f32,
+    pub below: f32,
     /// Number of the run.
-    run: usize,
+    pub run: usize,
 }
 
 impl Alone {
@@ -37,9 +37,9 @@ pub(super) struct StepLimits {
 #[derive(Debug, Clone)]
 pub(super) struct Row {
     pub(super) phase_rad: Vec<f32>,
-    runs: Vec<Run>,
+    pub(super) runs: Vec<Run>,
     hot: usize,
-    alone: Alone,
+    pub(super) alone: Alone,
     /// Whether noise made averaging necessary anywhere in the row.
     pub(super) smoothed: bool,
     /// Running sums of a stretch.
@@ -197,17 +197,6 @@ impl Row {
             monotone,
             cells_per_rad: (end - start) as f64 / f64::from(high - low),
         });
-    }
-
-    /// Whether the search for the phase of a cell would find the cell itself, or another one that shows the same, and no other place. It may say no
-    /// where that is so.
-    #[inline(always)]
-    pub fn returns_to(&self, phase_rad: f32, cell: usize) -> bool {
-        let alone = self.alone;
-        alone.above < phase_rad && phase_rad < alone.below && {
-            let run = &self.runs[alone.run];
-            run.monotone && run.start as usize <= cell && cell <= run.end as usize
-        }
     }
 
     /// Calls `visit` with the fractional column of every place where the row takes this phase, one per run, and the cells per rad of

@@ -1,14 +1,18 @@
 //! The work on one part of the rows: coarse search, uniqueness, fine solution.
 
+// Without branches a loop vectorises.
+#![allow(clippy::needless_bitwise_bool)]
+
 use super::epipolar_rows::{Row, StepLimits};
+use super::order::{Group, next_group};
 use super::report::{MatchReport, PART_ROWS};
 use super::settings::MatchSettings;
 use super::subpixel::{Crossing, MAX_SHIFT_PX, RightPhase, solve};
-use super::subpixel_lanes::{Batch, Depths, LANES, depths_beside, step_beside};
+use super::subpixel_lanes::{Batch, Found, LANES, depths_beside, step_beside};
 use crate::math::simd::vectorised;
 use crate::phase::PhaseView;
 use crate::rectify::{Directions, Rectification, RectifiedGrid};
-use crate::surface::{Cause, Sample};
+use crate::surface::{Cause, Sample, Samples};
 use fearless_simd::Level;
 
 /// Buffers and counts of one part.
@@ -56,21 +60,21 @@ const SEARCH_SIGMAS: f64 = 4.0;
 /// … up to this, px.
 const MAX_SEARCH_PX: f64 = 12.0;
 
-/// The place of the phase that a cell shows lies no farther from its pixel: half a cell, and half a cell more where two of them show it.
-const SAME_PLACE_PX: f64 = 1.0;
-
 /// A coarse place in the right row.
 struct Coarse {
-    /// Rectified coordinates of the left pixel.
-    place: [f64; 2],
     /// Rectified abscissa of the pixel.
     x: f64,
     /// How far the fine place may be from it, px.
     search_px: f64,
-    /// Smallest and largest disparity.
-    limits: [f64; 2],
-    /// Uncertainty of the left phase, rad.
-    sigma_rad: f64,
+}
+
+/// Pixels that wait for others that need another evaluation too.
+#[derive(Default)]
+struct Later {
+    batch: Batch,
+    count: usize,
+    /// Group of each among those of the part, and place in it.
+    hits: [(usize, usize); LANES],
 }
 
 /// What all parts of a run share.
@@ -82,7 +86,8 @@ pub(super) struct Scan<'a> {
     pub left_phase: &'a [f32],
     pub right_phase: RightPhase<'a>,
     pub directions: &'a Directions,
-    /// First left pixel of each rectified row, in their order.
+    /// Left pixels in the order of the rectified rows, and the first one of each row.
+    pub order: &'a [u32],
     pub row_starts: &'a [usize],
     pub left: PhaseView<'a>,
     pub right: PhaseView<'a>,
@@ -95,105 +100,181 @@ pub(super) struct Scan<'a> {
 
 impl Scan<'_> {
     /// Matches the left pixels of one part, row by row.
-    pub fn part(&self, part: usize, pixels: &[u32], hits: &mut [Sample], task: &mut Task) {
-        let (mut first, mut second) = (Batch::default(), Batch::default());
-        let rows = part * PART_ROWS..((part + 1) * PART_ROWS).min(self.right_grid.height);
-        let begin = self.row_starts[rows.start];
-        for row in rows {
+    pub fn part(&self, part: usize, hits: &mut [Samples], task: &mut Task) {
+        vectorised!(self.level, self.rows(part, hits, task));
+    }
+
+    #[inline(always)]
+    fn rows(&self, part: usize, hits: &mut [Samples], task: &mut Task) {
+        let mut later = Later::default();
+        let mut number = 0;
+        for row in part * PART_ROWS..((part + 1) * PART_ROWS).min(self.right_grid.height) {
             let mut loaded = false;
-            for index in self.row_starts[row] - begin..self.row_starts[row + 1] - begin {
-                let pixel = pixels[index] as usize;
-                let phase = self.left_phase[pixel];
-                if phase.is_nan() {
-                    hits[index] = Sample::NONE;
-                    continue;
+            let mut pixels = &self.order[self.row_starts[row]..self.row_starts[row + 1]];
+            while let Some((group, rest)) = next_group(pixels, self.left_phase.len()) {
+                hits[number] = Samples::NONE;
+                let wanted = group.values(self.left_phase);
+                let live: [bool; LANES] = std::array::from_fn(|l| l < group.count && !wanted[l].is_nan());
+                if live != [false; LANES] {
+                    if !loaded {
+                        self.load(row, task);
+                        loaded = true;
+                    }
+                    let batch = self.search(&group, (wanted, live), &mut hits[number], task);
+                    self.settle(&batch, (number, hits), &mut later, &mut task.report);
                 }
-                if !loaded {
-                    self.load(row, task);
-                    loaded = true;
-                }
-                task.report.valid += 1;
-                match self.coarse((pixel, row), phase, task) {
-                    Ok(found) => put(&mut first, (index, pixel, phase), &found),
+                (pixels, number) = (rest, number + 1);
+            }
+        }
+        self.settle_later(&mut later, hits, &mut task.report);
+    }
+
+    /// Coarse places of a group; those that have none are noted.
+    #[inline(always)]
+    fn search(
+        &self,
+        group: &Group,
+        (wanted, live): ([f32; LANES], [bool; LANES]),
+        hits: &mut Samples,
+        task: &mut Task,
+    ) -> Batch {
+        let [left_x, y] = group.directions(self.directions);
+        let sigma_rad = group.values(self.left.sigma_rad).map(f64::from);
+        let modulation = group.values(self.left.modulation);
+        let mut batch = Batch { live, wanted, left_x, y, sigma_rad, modulation, ..Batch::default() };
+        for l in 0..LANES {
+            [batch.limits[0][l], batch.limits[1][l]] = self.disparity_limits(left_x[l], y[l]);
+        }
+        let own = left_x.map(|x| self.left_grid.column(x));
+        let tolerance = self.settings.left_right_tolerance_px;
+        let returned = task.left.return_beside(&wanted, &own, tolerance);
+        let asked = std::array::from_fn(|l| live[l] & returned[l]);
+        let places = task.right.columns(&wanted, asked);
+        let mut known = [false; LANES];
+        for l in 0..LANES {
+            let place = self.right_grid.abscissa(places.column[l]);
+            let disparity = left_x[l] - place;
+            known[l] =
+                places.found[l] & (batch.limits[0][l] <= disparity) & (disparity <= batch.limits[1][l]);
+            (batch.coarse[l], batch.search_px[l]) = (place, search_px(sigma_rad[l], places.cells_per_rad));
+        }
+        if known != live {
+            for l in (0..LANES).filter(|l| live[*l] && !known[*l]) {
+                match self.coarse(group.pixels[l] as usize, [left_x[l], y[l]], wanted[l], task) {
+                    Ok(coarse) => (batch.coarse[l], batch.search_px[l]) = (coarse.x, coarse.search_px),
                     Err(miss) => {
-                        hits[index] = Sample::without(miss.cause());
+                        batch.live[l] = false;
+                        hits.cause[l] = miss.cause();
                         task.report.count(miss.cause());
                     }
                 }
-                if first.count == LANES {
-                    self.settle(&mut first, Some(&mut second), hits, &mut task.report);
-                }
             }
         }
-        self.settle(&mut first, Some(&mut second), hits, &mut task.report);
-        self.settle(&mut second, None, hits, &mut task.report);
+        task.report.valid += live.iter().map(|live| u32::from(*live)).sum::<u32>();
+        batch.x = batch.coarse;
+        batch
     }
 
-    /// One evaluation of a batch, which is then empty. Pixels that need another one go to `next`; the general way solves those that have had
-    /// two, and those that it alone can solve.
+    /// One evaluation of a group. Pixels that need another one go to `later`; the general way solves those that it alone can solve.
+    #[inline(always)]
     fn settle(
         &self,
-        batch: &mut Batch,
-        mut next: Option<&mut Batch>,
-        hits: &mut [Sample],
+        batch: &Batch,
+        (number, hits): (usize, &mut [Samples]),
+        later: &mut Later,
         report: &mut MatchReport,
     ) {
-        let again = next.is_none();
-        let most = self.most_sigma();
-        let (found, depths) = vectorised!(self.level, {
-            let found = step_beside(&self.right_phase, &self.pair.right, batch, again);
-            let depths = depths_beside(batch, &found, self.pair.baseline_mm, most);
-            (found, depths)
-        });
-        for l in 0..batch.count {
-            if let Some(next) = &mut next
-                && !found.lost[l]
-                && !found.settled[l]
-            {
-                next.take(batch, l, (found.x[l], found.cell[l]));
-                if next.count == LANES {
-                    self.settle(next, None, hits, report);
-                }
+        let (found, samples) = self.evaluate(batch, false);
+        let none = hits[number].cause;
+        hits[number] = samples;
+        let mut points = [false; LANES];
+        for l in 0..LANES {
+            points[l] = samples.cause[l] == Cause::Point;
+        }
+        if points == [true; LANES] {
+            return;
+        }
+        for l in 0..LANES {
+            if points[l] {
                 continue;
             }
-            let sample = if found.settled[l] {
-                self.settled(batch.pixel[l], found.pixel[l], &depths, l)
+            if !batch.live[l] {
+                hits[number].cause[l] = none[l];
+            } else if found.settled[l] {
+                report.count(samples.cause[l]);
+            } else if found.lost[l] {
+                hits[number].set(l, &self.general(batch, l, report));
             } else {
-                let curve = self.pair.right.curve(batch.y[l]);
-                let coarse = (batch.coarse[l], batch.search_px[l]);
-                let crossing = solve(&self.right_phase, &curve, batch.wanted[l], coarse);
-                crossing.ok_or(Miss::Discontinuous).and_then(|crossing| {
-                    let sample = self.sample(batch.pixel[l], &crossing, batch.limits[l])?;
-                    report.bilinear += u32::from(crossing.bilinear);
-                    Ok(sample)
-                })
-            };
-            hits[batch.hit[l]] = sample.unwrap_or_else(|miss| {
-                report.count(miss.cause());
-                Sample::without(miss.cause())
-            });
+                later.hits[later.count] = (number, l);
+                later.batch.take(later.count, (batch, l), &found);
+                later.count += 1;
+                if later.count == LANES {
+                    self.settle_later(later, hits, report);
+                }
+            }
         }
-        batch.count = 0;
     }
 
-    /// As [`Self::sample`] decides, from what was found side by side.
-    #[inline(always)]
-    fn settled(&self, left: usize, right: usize, depths: &Depths, l: usize) -> Result<Sample, Miss> {
-        if self.right_phase.rims[right] != 0 {
-            Err(Miss::Discontinuous)
-        } else if !depths.certain[l] {
-            Err(Miss::Uncertain)
-        } else if !depths.within[l] {
-            Err(Miss::Discontinuous)
-        } else {
-            Ok(Sample {
-                inverse_depth: depths.inverse_depth[l],
-                sigma: depths.sigma[l],
-                own_share: depths.own_share[l],
-                modulation: self.left.modulation[left].min(self.right.modulation[right]),
-                cause: Cause::Point,
-            })
+    /// The second evaluation; the general way solves those that need more.
+    #[inline(never)]
+    fn settle_later(&self, later: &mut Later, hits: &mut [Samples], report: &mut MatchReport) {
+        let Later { batch, count, hits: places } = later;
+        batch.live = std::array::from_fn(|l| l < *count);
+        let (found, samples) = vectorised!(self.level, self.evaluate(batch, true));
+        for (l, (number, place)) in places[..*count].iter().enumerate() {
+            let sample = if found.settled[l] { samples.at(l) } else { self.general(batch, l, report) };
+            if found.settled[l] && sample.cause != Cause::Point {
+                report.count(sample.cause);
+            }
+            hits[*number].set(*place, &sample);
         }
+        *count = 0;
+    }
+
+    /// One evaluation, and the samples of the pixels that are settled by it.
+    #[inline(always)]
+    fn evaluate(&self, batch: &Batch, again: bool) -> (Found, Samples) {
+        let found = step_beside(&self.right_phase, &self.pair.right, batch, again);
+        let depths = depths_beside(batch, &found, self.pair.baseline_mm, self.most_sigma());
+        let mut modulation = batch.modulation;
+        let mut rims = [0; LANES];
+        for l in 0..LANES {
+            let pixel = found.pixel[l];
+            rims[l] = self.right_phase.rims[pixel];
+            modulation[l] = modulation[l].min(self.right.modulation[pixel]);
+        }
+        let mut samples =
+            Samples { modulation, sigma: depths.sigma, own_share: depths.own_share, ..Samples::NONE };
+        for l in 0..LANES {
+            // In the order in which the general way decides, see `sample`.
+            let whole = rims[l] == 0;
+            let point = found.settled[l] & whole & depths.certain[l] & depths.within[l];
+            samples.inverse_depth[l] = if point { depths.inverse_depth[l] } else { f64::NAN };
+            let uncertain = whole & !depths.certain[l];
+            samples.cause[l] = match (point, uncertain) {
+                (true, _) => Cause::Point,
+                (_, true) => Cause::Uncertain,
+                _ => Cause::Discontinuous,
+            };
+        }
+        (found, samples)
+    }
+
+    /// A pixel by itself.
+    #[inline(never)]
+    fn general(&self, batch: &Batch, l: usize, report: &mut MatchReport) -> Sample {
+        let curve = self.pair.right.curve(batch.y[l]);
+        let coarse = (batch.coarse[l], batch.search_px[l]);
+        let crossing = solve(&self.right_phase, &curve, batch.wanted[l], coarse);
+        let sample = crossing.ok_or(Miss::Discontinuous).and_then(|crossing| {
+            let sample = self.sample(batch, l, &crossing)?;
+            report.bilinear += u32::from(crossing.bilinear);
+            Ok(sample)
+        });
+        sample.unwrap_or_else(|miss| {
+            report.count(miss.cause());
+            Sample::without(miss.cause())
+        })
     }
 
     /// Largest uncertainty of a place in the right view, rectified.
@@ -212,10 +293,9 @@ impl Scan<'_> {
         gather(self.left_grid, self.left_phase, &mut task.left);
     }
 
-    /// The coarse place of a left pixel in the right row.
-    #[inline(always)]
-    fn coarse(&self, (pixel, row): (usize, usize), phase: f32, task: &mut Task) -> Result<Coarse, Miss> {
-        let [x, y] = self.directions.at(pixel);
+    /// The coarse place of a left pixel in the right row, wherever its phase may be shown as well.
+    #[inline(never)]
+    fn coarse(&self, pixel: usize, [x, y]: [f64; 2], phase: f32, task: &mut Task) -> Result<Coarse, Miss> {
         let limits = self.disparity_limits(x, y);
         let allowed = |left: f64, right: f64| (limits[0]..=limits[1]).contains(&(left - right));
         let tolerance = self.settings.left_right_tolerance_px;
@@ -236,41 +316,30 @@ impl Scan<'_> {
         });
         let coarse = coarse.ok_or(Miss::Unmatched)?;
 
-        // Backwards: the left row must show this phase here and nowhere else that the right pixel could mean. Where the row shows the very
-        // pixel in a run that alone has its phase, and cells beside it at most show it too, there is nothing to search.
-        let cell = (own + 0.5) as usize;
-        let shown = self.left_grid.index[row * self.left_grid.width..][..self.left_grid.width].get(cell);
-        let mut returned = tolerance >= SAME_PLACE_PX
-            && sought == phase
-            && shown.is_some_and(|shown| *shown as usize == pixel)
-            && task.left.returns_to(sought, cell);
-        if !returned {
-            task.left.find(sought, Some(own), |column, _| {
-                if (column - own).abs() <= tolerance {
-                    returned = true;
-                } else {
-                    ambiguous |= allowed(self.left_grid.abscissa(column), coarse);
-                }
-            });
-        }
+        // Backwards: the left row must show this phase here and nowhere else that the right pixel could mean.
+        let mut returned = false;
+        task.left.find(sought, Some(own), |column, _| {
+            if (column - own).abs() <= tolerance {
+                returned = true;
+            } else {
+                ambiguous |= allowed(self.left_grid.abscissa(column), coarse);
+            }
+        });
         if ambiguous {
             return Err(Miss::Ambiguous);
         }
         if !returned {
             return Err(Miss::Inconsistent);
         }
-        let sigma_rad = f64::from(self.left.sigma_rad[pixel]);
-        let noise_px = SEARCH_SIGMAS * sigma_rad * cells_per_rad;
-        let search_px = MAX_SHIFT_PX + if noise_px < MAX_SEARCH_PX { noise_px } else { MAX_SEARCH_PX };
-        Ok(Coarse { place: [x, y], x: coarse, search_px, limits, sigma_rad })
+        let search_px = search_px(f64::from(self.left.sigma_rad[pixel]), cells_per_rad);
+        Ok(Coarse { x: coarse, search_px })
     }
 
-    /// The inverse depth of a left pixel from its crossing.
-    fn sample(&self, pixel: usize, crossing: &Crossing, limits: [f64; 2]) -> Result<Sample, Miss> {
-        let [x, _] = self.directions.at(pixel);
+    /// The sample of a left pixel from its crossing.
+    fn sample(&self, batch: &Batch, l: usize, crossing: &Crossing) -> Result<Sample, Miss> {
         let Crossing { x: place, slope, variance, pixel: right, .. } = *crossing;
-        let sigma_left = f64::from(self.left.sigma_rad[pixel]);
-        let (own, both) = (sigma_left * sigma_left, sigma_left * sigma_left + variance);
+        let (own, both) =
+            (batch.sigma_rad[l] * batch.sigma_rad[l], batch.sigma_rad[l] * batch.sigma_rad[l] + variance);
         let sigma = (both / (slope * slope)).sqrt();
         // A silhouette of that view: the left view may see the surface go on.
         if self.right_phase.rims[right] != 0 {
@@ -281,20 +350,21 @@ impl Scan<'_> {
         if !certain {
             return Err(Miss::Uncertain);
         }
-        let disparity = x - place;
-        if !(limits[0]..=limits[1]).contains(&disparity) {
+        let disparity = batch.left_x[l] - place;
+        if !(batch.limits[0][l]..=batch.limits[1][l]).contains(&disparity) {
             return Err(Miss::Discontinuous);
         }
         Ok(Sample {
             inverse_depth: disparity / self.pair.baseline_mm,
             sigma: (sigma / self.pair.baseline_mm) as f32,
             own_share: if both > 0.0 { (own / both) as f32 } else { 1.0 },
-            modulation: self.left.modulation[pixel].min(self.right.modulation[right]),
+            modulation: batch.modulation[l].min(self.right.modulation[right]),
             cause: Cause::Point,
         })
     }
 
     /// Smallest and largest disparity of a left pixel in rectified units.
+    #[inline(always)]
     fn disparity_limits(&self, x: f64, y: f64) -> [f64; 2] {
         let Some([least, most]) = self.disparities else {
             // In front of both views: positive, and not so far that one pixel of error reaches the horizon.
@@ -307,12 +377,9 @@ impl Scan<'_> {
     }
 }
 
-/// Adds a pixel to a batch, with what the search found.
-fn put(batch: &mut Batch, (hit, pixel, phase): (usize, usize, f32), found: &Coarse) {
-    let l = batch.count;
-    (batch.hit[l], batch.pixel[l], batch.wanted[l]) = (hit, pixel, phase);
-    (batch.coarse[l], batch.search_px[l], batch.limits[l]) = (found.x, found.search_px, found.limits);
-    [batch.left_x[l], batch.y[l]] = found.place;
-    (batch.x[l], batch.sigma_rad[l]) = (found.x, found.sigma_rad);
-    batch.count += 1;
+/// How far the fine place may be from the coarse one, px, for an uncertainty of the left phase (rad).
+#[inline(always)]
+fn search_px(sigma_rad: f64, cells_per_rad: f64) -> f64 {
+    let noise_px = SEARCH_SIGMAS * sigma_rad * cells_per_rad;
+    MAX_SHIFT_PX + if noise_px < MAX_SEARCH_PX { noise_px } else { MAX_SEARCH_PX }
 }

@@ -32,6 +32,7 @@
 //! scatter of single points, more of it shared by neighbours.
 
 mod axis;
+mod epipolar_lanes;
 mod epipolar_rows;
 mod error;
 #[cfg(test)]
@@ -65,12 +66,14 @@ use crate::math::simd::best_level;
 use crate::math::statistics::median;
 use crate::phase::PhaseView;
 use crate::rectify::{Directions, Rectification, RectifiedGrid};
-use crate::surface::{Cause, Sample, SurfaceBuilder, View, independent_share, mark_rims, rim_is_hidden};
+use crate::surface::{
+    Cause, Sample, Samples, SurfaceBuilder, View, independent_share, mark_rims, rim_is_hidden,
+};
 use epipolar_rows::{Row, StepLimits};
 use fearless_simd::Level;
 use match_rows::{Scan, Task};
 use nalgebra::Vector3;
-use order::{common_rows, order, others};
+use order::{common_rows, next_group, order, others, parts};
 use report::PART_ROWS;
 use std::f64::consts::TAU;
 use subpixel::{RightPhase, SETTLED_PX};
@@ -102,8 +105,9 @@ pub struct Matcher {
     order: Vec<u32>,
     /// The other left pixels: those without a row that the right view shares.
     outside: Vec<u32>,
-    /// First element of each rectified row in `order`, and of each part.
+    /// First element of each rectified row in `order`.
     row_starts: Vec<usize>,
+    /// Number of the first group of pixels of each part.
     parts: Vec<usize>,
     tasks: Vec<Task>,
     /// Left and right phase with NaN where masked, where the maps do not have it so.
@@ -114,8 +118,8 @@ pub struct Matcher {
     right_gaps: Vec<u8>,
     /// Scratch for the median noise.
     noise: Vec<f32>,
-    /// Of the parts that are matched at once, in the sequence of `order`.
-    hits: Vec<Sample>,
+    /// Of the parts that are matched at once, group by group.
+    hits: Vec<Samples>,
     surface: SurfaceBuilder,
     /// Instructions that may be used.
     level: Level,
@@ -148,8 +152,8 @@ impl Matcher {
         let left_grid = RectifiedGrid::new(&pair.left, &left_table, pair.focal_px, y0, height)?;
         let (order, row_starts) = order(&left_table, &left_grid);
         let directions = Directions::new(&pair.left, left_table, pair.focal_px);
-        let parts: Vec<usize> =
-            (0..=height.div_ceil(PART_ROWS)).map(|part| row_starts[(part * PART_ROWS).min(height)]).collect();
+        let (columns, rows) = (left.width_px as usize, left.height_px as usize);
+        let parts = parts(&order, &row_starts, columns * rows);
         let task = Task {
             left: Row::with_capacity(left_grid.width),
             right: Row::with_capacity(right_grid.width),
@@ -159,7 +163,6 @@ impl Matcher {
         let at_once = PARTS_AT_ONCE.min(parts.len() - 1);
         let tasks = (0..at_once).map(|_| task.sized(left_grid.width, right_grid.width)).collect();
         let most = parts.windows(at_once + 1).map(|parts| parts[at_once] - parts[0]).max().unwrap_or(0);
-        let (columns, rows) = (left.width_px as usize, left.height_px as usize);
         Ok(Self {
             settings: *settings,
             reach: pair.right.reach(SETTLED_PX),
@@ -172,7 +175,7 @@ impl Matcher {
             right_rims: vec![0; right.width_px as usize * right.height_px as usize],
             right_gaps: vec![0; right.width_px as usize * right.height_px as usize],
             noise: Vec::with_capacity(NOISE_SAMPLES),
-            hits: vec![Sample::NONE; most],
+            hits: vec![Samples::NONE; most],
             outside: others(&order, columns * rows),
             order,
             surface: SurfaceBuilder::new(columns, rows, settings.surface),
@@ -303,7 +306,7 @@ impl Matcher {
         phases: Phases,
         limits: StepLimits,
     ) -> MatchReport {
-        let Self { tasks, hits, parts, order, surface, pair, settings, .. } = self;
+        let Self { tasks, hits, parts, order, row_starts, surface, pair, settings, .. } = self;
         let scan = Scan {
             pair,
             settings,
@@ -321,7 +324,8 @@ impl Matcher {
                 interpolation: settings.interpolation,
             },
             directions: &self.directions,
-            row_starts: &self.row_starts,
+            order,
+            row_starts,
             level: self.level,
             left: *left,
             right: *right,
@@ -331,19 +335,25 @@ impl Matcher {
                 .map(|[near, far]| [pair.baseline_mm / far, pair.baseline_mm / near]),
         };
         let mut sum = MatchReport::default();
-        let count = parts.len() - 1;
+        let (count, all) = (parts.len() - 1, self.directions.pixels());
         for first in (0..count).step_by(PARTS_AT_ONCE) {
             let last = (first + PARTS_AT_ONCE).min(count);
             let (starts, tasks) = (&parts[first..=last], &mut tasks[..last - first]);
-            let pixels = &order[parts[first]..parts[last]];
-            let hits = &mut hits[..pixels.len()];
+            let hits = &mut hits[..parts[last] - parts[first]];
             for_parts(starts, hits, tasks, &|part, hits, task| {
                 task.report = MatchReport::default();
-                let pixels = &pixels[starts[part] - starts[0]..starts[part + 1] - starts[0]];
-                scan.part(first + part, pixels, hits, task);
+                scan.part(first + part, hits, task);
             });
-            for (pixel, hit) in pixels.iter().zip(hits) {
-                surface.put(*pixel as usize, hit);
+            let rows = first * PART_ROWS..(last * PART_ROWS).min(row_starts.len() - 1);
+            let mut hits = hits.iter();
+            for row in rows {
+                let mut pixels = &order[row_starts[row]..row_starts[row + 1]];
+                while let Some((group, rest)) = next_group(pixels, all) {
+                    if let Some(samples) = hits.next() {
+                        group.put(surface, samples);
+                    }
+                    pixels = rest;
+                }
             }
             for task in tasks {
                 sum.add(&task.report);

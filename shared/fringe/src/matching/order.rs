@@ -1,6 +1,8 @@
 //! The left pixels in the order of the rectified rows.
 
-use crate::rectify::{RectifiedGrid, range};
+use super::report::PART_ROWS;
+use crate::rectify::{Directions, RectifiedGrid, range};
+use crate::surface::{LANES, Samples, SurfaceBuilder, taken};
 
 /// First ordinate and number of the rectified rows that both views share; no rows where they share none.
 pub(super) fn common_rows(left: &[[f64; 2]], right: &[[f64; 2]], focal_px: f64) -> (f64, usize) {
@@ -41,4 +43,88 @@ pub(super) fn others(pixels: &[u32], count: usize) -> Vec<u32> {
         given[*pixel as usize] = true;
     }
     (0..count as u32).filter(|pixel| !given[*pixel as usize]).collect()
+}
+
+/// Fewer neighbours in the image are worked on together with what follows.
+const LEAST_BESIDE: usize = 4;
+
+/// Some pixels that follow each other along a rectified row.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Group {
+    /// So many; the others repeat the last one.
+    pub count: usize,
+    pub pixels: [u32; LANES],
+    /// Whether they, and as many behind them as fill the group, are neighbours in a row of the image.
+    pub beside: bool,
+}
+
+impl Group {
+    /// The values of its pixels, or of neighbours that fill it.
+    #[inline(always)]
+    pub fn values<T: Copy + Default>(&self, plane: &[T]) -> [T; LANES] {
+        if self.beside {
+            return taken(plane, self.pixels[0] as usize);
+        }
+        std::array::from_fn(|l| plane[self.pixels[l] as usize])
+    }
+
+    /// Directions of its pixels, x and y.
+    #[inline(always)]
+    pub fn directions(&self, directions: &Directions) -> [[f64; LANES]; 2] {
+        if self.beside {
+            return directions.along(self.pixels[0] as usize);
+        }
+        let (mut x, mut y) = ([0.0; LANES], [0.0; LANES]);
+        for l in 0..LANES {
+            [x[l], y[l]] = directions.at(self.pixels[l] as usize);
+        }
+        [x, y]
+    }
+
+    /// Puts what was found of its pixels in their order.
+    #[inline(always)]
+    pub fn put(&self, surface: &mut SurfaceBuilder, samples: &Samples) {
+        if self.beside && self.count == LANES {
+            surface.put_beside(self.pixels[0] as usize, samples);
+            return;
+        }
+        for l in 0..self.count {
+            surface.put(self.pixels[l] as usize, &samples.at(l));
+        }
+    }
+}
+
+/// Takes the first group from pixels in the order of a row; `all` are the pixels of the image.
+#[inline(always)]
+pub(super) fn next_group(pixels: &[u32], all: usize) -> Option<(Group, &[u32])> {
+    let (first, last) = (*pixels.first()?, pixels.len().min(LANES) - 1);
+    let whole = last + 1 == LANES && pixels[last] - first == last as u32;
+    let beside = if whole {
+        LANES
+    } else {
+        pixels.iter().zip(first..).take_while(|(pixel, next)| *pixel == next).count()
+    };
+    let apart = beside < LEAST_BESIDE;
+    let count = if apart { last + 1 } else { beside.min(LANES) };
+    let group = Group {
+        count,
+        pixels: std::array::from_fn(|l| pixels[l.min(count - 1)]),
+        beside: !apart && first as usize + LANES <= all,
+    };
+    Some((group, &pixels[count..]))
+}
+
+/// Number of the first group of each part of the rows, and of all groups.
+pub(super) fn parts(order: &[u32], row_starts: &[usize], all: usize) -> Vec<usize> {
+    let (mut parts, mut count) = (vec![0], 0);
+    for rows in (0..row_starts.len() - 1).collect::<Vec<_>>().chunks(PART_ROWS) {
+        for row in rows {
+            let mut pixels = &order[row_starts[*row]..row_starts[row + 1]];
+            while let Some((_, rest)) = next_group(pixels, all) {
+                (pixels, count) = (rest, count + 1);
+            }
+        }
+        parts.push(count);
+    }
+    parts
 }

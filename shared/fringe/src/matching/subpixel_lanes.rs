@@ -9,51 +9,49 @@ use super::patch::{Interpolation, MAX_NOISE, MAX_ROUGHNESS, Patch};
 use super::subpixel::{RightPhase, inside};
 use crate::geometry::camera::LensKind;
 use crate::rectify::RectifiedCamera;
-
-/// Pixels that are solved side by side.
-pub(super) const LANES: usize = 8;
+pub(super) use crate::surface::LANES;
 
 type Lanes = [f64; LANES];
 
 /// Pixels whose coarse place is known.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Batch {
-    /// How many there are, from the front.
-    pub count: usize,
-    /// Number of the pixel among the hits of the part.
-    pub hit: [usize; LANES],
-    /// Number of the pixel in its image.
-    pub pixel: [usize; LANES],
+    /// Which of them are asked.
+    pub live: [bool; LANES],
     /// Phase of the pixel, rad.
     pub wanted: [f32; LANES],
-    /// Rectified ordinate of the pixel.
+    /// Rectified coordinates of the pixel.
+    pub left_x: Lanes,
     pub y: Lanes,
     /// Coarse rectified abscissa on the right.
     pub coarse: Lanes,
     /// How far the fine place may be from it, px.
     pub search_px: Lanes,
     /// Smallest and largest disparity.
-    pub limits: [[f64; 2]; LANES],
-    /// Rectified abscissa of the pixel, and the uncertainty of its phase, rad.
-    pub left_x: Lanes,
+    pub limits: [Lanes; 2],
+    /// Uncertainty of the phase, rad.
     pub sigma_rad: Lanes,
+    /// Modulation of the pixel, DN.
+    pub modulation: [f32; LANES],
     /// Rectified abscissa on the right from where the search goes on.
     pub x: Lanes,
-    /// Column and row of the cell in which it was last.
-    pub cell: [(usize, usize); LANES],
+    /// Columns and rows of the cells in which it was last.
+    pub cell: [[i32; LANES]; 2],
 }
 
 impl Batch {
-    /// Takes a pixel of another batch, which is to be searched on from a place.
-    pub fn take(&mut self, other: &Self, from: usize, (x, cell): (f64, (usize, usize))) {
-        let to = self.count;
-        (self.hit[to], self.pixel[to], self.wanted[to]) =
-            (other.hit[from], other.pixel[from], other.wanted[from]);
-        (self.y[to], self.coarse[to]) = (other.y[from], other.coarse[from]);
-        (self.search_px[to], self.limits[to]) = (other.search_px[from], other.limits[from]);
-        (self.left_x[to], self.sigma_rad[to]) = (other.left_x[from], other.sigma_rad[from]);
-        (self.x[to], self.cell[to]) = (x, cell);
-        self.count += 1;
+    /// Takes a pixel of another batch, which is to be searched on from where it was found.
+    #[inline(always)]
+    pub fn take(&mut self, to: usize, (other, from): (&Self, usize), found: &Found) {
+        (self.wanted[to], self.modulation[to]) = (other.wanted[from], other.modulation[from]);
+        (self.left_x[to], self.y[to], self.coarse[to]) =
+            (other.left_x[from], other.y[from], other.coarse[from]);
+        (self.search_px[to], self.sigma_rad[to]) = (other.search_px[from], other.sigma_rad[from]);
+        self.x[to] = found.x[from];
+        for axis in 0..2 {
+            self.limits[axis][to] = other.limits[axis][from];
+            self.cell[axis][to] = found.cell[axis][from];
+        }
     }
 }
 
@@ -65,13 +63,13 @@ pub(super) struct Found {
     pub settled: [bool; LANES],
     /// Rectified abscissa, as far as it is known.
     pub x: Lanes,
-    /// Column and row of its cell.
-    pub cell: [(usize, usize); LANES],
+    /// Columns and rows of the cells.
+    pub cell: [[i32; LANES]; 2],
     /// Derivative of the right phase along the curve, rad per unit of x.
     pub slope: Lanes,
     /// Variance of the interpolated right phase, rad².
     pub variance: Lanes,
-    /// Index of the nearest native pixel.
+    /// Index of the nearest native pixel, where it is settled.
     pub pixel: [usize; LANES],
 }
 
@@ -106,7 +104,7 @@ pub(super) fn depths_beside(batch: &Batch, found: &Found, baseline_mm: f64, most
         out.sigma[l] = (sigma / baseline_mm) as f32;
         out.own_share[l] = if both > 0.0 { (own / both) as f32 } else { 1.0 };
         out.certain[l] = sigma <= most;
-        out.within[l] = (batch.limits[l][0] <= disparity) & (disparity <= batch.limits[l][1]);
+        out.within[l] = (batch.limits[0][l] <= disparity) & (disparity <= batch.limits[1][l]);
     }
     out
 }
@@ -123,7 +121,7 @@ struct Places {
 pub(super) fn step_beside(right: &RightPhase, camera: &RectifiedCamera, batch: &Batch, again: bool) -> Found {
     let usable = right.interpolation == Interpolation::Quadratic && right.width >= 4 && right.height >= 4;
     let mut found = Found {
-        lost: std::array::from_fn(|l| l >= batch.count || !usable),
+        lost: batch.live.map(|live| !(live & usable)),
         settled: [false; LANES],
         x: batch.x,
         cell: batch.cell,
@@ -184,7 +182,7 @@ fn evaluate(camera: &RectifiedCamera, batch: &Batch) -> Places {
 }
 
 impl Places {
-    /// Finds the cells and their 4 × 4 samples, less the wanted phase; places become offsets from the centres of the cells.
+    /// Finds the cells and their 4 × 4 samples, less the wanted phase, line by line; places become offsets from the centres of the cells.
     #[inline(always)]
     fn gather(
         &mut self,
@@ -192,39 +190,52 @@ impl Places {
         batch: &Batch,
         again: bool,
         found: &mut Found,
-    ) -> ([[[f32; LANES]; 4]; 4], [f32; LANES]) {
-        let (mut samples, mut sigma) = ([[[f32::NAN; LANES]; 4]; 4], [0.0; LANES]);
+    ) -> (Lines, Singles) {
         let last = [right.width as f64 - 2.0, right.height as f64 - 2.0];
+        let width = right.width as i32;
+        let (mut first, mut nearest) = ([0; LANES], [0; LANES]);
         for l in 0..LANES {
             let place = [self.offset[0][l], self.offset[1][l]];
             let from =
-                |(column, row): (usize, usize)| [place[0] - column as f64 - 0.5, place[1] - row as f64 - 0.5];
-            if !(again && inside(from(found.cell[l]))) {
-                // The whole neighbourhood must lie in the image; NaN fails the comparison.
-                let inner = place[0] >= 1.0 && place[1] >= 1.0 && place[0] < last[0] && place[1] < last[1];
-                found.lost[l] |= !inner;
-                found.cell[l] = if inner { (place[0] as usize, place[1] as usize) } else { (1, 1) };
-            }
-            let (column, row) = found.cell[l];
-            let offset = from((column, row));
-            (self.offset[0][l], self.offset[1][l]) = (offset[0], offset[1]);
-            if found.lost[l] {
-                continue;
-            }
-            for (line, samples) in samples.iter_mut().enumerate() {
-                let values = &right.phase_rad[(row + line - 1) * right.width + column - 1..][..4];
-                for (sample, value) in samples.iter_mut().zip(values) {
-                    sample[l] = *value;
+                |column: i32, row: i32| [place[0] - f64::from(column) - 0.5, place[1] - f64::from(row) - 0.5];
+            let kept = again & inside(from(found.cell[0][l], found.cell[1][l]));
+            // The whole neighbourhood must lie in the image; NaN fails the comparison.
+            let inner = (place[0] >= 1.0) & (place[1] >= 1.0) & (place[0] < last[0]) & (place[1] < last[1]);
+            found.lost[l] |= !(kept | inner);
+            let there = |at: f64, before: i32| {
+                if kept {
+                    before
+                } else if inner {
+                    at as i32
+                } else {
+                    1
                 }
-            }
-            sigma[l] = right.sigma_rad[right.nearest(column, row, offset)];
+            };
+            let (column, row) = (there(place[0], found.cell[0][l]), there(place[1], found.cell[1][l]));
+            (found.cell[0][l], found.cell[1][l]) = (column, row);
+            let offset = from(column, row);
+            (self.offset[0][l], self.offset[1][l]) = (offset[0], offset[1]);
+            first[l] = (row - 1) * width + column - 1;
+            nearest[l] = near(first[l] + width + 1, width, offset);
         }
-        for sample in samples.as_flattened_mut() {
-            for (sample, wanted) in sample.iter_mut().zip(&batch.wanted) {
+        let (mut lines, mut sigma) = ([[0.0; 4 * LANES]; 4], [0.0; LANES]);
+        for l in 0..LANES {
+            let rows = &right.phase_rad[first[l] as usize..];
+            for (line, samples) in lines.iter_mut().enumerate() {
+                samples[4 * l..4 * l + 4].copy_from_slice(&rows[line * right.width..][..4]);
+            }
+            sigma[l] = right.sigma_rad[nearest[l] as usize];
+        }
+        let mut wanted = [0.0; 4 * LANES];
+        for l in 0..LANES {
+            wanted[4 * l..4 * l + 4].copy_from_slice(&[batch.wanted[l]; 4]);
+        }
+        for samples in &mut lines {
+            for (sample, wanted) in samples.iter_mut().zip(&wanted) {
                 *sample -= wanted;
             }
         }
-        (samples, sigma)
+        (lines, sigma)
     }
 
     /// One step along the tangents to where the models vanish, as [`Patch::step`] makes it; places that are exact enough are settled.
@@ -233,7 +244,7 @@ impl Places {
         &self,
         right: &RightPhase,
         batch: &Batch,
-        (samples, sigma): (&[[[f32; LANES]; 4]; 4], &[f32; LANES]),
+        (samples, sigma): (&Lines, &Singles),
         found: &mut Found,
     ) {
         let Patches { a, b: [bx, by], c: [cxx, cxy, cyy], accepted } = Patches::fit(samples, sigma);
@@ -278,18 +289,33 @@ impl Places {
                 (along.abs() < right.reach) & inside(end) & ((x[l] - batch.coarse[l]).abs() <= search);
         }
         (found.x, found.slope) = (x, slope);
+        let width = right.width as i32;
+        let mut pixel = [0; LANES];
         for l in 0..LANES {
-            found.lost[l] |= !holds[0][l] | !accepted[l];
-            found.settled[l] = !found.lost[l] && holds[1][l];
-            if found.settled[l] {
-                let (column, row) = found.cell[l];
-                let pixel = right.nearest(column, row, [ends[0][l], ends[1][l]]);
-                let sigma = f64::from(right.sigma_rad[pixel]);
-                (found.variance[l], found.pixel[l]) = (factor[l] * sigma * sigma, pixel);
-            }
+            found.lost[l] |= !(holds[0][l] & accepted[l]);
+            found.settled[l] = holds[1][l] & !found.lost[l];
+            let near = near(found.cell[1][l] * width + found.cell[0][l], width, [ends[0][l], ends[1][l]]);
+            pixel[l] = if found.settled[l] { near } else { 0 };
+        }
+        let mut sigma = zero;
+        for l in 0..LANES {
+            found.pixel[l] = pixel[l] as usize;
+            sigma[l] = f64::from(right.sigma_rad[found.pixel[l]]);
+        }
+        for l in 0..LANES {
+            found.variance[l] = factor[l] * sigma[l] * sigma[l];
         }
     }
 }
+
+/// The pixel of a cell that is nearest to a place in it, from its first pixel and the offset from its centre.
+#[inline(always)]
+fn near(first: i32, width: i32, offset: [f64; 2]) -> i32 {
+    first + if offset[1] > 0.0 { width } else { 0 } + if offset[0] > 0.0 { 1 } else { 0 }
+}
+
+/// Four lines of samples, four of each pixel after the other.
+type Lines = [[f32; 4 * LANES]; 4];
 
 /// Single values of the pixels side by side.
 type Singles = [f32; LANES];
@@ -306,20 +332,19 @@ struct Patches {
 impl Patches {
     /// The same steps in the same order as for one pixel.
     #[inline(always)]
-    fn fit(samples: &[[Singles; 4]; 4], sigma: &Singles) -> Self {
+    fn fit(samples: &Lines, sigma: &Singles) -> Self {
         let zero = [0.0; LANES];
-        let (mut zeroth, mut first, mut second, mut squares) = ([zero; 4], [zero; 4], [zero; 4], [zero; 4]);
+        let lines = [0.0; 4 * LANES];
+        let (mut zeroth, mut first, mut second, mut squares) = (lines, lines, lines, lines);
         let [l0, l1, l2, l3] = samples;
-        for i in 0..4 {
-            for l in 0..LANES {
-                let (inner, outer) = (l1[i][l] + l2[i][l], l0[i][l] + l3[i][l]);
-                zeroth[i][l] = inner + outer;
-                first[i][l] = 1.5 * (l3[i][l] - l0[i][l]) + 0.5 * (l2[i][l] - l1[i][l]);
-                second[i][l] = outer - inner;
-                squares[i][l] =
-                    l0[i][l] * l0[i][l] + l1[i][l] * l1[i][l] + l2[i][l] * l2[i][l] + l3[i][l] * l3[i][l];
-            }
+        for i in 0..4 * LANES {
+            let (inner, outer) = (l1[i] + l2[i], l0[i] + l3[i]);
+            zeroth[i] = inner + outer;
+            first[i] = 1.5 * (l3[i] - l0[i]) + 0.5 * (l2[i] - l1[i]);
+            second[i] = outer - inner;
+            squares[i] = l0[i] * l0[i] + l1[i] * l1[i] + l2[i] * l2[i] + l3[i] * l3[i];
         }
+        let [zeroth, first, second, squares] = [zeroth, first, second, squares].map(columns);
         let (mut out, mut residual, mut limit) =
             (Self { a: zero, b: [zero; 2], c: [zero; 3], accepted: [false; LANES] }, zero, zero);
         let Self { a, b: [bx, by], c: [cxx, cxy, cyy], accepted } = &mut out;
@@ -349,4 +374,16 @@ impl Patches {
         }
         out
     }
+}
+
+/// The first values of all pixels, then the second ones, and so on.
+#[inline(always)]
+fn columns(line: [f32; 4 * LANES]) -> [Singles; 4] {
+    let mut columns = [[0.0; LANES]; 4];
+    for l in 0..LANES {
+        for (i, column) in columns.iter_mut().enumerate() {
+            column[l] = line[4 * l + i];
+        }
+    }
+    columns
 }

@@ -1,7 +1,7 @@
 //! The memory of a surface builder, and its parts of rows.
 
 use super::patches::Patches;
-use super::raster::Raster;
+use super::raster::{Raster, Samples};
 use super::{Cause, Sample, SurfaceSettings};
 use crate::math::simd::best_level;
 use fearless_simd::Level;
@@ -88,6 +88,13 @@ impl SurfaceBuilder {
     pub fn put(&mut self, pixel: usize, sample: &Sample) {
         self.raster.put(pixel, sample);
         self.causes[pixel] = sample.cause;
+    }
+
+    /// Takes what samples say of a pixel and of those behind it.
+    #[inline(always)]
+    pub fn put_beside(&mut self, pixel: usize, samples: &Samples) {
+        self.raster.put_beside(pixel, samples);
+        self.causes[pixel..pixel + samples.cause.len()].copy_from_slice(&samples.cause);
     }
 
     pub fn new(width: usize, height: usize, settings: SurfaceSettings) -> Self {

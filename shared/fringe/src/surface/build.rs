@@ -3,10 +3,11 @@
 use super::buffers::{PartCount, SurfaceBuilder};
 use super::normals::{Link, normal, quiet_half};
 use super::point::{Sample, View};
-use super::quick::{HALF, LANES, Shared, group};
+use super::quick::{Shared, group};
 use super::raster::Raster;
 use super::rim::at_rim;
 use super::smooth::{smoothed, smoothed_partly};
+use super::windows::{Block, HALF, LANES};
 use super::{Cause, SurfaceReport, SurfaceSettings};
 use crate::cloud::Point;
 use crate::math::parallel::for_parts;
@@ -24,8 +25,8 @@ impl SurfaceBuilder {
     /// element per pixel.
     pub fn build(&mut self, view: &View, pair: u32, out: &mut [Point]) -> SurfaceReport {
         let link = Link { max_step: self.max_tangent * view.pitch };
-        let spikes = self.drop_spikes(view, link);
-        let crumbs = self.drop_crumbs(view.width, link);
+        let spikes = self.drop_spikes(view.width, link);
+        let crumbs = self.drop_crumbs(view.width);
         self.mark_gaps((view.width, view.height), link);
         let written = self.write(view, link, pair, out);
         SurfaceReport { spikes, crumbs, ..written }
@@ -123,7 +124,7 @@ impl Selector<'_> {
         let whole = self.settings.smoothing_half() == HALF
             && self.settings.normal_window_px as usize / 2 == HALF
             && self.settings.edge_px as usize <= HALF;
-        let mut slots = points.iter_mut();
+        let (mut slots, mut block) = (points.iter_mut(), Block::NONE);
         let mut at = pixels.start;
         while at < pixels.end {
             let (column, row) = (at % width, at / width);
@@ -137,7 +138,7 @@ impl Selector<'_> {
                 continue;
             }
             if self.samples.depths[at..at + LANES].iter().any(|depth| depth.is_finite()) {
-                let found = group(self.view, self.samples, at, common);
+                let found = group(self.view, self.samples, at, common, &mut block);
                 for l in 0..LANES {
                     if !found.settled[l] {
                         if self.samples.depths[at + l].is_finite() {

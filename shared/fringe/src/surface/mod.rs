@@ -8,6 +8,7 @@ mod build;
 mod cause;
 mod gaps;
 mod independence;
+mod joints;
 mod normals;
 mod patches;
 mod point;
@@ -17,12 +18,15 @@ mod rim;
 mod scatter;
 mod smooth;
 mod support;
+mod windows;
 
 pub(crate) use buffers::SurfaceBuilder;
 pub use cause::Cause;
 pub(crate) use independence::{WINDOWS, independent_share};
 pub(crate) use point::{Sample, View, rim_is_hidden};
+pub(crate) use raster::Samples;
 pub(crate) use rim::mark_rims;
+pub(crate) use windows::{LANES, taken};
 
 use serde::{Deserialize, Serialize};
 

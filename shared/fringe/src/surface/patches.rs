@@ -3,18 +3,8 @@
 //! What is joined is marked for all pixels first, side by side. A walk over the marks then sees eight pixels at once wherever a stretch goes on
 //! below one of the row above; a union-find forest holds stretches, not pixels.
 
-// Without branches a loop vectorises.
-#![allow(clippy::needless_bitwise_bool)]
-
-use super::quick::{LANES, taken};
+use super::joints::{ABOVE, BEFORE, THERE};
 use std::ops::Range;
-
-/// There is a sample.
-const THERE: u8 = 1;
-/// It lies on the same surface as the sample before it in the row …
-const BEFORE: u8 = 2;
-/// … and as the one above it.
-const ABOVE: u8 = 4;
 
 /// Pixels that are walked over at once.
 const STRIDE: usize = 8;
@@ -38,56 +28,6 @@ struct Stretch {
 #[derive(Debug, Clone)]
 pub(super) struct Patches {
     stretches: Vec<Stretch>,
-}
-
-/// Marks for the rows from pixel `first` on which samples there are, and which of them are joined with the one before and above, within three
-/// sigmas of both and the largest relative step.
-#[inline(always)]
-pub(super) fn mark_joints(
-    depths: &[f64],
-    sigmas: &[f32],
-    (width, max_step): (usize, f64),
-    first: usize,
-    marks: &mut [u8],
-) {
-    for (line, marks) in marks.chunks_mut(width).enumerate() {
-        let start = first + line * width;
-        let own = (&depths[start..start + width], &sigmas[start..start + width]);
-        for (mark, depth) in marks.iter_mut().zip(own.0) {
-            *mark = if depth.is_finite() { THERE } else { 0 };
-        }
-        let before = (&own.0[..width - 1], &own.1[..width - 1]);
-        join((&own.0[1..], &own.1[1..]), before, max_step, BEFORE, &mut marks[1..]);
-        if let Some(above) = start.checked_sub(width) {
-            join(own, (&depths[above..start], &sigmas[above..start]), max_step, ABOVE, marks);
-        }
-    }
-}
-
-/// As [`super::normals::Link::joins`], side by side.
-#[inline(always)]
-fn join(own: (&[f64], &[f32]), other: (&[f64], &[f32]), max_step: f64, mark: u8, marks: &mut [u8]) {
-    let joined = |a: f64, b: f64, sigmas: f32| (a - b).abs() <= max_step * a.abs() + 3.0 * f64::from(sigmas);
-    let whole = marks.len() - marks.len() % LANES;
-    for at in (0..whole).step_by(LANES) {
-        let (a, b) = (taken::<_, LANES>(own.0, at), taken::<_, LANES>(other.0, at));
-        // Nothing joins where there is no sample.
-        if !a.iter().fold(false, |any, depth| any | depth.is_finite()) {
-            continue;
-        }
-        let (a_sigma, b_sigma) = (taken::<_, LANES>(own.1, at), taken::<_, LANES>(other.1, at));
-        // As wide as what is compared, which vectors are best at.
-        let mut found = [0_u64; LANES];
-        for l in 0..LANES {
-            found[l] = u64::from(joined(a[l], b[l], a_sigma[l] + b_sigma[l]));
-        }
-        for (marks, found) in marks[at..at + LANES].iter_mut().zip(found) {
-            *marks |= found as u8 * mark;
-        }
-    }
-    for (at, marks) in marks.iter_mut().enumerate().skip(whole) {
-        *marks |= u8::from(joined(own.0[at], other.0[at], own.1[at] + other.1[at])) * mark;
-    }
 }
 
 impl Patches {
@@ -200,6 +140,10 @@ const fn repeated(mark: u8) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Sample;
+    use super::super::joints::Joints;
+    use super::super::normals::Link;
+    use super::super::raster::Raster;
     use super::*;
     use proptest::prelude::*;
 
@@ -248,9 +192,10 @@ mod tests {
             let value = |v: &u8| if *v < holes { f64::NAN } else if *v > 37 { 2.0 } else { 1.0 };
             let rows = values.len() / width;
             let depths: Vec<f64> = values[..rows * width].iter().map(value).collect();
-            let sigmas = vec![0.0; depths.len()];
+            let sample = |inverse_depth: &f64| Sample { inverse_depth: *inverse_depth, sigma: 0.0, ..Sample::NONE };
+            let samples = Raster::from(&depths.iter().map(sample).collect::<Vec<_>>()[..]);
             let mut marks = vec![0; depths.len()];
-            mark_joints(&depths, &sigmas, (width, 0.1), 0, &mut marks);
+            Joints { samples: &samples, width, link: Link { max_step: 0.1 }, wanted: 0 }.mark(0, &mut marks);
             let patch = flooded(width, &marks);
             let size = |p: usize| patch.iter().filter(|other| **other == p).count() as u32;
             let brute: Vec<usize> =

@@ -7,18 +7,11 @@
 use super::normals::MAX_SLOPE_NOISE;
 use super::point::{STEEP_ERROR, STEEP_SHARE, View};
 use super::raster::Raster;
-use super::smooth::{MAX_NOISE, MAX_ROUGHNESS, share_left, shared};
-
-/// Pixels that are worked on side by side.
-pub(super) const LANES: usize = 8;
-
-/// Half the side of the window.
-pub(super) const HALF: usize = 2;
+use super::smooth::{share_left, shared};
+use super::windows::{Block, Columns, HALF, LANES, Lanes, fits, taken};
 
 /// Keeps rounding out of a comparison.
 const STRICTER: f64 = 1.0 + 1e-9;
-
-type Lanes = [f64; LANES];
 
 /// Values of the settings and the image that all pixels share.
 #[derive(Debug, Clone, Copy)]
@@ -29,16 +22,6 @@ pub(super) struct Shared {
     pub excess: f64,
     /// Smallest cosine between normal and lines of sight.
     pub min_cosine: f64,
-}
-
-/// The least-squares fits over the windows of neighbouring pixels.
-struct Fits {
-    /// The quadratic at the middle; NaN where the window is not one smooth surface.
-    smooth: Lanes,
-    /// The plane: value and derivatives by column and row; NaN where it is not one surface.
-    value: Lanes,
-    by_column: Lanes,
-    by_row: Lanes,
 }
 
 /// What becomes of neighbouring pixels.
@@ -53,82 +36,9 @@ pub(super) struct Group {
     pub sigma_mm: [f32; LANES],
 }
 
-/// A fixed number of values from `start` on; they must be there.
-#[inline(always)]
-pub(super) fn taken<T: Copy + Default, const N: usize>(values: &[T], start: usize) -> [T; N] {
-    let mut taken = [T::default(); N];
-    taken.copy_from_slice(&values[start..start + N]);
-    taken
-}
-
-/// The same in place: what was copied and is then read from other offsets waits for the copy.
-#[inline(always)]
-fn viewed<T, const N: usize>(values: &[T], start: usize) -> &[T; N] {
-    let Some(viewed) = values[start..].first_chunk() else {
-        unreachable!("the caller's windows lie in the image")
-    };
-    viewed
-}
-
-/// As [`super::smooth`] and [`super::normals`] fit a window of 5 × 5 samples that are all there; `value(r, k, l)` is that in row r and
-/// column k of window l.
-#[inline(always)]
-fn fits(value: impl Fn(usize, usize, usize) -> f64, sigma: &Lanes, max_step: f64) -> Fits {
-    let zero = [0.0; LANES];
-    let (mut sum, mut by_u, mut by_v, mut by_uu, mut by_uv, mut by_vv) = (zero, zero, zero, zero, zero, zero);
-    let (mut squares, mut worst, mut by_column) = (zero, zero, zero);
-    for r in 0..5 {
-        let v = r as f64 - 2.0;
-        let (mut line, mut line_u, mut line_uu) = (zero, zero, zero);
-        for k in 0..5 {
-            let u = k as f64 - 2.0;
-            for l in 0..LANES {
-                let difference = value(r, k, l) - value(HALF, HALF, l);
-                let size = difference.abs();
-                worst[l] = if size > worst[l] { size } else { worst[l] };
-                line[l] += difference;
-                line_u[l] += u * difference;
-                line_uu[l] += (u * u - 2.0) * difference;
-                squares[l] += difference * difference;
-                by_column[l] += u * difference;
-            }
-        }
-        for l in 0..LANES {
-            sum[l] += line[l];
-            by_u[l] += line_u[l];
-            by_uu[l] += line_uu[l];
-            by_v[l] += v * line[l];
-            by_uv[l] += v * line_u[l];
-            by_vv[l] += (v * v - 2.0) * line[l];
-        }
-    }
-    let mut out = Fits { smooth: zero, value: zero, by_column: zero, by_row: zero };
-    for l in 0..LANES {
-        let centre = value(HALF, HALF, l);
-        // Norms of the polynomials 1, u, uv, u² − 2: 25, 50, 100, 70.
-        let slope2 = (by_u[l] * by_u[l] + by_v[l] * by_v[l]) / (50.0 * 50.0);
-        let explained = sum[l] * sum[l] / 25.0
-            + (by_u[l] * by_u[l] + by_v[l] * by_v[l]) / 50.0
-            + (by_uu[l] * by_uu[l] + by_vv[l] * by_vv[l]) / 70.0
-            + by_uv[l] * by_uv[l] / 100.0;
-        let residual = (squares[l] - explained) / 19.0;
-        let noise = MAX_NOISE * sigma[l];
-        let limit = noise * noise + MAX_ROUGHNESS * MAX_ROUGHNESS * slope2 + 1e-12 * squares[l];
-        let connected = worst[l] <= max_step * HALF as f64 * centre.abs() + 2.0 * noise;
-        let smooth = centre + sum[l] / 25.0 - 2.0 * (by_uu[l] + by_vv[l]) / 70.0;
-        // An absent sample makes the sums NaN, and the comparison false.
-        out.smooth[l] = if (residual <= limit) & connected { smooth } else { f64::NAN };
-        let one = worst[l] <= max_step * centre.abs() + 6.0 * sigma[l];
-        out.value[l] = if one { centre + sum[l] / 25.0 } else { f64::NAN };
-        out.by_column[l] = by_column[l] / 50.0;
-        out.by_row[l] = by_v[l] / 50.0;
-    }
-    out
-}
-
 /// What becomes of the pixels from `at` on, whose windows lie in the image.
 #[inline(always)]
-pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared) -> Group {
+pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared, block: &mut Block) -> Group {
     let depths = &samples.depths[..];
     let sigmas = taken::<_, LANES>(&samples.sigmas, at);
     let own_shares = taken::<_, LANES>(&samples.own_shares, at);
@@ -141,10 +51,8 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared)
     for left in &mut left {
         *left = shared(share_left(HALF, *left), view.independent);
     }
-    let start = at - HALF * view.width - HALF;
-    let row = |r: usize| viewed::<_, { LANES + 2 * HALF }>(depths, start + r * view.width);
-    let rows = [row(0), row(1), row(2), row(3), row(4)];
-    let fits = fits(|r, k, l| rows[r][k + l], &sigma, shared_by.max_step);
+    let columns = block.columns(view, depths, at);
+    let fits = fits(columns, |k, l| k + l, &sigma, shared_by.max_step);
     let [above_x, above_y] = view.directions.along::<LANES>(at - view.width);
     let [below_x, below_y] = view.directions.along::<LANES>(at + view.width);
     let [beside_x, beside_y] = view.directions.along::<{ LANES + 2 }>(at - 1);
@@ -168,7 +76,7 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared)
         let q = fits.smooth[l];
         let single = (sigma[l] * left[l].sqrt()) as f32;
         let after = (f64::from(single) * shared_by.excess) as f32;
-        let whole = rows[HALF][l + HALF];
+        let whole = columns[0][l + HALF];
         out.settled[l] = holds(view, shared_by, [nx, ny, nz], [x, y, q], [whole, sigma[l], f64::from(after)]);
 
         let depth = 1.0 / q;
@@ -229,50 +137,25 @@ pub(super) fn smoothed(
     places: &[usize; LANES],
     max_step: f64,
 ) -> (Lanes, [f32; LANES]) {
-    let mut windows = [[[0.0; LANES]; 5]; 5];
+    let mut windows = [[0.0; 5 * LANES]; 5];
     let (mut sigma, mut left, mut single) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for l in 0..LANES {
         let first = places[l] - HALF * view.width - HALF;
         for (r, row) in windows.iter_mut().enumerate() {
-            for (values, value) in row.iter_mut().zip(&samples.depths[first + r * view.width..][..5]) {
-                values[l] = *value;
+            for (k, value) in samples.depths[first + r * view.width..][..5].iter().enumerate() {
+                row[k * LANES + l] = *value;
             }
         }
         sigma[l] = f64::from(samples.sigmas[places[l]]);
         left[l] = f64::from(samples.own_shares[places[l]]);
     }
-    let fits = fits(|r, k, l| windows[r][k][l], &sigma, max_step);
+    let mut columns = Columns::<{ 5 * LANES }>::NONE;
+    columns.fill(windows.each_ref().map(|row| &row[..]));
+    let fits = fits(columns.part(0), |k, l| k * LANES + l, &sigma, max_step);
     for l in 0..LANES {
         single[l] = (sigma[l] * shared(share_left(HALF, left[l]), view.independent).sqrt()) as f32;
     }
     (fits.smooth, single)
-}
-
-/// Of the eight neighbours of the pixels from `at` on, how many lie on the same surface.
-#[inline(always)]
-pub(super) fn neighbours(
-    depths: &[f64],
-    sigmas: &[f32],
-    width: usize,
-    at: usize,
-    max_step: f64,
-) -> [u64; LANES] {
-    let (own, own_sigma) = (taken::<_, LANES>(depths, at), taken::<_, LANES>(sigmas, at));
-    let mut count = [0_u64; LANES];
-    for row in [at - width, at, at + width] {
-        for place in [row - 1, row, row + 1] {
-            if place == at {
-                continue;
-            }
-            let (other, sigma) = (taken::<_, LANES>(depths, place), taken::<_, LANES>(sigmas, place));
-            for l in 0..LANES {
-                // Three sigmas of both, as `Link::joins`.
-                let noise = 3.0 * f64::from(own_sigma[l] + sigma[l]);
-                count[l] += u64::from((own[l] - other[l]).abs() <= max_step * own[l].abs() + noise);
-            }
-        }
-    }
-    count
 }
 
 #[cfg(test)]
@@ -326,18 +209,23 @@ mod tests {
             min_cosine: common.min_cosine,
             gaps: &gaps,
         };
-        let mut settled = 0;
+        let (mut settled, mut block) = (0, Block::NONE);
         for start in (HALF..SIDE - HALF).map(|row| row * SIDE + HALF) {
             for first in (start..start + SIDE - 2 * HALF - LANES).step_by(LANES) {
-                let found = group(&view, &raster, first, common);
+                let found = group(&view, &raster, first, common, &mut block);
                 for l in (0..LANES).filter(|l| found.settled[*l]) {
                     settled += 1;
                     let (sample, normal, cause) = selector.pixel(first + l);
                     assert_eq!(cause, Cause::Point);
                     let point = view.point(&sample, first + l, 0, normal);
-                    assert_eq!(point.position_mm, found.position_mm.map(|axis| axis[l]));
-                    assert_eq!(point.normal, found.normal.map(|axis| axis[l] as f32));
-                    assert_eq!(point.sigma_mm, found.sigma_mm[l]);
+                    // But for rounding: a millionth of the uncertainty.
+                    let sigma_mm = f64::from(point.sigma_mm);
+                    for axis in 0..3 {
+                        let off = point.position_mm[axis] - found.position_mm[axis][l];
+                        assert!(off.abs() <= 1e-6 * sigma_mm, "{off} mm at {}", first + l);
+                        assert!((f64::from(point.normal[axis]) - found.normal[axis][l]).abs() < 1e-6);
+                    }
+                    assert!((f64::from(found.sigma_mm[l]) / sigma_mm - 1.0).abs() < 1e-6);
                 }
             }
         }

@@ -2,6 +2,52 @@
 
 use super::Cause;
 use super::point::Sample;
+use super::windows::LANES;
+
+/// Samples of neighbouring pixels, each of their numbers in one piece; see [`Sample`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Samples {
+    /// Inverse depths, 1/mm; NaN where there is no point.
+    pub inverse_depth: [f64; LANES],
+    /// Their standard uncertainties, 1/mm; this and what follows means something for points only.
+    pub sigma: [f32; LANES],
+    /// Shares of the variances that are the pixels' own.
+    pub own_share: [f32; LANES],
+    /// Modulations, DN.
+    pub modulation: [f32; LANES],
+    /// Why there is no point.
+    pub cause: [Cause; LANES],
+}
+
+impl Samples {
+    pub const NONE: Self = Self {
+        inverse_depth: [Sample::NONE.inverse_depth; LANES],
+        sigma: [Sample::NONE.sigma; LANES],
+        own_share: [Sample::NONE.own_share; LANES],
+        modulation: [Sample::NONE.modulation; LANES],
+        cause: [Sample::NONE.cause; LANES],
+    };
+
+    /// One of them.
+    #[inline(always)]
+    pub fn at(&self, l: usize) -> Sample {
+        Sample {
+            inverse_depth: self.inverse_depth[l],
+            sigma: self.sigma[l],
+            own_share: self.own_share[l],
+            modulation: self.modulation[l],
+            cause: self.cause[l],
+        }
+    }
+
+    /// Replaces one of them.
+    #[inline(always)]
+    pub fn set(&mut self, l: usize, sample: &Sample) {
+        self.inverse_depth[l] = sample.inverse_depth;
+        (self.sigma[l], self.own_share[l]) = (sample.sigma, sample.own_share);
+        (self.modulation[l], self.cause[l]) = (sample.modulation, sample.cause);
+    }
+}
 
 /// Samples on the grid of a view, each of their numbers in one piece.
 #[derive(Debug, Clone)]
@@ -44,6 +90,15 @@ impl Raster {
             modulation: self.modulations[pixel],
             cause: if inverse_depth.is_finite() { Cause::Point } else { Cause::Dark },
         }
+    }
+
+    /// Takes the samples of a pixel and of those behind it.
+    #[inline(always)]
+    pub fn put_beside(&mut self, pixel: usize, samples: &Samples) {
+        self.depths[pixel..pixel + LANES].copy_from_slice(&samples.inverse_depth);
+        self.sigmas[pixel..pixel + LANES].copy_from_slice(&samples.sigma);
+        self.own_shares[pixel..pixel + LANES].copy_from_slice(&samples.own_share);
+        self.modulations[pixel..pixel + LANES].copy_from_slice(&samples.modulation);
     }
 
     /// Takes the sample of a pixel.

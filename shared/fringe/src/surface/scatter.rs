@@ -8,9 +8,10 @@ use super::buffers::{SCATTER_WINDOWS, SurfaceBuilder};
 use super::independence::LEAST;
 use super::normals::Link;
 use super::point::View;
-use super::quick::{self, HALF, LANES};
+use super::quick;
 use super::raster::Raster;
 use super::smooth::smoothed;
+use super::windows::{HALF, LANES};
 use crate::math::simd::vectorised;
 use rayon::prelude::*;
 
@@ -41,9 +42,8 @@ impl SurfaceBuilder {
         }
         let lag = if alone { 2 * half + 2 } else { SHARED_PX };
         let Self { raster, asked, ratios, level, .. } = self;
-        let filled = (0..raster.len() as u32).filter(|pixel| raster.depths[*pixel as usize].is_finite());
         asked.clear();
-        asked.extend(filled.step_by(count.div_ceil(SCATTER_WINDOWS).max(1)));
+        vectorised!(*level, every(&raster.depths, count.div_ceil(SCATTER_WINDOWS).max(1), asked));
         let windows = Windows { view, samples: raster, link, half };
         let mut scatter = |lag| {
             ratios.resize(asked.len(), f64::NAN);
@@ -65,6 +65,29 @@ impl SurfaceBuilder {
         let ratio = (near * near - shape).max(0.0).sqrt();
         let measured = ONE_WINDOW * ONE_WINDOW / self.ratios.len() as f64;
         1.0 + (ratio - 1.0).max(0.0) * PRIOR * PRIOR / (PRIOR * PRIOR + measured)
+    }
+}
+
+/// Pixels that are passed over together.
+const GROUP: usize = 16;
+
+/// Takes the first of each so many pixels that have a sample.
+#[inline(always)]
+fn every(depths: &[f64], stride: usize, pixels: &mut Vec<u32>) {
+    let mut between = 0;
+    for (number, group) in depths.chunks(GROUP).enumerate() {
+        let count = group.iter().fold(0_u64, |count, depth| count + u64::from(depth.is_finite())) as usize;
+        if count <= between {
+            between -= count;
+            continue;
+        }
+        for (place, _) in group.iter().enumerate().filter(|(_, depth)| depth.is_finite()) {
+            if between == 0 {
+                pixels.push((number * GROUP + place) as u32);
+                between = stride;
+            }
+            between -= 1;
+        }
     }
 }
 
@@ -181,6 +204,16 @@ mod tests {
         let mut builder = SurfaceBuilder::new(SIDE, SIDE, SurfaceSettings::default());
         builder.load(&samples);
         builder.excess(&view, Link { max_step: 0.01 }, samples.len())
+    }
+
+    #[test]
+    fn one_of_so_many_samples_is_asked() {
+        let depths: Vec<f64> = (0..500).map(|i| if i % 7 < 3 || i > 450 { f64::NAN } else { 1.0 }).collect();
+        for stride in [1, 2, 15, 16, 40, 1000] {
+            let (mut found, filled) = (Vec::new(), (0..500).filter(|i| depths[*i as usize].is_finite()));
+            every(&depths, stride, &mut found);
+            assert_eq!(found, filled.step_by(stride).collect::<Vec<u32>>(), "{stride}");
+        }
     }
 
     /// Smoothing over 5 × 5 leaves 0.39 σ of single pixels and all of the patches. Some 2000 windows give 3 % of what there is not.
