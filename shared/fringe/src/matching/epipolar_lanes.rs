@@ -26,14 +26,14 @@ impl Row {
         let mut out = Columns { found: [false; LANES], column: [0.0; LANES], cells_per_rad: 0.0 };
         let Some(run) = self.runs.get_mut(self.alone.run).filter(|run| run.monotone) else { return out };
         let (above, below) = (self.alone.above, self.alone.below);
-        for l in 0..LANES {
-            out.found[l] = asked[l] & (above < phases[l]) & (phases[l] < below);
+        for (l, phase) in phases.iter().enumerate() {
+            out.found[l] = asked[l] & (above < *phase) & (*phase < below);
         }
         // As if the phase grew with the column.
         let sense = if run.rising { 1.0 } else { -1.0 };
         let (mut nearest, mut farthest) = (f32::INFINITY, f32::NEG_INFINITY);
-        for l in 0..LANES {
-            let wanted = sense * phases[l];
+        for (l, phase) in phases.iter().enumerate() {
+            let wanted = sense * phase;
             nearest = if out.found[l] & (wanted < nearest) { wanted } else { nearest };
             farthest = if out.found[l] & (wanted > farthest) { wanted } else { farthest };
         }
@@ -99,14 +99,13 @@ impl Row {
         for l in 0..LANES {
             let cell = cells[l] as usize;
             if first < cell && cell < last {
-                for (value, near) in three.iter_mut().zip(&self.phase_rad[cell - 1..=cell + 1]) {
-                    value[l] = *near;
-                }
+                let near = &self.phase_rad[cell - 1..=cell + 1];
+                (three[0][l], three[1][l], three[2][l]) = (near[0], near[1], near[2]);
             }
         }
         for l in 0..LANES {
-            let [before, here, behind, phase] =
-                [three[0][l], three[1][l], three[2][l], phases[l]].map(f64::from);
+            let (before, here) = (f64::from(three[0][l]), f64::from(three[1][l]));
+            let (behind, phase) = (f64::from(three[2][l]), f64::from(phases[l]));
             let between = |a: f64, b: f64| ((a <= phase) & (phase <= b)) | ((b <= phase) & (phase <= a));
             let (back, on) = (between(before, here), between(here, behind));
             let (from, to) = if back { (before, here) } else { (here, behind) };

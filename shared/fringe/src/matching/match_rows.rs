@@ -114,7 +114,10 @@ impl Scan<'_> {
             while let Some((group, rest)) = next_group(pixels, self.left_phase.len()) {
                 hits[number] = Samples::NONE;
                 let wanted = group.values(self.left_phase);
-                let live: [bool; LANES] = std::array::from_fn(|l| l < group.count && !wanted[l].is_nan());
+                let mut live = [false; LANES];
+                for l in 0..LANES {
+                    live[l] = (l < group.count) & !wanted[l].is_nan();
+                }
                 if live != [false; LANES] {
                     if !loaded {
                         self.load(row, task);
@@ -139,16 +142,22 @@ impl Scan<'_> {
         task: &mut Task,
     ) -> Batch {
         let [left_x, y] = group.directions(self.directions);
-        let sigma_rad = group.values(self.left.sigma_rad).map(f64::from);
-        let modulation = group.values(self.left.modulation);
+        let (sigmas, modulation) = (group.values(self.left.sigma_rad), group.values(self.left.modulation));
+        let (mut sigma_rad, mut own) = ([0.0; LANES], [0.0; LANES]);
+        for l in 0..LANES {
+            sigma_rad[l] = f64::from(sigmas[l]);
+            own[l] = self.left_grid.column(left_x[l]);
+        }
         let mut batch = Batch { live, wanted, left_x, y, sigma_rad, modulation, ..Batch::default() };
         for l in 0..LANES {
             [batch.limits[0][l], batch.limits[1][l]] = self.disparity_limits(left_x[l], y[l]);
         }
-        let own = left_x.map(|x| self.left_grid.column(x));
         let tolerance = self.settings.left_right_tolerance_px;
         let returned = task.left.return_beside(&wanted, &own, tolerance);
-        let asked = std::array::from_fn(|l| live[l] & returned[l]);
+        let mut asked = [false; LANES];
+        for l in 0..LANES {
+            asked[l] = live[l] & returned[l];
+        }
         let places = task.right.columns(&wanted, asked);
         let mut known = [false; LANES];
         for l in 0..LANES {
@@ -188,8 +197,8 @@ impl Scan<'_> {
         let none = hits[number].cause;
         hits[number] = samples;
         let mut points = [false; LANES];
-        for l in 0..LANES {
-            points[l] = samples.cause[l] == Cause::Point;
+        for (l, point) in points.iter_mut().enumerate() {
+            *point = samples.cause[l] == Cause::Point;
         }
         if points == [true; LANES] {
             return;
@@ -219,7 +228,9 @@ impl Scan<'_> {
     #[inline(never)]
     fn settle_later(&self, later: &mut Later, hits: &mut [Samples], report: &mut MatchReport) {
         let Later { batch, count, hits: places } = later;
-        batch.live = std::array::from_fn(|l| l < *count);
+        for (l, live) in batch.live.iter_mut().enumerate() {
+            *live = l < *count;
+        }
         let (found, samples) = vectorised!(self.level, self.evaluate(batch, true));
         for (l, (number, place)) in places[..*count].iter().enumerate() {
             let sample = if found.settled[l] { samples.at(l) } else { self.general(batch, l, report) };
@@ -245,9 +256,9 @@ impl Scan<'_> {
         }
         let mut samples =
             Samples { modulation, sigma: depths.sigma, own_share: depths.own_share, ..Samples::NONE };
-        for l in 0..LANES {
+        for (l, rim) in rims.into_iter().enumerate() {
             // In the order in which the general way decides, see `sample`.
-            let whole = rims[l] == 0;
+            let whole = rim == 0;
             let point = found.settled[l] & whole & depths.certain[l] & depths.within[l];
             samples.inverse_depth[l] = if point { depths.inverse_depth[l] } else { f64::NAN };
             let uncertain = whole & !depths.certain[l];

@@ -65,7 +65,11 @@ impl Group {
         if self.beside {
             return taken(plane, self.pixels[0] as usize);
         }
-        std::array::from_fn(|l| plane[self.pixels[l] as usize])
+        let mut values = [T::default(); LANES];
+        for l in 0..LANES {
+            values[l] = plane[self.pixels[l] as usize];
+        }
+        values
     }
 
     /// Directions of its pixels, x and y.
@@ -102,15 +106,17 @@ pub(super) fn next_group(pixels: &[u32], all: usize) -> Option<(Group, &[u32])> 
     let beside = if whole {
         LANES
     } else {
-        pixels.iter().zip(first..).take_while(|(pixel, next)| *pixel == next).count()
+        let mut beside = 1;
+        while beside <= last && pixels[beside] - first == beside as u32 {
+            beside += 1;
+        }
+        beside
     };
     let apart = beside < LEAST_BESIDE;
     let count = if apart { last + 1 } else { beside.min(LANES) };
-    let group = Group {
-        count,
-        pixels: std::array::from_fn(|l| pixels[l.min(count - 1)]),
-        beside: !apart && first as usize + LANES <= all,
-    };
+    let mut own = [pixels[count - 1]; LANES];
+    own[..count].copy_from_slice(&pixels[..count]);
+    let group = Group { count, pixels: own, beside: !apart && first as usize + LANES <= all };
     Some((group, &pixels[count..]))
 }
 

@@ -121,7 +121,7 @@ struct Places {
 pub(super) fn step_beside(right: &RightPhase, camera: &RectifiedCamera, batch: &Batch, again: bool) -> Found {
     let usable = right.interpolation == Interpolation::Quadratic && right.width >= 4 && right.height >= 4;
     let mut found = Found {
-        lost: batch.live.map(|live| !(live & usable)),
+        lost: [!usable; LANES],
         settled: [false; LANES],
         x: batch.x,
         cell: batch.cell,
@@ -129,6 +129,9 @@ pub(super) fn step_beside(right: &RightPhase, camera: &RectifiedCamera, batch: &
         variance: [0.0; LANES],
         pixel: [0; LANES],
     };
+    for (lost, live) in found.lost.iter_mut().zip(&batch.live) {
+        *lost |= !live;
+    }
     if usable {
         let mut places = evaluate(camera, batch);
         let (samples, sigma) = places.gather(right, batch, again, &mut found);
@@ -160,7 +163,10 @@ fn evaluate(camera: &RectifiedCamera, batch: &Batch) -> Places {
         (camera.camera.focal_px, camera.camera.skew, camera.camera.principal_point_px);
     for l in 0..LANES {
         let (x, y) = (batch.x[l], batch.y[l]);
-        let direction: [f64; 3] = std::array::from_fn(|i| (by_y[i] * y + base[i]) + along[i] * x);
+        let mut direction = [0.0; 3];
+        for (i, direction) in direction.iter_mut().enumerate() {
+            *direction = (by_y[i] * y + base[i]) + along[i] * x;
+        }
         let inverse_z = if direction[2] > 0.0 { 1.0 / direction[2] } else { f64::NAN };
         let (u, v) = (direction[0] * inverse_z, direction[1] * inverse_z);
         let (du, dv) = ((along[0] - u * along[2]) * inverse_z, (along[1] - v * along[2]) * inverse_z);
@@ -221,8 +227,8 @@ impl Places {
         let (mut lines, mut sigma) = ([[0.0; 4 * LANES]; 4], [0.0; LANES]);
         for l in 0..LANES {
             let rows = &right.phase_rad[first[l] as usize..];
-            for (line, samples) in lines.iter_mut().enumerate() {
-                samples[4 * l..4 * l + 4].copy_from_slice(&rows[line * right.width..][..4]);
+            for line in 0..4 {
+                lines[line][4 * l..4 * l + 4].copy_from_slice(&rows[line * right.width..][..4]);
             }
             sigma[l] = right.sigma_rad[nearest[l] as usize];
         }
@@ -231,8 +237,8 @@ impl Places {
             wanted[4 * l..4 * l + 4].copy_from_slice(&[batch.wanted[l]; 4]);
         }
         for samples in &mut lines {
-            for (sample, wanted) in samples.iter_mut().zip(&wanted) {
-                *sample -= wanted;
+            for i in 0..4 * LANES {
+                samples[i] -= wanted[i];
             }
         }
         (lines, sigma)
@@ -249,11 +255,10 @@ impl Places {
     ) {
         let Patches { a, b: [bx, by], c: [cxx, cxy, cyy], accepted } = Patches::fit(samples, sigma);
         let pitch = right.pitch;
-        let [xi, eta] = self.offset.map(|offsets| offsets.map(|offset| offset as f32));
-        let [tx, ty] = self.tangent.map(|tangents| tangents.map(|tangent| (tangent * pitch) as f32));
         let (mut steps, mut slopes) = ([0.0; LANES], [0.0; LANES]);
         for l in 0..LANES {
-            let (xi, eta, tx, ty) = (xi[l], eta[l], tx[l], ty[l]);
+            let (xi, eta) = (self.offset[0][l] as f32, self.offset[1][l] as f32);
+            let (tx, ty) = ((self.tangent[0][l] * pitch) as f32, (self.tangent[1][l] * pitch) as f32);
             let value = a[l]
                 + xi * (bx[l] + cxy[l] * eta)
                 + by[l] * eta
@@ -311,7 +316,7 @@ impl Places {
 /// The pixel of a cell that is nearest to a place in it, from its first pixel and the offset from its centre.
 #[inline(always)]
 fn near(first: i32, width: i32, offset: [f64; 2]) -> i32 {
-    first + if offset[1] > 0.0 { width } else { 0 } + if offset[0] > 0.0 { 1 } else { 0 }
+    first + if offset[1] > 0.0 { width } else { 0 } + i32::from(offset[0] > 0.0)
 }
 
 /// Four lines of samples, four of each pixel after the other.
@@ -344,7 +349,8 @@ impl Patches {
             second[i] = outer - inner;
             squares[i] = l0[i] * l0[i] + l1[i] * l1[i] + l2[i] * l2[i] + l3[i] * l3[i];
         }
-        let [zeroth, first, second, squares] = [zeroth, first, second, squares].map(columns);
+        let (zeroth, first) = (columns(&zeroth), columns(&first));
+        let (second, squares) = (columns(&second), columns(&squares));
         let (mut out, mut residual, mut limit) =
             (Self { a: zero, b: [zero; 2], c: [zero; 3], accepted: [false; LANES] }, zero, zero);
         let Self { a, b: [bx, by], c: [cxx, cxy, cyy], accepted } = &mut out;
@@ -378,7 +384,7 @@ impl Patches {
 
 /// The first values of all pixels, then the second ones, and so on.
 #[inline(always)]
-fn columns(line: [f32; 4 * LANES]) -> [Singles; 4] {
+fn columns(line: &[f32; 4 * LANES]) -> [Singles; 4] {
     let mut columns = [[0.0; LANES]; 4];
     for l in 0..LANES {
         for (i, column) in columns.iter_mut().enumerate() {

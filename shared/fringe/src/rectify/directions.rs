@@ -43,13 +43,21 @@ impl Curve {
     /// The coordinates of so many pixels from one on, each in one piece.
     #[inline(always)]
     fn along<const N: usize>(&self, from: f64) -> [[f64; N]; 2] {
-        let mut out = [[0.0; N]; 2];
-        for (axis, values) in out.iter_mut().enumerate() {
-            for (l, value) in values.iter_mut().enumerate() {
-                *value = self.value(axis, from + l as f64);
+        let mut place = [0.0; N];
+        for (l, place) in place.iter_mut().enumerate() {
+            *place = from + l as f64;
+        }
+        // Power by power, all pixels side by side, as `value` goes on for one.
+        let [x, y] = self.0[COEFFICIENTS - 1];
+        let (mut x, mut y) = ([x; N], [y; N]);
+        for k in (0..COEFFICIENTS - 1).rev() {
+            let power = self.0[k];
+            for l in 0..N {
+                x[l] = x[l] * place[l] + power[0];
+                y[l] = y[l] * place[l] + power[1];
             }
         }
-        out
+        [x, y]
     }
 
     /// The polynomial through so many places: pixels from the middle, and coordinates there.
@@ -147,10 +155,13 @@ impl Directions {
                     return first;
                 }
                 let next: [[f64; N]; 2] = self.curves[stretch + 1].along(from_middle(place) - STRETCH as f64);
-                let chosen = |axis: usize| {
-                    std::array::from_fn(|l| if place + l < STRETCH { first[axis][l] } else { next[axis][l] })
-                };
-                return [chosen(0), chosen(1)];
+                let mut chosen = first;
+                for axis in 0..2 {
+                    for l in 0..N {
+                        chosen[axis][l] = if place + l < STRETCH { first[axis][l] } else { next[axis][l] };
+                    }
+                }
+                return chosen;
             }
         }
         let (mut x, mut y) = ([0.0; N], [0.0; N]);

@@ -139,6 +139,7 @@ impl Selector<'_> {
             }
             if self.samples.depths[at..at + LANES].iter().any(|depth| depth.is_finite()) {
                 let found = group(self.view, self.samples, at, common, &mut block);
+                let ([x, y, z], [nx, ny, nz]) = (&found.position_mm, &found.normal);
                 for l in 0..LANES {
                     if !found.settled[l] {
                         if self.samples.depths[at + l].is_finite() {
@@ -149,8 +150,8 @@ impl Selector<'_> {
                     let Some(point) = slots.next() else { return };
                     count.add(Cause::Point);
                     *point = Point {
-                        position_mm: found.position_mm.map(|axis| axis[l]),
-                        normal: found.normal.map(|axis| axis[l] as f32),
+                        position_mm: [x[l], y[l], z[l]],
+                        normal: [nx[l] as f32, ny[l] as f32, nz[l] as f32],
                         sigma_mm: found.sigma_mm[l],
                         modulation: self.samples.modulations[at + l],
                         pair,

@@ -134,7 +134,11 @@ impl Joints<'_> {
                 marks[l] |= if joined { u64::from(mark) } else { 0 };
             }
         }
-        std::array::from_fn(|l| self.marked(own[l], count[l] as u32, marks[l] as u8))
+        let mut out = [0; LANES];
+        for (l, out) in out.iter_mut().enumerate() {
+            *out = self.marked(own[l], count[l] as u32, marks[l] as u8);
+        }
+        out
     }
 
     /// The mark of any pixel.

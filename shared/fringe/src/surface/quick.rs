@@ -150,8 +150,9 @@ pub(super) fn smoothed(
         left[l] = f64::from(samples.own_shares[places[l]]);
     }
     let mut columns = Columns::<{ 5 * LANES }>::NONE;
-    columns.fill(windows.each_ref().map(|row| &row[..]));
-    let fits = fits(columns.part(0), |k, l| k * LANES + l, &sigma, max_step);
+    let [above, over, own, under, below] = &windows;
+    columns.fill([above, over, own, under, below]);
+    let fits = fits(columns.part::<{ 5 * LANES }>(0), |k, l| k * LANES + l, &sigma, max_step);
     for l in 0..LANES {
         single[l] = (sigma[l] * shared(share_left(HALF, left[l]), view.independent).sqrt()) as f32;
     }

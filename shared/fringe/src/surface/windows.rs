@@ -89,8 +89,9 @@ impl<const N: usize> Columns<N> {
     /// Those of `M` columns from one on.
     #[inline(always)]
     pub fn part<const M: usize>(&self, first: usize) -> [&[f64; M]; 7] {
-        [&self.middle, &self.low, &self.high, &self.sum, &self.slope, &self.bend, &self.squares]
-            .map(|values| viewed(values, first))
+        let part = |values| viewed::<f64, M>(values, first);
+        let ends = [part(&self.middle), part(&self.low), part(&self.high)];
+        [ends[0], ends[1], ends[2], part(&self.sum), part(&self.slope), part(&self.bend), part(&self.squares)]
     }
 }
 
