@@ -9,11 +9,11 @@ use super::subpixel_lanes::LANES;
 
 type Singles = [f32; LANES];
 
-/// Places in a row.
+/// Places of pixels in a row.
 pub(super) struct Columns {
     /// Whether the row alone shows the phase there; where not, the rest means nothing.
     pub found: [bool; LANES],
-    /// Fractional columns.
+    /// Fractional columns of the cells.
     pub column: [f64; LANES],
     /// Cells per rad of the run.
     pub cells_per_rad: f64,

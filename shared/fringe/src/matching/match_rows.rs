@@ -271,7 +271,7 @@ impl Scan<'_> {
         (found, samples)
     }
 
-    /// A pixel by itself.
+    /// The sample of a pixel by itself.
     #[inline(never)]
     fn general(&self, batch: &Batch, l: usize, report: &mut MatchReport) -> Sample {
         let curve = self.pair.right.curve(batch.y[l]);

@@ -10,7 +10,7 @@ use super::normals::Link;
 use super::raster::Raster;
 use super::windows::{LANES, taken};
 
-/// There is a sample.
+/// There is a sample at all.
 pub(super) const THERE: u8 = 1;
 /// It lies on the same surface as the sample before it in the row …
 pub(super) const BEFORE: u8 = 2;
@@ -26,7 +26,7 @@ const COLUMNS: usize = LANES + 2;
 #[derive(Clone, Copy)]
 pub(super) struct Joints<'a> {
     pub samples: &'a Raster,
-    /// Columns of the picture.
+    /// Columns of the whole picture.
     pub width: usize,
     pub link: Link,
     /// Neighbours that a sample needs.

@@ -13,7 +13,7 @@ pub(crate) struct Samples {
     pub sigma: [f32; LANES],
     /// Shares of the variances that are the pixels' own.
     pub own_share: [f32; LANES],
-    /// Modulations, DN.
+    /// Modulations of the pixels, DN.
     pub modulation: [f32; LANES],
     /// Why there is no point.
     pub cause: [Cause; LANES],
@@ -28,7 +28,7 @@ impl Samples {
         cause: [Sample::NONE.cause; LANES],
     };
 
-    /// One of them.
+    /// One of the samples, by its place.
     #[inline(always)]
     pub fn at(&self, l: usize) -> Sample {
         Sample {
@@ -40,7 +40,7 @@ impl Samples {
         }
     }
 
-    /// Replaces one of them.
+    /// Replaces one of the samples.
     #[inline(always)]
     pub fn set(&mut self, l: usize, sample: &Sample) {
         self.inverse_depth[l] = sample.inverse_depth;
