@@ -1,30 +1,33 @@
 //! Decoding: from the frames of one camera to absolute phase.
+//!
 //! ```text
 //! frames, block by block ─▶ Σ I, Σ I cos δ, Σ I sin δ ─▶ wrapped phase, B, A, σ ─▶ order ─▶ neighbours ─▶ phase map
 //! ```
 //!
-//! [`Decoder::new`] reads the sequence once, decides what every frame is for and reserves all memory. [`Decoder::push`] copies a frame and, with the
-//! last of a sine set, estimates the camera's noise; [`Decoder::finish`] takes all frames block by block, so that what a block needs stays in the
-//! first cache: a frame is read twice, and no sum is ever written to memory. Neither allocates.
+//! [`Decoder::new`] reads the sequence once, decides what every frame is for and reserves all memory. [`Decoder::push`]
+//! copies a frame and, with the last of a sine set, estimates the camera's noise; [`Decoder::finish`] takes all frames block by block,
+//! so that what a block needs stays in the first cache: a frame is read twice, and no sum is ever written to memory. Neither
+//! allocates.
 //!
 //! # Convention
-//! I = A + B cos(2πx/p − δ), δᵢ = ±(2πi/N + first step), gives φ = 2πx/p (mod 2π) in [0, 2π), so x = φ p/2π + m p. The order m is an integer of any size
-//! and sign; phase 0 is as good as any other, only the mask marks what is usable.
+//! I = A + B cos(2πx/p − δ), δᵢ = ±(2πi/N + first step), gives φ = 2πx/p (mod 2π) in [0, 2π), so x = φ p/2π + m p. The order m is
+//! an integer of any size and sign; phase 0 is as good as any other, only the mask marks what is usable.
 //!
 //! # One rule for the order
 //! Every method of the fringe order gives a coarse coordinate c, and m = round((c − x_w) / p):
 //! stripe k of a code gives c = k s + s/2 − 1/2 (its centre: a code edge lies half a column before the phase zero), a
-//! longer period or a beat gives its own coordinate ([`chain`]). With stripes of half a period the two differ by at most p/4 where p/2 would be
-//! harmful, so neither blur nor noise at the code's edges makes a jump. With stripes of a whole period no margin is left at the edges; pixels
-//! there are settled by their neighbours or masked (`neighbours`).
+//! longer period or a beat gives its own coordinate ([`chain`]). With stripes of half a period the two differ by at most
+//! p/4 where p/2 would be harmful, so neither blur nor noise at the code's edges makes a jump. With stripes of a whole
+//! period no margin is left at the edges; pixels there are settled by their neighbours or masked (`neighbours`).
 //!
-//! The result is the phase of the finest sine of an axis; the coarser ones only give its order. A code without sines gives what lies between the
-//! edges of its stripes (`edges`), or the centre of a stripe with the uncertainty s/√12 where there are none. Sets that are not needed (stair,
-//! ramp, random, superfluous codes) are named in the report.
+//! The result is the phase of the finest sine of an axis; the coarser ones only give its order. A code without
+//! sines gives what lies between the edges of its stripes (`edges`), or the centre of a stripe with the uncertainty s/√12 where
+//! there are none. Sets that are not needed (stair, ramp, random,
+//! superfluous codes) are named in the report.
 //!
 //! # Uncertainty
-//! σ_φ = √(2/N) σ_I / B with σ_I² = read² + gain · A from the residuals of the fit (`noise_estimate`), from neighbouring pixels where there are too few
-//! steps (`neighbour_noise`), from the settings, or assumed where there is too little light. For N = 3 shot noise adds a term that alternates with 3φ; its mean is zero and it is left out.
+//! σ_φ = √(2/N) σ_I / B with σ_I² = read² + gain · A from the residuals of the fit (`noise_estimate`), from neighbouring pixels
+//! where there are too few steps (`neighbour_noise`), from the settings, or assumed where there is too little light. For N = 3 shot noise adds a term that alternates with 3φ; its mean is zero and it is left out.
 
 mod apply_neighbours;
 pub mod arctan;
@@ -150,7 +153,9 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Prepares for a sequence. `extent_px` is the projector's size in columns and rows: it decides whether a period or a code covers it.
+    /// Prepares for a sequence.
+    ///
+    /// `extent_px` is the projector's size in columns and rows: it decides whether a period or a code covers it.
     /// Memory per pixel: 1 (8 bits) or 2 bytes per frame that is used, and 6 bytes for what neighbours say.
     ///
     /// # Errors

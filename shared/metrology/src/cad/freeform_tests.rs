@@ -3,9 +3,8 @@
 use super::tests::{LIMIT, face, level};
 use super::*;
 use fringe::math;
-use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use proptest::prelude::*;
-use std::f64::consts::PI;
 
 /// The basis function of a control point by the recursion that defines it.
 fn cox_de_boor(knots: &[f64], index: usize, degree: usize, t: f64, last: f64) -> f64 {
