@@ -21,9 +21,8 @@ const QUANTILE: f64 = 1.0 / 3.0;
 const NORMAL_QUANTILE: f64 = 0.430_727;
 /// Relative standard deviation of the estimate from one window; from n windows it is this over √n.
 const ONE_WINDOW: f64 = 1.5;
-/// How far what is stated may be wrong before it is measured, relative: smoothing leaves the noise of another camera to ± 14 % (see
-/// [`super::smooth`]), and the removal of the footprint makes neighbours share some of theirs (5 % at 0.57 px).
-const PRIOR: f64 = 0.14;
+/// What the estimate may exceed by chance and by shape, in its standard deviations: only what is beyond counts.
+const CHANCE: f64 = 2.0;
 /// A second distance separates shape from noise: so many pixels more.
 const FARTHER_PX: usize = 2;
 /// Scatter that grows more between both distances is shape, and gives no information of the noise.
@@ -32,8 +31,8 @@ const SHAPE: f64 = 1.25;
 const SHARED_PX: usize = 10;
 
 impl SurfaceBuilder {
-    /// Factor on the stated uncertainty of smoothed samples, 1 or more, since an uncertainty may hold what does not scatter; of so many samples
-    /// there are any.
+    /// Factor on the stated uncertainty of smoothed samples: the least that their scatter shows, and 1 or more, since an uncertainty may hold what
+    /// does not scatter; of so many samples there are any.
     pub(super) fn excess(&mut self, view: &View, link: Link, count: usize) -> f64 {
         let half = self.settings.smoothing_half();
         let alone = view.independent >= 1.0;
@@ -63,8 +62,8 @@ impl SurfaceBuilder {
         let power8 = growth.powi(8);
         let shape = (far * far - near * near).max(0.0) / (power8 - 1.0);
         let ratio = (near * near - shape).max(0.0).sqrt();
-        let measured = ONE_WINDOW * ONE_WINDOW / self.ratios.len() as f64;
-        1.0 + (ratio - 1.0).max(0.0) * PRIOR * PRIOR / (PRIOR * PRIOR + measured)
+        let surely = 1.0 - CHANCE * ONE_WINDOW / (self.ratios.len() as f64).sqrt();
+        (ratio * surely).max(1.0)
     }
 }
 
@@ -216,11 +215,11 @@ mod tests {
         }
     }
 
-    /// Smoothing over 5 × 5 leaves 0.39 σ of single pixels and all of the patches. Some 2000 windows give 3 % of what there is not.
+    /// Smoothing over 5 × 5 leaves 0.39 σ of single pixels and all of the patches.
     #[test]
     fn patches_of_noise_are_found_and_noise_of_pixels_is_no_excess() {
         let none = excess(0.0, 1);
-        assert!((1.0..1.07).contains(&none), "{none}");
+        assert!((1.0..1.02).contains(&none), "{none}");
         let found = excess(0.4, 5);
         assert!((1.2..1.6).contains(&found), "{found}");
     }
