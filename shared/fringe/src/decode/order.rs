@@ -26,7 +26,7 @@ pub(super) const CODE_EDGE_PERIODS: f64 = 0.2;
 /// ln of the odds 10⁴ : 1 that make the nearer of two orders certain.
 pub(super) const LOG_ODDS: f64 = 9.2;
 /// Pixels that are checked at once for the need of a closer look.
-pub(super) const EYES: usize = 16;
+const EYES: usize = 16;
 
 /// Everything that a block needs, constant over the image.
 pub struct Kernel<'a> {
@@ -106,6 +106,22 @@ impl Lanes {
             finer: [(0.0, 1.0); BLOCK],
         }
     }
+
+    /// The next of so many pixels that needs a closer look, from one on; most groups have none and are passed over at once.
+    #[inline(always)]
+    pub(super) fn next_look(&self, mut from: usize, count: usize) -> Option<usize> {
+        while from < count {
+            let end = (from - from % EYES + EYES).min(count);
+            let group = &self.look[from..end];
+            if group.iter().fold(0, |any, look| any | look) != 0
+                && let Some(first) = group.iter().position(|look| *look != 0)
+            {
+                return Some(from + first);
+            }
+            from = end;
+        }
+        None
+    }
 }
 
 impl Kernel<'_> {
@@ -159,19 +175,13 @@ impl Kernel<'_> {
                 *look |= u8::from(*unsure | *shifted != 0) & *state;
             }
         }
-        for first in (0..out.state.len()).step_by(EYES) {
-            let part = first..(first + EYES).min(out.state.len());
-            if lanes.look[part.clone()].iter().fold(0, |any, look| any | look) == 0 {
-                continue;
+        let mut from = 0;
+        while let Some(i) = lanes.next_look(from, out.state.len()) {
+            if self.plan.code.is_some() && lanes.stripes.unsure[i] | lanes.shifted.unsure[i] != 0 {
+                self.question_bits(chain, lanes, i);
             }
-            for i in part {
-                if lanes.look[i] != 0 {
-                    if self.plan.code.is_some() && lanes.stripes.unsure[i] | lanes.shifted.unsure[i] != 0 {
-                        self.question_bits(chain, lanes, i);
-                    }
-                    self.keep_inside(chain, lanes, i, out.sigma_rad[i]);
-                }
-            }
+            self.keep_inside(chain, lanes, i, out.sigma_rad[i]);
+            from = i + 1;
         }
     }
 

@@ -11,7 +11,7 @@ use super::arctan::{angle_positive_rad, quarters_and_rest_rad};
 use super::block::{BLOCK, Planes, state};
 use super::chain::{Chain, Start};
 use super::coarse::centre_px;
-use super::order::{EYES, Kernel, Lanes, Single};
+use super::order::{Kernel, Lanes, Single};
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::ops::Range;
 
@@ -56,16 +56,10 @@ impl Kernel<'_> {
         let (Some(chain), Some(code)) = (&self.plan.chain, &self.plan.code) else { return };
         self.read_code(code, range, &mut lanes.stripes);
         single.orders(lanes, out);
-        for first in (0..out.state.len()).step_by(EYES) {
-            let part = first..(first + EYES).min(out.state.len());
-            if lanes.look[part.clone()].iter().fold(0, |any, look| any | look) == 0 {
-                continue;
-            }
-            for i in part {
-                if lanes.look[i] != 0 {
-                    self.look_at(chain, lanes, i, out);
-                }
-            }
+        let mut from = 0;
+        while let Some(i) = lanes.next_look(from, out.state.len()) {
+            self.look_at(chain, lanes, i, out);
+            from = i + 1;
         }
     }
 

@@ -123,9 +123,10 @@ pub(super) fn next_group(pixels: &[u32], all: usize) -> Option<(Group, &[u32])> 
 /// Number of the first group of each part of the rows, and of all groups.
 pub(super) fn parts(order: &[u32], row_starts: &[usize], all: usize) -> Vec<usize> {
     let (mut parts, mut count) = (vec![0], 0);
-    for rows in (0..row_starts.len() - 1).collect::<Vec<_>>().chunks(PART_ROWS) {
-        for row in rows {
-            let mut pixels = &order[row_starts[*row]..row_starts[row + 1]];
+    let height = row_starts.len() - 1;
+    for first in (0..height).step_by(PART_ROWS) {
+        for row in first..(first + PART_ROWS).min(height) {
+            let mut pixels = &order[row_starts[row]..row_starts[row + 1]];
             while let Some((_, rest)) = next_group(pixels, all) {
                 (pixels, count) = (rest, count + 1);
             }
