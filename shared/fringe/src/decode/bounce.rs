@@ -17,20 +17,16 @@
 //! What bounces as a constant over the whole window is not seen.
 
 use super::Decoder;
-use super::bounce_window::{self, CELL, Cell, KINDS, PLAIN, PRODUCTS};
+use super::bounce_cells::{CELL, Cells, Light};
+use super::bounce_window;
 use super::contrast_bins::Reflectance;
 use super::footprint::{LENS_PX2, LENS_U_PX2};
-use super::noise_model::NoiseModel;
-use super::rasters::Rasters;
 use super::roles::SineKind;
 use super::sensor_test::SCENE_U_PX2;
 use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
 use fearless_simd::Level;
 use rayon::prelude::*;
-
-/// Columns that are worked on side by side.
-const LANES: usize = 64;
 
 /// Pixels whose phase bounced light moves.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -41,27 +37,11 @@ pub struct Bounced {
     pub masked: usize,
 }
 
-/// What the test needs besides the frames.
-#[derive(Debug, Clone, Copy)]
-pub struct Light<'a> {
-    /// The frames white and black.
-    pub reflectance: Reflectance<'a>,
-    /// Noise of the camera.
-    pub noise: NoiseModel,
-    /// Steps of the sine whose modulation the map has.
-    pub steps: u32,
-    /// Variance of the pixel's footprint, px².
-    pub footprint_px2: f32,
-    /// Its standard uncertainty, px².
-    pub u_footprint_px2: f64,
-}
-
 /// Memory of the test, reserved once.
 #[derive(Debug)]
 pub struct Bounce {
     width: usize,
-    columns: usize,
-    cells: Vec<Cell>,
+    cells: Cells,
     /// Relative variance that bounced light adds, of each cell.
     excess: Vec<f32>,
 }
@@ -69,9 +49,8 @@ pub struct Bounce {
 impl Bounce {
     /// Memory for images of one size.
     pub fn new(width: usize, pixels: usize) -> Self {
-        let columns = width.div_ceil(CELL);
-        let count = columns * (pixels / width.max(1)).div_ceil(CELL);
-        Self { width, columns, cells: vec![Cell::default(); count], excess: vec![0.0; count] }
+        let [columns, rows] = [width, pixels / width.max(1)].map(|side| side.div_ceil(CELL));
+        Self { width, cells: Cells::new(columns, rows), excess: vec![0.0; columns * rows] }
     }
 
     /// Adds what bounced light does to the uncertainty of the phase, and masks pixels where that is more than `most_rad`. `smooth`: finite
@@ -84,16 +63,13 @@ impl Bounce {
         most_rad: f32,
         level: Level,
     ) -> Bounced {
-        let (width, columns) = (self.width, self.columns);
-        let (phase, modulation) = (&*map.phase_rad, &*map.modulation);
-        self.cells.par_chunks_mut(columns).enumerate().for_each(|(row, cells)| {
-            cells.fill(Cell::default());
-            vectorised!(level, light.sum((phase, modulation, smooth), row * CELL, width, cells));
-        });
-        let cells = &self.cells;
+        let width = self.width;
+        self.cells.fill((map.phase_rad, map.modulation, smooth), width, light, level);
+        let (cells, columns) = (&self.cells, width.div_ceil(CELL).max(1));
         self.excess.par_chunks_mut(columns).enumerate().for_each(|(row, excess)| {
-            for (column, excess) in excess.iter_mut().enumerate() {
-                *excess = bounce_window::excess(cells, columns, (row, column), light.u_footprint_px2);
+            vectorised!(level, bounce_window::suspects(cells, row, excess));
+            for (column, excess) in excess.iter_mut().enumerate().filter(|(_, suspect)| **suspect > 0.0) {
+                *excess = bounce_window::excess(cells, (row, column), light.u_footprint_px2);
             }
         });
         let part = CELL * width;
@@ -102,8 +78,7 @@ impl Bounce {
         let excess = &self.excess;
         let counts = planes.map(|(row, ((phase, sigma), valid))| {
             let mut count = Bounced::default();
-            let found =
-                (0..columns).map(|column| (column, bounce_window::joined(excess, columns, row, column)));
+            let found = bounce_window::joined(excess, columns, row);
             for (column, excess) in found.filter(|(_, excess)| *excess > 0.0) {
                 for line in 0..valid.len() / width {
                     let first = line * width + column * CELL;
@@ -171,104 +146,4 @@ impl Decoder {
         let shows = finest.is_some_and(|kind| kind != SineKind::Lines);
         self.settings.max_bounce_rad > 0.0 && plan.levels.is_some() && shows
     }
-}
-
-impl Light<'_> {
-    /// Adds the pixels of up to four rows from `row` on to their cells.
-    #[inline(always)]
-    fn sum(&self, map: (&[f32], &[f32], &[f32]), row: usize, width: usize, cells: &mut [Cell]) {
-        match self.reflectance.rasters {
-            Rasters::Bytes(data) => self.sum_of(data, map, row, width, cells),
-            Rasters::Words(data) => self.sum_of(data, map, row, width, cells),
-        }
-    }
-
-    #[inline(always)]
-    fn sum_of<T: Copy + Into<u16>>(
-        &self,
-        data: &[T],
-        (phase, modulation, smooth): (&[f32], &[f32], &[f32]),
-        row: usize,
-        width: usize,
-        cells: &mut [Cell],
-    ) {
-        let pixels = modulation.len();
-        let levels = self.reflectance.levels;
-        let white = &data[levels.white * pixels..][..pixels];
-        let black = &data[levels.black * pixels..][..pixels];
-        for column in (0..width).step_by(LANES) {
-            let count = LANES.min(width - column);
-            let lines = row..(row + CELL).min(pixels / width);
-            let shown = |y: usize| smooth[y * width + column..][..count].iter().any(|v| v.is_finite());
-            if !lines.clone().any(shown) {
-                continue;
-            }
-            let mut sums = [[0.0_f32; LANES]; PRODUCTS + 1];
-            for y in lines {
-                let first = y * width + column;
-                let part = first..first + count;
-                // No pixel of the outermost rows and columns is smooth: what they take for their neighbours does not matter.
-                let beside = |at: usize| &phase[at.min(pixels - count)..][..count];
-                let across = beside(first.max(1) - 1).iter().zip(beside(first + 1));
-                let along = beside(first.max(width) - width).iter().zip(beside(first + width));
-                let slopes = across.zip(along).zip(&phase[part.clone()]);
-                let light = white[part.clone()].iter().zip(&black[part.clone()]);
-                let map = modulation[part.clone()].iter().zip(&smooth[part]);
-                for (i, (((white, black), (b, smooth)), slopes)) in light.zip(map).zip(slopes).enumerate() {
-                    let (((left, right), (above, below)), phase) = slopes;
-                    let slope = [0.5 * (right - left), 0.5 * (below - above)];
-                    let levels = [(*white).into(), (*black).into()];
-                    let (kinds, noise) = self.values(levels, *b, slope, *phase, smooth.is_finite());
-                    let mut at = 0;
-                    for (one, value) in kinds.iter().enumerate() {
-                        for other in &kinds[one..] {
-                            sums[at][i] += value * other;
-                            at += 1;
-                        }
-                    }
-                    sums[PRODUCTS][i] += noise;
-                }
-            }
-            for (i, cell) in cells[column / CELL..].iter_mut().take(LANES / CELL).enumerate() {
-                let lanes = i * CELL..(i + 1) * CELL;
-                cell.products = std::array::from_fn(|kind| sums[kind][lanes.clone()].iter().sum());
-                cell.noise = sums[PRODUCTS][lanes].iter().sum();
-            }
-        }
-    }
-
-    /// What a cell sums of a pixel, and the variance of the ratio by noise; zeros where it does not count.
-    #[inline(always)]
-    fn values(
-        &self,
-        [white, black]: [u16; 2],
-        modulation: f32,
-        [x, y]: [f32; 2],
-        phase: f32,
-        smooth: bool,
-    ) -> ([f32; KINDS], f32) {
-        let (read, gain) = (self.noise.read_variance_dn2 as f32, self.noise.gain_dn as f32);
-        let clipped = white >= self.reflectance.clipped_dn;
-        let (white, black) = (f32::from(white), f32::from(black));
-        let range = white - black;
-        let steep = 0.5 * (x * x + y * y);
-        let ratio = modulation / range * (1.0 + self.footprint_px2 * steep);
-        let of_steps = 2.0 / self.steps as f32;
-        let of_modulation = of_steps * (read + gain * 0.5 * (white + black)) / (modulation * modulation);
-        let of_range = (2.0 * read + gain * (white + black)) / (range * range);
-        let noise = ratio * ratio * (of_modulation + of_range);
-        let turn = phase * (self.steps as f32 / std::f32::consts::TAU);
-        #[allow(clippy::needless_bitwise_bool, reason = "without branches the loop vectorises")]
-        let counts = smooth & !clipped & (range > 0.0) & (modulation > 0.0);
-        let kinds = [1.0, steep, wave(turn + 0.25), wave(turn), ratio - PLAIN];
-        (kinds.map(|value| if counts { value } else { 0.0 }), if counts { noise } else { 0.0 })
-    }
-}
-
-/// A wave of period 1 that begins as a sine and differs from it by a thousandth at most.
-#[inline(always)]
-fn wave(turn: f32) -> f32 {
-    let half = 0.5 - (turn - turn.floor());
-    let bow = 8.0 * half * (1.0 - 2.0 * half.abs());
-    bow * (0.775 + 0.225 * bow.abs())
 }

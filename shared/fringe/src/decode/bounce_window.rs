@@ -5,22 +5,18 @@
 //! of the fringes, which N steps let pass: they move the phases of two cameras alike). Each coefficient is
 //! known beforehand to be small, which keeps the equations regular where a window does not show it. What is left scatters.
 
+// Without branches a loop vectorises.
+#![allow(clippy::needless_bitwise_bool)]
+
+use super::bounce_cells::{CELL, Cell, Cells, KINDS, NOISE, PLAIN, RATIO, Row, SCATTER, place};
 use nalgebra::{SMatrix, SVector};
 
-/// Edge of a cell, px.
-pub(super) const CELL: usize = 4;
-/// What a cell sums: 1, ½ |∇φ|², cos Nφ, sin Nφ, and the ratio.
-pub(super) const KINDS: usize = 5;
-/// Sums of the products of two of them.
-pub(super) const PRODUCTS: usize = KINDS * (KINDS + 1) / 2;
 /// Fewer smooth pixels in a window say nothing.
 const LEAST: f64 = 32.0;
 /// Scatter beyond noise counts from so many of its standard deviations on.
 const CERTAIN: f64 = 3.0;
 /// So many of the nine windows that hold a cell have to show bounced light.
 const WITNESSES: u32 = 3;
-/// The modulation over white less black without blur: sums of what it differs by lose no digits.
-pub(super) const PLAIN: f32 = 0.5;
 /// The ratio itself is no better than this part: levels of 8 bits, footprints beyond the second order.
 const MODEL: f64 = 0.004;
 /// What is explained is explained to this part: smooth changes are no straight lines.
@@ -33,40 +29,16 @@ const UNKNOWNS: usize = KINDS;
 /// Where that of the footprint stands among them, and how many of its standard uncertainties it may have.
 const STEEP: usize = 2;
 const MOST: f64 = 2.0;
+/// Windows that are looked at side by side.
+const LANES: usize = 16;
+/// Of a cell: number of pixels, sum and sum of squares of the ratio, variance by noise.
+const ASKED: [usize; 4] = [0, place(0, RATIO), place(RATIO, RATIO), NOISE];
+/// Part of a sum, and of a limit, within which rounding to single precision could decide: some hundred roundings.
+const CLOSE: f32 = 1e-5;
 type Matrix = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
 type Vector = SVector<f64, UNKNOWNS>;
 /// Variance of the place within a cell, over the square of the cell's edge.
 const WITHIN: f64 = (1.0 - 1.0 / (CELL * CELL) as f64) / 12.0;
-
-/// Sums over the smooth pixels of a cell.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Cell {
-    /// Products of two kinds of values, the first kind with itself and all later ones, and so on.
-    pub products: [f32; PRODUCTS],
-    /// Variance of the ratio that noise explains.
-    pub noise: f32,
-}
-
-/// Place of the product of two kinds.
-const fn place(one: usize, other: usize) -> usize {
-    let (first, second) = if one < other { (one, other) } else { (other, one) };
-    first * KINDS - first * (first + 1) / 2 + second
-}
-
-/// The ratio among the kinds.
-const RATIO: usize = KINDS - 1;
-
-impl Cell {
-    fn count(&self) -> f32 {
-        self.products[0]
-    }
-
-    /// Sum of squares of the ratio about its mean.
-    fn scatter(&self) -> f32 {
-        let [mean, squares] = [place(0, RATIO), place(RATIO, RATIO)].map(|at| self.products[at]);
-        if self.count() > 0.0 { squares - mean * mean / self.count() } else { 0.0 }
-    }
-}
 
 /// Number of pixels, variance that noise explains, mean of the ratio, and the moments about the means of x, y and the kinds.
 #[derive(Debug, Clone, Copy)]
@@ -77,12 +49,79 @@ struct Window {
     moments: SMatrix<f64, { UNKNOWNS + 1 }, { UNKNOWNS + 1 }>,
 }
 
+/// Marks, in a row of cells, those whose windows scatter by more than noise, or by so little less that rounding could decide; most do not, and
+/// no equation is solved for them. The others become 0.
+#[inline(always)]
+pub(super) fn suspects(cells: &Cells, row: usize, out: &mut [f32]) {
+    let rows = [cells.row(row), cells.row(row + 1), cells.row(row + 2)];
+    for first in (0..out.len()).step_by(LANES) {
+        let found = if is_empty(&rows, first) { [0.0; LANES] } else { scattered(&rows, first) };
+        if first + LANES <= out.len() {
+            out[first..first + LANES].copy_from_slice(&found);
+        } else {
+            let count = out.len() - first;
+            out[first..].copy_from_slice(&found[..count]);
+        }
+    }
+}
+
+/// Whether no window about cells side by side holds a pixel.
+#[inline(always)]
+fn is_empty(rows: &[Row; 3], first: usize) -> bool {
+    let mut most = [0.0_f32; LANES];
+    for row in rows {
+        let (one, other) = (row.taken::<LANES>(0, first), row.taken::<LANES>(0, first + 2));
+        for l in 0..LANES {
+            most[l] += one[l] + other[l];
+        }
+    }
+    most.iter().fold(0.0, |sum, count| sum + count) == 0.0
+}
+
+/// 1 where the window about a cell of some side by side may scatter by more than noise, else 0.
+#[inline(always)]
+fn scattered(rows: &[Row; 3], first: usize) -> [f32; LANES] {
+    let (mut sums, mut worst) = ([[0.0_f32; LANES]; ASKED.len()], rows[0].taken::<LANES>(SCATTER, first));
+    // That of the nine cells which scatters most is left out.
+    let mut out = [[0.0_f32; LANES]; ASKED.len()];
+    for (values, asked) in out.iter_mut().zip(ASKED) {
+        *values = rows[0].taken(asked, first);
+    }
+    for place in 1..9 {
+        let (row, at) = (&rows[place / 3], first + place % 3);
+        let scatter = row.taken::<LANES>(SCATTER, at);
+        for (k, asked) in ASKED.iter().enumerate() {
+            let values = row.taken::<LANES>(*asked, at);
+            for l in 0..LANES {
+                let more = scatter[l] > worst[l];
+                sums[k][l] += if more { out[k][l] } else { values[l] };
+                out[k][l] = if more { values[l] } else { out[k][l] };
+            }
+        }
+        for l in 0..LANES {
+            worst[l] = if scatter[l] > worst[l] { scatter[l] } else { worst[l] };
+        }
+    }
+    let [count, ratio, squares, noise] = sums;
+    let mut found = [0.0; LANES];
+    for l in 0..LANES {
+        let enough = count[l] >= LEAST as f32;
+        let number = count[l].max(1.0);
+        let mean = ratio[l] / number;
+        let moment = squares[l] - ratio[l] * mean;
+        let model = MODEL as f32 * (PLAIN + mean);
+        let allowed = (noise[l] / number + model * model) * (1.0 + CERTAIN as f32 * (2.0 / number).sqrt());
+        let most = (number - UNKNOWNS as f32) * allowed;
+        let near = moment > most * (1.0 - CLOSE) - squares[l] * CLOSE;
+        found[l] = if enough & near { 1.0 } else { 0.0 };
+    }
+    found
+}
+
 /// Relative variance of the ratio about a cell beyond that of noise; 0 where noise may explain all. `u_px2`: how uncertain the variance of
 /// the footprint is.
-pub(super) fn excess(cells: &[Cell], columns: usize, (row, column): (usize, usize), u_px2: f64) -> f32 {
-    let (parts, count) = parts(cells, columns, row, column);
-    let Some(window) = Window::of(&parts[..count]) else { return 0.0 };
-    // Most windows scatter by noise alone: no equation is solved for them.
+pub(super) fn excess(cells: &Cells, (row, column): (usize, usize), u_px2: f64) -> f32 {
+    let Some(window) = Window::of(&parts(cells, row, column)) else { return 0.0 };
     let last = UNKNOWNS;
     if window.moments[(last, last)] <= (window.count - UNKNOWNS as f64) * window.allowed(0.0) {
         return 0.0;
@@ -90,42 +129,38 @@ pub(super) fn excess(cells: &[Cell], columns: usize, (row, column): (usize, usiz
     window.excess(&[SLOPE, SLOPE, u_px2, RIPPLE, RIPPLE]) as f32
 }
 
-/// Mean excess of the nine windows that hold a cell, of those that show any; 0 where fewer than [`WITNESSES`] do.
-pub(super) fn joined(excess: &[f32], columns: usize, row: usize, column: usize) -> f32 {
+/// Mean excess of the nine windows that hold a cell, of those that show any, for each cell of a row; 0 where fewer than [`WITNESSES`] do.
+pub(super) fn joined(excess: &[f32], columns: usize, row: usize) -> impl Iterator<Item = (usize, f32)> {
     let rows = excess.len() / columns;
-    let (mut sum, mut count) = (0.0, 0);
-    for y in row.saturating_sub(1)..(row + 2).min(rows) {
-        for found in &excess[y * columns..][column.saturating_sub(1)..(column + 2).min(columns)] {
-            sum += found;
-            count += u32::from(*found > 0.0);
+    let near = &excess[row.saturating_sub(1) * columns..(row + 2).min(rows) * columns];
+    // Most rows show none.
+    let any = near.iter().fold(0, |any, found| any | u32::from(*found > 0.0)) != 0;
+    (0..if any { columns } else { 0 }).map(move |column| {
+        let (mut sum, mut count) = (0.0, 0);
+        for line in near.chunks_exact(columns) {
+            for found in &line[column.saturating_sub(1)..(column + 2).min(columns)] {
+                sum += found;
+                count += u32::from(*found > 0.0);
+            }
         }
-    }
-    if count >= WITNESSES { sum / count as f32 } else { 0.0 }
+        (column, if count >= WITNESSES { sum / count as f32 } else { 0.0 })
+    })
 }
 
-/// A cell, and its place beside the middle one.
-type Part<'a> = (&'a Cell, [f64; 2]);
-
-/// Up to nine cells about one, without the one that scatters most.
-fn parts(cells: &[Cell], columns: usize, row: usize, column: usize) -> ([Part<'_>; 9], usize) {
-    let rows = cells.len() / columns;
-    let (mut parts, mut count, mut worst) = ([(&cells[0], [0.0; 2]); 9], 0, 0);
-    for y in row.saturating_sub(1)..(row + 2).min(rows) {
-        for x in column.saturating_sub(1)..(column + 2).min(columns) {
-            parts[count] = (&cells[y * columns + x], [x as f64 - column as f64, y as f64 - row as f64]);
-            if parts[count].0.scatter() > parts[worst].0.scatter() {
-                worst = count;
-            }
-            count += 1;
-        }
-    }
-    parts.swap(worst, count - 1);
-    (parts, count - 1)
+/// The cells about one but for that which scatters most, and their places beside the middle one.
+fn parts(cells: &Cells, row: usize, column: usize) -> [(Cell, [f64; 2]); 8] {
+    let of = |place: usize| {
+        let [x, y] = [place % 3, place / 3];
+        (cells.row(row + y).cell(column + x), [x as f64 - 1.0, y as f64 - 1.0])
+    };
+    let scatter = |place: usize| cells.row(row + place / 3).taken::<1>(SCATTER, column + place % 3)[0];
+    let worst = (1..9).fold(0, |worst, place| if scatter(place) > scatter(worst) { place } else { worst });
+    std::array::from_fn(|k| of(if k == worst { 8 } else { k }))
 }
 
 impl Window {
-    fn of(parts: &[Part]) -> Option<Self> {
-        let count: f64 = parts.iter().map(|(cell, _)| f64::from(cell.count())).sum();
+    fn of(parts: &[(Cell, [f64; 2])]) -> Option<Self> {
+        let count: f64 = parts.iter().map(|(cell, _)| f64::from(cell[0])).sum();
         if count < LEAST {
             return None;
         }
@@ -133,11 +168,11 @@ impl Window {
         let mut sums = SMatrix::<f64, { UNKNOWNS + 2 }, { UNKNOWNS + 2 }>::zeros();
         let mut noise = 0.0;
         for (cell, [x, y]) in parts {
-            noise += f64::from(cell.noise);
+            noise += f64::from(cell[NOISE]);
             let terms = [(1.0, 0), (*x, 0), (*y, 0), (1.0, 1), (1.0, 2), (1.0, 3), (1.0, RATIO)];
             for (i, (factor, kind)) in terms.iter().enumerate() {
                 for (j, (other, of)) in terms.iter().enumerate().skip(i) {
-                    sums[(i, j)] += factor * other * f64::from(cell.products[place(*kind, *of)]);
+                    sums[(i, j)] += factor * other * f64::from(cell[place(*kind, *of)]);
                 }
             }
         }
@@ -201,4 +236,55 @@ fn solve(mut equations: Matrix, mut right: Vector, most: f64) -> Option<Vector> 
     }
     (equations[(STEEP, STEEP)], right[STEEP]) = (1.0, held);
     Some(equations.cholesky()?.solve(&right))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::bounce_cells::SUMS;
+    use super::*;
+    use crate::math::random::{Key, normal_quantile};
+    use crate::math::simd::{levels, vectorised};
+
+    /// Cells of 16, 9 or no pixels whose ratios scatter by noise, and in some places by more: whatever the fit finds was suspected, at every level of
+    /// instructions, and few cells are suspected where noise is all there is.
+    #[test]
+    fn what_the_fit_finds_was_suspected() {
+        let (columns, rows) = (45, 30);
+        let mut cells = Cells::new(columns, rows);
+        let random = Key::new(3);
+        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+            let first = 16 * (row * columns + column);
+            let pixels = [16, 16, 9, 16, 0, 16, 16][(row / 3 + column / 5) % 7];
+            let scatter = [0.004, 0.01, 0.016, 0.03][column * 4 / columns];
+            let ratios: Vec<f32> = (0..pixels)
+                .map(|i| (0.02 + scatter * normal_quantile(random.open((first + i) as u64))) as f32)
+                .collect();
+            let mut cell = [0.0; SUMS];
+            cell[0] = pixels as f32;
+            cell[place(0, RATIO)] = ratios.iter().sum();
+            cell[place(RATIO, RATIO)] = ratios.iter().map(|r| r * r).sum();
+            cell[NOISE] = pixels as f32 * 0.01 * 0.01;
+            cells.put(row, column, &cell);
+        }
+        for level in levels() {
+            let (mut suspected, mut found) = ([0; 4], [0; 4]);
+            for row in 0..rows {
+                let mut marks = vec![9.0; columns];
+                vectorised!(level, suspects(&cells, row, &mut marks));
+                for (column, mark) in marks.iter().enumerate() {
+                    let excess = excess(&cells, (row, column), 0.01);
+                    assert!(
+                        *mark == 1.0 || (*mark == 0.0 && excess == 0.0),
+                        "{row}, {column}: {mark}, {excess}"
+                    );
+                    suspected[column * 4 / columns] += i32::from(*mark > 0.0);
+                    found[column * 4 / columns] += i32::from(excess > 0.0);
+                }
+            }
+            assert!(
+                suspected[0] == 0 && found[3] > 100 && suspected[3] >= found[3],
+                "{suspected:?} {found:?}"
+            );
+        }
+    }
 }

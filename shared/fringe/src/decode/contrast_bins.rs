@@ -64,8 +64,12 @@ impl Sums {
         reflectance: [f32; ALIKE],
         slope2: [f32; ALIKE],
     ) {
-        let mut lanes = [modulation, reflectance, std::array::from_fn(|i| reflectance[i] * slope2[i])]
-            .map(|values| values.map(f64::from));
+        let mut lanes = [[0.0_f64; ALIKE]; 3];
+        for i in 0..ALIKE {
+            lanes[0][i] = f64::from(modulation[i]);
+            lanes[1][i] = f64::from(reflectance[i]);
+            lanes[2][i] = f64::from(reflectance[i] * slope2[i]);
+        }
         let mut half = ALIKE / 2;
         while half > 0 {
             for values in &mut lanes {

@@ -37,6 +37,7 @@ mod block;
 mod blocks;
 mod borders;
 mod bounce;
+mod bounce_cells;
 mod bounce_window;
 mod carrier;
 pub mod chain;

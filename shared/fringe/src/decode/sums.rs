@@ -223,10 +223,12 @@ impl Sums {
     ) {
         let count = (part.end - part.start).min(BLOCK);
         let apart = if PAIRED { half_turn } else { 0 };
-        let frames: [&[T]; K] = std::array::from_fn(|k| &part.raster(self.first + step + k)[..count]);
-        let opposite: [&[T]; K] =
-            std::array::from_fn(|k| &part.raster(self.first + step + k + apart)[..count]);
-        let weights: [[f32; 3]; K] = std::array::from_fn(|k| self.weights[step + k]);
+        let (mut frames, mut opposite, mut weights) = ([&[][..]; K], [&[][..]; K], [[0.0_f32; 3]; K]);
+        for k in 0..K {
+            frames[k] = &part.raster(self.first + step + k)[..count];
+            opposite[k] = &part.raster(self.first + step + k + apart)[..count];
+            weights[k] = self.weights[step + k];
+        }
         let (sum, cos, sin) = (&mut out.sum[..count], &mut out.cos[..count], &mut out.sin[..count]);
         for i in 0..count {
             let (mut a, mut c, mut s) = if FIRST { (0.0, 0.0, 0.0) } else { (sum[i], cos[i], sin[i]) };

@@ -117,20 +117,21 @@ fn window(
     let (mut bias, mut slope2) = ([0.0; LANES], [0.0; LANES]);
     for i in 0..LANES {
         let m = rows[2].middle[i];
-        let mut g = [0.0_f32; 5];
+        let (mut g, mut slope, mut curve) = ([0.0_f32; 5], [0.0_f32; 5], [0.0_f32; 5]);
+        let (mut light, mut light_slope) = ([0.0_f32; 5], [0.0_f32; 5]);
         let mut d2 = 0.0;
-        for (g, row) in g.iter_mut().zip(rows) {
+        for r in 0..5 {
             // The middle of the row less that of the window.
-            let v = row.middle[i] - m;
-            *g = row.flat[i] + 5.0 * v;
-            d2 += row.squares[i] + v * (row.flat[i] + *g);
+            let v = rows[r].middle[i] - m;
+            g[r] = rows[r].flat[i] + 5.0 * v;
+            d2 += rows[r].squares[i] + v * (rows[r].flat[i] + g[r]);
+            (slope[r], curve[r]) = (rows[r].slope[i], rows[r].curve[i]);
+            (light[r], light_slope[r]) = (rows[r].light[i], rows[r].light_slope[i]);
         }
-        let across = |v: [f32; 5]| (v[0] + v[4]) + (v[1] + v[3]) + v[2];
-        let along = |v: [f32; 5]| 2.0 * (v[4] - v[0]) + (v[3] - v[1]);
         let d = across(g);
-        let (dx, dxx) = (across(rows.map(|row| row.slope[i])), across(rows.map(|row| row.curve[i])));
+        let (dx, dxx) = (across(slope), across(curve));
         let (dy, dyy) = (along(g), 2.0 * (g[0] + g[4] - g[2]) - (g[1] + g[3]));
-        let dxy = along(rows.map(|row| row.slope[i]));
+        let dxy = along(slope);
         let explained = d * d * (1.0 / 25.0)
             + (dx * dx + dy * dy) * (1.0 / SUM_X2)
             + (dxx * dxx + dyy * dyy) * (1.0 / SUM_Q2)
@@ -141,14 +142,25 @@ fn window(
         let smooth = (d2 - explained <= 19.0 * limit * limit) & (modulation[i] > 0.0);
         let (x, y) = (dx * (1.0 / SUM_X2), dy * (1.0 / SUM_X2));
         let shading = 1.0 / (SUM_X2 * modulation[i]);
-        let u = across(rows.map(|row| row.light_slope[i])) * shading;
-        let v = along(rows.map(|row| row.light[i])) * shading;
+        let (u, v) = (across(light_slope) * shading, along(light) * shading);
         let curve = (along_x * dxx + along_y * dyy) * (1.0 / SUM_Q2);
         let value = curve + (along_x * (u * x) + along_y * (v * y));
         bias[i] = if smooth { value } else { f32::NAN };
         slope2[i] = if smooth { along_x * (x * x) + along_y * (y * y) } else { f32::NAN };
     }
     (bias, slope2)
+}
+
+/// Sum of five values. No closure: where a closure is not inlined, it is compiled for the plainest processor.
+#[inline(always)]
+fn across(v: [f32; 5]) -> f32 {
+    (v[0] + v[4]) + (v[1] + v[3]) + v[2]
+}
+
+/// Sum of five values, each times its place from −2 on.
+#[inline(always)]
+fn along(v: [f32; 5]) -> f32 {
+    2.0 * (v[4] - v[0]) + (v[3] - v[1])
 }
 
 /// A fixed number of values from `start` on; they must be there.
@@ -189,7 +201,10 @@ impl Survey<'_> {
                 let Some(y) = below.checked_sub(HALF).filter(|y| *y >= first && lit(*y)) else { continue };
                 // Not over the rows of sums: five of them serve each group.
                 for (group, at) in (0..tile).map(|group| (group, y * width + start(group))) {
-                    let rows = [0, 1, 2, 3, 4].map(|r| &sums[(y + r - HALF) % LINES][group]);
+                    let mut rows = [&sums[0][group]; LINES];
+                    for (r, row) in rows.iter_mut().enumerate() {
+                        *row = &sums[(y + r - HALF) % LINES][group];
+                    }
                     let modulation = taken(self.map.modulation, at);
                     let (found, slope2) =
                         window(rows, &taken(self.map.sigma_rad, at), &modulation, self.shape);
@@ -235,8 +250,7 @@ impl Survey<'_> {
             }
             if alike {
                 let sums = &mut bins[place as usize][group];
-                let [b, r, s] = [modulation, &reflectance, slope2].map(|values| taken(values, first));
-                sums.add_together(b, r, s);
+                sums.add_together(taken(modulation, first), taken(&reflectance, first), taken(slope2, first));
                 continue;
             }
             for i in part.filter(|i| places[*i] != NO_BIN) {

@@ -1,0 +1,259 @@
+//! Sums of the modulation over white less black, and of what explains it, over cells of 4 × 4 pixels.
+
+// Without branches a loop vectorises. The sums of a group are local arrays so that they stay in registers.
+#![allow(clippy::needless_bitwise_bool, clippy::large_stack_arrays)]
+
+use super::contrast_bins::Reflectance;
+use super::noise_model::NoiseModel;
+use super::rasters::Rasters;
+use crate::math::simd::vectorised;
+use fearless_simd::Level;
+use rayon::prelude::*;
+
+/// Edge of a cell, px.
+pub(super) const CELL: usize = 4;
+/// What a cell sums: 1, ½ |∇φ|², cos Nφ, sin Nφ, and the ratio.
+pub(super) const KINDS: usize = 5;
+/// The ratio among the kinds.
+pub(super) const RATIO: usize = KINDS - 1;
+/// Sums of the products of two of them.
+const PRODUCTS: usize = KINDS * (KINDS + 1) / 2;
+/// Where the variance of the ratio by noise stands behind the products, and the sum of squares of the ratio about its mean.
+pub(super) const NOISE: usize = PRODUCTS;
+pub(super) const SCATTER: usize = PRODUCTS + 1;
+/// Sums of a cell.
+pub(super) const SUMS: usize = PRODUCTS + 2;
+/// The modulation over white less black without blur: sums of what it differs by lose no digits.
+pub(super) const PLAIN: f32 = 0.5;
+/// Pixels that are worked on side by side.
+const LANES: usize = 16;
+/// Cells beyond the last one of a row, which groups of cells read.
+const MARGIN: usize = 32;
+
+type Lanes = [f32; LANES];
+
+/// Sums of one cell over its smooth pixels.
+pub(super) type Cell = [f32; SUMS];
+
+/// Place of the product of two kinds: the first kind with itself and all later ones, and so on.
+pub(super) const fn place(one: usize, other: usize) -> usize {
+    let (first, second) = if one < other { (one, other) } else { (other, one) };
+    first * KINDS - first * (first + 1) / 2 + second
+}
+
+/// What the test needs besides the map.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Light<'a> {
+    /// The frames white and black.
+    pub reflectance: Reflectance<'a>,
+    /// Noise of the camera.
+    pub noise: NoiseModel,
+    /// Steps of the sine whose modulation the map has.
+    pub steps: u32,
+    /// Variance of the pixel's footprint, px².
+    pub footprint_px2: f32,
+    /// Its standard uncertainty, px².
+    pub u_footprint_px2: f64,
+}
+
+/// The sums of all cells, row by row and sum by sum, with a ring of empty cells about them.
+#[derive(Debug)]
+pub(super) struct Cells {
+    stride: usize,
+    sums: Vec<f32>,
+}
+
+/// The sums of a row of cells.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Row<'a> {
+    stride: usize,
+    sums: &'a [f32],
+}
+
+impl Row<'_> {
+    /// A sum of some cells from one on; the first one is that of the ring.
+    #[inline(always)]
+    pub(super) fn taken<const N: usize>(&self, sum: usize, first: usize) -> [f32; N] {
+        let mut taken = [0.0; N];
+        taken.copy_from_slice(&self.sums[sum * self.stride + first..][..N]);
+        taken
+    }
+
+    /// All sums of a cell.
+    pub(super) fn cell(&self, at: usize) -> Cell {
+        std::array::from_fn(|sum| self.sums[sum * self.stride + at])
+    }
+}
+
+impl Cells {
+    /// Memory for so many cells.
+    pub(super) fn new(columns: usize, rows: usize) -> Self {
+        let stride = columns + MARGIN;
+        Self { stride, sums: vec![0.0; SUMS * stride * (rows + 2)] }
+    }
+
+    /// A row of cells; the first one is that of the ring.
+    #[inline(always)]
+    pub(super) fn row(&self, row: usize) -> Row<'_> {
+        let length = SUMS * self.stride;
+        Row { stride: self.stride, sums: &self.sums[row * length..][..length] }
+    }
+
+    /// Writes the sums of a cell but for the scatter, which follows from them.
+    #[cfg(test)]
+    pub(super) fn put(&mut self, row: usize, column: usize, cell: &Cell) {
+        let first = (row + 1) * SUMS * self.stride + column + 1;
+        for (sum, value) in cell.iter().enumerate() {
+            self.sums[first + sum * self.stride] = *value;
+        }
+        let (count, mean, squares) = (cell[0], cell[place(0, RATIO)], cell[place(RATIO, RATIO)]);
+        let scatter = if count > 0.0 { squares - mean * mean / count } else { 0.0 };
+        self.sums[first + SCATTER * self.stride] = scatter;
+    }
+
+    /// Sums phase, modulation and what is finite where a pixel's neighbourhood is one surface, of an image of this width.
+    pub(super) fn fill(&mut self, map: (&[f32], &[f32], &[f32]), width: usize, light: &Light, level: Level) {
+        let (stride, rows) = (self.stride, (map.0.len() / width.max(1)).div_ceil(CELL));
+        let rows_of_sums = self.sums.par_chunks_mut(SUMS * stride).skip(1).take(rows);
+        rows_of_sums.enumerate().for_each(|(row, sums)| {
+            sums.fill(0.0);
+            vectorised!(level, light.sum(map, row * CELL, width, (sums, stride)));
+        });
+    }
+}
+
+impl Light<'_> {
+    /// Adds the pixels of up to four rows from `row` on to their cells.
+    #[inline(always)]
+    fn sum(&self, map: (&[f32], &[f32], &[f32]), row: usize, width: usize, cells: (&mut [f32], usize)) {
+        match self.reflectance.rasters {
+            Rasters::Bytes(data) => self.sum_of(data, map, row, width, cells),
+            Rasters::Words(data) => self.sum_of(data, map, row, width, cells),
+        }
+    }
+
+    #[inline(always)]
+    fn sum_of<T: Copy + Default + Into<u16>>(
+        &self,
+        data: &[T],
+        (phase, modulation, smooth): (&[f32], &[f32], &[f32]),
+        row: usize,
+        width: usize,
+        (cells, stride): (&mut [f32], usize),
+    ) {
+        let pixels = modulation.len();
+        let levels = self.reflectance.levels;
+        let white = &data[levels.white * pixels..][..pixels];
+        let black = &data[levels.black * pixels..][..pixels];
+        let lines = row..(row + CELL).min(pixels / width);
+        for column in (0..width).step_by(LANES) {
+            let count = LANES.min(width - column);
+            let shown = |y: usize| smooth[y * width + column..][..count].iter().any(|v| v.is_finite());
+            if !lines.clone().any(shown) {
+                continue;
+            }
+            let mut sums = [[0.0; LANES]; NOISE + 1];
+            for first in lines.clone().map(|y| y * width + column) {
+                let known = some(smooth, first, count, f32::NAN);
+                // No pixel of the outermost rows and columns is smooth: what they take for their neighbours does not matter.
+                let near = |at: usize| some(phase, at.min(pixels - count), count, 0.0);
+                let slopes = [
+                    [near(first.max(1) - 1), near(first + 1)],
+                    [near(first.max(width) - width), near(first + width)],
+                ];
+                let levels =
+                    [some(white, first, count, T::default()), some(black, first, count, T::default())];
+                let own = [near(first), some(modulation, first, count, 0.0)];
+                self.add(&levels, &own, &slopes, &known, &mut sums);
+            }
+            store(&sums, cells, stride, 1 + column / CELL);
+        }
+    }
+
+    /// Adds the pixels side by side to the sums of their columns: the products of what a cell sums, and the variance of the ratio by noise; nothing where a
+    /// pixel does not count.
+    #[inline(always)]
+    fn add<T: Copy + Into<u16>>(
+        &self,
+        [white, black]: &[[T; LANES]; 2],
+        [phase, modulation]: &[Lanes; 2],
+        [across, along]: &[[Lanes; 2]; 2],
+        smooth: &Lanes,
+        sums: &mut [Lanes; NOISE + 1],
+    ) {
+        let (read, gain) = (self.noise.read_variance_dn2 as f32, self.noise.gain_dn as f32);
+        let of_steps = 2.0 / self.steps as f32;
+        let turns = self.steps as f32 / std::f32::consts::TAU;
+        let mut kinds = [[0.0; LANES]; KINDS];
+        for l in 0..LANES {
+            let (light, dark): (u16, u16) = (white[l].into(), black[l].into());
+            let clipped = light >= self.reflectance.clipped_dn;
+            let (light, dark) = (f32::from(light), f32::from(dark));
+            let (x, y) = (0.5 * (across[1][l] - across[0][l]), 0.5 * (along[1][l] - along[0][l]));
+            let (range, modulation) = (light - dark, modulation[l]);
+            let steep = 0.5 * (x * x + y * y);
+            let ratio = modulation / range * (1.0 + self.footprint_px2 * steep);
+            let of_modulation = of_steps * (read + gain * 0.5 * (light + dark)) / (modulation * modulation);
+            let of_range = (2.0 * read + gain * (light + dark)) / (range * range);
+            let noise = ratio * ratio * (of_modulation + of_range);
+            let turn = phase[l] * turns;
+            let counts = (smooth[l].abs() < f32::INFINITY) & !clipped & (range > 0.0) & (modulation > 0.0);
+            kinds[0][l] = if counts { 1.0 } else { 0.0 };
+            kinds[1][l] = if counts { steep } else { 0.0 };
+            kinds[2][l] = if counts { wave(turn + 0.25) } else { 0.0 };
+            kinds[3][l] = if counts { wave(turn) } else { 0.0 };
+            kinds[RATIO][l] = if counts { ratio - PLAIN } else { 0.0 };
+            sums[NOISE][l] += if counts { noise } else { 0.0 };
+        }
+        let mut at = 0;
+        for one in 0..KINDS {
+            for other in one..KINDS {
+                for l in 0..LANES {
+                    sums[at][l] += kinds[one][l] * kinds[other][l];
+                }
+                at += 1;
+            }
+        }
+    }
+}
+
+/// So many values from a place on, and another value behind them.
+#[inline(always)]
+fn some<T: Copy>(values: &[T], first: usize, count: usize, rest: T) -> [T; LANES] {
+    let mut some = [rest; LANES];
+    if count == LANES {
+        some.copy_from_slice(&values[first..first + LANES]);
+    } else {
+        some[..count].copy_from_slice(&values[first..first + count]);
+    }
+    some
+}
+
+/// Writes the sums of four columns each as those of cells from one on.
+#[inline(always)]
+fn store(sums: &[Lanes; NOISE + 1], cells: &mut [f32], stride: usize, first: usize) {
+    let mut found = [[0.0_f32; LANES / CELL]; SUMS];
+    for (found, sums) in found.iter_mut().zip(sums) {
+        for (cell, sum) in found.iter_mut().enumerate() {
+            let at = cell * CELL;
+            *sum = ((sums[at] + sums[at + 1]) + sums[at + 2]) + sums[at + 3];
+        }
+    }
+    let (mean, squares) = (found[place(0, RATIO)], found[place(RATIO, RATIO)]);
+    for cell in 0..LANES / CELL {
+        let count = found[0][cell];
+        found[SCATTER][cell] =
+            if count > 0.0 { squares[cell] - mean[cell] * mean[cell] / count } else { 0.0 };
+    }
+    for (sum, values) in found.iter().enumerate() {
+        cells[sum * stride + first..][..LANES / CELL].copy_from_slice(values);
+    }
+}
+
+/// A wave of period 1 that begins as a sine and differs from it by a thousandth at most.
+#[inline(always)]
+fn wave(turn: f32) -> f32 {
+    let half = 0.5 - (turn - turn.floor());
+    let bow = 8.0 * half * (1.0 - 2.0 * half.abs());
+    bow * (0.775 + 0.225 * bow.abs())
+}
