@@ -289,6 +289,12 @@ fn print_report(done: &Done, fusion: &FusionReport, points: usize, (args, missin
             o.sd_mm * 1e3
         );
     }
+    if fusion.disagreeing > 0 {
+        println!(
+            "pairs disagree beyond what they state at {} points: their uncertainty is raised",
+            fusion.disagreeing
+        );
+    }
     println!("{}: {points} points", args.out.display());
 }
 

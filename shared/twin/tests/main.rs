@@ -7,6 +7,8 @@ mod frames;
 mod geometry;
 /// Defocus, drift, bounce, exposures: what each setting does, by its definition.
 mod imperfections;
+/// A projector of 8 bits.
+mod rounding;
 /// Scene files: what is refused and how it is said; the scenes of the project.
 mod scenes;
 /// Views: projector coordinates, shadow and occlusion against marching.

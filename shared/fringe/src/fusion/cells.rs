@@ -138,6 +138,32 @@ impl Cells {
         self.occupied.len().saturating_sub(1)
     }
 
+    /// Number and key of each cell that holds points.
+    pub fn keys(&self) -> impl Iterator<Item = (usize, u64)> {
+        self.occupied[..self.len()].iter().map(|(key, _)| *key).enumerate()
+    }
+
+    /// Number of the cell of a key, where it holds points.
+    pub fn find(&self, key: u64) -> Option<usize> {
+        self.occupied[..self.len()].binary_search_by_key(&key, |(key, _)| *key).ok()
+    }
+
+    /// Key and number of each cell that holds points, of a cell and the 26 around it.
+    pub fn block(&self, grid: &Grid, key: u64) -> impl Iterator<Item = (u64, usize)> {
+        grid.row_offsets().into_iter().flat_map(move |offset| {
+            let middle = key.wrapping_add_signed(offset);
+            let first = self.occupied.partition_point(|(key, _)| *key < middle - 1);
+            let row = self.occupied[first..].iter().take_while(move |(key, _)| *key <= middle + 1);
+            row.zip(first..).map(|((key, _), number)| (*key, number))
+        })
+    }
+
+    /// Numbers in the cloud of the points of a cell.
+    pub fn points(&self, cell: usize) -> impl Iterator<Item = usize> {
+        let [start, end] = [cell, cell + 1].map(|c| self.occupied[c].1 as usize);
+        self.order[start..end].iter().map(|(_, index)| *index as usize)
+    }
+
     /// Calls `visit` with the sites in each cell around a position, run by run, until it says that it has enough.
     pub fn around(
         &self,

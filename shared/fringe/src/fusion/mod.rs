@@ -15,6 +15,7 @@
 
 mod buffers;
 mod cells;
+mod disagreement;
 mod overlap;
 mod sites;
 
@@ -23,6 +24,7 @@ use crate::math::parallel::for_parts;
 use crate::math::simd::best_level;
 use buffers::clear_and_reserve;
 use cells::{Cells, Extent, Grid, distance2, is_finite};
+use disagreement::{Compared, Comparison, Raised};
 use overlap::{Distances, Nearness};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -92,6 +94,8 @@ pub struct FusionReport {
     pub radius_mm: f64,
     /// All pairs of clouds in order: (0, 1), (0, 2), … (1, 2), …
     pub overlaps: Vec<Overlap>,
+    /// Points of the fused cloud whose uncertainty was raised, since pairs disagree there beyond what they state.
+    pub disagreeing: u32,
 }
 
 /// Points of one cloud that one thread takes: a fixed part, whoever takes it.
@@ -118,6 +122,10 @@ pub struct Fuser {
     per_cloud: Vec<Cells>,
     spacings: Vec<f64>,
     distances: Vec<Distances>,
+    compared: Vec<Compared>,
+    raised: Vec<Raised>,
+    /// Keys of cells in which nothing was compared.
+    open: Vec<u64>,
     report: FusionReport,
 }
 
@@ -173,9 +181,11 @@ impl Fuser {
         }
         self.copy(clouds, out);
         self.report.overlaps.clear();
+        self.report.disagreeing = 0;
         if let Some(grid) = &grid {
             self.remove(clouds, grid);
             self.overlaps(clouds.len(), grid, radius_mm, settings);
+            self.raise(out);
         }
     }
 
@@ -273,19 +283,47 @@ impl Fuser {
         let every = clouds.saturating_sub(1).max(1);
         let nearness = Nearness { radius_mm, cosine, fewest: settings.min_overlap_neighbours, every };
         let level = best_level();
+        let cells: usize = self.per_cloud[..clouds].iter().map(Cells::len).sum();
+        clear_and_reserve(&mut self.raised, 2 * cells);
         for a in 0..clouds {
             for b in a + 1..clouds {
                 let (own, other) = (&self.per_cloud[a], &self.per_cloud[b]);
                 let parts = own.len().div_ceil(CELLS);
                 clear_and_reserve(&mut self.distances, parts);
                 self.distances.resize(parts, Distances::default());
-                self.distances.par_iter_mut().enumerate().for_each(|(part, distances)| {
-                    let cells = part * CELLS..((part + 1) * CELLS).min(own.len());
+                clear_and_reserve(&mut self.compared, own.len());
+                self.compared.resize(own.len(), Compared::default());
+                let parts = self.distances.par_iter_mut().zip(self.compared.par_chunks_mut(CELLS));
+                parts.enumerate().for_each(|(part, (distances, compared))| {
+                    let cells = (part * CELLS, compared);
                     *distances = Distances::of((own, other), cells, grid, &nearness, level);
                 });
                 let mut all = Distances::default();
                 self.distances.iter().for_each(|part| all.join(part));
                 self.report.overlaps.push(all.overlap(a, b));
+                let comparison =
+                    Comparison { own: (a, own), other: (b, other), compared: &self.compared, grid };
+                comparison.find(&mut self.open, &mut self.raised);
+            }
+        }
+    }
+}
+
+impl Fuser {
+    /// Gives the points of cells in which pairs disagree the uncertainty that this asks for.
+    fn raise(&mut self, out: &mut [Point]) {
+        disagreement::largest(&mut self.raised);
+        for Raised { cell: (cloud, cell), excess_mm2 } in &self.raised {
+            let first = self.pieces.partition_point(|piece| piece.cloud < *cloud);
+            for index in self.per_cloud[*cloud].points(*cell) {
+                let piece = first + index / PIECE;
+                let kept = &self.keep[self.starts[piece]..][..=index % PIECE];
+                if kept[index % PIECE] {
+                    let before = kept.iter().filter(|keep| **keep).count() - 1;
+                    let point = &mut out[self.kept_starts[piece] + before];
+                    point.sigma_mm = (f64::from(point.sigma_mm).powi(2) + excess_mm2).sqrt() as f32;
+                    self.report.disagreeing += 1;
+                }
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use super::Overlap;
 use super::cells::{Cells, Grid};
+use super::disagreement::Compared;
 use super::sites::{Beside, Place};
 use crate::math::simd::vectorised;
 use fearless_simd::Level;
@@ -33,21 +34,22 @@ pub(super) struct Distances {
 }
 
 impl Distances {
-    /// From the points in some cells of one cloud to the surface of another.
+    /// From the points in some cells of one cloud to the surface of another; `compared` gets what each of these cells shows.
     pub fn of(
         (own, other): (&Cells, &Cells),
-        cells: Range<usize>,
+        (first, compared): (usize, &mut [Compared]),
         grid: &Grid,
         nearness: &Nearness,
         level: Level,
     ) -> Self {
         let mut distances = Self::default();
-        let mut number = cells.start;
+        let cells = first..first + compared.len();
+        let mut numbered = (first..).zip(compared);
         own.sweep(cells, grid, other, |sites, runs| {
-            let asked = number.is_multiple_of(nearness.every);
-            number += 1;
-            if asked && runs.iter().any(|run| !run.is_empty()) {
-                vectorised!(level, distances.add_cell((own, other), sites, runs, nearness));
+            let Some((number, compared)) = numbered.next() else { return };
+            *compared = Compared::default();
+            if number.is_multiple_of(nearness.every) && runs.iter().any(|run| !run.is_empty()) {
+                vectorised!(level, distances.add_cell((own, other), (sites, runs), nearness, compared));
             }
         });
         distances
@@ -58,9 +60,9 @@ impl Distances {
     fn add_cell(
         &mut self,
         (own, other): (&Cells, &Cells),
-        sites: Range<usize>,
-        runs: &[Range<usize>; 9],
+        (sites, runs): (Range<usize>, &[Range<usize>; 9]),
         nearness: &Nearness,
+        compared: &mut Compared,
     ) {
         let limit_mm2 = nearness.radius_mm * nearness.radius_mm;
         for site in sites {
@@ -69,16 +71,18 @@ impl Distances {
             for run in runs {
                 other.sites.add_beside(&place, run.start, run.end, &mut beside);
             }
-            self.add_point(&place, &beside, nearness.fewest);
+            self.add_point(&place, &beside, nearness, compared);
         }
     }
 
     #[inline(always)]
-    fn add_point(&mut self, place: &Place, beside: &Beside, fewest: u32) {
+    fn add_point(&mut self, place: &Place, beside: &Beside, nearness: &Nearness, compared: &mut Compared) {
         let [count, distance, variance] = beside.sums();
-        if count >= f64::from(fewest.max(1)) {
-            let u = (place.sigma_mm * place.sigma_mm + variance / (count * count)).sqrt();
-            self.add(0.5 * distance / count, u);
+        if count >= f64::from(nearness.fewest.max(1)) {
+            let distance = 0.5 * distance / count;
+            let u2 = place.sigma_mm * place.sigma_mm + variance / (count * count);
+            self.add(distance, u2.sqrt());
+            compared.add(distance, u2, nearness.radius_mm);
         }
     }
 

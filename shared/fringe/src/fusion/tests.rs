@@ -7,7 +7,12 @@ use crate::synthetic::{Noise, Scene, Surface, looking, rig};
 use nalgebra::{Point3, Vector3};
 
 /// A square patch of a surface z = f(x, y), spacing 0.2 mm, shifted sampling, with noise along the normal.
-fn patch(f: impl Fn(f64, f64) -> (f64, [f64; 3]), shift: f64, sigma_mm: f64, seed: u64) -> Vec<Point> {
+pub(super) fn patch(
+    f: impl Fn(f64, f64) -> (f64, [f64; 3]),
+    shift: f64,
+    sigma_mm: f64,
+    seed: u64,
+) -> Vec<Point> {
     let mut noise = Noise(seed);
     (0..100 * 100)
         .map(|i| {
@@ -27,11 +32,11 @@ fn patch(f: impl Fn(f64, f64) -> (f64, [f64; 3]), shift: f64, sigma_mm: f64, see
         .collect()
 }
 
-fn plane(offset_mm: f64) -> impl Fn(f64, f64) -> (f64, [f64; 3]) {
+pub(super) fn plane(offset_mm: f64) -> impl Fn(f64, f64) -> (f64, [f64; 3]) {
     move |x, y| (0.3 * x - 0.1 * y + offset_mm * f64::sqrt(1.0 + 0.09 + 0.01), [-0.3, 0.1, 1.0])
 }
 
-fn sphere(radius_mm: f64) -> impl Fn(f64, f64) -> (f64, [f64; 3]) {
+pub(super) fn sphere(radius_mm: f64) -> impl Fn(f64, f64) -> (f64, [f64; 3]) {
     move |x, y| {
         let z = (radius_mm * radius_mm - x * x - y * y).sqrt();
         (z, [x, y, z])
@@ -241,11 +246,16 @@ fn fusing_equals_brute_force_on_any_number_of_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut out = Vec::new();
         let report = pool.install(|| fuse(&[&a, &b], &settings, &mut out));
-        assert_eq!(out, [left.clone(), right.clone()].concat());
+        // What scatters by more than it states gets the uncertainty that this asks for, and keeps all else.
+        let as_stated = out.iter().map(|point| Point { sigma_mm: 0.01, ..*point });
+        assert!(as_stated.eq([left.clone(), right.clone()].concat()));
+        let raised = out.iter().filter(|point| point.sigma_mm > 0.01).count();
+        assert!(raised > 20 && raised == report.disagreeing as usize, "{raised}");
         assert_eq!(report.overlaps[0].count as usize, distances.len());
         assert!(distances.len() > 200 && report.removed[0] > 100, "{report:?}");
         assert!((report.overlaps[0].mean_mm - mean).abs() < 1e-13, "{report:?}, {mean}");
-        let first = seen.get_or_insert(report.clone());
-        assert_eq!(*first, report, "{threads} threads");
+        let found = (report, out);
+        let first = seen.get_or_insert_with(|| found.clone());
+        assert!(*first == found, "{threads} threads");
     }
 }

@@ -1,0 +1,116 @@
+//! Where two pairs disagree beyond what both state: light that bounces between faces, a view out of focus, a rig that is off.
+//!
+//! The distances d of the points of one cloud from the surface of the other have the variance u² that both clouds state, if all is
+//! well. Cells of the search where Σ d² is beyond Σ u², by themselves and with the 26 cells around them, get the surplus: ½ (Σ d² − Σ u²) / n
+//! is added to the variance of every point of both clouds in the cell, since the distance does not tell which of the two is wrong.
+//! Cells in which nothing was compared, since only the other cloud has points there, its surface lies beyond their border, or they were not
+//! looked at, are judged by those around them alone. What both pairs see alike is not seen here, nor what parts them by more than the radius.
+
+use super::cells::{Cells, Grid};
+use std::cmp::Reverse;
+
+/// Mean square of the distances over the stated one from which on a cell and its block disagree. Neighbours share noise because they were
+/// smoothed: a block has some eight independent distances, and three standard deviations of their mean square are 3 √(2/8).
+const CERTAIN: f64 = 2.5;
+/// Fewer points of a block say nothing.
+const LEAST: f64 = 16.0;
+
+/// What the points of a cell show that have a surface of the other cloud beside them.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Compared {
+    count: f64,
+    /// Σ d², mm².
+    squares: f64,
+    /// Σ u², mm².
+    stated: f64,
+}
+
+/// Points of a cell of a cloud, and the variance that they get.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Raised {
+    /// Number of the cloud, and of the cell in it.
+    pub cell: (usize, usize),
+    /// Surplus of the variance, mm².
+    pub excess_mm2: f64,
+}
+
+impl Compared {
+    /// Adds the distance of a point from the other surface, mm, and the variance that is stated of it, mm². Where none is stated there
+    /// is nothing to compare with, and one beyond the radius, mm, says nothing of distances within it.
+    #[inline(always)]
+    pub fn add(&mut self, distance: f64, u2: f64, radius_mm: f64) {
+        if u2 > 0.0 && u2 < radius_mm * radius_mm {
+            self.count += 1.0;
+            self.squares += distance * distance;
+            self.stated += u2;
+        }
+    }
+
+    fn disagrees(&self) -> bool {
+        self.squares > CERTAIN * self.stated
+    }
+}
+
+/// Two clouds, numbered, and what the cells of the first one show of the second.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Comparison<'a> {
+    pub own: (usize, &'a Cells),
+    pub other: (usize, &'a Cells),
+    /// For each cell of the first cloud.
+    pub compared: &'a [Compared],
+    pub grid: &'a Grid,
+}
+
+impl Comparison<'_> {
+    /// Adds the cells of both clouds in which they disagree; `open` is memory for the keys of cells in which nothing was compared.
+    pub fn find(&self, open: &mut Vec<u64>, raised: &mut Vec<Raised>) {
+        open.clear();
+        let (own, other) = (self.own.1, self.other.1);
+        for (number, key) in own.keys().filter(|(number, _)| self.compared[*number].disagrees()) {
+            if self.around(key).is_some() {
+                self.raise(key, &self.compared[number], raised);
+            }
+            let silent = own.block(self.grid, key).filter(|(_, cell)| self.compared[*cell].count < 1.0);
+            open.extend(silent.map(|(key, _)| key));
+            let keys = other.block(self.grid, key).map(|(key, _)| key);
+            open.extend(keys.filter(|key| own.find(*key).is_none()));
+        }
+        open.sort_unstable();
+        open.dedup();
+        for key in open.iter() {
+            if let Some(block) = self.around(*key) {
+                self.raise(*key, &block, raised);
+            }
+        }
+    }
+
+    /// What a cell and the 26 around it show together, where that is a disagreement.
+    fn around(&self, key: u64) -> Option<Compared> {
+        let mut block = Compared::default();
+        for (_, cell) in self.own.1.block(self.grid, key) {
+            let Compared { count, squares, stated } = self.compared[cell];
+            block.count += count;
+            block.squares += squares;
+            block.stated += stated;
+        }
+        (block.count >= LEAST && block.disagrees()).then_some(block)
+    }
+
+    /// Adds the cells of both clouds at a key with the surplus of what was compared.
+    fn raise(&self, key: u64, compared: &Compared, raised: &mut Vec<Raised>) {
+        let excess_mm2 = 0.5 * (compared.squares - compared.stated) / compared.count;
+        for (cloud, cells) in [self.own, self.other] {
+            let cell = cells.find(key).map(|cell| (cloud, cell));
+            raised.extend(cell.map(|cell| Raised { cell, excess_mm2 }));
+        }
+    }
+}
+
+/// Each cell once, with the largest surplus that any comparison gives.
+pub(super) fn largest(raised: &mut Vec<Raised>) {
+    raised.sort_unstable_by_key(|r| (r.cell, Reverse(r.excess_mm2.to_bits())));
+    raised.dedup_by_key(|r| r.cell);
+}
+
+#[cfg(test)]
+mod tests;
