@@ -6,7 +6,8 @@
 Two parts, that of the demo and a groove of 84 degrees, before the demo's cell, each with and without the first bounce, with and without noise. The
 error of a point is its distance along the normal from the point of the same pixel in the picture without noise and bounce. Wrong are points that bounce
 alone, without noise, moves by more than three of the uncertainties stated without any test; flagged are those whose uncertainty is a tenth or more above
-that of the same pixel without bounce. A false alarm is a point of the picture without bounce that is flagged or left out. Needs numpy.
+that of the same pixel without bounce. A false alarm of `max_bounce_rad` is a point of the picture without bounce that it flags or leaves out; where pairs disagree
+there without it is printed beside. Needs numpy.
 """
 import os
 import re

@@ -19,9 +19,9 @@ const LEAST: f64 = 16.0;
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Compared {
     count: f64,
-    /// Σ d², mm².
+    /// Sum of the squared distances, Σ d², mm².
     squares: f64,
-    /// Σ u², mm².
+    /// Sum of the stated variances, Σ u², mm².
     stated: f64,
 }
 
