@@ -6,8 +6,8 @@
 Nothing of the program is used but its file formats. Rays are cast through pinholes with one radial coefficient; light is gathered at 4 x 4 places of each
 pixel and spread by a Gaussian that differs from camera to camera (0.35 to 0.70 px) and grows towards the corners; the projector's levels have
 8 bits, a gamma of 1.05 and its pixels' area. The cell: three cameras around one projector, two beside it and one in its azimuth, so that there the phase
-hardly bends. The part: three spheres of 20 mm, together 2 % of a picture. The rig file states geometry, footprint (its mean over the field, u from
-its variation) and noise; --estimate leaves the latter two to the recording. Needs numpy, numba and Pillow.
+hardly bends. The part: three spheres of 20 mm, together 2 % of a picture. The rig file states geometry, footprint (its mean and its growth over the
+field, as a calibration finds them; --one-value leaves the growth out) and noise; --estimate leaves the latter two to the recording. Needs numpy, numba and Pillow.
 """
 import json
 import math
@@ -185,14 +185,13 @@ def picture(eye, sigma, growth, light, table, centres, rng, noise):
     return np.clip(np.round(frames), 0, 255).astype(np.uint8)
 
 
-def rig(eyes, light, estimate):
+def rig(eyes, light, estimate, one_value):
     text = 'format = "fringecell-rig/1"\n\n'
-    sensors = {}
     for name, (_, _, _, sigma, growth) in CAMERAS.items():
         # Over the field the mean of r2 over that of the corner is a third.
         mean = [math.sqrt(s**2 + growth / 3 + 1 / 12) for s in sigma]
-        sensors[name] = [0.5 * 0.3 * growth / m + 0.004 for m in mean]
-        more = f"footprint_px = {mean}\nnoise = {{ read_dn = {READ_DN}, gain_dn = {GAIN_DN} }}\n"
+        field = "" if one_value else f"footprint_field_px2 = {growth}\n"
+        more = f"footprint_px = {mean}\n{field}noise = {{ read_dn = {READ_DN}, gain_dn = {GAIN_DN} }}\n"
         text += eyes[name].toml("camera", name, "" if estimate else more)
     text += light.toml("projector", "proj1")
     for pair, (left, right) in PAIRS.items():
@@ -250,6 +249,7 @@ def main():
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--no-noise", action="store_true")
     parser.add_argument("--estimate", action="store_true")
+    parser.add_argument("--one-value", action="store_true", help="state the footprint as its mean over the field only")
     parser.add_argument("--incidence", type=float, default=70.0, help="max_incidence_deg of the reconstruction")
     args = parser.parse_args()
     os.makedirs(args.folder, exist_ok=True)
@@ -258,7 +258,7 @@ def main():
     table = patterns()
     rig_path = f"{args.folder}/{'estimate' if args.estimate else 'rig'}.toml"
     with open(rig_path, "w") as file:
-        file.write(rig(eyes, light, args.estimate))
+        file.write(rig(eyes, light, args.estimate, args.one_value))
     configuration(f"{args.folder}/cell.toml", rig_path, args.incidence)
     found = {pair: [] for pair in PAIRS}
     for number in range(args.first, args.first + args.placements):

@@ -99,11 +99,11 @@ pub fn print(sensors: &BTreeMap<String, Characterised>) {
                 (estimate.footprint.sigma_px, estimate.footprint.u_px.unwrap_or_default());
             let mut part =
                 format!("footprint {x:.3}, {y:.3} px (u {ux:.3}, {uy:.3}) from {} edges", estimate.edges);
-            if estimate.field_px2 != 0.0 {
+            if estimate.footprint.field_px2 != 0.0 {
                 let _ = write!(
                     part,
                     ", its variance {:+.3} px² from the middle to the corner",
-                    estimate.field_px2
+                    estimate.footprint.field_px2
                 );
             }
             parts.push(part);
@@ -124,7 +124,7 @@ pub fn json(found: Option<&Characterised>) -> serde_json::Value {
     serde_json::json!({
         "footprint_px": sensor.footprint.map(|footprint| footprint.sigma_px),
         "u_footprint_px": sensor.footprint.and_then(|footprint| footprint.u_px),
-        "footprint_field_px2": found.and_then(|found| Some(found.footprint?.field_px2)),
+        "footprint_field_px2": sensor.footprint.map(|footprint| footprint.field_px2),
         "footprint_edges": found.and_then(|found| Some(found.footprint?.edges)),
         "noise": sensor.noise.map(|noise| serde_json::json!({
             "read_dn": noise.read_noise_dn,

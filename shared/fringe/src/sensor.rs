@@ -28,7 +28,13 @@ pub struct Footprint {
     pub sigma_px: [f64; 2],
     /// Their standard uncertainties, where they are known, px.
     pub u_px: Option<[f64; 2]>,
+    /// Growth of both variances from the middle of the picture to its corner, with the square of the distance, px²; `sigma_px` is that of
+    /// the mean over the picture.
+    pub field_px2: f64,
 }
+
+/// Mean over a picture of the squared distance from its middle over that of its corner, whatever its sides.
+pub const MEAN_FIELD: f64 = 1.0 / 3.0;
 
 /// Standard uncertainty of a footprint that comes without one, px: what a lens differs by over its field and depth.
 const USUAL_U_PX: f64 = 0.02;
@@ -40,6 +46,11 @@ impl Footprint {
         let [ux, uy] = self.u_px.unwrap_or([USUAL_U_PX; 2]);
         // What both directions share (the shape of the edges, the field) does not average out between them.
         (0.5 * (x * x + y * y), x * ux + y * uy)
+    }
+
+    /// Variances along x and y at a place of the picture, px²: `field` is its squared distance from the middle over that of the corner.
+    pub fn variances_at_px2(&self, field: f64) -> [f64; 2] {
+        self.sigma_px.map(|sigma| sigma * sigma + self.field_px2 * (field - MEAN_FIELD))
     }
 
     /// Variances along x and y over their mean; [1, 1] where there is no footprint at all.
@@ -73,13 +84,31 @@ mod tests {
 
     #[test]
     fn a_round_footprint_has_the_variance_of_either_direction() {
-        let round = Footprint { sigma_px: [0.5; 2], u_px: Some([0.01; 2]) };
+        let round = Footprint { sigma_px: [0.5; 2], u_px: Some([0.01; 2]), field_px2: 0.0 };
         let (variance, u) = round.variance_px2();
         assert!((variance - 0.25).abs() < 1e-12);
         // d(σ²) = 2 σ dσ, shared by both directions.
         assert!((u - 2.0 * 0.5 * 0.01).abs() < 1e-12);
         let unknown = Footprint { u_px: None, ..round };
         assert!(unknown.variance_px2().1 > u);
+    }
+
+    #[test]
+    fn the_mean_over_the_picture_is_that_of_the_file() {
+        let footprint = Footprint { sigma_px: [0.5, 0.6], u_px: None, field_px2: 0.15 };
+        let (columns, rows) = (40, 30);
+        let mut sums = [0.0; 2];
+        for i in 0..columns * rows {
+            let at = |index: i32, count: i32| (f64::from(index) + 0.5) / f64::from(count) - 0.5;
+            let (x, y) =
+                (f64::from(columns) * at(i % columns, columns), f64::from(rows) * at(i / columns, rows));
+            let field = 4.0 * (x * x + y * y) / f64::from(columns * columns + rows * rows);
+            let variances = footprint.variances_at_px2(field);
+            sums = [0, 1].map(|axis| sums[axis] + variances[axis] / f64::from(columns * rows));
+        }
+        assert!((sums[0] - 0.25).abs() < 1e-4 && (sums[1] - 0.36).abs() < 1e-4, "{sums:?}");
+        let grown = footprint.variances_at_px2(1.0)[0] - footprint.variances_at_px2(0.0)[0];
+        assert!((grown - 0.15).abs() < 1e-12);
     }
 
     #[test]

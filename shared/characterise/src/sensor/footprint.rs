@@ -4,7 +4,7 @@
 
 use crate::target::BlurredEdge;
 use fringe::math::statistics::median;
-use fringe::sensor::Footprint;
+use fringe::sensor::{Footprint, MEAN_FIELD};
 
 /// Edges farther from the model than so many robust standard deviations belong to something else: dirt, a shadow.
 const OUTLIER: f64 = 3.5;
@@ -23,14 +23,13 @@ const TREND: f64 = 2.0;
 /// A footprint with what it rests on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FootprintEstimate {
-    /// Standard deviations along x and y with their uncertainties, which contain the variation over the field.
+    /// Standard deviations along x and y as the mean over the picture with their uncertainties, and the change over the picture where
+    /// the edges tell it.
     pub footprint: Footprint,
     /// Edges that were used.
     pub edges: usize,
     /// Median excess of their line spreads: 0 of a Gaussian, positive with tails.
     pub excess: f64,
-    /// Change of the variance from the middle of the picture to its corner, px²; 0 where none was found.
-    pub field_px2: f64,
 }
 
 /// An edge as the model sees it.
@@ -69,8 +68,18 @@ pub fn footprint(views: &[Vec<BlurredEdge>], size_px: [u32; 2]) -> Option<Footpr
     let kept = robust(all)?;
     let best = solve(kept.iter())?;
     let u_px2 = jackknife(&kept, views.len(), best)?;
-    let (field_px2, u_field_px2) = trend(&kept, best);
-    let mut footprint = Footprint { sigma_px: best.map(|variance| variance.max(0.0).sqrt()), u_px: None };
+    let trend = trend(&kept, best);
+    // The mean over the picture, of which the edges see a part.
+    let mean = best.map(|variance| variance + trend.field_px2 * (MEAN_FIELD - trend.seen));
+    let sigma_px = mean.map(|variance| variance.max(0.0).sqrt());
+    let mut footprint = Footprint { sigma_px, u_px: None, field_px2: trend.field_px2 };
+    let ends = [0.0, 1.0].map(|field| footprint.variances_at_px2(field));
+    let mut u_field_px2 = trend.u_px2;
+    if ends.as_flattened().iter().any(|variance| *variance < 0.0) {
+        // No parabola over the whole picture: what it changes by is uncertainty.
+        u_field_px2 = trend.u_px2.max(trend.field_px2.abs() * trend.spread);
+        footprint = Footprint { sigma_px: best.map(|v| v.max(0.0).sqrt()), u_px: None, field_px2: 0.0 };
+    }
     let excess = median(&mut kept.iter().map(|r| r.excess).collect::<Vec<f64>>()).unwrap_or(0.0);
     let u = [0, 1].map(|axis| {
         let sigma = footprint.sigma_px[axis].max(1e-3);
@@ -79,7 +88,7 @@ pub fn footprint(views: &[Vec<BlurredEdge>], size_px: [u32; 2]) -> Option<Footpr
         (by_sigma * by_sigma + SHAPE_U_PX * SHAPE_U_PX + tails * tails).sqrt()
     });
     footprint.u_px = Some(u);
-    Some(FootprintEstimate { footprint, edges: kept.len(), excess, field_px2 })
+    Some(FootprintEstimate { footprint, edges: kept.len(), excess })
 }
 
 /// Without what is far from the model.
@@ -143,18 +152,35 @@ fn jackknife(kept: &[Reading], views: usize, best: [f64; 2]) -> Option<[f64; 2]>
     (scatter.is_finite()).then(|| [3.0 * (2.0 * scatter / kept.len() as f64).sqrt(); 2])
 }
 
-/// Change of the variance from the middle to the corner, and what it spreads over the edges, px².
-fn trend(kept: &[Reading], best: [f64; 2]) -> (f64, f64) {
+/// How the footprint changes over the picture.
+#[derive(Debug, Clone, Copy)]
+struct Trend {
+    /// Change of the variance from the middle to the corner, px²; 0 where none was found.
+    field_px2: f64,
+    /// Standard uncertainty of the mean over the picture that comes from the change, px².
+    u_px2: f64,
+    /// Mean of the edges' places, as squared distance from the middle over that of the corner.
+    seen: f64,
+    /// Standard deviation of the same.
+    spread: f64,
+}
+
+/// The straight line of the variance against the squared distance from the middle.
+fn trend(kept: &[Reading], best: [f64; 2]) -> Trend {
     let n = kept.len() as f64;
     let mean = kept.iter().map(|r| r.field).sum::<f64>() / n;
     let spread = kept.iter().map(|r| (r.field - mean).powi(2)).sum::<f64>();
+    let none = Trend { field_px2: 0.0, u_px2: 0.0, seen: mean, spread: (spread / n).sqrt() };
     if spread <= 0.0 {
-        return (0.0, 0.0);
+        return none;
     }
     let slope = kept.iter().map(|r| (r.field - mean) * residual(r, best)).sum::<f64>() / spread;
     let left = kept.iter().map(|r| (residual(r, best) - slope * (r.field - mean)).powi(2)).sum::<f64>();
     let u = (left / (n - 2.0) / spread).sqrt();
-    if slope.abs() > TREND * u { (slope, slope.abs() * (spread / n).sqrt()) } else { (0.0, 0.0) }
+    if slope.abs() <= TREND * u {
+        return none;
+    }
+    Trend { field_px2: slope, u_px2: u * (MEAN_FIELD - mean).abs().max(none.spread), ..none }
 }
 
 #[cfg(test)]
@@ -204,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn dirt_is_left_out_and_a_blurred_corner_is_uncertainty() {
+    fn dirt_is_left_out_and_a_blurred_corner_is_found() {
         let mut dirty = edges([0.5, 0.5], 0.0, |turn| turn);
         for edge in dirty.iter_mut().flat_map(|view| view.iter_mut().step_by(12)) {
             edge.sigma_px = 1.4;
@@ -212,7 +238,12 @@ mod tests {
         let found = footprint(&dirty, SIZE_PX).unwrap();
         assert!((found.footprint.sigma_px[0] - 0.5).abs() < 0.01 && found.edges < 560, "{found:?}");
         let field = footprint(&edges([0.4, 0.4], 0.2, |turn| turn), SIZE_PX).unwrap();
-        assert!((field.field_px2 - 0.2).abs() < 0.03, "{field:?}");
-        assert!(field.footprint.u_px.unwrap()[0] > 0.03, "{field:?}");
+        let u = field.footprint.u_px.unwrap();
+        assert!((field.footprint.field_px2 - 0.2).abs() < 0.03, "{field:?}");
+        for (sigma_px, u_px) in field.footprint.sigma_px.into_iter().zip(u) {
+            // The mean over the picture of what grows by 0.2 px² up to the corner.
+            let off = sigma_px - (0.16 + 0.2 * MEAN_FIELD).sqrt();
+            assert!(off.abs() < 3.0 * u_px && u_px < 0.012, "{off}: {field:?}");
+        }
     }
 }

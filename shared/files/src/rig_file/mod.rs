@@ -75,6 +75,7 @@ struct RawCamera {
     distortion: Option<RawLens>,
     from_world: RawPose,
     footprint_px: Option<[f64; 2]>,
+    footprint_field_px2: Option<f64>,
     noise: Option<RawNoise>,
 }
 

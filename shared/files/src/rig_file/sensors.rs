@@ -30,7 +30,20 @@ pub(super) fn sensors(
         let mut sensor = Sensor::default();
         if let Some(sigma_px) = camera.footprint_px {
             check("footprint_px", sigma_px, MOST_FOOTPRINT_PX)?;
-            sensor.footprint = Some(Footprint { sigma_px, u_px: None });
+            let field_px2 = camera.footprint_field_px2.unwrap_or(0.0);
+            let footprint = Footprint { sigma_px, u_px: None, field_px2 };
+            if let Some(problem) = field_problem(&footprint) {
+                let remedy = format!("this is \"{}\"; `fringetool calibrate` writes it", camera.name);
+                return Err(document.fault(&format!("camera[{index}].footprint_field_px2"), problem, remedy));
+            }
+            sensor.footprint = Some(footprint);
+        } else if camera.footprint_field_px2.is_some() {
+            let problem = Problem::Value {
+                value: "footprint_field_px2 alone".into(),
+                limit: "needs footprint_px, the mean over the picture".into(),
+            };
+            let key = format!("camera[{index}].footprint_field_px2");
+            return Err(document.fault(&key, problem, "state footprint_px, or remove it"));
         }
         if let Some(noise) = &camera.noise {
             check("noise", [noise.read_dn, noise.gain_dn], MOST_NOISE_DN)?;
@@ -43,10 +56,22 @@ pub(super) fn sensors(
     Ok(all)
 }
 
+/// What is wrong with the change of a footprint over the picture: it must leave a footprint everywhere.
+fn field_problem(footprint: &Footprint) -> Option<Problem> {
+    let most = MOST_FOOTPRINT_PX * MOST_FOOTPRINT_PX;
+    let ends = [0.0, 1.0].map(|field| footprint.variances_at_px2(field));
+    let inside = ends.as_flattened().iter().all(|variance| (-1e-12..=2.0 * most).contains(variance));
+    (!inside).then(|| Problem::Value {
+        value: footprint.field_px2.to_string(),
+        limit: "must leave the squares of footprint_px above 0 from the middle (less a third of it) to the corner (more by two thirds)".into(),
+    })
+}
+
 /// Refuses the keys of a sensor on a projector, which has none.
 pub(super) fn no_sensors(document: &Document, projectors: &[RawCamera]) -> Result<(), FileError> {
     let stated = |projector: &RawCamera| match projector {
         RawCamera { footprint_px: Some(_), .. } => Some("footprint_px"),
+        RawCamera { footprint_field_px2: Some(_), .. } => Some("footprint_field_px2"),
         RawCamera { noise: Some(_), .. } => Some("noise"),
         _ => None,
     };

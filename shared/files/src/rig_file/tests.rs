@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::testing::{camera, rig};
+use fringe::sensor::{Footprint, Sensor};
 use std::fs;
 
 fn read(text: &str) -> Result<RigFile, String> {
@@ -88,6 +89,27 @@ fn every_kind_of_lens_comes_back_as_it_was_written() {
     }
     let text = rig_text(&whole(), &toml::Table::new(), None).replace("brown-conrady", "fisheye");
     assert!(read(&text).unwrap_err().contains("\"fisheye\" has at most 0"), "a fisheye has no p");
+}
+
+/// A footprint comes back with its change over the picture; a change that leaves none somewhere, or that has no mean, is refused.
+#[test]
+fn a_footprint_over_the_picture_comes_back_or_is_refused() {
+    let mut one = Rig { cameras: vec![camera("cam1", 640, 480)], ..Rig::default() };
+    let footprint = Footprint { sigma_px: [0.5, 0.6], u_px: None, field_px2: 0.12 };
+    one.sensors.insert("cam1".into(), Sensor { footprint: Some(footprint), ..Sensor::default() });
+    let text = rig_text(&one, &toml::Table::new(), None);
+    assert_eq!(read(&text).unwrap().rig.sensors, one.sensors);
+    for (from, to, expected) in [
+        ("field_px2 = 0.12", "field_px2 = 0.8", "camera[0].footprint_field_px2"),
+        ("field_px2 = 0.12", "field_px2 = nan", "footprint_field_px2"),
+        ("field_px2 = 0.12", "field_px2 = -0.5", "must leave the squares"),
+        ("footprint_px = [0.5, 0.6]\n", "", "needs footprint_px, the mean over the picture"),
+    ] {
+        let error = read(&text.replace(from, to)).unwrap_err();
+        assert!(error.contains(expected), "{error}");
+    }
+    let old = read(&text.replace("footprint_field_px2 = 0.12\n", "")).unwrap();
+    assert_eq!(old.rig.sensors["cam1"].footprint.map(|f| f.field_px2), Some(0.0));
 }
 
 #[test]

@@ -102,6 +102,9 @@ fn sensor_text(sensor: &Sensor) -> String {
     let mut out = String::new();
     if let Some(footprint) = sensor.footprint {
         let _ = writeln!(out, "footprint_px = {}", numbers(&footprint.sigma_px));
+        if footprint.field_px2 != 0.0 {
+            let _ = writeln!(out, "footprint_field_px2 = {:?}", footprint.field_px2);
+        }
     }
     if let Some(noise) = sensor.noise {
         let _ =

@@ -20,7 +20,8 @@
 //! camera. The estimate is joined with what is known of lenses, by inverse variance. Where the surface is all of one slope
 //! there is no line, but nothing to correct either.
 //!
-//! Derivatives are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth (`survey`).
+//! Derivatives of the phase are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth; the slope of the brightness is
+//! that over 3 × 3 of them (`survey`).
 
 use super::block::CHUNK;
 use super::contrast_bins::{BINS, Bins, GROUPS, ROWS, Reflectance, Sums};
@@ -29,6 +30,7 @@ use super::{DecodeError, Decoder, FootprintTest};
 use crate::math::ln;
 use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
+use crate::sensor::MEAN_FIELD;
 use fearless_simd::Level;
 use rayon::prelude::*;
 
@@ -132,21 +134,64 @@ impl Footprint {
     }
 
     /// Removes the bias of a footprint from the phase; its noise grows by some per cent, which the uncertainty contains.
-    /// Pixels without a smooth neighbourhood stay as they are. The map must be the one surveyed last.
-    pub fn correct(&self, variance_px2: f64, map: &mut PhaseViewMut, level: Level) {
+    /// Pixels without a smooth neighbourhood stay as they are. The map must be the one surveyed last. `field_px2`: growth of the
+    /// variance from the middle of the picture to its corner.
+    pub fn correct(&self, variance_px2: f64, field_px2: f64, map: &mut PhaseViewMut, level: Level) {
         let half = 0.5 * variance_px2;
         let growth = (1.0 - 2.0 * half * LAPLACIAN_MIDDLE + half * half * LAPLACIAN_POWER).sqrt() as f32;
-        let s2 = variance_px2 as f32;
-        let planes = map.phase_rad.par_chunks_mut(CHUNK).zip(map.sigma_rad.par_chunks_mut(CHUNK));
-        planes.zip(self.bias.par_chunks(CHUNK)).for_each(|((phase, sigma), bias)| {
-            vectorised!(level, unbias(phase, sigma, bias, s2, growth));
+        let (width, height) = (self.width, self.bias.len() / self.width);
+        let over = Field::new([width, height], variance_px2, field_px2);
+        let rows = CHUNK.div_ceil(width);
+        let part = rows * width;
+        let planes = map.phase_rad.par_chunks_mut(part).zip(map.sigma_rad.par_chunks_mut(part));
+        planes.zip(self.bias.par_chunks(part)).enumerate().for_each(|(number, ((phase, sigma), bias))| {
+            let lines = phase.chunks_mut(width).zip(sigma.chunks_mut(width)).zip(bias.chunks(width));
+            for (row, ((phase, sigma), bias)) in lines.enumerate() {
+                let at_row = over.row(number * rows + row);
+                vectorised!(level, unbias((phase, sigma), bias, (&over, at_row), growth));
+            }
         });
     }
 }
 
+/// The variance of the footprint over the picture, px².
+struct Field {
+    /// Column and row of the middle of the picture.
+    middle: [f32; 2],
+    /// Variance in the middle, px².
+    in_the_middle: f32,
+    /// Growth per squared pixel from the middle.
+    growth: f32,
+}
+
+impl Field {
+    fn new(size: [usize; 2], mean_px2: f64, field_px2: f64) -> Self {
+        let middle = size.map(|length| 0.5 * (length as f64 - 1.0));
+        let corner2 = (middle[0] * middle[0] + middle[1] * middle[1]).max(1.0);
+        Self {
+            middle: middle.map(|at| at as f32),
+            in_the_middle: (mean_px2 - MEAN_FIELD * field_px2) as f32,
+            growth: (field_px2 / corner2) as f32,
+        }
+    }
+
+    /// Variance in the middle of a row.
+    fn row(&self, row: usize) -> f32 {
+        let off = row as f32 - self.middle[1];
+        self.in_the_middle + self.growth * (off * off)
+    }
+}
+
 #[inline(always)]
-fn unbias(phase_rad: &mut [f32], sigma_rad: &mut [f32], bias: &[f32], s2: f32, growth: f32) {
-    for ((phase, sigma), bias) in phase_rad.iter_mut().zip(sigma_rad).zip(bias) {
+fn unbias(
+    (phase_rad, sigma_rad): (&mut [f32], &mut [f32]),
+    bias: &[f32],
+    (over, at_row): (&Field, f32),
+    growth: f32,
+) {
+    for (column, ((phase, sigma), bias)) in phase_rad.iter_mut().zip(sigma_rad).zip(bias).enumerate() {
+        let off = column as f32 - over.middle[0];
+        let s2 = at_row + over.growth * (off * off);
         let known = bias.is_finite();
         *phase = if known { *phase - s2 * bias } else { *phase };
         *sigma = if known { *sigma * growth } else { *sigma };
@@ -227,7 +272,8 @@ impl Decoder {
         let known_px2 = known_px2.or(calibrated.map(|footprint| footprint.variance_px2().0));
         let variance_px2 = known_px2.or(seen.and_then(Line::joined_px2)).filter(|_| corrects);
         if let Some(variance_px2) = variance_px2 {
-            self.footprint.correct(variance_px2, out, self.level);
+            let field_px2 = calibrated.map_or(0.0, |footprint| footprint.field_px2);
+            self.footprint.correct(variance_px2, field_px2, out, self.level);
         }
         let seen = seen.map(|line| (line.variance_px2, line.u_px2));
         let test = calibrated.zip(seen).map(|(known, seen)| super::sensor_test::footprint(known, seen));

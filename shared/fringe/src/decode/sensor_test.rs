@@ -96,7 +96,7 @@ mod tests {
 
     #[test]
     fn a_lens_out_of_focus_is_found_and_a_bad_estimate_is_not_blamed() {
-        let known = Footprint { sigma_px: [0.55, 0.59], u_px: Some([0.01; 2]) };
+        let known = Footprint { sigma_px: [0.55, 0.59], u_px: Some([0.01; 2]), field_px2: 0.0 };
         let line = |sigma_px: f64, u_px2| (sigma_px * sigma_px, u_px2);
         assert!(!footprint(known, line(0.6, 0.01)).contradicts);
         assert!(!footprint(known, line(0.74, 0.1)).contradicts, "a small part tells little");

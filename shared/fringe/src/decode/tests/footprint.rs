@@ -77,7 +77,7 @@ fn the_footprint_is_found_from_the_frames_and_its_bias_removed() {
         let found = footprint.survey(&map.view_mut(), Some(told_by(&rasters)), ROUND, best_level());
         let found = found.and_then(Line::joined_px2).unwrap();
         assert!((found / variance_px2 - 1.0).abs() < 0.05, "{found} instead of {variance_px2}");
-        footprint.correct(found, &mut map.view_mut(), best_level());
+        footprint.correct(found, 0.0, &mut map.view_mut(), best_level());
         let after = errors(&map);
         // Parts of opposite curvature and shading cancel in the mean, so the largest error is the measure of both.
         assert!(after.0.abs() < 0.03 * before.1, "(mean, largest) {before:?} became {after:?}");
@@ -106,7 +106,7 @@ fn a_step_is_left_alone() {
     let before = map.clone();
     let mut footprint = Footprint::new(WIDTH, map.info.len());
     assert_eq!(footprint.survey(&map.view_mut(), None, ROUND, best_level()), None);
-    footprint.correct(0.33, &mut map.view_mut(), best_level());
+    footprint.correct(0.33, 0.0, &mut map.view_mut(), best_level());
     for row in 2..HEIGHT - 2 {
         for column in 118..122 {
             let index = row * WIDTH + column;
@@ -125,7 +125,33 @@ fn tiny_images_have_no_inside() {
         let mut footprint = Footprint::new(width as usize, info.len());
         let rasters = Rasters::new(2, info.len(), 255);
         assert_eq!(footprint.survey(&map.view_mut(), Some(told_by(&rasters)), ROUND, best_level()), None);
-        footprint.correct(0.33, &mut map.view_mut(), best_level());
+        footprint.correct(0.33, 0.0, &mut map.view_mut(), best_level());
         assert!(map.phase_rad.iter().all(|phase| *phase == 1.0));
     }
+}
+
+/// A footprint that grows towards the corners takes off its own share at each pixel, of the mean over the picture in the mean.
+#[test]
+fn the_footprint_of_a_place_is_taken_off_there() {
+    let corrected = |mean_px2: f64, field_px2: f64| {
+        let (mut map, _) = blurred(0.3);
+        let before = map.phase_rad.clone();
+        let mut footprint = Footprint::new(WIDTH, map.info.len());
+        footprint.survey(&map.view_mut(), None, ROUND, best_level());
+        footprint.correct(mean_px2, field_px2, &mut map.view_mut(), best_level());
+        before.iter().zip(&map.phase_rad).map(|(a, b)| f64::from(a - b)).collect::<Vec<f64>>()
+    };
+    let (even, grown) = (corrected(0.3, 0.0), corrected(0.3, 0.12));
+    let corner2 = 119.5 * 119.5 + 99.5 * 99.5;
+    let mut asked = 0;
+    for (index, (even, grown)) in
+        even.iter().zip(grown).enumerate().filter(|(_, (even, _))| even.abs() > 2e-4)
+    {
+        let (x, y) = ((index % WIDTH) as f64 - 119.5, (index / WIDTH) as f64 - 99.5);
+        let expected = even * (0.3 + 0.12 * ((x * x + y * y) / corner2 - 1.0 / 3.0)) / 0.3;
+        // Phases of 40 rad and more in single precision.
+        assert!((grown - expected).abs() < 3e-5, "pixel {index}: {grown} instead of {expected}");
+        asked += 1;
+    }
+    assert!(asked > 1000, "{asked}");
 }
