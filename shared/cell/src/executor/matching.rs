@@ -118,7 +118,9 @@ impl PairMatcher {
         let refused = |source: MatchError| CellError::Match { pair: pair.name.clone(), source };
         let left = rig.camera(&pair.left).ok_or_else(|| no_view(&pair.left))?;
         let kernel = if let Some(right) = rig.camera(&pair.right) {
-            Kernel::Phase(Box::new(Matcher::new(left, right, settings).map_err(refused)?))
+            let footprints = [&pair.left, &pair.right].map(|camera| rig.sensor(camera).footprint);
+            let matcher = Matcher::new(left, right, settings).map_err(refused)?;
+            Kernel::Phase(Box::new(matcher.with_footprints(footprints)))
         } else {
             let projector = rig.projector(&pair.right).ok_or_else(|| no_view(&pair.right))?;
             let settings = ProjectorSettings {
@@ -126,7 +128,8 @@ impl PairMatcher {
                 surface: settings.surface,
                 ..ProjectorSettings::default()
             };
-            Kernel::Projector(Box::new(ProjectorMatcher::new(left, projector, &settings).map_err(refused)?))
+            let matcher = ProjectorMatcher::new(left, projector, &settings).map_err(refused)?;
+            Kernel::Projector(Box::new(matcher.with_footprint(rig.sensor(&pair.left).footprint)))
         };
         Ok(Self { kernel, pair: number as u32 })
     }

@@ -12,7 +12,7 @@ use super::subpixel_lanes::{Batch, Found, LANES, depths_beside, step_beside};
 use crate::math::simd::vectorised;
 use crate::phase::PhaseView;
 use crate::rectify::{Directions, Rectification, RectifiedGrid};
-use crate::surface::{Cause, Sample, Samples};
+use crate::surface::{Cause, RIM, Sample, Samples};
 use fearless_simd::Level;
 
 /// Buffers and counts of one part.
@@ -90,6 +90,8 @@ pub(super) struct Scan<'a> {
     pub order: &'a [u32],
     pub row_starts: &'a [usize],
     pub left: PhaseView<'a>,
+    /// Marks where the left surface ends within the reach of a limb.
+    pub left_limbs: &'a [u8],
     pub right: PhaseView<'a>,
     pub limits: StepLimits,
     /// Smallest and largest disparity of a pixel whose depth along the optical axis is that in the rectified frame.
@@ -148,7 +150,8 @@ impl Scan<'_> {
             sigma_rad[l] = f64::from(sigmas[l]);
             own[l] = self.left_grid.column(left_x[l]);
         }
-        let mut batch = Batch { live, wanted, left_x, y, sigma_rad, modulation, ..Batch::default() };
+        let limbs = group.values(self.left_limbs);
+        let mut batch = Batch { live, wanted, left_x, y, sigma_rad, modulation, limbs, ..Batch::default() };
         for l in 0..LANES {
             [batch.limits[0][l], batch.limits[1][l]] = self.disparity_limits(left_x[l], y[l]);
         }
@@ -248,17 +251,17 @@ impl Scan<'_> {
         let found = step_beside(&self.right_phase, &self.pair.right, batch, again);
         let depths = depths_beside(batch, &found, self.pair.baseline_mm, self.most_sigma());
         let mut modulation = batch.modulation;
-        let mut rims = [0; LANES];
+        let mut limbs = batch.limbs;
         for l in 0..LANES {
             let pixel = found.pixel[l];
-            rims[l] = self.right_phase.rims[pixel];
+            limbs[l] |= self.right_phase.rims[pixel];
             modulation[l] = modulation[l].min(self.right.modulation[pixel]);
         }
         let mut samples =
-            Samples { modulation, sigma: depths.sigma, own_share: depths.own_share, ..Samples::NONE };
-        for (l, rim) in rims.into_iter().enumerate() {
+            Samples { modulation, sigma: depths.sigma, own_share: depths.own_share, limbs, ..Samples::NONE };
+        for (l, marks) in limbs.into_iter().enumerate() {
             // In the order in which the general way decides, see `sample`.
-            let whole = rim == 0;
+            let whole = marks & RIM == 0;
             let point = found.settled[l] & whole & depths.certain[l] & depths.within[l];
             samples.inverse_depth[l] = if point { depths.inverse_depth[l] } else { f64::NAN };
             let uncertain = whole & !depths.certain[l];
@@ -353,7 +356,8 @@ impl Scan<'_> {
             (batch.sigma_rad[l] * batch.sigma_rad[l], batch.sigma_rad[l] * batch.sigma_rad[l] + variance);
         let sigma = (both / (slope * slope)).sqrt();
         // A silhouette of that view: the left view may see the surface go on.
-        if self.right_phase.rims[right] != 0 {
+        let marks = self.right_phase.rims[right];
+        if marks & RIM != 0 {
             return Err(Miss::Discontinuous);
         }
         // Smoothing decides about the rest, see [`crate::surface::View::max_sigma`].
@@ -370,6 +374,7 @@ impl Scan<'_> {
             sigma: (sigma / self.pair.baseline_mm) as f32,
             own_share: if both > 0.0 { (own / both) as f32 } else { 1.0 },
             modulation: batch.modulation[l].min(self.right.modulation[right]),
+            limbs: batch.limbs[l] | marks,
             cause: Cause::Point,
         })
     }

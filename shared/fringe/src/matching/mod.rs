@@ -32,6 +32,7 @@
 //! scatter of single points, more of it shared by neighbours.
 
 mod axis;
+mod ends;
 mod epipolar_lanes;
 mod epipolar_rows;
 mod error;
@@ -66,9 +67,9 @@ use crate::math::simd::best_level;
 use crate::math::statistics::median;
 use crate::phase::PhaseView;
 use crate::rectify::{Directions, Rectification, RectifiedGrid};
-use crate::surface::{
-    Cause, Sample, Samples, SurfaceBuilder, View, independent_share, mark_rims, rim_is_hidden,
-};
+use crate::sensor::Footprint;
+use crate::surface::{Cause, Sample, Samples, SurfaceBuilder, View, independent_share, rim_is_hidden};
+use ends::Ends;
 use epipolar_rows::{Row, StepLimits};
 use fearless_simd::Level;
 use match_rows::{Scan, Task};
@@ -112,10 +113,8 @@ pub struct Matcher {
     tasks: Vec<Task>,
     /// Left and right phase with NaN where masked, where the maps do not have it so.
     copies: [Vec<f32>; 2],
-    /// Not zero where the right surface ends within `surface.edge_px`.
-    right_rims: Vec<u8>,
-    /// Scratch for the gaps between them.
-    right_gaps: Vec<u8>,
+    /// Where surfaces end in both pictures.
+    ends: Ends,
     /// Scratch for the median noise.
     noise: Vec<f32>,
     /// Of the parts that are matched at once, group by group.
@@ -172,8 +171,7 @@ impl Matcher {
             parts,
             tasks,
             copies: [Vec::new(), Vec::new()],
-            right_rims: vec![0; right.width_px as usize * right.height_px as usize],
-            right_gaps: vec![0; right.width_px as usize * right.height_px as usize],
+            ends: Ends::new([left, right].map(|camera| [camera.width_px, camera.height_px])),
             noise: Vec::with_capacity(NOISE_SAMPLES),
             hits: vec![Samples::NONE; most],
             outside: others(&order, columns * rows),
@@ -183,6 +181,13 @@ impl Matcher {
             directions,
             pair,
         })
+    }
+
+    /// Takes the footprints of the left and the right camera, where they are known: they say how far a limb reaches.
+    #[must_use]
+    pub fn with_footprints(mut self, footprints: [Option<Footprint>; 2]) -> Self {
+        self.ends.set_footprints(footprints);
+        self
     }
 
     /// Uses no more than these instructions.
@@ -236,8 +241,7 @@ impl Matcher {
         // A rim shifts the phase two pixels away by less than noise like this hides, and hardly one that was interpolated.
         let hidden = rim_is_hidden(noise_px, RIM_NOISE_PX, independent);
         let edge = if hidden { edge_px.min(1) } else { edge_px };
-        let Self { right_gaps, right_rims, .. } = self;
-        mark_rims((right.info.width_px as usize, phases.right), edge, limits.max_rad, right_gaps, right_rims);
+        self.ends.mark(phases, edge, edge_px == 0, limits.max_rad);
         let mut report = self.match_rows(left, right, phases, limits);
         for pixel in &self.outside {
             let dark = phases.left[*pixel as usize].is_nan();
@@ -316,7 +320,7 @@ impl Matcher {
             right_phase: RightPhase {
                 phase_rad: phases.right,
                 sigma_rad: right.sigma_rad,
-                rims: &self.right_rims,
+                rims: &self.ends.right,
                 width: right.info.width_px as usize,
                 height: right.info.height_px as usize,
                 pitch: 1.0 / pair.focal_px,
@@ -328,6 +332,7 @@ impl Matcher {
             row_starts,
             level: self.level,
             left: *left,
+            left_limbs: &self.ends.left,
             right: *right,
             limits,
             disparities: settings

@@ -37,7 +37,7 @@ const MAX_STEPS: usize = 5;
 pub(super) struct RightPhase<'a> {
     pub phase_rad: &'a [f32],
     pub sigma_rad: &'a [f32],
-    /// Not zero where the surface ends so near that the footprint reaches over its rim.
+    /// Marks where the surface ends so near that the footprint reaches over its rim, or over a limb.
     pub rims: &'a [u8],
     pub width: usize,
     pub height: usize,

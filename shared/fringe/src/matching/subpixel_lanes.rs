@@ -33,6 +33,8 @@ pub(super) struct Batch {
     pub sigma_rad: Lanes,
     /// Modulation of the pixel, DN.
     pub modulation: [f32; LANES],
+    /// Marks where its surface ends nearby in the left picture.
+    pub limbs: [u8; LANES],
     /// Rectified abscissa on the right from where the search goes on.
     pub x: Lanes,
     /// Columns and rows of the cells in which it was last.
@@ -43,7 +45,8 @@ impl Batch {
     /// Takes a pixel of another batch, which is to be searched on from where it was found.
     #[inline(always)]
     pub fn take(&mut self, to: usize, (other, from): (&Self, usize), found: &Found) {
-        (self.wanted[to], self.modulation[to]) = (other.wanted[from], other.modulation[from]);
+        (self.wanted[to], self.modulation[to], self.limbs[to]) =
+            (other.wanted[from], other.modulation[from], other.limbs[from]);
         (self.left_x[to], self.y[to], self.coarse[to]) =
             (other.left_x[from], other.y[from], other.coarse[from]);
         (self.search_px[to], self.sigma_rad[to]) = (other.search_px[from], other.sigma_rad[from]);

@@ -22,7 +22,10 @@ use crate::math::parallel::for_parts;
 use crate::pattern::Axis;
 use crate::phase::PhaseView;
 use crate::rectify::{Directions, RectifiedCamera};
-use crate::surface::{Cause, Sample, SurfaceBuilder, View, WINDOWS, independent_share};
+use crate::sensor::Footprint;
+use crate::surface::{
+    Cause, OWN, Sample, SurfaceBuilder, View, WINDOWS, independent_share, mark_limbs, mark_missing, reach_px,
+};
 use nalgebra::Matrix3;
 use rays::{Observation, Rays};
 use report::{Task, summed};
@@ -30,6 +33,9 @@ use std::f64::consts::TAU;
 
 /// Pixels per part of parallel work; fixed, so that no result depends on the number of threads.
 const PART_PIXELS: usize = 16_384;
+
+/// Neighbouring pixels whose phases differ by more than this lie on different surfaces, projector pixels.
+const MAX_STEP_PX: f64 = 6.0;
 
 /// Intersects the rays of a camera with the columns and rows of a projector. `run` allocates nothing.
 #[derive(Debug, Clone)]
@@ -44,6 +50,13 @@ pub struct ProjectorMatcher {
     phase_x: Vec<f32>,
     phase_y: Vec<f32>,
     scratch: Vec<f32>,
+    /// How far a limb shifts points in the picture, px.
+    reach_px: f64,
+    /// Marks where the surface ends within this.
+    limbs: Vec<u8>,
+    /// Scratch: what is missing in the picture, and its borders.
+    missing: Vec<u8>,
+    borders: Vec<u8>,
     samples: Vec<Sample>,
     surface: SurfaceBuilder,
 }
@@ -77,9 +90,20 @@ impl ProjectorMatcher {
             phase_x: vec![f32::NAN; pixels],
             phase_y: vec![f32::NAN; pixels],
             scratch: Vec::with_capacity(WINDOWS + 1),
+            reach_px: reach_px(None),
+            limbs: vec![0; pixels],
+            missing: vec![0; pixels],
+            borders: vec![0; pixels],
             samples: vec![Sample::NONE; pixels],
             surface: SurfaceBuilder::new(width, height, settings.surface),
         })
+    }
+
+    /// Takes the footprint of the camera, where it is known: it says how far a limb reaches.
+    #[must_use]
+    pub fn with_footprint(mut self, footprint: Option<Footprint>) -> Self {
+        self.reach_px = reach_px(footprint);
+        self
     }
 
     /// How many points `run` may write: one per pixel.
@@ -111,6 +135,7 @@ impl ProjectorMatcher {
             .into_iter()
             .filter_map(|(map, masked)| Some(independent_share(map?, masked, scratch)))
             .fold(1.0, f64::min);
+        self.mark_limbs(phase_x, phase_y);
         let mut report = self.intersect(phase_x, phase_y);
         let view = View {
             width: self.camera.width_px as usize,
@@ -140,6 +165,19 @@ impl ProjectorMatcher {
         self.surface.causes()
     }
 
+    /// Marks where phases end in the picture.
+    fn mark_limbs(&mut self, phase_x: Option<&PhaseView>, phase_y: Option<&PhaseView>) {
+        self.limbs.fill(0);
+        let Self { phase_x: masked_x, phase_y: masked_y, missing, borders, limbs, .. } = self;
+        let width = self.camera.width_px as usize;
+        for (map, masked) in [(phase_x, masked_x), (phase_y, masked_y)] {
+            let Some(map) = map.filter(|_| self.settings.surface.edge_px > 0) else { continue };
+            let max_step = (MAX_STEP_PX * TAU / map.info.period_px) as f32;
+            mark_missing((width, masked), max_step, missing);
+            mark_limbs((width, masked), (self.reach_px, max_step), missing, borders, (OWN, limbs));
+        }
+    }
+
     fn intersect(&mut self, phase_x: Option<&PhaseView>, phase_y: Option<&PhaseView>) -> ProjectorReport {
         let projector_from_camera =
             self.projector.camera_from_world * self.camera.camera_from_world.inverse();
@@ -160,7 +198,8 @@ impl ProjectorMatcher {
             let all = [phase_x, phase_y].into_iter().flatten().map(|map| map.modulation[pixel]);
             all.fold(f32::INFINITY, f32::min)
         };
-        let Self { samples, tasks, parts, directions, phase_x: masked_x, phase_y: masked_y, .. } = self;
+        let Self { samples, tasks, parts, directions, limbs, phase_x: masked_x, phase_y: masked_y, .. } =
+            self;
         for_parts(parts, samples, tasks, &|part, samples, task| {
             *task = Task::default();
             for (pixel, sample) in (parts[part]..).zip(samples) {
@@ -169,7 +208,7 @@ impl ProjectorMatcher {
                 let seen = [x, y].iter().flatten().all(|o| o.pixel.is_finite())
                     && directions.at(pixel)[0].is_finite();
                 if seen {
-                    rays.solve(directions.at(pixel), [x, y], modulation(pixel), sample, task);
+                    rays.solve(directions.at(pixel), [x, y], modulation(pixel), (limbs[pixel], sample), task);
                 }
             }
         });

@@ -38,7 +38,7 @@ impl Rays<'_> {
         [x, y]: [f64; 2],
         observed: [Option<Observation>; 2],
         modulation: f32,
-        sample: &mut Sample,
+        (limbs, sample): (u8, &mut Sample),
         task: &mut Task,
     ) {
         task.valid += 1;
@@ -52,7 +52,8 @@ impl Rays<'_> {
                 // dq = dZ / Z².
                 let sigma = (sigma_depth / (depth * depth)) as f32;
                 let inverse_depth = 1.0 / depth;
-                *sample = Sample { inverse_depth, sigma, own_share: 1.0, modulation, cause: Cause::Point };
+                *sample =
+                    Sample { inverse_depth, sigma, own_share: 1.0, modulation, limbs, cause: Cause::Point };
             }
             Err(Miss::Missed) => {
                 *sample = Sample::without(Cause::Missed);

@@ -71,14 +71,16 @@ impl SurfaceBuilder {
 
     /// Takes what all samples say of their pixels.
     pub fn load(&mut self, samples: &[Sample]) {
-        let Raster { depths, sigmas, own_shares, modulations } = &mut self.raster;
+        let Raster { depths, sigmas, own_shares, modulations, limbs } = &mut self.raster;
         let parts = depths.par_chunks_mut(CHUNK).zip(sigmas.par_chunks_mut(CHUNK));
         let parts = parts.zip(own_shares.par_chunks_mut(CHUNK)).zip(modulations.par_chunks_mut(CHUNK));
+        let parts = parts.zip(limbs.par_chunks_mut(CHUNK));
         let parts = parts.zip(self.causes.par_chunks_mut(CHUNK)).zip(samples.par_chunks(CHUNK));
-        parts.for_each(|(((((depths, sigmas), own_shares), modulations), causes), samples)| {
+        parts.for_each(|((((((depths, sigmas), own_shares), modulations), limbs), causes), samples)| {
             for (i, sample) in samples.iter().enumerate() {
                 (depths[i], sigmas[i], causes[i]) = (sample.inverse_depth, sample.sigma, sample.cause);
                 (own_shares[i], modulations[i]) = (sample.own_share, sample.modulation);
+                limbs[i] = sample.limbs;
             }
         });
     }

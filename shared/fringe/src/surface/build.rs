@@ -140,8 +140,9 @@ impl Selector<'_> {
             if self.samples.depths[at..at + LANES].iter().any(|depth| depth.is_finite()) {
                 let found = group(self.view, self.samples, at, common, &mut block);
                 let ([x, y, z], [nx, ny, nz]) = (&found.position_mm, &found.normal);
+                let limbs = &self.samples.limbs[at..at + LANES];
                 for l in 0..LANES {
-                    if !found.settled[l] {
+                    if !found.settled[l] || limbs[l] != 0 {
                         if self.samples.depths[at + l].is_finite() {
                             self.place(at + l, pair, &mut slots, count);
                         }
@@ -208,7 +209,8 @@ impl Selector<'_> {
                 sample.sigma = (f64::from(sample.sigma) * f64::from(sample.sigma) + off * off).sqrt() as f32;
             }
         }
-        let cause = if steep {
+        let limb = || normal.is_some_and(|normal| self.at_limb(pixel, &sample, &normal));
+        let cause = if steep || limb() {
             Cause::Steep
         } else if rim {
             Cause::Rim

@@ -28,7 +28,7 @@ pub enum Cause {
     Spike,
     /// In a patch that is too small.
     Crumb,
-    /// The surface is seen too steeply.
+    /// The surface is seen too steeply, or turns away from a camera and ends nearby in its picture.
     Steep,
     /// At the rim of its surface.
     Rim,

@@ -9,6 +9,7 @@ mod cause;
 mod gaps;
 mod independence;
 mod joints;
+mod limb;
 mod normals;
 mod patches;
 mod point;
@@ -23,9 +24,10 @@ mod windows;
 pub(crate) use buffers::SurfaceBuilder;
 pub use cause::Cause;
 pub(crate) use independence::{WINDOWS, independent_share};
+pub(crate) use limb::{OTHER, OWN, RIM, mark_limbs, reach_px};
 pub(crate) use point::{Sample, View, rim_is_hidden};
 pub(crate) use raster::Samples;
-pub(crate) use rim::mark_rims;
+pub(crate) use rim::{mark_missing, mark_rims};
 pub(crate) use windows::{LANES, taken};
 
 use serde::{Deserialize, Serialize};
@@ -43,10 +45,10 @@ pub struct SurfaceSettings {
     pub min_patch_points: u32,
     /// Side of the window of the normal's plane fit, px: 3 or 5.
     pub normal_window_px: u32,
-    /// Points that either view (camera or projector) sees more steeply than this from the normal are dropped, degrees;
-    /// only beyond more where the error of the footprint is small beside the noise of the point. Towards a limb a pixel covers ever more surface: on a sphere of 22 mm at 0.21 mm per pixel the error of exact
-    /// phase is below 0.4 µm up to 65°, 1 µm at 70°, 3 µm at 75°, 8 µm at 80°; what the correction of the footprint leaves of it is some −1 to −3 µm at 67°
-    /// and ± 12 µm beyond 70°, where the limb is nearer than three pixels. Flat faces have no limb, so that the default keeps them.
+    /// Points that either view (camera or projector) sees more steeply than this from the normal are dropped, degrees; only beyond more where the
+    /// error of the footprint is small beside the noise of the point. At less too where a curved surface turns away from a camera and ends nearby in its
+    /// picture (half a window of derivatives and four footprints, some five pixels): there phases of something else take part, and what the
+    /// correction of the footprint leaves is −1 to −12 µm on spheres at 0.21 mm per pixel. Flat faces have no limb and keep their points.
     pub max_incidence_deg: f64,
     /// Points nearer than this many pixels to where their surface ends in the picture are dropped: the footprint of
     /// their pixels reaches over the rim and shifts their phase. A footprint of 0.58 px (standard deviation) moves
@@ -120,7 +122,7 @@ pub struct SurfaceReport {
     pub spikes: u32,
     /// In patches that are too small.
     pub crumbs: u32,
-    /// Points dropped because the surface is seen too steeply.
+    /// Points dropped because the surface is seen too steeply, or ends in a limb nearby.
     pub steep: u32,
     /// At the rim of their surface.
     pub rims: u32,

@@ -78,9 +78,7 @@ pub(crate) fn normal(
         None => partial_window(view, samples, pixel, link, half)?,
     };
     let [x, y] = view.directions.at(pixel);
-    let (by_column, by_row) = (derivative(view, pixel, column, 1, view.width), {
-        derivative(view, pixel, row, view.width, view.height)
-    });
+    let [by_column, by_row] = derivatives(view, pixel);
     // q_u = q_x x_u + q_y y_u, q_v = q_x x_v + q_y y_v.
     let inverse = 1.0 / (by_column.x * by_row.y - by_row.x * by_column.y);
     let gradient = [
@@ -92,6 +90,22 @@ pub(crate) fn normal(
     let normal = Vector3::from(normal) * unit;
     // Not finite where the directions do not spread, or the samples are none.
     normal.iter().all(|part| part.is_finite()).then_some(normal)
+}
+
+/// Columns and rows that lead along a change of the direction (x, y).
+#[inline]
+pub(super) fn pixels_along(view: &View, pixel: usize, change: Vector2<f64>) -> Vector2<f64> {
+    let [by_column, by_row] = derivatives(view, pixel);
+    let inverse = 1.0 / (by_column.x * by_row.y - by_row.x * by_column.y);
+    Vector2::new(by_row.y * change.x - by_row.x * change.y, by_column.x * change.y - by_column.y * change.x)
+        * inverse
+}
+
+/// Derivatives of the direction table by column and by row.
+#[inline]
+fn derivatives(view: &View, pixel: usize) -> [Vector2<f64>; 2] {
+    let (column, row) = (pixel % view.width, pixel / view.width);
+    [derivative(view, pixel, column, 1, view.width), derivative(view, pixel, row, view.width, view.height)]
 }
 
 /// Derivative of the direction table by one grid coordinate, from both neighbours or one of them.

@@ -17,6 +17,8 @@ pub(crate) struct Sample {
     pub own_share: f32,
     /// Modulation B of the pixel, DN.
     pub modulation: f32,
+    /// In the pictures of which cameras phases end nearby: [`super::limb::OWN`], [`super::limb::OTHER`].
+    pub limbs: u8,
     /// Why there is no point; [`Cause::Point`] where there is one.
     pub cause: Cause,
 }
@@ -27,6 +29,7 @@ impl Sample {
         sigma: f32::NAN,
         own_share: 1.0,
         modulation: 0.0,
+        limbs: 0,
         cause: Cause::Dark,
     };
 

@@ -183,7 +183,7 @@ mod tests {
             let depth = 500.0 - (36.0 - x * x - y * y).max(0.0).sqrt();
             let noise = 2e-8 * normal_quantile(Key::new(7).open(i as u64));
             let inverse_depth = if i % 97 == 5 { f64::NAN } else { 1.0 / depth + noise };
-            Sample { inverse_depth, sigma: 2e-8, own_share: 0.7, modulation: 1.0, cause: Cause::Point }
+            Sample { inverse_depth, sigma: 2e-8, own_share: 0.7, modulation: 1.0, ..Sample::NONE }
         };
         let samples: Vec<Sample> = (0..SIDE * SIDE).map(sample).collect();
         let raster = Raster::from(&samples[..]);

@@ -15,6 +15,8 @@ pub(crate) struct Samples {
     pub own_share: [f32; LANES],
     /// Modulations of the pixels, DN.
     pub modulation: [f32; LANES],
+    /// In the pictures of which cameras phases end nearby.
+    pub limbs: [u8; LANES],
     /// Why there is no point.
     pub cause: [Cause; LANES],
 }
@@ -25,6 +27,7 @@ impl Samples {
         sigma: [Sample::NONE.sigma; LANES],
         own_share: [Sample::NONE.own_share; LANES],
         modulation: [Sample::NONE.modulation; LANES],
+        limbs: [Sample::NONE.limbs; LANES],
         cause: [Sample::NONE.cause; LANES],
     };
 
@@ -36,6 +39,7 @@ impl Samples {
             sigma: self.sigma[l],
             own_share: self.own_share[l],
             modulation: self.modulation[l],
+            limbs: self.limbs[l],
             cause: self.cause[l],
         }
     }
@@ -45,7 +49,7 @@ impl Samples {
     pub fn set(&mut self, l: usize, sample: &Sample) {
         self.inverse_depth[l] = sample.inverse_depth;
         (self.sigma[l], self.own_share[l]) = (sample.sigma, sample.own_share);
-        (self.modulation[l], self.cause[l]) = (sample.modulation, sample.cause);
+        (self.modulation[l], self.limbs[l], self.cause[l]) = (sample.modulation, sample.limbs, sample.cause);
     }
 }
 
@@ -60,6 +64,8 @@ pub(crate) struct Raster {
     pub(super) own_shares: Vec<f32>,
     /// Modulations of the pixels that are points, DN.
     pub(super) modulations: Vec<f32>,
+    /// In the pictures of which cameras phases end near the points.
+    pub(super) limbs: Vec<u8>,
 }
 
 impl Raster {
@@ -71,6 +77,7 @@ impl Raster {
             sigmas: vec![none.sigma; pixels],
             own_shares: vec![none.own_share; pixels],
             modulations: vec![none.modulation; pixels],
+            limbs: vec![none.limbs; pixels],
         }
     }
 
@@ -88,6 +95,7 @@ impl Raster {
             sigma: self.sigmas[pixel],
             own_share: self.own_shares[pixel],
             modulation: self.modulations[pixel],
+            limbs: self.limbs[pixel],
             cause: if inverse_depth.is_finite() { Cause::Point } else { Cause::Dark },
         }
     }
@@ -99,6 +107,7 @@ impl Raster {
         self.sigmas[pixel..pixel + LANES].copy_from_slice(&samples.sigma);
         self.own_shares[pixel..pixel + LANES].copy_from_slice(&samples.own_share);
         self.modulations[pixel..pixel + LANES].copy_from_slice(&samples.modulation);
+        self.limbs[pixel..pixel + LANES].copy_from_slice(&samples.limbs);
     }
 
     /// Takes the sample of a pixel.
@@ -111,6 +120,7 @@ impl Raster {
         self.sigmas[pixel] = sample.sigma;
         self.own_shares[pixel] = sample.own_share;
         self.modulations[pixel] = sample.modulation;
+        self.limbs[pixel] = sample.limbs;
     }
 }
 

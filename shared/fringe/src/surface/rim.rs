@@ -20,33 +20,32 @@ fn specks(all: usize) -> u16 {
 /// Fewest rows of one parallel job.
 const ROWS: usize = 16;
 
-/// Marks the pixels of a raster with more than specks of NaN up to `edge` pixels away; beyond the picture nothing is missed,
-/// nor in a gap of up to three pixels whose sides differ by less than `max_step` per pixel.
-/// `gaps` is scratch of the same size.
-pub(crate) fn mark_rims(
-    (width, values): (usize, &[f32]),
-    edge: usize,
-    max_step: f32,
-    gaps: &mut [u8],
-    rims: &mut [u8],
-) {
-    if edge == 0 || width == 0 {
-        rims.fill(0);
+/// Marks the NaN of a raster, but for gaps of up to three pixels whose sides differ by less than `max_step` per pixel.
+pub(crate) fn mark_missing((width, values): (usize, &[f32]), max_step: f32, missing: &mut [u8]) {
+    if width == 0 {
         return;
     }
     let height = values.len() / width;
     let level = best_level();
     let joined = |a: usize, b: usize, d: usize| (values[a] - values[b]).abs() <= max_step * d as f32;
-    gaps.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, line)| {
+    missing.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, line)| {
         vectorised!(level, mark_row((width, height), values, row, line, &joined));
         // What is missing and no gap.
         for (missing, value) in line.iter_mut().zip(&values[row * width..]) {
             *missing = u8::from(value.is_nan() && *missing == 0);
         }
     });
-    let gaps = &*gaps;
+}
+
+/// Marks the pixels of a raster of which more than specks are missing up to `edge` pixels away; beyond the picture nothing is missed.
+pub(crate) fn mark_rims(width: usize, edge: usize, missing: &[u8], rims: &mut [u8]) {
+    if edge == 0 || width == 0 {
+        rims.fill(0);
+        return;
+    }
+    let (level, height) = (best_level(), rims.len() / width);
     rims.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, rims)| {
-        vectorised!(level, count_row((width, height), gaps, edge, row, rims));
+        vectorised!(level, count_row((width, height), missing, edge, row, rims));
     });
 }
 
@@ -180,9 +179,10 @@ mod tests {
         let samples: Vec<Sample> = (0..width * height).map(sample).collect();
         let raster = Raster::from(&samples[..]);
         let mut rims = vec![0; width * height];
-        let (mut gaps, none) = (vec![0; width * height], vec![0; width * height]);
+        let (mut missing, none) = (vec![0; width * height], vec![0; width * height]);
+        mark_missing((width, &values), -1.0, &mut missing);
         for edge in [1, 2, 3] {
-            mark_rims((width, &values), edge, -1.0, &mut gaps, &mut rims);
+            mark_rims(width, edge, &missing, &mut rims);
             for pixel in (0..width * height).filter(|i| inside(*i)) {
                 assert_eq!(
                     rims[pixel] != 0,
@@ -191,7 +191,7 @@ mod tests {
                 );
             }
         }
-        mark_rims((width, &values), 0, 0.0, &mut gaps, &mut rims);
+        mark_rims(width, 0, &missing, &mut rims);
         assert!(rims.iter().all(|rim| *rim == 0));
     }
 }

@@ -1,0 +1,235 @@
+//! The limb: where a curved surface turns away from a camera and ends in its picture.
+//!
+//! The bias of the footprint is taken off with derivatives of phase and brightness over 5 × 5 pixels. So near to a limb that these windows and the
+//! blur reach over it, what lies beyond takes part, and a point is shifted inwards by some hundredths of a pixel. Such points are dropped. A flat
+//! face that ends has hardly a bias, and keeps its points but for `edge_px`.
+//!
+//! Both conditions come from many pixels, so that the noise of a point hardly decides about itself: how near phases end or jump in the picture of
+//! either camera, and whether that is a limb, by the turn of the normal. On a ball of ρ pixels the incidence has the sine s = r/ρ at r pixels from the
+//! middle; with s₀ here and s₁ farther in by L pixels, ρ (1 − s₀) = L (1 − s₀)/(s₀ − s₁) pixels are left to the limb, and of a plane infinitely many.
+
+use super::build::Selector;
+use super::normals::{normal, pixels_along};
+use super::point::{STEEP_SHARE, Sample, rim_is_hidden};
+use crate::math::simd::{best_level, vectorised};
+use crate::sensor::Footprint;
+use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
+
+/// Mark of a pixel of the other view at a rim.
+pub(crate) const RIM: u8 = 1;
+/// Mark of a pixel near to where phases end in the picture of its own camera …
+pub(crate) const OWN: u8 = 2;
+/// … and of one whose match is in the picture of the other.
+pub(crate) const OTHER: u8 = 4;
+
+/// Half the side of the windows of the derivatives, px.
+const WINDOW_PX: f64 = 2.5;
+
+/// A pixel gets light from so many standard deviations of its footprint.
+const SPREAD: f64 = 4.0;
+
+/// Footprint of a camera whose own is not known, standard deviation, px: what most lenses stay below.
+const USUAL_PX: f64 = 0.7;
+
+/// Largest distance that is looked at, px.
+const MOST_PX: usize = 8;
+
+/// Over so many pixels inwards the turn of the normal is asked, which is hardly noise then.
+const INWARDS_PX: f64 = 6.0;
+
+/// Phases end at the limb if it is nearer than this, px: twice the usual reach, so that balls are far below it and flat faces far above.
+const LIMB_PX: f64 = 10.0;
+
+/// Shift of points near a limb, along the normal, in pixels on the surface: 6 µm at 0.21 mm per pixel.
+const LIMB_ERROR: f64 = 0.03;
+
+/// How far a limb shifts points in the picture of a camera, px: half the window of the derivatives and the blur where it is widest.
+pub(crate) fn reach_px(footprint: Option<Footprint>) -> f64 {
+    let usual = Footprint { sigma_px: [USUAL_PX; 2], u_px: None, field_px2: 0.0 };
+    let footprint = footprint.unwrap_or(usual);
+    let ends = [0.0, 1.0].map(|field| footprint.variances_at_px2(field));
+    let widest = ends.as_flattened().iter().fold(0.0_f64, |most, variance| most.max(*variance));
+    (WINDOW_PX + SPREAD * widest.sqrt()).min(MOST_PX as f64)
+}
+
+/// Fewest rows of one parallel job.
+const ROWS: usize = 16;
+
+/// Marks the pixels of a raster nearer than `reach_px` to a missing one (`missing` not zero) or to a jump by more than `max_step`; beyond the picture nothing is
+/// missed. `borders` is scratch of the same size.
+pub(crate) fn mark_limbs(
+    (width, values): (usize, &[f32]),
+    (reach_px, max_step): (f64, f32),
+    missing: &[u8],
+    borders: &mut [u8],
+    (mark, marks): (u8, &mut [u8]),
+) {
+    if width == 0 {
+        return;
+    }
+    let level = best_level();
+    let size = (width, values.len() / width);
+    borders.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, line)| {
+        vectorised!(level, border_row(size, (values, missing), (row, max_step), line));
+    });
+    let (disc, borders) = (Disc::new(reach_px), &*borders);
+    marks.par_chunks_mut(width).enumerate().with_min_len(ROWS).for_each(|(row, line)| {
+        vectorised!(level, disc.mark_row(size, borders, row, (mark, line)));
+    });
+}
+
+/// Marks the missing pixels of a row, and those beside a jump.
+#[inline(always)]
+fn border_row(
+    (width, height): (usize, usize),
+    (values, missing): (&[f32], &[u8]),
+    (row, max_step): (usize, f32),
+    line: &mut [u8],
+) {
+    let at = row * width;
+    line.copy_from_slice(&missing[at..at + width]);
+    let own = &values[at..at + width];
+    // NaN fails the comparison.
+    let jumps = |a: f32, b: f32| u8::from((a - b).abs() > max_step);
+    for other in [row.checked_sub(1), (row + 1 < height).then_some(row + 1)].into_iter().flatten() {
+        let other = &values[other * width..][..width];
+        for ((border, own), other) in line.iter_mut().zip(own).zip(other) {
+            *border |= jumps(*own, *other);
+        }
+    }
+    for (border, pair) in line.iter_mut().zip(own.windows(2)) {
+        *border |= jumps(pair[0], pair[1]);
+    }
+    for (border, pair) in line[1..].iter_mut().zip(own.windows(2)) {
+        *border |= jumps(pair[0], pair[1]);
+    }
+}
+
+/// Pixels of a group.
+const GROUP: usize = 32;
+
+/// The pixels nearer than a distance.
+struct Disc {
+    /// Most rows up and down.
+    rows: usize,
+    /// Most columns to either side, by the rows up or down.
+    columns: [usize; MOST_PX + 1],
+}
+
+impl Disc {
+    fn new(reach_px: f64) -> Self {
+        let mut columns = [0; MOST_PX + 1];
+        let mut rows = 0;
+        for (row, most) in columns.iter_mut().enumerate() {
+            let inside = |column: &usize| ((row * row + column * column) as f64) < reach_px * reach_px;
+            if let Some(column) = (0..=MOST_PX).rev().find(inside) {
+                (rows, *most) = (row, column);
+            }
+        }
+        Self { rows, columns }
+    }
+
+    /// Marks the pixels of a row that are so near to a border.
+    #[inline(always)]
+    fn mark_row(
+        &self,
+        (width, height): (usize, usize),
+        borders: &[u8],
+        row: usize,
+        (mark, line): (u8, &mut [u8]),
+    ) {
+        let lines = row.saturating_sub(self.rows)..(row + self.rows + 1).min(height);
+        let wide = self.columns[0];
+        for (number, marks) in line.chunks_mut(GROUP).enumerate() {
+            let first = number * GROUP;
+            let places = first.saturating_sub(wide)..(first + marks.len() + wide).min(width);
+            let any = |line: usize| {
+                borders[line * width..][places.clone()].iter().fold(0, |any, border| any | border)
+            };
+            if lines.clone().fold(0, |all, line| all | any(line)) == 0 {
+                continue;
+            }
+            for line in lines.clone() {
+                let (wide, borders) = (self.columns[line.abs_diff(row)], &borders[line * width..][..width]);
+                if marks.len() == GROUP && first >= wide && first + GROUP + wide <= width {
+                    for place in first - wide..=first + wide {
+                        for (near, border) in marks.iter_mut().zip(&borders[place..place + GROUP]) {
+                            *near |= mark * border;
+                        }
+                    }
+                    continue;
+                }
+                for (offset, near) in marks.iter_mut().enumerate() {
+                    let column = first + offset;
+                    let places = column.saturating_sub(wide)..(column + wide + 1).min(width);
+                    *near |= mark * borders[places].iter().fold(0, |any, border| any | border);
+                }
+            }
+        }
+    }
+}
+
+impl Selector<'_> {
+    /// Whether a limb in the picture of either camera shifts a point, and its noise does not hide that.
+    pub(super) fn at_limb(&self, pixel: usize, sample: &Sample, normal: &Vector3<f64>) -> bool {
+        let marks = self.samples.limbs[pixel];
+        if marks == 0 {
+            return false;
+        }
+        let [x, y] = self.view.directions.at(pixel);
+        let noise = self.view.noise_px(sample) * normal.dot(&Vector3::new(x, y, 1.0)).abs();
+        if rim_is_hidden(noise, LIMB_ERROR / STEEP_SHARE, self.view.independent) {
+            return false;
+        }
+        let eyes = [(OWN, Vector3::zeros()), (OTHER, self.view.other_mm)];
+        let near = |eye| self.limb_px(pixel, sample, normal, eye).is_some_and(|px| px < LIMB_PX);
+        eyes.into_iter().any(|(mark, eye)| marks & mark != 0 && near(eye))
+    }
+
+    /// How many pixels of its picture a camera at `eye` sees from here to the limb of a ball that turns like the surface; `None` where it does not
+    /// turn away, or not to be seen.
+    fn limb_px(&self, pixel: usize, sample: &Sample, here: &Vector3<f64>, eye: Vector3<f64>) -> Option<f64> {
+        let view = self.view;
+        let to_eye = |pixel: usize, inverse_depth: f64| {
+            let [x, y] = view.directions.at(pixel);
+            eye * inverse_depth - Vector3::new(x, y, 1.0)
+        };
+        let to = to_eye(pixel, sample.inverse_depth);
+        let unit = to.normalize();
+        // Along the surface towards the eye is away from the limb.
+        let inwards = unit - here * here.dot(&unit);
+        let inner = self.place_along(pixel, &inwards)?;
+        let other = self.samples.at(inner);
+        if !self.link.joins(&self.samples.at(pixel), &other, INWARDS_PX as usize) {
+            return None;
+        }
+        let turned =
+            normal(view, self.samples, inner, self.link, self.settings.normal_window_px as usize / 2)?;
+        let far = to_eye(inner, other.inverse_depth);
+        let sine = |normal: &Vector3<f64>, to: &Vector3<f64>| {
+            let cosine = normal.dot(to) / to.norm();
+            (1.0 - cosine * cosine).max(0.0).sqrt()
+        };
+        let (here, inner) = (sine(here, &to), sine(&turned, &far));
+        let seen = |to: &Vector3<f64>| Vector2::new(to.x, to.y) / to.z;
+        let between = (seen(&to) - seen(&far)).norm() / view.pitch;
+        (here > inner).then(|| between * (1.0 - here) / (here - inner))
+    }
+
+    /// The pixel [`INWARDS_PX`] away along a direction on the surface.
+    fn place_along(&self, pixel: usize, direction: &Vector3<f64>) -> Option<usize> {
+        let view = self.view;
+        let [x, y] = view.directions.at(pixel);
+        let along = Vector2::new(direction.x - x * direction.z, direction.y - y * direction.z);
+        let step = pixels_along(view, pixel, along);
+        let step = step * (INWARDS_PX / step.norm());
+        let column = (pixel % view.width) as f64 + step.x.round();
+        let row = (pixel / view.width) as f64 + step.y.round();
+        let inside = column >= 0.0 && row >= 0.0 && column < view.width as f64 && row < view.height as f64;
+        inside.then(|| row as usize * view.width + column as usize)
+    }
+}
+
+#[cfg(test)]
+mod tests;
