@@ -69,7 +69,7 @@ fn tolerant() -> DecodeSettings {
 }
 
 /// The same with settings of the decoder.
-fn decode_with(
+pub fn decode_with(
     twin: &Twin,
     (camera, projector): (&str, &str),
     rig: &Rig,

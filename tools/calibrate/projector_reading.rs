@@ -76,20 +76,26 @@ impl<'a> ProjectorReading<'a> {
 
     /// Its pixels at the target's points; `None` where the sequence has no phase along both axes.
     pub fn read(&self) -> Result<Option<Vec<ImagePoint>>> {
-        let settings = DecodeSettings { max_contradiction: 1e6, ..DecodeSettings::default() };
         let view = RecordedView { recording: self.recording, projector: self.projector, camera: self.camera };
-        let maps = view.decode(&settings, PhaseMethod::default(), &mut || {})?;
+        let maps = view.decode(&decoding(), PhaseMethod::default(), &mut || {})?;
         let along = |axis| maps.iter().map(|decoded| &decoded.map).find(|map| map.info.axis == axis);
         let Some((x, y)) = along(Axis::X).zip(along(Axis::Y)) else { return Ok(None) };
         let detection = &self.detection;
         let image_point = |point: &DetectedPoint| {
             let radius_px = pitch_px(detection, point.index)?;
-            let read = projector_pixel(&x.view(), &y.view(), point.pixel, radius_px)?;
+            let read = projector_pixel(&x.view(), &y.view(), point.pixel, radius_px, point.blur_px)?;
             let number = self.first + index(detection, point.index);
             Some(read.image_point(number, self.device, &point.covariance_px2))
         };
         Ok(Some(detection.points.iter().filter_map(image_point).collect()))
     }
+}
+
+/// Settings of the decoder for the light on a target: its edges are contradictions, however many they are; and what the footprint does is
+/// taken off where the light is read, by the blur of the corner itself. A flat target, all of one slope, does not tell the decoder how large
+/// it is, and beside edges it corrects nothing.
+pub fn decoding() -> DecodeSettings {
+    DecodeSettings { max_contradiction: 1e6, footprint_px: Some(0.0), ..DecodeSettings::default() }
 }
 
 /// Number of a point in the order of the target's list.

@@ -1,8 +1,8 @@
 //! A checkerboard before the twin's cell: frames in memory, through the same detection, decoding and reading as
 //! `calibrate`; and the same without images, from drawn errors.
 
-use super::super::scan::decode;
-use crate::calibrate::projector_reading::{index, pitch_px};
+use super::super::scan::decode_with;
+use crate::calibrate::projector_reading::{decoding, index, pitch_px};
 use crate::simulate::Buffer;
 use anyhow::{Context, Result};
 use characterise::calibration::{Device, DeviceKind, ImagePoint, Observations, View, projector_pixel};
@@ -227,13 +227,13 @@ impl Cell {
             }
         }
         let Some((camera, detection)) = best else { return Ok(()) };
-        let maps = decode(twin, camera, &pair.projector, &self.rig, &self.sequence, 0)?;
+        let maps = decode_with(twin, (camera, &pair.projector), &self.rig, &self.sequence, 0, &decoding())?;
         let map = |axis| maps.iter().find(|m| m.info.axis == axis).context("both axes were decoded");
         let (x, y) = (map(Axis::X)?, map(Axis::Y)?);
         let device = self.rig.cameras.iter().position(|c| c.name == camera).context("a camera of the rig")?;
         let image_points = detection.points.iter().filter_map(|point| {
             let radius_px = pitch_px(&detection, point.index)?;
-            let read = projector_pixel(&x.view(), &y.view(), point.pixel, radius_px)?;
+            let read = projector_pixel(&x.view(), &y.view(), point.pixel, radius_px, point.blur_px)?;
             Some((
                 point.index,
                 read.image_point(index(&detection, point.index), device, &point.covariance_px2),

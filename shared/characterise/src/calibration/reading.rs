@@ -3,11 +3,14 @@
 //! The thesis takes the phase of the nearest pixel (2.3.3), which is its mapping error, and near the edges of a
 //! checkerboard a pixel's phase is that of a shifted footprint. Here a quadratic is fitted to the phase of the bright
 //! squares about the corner, their rims left out, and read at the corner.
+//!
+//! A pixel shows the mean of B e^{iφ} over its footprint of variance σ²: its phase is φ + σ² (∇ln B · ∇φ + ½ ∇²φ). On a target at an angle
+//! the light B falls in one direction everywhere, so that this does not average out; it is taken off.
 
 use super::observations::{ImagePoint, Link};
 use fringe::math::statistics::sigma_by_median;
 use fringe::phase::PhaseView;
-use nalgebra::{Matrix2, Matrix6, Point2, RowVector2, Vector2, Vector6};
+use nalgebra::{Matrix2, Matrix3, Matrix6, Point2, RowVector2, Vector2, Vector3, Vector6};
 use std::f64::consts::TAU;
 
 /// Bright is what has this fraction of the brightest modulation about the point.
@@ -46,16 +49,17 @@ impl ProjectorReading {
 
 /// Reads both phase maps of a camera at a place.
 ///
-/// `radius_px` is the reach of the fit in camera pixels, best the distance of neighbouring corners. `None` where too few
-/// bright pixels or none on one side of the place are at hand.
+/// `radius_px` is the reach of the fit in camera pixels, best the distance of neighbouring corners; `blur_px` the standard deviation of
+/// what a pixel averages, 0 where it is not known. `None` where too few bright pixels or none on one side of the place are at hand.
 pub fn projector_pixel(
     x: &PhaseView,
     y: &PhaseView,
     place: Point2<f64>,
     radius_px: f64,
+    blur_px: f64,
 ) -> Option<ProjectorReading> {
-    let u = coordinate(x, place, radius_px)?;
-    let v = coordinate(y, place, radius_px)?;
+    let u = coordinate(x, place, radius_px, blur_px)?;
+    let v = coordinate(y, place, radius_px, blur_px)?;
     Some(ProjectorReading {
         pixel: Point2::new(u.value, v.value),
         slopes: Matrix2::from_rows(&[u.slope, v.slope]),
@@ -73,7 +77,7 @@ struct Reading {
     slope: RowVector2<f64>,
 }
 
-fn coordinate(map: &PhaseView, place: Point2<f64>, radius_px: f64) -> Option<Reading> {
+fn coordinate(map: &PhaseView, place: Point2<f64>, radius_px: f64, blur_px: f64) -> Option<Reading> {
     let mut pixels = bright_pixels(map, place, radius_px);
     let first = fit(&pixels, radius_px)?;
     let mut residuals: Vec<f64> = pixels.iter().map(|p| first.residual(p)).collect();
@@ -81,8 +85,10 @@ fn coordinate(map: &PhaseView, place: Point2<f64>, radius_px: f64) -> Option<Rea
     pixels.retain(|p| first.residual(p).abs() <= limit.max(1e-9));
     let last = fit(&pixels, radius_px)?;
     let period = map.info.period_px / TAU;
+    let blur = blur_px / radius_px;
+    let shift_rad = if blur.is_finite() { blur * blur * last.shift(light_slope(&pixels)) } else { 0.0 };
     Some(Reading {
-        value: last.terms[0] * period,
+        value: (last.terms[0] - shift_rad) * period,
         variance: last.variance * period * period,
         slope: RowVector2::new(last.terms[1], last.terms[2]) * (period / radius_px),
     })
@@ -93,6 +99,7 @@ struct Pixel {
     x: f64,
     y: f64,
     phase_rad: f64,
+    modulation: f64,
 }
 
 fn bright_pixels(map: &PhaseView, place: Point2<f64>, radius_px: f64) -> Vec<Pixel> {
@@ -113,6 +120,7 @@ fn bright_pixels(map: &PhaseView, place: Point2<f64>, radius_px: f64) -> Vec<Pix
             x: (c as f64 - place.x) / radius_px,
             y: (r as f64 - place.y) / radius_px,
             phase_rad: f64::from(map.phase_rad[index(c, r)]),
+            modulation: f64::from(map.modulation[index(c, r)]),
         })
         .filter(|p| p.x * p.x + p.y * p.y <= 1.0)
         .collect()
@@ -125,9 +133,28 @@ struct Quadratic {
 }
 
 impl Quadratic {
+    /// What a footprint of variance 1 adds to the phase at the place, in light of this relative slope.
+    fn shift(&self, light: Vector2<f64>) -> f64 {
+        let t = &self.terms;
+        light.x * t[1] + light.y * t[2] + t[3] + t[5]
+    }
+
     fn residual(&self, pixel: &Pixel) -> f64 {
         pixel.phase_rad - self.terms.dot(&basis(pixel))
     }
+}
+
+/// Relative slope of the light, ∇ln B, from a plane through the modulation; none where the pixels lie on a line.
+fn light_slope(pixels: &[Pixel]) -> Vector2<f64> {
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for pixel in pixels {
+        let row = Vector3::new(1.0, pixel.x, pixel.y);
+        normal += row * row.transpose();
+        right += row * pixel.modulation;
+    }
+    let plane = normal.try_inverse().map_or(Vector3::zeros(), |inverse| inverse * right);
+    let slope = plane.yz() / plane.x;
+    if slope.iter().all(|v| v.is_finite()) { slope } else { Vector2::zeros() }
 }
 
 fn basis(p: &Pixel) -> Vector6<f64> {
@@ -159,6 +186,7 @@ fn fit(pixels: &[Pixel], radius_px: f64) -> Option<Quadratic> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use fringe::math::{atan2, exp, sincos};
     use fringe::pattern::Axis;
     use fringe::phase::{PhaseInfo, PhaseMap};
 
@@ -186,7 +214,7 @@ mod tests {
     fn the_phase_at_a_corner_is_that_of_the_white_squares() {
         let place = Point2::new(40.25, 30.75);
         let (x, y) = (board(Axis::X), board(Axis::Y));
-        let read = projector_pixel(&x.view(), &y.view(), place, 16.0).unwrap();
+        let read = projector_pixel(&x.view(), &y.view(), place, 16.0, 0.0).unwrap();
         let (expected, pixel) = (truth(place.x, place.y) * 16.0 / TAU, read.pixel);
         assert!((pixel.x - expected).abs() < 1e-4 && (pixel.y - expected).abs() < 1e-4, "{pixel} {expected}");
         assert!(read.covariance_px2[(0, 0)] < 1e-6);
@@ -199,12 +227,49 @@ mod tests {
         assert!((carried[(0, 1)] / (0.01 * slope.norm_squared()) - 1.0).abs() < 1e-2, "{carried} {slope}");
     }
 
+    /// The board in light that falls along y, each pixel the mean of B e^{iφ} over a Gaussian footprint, summed on a grid.
+    fn blurred_board(axis: Axis, blur_px: f64) -> PhaseMap {
+        let mut map = board(axis);
+        for index in 0..map.info.len() {
+            let (x, y) = ((index % 80) as f64, (index / 80) as f64);
+            let (mut sum, mut across) = (0.0, 0.0);
+            let start = truth(x, y);
+            for place in 0..625 {
+                let [dx, dy] = [place % 25, place / 25].map(|i| (f64::from(i) - 12.0) / 3.0 * blur_px);
+                let weight = exp(-0.5 * (dx * dx + dy * dy) / (blur_px * blur_px));
+                let (sin, cos) = sincos(truth(x + dx, y + dy) - start);
+                let light = weight * exp(-0.01 * (y + dy));
+                (sum, across) = (sum + light * cos, across + light * sin);
+            }
+            map.phase_rad[index] += atan2(across, sum) as f32;
+            map.modulation[index] *= exp(-0.01 * y) as f32;
+        }
+        map
+    }
+
+    /// Proves: light that falls in one direction and curvature shift what a pixel shows, and the reading tells the light at the place.
+    #[test]
+    fn what_the_footprint_adds_is_taken_off() {
+        let (place, blur_px) = (Point2::new(40.25, 30.75), 0.6);
+        let (x, y) = (blurred_board(Axis::X, blur_px), blurred_board(Axis::Y, blur_px));
+        let expected = truth(place.x, place.y) * 16.0 / TAU;
+        let off = |blur_px| {
+            let read = projector_pixel(&x.view(), &y.view(), place, 16.0, blur_px).unwrap();
+            (read.pixel.x - expected).abs().max((read.pixel.y - expected).abs())
+        };
+        // σ² (∂ ln B/∂y ∂φ/∂y + ½ ∇²φ) = 0.36 (0.01 · 0.048 + 4e-4) rad at the place.
+        let shift_px = 0.36 * (0.01 * (0.05 + 3e-4 * 40.25) + 4e-4) * 16.0 / TAU;
+        assert!((off(0.0) / shift_px - 1.0).abs() < 0.05, "{} {shift_px}", off(0.0));
+        assert!(off(blur_px) < 0.05 * shift_px, "{} {shift_px}", off(blur_px));
+        assert!(off(f64::NAN) == off(0.0));
+    }
+
     #[test]
     fn too_little_light_gives_no_pixel() {
         let (mut x, y) = (board(Axis::X), board(Axis::Y));
         x.valid.fill(0);
-        assert!(projector_pixel(&x.view(), &y.view(), Point2::new(40.0, 30.0), 16.0).is_none());
-        assert!(projector_pixel(&y.view(), &y.view(), Point2::new(-500.0, 1e9), 16.0).is_none());
-        assert!(projector_pixel(&y.view(), &y.view(), Point2::new(40.0, 30.0), f64::NAN).is_none());
+        assert!(projector_pixel(&x.view(), &y.view(), Point2::new(40.0, 30.0), 16.0, 0.6).is_none());
+        assert!(projector_pixel(&y.view(), &y.view(), Point2::new(-500.0, 1e9), 16.0, 0.6).is_none());
+        assert!(projector_pixel(&y.view(), &y.view(), Point2::new(40.0, 30.0), f64::NAN, 0.6).is_none());
     }
 }
