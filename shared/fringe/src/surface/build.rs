@@ -142,7 +142,7 @@ impl Selector<'_> {
                 let ([x, y, z], [nx, ny, nz]) = (&found.position_mm, &found.normal);
                 let limbs = &self.samples.limbs[at..at + LANES];
                 for l in 0..LANES {
-                    if !found.settled[l] || limbs[l] != 0 {
+                    if !found.settled[l] || (limbs[l] != 0 && found.turned_away[l]) {
                         if self.samples.depths[at + l].is_finite() {
                             self.place(at + l, pair, &mut slots, count);
                         }

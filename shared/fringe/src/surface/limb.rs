@@ -44,6 +44,9 @@ const LIMB_PX: f64 = 10.0;
 /// Shift of points near a limb, along the normal, in pixels on the surface: 6 µm at 0.21 mm per pixel.
 const LIMB_ERROR: f64 = 0.03;
 
+/// Square of the cosine of 30°: seen less steeply, a limb as near as [`reach_px`] would be that of a ball of a few pixels.
+pub(super) const FRONTAL_COSINE2: f64 = 0.75;
+
 /// How far a limb shifts points in the picture of a camera, px: half the window of the derivatives and the blur where it is widest.
 pub(crate) fn reach_px(footprint: Option<Footprint>) -> f64 {
     let usual = Footprint { sigma_px: [USUAL_PX; 2], u_px: None, field_px2: 0.0 };
@@ -106,31 +109,34 @@ fn border_row(
     }
 }
 
-/// Pixels of a group.
-const GROUP: usize = 32;
+/// Pixels of a row that are worked on at once.
+const TILE: usize = 512;
+
+/// Farther from a border than any limb reaches, rows.
+const FAR: u8 = u8::MAX;
 
 /// The pixels nearer than a distance.
 struct Disc {
-    /// Most rows up and down.
-    rows: usize,
-    /// Most columns to either side, by the rows up or down.
-    columns: [usize; MOST_PX + 1],
+    /// Most rows up and down, and columns to either side.
+    most: usize,
+    /// Most rows up and down by the columns to either side, and the other way round.
+    across: [u8; MOST_PX + 1],
 }
 
 impl Disc {
     fn new(reach_px: f64) -> Self {
-        let mut columns = [0; MOST_PX + 1];
-        let mut rows = 0;
-        for (row, most) in columns.iter_mut().enumerate() {
-            let inside = |column: &usize| ((row * row + column * column) as f64) < reach_px * reach_px;
-            if let Some(column) = (0..=MOST_PX).rev().find(inside) {
-                (rows, *most) = (row, column);
+        let (mut across, mut most) = ([0; MOST_PX + 1], 0);
+        for (one, others) in across.iter_mut().enumerate() {
+            let inside = |other: &usize| ((one * one + other * other) as f64) < reach_px * reach_px;
+            if let Some(other) = (0..=MOST_PX).rev().find(inside) {
+                (most, *others) = (one, other as u8);
             }
         }
-        Self { rows, columns }
+        Self { most, across }
     }
 
-    /// Marks the pixels of a row that are so near to a border.
+    /// Marks the pixels of a row that are so near to a border: first the rows from each pixel to the nearest border in its column, then
+    /// whether one of the columns beside has a border near enough.
     #[inline(always)]
     fn mark_row(
         &self,
@@ -139,31 +145,28 @@ impl Disc {
         row: usize,
         (mark, line): (u8, &mut [u8]),
     ) {
-        let lines = row.saturating_sub(self.rows)..(row + self.rows + 1).min(height);
-        let wide = self.columns[0];
-        for (number, marks) in line.chunks_mut(GROUP).enumerate() {
-            let first = number * GROUP;
-            let places = first.saturating_sub(wide)..(first + marks.len() + wide).min(width);
-            let any = |line: usize| {
-                borders[line * width..][places.clone()].iter().fold(0, |any, border| any | border)
-            };
-            if lines.clone().fold(0, |all, line| all | any(line)) == 0 {
-                continue;
-            }
-            for line in lines.clone() {
-                let (wide, borders) = (self.columns[line.abs_diff(row)], &borders[line * width..][..width]);
-                if marks.len() == GROUP && first >= wide && first + GROUP + wide <= width {
-                    for place in first - wide..=first + wide {
-                        for (near, border) in marks.iter_mut().zip(&borders[place..place + GROUP]) {
-                            *near |= mark * border;
-                        }
+        for first in (0..width).step_by(TILE) {
+            let count = TILE.min(width - first);
+            let columns = first.saturating_sub(MOST_PX)..(first + count + MOST_PX).min(width);
+            let mut rows = [FAR; TILE + 2 * MOST_PX];
+            for away in (0..=self.most).rev() {
+                for other in [row.checked_sub(away), Some(row + away)].into_iter().flatten() {
+                    if other >= height {
+                        continue;
                     }
-                    continue;
+                    let borders = &borders[other * width..][columns.clone()];
+                    let rows = &mut rows[columns.start + MOST_PX - first..][..borders.len()];
+                    for (rows, border) in rows.iter_mut().zip(borders) {
+                        *rows = if *border != 0 { away as u8 } else { *rows };
+                    }
                 }
-                for (offset, near) in marks.iter_mut().enumerate() {
-                    let column = first + offset;
-                    let places = column.saturating_sub(wide)..(column + wide + 1).min(width);
-                    *near |= mark * borders[places].iter().fold(0, |any, border| any | border);
+            }
+            let line = &mut line[first..first + count];
+            for (beside, most) in self.across.iter().enumerate().take(self.most + 1) {
+                for place in [MOST_PX - beside, MOST_PX + beside] {
+                    for (near, rows) in line.iter_mut().zip(&rows[place..place + count]) {
+                        *near |= if *rows <= *most { mark } else { 0 };
+                    }
                 }
             }
         }
@@ -197,6 +200,10 @@ impl Selector<'_> {
         };
         let to = to_eye(pixel, sample.inverse_depth);
         let unit = to.normalize();
+        let cosine = here.dot(&unit);
+        if cosine * cosine > FRONTAL_COSINE2 {
+            return None;
+        }
         // Along the surface towards the eye is away from the limb.
         let inwards = unit - here * here.dot(&unit);
         let inner = self.place_along(pixel, &inwards)?;

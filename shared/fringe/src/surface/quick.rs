@@ -4,6 +4,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
+use super::limb::FRONTAL_COSINE2;
 use super::normals::MAX_SLOPE_NOISE;
 use super::point::{STEEP_ERROR, STEEP_SHARE, View};
 use super::raster::Raster;
@@ -28,6 +29,8 @@ pub(super) struct Shared {
 pub(super) struct Group {
     /// Whether the rest holds; where not, the general way decides.
     pub settled: [bool; LANES],
+    /// Whether a view sees the pixel so steeply that a limb may be near.
+    pub turned_away: [bool; LANES],
     /// x, y, z in mm.
     pub position_mm: [Lanes; 3],
     /// Unit normal in the world.
@@ -57,8 +60,13 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared,
     let [below_x, below_y] = view.directions.along::<LANES>(at + view.width);
     let [beside_x, beside_y] = view.directions.along::<{ LANES + 2 }>(at - 1);
     let zero = [0.0; LANES];
-    let mut out =
-        Group { settled: [false; LANES], position_mm: [zero; 3], normal: [zero; 3], sigma_mm: [0.0; LANES] };
+    let mut out = Group {
+        settled: [false; LANES],
+        turned_away: [false; LANES],
+        position_mm: [zero; 3],
+        normal: [zero; 3],
+        sigma_mm: [0.0; LANES],
+    };
     let world = view.world_from_sight;
     for l in 0..LANES {
         let (x, y) = (beside_x[l + 1], beside_y[l + 1]);
@@ -77,7 +85,9 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared,
         let single = (sigma[l] * left[l].sqrt()) as f32;
         let after = (f64::from(single) * shared_by.excess) as f32;
         let whole = columns[0][l + HALF];
-        out.settled[l] = holds(view, shared_by, [nx, ny, nz], [x, y, q], [whole, sigma[l], f64::from(after)]);
+        let seen = Seen::new(view, [nx, ny, nz], [x, y, q]);
+        out.settled[l] = seen.holds(view, shared_by, [nz, q], [whole, sigma[l], f64::from(after)]);
+        out.turned_away[l] = seen.is_turned_away();
 
         let depth = 1.0 / q;
         let (px, py, pz) = (x * depth, y * depth, depth);
@@ -92,41 +102,61 @@ pub(super) fn group(view: &View, samples: &Raster, at: usize, shared_by: Shared,
     out
 }
 
-/// Whether a pixel with this normal, line of sight (x, y, 1) and smoothed inverse depth q is a point by all limits; of the sample: its own inverse
-/// depth, its uncertainty and that after smoothing. Without quotients and roots, and a little stricter than the general way, which decides
-/// where rounding could.
-#[inline(always)]
-fn holds(
-    view: &View,
-    limits: Shared,
-    [nx, ny, nz]: [f64; 3],
-    [x, y, q]: [f64; 3],
-    [single, sigma, after]: [f64; 3],
-) -> bool {
-    let other = [x - view.other_mm.x * q, y - view.other_mm.y * q, 1.0 - view.other_mm.z * q];
-    let own_dot = -(nx * x + ny * y + nz);
-    let far_dot = -(nx * other[0] + ny * other[1] + nz * other[2]);
-    let own_square = x * x + y * y + 1.0;
-    let far_square = other[0] * other[0] + other[1] * other[1] + other[2] * other[2];
-    let facing = (own_dot > 0.0) & (far_dot > 0.0);
-    let (own_dot2, far_dot2) = (own_dot * own_dot, far_dot * far_dot);
-    let wanted = limits.min_cosine * limits.min_cosine * STRICTER;
-    let open = (own_dot2 >= wanted * own_square) & (far_dot2 >= wanted * far_square);
-    // The cosine cubed, times the noise, against the error that a footprint makes: all squared, as everything here.
-    let least = STEEP_ERROR / STEEP_SHARE * (q.abs() * view.pitch);
-    let wanted = least * least * STRICTER;
-    let noise2 = after * after;
-    let enough = |dot2: f64, square: f64| dot2 * dot2 * dot2 * noise2 >= wanted * (square * square * square);
-    let hidden = enough(own_dot2, own_square) & enough(far_dot2, far_square);
-    let most = single * (view.pitch * MAX_SLOPE_NOISE);
-    let quiet = sigma * sigma * STRICTER <= 50.0 * (most * most);
-    // NaN fails these comparisons.
-    facing
-        & (open | hidden)
-        & quiet
-        & (after <= view.max_sigma)
-        & (q.abs() < f64::INFINITY)
-        & (nz.abs() <= 2.0)
+/// How both views see a pixel: products of its normal with the lines of sight, and the squares of their lengths.
+#[derive(Clone, Copy)]
+struct Seen {
+    own_dot: f64,
+    far_dot: f64,
+    own_square: f64,
+    far_square: f64,
+}
+
+impl Seen {
+    /// Of a pixel with this normal, line of sight (x, y, 1) and smoothed inverse depth q.
+    #[inline(always)]
+    fn new(view: &View, [nx, ny, nz]: [f64; 3], [x, y, q]: [f64; 3]) -> Self {
+        let other = [x - view.other_mm.x * q, y - view.other_mm.y * q, 1.0 - view.other_mm.z * q];
+        Self {
+            own_dot: -(nx * x + ny * y + nz),
+            far_dot: -(nx * other[0] + ny * other[1] + nz * other[2]),
+            own_square: x * x + y * y + 1.0,
+            far_square: other[0] * other[0] + other[1] * other[1] + other[2] * other[2],
+        }
+    }
+
+    /// Whether it is a point by all limits; of the sample: its own inverse depth, its uncertainty and that after smoothing. Without quotients and
+    /// roots, and a little stricter than the general way, which decides where rounding could.
+    #[inline(always)]
+    fn holds(self, view: &View, limits: Shared, [nz, q]: [f64; 2], [single, sigma, after]: [f64; 3]) -> bool {
+        let facing = (self.own_dot > 0.0) & (self.far_dot > 0.0);
+        let (own_dot2, far_dot2) = (self.own_dot * self.own_dot, self.far_dot * self.far_dot);
+        let wanted = limits.min_cosine * limits.min_cosine * STRICTER;
+        let open = (own_dot2 >= wanted * self.own_square) & (far_dot2 >= wanted * self.far_square);
+        // The cosine cubed, times the noise, against the error that a footprint makes: all squared, as everything here.
+        let least = STEEP_ERROR / STEEP_SHARE * (q.abs() * view.pitch);
+        let wanted = least * least * STRICTER;
+        let noise2 = after * after;
+        let enough =
+            |dot2: f64, square: f64| dot2 * dot2 * dot2 * noise2 >= wanted * (square * square * square);
+        let hidden = enough(own_dot2, self.own_square) & enough(far_dot2, self.far_square);
+        let most = single * (view.pitch * MAX_SLOPE_NOISE);
+        let quiet = sigma * sigma * STRICTER <= 50.0 * (most * most);
+        // NaN fails these comparisons.
+        facing
+            & (open | hidden)
+            & quiet
+            & (after <= view.max_sigma)
+            & (q.abs() < f64::INFINITY)
+            & (nz.abs() <= 2.0)
+    }
+
+    /// Whether a view sees it so steeply that a limb may be near, a little earlier than the general way says.
+    #[inline(always)]
+    fn is_turned_away(self) -> bool {
+        let least = FRONTAL_COSINE2 * STRICTER;
+        (self.own_dot * self.own_dot <= least * self.own_square)
+            | (self.far_dot * self.far_dot <= least * self.far_square)
+    }
 }
 
 /// Samples at places whose windows lie in the image, less noise, and their uncertainties; NaN where their windows are not one smooth surface.
