@@ -58,9 +58,9 @@ pub(crate) struct View<'a> {
     pub max_sigma: f64,
 }
 
-/// Error of a point seen at an angle of incidence θ: this share of the pixel's length on the surface, over cos³ θ. On balls of 20 and
-/// 22 mm at 0.21 mm per pixel, footprint and limb together, it is up to 3 µm at 67°, and 3 to 12 µm beyond 70°.
-pub(super) const STEEP_ERROR: f64 = 1e-3;
+/// Error of a point seen at an angle of incidence θ: this share of the pixel's length on the surface, over cos³ θ. On a ball of 22 mm at 0.21 mm
+/// per pixel it is 1 µm at 70°, 3 µm at 75° and 8 µm at 80°; what a limb adds is left out by [`super::limb`].
+pub(super) const STEEP_ERROR: f64 = 2e-4;
 
 /// Such an error counts where it is more than this share of the point's own uncertainty: fits average noise, not this.
 pub(super) const STEEP_SHARE: f64 = 0.1;
