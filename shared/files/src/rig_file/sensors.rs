@@ -8,6 +8,8 @@ use std::collections::BTreeMap;
 
 /// Largest footprint, px: beyond it the picture is far out of focus. Lenses of real recordings reach 1.0 px in the mean over the picture.
 const MOST_FOOTPRINT_PX: f64 = 2.0;
+/// Largest square of it anywhere in the picture, px²: twice that of the mean.
+const MOST_VARIANCE_PX2: f64 = 2.0 * MOST_FOOTPRINT_PX * MOST_FOOTPRINT_PX;
 /// Largest noise, DN: the full scale of 16 bits.
 const MOST_NOISE_DN: f64 = 65_535.0;
 
@@ -18,23 +20,25 @@ pub(super) fn sensors(
 ) -> Result<BTreeMap<String, Sensor>, FileError> {
     let mut all = BTreeMap::new();
     for (index, camera) in cameras.iter().enumerate() {
+        let refuse = |key: &str, value: String, limit: String| {
+            let remedy = format!("this is \"{}\"; `fringetool calibrate` writes it", camera.name);
+            Err(document.fault(&format!("camera[{index}].{key}"), Problem::Value { value, limit }, remedy))
+        };
         let check = |key: &str, values: [f64; 2], most: f64| {
             let outside = values.iter().find(|value| !(0.0..=most).contains(*value));
-            outside.map_or(Ok(()), |value| {
-                let problem =
-                    Problem::Value { value: value.to_string(), limit: format!("must be within 0 to {most}") };
-                let remedy = format!("this is \"{}\"; `fringetool calibrate` writes it", camera.name);
-                Err(document.fault(&format!("camera[{index}].{key}"), problem, remedy))
-            })
+            outside
+                .map_or(Ok(()), |value| refuse(key, value.to_string(), format!("must be within 0 to {most}")))
         };
         let mut sensor = Sensor::default();
         if let Some(sigma_px) = camera.footprint_px {
             check("footprint_px", sigma_px, MOST_FOOTPRINT_PX)?;
             let field_px2 = camera.footprint_field_px2.unwrap_or(0.0);
             let footprint = Footprint { sigma_px, u_px: None, field_px2 };
-            if let Some(problem) = field_problem(&footprint) {
-                let remedy = format!("this is \"{}\"; `fringetool calibrate` writes it", camera.name);
-                return Err(document.fault(&format!("camera[{index}].footprint_field_px2"), problem, remedy));
+            if !is_everywhere(&footprint) {
+                let limit = format!(
+                    "must leave the squares of footprint_px within 0 to {MOST_VARIANCE_PX2} from the middle (less a third of it) to the corner (more by two thirds)"
+                );
+                refuse("footprint_field_px2", field_px2.to_string(), limit)?;
             }
             sensor.footprint = Some(footprint);
         } else if camera.footprint_field_px2.is_some() {
@@ -56,15 +60,10 @@ pub(super) fn sensors(
     Ok(all)
 }
 
-/// What is wrong with the change of a footprint over the picture: it must leave a footprint everywhere.
-fn field_problem(footprint: &Footprint) -> Option<Problem> {
-    let most = MOST_FOOTPRINT_PX * MOST_FOOTPRINT_PX;
+/// Whether the change of a footprint over the picture leaves one everywhere.
+fn is_everywhere(footprint: &Footprint) -> bool {
     let ends = [0.0, 1.0].map(|field| footprint.variances_at_px2(field));
-    let inside = ends.as_flattened().iter().all(|variance| (-1e-12..=2.0 * most).contains(variance));
-    (!inside).then(|| Problem::Value {
-        value: footprint.field_px2.to_string(),
-        limit: "must leave the squares of footprint_px above 0 from the middle (less a third of it) to the corner (more by two thirds)".into(),
-    })
+    ends.as_flattened().iter().all(|variance| (-1e-12..=MOST_VARIANCE_PX2).contains(variance))
 }
 
 /// Refuses the keys of a sensor on a projector, which has none.

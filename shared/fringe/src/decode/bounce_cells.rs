@@ -3,6 +3,7 @@
 // Without branches a loop vectorises. The sums of a group are local arrays so that they stay in registers.
 #![allow(clippy::needless_bitwise_bool, clippy::large_stack_arrays)]
 
+use super::block::{filled, taken};
 use super::contrast_bins::Reflectance;
 use super::noise_model::NoiseModel;
 use super::rasters::Rasters;
@@ -74,9 +75,7 @@ impl Row<'_> {
     /// A sum of some cells from one on; the first one is that of the ring.
     #[inline(always)]
     pub(super) fn taken<const N: usize>(&self, sum: usize, first: usize) -> [f32; N] {
-        let mut taken = [0.0; N];
-        taken.copy_from_slice(&self.sums[sum * self.stride + first..][..N]);
-        taken
+        taken(self.sums, sum * self.stride + first)
     }
 
     /// All sums of a cell.
@@ -154,16 +153,16 @@ impl Light<'_> {
             }
             let mut sums = [[0.0; LANES]; NOISE + 1];
             for first in lines.clone().map(|y| y * width + column) {
-                let known = some(smooth, first, count, f32::NAN);
+                let known = filled(smooth, first, count, f32::NAN);
                 // No pixel of the outermost rows and columns is smooth: what they take for their neighbours does not matter.
-                let near = |at: usize| some(phase, at.min(pixels - count), count, 0.0);
+                let near = |at: usize| filled(phase, at.min(pixels - count), count, 0.0);
                 let slopes = [
                     [near(first.max(1) - 1), near(first + 1)],
                     [near(first.max(width) - width), near(first + width)],
                 ];
                 let levels =
-                    [some(white, first, count, T::default()), some(black, first, count, T::default())];
-                let own = [near(first), some(modulation, first, count, 0.0)];
+                    [filled(white, first, count, T::default()), filled(black, first, count, T::default())];
+                let own = [near(first), filled(modulation, first, count, 0.0)];
                 self.add(&levels, &own, &slopes, &known, &mut sums);
             }
             store(&sums, cells, stride, 1 + column / CELL);
@@ -215,18 +214,6 @@ impl Light<'_> {
             }
         }
     }
-}
-
-/// So many values from a place on, and another value behind them.
-#[inline(always)]
-fn some<T: Copy>(values: &[T], first: usize, count: usize, rest: T) -> [T; LANES] {
-    let mut some = [rest; LANES];
-    if count == LANES {
-        some.copy_from_slice(&values[first..first + LANES]);
-    } else {
-        some[..count].copy_from_slice(&values[first..first + count]);
-    }
-    some
 }
 
 /// Writes the sums of four columns each as those of cells from one on.

@@ -20,8 +20,7 @@
 //! camera. The estimate is joined with what is known of lenses, by inverse variance. Where the surface is all of one slope
 //! there is no line, but nothing to correct either.
 //!
-//! Derivatives of the phase are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth; the slope of the brightness is
-//! that over 3 × 3 of them (`survey`).
+//! Derivatives are those of a least-squares quadratic over 5 × 5 pixels, all of them valid and smooth (`survey`).
 
 use super::block::CHUNK;
 use super::contrast_bins::{BINS, Bins, GROUPS, ROWS, Reflectance, Sums};

@@ -8,7 +8,7 @@
 #![allow(clippy::needless_bitwise_bool)]
 
 use super::arctan::{angle_positive_rad, quarters_and_rest_rad};
-use super::block::{BLOCK, Planes, state};
+use super::block::{Planes, filled, state, taken};
 use super::chain::{Chain, Start};
 use super::coarse::centre_px;
 use super::order::{Kernel, Lanes, Single};
@@ -85,8 +85,8 @@ impl Single {
         for first in (0..count).step_by(SIDE) {
             let group = self.group(lanes, first);
             let width = SIDE.min(count - first);
-            let states = taken_of(out.state, first, width);
-            let sigma = taken_of(out.sigma_rad, first, width);
+            let states = filled(out.state, first, width, state::INVALID);
+            let sigma = filled(out.sigma_rad, first, width, 0.0);
             let decided = group.decided(self, &states, &sigma);
             lanes.look[first..first + SIDE].copy_from_slice(&decided.look);
             if width == SIDE {
@@ -105,9 +105,9 @@ impl Single {
     #[inline(always)]
     fn group(&self, lanes: &Lanes, first: usize) -> Group {
         let sums = &lanes.sums[0];
-        let (sin, cos) = (taken(&sums.sin, first), taken(&sums.cos, first));
+        let (sin, cos): ([f32; SIDE], [f32; SIDE]) = (taken(&sums.sin, first), taken(&sums.cos, first));
         let numbers: [u16; SIDE] = taken(&lanes.stripes.number, first);
-        let unsure = taken(&lanes.stripes.unsure, first);
+        let unsure: [u16; SIDE] = taken(&lanes.stripes.unsure, first);
         let mut out = Group { phase_rad: [0.0; SIDE], deviation: [0.0; SIDE], unsure };
         for l in 0..SIDE {
             let (quarters, rest) = quarters_and_rest_rad(sin[l], cos[l]);
@@ -173,24 +173,4 @@ impl Group {
         }
         out
     }
-}
-
-/// A group of a block.
-#[inline(always)]
-fn taken<T: Copy + Default>(values: &[T; BLOCK], first: usize) -> [T; SIDE] {
-    let mut taken = [T::default(); SIDE];
-    taken.copy_from_slice(&values[first..first + SIDE]);
-    taken
-}
-
-/// A group of a plane, filled up where the plane ends before it.
-#[inline(always)]
-fn taken_of<T: Copy + Default>(values: &[T], first: usize, width: usize) -> [T; SIDE] {
-    let mut taken = [T::default(); SIDE];
-    if width == SIDE {
-        taken.copy_from_slice(&values[first..first + SIDE]);
-    } else {
-        taken[..width].copy_from_slice(&values[first..first + width]);
-    }
-    taken
 }

@@ -6,6 +6,7 @@
 // A tile is a local array so that it stays in the first cache.
 #![allow(clippy::large_stack_arrays)]
 
+use super::block::taken;
 use super::contrast_bins::{ALIKE, BINS, Bins, FIRST_BITS, GROUPS, ROWS, Reflectance};
 use super::rasters::Rasters;
 use crate::phase::PhaseViewMut;
@@ -161,14 +162,6 @@ fn across(v: [f32; 5]) -> f32 {
 #[inline(always)]
 fn along(v: [f32; 5]) -> f32 {
     2.0 * (v[4] - v[0]) + (v[3] - v[1])
-}
-
-/// A fixed number of values from `start` on; they must be there.
-#[inline(always)]
-fn taken<const N: usize>(values: &[f32], start: usize) -> [f32; N] {
-    let mut taken = [0.0; N];
-    taken.copy_from_slice(&values[start..start + N]);
-    taken
 }
 
 impl Survey<'_> {

@@ -307,20 +307,21 @@ impl Fuser {
             }
         }
     }
-}
 
-impl Fuser {
     /// Gives the points of cells in which pairs disagree the uncertainty that this asks for.
     fn raise(&mut self, out: &mut [Point]) {
         disagreement::largest(&mut self.raised);
         for Raised { cell: (cloud, cell), excess_mm2 } in &self.raised {
             let first = self.pieces.partition_point(|piece| piece.cloud < *cloud);
             for index in self.per_cloud[*cloud].points(*cell) {
-                let piece = first + index / PIECE;
-                let kept = &self.keep[self.starts[piece]..][..=index % PIECE];
-                if kept[index % PIECE] {
-                    let before = kept.iter().filter(|keep| **keep).count() - 1;
-                    let point = &mut out[self.kept_starts[piece] + before];
+                let (number, offset) = (first + index / PIECE, index % PIECE);
+                let piece = &self.pieces[number];
+                let before = &self.keep[self.starts[number]..][..=offset];
+                if before[offset] {
+                    // Where all of a piece stay, as nearly everywhere, nothing is counted.
+                    let all = piece.kept == piece.end - piece.first;
+                    let place = if all { offset } else { before.iter().filter(|keep| **keep).count() - 1 };
+                    let point = &mut out[self.kept_starts[number] + place];
                     point.sigma_mm = (f64::from(point.sigma_mm).powi(2) + excess_mm2).sqrt() as f32;
                     self.report.disagreeing += 1;
                 }

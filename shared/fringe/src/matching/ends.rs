@@ -39,24 +39,24 @@ impl Ends {
         self.reach_px = footprints.map(reach_px);
     }
 
-    /// Marks both pictures. Rims of the right one are `edge` pixels wide; limbs are not looked for where `keep_limbs`.
-    pub fn mark(&mut self, phases: Phases, edge: usize, keep_limbs: bool, max_step: f32) {
-        let Self { missing, borders, .. } = self;
+    /// Marks both pictures; rims of the right one are `edge` pixels wide.
+    pub fn mark(&mut self, phases: Phases, edge: usize, max_step: f32) {
+        let Self { widths, reach_px, left, right, missing, borders } = self;
+        let (raster, count) = ((widths[0], phases.left), left.len());
+        let (missing_left, borders_left) = (&mut missing[..count], &mut borders[..count]);
+        left.fill(0);
+        mark_missing(raster, max_step, missing_left);
+        mark_limbs(raster, (reach_px[0], max_step), missing_left, borders_left, (OWN, left));
+        let (raster, count) = ((widths[1], phases.right), right.len());
+        let (missing, borders) = (&mut missing[..count], &mut borders[..count]);
+        mark_missing(raster, max_step, missing);
+        mark_rims(widths[1], edge, missing, right);
+        mark_limbs(raster, (reach_px[1], max_step), missing, borders, (OTHER, right));
+    }
+
+    /// Marks nothing, so that all points stay.
+    pub fn clear(&mut self) {
         self.left.fill(0);
-        let views = [(phases.left, &mut self.left, OWN), (phases.right, &mut self.right, OTHER)];
-        for (side, (phase, marks, mark)) in views.into_iter().enumerate() {
-            let (raster, count) = ((self.widths[side], phase), phase.len());
-            if side == 0 && keep_limbs {
-                continue;
-            }
-            mark_missing(raster, max_step, &mut missing[..count]);
-            if side == 1 {
-                mark_rims(raster.0, edge, &missing[..count], marks);
-            }
-            if !keep_limbs {
-                let reach = (self.reach_px[side], max_step);
-                mark_limbs(raster, reach, &missing[..count], &mut borders[..count], (mark, marks));
-            }
-        }
+        self.right.fill(0);
     }
 }

@@ -29,28 +29,6 @@ impl Task {
     }
 }
 
-/// Why a left pixel has no point.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Miss {
-    Unmatched,
-    Ambiguous,
-    Inconsistent,
-    Discontinuous,
-    Uncertain,
-}
-
-impl Miss {
-    fn cause(self) -> Cause {
-        match self {
-            Self::Unmatched => Cause::Unmatched,
-            Self::Ambiguous => Cause::Ambiguous,
-            Self::Inconsistent => Cause::Inconsistent,
-            Self::Discontinuous => Cause::Discontinuous,
-            Self::Uncertain => Cause::Uncertain,
-        }
-    }
-}
-
 /// Single matches may be so many times less certain than smoothed ones must be: no smoothing mends more.
 const SINGLE_SIGMAS: f64 = 6.0;
 
@@ -174,10 +152,10 @@ impl Scan<'_> {
             for l in (0..LANES).filter(|l| live[*l] && !known[*l]) {
                 match self.coarse(group.pixels[l] as usize, [left_x[l], y[l]], wanted[l], task) {
                     Ok(coarse) => (batch.coarse[l], batch.search_px[l]) = (coarse.x, coarse.search_px),
-                    Err(miss) => {
+                    Err(cause) => {
                         batch.live[l] = false;
-                        hits.cause[l] = miss.cause();
-                        task.report.count(miss.cause());
+                        hits.cause[l] = cause;
+                        task.report.count(cause);
                     }
                 }
             }
@@ -280,14 +258,14 @@ impl Scan<'_> {
         let curve = self.pair.right.curve(batch.y[l]);
         let coarse = (batch.coarse[l], batch.search_px[l]);
         let crossing = solve(&self.right_phase, &curve, batch.wanted[l], coarse);
-        let sample = crossing.ok_or(Miss::Discontinuous).and_then(|crossing| {
+        let sample = crossing.ok_or(Cause::Discontinuous).and_then(|crossing| {
             let sample = self.sample(batch, l, &crossing)?;
             report.bilinear += u32::from(crossing.bilinear);
             Ok(sample)
         });
-        sample.unwrap_or_else(|miss| {
-            report.count(miss.cause());
-            Sample::without(miss.cause())
+        sample.unwrap_or_else(|cause| {
+            report.count(cause);
+            Sample::without(cause)
         })
     }
 
@@ -309,7 +287,7 @@ impl Scan<'_> {
 
     /// The coarse place of a left pixel in the right row, wherever its phase may be shown as well.
     #[inline(never)]
-    fn coarse(&self, pixel: usize, [x, y]: [f64; 2], phase: f32, task: &mut Task) -> Result<Coarse, Miss> {
+    fn coarse(&self, pixel: usize, [x, y]: [f64; 2], phase: f32, task: &mut Task) -> Result<Coarse, Cause> {
         let limits = self.disparity_limits(x, y);
         let allowed = |left: f64, right: f64| (limits[0]..=limits[1]).contains(&(left - right));
         let tolerance = self.settings.left_right_tolerance_px;
@@ -328,7 +306,7 @@ impl Scan<'_> {
                 cells_per_rad = per_rad;
             }
         });
-        let coarse = coarse.ok_or(Miss::Unmatched)?;
+        let coarse = coarse.ok_or(Cause::Unmatched)?;
 
         // Backwards: the left row must show this phase here and nowhere else that the right pixel could mean.
         let mut returned = false;
@@ -340,17 +318,17 @@ impl Scan<'_> {
             }
         });
         if ambiguous {
-            return Err(Miss::Ambiguous);
+            return Err(Cause::Ambiguous);
         }
         if !returned {
-            return Err(Miss::Inconsistent);
+            return Err(Cause::Inconsistent);
         }
         let search_px = search_px(f64::from(self.left.sigma_rad[pixel]), cells_per_rad);
         Ok(Coarse { x: coarse, search_px })
     }
 
     /// The sample of a left pixel from its crossing.
-    fn sample(&self, batch: &Batch, l: usize, crossing: &Crossing) -> Result<Sample, Miss> {
+    fn sample(&self, batch: &Batch, l: usize, crossing: &Crossing) -> Result<Sample, Cause> {
         let Crossing { x: place, slope, variance, pixel: right, .. } = *crossing;
         let (own, both) =
             (batch.sigma_rad[l] * batch.sigma_rad[l], batch.sigma_rad[l] * batch.sigma_rad[l] + variance);
@@ -358,16 +336,16 @@ impl Scan<'_> {
         // A silhouette of that view: the left view may see the surface go on.
         let marks = self.right_phase.rims[right];
         if marks & RIM != 0 {
-            return Err(Miss::Discontinuous);
+            return Err(Cause::Discontinuous);
         }
         // Smoothing decides about the rest, see [`crate::surface::View::max_sigma`].
         let certain = sigma <= self.most_sigma();
         if !certain {
-            return Err(Miss::Uncertain);
+            return Err(Cause::Uncertain);
         }
         let disparity = batch.left_x[l] - place;
         if !(batch.limits[0][l]..=batch.limits[1][l]).contains(&disparity) {
-            return Err(Miss::Discontinuous);
+            return Err(Cause::Discontinuous);
         }
         Ok(Sample {
             inverse_depth: disparity / self.pair.baseline_mm,

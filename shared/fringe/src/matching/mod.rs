@@ -241,7 +241,11 @@ impl Matcher {
         // A rim shifts the phase two pixels away by less than noise like this hides, and hardly one that was interpolated.
         let hidden = rim_is_hidden(noise_px, RIM_NOISE_PX, independent);
         let edge = if hidden { edge_px.min(1) } else { edge_px };
-        self.ends.mark(phases, edge, edge_px == 0, limits.max_rad);
+        if edge_px == 0 {
+            self.ends.clear();
+        } else {
+            self.ends.mark(phases, edge, limits.max_rad);
+        }
         let mut report = self.match_rows(left, right, phases, limits);
         for pixel in &self.outside {
             let dark = phases.left[*pixel as usize].is_nan();

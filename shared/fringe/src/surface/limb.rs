@@ -205,7 +205,7 @@ impl Selector<'_> {
             return None;
         }
         // Along the surface towards the eye is away from the limb.
-        let inwards = unit - here * here.dot(&unit);
+        let inwards = unit - here * cosine;
         let inner = self.place_along(pixel, &inwards)?;
         let other = self.samples.at(inner);
         if !self.link.joins(&self.samples.at(pixel), &other, INWARDS_PX as usize) {
