@@ -12,8 +12,9 @@
 //!   of 1 to 85 % of full scale, so white Nylon (0.7) reaches 60 %, and up to 80 % with its gloss on raised places.
 //! * Projector: 8-bit columns, light = leak + (1 − leak)·level^gamma, constant over a chip pixel, blurred by a Gaussian.
 //! * Camera: the pixel's footprint and the lens blur together are a discrete Gaussian of variance σ² + 1/12 px² on
-//!   the irradiance image. This takes the image as straight between pixels; `subsamples` = n averages n × n true rays
-//!   instead, edges and curvature included.
+//!   the irradiance image. This takes the image as straight between pixels; `subsamples` = n traces n × n true rays
+//!   instead, edges and curvature included, blurs them by the lens alone on their own finer grid, and averages them over the pixel, as
+//!   light goes: a lens that blurred whole pixels would spread an edge in steps.
 //! * Vibration: a random rigid shift of the part per frame, the same for all cameras, to first order: each ray meets
 //!   its displaced face; silhouettes and texture stay (a shift of 1 µm moves them by 0.005 px).
 //! * Defocus: `defocus_px_per_mm` blurs the projector with the distance from the middle of the part. The first bounce of light between

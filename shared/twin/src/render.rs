@@ -149,9 +149,11 @@ impl Renderer {
         let first = frames.start;
         let lights = lights(shared, index, sequence, frames, correction)?;
         let settings = &shared.settings;
-        let footprint =
-            if settings.pixel_footprint && settings.subsamples == 1 { FOOTPRINT_PX2 } else { 0.0 };
-        let taps = blur::taps(settings.camera_blur_px * settings.camera_blur_px + footprint);
+        let parts = settings.subsamples;
+        let footprint = if settings.pixel_footprint && parts == 1 { FOOTPRINT_PX2 } else { 0.0 };
+        // A lens blurs before a pixel averages: where there are parts of pixels, they are what is blurred.
+        let lens_px = settings.camera_blur_px * f64::from(parts);
+        let taps = blur::taps(lens_px * lens_px + footprint);
         let (image, spare, padded) = (Vec::new(), Vec::new(), Vec::new());
         let shared = Arc::clone(shared);
         let exposure = (0, 1.0);
@@ -228,49 +230,35 @@ impl Renderer {
         };
         let light = frame.checked_sub(self.first).and_then(|i| self.lights.get(i)).ok_or_else(unknown)?;
         let slot = view.slot(self.projector)?;
-        self.image.resize(view.width * view.height, 0.0);
-        self.spare.resize(view.width * view.height, 0.0);
         let settings = &self.shared.settings;
         let lamps = view.lamps.len();
-        let rays = (settings.subsamples as usize).pow(2);
-        let exposure = (self.exposure.1 * settings.exposure * NOMINAL_SIGNAL / rays as f64) as f32;
-        let (ambient, black) = (settings.ambient as f32, settings.black_level as f32);
+        let parts = (view.width, settings.subsamples as usize);
+        let black = settings.black_level as f32;
+        self.image.clear();
+        self.image.resize(view.ambient.len(), black);
+        self.spare.resize(view.ambient.len(), 0.0);
+        let exposure = (self.exposure.1 * settings.exposure * NOMINAL_SIGNAL) as f32;
+        let ambient = settings.ambient as f32;
         let shift = pose::vibration_mm(settings, &self.shared.normal, view.cycle, self.projector, frame);
         let shift = shift.map(|c| c as f32);
-        let lit = view.lit.chunks_exact(lamps * rays);
-        let seen = |index: usize, ray: usize, lit: &Lit| {
-            let at = index * rays + ray;
-            let (u, v) = match view.sway.get(at * lamps + slot) {
-                Some(sway) => moved(lit, sway, &shift),
-                None => (lit.u, lit.v),
-            };
-            lit.gain * light.at(u, v, lit.layer) + ambient * view.ambient[at]
+        let reflected = |ray: usize, slot: usize, light: &Light| {
+            let at = ray * lamps + slot;
+            let lit = &view.lit[at];
+            let (u, v) = view.sway.get(at).map_or((lit.u, lit.v), |sway| moved(lit, sway, &shift));
+            lit.gain * light.at(u, v, lit.layer)
         };
-        for (index, (out, lit)) in self.image.iter_mut().zip(lit).enumerate() {
-            let mut sum = 0.0;
-            for ray in 0..rays {
-                sum += seen(index, ray, &lit[ray * lamps + slot]);
-            }
-            *out = exposure * sum + black;
-        }
-        let bounced = (self.exposure.1 * settings.exposure * NOMINAL_SIGNAL) as f32;
-        add_bounce(&mut self.image, view, slot, light, bounced);
+        add_rays(&mut self.image, parts, |ray| {
+            exposure * (reflected(ray, slot, light) + ambient * view.ambient[ray])
+        });
+        add_bounce(&mut self.image, view, slot, light, exposure);
         for (projector, lights) in &self.beside {
             let Some(light) = lights.get(frame).or(lights.last()) else { continue };
             let slot = view.slot(*projector)?;
-            let lit = view.lit.chunks_exact(lamps * rays);
-            for (index, (out, lit)) in self.image.iter_mut().zip(lit).enumerate() {
-                let mut sum = 0.0;
-                for ray in 0..rays {
-                    let (own, sway) = (&lit[ray * lamps + slot], (index * rays + ray) * lamps + slot);
-                    let (u, v) = view.sway.get(sway).map_or((own.u, own.v), |sway| moved(own, sway, &shift));
-                    sum += own.gain * light.at(u, v, own.layer);
-                }
-                *out += exposure * sum;
-            }
-            add_bounce(&mut self.image, view, slot, light, bounced);
+            add_rays(&mut self.image, parts, |ray| exposure * reflected(ray, slot, light));
+            add_bounce(&mut self.image, view, slot, light, exposure);
         }
-        blur::blur(&mut self.image, &mut self.spare, &mut self.padded, view.width, &self.taps);
+        blur::blur(&mut self.image, &mut self.spare, &mut self.padded, parts.0 * parts.1, &self.taps);
+        average(&mut self.image, parts);
         Ok(&self.image)
     }
 
@@ -320,13 +308,50 @@ fn lights(
     frames.map(light).collect()
 }
 
+/// Adds the light of each ray to the part of the image that it stands for: of a pixel n × n parts, for an image of a width in pixels.
+fn add_rays(image: &mut [f32], (width, n): (usize, usize), light: impl Fn(usize) -> f32) {
+    for (y, rows) in image.chunks_exact_mut(width * n * n).enumerate() {
+        for x in 0..width {
+            for row in 0..n {
+                for column in 0..n {
+                    let ray = (y * width + x) * n * n + row * n + column;
+                    rows[row * width * n + x * n + column] += light(ray);
+                }
+            }
+        }
+    }
+}
+
+/// Makes pixels of their parts, in place: none is written before it was read.
+fn average(image: &mut Vec<f32>, (width, n): (usize, usize)) {
+    if n == 1 || width == 0 {
+        return;
+    }
+    let pixels = image.len() / (n * n);
+    for pixel in 0..pixels {
+        let first = pixel / width * n * width * n + pixel % width * n;
+        let sum: f32 = (0..n * n).map(|part| image[first + part / n * width * n + part % n]).sum();
+        image[pixel] = sum / (n * n) as f32;
+    }
+    image.truncate(pixels);
+}
+
 /// Adds light that reached the part by way of another place of it.
 fn add_bounce(image: &mut [f32], view: &View, slot: usize, light: &Light, exposure: f32) {
-    let (lamps, rays) = (view.lamps.len(), view.shared.settings.bounce_rays as usize);
-    for (out, rays) in image.iter_mut().zip(view.bounce.chunks_exact((rays * lamps).max(1))) {
+    let (lamps, settings) = (view.lamps.len(), &view.shared.settings);
+    let (rays, n) = (settings.bounce_rays as usize, settings.subsamples as usize);
+    if rays == 0 {
+        return;
+    }
+    let bounced = view.bounce.chunks_exact(rays * lamps).map(|rays| {
         let lit = rays.iter().skip(slot).step_by(lamps);
-        let sum: f32 = lit.map(|lit| lit.gain * light.at(lit.u, lit.v, lit.layer)).sum();
-        *out += exposure * sum;
+        exposure * lit.map(|lit| lit.gain * light.at(lit.u, lit.v, lit.layer)).sum::<f32>()
+    });
+    for (pixel, light) in bounced.enumerate() {
+        let first = pixel / view.width * n * view.width * n + pixel % view.width * n;
+        for part in 0..n * n {
+            image[first + part / n * view.width * n + part % n] += light;
+        }
     }
 }
 

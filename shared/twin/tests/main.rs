@@ -7,6 +7,8 @@ mod frames;
 mod geometry;
 /// Defocus, drift, bounce, exposures: what each setting does, by its definition.
 mod imperfections;
+/// Edges of a print.
+mod print;
 /// A projector of 8 bits.
 mod rounding;
 /// Scene files: what is refused and how it is said; the scenes of the project.
