@@ -39,8 +39,8 @@ impl Calibration {
         let ends_mm = [place(points[0])?, place(points[1])?];
         let between = ends_mm[1] - ends_mm[0];
         let along: Vector3<f64> = between.try_normalize(1e-9)?;
-        // A distance has two coordinates.
-        let noise_px = [left, right].map(|d| d.rms_reprojection_px * std::f64::consts::FRAC_1_SQRT_2);
+        // A distance has two coordinates. The noise is that of the two pictures: steep and dark ones have more than a device has in the mean.
+        let noise_px = views.map(|view| view.rms_px * std::f64::consts::FRAC_1_SQRT_2);
         let mut variance = self.distance_u_mm([(&pair, &ends_mm[0]), (&pair, &ends_mm[1])])?.powi(2);
         for end in &ends_mm {
             variance += along.dot(&(self.point_uncertainty(pair, end, noise_px)?.noise_mm2 * along));
