@@ -21,11 +21,10 @@ use std::sync::Arc;
 /// Rows of one parallel job of the neighbour pass.
 const ROWS: usize = 16;
 
-/// What neighbours say of the orders, and of each stretch of a row whether they say anything.
+/// Of which stretches of rows neighbours say something about the orders. What they say of each pixel, in whole periods, is in memory that is
+/// lent: it is needed only until it is applied.
 #[derive(Debug)]
 pub struct Corrections {
-    /// Whole periods of each pixel; only those of stretches that were asked mean something.
-    periods: Vec<i16>,
     /// Of each stretch of [`BLOCK`] pixels of a row the number of its valid ones, or [`ASKED`].
     stretches: Vec<u32>,
     width: usize,
@@ -35,12 +34,12 @@ impl Corrections {
     /// Room for images of one size.
     pub fn new(width: usize, pixels: usize) -> Self {
         let rows = pixels.div_ceil(width.max(1));
-        Self { periods: vec![0; pixels], stretches: vec![0; rows * width.div_ceil(BLOCK)], width }
+        Self { stretches: vec![0; rows * width.div_ceil(BLOCK)], width }
     }
 
-    /// Asks the neighbours, row by row.
-    pub fn ask(&mut self, field: &Field, level: Level) {
-        let parts = self.periods.par_chunks_mut(ROWS * self.width);
+    /// Asks the neighbours, row by row; of the periods only those of stretches that were asked mean something.
+    pub fn ask(&mut self, field: &Field, periods: &mut [i16], level: Level) {
+        let parts = periods.par_chunks_mut(ROWS * self.width);
         let parts = parts.zip(self.stretches.par_chunks_mut(ROWS * self.width.div_ceil(BLOCK)));
         parts.enumerate().for_each(|(chunk, (lines, stretches))| {
             vectorised!(level, field.correct(chunk * ROWS, lines, stretches));
@@ -48,13 +47,13 @@ impl Corrections {
     }
 
     /// Applies them; states become the validity mask.
-    pub fn apply(&self, plan: &AxisPlan, out: &mut PhaseViewMut) -> Verdicts {
+    pub fn apply(&self, plan: &AxisPlan, periods: &[i16], out: &mut PhaseViewMut) -> Verdicts {
         // One pixel beyond the projector's edge is noise, more is a wrong order.
         let scale = std::f64::consts::TAU / plan.period_px;
         let inside = ((-1.5 * scale) as f32)..=(((plan.extent_px + 0.5) * scale) as f32);
         let chunk = ROWS * self.width;
         let planes = out.phase_rad.par_chunks_mut(chunk).zip(out.sigma_rad.par_chunks_mut(chunk));
-        let planes = planes.zip(out.valid.par_chunks_mut(chunk)).zip(self.periods.par_chunks(chunk));
+        let planes = planes.zip(out.valid.par_chunks_mut(chunk)).zip(periods.par_chunks(chunk));
         let stretches = self.stretches.par_chunks(ROWS * self.width.div_ceil(BLOCK));
         let verdicts = planes.zip(stretches).map(|((((phase, sigma), valid), periods), stretches)| {
             self.apply_rows((periods, stretches), &inside, (phase, sigma, valid))

@@ -17,7 +17,7 @@
 //! What bounces as a constant over the whole window is not seen.
 
 use super::Decoder;
-use super::bounce_cells::{CELL, Cells, Light};
+use super::bounce_cells::{CELL, Cells, Light, memory};
 use super::bounce_window;
 use super::contrast_bins::Reflectance;
 use super::footprint::{LENS_PX2, LENS_U_PX2};
@@ -27,6 +27,9 @@ use crate::math::simd::vectorised;
 use crate::phase::PhaseViewMut;
 use fearless_simd::Level;
 use rayon::prelude::*;
+
+/// Rows of cells of one parallel job.
+const BAND: usize = 32;
 
 /// Pixels whose phase bounced light moves.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -41,7 +44,8 @@ pub struct Bounced {
 #[derive(Debug)]
 pub struct Bounce {
     width: usize,
-    cells: Cells,
+    /// Sums of three rows of cells for each band.
+    sums: Vec<f32>,
     /// Relative variance that bounced light adds, of each cell.
     excess: Vec<f32>,
 }
@@ -50,7 +54,8 @@ impl Bounce {
     /// Memory for images of one size.
     pub fn new(width: usize, pixels: usize) -> Self {
         let [columns, rows] = [width, pixels / width.max(1)].map(|side| side.div_ceil(CELL));
-        Self { width, cells: Cells::new(columns, rows), excess: vec![0.0; columns * rows] }
+        let sums = vec![0.0; memory(columns) * rows.div_ceil(BAND)];
+        Self { width, sums, excess: vec![0.0; columns * rows] }
     }
 
     /// Adds what bounced light does to the uncertainty of the phase, and masks pixels where that is more than `most_rad`. `smooth`: finite
@@ -63,13 +68,21 @@ impl Bounce {
         most_rad: f32,
         level: Level,
     ) -> Bounced {
-        let width = self.width;
-        self.cells.fill((map.phase_rad, map.modulation, smooth), width, light, level);
-        let (cells, columns) = (&self.cells, width.div_ceil(CELL).max(1));
-        self.excess.par_chunks_mut(columns).enumerate().for_each(|(row, excess)| {
-            vectorised!(level, bounce_window::suspects(cells, row, excess));
-            for (column, excess) in excess.iter_mut().enumerate().filter(|(_, suspect)| **suspect > 0.0) {
-                *excess = bounce_window::excess(cells, (row, column), light.u_footprint_px2);
+        let (width, columns) = (self.width, self.width.div_ceil(CELL).max(1));
+        let seen = (&*map.phase_rad, &*map.modulation, smooth);
+        let bands = self.excess.par_chunks_mut(BAND * columns).zip(self.sums.par_chunks_mut(memory(columns)));
+        bands.enumerate().for_each(|(band, (excess, sums))| {
+            let (mut cells, first) = (Cells::new(columns, sums), 1 + band * BAND);
+            for row in [first - 1, first] {
+                vectorised!(level, cells.fill(row, seen, width, light));
+            }
+            for (row, excess) in (first..).zip(excess.chunks_mut(columns)) {
+                vectorised!(level, cells.fill(row + 1, seen, width, light));
+                let rows = cells.about(row);
+                vectorised!(level, bounce_window::suspects(&rows, excess));
+                for (column, excess) in excess.iter_mut().enumerate().filter(|(_, suspect)| **suspect > 0.0) {
+                    *excess = bounce_window::excess(&rows, column, light.u_footprint_px2);
+                }
             }
         });
         let part = CELL * width;

@@ -7,9 +7,6 @@ use super::block::{filled, taken};
 use super::contrast_bins::Reflectance;
 use super::noise_model::NoiseModel;
 use super::rasters::Rasters;
-use crate::math::simd::vectorised;
-use fearless_simd::Level;
-use rayon::prelude::*;
 
 /// Edge of a cell, px.
 pub(super) const CELL: usize = 4;
@@ -28,6 +25,8 @@ pub(super) const SUMS: usize = PRODUCTS + 2;
 pub(super) const PLAIN: f32 = 0.5;
 /// Pixels that are worked on side by side.
 const LANES: usize = 16;
+/// Rows of cells that a window reaches.
+pub(super) const LINES: usize = 3;
 /// Cells beyond the last one of a row, which groups of cells read.
 const MARGIN: usize = 32;
 
@@ -57,11 +56,11 @@ pub(super) struct Light<'a> {
     pub u_footprint_px2: f64,
 }
 
-/// The sums of all cells, row by row and sum by sum, with a ring of empty cells about them.
+/// The sums of three rows of cells, of which the window about a cell is made, sum by sum; behind each end of a row a cell is empty.
 #[derive(Debug)]
-pub(super) struct Cells {
+pub(super) struct Cells<'a> {
     stride: usize,
-    sums: Vec<f32>,
+    sums: &'a mut [f32],
 }
 
 /// The sums of a row of cells.
@@ -84,40 +83,47 @@ impl Row<'_> {
     }
 }
 
-impl Cells {
-    /// Memory for so many cells.
-    pub(super) fn new(columns: usize, rows: usize) -> Self {
-        let stride = columns + MARGIN;
-        Self { stride, sums: vec![0.0; SUMS * stride * (rows + 2)] }
+/// Numbers in the memory of so many cells to a row.
+pub(super) fn memory(columns: usize) -> usize {
+    LINES * SUMS * (columns + MARGIN)
+}
+
+impl<'a> Cells<'a> {
+    /// Of so many cells to a row, in memory that is there.
+    pub(super) fn new(columns: usize, sums: &'a mut [f32]) -> Self {
+        Self { stride: columns + MARGIN, sums }
     }
 
-    /// A row of cells; the first one is that of the ring.
+    /// Takes a row of cells of an image of this width in, in place of the third one before it: phase, modulation and what is finite where a
+    /// pixel's neighbourhood is one surface. Rows count from 1; there is none at 0 and behind the last one.
     #[inline(always)]
-    pub(super) fn row(&self, row: usize) -> Row<'_> {
+    pub(super) fn fill(&mut self, row: usize, map: (&[f32], &[f32], &[f32]), width: usize, light: &Light) {
         let length = SUMS * self.stride;
-        Row { stride: self.stride, sums: &self.sums[row * length..][..length] }
+        let sums = &mut self.sums[row % LINES * length..][..length];
+        sums.fill(0.0);
+        if row > 0 && (row - 1) * CELL < map.0.len() / width {
+            light.sum(map, (row - 1) * CELL, width, (sums, self.stride));
+        }
+    }
+
+    /// The row before one, that row, and the one behind it, which were filled last.
+    #[inline(always)]
+    pub(super) fn about(&self, row: usize) -> [Row<'_>; LINES] {
+        let length = SUMS * self.stride;
+        let of = |row: usize| Row { stride: self.stride, sums: &self.sums[row % LINES * length..][..length] };
+        [of(row - 1), of(row), of(row + 1)]
     }
 
     /// Writes the sums of a cell but for the scatter, which follows from them.
     #[cfg(test)]
     pub(super) fn put(&mut self, row: usize, column: usize, cell: &Cell) {
-        let first = (row + 1) * SUMS * self.stride + column + 1;
+        let first = row % LINES * SUMS * self.stride + column + 1;
         for (sum, value) in cell.iter().enumerate() {
             self.sums[first + sum * self.stride] = *value;
         }
         let (count, mean, squares) = (cell[0], cell[place(0, RATIO)], cell[place(RATIO, RATIO)]);
         let scatter = if count > 0.0 { squares - mean * mean / count } else { 0.0 };
         self.sums[first + SCATTER * self.stride] = scatter;
-    }
-
-    /// Sums phase, modulation and what is finite where a pixel's neighbourhood is one surface, of an image of this width.
-    pub(super) fn fill(&mut self, map: (&[f32], &[f32], &[f32]), width: usize, light: &Light, level: Level) {
-        let (stride, rows) = (self.stride, (map.0.len() / width.max(1)).div_ceil(CELL));
-        let rows_of_sums = self.sums.par_chunks_mut(SUMS * stride).skip(1).take(rows);
-        rows_of_sums.enumerate().for_each(|(row, sums)| {
-            sums.fill(0.0);
-            vectorised!(level, light.sum(map, row * CELL, width, (sums, stride)));
-        });
     }
 }
 

@@ -8,7 +8,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
-use super::bounce_cells::{CELL, Cell, Cells, KINDS, NOISE, PLAIN, RATIO, Row, SCATTER, place};
+use super::bounce_cells::{CELL, Cell, KINDS, LINES, NOISE, PLAIN, RATIO, Row, SCATTER, place};
 use nalgebra::{SMatrix, SVector};
 
 /// Fewer smooth pixels in a window say nothing.
@@ -49,13 +49,12 @@ struct Window {
     moments: SMatrix<f64, { UNKNOWNS + 1 }, { UNKNOWNS + 1 }>,
 }
 
-/// Marks, in a row of cells, those whose windows scatter by more than noise, or by so little less that rounding could decide; most do not, and
+/// Marks, in the middle one of three rows of cells, those whose windows scatter by more than noise, or by so little less that rounding could decide; most do not, and
 /// no equation is solved for them. The others become 0.
 #[inline(always)]
-pub(super) fn suspects(cells: &Cells, row: usize, out: &mut [f32]) {
-    let rows = [cells.row(row), cells.row(row + 1), cells.row(row + 2)];
+pub(super) fn suspects(rows: &[Row; LINES], out: &mut [f32]) {
     for first in (0..out.len()).step_by(LANES) {
-        let found = if is_empty(&rows, first) { [0.0; LANES] } else { scattered(&rows, first) };
+        let found = if is_empty(rows, first) { [0.0; LANES] } else { scattered(rows, first) };
         if first + LANES <= out.len() {
             out[first..first + LANES].copy_from_slice(&found);
         } else {
@@ -67,7 +66,7 @@ pub(super) fn suspects(cells: &Cells, row: usize, out: &mut [f32]) {
 
 /// Whether no window about cells side by side holds a pixel.
 #[inline(always)]
-fn is_empty(rows: &[Row; 3], first: usize) -> bool {
+fn is_empty(rows: &[Row; LINES], first: usize) -> bool {
     let mut most = [0.0_f32; LANES];
     for row in rows {
         let (one, other) = (row.taken::<LANES>(0, first), row.taken::<LANES>(0, first + 2));
@@ -80,7 +79,7 @@ fn is_empty(rows: &[Row; 3], first: usize) -> bool {
 
 /// 1 where the window about a cell of some side by side may scatter by more than noise, else 0.
 #[inline(always)]
-fn scattered(rows: &[Row; 3], first: usize) -> [f32; LANES] {
+fn scattered(rows: &[Row; LINES], first: usize) -> [f32; LANES] {
     let (mut sums, mut worst) = ([[0.0_f32; LANES]; ASKED.len()], rows[0].taken::<LANES>(SCATTER, first));
     // That of the nine cells which scatters most is left out.
     let mut out = [[0.0_f32; LANES]; ASKED.len()];
@@ -120,8 +119,8 @@ fn scattered(rows: &[Row; 3], first: usize) -> [f32; LANES] {
 
 /// Relative variance of the ratio about a cell beyond that of noise; 0 where noise may explain all. `u_px2`: how uncertain the variance of
 /// the footprint is.
-pub(super) fn excess(cells: &Cells, (row, column): (usize, usize), u_px2: f64) -> f32 {
-    let Some(window) = Window::of(&parts(cells, row, column)) else { return 0.0 };
+pub(super) fn excess(rows: &[Row; LINES], column: usize, u_px2: f64) -> f32 {
+    let Some(window) = Window::of(&parts(rows, column)) else { return 0.0 };
     let last = UNKNOWNS;
     if window.moments[(last, last)] <= (window.count - UNKNOWNS as f64) * window.allowed(0.0) {
         return 0.0;
@@ -148,12 +147,12 @@ pub(super) fn joined(excess: &[f32], columns: usize, row: usize) -> impl Iterato
 }
 
 /// The cells about one but for that which scatters most, and their places beside the middle one.
-fn parts(cells: &Cells, row: usize, column: usize) -> [(Cell, [f64; 2]); 8] {
+fn parts(rows: &[Row; LINES], column: usize) -> [(Cell, [f64; 2]); 8] {
     let of = |place: usize| {
         let [x, y] = [place % 3, place / 3];
-        (cells.row(row + y).cell(column + x), [x as f64 - 1.0, y as f64 - 1.0])
+        (rows[y].cell(column + x), [x as f64 - 1.0, y as f64 - 1.0])
     };
-    let scatter = |place: usize| cells.row(row + place / 3).taken::<1>(SCATTER, column + place % 3)[0];
+    let scatter = |place: usize| rows[place / 3].taken::<1>(SCATTER, column + place % 3)[0];
     let worst = (1..9).fold(0, |worst, place| if scatter(place) > scatter(worst) { place } else { worst });
     std::array::from_fn(|k| of(if k == worst { 8 } else { k }))
 }
@@ -240,7 +239,7 @@ fn solve(mut equations: Matrix, mut right: Vector, most: f64) -> Option<Vector> 
 
 #[cfg(test)]
 mod tests {
-    use super::super::bounce_cells::SUMS;
+    use super::super::bounce_cells::{Cells, SUMS, memory};
     use super::*;
     use crate::math::random::{Key, normal_quantile};
     use crate::math::simd::{levels, vectorised};
@@ -250,9 +249,8 @@ mod tests {
     #[test]
     fn what_the_fit_finds_was_suspected() {
         let (columns, rows) = (45, 30);
-        let mut cells = Cells::new(columns, rows);
         let random = Key::new(3);
-        for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+        let cell = |row: usize, column: usize| {
             let first = 16 * (row * columns + column);
             let pixels = [16, 16, 9, 16, 0, 16, 16][(row / 3 + column / 5) % 7];
             let scatter = [0.004, 0.01, 0.016, 0.03][column * 4 / columns];
@@ -264,15 +262,21 @@ mod tests {
             cell[place(0, RATIO)] = ratios.iter().sum();
             cell[place(RATIO, RATIO)] = ratios.iter().map(|r| r * r).sum();
             cell[NOISE] = pixels as f32 * 0.01 * 0.01;
-            cells.put(row, column, &cell);
-        }
+            cell
+        };
+        let mut sums = vec![0.0; memory(columns)];
         for level in levels() {
             let (mut suspected, mut found) = ([0; 4], [0; 4]);
-            for row in 0..rows {
-                let mut marks = vec![9.0; columns];
-                vectorised!(level, suspects(&cells, row, &mut marks));
+            for row in 1..=rows {
+                let mut cells = Cells::new(columns, &mut sums);
+                for (near, column) in (row - 1..=row + 1).flat_map(|row| (0..columns).map(move |c| (row, c)))
+                {
+                    cells.put(near, column, &cell(near, column));
+                }
+                let (rows, mut marks) = (cells.about(row), vec![9.0; columns]);
+                vectorised!(level, suspects(&rows, &mut marks));
                 for (column, mark) in marks.iter().enumerate() {
-                    let excess = excess(&cells, (row, column), 0.01);
+                    let excess = excess(&rows, column, 0.01);
                     assert!(
                         *mark == 1.0 || (*mark == 0.0 && excess == 0.0),
                         "{row}, {column}: {mark}, {excess}"

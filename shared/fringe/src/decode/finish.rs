@@ -83,8 +83,9 @@ impl Decoder {
                 reach: self.settings.neighbour_reach_px as usize,
                 spikes: self.settings.repair_spikes,
             };
-            self.corrections.ask(&field, self.level);
-            self.corrections.apply(plan, out)
+            let periods = self.footprint.scratch();
+            self.corrections.ask(&field, periods, self.level);
+            self.corrections.apply(plan, periods, out)
         } else {
             if let Some((edges, code)) = self.edges.as_mut().zip(plan.code.as_ref())
                 && plan.shifted.is_none()

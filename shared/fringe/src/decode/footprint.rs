@@ -90,6 +90,12 @@ impl Footprint {
         Self { width, bias: vec![f32::NAN; pixels], jobs: vec![empty; jobs] }
     }
 
+    /// Memory for a number of each pixel, until the next survey.
+    pub fn scratch(&mut self) -> &mut [i16] {
+        let pixels = self.bias.len();
+        &mut bytemuck::cast_slice_mut(&mut self.bias)[..pixels]
+    }
+
     /// Derivatives of the whole map, and from them the variance s² of the footprint; `None` where the frames do
     /// not determine it. `shape`: its variances along x and y over their mean.
     pub fn survey(

@@ -2,7 +2,7 @@
 
 use super::Phases;
 use crate::sensor::Footprint;
-use crate::surface::{OTHER, OWN, mark_limbs, mark_missing, mark_rims, reach_px};
+use crate::surface::{OTHER, OWN, SurfaceBuilder, mark_limbs, mark_missing, mark_rims, reach_px};
 
 /// Marks of the pixels of both views, and the memory behind them.
 #[derive(Debug, Clone)]
@@ -14,23 +14,22 @@ pub(super) struct Ends {
     pub left: Vec<u8>,
     /// [`crate::surface::RIM`] where the right surface ends within `surface.edge_px`, [`OTHER`] where within the reach of a limb.
     pub right: Vec<u8>,
-    /// Scratch: what is missing in a picture, and its borders.
-    missing: Vec<u8>,
-    borders: Vec<u8>,
+    /// Scratch, where what is lent is not enough.
+    spare: Vec<u8>,
 }
 
 impl Ends {
     /// Room for pictures of these columns and rows; the cameras have the usual footprints.
     pub fn new([left, right]: [[u32; 2]; 2]) -> Self {
         let pixels = |[width, height]: [u32; 2]| width as usize * height as usize;
-        let most = pixels(left).max(pixels(right));
+        let (needed, lent) =
+            (2 * pixels(left).max(pixels(right)), SurfaceBuilder::scratch_bytes(pixels(left)));
         Self {
             widths: [left[0] as usize, right[0] as usize],
             reach_px: [reach_px(None); 2],
             left: vec![0; pixels(left)],
             right: vec![0; pixels(right)],
-            missing: vec![0; most],
-            borders: vec![0; most],
+            spare: vec![0; if needed > lent { needed } else { 0 }],
         }
     }
 
@@ -39,9 +38,12 @@ impl Ends {
         self.reach_px = footprints.map(reach_px);
     }
 
-    /// Marks both pictures; rims of the right one are `edge` pixels wide.
-    pub fn mark(&mut self, phases: Phases, edge: usize, max_step: f32) {
-        let Self { widths, reach_px, left, right, missing, borders } = self;
+    /// Marks both pictures; rims of the right one are `edge` pixels wide. `lent`: the scratch memory of the surface builder.
+    pub fn mark(&mut self, phases: Phases, edge: usize, max_step: f32, lent: &mut [u8]) {
+        let Self { widths, reach_px, left, right, spare } = self;
+        // What is missing in a picture, and its borders.
+        let scratch = if spare.is_empty() { lent } else { spare };
+        let (missing, borders) = scratch.split_at_mut(scratch.len() / 2);
         let (raster, count) = ((widths[0], phases.left), left.len());
         let (missing_left, borders_left) = (&mut missing[..count], &mut borders[..count]);
         left.fill(0);

@@ -244,7 +244,7 @@ impl Matcher {
         if edge_px == 0 {
             self.ends.clear();
         } else {
-            self.ends.mark(phases, edge, limits.max_rad);
+            self.ends.mark(phases, edge, limits.max_rad, self.surface.scratch());
         }
         let mut report = self.match_rows(left, right, phases, limits);
         for pixel in &self.outside {

@@ -69,6 +69,16 @@ impl SurfaceBuilder {
         &self.causes
     }
 
+    /// Bytes of the scratch memory for so many pixels.
+    pub fn scratch_bytes(pixels: usize) -> usize {
+        pixels * size_of::<f64>()
+    }
+
+    /// Memory that holds nothing until the samples of all pixels are put.
+    pub fn scratch(&mut self) -> &mut [u8] {
+        bytemuck::cast_slice_mut(&mut self.raster.depths)
+    }
+
     /// Takes what all samples say of their pixels.
     pub fn load(&mut self, samples: &[Sample]) {
         let Raster { depths, sigmas, own_shares, modulations, limbs } = &mut self.raster;
