@@ -24,6 +24,18 @@ const SETTLED: f64 = 0.9;
 /// never get here, their residuals are small against their extent; a model that fits badly does.
 const TERMINAL_RESIDUAL: f64 = 1e-7;
 
+/// How far an adjustment goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Until {
+    /// To the minimum, as far as numbers tell it.
+    Settled,
+    /// Until a step moves the surface by no more than [`NEAR_RESIDUAL`] of the residuals: enough to say which of them are the largest.
+    Near,
+}
+
+/// See [`Until::Near`].
+const NEAR_RESIDUAL: f64 = 1e-3;
+
 /// A surface or curve with P free parameters, given in a chart about its present state.
 pub(super) trait Model<const P: usize>: Clone + Sync {
     /// Signed distance of a point, mm.
@@ -53,7 +65,7 @@ pub(super) fn normal<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f
 pub(super) struct Adjusted<M, const P: usize> {
     /// The model at the minimum.
     pub model: M,
-    /// Normal equations of the model there.
+    /// Normal equations of the model there; after [`Until::Near`] those of the state before the last step.
     pub normal: Normal<P>,
 }
 
@@ -65,6 +77,7 @@ pub(super) fn adjust<M: Model<P>, const P: usize>(
     element: &'static str,
     start: M,
     points: &[Vector3<f64>],
+    until: Until,
 ) -> Result<Adjusted<M, P>, FitError> {
     let squares: f64 =
         tree(points, &|leaf| leaf.iter().map(Vector3::norm_squared).sum(), &|a: f64, b: f64| a + b);
@@ -81,9 +94,12 @@ pub(super) fn adjust<M: Model<P>, const P: usize>(
             continue;
         };
         let model = state.model.moved(&step);
-        let next = Adjusted { normal: normal(&model, points), model };
         let moved_mm = surface_step(&state.normal, &step);
         let residual_mm = (state.normal.sum / state.normal.rows.max(1) as f64).sqrt();
+        if until == Until::Near && damping == 0.0 && moved_mm <= NEAR_RESIDUAL * residual_mm {
+            return Ok(Adjusted { normal: state.normal, model });
+        }
+        let next = Adjusted { normal: normal(&model, points), model };
         let terminal_mm = (TERMINAL * extent_mm).max(TERMINAL_RESIDUAL * residual_mm);
         if moved_mm <= terminal_mm && damping == 0.0 {
             let settled = moved_mm <= 1e-16 * extent_mm || moved_mm >= SETTLED * last_mm;

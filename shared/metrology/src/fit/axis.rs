@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, SMatrix, Vector3};
 
-use super::adjust::{Model, adjust};
+use super::adjust::{Model, Until, adjust};
 use super::centred::Principal;
 use super::normal::tangents;
 use super::sphere::polar;
@@ -109,6 +109,6 @@ pub(super) fn best_of<M: Model<P>, const P: usize>(
         candidates.map(|m| (squares(&m), m)).filter(|(sum, _)| sum.is_finite()).collect();
     ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
     ranked.truncate(CANDIDATES);
-    let adjusted = ranked.into_iter().filter_map(|(_, m)| adjust(element, m, thin).ok());
+    let adjusted = ranked.into_iter().filter_map(|(_, m)| adjust(element, m, thin, Until::Settled).ok());
     adjusted.min_by(|a, b| a.normal.sum.total_cmp(&b.normal.sum)).map(|best| best.model)
 }

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::adjust::{Model, adjust};
+use super::adjust::{Model, Until, adjust};
 use super::axis::Axis;
 use super::centred::{Principal, tree};
 use super::chart::{ChartCovariance, Effect, charted, tilts};
@@ -132,7 +132,7 @@ impl Model<3> for Ring {
 
 /// The least-squares circle, its plane held.
 pub(super) fn ring(points: &[Vector3<f64>]) -> Result<Ring, FitError> {
-    Ok(Ring(adjust(ELEMENT, start(points)?, points)?.model))
+    Ok(Ring(adjust(ELEMENT, start(points)?, points, Until::Settled)?.model))
 }
 
 /// Start: the algebraic circle in the plane of least extent.

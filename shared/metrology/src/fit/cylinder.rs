@@ -3,7 +3,7 @@
 use nalgebra::{Point3, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::adjust::{Model, adjust};
+use super::adjust::{Model, Until, adjust};
 use super::axis::{Axis, best_of, directions, thinned, worst_tilt_rad};
 use super::centred::Principal;
 use super::chart::{ChartCovariance, Effect, charted, tilts};
@@ -98,7 +98,7 @@ impl Model<5> for Cylinder {
 
 /// The least-squares cylinder as a start for others.
 pub(super) fn fitted(points: &[Vector3<f64>]) -> Result<Cylinder, FitError> {
-    Ok(adjust(ELEMENT, start(points)?, points)?.model)
+    Ok(adjust(ELEMENT, start(points)?, points, Until::Settled)?.model)
 }
 
 /// Start: for many directions the algebraic circle of the points seen along them; the best few adjusted.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, SMatrix, Vector3};
 
-use super::adjust::{Adjusted, Model, adjust};
+use super::adjust::{Adjusted, Model, Until, adjust};
 use super::centred::Centred;
 use super::cluster::covariance;
 use super::form::{Form, Residuals, marked};
@@ -48,19 +48,27 @@ pub(super) fn solve<M: Model<P>, const P: usize>(
         return Err(FitError::TooFewPoints { element, points: kept, needs });
     }
     let centred = Centred::new(element, points)?;
-    let mut adjusted = adjust(element, start(&centred.points)?, &centred.points)?;
+    let mut until = if rejected > 0 { Until::Near } else { Until::Settled };
+    let mut adjusted = adjust(element, start(&centred.points)?, &centred.points, until)?;
     let mut used = vec![true; points.len()];
     let mut chosen = centred.points.clone();
-    if rejected > 0 {
-        for _ in 0..MAX_REJECT_ROUNDS {
-            let next = without_largest(&adjusted.model, &centred.points, rejected);
-            if next == used {
+    // Which points go hardly changes with the last digits of the model: they are sought when the same ones go again.
+    let rounds = if rejected > 0 { MAX_REJECT_ROUNDS } else { 0 };
+    for _ in 0..rounds {
+        let next = without_largest(&adjusted.model, &centred.points, rejected);
+        if next == used {
+            if until == Until::Settled {
                 break;
             }
+            until = Until::Settled;
+        } else {
+            chosen = marked(&centred.points, &next);
             used = next;
-            chosen = marked(&centred.points, &used);
-            adjusted = adjust(element, adjusted.model, &chosen)?;
         }
+        adjusted = adjust(element, adjusted.model, &chosen, until)?;
+    }
+    if until == Until::Near {
+        adjusted = adjust(element, adjusted.model, &chosen, Until::Settled)?;
     }
     finish(element, &centred, adjusted, &chosen, used, settings)
 }

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix4, Point3, SVector, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
-use super::adjust::{Model, adjust};
+use super::adjust::{Model, Until, adjust};
 use super::centred::{Centred, Principal, tree};
 use super::chart::{ChartCovariance, Effect, charted};
 use super::form::{Form, Residuals};
@@ -131,7 +131,7 @@ pub(crate) fn sphere_centre_near(
     }
     let centred = Centred::new(ELEMENT, points)?;
     let start = FixedSphere { center: start_mm.coords - centred.centroid, radius: 0.5 * diameter_mm };
-    let adjusted = adjust(ELEMENT, start, &centred.points)?;
+    let adjusted = adjust(ELEMENT, start, &centred.points, Until::Settled)?;
     Ok(Point3::from(centred.centroid + adjusted.model.center))
 }
 
@@ -226,7 +226,7 @@ pub(super) fn polar(vector: &Vector3<f64>) -> (f64, Vector3<f64>) {
 
 /// The least-squares sphere as a start for others.
 pub(super) fn fitted(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
-    Ok(adjust(ELEMENT, algebraic(points)?, points)?.model)
+    Ok(adjust(ELEMENT, algebraic(points)?, points, Until::Settled)?.model)
 }
 
 /// Algebraic start: |p|² = 2 c·p + (R² − c²) is linear in c and the bracket.

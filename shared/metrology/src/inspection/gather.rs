@@ -9,7 +9,7 @@ use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 
 /// Points in a row that share a box: a piece of an image row, which is short and thin.
-const STRETCH: usize = 256;
+const STRETCH: usize = 32;
 
 /// Parts of a cloud that threads take. Their number is fixed: the allocations of a cycle do not depend on the cloud.
 const PARTS: usize = 8;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{SVector, Vector3};
 
 use crate::fit::FitError;
-use crate::fit::adjust::{Model, adjust, singular};
+use crate::fit::adjust::{Model, Until, adjust, singular};
 use crate::uncertainty::{Dual, Expression, Number};
 
 /// Predictors are stored this much smaller (exactly): the adjustment takes the extent of its points for the scale of
@@ -95,7 +95,7 @@ fn digits<const P: usize>(set: &Set, start: usize) -> Result<[f64; 2], FitError>
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let formula = Arc::new(Expression::parse(&set.formula, &names).expect("a formula"));
     let parameters = SVector::<f64, P>::from_fn(|i, _| set.parameters[i][start]);
-    let found = adjust("curve", Curve { parameters, formula }, &set.points)?;
+    let found = adjust("curve", Curve { parameters, formula }, &set.points, Until::Settled)?;
     let variance = found.normal.sum / (found.normal.rows - P) as f64;
     let covariance = found.normal.inverse().ok_or_else(|| singular("curve"))? * variance;
     let agree =
