@@ -2,10 +2,11 @@
 """Counts the instructions of each kernel with callgrind and compares them with those kept in benches/results/instructions.json.
 
     counts.py            # exits with 1 where a kernel takes 3 % more than it did; less is printed as well
+    counts.py --dev      # the build of the tests, which CI has made anyway, with counts of its own
     counts.py --write    # keeps the counts of this build
 
 Counts do not depend on what else the machine does, but on the compiler: another version of it is named, and then nothing is judged.
-Needs valgrind, which knows no vectors wider than AVX2: the counts are those of that level.
+Needs valgrind, which knows no vectors wider than AVX2: the counts are those of that level, and a processor without it is not judged.
 """
 import argparse
 import json
@@ -18,10 +19,12 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = ROOT / "benches/results/instructions.json"
 LIMIT = 0.03
+# The features of the tests: with others, what they depend on would be compiled once more.
+BUILDS = {"release": ["--release"], "dev": ["--features", "opcua"]}
 
 
-def program():
-    command = ["cargo", "build", "--release", "--bench", "counts", "--message-format", "json"]
+def program(build):
+    command = ["cargo", "build", "--bench", "counts", "--message-format", "json", *BUILDS[build]]
     lines = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines()
     built = [json.loads(line) for line in lines if line.startswith("{")]
     return next(b["executable"] for b in built if b.get("executable") and b["target"]["name"] == "counts")
@@ -45,24 +48,35 @@ def count(path):
         return counts
 
 
+def not_judged(kept, compiler):
+    """Why these counts and those kept cannot be compared, if they cannot."""
+    if kept.get("compiler") != compiler:
+        return f"kept for {kept.get('compiler')}, this is {compiler}; keep new counts with --write"
+    if not re.search(r"\bavx2\b", Path("/proc/cpuinfo").read_text()):
+        return "this processor has no AVX2, with which the kept ones were counted"
+    return None
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true")
-    write = parser.parse_args().write
+    parser.add_argument("--dev", action="store_const", dest="build", const="dev", default="release", help="count the build of the tests")
+    parser.add_argument("--write", action="store_true", help="keep the counts of this build")
+    args = parser.parse_args()
     compiler = subprocess.run(["rustc", "--version"], check=True, stdout=subprocess.PIPE, text=True).stdout.strip()
-    counts = count(program())
-    if write:
-        KEPT.parent.mkdir(exist_ok=True)
-        KEPT.write_text(json.dumps({"compiler": compiler, "instructions": counts}, indent=2) + "\n")
-    kept = json.loads(KEPT.read_text())
+    counts = count(program(args.build))
+    all_kept = json.loads(KEPT.read_text()) if KEPT.exists() else {}
+    if args.write:
+        all_kept[args.build] = {"compiler": compiler, "instructions": counts}
+        KEPT.write_text(json.dumps(all_kept, indent=2, sort_keys=True) + "\n")
+    kept = all_kept.get(args.build, {})
     worse = []
-    for name, now in counts.items():
-        before = kept["instructions"].get(name, now)
+    for name, now in sorted(counts.items()):
+        before = kept.get("instructions", {}).get(name, now)
         print(f"{name:8} {now:>13,} instructions, {100 * (now / before - 1):+.1f} %")
         if now > before * (1 + LIMIT):
             worse.append(name)
-    if kept["compiler"] != compiler:
-        print(f"kept for {kept['compiler']}, this is {compiler}: not judged; keep new counts with --write")
+    if reason := not_judged(kept, compiler):
+        print(f"not judged: {reason}")
     elif worse:
         sys.exit(f"{', '.join(worse)}: more than {100 * LIMIT:.0f} % above {KEPT.name}; mend it, or keep the new counts with --write")
 

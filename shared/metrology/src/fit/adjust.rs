@@ -33,7 +33,7 @@ pub(super) enum Until {
     Near,
 }
 
-/// See [`Until::Near`].
+/// Largest last step of an adjustment that ends near the minimum, as a part of the residuals.
 const NEAR_RESIDUAL: f64 = 1e-3;
 
 /// A surface or curve with P free parameters, given in a chart about its present state.
