@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::fit::COORDINATE_LIMIT_MM;
-use crate::spatial::{Aabb, Moments, Patch, PointTree, TriangleMesh, eigen_normal};
+use crate::spatial::{Aabb, Moments, Neighbourhood, Patch, PointTree, TriangleMesh, eigen_normal};
 use fringe::cloud::Point;
 
 /// Points that one thread takes at a time; fixed, so that nothing depends on the number of threads.
@@ -107,8 +107,9 @@ impl Deviation {
 /// The point of the reference that belongs to a measured point, for an alignment.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Match {
-    pub position: Point3<f64>,
     pub normal: Vector3<f64>,
+    /// Along the normal, mm.
+    pub distance_mm: f64,
     /// Whether the measured point lies beside the reference.
     pub beyond_edge: bool,
 }
@@ -307,20 +308,15 @@ impl CloudReference {
         Some(Sloped { normal: normal * self.outside(&normal, &surroundings.normal), variance })
     }
 
-    /// The matching point, given the slot of an earlier one as a hint. Returns the slot to be passed next time.
-    fn closest(&self, p: &Point3<f64>, limit_mm: f64, hint: &mut u32) -> Option<Match> {
-        // What was near before bounds what is near now; rounding up keeps it within the bound.
-        let before = self.tree.sites().get(*hint as usize).map(|site| (p - site).norm() * (1.0 + 1e-12));
-        let limit = before.map_or(limit_mm, |d| d.min(limit_mm));
-        let (slot, _) = self.tree.nearest(p, limit)?;
-        *hint = slot as u32;
+    /// The matching point, and what is then known of the points around.
+    fn closest(&self, p: &Point3<f64>, limit_mm: f64, known: &mut Neighbourhood) -> Option<Match> {
+        let slot = self.tree.nearest_again(p, limit_mm, known)?;
         let normal = (*self.normals.get(slot)?)?;
-        let position = self.tree.sites()[slot];
-        let away = p - position;
-        let along = away.dot(&normal);
-        let lateral2 = (away.norm_squared() - along * along).max(0.0);
+        let away = p - self.tree.sites()[slot];
+        let distance_mm = normal.dot(&away);
+        let lateral2 = (away.norm_squared() - distance_mm * distance_mm).max(0.0);
         let edge = EDGE_SPACINGS * self.spacing_mm;
-        Some(Match { position, normal, beyond_edge: lateral2 > edge * edge })
+        Some(Match { normal, distance_mm, beyond_edge: lateral2 > edge * edge })
     }
 }
 
@@ -368,14 +364,14 @@ impl Reference {
         }
     }
 
-    /// The matching point for an alignment, `None` beyond the limit or without a normal. `hint`: what the same point got
-    /// the last time; any number at first.
-    pub(crate) fn closest(&self, p: &Point3<f64>, limit_mm: f64, hint: &mut u32) -> Option<Match> {
+    /// The matching point for an alignment, `None` beyond the limit or without a normal. `known`: what the same point found
+    /// the last time.
+    pub(crate) fn closest(&self, p: &Point3<f64>, limit_mm: f64, known: &mut Neighbourhood) -> Option<Match> {
         match self {
-            Self::Cloud(cloud) => cloud.closest(p, limit_mm, hint),
+            Self::Cloud(cloud) => cloud.closest(p, limit_mm, known),
             Self::Mesh(mesh) => mesh.nearest(p, limit_mm).map(|foot| Match {
-                position: foot.position,
                 normal: foot.normal,
+                distance_mm: foot.normal.dot(&(p - foot.position)),
                 beyond_edge: foot.at_border && beside(p, &foot.position, &foot.normal),
             }),
         }

@@ -1,12 +1,13 @@
 //! One level of the alignment: rounds of matching and solving.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::motion::{Equations, Principal, orthonormal};
 use super::{LEAST_POINTS, RegisterError, RegisterSettings};
 use crate::fit::Normal;
 use crate::reference::{CHUNK, Match, Reference};
+use crate::spatial::Neighbourhood;
 use fringe::geometry::pose::Pose;
 use fringe::math::statistics::{SIGMA_OF_MEDIAN, median};
 
@@ -53,29 +54,33 @@ pub(super) struct Refined {
 #[derive(Clone, Copy)]
 pub(super) struct Pair {
     pub place: Point3<f64>,
-    pub matched: Match,
-    /// Along the normal of the match.
+    /// Normal of its match.
+    pub normal: Vector3<f64>,
+    /// Along that normal.
     pub distance_mm: f64,
 }
 
 /// Runs rounds until the points stand still.
 pub(super) fn refine(level: &Level<'_>, start: Pose) -> Result<Refined, RegisterError> {
-    let mut hints = vec![u32::MAX; level.points.len()];
+    let mut matches = Matches::new(level.points);
+    let mut distances = Vec::new();
     let mut pose = start;
     let mut reach_mm = level.reach_mm;
     let least_reach_mm = REACH_SPACINGS * spacing_mm(level.reference);
     let mut rounds = 0;
     loop {
         rounds += 1;
-        let pairs = pairs(level, &pose, reach_mm, &mut hints);
+        matches.renew(level, &pose, reach_mm);
+        let pairs = &matches.pairs;
         let needed = LEAST_POINTS.max((level.settings.least_overlap * level.points.len() as f64) as usize);
         if pairs.len() < LEAST_POINTS {
             return Err(RegisterError::Few { matched: pairs.len(), needed });
         }
-        let mut distances: Vec<f64> = pairs.iter().map(|p| p.distance_mm.abs()).collect();
+        distances.clear();
+        distances.extend(pairs.iter().map(|p| p.distance_mm.abs()));
         let median_mm = median(&mut distances).unwrap_or(0.0);
         let limit_mm = level.settings.trim_sigmas * SIGMA_OF_MEDIAN * median_mm;
-        let equations = equations(&pairs, limit_mm);
+        let equations = equations(pairs, limit_mm);
         let principal = equations.principal(level.reference.normal_variance());
         let settling = rounds > SETTLING_ROUNDS;
         let motion = equations.step(&principal) * if settling { 0.5 } else { 1.0 };
@@ -99,7 +104,7 @@ pub(super) fn refine(level: &Level<'_>, start: Pose) -> Result<Refined, Register
                 overlapping,
                 points,
                 median_mm,
-                pairs,
+                pairs: matches.pairs,
                 limit_mm,
             });
         }
@@ -114,38 +119,63 @@ fn spacing_mm(reference: &Reference) -> f64 {
     }
 }
 
-/// Matches all points; those beside the reference or beyond the reach have no pair.
-fn pairs(level: &Level<'_>, pose: &Pose, reach_mm: f64, hints: &mut [u32]) -> Vec<Pair> {
-    let work = level.points.par_chunks(CHUNK).zip(hints.par_chunks_mut(CHUNK));
-    let found: Vec<Vec<Pair>> = work
-        .map(|(points, hints)| {
-            let pair = |(point, hint): (&Point3<f64>, &mut u32)| {
-                let place = Point3::from(pose.point(&point.coords));
-                let matched = level.reference.closest(&place, reach_mm, hint)?;
-                let distance_mm = matched.normal.dot(&(place - matched.position));
-                (!matched.beyond_edge).then_some(Pair { place, matched, distance_mm })
-            };
-            points.iter().zip(hints).filter_map(pair).collect()
-        })
-        .collect();
-    found.concat()
+/// The matches of all points, and what is known of each point's surroundings from the rounds before.
+struct Matches {
+    known: Vec<Neighbourhood>,
+    /// Those of each part of the points.
+    parts: Vec<Vec<Pair>>,
+    /// All of them, in the order of the points.
+    pairs: Vec<Pair>,
+}
+
+impl Matches {
+    fn new(points: &[Point3<f64>]) -> Self {
+        let parts = points.chunks(CHUNK).map(|part| Vec::with_capacity(part.len())).collect();
+        let known = vec![Neighbourhood::unknown(); points.len()];
+        Self { known, parts, pairs: Vec::with_capacity(points.len()) }
+    }
+
+    /// Matches all points; those beside the reference or beyond the reach have no pair.
+    fn renew(&mut self, level: &Level<'_>, pose: &Pose, reach_mm: f64) {
+        let known = self.known.par_chunks_mut(CHUNK);
+        let _done: () = level
+            .points
+            .par_chunks(CHUNK)
+            .zip(known)
+            .zip(&mut self.parts)
+            .map(|((points, known), pairs)| {
+                let pair = |(point, known): (&Point3<f64>, &mut Neighbourhood)| {
+                    let place = Point3::from(pose.point(&point.coords));
+                    let found = level.reference.closest(&place, reach_mm, known)?;
+                    let Match { normal, distance_mm, beyond_edge } = found;
+                    (!beyond_edge).then_some(Pair { place, normal, distance_mm })
+                };
+                pairs.clear();
+                pairs.extend(points.iter().zip(known).filter_map(pair));
+            })
+            .collect();
+        self.pairs.clear();
+        for part in &self.parts {
+            self.pairs.extend_from_slice(part);
+        }
+    }
 }
 
 /// Sums the equations of the pairs up to a distance, in fixed parts.
 fn equations(pairs: &[Pair], limit_mm: f64) -> Equations {
     // Half of the pairs lie within the median; a median of zero keeps the exact ones.
     let used = |pair: &&Pair| pair.distance_mm.abs() <= limit_mm;
-    let parts: Vec<(nalgebra::Vector3<f64>, usize)> = pairs
+    let parts: Vec<(Vector3<f64>, usize)> = pairs
         .par_chunks(CHUNK)
         .map(|part| {
             part.iter()
                 .filter(used)
-                .fold((nalgebra::Vector3::zeros(), 0), |(sum, n), p| (sum + p.place.coords, n + 1))
+                .fold((Vector3::zeros(), 0), |(sum, n), p| (sum + p.place.coords, n + 1))
         })
         .collect();
     let count: usize = parts.iter().map(|p| p.1).sum();
     let centre =
-        Point3::from(parts.iter().map(|p| p.0).sum::<nalgebra::Vector3<f64>>() / count.max(1) as f64);
+        Point3::from(parts.iter().map(|p| p.0).sum::<Vector3<f64>>() / count.max(1) as f64);
     let squares: Vec<f64> = pairs
         .par_chunks(CHUNK)
         .map(|part| part.iter().filter(used).map(|p| (p.place - centre).norm_squared()).sum())
@@ -156,7 +186,7 @@ fn equations(pairs: &[Pair], limit_mm: f64) -> Equations {
         .map(|part| {
             let mut normal = Normal::zero();
             for p in part.iter().filter(used) {
-                let derivatives = Equations::derivatives(&centre, arm_mm, &p.place, &p.matched.normal);
+                let derivatives = Equations::derivatives(&centre, arm_mm, &p.place, &p.normal);
                 normal.add(p.distance_mm, &derivatives);
             }
             normal

@@ -13,7 +13,7 @@ use super::result::{Rival, Start};
 use super::{RegisterError, RegisterSettings, diagonal_mm};
 use crate::fit::eigen;
 use crate::reference::Reference;
-use crate::spatial::Moments;
+use crate::spatial::{Moments, Neighbourhood};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
 
@@ -230,11 +230,11 @@ impl Search<'_> {
         let on = |sample: &Sample| {
             let (place, normal) = moved(sample, pose);
             let place = Point3::from(place);
-            let matched = self.reference.closest(&place, 20.0 * tolerance_mm, &mut u32::MAX.clone());
+            let matched = self.reference.closest(&place, 20.0 * tolerance_mm, &mut Neighbourhood::unknown());
             matched.filter(|m| !m.beyond_edge).is_some_and(|m| {
                 let cosine = m.normal.dot(&normal);
                 let agree = if signed { cosine } else { cosine.abs() } >= NORMAL_COSINE;
-                agree && m.normal.dot(&(place - m.position)).abs() <= tolerance_mm
+                agree && m.distance_mm.abs() <= tolerance_mm
             })
         };
         self.cloud.list.iter().map(on).collect()
@@ -278,10 +278,9 @@ impl Search<'_> {
         let lies = |sample: &Sample| {
             let (place, normal) = moved(sample, motion);
             let place = Point3::from(place);
-            let matched = self.reference.closest(&place, 20.0 * tolerance_mm, &mut u32::MAX.clone());
+            let matched = self.reference.closest(&place, 20.0 * tolerance_mm, &mut Neighbourhood::unknown());
             matched.is_some_and(|m| {
-                m.normal.dot(&normal).abs() >= NORMAL_COSINE
-                    && m.normal.dot(&(place - m.position)).abs() <= 2.0 * tolerance_mm
+                m.normal.dot(&normal).abs() >= NORMAL_COSINE && m.distance_mm.abs() <= 2.0 * tolerance_mm
             })
         };
         let found = samples.list.iter().filter(|s| lies(s)).count();

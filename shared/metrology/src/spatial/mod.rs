@@ -17,7 +17,7 @@ pub use creases::Creases;
 pub use error::MeshError;
 pub(crate) use local::{Moments, Patch, eigen_normal};
 pub use mesh::{Foot, TriangleMesh};
-pub(crate) use points::PointTree;
+pub(crate) use points::{Neighbourhood, PointTree};
 pub use rays::{first_met, is_blocked};
 pub use thin::thinned_cloud;
 pub(crate) use thin::{thin_to, thinned};

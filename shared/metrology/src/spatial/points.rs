@@ -20,6 +20,27 @@ pub(crate) struct PointTree {
     sites: Vec<Point3<f64>>,
 }
 
+/// What is known of the points around a place. It still tells the nearest one when the place has moved by less than the others
+/// are farther away.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Neighbourhood {
+    place: Point3<f64>,
+    /// Slot of the nearest point, if one is known.
+    nearest: Option<u32>,
+    /// No other point is nearer than this, mm.
+    others_mm: f64,
+}
+
+impl Neighbourhood {
+    /// Nothing is known.
+    pub fn unknown() -> Self {
+        Self { place: Point3::origin(), nearest: None, others_mm: 0.0 }
+    }
+}
+
+/// Larger than the rounding of a distance, as a part of the coordinates.
+const ROUNDING: f64 = 1e-12;
+
 impl PointTree {
     /// Sorts finite points, fewer than 2³².
     pub fn new(points: &[Point3<f64>]) -> Self {
@@ -66,6 +87,51 @@ impl PointTree {
             },
         );
         best
+    }
+
+    /// As [`Self::nearest`] for a place near one about which something is known, and what is known then.
+    pub fn nearest_again(&self, p: &Point3<f64>, limit_mm: f64, known: &mut Neighbourhood) -> Option<usize> {
+        let moved_mm = (p - known.place).norm() + ROUNDING * (p.coords.norm() + known.place.coords.norm());
+        let others_mm = known.others_mm * (1.0 - ROUNDING) - moved_mm;
+        let distance_mm = known.nearest.map(|slot| (self.sites[slot as usize] - p).norm());
+        let nearest_mm = distance_mm.unwrap_or(limit_mm);
+        if nearest_mm >= others_mm {
+            // A little farther than what was nearest, so that the next motion finds it known.
+            let reach_mm = distance_mm.map_or(limit_mm, |d| limit_mm.min(2.0 * d + moved_mm));
+            *known = self.around(p, reach_mm);
+        }
+        let slot = known.nearest? as usize;
+        ((self.sites[slot] - p).norm_squared() <= limit_mm * limit_mm).then_some(slot)
+    }
+
+    /// What lies near a point within a distance. Of equally near ones the lowest index.
+    pub fn around(&self, p: &Point3<f64>, limit_mm: f64) -> Neighbourhood {
+        let mut nearest: Option<(usize, f64)> = None;
+        let mut second = limit_mm * limit_mm;
+        self.tree.walk(
+            second,
+            |b, limit| Some(distance2_mm2(b, p)).filter(|d| *d <= limit),
+            &mut |slots, _| {
+                for slot in slots {
+                    let d2 = (self.sites[slot] - p).norm_squared();
+                    if d2 > second {
+                        continue;
+                    }
+                    let order = self.order();
+                    let better = |(old, old_d2): (usize, f64)| {
+                        d2 < old_d2 || (d2 == old_d2 && order[slot] < order[old])
+                    };
+                    if nearest.is_none_or(better) {
+                        second = nearest.map_or(second, |(_, old_d2)| old_d2);
+                        nearest = Some((slot, d2));
+                    } else {
+                        second = d2;
+                    }
+                }
+                second
+            },
+        );
+        Neighbourhood { place: *p, nearest: nearest.map(|(slot, _)| slot as u32), others_mm: second.sqrt() }
     }
 
     /// Calls `visit` with the slot of each point within a distance.

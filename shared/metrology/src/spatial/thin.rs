@@ -24,6 +24,12 @@ pub fn thinned_cloud(points: &[Point], edge_mm: f64) -> Vec<Point> {
 
 /// Indices, ascending, of the first point in each cube of a grid with this edge, mm.
 pub(crate) fn thinned(points: &[Point3<f64>], edge_mm: f64) -> Vec<u32> {
+    let Some(grid) = Grid::new(points, edge_mm) else { return Vec::new() };
+    if let Some(cells) = grid.few_cells(points.len()) {
+        let mut held = vec![false; cells];
+        let first = |(p, _): &(&Point3<f64>, u32)| !std::mem::replace(&mut held[grid.place(p)], true);
+        return points.iter().zip(0..).filter(first).map(|(_, index)| index).collect();
+    }
     let keyed = by_cell(points, edge_mm);
     let mut kept: Vec<u32> =
         keyed.chunk_by(|a, b| a.0 == b.0).filter_map(|cell| Some(cell.first()?.1)).collect();
@@ -31,16 +37,51 @@ pub(crate) fn thinned(points: &[Point3<f64>], edge_mm: f64) -> Vec<u32> {
     kept
 }
 
+/// Cubes about points.
+struct Grid {
+    low: Point3<f64>,
+    edge_mm: f64,
+    /// Cubes along each axis.
+    size: [u64; 3],
+}
+
+impl Grid {
+    /// `None` without points. Absurdly small cells grow instead of running out of numbers.
+    fn new(points: &[Point3<f64>], edge_mm: f64) -> Option<Self> {
+        let low = points.iter().copied().reduce(|a, b| a.inf(&b))?;
+        let high = points.iter().fold(low, |high, p| high.sup(p));
+        let edge_mm = edge_mm.max((high - low).max() / CELLS_PER_AXIS).max(f64::MIN_POSITIVE);
+        let mut grid = Self { low, edge_mm, size: [1; 3] };
+        grid.size = grid.cell(&high).map(|last| last + 1);
+        Some(grid)
+    }
+
+    /// Numbers of a point's cube along the axes.
+    fn cell(&self, p: &Point3<f64>) -> [u64; 3] {
+        [0, 1, 2].map(|axis| ((p[axis] - self.low[axis]) / self.edge_mm).clamp(0.0, CELLS_PER_AXIS) as u64)
+    }
+
+    /// Number of all cubes, if they are no more than a few a point.
+    fn few_cells(&self, points: usize) -> Option<usize> {
+        let [x, y, z] = self.size.map(|n| n as usize);
+        let cells = x.checked_mul(y)?.checked_mul(z)?;
+        (cells <= 4 * points).then_some(cells)
+    }
+
+    /// Place of a point's cube among all.
+    fn place(&self, p: &Point3<f64>) -> usize {
+        let [i, j, k] = self.cell(p);
+        ((i * self.size[1] + j) * self.size[2] + k) as usize
+    }
+}
+
 /// Numbers of the cubes and of the points in them, both ascending.
 fn by_cell(points: &[Point3<f64>], edge_mm: f64) -> Vec<(u64, u32)> {
-    let Some(low) = points.iter().copied().reduce(|a, b| a.inf(&b)) else {
-        return Vec::new();
+    let Some(grid) = Grid::new(points, edge_mm) else { return Vec::new() };
+    let key = |p: &Point3<f64>| {
+        let [i, j, k] = grid.cell(p);
+        (i << 42) | (j << 21) | k
     };
-    let high = points.iter().fold(low, |high, p| high.sup(p));
-    // Absurdly small cells grow instead of running out of numbers.
-    let edge_mm = edge_mm.max((high - low).max() / CELLS_PER_AXIS).max(f64::MIN_POSITIVE);
-    let axis = |value: f64| (value / edge_mm).clamp(0.0, CELLS_PER_AXIS) as u64;
-    let key = |p: &Point3<f64>| (axis(p.x - low.x) << 42) | (axis(p.y - low.y) << 21) | axis(p.z - low.z);
     let mut keyed: Vec<(u64, u32)> = points.iter().map(key).zip(0..).collect();
     keyed.par_sort_unstable();
     keyed
@@ -85,6 +126,14 @@ mod tests {
     fn the_first_point_of_each_cell_stays() {
         let points = [[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [1.1, 0.0, 0.0], [0.9, 0.0, 0.0]].map(Point3::from);
         assert_eq!(thinned(&points, 1.0), [0, 2]);
+        let many: Vec<Point3<f64>> =
+            (0..600_u32).map(|i| Point3::new(f64::from(i * 7919 % 601), f64::from(i * 31 % 97), 0.0)).collect();
+        for edge_mm in [0.5, 3.0, 40.0, 1e3] {
+            let keyed = by_cell(&many, edge_mm);
+            let mut sorted: Vec<u32> = keyed.chunk_by(|a, b| a.0 == b.0).map(|cell| cell[0].1).collect();
+            sorted.sort_unstable();
+            assert_eq!(thinned(&many, edge_mm), sorted, "{edge_mm}");
+        }
         assert_eq!(thinned(&points, 1e-3), [0, 1, 2, 3]);
         assert_eq!(thinned(&[], 1.0), [0_u32; 0]);
         assert_eq!(thinned(&points, f64::MIN_POSITIVE), [0, 1, 2, 3]);
