@@ -4,7 +4,7 @@ use nalgebra::{SVector, Vector3};
 
 use super::FitError;
 use super::centred::tree;
-use super::normal::Normal;
+use super::normal::{LANES, Lanes, Normal};
 
 /// Most iterations. Good starts need five to ten; a cap of a few degrees some thirty.
 const MAX_ITERATIONS: usize = 200;
@@ -24,6 +24,10 @@ const SETTLED: f64 = 0.9;
 /// never get here, their residuals are small against their extent; a model that fits badly does.
 const TERMINAL_RESIDUAL: f64 = 1e-7;
 
+/// A sum of squares that grows by less than this part of itself has not grown: that is its rounding. Without it a step just above
+/// the terminal phase would pass for a bad one, and be damped for ever.
+const SUM_ROUNDING: f64 = 1e-14;
+
 /// How far an adjustment goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Until {
@@ -38,6 +42,8 @@ const NEAR_RESIDUAL: f64 = 1e-3;
 
 /// A surface or curve with P free parameters, given in a chart about its present state.
 pub(super) trait Model<const P: usize>: Clone + Sync {
+    /// Residuals of a point.
+    const ROWS: usize = 1;
     /// Signed distance of a point, mm.
     fn deviation(&self, point: &Vector3<f64>) -> f64;
     /// Residuals of a point with their derivatives by the chart's parameters; their squares are what is minimised.
@@ -48,17 +54,31 @@ pub(super) trait Model<const P: usize>: Clone + Sync {
 
 /// Normal equations of a model.
 pub(super) fn normal<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) -> Normal<P> {
-    tree(
-        points,
-        &|leaf| {
-            let mut sums = Normal::zero();
-            for point in leaf {
-                model.rows(point, &mut |residual, derivatives| sums.add(residual, derivatives));
-            }
-            sums
-        },
-        &|a: Normal<P>, b: Normal<P>| a.join(&b),
-    )
+    tree(points, &|leaf| leaf_sums(model, leaf), &|a: Normal<P>, b: Normal<P>| a.join(&b))
+}
+
+/// Normal equations of few points; those of models with one residual a point in lanes.
+fn leaf_sums<M: Model<P>, const P: usize>(model: &M, leaf: &[Vector3<f64>]) -> Normal<P> {
+    let (groups, rest) = if M::ROWS == 1 { leaf.as_chunks::<LANES>() } else { (&[][..], leaf) };
+    let mut lanes = Lanes::zero();
+    for group in groups {
+        let mut residuals = [0.0; LANES];
+        let mut derivatives = [[0.0; LANES]; P];
+        for (lane, point) in group.iter().enumerate() {
+            model.rows(point, &mut |residual, row| {
+                residuals[lane] = residual;
+                for (all, derivative) in derivatives.iter_mut().zip(row) {
+                    all[lane] = *derivative;
+                }
+            });
+        }
+        lanes.add(&residuals, &derivatives);
+    }
+    let mut sums = lanes.joined();
+    for point in rest {
+        model.rows(point, &mut |residual, derivatives| sums.add(residual, derivatives));
+    }
+    sums
 }
 
 /// Where the adjustment ended.
@@ -108,7 +128,7 @@ pub(super) fn adjust<M: Model<P>, const P: usize>(
             if settled {
                 return Ok(state);
             }
-        } else if next.normal.sum <= state.normal.sum {
+        } else if next.normal.sum <= state.normal.sum * (1.0 + SUM_ROUNDING) {
             last_mm = moved_mm;
             state = next;
             damping = if damping < 1e-6 { 0.0 } else { damping * 0.1 };
@@ -167,6 +187,53 @@ pub(super) mod tests {
                     assert!(error < 1e-7, "parameter {k}, row {row}: {} for {numeric}", derivatives[k]);
                 }
             }
+        }
+    }
+
+    /// A vertical line: each point has two residuals.
+    #[derive(Clone)]
+    struct Upright(Vector3<f64>);
+
+    impl Model<2> for Upright {
+        const ROWS: usize = 2;
+
+        fn deviation(&self, point: &Vector3<f64>) -> f64 {
+            (point - self.0).xy().norm()
+        }
+
+        fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 2>)) {
+            add(point.x - self.0.x, &SVector::from([-1.0, 0.0]));
+            add(point.y - self.0.y, &SVector::from([0.0, -1.0]));
+        }
+
+        fn moved(&self, step: &SVector<f64, 2>) -> Self {
+            Self(self.0 + Vector3::new(step[0], step[1], 0.0))
+        }
+    }
+
+    /// Sums in lanes are those of one row after another, for any number of points.
+    fn lanes_agree<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) {
+        let mut single = Normal::<P>::zero();
+        for point in points {
+            model.rows(point, &mut |residual, derivatives| single.add(residual, derivatives));
+        }
+        let lanes = leaf_sums(model, points);
+        let rounding = 1e-13 * (1.0 + single.sum);
+        assert_eq!(lanes.rows, single.rows);
+        assert!((lanes.sum - single.sum).abs() <= rounding);
+        assert!((lanes.gradient - single.gradient).amax() <= rounding);
+        assert!((lanes.symmetric() - single.symmetric()).amax() <= rounding);
+    }
+
+    #[test]
+    fn lanes_sum_what_single_rows_do() {
+        use crate::fit::sphere::FreeSphere;
+        let point = |i: usize| Vector3::new((i % 3) as f64 - 1.1, (i % 5) as f64 - 2.3, 0.7 * i as f64 - 4.0);
+        let points: Vec<Vector3<f64>> = (0..23).map(point).collect();
+        let center = Vector3::new(0.2, -0.3, 0.5);
+        for count in 0..points.len() {
+            lanes_agree(&FreeSphere { center, radius: 2.0 }, &points[..count]);
+            lanes_agree(&Upright(center), &points[..count]);
         }
     }
 }

@@ -37,9 +37,9 @@ impl Centred {
                 return Err(FitError::Coordinate { element, index, value });
             }
         }
-        let vectors: Vec<Vector3<f64>> = points.iter().map(|p| p.coords).collect();
-        let centroid = mean(&vectors);
-        Ok(Self { centroid, points: vectors.iter().map(|p| p - centroid).collect() })
+        let sum: Vector3<f64> = tree(points, &|leaf| leaf.iter().map(|p| p.coords).sum(), &|a, b| a + b);
+        let centroid = sum / points.len().max(1) as f64;
+        Ok(Self { centroid, points: points.iter().map(|p| p.coords - centroid).collect() })
     }
 }
 

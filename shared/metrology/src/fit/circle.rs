@@ -76,6 +76,8 @@ pub(super) struct Circle {
 }
 
 impl Model<6> for Circle {
+    const ROWS: usize = 2;
+
     fn deviation(&self, point: &Vector3<f64>) -> f64 {
         let arm = point - self.center;
         let height = arm.dot(&self.normal);

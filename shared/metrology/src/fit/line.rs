@@ -69,6 +69,8 @@ pub fn line(points: &[Point3<f64>], settings: &FitSettings) -> Result<LineFit, F
 struct Line(Axis);
 
 impl Model<4> for Line {
+    const ROWS: usize = 2;
+
     fn deviation(&self, point: &Vector3<f64>) -> f64 {
         self.0.see(point).radius
     }

@@ -72,6 +72,57 @@ impl<const P: usize> Normal<P> {
     }
 }
 
+/// Rows that are summed side by side: the processor then takes several at a time. The order of the sums is fixed by this number.
+pub(crate) const LANES: usize = 4;
+
+/// The sums of [`Normal`] for rows in lanes.
+pub(crate) struct Lanes<const P: usize> {
+    matrix: [[[f64; LANES]; P]; P],
+    gradient: [[f64; LANES]; P],
+    sum: [f64; LANES],
+    rows: usize,
+}
+
+impl<const P: usize> Lanes<P> {
+    /// Sums over no rows.
+    pub fn zero() -> Self {
+        let none = [0.0; LANES];
+        Self { matrix: [[none; P]; P], gradient: [none; P], sum: none, rows: 0 }
+    }
+
+    /// Adds a residual with its derivatives in each lane.
+    #[inline]
+    pub fn add(&mut self, residual: &[f64; LANES], derivatives: &[[f64; LANES]; P]) {
+        for column in 0..P {
+            for row in 0..=column {
+                products(&mut self.matrix[column][row], &derivatives[row], &derivatives[column]);
+            }
+            products(&mut self.gradient[column], &derivatives[column], residual);
+        }
+        products(&mut self.sum, residual, residual);
+        self.rows += LANES;
+    }
+
+    /// The sums of all lanes.
+    pub fn joined(&self) -> Normal<P> {
+        let all = |lanes: &[f64; LANES]| (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
+        Normal {
+            matrix: SMatrix::from_fn(|r, c| if r <= c { all(&self.matrix[c][r]) } else { 0.0 }),
+            gradient: SVector::from_fn(|r, _| all(&self.gradient[r])),
+            sum: all(&self.sum),
+            rows: self.rows,
+        }
+    }
+}
+
+/// Adds the products of two rows of lanes.
+#[inline]
+fn products(sums: &mut [f64; LANES], a: &[f64; LANES], b: &[f64; LANES]) {
+    for lane in 0..LANES {
+        sums[lane] += a[lane] * b[lane];
+    }
+}
+
 type Factor<const P: usize> = Cholesky<f64, nalgebra::Const<P>>;
 
 /// Cholesky factor of a symmetric matrix scaled to unit diagonal, and the scale.

@@ -1,6 +1,7 @@
 //! From points to a fitted model: check, centre, start, adjust, reject, covariance.
 
 use nalgebra::{Point3, SMatrix, Vector3};
+use std::borrow::Cow;
 
 use super::adjust::{Adjusted, Model, Until, adjust};
 use super::centred::Centred;
@@ -51,7 +52,7 @@ pub(super) fn solve<M: Model<P>, const P: usize>(
     let mut until = if rejected > 0 { Until::Near } else { Until::Settled };
     let mut adjusted = adjust(element, start(&centred.points)?, &centred.points, until)?;
     let mut used = vec![true; points.len()];
-    let mut chosen = centred.points.clone();
+    let mut chosen = Cow::Borrowed(&centred.points[..]);
     // Which points go hardly changes with the last digits of the model: they are sought when the same ones go again.
     let rounds = if rejected > 0 { MAX_REJECT_ROUNDS } else { 0 };
     for _ in 0..rounds {
@@ -62,7 +63,7 @@ pub(super) fn solve<M: Model<P>, const P: usize>(
             }
             until = Until::Settled;
         } else {
-            chosen = marked(&centred.points, &next);
+            chosen = Cow::Owned(marked(&centred.points, &next));
             used = next;
         }
         adjusted = adjust(element, adjusted.model, &chosen, until)?;

@@ -221,7 +221,8 @@ impl Model<3> for FixedSphere {
 /// Length and direction; a vector without length has the direction zero, so that it pulls nowhere.
 pub(super) fn polar(vector: &Vector3<f64>) -> (f64, Vector3<f64>) {
     let length = vector.norm();
-    if length > 0.0 { (length, vector / length) } else { (0.0, Vector3::zeros()) }
+    let inverse = if length > 0.0 { 1.0 / length } else { 0.0 };
+    (length, vector * inverse)
 }
 
 /// The least-squares sphere as a start for others.

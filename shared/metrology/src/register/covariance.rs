@@ -30,8 +30,7 @@ pub(super) fn covariance(last: &Refined) -> Stated {
     let derivatives: Vec<Motion> = used
         .par_iter()
         .map(|p| {
-            let all =
-                Equations::derivatives(&equations.centre, equations.arm_mm, &p.place, &p.normal);
+            let all = Equations::derivatives(&equations.centre, equations.arm_mm, &p.place, &p.normal);
             let mut kept = Motion::zeros();
             principal.determined().for_each(|i| kept[i] = principal.vectors.column(i).dot(&all));
             kept

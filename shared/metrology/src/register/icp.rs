@@ -168,14 +168,11 @@ fn equations(pairs: &[Pair], limit_mm: f64) -> Equations {
     let parts: Vec<(Vector3<f64>, usize)> = pairs
         .par_chunks(CHUNK)
         .map(|part| {
-            part.iter()
-                .filter(used)
-                .fold((Vector3::zeros(), 0), |(sum, n), p| (sum + p.place.coords, n + 1))
+            part.iter().filter(used).fold((Vector3::zeros(), 0), |(sum, n), p| (sum + p.place.coords, n + 1))
         })
         .collect();
     let count: usize = parts.iter().map(|p| p.1).sum();
-    let centre =
-        Point3::from(parts.iter().map(|p| p.0).sum::<Vector3<f64>>() / count.max(1) as f64);
+    let centre = Point3::from(parts.iter().map(|p| p.0).sum::<Vector3<f64>>() / count.max(1) as f64);
     let squares: Vec<f64> = pairs
         .par_chunks(CHUNK)
         .map(|part| part.iter().filter(used).map(|p| (p.place - centre).norm_squared()).sum())

@@ -245,6 +245,25 @@ mod tests {
         }
     }
 
+    proptest! {
+        /// What is known of earlier places never changes what is found, however far a place moves and the limit changes.
+        #[test]
+        fn what_is_known_changes_nothing(
+            points in prop::collection::vec(place(), 0..120),
+            first in place(),
+            motions in prop::collection::vec((place(), 0_u32..7, 0.0_f64..5.0), 1..12),
+        ) {
+            let tree = PointTree::new(&points);
+            let mut known = Neighbourhood::unknown();
+            let mut query = first;
+            for (motion, exponent, limit) in motions {
+                query += motion.coords * 0.1_f64.powi(exponent as i32);
+                let found = tree.nearest_again(&query, limit, &mut known);
+                prop_assert_eq!(found, tree.nearest(&query, limit).map(|(slot, _)| slot));
+            }
+        }
+    }
+
     #[test]
     fn the_spacing_of_a_square_lattice_is_its_pitch() {
         let lattice: Vec<Point3<f64>> = (0..10_000)

@@ -126,8 +126,9 @@ mod tests {
     fn the_first_point_of_each_cell_stays() {
         let points = [[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [1.1, 0.0, 0.0], [0.9, 0.0, 0.0]].map(Point3::from);
         assert_eq!(thinned(&points, 1.0), [0, 2]);
-        let many: Vec<Point3<f64>> =
-            (0..600_u32).map(|i| Point3::new(f64::from(i * 7919 % 601), f64::from(i * 31 % 97), 0.0)).collect();
+        let many: Vec<Point3<f64>> = (0..600_u32)
+            .map(|i| Point3::new(f64::from(i * 7919 % 601), f64::from(i * 31 % 97), 0.0))
+            .collect();
         for edge_mm in [0.5, 3.0, 40.0, 1e3] {
             let keyed = by_cell(&many, edge_mm);
             let mut sorted: Vec<u32> = keyed.chunk_by(|a, b| a.0 == b.0).map(|cell| cell[0].1).collect();
