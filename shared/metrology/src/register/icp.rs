@@ -56,7 +56,7 @@ pub(super) struct Pair {
     pub place: Point3<f64>,
     /// Normal of its match.
     pub normal: Vector3<f64>,
-    /// Along that normal.
+    /// Distance along that normal, mm.
     pub distance_mm: f64,
 }
 

@@ -32,7 +32,7 @@ pub(crate) struct Neighbourhood {
 }
 
 impl Neighbourhood {
-    /// Nothing is known.
+    /// Nothing is known of any place.
     pub fn unknown() -> Self {
         Self { place: Point3::origin(), nearest: None, others_mm: 0.0 }
     }

@@ -37,7 +37,7 @@ pub(crate) fn thinned(points: &[Point3<f64>], edge_mm: f64) -> Vec<u32> {
     kept
 }
 
-/// Cubes about points.
+/// Cubes of one edge about points.
 struct Grid {
     low: Point3<f64>,
     edge_mm: f64,
