@@ -132,7 +132,7 @@ impl Slow {
 }
 
 #[test]
-#[ignore = "is the program between both ends of a cable: the tests of namespaces start it"]
+#[ignore = "is the program between both ends of a cable, which other tests start: cargo test --features hosts --test main namespaces -- --ignored"]
 fn relay() {
     let Ok(words) = std::env::var(RELAY) else { return };
     let words: Vec<&str> = words.split(' ').collect();

@@ -37,16 +37,15 @@ impl Centred {
                 return Err(FitError::Coordinate { element, index, value });
             }
         }
-        let sum: Vector3<f64> = tree(points, &|leaf| leaf.iter().map(|p| p.coords).sum(), &|a, b| a + b);
-        let centroid = sum / points.len().max(1) as f64;
+        let centroid = mean(points, |p| p.coords);
         Ok(Self { centroid, points: points.iter().map(|p| p.coords - centroid).collect() })
     }
 }
 
-/// Mean of vectors; zero of none.
-pub(super) fn mean(vectors: &[Vector3<f64>]) -> Vector3<f64> {
-    tree(vectors, &|leaf| leaf.iter().sum(), &|a: Vector3<f64>, b: Vector3<f64>| a + b)
-        / vectors.len().max(1) as f64
+/// Mean of the places of items, mm; zero of none.
+pub(super) fn mean<T: Sync>(items: &[T], place: impl Fn(&T) -> Vector3<f64> + Sync) -> Vector3<f64> {
+    let sum: Vector3<f64> = tree(items, &|leaf| leaf.iter().map(&place).sum(), &|a, b| a + b);
+    sum / items.len().max(1) as f64
 }
 
 /// Reduces a slice over a fixed binary tree: the order of sums depends on the length alone, and the rounding error

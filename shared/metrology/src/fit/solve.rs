@@ -89,7 +89,7 @@ fn finish<M: Model<P>, const P: usize>(
     let residuals = Residuals { deviation_mm, used };
     Ok(Solution {
         form: residuals.form(),
-        used_centroid: super::centred::mean(chosen),
+        used_centroid: super::centred::mean(chosen, |p| *p),
         centroid: centred.centroid,
         model: adjusted.model,
         covariance,

@@ -138,22 +138,17 @@ impl Matches {
     /// Matches all points; those beside the reference or beyond the reach have no pair.
     fn renew(&mut self, level: &Level<'_>, pose: &Pose, reach_mm: f64) {
         let known = self.known.par_chunks_mut(CHUNK);
-        let _done: () = level
-            .points
-            .par_chunks(CHUNK)
-            .zip(known)
-            .zip(&mut self.parts)
-            .map(|((points, known), pairs)| {
-                let pair = |(point, known): (&Point3<f64>, &mut Neighbourhood)| {
-                    let place = Point3::from(pose.point(&point.coords));
-                    let found = level.reference.closest(&place, reach_mm, known)?;
-                    let Match { normal, distance_mm, beyond_edge } = found;
-                    (!beyond_edge).then_some(Pair { place, normal, distance_mm })
-                };
-                pairs.clear();
-                pairs.extend(points.iter().zip(known).filter_map(pair));
-            })
-            .collect();
+        let parts = level.points.par_chunks(CHUNK).zip(known).zip(&mut self.parts);
+        parts.for_each(|((points, known), pairs)| {
+            let pair = |(point, known): (&Point3<f64>, &mut Neighbourhood)| {
+                let place = Point3::from(pose.point(&point.coords));
+                let found = level.reference.closest(&place, reach_mm, known)?;
+                let Match { normal, distance_mm, beyond_edge } = found;
+                (!beyond_edge).then_some(Pair { place, normal, distance_mm })
+            };
+            pairs.clear();
+            pairs.extend(points.iter().zip(known).filter_map(pair));
+        });
         self.pairs.clear();
         for part in &self.parts {
             self.pairs.extend_from_slice(part);

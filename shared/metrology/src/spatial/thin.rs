@@ -16,8 +16,8 @@ pub fn thinned_cloud(points: &[Point], edge_mm: f64) -> Vec<Point> {
         let sigma = |index: u32| points[index as usize].sigma_mm;
         cell.iter().map(|(_, index)| *index).min_by(|a, b| sigma(*a).total_cmp(&sigma(*b)).then(a.cmp(b)))
     };
-    let mut kept: Vec<u32> =
-        by_cell(&positions, edge_mm).chunk_by(|a, b| a.0 == b.0).filter_map(best).collect();
+    let Some(grid) = Grid::new(&positions, edge_mm) else { return Vec::new() };
+    let mut kept: Vec<u32> = grid.by_cell(&positions).chunk_by(|a, b| a.0 == b.0).filter_map(best).collect();
     kept.sort_unstable();
     kept.into_iter().map(|index| points[index as usize]).collect()
 }
@@ -30,7 +30,7 @@ pub(crate) fn thinned(points: &[Point3<f64>], edge_mm: f64) -> Vec<u32> {
         let first = |(p, _): &(&Point3<f64>, u32)| !std::mem::replace(&mut held[grid.place(p)], true);
         return points.iter().zip(0..).filter(first).map(|(_, index)| index).collect();
     }
-    let keyed = by_cell(points, edge_mm);
+    let keyed = grid.by_cell(points);
     let mut kept: Vec<u32> =
         keyed.chunk_by(|a, b| a.0 == b.0).filter_map(|cell| Some(cell.first()?.1)).collect();
     kept.sort_unstable();
@@ -73,18 +73,17 @@ impl Grid {
         let [i, j, k] = self.cell(p);
         ((i * self.size[1] + j) * self.size[2] + k) as usize
     }
-}
 
-/// Numbers of the cubes and of the points in them, both ascending.
-fn by_cell(points: &[Point3<f64>], edge_mm: f64) -> Vec<(u64, u32)> {
-    let Some(grid) = Grid::new(points, edge_mm) else { return Vec::new() };
-    let key = |p: &Point3<f64>| {
-        let [i, j, k] = grid.cell(p);
-        (i << 42) | (j << 21) | k
-    };
-    let mut keyed: Vec<(u64, u32)> = points.iter().map(key).zip(0..).collect();
-    keyed.par_sort_unstable();
-    keyed
+    /// Numbers of the cubes and of the points in them, both ascending.
+    fn by_cell(&self, points: &[Point3<f64>]) -> Vec<(u64, u32)> {
+        let key = |p: &Point3<f64>| {
+            let [i, j, k] = self.cell(p);
+            (i << 42) | (j << 21) | k
+        };
+        let mut keyed: Vec<(u64, u32)> = points.iter().map(key).zip(0..).collect();
+        keyed.par_sort_unstable();
+        keyed
+    }
 }
 
 /// Indices of about `wanted` points: one of each cell of a grid whose edge is found by trial.
@@ -127,10 +126,15 @@ mod tests {
         let points = [[0.1, 0.0, 0.0], [0.2, 0.0, 0.0], [1.1, 0.0, 0.0], [0.9, 0.0, 0.0]].map(Point3::from);
         assert_eq!(thinned(&points, 1.0), [0, 2]);
         let many: Vec<Point3<f64>> = (0..600_u32)
-            .map(|i| Point3::new(f64::from(i * 7919 % 601), f64::from(i * 31 % 97), 0.0))
+            .map(|i| Point3::new(f64::from(i * 7919 % 601), f64::from(i * 31 % 97), f64::from(i % 50)))
             .collect();
-        for edge_mm in [0.5, 3.0, 40.0, 1e3] {
-            let keyed = by_cell(&many, edge_mm);
+        // Few cubes are counted, many sorted: both are met.
+        for (edge_mm, few) in
+            [(0.5, false), (3.0, false), (12.0, true), (20.0, true), (40.0, true), (1e3, true)]
+        {
+            let grid = Grid::new(&many, edge_mm).unwrap();
+            assert_eq!(grid.few_cells(many.len()).is_some(), few, "{edge_mm}");
+            let keyed = grid.by_cell(&many);
             let mut sorted: Vec<u32> = keyed.chunk_by(|a, b| a.0 == b.0).map(|cell| cell[0].1).collect();
             sorted.sort_unstable();
             assert_eq!(thinned(&many, edge_mm), sorted, "{edge_mm}");
