@@ -30,6 +30,9 @@ pub(super) mod error {
 /// Longest wait of `SelectModeAutomatic` for stages that start.
 const AUTOMATIC_PATIENCE: Duration = Duration::from_secs(5);
 
+/// Longest wait of a method until the nodes show what it did.
+const SHOWN_PATIENCE: Duration = Duration::from_secs(2);
+
 /// Part of a job whose client named none.
 const UNNAMED: &str = "unnamed";
 
@@ -176,9 +179,13 @@ impl Methods {
                     part: given,
                     product: product.id.as_ref().to_owned(),
                 };
-                let mut vision = self.vision.lock();
-                vision.name_job(job, names);
-                Ok(vec![structure(vision.job_id(job)), 0.into()])
+                let id = {
+                    let mut vision = self.vision.lock();
+                    vision.name_job(job, names);
+                    vision.job_id(job)
+                };
+                self.catch_up().await;
+                Ok(vec![structure(id), 0.into()])
             }
             Ok(_) => failed(error::REFUSED),
             Err(error) => failed(error),
@@ -191,10 +198,8 @@ impl Methods {
         read.check()?;
         self.permit(method)?;
         tracing::info!(cause, description, "{method}");
-        let error = match self.change(method, &request).await? {
-            Ok(_) => 0,
-            Err(error) => error,
-        };
+        let error = self.change(method, &request).await?.err().unwrap_or(0);
+        self.catch_up().await;
         Ok(vec![error.into()])
     }
 
@@ -251,7 +256,23 @@ impl Methods {
         } else {
             ("UnprepareRecipe", Request::Unprepare { recipe })
         };
-        Ok(self.change(method, &request).await?.err().unwrap_or(0))
+        let error = self.change(method, &request).await?.err().unwrap_or(0);
+        self.catch_up().await;
+        Ok(error)
+    }
+
+    /// Waits until the nodes show all that the cell has done so far: who asks after a method sees what it did.
+    async fn catch_up(&self) {
+        let news = self.vision.lock().news(false);
+        let Ok(Answer::Watched(now)) = self.ask(&news).await else { return };
+        let shown = async {
+            while !self.vision.lock().shows(&now.run, now.newest) {
+                tokio::time::sleep(Duration::from_millis(1)).await;
+            }
+        };
+        if tokio::time::timeout(SHOWN_PATIENCE, shown).await.is_err() {
+            tracing::warn!("change {} of the cell is not shown yet", now.newest);
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use super::machine::{Position, Transition, Transitions, state};
 use super::names::{self, Identity, JobNames, external_recipe, internal_recipe, named, structure};
 use super::results::Results;
 use super::types::JobId;
-use crate::supervisor::protocol::{Change, StateReport, What};
+use crate::supervisor::protocol::{Change, Request, StateReport, What};
 use files::result::CycleResult;
 use opcua::nodes::BaseEventType;
 use opcua::types::{DateTime, LocalizedText, NodeId, Variant};
@@ -34,6 +34,8 @@ pub struct Vision {
     pub run: String,
     /// Number of the last change that was applied.
     pub known: u64,
+    /// Number of the last change that the nodes show.
+    pub shown: u64,
     /// Changes up to this one make no events: a gateway before this one has delivered them.
     pub mark: u64,
     /// Whether the cell answers.
@@ -59,6 +61,7 @@ impl Vision {
             transitions,
             run: String::new(),
             known: 0,
+            shown: 0,
             mark: 0,
             connected: false,
             report: None,
@@ -73,13 +76,23 @@ impl Vision {
     /// Begins with another run of the cell.
     pub fn begin(&mut self, run: &str, mark: u64) {
         run.clone_into(&mut self.run);
-        (self.known, self.mark) = (0, mark);
+        (self.known, self.shown, self.mark) = (0, 0, mark);
         self.position = None;
         self.cause = None;
         self.jobs.clear();
         self.results = Results::default();
         self.report = None;
         self.deliveries.begin_run();
+    }
+
+    /// Whether the nodes show a change of a run.
+    pub fn shows(&self, run: &str, change: u64) -> bool {
+        self.run == run && self.shown >= change
+    }
+
+    /// The request for what is not yet known.
+    pub fn news(&self, wait: bool) -> Request {
+        Request::Watch { run: Some(self.run.clone()), after: self.known, wait }
     }
 
     /// State, job and recipes; `None` while the cell cannot be reached.

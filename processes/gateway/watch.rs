@@ -5,7 +5,7 @@ use super::mark::{Mark, MarkFile};
 use super::server::Manager;
 use super::shown::Shown;
 use super::vision::Vision;
-use crate::supervisor::protocol::{Answer, Request, Watched};
+use crate::supervisor::protocol::{Answer, Watched};
 use anyhow::{Result, bail};
 use ipc::cell::CellName;
 use ipc::os;
@@ -53,14 +53,13 @@ async fn follow_once(
 ) -> Result<()> {
     let mut link = Link::open(socket).await?;
     loop {
-        let request = {
-            let vision = manager.inner().methods.vision.lock();
-            Request::Watch { run: Some(vision.run.clone()), after: vision.known }
-        };
+        let request = manager.inner().methods.vision.lock().news(true);
         match link.ask(&request).await? {
             Answer::Watched(watched) => {
                 apply(&mut manager.inner().methods.vision.lock(), marks, *watched);
                 shown.update(handle, manager);
+                let mut vision = manager.inner().methods.vision.lock();
+                vision.shown = vision.known;
             }
             other => bail!("{other:?}"),
         }

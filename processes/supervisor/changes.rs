@@ -76,11 +76,18 @@ impl Changes {
         }
     }
 
-    /// Answers what came after a change of a run, now or at an update.
-    pub(super) fn watch(&mut self, run: Option<&str>, after: u64, now_ns: u64, reply: Sender<Answer>) {
+    /// Answers what came after a change of a run at the next update, or at a later one if it may wait since a time.
+    pub(super) fn watch(
+        &mut self,
+        run: Option<&str>,
+        after: u64,
+        since_ns: Option<u64>,
+        reply: Sender<Answer>,
+    ) {
         // Numbers of another run mean nothing here.
         let after = if run == Some(&self.run) { after.min(self.newest) } else { 0 };
-        self.watchers.push(Watcher { after, until_ns: now_ns.saturating_add(PATIENCE_NS), reply });
+        let until_ns = since_ns.map_or(0, |since| since.saturating_add(PATIENCE_NS));
+        self.watchers.push(Watcher { after, until_ns, reply });
     }
 
     /// Answers those for whom there is something, and those who have waited long enough.
@@ -124,7 +131,7 @@ mod tests {
 
     fn watch(changes: &mut Changes, run: Option<&str>, after: u64) -> Receiver<Answer> {
         let (reply, answer) = bounded(1);
-        changes.watch(run, after, 0, reply);
+        changes.watch(run, after, Some(0), reply);
         answer
     }
 
@@ -167,6 +174,25 @@ mod tests {
         assert_eq!(numbers(&answer), None);
         changes.update(PATIENCE_NS);
         assert_eq!(numbers(&answer), Some((1, vec![])));
+    }
+
+    /// Proves: who does not wait learns of a state that was reported after the request and before the update.
+    #[test]
+    fn who_does_not_wait_is_answered_at_the_next_update() {
+        let mut changes = with_results(1);
+        let run = changes.run.clone();
+        let ask = |changes: &mut Changes| {
+            let (reply, answer) = bounded(1);
+            changes.watch(Some(&run), 1, None, reply);
+            answer
+        };
+        let answer = ask(&mut changes);
+        changes.update(1);
+        assert_eq!(numbers(&answer), Some((1, vec![])));
+        let answer = ask(&mut changes);
+        changes.result(2, CycleResult::default());
+        changes.update(1);
+        assert_eq!(numbers(&answer), Some((1, vec![2])));
     }
 
     #[test]

@@ -56,6 +56,9 @@ pub enum Request {
         /// Number of the last change that is known.
         #[serde(default)]
         after: u64,
+        /// Whether to wait for something to happen; `false`: the answer comes at once and may have no changes.
+        #[serde(default = "waits")]
+        wait: bool,
     },
     /// End the continuous job after the current cycle.
     Finish {},
@@ -75,6 +78,11 @@ pub enum Request {
         /// Name of the recipe.
         recipe: String,
     },
+}
+
+/// Who watches waits, unless the request says otherwise.
+const fn waits() -> bool {
+    true
 }
 
 /// An answer of a cell.

@@ -99,8 +99,8 @@ impl Supervisor<'_> {
                 let action = self.jobs.inspect(part, recipe.as_deref(), &reply);
                 return self.apply(action, each);
             }
-            Request::Watch { run, after } => {
-                self.changes.watch(run.as_deref(), after, now_ns(), reply);
+            Request::Watch { run, after, wait } => {
+                self.changes.watch(run.as_deref(), after, wait.then(now_ns), reply);
                 return Ok(());
             }
             Request::Begin { part, recipe } => self.jobs.begin(part, recipe.as_deref()),

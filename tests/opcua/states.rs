@@ -237,6 +237,19 @@ fn recipes_are_prepared_and_unprepared() {
     assert_eq!(outputs[1], 0);
     assert_eq!(listed(&mut client, 1), [MARKUP]);
     assert_eq!(listed(&mut client, 0), ["pass"]);
+    // A list, a node and a state that are asked for at once show what the method has done.
+    let shown = |client: &mut Client, name: &str| client.ask("read", &value!({"path": name}))["value"].take();
+    for _ in 0..20 {
+        let (_, outputs) = client.call(management, "UnprepareRecipe", &value!([null, internal(MARKUP)]));
+        assert_eq!((&outputs[1], listed(&mut client, 1).len()), (&0.into(), 0));
+        assert_eq!(
+            shown(&mut client, "VisionStateMachine/AutomaticModeStateMachine/CurrentState"),
+            "Initialized"
+        );
+        let (_, outputs) = client.call(management, "PrepareRecipe", &value!([null, internal(MARKUP)]));
+        assert_eq!((&outputs[2], listed(&mut client, 1)), (&0.into(), vec![MARKUP.to_owned()]));
+        assert_eq!(shown(&mut client, &format!("{management}/Recipes/1/IsPrepared")), true);
+    }
     let (_, outputs) =
         client.call(management, "PrepareRecipe", &value!([external("pass"), internal(MARKUP)]));
     assert_eq!(outputs[2], 2, "two names for one recipe");
