@@ -5,6 +5,7 @@ use super::lattice::{Lattice, Place, bounds_of};
 use super::raster::Raster;
 use fringe::math::statistics::median;
 use nalgebra::{Point2, Vector2};
+use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A corner may be this far from the place predicted by its neighbours, as a fraction of the pitch: perspective and lens stay below a
@@ -55,13 +56,10 @@ impl Lattice for Starts {
 
 /// Fits all corners of a grid and grows it as far as corners go, at most `most` rows or columns.
 pub(crate) fn board(view: &View, starts: &Starts, most: i32) -> Board {
-    let mut board = Board::new();
-    for (place, pixel) in &starts.0 {
-        let Some(along) = starts.steps(*place) else { continue };
-        if let Some(corner) = fitted(view, *place, *pixel, along, None) {
-            board.insert(*place, corner);
-        }
-    }
+    let corner = |(place, pixel): (&Place, &Point2<f64>)| {
+        Some((*place, fitted(view, *place, *pixel, starts.steps(*place)?, None)?))
+    };
+    let mut board: Board = starts.0.par_iter().filter_map(corner).collect();
     drop_strays(&mut board);
     grow(view, &mut board, most);
     drop_strays(&mut board);
@@ -188,21 +186,11 @@ fn drop_strays(board: &mut Board) {
 /// Fits all corners again with the curvature of the board's lines through them, which the lens gives to straight edges:
 /// within the window an edge bent by κ moves by κ·reach²/6.
 fn straighten(view: &View, board: &mut Board) {
-    let places: Vec<Place> = board.keys().copied().collect();
-    let refitted: Vec<(Place, Option<Corner>)> = places
-        .iter()
-        .map(|place| {
-            let corner = board.get(place).zip(board.steps(*place)).and_then(|(corner, along)| {
-                let curvature = [0, 1].map(|axis| board.mean_curvature(*place, axis));
-                fitted(view, *place, corner.pixel, along, Some((corner, curvature)))
-            });
-            (*place, corner)
-        })
-        .collect();
-    for (place, corner) in refitted {
-        match corner {
-            Some(corner) => board.insert(place, corner),
-            None => board.remove(&place),
-        };
-    }
+    let refitted = |(place, corner): (&Place, &Corner)| {
+        let curvature = [0, 1].map(|axis| board.mean_curvature(*place, axis));
+        let along = board.steps(*place)?;
+        Some((*place, fitted(view, *place, corner.pixel, along, Some((corner, curvature)))?))
+    };
+    let straight: Board = board.par_iter().filter_map(refitted).collect();
+    *board = straight;
 }

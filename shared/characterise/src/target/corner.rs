@@ -7,16 +7,21 @@
 //! for others it errs symmetrically about the corner, which leaves the corner's position alone.
 
 use super::edge_blur::{BlurredEdge, blurred_edges};
+use super::normal::{Model, Pixels, Range, Sample, normal};
 use super::profile::Profile;
 use super::raster::Raster;
-use super::solve::{Ending, Model, Range, SETTLED_SIGMAS, Sample, fit};
+use super::solve::{Ending, SETTLED_SIGMAS, fit};
+use fearless_simd::f64x8;
+use fearless_simd::prelude::*;
 use fringe::math::{atan2, sincos};
 use nalgebra::{Matrix2, Point2, SVector, Vector2};
 
 /// cx, cy, θ₁, θ₂, σ₁, σ₂, m, gx, gy, A, hx, hy.
 const PARAMETERS: usize = 12;
 /// Where a first fit ends, in standard deviations: a second one follows.
-const ROUGHLY_SIGMAS: f64 = 0.3;
+const ROUGHLY_SIGMAS: f64 = 1.0;
+/// With more pixels than this a first fit takes half of them.
+const ENOUGH: usize = 200;
 /// The blur of the optics starts here, px.
 const START_BLUR_PX: f64 = 1.0;
 /// A pixel's own width blurs an edge by 0.29 px, and some optics follow; an edge that was sharpened is fitted with this
@@ -93,29 +98,32 @@ struct Edge {
     profile: &'static Profile,
     sin: f64,
     cos: f64,
-    /// 1/σ, and whether σ is held at its least value.
+    /// 1/σ.
     sharpness: f64,
-    held: bool,
+    /// 1, or 0 where σ is held at its least value.
+    free: f64,
     half_curvature: f64,
 }
 
 impl Edge {
     /// σ²·∂P/∂n of the derivatives that [`Self::at`] gives, along x and y.
-    fn blurred_slope(&self, derivatives: &[f64; 4]) -> [f64; 2] {
-        let variance = 1.0 / (self.sharpness * self.sharpness);
-        [-derivatives[0] * variance, -derivatives[1] * variance]
+    #[inline(always)]
+    fn blurred_slope<S: Simd>(&self, derivatives: &[f64x8<S>; 4]) -> [f64x8<S>; 2] {
+        let variance = -1.0 / (self.sharpness * self.sharpness);
+        [derivatives[0] * variance, derivatives[1] * variance]
     }
 
     /// P at a point relative to the corner, and its derivatives by cx, cy, θ, σ.
-    fn at(&self, dx: f64, dy: f64) -> (f64, [f64; 4]) {
+    #[inline(always)]
+    fn at<S: Simd>(&self, dx: f64x8<S>, dy: f64x8<S>) -> (f64x8<S>, [f64x8<S>; 4]) {
         let t = self.cos * dx + self.sin * dy;
-        let s = self.cos * dy - self.sin * dx - self.half_curvature * t * t;
+        let s = self.cos * dy - self.sin * dx - self.half_curvature * (t * t);
         let scaled = s * self.sharpness;
         let (value, density) = self.profile.at(scaled);
         let by_s = density * self.sharpness;
-        let by_sigma = if self.held { 0.0 } else { -scaled * by_s };
+        let by_sigma = scaled * by_s * -self.free;
         // ds/dc = −n: the curvature's part is a thousandth of it.
-        (value, [by_s * self.sin, -by_s * self.cos, -by_s * t, by_sigma])
+        (value, [by_s * self.sin, by_s * -self.cos, -by_s * t, by_sigma])
     }
 }
 
@@ -125,29 +133,36 @@ impl Model<PARAMETERS> for TwoEdges {
     fn prepare(&self, p: &SVector<f64, PARAMETERS>) -> Self::Prepared {
         let edge = |i: usize| {
             let (sin, cos) = sincos(p[2 + i]);
-            let (sharpness, held) = (1.0 / p[4 + i].max(LEAST_BLUR_PX), p[4 + i] <= LEAST_BLUR_PX);
+            let sharpness = 1.0 / p[4 + i].max(LEAST_BLUR_PX);
             Edge {
                 profile: Profile::table(),
                 sin,
                 cos,
                 sharpness,
-                held,
+                free: f64::from(p[4 + i] > LEAST_BLUR_PX),
                 half_curvature: 0.5 * self.curvature[i],
             }
         };
         ([edge(0), edge(1)], *p)
     }
 
-    fn evaluate(&self, (edges, p): &Self::Prepared, x: f64, y: f64) -> (f64, [f64; PARAMETERS]) {
+    #[inline(always)]
+    fn evaluate<S: Simd>(
+        &self,
+        (edges, p): &Self::Prepared,
+        x: f64x8<S>,
+        y: f64x8<S>,
+    ) -> (f64x8<S>, [f64x8<S>; PARAMETERS]) {
         let (dx, dy) = (x - p[0], y - p[1]);
         let ((first, d1), (second, d2)) = (edges[0].at(dx, dy), edges[1].at(dx, dy));
-        let (u, v) = (x / self.reach_px, y / self.reach_px);
+        let scale = 1.0 / self.reach_px;
+        let (u, v) = (x * scale, y * scale);
         let contrast = p[9] + p[10] * u + p[11] * v;
         let product = first * second;
         // x and y through the blur, over P₁P₂; their change with the shape parameters is of second order.
         let (b1, b2) = (edges[0].blurred_slope(&d1), edges[1].blurred_slope(&d2));
-        let by_hx = u * product + (b1[0] * second + b2[0] * first) / self.reach_px;
-        let by_hy = v * product + (b1[1] * second + b2[1] * first) / self.reach_px;
+        let by_hx = u * product + (b1[0] * second + b2[0] * first) * scale;
+        let by_hy = v * product + (b1[1] * second + b2[1] * first) * scale;
         let value = p[6] + p[7] * u + p[8] * v + p[9] * product + p[10] * by_hx + p[11] * by_hy;
         let (a, b) = (contrast * second, contrast * first);
         let slope = [
@@ -157,7 +172,7 @@ impl Model<PARAMETERS> for TwoEdges {
             b * d2[2],
             a * d1[3],
             b * d2[3],
-            1.0,
+            f64x8::splat(x.simd, 1.0),
             u,
             v,
             product,
@@ -180,7 +195,11 @@ pub(crate) fn refine(
     first: Option<&Corner>,
 ) -> Option<Corner> {
     let origin = Point2::new(expected.pixel.x.round(), expected.pixel.y.round());
-    let (samples, reach_px) = samples(image, origin, expected, window)?;
+    let (mut samples, reach_px) = samples(image, origin, expected, window)?;
+    if first.is_none() && samples.len() > ENOUGH {
+        // Every second pixel, as the black squares of a chessboard.
+        samples.retain(|sample| (sample.x as i64 + sample.y as i64) % 2 == 0);
+    }
     let model = TwoEdges { reach_px, curvature: expected.curvature };
     let offset = expected.pixel - origin;
     let start = match first {
@@ -288,15 +307,10 @@ fn samples(
 
 /// Mean and signed contrast of the samples for the start: a regression on P₁P₂.
 fn start_levels(model: &TwoEdges, start: &mut SVector<f64, PARAMETERS>, samples: &[Sample]) {
-    let (mut sum, mut sum_p, mut sum_pp, mut sum_pv) = (0.0, 0.0, 0.0, 0.0);
-    let prepared = model.prepare(start);
-    for sample in samples {
-        let product = model.evaluate(&prepared, sample.x, sample.y).1[9];
-        sum += sample.value;
-        sum_p += product;
-        sum_pp += product * product;
-        sum_pv += product * sample.value;
-    }
+    // Without light yet, the residuals are the grey values.
+    let sums = normal(model, start, &Pixels::new(samples), Range::OPEN);
+    let (sum, sum_p, sum_pp, sum_pv) =
+        (sums.vector[6], sums.matrix[(9, 6)], sums.matrix[(9, 9)], sums.vector[9]);
     let count = samples.len().max(1) as f64;
     let spread = (sum_pp - sum_p * sum_p / count).max(1e-9);
     start[9] = (sum_pv - sum_p * sum / count) / spread;

@@ -4,9 +4,12 @@
 //! order: s = (q − 1)·q/|Md| with q² = dᵀMd. The inside of a small circle is too small to show how light falls on it, so one
 //! slope g of the light serves disc and ground; blurred, it moves the edge by σ²·g, as for a corner.
 
+use super::normal::{Model, Range, Sample};
 use super::profile::Profile;
 use super::raster::Raster;
-use super::solve::{Ending, Model, Range, SETTLED_SIGMAS, Sample, fit};
+use super::solve::{Ending, SETTLED_SIGMAS, fit};
+use fearless_simd::f64x8;
+use fearless_simd::prelude::*;
 use nalgebra::{Matrix2, Point2, SVector, Vector2};
 
 /// cx, cy, M₁₁, M₁₂, M₂₂, σ, m, gx, gy, A.
@@ -43,36 +46,43 @@ struct Ellipse {
 }
 
 impl Model<PARAMETERS> for Ellipse {
-    type Prepared = SVector<f64, PARAMETERS>;
+    type Prepared = (&'static Profile, SVector<f64, PARAMETERS>);
 
     fn prepare(&self, p: &SVector<f64, PARAMETERS>) -> Self::Prepared {
-        *p
+        (Profile::table(), *p)
     }
 
-    fn evaluate(&self, p: &Self::Prepared, x: f64, y: f64) -> (f64, [f64; PARAMETERS]) {
+    #[inline(always)]
+    fn evaluate<S: Simd>(
+        &self,
+        (profile, p): &Self::Prepared,
+        x: f64x8<S>,
+        y: f64x8<S>,
+    ) -> (f64x8<S>, [f64x8<S>; PARAMETERS]) {
         let (dx, dy) = (x - p[0], y - p[1]);
         let (mx, my) = (p[2] * dx + p[3] * dy, p[3] * dx + p[4] * dy);
         let q = (mx * dx + my * dy).max(1e-12).sqrt();
         let length = (mx * mx + my * my).max(1e-24).sqrt();
         let sigma = p[5].max(LEAST_BLUR_PX);
         let t = (q - 1.0) * q / length / sigma;
-        let (profile, density) = Profile::table().at(t);
+        let (profile, density) = profile.at(t);
         let density = density / sigma;
-        let (u, v) = (x / self.reach_px, y / self.reach_px);
+        let scale = 1.0 / self.reach_px;
+        let (u, v) = (x * scale, y * scale);
         let (nx, ny) = (mx / length, my / length);
         let (light, base) = (1.0 + p[7] * u + p[8] * v, p[6] + p[9] * profile);
         // x and y through the blur.
-        let blurred = sigma * sigma * p[9] * density / self.reach_px;
+        let blurred = sigma * sigma * p[9] * scale * density;
         let (by_gx, by_gy) = (u * base + blurred * nx, v * base + blurred * ny);
         // By s, whose scale q/|Md| is taken as constant: its change is of the order of s, where the density ends.
         let by_s = light * p[9] * density;
         let by_m = by_s / (2.0 * length);
-        let by_sigma = if p[5] > LEAST_BLUR_PX { -by_s * t } else { 0.0 };
+        let by_sigma = by_s * t * -f64::from(p[5] > LEAST_BLUR_PX);
         let slope = [
             -by_s * nx,
             -by_s * ny,
             by_m * dx * dx,
-            by_m * 2.0 * dx * dy,
+            by_m * (2.0 * dx * dy),
             by_m * dy * dy,
             by_sigma,
             light,

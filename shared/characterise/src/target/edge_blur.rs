@@ -4,8 +4,11 @@
 //! averages, and a Gaussian fitted to tails misses it (0.50 px for 0.58 px where the excess is 2). So the profile gets a
 //! second parameter, the excess κ of Gram and Charlier: P(t) = erf(t/√2) − κ/12 (t³ − 3t) φ(t), whose second moment is σ² for any κ.
 
+use super::normal::{Model, Range, Sample};
 use super::profile::Profile;
-use super::solve::{Ending, Model, Range, Sample, fit};
+use super::solve::{Ending, fit};
+use fearless_simd::f64x8;
+use fearless_simd::prelude::*;
 use fringe::math::sincos;
 use nalgebra::{Point2, SVector, Vector2};
 
@@ -69,6 +72,7 @@ struct Tails {
 
 /// An edge at one set of parameters.
 struct Edge {
+    profile: &'static Profile,
     sin: f64,
     cos: f64,
     sharpness: f64,
@@ -78,17 +82,18 @@ struct Edge {
 
 impl Edge {
     /// P at a point relative to the corner, and its derivatives by cx, cy, θ, σ, κ.
-    fn at(&self, dx: f64, dy: f64) -> (f64, [f64; 5]) {
+    #[inline(always)]
+    fn at<S: Simd>(&self, dx: f64x8<S>, dy: f64x8<S>) -> (f64x8<S>, [f64x8<S>; 5]) {
         let along = self.cos * dx + self.sin * dy;
         let straight = self.cos * dy - self.sin * dx;
-        let s = straight - self.half_curvature * along * along;
+        let s = straight - self.half_curvature * (along * along);
         let t = s * self.sharpness;
-        let (value, density) = Profile::table().at(t);
+        let (value, density) = self.profile.at(t);
         // The table's density is 2 φ.
         let (t2, cubic) = (t * t, t * (t * t - 3.0));
-        let by_excess = -cubic * density / 24.0;
+        let by_excess = cubic * density * (-1.0 / 24.0);
         let quartic = t2 * t2 - 6.0 * t2 + 3.0;
-        let by_s = density * (1.0 + self.excess * quartic / 24.0) * self.sharpness;
+        let by_s = density * (1.0 + self.excess / 24.0 * quartic) * self.sharpness;
         let bend = 2.0 * self.half_curvature * along;
         let by = [
             by_s * (self.sin + bend * self.cos),
@@ -109,15 +114,29 @@ impl Model<WITH_TAILS> for Tails {
         let edge = |i: usize| {
             let (sin, cos) = sincos(p[2 + i]);
             let sharpness = 1.0 / p[4 + i].max(SHARPEST_PX);
-            Edge { sin, cos, sharpness, excess: p[PARAMETERS + i], half_curvature: self.half_curvature[i] }
+            Edge {
+                profile: Profile::table(),
+                sin,
+                cos,
+                sharpness,
+                excess: p[PARAMETERS + i],
+                half_curvature: self.half_curvature[i],
+            }
         };
         ([edge(0), edge(1)], *p)
     }
 
-    fn evaluate(&self, (edges, p): &Self::Prepared, x: f64, y: f64) -> (f64, [f64; WITH_TAILS]) {
+    #[inline(always)]
+    fn evaluate<S: Simd>(
+        &self,
+        (edges, p): &Self::Prepared,
+        x: f64x8<S>,
+        y: f64x8<S>,
+    ) -> (f64x8<S>, [f64x8<S>; WITH_TAILS]) {
         let (dx, dy) = (x - p[0], y - p[1]);
         let ((first, d1), (second, d2)) = (edges[0].at(dx, dy), edges[1].at(dx, dy));
-        let (u, v) = (x / self.reach_px, y / self.reach_px);
+        let scale = 1.0 / self.reach_px;
+        let (u, v) = (x * scale, y * scale);
         let contrast = p[9] + p[10] * u + p[11] * v;
         let product = first * second;
         let value = p[6] + p[7] * u + p[8] * v + contrast * product;
@@ -129,7 +148,7 @@ impl Model<WITH_TAILS> for Tails {
             b * d2[2],
             a * d1[3],
             b * d2[3],
-            1.0,
+            f64x8::splat(x.simd, 1.0),
             u,
             v,
             product,
@@ -144,6 +163,7 @@ impl Model<WITH_TAILS> for Tails {
 
 #[cfg(test)]
 mod tests {
+    use super::super::normal::evaluated;
     use super::*;
 
     /// The derivatives are those of the value, and a flat profile has none.
@@ -154,12 +174,12 @@ mod tests {
             0.2, -0.3, 0.1, 1.7, 0.6, 0.5, 100.0, 3.0, -2.0, -60.0, 4.0, 5.0, 0.8, -0.3,
         ]);
         for (x, y) in [(0.4, 0.1), (-1.0, 0.7), (2.0, -0.2)] {
-            let (_, by) = tails.evaluate(&tails.prepare(&p), x, y);
+            let (_, by) = evaluated(&tails, &p, x, y);
             for (i, by) in by.iter().enumerate() {
                 let value = |step: f64| {
                     let mut q = p;
                     q[i] += step;
-                    tails.evaluate(&tails.prepare(&q), x, y).0
+                    evaluated(&tails, &q, x, y).0
                 };
                 let difference = (value(1e-5) - value(-1e-5)) / 2e-5;
                 // The profile is a table: its differences are not smooth.

@@ -34,6 +34,7 @@ mod lattice;
 mod lay;
 mod links;
 mod markers;
+mod normal;
 mod profile;
 mod raster;
 mod saddle;
