@@ -98,7 +98,7 @@ struct Edge {
     profile: &'static Profile,
     sin: f64,
     cos: f64,
-    /// 1/σ.
+    /// Inverse of σ, 1/px.
     sharpness: f64,
     /// 1, or 0 where σ is held at its least value.
     free: f64,

@@ -11,6 +11,7 @@ use super::nominal_surface::SurfaceFit;
 use super::plan::Element;
 use super::region::Region;
 use super::result::DeviationPoint;
+use super::stretch::{STRETCH, Stretch};
 use crate::fit::{self, Correlation, FitError, FitSettings};
 use fringe::geometry::pose::Pose;
 
@@ -61,11 +62,14 @@ pub(super) fn choose(
 ) -> Result<Vec<u32>, MeasureError> {
     let mut chosen = Vec::with_capacity(samples.len());
     let mut without_normals = 0;
-    for (place, sample) in samples.iter().enumerate() {
-        if region.holds_position(&sample.position) {
-            without_normals += 1;
-            if region.holds_normal(&sample.position, &sample.normal) {
-                chosen.push(place as u32);
+    let mut stretch = Stretch::new();
+    for (first, some) in (0..).step_by(STRETCH).zip(samples.chunks(STRETCH)) {
+        stretch.fill(some.iter().map(|sample| sample.position));
+        let held = stretch.held(region);
+        without_normals += held.count_ones() as usize;
+        for (place, sample) in (first..).zip(some) {
+            if held >> (place - first) & 1 == 1 && region.holds_normal(&sample.position, &sample.normal) {
+                chosen.push(place);
             }
         }
     }

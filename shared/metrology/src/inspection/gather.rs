@@ -5,11 +5,9 @@ use rayon::prelude::*;
 
 use super::bounds::Bounds;
 use super::region::Region;
+use super::stretch::{STRETCH, Stretch};
 use fringe::cloud::Point;
 use fringe::geometry::pose::Pose;
-
-/// Points in a row that share a box: a piece of an image row, which is short and thin.
-const STRETCH: usize = 32;
 
 /// Parts of a cloud that threads take. Their number is fixed: the allocations of a cycle do not depend on the cloud.
 const PARTS: usize = 8;
@@ -50,27 +48,26 @@ pub(super) fn gather(
     let part = |number: usize| {
         let mut lists: Vec<Vec<Sample>> = regions.iter().map(|_| Vec::new()).collect();
         let range = (number * length).min(taken)..((number + 1) * length).min(taken);
-        let mut positions = [Vector3::zeros(); STRETCH];
+        let mut stretch = Stretch::new();
         for first in range.clone().step_by(STRETCH) {
             let numbers = first..(first + STRETCH).min(range.end);
-            let mut stretch = Bounds::default();
-            for (position, number) in positions.iter_mut().zip(numbers.clone()) {
-                *position = part_from_world.point(&Vector3::from(cloud[number * stride].position_mm));
-                stretch.add(position);
-            }
+            stretch.fill(numbers.map(|number| Vector3::from(cloud[number * stride].position_mm)));
+            stretch.transform(part_from_world);
+            let about = stretch.bounds();
             for ((region, bounds), list) in regions.iter().zip(&bounds).zip(&mut lists) {
-                if bounds.as_ref().is_some_and(|bounds| bounds.misses(&stretch)) {
+                if bounds.as_ref().is_some_and(|bounds| bounds.misses(&about)) {
                     continue;
                 }
-                for (position, number) in positions.iter().zip(numbers.clone()) {
-                    if region.holds_position(position) {
-                        if list.is_empty() {
-                            list.reserve(GATHERED);
-                        }
-                        let index = number * stride;
-                        let normal = part_from_world.rotation * cloud[index].normal_vector();
-                        list.push(Sample { index: index as u32, position: *position, normal });
-                    }
+                let mut held = stretch.held(region);
+                if held != 0 && list.is_empty() {
+                    list.reserve(GATHERED);
+                }
+                while held != 0 {
+                    let number = held.trailing_zeros() as usize;
+                    held &= held - 1;
+                    let index = (first + number) * stride;
+                    let normal = part_from_world.rotation * cloud[index].normal_vector();
+                    list.push(Sample { index: index as u32, position: stretch.position(number), normal });
                 }
             }
         }

@@ -39,6 +39,7 @@ mod raw_features;
 mod references;
 mod region;
 mod result;
+mod stretch;
 mod substitute;
 #[cfg(test)]
 mod tests;

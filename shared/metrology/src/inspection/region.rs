@@ -28,6 +28,12 @@ impl Region {
         Self { geometry: element.geometry.clone(), margin_mm, cos_normal }
     }
 
+    /// About any geometry, whatever the normals.
+    #[cfg(test)]
+    pub fn of(geometry: Geometry, margin_mm: f64) -> Self {
+        Self { geometry, margin_mm, cos_normal: None }
+    }
+
     /// About a fitted sphere.
     #[must_use]
     pub fn about_sphere(mut self, fit: &SphereFit) -> Self {

@@ -1,0 +1,241 @@
+//! Some points in a row, eight side by side: where they lie, and which of them a region holds.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f64x8, mask64x8};
+use nalgebra::{Point3, Vector3};
+
+use super::bounds::Bounds;
+use super::geometry::{Exclusion, ExclusionShape, Geometry};
+use super::region::Region;
+use fringe::geometry::pose::Pose;
+
+/// Points in a row that share a box: a piece of an image row, which is short and thin.
+pub(super) const STRETCH: usize = 32;
+const LANES: usize = 8;
+
+/// Positions, mm, coordinate by coordinate; beyond the last one the first is repeated.
+pub(super) struct Stretch {
+    level: Level,
+    places: [[f64; STRETCH]; 3],
+    count: usize,
+}
+
+impl Stretch {
+    /// For points that are still to come.
+    pub fn new() -> Self {
+        Self { level: Level::new(), places: [[0.0; STRETCH]; 3], count: 0 }
+    }
+
+    /// Takes up to 32 positions, one at least.
+    pub fn fill(&mut self, positions: impl ExactSizeIterator<Item = Vector3<f64>>) {
+        self.count = positions.len().min(STRETCH);
+        for (k, position) in positions.take(STRETCH).enumerate() {
+            for axis in 0..3 {
+                self.places[axis][k] = position[axis];
+            }
+        }
+        for row in &mut self.places {
+            let first = row[0];
+            row[self.count..].fill(first);
+        }
+    }
+
+    /// Moves the positions into another frame.
+    pub fn transform(&mut self, motion: &Pose) {
+        dispatch!(self.level, simd => self.transform_with(simd, motion));
+    }
+
+    /// A box that holds the positions.
+    pub fn bounds(&self) -> Bounds {
+        let mut bounds = Bounds::default();
+        (0..self.count).for_each(|k| bounds.add(&self.position(k)));
+        bounds
+    }
+
+    /// One of the positions, mm.
+    pub fn position(&self, number: usize) -> Vector3<f64> {
+        let [x, y, z] = &self.places;
+        Vector3::new(x[number], y[number], z[number])
+    }
+
+    /// The points that a region holds, a bit each, the first one lowest.
+    pub fn held(&self, region: &Region) -> u32 {
+        let margin = region.margin_mm;
+        let taken = u32::MAX >> (STRETCH - self.count.clamp(1, STRETCH));
+        taken
+            & match &region.geometry {
+                Geometry::Sphere { center_mm, radius_mm, axis, cos_polar } => {
+                    let range = [(radius_mm - margin).max(0.0), radius_mm + margin];
+                    dispatch!(self.level, simd => self.near_sphere(simd, center_mm, range, (axis, *cos_polar)))
+                }
+                Geometry::Plane { point_mm, normal, edges, half_size_mm, exclusions } => {
+                    let axes = [*normal, edges[0], edges[1]];
+                    let reach = [margin, half_size_mm[0], half_size_mm[1]];
+                    dispatch!(self.level, simd => self.near_plane(simd, point_mm, (axes, reach), exclusions))
+                }
+                _ => self.one_by_one(region),
+            }
+    }
+
+    fn one_by_one(&self, region: &Region) -> u32 {
+        let holds = |k: &usize| region.holds_position(&self.position(*k));
+        (0..self.count).filter(holds).fold(0, |held, k| held | 1 << k)
+    }
+
+    /// Points within a range of distances from a centre, between two polar angles.
+    #[inline(always)]
+    fn near_sphere<S: Simd>(
+        &self,
+        simd: S,
+        center_mm: &Point3<f64>,
+        [inner, outer]: [f64; 2],
+        (axis, cos_polar): (&Vector3<f64>, [f64; 2]),
+    ) -> u32 {
+        let mut held = 0;
+        for block in 0..STRETCH / LANES {
+            let arm = self.arms(simd, block, center_mm);
+            let square = arm[0] * arm[0] + arm[1] * arm[1] + arm[2] * arm[2];
+            let (along, length) = (dot(&arm, axis), square.sqrt());
+            let far = bits(square.simd_gt(outer * outer)) | bits(square.simd_lt(inner * inner));
+            let polar =
+                bits(along.simd_ge(cos_polar[0] * length)) & bits(along.simd_le(cos_polar[1] * length));
+            held |= (polar & !far) << (block * LANES);
+        }
+        held
+    }
+
+    /// Points in a box about a place, by its axes (the normal first) and its reach along them, less what is cut out of it.
+    #[inline(always)]
+    fn near_plane<S: Simd>(
+        &self,
+        simd: S,
+        point_mm: &Point3<f64>,
+        (axes, reach): ([Vector3<f64>; 3], [f64; 3]),
+        exclusions: &[Exclusion],
+    ) -> u32 {
+        let mut held = 0;
+        for block in 0..STRETCH / LANES {
+            let arm = self.arms(simd, block, point_mm);
+            let [depth, first, second] = [dot(&arm, &axes[0]), dot(&arm, &axes[1]), dot(&arm, &axes[2])];
+            let across = bits(first.abs().simd_le(reach[1])) & bits(second.abs().simd_le(reach[2]));
+            let mut near = across & !bits(depth.abs().simd_gt(reach[0]));
+            for Exclusion { center_mm, shape } in exclusions {
+                let (x, y) = (first - center_mm[0], second - center_mm[1]);
+                near &= !match shape {
+                    ExclusionShape::Disc(radius) => bits((x * x + y * y).simd_le(radius * radius)),
+                    ExclusionShape::Rectangle([half_x, half_y]) => {
+                        bits(x.abs().simd_le(*half_x)) & bits(y.abs().simd_le(*half_y))
+                    }
+                };
+            }
+            held |= near << (block * LANES);
+        }
+        held
+    }
+
+    /// From a place to some positions, mm.
+    #[inline(always)]
+    fn arms<S: Simd>(&self, simd: S, block: usize, from: &Point3<f64>) -> [f64x8<S>; 3] {
+        let start = block * LANES;
+        let [x, y, z] = &self.places;
+        [
+            f64x8::from_slice(simd, &x[start..start + LANES]) - from.x,
+            f64x8::from_slice(simd, &y[start..start + LANES]) - from.y,
+            f64x8::from_slice(simd, &z[start..start + LANES]) - from.z,
+        ]
+    }
+
+    #[inline(always)]
+    fn transform_with<S: Simd>(&mut self, simd: S, motion: &Pose) {
+        let (rotation, translation) = (&motion.rotation, &motion.translation);
+        for block in 0..STRETCH / LANES {
+            let [x, y, z] = self.arms(simd, block, &Point3::origin());
+            for axis in 0..3 {
+                let turned = rotation[(axis, 0)] * x + rotation[(axis, 1)] * y + rotation[(axis, 2)] * z;
+                let start = block * LANES;
+                self.places[axis][start..start + LANES]
+                    .copy_from_slice((turned + translation[axis]).as_slice());
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn dot<S: Simd>(arm: &[f64x8<S>; 3], axis: &Vector3<f64>) -> f64x8<S> {
+    arm[0] * axis.x + arm[1] * axis.y + arm[2] * axis.z
+}
+
+/// What eight points were asked, a bit each.
+#[inline(always)]
+fn bits<S: Simd>(lanes: mask64x8<S>) -> u32 {
+    lanes.to_bitmask() as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use fringe::math::random::Key;
+    use nalgebra::{Rotation3, UnitVector3};
+
+    fn geometries() -> Vec<Geometry> {
+        let axis = UnitVector3::new_normalize(Vector3::new(0.3, -0.2, 0.9)).into_inner();
+        let first = axis.cross(&Vector3::x()).normalize();
+        let plane = |exclusions: Vec<Exclusion>| Geometry::Plane {
+            point_mm: Point3::new(1.0, -2.0, 0.5),
+            normal: axis,
+            edges: [first, axis.cross(&first)],
+            half_size_mm: [9.0, 6.0],
+            exclusions,
+        };
+        let center_mm = [1.0, -0.5];
+        vec![
+            Geometry::Sphere {
+                center_mm: Point3::new(0.5, 1.0, 0.0),
+                radius_mm: 8.0,
+                axis,
+                cos_polar: [-0.2, 0.9],
+            },
+            Geometry::Sphere { center_mm: Point3::origin(), radius_mm: 1.0, axis, cos_polar: [-1.0, 1.0] },
+            plane(vec![]),
+            plane(vec![
+                Exclusion { center_mm, shape: ExclusionShape::Disc(3.0) },
+                Exclusion { center_mm: [-5.0, 2.0], shape: ExclusionShape::Rectangle([2.0, 1.5]) },
+            ]),
+            Geometry::Torus { center_mm: Point3::origin(), axis, ring_radius_mm: 7.0, tube_radius_mm: 2.0 },
+        ]
+    }
+
+    /// Proves: places and regions of whole stretches are, to the bit, those of their points one by one.
+    #[test]
+    fn a_stretch_tells_what_its_points_tell_one_by_one() {
+        let motion = Pose {
+            rotation: *Rotation3::from_euler_angles(0.3, -0.7, 1.9).matrix(),
+            translation: Vector3::new(0.1, -0.2, 0.3),
+        };
+        let (mut stretch, mut held) = (Stretch::new(), vec![0; geometries().len()]);
+        for round in 0..2000 {
+            let count = 1 + round % STRETCH;
+            let random =
+                |k: usize, axis: usize| Key::new(7).with(round as u64).symmetric((3 * k + axis) as u64);
+            let place = |k| Vector3::from_fn(|axis, _| 12.0 * random(k, axis));
+            let mut points: Vec<Vector3<f64>> = (0..count).map(place).collect();
+            if round % 50 == 0 {
+                points[0].x = f64::NAN;
+            }
+            stretch.fill(points.iter().copied());
+            stretch.transform(&motion);
+            for (k, point) in points.iter().enumerate() {
+                let (found, moved) = (stretch.position(k), motion.point(point));
+                assert_eq!(found.map(f64::to_bits), moved.map(f64::to_bits), "{point}");
+            }
+            for (geometry, sum) in geometries().into_iter().zip(&mut held) {
+                let region = Region::of(geometry, 1.5);
+                let holds = |k: &usize| region.holds_position(&stretch.position(*k));
+                let expected = (0..count).filter(holds).fold(0_u32, |bits, k| bits | 1 << k);
+                assert_eq!(stretch.held(&region), expected, "{region:?}");
+                *sum += expected.count_ones();
+            }
+        }
+        assert!(held.iter().all(|sum| *sum > 100), "{held:?}");
+    }
+}
