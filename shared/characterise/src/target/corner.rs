@@ -6,14 +6,14 @@
 //! h·x through the blur as h·x + σ²·h·∇. The product is exact for edges at right angles under Gaussian blur;
 //! for others it errs symmetrically about the corner, which leaves the corner's position alone.
 
+use super::crossing::{Crossing, Edge, Line, SHARED};
 use super::edge_blur::{BlurredEdge, blurred_edges};
 use super::normal::{Model, Pixels, Range, Sample, normal};
-use super::profile::Profile;
 use super::raster::Raster;
 use super::solve::{Ending, SETTLED_SIGMAS, fit};
 use fearless_simd::f64x8;
 use fearless_simd::prelude::*;
-use fringe::math::{atan2, sincos};
+use fringe::math::atan2;
 use nalgebra::{Matrix2, Point2, SVector, Vector2};
 
 /// cx, cy, θ₁, θ₂, σ₁, σ₂, m, gx, gy, A, hx, hy.
@@ -94,54 +94,42 @@ struct TwoEdges {
 }
 
 /// An edge at one set of parameters.
-struct Edge {
-    profile: &'static Profile,
-    sin: f64,
-    cos: f64,
-    /// Inverse of σ, 1/px.
-    sharpness: f64,
+struct PlainEdge {
+    line: Line,
     /// 1, or 0 where σ is held at its least value.
     free: f64,
-    half_curvature: f64,
 }
 
-impl Edge {
-    /// σ²·∂P/∂n of the derivatives that [`Self::at`] gives, along x and y.
+impl PlainEdge {
+    /// σ²·∂P/∂n of the derivatives that [`Edge::at`] gives, along x and y.
     #[inline(always)]
     fn blurred_slope<S: Simd>(&self, derivatives: &[f64x8<S>; 4]) -> [f64x8<S>; 2] {
-        let variance = -1.0 / (self.sharpness * self.sharpness);
+        let variance = -1.0 / (self.line.sharpness * self.line.sharpness);
         [derivatives[0] * variance, derivatives[1] * variance]
     }
+}
 
-    /// P at a point relative to the corner, and its derivatives by cx, cy, θ, σ.
+impl Edge<4> for PlainEdge {
     #[inline(always)]
     fn at<S: Simd>(&self, dx: f64x8<S>, dy: f64x8<S>) -> (f64x8<S>, [f64x8<S>; 4]) {
-        let t = self.cos * dx + self.sin * dy;
-        let s = self.cos * dy - self.sin * dx - self.half_curvature * (t * t);
-        let scaled = s * self.sharpness;
-        let (value, density) = self.profile.at(scaled);
-        let by_s = density * self.sharpness;
+        let line = &self.line;
+        let [along, _, s] = line.place(dx, dy);
+        let scaled = s * line.sharpness;
+        let (value, density) = line.profile.at(scaled);
+        let by_s = density * line.sharpness;
         let by_sigma = scaled * by_s * -self.free;
         // ds/dc = −n: the curvature's part is a thousandth of it.
-        (value, [by_s * self.sin, by_s * -self.cos, -by_s * t, by_sigma])
+        (value, [by_s * line.sin, by_s * -line.cos, -by_s * along, by_sigma])
     }
 }
 
 impl Model<PARAMETERS> for TwoEdges {
-    type Prepared = ([Edge; 2], SVector<f64, PARAMETERS>);
+    type Prepared = ([PlainEdge; 2], SVector<f64, PARAMETERS>);
 
     fn prepare(&self, p: &SVector<f64, PARAMETERS>) -> Self::Prepared {
-        let edge = |i: usize| {
-            let (sin, cos) = sincos(p[2 + i]);
-            let sharpness = 1.0 / p[4 + i].max(LEAST_BLUR_PX);
-            Edge {
-                profile: Profile::table(),
-                sin,
-                cos,
-                sharpness,
-                free: f64::from(p[4 + i] > LEAST_BLUR_PX),
-                half_curvature: 0.5 * self.curvature[i],
-            }
+        let edge = |i: usize| PlainEdge {
+            line: Line::new(p[2 + i], p[4 + i].max(LEAST_BLUR_PX), 0.5 * self.curvature[i]),
+            free: f64::from(p[4 + i] > LEAST_BLUR_PX),
         };
         ([edge(0), edge(1)], *p)
     }
@@ -153,32 +141,17 @@ impl Model<PARAMETERS> for TwoEdges {
         x: f64x8<S>,
         y: f64x8<S>,
     ) -> (f64x8<S>, [f64x8<S>; PARAMETERS]) {
-        let (dx, dy) = (x - p[0], y - p[1]);
-        let ((first, d1), (second, d2)) = (edges[0].at(dx, dy), edges[1].at(dx, dy));
         let scale = 1.0 / self.reach_px;
-        let (u, v) = (x * scale, y * scale);
-        let contrast = p[9] + p[10] * u + p[11] * v;
-        let product = first * second;
+        let crossing = Crossing::new(edges, p, scale, [x, y]);
+        let ([(first, d1), (second, d2)], [u, v]) = (&crossing.edges, crossing.place);
         // x and y through the blur, over P₁P₂; their change with the shape parameters is of second order.
-        let (b1, b2) = (edges[0].blurred_slope(&d1), edges[1].blurred_slope(&d2));
-        let by_hx = u * product + (b1[0] * second + b2[0] * first) * scale;
-        let by_hy = v * product + (b1[1] * second + b2[1] * first) * scale;
-        let value = p[6] + p[7] * u + p[8] * v + p[9] * product + p[10] * by_hx + p[11] * by_hy;
-        let (a, b) = (contrast * second, contrast * first);
-        let slope = [
-            a * d1[0] + b * d2[0],
-            a * d1[1] + b * d2[1],
-            a * d1[2],
-            b * d2[2],
-            a * d1[3],
-            b * d2[3],
-            f64x8::splat(x.simd, 1.0),
-            u,
-            v,
-            product,
-            by_hx,
-            by_hy,
-        ];
+        let (b1, b2) = (edges[0].blurred_slope(d1), edges[1].blurred_slope(d2));
+        let by_hx = u * crossing.product + (b1[0] * *second + b2[0] * *first) * scale;
+        let by_hy = v * crossing.product + (b1[1] * *second + b2[1] * *first) * scale;
+        let value = crossing.ground + p[9] * crossing.product + p[10] * by_hx + p[11] * by_hy;
+        let mut slope = [by_hx; PARAMETERS];
+        slope[..SHARED].copy_from_slice(&crossing.shared());
+        slope[SHARED + 1] = by_hy;
         (value, slope)
     }
 }
@@ -200,6 +173,7 @@ pub(crate) fn refine(
         // Every second pixel, as the black squares of a chessboard.
         samples.retain(|sample| (sample.x as i64 + sample.y as i64) % 2 == 0);
     }
+    let (pixels, range) = (Pixels::new(&samples), Range::of(&samples, full_scale_dn));
     let model = TwoEdges { reach_px, curvature: expected.curvature };
     let offset = expected.pixel - origin;
     let start = match first {
@@ -208,12 +182,11 @@ pub(crate) fn refine(
             start.fixed_rows_mut::<2>(0).copy_from(&offset);
             start
         }
-        None => from_scratch(&model, expected, offset, &samples)?,
+        None => from_scratch(&model, expected, offset, &pixels)?,
     };
     let settled_sigmas = if first.is_some() { SETTLED_SIGMAS } else { ROUGHLY_SIGMAS };
     let ending = Ending { settled_sigmas, leash_px: expected.leash_px };
-    let range = Range::of(&samples, full_scale_dn);
-    let solved = fit(&model, start, &samples, range, ending)?;
+    let solved = fit(&model, start, &pixels, range, ending)?;
     let p = solved.parameters;
     // Where the contrast ends within the window there is a corner of one square, not of four.
     // The same where the light would have to change that much: one dark square whose opposite is beyond full scale.
@@ -224,7 +197,7 @@ pub(crate) fn refine(
     let pixel = Point2::new(origin.x + p[0], origin.y + p[1]);
     // Where the fit ends, the blur is told once more, with its tails.
     let edges = first
-        .and_then(|_| blurred_edges((reach_px, expected.curvature), &p, pixel, &samples, (range, ending)));
+        .and_then(|_| blurred_edges((reach_px, expected.curvature), &p, pixel, &pixels, (range, ending)));
     Some(Corner {
         pixel,
         edges,
@@ -243,7 +216,7 @@ fn from_scratch(
     model: &TwoEdges,
     expected: &Expected,
     offset: Vector2<f64>,
-    samples: &[Sample],
+    pixels: &Pixels,
 ) -> Option<SVector<f64, PARAMETERS>> {
     let angles = expected.along.map(|e| atan2(e.y, e.x));
     let mut start = SVector::<f64, PARAMETERS>::zeros();
@@ -255,7 +228,7 @@ fn from_scratch(
         START_BLUR_PX,
         START_BLUR_PX,
     ]);
-    start_levels(model, &mut start, samples);
+    start_levels(model, &mut start, pixels);
     ((start[9] < 0.0) == expected.light).then_some(start)
 }
 
@@ -305,13 +278,13 @@ fn samples(
     Some((samples, reach[0].max(reach[1])))
 }
 
-/// Mean and signed contrast of the samples for the start: a regression on P₁P₂.
-fn start_levels(model: &TwoEdges, start: &mut SVector<f64, PARAMETERS>, samples: &[Sample]) {
+/// Mean and signed contrast of the pixels for the start: a regression on P₁P₂.
+fn start_levels(model: &TwoEdges, start: &mut SVector<f64, PARAMETERS>, pixels: &Pixels) {
     // Without light yet, the residuals are the grey values.
-    let sums = normal(model, start, &Pixels::new(samples), Range::OPEN);
+    let sums = normal(model, start, pixels, Range::OPEN);
     let (sum, sum_p, sum_pp, sum_pv) =
         (sums.vector[6], sums.matrix[(9, 6)], sums.matrix[(9, 9)], sums.vector[9]);
-    let count = samples.len().max(1) as f64;
+    let count = sums.count.max(1) as f64;
     let spread = (sum_pp - sum_p * sum_p / count).max(1e-9);
     start[9] = (sum_pv - sum_p * sum / count) / spread;
     start[6] = (sum - start[9] * sum_p) / count;

@@ -4,7 +4,7 @@
 //! order: s = (q − 1)·q/|Md| with q² = dᵀMd. The inside of a small circle is too small to show how light falls on it, so one
 //! slope g of the light serves disc and ground; blurred, it moves the edge by σ²·g, as for a corner.
 
-use super::normal::{Model, Range, Sample};
+use super::normal::{Model, Pixels, Range, Sample};
 use super::profile::Profile;
 use super::raster::Raster;
 use super::solve::{Ending, SETTLED_SIGMAS, fit};
@@ -130,7 +130,13 @@ pub(crate) fn refine(
     let samples: Vec<Sample> = samples.into_iter().map(|(sample, _)| sample).collect();
     // Further off than its own size it is another one.
     let ending = Ending { settled_sigmas: SETTLED_SIGMAS, leash_px: reach_px };
-    let solved = fit(&Ellipse { reach_px }, start, &samples, Range::of(&samples, full_scale_dn), ending)?;
+    let solved = fit(
+        &Ellipse { reach_px },
+        start,
+        &Pixels::new(&samples),
+        Range::of(&samples, full_scale_dn),
+        ending,
+    )?;
     let p = solved.parameters;
     let shape = Matrix2::new(p[2], p[3], p[3], p[4]);
     let positive = shape.determinant() > 0.0 && shape.trace() > 0.0;

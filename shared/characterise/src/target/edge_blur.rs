@@ -4,8 +4,8 @@
 //! averages, and a Gaussian fitted to tails misses it (0.50 px for 0.58 px where the excess is 2). So the profile gets a
 //! second parameter, the excess κ of Gram and Charlier: P(t) = erf(t/√2) − κ/12 (t³ − 3t) φ(t), whose second moment is σ² for any κ.
 
-use super::normal::{Model, Range, Sample};
-use super::profile::Profile;
+use super::crossing::{Crossing, Edge, Line, SHARED};
+use super::normal::{Model, Pixels, Range};
 use super::solve::{Ending, fit};
 use fearless_simd::f64x8;
 use fearless_simd::prelude::*;
@@ -41,7 +41,7 @@ pub(crate) fn blurred_edges(
     (reach_px, curvature): (f64, [f64; 2]),
     corner: &SVector<f64, PARAMETERS>,
     pixel: Point2<f64>,
-    samples: &[Sample],
+    pixels: &Pixels,
     (range, ending): (Range, Ending),
 ) -> Option<[BlurredEdge; 2]> {
     let mut start = SVector::<f64, WITH_TAILS>::zeros();
@@ -50,7 +50,7 @@ pub(crate) fn blurred_edges(
         start[sigma] = start[sigma].max(START_PX);
     }
     let tails = Tails { reach_px, half_curvature: curvature.map(|c| 0.5 * c) };
-    let solved = fit(&tails, start, samples, range, ending)?;
+    let solved = fit(&tails, start, pixels, range, ending)?;
     let edge = |i: usize| {
         let (sin, cos) = sincos(solved.parameters[2 + i]);
         BlurredEdge {
@@ -71,33 +71,28 @@ struct Tails {
 }
 
 /// An edge at one set of parameters.
-struct Edge {
-    profile: &'static Profile,
-    sin: f64,
-    cos: f64,
-    sharpness: f64,
+struct TailedEdge {
+    line: Line,
     excess: f64,
-    half_curvature: f64,
 }
 
-impl Edge {
-    /// P at a point relative to the corner, and its derivatives by cx, cy, θ, σ, κ.
+impl Edge<5> for TailedEdge {
+    /// The fifth derivative is by κ.
     #[inline(always)]
     fn at<S: Simd>(&self, dx: f64x8<S>, dy: f64x8<S>) -> (f64x8<S>, [f64x8<S>; 5]) {
-        let along = self.cos * dx + self.sin * dy;
-        let straight = self.cos * dy - self.sin * dx;
-        let s = straight - self.half_curvature * (along * along);
-        let t = s * self.sharpness;
-        let (value, density) = self.profile.at(t);
+        let line = &self.line;
+        let [along, straight, s] = line.place(dx, dy);
+        let t = s * line.sharpness;
+        let (value, density) = line.profile.at(t);
         // The table's density is 2 φ.
         let (t2, cubic) = (t * t, t * (t * t - 3.0));
         let by_excess = cubic * density * (-1.0 / 24.0);
         let quartic = t2 * t2 - 6.0 * t2 + 3.0;
-        let by_s = density * (1.0 + self.excess / 24.0 * quartic) * self.sharpness;
-        let bend = 2.0 * self.half_curvature * along;
+        let by_s = density * (1.0 + self.excess / 24.0 * quartic) * line.sharpness;
+        let bend = 2.0 * line.half_curvature * along;
         let by = [
-            by_s * (self.sin + bend * self.cos),
-            -by_s * (self.cos - bend * self.sin),
+            by_s * (line.sin + bend * line.cos),
+            -by_s * (line.cos - bend * line.sin),
             -by_s * (along + bend * straight),
             // By σ: sharpness is 1/σ, and by_s holds one of them already.
             -t * by_s,
@@ -108,20 +103,12 @@ impl Edge {
 }
 
 impl Model<WITH_TAILS> for Tails {
-    type Prepared = ([Edge; 2], SVector<f64, WITH_TAILS>);
+    type Prepared = ([TailedEdge; 2], SVector<f64, WITH_TAILS>);
 
     fn prepare(&self, p: &SVector<f64, WITH_TAILS>) -> Self::Prepared {
-        let edge = |i: usize| {
-            let (sin, cos) = sincos(p[2 + i]);
-            let sharpness = 1.0 / p[4 + i].max(SHARPEST_PX);
-            Edge {
-                profile: Profile::table(),
-                sin,
-                cos,
-                sharpness,
-                excess: p[PARAMETERS + i],
-                half_curvature: self.half_curvature[i],
-            }
+        let edge = |i: usize| TailedEdge {
+            line: Line::new(p[2 + i], p[4 + i].max(SHARPEST_PX), self.half_curvature[i]),
+            excess: p[PARAMETERS + i],
         };
         ([edge(0), edge(1)], *p)
     }
@@ -133,31 +120,13 @@ impl Model<WITH_TAILS> for Tails {
         x: f64x8<S>,
         y: f64x8<S>,
     ) -> (f64x8<S>, [f64x8<S>; WITH_TAILS]) {
-        let (dx, dy) = (x - p[0], y - p[1]);
-        let ((first, d1), (second, d2)) = (edges[0].at(dx, dy), edges[1].at(dx, dy));
-        let scale = 1.0 / self.reach_px;
-        let (u, v) = (x * scale, y * scale);
-        let contrast = p[9] + p[10] * u + p[11] * v;
-        let product = first * second;
-        let value = p[6] + p[7] * u + p[8] * v + contrast * product;
-        let (a, b) = (contrast * second, contrast * first);
-        let by = [
-            a * d1[0] + b * d2[0],
-            a * d1[1] + b * d2[1],
-            a * d1[2],
-            b * d2[2],
-            a * d1[3],
-            b * d2[3],
-            f64x8::splat(x.simd, 1.0),
-            u,
-            v,
-            product,
-            u * product,
-            v * product,
-            a * d1[4],
-            b * d2[4],
-        ];
-        (value, by)
+        let crossing = Crossing::new(edges, p, 1.0 / self.reach_px, [x, y]);
+        let ([(_, d1), (_, d2)], [u, v], [a, b]) = (&crossing.edges, crossing.place, crossing.weights);
+        let own = [u * crossing.product, v * crossing.product, a * d1[4], b * d2[4]];
+        let mut slope = [u; WITH_TAILS];
+        slope[..SHARED].copy_from_slice(&crossing.shared());
+        slope[SHARED..].copy_from_slice(&own);
+        (crossing.ground + crossing.contrast * crossing.product, slope)
     }
 }
 

@@ -25,6 +25,7 @@ mod charuco;
 mod checkerboard;
 mod circles;
 mod corner;
+mod crossing;
 mod detection;
 mod dictionaries;
 mod disc;

@@ -48,14 +48,16 @@ pub(crate) fn candidates(image: &Raster, min_contrast_dn: f64) -> (Vec<Saddle>, 
     (saddles, smooth)
 }
 
+/// Second derivatives xx, yy, xy in the middle of 3 × 3 pixels.
+#[inline(always)]
+fn second_derivatives([[a, b, c], [d, e, f], [g, h, i]]: [[f32; 3]; 3]) -> [f32; 3] {
+    [f - 2.0 * e + d, h - 2.0 * e + b, 0.25 * (i - g - c + a)]
+}
+
 /// Second derivatives xx, yy, xy at an inner pixel.
 fn hessian(image: &Raster, index: usize) -> [f32; 3] {
-    let (v, w) = (&image.values, image.width);
-    [
-        v[index + 1] - 2.0 * v[index] + v[index - 1],
-        v[index + w] - 2.0 * v[index] + v[index - w],
-        0.25 * (v[index + w + 1] - v[index + w - 1] - v[index - w + 1] + v[index - w - 1]),
-    ]
+    let row = |start: usize| [0, 1, 2].map(|dx| image.values[start + dx]);
+    second_derivatives([index - image.width, index, index + image.width].map(|middle| row(middle - 1)))
 }
 
 /// −det H of the inner pixels of a row.
@@ -66,8 +68,7 @@ fn respond(smooth: &Raster, y: usize, out: &mut [f32]) {
     let [d, e, f] = [0, 1, 2].map(|dx| pixels(1, dx));
     let [g, h, i] = [0, 1, 2].map(|dx| pixels(2, dx));
     for x in 0..n {
-        let (xx, yy) = (f[x] - 2.0 * e[x] + d[x], h[x] - 2.0 * e[x] + b[x]);
-        let xy = 0.25 * (i[x] - g[x] - c[x] + a[x]);
+        let [xx, yy, xy] = second_derivatives([[a[x], b[x], c[x]], [d[x], e[x], f[x]], [g[x], h[x], i[x]]]);
         out[x] = xy * xy - xx * yy;
     }
 }

@@ -1,6 +1,6 @@
 //! Least squares of a grey-value model over the pixels of a window.
 
-use super::normal::{Model, Normal, Pixels, Range, Sample, normal};
+use super::normal::{Model, Normal, Pixels, Range, normal};
 use nalgebra::{Cholesky, SMatrix, SVector};
 
 /// Result of the least-squares fit.
@@ -34,13 +34,12 @@ const LINEAR: f64 = 1e-2;
 pub(crate) fn fit<const N: usize>(
     model: &impl Model<N>,
     start: SVector<f64, N>,
-    samples: &[Sample],
+    pixels: &Pixels,
     range: Range,
     ending: Ending,
 ) -> Option<Fit<N>> {
-    let pixels = Pixels::new(samples);
     let mut at = start;
-    let mut here = normal(model, &at, &pixels, range);
+    let mut here = normal(model, &at, pixels, range);
     let is_near =
         |at: &SVector<f64, N>| (at[0] - start[0]).abs().max((at[1] - start[1]).abs()) <= ending.leash_px;
     let mut damping = 1e-3;
@@ -57,7 +56,7 @@ pub(crate) fn fit<const N: usize>(
         if left < 1.0 && damping < LINEAR {
             return is_near(&next).then(|| finish(&next, &here)).flatten();
         }
-        let there = normal(model, &next, &pixels, range);
+        let there = normal(model, &next, pixels, range);
         let settled = left < 1.0 || step[0].abs().max(step[1].abs()) < SETTLED_PX;
         if !there.cost.is_finite() || there.cost > here.cost {
             // At the bottom the cost is flat to rounding: a tiny step that does not lower it ends the search.

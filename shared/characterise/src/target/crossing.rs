@@ -1,0 +1,99 @@
+//! Two blurred edges that cross under uneven light: what the models of a corner share.
+
+use super::profile::Profile;
+use fearless_simd::f64x8;
+use fearless_simd::prelude::*;
+use fringe::math::sincos;
+use nalgebra::SVector;
+
+/// Where an edge lies at one set of parameters, and how sharp it is.
+pub(super) struct Line {
+    pub profile: &'static Profile,
+    pub sin: f64,
+    pub cos: f64,
+    /// Inverse of σ, 1/px.
+    pub sharpness: f64,
+    pub half_curvature: f64,
+}
+
+impl Line {
+    /// At an angle, rad, blurred by σ, px, with half a curvature, 1/px.
+    pub fn new(angle_rad: f64, sigma_px: f64, half_curvature: f64) -> Self {
+        let (sin, cos) = sincos(angle_rad);
+        Self { profile: Profile::table(), sin, cos, sharpness: 1.0 / sigma_px, half_curvature }
+    }
+
+    /// How far along the edge points relative to the corner are, px, how far from the straight edge, and from the bent one.
+    #[inline(always)]
+    pub fn place<S: Simd>(&self, dx: f64x8<S>, dy: f64x8<S>) -> [f64x8<S>; 3] {
+        let along = self.cos * dx + self.sin * dy;
+        let straight = self.cos * dy - self.sin * dx;
+        [along, straight, straight - self.half_curvature * (along * along)]
+    }
+}
+
+/// The profile of an edge and its derivatives, by cx, cy, θ, σ and what else the model has.
+pub(super) trait Edge<const D: usize> {
+    /// At points relative to the corner.
+    fn at<S: Simd>(&self, dx: f64x8<S>, dy: f64x8<S>) -> (f64x8<S>, [f64x8<S>; D]);
+}
+
+/// Parameters that all models have before those of their own: cx, cy, θ₁, θ₂, σ₁, σ₂, m, gx, gy, A.
+pub(super) const SHARED: usize = 10;
+
+/// Eight pixels about a corner.
+pub(super) struct Crossing<S: Simd, const D: usize> {
+    /// P of each edge, and its derivatives.
+    pub edges: [(f64x8<S>, [f64x8<S>; D]); 2],
+    /// x and y over the reach of the window.
+    pub place: [f64x8<S>; 2],
+    /// Derivatives of the value by P₁ and P₂.
+    pub weights: [f64x8<S>; 2],
+    pub contrast: f64x8<S>,
+    /// P₁P₂.
+    pub product: f64x8<S>,
+    /// Light without the edges.
+    pub ground: f64x8<S>,
+}
+
+impl<S: Simd, const D: usize> Crossing<S, D> {
+    /// At pixels relative to the window, whose scale is the inverse of its reach, 1/px.
+    #[inline(always)]
+    pub fn new<const N: usize>(
+        edges: &[impl Edge<D>; 2],
+        p: &SVector<f64, N>,
+        scale: f64,
+        [x, y]: [f64x8<S>; 2],
+    ) -> Self {
+        let (dx, dy) = (x - p[0], y - p[1]);
+        let edges = [edges[0].at(dx, dy), edges[1].at(dx, dy)];
+        let place = [x * scale, y * scale];
+        let contrast = p[9] + p[10] * place[0] + p[11] * place[1];
+        Self {
+            edges,
+            place,
+            weights: [contrast * edges[1].0, contrast * edges[0].0],
+            contrast,
+            product: edges[0].0 * edges[1].0,
+            ground: p[6] + p[7] * place[0] + p[8] * place[1],
+        }
+    }
+
+    /// Derivatives by the parameters that all models have.
+    #[inline(always)]
+    pub fn shared(&self) -> [f64x8<S>; SHARED] {
+        let ([(_, d1), (_, d2)], [a, b], [u, v]) = (&self.edges, self.weights, self.place);
+        [
+            a * d1[0] + b * d2[0],
+            a * d1[1] + b * d2[1],
+            a * d1[2],
+            b * d2[2],
+            a * d1[3],
+            b * d2[3],
+            f64x8::splat(u.simd, 1.0),
+            u,
+            v,
+            self.product,
+        ]
+    }
+}
