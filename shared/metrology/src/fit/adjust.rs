@@ -1,9 +1,10 @@
 //! The adjustment: Gauss–Newton with Levenberg–Marquardt as its safety net.
 
+use fearless_simd::{Level, dispatch};
 use nalgebra::{SVector, Vector3};
 
 use super::FitError;
-use super::centred::tree;
+use super::centred::{extent_mm, tree};
 use super::normal::{LANES, Lanes, Normal};
 
 /// Most iterations. Good starts need five to ten; a cap of a few degrees some thirty.
@@ -19,6 +20,10 @@ const TERMINAL: f64 = 1e-9;
 /// Steps that no longer shrink by this factor are rounding. Surfaces shrink theirs a hundredfold each time, models that
 /// fit badly by a third.
 const SETTLED: f64 = 0.9;
+
+/// Largest last step, and largest one that would follow it, as parts of the uncertainty of a mean of all points: the points are not
+/// looked at again.
+const RESOLVED: [f64; 2] = [1e-6, 1e-9];
 
 /// In the terminal phase too is a step below this part of the residuals: it lowers the sum of squares by less than 1e-14 of itself. Surfaces
 /// never get here, their residuals are small against their extent; a model that fits badly does.
@@ -54,10 +59,17 @@ pub(super) trait Model<const P: usize>: Clone + Sync {
 
 /// Normal equations of a model.
 pub(super) fn normal<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) -> Normal<P> {
-    tree(points, &|leaf| leaf_sums(model, leaf), &|a: Normal<P>, b: Normal<P>| a.join(&b))
+    let level = Level::new();
+    tree(points, &|leaf| sums_with(level, model, leaf), &|a: Normal<P>, b: Normal<P>| a.join(&b))
+}
+
+/// As [`leaf_sums`] with given instructions, which change no bit.
+fn sums_with<M: Model<P>, const P: usize>(level: Level, model: &M, leaf: &[Vector3<f64>]) -> Normal<P> {
+    dispatch!(level, _simd => leaf_sums(model, leaf))
 }
 
 /// Normal equations of few points; those of models with one residual a point in lanes.
+#[inline(always)]
 fn leaf_sums<M: Model<P>, const P: usize>(model: &M, leaf: &[Vector3<f64>]) -> Normal<P> {
     let (groups, rest) = if M::ROWS == 1 { leaf.as_chunks::<LANES>() } else { (&[][..], leaf) };
     let mut lanes = Lanes::zero();
@@ -85,7 +97,7 @@ fn leaf_sums<M: Model<P>, const P: usize>(model: &M, leaf: &[Vector3<f64>]) -> N
 pub(super) struct Adjusted<M, const P: usize> {
     /// The model at the minimum.
     pub model: M,
-    /// Normal equations of the model there; after [`Until::Near`] those of the state before the last step.
+    /// Normal equations of the model there, or before a last step that hardly changes them.
     pub normal: Normal<P>,
 }
 
@@ -99,9 +111,7 @@ pub(super) fn adjust<M: Model<P>, const P: usize>(
     points: &[Vector3<f64>],
     until: Until,
 ) -> Result<Adjusted<M, P>, FitError> {
-    let squares: f64 =
-        tree(points, &|leaf| leaf.iter().map(Vector3::norm_squared).sum(), &|a: f64, b: f64| a + b);
-    let extent_mm = (squares / points.len().max(1) as f64).sqrt();
+    let extent_mm = extent_mm(points.iter(), &Vector3::zeros());
     let mut state = Adjusted { normal: normal(&start, points), model: start };
     let mut damping = 0.0;
     let mut last_mm = f64::INFINITY;
@@ -119,9 +129,16 @@ pub(super) fn adjust<M: Model<P>, const P: usize>(
         if until == Until::Near && damping == 0.0 && moved_mm <= NEAR_RESIDUAL * residual_mm {
             return Ok(Adjusted { normal: state.normal, model });
         }
-        let next = Adjusted { normal: normal(&model, points), model };
         let terminal_mm = (TERMINAL * extent_mm).max(TERMINAL_RESIDUAL * residual_mm);
-        if moved_mm <= terminal_mm && damping == 0.0 {
+        let terminal = moved_mm <= terminal_mm && damping == 0.0;
+        let u_mean_mm = residual_mm / (state.normal.rows.max(1) as f64).sqrt();
+        // The next step is taken to be to this one as this one is to the last.
+        let small = RESOLVED.map(|part| part * u_mean_mm);
+        if terminal && moved_mm <= small[0] && moved_mm * moved_mm <= small[1] * last_mm {
+            return Ok(Adjusted { normal: state.normal, model });
+        }
+        let next = Adjusted { normal: normal(&model, points), model };
+        if terminal {
             let settled = moved_mm <= 1e-16 * extent_mm || moved_mm >= SETTLED * last_mm;
             last_mm = moved_mm;
             state = next;
@@ -163,6 +180,7 @@ pub(super) fn singular(element: &'static str) -> FitError {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use fearless_simd::Simd;
 
     /// Central differences of the rows beside the derivatives that the model states, at points off its surface.
     pub fn derivatives_agree<M: Model<P>, const P: usize>(model: &M) {
@@ -211,7 +229,7 @@ pub(super) mod tests {
         }
     }
 
-    /// Sums in lanes are those of one row after another, for any number of points.
+    /// Sums in lanes are those of one row after another, for any number of points, and the same bits with all instructions.
     fn lanes_agree<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) {
         let mut single = Normal::<P>::zero();
         for point in points {
@@ -223,6 +241,11 @@ pub(super) mod tests {
         assert!((lanes.sum - single.sum).abs() <= rounding);
         assert!((lanes.gradient - single.gradient).amax() <= rounding);
         assert!((lanes.symmetric() - single.symmetric()).amax() <= rounding);
+        let (best, bits) = (Level::new(), |n: &Normal<P>| (n.symmetric(), n.gradient, n.sum));
+        let more = [best.as_sse4_2().map(Simd::level), best.as_avx2().map(Simd::level), Some(best)];
+        for level in [Some(Level::baseline())].into_iter().chain(more).flatten() {
+            assert_eq!(bits(&sums_with(level, model, points)), bits(&lanes));
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Points about their centroid, checked, with their principal axes.
 
 use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
 
 use super::{COORDINATE_LIMIT_MM, FitError};
 use fringe::math::linear::eigen_fixed;
@@ -9,7 +10,13 @@ use fringe::math::linear::eigen_fixed;
 const LEAF: usize = 256;
 
 /// Branches of more points than this are summed side by side.
-const BRANCH: usize = 8192;
+pub(super) const BRANCH: usize = 8192;
+
+/// A thickness beyond this part of the extent is told from a plane's by the scatter alone, whose rounding is 1e-8 of the extent.
+const THICK: f64 = 1e-6;
+
+/// Points of which the extent of many is taken.
+const EXTENT_POINTS: usize = 1024;
 
 /// Below this ratio of extents points count as coplanar or collinear: coordinates of 1 m that carry 1e-13 mm of
 /// rounding, over an extent of 1 mm, reach 1e-13; the flattest real cap (sagitta 1 µm over 100 mm) has 1e-5.
@@ -30,16 +37,61 @@ impl Centred {
     /// # Errors
     /// A coordinate that is no length in mm.
     pub fn new(element: &'static str, points: &[Point3<f64>]) -> Result<Self, FitError> {
-        for (index, point) in points.iter().enumerate() {
-            if let Some(&value) =
-                point.iter().find(|v| !(-COORDINATE_LIMIT_MM..=COORDINATE_LIMIT_MM).contains(*v))
-            {
+        let within = |v: f64| (-COORDINATE_LIMIT_MM..=COORDINATE_LIMIT_MM).contains(&v);
+        let leaf = |leaf: &[Point3<f64>]| {
+            let (mut sum, mut all) = (Vector3::zeros(), true);
+            for p in leaf {
+                sum += p.coords;
+                all &= within(p.x) & within(p.y) & within(p.z);
+            }
+            (sum, all)
+        };
+        let (sum, all) = tree(points, &leaf, &|a: (Vector3<f64>, bool), b| (a.0 + b.0, a.1 & b.1));
+        if !all {
+            let values = points.iter().enumerate().flat_map(|(index, p)| p.iter().map(move |v| (index, *v)));
+            if let Some((index, value)) = values.into_iter().find(|(_, v)| !within(*v)) {
                 return Err(FitError::Coordinate { element, index, value });
             }
         }
-        let centroid = mean(points, |p| p.coords);
-        Ok(Self { centroid, points: points.iter().map(|p| p.coords - centroid).collect() })
+        let centroid = sum / points.len().max(1) as f64;
+        let centred = points.par_iter().with_min_len(BRANCH).map(|p| p.coords - centroid).collect();
+        Ok(Self { centroid, points: centred })
     }
+}
+
+/// Root mean square distance of points from a place, mm, by some of them when they are many: a scale for what is small beside it.
+pub(super) fn extent_mm<'a>(
+    points: impl ExactSizeIterator<Item = &'a Vector3<f64>>,
+    place: &Vector3<f64>,
+) -> f64 {
+    let step = points.len().div_ceil(EXTENT_POINTS).max(1);
+    let (mut squares, mut count) = (0.0, 0.0);
+    for point in points.step_by(step) {
+        squares += (point - place).norm_squared();
+        count += 1.0;
+    }
+    if count > 0.0 { (squares / count).sqrt() } else { 0.0 }
+}
+
+/// Refuses points about their centroid that lie in one plane, which determine no curved surface. `scatter`: theirs, see [`scatter`].
+///
+/// # Errors
+/// They lie in one plane or on one line.
+pub(super) fn check_spatial(
+    element: &'static str,
+    points: &[Vector3<f64>],
+    scatter: &Matrix3<f64>,
+) -> Result<(), FitError> {
+    let (squares, _) = eigen_fixed(scatter);
+    if squares[0] > THICK * THICK * squares[2] {
+        return Ok(());
+    }
+    Principal::new(points).check_spatial(element)
+}
+
+/// Σ p pᵀ, mm².
+pub(super) fn scatter(points: &[Vector3<f64>]) -> Matrix3<f64> {
+    tree(points, &|leaf| leaf.iter().map(|p| p * p.transpose()).sum(), &|a: Matrix3<f64>, b| a + b)
 }
 
 /// Mean of the places of items, mm; zero of none.
@@ -78,12 +130,7 @@ pub(super) struct Principal {
 impl Principal {
     /// Of points about their centroid.
     pub fn new(points: &[Vector3<f64>]) -> Self {
-        let scatter: Matrix3<f64> = tree(
-            points,
-            &|leaf| leaf.iter().map(|p| p * p.transpose()).sum(),
-            &|a: Matrix3<f64>, b: Matrix3<f64>| a + b,
-        );
-        let (_, axes) = eigen_fixed(&scatter);
+        let (_, axes) = eigen_fixed(&scatter(points));
         // Measured along the axes, not as roots of the eigenvalues: those of a plane carry 1e-16 of the largest one,
         // whose root would be a thickness of 1e-8.
         let squares: Vector3<f64> = tree(

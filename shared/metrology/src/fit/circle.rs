@@ -86,6 +86,7 @@ impl Model<6> for Circle {
         if radial < 0.0 { -distance } else { distance }
     }
 
+    #[inline(always)]
     fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 6>)) {
         let arm = point - self.center;
         let height = arm.dot(&self.normal);
@@ -117,6 +118,7 @@ impl Model<3> for Ring {
         (arm - self.0.normal * arm.dot(&self.0.normal)).norm() - self.0.radius
     }
 
+    #[inline(always)]
     fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 3>)) {
         let arm = point - self.0.center;
         let (distance, out) = polar(&(arm - self.0.normal * arm.dot(&self.0.normal)));

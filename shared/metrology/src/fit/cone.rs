@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::adjust::Model;
 use super::axis::{Axis, best_of, directions, thinned, u_point_mm, worst_tilt_rad};
-use super::centred::{Principal, tree};
+use super::centred::{check_spatial, scatter, tree};
 use super::chart::{ChartCovariance, Effect, charted, tilts};
 use super::form::{Form, Residuals};
 use super::normal::Normal;
@@ -145,6 +145,7 @@ impl Model<6> for Cone {
         seen.radius * cos - seen.height * sin - self.reach
     }
 
+    #[inline(always)]
     fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 6>)) {
         let seen = self.axis.see(point);
         let (sin, cos) = math::sincos(self.angle_rad);
@@ -165,7 +166,7 @@ impl Model<6> for Cone {
 
 /// Start: for many directions the algebraic cone along them; the best few adjusted.
 fn start(points: &[Vector3<f64>]) -> Result<Cone, FitError> {
-    Principal::new(points).check_spatial(ELEMENT)?;
+    check_spatial(ELEMENT, points, &scatter(points))?;
     let thin = thinned(points);
     let candidates = directions(points).into_iter().filter_map(|d| algebraic(&thin, d));
     best_of(ELEMENT, candidates, &thin).ok_or(FitError::NoConvergence { element: ELEMENT, iterations: 0 })

@@ -246,6 +246,7 @@ impl<const P: usize> Model<P> for Flat {
         self.distance(point).0
     }
 
+    #[inline(always)]
     fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, P>)) {
         let (distance, [u, v], out, by_sizes) = self.distance(point);
         let [gx, gy] = self.placed.global(out);

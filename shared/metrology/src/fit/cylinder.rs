@@ -82,6 +82,7 @@ impl Model<5> for Cylinder {
         self.axis.see(point).radius - self.radius
     }
 
+    #[inline(always)]
     fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 5>)) {
         let seen = self.axis.see(point);
         let [a, b] = seen.out;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::centred::tree;
+use super::centred::{BRANCH, tree};
 
 /// Form deviation of the points used, each statistic with its definition in its name.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -38,6 +38,9 @@ pub(super) fn marked<T: Copy>(values: &[T], marks: &[bool]) -> Vec<T> {
 impl Residuals {
     /// Residuals of the points used, in their order.
     pub fn of_used(&self) -> Vec<f64> {
+        if self.used.iter().all(|used| *used) {
+            return self.deviation_mm.clone();
+        }
         marked(&self.deviation_mm, &self.used)
     }
 
@@ -45,11 +48,8 @@ impl Residuals {
     pub(crate) fn form(&self) -> Form {
         let mut sorted = self.of_used();
         let points = sorted.len();
-        let sum = |f: &(dyn Fn(f64) -> f64 + Sync)| {
-            tree(&sorted, &|leaf| leaf.iter().map(|r| f(*r)).sum::<f64>(), &|a: f64, b: f64| a + b)
-        };
-        let mean = sum(&|r| r) / points.max(1) as f64;
-        let variance = sum(&|r| (r - mean) * (r - mean)) / points.saturating_sub(1).max(1) as f64;
+        let mean = sum(&sorted, |r| r) / points.max(1) as f64;
+        let variance = sum(&sorted, |r| (r - mean) * (r - mean)) / points.saturating_sub(1).max(1) as f64;
         let [range_mm, d95_mm] = widths(&mut sorted);
         Form {
             points,
@@ -61,6 +61,22 @@ impl Residuals {
     }
 }
 
+/// The sum of a function of values.
+fn sum(values: &[f64], of: impl Fn(f64) -> f64 + Sync) -> f64 {
+    tree(values, &|leaf| leaf.iter().map(|r| of(*r)).sum::<f64>(), &|a: f64, b: f64| a + b)
+}
+
+/// Sorts both ends, of many values side by side.
+fn sort_both(low: &mut [f64], high: &mut [f64]) {
+    let sort = |values: &mut [f64]| values.sort_unstable_by(f64::total_cmp);
+    if low.len() > BRANCH {
+        rayon::join(|| sort(low), || sort(high));
+    } else {
+        sort(low);
+        sort(high);
+    }
+}
+
 /// Width of the interval that holds all values, and of the narrowest one that holds ⌈0.95 n⌉ of n values. Only the lowest and the
 /// highest twentieth, where intervals begin and end, are sorted.
 fn widths(values: &mut [f64]) -> [f64; 2] {
@@ -69,8 +85,8 @@ fn widths(values: &mut [f64]) -> [f64; 2] {
     if begins + 1 < held - 1 {
         values.select_nth_unstable_by(begins, f64::total_cmp);
         values[begins + 1..].select_nth_unstable_by(held - 2 - begins, f64::total_cmp);
-        values[..=begins].sort_unstable_by(f64::total_cmp);
-        values[held - 1..].sort_unstable_by(f64::total_cmp);
+        let (low, rest) = values.split_at_mut(begins + 1);
+        sort_both(low, &mut rest[held - 2 - begins..]);
     } else {
         values.sort_unstable_by(f64::total_cmp);
     }

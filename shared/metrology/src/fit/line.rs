@@ -75,6 +75,7 @@ impl Model<4> for Line {
         self.0.see(point).radius
     }
 
+    #[inline(always)]
     fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 4>)) {
         let arm = point - self.0.point;
         let height = arm.dot(&self.0.direction);

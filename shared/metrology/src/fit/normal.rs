@@ -91,7 +91,7 @@ impl<const P: usize> Lanes<P> {
     }
 
     /// Adds a residual with its derivatives in each lane.
-    #[inline]
+    #[inline(always)]
     pub fn add(&mut self, residual: &[f64; LANES], derivatives: &[[f64; LANES]; P]) {
         for column in 0..P {
             for row in 0..=column {
@@ -116,7 +116,7 @@ impl<const P: usize> Lanes<P> {
 }
 
 /// Adds the products of two rows of lanes.
-#[inline]
+#[inline(always)]
 fn products(sums: &mut [f64; LANES], a: &[f64; LANES], b: &[f64; LANES]) {
     for lane in 0..LANES {
         sums[lane] += a[lane] * b[lane];

@@ -184,6 +184,7 @@ impl Model<3> for Plane {
         self.normal.dot(point) - self.offset
     }
 
+    #[inline(always)]
     fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 3>)) {
         let [e1, e2] = &self.tangents;
         add(self.deviation(point), &Vector3::new(e1.dot(point), e2.dot(point), -1.0));

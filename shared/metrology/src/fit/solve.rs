@@ -1,10 +1,11 @@
 //! From points to a fitted model: check, centre, start, adjust, reject, covariance.
 
 use nalgebra::{Point3, SMatrix, Vector3};
+use rayon::prelude::*;
 use std::borrow::Cow;
 
 use super::adjust::{Adjusted, Model, Until, adjust};
-use super::centred::Centred;
+use super::centred::{BRANCH, Centred, mean};
 use super::cluster::covariance;
 use super::form::{Form, Residuals, marked};
 use super::{Correlation, FitError, FitSettings, Support};
@@ -85,17 +86,21 @@ fn finish<M: Model<P>, const P: usize>(
 ) -> Result<Solution<M, P>, FitError> {
     let trimmed = chosen.len() < centred.points.len();
     let (covariance, support) = covariance(element, &adjusted, chosen, settings, trimmed)?;
-    let deviation_mm = centred.points.iter().map(|p| adjusted.model.deviation(p)).collect();
-    let residuals = Residuals { deviation_mm, used };
+    let residuals = Residuals { deviation_mm: deviations(&adjusted.model, &centred.points), used };
     Ok(Solution {
         form: residuals.form(),
-        used_centroid: super::centred::mean(chosen, |p| *p),
+        used_centroid: if trimmed { mean(chosen, |p| *p) } else { Vector3::zeros() },
         centroid: centred.centroid,
         model: adjusted.model,
         covariance,
         support,
         residuals,
     })
+}
+
+/// Signed distance of each point, mm.
+pub(super) fn deviations<M: Model<P>, const P: usize>(model: &M, points: &[Vector3<f64>]) -> Vec<f64> {
+    points.par_iter().with_min_len(BRANCH).map(|p| model.deviation(p)).collect()
 }
 
 /// Checks that the settings are within their limits.
@@ -121,7 +126,10 @@ fn without_largest<M: Model<P>, const P: usize>(
     points: &[Vector3<f64>],
     rejected: usize,
 ) -> Vec<bool> {
-    let sizes: Vec<f64> = points.iter().map(|p| model.deviation(p).abs()).collect();
+    let mut sizes = deviations(model, points);
+    for size in &mut sizes {
+        *size = size.abs();
+    }
     let mut used = vec![true; points.len()];
     if rejected == 0 {
         return used;

@@ -3,11 +3,10 @@
 use nalgebra::{Matrix4, Point3, SVector, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 
-use super::adjust::{Model, Until, adjust};
-use super::centred::{Centred, Principal, tree};
+use super::adjust::{Model, Until, adjust, normal};
+use super::centred::{Centred, Principal, check_spatial, extent_mm};
 use super::chart::{ChartCovariance, Effect, charted};
 use super::form::{Form, Residuals};
-use super::normal::Normal;
 use super::solve::{Solution, solve};
 use super::{FitError, FitSettings, Support};
 
@@ -75,7 +74,8 @@ impl SphereFit {
 pub fn sphere(points: &[Point3<f64>], settings: &FitSettings) -> Result<SphereFit, FitError> {
     let solution = solve(ELEMENT, 5, points, settings, algebraic).map_err(|error| flat_or(error, points))?;
     let radius = solution.model.radius;
-    if !radius.is_finite() || radius >= LARGEST_RADIUS_RATIO * spread(&solution, points) {
+    let extent_mm = extent_mm(points.iter().map(|p| &p.coords), &solution.centroid);
+    if !radius.is_finite() || radius >= LARGEST_RADIUS_RATIO * extent_mm {
         return Err(FitError::Degenerate { element: ELEMENT, why: "the points show no curvature" });
     }
     let covariance = solution.covariance;
@@ -143,17 +143,6 @@ fn check_diameter(diameter_mm: f64) -> Result<(), FitError> {
     Err(FitError::Setting { key: "diameter_mm", value: diameter_mm, limits: "0 … 1e7 mm, zero excluded" })
 }
 
-/// Root mean square distance of the points from their centroid, mm.
-fn spread<M, const P: usize>(solution: &Solution<M, P>, points: &[Point3<f64>]) -> f64 {
-    let centroid = solution.centroid;
-    let squares: f64 = tree(
-        points,
-        &|leaf| leaf.iter().map(|p| (p.coords - centroid).norm_squared()).sum(),
-        &|a: f64, b: f64| a + b,
-    );
-    (squares / points.len().max(1) as f64).sqrt()
-}
-
 /// Assembles the result from the adjustment.
 fn result<M, const P: usize>(
     center: Vector3<f64>,
@@ -182,10 +171,12 @@ pub(super) struct FreeSphere {
 }
 
 impl Model<4> for FreeSphere {
+    #[inline(always)]
     fn deviation(&self, point: &Vector3<f64>) -> f64 {
         (point - self.center).norm() - self.radius
     }
 
+    #[inline(always)]
     fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 4>)) {
         let (distance, away) = polar(&(point - self.center));
         add(distance - self.radius, &Vector4::new(-away.x, -away.y, -away.z, -1.0));
@@ -204,10 +195,12 @@ struct FixedSphere {
 }
 
 impl Model<3> for FixedSphere {
+    #[inline(always)]
     fn deviation(&self, point: &Vector3<f64>) -> f64 {
         (point - self.center).norm() - self.radius
     }
 
+    #[inline(always)]
     fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 3>)) {
         let (distance, away) = polar(&(point - self.center));
         add(distance - self.radius, &-away);
@@ -219,6 +212,7 @@ impl Model<3> for FixedSphere {
 }
 
 /// Length and direction; a vector without length has the direction zero, so that it pulls nowhere.
+#[inline(always)]
 pub(super) fn polar(vector: &Vector3<f64>) -> (f64, Vector3<f64>) {
     let length = vector.norm();
     let inverse = if length > 0.0 { 1.0 / length } else { 0.0 };
@@ -232,21 +226,34 @@ pub(super) fn fitted(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
 
 /// Algebraic start: |p|² = 2 c·p + (R² − c²) is linear in c and the bracket.
 fn algebraic(points: &[Vector3<f64>]) -> Result<FreeSphere, FitError> {
-    Principal::new(points).check_spatial(ELEMENT)?;
-    let normal: Normal<4> = tree(
-        points,
-        &|leaf| {
-            let mut sums = Normal::zero();
-            for p in leaf {
-                sums.add(-p.norm_squared(), &Vector4::new(2.0 * p.x, 2.0 * p.y, 2.0 * p.z, 1.0));
-            }
-            sums
-        },
-        &|a: Normal<4>, b: Normal<4>| a.join(&b),
-    );
+    let start = Algebraic(Vector4::zeros());
+    let normal = normal(&start, points);
+    let scatter = normal.symmetric().fixed_view::<3, 3>(0, 0) / 4.0;
+    check_spatial(ELEMENT, points, &scatter)?;
     let step = normal.step(0.0).ok_or_else(|| super::adjust::singular(ELEMENT))?;
-    let center = step.xyz();
-    Ok(FreeSphere { center, radius: (step.w + center.norm_squared()).max(0.0).sqrt() })
+    let Algebraic(parameters) = start.moved(&step);
+    let center = parameters.xyz();
+    Ok(FreeSphere { center, radius: (parameters.w + center.norm_squared()).max(0.0).sqrt() })
+}
+
+/// A sphere by its algebraic distance, mm²; parameters: c and R² − c².
+#[derive(Clone)]
+struct Algebraic(Vector4<f64>);
+
+impl Model<4> for Algebraic {
+    #[inline(always)]
+    fn deviation(&self, point: &Vector3<f64>) -> f64 {
+        2.0 * self.0.xyz().dot(point) + self.0.w - point.norm_squared()
+    }
+
+    #[inline(always)]
+    fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 4>)) {
+        add(self.deviation(point), &Vector4::new(2.0 * point.x, 2.0 * point.y, 2.0 * point.z, 1.0));
+    }
+
+    fn moved(&self, step: &SVector<f64, 4>) -> Self {
+        Self(self.0 + step)
+    }
 }
 
 #[cfg(test)]
@@ -259,5 +266,6 @@ mod tests {
         let center = Vector3::new(0.2, -0.3, 0.5);
         derivatives_agree(&FreeSphere { center, radius: 2.0 });
         derivatives_agree(&FixedSphere { center, radius: 2.0 });
+        derivatives_agree(&Algebraic(Vector4::new(0.2, -0.3, 0.5, 4.0)));
     }
 }

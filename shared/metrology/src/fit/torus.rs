@@ -127,6 +127,7 @@ impl Model<7> for Torus {
         self.section(seen.radius, seen.height).0 - self.tube
     }
 
+    #[inline(always)]
     fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, 7>)) {
         let seen = self.axis.see(point);
         let (distance, [c, s]) = self.section(seen.radius, seen.height);
