@@ -50,6 +50,7 @@ mod subpixel;
 mod subpixel_lanes;
 #[cfg(test)]
 mod tests;
+mod texture;
 
 pub use error::MatchError;
 pub(crate) use error::check_map;
@@ -64,11 +65,10 @@ use crate::cloud::Point;
 use crate::geometry::camera::Camera;
 use crate::math::parallel::for_parts;
 use crate::math::simd::best_level;
-use crate::math::statistics::median;
 use crate::phase::PhaseView;
 use crate::rectify::{Directions, Rectification, RectifiedGrid};
 use crate::sensor::Footprint;
-use crate::surface::{Cause, Sample, Samples, SurfaceBuilder, View, independent_share, rim_is_hidden};
+use crate::surface::{Cause, Sample, Samples, SurfaceBuilder, View, WINDOWS, rim_is_hidden};
 use ends::Ends;
 use epipolar_rows::{Row, StepLimits};
 use fearless_simd::Level;
@@ -78,6 +78,7 @@ use order::{common_rows, next_group, order, others, parts};
 use report::PART_ROWS;
 use std::f64::consts::TAU;
 use subpixel::{RightPhase, SETTLED_PX};
+use texture::Texture;
 
 /// Parts of the rows that are matched before their points are put in the order of the pixels.
 const PARTS_AT_ONCE: usize = 8;
@@ -87,9 +88,6 @@ const SAME_PERIOD: f64 = 1e-9;
 
 /// Noise of the phase, projector pixels, beside which the shift two pixels from a rim does not matter.
 const RIM_NOISE_PX: f64 = 0.25;
-
-/// The median noise of a map comes from at most so many pixels.
-const NOISE_SAMPLES: usize = 65_536;
 
 /// Matches the phase maps of one pair. All tables and buffers are made once; `run` allocates nothing.
 #[derive(Debug, Clone)]
@@ -115,8 +113,8 @@ pub struct Matcher {
     copies: [Vec<f32>; 2],
     /// Where surfaces end in both pictures.
     ends: Ends,
-    /// Scratch for the median noise.
-    noise: Vec<f32>,
+    /// Scratch for the noise of both maps.
+    noise: [Vec<f32>; 2],
     /// Of the parts that are matched at once, group by group.
     hits: Vec<Samples>,
     surface: SurfaceBuilder,
@@ -172,7 +170,7 @@ impl Matcher {
             tasks,
             copies: [Vec::new(), Vec::new()],
             ends: Ends::new([left, right].map(|camera| [camera.width_px, camera.height_px])),
-            noise: Vec::with_capacity(NOISE_SAMPLES),
+            noise: [(); 2].map(|()| Vec::with_capacity(WINDOWS)),
             hits: vec![Samples::NONE; most],
             outside: others(&order, columns * rows),
             order,
@@ -232,12 +230,15 @@ impl Matcher {
         out: &mut [Point],
     ) -> MatchReport {
         let edge_px = self.settings.surface.edge_px as usize;
-        let independent = independent_share(left, phases.left, &mut self.noise).min(independent_share(
-            right,
-            phases.right,
-            &mut self.noise,
-        ));
-        let (limits, noise_px) = self.step_limits(left, right, phases);
+        let [scratch_left, scratch_right] = &mut self.noise;
+        let (of_left, of_right) = rayon::join(
+            || Texture::of(left, phases.left, scratch_left),
+            || Texture::of(right, phases.right, scratch_right),
+        );
+        let Texture { independent, noise_rad, step_rad } = of_left.worse(of_right);
+        let period_px = left.info.period_px;
+        let limits = self.settings.step_limits(period_px, noise_rad, step_rad);
+        let noise_px = f64::from(noise_rad) * period_px / TAU;
         // A rim shifts the phase two pixels away by less than noise like this hides, and hardly one that was interpolated.
         let hidden = rim_is_hidden(noise_px, RIM_NOISE_PX, independent);
         let edge = if hidden { edge_px.min(1) } else { edge_px };
@@ -272,38 +273,6 @@ impl Matcher {
     /// What became of each left pixel in the last run.
     pub fn causes(&self) -> &[Cause] {
         self.surface.causes()
-    }
-
-    /// Limits of the steps along rows, for the median noise of both maps, and this noise, projector pixels.
-    fn step_limits(&mut self, left: &PhaseView, right: &PhaseView, phases: Phases) -> (StepLimits, f64) {
-        let noise_rad = [(left, phases.left), (right, phases.right)].map(|(map, masked)| {
-            let stride = masked.len().div_ceil(NOISE_SAMPLES).max(1);
-            self.noise.clear();
-            let places = (0..masked.len()).step_by(stride).filter(|i| !masked[*i].is_nan());
-            self.noise.extend(places.map(|i| map.sigma_rad[i]));
-            median(&mut self.noise).unwrap_or(0.0)
-        });
-        let (period_px, noise_rad) = (left.info.period_px, noise_rad[0].max(noise_rad[1]));
-        let step_rad = self.median_step_rad(phases);
-        (self.settings.step_limits(period_px, noise_rad, step_rad), f64::from(noise_rad) * period_px / TAU)
-    }
-
-    /// Median difference of neighbours, rad: along rows and along columns, in both maps, the largest.
-    fn median_step_rad(&mut self, phases: Phases) -> f32 {
-        let Self { noise, pair, .. } = self;
-        let widths = [pair.left.camera.width_px, pair.right.camera.width_px].map(|w| w as usize);
-        let mut most = 0.0_f32;
-        for (phase, width) in [(phases.left, widths[0]), (phases.right, widths[1])] {
-            let stride = phase.len().div_ceil(NOISE_SAMPLES).max(1);
-            for next in [1, width] {
-                noise.clear();
-                let places = (0..phase.len().saturating_sub(next)).step_by(stride);
-                noise
-                    .extend(places.map(|i| (phase[i + next] - phase[i]).abs()).filter(|step| !step.is_nan()));
-                most = most.max(median(noise).unwrap_or(0.0));
-            }
-        }
-        most
     }
 
     /// Matches some parts of the rows at a time, so that what they found lies in the cache when it is put in the order of the pixels.
