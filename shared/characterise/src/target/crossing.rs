@@ -50,7 +50,7 @@ pub(super) struct Crossing<S: Simd, const D: usize> {
     /// Derivatives of the value by P₁ and P₂.
     pub weights: [f64x8<S>; 2],
     pub contrast: f64x8<S>,
-    /// P₁P₂, the sign of the quadrant inside the blur.
+    /// P₁P₂: 1 in two opposite quadrants, −1 in the others.
     pub product: f64x8<S>,
     /// Light without the edges.
     pub ground: f64x8<S>,

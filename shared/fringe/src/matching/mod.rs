@@ -38,6 +38,7 @@ mod epipolar_rows;
 mod error;
 #[cfg(test)]
 mod figures;
+mod map_statistics;
 mod mask;
 mod match_rows;
 mod noisy_rows;
@@ -50,7 +51,6 @@ mod subpixel;
 mod subpixel_lanes;
 #[cfg(test)]
 mod tests;
-mod texture;
 
 pub use error::MatchError;
 pub(crate) use error::check_map;
@@ -72,13 +72,13 @@ use crate::surface::{Cause, Sample, Samples, SurfaceBuilder, View, WINDOWS, rim_
 use ends::Ends;
 use epipolar_rows::{Row, StepLimits};
 use fearless_simd::Level;
+use map_statistics::MapStatistics;
 use match_rows::{Scan, Task};
 use nalgebra::Vector3;
 use order::{common_rows, next_group, order, others, parts};
 use report::PART_ROWS;
 use std::f64::consts::TAU;
 use subpixel::{RightPhase, SETTLED_PX};
-use texture::Texture;
 
 /// Parts of the rows that are matched before their points are put in the order of the pixels.
 const PARTS_AT_ONCE: usize = 8;
@@ -232,10 +232,10 @@ impl Matcher {
         let edge_px = self.settings.surface.edge_px as usize;
         let [scratch_left, scratch_right] = &mut self.noise;
         let (of_left, of_right) = rayon::join(
-            || Texture::of(left, phases.left, scratch_left),
-            || Texture::of(right, phases.right, scratch_right),
+            || MapStatistics::of(left, phases.left, scratch_left),
+            || MapStatistics::of(right, phases.right, scratch_right),
         );
-        let Texture { independent, noise_rad, step_rad } = of_left.worse(of_right);
+        let MapStatistics { independent, noise_rad, step_rad } = of_left.worse(of_right);
         let period_px = left.info.period_px;
         let limits = self.settings.step_limits(period_px, noise_rad, step_rad);
         let noise_px = f64::from(noise_rad) * period_px / TAU;

@@ -51,7 +51,8 @@ pub(super) trait Model<const P: usize>: Clone + Sync {
     const ROWS: usize = 1;
     /// Signed distance of a point, mm.
     fn deviation(&self, point: &Vector3<f64>) -> f64;
-    /// Residuals of a point with their derivatives by the chart's parameters; their squares are what is minimised.
+    /// Residuals of a point with their derivatives by the chart's parameters; their squares are what is minimised. To be inlined: what is
+    /// not, is compiled for the plainest processor.
     fn rows(&self, point: &Vector3<f64>, add: &mut impl FnMut(f64, &SVector<f64, P>));
     /// The model after a step in the chart.
     fn moved(&self, step: &SVector<f64, P>) -> Self;

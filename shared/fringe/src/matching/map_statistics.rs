@@ -6,7 +6,7 @@ use crate::surface::{WINDOWS, independent_share};
 
 /// Noise and slope of a map.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Texture {
+pub(super) struct MapStatistics {
     /// Share of the noise's variance that differs from pixel to pixel, 0 to 1.
     pub independent: f64,
     /// Median of its stated noise, rad.
@@ -15,7 +15,7 @@ pub(super) struct Texture {
     pub step_rad: f32,
 }
 
-impl Texture {
+impl MapStatistics {
     /// Of a map, from at most [`WINDOWS`] pixels each. `masked` is its phase with NaN where it may not be used; `scratch` has a capacity of
     /// so many values.
     pub fn of(map: &PhaseView, masked: &[f32], scratch: &mut Vec<f32>) -> Self {
