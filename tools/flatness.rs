@@ -7,7 +7,7 @@ use crate::surface::{length, read_cloud_in_mm};
 use anyhow::{Context, Result, bail};
 use fringe::math::statistics::median;
 use metrology::fit::{self, FitSettings, Form};
-use metrology::inspection::{FlatnessFilter, filtered_flatness};
+use metrology::inspection::{Across, FlatnessFilter, filtered_flatness};
 use nalgebra::Point3;
 use report::{FlatnessInput, FlatnessRepeat, write_flatness};
 use serde::Serialize;
@@ -102,9 +102,11 @@ fn measure(args: &Args, path: &Path) -> Result<(Repeat, FlatnessRepeat, [&'stati
         1 => (0, 2, ["x", "z"]),
         _ => (0, 1, ["x", "y"]),
     };
-    let across_mm: Vec<[f64; 2]> = points.iter().map(|p| [p[first], p[second]]).collect();
+    let places = held.iter().zip(&points);
+    let across: Vec<Across> =
+        places.map(|(held, p)| Across { place_mm: [p[first], p[second]], sigma_mm: held.sigma_mm }).collect();
     let deviations_mm = plane.residuals.deviation_mm;
-    let filtered = filtered_flatness(&across_mm, &deviations_mm, args.filter).context("--filter-mm")?;
+    let filtered = filtered_flatness(&across, &deviations_mm, args.filter).context("--filter-mm")?;
     let mut stated: Vec<f32> = held.iter().map(|p| p.sigma_mm).filter(|s| *s > 0.0).collect();
     let repeat = Repeat {
         cloud: path.display().to_string(),
@@ -121,6 +123,7 @@ fn measure(args: &Args, path: &Path) -> Result<(Repeat, FlatnessRepeat, [&'stati
         repeat.form.form_range_mm * 1e3,
         repeat.form.form_sigma_mm * 1e3
     );
+    let across_mm = across.iter().map(|point| point.place_mm).collect();
     Ok((repeat, FlatnessRepeat { name, across_mm, deviations_mm, caption }, axes))
 }
 

@@ -27,6 +27,11 @@ impl<const P: usize> Normal<P> {
         Self { matrix: SMatrix::zeros(), gradient: SVector::zeros(), sum: 0.0, rows: 0 }
     }
 
+    /// From JᵀJ, of which the upper triangle is enough, and Jᵀr, for [`Self::step`] alone.
+    pub fn of_sums(matrix: SMatrix<f64, P, P>, gradient: SVector<f64, P>) -> Self {
+        Self { matrix, gradient, sum: 0.0, rows: 0 }
+    }
+
     /// Adds a residual with its derivatives.
     #[inline]
     pub fn add(&mut self, residual: f64, derivatives: &SVector<f64, P>) {

@@ -5,7 +5,7 @@ use super::align::{PlacedPart, align, describe};
 use super::characteristic::{Characteristic, Extracted, Kind};
 use super::criterion::Criterion;
 use super::extracted;
-use super::filter::filtered;
+use super::filter::{Across, filtered};
 use super::fit_element::{Measured, REACH_MARGINS, about, measure};
 use super::fitted_element::FittedElement;
 use super::flatness::u_range_mm;
@@ -264,8 +264,8 @@ fn sphere(elements: &[Outcome], index: usize) -> Result<&SphereFit, String> {
 }
 
 /// Where in its plane an element's points lie.
-fn places(elements: &[Outcome], index: usize) -> &[[f64; 2]] {
-    elements.get(index).and_then(|e| e.as_ref().ok()).map_or(&[], |measured| &measured.across_mm)
+fn places(elements: &[Outcome], index: usize) -> &[Across] {
+    elements.get(index).and_then(|e| e.as_ref().ok()).map_or(&[], |measured| &measured.across)
 }
 
 fn plane(elements: &[Outcome], index: usize) -> Result<&PlaneFit, String> {
@@ -370,8 +370,8 @@ fn flatness(fit: &PlaneFit) -> Reading {
 }
 
 /// Range of the cell means; see [`filtered`].
-fn filtered_flatness(fit: &PlaneFit, across_mm: &[[f64; 2]], edge_mm: f64) -> Result<Reading, MeasureError> {
-    let found = filtered(across_mm, &fit.residuals.deviation_mm, edge_mm)?;
+fn filtered_flatness(fit: &PlaneFit, across: &[Across], edge_mm: f64) -> Result<Reading, MeasureError> {
+    let found = filtered(across, &fit.residuals.deviation_mm, edge_mm)?;
     let reading = Reading::new(found.range_mm, found.u_mm, &[&fit.form]);
     Ok(unfiltered(&fit.form, Reading { filter: Some(found.report), ..reading }))
 }

@@ -13,8 +13,9 @@
 //!
 //! Noise of the means: in a block of 2 × 2 neighbouring cells, m₀₀ − m₀₁ − m₁₀ + m₁₁ holds no offset, no slope and no
 //! curvature along the edges, but the noise of four means, correlation within a cell included. Its squares over all
-//! blocks, against Σ 1/n of the points behind, give the variance v per point, and v/n that of a mean. What is
-//! correlated over more than a cell cannot be separated from form and counts as form.
+//! blocks, against Σ Σσᵢ²/n² of the points behind with their stated uncertainties σᵢ, give the factor by which means scatter more than
+//! means of independent points. Without σᵢ the cells that scatter most, of which the range is made, would pass for average ones. What
+//! is correlated over more than a cell cannot be separated from form and counts as form.
 
 use fringe::math::statistics::median;
 use nalgebra::{Matrix2, Vector2};
@@ -34,6 +35,12 @@ const LEAST_POINTS: usize = 2;
 /// give the standard deviation to about a quarter.
 const FEWEST_BLOCKS: usize = 16;
 
+/// A stated uncertainty counts as no more and no less than this part of the median: a single wrong one must not decide.
+const SIGMA_RATIO: f64 = 4.0;
+
+/// Cells that are taken as equally uncertain when the range of noise is computed: neighbours in the order of their variances.
+const ALIKE: usize = 8;
+
 const DEFINITION: &str = "highest less lowest mean distance over squares of edge filter_mm, about the least-squares \
     plane of these means; all points of the element count; squares with fewer than fewest_points points in one of their quarters are \
     left out; noise is not subtracted";
@@ -49,6 +56,15 @@ pub struct Filtered {
     pub report: FlatnessFilter,
 }
 
+/// A point of a plane.
+#[derive(Debug, Clone, Copy)]
+pub struct Across {
+    /// Place along the element's two directions from its nominal point, mm.
+    pub place_mm: [f64; 2],
+    /// Standard uncertainty that the cloud states, mm; not positive where it states none.
+    pub sigma_mm: f32,
+}
+
 /// A square of the grid.
 #[derive(Debug, Clone, Copy)]
 struct Cell {
@@ -60,6 +76,8 @@ struct Cell {
     across_mm: Vector2<f64>,
     /// Mean deviation in the cell, mm.
     mean_mm: f64,
+    /// Variance of the mean of independent points, mm²; in other units where the cloud states no uncertainties.
+    independent: f64,
 }
 
 /// Filters the deviations of points at places in the plane, by squares of edge `filter_mm` with corners at whole
@@ -71,15 +89,11 @@ struct Cell {
 ///
 /// # Errors
 /// Too few cells side by side.
-pub fn filtered(
-    across_mm: &[[f64; 2]],
-    deviation_mm: &[f64],
-    filter_mm: f64,
-) -> Result<Filtered, MeasureError> {
-    let all = cells(across_mm, deviation_mm, filter_mm);
+pub fn filtered(across: &[Across], deviation_mm: &[f64], filter_mm: f64) -> Result<Filtered, MeasureError> {
+    let all = cells(across, deviation_mm, filter_mm);
     let fewest_points = (median_points(&all).div_ceil(MEDIAN_PART)).max(LEAST_POINTS);
     let mut kept: Vec<Cell> = all.iter().copied().filter(|c| c.fewest >= fewest_points).collect();
-    let (variance, blocks) = variance_per_point(&kept);
+    let (factor, blocks) = noise_factor(&kept);
     let tilt = if blocks < FEWEST_BLOCKS { None } else { level(&mut kept) };
     let (Some(tilt), Some(low), Some(high)) = (tilt, extreme(&kept, -1.0), extreme(&kept, 1.0)) else {
         let cells = kept.len();
@@ -91,8 +105,8 @@ pub fn filtered(
             needs: FEWEST_BLOCKS,
         });
     };
-    let noise_range_mm = noise_range_mm(&kept, variance);
-    let of_mean = |cell: &Cell| variance / cell.points as f64;
+    let of_mean = |cell: &Cell| factor * cell.independent;
+    let noise_range_mm = noise_range_mm(kept.iter().map(of_mean).collect());
     let mean_variance = kept.iter().map(of_mean).sum::<f64>() / kept.len() as f64;
     let arm = high.across_mm - low.across_mm;
     let of_tilt = mean_variance * (tilt * arm).dot(&arm);
@@ -134,7 +148,7 @@ fn level(cells: &mut [Cell]) -> Option<Matrix2<f64>> {
 }
 
 /// The squares that hold points, in the order of their keys; sums in the order of the points.
-fn cells(across_mm: &[[f64; 2]], deviation_mm: &[f64], filter_mm: f64) -> Vec<Cell> {
+fn cells(across: &[Across], deviation_mm: &[f64], filter_mm: f64) -> Vec<Cell> {
     // A quotient beyond the integers ends at their border: such a cell is too small to hold enough points anyway.
     let half = |p: f64| {
         let quotient = (2.0 * p / filter_mm).clamp(-1e15, 1e15);
@@ -143,15 +157,16 @@ fn cells(across_mm: &[[f64; 2]], deviation_mm: &[f64], filter_mm: f64) -> Vec<Ce
     };
     let key = |halves: &[i64; 2]| halves.map(|h| h.div_euclid(2));
     let quarter = |halves: &[i64; 2]| halves.iter().fold(0, |q, h| 2 * q + h.rem_euclid(2) as usize);
-    let halves: Vec<[i64; 2]> = across_mm.iter().zip(deviation_mm).map(|(p, _)| p.map(half)).collect();
+    let halves: Vec<[i64; 2]> = across.iter().zip(deviation_mm).map(|(p, _)| p.place_mm.map(half)).collect();
     let order = ordered(&halves, key);
     let groups = order.chunk_by(|a, b| key(&halves[*a as usize]) == key(&halves[*b as usize]));
+    let variance = variances(across);
     groups
         .map(|group| {
             let members = || group.iter().map(|i| *i as usize);
             let count = group.len() as f64;
             let sum: f64 = members().map(|i| deviation_mm[i]).sum();
-            let places: Vector2<f64> = members().map(|i| Vector2::from(across_mm[i])).sum();
+            let places: Vector2<f64> = members().map(|i| Vector2::from(across[i].place_mm)).sum();
             let mut quarters = [0; 4];
             members().for_each(|i| quarters[quarter(&halves[i])] += 1);
             let fewest = quarters.into_iter().min().unwrap_or(0);
@@ -161,9 +176,23 @@ fn cells(across_mm: &[[f64; 2]], deviation_mm: &[f64], filter_mm: f64) -> Vec<Ce
                 fewest,
                 across_mm: places / count,
                 mean_mm: sum / count,
+                independent: members().map(|i| variance(&across[i])).sum::<f64>() / (count * count),
             }
         })
         .collect()
+}
+
+/// Variance that a point states, mm²; one for all where any states none.
+fn variances(across: &[Across]) -> impl Fn(&Across) -> f64 {
+    let stated = across.iter().all(|p| p.sigma_mm > 0.0 && p.sigma_mm.is_finite());
+    let mut sigmas: Vec<f32> = across.iter().map(|p| p.sigma_mm).collect();
+    let middle = median(&mut sigmas).filter(|_| stated).map(f64::from);
+    move |point| {
+        middle.map_or(1.0, |middle| {
+            let sigma = f64::from(point.sigma_mm).clamp(middle / SIGMA_RATIO, middle * SIGMA_RATIO);
+            sigma * sigma
+        })
+    }
 }
 
 /// Points in the order of their squares, those of a square in their own order: counted where the squares are few, sorted
@@ -202,8 +231,8 @@ fn extreme(cells: &[Cell], sign: f64) -> Option<Cell> {
     cells.split_first().map(|(first, rest)| rest.iter().fold(*first, larger))
 }
 
-/// Variance of a mean times its points, and the number of blocks it rests on.
-fn variance_per_point(cells: &[Cell]) -> (f64, usize) {
+/// Variance of a mean over that of independent points, and the number of blocks it rests on.
+fn noise_factor(cells: &[Cell]) -> (f64, usize) {
     let find = |key: [i64; 2]| cells.binary_search_by_key(&key, |c| c.key).ok().map(|i| &cells[i]);
     let (mut squares, mut weights, mut blocks) = (0.0, 0.0, 0);
     for corner in cells {
@@ -213,35 +242,30 @@ fn variance_per_point(cells: &[Cell]) -> (f64, usize) {
         };
         let twist = corner.mean_mm - a.mean_mm - b.mean_mm + c.mean_mm;
         squares += twist * twist;
-        weights += [corner, a, b, c].iter().map(|cell| 1.0 / cell.points as f64).sum::<f64>();
+        weights += [corner, a, b, c].iter().map(|cell| cell.independent).sum::<f64>();
         blocks += 1;
     }
     (if blocks == 0 { 0.0 } else { squares / weights }, blocks)
 }
 
-/// Expected range of independent normal values of variance v/n about zero, n the points of each cell.
+/// Expected range of independent normal values of these variances about zero, mm.
 ///
 /// Twice the expected maximum, ∫ (1 − Π Φ(x/σ)) dx from zero: below it the product of 25 or more factors under one half
 /// adds less than 1e-7 σ. The integrand leaves 1 and reaches 0 flat, so the trapezoidal rule is as good as exact.
-fn noise_range_mm(cells: &[Cell], variance: f64) -> f64 {
+fn noise_range_mm(mut variances: Vec<f64>) -> f64 {
     const STEPS_PER_SIGMA: f64 = 10.0;
     const SIGMAS: usize = 9;
-    let mut counts: Vec<usize> = cells.iter().map(|c| c.points).collect();
-    counts.sort_unstable();
-    let Some(fewest) = counts.first() else { return 0.0 };
-    let sigma_mm = |points: usize| (variance / points as f64).sqrt();
-    let largest_mm = sigma_mm(*fewest);
-    if largest_mm == 0.0 {
-        return 0.0;
-    }
+    variances.sort_unstable_by(|a, b| b.total_cmp(a));
+    let alike = |group: &[f64]| ((group.iter().sum::<f64>() / group.len() as f64).sqrt(), group.len() as f64);
+    let groups: Vec<(f64, f64)> = variances.chunks(ALIKE).map(alike).collect();
+    let Some((largest_mm, _)) = groups.first().filter(|g| g.0 > 0.0) else { return 0.0 };
     let step_mm = largest_mm / STEPS_PER_SIGMA;
     let exceeded = |x_mm: f64| {
-        let equal = counts.chunk_by(|a, b| a == b);
-        let below = |group: &[usize]| {
-            let upper_tail = 0.5 * math::erfc(x_mm / (sigma_mm(group[0]) * std::f64::consts::SQRT_2));
-            math::pow(1.0 - upper_tail, group.len() as f64)
+        let below = |(sigma_mm, count): &(f64, f64)| {
+            let upper_tail = 0.5 * math::erfc(x_mm / (sigma_mm * std::f64::consts::SQRT_2));
+            math::pow(1.0 - upper_tail, *count)
         };
-        1.0 - equal.map(below).product::<f64>()
+        1.0 - groups.iter().map(below).product::<f64>()
     };
     let steps = SIGMAS * STEPS_PER_SIGMA as usize;
     let inner: f64 = (1..steps).map(|i| exceeded(i as f64 * step_mm)).sum();

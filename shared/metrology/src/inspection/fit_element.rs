@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::MeasureError;
 use super::associate::{associated, outlined};
+use super::filter::Across;
 use super::fitted_element::FittedElement;
 use super::gather::Sample;
 use super::geometry::Geometry;
@@ -44,8 +45,8 @@ const NOT_FINITE: &str = "its values or their uncertainties are not finite";
 pub(super) struct Measured {
     pub fit: FittedElement,
     pub points: Vec<DeviationPoint>,
-    /// Of a plane, for each point: place along the element's two directions from its nominal point, mm.
-    pub across_mm: Vec<[f64; 2]>,
+    /// Where in a plane each point lies; empty for other elements.
+    pub across: Vec<Across>,
     /// Points behind the fit in the part frame; of an outline those of its border.
     pub positions: Vec<Point3<f64>>,
 }
@@ -145,8 +146,8 @@ pub(super) fn measure(
         return Err(MeasureError::Fit { element: element.name.clone(), source });
     }
     let points = deviations(&nominal, &found, samples, &chosen);
-    let across_mm = across(&nominal, samples, &chosen);
-    Ok(Measured { fit: found, points, across_mm, positions: behind })
+    let across = across(&nominal, samples, &chosen);
+    Ok(Measured { fit: found, points, across, positions: behind })
 }
 
 /// Positions of the samples that belong to a region, among every k-th sample, k such that `most` of all samples remain, after a
@@ -273,10 +274,13 @@ fn check(element: &Element, fit: &FittedElement) -> Result<(), MeasureError> {
 }
 
 /// Places of the chosen points in a plane; empty for a sphere.
-fn across(nominal: &Region, samples: &[Sample], chosen: &[u32]) -> Vec<[f64; 2]> {
+fn across(nominal: &Region, samples: &[Sample], chosen: &[u32]) -> Vec<Across> {
     let Geometry::Plane { point_mm, edges, .. } = &nominal.geometry else { return Vec::new() };
-    let arms = chosen.iter().map(|place| samples[*place as usize].position - point_mm.coords);
-    arms.map(|arm| edges.map(|edge| edge.dot(&arm))).collect()
+    let across = |sample: &Sample| {
+        let arm = sample.position - point_mm.coords;
+        Across { place_mm: edges.map(|edge| edge.dot(&arm)), sigma_mm: sample.sigma_mm }
+    };
+    chosen.iter().map(|place| across(&samples[*place as usize])).collect()
 }
 
 /// Deviations of the chosen points from the fit and from the nominal geometry.

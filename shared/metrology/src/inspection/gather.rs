@@ -19,6 +19,8 @@ const GATHERED: usize = 4096;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
     pub index: u32,
+    /// Standard uncertainty that the cloud states, mm.
+    pub sigma_mm: f32,
     pub position: Vector3<f64>,
     pub normal: Vector3<f64>,
 }
@@ -28,6 +30,7 @@ impl Sample {
     pub fn moved(&self, motion: &Pose) -> Self {
         Self {
             index: self.index,
+            sigma_mm: self.sigma_mm,
             position: motion.point(&self.position),
             normal: motion.rotation * self.normal,
         }
@@ -67,7 +70,12 @@ pub(super) fn gather(
                     held &= held - 1;
                     let index = (first + number) * stride;
                     let normal = part_from_world.rotation * cloud[index].normal_vector();
-                    list.push(Sample { index: index as u32, position: stretch.position(number), normal });
+                    list.push(Sample {
+                        index: index as u32,
+                        sigma_mm: cloud[index].sigma_mm,
+                        position: stretch.position(number),
+                        normal,
+                    });
                 }
             }
         }

@@ -51,7 +51,7 @@ pub use criterion::Criterion;
 pub use draft::{DraftSettings, Found, draft};
 pub use error::MeasureError;
 pub use evaluate::{deviations, evaluate, locate};
-pub use filter::{Filtered, filtered as filtered_flatness};
+pub use filter::{Across, Filtered, filtered as filtered_flatness};
 pub use fitted_element::FittedElement;
 pub use geometry::{Exclusion, ExclusionShape, Geometry, Sector};
 pub use nominal_surface::{NominalSurface, SurfaceFit, Surfaces};

@@ -48,6 +48,19 @@ impl Aabb {
         (p - clamped).norm()
     }
 
+    /// Whether both have a place in common.
+    pub(crate) fn meets(&self, other: &Self) -> bool {
+        (0..3).all(|axis| self.low[axis] <= other.high[axis] && other.low[axis] <= self.high[axis])
+    }
+
+    /// Square of the distance of both, mm²; zero where they meet.
+    pub(crate) fn apart2_mm2(&self, other: &Self) -> f64 {
+        let apart =
+            |axis: usize| (self.low[axis] - other.high[axis]).max(other.low[axis] - self.high[axis]).max(0.0);
+        let [x, y, z] = [apart(0), apart(1), apart(2)];
+        x * x + y * y + z * z
+    }
+
     /// First parameter of a ray inside the box, if it lies below `limit`.
     fn entry(&self, origin: &Point3<f64>, inverse: &Vector3<f64>, limit: f64) -> Option<f64> {
         let (mut near, mut far) = (0.0_f64, limit);

@@ -1,7 +1,7 @@
 //! The local shape of a sampled surface: the plane and the paraboloid of the points around a place.
 
 use crate::fit::{Normal, tangents};
-use nalgebra::{Matrix3, Point3, SVector, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 /// Fewest points of a paraboloid: twice its six coefficients.
 const PARABOLOID_POINTS: usize = 12;
@@ -28,6 +28,11 @@ impl Moments {
         Self { about, count: 0, first: Vector3::zeros(), second: [0.0; 6] }
     }
 
+    /// Moments of a number of points about an origin, from the sums of their differences and of the products of these.
+    pub fn of_sums(about: Point3<f64>, count: usize, first: Vector3<f64>, second: [f64; 6]) -> Self {
+        Self { about, count, first, second }
+    }
+
     /// Adds one point to the moments.
     #[inline]
     pub fn add(&mut self, p: &Point3<f64>) {
@@ -37,13 +42,6 @@ impl Moments {
         let products = [d.x * d.x, d.x * d.y, d.x * d.z, d.y * d.y, d.y * d.z, d.z * d.z];
         for (sum, product) in self.second.iter_mut().zip(products) {
             *sum += product;
-        }
-    }
-
-    /// Adds points in their order.
-    pub fn extend(&mut self, points: &[Point3<f64>]) {
-        for p in points {
-            self.add(p);
         }
     }
 
@@ -124,49 +122,50 @@ pub(crate) struct Patch {
 }
 
 impl Patch {
-    /// Through points around `origin`, all within `radius_mm`. The normal has either sign.
-    ///
-    /// A plane through a curved surface lies r²/4R beside it (5.7 µm for r = 0.5 mm on a sphere of 22 mm); the paraboloid
-    /// does not. `None` without enough points for a plane.
-    pub fn through(points: &[Point3<f64>], origin: Point3<f64>, radius_mm: f64) -> Option<Self> {
-        let mut moments = Moments::about(origin);
-        moments.extend(points);
+    /// The plane through points around the place that their moments are about. The normal has either sign. `None` without enough
+    /// points for a plane.
+    pub fn plane(moments: &Moments) -> Option<Self> {
         if moments.count() < PLANE_POINTS {
             return None;
         }
         let (normal, _) = eigen_normal(&moments.covariance())?;
         let tangents = tangents(&normal);
-        let to_centroid = moments.centroid() - origin;
+        let to_centroid = moments.centroid() - moments.about;
         let middle = [tangents[0].dot(&to_centroid), tangents[1].dot(&to_centroid)];
-        let plane = [normal.dot(&to_centroid), 0.0, 0.0, 0.0, 0.0, 0.0];
-        let mut patch = Self { origin, normal, tangents, height: plane, middle };
-        if points.len() >= PARABOLOID_POINTS
-            && let Some(height) = patch.paraboloid(points, radius_mm)
-        {
-            patch.height = height;
-        }
-        Some(patch)
+        let height = [normal.dot(&to_centroid), 0.0, 0.0, 0.0, 0.0, 0.0];
+        Some(Self { origin: moments.about, normal, tangents, height, middle })
     }
 
-    /// Least squares of the heights; `None` where the points do not carry it (all on two lines, for instance).
-    fn paraboloid(&self, points: &[Point3<f64>], radius_mm: f64) -> Option<[f64; 6]> {
-        let scale = 1.0 / radius_mm;
-        let mut normal = Normal::<6>::zero();
-        for p in points {
-            let [u, v, w] = self.local(p);
-            let (u, v) = (u * scale, v * scale);
-            normal.add(-w, &SVector::from([1.0, u, v, u * u, u * v, v * v]));
+    /// Its directions: two tangents and the normal.
+    pub fn frame(&self) -> [Vector3<f64>; 3] {
+        [self.tangents[0], self.tangents[1], self.normal]
+    }
+
+    /// Makes a paraboloid of the plane, from the normal equations of the heights of a number of points over tangent coordinates in
+    /// units of 1/`scale`. Few points carry a plane only, and so do some others (all on two lines, for instance).
+    ///
+    /// A plane through a curved surface lies r²/4R beside it (5.7 µm for r = 0.5 mm on a sphere of 22 mm); the paraboloid
+    /// does not.
+    pub fn bend(&mut self, heights: &Normal<6>, points: usize, scale: f64) {
+        if points < PARABOLOID_POINTS {
+            return;
         }
-        let solution = normal.step(0.0)?;
+        let Some(solution) = heights.step(0.0) else { return };
         let square = scale * scale;
         let factors = [1.0, scale, scale, square, square, square];
-        Some(std::array::from_fn(|i| solution[i] * factors[i]))
+        self.height = std::array::from_fn(|i| solution[i] * factors[i]);
     }
 
     /// Tangent coordinates and height of a point, mm.
     fn local(&self, p: &Point3<f64>) -> [f64; 3] {
         let d = p - self.origin;
         [self.tangents[0].dot(&d), self.tangents[1].dot(&d), self.normal.dot(&d)]
+    }
+
+    /// Height over its place along the normal of the fitted plane, mm.
+    #[cfg(test)]
+    pub(super) fn height_mm(&self) -> f64 {
+        self.height[0]
     }
 
     /// Unit normal of the fitted plane.
@@ -239,23 +238,5 @@ mod tests {
         assert!(eigen_normal(&Matrix3::from_diagonal(&Vector3::new(1.0, 1e-9, 0.0))).is_none());
         assert!(eigen_normal(&Matrix3::from_element(f64::NAN)).is_none());
         assert!(eigen_normal(&Matrix3::from_diagonal(&Vector3::new(1.0, 0.5, 0.0))).is_some());
-    }
-
-    #[test]
-    fn a_paraboloid_follows_a_sphere_where_a_plane_lies_beside_it() {
-        let (radius_mm, mut noise) = (11.0, Noise(4));
-        let on_sphere = |u: f64, v: f64| Point3::new(u, v, (radius_mm * radius_mm - u * u - v * v).sqrt());
-        let points: Vec<Point3<f64>> =
-            (0..60).map(|_| on_sphere(0.6 * noise.unit() - 0.3, 0.6 * noise.unit() - 0.3)).collect();
-        let patch = Patch::through(&points, on_sphere(0.0, 0.0), 0.5).unwrap();
-        let towards = patch.normal().z.signum();
-        for height_mm in [-0.3, 0.0, 0.02, 0.5] {
-            let p = on_sphere(0.05, -0.02);
-            let lifted = p + p.coords.normalize() * height_mm;
-            let error = towards * patch.distance_mm(&lifted) - height_mm;
-            assert!(error.abs() < 2e-6, "{height_mm}: {error}");
-        }
-        let plane = Patch::through(&points[..10], on_sphere(0.0, 0.0), 0.5).unwrap();
-        assert!(plane.distance_mm(&on_sphere(0.0, 0.0)).abs() > 5e-4, "ten points carry a plane only");
     }
 }

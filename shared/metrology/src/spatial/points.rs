@@ -3,6 +3,7 @@
 use super::bvh::{Aabb, Bvh};
 use fringe::math::statistics::median;
 use nalgebra::Point3;
+use std::ops::Range;
 
 /// Points per leaf: one or two lines of a surface patch; a loop over neighbouring memory beats further box tests.
 const LEAF: usize = 8;
@@ -155,6 +156,25 @@ impl PointTree {
             }
             limit
         });
+    }
+
+    /// Calls `visit` with the slots of the leaves whose boxes a condition lets pass, in rising order.
+    pub fn leaves(&self, passes: impl Fn(&Aabb) -> bool, mut visit: impl FnMut(Range<usize>)) {
+        self.tree.walk(0.0, |b, _| passes(b).then_some(0.0), &mut |slots, limit| {
+            visit(slots);
+            limit
+        });
+    }
+
+    /// Walks the leaves that may hold something nearer to a box than the root of `limit2`, near ones first; `visit` returns the new limit.
+    pub(super) fn walk_around(
+        &self,
+        held: &Aabb,
+        limit2: f64,
+        mut visit: impl FnMut(Range<usize>, f64) -> f64,
+    ) {
+        let key = |b: &Aabb, limit: f64| Some(b.apart2_mm2(held)).filter(|d| *d <= limit);
+        self.tree.walk(limit2, key, &mut visit);
     }
 
     /// Typical distance of neighbours, mm: the edge of a square of a surface that holds one point.

@@ -1,6 +1,7 @@
 //! One point for each cell of a grid.
 
 use super::bvh::Aabb;
+use crate::counted_order::counted_order;
 use fringe::cloud::Point;
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -35,6 +36,16 @@ pub(crate) fn thinned(points: &[Point3<f64>], edge_mm: f64) -> Vec<u32> {
         keyed.chunk_by(|a, b| a.0 == b.0).filter_map(|cell| Some(cell.first()?.1)).collect();
     kept.sort_unstable();
     kept
+}
+
+/// Indices of points in an order in which those of a cube of about this edge, mm, follow each other.
+pub(crate) fn in_cells(points: &[Point3<f64>], edge_mm: f64) -> Vec<u32> {
+    let Some(grid) = Grid::new(points, edge_mm) else { return Vec::new() };
+    if let Some(cells) = grid.few_cells(points.len()) {
+        let places: Vec<u32> = points.par_iter().map(|p| grid.place(p) as u32).collect();
+        return counted_order(&places, cells);
+    }
+    grid.by_cell(points).into_iter().map(|(_, index)| index).collect()
 }
 
 /// Cubes of one edge about points.

@@ -18,7 +18,7 @@ mod tests;
 pub use check::NetCheck;
 pub use openings::Opening;
 
-use crate::spatial::{Patch, PointTree};
+use crate::spatial::{Place, PointTree, Vicinity, groups};
 use field::{Crossing, Field, vertices};
 use fringe::cloud::Point;
 use nalgebra::{Point3, Vector3};
@@ -26,6 +26,8 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
+/// Vertices that one thread takes at a time; fixed, so that nothing depends on the number of threads.
+const CHUNK: usize = 1024;
 /// Edge of a cell without being told, in distances of neighbouring points.
 const CELL_SPACINGS: f64 = 2.0;
 /// A vertex without a point so near, in cells, is no surface that was seen.
@@ -120,8 +122,10 @@ impl SurfaceNet {
         }
         let crossings = Field::new(points, cell_mm)?.crossings();
         let cells = vertices(&crossings);
-        let vertices: Vec<Option<Point3<f64>>> =
-            cells.par_iter().map(|(_, at)| on_the_surface(&tree, at, cell_mm)).collect();
+        let vertices: Vec<Option<Point3<f64>>> = cells
+            .par_chunks(CHUNK)
+            .flat_map_iter(|part| on_the_surface(&tree, part.iter().map(|(_, at)| *at), cell_mm))
+            .collect();
         let mut numbers = BTreeMap::new();
         let mut corners = Vec::new();
         for ((cell, _), vertex) in cells.iter().zip(vertices) {
@@ -171,20 +175,27 @@ impl SurfaceNet {
     }
 }
 
-/// Where the surface passes a vertex; `None` where no point was seen.
-fn on_the_surface(tree: &PointTree, at: &Point3<f64>, cell_mm: f64) -> Option<Point3<f64>> {
-    tree.nearest(at, SEEN_CELLS * cell_mm)?;
+/// Where the surface passes vertices; `None` where no point was seen.
+fn on_the_surface(
+    tree: &PointTree,
+    vertices: impl Iterator<Item = Point3<f64>>,
+    cell_mm: f64,
+) -> Vec<Option<Point3<f64>>> {
     let radius_mm = PATCH_CELLS * cell_mm;
-    let mut around = Vec::new();
-    tree.within(at, radius_mm, |slot| around.push(slot));
-    // In the order of the cloud, which the tree does not keep.
-    around.sort_unstable_by_key(|slot| tree.order()[*slot]);
-    let around: Vec<Point3<f64>> = around.into_iter().map(|slot| tree.sites()[slot]).collect();
-    let moved = Patch::through(&around, *at, radius_mm).and_then(|patch| {
-        let distance_mm = patch.distance_mm(at);
-        (distance_mm.abs() < MOST_MOVE_CELLS * cell_mm).then(|| at - patch.normal() * distance_mm)
-    });
-    Some(moved.unwrap_or(*at))
+    let mut vicinity = Vicinity::new();
+    let places: Vec<Place> = vertices.map(|at| (at, [0.0; 3])).collect();
+    let mut moved = Vec::with_capacity(places.len());
+    for group in groups(places.iter().map(|p| p.0), cell_mm) {
+        let places = &places[group];
+        vicinity.gather(tree, &[], places, radius_mm);
+        for ((at, _), patch) in places.iter().zip(vicinity.patches(places.len())) {
+            let seen = tree.nearest(at, SEEN_CELLS * cell_mm).is_some();
+            let distance_mm = patch.map_or(f64::INFINITY, |patch| patch.distance_mm(at));
+            let near = patch.filter(|_| distance_mm.abs() < MOST_MOVE_CELLS * cell_mm);
+            moved.push(seen.then(|| near.map_or(*at, |patch| at - patch.normal() * distance_mm)));
+        }
+    }
+    moved
 }
 
 /// Two triangles for each edge of the grid that the surface crosses between four cells with vertices, cut along the shorter diagonal.

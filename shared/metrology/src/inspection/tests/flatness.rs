@@ -123,6 +123,32 @@ fn the_expected_noise_range_is_that_of_simulated_means() {
     assert!((found / stated - 1.0).abs() < 0.03, "{found} of {stated}");
 }
 
+/// A perfect plane of which one view is three times as noisy, as light and slope make it: the noise stated is the value where points
+/// state their uncertainties, and too little where they do not. A wild uncertainty of a single point changes little.
+#[test]
+fn noisy_parts_of_a_plane_make_its_range() {
+    let (mut with, mut without, mut wild) = (0.0, 0.0, 0.0);
+    for seed in 0..30 {
+        let mut points = cloud(seed, 0.35, SIGMA_MM, |_, _| 0.0);
+        for point in points.iter_mut().filter(|p| p.position_mm[0] > 30.0) {
+            point.position_mm[2] *= 3.0;
+            point.sigma_mm *= 3.0;
+        }
+        let ratio = |points: &[Point]| {
+            let (feature, value, _) = measured("filter_mm = 2.5", points);
+            value / filter(&feature).noise_range_mm / 30.0
+        };
+        with += ratio(&points);
+        points[40].sigma_mm = 1e3;
+        wild += ratio(&points);
+        points.iter_mut().for_each(|p| p.sigma_mm = 0.0);
+        without += ratio(&points);
+    }
+    assert!((0.95..1.05).contains(&with), "{with}");
+    assert!((wild / with - 1.0).abs() < 0.01, "{wild}");
+    assert!(without > 1.2, "{without}");
+}
+
 /// Bows of known height: recovered within u each time, and never too small by more than the filter flattens.
 #[test]
 fn a_bow_is_recovered_within_its_uncertainty() {
