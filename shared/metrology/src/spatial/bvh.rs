@@ -195,15 +195,11 @@ impl Bvh {
                 }
                 continue;
             }
-            let children = [index + 1, node.link];
-            let mut keyed = children.map(|c| (c, key(&self.nodes[c as usize].bounds, limit)));
+            let of = |child: u32| (child, key(&self.nodes[child as usize].bounds, limit));
+            let (left, right) = (of(index + 1), of(node.link));
             // The nearer child is taken from the stack first.
-            if let [(_, Some(a)), (_, Some(b))] = keyed
-                && a <= b
-            {
-                keyed.swap(0, 1);
-            }
-            for (child, near) in keyed {
+            let left_first = matches!((left.1, right.1), (Some(a), Some(b)) if a <= b);
+            for (child, near) in if left_first { [right, left] } else { [left, right] } {
                 if let Some(near) = near {
                     stack[height] = (child, near);
                     height += 1;

@@ -1,5 +1,8 @@
 //! The nearest point of a tree for each of many places: places that lie near each other go down the tree together.
 
+// Without branches a loop vectorises.
+#![allow(clippy::needless_bitwise_bool)]
+
 use super::bvh::Aabb;
 use super::points::PointTree;
 use super::thin::in_cells;

@@ -23,27 +23,18 @@ type Rows<const N: usize> = [Lanes; N];
 /// Surroundings whose normals differ by more than 60° belong to another side of the part: the far side of a thin wall.
 const OTHER_SIDE_COSINE: f64 = 0.5;
 
-/// Exponents of u and v in the moments of the coefficients of a paraboloid, in rising order.
-const POWERS: [(usize, usize); 15] = [
-    (0, 0),
-    (1, 0),
-    (0, 1),
-    (2, 0),
-    (1, 1),
-    (0, 2),
-    (3, 0),
-    (2, 1),
-    (1, 2),
-    (0, 3),
-    (4, 0),
-    (3, 1),
-    (2, 2),
-    (1, 3),
-    (0, 4),
-];
-
-/// Exponents of a paraboloid: 1, u, v, u², uv, v².
+/// Terms of a paraboloid: 1, u, v, u², uv, v².
 const TERMS: usize = 6;
+
+/// Place of the product of two terms among 1, u, v, u², uv, v², u³, u²v, uv², v³, u⁴, u³v, u²v², uv³, v⁴.
+const PRODUCTS: [[usize; TERMS]; TERMS] = [
+    [0, 1, 2, 3, 4, 5],
+    [1, 3, 4, 6, 7, 8],
+    [2, 4, 5, 7, 8, 9],
+    [3, 6, 7, 10, 11, 12],
+    [4, 7, 8, 11, 12, 13],
+    [5, 8, 9, 12, 13, 14],
+];
 
 /// A point that lies around at least one of the places.
 struct Near {
@@ -190,8 +181,8 @@ impl Places {
                 let normal = normal.map(f64::from);
                 let length = (normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]).sqrt();
                 self.keep_same_side(&normal, length, &mut share);
-                for axis in 0..3 {
-                    add_products(&mut sums.normal[axis], &share, &[normal[axis]; PLACES]);
+                for (sum, along) in sums.normal.iter_mut().zip(normal) {
+                    add_products(sum, &share, &[along; PLACES]);
                 }
             }
             if share == none {
@@ -221,8 +212,8 @@ impl Sums {
         let one = [1.0; PLACES];
         add_products(&mut self.count, share, &one);
         let shared = [product(&away[0], share), product(&away[1], share), product(&away[2], share)];
-        for axis in 0..3 {
-            add_products(&mut self.first[axis], &shared[axis], &one);
+        for (sum, along) in self.first.iter_mut().zip(&shared) {
+            add_products(sum, along, &one);
         }
         let pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
         for (sum, (a, b)) in self.second.iter_mut().zip(pairs) {
@@ -240,10 +231,7 @@ struct Heights {
 impl Heights {
     /// Normal equations of a place's paraboloid, whose residuals are the heights below it.
     fn normal(&self, lane: usize) -> Normal<TERMS> {
-        let moment = |r: usize, c: usize| {
-            let powers = (POWERS[r].0 + POWERS[c].0, POWERS[r].1 + POWERS[c].1);
-            POWERS.iter().position(|p| *p == powers).map_or(0.0, |at| self.moments[at][lane])
-        };
+        let moment = |r: usize, c: usize| self.moments[PRODUCTS[r][c]][lane];
         Normal::of_sums(SMatrix::from_fn(moment), SVector::from_fn(|r, _| -self.height[r][lane]))
     }
 }
