@@ -61,7 +61,9 @@ proptest! {
                 .collect();
             prop_assert_eq!(vicinity.count(lane), around.len());
             let mut moments = Moments::about(*place);
-            around.iter().for_each(|p| moments.add(p));
+            for p in &around {
+                moments.add(p);
+            }
             let difference = vicinity.moments(lane).covariance() - moments.covariance();
             prop_assert!(difference.amax() < 1e-12 * radius_mm * radius_mm);
             if faced {
