@@ -17,16 +17,17 @@ const MAX_CELLS: f64 = 2_097_000.0;
 /// Cells are larger than the radius by this part of it: rounding then parts no neighbours by more than one cell.
 const WIDER: f64 = 1.0 + 1e-9;
 
-/// A box that holds points, mm.
+/// A box that holds points, mm, and how many.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Extent {
     low_mm: [f64; 3],
     high_mm: [f64; 3],
+    pub points: usize,
 }
 
 impl Default for Extent {
     fn default() -> Self {
-        Self { low_mm: [f64::INFINITY; 3], high_mm: [f64::NEG_INFINITY; 3] }
+        Self { low_mm: [f64::INFINITY; 3], high_mm: [f64::NEG_INFINITY; 3], points: 0 }
     }
 }
 
@@ -35,6 +36,7 @@ impl Extent {
     pub fn of(points: &[Point]) -> Self {
         let mut extent = Self::default();
         for point in points.iter().filter(|p| is_finite(p)) {
+            extent.points += 1;
             for axis in 0..3 {
                 extent.low_mm[axis] = extent.low_mm[axis].min(point.position_mm[axis]);
                 extent.high_mm[axis] = extent.high_mm[axis].max(point.position_mm[axis]);
@@ -49,6 +51,7 @@ impl Extent {
             self.low_mm[axis] = self.low_mm[axis].min(other.low_mm[axis]);
             self.high_mm[axis] = self.high_mm[axis].max(other.high_mm[axis]);
         }
+        self.points += other.points;
         self
     }
 }
@@ -105,12 +108,12 @@ impl Grid {
 
     /// Keys of the middle cells of the nine rows (along z) around a cell, less its own key.
     fn row_offsets(&self) -> [i64; 9] {
-        let mut offsets = [0; 9];
-        for (slot, offset) in offsets.iter_mut().enumerate() {
-            let (dx, dy) = (slot as i64 / 3 - 1, slot as i64 % 3 - 1);
-            *offset = (dx << (self.bits[1] + self.bits[2])) + (dy << self.bits[2]);
-        }
-        offsets
+        std::array::from_fn(|slot| self.row_offset(slot as i64 / 3 - 1, slot as i64 % 3 - 1))
+    }
+
+    /// Key of a cell so many cells further along x and y, less its own key.
+    fn row_offset(&self, dx: i64, dy: i64) -> i64 {
+        (dx << (self.bits[1] + self.bits[2])) + (dy << self.bits[2])
     }
 }
 
@@ -148,12 +151,15 @@ impl Cells {
         self.occupied[..self.len()].binary_search_by_key(&key, |(key, _)| *key).ok()
     }
 
-    /// Key and number of each cell that holds points, of a cell and the 26 around it.
-    pub fn block(&self, grid: &Grid, key: u64) -> impl Iterator<Item = (u64, usize)> {
-        grid.row_offsets().into_iter().flat_map(move |offset| {
-            let middle = key.wrapping_add_signed(offset);
-            let first = self.occupied.partition_point(|(key, _)| *key < middle - 1);
-            let row = self.occupied[first..].iter().take_while(move |(key, _)| *key <= middle + 1);
+    /// Key and number of each cell that holds points, of a cell and those around it up to `reach` cells away, 1 or 2. What lies two cells
+    /// beyond the first cell of a row has the key of a free one.
+    pub fn block(&self, grid: &Grid, key: u64, reach: i64) -> impl Iterator<Item = (u64, usize)> {
+        let offsets = (-reach..=reach).flat_map(move |dx| (-reach..=reach).map(move |dy| (dx, dy)));
+        let rows = offsets.map(move |(dx, dy)| key.wrapping_add_signed(grid.row_offset(dx, dy)));
+        rows.flat_map(move |middle| {
+            let [from, to] = [middle - reach as u64, middle + reach as u64];
+            let first = self.occupied.partition_point(|(key, _)| *key < from);
+            let row = self.occupied[first..].iter().take_while(move |(key, _)| *key <= to);
             row.zip(first..).map(|((key, _), number)| (*key, number))
         })
     }

@@ -2,16 +2,21 @@
 //!
 //! The distances d of the points of one cloud from the surface of the other have the variance u² that both clouds state, if all is
 //! well. Cells of the search where Σ d² is beyond Σ u², by themselves and with the 26 cells around them, get the surplus: ½ (Σ d² − Σ u²) / n
-//! is added to the variance of every point of both clouds in the cell, since the distance does not tell which of the two is wrong.
+//! is added to the variance of every point of both clouds in the cell, since the distance does not tell which of the two is wrong. Neighbours
+//! share noise, for they were smoothed together, so that a block of 27 cells has few distances that are independent; light, a blurred view and
+//! a rig reach further. Where a block is no clear case, the 98 cells around it, with noise of their own, have to disagree as well.
 //! Cells in which nothing was compared, since only the other cloud has points there, its surface lies beyond their border, or they were not
 //! looked at, are judged by those around them alone. What both pairs see alike is not seen here, nor what parts them by more than the radius.
 
 use super::cells::{Cells, Grid};
 use std::cmp::Reverse;
 
-/// Mean square of the distances over the stated one from which on a cell and its block disagree. Neighbours share noise because they were
-/// smoothed: a block has some eight independent distances, and three standard deviations of their mean square are 3 √(2/8).
-const CERTAIN: f64 = 2.5;
+/// Mean square of the distances over the stated one from which on a cell, its block and those around it disagree. The variance of distances is
+/// 1.2 times the stated one, since that takes the points of a surface as independent: of a block, with some eight independent distances, noise
+/// exceeds this in a tenth of the cases, and of those around it, with fourteen of their own, in one of twenty.
+const LIKELY: f64 = 2.0;
+/// The same of a block whatever those around it say: noise exceeds it in one of 20 000 blocks.
+const CERTAIN: f64 = 5.0;
 /// Fewer points of a block say nothing.
 const LEAST: f64 = 16.0;
 
@@ -46,8 +51,8 @@ impl Compared {
         }
     }
 
-    fn disagrees(&self) -> bool {
-        self.squares > CERTAIN * self.stated
+    fn disagrees(&self, ratio: f64) -> bool {
+        self.squares > ratio * self.stated
     }
 }
 
@@ -66,13 +71,13 @@ impl Comparison<'_> {
     pub fn find(&self, open: &mut Vec<u64>, raised: &mut Vec<Raised>) {
         open.clear();
         let (own, other) = (self.own.1, self.other.1);
-        for (number, key) in own.keys().filter(|(number, _)| self.compared[*number].disagrees()) {
+        for (number, key) in own.keys().filter(|(number, _)| self.compared[*number].disagrees(LIKELY)) {
             if self.around(key).is_some() {
                 self.raise(key, &self.compared[number], raised);
             }
-            let silent = own.block(self.grid, key).filter(|(_, cell)| self.compared[*cell].count < 1.0);
+            let silent = own.block(self.grid, key, 1).filter(|(_, cell)| self.compared[*cell].count < 1.0);
             open.extend(silent.map(|(key, _)| key));
-            let keys = other.block(self.grid, key).map(|(key, _)| key);
+            let keys = other.block(self.grid, key, 1).map(|(key, _)| key);
             open.extend(keys.filter(|key| own.find(*key).is_none()));
         }
         open.sort_unstable();
@@ -86,14 +91,29 @@ impl Comparison<'_> {
 
     /// What a cell and the 26 around it show together, where that is a disagreement.
     fn around(&self, key: u64) -> Option<Compared> {
-        let mut block = Compared::default();
-        for (_, cell) in self.own.1.block(self.grid, key) {
-            let Compared { count, squares, stated } = self.compared[cell];
-            block.count += count;
-            block.squares += squares;
-            block.stated += stated;
+        let block = self.within(key, 1);
+        if block.count < LEAST || !block.disagrees(LIKELY) {
+            return None;
         }
-        (block.count >= LEAST && block.disagrees()).then_some(block)
+        let confirmed = || {
+            let Compared { count, squares, stated } = self.within(key, 2);
+            let (count, squares, stated) =
+                (count - block.count, squares - block.squares, stated - block.stated);
+            count >= LEAST && Compared { count, squares, stated }.disagrees(LIKELY)
+        };
+        (block.disagrees(CERTAIN) || confirmed()).then_some(block)
+    }
+
+    /// What the cells around a key show together, up to so many cells away.
+    fn within(&self, key: u64, reach: i64) -> Compared {
+        let mut sum = Compared::default();
+        for (_, cell) in self.own.1.block(self.grid, key, reach) {
+            let Compared { count, squares, stated } = self.compared[cell];
+            sum.count += count;
+            sum.squares += squares;
+            sum.stated += stated;
+        }
+        sum
     }
 
     /// Adds the cells of both clouds at a key with the surplus of what was compared.

@@ -167,9 +167,10 @@ impl Fuser {
     fn fuse_all(&mut self, clouds: &[&[Point]], settings: &FusionSettings, out: &mut [Point]) {
         self.cut(clouds);
         self.report.radius_mm = 0.0;
-        let radius_mm = settings.radius_mm.filter(|r| *r > 0.0).unwrap_or_else(|| self.radius(clouds));
         self.pieces.par_iter_mut().for_each(|piece| piece.extent = Extent::of(piece.points(clouds)));
         let extent = self.pieces.iter().fold(Extent::default(), |all, piece| all.and(&piece.extent));
+        let wanted = settings.radius_mm.filter(|r| *r > 0.0);
+        let radius_mm = wanted.unwrap_or_else(|| self.radius(clouds, extent.points));
         let grid = Grid::over(&extent, radius_mm);
         self.per_cloud.resize_with(self.per_cloud.len().max(clouds.len()), Cells::default);
         clear_and_reserve(&mut self.keep, count(clouds));
@@ -207,8 +208,8 @@ impl Fuser {
     }
 
     /// Median distance of row neighbours, sampled evenly, times the factor; 1 mm when no two points are neighbours.
-    fn radius(&mut self, clouds: &[&[Point]]) -> f64 {
-        let finite: usize = clouds.iter().map(|c| c.iter().filter(|p| is_finite(p)).count()).sum();
+    /// `finite`: number of points that have a place.
+    fn radius(&mut self, clouds: &[&[Point]], finite: usize) -> f64 {
         let stride = (finite / SPACING_SAMPLES).max(1);
         clear_and_reserve(&mut self.spacings, finite / stride + clouds.len());
         for cloud in clouds {
