@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::statistics::Statistics;
-use crate::reference::{CHUNK, CloudReference};
-use crate::spatial::{Aabb, Moments, PointTree, eigen_normal, thinned};
+use crate::reference::CloudReference;
+use crate::spatial::{Aabb, CHUNK, Moments, PointTree, eigen_normal, thinned};
 use fringe::cloud::Point;
 
 /// Two-sided 95 % of the normal distribution.

@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::{CHUNK, CloudError, LEAST_REFERENCE_POINTS, Match, check};
-use crate::spatial::{Neighbourhood, Place, PointTree, Vicinity, eigen_normal, groups};
+use super::{CloudError, LEAST_REFERENCE_POINTS, Match, check};
+use crate::spatial::{CHUNK, Neighbourhood, Place, PointTree, Vicinity, eigen_normal, groups};
 use fringe::cloud::Point;
 
 /// Radius of the surroundings in spacings: 28 points on the average, of which a paraboloid takes its six coefficients.

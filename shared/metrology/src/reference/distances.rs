@@ -5,9 +5,9 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::cloud::{EDGE_SPACINGS, RADIUS_SPACINGS};
-use super::{CHUNK, CloudReference, Deviation};
+use super::{CloudReference, Deviation};
 use crate::counted_order::counted_order;
-use crate::spatial::{Patch, Place, Vicinity, groups};
+use crate::spatial::{CHUNK, Patch, Place, Vicinity, groups};
 use fringe::cloud::Point;
 
 /// A foot farther from the middle of its surroundings than this part of their radius lies beside the reference. On a

@@ -10,11 +10,8 @@ use rayon::prelude::*;
 use thiserror::Error;
 
 use crate::fit::COORDINATE_LIMIT_MM;
-use crate::spatial::{Aabb, Neighbourhood, TriangleMesh};
+use crate::spatial::{Aabb, CHUNK, Neighbourhood, TriangleMesh};
 use fringe::cloud::Point;
-
-/// Points that one thread takes at a time; fixed, so that nothing depends on the number of threads.
-pub(crate) const CHUNK: usize = 1024;
 
 /// Fewest points of a reference cloud: those of one plane.
 pub const LEAST_REFERENCE_POINTS: usize = 4;

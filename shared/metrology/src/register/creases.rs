@@ -4,8 +4,7 @@ use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::icp::{Level, Refined, refine};
-use crate::reference::CHUNK;
-use crate::spatial::{PointTree, TriangleMesh};
+use crate::spatial::{CHUNK, PointTree, TriangleMesh};
 
 /// How near to an edge points stay out, in spacings of the cloud: half a window of five pixels, and the footprint of a pixel
 /// of the other view. On the bracket of the documentation points beyond it lie off by less than a fiftieth of their noise.

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use super::motion::{Equations, Principal, orthonormal};
 use super::{LEAST_POINTS, RegisterError, RegisterSettings};
 use crate::fit::Normal;
-use crate::reference::{CHUNK, Match, Reference};
-use crate::spatial::Neighbourhood;
+use crate::reference::{Match, Reference};
+use crate::spatial::{CHUNK, Neighbourhood};
 use fringe::geometry::pose::Pose;
 use fringe::math::statistics::{SIGMA_OF_MEDIAN, median};
 

@@ -54,6 +54,7 @@ impl Aabb {
     }
 
     /// Square of the distance of both, mm²; zero where they meet.
+    #[inline]
     pub(crate) fn apart2_mm2(&self, other: &Self) -> f64 {
         let apart =
             |axis: usize| (self.low[axis] - other.high[axis]).max(other.low[axis] - self.high[axis]).max(0.0);

@@ -26,3 +26,6 @@ pub use thin::thinned_cloud;
 pub(crate) use thin::{thin_to, thinned};
 pub use triangle::{Triangle, nearest_on_segment};
 pub(crate) use vicinity::{Place, Vicinity};
+
+/// Points that one thread takes at a time; fixed, so that nothing depends on the number of threads.
+pub(crate) const CHUNK: usize = 1024;

@@ -3,6 +3,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
+use super::CHUNK;
 use super::bvh::Aabb;
 use super::points::PointTree;
 use super::thin::in_cells;
@@ -11,9 +12,6 @@ use fearless_simd::{Level, dispatch};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use std::ops::Range;
-
-/// Places that one thread takes at a time; fixed, so that nothing depends on the number of threads.
-const CHUNK: usize = 1024;
 
 /// Edge of the box around the places of a group, in distances of neighbours: the eight points of a leaf span three of them.
 const GROUP_SPACINGS: f64 = 4.0;
@@ -137,13 +135,9 @@ impl Best {
 
 #[cfg(test)]
 mod tests {
+    use super::super::points::tests::place;
     use super::*;
     use proptest::prelude::*;
-
-    fn place() -> impl Strategy<Value = Point3<f64>> {
-        // Whole numbers make ties.
-        [-6_i32..6, -6_i32..6, 0_i32..2].prop_map(|c| Point3::from(c.map(f64::from)))
-    }
 
     proptest! {
         #[test]

@@ -150,11 +150,10 @@ impl PointTree {
 
     /// Calls `visit` with the slot and place of each point of the leaves whose boxes a condition lets pass.
     pub fn within_box(&self, passes: impl Fn(&Aabb) -> bool, mut visit: impl FnMut(usize, &Point3<f64>)) {
-        self.tree.walk(0.0, |b, _| passes(b).then_some(0.0), &mut |slots, limit| {
+        self.leaves(passes, |slots| {
             for slot in slots {
                 visit(slot, &self.sites[slot]);
             }
-            limit
         });
     }
 
@@ -226,18 +225,16 @@ fn insert(sorted: &mut [f64], value: f64) {
 /// Squared distance of a point from a box, mm²; zero inside.
 #[inline]
 fn distance2_mm2(b: &Aabb, p: &Point3<f64>) -> f64 {
-    let beyond = |axis: usize| (b.low[axis] - p[axis]).max(p[axis] - b.high[axis]).max(0.0);
-    let [x, y, z] = [beyond(0), beyond(1), beyond(2)];
-    x * x + y * y + z * z
+    b.apart2_mm2(&Aabb { low: *p, high: *p })
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn place() -> impl Strategy<Value = Point3<f64>> {
-        // Whole numbers make ties.
+    /// Whole numbers make ties.
+    pub(in crate::spatial) fn place() -> impl Strategy<Value = Point3<f64>> {
         [-6_i32..6, -6_i32..6, 0_i32..2].prop_map(|c| Point3::from(c.map(f64::from)))
     }
 

@@ -18,7 +18,7 @@ mod tests;
 pub use check::NetCheck;
 pub use openings::Opening;
 
-use crate::spatial::{Place, PointTree, Vicinity, groups};
+use crate::spatial::{CHUNK, Place, PointTree, Vicinity, groups};
 use field::{Crossing, Field, vertices};
 use fringe::cloud::Point;
 use nalgebra::{Point3, Vector3};
@@ -26,8 +26,6 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// Vertices that one thread takes at a time; fixed, so that nothing depends on the number of threads.
-const CHUNK: usize = 1024;
 /// Edge of a cell without being told, in distances of neighbouring points.
 const CELL_SPACINGS: f64 = 2.0;
 /// A vertex without a point so near, in cells, is no surface that was seen.
