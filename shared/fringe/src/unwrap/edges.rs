@@ -1,6 +1,7 @@
 //! Edges: pairs of valid neighbours, right and down of each pixel, and the orders in which methods take them.
 
 use super::angle::{Angles, step};
+use super::forest::Labels;
 use rayon::prelude::*;
 
 /// Two neighbours; the second lies right of or below the first.
@@ -63,24 +64,40 @@ impl<'a> Grid<'a> {
     }
 }
 
-/// Rows first, then from row to row where a run of pixels begins or is met (Itoh).
-pub fn raster_edges<'a>(grid: &'a Grid<'_>) -> impl Iterator<Item = Edge> + 'a {
-    let pixels = grid.valid.len();
-    (0..pixels).filter_map(|i| grid.right(i)).chain((0..pixels).filter_map(|i| grid.down(i)))
-}
-
 /// Key of an edge for [`span`](super::tiles::span): edges by falling quality of their worse end.
 ///
 /// A flood that always takes the best pixel at its border reaches each pixel along the path whose worst pixel is as good as
 /// possible. The tree of edges in this order has the same paths, but no start that would have to be chosen in each component.
-pub fn best_pixels_first(quality: &[f32]) -> impl Fn(Edge) -> u32 + Sync {
+pub fn best_pixels_first(quality: Vec<f32>) -> impl Fn(Edge) -> u32 + Sync {
     // The bits of a float that is not negative rise with it.
-    |(a, b)| !quality[a].min(quality[b]).max(0.0).to_bits()
+    move |(a, b)| !quality[a].min(quality[b]).max(0.0).to_bits()
 }
 
 /// Edges whose ends differ by more than half a turn in the result.
 pub fn discontinuities(grid: &Grid<'_>, angles: &Angles<'_>, turns: &[i32]) -> usize {
-    let end = grid.valid.len();
+    (0..grid.height).into_par_iter().map(|y| of_row(grid, angles, turns, y)).sum()
+}
+
+/// Which components, by number, have edges whose ends differ by more than half a turn, up to the last one that has; `None`
+/// without any.
+pub fn contradictions(grid: &Grid<'_>, angles: &Angles<'_>, labels: &Labels) -> Option<Vec<bool>> {
+    let rows = (0..grid.height).into_par_iter().filter(|y| of_row(grid, angles, &labels.turns, *y) > 0);
+    let components = rows.flat_map_iter(|y| {
+        let edges = (0..grid.width).flat_map(move |x| grid.of_pixel(x, y));
+        let differ = |a: usize, b: usize| labels.turns[b] - labels.turns[a] != angles.step(a, b);
+        edges.filter(move |(_, (a, b))| differ(*a, *b)).map(|(_, (a, _))| labels.component[a])
+    });
+    let found: Vec<u32> = components.collect();
+    let last = *found.iter().max()?;
+    let mut open = vec![false; last as usize + 1];
+    for number in found {
+        open[number as usize] = true;
+    }
+    Some(open)
+}
+
+/// Edges to the right and downwards from the pixels of a row whose ends differ by more than half a turn.
+fn of_row(grid: &Grid<'_>, angles: &Angles<'_>, turns: &[i32], y: usize) -> usize {
     let jumps = |first: usize, count: usize, stride: usize| -> usize {
         let (one, other) = (first..first + count, first + stride..first + stride + count);
         let steps = angles.turn[one.clone()].iter().zip(&angles.turn[other.clone()]);
@@ -91,10 +108,7 @@ pub fn discontinuities(grid: &Grid<'_>, angles: &Angles<'_>, turns: &[i32]) -> u
         });
         jump.map(usize::from).sum()
     };
-    let row = |y: usize| {
-        let first = y * grid.width;
-        let below = if first + grid.width < end { jumps(first, grid.width, grid.width) } else { 0 };
-        jumps(first, grid.width - 1, 1) + below
-    };
-    (0..grid.height).into_par_iter().map(row).sum()
+    let first = y * grid.width;
+    let below = if first + grid.width < grid.valid.len() { jumps(first, grid.width, grid.width) } else { 0 };
+    jumps(first, grid.width - 1, 1) + below
 }

@@ -6,9 +6,10 @@
 
 use super::angle::{Angles, turns};
 use super::edges::Grid;
-use super::forest::{Forest, Labels};
+use super::forest::Labels;
 use super::poisson::Poisson;
 use super::report::Convergence;
+use super::rows::along_rows;
 use super::{NO_COMPONENT, UnwrapSettings};
 use rayon::prelude::*;
 
@@ -145,11 +146,7 @@ fn combine(a: &mut [f64], keep: f64, b: &[f64], add: f64) {
 
 /// Adds the constant of each component that brings the solution nearest to the wrapped phase, then rounds.
 fn congruent(angles: &Angles<'_>, grid: &Grid<'_>, smooth: &mut [f64]) -> Labels {
-    let mut forest = Forest::new(angles.turn.len());
-    for (_, (a, b)) in grid.edges() {
-        forest.join(a, b, 0);
-    }
-    let mut labels = forest.labels(&angles.valid);
+    let mut labels = along_rows(angles, grid);
     let numbered = |i: &usize| labels.component[*i] != NO_COMPONENT;
     let mut first: Vec<usize> = Vec::new();
     for i in (0..smooth.len()).filter(numbered) {

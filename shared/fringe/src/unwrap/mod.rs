@@ -1,8 +1,9 @@
 //! Spatial phase unwrapping: from a wrapped phase, its mask and its neighbours to a continuous phase (thesis section 2.2.1).
 //!
 //! ```text
-//! wrapped phase, mask ─▶ angles ─▶ order of the edges ─▶ forest ─▶ whole turns per pixel ─▶ anchor ─▶ phase
-//!                            └───▶ least squares ─▶ nearest congruent phase ────────┘
+//! wrapped phase, mask ─▶ angles ─▶ rows ─▶ order of the edges ─▶ forest ─▶ whole turns per pixel ─▶ anchor ─▶ phase
+//!                            │      └──── where no neighbours contradict ──────────┤
+//!                            └───▶ least squares ─▶ nearest congruent phase ───────┘
 //! ```
 //!
 //! | method | what decides | source |
@@ -38,6 +39,7 @@ mod poisson;
 mod quality;
 mod reliability;
 mod report;
+mod rows;
 #[cfg(test)]
 mod tests;
 mod tiles;
@@ -49,11 +51,10 @@ pub use report::{Component, Convergence, Residues, UnwrapReport};
 
 use crate::decode::MAX_PIXELS;
 use angle::Angles;
-use edges::{Grid, raster_edges};
-use forest::{Forest, Labels};
+use edges::{Grid, best_pixels_first};
 use rayon::prelude::*;
+use rows::{along_rows, along_tree};
 use std::f64::consts::TAU;
-use tiles::span;
 
 /// A wrapped phase stored elsewhere, row by row without padding.
 #[derive(Debug, Clone, Copy)]
@@ -141,23 +142,21 @@ pub fn unwrap(
     let mut report = UnwrapReport::default();
     let mut smooth_turns = None;
     let labels = match settings.method {
-        Method::Itoh => grow(&angles, raster_edges(&grid)),
+        Method::Itoh => along_rows(&angles, &grid),
         Method::Goldstein => {
             let (labels, residues) = goldstein::unwrap(&angles, &grid, settings.reach_px);
             report.residues = Some(residues);
             labels
         }
         Method::Quality(map) => {
-            let quality = quality::map(map, wrapped, &angles, &grid)?;
-            span(&angles, &grid, edges::best_pixels_first(&quality)).labels(&angles.valid)
+            along_tree(&angles, &grid, || best_pixels_first(quality::map(map, wrapped, &angles, &grid)))
         }
         Method::Reliability => {
-            let second = reliability::second_differences(&angles, &grid);
-            span(&angles, &grid, reliability::key(&second)).labels(&angles.valid)
+            along_tree(&angles, &grid, || reliability::key(reliability::second_differences(&angles, &grid)))
         }
         Method::LeastSquares | Method::WeightedLeastSquares(_) => {
             let quality = match settings.method {
-                Method::WeightedLeastSquares(map) => Some(quality::map(map, wrapped, &angles, &grid)?),
+                Method::WeightedLeastSquares(map) => Some(quality::map(map, wrapped, &angles, &grid)),
                 _ => None,
             };
             let solved = least_squares::solve(&angles, &grid, quality.as_deref(), settings);
@@ -172,15 +171,6 @@ pub fn unwrap(
     report.discontinuities = edges::discontinuities(&grid, &angles, &turns);
     let phase_rad = phase(&angles, &turns, smooth_turns.as_deref(), &labels.component, &report);
     Ok(Unwrapped { phase_rad, component: labels.component, report })
-}
-
-/// Joins along edges in this order; each edge that closes a loop is left out.
-fn grow(angles: &Angles<'_>, edges: impl IntoIterator<Item = edges::Edge>) -> Labels {
-    let mut forest = Forest::new(angles.turn.len());
-    for (a, b) in edges {
-        forest.join(a, b, angles.step(a, b));
-    }
-    forest.labels(&angles.valid)
 }
 
 fn phase(
@@ -218,6 +208,13 @@ fn check(
         if let Some(length) = length.filter(|length| *length as u64 != pixels) {
             return Err(UnwrapError::Plane { plane, length, expected: pixels as usize });
         }
+    }
+    let map = match settings.method {
+        Method::Quality(map) | Method::WeightedLeastSquares(map) => Some(map),
+        _ => None,
+    };
+    if map == Some(QualityMap::Modulation) && wrapped.modulation.is_none() {
+        return Err(UnwrapError::Modulation);
     }
     if !(settings.tolerance > 0.0 && settings.tolerance < 1.0) {
         return Err(UnwrapError::Tolerance { value: settings.tolerance });

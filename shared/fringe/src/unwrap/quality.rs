@@ -1,8 +1,8 @@
 //! Quality maps: reliability of each pixel, larger is better (Ghiglia & Pritt 1998, chapter 3; eq. 2.31–2.33).
 
+use super::Wrapped;
 use super::angle::{Angles, turns};
 use super::edges::Grid;
-use super::{UnwrapError, Wrapped};
 use crate::math;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -21,14 +21,9 @@ pub enum QualityMap {
 }
 
 /// The map, 0 … 1; 0 where not valid. Neighbours that are not valid are left out.
-pub fn map(
-    which: QualityMap,
-    wrapped: &Wrapped<'_>,
-    angles: &Angles<'_>,
-    grid: &Grid<'_>,
-) -> Result<Vec<f32>, UnwrapError> {
+pub fn map(which: QualityMap, wrapped: &Wrapped<'_>, angles: &Angles<'_>, grid: &Grid<'_>) -> Vec<f32> {
     let of_pixel = match which {
-        QualityMap::Modulation => return modulation(wrapped, angles),
+        QualityMap::Modulation => return modulation(wrapped.modulation, angles),
         QualityMap::PhaseDerivativeVariance => derivative_variance,
         QualityMap::PseudoCorrelation => pseudo_correlation,
         QualityMap::MaximumGradient => maximum_gradient,
@@ -41,14 +36,15 @@ pub fn map(
             }
         }
     });
-    Ok(quality)
+    quality
 }
 
-fn modulation(wrapped: &Wrapped<'_>, angles: &Angles<'_>) -> Result<Vec<f32>, UnwrapError> {
-    let values = wrapped.modulation.ok_or(UnwrapError::Modulation)?;
+/// Without a modulation, which the input's check refuses, all pixels are alike.
+fn modulation(values: Option<&[f32]>, angles: &Angles<'_>) -> Vec<f32> {
+    let Some(values) = values else { return vec![0.0; angles.turn.len()] };
     let used = |i: usize| if angles.valid[i] && values[i].is_finite() { values[i].max(0.0) } else { 0.0 };
     let most = (0..values.len()).map(used).fold(0.0, f32::max);
-    Ok((0..values.len()).map(|i| if most > 0.0 { used(i) / most } else { 0.0 }).collect())
+    (0..values.len()).map(|i| if most > 0.0 { used(i) / most } else { 0.0 }).collect()
 }
 
 /// Columns and rows of the 3 × 3 pixels about a pixel that lie in the image.

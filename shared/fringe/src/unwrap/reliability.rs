@@ -8,8 +8,8 @@ use rayon::prelude::*;
 const MISSING: f32 = 1.0;
 
 /// Key of an edge for [`span`](super::tiles::span): rising sum of the second differences of its ends, which is falling reliability.
-pub fn key(second: &[f32]) -> impl Fn(Edge) -> u32 + Sync {
-    |(a, b)| (second[a] + second[b]).to_bits()
+pub fn key(second: Vec<f32>) -> impl Fn(Edge) -> u32 + Sync {
+    move |(a, b)| (second[a] + second[b]).to_bits()
 }
 
 /// D_s² of eq. 2.34 per pixel, turns²: H² + V² + D₁² + D₂². Of pixels that are not valid the value means nothing.

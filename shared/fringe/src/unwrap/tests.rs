@@ -1,5 +1,8 @@
 //! Properties of all methods, and what each of them is for.
 
+use super::edges::Edge;
+use super::forest::{Forest, Labels};
+use super::tiles::span;
 use super::*;
 use crate::math::random::{Key, Normal};
 use crate::math::{atan2, sin};
@@ -92,16 +95,30 @@ fn hill(width: usize, height: usize, turns: f64) -> Map {
     })
 }
 
-fn by_tiles_and_by_sorting(map: &Map) -> (Labels, Labels) {
+/// Joins along edges in this order; each edge that closes a loop is left out.
+fn grow(angles: &Angles<'_>, edges: impl IntoIterator<Item = Edge>) -> Labels {
+    let mut forest = Forest::new(angles.turn.len());
+    for (a, b) in edges {
+        forest.join(a, b, angles.step(a, b));
+    }
+    forest.labels(&angles.valid)
+}
+
+/// The tree by tiles, by sorting all edges, and by tiles only where the naive way contradicts itself.
+fn trees(map: &Map) -> [Labels; 3] {
     let angles = Angles::new(&map.view());
     let grid = Grid::new(map.width, map.height, &angles.valid);
-    let second = reliability::second_differences(&angles, &grid);
-    let key = reliability::key(&second);
-    let keyed = grid.edges().map(|(number, edge)| u64::from(key(edge)) << 32 | u64::from(number));
+    let key = || reliability::key(reliability::second_differences(&angles, &grid));
+    let numbered = key();
+    let keyed = grid.edges().map(|(number, edge)| u64::from(numbered(edge)) << 32 | u64::from(number));
     let mut sorted: Vec<u64> = keyed.collect();
     sorted.sort_unstable();
-    let tiled = span(&angles, &grid, &key).labels(&angles.valid);
-    (tiled, grow(&angles, sorted.into_iter().map(|edge| grid.edge(edge as u32))))
+    let sorted = grow(&angles, sorted.into_iter().map(|edge| grid.edge(edge as u32)));
+    [span(&angles, &grid, key()).labels(&angles.valid), sorted, along_tree(&angles, &grid, key)]
+}
+
+fn equal(a: &Labels, b: &Labels) -> bool {
+    a.turns == b.turns && a.component == b.component
 }
 
 /// Half a turn may be taken either way, but always the same one.
@@ -110,8 +127,8 @@ fn half_turns_go_one_way_whatever_the_order() {
     for seed in 0..20 {
         let key = Key::new(seed);
         let turn = |x: f64, y: f64| TAU / 2.0 * (key.symmetric((y * 80.0 + x) as u64) > 0.0) as u8 as f64;
-        let (tiled, sorted) = by_tiles_and_by_sorting(&Map::new(80, 70, turn));
-        assert!(tiled.turns == sorted.turns && tiled.component == sorted.component, "seed {seed}");
+        let [tiled, sorted, needed] = trees(&Map::new(80, 70, turn));
+        assert!(equal(&tiled, &sorted) && equal(&needed, &sorted), "seed {seed}");
     }
 }
 
@@ -180,11 +197,25 @@ proptest! {
         }
     }
 
-    /// The tree of the tiles, of which the last ones are narrow, is the one that sorting all edges finds.
+    /// The tree of the tiles, of which the last ones are narrow, is the one that sorting all edges finds; so is what comes out
+    /// where tiles are asked only for the components that need them.
     #[test]
     fn tiles_and_sorting_find_one_tree(seed in any::<u64>(), sigma in 0.0_f64..3.0, masked in 0.0_f64..0.6) {
-        let (tiled, sorted) = by_tiles_and_by_sorting(&hill(150, 131, 9.0).noisy(sigma, seed).masked(masked, seed));
-        prop_assert!(tiled.turns == sorted.turns && tiled.component == sorted.component);
+        let [tiled, sorted, needed] = trees(&hill(150, 131, 9.0).noisy(sigma, seed).masked(masked, seed));
+        prop_assert!(equal(&tiled, &sorted) && equal(&needed, &sorted));
+    }
+
+    /// Runs of pixels give what pixels give: rows first, then from row to row.
+    #[test]
+    fn runs_join_as_pixels_do(
+        seed in any::<u64>(), sigma in 0.0_f64..6.0, masked in 0.0_f64..0.9, width in 1_usize..40,
+    ) {
+        let map = hill(width, 31, 2.0).noisy(sigma, seed).masked(masked, seed);
+        let angles = Angles::new(&map.view());
+        let grid = Grid::new(map.width, map.height, &angles.valid);
+        let pixels = || 0..angles.valid.len();
+        let edges = pixels().filter_map(|i| grid.right(i)).chain(pixels().filter_map(|i| grid.down(i)));
+        prop_assert!(equal(&along_rows(&angles, &grid), &grow(&angles, edges)));
     }
 
     /// Cuts balance every charge: then, and only then, all ways that cross none agree.
