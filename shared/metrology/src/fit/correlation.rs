@@ -262,7 +262,7 @@ impl<'a, const P: usize> Correlogram<'a, P> {
             lowest_later,
             width_mm: width_mm.max(0.0),
             most,
-            bins: Vec::new(),
+            bins: Vec::with_capacity(most),
         }
     }
 
