@@ -1,17 +1,18 @@
 //! Is the stated uncertainty true? Calibrations from drawn corner errors times placements of the demo's part: errors of features over what is
-//! stated of them, and single points against the same scan without noise.
+//! stated of them, and single points against the same scan without noise. The same pictures are measured with the rig as it truly is as well:
+//! what differs is the calibration's alone, and what is left is the pictures'.
 
 use super::accuracy::{Bench, ratio};
 use super::calibrated::Calibrated;
 use super::calibration::board::{Cell, Plan};
-use super::scan::{Scan, scan_with};
+use super::scan::{decoded, joined};
 use crate::Outcome;
 use crate::progress::Progress;
 use crate::report::{check_outputs, emit_bare};
 use anyhow::Result;
 use fringe::cloud::Point;
 use fringe::decode::DecodeSettings;
-use metrology::inspection::evaluate;
+use metrology::inspection::{Feature, FeatureResult, evaluate};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -42,6 +43,10 @@ pub struct Args {
 #[derive(Debug, Clone, Copy, Serialize)]
 struct Trial {
     error: f64,
+    /// With the rig as it truly is: by the pictures alone.
+    error_points: f64,
+    /// What the calibration changes of the same pictures.
+    error_calibration: f64,
     /// By the scatter of the points, and by the calibration.
     u_points: f64,
     u_calibration: f64,
@@ -60,6 +65,12 @@ struct Row {
     u: f64,
     /// Root mean square of error over stated uncertainty.
     ratio: f64,
+    /// The same of the errors by the pictures alone.
+    ratio_points: f64,
+    /// Root mean square of the calibration's share.
+    u_calibration: f64,
+    /// The same as `ratio`, of what the calibration changes over its share.
+    ratio_calibration: f64,
 }
 
 #[derive(Debug, Serialize)]
@@ -80,36 +91,36 @@ pub fn run(args: &Args) -> Result<Outcome> {
     };
     decode.check()?;
     let truth = bench.scene.truth();
-    let mut rows: Vec<Row> = bench.plan.features.iter().map(Row::of).collect();
+    let mut trials: Vec<Vec<Trial>> = vec![Vec::new(); bench.plan.features.len()];
     let mut points = Vec::new();
     let mut progress = Progress::new(args.trials as usize, "measuring");
     for trial in 0..args.trials {
         let seed = args.seed + trial;
         let calibrated = Calibrated::new(&cell, seed)?;
         let settings = TwinSettings { seed, ..TwinSettings::default() };
-        let measured = |settings: TwinSettings| -> Result<Scan> {
+        let maps = |settings: TwinSettings| {
             let twin = Twin::new(&bench.scene, settings, &cell.rig)?;
-            scan_with(&twin, &calibrated.rig, &bench.sequence, trial, &decode)
+            decoded(&twin, &cell.rig, &bench.sequence, trial, &decode)
         };
-        let scanned = measured(settings.clone())?;
+        let seen = maps(settings.clone())?;
+        let scanned = joined(&seen, &calibrated.rig)?;
         if trial < args.point_trials {
             let quiet = TwinSettings { shot_noise: false, read_noise_e: 0.0, vibration_um: 0.0, ..settings };
-            points.extend(ratio(&scanned, &measured(quiet)?));
+            points.extend(ratio(&scanned, &joined(&maps(quiet)?, &calibrated.rig)?));
         }
         let shares = shares(&bench, &calibrated, &scanned.points)?;
         let result = evaluate(&bench.plan, &scanned.points);
-        for ((row, found), share) in rows.iter_mut().zip(&result.features).zip(shares) {
+        let by_points = evaluate(&bench.plan, &joined(&seen, &cell.rig)?.points);
+        let features = result.features.iter().zip(&by_points.features);
+        for ((list, (found, true_rig)), share) in trials.iter_mut().zip(features).zip(shares) {
             let known = truth.get(&found.name).map(|truth| truth.value);
-            if let (Some(value), Some(u_points), Some(u_calibration), Some(known)) =
-                (found.value, found.u, share, known)
-            {
-                row.trials.push(Trial { error: value - known, u_points, u_calibration });
-            }
+            list.extend(Trial::of(found, true_rig.value, share, known));
         }
         progress.step();
     }
     drop(progress);
-    let rows: Vec<Row> = rows.into_iter().filter(|row| row.trials.len() > 1).map(Row::summed).collect();
+    let rows = bench.plan.features.iter().zip(trials).filter(|(_, trials)| trials.len() > 1);
+    let rows: Vec<Row> = rows.map(|(feature, trials)| Row::of(feature, trials)).collect();
     print(&rows, &points);
     emit_bare(args.json.as_deref(), &Report { rows, points })?;
     Ok(Outcome::Done)
@@ -131,44 +142,81 @@ fn shares(bench: &Bench, calibrated: &Calibrated, points: &[Point]) -> Result<Ve
     Ok((0..here.len()).map(share).collect())
 }
 
-impl Row {
-    fn of(feature: &metrology::inspection::Feature) -> Self {
-        let unit = feature.quantity.unit();
-        let feature = feature.name.clone();
-        Self { feature, unit, trials: Vec::new(), mean_error: 0.0, scatter: 0.0, u: 0.0, ratio: 0.0 }
+impl Trial {
+    /// Absent where a feature was not found, or its true value is not known.
+    fn of(
+        found: &FeatureResult,
+        true_rig: Option<f64>,
+        u_calibration: Option<f64>,
+        known: Option<f64>,
+    ) -> Option<Self> {
+        let (value, true_rig, known) = (found.value?, true_rig?, known?);
+        Some(Self {
+            error: value - known,
+            error_points: true_rig - known,
+            error_calibration: value - true_rig,
+            u_points: found.u?,
+            u_calibration: u_calibration?,
+        })
     }
 
-    fn summed(self) -> Self {
-        let n = self.trials.len() as f64;
-        let mean = |of: &dyn Fn(&Trial) -> f64| self.trials.iter().map(of).sum::<f64>() / n;
-        let square = |trial: &Trial| trial.u_points.powi(2) + trial.u_calibration.powi(2);
+    fn u(self) -> f64 {
+        self.u_points.hypot(self.u_calibration)
+    }
+}
+
+impl Row {
+    fn of(feature: &Feature, trials: Vec<Trial>) -> Self {
+        let n = trials.len() as f64;
+        let mean = |of: &dyn Fn(&Trial) -> f64| trials.iter().map(of).sum::<f64>() / n;
+        let rms = |of: &dyn Fn(&Trial) -> f64| mean(&|trial| of(trial).powi(2)).sqrt();
+        let over = |error: f64, u: f64| error / u.max(f64::MIN_POSITIVE);
         let mean_error = mean(&|trial| trial.error);
-        let scatter = (mean(&|trial| (trial.error - mean_error).powi(2)) * n / (n - 1.0)).sqrt();
-        let u = mean(&square).sqrt();
-        let ratio = mean(&|trial| trial.error.powi(2) / square(trial).max(f64::MIN_POSITIVE)).sqrt();
-        Self { mean_error, scatter, u, ratio, ..self }
+        Self {
+            feature: feature.name.clone(),
+            unit: feature.quantity.unit(),
+            mean_error,
+            scatter: rms(&|trial| trial.error - mean_error) * (n / (n - 1.0)).sqrt(),
+            u: rms(&|trial| trial.u()),
+            ratio: rms(&|trial| over(trial.error, trial.u())),
+            ratio_points: rms(&|trial| over(trial.error_points, trial.u_points)),
+            u_calibration: rms(&|trial| trial.u_calibration),
+            ratio_calibration: rms(&|trial| over(trial.error_calibration, trial.u_calibration)),
+            trials,
+        }
     }
 }
 
 fn print(rows: &[Row], points: &[f64]) {
     println!(
-        "{:24} {:>6} {:>11} {:>9} {:>9} {:>12} {:>8}",
-        "feature (µm, mdeg)", "trials", "mean error", "scatter", "stated u", "calibration", "error/u"
+        "{:24} {:>6} {:>11} {:>9} {:>9} {:>8} {:>13} {:>12} {:>18}",
+        "feature (µm, mdeg)",
+        "trials",
+        "mean error",
+        "scatter",
+        "stated u",
+        "error/u",
+        "pictures only",
+        "calibration",
+        "calibration only"
     );
     for row in rows {
-        let n = row.trials.len() as f64;
-        let share = (row.trials.iter().map(|trial| trial.u_calibration.powi(2)).sum::<f64>() / n).sqrt();
         println!(
-            "{:24} {:>6} {:>+11.2} {:>9.2} {:>9.2} {:>12.2} {:>8.2}",
+            "{:24} {:>6} {:>+11.2} {:>9.2} {:>9.2} {:>8.2} {:>13.2} {:>12.2} {:>18.2}",
             row.feature,
             row.trials.len(),
             row.mean_error * 1e3,
             row.scatter * 1e3,
             row.u * 1e3,
-            share * 1e3,
-            row.ratio
+            row.ratio,
+            row.ratio_points,
+            row.u_calibration * 1e3,
+            row.ratio_calibration
         );
     }
+    println!(
+        "pictures only, calibration only: error over stated uncertainty with the rig as it truly is, and of what the calibration changes"
+    );
     let list: Vec<String> = points.iter().map(|ratio| format!("{ratio:.3}")).collect();
     println!("single points, scatter over sigma: {}", list.join(" "));
 }

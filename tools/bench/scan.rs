@@ -33,18 +33,36 @@ pub fn scan_with(
     cycle: u64,
     settings: &DecodeSettings,
 ) -> Result<Scan> {
-    let clouds = rig
-        .pairs
-        .iter()
-        .enumerate()
-        .map(|(index, pair)| {
-            let maps =
-                |camera: &str| decode_with(twin, (camera, &pair.projector), rig, sequence, cycle, settings);
-            let (left, right) = (maps(&pair.left)?, maps(&pair.right)?);
-            let mut matcher = PairMatcher::new(rig, pair, index, &MatchSettings::default())?;
-            Ok(matcher.cloud(&views(&left), &views(&right))?.0)
-        })
-        .collect::<Result<Vec<Vec<Point>>>>()?;
+    joined(&decoded(twin, rig, sequence, cycle, settings)?, rig)
+}
+
+/// The phases that both cameras of a pair see.
+pub type PairMaps = [Vec<PhaseMap>; 2];
+
+/// Renders and decodes what the cameras of all pairs see, in the order of the rig's pairs.
+pub fn decoded(
+    twin: &Twin,
+    rig: &Rig,
+    sequence: &[PatternSet],
+    cycle: u64,
+    settings: &DecodeSettings,
+) -> Result<Vec<PairMaps>> {
+    let pairs = rig.pairs.iter().map(|pair| {
+        let maps =
+            |camera: &str| decode_with(twin, (camera, &pair.projector), rig, sequence, cycle, settings);
+        Ok([maps(&pair.left)?, maps(&pair.right)?])
+    });
+    pairs.collect()
+}
+
+/// Matches and fuses the maps of all pairs of a rig.
+pub fn joined(maps: &[PairMaps], rig: &Rig) -> Result<Scan> {
+    let pairs = rig.pairs.iter().zip(maps).enumerate();
+    let clouds = pairs.map(|(index, (pair, [left, right]))| {
+        let mut matcher = PairMatcher::new(rig, pair, index, &MatchSettings::default())?;
+        Ok(matcher.cloud(&views(left), &views(right))?.0)
+    });
+    let clouds = clouds.collect::<Result<Vec<Vec<Point>>>>()?;
     let slices: Vec<&[Point]> = clouds.iter().map(Vec::as_slice).collect();
     let mut points = Vec::new();
     let fusion = fuse(&slices, &FusionSettings::default(), &mut points);
