@@ -5,7 +5,8 @@
 //! number of turns. Decisions are taken on a grid of 2⁻¹⁸ turns, 24 µrad: far below any noise, and coarse enough that whole
 //! turns added to a phase in single precision, and the rounding that comes with them, change no decision.
 
-use super::Wrapped;
+use super::{NO_COMPONENT, Wrapped};
+use crate::math::simd::{best_level, vectorised};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
@@ -31,7 +32,7 @@ pub struct Angles<'a> {
 impl<'a> Angles<'a> {
     /// Reads a phase in any interval.
     pub fn new(wrapped: &Wrapped<'a>) -> Self {
-        let (n, phase_rad) = (wrapped.phase_rad.len(), wrapped.phase_rad);
+        let (n, phase_rad, level) = (wrapped.phase_rad.len(), wrapped.phase_rad, best_level());
         let mut angles = Self { turn: vec![0; n], valid: vec![false; n], phase_rad };
         angles
             .turn
@@ -39,21 +40,27 @@ impl<'a> Angles<'a> {
             .zip(angles.valid.par_chunks_mut(CHUNK))
             .zip(wrapped.phase_rad.par_chunks(CHUNK).zip(wrapped.valid.par_chunks(CHUNK)))
             .for_each(|((turn, valid), (phase_rad, usable))| {
-                for i in 0..turn.len() {
-                    if usable[i] != 0 && phase_rad[i].is_finite() {
-                        turn[i] = split(f64::from(phase_rad[i]) / TAU).0;
-                        valid[i] = true;
-                    }
-                }
+                vectorised!(level, read(turn, valid, phase_rad, usable));
             });
         angles
     }
 
     /// Fraction of a turn of a valid pixel in full resolution: 0 … 1, and below 0 by half a grid step at most where the grid
     /// rounds to 0.
-    #[inline]
+    #[inline(always)]
     pub fn fraction(&self, pixel: usize) -> f64 {
         split(f64::from(self.phase_rad[pixel]) / TAU).1
+    }
+
+    /// The phase with whole turns added, rad; NaN where a pixel is in no component.
+    pub fn unwrapped(&self, turns: &[i32], component: &[u32]) -> Vec<f32> {
+        let (mut phase_rad, level) = (vec![0.0; turns.len()], best_level());
+        let input =
+            self.phase_rad.par_chunks(CHUNK).zip(turns.par_chunks(CHUNK).zip(component.par_chunks(CHUNK)));
+        phase_rad.par_chunks_mut(CHUNK).zip(input).for_each(|(out, (wrapped, (turns, component)))| {
+            vectorised!(level, add_turns(out, wrapped, turns, component));
+        });
+        phase_rad
     }
 
     /// Fraction of a turn on the grid: what decisions may rest on.
@@ -76,33 +83,54 @@ impl<'a> Angles<'a> {
 
 /// [`Angles::step`] of two angles. b − a as it is lies within a turn; the wrapped difference is that plus a turn where b is the
 /// smaller one, less a turn where it then is more than half a turn, which is to say negative.
-#[inline]
+#[inline(always)]
 pub fn step(a: u32, b: u32) -> i32 {
     i32::from(b < a) - i32::from((b.wrapping_sub(a) as i32) < 0)
 }
 
+#[inline(always)]
+fn read(turn: &mut [u32], valid: &mut [bool], phase_rad: &[f32], usable: &[u8]) {
+    let input = phase_rad.iter().zip(usable);
+    for ((turn, valid), (phase, usable)) in turn.iter_mut().zip(valid).zip(input) {
+        *valid = (*usable != 0) & phase.is_finite();
+        let phase = if *valid { *phase } else { 0.0 };
+        *turn = split(f64::from(phase) / TAU).0;
+    }
+}
+
+#[inline(always)]
+fn add_turns(out: &mut [f32], wrapped_rad: &[f32], turns: &[i32], component: &[u32]) {
+    let input = wrapped_rad.iter().zip(turns.iter().zip(component));
+    for (out, (wrapped, (turns, component))) in out.iter_mut().zip(input) {
+        let whole = split(f64::from(*wrapped) / TAU).1 + f64::from(*turns);
+        *out = if *component == NO_COMPONENT { f32::NAN } else { (whole * TAU) as f32 };
+    }
+}
+
 /// The part after the point, on the grid and in full.
-#[inline]
+#[inline(always)]
 fn split(turns: f64) -> (u32, f64) {
     let steps = 1_u32 << (32 - FINE_BITS);
     let fraction = turns - floor(turns);
-    let step = (fraction * f64::from(steps) + 0.5) as u32;
+    let step = floor(fraction * f64::from(steps) + 0.5);
+    // The last bits of a number that is moved to where neighbours are 1 apart are those of an integer.
+    let step = (step + WHOLE).to_bits() as u32;
     if step >= steps { (0, fraction - 1.0) } else { (step << FINE_BITS, fraction) }
 }
 
+/// From 2⁵² on all numbers are whole.
+const WHOLE: f64 = 4_503_599_627_370_496.0;
+
 /// Next whole number below. The one of the standard library is a call on machines whose least common ground has no instruction for it.
-#[inline]
+#[inline(always)]
 fn floor(value: f64) -> f64 {
-    // From 2⁵² on all numbers are whole.
-    if value.abs() >= 4_503_599_627_370_496.0 {
-        return value;
-    }
-    let whole = value as i64 as f64;
-    if whole > value { whole - 1.0 } else { whole }
+    let size = value.abs();
+    let nearest = if size < WHOLE { ((size + WHOLE) - WHOLE).copysign(value) } else { value };
+    if nearest > value { nearest - 1.0 } else { nearest }
 }
 
 /// Units of 2⁻³² turns as turns.
-#[inline]
+#[inline(always)]
 pub fn turns(units: i32) -> f32 {
     units as f32 * (1.0 / UNITS as f32)
 }

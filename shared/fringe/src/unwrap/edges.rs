@@ -1,7 +1,6 @@
 //! Edges: pairs of valid neighbours, right and down of each pixel, and the orders in which methods take them.
 
 use super::angle::{Angles, step};
-use super::forest::Labels;
 use rayon::prelude::*;
 
 /// Two neighbours; the second lies right of or below the first.
@@ -64,7 +63,7 @@ impl<'a> Grid<'a> {
     }
 }
 
-/// Key of an edge for [`span`](super::tiles::span): edges by falling quality of their worse end.
+/// Key of an edge for [`span`](super::jumps::jumps): edges by falling quality of their worse end.
 ///
 /// A flood that always takes the best pixel at its border reaches each pixel along the path whose worst pixel is as good as
 /// possible. The tree of edges in this order has the same paths, but no start that would have to be chosen in each component.
@@ -76,24 +75,6 @@ pub fn best_pixels_first(quality: Vec<f32>) -> impl Fn(Edge) -> u32 + Sync {
 /// Edges whose ends differ by more than half a turn in the result.
 pub fn discontinuities(grid: &Grid<'_>, angles: &Angles<'_>, turns: &[i32]) -> usize {
     (0..grid.height).into_par_iter().map(|y| of_row(grid, angles, turns, y)).sum()
-}
-
-/// Which components, by number, have edges whose ends differ by more than half a turn, up to the last one that has; `None`
-/// without any.
-pub fn contradictions(grid: &Grid<'_>, angles: &Angles<'_>, labels: &Labels) -> Option<Vec<bool>> {
-    let rows = (0..grid.height).into_par_iter().filter(|y| of_row(grid, angles, &labels.turns, *y) > 0);
-    let components = rows.flat_map_iter(|y| {
-        let edges = (0..grid.width).flat_map(move |x| grid.of_pixel(x, y));
-        let differ = |a: usize, b: usize| labels.turns[b] - labels.turns[a] != angles.step(a, b);
-        edges.filter(move |(_, (a, b))| differ(*a, *b)).map(|(_, (a, _))| labels.component[a])
-    });
-    let found: Vec<u32> = components.collect();
-    let last = *found.iter().max()?;
-    let mut open = vec![false; last as usize + 1];
-    for number in found {
-        open[number as usize] = true;
-    }
-    Some(open)
 }
 
 /// Edges to the right and downwards from the pixels of a row whose ends differ by more than half a turn.

@@ -1,7 +1,6 @@
 //! A union–find forest whose links carry whole turns: joining two pixels fixes the turns between their whole groups.
 
 use super::NO_COMPONENT;
-use rayon::prelude::*;
 
 /// The link of a pixel.
 #[derive(Debug, Clone, Copy)]
@@ -34,14 +33,6 @@ impl Forest {
     pub fn new(pixels: usize) -> Self {
         let links = (0..pixels as u32).map(|parent| Link { parent, turns: 0 }).collect();
         Self { links, size: vec![1; pixels] }
-    }
-
-    /// Links and sizes of so many pixels at a time, for work side by side.
-    pub fn pieces(
-        &mut self,
-        pixels: usize,
-    ) -> impl IndexedParallelIterator<Item = (&mut [Link], &mut [u32])> {
-        self.links.par_chunks_mut(pixels).zip(self.size.par_chunks_mut(pixels))
     }
 
     /// Root of a pixel's group, and the pixel's turns above it. Halves the path on its way.

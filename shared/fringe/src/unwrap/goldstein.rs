@@ -3,13 +3,13 @@
 use super::angle::Angles;
 use super::cuts::Cuts;
 use super::edges::{Edge, Grid};
-use super::faces::{Faces, OUTSIDE};
+use super::faces::{Charges, Faces, OUTSIDE};
 use super::forest::{Forest, Labels};
 use super::report::Residues;
 
 /// Joins over the open edges, and regions that cuts enclose over the closed edge with the smallest difference.
 pub fn unwrap(angles: &Angles<'_>, grid: &Grid<'_>, reach_px: u32) -> (Labels, Residues) {
-    let faces = Faces::new(angles, grid);
+    let faces = Faces::new(Charges::new(angles, grid), grid);
     let cuts = Cuts::new(&faces, grid, reach_px);
     let mut forest = Forest::new(angles.turn.len());
     for (_, (a, b)) in grid.edges().filter(|(number, _)| !cuts.is_closed(*number)) {

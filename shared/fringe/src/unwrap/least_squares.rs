@@ -146,7 +146,7 @@ fn combine(a: &mut [f64], keep: f64, b: &[f64], add: f64) {
 
 /// Adds the constant of each component that brings the solution nearest to the wrapped phase, then rounds.
 fn congruent(angles: &Angles<'_>, grid: &Grid<'_>, smooth: &mut [f64]) -> Labels {
-    let mut labels = along_rows(angles, grid);
+    let mut labels = along_rows(angles, grid, &[]);
     let numbered = |i: &usize| labels.component[*i] != NO_COMPONENT;
     let mut first: Vec<usize> = Vec::new();
     for i in (0..smooth.len()).filter(numbered) {

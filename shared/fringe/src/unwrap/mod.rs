@@ -1,9 +1,9 @@
 //! Spatial phase unwrapping: from a wrapped phase, its mask and its neighbours to a continuous phase (thesis section 2.2.1).
 //!
 //! ```text
-//! wrapped phase, mask ─▶ angles ─▶ rows ─▶ order of the edges ─▶ forest ─▶ whole turns per pixel ─▶ anchor ─▶ phase
-//!                            │      └──── where no neighbours contradict ──────────┤
-//!                            └───▶ least squares ─▶ nearest congruent phase ───────┘
+//! wrapped phase, mask ─▶ angles ─▶ faces ─▶ jumps or cuts ─▶ rows, forest ─▶ whole turns per pixel ─▶ anchor ─▶ phase
+//!                            │       └─ where all loops close ─▶ ┘                ▲
+//!                            └───▶ least squares ─▶ nearest congruent phase ──────┘
 //! ```
 //!
 //! | method | what decides | source |
@@ -34,6 +34,7 @@ mod error;
 mod faces;
 mod forest;
 mod goldstein;
+mod jumps;
 mod least_squares;
 mod poisson;
 mod quality;
@@ -42,7 +43,6 @@ mod report;
 mod rows;
 #[cfg(test)]
 mod tests;
-mod tiles;
 
 pub use anchor::Anchor;
 pub use error::UnwrapError;
@@ -126,8 +126,8 @@ pub const NO_COMPONENT: u32 = u32::MAX;
 
 /// Unwraps.
 ///
-/// Time is bounded: the path methods sort two edges per pixel and take each once, the cuts search within `reach_px`, and least squares
-/// end after `max_iterations`.
+/// Time is bounded: the path methods take two edges per pixel at most, by order of their keys, the cuts search within `reach_px`, and
+/// least squares end after `max_iterations`.
 ///
 /// # Errors
 /// Planes of unequal size, more than [`MAX_PIXELS`] pixels, settings out of range, or a quality map without modulation.
@@ -141,19 +141,23 @@ pub fn unwrap(
     let grid = Grid::new(wrapped.width_px as usize, wrapped.height_px as usize, &angles.valid);
     let mut report = UnwrapReport::default();
     let mut smooth_turns = None;
+    let mut discontinuities = None;
+    let mut of_tree = |(labels, count)| {
+        discontinuities = Some(count);
+        labels
+    };
     let labels = match settings.method {
-        Method::Itoh => along_rows(&angles, &grid),
+        Method::Itoh => along_rows(&angles, &grid, &[]),
         Method::Goldstein => {
             let (labels, residues) = goldstein::unwrap(&angles, &grid, settings.reach_px);
             report.residues = Some(residues);
             labels
         }
         Method::Quality(map) => {
-            along_tree(&angles, &grid, || best_pixels_first(quality::map(map, wrapped, &angles, &grid)))
+            let quality = || quality::map(map, wrapped, &angles, &grid);
+            of_tree(along_tree(&angles, &grid, || best_pixels_first(quality())))
         }
-        Method::Reliability => {
-            along_tree(&angles, &grid, || reliability::key(reliability::second_differences(&angles, &grid)))
-        }
+        Method::Reliability => of_tree(along_tree(&angles, &grid, || reliability::key(&angles, &grid))),
         Method::LeastSquares | Method::WeightedLeastSquares(_) => {
             let quality = match settings.method {
                 Method::WeightedLeastSquares(map) => Some(quality::map(map, wrapped, &angles, &grid)),
@@ -168,7 +172,8 @@ pub fn unwrap(
     let mut turns = labels.turns;
     report.components = anchor::place(&labels.component, &angles, anchor, &mut turns, grid.width);
     report.valid = report.components.iter().map(|c| c.pixels).sum();
-    report.discontinuities = edges::discontinuities(&grid, &angles, &turns);
+    report.discontinuities =
+        discontinuities.unwrap_or_else(|| edges::discontinuities(&grid, &angles, &turns));
     let phase_rad = phase(&angles, &turns, smooth_turns.as_deref(), &labels.component, &report);
     Ok(Unwrapped { phase_rad, component: labels.component, report })
 }
@@ -180,11 +185,9 @@ fn phase(
     component: &[u32],
     report: &UnwrapReport,
 ) -> Vec<f32> {
-    let whole = |i: usize| match smooth {
-        // The smooth solution begins at the first pixel of its component; the anchor's turns come on top.
-        Some(smooth) => smooth[i] + f64::from(report.components[component[i] as usize].turns),
-        None => angles.fraction(i) + f64::from(turns[i]),
-    };
+    let Some(smooth) = smooth else { return angles.unwrapped(turns, component) };
+    // The smooth solution begins at the first pixel of its component; the anchor's turns come on top.
+    let whole = |i: usize| smooth[i] + f64::from(report.components[component[i] as usize].turns);
     let value = |i: usize| if component[i] == NO_COMPONENT { f32::NAN } else { (whole(i) * TAU) as f32 };
     (0..turns.len()).into_par_iter().map(value).collect()
 }

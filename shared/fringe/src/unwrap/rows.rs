@@ -1,23 +1,25 @@
 //! The naive way (Itoh 1982): along the rows, and from row to row where two runs of valid pixels first meet.
 //!
-//! It is also the first step of the methods that choose their way. Where no pair of neighbours contradicts its result, every loop
-//! closes, so every way gives the same turns: the tree that a method would have found need not be looked for.
+//! It is also the last step of the methods that choose their way: once the jumps of the tree that they find are known, every loop
+//! closes, so every way gives the same turns.
 
 use super::NO_COMPONENT;
 use super::angle::Angles;
-use super::edges::{Edge, Grid, contradictions};
+use super::edges::{Edge, Grid};
+use super::faces::{Charges, Faces};
 use super::forest::{Forest, Labels};
-use super::tiles::span;
+use super::jumps::{Jump, jumps};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Whole turns along the naive way.
-pub fn along_rows(angles: &Angles<'_>, grid: &Grid<'_>) -> Labels {
+/// Whole turns along the naive way, with jumps by rising edge added to the steps of their edges.
+pub fn along_rows(angles: &Angles<'_>, grid: &Grid<'_>, jumps: &[Jump]) -> Labels {
     let width = grid.width;
     let mut turns = vec![0; grid.valid.len()];
     let rows = turns.par_chunks_mut(width).enumerate();
-    let runs: Vec<Vec<Range<usize>>> = rows.map(|(y, turns)| along(y * width, turns, angles)).collect();
-    let found = between_rows(&runs, angles, &turns, width);
+    let runs: Vec<Vec<Range<usize>>> =
+        rows.map(|(y, turns)| along(y * width, turns, angles, jumps)).collect();
+    let found = between_rows(&runs, angles, jumps, &turns, width);
     let first = runs.iter().scan(0, |next, row| {
         let first = *next;
         *next += row.len();
@@ -38,9 +40,10 @@ pub fn along_rows(angles: &Angles<'_>, grid: &Grid<'_>) -> Labels {
 }
 
 /// Turns of the pixels of a row above the first one of their run; gives the runs, as pixels of the image.
-fn along(start: usize, turns: &mut [i32], angles: &Angles<'_>) -> Vec<Range<usize>> {
+fn along(start: usize, turns: &mut [i32], angles: &Angles<'_>, jumps: &[Jump]) -> Vec<Range<usize>> {
     let row = start..start + turns.len();
-    let (turn, valid) = (&angles.turn[row.clone()], &angles.valid[row]);
+    let (turn, valid) = (&angles.turn[row.clone()], &angles.valid[row.clone()]);
+    let mut jumps = rightwards(jumps, &row).peekable();
     let mut runs = Vec::new();
     let mut first = 0;
     for run in valid.chunk_by(|a, b| a == b) {
@@ -50,18 +53,39 @@ fn along(start: usize, turns: &mut [i32], angles: &Angles<'_>) -> Vec<Range<usiz
             continue;
         }
         let mut total = 0;
-        let steps = turn[columns.clone()].windows(2).map(|pair| super::angle::step(pair[0], pair[1]));
-        for (turns, step) in turns[columns.clone()][1..].iter_mut().zip(steps) {
-            total += step;
-            *turns = total;
+        for column in columns.start + 1..columns.end {
+            total += super::angle::step(turn[column - 1], turn[column]);
+            if let Some((_, more)) = jumps.next_if(|(pixel, _)| *pixel + 1 == start + column) {
+                total += more;
+            }
+            turns[column] = total;
         }
         runs.push(start + columns.start..start + columns.end);
     }
     runs
 }
 
+/// Pixels of a row that jumps to the right start from, with their turns.
+fn rightwards<'a>(jumps: &'a [Jump], row: &Range<usize>) -> impl Iterator<Item = (usize, i32)> + use<'a> {
+    let before = |pixel: usize| jumps.partition_point(|jump| (jump.edge as usize) < 2 * pixel);
+    let of_row = &jumps[before(row.start)..before(row.end)];
+    of_row.iter().filter(|j| j.edge.is_multiple_of(2)).map(|j| (j.edge as usize / 2, j.turns))
+}
+
+/// Turns that the edge down from a pixel jumps by.
+fn downwards(jumps: &[Jump], pixel: usize) -> i32 {
+    let found = jumps.binary_search_by_key(&(2 * pixel as u32 + 1), |jump| jump.edge);
+    found.map_or(0, |place| jumps[place].turns)
+}
+
 /// Number of the component of each run, in the order of their first pixels, and its turns above the first run of its component.
-fn between_rows(runs: &[Vec<Range<usize>>], angles: &Angles<'_>, turns: &[i32], width: usize) -> Labels {
+fn between_rows(
+    runs: &[Vec<Range<usize>>],
+    angles: &Angles<'_>,
+    jumps: &[Jump],
+    turns: &[i32],
+    width: usize,
+) -> Labels {
     let count = runs.iter().map(Vec::len).sum();
     let mut forest = Forest::new(count);
     let mut first = 0;
@@ -71,7 +95,8 @@ fn between_rows(runs: &[Vec<Range<usize>>], angles: &Angles<'_>, turns: &[i32], 
         while let Some((upper, lower)) = above.get(a).zip(here.get(b)) {
             let shared = (upper.start + width).max(lower.start);
             if shared < (upper.end + width).min(lower.end) {
-                let step = angles.step(shared - width, shared) + turns[shared - width] - turns[shared];
+                let from = shared - width;
+                let step = angles.step(from, shared) + downwards(jumps, from) + turns[from] - turns[shared];
                 forest.join(first + a, first + above.len() + b, step);
             }
             if upper.end + width <= lower.end {
@@ -85,20 +110,15 @@ fn between_rows(runs: &[Vec<Range<usize>>], angles: &Angles<'_>, turns: &[i32], 
     forest.labels(&vec![true; count])
 }
 
-/// Whole turns along the least spanning tree by a key of the edges, which is looked for in components where the way matters.
-pub fn along_tree<K: Fn(Edge) -> u32 + Sync>(
+/// Whole turns along the least spanning tree by a key of the edges, which is looked for where a loop does not close, and the
+/// number of edges whose ends then differ by more than half a turn.
+pub fn along_tree<K: Fn(Edge) -> u32>(
     angles: &Angles<'_>,
     grid: &Grid<'_>,
     key: impl FnOnce() -> K,
-) -> Labels {
-    let mut labels = along_rows(angles, grid);
-    let Some(open) = contradictions(grid, angles, &labels) else { return labels };
-    let in_open = |number: &u32| open.get(*number as usize).is_some_and(|open| *open);
-    let valid: Vec<bool> = labels.component.iter().map(in_open).collect();
-    let found = span(angles, &Grid::new(grid.width, grid.height, &valid), key()).labels(&valid);
-    // Both count from the first pixel of each component.
-    for ((turns, found), _) in labels.turns.iter_mut().zip(found.turns).zip(valid).filter(|(_, open)| *open) {
-        *turns = found;
-    }
-    labels
+) -> (Labels, usize) {
+    let charges = Charges::new(angles, grid);
+    let close = charges.are_zero();
+    let jumps = if close { Vec::new() } else { jumps(&Faces::new(charges, grid), grid, key()) };
+    (along_rows(angles, grid, &jumps), jumps.len())
 }
