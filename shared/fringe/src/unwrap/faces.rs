@@ -36,7 +36,7 @@ pub struct Faces {
 pub struct Sides {
     /// Face, or first face of a hole, for which the edge counts.
     pub plus: usize,
-    /// The other one.
+    /// The face on its other side.
     pub minus: usize,
 }
 
