@@ -13,7 +13,10 @@ fn json(path: &Path) -> serde_json::Value {
 /// Thirteen pairs of real images, 640 × 480. Its README: OpenCV's f 536.1 px and rms 0.41 px with one camera,
 /// baseline 83.45 mm.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(
+    not(shared_data),
+    ignore = "../shared/data is absent; with it: cargo test --test main calibrate::"
+)]
 fn a_real_stereo_pair_is_characterised_like_others_did_and_closer() {
     let Some(source) = real_data("calib_boards/stereo_case1") else { return };
     let folder = TempDir::new().unwrap();
@@ -350,7 +353,10 @@ fn pictures_without_target_are_drawn_with_the_reason() {
 /// lengths and residuals. Measured along, the residuals fall to a third, and fx and fy of all three cameras come
 /// together, which nobody told the adjustment.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(
+    not(shared_data),
+    ignore = "../shared/data is absent; with it: cargo test --test main calibrate::"
+)]
 fn a_printed_board_is_measured_along_with_the_cameras() {
     let Some(source) = real_data("calib_trinocular/trinocular") else { return };
     let folder = TempDir::new().unwrap();

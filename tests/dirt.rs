@@ -75,7 +75,7 @@ fn a_missing_code_frame_is_named_and_the_rest_is_used() {
 
 /// Real recordings without known faults: none is found.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main dirt::")]
 fn real_recordings_raise_no_alarm() {
     for (set, layout) in [
         ("stereo_plane", "stereo_plane"),

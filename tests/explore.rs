@@ -24,7 +24,7 @@ fn sequence(text: &str) -> Vec<Value> {
 }
 
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main explore::")]
 fn sequences_of_recordings_by_others_are_found() {
     let Some(real) = real_data("procam_skull").map(|path| path.parent().unwrap().to_owned()) else { return };
     let known = [
@@ -88,7 +88,7 @@ fn sequences_of_recordings_by_others_are_found() {
 
 /// A proposal can be decoded at once, and says in its file what is uncertain.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main explore::")]
 fn a_proposed_recording_decodes_and_names_its_doubts() {
     let Some(set) = real_data("procam_mono") else { return };
     let out = tempfile::tempdir().unwrap();
@@ -111,7 +111,7 @@ fn a_proposed_recording_decodes_and_names_its_doubts() {
 
 /// A recording whose description was exchanged for that of another one.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main explore::")]
 fn a_wrong_description_is_told() {
     let Some(set) = real_data("procam_skull_3step") else { return };
     let out = tempfile::tempdir().unwrap();

@@ -206,7 +206,7 @@ fn phase_rms_rad(recording: &Path, level: impl Fn(f64) -> f64) -> f64 {
 /// A real projector, its fringes drawn with two different encodings along two axes. Its README: 0.194 rad before and
 /// 0.0305 rad after a correction for the first encoding, against a code that is not part of the set.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main gamma::")]
 fn a_real_projector_shows_one_gamma_in_four_sets_and_its_correction_straightens_the_phase() {
     let Some(source) = real_data("gamma") else { return };
     let dir = tempfile::tempdir().unwrap();

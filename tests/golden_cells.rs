@@ -174,7 +174,10 @@ fn scaled(cell: &str) -> (&str, f64) {
 }
 
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(
+    not(shared_data),
+    ignore = "../shared/data is absent; with it: cargo test --test main golden_cells::"
+)]
 fn cells_that_the_thesis_computed_right_are_reproduced_and_the_others_are_not() {
     let Some(folder) = shared_data("thesis_tables") else { return };
     let mut cells = BTreeMap::new();

@@ -100,7 +100,10 @@ fn lists_take_the_place_of_a_target_and_its_images() {
 
 /// Two cameras, 13 poses of 289 points, with what another program found (README of the set).
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(
+    not(shared_data),
+    ignore = "../shared/data is absent; with it: cargo test --test main point_lists::"
+)]
 fn lists_of_others_give_their_rig() {
     let Some(source) = real_data("calib_points_13pose") else { return };
     let folder = TempDir::new().unwrap();

@@ -42,7 +42,7 @@ fn plane_within(points: &[Point], center_mm: Point3<f64>, half_mm: [f64; 2]) -> 
 /// Two real cameras, approach 2. Its README: 604 472 points between Z = 295 and 304 mm, plane sigma 0.0439 mm over
 /// 79 × 103 mm, in the part that their rectification kept; 0.0591 mm over the whole view.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main real::")]
 fn a_real_flat_plate_seen_by_two_cameras_is_flat() {
     let Some(points) = cloud("stereo_plane", "stereo_plane", "phase") else { return };
     assert!(points.len() > 1_000_000, "{} points", points.len());
@@ -59,7 +59,7 @@ fn a_real_flat_plate_seen_by_two_cameras_is_flat() {
 
 /// A real camera and projector, approach 1. Its README: Z median 386 mm.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main real::")]
 fn a_real_skull_seen_by_camera_and_projector_stands_where_it_stood() {
     let Some(points) = cloud("procam_skull", "procam_skull_2x3", "projector") else { return };
     assert!(points.len() > 250_000, "{} points", points.len());
@@ -75,7 +75,7 @@ fn a_real_skull_seen_by_camera_and_projector_stands_where_it_stood() {
 /// A real camera and projector with a code of half periods. Its README: 214 654 points, no order jump, Z median
 /// 727.4 mm with the phase origin that its pattern generator has.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main real::")]
 fn a_real_relief_seen_by_camera_and_projector_stands_where_it_stood() {
     let Some(points) = cloud("procam_mono", "procam_mono", "projector") else { return };
     assert!(points.len() > 190_000, "{} points", points.len());
@@ -87,7 +87,7 @@ fn a_real_relief_seen_by_camera_and_projector_stands_where_it_stood() {
 /// corners), then the skull with our own rig. Published, with fewer lens parameters: f 2195.1 and 2601.5 px, rms 0.282 and
 /// 0.463 px, |T| 164.5 mm.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main real::")]
 fn a_real_camera_and_projector_are_characterised_and_the_skull_stands_where_it_stood() {
     let Some(source) = real_data("procam_skull") else { return };
     let folder = TempDir::new().unwrap();
@@ -152,7 +152,7 @@ fn a_real_camera_and_projector_are_characterised_and_the_skull_stands_where_it_s
 
 /// Recordings as they lie there, with their rig: points and gross causes. A plain pipeline gives 240 380 and 448 164 points.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main real::")]
 fn ordinary_recordings_keep_their_points_and_say_what_is_left_out() {
     for (set, method, least) in
         [("gray_stereo", "phase", 230_000), ("procam_skull_3step", "projector", 420_000)]
@@ -198,7 +198,7 @@ fn ordinary_recordings_keep_their_points_and_say_what_is_left_out() {
 
 /// Gray codes of both axes alone: OpenCV gives the projector 0.24 px rms.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main real::")]
 fn a_projector_is_characterised_by_gray_codes_alone() {
     let Some(source) = real_data("procam_board_gray") else { return };
     let folder = TempDir::new().unwrap();
@@ -218,7 +218,7 @@ fn a_projector_is_characterised_by_gray_codes_alone() {
 
 /// Complete outer squares on overexposed paper: their outer corners are none of the board.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(not(shared_data), ignore = "../shared/data is absent; with it: cargo test --test main real::")]
 fn a_board_with_complete_outer_squares_is_found_and_another_size_is_refused() {
     let Some(source) = real_data("calib_phantom") else { return };
     let folder = TempDir::new().unwrap();

@@ -2,6 +2,7 @@
 
 use super::angle::{Angles, step};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Two neighbours; the second lies right of or below the first.
 pub type Edge = (usize, usize);
@@ -61,6 +62,15 @@ impl<'a> Grid<'a> {
         let pixel = number as usize / 2;
         (pixel, if number.is_multiple_of(2) { pixel + 1 } else { pixel + self.width })
     }
+}
+
+/// Columns of a row that are alike, one run after the other, and whether they are valid.
+pub fn runs(valid: &[bool]) -> impl Iterator<Item = (bool, Range<usize>)> {
+    valid.chunk_by(|a, b| a == b).scan(0, |next, run| {
+        let first = *next;
+        *next += run.len();
+        Some((run[0], first..*next))
+    })
 }
 
 /// Key of an edge for [`span`](super::jumps::jumps): edges by falling quality of their worse end.

@@ -6,7 +6,7 @@
 //! sum of the wrapped differences about it, in whole turns (eq. 2.20): of one that is open, the residue.
 
 use super::angle::{Angles, step};
-use super::edges::Grid;
+use super::edges::{Grid, runs};
 use super::forest::Forest;
 use crate::math::simd::{best_level, vectorised};
 use rayon::prelude::*;
@@ -185,13 +185,8 @@ fn gaps(grid: &Grid<'_>) -> Vec<Gap> {
 }
 
 fn of_row(row: usize, valid: &[bool]) -> Vec<Gap> {
-    let mut start = 0;
-    let runs = valid.chunk_by(|a, b| a == b).map(|run| {
-        let gap = Gap { hole: 0, row, start, end: start + run.len() };
-        start = gap.end;
-        (run[0], gap)
-    });
-    runs.filter(|(valid, _)| !valid).map(|(_, gap)| gap).collect()
+    let gaps = runs(valid).filter(|(valid, _)| !valid);
+    gaps.map(|(_, columns)| Gap { hole: 0, row, start: columns.start, end: columns.end }).collect()
 }
 
 /// Turns about each face of a row: clockwise, upper edges count to the right and right ones downwards, the others the other way.

@@ -5,7 +5,7 @@
 
 use super::NO_COMPONENT;
 use super::angle::Angles;
-use super::edges::{Edge, Grid};
+use super::edges::{Edge, Grid, runs};
 use super::faces::{Charges, Faces};
 use super::forest::{Forest, Labels};
 use super::jumps::{Jump, jumps};
@@ -44,14 +44,8 @@ fn along(start: usize, turns: &mut [i32], angles: &Angles<'_>, jumps: &[Jump]) -
     let row = start..start + turns.len();
     let (turn, valid) = (&angles.turn[row.clone()], &angles.valid[row.clone()]);
     let mut jumps = rightwards(jumps, &row).peekable();
-    let mut runs = Vec::new();
-    let mut first = 0;
-    for run in valid.chunk_by(|a, b| a == b) {
-        let columns = first..first + run.len();
-        first = columns.end;
-        if !run[0] {
-            continue;
-        }
+    let mut found = Vec::new();
+    for (_, columns) in runs(valid).filter(|(valid, _)| *valid) {
         let mut total = 0;
         for column in columns.start + 1..columns.end {
             total += super::angle::step(turn[column - 1], turn[column]);
@@ -60,9 +54,9 @@ fn along(start: usize, turns: &mut [i32], angles: &Angles<'_>, jumps: &[Jump]) -
             }
             turns[column] = total;
         }
-        runs.push(start + columns.start..start + columns.end);
+        found.push(start + columns.start..start + columns.end);
     }
-    runs
+    found
 }
 
 /// Pixels of a row that jumps to the right start from, with their turns.

@@ -82,7 +82,10 @@ fn pages_say_the_verdict_and_the_reason() {
 }
 
 #[test]
-#[cfg_attr(not(all(shared_data, xmllint)), ignore = "../shared/data or xmllint (libxml2-utils) is absent")]
+#[cfg_attr(
+    not(all(shared_data, xmllint)),
+    ignore = "../shared/data or xmllint (libxml2-utils) is absent; with it: cargo test -p fringe-report part::"
+)]
 fn qif_is_valid_by_the_schema_of_the_standard() {
     let result = result();
     let none = InspectionResult { features: result.features[2..].to_vec(), ..result.clone() };

@@ -58,7 +58,10 @@ fn plain() -> CalibrationSettings {
 
 /// Each camera by itself: the parameters, root mean square and uncertainties that OpenCV 5 reports (README of the set).
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(
+    not(shared_data),
+    ignore = "../shared/data is absent; with it: cargo test -p fringe-characterise real::"
+)]
 fn thirteen_real_poses_give_what_opencv_gives() {
     let expected = [
         ("Left_Test_2.txt", [4743.06, 4743.17, 736.61, 556.17], 0.1082),
@@ -86,7 +89,10 @@ fn thirteen_real_poses_give_what_opencv_gives() {
 
 /// Both cameras together: the relative pose of a stereo calibration, within what the joint adjustment may differ by.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(
+    not(shared_data),
+    ignore = "../shared/data is absent; with it: cargo test -p fringe-characterise real::"
+)]
 fn thirteen_real_poses_give_the_baseline() {
     let Some(observations) = thirteen_poses(&["Left_Test_2.txt", "Righ_Test_2.txt"]) else { return };
     let found = calibrate(&observations, &plain()).unwrap();
@@ -103,7 +109,10 @@ fn thirteen_real_poses_give_the_baseline() {
 
 /// Seven views with a published solution of all parameters and poses (OpenCV's own test data, 4 decimals).
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(
+    not(shared_data),
+    ignore = "../shared/data is absent; with it: cargo test -p fringe-characterise real::"
+)]
 fn the_published_solution_of_seven_views_is_met() {
     let Some(values) = numbers("calib_boards/cameracalibration/calib1.dat") else { return };
     let (size, rest) = values.split_at(5);

@@ -122,7 +122,10 @@ fn any_size(set: &Set, start: usize) -> Result<[f64; 2], FitError> {
 }
 
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(
+    not(shared_data),
+    ignore = "../shared/data is absent; with it: cargo test -p fringe-metrology nist::"
+)]
 #[expect(
     clippy::disallowed_methods,
     clippy::disallowed_macros,

@@ -88,7 +88,10 @@ fn zone_disagreement(set: &Value, points: &[Point3<f64>]) -> f64 {
 /// Thirteen sets whose solution is known before the points are, eleven by least squares and two minimum zones:
 /// agreement to 1e-9 mm.
 #[test]
-#[cfg_attr(not(shared_data), ignore = "../shared/data is absent")]
+#[cfg_attr(
+    not(shared_data),
+    ignore = "../shared/data is absent; with it: cargo test -p fringe-metrology reference::"
+)]
 #[expect(
     clippy::disallowed_methods,
     clippy::disallowed_macros,

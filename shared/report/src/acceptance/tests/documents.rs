@@ -18,7 +18,10 @@ fn assert_valid(schema: &str, documents: &[(&str, Vec<u8>)]) {
 }
 
 #[test]
-#[cfg_attr(not(all(shared_data, xmllint)), ignore = "../shared/data or xmllint (libxml2-utils) is absent")]
+#[cfg_attr(
+    not(all(shared_data, xmllint)),
+    ignore = "../shared/data or xmllint (libxml2-utils) is absent; with it: cargo test -p fringe-report documents::"
+)]
 fn qif_is_valid_by_the_schema_of_the_standard() {
     let render = |report: TestReport| {
         let sha256 = sha256_hex(master_text(&report).unwrap().as_bytes());
@@ -30,7 +33,10 @@ fn qif_is_valid_by_the_schema_of_the_standard() {
 }
 
 #[test]
-#[cfg_attr(not(all(shared_data, xmllint)), ignore = "../shared/data or xmllint (libxml2-utils) is absent")]
+#[cfg_attr(
+    not(all(shared_data, xmllint)),
+    ignore = "../shared/data or xmllint (libxml2-utils) is absent; with it: cargo test -p fringe-report documents::"
+)]
 fn a_dcc_is_valid_by_the_published_schema() {
     let named = Parties { laboratory: Some("<lab> & co"), customer: Some("customer"), country: Some("DE") };
     let render =
@@ -68,7 +74,10 @@ fn rigs() -> [(RigFile, Option<Covariance>); 2] {
 }
 
 #[test]
-#[cfg_attr(not(all(shared_data, xmllint)), ignore = "../shared/data or xmllint (libxml2-utils) is absent")]
+#[cfg_attr(
+    not(all(shared_data, xmllint)),
+    ignore = "../shared/data or xmllint (libxml2-utils) is absent; with it: cargo test -p fringe-report documents::"
+)]
 fn the_dcc_of_a_rig_is_valid_by_the_published_schema() {
     let named = Parties { laboratory: Some("<lab> & co"), customer: Some("customer"), country: Some("DE") };
     let render = |(rig, covariance): (RigFile, Option<Covariance>), parties: Parties| {
