@@ -17,7 +17,7 @@
 //! What bounces as a constant over the whole window is not seen.
 
 use super::Decoder;
-use super::bounce_cells::{CELL, Cells, Light, memory};
+use super::bounce_cells::{CELL, Cells, Light, Seen, memory};
 use super::bounce_window;
 use super::contrast_bins::Reflectance;
 use super::footprint::{LENS_PX2, LENS_U_PX2};
@@ -69,19 +69,19 @@ impl Bounce {
         level: Level,
     ) -> Bounced {
         let (width, columns) = (self.width, self.width.div_ceil(CELL).max(1));
-        let seen = (&*map.phase_rad, &*map.modulation, smooth);
+        let seen = Seen { phase: map.phase_rad, modulation: map.modulation, smooth, width };
         let bands = self.excess.par_chunks_mut(BAND * columns).zip(self.sums.par_chunks_mut(memory(columns)));
         bands.enumerate().for_each(|(band, (excess, sums))| {
             let (mut cells, first) = (Cells::new(columns, sums), 1 + band * BAND);
             for row in [first - 1, first] {
-                vectorised!(level, cells.fill(row, seen, width, light));
+                vectorised!(level, cells.fill(row, &seen, light));
             }
             for (row, excess) in (first..).zip(excess.chunks_mut(columns)) {
-                vectorised!(level, cells.fill(row + 1, seen, width, light));
-                let rows = cells.about(row);
-                vectorised!(level, bounce_window::suspects(&rows, excess));
+                vectorised!(level, cells.fill(row + 1, &seen, light));
+                vectorised!(level, bounce_window::suspects(&cells.about(row), excess));
                 for (column, excess) in excess.iter_mut().enumerate().filter(|(_, suspect)| **suspect > 0.0) {
-                    *excess = bounce_window::excess(&rows, column, light.u_footprint_px2);
+                    cells.complete([row, column], &seen, light, level);
+                    *excess = bounce_window::excess(&cells.about(row), column, light.u_footprint_px2);
                 }
             }
         });

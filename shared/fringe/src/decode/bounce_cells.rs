@@ -7,6 +7,8 @@ use super::block::{filled, taken};
 use super::contrast_bins::Reflectance;
 use super::noise_model::NoiseModel;
 use super::rasters::Rasters;
+use crate::math::simd::vectorised;
+use fearless_simd::Level;
 
 /// Edge of a cell, px.
 pub(super) const CELL: usize = 4;
@@ -21,10 +23,18 @@ pub(super) const NOISE: usize = PRODUCTS;
 pub(super) const SCATTER: usize = PRODUCTS + 1;
 /// Sums of a cell.
 pub(super) const SUMS: usize = PRODUCTS + 2;
+/// Behind them, at the first cell of a group, whether all of its sums were made; else only those that show the scatter of the ratio.
+const WHOLE: usize = SUMS;
+/// Numbers that are kept of a cell.
+const KEPT: usize = SUMS + 1;
 /// The modulation over white less black without blur: sums of what it differs by lose no digits.
 pub(super) const PLAIN: f32 = 0.5;
+/// Number of pixels, sum and sum of squares of the ratio, variance by noise: they show how the ratio scatters, and its scatter follows from them.
+pub(super) const ASKED: [usize; 4] = [0, place(0, RATIO), place(RATIO, RATIO), NOISE];
 /// Pixels that are worked on side by side.
 const LANES: usize = 16;
+/// Cells that they belong to.
+const GROUP: usize = LANES / CELL;
 /// Rows of cells that a window reaches.
 pub(super) const LINES: usize = 3;
 /// Cells beyond the last one of a row, which groups of cells read.
@@ -39,6 +49,19 @@ pub(super) type Cell = [f32; SUMS];
 pub(super) const fn place(one: usize, other: usize) -> usize {
     let (first, second) = if one < other { (one, other) } else { (other, one) };
     first * KINDS - first * (first + 1) / 2 + second
+}
+
+/// What is known of the pixels of an image.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen<'a> {
+    /// Phase of each pixel, rad.
+    pub phase: &'a [f32],
+    /// Modulation of each pixel, DN.
+    pub modulation: &'a [f32],
+    /// Finite where the neighbourhood of a pixel is one surface.
+    pub smooth: &'a [f32],
+    /// Width of the image, px.
+    pub width: usize,
 }
 
 /// What the test needs besides the map.
@@ -85,7 +108,7 @@ impl Row<'_> {
 
 /// Numbers in the memory of so many cells to a row.
 pub(super) fn memory(columns: usize) -> usize {
-    LINES * SUMS * (columns + MARGIN)
+    LINES * KEPT * (columns + MARGIN)
 }
 
 impl<'a> Cells<'a> {
@@ -94,22 +117,50 @@ impl<'a> Cells<'a> {
         Self { stride: columns + MARGIN, sums }
     }
 
-    /// Takes a row of cells of an image of this width in, in place of the third one before it: phase, modulation and what is finite where a
-    /// pixel's neighbourhood is one surface. Rows count from 1; there is none at 0 and behind the last one.
+    /// Takes a row of cells of an image in, in place of the third one before it: the sums that show how the ratio scatters. Rows count from 1;
+    /// there is none at 0 and behind the last one.
     #[inline(always)]
-    pub(super) fn fill(&mut self, row: usize, map: (&[f32], &[f32], &[f32]), width: usize, light: &Light) {
-        let length = SUMS * self.stride;
+    pub(super) fn fill(&mut self, row: usize, seen: &Seen, light: &Light) {
+        let length = KEPT * self.stride;
         let sums = &mut self.sums[row % LINES * length..][..length];
-        sums.fill(0.0);
-        if row > 0 && (row - 1) * CELL < map.0.len() / width {
-            light.sum(map, (row - 1) * CELL, width, (sums, self.stride));
+        for sum in ASKED.into_iter().chain([SCATTER, WHOLE]) {
+            sums[sum * self.stride..][..self.stride].fill(0.0);
+        }
+        if row == 0 || (row - 1) * CELL >= seen.height() {
+            return;
+        }
+        for column in (0..seen.width).step_by(LANES) {
+            light.sum::<false>(seen, [column, (row - 1) * CELL], (sums, self.stride));
+        }
+    }
+
+    /// Makes all sums of the cells about one, in three rows that were filled last. Most cells are never asked for them.
+    pub(super) fn complete(&mut self, [row, column]: [usize; 2], seen: &Seen, light: &Light, level: Level) {
+        let length = KEPT * self.stride;
+        for row in row - 1..=row + 1 {
+            let sums = &mut self.sums[row % LINES * length..][..length];
+            for group in column.saturating_sub(1) / GROUP..=(column + 1) / GROUP {
+                let first = 1 + group * GROUP;
+                if sums[WHOLE * self.stride + first] != 0.0 {
+                    continue;
+                }
+                // What stood there belongs to another row, and there may be nothing to sum.
+                for sum in 0..SUMS {
+                    sums[sum * self.stride + first..][..GROUP].fill(0.0);
+                }
+                sums[WHOLE * self.stride + first] = 1.0;
+                if row > 0 && (row - 1) * CELL < seen.height() && group * LANES < seen.width {
+                    let place = [group * LANES, (row - 1) * CELL];
+                    vectorised!(level, light.sum::<true>(seen, place, (&mut *sums, self.stride)));
+                }
+            }
         }
     }
 
     /// The row before one, that row, and the one behind it, which were filled last.
     #[inline(always)]
     pub(super) fn about(&self, row: usize) -> [Row<'_>; LINES] {
-        let length = SUMS * self.stride;
+        let length = KEPT * self.stride;
         let of = |row: usize| Row { stride: self.stride, sums: &self.sums[row % LINES * length..][..length] };
         [of(row - 1), of(row), of(row + 1)]
     }
@@ -117,7 +168,7 @@ impl<'a> Cells<'a> {
     /// Writes the sums of a cell but for the scatter, which follows from them.
     #[cfg(test)]
     pub(super) fn put(&mut self, row: usize, column: usize, cell: &Cell) {
-        let first = row % LINES * SUMS * self.stride + column + 1;
+        let first = row % LINES * KEPT * self.stride + column + 1;
         for (sum, value) in cell.iter().enumerate() {
             self.sums[first + sum * self.stride] = *value;
         }
@@ -127,58 +178,62 @@ impl<'a> Cells<'a> {
     }
 }
 
+impl Seen<'_> {
+    fn height(&self) -> usize {
+        self.phase.len() / self.width
+    }
+}
+
 impl Light<'_> {
-    /// Adds the pixels of up to four rows from `row` on to their cells.
+    /// Sums the pixels from a column on, of up to four rows from one on, cell by cell: all sums, or those that show how the ratio scatters.
     #[inline(always)]
-    fn sum(&self, map: (&[f32], &[f32], &[f32]), row: usize, width: usize, cells: (&mut [f32], usize)) {
+    fn sum<const ALL: bool>(&self, seen: &Seen, place: [usize; 2], cells: (&mut [f32], usize)) {
         match self.reflectance.rasters {
-            Rasters::Bytes(data) => self.sum_of(data, map, row, width, cells),
-            Rasters::Words(data) => self.sum_of(data, map, row, width, cells),
+            Rasters::Bytes(data) => self.sum_of::<ALL, u8>(data, seen, place, cells),
+            Rasters::Words(data) => self.sum_of::<ALL, u16>(data, seen, place, cells),
         }
     }
 
     #[inline(always)]
-    fn sum_of<T: Copy + Default + Into<u16>>(
+    fn sum_of<const ALL: bool, T: Copy + Default + Into<u16>>(
         &self,
         data: &[T],
-        (phase, modulation, smooth): (&[f32], &[f32], &[f32]),
-        row: usize,
-        width: usize,
+        seen: &Seen,
+        [column, row]: [usize; 2],
         (cells, stride): (&mut [f32], usize),
     ) {
+        let Seen { phase, modulation, smooth, width } = *seen;
         let pixels = modulation.len();
         let levels = self.reflectance.levels;
         let white = &data[levels.white * pixels..][..pixels];
         let black = &data[levels.black * pixels..][..pixels];
         let lines = row..(row + CELL).min(pixels / width);
-        for column in (0..width).step_by(LANES) {
-            let count = LANES.min(width - column);
-            let shown = |y: usize| smooth[y * width + column..][..count].iter().any(|v| v.is_finite());
-            if !lines.clone().any(shown) {
-                continue;
-            }
-            let mut sums = [[0.0; LANES]; NOISE + 1];
-            for first in lines.clone().map(|y| y * width + column) {
-                let known = filled(smooth, first, count, f32::NAN);
-                // No pixel of the outermost rows and columns is smooth: what they take for their neighbours does not matter.
-                let near = |at: usize| filled(phase, at.min(pixels - count), count, 0.0);
-                let slopes = [
-                    [near(first.max(1) - 1), near(first + 1)],
-                    [near(first.max(width) - width), near(first + width)],
-                ];
-                let levels =
-                    [filled(white, first, count, T::default()), filled(black, first, count, T::default())];
-                let own = [near(first), filled(modulation, first, count, 0.0)];
-                self.add(&levels, &own, &slopes, &known, &mut sums);
-            }
-            store(&sums, cells, stride, 1 + column / CELL);
+        let count = LANES.min(width - column);
+        let shown = |y: usize| smooth[y * width + column..][..count].iter().any(|v| v.is_finite());
+        if !lines.clone().any(shown) {
+            return;
         }
+        let mut sums = [[0.0; LANES]; NOISE + 1];
+        for first in lines.map(|y| y * width + column) {
+            let known = filled(smooth, first, count, f32::NAN);
+            // No pixel of the outermost rows and columns is smooth: what they take for their neighbours does not matter.
+            let near = |at: usize| filled(phase, at.min(pixels - count), count, 0.0);
+            let slopes = [
+                [near(first.max(1) - 1), near(first + 1)],
+                [near(first.max(width) - width), near(first + width)],
+            ];
+            let levels =
+                [filled(white, first, count, T::default()), filled(black, first, count, T::default())];
+            let own = [near(first), filled(modulation, first, count, 0.0)];
+            self.add::<ALL, T>(&levels, &own, &slopes, &known, &mut sums);
+        }
+        store::<ALL>(&sums, cells, stride, 1 + column / CELL);
     }
 
     /// Adds the pixels side by side to the sums of their columns: the products of what a cell sums, and the variance of the ratio by noise; nothing where a
     /// pixel does not count.
     #[inline(always)]
-    fn add<T: Copy + Into<u16>>(
+    fn add<const ALL: bool, T: Copy + Into<u16>>(
         &self,
         [white, black]: &[[T; LANES]; 2],
         [phase, modulation]: &[Lanes; 2],
@@ -204,19 +259,22 @@ impl Light<'_> {
             let turn = phase[l] * turns;
             let counts = (smooth[l].abs() < f32::INFINITY) & !clipped & (range > 0.0) & (modulation > 0.0);
             kinds[0][l] = if counts { 1.0 } else { 0.0 };
-            kinds[1][l] = if counts { steep } else { 0.0 };
-            kinds[2][l] = if counts { wave(turn + 0.25) } else { 0.0 };
-            kinds[3][l] = if counts { wave(turn) } else { 0.0 };
+            if ALL {
+                kinds[1][l] = if counts { steep } else { 0.0 };
+                kinds[2][l] = if counts { wave(turn + 0.25) } else { 0.0 };
+                kinds[3][l] = if counts { wave(turn) } else { 0.0 };
+            }
             kinds[RATIO][l] = if counts { ratio - PLAIN } else { 0.0 };
             sums[NOISE][l] += if counts { noise } else { 0.0 };
         }
-        let mut at = 0;
         for one in 0..KINDS {
             for other in one..KINDS {
-                for l in 0..LANES {
-                    sums[at][l] += kinds[one][l] * kinds[other][l];
+                let at = place(one, other);
+                if ALL || ASKED.contains(&at) {
+                    for l in 0..LANES {
+                        sums[at][l] += kinds[one][l] * kinds[other][l];
+                    }
                 }
-                at += 1;
             }
         }
     }
@@ -224,22 +282,23 @@ impl Light<'_> {
 
 /// Writes the sums of four columns each as those of cells from one on.
 #[inline(always)]
-fn store(sums: &[Lanes; NOISE + 1], cells: &mut [f32], stride: usize, first: usize) {
-    let mut found = [[0.0_f32; LANES / CELL]; SUMS];
-    for (found, sums) in found.iter_mut().zip(sums) {
+fn store<const ALL: bool>(sums: &[Lanes; NOISE + 1], cells: &mut [f32], stride: usize, first: usize) {
+    let mut found = [[0.0_f32; GROUP]; SUMS];
+    let wanted = |sum: usize| ALL || sum == SCATTER || ASKED.contains(&sum);
+    for (_, (found, sums)) in found.iter_mut().zip(sums).enumerate().filter(|(sum, _)| wanted(*sum)) {
         for (cell, sum) in found.iter_mut().enumerate() {
             let at = cell * CELL;
             *sum = ((sums[at] + sums[at + 1]) + sums[at + 2]) + sums[at + 3];
         }
     }
     let (mean, squares) = (found[place(0, RATIO)], found[place(RATIO, RATIO)]);
-    for cell in 0..LANES / CELL {
+    for cell in 0..GROUP {
         let count = found[0][cell];
         found[SCATTER][cell] =
             if count > 0.0 { squares[cell] - mean[cell] * mean[cell] / count } else { 0.0 };
     }
-    for (sum, values) in found.iter().enumerate() {
-        cells[sum * stride + first..][..LANES / CELL].copy_from_slice(values);
+    for (sum, values) in found.iter().enumerate().filter(|(sum, _)| wanted(*sum)) {
+        cells[sum * stride + first..][..GROUP].copy_from_slice(values);
     }
 }
 

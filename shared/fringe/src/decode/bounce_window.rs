@@ -8,7 +8,7 @@
 // Without branches a loop vectorises.
 #![allow(clippy::needless_bitwise_bool)]
 
-use super::bounce_cells::{CELL, Cell, KINDS, LINES, NOISE, PLAIN, RATIO, Row, SCATTER, place};
+use super::bounce_cells::{ASKED, CELL, Cell, KINDS, LINES, NOISE, PLAIN, RATIO, Row, SCATTER, place};
 use nalgebra::{SMatrix, SVector};
 
 /// Fewer smooth pixels in a window say nothing.
@@ -31,8 +31,6 @@ const STEEP: usize = 2;
 const MOST: f64 = 2.0;
 /// Windows that are looked at side by side.
 const LANES: usize = 16;
-/// Of a cell: number of pixels, sum and sum of squares of the ratio, variance by noise.
-const ASKED: [usize; 4] = [0, place(0, RATIO), place(RATIO, RATIO), NOISE];
 /// Part of a sum, and of a limit, within which rounding to single precision could decide: some hundred roundings.
 const CLOSE: f32 = 1e-5;
 type Matrix = SMatrix<f64, UNKNOWNS, UNKNOWNS>;
