@@ -4,7 +4,7 @@
 #![allow(clippy::needless_bitwise_bool)]
 
 use super::epipolar_rows::{Row, StepLimits};
-use super::order::{Group, next_group};
+use super::order::{Group, Order};
 use super::report::{MatchReport, PART_ROWS};
 use super::settings::MatchSettings;
 use super::subpixel::{Crossing, MAX_SHIFT_PX, RightPhase, solve};
@@ -15,17 +15,32 @@ use crate::rectify::{Directions, Rectification, RectifiedGrid};
 use crate::surface::{Cause, RIM, Sample, Samples};
 use fearless_simd::Level;
 
+/// What was found of a group.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Hit {
+    /// Number of the group.
+    pub group: usize,
+    pub samples: Samples,
+}
+
+impl Hit {
+    pub const NONE: Self = Self { group: 0, samples: Samples::NONE };
+}
+
 /// Buffers and counts of one part.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Task {
     pub left: Row,
     pub right: Row,
+    /// Groups of the part that have a lit pixel.
+    pub lit: usize,
     pub report: MatchReport,
 }
 
 impl Task {
     pub fn sized(&self, left: usize, right: usize) -> Self {
-        Self { left: Row::with_capacity(left), right: Row::with_capacity(right), report: self.report }
+        let (left, right) = (Row::with_capacity(left), Row::with_capacity(right));
+        Self { left, right, lit: self.lit, report: self.report }
     }
 }
 
@@ -51,7 +66,7 @@ struct Coarse {
 struct Later {
     batch: Batch,
     count: usize,
-    /// Group of each among those of the part, and place in it.
+    /// Group of each among the lit ones of the part, and place in it.
     hits: [(usize, usize); LANES],
 }
 
@@ -64,9 +79,8 @@ pub(super) struct Scan<'a> {
     pub left_phase: &'a [f32],
     pub right_phase: RightPhase<'a>,
     pub directions: &'a Directions,
-    /// Left pixels in the order of the rectified rows, and the first one of each row.
-    pub order: &'a [u32],
-    pub row_starts: &'a [usize],
+    /// Left pixels in the order of the rectified rows.
+    pub order: &'a Order,
     pub left: PhaseView<'a>,
     /// Marks where the left surface ends within the reach of a limb.
     pub left_limbs: &'a [u8],
@@ -79,37 +93,39 @@ pub(super) struct Scan<'a> {
 }
 
 impl Scan<'_> {
-    /// Matches the left pixels of one part, row by row.
-    pub fn part(&self, part: usize, hits: &mut [Samples], task: &mut Task) {
+    /// Matches the left pixels of one part, row by row; each group that has a lit pixel gives a hit.
+    pub fn part(&self, part: usize, hits: &mut [Hit], task: &mut Task) {
         vectorised!(self.level, self.rows(part, hits, task));
     }
 
     #[inline(always)]
-    fn rows(&self, part: usize, hits: &mut [Samples], task: &mut Task) {
+    fn rows(&self, part: usize, hits: &mut [Hit], task: &mut Task) {
         let mut later = Later::default();
-        let mut number = 0;
+        let mut lit = 0;
         for row in part * PART_ROWS..((part + 1) * PART_ROWS).min(self.right_grid.height) {
             let mut loaded = false;
-            let mut pixels = &self.order[self.row_starts[row]..self.row_starts[row + 1]];
-            while let Some((group, rest)) = next_group(pixels, self.left_phase.len()) {
-                hits[number] = Samples::NONE;
+            for number in self.order.groups(row) {
+                let group = self.order.group(number);
                 let wanted = group.values(self.left_phase);
                 let mut live = [false; LANES];
                 for l in 0..LANES {
                     live[l] = (l < group.count) & !wanted[l].is_nan();
                 }
-                if live != [false; LANES] {
-                    if !loaded {
-                        self.load(row, task);
-                        loaded = true;
-                    }
-                    let batch = self.search(&group, (wanted, live), &mut hits[number], task);
-                    self.settle(&batch, (number, hits), &mut later, &mut task.report);
+                if live == [false; LANES] {
+                    continue;
                 }
-                (pixels, number) = (rest, number + 1);
+                if !loaded {
+                    self.load(row, task);
+                    loaded = true;
+                }
+                hits[lit] = Hit { group: number, samples: Samples::NONE };
+                let batch = self.search(&group, (wanted, live), &mut hits[lit].samples, task);
+                self.settle(&batch, (lit, hits), &mut later, &mut task.report);
+                lit += 1;
             }
         }
         self.settle_later(&mut later, hits, &mut task.report);
+        task.lit = lit;
     }
 
     /// Coarse places of a group; those that have none are noted.
@@ -150,7 +166,7 @@ impl Scan<'_> {
         }
         if known != live {
             for l in (0..LANES).filter(|l| live[*l] && !known[*l]) {
-                match self.coarse(group.pixels[l] as usize, [left_x[l], y[l]], wanted[l], task) {
+                match self.coarse(group.pixel(l), [left_x[l], y[l]], wanted[l], task) {
                     Ok(coarse) => (batch.coarse[l], batch.search_px[l]) = (coarse.x, coarse.search_px),
                     Err(cause) => {
                         batch.live[l] = false;
@@ -170,13 +186,13 @@ impl Scan<'_> {
     fn settle(
         &self,
         batch: &Batch,
-        (number, hits): (usize, &mut [Samples]),
+        (number, hits): (usize, &mut [Hit]),
         later: &mut Later,
         report: &mut MatchReport,
     ) {
         let (found, samples) = self.evaluate(batch, false);
-        let none = hits[number].cause;
-        hits[number] = samples;
+        let none = hits[number].samples.cause;
+        hits[number].samples = samples;
         let mut points = [false; LANES];
         for (l, point) in points.iter_mut().enumerate() {
             *point = samples.cause[l] == Cause::Point;
@@ -189,11 +205,11 @@ impl Scan<'_> {
                 continue;
             }
             if !batch.live[l] {
-                hits[number].cause[l] = none[l];
+                hits[number].samples.cause[l] = none[l];
             } else if found.settled[l] {
                 report.count(samples.cause[l]);
             } else if found.lost[l] {
-                hits[number].set(l, &self.general(batch, l, report));
+                hits[number].samples.set(l, &self.general(batch, l, report));
             } else {
                 later.hits[later.count] = (number, l);
                 later.batch.take(later.count, (batch, l), &found);
@@ -207,7 +223,7 @@ impl Scan<'_> {
 
     /// The second evaluation; the general way solves those that need more.
     #[inline(never)]
-    fn settle_later(&self, later: &mut Later, hits: &mut [Samples], report: &mut MatchReport) {
+    fn settle_later(&self, later: &mut Later, hits: &mut [Hit], report: &mut MatchReport) {
         let Later { batch, count, hits: places } = later;
         for (l, live) in batch.live.iter_mut().enumerate() {
             *live = l < *count;
@@ -218,7 +234,7 @@ impl Scan<'_> {
             if found.settled[l] && sample.cause != Cause::Point {
                 report.count(sample.cause);
             }
-            hits[*number].set(*place, &sample);
+            hits[*number].samples.set(*place, &sample);
         }
         *count = 0;
     }

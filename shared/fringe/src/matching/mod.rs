@@ -68,15 +68,14 @@ use crate::math::simd::best_level;
 use crate::phase::PhaseView;
 use crate::rectify::{Directions, Rectification, RectifiedGrid};
 use crate::sensor::Footprint;
-use crate::surface::{Cause, Sample, Samples, SurfaceBuilder, View, WINDOWS, rim_is_hidden};
+use crate::surface::{Cause, Sample, SurfaceBuilder, View, WINDOWS, rim_is_hidden};
 use ends::Ends;
 use epipolar_rows::{Row, StepLimits};
 use fearless_simd::Level;
 use map_statistics::MapStatistics;
-use match_rows::{Scan, Task};
+use match_rows::{Hit, Scan, Task};
 use nalgebra::Vector3;
-use order::{common_rows, next_group, order, others, parts};
-use report::PART_ROWS;
+use order::{Order, common_rows};
 use std::f64::consts::TAU;
 use subpixel::{RightPhase, SETTLED_PX};
 
@@ -100,12 +99,10 @@ pub struct Matcher {
     directions: Directions,
     left_grid: RectifiedGrid,
     right_grid: RectifiedGrid,
-    /// Left pixels sorted by rectified row, then as they come on the native grid along the row.
-    order: Vec<u32>,
+    /// Left pixels sorted by rectified row.
+    order: Order,
     /// The other left pixels: those without a row that the right view shares.
     outside: Vec<u32>,
-    /// First element of each rectified row in `order`.
-    row_starts: Vec<usize>,
     /// Number of the first group of pixels of each part.
     parts: Vec<usize>,
     tasks: Vec<Task>,
@@ -116,7 +113,7 @@ pub struct Matcher {
     /// Scratch for the noise of both maps.
     noise: [Vec<f32>; 2],
     /// Of the parts that are matched at once, group by group.
-    hits: Vec<Samples>,
+    hits: Vec<Hit>,
     surface: SurfaceBuilder,
     /// Instructions that may be used.
     level: Level,
@@ -147,13 +144,14 @@ impl Matcher {
         let right_grid = RectifiedGrid::new(&pair.right, &right_table, pair.focal_px, y0, height)?;
         drop(right_table);
         let left_grid = RectifiedGrid::new(&pair.left, &left_table, pair.focal_px, y0, height)?;
-        let (order, row_starts) = order(&left_table, &left_grid);
+        let order = Order::new(&left_table, &left_grid);
         let directions = Directions::new(&pair.left, left_table, pair.focal_px);
         let (columns, rows) = (left.width_px as usize, left.height_px as usize);
-        let parts = parts(&order, &row_starts, columns * rows);
+        let parts = order.parts();
         let task = Task {
             left: Row::with_capacity(left_grid.width),
             right: Row::with_capacity(right_grid.width),
+            lit: 0,
             report: MatchReport::default(),
         };
         // `vec![task; n]` would clone without the capacity.
@@ -165,14 +163,13 @@ impl Matcher {
             reach: pair.right.reach(SETTLED_PX),
             left_grid,
             right_grid,
-            row_starts,
             parts,
             tasks,
             copies: [Vec::new(), Vec::new()],
             ends: Ends::new([left, right].map(|camera| [camera.width_px, camera.height_px])),
             noise: [(); 2].map(|()| Vec::with_capacity(WINDOWS)),
-            hits: vec![Samples::NONE; most],
-            outside: others(&order, columns * rows),
+            hits: vec![Hit::NONE; most],
+            outside: order.others(columns * rows),
             order,
             surface: SurfaceBuilder::new(columns, rows, settings.surface),
             level: best_level(),
@@ -247,12 +244,11 @@ impl Matcher {
         } else {
             self.ends.mark(phases, edge, limits.max_rad, self.surface.scratch());
         }
+        self.surface.clear();
         let mut report = self.match_rows(left, right, phases, limits);
-        for pixel in &self.outside {
-            let dark = phases.left[*pixel as usize].is_nan();
-            let none = Sample::without(if dark { Cause::Dark } else { Cause::Outside });
-            self.surface.put(*pixel as usize, &none);
-            report.outside += u32::from(!dark);
+        for pixel in self.outside.iter().filter(|pixel| !phases.left[**pixel as usize].is_nan()) {
+            self.surface.put(*pixel as usize, &Sample::without(Cause::Outside));
+            report.outside += 1;
         }
         let view = View {
             width: self.pair.left.camera.width_px as usize,
@@ -283,7 +279,7 @@ impl Matcher {
         phases: Phases,
         limits: StepLimits,
     ) -> MatchReport {
-        let Self { tasks, hits, parts, order, row_starts, surface, pair, settings, .. } = self;
+        let Self { tasks, hits, parts, order, surface, pair, settings, .. } = self;
         let scan = Scan {
             pair,
             settings,
@@ -302,7 +298,6 @@ impl Matcher {
             },
             directions: &self.directions,
             order,
-            row_starts,
             level: self.level,
             left: *left,
             left_limbs: &self.ends.left,
@@ -313,27 +308,18 @@ impl Matcher {
                 .map(|[near, far]| [pair.baseline_mm / far, pair.baseline_mm / near]),
         };
         let mut sum = MatchReport::default();
-        let (count, all) = (parts.len() - 1, self.directions.pixels());
+        let count = parts.len() - 1;
         for first in (0..count).step_by(PARTS_AT_ONCE) {
             let last = (first + PARTS_AT_ONCE).min(count);
             let (starts, tasks) = (&parts[first..=last], &mut tasks[..last - first]);
-            let hits = &mut hits[..parts[last] - parts[first]];
-            for_parts(starts, hits, tasks, &|part, hits, task| {
+            for_parts(starts, &mut hits[..parts[last] - parts[first]], tasks, &|part, hits, task| {
                 task.report = MatchReport::default();
                 scan.part(first + part, hits, task);
             });
-            let rows = first * PART_ROWS..(last * PART_ROWS).min(row_starts.len() - 1);
-            let mut hits = hits.iter();
-            for row in rows {
-                let mut pixels = &order[row_starts[row]..row_starts[row + 1]];
-                while let Some((group, rest)) = next_group(pixels, all) {
-                    if let Some(samples) = hits.next() {
-                        group.put(surface, samples);
-                    }
-                    pixels = rest;
+            for (start, task) in starts.iter().zip(tasks) {
+                for hit in &hits[start - parts[first]..][..task.lit] {
+                    order.group(hit.group).put(surface, &hit.samples);
                 }
-            }
-            for task in tasks {
                 sum.add(&task.report);
             }
         }

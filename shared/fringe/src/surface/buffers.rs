@@ -79,6 +79,15 @@ impl SurfaceBuilder {
         bytemuck::cast_slice_mut(&mut self.raster.depths)
     }
 
+    /// Forgets what was put: no pixel is lit.
+    pub fn clear(&mut self) {
+        let parts = self.raster.depths.par_chunks_mut(CHUNK).zip(self.causes.par_chunks_mut(CHUNK));
+        parts.for_each(|(depths, causes)| {
+            depths.fill(Sample::NONE.inverse_depth);
+            causes.fill(Sample::NONE.cause);
+        });
+    }
+
     /// Takes what all samples say of their pixels.
     pub fn load(&mut self, samples: &[Sample]) {
         let Raster { depths, sigmas, own_shares, modulations, limbs } = &mut self.raster;
