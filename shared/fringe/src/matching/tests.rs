@@ -94,6 +94,31 @@ fn every_level_of_instructions_gives_the_same_points() {
     }
 }
 
+/// What a matcher saw before, in the same pixels or in others, leaves nothing behind.
+#[test]
+fn the_bytes_do_not_depend_on_the_maps_before() {
+    let [left, right, projector] = rig(300, 200);
+    let ball = Surface::Sphere { centre: nalgebra::Point3::new(5.0, 2.0, 0.0), radius_mm: 35.0 };
+    let of = |surface: Surface, sigma: f64| {
+        let scene = scene(&[surface], &projector);
+        [(&left, 1), (&right, 2)].map(|(c, seed)| scene.phase_map(c, Axis::X, sigma, seed))
+    };
+    let run = |matcher: &mut Matcher, [a, b]: &[PhaseMap; 2]| {
+        let mut points = vec![blank(); matcher.capacity()];
+        let report = matcher.run(&a.view(), &b.view(), 0, &mut points).unwrap();
+        points.truncate(report.points as usize);
+        (bytemuck::cast_slice::<Point, u8>(&points).to_vec(), matcher.causes().to_vec(), report)
+    };
+    let new = || Matcher::new(&left, &right, &MatchSettings::default()).unwrap();
+    let maps = [of(Surface::plane([0.1, 0.2, 1.0], 1.0), 0.05), of(ball, 0.02)];
+    let [plane, ball] = [0, 1].map(|i| run(&mut new(), &maps[i]));
+    assert!(ball.2.points > 1000 && plane.2.points > 4 * ball.2.points, "{:?} {:?}", ball.2, plane.2);
+    let mut matcher = new();
+    for (map, expected) in [(0, &plane), (1, &ball), (0, &plane)] {
+        assert!(run(&mut matcher, &maps[map]) == *expected, "map {map}");
+    }
+}
+
 /// Every wrong way to treat order of work shows in the bytes.
 #[test]
 fn the_bytes_do_not_depend_on_the_number_of_threads() {
