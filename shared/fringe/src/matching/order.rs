@@ -36,7 +36,7 @@ pub(super) struct Order {
 pub(super) struct Group<'a> {
     /// So many pixels belong to it.
     pub count: usize,
-    /// The first one.
+    /// The first of these pixels.
     first: usize,
     /// All of them where they are no neighbours; empty where they, and as many behind them as fill the group, are neighbours in the image.
     apart: &'a [u32],
