@@ -126,11 +126,9 @@ impl<'a> Cells<'a> {
         for sum in ASKED.into_iter().chain([SCATTER, WHOLE]) {
             sums[sum * self.stride..][..self.stride].fill(0.0);
         }
-        if row == 0 || (row - 1) * CELL >= seen.height() {
-            return;
-        }
+        let Some(line) = seen.first_line(row) else { return };
         for column in (0..seen.width).step_by(LANES) {
-            light.sum::<false>(seen, [column, (row - 1) * CELL], (sums, self.stride));
+            light.sum::<false>(seen, [column, line], (sums, self.stride));
         }
     }
 
@@ -149,8 +147,10 @@ impl<'a> Cells<'a> {
                     sums[sum * self.stride + first..][..GROUP].fill(0.0);
                 }
                 sums[WHOLE * self.stride + first] = 1.0;
-                if row > 0 && (row - 1) * CELL < seen.height() && group * LANES < seen.width {
-                    let place = [group * LANES, (row - 1) * CELL];
+                if let Some(line) = seen.first_line(row)
+                    && group * LANES < seen.width
+                {
+                    let place = [group * LANES, line];
                     vectorised!(level, light.sum::<true>(seen, place, (&mut *sums, self.stride)));
                 }
             }
@@ -179,8 +179,10 @@ impl<'a> Cells<'a> {
 }
 
 impl Seen<'_> {
-    fn height(&self) -> usize {
-        self.phase.len() / self.width
+    /// First line of a row of cells, where there is such a row.
+    fn first_line(&self, row: usize) -> Option<usize> {
+        let line = row.checked_sub(1)? * CELL;
+        (line < self.phase.len() / self.width).then_some(line)
     }
 }
 

@@ -183,7 +183,8 @@ fn figures_of_resampling() {
             let a = resampled(&pair.left, &matcher.left_grid, &maps[0]);
             let b = resampled(&pair.right, &matcher.right_grid, &maps[1]);
             let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
-            let (mut row, limits) = (Row::default(), matcher.settings.step_limits(16.0, 0.0, 0.0));
+            let (mut row, limits) =
+                (epipolar_rows::Row::default(), matcher.settings.step_limits(16.0, 0.0, 0.0));
             for line in 0..matcher.left_grid.height {
                 let cells = |grid: &RectifiedGrid| line * grid.width..(line + 1) * grid.width;
                 row.fill(b[cells(&matcher.right_grid)].iter().copied(), limits, matcher.level);

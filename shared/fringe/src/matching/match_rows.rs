@@ -38,9 +38,9 @@ pub(super) struct Task {
 }
 
 impl Task {
-    pub fn sized(&self, left: usize, right: usize) -> Self {
-        let (left, right) = (Row::with_capacity(left), Row::with_capacity(right));
-        Self { left, right, lit: self.lit, report: self.report }
+    /// With room for rows of these lengths.
+    pub fn with_capacity(left: usize, right: usize) -> Self {
+        Self { left: Row::with_capacity(left), right: Row::with_capacity(right), ..Self::default() }
     }
 }
 

@@ -70,7 +70,7 @@ use crate::rectify::{Directions, Rectification, RectifiedGrid};
 use crate::sensor::Footprint;
 use crate::surface::{Cause, Sample, SurfaceBuilder, View, WINDOWS, rim_is_hidden};
 use ends::Ends;
-use epipolar_rows::{Row, StepLimits};
+use epipolar_rows::StepLimits;
 use fearless_simd::Level;
 use map_statistics::MapStatistics;
 use match_rows::{Hit, Scan, Task};
@@ -112,7 +112,7 @@ pub struct Matcher {
     ends: Ends,
     /// Scratch for the noise of both maps.
     noise: [Vec<f32>; 2],
-    /// Of the parts that are matched at once, group by group.
+    /// What was found of the lit groups of the parts that are matched at once, part by part.
     hits: Vec<Hit>,
     surface: SurfaceBuilder,
     /// Instructions that may be used.
@@ -148,15 +148,9 @@ impl Matcher {
         let directions = Directions::new(&pair.left, left_table, pair.focal_px);
         let (columns, rows) = (left.width_px as usize, left.height_px as usize);
         let parts = order.parts();
-        let task = Task {
-            left: Row::with_capacity(left_grid.width),
-            right: Row::with_capacity(right_grid.width),
-            lit: 0,
-            report: MatchReport::default(),
-        };
-        // `vec![task; n]` would clone without the capacity.
         let at_once = PARTS_AT_ONCE.min(parts.len() - 1);
-        let tasks = (0..at_once).map(|_| task.sized(left_grid.width, right_grid.width)).collect();
+        let task = |_| Task::with_capacity(left_grid.width, right_grid.width);
+        let tasks = (0..at_once).map(task).collect();
         let most = parts.windows(at_once + 1).map(|parts| parts[at_once] - parts[0]).max().unwrap_or(0);
         Ok(Self {
             settings: *settings,
