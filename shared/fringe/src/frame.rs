@@ -1,5 +1,8 @@
 //! A frame: what a camera saw while one pattern was projected.
 
+/// Largest frame that is decoded, and largest phase map, pixels.
+pub const MAX_PIXELS: usize = 1 << 27;
+
 /// Grey values, row by row, without padding.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Pixels<'a> {

@@ -112,7 +112,7 @@ pub enum DecodeError {
     /// The raster is empty or too large.
     #[error(
         "frames of {width_px} x {height_px} pixels: must be 1 to {} pixels in all",
-        super::limits::MAX_PIXELS
+        crate::frame::MAX_PIXELS
     )]
     Size {
         /// Columns of the camera, px.

@@ -1,7 +1,5 @@
-//! How large a sequence and its frames may be.
+//! How large a sequence may be.
 
-/// Largest frame that is decoded, pixels.
-pub const MAX_PIXELS: usize = 1 << 27;
 /// Longest sequence that is decoded, frames.
 pub const MAX_FRAMES: usize = 4096;
 /// Most frames of a sine set.

@@ -84,6 +84,7 @@ mod survey;
 #[cfg(test)]
 mod tests;
 
+pub use crate::frame::MAX_PIXELS;
 pub use crate::sensor::CameraNoise;
 pub use bounce::Bounced;
 pub use continuity::Continuity;
@@ -92,7 +93,7 @@ pub use dirt::{Fault, Finding, Remedy};
 pub use error::DecodeError;
 pub use exposures::{Exposed, merge_exposures};
 pub use identity::{FrameOrder, OrderEvent, prove as prove_order};
-pub use limits::{MAX_FRAMES, MAX_PIXELS, MAX_SINES};
+pub use limits::{MAX_FRAMES, MAX_SINES};
 pub use motion::Motion;
 pub use noise_model::{NoiseModel, NoiseSource};
 pub use plan::decoded_axes;

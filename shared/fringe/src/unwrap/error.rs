@@ -1,6 +1,6 @@
 //! Why nothing can be unwrapped.
 
-use crate::decode::MAX_PIXELS;
+use crate::frame::MAX_PIXELS;
 use thiserror::Error;
 
 /// Input or settings that cannot be used. A map without a valid pixel is no error: its result has no component.

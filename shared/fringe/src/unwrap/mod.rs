@@ -49,7 +49,7 @@ pub use error::UnwrapError;
 pub use quality::QualityMap;
 pub use report::{Component, Convergence, Residues, UnwrapReport};
 
-use crate::decode::MAX_PIXELS;
+use crate::frame::MAX_PIXELS;
 use angle::Angles;
 use edges::{Grid, best_pixels_first};
 use rayon::prelude::*;

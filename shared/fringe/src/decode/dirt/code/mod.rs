@@ -4,11 +4,12 @@
 //! The bits of a pixel cannot tell which of them is wrong; the fringes can. Where a surface is smooth the wrapped phase runs on, and
 //! carries the order from pixel to pixel without any code (`regions`). Such a region is a strip of stripes of which only one number is not
 //! known: which fringe it begins with. Each frame, drawn along that strip, must be a piece of its own pattern of light and dark. One
-//! number for all frames of a region is so much less than what the frames say that those which contradict stand out (`strips`).
+//! number for all frames of a region (`begins`) is so much less than what the frames say that those which contradict stand out (`strips`).
 //!
 //! A frame that was exchanged is taken from where it is, a level is normalised, an inverse stands for its frame, and a bit that nothing
 //! shows is written as the phase of the region demands it; where the other bits do not confirm that, it stays uncertain (`repair`).
 
+mod begins;
 mod bit_edges;
 mod displaced;
 mod frame_levels;

@@ -1,23 +1,16 @@
 //! Frames of a code drawn along the fringes of each region, and what they must show there.
 
+use super::begins::begins;
 use super::regions::{NONE, Regions};
 use super::{CodeLook, Fault, Shown};
 use crate::decode::rasters::Rasters;
 use crate::math::statistics::median;
 
 /// Cells of a strip in one turn of the phase.
-const CELLS: usize = 8;
+pub(super) const CELLS: usize = 8;
 /// Cells nearer to an edge of a stripe than this part of a period, or of the stripe, tell nothing.
 const EDGE_PERIODS: f64 = 0.1;
 const EDGE_STRIPES: f64 = 0.3;
-/// Frames that may contradict while the others find where a region begins; of fewer than five frames one.
-const MOST_WRONG: usize = 2;
-/// The other frames agree by this with the fringe at which a region begins, 1 being without any doubt …
-const AGREE: f64 = 0.8;
-/// … each of them by so much at least …
-const LEAST_AGREE: f64 = 0.5;
-/// … and by so much less with any other, in whole frames.
-const APART: f64 = 0.4;
 /// A frame has this share of the usual contrast, else it is blurred …
 const BLURRED: f64 = 0.6;
 /// … or this part of the usual contrast near its edges …
@@ -48,11 +41,12 @@ pub(super) struct Strips {
     regions: Vec<Strip>,
 }
 
-struct Strip {
+/// Levels of all frames along one region.
+pub(super) struct Strip {
     /// Pixels of each cell.
-    count: Vec<f64>,
+    pub count: Vec<f64>,
     /// Mean level of each frame in each cell.
-    level: Vec<Vec<f64>>,
+    pub level: Vec<Vec<f64>>,
 }
 
 /// What was found about one frame.
@@ -127,10 +121,7 @@ impl Strips {
 
     /// The fringe at which each region begins, where the frames tell.
     pub fn begins(&self, look: &CodeLook) -> Vec<Option<i32>> {
-        let orders = (look.extent_px / look.period_px).ceil() as i32 + 1;
-        let signs: Vec<Vec<f64>> =
-            look.frames.iter().map(|frame| signs(look, &frame.shown, orders)).collect();
-        self.regions.iter().map(|strip| strip.begin(look, &signs, orders)).collect()
+        begins(look, &self.regions)
     }
 
     /// What each frame shows.
@@ -294,86 +285,8 @@ impl Strips {
     }
 }
 
-impl Strip {
-    /// The fringe with which the frames agree: all of them, all when two are exchanged, or all but as few as possible.
-    fn begin(&self, look: &CodeLook, signs: &[Vec<f64>], orders: i32) -> Option<i32> {
-        let bits: Vec<usize> =
-            (0..signs.len()).filter(|frame| matches!(look.frames[*frame].shown, Shown::Bit { .. })).collect();
-        let turns = (self.count.len() / CELLS) as i32;
-        // What each frame has in common with its own pattern and those of the others, for each begin.
-        let common: Vec<(i32, Vec<Vec<f64>>)> = (-1..=(orders - turns + 1))
-            .map(|begin| {
-                let with =
-                    |frame: &usize| bits.iter().map(|b| self.agreement(*frame, &signs[*b], begin)).collect();
-                (begin, bits.iter().map(with).collect())
-            })
-            .collect();
-        let count = bits.len();
-        let own = |common: &[Vec<f64>]| (0..count).map(|i| common[i][i]).collect::<Vec<f64>>();
-        let plain = common.iter().map(|(begin, common)| (*begin, own(common)));
-        let exchanged = common.iter().map(|(begin, common)| {
-            let mut best = vec![f64::NEG_INFINITY; count];
-            for (i, j) in (0..count).flat_map(|i| (0..i).map(move |j| (i, j))) {
-                let mut agreed = own(common);
-                (agreed[i], agreed[j]) = (common[j][i], common[i][j]);
-                if agreed.iter().sum::<f64>() > best.iter().sum::<f64>() {
-                    best = agreed;
-                }
-            }
-            (*begin, best)
-        });
-        let (plain, exchanged): (Vec<_>, Vec<_>) = (plain.collect(), exchanged.collect());
-        let most = if count < 5 { 1 } else { MOST_WRONG };
-        let with_wrong = (1..=most.min(count.saturating_sub(2))).map(|wrong| (&plain, wrong));
-        [(&plain, 0), (&exchanged, 0)]
-            .into_iter()
-            .chain(with_wrong)
-            .find_map(|(agreed, wrong)| settled(agreed, wrong))
-    }
-
-    /// Mean over the pixels of what a frame shows times what it should, −1 to 1.
-    fn agreement(&self, frame: usize, signs: &[f64], begin: i32) -> f64 {
-        let (mut sum, mut all) = (0.0, 0.0);
-        let first = (begin + 1) * CELLS as i32;
-        for (cell, level) in self.level[frame].iter().enumerate() {
-            let Some(sign) = usize::try_from(first + cell as i32).ok().and_then(|at| signs.get(at)) else {
-                continue;
-            };
-            sum += self.count[cell] * sign * level.clamp(-1.0, 1.0);
-            all += self.count[cell] * sign.abs();
-        }
-        if all > 0.0 { sum / all } else { 0.0 }
-    }
-}
-
-/// The begin with which all frames agree but so many, and with which they agree by far the most.
-fn settled(agreed: &[(i32, Vec<f64>)], wrong: usize) -> Option<i32> {
-    let (mut best, mut second) = ((f64::NEG_INFINITY, None), f64::NEG_INFINITY);
-    for (begin, agreed) in agreed {
-        let mut sorted = agreed.clone();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let right = &sorted[wrong..];
-        let score: f64 = right.iter().sum();
-        let all_agree = right[0] > LEAST_AGREE && score > AGREE * right.len() as f64;
-        if score > best.0 {
-            (second, best) = (best.0, (score, all_agree.then_some(*begin)));
-        } else {
-            second = second.max(score);
-        }
-    }
-    best.1.filter(|_| best.0 - second > APART)
-}
-
-/// ±1 of all cells from one period before the projector on; 0 near an edge and outside.
-fn signs(look: &CodeLook, shown: &Shown, orders: i32) -> Vec<f64> {
-    let cells = -(CELLS as i32)..(orders + 1) * CELLS as i32;
-    cells
-        .map(|cell| light_at(look, shown, cell).map_or(0.0, |light| if light { 1.0 } else { -1.0 }))
-        .collect()
-}
-
 /// Whether a cell is light; none near an edge and outside of the projector.
-fn light_at(look: &CodeLook, shown: &Shown, cell: i32) -> Option<bool> {
+pub(super) fn light_at(look: &CodeLook, shown: &Shown, cell: i32) -> Option<bool> {
     let x_px = (f64::from(cell) + 0.5) / CELLS as f64 * look.period_px;
     if x_px < -0.5 || x_px > look.extent_px {
         return None;
